@@ -1,0 +1,1 @@
+"""Hydra's configuration files, installed as a package so that they are found from any folder."""

@@ -1,0 +1,57 @@
+"""Keyed random streams: every draw is a function of (seed, point, block, stream), and of nothing else."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+
+import numpy as np
+
+from vocc_torch.errors import VoccError
+
+BLOCK_FRAMES = 64
+"""Frames in a block, the unit of random draws and of Monte Carlo bookkeeping."""
+
+
+def _words(text: str) -> list[int]:
+    """Hash a name to four 32-bit words that do not depend on Python's hash seed."""
+    digest = hashlib.sha256(text.encode()).digest()
+    return [int.from_bytes(digest[i : i + 4], "little") for i in range(0, 16, 4)]
+
+
+@dataclass(frozen=True, slots=True)
+class BlockKey:
+    """The name of one block of frames, from which its random streams follow.
+
+    Batch size, device and number of workers are not part of the key, so they cannot change a draw.
+
+    Args:
+        seed: root seed, an integer of at least 0.
+        point: name of the study point, for instance ``"ambient/ambient_lx=4000"``.
+        block: index of the block within the point, at least 0.
+
+    Raises:
+        VoccError: ``seed`` or ``block`` is negative.
+
+    Example:
+        >>> key = BlockKey(seed=0, point="train", block=3)
+        >>> float(key.generator("bits").random()) == float(key.generator("bits").random())
+        True
+        >>> float(key.generator("bits").random()) == float(key.generator("distance_m").random())
+        False
+    """
+
+    seed: int
+    point: str
+    block: int
+
+    def __post_init__(self) -> None:
+        """Refuse what SeedSequence would refuse later and less clearly."""
+        for name in ("seed", "block"):
+            if getattr(self, name) < 0:
+                raise VoccError(f"{name} is {getattr(self, name)}: it must be at least 0")
+
+    def generator(self, stream: str) -> np.random.Generator:
+        """Give a fresh generator of the named stream; the same name gives the same numbers again."""
+        entropy = [self.seed, self.block, *_words(self.point), *_words(stream)]
+        return np.random.Generator(np.random.PCG64(np.random.SeedSequence(entropy)))
