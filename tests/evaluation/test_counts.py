@@ -1,0 +1,138 @@
+"""Counts are exact, add in any order, and refuse what no frames can give."""
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+
+from vocc_torch.errors import VoccError
+from vocc_torch.evaluation.counts import Counts
+
+
+def frames(seed, count, rows, columns, error_rate, miss_rate):
+    rng = np.random.default_rng(seed)
+    sent = rng.random((count, rows, columns)) < 0.5
+    decided = sent ^ (rng.random(sent.shape) < error_rate)
+    found = rng.random(count) >= miss_rate
+    return decided, sent, found
+
+
+def by_hand(decided, sent, found):
+    """The definition, a frame at a time, in plain Python."""
+    halves = []
+    for one_decided, one_sent, one_found in zip(decided, sent, found, strict=True):
+        wrong = int(np.sum(one_decided != one_sent))
+        halves.append(2 * wrong if one_found else one_sent.size)
+    return Counts(
+        frames=len(sent),
+        bits=int(sent.size),
+        half_errors=sum(halves),
+        half_errors_squared=sum(half**2 for half in halves),
+        frame_errors=sum(half > 0 for half in halves),
+        panels_missed=int(np.sum(~found)),
+    )
+
+
+def count(decided, sent, found):
+    return Counts.of(*(torch.from_numpy(np.asarray(array)) for array in (decided, sent, found)))
+
+
+@given(
+    st.integers(0, 2**32 - 1),
+    st.integers(0, 40),
+    st.integers(1, 9),
+    st.integers(1, 9),
+    st.sampled_from([0.0, 0.01, 0.3, 1.0]),
+    st.sampled_from([0.0, 0.1, 1.0]),
+)
+def test_counts_are_the_definition_frame_by_frame(seed, number, rows, columns, error_rate, miss_rate):
+    arrays = frames(seed, number, rows, columns, error_rate, miss_rate)
+    assert count(*arrays) == by_hand(*arrays)
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(0, 20), st.integers(0, 20))
+def test_counts_of_the_parts_add_up_to_the_whole(seed, first, second):
+    decided, sent, found = frames(seed, first + second, 3, 3, 0.2, 0.2)
+    whole = count(decided, sent, found)
+    head = count(decided[:first], sent[:first], found[:first])
+    tail = count(decided[first:], sent[first:], found[first:])
+    assert head + tail == tail + head == sum([head, tail]) == sum([head, tail], Counts()) == whole
+
+
+def test_a_missed_panel_counts_half_its_bits_whatever_was_decided():
+    sent = torch.ones(2, 3, 3, dtype=torch.bool)
+    counts = Counts.of(~sent, sent, torch.tensor([False, False]))
+    assert (counts.bit_errors, counts.ber, counts.frame_errors, counts.panels_missed) == (9.0, 0.5, 2, 2)
+    assert counts.half_errors_squared == 2 * 9**2
+
+
+def test_integers_stay_exact_where_floats_would_not():
+    big = Counts(frames=10**20, bits=64 * 10**20, half_errors=3, half_errors_squared=9, frame_errors=1)
+    total = big + Counts(frames=1, bits=64)
+    assert total.frames == 10**20 + 1
+    assert total.bits - big.bits == 64
+
+
+def test_counts_are_python_integers_not_tensors():
+    sent = torch.zeros(1, 2, 2, dtype=torch.bool)
+    counts = Counts.of(sent, sent, torch.tensor([True]))
+    assert all(type(getattr(counts, name)) is int for name in Counts.__slots__)
+
+
+def test_no_bits_has_no_rate():
+    with pytest.raises(VoccError, match=r"^counts.bits is 0: "):
+        _ = Counts().ber
+
+
+def test_adding_something_else_is_a_type_error():
+    with pytest.raises(TypeError):
+        _ = Counts() + 1
+    with pytest.raises(TypeError):
+        _ = Counts() + 2.0
+
+
+@pytest.mark.parametrize(
+    ("numbers", "name"),
+    [
+        ({"frames": -1}, "frames"),
+        ({"frames": 1.0, "bits": 64}, "frames"),
+        ({"frames": True, "bits": 64}, "frames"),
+        ({"frames": 2, "bits": 1}, "frames"),
+        (
+            {"frames": 1, "bits": 4, "half_errors": 9, "half_errors_squared": 81, "frame_errors": 1},
+            "half_errors",
+        ),
+        (
+            {"frames": 1, "bits": 4, "half_errors": 2, "half_errors_squared": 4, "frame_errors": 2},
+            "frame_errors",
+        ),
+        ({"frames": 1, "bits": 4, "frame_errors": 1}, "frame_errors"),
+        ({"frames": 1, "bits": 4, "panels_missed": 1}, "panels_missed"),
+        ({"frames": 2, "bits": 8, "half_errors": 4, "frame_errors": 2}, "half_errors_squared"),
+        (
+            {"frames": 2, "bits": 8, "half_errors": 4, "half_errors_squared": 17, "frame_errors": 2},
+            "half_errors_squared",
+        ),
+    ],
+)
+def test_impossible_counts_are_refused_by_name(numbers, name):
+    with pytest.raises(VoccError, match=rf"^counts\.{name} is "):
+        Counts(**numbers)
+
+
+@pytest.mark.parametrize(
+    ("decided", "sent", "found", "name"),
+    [
+        (torch.zeros(1, 2, 2), torch.zeros(1, 2, 2).bool(), torch.ones(1).bool(), "decided"),
+        (torch.zeros(1, 2, 2).bool(), torch.zeros(1, 2, 2).int(), torch.ones(1).bool(), "sent"),
+        (torch.zeros(1, 2, 2).bool(), torch.zeros(1, 2, 2).bool(), torch.ones(1), "found"),
+        (torch.zeros(1, 2, 3).bool(), torch.zeros(1, 2, 2).bool(), torch.ones(1).bool(), "decided"),
+        (torch.zeros(4, 4).bool(), torch.zeros(4, 4).bool(), torch.ones(4).bool(), "sent"),
+        (torch.zeros(1, 0, 2).bool(), torch.zeros(1, 0, 2).bool(), torch.ones(1).bool(), "sent"),
+        (torch.zeros(1, 2, 2).bool(), torch.zeros(1, 2, 2).bool(), torch.ones(2).bool(), "found"),
+    ],
+)
+def test_bits_that_do_not_belong_together_are_refused_by_name(decided, sent, found, name):
+    with pytest.raises(VoccError, match=rf"^{name} "):
+        Counts.of(decided, sent, found)

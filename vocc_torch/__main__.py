@@ -1,0 +1,6 @@
+"""``python -m vocc_torch``: the command line."""
+
+from vocc_torch.cli import main
+
+if __name__ == "__main__":
+    main()

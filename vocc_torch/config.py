@@ -1,0 +1,173 @@
+"""The configuration's schema, and the one place where Hydra's objects become the package's own."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import yaml
+from hydra.core.config_store import ConfigStore
+from omegaconf import MISSING, DictConfig, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+
+from vocc_torch.errors import VoccError
+
+# A distribution is a number or a list such as [uniform, 40, 60]; OmegaConf has no type for that union.
+Spec = Any
+
+
+@dataclass
+class SceneConfig:
+    """Distributions of the scene's values, and the named effects."""
+
+    ambient_lx: Spec = MISSING
+    led_luminance_cd_m2: Spec = MISSING
+    distance_m: Spec = MISSING
+    background_grey: Spec = MISSING
+    offset_x_m: Spec = MISSING
+    offset_y_m: Spec = MISSING
+    effects: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass
+class CameraConfig:
+    """See :class:`vocc_torch.simulation.Camera`."""
+
+    focal_length_mm: float = MISSING
+    sensor_width_mm: float = MISSING
+    width_px: int = MISSING
+    height_px: int = MISSING
+    exposure_time_s: float = MISSING
+    f_number: float = MISSING
+    calibration_constant: float = MISSING
+    gamma: float = MISSING
+    iso_limits: list[float] | None = None
+
+
+@dataclass
+class PanelConfig:
+    """See :class:`vocc_torch.simulation.LedPanel`."""
+
+    rows: int = MISSING
+    columns: int = MISSING
+    led_diameter_m: float = MISSING
+    led_gap_m: float = MISSING
+    led_reflectance: float = MISSING
+    background_reflectance: float = MISSING
+    board_reflectance: float | None = None
+
+
+@dataclass
+class LocationConfig:
+    """See :class:`vocc_torch.receiver.location.PaperLocator`."""
+
+    closing_px: int = MISSING
+    min_area_px: int = MISSING
+    min_rectangularity: float = MISSING
+    min_compactness: float = MISSING
+    quadrilateral: str = MISSING
+
+
+@dataclass
+class ReceiverConfig:
+    """See :class:`vocc_torch.studies.plan.ReceiverPlan`."""
+
+    names: list[str] = MISSING
+    locator: str = MISSING
+    samples_per_led: int = MISSING
+    gradient: str = MISSING
+    save: str = MISSING
+    location: LocationConfig = field(default_factory=LocationConfig)
+
+
+@dataclass
+class ExperimentConfig:
+    """See :class:`vocc_torch.studies.plan.Experiment`."""
+
+    name: str = MISSING
+    axis: str = MISSING
+    values: list[float] = MISSING
+    scene: dict[str, Any] = field(default_factory=dict)
+    training: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass
+class BudgetConfig:
+    """See :class:`vocc_torch.studies.plan.Budget`."""
+
+    frames: int = MISSING
+    training_frames: int = MISSING
+    target_frame_errors: int | None = None
+
+
+@dataclass
+class DecodeConfig:
+    """What ``task=decode`` writes besides the bits."""
+
+    channel: str = MISSING
+    annotate: bool = MISSING
+    scale: int = MISSING
+
+
+@dataclass
+class AppConfig:
+    """The whole configuration."""
+
+    task: str = MISSING
+    name: str = MISSING
+    seed: int = MISSING
+    device: str = MISSING
+    precision: str = MISSING
+    framing: str = MISSING
+    batch_frames: int = MISSING
+    tensorboard: bool = MISSING
+    input: str | None = None
+    model: str | None = None
+    scene: SceneConfig = field(default_factory=SceneConfig)
+    camera: CameraConfig = field(default_factory=CameraConfig)
+    panel: PanelConfig = field(default_factory=PanelConfig)
+    receiver: ReceiverConfig = field(default_factory=ReceiverConfig)
+    experiment: ExperimentConfig = field(default_factory=ExperimentConfig)
+    budget: BudgetConfig = field(default_factory=BudgetConfig)
+    decode: DecodeConfig = field(default_factory=DecodeConfig)
+
+
+def register_schema() -> None:
+    """Make the schema known to Hydra; calling it again changes nothing."""
+    ConfigStore.instance().store(name="schema", node=AppConfig)
+
+
+def resolved(config: DictConfig) -> AppConfig:
+    """Turn Hydra's object into plain dataclasses, with every interpolation resolved and type checked.
+
+    Raises:
+        VoccError: a value that is missing or does not resolve.
+    """
+    try:
+        settings = OmegaConf.to_object(config)
+    except OmegaConfBaseException as error:
+        raise VoccError(" ".join(str(error).split())) from None
+    if not isinstance(settings, AppConfig):
+        raise VoccError("the configuration does not follow the schema: keep `schema` first in conf/config.yaml")
+    return settings
+
+
+def as_yaml(settings: AppConfig) -> str:
+    """Write the resolved configuration as YAML text."""
+    return yaml.safe_dump(asdict(settings), sort_keys=False)
+
+
+def effect_settings(effects: dict[str, Any]) -> dict[str, Any]:
+    """Check that the effects are a mapping of mappings; their names and parameters are checked where they are built.
+
+    Example:
+        >>> effect_settings({"blooming": {"sigma_px": 1.5}})
+        {'blooming': {'sigma_px': 1.5}}
+    """
+    for name, parameters in effects.items():
+        if parameters is not None and not isinstance(parameters, dict):
+            raise VoccError(f"scene.effects.{name} is {parameters!r}: it must be a mapping of parameters, {{}} for none")
+    return effects
+
+

@@ -1,0 +1,1 @@
+"""Counting bit errors and saying what the counts prove."""

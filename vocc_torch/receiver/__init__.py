@@ -1,0 +1,1 @@
+"""From frames to bits: locate the panel, rectify it, measure features, classify each LED."""

@@ -1,0 +1,109 @@
+"""The receivers by name, all deciding on the same readings."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from torch import Tensor
+
+from vocc_torch.errors import VoccError
+from vocc_torch.receiver.features import FEATURE_NAMES
+from vocc_torch.receiver.flda import FLDA
+from vocc_torch.receiver.greyscale import greyscale_scores, preamble_threshold
+from vocc_torch.receiver.reader import Greys, Readings
+
+FLDA_FEATURES: dict[str, tuple[str, ...]] = {
+    "flda_agr": ("agr",),
+    "flda_gri": ("gri",),
+    "flda_2": ("agr", "gri"),
+    "flda_3": ("agr", "gri", "ngr"),
+}
+"""Features of each FLDA receiver."""
+
+GREYSCALE_RECEIVERS = ("center_greyscale", "average_greyscale")
+"""The paper's baselines, which need preambles."""
+
+RECEIVER_NAMES = (*GREYSCALE_RECEIVERS, *FLDA_FEATURES)
+"""Every receiver that can be named."""
+
+
+def check_receivers(names: Sequence[str]) -> tuple[str, ...]:
+    """Give back the names, or refuse the first unknown or repeated one.
+
+    Raises:
+        VoccError: no name, an unknown name or a repeated one.
+
+    Example:
+        >>> check_receivers(["flda_3", "average_greyscale"])
+        ('flda_3', 'average_greyscale')
+    """
+    for name in names:
+        if name not in RECEIVER_NAMES:
+            raise VoccError(f"receiver.names has {name!r}: known receivers are {', '.join(RECEIVER_NAMES)}")
+    if not names or len(set(names)) != len(names):
+        raise VoccError(f"receiver.names is {list(names)}: it must hold at least one name, each once")
+    return tuple(names)
+
+
+def needs_preambles(names: Sequence[str]) -> bool:
+    """Whether any of the named receivers needs preamble frames.
+
+    Example:
+        >>> needs_preambles(["flda_3"])
+        False
+    """
+    return any(name in GREYSCALE_RECEIVERS for name in names)
+
+
+def feature_indices(name: str) -> list[int]:
+    """Columns of the readings' features that an FLDA receiver uses.
+
+    Example:
+        >>> feature_indices("flda_2")
+        [0, 1]
+    """
+    return [FEATURE_NAMES.index(feature) for feature in FLDA_FEATURES[name]]
+
+
+@dataclass(frozen=True, slots=True)
+class Preambles:
+    """Grey levels of the all-On and the all-Off frame of the same scenes."""
+
+    on: Greys
+    off: Greys
+
+
+class ReceiverBank:
+    """Named receivers that share one pass of location and measurement.
+
+    Args:
+        names: receivers to run, in the order of the results.
+        flda: fitted on all three features; the receivers on fewer features follow from the same statistics.
+
+    Raises:
+        VoccError: an unknown name.
+    """
+
+    def __init__(self, names: Sequence[str], flda: FLDA) -> None:
+        self.names = check_receivers(names)
+        self.classifiers = {name: flda.select(feature_indices(name)) for name in self.names if name in FLDA_FEATURES}
+
+    def scores(self, readings: Readings, preambles: Preambles | None) -> dict[str, Tensor]:
+        """Score every LED with every receiver: name to (B,R,C) float64, at least 0 is On.
+
+        Raises:
+            VoccError: a greyscale receiver without preambles.
+        """
+        return {name: self._score(name, readings, preambles) for name in self.names}
+
+    def _score(self, name: str, readings: Readings, preambles: Preambles | None) -> Tensor:
+        """Score with one receiver."""
+        if name in FLDA_FEATURES:
+            return self.classifiers[name](readings.features[..., feature_indices(name)])
+        if preambles is None:
+            raise VoccError(f"receiver {name} needs preamble frames, and none were given")
+        on, off, greys = preambles.on, preambles.off, readings.greys
+        if name == "center_greyscale":
+            return greyscale_scores(greys.centre, preamble_threshold(on.centre, off.centre))
+        return greyscale_scores(greys.average, preamble_threshold(on.average, off.average))

@@ -1,0 +1,146 @@
+"""The paper's three features of an LED: AGR (Eq. 4), GRI (Eqs 5 to 8) and NGR (Eq. 9), on rectified patches."""
+
+from __future__ import annotations
+
+from typing import Literal, get_args
+
+import kornia.filters
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+
+from vocc_torch.errors import VoccError
+from vocc_torch.types import PanelShape
+
+FEATURE_NAMES = ("agr", "gri", "ngr")
+"""The order of the features' last dimension."""
+
+Gradient = Literal["sobel", "central"]
+
+
+def cell_means(patches: Tensor, shape: PanelShape) -> Tensor:
+    """Mean grey value of every cell, the margin's included: (B,1,(R+2)K,(C+2)K) to (B,R+2,C+2).
+
+    Example:
+        >>> cell_means(torch.full((1, 1, 12, 12), 7.0), PanelShape(2, 2))[0].unique().tolist()
+        [7.0]
+    """
+    samples = patches.shape[-1] // (shape.columns + 2)
+    return F.avg_pool2d(patches, samples)[:, 0]
+
+
+def _ratio_to_panel(greys: Tensor, panel_mean: Tensor) -> Tensor:
+    """Ratio to the panel's mean; on an all-black panel every LED equals the mean, so 0/0 is 1."""
+    mean = panel_mean.view(-1, 1, 1)
+    return torch.where(mean > 0, greys / torch.where(mean > 0, mean, 1.0), 1.0)
+
+
+def average_greyscale_ratio(means: Tensor) -> Tensor:
+    """AGR: an LED's mean grey over the panel's mean grey (Eq. 4).
+
+    Args:
+        means: (B,R+2,C+2) cell means with margin, at least 0.
+
+    Returns:
+        (B,R,C), at least 0, with mean 1 over the panel; 1 where the whole panel is black.
+
+    Example:
+        >>> means = torch.zeros(1, 4, 4)
+        >>> means[0, 1:3, 1:3] = torch.tensor([[30.0, 10.0], [20.0, 20.0]])
+        >>> average_greyscale_ratio(means)[0].tolist()
+        [[1.5, 0.5], [1.0, 1.0]]
+    """
+    inner = means[:, 1:-1, 1:-1]
+    return _ratio_to_panel(inner, inner.mean(dim=(1, 2)))
+
+
+def neighbour_greyscale_ratio(means: Tensor) -> Tensor:
+    """NGR: the mean grey of the eight neighbouring cells, background included, over the panel's mean (Eq. 9).
+
+    Args:
+        means: (B,R+2,C+2) cell means with margin, at least 0.
+
+    Returns:
+        (B,R,C), at least 0; 1 where the whole panel is black.
+
+    Example:
+        >>> neighbour_greyscale_ratio(torch.full((1, 3, 3), 5.0)).tolist()
+        [[[1.0]]]
+    """
+    ring = means.new_full((1, 1, 3, 3), 1 / 8)
+    ring[..., 1, 1] = 0.0
+    neighbours = F.conv2d(means.unsqueeze(1), ring)[:, 0]
+    return _ratio_to_panel(neighbours, means[:, 1:-1, 1:-1].mean(dim=(1, 2)))
+
+
+def radial_inward_field(samples_per_led: int, dtype: torch.dtype, device: torch.device) -> Tensor:
+    """Unit vectors towards the cell's centre at its K x K samples (Eq. 8), (2,K,K) as (x, y).
+
+    At the centre itself, which is a sample for odd K, the direction is undefined and the vector is zero.
+
+    Example:
+        >>> radial_inward_field(3, torch.float32, torch.device("cpu"))[0].round(decimals=3).tolist()[1]
+        [1.0, 0.0, -1.0]
+    """
+    steps = torch.arange(samples_per_led, dtype=dtype, device=device) - (samples_per_led - 1) / 2
+    inward = -torch.stack(torch.meshgrid(steps, steps, indexing="xy"))
+    length = torch.linalg.vector_norm(inward, dim=0)
+    return torch.where(length > 0, inward / length.clamp(min=0.5), 0.0)
+
+
+def image_gradient(patches: Tensor, kernel: Gradient) -> Tensor:
+    """Gradient (Eq. 5) in grey values a sample, (B,1,h,w) to (B,2,h,w) as (DX, DY), from dark to bright.
+
+    Args:
+        patches: (B,1,h,w).
+        kernel: ``sobel`` is Kornia's normalised Sobel filter, the slope a sample; ``central`` is Eq. 6 to the
+            letter, ``f(x+1) - f(x-1)``, twice the slope.
+
+    Raises:
+        VoccError: an unknown kernel.
+
+    Example:
+        >>> ramp = torch.arange(5.0).expand(1, 1, 5, 5)
+        >>> [float(image_gradient(ramp, kernel)[0, 0, 2, 2]) for kernel in ("sobel", "central")]
+        [1.0, 2.0]
+    """
+    if kernel == "sobel":
+        return kornia.filters.spatial_gradient(patches, mode="sobel")[:, 0]
+    if kernel != "central":
+        raise VoccError(f"receiver.gradient is {kernel!r}: it must be one of {', '.join(get_args(Gradient))}")
+    padded = F.pad(patches, (1, 1, 1, 1), mode="replicate")
+    dx = padded[..., 1:-1, 2:] - padded[..., 1:-1, :-2]
+    dy = padded[..., 2:, 1:-1] - padded[..., :-2, 1:-1]
+    return torch.cat([dx, dy], dim=1)
+
+
+def gradient_radial_inwardness(
+    patches: Tensor, shape: PanelShape, cell_width_px: Tensor, cell_height_px: Tensor, kernel: Gradient = "sobel"
+) -> Tensor:
+    """GRI: the mean over an LED's cell of the gradient's component towards its centre (Eq. 7).
+
+    Args:
+        patches: (B,1,(R+2)K,(C+2)K) rectified grey values.
+        shape: rows and columns.
+        cell_width_px: (B,) width of a cell in the original image, px; with the height it turns the gradient a sample
+            into a gradient an original pixel, so that GRI means the same at every distance.
+        cell_height_px: (B,) likewise.
+        kernel: see :func:`image_gradient`.
+
+    Returns:
+        (B,R,C), grey values a pixel; positive where light falls off outwards.
+
+    Example:
+        >>> bump = torch.zeros(1, 1, 9, 9)
+        >>> bump[..., 4, 4] = 8.0
+        >>> size = torch.tensor([3.0])
+        >>> float(gradient_radial_inwardness(bump, PanelShape(1, 1), size, size)) > 0
+        True
+    """
+    samples = patches.shape[-1] // (shape.columns + 2)
+    inner = slice(samples, -samples)
+    gradient = image_gradient(patches, kernel)[:, :, inner, inner]
+    field = radial_inward_field(samples, patches.dtype, patches.device).repeat(1, shape.rows, shape.columns)
+    towards = F.avg_pool2d(gradient * field, samples)
+    per_pixel = samples / torch.stack([cell_width_px, cell_height_px], dim=1).clamp(min=1e-6)
+    return (towards * per_pixel.to(patches.dtype).view(-1, 2, 1, 1)).sum(dim=1)

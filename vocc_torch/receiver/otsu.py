@@ -1,0 +1,106 @@
+"""Otsu's threshold from 256-bin histograms of uint8 frames (section IV-B-2, Fig. 19; Otsu 1979)."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from vocc_torch.errors import VoccError
+from vocc_torch.types import Frames
+
+_LEVELS = 256
+# From here on, counting each frame's bytes beats widening the whole batch to int64 for one offset count.
+_LARGE_FRAME_PX = 1 << 16
+
+
+def histogram256(grey: Tensor) -> Tensor:
+    """Count each grey value of each frame.
+
+    Args:
+        grey: (B,1,H,W) uint8 grey values.
+
+    Returns:
+        (B,256) int64 counts.
+
+    Raises:
+        VoccError: ``grey`` is not uint8.
+
+    Example:
+        >>> histogram256(torch.full((2, 1, 3, 5), 7, dtype=torch.uint8))[:, 7].tolist()
+        [15, 15]
+    """
+    if grey.dtype != torch.uint8:
+        raise VoccError(f"grey is {grey.dtype}: it must be torch.uint8")
+    frames = grey.shape[0]
+    if not grey.numel():
+        return torch.zeros(frames, _LEVELS, dtype=torch.int64, device=grey.device)
+    pixels = grey.reshape(frames, -1)
+    if pixels.shape[1] >= _LARGE_FRAME_PX:
+        return torch.stack([torch.bincount(frame, minlength=_LEVELS) for frame in pixels])
+    offset = torch.arange(frames, device=grey.device)[:, None] * _LEVELS
+    return torch.bincount((pixels + offset).flatten(), minlength=frames * _LEVELS).view(frames, _LEVELS)
+
+
+def sensor_histogram(frames: Frames) -> Tensor:
+    """Count each grey value of the whole sensor, of which ``frames`` may be crops.
+
+    The sensor pixels outside a crop are counted at ``Frames.surround``; where that is None the crop is all
+    that is known. Crops are taken to lie on the sensor.
+
+    Args:
+        frames: uint8 frames; ``surround``, if given, holds grey values, rounded to the nearest.
+
+    Returns:
+        (B,256) int64 counts.
+
+    Raises:
+        VoccError: the frames are not uint8, or a crop is larger than its sensor.
+
+    Example:
+        >>> crop = torch.full((1, 1, 2, 2), 200, dtype=torch.uint8)
+        >>> frames = Frames(crop, torch.zeros(1, 2, dtype=torch.int64), (4, 4), torch.tensor([9]))
+        >>> sensor_histogram(frames)[0, [9, 200]].tolist()
+        [12, 4]
+    """
+    counts = histogram256(frames.grey)
+    if frames.surround is None:
+        return counts
+    height, width = frames.grey.shape[-2:]
+    outside = frames.sensor_px[0] * frames.sensor_px[1] - height * width
+    if outside < 0:
+        raise VoccError(f"frames.grey is {height} x {width} px: it must fit the sensor, {frames.sensor_px}")
+    level = frames.surround.round().long().clamp(0, _LEVELS - 1).to(counts.device)
+    return counts.scatter_add(1, level[:, None], torch.full_like(level, outside)[:, None])
+
+
+def otsu_threshold(histogram: Tensor) -> Tensor:
+    """Find the grey value that best parts each histogram in two; the foreground is ``grey > threshold``.
+
+    It maximises the variance between the classes, exactly, over all 256 thresholds. Of equally good
+    thresholds the lowest is taken, as OpenCV does. A constant image has no best one: its threshold is its own
+    grey value, so nothing is foreground. An empty histogram gives 0.
+
+    Args:
+        histogram: (B,256) counts, at least 0; the pixels of one frame times their grey values may sum to
+            2^52.
+
+    Returns:
+        (B,) int64 thresholds, 0 to 255.
+
+    Example:
+        >>> grey = torch.tensor([[10, 12, 200], [5, 5, 5]], dtype=torch.uint8).view(2, 1, 1, 3)
+        >>> otsu_threshold(histogram256(grey)).tolist()
+        [12, 5]
+    """
+    counts = histogram.to(torch.float64)
+    levels = torch.arange(_LEVELS, dtype=torch.float64, device=histogram.device)
+    below, mass = counts.cumsum(1), (counts * levels).cumsum(1)
+    total, total_mass = below[:, -1:], mass[:, -1:]
+    pairs = below * (total - below)
+    # w0 w1 (m0 - m1)^2 times a constant of the frame, with a single rounding division.
+    between = (total_mass * below - mass * total).square() / pairs.clamp(min=1.0)
+    between = between.masked_fill(pairs == 0, -1.0)
+    best = between.amax(1, keepdim=True)
+    lowest = levels.masked_fill(between < best, float(_LEVELS)).amin(1).long()
+    constant = (counts.amax(1) == total[:, 0]).to(lowest.dtype)
+    return torch.where(constant.bool(), (counts.argmax(1)) * (total[:, 0] > 0), lowest)

@@ -1,0 +1,90 @@
+"""From located panels to what every classifier decides on: grey levels and features of each LED."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import get_args
+
+import torch
+from torch import Tensor
+
+from vocc_torch.errors import VoccError
+from vocc_torch.receiver.features import (
+    Gradient,
+    average_greyscale_ratio,
+    cell_means,
+    gradient_radial_inwardness,
+    neighbour_greyscale_ratio,
+)
+from vocc_torch.receiver.rectification import cell_size_px, centre_greys, rectify
+from vocc_torch.types import Frames, Panels, PanelShape
+
+
+@dataclass(frozen=True, slots=True)
+class Greys:
+    """Grey levels of each LED, (B,R,C) both, in digital numbers: its cell's mean and its centre pixel."""
+
+    average: Tensor
+    centre: Tensor
+
+
+@dataclass(frozen=True, slots=True)
+class Readings:
+    """What the receiver measures of each LED.
+
+    Args:
+        features: (B,R,C,3) float64 in the order AGR, GRI, NGR.
+        greys: grey levels of each LED.
+        patches: (B,1,(R+2)K,(C+2)K) the rectified panels.
+    """
+
+    features: Tensor
+    greys: Greys
+    patches: Tensor
+
+
+@dataclass(frozen=True, slots=True)
+class Reader:
+    """Rectify located panels and measure their LEDs.
+
+    Args:
+        shape: rows and columns of the panel.
+        samples_per_led: K, samples along an LED cell's side, 2 to 64.
+        gradient: ``sobel`` (Kornia) or ``central`` (Eq. 6).
+
+    Raises:
+        VoccError: a value outside its range.
+
+    Example:
+        >>> frames = Frames.whole(torch.full((1, 1, 40, 40), 50, dtype=torch.uint8))
+        >>> corners = torch.tensor([[[8.0, 8.0], [32.0, 8.0], [32.0, 32.0], [8.0, 32.0]]])
+        >>> Reader(PanelShape(4, 4)).read(frames, Panels.known(corners)).features[0, 0, 0].tolist()
+        [1.0, 0.0, 1.0]
+    """
+
+    shape: PanelShape = field(default_factory=PanelShape)
+    samples_per_led: int = 8
+    gradient: Gradient = "sobel"
+
+    def __post_init__(self) -> None:
+        """Check every range."""
+        if not 2 <= self.samples_per_led <= 64:
+            raise VoccError(f"receiver.samples_per_led is {self.samples_per_led}: it must be from 2 to 64")
+        if self.gradient not in get_args(Gradient):
+            allowed = " or ".join(get_args(Gradient))
+            raise VoccError(f"receiver.gradient is {self.gradient!r}: it must be {allowed}")
+
+    def read(self, frames: Frames, panels: Panels) -> Readings:
+        """Measure every LED of B frames with located panels; a panel not found reads finite but meaningless."""
+        patches = rectify(frames, panels, self.shape, self.samples_per_led)
+        means = cell_means(patches, self.shape)
+        width, height = cell_size_px(panels.corners_px, self.shape)
+        gri = gradient_radial_inwardness(patches, self.shape, width, height, self.gradient)
+        features = torch.stack([average_greyscale_ratio(means), gri, neighbour_greyscale_ratio(means)], dim=-1)
+        greys = Greys(means[:, 1:-1, 1:-1], centre_greys(frames, panels, self.shape))
+        return Readings(features.to(torch.float64), greys, patches)
+
+    def read_greys(self, frames: Frames, panels: Panels) -> Greys:
+        """Measure grey levels only, as a preamble needs."""
+        means = cell_means(rectify(frames, panels, self.shape, self.samples_per_led), self.shape)
+        return Greys(means[:, 1:-1, 1:-1], centre_greys(frames, panels, self.shape))

@@ -1,0 +1,162 @@
+"""The receiver that a user keeps: frames in, bits out, and one file that holds it whole."""
+
+from __future__ import annotations
+
+import dataclasses
+import io
+import json
+import pickle
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+from torch import Tensor, nn
+
+from vocc_torch.errors import VoccError
+from vocc_torch.files import write_atomically
+from vocc_torch.receiver.bank import FLDA_FEATURES, feature_indices
+from vocc_torch.receiver.flda import FLDA
+from vocc_torch.receiver.location import PaperLocator
+from vocc_torch.receiver.reader import Reader
+from vocc_torch.types import Frames, Panels, PanelShape
+
+FORMAT = "vocc_torch.receiver"
+FORMAT_VERSION = 1
+
+
+@dataclass(frozen=True, slots=True)
+class Decoded:
+    """What a receiver read from B frames.
+
+    Args:
+        bits: (B,R,C) bool, True = On; all Off where no panel was found.
+        scores: (B,R,C) float64, at least 0 is On; zeros where no panel was found.
+        corners_px: (B,4,2) float64 image coordinates, clockwise from the top left; zeros where not found.
+        found: (B,) bool.
+        panel_score: (B,) float64, how panel-like the chosen blob is, 0 to 1.
+        candidates: (B,) int64, how many blobs could have been the panel.
+    """
+
+    bits: Tensor
+    scores: Tensor
+    corners_px: Tensor
+    found: Tensor
+    panel_score: Tensor
+    candidates: Tensor
+
+
+class Receiver(nn.Module):
+    """Locate the panel, rectify it, measure its LEDs and decide their bits.
+
+    Args:
+        name: the FLDA receiver's name, which says which features it uses.
+        locator: the panel locator.
+        reader: rectification and features; it holds the panel's shape.
+        classifier: fitted on the named features.
+
+    Raises:
+        VoccError: an unknown name, or a classifier of another number of features.
+    """
+
+    def __init__(self, name: str, locator: PaperLocator, reader: Reader, classifier: FLDA) -> None:
+        super().__init__()
+        if name not in FLDA_FEATURES:
+            raise VoccError(f"receiver name is {name!r}: it must be one of {', '.join(FLDA_FEATURES)}")
+        self.name = name
+        self.columns = feature_indices(name)
+        if classifier.n_features != len(self.columns):
+            has = f"the classifier has {classifier.n_features} features"
+            raise VoccError(f"{has}: receiver {name} needs {len(self.columns)}")
+        self.locator = locator
+        self.reader = reader
+        self.classifier = classifier
+
+    @property
+    def shape(self) -> PanelShape:
+        """Rows and columns of the panel."""
+        return self.reader.shape
+
+    def decode(self, images: Tensor) -> Decoded:
+        """Read the bits of B whole images.
+
+        Args:
+            images: (B,H,W) or (B,1,H,W) uint8 grey values, on any device.
+
+        Raises:
+            VoccError: another type or shape.
+        """
+        planes = images.unsqueeze(1) if images.ndim == 3 else images
+        if planes.dtype != torch.uint8 or planes.ndim != 4 or planes.shape[1] != 1 or 0 in planes.shape:
+            given = f"images has dtype {images.dtype} and shape {tuple(images.shape)}"
+            raise VoccError(f"{given}: it must be uint8 of shape (B,H,W) or (B,1,H,W), not empty")
+        return self(Frames.whole(planes))
+
+    def forward(self, frames: Frames, panels: Panels | None = None) -> Decoded:
+        """Read the bits of frames or crops, at known panels where they are given."""
+        where = self.locator(frames, self.shape) if panels is None else panels
+        features = self.reader.read(frames, where).features[..., self.columns]
+        found = where.found.view(-1, 1, 1)
+        scores = torch.where(found, self.classifier(features), 0.0)
+        bits = (scores >= 0) & found
+        return Decoded(bits, scores, where.corners_px, where.found, where.score, where.candidates)
+
+    def save(self, path: str | Path) -> None:
+        """Write the receiver to one file: settings as text, numbers as tensors, no code.
+
+        Raises:
+            VoccError: the file cannot be written.
+        """
+        settings = {
+            "name": self.name,
+            "rows": self.shape.rows,
+            "columns": self.shape.columns,
+            "samples_per_led": self.reader.samples_per_led,
+            "gradient": self.reader.gradient,
+            "locator": dataclasses.asdict(self.locator),
+        }
+        content = {
+            "format": FORMAT,
+            "version": FORMAT_VERSION,
+            "settings": json.dumps(settings),
+            "classifier": {key: value.cpu() for key, value in self.classifier.state_dict().items()},
+        }
+        buffer = io.BytesIO()
+        torch.save(content, buffer)
+        write_atomically(Path(path), buffer.getvalue())
+
+    @classmethod
+    def load(cls, path: str | Path) -> Receiver:
+        """Read a receiver that :meth:`save` wrote; nothing in the file is executed.
+
+        Raises:
+            VoccError: a file that is missing, damaged, of another kind or of a later version.
+        """
+        content = _read_content(Path(path))
+        try:
+            settings = json.loads(content["settings"])
+            state = content["classifier"]
+            shape = PanelShape(settings["rows"], settings["columns"])
+            reader = Reader(shape, settings["samples_per_led"], settings["gradient"])
+            classifier = FLDA(n_features=len(FLDA_FEATURES[settings["name"]]))
+            classifier.load_state_dict(state)
+            return cls(settings["name"], PaperLocator(**settings["locator"]), reader, classifier)
+        except (KeyError, TypeError, ValueError, RuntimeError, AttributeError) as error:
+            reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+            raise VoccError(f"model {path} is damaged ({reason}): train it again") from None
+
+
+def _read_content(path: Path) -> dict[str, object]:
+    """Read a model file's content, or refuse it in one line."""
+    try:
+        content = torch.load(path, map_location="cpu", weights_only=True)
+    except FileNotFoundError:
+        raise VoccError(f"model {path} does not exist: give the receiver.pt that task=train wrote") from None
+    except (OSError, RuntimeError, EOFError, ValueError, pickle.UnpicklingError, zipfile.BadZipFile):
+        raise VoccError(f"model {path} cannot be read as a receiver: it is damaged or of another kind") from None
+    if not isinstance(content, dict) or content.get("format") != FORMAT:
+        raise VoccError(f"model {path} is not a vocc_torch receiver: give the receiver.pt that task=train wrote")
+    if content.get("version") != FORMAT_VERSION:
+        version = content.get("version")
+        raise VoccError(f"model {path} has format version {version}: this package reads version {FORMAT_VERSION}")
+    return content

@@ -1,0 +1,1 @@
+"""Showing results: terminal, CSV file, plots, TensorBoard."""

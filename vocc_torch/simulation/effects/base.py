@@ -1,0 +1,57 @@
+"""What an effect is, and how a chain of effects is put into physical order."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import ClassVar
+
+from torch import Tensor
+
+from vocc_torch.simulation.geometry import Camera
+from vocc_torch.types import Scene
+
+
+class Quantity(StrEnum):
+    """What the numbers mean at a place in the chain, in physical order."""
+
+    LED_LUMINANCE = "LED luminance (cd/m2)"
+    """(B,R,C): the LEDs' own light."""
+    LUMINANCE = "luminance (cd/m2)"
+    """(B,1,H,W): what the sensor looks at."""
+    EXPOSURE = "luminous exposure (lx s)"
+    """(B,1,H,W): what the sensor receives."""
+    GREY = "grey value, unbounded"
+    """(B,1,H,W): gamma encoded, Eq. 1."""
+    BOUNDED_GREY = "grey value, 0 to 255"
+    """(B,1,H,W): clipped at white."""
+    DIGITAL = "digital number"
+    """(B,1,H,W): quantised; uint8 at 8 bits."""
+
+
+@dataclass(frozen=True, slots=True)
+class Context:
+    """What an effect may know besides the tensor it changes: the frames' scenes and the camera."""
+
+    scene: Scene
+    camera: Camera
+
+
+class Effect(ABC):
+    """One physical effect: a frozen dataclass of its parameters, called on the quantity that it takes."""
+
+    name: ClassVar[str]
+    takes: ClassVar[Quantity]
+    gives: ClassVar[Quantity]
+    fills_sensor: ClassVar[bool] = False
+    """True where the effect makes pixels far from the panel differ, so that a crop would not do."""
+
+    @property
+    def reach_px(self) -> int:
+        """How far the effect carries light across the image; a crop grows by this."""
+        return 0
+
+    @abstractmethod
+    def __call__(self, value: Tensor, context: Context) -> Tensor:
+        """Apply the effect to a batch."""

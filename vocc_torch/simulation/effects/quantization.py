@@ -1,0 +1,51 @@
+"""The digital numbers that the camera writes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import torch
+from torch import Tensor
+
+from vocc_torch.errors import VoccError
+from vocc_torch.simulation.effects.base import Context, Effect, Quantity
+
+
+@dataclass(frozen=True, slots=True)
+class Quantization(Effect):
+    """Round grey values of 0 to 255 to ``2^bits`` levels.
+
+    Args:
+        bits: 1 to 16; 8 bits give uint8 frames, other depths floating grey values on the coarser or finer grid.
+
+    Raises:
+        VoccError: a bit depth outside its range.
+
+    Example:
+        >>> Quantization(bits=8).levels
+        256
+    """
+
+    bits: int = 8
+
+    name: ClassVar[str] = "quantization"
+    takes: ClassVar[Quantity] = Quantity.BOUNDED_GREY
+    gives: ClassVar[Quantity] = Quantity.DIGITAL
+
+    def __post_init__(self) -> None:
+        """Check the range."""
+        if not (isinstance(self.bits, int) and 1 <= self.bits <= 16):
+            raise VoccError(f"scene.effects.quantization.bits is {self.bits}: it must be a whole number from 1 to 16")
+
+    @property
+    def levels(self) -> int:
+        """Number of digital numbers."""
+        return 1 << self.bits
+
+    def __call__(self, value: Tensor, context: Context) -> Tensor:
+        """Quantise (B,1,H,W) grey values, half to even."""
+        if self.bits == 8:
+            return torch.round(value).to(torch.uint8)
+        step = 255.0 / (self.levels - 1)
+        return torch.round(value / step) * step

@@ -1,0 +1,165 @@
+"""The pinhole camera and the LED panel: from metres to sensor pixels."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import torch
+from torch import Tensor
+
+from vocc_torch.errors import VoccError
+from vocc_torch.types import PanelShape, Scene
+
+
+def _demand(owner: object, section: str, names: tuple[str, ...], low: float = 0.0, high: float = math.inf) -> None:
+    """Refuse by name the first attribute that is not finite or not in (low, high)."""
+    for name in names:
+        value = float(getattr(owner, name))
+        if not (math.isfinite(value) and low < value < high):
+            allowed = f"above {low:g}" + ("" if math.isinf(high) else f" and below {high:g}")
+            raise VoccError(f"{section}.{name} is {value:g}: it must be {allowed}")
+
+
+@dataclass(frozen=True, slots=True)
+class Camera:
+    """A pinhole camera with square pixels, by default that of the paper's Table 1.
+
+    Args:
+        focal_length_mm: above 0 (Table 1: 25; the text says 18).
+        sensor_width_mm: width of the sensor, above 0; the pixel pitch is this over ``width_px``.
+        width_px: pixels in a row, at least 1.
+        height_px: rows, at least 1.
+        exposure_time_s: above 0.
+        f_number: f-number N, above 0.
+        calibration_constant: reflected-light meter constant K, above 0.
+        gamma: encoding gamma, above 0.
+        iso_limits: lowest and highest ISO speed, or None where auto-ISO always meets its target.
+
+    Raises:
+        VoccError: a value outside its range.
+
+    Example:
+        >>> round(Camera().focal_length_px, 2)
+        3636.36
+    """
+
+    focal_length_mm: float = 25.0
+    sensor_width_mm: float = 13.2
+    width_px: int = 1920
+    height_px: int = 1080
+    exposure_time_s: float = 1.0 / 1500.0
+    f_number: float = 4.0
+    calibration_constant: float = 12.5
+    gamma: float = 2.2
+    iso_limits: tuple[float, float] | None = None
+
+    def __post_init__(self) -> None:
+        """Check every range."""
+        names = ("focal_length_mm", "sensor_width_mm", "width_px", "height_px", "exposure_time_s", "f_number")
+        _demand(self, "camera", (*names, "calibration_constant", "gamma"))
+        if self.iso_limits is not None and not 0 < self.iso_limits[0] <= self.iso_limits[1] < math.inf:
+            raise VoccError(f"camera.iso_limits is {list(self.iso_limits)}: it must be [low, high] with 0 < low <= high")
+
+    @property
+    def focal_length_px(self) -> float:
+        """Focal length in pixels."""
+        return self.focal_length_mm * self.width_px / self.sensor_width_mm
+
+    @property
+    def sensor_px(self) -> tuple[int, int]:
+        """Sensor ``(height, width)`` in pixels."""
+        return self.height_px, self.width_px
+
+    def pixels_per_metre(self, distance_m: Tensor) -> Tensor:
+        """Image scale at a distance, px/m, shape of ``distance_m`` (m, above 0)."""
+        return self.focal_length_px / distance_m
+
+
+@dataclass(frozen=True, slots=True)
+class LedPanel:
+    """A flat panel of circular LEDs, by default that of the paper's Table 1.
+
+    Args:
+        shape: rows and columns.
+        led_diameter_m: above 0.
+        led_gap_m: edge to edge between neighbouring LEDs, at least 0; the pitch is diameter plus gap.
+        led_reflectance: of the LED surface, 0 to 1.
+        background_reflectance: of everything behind the panel, above 0 to 1; auto-ISO meters it.
+        board_reflectance: between the LEDs, 0 to 1, or None where the background shows through.
+
+    Raises:
+        VoccError: a value outside its range.
+
+    Example:
+        >>> LedPanel().pitch_m
+        0.06
+    """
+
+    shape: PanelShape = field(default_factory=PanelShape)
+    led_diameter_m: float = 0.03
+    led_gap_m: float = 0.03
+    led_reflectance: float = 0.4
+    background_reflectance: float = 0.18
+    board_reflectance: float | None = None
+
+    def __post_init__(self) -> None:
+        """Check every range."""
+        _demand(self, "panel", ("led_diameter_m",))
+        if not (math.isfinite(self.led_gap_m) and self.led_gap_m >= 0):
+            raise VoccError(f"panel.led_gap_m is {self.led_gap_m:g}: it must be at least 0")
+        for name in ("led_reflectance", "background_reflectance", "board_reflectance"):
+            value = getattr(self, name)
+            if value is not None and not 0 <= value <= 1:
+                raise VoccError(f"panel.{name} is {value:g}: it must be from 0 to 1")
+        if self.background_reflectance == 0:
+            raise VoccError("panel.background_reflectance is 0: it must be above 0, because auto-ISO meters it")
+
+    @property
+    def pitch_m(self) -> float:
+        """Distance between the centres of neighbouring LEDs."""
+        return self.led_diameter_m + self.led_gap_m
+
+
+def panel_centre_px(scene: Scene, camera: Camera) -> Tensor:
+    """Image of the panel's centre, (B,2) sensor coordinates ``(x, y)`` in px.
+
+    Example:
+        >>> panel_centre_px(Scene.of(distance_m=50.0, offset_x_m=1.0), Camera()).round().tolist()
+        [[1033.0, 540.0]]
+    """
+    offsets = torch.stack([scene.offset_x_m, scene.offset_y_m], dim=-1)
+    middle = torch.tensor([camera.width_px / 2, camera.height_px / 2], dtype=offsets.dtype, device=offsets.device)
+    return middle + offsets * camera.pixels_per_metre(scene.distance_m).unsqueeze(-1)
+
+
+def led_centres_px(scene: Scene, camera: Camera, panel: LedPanel) -> tuple[Tensor, Tensor]:
+    """Images of the LEDs' centres: x of each column (B,C) and y of each row (B,R), sensor px.
+
+    Example:
+        >>> x, y = led_centres_px(Scene.of(distance_m=50.0), Camera(), LedPanel())
+        >>> [round(float(v), 3) for v in x[0, 1:] - x[0, :-1]][:2]
+        [4.364, 4.364]
+    """
+    centre = panel_centre_px(scene, camera)
+    pitch_px = (panel.pitch_m * camera.pixels_per_metre(scene.distance_m)).unsqueeze(-1)
+    columns = torch.arange(panel.shape.columns, dtype=centre.dtype, device=centre.device)
+    rows = torch.arange(panel.shape.rows, dtype=centre.dtype, device=centre.device)
+    x = centre[:, :1] + (columns - (panel.shape.columns - 1) / 2) * pitch_px
+    y = centre[:, 1:] + (rows - (panel.shape.rows - 1) / 2) * pitch_px
+    return x, y
+
+
+def panel_corners_px(scene: Scene, camera: Camera, panel: LedPanel) -> Tensor:
+    """True corners of the grid of LED cells (each cell one pitch wide), (B,4,2), clockwise from the top left.
+
+    Example:
+        >>> corners = panel_corners_px(Scene.of(distance_m=50.0), Camera(), LedPanel())
+        >>> round(float(corners[0, 1, 0] - corners[0, 0, 0]), 3)
+        34.909
+    """
+    centre = panel_centre_px(scene, camera)
+    half_px = panel.pitch_m * camera.pixels_per_metre(scene.distance_m).view(-1, 1, 1) / 2
+    signs = torch.tensor([[-1, -1], [1, -1], [1, 1], [-1, 1]], dtype=centre.dtype, device=centre.device)
+    cells = torch.tensor([panel.shape.columns, panel.shape.rows], dtype=centre.dtype, device=centre.device)
+    return centre.unsqueeze(1) + signs * cells * half_px

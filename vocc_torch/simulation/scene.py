@@ -1,0 +1,132 @@
+"""Scenes drawn from distributions, each value from a keyed stream of its own name."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import Literal
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from vocc_torch.errors import VoccError
+from vocc_torch.rng import BLOCK_FRAMES, BlockKey
+from vocc_torch.types import PanelShape, Scene
+
+Kind = Literal["constant", "uniform", "log_uniform", "choice"]
+KINDS: tuple[Kind, ...] = ("constant", "uniform", "log_uniform", "choice")
+
+
+@dataclass(frozen=True, slots=True)
+class Distribution:
+    """How one value of a scene is drawn.
+
+    Args:
+        kind: ``constant`` (one value), ``uniform`` or ``log_uniform`` (low, high), ``choice`` (any number of values).
+        values: the numbers of the kind.
+
+    Raises:
+        VoccError: an unknown kind, a wrong number of values, or bounds that are not in order.
+
+    Example:
+        >>> Distribution.parse(["uniform", 40, 60], "distance_m").bounds
+        (40.0, 60.0)
+        >>> Distribution.parse(50, "distance_m").kind
+        'constant'
+    """
+
+    kind: Kind
+    values: tuple[float, ...]
+
+    @classmethod
+    def parse(cls, spec: float | Sequence[object], name: str) -> Distribution:
+        """Read a number (constant) or a list such as ``[uniform, 40, 60]``; ``name`` is named where it is refused."""
+        allowed = "a number, [uniform, low, high], [log_uniform, low, high] or [choice, a, b, ...]"
+        refused = VoccError(f"scene.{name} is {spec!r}: it must be {allowed}")
+        if isinstance(spec, int | float) and not isinstance(spec, bool):
+            kind, numbers = "constant", [spec]
+        elif isinstance(spec, Sequence) and not isinstance(spec, str) and spec and spec[0] in KINDS:
+            kind, numbers = spec[0], list(spec[1:])  # type: ignore[assignment]  # KINDS holds the only strings
+        else:
+            raise refused
+        if not all(isinstance(v, int | float) and not isinstance(v, bool) and math.isfinite(v) for v in numbers):
+            raise refused
+        values = tuple(float(v) for v in numbers)
+        ranged = kind in ("uniform", "log_uniform")
+        if len(values) != {"constant": 1, "uniform": 2, "log_uniform": 2}.get(kind, max(1, len(values))):
+            raise refused
+        if ranged and values[0] > values[1]:
+            raise VoccError(f"scene.{name} is {spec!r}: low must not exceed high")
+        if kind == "log_uniform" and values[0] <= 0:
+            raise VoccError(f"scene.{name} is {spec!r}: a log_uniform low must be above 0")
+        return cls(kind, values)  # type: ignore[arg-type]  # checked against KINDS above
+
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """Lowest and highest value that can be drawn."""
+        return min(self.values), max(self.values)
+
+    def draw(self, generator: np.random.Generator, count: int) -> NDArray[np.float64]:
+        """Draw ``count`` values."""
+        if self.kind == "uniform":
+            return generator.uniform(self.values[0], self.values[1], count)
+        if self.kind == "log_uniform":
+            return np.exp(generator.uniform(math.log(self.values[0]), math.log(self.values[1]), count))
+        if self.kind == "choice":
+            return np.asarray(self.values)[generator.integers(len(self.values), size=count)]
+        return np.full(count, self.values[0])
+
+
+@dataclass(frozen=True, slots=True)
+class SceneModel:
+    """The distribution of every value of a scene; the fields and units are those of :class:`Scene`.
+
+    Raises:
+        VoccError: a bound outside the value's physical range.
+
+    Example:
+        >>> model = SceneModel(distance_m=Distribution("uniform", (30.0, 70.0)))
+        >>> scene, bits = model.draw(BlockKey(seed=0, point="doc", block=0), PanelShape(8, 8))
+        >>> len(scene), tuple(bits.shape)
+        (64, (64, 8, 8))
+    """
+
+    ambient_lx: Distribution = Distribution("uniform", (1000.0, 32000.0))
+    led_luminance_cd_m2: Distribution = Distribution("uniform", (2000.0, 4000.0))
+    distance_m: Distribution = Distribution("uniform", (30.0, 70.0))
+    background_grey: Distribution = Distribution("uniform", (86.0, 118.0))
+    offset_x_m: Distribution = Distribution("uniform", (-2.0, 2.0))
+    offset_y_m: Distribution = Distribution("uniform", (-0.5, 0.5))
+
+    def __post_init__(self) -> None:
+        """Check that no draw can leave the physical range."""
+        for name, least, strict in (
+            ("ambient_lx", 0.0, True),
+            ("led_luminance_cd_m2", 0.0, False),
+            ("distance_m", 0.0, True),
+            ("background_grey", 0.0, True),
+        ):
+            low = getattr(self, name).bounds[0]
+            if low < least or (strict and low == least):
+                rule = "above" if strict else "at least"
+                raise VoccError(f"scene.{name} is {low:g}: it must be {rule} {least:g}")
+        if self.background_grey.bounds[1] > 255:
+            raise VoccError(f"scene.background_grey is {self.background_grey.bounds[1]:g}: it must be at most 255")
+
+    @property
+    def nearest_m(self) -> float:
+        """The smallest distance that can be drawn; it fixes the crop for every block of a point."""
+        return self.distance_m.bounds[0]
+
+    def draw(self, key: BlockKey, shape: PanelShape) -> tuple[Scene, Tensor]:
+        """Draw a block: 64 scenes and their bits (64,R,C) bool, equally likely On and Off."""
+        values = (
+            torch.from_numpy(getattr(self, f.name).draw(key.generator(f"scene.{f.name}"), BLOCK_FRAMES))
+            for f in fields(self)
+        )
+        size = (BLOCK_FRAMES, shape.rows, shape.columns)
+        bits = torch.from_numpy(key.generator("bits").integers(2, size=size, dtype=np.uint8))
+        return Scene(*values), bits.bool()

@@ -1,0 +1,212 @@
+"""The simulator: bits and scenes in, camera frames out, with the named effects and no others."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Literal
+
+import torch
+from torch import Tensor
+
+from vocc_torch.errors import VoccError
+from vocc_torch.simulation.effects import CAMERA_STEPS, Context, Effect, Quantity, build_effects, check_chain
+from vocc_torch.simulation.geometry import Camera, LedPanel, led_centres_px, panel_centre_px, panel_corners_px
+from vocc_torch.simulation.photometry import (
+    auto_iso_speed,
+    grey_value,
+    luminous_exposure_lx_s,
+    reflected_luminance_cd_m2,
+)
+from vocc_torch.simulation.raster import add_patches, disc_cover, interval_cover
+from vocc_torch.types import Frames, Panels, Scene
+
+PAPER_EFFECTS: Mapping[str, Mapping[str, float]] = {
+    "attenuation": {"visibility_m": 40_000.0},
+    "blooming": {"sigma_px": 1.5},
+    "saturation": {},
+    "quantization": {"bits": 8},
+}
+"""The effects of the paper's scenes."""
+
+CHUNK_PIXELS = 4_000_000
+"""Pixels rendered at a time: float planes beyond 32 MiB are fresh page faults on every use."""
+
+
+class Simulator:
+    """Render LED-panel frames from physics.
+
+    Args:
+        camera: the camera; by default the paper's.
+        panel: the LED panel; by default the paper's.
+        effects: effect name to parameters; by default the paper's. What is not named is never built.
+        framing: ``crop`` renders the panel's surroundings only and states the uniform rest as a grey value;
+            ``full`` renders the whole sensor.
+        device: where the tensors live.
+        dtype: working precision, ``torch.float32`` or ``torch.float64``.
+
+    Raises:
+        VoccError: an unknown framing or effect, or a precision that is not offered.
+
+    Example:
+        >>> simulator = Simulator()
+        >>> scene = Scene.of(frames=3, distance_m=50.0)
+        >>> frames = simulator.render(scene, torch.ones(3, 8, 8, dtype=torch.bool))
+        >>> frames.grey.dtype, int(frames.grey.max()), frames.surround.tolist()
+        (torch.uint8, 166, [102, 102, 102])
+    """
+
+    def __init__(
+        self,
+        camera: Camera | None = None,
+        panel: LedPanel | None = None,
+        effects: Mapping[str, Mapping[str, float]] | None = None,
+        *,
+        framing: Literal["crop", "full"] = "crop",
+        device: torch.device | str = "cpu",
+        dtype: torch.dtype = torch.float32,
+    ) -> None:
+        if framing not in ("crop", "full"):
+            raise VoccError(f"framing is {framing!r}: it must be crop or full")
+        if dtype not in (torch.float32, torch.float64):
+            raise VoccError(f"dtype is {dtype}: it must be torch.float32 or torch.float64")
+        self.camera = camera or Camera()
+        self.panel = panel or LedPanel()
+        self.effects: tuple[Effect, ...] = build_effects(PAPER_EFFECTS if effects is None else effects)
+        self.output = check_chain(self.effects)
+        self.framing = "full" if any(effect.fills_sensor for effect in self.effects) else framing
+        self.device = torch.device(device)
+        self.dtype = dtype
+
+    def true_panels(self, scene: Scene) -> Panels:
+        """Where the panel really is, for the evaluation only."""
+        return Panels.known(panel_corners_px(scene.to(self.device), self.camera, self.panel))
+
+    def contrast(self, scene: Scene) -> Tensor:
+        """Contrast ``(G_on - G_off) / 255`` of the LEDs before any blur (section IV-D-1), (B,) float64.
+
+        Both greys are clipped at white where the scene names saturation.
+        """
+        scene = scene.to(self.device)
+        context, light = Context(scene, self.camera), scene.led_luminance_cd_m2.view(-1, 1, 1)
+        for effect in self.effects:
+            if effect.takes == Quantity.LED_LUMINANCE:
+                light = effect(light, context)
+        off = reflected_luminance_cd_m2(scene.ambient_lx, self.panel.led_reflectance)
+        iso = self._iso_speed(scene)
+        greys = [grey_value(self._lens(seen), iso, gamma=self.camera.gamma) for seen in (off + light.view(-1), off)]
+        if self.output in (Quantity.BOUNDED_GREY, Quantity.DIGITAL):
+            greys = [grey.clamp(max=255.0) for grey in greys]
+        return (greys[0] - greys[1]) / 255.0
+
+    def crop_px(self, nearest_m: float) -> tuple[int, int]:
+        """Height and width of the crop that holds the panel at ``nearest_m``, a cell of margin and all spread light.
+
+        Its border pixels are then free of the panel's light, so they stand for the whole surround.
+        """
+        pitch_px = self.panel.pitch_m * self.camera.focal_length_px / nearest_m
+        margin = 2 * (sum(effect.reach_px for effect in self.effects) + 2)
+        wanted = (math.ceil(n * pitch_px) + margin for n in (self.panel.shape.rows + 2, self.panel.shape.columns + 2))
+        height, width = (min(size, full) for size, full in zip(wanted, self.camera.sensor_px, strict=True))
+        return height, width
+
+    def render(self, scene: Scene, bits: Tensor, *, nearest_m: float | None = None) -> Frames:
+        """Render a frame for each scene.
+
+        Args:
+            scene: B scenes.
+            bits: (B,R,C) bool, True = On.
+            nearest_m: the distance that fixes the crop's size; by default the nearest of this batch. Give it
+                where batches of one study must have one size.
+
+        Returns:
+            B frames or crops, as the framing says.
+
+        Raises:
+            VoccError: bits of another shape than the scenes and the panel.
+        """
+        wanted = (len(scene), self.panel.shape.rows, self.panel.shape.columns)
+        if tuple(bits.shape) != wanted:
+            raise VoccError(f"bits has shape {tuple(bits.shape)}: it must be {wanted}")
+        scene, bits = scene.to(self.device), bits.to(self.device)
+        size = self.camera.sensor_px
+        if self.framing == "crop":
+            size = self.crop_px(float(scene.distance_m.min()) if nearest_m is None else nearest_m)
+        origin = self._origins(scene, size)
+        chunk = max(1, CHUNK_PIXELS // (size[0] * size[1]))
+        rows = [slice(start, start + chunk) for start in range(0, len(scene), chunk)]
+        grey = torch.cat([self._expose(scene[r], bits[r], origin[r], size) for r in rows])
+        surround = None if size == self.camera.sensor_px else grey[:, 0, 0, 0]
+        return Frames(grey, origin, self.camera.sensor_px, surround)
+
+    def _origins(self, scene: Scene, size: tuple[int, int]) -> Tensor:
+        """Top left pixel of each crop: around the panel, moved inside the sensor; (B,2) as (x, y)."""
+        extent = torch.tensor([size[1], size[0]], device=self.device)
+        sensor = torch.tensor([self.camera.width_px, self.camera.height_px], device=self.device)
+        centred = torch.round(panel_centre_px(scene, self.camera)).long() - extent // 2
+        return torch.minimum(centred.clamp(min=0), sensor - extent)
+
+    def _expose(self, scene: Scene, bits: Tensor, origin: Tensor, size: tuple[int, int]) -> Tensor:
+        """Carry the LEDs' light through the camera, applying each effect where its quantity is at hand."""
+        context = Context(scene, self.camera)
+        value = bits * scene.led_luminance_cd_m2.view(-1, 1, 1)
+        current = Quantity.LED_LUMINANCE
+        for effect in self.effects:
+            while current != effect.takes:
+                value, current = self._advance(value, current, scene, origin, size)
+            value, current = effect(value, context), effect.gives
+        while current in CAMERA_STEPS[:-1]:
+            value, current = self._advance(value, current, scene, origin, size)
+        return value
+
+    def _advance(
+        self, value: Tensor, current: Quantity, scene: Scene, origin: Tensor, size: tuple[int, int]
+    ) -> tuple[Tensor, Quantity]:
+        """Do the camera's next step: projection, lens or gamma encoding."""
+        if current == Quantity.LED_LUMINANCE:
+            return self._project(value, scene, origin, size), Quantity.LUMINANCE
+        if current == Quantity.LUMINANCE:
+            return self._lens(value), Quantity.EXPOSURE
+        iso = self._iso_speed(scene).to(self.dtype).view(-1, 1, 1, 1)
+        return grey_value(value, iso, gamma=self.camera.gamma), Quantity.GREY
+
+    def _iso_speed(self, scene: Scene) -> Tensor:
+        """ISO speed of each frame, (B,): what auto-ISO wants, within the camera's limits."""
+        background = reflected_luminance_cd_m2(scene.ambient_lx, self.panel.background_reflectance)
+        iso = auto_iso_speed(self._lens(background), scene.background_grey, gamma=self.camera.gamma)
+        return iso if self.camera.iso_limits is None else iso.clamp(*self.camera.iso_limits)
+
+    def _lens(self, luminance: Tensor) -> Tensor:
+        """Eqs 2 and 3 with this camera's settings."""
+        return luminous_exposure_lx_s(
+            luminance,
+            exposure_time_s=self.camera.exposure_time_s,
+            f_number=self.camera.f_number,
+            calibration_constant=self.camera.calibration_constant,
+        )
+
+    def _project(self, led_luminance: Tensor, scene: Scene, origin: Tensor, size: tuple[int, int]) -> Tensor:
+        """Draw background, board and LEDs onto the pixels, (B,R,C) cd/m2 to (B,1,H,W) cd/m2."""
+        panel, frames = self.panel, len(scene)
+        scale = self.camera.pixels_per_metre(scene.distance_m)
+        background = reflected_luminance_cd_m2(scene.ambient_lx, panel.background_reflectance)
+        canvas = background.view(-1, 1, 1).expand(frames, *size).contiguous()
+        between = background
+        if panel.board_reflectance is not None:
+            between = reflected_luminance_cd_m2(scene.ambient_lx, panel.board_reflectance)
+            corners = panel_corners_px(scene, self.camera, panel) - origin.unsqueeze(1)
+            across = interval_cover(corners[:, 0, 0], corners[:, 2, 0], size[1]).unsqueeze(-2)
+            down = interval_cover(corners[:, 0, 1], corners[:, 2, 1], size[0]).unsqueeze(-1)
+            canvas += down * across * (between - background).view(-1, 1, 1)
+        radius = panel.led_diameter_m / 2 * scale
+        patch = math.ceil(2 * float(radius.max())) + 1
+        x, y = led_centres_px(scene, self.camera, panel)
+        x = (x - origin[:, :1]).unsqueeze(-2).expand_as(led_luminance)
+        y = (y - origin[:, 1:]).unsqueeze(-1).expand_as(led_luminance)
+        radii = radius.view(-1, 1, 1).expand_as(led_luminance)
+        cover, left, top = disc_cover(x.reshape(-1), y.reshape(-1), radii.reshape(-1), patch)
+        reflected = reflected_luminance_cd_m2(scene.ambient_lx, panel.led_reflectance)
+        step = led_luminance + (reflected - between).view(-1, 1, 1)
+        frame = torch.arange(frames, device=self.device).repeat_interleave(panel.shape.leds)
+        add_patches(canvas, cover * step.reshape(-1, 1, 1), frame, left, top)
+        return canvas.unsqueeze(1).to(self.dtype)

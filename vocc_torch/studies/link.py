@@ -1,0 +1,105 @@
+"""The whole link on blocks of frames: simulate, locate, read; one observation for every receiver."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from vocc_torch.receiver.bank import Preambles
+from vocc_torch.receiver.location import PaperLocator
+from vocc_torch.receiver.reader import Reader, Readings
+from vocc_torch.rng import BLOCK_FRAMES, BlockKey
+from vocc_torch.simulation import SceneModel, Simulator
+from vocc_torch.studies.plan import Plan
+from vocc_torch.types import Frames, Panels, Scene
+
+
+@dataclass(frozen=True)
+class Observation:
+    """One batch as a study sees it: the truth (scene, bits) and what the receiver made of it."""
+
+    scene: Scene
+    bits: Tensor
+    frames: Frames
+    panels: Panels
+    readings: Readings
+    preambles: Preambles | None
+
+
+class Link:
+    """Transmitter, channel and the receiver's front end.
+
+    Args:
+        simulator: renders frames.
+        locator: finds the panel, or None to take the simulator's true corners.
+        reader: measures the LEDs.
+        batch_frames: frames at a time.
+
+    Example:
+        >>> link = Link(Simulator(), None, Reader())
+        >>> batches = link.observe(SceneModel(), [BlockKey(seed=0, point="doc", block=0)], preambles=False)
+        >>> next(batches).readings.features.shape
+        torch.Size([64, 8, 8, 3])
+    """
+
+    def __init__(
+        self, simulator: Simulator, locator: PaperLocator | None, reader: Reader, batch_frames: int = 64
+    ) -> None:
+        self.simulator = simulator
+        self.locator = locator
+        self.reader = reader
+        self.batch_frames = batch_frames
+
+    @classmethod
+    def of(cls, plan: Plan) -> Link:
+        """Build the link that a plan describes."""
+        locator = plan.receiver.location if plan.receiver.locator == "paper" else None
+        return cls(plan.world.simulator(), locator, plan.receiver.reader, plan.batch_frames)
+
+    def observe(
+        self, model: SceneModel, keys: Sequence[BlockKey], *, preambles: bool, frames: int | None = None
+    ) -> Iterator[Observation]:
+        """Run blocks through the link, in order, in batches of at most ``batch_frames`` frames.
+
+        Args:
+            model: the scenes' distributions.
+            keys: the blocks.
+            preambles: whether to render the all-On and all-Off frames of each scene too.
+            frames: how many frames of the blocks to use, from the first on; all by default.
+        """
+        drawn = [model.draw(key, self.simulator.panel.shape) for key in keys]
+        scene, bits = Scene.cat([s for s, _ in drawn]), torch.cat([b for _, b in drawn])
+        total = min(len(scene), len(scene) if frames is None else frames)
+        for start in range(0, total, self.batch_frames):
+            rows = slice(start, min(start + self.batch_frames, total))
+            yield self._observe(scene[rows].to(self.simulator.device), bits[rows], model.nearest_m, preambles)
+
+    def _observe(self, scene: Scene, bits: Tensor, nearest_m: float, preambles: bool) -> Observation:
+        """Run one batch."""
+        bits = bits.to(self.simulator.device)
+        frames = self.simulator.render(scene, bits, nearest_m=nearest_m)
+        if self.locator is None:
+            panels = self.simulator.true_panels(scene)
+        else:
+            panels = self.locator(frames, self.reader.shape)
+        levels = self._preambles(scene, bits, panels, nearest_m) if preambles else None
+        return Observation(scene, bits, frames, panels, self.reader.read(frames, panels), levels)
+
+    def _preambles(self, scene: Scene, bits: Tensor, panels: Panels, nearest_m: float) -> Preambles:
+        """Render the preambles of the same scenes and read them where the panel was located."""
+        on = self.simulator.render(scene, torch.ones_like(bits), nearest_m=nearest_m)
+        off = self.simulator.render(scene, torch.zeros_like(bits), nearest_m=nearest_m)
+        return Preambles(self.reader.read_greys(on, panels), self.reader.read_greys(off, panels))
+
+
+def block_keys(seed: int, point: str, frames: int) -> list[BlockKey]:
+    """Name the blocks that hold ``frames`` frames; the last may be used in part.
+
+    Example:
+        >>> len(block_keys(0, "train", 1000))
+        16
+    """
+    return [BlockKey(seed, point, block) for block in range(-(-frames // BLOCK_FRAMES))]

@@ -1,0 +1,242 @@
+"""What a study is made of, as plain values: no configuration library reaches this floor."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal, get_args
+
+import torch
+
+from vocc_torch.errors import VoccError
+from vocc_torch.receiver.bank import FLDA_FEATURES, check_receivers
+from vocc_torch.receiver.location import PaperLocator
+from vocc_torch.receiver.reader import Reader
+from vocc_torch.simulation import Camera, Distribution, LedPanel, SceneModel, Simulator
+from vocc_torch.simulation.simulator import PAPER_EFFECTS
+
+Locator = Literal["truth", "paper"]
+SCENE_FIELDS = tuple(f.name for f in dataclasses.fields(SceneModel))
+
+
+def narrowed(model: SceneModel, changes: Mapping[str, Distribution]) -> SceneModel:
+    """Give the scene model with some of its distributions replaced.
+
+    Example:
+        >>> narrowed(SceneModel(), {"distance_m": Distribution("constant", (50.0,))}).nearest_m
+        50.0
+    """
+    for name in changes:
+        if name not in SCENE_FIELDS:
+            raise VoccError(f"experiment.scene.{name} is not a value of a scene: known are {', '.join(SCENE_FIELDS)}")
+    return dataclasses.replace(model, **changes)
+
+
+@dataclass(frozen=True)
+class World:
+    """Everything in front of the receiver: camera, panel, scenes and effects, and how they are computed.
+
+    Args:
+        camera: the camera.
+        panel: the LED panel.
+        scene: the distributions of the scenes, which are also those that a receiver trains on.
+        effects: effect name to parameters.
+        framing: ``crop`` or ``full``.
+        device: a torch device, or ``auto`` for CUDA where there is one.
+        dtype: working precision of the simulation.
+
+    Raises:
+        VoccError: a device that this machine does not have.
+    """
+
+    camera: Camera = field(default_factory=Camera)
+    panel: LedPanel = field(default_factory=LedPanel)
+    scene: SceneModel = field(default_factory=SceneModel)
+    effects: Mapping[str, Mapping[str, float]] = field(default_factory=lambda: dict(PAPER_EFFECTS))
+    framing: Literal["crop", "full"] = "crop"
+    device: str = "auto"
+    dtype: torch.dtype = torch.float32
+
+    def simulator(self) -> Simulator:
+        """Build the simulator of this world."""
+        return Simulator(
+            self.camera,
+            self.panel,
+            self.effects,
+            framing=self.framing,
+            device=resolve_device(self.device),
+            dtype=self.dtype,
+        )
+
+
+def resolve_device(name: str) -> torch.device:
+    """Turn a device's name into a device that is there.
+
+    Raises:
+        VoccError: an unknown device or one that this machine does not have.
+
+    Example:
+        >>> resolve_device("cpu")
+        device(type='cpu')
+    """
+    if name == "auto":
+        return torch.device("cuda" if torch.cuda.is_available() else "cpu")
+    try:
+        device = torch.device(name)
+    except RuntimeError:
+        device = None
+    if device is None or device.type not in ("cpu", "cuda"):
+        raise VoccError(f"device is {name!r}: it must be auto, cpu or cuda")
+    if device.type == "cuda" and (device.index or 0) >= torch.cuda.device_count():
+        there = f"{torch.cuda.device_count()} CUDA devices"
+        raise VoccError(f"device is {name!r}, and this machine has {there}: use device=cpu or device=auto")
+    return device
+
+
+@dataclass(frozen=True)
+class ReceiverPlan:
+    """Which receivers run, and what they share.
+
+    Args:
+        names: receivers in the order of the results.
+        locator: ``paper`` locates the panel in the frame; ``truth`` takes the simulator's corners.
+        location: the settings of the paper's locator.
+        reader: the settings of rectification and features.
+        save: the FLDA receiver that is written to the model file and decodes recordings.
+
+    Raises:
+        VoccError: an unknown name.
+    """
+
+    names: tuple[str, ...] = ("center_greyscale", "average_greyscale", "flda_2", "flda_3")
+    locator: Locator = "paper"
+    location: PaperLocator = field(default_factory=PaperLocator)
+    reader: Reader = field(default_factory=Reader)
+    save: str = "flda_3"
+
+    def __post_init__(self) -> None:
+        """Check every name."""
+        check_receivers(self.names)
+        if self.locator not in get_args(Locator):
+            raise VoccError(f"receiver.locator is {self.locator!r}: it must be {' or '.join(get_args(Locator))}")
+        if self.save not in FLDA_FEATURES:
+            raise VoccError(f"receiver.save is {self.save!r}: it must be one of {', '.join(FLDA_FEATURES)}")
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """One BER curve: an axis, its values and how the test scenes differ from the training scenes.
+
+    Args:
+        name: its name in the results.
+        axis: a value of a scene, or ``contrast``, by which frames are sorted into bins after they are drawn.
+        values: the points of the axis, ascending; for ``contrast`` the edges of the bins.
+        scene: distributions of the test scenes that replace those of the world.
+        training: distributions of the training scenes that replace those of the world.
+
+    Raises:
+        VoccError: an unknown axis, or values that are missing, not ascending or not finite.
+    """
+
+    name: str
+    axis: str
+    values: tuple[float, ...]
+    scene: Mapping[str, Distribution] = field(default_factory=dict)
+    training: Mapping[str, Distribution] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Check the axis and its values."""
+        if self.axis not in (*SCENE_FIELDS, "contrast"):
+            known = ", ".join((*SCENE_FIELDS, "contrast"))
+            raise VoccError(f"experiment.axis is {self.axis!r}: it must be one of {known}")
+        least = 2 if self.axis == "contrast" else 1
+        ascending = all(a < b for a, b in zip(self.values, self.values[1:], strict=False))
+        if len(self.values) < least or not ascending or not all(map(math.isfinite, self.values)):
+            rule = f"at least {least} finite numbers in ascending order"
+            raise VoccError(f"experiment.values is {list(self.values)}: it must be {rule}")
+
+    def model_at(self, world: World, value: float) -> SceneModel:
+        """The scenes of one point of the axis."""
+        changes = dict(self.scene)
+        if self.axis != "contrast":
+            changes[self.axis] = Distribution("constant", (value,))
+        return narrowed(world.scene, changes)
+
+
+@dataclass(frozen=True)
+class Budget:
+    """How many frames a study spends.
+
+    Args:
+        frames: test frames a point at most, at least 1.
+        training_frames: at least 2.
+        target_frame_errors: stop a point once every receiver has this many frames in error, or None to spend all.
+
+    Raises:
+        VoccError: a number outside its range.
+    """
+
+    frames: int = 1024
+    training_frames: int = 1000
+    target_frame_errors: int | None = None
+
+    def __post_init__(self) -> None:
+        """Check every range."""
+        for name, least in (("frames", 1), ("training_frames", 2), ("target_frame_errors", 1)):
+            value = getattr(self, name)
+            if value is not None and value < least:
+                raise VoccError(f"budget.{name} is {value}: it must be at least {least}")
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A whole study.
+
+    Args:
+        world: what is simulated.
+        receiver: what receives.
+        experiment: the BER curve.
+        budget: how many frames.
+        folder: where the results go.
+        seed: root seed, at least 0.
+        batch_frames: frames computed at a time, at least 1; it changes speed, never results.
+
+    Raises:
+        VoccError: a number outside its range.
+    """
+
+    world: World
+    receiver: ReceiverPlan
+    experiment: Experiment
+    budget: Budget
+    folder: Path
+    seed: int = 0
+    batch_frames: int = 64
+
+    def __post_init__(self) -> None:
+        """Check every range."""
+        if self.seed < 0:
+            raise VoccError(f"seed is {self.seed}: it must be at least 0")
+        if self.batch_frames < 1:
+            raise VoccError(f"batch_frames is {self.batch_frames}: it must be at least 1")
+        if self.world.panel.shape != self.receiver.reader.shape:
+            raise VoccError("the receiver and the panel have different shapes: give panel.rows and panel.columns once")
+
+
+def parsed_scene(specs: Mapping[str, float | Sequence[object]]) -> dict[str, Distribution]:
+    """Read distributions by name, as a configuration writes them.
+
+    Raises:
+        VoccError: an unknown name or a specification that cannot be read.
+
+    Example:
+        >>> parsed_scene({"distance_m": ["uniform", 40, 60]})["distance_m"].bounds
+        (40.0, 60.0)
+    """
+    for name in specs:
+        if name not in SCENE_FIELDS:
+            raise VoccError(f"{name} is not a value of a scene: known are {', '.join(SCENE_FIELDS)}")
+    return {name: Distribution.parse(spec, name) for name, spec in specs.items()}

@@ -1,0 +1,108 @@
+"""Recordings as grey frames: a picture, a folder of pictures or a video."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, UnidentifiedImageError
+
+from vocc_torch.errors import VoccError
+
+Channel = Literal["luma", "max", "red", "green", "blue"]
+PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".pgm", ".ppm")
+VIDEO_SUFFIXES = (".mp4", ".mkv", ".avi", ".mov", ".webm", ".m4v", ".mpg", ".mpeg", ".mjpeg")
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedFrame:
+    """One frame of a recording.
+
+    Args:
+        source: the file's name.
+        index: the frame's number in its file, from 0.
+        time_s: when the frame was taken, for a video; else None.
+        colour: (H,W,3) uint8, for drawing on.
+        grey: (H,W) uint8, for decoding.
+    """
+
+    source: str
+    index: int
+    time_s: float | None
+    colour: NDArray[np.uint8]
+    grey: NDArray[np.uint8]
+
+
+def to_grey(colour: NDArray[np.uint8], channel: Channel) -> NDArray[np.uint8]:
+    """Turn colour into grey: Rec. 601 luma, the brightest channel or one channel; (H,W,3) to (H,W) uint8.
+
+    Example:
+        >>> to_grey(np.array([[[255, 0, 0]]], dtype=np.uint8), "luma").item()
+        76
+    """
+    if channel == "luma":
+        return np.asarray(Image.fromarray(colour).convert("L"), dtype=np.uint8)
+    if channel == "max":
+        return colour.max(axis=2)
+    return np.ascontiguousarray(colour[..., ("red", "green", "blue").index(channel)])
+
+
+def read_recording(path: Path, channel: Channel) -> Iterator[RecordedFrame]:
+    """Read frames one by one, pictures of a folder in the order of their names.
+
+    Args:
+        path: a picture, a folder of pictures or a video.
+        channel: how colour becomes grey.
+
+    Raises:
+        VoccError: an unknown channel, or an input that is missing, empty or cannot be read.
+    """
+    if channel not in get_args(Channel):
+        raise VoccError(f"decode.channel is {channel!r}: it must be one of {', '.join(get_args(Channel))}")
+    if not path.exists():
+        raise VoccError(f"input {path} does not exist: give a picture, a folder of pictures or a video")
+    if path.is_dir():
+        pictures = sorted(p for p in path.iterdir() if p.suffix.lower() in PICTURE_SUFFIXES)
+        if not pictures:
+            raise VoccError(f"input {path} holds no picture: known endings are {' '.join(PICTURE_SUFFIXES)}")
+        return (_picture(picture, channel) for picture in pictures)
+    if path.suffix.lower() in VIDEO_SUFFIXES:
+        return _video(path, channel)
+    return iter([_picture(path, channel)])
+
+
+def _picture(path: Path, channel: Channel) -> RecordedFrame:
+    """Read one picture; 16-bit greys are scaled to 8 bits."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", Image.DecompressionBombWarning)
+            with Image.open(path) as image:
+                if image.mode.startswith("I;16"):
+                    scaled = (np.asarray(image, dtype=np.float64) / 257.0).round().astype(np.uint8)
+                    image = Image.fromarray(scaled)
+                colour = np.asarray(image.convert("RGB"), dtype=np.uint8)
+    except (UnidentifiedImageError, OSError, SyntaxError, ValueError, Image.DecompressionBombWarning) as error:
+        reason = "not a known picture format" if isinstance(error, UnidentifiedImageError) else str(error)
+        raise VoccError(f"input {path} cannot be read as a picture ({reason})") from None
+    return RecordedFrame(path.name, 0, None, colour, to_grey(colour, channel))
+
+
+def _video(path: Path, channel: Channel) -> Iterator[RecordedFrame]:
+    """Read a video's frames through PyAV."""
+    try:
+        import av
+    except ImportError:
+        raise VoccError(f"input {path} is a video: install the extra with pip install 'vocc-torch[video]'") from None
+    index = 0
+    try:
+        with av.open(str(path)) as container:
+            for index, frame in enumerate(container.decode(video=0)):
+                colour = frame.to_ndarray(format="rgb24")
+                yield RecordedFrame(path.name, index, frame.time, colour, to_grey(colour, channel))
+    except (av.error.FFmpegError, IndexError) as error:
+        raise VoccError(f"input {path} cannot be read as a video after {index} frames ({error})") from None
