@@ -17,11 +17,12 @@ from dataclasses import dataclass, field
 from itertools import islice
 from multiprocessing import get_context
 from multiprocessing.synchronize import Barrier
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 from peer_read import decide, fisher, read_frame
-from peer_render import Bits, Floats, PeerConfig, render_frame
+from peer_render import Bits, ByteImage, Floats, PeerConfig, render_frame
 
 __all__ = ["PeerConfig", "decide", "fisher", "random_scenes", "read_frame", "render_frame"]
 
@@ -29,21 +30,32 @@ ROUND_FRAMES = 20
 """Frames a variant is timed for before the next takes its turn: a busy spell of the machine hits all."""
 
 
-def random_scenes(seed: int, cfg: PeerConfig) -> Iterator[tuple[Bits, dict[str, float]]]:
+class Scene(NamedTuple):
+    """What ``render_frame`` takes after the bits, in its order."""
+
+    ambient_lx: float
+    led_luminance_cd_m2: float
+    distance_m: float
+    background_grey: float
+    offset_x_m: float
+    offset_y_m: float
+
+
+def random_scenes(seed: int, cfg: PeerConfig) -> Iterator[tuple[Bits, Scene]]:
     """Draw bits and scenes over the whole of Table 1, without end.
 
     The offsets, up to a metre either way, move the panel over all positions on the pixel grid.
     """
     rng = np.random.default_rng(seed)
     while True:
-        scene = {
-            "ambient_lx": float(np.exp(rng.uniform(np.log(1000), np.log(32_000)))),
-            "led_luminance_cd_m2": rng.uniform(2000, 4000),
-            "distance_m": rng.uniform(30, 70),
-            "background_grey": rng.uniform(86, 118),
-            "offset_x_m": rng.uniform(-1, 1),
-            "offset_y_m": rng.uniform(-1, 1),
-        }
+        scene = Scene(
+            ambient_lx=float(np.exp(rng.uniform(np.log(1000), np.log(32_000)))),
+            led_luminance_cd_m2=rng.uniform(2000, 4000),
+            distance_m=rng.uniform(30, 70),
+            background_grey=rng.uniform(86, 118),
+            offset_x_m=rng.uniform(-1, 1),
+            offset_y_m=rng.uniform(-1, 1),
+        )
         yield rng.random((cfg.rows, cfg.columns)) < 0.5, scene
 
 
@@ -51,7 +63,7 @@ def train(frames: int, seed: int, cfg: PeerConfig) -> tuple[Floats, float]:
     """Fit Fisher's discriminant to random frames, leaving out those whose panel was not found."""
     features, labels = [], []
     for bits, scene in islice(random_scenes(seed, cfg), frames):
-        corners, measured = read_frame(render_frame(bits, cfg=cfg, full=False, **scene), cfg)
+        corners, measured = read_frame(render_frame(bits, *scene, cfg, full=False), cfg)
         if corners is not None:
             features.append(measured.reshape(-1, 3).astype(np.float64))
             labels.append(bits.ravel())
@@ -60,8 +72,9 @@ def train(frames: int, seed: int, cfg: PeerConfig) -> tuple[Floats, float]:
 
 @dataclass
 class Tally:
-    """Times by stage and errors of one variant."""
+    """Times by stage and errors of one variant; ``frame`` is the buffer that it renders into."""
 
+    frame: ByteImage
     times_ms: dict[str, list[float]] = field(default_factory=lambda: defaultdict(list))
     frames: int = 0
     missed: int = 0
@@ -77,14 +90,14 @@ class Tally:
     def process(
         self,
         bits: Bits,
-        scene: dict[str, float],
+        scene: Scene,
         model: tuple[Floats, float],
         cfg: PeerConfig,
         full: bool,
     ) -> None:
         """Render, read and decide one frame; the bits of a panel not found count half wrong."""
         start = self.last = time.perf_counter()
-        frame = render_frame(bits, cfg=cfg, full=full, **scene, lap=self.lap)
+        frame = render_frame(bits, *scene, cfg, full=full, out=self.frame, lap=self.lap)
         rendered = time.perf_counter()
         corners, features = read_frame(frame, cfg, lap=self.lap)
         decided = decide(features, *model)
@@ -100,13 +113,14 @@ class Tally:
 def measure(frames: int, seed: int, model: tuple[Floats, float], cfg: PeerConfig) -> dict[str, Tally]:
     """Time all four variants on the same frames, in turns of ``ROUND_FRAMES`` after one untimed frame."""
     variants = [(full, threads) for full in (True, False) for threads in (1, 2)]
-    tallies = {f"full={full} threads={threads}": Tally() for full, threads in variants}
+    frame = np.empty(cfg.sensor_px, np.uint8)
+    tallies = {f"full={full} threads={threads}": Tally(frame) for full, threads in variants}
     scenes = random_scenes(seed, cfg)
     for _ in range(-(-frames // ROUND_FRAMES)):
         batch = list(islice(scenes, ROUND_FRAMES))
         for (full, threads), tally in zip(variants, tallies.values(), strict=True):
             cv2.setNumThreads(threads)
-            Tally().process(*batch[0], model, cfg, full)
+            Tally(frame).process(*batch[0], model, cfg, full)
             for bits, scene in batch:
                 tally.process(bits, scene, model, cfg, full)
     return tallies
@@ -116,10 +130,10 @@ def work(seed: int, frames: int, model: tuple[Floats, float], full: bool, barrie
     """Render and read ``frames`` frames on one thread, between two meetings with the other processes."""
     cv2.setNumThreads(1)
     cfg = PeerConfig()
-    scenes = random_scenes(seed, cfg)
+    scenes, frame = random_scenes(seed, cfg), np.empty(cfg.sensor_px, np.uint8)
     for part in (10, frames):
         for bits, scene in islice(scenes, part):
-            frame = render_frame(bits, **scene, cfg=cfg, full=full)
+            render_frame(bits, *scene, cfg, full=full, out=frame)
             decide(read_frame(frame, cfg)[1], *model)
         barrier.wait()
 

@@ -38,8 +38,9 @@ def write_atomically(path: Path, content: bytes) -> None:
         Path(temporary).chmod(0o644)
         Path(temporary).replace(path)
     except OSError as error:
+        reason = error.strerror or type(error).__name__
+        raise VoccError(f"cannot write {path} ({reason}): nothing was left half-written") from None
+    finally:
         if temporary is not None:
             with contextlib.suppress(OSError):
                 Path(temporary).unlink(missing_ok=True)
-        reason = error.strerror or type(error).__name__
-        raise VoccError(f"cannot write {path} ({reason}): nothing was left half-written") from None

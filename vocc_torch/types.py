@@ -1,7 +1,7 @@
 """What passes between the floors: scenes, frames and located panels, as batched tensors.
 
-Image coordinates are continuous, ``(x, y)`` in pixels: pixel (row i, column j) covers ``[j, j+1) x [i, i+1)``,
-so its centre lies at ``(j + 0.5, i + 0.5)`` and ``(0, 0)`` is the sensor's top left corner.
+Image coordinates are continuous, ``(x, y)`` in px: pixel (row i, column j) covers ``[j, j+1) x [i, i+1)``, so
+its centre lies at ``(j + 0.5, i + 0.5)`` and ``(0, 0)`` is the sensor's top left corner.
 """
 
 from __future__ import annotations
@@ -137,8 +137,8 @@ class Frames:
         grey: (B,1,H,W) grey values in digital numbers: uint8 once quantised, floating before.
         origin_px: (B,2) int64, the sensor coordinates ``(x, y)`` of each crop's top left pixel.
         sensor_px: ``(height, width)`` of the sensor.
-        surround: (B,) the uniform grey value of all the sensor outside the crop, or None where ``grey`` is the
-            whole frame.
+        surround: (B,) the uniform grey value of all the sensor outside the crop, or None where ``grey`` is
+            the whole frame.
 
     Example:
         >>> frames = Frames.whole(torch.zeros(2, 1, 4, 6, dtype=torch.uint8))
@@ -173,8 +173,8 @@ class Panels:
     """Where the panel is in each frame.
 
     Args:
-        corners_px: (B,4,2) float64 sensor coordinates of the corners of the LED cells' grid, clockwise from the
-            top left; zeros where no panel was found.
+        corners_px: (B,4,2) float64 sensor coordinates of the corners of the LED cells' grid, clockwise from
+            the top left; zeros where no panel was found.
         found: (B,) bool.
         score: (B,) float64, how panel-like the chosen blob is, 0 to 1; 1 for known corners.
         candidates: (B,) int64, how many blobs passed the locator's limits.

@@ -150,7 +150,7 @@ def ber_interval(counts: Counts, confidence: float = 0.95, errors_per_frame_erro
 def _effective_trials(counts: Counts, confidence: float) -> float:
     """Give Korn and Graubard's effective number of independent bits; there is at least one error."""
     frames_in_error = counts.half_errors**2 / counts.half_errors_squared
-    freedom = max(1.0, counts.frames - 1)
+    freedom = max(1.0, min(counts.frames - 1, frames_in_error + 1))
     quantile = (1 + confidence) / 2
     correction = (t.ppf(quantile, max(1, counts.bits - 1)) / t.ppf(quantile, freedom)) ** 2
     return float(counts.bits / design_effect(counts) * min(1.0, correction))

@@ -70,18 +70,18 @@ def run_point(
     rule: StopRule,
     *,
     blocks_at_once: int = 1,
-    progress: Callable[[int], None] | None = None,
+    progress: Callable[[int, Mapping[Label, Counts]], None] | None = None,
 ) -> Outcome:
     """Add blocks in index order until the rule holds.
 
-    Blocks may be counted several at once; those beyond the one at which the rule first held are thrown away, so that
-    the result does not depend on how many are counted together.
+    Blocks may be counted several at once; those beyond the one at which the rule first held are thrown away,
+    so that the result does not depend on how many are counted together.
 
     Args:
         count: counts each of the parts, giving a list of as many mappings.
         rule: when to stop.
         blocks_at_once: blocks counted in one call, at least 1.
-        progress: called with the frames done since the last call.
+        progress: called after each block with its frames and the counts so far.
 
     Example:
         >>> def one_error(parts):
@@ -98,7 +98,7 @@ def run_point(
             for label, one in counts.items():
                 total[label] = total.get(label, Counts()) + one
             if progress is not None:
-                progress(part.frames)
+                progress(part.frames, total)
             if rule.reached(total):
                 return Outcome(total, "frame_errors")
     return Outcome(total, "frames")

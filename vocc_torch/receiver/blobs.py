@@ -20,13 +20,16 @@ class Blobs:
     """All blobs of a batch of masks as one list, by frame and then by first pixel in raster order.
 
     Args:
-        frame: (M,) int64, index of the mask. label: (M,) int64, the blob's value in the labels. first_px:
-        (M,2) int64, column and row of the first mask pixel in raster order. left_px: (M,) int64, leftmost
-        column with a mask pixel. area_px: (M,) int64, area of the closed blob, px^2. mask_px: (M,) int64,
-        number of mask pixels. first: (M,H) int16, per row from ``first_px`` down the leftmost mask pixel's
-        column, from ``left_px`` on. last: (M,H) int16, the rightmost mask pixel's; less than ``first`` in
-        rows without a mask pixel. components: (B,) int64, number of components in each mask, the small ones
-        included.
+        frame: (M,) int64, index of the mask.
+        label: (M,) int64, the blob's value in the labels.
+        first_px: (M,2) int64, column and row of the first mask pixel in raster order.
+        left_px: (M,) int64, leftmost column with a mask pixel.
+        area_px: (M,) int64, area of the closed blob, px^2.
+        mask_px: (M,) int64, number of mask pixels.
+        first: (M,H) int16, leftmost mask column of each row, rows counted from the blob's first, columns from
+            ``left_px``.
+        last: (M,H) int16, rightmost mask column, less than ``first`` in rows without a mask pixel.
+        components: (B,) int64, number of components in each mask, the small ones included.
 
     Example:
         >>> mask = torch.tensor([[[0, 1, 1], [0, 0, 1], [1, 0, 0]]], dtype=torch.bool)
@@ -110,9 +113,8 @@ def collect_blobs(mask: Tensor, labels: Tensor, *, min_area_px: int = 1, level: 
     """List the components of a batch of masks.
 
     Args:
-        mask: (B,H,W) bool, the mask before closing. labels: (B,h,w) labels of the closed mask, which holds
-        the mask, one for each cell of 2^level x 2^level
-            pixels.
+        mask: (B,H,W) bool, the mask before closing.
+        labels: (B,h,w) labels of the closed mask, which holds the mask; one a cell of 2^level x 2^level px.
         min_area_px: components whose closed area is less are left out, px^2.
         level: binary logarithm of the cells' side.
 

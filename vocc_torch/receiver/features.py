@@ -1,4 +1,4 @@
-"""The paper's three features of an LED: AGR (Eq. 4), GRI (Eqs 5 to 8) and NGR (Eq. 9), on rectified patches."""
+"""The paper's features of an LED on rectified patches: AGR (Eq. 4), GRI (Eqs 5 to 8) and NGR (Eq. 9)."""
 
 from __future__ import annotations
 
@@ -115,15 +115,19 @@ def image_gradient(patches: Tensor, kernel: Gradient) -> Tensor:
 
 
 def gradient_radial_inwardness(
-    patches: Tensor, shape: PanelShape, cell_width_px: Tensor, cell_height_px: Tensor, kernel: Gradient = "sobel"
+    patches: Tensor,
+    shape: PanelShape,
+    cell_width_px: Tensor,
+    cell_height_px: Tensor,
+    kernel: Gradient = "sobel",
 ) -> Tensor:
     """GRI: the mean over an LED's cell of the gradient's component towards its centre (Eq. 7).
 
     Args:
         patches: (B,1,(R+2)K,(C+2)K) rectified grey values.
         shape: rows and columns.
-        cell_width_px: (B,) width of a cell in the original image, px; with the height it turns the gradient a sample
-            into a gradient an original pixel, so that GRI means the same at every distance.
+        cell_width_px: (B,) width of a cell in the original image, px; with the height it turns the gradient a
+            sample into a gradient an original pixel, so that GRI means the same at every distance.
         cell_height_px: (B,) likewise.
         kernel: see :func:`image_gradient`.
 
@@ -138,8 +142,9 @@ def gradient_radial_inwardness(
         True
     """
     samples = patches.shape[-1] // (shape.columns + 2)
-    inner = slice(samples, -samples)
-    gradient = image_gradient(patches, kernel)[:, :, inner, inner]
+    # One sample of margin is all that the gradient kernels need.
+    near = slice(samples - 1, 1 - samples)
+    gradient = image_gradient(patches[..., near, near], kernel)[:, :, 1:-1, 1:-1]
     field = radial_inward_field(samples, patches.dtype, patches.device).repeat(1, shape.rows, shape.columns)
     towards = F.avg_pool2d(gradient * field, samples)
     per_pixel = samples / torch.stack([cell_width_px, cell_height_px], dim=1).clamp(min=1e-6)

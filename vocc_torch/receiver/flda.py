@@ -61,8 +61,8 @@ def _least_norm(scaled: ScaledScatter, values: Tensor, vectors: Tensor) -> tuple
     """Solve a singular or ill-conditioned system in scaled coordinates, given its eigenvectors.
 
     Where the difference of the means lies in the range of S_w, this is the least-norm solution. Where part of
-    it lies outside, Eq. 13 is infinite along that part, which a pseudoinverse would drop: there the variance is
-    taken as 1 / CONDITION_LIMIT of the largest, so that the separating part rules and scores stay finite.
+    it lies outside, Eq. 13 is infinite along that part, which a pseudoinverse would drop; there the variance
+    is taken as 1 / CONDITION_LIMIT of the largest: the separating part rules, and scores stay finite.
 
     Returns:
         The solution (F,), and whether such a separating part was found.

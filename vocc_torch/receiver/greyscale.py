@@ -1,4 +1,4 @@
-"""The paper's baselines: a grey value against an adaptive threshold from preamble frames (its reference [10])."""
+"""The paper's baselines: a grey value against a threshold from preamble frames (its reference [10])."""
 
 from __future__ import annotations
 

@@ -81,8 +81,7 @@ def otsu_threshold(histogram: Tensor) -> Tensor:
     grey value, so nothing is foreground. An empty histogram gives 0.
 
     Args:
-        histogram: (B,256) counts, at least 0; the pixels of one frame times their grey values may sum to
-            2^52.
+        histogram: (B,256) counts, at least 0, of up to 2^22 pixels a frame (beyond, exact to 1e-15).
 
     Returns:
         (B,) int64 thresholds, 0 to 255.
@@ -102,5 +101,5 @@ def otsu_threshold(histogram: Tensor) -> Tensor:
     between = between.masked_fill(pairs == 0, -1.0)
     best = between.amax(1, keepdim=True)
     lowest = levels.masked_fill(between < best, float(_LEVELS)).amin(1).long()
-    constant = (counts.amax(1) == total[:, 0]).to(lowest.dtype)
-    return torch.where(constant.bool(), (counts.argmax(1)) * (total[:, 0] > 0), lowest)
+    most, value = counts.max(1)
+    return torch.where(most == total[:, 0], value * (most > 0), lowest)

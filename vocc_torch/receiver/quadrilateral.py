@@ -78,7 +78,7 @@ def convex_hull(first: Tensor, last: Tensor) -> Tensor:
     blobs, height = first.shape
     empty = first > last
     sides = torch.cat([first, -last]).to(torch.float64).masked_fill(torch.cat([empty, empty]), torch.inf)
-    on_left, on_right = _chain(sides).unflatten(0, (2, blobs))
+    on_left, on_right = _chain(sides).view(2, blobs, height)
     rows = torch.arange(height, device=first.device).expand(blobs, height)
     columns = torch.cat([last, first.flip(1)], 1)
     points = torch.stack([columns, torch.cat([rows, rows.flip(1)], 1)], 2).to(torch.float64)

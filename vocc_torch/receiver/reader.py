@@ -75,12 +75,14 @@ class Reader:
             raise VoccError(f"receiver.gradient is {self.gradient!r}: it must be {allowed}")
 
     def read(self, frames: Frames, panels: Panels) -> Readings:
-        """Measure every LED of B frames with located panels; a panel not found reads finite but meaningless."""
+        """Measure every LED of B frames with located panels; one not found reads finite, without meaning."""
         patches = rectify(frames, panels, self.shape, self.samples_per_led)
         means = cell_means(patches, self.shape)
         width, height = cell_size_px(panels.corners_px, self.shape)
         gri = gradient_radial_inwardness(patches, self.shape, width, height, self.gradient)
-        features = torch.stack([average_greyscale_ratio(means), gri, neighbour_greyscale_ratio(means)], dim=-1)
+        features = torch.stack(
+            [average_greyscale_ratio(means), gri, neighbour_greyscale_ratio(means)], dim=-1
+        )
         greys = Greys(means[:, 1:-1, 1:-1], centre_greys(frames, panels, self.shape))
         return Readings(features.to(torch.float64), greys, patches)
 

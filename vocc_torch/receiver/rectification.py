@@ -54,23 +54,47 @@ def cell_size_px(corners_px: Tensor, shape: PanelShape) -> tuple[Tensor, Tensor]
     return width / shape.columns, height / shape.rows
 
 
-def _sample(frames: Frames, points_px: Tensor, mode: str) -> Tensor:
-    """Read frames at sensor coordinates (B,h,w,2); beyond the crop the border pixel stands for the surround."""
-    grey = frames.grey if frames.grey.is_floating_point() else frames.grey.to(torch.float32)
-    height, width = grey.shape[-2:]
-    local = points_px - frames.origin_px.view(-1, 1, 1, 2)
-    extent = torch.tensor([width, height], dtype=local.dtype, device=local.device)
-    grid = (2.0 * local / extent - 1.0).to(grey.dtype)
-    return F.grid_sample(grey, grid, mode=mode, padding_mode="border", align_corners=False)
+def _map_cells(homography: Tensor, x: Tensor, y: Tensor) -> tuple[Tensor, Tensor]:
+    """Map the grid of cell coordinates x (w,) by y (h,) to pixels, x and y (B,h,w) each."""
+    across = homography[:, :, 0, None] * x + homography[:, :, 2, None]
+    mapped = across[:, :, None, :] + (homography[:, :, 1, None] * y)[..., None]
+    if bool((homography[:, 2, :2] == 0).all()):
+        return mapped[:, 0], mapped[:, 1]
+    return mapped[:, 0] / mapped[:, 2], mapped[:, 1] / mapped[:, 2]
 
 
-def _cell_points(homography: Tensor, x: Tensor, y: Tensor) -> Tensor:
-    """Map the grid of cell coordinates x (w,) by y (h,) to pixels, (B,h,w,2)."""
-    across, down = torch.meshgrid(x, y, indexing="xy")
-    ones = torch.ones_like(across)
-    cells = torch.stack([across, down, ones], dim=-1)
-    mapped = torch.einsum("bij,hwj->bhwi", homography, cells)
-    return mapped[..., :2] / mapped[..., 2:]
+def _cut(frames: Frames, origin: Tensor, size: tuple[int, int], dtype: torch.dtype) -> Tensor:
+    """Cut a window of ``size`` (h,w) out of each frame at sensor pixel ``origin`` (B,2); borders are continued."""
+    height, width = frames.grey.shape[-2:]
+    place = origin - frames.origin_px
+    rows = (place[:, 1:] + torch.arange(size[0], device=place.device)).clamp(0, height - 1)
+    columns = (place[:, :1] + torch.arange(size[1], device=place.device)).clamp(0, width - 1)
+    frame = torch.arange(len(frames), device=place.device).view(-1, 1, 1)
+    return frames.grey[:, 0][frame, rows.unsqueeze(-1), columns.unsqueeze(-2)].to(dtype)
+
+
+def _sample(frames: Frames, homography: Tensor, x: Tensor, y: Tensor, dtype: torch.dtype) -> Tensor:
+    """Read frames bilinearly at cell coordinates x (w,) by y (h,), giving (B,h,w).
+
+    Positions count from a whole sensor pixel beside the panel, so a crop and the full frame give the same values to the
+    last bit, whatever else is in the batch; ``grid_sample`` normalises by the image's size and does not.
+    """
+    ends_x, ends_y = _map_cells(homography, x[[0, -1]], y[[0, -1]])
+    lowest = torch.stack([ends_x.flatten(1).amin(1), ends_y.flatten(1).amin(1)], dim=1)
+    highest = torch.stack([ends_x.flatten(1).amax(1), ends_y.flatten(1).amax(1)], dim=1)
+    origin = torch.floor(lowest - 0.5)
+    width, height = (int(v) + 2 for v in torch.ceil(highest - origin).amax(0).tolist())
+    window = _cut(frames, origin.long(), (height, width), dtype).flatten(1)
+    # Half a pixel off, so that whole numbers are pixel centres; as a product with a shift, exact in float64.
+    shift = torch.eye(3, dtype=homography.dtype, device=homography.device).repeat(len(frames), 1, 1)
+    shift[:, :2, 2] = -origin - 0.5
+    x_px, y_px = _map_cells((shift @ homography).to(dtype), x.to(dtype), y.to(dtype))
+    left, top = torch.floor(x_px).clamp_(0, width - 2), torch.floor(y_px).clamp_(0, height - 2)
+    index = (top.long() * width).add_(left.long()).flatten(1)
+    right_share, lower_share = x_px.sub_(left).flatten(1), y_px.sub_(top).flatten(1)
+    upper = torch.lerp(window.gather(1, index), window[:, 1:].gather(1, index), right_share)
+    lower = torch.lerp(window[:, width:].gather(1, index), window[:, width + 1 :].gather(1, index), right_share)
+    return torch.lerp(upper, lower, lower_share).view(left.shape)
 
 
 def _oversampling(panels: Panels, shape: PanelShape, samples: int) -> Tensor:
@@ -111,9 +135,10 @@ def rectify(frames: Frames, panels: Panels, shape: PanelShape, samples_per_led: 
         fine = samples_per_led * factor
         steps_x = torch.arange((shape.columns + 2) * fine, dtype=torch.float64, device=factors.device)
         steps_y = torch.arange((shape.rows + 2) * fine, dtype=torch.float64, device=factors.device)
-        points = _cell_points(homography[rows], (steps_x + 0.5) / fine - 1, (steps_y + 0.5) / fine - 1)
-        subset = Frames(frames.grey[rows], frames.origin_px[rows], frames.sensor_px)
-        read = _sample(subset, points, "bilinear")
+        whole = bool(rows.all())
+        subset = frames if whole else Frames(frames.grey[rows], frames.origin_px[rows], frames.sensor_px)
+        x, y = (steps_x + 0.5) / fine - 1, (steps_y + 0.5) / fine - 1
+        read = _sample(subset, homography[rows], x, y, dtype).unsqueeze(1)
         patches[rows] = F.avg_pool2d(read, factor) if factor > 1 else read
     return patches
 
@@ -130,5 +155,9 @@ def centre_greys(frames: Frames, panels: Panels, shape: PanelShape) -> Tensor:
     homography = cell_homography(panels.corners_px, shape)
     columns = torch.arange(shape.columns, dtype=torch.float64, device=homography.device) + 0.5
     rows = torch.arange(shape.rows, dtype=torch.float64, device=homography.device) + 0.5
-    points = torch.floor(_cell_points(homography, columns, rows)) + 0.5
-    return _sample(frames, points, "nearest")[:, 0]
+    x_px, y_px = _map_cells(homography, columns, rows)
+    height, width = frames.grey.shape[-2:]
+    column = (torch.floor(x_px).long() - frames.origin_px[:, 0].view(-1, 1, 1)).clamp(0, width - 1)
+    row = (torch.floor(y_px).long() - frames.origin_px[:, 1].view(-1, 1, 1)).clamp(0, height - 1)
+    read = frames.grey.flatten(1).gather(1, (row * width + column).flatten(1)).view(row.shape)
+    return read if read.is_floating_point() else read.to(torch.float32)

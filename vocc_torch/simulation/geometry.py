@@ -12,7 +12,9 @@ from vocc_torch.errors import VoccError
 from vocc_torch.types import PanelShape, Scene
 
 
-def _demand(owner: object, section: str, names: tuple[str, ...], low: float = 0.0, high: float = math.inf) -> None:
+def _demand(
+    owner: object, section: str, names: tuple[str, ...], low: float = 0.0, high: float = math.inf
+) -> None:
     """Refuse by name the first attribute that is not finite or not in (low, high)."""
     for name in names:
         value = float(getattr(owner, name))
@@ -59,7 +61,9 @@ class Camera:
         names = ("focal_length_mm", "sensor_width_mm", "width_px", "height_px", "exposure_time_s", "f_number")
         _demand(self, "camera", (*names, "calibration_constant", "gamma"))
         if self.iso_limits is not None and not 0 < self.iso_limits[0] <= self.iso_limits[1] < math.inf:
-            raise VoccError(f"camera.iso_limits is {list(self.iso_limits)}: it must be [low, high] with 0 < low <= high")
+            raise VoccError(
+                f"camera.iso_limits is {list(self.iso_limits)}: it must be [low, high] with 0 < low <= high"
+            )
 
     @property
     def focal_length_px(self) -> float:
@@ -113,7 +117,9 @@ class LedPanel:
             if value is not None and not 0 <= value <= 1:
                 raise VoccError(f"panel.{name} is {value:g}: it must be from 0 to 1")
         if self.background_reflectance == 0:
-            raise VoccError("panel.background_reflectance is 0: it must be above 0, because auto-ISO meters it")
+            raise VoccError(
+                "panel.background_reflectance is 0: it must be above 0, because auto-ISO meters it"
+            )
 
     @property
     def pitch_m(self) -> float:
@@ -129,7 +135,9 @@ def panel_centre_px(scene: Scene, camera: Camera) -> Tensor:
         [[1033.0, 540.0]]
     """
     offsets = torch.stack([scene.offset_x_m, scene.offset_y_m], dim=-1)
-    middle = torch.tensor([camera.width_px / 2, camera.height_px / 2], dtype=offsets.dtype, device=offsets.device)
+    middle = torch.tensor(
+        [camera.width_px / 2, camera.height_px / 2], dtype=offsets.dtype, device=offsets.device
+    )
     return middle + offsets * camera.pixels_per_metre(scene.distance_m).unsqueeze(-1)
 
 

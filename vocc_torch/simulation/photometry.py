@@ -1,7 +1,7 @@
 """From light to grey value: the paper's Eqs 1, 2, 3 and 20 as pure functions of tensors.
 
-A surface under ambient light sends out the luminance ``E R / pi`` (cd/m2); an On LED adds its own light. Eqs 2 and 3
-are the same map, ``10 L t / (K N^2)``, applied to those two luminances, so the map stands here once.
+A surface under ambient light sends out the luminance ``E R / pi`` (cd/m2); an On LED adds its own light.
+Eqs 2 and 3 are one map, ``10 L t / (K N^2)``, applied to those two luminances, so the map stands here once.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ def auto_iso_speed(background_exposure_lx_s: Tensor, target_grey: Tensor, *, gam
 
 
 def grey_value(exposure_lx_s: Tensor, iso_speed: Tensor, *, gamma: float) -> Tensor:
-    """Gamma-encoded grey value ``G = 118 (H / H_SOS)^(1/gamma)`` with ``H_SOS = 10 / S`` (Eq. 1), not yet clipped.
+    """Gamma-encoded grey value ``G = 118 (H / H_SOS)^(1/gamma)``, ``H_SOS = 10 / S`` (Eq. 1), not clipped.
 
     Args:
         exposure_lx_s: luminous exposure H, lx s, at least 0.

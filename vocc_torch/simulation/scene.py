@@ -25,7 +25,7 @@ class Distribution:
     """How one value of a scene is drawn.
 
     Args:
-        kind: ``constant`` (one value), ``uniform`` or ``log_uniform`` (low, high), ``choice`` (any number of values).
+        kind: ``constant`` (one value), ``uniform`` or ``log_uniform`` (low, high), ``choice`` (any number).
         values: the numbers of the kind.
 
     Raises:
@@ -43,18 +43,21 @@ class Distribution:
 
     @classmethod
     def parse(cls, spec: float | Sequence[object], name: str) -> Distribution:
-        """Read a number (constant) or a list such as ``[uniform, 40, 60]``; ``name`` is named where it is refused."""
+        """Read a number (constant) or a list such as ``[uniform, 40, 60]``; a refusal names ``name``."""
         allowed = "a number, [uniform, low, high], [log_uniform, low, high] or [choice, a, b, ...]"
         refused = VoccError(f"scene.{name} is {spec!r}: it must be {allowed}")
+        kind: object
+        numbers: list[object]
         if isinstance(spec, int | float) and not isinstance(spec, bool):
             kind, numbers = "constant", [spec]
         elif isinstance(spec, Sequence) and not isinstance(spec, str) and spec and spec[0] in KINDS:
-            kind, numbers = spec[0], list(spec[1:])  # type: ignore[assignment]  # KINDS holds the only strings
+            kind, numbers = spec[0], list(spec[1:])
         else:
             raise refused
-        if not all(isinstance(v, int | float) and not isinstance(v, bool) and math.isfinite(v) for v in numbers):
+        plain = (v for v in numbers if isinstance(v, int | float) and not isinstance(v, bool))
+        values = tuple(float(v) for v in plain if math.isfinite(v))
+        if len(values) != len(numbers):
             raise refused
-        values = tuple(float(v) for v in numbers)
         ranged = kind in ("uniform", "log_uniform")
         if len(values) != {"constant": 1, "uniform": 2, "log_uniform": 2}.get(kind, max(1, len(values))):
             raise refused
@@ -114,7 +117,9 @@ class SceneModel:
                 rule = "above" if strict else "at least"
                 raise VoccError(f"scene.{name} is {low:g}: it must be {rule} {least:g}")
         if self.background_grey.bounds[1] > 255:
-            raise VoccError(f"scene.background_grey is {self.background_grey.bounds[1]:g}: it must be at most 255")
+            raise VoccError(
+                f"scene.background_grey is {self.background_grey.bounds[1]:g}: it must be at most 255"
+            )
 
     @property
     def nearest_m(self) -> float:

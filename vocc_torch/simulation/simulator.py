@@ -66,6 +66,7 @@ class Simulator:
         device: torch.device | str = "cpu",
         dtype: torch.dtype = torch.float32,
     ) -> None:
+        """Build the named effects and no others."""
         if framing not in ("crop", "full"):
             raise VoccError(f"framing is {framing!r}: it must be crop or full")
         if dtype not in (torch.float32, torch.float64):
@@ -94,19 +95,25 @@ class Simulator:
                 light = effect(light, context)
         off = reflected_luminance_cd_m2(scene.ambient_lx, self.panel.led_reflectance)
         iso = self._iso_speed(scene)
-        greys = [grey_value(self._lens(seen), iso, gamma=self.camera.gamma) for seen in (off + light.view(-1), off)]
+        greys = [
+            grey_value(self._lens(seen), iso, gamma=self.camera.gamma) for seen in (off + light.view(-1), off)
+        ]
         if self.output in (Quantity.BOUNDED_GREY, Quantity.DIGITAL):
             greys = [grey.clamp(max=255.0) for grey in greys]
         return (greys[0] - greys[1]) / 255.0
 
     def crop_px(self, nearest_m: float) -> tuple[int, int]:
-        """Height and width of the crop that holds the panel at ``nearest_m``, a cell of margin and all spread light.
+        """Height and width of the crop that holds a panel at ``nearest_m``, a cell of margin and its light.
 
-        Its border pixels are then free of the panel's light, so they stand for the whole surround.
+        Its border is then free of the panel's light, so it stands for all the rest; where the sensor cuts the
+        panel, that holds for the sides away from it.
         """
         pitch_px = self.panel.pitch_m * self.camera.focal_length_px / nearest_m
         margin = 2 * (sum(effect.reach_px for effect in self.effects) + 2)
-        wanted = (math.ceil(n * pitch_px) + margin for n in (self.panel.shape.rows + 2, self.panel.shape.columns + 2))
+        wanted = (
+            math.ceil(n * pitch_px) + margin
+            for n in (self.panel.shape.rows + 2, self.panel.shape.columns + 2)
+        )
         height, width = (min(size, full) for size, full in zip(wanted, self.camera.sensor_px, strict=True))
         return height, width
 
@@ -116,14 +123,14 @@ class Simulator:
         Args:
             scene: B scenes.
             bits: (B,R,C) bool, True = On.
-            nearest_m: the distance that fixes the crop's size; by default the nearest of this batch. Give it
-                where batches of one study must have one size.
+            nearest_m: the distance that fixes the crop's size, at most the nearest of this batch, which is
+                the default. Give it where batches of one study must have one size.
 
         Returns:
             B frames or crops, as the framing says.
 
         Raises:
-            VoccError: bits of another shape than the scenes and the panel.
+            VoccError: bits of another shape than the scenes and the panel, or a crop too small for a panel.
         """
         wanted = (len(scene), self.panel.shape.rows, self.panel.shape.columns)
         if tuple(bits.shape) != wanted:
@@ -131,12 +138,17 @@ class Simulator:
         scene, bits = scene.to(self.device), bits.to(self.device)
         size = self.camera.sensor_px
         if self.framing == "crop":
-            size = self.crop_px(float(scene.distance_m.min()) if nearest_m is None else nearest_m)
+            nearest = float(scene.distance_m.min())
+            if nearest_m is not None and nearest_m > nearest * (1 + 1e-9):
+                raise VoccError(
+                    f"nearest_m is {nearest_m:g}: it must be at most the nearest scene's {nearest:g}"
+                )
+            size = self.crop_px(nearest if nearest_m is None else nearest_m)
         origin = self._origins(scene, size)
         chunk = max(1, CHUNK_PIXELS // (size[0] * size[1]))
         rows = [slice(start, start + chunk) for start in range(0, len(scene), chunk)]
         grey = torch.cat([self._expose(scene[r], bits[r], origin[r], size) for r in rows])
-        surround = None if size == self.camera.sensor_px else grey[:, 0, 0, 0]
+        surround = None if size == self.camera.sensor_px else self._surround(grey, scene, origin)
         return Frames(grey, origin, self.camera.sensor_px, surround)
 
     def _origins(self, scene: Scene, size: tuple[int, int]) -> Tensor:
@@ -145,6 +157,14 @@ class Simulator:
         sensor = torch.tensor([self.camera.width_px, self.camera.height_px], device=self.device)
         centred = torch.round(panel_centre_px(scene, self.camera)).long() - extent // 2
         return torch.minimum(centred.clamp(min=0), sensor - extent)
+
+    def _surround(self, grey: Tensor, scene: Scene, origin: Tensor) -> Tensor:
+        """Read the corner of each crop that lies farthest from the panel, beyond its light, (B,)."""
+        height, width = grey.shape[-2:]
+        x, y = (panel_centre_px(scene, self.camera) - origin).unbind(dim=-1)
+        column = torch.where(x < width / 2, width - 1, 0)
+        row = torch.where(y < height / 2, height - 1, 0)
+        return grey[torch.arange(len(scene), device=self.device), 0, row, column]
 
     def _expose(self, scene: Scene, bits: Tensor, origin: Tensor, size: tuple[int, int]) -> Tensor:
         """Carry the LEDs' light through the camera, applying each effect where its quantity is at hand."""
@@ -209,4 +229,5 @@ class Simulator:
         step = led_luminance + (reflected - between).view(-1, 1, 1)
         frame = torch.arange(frames, device=self.device).repeat_interleave(panel.shape.leds)
         add_patches(canvas, cover * step.reshape(-1, 1, 1), frame, left, top)
-        return canvas.unsqueeze(1).to(self.dtype)
+        # Rounding can leave a black LED a hair below zero, where gamma encoding has no value.
+        return canvas.clamp_(min=0).unsqueeze(1).to(self.dtype)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import torch
 from torch import Tensor
@@ -91,7 +92,12 @@ def _count(
 
 
 def sweep_point(
-    plan: Plan, link: Link, flda: FLDA, value: float, progress: Callable[[int], None] | None = None
+    plan: Plan,
+    link: Link,
+    flda: FLDA,
+    value: float,
+    progress: Callable[[int], None] | None = None,
+    show: Callable[[list[Point]], None] | None = None,
 ) -> list[Point]:
     """Measure one value of the axis; for the contrast experiment, all its bins at once.
 
@@ -101,47 +107,60 @@ def sweep_point(
         flda: fitted on all three features.
         value: the axis value; without meaning for ``contrast``.
         progress: called with the frames done since the last call.
+        show: called with the points as they stand.
 
     Returns:
         A point for each receiver, or for each receiver and bin that holds frames.
     """
     experiment, budget = plan.experiment, plan.budget
-    binned = experiment.axis == "contrast"
-    name = experiment.name if binned else f"{experiment.name}/{experiment.axis}={value:g}"
     bank = ReceiverBank(plan.receiver.names, flda)
-    counter = PointCounter(plan, link, bank, name, experiment.model_at(plan.world, value))
-    frames = frames_in_point(plan)
+    model = experiment.model_at(plan.world, value)
+
+    def stated(counts: Mapping[Label, Counts], stopped_by: str) -> list[Point]:
+        values = axis_values(experiment) if experiment.axis == "contrast" else (value,)
+        return [
+            Point(experiment.name, experiment.axis, at, name, plan.receiver.locator, counts[name, group], stopped_by)
+            for group, at in enumerate(values)
+            for name in plan.receiver.names
+            if (name, group) in counts
+        ]
+
+    def advance(frames: int, counts: Mapping[Label, Counts]) -> None:
+        if progress is not None:
+            progress(frames)
+        if show is not None:
+            show(stated(counts, "running"))
+
     outcome = run_point(
-        counter,
-        StopRule(frames, budget.target_frame_errors),
+        PointCounter(plan, link, bank, point_name(experiment, value), model),
+        StopRule(frames_in_point(plan), budget.target_frame_errors),
         blocks_at_once=max(1, plan.batch_frames // BLOCK_FRAMES),
-        progress=progress,
+        progress=advance,
     )
-    centres = [value] if not binned else bin_centres(experiment.values)
-    return [
-        Point(
-            experiment=experiment.name,
-            axis=experiment.axis,
-            value=centre,
-            receiver=receiver,
-            locator=plan.receiver.locator,
-            counts=outcome.counts[receiver, group],
-            stopped_by=outcome.stopped_by,
-        )
-        for group, centre in enumerate(centres)
-        for receiver in plan.receiver.names
-        if (receiver, group) in outcome.counts
-    ]
+    return stated(outcome.counts, outcome.stopped_by)
 
 
-def bin_centres(edges: Sequence[float]) -> list[float]:
-    """Middle of each bin.
+def point_name(experiment: Experiment, value: float) -> str:
+    """Name a point; the name keys its random draws.
 
     Example:
-        >>> bin_centres([0.0, 0.06, 0.12])
-        [0.03, 0.09]
+        >>> point_name(Experiment("near", "distance_m", (5.0,)), 5.0)
+        'near/distance_m=5'
     """
-    return [round((low + high) / 2, 12) for low, high in zip(edges, edges[1:], strict=False)]
+    return experiment.name if experiment.axis == "contrast" else f"{experiment.name}/{experiment.axis}={value:g}"
+
+
+def axis_values(experiment: Experiment) -> tuple[float, ...]:
+    """The values that results carry: those of the axis, or the middles of the contrast bins.
+
+    Example:
+        >>> axis_values(Experiment("c", "contrast", (0.0, 0.06, 0.12)))
+        (0.03, 0.09)
+    """
+    edges = experiment.values
+    if experiment.axis != "contrast":
+        return edges
+    return tuple(round((low + high) / 2, 12) for low, high in pairwise(edges))
 
 
 def frames_in_point(plan: Plan) -> int:

@@ -37,7 +37,9 @@ class Attenuation(Effect):
     def __post_init__(self) -> None:
         """Check the range."""
         if not (math.isfinite(self.visibility_m) and self.visibility_m > 0):
-            raise VoccError(f"scene.effects.attenuation.visibility_m is {self.visibility_m:g}: it must be above 0")
+            raise VoccError(
+                f"scene.effects.attenuation.visibility_m is {self.visibility_m:g}: it must be above 0"
+            )
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Dim (B,R,C) LED luminance by the transmission at each frame's distance."""

@@ -17,7 +17,7 @@ class Quantization(Effect):
     """Round grey values of 0 to 255 to ``2^bits`` levels.
 
     Args:
-        bits: 1 to 16; 8 bits give uint8 frames, other depths floating grey values on the coarser or finer grid.
+        bits: 1 to 16; 8 bits give uint8 frames, other depths floating grey values on a coarser or finer grid.
 
     Raises:
         VoccError: a bit depth outside its range.
@@ -36,7 +36,9 @@ class Quantization(Effect):
     def __post_init__(self) -> None:
         """Check the range."""
         if not (isinstance(self.bits, int) and 1 <= self.bits <= 16):
-            raise VoccError(f"scene.effects.quantization.bits is {self.bits}: it must be a whole number from 1 to 16")
+            raise VoccError(
+                f"scene.effects.quantization.bits is {self.bits}: it must be a whole number from 1 to 16"
+            )
 
     @property
     def levels(self) -> int:

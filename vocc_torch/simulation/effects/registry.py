@@ -14,7 +14,7 @@ from vocc_torch.simulation.effects.quantization import Quantization
 from vocc_torch.simulation.effects.saturation import Saturation
 
 PHYSICAL_ORDER: tuple[type[Effect], ...] = (Attenuation, Blooming, Saturation, Quantization)
-"""Light at the LED, air, optics, sensor, encoding: the order in which effects run, whatever order names them."""
+"""Light at the LED, air, optics, sensor, encoding: the order of effects, whatever order names them."""
 
 CAMERA_STEPS: tuple[Quantity, ...] = (
     Quantity.LED_LUMINANCE,

@@ -1,0 +1,72 @@
+"""Points state what their counts say, and a table keeps what belongs together."""
+
+import pytest
+
+from vocc_torch.errors import VoccError
+from vocc_torch.evaluation.counts import Counts
+from vocc_torch.evaluation.curve import COLUMNS, BerTable, Point, Row
+from vocc_torch.evaluation.intervals import ber_interval
+
+CLEAN = Counts(frames=10, bits=640)
+WRONG = Counts(10, 640, half_errors=7, half_errors_squared=29, frame_errors=2, panels_missed=1)
+
+
+def point(value=50.0, receiver="flda_3", counts=WRONG, locator="truth", experiment="d", axis="distance_m"):
+    return Point(experiment, axis, value, receiver, locator, counts, "frames")
+
+
+def test_the_row_has_exactly_the_columns_that_others_rely_on():
+    names = "experiment axis value receiver locator frames bits bit_errors ber ber_low ber_high frame_errors"
+    assert tuple(point().row()) == COLUMNS == (*names.split(), "panels_missed", "stopped_by")
+
+
+def test_the_row_states_the_counts_and_their_interval():
+    row, interval = point().row(), ber_interval(WRONG)
+    assert (row["frames"], row["bits"], row["bit_errors"], row["ber"]) == (10, 640, 3.5, 3.5 / 640)
+    assert (row["ber_low"], row["ber_high"]) == (interval.low, interval.high)
+    assert (row["frame_errors"], row["panels_missed"], row["stopped_by"]) == (2, 1, "frames")
+
+
+def test_a_point_without_errors_is_told_from_one_with():
+    assert point(counts=CLEAN).stated().error_free
+    assert not point().stated().error_free
+
+
+def test_a_table_orders_values_and_keeps_the_receivers_order():
+    places = [(70.0, "flda_3"), (30.0, "center_greyscale"), (30.0, "flda_3"), (50.0, "flda_3")]
+    table = BerTable([point(value, receiver) for value, receiver in places])
+    assert table.receivers == ("flda_3", "center_greyscale")
+    assert table.values == (30.0, 50.0, 70.0)
+    assert [row.value for row in table.of("flda_3")] == [30.0, 50.0, 70.0]
+    assert table.of("nobody") == ()
+    assert [(row.value, row.receiver) for row in table] == places
+    assert (table.experiment, table.axis, table.locators, len(table)) == ("d", "distance_m", ("truth",), 4)
+
+
+def test_an_empty_table_is_a_table():
+    table = BerTable()
+    assert (len(table), table.receivers, table.values, table.axis, table.experiment) == (0, (), (), "", "")
+
+
+def test_rows_make_the_same_table_as_points():
+    assert BerTable([point().stated()]).rows == BerTable([point()]).rows
+
+
+@pytest.mark.parametrize(
+    ("points", "message"),
+    [
+        ([point(), point(70.0, experiment="other")], r"^experiment is d and other: "),
+        ([point(), point(70.0, axis="ambient_lx")], r"^axis is ambient_lx and distance_m: "),
+        ([point(), point(locator="paper")], r"^receiver flda_3 has two points at distance_m=50: "),
+        ([point(value=float("nan"))], r"^distance_m is nan: "),
+        ([point(counts=Counts())], r"^counts.bits is 0: "),
+    ],
+)
+def test_what_does_not_belong_in_a_table_is_refused(points, message):
+    with pytest.raises(VoccError, match=message):
+        BerTable(points)
+
+
+def test_a_row_with_its_rate_outside_its_interval_is_refused():
+    with pytest.raises(VoccError, match=r"^ber of flda_3 at distance_m=50 is 0.2 in \[0.3, 0.4\]: "):
+        Row("d", "distance_m", 50.0, "flda_3", "truth", 1, 10, 2.0, 0.2, 0.3, 0.4, 1, 0, "frames")

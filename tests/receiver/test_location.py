@@ -1,0 +1,376 @@
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import torch
+
+from vocc_torch.errors import VoccError
+from vocc_torch.receiver import ladder, location
+from vocc_torch.receiver.location import PaperLocator, paper_stages
+from vocc_torch.types import Frames, Panels, PanelShape
+
+SHAPE = PanelShape(8, 8)
+BACKGROUND, OFF = 0.18, 0.4
+
+
+def random_bits(rng: np.random.Generator, rows: int = 8, columns: int = 8) -> np.ndarray:
+    """Random bits with every corner LED On, so that the panel's extent shows."""
+    bits = rng.random((rows, columns)) < 0.5
+    bits[[0, 0, -1, -1], [0, -1, 0, -1]] = True
+    return bits
+
+
+def render(
+    bits: np.ndarray,
+    pitch: float,
+    size: tuple[int, int],
+    centre: tuple[float, float],
+    *,
+    on: float = 8.0,
+    off: float = OFF,
+    diameter: float = 0.5,
+    angle_deg: float = 0.0,
+) -> np.ndarray:
+    """Linear light of a panel of discs, four times oversampled, without blur."""
+    scale, (rows, columns) = 4, bits.shape
+    light = np.full((size[0] * scale, size[1] * scale), BACKGROUND, np.float32)
+    c, s = math.cos(math.radians(angle_deg)), math.sin(math.radians(angle_deg))
+    for r in range(rows):
+        for k in range(columns):
+            x, y = (k - (columns - 1) / 2) * pitch, (r - (rows - 1) / 2) * pitch
+            where = ((centre[0] + c * x - s * y) * scale - 0.5, (centre[1] + s * x + c * y) * scale - 0.5)
+            point = tuple(round(v * 16) for v in where)
+            cv2.circle(
+                light, point, round(pitch * diameter / 2 * scale * 16), on if bits[r, k] else off, -1, 8, 4
+            )
+    return cv2.resize(light, size[::-1], interpolation=cv2.INTER_AREA)
+
+
+def grey_of(light: np.ndarray) -> np.ndarray:
+    blurred = cv2.GaussianBlur(light, (0, 0), 1.5)
+    return np.clip(np.rint(100 * (blurred / BACKGROUND) ** (1 / 2.2)), 0, 255).astype(np.uint8)
+
+
+def panel_frame(seed: int, pitch: float, size: int = 84, **how: float) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    return grey_of(render(random_bits(rng), pitch, (size, size), (size / 2, size / 2), **how))
+
+
+def true_corners(pitch: float, centre: tuple[float, float], angle_deg: float = 0.0) -> np.ndarray:
+    c, s = math.cos(math.radians(angle_deg)), math.sin(math.radians(angle_deg))
+    square = 4 * pitch * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+    return square @ np.array([[c, s], [-s, c]]) + centre
+
+
+def whole(*grey: np.ndarray) -> Frames:
+    return Frames.whole(torch.from_numpy(np.stack(grey)))
+
+
+def on_sensor(
+    frame: np.ndarray, x: int, y: int, size: tuple[int, int] = (320, 480), level: int = 100
+) -> np.ndarray:
+    sensor = np.full(size, level, np.uint8)
+    sensor[y : y + frame.shape[0], x : x + frame.shape[1]] = frame
+    return sensor
+
+
+def assert_same(ours: Panels, theirs: Panels) -> None:
+    for name in ("found", "candidates", "score", "corners_px"):
+        torch.testing.assert_close(getattr(ours, name), getattr(theirs, name), rtol=0, atol=0)
+
+
+def levels_run(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """Note the level of each frame each time one is run."""
+    levels: list[int] = []
+    collect = ladder.collect_blobs
+
+    def spy(*args: torch.Tensor, min_area_px: int, level: int) -> object:
+        levels.extend([level] * args[0].shape[0])
+        return collect(*args, min_area_px=min_area_px, level=level)
+
+    monkeypatch.setattr(ladder, "collect_blobs", spy)
+    return levels
+
+
+@pytest.mark.parametrize("quadrilateral", ["min_area", "upright"])
+def test_panels_at_30_to_70_m_are_found_at_the_first_level(
+    quadrilateral: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    levels = levels_run(monkeypatch)
+    rng = np.random.default_rng(1)
+    pitches, centres, grey = rng.uniform(3.1, 7.2, 40), rng.uniform(41, 43, (40, 2)), []
+    for pitch, centre in zip(pitches, centres, strict=True):
+        grey.append(
+            grey_of(render(random_bits(rng), pitch, (84, 84), tuple(centre), on=OFF + rng.uniform(2, 16)))
+        )
+    panels = PaperLocator(quadrilateral=quadrilateral)(whole(*grey), SHAPE)  # type: ignore[arg-type]
+    truth = np.stack([true_corners(p, tuple(c)) for p, c in zip(pitches, centres, strict=True)])
+    error = np.linalg.norm(panels.corners_px.numpy() - truth, axis=2)
+    assert panels.found.all()
+    assert panels.candidates.tolist() == [1] * 40
+    assert ((panels.score > 0) & (panels.score <= 1)).all()
+    assert error.max() < 3.0
+    assert error.mean() < 1.5
+    # Now and then a corner LED is on its own and the closing does not reach it.
+    assert levels.count(0) == 40
+    assert len(levels) <= 44
+
+
+@pytest.mark.parametrize(("pitch", "diameter"), [(12.0, 0.5), (12.0, 0.9), (24.0, 0.5), (44.0, 0.7)])
+def test_large_panels_are_found_higher_up(
+    pitch: float, diameter: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    levels = levels_run(monkeypatch)
+    size = int(9 * pitch)
+    grey = [panel_frame(seed, pitch, size, diameter=diameter) for seed in range(8)]
+    panels = PaperLocator()(whole(*grey), SHAPE)
+    error = np.abs(panels.corners_px.numpy() - true_corners(pitch, (size / 2, size / 2)))
+    assert panels.found.all()
+    assert error.max() < 0.5 * pitch
+    assert max(levels) >= math.ceil(math.log2(1.4 * pitch / 11))
+
+
+@pytest.mark.parametrize("angle_deg", [-30.0, 12.0, 45.0])
+def test_turned_panels_are_found_with_their_turn(angle_deg: float) -> None:
+    grey = [panel_frame(seed, 6.0, angle_deg=angle_deg) for seed in range(12)]
+    panels = PaperLocator()(whole(*grey), SHAPE)
+    error = np.linalg.norm(panels.corners_px.numpy() - true_corners(6.0, (42, 42), angle_deg), axis=2).max(1)
+    assert panels.found.all()
+    assert np.median(error) < 3.0
+
+
+@pytest.mark.parametrize("channel", ["luminance", "brightest"])
+def test_the_photo_is_found_higher_up(channel: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    levels = levels_run(monkeypatch)
+    photo = cv2.imread(str(Path(__file__).parents[1] / "data" / "led-panel-8x8-photo.png"))
+    grey = cv2.cvtColor(photo, cv2.COLOR_BGR2GRAY) if channel == "luminance" else photo.max(2)
+    panels = PaperLocator(quadrilateral="upright")(whole(grey), SHAPE)
+    # LED centres read by eye: columns 28 to 335 px, rows 18 to 325 px; half a pitch of 43.9 px outside them.
+    expected = np.array([[6, -4], [357, -4], [357, 347], [6, 347]])
+    assert panels.candidates.tolist() == [1]
+    assert max(levels) == 3
+    np.testing.assert_allclose(panels.corners_px[0], expected, atol=0.2 * 43.9)
+
+
+def test_a_panel_of_other_proportions_is_found() -> None:
+    bits = random_bits(np.random.default_rng(2), 4, 16)
+    panels = PaperLocator()(whole(grey_of(render(bits, 6.0, (50, 130), (65, 25)))), PanelShape(4, 16))
+    expected = np.array([[17, 13], [113, 13], [113, 37], [17, 37]])
+    assert panels.score.item() > 0.5
+    np.testing.assert_allclose(panels.corners_px[0], expected, atol=2.0)
+
+
+@pytest.mark.parametrize("quadrilateral", ["min_area", "upright"])
+@pytest.mark.parametrize("pitch", [3.3, 7.0, 13.0])
+def test_a_crop_and_the_full_frame_are_located_identically(quadrilateral: str, pitch: float) -> None:
+    size = max(70, int(9 * pitch))
+    crops = np.stack([panel_frame(seed, pitch, size, angle_deg=3.0 * seed) for seed in range(5)])
+    places = [(1, 2), (200, 101), (333, 199), (480 - size, 320 - size), (0, 0)]
+    full = np.stack([on_sensor(c, *p) for c, p in zip(crops, places, strict=True)])
+    cropped = Frames(
+        torch.from_numpy(crops)[:, None],
+        torch.tensor(places),
+        (320, 480),
+        torch.full((5,), 100, dtype=torch.uint8),
+    )
+    locator = PaperLocator(quadrilateral=quadrilateral)  # type: ignore[arg-type]
+    ours = locator(cropped, SHAPE)
+    assert ours.found.all()
+    assert_same(ours, locator(whole(*full), SHAPE))
+
+
+def test_a_crop_brighter_around_than_within_equals_the_full_frame() -> None:
+    crop = np.full((40, 50), 30, np.uint8)
+    crop[10:30, 10:30] = 220
+    sensor = on_sensor(crop, 31, 17, (120, 160), level=210)
+    frames = Frames(
+        torch.from_numpy(crop)[None, None], torch.tensor([[31, 17]]), (120, 160), torch.tensor([210])
+    )
+    for locator in (PaperLocator(), PaperLocator(min_compactness=0.0, min_rectangularity=0.0)):
+        assert_same(locator(frames, SHAPE), locator(whole(sensor), SHAPE))
+
+
+def test_a_shift_of_the_frame_shifts_the_corners_and_nothing_else() -> None:
+    for pitch, size in ((5.0, 60), (13.0, 120)):
+        crop = panel_frame(4, pitch, size)
+        shifts = [(0, 0), (1, 0), (3, 5), (7, 2), (64, 33)]
+        panels = PaperLocator()(whole(*[on_sensor(crop, *shift) for shift in shifts]), SHAPE)
+        moved = panels.corners_px - torch.tensor(shifts)[:, None]
+        torch.testing.assert_close(moved, panels.corners_px[:1].expand(5, 4, 2), rtol=0, atol=1e-9)
+        assert panels.score.unique().numel() == 1
+
+
+def test_a_frame_is_located_alone_as_in_company(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(5)
+    grey = [panel_frame(seed, pitch, 130) for seed, pitch in enumerate((3.2, 5.0, 7.2, 11.0, 14.0))]
+    grey += [rng.integers(0, 256, (130, 130), dtype=np.uint8), np.full((130, 130), 9, np.uint8)]
+    together = PaperLocator()(whole(*grey), SHAPE)
+    monkeypatch.setattr(location, "_PASS_PX", 1)
+    monkeypatch.setattr(location, "_SMALL_PASS_PX", 1)
+    monkeypatch.setattr(ladder, "_STEP_PAIRS", 1)
+    assert_same(together, PaperLocator()(whole(*grey), SHAPE))
+    for index, frame in enumerate(grey):
+        alone = PaperLocator()(whole(frame), SHAPE)
+        assert_same(alone, Panels(*(getattr(together, n)[index : index + 1] for n in Panels.__slots__)))
+
+
+@pytest.mark.parametrize("value", [0, 128, 255])
+def test_nothing_is_found_in_a_constant_frame(value: int) -> None:
+    panels = PaperLocator()(whole(np.full((50, 60), value, np.uint8)), SHAPE)
+    assert not panels.found.any()
+    assert panels.corners_px.abs().sum().item() == 0
+    assert (panels.score.item(), panels.candidates.item()) == (0.0, 0)
+
+
+def test_a_panel_that_is_off_is_found_only_by_its_contrast() -> None:
+    bits = np.zeros((8, 8), dtype=bool)
+    dark = grey_of(render(bits, 6.0, (84, 84), (42, 42), off=BACKGROUND))
+    pale = grey_of(render(bits, 6.0, (84, 84), (42, 42), off=OFF))
+    assert PaperLocator()(whole(dark, pale), SHAPE).found.tolist() == [False, True]
+
+
+@pytest.mark.parametrize("pitch", [3.1, 7.3])
+def test_one_led_is_no_panel(pitch: float) -> None:
+    bits = np.zeros((8, 8), dtype=bool)
+    bits[3, 4] = True
+    assert not PaperLocator()(whole(grey_of(render(bits, pitch, (84, 84), (42, 42)))), SHAPE).found.item()
+
+
+def test_a_panel_all_on_is_found_with_a_high_score() -> None:
+    grey = grey_of(render(np.ones((8, 8), dtype=bool), 6.0, (84, 84), (42, 42)))
+    panels = PaperLocator()(whole(grey), SHAPE)
+    assert panels.score.item() > 0.9
+    np.testing.assert_allclose(panels.corners_px[0], true_corners(6.0, (42, 42)), atol=1.5)
+
+
+def test_a_panel_cut_by_the_border_is_found_as_far_as_it_shows() -> None:
+    grey = np.zeros((60, 80), np.uint8)
+    grey[0:41, 0:40] = 200
+    panels = PaperLocator()(whole(grey), SHAPE)
+    assert panels.corners_px[0].tolist() == [[0, 0], [40, 0], [40, 41], [0, 41]]
+
+
+def test_a_panel_near_the_border_is_not_drawn_to_it() -> None:
+    grey = np.zeros((60, 80), np.uint8)
+    grey[3:43, 76 - 40 : 76] = 200
+    panels = PaperLocator()(whole(grey), SHAPE)
+    assert panels.corners_px[0].tolist() == [[36, 3], [76, 3], [76, 43], [36, 43]]
+    assert panels.score.item() == 1.0
+
+
+def test_of_two_equal_panels_the_first_in_raster_order_is_taken() -> None:
+    panel = panel_frame(6, 5.0, 60)
+    scene = on_sensor(panel, 20, 101)
+    scene[99:159, 241:301] = panel
+    panels = PaperLocator(quadrilateral="upright")(whole(scene, scene[:, ::-1].copy()), SHAPE)
+    alone = PaperLocator(quadrilateral="upright")(whole(panel), SHAPE)
+    assert panels.candidates.tolist() == [2, 2]
+    assert panels.score[0].item() >= alone.score.item()
+    torch.testing.assert_close(
+        panels.corners_px[0] - torch.tensor([241, 99]), alone.corners_px[0], rtol=0, atol=0
+    )
+    # Mirrored, the higher one is on the left.
+    assert panels.corners_px[1, 0, 0].item() < 240
+
+
+@pytest.mark.parametrize("pitch", [4.0, 7.0])
+@pytest.mark.parametrize("lamp", ["disc", "large disc", "tube"])
+def test_a_lamp_is_neither_chosen_nor_joined(pitch: float, lamp: str) -> None:
+    grey = []
+    for seed in range(8):
+        light = render(random_bits(np.random.default_rng(seed)), pitch, (110, 200), (50, 55))
+        if lamp == "tube":
+            cv2.rectangle(light, (125, 50), (190, 58), 12.0, -1)
+        else:
+            cv2.circle(light, (150, 55), 9 if lamp == "disc" else 24, 12.0, -1)
+        grey.append(grey_of(light))
+    panels = PaperLocator(quadrilateral="upright")(whole(*grey), SHAPE)
+    error = np.abs(panels.corners_px.numpy() - true_corners(pitch, (50, 55))).max((1, 2))
+    assert panels.found.all()
+    assert panels.candidates.tolist() == [1] * 8
+    assert error.max() < 3.0
+
+
+def test_noise_without_a_panel_passes_through() -> None:
+    rng = np.random.default_rng(7)
+    noise = rng.normal(100, 12, (4, 90, 120)).clip(0, 255).astype(np.uint8)
+    salt = np.where(rng.random((4, 90, 120)) < 0.003, 255, 100).astype(np.uint8)
+    panels = PaperLocator()(whole(*noise, *salt), SHAPE)
+    assert torch.isfinite(panels.corners_px).all()
+    assert torch.isfinite(panels.score).all()
+
+
+@pytest.mark.parametrize(("rows", "columns"), [(1, 1), (1, 20), (20, 1)])
+def test_points_and_lines_have_their_pixels_as_rectangle(rows: int, columns: int) -> None:
+    grey = np.zeros((30, 40), np.uint8)
+    grey[5 : 5 + rows, 7 : 7 + columns] = 255
+    every = PaperLocator(min_area_px=1, min_rectangularity=0.0, min_compactness=0.0)
+    panels = every(whole(grey), SHAPE)
+    x, y = 7 + columns, 5 + rows
+    assert panels.corners_px[0].tolist() == [[7, 5], [x, 5], [x, y], [7, y]]
+    assert 0 < panels.score.item() <= 1
+    assert not PaperLocator()(whole(grey), SHAPE).found.item()
+
+
+def test_limits_decide_what_is_a_candidate() -> None:
+    light = np.full((80, 80), BACKGROUND, np.float32)
+    cv2.circle(light, (40, 40), 20, 12.0, -1)
+    disc = whole(grey_of(light))
+    assert not PaperLocator()(disc, SHAPE).found.item()
+    lenient = PaperLocator(min_compactness=0.7)
+    assert lenient(disc, SHAPE).found.item()
+    assert not replace(lenient, min_rectangularity=0.9)(disc, SHAPE).found.item()
+    assert not replace(lenient, min_area_px=2000)(disc, SHAPE).found.item()
+
+
+def test_floating_frames_are_rounded_and_clamped() -> None:
+    grey = panel_frame(8, 5.0)
+    expected = PaperLocator()(whole(grey), SHAPE)
+    shifted = torch.from_numpy(grey).double() + torch.rand(84, 84).double() * 0.9 - 0.45
+    shifted[grey == 255] += 50
+    for dtype in (torch.float64, torch.float32):
+        assert_same(PaperLocator()(Frames.whole(shifted.to(dtype)[None]), SHAPE), expected)
+
+
+def test_no_frames_give_no_panels() -> None:
+    panels = PaperLocator()(Frames.whole(torch.zeros(0, 1, 9, 9, dtype=torch.uint8)), SHAPE)
+    assert len(panels.found) == 0
+
+
+def test_frames_that_are_no_grey_values_are_refused() -> None:
+    with pytest.raises(VoccError, match="holds NaN"):
+        PaperLocator()(Frames.whole(torch.full((1, 4, 4), math.nan)), SHAPE)
+    with pytest.raises(VoccError, match=r"torch\.int64"):
+        PaperLocator()(Frames.whole(torch.zeros(1, 4, 4, dtype=torch.int64)), SHAPE)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("closing_px", 4),
+        ("closing_px", -1),
+        ("min_area_px", 0),
+        ("min_rectangularity", 1.1),
+        ("min_compactness", -0.1),
+        ("min_compactness", math.nan),
+        ("quadrilateral", "round"),
+    ],
+)
+def test_parameters_out_of_range_are_refused_by_name(name: str, value: object) -> None:
+    with pytest.raises(VoccError, match=f"location.{name} is "):
+        PaperLocator(**{name: value})  # type: ignore[arg-type]
+
+
+def test_stages_for_figures_equal_opencvs() -> None:
+    grey = panel_frame(9, 6.0)
+    stages = paper_stages(whole(grey))
+    threshold, mask = cv2.threshold(grey, 0, 1, cv2.THRESH_BINARY + cv2.THRESH_OTSU)
+    closed = cv2.morphologyEx(np.pad(mask, 11), cv2.MORPH_CLOSE, np.ones((11, 11), np.uint8))[11:-11, 11:-11]
+    assert stages.threshold.item() == threshold
+    np.testing.assert_array_equal(stages.mask[0, 0], mask.astype(bool))
+    np.testing.assert_array_equal(stages.closed[0, 0], closed.astype(bool))

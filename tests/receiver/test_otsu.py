@@ -1,0 +1,141 @@
+from __future__ import annotations
+
+from fractions import Fraction
+
+import cv2
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from vocc_torch.errors import VoccError
+from vocc_torch.receiver.otsu import histogram256, otsu_threshold, sensor_histogram
+from vocc_torch.types import Frames
+
+
+def opencv_threshold(grey: np.ndarray) -> int:
+    return int(cv2.threshold(grey, 0, 255, cv2.THRESH_BINARY + cv2.THRESH_OTSU)[0])
+
+
+def thresholds(grey: np.ndarray) -> list[int]:
+    return otsu_threshold(histogram256(torch.from_numpy(grey)[:, None])).tolist()
+
+
+def exact_threshold(counts: list[int]) -> int:
+    """Otsu's criterion in rational arithmetic; the lowest of the best."""
+    total, mass = sum(counts), sum(i * n for i, n in enumerate(counts))
+    best, best_value = 0, Fraction(-1)
+    below = below_mass = 0
+    for level, n in enumerate(counts):
+        below, below_mass = below + n, below_mass + level * n
+        if 0 < below < total:
+            between = Fraction((mass * below - below_mass * total) ** 2, below * (total - below))
+            if between > best_value:
+                best, best_value = level, between
+    return best
+
+
+@pytest.mark.parametrize("size", [(40, 50), (300, 300)])
+def test_histogram_equals_numpys_on_both_paths(size: tuple[int, int]) -> None:
+    rng = np.random.default_rng(1)
+    grey = rng.integers(0, 256, (3, *size), dtype=np.uint8)
+    grey[1] //= 3
+    expected = [np.bincount(frame.ravel(), minlength=256).tolist() for frame in grey]
+    assert histogram256(torch.from_numpy(grey)[:, None]).tolist() == expected
+
+
+def test_histogram_of_no_frames_is_empty() -> None:
+    assert histogram256(torch.zeros(0, 1, 4, 4, dtype=torch.uint8)).shape == (0, 256)
+
+
+def test_thresholds_equal_opencvs_on_dense_histograms() -> None:
+    rng = np.random.default_rng(2)
+    grey = np.stack(
+        [
+            np.clip(
+                np.where(
+                    rng.random((120, 120)) < rng.uniform(0.05, 0.6),
+                    rng.normal(rng.uniform(120, 230), rng.uniform(10, 30), (120, 120)),
+                    rng.normal(rng.uniform(40, 110), rng.uniform(10, 30), (120, 120)),
+                ),
+                0,
+                255,
+            ).astype(np.uint8)
+            for _ in range(60)
+        ]
+    )
+    assert thresholds(grey) == [opencv_threshold(frame) for frame in grey]
+
+
+def test_foreground_equals_opencvs_on_sparse_histograms() -> None:
+    # Between two bins all thresholds are equally good: there OpenCV may choose by the last digit of its sums.
+    rng = np.random.default_rng(3)
+    for _ in range(60):
+        levels = rng.choice(256, rng.integers(2, 7), replace=False).astype(np.uint8)
+        grey = rng.choice(levels, (1, 30, 40))
+        ours = grey[0] > thresholds(grey)[0]
+        np.testing.assert_array_equal(ours, grey[0] > opencv_threshold(grey[0]))
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.dictionaries(st.integers(0, 255), st.integers(1, 50), min_size=2, max_size=12))
+def test_threshold_is_the_lowest_exact_optimum(bins: dict[int, int]) -> None:
+    counts = [bins.get(level, 0) for level in range(256)]
+    assert otsu_threshold(torch.tensor([counts])).item() == exact_threshold(counts)
+
+
+def test_equally_good_thresholds_give_the_lowest() -> None:
+    grey = np.repeat(np.array([[10, 200]], dtype=np.uint8), 8, axis=0)[None]
+    assert thresholds(grey) == [10] == [opencv_threshold(grey[0])]
+
+
+@pytest.mark.parametrize("value", [0, 1, 128, 255])
+def test_constant_image_has_no_foreground(value: int) -> None:
+    assert thresholds(np.full((1, 5, 6), value, dtype=np.uint8)) == [value]
+
+
+def test_empty_histogram_gives_zero() -> None:
+    assert otsu_threshold(torch.zeros(1, 256, dtype=torch.int64)).tolist() == [0]
+
+
+def test_full_hd_counts_stay_exact() -> None:
+    # One pixel more or less must count among two million.
+    counts = torch.zeros(2, 256, dtype=torch.int64)
+    counts[:, 102], counts[:, 140], counts[:, 255] = 1920 * 1080 - 900, 500, 400
+    counts[1, 255] += 1
+    expected = [exact_threshold(row) for row in counts.tolist()]
+    assert otsu_threshold(counts).tolist() == expected
+
+
+def test_surround_counts_as_the_rest_of_the_sensor() -> None:
+    rng = np.random.default_rng(4)
+    full = np.full((3, 60, 80), 0, dtype=np.uint8)
+    surround = np.array([100, 7, 255])
+    full[:] = surround[:, None, None]
+    full[:, 20:40, 30:55] = rng.integers(0, 256, (3, 20, 25))
+    crop = Frames(
+        torch.from_numpy(full[:, None, 20:40, 30:55].copy()),
+        torch.tensor([[30, 20]] * 3),
+        (60, 80),
+        torch.tensor(surround),
+    )
+    whole = Frames.whole(torch.from_numpy(full))
+    torch.testing.assert_close(sensor_histogram(crop), sensor_histogram(whole), rtol=0, atol=0)
+
+
+def test_crop_without_surround_is_all_that_counts() -> None:
+    crop = Frames(torch.zeros(1, 1, 2, 3, dtype=torch.uint8), torch.zeros(1, 2, dtype=torch.int64), (9, 9))
+    assert sensor_histogram(crop).sum().item() == 6
+
+
+def test_a_crop_larger_than_its_sensor_is_refused() -> None:
+    grey = torch.zeros(1, 1, 5, 5, dtype=torch.uint8)
+    frames = Frames(grey, torch.zeros(1, 2, dtype=torch.int64), (4, 4), torch.tensor([3]))
+    with pytest.raises(VoccError, match="must fit the sensor"):
+        sensor_histogram(frames)
+
+
+def test_other_types_than_uint8_are_refused() -> None:
+    with pytest.raises(VoccError, match="float32"):
+        histogram256(torch.zeros(1, 1, 2, 2))

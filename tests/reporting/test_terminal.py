@@ -1,0 +1,152 @@
+"""The table in the terminal: numbers whole at every width, and plain where there is no terminal."""
+
+import io
+import re
+
+import pytest
+from made_up_points import made_up_point
+from hypothesis import given
+from hypothesis import strategies as st
+from rich.console import Console
+
+from vocc_torch.evaluation.counts import Counts
+from vocc_torch.evaluation.curve import BerTable, Point
+from vocc_torch.reporting.terminal import StudyView, interval_text, print_table, rate_text
+
+OURS = ["center_greyscale", "average_greyscale", "flda_agr", "flda_gri", "flda_2", "flda_3"]
+
+
+def console(width=80, terminal=False, encoding="utf-8"):
+    raw = io.BytesIO()
+    file = io.TextIOWrapper(raw, encoding=encoding, newline="", write_through=True)
+    made = Console(file=file, width=width, height=24, force_terminal=terminal, _environ={"TERM": "xterm"})
+    return made, lambda: raw.getvalue().decode(encoding)
+
+
+def crowd():
+    wrong = (150, 70, 40, 12, 4, 0)
+    values = (1000, 2000, 4000, 8000, 16000, 32000)
+    return BerTable([made_up_point(v, name, n) for v in values for name, n in zip(OURS, wrong, strict=True)])
+
+
+@pytest.mark.parametrize("width", [200, 100, 80, 66, 60, 44])
+def test_numbers_are_never_cut_and_no_line_is_too_long(width):
+    screen, text = console(width)
+    print_table(crowd(), screen)
+    lines = text().splitlines()
+    assert max(map(len, lines)) <= width
+    for row in crowd():
+        rate = f"< {rate_text(row.ber_high)}" if row.error_free else rate_text(row.ber)
+        assert len(re.findall(rf"(?<![\d.]){re.escape(rate)}\b", text())) >= 6
+    assert "\N{HORIZONTAL ELLIPSIS}" not in text()
+
+
+def test_six_receivers_with_intervals_fit_eighty_columns():
+    screen, text = console(80)
+    print_table(crowd(), screen)
+    row = crowd().of("flda_agr")[0]
+    assert text().count(interval_text(row.ber, row.ber_low, row.ber_high)) == 6
+
+
+def test_the_finished_table_is_plain_and_says_how_to_read_it(table):
+    screen, text = console()
+    print_table(table, screen)
+    assert "\x1b" not in text()
+    for part in ("2000 frames a point", "locator: truth", "95 %", "< 2.3e-5", "no errors"):
+        assert part in " ".join(text().split())
+
+
+def test_ascii_output_stays_ascii(table):
+    screen, text = console(encoding="ascii")
+    print_table(table, screen)
+    with StudyView("led_luminance_cd_m2", [1.0], ["flda_3"], 64, screen) as view:
+        view.finish([made_up_point(1, "flda_3", 2, axis="led_luminance_cd_m2")])
+    assert text().isascii()
+
+
+def test_without_a_terminal_each_finished_point_is_one_plain_line(table):
+    screen, text = console(width=40)
+    with StudyView("ambient_lx", table.values, table.receivers, 2000, screen) as view:
+        for value in table.values:
+            view.advance(1000)
+            view.show([made_up_point(value, "flda_3", 1)])
+            view.advance(1000)
+            view.finish([made_up_point(value, receiver, 5) for receiver in table.receivers])
+    lines = text().splitlines()
+    assert "\x1b" not in text()
+    assert len(lines) == 6
+    assert re.fullmatch(
+        r"ambient_lx=1000 flda_2: BER 7\.8e-5 \[\S+, \S+\], 2000 frames, stopped by frames", lines[0]
+    )
+
+
+def test_a_terminal_shows_the_bar_and_the_filling_table_and_is_left_clean():
+    screen, text = console(terminal=True)
+    with StudyView("ambient_lx", [1000.0, 2000.0], OURS, 128, screen) as view:
+        view.advance(64)
+        view.show([made_up_point(1000, name, 9) for name in OURS])
+        view._live.refresh()
+        view.advance(64)
+        view.finish([made_up_point(1000, name, 9) for name in OURS])
+        view._live.refresh()
+        during = text()
+    plain = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", during)
+    assert "25 %" in plain
+    assert "50 %" in plain
+    assert "ambient_lx 2000" in plain
+    assert rate_text(made_up_point(1000, "flda_3", 9).counts.ber) in plain
+    assert "\N{HORIZONTAL ELLIPSIS}" in plain
+    assert text().endswith("\x1b[2K") or "\x1b[?25h" in text()
+
+
+def test_the_view_ends_cleanly_when_the_study_fails():
+    screen, text = console(terminal=True)
+    with pytest.raises(RuntimeError, match="broken"), StudyView("x", [1.0], ["a"], 64, screen):
+        raise RuntimeError("broken")
+    assert "\x1b[?25h" in text()  # the cursor is back
+
+
+def test_frames_that_were_not_needed_leave_the_total():
+    screen, _ = console()
+    view = StudyView("ambient_lx", [1.0, 2.0, 3.0], ["flda_3"], 1000, screen)
+    task = view._progress.tasks[0]
+    view.advance(200)
+    view.finish([made_up_point(1, "flda_3", 5)])
+    assert (task.completed, task.total) == (200, 2200)
+    view.finish([made_up_point(2, "flda_3", 5)])  # all of it came from the ledger
+    assert (task.completed, task.total) == (200, 1200)
+    view.advance(1000)
+    view.finish([made_up_point(3, "flda_3", 5)])
+    assert task.percentage == 100
+
+
+def test_interim_points_without_frames_are_passed_over():
+    screen, text = console(terminal=True)
+    with StudyView("x", [1.0], ["a"], 64, screen) as view:
+        view.show([Point("d", "x", 1.0, "a", "truth", Counts(), "")])
+        view._live.refresh()
+    assert "\N{HORIZONTAL ELLIPSIS}" in text()
+
+
+def test_a_dumb_terminal_gets_plain_lines():
+    file = io.StringIO()
+    screen = Console(file=file, force_terminal=True, width=80, color_system=None, _environ={"TERM": "dumb"})
+    with StudyView("x", [1.0], ["a"], 64, screen) as view:
+        view.finish([made_up_point(1, "a", 5, axis="x")])
+    assert file.getvalue().startswith("x=1 a: BER 7.8e-5 [")
+    assert "\x1b" not in file.getvalue()
+
+
+@given(st.floats(1e-12, 1.0), st.floats(0.0, 1.0), st.floats(1.0, 100.0))
+def test_an_interval_reads_back_to_its_ends(rate, share, factor):
+    low, high = rate * share, rate * factor
+    numbers, exponent = re.fullmatch(r"(.*)e(-?\d+)", interval_text(rate, low, high)).groups()
+    unit = 10.0 ** int(exponent)
+    written = [float(number) * unit for number in numbers.split("-")]
+    assert written == pytest.approx([low, high], abs=0.51 * unit)
+
+
+def test_no_points_is_said():
+    screen, text = console()
+    print_table(BerTable(), screen)
+    assert text() == "No points were measured.\n"

@@ -1,0 +1,228 @@
+"""Where the panel is in each frame: the paper's locator (section IV-B-2, Fig. 18) at every scale."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import get_args
+
+import torch
+from torch import Tensor
+
+from vocc_torch.errors import VoccError
+from vocc_torch.receiver.ladder import Choice, Quadrilateral, Search, climb
+from vocc_torch.receiver.morphology import close_mask
+from vocc_torch.receiver.otsu import otsu_threshold, sensor_histogram
+from vocc_torch.types import Frames, Panels, PanelShape
+
+# Most pixels in one pass, to bound the memory; passes below the small size are not worth parting further.
+_PASS_PX = 1 << 21
+_SMALL_PASS_PX = 1 << 18
+
+
+@dataclass(frozen=True, slots=True)
+class Stages:
+    """What the locator computes on its way, for figures.
+
+    Args:
+        threshold: (B,) int64, Otsu's threshold.
+        mask: (B,1,H,W) bool, the foreground.
+        closed: (B,1,H,W) bool, the foreground closed at the first level.
+    """
+
+    threshold: Tensor
+    mask: Tensor
+    closed: Tensor
+
+
+def quantised(grey: Tensor) -> Tensor:
+    """Round floating grey values to uint8, clamped to 0 to 255; uint8 passes as it is.
+
+    Raises:
+        VoccError: a value is NaN, or ``grey`` is of another type.
+
+    Example:
+        >>> quantised(torch.tensor([-3.0, 99.6, 300.0])).tolist()
+        [0, 100, 255]
+    """
+    if grey.dtype == torch.uint8:
+        return grey
+    if not grey.is_floating_point():
+        raise VoccError(f"frames.grey is {grey.dtype}: it must be torch.uint8 or floating")
+    if bool(grey.isnan().any()):
+        raise VoccError("frames.grey holds NaN: it must be grey values, 0 to 255")
+    return grey.round().clamp(0, 255).to(torch.uint8)
+
+
+def paper_stages(frames: Frames, closing_px: int = 11) -> Stages:
+    """Compute the threshold, the mask and the closed mask of each frame, for figures.
+
+    Example:
+        >>> stages = paper_stages(Frames.whole(torch.tensor([[[0, 9, 0, 9, 0]]], dtype=torch.uint8)), 3)
+        >>> stages.threshold.tolist(), stages.closed.int().flatten().tolist()
+        ([0], [0, 1, 1, 1, 0])
+    """
+    exact = _exact(frames)
+    threshold = otsu_threshold(sensor_histogram(exact))
+    mask = exact.grey > threshold.view(-1, 1, 1, 1)
+    return Stages(threshold, mask, close_mask(mask, closing_px))
+
+
+@dataclass(frozen=True, slots=True)
+class PaperLocator:
+    """Find the panel as the paper does: Otsu, closing, components, blob analysis, convex hull, quadrilateral.
+
+    Blobs below a limit are dropped. Of the others the best by ``rectangularity x compactness x proportion^2``
+    (see :mod:`vocc_torch.receiver.blobs`) is the panel, of equals the first in raster order;
+    ``Panels.candidates`` says how many there were. Nothing is found where none is left.
+
+    One closing serves one LED pitch, so there is a ladder. At level n the mask is halved n times (block
+    maxima, laid from the foreground's own top left corner), closed with the same square and labelled. A
+    closing only decides which pixels belong together: hulls and rectangles always come from the mask's own
+    pixels, and from one level to the next components only merge. Every frame starts at level 0. It climbs
+    where
+
+    - it has several components, and the blob chosen so far holds less than 99 % of the foreground; or
+    - the closing, ``closing_px * 2^n``, spans less than 1.4 LED pitches of the level's best blob, or less
+      than 3 while no blob that holds 99 % is chosen; the pitch is the root of rectangle area / LEDs;
+
+    and the closing is still smaller than the foreground's bounding box. The best blob of the next level then
+
+    - replaces a chosen blob that it holds, and more, at no less than 0.75 of the best score so far: fragments
+      of a panel may look like panels, but two panels, or a panel and a lamp, together do not;
+    - replaces the same blob, closed further, at no less than its score;
+    - replaces any other blob at a higher score.
+
+    Objects nearer to the panel than the first closing cannot be parted; a low score tells of them. The sensor
+    is taken to be surrounded by background. Floating frames are rounded for location only.
+
+    Args:
+        closing_px: side of the closing's square, px, odd, at least 1; 1.5 times the greatest LED pitch
+            expected at level 0.
+        min_area_px: least area of a closed blob, px^2, at least 1.
+        min_rectangularity: least rectangularity, 0 to 1.
+        min_compactness: least compactness, 0 to 1; for a square panel discs have 0.785 to 0.805, panels of
+            random bits more than 0.82.
+        quadrilateral: ``min_area``, the minimum-area rectangle, or ``upright``, the bounding box.
+
+    Raises:
+        VoccError: a parameter out of its range.
+
+    Example:
+        >>> grey = torch.zeros(1, 1, 40, 60, dtype=torch.uint8)
+        >>> grey[:, :, 10:30, 15:35] = 200
+        >>> panels = PaperLocator()(Frames.whole(grey), PanelShape(8, 8))
+        >>> panels.corners_px[0].tolist(), panels.score.item(), panels.candidates.item()
+        ([[15.0, 10.0], [35.0, 10.0], [35.0, 30.0], [15.0, 30.0]], 1.0, 1)
+    """
+
+    closing_px: int = 11
+    min_area_px: int = 100
+    min_rectangularity: float = 0.5
+    min_compactness: float = 0.81
+    quadrilateral: Quadrilateral = "min_area"
+
+    def __post_init__(self) -> None:
+        """Refuse parameters out of their range."""
+        if self.closing_px < 1 or self.closing_px % 2 == 0:
+            raise VoccError(f"location.closing_px is {self.closing_px}: it must be odd and at least 1")
+        if self.min_area_px < 1:
+            raise VoccError(f"location.min_area_px is {self.min_area_px}: it must be at least 1")
+        for name in ("min_rectangularity", "min_compactness"):
+            if not 0 <= getattr(self, name) <= 1:
+                raise VoccError(f"location.{name} is {getattr(self, name)}: it must be 0 to 1")
+        if self.quadrilateral not in get_args(Quadrilateral):
+            allowed = " or ".join(get_args(Quadrilateral))
+            raise VoccError(f"location.quadrilateral is {self.quadrilateral!r}: it must be {allowed}")
+
+    @torch.no_grad()
+    def __call__(self, frames: Frames, shape: PanelShape) -> Panels:
+        """Locate the panel of ``shape`` in each frame; zero corners and score where there is none.
+
+        Raises:
+            VoccError: grey values that are neither uint8 nor floating, or NaN.
+        """
+        exact = _exact(frames)
+        threshold = otsu_threshold(sensor_histogram(exact))
+        dark = threshold
+        bright: list[int] = []
+        if exact.surround is not None:
+            lit = exact.surround.round() > threshold
+            dark, bright = threshold.masked_fill(lit, 255), lit.nonzero()[:, 0].tolist()
+        choice = self._locate(exact, dark, shape)
+        for index in bright:
+            one = slice(index, index + 1)
+            choice.put(torch.tensor([index]), self._locate(_on_sensor(exact[one]), threshold[one], shape))
+        return Panels(choice.corners_px, choice.score > 0, choice.score, choice.candidates)
+
+    def _locate(self, frames: Frames, threshold: Tensor, shape: PanelShape) -> Choice:
+        """Choose the blobs of uint8 frames whose surround is background, with corners on the sensor."""
+        choice = Choice.none(len(frames), frames.grey.device)
+        search = Search(**asdict(self))
+        boxes = _foreground_boxes(frames.grey, threshold)
+        for rows, width, height in _passes(boxes):
+            mask = _cut(frames.grey, threshold, boxes, rows, width, height)
+            part = climb(mask, shape, search)
+            place = (boxes[rows, :2] + frames.origin_px[rows].to(boxes))[:, None]
+            part.corners_px = torch.where((part.score > 0)[:, None, None], part.corners_px + place, 0.0)
+            choice.put(rows, part)
+        return choice
+
+
+def _exact(frames: Frames) -> Frames:
+    """Give the frames in uint8."""
+    return Frames(quantised(frames.grey), frames.origin_px, frames.sensor_px, frames.surround)
+
+
+def _on_sensor(crop: Frames) -> Frames:
+    """Fill one crop up to its whole sensor with its surround."""
+    assert crop.surround is not None
+    level = int(crop.surround.round().clamp(0, 255))
+    grey = torch.full((1, 1, *crop.sensor_px), level, dtype=torch.uint8, device=crop.grey.device)
+    x, y = crop.origin_px[0].tolist()
+    height, width = crop.grey.shape[-2:]
+    grey[..., y : y + height, x : x + width] = crop.grey
+    return Frames.whole(grey)
+
+
+def _foreground_boxes(grey: Tensor, threshold: Tensor) -> Tensor:
+    """Bound the pixels above the thresholds: (B,4) left, top, width, height; zeros where there are none."""
+    if not grey.numel():
+        return torch.zeros(grey.shape[0], 4, dtype=torch.int64, device=grey.device)
+    ends = []
+    for axis in (-2, -1):
+        # Maxima of bytes first: comparing them all would write a mask as large as the frames.
+        lit = (grey.amax(axis)[:, 0] > threshold[:, None]).to(torch.uint8)
+        first, length = lit.argmax(1), lit.shape[1]
+        ends.append((first, (length - lit.flip(1).argmax(1) - first) * lit.amax(1)))
+    (left, width), (top, height) = ends
+    return torch.stack([left, top, width, height], 1)
+
+
+def _passes(boxes: Tensor) -> list[tuple[Tensor, int, int]]:
+    """Part the frames with foreground, sorted by its box, in passes: indices, common width and height."""
+    area = boxes[:, 2] * boxes[:, 3]
+    order = area.argsort(stable=True)
+    order = order[area[order] > 0]
+    sizes = boxes[order, 2:].tolist()
+    passes: list[tuple[Tensor, int, int]] = []
+    begin = width = height = own = 0
+    for index, (wide, high) in enumerate(sizes):
+        padded = (index + 1 - begin) * max(width, wide) * max(height, high)
+        if index > begin and padded > min(_PASS_PX, max(_SMALL_PASS_PX, 4 * (own + wide * high))):
+            passes.append((order[begin:index], width, height))
+            begin, width, height, own = index, 0, 0, 0
+        width, height, own = max(width, wide), max(height, high), own + wide * high
+    if sizes:
+        passes.append((order[begin:], width, height))
+    return passes
+
+
+def _cut(grey: Tensor, threshold: Tensor, boxes: Tensor, rows: Tensor, width: int, height: int) -> Tensor:
+    """Threshold the boxes of some frames into masks of a common size (b,height,width), background beyond."""
+    down = torch.arange(height, device=grey.device)
+    right = torch.arange(width, device=grey.device)
+    y, x = boxes[rows, 1, None] + down, boxes[rows, 0, None] + right
+    inside_y, inside_x = y < grey.shape[-2], x < grey.shape[-1]
+    y, x = y.clamp(max=grey.shape[-2] - 1), x.clamp(max=grey.shape[-1] - 1)
+    values = grey[rows[:, None, None], 0, y[:, :, None], x[:, None, :]]
+    return (values > threshold[rows, None, None]) & inside_y[:, :, None] & inside_x[:, None, :]

@@ -1,0 +1,98 @@
+"""What every figure shares: size, colours, quiet axes, titles and its pixels; no pyplot, no global state."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from vocc_torch.errors import VoccError
+from vocc_torch.reporting.atomic import atomic_file
+
+INK, QUIET, GRID, FINE_GRID = "#222222", "#5F6368", "#E3E6EA", "#F1F3F5"
+_DPI = 120
+
+
+def new_figure(width_in: float, height_in: float) -> Figure:
+    """Make an empty white figure of 120 pixels an inch.
+
+    Args:
+        width_in: width, inches.
+        height_in: height, inches.
+
+    Example:
+        >>> new_figure(10, 5).get_dpi()
+        120
+    """
+    return Figure(figsize=(width_in, height_in), dpi=_DPI, facecolor="white")
+
+
+def quiet_axes(axes: Axes) -> None:
+    """Leave the two lines that carry ticks, in grey, with the data above the grid.
+
+    Args:
+        axes: the axes to change.
+    """
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.spines[["left", "bottom"]].set_color(QUIET)
+    axes.tick_params(which="both", color=QUIET, labelcolor=INK, labelsize=10.5)
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.label.set_color(INK)
+        axis.label.set_fontsize(12)
+    axes.set_axisbelow(True)
+
+
+def write_title(figure: Figure, title: str, footnote: str = "") -> None:
+    """Write the title above and the footnote below, both at the left.
+
+    Args:
+        figure: the figure to write on.
+        title: what the figure shows.
+        footnote: what it rests on.
+    """
+    height = figure.get_figheight()
+    figure.text(0.018, 1 - 0.16 / height, title, fontsize=15, fontweight="bold", color=INK, va="top")
+    figure.text(0.018, 0.12 / height, footnote, fontsize=9.5, color=QUIET, va="bottom", linespacing=1.45)
+
+
+def save_figure(figure: Figure, path: str | Path) -> None:
+    """Write a figure as an image, whole or not at all; the suffix names the format.
+
+    Args:
+        figure: any Matplotlib figure.
+        path: the file, replaced whole: ``.png``, ``.pdf`` or ``.svg``.
+
+    Raises:
+        VoccError: an unknown format, or the file cannot be written.
+
+    Example:
+        >>> save_figure(new_figure(1, 1), "figure.xyz")
+        Traceback (most recent call last):
+        ...
+        vocc_torch.errors.VoccError: figure.xyz has no known image format: use .png, .pdf or .svg
+    """
+    if Path(path).suffix not in (".png", ".pdf", ".svg"):
+        raise VoccError(f"{path} has no known image format: use .png, .pdf or .svg")
+    with atomic_file(path) as temporary:
+        figure.savefig(temporary, dpi=figure.dpi)
+
+
+def figure_pixels(figure: Figure) -> NDArray[np.uint8]:
+    """Draw a figure into memory.
+
+    Returns:
+        (H,W,3) uint8, red, green, blue.
+
+    Example:
+        >>> figure_pixels(new_figure(2, 1)).shape
+        (120, 240, 3)
+    """
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="rgba", dpi=figure.dpi)
+    width, height = figure.canvas.get_width_height()
+    rgba = np.frombuffer(buffer.getvalue(), dtype=np.uint8).reshape(height, width, 4)
+    return np.ascontiguousarray(rgba[..., :3])

@@ -1,0 +1,57 @@
+"""Sample frames with the located panel and the decided bits drawn in."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from vocc_torch.receiver.receiver import Receiver
+from vocc_torch.studies.decode import Reading, annotated
+from vocc_torch.studies.link import Link, block_keys
+from vocc_torch.studies.plan import Plan
+from vocc_torch.studies.recording import RecordedFrame
+from vocc_torch.studies.sweep import monte_carlo_values, point_name
+
+SAMPLES = 4
+"""Frames drawn for each point."""
+SCALE = 6
+"""Enlargement: a panel is some 30 pixels wide."""
+
+
+def sample_frames(plan: Plan, receiver: Receiver) -> dict[str, NDArray[np.uint8]]:
+    """Draw the first frames of each point, plain above and annotated below.
+
+    Args:
+        plan: the study.
+        receiver: decides the bits that are drawn; where the study takes the true corners, so does it.
+
+    Returns:
+        Point name to picture, (H,W,3) uint8.
+    """
+    link, pictures = Link.of(plan), {}
+    receiver = receiver.to(link.simulator.device)
+    for value in monte_carlo_values(plan):
+        name, model = point_name(plan.experiment, value), plan.experiment.model_at(plan.world, value)
+        keys = block_keys(plan.seed, name, SAMPLES)
+        seen = next(Link(link.simulator, link.locator, link.reader, SAMPLES).observe(model, keys, preambles=False))
+        read = receiver(seen.frames, seen.panels)
+        rows = []
+        for i in range(len(seen.frames)):
+            grey = seen.frames.grey[i, 0].round().clamp(0, 255).byte().cpu().numpy()
+            colour = np.repeat(grey[..., None], 3, axis=2)
+            corners = (read.corners_px[i] - seen.frames.origin_px[i]).cpu().numpy()
+            reading = Reading(
+                frame=RecordedFrame(name, i, None, colour, grey),
+                found=bool(read.found[i]),
+                corners_px=corners,
+                bits=read.bits[i].cpu().numpy(),
+                margin=0.0,
+                panel_score=float(read.panel_score[i]),
+                candidates=int(read.candidates[i]),
+            )
+            size = (colour.shape[1] * SCALE, colour.shape[0] * SCALE)
+            plain = Image.fromarray(colour).resize(size, Image.Resampling.NEAREST)
+            rows.append(np.concatenate([np.asarray(plain), np.asarray(annotated(reading, SCALE))]))
+        pictures[name] = np.concatenate(rows, axis=1)
+    return pictures

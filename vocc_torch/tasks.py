@@ -1,0 +1,158 @@
+"""What each task does and writes: studies and reports put together."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from rich.console import Console
+
+from vocc_torch.assembly import build_plan
+from vocc_torch.config import AppConfig, as_yaml
+from vocc_torch.errors import VoccError
+from vocc_torch.evaluation.curve import BerTable, Point
+from vocc_torch.files import write_atomically
+from vocc_torch.receiver.features import FEATURE_NAMES
+from vocc_torch.reporting.csv_file import write_table
+from vocc_torch.reporting.plots import ber_figure, feature_histograms, save_figure
+from vocc_torch.reporting.styles import axis_label
+from vocc_torch.reporting.tensorboard import board_hint, write_board
+from vocc_torch.reporting.terminal import StudyView, print_table
+from vocc_torch.studies.decode import Reading, annotated, bits_csv, decode, receiver_for, save_picture
+from vocc_torch.studies.gallery import sample_frames
+from vocc_torch.studies.link import Link
+from vocc_torch.studies.plan import Plan
+from vocc_torch.studies.sweep import axis_values, frames_in_point, monte_carlo_values, sweep_point
+from vocc_torch.studies.train import Training, train, trained_receiver
+
+
+def run_train(settings: AppConfig, folder: Path) -> None:
+    """Train FLDA and write the receiver."""
+    plan, console = build_plan(settings, folder), Console()
+    training = _train(plan, console)
+    _write_training(settings, plan, training, folder)
+    console.print(f"receiver  {folder / 'receiver.pt'}", soft_wrap=True, highlight=False)
+
+
+def run_test(settings: AppConfig, folder: Path) -> None:
+    """Train, measure bit error rates along the experiment's axis, and report them."""
+    plan, console = build_plan(settings, folder), Console()
+    _prepare(folder)
+    training = _train(plan, console)
+    table = BerTable(_sweep(plan, training, console))
+    if not len(table):
+        raise VoccError("experiment.values: no frame fell into any contrast bin: widen the bins or the scenes")
+    _write_training(settings, plan, training, folder)
+    write_table(folder / "ber.csv", table)
+    figure = ber_figure(table, axis_label(table.axis), _title(plan))
+    save_figure(figure, folder / "ber.png")
+    histograms = feature_histograms(training.features, training.bits, [name.upper() for name in FEATURE_NAMES])
+    save_figure(histograms, folder / "features.png")
+    pictures = sample_frames(plan, trained_receiver(plan, training))
+    if settings.tensorboard:
+        figures = {"BER": figure, "features by status": histograms}
+        write_board(folder / "tensorboard", table, figures, pictures, {"configuration": _as_markdown(settings)})
+    print_table(table, console)
+    _print_places(console, settings, folder)
+
+
+def run_decode(settings: AppConfig, folder: Path) -> None:
+    """Decode a recording and write its bits and annotated pictures.
+
+    Raises:
+        VoccError: no input, or an input without a panel.
+    """
+    if settings.input is None:
+        raise VoccError("input is null: task=decode needs input=PICTURE, a folder of pictures or a video")
+    if not 1 <= settings.decode.scale <= 16:
+        raise VoccError(f"decode.scale is {settings.decode.scale}: it must be from 1 to 16")
+    source, console = Path(settings.input), Console()
+    if not source.exists():
+        raise VoccError(f"input {source} does not exist: give a picture, a folder of pictures or a video")
+    plan = build_plan(settings, folder)
+    receiver = receiver_for(plan, None if settings.model is None else Path(settings.model))
+    rows, found, best = [], 0, None
+    for reading in decode(receiver, source, settings.decode.channel):  # type: ignore[arg-type]  # checked there
+        rows.append(reading.row())
+        found += reading.found
+        if reading.found and settings.decode.annotate and reading.frame.time_s is None:
+            picture = annotated(reading, settings.decode.scale)
+            save_picture(picture, folder / "annotated" / f"{Path(reading.frame.source).stem}.png")
+        best = reading if reading.found and (best is None or reading.margin > best.margin) else best
+    if best is None:
+        hint = "see receiver.location for the locator's limits, and decode.channel for coloured LEDs"
+        raise VoccError(f"input {source} shows no panel in {len(rows)} of {len(rows)} frames: {hint}")
+    write_atomically(folder / "bits.csv", bits_csv(rows))
+    write_atomically(folder / "config.yaml", as_yaml(settings).encode())
+    if settings.model is None:
+        receiver.save(folder / "receiver.pt")
+    _show_bits(console, best, f"{found} of {len(rows)} frames show a panel")
+    console.print(f"bits      {folder / 'bits.csv'}", soft_wrap=True, highlight=False)
+
+
+def _prepare(folder: Path) -> None:
+    """Refuse a folder that already holds results, before any work is done."""
+    if (folder / "ber.csv").exists():
+        raise VoccError(f"name: {folder} already holds ber.csv: give another name=, or delete the folder")
+
+
+def _train(plan: Plan, console: Console) -> Training:
+    """Train under a spinner, and say what was learnt from."""
+    with console.status(f"training on {plan.budget.training_frames} frames"):
+        training = train(plan)
+    missed = f", {training.missed} without a located panel left out" if training.missed else ""
+    console.print(f"trained on {training.frames} frames{missed}", highlight=False)
+    return training
+
+
+def _sweep(plan: Plan, training: Training, console: Console) -> list[Point]:
+    """Measure every point under a live view."""
+    link, points = Link.of(plan), []
+    values = axis_values(plan.experiment)
+    frames = frames_in_point(plan)
+    with StudyView(plan.experiment.axis, values, plan.receiver.names, frames, console) as view:
+        for value in monte_carlo_values(plan):
+            measured = sweep_point(plan, link, training.flda, value, view.advance, view.show)
+            view.finish(measured)
+            points += measured
+    return points
+
+
+def _write_training(settings: AppConfig, plan: Plan, training: Training, folder: Path) -> None:
+    """Write the receiver and the configuration it came from."""
+    trained_receiver(plan, training).save(folder / "receiver.pt")
+    write_atomically(folder / "config.yaml", as_yaml(settings).encode())
+
+
+def _title(plan: Plan) -> str:
+    """Say what the BER figure shows."""
+    camera, panel = plan.world.camera, plan.world.panel.shape
+    seen = f"{panel.rows} × {panel.columns} LEDs, {camera.focal_length_mm:g} mm lens"
+    return f"Bit error rate, experiment “{plan.experiment.name}”: {seen}"
+
+
+def _as_markdown(settings: AppConfig) -> str:
+    """The configuration as TensorBoard shows text."""
+    return "```yaml\n" + as_yaml(settings) + "\n```"
+
+
+def _print_places(console: Console, settings: AppConfig, folder: Path) -> None:
+    """Say where the results are."""
+    for name, what in (("ber.csv", "table"), ("ber.png", "figure"), ("receiver.pt", "receiver")):
+        console.print(f"{what:<9} {folder / name}", soft_wrap=True, highlight=False)
+    if settings.tensorboard:
+        console.print(f"board     {board_hint(folder / 'tensorboard')}", soft_wrap=True, highlight=False)
+
+
+def _show_bits(console: Console, reading: Reading, summary: str) -> None:
+    """Print the bits as they sit on the panel."""
+    plain = console.options.ascii_only
+    on, off = ("#", ".") if plain else ("●", "·")
+    for row in reading.bits:
+        console.print("  " + " ".join(on if bit else off for bit in row), highlight=False)
+    console.print(reading.text, soft_wrap=True, highlight=False)
+    others = f"; {reading.candidates} blobs could have been the panel" if reading.candidates > 1 else ""
+    where = reading.frame.source + ("" if reading.frame.time_s is None else f", frame {reading.frame.index}")
+    console.print(f"{where}: least margin {reading.margin:.3g}{others}; {summary}", soft_wrap=True, highlight=False)
