@@ -1,8 +1,8 @@
 """The whole link against the NumPy/OpenCV peer: the same scenes, simulated and decoded, in one run.
 
-Rounds of the variants are interleaved, so that a busy spell of the machine hits all of them; medians over the rounds are
-compared, with their spread. Both sides use as many threads as ``--threads`` says. The share of bits on which the two
-sides agree is printed too, since a fast wrong answer is worth nothing.
+Rounds of the variants are interleaved, so that a busy spell of the machine hits all of them; medians over
+the rounds are compared, with their spread. Both sides use as many threads as ``--threads`` says. The share
+of bits on which the two sides agree is printed too, since a fast wrong answer is worth nothing.
 
     python benchmarks/link.py --frames 256 --rounds 7 --threads 2
 """
@@ -114,7 +114,9 @@ def peer(full: bool, scene: Scene, bits: torch.Tensor, flda: FLDA) -> Variant:
             decided.append(empty if corners is None else decide(features, direction, threshold))
             t.append(time.perf_counter())
             spent["render"] += t[1] - t[0]
-            spent["locate"] += t[2] - t[1]  # the peer's reading is one function: location and features together
+            spent["locate"] += (
+                t[2] - t[1]
+            )  # the peer's reading is one function: location and features together
             spent["decide"] += t[3] - t[2]
         return spent, np.stack(decided)
 
@@ -125,19 +127,24 @@ def report(variants: list[Variant], baseline: str) -> None:
     """Print the table of medians and the ratios to the baseline."""
     reference = next(v for v in variants if v.name == baseline)
     base = statistics.median(reference.frames_per_second())
-    print("| program | frames/s, median (min to max) | ratio | " + " | ".join(f"{s}, ms" for s in STAGES) + " |")
+    print(
+        "| program | frames/s, median (min to max) | ratio | " + " | ".join(f"{s}, ms" for s in STAGES) + " |"
+    )
     print("|---|---|---|" + "---|" * len(STAGES))
     for v in variants:
         fps = v.frames_per_second()
         ms = [1e3 * statistics.median(r[s] / v.frames for r in v.rounds) for s in STAGES]
         cells = " | ".join(f"{m:.3f}" for m in ms)
         median = statistics.median(fps)
-        print(f"| {v.name} | {median:.0f} ({min(fps):.0f} to {max(fps):.0f}) | {median / base:.2f} | {cells} |")
+        print(
+            f"| {v.name} | {median:.0f} ({min(fps):.0f} to {max(fps):.0f}) | {median / base:.2f} | {cells} |"
+        )
     for v in variants:
         assert v.bits is not None
         assert reference.bits is not None
         shared = min(len(v.bits), len(reference.bits))
-        print(f"bits equal to the baseline's, {v.name}: {(v.bits[:shared] == reference.bits[:shared]).mean():.5f}")
+        equal = (v.bits[:shared] == reference.bits[:shared]).mean()
+        print(f"bits equal to the baseline's, {v.name}: {equal:.5f}")
 
 
 def main() -> None:
@@ -168,7 +175,9 @@ def main() -> None:
             for variant in variants:
                 spent, variant.bits = variant.run(variant.frames)
                 variant.rounds.append(spent)
-    print(f"{platform.machine()}, {args.threads} threads, torch {torch.__version__}, OpenCV {cv2.__version__}\n")
+    print(
+        f"{platform.machine()}, {args.threads} threads, torch {torch.__version__}, OpenCV {cv2.__version__}\n"
+    )
     report(variants, variants[0].name)
 
 

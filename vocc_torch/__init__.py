@@ -1,7 +1,7 @@
 """Vehicular optical camera communication as a batched PyTorch pipeline.
 
-The names below are imported when they are first used, so that the command line answers ``--help`` without loading
-torch.
+The names below are imported when they are first used, so that the command line answers ``--help`` without
+loading torch.
 """
 
 from __future__ import annotations
@@ -36,7 +36,18 @@ _HOMES = {
     "VoccError": "vocc_torch.errors",
 }
 
-__all__ = ["FLDA", "Camera", "Frames", "LedPanel", "PanelShape", "Panels", "Receiver", "Scene", "Simulator", "VoccError"]
+__all__ = [
+    "FLDA",
+    "Camera",
+    "Frames",
+    "LedPanel",
+    "PanelShape",
+    "Panels",
+    "Receiver",
+    "Scene",
+    "Simulator",
+    "VoccError",
+]
 
 
 def __getattr__(name: str) -> object:

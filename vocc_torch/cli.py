@@ -36,11 +36,13 @@ def run_task(settings: AppConfig, folder: Path) -> None:
     # torch is imported here and not above, so that --help and misspelled keys answer at once.
     from vocc_torch import tasks
 
-    {"train": tasks.run_train, "test": tasks.run_test, "decode": tasks.run_decode}[settings.task](settings, folder)
+    {"train": tasks.run_train, "test": tasks.run_test, "decode": tasks.run_decode}[settings.task](
+        settings, folder
+    )
 
 
 def _discard_if_empty(folder: Path) -> None:
-    """Remove a run's folder that holds nothing but Hydra's own notes, and the folders above that it leaves empty."""
+    """Remove a run's folder that holds only Hydra's own notes, and the folders above that it leaves empty."""
     if not folder.is_dir() or any(entry.name != ".hydra" for entry in folder.iterdir()):
         return
     shutil.rmtree(folder, ignore_errors=True)

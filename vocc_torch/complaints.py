@@ -33,13 +33,13 @@ def _unknown_key(key: str) -> str:
 
 
 def one_line(error: BaseException) -> str:
-    """Say in one line what Hydra refused.
+    r"""Say in one line what Hydra refused.
 
     Args:
         error: an error of Hydra or OmegaConf; its cause is read too.
 
     Example:
-        >>> one_line(ValueError("Could not override 'sede'.\\nKey 'sede' is not in struct"))
+        >>> one_line(ValueError("Could not override 'sede'.\nKey 'sede' is not in struct"))
         'sede is not a known key: did you mean seed?'
     """
     text = "\n".join(str(e) for e in (error, error.__cause__) if e is not None)
@@ -48,12 +48,14 @@ def one_line(error: BaseException) -> str:
         listed = re.search(rf"Available options in '{group}':\s*\n((?:\s+.+\n?)+)", text)
         allowed = ", ".join(listed.group(1).split()) if listed else "none"
         return f"{group} is '{option}': it must be one of {allowed}"
-    if match := re.search(r"Could not (?:override|delete from config\.?) '?([\w.@/]+)'?", text):
-        if "is not in struct" in text or "not in '" in text or "does not exist" in text:
-            return _unknown_key(match.group(1))
+    match = re.search(r"Could not (?:override|delete from config\.?) '?([\w.@/]+)'?", text)
+    if match and re.search(r"is not in struct|not in '|does not exist", text):
+        return _unknown_key(match.group(1))
     if match := re.search(r"Key '(\w+)' (?:is )?not in '(\w+)'[\s\S]*?full_key: ([\w.]+)", text):
         return _unknown_key(match.group(3))
-    if match := re.search(r"Value '([^']*)'.*?could not be converted to (\w+)[\s\S]*?full_key: ([\w.\[\]]+)", text):
+    if match := re.search(
+        r"Value '([^']*)'.*?could not be converted to (\w+)[\s\S]*?full_key: ([\w.\[\]]+)", text
+    ):
         value, kind, key = match.groups()
         names = {"Integer": "a whole number", "Float": "a number", "Boolean": "true or false"}
         return f"{key} is '{value}': it must be {names.get(kind, kind)}"

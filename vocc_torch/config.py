@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field
-from pathlib import Path
 from typing import Any
 
-import yaml
 from hydra.core.config_store import ConfigStore
 from omegaconf import MISSING, DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
@@ -149,17 +147,19 @@ def resolved(config: DictConfig) -> AppConfig:
     except OmegaConfBaseException as error:
         raise VoccError(" ".join(str(error).split())) from None
     if not isinstance(settings, AppConfig):
-        raise VoccError("the configuration does not follow the schema: keep `schema` first in conf/config.yaml")
+        raise VoccError(
+            "the configuration does not follow the schema: keep `schema` first in conf/config.yaml"
+        )
     return settings
 
 
 def as_yaml(settings: AppConfig) -> str:
     """Write the resolved configuration as YAML text."""
-    return yaml.safe_dump(asdict(settings), sort_keys=False)
+    return OmegaConf.to_yaml(OmegaConf.create(asdict(settings)))
 
 
 def effect_settings(effects: dict[str, Any]) -> dict[str, Any]:
-    """Check that the effects are a mapping of mappings; their names and parameters are checked where they are built.
+    """Check that the effects are a mapping of mappings; the registry checks names and parameters.
 
     Example:
         >>> effect_settings({"blooming": {"sigma_px": 1.5}})
@@ -167,7 +167,7 @@ def effect_settings(effects: dict[str, Any]) -> dict[str, Any]:
     """
     for name, parameters in effects.items():
         if parameters is not None and not isinstance(parameters, dict):
-            raise VoccError(f"scene.effects.{name} is {parameters!r}: it must be a mapping of parameters, {{}} for none")
+            raise VoccError(
+                f"scene.effects.{name} is {parameters!r}: it must be a mapping of parameters, {{}} for none"
+            )
     return effects
-
-

@@ -4,9 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
-import torch
-from numpy.typing import NDArray
 from rich.console import Console
 
 from vocc_torch.assembly import build_plan
@@ -43,17 +40,23 @@ def run_test(settings: AppConfig, folder: Path) -> None:
     training = _train(plan, console)
     table = BerTable(_sweep(plan, training, console))
     if not len(table):
-        raise VoccError("experiment.values: no frame fell into any contrast bin: widen the bins or the scenes")
+        raise VoccError(
+            "experiment.values: no frame fell into any contrast bin: widen the bins or the scenes"
+        )
     _write_training(settings, plan, training, folder)
     write_table(folder / "ber.csv", table)
     figure = ber_figure(table, axis_label(table.axis), _title(plan))
     save_figure(figure, folder / "ber.png")
-    histograms = feature_histograms(training.features, training.bits, [name.upper() for name in FEATURE_NAMES])
+    histograms = feature_histograms(
+        training.features, training.bits, [name.upper() for name in FEATURE_NAMES]
+    )
     save_figure(histograms, folder / "features.png")
     pictures = sample_frames(plan, trained_receiver(plan, training))
     if settings.tensorboard:
         figures = {"BER": figure, "features by status": histograms}
-        write_board(folder / "tensorboard", table, figures, pictures, {"configuration": _as_markdown(settings)})
+        write_board(
+            folder / "tensorboard", table, figures, pictures, {"configuration": _as_markdown(settings)}
+        )
     print_table(table, console)
     _print_places(console, settings, folder)
 
@@ -129,7 +132,7 @@ def _write_training(settings: AppConfig, plan: Plan, training: Training, folder:
 def _title(plan: Plan) -> str:
     """Say what the BER figure shows."""
     camera, panel = plan.world.camera, plan.world.panel.shape
-    seen = f"{panel.rows} × {panel.columns} LEDs, {camera.focal_length_mm:g} mm lens"
+    seen = f"{panel.rows} x {panel.columns} LEDs, {camera.focal_length_mm:g} mm lens"
     return f"Bit error rate, experiment “{plan.experiment.name}”: {seen}"
 
 
@@ -155,4 +158,6 @@ def _show_bits(console: Console, reading: Reading, summary: str) -> None:
     console.print(reading.text, soft_wrap=True, highlight=False)
     others = f"; {reading.candidates} blobs could have been the panel" if reading.candidates > 1 else ""
     where = reading.frame.source + ("" if reading.frame.time_s is None else f", frame {reading.frame.index}")
-    console.print(f"{where}: least margin {reading.margin:.3g}{others}; {summary}", soft_wrap=True, highlight=False)
+    console.print(
+        f"{where}: least margin {reading.margin:.3g}{others}; {summary}", soft_wrap=True, highlight=False
+    )

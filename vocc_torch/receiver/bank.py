@@ -87,7 +87,9 @@ class ReceiverBank:
 
     def __init__(self, names: Sequence[str], flda: FLDA) -> None:
         self.names = check_receivers(names)
-        self.classifiers = {name: flda.select(feature_indices(name)) for name in self.names if name in FLDA_FEATURES}
+        self.classifiers = {
+            name: flda.select(feature_indices(name)) for name in self.names if name in FLDA_FEATURES
+        }
 
     def scores(self, readings: Readings, preambles: Preambles | None) -> dict[str, Tensor]:
         """Score every LED with every receiver: name to (B,R,C) float64, at least 0 is On.
@@ -100,7 +102,7 @@ class ReceiverBank:
     def _score(self, name: str, readings: Readings, preambles: Preambles | None) -> Tensor:
         """Score with one receiver."""
         if name in FLDA_FEATURES:
-            return self.classifiers[name](readings.features[..., feature_indices(name)])
+            return self.classifiers[name].decision_function(readings.features[..., feature_indices(name)])
         if preambles is None:
             raise VoccError(f"receiver {name} needs preamble frames, and none were given")
         on, off, greys = preambles.on, preambles.off, readings.greys

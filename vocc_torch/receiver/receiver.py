@@ -9,6 +9,7 @@ import pickle
 import zipfile
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import torch
 from torch import Tensor, nn
@@ -90,14 +91,14 @@ class Receiver(nn.Module):
         if planes.dtype != torch.uint8 or planes.ndim != 4 or planes.shape[1] != 1 or 0 in planes.shape:
             given = f"images has dtype {images.dtype} and shape {tuple(images.shape)}"
             raise VoccError(f"{given}: it must be uint8 of shape (B,H,W) or (B,1,H,W), not empty")
-        return self(Frames.whole(planes))
+        return self.forward(Frames.whole(planes))
 
     def forward(self, frames: Frames, panels: Panels | None = None) -> Decoded:
         """Read the bits of frames or crops, at known panels where they are given."""
         where = self.locator(frames, self.shape) if panels is None else panels
         features = self.reader.read(frames, where).features[..., self.columns]
         found = where.found.view(-1, 1, 1)
-        scores = torch.where(found, self.classifier(features), 0.0)
+        scores = torch.where(found, self.classifier.decision_function(features), 0.0)
         bits = (scores >= 0) & found
         return Decoded(bits, scores, where.corners_px, where.found, where.score, where.candidates)
 
@@ -146,17 +147,23 @@ class Receiver(nn.Module):
             raise VoccError(f"model {path} is damaged ({reason}): train it again") from None
 
 
-def _read_content(path: Path) -> dict[str, object]:
+def _read_content(path: Path) -> dict[str, Any]:
     """Read a model file's content, or refuse it in one line."""
     try:
         content = torch.load(path, map_location="cpu", weights_only=True)
     except FileNotFoundError:
         raise VoccError(f"model {path} does not exist: give the receiver.pt that task=train wrote") from None
     except (OSError, RuntimeError, EOFError, ValueError, pickle.UnpicklingError, zipfile.BadZipFile):
-        raise VoccError(f"model {path} cannot be read as a receiver: it is damaged or of another kind") from None
+        raise VoccError(
+            f"model {path} cannot be read as a receiver: it is damaged or of another kind"
+        ) from None
     if not isinstance(content, dict) or content.get("format") != FORMAT:
-        raise VoccError(f"model {path} is not a vocc_torch receiver: give the receiver.pt that task=train wrote")
+        raise VoccError(
+            f"model {path} is not a vocc_torch receiver: give the receiver.pt that task=train wrote"
+        )
     if content.get("version") != FORMAT_VERSION:
         version = content.get("version")
-        raise VoccError(f"model {path} has format version {version}: this package reads version {FORMAT_VERSION}")
+        raise VoccError(
+            f"model {path} has format version {version}: this package reads version {FORMAT_VERSION}"
+        )
     return content

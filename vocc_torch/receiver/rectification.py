@@ -14,8 +14,8 @@ def cell_homography(corners_px: Tensor, shape: PanelShape) -> Tensor:
     """Projective map from cell coordinates (column, row; 0 to C, 0 to R) to pixels.
 
     Args:
-        corners_px: (B,4,2) corners of the grid of cells, clockwise from the top left; a degenerate quadrilateral
-            (no area) maps everything onto its first corner.
+        corners_px: (B,4,2) corners of the grid of cells, clockwise from the top left; a degenerate
+            quadrilateral (no area) maps everything onto its first corner.
         shape: rows and columns.
 
     Returns:
@@ -41,7 +41,7 @@ def cell_homography(corners_px: Tensor, shape: PanelShape) -> Tensor:
 
 
 def cell_size_px(corners_px: Tensor, shape: PanelShape) -> tuple[Tensor, Tensor]:
-    """Mean width and height of an LED cell in the image, (B,) each, px: the resampling scale of the gradients.
+    """Mean width and height of an LED cell in the image, (B,) each, px: the gradients' resampling scale.
 
     Example:
         >>> corners = torch.tensor([[[0.0, 0.0], [16.0, 0.0], [16.0, 24.0], [0.0, 24.0]]])
@@ -64,7 +64,7 @@ def _map_cells(homography: Tensor, x: Tensor, y: Tensor) -> tuple[Tensor, Tensor
 
 
 def _cut(frames: Frames, origin: Tensor, size: tuple[int, int], dtype: torch.dtype) -> Tensor:
-    """Cut a window of ``size`` (h,w) out of each frame at sensor pixel ``origin`` (B,2); borders are continued."""
+    """Cut a window of ``size`` (h,w) out of each frame at sensor pixel ``origin`` (B,2); borders go on."""
     height, width = frames.grey.shape[-2:]
     place = origin - frames.origin_px
     rows = (place[:, 1:] + torch.arange(size[0], device=place.device)).clamp(0, height - 1)
@@ -76,8 +76,9 @@ def _cut(frames: Frames, origin: Tensor, size: tuple[int, int], dtype: torch.dty
 def _sample(frames: Frames, homography: Tensor, x: Tensor, y: Tensor, dtype: torch.dtype) -> Tensor:
     """Read frames bilinearly at cell coordinates x (w,) by y (h,), giving (B,h,w).
 
-    Positions count from a whole sensor pixel beside the panel, so a crop and the full frame give the same values to the
-    last bit, whatever else is in the batch; ``grid_sample`` normalises by the image's size and does not.
+    Positions count from a whole sensor pixel beside the panel, so a crop and the full frame give the same
+    values to the last bit, whatever else is in the batch; ``grid_sample`` normalises by the image's size
+    and does not.
     """
     ends_x, ends_y = _map_cells(homography, x[[0, -1]], y[[0, -1]])
     lowest = torch.stack([ends_x.flatten(1).amin(1), ends_y.flatten(1).amin(1)], dim=1)
@@ -93,7 +94,9 @@ def _sample(frames: Frames, homography: Tensor, x: Tensor, y: Tensor, dtype: tor
     index = (top.long() * width).add_(left.long()).flatten(1)
     right_share, lower_share = x_px.sub_(left).flatten(1), y_px.sub_(top).flatten(1)
     upper = torch.lerp(window.gather(1, index), window[:, 1:].gather(1, index), right_share)
-    lower = torch.lerp(window[:, width:].gather(1, index), window[:, width + 1 :].gather(1, index), right_share)
+    lower = torch.lerp(
+        window[:, width:].gather(1, index), window[:, width + 1 :].gather(1, index), right_share
+    )
     return torch.lerp(upper, lower, lower_share).view(left.shape)
 
 
@@ -106,8 +109,8 @@ def _oversampling(panels: Panels, shape: PanelShape, samples: int) -> Tensor:
 def rectify(frames: Frames, panels: Panels, shape: PanelShape, samples_per_led: int) -> Tensor:
     """Resample each panel to K x K samples an LED cell, bilinearly, with one cell of margin on every side.
 
-    Where a sample stands for several pixels (a near panel) it is the mean of as many bilinear readings, so that
-    detail finer than the grid is averaged and not aliased.
+    Where a sample stands for several pixels (a near panel) it is the mean of as many bilinear readings, so
+    that detail finer than the grid is averaged and not aliased.
 
     Args:
         frames: B frames or crops.
@@ -130,7 +133,7 @@ def rectify(frames: Frames, panels: Panels, shape: PanelShape, samples_per_led: 
     size = (len(frames), 1, (shape.rows + 2) * samples_per_led, (shape.columns + 2) * samples_per_led)
     dtype = frames.grey.dtype if frames.grey.is_floating_point() else torch.float32
     patches = torch.empty(size, dtype=dtype, device=frames.grey.device)
-    for factor in factors.unique().tolist():
+    for factor in torch.unique(factors).tolist():
         rows = factors == factor
         fine = samples_per_led * factor
         steps_x = torch.arange((shape.columns + 2) * fine, dtype=torch.float64, device=factors.device)

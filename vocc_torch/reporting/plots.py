@@ -191,7 +191,7 @@ def _draw_receiver(axes: Axes, rows: Sequence[Row], place: _Place, shift: float,
     """Draw one receiver: line, markers and intervals, and arrows where there were no errors."""
     x = [place.shifted(row.value, shift) for row in rows]
     # A rate that is not a number breaks the line and leaves the point out.
-    rate = [row.ber_high if row.error_free else row.ber for row in rows]
+    rate = [math.nan if row.error_free else row.ber for row in rows]
     ends = [[row.ber - row.ber_low for row in rows], [row.ber_high - row.ber for row in rows]]
     axes.errorbar(
         x, rate, ends, color=style.colour, linestyle="none", elinewidth=1.3, capsize=2.6, capthick=1.3

@@ -21,10 +21,24 @@ from vocc_torch.studies.plan import Plan
 from vocc_torch.studies.recording import Channel, RecordedFrame, read_recording
 from vocc_torch.studies.train import train, trained_receiver
 
-COLUMNS = (
-    "source frame time_s found x_top_left y_top_left x_top_right y_top_right "
-    "x_bottom_right y_bottom_right x_bottom_left y_bottom_left bits margin panel_score candidates"
-).split()
+COLUMNS = [
+    "source",
+    "frame",
+    "time_s",
+    "found",
+    "x_top_left",
+    "y_top_left",
+    "x_top_right",
+    "y_top_right",
+    "x_bottom_right",
+    "y_bottom_right",
+    "x_bottom_left",
+    "y_bottom_left",
+    "bits",
+    "margin",
+    "panel_score",
+    "candidates",
+]
 BATCH_PIXELS = 32_000_000
 """Pixels decoded at a time."""
 
@@ -79,7 +93,9 @@ def receiver_for(plan: Plan, model: Path | None) -> Receiver:
     wanted, has = plan.receiver.reader.shape, receiver.shape
     if wanted != has:
         given = f"model {model} reads a panel of {has.rows} x {has.columns} LEDs"
-        raise VoccError(f"{given}, and panel.rows x panel.columns is {wanted.rows} x {wanted.columns}: make them agree")
+        raise VoccError(
+            f"{given}, and panel.rows x panel.columns is {wanted.rows} x {wanted.columns}: make them agree"
+        )
     return receiver
 
 
@@ -142,7 +158,9 @@ def annotated(reading: Reading, scale: int) -> Image.Image:
     corners = reading.corners_px * scale
     outline = [(float(x), float(y)) for x, y in [*corners, corners[0]]]
     rows, columns = reading.bits.shape
-    cell = min(np.linalg.norm(corners[1] - corners[0]) / columns, np.linalg.norm(corners[3] - corners[0]) / rows)
+    cell = min(
+        np.linalg.norm(corners[1] - corners[0]) / columns, np.linalg.norm(corners[3] - corners[0]) / rows
+    )
     draw.line(outline, fill=(0, 158, 115), width=max(1, round(cell / 12)))
     radius = max(0.6, 0.16 * float(cell))
     for r in range(rows):

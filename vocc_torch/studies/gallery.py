@@ -34,7 +34,9 @@ def sample_frames(plan: Plan, receiver: Receiver) -> dict[str, NDArray[np.uint8]
     for value in monte_carlo_values(plan):
         name, model = point_name(plan.experiment, value), plan.experiment.model_at(plan.world, value)
         keys = block_keys(plan.seed, name, SAMPLES)
-        seen = next(Link(link.simulator, link.locator, link.reader, SAMPLES).observe(model, keys, preambles=False))
+        seen = next(
+            Link(link.simulator, link.locator, link.reader, SAMPLES).observe(model, keys, preambles=False)
+        )
         read = receiver(seen.frames, seen.panels)
         rows = []
         for i in range(len(seen.frames)):

@@ -31,7 +31,9 @@ def narrowed(model: SceneModel, changes: Mapping[str, Distribution]) -> SceneMod
     """
     for name in changes:
         if name not in SCENE_FIELDS:
-            raise VoccError(f"experiment.scene.{name} is not a value of a scene: known are {', '.join(SCENE_FIELDS)}")
+            raise VoccError(
+                f"experiment.scene.{name} is not a value of a scene: known are {', '.join(SCENE_FIELDS)}"
+            )
     return dataclasses.replace(model, **changes)
 
 
@@ -121,7 +123,9 @@ class ReceiverPlan:
         """Check every name."""
         check_receivers(self.names)
         if self.locator not in get_args(Locator):
-            raise VoccError(f"receiver.locator is {self.locator!r}: it must be {' or '.join(get_args(Locator))}")
+            raise VoccError(
+                f"receiver.locator is {self.locator!r}: it must be {' or '.join(get_args(Locator))}"
+            )
         if self.save not in FLDA_FEATURES:
             raise VoccError(f"receiver.save is {self.save!r}: it must be one of {', '.join(FLDA_FEATURES)}")
 
@@ -173,7 +177,8 @@ class Budget:
     Args:
         frames: test frames a point at most, at least 1.
         training_frames: at least 2.
-        target_frame_errors: stop a point once every receiver has this many frames in error, or None to spend all.
+        target_frame_errors: stop a point once every receiver has this many frames in error, or None to
+            spend all.
 
     Raises:
         VoccError: a number outside its range.
@@ -223,7 +228,9 @@ class Plan:
         if self.batch_frames < 1:
             raise VoccError(f"batch_frames is {self.batch_frames}: it must be at least 1")
         if self.world.panel.shape != self.receiver.reader.shape:
-            raise VoccError("the receiver and the panel have different shapes: give panel.rows and panel.columns once")
+            raise VoccError(
+                "the receiver and the panel have different shapes: give panel.rows and panel.columns once"
+            )
 
 
 def parsed_scene(specs: Mapping[str, float | Sequence[object]]) -> dict[str, Distribution]:

@@ -48,7 +48,8 @@ def to_grey(colour: NDArray[np.uint8], channel: Channel) -> NDArray[np.uint8]:
     if channel == "luma":
         return np.asarray(Image.fromarray(colour).convert("L"), dtype=np.uint8)
     if channel == "max":
-        return colour.max(axis=2)
+        brightest: NDArray[np.uint8] = colour.max(axis=2)
+        return brightest
     return np.ascontiguousarray(colour[..., ("red", "green", "blue").index(channel)])
 
 
@@ -82,11 +83,17 @@ def _picture(path: Path, channel: Channel) -> RecordedFrame:
         with warnings.catch_warnings():
             warnings.simplefilter("error", Image.DecompressionBombWarning)
             with Image.open(path) as image:
+                shown: Image.Image = image
                 if image.mode.startswith("I;16"):
-                    scaled = (np.asarray(image, dtype=np.float64) / 257.0).round().astype(np.uint8)
-                    image = Image.fromarray(scaled)
-                colour = np.asarray(image.convert("RGB"), dtype=np.uint8)
-    except (UnidentifiedImageError, OSError, SyntaxError, ValueError, Image.DecompressionBombWarning) as error:
+                    shown = Image.fromarray((np.asarray(image) / 257.0).round().astype(np.uint8))
+                colour = np.asarray(shown.convert("RGB"), dtype=np.uint8)
+    except (
+        UnidentifiedImageError,
+        OSError,
+        SyntaxError,
+        ValueError,
+        Image.DecompressionBombWarning,
+    ) as error:
         reason = "not a known picture format" if isinstance(error, UnidentifiedImageError) else str(error)
         raise VoccError(f"input {path} cannot be read as a picture ({reason})") from None
     return RecordedFrame(path.name, 0, None, colour, to_grey(colour, channel))
@@ -97,12 +104,14 @@ def _video(path: Path, channel: Channel) -> Iterator[RecordedFrame]:
     try:
         import av
     except ImportError:
-        raise VoccError(f"input {path} is a video: install the extra with pip install 'vocc-torch[video]'") from None
+        raise VoccError(
+            f"input {path} is a video: install the extra with pip install 'vocc-torch[video]'"
+        ) from None
     index = 0
     try:
         with av.open(str(path)) as container:
             for index, frame in enumerate(container.decode(video=0)):
-                colour = frame.to_ndarray(format="rgb24")
+                colour = np.asarray(frame.to_ndarray(format="rgb24"), dtype=np.uint8)
                 yield RecordedFrame(path.name, index, frame.time, colour, to_grey(colour, channel))
     except (av.error.FFmpegError, IndexError) as error:
         raise VoccError(f"input {path} cannot be read as a video after {index} frames ({error})") from None

@@ -82,7 +82,7 @@ def _count(
     """Count one block by receiver and group."""
     here = group[rows]
     counts: dict[Label, Counts] = {}
-    for index in here.unique().tolist():
+    for index in torch.unique(here).tolist():
         if index < 0:
             continue
         chosen = here == index
@@ -119,7 +119,15 @@ def sweep_point(
     def stated(counts: Mapping[Label, Counts], stopped_by: str) -> list[Point]:
         values = axis_values(experiment) if experiment.axis == "contrast" else (value,)
         return [
-            Point(experiment.name, experiment.axis, at, name, plan.receiver.locator, counts[name, group], stopped_by)
+            Point(
+                experiment.name,
+                experiment.axis,
+                at,
+                name,
+                plan.receiver.locator,
+                counts[name, group],
+                stopped_by,
+            )
             for group, at in enumerate(values)
             for name in plan.receiver.names
             if (name, group) in counts
@@ -147,7 +155,9 @@ def point_name(experiment: Experiment, value: float) -> str:
         >>> point_name(Experiment("near", "distance_m", (5.0,)), 5.0)
         'near/distance_m=5'
     """
-    return experiment.name if experiment.axis == "contrast" else f"{experiment.name}/{experiment.axis}={value:g}"
+    return (
+        experiment.name if experiment.axis == "contrast" else f"{experiment.name}/{experiment.axis}={value:g}"
+    )
 
 
 def axis_values(experiment: Experiment) -> tuple[float, ...]:
@@ -164,7 +174,7 @@ def axis_values(experiment: Experiment) -> tuple[float, ...]:
 
 
 def frames_in_point(plan: Plan) -> int:
-    """Frames that one Monte Carlo point draws: the budget, times the bins where frames are sorted into bins."""
+    """Frames that one Monte Carlo point draws: the budget, times the bins where there are bins."""
     bins = len(plan.experiment.values) - 1 if plan.experiment.axis == "contrast" else 1
     return plan.budget.frames * bins
 

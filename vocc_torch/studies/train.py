@@ -66,7 +66,9 @@ def train(plan: Plan, progress: Callable[[int], None] | None = None) -> Training
         if progress is not None:
             progress(len(found))
     if missed == plan.budget.training_frames:
-        raise VoccError(f"training found no panel in any of {missed} frames: check scene, camera and receiver.location")
+        raise VoccError(
+            f"training found no panel in any of {missed} frames: check scene, camera and receiver.location"
+        )
     features, bits = (torch.cat(parts)[:FIGURE_SAMPLES] for parts in zip(*kept, strict=True))
     return Training(flda, plan.budget.training_frames, missed, features, bits)
 

@@ -22,10 +22,11 @@ TRUNCATION_SIGMAS = 4.0
 class Blooming(Effect):
     """Kornia's Gaussian filter on luminous exposure, before gamma (section IV-B-1).
 
-    The filter runs in float64 whatever the working precision: a convolution routine sums in an order that depends on
-    the batch, which in float32 moved a rounded pixel in one frame of 200, so that a frame would have depended on the
-    batch it came in. The frames are stacked into one tall plane, each with its own replicated border, because
-    one large convolution is faster on a CPU than many small ones; so the whole costs no more than float32 did.
+    The filter runs in float64 whatever the working precision: a convolution routine sums in an order that
+    depends on the batch, which in float32 moved a rounded pixel in one frame of 200, so that a frame would
+    have depended on the batch it came in. The frames are stacked into one tall plane, each with its own
+    replicated border, because one large convolution is faster on a CPU than many small ones; so the whole
+    costs no more than float32 did.
 
     Args:
         sigma_px: standard deviation, px, above 0 and at most 1000; the paper's "blooming level" is 1.5.
@@ -63,5 +64,5 @@ class Blooming(Effect):
         padded = F.pad(value.to(torch.float64), (reach, reach, reach, reach), mode="replicate")
         plane = padded.reshape(1, 1, frames * (height + 2 * reach), width + 2 * reach)
         kernel = (2 * reach + 1, 2 * reach + 1)
-        blurred = kornia.filters.gaussian_blur2d(plane, kernel, sigma, border_type="constant").view(padded.shape)
-        return blurred[:, :, reach : reach + height, reach : reach + width].to(value.dtype)
+        blurred = kornia.filters.gaussian_blur2d(plane, kernel, sigma, border_type="constant")
+        return blurred.view(padded.shape)[:, :, reach : reach + height, reach : reach + width].to(value.dtype)
