@@ -2,23 +2,65 @@
 
 from __future__ import annotations
 
-import contextlib
 import os
-import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from vocc_torch.errors import VoccError
 
 
-def write_atomically(path: Path, content: bytes) -> None:
-    """Write a file through a temporary one beside it, so that a reader never meets half of it.
+@contextmanager
+def atomic_file(path: str | Path) -> Iterator[Path]:
+    """Lend a temporary path beside ``path``; what is written there takes its place when the block ends well.
+
+    Missing folders are made. After an error inside the block the temporary file is gone and ``path`` is as it
+    was.
 
     Args:
-        path: the file; its folder is made where it is missing.
-        content: all of its bytes.
+        path: the file to write.
+
+    Yields:
+        The temporary path, with the same suffix.
 
     Raises:
-        VoccError: the folder or the file cannot be written, for instance because the disk is full.
+        VoccError: the file cannot be written, with the system's reason.
+
+    Example:
+        >>> import tempfile
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     with atomic_file(Path(folder) / "a.txt") as temporary:
+        ...         _ = temporary.write_text("whole")
+        ...     [entry.name for entry in Path(folder).iterdir()]
+        ['a.txt']
+    """
+    target = Path(path)
+    temporary = target.with_name(f".{target.stem}.{os.getpid()}.tmp{target.suffix}")
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        yield temporary
+        with temporary.open("rb+") as file:  # a full disk may speak up only here
+            os.fsync(file.fileno())
+        temporary.replace(target)
+    except OSError as error:
+        raise VoccError(f"cannot write {target}: {error.strerror or error}") from error
+    finally:
+        _remove(temporary)
+
+
+def _remove(path: Path) -> None:
+    """Delete a file if it is there; that it cannot be deleted is not the error to tell of."""
+    try:
+        path.unlink(missing_ok=True)
+    except OSError:
+        return
+
+
+def write_atomically(path: str | Path, content: bytes) -> None:
+    """Write all the bytes of a file, whole or not at all.
+
+    Raises:
+        VoccError: as :func:`atomic_file`.
 
     Example:
         >>> import tempfile
@@ -27,20 +69,5 @@ def write_atomically(path: Path, content: bytes) -> None:
         ...     (Path(folder) / "a" / "b.txt").read_bytes()
         b'text'
     """
-    temporary = None
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-        with os.fdopen(handle, "wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        Path(temporary).chmod(0o644)
-        Path(temporary).replace(path)
-    except OSError as error:
-        reason = error.strerror or type(error).__name__
-        raise VoccError(f"cannot write {path} ({reason}): nothing was left half-written") from None
-    finally:
-        if temporary is not None:
-            with contextlib.suppress(OSError):
-                Path(temporary).unlink(missing_ok=True)
+    with atomic_file(path) as temporary:
+        temporary.write_bytes(content)

@@ -115,8 +115,9 @@ def _sweep(plan: Plan, training: Training, console: Console) -> list[Point]:
     link, points = Link.of(plan), []
     values = axis_values(plan.experiment)
     frames = frames_in_point(plan)
-    with StudyView(plan.experiment.axis, values, plan.receiver.names, frames, console) as view:
-        for value in monte_carlo_values(plan):
+    runs = monte_carlo_values(plan)
+    with StudyView(plan.experiment.axis, values, plan.receiver.names, frames, console, len(runs)) as view:
+        for value in runs:
             measured = sweep_point(plan, link, training.flda, value, view.advance, view.show)
             view.finish(measured)
             points += measured

@@ -111,6 +111,8 @@ def test_coarse_cells_join_fine_pixels_and_count_as_area() -> None:
     assert joined.mask_px.tolist() == [2, 1]
     assert joined.area_px.tolist() == [5 * 4, 4]
     assert joined.first[0].tolist() == [0, 9]
+    large = collect_blobs(mask, label_components(close_mask(cells, 5)[:, 0]), min_area_px=8, level=1)
+    assert large.area_px.tolist() == [20]
 
 
 def test_only_the_largest_blobs_of_a_frame_are_measured(monkeypatch: pytest.MonkeyPatch) -> None:

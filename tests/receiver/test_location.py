@@ -11,7 +11,11 @@ import torch
 
 from vocc_torch.errors import VoccError
 from vocc_torch.receiver import ladder, location
-from vocc_torch.receiver.location import PaperLocator, paper_stages
+from vocc_torch.receiver.blobs import collect_blobs, label_components
+from vocc_torch.receiver.ladder import measure_blobs
+from vocc_torch.receiver.location import PaperLocator, paper_stages, quantised
+from vocc_torch.receiver.morphology import halve_mask
+from vocc_torch.receiver.quadrilateral import convex_hull, hull_area_and_perimeter, minimum_area_rectangle
 from vocc_torch.types import Frames, Panels, PanelShape
 
 SHAPE = PanelShape(8, 8)
@@ -121,13 +125,13 @@ def test_panels_at_30_to_70_m_are_found_at_the_first_level(
     assert len(levels) <= 44
 
 
-@pytest.mark.parametrize(("pitch", "diameter"), [(12.0, 0.5), (12.0, 0.9), (24.0, 0.5), (44.0, 0.7)])
+@pytest.mark.parametrize(("pitch", "diameter"), [(12.0, 0.5), (12.0, 0.9), (16.0, 0.5), (44.0, 0.7)])
 def test_large_panels_are_found_higher_up(
     pitch: float, diameter: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     levels = levels_run(monkeypatch)
     size = int(9 * pitch)
-    grey = [panel_frame(seed, pitch, size, diameter=diameter) for seed in range(8)]
+    grey = [panel_frame(seed, pitch, size, diameter=diameter) for seed in range(19, 27)]
     panels = PaperLocator()(whole(*grey), SHAPE)
     error = np.abs(panels.corners_px.numpy() - true_corners(pitch, (size / 2, size / 2)))
     assert panels.found.all()
@@ -208,7 +212,9 @@ def test_a_shift_of_the_frame_shifts_the_corners_and_nothing_else() -> None:
 def test_a_frame_is_located_alone_as_in_company(monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng(5)
     grey = [panel_frame(seed, pitch, 130) for seed, pitch in enumerate((3.2, 5.0, 7.2, 11.0, 14.0))]
-    grey += [rng.integers(0, 256, (130, 130), dtype=np.uint8), np.full((130, 130), 9, np.uint8)]
+    corner = np.zeros((130, 130), np.uint8)
+    corner[100:, 95:] = 200
+    grey += [rng.integers(0, 256, (130, 130), dtype=np.uint8), np.full((130, 130), 9, np.uint8), corner]
     together = PaperLocator()(whole(*grey), SHAPE)
     monkeypatch.setattr(location, "_PASS_PX", 1)
     monkeypatch.setattr(location, "_SMALL_PASS_PX", 1)
@@ -326,6 +332,41 @@ def test_limits_decide_what_is_a_candidate() -> None:
     assert lenient(disc, SHAPE).found.item()
     assert not replace(lenient, min_rectangularity=0.9)(disc, SHAPE).found.item()
     assert not replace(lenient, min_area_px=2000)(disc, SHAPE).found.item()
+
+
+def test_fragments_that_look_like_panels_give_way_to_the_whole() -> None:
+    grey = np.zeros((90, 90), np.uint8)
+    for x, y in ((36, 16), (70, 10), (30, 50), (70, 50)):
+        grey[y : y + 20, x : x + 20] = 200
+    # In the corner of the foreground's box, which no blob holds, lies nothing.
+    panels = PaperLocator(quadrilateral="upright")(whole(grey), PanelShape(2, 2))
+    assert panels.candidates.tolist() == [1]
+    assert panels.corners_px[0].tolist() == [[30, 10], [90, 10], [90, 70], [30, 70]]
+
+
+def test_a_bar_beside_the_panel_is_not_taken_in() -> None:
+    grey = np.zeros((80, 120), np.uint8)
+    grey[10:70, 10:70] = 200
+    grey[10:70, 82:88] = 200
+    panels = PaperLocator()(whole(grey), SHAPE)
+    assert panels.corners_px[0].tolist() == [[10, 10], [70, 10], [70, 70], [10, 70]]
+
+
+def test_coarse_cells_never_fill_more_than_the_hull() -> None:
+    rng = np.random.default_rng(10)
+    mask = torch.from_numpy(rng.random((6, 40, 40)) < 0.02)
+    cells = halve_mask(halve_mask(mask[:, None]))
+    blobs = collect_blobs(mask, label_components(cells[:, 0]), level=2)
+    hull = convex_hull(blobs.first, blobs.last)
+    most = hull_area_and_perimeter(hull)[0] / minimum_area_rectangle(hull).area_px
+    measured = measure_blobs(blobs, SHAPE).rectangularity
+    assert (measured <= most.clamp(max=1)).all()
+    assert (measured > 0).all()
+
+
+def test_floating_values_are_rounded_to_the_nearest() -> None:
+    values = torch.tensor([-7.0, 0.49, 0.51, 99.6, 254.6, 1e6, torch.inf])
+    assert quantised(values).tolist() == [0, 0, 1, 100, 255, 255, 255]
 
 
 def test_floating_frames_are_rounded_and_clamped() -> None:

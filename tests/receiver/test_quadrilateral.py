@@ -124,6 +124,22 @@ def test_of_equal_areas_the_least_turned_is_taken() -> None:
     np.testing.assert_allclose(corners, [[0.5, 0.5], [12.5, 0.5], [12.5, 12.5], [0.5, 12.5]])
 
 
+def test_of_mirrored_rectangles_the_clockwise_one_is_taken() -> None:
+    rhombus = np.array([[8, 0], [16, 4], [8, 8], [0, 4]], dtype=np.int32)
+    for points in (rhombus, np.add(rhombus, [3, 0])):
+        corners = minimum_area_rectangle(hull_of(points)).corners_px[0]
+        across = corners[1] - corners[0]
+        assert math.degrees(math.atan2(across[1], across[0])) == pytest.approx(math.degrees(math.atan2(1, 2)))
+
+
+def test_both_diagonals_are_turned_by_plus_45_degrees() -> None:
+    line = np.array([[0, 0], [1, 1], [2, 2], [3, 3]])
+    for points in (line, line * [-1, 1] + [3, 0]):
+        corners = minimum_area_rectangle(hull_of(points)).corners_px[0]
+        across = corners[1] - corners[0]
+        assert math.degrees(math.atan2(across[1], across[0])) == pytest.approx(45)
+
+
 @pytest.mark.parametrize(
     ("points", "corners"),
     [

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from vocc_torch.errors import VoccError
 from vocc_torch.evaluation.curve import COLUMNS, BerTable, Row
-from vocc_torch.reporting.atomic import atomic_file
+from vocc_torch.files import atomic_file
 from vocc_torch.reporting.csv_file import read_table, write_table
 
 
@@ -65,7 +65,7 @@ def test_a_full_disk_is_one_line(tmp_path, table, monkeypatch):
     def full(*_):
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr("vocc_torch.reporting.atomic.os.fsync", full)
+    monkeypatch.setattr("vocc_torch.files.os.fsync", full)
     with pytest.raises(VoccError, match=r"^cannot write .*ber\.csv: No space left on device$"):
         write_table(tmp_path / "ber.csv", table)
     assert list(tmp_path.iterdir()) == []

@@ -4,14 +4,15 @@ import io
 import re
 
 import pytest
-from made_up_points import made_up_point
 from hypothesis import given
 from hypothesis import strategies as st
+from made_up_points import made_up_point
 from rich.console import Console
 
 from vocc_torch.evaluation.counts import Counts
 from vocc_torch.evaluation.curve import BerTable, Point
-from vocc_torch.reporting.terminal import StudyView, interval_text, print_table, rate_text
+from vocc_torch.reporting.terminal import StudyView, print_table
+from vocc_torch.reporting.text_table import interval_text, rate_text
 
 OURS = ["center_greyscale", "average_greyscale", "flda_agr", "flda_gri", "flda_2", "flda_3"]
 
@@ -118,6 +119,15 @@ def test_frames_that_were_not_needed_leave_the_total():
     view.advance(1000)
     view.finish([made_up_point(3, "flda_3", 5)])
     assert task.percentage == 100
+
+
+def test_values_that_are_run_together_are_one_run():
+    screen, _ = console()
+    view = StudyView("contrast", [0.1, 0.2], ["flda_3"], 1000, screen, runs=1)
+    task = view._progress.tasks[0]
+    view.advance(1000)
+    view.finish([made_up_point(value, "flda_3", 5, axis="contrast") for value in (0.1, 0.2)])
+    assert (task.description, task.completed, task.total) == ("contrast", 1000, 1000)
 
 
 def test_interim_points_without_frames_are_passed_over():

@@ -31,7 +31,7 @@ def test_transmission_at_70_m_is_the_papers_table_1(dtype):
 
 
 def test_transmission_at_the_visibility_distance_is_two_per_cent():
-    """The meteorological definition of visibility that the constant 3.91 stands for: contrast falls to 2 %."""
+    """The meteorological definition that the constant 3.91 stands for: contrast falls to 2 %."""
     assert float(transmission(number(12_345.0), 12_345.0)) == pytest.approx(0.02, abs=1e-4)
 
 

@@ -35,7 +35,7 @@ class Row:
         VoccError: a value that is not finite, or rates out of order.
 
     Example:
-        >>> row = Row("s", "ambient_lx", 4e3, "flda_3", "truth", 1, 64, 0.0, 0.0, 0.0, 0.015, 0, 0, "frames")
+        >>> row = Row("s", "ambient_lx", 4e3, "flda_3", "truth", 1, 64, 0.0, 0.0, 0.0, 0.1, 0, 0, "frames")
         >>> row.error_free
         True
     """

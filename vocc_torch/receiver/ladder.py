@@ -232,8 +232,5 @@ def _climbs_on(mask: Tensor, components: Tensor, choice: Choice, pitch: Tensor, 
     """Decide (B,) which masks need the next level."""
     foreground = mask.sum((1, 2))
     whole = choice.mask_px >= _WHOLE_SHARE * foreground
-    last_row = (mask.any(2) * torch.arange(1, mask.shape[1] + 1, device=mask.device)).amax(1)
-    last_column = (mask.any(1) * torch.arange(1, mask.shape[2] + 1, device=mask.device)).amax(1)
-    small = reach_px < torch.maximum(last_row, last_column)
     pitches = torch.where(whole, _REACH_PITCHES, _LAST_PITCHES)
-    return (((components > 1) & ~whole) | (reach_px < pitches * pitch)) & small
+    return ((components > 1) & ~whole) | (reach_px < pitches * pitch)

@@ -83,9 +83,9 @@ class PaperLocator:
 
     - it has several components, and the blob chosen so far holds less than 99 % of the foreground; or
     - the closing, ``closing_px * 2^n``, spans less than 1.4 LED pitches of the level's best blob, or less
-      than 3 while no blob that holds 99 % is chosen; the pitch is the root of rectangle area / LEDs;
+      than 3 while no blob that holds 99 % is chosen; the pitch is the root of rectangle area / LEDs.
 
-    and the closing is still smaller than the foreground's bounding box. The best blob of the next level then
+    The best blob of the next level then
 
     - replaces a chosen blob that it holds, and more, at no less than 0.75 of the best score so far: fragments
       of a panel may look like panels, but two panels, or a panel and a lamp, together do not;

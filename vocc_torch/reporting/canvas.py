@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from vocc_torch.errors import VoccError
-from vocc_torch.reporting.atomic import atomic_file
+from vocc_torch.files import atomic_file
 
 INK, QUIET, GRID, FINE_GRID = "#222222", "#5F6368", "#E3E6EA", "#F1F3F5"
 _DPI = 120

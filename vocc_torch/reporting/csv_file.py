@@ -8,7 +8,7 @@ from typing import TypeVar
 
 from vocc_torch.errors import VoccError
 from vocc_torch.evaluation.curve import COLUMNS, BerTable, Row
-from vocc_torch.reporting.atomic import atomic_file
+from vocc_torch.files import atomic_file
 
 _Number = TypeVar("_Number", int, float)
 

@@ -1,73 +1,22 @@
-"""The table of bit error rates in the terminal: filling up while a study runs, and whole at its end."""
+"""What the terminal shows: a study while it runs, and its table at the end."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from types import TracebackType
 from typing import Self
 
-from rich import box
 from rich.console import Console, Group, RenderableType
 from rich.live import Live
 from rich.progress import BarColumn, Progress, ProgressColumn, Task, TextColumn, TimeRemainingColumn
-from rich.table import Table
 from rich.text import Text
 
 from vocc_torch.evaluation.curve import BerTable, Point, Row
-from vocc_torch.reporting.styles import axis_label, value_text
+from vocc_torch.reporting.styles import value_text
+from vocc_torch.reporting.text_table import Rows, TableLayout, ber_table, point_text, rate_text
 
-_Rows = Mapping[tuple[str, float], Row]
-_GAP = 2
-"""Blank columns between two columns of the table."""
 _FRAME_LINES = 8
 """Lines around the table's rows in the live view: header, rules and progress."""
-
-
-def rate_text(rate: float) -> str:
-    """Write a rate with two digits.
-
-    Example:
-        >>> rate_text(6.6e-4), rate_text(0.0)
-        ('6.6e-4', '0')
-    """
-    if rate == 0:
-        return "0"
-    mantissa, exponent = f"{rate:.1e}".split("e")
-    return f"{mantissa}e{int(exponent)}"
-
-
-def interval_text(rate: float, low: float, high: float) -> str:
-    """Write an interval with the exponent of its rate, so that the three compare at sight.
-
-    Args:
-        rate: above 0.
-        low: lower end.
-        high: upper end.
-
-    Example:
-        >>> interval_text(6.6e-4, 4.9e-4, 1.2e-3), interval_text(8e-6, 2e-7, 2e-4)
-        ('4.9-12e-4', '0.2-200e-6')
-    """
-    exponent = int(rate_text(rate).split("e")[1])
-    ends = [end / 10.0**exponent for end in (low, high)]
-    texts = [f"{end:.{0 if end >= 9.95 else 1 if end >= 0.095 else 2}f}" for end in ends]
-    return f"{texts[0]}-{texts[1]}e{exponent}"
-
-
-def ber_table(table: BerTable, *, width: int = 80, ascii_only: bool = False) -> Table:
-    """Lay the rates out: a row for each value of the axis, a column for each receiver.
-
-    Args:
-        table: any number of points.
-        width: columns to fit into; where the intervals do not fit, they are left out.
-        ascii_only: write no character outside ASCII.
-
-    Example:
-        >>> ber_table(BerTable()).row_count
-        0
-    """
-    layout = _Layout(table.axis, table.values, table.receivers, width, ascii_only)
-    return layout.draw({(row.receiver, row.value): row for row in table})
 
 
 def print_table(table: BerTable, console: Console | None = None) -> None:
@@ -102,6 +51,8 @@ class StudyView:
         frames_a_point: most frames at one value; what a point did not need leaves the total when it is
             finished.
         console: where to draw; standard output by default.
+        runs: how often ``frames_a_point`` are run: once a value by default, once for all where the frames of
+            one run are sorted into the values.
 
     Example:
         >>> from vocc_torch.evaluation.counts import Counts
@@ -119,12 +70,14 @@ class StudyView:
         receivers: Sequence[str],
         frames_a_point: int,
         console: Console | None = None,
+        runs: int | None = None,
     ) -> None:
         """Prepare the view; nothing is drawn before the context is entered."""
         self._axis, self._values, self._receivers = axis, tuple(values), tuple(receivers)
         self._frames_a_point = frames_a_point
+        self._one_by_one = runs is None or runs == len(self._values)
         self._console = console or Console()
-        self._finished: _Rows = {}
+        self._finished: Rows = {}
         self._interim: tuple[Point, ...] = ()
         self._frames_here = 0
         self._progress = Progress(
@@ -137,7 +90,8 @@ class StudyView:
             console=self._console,
             expand=True,
         )
-        self._task = self._progress.add_task(self._doing(), total=len(self._values) * frames_a_point)
+        total = frames_a_point * (len(self._values) if runs is None else runs)
+        self._task = self._progress.add_task(self._doing(), total=total)
         self._live: Live | None = None
 
     def __enter__(self) -> Self:
@@ -197,14 +151,14 @@ class StudyView:
                 self._console.print(_line(row), markup=False, highlight=False, soft_wrap=True)
 
     def _doing(self) -> str:
-        """Name the value that is being run."""
+        """Name the value that is being run, or the axis where all are run together."""
         done = {value for _, value in self._finished}
         left = [value for value in self._values if value not in done]
-        return f"{self._axis} {value_text(left[0])}" if left else self._axis
+        return f"{self._axis} {value_text(left[0])}" if left and self._one_by_one else self._axis
 
     def _draw(self) -> RenderableType:
-        """Draw the table so far with the progress bar under it."""
-        layout = _Layout(
+        """Draw the progress bar over the table so far."""
+        layout = TableLayout(
             self._axis,
             sorted(self._values),
             self._receivers,
@@ -225,99 +179,11 @@ class _Speed(ProgressColumn):
         return Text("" if speed is None else f"{speed:,.0f} frames/s", style="progress.data.speed")
 
 
-class _Layout:
-    """Rows and columns of the table, with the intervals where there is room for them."""
-
-    def __init__(
-        self,
-        axis: str,
-        values: Sequence[float],
-        receivers: Sequence[str],
-        width: int,
-        ascii_only: bool = False,
-        height: int | None = None,
-    ) -> None:
-        self._heading, self._values, self._receivers = _heading(axis, ascii_only), values, receivers
-        self._width, self._ascii_only = width, ascii_only
-        self._intervals = height is None or 2 * len(values) <= height
-
-    def draw(self, finished: _Rows, interim: _Rows | None = None) -> Table:
-        """Make the table; interim points are dim, missing ones an ellipsis."""
-        rows = {**(interim or {}), **finished}
-        if self._needed(rows, False) > self._width:
-            return self._long(rows, finished)
-        intervals = self._intervals and self._needed(rows, True) <= self._width
-        table = _plain_table()
-        table.add_column(self._heading, justify="right", no_wrap=True)
-        for receiver in self._receivers:
-            table.add_column(receiver.replace("_", "\n"), justify="right", no_wrap=True)
-        for value in self._values:
-            cells = []
-            for key in ((receiver, value) for receiver in self._receivers):
-                cells.append(self._rate(rows.get(key), key in finished))
-                if intervals and key in rows and not rows[key].error_free:
-                    cells[-1].append("\n" + _interval(rows[key]), style="dim")
-            table.add_row(value_text(value), *cells)
-        return table
-
-    def _long(self, rows: _Rows, finished: _Rows) -> Table:
-        """Make a table of one line a point, for terminals too narrow for a column a receiver."""
-        table = _plain_table()
-        table.add_column(self._heading, justify="right")
-        table.add_column("receiver", overflow="fold")
-        table.add_column("BER", justify="right", no_wrap=True)
-        table.add_column("95 %", justify="right", no_wrap=True)
-        for value in self._values:
-            for receiver in self._receivers:
-                row = rows.get((receiver, value))
-                rate = self._rate(row, (receiver, value) in finished)
-                interval = "" if row is None or row.error_free else _interval(row)
-                table.add_row(value_text(value), receiver, rate, Text(interval, style="dim"))
-        return table
-
-    def _needed(self, rows: _Rows, intervals: bool) -> int:
-        """Count the terminal columns that the table takes with a column a receiver."""
-        widths = [max(map(len, [*self._heading.split("\n"), *map(value_text, self._values)]), default=0)]
-        for receiver in self._receivers:
-            mine = [row for (name, _), row in rows.items() if name == receiver and not row.error_free]
-            texts = [_interval(row) for row in mine] if intervals else []
-            widths.append(max(map(len, [*receiver.split("_"), *texts, "< 0.0e-0"])))
-        return sum(widths) + _GAP * len(self._receivers)
-
-    def _rate(self, row: Row | None, finished: bool) -> Text:
-        """Write a cell's rate."""
-        if row is None:
-            return Text("..." if self._ascii_only else "\N{HORIZONTAL ELLIPSIS}", style="dim")
-        return Text(_rate(row), style="" if finished else "dim")
-
-
-def _plain_table() -> Table:
-    """Make an empty table with one rule under its head and two blanks between columns."""
-    return Table(box=box.SIMPLE_HEAD, padding=(0, _GAP - 1, 0, 0), pad_edge=False, show_edge=False)
-
-
-def _interval(row: Row) -> str:
-    """Write a point's interval; the point has errors."""
-    return interval_text(row.ber, row.ber_low, row.ber_high)
-
-
-def _heading(axis: str, ascii_only: bool) -> str:
-    """Write an axis's name in a narrow column; a long unit is left to the figure."""
-    name, _, unit = axis_label(axis).partition(" (")
-    text = "\n".join([*name.split(), f"({unit}"] if 0 < len(unit) < 9 else name.split())
-    return text.replace("\N{SUPERSCRIPT TWO}", "2") if ascii_only else text
-
-
-def _rate(row: Row) -> str:
-    """Write a rate, or its limit where there were no errors."""
-    return f"< {rate_text(row.ber_high)}" if row.error_free else rate_text(row.ber)
-
-
 def _line(row: Row) -> str:
     """Write a finished point as one plain line."""
     place = f"{row.axis}={value_text(row.value)} {row.receiver}"
     ends = "" if row.error_free else f" [{rate_text(row.ber_low)}, {rate_text(row.ber_high)}]"
-    rate = f"BER {_rate(row)}" + ends
+    rate = f"BER {point_text(row)}" + ends
     return f"{place}: {rate}, {row.frames} frames, stopped by {row.stopped_by}"
 
 

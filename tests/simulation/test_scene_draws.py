@@ -1,0 +1,258 @@
+"""Random streams depend on their key alone, and scenes follow the distributions that they name."""
+
+import os
+import subprocess
+import sys
+from dataclasses import fields
+
+import numpy as np
+import pytest
+import torch
+from scipy import stats
+
+from vocc_torch.errors import VoccError
+from vocc_torch.rng import BLOCK_FRAMES, BlockKey
+from vocc_torch.simulation.scene import Distribution, SceneModel
+from vocc_torch.types import PanelShape, Scene
+
+SHAPE = PanelShape(8, 8)
+NAMES = [field.name for field in fields(Scene)]
+
+GOLDEN_INTEGER = 1688198151
+GOLDEN_DISTANCE = 54.98069623714389
+GOLDEN_AMBIENT = 5987.094792068904
+GOLDEN_BITS = [0, 1, 1, 0, 1, 1, 0, 0]
+
+
+def blocks(model, count, seed=0, point="test"):
+    """Draw and join several blocks."""
+    drawn = [model.draw(BlockKey(seed, point, block), SHAPE) for block in range(count)]
+    return Scene.cat([scene for scene, _ in drawn]), torch.cat([bits for _, bits in drawn])
+
+
+# Keys and streams
+
+
+def test_the_same_key_gives_the_same_numbers_again():
+    first, second = (BlockKey(3, "p", 7).generator("bits").random(5) for _ in range(2))
+    np.testing.assert_array_equal(first, second)
+
+
+def test_every_part_of_the_key_changes_the_numbers():
+    keys = [
+        (0, "p", 0, "bits"),
+        (1, "p", 0, "bits"),
+        (0, "q", 0, "bits"),
+        (0, "p", 1, "bits"),
+        (0, "p", 0, "noise"),
+        (2**32, "p", 0, "bits"),
+        (2**32 + 1, "p", 0, "bits"),
+        (0, "p", 2**32, "bits"),
+        (0, "bits", 0, "p"),
+        (0, "", 0, "pbits"),
+    ]
+    firsts = {float(BlockKey(s, p, b).generator(stream).random()) for s, p, b, stream in keys}
+    assert len(firsts) == len(keys)
+
+
+def test_a_draw_keeps_its_golden_value():
+    """What resumed and published runs rely on."""
+    # To regenerate, only ever on purpose: python -c "from vocc_torch.rng import BlockKey as K;
+    # print(K(0, 'golden', 3).generator('bits').integers(2**32))"
+    assert int(BlockKey(0, "golden", 3).generator("bits").integers(2**32)) == GOLDEN_INTEGER
+
+
+def test_a_scene_keeps_its_golden_value():
+    # To regenerate: python -c "from vocc_torch.rng import BlockKey as K; from vocc_torch.simulation import *;
+    # from vocc_torch.types import *; s, b = SceneModel().draw(K(0, 'golden', 3), PanelShape());
+    # print(float(s.distance_m[5]), float(s.ambient_lx[63]), b[0, 0].int().tolist())"
+    scene, bits = SceneModel().draw(BlockKey(0, "golden", 3), SHAPE)
+    assert float(scene.distance_m[5]) == pytest.approx(GOLDEN_DISTANCE, rel=1e-14)
+    assert float(scene.ambient_lx[63]) == pytest.approx(GOLDEN_AMBIENT, rel=1e-14)
+    assert bits[0, 0].int().tolist() == GOLDEN_BITS
+
+
+def test_draws_do_not_depend_on_pythons_hash_seed():
+    program = (
+        "from vocc_torch.rng import BlockKey as K; print(K(0, 'golden', 3).generator('bits').integers(2**32))"
+    )
+    environment = os.environ | {"PYTHONHASHSEED": "12345"}
+    done = subprocess.run(
+        [sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=True
+    )
+    assert int(done.stdout) == GOLDEN_INTEGER
+
+
+@pytest.mark.parametrize(("name", "key"), [("seed", (-1, "p", 0)), ("block", (0, "p", -2))])
+def test_negative_keys_are_refused_by_name(name, key):
+    with pytest.raises(VoccError, match=rf"^{name} is -\d: it must be at least 0$"):
+        BlockKey(*key)
+
+
+def test_streams_are_uncorrelated():
+    """2000 numbers of each stream, for two seeds, points and blocks: every correlation within 4.5 sigma."""
+    streams = [f"scene.{name}" for name in NAMES] + ["bits"]
+    rows = [
+        BlockKey(seed, point, block).generator(stream).random(2000)
+        for seed in (0, 1)
+        for point in ("a", "b")
+        for block in (0, 1)
+        for stream in streams
+    ]
+    correlation = np.corrcoef(rows) - np.eye(len(rows))
+    assert np.abs(correlation).max() < 4.5 / np.sqrt(2000)
+
+
+# Scenes
+
+
+def test_a_block_is_64_scenes_of_float64_and_as_many_bits():
+    scene, bits = SceneModel().draw(BlockKey(0, "test", 0), PanelShape(3, 5))
+    assert len(scene) == BLOCK_FRAMES == 64
+    assert all(getattr(scene, name).dtype == torch.float64 for name in NAMES)
+    assert bits.shape == (64, 3, 5)
+    assert bits.dtype == torch.bool
+
+
+@pytest.mark.parametrize("changed", NAMES)
+def test_changing_one_distribution_leaves_the_other_draws_as_they_were(changed):
+    before, bits_before = blocks(SceneModel(), 1)
+    after, bits_after = blocks(SceneModel(**{changed: Distribution("constant", (50.0,))}), 1)
+    assert torch.equal(bits_before, bits_after)
+    for name in NAMES:
+        assert torch.equal(getattr(before, name), getattr(after, name)) == (name != changed)
+
+
+def test_narrowing_a_uniform_rescales_the_same_draws():
+    """Common random numbers: a point of another distance range sees the same quantiles."""
+    wide, _ = blocks(SceneModel(distance_m=Distribution("uniform", (30.0, 70.0))), 1)
+    narrow, _ = blocks(SceneModel(distance_m=Distribution("uniform", (40.0, 60.0))), 1)
+    torch.testing.assert_close((wide.distance_m - 30) / 40, (narrow.distance_m - 40) / 20, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_default_scenes_are_uniform_over_their_bounds(name):
+    """Kolmogorov-Smirnov on 3200 draws, with a fixed seed; and no draw outside the bounds."""
+    model = SceneModel()
+    values = getattr(blocks(model, 50)[0], name).numpy()
+    low, high = getattr(model, name).bounds
+    assert values.min() >= low
+    assert values.max() <= high
+    assert stats.kstest(values, stats.uniform(low, high - low).cdf).pvalue > 1e-3
+    assert values.mean() == pytest.approx((low + high) / 2, abs=4 * (high - low) / np.sqrt(12 * values.size))
+
+
+def test_the_default_scene_is_the_papers_table_1():
+    model = SceneModel()
+    assert model.ambient_lx.bounds == (1000, 32000)
+    assert model.led_luminance_cd_m2.bounds == (2000, 4000)
+    assert model.distance_m.bounds == (30, 70)
+    assert model.background_grey.bounds == (86, 118)
+    assert model.nearest_m == 30
+
+
+def test_log_uniform_draws_are_uniform_in_their_logarithm():
+    drawn = Distribution("log_uniform", (10.0, 1000.0)).draw(np.random.default_rng(0), 5000)
+    assert stats.kstest(np.log10(drawn), stats.uniform(1, 2).cdf).pvalue > 1e-3
+    assert drawn.min() >= 10 * (1 - 1e-12)
+    assert drawn.max() <= 1000 * (1 + 1e-12)
+
+
+def test_choices_are_equally_likely():
+    drawn = Distribution("choice", (30.0, 50.0, 70.0)).draw(np.random.default_rng(0), 6000)
+    values, counts = np.unique(drawn, return_counts=True)
+    assert values.tolist() == [30, 50, 70]
+    assert stats.chisquare(counts).pvalue > 1e-3
+
+
+def test_a_constant_is_constant():
+    assert set(Distribution("constant", (7.5,)).draw(np.random.default_rng(0), 9)) == {7.5}
+
+
+def test_bits_are_fair_and_independent_of_their_neighbours():
+    """204800 bits: the mean, and the agreement with the next LED and frame, within 4 sigma of a half."""
+    _, bits = blocks(SceneModel(), 50)
+    shares = [
+        bits.double().mean(),
+        (bits[:, :, 1:] == bits[:, :, :-1]).double().mean(),
+        (bits[:, 1:] == bits[:, :-1]).double().mean(),
+        (bits[1:] == bits[:-1]).double().mean(),
+    ]
+    assert [float(share) for share in shares] == pytest.approx([0.5] * 4, abs=4 * 0.5 / np.sqrt(170_000))
+
+
+# Reading distributions
+
+
+@pytest.mark.parametrize(
+    ("spec", "kind", "values"),
+    [
+        (50, "constant", (50.0,)),
+        (2.5, "constant", (2.5,)),
+        (-1, "constant", (-1.0,)),
+        (["constant", 4], "constant", (4.0,)),
+        (["uniform", 40, 60], "uniform", (40.0, 60.0)),
+        (("uniform", 40, 40), "uniform", (40.0, 40.0)),
+        (["log_uniform", 1, 100.0], "log_uniform", (1.0, 100.0)),
+        (["choice", 3, 1, 2], "choice", (3.0, 1.0, 2.0)),
+    ],
+)
+def test_specifications_are_read(spec, kind, values):
+    assert Distribution.parse(spec, "distance_m") == Distribution(kind, values)
+
+
+@pytest.mark.parametrize(
+    "spec",
+    [
+        True,
+        float("nan"),
+        float("inf"),
+        "uniform",
+        "50",
+        None,
+        [],
+        {},
+        [40, 60],
+        ["normal", 0, 1],
+        ["uniform", 40],
+        ["uniform", 40, 50, 60],
+        ["uniform", "40", 60],
+        ["uniform", 40, float("inf")],
+        ["uniform", 60, 40],
+        ["uniform", False, 40],
+        ["log_uniform", 0, 10],
+        ["log_uniform", 1],
+        ["choice"],
+        ["choice", None],
+        ["constant", 1, 2],
+        [["uniform"], 1, 2],
+    ],
+)
+def test_wrong_specifications_are_refused_in_one_line(spec):
+    with pytest.raises(VoccError) as refusal:
+        Distribution.parse(spec, "distance_m")
+    message = str(refusal.value)
+    assert message.startswith(f"scene.distance_m is {spec!r}: ")
+    assert "\n" not in message
+    assert "must" in message
+
+
+@pytest.mark.parametrize(
+    ("name", "spec", "message"),
+    [
+        ("ambient_lx", 0, "scene.ambient_lx is 0: it must be above 0"),
+        ("led_luminance_cd_m2", ["uniform", -1, 5], "scene.led_luminance_cd_m2 is -1: it must be at least 0"),
+        ("distance_m", ["choice", 30, 0], "scene.distance_m is 0: it must be above 0"),
+        ("background_grey", ["uniform", 0, 100], "scene.background_grey is 0: it must be above 0"),
+        ("background_grey", ["uniform", 100, 256], "scene.background_grey is 256: it must be at most 255"),
+    ],
+)
+def test_distributions_that_can_leave_the_physical_range_are_refused(name, spec, message):
+    with pytest.raises(VoccError) as refusal:
+        SceneModel(**{name: Distribution.parse(spec, name)})
+    assert str(refusal.value) == message
+
+
+def test_led_luminance_may_be_zero():
+    scene, _ = blocks(SceneModel(led_luminance_cd_m2=Distribution("constant", (0.0,))), 1)
+    assert not scene.led_luminance_cd_m2.any()
