@@ -159,15 +159,17 @@ def main() -> None:
     scene, bits = scenes(args.frames)
     flda = train()
     few = max(16, args.frames // 8)
+    counts = (few, args.frames, few, args.frames, few, args.frames, args.frames)
     variants = [
         peer(True, scene, bits, flda),
         peer(False, scene, bits, flda),
-        ours("full", 4, scene, bits, flda),
+        ours("full", 1, scene, bits, flda),
+        ours("filled", 4, scene, bits, flda),
         ours("crop", 1, scene, bits, flda),
         ours("crop", 64, scene, bits, flda),
         ours("crop", 256, scene, bits, flda),
     ]
-    for variant, frames in zip(variants, (few, args.frames, few, few, args.frames, args.frames), strict=True):
+    for variant, frames in zip(variants, counts, strict=True):
         variant.frames = frames
         variant.run(min(frames, 16))
     with torch.no_grad():

@@ -65,14 +65,12 @@ def _world(settings: AppConfig) -> World:
     panel = asdict(settings.panel)
     shape = PanelShape(panel.pop("rows"), panel.pop("columns"))
     distributions = parsed_scene({name: getattr(settings.scene, name) for name in SCENE_FIELDS})
-    if settings.framing not in ("crop", "full"):
-        raise VoccError(f"framing is {settings.framing!r}: it must be crop or full")
     return World(
         camera=Camera(**camera, iso_limits=None if limits is None else (limits[0], limits[1])),
         panel=LedPanel(shape=shape, **panel),
         scene=SceneModel(**distributions),
         effects=effect_settings(settings.scene.effects),
-        framing="crop" if settings.framing == "crop" else "full",
+        framing=settings.framing,  # type: ignore[arg-type]  # checked by name in Simulator
         device=settings.device,
         dtype=PRECISIONS[settings.precision],
     )

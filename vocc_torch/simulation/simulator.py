@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Literal
+from typing import Literal, get_args
 
 import torch
 from torch import Tensor
@@ -29,6 +29,8 @@ PAPER_EFFECTS: Mapping[str, Mapping[str, float]] = {
 }
 """The effects of the paper's scenes."""
 
+Framing = Literal["crop", "filled", "full"]
+
 CHUNK_PIXELS = 4_000_000
 """Pixels rendered at a time: float planes beyond 32 MiB are fresh page faults on every use."""
 
@@ -41,7 +43,8 @@ class Simulator:
         panel: the LED panel; by default the paper's.
         effects: effect name to parameters; by default the paper's. What is not named is never built.
         framing: ``crop`` renders the panel's surroundings only and states the uniform rest as a grey value;
-            ``full`` renders the whole sensor.
+            ``filled`` lays that crop into a full frame of that grey value; ``full`` renders the whole sensor.
+            All three give the same pixels; an effect that fills the sensor makes every framing ``full``.
         device: where the tensors live.
         dtype: working precision, ``torch.float32`` or ``torch.float64``.
 
@@ -62,20 +65,21 @@ class Simulator:
         panel: LedPanel | None = None,
         effects: Mapping[str, Mapping[str, float]] | None = None,
         *,
-        framing: Literal["crop", "full"] = "crop",
+        framing: Framing = "crop",
         device: torch.device | str = "cpu",
         dtype: torch.dtype = torch.float32,
     ) -> None:
         """Build the named effects and no others."""
-        if framing not in ("crop", "full"):
-            raise VoccError(f"framing is {framing!r}: it must be crop or full")
+        if framing not in get_args(Framing):
+            raise VoccError(f"framing is {framing!r}: it must be one of {', '.join(get_args(Framing))}")
         if dtype not in (torch.float32, torch.float64):
             raise VoccError(f"dtype is {dtype}: it must be torch.float32 or torch.float64")
         self.camera = camera or Camera()
         self.panel = panel or LedPanel()
         self.effects: tuple[Effect, ...] = build_effects(PAPER_EFFECTS if effects is None else effects)
         self.output = check_chain(self.effects)
-        self.framing = "full" if any(effect.fills_sensor for effect in self.effects) else framing
+        fills = any(effect.fills_sensor for effect in self.effects)
+        self.framing: Framing = "full" if fills else framing
         self.device = torch.device(device)
         self.dtype = dtype
 
@@ -137,7 +141,7 @@ class Simulator:
             raise VoccError(f"bits has shape {tuple(bits.shape)}: it must be {wanted}")
         scene, bits = scene.to(self.device), bits.to(self.device)
         size = self.camera.sensor_px
-        if self.framing == "crop":
+        if self.framing != "full":
             nearest = float(scene.distance_m.min())
             if nearest_m is not None and nearest_m > nearest * (1 + 1e-9):
                 raise VoccError(
@@ -149,7 +153,8 @@ class Simulator:
         rows = [slice(start, start + chunk) for start in range(0, len(scene), chunk)]
         grey = torch.cat([self._expose(scene[r], bits[r], origin[r], size) for r in rows])
         surround = None if size == self.camera.sensor_px else self._surround(grey, scene, origin)
-        return Frames(grey, origin, self.camera.sensor_px, surround)
+        crops = Frames(grey, origin, self.camera.sensor_px, surround)
+        return _filled(crops) if self.framing == "filled" and surround is not None else crops
 
     def _origins(self, scene: Scene, size: tuple[int, int]) -> Tensor:
         """Top left pixel of each crop: around the panel, moved inside the sensor; (B,2) as (x, y)."""
@@ -231,3 +236,13 @@ class Simulator:
         add_patches(canvas, cover * step.reshape(-1, 1, 1), frame, left, top)
         # Rounding can leave a black LED a hair below zero, where gamma encoding has no value.
         return canvas.clamp_(min=0).unsqueeze(1).to(self.dtype)
+
+
+def _filled(crops: Frames) -> Frames:
+    """Lay each crop into a full frame of its surround's grey value."""
+    assert crops.surround is not None
+    height, width = crops.grey.shape[-2:]
+    grey = crops.surround.view(-1, 1, 1).expand(-1, *crops.sensor_px).contiguous()
+    for index, (x, y) in enumerate(crops.origin_px.tolist()):
+        grey[index, y : y + height, x : x + width] = crops.grey[index, 0]
+    return Frames(grey.unsqueeze(1), torch.zeros_like(crops.origin_px), crops.sensor_px)

@@ -16,7 +16,7 @@ from vocc_torch.receiver.bank import FLDA_FEATURES, check_receivers
 from vocc_torch.receiver.location import PaperLocator
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.simulation import Camera, Distribution, LedPanel, SceneModel, Simulator
-from vocc_torch.simulation.simulator import PAPER_EFFECTS
+from vocc_torch.simulation.simulator import PAPER_EFFECTS, Framing
 
 Locator = Literal["truth", "paper"]
 SCENE_FIELDS = tuple(f.name for f in dataclasses.fields(SceneModel))
@@ -46,7 +46,7 @@ class World:
         panel: the LED panel.
         scene: the distributions of the scenes, which are also those that a receiver trains on.
         effects: effect name to parameters.
-        framing: ``crop`` or ``full``.
+        framing: ``crop``, ``filled`` or ``full``: what is rendered, never what is decided.
         device: a torch device, or ``auto`` for CUDA where there is one.
         dtype: working precision of the simulation.
 
@@ -58,7 +58,7 @@ class World:
     panel: LedPanel = field(default_factory=LedPanel)
     scene: SceneModel = field(default_factory=SceneModel)
     effects: Mapping[str, Mapping[str, float]] = field(default_factory=lambda: dict(PAPER_EFFECTS))
-    framing: Literal["crop", "full"] = "crop"
+    framing: Framing = "crop"
     device: str = "auto"
     dtype: torch.dtype = torch.float32
 
