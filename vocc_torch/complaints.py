@@ -1,12 +1,25 @@
-"""Hydra's and OmegaConf's errors, said in one line: the key, the value and what is allowed."""
+"""Configuration mistakes, said in one line: the key, the value and what is allowed."""
 
 from __future__ import annotations
 
 import dataclasses
 import difflib
 import re
+from collections.abc import Iterator
+from pathlib import PurePath
 
 from vocc_torch.config import AppConfig
+from vocc_torch.errors import VoccError
+
+OPEN_MAPPINGS = ("scene.effects", "experiment.scene", "experiment.training")
+"""Keys under which a user may add keys with +; what they accept is checked where they are used."""
+
+_KINDS = {
+    "Integer": "a whole number",
+    "Float": "a number",
+    "Boolean": "true or false",
+    "bool": "true or false",
+}
 
 
 def known_keys(schema: type = AppConfig, prefix: str = "") -> list[str]:
@@ -26,37 +39,112 @@ def known_keys(schema: type = AppConfig, prefix: str = "") -> list[str]:
 
 
 def _unknown_key(key: str) -> str:
-    """Refuse a key that the schema does not have."""
+    """Refuse a key that is not there."""
+    parent = next((name for name in OPEN_MAPPINGS if key.startswith(f"{name}.")), None)
+    if parent is not None:
+        return f"{key} is not set here: + adds to {parent}, as in +{key}=..."
     near = difflib.get_close_matches(key, known_keys(), n=1, cutoff=0.6)
     hint = f"did you mean {near[0]}?" if near else "vocc-torch --help lists the keys"
     return f"{key} is not a known key: {hint}"
 
 
+def checked(settings: AppConfig) -> AppConfig:
+    """Give the settings back, or refuse a key that + has added, a value that ~ has removed, or a bad name.
+
+    Raises:
+        VoccError: the first such key.
+
+    Example:
+        >>> checked(AppConfig(name="../elsewhere"))
+        Traceback (most recent call last):
+        ...
+        vocc_torch.errors.VoccError: name is '../elsewhere': it must be a folder below runs/, without ..
+    """
+    parts = PurePath(settings.name).parts
+    if not parts or ".." in parts or PurePath(settings.name).is_absolute():
+        raise VoccError(f"name is {settings.name!r}: it must be a folder below runs/, without ..")
+    for complaint in _misfits(settings, ""):
+        raise VoccError(complaint)
+    return settings
+
+
+def _misfits(settings: object, prefix: str) -> Iterator[str]:
+    """Walk the settings and complain of keys that the schema does not have and of values that are missing."""
+    names = {field.name for field in dataclasses.fields(settings)}  # type: ignore[arg-type]  # a dataclass
+    for name, value in vars(settings).items():
+        if name not in names:
+            yield _unknown_key(prefix + name)
+        elif dataclasses.is_dataclass(value):
+            yield from _misfits(value, f"{prefix}{name}.")
+        elif value == "???":
+            yield f"{prefix}{name} is missing: it must have a value"
+
+
 def one_line(error: BaseException) -> str:
-    r"""Say in one line what Hydra refused.
+    """Say in one line what Hydra refused.
 
     Args:
         error: an error of Hydra or OmegaConf; its cause is read too.
 
     Example:
-        >>> one_line(ValueError("Could not override 'sede'.\nKey 'sede' is not in struct"))
+        >>> one_line(ValueError("Could not override 'sede'.\\nKey 'sede' is not in struct"))
         'sede is not a known key: did you mean seed?'
     """
     text = "\n".join(str(e) for e in (error, error.__cause__) if e is not None)
+    override = getattr(error, "override", None)
+    if override is not None:
+        return f"{override} cannot be read: write key=value, a list as [a,b], and quote what is special"
+    said = _of_group(text) or _of_key(text) or _of_value(text)
+    return said or " ".join(text.split("Set the environment variable")[0].split())
+
+
+def _of_group(text: str) -> str | None:
+    """Complain of a group's option, or of several values."""
     if match := re.search(r"Could not find '([\w./-]+)/([^']*)'", text):
         group, option = match.groups()
-        listed = re.search(rf"Available options in '{group}':\s*\n((?:\s+.+\n?)+)", text)
+        listed = re.search(rf"Available options in '{group}':\s*\n((?:\s+.+\n?)+?)Config search path", text)
         allowed = ", ".join(listed.group(1).split()) if listed else "none"
         return f"{group} is '{option}': it must be one of {allowed}"
-    match = re.search(r"Could not (?:override|delete from config\.?) '?([\w.@/]+)'?", text)
-    if match and re.search(r"is not in struct|not in '|does not exist", text):
+    if match := re.search(r"Multiple values for ([\w./]+)", text):
+        return f"{match.group(1)} is chosen twice: write {match.group(1)}=option without +"
+    if match := re.search(r"Ambiguous value for argument '([^=]+)=(.*)'", text):
+        key, values = match.groups()
+        return f"{key} is {values}: it must be one value; -m runs several, and a list is written [{values}]"
+    return None
+
+
+def _of_key(text: str) -> str | None:
+    """Complain of a key that is not there or has no value."""
+    if match := re.search(r"Missing mandatory value: ([\w.]+)", text):
+        return f"{match.group(1)} is missing: it must have a value"
+    if match := re.search(r"Interpolation key '([^']+)' not found\s+full_key: ([\w.]+)", text):
+        return f"{match.group(2)} refers to ${{{match.group(1)}}}: it must be a known key"
+    unknown = "is not in struct" in text or " not in '" in text or "does not exist" in text
+    if unknown and (match := re.search(r"full_key: ([\w.]+)", text)):
         return _unknown_key(match.group(1))
-    if match := re.search(r"Key '(\w+)' (?:is )?not in '(\w+)'[\s\S]*?full_key: ([\w.]+)", text):
-        return _unknown_key(match.group(3))
-    if match := re.search(
-        r"Value '([^']*)'.*?could not be converted to (\w+)[\s\S]*?full_key: ([\w.\[\]]+)", text
-    ):
-        value, kind, key = match.groups()
-        names = {"Integer": "a whole number", "Float": "a number", "Boolean": "true or false"}
-        return f"{key} is '{value}': it must be {names.get(kind, kind)}"
-    return " ".join(text.split("Set the environment variable")[0].split())
+    if match := re.search(r"Could not (?:override|delete from config\.?) '?([\w.@/]+)'?", text):
+        return _unknown_key(match.group(1)) if unknown else f"{match.group(1)} is not a known key or group"
+    return None
+
+
+def _of_value(text: str) -> str | None:
+    """Complain of a value of the wrong type."""
+    match = re.search(r"full_key: ([\w.\[\]]+)", text)
+    if match is None:
+        return None
+    key = match.group(1)
+    given = re.search(r"Value '([^']*)'|Error merging override [^=]+=(.*)", text)
+    value = next((group for group in given.groups() if group is not None), "") if given else ""
+    rules = (
+        (r"could not be converted to (\w+)", None),
+        (r"is not a valid (\w+)", None),
+        (r"is not Optional", "not null"),
+        (r"is not a ListConfig", "a list, as in [a,b]"),
+        (r"Cannot assign \w+ to Dict|is not a DictConfig", "a mapping, as in {key:value}"),
+        (r"Cannot convert '\w+' to string", "text"),
+    )
+    for pattern, allowed in rules:
+        if found := re.search(pattern, text):
+            what = allowed or _KINDS.get(found.group(1), found.group(1))
+            return f"{key} is {value if value == 'null' else repr(value)}: it must be {what}"
+    return None

@@ -55,12 +55,12 @@ def cell_size_px(corners_px: Tensor, shape: PanelShape) -> tuple[Tensor, Tensor]
 
 
 def _map_cells(homography: Tensor, x: Tensor, y: Tensor) -> tuple[Tensor, Tensor]:
-    """Map the grid of cell coordinates x (w,) by y (h,) to pixels, x and y (B,h,w) each."""
+    """Map the grid of cell coordinates x (w,) by y (h,) to pixels, x and y (B,h,w) each; 0/0 gives 0."""
     across = homography[:, :, 0, None] * x + homography[:, :, 2, None]
     mapped = across[:, :, None, :] + (homography[:, :, 1, None] * y)[..., None]
     if bool((homography[:, 2, :2] == 0).all()):
         return mapped[:, 0], mapped[:, 1]
-    return mapped[:, 0] / mapped[:, 2], mapped[:, 1] / mapped[:, 2]
+    return (mapped[:, 0] / mapped[:, 2]).nan_to_num_(), (mapped[:, 1] / mapped[:, 2]).nan_to_num_()
 
 
 def _cut(frames: Frames, origin: Tensor, size: tuple[int, int], dtype: torch.dtype) -> Tensor:
@@ -73,6 +73,18 @@ def _cut(frames: Frames, origin: Tensor, size: tuple[int, int], dtype: torch.dty
     return frames.grey[:, 0][frame, rows.unsqueeze(-1), columns.unsqueeze(-2)].to(dtype)
 
 
+def _reach(frames: Frames) -> tuple[Tensor, Tensor]:
+    """How far a panel is looked for: on the sensor, within a crop's size around it, (B,2) least and most (x, y).
+
+    Farther out the border pixels go on, so a wild quadrilateral of a false panel needs no larger window.
+    """
+    height, width = frames.grey.shape[-2:]
+    extent = frames.origin_px.new_tensor([width, height])
+    sensor = frames.origin_px.new_tensor(frames.sensor_px[::-1])
+    least = (frames.origin_px - extent).clamp(min=0)
+    return least.double(), torch.minimum(frames.origin_px + 2 * extent, sensor).double()
+
+
 def _sample(frames: Frames, homography: Tensor, x: Tensor, y: Tensor, dtype: torch.dtype) -> Tensor:
     """Read frames bilinearly at cell coordinates x (w,) by y (h,), giving (B,h,w).
 
@@ -80,17 +92,20 @@ def _sample(frames: Frames, homography: Tensor, x: Tensor, y: Tensor, dtype: tor
     values to the last bit, whatever else is in the batch; ``grid_sample`` normalises by the image's size
     and does not.
     """
-    ends_x, ends_y = _map_cells(homography, x[[0, -1]], y[[0, -1]])
-    lowest = torch.stack([ends_x.flatten(1).amin(1), ends_y.flatten(1).amin(1)], dim=1)
-    highest = torch.stack([ends_x.flatten(1).amax(1), ends_y.flatten(1).amax(1)], dim=1)
+    ends = torch.stack([ends.flatten(1) for ends in _map_cells(homography, x[[0, -1]], y[[0, -1]])], dim=1)
+    least, most = _reach(frames)
+    lowest, highest = (torch.minimum(torch.maximum(v, least), most) for v in (ends.amin(2), ends.amax(2)))
     origin = torch.floor(lowest - 0.5)
-    width, height = (int(v) + 2 for v in torch.ceil(highest - origin).amax(0).tolist())
+    last = torch.ceil(highest - origin)
+    width, height = (int(v) + 2 for v in last.amax(0).tolist())
     window = _cut(frames, origin.long(), (height, width), dtype).flatten(1)
     # Half a pixel off, so that whole numbers are pixel centres; as a product with a shift, exact in float64.
     shift = torch.eye(3, dtype=homography.dtype, device=homography.device).repeat(len(frames), 1, 1)
     shift[:, :2, 2] = -origin - 0.5
     x_px, y_px = _map_cells((shift @ homography).to(dtype), x.to(dtype), y.to(dtype))
-    left, top = torch.floor(x_px).clamp_(0, width - 2), torch.floor(y_px).clamp_(0, height - 2)
+    last_x, last_y = last.to(dtype).view(-1, 2, 1, 1).unbind(dim=1)
+    x_px, y_px = torch.minimum(x_px.clamp(min=0), last_x), torch.minimum(y_px.clamp(min=0), last_y)
+    left, top = torch.floor(x_px), torch.floor(y_px)
     index = (top.long() * width).add_(left.long()).flatten(1)
     right_share, lower_share = x_px.sub_(left).flatten(1), y_px.sub_(top).flatten(1)
     upper = torch.lerp(window.gather(1, index), window[:, 1:].gather(1, index), right_share)
