@@ -44,8 +44,8 @@ def build_plan(settings: AppConfig, folder: Path) -> Plan:
             name=experiment.name,
             axis=experiment.axis,
             values=tuple(experiment.values),
-            scene=parsed_scene(experiment.scene),
-            training=parsed_scene(experiment.training),
+            scene=parsed_scene(experiment.scene, "experiment.scene"),
+            training=parsed_scene(experiment.training, "experiment.training"),
         ),
         budget=Budget(**asdict(settings.budget)),
         folder=folder,
@@ -83,7 +83,15 @@ def _receiver(settings: AppConfig) -> ReceiverPlan:
     return ReceiverPlan(
         names=tuple(receiver.names),
         locator=receiver.locator,  # type: ignore[arg-type]  # checked by name in ReceiverPlan
-        location=PaperLocator(**asdict(receiver.location)),
+        location=_location(settings),
         reader=Reader(shape, receiver.samples_per_led, receiver.gradient),  # type: ignore[arg-type]  # checked there
         save=receiver.save,
     )
+
+
+def _location(settings: AppConfig) -> PaperLocator:
+    """The locator; its refusals name the configuration's key."""
+    try:
+        return PaperLocator(**asdict(settings.receiver.location))
+    except VoccError as error:
+        raise VoccError(f"receiver.{error}") from None

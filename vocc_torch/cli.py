@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shutil
 import sys
 from pathlib import Path
 
@@ -13,7 +12,7 @@ from hydra.errors import HydraException
 from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
-from vocc_torch.complaints import one_line
+from vocc_torch.complaints import checked, one_line
 from vocc_torch.config import AppConfig, register_schema, resolved
 from vocc_torch.errors import VoccError
 
@@ -42,46 +41,74 @@ def run_task(settings: AppConfig, folder: Path) -> None:
 
 
 def _discard_if_empty(folder: Path) -> None:
-    """Remove a run's folder that holds only Hydra's own notes, and the folders above that it leaves empty."""
-    if not folder.is_dir() or any(entry.name != ".hydra" for entry in folder.iterdir()):
-        return
-    shutil.rmtree(folder, ignore_errors=True)
-    for parent in list(folder.parents)[:3]:
-        if parent.name == "runs" or not parent.is_dir() or any(parent.iterdir()):
+    """Remove a run's folder that holds nothing, and the folders up to ``runs`` that it leaves empty."""
+    above = [parent for parent in folder.parents if parent.is_relative_to(Path.cwd() / "runs")]
+    for empty in (folder, *above):
+        try:
+            empty.rmdir()
+        except OSError:  # it holds something
             return
-        parent.rmdir()
+
+
+def _run_job(config: DictConfig) -> str | None:
+    """Run one job and give the complaint that ended it.
+
+    Raising would end a multirun; this way the other jobs are run, and the exit status tells of this one.
+    """
+    folder = Path(HydraConfig.get().runtime.output_dir)
+    try:
+        run_task(checked(resolved(config)), folder)
+    except BrokenPipeError:
+        raise
+    except VoccError as error:
+        return str(error)
+    except OSError as error:
+        return f"{error.filename or folder}: {error.strerror or error}"
+    finally:
+        _discard_if_empty(folder)
+    return None
+
+
+def _refusal(error: Exception) -> str | None:
+    """Say what Hydra refused before or between the jobs; None for an error that is not the user's."""
+    if isinstance(error, HydraException | OmegaConfBaseException | ValueError):
+        return one_line(error, sys.argv[1:])
+    if isinstance(error, OSError):
+        where = f" {error.filename}" if error.filename else ""
+        return f"cannot make the run's folder{where} ({error.strerror}): choose another with name="
+    return None
 
 
 def run() -> int:
     """Run the application on the process's arguments and give its exit status."""
     failures: list[str] = []
+    unforeseen: list[Exception] = []
 
     @hydra.main(version_base="1.3", config_path="conf", config_name="config")
     def job(config: DictConfig) -> None:
-        folder = Path(HydraConfig.get().runtime.output_dir)
         try:
-            run_task(resolved(config), folder)
-        except VoccError as error:
-            # Raising would end a multirun; the other jobs are run, and the status tells of this one.
-            failures.append(str(error))
-            complain(str(error))
-            _discard_if_empty(folder)
+            complaint = _run_job(config)
+        except Exception as error:
+            unforeseen.append(error)
+            raise
+        if complaint is not None:
+            failures.append(complaint)
+            complain(complaint)
 
     # Hydra prints errors over several lines and exits unless it is told to let them through.
     os.environ["HYDRA_FULL_ERROR"] = "1"
     register_schema()
     try:
         job()
-    except (HydraException, OmegaConfBaseException) as error:
-        failures.append(one_line(error))
-        complain(failures[-1])
-    except OSError as error:
-        where = f" {error.filename}" if error.filename else ""
-        failures.append(f"cannot write the run's folder{where} ({error.strerror}): choose another with name=")
-        complain(failures[-1])
     except KeyboardInterrupt:
         print("vocc-torch: interrupted", file=sys.stderr)
         return 130
+    except Exception as error:
+        complaint = None if error in unforeseen else _refusal(error)
+        if complaint is None:
+            raise
+        complain(complaint)
+        return 2
     return 2 if failures else 0
 
 

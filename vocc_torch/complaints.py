@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import difflib
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import PurePath
 
 from vocc_torch.config import AppConfig
@@ -20,6 +20,8 @@ _KINDS = {
     "Boolean": "true or false",
     "bool": "true or false",
 }
+
+_GROUP = re.compile(r"(task|scene|camera|panel|receiver|experiment|budget)?=(null|true|false|[-.\d]+)$", re.I)
 
 
 def known_keys(schema: type = AppConfig, prefix: str = "") -> list[str]:
@@ -80,20 +82,26 @@ def _misfits(settings: object, prefix: str) -> Iterator[str]:
             yield f"{prefix}{name} is missing: it must have a value"
 
 
-def one_line(error: BaseException) -> str:
-    """Say in one line what Hydra refused.
+def one_line(error: BaseException, arguments: Sequence[str] = ()) -> str:
+    r"""Say in one line what Hydra refused.
 
     Args:
         error: an error of Hydra or OmegaConf; its cause is read too.
+        arguments: the command line, which names the key where the error does not.
 
     Example:
-        >>> one_line(ValueError("Could not override 'sede'.\\nKey 'sede' is not in struct"))
+        >>> one_line(ValueError("Could not override 'sede'.\nKey 'sede' is not in struct"))
         'sede is not a known key: did you mean seed?'
     """
     text = "\n".join(str(e) for e in (error, error.__cause__) if e is not None)
     override = getattr(error, "override", None)
     if override is not None:
         return f"{override} cannot be read: write key=value, a list as [a,b], and quote what is special"
+    if "Config group override must be" in text:
+        key, _, value = next((word for word in arguments if _GROUP.match(word)), "a group=null").partition(
+            "="
+        )
+        return f"{key} is {value}: it must be one of the options that vocc-torch --help lists"
     said = _of_group(text) or _of_key(text) or _of_value(text)
     return said or " ".join(text.split("Set the environment variable")[0].split())
 
@@ -105,7 +113,7 @@ def _of_group(text: str) -> str | None:
         listed = re.search(rf"Available options in '{group}':\s*\n((?:\s+.+\n?)+?)Config search path", text)
         allowed = ", ".join(listed.group(1).split()) if listed else "none"
         return f"{group} is '{option}': it must be one of {allowed}"
-    if match := re.search(r"Multiple values for ([\w./]+)", text):
+    if match := re.search(r"Multiple values for ([\w/]+)", text):
         return f"{match.group(1)} is chosen twice: write {match.group(1)}=option without +"
     if match := re.search(r"Ambiguous value for argument '([^=]+)=(.*)'", text):
         key, values = match.groups()
@@ -119,10 +127,14 @@ def _of_key(text: str) -> str | None:
         return f"{match.group(1)} is missing: it must have a value"
     if match := re.search(r"Interpolation key '([^']+)' not found\s+full_key: ([\w.]+)", text):
         return f"{match.group(2)} refers to ${{{match.group(1)}}}: it must be a known key"
+    if match := re.search(r"Could not delete from config\.? '?([\w./]+)'?", text):
+        return f"{match.group(1)} is not set: ~ has nothing to remove"
+    if "does not support deletion" in text and (match := re.search(r"full_key: ([\w.]+)", text)):
+        return f"{match.group(1)} cannot be removed: it must have a value"
     unknown = "is not in struct" in text or " not in '" in text or "does not exist" in text
     if unknown and (match := re.search(r"full_key: ([\w.]+)", text)):
         return _unknown_key(match.group(1))
-    if match := re.search(r"Could not (?:override|delete from config\.?) '?([\w.@/]+)'?", text):
+    if match := re.search(r"Could not override '?([\w.@/]+)'?", text):
         return _unknown_key(match.group(1)) if unknown else f"{match.group(1)} is not a known key or group"
     return None
 
@@ -133,12 +145,12 @@ def _of_value(text: str) -> str | None:
     if match is None:
         return None
     key = match.group(1)
-    given = re.search(r"Value '([^']*)'|Error merging override [^=]+=(.*)", text)
-    value = next((group for group in given.groups() if group is not None), "") if given else ""
+    given = re.search(r"Value '([^']*)'", text) or re.search(r"Error merging override [^=]+=(.*)", text)
+    value = given.group(1) if given else ""
     rules = (
         (r"could not be converted to (\w+)", None),
         (r"is not a valid (\w+)", None),
-        (r"is not Optional", "not null"),
+        (r"is not Optional", "given a value"),
         (r"is not a ListConfig", "a list, as in [a,b]"),
         (r"Cannot assign \w+ to Dict|is not a DictConfig", "a mapping, as in {key:value}"),
         (r"Cannot convert '\w+' to string", "text"),

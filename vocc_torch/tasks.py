@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 from rich.console import Console
@@ -12,21 +13,36 @@ from vocc_torch.errors import VoccError
 from vocc_torch.evaluation.curve import BerTable, Point
 from vocc_torch.files import write_atomically
 from vocc_torch.receiver.features import FEATURE_NAMES
+from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.reporting.csv_file import write_table
 from vocc_torch.reporting.plots import ber_figure, feature_histograms, save_figure
 from vocc_torch.reporting.styles import axis_label
-from vocc_torch.reporting.tensorboard import board_hint, write_board
+from vocc_torch.reporting.tensorboard import axis_steps, board_hint, write_board
 from vocc_torch.reporting.terminal import StudyView, print_table
-from vocc_torch.studies.decode import Reading, annotated, bits_csv, decode, receiver_for, save_picture
+from vocc_torch.studies.decode import (
+    COLUMNS,
+    Reading,
+    annotated,
+    bits_csv,
+    decode,
+    receiver_for,
+    save_picture,
+)
 from vocc_torch.studies.gallery import sample_frames
 from vocc_torch.studies.link import Link
 from vocc_torch.studies.plan import Plan
 from vocc_torch.studies.sweep import axis_values, frames_in_point, monte_carlo_values, sweep_point
 from vocc_torch.studies.train import Training, train, trained_receiver
 
+RESULTS = ("ber.csv", "bits.csv", "receiver.pt", "config.yaml")
+"""Files that a run writes."""
+DOUBTFUL_SCORE = 0.6
+"""Noise that fills a 4:3 picture scores 0.56; of the paper's scenes one in fifty scores less than this."""
+
 
 def run_train(settings: AppConfig, folder: Path) -> None:
     """Train FLDA and write the receiver."""
+    _prepare(settings, folder)
     plan, console = build_plan(settings, folder), Console()
     training = _train(plan, console)
     _write_training(settings, plan, training, folder)
@@ -35,8 +51,10 @@ def run_train(settings: AppConfig, folder: Path) -> None:
 
 def run_test(settings: AppConfig, folder: Path) -> None:
     """Train, measure bit error rates along the experiment's axis, and report them."""
+    _prepare(settings, folder)
     plan, console = build_plan(settings, folder), Console()
-    _prepare(folder)
+    if settings.tensorboard:
+        _check_steps(plan)
     training = _train(plan, console)
     table = BerTable(_sweep(plan, training, console))
     if not len(table):
@@ -67,6 +85,7 @@ def run_decode(settings: AppConfig, folder: Path) -> None:
     Raises:
         VoccError: no input, or an input without a panel.
     """
+    _prepare(settings, folder)
     if settings.input is None:
         raise VoccError("input is null: task=decode needs input=PICTURE, a folder of pictures or a video")
     if not 1 <= settings.decode.scale <= 16:
@@ -76,14 +95,11 @@ def run_decode(settings: AppConfig, folder: Path) -> None:
         raise VoccError(f"input {source} does not exist: give a picture, a folder of pictures or a video")
     plan = build_plan(settings, folder)
     receiver = receiver_for(plan, None if settings.model is None else Path(settings.model))
-    rows, found, best = [], 0, None
-    for reading in decode(receiver, source, settings.decode.channel):  # type: ignore[arg-type]  # checked there
-        rows.append(reading.row())
-        found += reading.found
-        if reading.found and settings.decode.annotate and reading.frame.time_s is None:
-            picture = annotated(reading, settings.decode.scale)
-            save_picture(picture, folder / "annotated" / f"{Path(reading.frame.source).stem}.png")
-        best = reading if reading.found and (best is None or reading.margin > best.margin) else best
+    try:
+        rows, best = _read(settings, receiver, source, folder)
+    except BaseException:
+        shutil.rmtree(folder / "annotated", ignore_errors=True)
+        raise
     if best is None:
         hint = "see receiver.location for the locator's limits, and decode.channel for coloured LEDs"
         raise VoccError(f"input {source} shows no panel in {len(rows)} of {len(rows)} frames: {hint}")
@@ -91,14 +107,52 @@ def run_decode(settings: AppConfig, folder: Path) -> None:
     write_atomically(folder / "config.yaml", as_yaml(settings).encode())
     if settings.model is None:
         receiver.save(folder / "receiver.pt")
+    found = sum(bool(row[COLUMNS.index("bits")]) for row in rows)
     _show_bits(console, best, f"{found} of {len(rows)} frames show a panel")
     console.print(f"bits      {folder / 'bits.csv'}", soft_wrap=True, highlight=False)
 
 
-def _prepare(folder: Path) -> None:
-    """Refuse a folder that already holds results, before any work is done."""
-    if (folder / "ber.csv").exists():
-        raise VoccError(f"name: {folder} already holds ber.csv: give another name=, or delete the folder")
+def _read(
+    settings: AppConfig, receiver: Receiver, source: Path, folder: Path
+) -> tuple[list[list[str]], Reading | None]:
+    """Decode every frame and write the annotated pictures; give the rows and the reading of most margin."""
+    rows, best, names = [], None, set[str]()
+    for reading in decode(receiver, source, settings.decode.channel):  # type: ignore[arg-type]  # checked there
+        rows.append(reading.row())
+        if not reading.found:
+            continue
+        if settings.decode.annotate and reading.frame.time_s is None:
+            stem = Path(reading.frame.source).stem
+            # a.png and a.jpg of one folder are two pictures
+            name = reading.frame.source if stem in names else stem
+            names.add(stem)
+            save_picture(annotated(reading, settings.decode.scale), folder / "annotated" / f"{name}.png")
+        best = reading if best is None or reading.margin > best.margin else best
+    return rows, best
+
+
+def _prepare(settings: AppConfig, folder: Path) -> None:
+    """Refuse what the task would pass over, and a folder that holds results, before any work is done."""
+    if settings.task != "decode":
+        for name in ("input", "model"):
+            value = getattr(settings, name)
+            if value is not None:
+                raise VoccError(
+                    f"{name} is {value!r}: it must be null for task={settings.task}; only task=decode uses it"
+                )
+    for name in RESULTS:
+        if (folder / name).exists():
+            raise VoccError(f"name: {folder} already holds {name}: give another name=, or delete the folder")
+
+
+def _check_steps(plan: Plan) -> None:
+    """Refuse values that TensorBoard cannot tell apart, before any work is done."""
+    try:
+        axis_steps(plan.experiment.axis, axis_values(plan.experiment))
+    except VoccError as error:
+        raise VoccError(
+            f"experiment.values: {error}; give values further apart, or tensorboard=false"
+        ) from None
 
 
 def _train(plan: Plan, console: Console) -> Training:
@@ -158,7 +212,8 @@ def _show_bits(console: Console, reading: Reading, summary: str) -> None:
         console.print("  " + " ".join(on if bit else off for bit in row), highlight=False)
     console.print(reading.text, soft_wrap=True, highlight=False)
     others = f"; {reading.candidates} blobs could have been the panel" if reading.candidates > 1 else ""
+    doubt = ", which may be no panel" if reading.panel_score < DOUBTFUL_SCORE else ""
+    score = f"panel score {reading.panel_score:.2f}{doubt}"
     where = reading.frame.source + ("" if reading.frame.time_s is None else f", frame {reading.frame.index}")
-    console.print(
-        f"{where}: least margin {reading.margin:.3g}{others}; {summary}", soft_wrap=True, highlight=False
-    )
+    judged = f"{where}: least margin {reading.margin:.3g}, {score}{others}; {summary}"
+    console.print(judged, soft_wrap=True, highlight=False)

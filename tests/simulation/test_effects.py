@@ -29,6 +29,9 @@ from vocc_torch.simulation.simulator import PAPER_EFFECTS, Simulator
 from vocc_torch.types import Scene
 
 DOUBLE = torch.float64
+NEEDS_SATURATION = (
+    "scene.effects.quantization needs grey value, 0 to 255, which scene.effects must make: saturation"
+)
 
 
 def run(effect, value, scene=None):
@@ -116,7 +119,7 @@ def test_blooming_does_not_depend_on_the_batch(dtype, batch):
 
 @pytest.mark.parametrize("dtype", [torch.float32, DOUBLE])
 def test_no_light_leaks_into_the_neighbouring_frame(dtype):
-    """A black and a dim frame between glaring ones stay black and as dim as alone, whatever stands beside them."""
+    """A black and a dim frame between glaring ones stay black and as dim as they are alone."""
     frames = planes(7, 5, 1, 20, 24, dtype=dtype)
     frames[0::2] *= 1e30
     frames[1] = 0
@@ -146,7 +149,7 @@ def test_attenuation_dims_each_frame_by_its_own_distance():
 
 
 def test_attenuation_leaves_reflected_light_alone():
-    """Eq. 20 multiplies the LED's own light: with every LED Off thick fog changes nothing, with one On it does."""
+    """Eq. 20 multiplies the LED's own light: with all LEDs Off fog changes nothing, with all On it does."""
     scene, bits = Scene.of(2, distance_m=60.0), torch.zeros(2, 8, 8, dtype=torch.bool)
     fog = PAPER_EFFECTS | {"attenuation": {"visibility_m": 50.0}}
     clear = {name: values for name, values in PAPER_EFFECTS.items() if name != "attenuation"}
@@ -211,7 +214,7 @@ def test_effects_run_in_physical_order_whatever_the_order_of_the_names():
 
 
 def test_physical_order_never_runs_back():
-    """Light at the LED, air, optics, sensor, encoding: what an effect takes never lies before what another gave."""
+    """Light at the LED, air, optics, sensor, encoding: no effect takes what lies before what another gave."""
     order = list(Quantity)
     for earlier, later in itertools.pairwise(PHYSICAL_ORDER):
         assert order.index(earlier.gives) <= order.index(later.takes)
@@ -255,11 +258,11 @@ def test_effects_left_out_are_not_built():
         ({"blooming": {"sigma_px": 0}}, "scene.effects.blooming.sigma_px is 0: it must be above 0"),
         (
             {"quantization": {"bits": 8}},
-            "scene.effects.quantization needs grey value, 0 to 255, which scene.effects must make: saturation",
+            NEEDS_SATURATION,
         ),
         (
             {"blooming": {"sigma_px": 1.5}, "quantization": {"bits": 8}},
-            "scene.effects.quantization needs grey value, 0 to 255, which scene.effects must make: saturation",
+            NEEDS_SATURATION,
         ),
     ],
 )

@@ -65,8 +65,8 @@ def area_by_pieces(x, y, radius, column, row):
 def test_every_pixels_cover_is_exact_to_4e_15_of_the_radius_squared(radius):
     """Measured against 40-digit arithmetic the error is at most 1e-15 radius^2: 9e-14 px^2 at 10 px.
 
-    The reference here is itself rounded to doubles, hence the wider bound. The last centres put the rim within
-    a hair of a pixel edge, where a careless square root loses half the digits.
+    The reference here is itself rounded to doubles, hence the wider bound. The last centres put the rim a
+    hair from a pixel edge, where a careless square root loses digits.
     """
     rng = np.random.default_rng(int(radius * 100))
     hairs = [(radius + 4 + hair, 0.3) for hair in (0.0, 1e-15, -1e-12, 1e-10, -1e-8, 1e-5)]
@@ -158,7 +158,7 @@ def test_a_disc_far_outside_draws_nothing():
 
 
 def test_small_discs_in_one_pixel_add_up():
-    """Nine LEDs of 0.05 px radius inside pixel (row 1, column 2): nine times pi r^2, and nothing elsewhere."""
+    """Nine LEDs of 0.05 px radius in pixel (row 1, column 2): nine times pi r^2, and nothing elsewhere."""
     discs = [(0, 2.2 + 0.3 * i, 1.2 + 0.3 * j, 0.05) for i in range(3) for j in range(3)]
     canvas = draw(torch.zeros(1, 3, 4, dtype=torch.float64), discs)
     assert float(canvas[0, 1, 2]) == pytest.approx(9 * math.pi * 0.05**2, rel=1e-12)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import islice
 
 from vocc_torch.evaluation.counts import Counts
 from vocc_torch.rng import BLOCK_FRAMES
@@ -91,9 +92,8 @@ def run_point(
         (192, 'frame_errors')
     """
     total: dict[Label, Counts] = {}
-    parts = list(rule.parts())
-    for start in range(0, len(parts), blocks_at_once):
-        together = parts[start : start + blocks_at_once]
+    parts = rule.parts()
+    while together := list(islice(parts, blocks_at_once)):
         for part, counts in zip(together, count(together), strict=True):
             for label, one in counts.items():
                 total[label] = total.get(label, Counts()) + one

@@ -5,8 +5,7 @@ from __future__ import annotations
 import dataclasses
 import io
 import json
-import pickle
-import zipfile
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -141,6 +140,8 @@ class Receiver(nn.Module):
             reader = Reader(shape, settings["samples_per_led"], settings["gradient"])
             classifier = FLDA(n_features=len(FLDA_FEATURES[settings["name"]]))
             classifier.load_state_dict(state)
+            if not bool(classifier.direction.isfinite().all()):
+                raise VoccError("its statistics are not finite")
             return cls(settings["name"], PaperLocator(**settings["locator"]), reader, classifier)
         except (KeyError, TypeError, ValueError, RuntimeError, AttributeError) as error:
             reason = str(error).splitlines()[0] if str(error) else type(error).__name__
@@ -150,10 +151,12 @@ class Receiver(nn.Module):
 def _read_content(path: Path) -> dict[str, Any]:
     """Read a model file's content, or refuse it in one line."""
     try:
-        content = torch.load(path, map_location="cpu", weights_only=True)
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            content = torch.load(path, map_location="cpu", weights_only=True)
     except FileNotFoundError:
         raise VoccError(f"model {path} does not exist: give the receiver.pt that task=train wrote") from None
-    except (OSError, RuntimeError, EOFError, ValueError, pickle.UnpicklingError, zipfile.BadZipFile):
+    except Exception:  # a damaged pickle may raise anything
         raise VoccError(
             f"model {path} cannot be read as a receiver: it is damaged or of another kind"
         ) from None

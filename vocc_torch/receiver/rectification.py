@@ -74,7 +74,7 @@ def _cut(frames: Frames, origin: Tensor, size: tuple[int, int], dtype: torch.dty
 
 
 def _reach(frames: Frames) -> tuple[Tensor, Tensor]:
-    """How far a panel is looked for: on the sensor, within a crop's size around it, (B,2) least and most (x, y).
+    """How far out pixels are read: on the sensor, to a crop's size around it; least and most (x, y), (B,2).
 
     Farther out the border pixels go on, so a wild quadrilateral of a false panel needs no larger window.
     """

@@ -17,7 +17,7 @@ from PIL import Image, ImageDraw
 from vocc_torch.errors import VoccError
 from vocc_torch.files import write_atomically
 from vocc_torch.receiver.receiver import Receiver
-from vocc_torch.studies.plan import Plan
+from vocc_torch.studies.plan import Plan, resolve_device
 from vocc_torch.studies.recording import Channel, RecordedFrame, read_recording
 from vocc_torch.studies.train import train, trained_receiver
 
@@ -89,7 +89,7 @@ def receiver_for(plan: Plan, model: Path | None) -> Receiver:
     if model is None:
         untouched = replace(plan.experiment, training={})
         return trained_receiver(plan, train(replace(plan, experiment=untouched)))
-    receiver = Receiver.load(model)
+    receiver = Receiver.load(model).to(resolve_device(plan.world.device))
     wanted, has = plan.receiver.reader.shape, receiver.shape
     if wanted != has:
         given = f"model {model} reads a panel of {has.rows} x {has.columns} LEDs"
@@ -124,7 +124,8 @@ def decode(receiver: Receiver, source: Path, channel: Channel) -> Iterator[Readi
 
 def _decode_batch(receiver: Receiver, batch: list[RecordedFrame]) -> Iterator[Reading]:
     """Decode frames of one size."""
-    read = receiver.decode(torch.from_numpy(np.stack([frame.grey for frame in batch])))
+    greys = torch.from_numpy(np.stack([frame.grey for frame in batch]))
+    read = receiver.decode(greys.to(receiver.classifier.mean.device))
     margins = read.scores.abs().amin(dim=(1, 2))
     for i, frame in enumerate(batch):
         yield Reading(

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal, get_args
@@ -22,8 +24,18 @@ Locator = Literal["truth", "paper"]
 SCENE_FIELDS = tuple(f.name for f in dataclasses.fields(SceneModel))
 
 
-def narrowed(model: SceneModel, changes: Mapping[str, Distribution]) -> SceneModel:
+def narrowed(
+    model: SceneModel, changes: Mapping[str, Distribution], section: str = "experiment.scene"
+) -> SceneModel:
     """Give the scene model with some of its distributions replaced.
+
+    Args:
+        model: the scenes.
+        changes: distributions by the name of a value of a scene.
+        section: the key under which a refusal names them.
+
+    Raises:
+        VoccError: an unknown name, or a value outside its physical range.
 
     Example:
         >>> narrowed(SceneModel(), {"distance_m": Distribution("constant", (50.0,))}).nearest_m
@@ -32,9 +44,19 @@ def narrowed(model: SceneModel, changes: Mapping[str, Distribution]) -> SceneMod
     for name in changes:
         if name not in SCENE_FIELDS:
             raise VoccError(
-                f"experiment.scene.{name} is not a value of a scene: known are {', '.join(SCENE_FIELDS)}"
+                f"{section}.{name} is not a value of a scene: known are {', '.join(SCENE_FIELDS)}"
             )
-    return dataclasses.replace(model, **changes)
+    with _named(section):
+        return dataclasses.replace(model, **changes)
+
+
+@contextmanager
+def _named(section: str) -> Iterator[None]:
+    """Let a refusal of ``scene.<name>`` name the key that the value came from."""
+    try:
+        yield
+    except VoccError as error:
+        raise VoccError(re.sub(r"^scene\b", section, str(error))) from None
 
 
 @dataclass(frozen=True)
@@ -156,18 +178,29 @@ class Experiment:
         if self.axis not in (*SCENE_FIELDS, "contrast"):
             known = ", ".join((*SCENE_FIELDS, "contrast"))
             raise VoccError(f"experiment.axis is {self.axis!r}: it must be one of {known}")
+        if self.name in ("", "train"):
+            raise VoccError(
+                f"experiment.name is {self.name!r}: it must be a name, and train is training's own"
+            )
         least = 2 if self.axis == "contrast" else 1
         ascending = all(a < b for a, b in zip(self.values, self.values[1:], strict=False))
         if len(self.values) < least or not ascending or not all(map(math.isfinite, self.values)):
-            rule = f"at least {least} finite numbers in ascending order"
+            rule = f"finite numbers in ascending order, at least {least} of them"
             raise VoccError(f"experiment.values is {list(self.values)}: it must be {rule}")
 
     def model_at(self, world: World, value: float) -> SceneModel:
         """The scenes of one point of the axis."""
-        changes = dict(self.scene)
-        if self.axis != "contrast":
-            changes[self.axis] = Distribution("constant", (value,))
-        return narrowed(world.scene, changes)
+        model = narrowed(world.scene, self.scene)
+        if self.axis == "contrast":
+            return model
+        try:
+            return dataclasses.replace(model, **{self.axis: Distribution("constant", (value,))})
+        except VoccError as error:
+            raise VoccError(str(error).replace(f"scene.{self.axis} is", "experiment.values has", 1)) from None
+
+    def training_model(self, world: World) -> SceneModel:
+        """The scenes that a receiver trains on."""
+        return narrowed(world.scene, self.training, "experiment.training")
 
 
 @dataclass(frozen=True)
@@ -222,7 +255,10 @@ class Plan:
     batch_frames: int = 64
 
     def __post_init__(self) -> None:
-        """Check every range."""
+        """Check every range, and that every point and the training have scenes."""
+        for value in self.experiment.values:
+            self.experiment.model_at(self.world, value)
+        self.experiment.training_model(self.world)
         if self.seed < 0:
             raise VoccError(f"seed is {self.seed}: it must be at least 0")
         if self.batch_frames < 1:
@@ -233,8 +269,10 @@ class Plan:
             )
 
 
-def parsed_scene(specs: Mapping[str, float | Sequence[object]]) -> dict[str, Distribution]:
-    """Read distributions by name, as a configuration writes them.
+def parsed_scene(
+    specs: Mapping[str, float | Sequence[object]], section: str = "scene"
+) -> dict[str, Distribution]:
+    """Read distributions by name, as a configuration writes them; ``section`` is their key in a refusal.
 
     Raises:
         VoccError: an unknown name or a specification that cannot be read.
@@ -245,5 +283,8 @@ def parsed_scene(specs: Mapping[str, float | Sequence[object]]) -> dict[str, Dis
     """
     for name in specs:
         if name not in SCENE_FIELDS:
-            raise VoccError(f"{name} is not a value of a scene: known are {', '.join(SCENE_FIELDS)}")
-    return {name: Distribution.parse(spec, name) for name, spec in specs.items()}
+            raise VoccError(
+                f"{section}.{name} is not a value of a scene: known are {', '.join(SCENE_FIELDS)}"
+            )
+    with _named(section):
+        return {name: Distribution.parse(spec, name) for name, spec in specs.items()}

@@ -10,7 +10,7 @@ from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image, UnidentifiedImageError
+from PIL import Image, ImageOps, UnidentifiedImageError
 
 from vocc_torch.errors import VoccError
 
@@ -78,23 +78,25 @@ def read_recording(path: Path, channel: Channel) -> Iterator[RecordedFrame]:
 
 
 def _picture(path: Path, channel: Channel) -> RecordedFrame:
-    """Read one picture; 16-bit greys are scaled to 8 bits."""
+    """Read one picture the way up that it is shown; 16-bit greys are scaled to 8 bits."""
     try:
         with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # about a file that is odd but readable
             warnings.simplefilter("error", Image.DecompressionBombWarning)
             with Image.open(path) as image:
-                shown: Image.Image = image
-                if image.mode.startswith("I;16"):
-                    shown = Image.fromarray((np.asarray(image) / 257.0).round().astype(np.uint8))
+                shown: Image.Image = ImageOps.exif_transpose(image)
+                if image.mode == "F":
+                    raise VoccError(f"input {path} holds floating grey values: it must have 8 or 16 bits")
+                if image.mode.startswith("I"):  # 16 bits, in 32 where Pillow has no better mode
+                    scaled = (np.asarray(shown) / 257.0).round().clip(0, 255)
+                    shown = Image.fromarray(scaled.astype(np.uint8))
                 colour = np.asarray(shown.convert("RGB"), dtype=np.uint8)
-    except (
-        UnidentifiedImageError,
-        OSError,
-        SyntaxError,
-        ValueError,
-        Image.DecompressionBombWarning,
-    ) as error:
-        reason = "not a known picture format" if isinstance(error, UnidentifiedImageError) else str(error)
+    except VoccError:
+        raise
+    except UnidentifiedImageError:
+        raise VoccError(f"input {path} cannot be read as a picture (not a known picture format)") from None
+    except Exception as error:  # Pillow's readers let many kinds through when a file is damaged
+        reason = " ".join(str(error).split()) or type(error).__name__
         raise VoccError(f"input {path} cannot be read as a picture ({reason})") from None
     return RecordedFrame(path.name, 0, None, colour, to_grey(colour, channel))
 
@@ -107,11 +109,15 @@ def _video(path: Path, channel: Channel) -> Iterator[RecordedFrame]:
         raise VoccError(
             f"input {path} is a video: install the extra with pip install 'vocc-torch[video]'"
         ) from None
-    index = 0
+    done = 0
     try:
         with av.open(str(path)) as container:
-            for index, frame in enumerate(container.decode(video=0)):
+            for frame in container.decode(video=0):
                 colour = np.asarray(frame.to_ndarray(format="rgb24"), dtype=np.uint8)
-                yield RecordedFrame(path.name, index, frame.time, colour, to_grey(colour, channel))
-    except (av.error.FFmpegError, IndexError) as error:
-        raise VoccError(f"input {path} cannot be read as a video after {index} frames ({error})") from None
+                yield RecordedFrame(path.name, done, frame.time, colour, to_grey(colour, channel))
+                done += 1
+    except (av.error.FFmpegError, IndexError, ValueError) as error:
+        reason = " ".join(str(error).split())
+        raise VoccError(f"input {path} cannot be read as a video after {done} frames ({reason})") from None
+    if done == 0:
+        raise VoccError(f"input {path} is a video without frames")

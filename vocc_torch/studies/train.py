@@ -14,7 +14,7 @@ from vocc_torch.receiver.features import FEATURE_NAMES
 from vocc_torch.receiver.flda import FLDA
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.studies.link import Link, block_keys
-from vocc_torch.studies.plan import Plan, narrowed
+from vocc_torch.studies.plan import Plan
 
 FIGURE_SAMPLES = 20_000
 """LEDs kept for the feature histograms."""
@@ -53,7 +53,7 @@ def train(plan: Plan, progress: Callable[[int], None] | None = None) -> Training
     flda = FLDA(n_features=len(FEATURE_NAMES)).to(link.simulator.device)
     kept: list[tuple[Tensor, Tensor]] = []
     leds = missed = 0
-    model = narrowed(plan.world.scene, plan.experiment.training)
+    model = plan.experiment.training_model(plan.world)
     keys = block_keys(plan.seed, "train", plan.budget.training_frames)
     for seen in link.observe(model, keys, preambles=False, frames=plan.budget.training_frames):
         found = seen.panels.found

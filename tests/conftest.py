@@ -1,0 +1,84 @@
+"""What tests of several floors use: the command line in this process, and in one of its own."""
+
+import os
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+from hydra.core.global_hydra import GlobalHydra
+
+from vocc_torch import cli
+
+
+@dataclass(frozen=True)
+class Ran:
+    """What a command left."""
+
+    status: int
+    out: str
+    err: str
+
+    @property
+    def complaint(self):
+        """The one line of an error, checked to be just that."""
+        assert self.status == 2, (self.status, self.err)
+        assert self.err.count("\n") == 1, self.err
+        assert self.err.startswith("vocc-torch: error: "), self.err
+        assert "Traceback" not in self.out + self.err
+        return self.err.removeprefix("vocc-torch: error: ").rstrip("\n")
+
+
+@pytest.fixture
+def app(tmp_path, monkeypatch, capsys):
+    """Run the command line in this process, from an empty folder."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("HYDRA_FULL_ERROR", "1")  # so that the command line's own setting is undone
+
+    def run(*arguments):
+        GlobalHydra.instance().clear()
+        monkeypatch.setattr(sys, "argv", ["vocc-torch", *map(str, arguments)])
+        capsys.readouterr()
+        try:
+            status = cli.run()
+        finally:
+            GlobalHydra.instance().clear()
+        return Ran(status, *capsys.readouterr())
+
+    return run
+
+
+def command(*arguments, cwd, code=None, environment=None):
+    """Run ``python -m vocc_torch`` from ``cwd``; ``code`` is run instead of ``-m vocc_torch``."""
+    start = ["-m", "vocc_torch"] if code is None else ["-c", code]
+    done = subprocess.run(
+        [sys.executable, *start, *map(str, arguments)],
+        cwd=cwd,
+        env={**os.environ, "OMP_NUM_THREADS": "1", **(environment or {})},
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+    )
+    return Ran(done.returncode, done.stdout, done.stderr)
+
+
+@pytest.fixture(name="command")
+def command_fixture():
+    """Run ``python -m vocc_torch`` in a process of its own."""
+    return command
+
+
+@pytest.fixture(scope="session")
+def photo():
+    """A real photograph of an 8 x 8 panel."""
+    return Path(__file__).parent / "data" / "led-panel-8x8-photo.png"
+
+
+@pytest.fixture(scope="session")
+def photo_bits(photo):
+    """Its bits, as tests/data/README.md states them."""
+    text = (photo.parent / "README.md").read_text()
+    line = next(line for line in text.splitlines() if line.startswith("`00000111 "))
+    return line.split("`")[1].replace(" ", "")

@@ -1,0 +1,317 @@
+"""AGR, GRI and NGR against Eqs 4 to 9 worked out by hand and against OpenCV's gradient."""
+
+import math
+
+import cv2
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import ndimage
+
+from vocc_torch.errors import VoccError
+from vocc_torch.receiver.features import (
+    FEATURE_NAMES,
+    average_greyscale_ratio,
+    cell_means,
+    gradient_radial_inwardness,
+    image_gradient,
+    neighbour_greyscale_ratio,
+    radial_inward_field,
+)
+from vocc_torch.receiver.reader import Reader
+from vocc_torch.types import Frames, Panels, PanelShape
+
+
+def random_patches(seed, shape, samples, batch=1, dtype=torch.float64):
+    size = (batch, 1, (shape.rows + 2) * samples, (shape.columns + 2) * samples)
+    return torch.from_numpy(np.random.default_rng(seed).random(size) * 255).to(dtype)
+
+
+def gri(patches, shape, cell_px, kernel="sobel"):
+    size = torch.full((len(patches),), float(cell_px), dtype=torch.float64)
+    return gradient_radial_inwardness(patches, shape, size, size, kernel)
+
+
+def test_the_features_are_named_in_the_order_of_the_last_dimension():
+    assert FEATURE_NAMES == ("agr", "gri", "ngr")
+
+
+# By hand
+
+
+def test_agr_and_ngr_of_a_small_panel_by_hand():
+    """Cells of a 2 x 2 panel with a margin of background at 12:
+
+        12 12 12 12
+        12 40 20 12      panel mean (40 + 20 + 20 + 0) / 4 = 20
+        12 20  0 12      AGR  40/20 = 2   20/20 = 1
+        12 12 12 12           20/20 = 1    0/20 = 0
+
+    NGR: five margin cells and the other three LEDs, over 8, over 20:
+        top left (60 + 20 + 20 + 0) / 160 = 0.625      top right   (60 + 40 + 20 + 0) / 160  = 0.75
+        bottom left (60 + 40 + 20 + 0) / 160 = 0.75    bottom right (60 + 40 + 20 + 20) / 160 = 0.875
+    """
+    means = torch.full((1, 4, 4), 12.0, dtype=torch.float64)
+    means[0, 1:3, 1:3] = torch.tensor([[40.0, 20.0], [20.0, 0.0]])
+    assert average_greyscale_ratio(means)[0].tolist() == [[2.0, 1.0], [1.0, 0.0]]
+    assert neighbour_greyscale_ratio(means)[0].tolist() == [[0.625, 0.75], [0.75, 0.875]]
+
+
+def test_gri_of_one_bright_sample_by_hand():
+    """One LED of K = 3 samples, black but for 8 at its middle, seen at 3 px a cell: one sample is one pixel.
+
+    Normalised Sobel (weights 1, 2, 1 over 8). Beside the bright sample the slope towards it is 2 * 8 / 8 = 2,
+    and Eq. 8's vector points straight at it: 4 samples of 2. At a corner both slopes are 1 * 8 / 8 = 1 and
+    the vector is (1, 1) / sqrt 2: 4 samples of sqrt 2. The middle's vector is zero, so
+    GRI = (8 + 4 sqrt 2) / 9 = 1.517428.
+
+    Eq. 6 to the letter: beside it f(x+1) - f(x-1) = 8, 4 samples of 8; at a corner 0; GRI = 32 / 9 = 3.5556.
+    At 6 px a cell a sample is two pixels, and each slope a pixel half as large.
+    """
+    patch = torch.zeros(1, 1, 9, 9, dtype=torch.float64)
+    patch[..., 4, 4] = 8.0
+    one = PanelShape(1, 1)
+    assert float(gri(patch, one, 3)) == pytest.approx((8 + 4 * math.sqrt(2)) / 9, rel=1e-12)
+    assert float(gri(patch, one, 3)) == pytest.approx(1.517428, abs=1e-6)
+    assert float(gri(patch, one, 3, "central")) == pytest.approx(32 / 9, rel=1e-12)
+    assert float(gri(patch, one, 6)) == pytest.approx((8 + 4 * math.sqrt(2)) / 18, rel=1e-12)
+
+
+def test_cell_means_are_numpys():
+    shape = PanelShape(2, 3)
+    patches = random_patches(1, shape, 5, batch=2)
+    expected = patches.numpy().reshape(2, 4, 5, 5, 5).mean(axis=(2, 4))
+    np.testing.assert_allclose(cell_means(patches, shape).numpy(), expected, rtol=1e-13)
+
+
+# Gradients
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+def test_sobel_is_opencvs_normalised_by_8(dtype):
+    image = random_patches(2, PanelShape(2, 3), 7, dtype=dtype)
+    ours = image_gradient(image, "sobel")[0].numpy()
+    for axis, (dx, dy) in enumerate([(1, 0), (0, 1)]):
+        expected = cv2.Sobel(image[0, 0].double().numpy(), cv2.CV_64F, dx, dy, ksize=3, scale=1 / 8,
+                             borderType=cv2.BORDER_REPLICATE)  # fmt: skip
+        np.testing.assert_allclose(
+            ours[axis], expected, rtol=0, atol=1e-12 if dtype == torch.float64 else 5e-5
+        )
+
+
+def test_central_is_eq_6_to_the_letter():
+    image = random_patches(3, PanelShape(1, 2), 6)
+    padded = np.pad(image[0, 0].numpy(), 1, mode="edge")
+    ours = image_gradient(image, "central")[0].numpy()
+    rows, columns = image.shape[-2:]
+    for y in range(rows):
+        for x in range(columns):
+            assert ours[0, y, x] == padded[y + 1, x + 2] - padded[y + 1, x]
+            assert ours[1, y, x] == padded[y + 2, x + 1] - padded[y, x + 1]
+
+
+def test_an_unknown_gradient_is_refused_by_name():
+    with pytest.raises(
+        VoccError, match=r"^receiver.gradient is 'prewitt': it must be one of sobel, central$"
+    ):
+        image_gradient(torch.zeros(1, 1, 6, 6), "prewitt")
+
+
+@pytest.mark.parametrize("samples", [2, 3, 4, 5, 8, 9])
+def test_radial_vectors_are_eq_8(samples):
+    """Unit length, pointing at the cell's centre; zero where a sample is the centre, which needs odd K."""
+    field = radial_inward_field(samples, torch.float64, torch.device("cpu")).numpy()
+    centre = (samples - 1) / 2
+    for y in range(samples):
+        for x in range(samples):
+            away = np.array([centre - x, centre - y])
+            expected = away / np.hypot(*away) if away.any() else away
+            np.testing.assert_allclose(field[:, y, x], expected, rtol=0, atol=1e-15)
+    assert (np.hypot(*field) == 0).sum() == samples % 2
+
+
+@pytest.mark.parametrize("kernel", ["sobel", "central"])
+@pytest.mark.parametrize(
+    ("shape", "samples"), [(PanelShape(3, 2), 5), (PanelShape(1, 4), 4), (PanelShape(2, 2), 2)]
+)
+def test_gri_is_eq_7_sample_by_sample(kernel, shape, samples):
+    """Eqs 5, 7 and 8 in a plain loop over every LED's samples, the gradient from OpenCV; cells 7 by 9 px."""
+    patch = random_patches(4, shape, samples)
+    image = patch[0, 0].numpy()
+    if kernel == "sobel":
+        dx, dy = (cv2.Sobel(image, cv2.CV_64F, *d, ksize=3, scale=1 / 8) for d in ((1, 0), (0, 1)))
+    else:
+        dx, dy = (
+            cv2.filter2D(image, cv2.CV_64F, k)
+            for k in ([[-1, 0, 1]], [[-1], [0], [1]])
+            for k in [np.float64(k)]
+        )
+    size = (torch.tensor([7.0], dtype=torch.float64), torch.tensor([9.0], dtype=torch.float64))
+    ours = gradient_radial_inwardness(patch, shape, *size, kernel)[0].numpy()
+    for row in range(shape.rows):
+        for column in range(shape.columns):
+            total = 0.0
+            for y in range(samples):
+                for x in range(samples):
+                    to_centre = np.array([(samples - 1) / 2 - x, (samples - 1) / 2 - y])
+                    r = to_centre / np.hypot(*to_centre) if to_centre.any() else to_centre
+                    i, j = (row + 1) * samples + y, (column + 1) * samples + x
+                    total += dx[i, j] * samples / 7 * r[0] + dy[i, j] * samples / 9 * r[1]
+            assert ours[row, column] == pytest.approx(total / samples**2, rel=1e-11, abs=1e-11)
+
+
+# What the features mean
+
+
+def bump_panel(cell_px, amplitude=100.0):
+    """One LED cell with a Gaussian bump, a quarter of a cell wide, on grey 50: a frame and its corners."""
+    size = 5 * cell_px
+    axis = (np.arange(size) + 0.5 - size / 2) / (cell_px / 4)
+    image = 50 + amplitude * np.exp(-(axis[:, None] ** 2 + axis**2) / 2)
+    low, high = 2 * cell_px, 3 * cell_px
+    corners = torch.tensor([[[low, low], [high, low], [high, high], [low, high]]], dtype=torch.float64)
+    return Frames.whole(torch.from_numpy(image)[None]), Panels.known(corners)
+
+
+@pytest.mark.parametrize("kernel", ["sobel", "central"])
+def test_gri_of_one_blob_shape_times_the_cell_size_is_the_same_at_every_scale(kernel):
+    """GRI is in grey values a pixel of the image, as in the paper: a blob twice as large is half as steep.
+
+    So GRI times the cell's size does not depend on the distance, nor GRI on the number of samples K a cell;
+    what is left, under 4 %, is the smoothing by the 3 x 3 kernel and by bilinear reading.
+    """
+    one = PanelShape(1, 1)
+    values = {}
+    for cell_px in (12, 24, 48):
+        for samples in (12, 24):
+            features = Reader(one, samples, kernel).read(*bump_panel(cell_px)).features
+            values[cell_px, samples] = float(features[0, 0, 0, 1]) * cell_px
+    assert max(values.values()) / min(values.values()) < 1.04
+
+
+def test_gri_is_the_mean_slope_of_a_cone():
+    """Grey falling off by 3 a pixel in every direction has GRI 3: the definition's plainest case."""
+    size, cell = 150, 50
+    y, x = np.indices((size, size)) + 0.5 - size / 2
+    image = 250 - 3 * np.hypot(x, y)
+    corners = torch.tensor([[[50, 50], [100, 50], [100, 100], [50, 100]]], dtype=torch.float64)
+    reader = Reader(PanelShape(1, 1), cell)
+    features = reader.read(Frames.whole(torch.from_numpy(image)[None]), Panels.known(corners)).features
+    assert float(features[0, 0, 0, 1]) == pytest.approx(3, rel=0.01)
+
+
+def test_an_on_led_points_inwards_and_an_off_led_among_on_leds_outwards():
+    """The paper's Fig. 9: blurred discs, 8 px a cell, all On but the middle one."""
+    cell, rows = 8, 5
+    size = (rows + 4) * cell
+    y, x = np.indices((size, size)) + 0.5
+    image = np.zeros((size, size))
+    for row in range(rows):
+        for column in range(rows):
+            if (row, column) != (2, 2):
+                centre_y, centre_x = (row + 2.5) * cell, (column + 2.5) * cell
+                image += np.hypot(x - centre_x, y - centre_y) < cell / 4
+    image = ndimage.gaussian_filter(60 + 150 * image, 1.2)
+    low, high = 2.0 * cell, (rows + 2.0) * cell
+    corners = torch.tensor([[[low, low], [high, low], [high, high], [low, high]]], dtype=torch.float64)
+    reader = Reader(PanelShape(rows, rows))
+    features = reader.read(Frames.whole(torch.from_numpy(image)[None]), Panels.known(corners)).features[0]
+    off = torch.zeros(rows, rows, dtype=torch.bool)
+    off[2, 2] = True
+    agr, inward, ngr = features.unbind(dim=-1)
+    assert float(inward[off]) < -0.5 < 0.5 < float(inward[~off].min())
+    assert float(agr[off]) < 1 < float(agr[~off].min())
+    assert float(ngr[2, 2]) == float(ngr.max())
+    assert float(ngr[0, 0]) == pytest.approx(float(ngr.min()))
+
+
+# Invariants
+
+greys = st.integers(0, 10_000)
+
+
+@given(greys, st.integers(1, 5), st.integers(1, 5))
+@settings(max_examples=50, deadline=None)
+def test_agr_has_mean_1_over_the_panel(seed, rows, columns):
+    means = cell_means(random_patches(seed, PanelShape(rows, columns), 3), PanelShape(rows, columns))
+    assert float(average_greyscale_ratio(means).mean()) == pytest.approx(1, rel=1e-12)
+
+
+@given(greys, st.floats(1e-3, 1e3))
+@settings(max_examples=50, deadline=None)
+def test_agr_and_ngr_do_not_see_the_gain_and_gri_is_proportional_to_it(seed, gain):
+    shape = PanelShape(3, 4)
+    patches = random_patches(seed, shape, 4) + 1
+    one, two = cell_means(patches, shape), cell_means(gain * patches, shape)
+    torch.testing.assert_close(average_greyscale_ratio(two), average_greyscale_ratio(one), rtol=1e-12, atol=0)
+    torch.testing.assert_close(
+        neighbour_greyscale_ratio(two), neighbour_greyscale_ratio(one), rtol=1e-12, atol=0
+    )
+    scale = gain * 255
+    torch.testing.assert_close(
+        gri(gain * patches, shape, 4), gain * gri(patches, shape, 4), rtol=1e-9, atol=1e-13 * scale
+    )
+
+
+@given(greys, st.floats(-200, 200))
+@settings(max_examples=30, deadline=None)
+def test_gri_does_not_see_a_constant_added(seed, level):
+    shape = PanelShape(2, 2)
+    patches = random_patches(seed, shape, 4)
+    torch.testing.assert_close(gri(patches + level, shape, 4), gri(patches, shape, 4), rtol=0, atol=1e-11)
+
+
+def test_features_turn_with_the_panel():
+    """A quarter turn of the patch turns every feature's map, and mirroring mirrors it."""
+    shape = PanelShape(3, 3)
+    patches = random_patches(5, shape, 6)
+
+    def features(p):
+        means = cell_means(p, shape)
+        return torch.stack(
+            [average_greyscale_ratio(means), gri(p, shape, 6), neighbour_greyscale_ratio(means)]
+        )
+
+    for change in (lambda t: t.rot90(1, (-2, -1)), lambda t: t.flip(-1), lambda t: t.flip(-2)):
+        torch.testing.assert_close(
+            features(change(patches)), change(features(patches)), rtol=1e-11, atol=1e-11
+        )
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+def test_a_black_panel_has_ratios_of_1_and_no_gradient(dtype):
+    shape = PanelShape(2, 3)
+    patches = torch.zeros(1, 1, 16, 20, dtype=dtype)
+    means = cell_means(patches, shape)
+    assert average_greyscale_ratio(means).unique().tolist() == [1.0]
+    assert neighbour_greyscale_ratio(means).unique().tolist() == [1.0]
+    assert not gri(patches, shape, 4).any()
+
+
+def test_a_black_panel_beside_a_lit_one_leaves_it_alone():
+    means = torch.zeros(2, 4, 4, dtype=torch.float64)
+    means[1] = 5.0
+    means[0, 0] = 9.0
+    for ratio in (average_greyscale_ratio, neighbour_greyscale_ratio):
+        assert ratio(means).unique().tolist() == [1.0]
+
+
+@pytest.mark.parametrize("kernel", ["sobel", "central"])
+@pytest.mark.parametrize("batch", [1, 3, 7])
+def test_features_do_not_depend_on_the_batch(kernel, batch):
+    """Bitwise in float32, the precision of the receiver."""
+    shape = PanelShape(8, 8)
+    patches = random_patches(6, shape, 8, batch=21, dtype=torch.float32)
+    sizes = torch.linspace(3, 9, 21, dtype=torch.float64)
+
+    def features(rows):
+        means = cell_means(patches[rows], shape)
+        inward = gradient_radial_inwardness(patches[rows], shape, sizes[rows], sizes[rows], kernel)
+        return torch.stack([average_greyscale_ratio(means), inward, neighbour_greyscale_ratio(means)], dim=-1)
+
+    together = features(slice(None))
+    for start in range(0, 21, batch):
+        rows = slice(start, start + batch)
+        assert torch.equal(features(rows), together[rows])

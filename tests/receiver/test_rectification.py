@@ -1,0 +1,281 @@
+"""Resampling against OpenCV and SciPy, crops against full frames, and corners that must not break it."""
+
+import cv2
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import ndimage
+
+from vocc_torch.receiver.rectification import cell_homography, cell_size_px, centre_greys, rectify
+from vocc_torch.types import Frames, Panels, PanelShape
+
+SHAPE = PanelShape(4, 5)
+QUADRILATERALS = {
+    "upright": [(20.3, 15.7), (62.8, 15.7), (62.8, 49.7), (20.3, 49.7)],
+    "rotated": [(30.1, 12.2), (70.4, 23.0), (61.7, 55.4), (21.4, 44.6)],
+    "perspective": [(22.0, 14.0), (66.0, 19.5), (60.3, 50.2), (25.1, 57.9)],
+    "upside down": [(62.8, 49.7), (20.3, 49.7), (20.3, 15.7), (62.8, 15.7)],
+}
+WILD = {
+    "all one point": [(0, 0)] * 4,
+    "corners on a line": [(10, 10), (20, 10), (30, 10), (40, 10)],
+    "three corners on a line": [(10, 10), (20, 10), (30, 10), (10, 40)],
+    "middle corner on the diagonal": [(10, 10), (40, 10), (25, 25), (10, 40)],
+    "first corner twice": [(10, 10), (10, 10), (30, 40), (10, 40)],
+    "last corner twice": [(10, 10), (40, 10), (40, 40), (40, 40)],
+    "concave": [(10, 10), (40, 10), (24.9, 24.9), (10, 40)],
+    "bow tie": [(10, 10), (40, 40), (45, 10), (10, 40)],
+    "tiny": [(10, 10), (10 + 1e-5, 10), (10 + 1e-5, 10 + 1e-5), (10, 10 + 1e-5)],
+    "horizon in the margin": [(24, 10), (26, 10), (55, 50), (5, 50)],
+    "outside the frame": [(-500, -400), (-450, -400), (-450, -340), (-500, -340)],
+    "far larger than the frame": [(-9e7, -8e7), (9e7, -8e7), (9e7, 8e7), (-9e7, 8e7)],
+}
+
+
+def corners_of(*quadrilaterals):
+    return torch.tensor(np.array(quadrilaterals, dtype=float))
+
+
+def picture(seed, height=70, width=90, smooth=1.5):
+    noise = np.random.default_rng(seed).random((height, width))
+    blurred = ndimage.gaussian_filter(noise, smooth)
+    return torch.from_numpy((blurred - blurred.min()) / np.ptp(blurred) * 255)
+
+
+def sample_points(quadrilateral, shape, samples):
+    """The image points of K x K samples a cell with one cell of margin around, by OpenCV's homography."""
+    cells = np.float32([(0, 0), (shape.columns, 0), (shape.columns, shape.rows), (0, shape.rows)])
+    matrix = cv2.getPerspectiveTransform(cells, np.float32(quadrilateral))
+    across = (np.arange((shape.columns + 2) * samples) + 0.5) / samples - 1
+    down = (np.arange((shape.rows + 2) * samples) + 0.5) / samples - 1
+    grid = np.stack(np.meshgrid(across, down), axis=-1).reshape(1, -1, 2)
+    return cv2.perspectiveTransform(grid, matrix).reshape(down.size, across.size, 2)
+
+
+def solved_homography(cells, corners):
+    """The eight linear equations of four point pairs, solved by NumPy."""
+    rows, right = [], []
+    for (x, y), (u, v) in zip(np.float64(cells), np.float64(corners), strict=True):
+        rows += [[x, y, 1, 0, 0, 0, -u * x, -u * y], [0, 0, 0, x, y, 1, -v * x, -v * y]]
+        right += [u, v]
+    return np.append(np.linalg.solve(rows, right), 1).reshape(3, 3)
+
+
+@given(st.integers(0, 100_000))
+@settings(max_examples=40, deadline=None)
+def test_homography_is_numpys_solution_and_opencvs_within_its_float32(seed):
+    """Random convex quadrilaterals: the square's corners moved by up to a sixth of its side.
+
+    OpenCV's own answer is up to 2e-5 px off, because it takes corners in float32.
+    """
+    rng = np.random.default_rng(seed)
+    square = np.array([(0, 0), (1, 0), (1, 1), (0, 1)]) * 60.0
+    quadrilateral = (square + rng.uniform(-10, 10, (4, 2)) + rng.uniform(0, 900, 2)).astype(np.float32)
+    cells = np.float32([(0, 0), (5, 0), (5, 4), (0, 4)])
+    ours = cell_homography(torch.from_numpy(quadrilateral)[None], SHAPE)[0].numpy()
+    np.testing.assert_allclose(ours, solved_homography(cells, quadrilateral), rtol=1e-8, atol=1e-10)
+    inner = np.random.default_rng(seed).uniform(0, 4, (1, 50, 2))
+    theirs = cv2.perspectiveTransform(inner, cv2.getPerspectiveTransform(cells, quadrilateral))
+    np.testing.assert_allclose(cv2.perspectiveTransform(inner, ours), theirs, rtol=0, atol=1e-4)
+
+
+@pytest.mark.parametrize("name", list(QUADRILATERALS))
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+def test_patches_are_scipys_bilinear_reading_at_opencvs_points(name, dtype):
+    image, points = picture(1), sample_points(QUADRILATERALS[name], SHAPE, 12)
+    # SciPy counts from pixel centres, the package from pixel edges.
+    expected = ndimage.map_coordinates(
+        image.numpy(), [points[..., 1] - 0.5, points[..., 0] - 0.5], order=1, mode="nearest"
+    )
+    panels = Panels.known(corners_of(QUADRILATERALS[name]))
+    patch = rectify(Frames.whole(image[None].to(dtype)), panels, SHAPE, 12)
+    assert patch.dtype == dtype
+    assert patch.shape == (1, 1, 72, 84)
+    # OpenCV takes corners in float32, so 1e-5 px and with it 1e-3 DN is what the points themselves are worth.
+    np.testing.assert_allclose(patch[0, 0].numpy(), expected, rtol=0, atol=1e-3)
+
+
+@pytest.mark.parametrize("name", list(QUADRILATERALS))
+def test_patches_are_opencvs_remap_within_its_fixed_point_weights(name):
+    """cv2.remap weighs by 32nds of a pixel: half a 32nd times the steepest slope bounds the difference."""
+    image = picture(2).numpy().astype(np.float32)
+    points = (sample_points(QUADRILATERALS[name], SHAPE, 12) - 0.5).astype(np.float32)
+    expected = cv2.remap(
+        image, points[..., 0], points[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+    )
+    panels = Panels.known(corners_of(QUADRILATERALS[name]))
+    patch = rectify(Frames.whole(torch.from_numpy(image)[None]), panels, SHAPE, 12)[0, 0].numpy()
+    slope = max(np.abs(np.diff(image, axis=0)).max(), np.abs(np.diff(image, axis=1)).max())
+    assert np.abs(patch - expected).max() <= 2 * slope / 64
+    assert np.abs(patch - expected).mean() < 0.2
+
+
+def test_a_panel_on_whole_pixels_is_copied():
+    """K samples over K pixels: bilinear reading at pixel centres is the image itself."""
+    image = picture(3, smooth=0.5)
+    panels = Panels.known(corners_of([(24, 16), (64, 16), (64, 48), (24, 48)]))
+    patch = rectify(Frames.whole(image[None]), panels, SHAPE, 8)
+    torch.testing.assert_close(patch[0, 0], image[8:56, 16:72], rtol=0, atol=1e-10)
+
+
+def test_uint8_frames_are_read_as_float32():
+    image = picture(4).round()
+    panels = Panels.known(corners_of(QUADRILATERALS["rotated"]))
+    bytes_, floats = (
+        rectify(Frames.whole(image[None].to(t)), panels, SHAPE, 8) for t in (torch.uint8, torch.float32)
+    )
+    assert bytes_.dtype == torch.float32
+    assert torch.equal(bytes_, floats)
+
+
+def test_beyond_the_border_the_border_pixels_go_on():
+    """A panel that fills the frame: its margin of one cell reads replicated border pixels."""
+    image = picture(5, 40, 50)
+    panels = Panels.known(corners_of([(0, 0), (50, 0), (50, 40), (0, 40)]))
+    patch = rectify(Frames.whole(image[None]), panels, SHAPE, 10)[0, 0].numpy()
+    np.testing.assert_allclose(patch, np.pad(image.numpy(), 10, mode="edge"), rtol=0, atol=1e-10)
+
+
+# Crops
+
+
+def cropped(image, x, y, height, width):
+    """A crop of a frame that is uniform outside it."""
+    grey = image[..., y : y + height, x : x + width]
+    return Frames(
+        grey, torch.tensor([[x, y]]).expand(len(image), 2), tuple(image.shape[-2:]), grey[:, 0, 0, 0]
+    )
+
+
+@pytest.mark.parametrize("name", list(QUADRILATERALS))
+@pytest.mark.parametrize("offset", [(0.0, 0.0), (777.123, 411.987)])
+def test_a_crop_reads_exactly_like_the_full_frame(name, offset):
+    """Bitwise, float32 from uint8: the patches and the centres' greys."""
+    full = torch.full((1, 1, 600, 1000), 102, dtype=torch.uint8)
+    x, y = (int(v) for v in offset)
+    full[0, 0, y + 5 : y + 65, x + 5 : x + 85] = picture(6, 60, 80).round().to(torch.uint8)
+    panels = Panels.known(corners_of(QUADRILATERALS[name]) + torch.tensor(offset))
+    crop, whole = cropped(full, x, y, 70, 90), Frames.whole(full)
+    assert torch.equal(rectify(crop, panels, SHAPE, 8), rectify(whole, panels, SHAPE, 8))
+    assert torch.equal(centre_greys(crop, panels, SHAPE), centre_greys(whole, panels, SHAPE))
+
+
+def test_a_panel_beyond_the_crop_reads_the_surround():
+    full = torch.full((1, 1, 90, 120), 77, dtype=torch.uint8)
+    full[..., 30:50, 40:60] = 200
+    panels = Panels.known(corners_of([(90, 60), (110, 60), (110, 80), (90, 80)]))
+    frames = cropped(full, 30, 20, 40, 45)
+    assert rectify(frames, panels, SHAPE, 8).unique().tolist() == [77]
+    assert centre_greys(frames, panels, SHAPE).unique().tolist() == [77]
+
+
+# Near panels
+
+
+def test_samples_of_a_near_panel_are_area_means_on_a_ramp():
+    """40 px a cell at K = 8: a sample stands for 5 x 5 px, whose mean on a ramp is that at their middle."""
+    rows, columns = torch.meshgrid(torch.arange(260.0), torch.arange(300.0), indexing="ij")
+    ramp = (0.25 * columns + 0.5 * rows).double()
+    panels = Panels.known(corners_of([(50, 45), (250, 45), (250, 205), (50, 205)]))
+    patch = rectify(Frames.whole(ramp[None]), panels, SHAPE, 8)[0, 0]
+    blocks = ramp[5:245, 10:290].reshape(48, 5, 56, 5).mean(dim=(1, 3))
+    torch.testing.assert_close(patch, blocks, rtol=0, atol=1e-9)
+
+
+def test_samples_of_a_near_panel_are_area_means_of_the_pixels():
+    """5 px a sample exactly on pixels: the mean of any 5 x 5 pixels, not five of them skipped."""
+    image = picture(7, 260, 300, smooth=0.3)
+    panels = Panels.known(corners_of([(50, 45), (250, 45), (250, 205), (50, 205)]))
+    patch = rectify(Frames.whole(image[None]), panels, SHAPE, 8)[0, 0]
+    blocks = image[5:245, 10:290].reshape(48, 5, 56, 5).mean(dim=(1, 3))
+    torch.testing.assert_close(patch, blocks, rtol=0, atol=1e-9)
+
+
+def test_fine_stripes_on_a_near_panel_are_averaged_and_not_aliased():
+    stripes = torch.zeros(1, 240, 300, dtype=torch.uint8)
+    stripes[..., ::2] = 200
+    panels = Panels.known(corners_of([(60.3, 50), (220.3, 50), (220.3, 178), (60.3, 178)]))
+    patch = rectify(Frames.whole(stripes), panels, SHAPE, 8)
+    torch.testing.assert_close(patch, torch.full_like(patch, 100.0), rtol=0, atol=1e-3)
+
+
+def test_near_and_far_panels_in_one_batch_keep_their_places():
+    image = picture(8, 260, 300)
+    corners = corners_of(
+        [(50, 45), (250, 45), (250, 205), (50, 205)],
+        [(50, 45), (90, 45), (90, 77), (50, 77)],
+        [(55, 40), (155, 40), (155, 120), (55, 120)],
+    )
+    frames = Frames.whole(image.expand(3, 260, 300))
+    together = rectify(frames, Panels.known(corners), SHAPE, 8)
+    apart = [rectify(frames[i : i + 1], Panels.known(corners[i : i + 1]), SHAPE, 8) for i in range(3)]
+    assert torch.equal(together, torch.cat(apart))
+
+
+# Sizes, centres, batches, wild corners
+
+
+def test_cell_size_is_the_mean_of_opposite_sides():
+    corners = corners_of([(0, 0), (30, 0), (40, 24), (0, 16)])
+    width, height = cell_size_px(corners, SHAPE)
+    assert float(width) == pytest.approx((30 + np.hypot(40, 8)) / 2 / 5)
+    assert float(height) == pytest.approx((16 + np.hypot(10, 24)) / 2 / 4)
+
+
+@pytest.mark.parametrize("name", list(QUADRILATERALS))
+def test_centre_greys_are_the_pixels_that_hold_opencvs_centres(name):
+    image = torch.from_numpy(np.random.default_rng(9).integers(0, 256, (70, 90), dtype=np.uint8))
+    points = sample_points(QUADRILATERALS[name], SHAPE, 1)[1:-1, 1:-1]
+    expected = image.numpy()[np.floor(points[..., 1]).astype(int), np.floor(points[..., 0]).astype(int)]
+    ours = centre_greys(Frames.whole(image[None]), Panels.known(corners_of(QUADRILATERALS[name])), SHAPE)
+    assert ours.is_floating_point()
+    np.testing.assert_array_equal(ours[0].numpy(), expected)
+
+
+@pytest.mark.parametrize("batch", [1, 2, 7])
+def test_a_patch_does_not_depend_on_its_batch(batch):
+    """Bitwise, with upright, perspective, near and wild quadrilaterals side by side."""
+    quadrilaterals = [*QUADRILATERALS.values(), *WILD.values()][:-1]
+    corners = corners_of(*quadrilaterals)
+    images = torch.stack([picture(i).round().to(torch.uint8) for i in range(len(corners))])
+    frames, panels = Frames.whole(images), Panels.known(corners)
+    together = rectify(frames, panels, SHAPE, 8)
+    centres = centre_greys(frames, panels, SHAPE)
+    for start in range(0, len(corners), batch):
+        rows = slice(start, start + batch)
+        part = Panels.known(corners[rows])
+        assert torch.equal(rectify(frames[rows], part, SHAPE, 8), together[rows])
+        assert torch.equal(centre_greys(frames[rows], part, SHAPE), centres[rows])
+
+
+@pytest.mark.parametrize("name", list(WILD))
+def test_wild_corners_read_finite_greys_and_leave_their_neighbours_alone(name):
+    """What a false panel may look like; every reading is a mean of pixels, so it stays within their range."""
+    image = picture(10).clamp(20, 230)
+    corners = corners_of(QUADRILATERALS["rotated"], WILD[name])
+    frames = Frames.whole(image.expand(2, 70, 90))
+    patches = rectify(frames, Panels.known(corners), SHAPE, 4)
+    assert bool(torch.isfinite(patches).all())
+    assert float(patches.min()) >= 20 - 1e-9
+    assert float(patches.max()) <= 230 + 1e-9
+    assert torch.equal(patches[:1], rectify(frames[:1], Panels.known(corners[:1]), SHAPE, 4))
+    centres = centre_greys(frames, Panels.known(corners), SHAPE)
+    assert float(centres.min()) >= 20
+    assert float(centres.max()) <= 230
+
+
+@given(st.lists(st.floats(-100, 200), min_size=8, max_size=8))
+@settings(max_examples=40, deadline=None)
+def test_any_corners_read_within_the_range_of_the_pixels(numbers):
+    image = picture(11).clamp(20, 230)
+    panels = Panels.known(torch.tensor(numbers, dtype=torch.float64).view(1, 4, 2))
+    patches = rectify(Frames.whole(image[None]), panels, SHAPE, 8)
+    assert 20 - 1e-9 <= float(patches.min()) <= float(patches.max()) <= 230 + 1e-9
+
+
+def test_a_flat_quadrilateral_reads_its_first_corner():
+    image = torch.arange(70.0 * 90).view(1, 70, 90).double()
+    panels = Panels.known(corners_of([(12.5, 30.5)] * 4))
+    assert rectify(Frames.whole(image), panels, SHAPE, 4).unique().tolist() == [30 * 90 + 12]

@@ -1,0 +1,118 @@
+"""One observation for every receiver: what is simulated, and that nothing is simulated for nobody."""
+
+import torch
+
+from vocc_torch.receiver.location import PaperLocator
+from vocc_torch.receiver.reader import Reader
+from vocc_torch.rng import BLOCK_FRAMES, BlockKey
+from vocc_torch.simulation import SceneModel, Simulator
+from vocc_torch.studies.link import Link, block_keys
+from vocc_torch.studies.sweep import point_name, sweep_point
+from vocc_torch.studies.train import train
+
+KEY = BlockKey(0, "link", 0)
+
+
+def observed(link, frames, *, preambles=False, keys=(KEY,)):
+    """All batches of a link."""
+    return list(link.observe(SceneModel(), list(keys), preambles=preambles, frames=frames))
+
+
+def test_batches_join_to_the_same_readings():
+    whole = observed(Link(Simulator(), None, Reader()), 20)
+    parts = observed(Link(Simulator(), None, Reader(), batch_frames=7), 20)
+    assert [len(part.bits) for part in parts] == [7, 7, 6]
+    assert torch.equal(torch.cat([part.bits for part in parts]), whole[0].bits)
+    assert torch.equal(torch.cat([part.frames.grey for part in parts]), whole[0].frames.grey)
+    for field in ("average", "centre"):
+        greys = torch.cat([getattr(part.readings.greys, field) for part in parts])
+        torch.testing.assert_close(greys, getattr(whole[0].readings.greys, field), rtol=1e-6, atol=1e-5)
+
+
+def test_blocks_follow_one_another():
+    keys = [BlockKey(0, "link", block) for block in range(2)]
+    both = torch.cat([part.bits for part in observed(Link(Simulator(), None, Reader()), None, keys=keys)])
+    assert len(both) == 2 * BLOCK_FRAMES
+    alone = torch.cat(
+        [part.bits for key in keys for part in observed(Link(Simulator(), None, Reader()), 64, keys=[key])]
+    )
+    assert torch.equal(both, alone)
+    assert not torch.equal(both[:64], both[64:])
+
+
+def test_the_truth_is_used_without_a_locator_and_only_then():
+    link = Link(Simulator(), None, Reader())
+    (seen,) = observed(link, 8)
+    assert torch.equal(seen.panels.corners_px, link.simulator.true_panels(seen.scene).corners_px)
+    (located,) = observed(Link(Simulator(), PaperLocator(), Reader()), 8)
+    assert not torch.equal(located.panels.corners_px, seen.panels.corners_px)
+    assert float((located.panels.corners_px - seen.panels.corners_px).abs().max()) < 12
+
+
+def test_preambles_are_the_same_scenes_all_on_and_all_off():
+    (seen,) = observed(Link(Simulator(), None, Reader()), 16, preambles=True)
+    levels, greys = seen.preambles, seen.readings.greys
+    assert bool((levels.on.average > levels.off.average).all())
+    # What a frame's LED shows lies between the two, but for the light of its neighbours.
+    assert bool((greys.average <= levels.on.average + 1e-3).all())
+    assert bool((greys.average >= levels.off.average - 1e-3).all())
+
+
+def count_renders(monkeypatch):
+    """Count the frames that are rendered, by whether all their bits are equal."""
+    frames = {"data": 0, "preamble": 0}
+    render = Simulator.render
+
+    def counted(self, scene, bits, **options):
+        uniform = bits.flatten(1).all(1) | (~bits).flatten(1).all(1)
+        frames["preamble"] += int(uniform.sum())
+        frames["data"] += int((~uniform).sum())
+        return render(self, scene, bits, **options)
+
+    monkeypatch.setattr(Simulator, "render", counted)
+    return frames
+
+
+def test_preambles_are_rendered_for_greyscale_receivers_only(make_plan, trained, monkeypatch):
+    frames = count_renders(monkeypatch)
+    fisher = make_plan(names=("flda_agr", "flda_gri", "flda_2", "flda_3"), frames=64)
+    sweep_point(fisher, Link.of(fisher), trained, 66.0)
+    assert frames == {"data": 64, "preamble": 0}
+    for greyscale in ("center_greyscale", "average_greyscale"):
+        frames.update(data=0, preamble=0)
+        both = make_plan(names=("flda_3", greyscale), frames=64)
+        sweep_point(both, Link.of(both), trained, 66.0)
+        assert frames == {"data": 64, "preamble": 128}
+
+
+def test_training_renders_no_preambles(make_plan, monkeypatch):
+    frames = count_renders(monkeypatch)
+    train(make_plan(training_frames=40))
+    assert frames == {"data": 40, "preamble": 0}
+
+
+def test_training_and_test_frames_have_no_key_in_common(make_plan):
+    plan = make_plan()
+    training = block_keys(plan.seed, "train", 10_000)
+    tests = block_keys(plan.seed, point_name(plan.experiment, 66.0), 10_000)
+    assert not set(training) & set(tests)
+
+
+def test_training_and_test_frames_differ(make_plan, trained, monkeypatch):
+    """By what is rendered: no panel of bits is in both."""
+    rendered = []
+    render = Simulator.render
+
+    def kept(self, scene, bits, **options):
+        rendered.append(bits)
+        return render(self, scene, bits, **options)
+
+    monkeypatch.setattr(Simulator, "render", kept)
+    plan = make_plan(training_frames=320, frames=320, names=("flda_3",))
+    train(plan)
+    training = {bytes(row) for row in torch.cat(rendered).flatten(1).numpy()}
+    rendered.clear()
+    sweep_point(plan, Link.of(plan), trained, 66.0)
+    tests = {bytes(row) for row in torch.cat(rendered).flatten(1).numpy()}
+    assert len(training) == len(tests) == 320
+    assert not training & tests

@@ -1,0 +1,129 @@
+"""Training: what goes into the statistics, and that a kept receiver is the trained one."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+import torch
+from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
+
+from vocc_torch.errors import VoccError
+from vocc_torch.receiver.bank import feature_indices
+from vocc_torch.receiver.receiver import Receiver
+from vocc_torch.rng import BlockKey
+from vocc_torch.simulation import Distribution, SceneModel, Simulator
+from vocc_torch.studies import train as train_module
+from vocc_torch.studies.link import Link
+from vocc_torch.studies.plan import Experiment
+from vocc_torch.studies.train import train, trained_receiver
+from vocc_torch.types import Panels
+
+
+def features_of(plan, model=None):
+    """Features and bits of the training frames, straight from the link."""
+    link = Link.of(plan)
+    frames = plan.budget.training_frames
+    keys = [BlockKey(plan.seed, "train", block) for block in range(-(-frames // 64))]
+    seen = list(link.observe(model or plan.world.scene, keys, preambles=False, frames=frames))
+    features = torch.cat([s.readings.features[s.panels.found] for s in seen]).reshape(-1, 3)
+    return features, torch.cat([s.bits[s.panels.found] for s in seen]).reshape(-1)
+
+
+@pytest.mark.parametrize("locator", ["truth", "paper"])
+def test_agrees_with_scikit_learn_on_the_same_frames(make_plan, locator):
+    """The direction of LinearDiscriminantAnalysis, on every set of features from the one pass."""
+    plan = make_plan(locator=locator, training_frames=100)
+    trained = train(plan)
+    features, bits = features_of(plan)
+    for name in ("flda_agr", "flda_gri", "flda_2", "flda_3"):
+        columns = feature_indices(name)
+        peer = LinearDiscriminantAnalysis(solver="lsqr").fit(features[:, columns].numpy(), bits.numpy())
+        mine = trained.flda.select(columns).direction.numpy()
+        cosine = mine @ peer.coef_[0] / np.linalg.norm(mine) / np.linalg.norm(peer.coef_[0])
+        assert cosine > 1 - 1e-9
+
+
+def test_batch_size_does_not_change_what_is_learnt(make_plan):
+    trained = [train(make_plan(batch_frames=size)).flda for size in (1, 7, 64, 128)]
+    for other in trained[:-1]:
+        torch.testing.assert_close(other.direction, trained[-1].direction, rtol=1e-6, atol=0.0)
+        torch.testing.assert_close(other.threshold, trained[-1].threshold, rtol=1e-6, atol=0.0)
+
+
+def test_uses_exactly_the_frames_of_the_budget(make_plan):
+    for frames in (2, 64, 65, 100):
+        trained = train(make_plan(training_frames=frames))
+        assert trained.frames == frames
+        assert int(trained.flda.count.sum()) == 64 * frames
+
+
+def test_missed_panels_are_left_out(make_plan, monkeypatch):
+    """Every third panel is missed: the statistics are those of the others."""
+    plan = make_plan(locator="paper", training_frames=60)
+
+    class Blinking:
+        def __call__(self, frames, shape):
+            panels = plan.receiver.location(frames, shape)
+            found = panels.found & (torch.arange(len(frames)) % 3 > 0)
+            return Panels(panels.corners_px, found, panels.score, panels.candidates)
+
+    made = Link.of
+    link = made(plan)
+    link.locator = Blinking()
+    monkeypatch.setattr(train_module.Link, "of", classmethod(lambda cls, plan: link))
+    trained = train(plan)
+    assert trained.missed >= 20
+    features, bits = features_of(plan)
+    assert int(trained.flda.count.sum()) == len(bits) == 64 * (60 - trained.missed)
+    assert torch.equal(trained.features, features)
+    torch.testing.assert_close(trained.flda.mean[1], features[bits].mean(0), rtol=1e-9, atol=0.0)
+
+
+def test_no_panel_in_any_frame_is_refused(make_plan):
+    dark = {"led_luminance_cd_m2": Distribution("constant", (0.0,))}
+    plan = make_plan(
+        locator="paper",
+        experiment=Experiment("dark", "distance_m", (50.0,), training=dark),
+        panel=dataclasses.replace(make_plan().world.panel, led_reflectance=0.18),
+    )
+    with pytest.raises(VoccError, match="no panel in any of 128 frames"):
+        train(plan)
+
+
+def test_training_scenes_are_the_worlds_with_the_experiments_changes(make_plan):
+    """An experiment's test scenes do not narrow the training; its training scenes do."""
+    near = {"distance_m": Distribution("constant", (35.0,))}
+    usual = train(make_plan())
+    tested = train(make_plan(experiment=Experiment("near", "ambient_lx", (4000.0,), scene=near)))
+    assert torch.equal(tested.features, usual.features)
+    plan = make_plan(experiment=Experiment("near", "ambient_lx", (4000.0,), training=near))
+    features, _ = features_of(plan, dataclasses.replace(SceneModel(), **near))
+    assert torch.equal(train(plan).features, features)
+    assert not torch.equal(train(plan).features, usual.features)
+
+
+def test_samples_for_the_figures_are_bounded(make_plan):
+    trained = train(make_plan(training_frames=400))
+    assert trained.features.shape == (20_000, 3)
+    assert trained.bits.shape == (20_000,)
+
+
+def test_kept_receiver_decides_as_the_trained_one(make_plan, tmp_path):
+    """Save and load: identical scores, for every set of features."""
+    plan = make_plan(training_frames=64)
+    training = train(plan)
+    scene, bits = SceneModel().draw(BlockKey(9, "kept", 0), plan.world.panel.shape)
+    frames = Simulator().render(scene, bits)
+    for name in ("flda_agr", "flda_gri", "flda_2", "flda_3"):
+        named = dataclasses.replace(plan, receiver=dataclasses.replace(plan.receiver, save=name))
+        receiver = trained_receiver(named, training)
+        receiver.save(tmp_path / "receiver.pt")
+        loaded = Receiver.load(tmp_path / "receiver.pt")
+        before, after = receiver(frames), loaded(frames)
+        assert loaded.name == name
+        assert loaded.locator == receiver.locator
+        assert loaded.reader == receiver.reader
+        assert bool(before.found.any())
+        for field in ("scores", "bits", "corners_px", "found", "panel_score", "candidates"):
+            assert torch.equal(getattr(before, field), getattr(after, field)), field
+    assert int((before.bits != bits).sum()) < bits.numel() / 20

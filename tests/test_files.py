@@ -1,0 +1,122 @@
+"""A file is there whole or not at all, whatever goes wrong on the way."""
+
+import errno
+import os
+import threading
+
+import pytest
+
+from vocc_torch.errors import VoccError
+from vocc_torch.files import atomic_file, write_atomically
+
+
+def names(folder):
+    return sorted(entry.name for entry in folder.iterdir())
+
+
+def test_bytes_arrive_whole_and_alone(tmp_path):
+    content = bytes(range(256)) * 4096
+    write_atomically(tmp_path / "data.bin", content)
+    assert (tmp_path / "data.bin").read_bytes() == content
+    assert names(tmp_path) == ["data.bin"]
+
+
+def test_missing_folders_are_made_and_an_old_file_is_replaced(tmp_path):
+    path = tmp_path / "a" / "b" / "c.txt"
+    for content in (b"first, and longer", b"second", b""):
+        write_atomically(str(path), content)
+        assert path.read_bytes() == content
+    assert names(path.parent) == ["c.txt"]
+
+
+def test_a_file_is_as_readable_as_any_other(tmp_path):
+    """Not the 0600 of a private temporary file: results are shared."""
+    (tmp_path / "plain").write_bytes(b"")
+    write_atomically(tmp_path / "ours", b"")
+    assert (tmp_path / "ours").stat().st_mode == (tmp_path / "plain").stat().st_mode
+
+
+def test_the_temporary_path_lies_beside_the_file_and_keeps_its_suffix(tmp_path):
+    """On the same file system, so that it moves at once; with the suffix, for writers that go by it."""
+    with atomic_file(tmp_path / "curve.png") as temporary:
+        assert temporary.parent == tmp_path
+        assert temporary.suffix == ".png"
+        assert temporary.name.startswith(".")
+        temporary.write_bytes(b"png")
+        assert not (tmp_path / "curve.png").exists()
+    assert names(tmp_path) == ["curve.png"]
+
+
+@pytest.mark.parametrize("failure", [OSError(errno.ENOSPC, "No space left on device"), OSError("odd")])
+def test_a_full_disk_leaves_the_old_file_and_no_other(tmp_path, monkeypatch, failure):
+    path = tmp_path / "ledger.csv"
+    write_atomically(path, b"old")
+
+    def full(_):
+        raise failure
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(VoccError) as refusal:
+        write_atomically(path, b"new")
+    message = str(refusal.value)
+    assert message.startswith(f"cannot write {path}")
+    assert (failure.strerror or "odd") in message
+    assert "\n" not in message
+    assert path.read_bytes() == b"old"
+    assert names(tmp_path) == ["ledger.csv"]
+
+
+@pytest.mark.parametrize("interruption", [KeyboardInterrupt, RuntimeError])
+def test_an_interruption_leaves_the_old_file_and_no_other(tmp_path, interruption):
+    path = tmp_path / "model.pt"
+    write_atomically(path, b"old")
+
+    def write():
+        with atomic_file(path) as temporary:
+            temporary.write_bytes(b"half of the ne")
+            raise interruption
+
+    with pytest.raises(interruption):
+        write()
+    assert path.read_bytes() == b"old"
+    assert names(tmp_path) == ["model.pt"]
+
+
+def test_a_folder_in_the_files_place_is_refused_by_name(tmp_path):
+    (tmp_path / "taken").mkdir()
+    with pytest.raises(VoccError, match=r"^cannot write .*taken"):
+        write_atomically(tmp_path / "taken", b"")
+    assert names(tmp_path) == ["taken"]
+
+
+def test_a_file_in_the_folders_place_is_refused_by_name(tmp_path):
+    (tmp_path / "file").write_bytes(b"")
+    with pytest.raises(VoccError, match=r"^cannot write .*file.*inside"):
+        write_atomically(tmp_path / "file" / "inside", b"")
+    assert names(tmp_path) == ["file"]
+
+
+def test_nothing_written_is_an_error_and_not_an_empty_file(tmp_path):
+    with pytest.raises(VoccError, match=r"^cannot write "), atomic_file(tmp_path / "a.txt"):
+        pass
+    assert names(tmp_path) == []
+
+
+def test_a_reader_never_meets_half_a_file(tmp_path):
+    """One thread rewrites the file 200 times, with one letter throughout; the reader sees one letter."""
+    path, size, seen = tmp_path / "state", 20_000, set()
+    write_atomically(path, b"a" * size)
+    done = threading.Event()
+
+    def write():
+        for turn in range(200):
+            write_atomically(path, bytes([ord("a") + turn % 26]) * size)
+        done.set()
+
+    writer = threading.Thread(target=write)
+    writer.start()
+    while not done.is_set():
+        content = path.read_bytes()
+        seen.add((len(content), len(set(content))))
+    writer.join()
+    assert seen == {(size, 1)}

@@ -1,0 +1,113 @@
+"""What passes between the floors: shapes, slices, and refusals by name."""
+
+from dataclasses import FrozenInstanceError, fields
+
+import pytest
+import torch
+
+from vocc_torch.errors import VoccError
+from vocc_torch.types import Frames, Panels, PanelShape, Scene
+
+NAMES = [field.name for field in fields(Scene)]
+
+
+def numbered(count):
+    """A scene whose every value tells its field and its frame."""
+    return Scene(*(torch.arange(1, count + 1, dtype=torch.float64) * 10**k for k in range(len(NAMES))))
+
+
+def same(one, two):
+    return all(torch.equal(getattr(one, name), getattr(two, name)) for name in NAMES)
+
+
+def test_scene_fields_carry_their_units_and_plain_numbers():
+    scene = Scene.of(
+        3, ambient_lx=1, led_luminance_cd_m2=0, distance_m=2.5, background_grey=90, offset_x_m=-4
+    )
+    assert len(scene) == 3
+    expected = dict(zip(NAMES, (1, 0, 2.5, 90, -4, 0), strict=True))
+    for name, value in expected.items():
+        field = getattr(scene, name)
+        assert field.dtype == torch.float64
+        assert field.tolist() == [value] * 3
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"frames": 0}, "frames is 0: it must be at least 1"),
+        ({"ambient_lx": 0.0}, "scene.ambient_lx is 0: it must be above 0"),
+        ({"distance_m": -3.0}, "scene.distance_m is -3: it must be above 0"),
+        ({"background_grey": 0.0}, "scene.background_grey is 0: it must be above 0"),
+        ({"led_luminance_cd_m2": -0.5}, "scene.led_luminance_cd_m2 is -0.5: it must be at least 0"),
+        ({"offset_x_m": float("nan")}, "scene.offset_x_m holds a value that is not finite"),
+        ({"distance_m": float("inf")}, "scene.distance_m holds a value that is not finite"),
+    ],
+)
+def test_scenes_out_of_range_are_refused_by_name(values, message):
+    with pytest.raises(VoccError) as refusal:
+        Scene.of(**values)
+    assert str(refusal.value) == message
+
+
+def test_one_bad_frame_of_a_batch_is_enough():
+    scene = numbered(4)
+    scene.distance_m[2] = -1
+    with pytest.raises(VoccError, match=r"^scene\.distance_m is -1"):
+        scene.checked()
+
+
+def test_checked_gives_the_scene_back():
+    scene = Scene.of(2, offset_x_m=-1.0, offset_y_m=-1.0, led_luminance_cd_m2=0.0)
+    assert scene.checked() is scene
+    assert len(scene[0:0].checked()) == 0
+
+
+def test_slices_and_joins_are_inverse():
+    scene = numbered(7)
+    assert same(Scene.cat([scene[:2], scene[2:3], scene[3:]]), scene)
+    assert scene[1:3].distance_m.tolist() == scene.distance_m.tolist()[1:3]
+    assert same(scene.to("cpu"), scene)
+
+
+def test_scenes_cannot_be_changed_by_accident():
+    with pytest.raises(FrozenInstanceError):
+        numbered(1).distance_m = torch.ones(1)
+
+
+@pytest.mark.parametrize("size", [(3, 1, 4, 6), (3, 4, 6)])
+def test_whole_frames_start_at_the_sensors_corner_and_have_no_surround(size):
+    grey = torch.arange(72, dtype=torch.uint8).view(size)
+    frames = Frames.whole(grey)
+    assert len(frames) == 3
+    assert frames.grey.shape == (3, 1, 4, 6)
+    assert torch.equal(frames.grey.flatten(), grey.flatten())
+    assert frames.origin_px.tolist() == [[0, 0]] * 3
+    assert frames.origin_px.dtype == torch.int64
+    assert frames.sensor_px == (4, 6)
+    assert frames.surround is None
+
+
+def test_a_slice_of_frames_keeps_what_belongs_to_them():
+    grey = torch.arange(5, dtype=torch.uint8).view(5, 1, 1, 1).expand(5, 1, 2, 3)
+    origins = torch.arange(10).view(5, 2)
+    frames = Frames(grey, origins, (20, 30), torch.arange(5) * 7)
+    part = frames[1:4]
+    assert len(part) == 3
+    assert part.grey[:, 0, 0, 0].tolist() == [1, 2, 3]
+    assert part.origin_px.tolist() == [[2, 3], [4, 5], [6, 7]]
+    assert part.sensor_px == (20, 30)
+    assert part.surround.tolist() == [7, 14, 21]
+    assert Frames(grey, origins, (20, 30))[1:2].surround is None
+
+
+def test_known_panels_are_found_with_certainty():
+    panels = Panels.known(torch.ones(3, 4, 2))
+    assert panels.corners_px.dtype == torch.float64
+    assert panels.found.tolist() == [True] * 3
+    assert panels.score.tolist() == [1.0] * 3
+    assert panels.candidates.tolist() == [1] * 3
+
+
+def test_a_panels_leds_are_its_rows_times_its_columns():
+    assert PanelShape(3, 5).leds == 15

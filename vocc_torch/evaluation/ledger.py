@@ -1,0 +1,348 @@
+"""The ledger: a file that only grows, with one row for each block of a point that has been counted.
+
+A run that is killed at any moment and started again takes the blocks that it had counted from the ledger and
+counts the others. It ends with the numbers of a run that nobody disturbed.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import astuple, dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import TypeVar, cast
+
+from vocc_torch.errors import VoccError
+from vocc_torch.evaluation.counts import Counts
+from vocc_torch.evaluation.exclusive import ExclusiveFile, cannot_write
+from vocc_torch.evaluation.ledger_format import (
+    KINDS,
+    MAGIC,
+    DamagedLine,
+    check_header,
+    header,
+    is_torn_header,
+    sealed,
+    unsealed,
+)
+from vocc_torch.evaluation.montecarlo import Part
+from vocc_torch.evaluation.paired import PairedCounts
+from vocc_torch.rng import BLOCK_FRAMES
+
+Key = tuple[str | int, ...]
+"""What counts are filed under: (receiver, group), or for a pair (receiver, receiver, group)."""
+
+K = TypeVar("K", bound=Key)
+V = TypeVar("V", bound=Counts | PairedCounts)
+
+
+@dataclass(frozen=True, slots=True)
+class LedgerRow:
+    """What was counted in a block of a point, or in the first frames of it.
+
+    Args:
+        point: the point's name, which keys its random draws.
+        block: index of the block, at least 0.
+        frames: how many of its frames were used, from the first on, 1 to 64.
+        counts: by (receiver, group); none where no frame fell into a group.
+
+    Raises:
+        VoccError: a value outside its range, or counts of more frames than were used.
+
+    Example:
+        >>> LedgerRow("distance/distance_m=5", 0, 64, {("flda_3", 0): Counts(65, 4160)})
+        Traceback (most recent call last):
+        ...
+        vocc_torch.errors.VoccError: counts of ('flda_3', 0) have 65 frames: block 0 has at most 64
+    """
+
+    point: str
+    block: int
+    frames: int
+    counts: Mapping[Key, Counts | PairedCounts]
+
+    def __post_init__(self) -> None:
+        """Refuse what no run can have counted."""
+        if type(self.block) is not int or self.block < 0:
+            raise VoccError(f"block is {self.block!r}: it must be an integer of at least 0")
+        if type(self.frames) is not int or not 1 <= self.frames <= BLOCK_FRAMES:
+            raise VoccError(f"frames is {self.frames!r}: it must be an integer of 1 to {BLOCK_FRAMES}")
+        for key, counts in self.counts.items():
+            if not all(type(part) in (str, int) for part in key):
+                raise VoccError(f"counts are filed under {key}: it must be text and integers")
+            if counts.frames > self.frames:
+                raise VoccError(
+                    f"counts of {key} have {counts.frames} frames: "
+                    f"block {self.block} has at most {self.frames}"
+                )
+
+    def line(self) -> bytes:
+        """Write the row as a line of the file."""
+        names = {kind: name for name, kind in KINDS.items()}
+        counts = [[names[type(one)], list(key), list(astuple(one))] for key, one in self.counts.items()]
+        content = {"point": self.point, "block": self.block, "frames": self.frames, "counts": counts}
+        return sealed(content)
+
+    @classmethod
+    def read(cls, line: bytes) -> LedgerRow:
+        """Read a line of the file, given without its newline.
+
+        Raises:
+            DamagedLine: the line does not have its checksum.
+            VoccError: it has, and is no row.
+        """
+        row = unsealed(line)
+        try:
+            entries = cast("list[tuple[str, list[str | int], list[int]]]", row["counts"])
+            counts = {tuple(key): KINDS[name](*values) for name, key, values in entries}
+            return cls(str(row["point"]), cast("int", row["block"]), cast("int", row["frames"]), counts)
+        except (KeyError, TypeError, ValueError) as error:
+            raise VoccError(f"holds what is no row ({error})") from None
+
+
+class Ledger:
+    """An open ledger, which nobody else can open until it is closed.
+
+    Rows are only ever added. A row belongs to a point, a block and the number of the block's frames that were
+    used: where a budget ended in the middle of a block and a later run needs more of it, the block is counted
+    again and the longer row is added after the shorter one, which stays and is used again by a run of the
+    smaller budget. Rows may come in any order; the same row twice is harmless, and two rows that contradict
+    each other are refused.
+
+    A row is written in one piece and is on the disk before :meth:`append` returns. A run killed while it
+    writes leaves a torn last line, which the next :meth:`open` cuts off. A power failure does the same.
+
+    Attributes:
+        path: the file.
+        repaired: what was cut off the file's end when it was opened, in words; empty if it was whole.
+
+    Example:
+        >>> import tempfile
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = Path(folder) / "ledger.jsonl"
+        ...     with Ledger.open(path, {"seed": 0}) as ledger:
+        ...         _ = ledger.append("near", 0, 64, {("flda_3", 0): Counts(64, 4096)})
+        ...     with Ledger.open(path, {"seed": 0}) as ledger:
+        ...         sorted(ledger.blocks("near")), len(ledger), ledger.repaired
+        ([0], 1, '')
+    """
+
+    path: Path
+    repaired: str
+
+    def __init__(self, path: Path, file: ExclusiveFile, end: int, repaired: str) -> None:
+        """Take what :meth:`open` has checked; use that."""
+        self.path, self.repaired = path, repaired
+        self._file, self._end = file, end
+        self._rows: dict[str, dict[tuple[int, int], LedgerRow]] = {}
+
+    @classmethod
+    def open(cls, path: str | Path, settings: Mapping[str, object]) -> Ledger:
+        """Open a ledger, or begin one where there is no file.
+
+        Args:
+            path: the file; missing folders are made.
+            settings: what the numbers depend on, as plain values: seed, scene, camera, panel, receivers,
+                training. Not what only changes how long it takes or how far it goes: batch size, device, the
+                folder, the budget of frames and the stop rule.
+
+        Raises:
+            VoccError: the file is in use by another run, cannot be written, is damaged, is no ledger, or is
+                that of another version or of other settings, with the settings that differ.
+        """
+        path, first = Path(path), header(settings)
+        file = ExclusiveFile.open(path)
+        try:
+            content = _content(path, file.descriptor)
+            if is_torn_header(content):
+                repaired = f"{path}: cut off a torn first line of {len(content)} bytes" if content else ""
+                ledger = cls(path, file, 0, repaired)
+                ledger._cut()
+                ledger._write(first)
+                _sync_folder(path.parent)
+                return ledger
+            rows, end = _parsed(path, content, settings)
+            torn = len(content) - end
+            ledger = cls(path, file, end, f"{path}: cut off a torn last line of {torn} bytes" if torn else "")
+            for row in rows:
+                ledger._file_away(row)
+            if torn:
+                ledger._cut()
+            return ledger
+        except BaseException:
+            file.close()
+            raise
+
+    def __enter__(self) -> Ledger:
+        """Give the ledger itself."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close."""
+        self.close()
+
+    def close(self) -> None:
+        """Let the next run have the file; closing twice is harmless."""
+        self._file.close()
+
+    def __len__(self) -> int:
+        """Count the rows, each once."""
+        return sum(len(rows) for rows in self._rows.values())
+
+    def __iter__(self) -> Iterator[LedgerRow]:
+        """Walk the rows, a point at a time."""
+        for rows in self._rows.values():
+            yield from rows.values()
+
+    def blocks(self, point: str) -> dict[int, LedgerRow]:
+        """Give the longest row of each block of a point, by ascending block."""
+        return {block: row for (block, _), row in sorted(self._rows.get(point, {}).items())}
+
+    def find(self, point: str, block: int, frames: int) -> LedgerRow | None:
+        """Give the row of exactly this many frames of a block, or None."""
+        return self._rows.get(point, {}).get((block, frames))
+
+    def append(self, point: str, block: int, frames: int, counts: Mapping[K, V]) -> LedgerRow:
+        """Add a row; one that is already there is not written twice.
+
+        Args:
+            point: the point's name, which keys its random draws.
+            block: index of the block, at least 0.
+            frames: how many of its frames were used, from the first on, 1 to 64.
+            counts: by (receiver, group).
+
+        Raises:
+            VoccError: a row that contradicts one that is there, or the disk is full or refuses. The file is
+                then as it was before.
+        """
+        kept: dict[Key, Counts | PairedCounts] = {key: one for key, one in counts.items()}
+        row = LedgerRow(point, block, frames, kept)
+        known = self.find(point, block, frames)
+        if known is None:
+            self._write(row.line())
+        self._file_away(row)
+        return row
+
+    def _file_away(self, row: LedgerRow) -> None:
+        """Remember a row, or refuse one that contradicts what is there."""
+        known = self._rows.setdefault(row.point, {}).setdefault((row.block, row.frames), row)
+        if known.counts != row.counts:
+            raise VoccError(
+                f"ledger {self.path} has other counts for block {row.block} of {row.point}: something that the "
+                "results depend on is missing from its settings; choose another ledger"
+            )
+
+    def _write(self, line: bytes) -> None:
+        """Put a line at the end and on the disk, or leave the file as it was."""
+        if self._file.descriptor < 0:
+            raise VoccError(f"ledger {self.path} is closed: open it again")
+        status = os.fstat(self._file.descriptor)
+        if status.st_size != self._end or not status.st_nlink:
+            raise VoccError(
+                f"ledger {self.path} was changed or deleted under this run: start the run again to go on"
+            )
+        try:
+            left = memoryview(line)
+            while left:
+                left = left[os.write(self._file.descriptor, left) :]
+            os.fsync(self._file.descriptor)
+        except BaseException as error:
+            with suppress(VoccError):  # it would leave a torn last line, which the next open cuts off
+                self._cut()
+            if isinstance(error, OSError):
+                raise cannot_write(self.path, error) from error
+            raise
+        self._end += len(line)
+
+    def _cut(self) -> None:
+        """Cut off what follows the last whole line."""
+        try:
+            os.ftruncate(self._file.descriptor, self._end)
+            os.fsync(self._file.descriptor)
+        except OSError as error:
+            raise cannot_write(self.path, error) from error
+
+
+def _content(path: Path, descriptor: int) -> bytes:
+    """Read the whole file, or of a file that is no ledger only its beginning."""
+    try:
+        with open(descriptor, "rb", closefd=False) as file:
+            first = file.read(len(MAGIC))
+            return first + file.read() if first == MAGIC else first + file.read(1)
+    except OSError as error:
+        raise VoccError(f"cannot read ledger {path}: {error.strerror or error}") from error
+
+
+def _parsed(path: Path, content: bytes, settings: Mapping[str, object]) -> tuple[list[LedgerRow], int]:
+    """Give the rows of a ledger and where the last whole line ends; only the last line may be torn."""
+    first, *lines = content.split(b"\n")
+    rows, end = [], len(first) + 1
+    try:
+        check_header(first, settings)
+        tail = lines.pop()  # what follows the last newline: nothing, or a torn line
+        for number, line in enumerate(lines):
+            try:
+                rows.append(LedgerRow.read(line))
+            except DamagedLine:
+                if number == len(lines) - 1 and not tail:
+                    break
+                raise VoccError(
+                    f"is damaged in line {number + 2} of {len(lines) + 1}: "
+                    "bring back a copy, or delete it to count everything again"
+                ) from None
+            end += len(line) + 1
+    except VoccError as error:
+        raise VoccError(f"ledger {path} {error}") from None
+    return rows, end
+
+
+def _sync_folder(folder: Path) -> None:
+    """Put a new file's entry in its folder on the disk, where a system can do that."""
+    with suppress(OSError):
+        descriptor = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
+
+
+def recorded(
+    count: Callable[[Sequence[Part]], list[dict[K, V]]], ledger: Ledger, point: str
+) -> Callable[[Sequence[Part]], list[dict[K, V]]]:
+    """Take known blocks from a ledger, and count and record only the others.
+
+    What comes back has the signature of ``count`` and gives what it gives, so that
+    :func:`~vocc_torch.evaluation.montecarlo.run_point` ends with the same numbers. A block is known if a row
+    holds exactly the frames that are asked for. Blocks are recorded when the call that counts them returns: a
+    killed run loses the one call that was under way, which is one block unless ``blocks_at_once`` says more.
+
+    Args:
+        count: counts each of the parts, giving a list of as many mappings.
+        ledger: open, of the settings that ``count`` works with.
+        point: the name of the point that ``count`` counts.
+
+    Example:
+        >>> import tempfile
+        >>> def count(parts):
+        ...     print("counting", [part.block for part in parts])
+        ...     return [{("a", 0): Counts(part.frames, part.frames)} for part in parts]
+        >>> with tempfile.TemporaryDirectory() as folder, Ledger.open(Path(folder) / "l", {}) as ledger:
+        ...     for parts in ([Part(0, 64)], [Part(0, 64), Part(1, 64)]):
+        ...         _ = recorded(count, ledger, "near")(parts)
+        counting [0]
+        counting [1]
+    """
+
+    def counted(parts: Sequence[Part]) -> list[dict[K, V]]:
+        known = [ledger.find(point, part.block, part.frames) for part in parts]
+        missing = [part for part, row in zip(parts, known, strict=True) if row is None]
+        results = list(zip(missing, count(missing) if missing else [], strict=True))
+        fresh = iter([ledger.append(point, part.block, part.frames, one) for part, one in results])
+        rows = [next(fresh) if row is None else row for row in known]
+        return [cast("dict[K, V]", dict(row.counts)) for row in rows]
+
+    return counted

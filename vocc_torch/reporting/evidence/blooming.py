@@ -1,0 +1,168 @@
+"""Drawings of Figs 5, 6 and 17: what blooming does, and in which order."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from vocc_torch.reporting.canvas import GRID, INK, QUIET, new_figure, quiet_axes, write_title
+from vocc_torch.reporting.evidence.panels import (
+    MARK,
+    OFF,
+    ON,
+    Bools,
+    Floats,
+    Picture,
+    condition_text,
+    outline_led,
+    panel_axes,
+    percent_text,
+)
+
+
+def interference_figure(
+    title: str,
+    *,
+    pictures: tuple[Picture, Picture],
+    greys: Floats,
+    bits: Bools,
+    led: tuple[int, int],
+    threshold: float,
+    gri: Floats,
+    condition: Floats,
+    misread: int,
+    off_leds: int,
+) -> Figure:
+    """Draw a panel without and with blooming, and the greys along the row of its most misleading Off LED.
+
+    Args:
+        title: the figure's.
+        pictures: the panel without and with blooming.
+        greys: (2,R,C) average grey of each LED's cell, without and with.
+        bits: (R,C).
+        led: row and column of the LED, from 0.
+        threshold: from there on a grey reads On.
+        gri: (R,C) grey values a pixel.
+        condition: (4,) ambient light (lx), LED luminance (cd/m2), distance (m), background grey.
+        misread: Off LEDs of the sample whose grey reads On.
+        off_leds: Off LEDs of the sample.
+    """
+    figure = new_figure(10, 5.6)
+    row, column = led
+    for index, heading in enumerate(("(a) without blooming", "(b) with blooming")):
+        axes = figure.add_axes((0.02 + 0.235 * index, 0.37, 0.22, 0.22 * 10 / 5.6))
+        panel_axes(axes, pictures[index], heading)
+        outline_led(axes, row, column)
+        text = f"grey {greys[index, row, column]:.0f}"
+        axes.text(0.5, -0.03, text, transform=axes.transAxes, ha="center", va="top", fontsize=11, color=MARK)
+    around = greys[1, max(0, row - 1) : row + 2, max(0, column - 1) : column + 2]
+    near = bits[max(0, row - 1) : row + 2, max(0, column - 1) : column + 2]
+    neighbours = (around.sum() - greys[1, row, column]) / max(1, around.size - 1)
+    story = (
+        f"The marked LED, row {row + 1}, column {column + 1}, is Off; {int(near.sum())} of its {near.size - 1} neighbours "
+        f"are On,\ntheir mean grey {neighbours:.0f}. Blooming lifts its average grey from {greys[0, row, column]:.0f} to "
+        f"{greys[1, row, column]:.0f},\nabove the threshold {threshold:.0f}: greyscale reads On. "
+        f"Its GRI, {signed(gri[row, column])} a pixel, says Off."
+    )
+    figure.text(0.02, 0.235, story, fontsize=10, color=INK, va="top", linespacing=1.5)
+    axes = figure.add_axes((0.575, 0.155, 0.405, 0.655))
+    _row_profile(axes, pictures, greys, bits, row)
+    axes.axhline(threshold, color=INK, linewidth=1.3, linestyle="--")
+    axes.annotate(
+        "threshold", (1, threshold), (0, 3), ("axes fraction", "data"), "offset points", ha="right", color=INK
+    )
+    axes.axvspan(column, column + 1, color=MARK, alpha=0.16, linewidth=0)
+    axes.set_xlabel(f"LED column (row {row + 1})")
+    share = percent_text(misread / max(1, off_leds))
+    footnote = (
+        f"The most misleading Off LED of the sample frames; there {misread} of {off_leds} Off LEDs ({share}) read On by "
+        f"average grey.\nThis frame: {condition_text(condition)}, background {condition[3]:.0f}. True corners."
+    )
+    write_title(figure, title, footnote)
+    return figure
+
+
+def order_figure(
+    title: str,
+    *,
+    pictures: tuple[Picture, Picture, Picture],
+    row_px: int,
+    cell_px: float,
+    sigma_px: float,
+    condition: Floats,
+) -> Figure:
+    """Draw a panel blurred after and before gamma encoding, and the greys along one line of pixels.
+
+    Args:
+        title: the figure's.
+        pictures: blurred after gamma, blurred before gamma, not blurred.
+        row_px: the line, from 0.
+        cell_px: width of an LED cell.
+        sigma_px: standard deviation of the blur.
+        condition: (4,) ambient light (lx), LED luminance (cd/m2), distance (m), background grey.
+    """
+    figure = new_figure(10, 4.9)
+    names = ("(a) Gaussian after gamma", "(b) Gaussian before gamma")
+    for index, (name, colour) in enumerate(zip(names, (OFF, ON), strict=True)):
+        axes = figure.add_axes((0.02 + 0.25 * index, 0.22, 0.235, 0.235 * 10 / 4.9))
+        panel_axes(axes, pictures[index])
+        axes.set_title(name, fontsize=11.5, color=colour, loc="left", pad=20, fontweight="bold")
+        text = f"brightest {pictures[index][0].max():.0f}, mean {pictures[index][0].mean():.1f}"
+        axes.text(0, 1.025, text, transform=axes.transAxes, fontsize=10, color=INK)
+        left, right, bottom, top = pictures[index][1]
+        y = top + (row_px + 0.5) * (bottom - top) / len(pictures[index][0])
+        axes.plot([left, left + 0.35], [y, y], color=colour, linewidth=2)
+        axes.plot([right - 0.35, right], [y, y], color=colour, linewidth=2)
+    axes = figure.add_axes((0.595, 0.19, 0.39, 0.6))
+    edges = np.arange(pictures[0][0].shape[1] + 1)
+    drawn = ((2, "no blur", QUIET, 1.0), (0, "after gamma", OFF, 1.9), (1, "before gamma", ON, 1.9))
+    for index, name, colour, width in drawn:
+        axes.stairs(
+            pictures[index][0][row_px], edges, color=colour, linewidth=width, label=name, baseline=None
+        )
+    quiet_axes(axes)
+    axes.grid(axis="y", color=GRID, linewidth=0.8)
+    axes.set_xlim(edges[0], edges[-1])
+    axes.set_xlabel("Column (px), along the marked line")
+    axes.set_ylabel("Grey value (0 to 255)")
+    axes.legend(
+        loc="lower right", bbox_to_anchor=(1.02, 1.0), ncols=3, frameon=False, fontsize=10, handlelength=1.3
+    )
+    footnote = (
+        f"{condition_text(condition)}, background {condition[3]:.0f}; Gaussian of {sigma_px:g} px, LED cells of "
+        f"{cell_px:.1f} px. The same bits and the same filter; only the order differs."
+    )
+    write_title(figure, title, footnote)
+    return figure
+
+
+def signed(value: float) -> str:
+    """Write a number with its sign, a minus as typographers want it.
+
+    Example:
+        >>> signed(-6.99), signed(22.1)
+        ('−7.0', '+22.1')
+    """
+    return f"{value:+.1f}".replace("-", "\N{MINUS SIGN}")
+
+
+def _row_profile(axes: Axes, pictures: tuple[Picture, Picture], greys: Floats, bits: Bools, row: int) -> None:
+    """Draw the pixels through the middle of a row of LEDs, and the average grey of each of its cells."""
+    for (grey, (left, right, bottom, top)), colour, width, name in zip(
+        pictures, (QUIET, INK), (1.0, 1.4), ("pixels without blooming", "pixels with"), strict=True
+    ):
+        line = grey[int((row + 0.5 - top) / (bottom - top) * len(grey))]
+        edges = np.linspace(left, right, len(line) + 1)
+        axes.stairs(line, edges, color=colour, linewidth=width, label=name, baseline=None, alpha=0.75)
+    for status, name, colour in ((True, "On cell, average with", ON), (False, "Off cell", OFF)):
+        columns = np.flatnonzero(bits[row] == status)
+        axes.hlines(greys[1, row, columns], columns, columns + 1, color=colour, linewidth=4, label=name)
+    quiet_axes(axes)
+    axes.grid(axis="y", color=GRID, linewidth=0.8)
+    axes.set_xlim(pictures[0][1][0], pictures[0][1][1])
+    axes.set_xticks(np.arange(bits.shape[1]) + 0.5, [str(c + 1) for c in range(bits.shape[1])])
+    axes.set_ylabel("Grey value (0 to 255)")
+    axes.legend(
+        loc="lower left", bbox_to_anchor=(-0.02, 1.0), ncols=2, frameon=False, fontsize=9.5, handlelength=1.6
+    )

@@ -1,0 +1,80 @@
+"""The paper's figures other than bit error rates: their data, computed from a plan; drawn one floor below."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from vocc_torch.files import atomic_file
+from vocc_torch.studies.evidence.data import Cell, FigureData
+from vocc_torch.studies.evidence.registry import EVIDENCE, Evidence, selected
+from vocc_torch.studies.plan import Plan
+
+__all__ = ["EVIDENCE", "Evidence", "FigureData", "Made", "make_evidence", "selected", "write_rows"]
+
+
+@dataclass(frozen=True)
+class Made:
+    """A figure that has been computed, drawn and written.
+
+    Args:
+        evidence: what it is.
+        findings: its numbers by name.
+        picture: its PNG file.
+        table: its CSV file.
+    """
+
+    evidence: Evidence
+    findings: dict[str, float]
+    picture: Path
+    table: Path
+
+
+def make_evidence(plan: Plan, folder: Path, names: Sequence[str] = ()) -> Iterator[Made]:
+    """Compute, draw and write figures one after the other, as ``NAME.png`` and ``NAME.csv``.
+
+    Args:
+        plan: the study; its locator is not used, except for Fig. 19's outline.
+        folder: where the files go; made if missing.
+        names: the figures; all by default.
+
+    Yields:
+        Each figure once it is written.
+
+    Raises:
+        VoccError: an unknown name, before anything is computed; or a file that cannot be written.
+    """
+    return _make(plan, folder, selected(names))
+
+
+def _make(plan: Plan, folder: Path, figures: Sequence[Evidence]) -> Iterator[Made]:
+    """Do the work of ``make_evidence``, whose names are checked when it is called."""
+    from vocc_torch.reporting.canvas import save_figure  # loads Matplotlib
+
+    for evidence in figures:
+        data = evidence.compute(plan)
+        made = Made(
+            evidence, data.findings(), folder / f"{evidence.name}.png", folder / f"{evidence.name}.csv"
+        )
+        save_figure(evidence.draw(data), made.picture)
+        write_rows(made.table, data.rows())
+        yield made
+
+
+def write_rows(path: Path, rows: Sequence[tuple[Cell, ...]]) -> None:
+    r"""Write lines as a CSV file, whole or not at all; floats read back to the same float.
+
+    Raises:
+        VoccError: the file cannot be written.
+
+    Example:
+        >>> import tempfile
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     write_rows(Path(folder) / "a.csv", [("grey", "pixels"), (7, 0.1)])
+        ...     (Path(folder) / "a.csv").read_text()
+        'grey,pixels\n7,0.1\n'
+    """
+    with atomic_file(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+        csv.writer(file, lineterminator="\n").writerows(rows)
