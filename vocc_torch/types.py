@@ -153,8 +153,14 @@ class Frames:
 
     @classmethod
     def whole(cls, grey: Tensor) -> Frames:
-        """Wrap full frames (B,1,H,W) or (B,H,W) that are not crops."""
+        """Wrap full frames (B,1,H,W) or (B,H,W) that are not crops.
+
+        Raises:
+            VoccError: another shape.
+        """
         planes = grey.unsqueeze(1) if grey.ndim == 3 else grey
+        if planes.ndim != 4 or planes.shape[1] != 1:
+            raise VoccError(f"grey has shape {tuple(grey.shape)}: it must be (B,H,W) or (B,1,H,W)")
         origin = torch.zeros(planes.shape[0], 2, dtype=torch.int64, device=planes.device)
         return cls(planes, origin, (int(planes.shape[-2]), int(planes.shape[-1])))
 

@@ -592,12 +592,9 @@ class FullDisk:
             raise OSError(errno.ENOSPC, "No space left on device")
 
     def write(self, descriptor, data):
-        try:
-            self.full()
-        except OSError:
-            if not self.part:
-                raise
-            return self.real["write"](descriptor, bytes(data)[: self.part])
+        if self.calls + 1 in self.failing:  # the kernel gives a short count first, and refuses the rest
+            self.real["write"](descriptor, bytes(data)[: self.part])
+        self.full()
         return self.real["write"](descriptor, data)
 
     def fsync(self, descriptor):
@@ -618,16 +615,19 @@ class FullDisk:
 def test_a_disk_that_is_full_at_any_moment_loses_nothing(failing, part):
     with tempfile.TemporaryDirectory() as folder, pytest.MonkeyPatch.context() as monkeypatch:
         path, kept = Path(folder) / "ledger", set()
-        disk = FullDisk(failing, part)
-        disk.stands_in(monkeypatch)
-        try:
+        FullDisk(failing, part).stands_in(monkeypatch)
+
+        def fill():
             with Ledger.open(path, SETTINGS) as ledger:
                 for block in range(4):
                     ledger.append(POINT, block, 64, counted(Part(block, 64)))
                     kept.add(block)
-        except VoccError as error:
-            assert "\n" not in str(error)
-            assert f"cannot write {path}: No space left on device: make room" in str(error)
+
+        # Calls 1 and 2 are the header, 4 to 11 the rows; 3 is the folder, which some systems cannot sync.
+        if failing & {1, 2, *range(4, 12)}:
+            refusal(fill, f"cannot write {path}: No space left on device: make room")
+        else:
+            fill()
         monkeypatch.undo()
         calls = Calls()
         with Ledger.open(path, SETTINGS) as ledger:
@@ -637,6 +637,14 @@ def test_a_disk_that_is_full_at_any_moment_loses_nothing(failing, part):
         assert path.read_bytes() == header(SETTINGS) + b"".join(
             LedgerRow(POINT, block, 64, counted(Part(block, 64))).line() for block in range(4)
         )
+
+
+def test_a_system_that_writes_a_few_bytes_at_a_time_gets_all_of_them(path, monkeypatch):
+    write = os.write
+    monkeypatch.setattr(os, "write", lambda descriptor, data: write(descriptor, bytes(data)[:7]))
+    content = filled(path)
+    monkeypatch.undo()
+    assert content == filled(path.with_name("another"))
 
 
 @pytest.mark.parametrize("failing", [{1}, {2}, {1, 2}])
@@ -675,16 +683,17 @@ def test_an_interrupt_in_the_middle_of_a_write_leaves_the_file_as_it_was(path, m
         raise KeyboardInterrupt
 
     with Ledger.open(path, SETTINGS) as ledger:
-        with monkeypatch.context() as patches, pytest.raises(KeyboardInterrupt):
+        with monkeypatch.context() as patches:
             patches.setattr(os, "write", interrupted)
-            ledger.append(POINT, 4, 64, {})
+            with pytest.raises(KeyboardInterrupt):
+                ledger.append(POINT, 4, 64, {})
         assert path.read_bytes() == before
         ledger.append(POINT, 4, 64, {})
 
 
 # Kills. A process of its own, with one thread, forks a run, kills it with SIGKILL, and forks the next.
 
-KILLED_BLOCKS = 60
+KILLED_BLOCKS = 40
 
 
 def rows_in(path):
@@ -753,7 +762,7 @@ def killed_at_call(number, part):
 
 
 def lives(folder, blocks, blocks_at_once, plan):
-    """Fork lives until one ends well; ``plan`` gives each its fault and the seconds after which it is killed."""
+    """Fork lives until one ends well; ``plan`` gives each its fault and the seconds until it is killed."""
     folder.mkdir()
     told = []
     for fault, delay_s in plan:
@@ -781,12 +790,12 @@ def random_plan(seed):
     draw = random.Random(seed)
     for life in range(2000):
         # Ever longer, so that the run comes to its end on a machine of any speed.
-        yield None, draw.uniform(0, 0.010 + 0.0001 * life)
+        yield None, draw.uniform(0, 0.015 + 0.0005 * life)
 
 
 def call_plan():
     for life in range(2000):
-        yield killed_at_call(1 + life % 5, life * 37 % 160), None
+        yield killed_at_call(1 + life * 7 % 9, (life * 37 + 5) % 160), None
 
 
 def second_writer(folder):

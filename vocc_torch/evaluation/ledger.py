@@ -159,7 +159,8 @@ class Ledger:
             if is_torn_header(content):
                 repaired = f"{path}: cut off a torn first line of {len(content)} bytes" if content else ""
                 ledger = cls(path, file, 0, repaired)
-                ledger._cut()
+                if content:
+                    ledger._cut()
                 ledger._write(first)
                 _sync_folder(path.parent)
                 return ledger
@@ -232,8 +233,8 @@ class Ledger:
         known = self._rows.setdefault(row.point, {}).setdefault((row.block, row.frames), row)
         if known.counts != row.counts:
             raise VoccError(
-                f"ledger {self.path} has other counts for block {row.block} of {row.point}: something that the "
-                "results depend on is missing from its settings; choose another ledger"
+                f"ledger {self.path} has other counts for block {row.block} of {row.point}: something that "
+                "the results depend on is missing from its settings; choose another ledger"
             )
 
     def _write(self, line: bytes) -> None:

@@ -178,13 +178,10 @@ def difference(there: object, here: object) -> str:
         >>> difference({"seed": 0, "camera": {"gamma": 2.2}}, {"seed": 1, "camera": {"gamma": 2.2}})
         'seed is 0 there and 1 here'
     """
-    old, new = dict(_leaves(there)), dict(_leaves(here))
+    old, new, absent = dict(_leaves(there)), dict(_leaves(here)), "not set"
     names = sorted(name for name in {*old, *new} if old.get(name) != new.get(name))
-    told = [
-        f"{name} is {old.get(name, 'not set')} there and {new.get(name, 'not set')} here"
-        for name in names[:3]
-    ]
-    return ", ".join(told) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
+    told = [f"{name} is {old.get(name, absent)} there and {new.get(name, absent)} here" for name in names]
+    return ", ".join(told[:3]) + (f" and {len(told) - 3} more" if len(told) > 3 else "")
 
 
 def _leaves(value: object, name: str = "") -> Iterator[tuple[str, str]]:

@@ -41,31 +41,35 @@ class Distribution:
     kind: Kind
     values: tuple[float, ...]
 
+    def __post_init__(self) -> None:
+        """Refuse what cannot be drawn from."""
+        shown = f"distribution {self.kind} of {list(self.values)}"
+        if self.kind not in KINDS:
+            raise VoccError(f"{shown} has an unknown kind: it must be one of {', '.join(KINDS)}")
+        wanted = {"constant": 1, "uniform": 2, "log_uniform": 2}.get(self.kind, max(1, len(self.values)))
+        if len(self.values) != wanted or not all(map(math.isfinite, self.values)):
+            raise VoccError(f"{shown} must have {wanted} finite values")
+        if self.kind in ("uniform", "log_uniform") and self.values[0] > self.values[1]:
+            raise VoccError(f"{shown}: low must not exceed high")
+        if self.kind == "log_uniform" and self.values[0] <= 0:
+            raise VoccError(f"{shown}: a log_uniform low must be above 0")
+
     @classmethod
     def parse(cls, spec: float | Sequence[object], name: str) -> Distribution:
         """Read a number (constant) or a list such as ``[uniform, 40, 60]``; a refusal names ``name``."""
         allowed = "a number, [uniform, low, high], [log_uniform, low, high] or [choice, a, b, ...]"
-        refused = VoccError(f"scene.{name} is {spec!r}: it must be {allowed}")
-        kind: object
-        numbers: list[object]
-        if isinstance(spec, int | float) and not isinstance(spec, bool):
-            kind, numbers = "constant", [spec]
-        elif isinstance(spec, Sequence) and not isinstance(spec, str) and spec and spec[0] in KINDS:
-            kind, numbers = spec[0], list(spec[1:])
-        else:
-            raise refused
-        plain = (v for v in numbers if isinstance(v, int | float) and not isinstance(v, bool))
-        values = tuple(float(v) for v in plain if math.isfinite(v))
-        if len(values) != len(numbers):
-            raise refused
-        ranged = kind in ("uniform", "log_uniform")
-        if len(values) != {"constant": 1, "uniform": 2, "log_uniform": 2}.get(kind, max(1, len(values))):
-            raise refused
-        if ranged and values[0] > values[1]:
-            raise VoccError(f"scene.{name} is {spec!r}: low must not exceed high")
-        if kind == "log_uniform" and values[0] <= 0:
-            raise VoccError(f"scene.{name} is {spec!r}: a log_uniform low must be above 0")
-        return cls(kind, values)  # type: ignore[arg-type]  # checked against KINDS above
+        refused = f"scene.{name} is {spec!r}: it must be {allowed}"
+        words = [spec] if isinstance(spec, str) or not isinstance(spec, Sequence) else list(spec)
+        kind = words.pop(0) if words and words[0] in KINDS and len(words) > 1 else "constant"
+        if any(isinstance(word, bool) or not isinstance(word, int | float) for word in words):
+            raise VoccError(refused)
+        values = tuple(float(word) for word in words if isinstance(word, int | float))
+        if isinstance(spec, Sequence) and kind == "constant" and spec[:1] != ["constant"]:
+            raise VoccError(refused)
+        try:
+            return cls(kind, values)  # type: ignore[arg-type]  # one of KINDS
+        except VoccError as error:
+            raise VoccError(f"{refused} ({error})") from None
 
     @property
     def bounds(self) -> tuple[float, float]:
