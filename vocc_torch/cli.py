@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import sys
 from pathlib import Path
@@ -17,6 +18,7 @@ from vocc_torch.config import AppConfig, register_schema, resolved
 from vocc_torch.errors import VoccError
 
 TASKS = ("train", "test", "decode")
+MULTIRUN = ("-m", "--multirun")
 
 
 def complain(message: str) -> None:
@@ -42,12 +44,10 @@ def run_task(settings: AppConfig, folder: Path) -> None:
 
 def _discard_if_empty(folder: Path) -> None:
     """Remove a run's folder that holds nothing, and the folders up to ``runs`` that it leaves empty."""
-    above = [parent for parent in folder.parents if parent.is_relative_to(Path.cwd() / "runs")]
-    for empty in (folder, *above):
-        try:
+    runs = Path.cwd() / "runs"
+    for empty in (folder, *(parent for parent in folder.parents if parent.is_relative_to(runs)), runs):
+        with contextlib.suppress(OSError):  # it holds something
             empty.rmdir()
-        except OSError:  # it holds something
-            return
 
 
 def _run_job(config: DictConfig) -> str | None:
@@ -95,6 +95,8 @@ def run() -> int:
             failures.append(complaint)
             complain(complaint)
 
+    # argparse takes keys on one side of a flag only, and users write them on both.
+    sys.argv[1:] = sorted(sys.argv[1:], key=lambda word: word not in MULTIRUN)
     # Hydra prints errors over several lines and exits unless it is told to let them through.
     os.environ["HYDRA_FULL_ERROR"] = "1"
     register_schema()

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import shutil
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from rich.console import Console
@@ -72,9 +75,9 @@ def run_test(settings: AppConfig, folder: Path) -> None:
     pictures = sample_frames(plan, trained_receiver(plan, training))
     if settings.tensorboard:
         figures = {"BER": figure, "features by status": histograms}
-        write_board(
-            folder / "tensorboard", table, figures, pictures, {"configuration": _as_markdown(settings)}
-        )
+        texts = {"configuration": _as_markdown(settings)}
+        with _quiet_threads():
+            write_board(folder / "tensorboard", table, figures, pictures, texts)
     print_table(table, console)
     _print_places(console, settings, folder)
 
@@ -182,6 +185,17 @@ def _write_training(settings: AppConfig, plan: Plan, training: Training, folder:
     """Write the receiver and the configuration it came from."""
     trained_receiver(plan, training).save(folder / "receiver.pt")
     write_atomically(folder / "config.yaml", as_yaml(settings).encode())
+
+
+@contextmanager
+def _quiet_threads() -> Iterator[None]:
+    """Keep TensorBoard's writing thread from printing the OSError that ``write_board`` then raises."""
+    shown = threading.excepthook
+    threading.excepthook = lambda failure: None if issubclass(failure.exc_type, OSError) else shown(failure)
+    try:
+        yield
+    finally:
+        threading.excepthook = shown
 
 
 def _title(plan: Plan) -> str:

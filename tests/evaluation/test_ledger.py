@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from vocc_torch.errors import VoccError
@@ -84,6 +84,15 @@ def refusal(call, *parts):
 @pytest.fixture
 def path(tmp_path):
     return tmp_path / "runs" / "ledger.jsonl"
+
+
+@pytest.fixture
+def unsynced(monkeypatch):
+    """Hundreds of ledgers without waiting for the disk; what is tested then is not whether it is asked."""
+    monkeypatch.setattr(os, "fsync", lambda _: None)
+
+
+UNSYNCED = settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 
 def filled(path, blocks=4, config=SETTINGS):
@@ -165,8 +174,8 @@ def test_a_resumed_run_ends_as_an_undisturbed_one(path, target, blocks_at_once):
 
 
 @given(st.permutations(range(9)), st.sampled_from([1, 2, 4]))
-@settings(max_examples=15, deadline=None)
-def test_the_order_in_which_blocks_were_counted_does_not_matter(order, blocks_at_once):
+@settings(UNSYNCED, max_examples=15)
+def test_the_order_in_which_blocks_were_counted_does_not_matter(unsynced, order, blocks_at_once):
     rule, calls = StopRule(9 * 64), Calls()
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "ledger"
@@ -245,7 +254,7 @@ def test_rows_of_one_block_in_a_file_may_repeat_but_not_differ(path):
 # Torn ends.
 
 
-def test_a_last_row_torn_at_any_byte_is_cut_off_said_and_counted_again(path):
+def test_a_last_row_torn_at_any_byte_is_cut_off_said_and_counted_again(path, unsynced):
     whole = filled(path)
     start = whole[:-1].rindex(b"\n") + 1
     assert len(whole) - start > 100
@@ -262,10 +271,10 @@ def test_a_last_row_torn_at_any_byte_is_cut_off_said_and_counted_again(path):
         assert path.read_bytes() == whole
 
 
-def test_a_header_torn_at_any_byte_is_written_again(path):
+def test_a_torn_header_is_written_again(path, unsynced):
     whole = header(SETTINGS)
     path.parent.mkdir()
-    for end in range(len(whole)):
+    for end in (*range(60), *range(60, len(whole), 9), len(whole) - 1):
         path.write_bytes(whole[:end])
         with Ledger.open(path, SETTINGS) as ledger:
             assert bool(ledger.repaired) == (end > 0)
@@ -274,8 +283,8 @@ def test_a_header_torn_at_any_byte_is_written_again(path):
 
 
 @given(st.binary(min_size=1, max_size=40).filter(lambda tail: b"\n" not in tail[:-1]))
-@settings(max_examples=40, deadline=None)
-def test_whatever_follows_the_last_row_is_never_mixed_in(tail):
+@settings(UNSYNCED, max_examples=40)
+def test_whatever_follows_the_last_row_is_never_mixed_in(unsynced, tail):
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "ledger"
         whole = filled(path, blocks=2)
@@ -300,8 +309,8 @@ def test_a_last_line_with_a_changed_number_is_cut_off(path):
 
 
 @given(st.data())
-@settings(max_examples=60, deadline=None)
-def test_a_byte_changed_before_the_last_row_is_refused(data):
+@settings(UNSYNCED, max_examples=60)
+def test_a_byte_changed_before_the_last_row_is_refused(unsynced, data):
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "ledger"
         whole = bytearray(filled(path, blocks=3))
@@ -380,7 +389,7 @@ def test_another_release_of_the_package_is_refused(path, monkeypatch):
 
 def test_other_columns_are_refused(path, monkeypatch):
     filled(path)
-    monkeypatch.setitem(ledger_format.KINDS, "more", Counts)
+    monkeypatch.setitem(ledger_format.COLUMNS, "more", ["frames"])
     refusal(lambda: Ledger.open(path, SETTINGS), path, "was written by")
 
 
@@ -611,8 +620,8 @@ class FullDisk:
 
 
 @given(st.sets(st.integers(1, 16)), st.integers(0, 60))
-@settings(max_examples=150, deadline=None)
-def test_a_disk_that_is_full_at_any_moment_loses_nothing(failing, part):
+@settings(UNSYNCED, max_examples=150)
+def test_a_disk_that_is_full_at_any_moment_loses_nothing(unsynced, failing, part):
     with tempfile.TemporaryDirectory() as folder, pytest.MonkeyPatch.context() as monkeypatch:
         path, kept = Path(folder) / "ledger", set()
         FullDisk(failing, part).stands_in(monkeypatch)
@@ -647,7 +656,7 @@ def test_a_system_that_writes_a_few_bytes_at_a_time_gets_all_of_them(path, monke
     assert content == filled(path.with_name("another"))
 
 
-@pytest.mark.parametrize("failing", [{1}, {2}, {1, 2}])
+@pytest.mark.parametrize("failing", [{1}, {2}])
 def test_after_a_full_disk_the_file_is_as_before_and_the_run_can_go_on(path, monkeypatch, failing):
     before = filled(path)
     with Ledger.open(path, SETTINGS) as ledger:
@@ -665,7 +674,7 @@ def test_a_failed_write_that_cannot_be_undone_ends_the_run_and_the_next_one_repa
     before = filled(path)
     with Ledger.open(path, SETTINGS) as ledger:
         with monkeypatch.context() as patches:
-            FullDisk({1, 2, 3}, 40).stands_in(patches)
+            FullDisk({1, 2}, 40).stands_in(patches)
             refusal(lambda: ledger.append(POINT, 5, 64, {("a", 0): Counts(64, 4096)}), "No space left")
         assert len(path.read_bytes()) > len(before)
         refusal(lambda: ledger.append(POINT, 6, 64, {}), "start the run again")
@@ -693,7 +702,7 @@ def test_an_interrupt_in_the_middle_of_a_write_leaves_the_file_as_it_was(path, m
 
 # Kills. A process of its own, with one thread, forks a run, kills it with SIGKILL, and forks the next.
 
-KILLED_BLOCKS = 40
+KILLED_BLOCKS, CALL_BLOCKS = 30, 24
 
 
 def rows_in(path):
@@ -790,12 +799,12 @@ def random_plan(seed):
     draw = random.Random(seed)
     for life in range(2000):
         # Ever longer, so that the run comes to its end on a machine of any speed.
-        yield None, draw.uniform(0, 0.015 + 0.0005 * life)
+        yield None, draw.uniform(0, 0.02 + 0.001 * life)
 
 
 def call_plan():
     for life in range(2000):
-        yield killed_at_call(1 + life * 7 % 9, (life * 37 + 5) % 160), None
+        yield killed_at_call(1 + life * 5 % 6, (life * 37 + 5) % 160), None
 
 
 def second_writer(folder):
@@ -854,7 +863,7 @@ def really_full(folder):
 def under_fire(folder):
     """Everything that needs forks, told as JSON."""
     report = {f"random {n}": lives(folder / f"r{n}", KILLED_BLOCKS, n, random_plan(n)) for n in (1, 3)}
-    report["calls"] = lives(folder / "calls", 12, 1, call_plan())
+    report["calls"] = lives(folder / "calls", CALL_BLOCKS, 1, call_plan())
     report["second"] = second_writer(folder)
     report["full"] = really_full(folder)
     print(json.dumps(report))
@@ -884,7 +893,7 @@ def test_a_run_killed_at_random_moments_ends_as_an_undisturbed_one(fire, name, b
 
 
 def test_a_run_killed_at_every_call_that_reaches_the_disk_ends_as_an_undisturbed_one(fire):
-    check_lives(fire["calls"], 12, 1, least_kills=10)
+    check_lives(fire["calls"], CALL_BLOCKS, 1, least_kills=10)
     assert any("torn first line" in line for line in fire["calls"]["repairs"])
     assert any("torn last line" in line for line in fire["calls"]["repairs"])
 

@@ -16,7 +16,7 @@ from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.rng import BlockKey
 from vocc_torch.simulation import Distribution, SceneModel, Simulator
 from vocc_torch.studies.decode import COLUMNS, annotated, bits_csv, decode, receiver_for
-from vocc_torch.studies.recording import RecordedFrame, read_recording, to_grey
+from vocc_torch.studies.recording import read_recording, to_grey
 from vocc_torch.types import PanelShape
 
 
@@ -287,7 +287,7 @@ def test_rows_are_the_columns(receiver, photo, photo_bits):
 
 
 def test_annotation_marks_on_and_off(receiver, near, tmp_path):
-    """A filled mark on every On LED and none inside an Off LED's ring; the rest of the picture is untouched."""
+    """A filled mark on every On LED and none inside an Off LED's ring; the corner stays as it was."""
     frames, bits = near
     (reading,) = decode(receiver, save(tmp_path / "a.png", frames[0]), "luma")
     for scale in (1, 2):
@@ -446,7 +446,7 @@ def test_model_for_another_panel(make_plan, model):
             plan.receiver, reader=dataclasses.replace(plan.receiver.reader, shape=shape)
         ),
     )
-    with pytest.raises(VoccError, match="8 x 8 LEDs, and panel.rows x panel.columns is 4 x 8"):
+    with pytest.raises(VoccError, match=r"8 x 8 LEDs, and panel.rows x panel.columns is 4 x 8"):
         receiver_for(wide, model)
 
 
@@ -454,9 +454,3 @@ def test_images_that_are_none(receiver):
     for images in (torch.zeros(4, 4), torch.zeros(1, 4, 4), torch.zeros(1, 3, 4, 4, dtype=torch.uint8)):
         with pytest.raises(VoccError, match="it must be uint8 of shape"):
             receiver.decode(images)
-
-
-def test_frame_record_keeps_what_it_is_given():
-    """A frame's time is that of a video; a picture has none."""
-    grey = np.zeros((2, 2), np.uint8)
-    assert RecordedFrame("a.png", 0, None, np.zeros((2, 2, 3), np.uint8), grey).time_s is None

@@ -18,6 +18,7 @@ from vocc_torch.errors import VoccError
 from vocc_torch.evaluation.counts import Counts
 from vocc_torch.evaluation.exclusive import ExclusiveFile, cannot_write
 from vocc_torch.evaluation.ledger_format import (
+    COLUMNS,
     KINDS,
     MAGIC,
     DamagedLine,
@@ -96,7 +97,10 @@ class LedgerRow:
         row = unsealed(line)
         try:
             entries = cast("list[tuple[str, list[str | int], list[int]]]", row["counts"])
-            counts = {tuple(key): KINDS[name](*values) for name, key, values in entries}
+            counts = {
+                tuple(key): KINDS[name](**dict(zip(COLUMNS[name], values, strict=True)))
+                for name, key, values in entries
+            }
             return cls(str(row["point"]), cast("int", row["block"]), cast("int", row["frames"]), counts)
         except (KeyError, TypeError, ValueError) as error:
             raise VoccError(f"holds what is no row ({error})") from None

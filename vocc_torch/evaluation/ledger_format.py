@@ -26,6 +26,9 @@ MAGIC = b'{"format":"vocc-torch ledger","version":'
 KINDS: dict[str, type[Counts] | type[PairedCounts]] = {"counts": Counts, "paired": PairedCounts}
 """What a row can hold, by the name that stands in the file."""
 
+COLUMNS = {name: [field.name for field in fields(kind)] for name, kind in KINDS.items()}
+"""What the numbers in a row mean, in order."""
+
 _CHECK_DIGITS = 16
 _SEAL = len(',"check":""}') + _CHECK_DIGITS
 
@@ -127,7 +130,7 @@ def header(settings: Mapping[str, object]) -> bytes:
         "package": __version__,
         "fingerprint": fingerprint(settings),
         "settings": canonical(settings),
-        "columns": {name: [field.name for field in fields(kind)] for name, kind in KINDS.items()},
+        "columns": COLUMNS,
     }
     return sealed(content)
 

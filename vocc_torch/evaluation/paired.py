@@ -221,7 +221,12 @@ def paired_interval(
         >>> f"{interval.difference:.2e} in [{interval.low:.2e}, {interval.high:.2e}]", interval.real
         ('1.56e-04 in [3.76e-05, 2.89e-04]', True)
     """
-    difference = paired.difference
+    difference, leds = paired.difference, paired.bits / paired.frames
+    if not 0 < errors_per_discordant_frame <= leds:
+        raise VoccError(
+            f"errors_per_discordant_frame is {errors_per_discordant_frame}: "
+            f"it must be above 0 and at most the bits of a frame, {leds:g}"
+        )
     sides = [paired._side("a"), paired._side("b")]
     if not paired.discordant:
         limit = ber_interval(sides[0], confidence, errors_per_discordant_frame).high

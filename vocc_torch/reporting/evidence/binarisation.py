@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from vocc_torch.reporting.canvas import GRID, INK, QUIET, new_figure, quiet_axes, write_title
@@ -46,54 +47,25 @@ def histogram_figure(
         outline: (4,2) located corners in LED cells, NaN where there is no panel.
         condition: (4,) ambient light (lx), LED luminance (cd/m2), distance (m), background grey.
     """
-    figure = new_figure(10, 5.5)
-    axes = figure.add_axes((0.085, 0.2, 0.6, 0.585))
-    edges = np.arange(257) - 0.5
-    axes.stairs(counts, edges, fill=True, color=GRID, label="whole frame", baseline=0.5)
-    axes.stairs(counts, edges, color=QUIET, linewidth=0.8, baseline=0.5)
-    axes.stairs(off_counts, edges, color=OFF, linewidth=1.6, label="in Off cells", baseline=0.5)
-    axes.stairs(on_counts, edges, color=ON, linewidth=1.6, label="in On cells", baseline=0.5)
-    axes.set_yscale("log")
-    top = float(counts.max()) * 4
-    axes.set_ylim(0.5, top)
-    axes.set_xlim(max(0.0, np.flatnonzero(counts)[0] - 8.0), 258)
+    figure = new_figure(10, 5.6)
+    axes = figure.add_axes((0.085, 0.215, 0.63, 0.62))
+    _histogram(axes, counts, on_counts, off_counts)
+    top = axes.get_ylim()[1]
     axes.axvline(threshold + 0.5, color=INK, linewidth=1.4, linestyle="--")
     axes.annotate(
         f"Otsu {threshold}",
         (threshold + 0.5, top),
-        (5, -4),
+        (6, -6),
         textcoords="offset points",
         va="top",
         color=INK,
         fontsize=11,
     )
-    for level, name, colour in zip(
-        levels.tolist(), ("background", "Off LED", "On LED"), (QUIET, OFF, ON), strict=True
-    ):
-        axes.plot([level], [0.5], marker="^", markersize=9, color=colour, clip_on=False, zorder=5)
-        axes.annotate(
-            f"{name} {level:.0f}",
-            (level, 0.5),
-            (0, 9),
-            textcoords="offset points",
-            ha="right" if level > 235 else "center",
-            color=colour,
-            fontsize=9.5,
-            fontweight="bold",
-            bbox={"facecolor": "white", "alpha": 0.8, "edgecolor": "none", "pad": 1},
-        )
-    quiet_axes(axes)
-    axes.grid(axis="y", color=GRID, linewidth=0.8)
-    axes.set_xlabel("Grey value (0 to 255)")
-    axes.set_ylabel("Pixels of the frame")
-    axes.legend(loc="lower left", bbox_to_anchor=(-0.01, 1.0), ncols=3, frameon=False, fontsize=10.5)
+    _levels(axes, levels, top)
     extent = picture[1]
-    shown = (
-        (picture, "the panel in the frame"),
-        ((np.where(mask, 255.0, 0.0), extent), f"above {threshold}, located"),
-    )
+    shown = ((picture, "the panel"), ((np.where(mask, 255.0, 0.0), extent), f"grey above {threshold}"))
     for index, (part, heading) in enumerate(shown):
-        beside = figure.add_axes((0.735, 0.515 - 0.4 * index, 0.19, 0.19 * 10 / 5.5))
+        beside = figure.add_axes((0.775, 0.535 - 0.405 * index, 0.175, 0.175 * 10 / 5.6))
         panel_axes(beside, part, heading)
         if index and np.isfinite(outline).all():
             beside.plot(*np.concatenate([outline, outline[:1]]).T, color=MARK, linewidth=2)
@@ -102,9 +74,47 @@ def histogram_figure(
     above = slice(threshold + 1, None)
     kept = [percent_text(float(c[above].sum() / max(1.0, c.sum()))) for c in (on_counts, off_counts)]
     footnote = (
-        f"One frame: {condition_text(condition)}. Triangles: levels before any blur, Eqs 1 to 3. Foreground: {kept[0]} of the "
-        f"pixels of On cells and {kept[1]}\nof those of Off cells (cells by the true corners); green: the panel that the paper's "
-        "locator finds."
+        f"One frame: {condition_text(condition)}. Dotted: levels before any blur, by Eqs 1 to 3. Foreground: {kept[0]} of the "
+        f"pixels in On cells\nand {kept[1]} of those in Off cells (cells by the true corners). Green: the panel that "
+        "the paper's locator finds."
     )
     write_title(figure, title, footnote)
     return figure
+
+
+def _histogram(axes: Axes, counts: Floats, on_counts: Floats, off_counts: Floats) -> None:
+    """Draw the counts of the whole frame, and of the cells by status, on a logarithmic axis."""
+    edges = np.arange(257) - 0.5
+    axes.stairs(counts, edges, fill=True, color=GRID, label="whole frame", baseline=0.5)
+    axes.stairs(counts, edges, color=QUIET, linewidth=0.8, baseline=0.5)
+    axes.stairs(off_counts, edges, color=OFF, linewidth=1.6, label="in Off cells", baseline=0.5)
+    axes.stairs(on_counts, edges, color=ON, linewidth=1.6, label="in On cells", baseline=0.5)
+    axes.set_yscale("log")
+    axes.set_ylim(0.5, float(counts.max()) * 4)
+    axes.set_xlim(max(0.0, np.flatnonzero(counts)[0] - 8.0), 259)
+    quiet_axes(axes)
+    axes.grid(axis="y", color=GRID, linewidth=0.8)
+    axes.set_xlabel("Grey value (0 to 255)")
+    axes.set_ylabel("Pixels of the frame")
+    axes.legend(loc="lower left", bbox_to_anchor=(-0.01, 1.0), ncols=3, frameon=False, fontsize=10.5)
+
+
+def _levels(axes: Axes, levels: Floats, top: float) -> None:
+    """Mark the greys of background, Off and On before any blur, at heights where nothing else is."""
+    names = ("background", "Off LED", "On LED")
+    for level, name, colour in zip(levels.tolist(), names, (QUIET, OFF, ON), strict=True):
+        height = top / 8 if name == "background" else float(10 ** (0.55 * np.log10(top)))
+        at_the_end = level > 230
+        axes.plot([level, level], [0.5, height], color=colour, linewidth=1.5, linestyle=":")
+        axes.plot([level], [height], marker="v", markersize=8, color=colour)
+        axes.annotate(
+            f"{name} {level:.0f}",
+            (level, height),
+            (-9 if at_the_end else 9, 0),
+            textcoords="offset points",
+            ha="right" if at_the_end else "left",
+            va="center",
+            color=colour,
+            fontsize=10.5,
+            fontweight="bold",
+        )

@@ -48,25 +48,22 @@ def interference_figure(
         misread: Off LEDs of the sample whose grey reads On.
         off_leds: Off LEDs of the sample.
     """
-    figure = new_figure(10, 5.6)
+    figure = new_figure(10, 6.0)
     row, column = led
     for index, heading in enumerate(("(a) without blooming", "(b) with blooming")):
-        axes = figure.add_axes((0.02 + 0.235 * index, 0.37, 0.22, 0.22 * 10 / 5.6))
+        axes = figure.add_axes((0.02 + 0.265 * index, 0.42, 0.25, 0.25 * 10 / 6.0))
         panel_axes(axes, pictures[index], heading)
         outline_led(axes, row, column)
-        text = f"grey {greys[index, row, column]:.0f}"
-        axes.text(0.5, -0.03, text, transform=axes.transAxes, ha="center", va="top", fontsize=11, color=MARK)
-    around = greys[1, max(0, row - 1) : row + 2, max(0, column - 1) : column + 2]
-    near = bits[max(0, row - 1) : row + 2, max(0, column - 1) : column + 2]
-    neighbours = (around.sum() - greys[1, row, column]) / max(1, around.size - 1)
-    story = (
-        f"The marked LED, row {row + 1}, column {column + 1}, is Off; {int(near.sum())} of its {near.size - 1} neighbours "
-        f"are On,\ntheir mean grey {neighbours:.0f}. Blooming lifts its average grey from {greys[0, row, column]:.0f} to "
-        f"{greys[1, row, column]:.0f},\nabove the threshold {threshold:.0f}: greyscale reads On. "
-        f"Its GRI, {signed(gri[row, column])} a pixel, says Off."
+    figure.text(
+        0.02,
+        0.385,
+        _story(greys, bits, led, threshold, gri),
+        fontsize=10,
+        color=INK,
+        va="top",
+        linespacing=1.55,
     )
-    figure.text(0.02, 0.235, story, fontsize=10, color=INK, va="top", linespacing=1.5)
-    axes = figure.add_axes((0.575, 0.155, 0.405, 0.655))
+    axes = figure.add_axes((0.615, 0.205, 0.37, 0.632))
     _row_profile(axes, pictures, greys, bits, row)
     axes.axhline(threshold, color=INK, linewidth=1.3, linestyle="--")
     axes.annotate(
@@ -76,11 +73,28 @@ def interference_figure(
     axes.set_xlabel(f"LED column (row {row + 1})")
     share = percent_text(misread / max(1, off_leds))
     footnote = (
-        f"The most misleading Off LED of the sample frames; there {misread} of {off_leds} Off LEDs ({share}) read On by "
-        f"average grey.\nThis frame: {condition_text(condition)}, background {condition[3]:.0f}. True corners."
+        f"The most misleading Off LED of the sample frames, in which {misread} of {off_leds} Off LEDs ({share}) read On "
+        f"by average grey.\nThis frame: {condition_text(condition)}, background {condition[3]:.0f}. True corners. "
+        "Threshold: halfway between the all-On and the all-Off preamble."
     )
     write_title(figure, title, footnote)
     return figure
+
+
+def _story(greys: Floats, bits: Bools, led: tuple[int, int], threshold: float, gri: Floats) -> str:
+    """Tell in numbers what happens to the marked LED."""
+    row, column = led
+    around = (slice(max(0, row - 1), row + 2), slice(max(0, column - 1), column + 2))
+    near = bits[around].size - 1
+    neighbours = (greys[1][around].sum() - greys[1][led]) / max(1, near)
+    reads = "On" if greys[1][led] >= threshold else "Off"
+    says = "Off" if gri[led] < 0 else "On"
+    return (
+        f"The marked LED (row {row + 1}, column {column + 1}) is Off; {int(bits[around].sum())} of its {near} neighbours\n"
+        f"are On, and their cells average {neighbours:.0f}. Blooming lifts its own from {greys[0][led]:.0f}\n"
+        f"to {greys[1][led]:.0f}; the threshold is {threshold:.0f}, so greyscale reads {reads}.\n"
+        f"Its GRI is {signed(float(gri[led]))} grey values a pixel: the sign says {says}."
+    )
 
 
 def order_figure(
@@ -102,10 +116,10 @@ def order_figure(
         sigma_px: standard deviation of the blur.
         condition: (4,) ambient light (lx), LED luminance (cd/m2), distance (m), background grey.
     """
-    figure = new_figure(10, 4.9)
+    figure = new_figure(10, 5.0)
     names = ("(a) Gaussian after gamma", "(b) Gaussian before gamma")
     for index, (name, colour) in enumerate(zip(names, (OFF, ON), strict=True)):
-        axes = figure.add_axes((0.02 + 0.25 * index, 0.22, 0.235, 0.235 * 10 / 4.9))
+        axes = figure.add_axes((0.02 + 0.275 * index, 0.19, 0.265, 0.265 * 10 / 5.0))
         panel_axes(axes, pictures[index])
         axes.set_title(name, fontsize=11.5, color=colour, loc="left", pad=20, fontweight="bold")
         text = f"brightest {pictures[index][0].max():.0f}, mean {pictures[index][0].mean():.1f}"
@@ -114,7 +128,7 @@ def order_figure(
         y = top + (row_px + 0.5) * (bottom - top) / len(pictures[index][0])
         axes.plot([left, left + 0.35], [y, y], color=colour, linewidth=2)
         axes.plot([right - 0.35, right], [y, y], color=colour, linewidth=2)
-    axes = figure.add_axes((0.595, 0.19, 0.39, 0.6))
+    axes = figure.add_axes((0.635, 0.215, 0.35, 0.57))
     edges = np.arange(pictures[0][0].shape[1] + 1)
     drawn = ((2, "no blur", QUIET, 1.0), (0, "after gamma", OFF, 1.9), (1, "before gamma", ON, 1.9))
     for index, name, colour, width in drawn:
@@ -138,11 +152,11 @@ def order_figure(
 
 
 def signed(value: float) -> str:
-    """Write a number with its sign, a minus as typographers want it.
+    r"""Write a number with its sign, a minus as typographers want it.
 
     Example:
-        >>> signed(-6.99), signed(22.1)
-        ('−7.0', '+22.1')
+        >>> signed(22.14), signed(-6.99).replace("\N{MINUS SIGN}", "minus ")
+        ('+22.1', 'minus 7.0')
     """
     return f"{value:+.1f}".replace("-", "\N{MINUS SIGN}")
 
@@ -150,12 +164,12 @@ def signed(value: float) -> str:
 def _row_profile(axes: Axes, pictures: tuple[Picture, Picture], greys: Floats, bits: Bools, row: int) -> None:
     """Draw the pixels through the middle of a row of LEDs, and the average grey of each of its cells."""
     for (grey, (left, right, bottom, top)), colour, width, name in zip(
-        pictures, (QUIET, INK), (1.0, 1.4), ("pixels without blooming", "pixels with"), strict=True
+        pictures, (QUIET, INK), (1.0, 1.4), ("pixels without", "pixels with blooming"), strict=True
     ):
         line = grey[int((row + 0.5 - top) / (bottom - top) * len(grey))]
         edges = np.linspace(left, right, len(line) + 1)
         axes.stairs(line, edges, color=colour, linewidth=width, label=name, baseline=None, alpha=0.75)
-    for status, name, colour in ((True, "On cell, average with", ON), (False, "Off cell", OFF)):
+    for status, name, colour in ((True, "On cell, average", ON), (False, "Off cell, average", OFF)):
         columns = np.flatnonzero(bits[row] == status)
         axes.hlines(greys[1, row, columns], columns, columns + 1, color=colour, linewidth=4, label=name)
     quiet_axes(axes)

@@ -6,12 +6,21 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from vocc_torch.reporting.canvas import INK, QUIET, new_figure, write_title
+from vocc_torch.reporting.canvas import INK, new_figure, write_title
 from vocc_torch.reporting.evidence.blooming import signed
-from vocc_torch.reporting.evidence.panels import OFF, ON, STATUS, Bools, Floats, condition_text, status_cloud
+from vocc_torch.reporting.evidence.panels import (
+    OFF,
+    ON,
+    STATUS,
+    Bools,
+    Floats,
+    condition_text,
+    percent_text,
+    status_cloud,
+    status_legend,
+)
 
 _RADIAL = "#009E73"
-_HALO = {"edgecolor": "white", "linewidth": 0.5}
 
 
 def gradients_figure(
@@ -43,75 +52,62 @@ def gradients_figure(
         all_bits: (N,).
         all_distances_m: (N,).
     """
-    figure = new_figure(10, 5.5)
+    figure = new_figure(10, 6.0)
     strongest = float(np.hypot(gradient[:, 0], gradient[:, 1]).max())
-    headings = ("(a) gradient", "(b) radial inward", "(c) both")
     for led, (name, colour) in enumerate((("On", ON), ("Off", OFF))):
-        for part, heading in enumerate(headings):
-            axes = figure.add_axes((0.045 + 0.192 * part, 0.5 - 0.375 * led, 0.18, 0.18 * 10 / 5.5))
+        for part, heading in enumerate(("(a) gradient", "(b) radial inward", "(c) both")):
+            axes = figure.add_axes((0.045 + 0.207 * part, 0.525 - 0.35 * led, 0.2, 0.2 * 10 / 6.0))
             _cell(axes, grey[led], cell_px)
+            if part != 0:
+                _arrows(axes, 0.7 * inward, cell_px, _RADIAL)
             if part != 1:
                 _arrows(axes, gradient[led] / max(strongest, 1e-12), cell_px, colour)
-            if part != 0:
-                _arrows(axes, 0.6 * inward, cell_px, _RADIAL)
             if not led:
                 axes.set_title(heading, fontsize=11.5, color=INK, loc="left", pad=5, fontweight="bold")
             if part == 0:
-                axes.set_ylabel(
-                    f"{name} LED, row {leds[led][0] + 1}, column {leds[led][1] + 1}",
-                    fontsize=10,
-                    color=colour,
-                )
+                label = f"{name} LED, row {leds[led][0] + 1}, column {leds[led][1] + 1}"
+                axes.set_ylabel(label, fontsize=10.5, color=colour)
             if part == 2:
-                box = {"facecolor": "white", "alpha": 0.85, "edgecolor": "none", "pad": 2.5}
-                text = f"GRI {signed(float(gri[led]))}"
-                axes.text(
-                    0.04,
-                    0.95,
-                    text,
-                    transform=axes.transAxes,
-                    va="top",
-                    color=colour,
-                    fontweight="bold",
-                    bbox=box,
-                )
-    axes = figure.add_axes((0.7, 0.2, 0.285, 0.595))
-    status_cloud(axes, all_distances_m, all_gri, all_bits, ("Distance (m)", "GRI (grey values a pixel)"))
-    axes.axhline(0, color=INK, linewidth=1.1)
-    axes.set_title(
-        "(d) all LEDs of the sample", fontsize=11.5, color=INK, loc="left", pad=20, fontweight="bold"
-    )
-    share = f"negative: {np.mean(all_gri[~all_bits] < 0):.0%} of Off, {np.mean(all_gri[all_bits] < 0):.0%} of On LEDs"
-    axes.text(0, 1.02, share, transform=axes.transAxes, fontsize=9.5, color=QUIET)
-    for status, name, colour in STATUS:
-        at = 0.97 if status else 0.89
-        axes.text(
-            0.97, at, name, transform=axes.transAxes, ha="right", va="top", color=colour, fontweight="bold"
-        )
+                _tag(axes, f"GRI {signed(float(gri[led]))}", colour)
+    _by_distance(figure.add_axes((0.735, 0.175, 0.25, 0.683)), all_gri, all_bits, all_distances_m)
+    status_legend(figure)
     k = inward.shape[-1]
     footnote = (
-        f"The LEDs of middle GRI of their status in one frame: {condition_text(condition)}, {cell_px:.1f} px a cell, read at "
-        f"{k} x {k} samples (true corners).\nLongest gradient {strongest:.0f} grey values a pixel; inward vectors have length 1, "
-        "drawn at one scale. GRI: mean of their dot product, in grey values a pixel."
+        f"(a) to (c): the LEDs of middle GRI of their status in one frame, {condition_text(condition)}, "
+        f"{cell_px:.1f} px a cell, read at {k} x {k} samples (true corners).\nLongest gradient "
+        f"{strongest:.0f} grey values a pixel; inward vectors have length 1. GRI: mean of their dot products."
     )
     write_title(figure, title, footnote)
     return figure
 
 
-def _cell(axes: Axes, grey: Floats, cell_px: float) -> None:
-    """Show a cell with half a cell around it, stretched to its own range of greys, in px from its centre."""
-    k = grey.shape[0] // 3
-    half = k // 2
-    shown = grey[k - half : 2 * k + half, k - half : 2 * k + half]
-    reach = cell_px * (0.5 + half / k)
-    axes.imshow(
-        shown,
-        cmap="gray",
-        vmin=min(60.0, float(shown.min())),
-        vmax=max(255.0, float(shown.max())),
-        extent=(-reach, reach, reach, -reach),
-        interpolation="nearest",
+def _tag(axes: Axes, text: str, colour: str) -> None:
+    """Write into the picture's top left corner."""
+    box = {"facecolor": "white", "alpha": 0.9, "edgecolor": "none", "pad": 2.5}
+    axes.text(
+        0.03, 0.965, text, transform=axes.transAxes, va="top", color=colour, fontweight="bold", bbox=box
     )
+
+
+def _by_distance(axes: Axes, gri: Floats, bits: Bools, distances_m: Floats) -> None:
+    """Draw the GRI of every LED over the distance of its frame."""
+    status_cloud(axes, distances_m, gri, bits, ("Distance (m)", "GRI (grey values a pixel)"))
+    axes.axhline(0, color=INK, linewidth=1.1)
+    axes.set_title("(d) all sample frames", fontsize=11.5, color=INK, loc="left", pad=5, fontweight="bold")
+    axes.yaxis.labelpad = 0
+    shares = [percent_text(float(np.mean(gri[bits == status] < 0))) for status, _, _ in STATUS]
+    text = f"negative: {shares[0]} of Off,\n{shares[1]} of On LEDs"
+    axes.text(0.98, 0.98, text, transform=axes.transAxes, ha="right", va="top", fontsize=10, color=INK)
+
+
+def _cell(axes: Axes, grey: Floats, cell_px: float) -> None:
+    """Show a cell with a quarter of a cell around it, in px from its centre."""
+    k = grey.shape[0] // 3
+    rim = max(1, k // 4)
+    shown = grey[k - rim : 2 * k + rim, k - rim : 2 * k + rim]
+    reach = cell_px * (0.5 + rim / k)
+    extent = (-reach, reach, reach, -reach)
+    axes.imshow(shown, cmap="gray", vmin=0, vmax=255, extent=extent, interpolation="nearest")
     edge = cell_px / 2
     axes.plot(
         [-edge, edge, edge, -edge, -edge], [-edge, -edge, edge, edge, -edge], color="white", linewidth=1.0
@@ -137,10 +133,12 @@ def _arrows(axes: Axes, vectors: Floats, cell_px: float, colour: str) -> None:
         angles="xy",
         scale_units="xy",
         scale=1,
-        width=0.013,
+        width=0.011,
         headwidth=3.6,
-        headlength=4.2,
-        headaxislength=3.8,
+        headlength=3.8,
+        headaxislength=3.4,
+        minlength=0.3,
         pivot="mid",
-        **_HALO,
+        edgecolor="white",
+        linewidth=0.35,
     )

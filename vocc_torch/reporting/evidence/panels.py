@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
@@ -38,6 +40,7 @@ def panel_axes(axes: Axes, picture: Picture, title: str = "", *, frame: bool = T
         interpolation="nearest",
         aspect="equal",
     )
+    axes.set_anchor("NW")
     axes.set_xticks([])
     axes.set_yticks([])
     axes.spines[:].set_visible(frame)
@@ -109,26 +112,26 @@ def separation_text(auc: float, wrong: float) -> str:
 
     Example:
         >>> separation_text(0.80148, 0.27469)
-        'AUC 0.801 · best threshold wrong: 27.5 %'
+        'AUC = 0.801 · best threshold wrong: 27.5 %'
         >>> separation_text(0.9999874, 0.0)
-        'AUC 0.99999 · best threshold wrong: 0 %'
+        'AUC = 0.99999 · best threshold wrong: 0 %'
     """
     return f"AUC {area_text(auc)} \N{MIDDLE DOT} best threshold wrong: {percent_text(wrong)}"
 
 
 def area_text(auc: float) -> str:
-    """Write an area with three digits that are not nines; 1 only where it is.
+    """Write an area in three digits, near 1 in up to five; 1 only where it is.
 
     Example:
         >>> area_text(0.53577), area_text(0.99956), area_text(0.9999999), area_text(1.0)
-        ('0.536', '0.9996', '0.9999999', '1')
+        ('= 0.536', '= 0.9996', '> 0.99999', '= 1')
     """
     if auc == 1:
-        return "1"
-    for digits in range(3, 12):
-        if float(text := f"{auc:.{digits}f}") < 1 and (auc < 0.99 or digits > 3):
-            return text
-    return f"{auc:.12f}"
+        return "= 1"
+    for digits in (3, 4, 5):
+        if float(text := f"{auc:.{digits}f}") <= 1 - 3 * 10**-digits:
+            return f"= {text}"
+    return f"= {text}" if float(text) < 1 else "> 0.99999"
 
 
 def percent_text(share: float) -> str:
@@ -141,9 +144,39 @@ def percent_text(share: float) -> str:
     return f"{100 * share:.3g} %"
 
 
-def note(axes: Axes, text: str, *, x: float = 0.0, y: float = 1.02, align: str = "left") -> None:
-    """Write a quiet line above the axes."""
-    axes.text(x, y, text, transform=axes.transAxes, fontsize=9.5, color=QUIET, ha=align, va="bottom")
+def head(axes: Axes, letter: str, text: str) -> None:
+    """Name a part of the figure, and say a line about it."""
+    axes.annotate(
+        letter,
+        (0, 1),
+        (0, 9),
+        xycoords="axes fraction",
+        textcoords="offset points",
+        fontsize=11.5,
+        fontweight="bold",
+        color=INK,
+    )
+    axes.annotate(
+        text, (0, 1), (24, 9), xycoords="axes fraction", textcoords="offset points", fontsize=10, color=QUIET
+    )
+
+
+def status_legend(figure: Figure) -> None:
+    """Name the statuses at the figure's top right."""
+    handles = [
+        Line2D([], [], linestyle="none", marker="o", color=colour, markersize=7, label=f"{name} LEDs")
+        for _, name, colour in STATUS
+    ]
+    figure.legend(
+        handles=handles,
+        loc="upper right",
+        bbox_to_anchor=(0.99, 1 - 0.06 / figure.get_figheight()),
+        ncols=2,
+        frameon=False,
+        fontsize=10.5,
+        handletextpad=0.1,
+        columnspacing=1.4,
+    )
 
 
 def condition_text(condition: Floats) -> str:

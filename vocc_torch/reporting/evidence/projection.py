@@ -10,10 +10,11 @@ from vocc_torch.reporting.canvas import INK, new_figure, write_title
 from vocc_torch.reporting.evidence.panels import (
     Bools,
     Floats,
-    note,
+    head,
     percent_text,
     status_cloud,
     status_histogram,
+    status_legend,
 )
 
 _SHOWN = 4000
@@ -47,30 +48,23 @@ def projection_figure(
         deviation: (3,) standard deviation within the classes.
         frames: training frames.
     """
-    figure = new_figure(10, 5.5)
-    axes = figure.add_axes((0.075, 0.19, 0.37, 0.6))
+    figure = new_figure(10, 5.6)
+    axes = figure.add_axes((0.065, 0.215, 0.42, 0.62))
     _plane(axes, features[:_SHOWN, :2], bits[:_SHOWN], pair_direction, midpoint[:2], deviation[:2])
-    axes.set_title("(a)", fontsize=11.5, color=INK, loc="left", pad=8, fontweight="bold")
-    note(axes, "AGR and GRI, each over its deviation within a status", x=0.085)
-    axes = figure.add_axes((0.545, 0.19, 0.44, 0.6))
-    status_histogram(axes, projections, bits, "Projection w · x of AGR, GRI and NGR", log=True)
+    head(axes, "(a)", "w and its threshold for AGR and GRI alone")
+    axes = figure.add_axes((0.575, 0.215, 0.41, 0.62))
+    status_histogram(axes, projections, bits, "Projection w \N{MIDDLE DOT} x of AGR, GRI and NGR", log=True)
     axes.axvline(threshold, color=INK, linewidth=1.3, linestyle="--")
     wrong = (projections >= threshold) != bits
-    axes.set_title("(b)", fontsize=11.5, color=INK, loc="left", pad=8, fontweight="bold")
-    text = f"wrong: {percent_text(float(wrong[bits].mean()))} of On, {percent_text(float(wrong[~bits].mean()))} of Off"
-    note(axes, f"threshold {threshold:.2f} \N{MIDDLE DOT} {text}", x=0.075)
-    handles, names = axes.get_legend_handles_labels()
-    place = (0.99, 1 - 0.06 / figure.get_figheight())
-    figure.legend(
-        handles, names, loc="upper right", bbox_to_anchor=place, ncols=2, frameon=False, fontsize=10.5
-    )
-    weights = ", ".join(
-        f"{name} {value:.3g}".replace("-", "\N{MINUS SIGN}")
-        for name, value in zip(("AGR", "GRI", "NGR"), (direction * deviation).tolist(), strict=True)
-    )
+    shares = [percent_text(float(wrong[bits == status].mean())) for status in (True, False)]
+    head(axes, "(b)", f"wrong at {threshold:.2f}: {shares[0]} of On, {shares[1]} of Off")
+    status_legend(figure)
+    weights = zip(("AGR", "GRI", "NGR"), (direction * deviation).tolist(), strict=True)
+    listed = ", ".join(f"{name} {weight:.2f}".replace("-", "\N{MINUS SIGN}") for name, weight in weights)
     footnote = (
-        f"FLDA trained on {frames} frames at the true corners; {len(bits)} of their LEDs in (b), {min(_SHOWN, len(bits))} in "
-        f"(a). Shares are on a logarithmic axis.\nWeights in w for each standard deviation within a status: {weights}."
+        f"FLDA trained on {frames} frames at the true corners; {len(bits)} of their LEDs in (b), "
+        f"{min(_SHOWN, len(bits))} in (a). Share axis: logarithmic.\n"
+        f"Weights in w for a standard deviation within a status: {listed}."
     )
     write_title(figure, title, footnote)
     return figure
@@ -81,15 +75,15 @@ def _plane(
 ) -> None:
     """Draw two features over their deviations, w as an arrow and the threshold at a right angle to it."""
     scaled = (features - midpoint) / deviation
-    status_cloud(
-        axes, scaled[:, 0], scaled[:, 1], bits, ("AGR, deviations from the midpoint", "GRI, likewise")
-    )
-    axes.set_aspect("equal", adjustable="datalim")
+    labels = ("AGR (standard deviations from the midpoint)", "GRI (likewise)")
+    status_cloud(axes, scaled[:, 0], scaled[:, 1], bits, labels)
     along = direction * deviation
     along = along / np.hypot(*along)
     across = np.array([-along[1], along[0]])
-    reach = float(np.abs(scaled).max())
-    axes.plot(*np.stack([-reach * across, reach * across], axis=1), color=INK, linewidth=1.3, linestyle="--")
+    reach = 1.03 * float(np.abs(scaled).max())
+    axes.plot(
+        *np.stack([-2 * reach * across, 2 * reach * across], axis=1), color=INK, linewidth=1.3, linestyle="--"
+    )
     arrow = {
         "arrowstyle": "-|>",
         "color": INK,
@@ -98,8 +92,13 @@ def _plane(
         "shrinkA": 0,
         "shrinkB": 0,
     }
-    tip = 0.75 * reach * along
-    axes.annotate("", tip, -tip, arrowprops=arrow)
-    axes.annotate("w", tip, (6, -4), textcoords="offset points", fontsize=13, fontweight="bold", color=INK)
-    axes.set_xlim(-reach, reach)
+    tip = 0.8 * reach * along
+    axes.annotate("", tuple(tip), tuple(-tip), arrowprops=arrow)
+    axes.annotate(
+        "w", tuple(tip), (7, -4), textcoords="offset points", fontsize=13, fontweight="bold", color=INK
+    )
+    # Both axes at one scale, so that the threshold stands at a right angle to w.
+    box = axes.get_window_extent()
     axes.set_ylim(-reach, reach)
+    axes.set_xlim(-reach * box.width / box.height, reach * box.width / box.height)
+    axes.xaxis.label.set_fontsize(11)

@@ -10,15 +10,16 @@ from matplotlib.figure import Figure
 
 from vocc_torch.reporting.canvas import INK, QUIET, new_figure, write_title
 from vocc_torch.reporting.evidence.panels import (
-    STATUS,
     Bools,
     Floats,
     Picture,
-    note,
+    head,
     panel_axes,
+    percent_text,
     separation_text,
     status_cloud,
     status_histogram,
+    status_legend,
 )
 
 LABELS = {
@@ -62,13 +63,11 @@ def grey_agr_figure(
         axes = figure.add_axes((0.02 + 0.97 * column / columns, 0.745 - row * 0.142, side, side * 10 / 6.9))
         panel_axes(axes, picture, frame=False)
     for index, name in enumerate(("average_grey", "agr")):
-        axes = figure.add_axes((0.075 + 0.5 * index, 0.145, 0.41, 0.37))
+        axes = figure.add_axes((0.075 + 0.5 * index, 0.175, 0.41, 0.355))
         status_histogram(axes, values[name], bits, LABELS[name])
-        letter = "bc"[index]
-        axes.set_title(f"({letter})", fontsize=11.5, color=INK, loc="left", pad=8, fontweight="bold")
-        note(axes, separation_text(auc[name], wrong[name]), x=0.075)
+        head(axes, f"({'bc'[index]})", separation_text(auc[name], wrong[name]))
     figure.text(0.02, 0.895, f"(a) {len(gallery)} of the frames", fontsize=11.5, color=INK, fontweight="bold")
-    _legend(figure)
+    status_legend(figure)
     write_title(figure, title, _footnote(bits))
     return figure
 
@@ -92,15 +91,15 @@ def gri_figure(
         wrong: share of wrong decisions at the best fixed threshold of each.
         lines: FLDA of the pair: (w_1, w_2, threshold).
     """
-    figure = new_figure(10, 5.5)
-    axes = figure.add_axes((0.075, 0.19, 0.41, 0.59))
+    figure = new_figure(10, 5.6)
+    axes = figure.add_axes((0.075, 0.2, 0.41, 0.635))
     _alone(axes, "(a)", "gri", bits, values, auc, wrong)
     gri = values["gri"]
-    text = f"negative: {np.mean(gri[~bits] < 0):.0%} of Off, {np.mean(gri[bits] < 0):.0%} of On"
+    text = f"negative: {percent_text(np.mean(gri[~bits] < 0))} of Off,\n{percent_text(np.mean(gri[bits] < 0))} of On LEDs"
     axes.axvline(0, color=QUIET, linewidth=1.0)
     axes.text(0.98, 0.95, text, transform=axes.transAxes, ha="right", va="top", fontsize=10, color=INK)
-    _pair(figure.add_axes((0.575, 0.19, 0.41, 0.59)), "(b)", "agr+gri", bits, values, auc, wrong, lines)
-    _legend(figure)
+    _pair(figure.add_axes((0.575, 0.2, 0.41, 0.635)), "(b)", "agr+gri", bits, values, auc, wrong, lines)
+    status_legend(figure)
     write_title(figure, title, f"{_footnote(bits)} Line: FLDA fitted on these LEDs.")
     return figure
 
@@ -124,17 +123,20 @@ def ngr_figure(
         wrong: share of wrong decisions at the best fixed threshold of each.
         lines: FLDA of each pair: (w_1, w_2, threshold).
     """
-    figure = new_figure(10, 9.0)
-    places = [(0.075 + 0.5 * (i % 2), 0.55 - 0.43 * (i // 2), 0.41, 0.33) for i in range(4)]
+    figure = new_figure(10, 9.2)
+    places = [(0.075 + 0.5 * (i % 2), 0.57 - 0.43 * (i // 2), 0.41, 0.325) for i in range(4)]
     _alone(figure.add_axes(places[0]), "(a)", "ngr", bits, values, auc, wrong)
     _pair(figure.add_axes(places[1]), "(b)", "agr+ngr", bits, values, auc, wrong, lines)
     _pair(figure.add_axes(places[2]), "(c)", "gri+ngr", bits, values, auc, wrong, lines)
     axes, name = figure.add_axes(places[3]), "agr+gri+ngr"
     status_cloud(axes, values[name], values["ngr"], bits, ("FLDA score of AGR, GRI and NGR", LABELS["ngr"]))
     axes.axvline(0, color=INK, linewidth=1.3, linestyle="--")
-    _head(axes, "(d)", auc[name], wrong[name])
-    _legend(figure)
-    footnote = f"{_footnote(bits)} Lines: FLDA fitted on these LEDs.\n(d) shows the three features in the plane of w and NGR."
+    head(axes, "(d)", separation_text(auc[name], wrong[name]))
+    status_legend(figure)
+    footnote = (
+        f"{_footnote(bits)} Lines: FLDA fitted on these LEDs.\n"
+        "(d) is a projection of the three features on the plane of w, on which the score lies, and NGR."
+    )
     write_title(figure, title, footnote)
     return figure
 
@@ -150,7 +152,7 @@ def _alone(
 ) -> None:
     """Draw one feature's distribution."""
     status_histogram(axes, values[name], bits, LABELS[name])
-    _head(axes, letter, auc[name], wrong[name])
+    head(axes, letter, separation_text(auc[name], wrong[name]))
 
 
 def _pair(
@@ -173,30 +175,7 @@ def _pair(
         axes.plot(x, (threshold - along * x) / across, color=INK, linewidth=1.3, linestyle="--")
     axes.set_xlim(limits[0])
     axes.set_ylim(limits[1])
-    _head(axes, letter, auc[name], wrong[name])
-
-
-def _head(axes: Axes, letter: str, auc: float, wrong: float) -> None:
-    """Name a part of the figure, and state its discriminability."""
-    axes.set_title(letter, fontsize=11.5, color=INK, loc="left", pad=8, fontweight="bold")
-    note(axes, separation_text(auc, wrong), x=0.075)
-
-
-def _legend(figure: Figure) -> None:
-    """Name the statuses at the top right."""
-    handles = [
-        figure.axes[0].plot([], [], "o", color=colour, markersize=7, label=name)[0]
-        for _, name, colour in STATUS
-    ]
-    figure.legend(
-        handles=handles,
-        loc="upper right",
-        bbox_to_anchor=(0.99, 1 - 0.06 / figure.get_figheight()),
-        ncols=2,
-        frameon=False,
-        fontsize=10.5,
-        handletextpad=0.2,
-    )
+    head(axes, letter, separation_text(auc[name], wrong[name]))
 
 
 def _footnote(bits: Bools) -> str:

@@ -28,12 +28,14 @@ class ContrastPanels(FigureData):
     Args:
         pictures: six panels.
         contrasts: (6,) contrast by Eqs 1 to 3 of the LEDs before any blur.
+        seen: (6,) the same in the pictures: mean grey of the centre pixels of On LEDs less that of Off LEDs.
         conditions: (6,4) ambient light (lx), LED luminance (cd/m2), distance (m), background grey.
         wanted: (6,) contrast that the paper states.
     """
 
     pictures: tuple[Picture, ...]
     contrasts: Floats
+    seen: Floats
     conditions: Floats
     wanted: Floats
 
@@ -46,6 +48,7 @@ class ContrastPanels(FigureData):
         found = {}
         for index, name in enumerate(self._names()):
             found[f"contrast_{name}"] = float(self.contrasts[index])
+            found[f"contrast_in_picture_{name}"] = float(self.seen[index])
             found[f"led_luminance_cd_m2_{name}"] = float(self.conditions[index, 1])
             found[f"background_grey_{name}"] = float(self.conditions[index, 3])
         return found
@@ -68,13 +71,15 @@ def contrast_panels(plan: Plan) -> ContrastPanels:
         for scene, (wanted, _, _) in zip(scenes, PAPER_SCENES, strict=True)
     ]
     _, bits = plan.world.scene.draw(BlockKey(plan.seed, "figures/contrast", 0), shape)
+    both = Scene.cat(scenes)
+    frames, panels = simulator.render(both, bits[:1].repeat(len(both), 1, 1)), simulator.true_panels(both)
+    centres = plan.receiver.reader.read_greys(frames, panels).centre.double().cpu()
+    seen = centres[:, bits[0]].mean(dim=1) - centres[:, ~bits[0]].mean(dim=1)
     return ContrastPanels(
-        pictures=tuple(
-            cut_out(simulator.render(scene, bits[:1]), simulator.true_panels(scene).corners_px[0], shape)
-            for scene in scenes
-        ),
-        contrasts=np.array([float(simulator.contrast(scene)) for scene in scenes]),
-        conditions=np.stack([conditions(scene, 0) for scene in scenes]),
+        pictures=tuple(cut_out(frames[i : i + 1], panels.corners_px[i], shape) for i in range(len(both))),
+        contrasts=simulator.contrast(both).double().cpu().numpy(),
+        seen=seen.numpy() / 255.0,
+        conditions=np.stack([conditions(both, index) for index in range(len(both))]),
         wanted=np.array([wanted for wanted, _, _ in PAPER_SCENES] * 2),
     )
 

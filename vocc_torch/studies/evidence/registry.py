@@ -68,7 +68,7 @@ _FIGURES = (
     ),
     Evidence(
         "fig09",
-        "Fig. 9: gradients and radial inward vectors in an On and an Off LED",
+        "Fig. 9: gradients and radial inward vectors inside LEDs",
         "In an On LED gradients point inwards and GRI is positive; in an Off LED outwards, GRI negative.",
         inward_gradients,
     ),
@@ -80,7 +80,7 @@ _FIGURES = (
     ),
     Evidence(
         "fig12",
-        "Fig. 12: neighbour greyscale ratio (NGR), alone and with the others",
+        "Fig. 12: neighbour greyscale ratio (NGR) and the others",
         "NGR alone overlaps completely, but it helps AGR and it helps GRI; the three together part best.",
         ngr_and_others,
     ),

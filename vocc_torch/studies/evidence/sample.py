@@ -24,7 +24,7 @@ SAMPLE_POINT = "figures/sample"
 def paper_scene(ambient_lx: float = 4000.0, led_luminance_cd_m2: float = 3500.0) -> Scene:
     """Make a scene of section IV-D-1, by default the middle one of its three.
 
-    The distance and the background's grey, which the paper leaves open there, are in the middle of their ranges.
+    Distance and background grey, which the paper leaves open there, are in the middle of their ranges.
 
     Example:
         >>> scene = paper_scene()
