@@ -5,6 +5,8 @@ from __future__ import annotations
 import contextlib
 import os
 import sys
+import warnings
+from collections.abc import Iterator
 from pathlib import Path
 
 import hydra
@@ -19,11 +21,30 @@ from vocc_torch.errors import VoccError
 
 TASKS = ("train", "test", "decode")
 MULTIRUN = ("-m", "--multirun")
+OUT_OF_MEMORY = (
+    "not enough memory: give a smaller batch_frames, or a camera and distances that show smaller LEDs"
+)
 
 
 def complain(message: str) -> None:
     """Print a user's mistake."""
-    print(f"vocc-torch: error: {message}", file=sys.stderr)
+    print("vocc-torch: error:", " ".join(message.splitlines()), file=sys.stderr)
+
+
+@contextlib.contextmanager
+def one_line_warnings() -> Iterator[None]:
+    """Print each warning in one line, once."""
+    said: set[str] = set()
+
+    def show(message: Warning | str, *_: object, **__: object) -> None:
+        text = " ".join(str(message).split())
+        if text not in said:
+            print("vocc-torch: warning:", text, file=sys.stderr)
+        said.add(text)
+
+    with warnings.catch_warnings():
+        warnings.showwarning = show
+        yield
 
 
 def run_task(settings: AppConfig, folder: Path) -> None:
@@ -64,6 +85,10 @@ def _run_job(config: DictConfig) -> str | None:
         return str(error)
     except OSError as error:
         return f"{error.filename or folder}: {error.strerror or error}"
+    except (MemoryError, RuntimeError) as error:
+        if not isinstance(error, MemoryError) and "memory" not in str(error):
+            raise
+        return OUT_OF_MEMORY
     finally:
         _discard_if_empty(folder)
     return None
@@ -101,7 +126,12 @@ def run() -> int:
     os.environ["HYDRA_FULL_ERROR"] = "1"
     register_schema()
     try:
-        job()
+        with one_line_warnings():
+            job()
+    except BrokenPipeError:
+        # Whoever read the output has gone, which is no mistake; nothing is flushed to them at the end.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
     except KeyboardInterrupt:
         print("vocc-torch: interrupted", file=sys.stderr)
         return 130

@@ -72,8 +72,8 @@ def run_test(settings: AppConfig, folder: Path) -> None:
         training.features, training.bits, [name.upper() for name in FEATURE_NAMES]
     )
     save_figure(histograms, folder / "features.png")
-    pictures = sample_frames(plan, trained_receiver(plan, training))
     if settings.tensorboard:
+        pictures = sample_frames(plan, trained_receiver(plan, training))
         figures = {"BER": figure, "features by status": histograms}
         texts = {"configuration": _as_markdown(settings)}
         with _quiet_threads():

@@ -329,6 +329,13 @@ def test_the_damaged_line_is_named(path):
     refusal(lambda: Ledger.open(path, SETTINGS), f"ledger {path} is damaged in line 3 of 5", "copy", "delete")
 
 
+def test_damage_in_the_last_whole_row_is_no_torn_end_if_another_row_was_begun_after_it(path):
+    damaged = filled(path).replace(b'"block":3', b'"block":9') + b'{"point":'
+    path.write_bytes(damaged)
+    refusal(lambda: Ledger.open(path, SETTINGS), path, "damaged in line 5 of 5")
+    assert path.read_bytes() == damaged
+
+
 def test_a_line_taken_out_of_the_middle_is_only_a_block_to_count_again(path):
     lines = filled(path).split(b"\n")
     path.write_bytes(b"\n".join(lines[:2] + lines[3:]))

@@ -10,12 +10,12 @@ import math
 from dataclasses import dataclass, fields
 
 import torch
-from scipy.stats import binomtest
+from scipy.stats import binomtest, t
 from torch import Tensor
 
 from vocc_torch.errors import VoccError
 from vocc_torch.evaluation.counts import Counts
-from vocc_torch.evaluation.intervals import Interval, ber_interval
+from vocc_torch.evaluation.intervals import Interval, ber_interval, clopper_pearson
 
 
 @dataclass(frozen=True, slots=True)
@@ -186,19 +186,22 @@ def paired_interval(
     ends alike, the wrong one too.
 
     **Some frames differ.** The difference is that of two rates: of a's errors beyond b's, and of b's beyond
-    a's. Each is a rate of errors that come in clusters and has the interval of
-    :func:`~vocc_torch.evaluation.intervals.ber_interval`, which is right where events are few. The two are
-    joined by the method of variance estimates recovery (Zou and Donner, Statistics in Medicine 27, 2008,
-    "Construction of confidence limits about effect measures: a general approach"; for two proportions
-    Newcombe's square-and-add): the distance of the low end from the difference is the root of the summed
-    squares of the first rate's distance to its low end and the second's to its high end, and the other way
-    round for the high end. Within a frame the two exclude each other, so they are correlated by -(product of
-    means) / (product of standard deviations). That is next to nothing where few frames differ, and where most
-    do, leaving it out would cost up to 6 points of coverage.
+    a's. Each is a rate of errors that come a frame at a time and has an interval as in
+    :func:`~vocc_torch.evaluation.intervals.ber_interval`: Clopper and Pearson's with an effective number of
+    trials, a t quantile that pays for estimating it, and the limits that the binomial number of frames sets.
+    How large a difference is where there is one shows on both sides, and a side with few frames borrows from
+    the other: its spread is taken with one more frame of the common size, ``sum d^2 / sum |d|`` over the
+    frames' differences d, and the degrees of freedom are those of both sides together. For a side that never
+    was the worse, that frame's size is all there is. Without the loan, a single frame in which b was worse
+    would make 20 in which a was look like chance.
 
-    A side that never was the worse has an upper limit of its rate instead: the number of such frames is
-    binomial, and one is taken to be as bad as those that were seen on the other side, ``sum d^2 / sum |d|``
-    over the frames' differences d.
+    The two are joined by the method of variance estimates recovery (Zou and Donner, Statistics in Medicine
+    27, 2008, "Construction of confidence limits about effect measures: a general approach"; for two
+    proportions it is Newcombe's square-and-add): the distance of the low end from the difference is the root
+    of the summed squares of the first rate's distance to its low end and the second's to its high end, and
+    the other way round for the high end. Within a frame the two exclude each other, so they are correlated by
+    -(product of means) / (product of standard deviations). That is next to nothing where few frames differ;
+    where most do, leaving it out would cost up to 6 points of coverage.
 
     **No frame differs.** ``low`` and ``high`` are then limits of the size of the difference: a frame differs
     with a probability of at most ``1 - (1 - confidence)^(1 / frames)``, and no more than
@@ -219,7 +222,7 @@ def paired_interval(
     Example:
         >>> interval = paired_interval(PairedCounts(2000, 128_000, 60, 160, 25, 20, 40, 10))
         >>> f"{interval.difference:.2e} in [{interval.low:.2e}, {interval.high:.2e}]", interval.real
-        ('1.56e-04 in [3.76e-05, 2.89e-04]', True)
+        ('1.56e-04 in [4.27e-05, 2.86e-04]', True)
     """
     difference, leds = paired.difference, paired.bits / paired.frames
     if not 0 < errors_per_discordant_frame <= leds:
@@ -245,12 +248,28 @@ def paired_interval(
 
 
 def _excess_interval(side: Counts, paired: PairedCounts, confidence: float) -> Interval:
-    """Give the interval of one side's rate; for a side without errors, with the sizes seen on the other."""
+    """Give the interval of one side's rate, as :func:`paired_interval` says; at least one frame differs."""
+    worse = clopper_pearson(side.frame_errors, paired.frames, confidence)
+    leds, rate = paired.bits / paired.frames, side.ber
+    summed = paired.a_excess + paired.b_excess
+    common = paired.half_difference_squared / summed
+    size = (side.half_errors_squared + common**2) / (side.half_errors + common) / 2
+    effect = leds
+    if paired.frames > 1:
+        # The variance of a frame's errors over that of as many independent bits of the same rate.
+        variance_ratio = (size - leds * rate) / (1 - rate) if rate < 1 else 1.0
+        effect = max(1.0, variance_ratio * paired.frames / (paired.frames - 1))
+    trials = paired.bits / effect
     if side.half_errors:
-        return ber_interval(side, confidence)
-    size = paired.half_difference_squared / (paired.a_excess + paired.b_excess) / 2
-    # The limit of a side without errors is one-sided, and this one is an end of a two-sided interval.
-    return ber_interval(side, (1 + confidence) / 2, min(size, paired.bits / paired.frames))
+        freedom = max(1.0, min(paired.frames - 1, summed / common + 1))
+        quantile = (1 + confidence) / 2
+        correction = (t.ppf(quantile, max(1.0, paired.bits - 1.0)) / t.ppf(quantile, freedom)) ** 2
+        trials *= min(1.0, float(correction))
+    clustered = clopper_pearson(rate * trials, trials, confidence)
+    # A frame's difference is one bit at least and all its bits at most.
+    return Interval(
+        min(max(clustered.low, worse.low / leds), rate), max(min(clustered.high, worse.high), rate)
+    )
 
 
 def _correlation(paired: PairedCounts) -> float:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
@@ -17,6 +19,8 @@ SAMPLES = 4
 """Frames drawn for each point."""
 SCALE = 6
 """Enlargement: a panel is some 30 pixels wide."""
+WIDEST_PX = 1200
+"""Widest enlarged frame: a crop of a near panel is large enough as it is."""
 
 
 def sample_frames(plan: Plan, receiver: Receiver) -> dict[str, NDArray[np.uint8]]:
@@ -29,6 +33,8 @@ def sample_frames(plan: Plan, receiver: Receiver) -> dict[str, NDArray[np.uint8]
     Returns:
         Point name to picture, (H,W,3) uint8.
     """
+    # Whole frames enlarged would be pictures of gigabytes; the decisions on crops are the same.
+    plan = replace(plan, world=replace(plan.world, framing="crop"))
     link, pictures = Link.of(plan), {}
     receiver = receiver.to(link.simulator.device)
     for value in monte_carlo_values(plan):
@@ -52,8 +58,9 @@ def sample_frames(plan: Plan, receiver: Receiver) -> dict[str, NDArray[np.uint8]
                 panel_score=float(read.panel_score[i]),
                 candidates=int(read.candidates[i]),
             )
-            size = (colour.shape[1] * SCALE, colour.shape[0] * SCALE)
+            scale = max(1, min(SCALE, WIDEST_PX // colour.shape[1]))
+            size = (colour.shape[1] * scale, colour.shape[0] * scale)
             plain = Image.fromarray(colour).resize(size, Image.Resampling.NEAREST)
-            rows.append(np.concatenate([np.asarray(plain), np.asarray(annotated(reading, SCALE))]))
+            rows.append(np.concatenate([np.asarray(plain), np.asarray(annotated(reading, scale))]))
         pictures[name] = np.concatenate(rows, axis=1)
     return pictures

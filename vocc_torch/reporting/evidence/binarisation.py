@@ -52,15 +52,8 @@ def histogram_figure(
     _histogram(axes, counts, on_counts, off_counts)
     top = axes.get_ylim()[1]
     axes.axvline(threshold + 0.5, color=INK, linewidth=1.4, linestyle="--")
-    axes.annotate(
-        f"Otsu {threshold}",
-        (threshold + 0.5, top),
-        (6, -6),
-        textcoords="offset points",
-        va="top",
-        color=INK,
-        fontsize=11,
-    )
+    text, at = f"Otsu\n{threshold}", (threshold + 0.5, top)
+    axes.annotate(text, at, (6, -6), textcoords="offset points", va="top", color=INK, fontsize=11)
     _levels(axes, levels, top)
     extent = picture[1]
     shown = ((picture, "the panel"), ((np.where(mask, 255.0, 0.0), extent), f"grey above {threshold}"))
@@ -74,9 +67,10 @@ def histogram_figure(
     above = slice(threshold + 1, None)
     kept = [percent_text(float(c[above].sum() / max(1.0, c.sum()))) for c in (on_counts, off_counts)]
     footnote = (
-        f"One frame: {condition_text(condition)}. Dotted: levels before any blur, by Eqs 1 to 3. Foreground: {kept[0]} of the "
-        f"pixels in On cells\nand {kept[1]} of those in Off cells (cells by the true corners). Green: the panel that "
-        "the paper's locator finds."
+        f"One frame: {condition_text(condition)}. Dotted: levels before any blur, by Eqs 1 to 3. "
+        f"Foreground: {kept[0]} of the pixels\n"
+        f"in On cells and {kept[1]} of those in Off cells (cells by the true corners). "
+        "Green: the panel that the paper's locator finds."
     )
     write_title(figure, title, footnote)
     return figure
@@ -108,7 +102,7 @@ def _levels(axes: Axes, levels: Floats, top: float) -> None:
         axes.plot([level, level], [0.5, height], color=colour, linewidth=1.5, linestyle=":")
         axes.plot([level], [height], marker="v", markersize=8, color=colour)
         axes.annotate(
-            f"{name} {level:.0f}",
+            f"{name}\n{level:.0f}",
             (level, height),
             (-9 if at_the_end else 9, 0),
             textcoords="offset points",

@@ -20,6 +20,8 @@ from vocc_torch.reporting.evidence.panels import (
     percent_text,
 )
 
+_BACKED = {"facecolor": "white", "alpha": 0.85, "edgecolor": "none", "pad": 1.5}
+
 
 def interference_figure(
     title: str,
@@ -67,14 +69,22 @@ def interference_figure(
     _row_profile(axes, pictures, greys, bits, row)
     axes.axhline(threshold, color=INK, linewidth=1.3, linestyle="--")
     axes.annotate(
-        "threshold", (1, threshold), (0, 3), ("axes fraction", "data"), "offset points", ha="right", color=INK
+        "threshold",
+        (1, threshold),
+        (-2, 5),
+        ("axes fraction", "data"),
+        "offset points",
+        ha="right",
+        color=INK,
+        bbox=_BACKED,
     )
     axes.axvspan(column, column + 1, color=MARK, alpha=0.16, linewidth=0)
     axes.set_xlabel(f"LED column (row {row + 1})")
     share = percent_text(misread / max(1, off_leds))
     footnote = (
-        f"The most misleading Off LED of the sample frames, in which {misread} of {off_leds} Off LEDs ({share}) read On "
-        f"by average grey.\nThis frame: {condition_text(condition)}, background {condition[3]:.0f}. True corners. "
+        f"The most misleading Off LED of the sample frames, in which {misread} of {off_leds} Off LEDs "
+        f"({share}) read On by average grey.\n"
+        f"This frame: {condition_text(condition)}, background {condition[3]:.0f}. True corners. "
         "Threshold: halfway between the all-On and the all-Off preamble."
     )
     write_title(figure, title, footnote)
@@ -90,7 +100,8 @@ def _story(greys: Floats, bits: Bools, led: tuple[int, int], threshold: float, g
     reads = "On" if greys[1][led] >= threshold else "Off"
     says = "Off" if gri[led] < 0 else "On"
     return (
-        f"The marked LED (row {row + 1}, column {column + 1}) is Off; {int(bits[around].sum())} of its {near} neighbours\n"
+        f"The marked LED (row {row + 1}, column {column + 1}) is Off; "
+        f"{int(bits[around].sum())} of its {near} neighbours\n"
         f"are On, and their cells average {neighbours:.0f}. Blooming lifts its own from {greys[0][led]:.0f}\n"
         f"to {greys[1][led]:.0f}; the threshold is {threshold:.0f}, so greyscale reads {reads}.\n"
         f"Its GRI is {signed(float(gri[led]))} grey values a pixel: the sign says {says}."
@@ -144,8 +155,8 @@ def order_figure(
         loc="lower right", bbox_to_anchor=(1.02, 1.0), ncols=3, frameon=False, fontsize=10, handlelength=1.3
     )
     footnote = (
-        f"{condition_text(condition)}, background {condition[3]:.0f}; Gaussian of {sigma_px:g} px, LED cells of "
-        f"{cell_px:.1f} px. The same bits and the same filter; only the order differs."
+        f"{condition_text(condition)}, background {condition[3]:.0f}; Gaussian of {sigma_px:g} px, "
+        f"LED cells of {cell_px:.1f} px. The same bits and the same filter; only the order differs."
     )
     write_title(figure, title, footnote)
     return figure

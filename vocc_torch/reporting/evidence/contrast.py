@@ -41,8 +41,8 @@ def contrast_figure(
         said = f"contrast {100 * contrasts[index]:.1f} %{stated}"
         axes.set_title(said, fontsize=11.5, color=INK, loc="left", pad=20, fontweight="bold")
         ambient, luminance, _, background = conditions[index]
-        scene = f"{ambient:,.0f} lx \N{MIDDLE DOT} {luminance:,.0f} cd/m² \N{MIDDLE DOT} background {background:.0f}"
-        scene = scene.replace(",", "\N{THIN SPACE}")
+        parts = (f"{ambient:,.0f} lx", f"{luminance:,.0f} cd/m²", f"background {background:.0f}")
+        scene = " \N{MIDDLE DOT} ".join(parts).replace(",", "\N{THIN SPACE}")
         axes.text(0, 1.025, scene, transform=axes.transAxes, fontsize=9.5, color=QUIET)
         within = f"in the picture {100 * seen[index]:.1f} %"
         axes.text(
@@ -53,8 +53,9 @@ def contrast_figure(
                 ("The paper's scenes", "The stated contrast")[row], fontsize=12, color=INK, labelpad=10
             )
     footnote = (
-        "Contrast: (G_on \N{MINUS SIGN} G_off) / 255 of LEDs before any blur, by Eqs 1 to 3, white clipped at 255; in the "
-        f"picture: of the LEDs' centre pixels,\nafter blooming. All at {conditions[0, 2]:.0f} m with the same bits."
+        "Contrast: (G_on \N{MINUS SIGN} G_off) / 255 of LEDs before any blur, by Eqs 1 to 3, "
+        "white clipped at 255; in the picture: of the LEDs' centre pixels,\n"
+        f"after blooming. All at {conditions[0, 2]:.0f} m with the same bits."
     )
     write_title(figure, title, footnote)
     return figure

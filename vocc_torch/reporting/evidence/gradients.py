@@ -17,7 +17,6 @@ from vocc_torch.reporting.evidence.panels import (
     condition_text,
     percent_text,
     status_cloud,
-    status_legend,
 )
 
 _RADIAL = "#009E73"
@@ -70,7 +69,6 @@ def gradients_figure(
             if part == 2:
                 _tag(axes, f"GRI {signed(float(gri[led]))}", colour)
     _by_distance(figure.add_axes((0.735, 0.175, 0.25, 0.683)), all_gri, all_bits, all_distances_m)
-    status_legend(figure)
     k = inward.shape[-1]
     footnote = (
         f"(a) to (c): the LEDs of middle GRI of their status in one frame, {condition_text(condition)}, "
@@ -97,6 +95,8 @@ def _by_distance(axes: Axes, gri: Floats, bits: Bools, distances_m: Floats) -> N
     axes.yaxis.labelpad = 0
     shares = [percent_text(float(np.mean(gri[bits == status] < 0))) for status, _, _ in STATUS]
     text = f"negative: {shares[0]} of Off,\n{shares[1]} of On LEDs"
+    for (_, name, colour), height in zip(STATUS, (0.06, 0.82), strict=True):
+        axes.text(0.97, height, name, transform=axes.transAxes, ha="right", color=colour, fontweight="bold")
     axes.text(0.98, 0.98, text, transform=axes.transAxes, ha="right", va="top", fontsize=10, color=INK)
 
 

@@ -49,7 +49,7 @@ def projection_figure(
         frames: training frames.
     """
     figure = new_figure(10, 5.6)
-    axes = figure.add_axes((0.065, 0.215, 0.42, 0.62))
+    axes = figure.add_axes((0.075, 0.215, 0.41, 0.62))
     _plane(axes, features[:_SHOWN, :2], bits[:_SHOWN], pair_direction, midpoint[:2], deviation[:2])
     head(axes, "(a)", "w and its threshold for AGR and GRI alone")
     axes = figure.add_axes((0.575, 0.215, 0.41, 0.62))

@@ -95,7 +95,8 @@ def gri_figure(
     axes = figure.add_axes((0.075, 0.2, 0.41, 0.635))
     _alone(axes, "(a)", "gri", bits, values, auc, wrong)
     gri = values["gri"]
-    text = f"negative: {percent_text(np.mean(gri[~bits] < 0))} of Off,\n{percent_text(np.mean(gri[bits] < 0))} of On LEDs"
+    shares = [percent_text(float(np.mean(gri[bits == status] < 0))) for status in (False, True)]
+    text = f"negative: {shares[0]} of Off,\n{shares[1]} of On LEDs"
     axes.axvline(0, color=QUIET, linewidth=1.0)
     axes.text(0.98, 0.95, text, transform=axes.transAxes, ha="right", va="top", fontsize=10, color=INK)
     _pair(figure.add_axes((0.575, 0.2, 0.41, 0.635)), "(b)", "agr+gri", bits, values, auc, wrong, lines)

@@ -66,13 +66,13 @@ class InwardGradients(FigureData):
     def findings(self) -> dict[str, float]:
         """Give the two GRIs, and the share of negative ones over the sample."""
         found = {"gri_on": float(self.gri[0]), "gri_off": float(self.gri[1])}
-        middle = float(np.median(self.all_distances_m))
-        near = self.all_distances_m <= middle
-        for status, chosen in (("off", ~self.all_bits), ("on", self.all_bits)):
-            negative = self.all_gri < 0
-            found[f"gri_negative_share_{status}"] = float(negative[chosen].mean())
-            found[f"gri_negative_share_{status}_nearer_half"] = float(negative[chosen & near].mean())
-            found[f"gri_negative_share_{status}_farther_half"] = float(negative[chosen & ~near].mean())
+        near = self.all_distances_m <= np.median(self.all_distances_m)
+        parts = {"": np.ones_like(near), "_nearer_half": near, "_farther_half": ~near}
+        for status, name in ((False, "off"), (True, "on")):
+            for part, where in parts.items():
+                chosen = self.all_gri[where & (self.all_bits == status)]
+                if chosen.size:
+                    found[f"gri_negative_share_{name}{part}"] = float(np.mean(chosen < 0))
         return found
 
 

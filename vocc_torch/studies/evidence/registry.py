@@ -50,7 +50,7 @@ class Evidence:
 _FIGURES = (
     Evidence(
         "fig04",
-        "Fig. 4: grey values of On and Off LEDs overlap between frames",
+        "Fig. 4: greys of On and Off LEDs overlap between frames",
         "On LEDs of one frame are darker than Off LEDs of another, so no fixed threshold serves every frame.",
         grey_overlap,
     ),
