@@ -432,7 +432,7 @@ def test_models_that_do_not_fit(app, model, photo, tmp_path):
         ("no.pt", (), "model no.pt does not exist"),
         ("cut.pt", (), "model cut.pt cannot be read as a receiver"),
         ("text.pt", (), "model text.pt cannot be read as a receiver"),
-        ("other.pt", (), "model other.pt is not a vocc_torch receiver"),
+        ("other.pt", (), "model other.pt cannot be read as a receiver"),
         (model, ("panel.rows=4",), "8 x 8 LEDs, and panel.rows x panel.columns is 4 x 8"),
     )
     for path, more, part in cases:

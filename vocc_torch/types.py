@@ -15,16 +15,20 @@ from torch import Tensor
 from vocc_torch.errors import VoccError
 
 
+MOST_LEDS = 1024
+"""Most LEDs in a row or a column."""
+
+
 @dataclass(frozen=True, slots=True)
 class PanelShape:
     """How many LEDs the panel has.
 
     Args:
-        rows: LED rows, at least 1.
-        columns: LED columns, at least 1.
+        rows: LED rows, 1 to 1024.
+        columns: LED columns, 1 to 1024.
 
     Raises:
-        VoccError: fewer than one row or column.
+        VoccError: a number of rows or columns outside its range.
 
     Example:
         >>> PanelShape(rows=8, columns=8).leds
@@ -35,10 +39,12 @@ class PanelShape:
     columns: int = 8
 
     def __post_init__(self) -> None:
-        """Refuse an empty panel."""
+        """Refuse an empty panel and one that no camera resolves."""
         for name in ("rows", "columns"):
-            if getattr(self, name) < 1:
-                raise VoccError(f"panel.{name} is {getattr(self, name)}: it must be at least 1")
+            value = getattr(self, name)
+            if type(value) is not int or not 1 <= value <= MOST_LEDS:
+                rule = f"at least 1, a whole number, at most {MOST_LEDS}"
+                raise VoccError(f"panel.{name} is {value}: it must be {rule}")
 
     @property
     def leds(self) -> int:

@@ -1,6 +1,7 @@
 """Recordings in, bits out: a real photograph, pictures of every kind, videos, and model files."""
 
 import dataclasses
+import hashlib
 import io
 import json
 import pickle
@@ -338,17 +339,16 @@ class Bomb:
 
 
 def with_content(model, **changes):
-    """The model's file with some of its entries replaced, as bytes."""
-    content = torch.load(model, weights_only=True) | changes
-    buffer = io.BytesIO()
-    torch.save(content, buffer)
-    return buffer.getvalue()
+    """The model's file with some of its entries replaced and its checksum made to fit, as bytes."""
+    content = json.loads(model.read_text()) | changes
+    content.pop("sha256")
+    text = json.dumps(content, sort_keys=True, separators=(",", ":"))
+    return json.dumps(content | {"sha256": hashlib.sha256(text.encode()).hexdigest()}).encode()
 
 
 def with_settings(model, **changes):
     """The model's file with some of its settings replaced, as bytes."""
-    settings = json.loads(torch.load(model, weights_only=True)["settings"]) | changes
-    return with_content(model, settings=json.dumps(settings))
+    return with_content(model, settings=json.loads(model.read_text())["settings"] | changes)
 
 
 def refused(path):
@@ -368,11 +368,30 @@ def test_code_in_a_model_file_is_not_executed(model, tmp_path):
     pickle.loads(bare).close()
     assert fuse.exists()
     fuse.unlink()
-    inside = with_content(model, classifier=Bomb(fuse))
-    for content in (bare, inside):
+    buffer = io.BytesIO()
+    torch.save({"format": "vocc_torch.receiver", "version": 1, "classifier": Bomb(fuse)}, buffer)
+    for content in (bare, buffer.getvalue()):
         model.write_bytes(content)
         assert "damaged or of another kind" in refused(model)
         assert not fuse.exists()
+
+
+def test_a_flipped_bit_is_refused_or_changes_nothing(receiver, model):
+    whole, meant = model.read_bytes(), receiver.classifier.state_dict()
+    random = np.random.default_rng(0)
+    caught = 0
+    for place in random.choice(8 * len(whole), 400, replace=False):
+        flipped = bytearray(whole)
+        flipped[place // 8] ^= 1 << (place % 8)
+        model.write_bytes(bytes(flipped))
+        try:
+            read = Receiver.load(model)
+        except VoccError:
+            caught += 1
+            continue
+        assert all(torch.equal(value, meant[key]) for key, value in read.classifier.state_dict().items())
+        assert (read.name, read.reader, read.locator) == (receiver.name, receiver.reader, receiver.locator)
+    assert caught > 200
 
 
 def test_damaged_models(model):
@@ -392,9 +411,11 @@ def test_damaged_models(model):
 def test_models_of_other_kinds(model, tmp_path):
     assert "does not exist: give the receiver.pt" in refused(tmp_path / "nowhere.pt")
     assert "damaged or of another kind" in refused(tmp_path)
-    for content in ({"weights": torch.zeros(3)}, [1, 2], torch.zeros(3)):
-        torch.save(content, model)
+    for content in ({"weights": [0.0]}, [1, 2], 3):
+        model.write_text(json.dumps(content))
         assert "is not a vocc_torch receiver" in refused(model)
+    torch.save({"weights": torch.zeros(3)}, model)
+    assert "damaged or of another kind" in refused(model)
 
 
 def test_model_of_another_version(model):
@@ -407,6 +428,9 @@ def test_model_of_another_version(model):
     [
         ({"rows": 0}, "panel.rows is 0"),
         ({"rows": "8"}, "damaged"),
+        ({"rows": 8.0}, "panel.rows is 8.0"),
+        ({"rows": 10**7}, "panel.rows is 10000000"),
+        ({"samples_per_led": 8.5}, "samples_per_led is 8.5"),
         ({"name": "flda_9"}, "flda_9"),
         ({"name": "flda_2"}, "damaged"),
         ({"samples_per_led": 1}, "samples_per_led is 1"),
@@ -422,16 +446,22 @@ def test_models_with_impossible_settings(model, changes, says):
 
 
 def test_models_with_impossible_numbers(model):
-    state = torch.load(model, weights_only=True)["classifier"]
-    empty = {key: torch.zeros_like(value) for key, value in state.items()}
-    nan = state | {"mean": torch.full_like(state["mean"], torch.nan)}
-    for classifier in (empty, nan, {}, None, {"count": state["count"]}, state | {"mean": torch.zeros(7)}):
+    state = json.loads(model.read_text())["classifier"]
+
+    def changed(key, **changes):
+        return state | {key: state[key] | changes}
+
+    nan = changed("mean", values=[float("nan")] * len(state["mean"]["values"]))
+    empty = {key: value | {"values": [0] * len(value["values"])} for key, value in state.items()}
+    short = changed("mean", values=[1.0])
+    other = changed("mean", dtype="float3")
+    for classifier in (empty, nan, short, other, {}, None, {"count": state["count"]}, 3):
         model.write_bytes(with_content(model, classifier=classifier))
         assert "damaged" in refused(model)
 
 
-def test_settings_that_are_no_text(model):
-    for settings in (3, "no json", "[]", "{}", None):
+def test_settings_that_are_none(model):
+    for settings in (3, "no json", [], {}, None):
         model.write_bytes(with_content(model, settings=settings))
         assert "damaged" in refused(model)
 

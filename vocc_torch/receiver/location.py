@@ -123,7 +123,7 @@ class PaperLocator:
 
     def __post_init__(self) -> None:
         """Refuse parameters out of their range."""
-        if self.closing_px < 1 or self.closing_px % 2 == 0:
+        if type(self.closing_px) is not int or self.closing_px < 1 or self.closing_px % 2 == 0:
             raise VoccError(f"location.closing_px is {self.closing_px}: it must be odd and at least 1")
         if self.min_area_px < 1:
             raise VoccError(f"location.min_area_px is {self.min_area_px}: it must be at least 1")

@@ -68,7 +68,7 @@ class Reader:
 
     def __post_init__(self) -> None:
         """Check every range."""
-        if not 2 <= self.samples_per_led <= 64:
+        if type(self.samples_per_led) is not int or not 2 <= self.samples_per_led <= 64:
             raise VoccError(f"receiver.samples_per_led is {self.samples_per_led}: it must be from 2 to 64")
         if self.gradient not in get_args(Gradient):
             allowed = " or ".join(get_args(Gradient))

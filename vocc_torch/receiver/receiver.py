@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import io
-import json
-import warnings
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,15 +11,12 @@ import torch
 from torch import Tensor, nn
 
 from vocc_torch.errors import VoccError
-from vocc_torch.files import write_atomically
 from vocc_torch.receiver.bank import FLDA_FEATURES, feature_indices
 from vocc_torch.receiver.flda import FLDA
 from vocc_torch.receiver.location import PaperLocator
+from vocc_torch.receiver.model_file import Settings, read_model, write_model
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.types import Frames, Panels, PanelShape
-
-FORMAT = "vocc_torch.receiver"
-FORMAT_VERSION = 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,12 +96,12 @@ class Receiver(nn.Module):
         return Decoded(bits, scores, where.corners_px, where.found, where.score, where.candidates)
 
     def save(self, path: str | Path) -> None:
-        """Write the receiver to one file: settings as text, numbers as tensors, no code.
+        """Write the receiver to one file of text: settings and numbers, no code, and a checksum.
 
         Raises:
             VoccError: the file cannot be written.
         """
-        settings = {
+        settings: Settings = {
             "name": self.name,
             "rows": self.shape.rows,
             "columns": self.shape.columns,
@@ -115,58 +109,29 @@ class Receiver(nn.Module):
             "gradient": self.reader.gradient,
             "locator": dataclasses.asdict(self.locator),
         }
-        content = {
-            "format": FORMAT,
-            "version": FORMAT_VERSION,
-            "settings": json.dumps(settings),
-            "classifier": {key: value.cpu() for key, value in self.classifier.state_dict().items()},
-        }
-        buffer = io.BytesIO()
-        torch.save(content, buffer)
-        write_atomically(Path(path), buffer.getvalue())
+        write_model(Path(path), settings, self.classifier.state_dict())
 
     @classmethod
     def load(cls, path: str | Path) -> Receiver:
         """Read a receiver that :meth:`save` wrote; nothing in the file is executed.
 
         Raises:
-            VoccError: a file that is missing, damaged, of another kind or of a later version.
+            VoccError: a file that is missing, damaged, of another kind or of another version.
         """
-        content = _read_content(Path(path))
+        settings, state = read_model(Path(path))
         try:
-            settings = json.loads(content["settings"])
-            state = content["classifier"]
-            shape = PanelShape(settings["rows"], settings["columns"])
-            reader = Reader(shape, settings["samples_per_led"], settings["gradient"])
-            classifier = FLDA(n_features=len(FLDA_FEATURES[settings["name"]]))
-            classifier.load_state_dict(state)
-            if not bool(classifier.direction.isfinite().all()):
-                raise VoccError("its statistics are not finite")
-            return cls(settings["name"], PaperLocator(**settings["locator"]), reader, classifier)
+            return cls._assembled(settings, state)
         except (KeyError, TypeError, ValueError, RuntimeError, AttributeError) as error:
             reason = str(error).splitlines()[0] if str(error) else type(error).__name__
             raise VoccError(f"model {path} is damaged ({reason}): train it again") from None
 
-
-def _read_content(path: Path) -> dict[str, Any]:
-    """Read a model file's content, or refuse it in one line."""
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error")
-            content = torch.load(path, map_location="cpu", weights_only=True)
-    except FileNotFoundError:
-        raise VoccError(f"model {path} does not exist: give the receiver.pt that task=train wrote") from None
-    except Exception:  # a damaged pickle may raise anything
-        raise VoccError(
-            f"model {path} cannot be read as a receiver: it is damaged or of another kind"
-        ) from None
-    if not isinstance(content, dict) or content.get("format") != FORMAT:
-        raise VoccError(
-            f"model {path} is not a vocc_torch receiver: give the receiver.pt that task=train wrote"
-        )
-    if content.get("version") != FORMAT_VERSION:
-        version = content.get("version")
-        raise VoccError(
-            f"model {path} has format version {version}: this package reads version {FORMAT_VERSION}"
-        )
-    return content
+    @classmethod
+    def _assembled(cls, settings: dict[str, Any], state: dict[str, Tensor]) -> Receiver:
+        """Put a receiver together; what does not fit raises where it is met."""
+        shape = PanelShape(settings["rows"], settings["columns"])
+        reader = Reader(shape, settings["samples_per_led"], settings["gradient"])
+        classifier = FLDA(n_features=len(FLDA_FEATURES[settings["name"]]))
+        classifier.load_state_dict(state)
+        if not bool(classifier.direction.isfinite().all()):
+            raise VoccError("its statistics are not finite")
+        return cls(settings["name"], PaperLocator(**settings["locator"]), reader, classifier)
