@@ -1,7 +1,8 @@
 """How much of the bit error rate is location: frames whose outer row or column of LEDs is all Off.
 
-The paper's locator takes the hull of the bright region. Where an outer row or column is all Off the hull ends a cell
-early, every cell slides, and one frame gives dozens of wrong bits. This example splits the errors of `flda_3` by that.
+The paper's locator takes the hull of the bright region. Where an outer row or column is all Off the hull
+ends a cell early, every cell slides, and one frame gives dozens of wrong bits. This example splits the errors
+of `flda_3` by that, on frames of its own.
 
     python examples/location_errors.py --frames 2048
 """

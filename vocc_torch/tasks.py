@@ -37,8 +37,6 @@ from vocc_torch.studies.plan import Plan
 from vocc_torch.studies.sweep import axis_values, frames_in_point, monte_carlo_values, sweep_point
 from vocc_torch.studies.train import Training, train, trained_receiver
 
-RESULTS = ("ber.csv", "bits.csv", "receiver.pt", "config.yaml")
-"""Files that a run writes."""
 DOUBTFUL_SCORE = 0.6
 """Noise that fills a 4:3 picture scores 0.56; of the paper's scenes one in fifty scores less than this."""
 
@@ -143,9 +141,9 @@ def _prepare(settings: AppConfig, folder: Path) -> None:
                 raise VoccError(
                     f"{name} is {value!r}: it must be null for task={settings.task}; only task=decode uses it"
                 )
-    for name in RESULTS:
-        if (folder / name).exists():
-            raise VoccError(f"name: {folder} already holds {name}: give another name=, or delete the folder")
+    holds = sorted(entry.name for entry in folder.iterdir()) if folder.is_dir() else []
+    if holds:
+        raise VoccError(f"name: {folder} already holds {holds[0]}: give another name=, or delete the folder")
 
 
 def _check_steps(plan: Plan) -> None:

@@ -14,7 +14,6 @@ from torch import Tensor
 
 from vocc_torch.errors import VoccError
 
-
 MOST_LEDS = 1024
 """Most LEDs in a row or a column."""
 

@@ -70,3 +70,18 @@ def test_what_does_not_belong_in_a_table_is_refused(points, message):
 def test_a_row_with_its_rate_outside_its_interval_is_refused():
     with pytest.raises(VoccError, match=r"^ber of flda_3 at distance_m=50 is 0.2 in \[0.3, 0.4\]: "):
         Row("d", "distance_m", 50.0, "flda_3", "truth", 1, 10, 2.0, 0.2, 0.3, 0.4, 1, 0, "frames")
+
+
+def test_the_limit_of_a_clean_point_takes_wrong_frames_to_be_as_at_the_other_points():
+    """Ten wrong bits a wrong frame elsewhere: the limit is ten times that of one, and 10 * 3 / bits or so."""
+    spoilt = Counts(frames=1000, bits=64_000, half_errors=80, half_errors_squared=1600, frame_errors=4)
+    clean = Counts(frames=1000, bits=64_000)
+    alone = BerTable([Point("d", "distance_m", 30.0, "flda_3", "paper", clean, "frames")])
+    both = BerTable(
+        [
+            Point("d", "distance_m", value, "flda_3", "paper", counts, "frames")
+            for value, counts in ((30.0, clean), (70.0, spoilt))
+        ]
+    )
+    assert both.rows[0].ber_high == pytest.approx(10 * alone.rows[0].ber_high)
+    assert both.rows[0].ber_high == pytest.approx(10 * (1 - 0.05 ** (1 / 1000)) / 64)

@@ -190,6 +190,18 @@ def test_the_order_in_which_blocks_were_counted_does_not_matter(unsynced, order,
     assert calls.blocks == []
 
 
+@pytest.mark.parametrize("blocks_at_once", [1, 4, 16])
+def test_answers_stay_with_their_blocks_where_known_and_missing_ones_alternate(path, blocks_at_once):
+    calls, parts = Calls(), list(StopRule(1000).parts())
+    with Ledger.open(path, SETTINGS) as ledger:
+        for block in (9, 1, 2, 6):
+            ledger.append(POINT, block, 64, counted(parts[block]))
+        outcome = outcome_of(ledger, StopRule(1000, 150), calls, blocks_at_once=blocks_at_once)
+        assert outcome == run_point(count, StopRule(1000, 150))
+        assert not {1, 2, 6, 9} & set(calls.blocks)
+        assert recorded(count, ledger, POINT)(parts) == count(parts)
+
+
 def test_points_do_not_mix(path):
     with Ledger.open(path, SETTINGS) as ledger:
         near, far = Calls(), Calls()

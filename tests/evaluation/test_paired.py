@@ -261,6 +261,13 @@ def test_single_bit_differences_are_real_when_the_sign_test_says_so(b_worse):
     assert was_real
 
 
+def test_a_side_that_was_never_the_worse_is_feared_at_the_size_seen_on_the_other():
+    for a_worse in (4, 6, 9):
+        by_one, by_ten = (paired_interval(of_differences([size] * a_worse + [0] * 2000)) for size in (1, 10))
+        assert by_ten.low <= 10 * by_one.low
+        assert by_ten.high >= 9 * by_one.high
+
+
 def test_the_sign_test_is_the_binomials_sum():
     paired = of_differences([3] * 15 + [-1] * 5 + [0] * 100)
     tail = sum(math.comb(20, k) for k in range(6)) / 2**20

@@ -80,9 +80,9 @@ def test_preambles_are_rendered_for_greyscale_receivers_only(make_plan, trained,
     assert frames == {"data": 64, "preamble": 0}
     for greyscale in ("center_greyscale", "average_greyscale"):
         frames.update(data=0, preamble=0)
-        both = make_plan(names=("flda_3", greyscale), frames=64)
+        both = make_plan(names=("flda_3", greyscale), frames=70)
         sweep_point(both, Link.of(both), trained, 66.0)
-        assert frames == {"data": 64, "preamble": 128}
+        assert frames == {"data": 70, "preamble": 140}
 
 
 def test_training_renders_no_preambles(make_plan, monkeypatch):

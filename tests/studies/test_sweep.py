@@ -98,12 +98,9 @@ def test_a_longer_budget_begins_with_the_shorter_one(make_plan, trained):
 # Crop and full frame
 
 
-SCENES = [pytest.param(24, id="24"), pytest.param(200, id="200", marks=pytest.mark.slow)]
-
-
-@pytest.mark.parametrize("scenes", SCENES)
-def test_crops_decide_as_full_frames(make_plan, trained, scenes):
-    """All 200 of the issue: ``pytest -m slow tests/studies/test_sweep.py -k crops``; half a minute or so."""
+def test_crops_decide_as_full_frames(make_plan, trained):
+    """Thresholds, corners, scores and bits of 200 scenes; every full frame is truly rendered."""
+    scenes = 200
     model, shape = SceneModel(), make_plan().world.panel.shape
     keys = [BlockKey(0, "crop", block) for block in range(-(-scenes // 64))]
     drawn = [model.draw(key, shape) for key in keys]
@@ -322,7 +319,6 @@ def test_ambient_light_has_a_best_level(make_plan, paper_trained):
         assert_worse(at["average_greyscale", value], at["flda_3", value])
 
 
-@pytest.mark.slow
 def test_ambient_light_has_a_best_level_for_three_features(make_plan, paper_trained):
     """Fig. 22 for flda_3, whose errors at 32000 lx are too few for a short run."""
     values = (1000.0, 4000.0, 8000.0, 16000.0, 32000.0)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields
 
 from vocc_torch.errors import VoccError
@@ -103,13 +103,17 @@ class Point:
     counts: Counts
     stopped_by: str
 
-    def stated(self) -> Row:
+    def stated(self, errors_per_frame_error: float = 1.0) -> Row:
         """Give the point with its bit error rate and the 95 % interval.
+
+        Args:
+            errors_per_frame_error: wrong bits that a wrong frame is taken to have where none was seen.
 
         Raises:
             VoccError: no frames, or a value that is not finite.
         """
-        counts, interval = self.counts, ber_interval(self.counts)
+        counts = self.counts
+        interval = ber_interval(counts, errors_per_frame_error=errors_per_frame_error)
         return Row(
             experiment=self.experiment,
             axis=self.axis,
@@ -133,8 +137,24 @@ class Point:
         return {name: getattr(stated, name) for name in COLUMNS}
 
 
+def _errors_per_frame_error(points: Sequence[Point]) -> dict[str, float]:
+    """Mean wrong bits in a wrong frame of each receiver over all its points, at least 1.
+
+    An error-free point cannot tell how many bits a wrong frame would have; the receiver's other points can,
+    and where location fails it is a dozen and more.
+    """
+    typical: dict[str, float] = {}
+    for name in {point.receiver for point in points}:
+        total = sum((point.counts for point in points if point.receiver == name), Counts())
+        typical[name] = max(1.0, total.bit_errors / max(1, total.frame_errors))
+    return typical
+
+
 class BerTable:
     """The points of one experiment: what every view of the results draws.
+
+    The upper limit of a point without errors takes a wrong frame to have as many wrong bits as the receiver's
+    wrong frames at the other points, at least 1.
 
     Args:
         points: measured points, or rows read back, of one experiment and one axis; one for each receiver and
@@ -156,7 +176,11 @@ class BerTable:
 
     def __init__(self, points: Iterable[Point | Row] = ()) -> None:
         """State every point and refuse what does not belong in one table."""
-        self.rows = tuple(point.stated() if isinstance(point, Point) else point for point in points)
+        given = tuple(points)
+        typical = _errors_per_frame_error([point for point in given if isinstance(point, Point)])
+        self.rows = tuple(
+            point.stated(typical[point.receiver]) if isinstance(point, Point) else point for point in given
+        )
         for name in ("experiment", "axis"):
             names = sorted({getattr(row, name) for row in self.rows})
             if len(names) > 1:

@@ -93,8 +93,8 @@ def image_gradient(patches: Tensor, kernel: Gradient) -> Tensor:
 
     Args:
         patches: (B,1,h,w).
-        kernel: ``sobel`` is Kornia's normalised Sobel filter, the slope a sample; ``central`` is Eq. 6 to the
-            letter, ``f(x+1) - f(x-1)``, twice the slope.
+        kernel: ``sobel`` is Kornia's normalised Sobel filter, the slope a sample; ``central`` is Eq. 6 on the
+            samples, ``f(x+1) - f(x-1)``, twice the slope.
 
     Raises:
         VoccError: an unknown kernel.

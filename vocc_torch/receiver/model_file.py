@@ -65,7 +65,7 @@ def read_model(path: Path) -> tuple[Settings, dict[str, Tensor]]:
     """Read what :func:`write_model` wrote.
 
     Raises:
-        VoccError: a file that is missing, damaged, of another kind or of another version, each said in one line.
+        VoccError: a file that is missing, damaged, of another kind or of another version.
     """
     try:
         content = json.loads(path.read_bytes())

@@ -31,6 +31,8 @@ from vocc_torch.reporting.styles import Style, receiver_styles, value_text
 __all__ = ["ber_figure", "feature_histograms", "figure_pixels", "save_figure"]
 
 _WIDTH_IN, _HEIGHT_IN = 10.0, 6.4
+_SHARES = ("contrast",)
+"""Quantities that are shares of a whole: their axis is linear."""
 _LEGEND_COLUMNS = 3
 _SPREAD = 0.009
 """Distance between neighbouring receivers at one value, as a share of the axis, where values leave room."""
@@ -41,8 +43,8 @@ def ber_figure(table: BerTable, axis_label: str, title: str) -> Figure:
     """Draw the receivers' bit error rates with their intervals.
 
     The rate's axis is logarithmic; so is the other one where the values are positive and span more than a
-    decade. Receivers stand a little apart at each value, so that no interval hides another. A point without
-    errors is an arrow down from its upper limit, and no line goes through it.
+    decade, unless they are shares. Receivers stand a little apart at each value, so that no interval hides
+    another. A point without errors is an arrow down from its upper limit, and no line goes through it.
 
     Args:
         table: at least one point.
@@ -66,7 +68,7 @@ def ber_figure(table: BerTable, axis_label: str, title: str) -> Figure:
     above_in = 0.62 + 0.225 * math.ceil(len(styles) / _LEGEND_COLUMNS)
     bottom, top = 1.12 / _HEIGHT_IN, 1 - above_in / _HEIGHT_IN
     axes = figure.add_axes((0.092, bottom, 0.888, top - bottom))
-    place = _horizontal_axis(axes, table.values)
+    place = _horizontal_axis(axes, table.values, linear=table.axis in _SHARES)
     _vertical_axis(axes, table.rows)
     quiet_axes(axes)
     axes.tick_params(axis="y", which="minor", labelsize=8.5)
@@ -127,8 +129,8 @@ def feature_histograms(features: Tensor, bits: Tensor, names: Sequence[str]) -> 
 class _Place:
     """Where a value stands on the horizontal axis, with a shift in shares of the axis."""
 
-    def __init__(self, values: Sequence[float]) -> None:
-        self.log = values[0] > 0 and values[-1] > 10 * values[0]
+    def __init__(self, values: Sequence[float], linear: bool) -> None:
+        self.log = not linear and values[0] > 0 and values[-1] > 10 * values[0]
         low, high = self._along(values[0]), self._along(values[-1])
         margin = 0.06 * (high - low) or 1e-3 * abs(high) or 1.0
         self.low, self.high = low - margin, high + margin
@@ -151,9 +153,9 @@ class _Place:
         return self._back(self._along(value) + shift * (self.high - self.low))
 
 
-def _horizontal_axis(axes: Axes, values: Sequence[float]) -> _Place:
+def _horizontal_axis(axes: Axes, values: Sequence[float], linear: bool) -> _Place:
     """Put ticks at the measured values, and names at as many of them as have room, the ends first."""
-    place = _Place(values)
+    place = _Place(values, linear)
     axes.set_xscale("log" if place.log else "linear")
     axes.set_xlim(*place.limits)
     named: dict[float, float] = {}
@@ -256,7 +258,7 @@ def _footnote(table: BerTable) -> str:
     intervals = "Bars: 95 % intervals, frames as the independent units"
     if any(row.error_free for row in table):
         intervals += (
-            " \N{MIDDLE DOT} arrows: no errors; one-sided 95 % limit if a wrong frame has one wrong bit"
+            " \N{MIDDLE DOT} arrows: no errors; one-sided 95 % limit, wrong frames as at the other points"
         )
     return f"{count} frames a point \N{MIDDLE DOT} locator: {', '.join(table.locators)}\n{intervals}"
 

@@ -196,6 +196,6 @@ def _reading(table: BerTable) -> str:
         "to 0 and untick *Ignore outliers in chart scaling*, which cuts curves off.\n\n"
         "Intervals are 95 %, with frames as the independent units. A point without errors has no logarithm: "
         "it is missing from *log10_BER* and stands in *log10_BER_upper95* with its one-sided 95 % limit, "
-        "which takes a wrong frame to have one wrong bit. The curves on logarithmic axes are in the IMAGES "
-        "tab; *Show actual image size* makes them legible."
+        "which takes wrong frames to be as at the receiver's other points. The curves on logarithmic "
+        "axes are in the IMAGES tab; *Show actual image size* makes them legible."
     )

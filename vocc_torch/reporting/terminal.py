@@ -195,5 +195,5 @@ def _key(table: BerTable) -> str:
         f"{count} frames a point; locator: {', '.join(table.locators)}; 95 % intervals, frames as the units"
     )
     if any(row.error_free for row in table):
-        text += "; <: no errors, one-sided 95 % limit if a wrong frame has one wrong bit"
+        text += "; <: no errors, one-sided 95 % limit, wrong frames as at the other points"
     return text

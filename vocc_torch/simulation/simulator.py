@@ -139,7 +139,7 @@ class Simulator:
         wanted = (len(scene), self.panel.shape.rows, self.panel.shape.columns)
         if tuple(bits.shape) != wanted:
             raise VoccError(f"bits has shape {tuple(bits.shape)}: it must be {wanted}")
-        scene, bits = scene.to(self.device), bits.to(self.device)
+        scene, bits = scene.checked().to(self.device), bits.to(self.device)
         size = self.camera.sensor_px
         if self.framing != "full":
             nearest = float(scene.distance_m.min())
