@@ -562,23 +562,24 @@ main()
 """
 
 
+def started(*command, cwd):
+    """Start a process whose pipes are closed and whose end is awaited when the block is left."""
+    return subprocess.Popen(
+        [sys.executable, *command], cwd=cwd, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+
+
 def test_interrupted_run(tmp_path):
     """Ctrl-C in the middle of the sweep."""
-    run = subprocess.Popen(
-        [sys.executable, "-c", INTERRUPTIBLE, "budget.frames=1000000", "budget.training_frames=16"],
-        cwd=tmp_path,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    try:
-        assert run.stdout.readline().startswith("trained on 16 frames")
-        time.sleep(0.5)
-        run.send_signal(signal.SIGINT)
-        _, err = run.communicate(timeout=60)
-    finally:
-        run.kill()
-        run.wait()
+    endless = ("budget.frames=1000000", "budget.training_frames=16")
+    with started("-c", INTERRUPTIBLE, *endless, cwd=tmp_path) as run:
+        try:
+            assert run.stdout.readline().startswith("trained on 16 frames")
+            time.sleep(0.5)
+            run.send_signal(signal.SIGINT)
+            _, err = run.communicate(timeout=60)
+        finally:
+            run.kill()
     assert (run.returncode, err) == (130, "vocc-torch: interrupted\n")
     assert list(tmp_path.iterdir()) == []
 
@@ -586,19 +587,11 @@ def test_interrupted_run(tmp_path):
 @pytest.mark.parametrize("arguments", [QUICK, ("--help",)], ids=["run", "help"])
 def test_reader_that_leaves_early(tmp_path, arguments):
     """``vocc-torch | head -1`` ends without a word on standard error, and without a folder."""
-    run = subprocess.Popen(
-        [sys.executable, "-u", "-m", "vocc_torch", *arguments],
-        cwd=tmp_path,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    run.stdout.readline()
-    run.stdout.close()
-    err = run.stderr.read()
-    run.stderr.close()
-    assert run.wait(timeout=60) == 1
-    assert err == ""
+    with started("-u", "-m", "vocc_torch", *arguments, cwd=tmp_path) as run:
+        run.stdout.readline()
+        run.stdout.close()
+        err = run.stderr.read()
+    assert (run.returncode, err) == (1, "")
     assert list(tmp_path.iterdir()) == []
 
 

@@ -180,6 +180,16 @@ def bad_locations(rng, shape, share):
     return np.where(bad, apart, 0), share * 0.1 * BITS
 
 
+def skewed_sizes(rng, shape, a_events, b_events):
+    """Few frames differ, most of them by a bit or two and some by many."""
+
+    def sizes(shape):
+        return np.clip(np.rint(np.exp(rng.normal(0.5, 1.2, shape))), 1, BITS).astype(int)
+
+    apart, truth = single_bits(rng, shape, a_events, b_events)
+    return apart * sizes(shape), truth * sizes(10**6).mean()
+
+
 CASES = [
     (single_bits, (3, 0)),
     (single_bits, (6, 0)),
@@ -194,6 +204,8 @@ CASES = [
     (same_causes, (1e-2, 0.3)),
     (same_causes, (1e-1, 0.01)),
     (same_causes, (1e-1, 0.1)),
+    (skewed_sizes, (5, 0)),
+    (skewed_sizes, (20, 5)),
     (bad_locations, (0.02,)),
     (bad_locations, (0.5,)),
 ]
@@ -259,6 +271,13 @@ def test_single_bit_differences_are_real_when_the_sign_test_says_so(b_worse):
         assert real or not was_real
         was_real = real
     assert was_real
+
+
+def test_each_differing_frame_proves_a_bit_at_least():
+    ours = paired_interval(of_differences([1] * 9 + [0] * 1991))
+    a_low = binomtest(9, 2000).proportion_ci(method="exact").low * 2000
+    b_high = binomtest(0, 2000 * BITS).proportion_ci(method="exact").high * 2000 * BITS
+    assert ours.low * 2000 * BITS == pytest.approx(9 - math.hypot(9 - a_low, b_high))
 
 
 def test_a_side_that_was_never_the_worse_is_feared_at_the_size_seen_on_the_other():

@@ -1,0 +1,33 @@
+"""The README's Python lines run as they stand."""
+
+import re
+from pathlib import Path
+
+from vocc_torch.cli import run
+
+README = Path(__file__).parents[1] / "README.md"
+
+
+def test_python_blocks_run_in_order(tmp_path, monkeypatch, capsys):
+    """The receiver that they load is the one of the page's first command, made with fewer frames."""
+    blocks = re.findall(r"```python\n(.*?)```", README.read_text(), flags=re.DOTALL)
+    assert len(blocks) == 2
+    monkeypatch.chdir(tmp_path)
+    quick = ["budget.frames=1", "experiment.values=[4000]", "tensorboard=false"]
+    monkeypatch.setattr("sys.argv", ["vocc-torch", "name=first", *quick])
+    assert run() == 0
+    capsys.readouterr()
+    names: dict[str, object] = {}
+    for block in blocks:
+        exec(block, names)
+    rates = [float(rate) for rate in re.findall(r"tensor\(([-.e\d]+)\)", capsys.readouterr().out)]
+    assert len(rates) == 2
+    assert max(rates) < 0.03
+
+
+def test_pictures_and_pages_exist():
+    """No link of the page to a file of this repository is dead."""
+    links = re.findall(r"\]\((?!https?:)([^)#]+)\)", README.read_text())
+    assert len(links) > 8
+    for link in links:
+        assert (README.parent / link).exists(), link
