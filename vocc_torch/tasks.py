@@ -77,6 +77,7 @@ def run_test(settings: AppConfig, folder: Path) -> None:
         with _quiet_threads():
             write_board(folder / "tensorboard", table, figures, pictures, texts)
     print_table(table, console)
+    _print_left_out(console, plan, table)
     _print_places(console, settings, folder)
 
 
@@ -206,6 +207,16 @@ def _title(plan: Plan) -> str:
 def _as_markdown(settings: AppConfig) -> str:
     """The configuration as TensorBoard shows text."""
     return "```yaml\n" + as_yaml(settings) + "\n```"
+
+
+def _print_left_out(console: Console, plan: Plan, table: BerTable) -> None:
+    """Say how many frames of a contrast experiment fell outside its bins."""
+    rows = table.of(table.receivers[0])
+    drawn, counted = frames_in_point(plan), sum(row.frames for row in rows)
+    whole = all(row.stopped_by == "frames" for row in rows)
+    if plan.experiment.axis == "contrast" and whole and counted < drawn:
+        text = f"{drawn - counted} of {drawn} frames have a contrast outside the bins and are not counted"
+        console.print(text, soft_wrap=True, highlight=False)
 
 
 def _print_places(console: Console, settings: AppConfig, folder: Path) -> None:

@@ -32,7 +32,7 @@ PAPER_EFFECTS: Mapping[str, Mapping[str, float]] = {
 Framing = Literal["crop", "filled", "full"]
 
 CHUNK_PIXELS = 600_000
-"""Pixels rendered at a time: planes that outgrow the cache are slower a pixel, from 32 MiB on several times."""
+"""Pixels rendered at a time: planes that outgrow the cache are slower, from 32 MiB on several times."""
 
 
 class Simulator:
