@@ -24,8 +24,8 @@ from hypothesis import strategies as st
 from vocc_torch.errors import VoccError
 from vocc_torch.evaluation import exclusive, ledger_format
 from vocc_torch.evaluation.counts import Counts
-from vocc_torch.evaluation.ledger import Ledger, LedgerRow, recorded
-from vocc_torch.evaluation.ledger_format import fingerprint, header, sealed, unsealed
+from vocc_torch.evaluation.ledger import Ledger, recorded
+from vocc_torch.evaluation.ledger_format import LedgerRow, fingerprint, header, sealed, unsealed
 from vocc_torch.evaluation.montecarlo import Part, StopRule, run_point
 from vocc_torch.evaluation.paired import PairedCounts
 from vocc_torch.rng import BlockKey
@@ -818,7 +818,7 @@ def random_plan(seed):
     draw = random.Random(seed)
     for life in range(2000):
         # Ever longer, so that the run comes to its end on a machine of any speed.
-        yield None, draw.uniform(0, 0.02 + 0.001 * life)
+        yield None, draw.uniform(0, 0.008 + 0.0005 * life)
 
 
 def call_plan():

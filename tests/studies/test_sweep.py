@@ -352,3 +352,8 @@ def test_errors_rise_with_distance(make_plan, paper_trained):
         assert bers == sorted(bers)
     for value in (60.0, 70.0):
         assert_worse(at["average_greyscale", value], at["flda_3", value])
+
+
+def test_close_values_do_not_share_their_draws():
+    experiment = Experiment("close", "ambient_lx", (1000000.0, 1000001.0))
+    assert len({point_name(experiment, value) for value in experiment.values}) == 2

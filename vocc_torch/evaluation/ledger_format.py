@@ -10,12 +10,14 @@ import hashlib
 import json
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import fields
+from dataclasses import astuple, dataclass, fields
+from typing import cast
 
 from vocc_torch import __version__
 from vocc_torch.errors import VoccError
 from vocc_torch.evaluation.counts import Counts
 from vocc_torch.evaluation.paired import PairedCounts
+from vocc_torch.rng import BLOCK_FRAMES
 
 VERSION = 1
 """Version of the format; another one is refused."""
@@ -25,6 +27,9 @@ MAGIC = b'{"format":"vocc-torch ledger","version":'
 
 KINDS: dict[str, type[Counts] | type[PairedCounts]] = {"counts": Counts, "paired": PairedCounts}
 """What a row can hold, by the name that stands in the file."""
+
+Key = tuple[str | int, ...]
+"""What counts are filed under: (receiver, group), or for a pair (receiver, receiver, group)."""
 
 COLUMNS = {name: [field.name for field in fields(kind)] for name, kind in KINDS.items()}
 """What the numbers in a row mean, in order."""
@@ -116,6 +121,73 @@ def unsealed(line: bytes) -> dict[str, object]:
 def _check(body: bytes) -> str:
     """Give the checksum of a line's content."""
     return hashlib.sha256(body).hexdigest()[:_CHECK_DIGITS]
+
+
+@dataclass(frozen=True, slots=True)
+class LedgerRow:
+    """What was counted in a block of a point, or in the first frames of it.
+
+    Args:
+        point: the point's name, which keys its random draws.
+        block: index of the block, at least 0.
+        frames: how many of its frames were used, from the first on, 1 to 64.
+        counts: by (receiver, group); none where no frame fell into a group.
+
+    Raises:
+        VoccError: a value outside its range, or counts of more frames than were used.
+
+    Example:
+        >>> LedgerRow("distance/distance_m=5", 0, 64, {("flda_3", 0): Counts(65, 4160)})
+        Traceback (most recent call last):
+        ...
+        vocc_torch.errors.VoccError: counts of ('flda_3', 0) have 65 frames: block 0 has at most 64
+    """
+
+    point: str
+    block: int
+    frames: int
+    counts: Mapping[Key, Counts | PairedCounts]
+
+    def __post_init__(self) -> None:
+        """Refuse what no run can have counted."""
+        if type(self.block) is not int or self.block < 0:
+            raise VoccError(f"block is {self.block!r}: it must be an integer of at least 0")
+        if type(self.frames) is not int or not 1 <= self.frames <= BLOCK_FRAMES:
+            raise VoccError(f"frames is {self.frames!r}: it must be an integer of 1 to {BLOCK_FRAMES}")
+        for key, counts in self.counts.items():
+            if not all(type(part) in (str, int) for part in key):
+                raise VoccError(f"counts are filed under {key}: it must be text and integers")
+            if counts.frames > self.frames:
+                raise VoccError(
+                    f"counts of {key} have {counts.frames} frames: "
+                    f"block {self.block} has at most {self.frames}"
+                )
+
+    def line(self) -> bytes:
+        """Write the row as a line of the file."""
+        names = {kind: name for name, kind in KINDS.items()}
+        counts = [[names[type(one)], list(key), list(astuple(one))] for key, one in self.counts.items()]
+        content = {"point": self.point, "block": self.block, "frames": self.frames, "counts": counts}
+        return sealed(content)
+
+    @classmethod
+    def read(cls, line: bytes) -> LedgerRow:
+        """Read a line of the file, given without its newline.
+
+        Raises:
+            DamagedLine: the line does not have its checksum.
+            VoccError: it has, and is no row.
+        """
+        row = unsealed(line)
+        try:
+            entries = cast("list[tuple[str, list[str | int], list[int]]]", row["counts"])
+            counts = {
+                tuple(key): KINDS[name](**dict(zip(COLUMNS[name], values, strict=True)))
+                for name, key, values in entries
+            }
+            return cls(str(row["point"]), cast("int", row["block"]), cast("int", row["frames"]), counts)
+        except (KeyError, TypeError, ValueError) as error:
+            raise VoccError(f"holds what is no row ({error})") from None
 
 
 def header(settings: Mapping[str, object]) -> bytes:

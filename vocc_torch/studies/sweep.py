@@ -155,9 +155,11 @@ def point_name(experiment: Experiment, value: float) -> str:
         >>> point_name(Experiment("near", "distance_m", (5.0,)), 5.0)
         'near/distance_m=5'
     """
-    return (
-        experiment.name if experiment.axis == "contrast" else f"{experiment.name}/{experiment.axis}={value:g}"
-    )
+    if experiment.axis == "contrast":
+        return experiment.name
+    # Six digits may stand for two values, which would then share their draws.
+    digits = f"{value:g}" if float(f"{value:g}") == value else repr(value)
+    return f"{experiment.name}/{experiment.axis}={digits}"
 
 
 def axis_values(experiment: Experiment) -> tuple[float, ...]:
