@@ -3,7 +3,6 @@
 import csv
 import os
 import re
-import resource
 import shlex
 import signal
 import subprocess
@@ -470,21 +469,27 @@ def test_read_only_folder(app, tmp_path):
     assert "Permission denied" in app(*QUICK).complaint
 
 
+# In a process of its own: the limit would also bind what pytest writes, if that goes to a file.
+LIMITED = """
+import resource
+resource.setrlimit(resource.RLIMIT_FSIZE, ({limit}, resource.RLIM_INFINITY))
+from vocc_torch.cli import main
+main()
+"""
+
+
 @pytest.fixture
-def file_limit():
+def limited(command, tmp_path):
     """Limit the size of files, which stands in for a full disk: writing fails with File too large."""
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    yield lambda limit: resource.setrlimit(resource.RLIMIT_FSIZE, (limit, before[1]))
-    resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    return lambda limit, *arguments: command(*arguments, cwd=tmp_path, code=LIMITED.format(limit=limit))
 
 
 @pytest.mark.parametrize(
     ("limit", "failing"), [(500, "receiver.pt"), (20_000, "ber.png"), (90_000, "tensorboard")]
 )
-def test_full_disk(app, file_limit, tmp_path, limit, failing):
+def test_full_disk(limited, tmp_path, limit, failing):
     """What was whole before stays; nothing is left half-written."""
-    file_limit(limit)
-    complaint = app(*QUICK, "tensorboard=true", "name=x").complaint
+    complaint = limited(limit, *QUICK, "tensorboard=true", "name=x").complaint
     assert failing in complaint
     assert "File too large" in complaint
     left = {path.name for path in (tmp_path / "runs").rglob("*") if path.is_file()}
@@ -494,9 +499,9 @@ def test_full_disk(app, file_limit, tmp_path, limit, failing):
         assert not (tmp_path / "runs").exists()
 
 
-def test_full_disk_while_decoding(app, file_limit, model, photo, tmp_path):
-    file_limit(500)
-    assert "File too large" in app("task=decode", f"input={photo}", f"model={model}").complaint
+def test_full_disk_while_decoding(limited, model, photo, tmp_path):
+    ran = limited(500, "task=decode", f"input={photo}", f"model={model}")
+    assert "File too large" in ran.complaint
     assert not (tmp_path / "runs").exists()
 
 
@@ -591,7 +596,9 @@ def test_reader_that_leaves_early(tmp_path, arguments):
         run.stdout.readline()
         run.stdout.close()
         err = run.stderr.read()
-    assert (run.returncode, err) == (1, "")
+    # All of the help may be in the pipe before its reader leaves.
+    assert run.returncode in ((0, 1) if "--help" in arguments else (1,))
+    assert err == ""
     assert list(tmp_path.iterdir()) == []
 
 
