@@ -508,6 +508,17 @@ def test_full_disk_while_decoding(limited, model, photo, tmp_path):
 # Several runs
 
 
+def test_a_folder_with_a_strangers_file_is_left_alone(app, tmp_path):
+    """A failing run must not take away what it did not write."""
+    mine = tmp_path / "runs" / "keep" / "annotated" / "mine.txt"
+    mine.parent.mkdir(parents=True)
+    mine.write_text("mine")
+    (tmp_path / "bad.png").write_text("no picture")
+    for arguments in (("task=decode", "input=bad.png"), QUICK, ("task=train",)):
+        assert "already holds annotated" in app(*arguments, "name=keep").complaint
+        assert mine.read_text() == "mine"
+
+
 def test_a_name_is_used_once(app, tmp_path):
     """The second run is refused before any work, and the first one's files stay as they were."""
     assert app(*QUICK, "name=mine").status == 0
