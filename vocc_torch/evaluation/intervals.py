@@ -108,7 +108,8 @@ def ber_interval(counts: Counts, confidence: float = 0.95, errors_per_frame_erro
     confidence)^(1 / frames)``. Error-free frames cannot tell how many bits a wrong one would have. Taken is
     ``errors_per_frame_error``, by default 1, because where errors become rare the typical wrong frame has a
     single LED on the wrong side of the threshold. It is an assumption, and the limit grows in proportion:
-    where errors come from lost panels, half the frame's bits is the number to give.
+    where errors come from lost panels, half the frame's bits is the number to give. A
+    :class:`~vocc_torch.evaluation.curve.BerTable` gives what the receiver's other points show.
 
     What no interval from these counts covers: a kind of wrong frame that is so rare that none came up (a lost
     panel with a probability below about 3 / frames) though its many errors make up much of the rate.

@@ -127,7 +127,7 @@ def gradient_radial_inwardness(
         patches: (B,1,(R+2)K,(C+2)K) rectified grey values.
         shape: rows and columns.
         cell_width_px: (B,) width of a cell in the original image, px; with the height it turns the gradient a
-            sample into a gradient an original pixel, so that GRI means the same at every distance.
+            sample into one an original pixel, as Eq. 7 counts; an image twice as large has half the GRI.
         cell_height_px: (B,) likewise.
         kernel: see :func:`image_gradient`.
 

@@ -116,28 +116,11 @@ def sweep_point(
     bank = ReceiverBank(plan.receiver.names, flda)
     model = experiment.model_at(plan.world, value)
 
-    def stated(counts: Mapping[Label, Counts], stopped_by: str) -> list[Point]:
-        values = axis_values(experiment) if experiment.axis == "contrast" else (value,)
-        return [
-            Point(
-                experiment.name,
-                experiment.axis,
-                at,
-                name,
-                plan.receiver.locator,
-                counts[name, group],
-                stopped_by,
-            )
-            for group, at in enumerate(values)
-            for name in plan.receiver.names
-            if (name, group) in counts
-        ]
-
     def advance(frames: int, counts: Mapping[Label, Counts]) -> None:
         if progress is not None:
             progress(frames)
         if show is not None:
-            show(stated(counts, "running"))
+            show(_points(plan, value, counts, "running"))
 
     outcome = run_point(
         PointCounter(plan, link, bank, point_name(experiment, value), model),
@@ -145,7 +128,19 @@ def sweep_point(
         blocks_at_once=max(1, plan.batch_frames // BLOCK_FRAMES),
         progress=advance,
     )
-    return stated(outcome.counts, outcome.stopped_by)
+    return _points(plan, value, outcome.counts, outcome.stopped_by)
+
+
+def _points(plan: Plan, value: float, counts: Mapping[Label, Counts], stopped_by: str) -> list[Point]:
+    """Name the counts by receiver and by axis value, or by the middle of their contrast bin."""
+    axis, name = plan.experiment.axis, plan.experiment.name
+    values = axis_values(plan.experiment) if axis == "contrast" else (value,)
+    return [
+        Point(name, axis, at, receiver, plan.receiver.locator, counts[receiver, group], stopped_by)
+        for group, at in enumerate(values)
+        for receiver in plan.receiver.names
+        if (receiver, group) in counts
+    ]
 
 
 def point_name(experiment: Experiment, value: float) -> str:
