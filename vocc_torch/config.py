@@ -97,6 +97,8 @@ class BudgetConfig:
     frames: int = MISSING
     training_frames: int = MISSING
     target_frame_errors: int | None = None
+    precision: float | None = None
+    least_ber: float = 0.0
 
 
 @dataclass
@@ -119,6 +121,7 @@ class AppConfig:
     precision: str = MISSING
     framing: str = MISSING
     batch_frames: int = MISSING
+    workers: int = MISSING
     tensorboard: bool = MISSING
     input: str | None = None
     model: str | None = None

@@ -5,7 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vocc_torch.evaluation.counts import Counts
-from vocc_torch.evaluation.montecarlo import StopRule, run_point
+from vocc_torch.evaluation.montecarlo import StopRule
+from vocc_torch.evaluation.schedule import run_point
 from vocc_torch.rng import BLOCK_FRAMES
 
 

@@ -19,7 +19,7 @@ BITS = 64
 
 def of_differences(bits_apart, bits=BITS):
     """Counts from each frame's wrong bits of a less those of b."""
-    halves = 2 * np.asarray(bits_apart, dtype=np.int64)
+    halves = np.rint(2 * np.asarray(bits_apart, dtype=np.float64)).astype(np.int64)
     sides = [np.maximum(halves, 0), np.maximum(-halves, 0)]
     sums = [int(value) for side in sides for value in (side.sum(), (side**2).sum(), (side > 0).sum())]
     return PairedCounts(len(halves), bits * len(halves), *sums)
@@ -33,12 +33,15 @@ def frames(seed, count, rows, columns, miss_rate=0.1):
     return [torch.from_numpy(array) for array in (*decided, sent, found)]
 
 
-def by_hand(decided_a, decided_b, sent, found):
+def by_hand(decided_a, decided_b, sent, found, found_b=None):
     """The definition, a frame at a time, in plain Python."""
-    apart = []
-    for a, b, bits, is_found in zip(decided_a, decided_b, sent, found, strict=True):
-        apart.append(int((a != bits).sum()) - int((b != bits).sum()) if is_found else 0)
-    return of_differences(apart, sent[0].numel())
+    apart, leds = [], sent[0].numel()
+    for a, b, bits, *known in zip(
+        decided_a, decided_b, sent, found, found if found_b is None else found_b, strict=True
+    ):
+        wrong = [int((side != bits).sum()) if is_known else leds / 2 for side, is_known in zip((a, b), known)]
+        apart.append(wrong[0] - wrong[1])
+    return of_differences(apart, leds)
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(1, 30), st.integers(1, 8), st.integers(1, 8))
@@ -57,6 +60,39 @@ def test_the_difference_is_that_of_the_two_receivers_own_counts(seed, number, ro
     if number:
         assert paired.difference == pytest.approx(a.ber - b.ber, abs=1e-15)
     assert all(type(getattr(paired, name)) is int for name in PairedCounts.__slots__)
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(0, 30), st.integers(1, 5), st.integers(1, 5))
+def test_two_receivers_that_found_panels_each_in_its_own_way(seed, number, rows, columns):
+    decided_a, decided_b, sent, found = frames(seed, number, rows, columns, miss_rate=0.3)
+    found_b = frames(seed + 1, number, rows, columns, miss_rate=0.3)[3]
+    paired = PairedCounts.of(decided_a, decided_b, sent, found, found_b)
+    a, b = Counts.of(decided_a, sent, found), Counts.of(decided_b, sent, found_b)
+    assert (paired.frames, paired.bits) == (a.frames, a.bits)
+    assert paired.half_difference == a.half_errors - b.half_errors
+    assert paired.swapped() == PairedCounts.of(decided_b, decided_a, sent, found_b, found)
+    if number:
+        assert paired == by_hand(decided_a, decided_b, sent, found, found_b)
+        interval = paired_interval(paired)
+        assert -1 <= interval.low <= paired.difference <= interval.high <= 1
+
+
+def test_a_panel_that_only_one_receiver_missed_is_half_its_bits():
+    sent = torch.zeros(3, 8, 8, dtype=torch.bool)
+    decided = sent.clone()
+    decided[1, :5] = True  # 40 bits: worse than a toss
+    found = torch.tensor([False, False, True])
+    paired = PairedCounts.of(sent, decided, sent, found, torch.ones(3, dtype=torch.bool))
+    assert (paired.a_excess, paired.a_worse, paired.b_excess, paired.b_worse) == (64, 1, 16, 1)
+
+
+def test_half_a_bit_of_difference_is_no_proof_of_a_whole_one():
+    # A missed panel of 9 LEDs counts 4.5 bits; the other receiver had 4 wrong in the same frame.
+    paired = of_differences([0.5] * 400 + [0] * 1600, 9)
+    assert (paired.a_excess, paired.a_worse) == (400, 400)
+    limits = binomtest(400, 2000).proportion_ci(method="exact")
+    assert paired_interval(paired).low < limits.low / 9
+    assert paired_interval(paired).low > 0.45 * limits.low / 9
 
 
 @given(st.integers(0, 2**32 - 1), st.lists(st.integers(0, 9), min_size=1, max_size=5), st.randoms())
@@ -131,6 +167,21 @@ def test_impossible_counts_are_refused_by_name(numbers, named):
         PairedCounts(**numbers)
 
 
+@given(st.tuples(*[st.integers(-1, 12)] * 8))
+def test_what_is_refused_is_what_the_sides_alone_would_be(numbers):
+    frame_count, bits, *sides = numbers
+    try:
+        a, b = (Counts(frame_count, bits, *side) for side in (sides[:3], sides[3:]))
+        possible = a.frame_errors + b.frame_errors <= frame_count
+    except VoccError:
+        possible = False
+    if possible:
+        assert PairedCounts(*numbers).a_worse == sides[2]
+    else:
+        with pytest.raises(VoccError, match=r"^paired"):
+            PairedCounts(*numbers)
+
+
 @pytest.mark.parametrize(
     ("change", "named"),
     [
@@ -138,6 +189,7 @@ def test_impossible_counts_are_refused_by_name(numbers, named):
         ({1: torch.zeros(2, 3, 4).bool()}, "decided_b"),
         ({2: torch.zeros(2, 3, 3).int()}, "sent"),
         ({3: torch.ones(3).bool()}, "found"),
+        ({4: torch.ones(3).bool()}, "found_b"),
     ],
 )
 def test_bits_that_do_not_belong_together_are_refused_by_name(change, named):

@@ -1,16 +1,24 @@
-"""Monte Carlo at one point of an axis: blocks in index order until a stop rule holds."""
+"""Monte Carlo at the points of an axis: blocks in index order until a stop rule holds."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from itertools import islice
+from typing import TypeAlias
 
 from vocc_torch.evaluation.counts import Counts
+from vocc_torch.evaluation.intervals import ber_interval
+from vocc_torch.evaluation.paired import PairedCounts
 from vocc_torch.rng import BLOCK_FRAMES
 
-Label = tuple[str, int]
-"""A receiver's name and the group of frames (a contrast bin; 0 where frames are not sorted)."""
+Label: TypeAlias = tuple[str | int, ...]
+"""What is counted: its last part is the group of frames (a contrast bin; 0 where frames are not sorted)."""
+
+Tally: TypeAlias = Counts | PairedCounts
+"""What is counted under a label: one receiver's errors, or two receivers compared."""
+
+_FIRST_CHECK = 16
+"""Blocks between looks at the precision, at first; later a sixteenth of the blocks so far."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,10 +41,15 @@ class StopRule:
     Args:
         frames: the budget, at least 1.
         target_frame_errors: stop once every receiver has this many frames in error, or None.
+        precision: stop once every receiver's 95 % interval reaches at most this share of its bit error rate
+            to either side, or None.
+        least_ber: a receiver whose interval lies below this rate needs no more precision.
     """
 
     frames: int
     target_frame_errors: int | None = None
+    precision: float | None = None
+    least_ber: float = 0.0
 
     def parts(self) -> Iterator[Part]:
         """Name the blocks of the whole budget, in order.
@@ -48,57 +61,91 @@ class StopRule:
         for start in range(0, self.frames, BLOCK_FRAMES):
             yield Part(start // BLOCK_FRAMES, min(BLOCK_FRAMES, self.frames - start))
 
-    def reached(self, counts: Mapping[Label, Counts]) -> bool:
-        """Whether every receiver has its frames in error."""
-        if self.target_frame_errors is None:
+    def reached(self, tallies: Mapping[Label, Tally], blocks: int) -> str | None:
+        """Say why a point needs no more frames: ``frame_errors`` or ``precision``; None if it does.
+
+        Args:
+            tallies: what was counted so far; comparisons do not matter here.
+            blocks: blocks counted so far. The precision is looked at after 16, 32, ... blocks and later at
+                steps of about a sixteenth: each look is a chance to stop by luck.
+
+        Example:
+            >>> StopRule(6400, target_frame_errors=2).reached({("a", 0): Counts(64, 64, 6, 12, 3)}, 1)
+            'frame_errors'
+        """
+        counts = {label: one for label, one in tallies.items() if isinstance(one, Counts)}
+        if not counts:
+            return None
+        if self.target_frame_errors is not None:
+            errors: dict[Label, int] = {}
+            for label, one in counts.items():
+                errors[label[:-1]] = errors.get(label[:-1], 0) + one.frame_errors
+            if min(errors.values()) >= self.target_frame_errors:
+                return "frame_errors"
+        if self.precision is not None and blocks % max(_FIRST_CHECK, _power_of_two(blocks) // 16) == 0:
+            return "precision" if all(map(self._precise, counts.values())) else None
+        return None
+
+    def _precise(self, counts: Counts) -> bool:
+        """Whether a rate is known well enough, or is too low to matter."""
+        if self.precision is None or not counts.frames:
             return False
-        errors: dict[str, int] = {}
-        for (receiver, _), count in counts.items():
-            errors[receiver] = errors.get(receiver, 0) + count.frame_errors
-        return bool(errors) and min(errors.values()) >= self.target_frame_errors
+        interval, ber = ber_interval(counts), counts.ber
+        if interval.high <= self.least_ber:
+            return True
+        reach = self.precision * ber
+        return counts.half_errors > 0 and interval.high - ber <= reach and ber - interval.low <= reach
+
+
+def _power_of_two(blocks: int) -> int:
+    """Give the greatest power of two up to a positive number."""
+    return 1 << (blocks.bit_length() - 1)
 
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What a point gave: counts by label, and why it stopped (``frame_errors`` or ``frames``)."""
+    """What a point gave: tallies by label, and why it stopped.
 
-    counts: dict[Label, Counts]
+    ``stopped_by`` is ``frame_errors``, ``precision`` or ``frames``.
+    """
+
+    counts: dict[Label, Tally]
     stopped_by: str
 
 
-def run_point(
-    count: Callable[[Sequence[Part]], list[dict[Label, Counts]]],
-    rule: StopRule,
-    *,
-    blocks_at_once: int = 1,
-    progress: Callable[[int, Mapping[Label, Counts]], None] | None = None,
-) -> Outcome:
-    """Add blocks in index order until the rule holds.
-
-    Blocks may be counted several at once; those beyond the one at which the rule first held are thrown away,
-    so that the result does not depend on how many are counted together.
+class Running:
+    """A point under way: adds blocks in index order and says when it has enough.
 
     Args:
-        count: counts each of the parts, giving a list of as many mappings.
         rule: when to stop.
-        blocks_at_once: blocks counted in one call, at least 1.
-        progress: called after each block with its frames and the counts so far.
 
     Example:
-        >>> def one_error(parts):
-        ...     return [{("a", 0): Counts(p.frames, p.frames, 2, 4, 1)} for p in parts]
-        >>> outcome = run_point(one_error, StopRule(frames=640, target_frame_errors=3), blocks_at_once=2)
-        >>> outcome.counts["a", 0].frames, outcome.stopped_by
-        (192, 'frame_errors')
+        >>> running = Running(StopRule(frames=128))
+        >>> running.add(Part(0, 64), {("a", 0): Counts(64, 64)}), running.add(Part(1, 64), {})
+        (False, True)
+        >>> running.outcome().stopped_by
+        'frames'
     """
-    total: dict[Label, Counts] = {}
-    parts = rule.parts()
-    while together := list(islice(parts, blocks_at_once)):
-        for part, counts in zip(together, count(together), strict=True):
-            for label, one in counts.items():
-                total[label] = total.get(label, Counts()) + one
-            if progress is not None:
-                progress(part.frames, total)
-            if rule.reached(total):
-                return Outcome(total, "frame_errors")
-    return Outcome(total, "frames")
+
+    def __init__(self, rule: StopRule) -> None:
+        self.rule = rule
+        self.counts: dict[Label, Tally] = {}
+        self.blocks = self.frames = 0
+        self.stopped_by: str | None = None
+
+    def add(self, part: Part, counts: Mapping[Label, Tally]) -> bool:
+        """Add the next block and say whether the point is finished."""
+        for label, one in counts.items():
+            known = self.counts.get(label)
+            # A label holds one kind of tally; the two kinds do not add, and would be refused here.
+            self.counts[label] = one if known is None else known + one  # type: ignore[operator]
+        self.blocks += 1
+        self.frames += part.frames
+        self.stopped_by = self.rule.reached(self.counts, self.blocks)
+        if self.stopped_by is None and self.frames >= self.rule.frames:
+            self.stopped_by = "frames"
+        return self.stopped_by is not None
+
+    def outcome(self) -> Outcome:
+        """Give what the point came to."""
+        return Outcome(self.counts, self.stopped_by or "frames")

@@ -7,7 +7,7 @@ and far smaller differences can be told from chance than from two curves with an
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import torch
 from scipy.stats import binomtest, t
@@ -16,6 +16,44 @@ from torch import Tensor
 from vocc_torch.errors import VoccError
 from vocc_torch.evaluation.counts import Counts
 from vocc_torch.evaluation.intervals import Interval, ber_interval, clopper_pearson
+
+
+def half_errors(
+    decided: Tensor, sent: Tensor, found: Tensor, names: tuple[str, str] = ("decided", "found")
+) -> Tensor:
+    """Count each frame's wrong bits in halves, as :class:`~vocc_torch.evaluation.counts.Counts` does.
+
+    Nothing is moved off the device.
+
+    Args:
+        decided: (B,R,C) bool, a receiver's bits; ignored where no panel was found.
+        sent: (B,R,C) bool, the bits sent.
+        found: (B,) bool, whether the panel was found.
+        names: what a complaint calls ``decided`` and ``found``.
+
+    Returns:
+        (B,) int64, wrong bits times two; where no panel was found, R times C.
+
+    Raises:
+        VoccError: a tensor of another shape or type.
+
+    Example:
+        >>> sent = torch.zeros(2, 3, 3, dtype=torch.bool)
+        >>> half_errors(~sent, sent, torch.tensor([True, False])).tolist()
+        [18, 9]
+    """
+    if sent.dtype != torch.bool or sent.ndim != 3 or sent.shape[1] * sent.shape[2] == 0:
+        raise VoccError(
+            f"sent is {sent.dtype} of shape {tuple(sent.shape)}: "
+            "it must be torch.bool of shape (B,R,C) with at least one LED"
+        )
+    for name, bits, shape in ((names[0], decided, sent.shape), (names[1], found, sent.shape[:1])):
+        if bits.dtype != torch.bool or bits.shape != shape:
+            raise VoccError(
+                f"{name} is {bits.dtype} of shape {tuple(bits.shape)}: "
+                f"it must be torch.bool of shape {tuple(shape)}"
+            )
+    return torch.where(found, 2 * (decided != sent).flatten(1).sum(1), sent.shape[1] * sent.shape[2])
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,15 +97,43 @@ class PairedCounts:
 
     def __post_init__(self) -> None:
         """Refuse numbers that no set of frames can give, such as a damaged ledger row."""
+        # Every pair of receivers makes one of these in every block: the tests that say what is wrong come
+        # only once it is known that something is.
+        if self._possible():
+            return
         for side in ("a", "b"):
             try:
                 self._side(side)
             except VoccError as error:
                 raise VoccError(f"paired, {side} worse: {error}") from None
-        if self.discordant > self.frames:
-            raise VoccError(
-                f"paired.a_worse + b_worse is {self.discordant}: it must be at most {self.frames} (frames)"
-            )
+        raise VoccError(
+            f"paired.a_worse + b_worse is {self.discordant}: it must be at most {self.frames} (frames)"
+        )
+
+    def _possible(self) -> bool:
+        """Whether some set of frames can give these numbers."""
+        frames, bits, *sides = numbers = (self.frames, self.bits, *self._sides())
+        if set(map(type, numbers)) != {int} or min(numbers) < 0 or frames > bits:
+            return False
+        a, a_squared, a_worse, b, b_squared, b_worse = sides
+        return (
+            a_worse + b_worse <= frames
+            and a_worse <= a <= 2 * bits
+            and b_worse <= b <= 2 * bits
+            and a_squared <= a * a <= a_squared * a_worse
+            and b_squared <= b * b <= b_squared * b_worse
+        )
+
+    def _sides(self) -> tuple[int, int, int, int, int, int]:
+        """Give the three sums of a, then those of b."""
+        return (
+            self.a_excess,
+            self.a_excess_squared,
+            self.a_worse,
+            self.b_excess,
+            self.b_excess_squared,
+            self.b_worse,
+        )
 
     def _side(self, side: str) -> Counts:
         """Give one side's excess as the counts that they are: errors that come a frame at a time."""
@@ -77,39 +143,48 @@ class PairedCounts:
         return Counts(self.frames, self.bits, excess, squared, worse)
 
     @classmethod
-    def of(cls, decided_a: Tensor, decided_b: Tensor, sent: Tensor, found: Tensor) -> PairedCounts:
+    def of(
+        cls,
+        decided_a: Tensor,
+        decided_b: Tensor,
+        sent: Tensor,
+        found: Tensor,
+        found_b: Tensor | None = None,
+    ) -> PairedCounts:
         """Compare the bits that two receivers decided on the same frames.
+
+        With ``found_b`` the two looked for the panel each in its own way, for instance one at located and one
+        at true corners; what location costs is then the difference.
 
         Args:
             decided_a: (B,R,C) bool, the bits of one receiver.
             decided_b: (B,R,C) bool, the bits of the other.
             sent: (B,R,C) bool, the bits sent.
-            found: (B,) bool, whether the panel was found; where it was not, the two do not differ.
+            found: (B,) bool, whether the panel was found; where it was not, half the frame's bits are wrong
+                whatever was decided.
+            found_b: (B,) bool, the same for the other receiver; None where both share ``found``, and a frame
+                without a panel is no difference between them.
 
         Raises:
             VoccError: a tensor of another shape or type.
 
         Example:
-            >>> sent = torch.zeros(2, 3, 3, dtype=torch.bool)
-            >>> paired = PairedCounts.of(~sent, sent, sent, torch.tensor([True, False]))
+            >>> sent, found = torch.zeros(2, 3, 3, dtype=torch.bool), torch.tensor([True, False])
+            >>> paired = PairedCounts.of(~sent, sent, sent, found)
             >>> paired.a_excess, paired.a_worse, paired.b_worse
             (18, 1, 0)
+            >>> PairedCounts.of(sent, sent, sent, found, found_b=~found).half_difference
+            0
         """
-        for name, decided in (("decided_a", decided_a), ("decided_b", decided_b)):
-            if decided.dtype != torch.bool or decided.shape != sent.shape:
-                raise VoccError(
-                    f"{name} is {decided.dtype} of shape {tuple(decided.shape)}: "
-                    f"it must be torch.bool of sent's shape, {tuple(sent.shape)}"
-                )
-        whole = Counts.of(decided_a, sent, found)  # checks sent and found
-        wrong = [(decided != sent).flatten(1).sum(1) for decided in (decided_a, decided_b)]
-        halves = 2 * (wrong[0] - wrong[1]) * found
+        halves_a = half_errors(decided_a, sent, found, ("decided_a", "found"))
+        other, name = (found, "found") if found_b is None else (found_b, "found_b")
+        apart = halves_a - half_errors(decided_b, sent, other, ("decided_b", name))
         sums = [
             total
-            for excess in (halves.clamp(min=0), (-halves).clamp(min=0))
+            for excess in (apart.clamp(min=0), (-apart).clamp(min=0))
             for total in (excess.sum(), (excess * excess).sum(), (excess > 0).sum())
         ]
-        return cls(whole.frames, whole.bits, *(int(value) for value in torch.stack(sums).tolist()))
+        return cls(len(sent), sent.numel(), *(int(value) for value in torch.stack(sums).tolist()))
 
     def __add__(self, other: PairedCounts | int) -> PairedCounts:
         """Join the counts of disjoint frames; the 0 that ``sum`` starts from is let through."""
@@ -117,16 +192,16 @@ class PairedCounts:
             return self
         if not isinstance(other, PairedCounts):
             return NotImplemented
+        pairs = zip(self._sides(), other._sides(), strict=True)
         return PairedCounts(
-            *(getattr(self, field.name) + getattr(other, field.name) for field in fields(self))
+            self.frames + other.frames, self.bits + other.bits, *(one + more for one, more in pairs)
         )
 
     __radd__ = __add__
 
     def swapped(self) -> PairedCounts:
         """Give the same comparison seen from the other receiver."""
-        sides = [getattr(self, field.name) for field in fields(self)[2:]]
-        return PairedCounts(self.frames, self.bits, *sides[3:], *sides[:3])
+        return PairedCounts(self.frames, self.bits, *self._sides()[3:], *self._sides()[:3])
 
     @property
     def half_difference(self) -> int:
@@ -266,9 +341,12 @@ def _excess_interval(side: Counts, paired: PairedCounts, confidence: float) -> I
         correction = (t.ppf(quantile, max(1.0, paired.bits - 1.0)) / t.ppf(quantile, freedom)) ** 2
         trials *= min(1.0, float(correction))
     clustered = clopper_pearson(rate * trials, trials, confidence)
-    # A frame's difference is one bit at least and all its bits at most.
+    # A frame's difference is one bit at least and all its bits at most. The half that a missed panel of an odd
+    # number of LEDs counts may be half a bit from what the other receiver got wrong.
+    fewest = 1.0 if leds % 2 == 0 else 0.5
     return Interval(
-        min(max(clustered.low, worse.low / leds), rate), max(min(clustered.high, worse.high), rate)
+        min(max(clustered.low, worse.low * fewest / leds), rate),
+        max(min(clustered.high, worse.high), rate),
     )
 
 

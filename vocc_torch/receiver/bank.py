@@ -16,6 +16,8 @@ from vocc_torch.receiver.reader import Greys, Readings
 FLDA_FEATURES: dict[str, tuple[str, ...]] = {
     "flda_agr": ("agr",),
     "flda_gri": ("gri",),
+    "flda_ngr": ("ngr",),
+    "flda_agr_ngr": ("agr", "ngr"),
     "flda_2": ("agr", "gri"),
     "flda_3": ("agr", "gri", "ngr"),
 }

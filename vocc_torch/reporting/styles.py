@@ -31,12 +31,14 @@ _KNOWN = {
     "average_greyscale": Style("Average greyscale", "#E69F00", "^", ":"),
     "flda_agr": Style("FLDA: AGR", "#56B4E9", "<", "--"),
     "flda_gri": Style("FLDA: GRI", "#CC79A7", ">", "--"),
+    "flda_ngr": Style("FLDA: NGR", "#7A7A7A", "d", "--"),
+    "flda_agr_ngr": Style("FLDA: AGR + NGR", "#009E73", "D", "-."),
     "flda_2": Style("FLDA: AGR + GRI", "#0072B2", "s", "-"),
     "flda_3": Style("FLDA: AGR + GRI + NGR", "#D55E00", "o", "-"),
 }
-# The known receivers leave green and grey free; after these, marker and line tell repeated colours apart.
+# The palette has no colour left for others: marker and line tell repeated colours apart.
 _FREE_COLOURS = ("#009E73", "#7A7A7A", "#CC79A7", "#000000", "#56B4E9", "#E69F00", "#0072B2", "#D55E00")
-_FREE_MARKERS = ("D", "X", "p", "h", "P", "*", "d")
+_FREE_MARKERS = ("X", "p", "h", "P", "*", "8", "H")
 _FREE_LINES: tuple[LineStyle, ...] = ("-.", "--", ":")
 
 _AXIS_LABELS = {

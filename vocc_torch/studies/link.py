@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import torch
@@ -70,29 +70,63 @@ class Link:
             preambles: whether to render the all-On and all-Off frames of each scene too.
             frames: how many frames of the blocks to use, from the first on; all by default.
         """
+        locators = {"": self.locator}
+        for seen in self.observe_each(locators, model, keys, preambles=preambles, frames=frames):
+            yield seen[""]
+
+    def observe_each(
+        self,
+        locators: Mapping[str, PaperLocator | None],
+        model: SceneModel,
+        keys: Sequence[BlockKey],
+        *,
+        preambles: bool,
+        frames: int | None = None,
+    ) -> Iterator[dict[str, Observation]]:
+        """Run blocks through the link, rendered once and read with each of several locators.
+
+        Args:
+            locators: by name; None takes the simulator's true corners.
+            model: the scenes' distributions.
+            keys: the blocks.
+            preambles: whether to render the all-On and all-Off frames of each scene too.
+            frames: how many frames of the blocks to use, from the first on; all by default.
+        """
         drawn = [model.draw(key, self.simulator.panel.shape) for key in keys]
         scene, bits = Scene.cat([s for s, _ in drawn]), torch.cat([b for _, b in drawn])
         total = min(len(scene), len(scene) if frames is None else frames)
         for start in range(0, total, self.batch_frames):
             rows = slice(start, min(start + self.batch_frames, total))
-            yield self._observe(scene[rows].to(self.simulator.device), bits[rows], model.nearest_m, preambles)
+            batch = scene[rows].to(self.simulator.device), bits[rows].to(self.simulator.device)
+            yield self._observe(locators, *batch, model.nearest_m, preambles)
 
-    def _observe(self, scene: Scene, bits: Tensor, nearest_m: float, preambles: bool) -> Observation:
+    def _observe(
+        self,
+        locators: Mapping[str, PaperLocator | None],
+        scene: Scene,
+        bits: Tensor,
+        nearest_m: float,
+        preambles: bool,
+    ) -> dict[str, Observation]:
         """Run one batch."""
-        bits = bits.to(self.simulator.device)
         frames = self.simulator.render(scene, bits, nearest_m=nearest_m)
-        if self.locator is None:
-            panels = self.simulator.true_panels(scene)
-        else:
-            panels = self.locator(frames, self.reader.shape)
-        levels = self._preambles(scene, bits, panels, nearest_m) if preambles else None
-        return Observation(scene, bits, frames, panels, self.reader.read(frames, panels), levels)
-
-    def _preambles(self, scene: Scene, bits: Tensor, panels: Panels, nearest_m: float) -> Preambles:
-        """Render the preambles of the same scenes and read them where the panel was located."""
-        on = self.simulator.render(scene, torch.ones_like(bits), nearest_m=nearest_m)
-        off = self.simulator.render(scene, torch.zeros_like(bits), nearest_m=nearest_m)
-        return Preambles(self.reader.read_greys(on, panels), self.reader.read_greys(off, panels))
+        levels = None
+        if preambles:
+            on, off = (
+                self.simulator.render(scene, sent, nearest_m=nearest_m)
+                for sent in (torch.ones_like(bits), torch.zeros_like(bits))
+            )
+            levels = (on, off)
+        seen = {}
+        for name, locator in locators.items():
+            panels = (
+                self.simulator.true_panels(scene) if locator is None else locator(frames, self.reader.shape)
+            )
+            # Preambles are read where the panel was located in the frame itself.
+            read = None if levels is None else [self.reader.read_greys(level, panels) for level in levels]
+            known = None if read is None else Preambles(*read)
+            seen[name] = Observation(scene, bits, frames, panels, self.reader.read(frames, panels), known)
+        return seen
 
 
 def block_keys(seed: int, point: str, frames: int) -> list[BlockKey]:

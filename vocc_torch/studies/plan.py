@@ -151,6 +151,15 @@ class ReceiverPlan:
         if self.save not in FLDA_FEATURES:
             raise VoccError(f"receiver.save is {self.save!r}: it must be one of {', '.join(FLDA_FEATURES)}")
 
+    def finders(self, locators: Sequence[Locator]) -> dict[str, PaperLocator | None]:
+        """Give what finds the panel by name, None for the simulator's own corners.
+
+        Example:
+            >>> ReceiverPlan().finders(["truth"])
+            {'truth': None}
+        """
+        return {name: self.location if name == "paper" else None for name in locators}
+
 
 @dataclass(frozen=True)
 class Experiment:
@@ -188,6 +197,11 @@ class Experiment:
             rule = f"finite numbers in ascending order, at least {least} of them"
             raise VoccError(f"experiment.values is {list(self.values)}: it must be {rule}")
 
+    @property
+    def bins(self) -> int:
+        """How many points share the frames of one run: the bins of contrast, otherwise 1."""
+        return len(self.values) - 1 if self.axis == "contrast" else 1
+
     def model_at(self, world: World, value: float) -> SceneModel:
         """The scenes of one point of the axis."""
         model = narrowed(world.scene, self.scene)
@@ -212,14 +226,20 @@ class Budget:
         training_frames: at least 2.
         target_frame_errors: stop a point once every receiver has this many frames in error, or None to
             spend all.
+        precision: stop a point once every receiver's 95 % interval reaches at most this share of its bit
+            error rate to either side, above 0 and below 1, or None.
+        least_ber: with ``precision``, a receiver whose interval lies below this rate needs no more frames; 0
+            to below 1.
 
     Raises:
-        VoccError: a number outside its range.
+        VoccError: a number outside its range, or two stop rules that contradict each other.
     """
 
     frames: int = 1024
     training_frames: int = 1000
     target_frame_errors: int | None = None
+    precision: float | None = None
+    least_ber: float = 0.0
 
     def __post_init__(self) -> None:
         """Check every range."""
@@ -227,6 +247,15 @@ class Budget:
             value = getattr(self, name)
             if value is not None and value < least:
                 raise VoccError(f"budget.{name} is {value}: it must be at least {least}")
+        if self.precision is not None and not 0 < self.precision < 1:
+            raise VoccError(f"budget.precision is {self.precision}: it must be above 0 and below 1, or null")
+        if not 0 <= self.least_ber < 1:
+            raise VoccError(f"budget.least_ber is {self.least_ber}: it must be at least 0 and below 1")
+        if self.precision is not None and self.target_frame_errors is not None:
+            raise VoccError(
+                f"budget.precision is {self.precision} and budget.target_frame_errors is "
+                f"{self.target_frame_errors}: give one of them, null for the other"
+            )
 
 
 @dataclass(frozen=True)
@@ -259,6 +288,12 @@ class Plan:
         for value in self.experiment.values:
             self.experiment.model_at(self.world, value)
         self.experiment.training_model(self.world)
+        frames, target = self.frames_in_point, self.budget.target_frame_errors
+        if target is not None and target > frames:
+            raise VoccError(
+                f"budget.target_frame_errors is {target}: a point of {frames} frames cannot have as many; "
+                "raise budget.frames or lower the target"
+            )
         if self.seed < 0:
             raise VoccError(f"seed is {self.seed}: it must be at least 0")
         if self.batch_frames < 1:
@@ -267,6 +302,11 @@ class Plan:
             raise VoccError(
                 "the receiver and the panel have different shapes: give panel.rows and panel.columns once"
             )
+
+    @property
+    def frames_in_point(self) -> int:
+        """Frames that one Monte Carlo point draws at most: the budget, times the bins where there are bins."""
+        return self.budget.frames * self.experiment.bins
 
 
 def parsed_scene(

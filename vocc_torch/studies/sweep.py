@@ -1,160 +1,143 @@
-"""Measure bit error rates along an experiment's axis, every receiver on the same frames."""
+"""Measure bit error rates along experiments' axes, with a ledger for each and many workers for all."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from itertools import pairwise
 
-import torch
-from torch import Tensor
-
 from vocc_torch.evaluation.counts import Counts
 from vocc_torch.evaluation.curve import Point
-from vocc_torch.evaluation.montecarlo import Label, Part, StopRule, run_point
-from vocc_torch.receiver.bank import ReceiverBank, needs_preambles
+from vocc_torch.evaluation.curves import Curves, Measured
+from vocc_torch.evaluation.ledger import Ledger
+from vocc_torch.evaluation.montecarlo import Label, Outcome, StopRule, Tally
+from vocc_torch.evaluation.paired import PairedCounts
+from vocc_torch.evaluation.schedule import PointWork, run_points
 from vocc_torch.receiver.flda import FLDA
-from vocc_torch.rng import BLOCK_FRAMES, BlockKey
-from vocc_torch.simulation import SceneModel
-from vocc_torch.studies.link import Link, Observation
-from vocc_torch.studies.plan import Experiment, Plan
-
-
-def group_of(experiment: Experiment, link: Link, seen: Observation) -> Tensor:
-    """The group that each frame counts in, (B,) int64: its contrast bin, -1 outside all bins; else 0.
-
-    A contrast on an edge between two bins belongs to the upper one; the last bin holds its upper edge too.
-    """
-    if experiment.axis != "contrast":
-        return torch.zeros(len(seen.bits), dtype=torch.int64, device=seen.bits.device)
-    contrast = link.simulator.contrast(seen.scene)
-    edges = torch.tensor(experiment.values, dtype=contrast.dtype, device=contrast.device)
-    groups = torch.bucketize(contrast, edges, right=True) - 1
-    bins = len(experiment.values) - 1
-    groups = torch.where(contrast == edges[-1], bins - 1, groups)
-    return torch.where(groups < bins, groups, -1)
+from vocc_torch.rng import BLOCK_FRAMES
+from vocc_torch.studies.counter import PointJob
+from vocc_torch.studies.plan import Experiment, Locator, Plan
+from vocc_torch.studies.workers import Workers, lost_worker
 
 
 @dataclass(frozen=True)
-class PointCounter:
-    """Counts the errors of every receiver on blocks of one point.
+class Sweep:
+    """An experiment that is to be measured.
 
     Args:
         plan: the study.
-        link: simulation and front end.
-        bank: the receivers.
-        point: the point's name, which keys its random draws.
-        model: the point's scenes.
+        locators: names of the locators.
+        fldas: fitted on all three features, with each of the locators.
+        ledger: where its blocks are recorded, or None.
     """
 
     plan: Plan
-    link: Link
-    bank: ReceiverBank
-    point: str
-    model: SceneModel
+    locators: tuple[Locator, ...]
+    fldas: Mapping[str, FLDA]
+    ledger: Ledger | None = None
 
-    def __call__(self, parts: Sequence[Part]) -> list[dict[Label, Counts]]:
-        """Count each part by receiver and group."""
-        keys = [BlockKey(self.plan.seed, self.point, part.block) for part in parts]
-        preambles = needs_preambles(self.bank.names)
-        # Only the last block of a budget can be used in part, so the used frames are the first ones.
-        used = sum(part.frames for part in parts)
-        sent, found, groups = [], [], []
-        decided: dict[str, list[Tensor]] = {name: [] for name in self.bank.names}
-        for seen in self.link.observe(self.model, keys, preambles=preambles, frames=used):
-            for name, scores in self.bank.scores(seen.readings, seen.preambles).items():
-                decided[name].append(scores >= 0)
-            sent.append(seen.bits)
-            found.append(seen.panels.found)
-            groups.append(group_of(self.plan.experiment, self.link, seen))
-        bits, panels, group = torch.cat(sent), torch.cat(found), torch.cat(groups)
-        choices = {name: torch.cat(chunks) for name, chunks in decided.items()}
-        counted = []
-        for index, part in enumerate(parts):
-            rows = slice(index * BLOCK_FRAMES, index * BLOCK_FRAMES + part.frames)
-            counted.append(_count(choices, bits, panels, group, rows))
-        return counted
+    def jobs(self) -> list[PointJob]:
+        """Give the points in the order in which they are run."""
+        return [
+            PointJob(self.plan, self.locators, self.fldas, value)
+            for value in monte_carlo_values(self.plan)
+        ]
 
 
-def _count(
-    choices: dict[str, Tensor], sent: Tensor, found: Tensor, group: Tensor, rows: slice
-) -> dict[Label, Counts]:
-    """Count one block by receiver and group."""
-    here = group[rows]
-    counts: dict[Label, Counts] = {}
-    for index in torch.unique(here).tolist():
-        if index < 0:
-            continue
-        chosen = here == index
-        for name, decided in choices.items():
-            counts[name, index] = Counts.of(decided[rows][chosen], sent[rows][chosen], found[rows][chosen])
-    return counts
+Progress = Callable[[Plan, float, int, Mapping[Label, Tally]], None]
+"""Called with the study, the point's value, frames done since the last call, and the tallies so far."""
 
 
-def sweep_point(
-    plan: Plan,
-    link: Link,
-    flda: FLDA,
-    value: float,
-    progress: Callable[[int], None] | None = None,
-    show: Callable[[list[Point]], None] | None = None,
-) -> list[Point]:
-    """Measure one value of the axis; for the contrast experiment, all its bins at once.
+def run_sweeps(
+    sweeps: Sequence[Sweep], workers: Workers, progress: Progress | None = None
+) -> Iterator[tuple[Sweep, float, Outcome]]:
+    """Measure the points of many experiments, one after the other.
 
     Args:
-        plan: the study.
-        link: simulation and front end.
-        flda: fitted on all three features.
-        value: the axis value; without meaning for ``contrast``.
-        progress: called with the frames done since the last call.
-        show: called with the points as they stand.
+        sweeps: the experiments, in order.
+        workers: who does it.
+        progress: called for each block as it is added.
 
-    Returns:
-        A point for each receiver, or for each receiver and bin that holds frames.
+    Yields:
+        Each point once it is finished: its experiment, its value and its outcome.
+
+    Raises:
+        VoccError: a ledger that cannot be written, or a worker that was ended from outside.
     """
-    experiment, budget = plan.experiment, plan.budget
-    bank = ReceiverBank(plan.receiver.names, flda)
-    model = experiment.model_at(plan.world, value)
+    jobs = [(sweep, job) for sweep in sweeps for job in sweep.jobs()]
+    works = [PointWork(job.point, job, stop_rule(sweep.plan), sweep.ledger) for sweep, job in jobs]
+    blocks = max(1, max((sweep.plan.batch_frames for sweep in sweeps), default=1) // BLOCK_FRAMES)
 
-    def advance(frames: int, counts: Mapping[Label, Counts]) -> None:
+    def told(index: int, frames: int, tallies: Mapping[Label, Tally]) -> None:
         if progress is not None:
-            progress(frames)
-        if show is not None:
-            show(_points(plan, value, counts, "running"))
+            sweep, job = jobs[index]
+            progress(sweep.plan, job.value, frames, tallies)
 
-    outcome = run_point(
-        PointCounter(plan, link, bank, point_name(experiment, value), model),
-        StopRule(frames_in_point(plan), budget.target_frame_errors),
-        blocks_at_once=max(1, plan.batch_frames // BLOCK_FRAMES),
-        progress=advance,
-    )
-    return _points(plan, value, outcome.counts, outcome.stopped_by)
+    try:
+        outcomes = run_points(
+            works, workers.submit, window=workers.window, blocks_at_once=blocks, progress=told
+        )
+        for (sweep, job), outcome in zip(jobs, outcomes, strict=True):
+            yield sweep, job.value, outcome
+    except BrokenProcessPool as error:
+        raise lost_worker() from error
 
 
-def _points(plan: Plan, value: float, counts: Mapping[Label, Counts], stopped_by: str) -> list[Point]:
-    """Name the counts by receiver and by axis value, or by the middle of their contrast bin."""
+def stop_rule(plan: Plan) -> StopRule:
+    """Give the rule by which a plan's points stop."""
+    budget = plan.budget
+    return StopRule(plan.frames_in_point, budget.target_frame_errors, budget.precision, budget.least_ber)
+
+
+def points_of(
+    plan: Plan, locator: str, value: float, tallies: Mapping[Label, Tally], stopped_by: str
+) -> list[Point]:
+    """Name one locator's counts by receiver and by axis value, or by the middle of their contrast bin."""
     axis, name = plan.experiment.axis, plan.experiment.name
     values = axis_values(plan.experiment) if axis == "contrast" else (value,)
     return [
-        Point(name, axis, at, receiver, plan.receiver.locator, counts[receiver, group], stopped_by)
+        Point(name, axis, at, receiver, locator, counts, stopped_by)
         for group, at in enumerate(values)
         for receiver in plan.receiver.names
-        if (receiver, group) in counts
+        if isinstance(counts := tallies.get((locator, receiver, group)), Counts)
     ]
 
 
-def point_name(experiment: Experiment, value: float) -> str:
-    """Name a point; the name keys its random draws.
+def measured(plan: Plan, locators: Sequence[Locator], outcomes: Mapping[float, Outcome]) -> Measured:
+    """Put an experiment's outcomes together.
 
-    Example:
-        >>> point_name(Experiment("near", "distance_m", (5.0,)), 5.0)
-        'near/distance_m=5'
+    Args:
+        plan: the study.
+        locators: names of the locators.
+        outcomes: by the value that was simulated.
     """
-    if experiment.axis == "contrast":
-        return experiment.name
-    # Six digits may stand for two values, which would then share their draws.
-    digits = f"{value:g}" if float(f"{value:g}") == value else repr(value)
-    return f"{experiment.name}/{experiment.axis}={digits}"
+    experiment, names = plan.experiment, plan.receiver.names
+    values = axis_values(experiment)
+    counts: dict[str, dict[tuple[str, float], Counts]] = {name: {} for name in locators}
+    pairs: dict[str, dict[tuple[str, str, float], PairedCounts]] = {name: {} for name in locators}
+    location: dict[tuple[str, float], PairedCounts] = {}
+    stopped: dict[float, str] = {}
+    for value, outcome in outcomes.items():
+        for (*label, group), tally in outcome.counts.items():
+            # In the contrast experiment one outcome holds the groups of all values.
+            at = values[int(group)] if experiment.axis == "contrast" else value
+            stopped[at] = outcome.stopped_by
+            parts = [str(part) for part in label]
+            if isinstance(tally, Counts):
+                counts[parts[0]][parts[1], at] = tally
+            elif len(parts) == 1:
+                location[parts[0], at] = tally
+            else:
+                pairs[parts[0]][parts[1], parts[2], at] = tally
+    held = tuple(at for at in values if at in stopped)
+    curves: dict[str, Curves] = {
+        name: Curves(
+            experiment.name, experiment.axis, name, names, held, counts[name], pairs[name], stopped
+        )
+        for name in locators
+    }
+    return Measured(curves, location)
 
 
 def axis_values(experiment: Experiment) -> tuple[float, ...]:
@@ -168,12 +151,6 @@ def axis_values(experiment: Experiment) -> tuple[float, ...]:
     if experiment.axis != "contrast":
         return edges
     return tuple(round((low + high) / 2, 12) for low, high in pairwise(edges))
-
-
-def frames_in_point(plan: Plan) -> int:
-    """Frames that one Monte Carlo point draws: the budget, times the bins where there are bins."""
-    bins = len(plan.experiment.values) - 1 if plan.experiment.axis == "contrast" else 1
-    return plan.budget.frames * bins
 
 
 def monte_carlo_values(plan: Plan) -> tuple[float, ...]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import torch
@@ -12,9 +12,10 @@ from vocc_torch.errors import VoccError
 from vocc_torch.receiver.bank import feature_indices
 from vocc_torch.receiver.features import FEATURE_NAMES
 from vocc_torch.receiver.flda import FLDA
+from vocc_torch.receiver.location import PaperLocator
 from vocc_torch.receiver.receiver import Receiver
-from vocc_torch.studies.link import Link, block_keys
-from vocc_torch.studies.plan import Plan
+from vocc_torch.studies.link import Link, Observation, block_keys
+from vocc_torch.studies.plan import Locator, Plan
 
 FIGURE_SAMPLES = 20_000
 """LEDs kept for the feature histograms."""
@@ -50,27 +51,64 @@ def train(plan: Plan, progress: Callable[[int], None] | None = None) -> Training
         VoccError: no panel was found in any training frame.
     """
     link = Link.of(plan)
-    flda = FLDA(n_features=len(FEATURE_NAMES)).to(link.simulator.device)
-    kept: list[tuple[Tensor, Tensor]] = []
-    leds = missed = 0
+    return _trained(plan, link, {plan.receiver.locator: link.locator}, progress)[plan.receiver.locator]
+
+
+def train_each(plan: Plan, locators: Sequence[Locator]) -> dict[str, Training]:
+    """Train once with each of several locators, all on the same frames.
+
+    Raises:
+        VoccError: no panel was found in any training frame.
+    """
+    return _trained(plan, Link.of(plan), plan.receiver.finders(locators), None)
+
+
+def _trained(
+    plan: Plan,
+    link: Link,
+    locators: Mapping[str, PaperLocator | None],
+    progress: Callable[[int], None] | None,
+) -> dict[str, Training]:
+    """Train with each locator."""
+    gathering = {name: _Gathering(link.simulator.device) for name in locators}
     model = plan.experiment.training_model(plan.world)
     keys = block_keys(plan.seed, "train", plan.budget.training_frames)
-    for seen in link.observe(model, keys, preambles=False, frames=plan.budget.training_frames):
+    frames = plan.budget.training_frames
+    for views in link.observe_each(locators, model, keys, preambles=False, frames=frames):
+        for name, seen in views.items():
+            gathering[name].add(seen)
+        if progress is not None:
+            progress(len(seen.bits))
+    return {name: one.training(frames) for name, one in gathering.items()}
+
+
+class _Gathering:
+    """What one locator's views of the training frames teach."""
+
+    def __init__(self, device: torch.device) -> None:
+        self.flda = FLDA(n_features=len(FEATURE_NAMES)).to(device)
+        self.kept: list[tuple[Tensor, Tensor]] = []
+        self.leds = self.missed = 0
+
+    def add(self, seen: Observation) -> None:
+        """Learn from one batch."""
         found = seen.panels.found
         features, bits = seen.readings.features[found], seen.bits[found]
-        flda.update(features, bits)
-        missed += int((~found).sum())
-        if leds < FIGURE_SAMPLES:
-            kept.append((features.reshape(-1, len(FEATURE_NAMES)).cpu(), bits.reshape(-1).cpu()))
-            leds += bits.numel()
-        if progress is not None:
-            progress(len(found))
-    if missed == plan.budget.training_frames:
-        raise VoccError(
-            f"training found no panel in any of {missed} frames: check scene, camera and receiver.location"
-        )
-    features, bits = (torch.cat(parts)[:FIGURE_SAMPLES] for parts in zip(*kept, strict=True))
-    return Training(flda, plan.budget.training_frames, missed, features, bits)
+        self.flda.update(features, bits)
+        self.missed += int((~found).sum())
+        if self.leds < FIGURE_SAMPLES:
+            self.kept.append((features.reshape(-1, len(FEATURE_NAMES)).cpu(), bits.reshape(-1).cpu()))
+            self.leds += bits.numel()
+
+    def training(self, frames: int) -> Training:
+        """Give the outcome."""
+        if self.missed == frames:
+            raise VoccError(
+                f"training found no panel in any of {frames} frames: "
+                "check scene, camera and receiver.location"
+            )
+        features, bits = (torch.cat(parts)[:FIGURE_SAMPLES] for parts in zip(*self.kept, strict=True))
+        return Training(self.flda, frames, self.missed, features, bits)
 
 
 def trained_receiver(plan: Plan, training: Training) -> Receiver:

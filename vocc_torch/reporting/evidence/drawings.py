@@ -13,6 +13,7 @@ from vocc_torch.reporting.evidence.gradients import gradients_figure
 from vocc_torch.reporting.evidence.overlap import overlap_figure
 from vocc_torch.reporting.evidence.projection import projection_figure
 from vocc_torch.reporting.evidence.spread import grey_agr_figure, gri_figure, ngr_figure
+from vocc_torch.reporting.evidence.timing import timing_figure
 
 DRAWINGS: dict[str, Callable[..., Figure]] = {
     "fig04": overlap_figure,
@@ -25,5 +26,6 @@ DRAWINGS: dict[str, Callable[..., Figure]] = {
     "fig17": order_figure,
     "fig19": histogram_figure,
     "fig20": contrast_figure,
+    "fig25": timing_figure,
 }
 """Each takes the figure's title, and the fields of its data as keyword arguments."""

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import csv
+import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
 
 from vocc_torch.files import atomic_file
 from vocc_torch.studies.evidence.data import Cell, FigureData
@@ -24,12 +28,16 @@ class Made:
         findings: its numbers by name.
         picture: its PNG file.
         table: its CSV file.
+        pixels: (H,W,3) uint8 the picture, red, green, blue.
+        seconds: how long it took to compute, draw and write.
     """
 
     evidence: Evidence
     findings: dict[str, float]
     picture: Path
     table: Path
+    pixels: NDArray[np.uint8]
+    seconds: float
 
 
 def make_evidence(plan: Plan, folder: Path, names: Sequence[str] = ()) -> Iterator[Made]:
@@ -51,16 +59,18 @@ def make_evidence(plan: Plan, folder: Path, names: Sequence[str] = ()) -> Iterat
 
 def _make(plan: Plan, folder: Path, figures: Sequence[Evidence]) -> Iterator[Made]:
     """Do the work of ``make_evidence``, whose names are checked when it is called."""
-    from vocc_torch.reporting.canvas import save_figure  # loads Matplotlib
+    from vocc_torch.reporting.canvas import figure_pixels, save_figure  # loads Matplotlib
 
     for evidence in figures:
+        begin = time.perf_counter()
         data = evidence.compute(plan)
-        made = Made(
-            evidence, data.findings(), folder / f"{evidence.name}.png", folder / f"{evidence.name}.csv"
-        )
-        save_figure(evidence.draw(data), made.picture)
-        write_rows(made.table, data.rows())
-        yield made
+        picture, table = (folder / f"{evidence.name}.{suffix}" for suffix in ("png", "csv"))
+        figure = evidence.draw(data)
+        save_figure(figure, picture)
+        write_rows(table, data.rows())
+        pixels = figure_pixels(figure)
+        seconds = time.perf_counter() - begin
+        yield Made(evidence, data.findings(), picture, table, pixels, seconds)
 
 
 def write_rows(path: Path, rows: Sequence[tuple[Cell, ...]]) -> None:

@@ -16,6 +16,7 @@ from vocc_torch.studies.evidence.gradients import inward_gradients
 from vocc_torch.studies.evidence.overlap import grey_overlap
 from vocc_torch.studies.evidence.projection import projection
 from vocc_torch.studies.evidence.spread import grey_and_agr, gri_and_agr, ngr_and_others
+from vocc_torch.studies.evidence.timing import processing_time
 from vocc_torch.studies.plan import Plan
 
 if TYPE_CHECKING:
@@ -107,6 +108,12 @@ _FIGURES = (
         "Fig. 20: panels at a contrast of 6, 30 and 50 %",
         "Blooming grows with the contrast of On and Off LEDs, which follows from ambient light and LEDs.",
         contrast_panels,
+    ),
+    Evidence(
+        "fig25",
+        "Fig. 25: processing time, normalised to panel detection",
+        "Panel detection takes much longer than any bit detector; a third feature costs next to nothing.",
+        processing_time,
     ),
 )
 

@@ -1,0 +1,134 @@
+"""How long calls take: warmed up, in turns, the device done before the clock is read; and on what machine."""
+
+from __future__ import annotations
+
+import os
+import platform
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from vocc_torch.errors import VoccError
+
+_CPU_FILE = Path("/proc/cpuinfo")
+"""Where Linux names the processor; platform.processor() is empty there."""
+
+
+@dataclass(frozen=True, slots=True)
+class Timing:
+    """How long one call took over its repeats.
+
+    Args:
+        median_s: median, s.
+        low_s: lower quartile, s.
+        high_s: upper quartile, s.
+        repeats: how often it was timed.
+    """
+
+    median_s: float
+    low_s: float
+    high_s: float
+    repeats: int
+
+    @classmethod
+    def of(cls, seconds: list[float]) -> Timing:
+        """Summarise at least one duration; quartiles lie between two durations where need be.
+
+        Example:
+            >>> Timing.of([4.0, 1.0, 2.0, 3.0, 100.0])
+            Timing(median_s=3.0, low_s=2.0, high_s=4.0, repeats=5)
+        """
+        low, median, high = np.percentile(seconds, (25, 50, 75)).tolist()
+        return cls(median, low, high, len(seconds))
+
+
+def interleaved(
+    calls: Mapping[str, Callable[[], object]],
+    repeats: int,
+    device: torch.device,
+    *,
+    warm_up: int = 2,
+    clock: Callable[[], float] = time.perf_counter,
+) -> dict[str, Timing]:
+    """Time calls in rounds, each once a round, so that a busy spell of the machine meets all of them.
+
+    Every other round runs backwards: no call always finds the caches as the same other one left them, and a
+    slow drift weighs on all alike. The device is idle when a call starts and done before the clock is read.
+
+    Args:
+        calls: what to time, by name.
+        repeats: timed rounds, at least 1.
+        device: where the calls work.
+        warm_up: rounds before, not timed, at least 0: allocation, compilation and what a call solves once.
+        clock: gives seconds.
+
+    Raises:
+        VoccError: ``repeats`` or ``warm_up`` outside its range.
+
+    Example:
+        >>> spent = interleaved({"sum": lambda: sum(range(9)), "none": int}, 5, torch.device("cpu"))
+        >>> list(spent), spent["sum"].repeats, spent["sum"].median_s > 0
+        (['sum', 'none'], 5, True)
+    """
+    for name, value, least in (("repeats", repeats, 1), ("warm_up", warm_up, 0)):
+        if value < least:
+            raise VoccError(f"{name} is {value}: it must be at least {least}")
+    seconds: dict[str, list[float]] = {name: [] for name in calls}
+    for turn in range(warm_up + repeats):
+        for name in list(calls)[:: -1 if turn % 2 else 1]:
+            _finish(device)
+            begin = clock()
+            calls[name]()
+            _finish(device)
+            spent = clock() - begin
+            if turn >= warm_up:
+                seconds[name].append(spent)
+    return {name: Timing.of(durations) for name, durations in seconds.items()}
+
+
+def _finish(device: torch.device) -> None:
+    """Wait until the device has done what it was given; the CPU has when a call returns."""
+    if device.type == "cuda":
+        torch.cuda.synchronize(device)
+
+
+def describe_machine(device: torch.device) -> str:
+    """Name what a time depends on: processor, cores, threads, torch and, where it is used, the accelerator.
+
+    Args:
+        device: where the timed calls work.
+
+    Example:
+        >>> describe_machine(torch.device("cpu"))  # doctest: +ELLIPSIS
+        '..., torch ...'
+    """
+    threads = torch.get_num_threads()
+    cpu = f"{_cpu_name()} with {_counted(_usable_cores(), 'core')}, {_counted(threads, 'thread')}"
+    where = f"{torch.cuda.get_device_name(device)}, " if device.type == "cuda" else ""
+    return f"{where}{cpu}, torch {torch.__version__}"
+
+
+def _counted(count: int, name: str) -> str:
+    """Write a number of things."""
+    return f"{count} {name}" if count == 1 else f"{count} {name}s"
+
+
+def _cpu_name() -> str:
+    """Give the processor's model as the system names it, at least its architecture."""
+    try:
+        lines = _CPU_FILE.read_text(encoding="utf-8", errors="replace").splitlines()
+    except OSError:
+        lines = []
+    models = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
+    return next(models, "") or platform.processor() or platform.machine() or "unknown processor"
+
+
+def _usable_cores() -> int:
+    """Count the cores that this process may run on; a container may allow fewer than there are."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1

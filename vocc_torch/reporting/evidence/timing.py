@@ -1,0 +1,143 @@
+"""Drawing of Fig. 25: the time of each bit detector over that of panel detection."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from vocc_torch.reporting.canvas import GRID, INK, new_figure, quiet_axes, write_title
+from vocc_torch.reporting.evidence.panels import Floats, head
+from vocc_torch.reporting.styles import receiver_styles
+
+_PANEL = ("Panel detection", "#A9AFB6")
+_KINDS = {"whole_frames": "whole frames", "crops": "crops of the panel's surroundings"}
+
+
+def timing_figure(
+    title: str,
+    *,
+    frames: tuple[str, ...],
+    batches: tuple[int, ...],
+    stages: tuple[str, ...],
+    median_ms: Floats,
+    low_ms: Floats,
+    high_ms: Floats,
+    paper_shares: Floats,
+    rounds: tuple[int, ...],
+    sensor_px: tuple[int, int],
+    machine: str,
+    threads: int,
+) -> Figure:
+    """Draw a bar a stage for each kind of frames and each batch size, with the paper's value beside it.
+
+    Args:
+        title: the figure's.
+        frames: F kinds of frames.
+        batches: N batch sizes, 1 or 2 of them.
+        stages: S stages, panel detection first, then receivers.
+        median_ms: (F,N,S) ms a frame.
+        low_ms: (F,N,S) lower quartile.
+        high_ms: (F,N,S) upper quartile.
+        paper_shares: (S,) the paper's, of panel detection.
+        rounds: (N,) timed rounds.
+        sensor_px: height and width of a whole frame.
+        machine: what was measured on.
+        threads: threads that torch used within an operation.
+    """
+    figure = new_figure(10, 6.6)
+    column = 0.79 / len(batches)
+    longest = 100 * max(1.0, float((high_ms / median_ms[..., :1]).max()))
+    for place, (f, n) in enumerate(np.ndindex(len(frames), len(batches))):
+        axes = figure.add_axes((0.205 + column * n, 0.575 - 0.378 * f, column - 0.025, 0.29))
+        _bars(axes, stages, median_ms[f, n], low_ms[f, n], high_ms[f, n], paper_shares)
+        axes.set_xlim(0, 1.32 * longest)
+        axes.set_xticks(np.arange(0, longest + 1, 20))
+        axes.tick_params(axis="y", labelleft=n == 0)
+        if f == len(frames) - 1:
+            axes.set_xlabel("Time over that of panel detection (%)")
+            axes.xaxis.label.set_fontsize(11)
+        said = f"{_KINDS.get(frames[f], frames[f])}, {_at_a_time(batches[n])}"
+        head(axes, f"({'abcd'[place]})", said)
+    _legend(figure)
+    timed = " and ".join(
+        f"{count} rounds {_at_a_time(batch)}" for count, batch in zip(rounds, batches, strict=True)
+    )
+    footnote = (
+        f"Times are of one frame, medians of {timed}; preambles are not counted.\n"
+        f"Whole frames: {sensor_px[1]} x {sensor_px[0]} px. The paper: Matlab 2017b, machine not named.\n"
+        f"Ours: {machine}."
+    )
+    write_title(figure, title, footnote)
+    return figure
+
+
+def _at_a_time(batch: int) -> str:
+    """Say a batch size."""
+    return "one at a time" if batch == 1 else f"{batch} at a time"
+
+
+def _bars(
+    axes: Axes, stages: tuple[str, ...], median: Floats, low: Floats, high: Floats, paper_shares: Floats
+) -> None:
+    """Draw one kind of frames at one batch size: S bars, their quartiles and the paper's marks."""
+    styles = receiver_styles(stages[1:])
+    looks = [_PANEL, *((styles[name].label, styles[name].colour) for name in stages[1:])]
+    percent = 100 / float(median[0])
+    rows = np.arange(float(len(stages)))
+    axes.barh(rows, percent * median, height=0.62, color=[colour for _, colour in looks])
+    spread = percent * np.stack([median - low, high - median])
+    axes.errorbar(percent * median, rows, xerr=spread, fmt="none", ecolor=INK, elinewidth=1.2, capsize=2.5)
+    axes.add_line(_paper_mark(100 * paper_shares[1:], rows[1:]))
+    for row, (spent, highest, share) in enumerate(zip(median, high, paper_shares, strict=True)):
+        end = max(percent * highest, 100 * share if row else 0.0)
+        text = (
+            f"{number_text(percent * spent)} %  ({number_text(spent)} ms)"
+            if row
+            else f"{number_text(spent)} ms"
+        )
+        axes.annotate(
+            text, (end, row), (9, 0), textcoords="offset points", va="center", color=INK, fontsize=10
+        )
+    quiet_axes(axes)
+    axes.grid(axis="x", color=GRID, linewidth=0.8)
+    axes.set_yticks(rows, [label for label, _ in looks])
+    axes.tick_params(axis="y", length=0)
+    axes.invert_yaxis()
+
+
+def number_text(value: float) -> str:
+    """Write a positive number in about two digits behind the first, never as a power of ten.
+
+    Example:
+        >>> [number_text(value) for value in (104.26, 32.53, 5.513, 0.5942, 0.01337)]
+        ['104', '32.5', '5.51', '0.594', '0.0134']
+    """
+    digits = max(0, 2 - int(np.floor(np.log10(max(value, 1e-9)))))
+    return f"{value:.{digits}f}"
+
+
+def _paper_mark(x: Floats, y: Floats) -> Line2D:
+    """Make the marks of the paper's values."""
+    marks = Line2D(x, y, linestyle="none", marker="D", markersize=7.5, zorder=5, label="the paper")
+    marks.set(markerfacecolor="white", markeredgecolor=INK)
+    return marks
+
+
+def _legend(figure: Figure) -> None:
+    """Explain the marks at the figure's top right."""
+    handles = [
+        _paper_mark(np.empty(0), np.empty(0)),
+        Line2D([], [], color=INK, marker="|", markersize=7, linewidth=1.2, label="quartiles"),
+    ]
+    figure.legend(
+        handles=handles,
+        loc="upper right",
+        bbox_to_anchor=(0.99, 1 - 0.06 / figure.get_figheight()),
+        ncols=2,
+        frameon=False,
+        fontsize=10.5,
+        handletextpad=0.4,
+        columnspacing=1.4,
+    )

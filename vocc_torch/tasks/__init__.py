@@ -1,0 +1,7 @@
+"""What each task does and writes: studies and reports put together."""
+
+from vocc_torch.tasks.decoding import run_decode
+from vocc_torch.tasks.testing import run_test
+from vocc_torch.tasks.training import run_train
+
+__all__ = ["run_decode", "run_test", "run_train"]
