@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+import math
+from dataclasses import asdict, replace
+from itertools import pairwise
 from pathlib import Path
 
 import torch
 
-from vocc_torch.config import AppConfig, effect_settings
+from vocc_torch.config import AppConfig, ExperimentConfig, effect_settings
 from vocc_torch.errors import VoccError
 from vocc_torch.receiver.location import PaperLocator
 from vocc_torch.receiver.reader import Reader
@@ -36,22 +38,66 @@ def build_plan(settings: AppConfig, folder: Path) -> Plan:
     Raises:
         VoccError: a value outside its range, named by its key.
     """
-    experiment = settings.experiment
     return Plan(
         world=_world(settings),
         receiver=_receiver(settings),
-        experiment=Experiment(
-            name=experiment.name,
-            axis=experiment.axis,
-            values=tuple(experiment.values),
-            scene=parsed_scene(experiment.scene, "experiment.scene"),
-            training=parsed_scene(experiment.training, "experiment.training"),
-        ),
+        experiment=_experiment(settings.experiment, "experiment"),
         budget=Budget(**asdict(settings.budget)),
         folder=folder,
         seed=settings.seed,
         batch_frames=settings.batch_frames,
     )
+
+
+def build_rows(plan: Plan, config: ExperimentConfig, section: str) -> dict[float, Plan]:
+    """Build the plans of a grid, a row each, by the value of the row.
+
+    Args:
+        plan: the study of the whole grid.
+        config: its experiment.
+        section: the experiment's key.
+
+    Raises:
+        VoccError: rows that are missing, not ascending, or of no value of a scene.
+    """
+    axis, rows = config.row_axis, config.rows
+    if axis not in SCENE_FIELDS or axis == config.axis:
+        allowed = ", ".join(name for name in SCENE_FIELDS if name != config.axis)
+        raise VoccError(f"{section}.row_axis is {axis!r}: it must be one of {allowed}")
+    ascending = all(a < b for a, b in pairwise(rows))
+    if not rows or not ascending or not all(map(math.isfinite, rows)):
+        raise VoccError(f"{section}.rows is {rows}: it must be finite numbers in ascending order")
+    return {value: replace(plan, experiment=plan.experiment.at_row(axis, value)) for value in rows}
+
+
+def build_experiments(settings: AppConfig, plan: Plan) -> dict[str, dict[float, Plan]]:
+    """Build the plans of all experiments of ``task=figures``, by name and row; where there is no grid, one.
+
+    Raises:
+        VoccError: a value outside its range, named by its key.
+    """
+    built: dict[str, dict[float, Plan]] = {}
+    for name, config in settings.figures.experiments.items():
+        section = f"figures.experiments.{name}"
+        whole = replace(plan, experiment=_experiment(config, section))
+        built[name] = {0.0: whole} if config.row_axis is None else build_rows(whole, config, section)
+    return built
+
+
+def _experiment(config: ExperimentConfig, section: str) -> Experiment:
+    """One experiment; its refusals name the configuration's key."""
+    try:
+        return Experiment(
+            name=config.name,
+            axis=config.axis,
+            values=tuple(config.values),
+            scene=parsed_scene(config.scene, f"{section}.scene"),
+            training=parsed_scene(config.training, f"{section}.training"),
+        )
+    except VoccError as error:
+        if section == "experiment":
+            raise
+        raise VoccError(str(error).replace("experiment.", f"{section}.", 1)) from None
 
 
 def _world(settings: AppConfig) -> World:

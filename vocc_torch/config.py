@@ -88,6 +88,8 @@ class ExperimentConfig:
     values: list[float] = MISSING
     scene: dict[str, Any] = field(default_factory=dict)
     training: dict[str, Any] = field(default_factory=dict)
+    row_axis: str | None = None
+    rows: list[float] = field(default_factory=list)
 
 
 @dataclass
@@ -99,6 +101,16 @@ class BudgetConfig:
     target_frame_errors: int | None = None
     precision: float | None = None
     least_ber: float = 0.0
+
+
+@dataclass
+class FiguresConfig:
+    """What ``task=figures`` makes: see :class:`vocc_torch.studies.campaign.Campaign`."""
+
+    names: list[str] = field(default_factory=list)
+    focal_lengths_mm: list[float] = field(default_factory=list)
+    locators: list[str] = field(default_factory=list)
+    experiments: dict[str, ExperimentConfig] = field(default_factory=dict)
 
 
 @dataclass
@@ -132,6 +144,7 @@ class AppConfig:
     experiment: ExperimentConfig = field(default_factory=ExperimentConfig)
     budget: BudgetConfig = field(default_factory=BudgetConfig)
     decode: DecodeConfig = field(default_factory=DecodeConfig)
+    figures: FiguresConfig = field(default_factory=FiguresConfig)
 
 
 def register_schema() -> None:

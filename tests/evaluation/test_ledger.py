@@ -14,6 +14,7 @@ import tempfile
 import time
 import traceback
 from collections import Counter
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -24,10 +25,11 @@ from hypothesis import strategies as st
 from vocc_torch.errors import VoccError
 from vocc_torch.evaluation import exclusive, ledger_format
 from vocc_torch.evaluation.counts import Counts
-from vocc_torch.evaluation.ledger import Ledger, recorded
+from vocc_torch.evaluation.ledger import Ledger
 from vocc_torch.evaluation.ledger_format import LedgerRow, fingerprint, header, sealed, unsealed
-from vocc_torch.evaluation.montecarlo import Part, StopRule, run_point
+from vocc_torch.evaluation.montecarlo import Part, StopRule
 from vocc_torch.evaluation.paired import PairedCounts
+from vocc_torch.evaluation.schedule import PointWork, run_point, run_points
 from vocc_torch.rng import BlockKey
 
 SETTINGS = {
@@ -62,12 +64,12 @@ def count(parts):
 class Calls:
     """Counts, and remembers which blocks it was asked for."""
 
-    def __init__(self):
-        self.blocks = []
+    def __init__(self, point=POINT):
+        self.blocks, self.point = [], point
 
     def __call__(self, parts):
         self.blocks += [part.block for part in parts]
-        return count(parts)
+        return [counted(part, self.point) for part in parts]
 
 
 def refusal(call, *parts):
@@ -98,12 +100,13 @@ UNSYNCED = settings(deadline=None, suppress_health_check=[HealthCheck.function_s
 def filled(path, blocks=4, config=SETTINGS):
     """A ledger file of some whole blocks; its bytes."""
     with Ledger.open(path, config) as ledger:
-        recorded(count, ledger, POINT)([Part(block, 64) for block in range(blocks)])
+        outcome_of(ledger, StopRule(64 * blocks))
     return path.read_bytes()
 
 
 def outcome_of(ledger, rule, function=count, **options):
-    return run_point(recorded(function, ledger, POINT), rule, **options)
+    (outcome,) = run_points([PointWork(POINT, function, rule, ledger)], **options)
+    return outcome
 
 
 # What is written is what is read.
@@ -199,15 +202,29 @@ def test_answers_stay_with_their_blocks_where_known_and_missing_ones_alternate(p
         outcome = outcome_of(ledger, StopRule(1000, 150), calls, blocks_at_once=blocks_at_once)
         assert outcome == run_point(count, StopRule(1000, 150))
         assert not {1, 2, 6, 9} & set(calls.blocks)
-        assert recorded(count, ledger, POINT)(parts) == count(parts)
+        assert outcome_of(ledger, StopRule(1000), calls, blocks_at_once=blocks_at_once) == run_point(
+            count, StopRule(1000)
+        )
+        assert sorted(calls.blocks) == [0, 3, 4, 5, 7, 8, *range(10, 16)]
+        assert [dict(ledger.find(POINT, part.block, part.frames).counts) for part in parts] == count(parts)
 
 
 def test_points_do_not_mix(path):
+    """Two points of one schedule, whose blocks have the same numbers and other counts."""
+    calls = {"near": Calls("near"), "far": Calls("far")}
+    rule = StopRule(192)
     with Ledger.open(path, SETTINGS) as ledger:
-        near, far = Calls(), Calls()
-        recorded(near, ledger, "near")([Part(0, 64)])
-        recorded(far, ledger, "far")([Part(0, 64)])
-        assert near.blocks == far.blocks == [0]
+        ledger.append("far", 1, 64, counted(Part(1, 64), "far"))
+        works = [PointWork(name, function, rule, ledger) for name, function in calls.items()]
+        outcomes = list(run_points(works))
+        assert outcomes == [run_point(Calls(name), rule) for name in calls]
+        assert outcomes[0] != outcomes[1]
+        assert {name: function.blocks for name, function in calls.items()} == {"near": [0, 1, 2], "far": [0, 2]}
+        for name in calls:
+            rows = ledger.blocks(name)
+            assert {block: dict(row.counts) for block, row in rows.items()} == {
+                block: counted(Part(block, 64), name) for block in range(3)
+            }
 
 
 def test_a_block_used_in_part_is_counted_again_when_more_of_it_is_needed_and_both_rows_stay(path):
@@ -228,18 +245,27 @@ def test_a_block_used_in_part_is_counted_again_when_more_of_it_is_needed_and_bot
         assert len(ledger) == 6
 
 
-def test_the_caller_may_change_what_it_gets(path):
+def test_the_caller_may_change_what_it_gets_and_the_counter_what_it_gave(path):
+    given = []
+
+    def keeping(parts):
+        given.extend(count(parts))
+        return given[-len(parts) :]
+
     with Ledger.open(path, SETTINGS) as ledger:
-        wrapped = recorded(count, ledger, POINT)
-        first = wrapped([Part(0, 64)])[0]
-        first.clear()
-        assert wrapped([Part(0, 64)])[0] == counted(Part(0, 64))
+        outcome = outcome_of(ledger, StopRule(64), keeping)
+        for one in (outcome.counts, *given):
+            assert one
+            one.clear()
+        assert ledger.find(POINT, 0, 64).counts == counted(Part(0, 64))
+        assert outcome_of(ledger, StopRule(64)) == run_point(count, StopRule(64))
 
 
-def test_a_counter_that_gives_too_few_answers_records_nothing(path):
+@pytest.mark.parametrize("answers", [slice(1, None), slice(0, 0)])
+def test_a_counter_that_gives_too_few_answers_records_nothing(path, answers):
     with Ledger.open(path, SETTINGS) as ledger:
         with pytest.raises(ValueError, match="shorter"):
-            recorded(lambda parts: count(parts)[1:], ledger, POINT)([Part(0, 64), Part(1, 64)])
+            outcome_of(ledger, StopRule(128), lambda parts: count(parts)[answers], blocks_at_once=2)
         assert len(ledger) == 0
 
 
@@ -703,6 +729,19 @@ def test_a_failed_write_that_cannot_be_undone_ends_the_run_and_the_next_one_repa
     assert path.read_bytes() == before
 
 
+@pytest.mark.parametrize("failing", [{1}, {2}])
+@pytest.mark.parametrize("begun", [False, True])
+def test_a_ledger_that_cannot_be_begun_leaves_no_file(path, monkeypatch, failing, begun):
+    if begun:
+        path.parent.mkdir()
+        path.write_bytes(b"")
+    with monkeypatch.context() as patches:
+        FullDisk(failing, 40).stands_in(patches)
+        refusal(lambda: Ledger.open(path, SETTINGS), path, "No space left")
+    assert list(path.parent.iterdir()) == []
+    assert filled(path) == filled(path.with_name("another"))
+
+
 def test_an_interrupt_in_the_middle_of_a_write_leaves_the_file_as_it_was(path, monkeypatch):
     before, write = filled(path), os.write
 
@@ -721,7 +760,7 @@ def test_an_interrupt_in_the_middle_of_a_write_leaves_the_file_as_it_was(path, m
 
 # Kills. A process of its own, with one thread, forks a run, kills it with SIGKILL, and forks the next.
 
-KILLED_BLOCKS, CALL_BLOCKS = 30, 24
+KILLED_BLOCKS, CALL_BLOCKS, THREADS = 30, 24, 3
 
 
 def rows_in(path):
@@ -731,14 +770,15 @@ def rows_in(path):
     return {json.loads(line)["block"] for line in path.read_bytes().split(b"\n")[1:-1]}
 
 
-def live(folder, blocks, blocks_at_once, fault=None):
+def live(folder, blocks, blocks_at_once, threads, fault=None):
     """One life of a run: it says which blocks it counts, and writes its result if it gets so far."""
     said = os.open(folder / "calls", os.O_WRONLY | os.O_CREAT | os.O_APPEND)
 
     def slow(parts):
         for part in parts:
             os.write(said, f"{part.block}\n".encode())
-        time.sleep(0.001 * len(parts))
+        # Blocks do not take equally long, so that threads end them out of order.
+        time.sleep(0.001 * sum(1 + part.block % 3 for part in parts) / 2)
         return count(parts)
 
     if fault is not None:
@@ -746,7 +786,10 @@ def live(folder, blocks, blocks_at_once, fault=None):
     with Ledger.open(folder / "ledger", SETTINGS) as ledger:
         if ledger.repaired:
             (folder / "repairs").open("a").write(ledger.repaired + "\n")
-        outcome = outcome_of(ledger, StopRule(blocks * 64 - 10), slow, blocks_at_once=blocks_at_once)
+        with ThreadPoolExecutor(threads) as pool:
+            hands = {"submit": pool.submit, "window": 2 * threads} if threads > 1 else {}
+            rule = StopRule(blocks * 64 - 10)
+            outcome = outcome_of(ledger, rule, slow, blocks_at_once=blocks_at_once, **hands)
         (folder / "result").write_text(repr(outcome))
 
 
@@ -789,14 +832,14 @@ def killed_at_call(number, part):
     return install
 
 
-def lives(folder, blocks, blocks_at_once, plan):
+def lives(folder, blocks, blocks_at_once, plan, threads=1):
     """Fork lives until one ends well; ``plan`` gives each its fault and the seconds until it is killed."""
     folder.mkdir()
     told = []
     for fault, delay_s in plan:
         (folder / "calls").write_text("")
         known = rows_in(folder / "ledger")
-        child = forked(live, folder, blocks, blocks_at_once, fault)
+        child = forked(live, folder, blocks, blocks_at_once, threads, fault)
         if delay_s is not None:
             time.sleep(delay_s)
             os.kill(child, signal.SIGKILL)
@@ -882,6 +925,7 @@ def really_full(folder):
 def under_fire(folder):
     """Everything that needs forks, told as JSON."""
     report = {f"random {n}": lives(folder / f"r{n}", KILLED_BLOCKS, n, random_plan(n)) for n in (1, 3)}
+    report["threads"] = lives(folder / "threads", KILLED_BLOCKS, 1, random_plan(2), THREADS)
     report["calls"] = lives(folder / "calls", CALL_BLOCKS, 1, call_plan())
     report["second"] = second_writer(folder)
     report["full"] = really_full(folder)
@@ -906,9 +950,9 @@ def fire(tmp_path_factory):
     return json.loads(done.stdout)
 
 
-@pytest.mark.parametrize(("name", "blocks_at_once"), [("random 1", 1), ("random 3", 3)])
-def test_a_run_killed_at_random_moments_ends_as_an_undisturbed_one(fire, name, blocks_at_once):
-    check_lives(fire[name], KILLED_BLOCKS, blocks_at_once, least_kills=5)
+@pytest.mark.parametrize(("name", "blocks_lost"), [("random 1", 1), ("random 3", 3), ("threads", 2 * THREADS)])
+def test_a_run_killed_at_random_moments_ends_as_an_undisturbed_one(fire, name, blocks_lost):
+    check_lives(fire[name], KILLED_BLOCKS, blocks_lost, least_kills=5)
 
 
 def test_a_run_killed_at_every_call_that_reaches_the_disk_ends_as_an_undisturbed_one(fire):
@@ -917,21 +961,21 @@ def test_a_run_killed_at_every_call_that_reaches_the_disk_ends_as_an_undisturbed
     assert any("torn last line" in line for line in fire["calls"]["repairs"])
 
 
-def check_lives(report, blocks, blocks_at_once, least_kills):
-    """The numbers are right, and a life counts nothing that was recorded and loses only one call's blocks."""
+def check_lives(report, blocks, blocks_lost, least_kills):
+    """The numbers are right, and a life counts nothing that was recorded and loses only what was under way."""
     *killed, last = report["lives"]
     assert report["result"] == repr(run_point(count, StopRule(blocks * 64 - 10)))
     assert last["status"] == 0
     assert len(killed) >= least_kills
     for life in killed:
         assert os.WTERMSIG(life["status"]) == signal.SIGKILL
-        assert len(set(life["calls"]) - set(life["after"])) <= blocks_at_once
+        assert len(set(life["calls"]) - set(life["after"])) <= blocks_lost
     for life in report["lives"]:
         assert not set(life["calls"]) & set(life["known"])
         assert len(life["calls"]) == len(set(life["calls"]))
     calls = sum(len(life["calls"]) for life in report["lives"])
     print(f"{len(killed)} kills, {calls} blocks counted for {blocks}, {len(report['repairs'])} repairs")
-    assert blocks <= calls <= blocks + blocks_at_once * len(killed)
+    assert blocks <= calls <= blocks + blocks_lost * len(killed)
 
 
 def test_a_second_process_is_refused_and_a_killed_holder_lets_go(fire):

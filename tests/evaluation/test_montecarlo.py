@@ -1,11 +1,14 @@
 """Blocks in index order until a stop rule holds, on counts that are made up."""
 
+import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vocc_torch.evaluation.counts import Counts
-from vocc_torch.evaluation.montecarlo import StopRule
+from vocc_torch.evaluation.intervals import ber_interval
+from vocc_torch.evaluation.montecarlo import Running, StopRule
+from vocc_torch.evaluation.paired import PairedCounts
 from vocc_torch.evaluation.schedule import run_point
 from vocc_torch.rng import BLOCK_FRAMES
 
@@ -107,3 +110,149 @@ def test_progress_tells_of_every_block_that_counts():
 def test_a_counter_that_forgets_a_block_is_caught():
     with pytest.raises(ValueError, match="zip"):
         run_point(lambda parts: [], StopRule(100))
+
+
+# Precision
+
+
+def drawn(seed, rates, groups=1, bits=64):
+    """A counter of receivers whose frames are in error at these rates, each with one wrong bit or more."""
+    rng = np.random.default_rng(seed)
+
+    def count(parts):
+        blocks = []
+        for part in parts:
+            group, tallies = rng.integers(0, groups, part.frames), {}
+            for name, rate in rates.items():
+                halves = 2 * rng.geometric(0.4, part.frames).clip(max=bits) * (rng.random(part.frames) < rate)
+                for index in range(groups):
+                    mine = halves[group == index]
+                    sums = (int(mine.sum()), int((mine**2).sum()), int((mine > 0).sum()))
+                    tallies[name, index] = Counts(len(mine), bits * len(mine), *sums)
+            blocks.append(tallies)
+        return blocks
+
+    return count
+
+
+def narrow(counts, precision, least_ber=0.0):
+    """What the rule asks of one receiver, in other words."""
+    interval, ber = ber_interval(counts), counts.ber
+    reach = max(interval.high - ber, ber - interval.low)
+    return interval.high <= least_ber or (ber > 0 and reach <= precision * ber)
+
+
+SURE = {("a", 0): Counts(10**6, 64 * 10**6, 2 * 10**5, 4 * 10**5, 10**5)}
+
+
+def test_precision_is_looked_at_in_steps_of_at_least_16_blocks_and_of_a_sixteenth():
+    """Looks at every block would stop a point by luck; too few would waste frames."""
+    rule = StopRule(10**9, precision=0.1)
+    looks = [blocks for blocks in range(1, 4097) if rule.reached(SURE, blocks) == "precision"]
+    assert looks[:20] == list(range(16, 321, 16))
+    steps = {b: b - a for a, b in zip(looks, looks[1:], strict=False)}
+    assert min(steps.values()) == 16
+    assert all(step == 16 or blocks / 32 <= step <= blocks / 16 for blocks, step in steps.items())
+    assert looks[-1] == 4096
+
+
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    rates=st.fixed_dictionaries({"a": st.sampled_from([0.0, 0.02, 0.2]), "b": st.sampled_from([0.05, 0.5])}),
+    groups=st.integers(1, 2),
+    precision=st.sampled_from([0.05, 0.15, 0.3]),
+    least_ber=st.sampled_from([0.0, 1e-4, 1e-2]),
+    at_once=st.integers(1, 20),
+)
+@settings(max_examples=60, deadline=None)
+def test_a_precise_point_stops_at_the_first_look_at_which_everyone_is(
+    seed, rates, groups, precision, least_ber, at_once
+):
+    rule, seen = StopRule(64 * 130, precision=precision, least_ber=least_ber), []
+    outcome = run_point(
+        drawn(seed, rates, groups),
+        rule,
+        blocks_at_once=at_once,
+        progress=lambda _, tallies: seen.append(dict(tallies)),
+    )
+    enough = [
+        blocks
+        for blocks in range(16, 131, 16)
+        if blocks <= len(seen)
+        and all(narrow(counts, precision, least_ber) for counts in seen[blocks - 1].values())
+    ]
+    if outcome.stopped_by == "precision":
+        assert enough == [len(seen)]
+        assert all(narrow(counts, precision, least_ber) for counts in outcome.counts.values())
+    else:
+        assert (outcome.stopped_by, enough, len(seen)) == ("frames", [], 130)
+
+
+def test_without_errors_a_point_is_precise_only_below_the_least_rate():
+    free = drawn(0, {"a": 0.0})
+    assert run_point(free, StopRule(64 * 40, precision=0.9)).stopped_by == "frames"
+    # The upper limit of n error-free frames is about 3 / n frames in error, each with one of 64 bits.
+    for least_ber, frames in ((3e-5, 1600), (1e-5, 4800)):
+        outcome = run_point(free, StopRule(10**6, precision=0.1, least_ber=least_ber))
+        assert outcome.stopped_by == "precision"
+        assert ber_interval(outcome.counts["a", 0]).high <= least_ber
+        assert frames <= outcome.counts["a", 0].frames <= 1.3 * frames
+    with_errors = drawn(0, {"a": 0.0, "b": 0.001})
+    outcome = run_point(with_errors, StopRule(64 * 40, precision=0.1, least_ber=1e-5))
+    assert outcome.stopped_by == "frames"
+
+
+def test_every_group_must_be_precise_though_frame_errors_add_over_them():
+    counts = {("a", 0): SURE["a", 0], ("a", 1): Counts(64, 4096, 2, 4, 1)}
+    assert StopRule(10**9, precision=0.1).reached(counts, 16) is None
+    assert StopRule(10**9, target_frame_errors=10**5 + 1).reached(counts, 16) == "frame_errors"
+    assert StopRule(10**9, target_frame_errors=10**5 + 2).reached(counts, 16) is None
+
+
+@pytest.mark.parametrize("rule", [StopRule(10**9, 10), StopRule(10**9, precision=0.1)])
+def test_comparisons_hold_nothing_up_and_end_nothing(rule):
+    pair = {("a", "b", 0): PairedCounts(64, 4096), ("a", 0): PairedCounts(64, 4096)}
+    assert rule.reached(pair, 16) is None
+    assert rule.reached({("t", *label): one for label, one in SURE.items()} | pair, 16) is not None
+
+
+def test_a_point_without_frames_is_not_precise():
+    assert StopRule(10**9, precision=0.1, least_ber=1.0).reached({("a", 0): Counts()}, 16) is None
+
+
+def test_intervals_of_points_that_stopped_by_precision_cover_the_truth():
+    """Stopping where the interval happens to be narrow could make it miss more often than 1 in 20."""
+    rate, covered, blocks = 0.05, 0, set()
+    for seed in range(400):
+        outcome = run_point(drawn(seed, {"a": rate}), StopRule(64 * 1000, precision=0.3))
+        interval = ber_interval(outcome.counts["a", 0])
+        covered += interval.low <= rate * 2.5 / 64 <= interval.high  # the geometric's mean is 1 / 0.4
+        blocks.add(outcome.counts["a", 0].frames // 64)
+    assert len(blocks) > 1
+    assert 0.93 <= covered / 400 <= 0.99
+
+
+# A point under way
+
+
+@given(st.lists(st.integers(0, BLOCK_FRAMES), min_size=1, max_size=12), st.none() | st.integers(1, 60))
+def test_a_running_point_adds_and_says_when_it_is_finished(wrong, target):
+    rule = StopRule(64 * len(wrong), target)
+    running, count = Running(rule), made_up({"a": wrong})
+    for part in rule.parts():
+        assert running.stopped_by is None
+        if running.add(part, count([part])[0]):
+            break
+    assert running.stopped_by is not None
+    assert running.outcome() == run_point(count, rule)
+    assert running.outcome().counts["a", 0] == sum(
+        (count([part])[0]["a", 0] for part in list(rule.parts())[: running.blocks]), Counts()
+    )
+
+
+def test_tallies_of_two_kinds_do_not_add():
+    running = Running(StopRule(1000))
+    part = next(StopRule(1000).parts())
+    running.add(part, {("a", 0): Counts(64, 4096)})
+    with pytest.raises(TypeError):
+        running.add(part, {("a", 0): PairedCounts(64, 4096)})

@@ -39,7 +39,7 @@ def by_hand(decided_a, decided_b, sent, found, found_b=None):
     for a, b, bits, *known in zip(
         decided_a, decided_b, sent, found, found if found_b is None else found_b, strict=True
     ):
-        wrong = [int((side != bits).sum()) if is_known else leds / 2 for side, is_known in zip((a, b), known)]
+        wrong = [int((side != bits).sum()) if is_known else leds / 2 for side, is_known in zip((a, b), known, strict=True)]
         apart.append(wrong[0] - wrong[1])
     return of_differences(apart, leds)
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from itertools import chain
 from typing import TypeAlias
 
 import numpy as np
@@ -46,6 +47,9 @@ class Grid:
     row_axis: str
     rows: tuple[float, ...]
     curves: tuple[Curves, ...]
+    _known: dict[tuple[str, float, float], tuple[Floats, Floats]] = field(
+        default_factory=dict, init=False, repr=False, compare=False
+    )
 
     def __post_init__(self) -> None:
         """Refuse what does not form one grid of positive values."""
@@ -131,41 +135,30 @@ class Grid:
 
     def _ends(self, receiver: str, confidence: float, of_limits: float) -> tuple[Floats, Floats]:
         """Give the ends with a confidence of their own for the limits of cells without errors."""
-        counts = self.counts(receiver)
-        sizes = _wrong_bits_near(counts)
-        ends = [
-            [
-                ber_interval(cell, confidence if cell.half_errors else of_limits, size)
-                for cell, size in zip(*pair, strict=True)
-            ]
-            for pair in zip(counts, sizes, strict=True)
-        ]
-        return (
-            np.array([[end.low for end in row] for row in ends]),
-            np.array([[end.high for end in row] for row in ends]),
-        )
+        key = (receiver, confidence, of_limits)
+        # Kept because most of the time of every view would go into the same quantiles.
+        if key not in self._known:
+            counts = self.counts(receiver)
+            cells = zip(chain(*counts), chain(*wrong_bits_near(counts)), strict=True)
+            ends = [ber_interval(c, confidence if c.half_errors else of_limits, size) for c, size in cells]
+            shape = (len(self.rows), len(self.columns))
+            low = np.array([end.low for end in ends]).reshape(shape)
+            self._known[key] = low, np.array([end.high for end in ends]).reshape(shape)
+        return self._known[key]
 
 
-def _wrong_bits_near(counts: list[list[Counts]]) -> list[list[float]]:
+def wrong_bits_near(counts: list[list[Counts]]) -> list[list[float]]:
     """Give the wrong bits that a wrong frame of each cell is taken to have, at least 1."""
     sizes = np.array([[cell.bit_errors / max(1, cell.frame_errors) for cell in row] for row in counts])
 
     def near(line: Floats) -> float:
         return float(next((size for size in line if size > 0), 0.0))
 
-    return [
-        [
-            max(
-                1.0,
-                near(sizes[i, j::-1]),
-                near(sizes[i, j:]),
-                near(sizes[i::-1, j]),
-                near(sizes[i:, j]),
-            )
-            for j in range(sizes.shape[1])
-        ]
-        for i in range(sizes.shape[0])
-    ]
+    def largest(i: int, j: int) -> float:
+        ways = (sizes[i, j::-1], sizes[i, j:], sizes[i::-1, j], sizes[i:, j])
+        return max(1.0, *(near(way) for way in ways))
+
+    return [[largest(i, j) for j in range(sizes.shape[1])] for i in range(sizes.shape[0])]
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,11 +7,11 @@ counts the others. It ends with the numbers of a run that nobody disturbed.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
-from typing import TypeVar, cast
+from typing import TypeVar
 
 from vocc_torch.errors import VoccError
 from vocc_torch.evaluation.counts import Counts
@@ -25,7 +25,6 @@ from vocc_torch.evaluation.ledger_format import (
     header,
     is_torn_header,
 )
-from vocc_torch.evaluation.montecarlo import Part
 from vocc_torch.evaluation.paired import PairedCounts
 
 K = TypeVar("K", bound=Key)
@@ -103,6 +102,7 @@ class Ledger:
                 ledger._cut()
             return ledger
         except BaseException:
+            _remove_empty(path, file.descriptor)
             file.close()
             raise
 
@@ -144,7 +144,7 @@ class Ledger:
             point: the point's name, which keys its random draws.
             block: index of the block, at least 0.
             frames: how many of its frames were used, from the first on, 1 to 64.
-            counts: by (receiver, group).
+            counts: by label.
 
         Raises:
             VoccError: a row that contradicts one that is there, or the disk is full or refuses. The file is
@@ -231,6 +231,13 @@ def _parsed(path: Path, content: bytes, settings: Mapping[str, object]) -> tuple
     return rows, end
 
 
+def _remove_empty(path: Path, descriptor: int) -> None:
+    """Delete a file in which not even a header could be written, while nobody else can hold it."""
+    with suppress(OSError):
+        if not os.fstat(descriptor).st_size:
+            path.unlink()
+
+
 def _sync_folder(folder: Path) -> None:
     """Put a new file's entry in its folder on the disk, where a system can do that."""
     with suppress(OSError):
@@ -239,41 +246,3 @@ def _sync_folder(folder: Path) -> None:
             os.fsync(descriptor)
         finally:
             os.close(descriptor)
-
-
-def recorded(
-    count: Callable[[Sequence[Part]], list[dict[K, V]]], ledger: Ledger, point: str
-) -> Callable[[Sequence[Part]], list[dict[K, V]]]:
-    """Take known blocks from a ledger, and count and record only the others.
-
-    What comes back has the signature of ``count`` and gives what it gives, so that
-    :func:`~vocc_torch.evaluation.montecarlo.run_point` ends with the same numbers. A block is known if a row
-    holds exactly the frames that are asked for. Blocks are recorded when the call that counts them returns: a
-    killed run loses the one call that was under way, which is one block unless ``blocks_at_once`` says more.
-
-    Args:
-        count: counts each of the parts, giving a list of as many mappings.
-        ledger: open, of the settings that ``count`` works with.
-        point: the name of the point that ``count`` counts.
-
-    Example:
-        >>> import tempfile
-        >>> def count(parts):
-        ...     print("counting", [part.block for part in parts])
-        ...     return [{("a", 0): Counts(part.frames, part.frames)} for part in parts]
-        >>> with tempfile.TemporaryDirectory() as folder, Ledger.open(Path(folder) / "l", {}) as ledger:
-        ...     for parts in ([Part(0, 64)], [Part(0, 64), Part(1, 64)]):
-        ...         _ = recorded(count, ledger, "near")(parts)
-        counting [0]
-        counting [1]
-    """
-
-    def counted(parts: Sequence[Part]) -> list[dict[K, V]]:
-        known = [ledger.find(point, part.block, part.frames) for part in parts]
-        missing = [part for part, row in zip(parts, known, strict=True) if row is None]
-        results = list(zip(missing, count(missing) if missing else [], strict=True))
-        fresh = iter([ledger.append(point, part.block, part.frames, one) for part, one in results])
-        rows = [next(fresh) if row is None else row for row in known]
-        return [cast("dict[K, V]", dict(row.counts)) for row in rows]
-
-    return counted

@@ -29,7 +29,7 @@ KINDS: dict[str, type[Counts] | type[PairedCounts]] = {"counts": Counts, "paired
 """What a row can hold, by the name that stands in the file."""
 
 Key = tuple[str | int, ...]
-"""What counts are filed under: (receiver, group), or for a pair (receiver, receiver, group)."""
+"""What counts are filed under; the package's own labels are those of ``studies.counter``."""
 
 COLUMNS = {name: [field.name for field in fields(kind)] for name, kind in KINDS.items()}
 """What the numbers in a row mean, in order."""
@@ -131,7 +131,7 @@ class LedgerRow:
         point: the point's name, which keys its random draws.
         block: index of the block, at least 0.
         frames: how many of its frames were used, from the first on, 1 to 64.
-        counts: by (receiver, group); none where no frame fell into a group.
+        counts: by label; none where no frame fell into a group.
 
     Raises:
         VoccError: a value outside its range, or counts of more frames than were used.

@@ -10,7 +10,8 @@ import math
 from dataclasses import dataclass
 
 import torch
-from scipy.stats import binomtest, t
+from scipy.special import stdtrit
+from scipy.stats import binomtest
 from torch import Tensor
 
 from vocc_torch.errors import VoccError
@@ -338,7 +339,7 @@ def _excess_interval(side: Counts, paired: PairedCounts, confidence: float) -> I
     if side.half_errors:
         freedom = max(1.0, min(paired.frames - 1, summed / common + 1))
         quantile = (1 + confidence) / 2
-        correction = (t.ppf(quantile, max(1.0, paired.bits - 1.0)) / t.ppf(quantile, freedom)) ** 2
+        correction = (stdtrit(max(1.0, paired.bits - 1.0), quantile) / stdtrit(freedom, quantile)) ** 2
         trials *= min(1.0, float(correction))
     clustered = clopper_pearson(rate * trials, trials, confidence)
     # A frame's difference is one bit at least and all its bits at most. The half that a missed panel of an odd

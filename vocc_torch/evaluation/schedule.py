@@ -62,14 +62,23 @@ class _Call:
     known: list[Mapping[Label, Tally] | None]
     missing: tuple[Part, ...]
     future: Future[Counted] | None = None
+    called_off: bool = False
 
     @property
     def ready(self) -> bool:
         return None not in self.known
 
+    @property
+    def failed(self) -> bool:
+        return self.future is not None and (self.future.cancelled() or self.future.exception() is not None)
+
+    def call_off(self) -> None:
+        """Cancel what has not been begun; what has been is still recorded when it comes back."""
+        self.called_off = self.future is not None and self.future.cancel()
+
     def take(self) -> None:
         """Record what has come back, and keep it for its turn."""
-        if self.future is None:
+        if self.future is None or self.called_off:
             return
         fresh = iter(list(zip(self.missing, self.future.result(), strict=True)))
         for index, known in enumerate(self.known):
@@ -127,8 +136,7 @@ class _Point:
                     break
         if self.finished:
             for call in self.calls:
-                if call.future is not None:
-                    call.future.cancel()
+                call.call_off()
             self.calls.clear()
 
 
@@ -189,6 +197,7 @@ def run_point(
         progress: called after each block with its frames and the counts so far.
 
     Example:
+        >>> from vocc_torch.evaluation.counts import Counts
         >>> def one_error(parts):
         ...     return [{("a", 0): Counts(p.frames, p.frames, 2, 4, 1)} for p in parts]
         >>> outcome = run_point(one_error, StopRule(frames=640, target_frame_errors=3), blocks_at_once=2)
@@ -246,9 +255,9 @@ class _Schedule:
         if not self._under_way:
             return
         done, _ = wait(self._under_way, return_when=FIRST_COMPLETED)
-        for future in done:
-            call = self._under_way.pop(future)
-            if not future.cancelled():
-                call.take()
+        calls = [self._under_way.pop(future) for future in done]
+        # What came back well is recorded before the error of another call ends the run.
+        for call in sorted(calls, key=lambda call: call.failed):
+            call.take()
         for point in self._points:
             point.absorb(self._progress)

@@ -78,6 +78,8 @@ def interleaved(
         if value < least:
             raise VoccError(f"{name} is {value}: it must be at least {least}")
     seconds: dict[str, list[float]] = {name: [] for name in calls}
+    if device.type == "cpu":
+        settle_memory()
     for turn in range(warm_up + repeats):
         for name in list(calls)[:: -1 if turn % 2 else 1]:
             _finish(device)
@@ -88,6 +90,20 @@ def interleaved(
             if turn >= warm_up:
                 seconds[name].append(spent)
     return {name: Timing.of(durations) for name, durations in seconds.items()}
+
+
+def settle_memory() -> None:
+    """Let the C library keep freed memory, so that a call's time does not hang on what was freed before it.
+
+    glibc returns freed memory beyond a limit to the system, and pages that are asked for again come back at
+    a cost: reading 64 panels took 1 to 2.5 times as long, by chance. The limit follows the largest block
+    freed so far that is no larger than 32 MiB (mallopt(3), M_MMAP_THRESHOLD), so one such block, never
+    written, puts it where it stays. Other C libraries see a block come and go.
+
+    Example:
+        >>> settle_memory()
+    """
+    torch.empty(31 << 20, dtype=torch.uint8)
 
 
 def _finish(device: torch.device) -> None:

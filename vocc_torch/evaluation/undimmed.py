@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import norm
 
 from vocc_torch.errors import VoccError
 from vocc_torch.evaluation.dimming import (
@@ -25,7 +26,7 @@ HEADLIGHT_CD_M2 = 3000.0
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """A number of at least 0 with its 95 % interval, ``low <= value <= high``; an end may be infinite.
+    """A number with its 95 % interval, ``low <= value <= high``; an end may be infinite.
 
     Example:
         >>> Estimate(value=2.0, low=1.5, high=2.7).low
@@ -46,8 +47,8 @@ class Undimmed:
         ber: bit error rate under each ambient light, with its interval; where there were no errors the upper
             end is a one-sided limit.
         mean: mean bit error rate over the ambient light, an octave weighing like any other.
-        ratio: ``mean`` over that of the dimmed panel: 1 is no loss. The value is infinite where only the dimmed
-            panel saw no errors, and 1 where neither saw any; ``ratio.low`` is what is surely lost.
+        ratio: ``mean`` over that of the dimmed panel: 1 is no loss. The value is infinite where only the
+            dimmed panel saw no errors, and 1 where neither saw any; ``ratio.low`` is what is surely lost.
 
     Example:
         >>> rate = Estimate(1e-3, 8e-4, 1.2e-3)
@@ -92,11 +93,13 @@ def undimmed_loss(grid: Grid, receiver: str, headlight_cd_m2: float = HEADLIGHT_
 
     **The choice of the least.** The dimmed panel takes the least of several noisy rates at every ambient
     light, the fixed panel only once, so the ratio of the two as seen tends to be too high. The ends allow for
-    it: those of each least rate are the ends of the least true rate
-    (:func:`~vocc_torch.evaluation.dimming.best_luminance`), and likewise those of the least mean.
-    ``ratio.low`` therefore rests on upper limits of the dimmed panel's rates. A cell that both panels use
-    counts as if it had been measured twice, which widens the interval. The true ratio is at least 1, since
-    the panel of one luminance is one of those that the dimmed panel has to choose from.
+    it. The least of k equal rates lies below them by about the mean of the largest of k standard normal
+    numbers (Blom's approximation), times the standard error; the upper end of the dimmed panel's mean is
+    taken from rates raised by that much, with the number of candidates for k, and ``ratio.low`` rests on it.
+    The ends of the fixed panel's mean are those of the least true mean, found as those of the least true rate
+    in :func:`~vocc_torch.evaluation.dimming.best_luminance`. A cell that both panels use counts as if it had
+    been measured twice, which widens the ratio's interval. The true ratio is at least 1, since the fixed
+    panel's luminance is one of those that the dimmed panel chooses from.
 
     Args:
         grid: ambient light by LED luminance.
@@ -122,7 +125,7 @@ def undimmed_loss(grid: Grid, receiver: str, headlight_cd_m2: float = HEADLIGHT_
         raise VoccError(f"headlight_cd_m2 is {headlight_cd_m2}: it must be above 0 and finite")
     weights, ber = octave_weights(grid.rows), grid.ber(receiver)
     bests = best_luminance(grid, receiver)
-    dimmed = _mean(weights, [Estimate(best.ber, best.ber_low, best.ber_high) for best in bests])
+    dimmed = _mean_of_least(grid, receiver, bests)
     means = weights @ ber
     chosen = int(means.argmin())
     low, high = (_mean_ends(weights, ber, ends) for ends in least_ends(grid, receiver))
@@ -160,19 +163,25 @@ def octave_weights(values: Sequence[float]) -> Floats:
 
 
 def _mean_ends(weights: Floats, rate: Floats, ends: Floats) -> Floats:
-    """Give the ends (K,) of the weighted means of independent rates (N,K), from the rates' own on one side."""
-    means = weights @ rate
+    """Give one side's ends (K,) of the weighted means of independent rates (N,K), from the rates' own."""
+    side = np.sign((ends - rate).sum(0))
     distance = np.sqrt(weights**2 @ (ends - rate) ** 2)
-    return np.clip(np.where((ends > rate).any(0), means + distance, means - distance), 0.0, 1.0)
+    return np.asarray(np.clip(weights @ rate + side * distance, 0.0, 1.0))
 
 
-def _mean(weights: Floats, rates: Sequence[Estimate]) -> Estimate:
-    """Give the weighted mean of independent rates."""
-    value, low, high = (
-        np.array([[getattr(rate, name)] for rate in rates]) for name in ("value", "low", "high")
-    )
-    ends = (float(_mean_ends(weights, value, side)[0]) for side in (low, high))
-    return Estimate(float((weights @ value)[0]), *ends)
+def _mean_of_least(grid: Grid, receiver: str, bests: Sequence[Best]) -> Estimate:
+    """Give the mean of the least rates, with an upper end that allows for the choice of them."""
+    weights, rate = octave_weights(grid.rows), np.array([[best.ber] for best in bests])
+    low = np.array([[best.ber_low] for best in bests])
+    plain = grid.one_sided(receiver, (1 - CONFIDENCE) / 2)[1]
+    # Of equally many errors in unequally many frames, the more frames tell more.
+    least = np.where(grid.ber(receiver) == rate, plain, np.inf)
+    above = least.min(1, keepdims=True) - rate
+    choices = np.array([[len(best.candidates_cd_m2)] for best in bests])
+    raised = rate + above * norm.ppf((choices - 0.375) / (choices + 0.25)) / norm.ppf((1 + CONFIDENCE) / 2)
+    value = float((weights @ rate)[0])
+    high = float(_mean_ends(weights, raised, raised + above)[0])
+    return Estimate(value, float(_mean_ends(weights, rate, low)[0]), max(value, high))
 
 
 def _panel(grid: Grid, receiver: str, column: int, mean: Estimate, dimmed: Estimate) -> Undimmed:
@@ -189,7 +198,7 @@ def _ratio(rate: Estimate, least: Estimate) -> Estimate:
         return Estimate(1.0, 1.0, math.inf)
     if least.value == 0:
         return Estimate(math.inf, max(1.0, rate.low / least.high), math.inf)
-    value = rate.value / least.value
+    value = max(1.0, rate.value / least.value)
     low = _joined(rate.value / rate.low if rate.low else math.inf, least.high / least.value)
     high = _joined(rate.high / rate.value, least.value / least.low if least.low else math.inf)
     return Estimate(value, min(max(1.0, value / low), value), value * high)

@@ -4,20 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from itertools import pairwise
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
-from matplotlib.ticker import FixedFormatter, FixedLocator, LogFormatterSciNotation, LogLocator, NullLocator
 from numpy.typing import NDArray
 from torch import Tensor
 
 from vocc_torch.errors import VoccError
-from vocc_torch.evaluation.curve import BerTable, Row
+from vocc_torch.evaluation.curve import BerTable
+from vocc_torch.reporting.ber_axes import draw_rates, receiver_line
 from vocc_torch.reporting.canvas import (
-    FINE_GRID,
     GRID,
     INK,
     figure_pixels,
@@ -26,16 +23,12 @@ from vocc_torch.reporting.canvas import (
     save_figure,
     write_title,
 )
-from vocc_torch.reporting.styles import Style, receiver_styles, value_text
+from vocc_torch.reporting.styles import Style, receiver_styles
 
 __all__ = ["ber_figure", "feature_histograms", "figure_pixels", "save_figure"]
 
 _WIDTH_IN, _HEIGHT_IN = 10.0, 6.4
-_SHARES = ("contrast",)
-"""Quantities that are shares of a whole: their axis is linear."""
 _LEGEND_COLUMNS = 3
-_SPREAD = 0.009
-"""Distance between neighbouring receivers at one value, as a share of the axis, where values leave room."""
 _OFF, _ON = "#0072B2", "#D55E00"
 
 
@@ -68,14 +61,7 @@ def ber_figure(table: BerTable, axis_label: str, title: str) -> Figure:
     above_in = 0.62 + 0.225 * math.ceil(len(styles) / _LEGEND_COLUMNS)
     bottom, top = 1.12 / _HEIGHT_IN, 1 - above_in / _HEIGHT_IN
     axes = figure.add_axes((0.092, bottom, 0.888, top - bottom))
-    place = _horizontal_axis(axes, table.values, linear=table.axis in _SHARES)
-    _vertical_axis(axes, table.rows)
-    quiet_axes(axes)
-    axes.tick_params(axis="y", which="minor", labelsize=8.5)
-    spread = min(_SPREAD, 0.5 * place.least_gap / len(styles))
-    for number, (receiver, style) in enumerate(styles.items()):
-        shift = spread * (number - (len(styles) - 1) / 2)
-        _draw_receiver(axes, table.of(receiver), place, shift, style)
+    draw_rates(axes, table, styles)
     axes.set_xlabel(axis_label, labelpad=8)
     axes.set_ylabel("Bit error rate")
     axes.yaxis.set_label_coords(-0.066, 0.5)
@@ -126,131 +112,6 @@ def feature_histograms(features: Tensor, bits: Tensor, names: Sequence[str]) -> 
     return figure
 
 
-class _Place:
-    """Where a value stands on the horizontal axis, with a shift in shares of the axis."""
-
-    def __init__(self, values: Sequence[float], linear: bool) -> None:
-        self.log = not linear and values[0] > 0 and values[-1] > 10 * values[0]
-        low, high = self._along(values[0]), self._along(values[-1])
-        margin = 0.06 * (high - low) or 1e-3 * abs(high) or 1.0
-        self.low, self.high = low - margin, high + margin
-        self.least_gap = min((self.share(b) - self.share(a) for a, b in pairwise(values)), default=1.0)
-
-    def _along(self, value: float) -> float:
-        return math.log10(value) if self.log else value
-
-    def _back(self, along: float) -> float:
-        return float(10**along) if self.log else along
-
-    @property
-    def limits(self) -> tuple[float, float]:
-        return self._back(self.low), self._back(self.high)
-
-    def share(self, value: float) -> float:
-        return (self._along(value) - self.low) / (self.high - self.low)
-
-    def shifted(self, value: float, shift: float) -> float:
-        return self._back(self._along(value) + shift * (self.high - self.low))
-
-
-def _horizontal_axis(axes: Axes, values: Sequence[float], linear: bool) -> _Place:
-    """Put ticks at the measured values, and names at as many of them as have room, the ends first."""
-    place = _Place(values, linear)
-    axes.set_xscale("log" if place.log else "linear")
-    axes.set_xlim(*place.limits)
-    named: dict[float, float] = {}
-    for value in dict.fromkeys([values[0], values[-1], *values]):
-        half_width = 0.005 + 0.004 * len(value_text(value))
-        if all(abs(place.share(value) - place.share(other)) > half_width + named[other] for other in named):
-            named[value] = half_width
-    axes.xaxis.set_major_locator(FixedLocator(list(values)))
-    axes.xaxis.set_major_formatter(
-        FixedFormatter([value_text(value) if value in named else "" for value in values])
-    )
-    axes.xaxis.set_minor_locator(NullLocator())
-    return place
-
-
-def _vertical_axis(axes: Axes, rows: Sequence[Row]) -> None:
-    """Show every rate and limit; a lower end far below every rate may run out of the picture."""
-    lowest = min(row.ber_high if row.error_free else row.ber for row in rows)
-    # An arrow needs about two thirds of a decade below its limit.
-    feet = [row.ber_high / 5 if row.error_free else max(row.ber_low, lowest / 10) / 1.3 for row in rows]
-    bottom = min(feet)
-    top = min(1.0, max(row.ber_high for row in rows) * 1.6)
-    axes.set_yscale("log")
-    axes.set_ylim(bottom, max(top, bottom * 20))
-    axes.yaxis.set_major_locator(LogLocator(10, numticks=30))
-    axes.yaxis.set_minor_locator(LogLocator(10, subs=tuple(range(2, 10)), numticks=300))
-    # Where hardly more than a decade is shown, values within it are named too.
-    axes.yaxis.set_minor_formatter(LogFormatterSciNotation(minor_thresholds=(1.5, 0.6)))
-    axes.grid(axis="y", which="major", color=GRID, linewidth=1.1)
-    axes.grid(axis="y", which="minor", color=FINE_GRID, linewidth=0.6)
-    axes.grid(axis="x", which="major", color=GRID, linewidth=0.8)
-
-
-def _draw_receiver(axes: Axes, rows: Sequence[Row], place: _Place, shift: float, style: Style) -> None:
-    """Draw one receiver: line, markers and intervals, and arrows where there were no errors."""
-    x = [place.shifted(row.value, shift) for row in rows]
-    # A rate that is not a number breaks the line and leaves the point out.
-    rate = [math.nan if row.error_free else row.ber for row in rows]
-    ends = [[row.ber - row.ber_low for row in rows], [row.ber_high - row.ber for row in rows]]
-    axes.errorbar(
-        x, rate, ends, color=style.colour, linestyle="none", elinewidth=1.3, capsize=2.6, capthick=1.3
-    )
-    axes.add_line(_line(style, x, rate))
-    for at, row in zip(x, rows, strict=True):
-        if row.error_free:
-            _draw_limit(axes, at, row.ber_high, style)
-
-
-def _line(style: Style, x: Sequence[float], y: Sequence[float]) -> Line2D:
-    """Make the receiver's line with its markers; without data it is the receiver's sign in the legend."""
-    return Line2D(
-        x,
-        y,
-        label=style.label,
-        color=style.colour,
-        linestyle=style.line,
-        linewidth=1.8,
-        marker=style.marker,
-        markersize=7.5,
-        markeredgecolor="white",
-        markeredgewidth=0.7,
-        zorder=3,
-    )
-
-
-def _draw_limit(axes: Axes, x: float, limit: float, style: Style) -> None:
-    """Draw an upper limit: the receiver's marker, hollow, with an arrow down from it."""
-    # The arrow runs from its text, 27 points below, to the limit: its head is at the start.
-    axes.annotate(
-        "",
-        xy=(x, limit),
-        xytext=(0, -27),
-        textcoords="offset points",
-        arrowprops={
-            "arrowstyle": "<|-",
-            "color": style.colour,
-            "linewidth": 1.4,
-            "mutation_scale": 9,
-            "shrinkA": 0,
-            "shrinkB": 3,
-        },
-    )
-    axes.plot(
-        [x],
-        [limit],
-        linestyle="none",
-        marker=style.marker,
-        markersize=6,
-        markerfacecolor="white",
-        markeredgecolor=style.colour,
-        markeredgewidth=1.4,
-        zorder=4,
-    )
-
-
 def _footnote(table: BerTable) -> str:
     """Say what the points rest on, in two lines."""
     frames = [_thousands(number) for number in sorted({row.frames for row in table})]
@@ -271,7 +132,7 @@ def _thousands(number: int) -> str:
 def _legend(figure: Figure, styles: Sequence[Style]) -> None:
     """Name the receivers in rows under the title."""
     figure.legend(
-        handles=[_line(style, [], []) for style in styles],
+        handles=[receiver_line(style) for style in styles],
         loc="upper left",
         bbox_to_anchor=(0.01, 1 - 0.46 / figure.get_figheight()),
         ncols=min(_LEGEND_COLUMNS, len(styles)),

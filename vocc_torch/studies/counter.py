@@ -67,9 +67,7 @@ class PointCounter:
         halves: dict[str, list[Tensor]] = {name: [] for name in self.finders}
         found: dict[str, list[Tensor]] = {name: [] for name in self.finders}
         groups = []
-        for views in self.link.observe_each(
-            self.finders, self.model, keys, preambles=preambles, frames=used
-        ):
+        for views in self.link.observe_each(self.finders, self.model, keys, preambles=preambles, frames=used):
             for name, seen in views.items():
                 scores = self.banks[name].scores(seen.readings, seen.preambles)
                 wrong = [half_errors(s >= 0, seen.bits, seen.panels.found) for s in scores.values()]
@@ -101,9 +99,7 @@ class PointCounter:
             for locator, wrong in wrongs.items():
                 hit = np.broadcast_to(hits[locator][chosen], (len(names), frames))
                 singles, pairs = tallies(wrong[:, chosen], leds, hit)
-                counts |= {
-                    (locator, name, index): one for name, one in zip(names, singles, strict=True)
-                }
+                counts |= {(locator, name, index): one for name, one in zip(names, singles, strict=True)}
                 counts |= {(locator, names[i], names[j], index): pair for (i, j), pair in pairs.items()}
             if {"paper", "truth"} <= set(wrongs):
                 both = np.stack([hits["paper"][chosen], hits["truth"][chosen]])

@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from vocc_torch.receiver.receiver import Receiver
+from vocc_torch.studies.counter import point_name
 from vocc_torch.studies.decode import Reading, annotated
 from vocc_torch.studies.link import Link, block_keys
 from vocc_torch.studies.plan import Plan
 from vocc_torch.studies.recording import RecordedFrame
-from vocc_torch.studies.counter import point_name
 from vocc_torch.studies.sweep import monte_carlo_values
 
 SAMPLES = 4

@@ -19,6 +19,7 @@ from vocc_torch.receiver.location import PaperLocator
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.simulation import Camera, Distribution, LedPanel, SceneModel, Simulator
 from vocc_torch.simulation.simulator import PAPER_EFFECTS, Framing
+from vocc_torch.studies.budget import Budget as Budget
 
 Locator = Literal["truth", "paper"]
 SCENE_FIELDS = tuple(f.name for f in dataclasses.fields(SceneModel))
@@ -202,6 +203,17 @@ class Experiment:
         """How many points share the frames of one run: the bins of contrast, otherwise 1."""
         return len(self.values) - 1 if self.axis == "contrast" else 1
 
+    def at_row(self, axis: str, value: float) -> Experiment:
+        """Give one row of a grid: this experiment with one more value of its scenes held.
+
+        Example:
+            >>> row = Experiment("dimming", "led_luminance_cd_m2", (250.0,)).at_row("ambient_lx", 1000.0)
+            >>> row.name, row.scene["ambient_lx"].bounds
+            ('dimming/ambient_lx=1000', (1000.0, 1000.0))
+        """
+        held = {**self.scene, axis: Distribution("constant", (value,))}
+        return dataclasses.replace(self, name=f"{self.name}/{axis}={value:g}", scene=held)
+
     def model_at(self, world: World, value: float) -> SceneModel:
         """The scenes of one point of the axis."""
         model = narrowed(world.scene, self.scene)
@@ -215,47 +227,6 @@ class Experiment:
     def training_model(self, world: World) -> SceneModel:
         """The scenes that a receiver trains on."""
         return narrowed(world.scene, self.training, "experiment.training")
-
-
-@dataclass(frozen=True)
-class Budget:
-    """How many frames a study spends.
-
-    Args:
-        frames: test frames a point at most, at least 1.
-        training_frames: at least 2.
-        target_frame_errors: stop a point once every receiver has this many frames in error, or None to
-            spend all.
-        precision: stop a point once every receiver's 95 % interval reaches at most this share of its bit
-            error rate to either side, above 0 and below 1, or None.
-        least_ber: with ``precision``, a receiver whose interval lies below this rate needs no more frames; 0
-            to below 1.
-
-    Raises:
-        VoccError: a number outside its range, or two stop rules that contradict each other.
-    """
-
-    frames: int = 1024
-    training_frames: int = 1000
-    target_frame_errors: int | None = None
-    precision: float | None = None
-    least_ber: float = 0.0
-
-    def __post_init__(self) -> None:
-        """Check every range."""
-        for name, least in (("frames", 1), ("training_frames", 2), ("target_frame_errors", 1)):
-            value = getattr(self, name)
-            if value is not None and value < least:
-                raise VoccError(f"budget.{name} is {value}: it must be at least {least}")
-        if self.precision is not None and not 0 < self.precision < 1:
-            raise VoccError(f"budget.precision is {self.precision}: it must be above 0 and below 1, or null")
-        if not 0 <= self.least_ber < 1:
-            raise VoccError(f"budget.least_ber is {self.least_ber}: it must be at least 0 and below 1")
-        if self.precision is not None and self.target_frame_errors is not None:
-            raise VoccError(
-                f"budget.precision is {self.precision} and budget.target_frame_errors is "
-                f"{self.target_frame_errors}: give one of them, null for the other"
-            )
 
 
 @dataclass(frozen=True)
@@ -305,7 +276,7 @@ class Plan:
 
     @property
     def frames_in_point(self) -> int:
-        """Frames that one Monte Carlo point draws at most: the budget, times the bins where there are bins."""
+        """Frames that one Monte Carlo point draws at most: the budget, times the bins if there are any."""
         return self.budget.frames * self.experiment.bins
 
 

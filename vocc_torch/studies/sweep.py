@@ -40,13 +40,12 @@ class Sweep:
     def jobs(self) -> list[PointJob]:
         """Give the points in the order in which they are run."""
         return [
-            PointJob(self.plan, self.locators, self.fldas, value)
-            for value in monte_carlo_values(self.plan)
+            PointJob(self.plan, self.locators, self.fldas, value) for value in monte_carlo_values(self.plan)
         ]
 
 
-Progress = Callable[[Plan, float, int, Mapping[Label, Tally]], None]
-"""Called with the study, the point's value, frames done since the last call, and the tallies so far."""
+Progress = Callable[[Sweep, float, int, Mapping[Label, Tally]], None]
+"""Called with the experiment, the point's value, frames since the last call, and the tallies so far."""
 
 
 def run_sweeps(
@@ -72,7 +71,7 @@ def run_sweeps(
     def told(index: int, frames: int, tallies: Mapping[Label, Tally]) -> None:
         if progress is not None:
             sweep, job = jobs[index]
-            progress(sweep.plan, job.value, frames, tallies)
+            progress(sweep, job.value, frames, tallies)
 
     try:
         outcomes = run_points(
@@ -132,9 +131,7 @@ def measured(plan: Plan, locators: Sequence[Locator], outcomes: Mapping[float, O
                 pairs[parts[0]][parts[1], parts[2], at] = tally
     held = tuple(at for at in values if at in stopped)
     curves: dict[str, Curves] = {
-        name: Curves(
-            experiment.name, experiment.axis, name, names, held, counts[name], pairs[name], stopped
-        )
+        name: Curves(experiment.name, experiment.axis, name, names, held, counts[name], pairs[name], stopped)
         for name in locators
     }
     return Measured(curves, location)

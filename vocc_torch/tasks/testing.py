@@ -112,7 +112,7 @@ def _sweep(plan: Plan, training: Training, ledger: Ledger, workers: Workers, con
     runs = len(monte_carlo_values(plan))
     with StudyView(axis, values, names, plan.frames_in_point, console, runs) as view:
 
-        def show(_: Plan, value: float, frames: int, tallies: Mapping[Label, Tally]) -> None:
+        def show(_: Sweep, value: float, frames: int, tallies: Mapping[Label, Tally]) -> None:
             view.advance(frames)
             view.show(points_of(plan, locator, value, tallies, "running"))
 

@@ -1,0 +1,123 @@
+"""Everything that the paper claims and that is checked here, in the paper's order of sections."""
+
+from __future__ import annotations
+
+from vocc_torch.evaluation.scorecard.arithmetic import (
+    half_of_middle_grey,
+    iso_range_suffices,
+    net_rate_is,
+    transmission_is,
+)
+from vocc_torch.evaluation.scorecard.claim import Claim
+from vocc_torch.evaluation.scorecard.claims_curves import AMBIENT, CONTRAST, DISTANCE, LUMINANCE
+from vocc_torch.evaluation.scorecard.claims_features import FEATURES_BY_CURVES, FEATURES_BY_FIGURES
+from vocc_torch.evaluation.scorecard.judgement import Judgement
+from vocc_torch.evaluation.scorecard.reading import Reading
+from vocc_torch.evaluation.scorecard.times import panel_detection_rules, time_is
+from vocc_torch.evaluation.scorecard.words import percent
+
+SETUP = (
+    Claim(
+        "setup.net_data_rate",
+        "IV-C, Table 1",
+        "8 x 8 LEDs at 100 frames a second carry 6.4 kbps",
+        "6.4 kbps",
+        net_rate_is(6.4, 100.0),
+        "arithmetic",
+    ),
+    Claim(
+        "setup.transmission",
+        "IV-C, Eq. 20",
+        "the air lets 0.9932 of the light through 70 m at a visibility of 40 km",
+        "0.9932",
+        transmission_is(0.9932, 70.0, 40_000.0),
+        "arithmetic",
+    ),
+    Claim(
+        "setup.background_grey",
+        "IV-C, Eq. 1",
+        "grey 86 is half of middle grey (118) before gamma encoding",
+        "86 to 118",
+        half_of_middle_grey,
+        "arithmetic",
+    ),
+    Claim(
+        "setup.iso_range",
+        "IV-C, Eqs 1 and 2",
+        "ISO 100 to 3200 keeps the background at 86 to 118 from 1000 to 32000 lx",
+        "ISO 100 to 3200",
+        iso_range_suffices,
+        "arithmetic",
+    ),
+)
+
+_SHARES = {"flda_3": 0.14, "flda_2": 0.12, "average_greyscale": 0.07, "center_greyscale": 0.05}
+
+PROCESSING_TIME = (
+    Claim(
+        "time.panel_detection",
+        "IV-D-5, Fig. 25",
+        "panel detection takes much longer than bit detection",
+        "much longer",
+        panel_detection_rules,
+        "figures",
+    ),
+    *(
+        Claim(
+            f"time.{receiver}",
+            "IV-D-5, Fig. 25",
+            f"{receiver} takes this share of panel detection's time",
+            percent(share),
+            time_is(f"share_{receiver}", share),
+            "figures",
+        )
+        for receiver, share in _SHARES.items()
+    ),
+    Claim(
+        "time.ngr",
+        "IV-D-5",
+        "three features take so much longer than two",
+        "17 %",
+        time_is("extra_cost_of_ngr", 0.17),
+        "figures",
+    ),
+    Claim(
+        "time.ngr_in_total",
+        "IV-D-5",
+        "three features lengthen all image processing by so much",
+        "1.78 %",
+        time_is("extra_total_cost_of_ngr", 0.0178, digits=2),
+        "figures",
+    ),
+)
+
+
+def _dimming(reading: Reading) -> Judgement:
+    """Point to where the best luminance for each ambient light is measured."""
+    reason = "needs both to vary at once: experiment=dimming maps them"
+    return Judgement("cannot say", "not measured by these experiments", reason)
+
+
+DISCUSSION = (
+    Claim(
+        "discussion.dimming",
+        "IV-D-5; V",
+        "the best LED luminance differs between levels of ambient light",
+        "should be optimized at every level",
+        _dimming,
+        "figures",
+    ),
+)
+
+CLAIMS: tuple[Claim, ...] = (
+    *FEATURES_BY_FIGURES,
+    *FEATURES_BY_CURVES,
+    *SETUP,
+    *CONTRAST,
+    *AMBIENT,
+    *LUMINANCE,
+    *DISTANCE,
+    *PROCESSING_TIME,
+    *DISCUSSION,
+)
+"""Every claim, each under a key of its own."""

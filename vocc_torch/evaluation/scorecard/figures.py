@@ -1,0 +1,66 @@
+"""Rules for the numbers of single figures and samples, which have no interval, in the paper as here."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from vocc_torch.evaluation.scorecard.judgement import Judgement, not_measured
+from vocc_torch.evaluation.scorecard.orders import Judge
+from vocc_torch.evaluation.scorecard.reading import Reading
+
+
+def figure_number(figure: str, name: str, holds: Callable[[float], bool], text: str, otherwise: str) -> Judge:
+    """Claim that a number of a figure has a property.
+
+    Args:
+        figure: the figure.
+        name: the number's.
+        holds: whether it is as claimed.
+        text: how to write what was measured, with ``{0}`` for the number.
+        otherwise: the reason where it does not hold.
+    """
+
+    def judge(reading: Reading) -> Judgement:
+        value = reading.finding(figure, name)
+        if value is None:
+            return not_measured(f"{name} of {figure}")
+        measured = text.format(value)
+        return Judgement("agree", measured) if holds(value) else Judgement("differ", measured, otherwise)
+
+    return judge
+
+
+def more_than(figure: str, more: str, less: tuple[str, ...]) -> Judge:
+    """Claim that one number of a figure is above others; as of one sample, without an interval."""
+
+    def judge(reading: Reading) -> Judgement:
+        values = {name: reading.finding(figure, name) for name in (more, *less)}
+        found = {name: value for name, value in values.items() if value is not None}
+        if len(found) < len(values):
+            missing = [name for name in values if name not in found]
+            return not_measured(f"{missing[0]} of {figure}")
+        measured = ", ".join(f"{name} {value:.6g}" for name, value in found.items())
+        over = [name for name in less if found[name] > found[more]]
+        if over:
+            return Judgement("differ", measured, f"{over[0]} is higher than {more}")
+        if any(found[name] == found[more] for name in less):
+            return Judgement("cannot say", measured, "equal in this sample")
+        return Judgement("agree", measured)
+
+    return judge
+
+
+def between(figure: str, low: str, middle: str, high: str) -> Judge:
+    """Claim that one number of a figure lies between two others."""
+
+    def judge(reading: Reading) -> Judgement:
+        found = [reading.finding(figure, name) for name in (low, middle, high)]
+        below, value, over = found
+        if below is None or value is None or over is None:
+            return not_measured(figure)
+        measured = f"{low} {below:g}, {middle} {value:g}, {high} {over:g}"
+        if below < value < over:
+            return Judgement("agree", measured)
+        return Judgement("differ", measured, f"{middle} does not lie between")
+
+    return judge

@@ -1,0 +1,269 @@
+"""Bit error rates over ambient light and LED luminance as heat maps, one for each receiver."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.collections import QuadMesh
+from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch, Rectangle
+from matplotlib.patheffects import withStroke
+from matplotlib.ticker import LogLocator, NullLocator
+
+from vocc_torch.evaluation.dimming import Best, Floats, Grid, best_luminance
+from vocc_torch.reporting.canvas import INK, QUIET, new_figure, write_title
+from vocc_torch.reporting.octaves import (
+    cell_edges,
+    frames_text,
+    grid_value,
+    name_octaves,
+    octave,
+    rate_text,
+    reach,
+)
+from vocc_torch.reporting.styles import Style, axis_label, receiver_styles
+
+_MAP = colormaps["cividis"]
+_NO_ERRORS, _HATCH = "#F4F4F2", "#C9CCD1"
+_MOST_NUMBERS = 72
+"""Cells of a panel that still have room for their numbers."""
+_PANEL_IN = 3.55
+_SIDE = -0.37
+"""Where the best luminance stands in its cell, in widths of the cell from the middle: beside the number."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Layout:
+    """Places of the panels on the page, in inches."""
+
+    panels: int
+
+    @property
+    def columns(self) -> int:
+        return {1: 1, 2: 2, 4: 2}.get(self.panels, 4 if self.panels > 6 else 3)
+
+    @property
+    def lines(self) -> int:
+        return math.ceil(self.panels / self.columns)
+
+    @property
+    def width(self) -> float:
+        return max(6.4, 0.95 + (_PANEL_IN + 0.35) * self.columns + 0.75)
+
+    @property
+    def height(self) -> float:
+        return 1.5 + (_PANEL_IN + 0.45) * self.lines
+
+    def box(self, number: int) -> tuple[float, float, float, float]:
+        """Give a panel's left, bottom, width and height as shares of the page."""
+        line, column = divmod(number, self.columns)
+        left = 0.95 + (_PANEL_IN + 0.35) * column
+        bottom = self.height - 1.05 - _PANEL_IN - (_PANEL_IN + 0.45) * line
+        return (
+            left / self.width,
+            bottom / self.height,
+            _PANEL_IN / self.width,
+            _PANEL_IN / self.height,
+        )
+
+    @property
+    def bar(self) -> tuple[float, float, float, float]:
+        """Give the colour bar's box, beside the panels."""
+        right, top = self.box(self.columns - 1), self.box(0)
+        bottom = self.box(self.panels - 1)[1]
+        left = right[0] + right[2] + 0.22 / self.width
+        return left, bottom, 0.15 / self.width, top[1] + top[3] - bottom
+
+
+def dimming_figure(
+    grid: Grid,
+    title: str = "Bit error rate over ambient light and LED luminance",
+    receivers: Sequence[str] | None = None,
+) -> Figure:
+    """Draw each receiver's bit error rates as a heat map with the best luminance for each ambient light.
+
+    A cell without errors is hatched and has its limit for a number. Beside the numbers stand the best
+    luminance, the range of those that cannot be told from it, and, where the range ends at the grid's edge,
+    an arrow: the best may lie beyond.
+
+    Args:
+        grid: ambient light by LED luminance.
+        title: what the figure shows.
+        receivers: those to draw, in order; all of the grid's by default.
+
+    Raises:
+        VoccError: an unknown receiver.
+    """
+    names = tuple(receivers or grid.receivers)
+    styles, layout = receiver_styles(names), _Layout(len(names))
+    figure = new_figure(layout.width, layout.height)
+    norm = _norm([grid.ber(name) for name in names])
+    for number, (name, style) in enumerate(styles.items()):
+        axes = figure.add_axes(layout.box(number))
+        _panel(axes, grid, name, norm)
+        _heading(axes, style)
+        if number + layout.columns >= len(names):
+            axes.set_xlabel(axis_label(grid.row_axis), fontsize=11, color=INK, labelpad=5)
+        if number % layout.columns == 0:
+            axes.set_ylabel(axis_label(grid.column_axis), fontsize=11, color=INK)
+    _colour_bar(figure, layout, norm)
+    write_title(figure, title, frames_text(grid))
+    _legend(figure, any(bool(grid.errorless(name).any()) for name in names))
+    return figure
+
+
+def _norm(rates: Sequence[Floats]) -> LogNorm:
+    """Give the colours' range: all rates above 0, at least a decade of them."""
+    seen = np.concatenate([rate[rate > 0] for rate in rates])
+    low, high = (float(seen.min()), float(seen.max())) if seen.size else (1e-6, 1e-5)
+    return LogNorm(min(low, high / 10), high)
+
+
+def _panel(axes: Axes, grid: Grid, receiver: str, norm: LogNorm) -> None:
+    """Draw one receiver's map."""
+    ambient, luminance = cell_edges(grid.rows), cell_edges(grid.columns)
+    ber, errorless = grid.ber(receiver).T, grid.errorless(receiver).T
+    shown = np.ma.masked_array(ber, errorless)
+    axes.pcolormesh(
+        ambient, luminance, shown, norm=norm, cmap=_MAP, edgecolors="white", linewidth=0.6, zorder=1
+    )
+    for i, j in np.argwhere(errorless):
+        corner = (ambient[j], luminance[i])
+        size = (ambient[j + 1] - ambient[j], luminance[i + 1] - luminance[i])
+        axes.add_patch(
+            Rectangle(
+                corner, *size, facecolor=_NO_ERRORS, edgecolor=_HATCH, hatch="////", linewidth=0, zorder=1
+            )
+        )
+    if ber.size <= _MOST_NUMBERS:
+        _numbers(axes, grid, receiver, norm)
+    _draw_best(axes, best_luminance(grid, receiver), np.diff(ambient), grid)
+    name_octaves(axes.xaxis, grid.rows)
+    name_octaves(axes.yaxis, grid.columns)
+    axes.tick_params(length=3, color=QUIET, labelcolor=INK, labelsize=9.5)
+    axes.spines[:].set_visible(False)
+    axes.set_xlim(ambient[0], ambient[-1])
+    axes.set_ylim(luminance[0], luminance[-1])
+
+
+def _numbers(axes: Axes, grid: Grid, receiver: str, norm: LogNorm) -> None:
+    """Write each cell's rate or limit, in the lower part of the cell, dark on light and light on dark."""
+    ber, high = grid.ber(receiver), grid.intervals(receiver)[1]
+    heights = np.diff(cell_edges(grid.columns))
+    for (i, j), rate in np.ndenumerate(ber):
+        clean = rate == 0
+        text = f"<{rate_text(high[i, j])}" if clean else rate_text(rate)
+        dark = not clean and _lightness(norm, rate) < 0.5
+        axes.text(
+            octave(grid.rows[i]) + 0.07 * 1,
+            octave(grid.columns[j]) - 0.21 * heights[j],
+            text,
+            ha="center",
+            va="center",
+            fontsize=8,
+            color="white" if dark else INK,
+            zorder=3,
+        )
+
+
+def _lightness(norm: LogNorm, rate: float) -> float:
+    """Give how light a rate's colour is, 0 to 1."""
+    red, green, blue, _ = _MAP(float(norm(rate)))
+    return 0.299 * red + 0.587 * green + 0.114 * blue
+
+
+def _draw_best(axes: Axes, bests: Sequence[Best], widths: Floats, grid: Grid) -> None:
+    """Draw the best luminances, joined, with plateaus and ranges."""
+    x = [octave(best.ambient_lx) + _SIDE * width for best, width in zip(bests, widths, strict=True)]
+    cased = [withStroke(linewidth=3.4, foreground=INK)]
+    for at, best in zip(x, bests, strict=True):
+        low, high = reach(best)
+        axes.plot([at, at], [low, high], color="white", linewidth=1.7, path_effects=cased, zorder=4)
+        plateau = [octave(best.least_cd_m2[0]), octave(best.least_cd_m2[-1])]
+        if plateau[0] < plateau[1]:
+            wide = [withStroke(linewidth=6.4, foreground=INK)]
+            axes.plot([at, at], plateau, color="white", linewidth=4.6, path_effects=wide, zorder=4)
+        for open_end, place, marker in ((best.reaches_lowest, low, "v"), (best.reaches_highest, high, "^")):
+            if open_end:
+                _sign(axes, at, place + (0.3 if marker == "^" else -0.3), marker, 5.5)
+    axes.plot(
+        x,
+        [octave(best.middle_cd_m2) for best in bests],
+        color="white",
+        linewidth=1.3,
+        path_effects=[withStroke(linewidth=2.8, foreground=INK)],
+        zorder=5,
+    )
+    for at, best in zip(x, bests, strict=True):
+        _sign(axes, at, octave(best.middle_cd_m2), "o", 7)
+
+
+def _sign(axes: Axes, x: float, y: float, marker: str, size: float) -> None:
+    axes.plot(
+        [x], [y], marker, color="white", markersize=size, markeredgecolor=INK, markeredgewidth=1.1, zorder=6
+    )
+
+
+def _heading(axes: Axes, style: Style) -> None:
+    """Name the receiver above its panel, with its sign."""
+    axes.plot(
+        [0.018],
+        [1.045],
+        style.marker,
+        color=style.colour,
+        markersize=7,
+        transform=axes.transAxes,
+        clip_on=False,
+    )
+    axes.text(
+        0.055,
+        1.045,
+        style.label,
+        transform=axes.transAxes,
+        fontsize=11.5,
+        fontweight="bold",
+        color=INK,
+        va="center",
+    )
+
+
+def _colour_bar(figure: Figure, layout: _Layout, norm: LogNorm) -> None:
+    """Draw the shared colour bar."""
+    axes = figure.add_axes(layout.bar)
+    figure.colorbar(ScalarMappable(norm, _MAP), cax=axes)
+    axes.yaxis.set_major_locator(LogLocator(10, numticks=20))
+    axes.yaxis.set_minor_locator(NullLocator())
+    axes.tick_params(length=3, color=QUIET, labelcolor=INK, labelsize=9.5)
+    axes.set_ylabel("Bit error rate", fontsize=11, color=INK)
+    axes.spines[:].set_visible(False)
+
+
+def _legend(figure: Figure, with_limits: bool) -> None:
+    """Explain the signs, in a row under the title."""
+    look = {"color": INK, "markerfacecolor": "white", "markeredgecolor": INK}
+    signs: list[Line2D | Patch] = [
+        Line2D([], [], marker="o", markersize=7, linewidth=1.4, label="best", **look),
+        Line2D([], [], marker="|", markersize=13, linestyle="none", label="not told from it (95 %)", **look),
+        Line2D([], [], marker="^", markersize=6, linestyle="none", label="may lie beyond", **look),
+    ]
+    if with_limits:
+        signs.append(Patch(facecolor=_NO_ERRORS, edgecolor=_HATCH, hatch="////", label="no errors, limit"))
+    figure.legend(
+        handles=signs,
+        loc="upper left",
+        bbox_to_anchor=(0.012, 1 - 0.4 / figure.get_figheight()),
+        ncols=len(signs),
+        frameon=False,
+        fontsize=10,
+        labelcolor=INK,
+        handlelength=1.8,
+        columnspacing=1.6,
+    )

@@ -1,0 +1,76 @@
+"""A run's report: described once as plain data, written as Markdown and as one HTML page."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from vocc_torch.files import atomic_file
+from vocc_torch.reporting.report.document import (
+    Align,
+    Block,
+    Bullets,
+    Cell,
+    Code,
+    Highlight,
+    Highlights,
+    Paragraph,
+    Picture,
+    Pictures,
+    Report,
+    Section,
+    Table,
+    Tone,
+)
+from vocc_torch.reporting.report.html import as_html
+from vocc_torch.reporting.report.inline import literal
+from vocc_torch.reporting.report.markdown import as_markdown
+
+__all__ = [
+    "Align",
+    "Block",
+    "Bullets",
+    "Cell",
+    "Code",
+    "Highlight",
+    "Highlights",
+    "Paragraph",
+    "Picture",
+    "Pictures",
+    "Report",
+    "Section",
+    "Table",
+    "Tone",
+    "as_html",
+    "as_markdown",
+    "literal",
+    "write_report",
+]
+
+
+def write_report(report: Report, folder: str | Path) -> tuple[Path, Path]:
+    """Write ``report.md`` and ``report.html``: both whole, or neither touched.
+
+    Args:
+        report: the report.
+        folder: where the two go, with the report's pictures and data in it.
+
+    Returns:
+        The Markdown file and the HTML file.
+
+    Raises:
+        VoccError: a picture or its data is not in the folder, a link leads nowhere a report may lead, or a file
+            cannot be written.
+
+    Example:
+        >>> import tempfile
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     [path.name for path in write_report(Report("Evidence", "", ()), folder)]
+        ['report.md', 'report.html']
+    """
+    base = Path(folder)
+    markdown, page = base / "report.md", base / "report.html"
+    texts = as_markdown(report, base), as_html(report, base)
+    with atomic_file(markdown) as first, atomic_file(page) as second:
+        for path, text in zip((first, second), texts, strict=True):
+            path.write_bytes(text.encode("utf-8", "replace"))
+    return markdown, page

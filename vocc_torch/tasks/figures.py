@@ -1,0 +1,86 @@
+"""``task=figures``: the paper's figures and claims, measured and scored, in one report."""
+
+from __future__ import annotations
+
+import time
+from contextlib import AbstractContextManager
+from dataclasses import replace
+from pathlib import Path
+
+from rich.console import Console
+
+from vocc_torch.assembly import build_experiments, build_plan
+from vocc_torch.config import AppConfig
+from vocc_torch.evaluation.curves import Measured
+from vocc_torch.evaluation.ledger import Ledger
+from vocc_torch.reporting.terminal_campaign import CampaignView
+from vocc_torch.studies.campaign import Campaign, Study, run_campaign
+from vocc_torch.studies.paper import BER_FIGURES, PaperStudies, wanted_figures
+from vocc_torch.studies.plan import Plan
+from vocc_torch.studies.workers import Workers
+from vocc_torch.tasks.folder import open_ledger, refuse_results, refuse_unused, resumable, write_config
+from vocc_torch.tasks.stopwatch import Stopwatch
+
+LEDGERS = "ledgers"
+"""Folder of a campaign's ledgers."""
+
+
+def run_figures(settings: AppConfig, folder: Path) -> None:
+    """Measure what the paper's figures and claims need, draw, score and report it.
+
+    Raises:
+        VoccError: an unknown figure, focal length or locator, or whatever a stage refuses.
+    """
+    refuse_unused(settings)
+    refuse_results(folder, LEDGERS)
+    plan, console, watch = build_plan(settings, folder), Console(), Stopwatch()
+    names = wanted_figures(settings.figures.names)
+    studies = _studies(settings, plan, names)
+    with resumable(settings, folder, console), Workers(settings.workers) as workers:
+        campaign = _measure(studies, workers, folder, console, watch)
+    write_config(settings, folder)
+    console.print(watch.seconds, len(campaign.measured))
+
+
+def _studies(settings: AppConfig, plan: Plan, names: tuple[str, ...]) -> PaperStudies:
+    """Lay out what the wanted figures need."""
+    figures = settings.figures
+    wanted = {experiment for name, experiment in BER_FIGURES.items() if name in names}
+    chosen = {name: config for name, config in figures.experiments.items() if name in wanted}
+    narrowed = replace(settings, figures=replace(figures, experiments=chosen))
+    return PaperStudies(
+        tuple(figures.focal_lengths_mm),
+        tuple(figures.locators),  # type: ignore[arg-type]  # checked by name in PaperStudies
+        build_experiments(narrowed, plan),
+    )
+
+
+def _measure(
+    studies: PaperStudies, workers: Workers, folder: Path, console: Console, watch: Stopwatch
+) -> Campaign:
+    """Run every study, each with a ledger, under a live view."""
+    ordered = studies.studies()
+    begun = time.perf_counter()
+
+    def ledger(study: Study) -> AbstractContextManager[Ledger]:
+        return open_ledger(folder / LEDGERS / f"{study.key}.jsonl", study.identity, console)
+
+    with CampaignView(sum(study.frames for study in ordered), console) as view:
+
+        def lap(stage: str) -> float:
+            nonlocal begun
+            before, begun = begun, watch.lap(stage, begun)
+            return begun - before
+
+        def finished(study: Study, _: Measured) -> None:
+            frames = f"{study.frames} frames".rjust(13)
+            view.say(f"{study.key:<20} {frames}   {lap(study.plan.experiment.name.partition('/')[0]):6.1f} s")
+
+        return run_campaign(
+            ordered,
+            workers,
+            ledger,
+            trained=lambda: view.say(f"{'training':<20} {'':13}   {lap('training'):6.1f} s"),
+            advance=lambda study, frames: view.advance(study.key, frames),
+            finished=finished,
+        )
