@@ -137,4 +137,3 @@ def apart(first: Law, second: Law) -> Law:
 def alike(law: Law, receivers: int = 2) -> Law:
     """Give every receiver the same errors."""
     return Law(np.repeat(law.halves[:, :1], receivers, axis=1), law.missed, law.share)
-

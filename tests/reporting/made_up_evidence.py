@@ -26,6 +26,27 @@ def _features():
 CONDITION = np.array([4000.0, 3500.0, 50.0, 102.0])
 
 
+def _processing_time():
+    """Times of five stages for two kinds of frames and two batch sizes, each with its quartiles."""
+    middle = np.array([1.0, 0.105, 0.22, 0.3, 0.32]) * np.array([[[5.5], [1.6]], [[4.6], [0.48]]])
+    shares = middle / middle[..., :1]
+    width = np.where(np.arange(5) > 0, 0.08, 0.0)[:, None] * np.array([-1, 0, 1.5])
+    return {
+        "frames": ("whole_frames", "crops"),
+        "batches": (1, 64),
+        "stages": ("panel_detection", "center_greyscale", "average_greyscale", "flda_2", "flda_3"),
+        "times_ms": middle[..., None] * np.array([0.95, 1, 1.1]),
+        "shares": shares[..., None] * (1 + width),
+        "ngr_costs": np.stack([np.full((2, 2, 3), 0.0667), np.full((2, 2, 3), -0.0154)], axis=2),
+        "paper_shares": np.array([1.0, 0.05, 0.07, 0.12, 0.14]),
+        "rounds": (48, 11),
+        "sensor_px": (1080, 1920),
+        "machine": "Example Accelerator 200, Example(R) Processor 8000 CPU @ 2.50GHz with 16 cores, "
+        "16 threads, torch 2.13.0+cu128",
+        "threads": 16,
+    }
+
+
 def made_up_evidence():
     """Keyword arguments of each drawing, by the figure's name."""
     bits, values = _features()
@@ -116,4 +137,5 @@ def made_up_evidence():
             "conditions": np.tile(CONDITION, (6, 1)),
             "wanted": np.array([0.06, 0.3, 0.5, 0.06, 0.3, 0.5]),
         },
+        "fig25": _processing_time(),
     }

@@ -22,6 +22,7 @@ from vocc_torch.studies.evidence.overlap import GreyOverlap
 from vocc_torch.studies.evidence.projection import Projection
 from vocc_torch.studies.evidence.registry import EVIDENCE
 from vocc_torch.studies.evidence.spread import Spread, SpreadWithFrames
+from vocc_torch.studies.evidence.timing import ProcessingTime
 
 KINDS = {
     "fig04": GreyOverlap,
@@ -34,6 +35,7 @@ KINDS = {
     "fig17": BlurOrder,
     "fig19": FrameHistogram,
     "fig20": ContrastPanels,
+    "fig25": ProcessingTime,
 }
 ARRAYS = made_up_evidence()
 
@@ -237,7 +239,7 @@ def test_fig13_puts_the_threshold_at_a_right_angle_to_w(figures):
 
 def test_fig17_follows_the_marked_line(figures):
     axes, pictures = figures["fig17"].axes[2], ARRAYS["fig17"]["pictures"]
-    for (grey, _), colour in zip(pictures, (panels.OFF, panels.ON, "#5F6368"), strict=True):
+    for (grey, _), colour in zip(pictures, ("#CC79A7", "#009E73", "#5F6368"), strict=True):
         np.testing.assert_array_equal(steps(axes, colour).values, grey[11])
     assert f"brightest {pictures[1][0].max():.0f}" in all_text(figures["fig17"])
 

@@ -342,8 +342,8 @@ def _excess_interval(side: Counts, paired: PairedCounts, confidence: float) -> I
         correction = (stdtrit(max(1.0, paired.bits - 1.0), quantile) / stdtrit(freedom, quantile)) ** 2
         trials *= min(1.0, float(correction))
     clustered = clopper_pearson(rate * trials, trials, confidence)
-    # A frame's difference is one bit at least and all its bits at most. The half that a missed panel of an odd
-    # number of LEDs counts may be half a bit from what the other receiver got wrong.
+    # A frame's difference is one bit at least and all its bits at most. Only the half that a missed panel of
+    # an odd number of LEDs counts can be half a bit from what the other receiver got wrong.
     fewest = 1.0 if leds % 2 == 0 else 0.5
     return Interval(
         min(max(clustered.low, worse.low * fewest / leds), rate),

@@ -5,12 +5,13 @@ from __future__ import annotations
 import os
 import platform
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from vocc_torch.errors import VoccError
 
@@ -20,30 +21,49 @@ _CPU_FILE = Path("/proc/cpuinfo")
 
 @dataclass(frozen=True, slots=True)
 class Timing:
-    """How long one call took over its repeats.
+    """How long one call took, round by round.
 
     Args:
-        median_s: median, s.
-        low_s: lower quartile, s.
-        high_s: upper quartile, s.
-        repeats: how often it was timed.
+        seconds: at least one duration, s.
+
+    Example:
+        >>> timing = Timing((4.0, 1.0, 2.0, 3.0, 100.0))
+        >>> timing.low_s, timing.median_s, timing.high_s, timing.repeats
+        (2.0, 3.0, 4.0, 5)
     """
 
-    median_s: float
-    low_s: float
-    high_s: float
-    repeats: int
+    seconds: tuple[float, ...]
 
-    @classmethod
-    def of(cls, seconds: list[float]) -> Timing:
-        """Summarise at least one duration; quartiles lie between two durations where need be.
+    @property
+    def median_s(self) -> float:
+        """Median, s."""
+        return quartiles(self.seconds)[1]
 
-        Example:
-            >>> Timing.of([4.0, 1.0, 2.0, 3.0, 100.0])
-            Timing(median_s=3.0, low_s=2.0, high_s=4.0, repeats=5)
-        """
-        low, median, high = np.percentile(seconds, (25, 50, 75)).tolist()
-        return cls(median, low, high, len(seconds))
+    @property
+    def low_s(self) -> float:
+        """Lower quartile, s."""
+        return quartiles(self.seconds)[0]
+
+    @property
+    def high_s(self) -> float:
+        """Upper quartile, s."""
+        return quartiles(self.seconds)[2]
+
+    @property
+    def repeats(self) -> int:
+        """How often the call was timed."""
+        return len(self.seconds)
+
+
+def quartiles(values: Sequence[float] | NDArray[np.float64]) -> tuple[float, float, float]:
+    """Lower quartile, median and upper quartile, between two values where need be.
+
+    Example:
+        >>> quartiles([1.0, 2.0, 3.0, 4.0])
+        (1.75, 2.5, 3.25)
+    """
+    low, median, high = np.percentile(values, (25, 50, 75)).tolist()
+    return low, median, high
 
 
 def interleaved(
@@ -89,7 +109,7 @@ def interleaved(
             spent = clock() - begin
             if turn >= warm_up:
                 seconds[name].append(spent)
-    return {name: Timing.of(durations) for name, durations in seconds.items()}
+    return {name: Timing(tuple(durations)) for name, durations in seconds.items()}
 
 
 def settle_memory() -> None:

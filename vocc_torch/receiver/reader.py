@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import get_args
 
@@ -16,7 +17,7 @@ from vocc_torch.receiver.features import (
     gradient_radial_inwardness,
     neighbour_greyscale_ratio,
 )
-from vocc_torch.receiver.rectification import cell_size_px, centre_greys, rectify
+from vocc_torch.receiver.rectification import cell_size_px, centre_greys, rectify_takes
 from vocc_torch.types import Frames, Panels, PanelShape
 
 
@@ -76,17 +77,29 @@ class Reader:
 
     def read(self, frames: Frames, panels: Panels) -> Readings:
         """Measure every LED of B frames with located panels; one not found reads finite, without meaning."""
-        patches = rectify(frames, panels, self.shape, self.samples_per_led)
-        means = cell_means(patches, self.shape)
+        return self.read_takes([frames], panels)[0]
+
+    def read_takes(self, takes: Sequence[Frames], panels: Panels) -> tuple[Readings, list[Greys]]:
+        """Measure every LED of test frames, and grey levels only of further takes of the same scenes.
+
+        Args:
+            takes: the test frames first, then preambles of the same size and place.
+            panels: where the panel was located in the test frames.
+        """
+        patches = rectify_takes(takes, panels, self.shape, self.samples_per_led)
+        means = [cell_means(one, self.shape) for one in patches]
+        greys = [
+            Greys(mean[:, 1:-1, 1:-1], centre_greys(take, panels, self.shape))
+            for mean, take in zip(means, takes, strict=True)
+        ]
         width, height = cell_size_px(panels.corners_px, self.shape)
-        gri = gradient_radial_inwardness(patches, self.shape, width, height, self.gradient)
+        gri = gradient_radial_inwardness(patches[0], self.shape, width, height, self.gradient)
         features = torch.stack(
-            [average_greyscale_ratio(means), gri, neighbour_greyscale_ratio(means)], dim=-1
+            [average_greyscale_ratio(means[0]), gri, neighbour_greyscale_ratio(means[0])], dim=-1
         )
-        greys = Greys(means[:, 1:-1, 1:-1], centre_greys(frames, panels, self.shape))
-        return Readings(features.to(torch.float64), greys, patches)
+        return Readings(features.to(torch.float64), greys[0], patches[0]), greys[1:]
 
     def read_greys(self, frames: Frames, panels: Panels) -> Greys:
-        """Measure grey levels only, as a preamble needs."""
-        means = cell_means(rectify(frames, panels, self.shape, self.samples_per_led), self.shape)
-        return Greys(means[:, 1:-1, 1:-1], centre_greys(frames, panels, self.shape))
+        """Measure grey levels only."""
+        (patches,) = rectify_takes([frames], panels, self.shape, self.samples_per_led)
+        return Greys(cell_means(patches, self.shape)[:, 1:-1, 1:-1], centre_greys(frames, panels, self.shape))

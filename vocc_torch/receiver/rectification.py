@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import kornia.geometry
 import torch
 import torch.nn.functional as F
@@ -85,20 +87,22 @@ def _reach(frames: Frames) -> tuple[Tensor, Tensor]:
     return least.double(), torch.minimum(frames.origin_px + 2 * extent, sensor).double()
 
 
-def _sample(frames: Frames, homography: Tensor, x: Tensor, y: Tensor, dtype: torch.dtype) -> Tensor:
-    """Read frames bilinearly at cell coordinates x (w,) by y (h,), giving (B,h,w).
+def _sample(
+    takes: Sequence[Frames], homography: Tensor, x: Tensor, y: Tensor, dtype: torch.dtype
+) -> list[Tensor]:
+    """Read frames bilinearly at cell coordinates x (w,) by y (h,), giving (B,h,w) for each take.
 
     Positions count from a whole sensor pixel beside the panel, so a crop and the full frame give the same
     values to the last bit, whatever else is in the batch; ``grid_sample`` normalises by the image's size
     and does not.
     """
+    frames = takes[0]
     ends = torch.stack([ends.flatten(1) for ends in _map_cells(homography, x[[0, -1]], y[[0, -1]])], dim=1)
     least, most = _reach(frames)
     lowest, highest = (torch.minimum(torch.maximum(v, least), most) for v in (ends.amin(2), ends.amax(2)))
     origin = torch.floor(lowest - 0.5)
     last = torch.ceil(highest - origin)
     width, height = (int(v) + 2 for v in last.amax(0).tolist())
-    window = _cut(frames, origin.long(), (height, width), dtype).flatten(1)
     # Half a pixel off, so that whole numbers are pixel centres; as a product with a shift, exact in float64.
     shift = torch.eye(3, dtype=homography.dtype, device=homography.device).repeat(len(frames), 1, 1)
     shift[:, :2, 2] = -origin - 0.5
@@ -108,11 +112,15 @@ def _sample(frames: Frames, homography: Tensor, x: Tensor, y: Tensor, dtype: tor
     left, top = torch.floor(x_px), torch.floor(y_px)
     index = (top.long() * width).add_(left.long()).flatten(1)
     right_share, lower_share = x_px.sub_(left).flatten(1), y_px.sub_(top).flatten(1)
-    upper = torch.lerp(window.gather(1, index), window[:, 1:].gather(1, index), right_share)
-    lower = torch.lerp(
-        window[:, width:].gather(1, index), window[:, width + 1 :].gather(1, index), right_share
-    )
-    return torch.lerp(upper, lower, lower_share).view(left.shape)
+    read = []
+    for take in takes:
+        window = _cut(take, origin.long(), (height, width), dtype).flatten(1)
+        upper = torch.lerp(window.gather(1, index), window[:, 1:].gather(1, index), right_share)
+        lower = torch.lerp(
+            window[:, width:].gather(1, index), window[:, width + 1 :].gather(1, index), right_share
+        )
+        read.append(torch.lerp(upper, lower, lower_share).view(left.shape))
+    return read
 
 
 def _oversampling(panels: Panels, shape: PanelShape, samples: int) -> Tensor:
@@ -143,21 +151,47 @@ def rectify(frames: Frames, panels: Panels, shape: PanelShape, samples_per_led: 
         >>> tuple(patches.shape), patches[0, 0, 0, :4].tolist()
         ((1, 1, 12, 12), [2.0, 3.0, 4.0, 5.0])
     """
+    return rectify_takes([frames], panels, shape, samples_per_led)[0]
+
+
+def rectify_takes(
+    takes: Sequence[Frames], panels: Panels, shape: PanelShape, samples_per_led: int
+) -> list[Tensor]:
+    """Resample several takes of the same scenes at the same corners; where to read is worked out once.
+
+    Args:
+        takes: frames or crops of one size and place, such as test frames and their preambles; at least one.
+        panels: see :func:`rectify`.
+        shape: rows and columns.
+        samples_per_led: K, at least 2.
+
+    Returns:
+        (B,1,(R+2)K,(C+2)K) for each take, as :func:`rectify` gives it.
+
+    Example:
+        >>> frames = Frames.whole(torch.arange(16.0).view(1, 1, 1, 16).expand(1, 1, 16, 16))
+        >>> panels = Panels.known(torch.tensor([[[4.0, 4.0], [12.0, 4.0], [12.0, 12.0], [4.0, 12.0]]]))
+        >>> len(rectify_takes([frames, frames], panels, PanelShape(4, 4), 2))
+        2
+    """
     homography = cell_homography(panels.corners_px, shape)
     factors = _oversampling(panels, shape, samples_per_led)
-    size = (len(frames), 1, (shape.rows + 2) * samples_per_led, (shape.columns + 2) * samples_per_led)
-    dtype = frames.grey.dtype if frames.grey.is_floating_point() else torch.float32
-    patches = torch.empty(size, dtype=dtype, device=frames.grey.device)
+    grey = takes[0].grey
+    size = (len(grey), 1, (shape.rows + 2) * samples_per_led, (shape.columns + 2) * samples_per_led)
+    dtype = grey.dtype if grey.is_floating_point() else torch.float32
+    patches = [torch.empty(size, dtype=dtype, device=grey.device) for _ in takes]
     for factor in torch.unique(factors).tolist():
         rows = factors == factor
         fine = samples_per_led * factor
         steps_x = torch.arange((shape.columns + 2) * fine, dtype=torch.float64, device=factors.device)
         steps_y = torch.arange((shape.rows + 2) * fine, dtype=torch.float64, device=factors.device)
-        whole = bool(rows.all())
-        subset = frames if whole else Frames(frames.grey[rows], frames.origin_px[rows], frames.sensor_px)
+        subset = list(takes)
+        if not bool(rows.all()):
+            subset = [Frames(t.grey[rows], t.origin_px[rows], t.sensor_px) for t in takes]
         x, y = (steps_x + 0.5) / fine - 1, (steps_y + 0.5) / fine - 1
-        read = _sample(subset, homography[rows], x, y, dtype).unsqueeze(1)
-        patches[rows] = F.avg_pool2d(read, factor) if factor > 1 else read
+        for patch, read in zip(patches, _sample(subset, homography[rows], x, y, dtype), strict=True):
+            whole = read.unsqueeze(1)
+            patch[rows] = F.avg_pool2d(whole, factor) if factor > 1 else whole
     return patches
 
 

@@ -10,20 +10,18 @@ import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
-from matplotlib.collections import QuadMesh
-from matplotlib.colors import LogNorm
+from matplotlib.colors import LogNorm, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 from matplotlib.patheffects import withStroke
-from matplotlib.ticker import LogLocator, NullLocator
+from matplotlib.ticker import LogLocator, NullFormatter
 
 from vocc_torch.evaluation.dimming import Best, Floats, Grid, best_luminance
 from vocc_torch.reporting.canvas import INK, QUIET, new_figure, write_title
 from vocc_torch.reporting.octaves import (
     cell_edges,
     frames_text,
-    grid_value,
     name_octaves,
     octave,
     rate_text,
@@ -31,12 +29,14 @@ from vocc_torch.reporting.octaves import (
 )
 from vocc_torch.reporting.styles import Style, axis_label, receiver_styles
 
-_MAP = colormaps["cividis"]
+_MAP = colormaps["viridis"]
 _NO_ERRORS, _HATCH = "#F4F4F2", "#C9CCD1"
+_MIDDLE = 0.21
+"""Relative luminance at which white and dark text are about equally legible."""
 _MOST_NUMBERS = 72
 """Cells of a panel that still have room for their numbers."""
 _PANEL_IN = 3.55
-_SIDE = -0.37
+_SIDE = -0.4
 """Where the best luminance stands in its cell, in widths of the cell from the middle: beside the number."""
 
 
@@ -56,7 +56,7 @@ class _Layout:
 
     @property
     def width(self) -> float:
-        return max(6.4, 0.95 + (_PANEL_IN + 0.35) * self.columns + 0.75)
+        return max(6.4, 0.95 + (_PANEL_IN + 0.16) * self.columns + 0.95)
 
     @property
     def height(self) -> float:
@@ -65,7 +65,7 @@ class _Layout:
     def box(self, number: int) -> tuple[float, float, float, float]:
         """Give a panel's left, bottom, width and height as shares of the page."""
         line, column = divmod(number, self.columns)
-        left = 0.95 + (_PANEL_IN + 0.35) * column
+        left = 0.95 + (_PANEL_IN + 0.16) * column
         bottom = self.height - 1.05 - _PANEL_IN - (_PANEL_IN + 0.45) * line
         return (
             left / self.width,
@@ -110,10 +110,10 @@ def dimming_figure(
         axes = figure.add_axes(layout.box(number))
         _panel(axes, grid, name, norm)
         _heading(axes, style)
-        if number + layout.columns >= len(names):
-            axes.set_xlabel(axis_label(grid.row_axis), fontsize=11, color=INK, labelpad=5)
-        if number % layout.columns == 0:
-            axes.set_ylabel(axis_label(grid.column_axis), fontsize=11, color=INK)
+        lowest, leftmost = number + layout.columns >= len(names), number % layout.columns == 0
+        axes.tick_params(labelbottom=lowest, labelleft=leftmost)
+        axes.set_xlabel(axis_label(grid.row_axis) if lowest else "", fontsize=11, color=INK, labelpad=5)
+        axes.set_ylabel(axis_label(grid.column_axis) if leftmost else "", fontsize=11, color=INK)
     _colour_bar(figure, layout, norm)
     write_title(figure, title, frames_text(grid))
     _legend(figure, any(bool(grid.errorless(name).any()) for name in names))
@@ -145,7 +145,7 @@ def _panel(axes: Axes, grid: Grid, receiver: str, norm: LogNorm) -> None:
         )
     if ber.size <= _MOST_NUMBERS:
         _numbers(axes, grid, receiver, norm)
-    _draw_best(axes, best_luminance(grid, receiver), np.diff(ambient), grid)
+    _draw_best(axes, best_luminance(grid, receiver), np.diff(ambient))
     name_octaves(axes.xaxis, grid.rows)
     name_octaves(axes.yaxis, grid.columns)
     axes.tick_params(length=3, color=QUIET, labelcolor=INK, labelsize=9.5)
@@ -155,32 +155,34 @@ def _panel(axes: Axes, grid: Grid, receiver: str, norm: LogNorm) -> None:
 
 
 def _numbers(axes: Axes, grid: Grid, receiver: str, norm: LogNorm) -> None:
-    """Write each cell's rate or limit, in the lower part of the cell, dark on light and light on dark."""
-    ber, high = grid.ber(receiver), grid.intervals(receiver)[1]
-    heights = np.diff(cell_edges(grid.columns))
-    for (i, j), rate in np.ndenumerate(ber):
-        clean = rate == 0
-        text = f"<{rate_text(high[i, j])}" if clean else rate_text(rate)
-        dark = not clean and _lightness(norm, rate) < 0.5
-        axes.text(
-            octave(grid.rows[i]) + 0.07 * 1,
-            octave(grid.columns[j]) - 0.21 * heights[j],
-            text,
-            ha="center",
-            va="center",
-            fontsize=8,
-            color="white" if dark else INK,
-            zorder=3,
-        )
+    """Write each cell's rate or limit in its lower part, dark on light and light on dark."""
+    ber, high = grid.ber(receiver).tolist(), grid.intervals(receiver)[1].tolist()
+    widths, heights = np.diff(cell_edges(grid.rows)), np.diff(cell_edges(grid.columns))
+    for i, ambient in enumerate(grid.rows):
+        for j, luminance in enumerate(grid.columns):
+            rate = ber[i][j]
+            back = to_rgb(_MAP(float(norm(rate))) if rate else _NO_ERRORS)
+            axes.text(
+                octave(ambient) + 0.06 * widths[i],
+                octave(luminance) - 0.2 * heights[j],
+                rate_text(rate) if rate else f"<{rate_text(high[i][j])}",
+                ha="center",
+                va="center",
+                fontsize=8.2 if rate else 7.6,
+                color="white" if _luminance(back) < _MIDDLE else INK,
+                # The line through the best luminances must not strike a number out.
+                path_effects=[withStroke(linewidth=2.6, foreground=back)],
+                zorder=5.5,
+            )
 
 
-def _lightness(norm: LogNorm, rate: float) -> float:
-    """Give how light a rate's colour is, 0 to 1."""
-    red, green, blue, _ = _MAP(float(norm(rate)))
-    return 0.299 * red + 0.587 * green + 0.114 * blue
+def _luminance(colour: tuple[float, float, float]) -> float:
+    """Give a colour's relative luminance, 0 to 1 (WCAG 2)."""
+    linear = [part / 12.92 if part <= 0.04045 else ((part + 0.055) / 1.055) ** 2.4 for part in colour]
+    return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
 
 
-def _draw_best(axes: Axes, bests: Sequence[Best], widths: Floats, grid: Grid) -> None:
+def _draw_best(axes: Axes, bests: Sequence[Best], widths: Floats) -> None:
     """Draw the best luminances, joined, with plateaus and ranges."""
     x = [octave(best.ambient_lx) + _SIDE * width for best, width in zip(bests, widths, strict=True)]
     cased = [withStroke(linewidth=3.4, foreground=INK)]
@@ -193,7 +195,7 @@ def _draw_best(axes: Axes, bests: Sequence[Best], widths: Floats, grid: Grid) ->
             axes.plot([at, at], plateau, color="white", linewidth=4.6, path_effects=wide, zorder=4)
         for open_end, place, marker in ((best.reaches_lowest, low, "v"), (best.reaches_highest, high, "^")):
             if open_end:
-                _sign(axes, at, place + (0.3 if marker == "^" else -0.3), marker, 5.5)
+                axes.add_line(_sign(marker, 5.5, at=(at, place + (0.3 if marker == "^" else -0.3))))
     axes.plot(
         x,
         [octave(best.middle_cd_m2) for best in bests],
@@ -203,12 +205,25 @@ def _draw_best(axes: Axes, bests: Sequence[Best], widths: Floats, grid: Grid) ->
         zorder=5,
     )
     for at, best in zip(x, bests, strict=True):
-        _sign(axes, at, octave(best.middle_cd_m2), "o", 7)
+        axes.add_line(_sign("o", 7, at=(at, octave(best.middle_cd_m2))))
 
 
-def _sign(axes: Axes, x: float, y: float, marker: str, size: float) -> None:
-    axes.plot(
-        [x], [y], marker, color="white", markersize=size, markeredgecolor=INK, markeredgewidth=1.1, zorder=6
+def _sign(
+    marker: str, size: float, line: float = 0.0, label: str = "", at: tuple[float, float] | None = None
+) -> Line2D:
+    """Make a sign, white with a dark edge; without a place it is one for the legend."""
+    return Line2D(
+        [at[0]] if at else [],
+        [at[1]] if at else [],
+        color=INK,
+        linewidth=line,
+        marker=marker,
+        markersize=size,
+        markerfacecolor="white",
+        markeredgecolor=INK,
+        markeredgewidth=1.1,
+        label=label,
+        zorder=6,
     )
 
 
@@ -240,19 +255,22 @@ def _colour_bar(figure: Figure, layout: _Layout, norm: LogNorm) -> None:
     axes = figure.add_axes(layout.bar)
     figure.colorbar(ScalarMappable(norm, _MAP), cax=axes)
     axes.yaxis.set_major_locator(LogLocator(10, numticks=20))
-    axes.yaxis.set_minor_locator(NullLocator())
-    axes.tick_params(length=3, color=QUIET, labelcolor=INK, labelsize=9.5)
+    axes.yaxis.set_minor_locator(LogLocator(10, subs=tuple(range(2, 10)), numticks=200))
+    axes.yaxis.set_minor_formatter(NullFormatter())
+    axes.tick_params(which="both", length=3, color=QUIET, labelcolor=INK, labelsize=9.5)
     axes.set_ylabel("Bit error rate", fontsize=11, color=INK)
     axes.spines[:].set_visible(False)
 
 
 def _legend(figure: Figure, with_limits: bool) -> None:
     """Explain the signs, in a row under the title."""
-    look = {"color": INK, "markerfacecolor": "white", "markeredgecolor": INK}
     signs: list[Line2D | Patch] = [
-        Line2D([], [], marker="o", markersize=7, linewidth=1.4, label="best", **look),
-        Line2D([], [], marker="|", markersize=13, linestyle="none", label="not told from it (95 %)", **look),
-        Line2D([], [], marker="^", markersize=6, linestyle="none", label="may lie beyond", **look),
+        _sign(marker, size, line, text)
+        for marker, size, line, text in (
+            ("o", 7.0, 1.4, "best"),
+            ("|", 13.0, 0.0, "range that cannot be told from it (95 %)"),
+            ("^", 6.0, 0.0, "may lie beyond the grid"),
+        )
     ]
     if with_limits:
         signs.append(Patch(facecolor=_NO_ERRORS, edgecolor=_HATCH, hatch="////", label="no errors, limit"))

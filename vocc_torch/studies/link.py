@@ -110,22 +110,19 @@ class Link:
     ) -> dict[str, Observation]:
         """Run one batch."""
         frames = self.simulator.render(scene, bits, nearest_m=nearest_m)
-        levels = None
+        takes = [frames]
         if preambles:
-            on, off = (
-                self.simulator.render(scene, sent, nearest_m=nearest_m)
-                for sent in (torch.ones_like(bits), torch.zeros_like(bits))
-            )
-            levels = (on, off)
+            for sent in (torch.ones_like(bits), torch.zeros_like(bits)):
+                takes.append(self.simulator.render(scene, sent, nearest_m=nearest_m))
         seen = {}
         for name, locator in locators.items():
             panels = (
                 self.simulator.true_panels(scene) if locator is None else locator(frames, self.reader.shape)
             )
             # Preambles are read where the panel was located in the frame itself.
-            read = None if levels is None else [self.reader.read_greys(level, panels) for level in levels]
-            known = None if read is None else Preambles(*read)
-            seen[name] = Observation(scene, bits, frames, panels, self.reader.read(frames, panels), known)
+            readings, levels = self.reader.read_takes(takes, panels)
+            known = Preambles(*levels) if preambles else None
+            seen[name] = Observation(scene, bits, frames, panels, readings, known)
         return seen
 
 

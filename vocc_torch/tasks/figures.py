@@ -15,11 +15,14 @@ from vocc_torch.evaluation.curves import Measured
 from vocc_torch.evaluation.ledger import Ledger
 from vocc_torch.reporting.terminal_campaign import CampaignView
 from vocc_torch.studies.campaign import Campaign, Study, run_campaign
+from vocc_torch.studies.evidence import EVIDENCE
 from vocc_torch.studies.paper import BER_FIGURES, PaperStudies, wanted_figures
 from vocc_torch.studies.plan import Plan
 from vocc_torch.studies.workers import Workers
 from vocc_torch.tasks.folder import open_ledger, refuse_results, refuse_unused, resumable, write_config
+from vocc_torch.tasks.paper_files import PaperFiles
 from vocc_torch.tasks.stopwatch import Stopwatch
+from vocc_torch.tasks.training import write_training
 
 LEDGERS = "ledgers"
 """Folder of a campaign's ledgers."""
@@ -36,10 +39,23 @@ def run_figures(settings: AppConfig, folder: Path) -> None:
     plan, console, watch = build_plan(settings, folder), Console(), Stopwatch()
     names = wanted_figures(settings.figures.names)
     studies = _studies(settings, plan, names)
-    with resumable(settings, folder, console), Workers(settings.workers) as workers:
-        campaign = _measure(studies, workers, folder, console, watch)
+    ordered = studies.studies()
+    files = PaperFiles(settings, folder, studies, console, watch)
+    with resumable(settings, folder, console):
+        if ordered:
+            with Workers(settings.workers) as workers:
+                campaign = _measure(ordered, workers, folder, console, watch)
+            files.rates(campaign)
+            own = ordered[0]
+            training = campaign.trainings[own.key][studies.locators[0]]
+            write_training(settings, own.plan, training, folder)
+        # After the workers have ended: one of these figures is a measurement of time.
+        with watch.stage("other figures"):
+            files.evidence(plan, [name for name in names if name in EVIDENCE])
+        with watch.stage("report"):
+            files.report()
     write_config(settings, folder)
-    console.print(watch.seconds, len(campaign.measured))
+    files.print_places()
 
 
 def _studies(settings: AppConfig, plan: Plan, names: tuple[str, ...]) -> PaperStudies:
@@ -56,10 +72,9 @@ def _studies(settings: AppConfig, plan: Plan, names: tuple[str, ...]) -> PaperSt
 
 
 def _measure(
-    studies: PaperStudies, workers: Workers, folder: Path, console: Console, watch: Stopwatch
+    ordered: list[Study], workers: Workers, folder: Path, console: Console, watch: Stopwatch
 ) -> Campaign:
     """Run every study, each with a ledger, under a live view."""
-    ordered = studies.studies()
     begun = time.perf_counter()
 
     def ledger(study: Study) -> AbstractContextManager[Ledger]:

@@ -10,6 +10,7 @@ from vocc_torch.evaluation.scorecard.contrasts import BACKGROUND_GREYS, GAMMA
 from vocc_torch.evaluation.scorecard.judgement import Judgement, not_measured
 from vocc_torch.evaluation.scorecard.orders import Judge
 from vocc_torch.evaluation.scorecard.reading import Reading
+from vocc_torch.evaluation.scorecard.words import percent
 from vocc_torch.simulation.photometry import MIDDLE_GREY, transmission
 
 
@@ -37,7 +38,9 @@ def net_rate_is(kbps: float, frames_per_s: float) -> Judge:
         if counts is None:
             return not_measured("a frame")
         found = counts.bits / counts.frames * frames_per_s / 1000
-        measured = f"{found:g} kbps: {counts.bits / counts.frames:g} bits a frame, {frames_per_s:g} frames a second"
+        measured = (
+            f"{found:g} kbps: {counts.bits / counts.frames:g} bits a frame, {frames_per_s:g} frames a second"
+        )
         if math.isclose(found, kbps):
             return Judgement("agree", measured)
         return Judgement("differ", measured, "the panel has another number of LEDs")
@@ -52,10 +55,23 @@ def half_of_middle_grey(reading: Reading) -> Judgement:
     return Judgement("agree" if round(value) == BACKGROUND_GREYS[0] else "differ", measured)
 
 
-def iso_range_suffices(reading: Reading) -> Judgement:
-    """Claim that ISO 100 to 3200 gives greys of 86 to 118 from 1000 to 32000 lx: by Eq. 1 a ratio, free of N, K.
+def quoted_gains_follow(reading: Reading) -> Judgement:
+    """Claim that the paper's numbers fit each other: to a point, for they are rounded (1.78 % to a tenth)."""
+    follow = (
+        (0.24, 1 - 5.0 / 6.6, 0.01),
+        (0.26, 1 - 3.9 / 5.3, 0.01),
+        (0.17, 14 / 12 - 1, 0.01),
+        (0.0178, (14 - 12) / (100 + 12), 0.001),
+    )
+    measured = ", ".join(percent(found, 1) for _, found, _ in follow)
+    fit = all(abs(stated - found) <= rounding for stated, found, rounding in follow)
+    return Judgement("agree" if fit else "differ", measured)
 
-    The ISO speed needed is in proportion to grey^gamma / illuminance.
+
+def iso_range_suffices(reading: Reading) -> Judgement:
+    """Claim that ISO 100 to 3200 gives greys of 86 to 118 from 1000 to 32000 lx.
+
+    By Eq. 1 the ISO speed needed is in proportion to grey^gamma / illuminance, whatever N and K are.
     """
     dark, bright = BACKGROUND_GREYS
     needed, there = 32000 / 1000 * (bright / dark) ** GAMMA, 3200 / 100

@@ -23,12 +23,13 @@ class Claim:
         text: what is claimed, in our words.
         paper: what the paper quotes or says.
         rule: judges it under a reading, by the rules of :mod:`.judgement`.
-        basis: what it is judged by: ``curves`` of bit error rates, which depend on the reading; ``figures`` of
-            one sample, with the study's own settings; ``arithmetic`` with the paper's own numbers.
+        basis: what it is judged by: ``curves`` of bit error rates, which depend on the reading; ``figures``
+            of one sample, with the study's own settings; ``arithmetic`` with the paper's own numbers.
         explanations: reasons that may hold where it differs; each says nothing where its condition fails.
 
     Example:
-        >>> claim = Claim("k", "IV-C", "t", "p", lambda reading: Judgement("agree", reading.name), "arithmetic")
+        >>> rule = lambda reading: Judgement("agree", reading.name)
+        >>> claim = Claim("a.b", "IV-C", "text", "6 %", rule, "arithmetic")
         >>> claim.judge(Reading(25.0, "paper", {}, {})).measured
         '25 mm, paper'
     """
@@ -41,12 +42,17 @@ class Claim:
     basis: Basis = "curves"
     explanations: tuple[Explanation, ...] = ()
 
-    def judge(self, reading: Reading) -> Judgement:
-        """Judge the claim; where it differs, with every explanation that holds."""
+    def judge(self, reading: Reading, at_truth: Judgement | None = None) -> Judgement:
+        """Judge the claim; where it differs, with every explanation that holds.
+
+        Args:
+            reading: what was measured.
+            at_truth: how the claim is judged with true corners, if that is not this reading.
+        """
         judgement = self.rule(reading)
         if judgement.verdict != "differ":
             return judgement
         texts = [judgement.reason, *(explain(reading, judgement) for explain in self.explanations)]
         if self.basis == "curves":
-            texts.append(with_true_corners(reading, self.rule))
+            texts.append(with_true_corners(at_truth))
         return judgement.because("; ".join(text for text in texts if text))

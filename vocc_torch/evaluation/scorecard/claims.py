@@ -6,13 +6,13 @@ from vocc_torch.evaluation.scorecard.arithmetic import (
     half_of_middle_grey,
     iso_range_suffices,
     net_rate_is,
+    quoted_gains_follow,
     transmission_is,
 )
 from vocc_torch.evaluation.scorecard.claim import Claim
-from vocc_torch.evaluation.scorecard.claims_curves import AMBIENT, CONTRAST, DISTANCE, LUMINANCE
+from vocc_torch.evaluation.scorecard.claims_curves import AMBIENT, CONTRAST, DISTANCE, LUMINANCE, NAMES
 from vocc_torch.evaluation.scorecard.claims_features import FEATURES_BY_CURVES, FEATURES_BY_FIGURES
-from vocc_torch.evaluation.scorecard.judgement import Judgement
-from vocc_torch.evaluation.scorecard.reading import Reading
+from vocc_torch.evaluation.scorecard.luminances import best_luminance_moves
 from vocc_torch.evaluation.scorecard.times import panel_detection_rules, time_is
 from vocc_torch.evaluation.scorecard.words import percent
 
@@ -39,6 +39,14 @@ SETUP = (
         "grey 86 is half of middle grey (118) before gamma encoding",
         "86 to 118",
         half_of_middle_grey,
+        "arithmetic",
+    ),
+    Claim(
+        "setup.gains_follow",
+        "IV-D",
+        "the quoted gains and times follow from the quoted rates and shares",
+        "24 %, 26 %, 17 %, 1.78 %",
+        quoted_gains_follow,
         "arithmetic",
     ),
     Claim(
@@ -92,21 +100,16 @@ PROCESSING_TIME = (
 )
 
 
-def _dimming(reading: Reading) -> Judgement:
-    """Point to where the best luminance for each ambient light is measured."""
-    reason = "needs both to vary at once: experiment=dimming maps them"
-    return Judgement("cannot say", "not measured by these experiments", reason)
-
-
-DISCUSSION = (
+DISCUSSION = tuple(
     Claim(
-        "discussion.dimming",
+        f"discussion.dimming.{receiver}",
         "IV-D-5; V",
-        "the best LED luminance differs between levels of ambient light",
-        "should be optimized at every level",
-        _dimming,
+        f"the best LED luminance of {NAMES[receiver]} differs between levels of ambient light",
+        "should be optimized at every level of ambient light",
+        best_luminance_moves(receiver),
         "figures",
-    ),
+    )
+    for receiver in NAMES
 )
 
 CLAIMS: tuple[Claim, ...] = (

@@ -1,4 +1,4 @@
-"""Claims of sections IV-D-1 to IV-D-4: bit error rates against contrast, ambient light, luminance, distance."""
+"""Claims of sections IV-D-1 to IV-D-4: error rates against contrast, ambient light, luminance, distance."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def numbers(experiment: str) -> tuple[Claim, ...]:
             f"the rate of {NAMES[quoted.receiver]} at {_at(axis, quoted.value)}",
             rate(quoted.ber),
             ber_is(quoted),
-            explanations=(of_location(experiment, quoted.receiver, quoted.value),),
+            explanations=(of_location(experiment, quoted.receiver, quoted.value, quoted.ber),),
         )
         for quoted in QUOTED_BERS
         if quoted.experiment == experiment
@@ -94,9 +94,7 @@ def numbers(experiment: str) -> tuple[Claim, ...]:
             f"NGR saves this share of the errors {_where_gained(axis, quoted.value)}",
             percent(quoted.gain),
             gain_is(quoted),
-            explanations=()
-            if quoted.value is None
-            else (of_location(experiment, "flda_3", quoted.value),),
+            explanations=() if quoted.value is None else (of_location(experiment, "flda_3", quoted.value),),
         )
         for quoted in QUOTED_GAINS
         if quoted.experiment == experiment
@@ -120,7 +118,7 @@ def lowests(experiment: str, values: dict[str, float], quoted: str) -> tuple[Cla
         Claim(
             f"{experiment}.lowest.{receiver}",
             PLACES[experiment],
-            f"{NAMES[receiver]} has the lowest rate at {place(AXES[experiment], value)}",
+            f"the rate of {NAMES[receiver]} is lowest at {place(AXES[experiment], value)}",
             quoted.format(f"{value:g}"),
             lowest_at(experiment, receiver, value),
         )
@@ -192,6 +190,7 @@ CONTRAST = (
         "the contrast of the 20000 frames begins at 6 %",
         "6 %",
         contrast_range(0.06, lower=True),
+        "figures",
     ),
     Claim(
         "contrast.range.high",
@@ -199,6 +198,7 @@ CONTRAST = (
         "the contrast of the 20000 frames ends at 54 %",
         "54 %",
         contrast_range(0.54, lower=False),
+        "figures",
     ),
     *valleys("contrast", "non-monotonic"),
     *orders("contrast"),

@@ -77,8 +77,8 @@ def of_receivers(curves: Curves, above: str, below: str) -> list[Comparison]:
 
 def of_values(curves: Curves, receiver: str, above: float, below: float) -> Comparison:
     """Compare one receiver at two values of the axis."""
-    sides = (Side(receiver, value, curves.counts[receiver, value]) for value in (above, below))
-    return Comparison(curves.axis, *sides)
+    high, low = (Side(receiver, value, curves.counts[receiver, value]) for value in (above, below))
+    return Comparison(curves.axis, high, low)
 
 
 def confidence_of(comparisons: int) -> float:

@@ -71,7 +71,7 @@ def contrast_example(stated_percent: int, ambient_lx: float, led_luminance_cd_m2
 
 
 def contrast_range(end: float, *, lower: bool) -> Judge:
-    """Claim that the contrast experiment's frames begin, or end, at a contrast; judged to the width of a bin."""
+    """Claim that the contrast experiment's frames begin, or end, at a contrast, to the width of a bin."""
 
     def judge(reading: Reading) -> Judgement:
         curves = reading.curves("contrast")
@@ -103,7 +103,7 @@ def _extreme_contrast(*, lower: bool) -> float:
 
 
 def interference_grows(reading: Reading) -> Judgement:
-    """Claim of Fig. 20 that blooming takes more away the higher the contrast; on scenes that truly have it."""
+    """Claim of Fig. 20 that blooming takes more away the higher the contrast is that scenes truly have."""
     lost = []
     for name in ("true_6", "true_30", "true_50"):
         before = reading.finding("fig20", f"contrast_{name}")

@@ -37,15 +37,18 @@ def own_preamble(reading: Reading, judgement: Judgement) -> str:
 
 def _spotless(reading: Reading, receiver: str, points: set[tuple[str, float]]) -> str:
     """Say at how many of some points a receiver makes no error with true corners."""
-    rows = [
-        row
-        for measured in reading.experiments.values()
-        if "truth" in measured.curves and measured.curves["truth"].axis in {axis for axis, _ in points}
-        for row in measured.curves["truth"].table().of(receiver)
-        if (row.axis, row.value) in points
+    known = (m.curves["truth"] for m in reading.experiments.values() if "truth" in m.curves)
+    errors = [
+        curves.counts[receiver, value].half_errors
+        for curves in known
+        for value in curves.values
+        if (curves.axis, value) in points and (receiver, value) in curves.counts
     ]
-    silent = sum(row.error_free for row in rows)
-    return f", and with true corners it makes no error at {silent} of these {len(rows)} points" if silent else ""
+    silent = errors.count(0)
+    if not silent:
+        return ""
+    where = f"{silent} of these {len(errors)} points" if silent < len(errors) else "any of these points"
+    return f", and with true corners it makes no error at {where}"
 
 
 def one_rule_for_all(reading: Reading, judgement: Judgement) -> str:
@@ -58,9 +61,10 @@ def one_rule_for_all(reading: Reading, judgement: Judgement) -> str:
     low = [one for one in lost if _low_contrast(one)]
     if not low or 2 * len(low) < len(lost):
         return ""
+    share = "all" if len(low) == len(lost) else f"{len(low)} of {len(lost)}"
     return (
-        f"{len(low)} of {len(lost)} such points are at low contrast, where one linear rule for all scenes has "
-        "no preamble to tell it how dark this scene's On is"
+        f"where FLDA loses to a greyscale receiver, {share} of the points are at low contrast: one linear "
+        "rule for all scenes has no preamble to tell it how dark this scene's On is"
     )
 
 
@@ -70,7 +74,7 @@ def _low_contrast(one: Comparison) -> bool:
 
 
 def location_share(reading: Reading, experiment: str, receiver: str, value: float) -> Gain | None:
-    """Give the share of the errors with the located panel that vanish at the true corners; None if unknown."""
+    """Give the share of the located panel's errors that vanish at the true corners; None if unknown."""
     measured = reading.experiments.get(experiment)
     if measured is None or (receiver, value) not in measured.location:
         return None
@@ -78,8 +82,15 @@ def location_share(reading: Reading, experiment: str, receiver: str, value: floa
     return relative_gain(located, truth, measured.location[receiver, value])
 
 
-def of_location(experiment: str, receiver: str, value: float) -> Explanation:
-    """Make the explanation of a rate that comes from the panel's location more than from bit decision."""
+def of_location(experiment: str, receiver: str, value: float, quoted: float | None = None) -> Explanation:
+    """Make the explanation of a rate that comes from the panel's location more than from bit decision.
+
+    Args:
+        experiment: the experiment.
+        receiver: whose rate it is.
+        value: of the experiment's axis.
+        quoted: the rate that the paper quotes there, if any.
+    """
 
     def explain(reading: Reading, judgement: Judgement) -> str:
         share = location_share(reading, experiment, receiver, value)
@@ -91,20 +102,26 @@ def of_location(experiment: str, receiver: str, value: float) -> Explanation:
         if located is None or truth is None:
             return ""
         if reading.locator == "truth":
-            return f"with the panel located here the rate is {point(located)}"
-        return (
-            f"location: of {receiver}'s {rate(located.ber)}, {rate(located.ber - truth.ber)} "
-            f"({percent(share.gain)}) vanish with true corners"
-        )
+            text = f"with the panel located here the rate is {point(located)}"
+        else:
+            text = (
+                f"location: of {receiver}'s {rate(located.ber)}, {rate(located.ber - truth.ber)} "
+                f"({percent(share.gain)}) vanish with true corners"
+            )
+        between = quoted is not None and truth.ber < quoted < located.ber
+        return f"{text}; the quoted rate lies between the two" if between else text
 
     return explain
 
 
-def with_true_corners(reading: Reading, rule: Callable[[Reading], Judgement]) -> str:
-    """Say what becomes of a claim that differs when the same frames are read at the true corners."""
-    if reading.locator == "truth" or any("truth" not in m.curves for m in reading.experiments.values()):
+def with_true_corners(known: Judgement | None) -> str:
+    """Say what becomes of a claim that differs when the same frames are read at the true corners.
+
+    Args:
+        known: how it is judged there; None where that is not known, or where these were the true corners.
+    """
+    if known is None:
         return ""
-    known = rule(reading.located_by("truth"))
     if known.verdict == "agree":
         return "with true corners it agrees: location is the cause"
     if known.verdict == "differ":

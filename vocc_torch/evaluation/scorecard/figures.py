@@ -16,7 +16,7 @@ def figure_number(figure: str, name: str, holds: Callable[[float], bool], text: 
         figure: the figure.
         name: the number's.
         holds: whether it is as claimed.
-        text: how to write what was measured, with ``{0}`` for the number.
+        text: how to write what was measured, with the figure's numbers by name in braces.
         otherwise: the reason where it does not hold.
     """
 
@@ -24,7 +24,10 @@ def figure_number(figure: str, name: str, holds: Callable[[float], bool], text: 
         value = reading.finding(figure, name)
         if value is None:
             return not_measured(f"{name} of {figure}")
-        measured = text.format(value)
+        try:
+            measured = text.format_map(reading.findings[figure])
+        except KeyError as missing:
+            return not_measured(f"{missing.args[0]} of {figure}")
         return Judgement("agree", measured) if holds(value) else Judgement("differ", measured, otherwise)
 
     return judge
@@ -39,10 +42,10 @@ def more_than(figure: str, more: str, less: tuple[str, ...]) -> Judge:
         if len(found) < len(values):
             missing = [name for name in values if name not in found]
             return not_measured(f"{missing[0]} of {figure}")
-        measured = ", ".join(f"{name} {value:.6g}" for name, value in found.items())
+        measured = ", ".join(f"{_words(name)} {value:.7g}" for name, value in found.items())
         over = [name for name in less if found[name] > found[more]]
         if over:
-            return Judgement("differ", measured, f"{over[0]} is higher than {more}")
+            return Judgement("differ", measured, f"{_words(over[0])} is higher")
         if any(found[name] == found[more] for name in less):
             return Judgement("cannot say", measured, "equal in this sample")
         return Judgement("agree", measured)
@@ -58,9 +61,14 @@ def between(figure: str, low: str, middle: str, high: str) -> Judge:
         below, value, over = found
         if below is None or value is None or over is None:
             return not_measured(figure)
-        measured = f"{low} {below:g}, {middle} {value:g}, {high} {over:g}"
+        measured = f"{_words(low)} {below:g}, {_words(middle)} {value:g}, {_words(high)} {over:g}"
         if below < value < over:
             return Judgement("agree", measured)
         return Judgement("differ", measured, f"{middle} does not lie between")
 
     return judge
+
+
+def _words(name: str) -> str:
+    """Write a number's name."""
+    return name.replace("auc_", "area of ").replace("_", " ")

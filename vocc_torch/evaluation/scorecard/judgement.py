@@ -8,8 +8,8 @@ into *differ* only at that rate.
 
 **An order** (one receiver above another, a rise, a fall). Receivers on the same frames are compared frame by
 frame (:func:`~vocc_torch.evaluation.paired.paired_interval`), values of an axis as independent points
-(:func:`~vocc_torch.evaluation.relative.difference_independent`). *Differ* where any comparison contradicts the
-claim beyond doubt; *agree* where none does and at least one supports it beyond doubt; else *cannot say*.
+(:func:`~vocc_torch.evaluation.relative.difference_independent`). *Differ* where any comparison contradicts
+the claim beyond doubt; *agree* where none does and at least one supports it beyond doubt; else *cannot say*.
 
 **A lowest point at x.** The values that no other value is surely below form a set that holds the true lowest
 one in 95 % of studies. *Differ* where x is not in it. *Cannot say* where the set is the whole axis, or where
@@ -18,8 +18,8 @@ x is in it and two or more of its values saw no error, because then the lowest w
 **A valley.** *Agree* where some value inside the axis has surely more errors on both sides; *differ* where an
 end of the axis is surely below everything between the ends; else *cannot say*.
 
-**A quoted bit error rate.** The paper's number has a sampling error of its own, which it does not state. It is
-taken to be that of as many errors as the number stands for in the paper's frames (2000 a point; for a
+**A quoted bit error rate.** The paper's number has a sampling error of its own, which it does not state. It
+is taken to be that of as many errors as the number stands for in the paper's frames (2000 a point; for a
 contrast bin the bin's share of 20000), clustered by frame as ours are at that point. *Differ* where the 95 %
 interval of the difference of the two rates leaves out 0; *agree* where it holds 0 and our interval spans no
 more than a factor of 10; else *cannot say*.
@@ -29,8 +29,8 @@ to be ours, scaled from our number of frames to the paper's. *Differ* where the 
 leaves out 0; *agree* where it holds 0 and our interval is no wider than 100 percentage points; else *cannot
 say*, as where no error was seen.
 
-**Numbers of single pictures and of samples of 100 frames** are compared as they are: they have no interval, in
-the paper as here. **Processing times** are ratios on one machine, with other software: they agree within a
+**Numbers of single pictures and of samples of 100 frames** are compared as they are: they have no interval,
+in the paper as here. **Processing times** are ratios on one machine, with other software: they agree within a
 factor of 1.5.
 """
 

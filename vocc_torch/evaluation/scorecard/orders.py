@@ -1,4 +1,4 @@
-"""Rules for the shapes of curves: which receiver is above, where a curve is lowest, where it rises and falls."""
+"""Rules for the shapes of curves: which receiver is above, where a curve is lowest, rises and falls."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from vocc_torch.evaluation.scorecard.comparisons import (
 )
 from vocc_torch.evaluation.scorecard.judgement import Judgement, not_measured
 from vocc_torch.evaluation.scorecard.reading import Reading
-from vocc_torch.evaluation.scorecard.words import listed, place
+from vocc_torch.evaluation.scorecard.words import place
 
 Judge: TypeAlias = Callable[[Reading], Judgement]
 """Judges a claim by what was measured under a reading."""
@@ -94,7 +94,10 @@ class Lowest:
 
     def text(self, axis: str) -> str:
         """Write the lowest, and what cannot be told from it."""
-        where = "lowest at " + listed([place(axis, value) for value in self.seen])
+        where = "lowest at " + " to ".join(
+            place(axis, value) for value in dict.fromkeys((self.seen[0], self.seen[-1]))
+        )
+        where += f" ({len(self.seen)} equal values)" if len(self.seen) > 1 else ""
         ends = [place(axis, value) for value in (self.candidates[0], self.candidates[-1])]
         if self.candidates[0] == self.candidates[-1]:
             return f"{where}, beyond doubt"
@@ -102,19 +105,14 @@ class Lowest:
 
 
 def lowest(curves: Curves, receiver: str) -> Lowest:
-    """Find the values that may be the curve's lowest: multiple comparisons with the best, as Bonferroni has it.
+    """Find the values that may be the curve's lowest: multiple comparisons with the best.
 
-    Hsu (Annals of Statistics 12, 1984) compares with the best; each value meets the others at a level that
+    After Hsu (Annals of Statistics 12, 1984) with Bonferroni's level: each value meets the others at one that
     leaves the true lowest among the candidates in 95 % of studies.
     """
-    values = [value for value in curves.values if (receiver, value) in curves.counts]
+    values = curves.values
     rates = {value: curves.counts[receiver, value].ber for value in values}
-    confidence = confidence_of(len(values) - 1)
-    beaten = set()
-    for first, second in itertools.combinations(values, 2):
-        difference = of_values(curves, receiver, first, second).difference(confidence)
-        if difference.real:
-            beaten.add(first if difference.low > 0 else second)
+    beaten = {value for value, _ in _surely_above(curves, receiver, confidence_of(len(values) - 1))}
     least = min(rates.values())
     candidates = tuple(value for value in values if value not in beaten)
     return Lowest(
@@ -122,6 +120,16 @@ def lowest(curves: Curves, receiver: str) -> Lowest:
         candidates=candidates,
         resolved=sum(rates[value] == 0 for value in candidates) < 2,
     )
+
+
+def _surely_above(curves: Curves, receiver: str, confidence: float) -> set[tuple[float, float]]:
+    """Give the pairs of values of which the first surely has the higher rate, each at this confidence."""
+    found = set()
+    for first, second in itertools.combinations(curves.values, 2):
+        difference = of_values(curves, receiver, first, second).difference(confidence)
+        if difference.real:
+            found.add((first, second) if difference.low > 0 else (second, first))
+    return found
 
 
 def lowest_at(experiment: str, receiver: str, value: float) -> Judge:
@@ -144,8 +152,9 @@ def lowest_at(experiment: str, receiver: str, value: float) -> Judge:
         if len(found.candidates) == len(curves.values):
             return Judgement("cannot say", measured, "no value is told apart from the others", *ends)
         if not found.resolved:
-            silent = [place(curves.axis, v) for v in found.candidates if not _errors(curves, receiver, v)]
-            return Judgement("cannot say", measured, f"no error was seen at {listed(silent)}", *ends)
+            silent = sum(not curves.counts[receiver, v].half_errors for v in found.candidates)
+            reason = f"no error was seen at {silent} of the {len(found.candidates)} candidates"
+            return Judgement("cannot say", measured, reason, *ends)
         return Judgement("agree", measured, "", *ends)
 
     return judge
@@ -162,22 +171,17 @@ def valley(experiment: str, receiver: str) -> Judge:
         values = curves.values
         if len(values) < 3:
             return not_measured(f"an inner value of {curves.axis}")
-        confidence = confidence_of(len(values) * (len(values) - 1) // 2)
-        surely = {
-            (one, other)
-            for one, other in itertools.permutations(values, 2)
-            if of_values(curves, receiver, one, other).difference(confidence).low > 0
-        }
+        surely = _surely_above(curves, receiver, confidence_of(len(values) * (len(values) - 1) // 2))
         measured = lowest(curves, receiver).text(curves.axis)
-        for at, value in enumerate(values[1:-1], start=1):
-            left = any((other, value) in surely for other in values[:at])
-            if left and any((other, value) in surely for other in values[at + 1 :]):
-                return Judgement("agree", measured)
         for end in (values[0], values[-1]):
             if all((value, end) in surely for value in values[1:-1]):
                 against = tuple(of_values(curves, receiver, end, value) for value in values[1:-1])
                 reason = f"lowest at an end: {against[0].text()}"
                 return Judgement("differ", measured, reason, against=against)
+        for at, value in enumerate(values[1:-1], start=1):
+            left = any((other, value) in surely for other in values[:at])
+            if left and any((other, value) in surely for other in values[at + 1 :]):
+                return Judgement("agree", measured)
         pairs = [of_values(curves, receiver, *pair) for pair in itertools.combinations(values, 2)]
         reason = nothing_told(pairs) if not surely else "a rise on both sides is not beyond chance"
         return Judgement("cannot say", measured, reason)
@@ -202,8 +206,3 @@ def _curves(reading: Reading, experiment: str) -> Curves:
     curves = reading.curves(experiment)
     assert curves is not None
     return curves
-
-
-def _errors(curves: Curves, receiver: str, value: float) -> int:
-    """Count a point's errors, in halves."""
-    return curves.counts[receiver, value].half_errors

@@ -97,8 +97,9 @@ def paper_counts(ber: float, frames: float, like: Counts) -> Counts:
         like: counts whose errors cluster alike; without errors, one wrong bit a wrong frame is taken.
 
     Example:
-        >>> paper_counts(5e-4, 2000, Counts(1000, 64_000, 40, 160, 10))
-        Counts(frames=2000, bits=128000, half_errors=128, half_errors_squared=512, frame_errors=32, panels_missed=0)
+        >>> counts = paper_counts(5e-4, 2000, Counts(1000, 64_000, 40, 160, 10))
+        >>> counts.bit_errors, counts.half_errors_squared, counts.frame_errors
+        (64.0, 512, 32)
     """
     whole = max(1, round(frames))
     bits = round(whole * like.bits / like.frames)
@@ -113,7 +114,7 @@ def paper_counts(ber: float, frames: float, like: Counts) -> Counts:
 
 
 def paper_side(reading: Reading, quoted: QuotedBer) -> Counts | None:
-    """Give the counts that a quoted rate stands for, beside what the reading has there; None where nothing."""
+    """Give the counts that a quoted rate stands for, given what the reading has there; None where nothing."""
     curves = reading.curves(quoted.experiment)
     if curves is None or (quoted.receiver, quoted.value) not in curves.counts:
         return None
@@ -210,7 +211,7 @@ def _values(curves: Curves, quoted: QuotedGain) -> tuple[float, ...]:
 
 
 def _pooled(curves: Curves, quoted: QuotedGain) -> str:
-    """Add to an average over points the gain of all errors together: the paper does not say which it means."""
+    """Add to an average over points the gain of all errors together: the paper means one of them."""
     pooled = relative_gain(*_two_and_three(curves, None)) if quoted.value is None else None
     return f"; of all errors {percent_interval(pooled.gain, pooled.low, pooled.high)}" if pooled else ""
 

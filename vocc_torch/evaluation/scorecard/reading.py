@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 from vocc_torch.errors import VoccError
-from vocc_torch.evaluation.curve import Row
+from vocc_torch.evaluation.curve import BerTable, Row
 from vocc_torch.evaluation.curves import Curves, Measured
+from vocc_torch.evaluation.dimming import Grid
 
 Findings = Mapping[str, Mapping[str, float]]
 """Numbers of the paper's other figures, by figure and name."""
@@ -24,6 +24,8 @@ class Reading:
         locator: where the panel's corners come from, ``truth`` or ``paper``.
         experiments: by name: ``contrast``, ``ambient``, ``luminance``, ``distance``; some may be missing.
         findings: of the figures that are no error rates; they are not bound to this reading.
+        dimming: ambient light by LED luminance, with this locator and the report's own focal length; None
+            where it was not measured.
 
     Raises:
         VoccError: an experiment without this locator.
@@ -38,6 +40,7 @@ class Reading:
     locator: str
     experiments: Mapping[str, Measured]
     findings: Findings
+    dimming: Grid | None = None
 
     def __post_init__(self) -> None:
         """Refuse a locator that was not measured."""
@@ -62,17 +65,12 @@ class Reading:
 
     def row(self, experiment: str, receiver: str, value: float) -> Row | None:
         """Give a point with its interval, or None where it was not measured."""
-        row = self._rows.get((experiment, receiver, round(value, 9)))
-        return row if row is not None and row.frames else None
-
-    @cached_property
-    def _rows(self) -> dict[tuple[str, str, float], Row]:
-        """Every point of every experiment."""
-        return {
-            (name, row.receiver, round(row.value, 9)): row
-            for name, measured in self.experiments.items()
-            for row in measured.curves[self.locator].table()
-        }
+        curves = self.curves(experiment)
+        if curves is None or (receiver, value) not in curves.counts:
+            return None
+        # The limit of a point without errors looks at the receiver's other points.
+        table = BerTable(point for point in curves.points() if point.receiver == receiver)
+        return next(row for row in table if row.value == value)
 
     def finding(self, figure: str, name: str) -> float | None:
         """Give a number of a figure, or None where it was not computed or is no number."""

@@ -40,9 +40,7 @@ def panel_detection_rules(reading: Reading) -> Judgement:
     """Claim that panel detection takes much longer than any bit detector: twice as long at least."""
     stages = ("center_greyscale", "average_greyscale", "flda_2", "flda_3")
     found = {
-        f"{stage}, {at}": share
-        for stage in stages
-        for at, share in _times(reading, f"share_{stage}").items()
+        f"{stage}, {at}": share for stage in stages for at, share in _times(reading, f"share_{stage}").items()
     }
     if not found:
         return not_measured("Fig. 25")

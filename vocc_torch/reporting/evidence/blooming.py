@@ -20,6 +20,8 @@ from vocc_torch.reporting.evidence.panels import (
     percent_text,
 )
 
+_AFTER_GAMMA, _BEFORE_GAMMA = "#CC79A7", "#009E73"
+"""Not the colours of On and Off, which mean statuses in every figure."""
 _BACKED = {"facecolor": "white", "alpha": 0.85, "edgecolor": "none", "pad": 1.5}
 
 
@@ -129,19 +131,23 @@ def order_figure(
     """
     figure = new_figure(10, 5.0)
     names = ("(a) Gaussian after gamma", "(b) Gaussian before gamma")
-    for index, (name, colour) in enumerate(zip(names, (OFF, ON), strict=True)):
+    for index, (name, colour) in enumerate(zip(names, (_AFTER_GAMMA, _BEFORE_GAMMA), strict=True)):
         axes = figure.add_axes((0.02 + 0.275 * index, 0.19, 0.265, 0.265 * 10 / 5.0))
         panel_axes(axes, pictures[index])
-        axes.set_title(name, fontsize=11.5, color=colour, loc="left", pad=20, fontweight="bold")
+        axes.set_title(name, fontsize=11.5, color=INK, loc="left", pad=20, fontweight="bold")
         text = f"brightest {pictures[index][0].max():.0f}, mean {pictures[index][0].mean():.1f}"
         axes.text(0, 1.025, text, transform=axes.transAxes, fontsize=10, color=INK)
         left, right, bottom, top = pictures[index][1]
         y = top + (row_px + 0.5) * (bottom - top) / len(pictures[index][0])
-        axes.plot([left, left + 0.35], [y, y], color=colour, linewidth=2)
-        axes.plot([right - 0.35, right], [y, y], color=colour, linewidth=2)
+        axes.plot([left, left + 0.45], [y, y], color=colour, linewidth=3)
+        axes.plot([right - 0.45, right], [y, y], color=colour, linewidth=3)
     axes = figure.add_axes((0.635, 0.215, 0.35, 0.57))
     edges = np.arange(pictures[0][0].shape[1] + 1)
-    drawn = ((2, "no blur", QUIET, 1.0), (0, "after gamma", OFF, 1.9), (1, "before gamma", ON, 1.9))
+    drawn = (
+        (2, "no blur", QUIET, 1.0),
+        (0, "after gamma", _AFTER_GAMMA, 2.1),
+        (1, "before gamma", _BEFORE_GAMMA, 2.1),
+    )
     for index, name, colour, width in drawn:
         axes.stairs(
             pictures[index][0][row_px], edges, color=colour, linewidth=width, label=name, baseline=None

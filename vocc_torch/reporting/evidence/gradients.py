@@ -73,7 +73,8 @@ def gradients_figure(
     footnote = (
         f"(a) to (c): the LEDs of middle GRI of their status in one frame, {condition_text(condition)}, "
         f"{cell_px:.1f} px a cell, read at {k} x {k} samples (true corners).\nLongest gradient "
-        f"{strongest:.0f} grey values a pixel; inward vectors have length 1. GRI: mean of their dot products."
+        f"{strongest:.0f} grey values a pixel; inward vectors have length 1. "
+        "GRI, in grey values a pixel: mean of the dot products of the two."
     )
     write_title(figure, title, footnote)
     return figure

@@ -77,7 +77,7 @@ def overlap_figure(
     status_legend(figure)
     footnote = (
         "Bars: from the darkest to the brightest LED of a frame; dots: mean of its On and of its Off LEDs. "
-        "True corners."
+        "LED cells by the true corners."
     )
     write_title(figure, title, footnote)
     return figure

@@ -63,8 +63,8 @@ def projection_figure(
     listed = ", ".join(f"{name} {weight:.2f}".replace("-", "\N{MINUS SIGN}") for name, weight in weights)
     footnote = (
         f"FLDA trained on {frames} frames at the true corners; {len(bits)} of their LEDs in (b), "
-        f"{min(_SHOWN, len(bits))} in (a). Share axis: logarithmic.\n"
-        f"Weights in w for a standard deviation within a status: {listed}."
+        f"{min(_SHOWN, len(bits))} in (a), placed by standard\n"
+        f"deviations within a class from the midpoint of the classes. Weights in w for such a deviation: {listed}."
     )
     write_title(figure, title, footnote)
     return figure
@@ -75,7 +75,7 @@ def _plane(
 ) -> None:
     """Draw two features over their deviations, w as an arrow and the threshold at a right angle to it."""
     scaled = (features - midpoint) / deviation
-    labels = ("AGR (standard deviations from the midpoint)", "GRI (likewise)")
+    labels = ("AGR (standard deviations)", "GRI (standard deviations)")
     status_cloud(axes, scaled[:, 0], scaled[:, 1], bits, labels)
     along = direction * deviation
     along = along / np.hypot(*along)
@@ -101,4 +101,3 @@ def _plane(
     box = axes.get_window_extent()
     axes.set_ylim(-reach, reach)
     axes.set_xlim(-reach * box.width / box.height, reach * box.width / box.height)
-    axes.xaxis.label.set_fontsize(11)

@@ -136,7 +136,8 @@ def ngr_figure(
     status_legend(figure)
     footnote = (
         f"{_footnote(bits)} Lines: FLDA fitted on these LEDs.\n"
-        "(d) is a projection of the three features on the plane of w, on which the score lies, and NGR."
+        "(d) is a projection of the three features on the plane of w, "
+        "on which the score (a log-likelihood ratio) lies, and NGR."
     )
     write_title(figure, title, footnote)
     return figure

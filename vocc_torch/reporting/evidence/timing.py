@@ -21,9 +21,9 @@ def timing_figure(
     frames: tuple[str, ...],
     batches: tuple[int, ...],
     stages: tuple[str, ...],
-    median_ms: Floats,
-    low_ms: Floats,
-    high_ms: Floats,
+    times_ms: Floats,
+    shares: Floats,
+    ngr_costs: Floats,
     paper_shares: Floats,
     rounds: tuple[int, ...],
     sensor_px: tuple[int, int],
@@ -37,21 +37,21 @@ def timing_figure(
         frames: F kinds of frames.
         batches: N batch sizes, 1 or 2 of them.
         stages: S stages, panel detection first, then receivers.
-        median_ms: (F,N,S) ms a frame.
-        low_ms: (F,N,S) lower quartile.
-        high_ms: (F,N,S) upper quartile.
+        times_ms: (F,N,S,3) lower quartile, median and upper quartile, ms a frame.
+        shares: (F,N,S,3) likewise, of the time over that of panel detection.
+        ngr_costs: (F,N,2,3) likewise, of what a third feature adds to two, and to panel detection and two.
         paper_shares: (S,) the paper's, of panel detection.
         rounds: (N,) timed rounds.
         sensor_px: height and width of a whole frame.
         machine: what was measured on.
         threads: threads that torch used within an operation.
     """
-    figure = new_figure(10, 6.6)
+    figure = new_figure(10, 6.8)
     column = 0.79 / len(batches)
-    longest = 100 * max(1.0, float((high_ms / median_ms[..., :1]).max()))
+    longest = 100 * max(1.0, float(shares.max()))
     for place, (f, n) in enumerate(np.ndindex(len(frames), len(batches))):
-        axes = figure.add_axes((0.205 + column * n, 0.575 - 0.378 * f, column - 0.025, 0.29))
-        _bars(axes, stages, median_ms[f, n], low_ms[f, n], high_ms[f, n], paper_shares)
+        axes = figure.add_axes((0.205 + column * n, 0.588 - 0.368 * f, column - 0.025, 0.285))
+        _bars(axes, stages, times_ms[f, n, :, 1], shares[f, n], paper_shares)
         axes.set_xlim(0, 1.32 * longest)
         axes.set_xticks(np.arange(0, longest + 1, 20))
         axes.tick_params(axis="y", labelleft=n == 0)
@@ -65,12 +65,25 @@ def timing_figure(
         f"{count} rounds {_at_a_time(batch)}" for count, batch in zip(rounds, batches, strict=True)
     )
     footnote = (
-        f"Times are of one frame, medians of {timed}; preambles are not counted.\n"
-        f"Whole frames: {sensor_px[1]} x {sensor_px[0]} px. The paper: Matlab 2017b, machine not named.\n"
-        f"Ours: {machine}."
+        f"{_third_feature(ngr_costs)}\n"
+        f"Medians of {timed}; whole frames of {sensor_px[1]} x {sensor_px[0]} px. "
+        f"Preambles are not counted. The paper: Matlab.\nOurs: {machine}."
     )
     write_title(figure, title, footnote)
     return figure
+
+
+def _third_feature(ngr_costs: Floats) -> str:
+    """Tell in medians what NGR adds in each part of the figure."""
+    of_two, of_all = (
+        [f"{100 * cost:.1f}".replace("-", "\N{MINUS SIGN}") for cost in ngr_costs[..., part, 1].flat]
+        for part in (0, 1)
+    )
+    lettered = ", ".join(f"({letter}) {cost}" for letter, cost in zip("abcd", of_two, strict=False))
+    return (
+        f"NGR adds {lettered} % to two features' time (the paper: 17 %), "
+        f"and to the whole {', '.join(of_all)} % (1.78 %)."
+    )
 
 
 def _at_a_time(batch: int) -> str:
@@ -79,26 +92,22 @@ def _at_a_time(batch: int) -> str:
 
 
 def _bars(
-    axes: Axes, stages: tuple[str, ...], median: Floats, low: Floats, high: Floats, paper_shares: Floats
+    axes: Axes, stages: tuple[str, ...], times_ms: Floats, shares: Floats, paper_shares: Floats
 ) -> None:
-    """Draw one kind of frames at one batch size: S bars, their quartiles and the paper's marks."""
+    """Draw one kind of frames at one batch size: S bars, the detectors' quartiles and the paper's marks."""
     styles = receiver_styles(stages[1:])
     looks = [_PANEL, *((styles[name].label, styles[name].colour) for name in stages[1:])]
-    percent = 100 / float(median[0])
+    low, median, high = 100 * shares.T
     rows = np.arange(float(len(stages)))
-    axes.barh(rows, percent * median, height=0.62, color=[colour for _, colour in looks])
-    spread = percent * np.stack([median - low, high - median])
-    axes.errorbar(percent * median, rows, xerr=spread, fmt="none", ecolor=INK, elinewidth=1.2, capsize=2.5)
+    axes.barh(rows, median, height=0.62, color=[colour for _, colour in looks])
+    spread = np.stack([median - low, high - median])[:, 1:]
+    axes.errorbar(median[1:], rows[1:], xerr=spread, fmt="none", ecolor=INK, elinewidth=1.2, capsize=2.5)
     axes.add_line(_paper_mark(100 * paper_shares[1:], rows[1:]))
-    for row, (spent, highest, share) in enumerate(zip(median, high, paper_shares, strict=True)):
-        end = max(percent * highest, 100 * share if row else 0.0)
-        text = (
-            f"{number_text(percent * spent)} %  ({number_text(spent)} ms)"
-            if row
-            else f"{number_text(spent)} ms"
-        )
+    for row, (spent, share) in enumerate(zip(times_ms, median, strict=True)):
+        end = max(high[row], 100 * paper_shares[row])
+        said = f"{number_text(share)} %  ({number_text(spent)} ms)" if row else f"{number_text(spent)} ms"
         axes.annotate(
-            text, (end, row), (9, 0), textcoords="offset points", va="center", color=INK, fontsize=10
+            said, (end, row), (9, 0), textcoords="offset points", va="center", color=INK, fontsize=10
         )
     quiet_axes(axes)
     axes.grid(axis="x", color=GRID, linewidth=0.8)

@@ -58,8 +58,7 @@ def write_report(report: Report, folder: str | Path) -> tuple[Path, Path]:
         The Markdown file and the HTML file.
 
     Raises:
-        VoccError: a picture or its data is not in the folder, a link leads nowhere a report may lead, or a file
-            cannot be written.
+        VoccError: as :func:`as_html`, or a file cannot be written.
 
     Example:
         >>> import tempfile

@@ -43,6 +43,7 @@ class Cell:
     tone: Tone | None = None
 
     def __post_init__(self) -> None:
+        """Refuse an unknown tone."""
         _check_choice("Cell.tone", self.tone, (None, *get_args(Tone)))
 
 
@@ -64,6 +65,7 @@ class Highlight:
     tone: Tone | None = None
 
     def __post_init__(self) -> None:
+        """Refuse an unknown tone."""
         _check_choice("Highlight.tone", self.tone, (None, *get_args(Tone)))
 
 
@@ -139,6 +141,7 @@ class Table:
     folded: bool = False
 
     def __post_init__(self) -> None:
+        """Refuse a table that has no shape or no caption."""
         if not self.header:
             raise VoccError("Table.header is empty: a table needs at least one column")
         if not self.caption.strip():
@@ -156,7 +159,7 @@ class Table:
     @property
     def alignments(self) -> tuple[Align, ...]:
         """One alignment a column."""
-        return self.align or ("left",) * len(self.header)
+        return self.align or tuple("left" for _ in self.header)
 
     @property
     def cells(self) -> tuple[tuple[Cell, ...], ...]:
@@ -186,6 +189,7 @@ class Picture:
     data: Path | None = None
 
     def __post_init__(self) -> None:
+        """Refuse a picture that only eyes can read."""
         if not self.alt.strip():
             raise VoccError(f"Picture.alt is empty: say in words what {self.path} shows")
 
@@ -206,6 +210,7 @@ class Pictures:
     columns: int = 2
 
     def __post_init__(self) -> None:
+        """Refuse an empty group and a number of columns out of range."""
         if not self.pictures:
             raise VoccError("Pictures.pictures is empty: it needs at least one")
         _check_choice("Pictures.columns", self.columns, (1, 2, 3, 4))
@@ -240,6 +245,7 @@ class Section:
     level: int = _TOP
 
     def __post_init__(self) -> None:
+        """Refuse a heading that cannot be linked to."""
         if not self.title.strip():
             raise VoccError(f"Section.title is empty: the section {self.anchor!r} needs a heading")
         if not _ANCHOR.fullmatch(self.anchor):
@@ -273,6 +279,7 @@ class Report:
     sections: tuple[Section, ...]
 
     def __post_init__(self) -> None:
+        """Refuse headings that are not told apart or skip a level."""
         if not self.title.strip():
             raise VoccError("Report.title is empty: a report needs a heading")
         for anchor, times in Counter(section.anchor for section in self.sections).items():

@@ -36,7 +36,8 @@ _HEAD = """\
 <meta charset="utf-8">
 <meta name="viewport" content="width=device-width, initial-scale=1">
 <meta name="color-scheme" content="light dark">
-<meta http-equiv="Content-Security-Policy" content="default-src 'none'; img-src data:; style-src 'unsafe-inline'">
+<meta http-equiv="Content-Security-Policy"
+ content="default-src 'none'; img-src data:; style-src 'unsafe-inline'">
 <title>{title}</title>
 <style>
 {style}</style>
@@ -49,9 +50,14 @@ _HEAD = """\
 <div class="body">
 """
 _WORDY = 40
-"""Characters of a cell's text from which on a narrow screen shows its table's rows as cards."""
+"""Characters of a cell's text from which a narrow screen shows the rows of its table as cards."""
+_PINNED_COLUMNS = 5
+"""Most columns of a table of long texts that always fit beside the contents, with its head kept in sight."""
 _CONTENTS_DEPTH = 3
 """Deepest level of headings in the table of contents."""
+
+_BETWEEN = " \N{MIDDLE DOT} "
+"""What parts the links to a picture's files."""
 
 
 def as_html(report: Report, base: Path) -> str:
@@ -61,11 +67,11 @@ def as_html(report: Report, base: Path) -> str:
 
     Args:
         report: the report.
-        base: the folder where the page will lie: pictures are read from it, links to files are relative to it.
+        base: the folder where the page will lie; pictures and data are relative to it.
 
     Raises:
-        VoccError: a picture or its data is not in the folder, a picture is no PNG file, or a link leads nowhere
-            a report may lead.
+        VoccError: a picture or its data is not in the folder, a picture is no PNG file, or a link leads to
+            neither http, https, an anchor nor a relative path.
 
     Example:
         >>> section = Section("Results", "results", (Paragraph("a < b"),))
@@ -81,7 +87,7 @@ def as_html(report: Report, base: Path) -> str:
 
 
 def _contents(sections: Sequence[Section]) -> str:
-    """Write the table of contents twice: beside the text, and folded above it; the style shows one of them."""
+    """Write the table of contents twice, beside the text and folded above it; the style shows one."""
     entries = "\n".join(
         f'<li class="level-{section.level}"><a href="#{section.anchor}">{_title(section.title)}</a></li>'
         for section in sections
@@ -143,8 +149,7 @@ def _sign(tone: Tone | None) -> str:
 
 
 def _table(table: Table) -> str:
-    """Write a table; one with long texts is marked, as its rows become cards on a narrow screen."""
-    wordy = any(len(words(cell.text)) >= _WORDY for row in table.cells for cell in row)
+    """Write a table."""
     head = "".join(
         f'<th role="columnheader" scope="col"{_align(align)}>{_inline(name)}</th>'
         for name, align in zip(table.header, table.alignments, strict=True)
@@ -153,15 +158,23 @@ def _table(table: Table) -> str:
     label = escape(words(table.caption))
     # Cards lose a table's meaning for screen readers, unless the roles are spelt out.
     text = (
-        f'<div class="table{" wordy" if wordy else ""}" role="region" aria-label="{label}" tabindex="0">\n'
-        f'<table role="table">\n<caption>{_inline(table.caption)}</caption>\n'
+        f'<div class="{_table_kind(table)}" role="region" aria-label="{label}" tabindex="0">\n'
+        f'<table role="table">\n<caption><span>{_inline(table.caption)}</span></caption>\n'
         f'<thead role="rowgroup"><tr role="row">{head}</tr></thead>\n'
         f'<tbody role="rowgroup">\n{rows}\n</tbody>\n</table>\n</div>'
     )
     if not table.folded:
         return text
     count = f"{len(table.rows)} row{'' if len(table.rows) == 1 else 's'}"
-    return f'<details class="folded">\n<summary>{label} ({count})</summary>\n{text}\n</details>'
+    summary = f"<summary>{label.removesuffix('.')} ({count})</summary>"
+    return f'<details class="folded">\n{summary}\n{text}\n</details>'
+
+
+def _table_kind(table: Table) -> str:
+    """Tell the style what to do with a table where room is short: scroll it, or show its rows as cards."""
+    if all(len(words(cell.text)) < _WORDY for row in table.cells for cell in row):
+        return "table"
+    return "table wordy pinned" if len(table.header) <= _PINNED_COLUMNS else "table wordy"
 
 
 def _row(table: Table, row: Sequence[Cell]) -> str:
@@ -198,7 +211,7 @@ def _figure(picture: Picture, base: Path) -> str:
     return (
         f'<figure>\n<img width="{png.width_px}" height="{png.height_px}" alt="{_title(picture.alt)}" '
         f'src="data:image/png;base64,{content}">\n'
-        f'<figcaption>{_inline(picture.caption)} <span class="files">{" \N{MIDDLE DOT} ".join(links)}</span>'
+        f'<figcaption>{_inline(picture.caption)} <span class="files">{_BETWEEN.join(links)}</span>'
         "</figcaption>\n</figure>"
     )
 

@@ -63,7 +63,7 @@ def spans(text: str) -> tuple[Span, ...]:
         >>> spans("[x](javascript:alert)")
         Traceback (most recent call last):
         ...
-        vocc_torch.errors.VoccError: link 'javascript:alert' must lead to http, https, #anchor or a relative path
+        vocc_torch.errors.VoccError: link 'javascript:alert' must be http, https, #anchor or a relative path
     """
     text = one_line(text)
     found: list[Span] = []
@@ -122,7 +122,7 @@ def _span(match: re.Match[str]) -> Span:
     if match["bold"]:
         return Span("bold", parts=spans(match["bold"]))
     if not _ADDRESS.match(match["url"]):
-        raise VoccError(f"link {match['url']!r} must lead to http, https, #anchor or a relative path")
+        raise VoccError(f"link {match['url']!r} must be http, https, #anchor or a relative path")
     return Span("link", parts=spans(match["label"]), url=quote(match["url"], safe=_URL_SAFE))
 
 

@@ -47,7 +47,8 @@ def as_markdown(report: Report, base: Path) -> str:
         base: the folder where the text will lie; pictures and data are relative to it.
 
     Raises:
-        VoccError: a picture or its data is not in the folder, or a link leads nowhere a report may lead.
+        VoccError: a picture or its data is not in the folder, or a link leads to neither http, https, an
+            anchor nor a relative path.
 
     Example:
         >>> section = Section("Results", "results", (Paragraph("BER **falls** for `flda_3`"),))

@@ -41,17 +41,17 @@ def relative_url(base: Path, path: Path) -> str:
         >>> relative_url(Path("runs/a"), Path("figures/fig 22.png"))
         Traceback (most recent call last):
         ...
-        vocc_torch.errors.VoccError: figures/fig 22.png is not in runs/a: write it before the report that shows it
+        vocc_torch.errors.VoccError: figures/fig 22.png is not in runs/a: write it before the report
     """
     if path.is_absolute() or ".." in path.parts:
         raise VoccError(f"{path} leads out of the report's folder: give a path inside it, such as fig22.png")
     if not (base / path).is_file():
-        raise VoccError(f"{path} is not in {base}: write it before the report that shows it")
+        raise VoccError(f"{path} is not in {base}: write it before the report")
     return quote(path.as_posix())
 
 
 def read_png(path: Path) -> Png:
-    """Read a PNG file and pack the same pixels as small as Pillow can.
+    """Read a PNG file and pack the same pixels smaller, where that is quickly done.
 
     An alpha channel that is opaque everywhere is left out.
 
@@ -85,5 +85,5 @@ def _packed(picture: Image.Image) -> bytes:
         return b""
     opaque = picture.mode == "RGBA" and picture.getchannel("A").getextrema() == (255, 255)
     buffer = io.BytesIO()
-    (picture.convert("RGB") if opaque else picture).save(buffer, format="PNG", optimize=True)
+    (picture.convert("RGB") if opaque else picture).save(buffer, format="PNG")
     return buffer.getvalue()

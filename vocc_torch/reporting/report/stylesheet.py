@@ -25,7 +25,8 @@ html { scroll-padding-top: 1.5rem; text-size-adjust: 100%; -webkit-text-size-adj
 body {
   margin: 0 auto; padding: 0 clamp(1rem, 3vw, 2.5rem) 5rem; max-width: 86rem;
   background: var(--page); color: var(--ink); overflow-wrap: break-word;
-  font: 1.0625rem/1.62 system-ui, -apple-system, "Segoe UI", Roboto, "Noto Sans", "Liberation Sans", sans-serif;
+  font: 1.0625rem/1.62 system-ui, -apple-system, "Segoe UI", Roboto, "Noto Sans", "Liberation Sans",
+    sans-serif;
 }
 a { color: var(--link); text-decoration-thickness: 1px; text-underline-offset: 0.18em; }
 a:hover { text-decoration-thickness: 2px; }
@@ -59,11 +60,12 @@ nav .level-3 { padding-left: 1rem; }
 nav .level-4 { padding-left: 2rem; }
 nav.beside { display: none; }
 nav.beside p { margin: 0 0 0.5rem; font-size: 0.92rem; font-weight: 650; }
-details.contents { margin: 1.2rem 0 0; padding: 0.6rem 1rem; border: 1px solid var(--line); border-radius: 8px;
+details.contents { margin: 1.2rem 0 0; padding: 0.6rem 1rem; border: 1px solid var(--line);
+  border-radius: 8px;
   background: var(--raised); }
 details.contents ol { padding: 0.5rem 0 0.3rem; }
 summary { cursor: pointer; font-weight: 600; }
-@media screen and (min-width: 68rem) {
+@media screen and (min-width: 76rem) {
   .body { display: grid; grid-template-columns: 14.5rem minmax(0, 1fr); column-gap: 3.5rem; }
   nav.beside { display: block; position: sticky; top: 0; align-self: start; max-height: 100vh;
     padding: 2.4rem 0.5rem 2rem 0; overflow-y: auto; }
@@ -84,17 +86,25 @@ summary { cursor: pointer; font-weight: 600; }
 .unsure > strong { color: var(--unsure); }
 
 .table { margin: 1.4rem 0 2rem; overflow-x: auto; }
-table { border-collapse: collapse; font-size: 0.93rem; line-height: 1.45; font-variant-numeric: tabular-nums; }
+table { border-collapse: collapse; font-size: 0.93rem; line-height: 1.45;
+  font-variant-numeric: tabular-nums; }
 .wordy table { width: 100%; }
 caption { padding: 0 0 0.6rem; text-align: left; color: var(--quiet); caption-side: top; }
-th, td { padding: 0.55rem 0.9rem; border-bottom: 1px solid var(--line); text-align: left; vertical-align: top; }
+caption > span { position: sticky; left: 0; display: inline-block;
+  max-width: min(46rem, calc(100vw - 2rem)); }
+th, td { padding: 0.55rem 0.9rem; border-bottom: 1px solid var(--line); text-align: left;
+  vertical-align: top; }
 th:first-child { padding-left: 0.2rem; }
 thead th { border-bottom: 2px solid var(--line); background: var(--page); font-weight: 650;
   vertical-align: bottom; }
 tbody th { font-weight: 400; }
+.wordy tbody th { min-width: 12.5rem; }
+.wordy td { min-width: 8rem; }
+.wordy th, .wordy td { overflow-wrap: anywhere; }
 .right { text-align: right; }
 .center { text-align: center; }
 td.right, tbody th.right { white-space: nowrap; }
+.wordy .right { min-width: 6rem; white-space: normal; }
 .tone { display: inline-block; padding: 0.08rem 0.6rem; border-radius: 1rem; font-weight: 600; }
 td > .tone, th > .tone { white-space: nowrap; }
 .tone.agree { color: var(--agree); background: var(--agree-back); }
@@ -103,28 +113,33 @@ td > .tone, th > .tone { white-space: nowrap; }
 details.folded { margin: 1.4rem 0; }
 details.folded summary { color: var(--quiet); font-weight: 400; }
 details.folded .table { margin-top: 0.8rem; }
-@media screen and (min-width: 48rem) {
-  .wordy.table { overflow: visible; }
-  .wordy thead th { position: sticky; top: 0; z-index: 1; }
+details.folded caption { position: absolute; width: 1px; height: 1px; overflow: hidden;
+  clip-path: inset(50%); }
+@media screen and (min-width: 76rem) {
+  .pinned.table { overflow: visible; }
+  .pinned thead th { position: sticky; top: 0; z-index: 1; }
 }
 @media screen and (max-width: 47.99rem) {
   .wordy table, .wordy caption, .wordy tbody, .wordy tr, .wordy tbody th, .wordy td { display: block; }
   .wordy thead { position: absolute; width: 1px; height: 1px; overflow: hidden; clip-path: inset(50%); }
-  .wordy tr { margin-bottom: 0.9rem; padding: 0.8rem 1rem; border: 1px solid var(--line); border-radius: 10px; }
-  .wordy tbody th, .wordy td { padding: 0.2rem 0; border: 0; text-align: left; white-space: normal; }
+  .wordy tr { margin-bottom: 0.9rem; padding: 0.8rem 1rem; border: 1px solid var(--line);
+    border-radius: 10px; }
+  .wordy tbody th, .wordy td { min-width: 0; padding: 0.2rem 0; border: 0; text-align: left; }
   .wordy tbody th { font-weight: 600; }
   .wordy td:empty { display: none; }
-  .wordy td::before { content: attr(data-label) " "; display: block; color: var(--quiet); font-size: 0.84rem; }
+  .wordy td::before { content: attr(data-label) " "; display: block; color: var(--quiet);
+    font-size: 0.84rem; }
 }
 
 figure { margin: 1.6rem 0 2.2rem; max-width: 62rem; }
 figure img { display: block; width: 100%; height: auto; padding: clamp(0.3rem, 1vw, 0.8rem);
   border: 1px solid var(--frame); border-radius: 10px; background: #ffffff; }
-figcaption { max-width: 46rem; margin-top: 0.7rem; color: var(--quiet); font-size: 0.95rem; line-height: 1.5; }
+figcaption { max-width: 46rem; margin-top: 0.7rem; color: var(--quiet); font-size: 0.95rem;
+  line-height: 1.5; }
 figcaption .files { white-space: nowrap; }
 .side-by-side { display: grid; gap: 0 1.5rem; margin: 1.6rem 0 2.2rem; }
 .side-by-side figure { margin: 0 0 1.2rem; }
-@media (min-width: 48rem) {
+@media print, (min-width: 48rem) {
   .columns-2 { grid-template-columns: repeat(2, minmax(0, 1fr)); }
   .columns-3 { grid-template-columns: repeat(3, minmax(0, 1fr)); }
   .columns-4 { grid-template-columns: repeat(4, minmax(0, 1fr)); }
@@ -132,16 +147,18 @@ figcaption .files { white-space: nowrap; }
 
 @media print {
   @page { margin: 16mm 15mm; }
-  body { max-width: none; padding: 0; font-size: 10pt; line-height: 1.45; }
+  html { font-size: 9.5pt; }
+  body { max-width: none; padding: 0; line-height: 1.45; }
   body > header { padding-top: 0; }
   nav.beside, details.contents, .skip { display: none; }
-  h2, h3, h4, caption { break-after: avoid; }
-  h2 { margin-top: 1.6rem; }
+  h2, h3, h4, caption, thead tr, summary { break-after: avoid; }
+  h2 { margin-top: 1.8rem; }
+  figure { margin: 1rem 0 1.4rem; }
+  figure img { width: auto; max-width: 100%; max-height: 88mm; }
   figure, tr, .highlights li, pre { break-inside: avoid; }
   .table, pre { overflow: visible; }
   pre { white-space: pre-wrap; }
-  table { font-size: 8.5pt; }
-  th, td { padding: 0.3rem 0.5rem; }
+  th, td { padding: 0.35rem 0.6rem; }
   thead { display: table-header-group; }
   details::details-content { content-visibility: visible; block-size: auto; }
   .tone, .highlights li { print-color-adjust: exact; -webkit-print-color-adjust: exact; }

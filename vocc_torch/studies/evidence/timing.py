@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from vocc_torch.evaluation.timing import describe_machine, interleaved
+from vocc_torch.evaluation.timing import Timing, describe_machine, interleaved, quartiles
 from vocc_torch.receiver.bank import feature_indices
 from vocc_torch.receiver.features import (
     average_greyscale_ratio,
@@ -43,7 +43,7 @@ PAPER_SHARES = {
 FRAMINGS: Mapping[str, Framing] = {"whole_frames": "filled", "crops": "crop"}
 """What is handed to the stages: frames of the whole sensor, as in the paper, or what the simulator crops."""
 
-SINGLE_ROUNDS, BATCH_ROUNDS = 64, 15
+SINGLE_ROUNDS, BATCH_ROUNDS = 48, 11
 """Timed rounds with one frame at a time, each round with another frame; and with a whole batch."""
 
 TRAINING_FRAMES = 128
@@ -79,16 +79,20 @@ Detector = Callable[[Located], Tensor]
 
 @dataclass(frozen=True)
 class ProcessingTime(FigureData):
-    """The time a frame takes in each stage, F kinds of frames by N batch sizes by S stages.
+    """The time a frame takes in each stage, for F kinds of frames, N batch sizes and S stages.
+
+    Three numbers are a lower quartile, a median and an upper quartile over the rounds. Those of a ratio are
+    over the ratios of each round, since a busy spell of the machine meets both times.
 
     Args:
         frames: F kinds of frames: ``whole_frames``, ``crops``.
         batches: N batch sizes.
         stages: S stages, panel detection first.
-        median_ms: (F,N,S) median over the rounds, ms a frame.
-        low_ms: (F,N,S) lower quartile.
-        high_ms: (F,N,S) upper quartile.
-        paper_shares: (S,) the paper's, of panel detection.
+        times_ms: (F,N,S,3) ms a frame.
+        shares: (F,N,S,3) time over that of panel detection.
+        ngr_costs: (F,N,2,3) what a third feature adds: to the time of two, and to that of panel detection
+            and two.
+        paper_shares: (S,) the paper's shares.
         rounds: (N,) timed rounds.
         sensor_px: height and width of a whole frame.
         machine: what was measured on.
@@ -98,9 +102,9 @@ class ProcessingTime(FigureData):
     frames: tuple[str, ...]
     batches: tuple[int, ...]
     stages: tuple[str, ...]
-    median_ms: Floats
-    low_ms: Floats
-    high_ms: Floats
+    times_ms: Floats
+    shares: Floats
+    ngr_costs: Floats
     paper_shares: Floats
     rounds: tuple[int, ...]
     sensor_px: tuple[int, int]
@@ -109,34 +113,28 @@ class ProcessingTime(FigureData):
 
     def rows(self) -> list[tuple[Cell, ...]]:
         """Give a line a stage."""
-        times = ("median_ms", "lower_quartile_ms", "upper_quartile_ms")
-        shares = ("share_of_panel_detection", "paper_share")
-        lines: list[tuple[Cell, ...]] = [
-            ("frames", "batch_frames", "stage", *times, *shares, "rounds", "threads", "machine")
-        ]
-        for f, n, s in np.ndindex(self.median_ms.shape):
-            spent = (float(part[f, n, s]) for part in (self.median_ms, self.low_ms, self.high_ms))
-            share = float(self.median_ms[f, n, s] / self.median_ms[f, n, 0])
+        parts = ("median", "lower_quartile", "upper_quartile")
+        numbers = (*(f"{part}_ms" for part in parts), *(f"{part}_share" for part in parts))
+        head = ("frames", "batch_frames", "stage", *numbers, "paper_share", "rounds", "threads", "machine")
+        lines: list[tuple[Cell, ...]] = [head]
+        for f, n, s in np.ndindex(self.times_ms.shape[:3]):
             what = (self.frames[f], self.batches[n], self.stages[s])
-            on = (self.rounds[n], self.threads, self.machine)
-            lines.append((*what, *spent, share, float(self.paper_shares[s]), *on))
+            values = [part[f, n, s, [1, 0, 2]].tolist() for part in (self.times_ms, self.shares)]
+            rest = (float(self.paper_shares[s]), self.rounds[n], self.threads, self.machine)
+            lines.append((*what, *values[0], *values[1], *rest))
         return lines
 
     def findings(self) -> dict[str, float]:
         """Give times and shares by stage, and what NGR adds to bit detection and to all image processing."""
         found: dict[str, float] = {}
         for (f, kind), (n, batch) in itertools.product(enumerate(self.frames), enumerate(self.batches)):
-            spent = dict(zip(self.stages, self.median_ms[f, n].tolist(), strict=True))
-            panel, two, three = spent[PANEL_DETECTION], spent["flda_2"], spent["flda_3"]
             at = f"{kind}_batch_{batch}"
-            found |= {f"ms_{stage}_{at}": value for stage, value in spent.items()}
-            found |= {
-                f"share_{stage}_{at}": value / panel
-                for stage, value in spent.items()
-                if stage != PANEL_DETECTION
-            }
-            found[f"extra_cost_of_ngr_{at}"] = three / two - 1
-            found[f"extra_total_cost_of_ngr_{at}"] = (three - two) / (panel + two)
+            for s, stage in enumerate(self.stages):
+                found[f"ms_{stage}_{at}"] = float(self.times_ms[f, n, s, 1])
+                if s:
+                    found[f"share_{stage}_{at}"] = float(self.shares[f, n, s, 1])
+            found[f"extra_cost_of_ngr_{at}"] = float(self.ngr_costs[f, n, 0, 1])
+            found[f"extra_total_cost_of_ngr_{at}"] = float(self.ngr_costs[f, n, 1, 1])
         return found | {"threads": self.threads}
 
 
@@ -161,22 +159,37 @@ def processing_time(
         for seen in (located_frames(plan, framing) for framing in FRAMINGS.values())
         for batch, repeats in zip(batches, rounds, strict=True)
     ]
-    seconds = np.array([[(t.low_s, t.median_s, t.high_s) for t in timing.values()] for timing in timings])
-    low, median, high = np.moveaxis(seconds.reshape(len(FRAMINGS), len(batches), len(work), 3), -1, 0)
-    ms_a_frame = 1e3 / np.array(batches)[:, None]
+    grid = (len(FRAMINGS), len(batches), -1, 3)
+    times, shares, ngr_costs = (np.reshape(part, grid) for part in zip(*map(summary, timings), strict=True))
     return ProcessingTime(
         frames=tuple(FRAMINGS),
         batches=batches,
         stages=tuple(work),
-        median_ms=ms_a_frame * median,
-        low_ms=ms_a_frame * low,
-        high_ms=ms_a_frame * high,
+        times_ms=1e3 * times / np.reshape(batches, (-1, 1, 1)),
+        shares=shares,
+        ngr_costs=ngr_costs,
         paper_shares=np.array([PAPER_SHARES[stage] for stage in work]),
         rounds=rounds,
         sensor_px=plan.world.camera.sensor_px,
         machine=describe_machine(device),
         threads=torch.get_num_threads(),
     )
+
+
+def summary(timing: Mapping[str, Timing]) -> tuple[Floats, Floats, Floats]:
+    """Quartiles of a run's times (S,3), of shares of panel detection (S,3), and of what NGR adds (2,3).
+
+    Example:
+        >>> spent = {"panel_detection": (8.0, 80.0), "flda_2": (1.0, 10.0), "flda_3": (2.0, 20.0)}
+        >>> _, shares, ngr_costs = summary({name: Timing(seconds) for name, seconds in spent.items()})
+        >>> shares[2].tolist(), ngr_costs[0].tolist()
+        ([0.25, 0.25, 0.25], [1.0, 1.0, 1.0])
+    """
+    spent = {name: np.array(of.seconds) for name, of in timing.items()}
+    panel, two, three = spent[PANEL_DETECTION], spent["flda_2"], spent["flda_3"]
+    times = np.array([quartiles(seconds) for seconds in spent.values()])
+    shares = np.array([quartiles(seconds / panel) for seconds in spent.values()])
+    return times, shares, np.array([quartiles(three / two - 1), quartiles((three - two) / (panel + two))])
 
 
 def stages(plan: Plan) -> dict[str, Callable[[Located], object]]:
@@ -236,8 +249,8 @@ def bit_detectors(reader: Reader, flda: FLDA) -> dict[str, Detector]:
     return {
         "center_greyscale": center_greyscale,
         "average_greyscale": average_greyscale,
-        "flda_2": lambda seen: two(_features(seen, reader, with_ngr=False)) >= 0,
-        "flda_3": lambda seen: three(_features(seen, reader, with_ngr=True)) >= 0,
+        "flda_2": lambda seen: two.decision_function(_features(seen, reader, with_ngr=False)) >= 0,
+        "flda_3": lambda seen: three.decision_function(_features(seen, reader, with_ngr=True)) >= 0,
     }
 
 

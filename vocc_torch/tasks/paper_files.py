@@ -1,0 +1,212 @@
+"""The files of ``task=figures``: pictures with their data, the scorecard, the board and the report."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import astuple, dataclass, field
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from rich.console import Console
+
+from vocc_torch import __version__
+from vocc_torch.config import AppConfig, as_yaml
+from vocc_torch.evaluation.curve import COLUMNS, BerTable
+from vocc_torch.evaluation.curves import Measured
+from vocc_torch.evaluation.dimming import Grid
+from vocc_torch.evaluation.scorecard import (
+    LocationSplit,
+    Scorecard,
+    location_rows,
+    location_split,
+    readings_of,
+    score,
+)
+from vocc_torch.evaluation.timing import describe_machine
+from vocc_torch.reporting.best_luminance import best_luminance_figure
+from vocc_torch.reporting.heatmap import dimming_figure
+from vocc_torch.reporting.paired_file import write_paired
+from vocc_torch.reporting.paper.contents import Contents, Facts, Shown
+from vocc_torch.reporting.paper.rates import LOCATED, PAPER_RECEIVERS, RATE_FIGURES, RateFigure, draw, lines
+from vocc_torch.reporting.paper.sections import paper_report
+from vocc_torch.reporting.plots import save_figure
+from vocc_torch.reporting.report import write_report
+from vocc_torch.reporting.tensorboard import board_hint
+from vocc_torch.reporting.undimmed import undimmed_figure
+from vocc_torch.studies.campaign import Campaign
+from vocc_torch.studies.evidence import make_evidence, write_rows
+from vocc_torch.studies.paper import GRID, PaperStudies
+from vocc_torch.studies.plan import Plan, resolve_device
+from vocc_torch.tasks.folder import as_markdown, print_place
+from vocc_torch.tasks.stopwatch import Stopwatch
+from vocc_torch.tasks.testing import quiet_threads
+
+FIGURES = Path("figures")
+"""Folder of pictures and their data, in the run's folder."""
+_SCORED = {"contrast", "ambient", "luminance", "distance"}
+
+
+@dataclass
+class PaperFiles:
+    """Writes what was measured, and remembers what the report is to show.
+
+    Args:
+        settings: the configuration.
+        folder: the run's folder.
+        studies: what is measured.
+        console: where to say what was written.
+        watch: how long each stage takes.
+    """
+
+    settings: AppConfig
+    folder: Path
+    studies: PaperStudies
+    console: Console
+    watch: Stopwatch
+    shown: dict[str, Shown] = field(default_factory=dict)
+    board: dict[str, Figure | NDArray[np.uint8]] = field(default_factory=dict)
+    measured: dict[float, dict[str, Measured]] = field(default_factory=dict)
+    grids: dict[str, Grid] = field(default_factory=dict)
+
+    @property
+    def own(self) -> tuple[float, str]:
+        """The report's own focal length and locator."""
+        return self.studies.focal_lengths_mm[0], self.studies.locators[0]
+
+    def rates(self, campaign: Campaign) -> None:
+        """Write the figures of bit error rates, and the comparisons of receivers."""
+        self.measured = self.studies.measured(campaign)
+        for figure in RATE_FIGURES:
+            if figure.experiment in self.studies.experiments:
+                self._rate_figure(figure)
+        row_axis = self.settings.figures.experiments[GRID].row_axis or ""
+        self.grids = self.studies.grids(campaign, row_axis)
+        if self.grids:
+            self._dimming()
+        own_mm, _ = self.own
+        curves = [c for one in self.measured[own_mm].values() for c in one.curves.values()]
+        write_paired(self.folder / "paired.csv", curves)
+
+    def _rate_figure(self, figure: RateFigure) -> None:
+        """Write one of Figs 21 to 24."""
+        by_focal_mm = {focal_mm: one[figure.experiment] for focal_mm, one in self.measured.items()}
+        drawn = draw(figure, by_focal_mm, self.own)
+        table = FIGURES / f"{figure.name}.csv"
+        write_rows(self.folder / table, lines(by_focal_mm))
+        self._show(figure.name, figure.title, figure.caption, drawn, table)
+
+    def _dimming(self) -> None:
+        """Write what dimming would give."""
+        drawn: dict[str, Figure] = {}
+        for locator, grid in self.grids.items():
+            names = [name for name in PAPER_RECEIVERS if name in grid.receivers]
+            heading = f"Bit error rate over ambient light and LED luminance ({LOCATED[locator]})"
+            drawn[f"dimming_{locator}"] = dimming_figure(grid, heading, names)
+        own = self.grids[self.own[1]]
+        names = [name for name in PAPER_RECEIVERS if name in own.receivers]
+        drawn["dimming_best"] = best_luminance_figure(own, receivers=names)
+        drawn["dimming_loss"] = undimmed_figure(own, receivers=names)
+        table = FIGURES / "dimming.csv"
+        write_rows(self.folder / table, _grid_lines(self.grids))
+        caption = "Bit error rates over ambient light and LED luminance, with the best luminance of each row."
+        self._show("dimming", "Dimming: the best luminance for each ambient light", caption, drawn, table)
+
+    def _show(self, name: str, title: str, caption: str, drawn: dict[str, Figure], table: Path) -> None:
+        """Save pictures and remember them for the report and the board."""
+        paths = []
+        for stem, figure in drawn.items():
+            paths.append(FIGURES / f"{stem}.png")
+            save_figure(figure, self.folder / paths[-1])
+            self.board[stem] = figure
+        self.shown[name] = Shown(name, title, caption, tuple(paths), table)
+
+    def evidence(self, plan: Plan, names: Sequence[str]) -> None:
+        """Make the paper's other figures."""
+        if not names:
+            return
+        for made in make_evidence(plan, self.folder / FIGURES, names):
+            one = made.evidence
+            picture, table = (path.relative_to(self.folder) for path in (made.picture, made.table))
+            self.shown[one.name] = Shown(one.name, one.title, one.caption, (picture,), table, made.findings)
+            self.board[one.name] = made.pixels
+
+    def report(self) -> None:
+        """Write the scorecard, the board and the report."""
+        scorecard, location = self._scorecard(), self._location()
+        others = {"comparisons of receivers on the same frames": Path("paired.csv")} if self.measured else {}
+        if scorecard is not None:
+            write_rows(self.folder / "scorecard.csv", scorecard.rows())
+            others["the scorecard"] = Path("scorecard.csv")
+        if location:
+            write_rows(self.folder / "location.csv", location_rows(location))
+            others["location against decision"] = Path("location.csv")
+        if self.settings.tensorboard:
+            with self.watch.stage("board"):
+                self._write_board()
+        figures = tuple(self.shown[name] for name in sorted(self.shown, key=_order))
+        contents = Contents(figures, scorecard, location, self.grids, self._facts(), others)
+        write_report(paper_report(contents), self.folder)
+
+    def _scorecard(self) -> Scorecard | None:
+        """Judge the claims, if every experiment that they need was measured."""
+        own_mm, locator = self.own
+        if not self.measured or not _SCORED <= set(self.measured[own_mm]):
+            return None
+        findings = {name: shown.findings for name, shown in self.shown.items()}
+        return score(readings_of(self.measured, findings, self.studies.locators), (own_mm, locator))
+
+    def _location(self) -> tuple[LocationSplit, ...]:
+        """Split the errors of the report's own focal length."""
+        return location_split(self.measured[self.own[0]]) if self.measured else ()
+
+    def _write_board(self) -> None:
+        """Write the TensorBoard: the report's own focal length with each locator."""
+        from vocc_torch.reporting.tensorboard import write_boards
+
+        own_mm, _ = self.own
+        tables: dict[str, list[BerTable]] = {}
+        for one in self.measured.get(own_mm, {}).values():
+            for locator, curves in one.curves.items():
+                tables.setdefault(f"{own_mm:g}mm-{locator}", []).append(curves.table())
+        texts = {"configuration": as_markdown(self.settings)}
+        with quiet_threads():
+            write_boards(self.folder / "tensorboard", tables, self.board, {}, texts)
+
+    def _facts(self) -> Facts:
+        """Say how the numbers were made."""
+        settings, budget = self.settings, self.settings.budget
+        frames = (
+            f"{budget.training_frames} training frames, {budget.frames} test frames a point"
+            f" (contrast: that many for each bin), all-On and all-Off preambles of every test frame, "
+            f"seed {settings.seed}, vocc_torch {__version__}"
+        )
+        machine = describe_machine(resolve_device(settings.device))
+        command = f"vocc-torch task=figures name={settings.name}"
+        return Facts(command, frames, machine, dict(self.watch.seconds), as_yaml(settings))
+
+    def print_places(self) -> None:
+        """Say where the results are, and how long they took."""
+        for stage, seconds in self.watch.seconds.items():
+            self.console.print(f"{stage:<20} {seconds:6.1f} s", highlight=False)
+        for what, name in (("report", "report.html"), ("", "report.md")):
+            print_place(self.console, what, self.folder / name)
+        if self.settings.tensorboard:
+            print_place(self.console, "board", board_hint(self.folder / "tensorboard"))
+
+
+def _order(name: str) -> tuple[bool, str]:
+    """Sort figures as the paper does, with what goes beyond it at the end."""
+    return GRID == name, name
+
+
+def _grid_lines(grids: Mapping[str, Grid]) -> list[tuple[str | int | float, ...]]:
+    """Give a grid's points by locator, row and receiver, the head first."""
+    rows: list[tuple[str | int | float, ...]] = [
+        (next(iter(grids.values())).row_axis, *COLUMNS),
+    ]
+    for grid in grids.values():
+        for at, curves in zip(grid.rows, grid.curves, strict=True):
+            rows += [(at, *astuple(row)) for row in curves.table()]
+    return rows
