@@ -26,7 +26,7 @@ class Law:
 
     Args:
         halves: (K,L) int64, the half errors of each of L receivers.
-        missed: (K,) bool, whether the panel was not found; its half is then in ``halves``.
+        missed: (K,L) bool, whether a receiver's panel was not found; the half of it is then in ``halves``.
         share: (K,) probability, in sum 1.
     """
 
@@ -51,7 +51,7 @@ class Law:
     def counts(self, seen: NDArray[np.int64], receiver: int = 0) -> list[Counts]:
         """Sum up what one receiver got wrong in each study."""
         halves, frames = self.halves[:, receiver], seen.sum(axis=1)
-        sums = seen @ np.stack([halves, halves**2, halves > 0, self.missed], axis=1)
+        sums = seen @ np.stack([halves, halves**2, halves > 0, self.missed[:, receiver]], axis=1)
         return [Counts(n, BITS * n, *row) for n, row in zip(frames.tolist(), sums.tolist(), strict=True)]
 
     def paired(self, seen: NDArray[np.int64]) -> list[PairedCounts]:
@@ -66,7 +66,7 @@ class Law:
 
 def _of_bits(share: NDArray[np.float64]) -> Law:
     """Make the law of 0 to 64 wrong bits of one receiver from their probabilities."""
-    return Law(2 * np.arange(BITS + 1)[:, None], np.zeros(BITS + 1, dtype=bool), share / share.sum())
+    return Law(2 * np.arange(BITS + 1)[:, None], np.zeros((BITS + 1, 1), dtype=bool), share / share.sum())
 
 
 def independent(ber: float) -> Law:
@@ -82,7 +82,7 @@ def clustered(ber: float, correlation: float) -> Law:
 
 def exactly(bits: int) -> Law:
     """So many bits of every frame are wrong."""
-    return Law(np.array([[2 * bits]]), np.zeros(1, dtype=bool), np.ones(1))
+    return Law(np.array([[2 * bits]]), np.zeros((1, 1), dtype=bool), np.ones(1))
 
 
 def mixed(rare: Law, probability: float, usual: Law) -> Law:
@@ -98,8 +98,15 @@ def with_missed(law: Law, probability: float) -> Law:
     """Miss the panel in some frames, for all receivers: half their bits count wrong."""
     if not probability:
         return law
-    gone = Law(np.full((1, law.halves.shape[1]), BITS), np.ones(1, dtype=bool), np.ones(1))
-    return mixed(gone, probability, law)
+    shape = (1, law.halves.shape[1])
+    return mixed(Law(np.full(shape, BITS), np.ones(shape, dtype=bool), np.ones(1)), probability, law)
+
+
+def missed_by_first(law: Law, probability: float) -> Law:
+    """Let the first of two receivers miss the panel in some frames in which the second finds it."""
+    halves, missed = law.halves.copy(), law.missed.copy()
+    halves[:, 0], missed[:, 0] = BITS, True
+    return mixed(Law(halves, missed, law.share), probability, law)
 
 
 def mended(law: Law, share: float, spoiled: float) -> Law:
@@ -120,7 +127,7 @@ def mended(law: Law, share: float, spoiled: float) -> Law:
     # A line this rare never comes up, and the truth is taken from the lines that are left.
     lines = joint > 1e-10
     halves = np.stack([np.repeat(2 * wrong, BITS + 1), np.tile(2 * bits, len(wrong))], axis=1)[lines]
-    return Law(halves, np.zeros(len(halves), dtype=bool), joint[lines] / joint[lines].sum())
+    return Law(halves, np.zeros(halves.shape, dtype=bool), joint[lines] / joint[lines].sum())
 
 
 def apart(first: Law, second: Law) -> Law:
@@ -131,9 +138,9 @@ def apart(first: Law, second: Law) -> Law:
         [np.repeat(first.halves[:, 0], len(second.share)), np.tile(second.halves[:, 0], len(first.share))],
         axis=1,
     )[lines]
-    return Law(halves, np.zeros(len(halves), dtype=bool), shares[lines] / shares[lines].sum())
+    return Law(halves, np.zeros(halves.shape, dtype=bool), shares[lines] / shares[lines].sum())
 
 
-def alike(law: Law, receivers: int = 2) -> Law:
-    """Give every receiver the same errors."""
-    return Law(np.repeat(law.halves[:, :1], receivers, axis=1), law.missed, law.share)
+def alike(law: Law) -> Law:
+    """Give two receivers the errors of one."""
+    return Law(np.repeat(law.halves, 2, axis=1), np.repeat(law.missed, 2, axis=1), law.share)

@@ -4,7 +4,6 @@ import numpy as np
 
 from vocc_torch.evaluation.curves import Curves, Measured
 from vocc_torch.evaluation.dimming import Grid
-from vocc_torch.evaluation.paired import PairedCounts
 from vocc_torch.evaluation.scorecard import Reading
 from vocc_torch.evaluation.tally import tallies
 
@@ -18,7 +17,7 @@ AXES = {
 
 
 def spread(ber, frames):
-    """Wrong bits of each frame, as even as they can be, the most first: of two rates the lower never has more."""
+    """Wrong bits of each frame, the most first, as even as can be: the lower of two rates never has more."""
     total = round(ber * BITS * frames)
     return np.full(frames, total // frames) + (np.arange(frames) < total % frames)
 
@@ -186,8 +185,3 @@ def grid_of(best_by_ambient, receivers=("flda_2", "flda_3"), frames=20_000):
         }
         curves.append(curves_of("luminance", wrong))
     return Grid("ambient_lx", rows, tuple(curves))
-
-
-def total_of(parts):
-    """Sum of comparisons."""
-    return sum(parts, PairedCounts())

@@ -19,7 +19,7 @@ from vocc_torch.reporting.styles import Style, axis_label, receiver_styles
 _WIDTH_IN, _ENTRY_IN = 11.2, 0.7
 _CONTRAST = "#B8BDC4"
 _BEYOND = 0.28
-"""How far beyond the grid an open range is drawn, in octaves."""
+"""How far beyond the grid an open range is drawn, in heights of the last cell."""
 _MOST_SPREAD = 0.11
 """Most octaves between neighbouring receivers under one ambient light."""
 
@@ -44,6 +44,16 @@ def best_luminance_figure(
 
     Raises:
         VoccError: an unknown receiver, or a reflectance outside its range.
+
+    Example:
+        >>> from vocc_torch.evaluation.counts import Counts
+        >>> from vocc_torch.evaluation.curves import Curves
+        >>> counts = {("flda_3", 500): Counts(64, 4096, 4, 8, 2), ("flda_3", 2000): Counts(64, 4096)}
+        >>> axis, stopped = "led_luminance_cd_m2", {500: "frames", 2000: "frames"}
+        >>> curves = Curves("dimming", axis, "truth", ("flda_3",), (500, 2000), counts, {}, stopped)
+        >>> grid = Grid("ambient_lx", (4000.0,), (curves,))
+        >>> best_luminance_figure(grid).axes[0].get_ylabel()
+        'LED luminance (cd/m²)'
     """
     names = tuple(receivers or grid.receivers)
     height = max(6.6, 2.2 + _ENTRY_IN * len(names))
@@ -54,9 +64,11 @@ def best_luminance_figure(
     axes.set_ylim(luminance[0], luminance[-1])
     _contrast_lines(axes, led_reflectance)
     spread = min(_MOST_SPREAD, 0.8 * float(np.diff(ambient).min()) / len(names))
+    beyond = _BEYOND * float(luminance[1] - luminance[0]), _BEYOND * float(luminance[-1] - luminance[-2])
     entries = []
     for number, (name, style) in enumerate(receiver_styles(names).items()):
-        _draw(axes, best_luminance(grid, name), spread * (number - (len(names) - 1) / 2), style)
+        shift = spread * (number - (len(names) - 1) / 2)
+        _draw(axes, best_luminance(grid, name), shift, beyond, style)
         entries.append((style, _followed(optimum_ratio(grid, name))))
     name_octaves(axes.xaxis, grid.rows)
     name_octaves(axes.yaxis, grid.columns)
@@ -84,12 +96,12 @@ def _contrast_lines(axes: Axes, led_reflectance: float) -> None:
             axes.text(top - offset, top, text, ha="center", va="bottom", fontsize=9, color=QUIET)
 
 
-def _draw(axes: Axes, bests: Sequence[Best], shift: float, style: Style) -> None:
+def _draw(axes: Axes, bests: Sequence[Best], shift: float, beyond: tuple[float, float], style: Style) -> None:
     """Draw one receiver: ranges, plateaus, and the best joined by a line."""
     x = [octave(best.ambient_lx) + shift for best in bests]
     for at, best in zip(x, bests, strict=True):
         low, high = reach(best)
-        ends = low - _BEYOND * best.reaches_lowest, high + _BEYOND * best.reaches_highest
+        ends = low - best.reaches_lowest * beyond[0], high + best.reaches_highest * beyond[1]
         axes.plot([at, at], ends, color=style.colour, linewidth=1.5, alpha=0.75, zorder=2)
         for reached, end, marker in (
             (best.reaches_lowest, ends[0], "v"),

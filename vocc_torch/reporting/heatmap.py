@@ -35,9 +35,9 @@ _MIDDLE = 0.21
 """Relative luminance at which white and dark text are about equally legible."""
 _MOST_NUMBERS = 72
 """Cells of a panel that still have room for their numbers."""
-_PANEL_IN = 3.55
+_PANEL_IN, _SINGLE_IN = 3.55, 6.6
 _SIDE = -0.4
-"""Where the best luminance stands in its cell, in widths of the cell from the middle: beside the number."""
+"""Where the best luminance stands in a cell with a number, in widths of the cell from the middle."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,6 +45,10 @@ class _Layout:
     """Places of the panels on the page, in inches."""
 
     panels: int
+
+    @property
+    def side(self) -> float:
+        return _PANEL_IN if self.panels > 1 else _SINGLE_IN
 
     @property
     def columns(self) -> int:
@@ -56,22 +60,22 @@ class _Layout:
 
     @property
     def width(self) -> float:
-        return max(6.4, 0.95 + (_PANEL_IN + 0.16) * self.columns + 0.95)
+        return 0.95 + (self.side + 0.16) * self.columns + 0.95
 
     @property
     def height(self) -> float:
-        return 1.5 + (_PANEL_IN + 0.45) * self.lines
+        return 1.5 + (self.side + 0.45) * self.lines
 
     def box(self, number: int) -> tuple[float, float, float, float]:
         """Give a panel's left, bottom, width and height as shares of the page."""
         line, column = divmod(number, self.columns)
-        left = 0.95 + (_PANEL_IN + 0.16) * column
-        bottom = self.height - 1.05 - _PANEL_IN - (_PANEL_IN + 0.45) * line
+        left = 0.95 + (self.side + 0.16) * column
+        bottom = self.height - 1.05 - self.side - (self.side + 0.45) * line
         return (
             left / self.width,
             bottom / self.height,
-            _PANEL_IN / self.width,
-            _PANEL_IN / self.height,
+            self.side / self.width,
+            self.side / self.height,
         )
 
     @property
@@ -101,6 +105,16 @@ def dimming_figure(
 
     Raises:
         VoccError: an unknown receiver.
+
+    Example:
+        >>> from vocc_torch.evaluation.counts import Counts
+        >>> from vocc_torch.evaluation.curves import Curves
+        >>> counts = {("flda_3", 500): Counts(64, 4096, 4, 8, 2), ("flda_3", 2000): Counts(64, 4096)}
+        >>> axis, stopped = "led_luminance_cd_m2", {500: "frames", 2000: "frames"}
+        >>> curves = Curves("dimming", axis, "truth", ("flda_3",), (500, 2000), counts, {}, stopped)
+        >>> grid = Grid("ambient_lx", (4000.0,), (curves,))
+        >>> [text.get_text() for text in dimming_figure(grid).axes[0].texts]
+        ['4.9e-4', '<7.1e-4', 'FLDA: AGR + GRI + NGR']
     """
     names = tuple(receivers or grid.receivers)
     styles, layout = receiver_styles(names), _Layout(len(names))
@@ -109,7 +123,7 @@ def dimming_figure(
     for number, (name, style) in enumerate(styles.items()):
         axes = figure.add_axes(layout.box(number))
         _panel(axes, grid, name, norm)
-        _heading(axes, style)
+        _heading(axes, style, layout.side)
         lowest, leftmost = number + layout.columns >= len(names), number % layout.columns == 0
         axes.tick_params(labelbottom=lowest, labelleft=leftmost)
         axes.set_xlabel(axis_label(grid.row_axis) if lowest else "", fontsize=11, color=INK, labelpad=5)
@@ -143,9 +157,11 @@ def _panel(axes: Axes, grid: Grid, receiver: str, norm: LogNorm) -> None:
                 corner, *size, facecolor=_NO_ERRORS, edgecolor=_HATCH, hatch="////", linewidth=0, zorder=1
             )
         )
-    if ber.size <= _MOST_NUMBERS:
+    numbered = ber.size <= _MOST_NUMBERS
+    if numbered:
         _numbers(axes, grid, receiver, norm)
-    _draw_best(axes, best_luminance(grid, receiver), np.diff(ambient))
+    aside = (_SIDE if numbered else 0.0) * np.diff(ambient)
+    _draw_best(axes, best_luminance(grid, receiver), aside, 0.3 * np.diff(luminance))
     name_octaves(axes.xaxis, grid.rows)
     name_octaves(axes.yaxis, grid.columns)
     axes.tick_params(length=3, color=QUIET, labelcolor=INK, labelsize=9.5)
@@ -182,9 +198,9 @@ def _luminance(colour: tuple[float, float, float]) -> float:
     return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
 
 
-def _draw_best(axes: Axes, bests: Sequence[Best], widths: Floats) -> None:
+def _draw_best(axes: Axes, bests: Sequence[Best], aside: Floats, beyond: Floats) -> None:
     """Draw the best luminances, joined, with plateaus and ranges."""
-    x = [octave(best.ambient_lx) + _SIDE * width for best, width in zip(bests, widths, strict=True)]
+    x = [octave(best.ambient_lx) + float(shift) for best, shift in zip(bests, aside, strict=True)]
     cased = [withStroke(linewidth=3.4, foreground=INK)]
     for at, best in zip(x, bests, strict=True):
         low, high = reach(best)
@@ -193,9 +209,10 @@ def _draw_best(axes: Axes, bests: Sequence[Best], widths: Floats) -> None:
         if plateau[0] < plateau[1]:
             wide = [withStroke(linewidth=6.4, foreground=INK)]
             axes.plot([at, at], plateau, color="white", linewidth=4.6, path_effects=wide, zorder=4)
-        for open_end, place, marker in ((best.reaches_lowest, low, "v"), (best.reaches_highest, high, "^")):
-            if open_end:
-                axes.add_line(_sign(marker, 5.5, at=(at, place + (0.3 if marker == "^" else -0.3))))
+        if best.reaches_lowest:
+            axes.add_line(_sign("v", 5.5, at=(at, low - float(beyond[0]))))
+        if best.reaches_highest:
+            axes.add_line(_sign("^", 5.5, at=(at, high + float(beyond[-1]))))
     axes.plot(
         x,
         [octave(best.middle_cd_m2) for best in bests],
@@ -227,22 +244,17 @@ def _sign(
     )
 
 
-def _heading(axes: Axes, style: Style) -> None:
+def _heading(axes: Axes, style: Style, side_in: float) -> None:
     """Name the receiver above its panel, with its sign."""
+    y, place = 1 + 0.16 / side_in, axes.transAxes
     axes.plot(
-        [0.018],
-        [1.045],
-        style.marker,
-        color=style.colour,
-        markersize=7,
-        transform=axes.transAxes,
-        clip_on=False,
+        [0.065 / side_in], [y], style.marker, color=style.colour, markersize=7, transform=place, clip_on=False
     )
     axes.text(
-        0.055,
-        1.045,
+        0.2 / side_in,
+        y,
         style.label,
-        transform=axes.transAxes,
+        transform=place,
         fontsize=11.5,
         fontweight="bold",
         color=INK,

@@ -16,7 +16,7 @@ from vocc_torch.reporting.canvas import FINE_GRID, GRID, INK, QUIET, new_figure,
 from vocc_torch.reporting.octaves import cell_edges, frames_text, grid_value, name_octaves, octave
 from vocc_torch.reporting.styles import Style, axis_label, receiver_styles
 
-_PANEL_IN = (4.35, 3.1)
+_PANEL_IN, _SINGLE_IN = (4.35, 3.1), (8.95, 4.2)
 _MOST_COLUMNS = 2
 _FIXED, _HEADLIGHT = "#4A4E54", "#9AA0A6"
 _SHIFT = 0.07
@@ -39,19 +39,30 @@ def undimmed_figure(
 
     Raises:
         VoccError: an unknown receiver, or a luminance that is not above 0.
+
+    Example:
+        >>> from vocc_torch.evaluation.counts import Counts
+        >>> from vocc_torch.evaluation.curves import Curves
+        >>> counts = {("flda_3", 500): Counts(64, 4096, 4, 8, 2), ("flda_3", 2000): Counts(64, 4096)}
+        >>> axis, stopped = "led_luminance_cd_m2", {500: "frames", 2000: "frames"}
+        >>> curves = Curves("dimming", axis, "truth", ("flda_3",), (500, 2000), counts, {}, stopped)
+        >>> grid = Grid("ambient_lx", (4000.0,), (curves,))
+        >>> undimmed_figure(grid).axes[0].get_title("left")
+        'FLDA: AGR + GRI + NGR'
     """
     names = tuple(receivers or grid.receivers)
     losses = [undimmed_loss(grid, name, headlight_cd_m2) for name in names]
     columns = min(_MOST_COLUMNS, len(names))
     lines = math.ceil(len(names) / columns)
-    width, height = 0.95 + (_PANEL_IN[0] + 0.25) * columns, 2.1 + (_PANEL_IN[1] + 0.85) * lines
+    panel = _PANEL_IN if columns > 1 else _SINGLE_IN
+    width, height = 0.95 + (panel[0] + 0.25) * columns, 2.1 + (panel[1] + 0.85) * lines
     figure = new_figure(width, height)
     limits = _limits(losses)
     for number, (loss, style) in enumerate(zip(losses, receiver_styles(names).values(), strict=True)):
         line, column = divmod(number, columns)
-        left = 0.85 + (_PANEL_IN[0] + 0.25) * column
-        bottom = height - 1.5 - _PANEL_IN[1] - (_PANEL_IN[1] + 0.85) * line
-        box = (left / width, bottom / height, _PANEL_IN[0] / width, _PANEL_IN[1] / height)
+        left = 0.85 + (panel[0] + 0.25) * column
+        bottom = height - 1.5 - panel[1] - (panel[1] + 0.85) * line
+        box = (left / width, bottom / height, panel[0] / width, panel[1] / height)
         axes = figure.add_axes(box)
         _axes(axes, grid, limits)
         _panel(axes, loss, style)
@@ -113,15 +124,18 @@ def _panel(axes: Axes, loss: Loss, style: Style) -> None:
         if cells:
             _draw(axes, [place + _SHIFT * (number - 1) for place in x], cells, look)
     axes.set_title(style.label, fontsize=11.5, fontweight="bold", color=INK, loc="left", pad=36)
-    parts = [("best fixed", loss.fixed), ("headlight", loss.headlight)]
     if _same(loss):
-        parts = [("best fixed and headlight", loss.fixed)]
-    text = "\n".join(
-        f"{name}, {grid_value(panel.luminance_cd_m2)} cd/m²: {loss_text(panel)}" for name, panel in parts
-    )
+        text = f"best fixed and headlight, {_at(loss.fixed)}:\n{loss_text(loss.fixed)}"
+    else:
+        parts = (("best fixed", loss.fixed), ("headlight", loss.headlight))
+        text = "\n".join(f"{name}, {_at(panel)}: {loss_text(panel)}" for name, panel in parts)
     axes.annotate(
         text, (0, 1), (0, 6), "axes fraction", "offset points", fontsize=9.5, color=QUIET, linespacing=1.35
     )
+
+
+def _at(panel: Undimmed) -> str:
+    return f"{grid_value(panel.luminance_cd_m2)} cd/m²"
 
 
 def loss_text(panel: Undimmed) -> str:
@@ -141,7 +155,8 @@ def loss_text(panel: Undimmed) -> str:
     if panel.mean.value == 0:
         return "no errors were seen, nor dimmed"
     if math.isinf(ratio.value):
-        return f"at least {_factor(ratio.low)} times; dimmed, no errors were seen"
+        least = f"at least {_factor(ratio.low)} times" if ratio.low > 1 else "not known"
+        return f"{least}; dimmed, no errors were seen"
     high = "no upper limit" if math.isinf(ratio.high) else _factor(ratio.high)
     return f"{_factor(ratio.value)} times ({_factor(ratio.low)} to {high})"
 

@@ -19,13 +19,17 @@ from vocc_torch.studies.evidence import EVIDENCE
 from vocc_torch.studies.paper import BER_FIGURES, PaperStudies, wanted_figures
 from vocc_torch.studies.plan import Plan
 from vocc_torch.studies.workers import Workers
-from vocc_torch.tasks.folder import open_ledger, refuse_results, refuse_unused, resumable, write_config
+from vocc_torch.tasks.folder import (
+    LEDGERS,
+    open_ledger,
+    refuse_results,
+    refuse_unused,
+    resumable,
+    write_config,
+)
 from vocc_torch.tasks.paper_files import PaperFiles
 from vocc_torch.tasks.stopwatch import Stopwatch
 from vocc_torch.tasks.training import write_training
-
-LEDGERS = "ledgers"
-"""Folder of a campaign's ledgers."""
 
 
 def run_figures(settings: AppConfig, folder: Path) -> None:

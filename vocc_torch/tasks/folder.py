@@ -16,6 +16,9 @@ from vocc_torch.files import write_atomically
 LEDGER = "ledger.jsonl"
 """The ledger of a run with one experiment."""
 
+LEDGERS = "ledgers"
+"""Folder of the ledgers of a run with many."""
+
 
 def refuse_unused(settings: AppConfig, used: tuple[str, ...] = ()) -> None:
     """Refuse keys that are set and that the task would pass over."""

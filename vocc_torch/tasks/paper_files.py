@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import astuple, dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +13,7 @@ from rich.console import Console
 
 from vocc_torch import __version__
 from vocc_torch.config import AppConfig, as_yaml
-from vocc_torch.evaluation.curve import COLUMNS, BerTable
+from vocc_torch.evaluation.curve import BerTable
 from vocc_torch.evaluation.curves import Measured
 from vocc_torch.evaluation.dimming import Grid
 from vocc_torch.evaluation.scorecard import (
@@ -25,23 +25,24 @@ from vocc_torch.evaluation.scorecard import (
     score,
 )
 from vocc_torch.evaluation.timing import describe_machine
-from vocc_torch.reporting.best_luminance import best_luminance_figure
-from vocc_torch.reporting.heatmap import dimming_figure
 from vocc_torch.reporting.paired_file import write_paired
 from vocc_torch.reporting.paper.contents import Contents, Facts, Shown
-from vocc_torch.reporting.paper.rates import LOCATED, PAPER_RECEIVERS, RATE_FIGURES, RateFigure, draw, lines
+from vocc_torch.reporting.paper.rates import CAPTIONS as RATE_CAPTIONS
+from vocc_torch.reporting.paper.rates import PAPER_RECEIVERS, RATE_FIGURES, RateFigure, draw, lines
+from vocc_torch.reporting.paper.scorecard_section import fit_rows
 from vocc_torch.reporting.paper.sections import paper_report
 from vocc_torch.reporting.plots import save_figure
 from vocc_torch.reporting.report import write_report
 from vocc_torch.reporting.tensorboard import board_hint
-from vocc_torch.reporting.undimmed import undimmed_figure
 from vocc_torch.studies.campaign import Campaign
 from vocc_torch.studies.evidence import make_evidence, write_rows
 from vocc_torch.studies.paper import GRID, PaperStudies
 from vocc_torch.studies.plan import Plan, resolve_device
 from vocc_torch.tasks.folder import as_markdown, print_place
+from vocc_torch.tasks.grid_files import CAPTIONS as GRID_CAPTIONS
+from vocc_torch.tasks.grid_files import grid_figures, write_grid
+from vocc_torch.tasks.quiet import quiet_threads
 from vocc_torch.tasks.stopwatch import Stopwatch
-from vocc_torch.tasks.testing import quiet_threads
 
 FIGURES = Path("figures")
 """Folder of pictures and their data, in the run's folder."""
@@ -99,28 +100,21 @@ class PaperFiles:
 
     def _dimming(self) -> None:
         """Write what dimming would give."""
-        drawn: dict[str, Figure] = {}
-        for locator, grid in self.grids.items():
-            names = [name for name in PAPER_RECEIVERS if name in grid.receivers]
-            heading = f"Bit error rate over ambient light and LED luminance ({LOCATED[locator]})"
-            drawn[f"dimming_{locator}"] = dimming_figure(grid, heading, names)
-        own = self.grids[self.own[1]]
-        names = [name for name in PAPER_RECEIVERS if name in own.receivers]
-        drawn["dimming_best"] = best_luminance_figure(own, receivers=names)
-        drawn["dimming_loss"] = undimmed_figure(own, receivers=names)
+        drawn = grid_figures(self.grids, self.own[1], PAPER_RECEIVERS)
         table = FIGURES / "dimming.csv"
-        write_rows(self.folder / table, _grid_lines(self.grids))
+        write_grid(self.folder / table, self.grids)
         caption = "Bit error rates over ambient light and LED luminance, with the best luminance of each row."
         self._show("dimming", "Dimming: the best luminance for each ambient light", caption, drawn, table)
 
     def _show(self, name: str, title: str, caption: str, drawn: dict[str, Figure], table: Path) -> None:
         """Save pictures and remember them for the report and the board."""
-        paths = []
+        captions, pictures = RATE_CAPTIONS | GRID_CAPTIONS, []
         for stem, figure in drawn.items():
-            paths.append(FIGURES / f"{stem}.png")
-            save_figure(figure, self.folder / paths[-1])
+            path = FIGURES / f"{stem}.png"
+            save_figure(figure, self.folder / path)
+            pictures.append((path, captions.get(stem.removeprefix(name), "")))
             self.board[stem] = figure
-        self.shown[name] = Shown(name, title, caption, tuple(paths), table)
+        self.shown[name] = Shown(name, title, caption, tuple(pictures), table)
 
     def evidence(self, plan: Plan, names: Sequence[str]) -> None:
         """Make the paper's other figures."""
@@ -129,7 +123,9 @@ class PaperFiles:
         for made in make_evidence(plan, self.folder / FIGURES, names):
             one = made.evidence
             picture, table = (path.relative_to(self.folder) for path in (made.picture, made.table))
-            self.shown[one.name] = Shown(one.name, one.title, one.caption, (picture,), table, made.findings)
+            self.shown[one.name] = Shown(
+                one.name, one.title, one.caption, ((picture, ""),), table, made.findings
+            )
             self.board[one.name] = made.pixels
 
     def report(self) -> None:
@@ -138,7 +134,9 @@ class PaperFiles:
         others = {"comparisons of receivers on the same frames": Path("paired.csv")} if self.measured else {}
         if scorecard is not None:
             write_rows(self.folder / "scorecard.csv", scorecard.rows())
+            write_rows(self.folder / "fits.csv", list(fit_rows(scorecard)))
             others["the scorecard"] = Path("scorecard.csv")
+            others["how well each reading fits"] = Path("fits.csv")
         if location:
             write_rows(self.folder / "location.csv", location_rows(location))
             others["location against decision"] = Path("location.csv")
@@ -152,7 +150,7 @@ class PaperFiles:
     def _scorecard(self) -> Scorecard | None:
         """Judge the claims, if every experiment that they need was measured."""
         own_mm, locator = self.own
-        if not self.measured or not _SCORED <= set(self.measured[own_mm]):
+        if not self.measured or _SCORED - set(self.measured[own_mm]):
             return None
         findings = {name: shown.findings for name, shown in self.shown.items()}
         return score(readings_of(self.measured, findings, self.studies.locators), (own_mm, locator))
@@ -198,15 +196,5 @@ class PaperFiles:
 
 def _order(name: str) -> tuple[bool, str]:
     """Sort figures as the paper does, with what goes beyond it at the end."""
-    return GRID == name, name
-
-
-def _grid_lines(grids: Mapping[str, Grid]) -> list[tuple[str | int | float, ...]]:
-    """Give a grid's points by locator, row and receiver, the head first."""
-    rows: list[tuple[str | int | float, ...]] = [
-        (next(iter(grids.values())).row_axis, *COLUMNS),
-    ]
-    for grid in grids.values():
-        for at, curves in zip(grid.rows, grid.curves, strict=True):
-            rows += [(at, *astuple(row)) for row in curves.table()]
-    return rows
+    beyond = name == GRID
+    return beyond, name

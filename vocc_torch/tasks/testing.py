@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import threading
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from pathlib import Path
 
 from rich.console import Console
@@ -45,11 +43,16 @@ from vocc_torch.tasks.folder import (
     refuse_unused,
     resumable,
 )
+from vocc_torch.tasks.grid import run_grid
+from vocc_torch.tasks.quiet import quiet_threads
 from vocc_torch.tasks.training import train_shown, write_training
 
 
 def run_test(settings: AppConfig, folder: Path) -> None:
-    """Train, measure bit error rates along the experiment's axis, and report them."""
+    """Train, measure bit error rates along the experiment's axis or on its grid, and report them."""
+    if settings.experiment.row_axis is not None:
+        run_grid(settings, folder)
+        return
     refuse_unused(settings)
     refuse_results(folder, LEDGER)
     plan, console = build_plan(settings, folder), Console()
@@ -120,17 +123,6 @@ def _sweep(plan: Plan, training: Training, ledger: Ledger, workers: Workers, con
             outcomes[value] = outcome
             view.finish(points_of(plan, locator, value, outcome.counts, outcome.stopped_by))
     return measured(plan, [locator], outcomes).curves[locator]
-
-
-@contextmanager
-def quiet_threads() -> Iterator[None]:
-    """Keep TensorBoard's writing thread from printing the OSError that ``write_board`` then raises."""
-    shown = threading.excepthook
-    threading.excepthook = lambda failure: None if issubclass(failure.exc_type, OSError) else shown(failure)
-    try:
-        yield
-    finally:
-        threading.excepthook = shown
 
 
 def _title(plan: Plan) -> str:

@@ -64,7 +64,8 @@ def projection_figure(
     footnote = (
         f"FLDA trained on {frames} frames at the true corners; {len(bits)} of their LEDs in (b), "
         f"{min(_SHOWN, len(bits))} in (a), placed by standard\n"
-        f"deviations within a class from the midpoint of the classes. Weights in w for such a deviation: {listed}."
+        "deviations within a class from the midpoint of the classes. "
+        f"Weights in w for such a deviation: {listed}."
     )
     write_title(figure, title, footnote)
     return figure

@@ -18,7 +18,8 @@ class Shown:
         name: its name, such as ``fig22``.
         title: its headline.
         caption: what it shows.
-        pictures: PNG files, relative to the report's folder, the main one first.
+        pictures: PNG files, relative to the report's folder, with a caption each; the figure's own where that
+            is empty.
         table: CSV file with its data, relative to the report's folder.
         findings: its numbers by name.
     """
@@ -26,7 +27,7 @@ class Shown:
     name: str
     title: str
     caption: str
-    pictures: tuple[Path, ...]
+    pictures: tuple[tuple[Path, str], ...]
     table: Path
     findings: Mapping[str, float] = field(default_factory=dict)
 

@@ -12,9 +12,9 @@ from vocc_torch.reporting.report.inline import literal
 def blocks_of(figure: Shown) -> list[Block]:
     """Give a figure's pictures, and its numbers where it has some."""
     blocks: list[Block] = []
-    for index, path in enumerate(figure.pictures):
-        caption = literal(figure.caption) if not index else "The same under every reading, side by side."
-        blocks.append(Picture(path, caption, alt=f"{figure.title}. {figure.caption}", data=figure.table))
+    for path, caption in figure.pictures:
+        text = caption or figure.caption
+        blocks.append(Picture(path, literal(text), alt=f"{figure.title}. {text}", data=figure.table))
     if figure.findings:
         blocks.append(_numbers(figure.title, figure.findings))
     return blocks

@@ -19,6 +19,9 @@ PAPER_RECEIVERS = ("center_greyscale", "average_greyscale", "flda_2", "flda_3")
 LOCATED = {"paper": "panel located", "truth": "true corners"}
 """Where the panel's corners come from, in words."""
 
+CAPTIONS = {"_readings": "The same under every reading, side by side."}
+"""Captions of a figure's further pictures, by the end of their names."""
+
 Line = tuple[str | int | float, ...]
 
 

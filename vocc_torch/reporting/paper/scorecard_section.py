@@ -18,6 +18,7 @@ from vocc_torch.reporting.report.inline import literal
 
 TONES: dict[Verdict, Tone] = {"agree": "agree", "differ": "differ", "cannot say": "unsure"}
 """How each verdict is shown."""
+FIT_COLUMNS = ("reading", *VERDICTS, "distance to quoted rates", "distance to quoted gains")
 
 
 def summary(scorecard: Scorecard) -> list[Block]:
@@ -85,8 +86,8 @@ def matrix(scorecard: Scorecard) -> Section:
             "meets its target; the other two are varied here."
         ),
         Table(
-            ("reading", *VERDICTS, "distance to quoted rates", "distance to quoted gains"),
-            tuple(_fit_row(one) for one in found),
+            FIT_COLUMNS,
+            tuple(tuple(literal(cell) for cell in row) for row in fit_rows(scorecard)[1:]),
             caption="How well each reading fits: verdicts of the claims that depend on it, and mean "
             "distances",
         ),
@@ -101,6 +102,11 @@ def matrix(scorecard: Scorecard) -> Section:
     return Section("Which reading fits", "readings", blocks)
 
 
+def fit_rows(scorecard: Scorecard) -> list[tuple[str, ...]]:
+    """Give how well each reading fits, a line each, the head first."""
+    return [FIT_COLUMNS, *(_fit_row(one) for one in fits(scorecard))]
+
+
 def _fit_row(fit: Fit) -> tuple[str, ...]:
     """Write how well one reading fits."""
     rates = "not measured"
@@ -110,4 +116,4 @@ def _fit_row(fit: Fit) -> tuple[str, ...]:
         )
         rates = f"{fit.rates.decades:.2f} decades [{fit.rates.low:.2f}, {fit.rates.high:.2f}]{free}"
     gains = "none defined" if fit.gain_points is None else f"{fit.gain_points:.0f} points over {fit.gains}"
-    return (literal(fit.reading), *(str(fit.tally[verdict]) for verdict in VERDICTS), rates, gains)
+    return (fit.reading, *(str(fit.tally[verdict]) for verdict in VERDICTS), rates, gains)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from vocc_torch.files import atomic_file
+from vocc_torch.files import atomic_file, write_atomically
 from vocc_torch.reporting.report.document import (
     Align,
     Block,
@@ -48,7 +48,7 @@ __all__ = [
 
 
 def write_report(report: Report, folder: str | Path) -> tuple[Path, Path]:
-    """Write ``report.md`` and ``report.html``: both whole, or neither touched.
+    """Write ``report.md`` and ``report.html``, each whole or not at all; neither where one has no room.
 
     Args:
         report: the report.
@@ -68,8 +68,8 @@ def write_report(report: Report, folder: str | Path) -> tuple[Path, Path]:
     """
     base = Path(folder)
     markdown, page = base / "report.md", base / "report.html"
-    texts = as_markdown(report, base), as_html(report, base)
-    with atomic_file(markdown) as first, atomic_file(page) as second:
-        for path, text in zip((first, second), texts, strict=True):
-            path.write_bytes(text.encode("utf-8", "replace"))
+    text, html = (write(report, base).encode("utf-8", "replace") for write in (as_markdown, as_html))
+    with atomic_file(markdown) as temporary:
+        temporary.write_bytes(text)
+        write_atomically(page, html)  # while the old Markdown file is still in its place
     return markdown, page

@@ -87,9 +87,10 @@ def _block(block: Block, base: Path) -> Iterator[str]:
         case Paragraph(text):
             yield _line(text)
         case Bullets(items):
-            yield _bullets([_line(item) for item in items])
+            yield "\n".join(f"- {_line(item)}" for item in items)
         case Highlights(items):
-            yield _bullets([_highlight(item) for item in items])
+            # Another sign than the bullets', so that a list that follows does not join this one.
+            yield "\n".join(f"* {_highlight(item)}" for item in items)
         case Code(text):
             yield _code_block(text)
         case Table():
@@ -101,11 +102,6 @@ def _block(block: Block, base: Path) -> Iterator[str]:
             yield _side_by_side(pictures, columns, base)
         case _:
             assert_never(block)
-
-
-def _bullets(items: Sequence[str]) -> str:
-    """Write a list."""
-    return "\n".join(f"- {item}" for item in items)
 
 
 def _highlight(item: Highlight) -> str:

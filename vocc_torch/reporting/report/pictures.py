@@ -71,7 +71,7 @@ def read_png(path: Path) -> Png:
         original = path.read_bytes()
         with Image.open(io.BytesIO(original), formats=["PNG"]) as picture:
             picture.load()
-            content = min(original, _packed(picture) or original, key=len)
+            content = min(original, _packed(picture), key=len)
             return Png(picture.width, picture.height, content)
     except (UnidentifiedImageError, SyntaxError, ValueError) as error:
         raise VoccError(f"{path} is not a PNG picture: {error}") from error
@@ -80,9 +80,7 @@ def read_png(path: Path) -> Png:
 
 
 def _packed(picture: Image.Image) -> bytes:
-    """Encode the pixels again; nothing for the rarer kinds of picture, which stay as they are."""
-    if picture.mode not in ("RGB", "RGBA"):
-        return b""
+    """Encode the pixels again."""
     opaque = picture.mode == "RGBA" and picture.getchannel("A").getextrema() == (255, 255)
     buffer = io.BytesIO()
     (picture.convert("RGB") if opaque else picture).save(buffer, format="PNG")

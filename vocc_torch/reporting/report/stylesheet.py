@@ -72,7 +72,7 @@ summary { cursor: pointer; font-weight: 600; }
   details.contents { display: none; }
 }
 
-.highlights { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(13rem, 100%), 1fr));
+.highlights { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(11.5rem, 100%), 1fr));
   gap: 0.9rem; margin: 1.4rem 0 1.8rem; padding: 0; max-width: none; list-style: none; }
 .highlights li { margin: 0; padding: 0.9rem 1.1rem 1rem; border: 1px solid var(--line); border-radius: 10px;
   background: var(--raised); line-height: 1.42; }

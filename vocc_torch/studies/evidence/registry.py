@@ -112,7 +112,7 @@ _FIGURES = (
     Evidence(
         "fig25",
         "Fig. 25: processing time, normalised to panel detection",
-        "Panel detection takes much longer than any bit detector; a third feature costs next to nothing.",
+        "Bit detectors take 5, 7, 12 and 14 % of panel detection's time; NGR adds 1.78 % to the whole.",
         processing_time,
     ),
 )
