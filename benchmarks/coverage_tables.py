@@ -69,7 +69,7 @@ class Held:
     @property
     def sides(self) -> str:
         """Shares of the studies in percent with the truth below and above the interval."""
-        return f"{100 * (1 - self.covered - self.below):.1f} / {100 * self.below:.1f}"
+        return f"{100 * abs(1 - self.covered - self.below):.1f} / {100 * self.below:.1f}"
 
 
 Table: TypeAlias = list[list[str]]

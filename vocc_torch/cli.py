@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import contextlib
+import multiprocessing
 import os
 import sys
+import tempfile
+import traceback
 import warnings
 from collections.abc import Iterator
+from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 
 import hydra
@@ -17,19 +21,26 @@ from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
 from vocc_torch.complaints import checked, one_line
-from vocc_torch.config import AppConfig, register_schema, resolved
+from vocc_torch.config import AppConfig, as_yaml, register_schema, resolved
 from vocc_torch.errors import VoccError
+from vocc_torch.jobs import Failure, Jobs, begin_again, beside_others, write_down
 
-TASKS = ("train", "test", "decode")
+TASKS = ("train", "test", "decode", "figures", "collect")
 MULTIRUN = ("-m", "--multirun")
 OUT_OF_MEMORY = (
     "not enough memory: give a smaller batch_frames, or a camera and distances that show smaller LEDs"
 )
 
+LOST_WORKER = (
+    "a worker process was ended from outside, perhaps for lack of memory: the jobs that had ended keep their "
+    "results; run the others with a smaller hydra.launcher.n_jobs or batch_frames"
+)
+
 
 def complain(message: str) -> None:
     """Print a user's mistake."""
-    print("vocc-torch: error:", " ".join(message.splitlines()), file=sys.stderr)
+    # In one piece, for jobs that complain at the same time.
+    sys.stderr.write(f"vocc-torch: error: {' '.join(message.splitlines())}\n")
 
 
 @contextlib.contextmanager
@@ -58,10 +69,16 @@ def run_task(settings: AppConfig, folder: Path) -> None:
         raise VoccError(f"task is {settings.task!r}: it must be one of {', '.join(TASKS)}")
     # torch is imported here and not above, so that --help and misspelled keys answer at once.
     from vocc_torch import tasks
+    from vocc_torch.tasks.collecting import run_collect
 
-    {"train": tasks.run_train, "test": tasks.run_test, "decode": tasks.run_decode}[settings.task](
-        settings, folder
-    )
+    runners = {
+        "train": tasks.run_train,
+        "test": tasks.run_test,
+        "decode": tasks.run_decode,
+        "figures": tasks.run_figures,
+        "collect": run_collect,
+    }
+    runners[settings.task](settings, folder)
 
 
 def _discard_if_empty(folder: Path) -> None:
@@ -72,15 +89,8 @@ def _discard_if_empty(folder: Path) -> None:
             empty.rmdir()
 
 
-def _run_job(config: DictConfig) -> str | None:
-    """Run one job and give the complaint that ended it.
-
-    Raising would end a multirun; this way the other jobs are run, and the exit status tells of this one.
-    """
-    hydra_config = HydraConfig.get()
-    folder = Path(hydra_config.runtime.output_dir)
-    if hydra_config.mode == RunMode.MULTIRUN:
-        print(f"\njob {hydra_config.job.num}: {' '.join(hydra_config.overrides.task)}", flush=True)
+def _complaint(config: DictConfig, folder: Path) -> str | None:
+    """Run one job and give the complaint that ended it."""
     try:
         run_task(checked(resolved(config)), folder)
     except BrokenPipeError:
@@ -93,13 +103,61 @@ def _run_job(config: DictConfig) -> str | None:
         if not isinstance(error, MemoryError) and "memory" not in str(error):
             raise
         return OUT_OF_MEMORY
+    return None
+
+
+def _run_one(config: DictConfig) -> str | None:
+    """Run the only job and give the complaint that ended it."""
+    folder = Path(HydraConfig.get().runtime.output_dir)
+    try:
+        begin_again(folder)
+        return _complaint(config, folder)
     finally:
         _discard_if_empty(folder)
-    return None
+
+
+def _run_one_of_many(config: DictConfig, jobs: Jobs) -> None:
+    """Run one job of a multirun; what ends it is a result too, and the other jobs are run.
+
+    Raising would end the multirun after this batch of jobs.
+    """
+    hydra_config = HydraConfig.get()
+    number, folder = int(hydra_config.job.num), Path(hydra_config.runtime.output_dir)
+    jobs.begun(number, folder)
+    heading = " ".join(hydra_config.overrides.task)
+    print(heading if jobs.elsewhere else f"\njob {number}: {heading}", flush=True)
+    trace, mine = "", begin_again(folder)
+    try:
+        complaint = _complaint(config, folder)
+    except BrokenPipeError:
+        raise
+    except Exception as error:
+        trace = traceback.format_exc()
+        complaint = " ".join(f"{type(error).__name__}: {error}".split())
+        sys.stderr.write(trace)
+    if complaint is None:
+        return
+    complain(f"job {number}: {complaint}" if jobs.elsewhere or trace else complaint)
+    failure = Failure(number, complaint, trace, jobs.elsewhere)
+    if mine:
+        write_down(failure, folder, _configuration(config))
+    jobs.failed(failure)
+
+
+def _configuration(config: DictConfig) -> str:
+    """Write a failed job's configuration; an empty text where it is what failed."""
+    try:
+        return as_yaml(resolved(config))
+    except VoccError:
+        return ""
 
 
 def _refusal(error: Exception) -> str | None:
     """Say what Hydra refused before or between the jobs; None for an error that is not the user's."""
+    if isinstance(error, BrokenProcessPool):
+        return LOST_WORKER
+    if isinstance(error, multiprocessing.TimeoutError):
+        return "hydra.launcher.timeout is shorter than a job: give more seconds, or null"
     if isinstance(error, HydraException | OmegaConfBaseException | ValueError):
         return one_line(error, sys.argv[1:])
     if isinstance(error, OSError):
@@ -108,30 +166,42 @@ def _refusal(error: Exception) -> str | None:
     return None
 
 
-def run() -> int:
-    """Run the application on the process's arguments and give its exit status."""
-    failures: list[str] = []
+def _status(jobs: Jobs) -> int:
+    """Sum up how the jobs ended: 0 for well, 2 for a user's mistake, 1 for a fault that is not the user's."""
+    failures, count = jobs.failures(), len(jobs.folders())
+    if any(failure.elsewhere for failure in failures):
+        numbers = ", ".join(str(failure.job) for failure in failures)
+        complain(f"{len(failures)} of {count} jobs failed ({numbers}): failed.txt in their folders says why")
+    if any(failure.trace for failure in failures):
+        return 1
+    return 2 if failures else 0
+
+
+def _run_jobs(jobs: Jobs) -> int:
+    """Run the application, all its jobs, and give its exit status."""
     unforeseen: list[Exception] = []
 
     @hydra.main(version_base="1.3", config_path="conf", config_name="config")
     def job(config: DictConfig) -> None:
-        try:
-            complaint = _run_job(config)
-        except Exception as error:
-            unforeseen.append(error)
-            raise
-        if complaint is not None:
-            failures.append(complaint)
-            complain(complaint)
+        if HydraConfig.get().mode != RunMode.MULTIRUN:
+            try:
+                complaint = _run_one(config)
+            except Exception as error:
+                unforeseen.append(error)
+                raise
+            if complaint is not None:
+                complain(complaint)
+                jobs.failed(Failure(0, complaint))
+        elif jobs.elsewhere:
+            with beside_others(int(HydraConfig.get().job.num)), one_line_warnings():
+                _run_one_of_many(config, jobs)
+        else:
+            _run_one_of_many(config, jobs)
 
-    # argparse takes keys on one side of a flag only, and users write them on both.
-    sys.argv[1:] = sorted(sys.argv[1:], key=lambda word: word not in MULTIRUN)
-    # Hydra prints errors over several lines and exits unless it is told to let them through.
-    os.environ["HYDRA_FULL_ERROR"] = "1"
-    register_schema()
     try:
         with one_line_warnings():
             job()
+        return _status(jobs)
     except BrokenPipeError:
         # Whoever read the output has gone, which is no mistake; nothing is flushed to them at the end.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -145,7 +215,20 @@ def run() -> int:
             raise
         complain(complaint)
         return 2
-    return 2 if failures else 0
+    finally:
+        for folder in jobs.folders():
+            _discard_if_empty(folder)
+
+
+def run() -> int:
+    """Run the application on the process's arguments and give its exit status."""
+    # argparse takes keys on one side of a flag only, and users write them on both.
+    sys.argv[1:] = sorted(sys.argv[1:], key=lambda word: word not in MULTIRUN)
+    # Hydra prints errors over several lines and exits unless it is told to let them through.
+    os.environ["HYDRA_FULL_ERROR"] = "1"
+    register_schema()
+    with tempfile.TemporaryDirectory(prefix="vocc-torch-", ignore_cleanup_errors=True) as mailbox:
+        return _run_jobs(Jobs(Path(mailbox), os.getpid()))
 
 
 def main() -> None:

@@ -45,6 +45,8 @@ def _unknown_key(key: str) -> str:
     parent = next((name for name in OPEN_MAPPINGS if key.startswith(f"{name}.")), None)
     if parent is not None:
         return f"{key} is not set here: + adds to {parent}, as in +{key}=..."
+    if key == "hydra.launcher.n_jobs":
+        return f"{key} is not a known key of this launcher: it belongs to hydra/launcher=joblib"
     near = difflib.get_close_matches(key, known_keys(), n=1, cutoff=0.6)
     hint = f"did you mean {near[0]}?" if near else "vocc-torch --help lists the keys"
     return f"{key} is not a known key: {hint}"
@@ -102,6 +104,8 @@ def one_line(error: BaseException, arguments: Sequence[str] = ()) -> str:
             "="
         )
         return f"{key} is {value}: it must be one of the options that vocc-torch --help lists"
+    if "n_jobs == 0" in text:
+        return "hydra.launcher.n_jobs is 0: it must be a number of processes, or -1 for one a core"
     said = _of_group(text) or _of_key(text) or _of_value(text)
     return said or " ".join(text.split("Set the environment variable")[0].split())
 
@@ -112,6 +116,8 @@ def _of_group(text: str) -> str | None:
         group, option = match.groups()
         listed = re.search(rf"Available options in '{group}':\s*\n((?:\s+.+\n?)+?)Config search path", text)
         allowed = ", ".join(listed.group(1).split()) if listed else "none"
+        if (group, option) == ("hydra/launcher", "joblib"):
+            return f"{group} is '{option}': jobs at the same time need pip install 'vocc-torch[parallel]'"
         return f"{group} is '{option}': it must be one of {allowed}"
     if match := re.search(r"Multiple values for ([\w/]+)", text):
         return f"{match.group(1)} is chosen twice: write {match.group(1)}=option without +"

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field
+from pathlib import Path
 from typing import Any
 
 from hydra.core.config_store import ConfigStore
 from omegaconf import MISSING, DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
+from yaml import YAMLError
 
 from vocc_torch.errors import VoccError
 
@@ -187,3 +189,40 @@ def effect_settings(effects: dict[str, Any]) -> dict[str, Any]:
                 f"scene.effects.{name} is {parameters!r}: it must be a mapping of parameters, {{}} for none"
             )
     return effects
+
+
+def read_flat(path: str | Path) -> dict[str, object]:
+    r"""Read a ``config.yaml`` that a run wrote, as keys with dots and plain values.
+
+    Args:
+        path: the file.
+
+    Raises:
+        VoccError: no such file, or one that is no configuration.
+
+    Example:
+        >>> import tempfile
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = Path(folder) / "config.yaml"
+        ...     _ = path.write_text("seed: 1\npanel: {rows: 8}\nexperiment: {values: [30.0, 70.0]}\n")
+        ...     read_flat(path)
+        {'seed': 1, 'panel.rows': 8, 'experiment.values': [30.0, 70.0]}
+    """
+    try:
+        read = OmegaConf.to_container(OmegaConf.load(path), resolve=True)
+    except OSError as error:
+        raise VoccError(f"cannot read {path}: {error.strerror or error}") from None
+    except (YAMLError, OmegaConfBaseException, UnicodeDecodeError) as error:
+        raise VoccError(f"{path} is not a configuration: {' '.join(str(error).split())}") from None
+    if not isinstance(read, dict) or not read:
+        raise VoccError(f"{path} is not a configuration: it must be a mapping of keys")
+    return _flat(read, "")
+
+
+def _flat(settings: dict[Any, Any], prefix: str) -> dict[str, object]:
+    """Join the keys of nested mappings by dots."""
+    flat: dict[str, object] = {}
+    for key, value in settings.items():
+        name = f"{prefix}{key}"
+        flat |= _flat(value, f"{name}.") if isinstance(value, dict) else {name: value}
+    return flat

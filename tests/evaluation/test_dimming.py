@@ -14,6 +14,7 @@ from vocc_torch.evaluation.counts import Counts
 from vocc_torch.evaluation.dimming import Grid, best_luminance, not_worse
 from vocc_torch.evaluation.intervals import ber_interval
 from vocc_torch.evaluation.optimum_ratio import on_off_ratio, optimum_ratio
+from vocc_torch.evaluation.relative import difference_independent
 from vocc_torch.evaluation.undimmed import octave_weights, undimmed_loss
 from vocc_torch.simulation.photometry import luminous_exposure_lx_s, reflected_luminance_cd_m2
 
@@ -125,7 +126,7 @@ def test_a_plateau_without_errors_is_stated_from_end_to_end():
 
 def test_a_few_errors_more_are_no_proof():
     [best] = best_luminance(plain_grid([900, 5, 2, 0, 3, 5, 800]), "a")
-    assert best.range_text == "2000"
+    assert (best.range_text, best.candidates_text) == ("2000", "500 to 8000")
     assert best.candidates_cd_m2 == (500, 1000, 2000, 4000, 8000)
 
 
@@ -171,6 +172,17 @@ def test_a_ruling_with_many_errors_is_the_normal_test_of_two_proportions():
     beyond = 1.645 * math.sqrt(2 * 6400)
     assert kept(6400 + round(0.95 * beyond))
     assert not kept(6400 + round(1.07 * beyond))
+
+
+@pytest.mark.parametrize("few", [0, 1, 4, 40])
+def test_with_two_luminances_a_ruling_is_the_difference_of_two_independent_rates(few):
+    kept = []
+    for many in range(few, few + 40, 3):
+        [best] = best_luminance(plain_grid([many, few]), "a")
+        interval = difference_independent(one_bit_frames(many), one_bit_frames(few), confidence=0.9)
+        assert (250 in best.candidates_cd_m2) == (interval.low <= 0)
+        kept.append(interval.low <= 0)
+    assert set(kept) == {True, False}
 
 
 # Coverage, on grids whose truth is known.

@@ -44,6 +44,7 @@ def _processing_time():
         "machine": "Example Accelerator 200, Example(R) Processor 8000 CPU @ 2.50GHz with 16 cores, "
         "16 threads, torch 2.13.0+cu128",
         "threads": 16,
+        "waited_share": 0.374,
     }
 
 

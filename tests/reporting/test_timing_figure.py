@@ -93,6 +93,8 @@ def test_what_it_rests_on_is_said(figure):
     assert "-1.5, -1.5, -1.5, -1.5 % (1.78 %)" in said
     assert "48 rounds one at a time and 11 rounds 64 at a time; whole frames of 1920 x 1080 px" in said
     assert ARRAYS["machine"] in said
+    assert "for 37 % of the time other work had the processor" in said
+    assert "other work" not in text_of(drawn(waited_share=0.01))
     assert "whole frames, one at a time" in said
 
 

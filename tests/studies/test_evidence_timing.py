@@ -193,6 +193,7 @@ def made_up(times):
         sensor_px=(1080, 1920),
         machine="none",
         threads=1,
+        waited_share=0.0,
     )
 
 
@@ -234,11 +235,12 @@ def test_there_is_a_line_for_each_stage(data):
     ]
     for line in lines:
         assert len(line) == len(head)
-        median, low, high, share, low_share, high_share, paper, rounds, threads, machine = line[3:]
+        median, low, high, share, low_share, high_share, paper, rounds, threads, waited, machine = line[3:]
         assert 0 < low <= median <= high
         assert 0 < low_share <= share <= high_share
         assert paper == PAPER_SHARES[line[2]]
         assert (rounds, threads) == (3 if line[1] == 1 else 2, torch.get_num_threads())
+        assert waited == data.waited_share
         assert f"torch {torch.__version__}" in machine
         if line[2] == "panel_detection":
             assert (low_share, share, high_share) == (1, 1, 1)
@@ -247,7 +249,7 @@ def test_there_is_a_line_for_each_stage(data):
 def test_findings_are_the_lines_numbers(data):
     found = data.findings()
     assert all(isinstance(value, int | float) and math.isfinite(value) for value in found.values())
-    assert len(found) == 4 * (5 + 4 + 2) + 1
+    assert len(found) == 4 * (5 + 4 + 2) + 2
     for kind, batch, stage, median, _, _, share, *_ in data.rows()[1:]:
         at = f"{stage}_{kind}_batch_{batch}"
         assert found[f"ms_{at}"] == median
@@ -288,3 +290,16 @@ def test_a_slice_keeps_frames_panels_and_thresholds_together(located):
         (seen.centre_threshold, one.centre_threshold),
     ):
         assert torch.equal(part, whole[5:6])
+
+
+@pytest.mark.parametrize(("processor_s", "waited"), [(4.0, 0.6), (10.0, 0.0), (18.0, 0.0)])
+def test_time_without_the_processor_is_told(plan, monkeypatch, processor_s, waited):
+    clock, processor = iter([100.0, 110.0]), iter([7.0, 7.0 + processor_s])
+    monkeypatch.setattr(timing.time, "perf_counter", lambda: next(clock))
+    monkeypatch.setattr(timing.time, "process_time", lambda: next(processor))
+    monkeypatch.setattr(
+        timing, "interleaved", lambda calls, repeats, device: {name: Timing((1.0,)) for name in calls}
+    )
+    shown = processing_time(plan, 1, 1)
+    assert shown.waited_share == pytest.approx(waited)
+    assert shown.findings()["waited_share"] == shown.waited_share

@@ -85,14 +85,10 @@ class Counts:
             >>> counts.half_errors, counts.bit_errors, counts.panels_missed
             (9, 4.5, 1)
         """
-        _check(decided, sent, found)
+        half = half_errors(decided, sent, found)
         leds = sent.shape[1] * sent.shape[2]
-        # The missed frame's value is written as a full tensor operation: it stays on the device, without a
-        # sync.
-        half = torch.where(found, 2 * (decided != sent).flatten(1).sum(1), leds)
         sums = torch.stack([half.sum(), (half * half).sum(), (half > 0).sum(), (~found).sum()])
-        half_errors, squared, wrong, missed = (int(value) for value in sums.tolist())
-        return cls(len(sent), len(sent) * leds, half_errors, squared, wrong, missed)
+        return cls(len(sent), len(sent) * leds, *(int(value) for value in sums.tolist()))
 
     def __add__(self, other: Counts | int) -> Counts:
         """Join the counts of disjoint frames; the 0 that ``sum`` starts from is let through."""
@@ -121,14 +117,39 @@ class Counts:
         return self.half_errors / (2 * self.bits)
 
 
-def _check(decided: Tensor, sent: Tensor, found: Tensor) -> None:
-    """Refuse bits that do not belong together."""
-    for name, bits in (("decided", decided), ("sent", sent), ("found", found)):
-        if bits.dtype != torch.bool:
-            raise VoccError(f"{name} is of type {bits.dtype}: it must be torch.bool")
-    if sent.ndim != 3 or sent.shape[1] * sent.shape[2] == 0:
-        raise VoccError(f"sent has shape {tuple(sent.shape)}: it must be (B,R,C) with at least one LED")
-    if decided.shape != sent.shape:
-        raise VoccError(f"decided has shape {tuple(decided.shape)}: it must be sent's, {tuple(sent.shape)}")
-    if found.shape != sent.shape[:1]:
-        raise VoccError(f"found has shape {tuple(found.shape)}: it must be ({sent.shape[0]},)")
+def half_errors(
+    decided: Tensor, sent: Tensor, found: Tensor, names: tuple[str, str] = ("decided", "found")
+) -> Tensor:
+    """Count each frame's wrong bits in halves, as :class:`Counts` does.
+
+    Nothing is moved off the device.
+
+    Args:
+        decided: (B,R,C) bool, a receiver's bits; ignored where no panel was found.
+        sent: (B,R,C) bool, the bits sent.
+        found: (B,) bool, whether the panel was found.
+        names: what a complaint calls ``decided`` and ``found``.
+
+    Returns:
+        (B,) int64, wrong bits times two; where no panel was found, R times C.
+
+    Raises:
+        VoccError: a tensor of another shape or type.
+
+    Example:
+        >>> sent = torch.zeros(2, 3, 3, dtype=torch.bool)
+        >>> half_errors(~sent, sent, torch.tensor([True, False])).tolist()
+        [18, 9]
+    """
+    if sent.dtype != torch.bool or sent.ndim != 3 or sent.shape[1] * sent.shape[2] == 0:
+        raise VoccError(
+            f"sent is {sent.dtype} of shape {tuple(sent.shape)}: "
+            "it must be torch.bool of shape (B,R,C) with at least one LED"
+        )
+    for name, bits, shape in ((names[0], decided, sent.shape), (names[1], found, sent.shape[:1])):
+        if bits.dtype != torch.bool or bits.shape != shape:
+            raise VoccError(
+                f"{name} is {bits.dtype} of shape {tuple(bits.shape)}: "
+                f"it must be torch.bool of shape {tuple(shape)}"
+            )
+    return torch.where(found, 2 * (decided != sent).flatten(1).sum(1), sent.shape[1] * sent.shape[2])

@@ -179,8 +179,8 @@ class Best:
 
     Example:
         >>> best = Best("flda_3", 8e3, (2e3, 4e3), (1e3, 2e3, 4e3), (250, 4e3), 0.0, 0.0, 1e-4)
-        >>> best.range_text, best.reaches_highest, round(best.middle_cd_m2)
-        ('2000 to 4000', True, 2828)
+        >>> best.range_text, best.candidates_text, best.reaches_highest, round(best.middle_cd_m2)
+        ('2000 to 4000', '1000 to 4000', True, 2828)
     """
 
     receiver: str
@@ -200,8 +200,12 @@ class Best:
     @property
     def range_text(self) -> str:
         """The best luminance, or the plateau's ends, for people."""
-        ends = dict.fromkeys((self.least_cd_m2[0], self.least_cd_m2[-1]))
-        return " to ".join(f"{end:.10g}" for end in ends)
+        return _range_text(self.least_cd_m2)
+
+    @property
+    def candidates_text(self) -> str:
+        """The ends of the candidates, for people."""
+        return _range_text(self.candidates_cd_m2)
 
     @property
     def reaches_lowest(self) -> bool:
@@ -212,6 +216,10 @@ class Best:
     def reaches_highest(self) -> bool:
         """Whether the grid's highest luminance is a candidate: the best may lie above the grid."""
         return self.candidates_cd_m2[-1] == self.grid_cd_m2[1]
+
+
+def _range_text(values: tuple[float, ...]) -> str:
+    return " to ".join(f"{end:.10g}" for end in dict.fromkeys((values[0], values[-1])))
 
 
 def best_luminance(grid: Grid, receiver: str) -> list[Best]:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from scipy.stats import beta, t
+from scipy.special import betaincinv, stdtrit
 
 from vocc_torch.errors import VoccError
 from vocc_torch.evaluation.counts import Counts
@@ -52,8 +52,8 @@ def clopper_pearson(successes: float, trials: float, confidence: float = 0.95) -
     if not 0 <= successes <= trials:
         raise VoccError(f"successes is {successes}: it must be 0 to trials, {trials}")
     tail = (1 - confidence) / 2
-    low = beta.ppf(tail, successes, trials - successes + 1) if successes > 0 else 0.0
-    high = beta.ppf(1 - tail, successes + 1, trials - successes) if successes < trials else 1.0
+    low = betaincinv(successes, trials - successes + 1, tail) if successes > 0 else 0.0
+    high = betaincinv(successes + 1, trials - successes, 1 - tail) if successes < trials else 1.0
     return Interval(float(low), float(high))
 
 
@@ -153,7 +153,7 @@ def _effective_trials(counts: Counts, confidence: float) -> float:
     frames_in_error = counts.half_errors**2 / counts.half_errors_squared
     freedom = max(1.0, min(counts.frames - 1, frames_in_error + 1))
     quantile = (1 + confidence) / 2
-    correction = (t.ppf(quantile, max(1, counts.bits - 1)) / t.ppf(quantile, freedom)) ** 2
+    correction = (stdtrit(max(1, counts.bits - 1), quantile) / stdtrit(freedom, quantile)) ** 2
     return float(counts.bits / design_effect(counts) * min(1.0, correction))
 
 

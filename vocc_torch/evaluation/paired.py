@@ -15,46 +15,8 @@ from scipy.stats import binomtest
 from torch import Tensor
 
 from vocc_torch.errors import VoccError
-from vocc_torch.evaluation.counts import Counts
+from vocc_torch.evaluation.counts import Counts, half_errors
 from vocc_torch.evaluation.intervals import Interval, ber_interval, clopper_pearson
-
-
-def half_errors(
-    decided: Tensor, sent: Tensor, found: Tensor, names: tuple[str, str] = ("decided", "found")
-) -> Tensor:
-    """Count each frame's wrong bits in halves, as :class:`~vocc_torch.evaluation.counts.Counts` does.
-
-    Nothing is moved off the device.
-
-    Args:
-        decided: (B,R,C) bool, a receiver's bits; ignored where no panel was found.
-        sent: (B,R,C) bool, the bits sent.
-        found: (B,) bool, whether the panel was found.
-        names: what a complaint calls ``decided`` and ``found``.
-
-    Returns:
-        (B,) int64, wrong bits times two; where no panel was found, R times C.
-
-    Raises:
-        VoccError: a tensor of another shape or type.
-
-    Example:
-        >>> sent = torch.zeros(2, 3, 3, dtype=torch.bool)
-        >>> half_errors(~sent, sent, torch.tensor([True, False])).tolist()
-        [18, 9]
-    """
-    if sent.dtype != torch.bool or sent.ndim != 3 or sent.shape[1] * sent.shape[2] == 0:
-        raise VoccError(
-            f"sent is {sent.dtype} of shape {tuple(sent.shape)}: "
-            "it must be torch.bool of shape (B,R,C) with at least one LED"
-        )
-    for name, bits, shape in ((names[0], decided, sent.shape), (names[1], found, sent.shape[:1])):
-        if bits.dtype != torch.bool or bits.shape != shape:
-            raise VoccError(
-                f"{name} is {bits.dtype} of shape {tuple(bits.shape)}: "
-                f"it must be torch.bool of shape {tuple(shape)}"
-            )
-    return torch.where(found, 2 * (decided != sent).flatten(1).sum(1), sent.shape[1] * sent.shape[2])
 
 
 @dataclass(frozen=True, slots=True)

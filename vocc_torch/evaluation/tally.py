@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vocc_torch.errors import VoccError
-from vocc_torch.evaluation.counts import Counts
-from vocc_torch.evaluation.paired import PairedCounts, half_errors
+from vocc_torch.evaluation.counts import Counts, half_errors
+from vocc_torch.evaluation.paired import PairedCounts
 
 __all__ = ["Tallies", "half_errors", "tallies"]
 

@@ -158,7 +158,7 @@ def octave_weights(values: Sequence[float]) -> Floats:
     if len(values) == 1:
         return np.ones(1)
     gaps = np.diff(np.log2(values))
-    widths = np.ones(len(values))
+    widths = (np.append(gaps[0], gaps) + np.append(gaps, gaps[-1])) / 2
     return np.asarray(widths / widths.sum())
 
 

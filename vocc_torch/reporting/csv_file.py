@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TypeVar
 
@@ -32,11 +33,42 @@ def write_table(path: str | Path, table: BerTable) -> None:
         ...     (Path(folder) / "ber.csv").read_text().split(",")[:4]
         ['experiment', 'axis', 'value', 'receiver']
     """
+    rows = (row for receiver in table.receivers for row in table.of(receiver))
+    write_lines(path, COLUMNS, (cells(row) for row in rows))
+
+
+def write_lines(path: str | Path, columns: Sequence[str], lines: Iterable[Sequence[str]]) -> None:
+    """Write a CSV file with a header.
+
+    Args:
+        path: the file, replaced whole.
+        columns: names of the columns.
+        lines: as many cells each as there are columns.
+
+    Raises:
+        VoccError: the file cannot be written.
+
+    Example:
+        >>> import tempfile
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     write_lines(Path(folder) / "a.csv", ["job", "status"], [["0", "done"]])
+        ...     (Path(folder) / "a.csv").read_text().split()
+        ['job,status', '0,done']
+    """
     with atomic_file(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(COLUMNS)
-        for receiver in table.receivers:
-            writer.writerows([_text(getattr(row, name)) for name in COLUMNS] for row in table.of(receiver))
+        writer.writerow(columns)
+        writer.writerows(lines)
+
+
+def cells(row: Row) -> list[str]:
+    """Write a point's cells, in the order of the columns of ``ber.csv``.
+
+    Example:
+        >>> cells(Row("s", "contrast", 0.1, "flda_3", "truth", 1, 64, 0.0, 0.0, 0.0, 1.0, 0, 0, "x"))[2:8]
+        ['0.1', 'flda_3', 'truth', '1', '64', '0']
+    """
+    return [_text(getattr(row, name)) for name in COLUMNS]
 
 
 def read_table(path: str | Path) -> BerTable:
@@ -54,13 +86,46 @@ def read_table(path: str | Path) -> BerTable:
         ...
         vocc_torch.errors.VoccError: cannot read no/such/ber.csv: No such file or directory
     """
+    return BerTable(row for _, _, row in _read(path))
+
+
+def read_tables(path: str | Path) -> dict[tuple[str, str], BerTable]:
+    """Read a table, or the tables of a grid of two quantities, which has the second one in its first column.
+
+    Args:
+        path: the file.
+
+    Returns:
+        By the second quantity's name and value, as they are written; both are empty where there is no grid.
+
+    Raises:
+        VoccError: as :func:`read_table`.
+
+    Example:
+        >>> import tempfile
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     write_table(Path(folder) / "ber.csv", BerTable())
+        ...     len(read_tables(Path(folder) / "ber.csv"))
+        0
+    """
+    groups: dict[tuple[str, str], list[Row]] = {}
+    for name, value, row in _read(path):
+        groups.setdefault((name, value), []).append(row)
+    return {group: BerTable(rows) for group, rows in groups.items()}
+
+
+def _read(path: str | Path) -> Iterator[tuple[str, str, Row]]:
+    """Read each line, with the name and the cell of a grid's column before its own."""
     try:
         with Path(path).open(newline="", encoding="utf-8") as file:
             reader = csv.DictReader(file)
-            missing = [name for name in COLUMNS if name not in (reader.fieldnames or ())]
+            names = list(reader.fieldnames or ())
+            missing = [name for name in COLUMNS if name not in names]
             if missing:
                 raise VoccError(f"{path} has no column {missing[0]}: it needs {', '.join(COLUMNS)}")
-            return BerTable([_row(line, f"{path}, line {reader.line_num}") for line in reader])
+            grid = "" if names[0] == COLUMNS[0] else names[0]
+            for line in reader:
+                yield grid, line[grid] or "" if grid else "", _row(line, f"{path}, line {reader.line_num}")
     except OSError as error:
         raise VoccError(f"cannot read {path}: {error.strerror or error}") from error
     except (csv.Error, UnicodeDecodeError) as error:

@@ -129,7 +129,9 @@ def dimming_figure(
         axes.set_xlabel(axis_label(grid.row_axis) if lowest else "", fontsize=11, color=INK, labelpad=5)
         axes.set_ylabel(axis_label(grid.column_axis) if leftmost else "", fontsize=11, color=INK)
     _colour_bar(figure, layout, norm)
-    write_title(figure, title, frames_text(grid))
+    plateau = any(len(best.least_cd_m2) > 1 for name in names for best in best_luminance(grid, name))
+    note = " \N{MIDDLE DOT} thick bar: luminances with equally few errors" if plateau else ""
+    write_title(figure, title, frames_text(grid) + note)
     _legend(figure, any(bool(grid.errorless(name).any()) for name in names))
     return figure
 

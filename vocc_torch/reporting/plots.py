@@ -13,7 +13,7 @@ from torch import Tensor
 
 from vocc_torch.errors import VoccError
 from vocc_torch.evaluation.curve import BerTable
-from vocc_torch.reporting.ber_axes import draw_rates, receiver_line
+from vocc_torch.reporting.ber_axes import draw_rates, interval_note, receiver_line
 from vocc_torch.reporting.canvas import (
     GRID,
     INK,
@@ -116,12 +116,8 @@ def _footnote(table: BerTable) -> str:
     """Say what the points rest on, in two lines."""
     frames = [_thousands(number) for number in sorted({row.frames for row in table})]
     count = frames[0] if len(frames) == 1 else f"{frames[0]} to {frames[-1]}"
-    intervals = "Bars: 95 % intervals, frames as the independent units"
-    if any(row.error_free for row in table):
-        intervals += (
-            " \N{MIDDLE DOT} arrows: no errors; one-sided 95 % limit, wrong frames as at the other points"
-        )
-    return f"{count} frames a point \N{MIDDLE DOT} locator: {', '.join(table.locators)}\n{intervals}"
+    locators = ", ".join(table.locators)
+    return f"{count} frames a point \N{MIDDLE DOT} locator: {locators}\n{interval_note(table)}"
 
 
 def _thousands(number: int) -> str:

@@ -1,15 +1,11 @@
-"""The results as a TensorBoard: one run for each receiver, and one with the layout, figures and pictures.
-
-TensorBoard draws scalars against an integer step and has no logarithmic axis. So the step is the physical
-value in a unit that makes it whole, and the logarithm of the rate is what is logged.
-"""
+"""The results as a TensorBoard: one run for each receiver, and one with the layout, figures and pictures."""
 
 from __future__ import annotations
 
 import math
+import re
 import shlex
 from collections.abc import Mapping, Sequence
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -20,40 +16,49 @@ from torch.utils.tensorboard import SummaryWriter
 from vocc_torch.errors import VoccError
 from vocc_torch.evaluation.curve import BerTable, Row
 from vocc_torch.reporting.canvas import figure_pixels
-from vocc_torch.reporting.styles import axis_label
+from vocc_torch.reporting.tensorboard_layout import Section, how_to_read, layout
+from vocc_torch.reporting.tensorboard_layout import axis_steps as axis_steps
+
+Picture = NDArray[np.uint8]
 
 SUMMARY_RUN = "_summary"
 """Name of the run that holds what belongs to no single receiver."""
 
-_STEPS = {"distance_m": (10, "dm"), "contrast": (1000, "thousandths")}
-"""What an axis value is multiplied by to be a step, and the unit that gives."""
+_GROUP = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
+
+# TensorBoard's charts colour runs by the order of their first events: orange, blue, red, light blue, pink,
+# green, grey, orange again. In this order most receivers come close to their colours in the figures, and the
+# two that share one are far apart.
+_WRITTEN_FIRST = (
+    "average_greyscale",
+    "flda_2",
+    "flda_3",
+    "flda_agr",
+    "flda_gri",
+    "flda_agr_ngr",
+    "center_greyscale",
+    "flda_ngr",
+)
 
 
 def write_board(
     folder: str | Path,
     table: BerTable,
-    figures: Mapping[str, Figure] | None = None,
-    images: Mapping[str, NDArray[np.uint8]] | None = None,
+    figures: Mapping[str, Figure | Picture] | None = None,
+    images: Mapping[str, Picture] | None = None,
     texts: Mapping[str, str] | None = None,
 ) -> None:
-    """Write the board whole; what an earlier call left in the same runs is replaced.
-
-    Each receiver's run holds, against the axis's value as an integer step (distance in dm, contrast in
-    thousandths, others rounded to their unit), ``BER/<axis>`` for every point, ``log10_BER/<axis>``,
-    ``log10_BER_lo/<axis>`` and ``log10_BER_hi/<axis>`` for points with errors, and
-    ``log10_BER_upper95/<axis>`` for points without. Its row in the HPARAMS tab has the receiver's settings
-    and its rates over all points.
+    """Write the board of one table: ``write_boards`` with tags that begin with no group.
 
     Args:
         folder: the folder that TensorBoard is to be pointed at.
         table: the points.
-        figures: figures by name.
+        figures: figures by name, Matplotlib's or (H,W,3) uint8.
         images: (H,W,3) uint8 pictures by name.
         texts: Markdown by name.
 
     Raises:
-        VoccError: two values of the axis with the same step, a picture of another shape or type, or a folder
-            that cannot be written.
+        VoccError: what ``write_boards`` refuses.
 
     Example:
         >>> import tempfile
@@ -62,43 +67,60 @@ def write_board(
         ...     [run.name for run in Path(folder).iterdir()]
         ['_summary']
     """
-    steps = axis_steps(table.axis, table.values)
-    for name, image in (images or {}).items():
-        if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
-            raise VoccError(f"images[{name!r}] is {image.dtype} {image.shape}: it must be uint8 (H, W, 3)")
-    try:
-        for receiver in table.receivers:
-            with SummaryWriter(str(_cleared(Path(folder) / receiver))) as writer:
-                _write_receiver(writer, table.of(receiver), steps)
-        with SummaryWriter(str(_cleared(Path(folder) / SUMMARY_RUN))) as writer:
-            _write_summary(writer, table, figures or {}, images or {}, texts or {})
-    except OSError as error:
-        raise VoccError(f"cannot write {folder}: {error.strerror or error}") from error
+    write_boards(folder, {"": [table]}, figures, images, texts)
 
 
-def axis_steps(axis: str, values: Sequence[float]) -> dict[float, int]:
-    """Give each value of an axis its integer step.
+def write_boards(
+    folder: str | Path,
+    tables: Mapping[str, Sequence[BerTable]],
+    figures: Mapping[str, Figure | Picture] | None = None,
+    images: Mapping[str, Picture] | None = None,
+    texts: Mapping[str, str] | None = None,
+) -> None:
+    """Write one board of several tables; what an earlier call left in the same runs is replaced.
+
+    A run is a receiver, whatever the group: it keeps its colour, and a chart holds one group's receivers.
+    Each run has, against the axis's value as an integer step (distance in dm, contrast in thousandths,
+    offsets in mm, others rounded to their unit), ``<group>/BER/<axis>`` for every point,
+    ``<group>/log10_BER/<axis>``, ``<group>/log10_BER_lo/<axis>`` and ``<group>/log10_BER_hi/<axis>`` for
+    points with errors, and ``<group>/log10_BER_upper95/<axis>`` for points without. Its row in the HPARAMS tab
+    has the receiver's settings and its rates over all points of each table.
 
     Args:
-        axis: name of the axis.
-        values: values of it.
+        folder: the folder that TensorBoard is to be pointed at.
+        tables: by group, tables of different axes. A group's name is of letters, digits, ``.``, ``_`` and
+            ``-``, or empty for tags without one.
+        figures: figures by name, Matplotlib's or (H,W,3) uint8.
+        images: (H,W,3) uint8 pictures by name.
+        texts: Markdown by name.
 
     Raises:
-        VoccError: two values with the same step: one would hide the other.
+        VoccError: another group name, two tables of one axis in a group, two values of an axis with the same
+            step, a picture of another shape or type, or a folder that cannot be written.
 
     Example:
-        >>> axis_steps("distance_m", [30.0, 32.5]), axis_steps("ambient_lx", [1000.0])
-        ({30.0: 300, 32.5: 325}, {1000.0: 1000})
+        >>> import tempfile
+        >>> from vocc_torch.evaluation.counts import Counts
+        >>> from vocc_torch.evaluation.curve import Point
+        >>> point = Point("sun", "ambient_lx", 8e3, "flda_3", "truth", Counts(1, 64), "frames")
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     write_boards(folder, {"25mm-truth": [BerTable([point])]})
+        ...     sorted(run.name for run in Path(folder).iterdir())
+        ['_summary', 'flda_3']
     """
-    factor, _ = _STEPS.get(axis, (1, ""))
-    steps = {value: round(value * factor) for value in sorted(values)}
-    for value, other in pairwise(steps):
-        if steps[value] == steps[other]:
-            raise VoccError(
-                f"{axis} is {value:g} and {other:g}: "
-                f"TensorBoard's steps are integers and both give {steps[value]}"
-            )
-    return steps
+    sections = _sections(tables)
+    steps = [section.steps for section in sections]
+    pictures = _pictures(figures or {}, images or {})
+    try:
+        for receiver in _run_order(sections):
+            with SummaryWriter(str(_cleared(Path(folder) / receiver))) as writer:
+                for section, step_of in zip(sections, steps, strict=True):
+                    _write_curve(writer, section, section.table.of(receiver), step_of)
+                _write_settings(writer, sections, receiver)
+        with SummaryWriter(str(_cleared(Path(folder) / SUMMARY_RUN))) as writer:
+            _write_summary(writer, sections, pictures, texts or {})
+    except OSError as error:
+        raise VoccError(f"cannot write {folder}: {error.strerror or error}") from error
 
 
 def board_hint(folder: str | Path) -> str:
@@ -116,6 +138,46 @@ def board_hint(folder: str | Path) -> str:
     return f"tensorboard --logdir {shlex.quote(str(folder))}\n{link}"
 
 
+def _sections(tables: Mapping[str, Sequence[BerTable]]) -> list[Section]:
+    """Take the tables that have points, and refuse those whose tags would be the same."""
+    sections = []
+    for group, members in tables.items():
+        if group and not _GROUP.fullmatch(group):
+            raise VoccError(
+                f"tables has the group {group!r}: its name must be of letters, digits, '.', '_' and '-', "
+                "and begin with a letter or a digit"
+            )
+        filled = [table for table in members if len(table)]
+        axes = [table.axis for table in filled]
+        for axis in axes:
+            if axes.count(axis) > 1:
+                raise VoccError(f"tables[{group!r}] has {axes.count(axis)} tables of {axis}: it must have one")
+        sections += [Section(group, table) for table in filled]
+    return sections
+
+
+def _run_order(sections: Sequence[Section]) -> list[str]:
+    """Put the receivers in the order of their runs."""
+    given = dict.fromkeys(name for section in sections for name in section.table.receivers)
+    known = [name for name in _WRITTEN_FIRST if name in given]
+    return known + [name for name in given if name not in known]
+
+
+def _pictures(
+    figures: Mapping[str, Figure | Picture], images: Mapping[str, Picture]
+) -> dict[str, Figure | Picture]:
+    """Give figures and images by tag, and refuse what is no picture."""
+    for kind, pictures in (("figures", figures), ("images", images)):
+        for name, picture in pictures.items():
+            if isinstance(picture, Figure):
+                continue
+            if picture.dtype != np.uint8 or picture.ndim != 3 or picture.shape[2] != 3:
+                found = f"{picture.dtype} {picture.shape}"
+                raise VoccError(f"{kind}[{name!r}] is {found}: it must be uint8 (H, W, 3)")
+    tagged = {f"figures/{name}": figure for name, figure in figures.items()}
+    return tagged | {f"images/{name}": image for name, image in images.items()}
+
+
 def _cleared(run: Path) -> Path:
     """Make a run's folder and remove its old events: read together with new ones, points would vanish."""
     run.mkdir(parents=True, exist_ok=True)
@@ -124,78 +186,28 @@ def _cleared(run: Path) -> Path:
     return run
 
 
-def _write_receiver(writer: SummaryWriter, rows: Sequence[Row], steps: Mapping[float, int]) -> None:
+def _write_curve(
+    writer: SummaryWriter, section: Section, rows: Sequence[Row], steps: Mapping[float, int]
+) -> None:
     """Write one receiver's curve in ascending order; steps out of order would vanish."""
-    axis = rows[0].axis
     for row in rows:
         step = steps[row.value]
-        writer.add_scalar(f"BER/{axis}", row.ber, step)
+        writer.add_scalar(section.tag("BER"), row.ber, step)
         if row.error_free:
-            writer.add_scalar(f"log10_BER_upper95/{axis}", math.log10(row.ber_high), step)
+            writer.add_scalar(section.tag("log10_BER_upper95"), math.log10(row.ber_high), step)
             continue
-        writer.add_scalar(f"log10_BER/{axis}", math.log10(row.ber), step)
-        writer.add_scalar(f"log10_BER_lo/{axis}", math.log10(row.ber_low), step)
-        writer.add_scalar(f"log10_BER_hi/{axis}", math.log10(row.ber_high), step)
-    settings = {"receiver": rows[0].receiver, "locator": rows[0].locator, "experiment": rows[0].experiment}
-    rates = {
-        "all_points/BER": sum(row.bit_errors for row in rows) / sum(row.bits for row in rows),
-        "all_points/lowest_BER": min(row.ber for row in rows),
-        "all_points/highest_BER": max(row.ber for row in rows),
+        writer.add_scalar(section.tag("log10_BER"), math.log10(row.ber), step)
+        writer.add_scalar(section.tag("log10_BER_lo"), math.log10(row.ber_low), step)
+        writer.add_scalar(section.tag("log10_BER_hi"), math.log10(row.ber_high), step)
+
+
+def _write_settings(writer: SummaryWriter, sections: Sequence[Section], receiver: str) -> None:
+    """Write a receiver's row of the HPARAMS tab."""
+    measured = [section for section in sections if receiver in section.table.receivers]
+    rows = [row for section in measured for row in section.table.of(receiver)]
+    settings = {
+        "receiver": receiver,
+        "locator": _listed(row.locator for row in rows),
+        "experiment": _listed(row.experiment for row in rows),
     }
-    # The run's own folder: any other would make a run more.
-    writer.add_hparams(settings, rates, run_name=".")
-
-
-def _write_summary(
-    writer: SummaryWriter,
-    table: BerTable,
-    figures: Mapping[str, Figure],
-    images: Mapping[str, NDArray[np.uint8]],
-    texts: Mapping[str, str],
-) -> None:
-    """Write what belongs to no single receiver."""
-    if len(table):
-        writer.add_custom_scalars(_layout(table))
-        writer.add_text("how to read", _reading(table))
-    for name, text in texts.items():
-        writer.add_text(name, text)
-    for name, figure in figures.items():
-        writer.add_image(f"figures/{name}", figure_pixels(figure), dataformats="HWC")
-    for name, image in images.items():
-        writer.add_image(f"images/{name}", image, dataformats="HWC")
-
-
-def _layout(table: BerTable) -> dict[str, dict[str, list[str | list[str]]]]:
-    """Lay the custom scalars out: curves with intervals, all curves, and the limits if there are any."""
-    axis = table.axis
-    charts: dict[str, list[str | list[str]]] = {
-        "log10 BER": ["Multiline", [rf"^log10_BER/{axis}$"]],
-        "log10 BER with 95 % intervals": [
-            "Margin",
-            [f"log10_BER/{axis}", f"log10_BER_lo/{axis}", f"log10_BER_hi/{axis}"],
-        ],
-    }
-    if any(row.error_free for row in table):
-        charts["no errors: log10 of the 95 % upper limit"] = ["Multiline", [rf"^log10_BER_upper95/{axis}$"]]
-    return {f"{table.experiment}: bit error rate (step: {_step_unit(axis)})": charts}
-
-
-def _step_unit(axis: str) -> str:
-    """Name what a step is."""
-    if axis in _STEPS:
-        name = axis_label(axis).partition(" (")[0]
-        return f"{name} in {_STEPS[axis][1]}"
-    return axis_label(axis)
-
-
-def _reading(table: BerTable) -> str:
-    """Explain the board in Markdown."""
-    return (
-        f"The horizontal axis, called *step*, is **{_step_unit(table.axis)}**. Runs are receivers; the "
-        f"panel's corners come from: {', '.join(table.locators)}. Points are measurements: set *Smoothing* "
-        "to 0 and untick *Ignore outliers in chart scaling*, which cuts curves off.\n\n"
-        "Intervals are 95 %, with frames as the independent units. A point without errors has no logarithm: "
-        "it is missing from *log10_BER* and stands in *log10_BER_upper95* with its one-sided 95 % limit, "
-        "which takes wrong frames to be as at the receiver's other points. The curves on logarithmic "
-        "axes are in the IMAGES tab; *Show actual image size* makes them legible."
-    )
+    ...

@@ -115,7 +115,7 @@ class TableLayout:
         if self._needed(rows, False) > self._width:
             return self._long(rows, finished)
         intervals = self._intervals and self._needed(rows, True) <= self._width
-        table = _plain_table()
+        table = plain_table()
         table.add_column(Text(self._heading), justify="right", no_wrap=True)
         for receiver in self._receivers:
             table.add_column(Text(receiver.replace("_", "\n")), justify="right", no_wrap=True)
@@ -130,7 +130,7 @@ class TableLayout:
 
     def _long(self, rows: Rows, finished: Rows) -> Table:
         """Make a table of one line a point, for terminals too narrow for a column a receiver."""
-        table = _plain_table()
+        table = plain_table()
         table.add_column(Text(self._heading), justify="right")
         table.add_column("receiver", overflow="fold")
         table.add_column("BER", justify="right", no_wrap=True)
@@ -159,7 +159,7 @@ class TableLayout:
         return Text(point_text(row), style="" if finished else "dim")
 
 
-def _plain_table() -> Table:
+def plain_table() -> Table:
     """Make an empty table with one rule under its head and two blanks between columns."""
     return Table(box=box.SIMPLE_HEAD, padding=(0, _GAP - 1, 0, 0), pad_edge=False, show_edge=False)
 

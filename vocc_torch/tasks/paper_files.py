@@ -153,7 +153,8 @@ class PaperFiles:
         if not self.measured or _SCORED - set(self.measured[own_mm]):
             return None
         findings = {name: shown.findings for name, shown in self.shown.items()}
-        return score(readings_of(self.measured, findings, self.studies.locators), (own_mm, locator))
+        readings = readings_of(self.measured, findings, self.studies.locators, self.grids)
+        return score(readings, (own_mm, locator))
 
     def _location(self) -> tuple[LocationSplit, ...]:
         """Split the errors of the report's own focal length."""

@@ -12,6 +12,8 @@ from vocc_torch.reporting.evidence.panels import Floats, head
 from vocc_torch.reporting.styles import receiver_styles
 
 _PANEL = ("Panel detection", "#A9AFB6")
+_BUSY = 0.05
+"""From this share of waiting on, times are those of a machine that did other work too."""
 _KINDS = {"whole_frames": "whole frames", "crops": "crops of the panel's surroundings"}
 
 
@@ -29,6 +31,7 @@ def timing_figure(
     sensor_px: tuple[int, int],
     machine: str,
     threads: int,
+    waited_share: float,
 ) -> Figure:
     """Draw a bar a stage for each kind of frames and each batch size, with the paper's value beside it.
 
@@ -45,6 +48,7 @@ def timing_figure(
         sensor_px: height and width of a whole frame.
         machine: what was measured on.
         threads: threads that torch used within an operation.
+        waited_share: share of the time in which other work had the processor, 0 to 1.
     """
     figure = new_figure(10, 6.8)
     column = 0.79 / len(batches)
@@ -69,6 +73,9 @@ def timing_figure(
         f"Medians of {timed}; whole frames of {sensor_px[1]} x {sensor_px[0]} px. "
         f"Preambles are not counted. The paper: Matlab.\nOurs: {machine}."
     )
+    if waited_share > _BUSY:
+        busy = f"Take with care: for {100 * waited_share:.0f} % of the time other work had the processor."
+        footnote = f"{busy}\n{footnote}"
     write_title(figure, title, footnote)
     return figure
 
@@ -76,7 +83,7 @@ def timing_figure(
 def _third_feature(ngr_costs: Floats) -> str:
     """Tell in medians what NGR adds in each part of the figure."""
     of_two, of_all = (
-        [f"{100 * cost:.1f}".replace("-", "\N{MINUS SIGN}") for cost in ngr_costs[..., part, 1].flat]
+        [f"{100 * cost:z.1f}".replace("-", "\N{MINUS SIGN}") for cost in ngr_costs[..., part, 1].flat]
         for part in (0, 1)
     )
     lettered = ", ".join(f"({letter}) {cost}" for letter, cost in zip("abcd", of_two, strict=False))
@@ -117,13 +124,14 @@ def _bars(
 
 
 def number_text(value: float) -> str:
-    """Write a positive number in about two digits behind the first, never as a power of ten.
+    """Write a positive number in three digits, never as a power of ten.
 
     Example:
-        >>> [number_text(value) for value in (104.26, 32.53, 5.513, 0.5942, 0.01337)]
-        ['104', '32.5', '5.51', '0.594', '0.0134']
+        >>> [number_text(value) for value in (1042.6, 32.53, 9.999, 0.5942, 0.01337)]
+        ['1043', '32.5', '10.0', '0.594', '0.0134']
     """
-    digits = max(0, 2 - int(np.floor(np.log10(max(value, 1e-9)))))
+    rounded = float(f"{value:.3g}")
+    digits = max(0, 2 - int(np.floor(np.log10(max(rounded, 1e-9)))))
     return f"{value:.{digits}f}"
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -97,6 +98,8 @@ class ProcessingTime(FigureData):
         sensor_px: height and width of a whole frame.
         machine: what was measured on.
         threads: threads that torch uses within an operation.
+        waited_share: share of the time, rendering included, in which other work had the processor, 0 to 1;
+            with more than one thread it is a lower limit.
     """
 
     frames: tuple[str, ...]
@@ -110,18 +113,20 @@ class ProcessingTime(FigureData):
     sensor_px: tuple[int, int]
     machine: str
     threads: int
+    waited_share: float
 
     def rows(self) -> list[tuple[Cell, ...]]:
         """Give a line a stage."""
         parts = ("median", "lower_quartile", "upper_quartile")
         numbers = (*(f"{part}_ms" for part in parts), *(f"{part}_share" for part in parts))
-        head = ("frames", "batch_frames", "stage", *numbers, "paper_share", "rounds", "threads", "machine")
+        conditions = ("rounds", "threads", "waited_share", "machine")
+        head = ("frames", "batch_frames", "stage", *numbers, "paper_share", *conditions)
         lines: list[tuple[Cell, ...]] = [head]
         for f, n, s in np.ndindex(self.times_ms.shape[:3]):
             what = (self.frames[f], self.batches[n], self.stages[s])
             values = [part[f, n, s, [1, 0, 2]].tolist() for part in (self.times_ms, self.shares)]
-            rest = (float(self.paper_shares[s]), self.rounds[n], self.threads, self.machine)
-            lines.append((*what, *values[0], *values[1], *rest))
+            rest = (self.rounds[n], self.threads, self.waited_share, self.machine)
+            lines.append((*what, *values[0], *values[1], float(self.paper_shares[s]), *rest))
         return lines
 
     def findings(self) -> dict[str, float]:
@@ -135,7 +140,7 @@ class ProcessingTime(FigureData):
                     found[f"share_{stage}_{at}"] = float(self.shares[f, n, s, 1])
             found[f"extra_cost_of_ngr_{at}"] = float(self.ngr_costs[f, n, 0, 1])
             found[f"extra_total_cost_of_ngr_{at}"] = float(self.ngr_costs[f, n, 1, 1])
-        return found | {"threads": self.threads}
+        return found | {"threads": self.threads, "waited_share": self.waited_share}
 
 
 def processing_time(
@@ -154,11 +159,13 @@ def processing_time(
     device, work = resolve_device(plan.world.device), stages(plan)
     batches = tuple(dict.fromkeys((1, min(plan.batch_frames, BLOCK_FRAMES))))
     rounds = (single_rounds, batch_rounds)[: len(batches)]
+    clock, processor = time.perf_counter(), time.process_time()
     timings = [
         interleaved(in_turn(work, parts(seen, batch)), repeats, device)
         for seen in (located_frames(plan, framing) for framing in FRAMINGS.values())
         for batch, repeats in zip(batches, rounds, strict=True)
     ]
+    clock, processor = time.perf_counter() - clock, time.process_time() - processor
     grid = (len(FRAMINGS), len(batches), -1, 3)
     times, shares, ngr_costs = (np.reshape(part, grid) for part in zip(*map(summary, timings), strict=True))
     return ProcessingTime(
@@ -173,6 +180,7 @@ def processing_time(
         sensor_px=plan.world.camera.sensor_px,
         machine=describe_machine(device),
         threads=torch.get_num_threads(),
+        waited_share=max(0.0, 1 - processor / clock),
     )
 
 

@@ -1,0 +1,147 @@
+"""The page on statistics and the simulation that fills it: same tables, and laws whose truth is true."""
+
+import importlib.util
+import sys
+from itertools import takewhile
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from vocc_torch.errors import VoccError
+from vocc_torch.evaluation.counts import Counts
+from vocc_torch.evaluation.intervals import ber_interval
+from vocc_torch.evaluation.montecarlo import StopRule
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGE = ROOT / "docs" / "statistics.md"
+
+
+@pytest.fixture(scope="module")
+def benchmark():
+    """The benchmark's module; its name is also that of a well-known package."""
+    folder = str(ROOT / "benchmarks")
+    sys.path.insert(0, folder)
+    spec = importlib.util.spec_from_file_location("coverage_benchmark", ROOT / "benchmarks" / "coverage.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    yield module
+    sys.path.remove(folder)
+
+
+@pytest.fixture(scope="module")
+def laws(benchmark):
+    import frame_laws
+
+    return frame_laws
+
+
+@pytest.fixture(scope="module")
+def stopping(benchmark):
+    import stopping
+
+    return stopping
+
+
+def tables(page, benchmark):
+    """The lines of each generated table, without what follows it."""
+    blocks = [part.split(benchmark.END)[0].strip() for part in page.split(benchmark.BEGIN)[1:]]
+    return [[line.split(" | ") for line in takewhile(str, block.splitlines())] for block in blocks]
+
+
+def test_the_page_has_every_table_as_the_command_writes_it(benchmark):
+    page = PAGE.read_text()
+    assert "python benchmarks/coverage.py" in page
+    written = tables(page, benchmark)
+    assert len(written) == len(benchmark.TABLES)
+    for (simulate, _), on_page in zip(benchmark.TABLES, written, strict=True):
+        text = benchmark.markdown(simulate(np.random.default_rng(0), 8))
+        fresh = [line.split(" | ") for line in text.splitlines()]
+        assert fresh[:2] == on_page[:2]
+        labels = 2 if simulate.__name__ in ("one_receiver", "two_receivers", "stopped") else 1
+        assert [row[:labels] for row in fresh] == [row[:labels] for row in on_page]
+        assert {len(row) for row in fresh[2:]} == {len(row) for row in on_page[2:]} == {len(fresh[0])}
+        assert not any(cell in ("nan", "") for row in fresh for cell in row)
+
+
+def test_the_page_says_that_the_intervals_cover(benchmark):
+    # The first table: coverage of ours and of bits taken as independent, by errors and missed panels.
+    rows = [[cell.strip(" |") for cell in row] for row in tables(PAGE.read_text(), benchmark)[0][2:]]
+    ours = {(row[0], row[1]): float(row[4].split()[0]) for row in rows}
+    bits = {(row[0], row[1]): float(row[7].split()[0]) for row in rows}
+    rare = {("single bits", "0.1 %"), ("correlation 0.05", "0.1 %")}
+    assert len(ours) == 16
+    assert all(covered > 94.0 for row, covered in ours.items() if row not in rare)
+    assert all(ours[row] < 94.0 for row in rare)
+    assert all(covered < 50.0 for row, covered in bits.items() if row[1] != "none")
+
+
+def test_blocks_are_filled_in_order_and_the_rest_is_kept(benchmark):
+    begin, end = benchmark.BEGIN, benchmark.END
+    page = f"a\n{begin}\nold\n{end}\nb\n{begin}\n{end}\nc\n"
+    once = benchmark.filled(page, ["one", "two"])
+    assert once == f"a\n{begin}\n\none\n\n{end}\nb\n{begin}\n\ntwo\n\n{end}\nc\n"
+    assert benchmark.filled(once, ["one", "two"]) == once
+    with pytest.raises(VoccError, match=r"^the page has 2 generated blocks: it must have 3"):
+        benchmark.filled(page, ["one", "two", "three"])
+
+
+def test_a_page_that_is_not_there_is_made_of_the_tables_alone(benchmark, tmp_path, monkeypatch, capsys):
+    out = tmp_path / "new" / "page.md"
+    monkeypatch.setattr(sys, "argv", ["coverage.py", "--trials", "8", "--seed", "3", "--out", str(out)])
+    monkeypatch.setattr(benchmark, "TABLES", benchmark.TABLES[2:3])
+    benchmark.main()
+    page = out.read_text()
+    assert page.startswith(benchmark.BEGIN)
+    assert "8 studies a row, seed 3." in page
+    assert "no_errors" in capsys.readouterr().out
+    benchmark.main()
+    assert out.read_text() == page
+
+
+def test_a_laws_truth_is_that_of_its_closed_form(laws):
+    law = laws.clustered(0.01, 0.05)
+    wrong = law.halves[:, 0] / 2
+    mean = law.share @ wrong
+    variance = law.share @ wrong**2 - mean**2
+    assert law.ber == pytest.approx(0.01)
+    assert variance == pytest.approx(64 * 0.01 * 0.99 * (1 + 63 * 0.05))
+    assert law.frame_error_rate == pytest.approx(1 - law.share[0])
+    assert laws.with_missed(law, 0.1).ber == pytest.approx(0.1 / 2 + 0.9 * 0.01)
+    assert laws.mended(law, 0.24, 0.001).ber == pytest.approx([0.01, 0.0076 + 0.99 * 0.001], rel=1e-4)
+    assert laws.missed_by_first(laws.alike(law), 0.1).ber == pytest.approx([0.059, 0.01])
+    assert laws.apart(law, laws.independent(0.02)).ber == pytest.approx([0.01, 0.02], rel=1e-4)
+
+
+def test_counts_and_comparisons_drawn_from_a_law_belong_together(laws):
+    law = laws.missed_by_first(laws.mended(laws.clustered(0.01, 0.1), 0.3, 1e-3), 0.05)
+    seen = law.seen(np.random.default_rng(0), 500, 20)
+    for a, b, paired in zip(law.counts(seen, 0), law.counts(seen, 1), law.paired(seen), strict=True):
+        assert a.frames == b.frames == paired.frames == 500
+        assert a.panels_missed > b.panels_missed == 0
+        assert paired.half_difference == a.half_errors - b.half_errors
+
+
+def test_a_stop_at_frame_errors_is_the_first_block_that_has_them(laws, stopping):
+    # Every frame is in error: 64 a block, so 100 are there after two.
+    stopped = stopping.at_frame_errors(
+        laws.mixed(laws.exactly(1), 1 - 1e-12, laws.exactly(0)), np.random.default_rng(0), 5, 100
+    )
+    assert {one.frames for one in stopped} == {128}
+    rare = stopping.at_frame_errors(laws.clustered(1e-3, 0.05), np.random.default_rng(1), 200, 10)
+    assert all(10 <= one.frame_errors < 10 + 64 and one.frames % 64 == 0 for one in rare)
+    assert np.mean([one.frame_errors for one in rare]) < 12
+
+
+def test_precision_is_looked_at_where_the_stop_rule_looks(stopping):
+    rule = StopRule(frames=10**9, precision=0.1)
+    known = {("a", 0): Counts(10**6, 64 * 10**6, 2 * 10**6, 4 * 10**6, 10**6)}
+    looked = [blocks for blocks in range(1, 3000) if rule.reached(known, blocks)]
+    assert list(takewhile(lambda blocks: blocks < 3000, stopping.looks())) == looked
+
+
+def test_a_stop_at_a_precision_has_it(laws, stopping):
+    for counts in stopping.at_precision(laws.independent(1e-2), np.random.default_rng(0), 10, 0.1):
+        interval = ber_interval(counts)
+        assert max(interval.high - counts.ber, counts.ber - interval.low) <= 0.1 * counts.ber
+        assert counts.frames == 16 * 64

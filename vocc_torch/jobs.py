@@ -1,0 +1,203 @@
+"""A job among others: its lines on the terminal, and the word it leaves of how it ended."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+import multiprocessing
+import os
+import shutil
+import signal
+import sys
+import threading
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TextIO
+
+from vocc_torch.errors import VoccError
+from vocc_torch.files import write_atomically
+
+FAILED, CONFIG = "failed.txt", "config.yaml"
+_RESULTS, _LEDGERS = "ber.csv", {"ledger.jsonl", "ledgers"}
+
+
+@dataclass(frozen=True, slots=True)
+class Failure:
+    """Why a job has no results.
+
+    Args:
+        job: the job's number.
+        complaint: one line.
+        trace: the traceback of an error that is not the user's, else empty.
+        elsewhere: whether the job ran in another process than the command.
+    """
+
+    job: int
+    complaint: str
+    trace: str = ""
+    elsewhere: bool = False
+
+
+@dataclass(frozen=True)
+class Jobs:
+    """What the jobs of one command tell the process that started them, through files.
+
+    A job may run in a worker process, where nothing that it does to this object comes back. It is small and
+    can be pickled.
+
+    Args:
+        mailbox: an empty folder that lasts as long as the command.
+        parent: number of the process that started the jobs.
+
+    Example:
+        >>> import tempfile
+        >>> with tempfile.TemporaryDirectory() as mailbox:
+        ...     jobs = Jobs(Path(mailbox), os.getpid())
+        ...     jobs.begun(3, Path("runs/two/3"))
+        ...     jobs.failed(Failure(3, "panel.rows is 0: it must be at least 1"))
+        ...     [failure.job for failure in jobs.failures()], [str(folder) for folder in jobs.folders()]
+        ([3], ['runs/two/3'])
+    """
+
+    mailbox: Path
+    parent: int
+
+    @property
+    def elsewhere(self) -> bool:
+        """Whether this is another process than the one that started the jobs."""
+        return os.getpid() != self.parent
+
+    def begun(self, job: int, folder: Path) -> None:
+        """Tell that a job has begun, and in which folder."""
+        (self.mailbox / f"{job}.begun").write_text(str(folder), encoding="utf-8")
+
+    def failed(self, failure: Failure) -> None:
+        """Tell that a job has failed.
+
+        Raises:
+            VoccError: there is no telling; Hydra takes the complaint to the parent once all jobs are done.
+        """
+        try:
+            write_atomically(self.mailbox / f"{failure.job}.failed", json.dumps(asdict(failure)).encode())
+        except VoccError:
+            raise VoccError(failure.complaint) from None
+
+    def failures(self) -> list[Failure]:
+        """Give the failures by the number of the job."""
+        texts = [path.read_text(encoding="utf-8") for path in self.mailbox.glob("*.failed")]
+        return sorted((Failure(**json.loads(text)) for text in texts), key=lambda failure: failure.job)
+
+    def folders(self) -> list[Path]:
+        """Give the folders of all jobs that have begun."""
+        return [Path(path.read_text(encoding="utf-8")) for path in sorted(self.mailbox.glob("*.begun"))]
+
+
+def begin_again(folder: Path) -> bool:
+    """Take away what a failed attempt left in a job's folder.
+
+    Args:
+        folder: the job's folder, which need not be there.
+
+    Returns:
+        Whether a failure may be written down here: not beside the results of others.
+
+    Example:
+        >>> begin_again(Path("no/such/folder"))
+        True
+    """
+    names = {entry.name for entry in folder.iterdir()} if folder.is_dir() else set()
+    attempted = FAILED in names and names <= {FAILED, CONFIG}
+    resumable = bool(_LEDGERS & names)
+    under_way = resumable and _RESULTS not in names
+    if attempted:
+        (folder / CONFIG).unlink(missing_ok=True)
+    if attempted or resumable:
+        (folder / FAILED).unlink(missing_ok=True)
+    return not names or attempted or under_way
+
+
+def write_down(failure: Failure, folder: Path, configuration: str) -> None:
+    """Leave ``failed.txt`` in a job's folder, as far as that can be written.
+
+    Args:
+        failure: its complaint is the first line.
+        folder: the job's folder.
+        configuration: the job's ``config.yaml``, where it came so far; an empty text is not written.
+    """
+    text = f"{failure.complaint}\n" + (f"\n{failure.trace}" if failure.trace else "")
+    with contextlib.suppress(VoccError):  # a full disk may be what the job failed of
+        write_atomically(folder / FAILED, text.encode())
+        if configuration and not (folder / CONFIG).exists():
+            write_atomically(folder / CONFIG, configuration.encode())
+
+
+class JobLines(io.TextIOBase):
+    r"""Output of a job that runs beside others: whole lines, each with the job's number before it.
+
+    It is no terminal, so that live views write plain lines to it. What is written in one piece stays in one
+    piece.
+
+    Args:
+        under: where the lines go.
+        prefix: what stands before each.
+
+    Example:
+        >>> lines = JobLines(sys.stdout, "job 3 | ")
+        >>> _ = lines.write("two\nlines\nand a half")
+        job 3 | two
+        job 3 | lines
+        >>> lines.close()
+        job 3 | and a half
+    """
+
+    def __init__(self, under: TextIO, prefix: str) -> None:
+        self._under, self._prefix, self._rest = under, prefix, ""
+
+    @property
+    def encoding(self) -> str:  # type: ignore[override]  # read-only, as io.TextIOWrapper has it
+        """The encoding of what lies under it."""
+        return self._under.encoding
+
+    def writable(self) -> bool:
+        """Say that it can be written to."""
+        return True
+
+    def write(self, text: str) -> int:
+        """Pass on the lines that are whole."""
+        *whole, self._rest = (self._rest + text).split("\n")
+        if whole:
+            self._under.write("".join(f"{self._prefix}{line}".rstrip() + "\n" for line in whole))
+            self._under.flush()
+        return len(text)
+
+    def close(self) -> None:
+        """Pass on what is left; nothing can be written afterwards."""
+        if self._rest and not self.closed:
+            self.write("\n")
+        super().close()
+
+
+@contextlib.contextmanager
+def beside_others(job: int) -> Iterator[None]:
+    """Set a worker process up for a job: numbered lines of the terminal's width, and no ear for Ctrl-C.
+
+    Ctrl-C reaches every process of the terminal; the one that started the jobs ends them.
+
+    Args:
+        job: the job's number.
+    """
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+    # The launcher leaves its own method here, which the processes that a job starts in turn do not know.
+    multiprocessing.set_start_method("spawn", force=True)
+    prefix, width = f"job {job} | ", os.environ.get("COLUMNS")
+    os.environ["COLUMNS"] = str(max(40, shutil.get_terminal_size().columns - len(prefix)))
+    try:
+        with contextlib.closing(JobLines(sys.stdout, prefix)) as lines, contextlib.redirect_stdout(lines):
+            yield
+    finally:
+        del os.environ["COLUMNS"]
+        if width is not None:
+            os.environ["COLUMNS"] = width
