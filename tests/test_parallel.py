@@ -66,7 +66,10 @@ def run_task(settings, folder):
         raise ValueError("a bug")
     if settings.seed == 2:
         raise VoccError("seed is 2: it must be another")
-    if settings.seed == 9:
+    if settings.seed >= 8:
+        if settings.seed == 9:
+            (folder / "ledger.jsonl").write_text("")
+        print("waiting", flush=True)
         time.sleep(60)
     # A job with workers starts processes of its own.
     process = multiprocessing.get_context("spawn").Process(target=int)
@@ -127,7 +130,7 @@ main()
 def test_interrupted_jobs_end_with_their_parent(stand_in):
     """Ctrl-C reaches every process of the terminal: one line is said, and no empty folder stays."""
     with subprocess.Popen(
-        [sys.executable, "-c", INTERRUPTIBLE, *PARALLEL, "seed=9,9", "name=two"],
+        [sys.executable, "-c", INTERRUPTIBLE, *PARALLEL, "seed=8,9", "name=two"],
         cwd=stand_in,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
@@ -136,15 +139,18 @@ def test_interrupted_jobs_end_with_their_parent(stand_in):
     ) as run:
         try:
             begun = ""
-            while begun.count("threads") < 2:
+            while begun.count("waiting") < 2:
                 begun += run.stdout.readline()
             os.killpg(run.pid, signal.SIGINT)
             # The pipe's end comes when the last worker is gone.
-            _, err = run.communicate(timeout=60)
+            out, err = run.communicate(timeout=60)
         finally:
             run.kill()
     assert (run.returncode, err) == (130, "vocc-torch: interrupted\n")
-    assert [path.name for path in (stand_in / "runs" / "two").iterdir()] == ["multirun.yaml"]
+    assert out.endswith("interrupted: the same command with name=two goes on from there\n")
+    # What had been counted stays.
+    left = {path.relative_to(stand_in / "runs").as_posix() for path in (stand_in / "runs").rglob("*")}
+    assert left == {"two", "two/multirun.yaml", "two/1", "two/1/ledger.jsonl"}
 
 
 def test_missing_launcher_names_the_extra(command, tmp_path):
@@ -285,7 +291,7 @@ def test_a_failure_that_cannot_be_told_is_raised(tmp_path):
 
 def test_failures_come_back_whole_and_in_order(tmp_path):
     jobs = Jobs(tmp_path, parent=-1)
-    told = [Failure(10, "ten", "Traceback\n  ä", True), Failure(9, "nine")]
+    told = [Failure(10, "ten", "Traceback\n  ä"), Failure(9, "nine")]
     for failure in told:
         jobs.failed(failure)
     assert jobs.failures() == told[::-1]

@@ -138,7 +138,7 @@ def _run_one_of_many(config: DictConfig, jobs: Jobs) -> None:
     if complaint is None:
         return
     complain(f"job {number}: {complaint}" if jobs.elsewhere or trace else complaint)
-    failure = Failure(number, complaint, trace, jobs.elsewhere)
+    failure = Failure(number, complaint, trace)
     if mine:
         write_down(failure, folder, _configuration(config))
     jobs.failed(failure)
@@ -169,7 +169,7 @@ def _refusal(error: Exception) -> str | None:
 def _status(jobs: Jobs) -> int:
     """Sum up how the jobs ended: 0 for well, 2 for a user's mistake, 1 for a fault that is not the user's."""
     failures, count = jobs.failures(), len(jobs.folders())
-    if any(failure.elsewhere for failure in failures):
+    if failures and jobs.parallel:
         numbers = ", ".join(str(failure.job) for failure in failures)
         complain(f"{len(failures)} of {count} jobs failed ({numbers}): failed.txt in their folders says why")
     if any(failure.trace for failure in failures):
@@ -207,6 +207,8 @@ def _run_jobs(jobs: Jobs) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except KeyboardInterrupt:
+        if (name := jobs.to_go_on()) is not None:
+            print(f"interrupted: the same command with name={name} goes on from there")
         print("vocc-torch: interrupted", file=sys.stderr)
         return 130
     except Exception as error:

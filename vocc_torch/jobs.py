@@ -31,13 +31,11 @@ class Failure:
         job: the job's number.
         complaint: one line.
         trace: the traceback of an error that is not the user's, else empty.
-        elsewhere: whether the job ran in another process than the command.
     """
 
     job: int
     complaint: str
     trace: str = ""
-    elsewhere: bool = False
 
 
 @dataclass(frozen=True)
@@ -57,8 +55,8 @@ class Jobs:
         ...     jobs = Jobs(Path(mailbox), os.getpid())
         ...     jobs.begun(3, Path("runs/two/3"))
         ...     jobs.failed(Failure(3, "panel.rows is 0: it must be at least 1"))
-        ...     [failure.job for failure in jobs.failures()], [str(folder) for folder in jobs.folders()]
-        ([3], ['runs/two/3'])
+        ...     [one.job for one in jobs.failures()], [str(one) for one in jobs.folders()], jobs.parallel
+        ([3], ['runs/two/3'], False)
     """
 
     mailbox: Path
@@ -71,7 +69,8 @@ class Jobs:
 
     def begun(self, job: int, folder: Path) -> None:
         """Tell that a job has begun, and in which folder."""
-        (self.mailbox / f"{job}.begun").write_text(str(folder), encoding="utf-8")
+        kind = "there" if self.elsewhere else "here"
+        (self.mailbox / f"{job}.begun_{kind}").write_text(str(folder), encoding="utf-8")
 
     def failed(self, failure: Failure) -> None:
         """Tell that a job has failed.
@@ -91,7 +90,20 @@ class Jobs:
 
     def folders(self) -> list[Path]:
         """Give the folders of all jobs that have begun."""
-        return [Path(path.read_text(encoding="utf-8")) for path in sorted(self.mailbox.glob("*.begun"))]
+        return [Path(path.read_text(encoding="utf-8")) for path in self.mailbox.glob("*.begun_*")]
+
+    @property
+    def parallel(self) -> bool:
+        """Whether jobs have begun in other processes than the one that started them."""
+        return any(self.mailbox.glob("*.begun_there"))
+
+    def to_go_on(self) -> str | None:
+        """Give the name under which jobs go on that had counted something in other processes; None for none."""
+        kept = [folder for folder in self.folders() if any(folder.rglob("*.jsonl"))]
+        if not kept or not self.parallel:
+            return None
+        where, runs = kept[0].parent, Path.cwd() / "runs"
+        return where.relative_to(runs).as_posix() if where.is_relative_to(runs) else str(where)
 
 
 def begin_again(folder: Path) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -151,7 +151,9 @@ def _sections(tables: Mapping[str, Sequence[BerTable]]) -> list[Section]:
         axes = [table.axis for table in filled]
         for axis in axes:
             if axes.count(axis) > 1:
-                raise VoccError(f"tables[{group!r}] has {axes.count(axis)} tables of {axis}: it must have one")
+                raise VoccError(
+                    f"tables[{group!r}] has {axes.count(axis)} tables of {axis}: it must have one"
+                )
         sections += [Section(group, table) for table in filled]
     return sections
 
@@ -203,11 +205,52 @@ def _write_curve(
 
 def _write_settings(writer: SummaryWriter, sections: Sequence[Section], receiver: str) -> None:
     """Write a receiver's row of the HPARAMS tab."""
-    measured = [section for section in sections if receiver in section.table.receivers]
-    rows = [row for section in measured for row in section.table.of(receiver)]
+    rows = {
+        section: section.table.of(receiver) for section in sections if receiver in section.table.receivers
+    }
+    each = [row for some in rows.values() for row in some]
     settings = {
         "receiver": receiver,
-        "locator": _listed(row.locator for row in rows),
-        "experiment": _listed(row.experiment for row in rows),
+        "locator": _listed(row.locator for row in each),
+        "experiment": _listed(row.experiment for row in each),
     }
-    ...
+    groups = _listed(section.group for section in rows)
+    if groups:
+        settings["group"] = groups
+    if len(sections) == 1:
+        rates = {
+            "all_points/BER": _pooled(each),
+            "all_points/lowest_BER": min(row.ber for row in each),
+            "all_points/highest_BER": max(row.ber for row in each),
+        }
+    else:
+        rates = {f"all_points/{section.tag('BER')}": _pooled(some) for section, some in rows.items()}
+    # The run's own folder: any other would make a run more.
+    writer.add_hparams(settings, rates, run_name=".")
+
+
+def _listed(names: Iterable[str]) -> str:
+    """List different names in the order in which they first come."""
+    return ", ".join(dict.fromkeys(name for name in names if name))
+
+
+def _pooled(rows: Sequence[Row]) -> float:
+    """Give the bit error rate over all bits of some points."""
+    return sum(row.bit_errors for row in rows) / sum(row.bits for row in rows)
+
+
+def _write_summary(
+    writer: SummaryWriter,
+    sections: Sequence[Section],
+    pictures: Mapping[str, Figure | Picture],
+    texts: Mapping[str, str],
+) -> None:
+    """Write what belongs to no single receiver."""
+    if sections:
+        writer.add_custom_scalars(layout(sections))
+        writer.add_text("how to read", how_to_read(sections))
+    for name, text in texts.items():
+        writer.add_text(name, text)
+    for tag, picture in pictures.items():
+        pixels = figure_pixels(picture) if isinstance(picture, Figure) else picture
+        writer.add_image(tag, pixels, dataformats="HWC")

@@ -155,7 +155,9 @@ def _runs_told(sections: Sequence[Section]) -> str:
     for section in sections:
         corners.setdefault(section.group, {}).update(dict.fromkeys(section.table.locators))
     told = {group: f"the panel's corners come from: {', '.join(names)}" for group, names in corners.items()}
-    text = f"Runs are receivers; {told['']}." if tuple(told) == ("",) else f"Runs are receivers. {_groups(told)}"
+    text = (
+        f"Runs are receivers; {told['']}." if tuple(told) == ("",) else f"Runs are receivers. {_groups(told)}"
+    )
     if len({name for section in sections for name in section.table.receivers}) > _COLOURS:
         text += (
             f" TensorBoard has {_COLOURS} colours for them, so some share one: the tooltip names the curve and "

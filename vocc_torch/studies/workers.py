@@ -16,6 +16,7 @@ from typing import Self, TypeVar
 import torch
 
 from vocc_torch.errors import VoccError
+from vocc_torch.evaluation.timing import settle_memory
 
 A = TypeVar("A")
 R = TypeVar("R")
@@ -67,7 +68,9 @@ class Workers:
             raise lost_worker() from error
 
     def __enter__(self) -> Self:
-        """Give itself; nothing is started yet."""
+        """Give itself; no process is started yet."""
+        if self.count == 1:
+            settle_memory()
         return self
 
     def __exit__(
@@ -110,6 +113,7 @@ def _begin() -> None:
     """Set a worker process up."""
     # One thread each: the processes together use the cores.
     torch.set_num_threads(1)
+    settle_memory()
     # Ctrl-C reaches the whole group; the parent ends its workers itself.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()

@@ -11,6 +11,8 @@ from vocc_torch.evaluation.scorecard.words import percent
 
 TIME_FACTOR = 1.5
 """Ratios of processing times agree within this factor."""
+MOST_WAITED = 0.05
+"""Largest share of the time for which the measurement may have waited for the processor."""
 
 
 def time_is(name: str, quoted: float, digits: int = 0) -> Judge:
@@ -22,6 +24,10 @@ def time_is(name: str, quoted: float, digits: int = 0) -> Judge:
             return not_measured(f"{name} of Fig. 25")
         low, high = min(found.values()), max(found.values())
         measured = _times_text(found, digits)
+        waited = reading.finding("fig25", "waited_share") or 0.0
+        if waited > MOST_WAITED:
+            reason = f"the processor was busy with something else for {percent(waited)} of the time"
+            return Judgement("cannot say", measured, reason, low, high)
         if low / TIME_FACTOR <= quoted <= high * TIME_FACTOR:
             return Judgement("agree", measured, "", low, high)
         panel, three = (
