@@ -98,7 +98,7 @@ class Jobs:
         return any(self.mailbox.glob("*.begun_there"))
 
     def to_go_on(self) -> str | None:
-        """Give the name under which jobs go on that had counted something in other processes; None for none."""
+        """Give the name under which jobs of other processes go on that had counted something, or None."""
         kept = [folder for folder in self.folders() if any(folder.rglob("*.jsonl"))]
         if not kept or not self.parallel:
             return None

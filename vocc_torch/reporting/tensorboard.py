@@ -83,8 +83,8 @@ def write_boards(
     Each run has, against the axis's value as an integer step (distance in dm, contrast in thousandths,
     offsets in mm, others rounded to their unit), ``<group>/BER/<axis>`` for every point,
     ``<group>/log10_BER/<axis>``, ``<group>/log10_BER_lo/<axis>`` and ``<group>/log10_BER_hi/<axis>`` for
-    points with errors, and ``<group>/log10_BER_upper95/<axis>`` for points without. Its row in the HPARAMS tab
-    has the receiver's settings and its rates over all points of each table.
+    points with errors, and ``<group>/log10_BER_upper95/<axis>`` for points without. Its row in the HPARAMS
+    tab has the receiver's settings and its rates over all points of each table.
 
     Args:
         folder: the folder that TensorBoard is to be pointed at.

@@ -160,8 +160,8 @@ def _runs_told(sections: Sequence[Section]) -> str:
     )
     if len({name for section in sections for name in section.table.receivers}) > _COLOURS:
         text += (
-            f" TensorBoard has {_COLOURS} colours for them, so some share one: the tooltip names the curve and "
-            "the box before a run hides it."
+            f" TensorBoard has {_COLOURS} colours for them, so some share one: the tooltip names the curve, "
+            "and the box before a run's name hides it."
         )
     return text
 

@@ -48,17 +48,18 @@ def run_figures(settings: AppConfig, folder: Path) -> None:
     with resumable(settings, folder, console):
         if ordered:
             with Workers(settings.workers) as workers:
-                campaign = _measure(ordered, workers, folder, console, watch)
+                campaign = _measure(settings, ordered, workers, folder, console, watch)
             files.rates(campaign)
             own = ordered[0]
             training = campaign.trainings[own.key][studies.locators[0]]
             write_training(settings, own.plan, training, folder)
+        else:
+            write_config(settings, folder)
         # After the workers have ended: one of these figures is a measurement of time.
         with watch.stage("other figures"):
             files.evidence(plan, [name for name in names if name in EVIDENCE])
         with watch.stage("report"):
             files.report()
-    write_config(settings, folder)
     files.print_places()
 
 
@@ -76,7 +77,12 @@ def _studies(settings: AppConfig, plan: Plan, names: tuple[str, ...]) -> PaperSt
 
 
 def _measure(
-    ordered: list[Study], workers: Workers, folder: Path, console: Console, watch: Stopwatch
+    settings: AppConfig,
+    ordered: list[Study],
+    workers: Workers,
+    folder: Path,
+    console: Console,
+    watch: Stopwatch,
 ) -> Campaign:
     """Run every study, each with a ledger, under a live view."""
     begun = time.perf_counter()
@@ -95,11 +101,15 @@ def _measure(
             frames = f"{study.frames} frames".rjust(13)
             view.say(f"{study.key:<20} {frames}   {lap(study.plan.experiment.name.partition('/')[0]):6.1f} s")
 
+        def trained() -> None:
+            write_config(settings, folder)
+            view.say(f"{'training':<20} {'':13}   {lap('training'):6.1f} s")
+
         return run_campaign(
             ordered,
             workers,
             ledger,
-            trained=lambda: view.say(f"{'training':<20} {'':13}   {lap('training'):6.1f} s"),
+            trained=trained,
             advance=lambda study, frames: view.advance(study.key, frames),
             finished=finished,
         )

@@ -13,6 +13,9 @@ from vocc_torch.errors import VoccError
 from vocc_torch.evaluation.ledger import Ledger
 from vocc_torch.files import write_atomically
 
+CONFIG = "config.yaml"
+"""The resolved configuration."""
+
 LEDGER = "ledger.jsonl"
 """The ledger of a run with one experiment."""
 
@@ -60,24 +63,28 @@ def open_ledger(path: Path, settings: Mapping[str, object], console: Console) ->
             if begun and not len(ledger):
                 with suppress(OSError):
                     path.unlink()
+                    path.parent.rmdir()  # a folder of ledgers that is empty now
             raise
 
 
 @contextmanager
 def resumable(settings: AppConfig, folder: Path, console: Console) -> Iterator[None]:
-    """Say how to go on when a run is interrupted that has counted something."""
+    """Say how to go on when a run is interrupted that has counted something; leave nothing of another."""
     try:
         yield
-    except KeyboardInterrupt:
+    except BaseException as error:
         if any(folder.rglob("*.jsonl")):
-            text = f"interrupted: the same command with name={settings.name} goes on from there"
-            console.print(text, soft_wrap=True, highlight=False)
+            if isinstance(error, KeyboardInterrupt):
+                text = f"interrupted: the same command with name={settings.name} goes on from there"
+                console.print(text, soft_wrap=True, highlight=False)
+        else:
+            (folder / CONFIG).unlink(missing_ok=True)
         raise
 
 
 def write_config(settings: AppConfig, folder: Path) -> None:
-    """Write the resolved configuration."""
-    write_atomically(folder / "config.yaml", as_yaml(settings).encode())
+    """Write the resolved configuration; a run that can be resumed does so once its ledger is its own."""
+    write_atomically(folder / CONFIG, as_yaml(settings).encode())
 
 
 def as_markdown(settings: AppConfig) -> str:

@@ -27,6 +27,7 @@ from vocc_torch.tasks.folder import (
     refuse_results,
     refuse_unused,
     resumable,
+    write_config,
 )
 from vocc_torch.tasks.grid_files import grid_figures, write_grid
 from vocc_torch.tasks.quiet import quiet_threads
@@ -44,7 +45,7 @@ def run_grid(settings: AppConfig, folder: Path) -> None:
     plan, console = build_plan(settings, folder), Console()
     studies = _studies(settings, plan)
     with resumable(settings, folder, console), Workers(settings.workers) as workers:
-        campaign = _measure(list(studies.values()), workers, folder, console)
+        campaign = _measure(settings, list(studies.values()), workers, folder, console)
     locator, axis = plan.receiver.locator, settings.experiment.row_axis or ""
     curves = tuple(campaign.measured[study.key].curves[locator] for study in studies.values())
     grid = Grid(axis, tuple(studies), curves)
@@ -78,7 +79,9 @@ def _studies(settings: AppConfig, plan: Plan) -> dict[float, Study]:
     return {at: Study(f"{at:g}", row, (plan.receiver.locator,)) for at, row in rows.items()}
 
 
-def _measure(studies: list[Study], workers: Workers, folder: Path, console: Console) -> Campaign:
+def _measure(
+    settings: AppConfig, studies: list[Study], workers: Workers, folder: Path, console: Console
+) -> Campaign:
     """Run every row, each with a ledger, under a live view."""
 
     def ledger(study: Study) -> AbstractContextManager[Ledger]:
@@ -93,6 +96,7 @@ def _measure(studies: list[Study], workers: Workers, folder: Path, console: Cons
             studies,
             workers,
             ledger,
+            trained=lambda: write_config(settings, folder),
             advance=lambda study, frames: view.advance(study.plan.experiment.name, frames),
             finished=finished,
         )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import astuple
+from dataclasses import astuple, replace
 from pathlib import Path
 
 from matplotlib.figure import Figure
@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from vocc_torch.evaluation.curve import COLUMNS
 from vocc_torch.evaluation.dimming import Grid
 from vocc_torch.reporting.best_luminance import best_luminance_figure
-from vocc_torch.reporting.dimming_rows import best_rows, loss_rows
+from vocc_torch.reporting.dimming_rows import best_rows, followed_rows, loss_rows
 from vocc_torch.reporting.heatmap import dimming_figure
 from vocc_torch.reporting.paper.rates import LOCATED
 from vocc_torch.reporting.undimmed import undimmed_figure
@@ -54,8 +54,8 @@ def write_grid(path: Path, grids: Mapping[str, Grid]) -> None:
     """Write a grid's points, and beside them the best of each row and the loss of a panel that cannot dim.
 
     Args:
-        path: the file of the points, by locator, row, value and receiver; the others are called ``best`` and
-            ``loss`` after it.
+        path: the file of the points, by locator, row, value and receiver; the others are called ``best``,
+            ``followed`` (the power of the ambient light that the best follows) and ``loss`` after it.
         grids: by locator.
 
     Raises:
@@ -63,11 +63,21 @@ def write_grid(path: Path, grids: Mapping[str, Grid]) -> None:
     """
     lines: list[Line] = [(next(iter(grids.values())).row_axis, *COLUMNS)]
     for grid in grids.values():
-        for at, curves in zip(grid.rows, grid.curves, strict=True):
-            lines += [(at, *astuple(row)) for row in curves.table()]
+        lines += _points(grid)
     write_rows(path, lines)
-    for what, rows_of in (("best", best_rows), ("loss", loss_rows)):
+    for what, rows_of in (("best", best_rows), ("followed", followed_rows), ("loss", loss_rows)):
         head, *rest = (rows_of(grid) for grid in grids.values())
         write_rows(
             path.with_stem(f"{path.stem}_{what}"), [*head, *(row for rows in rest for row in rows[1:])]
         )
+
+
+def _points(grid: Grid) -> list[Line]:
+    """Give a grid's points with the grid's own intervals: a limit takes wrong frames to be as nearby."""
+    ends = {name: grid.intervals(name) for name in grid.receivers}
+    lines: list[Line] = []
+    for i, (at, curves) in enumerate(zip(grid.rows, grid.curves, strict=True)):
+        for row in curves.table():
+            low, high = (float(side[i, grid.columns.index(row.value)]) for side in ends[row.receiver])
+            lines.append((at, *astuple(replace(row, ber_low=low, ber_high=high))))
+    return lines

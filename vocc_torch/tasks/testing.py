@@ -42,6 +42,7 @@ from vocc_torch.tasks.folder import (
     refuse_results,
     refuse_unused,
     resumable,
+    write_config,
 )
 from vocc_torch.tasks.grid import run_grid
 from vocc_torch.tasks.quiet import quiet_threads
@@ -63,6 +64,7 @@ def run_test(settings: AppConfig, folder: Path) -> None:
         Workers(settings.workers) as workers,
         open_ledger(folder / LEDGER, identity(plan, [plan.receiver.locator]), console) as ledger,
     ):
+        write_config(settings, folder)
         training = train_shown(plan, console)
         curves = _sweep(plan, training, ledger, workers, console)
     table = curves.table()

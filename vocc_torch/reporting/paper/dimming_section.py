@@ -44,7 +44,7 @@ def _best(grid: Grid, locator: str) -> Table:
         loss = undimmed_loss(grid, name)
         slope = optimum_ratio(grid, name).slope
         told = "too few levels" if slope is None else f"{slope.value:.2f} [{slope.low:.2f}, {slope.high:.2f}]"
-        rows.append((literal(label), *(literal(best.range_text) for best in loss.dimmed), told))
+        rows.append((literal(label), *(literal(best.candidates_text) for best in loss.dimmed), told))
     header = ("receiver", *(f"{value:g} lx" for value in grid.rows), "slope in logarithms")
     caption = (
         f"Best LED luminance (cd/m\u00b2) by ambient light, {LOCATED[locator]}: all that cannot be told "
