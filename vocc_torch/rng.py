@@ -55,3 +55,36 @@ class BlockKey:
         """Give a fresh generator of the named stream; the same name gives the same numbers again."""
         entropy = [self.seed, self.block, *_words(self.point), *_words(stream)]
         return np.random.Generator(np.random.PCG64(np.random.SeedSequence(entropy)))
+
+
+@dataclass(frozen=True, slots=True)
+class FrameKey:
+    """The name of one rendered frame, from which the random streams of its effects follow.
+
+    Args:
+        block: the block that the frame belongs to.
+        frame: its index in the block, 0 to 63.
+        take: which picture of the scene it is: the test frame, or a preamble; each has noise of its own.
+
+    Raises:
+        VoccError: an index outside the block.
+
+    Example:
+        >>> block = BlockKey(seed=0, point="doc", block=0)
+        >>> keys = [FrameKey(block, 5), FrameKey(block, 5, "on"), FrameKey(block, 6)]
+        >>> len({float(key.generator("read_noise").random()) for key in keys})
+        3
+    """
+
+    block: BlockKey
+    frame: int
+    take: str = "frame"
+
+    def __post_init__(self) -> None:
+        """Check the index."""
+        if not 0 <= self.frame < BLOCK_FRAMES:
+            raise VoccError(f"frame is {self.frame}: it must be 0 to {BLOCK_FRAMES - 1}")
+
+    def generator(self, stream: str) -> np.random.Generator:
+        """Give a fresh generator of the named stream; the same name gives the same numbers again."""
+        return self.block.generator(f"{stream}/{self.take}/{self.frame}")

@@ -24,7 +24,7 @@ Picture = NDArray[np.uint8]
 SUMMARY_RUN = "_summary"
 """Name of the run that holds what belongs to no single receiver."""
 
-_GROUP = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
+_GROUP = re.compile(r"[A-Za-z0-9][A-Za-z0-9._=+-]*")
 
 # TensorBoard's charts colour runs by the order of their first events: orange, blue, red, light blue, pink,
 # green, grey, orange again. In this order most receivers come close to their colours in the figures, and the
@@ -88,8 +88,8 @@ def write_boards(
 
     Args:
         folder: the folder that TensorBoard is to be pointed at.
-        tables: by group, tables of different axes. A group's name is of letters, digits, ``.``, ``_`` and
-            ``-``, or empty for tags without one.
+        tables: by group, tables of different axes. A group's name is of letters, digits and ``._=+-``; that
+            of a single group may be empty, for tags without one.
         figures: figures by name, Matplotlib's or (H,W,3) uint8.
         images: (H,W,3) uint8 pictures by name.
         texts: Markdown by name.
@@ -142,10 +142,10 @@ def _sections(tables: Mapping[str, Sequence[BerTable]]) -> list[Section]:
     """Take the tables that have points, and refuse those whose tags would be the same."""
     sections = []
     for group, members in tables.items():
-        if group and not _GROUP.fullmatch(group):
+        if not _GROUP.fullmatch(group) and tuple(tables) != ("",):
             raise VoccError(
-                f"tables has the group {group!r}: its name must be of letters, digits, '.', '_' and '-', "
-                "and begin with a letter or a digit"
+                f"tables has the group {group!r}: its name must be of letters, digits and ._=+-, "
+                "begin with a letter or a digit, and may be empty only where there is no other"
             )
         filled = [table for table in members if len(table)]
         axes = [table.axis for table in filled]

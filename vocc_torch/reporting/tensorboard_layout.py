@@ -151,25 +151,19 @@ def _steps_told(sections: Sequence[Section]) -> str:
 
 def _runs_told(sections: Sequence[Section]) -> str:
     """Say what runs and groups are, and where the corners come from."""
-    corners: dict[str, dict[str, None]] = {}
-    for section in sections:
-        corners.setdefault(section.group, {}).update(dict.fromkeys(section.table.locators))
-    told = {group: f"the panel's corners come from: {', '.join(names)}" for group, names in corners.items()}
-    text = (
-        f"Runs are receivers; {told['']}." if tuple(told) == ("",) else f"Runs are receivers. {_groups(told)}"
+    groups: dict[str, list[str]] = {}
+    for group in dict.fromkeys(section.group for section in sections):
+        members = [section.table for section in sections if section.group == group]
+        corners = dict.fromkeys(name for table in members for name in table.locators)
+        groups.setdefault(", ".join(corners), []).append(f"`{group}`")
+    if all(section.group == "" for section in sections):
+        return f"Runs are receivers; the panel's corners come from: {', '.join(groups)}."
+    told = "; ".join(f"{corners} in {', '.join(names)}" for corners, names in groups.items())
+    return (
+        f"Runs are receivers. A tag begins with its group; the panel's corners come from: {told}. "
+        "*Matches*, below a chart, and the tooltip name each curve; the box before a run's name hides it. "
+        f"TensorBoard has {_COLOURS} colours: the next run has the first one's again."
     )
-    if len({name for section in sections for name in section.table.receivers}) > _COLOURS:
-        text += (
-            f" TensorBoard has {_COLOURS} colours for them, so some share one: the tooltip names the curve, "
-            "and the box before a run's name hides it."
-        )
-    return text
-
-
-def _groups(told: dict[str, str]) -> str:
-    """Explain the part of a tag that names its group."""
-    listed = "; ".join(f"*{group}*, {text}" for group, text in told.items() if group)
-    return f"A tag begins with its group: {listed}."
 
 
 def _step_unit(axis: str) -> str:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Literal, get_args
 
 import torch
 from torch import Tensor
 
 from vocc_torch.errors import VoccError
+from vocc_torch.rng import FrameKey
 from vocc_torch.simulation.effects import CAMERA_STEPS, Context, Effect, Quantity, build_effects, check_chain
 from vocc_torch.simulation.geometry import Camera, LedPanel, led_centres_px, panel_centre_px, panel_corners_px
 from vocc_torch.simulation.photometry import (
@@ -121,7 +122,14 @@ class Simulator:
         height, width = (min(size, full) for size, full in zip(wanted, self.camera.sensor_px, strict=True))
         return height, width
 
-    def render(self, scene: Scene, bits: Tensor, *, nearest_m: float | None = None) -> Frames:
+    def render(
+        self,
+        scene: Scene,
+        bits: Tensor,
+        *,
+        nearest_m: float | None = None,
+        keys: Sequence[FrameKey] = (),
+    ) -> Frames:
         """Render a frame for each scene.
 
         Args:
@@ -129,6 +137,7 @@ class Simulator:
             bits: (B,R,C) bool, True = On.
             nearest_m: the distance that fixes the crop's size, at most the nearest of this batch, which is
                 the default. Give it where batches of one study must have one size.
+            keys: a key a frame, for effects that draw random numbers; not needed without such effects.
 
         Returns:
             B frames or crops, as the framing says.
@@ -151,7 +160,7 @@ class Simulator:
         origin = self._origins(scene, size)
         chunk = max(1, CHUNK_PIXELS // (size[0] * size[1]))
         rows = [slice(start, start + chunk) for start in range(0, len(scene), chunk)]
-        grey = torch.cat([self._expose(scene[r], bits[r], origin[r], size) for r in rows])
+        grey = torch.cat([self._expose(scene[r], bits[r], origin[r], size, keys[r]) for r in rows])
         surround = None if size == self.camera.sensor_px else self._surround(grey, scene, origin)
         crops = Frames(grey, origin, self.camera.sensor_px, surround)
         return _filled(crops) if self.framing == "filled" and surround is not None else crops
@@ -171,9 +180,11 @@ class Simulator:
         row = torch.where(y < height / 2, height - 1, 0)
         return grey[torch.arange(len(scene), device=self.device), 0, row, column]
 
-    def _expose(self, scene: Scene, bits: Tensor, origin: Tensor, size: tuple[int, int]) -> Tensor:
+    def _expose(
+        self, scene: Scene, bits: Tensor, origin: Tensor, size: tuple[int, int], keys: Sequence[FrameKey]
+    ) -> Tensor:
         """Carry the LEDs' light through the camera, applying each effect where its quantity is at hand."""
-        context = Context(scene, self.camera)
+        context = Context(scene, self.camera, keys, origin)
         value = bits * scene.led_luminance_cd_m2.view(-1, 1, 1)
         current = Quantity.LED_LUMINANCE
         for effect in self.effects:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -11,7 +11,7 @@ from torch import Tensor
 from vocc_torch.receiver.bank import Preambles
 from vocc_torch.receiver.location import PaperLocator
 from vocc_torch.receiver.reader import Reader, Readings
-from vocc_torch.rng import BLOCK_FRAMES, BlockKey
+from vocc_torch.rng import BLOCK_FRAMES, BlockKey, FrameKey
 from vocc_torch.simulation import SceneModel, Simulator
 from vocc_torch.studies.plan import Plan
 from vocc_torch.types import Frames, Panels, Scene
@@ -94,26 +94,29 @@ class Link:
         """
         drawn = [model.draw(key, self.simulator.panel.shape) for key in keys]
         scene, bits = Scene.cat([s for s, _ in drawn]), torch.cat([b for _, b in drawn])
+        names = [FrameKey(key, frame) for key in keys for frame in range(BLOCK_FRAMES)]
         total = min(len(scene), len(scene) if frames is None else frames)
         for start in range(0, total, self.batch_frames):
             rows = slice(start, min(start + self.batch_frames, total))
             batch = scene[rows].to(self.simulator.device), bits[rows].to(self.simulator.device)
-            yield self._observe(locators, *batch, model.nearest_m, preambles)
+            yield self._observe(locators, *batch, names[rows], model.nearest_m, preambles)
 
     def _observe(
         self,
         locators: Mapping[str, PaperLocator | None],
         scene: Scene,
         bits: Tensor,
+        keys: Sequence[FrameKey],
         nearest_m: float,
         preambles: bool,
     ) -> dict[str, Observation]:
         """Run one batch."""
-        frames = self.simulator.render(scene, bits, nearest_m=nearest_m)
+        frames = self.simulator.render(scene, bits, nearest_m=nearest_m, keys=keys)
         takes = [frames]
         if preambles:
-            for sent in (torch.ones_like(bits), torch.zeros_like(bits)):
-                takes.append(self.simulator.render(scene, sent, nearest_m=nearest_m))
+            for take, sent in (("on", torch.ones_like(bits)), ("off", torch.zeros_like(bits))):
+                own = [replace(key, take=take) for key in keys]
+                takes.append(self.simulator.render(scene, sent, nearest_m=nearest_m, keys=own))
         seen = {}
         for name, locator in locators.items():
             panels = (

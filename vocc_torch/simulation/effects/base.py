@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import ClassVar
 
+import numpy as np
 from torch import Tensor
 
+from vocc_torch.errors import VoccError
+from vocc_torch.rng import FrameKey
 from vocc_torch.simulation.geometry import Camera
 from vocc_torch.types import Scene
 
@@ -22,6 +26,8 @@ class Quantity(StrEnum):
     """(B,1,H,W): what the sensor looks at."""
     EXPOSURE = "luminous exposure (lx s)"
     """(B,1,H,W): what the sensor receives."""
+    ELECTRONS = "electrons"
+    """(B,1,H,W): what a pixel has collected; an effect makes them, and another one reads them out."""
     GREY = "grey value, unbounded"
     """(B,1,H,W): gamma encoded, Eq. 1."""
     BOUNDED_GREY = "grey value, 0 to 255"
@@ -36,6 +42,19 @@ class Context:
 
     scene: Scene
     camera: Camera
+    keys: Sequence[FrameKey] = ()
+    origin_px: Tensor | None = None
+    """(B,2) int64, the sensor column and row of each crop's first pixel; None at the sensor's own."""
+
+    def generators(self, stream: str) -> list[np.random.Generator]:
+        """Give each frame's random stream of an effect; what other effects draw does not change it.
+
+        Raises:
+            VoccError: frames without keys, which have no randomness to draw from.
+        """
+        if len(self.keys) != len(self.scene):
+            raise VoccError(f"scene.effects.{stream} draws random numbers: give render() keys, one a frame")
+        return [key.generator(f"effect.{stream}") for key in self.keys]
 
 
 class Effect(ABC):
