@@ -218,7 +218,8 @@ def test_physical_order_never_runs_back():
     order = list(Quantity)
     for earlier, later in itertools.pairwise(PHYSICAL_ORDER):
         assert order.index(earlier.gives) <= order.index(later.takes)
-    assert list(CAMERA_STEPS) == order[: len(CAMERA_STEPS)]
+    camera = [quantity for quantity in order if quantity != Quantity.ELECTRONS]
+    assert list(CAMERA_STEPS) == camera[: len(CAMERA_STEPS)]
 
 
 def test_effects_left_out_are_not_built():
