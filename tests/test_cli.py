@@ -65,7 +65,15 @@ def test_default_run_writes_everything(command, tmp_path):
     assert (ran.status, ran.err) == (0, "")
     (folder,) = (tmp_path / "runs" / "test" / "ambient").iterdir()
     written = {path.name for path in folder.iterdir()}
-    assert written == {"ber.csv", "ber.png", "features.png", "receiver.pt", "config.yaml", "tensorboard"}
+    resumed = {"ledger.jsonl", "paired.csv"}
+    assert written == resumed | {
+        "ber.csv",
+        "ber.png",
+        "features.png",
+        "receiver.pt",
+        "config.yaml",
+        "tensorboard",
+    }
     with (folder / "ber.csv").open(newline="") as file:
         assert next(csv.reader(file)) == COLUMNS
     rows = rows_of(folder / "ber.csv")
@@ -171,7 +179,7 @@ MISTAKES = {
         ["experiment=ambeint"],
         ["experiment is 'ambeint'", "ambient, contrast, distance"],
     ),
-    "unknown task": (["task=tset"], ["task is 'tset'", "decode, test, train"]),
+    "unknown task": (["task=tset"], ["task is 'tset'", "collect, decode, figures, test, train"]),
     "unknown scene": (["scene=fog"], ["scene is 'fog'", "paper"]),
     "misspelled key": (["sede=1"], ["sede is not a known key", "did you mean seed?"]),
     "misspelled nested key": (["camera.gama=2"], ["camera.gama", "did you mean camera.gamma?"]),
@@ -266,7 +274,7 @@ MISTAKES = {
     ),
     "unknown axis": (["experiment.axis=fog"], ["experiment.axis is 'fog'", "ambient_lx"]),
     "axis steps": (
-        ["experiment.axis=offset_x_m", "experiment.values=[0.1,0.2]", "tensorboard=true"],
+        ["experiment.axis=offset_x_m", "experiment.values=[0.1,0.1002]", "tensorboard=true"],
         ["experiment.values", "tensorboard=false"],
     ),
     "training's name": (["experiment.name=train"], ["experiment.name is 'train'"]),
@@ -327,7 +335,10 @@ def test_missing_cuda_device(app, tmp_path, device):
 @pytest.mark.parametrize(
     ("arguments", "parts"),
     [
-        (["experiment=ambeint"], ["experiment is 'ambeint'", "ambient, contrast, distance, luminance"]),
+        (
+            ["experiment=ambeint"],
+            ["experiment is 'ambeint'", "ambient, contrast, dimming, distance, luminance"],
+        ),
         (["scene.distance_m=-5"], ["scene.distance_m is -5", "above 0"]),
     ],
     ids=["experiment", "distance"],
@@ -485,7 +496,7 @@ def limited(command, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("limit", "failing"), [(500, "receiver.pt"), (20_000, "ber.png"), (90_000, "tensorboard")]
+    ("limit", "failing"), [(500, "ledger.jsonl"), (20_000, "ber.png"), (90_000, "tensorboard")]
 )
 def test_full_disk(limited, tmp_path, limit, failing):
     """What was whole before stays; nothing is left half-written."""
@@ -495,7 +506,7 @@ def test_full_disk(limited, tmp_path, limit, failing):
     left = {path.name for path in (tmp_path / "runs").rglob("*") if path.is_file()}
     assert failing not in left
     assert not [name for name in left if "tmp" in name]
-    if failing == "receiver.pt":
+    if failing == "ledger.jsonl":
         assert not (tmp_path / "runs").exists()
 
 
@@ -520,12 +531,16 @@ def test_a_folder_with_a_strangers_file_is_left_alone(app, tmp_path):
 
 
 def test_a_name_is_used_once(app, tmp_path):
-    """The second run is refused before any work, and the first one's files stay as they were."""
+    """A second run of other settings is refused before any work, and the first one's files stay as they were."""
     assert app(*QUICK, "name=mine").status == 0
     before = files_in(tmp_path)
-    for again in (QUICK, ("task=train",), ("task=decode", "input=x.png")):
+    for again, why in (
+        (QUICK, "seed is 0 there and 5 here"),
+        (("task=train",), "runs/mine already holds"),
+        (("task=decode", "input=x.png"), "runs/mine already holds"),
+    ):
         ran = app(*again, "name=mine", "seed=5")
-        assert "runs/mine already holds" in ran.complaint
+        assert why in ran.complaint
         assert "give another name=" in ran.complaint
         assert ran.out == ""
         assert files_in(tmp_path) == before
@@ -597,12 +612,14 @@ def test_interrupted_run(tmp_path):
         finally:
             run.kill()
     assert (run.returncode, err) == (130, "vocc-torch: interrupted\n")
-    assert list(tmp_path.iterdir()) == []
+    left = {path.name for path in tmp_path.rglob("*") if path.is_file()}
+    # What was counted stays, and can be gone on from.
+    assert left in (set(), {"ledger.jsonl", "config.yaml"})
 
 
 @pytest.mark.parametrize("arguments", [QUICK, ("--help",)], ids=["run", "help"])
 def test_reader_that_leaves_early(tmp_path, arguments):
-    """``vocc-torch | head -1`` ends without a word on standard error, and without a folder."""
+    """``vocc-torch | head -1`` ends without a word on standard error, and leaves no half results."""
     with started("-u", "-m", "vocc_torch", *arguments, cwd=tmp_path) as run:
         run.stdout.readline()
         run.stdout.close()
@@ -610,7 +627,8 @@ def test_reader_that_leaves_early(tmp_path, arguments):
     # All of the help may be in the pipe before its reader leaves.
     assert run.returncode in ((0, 1) if "--help" in arguments else (1,))
     assert err == ""
-    assert list(tmp_path.iterdir()) == []
+    left = {path.name for path in tmp_path.rglob("*") if path.is_file()}
+    assert left <= {"ledger.jsonl", "config.yaml"}
 
 
 # Help, and what is shipped
@@ -623,7 +641,7 @@ def test_help_needs_no_torch(command, tmp_path):
     )
     ran = command("--help", cwd=tmp_path, code=code)
     assert ran.out.splitlines()[-1] == "[] 0"
-    assert "experiment: ambient, contrast, distance, luminance" in ran.out
+    assert "experiment: ambient, contrast, dimming, distance, luminance" in ran.out
     assert "vocc-torch task=decode input=PHOTO" in ran.out
     for key in ("seed:", "focal_length_mm:", "sigma_px:", "training_frames:"):
         assert key in ran.out

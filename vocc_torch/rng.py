@@ -64,7 +64,8 @@ class FrameKey:
     Args:
         block: the block that the frame belongs to.
         frame: its index in the block, 0 to 63.
-        take: which picture of the scene it is: the test frame, or a preamble; each has noise of its own.
+        take: which picture of the scene it is: the test frame, or a preamble; each has noise of its own, and
+            shares what belongs to the scene.
 
     Raises:
         VoccError: an index outside the block.
@@ -74,6 +75,8 @@ class FrameKey:
         >>> keys = [FrameKey(block, 5), FrameKey(block, 5, "on"), FrameKey(block, 6)]
         >>> len({float(key.generator("read_noise").random()) for key in keys})
         3
+        >>> len({float(key.generator("stuck_leds", of_scene=True).random()) for key in keys})
+        2
     """
 
     block: BlockKey
@@ -85,6 +88,13 @@ class FrameKey:
         if not 0 <= self.frame < BLOCK_FRAMES:
             raise VoccError(f"frame is {self.frame}: it must be 0 to {BLOCK_FRAMES - 1}")
 
-    def generator(self, stream: str) -> np.random.Generator:
-        """Give a fresh generator of the named stream; the same name gives the same numbers again."""
-        return self.block.generator(f"{stream}/{self.take}/{self.frame}")
+    def generator(self, stream: str, *, of_scene: bool = False) -> np.random.Generator:
+        """Give a fresh generator of the named stream; the same name gives the same numbers again.
+
+        Args:
+            stream: the name.
+            of_scene: draw what belongs to the scene and so is the same in all its takes, not to one picture.
+        """
+        return self.block.generator(
+            f"{stream}/{self.frame}" if of_scene else f"{stream}/{self.take}/{self.frame}"
+        )

@@ -1,13 +1,14 @@
 """One observation for every receiver: what is simulated, and that nothing is simulated for nobody."""
 
 import torch
+from one_point import sweep_point
 
 from vocc_torch.receiver.location import PaperLocator
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.rng import BLOCK_FRAMES, BlockKey
 from vocc_torch.simulation import SceneModel, Simulator
+from vocc_torch.studies.counter import point_name
 from vocc_torch.studies.link import Link, block_keys
-from vocc_torch.studies.sweep import point_name, sweep_point
 from vocc_torch.studies.train import train
 
 KEY = BlockKey(0, "link", 0)

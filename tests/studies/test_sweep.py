@@ -5,6 +5,7 @@ from itertools import pairwise
 
 import pytest
 import torch
+from one_point import counter, sweep_point
 
 from vocc_torch.evaluation.counts import Counts
 from vocc_torch.evaluation.intervals import ber_interval
@@ -13,17 +14,10 @@ from vocc_torch.receiver.bank import ReceiverBank
 from vocc_torch.receiver.otsu import otsu_threshold, sensor_histogram
 from vocc_torch.rng import BlockKey
 from vocc_torch.simulation import Distribution, SceneModel, Simulator
+from vocc_torch.studies.counter import group_of, point_name
 from vocc_torch.studies.link import Link, Observation
 from vocc_torch.studies.plan import Experiment
-from vocc_torch.studies.sweep import (
-    PointCounter,
-    axis_values,
-    frames_in_point,
-    group_of,
-    monte_carlo_values,
-    point_name,
-    sweep_point,
-)
+from vocc_torch.studies.sweep import axis_values, monte_carlo_values
 from vocc_torch.studies.train import train
 from vocc_torch.types import Panels, Scene
 
@@ -82,17 +76,11 @@ def test_receivers_run_alone_or_together_see_the_same_frames(make_plan, trained)
 def test_a_longer_budget_begins_with_the_shorter_one(make_plan, trained):
     """The first 64 frames of 100 are the 64 of a budget of 64."""
     plan = make_plan(frames=128)
-    counter = PointCounter(
-        plan,
-        Link.of(plan),
-        ReceiverBank(plan.receiver.names, trained),
-        point_name(plan.experiment, 66.0),
-        plan.experiment.model_at(plan.world, 66.0),
-    )
-    first, second = counter([Part(0, 64), Part(1, 64)])
-    assert counter([Part(0, 64)]) == [first]
-    assert counter([Part(1, 64)]) == [second]
-    assert counter([Part(0, 10)])[0]["flda_3", 0].frames == 10
+    count = counter(plan, Link.of(plan), trained, 66.0)
+    first, second = count([Part(0, 64), Part(1, 64)])
+    assert count([Part(0, 64)]) == [first]
+    assert count([Part(1, 64)]) == [second]
+    assert count([Part(0, 10)])[0]["truth", "flda_3", 0].frames == 10
 
 
 # Crop and full frame
@@ -231,7 +219,7 @@ def contrast_plan(make_plan, edges=(0.0, 0.12, 0.24, 0.36, 0.54), **options):
 
 def test_frames_of_all_bins_are_the_budget_times_the_bins(make_plan, trained):
     plan = contrast_plan(make_plan, frames=30, names=("average_greyscale", "flda_3"))
-    assert frames_in_point(plan) == 120
+    assert plan.frames_in_point == 120
     assert monte_carlo_values(plan) == (0.0,)
     points = sweep_point(plan, Link.of(plan), trained, 0.0)
     for name in plan.receiver.names:

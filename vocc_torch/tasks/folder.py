@@ -28,9 +28,8 @@ def refuse_unused(settings: AppConfig, used: tuple[str, ...] = ()) -> None:
     for name in ("input", "model"):
         value = getattr(settings, name)
         if name not in used and value is not None:
-            raise VoccError(
-                f"{name} is {value!r}: it must be null for task={settings.task}, which does not use it"
-            )
+            users = {"input": "task=decode and task=collect use", "model": "task=decode uses"}[name]
+            raise VoccError(f"{name} is {value!r}: it must be null for task={settings.task}; only {users} it")
 
 
 def refuse_results(folder: Path, ledgers: str | None = None) -> None:

@@ -22,6 +22,10 @@ class Quantity(StrEnum):
 
     LED_LUMINANCE = "LED luminance (cd/m2)"
     """(B,R,C): the LEDs' own light."""
+    BACKGROUND = "background luminance (cd/m2)"
+    """(B,1,H,W): what lies behind the panel, before the panel is drawn on it."""
+    UNLIT = "luminance without the LEDs' own light (cd/m2)"
+    """(B,1,H,W): background, board and the LEDs' surfaces, before the LEDs' own light is added."""
     LUMINANCE = "luminance (cd/m2)"
     """(B,1,H,W): what the sensor looks at."""
     EXPOSURE = "luminous exposure (lx s)"
@@ -46,15 +50,20 @@ class Context:
     origin_px: Tensor | None = None
     """(B,2) int64, the sensor column and row of each crop's first pixel; None at the sensor's own."""
 
-    def generators(self, stream: str) -> list[np.random.Generator]:
+    def generators(self, stream: str, *, of_scene: bool = False) -> list[np.random.Generator]:
         """Give each frame's random stream of an effect; what other effects draw does not change it.
+
+        Args:
+            stream: the effect's name.
+            of_scene: give the stream that a frame and its preambles share, for what stands in the scene;
+                otherwise each picture has its own.
 
         Raises:
             VoccError: frames without keys, which have no randomness to draw from.
         """
         if len(self.keys) != len(self.scene):
             raise VoccError(f"scene.effects.{stream} draws random numbers: give render() keys, one a frame")
-        return [key.generator(f"effect.{stream}") for key in self.keys]
+        return [key.generator(f"effect.{stream}", of_scene=of_scene) for key in self.keys]
 
 
 class Effect(ABC):

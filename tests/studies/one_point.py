@@ -1,0 +1,32 @@
+"""One point of a plan, counted in this process on a link of the test's own."""
+
+from vocc_torch.evaluation.schedule import run_point
+from vocc_torch.studies.counter import PointJob
+from vocc_torch.studies.sweep import points_of, stop_rule
+
+
+def counter(plan, link, flda, value):
+    """What counts the blocks of a point; the link's own locator stands in for the plan's."""
+    locator = plan.receiver.locator
+    made = PointJob(plan, (locator,), {locator: flda}, value).counter(link)
+    made.finders[locator] = link.locator
+    return made
+
+
+def sweep_point(plan, link, flda, value, progress=None, show=None):
+    """Count a point and give its results, one for each receiver."""
+    locator = plan.receiver.locator
+
+    def told(frames, counts):
+        if progress is not None:
+            progress(frames)
+        if show is not None:
+            show(points_of(plan, locator, value, counts, "running"))
+
+    outcome = run_point(
+        counter(plan, link, flda, value),
+        stop_rule(plan),
+        blocks_at_once=max(1, plan.batch_frames // 64),
+        progress=told,
+    )
+    return points_of(plan, locator, value, outcome.counts, outcome.stopped_by)
