@@ -177,7 +177,7 @@ def test_every_experiment_runs(app, tmp_path, experiment):
 MISTAKES = {
     "unknown experiment": (
         ["experiment=ambeint"],
-        ["experiment is 'ambeint'", "ambient, contrast, distance"],
+        ["experiment is 'ambeint'", "ambient, contrast, dimming, distance"],
     ),
     "unknown task": (["task=tset"], ["task is 'tset'", "collect, decode, figures, test, train"]),
     "unknown scene": (["scene=fog"], ["scene is 'fog'", "paper"]),

@@ -41,14 +41,16 @@ class Facts:
         budget: frames in words.
         machine: what they were made on, in words.
         seconds: wall-clock seconds by stage, in order.
-        configuration: the resolved configuration as YAML.
+        configuration: the resolved configuration, nested.
+        resumed: whether an earlier run had counted some of the frames.
     """
 
     command: str
     budget: str
     machine: str
     seconds: Mapping[str, float]
-    configuration: str
+    configuration: Mapping[str, object]
+    resumed: bool = False
 
 
 @dataclass(frozen=True)

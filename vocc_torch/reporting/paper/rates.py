@@ -10,16 +10,17 @@ from matplotlib.figure import Figure
 from vocc_torch.evaluation.curve import COLUMNS, BerTable
 from vocc_torch.evaluation.curves import Measured
 from vocc_torch.reporting.facets import facet_figure
+from vocc_torch.reporting.paper.words import LOCATED as LOCATED
 from vocc_torch.reporting.plots import ber_figure
 from vocc_torch.reporting.styles import axis_label
 
 PAPER_RECEIVERS = ("center_greyscale", "average_greyscale", "flda_2", "flda_3")
 """The receivers of the paper's figures."""
 
-LOCATED = {"paper": "panel located", "truth": "true corners"}
-"""Where the panel's corners come from, in words."""
-
-CAPTIONS = {"_readings": "The same under every reading, side by side."}
+CAPTIONS = {
+    "_readings": "Measured under every reading, side by side: each focal length, with the panel located (above) and "
+    "with its true corners (below)."
+}
 """Captions of a figure's further pictures, by the end of their names."""
 
 Line = tuple[str | int | float, ...]
@@ -47,25 +48,25 @@ RATE_FIGURES = (
         "fig21",
         "contrast",
         "Fig. 21: bit error rate against contrast",
-        "The paper: rates fall with rising contrast to a best level and rise again beyond it.",
+        "Rates fall with rising contrast to a best level and rise again beyond it.",
     ),
     RateFigure(
         "fig22",
         "ambient",
         "Fig. 22: bit error rate against ambient light",
-        "The paper: lowest near 4000 lx for the greyscale receivers and at 8000 lx for the proposed ones.",
+        "Lowest near 4000 lx for the greyscale receivers and at 8000 lx for the proposed ones.",
     ),
     RateFigure(
         "fig23",
         "luminance",
         "Fig. 23: bit error rate against LED luminance",
-        "The paper: lowest at 4000 cd/m\u00b2 for all receivers.",
+        "Lowest at 4000 cd/m\u00b2 for all receivers.",
     ),
     RateFigure(
         "fig24",
         "distance",
         "Fig. 24: bit error rate against distance",
-        "The paper: rates of all receivers rise with distance.",
+        "Rates of all receivers rise with distance.",
     ),
 )
 """The figures, in the paper's order."""

@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from vocc_torch.evaluation.scorecard import VERDICTS, Scorecard, Verdict
-from vocc_torch.reporting.paper.groups import Group, counted, groups_of
-from vocc_torch.reporting.paper.statements import (
-    OUTCOME_TONES,
-    STATEMENTS,
-    Statement,
-    at_truth,
-    causes,
-    outcome,
-)
-from vocc_torch.reporting.paper.words import inline, plain, reading_text, sentence
+from vocc_torch.reporting.paper.groups import Group, Judged, counted, groups_of
+from vocc_torch.reporting.paper.statements import OUTCOME_TONES, STATEMENTS, at_truth, causes, outcome
+from vocc_torch.reporting.paper.words import inline, plain, reading_text, sentence, spaced
 from vocc_torch.reporting.report.document import Block, Cell, Paragraph, Section, Table, Tone
 from vocc_torch.reporting.report.inline import literal
 
@@ -49,29 +44,67 @@ def main_statements(scorecard: Scorecard) -> Table:
         cells = [
             f"[{inline(statement.text)}](#{statement.anchor})",
             Cell(found, OUTCOME_TONES[found]),
-            _agreeing(scorecard, statement, None),
+            _agreeing(claims),
         ]
         if truth is not None:
             depends = any(claim.basis == "curves" for claim, _ in claims)
-            cells.append(_agreeing(scorecard, statement, truth) if depends else "")
-        rows.append((*cells, _why(scorecard, statement)))
+            cells.append(_agreeing(statement.claims(scorecard, truth)) if depends else "")
+        rows.append((*cells, _why(scorecard, claims)))
     header = ["the paper says", "here", "claims that agree"]
     header += ["with true corners"] if truth is not None else []
     caption = f"The paper's main statements against what was measured: {reading_text(scorecard.default)}"
     return Table((*header, "why not"), tuple(rows), caption=literal(caption))
 
 
-def _agreeing(scorecard: Scorecard, statement: Statement, reading: object) -> str:
-    raise NotImplementedError
+def _agreeing(claims: Sequence[Judged]) -> str:
+    """Say how many of some claims agree, and how many cannot be decided."""
+    found = counted(claims)
+    text = f"{found['agree']} of {len(claims)}"
+    return text + (f", {found['cannot say']} cannot be decided" if found["cannot say"] else "")
 
 
-def _why(scorecard: Scorecard, statement: Statement) -> str:
-    raise NotImplementedError
+def _why(scorecard: Scorecard, claims: Sequence[Judged]) -> str:
+    """Say why a statement does not hold in every claim: the known causes, and the surest contradiction."""
+    differing = [one for one in claims if one[1].verdict == "differ"]
+    if not differing:
+        return ""
+    parts = [
+        cause.text + (f" ({cause.claims} of {len(differing)})" if len(differing) > 1 else "")
+        for cause in causes(scorecard, claims)
+    ]
+    claim, judged = differing[0]
+    if judged.against:
+        parts.append(f"for example, {plain(judged.against[0].text())}")
+    else:
+        parts.append(f"{plain(claim.text)}: {plain(judged.measured)}, the paper {plain(claim.paper)}")
+    return literal(sentence("; ".join(parts)))
 
 
-def _counts(groups: tuple[Group, ...], scorecard: Scorecard) -> Table:
-    raise NotImplementedError
+def _counts(groups: Sequence[Group], scorecard: Scorecard) -> Table:
+    """Count the verdicts of each group, with links to the groups."""
+    rows = [
+        (f"[{inline(group.title)}](#{group.anchor})", len(group.claims), counted(group.claims))
+        for group in groups
+    ]
+    rows.append(("all", len(scorecard.claims), scorecard.tally()))
+    return Table(
+        ("claims on", "claims", *VERDICTS),
+        tuple((name, str(total), *(str(found[v]) for v in VERDICTS)) for name, total, found in rows),
+        ("left", "right", "right", "right", "right"),
+        caption="Verdicts by group",
+    )
 
 
 def _claims(group: Group) -> Table:
-    raise NotImplementedError
+    """Give a group's claims."""
+    rows = tuple(
+        (
+            f"{inline(sentence(claim.text))} ({inline(claim.where)}) The paper: **{inline(claim.paper)}**",
+            inline(judged.measured),
+            Cell(judged.verdict, TONES[judged.verdict]),
+            inline(sentence(judged.reason)) if judged.reason else "",
+        )
+        for claim, judged in group.claims
+    )
+    caption = f"{spaced(group.title)}. In brackets 95 % intervals, frames as the independent units"
+    return Table(("claim", "measured", "verdict", "why"), rows, caption=literal(spaced(caption)))

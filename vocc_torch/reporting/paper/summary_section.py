@@ -1,0 +1,93 @@
+"""What a reader of the paper wants to know first."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+
+from vocc_torch.evaluation.scorecard import VERDICTS, Scorecard
+from vocc_torch.evaluation.scorecard.score import DEFAULT
+from vocc_torch.reporting.paper.contents import Contents, Facts
+from vocc_torch.reporting.paper.location_section import totals_text
+from vocc_torch.reporting.paper.readings_section import best_text
+from vocc_torch.reporting.paper.scorecard_section import TONES
+from vocc_torch.reporting.paper.statements import STATEMENTS, Outcome, causes, outcome
+from vocc_torch.reporting.paper.words import inline, reading_text, spaced
+from vocc_torch.reporting.report.document import Block, Bullets, Highlight, Highlights, Paragraph, Section
+from vocc_torch.reporting.report.inline import literal
+
+_WORDS = {
+    "agree": "claims and quoted numbers of the paper that are the same here",
+    "differ": "that are otherwise here",
+    "cannot say": "that these frames cannot decide",
+}
+_OUTCOMES: dict[Outcome, str] = {
+    "holds": "Holds",
+    "holds in part": "Holds in part",
+    "does not hold": "Does not hold",
+    "cannot say": "Cannot be decided",
+}
+
+
+def summary(contents: Contents) -> Section:
+    """Give verdicts in sum, what they rest on, and how long it took."""
+    blocks: list[Block] = [] if contents.scorecard is None else _verdicts(contents.scorecard)
+    if text := totals_text(contents.location):
+        blocks.append(Paragraph(f"{text} [How that is known](#location)"))
+    blocks.append(Paragraph(made(contents.facts)))
+    return Section("Summary", "summary", tuple(blocks))
+
+
+def made(facts: Facts) -> str:
+    """Say as inline text what made the numbers, and how long it took."""
+    minutes = spaced(f"{sum(facts.seconds.values()) / 60:.1f} min")
+    text = f"Made by `{facts.command}` in {minutes}"
+    text += ", going on from what an earlier run had counted" if facts.resumed else ""
+    return f"{text}: {literal(facts.budget)}."
+
+
+def _verdicts(scorecard: Scorecard) -> list[Block]:
+    """Say what holds, what does not and why."""
+    tally = scorecard.tally()
+    items = [Highlight(str(tally[verdict]), _WORDS[verdict], TONES[verdict]) for verdict in VERDICTS]
+    own = scorecard.default
+    text = f"The report's own reading is **{literal(reading_text(own))}**"
+    if (own.focal_length_mm, own.locator) == DEFAULT:
+        text += ": Table 1's focal length, and the panel located in each frame as in section IV-B-2"
+    return [
+        Highlights(tuple(items)),
+        Paragraph(f"{text}. Under it:"),
+        Bullets(tuple(_outcomes(scorecard))),
+        Paragraph(_why(scorecard)),
+        Paragraph(f"{best_text(scorecard)} [Every reading](#readings)"),
+    ]
+
+
+def _outcomes(scorecard: Scorecard) -> list[str]:
+    """List the main statements by outcome, as inline texts."""
+    found: dict[Outcome, list[str]] = defaultdict(list)
+    for statement in STATEMENTS:
+        claims = statement.claims(scorecard)
+        if not claims:
+            continue
+        result = outcome(claims)
+        text = f"[{inline(statement.text)}](#{statement.anchor})"
+        if result == "holds in part":
+            agree = sum(judged.verdict == "agree" for _, judged in claims)
+            text += f" ({agree} of {len(claims)} claims)"
+        found[result].append(text)
+    return [f"**{words}:** {'; '.join(found[key])}." for key, words in _OUTCOMES.items() if found[key]]
+
+
+def _why(scorecard: Scorecard) -> str:
+    """Say as inline text why claims differ."""
+    claims = scorecard.details()
+    differing = scorecard.tally()["differ"]
+    known = causes(scorecard, claims)
+    if not known:
+        return "The [scorecard](#scorecard) has every claim with its reason."
+    parts = [f"{literal(cause.text)} ({cause.claims})" for cause in known]
+    return (
+        f"**Why {differing} claims differ**, as far as the measurements tell, with the number of claims: "
+        f"{'; '.join(parts)}. One claim may have several of these. The [scorecard](#scorecard) has every claim "
+        "with its reason."
+    )
