@@ -219,7 +219,10 @@ def test_points_do_not_mix(path):
         outcomes = list(run_points(works))
         assert outcomes == [run_point(Calls(name), rule) for name in calls]
         assert outcomes[0] != outcomes[1]
-        assert {name: function.blocks for name, function in calls.items()} == {"near": [0, 1, 2], "far": [0, 2]}
+        assert {name: function.blocks for name, function in calls.items()} == {
+            "near": [0, 1, 2],
+            "far": [0, 2],
+        }
         for name in calls:
             rows = ledger.blocks(name)
             assert {block: dict(row.counts) for block, row in rows.items()} == {
@@ -950,7 +953,9 @@ def fire(tmp_path_factory):
     return json.loads(done.stdout)
 
 
-@pytest.mark.parametrize(("name", "blocks_lost"), [("random 1", 1), ("random 3", 3), ("threads", 2 * THREADS)])
+@pytest.mark.parametrize(
+    ("name", "blocks_lost"), [("random 1", 1), ("random 3", 3), ("threads", 2 * THREADS)]
+)
 def test_a_run_killed_at_random_moments_ends_as_an_undisturbed_one(fire, name, blocks_lost):
     check_lives(fire[name], KILLED_BLOCKS, blocks_lost, least_kills=5)
 

@@ -325,9 +325,7 @@ def test_an_error_in_a_call_ends_the_run_and_loses_nothing_that_came_back(
             assert again.run(fresh, window=window, blocks_at_once=blocks_at_once) == [
                 by_hand(work)[0] for work in works
             ]
-            assert all(
-                not done & set(work.count.asked) for done, work in zip(finished, fresh, strict=True)
-            )
+            assert all(not done & set(work.count.asked) for done, work in zip(finished, fresh, strict=True))
 
 
 def test_what_came_back_with_a_broken_call_is_recorded_first(ledger):

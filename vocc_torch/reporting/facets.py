@@ -4,16 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from vocc_torch.errors import VoccError
 from vocc_torch.evaluation.curve import BerTable
 from vocc_torch.reporting.ber_axes import draw_rates, receiver_line
 from vocc_torch.reporting.canvas import INK, new_figure, write_title
-from vocc_torch.reporting.styles import axis_label, receiver_styles
+from vocc_torch.reporting.styles import Style, axis_label, receiver_styles
 
-_FACET_WIDTH_IN, _FACET_HEIGHT_IN = 4.5, 3.3
-_LEFT_IN, _BOTTOM_IN, _GAP_IN = 0.85, 0.95, 0.3
+_FACET_WIDTH_IN, _FACET_HEIGHT_IN = 3.1, 2.45
+_LEFT_IN, _BOTTOM_IN, _GAP_IN, _RIGHT_IN = 0.8, 0.95, 0.36, 0.12
+_LEAST_WIDTH_IN = 7.0
+"""A single facet is drawn as wide as its title, legend and footnote need."""
+_SIZE = 0.82
+"""Of markers, lines and numbers, against a figure of its own."""
 
 
 def facet_figure(rows: Sequence[Mapping[str, BerTable]], title: str, footnote: str) -> Figure:
@@ -40,43 +45,44 @@ def facet_figure(rows: Sequence[Mapping[str, BerTable]], title: str, footnote: s
     styles = receiver_styles(dict.fromkeys(name for table in tables for name in table.receivers))
     shown = [point for table in tables for point in table.rows]
     columns = max(len(row) for row in rows)
-    legend_lines = -(-len(styles) // (2 * columns))
-    above_in = 0.55 + 0.25 * legend_lines
-    width = _LEFT_IN + columns * _FACET_WIDTH_IN + 0.15
+    width = max(_LEFT_IN + columns * (_FACET_WIDTH_IN + _GAP_IN) - _GAP_IN + _RIGHT_IN, _LEAST_WIDTH_IN)
+    wide = (width - _LEFT_IN - _RIGHT_IN - (columns - 1) * _GAP_IN) / columns
+    legend_columns = max(1, int(width / 2.5))
+    above_in = 0.62 + 0.24 * -(-len(styles) // legend_columns)
     height = above_in + len(rows) * (_FACET_HEIGHT_IN + _GAP_IN) + _BOTTOM_IN
     figure = new_figure(width, height)
     for i, row in enumerate(rows):
+        below_in = above_in + (i + 1) * (_FACET_HEIGHT_IN + _GAP_IN)
         for j, (name, table) in enumerate(row.items()):
-            top_in = above_in + _GAP_IN + i * (_FACET_HEIGHT_IN + _GAP_IN)
-            axes = figure.add_axes(
-                (
-                    (_LEFT_IN + j * _FACET_WIDTH_IN) / width,
-                    1 - (top_in + _FACET_HEIGHT_IN) / height,
-                    (_FACET_WIDTH_IN - 0.25) / width,
-                    _FACET_HEIGHT_IN / height,
-                )
-            )
-            draw_rates(axes, table, styles, shown)
-            axes.set_title(name, fontsize=11.5, color=INK, loc="left", pad=5)
-            axes.tick_params(labelsize=9)
-            if j:
-                axes.tick_params(axis="y", which="both", labelleft=False)
-            else:
-                axes.set_ylabel("Bit error rate")
-            if i == len(rows) - 1:
-                axes.set_xlabel(axis_label(table.axis), labelpad=6)
-            else:
-                axes.tick_params(axis="x", labelbottom=False)
+            left_in = _LEFT_IN + j * (wide + _GAP_IN)
+            place = (left_in / width, 1 - below_in / height, wide / width, _FACET_HEIGHT_IN / height)
+            axes = figure.add_axes(place)
+            draw_rates(axes, table, styles, shown, size=_SIZE, width_in=wide)
+            axes.set_title(name, fontsize=10.5, fontweight="bold", color=INK, loc="left", pad=5)
+            _labels(axes, table, first=j == 0, last=i == len(rows) - 1)
     write_title(figure, title, footnote)
+    _legend(figure, list(styles.values()), legend_columns)
+    return figure
+
+
+def _labels(axes: Axes, table: BerTable, *, first: bool, last: bool) -> None:
+    """Label the vertical axis of each row's first facet, and the horizontal ones of the last row."""
+    axes.set_ylabel("Bit error rate" if first else "", fontsize=10.5)
+    axes.tick_params(axis="y", which="both", labelleft=first)
+    axes.set_xlabel(axis_label(table.axis) if last else "", labelpad=5, fontsize=10.5)
+    axes.tick_params(axis="x", labelbottom=last)
+
+
+def _legend(figure: Figure, styles: Sequence[Style], columns: int) -> None:
+    """Name the receivers under the title."""
     figure.legend(
-        handles=[receiver_line(style) for style in styles.values()],
+        handles=[receiver_line(style, size=0.9) for style in styles],
         loc="upper left",
-        bbox_to_anchor=(0.01, 1 - 0.44 / height),
-        ncols=min(2 * columns, len(styles)),
+        bbox_to_anchor=(0.01, 1 - 0.46 / figure.get_figheight()),
+        ncols=min(columns, len(styles)),
         frameon=False,
         fontsize=10,
         labelcolor=INK,
         handlelength=3.0,
         columnspacing=1.8,
     )
-    return figure

@@ -89,12 +89,20 @@ def _summed(mean: Array, normal: Array) -> Array:
     rate, target = mean.ravel(), special.ndtr(normal.ravel())
     term = np.exp(-rate)
     total = term.copy()
+    found = np.zeros(mean.size)
     for count in range(1, MOST_OF_FEW + 1):
         more = total < target
-        if not more.any():
+        going = np.count_nonzero(more)
+        if not going:
             break
-        left, rate, target, term, total = left[more], rate[more], target[more], term[more], total[more]
-        counts[left] = count
-        term = term * rate / count
-        total = total + term
+        if 3 * going < more.size:
+            counts[left] = found
+            left, rate, target = left[more], rate[more], target[more]
+            term, total, found = term[more], total[more], found[more] + 1.0
+        else:
+            found += more
+        term *= rate
+        term /= count
+        total += term
+    counts[left] = found
     return counts.reshape(mean.shape)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from rich.console import Console
 
 from vocc_torch import __version__
-from vocc_torch.config import AppConfig, as_yaml
+from vocc_torch.config import AppConfig
 from vocc_torch.evaluation.curve import BerTable
 from vocc_torch.evaluation.curves import Measured
 from vocc_torch.evaluation.dimming import Grid
@@ -27,9 +27,11 @@ from vocc_torch.evaluation.scorecard import (
 from vocc_torch.evaluation.timing import describe_machine
 from vocc_torch.reporting.paired_file import write_paired
 from vocc_torch.reporting.paper.contents import Contents, Facts, Shown
+from vocc_torch.reporting.paper.location_figure import CAPTION as LOCATION_CAPTION
+from vocc_torch.reporting.paper.location_figure import location_figure
 from vocc_torch.reporting.paper.rates import CAPTIONS as RATE_CAPTIONS
 from vocc_torch.reporting.paper.rates import PAPER_RECEIVERS, RATE_FIGURES, RateFigure, draw, lines
-from vocc_torch.reporting.paper.scorecard_section import fit_rows
+from vocc_torch.reporting.paper.readings_section import fit_rows
 from vocc_torch.reporting.paper.sections import paper_report
 from vocc_torch.reporting.plots import save_figure
 from vocc_torch.reporting.report import write_report
@@ -38,7 +40,7 @@ from vocc_torch.studies.campaign import Campaign
 from vocc_torch.studies.evidence import make_evidence, write_rows
 from vocc_torch.studies.paper import GRID, PaperStudies
 from vocc_torch.studies.plan import Plan, resolve_device
-from vocc_torch.tasks.folder import as_markdown, print_place
+from vocc_torch.tasks.folder import LEDGERS, as_markdown, print_place
 from vocc_torch.tasks.grid_files import CAPTIONS as GRID_CAPTIONS
 from vocc_torch.tasks.grid_files import grid_figures, write_grid
 from vocc_torch.tasks.quiet import quiet_threads
@@ -70,6 +72,12 @@ class PaperFiles:
     board: dict[str, Figure | NDArray[np.uint8]] = field(default_factory=dict)
     measured: dict[float, dict[str, Measured]] = field(default_factory=dict)
     grids: dict[str, Grid] = field(default_factory=dict)
+    location: tuple[LocationSplit, ...] = ()
+    resumed: bool = field(init=False)
+
+    def __post_init__(self) -> None:
+        """See whether an earlier run left something to go on from."""
+        self.resumed = (self.folder / LEDGERS).is_dir()
 
     @property
     def own(self) -> tuple[float, str]:
@@ -87,6 +95,9 @@ class PaperFiles:
         if self.grids:
             self._dimming()
         own_mm, _ = self.own
+        self.location = location_split(self.measured[own_mm])
+        if any(split.receiver in PAPER_RECEIVERS for split in self.location):
+            self._location(own_mm)
         curves = [c for one in self.measured[own_mm].values() for c in one.curves.values()]
         write_paired(self.folder / "paired.csv", curves)
 
@@ -97,6 +108,14 @@ class PaperFiles:
         table = FIGURES / f"{figure.name}.csv"
         write_rows(self.folder / table, lines(by_focal_mm))
         self._show(figure.name, figure.title, figure.caption, drawn, table)
+
+    def _location(self, focal_mm: float) -> None:
+        """Write what location costs."""
+        title = f"Location error and decision error, {focal_mm:g} mm lens"
+        table = Path("location.csv")
+        write_rows(self.folder / table, location_rows(self.location))
+        drawn = {"location": location_figure(self.location, title)}
+        self._show("location", title, LOCATION_CAPTION, drawn, table)
 
     def _dimming(self) -> None:
         """Write what dimming would give."""
@@ -130,21 +149,20 @@ class PaperFiles:
 
     def report(self) -> None:
         """Write the scorecard, the board and the report."""
-        scorecard, location = self._scorecard(), self._location()
+        scorecard = self._scorecard()
         others = {"comparisons of receivers on the same frames": Path("paired.csv")} if self.measured else {}
         if scorecard is not None:
             write_rows(self.folder / "scorecard.csv", scorecard.rows())
             write_rows(self.folder / "fits.csv", list(fit_rows(scorecard)))
             others["the scorecard"] = Path("scorecard.csv")
             others["how well each reading fits"] = Path("fits.csv")
-        if location:
-            write_rows(self.folder / "location.csv", location_rows(location))
+        if self.location:
             others["location against decision"] = Path("location.csv")
         if self.settings.tensorboard:
             with self.watch.stage("board"):
                 self._write_board()
         figures = tuple(self.shown[name] for name in sorted(self.shown, key=_order))
-        contents = Contents(figures, scorecard, location, self.grids, self._facts(), others)
+        contents = Contents(figures, scorecard, self.location, self.grids, self._facts(), others)
         write_report(paper_report(contents), self.folder)
 
     def _scorecard(self) -> Scorecard | None:
@@ -155,10 +173,6 @@ class PaperFiles:
         findings = {name: shown.findings for name, shown in self.shown.items()}
         readings = readings_of(self.measured, findings, self.studies.locators, self.grids)
         return score(readings, (own_mm, locator))
-
-    def _location(self) -> tuple[LocationSplit, ...]:
-        """Split the errors of the report's own focal length."""
-        return location_split(self.measured[self.own[0]]) if self.measured else ()
 
     def _write_board(self) -> None:
         """Write the TensorBoard: the report's own focal length with each locator."""
@@ -176,14 +190,18 @@ class PaperFiles:
     def _facts(self) -> Facts:
         """Say how the numbers were made."""
         settings, budget = self.settings, self.settings.budget
-        frames = (
-            f"{budget.training_frames} training frames, {budget.frames} test frames a point"
-            f" (contrast: that many for each bin), all-On and all-Off preambles of every test frame, "
-            f"seed {settings.seed}, vocc_torch {__version__}"
+        stops = budget.precision is not None or budget.target_frame_errors is not None
+        frames = f"{'up to ' if stops else ''}{budget.frames} test frames a point"
+        contrast = self.studies.experiments.get("contrast", {}).get(0.0)
+        if contrast is not None:
+            frames += f" ({contrast.frames_in_point} for contrast, over all its bins)"
+        text = (
+            f"{budget.training_frames} training frames, {frames}, all-On and all-Off preambles of every test "
+            f"frame, seed {settings.seed}, vocc_torch {__version__}"
         )
         machine = describe_machine(resolve_device(settings.device))
         command = f"vocc-torch task=figures name={settings.name}"
-        return Facts(command, frames, machine, dict(self.watch.seconds), as_yaml(settings))
+        return Facts(command, text, machine, dict(self.watch.seconds), asdict(settings), self.resumed)
 
     def print_places(self) -> None:
         """Say where the results are, and how long they took."""
@@ -197,5 +215,4 @@ class PaperFiles:
 
 def _order(name: str) -> tuple[bool, str]:
     """Sort figures as the paper does, with what goes beyond it at the end."""
-    beyond = name == GRID
-    return beyond, name
+    return not name.startswith("fig"), name

@@ -17,7 +17,7 @@ from vocc_torch.reporting.paper.words import (
     share_interval,
     spaced,
 )
-from vocc_torch.reporting.report.document import Block, Paragraph, Section, Table
+from vocc_torch.reporting.report.document import Align, Block, Paragraph, Section, Table
 from vocc_torch.reporting.report.inline import literal
 from vocc_torch.reporting.styles import receiver_styles
 
@@ -35,11 +35,11 @@ def location(splits: Sequence[LocationSplit], figure: Shown | None = None) -> Se
     totals = [split for split in shown if split.value is None]
     blocks: list[Block] = [
         Paragraph(
-            "A receiver first finds the panel in the frame, then decides each LED's bit. To tell the errors of "
-            "the one step from those of the other, every frame was read twice: with the panel located as in "
-            "section IV-B-2, and with its true corners, which only a simulation knows. What is wrong with true "
-            "corners too is **decision error**; what they mend is **location error**. Receivers were trained "
-            "with the corners that they are tested with. The paper does not have this split."
+            "A receiver first finds the panel in the frame, then decides each LED's bit. To tell the errors "
+            "of the one step from those of the other, every frame was read twice: with the panel located as "
+            "in section IV-B-2, and with its true corners, which only a simulation knows. What is wrong with "
+            "true corners too is **decision error**; what they mend is **location error**. Receivers were "
+            "trained with the corners that they are tested with. The paper does not have this split."
         ),
     ]
     if text := totals_text(totals):
@@ -67,7 +67,9 @@ def totals_text(splits: Sequence[LocationSplit]) -> str:
     ]
     if not parts:
         return ""
-    return f"**Of the errors of AGR + GRI + NGR, location makes** {listed(parts)}; bit decision makes the rest."
+    return (
+        f"**Of the errors of AGR + GRI + NGR, location makes** {listed(parts)}; bit decision makes the rest."
+    )
 
 
 def _table(splits: Sequence[LocationSplit], caption: str, *, folded: bool) -> Table:
@@ -85,5 +87,5 @@ def _table(splits: Sequence[LocationSplit], caption: str, *, folded: bool) -> Ta
         label = literal(labels[split.receiver])
         rows.append((inline(where), label, *(literal(rate) for rate in rates), literal(told)))
     told = spaced(f"{caption}. In brackets 95 % intervals; < is a limit where no error was seen")
-    align = ("left", "left", "right", "right", "right")
+    align: tuple[Align, ...] = ("left", "left", "right", "right", "right")
     return Table(_HEADER, tuple(rows), align, caption=literal(told), folded=folded)

@@ -14,6 +14,8 @@ def making(contents: Contents) -> Section:
     facts = contents.facts
     blocks: list[Block] = [Code(facts.command)]
     blocks.append(Paragraph(f"{literal(facts.budget)}. {literal(facts.machine)}."))
+    if facts.resumed:
+        blocks.append(Paragraph("Frames that an earlier run had counted took no time in this one."))
     if facts.seconds:
         blocks.append(_times(facts))
     if contents.others:
@@ -26,9 +28,7 @@ def _times(facts: Facts) -> Table:
     """Give the wall-clock time by stage."""
     rows = [(literal(stage), f"{seconds:.1f}") for stage, seconds in facts.seconds.items()]
     rows.append(("all", f"{sum(facts.seconds.values()):.1f}"))
-    caption = "Wall-clock time by stage"
-    caption += "; blocks of frames that an earlier run had counted took none" if facts.resumed else ""
-    return Table(("stage", "seconds"), tuple(rows), ("left", "right"), caption=caption)
+    return Table(("stage", "seconds"), tuple(rows), ("left", "right"), caption="Wall-clock time by stage")
 
 
 def _settings(facts: Facts) -> Table:

@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable, Mapping
 
 from vocc_torch.reporting.paper.words import RECEIVERS, plain, spaced
-from vocc_torch.reporting.report.document import Table
+from vocc_torch.reporting.report.document import Align, Table
 from vocc_torch.reporting.report.inline import literal
 
 
@@ -141,7 +141,7 @@ def _times_table(caption: str, findings: Mapping[str, float]) -> Table:
     others = []
     for name, value in findings.items():
         if match := _TIME.fullmatch(name):
-            kind, stage, *at = match.groups()
+            _, stage, *at = match.groups()
             ms = findings.get(f"ms_{stage}_{at[0]}_batch_{at[1]}")
             share = findings.get(f"share_{stage}_{at[0]}_batch_{at[1]}")
             parts = [f"{ms:.3g} ms" if ms is not None else "", _share(share) if share is not None else ""]
@@ -160,7 +160,8 @@ def _times_table(caption: str, findings: Mapping[str, float]) -> Table:
     told = f"{caption}: time a frame, and share of panel detection's"
     if others:
         told += f" ({literal(', '.join(others))})"
-    return Table(header, rows, ("left", *("right" for _ in columns)), caption=told, folded=True)
+    numbers: tuple[Align, ...] = ("right",) * len(columns)
+    return Table(header, rows, ("left", *numbers), caption=told, folded=True)
 
 
 def _stage(name: str) -> str:

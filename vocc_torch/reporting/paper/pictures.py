@@ -23,7 +23,8 @@ def blocks_of(figure: Shown, scorecard: Scorecard | None = None) -> list[Block]:
     """
     blocks: list[Block] = []
     for path, caption in figure.pictures:
-        text = spaced(caption or f"The paper: {figure.caption}")
+        of_paper = figure.name.startswith("fig")
+        text = spaced(caption or (f"The paper: {figure.caption}" if of_paper else figure.caption))
         blocks.append(Picture(path, literal(text), alt=f"{figure.title}. {text}", data=figure.table))
     if scorecard is not None:
         blocks += _verdicts(figure, scorecard)

@@ -17,10 +17,7 @@ from vocc_torch.reporting.styles import axis_label
 PAPER_RECEIVERS = ("center_greyscale", "average_greyscale", "flda_2", "flda_3")
 """The receivers of the paper's figures."""
 
-CAPTIONS = {
-    "_readings": "Measured under every reading, side by side: each focal length, with the panel located (above) and "
-    "with its true corners (below)."
-}
+CAPTIONS = {"_readings": "The same under every reading, side by side and on one scale."}
 """Captions of a figure's further pictures, by the end of their names."""
 
 Line = tuple[str | int | float, ...]

@@ -6,7 +6,7 @@ from vocc_torch.evaluation.scorecard import VERDICTS, Fit, Scorecard, best_readi
 from vocc_torch.reporting.paper.groups import counted
 from vocc_torch.reporting.paper.scorecard_section import TONES
 from vocc_torch.reporting.paper.statements import OUTCOME_TONES, STATEMENTS, outcome
-from vocc_torch.reporting.paper.words import inline, listed, reading_text, sentence, spaced
+from vocc_torch.reporting.paper.words import inline, listed, plain, reading_text, sentence, spaced
 from vocc_torch.reporting.report.document import Cell, Paragraph, Section, Table
 from vocc_torch.reporting.report.inline import literal
 
@@ -20,11 +20,11 @@ def readings(scorecard: Scorecard) -> Section:
     blocks = (
         Paragraph(
             spaced(
-                "The paper leaves open the focal length (18 mm in the text of section IV-C, 25 mm in Table 1), "
-                "the locator's details, the meter's constant K, the f-number N and what is between the LEDs. K "
-                "and N cancel while auto-ISO meets its target. The focal length is varied here; 22 mm lies "
-                "between the two. True corners are no reading of the paper, which locates the panel itself: "
-                "they show what a perfect locator would give, and so bound every other locator."
+                "The paper leaves open the focal length (18 mm in the text of section IV-C, 25 mm in "
+                "Table 1), the locator's details, the meter's constant K, the f-number N and what is between "
+                "the LEDs. K and N cancel while auto-ISO meets its target. Varied here are the focal length "
+                "and where the panel's corners come from. True corners are no reading of the paper, which "
+                "locates the panel itself: they show what a perfect locator would give."
             )
         ),
         Paragraph(best_text(scorecard)),
@@ -48,19 +48,21 @@ def best_text(scorecard: Scorecard) -> str:
         fit for fit in found if fit is not of_best and fit.rates is not None and fit.rates.low <= rates.high
     ]
     text = (
-        f"Nearest to the paper's four quoted error rates is **{texts[best.reading]}**: on average a factor of "
-        f"{10**rates.decades:.1f} away ({rates.decades:.2f} decades)."
+        f"Nearest to the paper's four quoted error rates is **{texts[best.reading]}**: on average a factor "
+        f"of {10**rates.decades:.1f} away."
     )
     if others:
         text += (
-            f" Of the other {others} readings {_number(len(near))} cannot be told from it."
+            f" Of the other {others} readings, {_number(len(near))} cannot be told from it."
             if near
             else " Every other reading is farther away beyond doubt."
         )
     most = max(fit.tally["agree"] for fit in found)
     leaders = [texts[fit.reading] for fit in found if fit.tally["agree"] == most]
     total = sum(of_best.tally.values())
-    text += f" Most claims, {most} of the {total} that depend on the reading, agree under **{listed(leaders)}**."
+    text += (
+        f" Most claims, {most} of the {total} that depend on the reading, agree under **{listed(leaders)}**."
+    )
     return text
 
 
@@ -77,8 +79,8 @@ def _fits(scorecard: Scorecard) -> Table:
         for text, line in zip(texts, fit_rows(scorecard)[1:], strict=True)
     )
     caption = (
-        "How well each reading fits: verdicts of the claims that depend on it, and how far its numbers are from "
-        "the quoted ones on average; a decade is a factor of ten, a point a percentage point"
+        "How well each reading fits: verdicts of the claims that depend on it, and how far its numbers are "
+        "from the quoted ones on average; a decade is a factor of ten, a point a percentage point"
     )
     return Table(FIT_COLUMNS, rows, ("left", "right", "right", "right", "left", "left"), caption=caption)
 
@@ -100,16 +102,16 @@ def _statements(scorecard: Scorecard, names: list[str]) -> Table:
 
 def _matrix(scorecard: Scorecard, names: list[str]) -> Table:
     """Give every claim's verdict under every reading."""
-    rows = tuple(
+    rows: list[tuple[str | Cell, ...]] = [
         (
-            f"{inline(sentence(claim.text))} ({inline(claim.where)})",
+            f"{literal(sentence(plain(claim.text)))} ({inline(claim.where)})",
             *(Cell(verdict, TONES[verdict]) for verdict in verdicts),
         )
         for claim, verdicts in scorecard.matrix()
         if claim.basis == "curves"
-    )
+    ]
     caption = "Verdict of every claim that depends on the reading"
-    return Table(("claim", *names), rows, caption=caption, folded=True)
+    return Table(("claim", *names), tuple(rows), caption=caption, folded=True)
 
 
 def fit_rows(scorecard: Scorecard) -> list[tuple[str, ...]]:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from vocc_torch.evaluation.scorecard import VERDICTS, Scorecard, Verdict
-from vocc_torch.reporting.paper.groups import Group, Judged, counted, groups_of
+from vocc_torch.evaluation.scorecard import VERDICTS, Claim, Judgement, Scorecard, Verdict
+from vocc_torch.reporting.paper.groups import Group, Judged, counted, groups_of, tally_text
 from vocc_torch.reporting.paper.statements import OUTCOME_TONES, STATEMENTS, at_truth, causes, outcome
 from vocc_torch.reporting.paper.words import inline, plain, reading_text, sentence, spaced
 from vocc_torch.reporting.report.document import Block, Cell, Paragraph, Section, Table, Tone
@@ -19,11 +19,11 @@ def scorecard_sections(scorecard: Scorecard) -> list[Section]:
     """Give the main statements, the counts by group, and every claim under the report's own reading."""
     groups = groups_of(scorecard)
     rules = Paragraph(
-        "A quoted rate or share **differs** where the 95\N{NO-BREAK SPACE}% interval of the difference between "
-        "ours and the paper's leaves out zero (the paper's frames are counted as ours are, for it states no "
-        "interval). An order differs where a comparison on the same frames contradicts it beyond doubt; a "
-        "lowest point where another value is lower beyond doubt. **Cannot say** means that these frames do "
-        "not decide. Numbers of single pictures are compared as they are."
+        "A quoted rate or share **differs** where the 95\N{NO-BREAK SPACE}% interval of the difference "
+        "between ours and the paper's leaves out zero (the paper states no interval; it is given that of its "
+        "own number of frames). An order differs where a comparison on the same frames contradicts it beyond "
+        "doubt; a lowest point where another value is lower beyond doubt. **Cannot say** means that these "
+        "frames do not decide. Numbers of single pictures are compared as they are."
     )
     opening: list[Block] = [main_statements(scorecard), rules, _counts(groups, scorecard)]
     return [
@@ -35,13 +35,13 @@ def scorecard_sections(scorecard: Scorecard) -> list[Section]:
 def main_statements(scorecard: Scorecard) -> Table:
     """Give the paper's main statements, each with the verdicts that it stands on and why it fails."""
     truth = at_truth(scorecard)
-    rows = []
+    rows: list[tuple[str | Cell, ...]] = []
     for statement in STATEMENTS:
         claims = statement.claims(scorecard)
         if not claims:
             continue
         found = outcome(claims)
-        cells = [
+        cells: list[str | Cell] = [
             f"[{inline(statement.text)}](#{statement.anchor})",
             Cell(found, OUTCOME_TONES[found]),
             _agreeing(claims),
@@ -72,12 +72,16 @@ def _why(scorecard: Scorecard, claims: Sequence[Judged]) -> str:
         cause.text + (f" ({cause.claims} of {len(differing)})" if len(differing) > 1 else "")
         for cause in causes(scorecard, claims)
     ]
-    claim, judged = differing[0]
-    if judged.against:
-        parts.append(f"for example, {plain(judged.against[0].text())}")
-    else:
-        parts.append(f"{plain(claim.text)}: {plain(judged.measured)}, the paper {plain(claim.paper)}")
-    return literal(sentence("; ".join(parts)))
+    return literal(sentence("; ".join([*parts, f"for example, {_example(*differing[0])}"])))
+
+
+def _example(claim: Claim, judged: Judgement) -> str:
+    """Give what contradicts a claim most surely, or what was measured against what is quoted."""
+    if not judged.against:
+        return f"{plain(claim.text)}: {plain(judged.measured)}, where the paper has {plain(claim.paper)}"
+    one = judged.against[0]
+    of_one = one.above.receiver == one.below.receiver
+    return (f"{plain(one.above.receiver)}: " if of_one else "") + plain(one.text())
 
 
 def _counts(groups: Sequence[Group], scorecard: Scorecard) -> Table:
@@ -97,14 +101,14 @@ def _counts(groups: Sequence[Group], scorecard: Scorecard) -> Table:
 
 def _claims(group: Group) -> Table:
     """Give a group's claims."""
-    rows = tuple(
-        (
-            f"{inline(sentence(claim.text))} ({inline(claim.where)}) The paper: **{inline(claim.paper)}**",
-            inline(judged.measured),
-            Cell(judged.verdict, TONES[judged.verdict]),
-            inline(sentence(judged.reason)) if judged.reason else "",
-        )
-        for claim, judged in group.claims
-    )
-    caption = f"{spaced(group.title)}. In brackets 95 % intervals, frames as the independent units"
-    return Table(("claim", "measured", "verdict", "why"), rows, caption=literal(spaced(caption)))
+    rows: list[tuple[str | Cell, ...]] = []
+    explained = any(judged.reason for _, judged in group.claims)
+    for claim, judged in group.claims:
+        text = literal(sentence(plain(claim.text)))
+        paper = f"Paper ({inline(claim.where)}): **{inline(claim.paper)}**"
+        cells = (f"{text} {paper}", inline(judged.measured), Cell(judged.verdict, TONES[judged.verdict]))
+        why = literal(sentence(plain(judged.reason))) if judged.reason else ""
+        rows.append((*cells, why) if explained else cells)
+    caption = f"{sentence(tally_text(group.claims))} In brackets 95 % intervals, frames as independent units"
+    header = ("claim", "measured", "verdict", "why") if explained else ("claim", "measured", "verdict")
+    return Table(header, tuple(rows), caption=literal(spaced(caption)))

@@ -7,11 +7,12 @@ from collections import defaultdict
 from vocc_torch.evaluation.scorecard import VERDICTS, Scorecard
 from vocc_torch.evaluation.scorecard.score import DEFAULT
 from vocc_torch.reporting.paper.contents import Contents, Facts
+from vocc_torch.reporting.paper.groups import counted
 from vocc_torch.reporting.paper.location_section import totals_text
 from vocc_torch.reporting.paper.readings_section import best_text
 from vocc_torch.reporting.paper.scorecard_section import TONES
 from vocc_torch.reporting.paper.statements import STATEMENTS, Outcome, causes, outcome
-from vocc_torch.reporting.paper.words import inline, reading_text, spaced
+from vocc_torch.reporting.paper.words import inline, reading_text, sentence, spaced
 from vocc_torch.reporting.report.document import Block, Bullets, Highlight, Highlights, Paragraph, Section
 from vocc_torch.reporting.report.inline import literal
 
@@ -57,7 +58,7 @@ def _verdicts(scorecard: Scorecard) -> list[Block]:
         Highlights(tuple(items)),
         Paragraph(f"{text}. Under it:"),
         Bullets(tuple(_outcomes(scorecard))),
-        Paragraph(_why(scorecard)),
+        *_why(scorecard),
         Paragraph(f"{best_text(scorecard)} [Every reading](#readings)"),
     ]
 
@@ -70,24 +71,24 @@ def _outcomes(scorecard: Scorecard) -> list[str]:
         if not claims:
             continue
         result = outcome(claims)
-        text = f"[{inline(statement.text)}](#{statement.anchor})"
-        if result == "holds in part":
-            agree = sum(judged.verdict == "agree" for _, judged in claims)
+        text, agree = inline(statement.text), counted(claims)["agree"]
+        if result in ("holds", "holds in part") and agree < len(claims):
             text += f" ({agree} of {len(claims)} claims)"
         found[result].append(text)
     return [f"**{words}:** {'; '.join(found[key])}." for key, words in _OUTCOMES.items() if found[key]]
 
 
-def _why(scorecard: Scorecard) -> str:
-    """Say as inline text why claims differ."""
-    claims = scorecard.details()
-    differing = scorecard.tally()["differ"]
-    known = causes(scorecard, claims)
+def _why(scorecard: Scorecard) -> list[Block]:
+    """Say why claims differ."""
+    more = "The [scorecard](#scorecard) has every claim with its reason."
+    known = causes(scorecard, scorecard.details())
     if not known:
-        return "The [scorecard](#scorecard) has every claim with its reason."
-    parts = [f"{literal(cause.text)} ({cause.claims})" for cause in known]
-    return (
-        f"**Why {differing} claims differ**, as far as the measurements tell, with the number of claims: "
-        f"{'; '.join(parts)}. One claim may have several of these. The [scorecard](#scorecard) has every claim "
-        "with its reason."
+        return [Paragraph(more)]
+    differing = scorecard.tally()["differ"]
+    text = (
+        f"**Why {differing} claims differ**, as far as the measurements tell; one may have several reasons."
     )
+    return [
+        Paragraph(f"{text} {more}"),
+        Bullets(tuple(f"{literal(sentence(cause.text))} **{cause.claims} claims**" for cause in known)),
+    ]

@@ -34,9 +34,11 @@ EXPERIMENTS = {
 }
 """What the experiments vary."""
 
-_NBSP = "\N{NO-BREAK SPACE}"
+_NBSP, _WORD_JOINER = "\N{NO-BREAK SPACE}", "\N{WORD JOINER}"
 _UNIT = re.compile(r"(?<=\d) (?=(?:%|lx|cd/m|mm|ms|m|kbps)(?![a-z]))")
+_HYPHEN = re.compile(r"(?<=\de-)(?=\d)|(?<=\b[IVX]-)(?=[A-D])|(?<=-[A-D]-)(?=\d)")
 _PLACE = re.compile(r"\b(Figs?\.?|Eqs?\.?|Table|job|batch) (?=\d)")
+_PERCENT = re.compile(r"(?<=\d)%")
 _MINUS = re.compile(r"(?<![\w.)])-(?=\d)")
 _MINUS_ZERO = re.compile("\N{MINUS SIGN}0(?![.\\d])")
 _RECEIVER = re.compile(r"\b(" + "|".join(sorted(RECEIVERS, key=len, reverse=True)) + r")\b")
@@ -48,32 +50,34 @@ def plain(text: str) -> str:
     r"""Write words of the scorecard for people: receivers by name, no line ends between number and unit.
 
     Example:
-        >>> plain("flda_3 3.0e-1 at 3 % contrast, -2 at 8000 cd/m2").replace("\xa0", "~")
-        'AGR + GRI + NGR 3.0e-1 at 3~% contrast, −2 at 8000~cd/m²'
+        >>> plain("flda_3 0.3 at 3% contrast and 8000 cd/m2").replace("\xa0", "~")
+        'AGR + GRI + NGR 0.3 at 3~% contrast and 8000~cd/m²'
     """
     text = _RECEIVER.sub(lambda match: RECEIVERS[match[0]], text)
     text = _FEATURES.sub(lambda match: match[0].upper().replace("+", " + "), text)
     text = _LONG.sub(lambda match: f"{float(match[0]):.1f}", text)
+    text = _PERCENT.sub(" %", text)
     text = _MINUS_ZERO.sub("0", _MINUS.sub("\N{MINUS SIGN}", text.replace("cd/m2", "cd/m\u00b2")))
-    return spaced(text.replace("[inf", "[\u221e").replace(", inf]", ", \u221e]"))
+    return spaced(text.replace("[inf", "[\N{INFINITY}").replace(", inf]", ", \N{INFINITY}]"))
 
 
 def spaced(text: str) -> str:
-    r"""Put no-break spaces between numbers and their units, and between a figure's word and its number.
+    r"""Keep numbers with their units in one line, words with the number of a figure, and powers of ten.
 
     Example:
-        >>> spaced("Fig. 22 at 8000 lx, 24 %").replace("\xa0", "~")
-        'Fig.~22 at 8000~lx, 24~%'
+        >>> spaced("Fig. 22 at 8000 lx, 24 %").replace("\xa0", "~"), len(spaced("6.6e-4"))
+        ('Fig.~22 at 8000~lx, 24~%', 7)
     """
-    return _PLACE.sub(rf"\1{_NBSP}", _UNIT.sub(_NBSP, text))
+    text = _PLACE.sub(rf"\1{_NBSP}", _UNIT.sub(_NBSP, text))
+    return _HYPHEN.sub(_WORD_JOINER, text)
 
 
 def inline(text: str) -> str:
     r"""Write words of the scorecard as inline text that stands for itself.
 
     Example:
-        >>> print(inline("5.2e-4 [3.9e-4, 6.8e-4]"))
-        5.2e-4 \[3.9e-4, 6.8e-4\]
+        >>> print(inline("0.52 [0.39, 0.68]"))
+        0.52 \[0.39, 0.68\]
     """
     return literal(plain(text))
 
@@ -99,13 +103,14 @@ def reading_text(reading: Reading) -> str:
 
 
 def rate_interval(ber: float, low: float, high: float) -> str:
-    """Write a rate with its interval; a limit where there was no error.
+    r"""Write a rate with its interval; a limit where there was no error.
 
     Example:
-        >>> rate_interval(5e-4, 4e-4, 6.2e-4), rate_interval(0, 0, 3e-5)
-        ('5.0e-4 [4.0e-4, 6.2e-4]', '< 3.0e-5')
+        >>> told = rate_interval(5e-4, 4e-4, 6.2e-4), rate_interval(0, 0, 3e-5)
+        >>> [text.replace("\u2060", "").replace("\xa0", "~") for text in told]
+        ['5.0e-4 [4.0e-4, 6.2e-4]', '<~3.0e-5']
     """
-    return f"{rate(ber)} [{rate(low)}, {rate(high)}]" if ber > 0 else f"<{_NBSP}{rate(high)}"
+    return spaced(f"{rate(ber)} [{rate(low)}, {rate(high)}]" if ber > 0 else f"<{_NBSP}{rate(high)}")
 
 
 def rate_with(ber: float, interval: Interval) -> str:

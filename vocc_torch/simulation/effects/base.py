@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -79,6 +80,35 @@ class Effect(ABC):
     def reach_px(self) -> int:
         """How far the effect carries light across the image; a crop grows by this."""
         return 0
+
+    def demand(
+        self,
+        parameter: str,
+        low: float,
+        high: float = math.inf,
+        *,
+        above: bool = False,
+        hint: str = "",
+    ) -> None:
+        """Refuse by name a parameter that is not finite or not from ``low`` to ``high``.
+
+        Args:
+            parameter: name of the effect's attribute.
+            low: the least value allowed, or with ``above`` the bound that it must exceed.
+            high: the greatest value allowed.
+            above: whether ``low`` itself is refused.
+            hint: what to do instead, said where the value is ``low``.
+
+        Raises:
+            VoccError: the value is outside.
+        """
+        value = float(getattr(self, parameter))
+        if math.isfinite(value) and (low < value if above else low <= value) and value <= high:
+            return
+        allowed = f"{'above' if above else 'at least'} {low:g}"
+        allowed += "" if math.isinf(high) else f" and at most {high:g}"
+        note = f" ({hint})" if hint and value == low else ""
+        raise VoccError(f"scene.effects.{self.name}.{parameter} is {value:g}: it must be {allowed}{note}")
 
     @abstractmethod
     def __call__(self, value: Tensor, context: Context) -> Tensor:
