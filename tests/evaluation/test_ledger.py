@@ -967,7 +967,7 @@ def test_a_run_killed_at_every_call_that_reaches_the_disk_ends_as_an_undisturbed
 
 
 def check_lives(report, blocks, blocks_lost, least_kills):
-    """The numbers are right, and a life counts nothing that was recorded and loses only what was under way."""
+    """The numbers are right; a life counts nothing recorded, and loses only what was under way."""
     *killed, last = report["lives"]
     assert report["result"] == repr(run_point(count, StopRule(blocks * 64 - 10)))
     assert last["status"] == 0

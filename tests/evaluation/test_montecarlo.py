@@ -1,5 +1,7 @@
 """Blocks in index order until a stop rule holds, on counts that are made up."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -150,7 +152,7 @@ def test_precision_is_looked_at_in_steps_of_at_least_16_blocks_and_of_a_sixteent
     rule = StopRule(10**9, precision=0.1)
     looks = [blocks for blocks in range(1, 4097) if rule.reached(SURE, blocks) == "precision"]
     assert looks[:20] == list(range(16, 321, 16))
-    steps = {b: b - a for a, b in zip(looks, looks[1:], strict=False)}
+    steps = {b: b - a for a, b in pairwise(looks)}
     assert min(steps.values()) == 16
     assert all(step == 16 or blocks / 32 <= step <= blocks / 16 for blocks, step in steps.items())
     assert looks[-1] == 4096

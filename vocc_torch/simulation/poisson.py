@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-FEW = 10.0
+FEW = 6.0
 """Below this mean the counts are summed up one by one; from it on they are expanded in the normal number."""
 
 TRUSTED_NORMAL = 3.0
@@ -27,7 +27,7 @@ def poisson_quantile(mean: Array, normal: Array) -> Array:
     """Give the Poisson quantile at the probability of a standard normal number.
 
     The count is the least ``n`` with ``P(N <= n) >= Phi(normal)``; standard normal numbers give exactly Poisson
-    distributed counts. For a mean of 10 and more the quantile comes from its expansion in powers of
+    distributed counts. From a mean of 6 on the quantile comes from its expansion in powers of
     ``mean^(-1/2)``, and where that lies too near to a whole number for its error bound, from the distribution
     function itself.
 
@@ -84,25 +84,16 @@ def _settled(counts: Array, mean: Array, probability: Array) -> Array:
 
 def _summed(mean: Array, normal: Array) -> Array:
     """Quantiles of means below ``FEW``: add up the probabilities of 0, 1, 2, ..."""
-    counts = np.zeros(mean.size)
-    left = np.arange(mean.size)
-    rate, target = mean.ravel(), special.ndtr(normal.ravel())
-    term = np.exp(-rate)
+    target = special.ndtr(normal)
+    term = np.exp(-mean)
     total = term.copy()
-    found = np.zeros(mean.size)
+    counts = np.zeros_like(mean)
     for count in range(1, MOST_OF_FEW + 1):
         more = total < target
-        going = np.count_nonzero(more)
-        if not going:
+        if not more.any():
             break
-        if 3 * going < more.size:
-            counts[left] = found
-            left, rate, target = left[more], rate[more], target[more]
-            term, total, found = term[more], total[more], found[more] + 1.0
-        else:
-            found += more
-        term *= rate
-        term /= count
+        counts += more
+        term *= mean
+        term *= 1.0 / count
         total += term
-    counts[left] = found
-    return counts.reshape(mean.shape)
+    return counts

@@ -86,6 +86,6 @@ def _table(splits: Sequence[LocationSplit], caption: str, *, folded: bool) -> Ta
         told = "no error" if share is None else share_interval(share.gain, share.low, share.high)
         label = literal(labels[split.receiver])
         rows.append((inline(where), label, *(literal(rate) for rate in rates), literal(told)))
-    told = spaced(f"{caption}. In brackets 95 % intervals; < is a limit where no error was seen")
+    told = caption if folded else f"{caption}. In brackets 95 % intervals; < is a limit without errors"
     align: tuple[Align, ...] = ("left", "left", "right", "right", "right")
-    return Table(_HEADER, tuple(rows), align, caption=literal(told), folded=folded)
+    return Table(_HEADER, tuple(rows), align, caption=literal(spaced(told)), folded=folded)

@@ -51,10 +51,8 @@ def _written(value: object) -> str:
 
     Example:
         >>> _written(None), _written([18.0, True])
-        ('null', '[18,true]')
+        ('null', '[18.0,true]')
     """
     if isinstance(value, (list, tuple)):
         return f"[{','.join(map(_written, value))}]"
-    if isinstance(value, float):
-        return f"{value:.10g}"
     return {"None": "null", "True": "true", "False": "false"}.get(str(value), str(value))

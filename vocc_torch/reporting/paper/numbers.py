@@ -10,9 +10,9 @@ from vocc_torch.reporting.report.document import Align, Table
 from vocc_torch.reporting.report.inline import literal
 
 
-def _grey(value: float) -> str:
-    """Write a grey value."""
-    return f"{value:.4g}"
+def _number(value: float) -> str:
+    """Write a number with four digits."""
+    return plain(f"{value:.4g}")
 
 
 def _share(value: float) -> str:
@@ -32,42 +32,44 @@ def _luminance(value: float) -> str:
 
 _Writer = Callable[[float], str]
 _KNOWN: dict[str, tuple[str, _Writer]] = {
-    "dark_frame_highest_on_grey": ("dark frame: average grey of the brightest On LED", _grey),
-    "dark_frame_mean_on_grey": ("dark frame: average grey of On LEDs", _grey),
-    "bright_frame_lowest_off_grey": ("bright frame: average grey of the darkest Off LED", _grey),
-    "bright_frame_mean_off_grey": ("bright frame: average grey of Off LEDs", _grey),
+    "dark_frame_highest_on_grey": ("dark frame: average grey of the brightest On LED", _number),
+    "dark_frame_mean_on_grey": ("dark frame: average grey of On LEDs", _number),
+    "bright_frame_lowest_off_grey": ("bright frame: average grey of the darkest Off LED", _number),
+    "bright_frame_mean_off_grey": ("bright frame: average grey of Off LEDs", _number),
     "contradicting_pairs_share": (
         "pairs of frames in which On LEDs of one are darker, on average, than Off LEDs of the other",
         _share,
     ),
-    "best_fixed_threshold_grey": ("fixed grey threshold with the fewest wrong LEDs", _grey),
+    "best_fixed_threshold_grey": ("fixed grey threshold with the fewest wrong LEDs", _number),
     "best_fixed_threshold_wrong_share": ("LEDs on its wrong side", _share),
     "average_grey_auc": ("average grey: area under the ROC curve", _area),
-    "led_row": ("the marked LED's row", _grey),
-    "led_column": ("the marked LED's column", _grey),
-    "grey_without_blooming": ("its average grey without blooming", _grey),
-    "grey_with_blooming": ("its average grey with blooming", _grey),
-    "on_neighbours": ("neighbours of it that are On", _grey),
-    "neighbours_mean_grey": ("average grey of its neighbours", _grey),
-    "gri": ("its GRI, grey values a pixel", _grey),
-    "misread_off_leds": ("Off LEDs of the sample that average grey reads as On", _grey),
+    "led_row": ("the marked LED's row", _number),
+    "led_column": ("the marked LED's column", _number),
+    "grey_without_blooming": ("its average grey without blooming", _number),
+    "grey_with_blooming": ("its average grey with blooming", _number),
+    "on_neighbours": ("neighbours of it that are On", _number),
+    "neighbours_mean_grey": ("average grey of its neighbours", _number),
+    "gri": ("its GRI, grey values a pixel", _number),
+    "misread_off_leds": ("Off LEDs of the sample that average grey reads as On", _number),
     "misread_off_share": ("the same as a share of all Off LEDs", _share),
-    "gri_on": ("GRI of the On LED shown, grey values a pixel", _grey),
-    "gri_off": ("GRI of the Off LED shown, grey values a pixel", _grey),
-    "highest_grey_after_gamma": ("brightest pixel, Gaussian after gamma encoding", _grey),
-    "highest_grey_before_gamma": ("brightest pixel, Gaussian before gamma encoding", _grey),
-    "highest_grey_no_blooming": ("brightest pixel without a Gaussian", _grey),
-    "mean_loss": ("grey values lost with the Gaussian after gamma, on average", _grey),
-    "greatest_loss": ("grey values lost with the Gaussian after gamma, at most", _grey),
+    "gri_on": ("GRI of the On LED shown, grey values a pixel", _number),
+    "gri_off": ("GRI of the Off LED shown, grey values a pixel", _number),
+    "highest_grey_after_gamma": ("brightest pixel, Gaussian after gamma encoding", _number),
+    "highest_grey_before_gamma": ("brightest pixel, Gaussian before gamma encoding", _number),
+    "highest_grey_no_blooming": ("brightest pixel without a Gaussian", _number),
+    "mean_loss": ("grey values lost with the Gaussian after gamma, on average", _number),
+    "greatest_loss": ("grey values lost with the Gaussian after gamma, at most", _number),
     "brighter_after_gamma_share": ("pixels that are brighter with the Gaussian after gamma", _share),
-    "threshold": ("threshold", _grey),
-    "background_grey": ("grey value of the background", _grey),
-    "off_grey": ("grey value of an Off LED before any blur", _grey),
-    "on_grey": ("grey value of an On LED before any blur", _grey),
+    "threshold": ("threshold", _number),
+    "background_grey": ("grey value of the background", _number),
+    "off_grey": ("grey value of an Off LED before any blur", _number),
+    "on_grey": ("grey value of an On LED before any blur", _number),
     "panel_share_of_frame": ("pixels of the frame that the panel's cells cover", _share),
     "foreground_share_of_on_cells": ("pixels of On cells above the threshold", _share),
     "foreground_share_of_off_cells": ("pixels of Off cells above the threshold", _share),
-    "foreground_pixels_outside_panel": ("pixels above the threshold outside the cells", _grey),
+    "foreground_pixels_outside_panel": ("pixels above the threshold outside the cells", _number),
+    "threads": ("threads", _number),
+    "waited_share": ("of the time other work had the processor:", _share),
     "wrong_share_on": ("On LEDs below the threshold", _share),
     "wrong_share_off": ("Off LEDs above the threshold", _share),
     "auc_projection": ("projection on w: area under the ROC curve", _area),
@@ -78,7 +80,7 @@ _OF_SCENE: dict[str, tuple[str, _Writer]] = {
     "contrast": ("contrast before any blur", _share),
     "contrast_in_picture": ("contrast in the picture", _share),
     "led_luminance_cd_m2": ("LED luminance", _luminance),
-    "background_grey": ("grey value of the background", _grey),
+    "background_grey": ("grey value of the background", _number),
 }
 _AREA = re.compile(r"auc_([a-z+_]+)")
 _WRONG = re.compile(r"wrong_share_([a-z+_]+)")
@@ -107,12 +109,12 @@ def named(name: str, value: float) -> tuple[str, str]:
     if (match := _NEGATIVE.fullmatch(name)) and match[2] in _WHERE:
         return f"{match[1].capitalize()} LEDs with negative GRI{_WHERE[match[2]]}", _share(value)
     if match := _WEIGHT.fullmatch(name):
-        unit = ", a standard deviation of it" if match[2] else ""
-        return f"weight of {match[1].upper()} in w{unit}", _grey(value)
+        unit = f" times {match[1].upper()}'s standard deviation" if match[2] else ""
+        return f"weight of {match[1].upper()} in w{unit}", _number(value)
     if (match := _SCENE.fullmatch(name)) and match[1] in _OF_SCENE:
         what, write = _OF_SCENE[match[1]]
         return spaced(f"{_SCENES[match[2]].format(match[3])}: {what}"), write(value)
-    return name.replace("_", " "), f"{value:.4g}"
+    return name.replace("_", " "), _number(value)
 
 
 def _features(text: str) -> str:
@@ -151,7 +153,7 @@ def _times_table(caption: str, findings: Mapping[str, float]) -> Table:
             what = "NGR adds to all image processing" if match[1] else "NGR adds to two features"
             cells.setdefault(what, {})[match[2], match[3]] = _share(value)
         else:
-            others.append(f"{named(name, value)[0]} {value:.3g}")
+            others.append(" ".join(named(name, value)))
     columns = tuple(dict.fromkeys(at for line in cells.values() for at in line))
     header = ("stage", *(f"{frames.replace('_', ' ')}, {_batch(batch)}" for frames, batch in columns))
     rows = tuple(
@@ -160,8 +162,8 @@ def _times_table(caption: str, findings: Mapping[str, float]) -> Table:
     told = f"{caption}: time a frame, and share of panel detection's"
     if others:
         told += f" ({literal(', '.join(others))})"
-    numbers: tuple[Align, ...] = ("right",) * len(columns)
-    return Table(header, rows, ("left", *numbers), caption=told, folded=True)
+    right: Align = "right"
+    return Table(header, rows, ("left", *[right] * len(columns)), caption=told, folded=True)
 
 
 def _stage(name: str) -> str:

@@ -10,12 +10,17 @@ from vocc_torch.reporting.paper.pictures import blocks_of
 from vocc_torch.reporting.paper.readings_section import readings
 from vocc_torch.reporting.paper.scorecard_section import scorecard_sections
 from vocc_torch.reporting.paper.summary_section import summary
-from vocc_torch.reporting.report.document import Report, Section
+from vocc_torch.reporting.report.document import Paragraph, Report, Section
 
 PAPER = (
     "Do and Yoo, [A Multi-Feature LED Bit Detection Algorithm in Vehicular Optical Camera Communication]"
     "(https://doi.org/10.1109/ACCESS.2019.2928600), IEEE Access 7, 2019"
 )
+_RATES_TEXT = (
+    "Scenes as in section IV-D; all receivers read the same frames. First the report's own reading, then "
+    "every reading."
+)
+_OTHERS_TEXT = "Each from one frame or from a sample of 100, with its data as CSV."
 _RATES = ("fig21", "fig22", "fig23", "fig24")
 _BEYOND = ("dimming", "location")
 
@@ -35,12 +40,12 @@ def paper_report(contents: Contents) -> Report:
         sections.append(location(contents.location, by_name.get("location")))
     rates = [by_name[name] for name in _RATES if name in by_name]
     others = [figure for figure in contents.figures if figure.name not in (*_RATES, *_BEYOND)]
-    for title, anchor, figures in (
-        ("Bit error rates: Figs 21 to 24", "rates", rates),
-        ("The paper's other figures", "figures", others),
+    for title, anchor, text, figures in (
+        ("Bit error rates: Figs 21 to 24", "rates", _RATES_TEXT, rates),
+        ("The paper's other figures", "figures", _OTHERS_TEXT, others),
     ):
         if figures:
-            sections.append(Section(title, anchor, ()))
+            sections.append(Section(title, anchor, (Paragraph(text),)))
             sections += [
                 Section(figure.title, figure.name.replace("_", "-"), tuple(blocks_of(figure, card)), level=3)
                 for figure in figures

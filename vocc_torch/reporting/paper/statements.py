@@ -149,7 +149,7 @@ class Cause:
 
 
 def causes(scorecard: Scorecard, claims: Iterable[Judged]) -> tuple[Cause, ...]:
-    """Give the reasons that the scorecard knows for claims that differ, those of most claims first.
+    """Give the reasons that the scorecard knows for claims that differ.
 
     Args:
         scorecard: the claims and readings.
@@ -167,19 +167,19 @@ def causes(scorecard: Scorecard, claims: Iterable[Judged]) -> tuple[Cause, ...]:
         )
 
     known: dict[str, Callable[[Judged], bool]] = {
-        "location: with true corners it agrees": with_true_corners("agree"),
-        "location, perhaps: with true corners these frames cannot decide": with_true_corners("cannot say"),
-        "location: the quoted rate lies between those with the panel located and with true corners": (
-            lambda one: _between(scorecard.default, one[0].key)
-        ),
         "the centre greyscale is better than in the paper: its threshold comes from preambles of the very "
         "same scene": explained(own_preamble),
         "at low contrast one linear rule for all scenes loses to a greyscale receiver with preambles": (
             explained(one_rule_for_all)
         ),
+        "location: with true corners it agrees": with_true_corners("agree"),
+        "location: the quoted rate lies between those with the panel located and with true corners": (
+            lambda one: _between(scorecard.default, one[0].key)
+        ),
+        "location, perhaps: with true corners these frames cannot decide": with_true_corners("cannot say"),
     }
     found = [Cause(text, sum(map(holds, differing))) for text, holds in known.items()]
-    return tuple(sorted((cause for cause in found if cause.claims), key=lambda cause: -cause.claims))
+    return tuple(cause for cause in found if cause.claims)
 
 
 def _between(reading: Reading, key: str) -> bool:

@@ -35,7 +35,7 @@ EXPERIMENTS = {
 """What the experiments vary."""
 
 _NBSP, _WORD_JOINER = "\N{NO-BREAK SPACE}", "\N{WORD JOINER}"
-_UNIT = re.compile(r"(?<=\d) (?=(?:%|lx|cd/m|mm|ms|m|kbps)(?![a-z]))")
+_UNIT = re.compile(r"(?<=\d) (?=(?:%|lx|cd/m|mm|min|ms|m|kbps)(?![a-z]))")
 _HYPHEN = re.compile(r"(?<=\de-)(?=\d)|(?<=\b[IVX]-)(?=[A-D])|(?<=-[A-D]-)(?=\d)")
 _PLACE = re.compile(r"\b(Figs?\.?|Eqs?\.?|Table|job|batch) (?=\d)")
 _PERCENT = re.compile(r"(?<=\d)%")

@@ -1,0 +1,439 @@
+"""A run that ends early and is started again under its name: the numbers of one that nobody disturbed."""
+
+import errno
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+import yaml
+from hydra.core.global_hydra import GlobalHydra
+
+from vocc_torch import cli
+from vocc_torch.evaluation import ledger_format
+from vocc_torch.evaluation.ledger import Ledger
+from vocc_torch.studies import workers
+from vocc_torch.studies.counter import PointCounter
+from vocc_torch.tasks import testing
+
+BLOCKS = 8
+"""Two points of four blocks."""
+
+RUN = (
+    *("budget.frames=256", "budget.training_frames=64", "experiment.values=[1000,2000]", "tensorboard=false"),
+    *("receiver.names=[average_greyscale,flda_2,flda_3]", "experiment.scene.distance_m=66", "name=x"),
+)
+RESULTS = ("ber.csv", "paired.csv")
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory):
+    """The folder of a run that nobody disturbed."""
+    folder = tmp_path_factory.mktemp("undisturbed")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        patch.setenv("HYDRA_FULL_ERROR", "1")
+        patch.setattr(sys, "argv", ["vocc-torch", *RUN])
+        GlobalHydra.instance().clear()
+        assert cli.run() == 0
+    return folder / "runs" / "x"
+
+
+@pytest.fixture
+def folder(tmp_path):
+    return tmp_path / "runs" / "x"
+
+
+@pytest.fixture
+def ended_after(undisturbed, folder):
+    """Leave what a run leaves that was killed when it had counted some blocks."""
+
+    def leave(blocks, more=b""):
+        folder.mkdir(parents=True)
+        lines = (undisturbed / "ledger.jsonl").read_bytes().splitlines(keepends=True)
+        (folder / "ledger.jsonl").write_bytes(b"".join(lines[: 1 + blocks]) + more)
+        shutil.copy(undisturbed / "config.yaml", folder)
+
+    return leave
+
+
+@pytest.fixture
+def asked(monkeypatch):
+    """The blocks that are counted in this process."""
+    blocks, count = [], PointCounter.__call__
+
+    def watched(self, parts):
+        blocks.extend((self.point, part.block, part.frames) for part in parts)
+        return count(self, parts)
+
+    monkeypatch.setattr(PointCounter, "__call__", watched)
+    return blocks
+
+
+def rows_in(ledger):
+    """Point, block and frames of each whole row, read without the code under test."""
+    lines = ledger.read_bytes().split(b"\n")[1:-1] if ledger.exists() else []
+    return [(row["point"], row["block"], row["frames"]) for row in map(json.loads, lines)]
+
+
+def files_in(folder):
+    return {path.relative_to(folder): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def assert_as(folder, undisturbed):
+    """Tables are equal to the last byte, and every block stands in the ledger once."""
+    for name in RESULTS:
+        assert (folder / name).read_bytes() == (undisturbed / name).read_bytes()
+    rows = rows_in(folder / "ledger.jsonl")
+    assert len(rows) == len(set(rows))
+    assert set(rows) == set(rows_in(undisturbed / "ledger.jsonl"))
+
+
+# Killed and interrupted, in processes of their own
+
+INTERRUPTIBLE = """
+import signal
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs ignore it
+from vocc_torch.cli import main
+if __name__ == "__main__":
+    main()
+"""
+
+
+def life(cwd, rows, end, *arguments):
+    """Start the command, end it once its ledger holds some rows, and give what it leaves behind.
+
+    The workers hold the pipes too: these end when the last process is gone.
+    """
+    ledger = cwd / "runs" / "x" / "ledger.jsonl"
+    with subprocess.Popen(
+        [sys.executable, "-u", "-c", INTERRUPTIBLE, *RUN, *arguments],
+        cwd=cwd,
+        env={**os.environ, "OMP_NUM_THREADS": "1"},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    ) as run:
+        try:
+            while len(rows_in(ledger)) < rows:
+                assert run.poll() is None
+                time.sleep(0.001)
+            end(run.pid)
+            out, err = run.communicate(timeout=60)
+        finally:
+            run.kill()
+    return {"status": run.returncode, "out": out, "err": err, "ledger": ledger.read_bytes()}
+
+
+@pytest.fixture(scope="module")
+def lives(tmp_path_factory, undisturbed):
+    """A run of two workers that is killed, goes on, is interrupted, and is ready to go on to its end."""
+    if os.name != "posix":
+        pytest.skip("sends signals to groups of processes")
+    cwd = tmp_path_factory.mktemp("lives")
+    killed = life(cwd, 2, lambda pid: os.kill(pid, signal.SIGKILL), "workers=2")
+    interrupted = life(cwd, len(rows_in(cwd / "runs/x/ledger.jsonl")) + 1, interrupt_all, "workers=2")
+    return {"cwd": cwd, "killed": killed, "interrupted": interrupted}
+
+
+def interrupt_all(pid):
+    """Ctrl-C in a terminal reaches every process of the command."""
+    os.killpg(pid, signal.SIGINT)
+
+
+def test_workers_end_with_a_killed_parent(lives):
+    """Only the parent was killed; that its pipes came to their end says that nobody holds them."""
+    killed = lives["killed"]
+    assert killed["status"] == -signal.SIGKILL
+    assert "Traceback" not in killed["err"]
+    assert 2 <= killed["ledger"].count(b"\n") - 1 < BLOCKS
+
+
+def test_an_interrupted_run_says_how_to_go_on(lives):
+    interrupted = lives["interrupted"]
+    assert (interrupted["status"], interrupted["err"]) == (130, "vocc-torch: interrupted\n")
+    assert interrupted["out"].endswith("interrupted: the same command with name=x goes on from there\n")
+    assert f"going on from {lives['killed']['ledger'].count(b'\n') - 1} blocks" in interrupted["out"]
+
+
+def test_a_run_killed_and_interrupted_ends_as_an_undisturbed_one(app, lives, undisturbed, monkeypatch, asked):
+    """With one worker, or with two."""
+    monkeypatch.chdir(lives["cwd"])
+    known = rows_in(lives["cwd"] / "runs" / "x" / "ledger.jsonl")
+    assert lives["interrupted"]["ledger"].startswith(lives["killed"]["ledger"])
+    ran = app(*RUN)
+    assert (ran.status, ran.err) == (0, "")
+    assert_as(lives["cwd"] / "runs" / "x", undisturbed)
+    assert not set(asked) & set(known)
+    assert len(asked) == BLOCKS - len(known)
+
+
+# As killed runs leave it
+
+
+@pytest.mark.parametrize("blocks", [0, 3, 4, BLOCKS])
+def test_what_was_counted_is_not_counted_again(app, ended_after, folder, undisturbed, asked, blocks):
+    ended_after(blocks)
+    before = (folder / "ledger.jsonl").read_bytes()
+    known = rows_in(folder / "ledger.jsonl")
+    ran = app(*RUN)
+    assert (ran.status, ran.err) == (0, "")
+    assert (f"going on from {blocks} blocks in runs/x/ledger.jsonl" in ran.out) == (blocks > 0)
+    assert_as(folder, undisturbed)
+    assert (folder / "ledger.jsonl").read_bytes().startswith(before)
+    assert len(known) == blocks
+    assert not set(asked) & set(known)
+    assert len(asked) == BLOCKS - blocks
+
+
+def test_a_finished_run_is_told_again_without_counting(app, undisturbed, folder, asked):
+    """Reports that somebody has deleted come back from the ledger."""
+    shutil.copytree(undisturbed, folder)
+    (folder / "ber.csv").unlink()
+    assert app(*RUN).status == 0
+    assert_as(folder, undisturbed)
+    assert asked == []
+
+
+def test_a_torn_last_line_is_said_and_counted_again(app, ended_after, folder, undisturbed, asked):
+    lines = (undisturbed / "ledger.jsonl").read_bytes().splitlines(keepends=True)
+    ended_after(3, lines[4][:40])
+    ran = app(*RUN)
+    assert (ran.status, ran.err) == (0, "")
+    assert "ledger.jsonl: cut off a torn last line of 40 bytes" in ran.out
+    assert_as(folder, undisturbed)
+    assert len(asked) == BLOCKS - 3
+
+
+@pytest.mark.parametrize(
+    "scheduling", [("batch_frames=7",), ("batch_frames=256",), ("device=cpu",), ("receiver.save=flda_2",)]
+)
+def test_how_it_is_computed_may_change_in_the_middle(app, ended_after, folder, undisturbed, scheduling):
+    ended_after(3)
+    assert app(*RUN, *scheduling).status == 0
+    assert_as(folder, undisturbed)
+
+
+@pytest.mark.parametrize(
+    ("longer", "new"),
+    [
+        (("budget.frames=300",), [("1000", 4, 44), ("2000", 4, 44)]),
+        (("budget.frames=320",), [("1000", 4, 64), ("2000", 4, 64)]),
+        (("budget.frames=100",), [("1000", 1, 36), ("2000", 1, 36)]),
+        (("budget.frames=128",), []),
+        (("budget.target_frame_errors=100",), []),
+        (("experiment.values=[1000,1500,2000]",), [("1500", block, 64) for block in range(4)]),
+    ],
+)
+def test_another_budget_or_more_values_take_what_is_there(
+    app, undisturbed, folder, asked, longer, new, tmp_path
+):
+    """They end as a run of their own would, and count only what is missing."""
+    shutil.copytree(undisturbed, folder)
+    assert app(*RUN, *longer).status == 0
+    assert asked == [(f"ambient/ambient_lx={value}", *part) for value, *part in new]
+    assert app(*RUN, *longer, "name=own").status == 0
+    for name in RESULTS:
+        assert (folder / name).read_bytes() == (tmp_path / "runs" / "own" / name).read_bytes()
+        assert (folder / name).read_bytes() != (undisturbed / name).read_bytes()
+
+
+def test_a_longer_budget_is_in_the_configuration(app, ended_after, folder):
+    ended_after(4)
+    assert app(*RUN, "budget.frames=260").status == 0
+    assert yaml.safe_load((folder / "config.yaml").read_text())["budget"]["frames"] == 260
+
+
+# Refused, and left as it was
+
+OTHERS = {
+    "seed": (("seed=1",), "seed is 0 there and 1 here"),
+    "camera": (("camera.focal_length_mm=18",), "world.camera.focal_length_mm is 25 there and 18 here"),
+    "training": (("budget.training_frames=65",), "training_frames is 64 there and 65 here"),
+    "locator": (("receiver.locator=truth",), 'receiver.locator is ["paper"] there and ["truth"] here'),
+    "receivers": (("receiver.names=[flda_2]",), 'receiver.names is ["average_greyscale","flda_2","flda_3"]'),
+    "scene": (("experiment.scene.distance_m=65",), "distance_m.values is [66] there and [65] here"),
+    "experiment": (("experiment=distance", "experiment.values=[66]"), "experiment.axis is"),
+    "effect": (("~scene.effects.attenuation",), "visibility_m is 40000 there and not set here"),
+}
+
+
+@pytest.mark.parametrize(("changes", "said"), OTHERS.values(), ids=OTHERS.keys())
+def test_other_settings_are_refused(app, ended_after, folder, asked, changes, said):
+    run = [
+        word for word in RUN if not (changes[0] == "experiment=distance" and word.startswith("experiment"))
+    ]
+    ended_after(3)
+    before = files_in(folder)
+    ran = app(*run, *changes)
+    assert "runs/x/ledger.jsonl holds results of other settings" in ran.complaint
+    assert said in ran.complaint
+    assert "go back to them, or give another name=" in ran.complaint
+    assert (ran.out, asked, files_in(folder)) == ("", [], before)
+
+
+def test_other_bins_are_refused(app, tmp_path):
+    """They decide which frames are counted together, unlike the values of other axes."""
+    contrast = ("experiment=contrast", "budget.frames=8", "budget.training_frames=16", "tensorboard=false")
+    assert app(*contrast, "name=c", "experiment.values=[0.1,0.2,0.5]").status == 0
+    complaint = app(*contrast, "name=c", "experiment.values=[0.1,0.3,0.5]").complaint
+    assert "experiment.bins is [0.1,0.2,0.5] there and [0.1,0.3,0.5] here" in complaint
+
+
+def test_a_second_run_at_the_same_time_is_refused(app, ended_after, folder, asked):
+    ended_after(3)
+    before = files_in(folder)
+    settings = json.loads(before[Path("ledger.jsonl")].split(b"\n")[0])["settings"]
+    with Ledger.open(folder / "ledger.jsonl", settings):
+        ran = app(*RUN)
+        assert "runs/x/ledger.jsonl is in use by another run" in ran.complaint
+        assert "give another name=" in ran.complaint
+        assert (ran.out, asked, files_in(folder)) == ("", [], before)
+    assert app(*RUN).status == 0
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ((b'"version":1,', b'"version":2,'), "has format version 2 and this release reads 1"),
+        ((b'"block":1', b'"block":9'), "is damaged in line 3 of 4: bring back a copy"),
+        ((b'{"format":"vocc-torch ledger"', b'{"format":"another"'), "is no ledger of vocc-torch"),
+    ],
+)
+def test_a_ledger_that_is_foreign_or_damaged_is_refused(app, ended_after, folder, asked, change, said):
+    ended_after(3)
+    ledger = folder / "ledger.jsonl"
+    ledger.write_bytes(ledger.read_bytes().replace(*change))
+    before = files_in(folder)
+    ran = app(*RUN)
+    assert said in ran.complaint
+    assert "ledger.jsonl" in ran.complaint
+    assert (ran.out, asked, files_in(folder)) == ("", [], before)
+
+
+def test_a_ledger_of_another_release_is_refused(app, ended_after, folder, monkeypatch):
+    ended_after(3)
+    before = files_in(folder)
+    monkeypatch.setattr(ledger_format, "__version__", "9.9.9")
+    complaint = app(*RUN).complaint
+    assert "this is 9.9.9: continue it with the release that began it, or give another name=" in complaint
+    assert files_in(folder) == before
+
+
+def test_a_folder_that_holds_something_else_is_refused(app, folder):
+    folder.mkdir(parents=True)
+    (folder / "mine.txt").write_text("mine")
+    assert "runs/x already holds mine.txt" in app(*RUN).complaint
+    assert files_in(folder) == {Path("mine.txt"): b"mine"}
+
+
+# A system that refuses
+
+
+def test_a_read_only_ledger_is_refused(app, ended_after, folder, monkeypatch):
+    """On a file system that was mounted read-only, which binds root too."""
+    ended_after(3)
+    before, real = files_in(folder), os.open
+
+    def read_only(path, flags, *mode):
+        if Path(path).suffix == ".jsonl" and flags & (os.O_RDWR | os.O_WRONLY):
+            raise OSError(errno.EROFS, "Read-only file system")
+        return real(path, flags, *mode)
+
+    monkeypatch.setattr(os, "open", read_only)
+    complaint = app(*RUN).complaint
+    assert complaint.startswith("cannot write runs/x/ledger.jsonl: Read-only file system: make it writable")
+    assert complaint.endswith("or give another name=")
+    monkeypatch.undo()
+    assert files_in(folder) == before
+
+
+@pytest.mark.skipif(getattr(os, "geteuid", lambda: 0)() == 0, reason="permissions do not bind root")
+def test_a_read_only_folder_is_refused(app, folder):
+    folder.mkdir(parents=True)
+    folder.chmod(0o500)
+    assert "Permission denied" in app(*RUN).complaint
+
+
+@pytest.mark.parametrize("rows", [0, 5])
+def test_a_disk_that_is_full_in_the_middle_loses_nothing(app, folder, undisturbed, asked, rows):
+    """Half a row is written, and then the disk is full."""
+    with pytest.MonkeyPatch.context() as patch:
+        write, written = os.write, []
+
+        def full(descriptor, data):
+            if not bytes(data).startswith(b'{"point"'):
+                return write(descriptor, data)
+            written.append(data)
+            if len(written) <= rows:
+                return write(descriptor, data)
+            if len(written) == rows + 1:
+                return write(descriptor, bytes(data)[:30])
+            raise OSError(errno.ENOSPC, "No space left on device")
+
+        def short(descriptor, data):
+            if written and len(written) > rows and not bytes(data).startswith(b'{"point"'):
+                raise OSError(errno.ENOSPC, "No space left on device")
+            return full(descriptor, data)
+
+        patch.setattr(os, "write", short)
+        complaint = app(*RUN).complaint
+    assert complaint == (
+        "cannot write runs/x/ledger.jsonl: No space left on device: make room, then start the same run again"
+    )
+    assert len(rows_in(folder / "ledger.jsonl")) == rows
+    if not rows:
+        assert not folder.exists()
+    known = set(asked[:rows])
+    asked.clear()
+    ran = app(*RUN)
+    assert "torn" not in ran.out
+    assert_as(folder, undisturbed)
+    assert not set(asked) & known
+    assert len(asked) == BLOCKS - rows
+
+
+# Interrupted before and after the first block
+
+
+def test_interrupted_before_the_first_block_leaves_nothing(app, monkeypatch, tmp_path):
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(testing, "train_shown", interrupted)
+    ran = app(*RUN)
+    assert (ran.status, ran.err) == (130, "vocc-torch: interrupted\n")
+    assert "goes on" not in ran.out
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_lost_worker_keeps_what_was_counted(app, folder, undisturbed, monkeypatch):
+    """As the system does that is short of memory; with the complaint of the engine's own."""
+    monkeypatch.setattr(Ledger, "append", lost_after(3, Ledger.append))
+    complaint = app(*RUN).complaint
+    assert "a worker process was ended from outside" in complaint
+    assert "start again to go on" in complaint
+    monkeypatch.undo()
+    monkeypatch.chdir(folder.parents[1])
+    assert len(rows_in(folder / "ledger.jsonl")) == 3
+    assert app(*RUN).status == 0
+    assert_as(folder, undisturbed)
+
+
+def lost_after(rows, append):
+    """Append some rows and then be told that a worker is gone."""
+    appended = []
+
+    def call(self, *row):
+        if len(appended) == rows:
+            raise workers.BrokenProcessPool("gone")
+        appended.append(row)
+        return append(self, *row)
+
+    return call

@@ -1,0 +1,226 @@
+"""Spreading light over neighbouring pixels: exact kernels as plain numbers, convolved a frame at a time.
+
+A frame is convolved by itself, in float64 and in an order that its own size and kernel fix. So it does not
+depend on the batch that it came in, and float32 frames keep a uniform background uniform to the last bit.
+Light outside a frame is taken to be that at its border. All of it is linear in the light and differentiable.
+
+A rendered pixel already is a mean over its own square. A kernel that spread point light over pixel squares
+would count that square twice and, worse, a spot smaller than a pixel not at all. The kernels of discs and
+streaks therefore have exactly the second moment of the true spot: their radius or length is the one whose
+cover of whole pixels, which counts the square, has that moment. Against LEDs rendered 16 times finer, discs
+and level streaks of up to 3 px so have 0.5 to 1.0 times the error of the uncorrected cover, and less than
+linear interpolation; larger ones are alike.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+
+from vocc_torch.errors import VoccError
+from vocc_torch.simulation.raster import disc_quadrant_area
+
+MOST_REACH_PX = 128
+"""Half width of the widest kernel on offer; the work grows with its square."""
+
+STRIP_VALUES = 2_000_000
+"""Numbers in a working array; larger frames are convolved in strips of rows."""
+
+Tap = tuple[int, int, float]
+"""Row, column and weight of a kernel's tap; its mirror image through the middle has the same weight."""
+
+
+def checked_reach(reach_px: float, cause: str) -> int:
+    """Refuse a kernel that is wider than is on offer.
+
+    Raises:
+        VoccError: a half width above 128 px, with ``cause`` saying where it comes from.
+
+    Example:
+        >>> checked_reach(3, "scene.effects.defocus.focus_distance_m is 2")
+        3
+    """
+    if not reach_px <= MOST_REACH_PX:
+        limit = f"at most {MOST_REACH_PX} px is offered"
+        raise VoccError(f"{cause}: it spreads light over {reach_px:.0f} px on each side, {limit}")
+    return int(reach_px)
+
+
+def convolve_symmetric(plane: Tensor, quarter: Tensor) -> Tensor:
+    """Convolve one frame with a kernel that is symmetric from left to right and from top to bottom.
+
+    Mirrored columns are added first, one matrix product then makes all rows of the kernel at once.
+
+    Args:
+        plane: (H,W) float64.
+        quarter: (p+1,p+1) float64, the kernel from its middle on to the right and down.
+
+    Returns:
+        (H,W) float64.
+
+    Example:
+        >>> quarter = torch.tensor([[0.6, 0.1], [0.1, 0.0]], dtype=torch.float64)
+        >>> dot = torch.zeros(3, 4, dtype=torch.float64)
+        >>> dot[1, 1] = 1
+        >>> convolve_symmetric(dot, quarter)[1].tolist()
+        [0.1, 0.6, 0.1, 0.0]
+    """
+    reach = quarter.shape[-1] - 1
+    padded = F.pad(plane[None, None], (reach, reach, reach, reach), mode="replicate")[0, 0]
+    fit = STRIP_VALUES // ((reach + 1) * plane.shape[1]) - 2 * reach
+    rows = max(fit, 2 * reach + 1)
+    strips = [padded[top : top + rows + 2 * reach] for top in range(0, plane.shape[0], rows)]
+    return torch.cat([_convolve_strip(strip, quarter, reach) for strip in strips])
+
+
+def _convolve_strip(padded: Tensor, quarter: Tensor, reach: int) -> Tensor:
+    """Convolve rows that bring their own border of ``reach`` pixels on every side."""
+    height, width = (size - 2 * reach for size in padded.shape)
+    pairs = [
+        padded[:, reach - j : reach - j + width] + padded[:, reach + j : reach + j + width]
+        for j in range(1, reach + 1)
+    ]
+    columns = torch.stack([padded[:, reach : reach + width], *pairs])
+    rows = (quarter @ columns.flatten(1)).view_as(columns)
+    total = rows[0, reach : reach + height]
+    for i in range(1, reach + 1):
+        total = total + (rows[i, reach - i : reach - i + height] + rows[i, reach + i : reach + i + height])
+    return total
+
+
+def convolve_taps(plane: Tensor, middle: float, taps: Sequence[Tap]) -> Tensor:
+    """Convolve one frame with a kernel of a few taps that is symmetric about its middle.
+
+    Args:
+        plane: (H,W) float64.
+        middle: weight of the middle.
+        taps: half of the others; each also stands for its mirror image through the middle.
+
+    Returns:
+        (H,W) float64.
+
+    Example:
+        >>> dot = torch.tensor([[0.0, 0.0, 8.0, 0.0, 0.0]], dtype=torch.float64)
+        >>> convolve_taps(dot, 0.5, [(0, 1, 0.25)]).tolist()
+        [[0.0, 2.0, 4.0, 2.0, 0.0]]
+    """
+    height, width = plane.shape
+    down = max((abs(row) for row, _, _ in taps), default=0)
+    across = max((abs(column) for _, column, _ in taps), default=0)
+    padded = F.pad(plane[None, None], (across, across, down, down), mode="replicate")[0, 0]
+    total = plane * middle
+    for row, column, weight in taps:
+        ahead = padded[down + row : down + row + height, across + column : across + column + width]
+        behind = padded[down - row : down - row + height, across - column : across - column + width]
+        total = total + (ahead + behind) * weight
+    return total
+
+
+def disc_radius_px(diameter_px: Tensor) -> Tensor:
+    """Radius of the disc whose cover of whole pixels has the second moment of the true disc, ``c^2 / 16``.
+
+    The share of the cover that lies in columns beyond the k-th is ``2 (1 - G((k + 1/2) / R))``, with G the
+    distribution along an axis of a unit disc, and the second moment is the sum of ``2 k + 1`` times that. It
+    grows with R, so R is found by halving.
+
+    Args:
+        diameter_px: (B,) float64, diameter c of the true disc, px, at least 0.
+
+    Returns:
+        (B,) float64, px, from 0.5, where the whole disc lies in one pixel.
+
+    Example:
+        >>> wide = disc_radius_px(torch.tensor([0.0, 40.0], dtype=torch.float64))
+        >>> [round(float(r), 2) for r in wide]
+        [0.5, 19.99]
+    """
+    wanted = diameter_px * diameter_px / 16
+    low, high = torch.full_like(diameter_px, 0.5), diameter_px / 2 + 1
+    steps = torch.arange(math.ceil(float(high.max())) + 1, dtype=torch.float64, device=diameter_px.device)
+    for _ in range(52):
+        middle = (low + high) / 2
+        u = ((steps + 0.5) / middle.unsqueeze(-1)).clamp(max=1)
+        beyond = 1 - (2 / math.pi) * (u * torch.sqrt((1 - u) * (1 + u)) + torch.asin(u))
+        # A running sum adds a frame's terms in the same order whatever else is in the batch.
+        moment = ((2 * steps + 1) * beyond).cumsum(-1)[:, -1]
+        low, high = torch.where(moment < wanted, middle, low), torch.where(moment < wanted, high, middle)
+    return low
+
+
+def disc_quarter(radius_px: Tensor) -> Tensor:
+    """Share of a disc's area in each pixel of the quarter right of and below its middle pixel.
+
+    Args:
+        radius_px: a float64 number, px, at least 0.5; the disc's middle is that of a pixel.
+
+    Returns:
+        (p+1,p+1) float64; mirrored into four quarters it adds up to 1 within rounding.
+
+    Example:
+        >>> quarter = disc_quarter(torch.tensor(0.5, dtype=torch.float64))
+        >>> quarter.tolist()
+        [[1.0]]
+    """
+    reach = math.ceil(float(radius_px) - 0.5)
+    edges = (torch.arange(reach + 2, dtype=torch.float64, device=radius_px.device) - 0.5) / radius_px
+    area = disc_quadrant_area(edges, edges)
+    cover = area[1:, 1:] - area[:-1, 1:] - area[1:, :-1] + area[:-1, :-1]
+    return cover.clamp(min=0) / math.pi
+
+
+def streak_length_px(length_px: float) -> float:
+    """Length of the streak whose cover of whole pixels has the second moment of the true one, ``L^2 / 12``.
+
+    A streak of length M about a pixel's middle, M from 2 n - 1 to 2 n + 1, has the moment
+    ``n^2 - n (4 n^2 - 1) / (3 M)``; n is the last pixel that it touches.
+
+    Args:
+        length_px: length L of the true streak along an axis, px, at least 0.
+
+    Returns:
+        Length M, px.
+
+    Example:
+        >>> streak_length_px(0.0), round(streak_length_px(0.3), 6), round(streak_length_px(29.0), 3)
+        (0.0, 1.007557, 29.017)
+    """
+    if length_px == 0:
+        return 0.0
+    moment = length_px * length_px / 12
+    n = max(1, math.ceil((math.sqrt(1 + 12 * moment) - 1) / 2))
+    return n * (4 * n * n - 1) / (3 * (n * n - moment))
+
+
+def streak_taps(shift_x_px: float, shift_y_px: float) -> tuple[float, list[Tap]]:
+    """Share of a straight streak in each pixel, exact to rounding.
+
+    Args:
+        shift_x_px: motion to the right during the exposure, px.
+        shift_y_px: motion down, px.
+
+    Returns:
+        The share of the middle pixel and the taps of the half ahead of it. With their mirror images they add
+        up to 1, and their second moments along the axes are ``shift^2 / 12``.
+
+    Example:
+        >>> middle, taps = streak_taps(0.3, 0.0)
+        >>> round(middle, 6), [(row, column, round(weight, 6)) for row, column, weight in taps]
+        (0.9925, [(0, 1, 0.00375)])
+    """
+    reach = [math.copysign(streak_length_px(abs(shift)), shift) / 2 for shift in (shift_x_px, shift_y_px)]
+    cuts = {0.0, 1.0}
+    for half in reach:
+        cuts.update((k + 0.5) / abs(half) for k in range(math.ceil(abs(half) - 0.5)))
+    ordered = sorted(cut for cut in cuts if cut <= 1)
+    shares: dict[tuple[int, int], float] = {}
+    for start, end in itertools.pairwise(ordered):
+        # The middle of a piece tells its pixel.
+        column, row = (math.floor(half * (start + end) / 2 + 0.5) for half in reach)
+        shares[row, column] = shares.get((row, column), 0.0) + (end - start) / 2
+    middle = 2 * shares.pop((0, 0))
+    return middle, [(row, column, share) for (row, column), share in shares.items()]
