@@ -98,3 +98,23 @@ class FrameKey:
         return self.block.generator(
             f"{stream}/{self.frame}" if of_scene else f"{stream}/{self.take}/{self.frame}"
         )
+
+
+def sensor_generator(seed: int, stream: str) -> np.random.Generator:
+    """Give a fresh generator of what belongs to the sensor: the same in every frame of a run.
+
+    Args:
+        seed: the run's root seed, at least 0.
+        stream: the name of what is drawn, for instance ``"effect.prnu/0/3"``.
+
+    Raises:
+        VoccError: a negative seed.
+
+    Example:
+        >>> float(sensor_generator(0, "prnu").random()) == float(sensor_generator(0, "prnu").random())
+        True
+    """
+    if seed < 0:
+        raise VoccError(f"seed is {seed}: it must be at least 0")
+    entropy = [seed, *_words("sensor"), *_words(stream)]
+    return np.random.Generator(np.random.PCG64(np.random.SeedSequence(entropy)))

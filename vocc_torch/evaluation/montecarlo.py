@@ -43,7 +43,8 @@ class StopRule:
         target_frame_errors: stop once every receiver has this many frames in error, or None.
         precision: stop once every receiver's 95 % interval reaches at most this share of its bit error rate
             to either side, or None.
-        least_ber: a receiver whose interval lies below this rate needs no more precision.
+        least_ber: a receiver whose interval lies below this rate needs no more precision. One without errors
+            goes on until even wrong frames with half their bits wrong would lie below it.
     """
 
     frames: int
@@ -90,7 +91,9 @@ class StopRule:
         """Whether a rate is known well enough, or is too low to matter."""
         if self.precision is None or not counts.frames:
             return False
-        interval, ber = ber_interval(counts), counts.ber
+        # Without errors nothing tells how many bits a wrong frame would have: half of them, as in a lost panel.
+        lost = counts.bits / counts.frames / 2
+        interval, ber = ber_interval(counts, errors_per_frame_error=lost), counts.ber
         if interval.high <= self.least_ber:
             return True
         reach = self.precision * ber

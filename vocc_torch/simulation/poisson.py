@@ -1,8 +1,9 @@
 """Poisson counts as a function of a mean and a standard normal number: exact, and one number a count.
 
-A rejection sampler (NumPy's) draws as many random numbers as it happens to need, so one pixel whose mean moves
-by a rounding shifts the numbers of all pixels after it. By inversion each pixel keeps the number it was given:
-scenes that differ in one effect are compared on the same noise, and brighter pixels never count fewer.
+A rejection sampler (NumPy's) draws as many random numbers as it happens to need, so one pixel whose mean
+moves by a rounding shifts the numbers of all pixels after it. By inversion each pixel keeps the number it
+was given: scenes that differ in one effect are compared on the same noise, and brighter pixels never count
+fewer.
 """
 
 from __future__ import annotations
@@ -17,8 +18,8 @@ FEW = 6.0
 TRUSTED_NORMAL = 3.0
 """Normal numbers up to this size are expanded; the 0.3 % beyond are settled by the distribution function."""
 
-MOST_OF_FEW = 64
-"""A Poisson number with a mean below ``FEW`` exceeds this with a probability of 1e-28."""
+MOST_OF_FEW = 48
+"""A Poisson number with a mean below ``FEW`` exceeds this with a probability of 6e-28."""
 
 Array = NDArray[np.float64]
 
@@ -26,10 +27,10 @@ Array = NDArray[np.float64]
 def poisson_quantile(mean: Array, normal: Array) -> Array:
     """Give the Poisson quantile at the probability of a standard normal number.
 
-    The count is the least ``n`` with ``P(N <= n) >= Phi(normal)``; standard normal numbers give exactly Poisson
-    distributed counts. From a mean of 6 on the quantile comes from its expansion in powers of
-    ``mean^(-1/2)``, and where that lies too near to a whole number for its error bound, from the distribution
-    function itself.
+    The count is the least ``n`` with ``P(N <= n) >= Phi(normal)``; standard normal numbers give exactly
+    Poisson distributed counts. From a mean of 6 on the quantile comes from its expansion in powers of
+    ``mean^(-1/2)``, and where that lies too near to a whole number for its error bound, from the
+    distribution function itself.
 
     Args:
         mean: any shape, at least 0.
@@ -40,7 +41,7 @@ def poisson_quantile(mean: Array, normal: Array) -> Array:
 
     Source:
         M. B. Giles, "Algorithm 955: approximation of the inverse Poisson cumulative distribution function",
-        ACM Transactions on Mathematical Software 42(1), 2016; its normal expansion, with a bound twice as wide.
+        ACM Transactions on Mathematical Software 42(1), 2016; its expansion, with a bound twice as wide.
 
     Example:
         >>> poisson_quantile(np.array([0.0, 0.5, 100.0, 1e6]), np.array([3.0, 1.0, 0.0, -1.0])).tolist()

@@ -54,8 +54,6 @@ def checked_reach(reach_px: float, cause: str) -> int:
 def convolve_symmetric(plane: Tensor, quarter: Tensor) -> Tensor:
     """Convolve one frame with a kernel that is symmetric from left to right and from top to bottom.
 
-    Mirrored columns are added first, one matrix product then makes all rows of the kernel at once.
-
     Args:
         plane: (H,W) float64.
         quarter: (p+1,p+1) float64, the kernel from its middle on to the right and down.
@@ -71,6 +69,8 @@ def convolve_symmetric(plane: Tensor, quarter: Tensor) -> Tensor:
         [0.1, 0.6, 0.1, 0.0]
     """
     reach = quarter.shape[-1] - 1
+    if reach == 0:
+        return plane * quarter[0, 0]
     padded = F.pad(plane[None, None], (reach, reach, reach, reach), mode="replicate")[0, 0]
     fit = STRIP_VALUES // ((reach + 1) * plane.shape[1]) - 2 * reach
     rows = max(fit, 2 * reach + 1)
@@ -79,18 +79,23 @@ def convolve_symmetric(plane: Tensor, quarter: Tensor) -> Tensor:
 
 
 def _convolve_strip(padded: Tensor, quarter: Tensor, reach: int) -> Tensor:
-    """Convolve rows that bring their own border of ``reach`` pixels on every side."""
-    height, width = (size - 2 * reach for size in padded.shape)
-    pairs = [
-        padded[:, reach - j : reach - j + width] + padded[:, reach + j : reach + j + width]
-        for j in range(1, reach + 1)
-    ]
-    columns = torch.stack([padded[:, reach : reach + width], *pairs])
-    rows = (quarter @ columns.flatten(1)).view_as(columns)
-    total = rows[0, reach : reach + height]
-    for i in range(1, reach + 1):
-        total = total + (rows[i, reach - i : reach - i + height] + rows[i, reach + i : reach + i + height])
-    return total
+    """Convolve rows that bring their own border of ``reach`` pixels on every side.
+
+    Mirrored columns are added first, one matrix product makes all rows of the kernel, and mirrored rows are
+    added last, each shifted to its place.
+    """
+    tall, width = padded.shape[0], padded.shape[1] - 2 * reach
+    height = tall - 2 * reach
+    columns = padded.unfold(1, width, 1).transpose(0, 1)
+    pairs = columns[reach:] + columns[: reach + 1].flip(0)
+    # The middle is its own mirror image and so is counted twice.
+    once = torch.ones(reach + 1, dtype=quarter.dtype, device=quarter.device)
+    once[0] = 0.5
+    rows = ((quarter * once * once.unsqueeze(-1)) @ pairs.flatten(1)).view(-1, width)[reach:]
+    # Row i of the kernel starts at row i of its own plane, counted up or down from the border's end.
+    above = rows.unfold(0, height, tall - 1)[: reach + 1].transpose(1, 2)
+    below = rows.unfold(0, height, tall + 1).transpose(1, 2)
+    return (above + below).sum(0)
 
 
 def convolve_taps(plane: Tensor, middle: float, taps: Sequence[Tap]) -> Tensor:
@@ -142,7 +147,7 @@ def disc_radius_px(diameter_px: Tensor) -> Tensor:
     wanted = diameter_px * diameter_px / 16
     low, high = torch.full_like(diameter_px, 0.5), diameter_px / 2 + 1
     steps = torch.arange(math.ceil(float(high.max())) + 1, dtype=torch.float64, device=diameter_px.device)
-    for _ in range(52):
+    for _ in range(36):
         middle = (low + high) / 2
         u = ((steps + 0.5) / middle.unsqueeze(-1)).clamp(max=1)
         beyond = 1 - (2 / math.pi) * (u * torch.sqrt((1 - u) * (1 + u)) + torch.asin(u))
@@ -152,25 +157,28 @@ def disc_radius_px(diameter_px: Tensor) -> Tensor:
     return low
 
 
-def disc_quarter(radius_px: Tensor) -> Tensor:
-    """Share of a disc's area in each pixel of the quarter right of and below its middle pixel.
+def disc_quarters(radius_px: Tensor) -> list[Tensor]:
+    """Share of each disc's area in each pixel of the quarter right of and below its middle pixel.
 
     Args:
-        radius_px: a float64 number, px, at least 0.5; the disc's middle is that of a pixel.
+        radius_px: (B,) float64, px, at least 0.5; a disc's middle is that of a pixel.
 
     Returns:
-        (p+1,p+1) float64; mirrored into four quarters it adds up to 1 within rounding.
+        B tensors (p+1,p+1) float64, each as large as its disc; mirrored into four quarters it adds up to 1
+        within rounding.
 
     Example:
-        >>> quarter = disc_quarter(torch.tensor(0.5, dtype=torch.float64))
-        >>> quarter.tolist()
-        [[1.0]]
+        >>> quarters = disc_quarters(torch.tensor([0.5, 0.6], dtype=torch.float64))
+        >>> [quarter.shape[0] for quarter in quarters], quarters[0].tolist()
+        ([1, 2], [[1.0]])
     """
-    reach = math.ceil(float(radius_px) - 0.5)
-    edges = (torch.arange(reach + 2, dtype=torch.float64, device=radius_px.device) - 0.5) / radius_px
+    reaches = torch.ceil(radius_px - 0.5).long().tolist()
+    steps = torch.arange(max(reaches) + 2, dtype=torch.float64, device=radius_px.device) - 0.5
+    edges = steps / radius_px.unsqueeze(-1)
     area = disc_quadrant_area(edges, edges)
-    cover = area[1:, 1:] - area[:-1, 1:] - area[1:, :-1] + area[:-1, :-1]
-    return cover.clamp(min=0) / math.pi
+    cover = area[:, 1:, 1:] - area[:, :-1, 1:] - area[:, 1:, :-1] + area[:, :-1, :-1]
+    shares = cover.clamp(min=0) / math.pi
+    return [share[: reach + 1, : reach + 1] for share, reach in zip(shares, reaches, strict=True)]
 
 
 def streak_length_px(length_px: float) -> float:
@@ -186,8 +194,8 @@ def streak_length_px(length_px: float) -> float:
         Length M, px.
 
     Example:
-        >>> streak_length_px(0.0), round(streak_length_px(0.3), 6), round(streak_length_px(29.0), 3)
-        (0.0, 1.007557, 29.017)
+        >>> streak_length_px(0.0), round(streak_length_px(0.3), 6), round(streak_length_px(29.0), 2)
+        (0.0, 1.007557, 29.02)
     """
     if length_px == 0:
         return 0.0

@@ -41,6 +41,10 @@ class Budget:
             raise VoccError(f"budget.precision is {self.precision}: it must be above 0 and below 1, or null")
         if not 0 <= self.least_ber < 1:
             raise VoccError(f"budget.least_ber is {self.least_ber}: it must be at least 0 and below 1")
+        if self.least_ber and self.precision is None:
+            raise VoccError(
+                f"budget.least_ber is {self.least_ber}: it needs budget.precision; without it it must be 0"
+            )
         if self.precision is not None and self.target_frame_errors is not None:
             raise VoccError(
                 f"budget.precision is {self.precision} and budget.target_frame_errors is "

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass, replace
 
 from vocc_torch.evaluation.curves import Measured
@@ -106,7 +105,7 @@ class Campaign:
 def run_campaign(
     studies: Sequence[Study],
     workers: Workers,
-    open_ledger: Callable[[Study], AbstractContextManager[Ledger]],
+    open_ledger: Callable[[Study], Ledger],
     *,
     trained: Callable[[], None] | None = None,
     advance: Callable[[Study, int], None] | None = None,
@@ -117,7 +116,8 @@ def run_campaign(
     Args:
         studies: the studies, of different keys.
         workers: who does it.
-        open_ledger: opens a study's ledger; all are opened before any work is done.
+        open_ledger: opens a study's ledger, which is the caller's to close; all are opened before any work is
+            done.
         trained: called when training is done.
         advance: called for each block as it is added, with its frames.
         finished: called with each study when its last point is there.
@@ -128,25 +128,24 @@ def run_campaign(
     """
     results: dict[str, Measured] = {}
     outcomes: dict[str, dict[float, Outcome]] = {study.key: {} for study in studies}
-    with ExitStack() as stack:
-        ledgers = {study.key: stack.enter_context(open_ledger(study)) for study in studies}
-        trainings = train_all(studies, workers)
-        if trained is not None:
-            trained()
-        sweeps = [_sweep(study, trainings[study.key], ledgers[study.key]) for study in studies]
-        of_sweep = {id(sweep): study for sweep, study in zip(sweeps, studies, strict=True)}
+    ledgers = {study.key: open_ledger(study) for study in studies}
+    trainings = train_all(studies, workers)
+    if trained is not None:
+        trained()
+    sweeps = [_sweep(study, trainings[study.key], ledgers[study.key]) for study in studies]
+    of_sweep = {id(sweep): study for sweep, study in zip(sweeps, studies, strict=True)}
 
-        def told(sweep: Sweep, _value: float, frames: int, _tallies: Mapping[Label, Tally]) -> None:
-            if advance is not None:
-                advance(of_sweep[id(sweep)], frames)
+    def told(sweep: Sweep, _value: float, frames: int, _tallies: Mapping[Label, Tally]) -> None:
+        if advance is not None:
+            advance(of_sweep[id(sweep)], frames)
 
-        for sweep, value, outcome in run_sweeps(sweeps, workers, told):
-            study = of_sweep[id(sweep)]
-            outcomes[study.key][value] = outcome
-            if len(outcomes[study.key]) == len(monte_carlo_values(study.plan)):
-                results[study.key] = measured(study.plan, study.locators, outcomes[study.key])
-                if finished is not None:
-                    finished(study, results[study.key])
+    for sweep, value, outcome in run_sweeps(sweeps, workers, told):
+        study = of_sweep[id(sweep)]
+        outcomes[study.key][value] = outcome
+        if len(outcomes[study.key]) == len(monte_carlo_values(study.plan)):
+            results[study.key] = measured(study.plan, study.locators, outcomes[study.key])
+            if finished is not None:
+                finished(study, results[study.key])
     return Campaign(results, trainings)
 
 

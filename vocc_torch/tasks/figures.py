@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import time
-from contextlib import AbstractContextManager
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 
 from rich.console import Console
 
 from vocc_torch.assembly import build_experiments, build_plan
-from vocc_torch.config import AppConfig
+from vocc_torch.config import AppConfig, read_flat
+from vocc_torch.errors import VoccError
 from vocc_torch.evaluation.curves import Measured
 from vocc_torch.evaluation.ledger import Ledger
 from vocc_torch.reporting.terminal_campaign import CampaignView
@@ -20,6 +21,7 @@ from vocc_torch.studies.paper import BER_FIGURES, PaperStudies, wanted_figures
 from vocc_torch.studies.plan import Plan
 from vocc_torch.studies.workers import Workers
 from vocc_torch.tasks.folder import (
+    CONFIG,
     LEDGERS,
     open_ledger,
     refuse_results,
@@ -31,6 +33,8 @@ from vocc_torch.tasks.paper_files import PaperFiles
 from vocc_torch.tasks.stopwatch import Stopwatch
 from vocc_torch.tasks.training import write_training
 
+REPORT = "report.html"
+
 
 def run_figures(settings: AppConfig, folder: Path) -> None:
     """Measure what the paper's figures and claims need, draw, score and report it.
@@ -40,15 +44,17 @@ def run_figures(settings: AppConfig, folder: Path) -> None:
     """
     refuse_unused(settings)
     refuse_results(folder, LEDGERS)
-    plan, console, watch = build_plan(settings, folder), Console(), Stopwatch()
     names = wanted_figures(settings.figures.names)
+    _refuse_other_report(folder, names)
+    plan, console, watch = build_plan(settings, folder), Console(), Stopwatch()
     studies = _studies(settings, plan, names)
     ordered = studies.studies()
     files = PaperFiles(settings, folder, studies, console, watch)
-    with resumable(settings, folder, console):
+    # The ledgers are held to the end: a second run would write over the same report.
+    with resumable(settings, folder, console), ExitStack() as ledgers:
         if ordered:
             with Workers(settings.workers) as workers:
-                campaign = _measure(settings, ordered, workers, folder, console, watch)
+                campaign = _measure(settings, ordered, workers, ledgers, folder, console, watch)
             files.rates(campaign)
             own = ordered[0]
             training = campaign.trainings[own.key][studies.locators[0]]
@@ -61,6 +67,15 @@ def run_figures(settings: AppConfig, folder: Path) -> None:
         with watch.stage("report"):
             files.report()
     files.print_places()
+
+
+def _refuse_other_report(folder: Path, names: tuple[str, ...]) -> None:
+    """Refuse to write a report of some figures over one of others."""
+    if not (folder / REPORT).exists():
+        return
+    there = read_flat(folder / CONFIG).get("figures.names")
+    if not isinstance(there, list) or wanted_figures([str(name) for name in there]) != names:
+        raise VoccError(f"name: {folder} holds a report of other figures: give another name=")
 
 
 def _studies(settings: AppConfig, plan: Plan, names: tuple[str, ...]) -> PaperStudies:
@@ -80,6 +95,7 @@ def _measure(
     settings: AppConfig,
     ordered: list[Study],
     workers: Workers,
+    ledgers: ExitStack,
     folder: Path,
     console: Console,
     watch: Stopwatch,
@@ -87,8 +103,9 @@ def _measure(
     """Run every study, each with a ledger, under a live view."""
     begun = time.perf_counter()
 
-    def ledger(study: Study) -> AbstractContextManager[Ledger]:
-        return open_ledger(folder / LEDGERS / f"{study.key}.jsonl", study.identity, console)
+    def ledger(study: Study) -> Ledger:
+        path = folder / LEDGERS / f"{study.key}.jsonl"
+        return ledgers.enter_context(open_ledger(path, study.identity, console))
 
     with CampaignView(sum(study.frames for study in ordered), console) as view:
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -51,7 +52,7 @@ def open_ledger(path: Path, settings: Mapping[str, object], console: Console) ->
     try:
         ledger = Ledger.open(path, settings)
     except VoccError as error:
-        raise VoccError(str(error).replace("choose another ledger", "give another name=")) from None
+        raise VoccError(re.sub("choose another (ledger|file)", "give another name=", str(error))) from None
     with ledger:
         for text in (ledger.repaired, f"going on from {len(ledger)} blocks in {path}" if len(ledger) else ""):
             if text:

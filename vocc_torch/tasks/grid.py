@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from contextlib import AbstractContextManager
+from contextlib import ExitStack
 from pathlib import Path
 
 from rich.console import Console
@@ -44,33 +44,34 @@ def run_grid(settings: AppConfig, folder: Path) -> None:
     refuse_results(folder, LEDGERS)
     plan, console = build_plan(settings, folder), Console()
     studies = _studies(settings, plan)
-    with resumable(settings, folder, console), Workers(settings.workers) as workers:
-        campaign = _measure(settings, list(studies.values()), workers, folder, console)
-    locator, axis = plan.receiver.locator, settings.experiment.row_axis or ""
-    curves = tuple(campaign.measured[study.key].curves[locator] for study in studies.values())
-    grid = Grid(axis, tuple(studies), curves)
-    training = campaign.trainings[next(iter(studies.values())).key][locator]
-    write_training(settings, plan, training, folder)
-    write_grid(folder / "ber.csv", {locator: grid})
-    write_paired(folder / "paired.csv", curves)
-    figures = grid_figures({locator: grid}, locator, plan.receiver.names)
-    for name, figure in figures.items():
-        save_figure(figure, folder / f"{name}.png")
-    if settings.tensorboard:
-        from vocc_torch.reporting.tensorboard import write_boards
+    with resumable(settings, folder, console), ExitStack() as ledgers:
+        with Workers(settings.workers) as workers:
+            campaign = _measure(settings, list(studies.values()), workers, ledgers, folder, console)
+        locator, axis = plan.receiver.locator, settings.experiment.row_axis or ""
+        curves = tuple(campaign.measured[study.key].curves[locator] for study in studies.values())
+        grid = Grid(axis, tuple(studies), curves)
+        training = campaign.trainings[next(iter(studies.values())).key][locator]
+        write_training(settings, plan, training, folder)
+        write_grid(folder / "ber.csv", {locator: grid})
+        write_paired(folder / "paired.csv", curves)
+        figures = grid_figures({locator: grid}, locator, plan.receiver.names)
+        for name, figure in figures.items():
+            save_figure(figure, folder / f"{name}.png")
+        if settings.tensorboard:
+            from vocc_torch.reporting.tensorboard import write_boards
 
-        tables = {f"{axis}={at:g}": [one.table()] for at, one in zip(grid.rows, curves, strict=True)}
-        with quiet_threads():
-            write_boards(
-                folder / "tensorboard", tables, figures, {}, {"configuration": as_markdown(settings)}
-            )
-    for one in curves:
-        console.print(f"\n{one.experiment}", highlight=False)
-        print_table(one.table(), console)
-    for what, name in (("table", "ber.csv"), ("pairs", "paired.csv"), ("receiver", "receiver.pt")):
-        print_place(console, what, folder / name)
-    for name in figures:
-        print_place(console, "figure", folder / f"{name}.png")
+            tables = {f"{axis}={at:g}": [one.table()] for at, one in zip(grid.rows, curves, strict=True)}
+            with quiet_threads():
+                write_boards(
+                    folder / "tensorboard", tables, figures, {}, {"configuration": as_markdown(settings)}
+                )
+        for one in curves:
+            console.print(f"\n{one.experiment}", highlight=False)
+            print_table(one.table(), console)
+        for what, name in (("table", "ber.csv"), ("pairs", "paired.csv"), ("receiver", "receiver.pt")):
+            print_place(console, what, folder / name)
+        for name in figures:
+            print_place(console, "figure", folder / f"{name}.png")
 
 
 def _studies(settings: AppConfig, plan: Plan) -> dict[float, Study]:
@@ -80,12 +81,18 @@ def _studies(settings: AppConfig, plan: Plan) -> dict[float, Study]:
 
 
 def _measure(
-    settings: AppConfig, studies: list[Study], workers: Workers, folder: Path, console: Console
+    settings: AppConfig,
+    studies: list[Study],
+    workers: Workers,
+    ledgers: ExitStack,
+    folder: Path,
+    console: Console,
 ) -> Campaign:
     """Run every row, each with a ledger, under a live view."""
 
-    def ledger(study: Study) -> AbstractContextManager[Ledger]:
-        return open_ledger(folder / LEDGERS / f"{study.key}.jsonl", study.identity, console)
+    def ledger(study: Study) -> Ledger:
+        path = folder / LEDGERS / f"{study.key}.jsonl"
+        return ledgers.enter_context(open_ledger(path, study.identity, console))
 
     with CampaignView(sum(study.frames for study in studies), console) as view:
 

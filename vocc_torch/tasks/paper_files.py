@@ -30,7 +30,7 @@ from vocc_torch.reporting.paper.contents import Contents, Facts, Shown
 from vocc_torch.reporting.paper.location_figure import CAPTION as LOCATION_CAPTION
 from vocc_torch.reporting.paper.location_figure import location_figure
 from vocc_torch.reporting.paper.rates import CAPTIONS as RATE_CAPTIONS
-from vocc_torch.reporting.paper.rates import PAPER_RECEIVERS, RATE_FIGURES, RateFigure, draw, lines
+from vocc_torch.reporting.paper.rates import PAPER_RECEIVERS, RATE_FIGURES, RateFigure, draw, lines, only
 from vocc_torch.reporting.paper.readings_section import fit_rows
 from vocc_torch.reporting.paper.sections import paper_report
 from vocc_torch.reporting.plots import save_figure
@@ -182,7 +182,9 @@ class PaperFiles:
         tables: dict[str, list[BerTable]] = {}
         for one in self.measured.get(own_mm, {}).values():
             for locator, curves in one.curves.items():
-                tables.setdefault(f"{own_mm:g}mm-{locator}", []).append(curves.table())
+                # TensorBoard has seven colours; NGR alone, which tells nothing, goes without one.
+                shown = [name for name in curves.receivers if name != "flda_ngr"]
+                tables.setdefault(f"{own_mm:g}mm-{locator}", []).append(only(curves.table(), shown))
         texts = {"configuration": as_markdown(self.settings)}
         with quiet_threads():
             write_boards(self.folder / "tensorboard", tables, self.board, {}, texts)

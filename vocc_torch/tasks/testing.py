@@ -59,20 +59,22 @@ def run_test(settings: AppConfig, folder: Path) -> None:
     plan, console = build_plan(settings, folder), Console()
     if settings.tensorboard:
         _check_steps(plan)
+    locator = plan.receiver.locator
     with (
         resumable(settings, folder, console),
-        Workers(settings.workers) as workers,
-        open_ledger(folder / LEDGER, identity(plan, [plan.receiver.locator]), console) as ledger,
+        # Held to the end: a second run would write over the same results.
+        open_ledger(folder / LEDGER, identity(plan, [locator]), console) as ledger,
     ):
         write_config(settings, folder)
         training = train_shown(plan, console)
-        curves = _sweep(plan, training, ledger, workers, console)
+        with Workers(settings.workers) as workers:
+            curves = _sweep(plan, training, ledger, workers, console)
+        if not curves.values:
+            raise VoccError(
+                "experiment.values: no frame fell into any contrast bin: widen the bins or the scenes"
+            )
+        _write(settings, plan, training, curves, folder)
     table = curves.table()
-    if not len(table):
-        raise VoccError(
-            "experiment.values: no frame fell into any contrast bin: widen the bins or the scenes"
-        )
-    _write(settings, plan, training, curves, folder)
     print_table(table, console)
     _print_left_out(console, plan, table)
     _print_compared(console, plan, curves)

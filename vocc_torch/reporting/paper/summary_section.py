@@ -85,10 +85,16 @@ def _why(scorecard: Scorecard) -> list[Block]:
     if not known:
         return [Paragraph(more)]
     differing = scorecard.tally()["differ"]
+    verb = "differs" if differing == 1 else "differ"
     text = (
-        f"**Why {differing} claims differ**, as far as the measurements tell; one may have several reasons."
+        f"**Why {_claims(differing)} {verb}**, as far as the measurements tell; one may have several reasons."
     )
     return [
         Paragraph(f"{text} {more}"),
-        Bullets(tuple(f"{literal(sentence(cause.text))} **{cause.claims} claims**" for cause in known)),
+        Bullets(tuple(f"{literal(sentence(cause.text))} **{_claims(cause.claims)}**" for cause in known)),
     ]
+
+
+def _claims(count: int) -> str:
+    """Write a number of claims."""
+    return "1 claim" if count == 1 else f"{count} claims"

@@ -21,17 +21,17 @@ class Airlight(Effect):
     """Koschmieder's law, ``L_seen = L T + L_air (1 - T)`` with ``T = exp(-3.912 d / V)``.
 
     The path of length d takes its share of what lies behind it and adds daylight that it scatters towards the
-    camera. ``L_air`` is the horizon's luminance, ``horizon_factor E / pi``: a sky of one luminance that lights
-    a level plane with E has the luminance ``E / pi``. Everything seen is taken to be at the panel's distance,
-    the background and its lamps too. Headlights that shine into the fog are not part of it.
+    camera. ``L_air`` is the horizon's luminance, ``horizon_factor E / pi``: a sky of one luminance that
+    lights a level plane with E has the luminance ``E / pi``. Everything seen is taken to be at the panel's
+    distance, the background and its lamps too. Headlights that shine into the fog are not part of it.
 
     This effect acts on all light but the LEDs' own, which ``attenuation`` (Eq. 20) dims; so nothing is dimmed
     twice, and a foggy scene names both, with one visibility. Eq. 20 rounds 3.912 to 3.91, at most 0.2 % of
     the light within the visibility distance. Differentiable in the light and in the scene.
 
-    Source: H. Koschmieder, "Theorie der horizontalen Sichtweite", Beitr. Phys. freien Atmos. 12, 1924; W. E. K.
-    Middleton, "Vision through the Atmosphere", 1952. The meteorological optical range of weather services has
-    a contrast of 5 % instead and is ``0.766 V``.
+    Source: H. Koschmieder, "Theorie der horizontalen Sichtweite", Beitr. Phys. freien Atmos. 12, 1924;
+    W. E. K. Middleton, "Vision through the Atmosphere", 1952. The meteorological optical range of weather
+    services is where 5 % of a contrast is left instead, ``0.766 V``.
 
     Args:
         visibility_m: visibility distance V, m, above 0; fog is below 1000, dense fog below 200.

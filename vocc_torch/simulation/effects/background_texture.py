@@ -57,20 +57,19 @@ class BackgroundTexture(Effect):
     """Background luminance times a texture of mean 1, ``exp(s g) / mean(exp(s g))``, ``s^2 = ln(1 + c^2)``.
 
     g is :func:`power_law_noise` over the whole sensor and c the contrast. The texture is log-normal, as the
-    luminances of natural scenes nearly are, so it is never negative; its logarithm has the power law. Its mean
-    over the sensor is 1, so auto-ISO meters the same background. It lies behind the panel: board and LEDs
-    cover it, and where the panel has no board it shows between the LEDs. It is drawn on the sensor's grid,
-    a crop being a part of it, and a frame and its preambles share it. Sampled: the texture is a constant to
-    automatic differentiation, and the light keeps its gradient.
+    luminances of natural scenes nearly are, so it is never negative; its logarithm has the power law. Its
+    mean over the sensor is 1, so auto-ISO meters the same background. It lies behind the panel: board and
+    LEDs cover it, and where the panel has no board it shows between the LEDs. It is drawn on the sensor's
+    grid, a crop being a part of it, and a frame and its preambles share it. Sampled: the texture is a
+    constant to automatic differentiation, and the light keeps its gradient.
 
     Source: D. J. Field, "Relations between the statistics of natural images and the response properties of
-    cortical cells", J. Opt. Soc. Am. A 4, 1987; D. L. Ruderman, "The statistics of natural images", Network 5,
-    1994.
+    cortical cells", J. Opt. Soc. Am. A 4, 1987; D. L. Ruderman, "The statistics of natural images",
+    Network 5, 1994.
 
     Args:
         contrast: root-mean-square contrast, standard deviation over mean, above 0 and at most 1; natural
-            scenes have 0.2 to 0.5. A frame's own lies within a quarter of it at 0.3, since a few long waves
-            carry most of the power.
+            scenes have 0.2 to 0.5. The logarithm's is exact; so a frame's own is within 5 % of it at 0.3.
         beta: exponent of the power spectrum, 0 to 4; natural images have about 2, 0 is white noise.
 
     Raises:
@@ -97,7 +96,7 @@ class BackgroundTexture(Effect):
     def texture(self, generator: np.random.Generator, sensor_px: tuple[int, int]) -> NDArray[np.float32]:
         """Draw one frame's texture on the whole sensor, (height, width), mean 1."""
         log_sigma = np.float32(math.sqrt(math.log1p(self.contrast**2)))
-        texture = np.exp(log_sigma * power_law_noise(generator, sensor_px, self.beta))
+        texture: NDArray[np.float32] = np.exp(log_sigma * power_law_noise(generator, sensor_px, self.beta))
         return texture * np.float32(1 / texture.mean(dtype=np.float64))
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:

@@ -50,6 +50,8 @@ class Context:
     keys: Sequence[FrameKey] = ()
     origin_px: Tensor | None = None
     """(B,2) int64, the sensor column and row of each crop's first pixel; None at the sensor's own."""
+    effects: Sequence[Effect] = ()
+    """All effects of the scene, for one that undoes or continues what another did."""
 
     def generators(self, stream: str, *, of_scene: bool = False) -> list[np.random.Generator]:
         """Give each frame's random stream of an effect; what other effects draw does not change it.

@@ -11,7 +11,7 @@ from torch import Tensor
 from vocc_torch.errors import VoccError
 from vocc_torch.simulation.effects.base import Context, Effect, Quantity
 from vocc_torch.simulation.geometry import Camera
-from vocc_torch.simulation.spread import checked_reach, convolve_symmetric, disc_quarter, disc_radius_px
+from vocc_torch.simulation.spread import checked_reach, convolve_symmetric, disc_quarters, disc_radius_px
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,9 +98,7 @@ class Defocus(Effect):
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Spread (B,1,H,W) exposure; the light outside the frame is taken to be that at its border."""
-        radii = self._radii_px(context.camera, context.scene.distance_m)
-        frames = zip(value[:, 0].to(torch.float64), radii, strict=True)
-        blurred = [
-            convolve_symmetric(plane, disc_quarter(radius).to(plane.device)) for plane, radius in frames
-        ]
+        quarters = disc_quarters(self._radii_px(context.camera, context.scene.distance_m))
+        frames = zip(value[:, 0].to(torch.float64), quarters, strict=True)
+        blurred = [convolve_symmetric(plane, quarter.to(plane.device)) for plane, quarter in frames]
         return torch.stack(blurred).unsqueeze(1).to(value.dtype)

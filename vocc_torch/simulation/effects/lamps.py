@@ -22,9 +22,10 @@ class Lamps(Effect):
     """Round lamps at random places behind the panel, each covering the exact area of its disc.
 
     The centres are uniform over the sensor, so a border may cut a lamp. A lamp's image has the diameter that
-    the pinhole camera gives it at the panel's distance. Board and LEDs cover a lamp behind them. More lamps
-    keep the places of fewer; a frame and its preambles share them. Sampled: not differentiable in places nor
-    in size; the light of the background keeps its gradient.
+    the pinhole camera gives it at the panel's distance. Board and LEDs cover a lamp behind them; one lamp
+    covers another, their edges in one pixel taken as independent. More lamps keep the places of fewer; a
+    frame and its preambles share them. Sampled: not differentiable in places nor in size; the light of the
+    background keeps its gradient.
 
     Source: the pinhole camera; luminance does not change with distance in clear air (``airlight`` dims it).
 
@@ -65,10 +66,10 @@ class Lamps(Effect):
         radii = (self.diameter_m / 2 * camera.pixels_per_metre(context.scene.distance_m)).tolist()
         origins = [[0, 0]] * len(value) if context.origin_px is None else context.origin_px.tolist()
         generators = context.generators(self.name, of_scene=True)
-        for plane, radius, origin, generator in zip(painted, radii, origins, generators, strict=True):
+        for frame, (radius, origin, generator) in enumerate(zip(radii, origins, generators, strict=True)):
             for across, down in generator.random((self.count, 2)).tolist():
                 centre = (across * camera.width_px, down * camera.height_px)
-                self._paint(plane[0], centre, radius, origin)
+                self._paint(painted[frame, 0], centre, radius, origin)
         return painted
 
     def _paint(self, plane: Tensor, centre: tuple[float, float], radius: float, origin: list[int]) -> None:

@@ -15,15 +15,17 @@ from vocc_torch.simulation.effects.base import Context, Effect, Quantity
 
 @dataclass(frozen=True, slots=True)
 class LedScatter(Effect):
-    """A factor for each LED's own light, log-normal with mean 1: ``exp(s z - s^2 / 2)``, ``s^2 = ln(1 + v^2)``.
+    """A factor for each LED's own light: ``exp(s z - s^2 / 2)`` with ``s^2 = ln(1 + v^2)``.
 
-    v is the coefficient of variation and z is standard normal. Luminances spread so because the many causes
-    (binning, temperature, ageing, dirt) each multiply. Every frame of a block is another panel, so each has
-    factors of its own; a frame and its preambles show one panel and share them. Sampled: the factors are
-    constants to automatic differentiation, and the light keeps its gradient.
+    The factor is log-normal with mean 1, v is its coefficient of variation and z is standard normal.
+    Luminances spread so because the many causes (binning, temperature, ageing, dirt) each multiply. Every
+    frame of a block is another panel, so each has factors of its own; a frame and its preambles show one
+    panel and share them. Sampled: the factors are constants to automatic differentiation, and the light keeps
+    its gradient.
 
     Source: E. Limpert, W. A. Stahel and M. Abbt, "Log-normal Distributions across the Sciences", BioScience
-    51, 2001. LEDs of one luminous-intensity bin of a factor 1.12 to 1.4 have v from 0.03 to 0.1.
+    51, 2001. LEDs uniform over a luminous-intensity bin that spans a factor of 1.12 to 1.4 have v from 0.03
+    to 0.1.
 
     Args:
         coefficient_of_variation: standard deviation of the luminance over its mean, above 0 and at most 2.

@@ -33,9 +33,9 @@ class VeilingGlare(Effect):
     """Light of the sun or of a lamp, scattered in windscreen and lens: one luminance added to every pixel.
 
     Give either the veil itself, where it is known, or the source's illuminance and angle, from which it
-    follows by :func:`disability_glare_cd_m2`. That equation was measured on young human eyes and stands in for
-    a dusty windscreen and lens; a clean lens scatters less. The angle to the panel stands for the whole frame,
-    so the veil is uniform. The source itself is outside the view. Differentiable in the light.
+    follows by :func:`disability_glare_cd_m2`. That equation was measured on young human eyes and stands in
+    for a dusty windscreen and lens; a clean lens scatters less. The angle to the panel stands for the whole
+    frame, so the veil is uniform. The source itself is outside the view. Differentiable in the light.
 
     Args:
         luminance_cd_m2: the veil, cd/m2, above 0.

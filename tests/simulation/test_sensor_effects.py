@@ -1,0 +1,570 @@
+"""Sensor and encoding effects against EMVA 1288's equations, SciPy, OpenCV and Pillow."""
+
+import functools
+import io
+import itertools
+import math
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from PIL import Image
+from scipy import constants, stats
+
+from vocc_torch.errors import VoccError
+from vocc_torch.receiver.location import PaperLocator
+from vocc_torch.receiver.reader import Reader
+from vocc_torch.rng import BlockKey, FrameKey
+from vocc_torch.simulation.effects import Context, Quantity, check_chain
+from vocc_torch.simulation.effects.bayer import Bayer
+from vocc_torch.simulation.effects.dark_current import DarkCurrent
+from vocc_torch.simulation.effects.demosaicing import Demosaicing
+from vocc_torch.simulation.effects.dsnu import Dsnu
+from vocc_torch.simulation.effects.full_well import FullWell
+from vocc_torch.simulation.effects.gain import Gain
+from vocc_torch.simulation.effects.hot_pixels import HotPixels
+from vocc_torch.simulation.effects.jpeg import Jpeg
+from vocc_torch.simulation.effects.photoelectrons import Photoelectrons
+from vocc_torch.simulation.effects.prnu import Prnu
+from vocc_torch.simulation.effects.quantization import Quantization
+from vocc_torch.simulation.effects.read_noise import ReadNoise
+from vocc_torch.simulation.effects.row_noise import RowNoise
+from vocc_torch.simulation.effects.saturation import Saturation
+from vocc_torch.simulation.effects.shot_noise import ShotNoise
+from vocc_torch.simulation.geometry import Camera
+from vocc_torch.simulation.poisson import poisson_quantile
+from vocc_torch.simulation.simulator import PAPER_EFFECTS, Simulator
+from vocc_torch.types import Scene
+
+DOUBLE = torch.float64
+SENSOR = (Photoelectrons(0.6), Prnu(0.01), DarkCurrent(2e4), HotPixels(1e-3, 1e6), ShotNoise())
+READOUT = (FullWell(20_000), Dsnu(2.0), RowNoise(1.5), ReadNoise(3.0), Gain())
+RANDOM = (Prnu(0.01), HotPixels(0.01, 1e6), ShotNoise(), Dsnu(2.0), RowNoise(1.5), ReadNoise(3.0))
+
+
+def frame_keys(frames, *, seed=0, point="test", block=0, take="frame"):
+    return [FrameKey(BlockKey(seed, point, block), frame, take) for frame in range(frames)]
+
+
+def run(value, *effects, keys=None, origin=None, camera=None):
+    keys = frame_keys(len(value)) if keys is None else keys
+    origin = None if origin is None else torch.tensor(origin).view(len(value), 2)
+    context = Context(Scene.of(len(value)), camera or Camera(), keys, origin, effects)
+    for effect in effects:
+        value = effect(value, context)
+    return value
+
+
+def level(value, *shape, dtype=DOUBLE):
+    return torch.full(shape, float(value), dtype=dtype)
+
+
+# Light to electrons and back
+
+
+def test_photoelectrons_are_emvas_50_34_photons():
+    """EMVA 1288: photons = 50.34 A t lambda E with A in um2, t in ms, lambda in um and E in uW/cm2."""
+    exposure = 0.015
+    pitch_um = 13_200 / 1920
+    microwatt_ms_cm2 = exposure / 683 / 1e-5
+    expected = 0.6 * 50.34 * pitch_um**2 * 0.555 * microwatt_ms_cm2
+    assert float(run(level(exposure, 1, 1, 1, 1), Photoelectrons(0.6))) == pytest.approx(expected, rel=1e-4)
+
+
+def test_photoelectrons_of_other_light_and_another_camera_from_scipys_constants():
+    camera = Camera(sensor_width_mm=6.4, width_px=1600)
+    joule = 0.2 / 300 * 4e-6**2
+    expected = 0.35 * joule / (constants.h * constants.c / 620e-9)
+    electrons = run(level(0.2, 1, 1, 1, 1), Photoelectrons(0.35, 620, 300), camera=camera)
+    assert float(electrons) == pytest.approx(expected, rel=1e-12)
+
+
+@pytest.mark.parametrize(("dtype", "rtol"), [(torch.float32, 3e-7), (DOUBLE, 1e-15)])
+def test_gain_undoes_photoelectrons(dtype, rtol):
+    exposure = torch.linspace(0, 0.3, 120, dtype=dtype).view(2, 1, 5, 12)
+    back = run(exposure, Photoelectrons(0.45, 600, 250), Gain())
+    torch.testing.assert_close(back, exposure, rtol=rtol, atol=0)
+
+
+def test_gain_clips_what_read_noise_pushed_below_zero():
+    conversion = Photoelectrons(0.5)
+    context = Context(Scene.of(), Camera(), effects=(conversion, Gain()))
+    assert Gain()(torch.tensor([-3.0, 0.0]).view(1, 1, 1, 2), context).flatten().tolist() == [0.0, 0.0]
+
+
+def test_gain_without_photoelectrons_is_refused():
+    with pytest.raises(VoccError, match=r"^scene\.effects\.gain undoes scene\.effects\.photoelectrons"):
+        run(level(1, 1, 1, 1, 1), Gain())
+
+
+def test_the_sensors_chain_fits():
+    assert check_chain((*SENSOR, *READOUT)) == Quantity.GREY
+    encoding = (Demosaicing(), Saturation(), Quantization(8), Jpeg(80))
+    assert check_chain((Bayer(), *SENSOR, *READOUT, *encoding)) == Quantity.DIGITAL
+
+
+# The photon-transfer curve
+
+
+def fitted_line(mean, variance, samples):
+    """Slope and intercept of variance against mean, with their standard errors."""
+    weights = np.sqrt(samples / 2) / variance
+    line, covariance = np.polyfit(mean, variance, 1, w=weights, cov="unscaled")
+    return line, np.sqrt(np.diag(covariance))
+
+
+def test_the_photon_transfer_curve_is_emvas_line():
+    """Variance against mean: slope 1/gain, intercept (read noise/gain)^2; gain 1 in electrons."""
+    conversion, read = Photoelectrons(0.6), 12.0
+    per_lx_s = conversion.electrons_per_lx_s(Camera())
+    exposures = np.array([0.002, 0.005, 0.01, 0.02, 0.05, 0.1])
+    moments = {"electrons": [], "exposure": []}
+    for point, exposure in enumerate(exposures):
+        keys = frame_keys(4, point=f"ptc/{point}")
+        electrons = run(level(exposure, 4, 1, 250, 250), conversion, ShotNoise(), ReadNoise(read), keys=keys)
+        read_out = electrons / per_lx_s
+        again = run(
+            level(exposure, 4, 1, 250, 250), conversion, ShotNoise(), ReadNoise(read), Gain(), keys=keys
+        )
+        torch.testing.assert_close(again, read_out, rtol=1e-12, atol=0)
+        moments["electrons"].append((float(electrons.mean()), float(electrons.var())))
+        moments["exposure"].append((float(again.mean()), float(again.var())))
+    for unit, gain in (("electrons", 1.0), ("exposure", per_lx_s)):
+        mean, variance = np.array(moments[unit]).T
+        line, error = fitted_line(mean, variance, 250_000)
+        assert np.all(error * gain ** np.array([1, 2]) < [0.005, 3.0])
+        assert abs(line[0] - 1 / gain) < 4 * error[0]
+        assert abs(line[1] - (read / gain) ** 2) < 4 * error[1]
+    np.testing.assert_allclose(np.array(moments["exposure"])[:, 0], exposures, rtol=1e-3)
+
+
+def test_dark_noise_is_read_noise_and_the_dark_currents_shot_noise():
+    """EMVA 1288: mean mu_I t and variance read^2 + mu_I t, by the t and chi-square tests."""
+    camera = replace(Camera(), exposure_time_s=0.01)
+    dark = run(level(0, 8, 1, 100, 125), DarkCurrent(3000), ShotNoise(), ReadNoise(4.0), camera=camera)
+    counts = dark.numpy().ravel()
+    assert abs(counts.mean() - 30) < 4 * math.sqrt(46 / counts.size)
+    # The fourth moment of a Poisson number of mean 30 adds to a Gaussian's spread of the variance.
+    assert abs(counts.var(ddof=1) - 46) < 4 * math.sqrt((2 * 46**2 + 30) / counts.size)
+
+
+@pytest.mark.parametrize("exposure", [1e-4, 1e-3, 0.03])
+def test_the_signal_to_noise_ratio_is_emvas(exposure):
+    """EMVA 1288: SNR = eta mu_p / sqrt(sigma_d^2 + eta mu_p)."""
+    conversion = Photoelectrons(0.6)
+    signal = exposure * conversion.electrons_per_lx_s(Camera())
+    seen = run(level(exposure, 8, 1, 200, 200), conversion, ShotNoise(), ReadNoise(5.0))
+    expected = signal / math.sqrt(25 + signal)
+    assert float(seen.mean() / seen.std()) == pytest.approx(expected, rel=0.02)
+
+
+# Shot noise
+
+
+def test_poisson_quantiles_are_scipys():
+    means = [0.0, 1e-9, 0.01, 0.5, 1.0, 3.3, 5.999, 6.0, 6.5, 9.0, 17.3, 64.0, 300.0, 2222.2, 1e5]
+    normal = np.concatenate(
+        [np.linspace(-7, 7, 1501), np.linspace(-3.02, -2.98, 101), np.linspace(2.98, 3.02, 101)]
+    )
+    for mean in means:
+        ours = poisson_quantile(np.full(normal.size, mean), normal)
+        np.testing.assert_array_equal(ours, np.maximum(stats.poisson.ppf(stats.norm.cdf(normal), mean), 0))
+    mixed = poisson_quantile(np.array(means), np.full(len(means), 1.25))
+    np.testing.assert_array_equal(mixed, stats.poisson.ppf(stats.norm.cdf(1.25), means))
+
+
+@given(st.floats(0, 1e5), st.floats(0, 100), st.floats(-6, 6), st.floats(0, 1))
+@settings(max_examples=200, deadline=None)
+def test_poisson_quantiles_never_fall_with_the_mean_or_the_draw(mean, more, normal, further):
+    pairs = poisson_quantile(
+        np.array([mean, mean + more, mean]), np.array([normal, normal, normal + further])
+    )
+    assert 0 <= pairs[0] <= min(pairs[1], pairs[2])
+
+
+@pytest.mark.parametrize("mean", [0.2, 3.0, 40.0, 2000.0])
+def test_shot_noise_is_scipys_poisson_distribution(mean):
+    """Chi-square over cells of at least 5 expected counts."""
+    counts = run(level(mean, 4, 1, 150, 250), ShotNoise()).numpy().ravel()
+    quantiles = np.unique(stats.poisson.ppf(np.linspace(0.001, 0.999, 60), mean))
+    edges = np.concatenate([[-1], quantiles, [np.inf]])
+    expected = np.diff(stats.poisson.cdf(edges, mean)) * counts.size
+    observed = np.histogram(counts, np.concatenate([[-0.5], quantiles + 0.5, [np.inf]]))[0]
+    assert expected.min() > 5
+    assert stats.chisquare(observed, expected * (counts.size / expected.sum())).pvalue > 1e-3
+
+
+def test_shot_noise_in_neighbouring_pixels_is_independent():
+    counts = run(level(50, 1, 1, 300, 300), ShotNoise())[0, 0].numpy()
+    for one, other in ((counts[:, 1:], counts[:, :-1]), (counts[1:], counts[:-1])):
+        assert abs(np.corrcoef(one.ravel(), other.ravel())[0, 1]) < 4 / 300
+
+
+def test_shot_noise_keeps_each_pixels_draw_whatever_the_others_hold():
+    """A pixel's count follows from its own mean and draw: changing all other means leaves it as it was."""
+    before = torch.rand(2, 1, 40, 50, generator=torch.Generator().manual_seed(1), dtype=DOUBLE) * 100
+    kept = torch.zeros(2, 1, 40, 50, dtype=torch.bool)
+    kept[..., ::3, ::4] = True
+    after = torch.where(kept, before, 7 + before * 3)
+    one, other = run(before, ShotNoise()), run(after, ShotNoise())
+    assert torch.equal(one[kept], other[kept])
+    assert not torch.equal(one[~kept], other[~kept])
+    assert bool((other >= one).all())
+
+
+def test_shot_noise_of_black_is_black_and_of_nan_is_refused():
+    assert not run(level(-1e-12, 1, 1, 20, 20), ShotNoise()).any()
+    with pytest.raises(VoccError, match=r"^scene\.effects\.shot_noise got a mean .* not a number$"):
+        run(level(math.nan, 1, 1, 2, 2), ShotNoise())
+
+
+def test_shot_noise_says_no_gradient_and_the_others_pass_it():
+    electrons = level(100, 1, 1, 4, 4).requires_grad_()
+    assert not run(electrons, ShotNoise()).requires_grad
+    others = (Photoelectrons(0.6), Prnu(0.01), DarkCurrent(10), HotPixels(0.1, 10), FullWell(1e9))
+    run(
+        electrons, Bayer(), *others, Dsnu(1.0), RowNoise(1.0), ReadNoise(1.0), Gain(), Demosaicing()
+    ).sum().backward()
+    assert bool((electrons.grad > 0).all())
+
+
+# Patterns of the sensor and noise of the readout
+
+
+@pytest.mark.parametrize(
+    ("effect", "scale", "signal"), [(Prnu(0.01), 0.01 * 500, 500.0), (Dsnu(2.5), 2.5, 100.0)]
+)
+def test_nonuniformity_is_a_normal_pattern_of_the_stated_spread(effect, scale, signal):
+    pattern = (run(level(signal, 1, 1, 400, 500), effect) - signal).numpy().ravel() / scale
+    assert stats.kstest(pattern, "norm").pvalue > 1e-3
+    assert abs(pattern.std() - 1) < 4 / math.sqrt(2 * pattern.size)
+
+
+@pytest.mark.parametrize("effect", [Prnu(0.02), Dsnu(3.0), HotPixels(0.02, 1e6)])
+def test_the_sensors_pattern_is_the_same_in_every_frame_and_differs_between_runs(effect):
+    value = level(200, 3, 1, 90, 140)
+    frames = run(value, effect)
+    assert torch.equal(frames[0], frames[1])
+    for other in ({"take": "on"}, {"point": "train"}, {"block": 7}):
+        assert torch.equal(run(value, effect, keys=frame_keys(3, **other)), frames)
+    assert not torch.equal(run(value, effect, keys=frame_keys(3, seed=1)), frames)
+
+
+@functools.cache
+def full_frame(effect):
+    return run(level(200, 1, 1, 1080, 1920, dtype=torch.float32), effect)
+
+
+@pytest.mark.parametrize("effect", [Prnu(0.02), Dsnu(3.0), HotPixels(0.02, 1e6), RowNoise(2.0), Bayer()])
+@given(
+    x=st.integers(0, 1920 - 90),
+    y=st.integers(0, 1080 - 71),
+    size=st.tuples(st.integers(1, 71), st.integers(1, 90)),
+)
+@settings(max_examples=12, deadline=None)
+def test_a_crop_carries_its_part_of_the_full_frames_pattern(effect, x, y, size):
+    full = full_frame(effect)
+    crop = run(level(200, 1, 1, *size, dtype=torch.float32), effect, origin=[[x, y]])
+    assert torch.equal(crop, full[..., y : y + size[0], x : x + size[1]])
+
+
+def test_frames_of_two_runs_and_places_in_one_batch():
+    keys = [FrameKey(BlockKey(seed, "p", 0), 0) for seed in (0, 1, 0)]
+    origins = [[5, 300], [5, 300], [700, 20]]
+    value = level(100, 3, 1, 60, 61)
+    together = run(value, Prnu(0.05), keys=keys, origin=origins)
+    for i in range(3):
+        alone = run(value[i : i + 1], Prnu(0.05), keys=keys[i : i + 1], origin=origins[i : i + 1])
+        assert torch.equal(together[i], alone[0])
+    assert not torch.equal(together[0], together[1])
+    assert not torch.equal(together[0], together[2])
+
+
+def test_the_patterns_of_two_effects_are_independent():
+    prnu = run(level(1, 1, 1, 300, 300), Prnu(0.01)) - 1
+    dsnu = run(level(0, 1, 1, 300, 300), Dsnu(1.0))
+    assert abs(np.corrcoef(prnu.numpy().ravel(), dsnu.numpy().ravel())[0, 1]) < 4 / 300
+
+
+def test_hot_pixels_are_the_stated_share_with_the_stated_charge():
+    cold = level(10, 1, 1, 400, 500)
+    charge = run(cold, HotPixels(0.004, 1.5e6)) - 10
+    hot = charge > 0
+    assert charge[hot].unique().tolist() == [pytest.approx(1000.0)]
+    assert stats.binomtest(int(hot.sum()), hot.numel(), 0.004).pvalue > 1e-3
+    more = run(cold, HotPixels(0.02, 1.5e6)) > 10
+    assert bool(more[hot].all())
+
+
+def test_row_noise_is_one_offset_a_row_anew_in_every_picture():
+    value = level(50, 40, 1, 1000, 3)
+    offsets = run(value, RowNoise(2.0)) - 50
+    assert torch.equal(offsets[..., :1].expand_as(offsets), offsets)
+    rows = offsets[:, 0, :, 0].numpy() / 2.0
+    assert stats.kstest(rows.ravel(), "norm").pvalue > 1e-3
+    assert abs(np.corrcoef(rows[0], rows[1])[0, 1]) < 4 / math.sqrt(1000)
+    assert not torch.equal(run(value, RowNoise(2.0), keys=frame_keys(40, take="on")) - 50, offsets)
+
+
+def test_read_noise_is_normal_and_new_in_every_picture():
+    value = level(50, 3, 1, 200, 300)
+    noise = (run(value, ReadNoise(3.0)) - 50).numpy() / 3.0
+    assert stats.kstest(noise.ravel(), "norm").pvalue > 1e-3
+    assert abs(noise.std() - 1) < 4 / math.sqrt(2 * noise.size)
+    assert abs(np.corrcoef(noise[0].ravel(), noise[1].ravel())[0, 1]) < 4 / math.sqrt(60_000)
+    other = (run(value, ReadNoise(3.0), keys=frame_keys(3, take="off")) - 50).numpy() / 3.0
+    assert abs(np.corrcoef(noise.ravel(), other.ravel())[0, 1]) < 4 / math.sqrt(180_000)
+
+
+def test_a_full_pixel_holds_its_capacity_and_has_no_noise():
+    charge = torch.cat([level(900, 1, 1, 50, 50), level(1400, 1, 1, 50, 50)])
+    held = run(charge, ShotNoise(), FullWell(1100))
+    assert float(held[0].var()) == pytest.approx(900, rel=0.1)
+    assert held[1].unique().tolist() == [1100.0]
+
+
+def test_adding_an_effect_leaves_the_others_draws_as_they_were():
+    """What each effect adds is the same, to rounding, with and without every other one."""
+    value = level(400, 2, 1, 60, 70)
+    for effect in (Dsnu(2.0), RowNoise(1.5), ReadNoise(3.0), HotPixels(0.01, 1e6)):
+        alone = run(value, effect) - value
+        for others in itertools.combinations([e for e in RANDOM if type(e) is not type(effect)], 2):
+            before = run(value, *others)
+            torch.testing.assert_close(run(value, *others, effect) - before, alone, rtol=0, atol=1e-9)
+    for noisy in (Prnu(0.01), ShotNoise()):
+        assert torch.equal(run(value, noisy), noisy(value, Context(Scene.of(2), Camera(), frame_keys(2))))
+
+
+def test_random_effects_want_keys():
+    for effect in RANDOM:
+        with pytest.raises(VoccError, match=rf"^scene\.effects\.{effect.name} draws random numbers: give"):
+            run(level(1, 1, 1, 2, 2), effect, keys=[])
+
+
+# Independence of the batch
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, DOUBLE])
+@pytest.mark.parametrize("batch", [1, 2, 5])
+def test_no_sensor_effect_depends_on_the_batch(dtype, batch):
+    rng = np.random.default_rng(4)
+    value = torch.from_numpy(rng.random((7, 1, 37, 41)) * 0.05).to(dtype)
+    origins = torch.from_numpy(rng.integers(0, 900, (7, 2)))
+    effects = (Bayer(), *SENSOR, *READOUT, Demosaicing())
+
+    def through(rows):
+        context = Context(Scene.of(len(value[rows])), Camera(), frame_keys(7)[rows], origins[rows], effects)
+        seen = [value[rows]]
+        for effect in effects:
+            seen.append(effect(seen[-1], context))
+        return seen
+
+    parts = [through(slice(start, start + batch)) for start in range(0, 7, batch)]
+    for stage, together in enumerate(through(slice(None))):
+        apart = torch.cat([part[stage] for part in parts])
+        assert together.dtype == dtype
+        assert torch.equal(together, apart)
+
+
+@pytest.mark.parametrize("batch", [1, 3])
+def test_jpeg_does_not_depend_on_the_batch(batch):
+    frames = torch.from_numpy(np.random.default_rng(5).integers(0, 256, (7, 1, 40, 56), dtype=np.uint8))
+    apart = torch.cat([run(part, Jpeg(70)) for part in torch.split(frames, batch)])
+    assert torch.equal(run(frames, Jpeg(70)), apart)
+
+
+# Bayer
+
+
+def test_the_mosaic_is_red_green_green_blue():
+    seen = run(level(1, 1, 1, 5, 7), Bayer(red=0.25, green=0.5, blue=0.125))[0, 0].numpy()
+    np.testing.assert_array_equal(seen[0::2, 0::2], 0.25)
+    np.testing.assert_array_equal(seen[1::2, 1::2], 0.125)
+    np.testing.assert_array_equal(seen[0::2, 1::2], 0.5)
+    np.testing.assert_array_equal(seen[1::2, 0::2], 0.5)
+
+
+@pytest.mark.parametrize("origin", [(0, 0), (1, 0), (0, 1), (1, 1)])
+@pytest.mark.parametrize("size", [(10, 12), (11, 9)])
+def test_mosaic_and_demosaicing_give_a_grey_ramp_back(origin, size):
+    """Bilinear interpolation is exact on planes, away from the border, whatever the filters take."""
+    y, x = torch.meshgrid(*(torch.arange(n, dtype=DOUBLE) for n in size), indexing="ij")
+    grey = (0.2 + 0.01 * x + 0.03 * y).view(1, 1, *size)
+    back = run(grey, Bayer(0.4, 0.9, 0.55), Demosaicing(), origin=[origin])
+    inside = (..., slice(2, -2), slice(2, -2))
+    torch.testing.assert_close(back[inside], grey[inside], rtol=1e-14, atol=0)
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, DOUBLE])
+def test_demosaicing_leaves_a_uniform_frame_uniform(dtype):
+    grey = level(0.0137, 2, 1, 9, 14, dtype=dtype)
+    back = run(grey, Demosaicing())
+    torch.testing.assert_close(back, grey, rtol=1e-15 if dtype == DOUBLE else 0, atol=0)
+
+
+@pytest.mark.parametrize(
+    ("origin", "code"),
+    [
+        ((0, 0), cv2.COLOR_BayerRGGB2RGB),
+        ((1, 0), cv2.COLOR_BayerGRBG2RGB),
+        ((0, 1), cv2.COLOR_BayerGBRG2RGB),
+        ((1, 1), cv2.COLOR_BayerBGGR2RGB),
+    ],
+)
+def test_demosaicing_is_opencvs_bilinear_interpolation(origin, code):
+    raw = np.random.default_rng(6).integers(0, 65536, (30, 44), dtype=np.uint16)
+    luma = cv2.cvtColor(raw, code).astype(float) @ [0.299, 0.587, 0.114]
+    ours = run(torch.from_numpy(raw.astype(float)).view(1, 1, 30, 44), Demosaicing(), origin=[origin])
+    np.testing.assert_allclose(ours[0, 0, 1:-1, 1:-1].numpy(), luma[1:-1, 1:-1], rtol=0, atol=0.5)
+
+
+def test_demosaicing_reaches_exactly_its_reach():
+    light = level(0, 1, 1, 12, 12)
+    light[..., 6, 6] = 1.0
+    lit = run(light, Demosaicing())[0, 0].nonzero()
+    assert (lit.amin().item(), lit.amax().item()) == (6 - Demosaicing().reach_px, 6 + Demosaicing().reach_px)
+
+
+def test_filters_bring_their_loss_back_as_noise():
+    """Luma's variance at a red pixel: its red, four greens and four blues, each over its filter squared."""
+    red, blue, read = 0.4, 0.5, 3.0
+    effects = (Bayer(red, 1.0, blue), Photoelectrons(0.6), ReadNoise(read), Gain(), Demosaicing())
+    seen = run(level(0.05, 4, 1, 300, 300), *effects) * effects[1].electrons_per_lx_s(Camera())
+    expected = read**2 * ((0.299 / red) ** 2 + 0.587**2 / 4 + (0.114 / blue) ** 2 / 4)
+    at_red = seen[..., 2:-2:2, 2:-2:2]
+    assert float(at_red.var()) == pytest.approx(expected, rel=4 * math.sqrt(2 * 2.5 / at_red.numel()))
+
+
+# Encoding
+
+
+def pillow_jpeg(frame, quality):
+    coded = io.BytesIO()
+    Image.fromarray(frame).save(coded, "JPEG", quality=quality)
+    return np.asarray(Image.open(coded))
+
+
+def picture():
+    """A noisy LED panel and its surroundings, (1,1,128,136) uint8."""
+    bits = torch.from_numpy(np.random.default_rng(0).random((1, 8, 8)) < 0.5)
+    frame = Simulator(framing="full").render(Scene.of(distance_m=30.0), bits).grey[..., 476:604, 892:1028]
+    noise = np.random.default_rng(1).normal(0, 4, frame.shape)
+    return torch.from_numpy((frame.numpy() + noise).round().clip(0, 255).astype(np.uint8))
+
+
+@pytest.mark.parametrize(
+    ("quality", "mean", "most"),
+    [(1, 2.0, 20), (10, 1.3, 14), (30, 0.7, 10), (50, 0.6, 10), (75, 0.7, 10), (90, 0.7, 10), (100, 0.15, 1)],
+)
+def test_jpeg_stays_near_pillows_at_the_same_quality(quality, mean, most):
+    frame = picture()
+    pillow = pillow_jpeg(frame[0, 0].numpy(), quality).astype(float)
+    difference = np.abs(run(frame, Jpeg(quality))[0, 0].numpy() - pillow)
+    assert difference.mean() < mean
+    assert difference.max() <= most
+    change = np.abs(frame[0, 0].numpy() - pillow).mean()
+    assert quality == 100 or difference.mean() < change / 2.5
+
+
+def test_jpeg_of_a_large_frame_is_that_of_its_blocks():
+    """Strips and crops on the grid of blocks change nothing; a crop off the grid is refused."""
+    frame = torch.from_numpy(np.random.default_rng(2).integers(90, 130, (1, 1, 300, 80), dtype=np.uint8))
+    full = run(frame, Jpeg(60))
+    crop = run(frame[..., 120:168, 16:64], Jpeg(60), origin=[[16, 120]])
+    assert int((full[..., 120:168, 16:64].int() - crop.int()).abs().max()) <= 1
+    with pytest.raises(VoccError, match=r"^scene\.effects\.jpeg got a crop at \(4, 8\): .* grid of 8 px$"):
+        run(frame, Jpeg(60), origin=[[4, 8]])
+
+
+def test_jpeg_wants_8_bits():
+    with pytest.raises(VoccError, match=r"^scene\.effects\.jpeg codes 8-bit frames: .*bits must be 8$"):
+        run(run(level(100, 1, 1, 8, 8), Quantization(10)), Jpeg(80))
+
+
+@pytest.mark.parametrize("bits", [8, 10, 12])
+def test_quantisation_error_is_uniform_over_a_step(bits):
+    grey = torch.from_numpy(np.random.default_rng(3).random((1, 1, 100, 200))) * 255
+    step = 255 / (2**bits - 1)
+    error = (run(grey, Quantization(bits)).to(DOUBLE) - grey).numpy().ravel() / step
+    assert stats.kstest(error, "uniform", args=(-0.5, 1)).pvalue > 1e-3
+
+
+@pytest.mark.parametrize("bits", [10, 12])
+def test_finer_frames_pass_through_the_whole_receiver(bits):
+    """The panel is found where 8 bits find it, and the LEDs' greys lie within half a step of both."""
+    sent = torch.from_numpy(np.random.default_rng(7).random((6, 8, 8)) < 0.5)
+    scene, reader = Scene.of(6, distance_m=40.0), Reader()
+    seen = {}
+    for depth in (8, bits):
+        frames = Simulator(effects={**PAPER_EFFECTS, "quantization": {"bits": depth}}).render(scene, sent)
+        panels = PaperLocator()(frames, reader.shape)
+        seen[depth] = frames, panels, reader.read(frames, panels)
+    assert seen[bits][0].grey.is_floating_point()
+    assert bool(seen[bits][1].found.all())
+    torch.testing.assert_close(seen[bits][1].corners_px, seen[8][1].corners_px, rtol=0, atol=1e-9)
+    steps = 1 + 255 / (2**bits - 1)
+    for kind in ("centre", "average"):
+        fine, coarse = (getattr(seen[depth][2].greys, kind) for depth in (bits, 8))
+        torch.testing.assert_close(fine, coarse, rtol=0, atol=steps / 2)
+        assert not torch.equal(fine, coarse)
+
+
+# Refusals
+
+
+@pytest.mark.parametrize(
+    ("build", "message"),
+    [
+        (
+            lambda: Photoelectrons(0),
+            "photoelectrons.quantum_efficiency is 0: it must be above 0 and at most 1",
+        ),
+        (
+            lambda: Photoelectrons(1.01),
+            "photoelectrons.quantum_efficiency is 1.01: it must be above 0 and at most 1",
+        ),
+        (
+            lambda: Photoelectrons(0.5, 300),
+            "photoelectrons.wavelength_nm is 300: it must be at least 380 and at most 780",
+        ),
+        (
+            lambda: Photoelectrons(0.5, 555, 700),
+            "photoelectrons.luminous_efficacy_lm_w is 700: it must be above 0 and",
+        ),
+        (
+            lambda: Prnu(0),
+            "prnu.share is 0: it must be above 0 and at most 0.2 (leave the effect out for none)",
+        ),
+        (lambda: Prnu(0.3), "prnu.share is 0.3: it must be above 0 and at most 0.2"),
+        (lambda: DarkCurrent(-1), "dark_current.electrons_per_s is -1: it must be above 0 and at most 1e+09"),
+        (lambda: HotPixels(2, 1), "hot_pixels.share is 2: it must be above 0 and at most 1"),
+        (
+            lambda: HotPixels(0.1, math.inf),
+            "hot_pixels.electrons_per_s is inf: it must be above 0 and at most 1e+09",
+        ),
+        (lambda: FullWell(0), "full_well.electrons is 0: it must be at least 1 and at most 1e+09"),
+        (lambda: Dsnu(math.nan), "dsnu.electrons is nan: it must be above 0 and at most 100000"),
+        (lambda: RowNoise(0), "row_noise.electrons is 0: it must be above 0 and at most 100000 (leave"),
+        (lambda: ReadNoise(-3), "read_noise.electrons is -3: it must be above 0 and at most 100000"),
+        (lambda: Bayer(red=0), "bayer.red is 0: it must be above 0 and at most 1"),
+        (lambda: Bayer(blue=1.5), "bayer.blue is 1.5: it must be above 0 and at most 1"),
+        (lambda: Jpeg(0), "jpeg.quality is 0: it must be a whole number from 1 to 100"),
+        (lambda: Jpeg(101), "jpeg.quality is 101: it must be a whole number from 1 to 100"),
+        (lambda: Jpeg(75.5), "jpeg.quality is 75.5: it must be a whole number from 1 to 100"),
+    ],
+)
+def test_parameters_out_of_range_are_refused_in_one_line(build, message):
+    with pytest.raises(VoccError) as refusal:
+        build()
+    assert str(refusal.value).startswith(f"scene.effects.{message}")
+    assert "\n" not in str(refusal.value)
+
+
+def test_what_makes_far_pixels_differ_fills_the_sensor():
+    filling = {type(e) for e in (*RANDOM, Bayer(), Jpeg(80))}
+    every = {type(e) for e in (*SENSOR, *READOUT, Bayer(), Demosaicing(), Jpeg(80))}
+    assert {kind for kind in every if kind.fills_sensor} == filling

@@ -1,0 +1,68 @@
+"""A grey picture from a mosaic of colours."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import torch
+import torch.nn.functional as F
+from kornia.color import CFA, raw_to_rgb, rgb_to_grayscale
+from torch import Tensor
+
+from vocc_torch.simulation.effects.base import Context, Effect, Quantity
+from vocc_torch.simulation.effects.bayer import Bayer
+from vocc_torch.simulation.effects.noise_planes import origins_px
+
+PATTERNS = {(0, 0): CFA.BG, (1, 0): CFA.GB, (0, 1): CFA.GR, (1, 1): CFA.RG}
+"""Kornia's names of how a frame's pattern begins, by the parity of its origin: red lies at even and even."""
+
+
+@dataclass(frozen=True, slots=True)
+class Demosaicing(Effect):
+    """White balance, bilinear interpolation of each colour, and luma ``0.299 R + 0.587 G + 0.114 B``.
+
+    The balance divides each pixel by the share that its filter of the scene's own ``bayer`` lets through,
+    so grey stays grey. What remains is what colour cameras do to a grey picture: two of three colours are
+    guessed from neighbours, so edges lose sharpness, the more so in red and blue; and where noise came
+    between, that of red and blue pixels is amplified and spread. Without ``bayer`` there is nothing to
+    balance and the blur alone remains. A uniform frame stays uniform.
+
+    It runs in float64, so that a frame does not depend on the batch it comes in. Linear and differentiable.
+
+    Source: Kornia's ``raw_to_rgb`` and ``rgb_to_grayscale``; luma of ITU-R BT.601, which the recordings'
+    grey is too.
+
+    Example:
+        >>> Demosaicing().reach_px
+        1
+    """
+
+    name: ClassVar[str] = "demosaicing"
+    takes: ClassVar[Quantity] = Quantity.EXPOSURE
+    gives: ClassVar[Quantity] = Quantity.EXPOSURE
+
+    @property
+    def reach_px(self) -> int:
+        """Neighbours at one pixel's distance are averaged."""
+        return 1
+
+    def __call__(self, value: Tensor, context: Context) -> Tensor:
+        """Balance and demosaic (B,1,H,W) luminous exposure."""
+        raw = value.to(torch.float64)
+        for effect in context.effects:
+            if isinstance(effect, Bayer):
+                raw = raw / effect.filters(raw, context)
+        phases = [(x % 2, y % 2) for x, y in origins_px(context)]
+        if len(set(phases)) == 1:
+            return _luma(raw, PATTERNS[phases[0]]).to(value.dtype)
+        frames = [_luma(raw[i : i + 1], PATTERNS[phase]) for i, phase in enumerate(phases)]
+        return torch.cat(frames).to(value.dtype)
+
+
+def _luma(raw: Tensor, pattern: CFA) -> Tensor:
+    """Demosaic (B,1,H,W) frames of one pattern; odd sides are continued by reflection, which keeps it."""
+    height, width = raw.shape[-2:]
+    even = F.pad(raw, (0, width % 2, 0, height % 2), mode="reflect")
+    luma: Tensor = rgb_to_grayscale(raw_to_rgb(even, pattern))[..., :height, :width]
+    return luma

@@ -1,0 +1,91 @@
+"""The loss of JPEG compression."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import torch
+from kornia.color import rgb_to_grayscale
+from kornia.enhance import jpeg_codec_differentiable
+from torch import Tensor
+
+from vocc_torch.errors import VoccError
+from vocc_torch.simulation.effects.base import Context, Effect, Quantity
+from vocc_torch.simulation.effects.noise_planes import origins_px
+
+BLOCK_PX = 8
+STRIP_ROWS = 128
+"""Rows coded at a time, whole blocks: their working arrays stay in the processor's cache."""
+
+
+@dataclass(frozen=True, slots=True)
+class Jpeg(Effect):
+    """Encode and decode 8-bit frames by Kornia's differentiable JPEG codec.
+
+    Blocks of 8 x 8 pixels are cosine transformed, divided by the standard's luminance table scaled by the
+    quality, rounded and transformed back. The frame goes in as grey RGB and its luma is taken. Kornia's
+    codec rounds softly, by ``round(x) + (x - round(x))^3``, and its tables with it, so that it stays near
+    JPEG rather than being it: on noisy frames at qualities of 30 to 95 it differs from libjpeg by 0.6 grey
+    levels in the mean and by 10 at most, where JPEG itself changes the frame by 1.5 to 4.
+
+    The blocks lie on the sensor's grid. It fills the sensor, since a crop off that grid would be coded
+    otherwise, and such a crop is refused. Each frame is coded by itself, in strips of whole blocks, so that
+    the batch does not change it. Whole numbers in and out carry no gradient.
+
+    Source: ITU-T T.81 (1992); C. Reich et al., "Differentiable JPEG: the devil is in the details", WACV 2024.
+
+    Args:
+        quality: libjpeg's scale, a whole number from 1 to 100.
+
+    Raises:
+        VoccError: a quality outside its range.
+
+    Example:
+        >>> Jpeg(quality=80).takes.value
+        'digital number'
+    """
+
+    quality: int
+
+    name: ClassVar[str] = "jpeg"
+    takes: ClassVar[Quantity] = Quantity.DIGITAL
+    gives: ClassVar[Quantity] = Quantity.DIGITAL
+    fills_sensor: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        """Check the range."""
+        if not (isinstance(self.quality, int) and 1 <= self.quality <= 100):
+            raise VoccError(
+                f"scene.effects.jpeg.quality is {self.quality}: it must be a whole number from 1 to 100"
+            )
+
+    def __call__(self, value: Tensor, context: Context) -> Tensor:
+        """Code (B,1,H,W) uint8 frames.
+
+        Raises:
+            VoccError: frames that are not uint8, or crops off the grid of blocks.
+        """
+        if value.dtype != torch.uint8:
+            raise VoccError(
+                "scene.effects.jpeg codes 8-bit frames: scene.effects.quantization.bits must be 8"
+            )
+        for at in origins_px(context):
+            if at[0] % BLOCK_PX or at[1] % BLOCK_PX:
+                raise VoccError(
+                    f"scene.effects.jpeg got a crop at {at}: it must lie on the grid of {BLOCK_PX} px"
+                )
+        height = value.shape[-2]
+        coded = torch.empty_like(value)
+        for frame in range(len(value)):
+            for top in range(0, height, STRIP_ROWS):
+                part = slice(frame, frame + 1), slice(None), slice(top, top + STRIP_ROWS)
+                coded[part] = self._coded(value[part])
+        return coded
+
+    def _coded(self, strip: Tensor) -> Tensor:
+        """Code one strip, (1,1,rows,W) uint8."""
+        quality = torch.full((1,), float(self.quality), device=strip.device)
+        grey_rgb = (strip.to(torch.float32) / 255.0).expand(-1, 3, -1, -1)
+        luma = rgb_to_grayscale(jpeg_codec_differentiable(grey_rgb, quality)) * 255.0
+        return torch.round(luma).clamp(0, 255).to(torch.uint8)
