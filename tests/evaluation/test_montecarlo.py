@@ -139,7 +139,7 @@ def drawn(seed, rates, groups=1, bits=64):
 
 def narrow(counts, precision, least_ber=0.0):
     """What the rule asks of one receiver, in other words."""
-    interval, ber = ber_interval(counts), counts.ber
+    interval, ber = ber_interval(counts, errors_per_frame_error=counts.bits / counts.frames / 2), counts.ber
     reach = max(interval.high - ber, ber - interval.low)
     return interval.high <= least_ber or (ber > 0 and reach <= precision * ber)
 
@@ -193,11 +193,11 @@ def test_a_precise_point_stops_at_the_first_look_at_which_everyone_is(
 def test_without_errors_a_point_is_precise_only_below_the_least_rate():
     free = drawn(0, {"a": 0.0})
     assert run_point(free, StopRule(64 * 40, precision=0.9)).stopped_by == "frames"
-    # The upper limit of n error-free frames is about 3 / n frames in error, each with one of 64 bits.
-    for least_ber, frames in ((3e-5, 1600), (1e-5, 4800)):
+    # The upper limit of n error-free frames is about 3 / n frames in error, each a lost panel: 32 of 64 bits.
+    for least_ber, frames in ((3e-4, 5000), (1e-4, 15000)):
         outcome = run_point(free, StopRule(10**6, precision=0.1, least_ber=least_ber))
         assert outcome.stopped_by == "precision"
-        assert ber_interval(outcome.counts["a", 0]).high <= least_ber
+        assert ber_interval(outcome.counts["a", 0], errors_per_frame_error=32).high <= least_ber
         assert frames <= outcome.counts["a", 0].frames <= 1.3 * frames
     with_errors = drawn(0, {"a": 0.0, "b": 0.001})
     outcome = run_point(with_errors, StopRule(64 * 40, precision=0.1, least_ber=1e-5))

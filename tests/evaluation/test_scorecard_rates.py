@@ -31,7 +31,7 @@ from vocc_torch.evaluation.scorecard import (
     readings_of,
     score,
 )
-from vocc_torch.evaluation.scorecard.comparisons import Comparison, Side, confidence_of, weigh
+from vocc_torch.evaluation.scorecard.comparisons import Comparison, Side, confidence_of, factor_text, weigh
 from vocc_torch.evaluation.scorecard.contrasts import BACKGROUND_GREYS, contrast_by_equations
 from vocc_torch.evaluation.scorecard.explanations import of_location
 from vocc_torch.evaluation.scorecard.fit import decades_apart, gain_distance, rate_distance
@@ -162,6 +162,17 @@ def test_a_quoted_gain(two, three, frames, verdict, why):
     assert why in judged.reason
 
 
+def test_a_gain_that_is_hardly_known_is_not_shown_as_a_number():
+    def judged(quoted):
+        wrong = {"flda_2": spread(1.6e-4, 200), "flda_3": spread(1.2e-4, 200)}
+        return gain_is(QuotedGain("ambient", 8e3, quoted))(at_one_point(wrong))
+
+    assert judged(0.24).measured == "not known (95 % interval wider than 100 percentage points)"
+    beyond = judged(500.0)
+    assert beyond.verdict == "differ"
+    assert beyond.measured == f"at most {100 * beyond.high:.0f} %; {judged(0.24).measured}"
+
+
 def test_an_average_gain_also_names_that_of_all_errors():
     rates = {
         "flda_2": {0.27: 1e-2, 0.33: 1e-3},
@@ -242,6 +253,7 @@ def curve(rates, frames=2000):
         ((0.0, 0.0, 0.0), "cannot say", "no value is told apart"),
         ((8e-3, 0.0, 0.0), "cannot say", "no error was seen at 2 of the 2 candidates"),
         ((8e-3, 1e-5, 0.0), "agree", ""),
+        ((8e-3, 1.1e-3, 1e-3), "agree", ""),
     ],
 )
 def test_where_a_curve_is_lowest(rates, verdict, why):
@@ -250,10 +262,23 @@ def test_where_a_curve_is_lowest(rates, verdict, why):
     assert why in judged.reason
 
 
+def test_a_candidate_that_is_not_next_to_the_lowest_rate_is_not_confirmed():
+    rates = {1.0: 1.15e-3, 2.0: 1.1e-3, 3.0: 1.05e-3, 4.0: 1e-3, 5.0: 8e-3}
+    verdicts = {value: lowest_at("distance", "flda_3", value)(curve(rates)) for value in rates}
+    assert [one.verdict for one in verdicts.values()] == ["cannot say"] * 2 + ["agree"] * 2 + ["differ"]
+    assert verdicts[2.0].reason == "2 m is a candidate, but not next to the lowest rate measured"
+    assert verdicts[2.0].measured == "lowest at 4 m, candidates 1, 2, 3 and 4 m"
+
+
+def test_candidates_are_listed_without_what_lies_between_them():
+    found = lowest(curve({1.0: 1.0e-3, 2.0: 6e-3, 3.0: 1.1e-3}).curves("distance"), "flda_3")
+    assert found.text("distance_m") == "lowest at 1 m, candidates 1 and 3 m"
+
+
 def test_the_candidates_for_the_lowest_are_those_that_no_other_value_is_below():
     found = lowest(curve({1.0: 8e-3, 2.0: 1.0e-3, 3.0: 1.1e-3, 4.0: 5e-3}).curves("distance"), "flda_3")
     assert (found.seen, found.candidates, found.resolved) == ((2.0,), (2.0, 3.0), True)
-    assert found.text("distance_m") == "lowest at 2 m, candidates 2 m to 3 m"
+    assert found.text("distance_m") == "lowest at 2 m, candidates 2 and 3 m"
 
 
 @pytest.mark.parametrize(
@@ -281,6 +306,37 @@ def test_comparisons_together_err_no_more_than_one():
     assert weigh([one]).verdict == "agree"
     assert weigh([one] * 400).verdict == "cannot say"
     assert weigh([]).verdict == "cannot say"
+
+
+@pytest.mark.parametrize(
+    ("supporting", "undecided", "against", "verdict"),
+    [
+        (2, 2, 0, "agree"),
+        (4, 0, 0, "agree"),
+        (2, 3, 0, "cannot say"),
+        (0, 4, 0, "cannot say"),
+        (9, 0, 1, "differ"),
+    ],
+)
+def test_a_claim_on_all_points_needs_half_of_them_and_none_against(supporting, undecided, against, verdict):
+    low, same, high = (Side("flda_3", 1.0, Counts(2000, 128_000, 2 * n, 4 * n, n)) for n in (60, 61, 400))
+    for_it, open_one, other = (
+        Comparison("distance_m", *pair) for pair in ((high, low), (same, low), (low, high))
+    )
+    judged = weigh([for_it] * supporting + [open_one] * undecided + [other] * against)
+    assert judged.verdict == verdict
+    assert judged.measured.startswith(f"{supporting} of {supporting + undecided + against} comparisons")
+    if supporting and verdict == "cannot say":
+        assert judged.reason == f"only {supporting} of {supporting + undecided} comparisons are beyond chance"
+
+
+def test_factors_leave_out_points_without_errors():
+    sides = [Side("flda_3", 1.0, Counts(2000, 128_000, 2 * n, 4 * n, n)) for n in (0, 10, 20, 90)]
+    pairs = [Comparison("distance_m", sides[i], sides[j]) for i, j in ((2, 1), (3, 1), (1, 0))]
+    text = factor_text(pairs)
+    assert text.startswith("rates 4.2 times as high in the geometric mean, 2 to 9 times")
+    assert text.endswith("(1 comparison without errors on a side left out)")
+    assert factor_text(pairs[2:]) == ""
 
 
 def test_the_more_ambient_lights_the_surer_each_must_be_of_its_candidates():

@@ -416,9 +416,9 @@ def test_demosaicing_leaves_a_uniform_frame_uniform(dtype):
     ],
 )
 def test_demosaicing_is_opencvs_bilinear_interpolation(origin, code):
-    raw = np.random.default_rng(6).integers(0, 65536, (30, 44), dtype=np.uint16)
+    raw = np.random.default_rng(6).integers(0, 65536, (150, 44), dtype=np.uint16)
     luma = cv2.cvtColor(raw, code).astype(float) @ [0.299, 0.587, 0.114]
-    ours = run(torch.from_numpy(raw.astype(float)).view(1, 1, 30, 44), Demosaicing(), origin=[origin])
+    ours = run(torch.from_numpy(raw.astype(float)).view(1, 1, 150, 44), Demosaicing(), origin=[origin])
     np.testing.assert_allclose(ours[0, 0, 1:-1, 1:-1].numpy(), luma[1:-1, 1:-1], rtol=0, atol=0.5)
 
 

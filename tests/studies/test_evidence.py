@@ -26,7 +26,7 @@ from vocc_torch.studies.evidence.contrast import PAPER_SCENES, scene_of_contrast
 from vocc_torch.studies.evidence.overlap import class_means, most_contradicting
 from vocc_torch.studies.evidence.projection import projection
 from vocc_torch.studies.evidence.sample import draw_sample, paper_scene, without_blooming
-from vocc_torch.studies.evidence.separation import least_error, roc_area
+from vocc_torch.studies.evidence.separation import least_error, roc_area, separable
 from vocc_torch.studies.plan import Budget, Experiment, Plan, ReceiverPlan, World
 from vocc_torch.studies.train import train
 from vocc_torch.types import Frames, PanelShape, Scene

@@ -249,11 +249,11 @@ def test_there_is_a_line_for_each_stage(data):
 def test_findings_are_the_lines_numbers(data):
     found = data.findings()
     assert all(isinstance(value, int | float) and math.isfinite(value) for value in found.values())
-    assert len(found) == 4 * (5 + 4 + 2) + 2
-    for kind, batch, stage, median, _, _, share, *_ in data.rows()[1:]:
-        at = f"{stage}_{kind}_batch_{batch}"
-        assert found[f"ms_{at}"] == median
-        assert found.get(f"share_{at}", 1.0) == share
+    assert len(found) == 3 * 4 * (5 + 4 + 2) + 2
+    for kind, batch, stage, *numbers in data.rows()[1:]:
+        at, ends = f"{stage}_{kind}_batch_{batch}", ("", "_low", "_high")
+        assert [found[f"ms_{at}{end}"] for end in ends] == numbers[:3]
+        assert [found.get(f"share_{at}{end}", 1.0) for end in ends] == numbers[3:6]
 
 
 def test_times_are_of_one_frame(plan, monkeypatch):

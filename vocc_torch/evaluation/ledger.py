@@ -7,7 +7,8 @@ counts the others. It ends with the numbers of a run that nobody disturbed.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping
+import zlib
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
@@ -65,7 +66,8 @@ class Ledger:
         """Take what :meth:`open` has checked; use that."""
         self.path, self.repaired = path, repaired
         self._file, self._end = file, end
-        self._rows: dict[str, dict[tuple[int, int], LedgerRow]] = {}
+        # Rows are kept as compressed lines: as objects they would take some twenty times the memory.
+        self._rows: dict[str, dict[tuple[int, int], bytes]] = {}
 
     @classmethod
     def open(cls, path: str | Path, settings: Mapping[str, object]) -> Ledger:
@@ -74,8 +76,8 @@ class Ledger:
         Args:
             path: the file; missing folders are made.
             settings: what the numbers depend on, as plain values: seed, scene, camera, panel, receivers,
-                training. Not what only changes how long it takes or how far it goes: batch size, device, the
-                folder, the budget of frames and the stop rule.
+                training, kind of device. Not what only changes how long it takes or how far it goes: batch
+                size, the folder, the budget of frames and the stop rule.
 
         Raises:
             VoccError: the file is in use by another run, cannot be written, is damaged, is no ledger, or is
@@ -93,12 +95,10 @@ class Ledger:
                 ledger._write(first)
                 _sync_folder(path.parent)
                 return ledger
-            rows, end = _parsed(path, content, settings)
-            torn = len(content) - end
-            ledger = cls(path, file, end, f"{path}: cut off a torn last line of {torn} bytes" if torn else "")
-            for row in rows:
-                ledger._file_away(row)
-            if torn:
+            ledger = cls(path, file, 0, "")
+            ledger._end = _parsed(path, content, settings, ledger._file_away)
+            if torn := len(content) - ledger._end:
+                ledger.repaired = f"{path}: cut off a torn last line of {torn} bytes"
                 ledger._cut()
             return ledger
         except BaseException:
@@ -127,15 +127,17 @@ class Ledger:
     def __iter__(self) -> Iterator[LedgerRow]:
         """Walk the rows, a point at a time."""
         for rows in self._rows.values():
-            yield from rows.values()
+            yield from map(_unpacked, rows.values())
 
     def blocks(self, point: str) -> dict[int, LedgerRow]:
         """Give the longest row of each block of a point, by ascending block."""
-        return {block: row for (block, _), row in sorted(self._rows.get(point, {}).items())}
+        longest = {block: row for (block, _), row in sorted(self._rows.get(point, {}).items())}
+        return {block: _unpacked(row) for block, row in longest.items()}
 
     def find(self, point: str, block: int, frames: int) -> LedgerRow | None:
         """Give the row of exactly this many frames of a block, or None."""
-        return self._rows.get(point, {}).get((block, frames))
+        row = self._rows.get(point, {}).get((block, frames))
+        return None if row is None else _unpacked(row)
 
     def append(self, point: str, block: int, frames: int, counts: Mapping[K, V]) -> LedgerRow:
         """Add a row; one that is already there is not written twice.
@@ -152,16 +154,17 @@ class Ledger:
         """
         kept: dict[Key, Counts | PairedCounts] = {key: one for key, one in counts.items()}
         row = LedgerRow(point, block, frames, kept)
-        known = self.find(point, block, frames)
-        if known is None:
-            self._write(row.line())
-        self._file_away(row)
+        line = row.line()
+        if (block, frames) not in self._rows.get(point, {}):
+            self._write(line)
+        self._file_away(row, line)
         return row
 
-    def _file_away(self, row: LedgerRow) -> None:
+    def _file_away(self, row: LedgerRow, line: bytes) -> None:
         """Remember a row, or refuse one that contradicts what is there."""
-        known = self._rows.setdefault(row.point, {}).setdefault((row.block, row.frames), row)
-        if known.counts != row.counts:
+        packed, rows = zlib.compress(line.rstrip(b"\n"), 1), self._rows.setdefault(row.point, {})
+        known = rows.setdefault((row.block, row.frames), packed)
+        if known != packed and _unpacked(known).counts != row.counts:
             raise VoccError(
                 f"ledger {self.path} has other counts for block {row.block} of {row.point}: something that "
                 "the results depend on is missing from its settings; choose another ledger"
@@ -208,27 +211,37 @@ def _content(path: Path, descriptor: int) -> bytes:
         raise VoccError(f"cannot read ledger {path}: {error.strerror or error}") from error
 
 
-def _parsed(path: Path, content: bytes, settings: Mapping[str, object]) -> tuple[list[LedgerRow], int]:
-    """Give the rows of a ledger and where the last whole line ends; only the last line may be torn."""
+def _parsed(
+    path: Path, content: bytes, settings: Mapping[str, object], keep: Callable[[LedgerRow, bytes], None]
+) -> int:
+    """Hand the rows of a ledger on and say where the last whole line ends; only the last may be torn."""
     first, *lines = content.split(b"\n")
-    rows, end = [], len(first) + 1
+    end = len(first) + 1
     try:
         check_header(first, settings)
-        tail = lines.pop()  # what follows the last newline: nothing, or a torn line
-        for number, line in enumerate(lines):
-            try:
-                rows.append(LedgerRow.read(line))
-            except DamagedLine:
-                if number == len(lines) - 1 and not tail:
-                    break
-                raise VoccError(
-                    f"is damaged in line {number + 2} of {len(lines) + 1}: "
-                    "bring back a copy, or delete it to count everything again"
-                ) from None
-            end += len(line) + 1
     except VoccError as error:
         raise VoccError(f"ledger {path} {error}") from None
-    return rows, end
+    tail = lines.pop()  # what follows the last newline: nothing, or a torn line
+    for number, line in enumerate(lines):
+        try:
+            row = LedgerRow.read(line)
+        except DamagedLine:
+            if number == len(lines) - 1 and not tail:
+                break
+            raise VoccError(
+                f"ledger {path} is damaged in line {number + 2} of {len(lines) + 1}: "
+                "bring back a copy, or delete it to count everything again"
+            ) from None
+        except VoccError as error:
+            raise VoccError(f"ledger {path} {error}") from None
+        keep(row, line)
+        end += len(line) + 1
+    return end
+
+
+def _unpacked(row: bytes) -> LedgerRow:
+    """Read a row that is kept as its compressed line."""
+    return LedgerRow.read(zlib.decompress(row))
 
 
 def _remove_empty(path: Path, descriptor: int) -> None:

@@ -230,8 +230,10 @@ class _Schedule:
             self._collect()
 
     def cancel(self) -> None:
-        """Call off what has not been begun."""
-        for future in self._under_way:
+        """Call off what has not been begun, and record what is done and was not collected yet."""
+        for future, call in self._under_way.items():
+            if future.done() and not future.cancelled() and future.exception() is None:
+                call.take()
             future.cancel()
 
     def _hand_out(self) -> None:

@@ -13,7 +13,7 @@ from vocc_torch.studies.identity import identity
 from vocc_torch.studies.plan import Locator, Plan
 from vocc_torch.studies.sweep import Sweep, measured, monte_carlo_values, run_sweeps
 from vocc_torch.studies.train import Training, train_each
-from vocc_torch.studies.workers import Workers
+from vocc_torch.studies.workers import Workers, worker_losses_told
 
 
 @dataclass(frozen=True)
@@ -66,8 +66,9 @@ def train_all(studies: Sequence[Study], workers: Workers) -> dict[str, dict[str,
     """
     scenes = {study.key: _training_key(study) for study in studies}
     first = {scenes[study.key]: study for study in reversed(studies)}
-    calls = {name: workers.submit(_Train(study.locators), study.plan) for name, study in first.items()}
-    trainings = {name: call.result() for name, call in calls.items()}
+    with worker_losses_told():
+        calls = {name: workers.submit(_Train(study.locators), study.plan) for name, study in first.items()}
+        trainings = {name: call.result() for name, call in calls.items()}
     return {key: trainings[name] for key, name in scenes.items()}
 
 

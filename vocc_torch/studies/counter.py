@@ -63,6 +63,7 @@ class PointCounter:
         keys = [BlockKey(self.plan.seed, self.point, part.block) for part in parts]
         preambles = needs_preambles(self.plan.receiver.names)
         # Blocks known already may be missing between others, but only a budget's last one is used in part.
+        assert all(part.frames == BLOCK_FRAMES for part in parts[:-1]), parts
         used = sum(part.frames for part in parts)
         halves: dict[str, list[Tensor]] = {name: [] for name in self.finders}
         found: dict[str, list[Tensor]] = {name: [] for name in self.finders}

@@ -5,19 +5,21 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping, Sequence
 
+import numpy as np
 import torch
 
-from vocc_torch.studies.plan import Locator, Plan
-
-_SCHEDULING = ("device", "batch_frames", "folder", "workers", "save")
+from vocc_torch.simulation.effects import build_effects
+from vocc_torch.studies.plan import Locator, Plan, resolve_device
 
 
 def identity(plan: Plan, locators: Sequence[Locator]) -> dict[str, object]:
     """Name what the counts of a plan depend on.
 
-    Left out is what changes only how long they take or how far they go: device, batch size, workers, folder,
-    the frames of the budget and the stop rule, and the values of the axis, each of which is a point with a
-    name of its own. The edges of contrast bins stay: they decide which frames are counted together.
+    Left out is what changes only how long they take or how far they go: batch size, workers, folder, the
+    frames of the budget and the stop rule, and the values of the axis, each of which is a point with a name
+    of its own. The edges of contrast bins stay: they decide which frames are counted together. So does the
+    kind of device, between which rounding may move a pixel by one grey level, and the releases of what draws
+    and computes. Effects are named as they are built, so a default that is written out changes nothing.
 
     Args:
         plan: the study.
@@ -35,10 +37,13 @@ def identity(plan: Plan, locators: Sequence[Locator]) -> dict[str, object]:
         True
     """
     experiment = plan.experiment
+    world = {name: value for name, value in _fields(plan.world).items() if name not in ("device", "effects")}
+    world["effects"] = {one.name: _plain(one) for one in build_effects(plan.world.effects)}
+    receiver = {name: value for name, value in _fields(plan.receiver).items() if name != "save"}
     return {
         "seed": plan.seed,
-        "world": _plain(plan.world),
-        "receiver": {**_fields(plan.receiver), "locator": list(locators)},
+        "world": world,
+        "receiver": {**receiver, "locator": list(locators)},
         "experiment": {
             "name": experiment.name,
             "axis": experiment.axis,
@@ -47,13 +52,18 @@ def identity(plan: Plan, locators: Sequence[Locator]) -> dict[str, object]:
             "training": _plain(experiment.training),
         },
         "training_frames": plan.budget.training_frames,
+        "made_with": {
+            "device": resolve_device(plan.world.device).type,
+            "torch": ".".join(torch.__version__.split(".")[:2]),
+            "numpy": ".".join(np.__version__.split(".")[:2]),
+        },
     }
 
 
 def _fields(value: object) -> dict[str, object]:
-    """Give a dataclass's fields as plain values, without those that are scheduling."""
+    """Give a dataclass's fields as plain values."""
     fields = dataclasses.fields(value)  # type: ignore[arg-type]  # called with instances of dataclasses only
-    return {f.name: _plain(getattr(value, f.name)) for f in fields if f.name not in _SCHEDULING}
+    return {field.name: _plain(getattr(value, field.name)) for field in fields}
 
 
 def _plain(value: object) -> object:

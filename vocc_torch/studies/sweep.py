@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -18,7 +17,7 @@ from vocc_torch.receiver.flda import FLDA
 from vocc_torch.rng import BLOCK_FRAMES
 from vocc_torch.studies.counter import PointJob
 from vocc_torch.studies.plan import Experiment, Locator, Plan
-from vocc_torch.studies.workers import Workers, lost_worker
+from vocc_torch.studies.workers import Workers, worker_losses_told
 
 
 @dataclass(frozen=True)
@@ -73,14 +72,12 @@ def run_sweeps(
             sweep, job = jobs[index]
             progress(sweep, job.value, frames, tallies)
 
-    try:
+    with worker_losses_told():
         outcomes = run_points(
             works, workers.submit, window=workers.window, blocks_at_once=blocks, progress=told
         )
         for (sweep, job), outcome in zip(jobs, outcomes, strict=True):
             yield sweep, job.value, outcome
-    except BrokenProcessPool as error:
-        raise lost_worker() from error
 
 
 def stop_rule(plan: Plan) -> StopRule:

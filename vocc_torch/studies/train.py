@@ -14,6 +14,7 @@ from vocc_torch.receiver.features import FEATURE_NAMES
 from vocc_torch.receiver.flda import FLDA
 from vocc_torch.receiver.location import PaperLocator
 from vocc_torch.receiver.receiver import Receiver
+from vocc_torch.rng import BLOCK_FRAMES
 from vocc_torch.studies.link import Link, Observation, block_keys
 from vocc_torch.studies.plan import Locator, Plan
 
@@ -87,13 +88,21 @@ class _Gathering:
 
     def __init__(self, device: torch.device) -> None:
         self.flda = FLDA(n_features=len(FEATURE_NAMES)).to(device)
+        self.waiting: list[tuple[Tensor, Tensor, Tensor]] = []
         self.kept: list[tuple[Tensor, Tensor]] = []
         self.leds = self.missed = 0
 
     def add(self, seen: Observation) -> None:
-        """Learn from one batch."""
-        found = seen.panels.found
-        features, bits = seen.readings.features[found], seen.bits[found]
+        """Learn from one batch, a block at a time: sums then do not depend on the batch's size."""
+        self.waiting.append((seen.readings.features, seen.bits, seen.panels.found))
+        while sum(len(found) for *_, found in self.waiting) >= BLOCK_FRAMES:
+            features, bits, found = (torch.cat(parts) for parts in zip(*self.waiting, strict=True))
+            self._learn(features[:BLOCK_FRAMES], bits[:BLOCK_FRAMES], found[:BLOCK_FRAMES])
+            self.waiting = [(features[BLOCK_FRAMES:], bits[BLOCK_FRAMES:], found[BLOCK_FRAMES:])]
+
+    def _learn(self, features: Tensor, bits: Tensor, found: Tensor) -> None:
+        """Learn from a block, or from what there is of the last one."""
+        features, bits = features[found], bits[found]
         self.flda.update(features, bits)
         self.missed += int((~found).sum())
         if self.leds < FIGURE_SAMPLES:
@@ -102,6 +111,9 @@ class _Gathering:
 
     def training(self, frames: int) -> Training:
         """Give the outcome."""
+        if any(len(found) for *_, found in self.waiting):
+            self._learn(*(torch.cat(parts) for parts in zip(*self.waiting, strict=True)))
+            self.waiting = []
         if self.missed == frames:
             raise VoccError(
                 f"training found no panel in any of {frames} frames: "

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
+from multiprocessing import resource_tracker
 from multiprocessing.connection import wait
 from types import TracebackType
 from typing import Self, TypeVar
@@ -63,11 +64,9 @@ class Workers:
             done: Future[R] = Future()
             done.set_result(call(argument))
             return done
-        try:
-            with _deaf_to_interrupts():
-                return self._started().submit(call, argument)
-        except BrokenProcessPool as error:
-            raise lost_worker() from error
+        pool = self._started()
+        with worker_losses_told(), _deaf_to_interrupts():
+            return pool.submit(call, argument)
 
     def __enter__(self) -> Self:
         """Give itself; no process is started yet."""
@@ -81,6 +80,7 @@ class Workers:
         """End the processes; after an error without waiting for what they are doing."""
         if self._pool is None:
             return
+        # Before Python 3.14 a pool has no other way to end what its processes are doing.
         processes = list((self._pool._processes or {}).values())
         if kind is not None:
             for process in processes:
@@ -102,6 +102,8 @@ def _deaf_to_interrupts() -> Iterator[None]:
     if not hasattr(signal, "pthread_sigmask"):  # Windows
         yield
         return
+    # It would be started on the way, and listens to Ctrl-C again once it has.
+    resource_tracker.ensure_running()
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
@@ -109,12 +111,20 @@ def _deaf_to_interrupts() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def lost_worker() -> VoccError:
-    """The complaint when a worker process is gone."""
-    return VoccError(
-        "a worker process was ended from outside, perhaps for lack of memory: "
-        "give fewer workers or a smaller batch_frames, and start again to go on"
-    )
+@contextmanager
+def worker_losses_told() -> Iterator[None]:
+    """Say in one line that a worker process is gone, wherever a call's result was waited for.
+
+    Raises:
+        VoccError: a worker was ended from outside, as a system short of memory does.
+    """
+    try:
+        yield
+    except BrokenProcessPool as error:
+        raise VoccError(
+            "a worker process was ended from outside, perhaps for lack of memory: "
+            "give fewer workers or a smaller batch_frames, and start again to go on"
+        ) from error
 
 
 def _cores() -> int:

@@ -13,6 +13,7 @@ from rich.console import Console
 
 from vocc_torch import __version__
 from vocc_torch.config import AppConfig
+from vocc_torch.errors import VoccError
 from vocc_torch.evaluation.curve import BerTable
 from vocc_torch.evaluation.curves import Measured
 from vocc_torch.evaluation.dimming import Grid
@@ -61,6 +62,9 @@ class PaperFiles:
         studies: what is measured.
         console: where to say what was written.
         watch: how long each stage takes.
+
+    Raises:
+        VoccError: none of the receivers that the figures of bit error rates show.
     """
 
     settings: AppConfig
@@ -76,7 +80,11 @@ class PaperFiles:
     resumed: bool = field(init=False)
 
     def __post_init__(self) -> None:
-        """See whether an earlier run left something to go on from."""
+        """See whether there is something to draw, and something to go on from."""
+        names = self.settings.receiver.names
+        if self.studies.experiments and not set(names) & set(PAPER_RECEIVERS):
+            wanted = ", ".join(PAPER_RECEIVERS)
+            raise VoccError(f"receiver.names is {names}: the figures of bit error rates show {wanted}")
         self.resumed = (self.folder / LEDGERS).is_dir()
 
     @property
@@ -90,9 +98,9 @@ class PaperFiles:
         for figure in RATE_FIGURES:
             if figure.experiment in self.studies.experiments:
                 self._rate_figure(figure)
-        row_axis = self.settings.figures.experiments[GRID].row_axis or ""
-        self.grids = self.studies.grids(campaign, row_axis)
-        if self.grids:
+        if GRID in self.studies.experiments:
+            row_axis = self.settings.figures.experiments[GRID].row_axis or ""
+            self.grids = self.studies.grids(campaign, row_axis)
             self._dimming()
         own_mm, _ = self.own
         self.location = location_split(self.measured[own_mm])
@@ -104,6 +112,11 @@ class PaperFiles:
     def _rate_figure(self, figure: RateFigure) -> None:
         """Write one of Figs 21 to 24."""
         by_focal_mm = {focal_mm: one[figure.experiment] for focal_mm, one in self.measured.items()}
+        if not all(curves.values for one in by_focal_mm.values() for curves in one.curves.values()):
+            raise VoccError(
+                f"figures.experiments.{figure.experiment}.values: no frame fell into any contrast bin: "
+                "widen the bins or the scenes"
+            )
         drawn = draw(figure, by_focal_mm, self.own)
         table = FIGURES / f"{figure.name}.csv"
         write_rows(self.folder / table, lines(by_focal_mm))

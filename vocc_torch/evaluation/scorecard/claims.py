@@ -13,7 +13,7 @@ from vocc_torch.evaluation.scorecard.claim import Claim
 from vocc_torch.evaluation.scorecard.claims_curves import AMBIENT, CONTRAST, DISTANCE, LUMINANCE, NAMES
 from vocc_torch.evaluation.scorecard.claims_features import FEATURES_BY_CURVES, FEATURES_BY_FIGURES
 from vocc_torch.evaluation.scorecard.luminances import best_luminance_moves
-from vocc_torch.evaluation.scorecard.times import panel_detection_rules, time_is
+from vocc_torch.evaluation.scorecard.times import panel_detection_rules, time_is, times_rise
 from vocc_torch.evaluation.scorecard.words import percent
 
 SETUP = (
@@ -80,6 +80,14 @@ PROCESSING_TIME = (
             "figures",
         )
         for receiver, share in _SHARES.items()
+    ),
+    Claim(
+        "time.order",
+        "IV-D-5, Fig. 25",
+        "the centre greyscale takes least time, then the average greyscale, two features, three features",
+        "5, 7, 12, 14 %",
+        times_rise,
+        "figures",
     ),
     Claim(
         "time.ngr",

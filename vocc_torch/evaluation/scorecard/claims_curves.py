@@ -47,7 +47,7 @@ def orders(experiment: str) -> tuple[Claim, ...]:
             where,
             f"two and three features are below {NAMES[baseline]} {levels}",
             f"superior {levels}" if experiment == "contrast" else f"much lower {levels}",
-            above([experiment], [(baseline, proposed) for proposed in PROPOSED]),
+            above([experiment], [(baseline, proposed) for proposed in PROPOSED], factors=True),
             explanations=(own_preamble, one_rule_for_all),
         )
         for baseline in GREYSCALE
@@ -172,7 +172,7 @@ CONTRAST = (
     Claim(
         "contrast.interference",
         "IV-D-1, Fig. 20",
-        "blooming interference grows with the contrast",
+        "blooming interference, in points of contrast lost, grows with the contrast",
         "increase in interference",
         interference_grows,
         "figures",

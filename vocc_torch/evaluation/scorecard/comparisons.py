@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
@@ -11,6 +12,9 @@ from vocc_torch.evaluation.paired import DifferenceInterval, PairedCounts, paire
 from vocc_torch.evaluation.relative import difference_independent
 from vocc_torch.evaluation.scorecard.judgement import ERROR_RATE, Judgement, not_measured
 from vocc_torch.evaluation.scorecard.words import listed, place, rate
+
+LEAST_SUPPORT = 0.5
+"""Least share of a claim's comparisons that must support it beyond doubt for it to agree."""
 
 
 @dataclass(frozen=True)
@@ -121,9 +125,35 @@ def weigh(comparisons: Sequence[Comparison], missing: str = "the experiment") ->
         texts = [one.text() for one, _ in against]
         reason = f"beyond doubt the other way round: {listed(texts, 3)}"
         return Judgement("differ", measured, reason, against=tuple(one for one, _ in against))
-    if supporting:
+    if supporting >= LEAST_SUPPORT * len(comparisons):
         return Judgement("agree", measured)
-    return Judgement("cannot say", measured, nothing_told(comparisons))
+    few = f"only {supporting} of {len(comparisons)} comparisons are beyond chance"
+    return Judgement("cannot say", measured, few if supporting else nothing_told(comparisons))
+
+
+def factor_text(comparisons: Iterable[Comparison]) -> str:
+    """Write by what factor the rates that a claim puts above others exceed them.
+
+    A ratio needs errors on both sides; comparisons without are left out and counted.
+
+    Example:
+        >>> few, many = Counts(2000, 128_000, 40, 80, 20), Counts(2000, 128_000, 800, 1600, 400)
+        >>> low, high = Side("flda_2", 30.0, few), Side("flda_2", 70.0, many)
+        >>> factor_text([Comparison("distance_m", high, low)])
+        'rates 20 times as high in the geometric mean, 20 to 20 times'
+    """
+    sides = [(one.above.counts.ber, one.below.counts.ber) for one in comparisons]
+    ratios = [above / below for above, below in sides if above and below]
+    if not ratios:
+        return ""
+    mean = math.exp(sum(map(math.log, ratios)) / len(ratios))
+    text = (
+        f"rates {mean:.2g} times as high in the geometric mean, {min(ratios):.2g} to {max(ratios):.2g} times"
+    )
+    left_out = len(sides) - len(ratios)
+    if not left_out:
+        return text
+    return f"{text} ({left_out} comparison{'s' if left_out > 1 else ''} without errors on a side left out)"
 
 
 def nothing_told(comparisons: Iterable[Comparison]) -> str:

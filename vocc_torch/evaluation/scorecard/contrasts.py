@@ -104,15 +104,19 @@ def _extreme_contrast(*, lower: bool) -> float:
 
 def interference_grows(reading: Reading) -> Judgement:
     """Claim of Fig. 20 that blooming takes more away the higher the contrast is that scenes truly have."""
-    lost = []
+    lost, shares = [], []
     for name in ("true_6", "true_30", "true_50"):
         before = reading.finding("fig20", f"contrast_{name}")
         after = reading.finding("fig20", f"contrast_in_picture_{name}")
         if before is None or after is None:
             return not_measured("Fig. 20")
         lost.append(before - after)
+        shares.append(f"{100 * (before - after) / before:.0f}" if before else "0")
     points = ", ".join(f"{100 * loss:.0f}" for loss in lost)
-    measured = f"blur takes {points} points from contrasts of 6, 30 and 50 %"
+    measured = (
+        f"blur takes {points} points from contrasts of 6, 30 and 50 %; "
+        f"relative to the contrast that is {', '.join(shares)} %"
+    )
     if lost[0] < lost[1] < lost[2]:
         return Judgement("agree", measured)
-    return Judgement("differ", measured, "the loss does not grow with the contrast")
+    return Judgement("differ", measured, "the points lost do not grow with the contrast")

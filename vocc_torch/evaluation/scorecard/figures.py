@@ -33,15 +33,43 @@ def figure_number(figure: str, name: str, holds: Callable[[float], bool], text: 
     return judge
 
 
-def more_than(figure: str, more: str, less: tuple[str, ...]) -> Judge:
-    """Claim that one number of a figure is above others; as of one sample, without an interval."""
+def parted_by_a_line(figure: str, features: str) -> Judge:
+    """Claim that a straight line, FLDA's or another one, parts all On LEDs of a sample from all Off LEDs."""
 
     def judge(reading: Reading) -> Judgement:
-        values = {name: reading.finding(figure, name) for name in (more, *less)}
+        parted = reading.finding(figure, f"separable_{features}")
+        wrong = reading.finding(figure, f"wrong_share_{features}")
+        if parted is None or wrong is None:
+            return not_measured(f"whether a line parts {features} of {figure}")
+        measured = (
+            f"{'a' if parted else 'no'} straight line parts all of them; {wrong:.2%} are wrong along FLDA's"
+        )
+        if parted:
+            return Judgement("agree", measured)
+        return Judgement(
+            "differ", measured, "whichever the line, some LEDs of this sample are on the wrong side"
+        )
+
+    return judge
+
+
+def more_than(figure: str, more: str, less: tuple[str, ...], *, of_figure: str | None = None) -> Judge:
+    """Claim that one number of a figure is above others; as of one sample, without an interval.
+
+    Args:
+        figure: the figure.
+        more: the number that is claimed to be above.
+        less: the others.
+        of_figure: another figure of the same sample that has the others.
+    """
+
+    def judge(reading: Reading) -> Judgement:
+        names = {more: figure} | dict.fromkeys(less, of_figure or figure)
+        values = {name: reading.finding(at, name) for name, at in names.items()}
         found = {name: value for name, value in values.items() if value is not None}
         if len(found) < len(values):
-            missing = [name for name in values if name not in found]
-            return not_measured(f"{missing[0]} of {figure}")
+            missing = next(name for name in values if name not in found)
+            return not_measured(f"{missing} of {names[missing]}")
         measured = ", ".join(f"{_words(name)} {value:.7g}" for name, value in found.items())
         over = [name for name in less if found[name] > found[more]]
         if over:

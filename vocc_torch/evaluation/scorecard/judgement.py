@@ -9,11 +9,13 @@ into *differ* only at that rate.
 **An order** (one receiver above another, a rise, a fall). Receivers on the same frames are compared frame by
 frame (:func:`~vocc_torch.evaluation.paired.paired_interval`), values of an axis as independent points
 (:func:`~vocc_torch.evaluation.relative.difference_independent`). *Differ* where any comparison contradicts
-the claim beyond doubt; *agree* where none does and at least one supports it beyond doubt; else *cannot say*.
+the claim beyond doubt; *agree* where none does and at least half of them support it beyond doubt; else *cannot
+say*, with the counts.
 
 **A lowest point at x.** The values that no other value is surely below form a set that holds the true lowest
 one in 95 % of studies. *Differ* where x is not in it. *Cannot say* where the set is the whole axis, or where
-x is in it and two or more of its values saw no error, because then the lowest was not resolved. Else *agree*.
+x is in it and two or more of its values saw no error, because then the lowest was not resolved. *Agree* where
+x, in the set, is the lowest value measured or next to it on the axis; else *cannot say*.
 
 **A valley.** *Agree* where some value inside the axis has surely more errors on both sides; *differ* where an
 end of the axis is surely below everything between the ends; else *cannot say*.
@@ -27,11 +29,16 @@ more than a factor of 10; else *cannot say*.
 **A quoted gain** (share of one receiver's errors that another one does not make). Its sampling error is taken
 to be ours, scaled from our number of frames to the paper's. *Differ* where the interval of the difference
 leaves out 0; *agree* where it holds 0 and our interval is no wider than 100 percentage points; else *cannot
-say*, as where no error was seen.
+say*, as where no error was seen. A share with a wider interval is written as not known.
 
 **Numbers of single pictures and of samples of 100 frames** are compared as they are: they have no interval,
-in the paper as here. **Processing times** are ratios on one machine, with other software: they agree within a
-factor of 1.5.
+in the paper as here.
+
+**Processing times** are ratios on one machine, with other software, of whole frames one at a time as in the
+paper. *Cannot say* where the quartiles over the rounds are farther apart than a factor of 2, or where the
+processor was busy with something else for more than 5 % of the time; *agree* where the median is within a
+factor of 1.5 of the quoted ratio; else *differ*. An order of times, and "much longer" (twice at least), hold
+where the quartiles do not overlap: *agree* or *differ* by them, else *cannot say*.
 """
 
 from __future__ import annotations

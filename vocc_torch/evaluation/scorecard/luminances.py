@@ -10,7 +10,7 @@ from vocc_torch.evaluation.dimming import Grid, not_worse
 from vocc_torch.evaluation.scorecard.judgement import ERROR_RATE, Judgement, not_measured
 from vocc_torch.evaluation.scorecard.orders import Judge
 from vocc_torch.evaluation.scorecard.reading import Reading
-from vocc_torch.evaluation.scorecard.words import place
+from vocc_torch.evaluation.scorecard.words import place, places
 
 
 def best_luminance_moves(receiver: str) -> Judge:
@@ -28,7 +28,7 @@ def best_luminance_moves(receiver: str) -> Judge:
         held = candidates(grid, receiver)
         ends = (0, len(grid.rows) - 1)
         measured = ", ".join(
-            f"{_range(grid, held[at])} at {place(grid.row_axis, grid.rows[at])}" for at in ends
+            f"{_written(grid, held[at])} at {place(grid.row_axis, grid.rows[at])}" for at in ends
         )
         if any(not one & other for one, other in itertools.combinations(held, 2)):
             return Judgement("agree", measured)
@@ -37,7 +37,7 @@ def best_luminance_moves(receiver: str) -> Judge:
         shared = set.intersection(*held)
         reason = "candidates overlap from one ambient light to any other"
         if shared:
-            reason = f"{_range(grid, shared)} may be the best under every ambient light"
+            reason = f"{_written(grid, shared)} may be the best under every ambient light"
         return Judgement("cannot say", measured, reason)
 
     return judge
@@ -51,7 +51,6 @@ def candidates(grid: Grid, receiver: str) -> list[set[float]]:
     return [{float(value) for value in columns[row]} for row in held]
 
 
-def _range(grid: Grid, values: set[float]) -> str:
-    """Write a set of luminances by its ends."""
-    ends = dict.fromkeys((min(values), max(values)))
-    return " to ".join(place(grid.column_axis, value) for value in ends)
+def _written(grid: Grid, values: set[float]) -> str:
+    """Write a set of luminances."""
+    return places(grid.column_axis, sorted(values))

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 from vocc_torch.evaluation.curves import Curves
 from vocc_torch.evaluation.scorecard.comparisons import (
     Comparison,
     confidence_of,
+    factor_text,
     nothing_told,
     of_receivers,
     of_values,
@@ -18,14 +19,20 @@ from vocc_torch.evaluation.scorecard.comparisons import (
 )
 from vocc_torch.evaluation.scorecard.judgement import Judgement, not_measured
 from vocc_torch.evaluation.scorecard.reading import Reading
-from vocc_torch.evaluation.scorecard.words import place
+from vocc_torch.evaluation.scorecard.words import place, places
 
 Judge: TypeAlias = Callable[[Reading], Judgement]
 """Judges a claim by what was measured under a reading."""
 
 
-def above(experiments: Sequence[str], pairs: Sequence[tuple[str, str]]) -> Judge:
-    """Claim that in each pair the first receiver has the higher rate, at every value of these experiments."""
+def above(experiments: Sequence[str], pairs: Sequence[tuple[str, str]], *, factors: bool = False) -> Judge:
+    """Claim that in each pair the first receiver has the higher rate, at every value of these experiments.
+
+    Args:
+        experiments: their names.
+        pairs: receivers, the one with more errors first.
+        factors: whether to add by what factor it has more.
+    """
 
     def judge(reading: Reading) -> Judgement:
         found: list[Comparison] = []
@@ -38,7 +45,8 @@ def above(experiments: Sequence[str], pairs: Sequence[tuple[str, str]]) -> Judge
                 if unknown:
                     return not_measured(f"receiver {unknown[0]} of experiment {name}")
                 found += of_receivers(curves, first, second)
-        return weigh(found)
+        judged, by = weigh(found), factor_text(found) if factors else ""
+        return replace(judged, measured=f"{judged.measured}; {by}") if by else judged
 
     return judge
 
@@ -94,14 +102,11 @@ class Lowest:
 
     def text(self, axis: str) -> str:
         """Write the lowest, and what cannot be told from it."""
-        where = "lowest at " + " to ".join(
-            place(axis, value) for value in dict.fromkeys((self.seen[0], self.seen[-1]))
-        )
-        where += f" ({len(self.seen)} equal values)" if len(self.seen) > 1 else ""
-        ends = [place(axis, value) for value in (self.candidates[0], self.candidates[-1])]
-        if self.candidates[0] == self.candidates[-1]:
+        where = f"lowest at {places(axis, self.seen)}"
+        where += " (equals)" if len(self.seen) > 1 else ""
+        if len(self.candidates) == 1:
             return f"{where}, beyond doubt"
-        return f"{where}, candidates {ends[0]} to {ends[1]}"
+        return f"{where}, candidates {places(axis, self.candidates)}"
 
 
 def lowest(curves: Curves, receiver: str) -> Lowest:
@@ -154,6 +159,10 @@ def lowest_at(experiment: str, receiver: str, value: float) -> Judge:
         if not found.resolved:
             silent = sum(not curves.counts[receiver, v].half_errors for v in found.candidates)
             reason = f"no error was seen at {silent} of the {len(found.candidates)} candidates"
+            return Judgement("cannot say", measured, reason, *ends)
+        at = curves.values.index(value)
+        if not set(found.seen) & set(curves.values[max(0, at - 1) : at + 2]):
+            reason = f"{place(curves.axis, value)} is a candidate, but not next to the lowest rate measured"
             return Judgement("cannot say", measured, reason, *ends)
         return Judgement("agree", measured, "", *ends)
 

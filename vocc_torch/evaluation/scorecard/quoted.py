@@ -14,7 +14,7 @@ from vocc_torch.evaluation.relative import Gain, difference_independent, mean_ga
 from vocc_torch.evaluation.scorecard.judgement import Judgement, not_measured
 from vocc_torch.evaluation.scorecard.orders import Judge
 from vocc_torch.evaluation.scorecard.reading import Reading
-from vocc_torch.evaluation.scorecard.words import percent, percent_interval, place, point, rate
+from vocc_torch.evaluation.scorecard.words import WIDEST_SHARE, percent, percent_interval, place, point, rate
 
 PAPER_FRAMES = 2000
 """Table 1: "Number of testing frames per sample"."""
@@ -22,8 +22,6 @@ PAPER_CONTRAST_FRAMES = 20000
 """Section IV-D-1: frames over all contrasts together."""
 WIDEST_RATIO = 10.0
 """Beyond this ratio of its ends an interval of a rate is too wide to agree with anything."""
-WIDEST_GAIN = 1.0
-"""Beyond this width an interval of a gain is too wide to agree with anything."""
 
 
 @dataclass(frozen=True)
@@ -196,8 +194,11 @@ def gain_is(quoted: QuotedGain) -> Judge:
         ours = sum(curves.counts["flda_2", at].frames for at in _values(curves, quoted))
         low, high = _difference(gain, quoted.gain, ours / paper_frames(curves, quoted.value))
         if low > 0 or high < 0:
+            if gain.high - gain.low > WIDEST_SHARE:
+                bound = f"at least {percent(gain.low)}" if low > 0 else f"at most {percent(gain.high)}"
+                measured = f"{bound}; {measured}"
             return Judgement("differ", measured, _rates(curves, quoted), *ends)
-        if gain.high - gain.low > WIDEST_GAIN:
+        if gain.high - gain.low > WIDEST_SHARE:
             reason = "the interval is wider than 100 percentage points"
             return Judgement("cannot say", measured, reason, *ends)
         return Judgement("agree", measured, "", *ends)

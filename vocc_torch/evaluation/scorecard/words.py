@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from vocc_torch.evaluation.curve import Row
 
 UNITS = {
@@ -47,13 +49,19 @@ def percent(share: float, digits: int = 0) -> str:
     return f"{100 * share:.{digits}f} %"
 
 
+WIDEST_SHARE = 1.0
+"""Beyond this width the interval of a share tells nothing of its size."""
+
+
 def percent_interval(share: float, low: float, high: float, digits: int = 0) -> str:
-    """Write a share with its interval, in per cent.
+    """Write a share with its interval, in per cent; no number where that is wider than 100 points.
 
     Example:
-        >>> percent_interval(0.24, 0.1, 0.35)
-        '24 % [10, 35]'
+        >>> percent_interval(0.24, 0.1, 0.35), percent_interval(1.0, -126.63, 1.0)
+        ('24 % [10, 35]', 'not known (95 % interval wider than 100 percentage points)')
     """
+    if high - low > WIDEST_SHARE:
+        return "not known (95 % interval wider than 100 percentage points)"
     return f"{percent(share, digits)} [{100 * low:.{digits}f}, {100 * high:.{digits}f}]"
 
 
@@ -64,9 +72,19 @@ def place(axis: str, value: float) -> str:
         >>> place("ambient_lx", 8000.0), place("contrast", 0.33)
         ('8000 lx', '33 % contrast')
     """
-    if axis == "contrast":
-        return f"{percent(value)} contrast"
-    return f"{value:g} {UNITS.get(axis, axis)}"
+    return places(axis, (value,))
+
+
+def places(axis: str, values: Iterable[float]) -> str:
+    """Write values of an axis one by one, with their unit.
+
+    Example:
+        >>> places("ambient_lx", (2000.0, 8000.0)), places("contrast", (0.27, 0.33, 0.39))
+        ('2000 and 8000 lx', '27, 33 and 39 % contrast')
+    """
+    shown = [f"{100 * value:.0f}" if axis == "contrast" else f"{value:g}" for value in values]
+    unit = "% contrast" if axis == "contrast" else UNITS.get(axis, axis)
+    return f"{' and '.join([*filter(None, [', '.join(shown[:-1])]), shown[-1]])} {unit}"
 
 
 def listed(names: list[str], most: int = 4) -> str:

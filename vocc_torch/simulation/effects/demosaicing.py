@@ -17,6 +17,10 @@ from vocc_torch.simulation.effects.noise_planes import origins_px
 PATTERNS = {(0, 0): CFA.BG, (1, 0): CFA.GB, (0, 1): CFA.GR, (1, 1): CFA.RG}
 """Kornia's names of how a frame's pattern begins, by the parity of its origin: red lies at even and even."""
 
+CELL_PX = 2
+STRIP_ROWS = 64
+"""Rows demosaiced at a time, whole cells: their working arrays stay in the processor's cache."""
+
 
 @dataclass(frozen=True, slots=True)
 class Demosaicing(Effect):
@@ -61,8 +65,19 @@ class Demosaicing(Effect):
 
 
 def _luma(raw: Tensor, pattern: CFA) -> Tensor:
-    """Demosaic (B,1,H,W) frames of one pattern; odd sides are continued by reflection, which keeps it."""
+    """Demosaic (B,1,H,W) frames of one pattern, strip by strip, each with the rows that its border needs."""
+    height = raw.shape[-2]
+    strips = []
+    for top in range(0, height, STRIP_ROWS):
+        above = min(top, CELL_PX)
+        strip = _strip_luma(raw[..., top - above : top + STRIP_ROWS + CELL_PX, :], pattern)
+        strips.append(strip[..., above : above + min(STRIP_ROWS, height - top), :])
+    return torch.cat(strips, dim=-2)
+
+
+def _strip_luma(raw: Tensor, pattern: CFA) -> Tensor:
+    """Demosaic one strip; odd sides are continued by reflection, which keeps the pattern."""
     height, width = raw.shape[-2:]
-    even = F.pad(raw, (0, width % 2, 0, height % 2), mode="reflect")
+    even = F.pad(raw, (0, width % CELL_PX, 0, height % CELL_PX), mode="reflect")
     luma: Tensor = rgb_to_grayscale(raw_to_rgb(even, pattern))[..., :height, :width]
     return luma

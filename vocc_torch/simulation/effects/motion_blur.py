@@ -25,8 +25,9 @@ class MotionBlur(Effect):
     focal length in pixels and d each frame's distance. The streak is centred where the frame has the panel,
     which is its place in the middle of the exposure, and each pixel gets the exact share of the streak in it.
     The kernel's second moment along each axis is the streak's, ``L^2 / 12`` for its extent L along that axis,
-    also where the streak is shorter than a pixel. At 50 m and 1/1500 s 20 m/s make 0.97 px. All of the frame
-    moves as the panel does; motion along the line of sight is not in it.
+    also where the streak is shorter than a pixel; its slant shows as well as whole pixels can show it. At
+    50 m and 1/1500 s 20 m/s make 0.97 px. All of the frame moves as the panel does; motion along the line of
+    sight is not in it.
 
     Linear in the exposure and differentiable in it. Energy is kept to rounding. The work grows with L.
 

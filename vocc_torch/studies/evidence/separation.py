@@ -1,8 +1,9 @@
-"""How well one number tells On from Off, exactly: by ranks, without a threshold and with the best one."""
+"""How well numbers tell On from Off, exactly: one by ranks, several by whether any line parts them."""
 
 from __future__ import annotations
 
 import numpy as np
+from scipy.optimize import linprog
 from scipy.stats import rankdata
 
 from vocc_torch.errors import VoccError
@@ -60,6 +61,41 @@ def least_error(values: Floats, bits: Bools) -> tuple[float, float]:
     best = int(wrong.argmin())
     between = np.concatenate([levels[:1], (levels[1:] + levels[:-1]) / 2, np.nextafter(levels[-1:], np.inf)])
     return float(wrong[best]) / (on + off), float(between[best])
+
+
+def separable(values: Floats, bits: Bools) -> bool:
+    """Whether some straight line, plane or hyperplane has all On on one side and all Off on the other.
+
+    The largest margin of any line with weights from -1 to 1 is a linear program; it is above 0 exactly where
+    the convex hulls of On and Off are disjoint (Mangasarian, Operations Research 13, 1965). The line found is
+    checked on every value.
+
+    Args:
+        values: (N,D), finite.
+        bits: (N,), with both On and Off.
+
+    Raises:
+        VoccError: all On or all Off.
+
+    Example:
+        >>> square = np.array([[0.0, 0.0], [0.0, 1.0], [1.0, 0.0], [1.0, 1.0]])
+        >>> separable(square, np.array([False, False, True, True]))
+        True
+        >>> separable(square, np.array([False, True, True, False]))
+        False
+    """
+    _counts(bits)
+    deviation = values.std(axis=0)
+    scaled = (values - values.mean(axis=0)) / np.where(deviation > 0, deviation, 1.0)
+    sides = np.where(bits, 1.0, -1.0)[:, None] * np.column_stack([scaled, np.ones(len(scaled))])
+    columns = values.shape[1]
+    found = linprog(
+        np.append(np.zeros(columns + 1), -1.0),
+        A_ub=np.column_stack([-sides, np.ones(len(sides))]),
+        b_ub=np.zeros(len(sides)),
+        bounds=[(-1.0, 1.0)] * columns + [(None, None)] * 2,
+    )
+    return bool(found.success and (sides @ found.x[:-1]).min() > 0)
 
 
 def _counts(bits: Bools) -> tuple[int, int]:

@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+import numpy as np
 import torch
 
 from vocc_torch.receiver.features import FEATURE_NAMES
 from vocc_torch.receiver.flda import FLDA
 from vocc_torch.studies.evidence.data import Bools, Cell, FigureData, Floats, Picture, led_rows
 from vocc_torch.studies.evidence.sample import Sample, draw_sample
-from vocc_torch.studies.evidence.separation import least_error, roc_area
+from vocc_torch.studies.evidence.separation import least_error, roc_area, separable
 from vocc_torch.studies.plan import Plan
 
 GALLERY = 20
@@ -41,9 +42,16 @@ class Spread(FigureData):
         return led_rows(self.bits, self.values)
 
     def findings(self) -> dict[str, float]:
-        """Give the discriminability of each number, and how often GRI is negative."""
+        """Give the discriminability of each number, and how often GRI is negative.
+
+        ``separable_`` is 1 where some straight line or plane parts all On LEDs from all Off LEDs, FLDA's or not.
+        """
         found = {f"auc_{name}": value for name, value in self.auc.items()}
         found |= {f"wrong_share_{name}": value for name, value in self.wrong.items()}
+        for name in self.values:
+            if "+" in name:
+                together = np.stack([self.values[part].ravel() for part in name.split("+")], axis=1)
+                found[f"separable_{name}"] = float(separable(together, self.bits.ravel()))
         if "gri" in self.values:
             negative = self.values["gri"] < 0
             found["gri_negative_share_off"] = float(negative[~self.bits].mean())

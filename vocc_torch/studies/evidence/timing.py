@@ -130,17 +130,26 @@ class ProcessingTime(FigureData):
         return lines
 
     def findings(self) -> dict[str, float]:
-        """Give times and shares by stage, and what NGR adds to bit detection and to all image processing."""
+        """Give times and shares by stage, and what NGR adds to bit detection and to all image processing.
+
+        Each is a median; its quartiles have ``_low`` and ``_high`` after its name.
+        """
         found: dict[str, float] = {}
         for (f, kind), (n, batch) in itertools.product(enumerate(self.frames), enumerate(self.batches)):
             at = f"{kind}_batch_{batch}"
             for s, stage in enumerate(self.stages):
-                found[f"ms_{stage}_{at}"] = float(self.times_ms[f, n, s, 1])
+                found |= _named_quartiles(f"ms_{stage}_{at}", self.times_ms[f, n, s])
                 if s:
-                    found[f"share_{stage}_{at}"] = float(self.shares[f, n, s, 1])
-            found[f"extra_cost_of_ngr_{at}"] = float(self.ngr_costs[f, n, 0, 1])
-            found[f"extra_total_cost_of_ngr_{at}"] = float(self.ngr_costs[f, n, 1, 1])
+                    found |= _named_quartiles(f"share_{stage}_{at}", self.shares[f, n, s])
+            found |= _named_quartiles(f"extra_cost_of_ngr_{at}", self.ngr_costs[f, n, 0])
+            found |= _named_quartiles(f"extra_total_cost_of_ngr_{at}", self.ngr_costs[f, n, 1])
         return found | {"threads": self.threads, "waited_share": self.waited_share}
+
+
+def _named_quartiles(name: str, three: Floats) -> dict[str, float]:
+    """Name a median and the quartiles below and above it, given in ascending order."""
+    low, median, high = three.tolist()
+    return {name: median, f"{name}_low": low, f"{name}_high": high}
 
 
 def processing_time(

@@ -1,0 +1,208 @@
+"""Processes that count: the same results as one alone, and no trace of them afterwards."""
+
+import os
+import signal
+import subprocess
+import sys
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import pytest
+import torch
+
+from vocc_torch.errors import VoccError
+from vocc_torch.evaluation.curves import Measured
+from vocc_torch.evaluation.ledger import Ledger
+from vocc_torch.simulation import Distribution
+from vocc_torch.studies import workers as workers_module
+from vocc_torch.studies.plan import Experiment, resolve_device
+from vocc_torch.studies.sweep import Sweep, measured, run_sweeps
+from vocc_torch.studies.train import train_each
+from vocc_torch.studies.workers import Workers
+
+LOCATORS = ("truth", "paper")
+
+
+@pytest.fixture(scope="module")
+def sweeps(make_plan):
+    """Two experiments: one stops points by frame errors, the other spends a budget of three blocks."""
+    dusk = {"ambient_lx": Distribution("constant", (1000.0,))}
+    stopping = make_plan(
+        experiment=Experiment("stopping", "distance_m", (60.0, 66.0), dusk),
+        frames=640,
+        target=100,
+        names=("average_greyscale", "flda_2", "flda_3"),
+    )
+    spending = replace(
+        make_plan(experiment=Experiment("spending", "distance_m", (50.0, 70.0), dusk), frames=150),
+        batch_frames=16,
+    )
+    fldas = {name: training.flda for name, training in train_each(stopping, LOCATORS).items()}
+    return [Sweep(plan, LOCATORS, fldas) for plan in (stopping, spending)]
+
+
+def results(sweeps, workers, progress=None):
+    """What each experiment came to, by its name."""
+    outcomes = {sweep.plan.experiment.name: {} for sweep in sweeps}
+    for sweep, value, outcome in run_sweeps(sweeps, workers, progress):
+        outcomes[sweep.plan.experiment.name][value] = outcome
+    return {
+        sweep.plan.experiment.name: measured(sweep.plan, LOCATORS, outcomes[sweep.plan.experiment.name])
+        for sweep in sweeps
+    }
+
+
+@dataclass
+class Story:
+    """What two processes did, one thing after the other."""
+
+    results: dict[str, Measured]
+    told: list[tuple[str, float, int]]
+    threads: int
+    bad_call: Exception | None = None
+    killed: Exception | None = None
+    after: Exception | None = None
+    known: int = 0
+
+
+def caught(call):
+    """The error of a call."""
+    try:
+        call()
+    except Exception as error:
+        return error
+    return None
+
+
+@pytest.fixture(scope="module")
+def story(sweeps, tmp_path_factory):
+    """One start of two processes serves all that is asked of them; the last thing ends them."""
+    path, told = tmp_path_factory.mktemp("workers") / "ledger", []
+
+    def tell(sweep, value, frames, _):
+        told.append((sweep.plan.experiment.name, value, frames))
+
+    with Workers(2) as workers:
+        found = results(sweeps, workers, tell)
+        story = Story(found, told, workers.submit(eval, "__import__('torch').get_num_threads()").result())
+        story.bad_call = caught(lambda: workers.submit(resolve_device, "abacus").result())
+
+        def kill(*_):
+            os.kill(next(iter(workers._pool._processes)), signal.SIGKILL)
+
+        with Ledger.open(path, {}) as ledger:
+            recording = [replace(sweep, ledger=ledger) for sweep in sweeps]
+            story.killed = caught(lambda: results(recording, workers, kill))
+            story.known = len(ledger)
+        story.after = caught(lambda: workers.submit(abs, -1))
+    story.path = path
+    return story
+
+
+def test_two_processes_measure_what_one_measures(sweeps, story):
+    """Counts, comparisons of receivers and of locations, and why each point stopped."""
+    with Workers(1) as workers:
+        told = []
+        alone = results(sweeps, workers, lambda sweep, value, frames, _: told.append((value, frames)))
+    assert story.results == alone
+    assert set(alone["stopping"].curves["truth"].stopped_by.values()) == {"frame_errors"}
+    assert set(alone["spending"].curves["paper"].stopped_by.values()) == {"frames"}
+    # Blocks come in their order within a point, whatever happens between the points.
+    for name, value in (("stopping", 60.0), ("stopping", 66.0), ("spending", 50.0), ("spending", 70.0)):
+        mine = [frames for at, on, frames in story.told if (at, on) == (name, value)]
+        assert mine == [frames for on, frames in told if on == value]
+
+
+def test_each_process_has_one_thread(story):
+    assert story.threads == 1
+
+
+def test_an_error_in_a_process_comes_back_as_it_is(story):
+    assert isinstance(story.bad_call, VoccError)
+    assert str(story.bad_call) == str(caught(lambda: resolve_device("abacus")))
+
+
+@pytest.mark.parametrize("when", ["killed", "after"])
+def test_a_killed_worker_is_one_line(story, when):
+    error = getattr(story, when)
+    assert isinstance(error, VoccError)
+    assert str(error) == (
+        "a worker process was ended from outside, perhaps for lack of memory: "
+        "give fewer workers or a smaller batch_frames, and start again to go on"
+    )
+
+
+def test_what_was_counted_before_a_worker_was_killed_is_known(sweeps, story):
+    assert story.known > 0
+    with Ledger.open(story.path, {}) as ledger, Workers(1) as workers:
+        assert len(ledger) == story.known
+        again = [replace(sweep, ledger=ledger) for sweep in sweeps]
+        assert results(again, workers) == story.results
+        assert len(ledger) > story.known
+
+
+# In processes of their own
+
+INTERRUPTED = """
+import os, signal
+from vocc_torch.studies.workers import Workers
+
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs ignore it
+try:
+    with Workers(2) as workers:
+        for number in range(4):
+            workers.submit(abs, number)
+        print("begun", flush=True)
+        os.killpg(0, signal.SIGINT)
+        workers.submit(abs, 5).result()
+except KeyboardInterrupt:
+    print("interrupted", flush=True)
+"""
+
+# tests/test_resume.py kills and interrupts whole commands, whose workers are at work.
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals to a group of processes")
+def test_interrupted_while_the_processes_start(tmp_path):
+    """Ctrl-C reaches them in their first moments, when they cannot have chosen yet not to listen."""
+    done = subprocess.run(
+        [sys.executable, "-c", INTERRUPTED],
+        cwd=tmp_path,
+        env={**os.environ, "OMP_NUM_THREADS": "1", "PYTHONPATH": str(Path(__file__).parents[2])},
+        capture_output=True,
+        text=True,
+        timeout=60,
+        start_new_session=True,
+        check=False,
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (0, "begun\ninterrupted\n", "")
+
+
+# One worker is this process
+
+
+def test_one_worker_starts_nothing():
+    with Workers(1) as workers:
+        assert workers.submit(eval, "__import__('os').getpid()").result() == os.getpid()
+        assert workers._pool is None
+        with pytest.raises(ValueError, match="invalid literal"):
+            workers.submit(int, "x")
+
+
+def test_one_worker_keeps_this_process_as_it_was():
+    before = torch.get_num_threads(), signal.getsignal(signal.SIGINT)
+    with Workers(1) as workers:
+        workers.submit(abs, -1)
+    assert (torch.get_num_threads(), signal.getsignal(signal.SIGINT)) == before
+
+
+@pytest.mark.parametrize("count", [-1, 257])
+def test_impossible_numbers_are_refused(count):
+    with pytest.raises(VoccError, match=rf"^workers is {count}: it must be from 0 \(one a core\) to 256$"):
+        Workers(count)
+
+
+def test_no_number_is_one_a_core(monkeypatch):
+    monkeypatch.setattr(workers_module, "_cores", lambda: 3)
+    assert (Workers(0).count, Workers(0).window) == (3, 6)
+    assert (Workers(1).window, Workers(2).window) == (1, 4)
