@@ -531,7 +531,7 @@ def test_a_folder_with_a_strangers_file_is_left_alone(app, tmp_path):
 
 
 def test_a_name_is_used_once(app, tmp_path):
-    """A second run of other settings is refused before any work, and the first one's files stay as they were."""
+    """A second run of other settings is refused before any work; the first one's files stay as they were."""
     assert app(*QUICK, "name=mine").status == 0
     before = files_in(tmp_path)
     for again, why in (

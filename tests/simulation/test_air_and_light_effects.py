@@ -374,15 +374,20 @@ def test_no_effect_depends_on_the_batch(effect, batch, dtype):
 
 
 @pytest.mark.parametrize("dtype", [torch.float32, DOUBLE])
-@pytest.mark.parametrize("effect", SAMPLED[2:], ids=lambda effect: effect.name)
+@pytest.mark.parametrize("effect", [SAMPLED[2], Lamps(30, 2e4, 0.1)], ids=lambda effect: effect.name)
 def test_a_crop_has_the_full_frames_very_pixels(effect, dtype):
+    """Bitwise, at the sensor's corners and inside it, each frame of a batch with a crop of its own."""
     scene, light = scenes(4), light_for(effect, 4, dtype)
     full = effect(light, context(scene))
-    origin = torch.tensor([[0, 0], [31, 7], [70, 40], [119, 79]])
-    for frame, (x, y) in enumerate(origin.tolist()):
-        crop = light[frame : frame + 1, :, y : y + 40, x : x + 50]
-        one = context(scene[frame : frame + 1], origin=origin[frame : frame + 1], start=frame)
-        assert torch.equal(effect(crop, one), full[frame : frame + 1, :, y : y + 40, x : x + 50])
+    corners = [[0, 0], [31, 7], [70, 40], [69, 0]]
+    for turn in range(4):
+        origin = torch.tensor(corners[turn:] + corners[:turn])
+        parts = [(slice(y, y + 40), slice(x, x + 50)) for x, y in origin.tolist()]
+        crops, wanted = (
+            torch.stack([whole[frame, :, rows, columns] for frame, (rows, columns) in enumerate(parts)])
+            for whole in (light, full)
+        )
+        assert torch.equal(effect(crops, context(scene, origin=origin)), wanted)
 
 
 @pytest.mark.parametrize("effect", EVERY, ids=lambda effect: effect.name)

@@ -86,9 +86,48 @@ def test_no_threshold_has_fewer_errors_than_the_least(pairs):
     assert np.mean((values >= threshold) != bits) == pytest.approx(share)
 
 
+@settings(max_examples=100, deadline=None)
+@given(levels_and_bits)
+def test_one_number_is_separable_where_its_values_do_not_overlap(pairs):
+    values, bits = (np.array(part) for part in zip(*pairs, strict=True))
+    on, off = values[bits], values[~bits]
+    apart = on.min() > off.max() or off.min() > on.max()
+    assert separable(values.astype(float)[:, None], bits) == apart
+
+
+@pytest.mark.parametrize("gap", [-1e-3, 1e-3])
+def test_a_line_is_found_in_any_direction_where_there_is_one_and_only_then(gap):
+    rng = np.random.default_rng(7)
+    for angle in rng.uniform(0, 2 * np.pi, 20):
+        along, bits = rng.uniform(-1, 1, 500), rng.random(500) < 0.5
+        # The nearest of each side meet at the same place along the edge.
+        along[:2], bits[:2] = 0.0, (True, False)
+        across = np.where(bits, 1, -1) * rng.uniform(gap, 1, 500)
+        across[0], across[1] = gap, -gap
+        turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+        given_values = np.column_stack([along, across]) @ turn * (3.0, 40.0) + (100.0, -2.0)
+        if gap > 0:
+            assert separable(given_values, bits)
+        else:
+            # Mirror images: the hulls overlap, whatever the direction.
+            mirrored = np.concatenate([given_values, given_values])
+            assert not separable(mirrored, np.concatenate([bits, ~bits]))
+
+
 def test_one_status_alone_is_refused():
-    with pytest.raises(VoccError, match="0 Off"):
-        roc_area(np.ones(3), np.ones(3, dtype=bool))
+    for judge in (roc_area, least_error, lambda values, bits: separable(values[:, None], bits)):
+        with pytest.raises(VoccError, match="0 Off"):
+            judge(np.ones(3), np.ones(3, dtype=bool))
+
+
+@pytest.mark.parametrize("name", ["fig10", "fig12"])
+def test_where_a_line_is_said_to_part_all_leds_fldas_need_not(data, name):
+    shown = data[name]
+    found = shown.findings()
+    for together in (key for key in shown.values if "+" in key):
+        parted, wrong = found[f"separable_{together}"], found[f"wrong_share_{together}"]
+        assert parted in (0.0, 1.0)
+        assert parted or wrong
 
 
 @pytest.mark.parametrize("name", ["fig08", "fig10", "fig12"])

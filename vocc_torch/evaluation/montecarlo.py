@@ -91,7 +91,7 @@ class StopRule:
         """Whether a rate is known well enough, or is too low to matter."""
         if self.precision is None or not counts.frames:
             return False
-        # Without errors nothing tells how many bits a wrong frame would have: half of them, as in a lost panel.
+        # Without errors nothing tells how many bits a wrong frame would have: half, as in a lost panel.
         lost = counts.bits / counts.frames / 2
         interval, ber = ber_interval(counts, errors_per_frame_error=lost), counts.ber
         if interval.high <= self.least_ber:

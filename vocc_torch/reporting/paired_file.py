@@ -113,6 +113,4 @@ def compared(curves: Curves, reference: str) -> list[str]:
 
 def _places(found: dict[float, DifferenceInterval], *, worse: bool) -> list[str]:
     """Name the values at which a receiver is surely worse, or surely better."""
-    return [
-        value_text(value) for value, one in found.items() if one.real and (one.difference > 0) == worse
-    ]
+    return [value_text(value) for value, one in found.items() if one.real and (one.difference > 0) == worse]

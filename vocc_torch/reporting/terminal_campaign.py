@@ -10,7 +10,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, Ti
 
 
 class CampaignView:
-    """A progress bar over all frames of a campaign, as a context manager; elsewhere than on a terminal, lines.
+    """A progress bar over all frames of a campaign, as a context manager; without a terminal, lines.
 
     Args:
         frames: test frames in all.

@@ -84,7 +84,7 @@ class PaperFiles:
         names = self.settings.receiver.names
         if self.studies.experiments and not set(names) & set(PAPER_RECEIVERS):
             wanted = ", ".join(PAPER_RECEIVERS)
-            raise VoccError(f"receiver.names is {names}: the figures of bit error rates show {wanted}")
+            raise VoccError(f"receiver.names is {names}: figures of bit error rates need one of {wanted}")
         self.resumed = (self.folder / LEDGERS).is_dir()
 
     @property

@@ -126,7 +126,8 @@ _SAMPLE = (
             "fig09",
             "gri_negative_share_on",
             lambda share: share <= RARE,
-            "negative in {gri_negative_share_on:.0%} of On LEDs; {gri_on:.1f} grey values a pixel in a middle one",
+            "negative in {gri_negative_share_on:.0%} of On LEDs; {gri_on:.1f} grey values a pixel in a "
+            "middle one",
             "too many are negative",
         ),
         "figures",

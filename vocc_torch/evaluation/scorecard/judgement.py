@@ -9,8 +9,8 @@ into *differ* only at that rate.
 **An order** (one receiver above another, a rise, a fall). Receivers on the same frames are compared frame by
 frame (:func:`~vocc_torch.evaluation.paired.paired_interval`), values of an axis as independent points
 (:func:`~vocc_torch.evaluation.relative.difference_independent`). *Differ* where any comparison contradicts
-the claim beyond doubt; *agree* where none does and at least half of them support it beyond doubt; else *cannot
-say*, with the counts.
+the claim beyond doubt; *agree* where none does and at least half of them support it beyond doubt; else
+*cannot say*, with the counts.
 
 **A lowest point at x.** The values that no other value is surely below form a set that holds the true lowest
 one in 95 % of studies. *Differ* where x is not in it. *Cannot say* where the set is the whole axis, or where

@@ -44,7 +44,8 @@ class Spread(FigureData):
     def findings(self) -> dict[str, float]:
         """Give the discriminability of each number, and how often GRI is negative.
 
-        ``separable_`` is 1 where some straight line or plane parts all On LEDs from all Off LEDs, FLDA's or not.
+        ``separable_`` is 1 where some straight line or plane, FLDA's or another, parts all On LEDs from all
+        Off LEDs.
         """
         found = {f"auc_{name}": value for name, value in self.auc.items()}
         found |= {f"wrong_share_{name}": value for name, value in self.wrong.items()}
