@@ -8,12 +8,20 @@ import sys
 import pytest
 from conftest import Ran
 from hydra.core.global_hydra import GlobalHydra
+from PIL import Image
 
 from vocc_torch import cli
+from vocc_torch.files import atomic_file
 
 
-def run_in(folder, *arguments):
-    """Run the command line in this process, from a folder."""
+def white(figure, path):
+    """Save a figure as one white pixel: drawing takes longer than a tiny study."""
+    with atomic_file(path) as temporary:
+        Image.new("L", (1, 1), 255).save(temporary, format="PNG")
+
+
+def run_in(folder, *arguments, drawn=False):
+    """Run the command line in this process, from a folder; pictures are white unless they are to be drawn."""
     out, err = io.StringIO(), io.StringIO()
     with (
         pytest.MonkeyPatch.context() as patch,
@@ -22,6 +30,8 @@ def run_in(folder, *arguments):
     ):
         patch.chdir(folder)
         patch.setenv("HYDRA_FULL_ERROR", "1")
+        for task in () if drawn else ("paper_files", "testing", "grid"):
+            patch.setattr(f"vocc_torch.tasks.{task}.save_figure", white)
         patch.setattr(sys, "argv", ["vocc-torch", *map(str, arguments)])
         GlobalHydra.instance().clear()
         try:

@@ -327,7 +327,7 @@ def test_a_claim_on_all_points_needs_half_of_them_and_none_against(supporting, u
     assert judged.verdict == verdict
     assert judged.measured.startswith(f"{supporting} of {supporting + undecided + against} comparisons")
     if supporting and verdict == "cannot say":
-        assert judged.reason == f"only {supporting} of {supporting + undecided} comparisons are beyond chance"
+        assert judged.reason == f"beyond chance in only {supporting} of {supporting + undecided} comparisons"
 
 
 def test_factors_leave_out_points_without_errors():

@@ -7,7 +7,7 @@ import pytest
 from one_point import counter
 
 from vocc_torch.evaluation.counts import Counts
-from vocc_torch.evaluation.montecarlo import Part
+from vocc_torch.evaluation.montecarlo import Outcome, Part
 from vocc_torch.evaluation.paired import PairedCounts
 from vocc_torch.simulation import Distribution
 from vocc_torch.studies.counter import PointJob
@@ -218,6 +218,29 @@ def test_a_sweep_of_one_locator_is_the_same_as_its_part_of_a_sweep_of_two(plan, 
     alone = measured(plan, ["truth"], outcomes)
     assert alone.curves == {"truth": whole.curves["truth"]}
     assert alone.location == {}
+
+
+def test_groups_of_a_sweep_are_values_and_empty_ones_are_left_out(make_plan):
+    """In the contrast experiment one outcome holds the tallies of all values."""
+    plan = make_plan(experiment=Experiment("c", "contrast", (0.0, 0.2, 0.4, 0.6)), names=("flda_2", "flda_3"))
+    errors = {group: Counts(10, 640, 2 * group, 4 * group, group) for group in (0, 2)}
+    pairs = {group: PairedCounts(10, 640, 2 * group, 4 * group, group) for group in (0, 2)}
+    tallies = {}
+    for group in (0, 2):
+        tallies |= {(at, name, group): errors[group] for at in LOCATORS for name in plan.receiver.names}
+        tallies |= {(at, *plan.receiver.names, group): pairs[group] for at in LOCATORS}
+        tallies |= {(name, group): pairs[group] for name in plan.receiver.names}
+    found = measured(plan, LOCATORS, {0.0: Outcome(tallies, "frames")})
+    for curves in found.curves.values():
+        assert curves.values == (0.1, 0.5)
+        assert curves.stopped_by == {0.1: "frames", 0.5: "frames"}
+        assert curves.counts == {
+            (n, at): errors[g] for n in curves.receivers for g, at in ((0, 0.1), (2, 0.5))
+        }
+        assert curves.paired == {(*curves.receivers, at): pairs[g] for g, at in ((0, 0.1), (2, 0.5))}
+    assert found.location == {
+        (name, at): pairs[group] for name in plan.receiver.names for group, at in ((0, 0.1), (2, 0.5))
+    }
 
 
 def test_the_plans_own_locator_counts_as_the_links(plan, fldas):

@@ -4,7 +4,7 @@ import os
 import signal
 import subprocess
 import sys
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import pytest
@@ -29,8 +29,8 @@ def sweeps(make_plan):
     dusk = {"ambient_lx": Distribution("constant", (1000.0,))}
     stopping = make_plan(
         experiment=Experiment("stopping", "distance_m", (60.0, 66.0), dusk),
-        frames=640,
-        target=100,
+        frames=384,
+        target=60,
         names=("average_greyscale", "flda_2", "flda_3"),
     )
     spending = replace(
@@ -59,10 +59,16 @@ class Story:
     results: dict[str, Measured]
     told: list[tuple[str, float, int]]
     threads: int
+    tensor: torch.Tensor | None = None
+    deaf: dict[int, bool] = field(default_factory=dict)
     bad_call: Exception | None = None
     killed: Exception | None = None
     after: Exception | None = None
     known: int = 0
+
+
+IS_DEAF = "(__import__('os').getpid(), 2 in __import__('signal').pthread_sigmask(0, []))"
+"""Who calls, and whether it has put off Ctrl-C, signal 2, from its beginning."""
 
 
 def caught(call):
@@ -82,9 +88,16 @@ def story(sweeps, tmp_path_factory):
     def tell(sweep, value, frames, _):
         told.append((sweep.plan.experiment.name, value, frames))
 
-    with Workers(2) as workers:
+    with pytest.MonkeyPatch.context() as patch, Workers(2) as workers:
+        patch.setenv("OMP_NUM_THREADS", "2")
+        # Torch's way to send tensors; it keeps files of this process open until they are fetched.
+        patch.setattr("multiprocessing.resource_sharer.DupFd", None)
         found = results(sweeps, workers, tell)
         story = Story(found, told, workers.submit(eval, "__import__('torch').get_num_threads()").result())
+        story.tensor = workers.submit(torch.neg, torch.arange(5)).result()
+        while len(story.deaf) < 2:
+            pid, deaf = workers.submit(eval, IS_DEAF).result()
+            story.deaf[pid] = deaf
         story.bad_call = caught(lambda: workers.submit(resolve_device, "abacus").result())
 
         def kill(*_):
@@ -117,6 +130,15 @@ def test_each_process_has_one_thread(story):
     assert story.threads == 1
 
 
+@pytest.mark.skipif(os.name != "posix", reason="Windows has no such signals")
+def test_no_process_ever_hears_ctrl_c(story):
+    assert set(story.deaf.values()) == {True}
+
+
+def test_tensors_come_and_go_whole(story):
+    assert story.tensor.tolist() == [0, -1, -2, -3, -4]
+
+
 def test_an_error_in_a_process_comes_back_as_it_is(story):
     assert isinstance(story.bad_call, VoccError)
     assert str(story.bad_call) == str(caught(lambda: resolve_device("abacus")))
@@ -144,29 +166,26 @@ def test_what_was_counted_before_a_worker_was_killed_is_known(sweeps, story):
 # In processes of their own
 
 INTERRUPTED = """
-import os, signal
+import os, signal, sys, time
 from vocc_torch.studies.workers import Workers
 
-signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs ignore it
-try:
-    with Workers(2) as workers:
-        for number in range(4):
-            workers.submit(abs, number)
-        print("begun", flush=True)
-        os.killpg(0, signal.SIGINT)
-        workers.submit(abs, 5).result()
-except KeyboardInterrupt:
-    print("interrupted", flush=True)
+signal.signal(signal.SIGINT, lambda *_: print("heard", flush=True))
+with Workers(2) as workers:
+    calls = [workers.submit(abs, -number) for number in range(4)]
+    time.sleep(float(sys.argv[1]))
+    os.killpg(0, signal.SIGINT)
+    print([call.result() for call in calls], flush=True)
 """
 
 # tests/test_resume.py kills and interrupts whole commands, whose workers are at work.
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals to a group of processes")
-def test_interrupted_while_the_processes_start(tmp_path):
-    """Ctrl-C reaches them in their first moments, when they cannot have chosen yet not to listen."""
+@pytest.mark.parametrize("seconds", [0.0, 0.5])
+def test_processes_that_are_starting_do_not_hear_ctrl_c(tmp_path, seconds):
+    """It reaches them in their first moments, when they cannot have chosen yet not to listen."""
     done = subprocess.run(
-        [sys.executable, "-c", INTERRUPTED],
+        [sys.executable, "-c", INTERRUPTED, str(seconds)],
         cwd=tmp_path,
         env={**os.environ, "OMP_NUM_THREADS": "1", "PYTHONPATH": str(Path(__file__).parents[2])},
         capture_output=True,
@@ -175,7 +194,7 @@ def test_interrupted_while_the_processes_start(tmp_path):
         start_new_session=True,
         check=False,
     )
-    assert (done.returncode, done.stdout, done.stderr) == (0, "begun\ninterrupted\n", "")
+    assert (done.returncode, done.stdout, done.stderr) == (0, "heard\n[0, 1, 2, 3]\n", "")
 
 
 # One worker is this process

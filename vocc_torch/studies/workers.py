@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import pickle
 import signal
 import threading
 from collections.abc import Callable, Iterator
@@ -13,7 +14,7 @@ from contextlib import contextmanager
 from multiprocessing import resource_tracker
 from multiprocessing.connection import wait
 from types import TracebackType
-from typing import Self, TypeVar
+from typing import Self, TypeVar, cast
 
 import torch
 
@@ -66,7 +67,8 @@ class Workers:
             return done
         pool = self._started()
         with worker_losses_told(), _deaf_to_interrupts():
-            return pool.submit(call, argument)
+            # Both ways a _Whole arrives as what it holds.
+            return cast("Future[R]", pool.submit(_called, _Whole((call, argument))))
 
     def __enter__(self) -> Self:
         """Give itself; no process is started yet."""
@@ -125,6 +127,26 @@ def worker_losses_told() -> Iterator[None]:
             "a worker process was ended from outside, perhaps for lack of memory: "
             "give fewer workers or a smaller batch_frames, and start again to go on"
         ) from error
+
+
+class _Whole:
+    """Takes a value to another process in one piece.
+
+    Torch would send each tensor as an open file of this process, for the other one to fetch: many calls at a
+    time run out of files, and a fetch that is broken off is loud.
+    """
+
+    def __init__(self, value: object) -> None:
+        self._value = value
+
+    def __reduce__(self) -> tuple[Callable[[bytes], object], tuple[bytes]]:
+        return pickle.loads, (pickle.dumps(self._value),)
+
+
+def _called(work: object) -> _Whole:
+    """Make a call in a worker."""
+    call, argument = cast("tuple[Callable[[object], object], object]", work)
+    return _Whole(call(argument))
 
 
 def _cores() -> int:

@@ -119,14 +119,14 @@ class PaperFiles:
             )
         drawn = draw(figure, by_focal_mm, self.own)
         table = FIGURES / f"{figure.name}.csv"
-        write_rows(self.folder / table, lines(by_focal_mm))
+        _write(self.folder / table, lines(by_focal_mm))
         self._show(figure.name, figure.title, figure.caption, drawn, table)
 
     def _location(self, focal_mm: float) -> None:
         """Write what location costs."""
         title = f"Location error and decision error, {focal_mm:g} mm lens"
         table = Path("location.csv")
-        write_rows(self.folder / table, location_rows(self.location))
+        _write(self.folder / table, location_rows(self.location))
         drawn = {"location": location_figure(self.location, title)}
         self._show("location", title, LOCATION_CAPTION, drawn, table)
 
@@ -165,8 +165,8 @@ class PaperFiles:
         scorecard = self._scorecard()
         others = {"comparisons of receivers on the same frames": Path("paired.csv")} if self.measured else {}
         if scorecard is not None:
-            write_rows(self.folder / "scorecard.csv", scorecard.rows())
-            write_rows(self.folder / "fits.csv", list(fit_rows(scorecard)))
+            _write(self.folder / "scorecard.csv", scorecard.rows())
+            _write(self.folder / "fits.csv", fit_rows(scorecard))
             others["the scorecard"] = Path("scorecard.csv")
             others["how well each reading fits"] = Path("fits.csv")
         if self.location:
@@ -231,3 +231,14 @@ class PaperFiles:
 def _order(name: str) -> tuple[bool, str]:
     """Sort figures as the paper does, with what goes beyond it at the end."""
     return not name.startswith("fig"), name
+
+
+def _write(path: Path, rows: Sequence[Sequence[str | int | float]]) -> None:
+    """Write lines of a CSV file; whole numbers have no point, as in ``ber.csv``."""
+    write_rows(
+        path,
+        [
+            tuple(repr(cell).removesuffix(".0") if isinstance(cell, float) else cell for cell in row)
+            for row in rows
+        ],
+    )

@@ -127,7 +127,7 @@ def weigh(comparisons: Sequence[Comparison], missing: str = "the experiment") ->
         return Judgement("differ", measured, reason, against=tuple(one for one, _ in against))
     if supporting >= LEAST_SUPPORT * len(comparisons):
         return Judgement("agree", measured)
-    few = f"only {supporting} of {len(comparisons)} comparisons are beyond chance"
+    few = f"beyond chance in only {supporting} of {len(comparisons)} comparisons"
     return Judgement("cannot say", measured, few if supporting else nothing_told(comparisons))
 
 
