@@ -88,7 +88,8 @@ def test_default_run_writes_everything(command, tmp_path):
         assert figure.format == "PNG"
     assert Receiver.load(folder / "receiver.pt").name == "flda_3"
     settings = yaml.safe_load((folder / "config.yaml").read_text())
-    assert settings["budget"] == {"frames": 2, "training_frames": 16, "target_frame_errors": None}
+    spent = {"frames": 2, "training_frames": 16, "target_frame_errors": None}
+    assert settings["budget"] == spent | {"precision": None, "least_ber": 0.0}
     runs = {run.name for run in (folder / "tensorboard").iterdir()}
     assert runs == {"_summary", *names}
     for run in runs:

@@ -1,4 +1,4 @@
-"""docs/update_results.py: the README's scorecard is what a run wrote, and nothing else of the README changes."""
+"""docs/update_results.py: the README's scorecard is what a run wrote, and nothing else changes."""
 
 import re
 import runpy

@@ -395,3 +395,49 @@ def test_who_takes_no_more_outcomes_calls_the_rest_off():
         outcomes.close()
     assert len(hands.pending) == 3
     assert all(future.cancelled() for future, *_ in hands.pending)
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, RuntimeError])
+def test_what_is_done_when_something_else_ends_the_run_is_recorded(ledger, error):
+    """Two calls have come back; the first is being added when the run is interrupted."""
+    hands = in_order()
+
+    def interrupted(*_):
+        hands.finish(*hands.pending.pop())
+        raise error
+
+    work = PointWork("p", Counter([1]), StopRule(640), ledger)
+    with pytest.raises(error):
+        hands.run([work], window=4, progress=interrupted)
+    assert sorted(ledger.blocks("p")) == [0, 3]
+    assert all(future.cancelled() or future.running() for future, *_ in hands.pending)
+
+
+def test_the_error_that_ended_the_run_is_told_though_the_ledger_refuses_too(ledger, monkeypatch):
+    def full(*_):
+        raise VoccError("cannot write")
+
+    hands = in_order()
+    hands.rng.random = lambda: 1.0
+
+    def interrupted(*_):
+        hands.finish(*hands.pending.pop())
+        monkeypatch.setattr(Ledger, "append", full)
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        hands.run([PointWork("p", Counter([1]), StopRule(640), ledger)], window=4, progress=interrupted)
+    assert all(future.cancelled() for future, *_ in hands.pending)
+
+
+def test_outcomes_that_are_dropped_after_the_ledger_is_closed_make_no_noise(tmp_path):
+    """An error in whoever takes the outcomes closes the ledger before it closes the schedule."""
+    hands = in_order()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(schedule, "wait", hands.wait)
+        with Ledger.open(tmp_path / "ledger", {}) as ledger:
+            works = [PointWork(f"{n}", Counter([1]), StopRule(64), ledger) for n in range(4)]
+            outcomes = run_points(works, hands.submit, window=4)
+            next(outcomes)
+            hands.finish(*hands.pending.pop())
+        outcomes.close()

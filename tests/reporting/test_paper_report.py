@@ -35,6 +35,7 @@ from vocc_torch.evaluation.scorecard import (
     fits,
     location_split,
 )
+from vocc_torch.evaluation.scorecard.quoted import QUOTED_BERS
 from vocc_torch.evaluation.scorecard.words import rate
 from vocc_torch.evaluation.undimmed import undimmed_loss
 from vocc_torch.reporting.paper.contents import Contents
@@ -300,6 +301,12 @@ def test_summary_names_every_statement_under_its_outcome(report, whole):
 def test_location_is_the_cause_where_true_corners_agree(whole):
     found = {cause.text: cause.claims for cause in causes(whole.scorecard, whole.scorecard.details())}
     assert found["location: with true corners it agrees"] == 4
+    at = {(s.experiment, s.receiver, s.value): s for s in whole.location}
+    quoted = [(q, at[q.experiment, q.receiver, q.value]) for q in QUOTED_BERS]
+    between = [split for q, split in quoted if split.truth.ber < q.ber < split.located.ber]
+    assert 0 < len(between) < len(quoted)
+    text = "location: the quoted rate lies between those with the panel located and with true corners"
+    assert found[text] == len(between)
     assert all(count <= whole.scorecard.tally()["differ"] for count in found.values())
 
 
@@ -355,6 +362,9 @@ def test_the_nearest_reading_is_the_scorecards(whole):
     assert f"is {reading.focal_length_mm:g} mm lens, {where}:" in text
     most = max(fit.tally["agree"] for fit in fits(whole.scorecard))
     assert f"Most claims, {most} of the" in text
+    leaders = [fit.reading.partition(" ")[0] for fit in fits(whole.scorecard) if fit.tally["agree"] == most]
+    assert re.findall(r"(\d+) mm lens", text.partition("agree under")[2]) == leaders
+    assert len(leaders) < len(whole.scorecard.readings)
 
 
 # Location
@@ -488,6 +498,9 @@ def test_numbers_are_those_of_the_findings(report, whole):
             continue
         rows = rows_of(table_in(report, figure.name.replace("_", "-")))
         for (name, value), (_, text) in zip(figure.findings.items(), rows, strict=True):
+            if name.startswith("separable_"):
+                assert text == ("yes" if value else "no")
+                continue
             shown = float(re.match(r"-?[\d.e]+", text)[0]) / (100 if "%" in text else 1)
             assert shown == pytest.approx(value, rel=5e-3), name
 

@@ -1,5 +1,6 @@
 """Many experiments in one run: the same numbers as each alone, whatever is shared, ordered or interrupted."""
 
+from contextlib import ExitStack
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -41,14 +42,14 @@ def studies_of(plans, *keys, locators=BOTH):
     return [Study(key, plans[key], locators) for key in keys or plans]
 
 
-def ledgers_in(folder):
-    """Opens each study's ledger in a folder."""
-    return lambda study: Ledger.open(folder / f"{study.key}.jsonl", study.identity)
-
-
 def run(studies, folder, **told):
-    with Workers(1) as workers:
-        return run_campaign(studies, workers, ledgers_in(folder), **told)
+    """Run studies with a ledger each in a folder."""
+    with ExitStack() as opened, Workers(1) as workers:
+
+        def ledger(study):
+            return opened.enter_context(Ledger.open(folder / f"{study.key}.jsonl", study.identity))
+
+        return run_campaign(studies, workers, ledger, **told)
 
 
 @pytest.fixture(scope="module")

@@ -9,10 +9,12 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
+from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import islice
 from typing import Protocol, TypeAlias
 
+from vocc_torch.errors import VoccError
 from vocc_torch.evaluation.ledger import Ledger
 from vocc_torch.evaluation.montecarlo import Label, Outcome, Part, Running, StopRule, Tally
 
@@ -231,10 +233,12 @@ class _Schedule:
 
     def cancel(self) -> None:
         """Call off what has not been begun, and record what is done and was not collected yet."""
-        for future, call in self._under_way.items():
-            if future.done() and not future.cancelled() and future.exception() is None:
-                call.take()
+        for future in self._under_way:
             future.cancel()
+        for future, call in self._under_way.items():
+            if future.done() and not call.failed:
+                with suppress(VoccError):  # what ended the run is the error to tell of
+                    call.take()
 
     def _hand_out(self) -> None:
         """Fill the window, passing by what is known already; stop where the first point is finished."""

@@ -32,6 +32,9 @@ PAPER_EFFECTS: Mapping[str, Mapping[str, float]] = {
 
 Framing = Literal["crop", "filled", "full"]
 
+PROJECTED = (Quantity.LED_LUMINANCE, Quantity.BACKGROUND, Quantity.UNLIT)
+"""What effects change while the picture is drawn, before luminance reaches the lens."""
+
 CHUNK_PIXELS = 600_000
 """Pixels rendered at a time: planes that outgrow the cache are slower, from 32 MiB on several times."""
 
@@ -95,14 +98,14 @@ class Simulator:
         """
         scene = scene.to(self.device)
         context, light = Context(scene, self.camera), scene.led_luminance_cd_m2.view(-1, 1, 1)
-        for effect in self.effects:
-            if effect.takes == Quantity.LED_LUMINANCE:
-                light = effect(light, context)
-        off = reflected_luminance_cd_m2(scene.ambient_lx, self.panel.led_reflectance)
-        iso = self._iso_speed(scene)
-        greys = [
-            grey_value(self._lens(seen), iso, gamma=self.camera.gamma) for seen in (off + light.view(-1), off)
-        ]
+        for effect in self._taking(Quantity.LED_LUMINANCE):
+            light = light if effect.sampled else effect(light, context)
+        off, iso = (
+            reflected_luminance_cd_m2(scene.ambient_lx, self.panel.led_reflectance),
+            self._iso_speed(scene),
+        )
+        seen = (self._metered(off, scene, own) for own in (light.view(-1), torch.zeros_like(off)))
+        greys = [grey_value(self._lens(luminance), iso, gamma=self.camera.gamma) for luminance in seen]
         if self.output in (Quantity.BOUNDED_GREY, Quantity.DIGITAL):
             greys = [grey.clamp(max=255.0) for grey in greys]
         return (greys[0] - greys[1]) / 255.0
@@ -184,23 +187,37 @@ class Simulator:
         self, scene: Scene, bits: Tensor, origin: Tensor, size: tuple[int, int], keys: Sequence[FrameKey]
     ) -> Tensor:
         """Carry the LEDs' light through the camera, applying each effect where its quantity is at hand."""
-        context = Context(scene, self.camera, keys, origin)
-        value = bits * scene.led_luminance_cd_m2.view(-1, 1, 1)
-        current = Quantity.LED_LUMINANCE
+        context = Context(scene, self.camera, keys, origin, self.effects)
+        leds = bits * scene.led_luminance_cd_m2.view(-1, 1, 1)
+        for effect in self._taking(Quantity.LED_LUMINANCE):
+            leds = effect(leds, context)
+        value, current = self._project(leds, context, origin, size), Quantity.LUMINANCE
         for effect in self.effects:
+            if effect.takes in PROJECTED:
+                continue
             while current != effect.takes:
-                value, current = self._advance(value, current, scene, origin, size)
+                value, current = self._advance(value, current, scene)
             value, current = effect(value, context), effect.gives
         while current in CAMERA_STEPS[:-1]:
-            value, current = self._advance(value, current, scene, origin, size)
+            value, current = self._advance(value, current, scene)
         return value
 
-    def _advance(
-        self, value: Tensor, current: Quantity, scene: Scene, origin: Tensor, size: tuple[int, int]
-    ) -> tuple[Tensor, Quantity]:
-        """Do the camera's next step: projection, lens or gamma encoding."""
-        if current == Quantity.LED_LUMINANCE:
-            return self._project(value, scene, origin, size), Quantity.LUMINANCE
+    def _taking(self, quantity: Quantity) -> tuple[Effect, ...]:
+        """The effects that take a quantity."""
+        return tuple(effect for effect in self.effects if effect.takes == quantity)
+
+    def _metered(self, surface: Tensor, scene: Scene, own: Tensor | None = None) -> Tensor:
+        """Luminance of a surface, and of its own light, as seen through air and veil, all (B,)."""
+        seen, context = surface.view(-1, 1, 1, 1), Context(scene, self.camera)
+        for quantity in (Quantity.UNLIT, Quantity.LUMINANCE):
+            if quantity == Quantity.LUMINANCE and own is not None:
+                seen = seen + own.view(-1, 1, 1, 1)
+            for effect in self._taking(quantity):
+                seen = effect(seen, context) if effect.metered else seen
+        return seen.view(-1)
+
+    def _advance(self, value: Tensor, current: Quantity, scene: Scene) -> tuple[Tensor, Quantity]:
+        """Do the camera's next step: lens or gamma encoding."""
         if current == Quantity.LUMINANCE:
             return self._lens(value), Quantity.EXPOSURE
         iso = self._iso_speed(scene).to(self.dtype).view(-1, 1, 1, 1)
@@ -209,6 +226,7 @@ class Simulator:
     def _iso_speed(self, scene: Scene) -> Tensor:
         """ISO speed of each frame, (B,): what auto-ISO wants, within the camera's limits."""
         background = reflected_luminance_cd_m2(scene.ambient_lx, self.panel.background_reflectance)
+        background = self._metered(background, scene)
         iso = auto_iso_speed(self._lens(background), scene.background_grey, gamma=self.camera.gamma)
         return iso if self.camera.iso_limits is None else iso.clamp(*self.camera.iso_limits)
 
@@ -221,19 +239,27 @@ class Simulator:
             calibration_constant=self.camera.calibration_constant,
         )
 
-    def _project(self, led_luminance: Tensor, scene: Scene, origin: Tensor, size: tuple[int, int]) -> Tensor:
+    def _project(
+        self, led_luminance: Tensor, context: Context, origin: Tensor, size: tuple[int, int]
+    ) -> Tensor:
         """Draw background, board and LEDs onto the pixels, (B,R,C) cd/m2 to (B,1,H,W) cd/m2."""
-        panel, frames = self.panel, len(scene)
+        scene, panel, frames = context.scene, self.panel, len(context.scene)
+        behind, before = self._taking(Quantity.BACKGROUND), self._taking(Quantity.UNLIT)
         scale = self.camera.pixels_per_metre(scene.distance_m)
         background = reflected_luminance_cd_m2(scene.ambient_lx, panel.background_reflectance)
         canvas = background.view(-1, 1, 1).expand(frames, *size).contiguous()
+        for effect in behind:
+            canvas = effect(canvas.unsqueeze(1), context).squeeze(1)
         between = background
         if panel.board_reflectance is not None:
             between = reflected_luminance_cd_m2(scene.ambient_lx, panel.board_reflectance)
             corners = panel_corners_px(scene, self.camera, panel) - origin.unsqueeze(1)
             across = interval_cover(corners[:, 0, 0], corners[:, 2, 0], size[1]).unsqueeze(-2)
             down = interval_cover(corners[:, 0, 1], corners[:, 2, 1], size[0]).unsqueeze(-1)
-            canvas += down * across * (between - background).view(-1, 1, 1)
+            if behind:
+                canvas += down * across * (between.view(-1, 1, 1) - canvas)
+            else:
+                canvas += down * across * (between - background).view(-1, 1, 1)
         radius = panel.led_diameter_m / 2 * scale
         patch = math.ceil(2 * float(radius.max())) + 1
         x, y = led_centres_px(scene, self.camera, panel)
@@ -244,6 +270,13 @@ class Simulator:
         reflected = reflected_luminance_cd_m2(scene.ambient_lx, panel.led_reflectance)
         step = led_luminance + (reflected - between).view(-1, 1, 1)
         frame = torch.arange(frames, device=self.device).repeat_interleave(panel.shape.leds)
+        if behind or before:
+            covered = torch.zeros_like(canvas)
+            add_patches(covered, cover, frame, left, top)
+            canvas += covered * (reflected.view(-1, 1, 1) - canvas)
+            for effect in before:
+                canvas = effect(canvas.unsqueeze(1), context).squeeze(1)
+            step = led_luminance
         add_patches(canvas, cover * step.reshape(-1, 1, 1), frame, left, top)
         # Rounding can leave a black LED a hair below zero, where gamma encoding has no value.
         return canvas.clamp_(min=0).unsqueeze(1).to(self.dtype)

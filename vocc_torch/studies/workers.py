@@ -11,7 +11,6 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from multiprocessing import resource_tracker
 from multiprocessing.connection import wait
 from types import TracebackType
 from typing import Self, TypeVar, cast
@@ -65,6 +64,7 @@ class Workers:
             done: Future[R] = Future()
             done.set_result(call(argument))
             return done
+        # First, because with the pool comes Python's resource tracker, whose start lets Ctrl-C in again.
         pool = self._started()
         with worker_losses_told(), _deaf_to_interrupts():
             # Both ways a _Whole arrives as what it holds.
@@ -104,8 +104,6 @@ def _deaf_to_interrupts() -> Iterator[None]:
     if not hasattr(signal, "pthread_sigmask"):  # Windows
         yield
         return
-    # It would be started on the way, and listens to Ctrl-C again once it has.
-    resource_tracker.ensure_running()
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield

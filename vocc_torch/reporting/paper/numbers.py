@@ -84,6 +84,7 @@ _OF_SCENE: dict[str, tuple[str, _Writer]] = {
 }
 _AREA = re.compile(r"auc_([a-z+_]+)")
 _WRONG = re.compile(r"wrong_share_([a-z+_]+)")
+_SEPARABLE = re.compile(r"separable_([a-z+_]+)")
 _NEGATIVE = re.compile(r"gri_negative_share_(on|off)(\w*)")
 _WEIGHT = re.compile(r"w_(agr|gri|ngr)(_per_deviation)?")
 _SCENE = re.compile(r"(\w+?)_(paper_scene|true)_(\d+)")
@@ -106,6 +107,8 @@ def named(name: str, value: float) -> tuple[str, str]:
     if match := _WRONG.fullmatch(name):
         beside = "line or plane (FLDA)" if "+" in match[1] else "threshold"
         return f"{_features(match[1])}: LEDs on the wrong side of the best {beside}", _share(value)
+    if match := _SEPARABLE.fullmatch(name):
+        return f"{_features(match[1])}: some straight line or plane parts all LEDs", "yes" if value else "no"
     if (match := _NEGATIVE.fullmatch(name)) and match[2] in _WHERE:
         return f"{match[1].capitalize()} LEDs with negative GRI{_WHERE[match[2]]}", _share(value)
     if match := _WEIGHT.fullmatch(name):

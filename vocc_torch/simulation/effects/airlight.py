@@ -52,6 +52,7 @@ class Airlight(Effect):
     name: ClassVar[str] = "airlight"
     takes: ClassVar[Quantity] = Quantity.UNLIT
     gives: ClassVar[Quantity] = Quantity.UNLIT
+    metered: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         """Check the ranges."""

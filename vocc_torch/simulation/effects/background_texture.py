@@ -86,6 +86,7 @@ class BackgroundTexture(Effect):
     name: ClassVar[str] = "background_texture"
     takes: ClassVar[Quantity] = Quantity.BACKGROUND
     gives: ClassVar[Quantity] = Quantity.BACKGROUND
+    sampled: ClassVar[bool] = True
     fills_sensor: ClassVar[bool] = True
 
     def __post_init__(self) -> None:

@@ -77,6 +77,10 @@ class Effect(ABC):
     gives: ClassVar[Quantity]
     fills_sensor: ClassVar[bool] = False
     """True where the effect makes pixels far from the panel differ, so that a crop would not do."""
+    metered: ClassVar[bool] = False
+    """True where the effect changes the whole picture's luminance alike, so that auto-ISO meters it."""
+    sampled: ClassVar[bool] = False
+    """True where the effect draws random numbers."""
 
     @property
     def reach_px(self) -> int:

@@ -50,6 +50,7 @@ class Lamps(Effect):
     name: ClassVar[str] = "lamps"
     takes: ClassVar[Quantity] = Quantity.BACKGROUND
     gives: ClassVar[Quantity] = Quantity.BACKGROUND
+    sampled: ClassVar[bool] = True
     fills_sensor: ClassVar[bool] = True
 
     def __post_init__(self) -> None:

@@ -43,6 +43,7 @@ class LedScatter(Effect):
     name: ClassVar[str] = "led_scatter"
     takes: ClassVar[Quantity] = Quantity.LED_LUMINANCE
     gives: ClassVar[Quantity] = Quantity.LED_LUMINANCE
+    sampled: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         """Check the range."""

@@ -7,17 +7,36 @@ import inspect
 from collections.abc import Mapping
 
 from vocc_torch.errors import VoccError
+from vocc_torch.simulation.effects.airlight import Airlight
 from vocc_torch.simulation.effects.attenuation import Attenuation
+from vocc_torch.simulation.effects.background_texture import BackgroundTexture
 from vocc_torch.simulation.effects.base import Effect, Quantity
 from vocc_torch.simulation.effects.blooming import Blooming
+from vocc_torch.simulation.effects.lamps import Lamps
+from vocc_torch.simulation.effects.led_scatter import LedScatter
 from vocc_torch.simulation.effects.quantization import Quantization
 from vocc_torch.simulation.effects.saturation import Saturation
+from vocc_torch.simulation.effects.stuck_leds import StuckLeds
+from vocc_torch.simulation.effects.veiling_glare import VeilingGlare
 
-PHYSICAL_ORDER: tuple[type[Effect], ...] = (Attenuation, Blooming, Saturation, Quantization)
+PHYSICAL_ORDER: tuple[type[Effect], ...] = (
+    StuckLeds,
+    LedScatter,
+    Attenuation,
+    BackgroundTexture,
+    Lamps,
+    Airlight,
+    VeilingGlare,
+    Blooming,
+    Saturation,
+    Quantization,
+)
 """Light at the LED, air, optics, sensor, encoding: the order of effects, whatever order names them."""
 
 CAMERA_STEPS: tuple[Quantity, ...] = (
     Quantity.LED_LUMINANCE,
+    Quantity.BACKGROUND,
+    Quantity.UNLIT,
     Quantity.LUMINANCE,
     Quantity.EXPOSURE,
     Quantity.GREY,

@@ -44,6 +44,7 @@ class StuckLeds(Effect):
     name: ClassVar[str] = "stuck_leds"
     takes: ClassVar[Quantity] = Quantity.LED_LUMINANCE
     gives: ClassVar[Quantity] = Quantity.LED_LUMINANCE
+    sampled: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         """Check the shares."""

@@ -58,6 +58,7 @@ class VeilingGlare(Effect):
     name: ClassVar[str] = "veiling_glare"
     takes: ClassVar[Quantity] = Quantity.LUMINANCE
     gives: ClassVar[Quantity] = Quantity.LUMINANCE
+    metered: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         """Check that the veil is given in one way, and the ranges."""

@@ -1,0 +1,155 @@
+"""Air, veil, texture and lamps in rendered frames: what lies behind the panel, before it and on its way."""
+
+import math
+
+import numpy as np
+import pytest
+import torch
+
+from vocc_torch.rng import BlockKey, FrameKey
+from vocc_torch.simulation import Camera, LedPanel, Simulator
+from vocc_torch.simulation.simulator import PAPER_EFFECTS
+from vocc_torch.types import Scene
+
+SMALL = Camera(width_px=640, height_px=360, sensor_width_mm=13.2 / 3)
+FOG = {"attenuation": {"visibility_m": 80.0}, "airlight": {"visibility_m": 80.0}}
+VEIL = {"veiling_glare": {"luminance_cd_m2": 900.0}}
+TEXTURE = {"background_texture": {"contrast": 0.3}}
+LAMPS = {"lamps": {"count": 5, "luminance_cd_m2": 2e4, "diameter_m": 0.3}}
+FAULTS = {
+    "stuck_leds": {"off_share": 0.05, "on_share": 0.05},
+    "led_scatter": {"coefficient_of_variation": 0.1},
+}
+NEAR = Scene.of(2, distance_m=6.0, ambient_lx=6000.0, led_luminance_cd_m2=700.0)
+"""Near enough for pixels wholly inside an LED: its diameter is 18 px."""
+
+
+def keys(frames, take="frame"):
+    return [FrameKey(BlockKey(0, "around", 0), frame, take) for frame in range(frames)]
+
+
+def shot(effects, bits=None, scene=NEAR, take="frame", panel=None, **settings):
+    settings = {"dtype": torch.float64, "camera": SMALL} | settings
+    simulator = Simulator(effects=effects, panel=panel, **settings)
+    bits = torch.ones(len(scene), 8, 8, dtype=torch.bool) if bits is None else bits
+    return simulator.render(scene, bits, keys=keys(len(scene), take))
+
+
+def middle_of_an_led(frames, camera=SMALL):
+    """The pixel in the middle of the LED below and right of the panel's centre, (B,)."""
+    step = int(0.03 * camera.focal_length_px / 6.0)
+    x, y = (torch.tensor([320, 180]) + step - frames.origin_px[0]).tolist()
+    return frames.grey[:, 0, y, x]
+
+
+def test_in_fog_each_light_is_dimmed_once_and_auto_iso_meets_its_target():
+    """The middle of an LED, On and Off, and the background, by Eqs 1, 20 and Koschmieder's law."""
+    kept = math.exp(-3.912 * 6 / 80)
+    air = 6000 / math.pi * (1 - kept)
+    ground, surface = (6000 * r / math.pi * kept + air for r in (0.18, 0.4))
+    own = 700 * math.exp(-3.91 * 6 / 80)
+    bits = torch.tensor([True, False]).view(2, 1, 1).expand(2, 8, 8)
+    frames = shot(FOG, bits)
+    assert frames.surround.tolist() == pytest.approx([102.0, 102.0], rel=1e-9)
+    expected = [102 * (seen / ground) ** (1 / 2.2) for seen in (surface + own, surface)]
+    assert middle_of_an_led(frames).tolist() == pytest.approx(expected, rel=1e-5)
+
+
+def test_a_veil_takes_contrast_and_leaves_the_metered_background():
+    bits = torch.tensor([True, False]).view(2, 1, 1).expand(2, 8, 8)
+    frames = shot(VEIL, bits)
+    ground, surface = (6000 * r / math.pi + 900 for r in (0.18, 0.4))
+    assert frames.surround.tolist() == pytest.approx([102.0, 102.0], rel=1e-9)
+    expected = [102 * (seen / ground) ** (1 / 2.2) for seen in (surface + 700, surface)]
+    assert middle_of_an_led(frames).tolist() == pytest.approx(expected, rel=1e-9)
+
+
+@pytest.mark.parametrize("effects", [FOG, VEIL, FOG | VEIL, {}])
+def test_contrast_is_the_grey_step_of_an_leds_middle_in_fog_and_glare(effects):
+    bits = torch.tensor([True, False]).view(2, 1, 1).expand(2, 8, 8)
+    on, off = middle_of_an_led(shot(effects, bits)).tolist()
+    contrast = Simulator(effects=effects, camera=SMALL).contrast(NEAR)
+    assert contrast.tolist() == pytest.approx([(on - off) / 255] * 2, rel=1e-9)
+
+
+@pytest.mark.parametrize("board", [None, 0.05])
+def test_drawing_in_layers_gives_the_picture_drawn_at_once(board):
+    """Perfectly clear air and an all but even texture against no such effects, to rounding."""
+    panel, bits = LedPanel(board_reflectance=board), torch.rand(2, 8, 8) < 0.5
+    clear, even = {"airlight": {"visibility_m": 1e15}}, {"background_texture": {"contrast": 1e-9}}
+    plain = shot({}, bits, panel=panel, framing="full").grey
+    for effects in (clear, even, clear | even):
+        layered = shot(effects, bits, panel=panel, framing="full").grey
+        torch.testing.assert_close(layered, plain, rtol=1e-6, atol=0)
+
+
+@pytest.mark.parametrize("board", [None, 0.05])
+def test_texture_and_lamps_stay_behind_the_panel(board):
+    """LEDs hide them; between the LEDs they show where the panel has no board."""
+    panel, around = LedPanel(board_reflectance=board), {"lamps": LAMPS["lamps"] | {"count": 400}} | TEXTURE
+    plain = shot({}, panel=panel, framing="full")
+    busy = shot(around, panel=panel)
+    x, y = np.meshgrid(np.arange(640) + 0.5, np.arange(360) + 0.5)
+    scale = SMALL.focal_length_px / 6.0
+    u, v = ((x - 320) / scale + 0.24) / 0.06, ((y - 180) / scale + 0.24) / 0.06
+    edge = 1.5 / (0.06 * scale)
+    inside = np.maximum(abs(u - 4), abs(v - 4)) < 4 - edge
+    led = inside & (np.hypot(u % 1 - 0.5, v % 1 - 0.5) < 0.25 - edge)
+    gap = inside & (np.hypot(u % 1 - 0.5, v % 1 - 0.5) > 0.25 + edge)
+    changed = ((busy.grey - plain.grey).abs() > 1e-9 * plain.grey)[0, 0].numpy()
+    assert led.sum() > 3000
+    assert not changed[led].any()
+    assert changed[~inside].mean() > 0.9
+    assert changed[gap].any() == (board is None)
+
+
+def test_lamps_shine_less_through_fog():
+    """A lamp's middle: its luminance dimmed over the panel's distance, plus the path's own light."""
+    scene, lamps = Scene.of(1, distance_m=40.0), {"lamps": LAMPS["lamps"] | {"diameter_m": 1.0}}
+    kept = math.exp(-3.912 * 40 / 80)
+    air, clear = 8000 / math.pi * (1 - kept), 8000 * 0.18 / math.pi
+    expected = 102 * ((2e4 * kept + air) / (clear * kept + air)) ** (1 / 2.2)
+    assert float(shot(lamps | FOG, scene=scene).grey.max()) == pytest.approx(expected, rel=1e-5)
+
+
+@pytest.mark.parametrize("effects", [FOG, VEIL, FOG | VEIL | FAULTS])
+def test_fog_glare_and_faulty_leds_need_no_full_frame(effects):
+    crop, full = (shot(PAPER_EFFECTS | effects, framing=framing) for framing in ("crop", "full"))
+    assert crop.surround is not None
+    filled = shot(PAPER_EFFECTS | effects, framing="filled")
+    assert torch.equal(filled.grey, full.grey)
+
+
+def test_preambles_show_the_frames_own_surroundings_and_faults():
+    bits = torch.zeros(2, 8, 8, dtype=torch.bool)
+    bits[:, ::2] = True
+    effects = PAPER_EFFECTS | TEXTURE | LAMPS | FAULTS | FOG
+    frame, on = (shot(effects, sent, take=take) for take, sent in (("frame", bits), ("on", ~bits | bits)))
+    away = torch.ones(360, 640, dtype=torch.bool)
+    away[20:340, 160:480] = False
+    assert torch.equal(frame.grey[..., away], on.grey[..., away])
+    assert not torch.equal(frame.grey[0], frame.grey[1])
+
+
+@pytest.mark.parametrize("around", [FOG | VEIL | FAULTS, TEXTURE | LAMPS | FAULTS | FOG | VEIL])
+def test_frames_with_every_effect_do_not_depend_on_the_batch(around):
+    scene = Scene.cat([Scene.of(distance_m=d, ambient_lx=200 * d) for d in (31.0, 44.0, 57.0, 69.0)])
+    bits = torch.rand(4, 8, 8, generator=torch.Generator().manual_seed(1)) < 0.5
+    simulator = Simulator(effects=PAPER_EFFECTS | around, camera=SMALL)
+    names = keys(4)
+    together = simulator.render(scene, bits, nearest_m=30.0, keys=names).grey
+    for batch in (1, 3):
+        rows = [slice(start, start + batch) for start in range(0, 4, batch)]
+        apart = [simulator.render(scene[r], bits[r], nearest_m=30.0, keys=names[r]).grey for r in rows]
+        assert torch.equal(together, torch.cat(apart))
+
+
+def test_the_paper_scene_draws_its_picture_at_once(monkeypatch):
+    """No layers where nothing stands behind the panel and no air lies before it: one pass of patches."""
+    from vocc_torch.simulation import simulator as module
+
+    calls = []
+    patches = module.add_patches
+    monkeypatch.setattr(module, "add_patches", lambda *a: (calls.append(1), patches(*a))[1])
+    shot(PAPER_EFFECTS)
+    assert len(calls) == 1
