@@ -123,7 +123,7 @@ def with_true_corners(known: Judgement | None) -> str:
     if known is None:
         return ""
     if known.verdict == "agree":
-        return "with true corners it agrees: location is the cause"
+        return "with true corners it agrees"
     if known.verdict == "differ":
         return "it differs with true corners too"
     return f"with true corners it cannot be said: {known.reason}"

@@ -21,9 +21,10 @@ def scorecard_sections(scorecard: Scorecard) -> list[Section]:
     rules = Paragraph(
         "A quoted rate or share **differs** where the 95\N{NO-BREAK SPACE}% interval of the difference "
         "between ours and the paper's leaves out zero (the paper states no interval; it is given that of its "
-        "own number of frames). An order differs where a comparison on the same frames contradicts it beyond "
-        "doubt; a lowest point where another value is lower beyond doubt. **Cannot say** means that these "
-        "frames do not decide. Numbers of single pictures are compared as they are."
+        "own number of frames). An order differs where any comparison, on the same frames, contradicts it "
+        "beyond doubt, and **agrees** where none does and at least half support it beyond doubt; a lowest "
+        "point differs where another value is lower beyond doubt. **Cannot say** means that these frames do "
+        "not decide. Numbers of single pictures are compared as they are."
     )
     opening: list[Block] = [main_statements(scorecard), rules, _counts(groups, scorecard)]
     return [
@@ -64,10 +65,14 @@ def _agreeing(claims: Sequence[Judged]) -> str:
 
 
 def _why(scorecard: Scorecard, claims: Sequence[Judged]) -> str:
-    """Say why a statement does not hold in every claim: the known causes, and the surest contradiction."""
+    """Say why a statement does not hold in every claim: the known causes, and the surest contradiction.
+
+    Where nothing contradicts it, say what kept a claim from being decided.
+    """
     differing = [one for one in claims if one[1].verdict == "differ"]
     if not differing:
-        return ""
+        silent = [judged.reason for _, judged in claims if judged.verdict == "cannot say" and judged.reason]
+        return literal(sentence(f"not decided: {plain(silent[0])}")) if silent else ""
     parts = [
         cause.text + (f" ({cause.claims} of {len(differing)})" if len(differing) > 1 else "")
         for cause in causes(scorecard, claims)

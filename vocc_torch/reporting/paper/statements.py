@@ -11,6 +11,7 @@ from vocc_torch.evaluation.scorecard import Reading, Scorecard, Verdict
 from vocc_torch.evaluation.scorecard.explanations import Explanation, one_rule_for_all, own_preamble
 from vocc_torch.evaluation.scorecard.quoted import QUOTED_BERS
 from vocc_torch.reporting.paper.groups import Judged, counted
+from vocc_torch.reporting.paper.words import EXPERIMENTS
 from vocc_torch.reporting.report.document import Tone
 
 Outcome = Literal["holds", "holds in part", "does not hold", "cannot say"]
@@ -46,6 +47,11 @@ class Statement:
         )
 
 
+def _each(key: str) -> tuple[str, ...]:
+    """Give the pattern of a claim that is made of every experiment."""
+    return tuple(f"{experiment}.{key}" for experiment in EXPERIMENTS)
+
+
 STATEMENTS = (
     Statement(
         "AGR alone and GRI alone make fewer errors than greyscale",
@@ -64,13 +70,15 @@ STATEMENTS = (
     ),
     Statement(
         "two and three features make fewer errors than both greyscale receivers, everywhere",
-        ("*.superior.*",),
+        _each("superior.*"),
         "score-contrast",
     ),
-    Statement("three features make fewer errors than two, everywhere", ("*.ngr_improves",), "score-contrast"),
+    Statement(
+        "three features make fewer errors than two, everywhere", _each("ngr_improves"), "score-contrast"
+    ),
     Statement(
         "the order is centre greyscale (worst), average greyscale, two, three features, everywhere",
-        ("*.order",),
+        _each("order"),
         "score-contrast",
     ),
     Statement(
@@ -97,12 +105,12 @@ STATEMENTS = (
     Statement("error rates rise with distance", ("distance.rises.*",), "score-distance"),
     Statement(
         "the four quoted error rates, 3.9e-4 to 6.6e-4",
-        ("*.ber.*",),
+        _each("ber.*"),
         "score-ambient",
     ),
     Statement(
         "the five quoted shares of errors that NGR saves, 11 to 30 %",
-        ("*.gain", "*.gain.*"),
+        (*_each("gain"), *_each("gain.*")),
         "score-contrast",
     ),
     Statement("the quoted processing times", ("time.*",), "score-time"),
