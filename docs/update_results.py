@@ -78,6 +78,8 @@ def main() -> None:
         shutil.copyfile(run / name, RESULTS / name)
     readme = ROOT / "README.md"
     text = readme.read_text(encoding="utf-8")
+    if text.count(BEGIN) != 1 or text.count(END) != 1:
+        raise SystemExit(f"README.md must hold {BEGIN} and {END} once each: nothing was written")
     before, _, rest = text.partition(BEGIN)
     _, _, after = rest.partition(END)
     readme.write_text(before + generated(RESULTS) + after, encoding="utf-8")

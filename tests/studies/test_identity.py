@@ -209,8 +209,8 @@ def test_effects_named_and_their_parameters_are_part_of_it_and_their_order_is_no
 
 def test_a_default_that_is_written_out_changes_nothing(plan):
     told = []
-    for given in ({}, {"bits": 8}, {"bits": 10}):
-        effects = {**PAPER_EFFECTS, "quantization": given}
+    for bits in ({}, {"bits": 8}, {"bits": 10}):
+        effects = {**PAPER_EFFECTS, "quantization": bits}
         other = dataclasses.replace(plan, world=dataclasses.replace(plan.world, effects=effects))
         told.append(identity(other, ["paper"]))
     assert told[0] == told[1] != told[2]

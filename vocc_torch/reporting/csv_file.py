@@ -68,7 +68,7 @@ def cells(row: Row) -> list[str]:
         >>> cells(Row("s", "contrast", 0.1, "flda_3", "truth", 1, 64, 0.0, 0.0, 0.0, 1.0, 0, 0, "x"))[2:8]
         ['0.1', 'flda_3', 'truth', '1', '64', '0']
     """
-    return [_text(getattr(row, name)) for name in COLUMNS]
+    return [cell_text(getattr(row, name)) for name in COLUMNS]
 
 
 def read_table(path: str | Path) -> BerTable:
@@ -132,8 +132,13 @@ def _read(path: str | Path) -> Iterator[tuple[str, str, Row]]:
         raise VoccError(f"{path} is not a CSV text file: {error}") from error
 
 
-def _text(value: str | int | float) -> str:
-    """Write a cell: the shortest digits that give the float again, whole numbers without a point."""
+def cell_text(value: str | int | float) -> str:
+    """Write a cell: the shortest digits that give the float again, whole numbers without a point.
+
+    Example:
+        >>> cell_text(1000.0), cell_text(0.1), cell_text(3)
+        ('1000', '0.1', '3')
+    """
     return repr(value).removesuffix(".0") if isinstance(value, float) else str(value)
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from vocc_torch.evaluation.curves import Curves
 from vocc_torch.evaluation.paired import DifferenceInterval, paired_interval, sign_test
 from vocc_torch.files import atomic_file
+from vocc_torch.reporting.csv_file import cell_text
 from vocc_torch.reporting.styles import receiver_styles, value_text
 
 COLUMNS = (
@@ -53,7 +54,7 @@ def write_paired(path: str | Path, all_curves: Iterable[Curves]) -> None:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(COLUMNS)
         for curves in all_curves:
-            writer.writerows(_rows(curves))
+            writer.writerows(map(cell_text, row) for row in _rows(curves))
 
 
 def _rows(curves: Curves) -> Iterable[tuple[str | int | float, ...]]:

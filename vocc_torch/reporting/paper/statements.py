@@ -105,12 +105,12 @@ STATEMENTS = (
     Statement("error rates rise with distance", ("distance.rises.*",), "score-distance"),
     Statement(
         "the four quoted error rates, 3.9e-4 to 6.6e-4",
-        _each("ber.*"),
+        ("contrast.ber.*", "ambient.ber.*"),
         "score-ambient",
     ),
     Statement(
         "the five quoted shares of errors that NGR saves, 11 to 30 %",
-        (*_each("gain"), *_each("gain.*")),
+        (*_each("gain"), "contrast.gain.average"),
         "score-contrast",
     ),
     Statement("the quoted processing times", ("time.*",), "score-time"),
@@ -180,11 +180,11 @@ def causes(scorecard: Scorecard, claims: Iterable[Judged]) -> tuple[Cause, ...]:
         "at low contrast one linear rule for all scenes loses to a greyscale receiver with preambles": (
             explained(one_rule_for_all)
         ),
-        "location: with true corners it agrees": with_true_corners("agree"),
-        "location: the quoted rate lies between those with the panel located and with true corners": (
+        "with true corners it agrees": with_true_corners("agree"),
+        "the quoted rate lies between those with the panel located and with true corners": (
             lambda one: _between(scorecard.default, one[0].key)
         ),
-        "location, perhaps: with true corners these frames cannot decide": with_true_corners("cannot say"),
+        "with true corners these frames cannot decide": with_true_corners("cannot say"),
     }
     found = [Cause(text, sum(map(holds, differing))) for text, holds in known.items()]
     return tuple(cause for cause in found if cause.claims)

@@ -1,0 +1,149 @@
+"""``paired.csv`` and the lines on the terminal: every two receivers compared, and who differs for certain."""
+
+import csv
+from itertools import combinations
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from vocc_torch.errors import VoccError
+from vocc_torch.evaluation.counts import Counts
+from vocc_torch.evaluation.curves import Curves
+from vocc_torch.evaluation.paired import PairedCounts, paired_interval, sign_test
+from vocc_torch.reporting.paired_file import COLUMNS, compared, write_paired
+
+NAMES = ("average_greyscale", "flda_2", "flda_3")
+EVEN = PairedCounts(2000, 128_000)
+A_WORSE = PairedCounts(2000, 128_000, 200, 400, 100)
+A_BARELY_WORSE = PairedCounts(2000, 128_000, 10, 20, 5, 8, 16, 4)
+
+
+def made_up(pairs, names=NAMES, experiment="sun", locator="truth"):
+    """Curves with these comparisons; counts say nothing here."""
+    values = tuple(sorted({value for *_, value in pairs}))
+    counts = {(name, value): Counts(2000, 128_000) for name in names for value in values}
+    stopped = dict.fromkeys(values, "frames")
+    return Curves(experiment, "ambient_lx", locator, names, values, counts, pairs, stopped)
+
+
+@pytest.fixture
+def curves():
+    """Average greyscale is worse at 1000 lx; flda_2 is better than flda_3 at 2500.5 lx."""
+    pairs = {(a, b, value): EVEN for a, b in combinations(NAMES, 2) for value in (1000.0, 2500.5)}
+    pairs["average_greyscale", "flda_2", 1000.0] = A_WORSE
+    pairs["average_greyscale", "flda_3", 1000.0] = A_WORSE
+    pairs["flda_2", "flda_3", 1000.0] = A_BARELY_WORSE
+    pairs["flda_2", "flda_3", 2500.5] = A_WORSE.swapped()
+    return made_up(pairs)
+
+
+def written(path, *all_curves):
+    """The lines of the file, by column."""
+    write_paired(path / "paired.csv", all_curves)
+    with (path / "paired.csv").open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def test_a_line_for_every_two_receivers_at_every_value(tmp_path, curves):
+    other = made_up({("flda_2", "flda_3", 4000.0): EVEN}, NAMES[1:], "moon", "paper")
+    rows = written(tmp_path, curves, other)
+    assert tuple(rows[0]) == COLUMNS
+    names = list(combinations(NAMES, 2))
+    assert [(row["experiment"], row["value"], row["a"], row["b"]) for row in rows] == [
+        *(("sun", "1000", a, b) for a, b in names),
+        *(("sun", "2500.5", a, b) for a, b in names),
+        ("moon", "4000", "flda_2", "flda_3"),
+    ]
+    assert {(row["axis"], row["frames"]) for row in rows} == {("ambient_lx", "2000")}
+    assert [row["locator"] for row in rows] == ["truth"] * 6 + ["paper"]
+
+
+def test_real_says_whether_the_interval_leaves_out_0(tmp_path, curves):
+    found = {(row["value"], row["a"], row["b"]): row for row in written(tmp_path, curves)}
+    for row in found.values():
+        low, difference, high = (float(row[f"difference{end}"]) for end in ("_low", "", "_high"))
+        assert low <= difference <= high
+        assert row["real"] == str(int(low > 0 or high < 0))
+    assert [row["real"] for row in found.values()] == ["1", "1", "0", "0", "0", "1"]
+    # The difference is that of a less b: 200 half errors of 128000 bits more, or fewer.
+    assert float(found["1000", "average_greyscale", "flda_3"]["difference"]) == 100 / 128_000
+    assert float(found["2500.5", "flda_2", "flda_3"]["difference"]) == -100 / 128_000
+    barely = found["1000", "flda_2", "flda_3"]
+    assert (barely["a_worse"], barely["b_worse"]) == ("5", "4")
+    # Nine tosses of a fair coin: 5 and 4 are the likeliest there is.
+    assert float(barely["sign_test_p"]) == 1
+    swapped = found["2500.5", "flda_2", "flda_3"]
+    assert (swapped["a_worse"], swapped["b_worse"]) == ("0", "100")
+    assert float(swapped["sign_test_p"]) == pytest.approx(2 * 0.5**100)
+
+
+@given(
+    st.integers(1, 500),
+    st.lists(st.integers(1, 20), max_size=20),
+    st.lists(st.integers(1, 20), max_size=20),
+    st.floats(1e-3, 1e6),
+)
+@settings(max_examples=40)
+def test_numbers_read_back_as_they_were(tmp_path_factory, frames, a, b, value):
+    frames = max(frames, len(a) + len(b))
+    sums = [f(side) for side in (a, b) for f in (sum, lambda s: sum(x * x for x in s), len)]
+    pair = PairedCounts(frames, 64 * frames, *sums)
+    one = made_up({("flda_2", "flda_3", value): pair}, NAMES[1:])
+    (row,) = written(tmp_path_factory.mktemp("paired"), one)
+    found = paired_interval(pair)
+    numbers = [float(row[name]) for name in ("value", "difference", "difference_low", "difference_high")]
+    assert numbers == [value, found.difference, found.low, found.high]
+    assert float(row["sign_test_p"]) == sign_test(pair)
+
+
+def test_nothing_compared_is_the_header_alone(tmp_path):
+    alone = made_up({}, ("flda_3",))
+    assert written(tmp_path, alone) == []
+    assert (tmp_path / "paired.csv").read_text() == ",".join(COLUMNS) + "\n"
+
+
+def test_values_without_frames_are_left_out(tmp_path):
+    pairs = {("flda_2", "flda_3", 1.0): PairedCounts(), ("flda_2", "flda_3", 2.0): EVEN}
+    assert [row["value"] for row in written(tmp_path, made_up(pairs, NAMES[1:]))] == ["2"]
+
+
+def test_a_pair_that_was_not_compared_is_refused_and_the_old_file_stays(tmp_path, curves):
+    (tmp_path / "paired.csv").write_text("old")
+    gap = made_up({("flda_2", "flda_3", 1000.0): EVEN})
+    with pytest.raises(VoccError, match="average_greyscale and flda_2 were not compared at ambient_lx=1000"):
+        write_paired(tmp_path / "paired.csv", [curves, gap])
+    assert [path.name for path in tmp_path.iterdir()] == ["paired.csv"]
+    assert (tmp_path / "paired.csv").read_text() == "old"
+
+
+# On the terminal
+
+
+def test_where_receivers_differ_for_certain(curves):
+    assert compared(curves, "flda_3") == [
+        "Average greyscale: worse at 1000",
+        "FLDA: AGR + GRI: better at 2500.5",
+    ]
+    # Seen from the others, the same differences.
+    assert compared(curves, "flda_2") == [
+        "Average greyscale: worse at 1000",
+        "FLDA: AGR + GRI + NGR: worse at 2500.5",
+    ]
+    assert compared(curves, "average_greyscale") == [
+        "FLDA: AGR + GRI: better at 1000",
+        "FLDA: AGR + GRI + NGR: better at 1000",
+    ]
+
+
+def test_both_ways_and_no_difference():
+    pairs = {("flda_2", "flda_3", value): A_WORSE for value in (1.0, 2.0)}
+    pairs["flda_2", "flda_3", 3.0] = A_WORSE.swapped()
+    pairs["flda_2", "flda_3", 4.0] = A_BARELY_WORSE
+    assert compared(made_up(pairs, NAMES[1:]), "flda_3") == ["FLDA: AGR + GRI: worse at 1, 2; better at 3"]
+    same = made_up({("flda_2", "flda_3", 1.0): A_BARELY_WORSE}, NAMES[1:])
+    assert compared(same, "flda_3") == ["FLDA: AGR + GRI: no difference shown"]
+
+
+def test_a_receiver_alone_is_compared_with_none():
+    assert compared(made_up({}, ("flda_3",)), "flda_3") == []
