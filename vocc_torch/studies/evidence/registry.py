@@ -44,7 +44,8 @@ class Evidence:
         # Matplotlib is loaded here and not above: computing needs none.
         from vocc_torch.reporting.evidence.drawings import DRAWINGS
 
-        arrays = {field.name: getattr(data, field.name) for field in dataclasses.fields(data)}  # type: ignore[arg-type]
+        fields = dataclasses.fields(data)  # type: ignore[arg-type]  # every FigureData is a dataclass
+        arrays = {field.name: getattr(data, field.name) for field in fields}
         return DRAWINGS[self.name](self.title, **arrays)
 
 
