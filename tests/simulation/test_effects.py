@@ -30,7 +30,7 @@ from vocc_torch.types import Scene
 
 DOUBLE = torch.float64
 NEEDS_SATURATION = (
-    "scene.effects.quantization needs grey value, 0 to 255, which scene.effects must make: saturation"
+    "scene.effects.quantization needs grey value, 0 to 255, which scene.effects.saturation makes: name it too"
 )
 
 

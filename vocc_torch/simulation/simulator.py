@@ -117,7 +117,7 @@ class Simulator:
         panel, that holds for the sides away from it.
         """
         pitch_px = self.panel.pitch_m * self.camera.focal_length_px / nearest_m
-        margin = 2 * (sum(effect.reach_px for effect in self.effects) + 2)
+        margin = 2 * (sum(effect.reach_in_px(self.camera, nearest_m) for effect in self.effects) + 2)
         wanted = (
             math.ceil(n * pitch_px) + margin
             for n in (self.panel.shape.rows + 2, self.panel.shape.columns + 2)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import ClassVar
 
@@ -14,13 +14,19 @@ from torch import Tensor
 
 from vocc_torch.errors import VoccError
 from vocc_torch.rng import FrameKey
-from vocc_torch.simulation.geometry import Camera
+from vocc_torch.simulation.geometry import Camera, LedPanel
 from vocc_torch.types import Scene
 
 
 class Quantity(StrEnum):
     """What the numbers mean at a place in the chain, in physical order."""
 
+    PLACEMENT = "panel placement (m)"
+    """(B,3,3) float64: the panel's x axis, y axis and centre, columns in the camera's coordinates."""
+    IMAGE_POINTS = "points on the sensor (px)"
+    """(B,N,2) float64: images of the panel's points, x and y."""
+    SYMBOLS = "symbols sent (bits)"
+    """(B,R,C) bool: what the panel shows."""
     LED_LUMINANCE = "LED luminance (cd/m2)"
     """(B,R,C): the LEDs' own light."""
     BACKGROUND = "background luminance (cd/m2)"
@@ -43,7 +49,7 @@ class Quantity(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Context:
-    """What an effect may know besides the tensor it changes: the frames' scenes and the camera."""
+    """What an effect may know besides the tensor it changes: the frames' scenes, the camera, the panel."""
 
     scene: Scene
     camera: Camera
@@ -52,6 +58,7 @@ class Context:
     """(B,2) int64, the sensor column and row of each crop's first pixel; None at the sensor's own."""
     effects: Sequence[Effect] = ()
     """All effects of the scene, for one that undoes or continues what another did."""
+    panel: LedPanel = field(default_factory=LedPanel)
 
     def generators(self, stream: str, *, of_scene: bool = False) -> list[np.random.Generator]:
         """Give each frame's random stream of an effect; what other effects draw does not change it.
@@ -84,8 +91,21 @@ class Effect(ABC):
 
     @property
     def reach_px(self) -> int:
-        """How far the effect carries light across the image; a crop grows by this."""
+        """How far the effect carries light across the image, where that depends on its parameters alone."""
         return 0
+
+    def reach_in_px(self, camera: Camera, nearest_m: float) -> int:
+        """How far the effect carries light in frames of this camera, of panels at ``nearest_m`` or farther.
+
+        A crop grows by this on every side.
+        """
+        return self.reach_px
+
+    def size_in_px(
+        self, size_px: tuple[float, float], camera: Camera, nearest_m: float
+    ) -> tuple[float, float]:
+        """How large an image of ``size_px`` (height, width) can become; a crop has room for it."""
+        return size_px
 
     def demand(
         self,
@@ -119,3 +139,14 @@ class Effect(ABC):
     @abstractmethod
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Apply the effect to a batch."""
+
+
+class PointEffect(Effect):
+    """An effect that moves points on the sensor, (B,N,2) px, and says how it stretches what lies about them."""
+
+    takes: ClassVar[Quantity] = Quantity.IMAGE_POINTS
+    gives: ClassVar[Quantity] = Quantity.IMAGE_POINTS
+
+    @abstractmethod
+    def jacobian(self, value: Tensor, context: Context) -> Tensor:
+        """Derivative of the moved points by the given ones, (B,N,2) px to (B,N,2,2)."""

@@ -11,13 +11,30 @@ from vocc_torch.simulation.effects.airlight import Airlight
 from vocc_torch.simulation.effects.attenuation import Attenuation
 from vocc_torch.simulation.effects.background_texture import BackgroundTexture
 from vocc_torch.simulation.effects.base import Effect, Quantity
+from vocc_torch.simulation.effects.bayer import Bayer
 from vocc_torch.simulation.effects.blooming import Blooming
+from vocc_torch.simulation.effects.dark_current import DarkCurrent
+from vocc_torch.simulation.effects.defocus import Defocus
+from vocc_torch.simulation.effects.demosaicing import Demosaicing
+from vocc_torch.simulation.effects.diffraction import Diffraction
+from vocc_torch.simulation.effects.dsnu import Dsnu
+from vocc_torch.simulation.effects.full_well import FullWell
+from vocc_torch.simulation.effects.gain import Gain
+from vocc_torch.simulation.effects.hot_pixels import HotPixels
+from vocc_torch.simulation.effects.jpeg import Jpeg
 from vocc_torch.simulation.effects.lamps import Lamps
 from vocc_torch.simulation.effects.led_scatter import LedScatter
+from vocc_torch.simulation.effects.motion_blur import MotionBlur
+from vocc_torch.simulation.effects.photoelectrons import Photoelectrons
+from vocc_torch.simulation.effects.prnu import Prnu
 from vocc_torch.simulation.effects.quantization import Quantization
+from vocc_torch.simulation.effects.read_noise import ReadNoise
+from vocc_torch.simulation.effects.row_noise import RowNoise
 from vocc_torch.simulation.effects.saturation import Saturation
+from vocc_torch.simulation.effects.shot_noise import ShotNoise
 from vocc_torch.simulation.effects.stuck_leds import StuckLeds
 from vocc_torch.simulation.effects.veiling_glare import VeilingGlare
+from vocc_torch.simulation.effects.vignetting import Vignetting
 
 PHYSICAL_ORDER: tuple[type[Effect], ...] = (
     StuckLeds,
@@ -27,13 +44,33 @@ PHYSICAL_ORDER: tuple[type[Effect], ...] = (
     Lamps,
     Airlight,
     VeilingGlare,
+    MotionBlur,
+    Defocus,
+    Diffraction,
     Blooming,
+    Vignetting,
+    Bayer,
+    Photoelectrons,
+    Prnu,
+    DarkCurrent,
+    HotPixels,
+    ShotNoise,
+    FullWell,
+    Dsnu,
+    RowNoise,
+    ReadNoise,
+    Gain,
+    Demosaicing,
     Saturation,
     Quantization,
+    Jpeg,
 )
 """Light at the LED, air, optics, sensor, encoding: the order of effects, whatever order names them."""
 
 CAMERA_STEPS: tuple[Quantity, ...] = (
+    Quantity.PLACEMENT,
+    Quantity.IMAGE_POINTS,
+    Quantity.SYMBOLS,
     Quantity.LED_LUMINANCE,
     Quantity.BACKGROUND,
     Quantity.UNLIT,
@@ -109,9 +146,31 @@ def check_chain(effects: tuple[Effect, ...]) -> Quantity:
         while current != effect.takes:
             step = CAMERA_STEPS.index(current) + 1 if current in CAMERA_STEPS else len(CAMERA_STEPS)
             if step == len(CAMERA_STEPS):
-                makers = [kind.name for kind in PHYSICAL_ORDER if kind.gives == effect.takes]
-                missing = f"needs {effect.takes.value}, which scene.effects must make: {' or '.join(makers)}"
-                raise VoccError(f"scene.effects.{effect.name} {missing}")
+                wanted = f"scene.effects.{effect.name} needs {effect.takes.value}"
+                raise VoccError(f"{wanted}, which {_leads('makes', effect.takes, current)}")
             current = CAMERA_STEPS[step]
         current = effect.gives
+    if current == Quantity.ELECTRONS:
+        raise VoccError(
+            f"scene.effects ends at electrons, and {_leads('reads out', Quantity.EXPOSURE, current)}"
+        )
+    _check_coding(effects)
     return current if current not in CAMERA_STEPS else Quantity.GREY
+
+
+def _leads(verb: str, wanted: Quantity, current: Quantity) -> str:
+    """Say which effects lead from the quantity at hand to the one that is wanted."""
+    kinds = [kind for kind in PHYSICAL_ORDER if kind.takes != kind.gives]
+    makers = [kind.name for kind in kinds if kind.gives == wanted]
+    if current == Quantity.ELECTRONS:
+        makers = [kind.name for kind in kinds if kind.takes == current]
+    return f"scene.effects.{' or scene.effects.'.join(makers)} {verb}: name it too"
+
+
+def _check_coding(effects: tuple[Effect, ...]) -> None:
+    """Refuse JPEG of pictures that are not 8 bits deep."""
+    bits = [effect.bits for effect in effects if isinstance(effect, Quantization)]
+    if bits and bits[0] != 8 and any(isinstance(effect, Jpeg) for effect in effects):
+        raise VoccError(
+            f"scene.effects.jpeg codes 8-bit frames: scene.effects.quantization.bits is {bits[0]}"
+        )
