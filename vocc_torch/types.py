@@ -143,7 +143,7 @@ class Frames:
         origin_px: (B,2) int64, the sensor coordinates ``(x, y)`` of each crop's top left pixel.
         sensor_px: ``(height, width)`` of the sensor.
         surround: (B,) the uniform grey value of all the sensor outside the crop, or None where ``grey`` is
-            the whole frame.
+            the whole frame, or where a smaller ``grey`` says nothing of the rest.
 
     Example:
         >>> frames = Frames.whole(torch.zeros(2, 1, 4, 6, dtype=torch.uint8))

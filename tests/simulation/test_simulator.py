@@ -279,7 +279,9 @@ def test_an_effect_that_fills_the_sensor_makes_the_frame_full(monkeypatch):
     monkeypatch.setattr(Blooming, "fills_sensor", True)
     scene = Scene.of()
     assert Simulator(SMALL).render(scene, all_on(scene)).surround is None
-    assert Simulator(SMALL, framing="filled").framing == "full"
+    for framing in ("crop", "filled", "full"):
+        frames = Simulator(SMALL, framing=framing).render(scene, all_on(scene))
+        assert tuple(frames.grey.shape[-2:]) == SMALL.sensor_px
     assert Simulator(SMALL, effects={}).render(scene, all_on(scene)).surround is not None
 
 

@@ -146,7 +146,7 @@ def test_frames_with_every_effect_do_not_depend_on_the_batch(around):
 
 def test_the_paper_scene_draws_its_picture_at_once(monkeypatch):
     """No layers where nothing stands behind the panel and no air lies before it: one pass of patches."""
-    from vocc_torch.simulation import simulator as module
+    from vocc_torch.simulation import painter as module
 
     calls = []
     patches = module.add_patches

@@ -171,3 +171,29 @@ def panel_corners_px(scene: Scene, camera: Camera, panel: LedPanel) -> Tensor:
     signs = torch.tensor([[-1, -1], [1, -1], [1, 1], [-1, 1]], dtype=centre.dtype, device=centre.device)
     cells = torch.tensor([panel.shape.columns, panel.shape.rows], dtype=centre.dtype, device=centre.device)
     return centre.unsqueeze(1) + signs * cells * half_px
+
+
+def led_centres_m(panel: LedPanel) -> Tensor:
+    """Centres of the LEDs on the panel, (R*C,2) m from its centre, x right and y down, in raster order.
+
+    Example:
+        >>> led_centres_m(LedPanel())[:2].tolist()
+        [[-0.21, -0.21], [-0.15, -0.21]]
+    """
+    rows, columns = (
+        (torch.arange(n, dtype=torch.float64) - (n - 1) / 2) * panel.pitch_m
+        for n in (panel.shape.rows, panel.shape.columns)
+    )
+    return torch.stack(torch.meshgrid(columns, rows, indexing="xy"), dim=-1).view(-1, 2)
+
+
+def panel_corners_m(panel: LedPanel) -> Tensor:
+    """Corners of the grid of LED cells on the panel, (4,2) m from its centre, clockwise from the top left.
+
+    Example:
+        >>> panel_corners_m(LedPanel())[1].tolist()
+        [0.24, -0.24]
+    """
+    signs = torch.tensor([[-1, -1], [1, -1], [1, 1], [-1, 1]], dtype=torch.float64)
+    cells = torch.tensor([panel.shape.columns, panel.shape.rows], dtype=torch.float64)
+    return signs * cells * (panel.pitch_m / 2)

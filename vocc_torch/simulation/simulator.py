@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Literal, get_args
 
 import torch
@@ -11,15 +11,35 @@ from torch import Tensor
 
 from vocc_torch.errors import VoccError
 from vocc_torch.rng import FrameKey
-from vocc_torch.simulation.effects import CAMERA_STEPS, Context, Effect, Quantity, build_effects, check_chain
-from vocc_torch.simulation.geometry import Camera, LedPanel, led_centres_px, panel_centre_px, panel_corners_px
+from vocc_torch.simulation.effects import (
+    CAMERA_STEPS,
+    Context,
+    Effect,
+    Quantity,
+    build_effects,
+    check_chain,
+)
+from vocc_torch.simulation.framing import (
+    WINDOW_GRID_PX,
+    crop_origins_px,
+    crop_size_px,
+    lay_on_sensor,
+    read_surround,
+    window_size_px,
+)
+from vocc_torch.simulation.geometry import (
+    Camera,
+    LedPanel,
+    panel_centre_px,
+    panel_corners_px,
+)
+from vocc_torch.simulation.painter import paint, taking
 from vocc_torch.simulation.photometry import (
     auto_iso_speed,
     grey_value,
     luminous_exposure_lx_s,
     reflected_luminance_cd_m2,
 )
-from vocc_torch.simulation.raster import add_patches, disc_cover, interval_cover
 from vocc_torch.types import Frames, Panels, Scene
 
 PAPER_EFFECTS: Mapping[str, Mapping[str, float]] = {
@@ -32,11 +52,21 @@ PAPER_EFFECTS: Mapping[str, Mapping[str, float]] = {
 
 Framing = Literal["crop", "filled", "full"]
 
-PROJECTED = (Quantity.LED_LUMINANCE, Quantity.BACKGROUND, Quantity.UNLIT)
+DRAWN = CAMERA_STEPS[: CAMERA_STEPS.index(Quantity.LUMINANCE)]
 """What effects change while the picture is drawn, before luminance reaches the lens."""
 
 CHUNK_PIXELS = 600_000
 """Pixels rendered at a time: planes that outgrow the cache are slower, from 32 MiB on several times."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Batch:
+    """A part of the frames on its way through the chain."""
+
+    context: Context
+    bits: Tensor
+    centre_px: Tensor
+    size: tuple[int, int]
 
 
 class Simulator:
@@ -82,14 +112,16 @@ class Simulator:
         self.panel = panel or LedPanel()
         self.effects: tuple[Effect, ...] = build_effects(PAPER_EFFECTS if effects is None else effects)
         self.output = check_chain(self.effects)
-        fills = any(effect.fills_sensor for effect in self.effects)
-        self.framing: Framing = "full" if fills else framing
+        self.framing: Framing = framing
         self.device = torch.device(device)
         self.dtype = dtype
+        filling = [i for i, effect in enumerate(self.effects) if effect.fills_sensor]
+        self._first_filling = filling[0] if filling else None
 
-    def true_panels(self, scene: Scene) -> Panels:
-        """Where the panel really is, for the evaluation only."""
-        return Panels.known(panel_corners_px(scene.to(self.device), self.camera, self.panel))
+    def true_panels(self, scene: Scene, keys: Sequence[FrameKey] = ()) -> Panels:
+        """Where the panel really is, for the evaluation only; ``keys`` as in :meth:`render`."""
+        scene = scene.to(self.device)
+        return Panels.known(panel_corners_px(scene, self.camera, self.panel))
 
     def contrast(self, scene: Scene) -> Tensor:
         """Contrast ``(G_on - G_off) / 255`` of the LEDs before any blur (section IV-D-1), (B,) float64.
@@ -97,8 +129,8 @@ class Simulator:
         Both greys are clipped at white where the scene names saturation.
         """
         scene = scene.to(self.device)
-        context, light = Context(scene, self.camera), scene.led_luminance_cd_m2.view(-1, 1, 1)
-        for effect in self._taking(Quantity.LED_LUMINANCE):
+        context, light = self._context(scene), scene.led_luminance_cd_m2.view(-1, 1, 1)
+        for effect in taking(self.effects, Quantity.LED_LUMINANCE):
             light = light if effect.sampled else effect(light, context)
         off, iso = (
             reflected_luminance_cd_m2(scene.ambient_lx, self.panel.led_reflectance),
@@ -111,19 +143,8 @@ class Simulator:
         return (greys[0] - greys[1]) / 255.0
 
     def crop_px(self, nearest_m: float) -> tuple[int, int]:
-        """Height and width of the crop that holds a panel at ``nearest_m``, a cell of margin and its light.
-
-        Its border is then free of the panel's light, so it stands for all the rest; where the sensor cuts the
-        panel, that holds for the sides away from it.
-        """
-        pitch_px = self.panel.pitch_m * self.camera.focal_length_px / nearest_m
-        margin = 2 * (sum(effect.reach_in_px(self.camera, nearest_m) for effect in self.effects) + 2)
-        wanted = (
-            math.ceil(n * pitch_px) + margin
-            for n in (self.panel.shape.rows + 2, self.panel.shape.columns + 2)
-        )
-        height, width = (min(size, full) for size, full in zip(wanted, self.camera.sensor_px, strict=True))
-        return height, width
+        """Height and width of the crop for panels at ``nearest_m`` or farther."""
+        return crop_size_px(self.effects, self.camera, self.panel, nearest_m)
 
     def render(
         self,
@@ -132,6 +153,7 @@ class Simulator:
         *,
         nearest_m: float | None = None,
         keys: Sequence[FrameKey] = (),
+        panel_only: bool = False,
     ) -> Frames:
         """Render a frame for each scene.
 
@@ -141,6 +163,8 @@ class Simulator:
             nearest_m: the distance that fixes the crop's size, at most the nearest of this batch, which is
                 the default. Give it where batches of one study must have one size.
             keys: a key a frame, for effects that draw random numbers; not needed without such effects.
+            panel_only: leave out what lies far from the panel even where an effect fills the sensor: enough,
+                and many times faster, for a receiver that knows the corners.
 
         Returns:
             B frames or crops, as the framing says.
@@ -152,67 +176,106 @@ class Simulator:
         if tuple(bits.shape) != wanted:
             raise VoccError(f"bits has shape {tuple(bits.shape)}: it must be {wanted}")
         scene, bits = scene.checked().to(self.device), bits.to(self.device)
-        size = self.camera.sensor_px
-        if self.framing != "full":
-            nearest = float(scene.distance_m.min())
-            if nearest_m is not None and nearest_m > nearest * (1 + 1e-9):
-                raise VoccError(
-                    f"nearest_m is {nearest_m:g}: it must be at most the nearest scene's {nearest:g}"
-                )
-            size = self.crop_px(nearest if nearest_m is None else nearest_m)
-        origin = self._origins(scene, size)
+        nearest = float(scene.distance_m.min())
+        if nearest_m is not None and nearest_m > nearest * (1 + 1e-9):
+            raise VoccError(f"nearest_m is {nearest_m:g}: it must be at most the nearest scene's {nearest:g}")
+        window = panel_only and self._first_filling is not None
+        size = self._size(nearest if nearest_m is None else nearest_m, window)
+        centre = self._centres_px(scene, keys)
+        sensor = self.camera.sensor_px
+        origin = crop_origins_px(centre, size, sensor, grid_px=WINDOW_GRID_PX if window else 1)
         chunk = max(1, CHUNK_PIXELS // (size[0] * size[1]))
-        rows = [slice(start, start + chunk) for start in range(0, len(scene), chunk)]
-        grey = torch.cat([self._expose(scene[r], bits[r], origin[r], size, keys[r]) for r in rows])
-        surround = None if size == self.camera.sensor_px else self._surround(grey, scene, origin)
-        crops = Frames(grey, origin, self.camera.sensor_px, surround)
-        return _filled(crops) if self.framing == "filled" and surround is not None else crops
+        grey: list[Tensor] = []
+        for start in range(0, len(scene), chunk):
+            rows = slice(start, start + chunk)
+            batch = _Batch(
+                self._context(scene[rows], keys[rows], origin[rows]), bits[rows], centre[rows], size
+            )
+            grey += self._expose(batch, window)
+        pictures = torch.cat(grey)
+        if size == sensor or window:
+            return Frames(pictures, origin, sensor)
+        if tuple(pictures.shape[-2:]) == sensor:
+            return Frames(pictures, torch.zeros_like(origin), sensor)
+        surround = read_surround(pictures, centre, origin)
+        if self.framing == "crop":
+            return Frames(pictures, origin, sensor, surround)
+        return Frames(lay_on_sensor(pictures, surround, origin, sensor), torch.zeros_like(origin), sensor)
 
-    def _origins(self, scene: Scene, size: tuple[int, int]) -> Tensor:
-        """Top left pixel of each crop: around the panel, moved inside the sensor; (B,2) as (x, y)."""
-        extent = torch.tensor([size[1], size[0]], device=self.device)
-        sensor = torch.tensor([self.camera.width_px, self.camera.height_px], device=self.device)
-        centred = torch.round(panel_centre_px(scene, self.camera)).long() - extent // 2
-        return torch.minimum(centred.clamp(min=0), sensor - extent)
+    def _context(
+        self, scene: Scene, keys: Sequence[FrameKey] = (), origin_px: Tensor | None = None
+    ) -> Context:
+        """Say what effects may know about frames."""
+        return Context(scene, self.camera, keys, origin_px, self.effects, self.panel)
 
-    def _surround(self, grey: Tensor, scene: Scene, origin: Tensor) -> Tensor:
-        """Read the corner of each crop that lies farthest from the panel, beyond its light, (B,)."""
-        height, width = grey.shape[-2:]
-        x, y = (panel_centre_px(scene, self.camera) - origin).unbind(dim=-1)
-        column = torch.where(x < width / 2, width - 1, 0)
-        row = torch.where(y < height / 2, height - 1, 0)
-        return grey[torch.arange(len(scene), device=self.device), 0, row, column]
+    def _size(self, nearest_m: float, window: bool) -> tuple[int, int]:
+        """Height and width of what is drawn."""
+        if window:
+            return window_size_px(self.crop_px(nearest_m), self.camera.sensor_px)
+        first = self._first_filling
+        if self.framing == "full" or (first is not None and self.effects[first].takes in DRAWN):
+            return self.camera.sensor_px
+        return self.crop_px(nearest_m)
 
-    def _expose(
-        self, scene: Scene, bits: Tensor, origin: Tensor, size: tuple[int, int], keys: Sequence[FrameKey]
-    ) -> Tensor:
-        """Carry the LEDs' light through the camera, applying each effect where its quantity is at hand."""
-        context = Context(scene, self.camera, keys, origin, self.effects)
-        leds = bits * scene.led_luminance_cd_m2.view(-1, 1, 1)
-        for effect in self._taking(Quantity.LED_LUMINANCE):
-            leds = effect(leds, context)
-        value, current = self._project(leds, context, origin, size), Quantity.LUMINANCE
-        for effect in self.effects:
-            if effect.takes in PROJECTED:
-                continue
+    def _centres_px(self, scene: Scene, keys: Sequence[FrameKey]) -> Tensor:
+        """Image of each panel's centre, (B,2) px."""
+        return panel_centre_px(scene, self.camera)
+
+    def _expose(self, batch: _Batch, window: bool) -> list[Tensor]:
+        """Carry the LEDs' light through the camera, laying crops on the sensor once an effect fills it."""
+        value, current = self._paint(batch), Quantity.LUMINANCE
+        drawn = [i for i, effect in enumerate(self.effects) if effect.takes not in DRAWN]
+        first = self._first_filling
+        if first not in drawn or window or batch.size == self.camera.sensor_px:
+            return [self._finish(value, current, drawn, batch.context)]
+        before, after = drawn[: drawn.index(first)], drawn[drawn.index(first) :]
+        value, current = self._apply(value, current, before, batch.context)
+        origin = batch.context.origin_px
+        assert origin is not None
+        surround = read_surround(value, batch.centre_px, origin)
+        pictures = []
+        for i in range(len(value)):
+            row = slice(i, i + 1)
+            frame = lay_on_sensor(value[row], surround[row], origin[row], self.camera.sensor_px)
+            whole = self._context(
+                batch.context.scene[row], batch.context.keys[row], torch.zeros_like(origin[row])
+            )
+            pictures.append(self._finish(frame, current, after, whole))
+        return pictures
+
+    def _paint(self, batch: _Batch) -> Tensor:
+        """Draw the picture that the lens sees, (B,1,H,W) cd/m2."""
+        context, shares = batch.context, None
+        symbols = batch.bits.unsqueeze(1)
+        leds = symbols * context.scene.led_luminance_cd_m2.view(-1, 1, 1, 1)
+        for effect in taking(self.effects, Quantity.LED_LUMINANCE):
+            leds = torch.stack([effect(one, context) for one in leds.unbind(1)], dim=1)
+        return paint(leds, shares, context, batch.size, self.dtype)
+
+    def _apply(
+        self, value: Tensor, current: Quantity, which: Sequence[int], context: Context
+    ) -> tuple[Tensor, Quantity]:
+        """Apply some of the effects in order, each where the camera's steps have come to its quantity."""
+        for effect in (self.effects[i] for i in which):
             while current != effect.takes:
-                value, current = self._advance(value, current, scene)
+                value, current = self._advance(value, current, context.scene)
             value, current = effect(value, context), effect.gives
-        while current in CAMERA_STEPS[:-1]:
-            value, current = self._advance(value, current, scene)
-        return value
+        return value, current
 
-    def _taking(self, quantity: Quantity) -> tuple[Effect, ...]:
-        """The effects that take a quantity."""
-        return tuple(effect for effect in self.effects if effect.takes == quantity)
+    def _finish(self, value: Tensor, current: Quantity, which: Sequence[int], context: Context) -> Tensor:
+        """Apply effects and the camera's remaining steps."""
+        value, current = self._apply(value, current, which, context)
+        while current in CAMERA_STEPS[:-1]:
+            value, current = self._advance(value, current, context.scene)
+        return value
 
     def _metered(self, surface: Tensor, scene: Scene, own: Tensor | None = None) -> Tensor:
         """Luminance of a surface, and of its own light, as seen through air and veil, all (B,)."""
-        seen, context = surface.view(-1, 1, 1, 1), Context(scene, self.camera)
+        seen, context = surface.view(-1, 1, 1, 1), self._context(scene)
         for quantity in (Quantity.UNLIT, Quantity.LUMINANCE):
             if quantity == Quantity.LUMINANCE and own is not None:
                 seen = seen + own.view(-1, 1, 1, 1)
-            for effect in self._taking(quantity):
+            for effect in taking(self.effects, quantity):
                 seen = effect(seen, context) if effect.metered else seen
         return seen.view(-1)
 
@@ -238,55 +301,3 @@ class Simulator:
             f_number=self.camera.f_number,
             calibration_constant=self.camera.calibration_constant,
         )
-
-    def _project(
-        self, led_luminance: Tensor, context: Context, origin: Tensor, size: tuple[int, int]
-    ) -> Tensor:
-        """Draw background, board and LEDs onto the pixels, (B,R,C) cd/m2 to (B,1,H,W) cd/m2."""
-        scene, panel, frames = context.scene, self.panel, len(context.scene)
-        behind, before = self._taking(Quantity.BACKGROUND), self._taking(Quantity.UNLIT)
-        scale = self.camera.pixels_per_metre(scene.distance_m)
-        background = reflected_luminance_cd_m2(scene.ambient_lx, panel.background_reflectance)
-        canvas = background.view(-1, 1, 1).expand(frames, *size).contiguous()
-        for effect in behind:
-            canvas = effect(canvas.unsqueeze(1), context).squeeze(1)
-        between = background
-        if panel.board_reflectance is not None:
-            between = reflected_luminance_cd_m2(scene.ambient_lx, panel.board_reflectance)
-            corners = panel_corners_px(scene, self.camera, panel) - origin.unsqueeze(1)
-            across = interval_cover(corners[:, 0, 0], corners[:, 2, 0], size[1]).unsqueeze(-2)
-            down = interval_cover(corners[:, 0, 1], corners[:, 2, 1], size[0]).unsqueeze(-1)
-            if behind:
-                canvas += down * across * (between.view(-1, 1, 1) - canvas)
-            else:
-                canvas += down * across * (between - background).view(-1, 1, 1)
-        radius = panel.led_diameter_m / 2 * scale
-        patch = math.ceil(2 * float(radius.max())) + 1
-        x, y = led_centres_px(scene, self.camera, panel)
-        x = (x - origin[:, :1]).unsqueeze(-2).expand_as(led_luminance)
-        y = (y - origin[:, 1:]).unsqueeze(-1).expand_as(led_luminance)
-        radii = radius.view(-1, 1, 1).expand_as(led_luminance)
-        cover, left, top = disc_cover(x.reshape(-1), y.reshape(-1), radii.reshape(-1), patch)
-        reflected = reflected_luminance_cd_m2(scene.ambient_lx, panel.led_reflectance)
-        step = led_luminance + (reflected - between).view(-1, 1, 1)
-        frame = torch.arange(frames, device=self.device).repeat_interleave(panel.shape.leds)
-        if behind or before:
-            covered = torch.zeros_like(canvas)
-            add_patches(covered, cover, frame, left, top)
-            canvas += covered * (reflected.view(-1, 1, 1) - canvas)
-            for effect in before:
-                canvas = effect(canvas.unsqueeze(1), context).squeeze(1)
-            step = led_luminance
-        add_patches(canvas, cover * step.reshape(-1, 1, 1), frame, left, top)
-        # Rounding can leave a black LED a hair below zero, where gamma encoding has no value.
-        return canvas.clamp_(min=0).unsqueeze(1).to(self.dtype)
-
-
-def _filled(crops: Frames) -> Frames:
-    """Lay each crop into a full frame of its surround's grey value."""
-    assert crops.surround is not None
-    height, width = crops.grey.shape[-2:]
-    grey = crops.surround.view(-1, 1, 1).expand(-1, *crops.sensor_px).contiguous()
-    for index, (x, y) in enumerate(crops.origin_px.tolist()):
-        grey[index, y : y + height, x : x + width] = crops.grey[index, 0]
-    return Frames(grey.unsqueeze(1), torch.zeros_like(crops.origin_px), crops.sensor_px)

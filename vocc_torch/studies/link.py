@@ -101,6 +101,12 @@ class Link:
             batch = scene[rows].to(self.simulator.device), bits[rows].to(self.simulator.device)
             yield self._observe(locators, *batch, names[rows], model.nearest_m, preambles)
 
+    def _render(
+        self, scene: Scene, bits: Tensor, keys: Sequence[FrameKey], nearest_m: float, panel_only: bool
+    ) -> Frames:
+        """Render one take of a batch."""
+        return self.simulator.render(scene, bits, nearest_m=nearest_m, keys=keys, panel_only=panel_only)
+
     def _observe(
         self,
         locators: Mapping[str, PaperLocator | None],
@@ -111,16 +117,20 @@ class Link:
         preambles: bool,
     ) -> dict[str, Observation]:
         """Run one batch."""
-        frames = self.simulator.render(scene, bits, nearest_m=nearest_m, keys=keys)
+        # Nobody who knows the corners looks anywhere else.
+        panel_only = all(locator is None for locator in locators.values())
+        frames = self._render(scene, bits, keys, nearest_m, panel_only)
         takes = [frames]
         if preambles:
             for take, sent in (("on", torch.ones_like(bits)), ("off", torch.zeros_like(bits))):
                 own = [replace(key, take=take) for key in keys]
-                takes.append(self.simulator.render(scene, sent, nearest_m=nearest_m, keys=own))
+                takes.append(self._render(scene, sent, own, nearest_m, panel_only))
         seen = {}
         for name, locator in locators.items():
             panels = (
-                self.simulator.true_panels(scene) if locator is None else locator(frames, self.reader.shape)
+                self.simulator.true_panels(scene, keys)
+                if locator is None
+                else locator(frames, self.reader.shape)
             )
             # Preambles are read where the panel was located in the frame itself.
             readings, levels = self.reader.read_takes(takes, panels)

@@ -142,7 +142,7 @@ class Effect(ABC):
 
 
 class PointEffect(Effect):
-    """An effect that moves points on the sensor, (B,N,2) px, and says how it stretches what lies about them."""
+    """An effect that moves points on the sensor, (B,N,2) px, and says how it stretches their surroundings."""
 
     takes: ClassVar[Quantity] = Quantity.IMAGE_POINTS
     gives: ClassVar[Quantity] = Quantity.IMAGE_POINTS

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import inspect
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from vocc_torch.errors import VoccError
 from vocc_torch.simulation.effects.airlight import Airlight
@@ -80,7 +80,8 @@ CAMERA_STEPS: tuple[Quantity, ...] = (
 )
 """The quantities that every camera passes through by itself: projection, lens, gamma encoding."""
 
-Parameters = Mapping[str, float]
+Parameters = Mapping[str, float | Sequence[object]]
+"""What a configuration gives an effect: numbers, and distributions such as ``[uniform, -10, 10]``."""
 
 
 def _known(given: str, known: list[str]) -> str:

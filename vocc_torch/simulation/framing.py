@@ -1,0 +1,108 @@
+"""Which part of the sensor is rendered, and what stands for the rest."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor
+
+from vocc_torch.simulation.effects import Effect
+from vocc_torch.simulation.geometry import Camera, LedPanel
+
+WINDOW_GRID_PX = 8
+"""Where windows begin and end on sensors whose sides are multiples of it: JPEG's blocks, Bayer's cells."""
+
+
+def crop_size_px(
+    effects: Sequence[Effect], camera: Camera, panel: LedPanel, nearest_m: float
+) -> tuple[int, int]:
+    """Height and width of the crop that holds a panel at ``nearest_m``, a cell of margin and its light.
+
+    Its border is then free of the panel's light, so it stands for all the rest; where the sensor cuts the
+    panel, that holds for the sides away from it.
+
+    Args:
+        effects: those of the scene, each of which may make the image larger or spread its light.
+        camera: the camera.
+        panel: the panel.
+        nearest_m: the nearest distance that the crop must do for, above 0.
+
+    Example:
+        >>> crop_size_px([], Camera(), LedPanel(), 50.0)
+        (48, 48)
+    """
+    pitch_px = panel.pitch_m * camera.focal_length_px / nearest_m
+    size = (panel.shape.rows + 2) * pitch_px, (panel.shape.columns + 2) * pitch_px
+    for effect in effects:
+        size = effect.size_in_px(size, camera, nearest_m)
+    margin = 2 * (sum(effect.reach_in_px(camera, nearest_m) for effect in effects) + 2)
+    height, width = (
+        min(math.ceil(side) + margin, full) for side, full in zip(size, camera.sensor_px, strict=True)
+    )
+    return height, width
+
+
+def window_size_px(crop_px: tuple[int, int], sensor_px: tuple[int, int]) -> tuple[int, int]:
+    """Height and width of the window on the grid that holds a crop wherever it lies.
+
+    Example:
+        >>> window_size_px((71, 71), (1080, 1920)), window_size_px((71, 71), (1080, 1919))
+        ((80, 80), (80, 1919))
+    """
+    height, width = (
+        full if full % WINDOW_GRID_PX else min(full, WINDOW_GRID_PX * (-(-side // WINDOW_GRID_PX) + 1))
+        for side, full in zip(crop_px, sensor_px, strict=True)
+    )
+    return height, width
+
+
+def crop_origins_px(
+    centre_px: Tensor, size_px: tuple[int, int], sensor_px: tuple[int, int], *, grid_px: int = 1
+) -> Tensor:
+    """Top left pixel of each crop: around the panel, moved inside the sensor.
+
+    Args:
+        centre_px: (B,2) image of each panel's centre, px.
+        size_px: height and width of the crops.
+        sensor_px: height and width of the sensor.
+        grid_px: what the origins are multiples of.
+
+    Returns:
+        (B,2) int64, as (x, y).
+
+    Example:
+        >>> crop_origins_px(torch.tensor([[100.4, 3.0]]), (40, 40), (1080, 1920), grid_px=8).tolist()
+        [[80, 0]]
+    """
+    extent = torch.tensor([size_px[1], size_px[0]], device=centre_px.device)
+    sensor = torch.tensor([sensor_px[1], sensor_px[0]], device=centre_px.device)
+    centred = torch.round(centre_px).long() - extent // 2
+    # The crop that this holds begins up to a grid's step later.
+    centred = centred + grid_px // 2
+    return torch.minimum((centred - centred % grid_px).clamp(min=0), sensor - extent)
+
+
+def read_surround(value: Tensor, centre_px: Tensor, origin_px: Tensor) -> Tensor:
+    """Read the corner of each crop that lies farthest from the panel, beyond its light, (B,1,H,W) to (B,)."""
+    height, width = value.shape[-2:]
+    x, y = (centre_px - origin_px).unbind(dim=-1)
+    column = torch.where(x < width / 2, width - 1, 0)
+    row = torch.where(y < height / 2, height - 1, 0)
+    return value[torch.arange(len(value), device=value.device), 0, row, column]
+
+
+def lay_on_sensor(value: Tensor, surround: Tensor, origin_px: Tensor, sensor_px: tuple[int, int]) -> Tensor:
+    """Lay each crop into a full frame of its surround, (B,1,h,w) to (B,1,H,W).
+
+    Example:
+        >>> crop, origin = torch.full((1, 1, 1, 2), 5.0), torch.tensor([[1, 0]])
+        >>> lay_on_sensor(crop, torch.tensor([3.0]), origin, (2, 4)).tolist()
+        [[[[3.0, 5.0, 5.0, 3.0], [3.0, 3.0, 3.0, 3.0]]]]
+    """
+    height, width = value.shape[-2:]
+    full = surround.view(-1, 1, 1, 1).expand(-1, 1, *sensor_px).contiguous()
+    for index, (x, y) in enumerate(origin_px.tolist()):
+        full[index, 0, y : y + height, x : x + width] = value[index, 0]
+    return full
