@@ -104,15 +104,11 @@ def _world(settings: AppConfig) -> World:
     """Camera, panel, scenes and effects."""
     if settings.precision not in PRECISIONS:
         raise VoccError(f"precision is {settings.precision!r}: it must be {' or '.join(PRECISIONS)}")
-    camera = asdict(settings.camera)
-    limits = camera.pop("iso_limits")
-    if limits is not None and len(limits) != 2:
-        raise VoccError(f"camera.iso_limits is {limits}: it must be [low, high] or null")
     panel = asdict(settings.panel)
     shape = PanelShape(panel.pop("rows"), panel.pop("columns"))
     distributions = parsed_scene({name: getattr(settings.scene, name) for name in SCENE_FIELDS})
     return World(
-        camera=Camera(**camera, iso_limits=None if limits is None else (limits[0], limits[1])),
+        camera=_camera(settings),
         panel=LedPanel(shape=shape, **panel),
         scene=SceneModel(**distributions),
         effects=effect_settings(settings.scene.effects),
@@ -120,6 +116,20 @@ def _world(settings: AppConfig) -> World:
         device=settings.device,
         dtype=PRECISIONS[settings.precision],
     )
+
+
+def _camera(settings: AppConfig) -> Camera:
+    """The camera with the scene's settings of it; refusals name the key that the value came from."""
+    own = {name: value for name, value in asdict(settings.scene.camera).items() if value is not None}
+    camera = asdict(settings.camera) | own
+    limits = camera.pop("iso_limits")
+    try:
+        if limits is not None and len(limits) != 2:
+            raise VoccError(f"camera.iso_limits is {limits}: it must be [low, high] or null")
+        return Camera(**camera, iso_limits=None if limits is None else (limits[0], limits[1]))
+    except VoccError as error:
+        named = str(error).removeprefix("camera.").split(" ")[0]
+        raise VoccError(f"scene.{error}" if named in own else str(error)) from None
 
 
 def _receiver(settings: AppConfig) -> ReceiverPlan:

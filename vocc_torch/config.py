@@ -18,8 +18,22 @@ Spec = Any
 
 
 @dataclass
+class SceneCameraConfig:
+    """What a scene sets on the camera; the rest stays the camera group's."""
+
+    focal_length_mm: float | None = None
+    sensor_width_mm: float | None = None
+    width_px: int | None = None
+    height_px: int | None = None
+    exposure_time_s: float | None = None
+    f_number: float | None = None
+    gamma: float | None = None
+    iso_limits: list[float] | None = None
+
+
+@dataclass
 class SceneConfig:
-    """Distributions of the scene's values, and the named effects."""
+    """Distributions of the scene's values, its settings of the camera, and the named effects."""
 
     ambient_lx: Spec = MISSING
     led_luminance_cd_m2: Spec = MISSING
@@ -27,6 +41,7 @@ class SceneConfig:
     background_grey: Spec = MISSING
     offset_x_m: Spec = MISSING
     offset_y_m: Spec = MISSING
+    camera: SceneCameraConfig = field(default_factory=SceneCameraConfig)
     effects: dict[str, Any] = field(default_factory=dict)
 
 

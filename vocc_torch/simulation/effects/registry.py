@@ -35,6 +35,7 @@ from vocc_torch.simulation.effects.shot_noise import ShotNoise
 from vocc_torch.simulation.effects.stuck_leds import StuckLeds
 from vocc_torch.simulation.effects.veiling_glare import VeilingGlare
 from vocc_torch.simulation.effects.vignetting import Vignetting
+from vocc_torch.simulation.scene import Distribution
 
 PHYSICAL_ORDER: tuple[type[Effect], ...] = (
     StuckLeds,
@@ -121,15 +122,20 @@ def _construct(kind: type[Effect], parameters: Parameters | None) -> Effect:
     if parameters is None:
         raise VoccError(f"{key} is null: give its parameters, {{}} for none, or remove it with ~{key}")
     signature = inspect.signature(kind).parameters
+    read: dict[str, float | Distribution] = {}
     for name, value in parameters.items():
         if name not in signature:
             raise VoccError(f"{key}.{name} is not a known parameter; {_known(name, list(signature))}")
-        if isinstance(value, bool) or not isinstance(value, int | float):
+        if "Distribution" in str(signature[name].annotation):
+            read[name] = Distribution.parse(value, f"effects.{kind.name}.{name}")
+        elif isinstance(value, bool) or not isinstance(value, int | float):
             raise VoccError(f"{key}.{name} is {value!r}: it must be a number")
+        else:
+            read[name] = value
     for name, parameter in signature.items():
         if parameter.default is inspect.Parameter.empty and name not in parameters:
             raise VoccError(f"{key}.{name} is missing: the effect needs it")
-    return kind(**parameters)
+    return kind(**read)
 
 
 def check_chain(effects: tuple[Effect, ...]) -> Quantity:
