@@ -235,7 +235,7 @@ def test_effects_left_out_are_not_built():
             {"quantisation": {}},
             "scene.effects.quantisation is not a known effect; did you mean quantization?",
         ),
-        ({"xyz": {}}, "scene.effects.xyz is not a known effect; known: stuck_leds, led_scatter,"),
+        ({"xyz": {}}, "scene.effects.xyz is not a known effect; known: pose, lens_distortion,"),
         (
             {"blooming": {"sigma": 1}},
             "scene.effects.blooming.sigma is not a known parameter; did you mean sigma_px?",

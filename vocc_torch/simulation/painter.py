@@ -9,13 +9,17 @@ import torch
 from torch import Tensor
 
 from vocc_torch.simulation.effects import Context, Effect, Quantity
-from vocc_torch.simulation.geometry import led_centres_px, panel_corners_px
+from vocc_torch.simulation.geometry import led_centres_m, led_centres_px, panel_corners_m, panel_corners_px
 from vocc_torch.simulation.photometry import reflected_luminance_cd_m2
+from vocc_torch.simulation.polygon import polygon_cover
 from vocc_torch.simulation.raster import (
     add_patches,
     disc_cover,
+    ellipse_cover,
+    ellipse_patch_px,
     interval_cover,
 )
+from vocc_torch.simulation.view import view_of
 
 Size = tuple[int, int]
 
@@ -88,6 +92,12 @@ def _led_cover(context: Context) -> tuple[Tensor, Tensor, Tensor]:
     scene, camera, panel = context.scene, context.camera, context.panel
     origin = context.origin_px
     assert origin is not None
+    if in_perspective(context.effects):
+        at = led_centres_m(panel).to(scene.distance_m)
+        centre, spread = view_of(context).discs_px(at, panel.led_diameter_m / 2)
+        spread = spread.flatten(0, 1)
+        centre = (centre - origin.unsqueeze(1)).flatten(0, 1)
+        return ellipse_cover(centre, spread, ellipse_patch_px(spread))
     radius = panel.led_diameter_m / 2 * camera.pixels_per_metre(scene.distance_m)
     shape = len(scene), panel.shape.rows, panel.shape.columns
     x, y = led_centres_px(scene, camera, panel)
@@ -102,6 +112,18 @@ def _board_cover(context: Context, size: Size) -> Tensor:
     """Share of each pixel that the board covers, (B,H,W)."""
     origin = context.origin_px
     assert origin is not None
+    if in_perspective(context.effects):
+        corners = _board_outline_px(context) - origin.unsqueeze(1)
+        return polygon_cover(corners, *size)
     corners = panel_corners_px(context.scene, context.camera, context.panel) - origin.unsqueeze(1)
     across = interval_cover(corners[:, 0, 0], corners[:, 2, 0], size[1]).unsqueeze(-2)
     return interval_cover(corners[:, 0, 1], corners[:, 2, 1], size[0]).unsqueeze(-1) * across
+
+
+def _board_outline_px(context: Context) -> Tensor:
+    """Outline of the board on the sensor, (B,V,2): its sides in short pieces, which a lens may bend."""
+    corners = panel_corners_m(context.panel).to(context.scene.distance_m)
+    steps = torch.arange(0, 1, 1 / 8, dtype=corners.dtype, device=corners.device).view(1, -1, 1)
+    ahead = corners.roll(-1, 0)
+    outline = corners.unsqueeze(1) + steps * (ahead - corners).unsqueeze(1)
+    return view_of(context).points_px(outline.view(-1, 2))

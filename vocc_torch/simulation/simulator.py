@@ -16,6 +16,7 @@ from vocc_torch.simulation.effects import (
     Context,
     Effect,
     Quantity,
+    RollingShutter,
     build_effects,
     check_chain,
 )
@@ -31,15 +32,17 @@ from vocc_torch.simulation.geometry import (
     Camera,
     LedPanel,
     panel_centre_px,
+    panel_corners_m,
     panel_corners_px,
 )
-from vocc_torch.simulation.painter import paint, taking
+from vocc_torch.simulation.painter import in_perspective, paint, taking
 from vocc_torch.simulation.photometry import (
     auto_iso_speed,
     grey_value,
     luminous_exposure_lx_s,
     reflected_luminance_cd_m2,
 )
+from vocc_torch.simulation.view import view_of
 from vocc_torch.types import Frames, Panels, Scene
 
 PAPER_EFFECTS: Mapping[str, Mapping[str, float]] = {
@@ -121,7 +124,9 @@ class Simulator:
     def true_panels(self, scene: Scene, keys: Sequence[FrameKey] = ()) -> Panels:
         """Where the panel really is, for the evaluation only; ``keys`` as in :meth:`render`."""
         scene = scene.to(self.device)
-        return Panels.known(panel_corners_px(scene, self.camera, self.panel))
+        if not in_perspective(self.effects):
+            return Panels.known(panel_corners_px(scene, self.camera, self.panel))
+        return Panels.known(view_of(self._context(scene, keys)).points_px(panel_corners_m(self.panel)))
 
     def contrast(self, scene: Scene) -> Tensor:
         """Contrast ``(G_on - G_off) / 255`` of the LEDs before any blur (section IV-D-1), (B,) float64.
@@ -219,7 +224,9 @@ class Simulator:
 
     def _centres_px(self, scene: Scene, keys: Sequence[FrameKey]) -> Tensor:
         """Image of each panel's centre, (B,2) px."""
-        return panel_centre_px(scene, self.camera)
+        if not in_perspective(self.effects):
+            return panel_centre_px(scene, self.camera)
+        return view_of(self._context(scene, keys)).points_px(scene.distance_m.new_zeros(1, 2))[:, 0]
 
     def _expose(self, batch: _Batch, window: bool) -> list[Tensor]:
         """Carry the LEDs' light through the camera, laying crops on the sensor once an effect fills it."""
@@ -247,6 +254,10 @@ class Simulator:
         """Draw the picture that the lens sees, (B,1,H,W) cd/m2."""
         context, shares = batch.context, None
         symbols = batch.bits.unsqueeze(1)
+        for effect in self.effects:
+            if isinstance(effect, RollingShutter):
+                symbols = effect(batch.bits, context)
+                shares = effect.row_shares(context, batch.size[0])
         leds = symbols * context.scene.led_luminance_cd_m2.view(-1, 1, 1, 1)
         for effect in taking(self.effects, Quantity.LED_LUMINANCE):
             leds = torch.stack([effect(one, context) for one in leds.unbind(1)], dim=1)

@@ -8,6 +8,7 @@ from vocc_torch.simulation.effects.registry import (
     build_effects,
     check_chain,
 )
+from vocc_torch.simulation.effects.rolling_shutter import RollingShutter
 
 __all__ = [
     "CAMERA_STEPS",
@@ -16,6 +17,7 @@ __all__ = [
     "Effect",
     "Parameters",
     "Quantity",
+    "RollingShutter",
     "build_effects",
     "check_chain",
 ]

@@ -24,13 +24,18 @@ from vocc_torch.simulation.effects.hot_pixels import HotPixels
 from vocc_torch.simulation.effects.jpeg import Jpeg
 from vocc_torch.simulation.effects.lamps import Lamps
 from vocc_torch.simulation.effects.led_scatter import LedScatter
+from vocc_torch.simulation.effects.lens_distortion import LensDistortion
 from vocc_torch.simulation.effects.motion_blur import MotionBlur
+from vocc_torch.simulation.effects.occlusion import Occlusion
 from vocc_torch.simulation.effects.photoelectrons import Photoelectrons
+from vocc_torch.simulation.effects.pose import Pose
 from vocc_torch.simulation.effects.prnu import Prnu
 from vocc_torch.simulation.effects.quantization import Quantization
 from vocc_torch.simulation.effects.read_noise import ReadNoise
+from vocc_torch.simulation.effects.rolling_shutter import RollingShutter
 from vocc_torch.simulation.effects.row_noise import RowNoise
 from vocc_torch.simulation.effects.saturation import Saturation
+from vocc_torch.simulation.effects.second_panel import SecondPanel
 from vocc_torch.simulation.effects.shot_noise import ShotNoise
 from vocc_torch.simulation.effects.stuck_leds import StuckLeds
 from vocc_torch.simulation.effects.veiling_glare import VeilingGlare
@@ -38,12 +43,17 @@ from vocc_torch.simulation.effects.vignetting import Vignetting
 from vocc_torch.simulation.scene import Distribution
 
 PHYSICAL_ORDER: tuple[type[Effect], ...] = (
+    Pose,
+    LensDistortion,
+    RollingShutter,
     StuckLeds,
     LedScatter,
     Attenuation,
     BackgroundTexture,
     Lamps,
+    SecondPanel,
     Airlight,
+    Occlusion,
     VeilingGlare,
     MotionBlur,
     Defocus,

@@ -1,0 +1,339 @@
+"""Rows exposed one after the other, against sampled time, hand-made phases and the binomial law."""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import stats
+
+from vocc_torch.errors import VoccError
+from vocc_torch.rng import BlockKey, FrameKey
+from vocc_torch.simulation.effects.base import Context, Quantity
+from vocc_torch.simulation.effects.rolling_shutter import RollingShutter
+from vocc_torch.simulation.geometry import Camera, LedPanel
+from vocc_torch.types import PanelShape, Scene
+
+SMALL = Camera(width_px=120, height_px=101, sensor_width_mm=13.2 / 16, exposure_time_s=0.1)
+"""Rows enough for a panel, and an exposure time for round numbers."""
+LINE_S = 0.01
+FULL_READOUT = LINE_S * 100
+"""The readout that starts a row of ``SMALL`` every 10 ms."""
+
+
+def keys(frames, *, take="frame", start=0):
+    names = range(start, start + frames)
+    return [FrameKey(BlockKey(0, "rows", index // 64), index % 64, take) for index in names]
+
+
+def context(scene, *, camera=SMALL, take="frame", origin=None, start=0, panel=None):
+    named = keys(len(scene), take=take, start=start)
+    return Context(scene, camera, named, origin, (), panel or LedPanel())
+
+
+def scenes(frames, seed=0):
+    """Panels of 25 to 60 rows, anywhere on the sensor and across its border."""
+    draw = np.random.default_rng(seed).uniform
+    ranges = ((1e3, 32e3), (2e3, 4e3), (30, 70), (86, 118), (-1, 1), (-0.6, 0.6))
+    return Scene(*(torch.from_numpy(draw(*limits, frames)) for limits in ranges))
+
+
+def random_bits(frames, shape=(8, 8), seed=0):
+    return torch.from_numpy(np.random.default_rng(seed).integers(2, size=(frames, *shape))).bool()
+
+
+@dataclass
+class FixedPhase:
+    """A key whose phase is known: the truth began this share of a symbol before the centre's mid exposure."""
+
+    phase: float
+
+    def generator(self, stream, *, of_scene=False):
+        assert (stream, of_scene) == ("effect.rolling_shutter", False)
+        return self
+
+    def random(self):
+        return self.phase
+
+    def integers(self, high, *, size, dtype):
+        return np.zeros(size, dtype=dtype)
+
+
+def phases(scene, *, take="frame"):
+    """Each frame's phase, drawn as the effect draws it: first from its own stream."""
+    return [key.generator("effect.rolling_shutter").random() for key in keys(len(scene), take=take)]
+
+
+def light(symbols, shares):
+    """Each LED's On share of each row's exposure, (B,H,R,C), summed in a fixed order."""
+    total = torch.zeros(len(shares), shares.shape[2], *symbols.shape[2:], dtype=torch.float64)
+    for number in range(symbols.shape[1]):
+        total += symbols[:, number, None] * shares[:, number, :, None, None]
+    return total
+
+
+# Shares
+
+
+def test_the_hand_made_phase_has_the_overlaps_worked_out_by_hand():
+    """Rows 10 ms apart, 0.1 s of exposure, symbols of 0.2 s, the truth from 0.1 s before to 0.1 s after."""
+    effect = RollingShutter(readout_s=FULL_READOUT, symbol_s=0.2)
+    where = Context(Scene.of(distance_m=21.0), SMALL, [FixedPhase(0.5)])
+    shares = effect.row_shares(where, 101)[0]
+    assert len(shares) == 7
+    before, truth, after = shares[2], shares[3], shares[4]
+    # Row 50 is exposed from -0.05 to 0.05, row 60 from 0.05 to 0.15: half in the truth, half after it.
+    for row, wanted in {
+        40: (0.5, 0.5, 0),
+        43: (0.2, 0.8, 0),
+        45: (0, 1, 0),
+        50: (0, 1, 0),
+        55: (0, 1, 0),
+    }.items():
+        assert [float(s[row]) for s in (before, truth, after)] == pytest.approx(wanted, abs=1e-12)
+    for row, wanted in {57: (0, 0.8, 0.2), 60: (0, 0.5, 0.5), 62: (0, 0.3, 0.7), 65: (0, 0, 1)}.items():
+        assert [float(s[row]) for s in (before, truth, after)] == pytest.approx(wanted, abs=1e-12)
+    # A period of 20 rows later all is as before, one symbol on.
+    torch.testing.assert_close(shares[3, 40:71], shares[4, 60:91], rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("phase", [0.0, 0.3, 0.999999])
+def test_the_truth_shows_in_the_middle_of_the_centre_rows_exposure(phase):
+    """Whatever the phase it has at least half of that row, and at least what another symbol has."""
+    effect = RollingShutter(readout_s=FULL_READOUT, symbol_s=0.1)
+    where = Context(Scene.of(distance_m=40.0, offset_y_m=0.2), SMALL, [FixedPhase(phase)])
+    shares = effect.row_shares(where, 101)[0]
+    centre = math.floor(50.5 + 0.2 * SMALL.focal_length_px / 40.0)
+    truth = len(shares) // 2
+    assert float(shares[truth, centre]) == pytest.approx(0.5 + min(phase, 1 - phase), abs=1e-9)
+    assert int(shares[:, centre].argmax()) == truth or shares[truth, centre] == shares[:, centre].max()
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.floats(1e-6, 2.0), st.floats(1.0, 30.0), st.floats(1e-4, 0.5), st.integers(0, 1000))
+def test_shares_add_to_one_and_go_forward_in_time_down_the_rows(readout, symbols, exposure, seed):
+    camera = replace(SMALL, exposure_time_s=exposure)
+    scene = scenes(3, seed)
+    effect = RollingShutter(readout_s=readout, symbol_s=max(symbols * exposure, readout / 50))
+    shares = effect.row_shares(context(scene, camera=camera), 101)
+    assert shares.dtype == torch.float64
+    assert bool(((shares >= 0) & (shares <= 1)).all())
+    torch.testing.assert_close(shares.sum(1), torch.ones(3, 101, dtype=torch.float64), rtol=0, atol=1e-12)
+    # A row sees neighbours only, and the mean number of what it sees never falls.
+    assert int((shares > 0).sum(1).max()) <= 2
+    number = (torch.arange(shares.shape[1]).view(1, -1, 1) * shares).sum(1)
+    assert float(number.diff(dim=1).min()) > -1e-9
+
+
+def test_light_is_what_sampled_time_says():
+    """Each row's exposure in 4000 instants: which symbol shows then, by the clock; off by one instant each."""
+    scene, bits = scenes(6), random_bits(6)
+    effect = RollingShutter(readout_s=0.9, symbol_s=0.13)
+    where = context(scene)
+    symbols, shares = effect(bits, where), effect.row_shares(where, 101)
+    ours, truth = light(symbols, shares), symbols.shape[1] // 2
+    instants = (np.arange(4000) + 0.5) / 4000 * SMALL.exposure_time_s
+    tested = 0
+    for frame, phase in enumerate(phases(scene)):
+        scale = SMALL.focal_length_px / float(scene.distance_m[frame])
+        middle = 50.5 + float(scene.offset_y_m[frame]) * scale
+        centre = min(max(math.floor(middle), 0), 100)
+        start = centre * 0.009 + SMALL.exposure_time_s / 2 - phase * 0.13
+        for row in range(101):
+            if not abs(row + 0.5 - middle) < 0.24 * scale:
+                continue
+            number = np.floor((row * 0.009 + instants - start) / 0.13).astype(int) + truth
+            wanted = symbols[frame].numpy()[number].mean(axis=0)
+            np.testing.assert_allclose(ours[frame, row].numpy(), wanted, atol=2.5 / 4000)
+            tested += 1
+    assert tested > 150
+
+
+def test_a_switch_on_the_panel_is_seen_as_often_as_the_panels_readout_says():
+    """Share of frames ``(panel readout + exposure) / symbol``, and the switch as often before as after."""
+    frames, effect = 3200, RollingShutter(readout_s=FULL_READOUT, symbol_s=3.0)
+    scene = Scene.of(frames, distance_m=47.0, offset_y_m=0.11)
+    shares = effect.row_shares(context(scene), 101)
+    middle, half = 50.5 + 0.11 * SMALL.focal_length_px / 47.0, 0.24 * SMALL.focal_length_px / 47.0
+    first, last = math.floor(middle - half), math.floor(middle + half)
+    others = shares[:, :, first : last + 1].amax(dim=2)
+    assert shares.shape[1] == 3
+    early, late = (int((others[:, number] > 0).sum()) for number in (0, 2))
+    wanted = ((last - first) * LINE_S + SMALL.exposure_time_s) / 3.0
+    assert 0.1 < wanted < 0.2
+    assert stats.binomtest(early + late, frames, wanted).pvalue > 1e-3
+    above = (math.floor(middle) - first) * LINE_S + SMALL.exposure_time_s / 2
+    assert stats.binomtest(early, early + late, above / (wanted * 3.0)).pvalue > 1e-3
+
+
+def test_a_readout_of_no_time_is_a_global_shutter():
+    scene, effect = scenes(200), RollingShutter(readout_s=1e-12, symbol_s=0.3)
+    shares = effect.row_shares(context(scene), 101)
+    assert float((shares - shares[:, :, :1]).abs().max()) < 1e-9
+    # The phase remains: the exposure may still see a switch.
+    assert 0.2 < float((shares.amax(dim=1)[:, 0] < 1).double().mean()) < 0.5
+
+
+def test_a_symbol_that_outlasts_all_is_the_only_one_of_nearly_every_frame():
+    scene, bits = scenes(64), random_bits(64)
+    effect, where = RollingShutter(readout_s=0.016, symbol_s=1e6), context(scene)
+    assert torch.equal(effect(bits, where), bits.unsqueeze(1))
+    assert bool((effect.row_shares(where, 101) == 1).all())
+
+
+def test_rows_away_from_the_panel_keep_its_outermost_symbols():
+    scene, effect = Scene.of(distance_m=60.0), RollingShutter(readout_s=FULL_READOUT, symbol_s=0.1)
+    shares = effect.row_shares(context(scene), 101)[0]
+    half = 0.3 * SMALL.focal_length_px / 60.0
+    first, last = math.floor(50.5 - half), math.floor(50.5 + half)
+    seen = shares[:, first : last + 1].amax(dim=1).nonzero().flatten().tolist()
+    for rows, number in ((slice(0, first), seen[0]), (slice(last + 10, 101), seen[-1])):
+        assert bool((shares[number, rows] >= shares[number, [first, last][rows.start > 0]]).all())
+        assert float(shares[:, rows].amax(dim=1).count_nonzero()) <= 2
+    assert shares[seen[0], 0] == shares[seen[-1], 100] == 1
+
+
+def test_a_panel_that_the_sensor_does_not_show_is_no_trouble():
+    scene = Scene.of(2, distance_m=40.0, offset_y_m=30.0)
+    effect, where = RollingShutter(readout_s=FULL_READOUT, symbol_s=0.2), context(scene)
+    shares = effect.row_shares(where, 101)
+    assert bool(torch.isfinite(shares).all())
+    assert effect(random_bits(2), where).shape[1] == shares.shape[1] <= 5
+
+
+# Symbols
+
+
+def test_the_truth_stands_in_the_middle_of_random_data():
+    """As many On as Off before and after it, each LED and each symbol independent of all others."""
+    frames, effect = 400, RollingShutter(readout_s=FULL_READOUT, symbol_s=0.1)
+    scene = Scene.of(frames, distance_m=30.0)
+    bits = random_bits(frames)
+    symbols = effect(bits, context(scene))
+    middle = symbols.shape[1] // 2
+    assert symbols.dtype == torch.bool
+    assert symbols.shape[1] % 2 == 1
+    assert torch.equal(symbols[:, middle], bits)
+    signs = symbols.double() * 2 - 1
+    for one in range(symbols.shape[1]):
+        if one != middle:
+            assert stats.binomtest(int(symbols[:, one].sum()), frames * 64).pvalue > 1e-4
+        for other in range(one):
+            same = int(((signs[:, one] * signs[:, other]) > 0).sum())
+            assert stats.binomtest(same, frames * 64).pvalue > 1e-4
+
+
+def test_a_preamble_has_data_of_its_own_around_it_and_a_phase_of_its_own():
+    scene, effect = Scene.of(40, distance_m=30.0), RollingShutter(readout_s=FULL_READOUT, symbol_s=0.15)
+    sent = torch.ones(40, 8, 8, dtype=torch.bool)
+    takes = {take: context(scene, take=take) for take in ("frame", "on", "off")}
+    symbols = {take: effect(sent, where) for take, where in takes.items()}
+    shares = {take: effect.row_shares(where, 101) for take, where in takes.items()}
+    middle = {take: found.shape[1] // 2 for take, found in symbols.items()}
+    for one, other in (("frame", "on"), ("frame", "off"), ("on", "off")):
+        after = (symbols[take][:, middle[take] + 1] for take in (one, other))
+        assert not torch.equal(*after)
+        truths = (shares[take][:, middle[take]] for take in (one, other))
+        assert not torch.equal(*truths)
+    assert not bool(symbols["on"][:, 0].all())
+
+
+@pytest.mark.parametrize("batch", [1, 3, 10])
+def test_frames_do_not_depend_on_the_batch(batch):
+    """Bitwise in light, where batches differ in how many symbols they need, and so in distance."""
+    scene, bits = scenes(10), random_bits(10)
+    effect = RollingShutter(readout_s=FULL_READOUT, symbol_s=0.12)
+    whole = light(effect(bits, context(scene)), effect.row_shares(context(scene), 101))
+    widths = set()
+    for start in range(0, 10, batch):
+        part = slice(start, start + batch)
+        where = context(scene[part], start=start)
+        symbols = effect(bits[part], where)
+        widths.add(symbols.shape[1])
+        assert torch.equal(light(symbols, effect.row_shares(where, 101)), whole[part])
+    assert batch > 1 or len(widths) > 1
+
+
+def test_more_symbols_keep_the_nearer_ones():
+    near, far = Scene.of(3, distance_m=22.0), Scene.of(3, distance_m=70.0)
+    effect, bits = RollingShutter(readout_s=FULL_READOUT, symbol_s=0.1), random_bits(3)
+    many, few = (effect(bits, context(scene)) for scene in (near, far))
+    spare = (many.shape[1] - few.shape[1]) // 2
+    assert spare > 0
+    assert torch.equal(many[:, spare:-spare], few)
+
+
+def test_a_crop_has_the_full_frames_rows():
+    scene, effect = scenes(4), RollingShutter(readout_s=FULL_READOUT, symbol_s=0.12)
+    full = effect.row_shares(context(scene), 101)
+    origin = torch.tensor([[5, 0], [0, 17], [60, 40], [3, 71]])
+    crops = effect.row_shares(context(scene, origin=origin), 30)
+    for frame, top in enumerate(origin[:, 1].tolist()):
+        assert torch.equal(crops[frame], full[frame, :, top : top + 30])
+
+
+def test_other_panels_have_rows_and_symbols_of_their_own():
+    panel = LedPanel(shape=PanelShape(rows=4, columns=16))
+    effect, where = RollingShutter(FULL_READOUT, 0.1), context(Scene.of(2, distance_m=30.0), panel=panel)
+    symbols = effect(random_bits(2, (4, 16)), where)
+    assert tuple(symbols.shape[2:]) == (4, 16)
+    square = effect.row_shares(context(Scene.of(2, distance_m=30.0)), 101)
+    assert symbols.shape[1] == effect.row_shares(where, 101).shape[1] < square.shape[1]
+
+
+def test_a_sensor_of_one_row_has_one_time():
+    camera = Camera(width_px=20, height_px=1, exposure_time_s=0.1)
+    shares = RollingShutter(0.01, 0.2).row_shares(context(Scene.of(5), camera=camera), 1)
+    torch.testing.assert_close(shares.sum(1), torch.ones(5, 1, dtype=torch.float64), rtol=0, atol=1e-12)
+
+
+# Refusals
+
+
+def test_it_takes_and_gives_symbols():
+    assert RollingShutter.takes == RollingShutter.gives == Quantity.SYMBOLS
+    assert RollingShutter.sampled
+
+
+@pytest.mark.parametrize(
+    ("parameters", "message"),
+    [
+        ((0, 1), r"readout_s is 0: it must be above 0 \(leave the effect out for a global shutter\)"),
+        ((-0.1, 1), "readout_s is -0.1: it must be above 0"),
+        ((math.inf, 1), "readout_s is inf: it must be above 0"),
+        ((0.1, 0), "symbol_s is 0: it must be above 0"),
+        ((0.1, math.nan), "symbol_s is nan: it must be above 0"),
+    ],
+)
+def test_parameters_out_of_range_are_refused_in_one_line(parameters, message):
+    with pytest.raises(VoccError, match=rf"^scene\.effects\.rolling_shutter\.{message}"):
+        RollingShutter(*parameters)
+
+
+def test_a_symbol_shorter_than_the_exposure_is_refused_when_the_camera_is_known():
+    effect = RollingShutter(readout_s=1.0, symbol_s=0.09)
+    message = (
+        r"^scene\.effects\.rolling_shutter\.symbol_s is 0\.09: it must be at least camera\.exposure_time_s"
+    )
+    for call in (lambda where: effect(random_bits(1), where), lambda where: effect.row_shares(where, 101)):
+        with pytest.raises(VoccError, match=message + ", which is 0.1$"):
+            call(context(Scene.of()))
+    RollingShutter(readout_s=1.0, symbol_s=0.1)(random_bits(1), context(Scene.of()))
+
+
+def test_symbols_without_number_are_refused():
+    camera = replace(SMALL, exposure_time_s=1e-6)
+    with pytest.raises(
+        VoccError, match=r"symbol_s is 1e-05: the panel shows \d+ symbols .* at most 1001 are"
+    ):
+        RollingShutter(1.0, 1e-5)(random_bits(1), context(Scene.of(), camera=camera))
+
+
+def test_frames_without_keys_are_refused():
+    with pytest.raises(
+        VoccError, match=r"^scene\.effects\.rolling_shutter draws random numbers: give render"
+    ):
+        RollingShutter(1.0, 0.2)(random_bits(1), Context(Scene.of(), SMALL))

@@ -1,0 +1,205 @@
+"""The LED panel of another vehicle in the view."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from vocc_torch.errors import VoccError
+from vocc_torch.simulation.effects.airlight import Airlight
+from vocc_torch.simulation.effects.attenuation import Attenuation
+from vocc_torch.simulation.effects.base import Context, Effect, Quantity
+from vocc_torch.simulation.effects.lens_distortion import LensDistortion
+from vocc_torch.simulation.geometry import LedPanel, led_centres_m
+from vocc_torch.simulation.photometry import reflected_luminance_cd_m2
+from vocc_torch.simulation.polygon import polygon_cover
+from vocc_torch.simulation.raster import add_patches, ellipse_cover, ellipse_patch_px
+from vocc_torch.simulation.view import view_of
+
+FARTHEST_M = 100.0
+"""Largest offset on offer along an axis."""
+
+
+@dataclass(frozen=True, slots=True)
+class SecondPanel(Effect):
+    """A panel of the same make in the plane of ours, which sends data of its own.
+
+    Its LEDs are those of our panel, moved by the offset: they reflect daylight alike, stand on a board where
+    ours do, and shine at ``luminance_share`` of the scene's LED luminance. Its bits, On or Off with equal
+    chance, are new in every picture, a preamble too: it goes on sending. It shows one symbol a picture also
+    where ours switches in a ``rolling_shutter``; our panel's faulty LEDs are not its own.
+
+    Its light comes to the camera through the air of ours and is dimmed once: by ``airlight`` with all else
+    that is drawn behind our panel, or where that is not named by the scene's ``attenuation``. What lies
+    beyond the sensor is cut. Sampled: not differentiable in the offset; the light keeps its gradient.
+
+    Source: our own panel's, the pinhole camera and Eqs 2, 3 and 20.
+
+    Args:
+        offset_x_m: its centre, right of our panel's along our panel's rows, m, -100 to 100.
+        offset_y_m: its centre, below our panel's along our panel's columns, m, -100 to 100.
+        luminance_share: luminance of its On LEDs' own light over ours, above 0 and at most 10.
+
+    Raises:
+        VoccError: a value outside its range; when called, panels that overlap.
+
+    Example:
+        >>> SecondPanel(offset_x_m=2.5).fills_sensor
+        True
+    """
+
+    offset_x_m: float
+    offset_y_m: float = 0.0
+    luminance_share: float = 1.0
+
+    name: ClassVar[str] = "second_panel"
+    takes: ClassVar[Quantity] = Quantity.BACKGROUND
+    gives: ClassVar[Quantity] = Quantity.BACKGROUND
+    sampled: ClassVar[bool] = True
+    fills_sensor: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        """Check the ranges that do not need the panel."""
+        for parameter in ("offset_x_m", "offset_y_m"):
+            self.demand(parameter, -FARTHEST_M, FARTHEST_M)
+        self.demand("luminance_share", 0, 10, above=True, hint="leave the effect out for no second panel")
+
+    def __call__(self, value: Tensor, context: Context) -> Tensor:
+        """Draw the panel onto each frame's (B,1,H,W) background luminance."""
+        panel, scene = context.panel, context.scene
+        self._check(panel)
+        painted, offset_m = value.clone(), torch.tensor([self.offset_x_m, self.offset_y_m]).double()
+        leds_m = (offset_m + led_centres_m(panel)).to(scene.distance_m.device)
+        if panel.board_reflectance is not None:
+            board = reflected_luminance_cd_m2(scene.ambient_lx, panel.board_reflectance)
+            boards = board.repeat_interleave(panel.shape.leds)
+            _lay(painted, _board_patches(leds_m, value, context), boards, torch.zeros_like(boards))
+        surface = reflected_luminance_cd_m2(scene.ambient_lx, panel.led_reflectance)
+        surfaces = surface.repeat_interleave(panel.shape.leds)
+        _lay(painted, _led_patches(leds_m, value, context), surfaces, self._lights(context).flatten())
+        return painted
+
+    def _check(self, panel: LedPanel) -> None:
+        """Refuse a panel that would stand in ours."""
+        width_m, height_m = panel.shape.columns * panel.pitch_m, panel.shape.rows * panel.pitch_m
+        near = 1 - 1e-9
+        if abs(self.offset_x_m) < width_m * near and abs(self.offset_y_m) < height_m * near:
+            shown = (
+                f"offset_x_m is {self.offset_x_m:g} and offset_y_m {self.offset_y_m:g}: the panels overlap"
+            )
+            rule = f"one of the two must be at least {width_m:g} across or {height_m:g} down"
+            raise VoccError(f"scene.effects.{self.name}.{shown}, {rule}")
+
+    def _lights(self, context: Context) -> Tensor:
+        """Draw the bits of each picture and give the LEDs' own light as it enters the scene, (B,R,C) cd/m2."""
+        shape = context.panel.shape.rows, context.panel.shape.columns
+        bits = np.stack([g.integers(2, size=shape, dtype=np.uint8) for g in context.generators(self.name)])
+        full = context.scene.led_luminance_cd_m2.view(-1, 1, 1) * self.luminance_share
+        light = torch.from_numpy(bits).to(full) * full
+        if any(isinstance(effect, Airlight) for effect in context.effects):
+            return light
+        for effect in context.effects:
+            light = effect(light, context) if isinstance(effect, Attenuation) else light
+        return light
+
+
+@dataclass(frozen=True, slots=True)
+class _Patches:
+    """The cover of those of N shapes that the frames show, each in a square of pixels."""
+
+    cover: Tensor
+    """(M,S,S)."""
+    which: Tensor
+    """(M,): of the N shapes, frame by frame."""
+    frame: Tensor
+    """(M,)."""
+    left: Tensor
+    """(M,): in the frame."""
+    top: Tensor
+    """(M,): in the frame."""
+
+
+def _led_patches(leds_m: Tensor, value: Tensor, context: Context) -> _Patches:
+    """Cover the LEDs (N,2) of each frame."""
+    view, radius_m = view_of(context), context.panel.led_diameter_m / 2
+    has_image = _has_image(view, leds_m, radius_m, context)
+    centre, spread = view.discs_px(_or_ours(leds_m, has_image), radius_m)
+    reach = spread.diagonal(dim1=-2, dim2=-1).sqrt()
+    which, frame = _in_view(centre - reach, centre + reach, has_image, value, context)
+    centre, spread = centre.flatten(0, 1)[which], spread.flatten(0, 1)[which]
+    # In the sensor's coordinates, so that a crop gets the full frame's very numbers.
+    cover, left, top = ellipse_cover(centre, spread, ellipse_patch_px(spread))
+    origin = _origins(context)[frame]
+    return _Patches(cover, which, frame, left - origin[:, 0], top - origin[:, 1])
+
+
+def _board_patches(leds_m: Tensor, value: Tensor, context: Context) -> _Patches:
+    """Cover the LEDs' cells (N,2) of each frame, of which the board is made: its edges may be curved."""
+    signs = torch.tensor([[-1, -1], [1, -1], [1, 1], [-1, 1]]).to(leds_m)
+    view, cells_m = view_of(context), leds_m.unsqueeze(1) + signs * (context.panel.pitch_m / 2)
+    has_image = _has_image(view, cells_m.flatten(0, 1), 0.0, context)
+    corners = view.points_px(_or_ours(cells_m.flatten(0, 1), has_image)).unflatten(1, (-1, 4))
+    low, high = corners.amin(dim=2), corners.amax(dim=2)
+    which, frame = _in_view(low, high, has_image.unflatten(1, (-1, 4)).all(dim=2), value, context)
+    corner, high = torch.floor(low.flatten(0, 1)[which]), high.flatten(0, 1)[which]
+    side = math.ceil(float((high - corner).max())) if len(which) else 1
+    cover = polygon_cover(corners.flatten(0, 1)[which] - corner.unsqueeze(1), side, side)
+    left, top = (corner.long() - _origins(context)[frame]).unbind(dim=-1)
+    return _Patches(cover, which, frame, left, top)
+
+
+def _has_image(view: View, points_m: Tensor, radius_m: float, context: Context) -> Tensor:
+    """Tell which of (N,2) points lie before the camera and where the lens has an image of them, (B,N)."""
+    points = points_m @ view.placement[..., :2].mT + view.placement[..., 2].unsqueeze(-2)
+    limits = [e.limit(context.camera) for e in view.effects if isinstance(e, LensDistortion)]
+    off_axis = torch.linalg.vector_norm(points[..., :2], dim=-1)
+    # A disc that touches the plane of the camera has no ellipse for its image.
+    return (points[..., 2] > radius_m) & (off_axis < points[..., 2] * min(limits, default=math.inf))
+
+
+def _or_ours(points_m: Tensor, has_image: Tensor) -> Tensor:
+    """Put our panel's centre, which has an image, in the place of points that have none, (B,N,2)."""
+    return torch.where(has_image.unsqueeze(-1), points_m, 0.0)
+
+
+def _in_view(
+    low_px: Tensor, high_px: Tensor, has_image: Tensor, value: Tensor, context: Context
+) -> tuple[Tensor, Tensor]:
+    """Pick the shapes whose bounds (B,N,2), sensor px, touch their frames: their numbers and frames, (M,)."""
+    height, width = value.shape[-2:]
+    begin = _origins(context).to(low_px).unsqueeze(1)
+    end = begin + torch.tensor([width, height]).to(low_px)
+    touch = ((high_px > begin) & (low_px < end)).all(dim=-1) & has_image
+    which = touch.flatten().nonzero().squeeze(1)
+    return which, which // low_px.shape[1]
+
+
+def _origins(context: Context) -> Tensor:
+    """Sensor column and row of each frame's first pixel, (B,2)."""
+    scene = context.scene
+    if context.origin_px is None:
+        return torch.zeros(len(scene), 2, dtype=torch.int64, device=scene.distance_m.device)
+    return context.origin_px.to(scene.distance_m.device)
+
+
+def _lay(painted: Tensor, patches: _Patches, surface: Tensor, light: Tensor) -> None:
+    """Lay shapes of (N,) surface luminance and own light over (B,1,H,W) luminance, in place."""
+    if len(patches.which) == 0:
+        return
+    side, ends = patches.cover.shape[-1], painted.shape[-2:]
+    rows, columns = (
+        slice(max(int(first.min()), 0), min(int(first.max()) + side, end))
+        for first, end in zip((patches.top, patches.left), ends, strict=True)
+    )
+    window = painted[:, 0, rows, columns]
+    covered, added = torch.zeros_like(window), torch.zeros_like(window)
+    places = patches.frame, patches.left - columns.start, patches.top - rows.start
+    add_patches(covered, patches.cover, *places)
+    luminance = (surface + light)[patches.which].view(-1, 1, 1)
+    add_patches(added, patches.cover * luminance, *places)
+    painted[:, 0, rows, columns] = window * (1 - covered) + added
