@@ -20,6 +20,7 @@ from vocc_torch.simulation.effects import (
     build_effects,
     check_chain,
 )
+from vocc_torch.simulation.exposure import as_seen, auto_iso, through_lens
 from vocc_torch.simulation.framing import (
     WINDOW_GRID_PX,
     crop_origins_px,
@@ -36,12 +37,7 @@ from vocc_torch.simulation.geometry import (
     panel_corners_px,
 )
 from vocc_torch.simulation.painter import in_perspective, paint, taking
-from vocc_torch.simulation.photometry import (
-    auto_iso_speed,
-    grey_value,
-    luminous_exposure_lx_s,
-    reflected_luminance_cd_m2,
-)
+from vocc_torch.simulation.photometry import grey_value, reflected_luminance_cd_m2
 from vocc_torch.simulation.view import view_of
 from vocc_torch.types import Frames, Panels, Scene
 
@@ -137,12 +133,10 @@ class Simulator:
         context, light = self._context(scene), scene.led_luminance_cd_m2.view(-1, 1, 1)
         for effect in taking(self.effects, Quantity.LED_LUMINANCE):
             light = light if effect.sampled else effect(light, context)
-        off, iso = (
-            reflected_luminance_cd_m2(scene.ambient_lx, self.panel.led_reflectance),
-            self._iso_speed(scene),
-        )
-        seen = (self._metered(off, scene, own) for own in (light.view(-1), torch.zeros_like(off)))
-        greys = [grey_value(self._lens(luminance), iso, gamma=self.camera.gamma) for luminance in seen]
+        off, iso = reflected_luminance_cd_m2(scene.ambient_lx, self.panel.led_reflectance), auto_iso(context)
+        seen = (as_seen(off, context, own) for own in (light.view(-1), torch.zeros_like(off)))
+        exposures = (through_lens(luminance, self.camera) for luminance in seen)
+        greys = [grey_value(exposure, iso, gamma=self.camera.gamma) for exposure in exposures]
         if self.output in (Quantity.BOUNDED_GREY, Quantity.DIGITAL):
             greys = [grey.clamp(max=255.0) for grey in greys]
         return (greys[0] - greys[1]) / 255.0
@@ -269,7 +263,7 @@ class Simulator:
         """Apply some of the effects in order, each where the camera's steps have come to its quantity."""
         for effect in (self.effects[i] for i in which):
             while current != effect.takes:
-                value, current = self._advance(value, current, context.scene)
+                value, current = self._advance(value, current, context)
             value, current = effect(value, context), effect.gives
         return value, current
 
@@ -277,38 +271,12 @@ class Simulator:
         """Apply effects and the camera's remaining steps."""
         value, current = self._apply(value, current, which, context)
         while current in CAMERA_STEPS[:-1]:
-            value, current = self._advance(value, current, context.scene)
+            value, current = self._advance(value, current, context)
         return value
 
-    def _metered(self, surface: Tensor, scene: Scene, own: Tensor | None = None) -> Tensor:
-        """Luminance of a surface, and of its own light, as seen through air and veil, all (B,)."""
-        seen, context = surface.view(-1, 1, 1, 1), self._context(scene)
-        for quantity in (Quantity.UNLIT, Quantity.LUMINANCE):
-            if quantity == Quantity.LUMINANCE and own is not None:
-                seen = seen + own.view(-1, 1, 1, 1)
-            for effect in taking(self.effects, quantity):
-                seen = effect(seen, context) if effect.metered else seen
-        return seen.view(-1)
-
-    def _advance(self, value: Tensor, current: Quantity, scene: Scene) -> tuple[Tensor, Quantity]:
+    def _advance(self, value: Tensor, current: Quantity, context: Context) -> tuple[Tensor, Quantity]:
         """Do the camera's next step: lens or gamma encoding."""
         if current == Quantity.LUMINANCE:
-            return self._lens(value), Quantity.EXPOSURE
-        iso = self._iso_speed(scene).to(self.dtype).view(-1, 1, 1, 1)
+            return through_lens(value, self.camera), Quantity.EXPOSURE
+        iso = auto_iso(context).to(self.dtype).view(-1, 1, 1, 1)
         return grey_value(value, iso, gamma=self.camera.gamma), Quantity.GREY
-
-    def _iso_speed(self, scene: Scene) -> Tensor:
-        """ISO speed of each frame, (B,): what auto-ISO wants, within the camera's limits."""
-        background = reflected_luminance_cd_m2(scene.ambient_lx, self.panel.background_reflectance)
-        background = self._metered(background, scene)
-        iso = auto_iso_speed(self._lens(background), scene.background_grey, gamma=self.camera.gamma)
-        return iso if self.camera.iso_limits is None else iso.clamp(*self.camera.iso_limits)
-
-    def _lens(self, luminance: Tensor) -> Tensor:
-        """Eqs 2 and 3 with this camera's settings."""
-        return luminous_exposure_lx_s(
-            luminance,
-            exposure_time_s=self.camera.exposure_time_s,
-            f_number=self.camera.f_number,
-            calibration_constant=self.camera.calibration_constant,
-        )

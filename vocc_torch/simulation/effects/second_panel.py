@@ -19,7 +19,7 @@ from vocc_torch.simulation.geometry import LedPanel, led_centres_m
 from vocc_torch.simulation.photometry import reflected_luminance_cd_m2
 from vocc_torch.simulation.polygon import polygon_cover
 from vocc_torch.simulation.raster import add_patches, ellipse_cover, ellipse_patch_px
-from vocc_torch.simulation.view import view_of
+from vocc_torch.simulation.view import View, view_of
 
 FARTHEST_M = 100.0
 """Largest offset on offer along an axis."""
@@ -73,8 +73,8 @@ class SecondPanel(Effect):
         """Draw the panel onto each frame's (B,1,H,W) background luminance."""
         panel, scene = context.panel, context.scene
         self._check(panel)
-        painted, offset_m = value.clone(), torch.tensor([self.offset_x_m, self.offset_y_m]).double()
-        leds_m = (offset_m + led_centres_m(panel)).to(scene.distance_m.device)
+        offset_m = torch.tensor([self.offset_x_m, self.offset_y_m], dtype=torch.float64)
+        painted, leds_m = value.clone(), (offset_m + led_centres_m(panel)).to(scene.distance_m.device)
         if panel.board_reflectance is not None:
             board = reflected_luminance_cd_m2(scene.ambient_lx, panel.board_reflectance)
             boards = board.repeat_interleave(panel.shape.leds)
@@ -96,7 +96,7 @@ class SecondPanel(Effect):
             raise VoccError(f"scene.effects.{self.name}.{shown}, {rule}")
 
     def _lights(self, context: Context) -> Tensor:
-        """Draw the bits of each picture and give the LEDs' own light as it enters the scene, (B,R,C) cd/m2."""
+        """Draw the bits of each picture and give the LEDs' own light, (B,R,C) cd/m2."""
         shape = context.panel.shape.rows, context.panel.shape.columns
         bits = np.stack([g.integers(2, size=shape, dtype=np.uint8) for g in context.generators(self.name)])
         full = context.scene.led_luminance_cd_m2.view(-1, 1, 1) * self.luminance_share
@@ -141,11 +141,13 @@ def _led_patches(leds_m: Tensor, value: Tensor, context: Context) -> _Patches:
 def _board_patches(leds_m: Tensor, value: Tensor, context: Context) -> _Patches:
     """Cover the LEDs' cells (N,2) of each frame, of which the board is made: its edges may be curved."""
     signs = torch.tensor([[-1, -1], [1, -1], [1, 1], [-1, 1]]).to(leds_m)
-    view, cells_m = view_of(context), leds_m.unsqueeze(1) + signs * (context.panel.pitch_m / 2)
-    has_image = _has_image(view, cells_m.flatten(0, 1), 0.0, context)
-    corners = view.points_px(_or_ours(cells_m.flatten(0, 1), has_image)).unflatten(1, (-1, 4))
+    cells_m = (leds_m.unsqueeze(1) + signs * (context.panel.pitch_m / 2)).flatten(0, 1)
+    view = view_of(context)
+    has_image = _has_image(view, cells_m, 0.0, context)
+    corners = view.points_px(_or_ours(cells_m, has_image)).view(len(value), -1, 4, 2)
     low, high = corners.amin(dim=2), corners.amax(dim=2)
-    which, frame = _in_view(low, high, has_image.unflatten(1, (-1, 4)).all(dim=2), value, context)
+    whole = has_image.view(len(value), -1, 4).all(dim=2)
+    which, frame = _in_view(low, high, whole, value, context)
     corner, high = torch.floor(low.flatten(0, 1)[which]), high.flatten(0, 1)[which]
     side = math.ceil(float((high - corner).max())) if len(which) else 1
     cover = polygon_cover(corners.flatten(0, 1)[which] - corner.unsqueeze(1), side, side)
@@ -157,9 +159,9 @@ def _has_image(view: View, points_m: Tensor, radius_m: float, context: Context) 
     """Tell which of (N,2) points lie before the camera and where the lens has an image of them, (B,N)."""
     points = points_m @ view.placement[..., :2].mT + view.placement[..., 2].unsqueeze(-2)
     limits = [e.limit(context.camera) for e in view.effects if isinstance(e, LensDistortion)]
-    off_axis = torch.linalg.vector_norm(points[..., :2], dim=-1)
+    depth, off_axis = points[..., 2], points[..., :2].square().sum(dim=-1).sqrt()
     # A disc that touches the plane of the camera has no ellipse for its image.
-    return (points[..., 2] > radius_m) & (off_axis < points[..., 2] * min(limits, default=math.inf))
+    return (depth > radius_m) & (off_axis < depth * min(limits, default=math.inf))
 
 
 def _or_ours(points_m: Tensor, has_image: Tensor) -> Tensor:

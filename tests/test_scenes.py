@@ -1,0 +1,204 @@
+"""Each shipped scene runs what it names and nothing else."""
+
+import functools
+from pathlib import Path
+
+import pytest
+import torch
+import yaml
+from hydra import compose, initialize_config_module
+from hydra.core.global_hydra import GlobalHydra
+from torch.profiler import ProfilerActivity, profile
+
+from vocc_torch.assembly import build_plan
+from vocc_torch.config import register_schema, resolved
+from vocc_torch.rng import BlockKey, FrameKey
+from vocc_torch.simulation.effects import PHYSICAL_ORDER, Context, Quantity
+from vocc_torch.studies.link import Link, block_keys
+from vocc_torch.types import PanelShape, Scene
+
+SCENES = sorted(path.stem for path in (Path(__file__).parents[1] / "conf" / "scene").glob("*.yaml"))
+KEYS = [FrameKey(BlockKey(0, "scenes", 0), frame) for frame in range(3)]
+
+
+def plan_of(*overrides):
+    """The study that a command describes."""
+    GlobalHydra.instance().clear()
+    register_schema()
+    with initialize_config_module("vocc_torch.conf", version_base="1.3"):
+        settings = resolved(compose("config", overrides=["device=cpu", *overrides]))
+    return build_plan(settings, Path("runs/none"))
+
+
+def shot(plan, effects=None, *, panel_only=True):
+    """Three frames of a plan's own scenes, near the panel."""
+    if effects is not None:
+        plan.world.effects.clear()
+        plan.world.effects.update(effects)
+    scene, bits = plan.world.scene.draw(KEYS[0].block, PanelShape())
+    frames = plan.world.simulator().render(
+        scene[:3], bits[:3], nearest_m=plan.world.scene.nearest_m, keys=KEYS, panel_only=panel_only
+    )
+    return frames.grey
+
+
+def alarm(method):
+    """Stand in for a method, with its signature, and raise when it is called."""
+
+    @functools.wraps(method)
+    def touched(*_, **__):
+        raise AssertionError("an effect that the scene does not name was touched")
+
+    return touched
+
+
+def test_the_seven_scenes_are_shipped():
+    assert set(SCENES) == {"paper", "night", "fog", "highway", "dashcam", "tunnel", "low_sun"}
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_a_scene_touches_only_the_effects_that_it_names(scene, monkeypatch):
+    """With every method of every unnamed effect made to raise, the whole link still runs."""
+    plan = plan_of(f"scene={scene}")
+    for kind in PHYSICAL_ORDER:
+        if kind.name in plan.world.effects:
+            continue
+        methods = {name for one in kind.__mro__[:-2] for name, of in vars(one).items() if callable(of)}
+        for method in ("__init__", *sorted(methods - {"__init__"})):
+            if not (method.startswith("__") and method not in ("__init__", "__post_init__", "__call__")):
+                monkeypatch.setattr(kind, method, alarm(getattr(kind, method)))
+    seen = next(
+        Link.of(plan_of(f"scene={scene}", "receiver.locator=truth", "batch_frames=4")).observe(
+            plan.world.scene, block_keys(0, "scenes", 4), preambles=True, frames=4
+        )
+    )
+    assert bool(torch.isfinite(seen.readings.features).all())
+    spare = next(kind for kind in PHYSICAL_ORDER if kind.name not in plan.world.effects)
+    with pytest.raises(AssertionError, match="was touched"):
+        spare()
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_the_order_of_the_names_means_nothing(scene):
+    plan = plan_of(f"scene={scene}")
+    named = list(plan.world.effects.items())
+    frames = [shot(plan, dict(order)) for order in (named, named[::-1], named[3:] + named[:3])]
+    assert torch.equal(frames[0], frames[1])
+    assert torch.equal(frames[0], frames[2])
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_frames_do_not_depend_on_the_batch(scene):
+    plan = plan_of(f"scene={scene}")
+    together = shot(plan)
+    scenes, bits = plan.world.scene.draw(KEYS[0].block, PanelShape())
+    for i, alone in enumerate(together):
+        row = slice(i, i + 1)
+        frames = plan.world.simulator().render(
+            scenes[row], bits[row], nearest_m=plan.world.scene.nearest_m, keys=KEYS[row], panel_only=True
+        )
+        assert torch.equal(frames.grey[0], alone)
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_a_window_has_the_whole_frames_pixels(scene):
+    """In the panel's cells and a cell about them; a blur that meets a border differs at the very edge."""
+    plan = plan_of(f"scene={scene}")
+    scenes, bits = plan.world.scene.draw(KEYS[0].block, PanelShape())
+    near, full = (
+        plan.world.simulator().render(
+            scenes[:2], bits[:2], nearest_m=plan.world.scene.nearest_m, keys=KEYS[:2], panel_only=only
+        )
+        for only in (True, False)
+    )
+    height, width = near.grey.shape[-2:]
+    edge = 12
+    for i in range(2):
+        x, y = (near.origin_px[i] - full.origin_px[i]).tolist()
+        part = full.grey[i, 0, y : y + height, x : x + width][edge:-edge, edge:-edge].int()
+        gap = (part - near.grey[i, 0, edge:-edge, edge:-edge].int()).abs()
+        assert int(gap.max()) <= 1
+        assert float((gap > 0).float().mean()) < 1e-3
+
+
+def test_a_scene_without_effects_hands_the_same_tensor_through():
+    """Nothing is built, and nothing clips, rounds or copies: what goes into the chain is what comes out."""
+    plan = plan_of()
+    assert shot(plan, {}).dtype == torch.float32
+    simulator = plan.world.simulator()
+    assert simulator.effects == ()
+    light = torch.rand(1, 1, 4, 4)
+    out, _ = simulator._apply(light, Quantity.LUMINANCE, [], Context(Scene.of(), simulator.camera))
+    assert out is light
+
+
+def operators(plan):
+    """What PyTorch's profiler saw while frames were rendered."""
+    shot(plan)
+    with profile(activities=[ProfilerActivity.CPU]) as trace:
+        shot(plan)
+    return {event.key for event in trace.key_averages()}
+
+
+def test_the_paper_scene_without_blooming_convolves_nothing():
+    """Seen by PyTorch's profiler, which does see those of the scene with blooming."""
+    assert any("conv" in name for name in operators(plan_of()))
+    assert not [name for name in operators(plan_of("~scene.effects.blooming")) if "conv" in name]
+
+
+def test_the_paper_scene_draws_no_random_numbers(monkeypatch):
+    monkeypatch.setattr(FrameKey, "generator", alarm(FrameKey.generator))
+    shot(plan_of())
+    with pytest.raises(AssertionError, match="was touched"):
+        shot(plan_of("scene=night"))
+
+
+TEN_LINES = """
+ambient_lx: [uniform, 1000, 5000]
+led_luminance_cd_m2: 3000
+distance_m: [uniform, 30, 50]
+background_grey: 100
+offset_x_m: [uniform, -2, 2]
+offset_y_m: 0
+effects:
+  attenuation: {visibility_m: 2000}
+  blooming: {sigma_px: 2}
+  pose: {yaw_deg: [uniform, -10, 10]}
+"""
+
+
+def test_an_own_scene_is_a_yaml_of_ten_lines(app, tmp_path):
+    own = tmp_path / "mine" / "scene"
+    own.mkdir(parents=True)
+    (own / "rain.yaml").write_text(TEN_LINES)
+    assert len(TEN_LINES.strip().splitlines()) == 10
+    small = ("budget.frames=64", "budget.training_frames=64", "experiment.values=[30,40]", "name=own")
+    ran = app("--config-dir", "mine", "scene=rain", "experiment=scenes", "tensorboard=false", *small)
+    assert ran.status == 0, ran.err
+    written = yaml.safe_load((tmp_path / "runs" / "own" / "config.yaml").read_text())
+    assert written["scene"]["effects"]["pose"] == {"yaw_deg": ["uniform", -10, 10]}
+
+
+WRONG = {
+    "unknown effect": ("+scene.effects.shot_nois={}", "did you mean shot_noise?"),
+    "unknown parameter": ("+scene.effects.full_well.electron=1", "did you mean electrons?"),
+    "out of its physical range": ("scene.effects.photoelectrons.quantum_efficiency=1.2", "at most 1"),
+    "no electrons": ("~scene.effects.photoelectrons", "which scene.effects.photoelectrons makes"),
+    "no readout": ("~scene.effects.gain", "which scene.effects.gain makes"),
+    "null": ("scene.effects.shot_noise=null", "~scene.effects.shot_noise"),
+    "unknown setting of the camera": ("+scene.camera.lens=1", "scene.camera.lens"),
+    "camera out of range": ("+scene.camera.f_number=0", "scene.camera.f_number is 0: it must be above 0"),
+    "distribution that is none": ("+scene.effects.pose={yaw_deg: [normal, 0, 1]}", "effects.pose.yaw_deg is"),
+    "angle out of range": ("+scene.effects.pose={yaw_deg: 100}", "scene.effects.pose.yaw_deg"),
+    "jpeg of ten bits": (
+        "+scene.effects={jpeg: {quality: 80}, quantization: {bits: 10}}",
+        "jpeg codes 8-bit",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_a_scenes_mistake_is_one_line_and_exit_code_2(case, app):
+    override, said = WRONG[case]
+    complaint = app("scene=night", override).complaint
+    assert said in complaint
