@@ -15,7 +15,11 @@ from vocc_torch.simulation.photometry import transmission
 
 @dataclass(frozen=True, slots=True)
 class Attenuation(Effect):
-    """The air's transmission coefficient on the LEDs' own light (Eq. 20).
+    """The air's transmission coefficient on the LEDs' own light (Eq. 20), ``T = exp(-3.91 d / V)``.
+
+    Linear in the light, and differentiable in it and in the distance.
+
+    Source: the paper, Eq. 20.
 
     Args:
         visibility_m: meteorological visibility distance, m, above 0; the paper's clear weather is 40 km.

@@ -26,7 +26,9 @@ class Blooming(Effect):
     depends on the batch, which in float32 moved a rounded pixel in one frame of 200, so that a frame would
     have depended on the batch it came in. The frames are stacked into one tall plane, each with its own
     replicated border, because one large convolution is faster on a CPU than many small ones; so the whole
-    costs no more than float32 did.
+    costs no more than float32 did. Linear and differentiable; energy is kept to rounding.
+
+    Source: the paper, section IV-B-1, whose "blooming level" is read as a standard deviation.
 
     Args:
         sigma_px: standard deviation, px, above 0 and at most 1000; the paper's "blooming level" is 1.5.

@@ -14,7 +14,12 @@ from vocc_torch.simulation.effects.base import Context, Effect, Quantity
 
 @dataclass(frozen=True, slots=True)
 class Quantization(Effect):
-    """Round grey values of 0 to 255 to ``2^bits`` levels.
+    """Round grey values of 0 to 255 to ``2^bits`` levels, the nearest, ties to even.
+
+    Not differentiable: the numbers are whole, and carry no gradient.
+
+    Source: W. R. Bennett, "Spectra of Quantized Signals", Bell Syst. Tech. J. 27, 1948: the error of a signal
+    that moves over many levels is uniform over one.
 
     Args:
         bits: 1 to 16; 8 bits give uint8 frames, other depths floating grey values on a coarser or finer grid.

@@ -12,7 +12,11 @@ from vocc_torch.simulation.effects.base import Context, Effect, Quantity
 
 @dataclass(frozen=True, slots=True)
 class Saturation(Effect):
-    """Clip grey values at 255.
+    """Clip grey values at 255, the white of 8 bits.
+
+    Differentiable; what is clipped carries no gradient.
+
+    Source: the paper, Fig. 21, whose contrast is a share of 255.
 
     Example:
         >>> Saturation().gives.value

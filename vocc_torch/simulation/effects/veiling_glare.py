@@ -37,6 +37,8 @@ class VeilingGlare(Effect):
     for a dusty windscreen and lens; a clean lens scatters less. The angle to the panel stands for the whole
     frame, so the veil is uniform. The source itself is outside the view. Differentiable in the light.
 
+    Source: CIE 146:2002, where the veil follows from its source.
+
     Args:
         luminance_cd_m2: the veil, cd/m2, above 0.
         glare_illuminance_lx: illuminance by the source on the plane of the lens, lx, above 0; a low sun gives
