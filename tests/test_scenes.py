@@ -147,7 +147,8 @@ def test_the_paper_scene_without_blooming_convolves_nothing():
 
 
 def test_the_paper_scene_draws_no_random_numbers(monkeypatch):
-    monkeypatch.setattr(FrameKey, "generator", alarm(FrameKey.generator))
+    for stream in ("generator", "tiles"):
+        monkeypatch.setattr(FrameKey, stream, alarm(getattr(FrameKey, stream)))
     shot(plan_of())
     with pytest.raises(AssertionError, match="was touched"):
         shot(plan_of("scene=night"))

@@ -1,0 +1,144 @@
+"""What is rendered: crops until an effect fills the sensor, windows where corners are known, whole frames."""
+
+import cv2
+import numpy as np
+import pytest
+import torch
+from test_every_effect import KINDS, PARAMETERS
+
+from vocc_torch import Scene, Simulator
+from vocc_torch.rng import BlockKey, FrameKey
+from vocc_torch.simulation import Camera, LedPanel
+from vocc_torch.simulation.effects import Quantity
+from vocc_torch.simulation.framing import crop_origins_px, lay_on_sensor, window_size_px
+from vocc_torch.simulation.geometry import panel_corners_m
+from vocc_torch.simulation.simulator import PAPER_EFFECTS
+
+SMALL = Camera(width_px=480, height_px=272, sensor_width_mm=13.2 / 4)
+KEYS = [FrameKey(BlockKey(0, "framing", 0), frame) for frame in range(3)]
+ROOM = {"pose": {"yaw_deg": ["uniform", -40, 40], "pitch_deg": 15, "roll_deg": ["uniform", -30, 30]}}
+
+
+def chain(name):
+    """The paper's effects and one more with what it needs."""
+    named = {**PAPER_EFFECTS, name: (PARAMETERS | ROOM)[name]}
+    if KINDS[name].takes == Quantity.ELECTRONS or name == "photoelectrons":
+        named |= {key: PARAMETERS[key] for key in ("photoelectrons", "gain")}
+    return named
+
+
+def shots(effects, **settings):
+    """Three scenes: in the middle, off it, and cut by the sensor's border."""
+    places = ((0.0, 0.0, 40.0), (1.0, -0.4, 45.0), (-2.6, 1.3, 40.0))
+    scene = Scene.cat([Scene.of(offset_x_m=x, offset_y_m=y, distance_m=d) for x, y, d in places])
+    source = torch.Generator().manual_seed(1)
+    bits = torch.rand(3, 8, 8, generator=source) < 0.5
+    only = settings.pop("panel_only", False)
+    simulator = Simulator(SMALL, effects=effects, **settings)
+    return simulator.render(scene, bits, keys=KEYS, panel_only=only)
+
+
+@pytest.mark.parametrize("name", list(KINDS))
+def test_a_crop_laid_on_the_sensor_is_the_frame_rendered_whole(name):
+    """Bitwise, for every effect: also where the rest of the chain runs on frames that it has filled."""
+    filled, full = (shots(chain(name), framing=framing) for framing in ("filled", "full"))
+    assert torch.equal(filled.grey, full.grey)
+    assert filled.surround is None
+    assert not filled.origin_px.any()
+
+
+@pytest.mark.parametrize("name", [name for name, kind in KINDS.items() if kind.fills_sensor])
+def test_a_window_has_the_very_pixels_of_the_frame(name):
+    """Noise, patterns, mosaic and blocks included, but for a border that a blur or a mosaic sees."""
+    near, full = (shots(chain(name), panel_only=only) for only in (True, False))
+    height, width = near.grey.shape[-2:]
+    assert (height, width) < SMALL.sensor_px
+    assert near.surround is None
+    inner = slice(8, -8)
+    for i, (x, y) in enumerate(near.origin_px.tolist()):
+        assert x % 8 == y % 8 == 0
+        part = full.grey[i, 0, y : y + height, x : x + width]
+        assert torch.equal(part[inner, inner], near.grey[i, 0, inner, inner])
+
+
+@pytest.mark.parametrize("name", [name for name, kind in KINDS.items() if not kind.fills_sensor])
+def test_without_an_effect_that_fills_the_sensor_a_window_is_the_crop(name):
+    near, crop = (shots(chain(name), panel_only=only) for only in (True, False))
+    assert torch.equal(near.grey, crop.grey)
+    assert torch.equal(near.surround, crop.surround)
+
+
+def test_only_the_sensor_the_mosaic_and_the_surroundings_fill_the_frame():
+    filling = {name for name, kind in KINDS.items() if kind.fills_sensor}
+    surroundings = {"background_texture", "lamps", "second_panel"}
+    sensor = {"prnu", "hot_pixels", "shot_noise", "dsnu", "row_noise", "read_noise"}
+    assert filling == surroundings | sensor | {"vignetting", "bayer", "jpeg"}
+
+
+@pytest.mark.parametrize("side", range(60, 80))
+def test_a_window_holds_the_crop_wherever_it_lies(side):
+    sensor = (272, 480)
+    size = window_size_px((side, side), sensor)
+    centres = torch.rand(200, 2, generator=torch.Generator().manual_seed(side)) * torch.tensor([480.0, 272.0])
+    crops = crop_origins_px(centres, (side, side), sensor)
+    windows = crop_origins_px(centres, size, sensor, grid_px=8)
+    assert not (windows % 8).any()
+    assert bool((windows <= crops).all())
+    assert bool((windows + torch.tensor([size[1], size[0]]) >= crops + side).all())
+
+
+def test_laying_crops_on_the_sensor_is_numpys_assignment():
+    source = torch.Generator().manual_seed(0)
+    crops, origins = torch.rand(3, 1, 5, 7, generator=source), torch.tensor([[0, 0], [33, 15], [3, 9]])
+    full = lay_on_sensor(crops, torch.tensor([1.0, 2.0, 3.0]), origins, (20, 40))
+    for i, (x, y) in enumerate(origins.tolist()):
+        wanted = np.full((20, 40), i + 1.0, dtype=np.float32)
+        wanted[y : y + 5, x : x + 7] = crops[i, 0].numpy()
+        assert np.array_equal(full[i, 0].numpy(), wanted)
+
+
+def opencv_corners(scene, camera, k1, k2):
+    """OpenCV's image of the corners of an upright panel through a radially distorted lens."""
+    focal, middle = camera.focal_length_px, (camera.width_px / 2, camera.height_px / 2)
+    matrix = np.array([[focal, 0, middle[0]], [0, focal, middle[1]], [0, 0, 1]])
+    corners = np.pad(panel_corners_m(LedPanel()).numpy(), ((0, 0), (0, 1)))
+    shift = np.array([float(scene.offset_x_m), float(scene.offset_y_m), float(scene.distance_m)])
+    seen, _ = cv2.projectPoints(corners, np.zeros(3), shift, matrix, np.array([k1, k2, 0, 0, 0.0]))
+    return seen[:, 0]
+
+
+def test_true_corners_are_opencvs_through_a_distorted_lens():
+    scene = Scene.of(offset_x_m=2.0, offset_y_m=-1.0, distance_m=20.0)
+    simulator = Simulator(effects={"lens_distortion": {"k1": -0.25, "k2": 0.1}})
+    ours = simulator.true_panels(scene).corners_px[0].numpy()
+    assert np.abs(ours - opencv_corners(scene, simulator.camera, -0.25, 0.1)).max() < 1e-9
+    assert np.abs(ours - opencv_corners(scene, simulator.camera, 0.0, 0.0)).max() > 0.5
+
+
+def test_true_corners_turn_with_each_frames_own_pose():
+    """The drawn angles are those of the frame's key: rendering and evaluation see one panel."""
+    scene = Scene.of(3, distance_m=30.0)
+    simulator = Simulator(effects={"pose": {"roll_deg": ["uniform", -40, 40]}})
+    corners = simulator.true_panels(scene, KEYS).corners_px
+    side = corners[:, 1] - corners[:, 0]
+    angles = torch.rad2deg(torch.atan2(side[:, 1], side[:, 0]))
+    assert len({round(float(angle), 6) for angle in angles}) == 3
+    on = torch.zeros(3, 8, 8, dtype=torch.bool)
+    on[:, 0, :] = True
+    frames = simulator.render(scene, on, keys=KEYS)
+    light = (frames.grey - frames.surround.view(-1, 1, 1, 1)).double().clamp(min=60) - 60
+    for i in range(3):
+        rows, columns = np.nonzero(light[i, 0].numpy())
+        along = np.polyfit(columns, rows, 1, w=light[i, 0].numpy()[rows, columns])[0]
+        assert abs(np.rad2deg(np.arctan(along)) - float(angles[i])) < 0.5
+
+
+def test_a_panel_that_is_not_turned_is_drawn_as_without_perspective():
+    """Ellipses of upright panels are the discs of the direct way, to rounding."""
+    scene, on = Scene.of(2, distance_m=33.3, offset_x_m=0.7), torch.ones(2, 8, 8, dtype=torch.bool)
+    still = {"pose": {"roll_deg": ["choice", 0.0, 1e-10]}}
+    ours, plain = (
+        Simulator(effects=effects, dtype=torch.float64, framing="full").render(scene, on, keys=KEYS[:2])
+        for effects in (still, {})
+    )
+    assert float((ours.grey - plain.grey).abs().max()) < 1e-5
