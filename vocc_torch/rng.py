@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -53,8 +54,32 @@ class BlockKey:
 
     def generator(self, stream: str) -> np.random.Generator:
         """Give a fresh generator of the named stream; the same name gives the same numbers again."""
-        entropy = [self.seed, self.block, *_words(self.point), *_words(stream)]
-        return np.random.Generator(np.random.PCG64(np.random.SeedSequence(entropy)))
+        return np.random.Generator(np.random.PCG64(self._sequence(stream)))
+
+    def tiles(self, stream: str) -> Callable[[int, int], np.random.Generator]:
+        """Give a fresh generator of each tile of a plane, by its row and column, of the named stream.
+
+        A tile's numbers do not depend on which other tiles are drawn. They come from SFC64, the quickest of
+        NumPy's generators, which makes up for the time that a seed for each tile costs.
+
+        Example:
+            >>> tile = BlockKey(seed=0, point="train", block=3).tiles("effect.read_noise")
+            >>> float(tile(2, 5).random()) == float(tile(2, 5).random())
+            True
+            >>> float(tile(2, 5).random()) == float(tile(5, 2).random())
+            False
+        """
+        root = self._sequence(stream).generate_state(4)
+
+        def tile(row: int, column: int) -> np.random.Generator:
+            sequence = np.random.SeedSequence(root, spawn_key=(row, column))
+            return np.random.Generator(np.random.SFC64(sequence))
+
+        return tile
+
+    def _sequence(self, stream: str) -> np.random.SeedSequence:
+        """Give the seeds of the named stream."""
+        return np.random.SeedSequence([self.seed, self.block, *_words(self.point), *_words(stream)])
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,9 +120,15 @@ class FrameKey:
             stream: the name.
             of_scene: draw what belongs to the scene and so is the same in all its takes, not to one picture.
         """
-        return self.block.generator(
-            f"{stream}/{self.frame}" if of_scene else f"{stream}/{self.take}/{self.frame}"
-        )
+        return self.block.generator(f"{stream}/{self.frame}" if of_scene else self._of_picture(stream))
+
+    def tiles(self, stream: str) -> Callable[[int, int], np.random.Generator]:
+        """Give a fresh generator of each tile of this picture; see :meth:`BlockKey.tiles`."""
+        return self.block.tiles(self._of_picture(stream))
+
+    def _of_picture(self, stream: str) -> str:
+        """Name a stream that belongs to one picture, not to its scene."""
+        return f"{stream}/{self.take}/{self.frame}"
 
 
 def sensor_generator(seed: int, stream: str) -> np.random.Generator:

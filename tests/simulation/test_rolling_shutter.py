@@ -129,7 +129,7 @@ def test_shares_add_to_one_and_go_forward_in_time_down_the_rows(readout, symbols
 
 
 def test_light_is_what_sampled_time_says():
-    """Each row's exposure in 4000 instants: which symbol shows then, by the clock; off by one instant each."""
+    """Each row's exposure in 4000 instants: which symbol shows then; ends are off by one instant."""
     scene, bits = scenes(6), random_bits(6)
     effect = RollingShutter(readout_s=0.9, symbol_s=0.13)
     where = context(scene)
@@ -194,6 +194,15 @@ def test_rows_away_from_the_panel_keep_its_outermost_symbols():
         assert bool((shares[number, rows] >= shares[number, [first, last][rows.start > 0]]).all())
         assert float(shares[:, rows].amax(dim=1).count_nonzero()) <= 2
     assert shares[seen[0], 0] == shares[seen[-1], 100] == 1
+
+
+def test_the_truth_shows_on_the_sensors_nearest_row_where_the_centre_is_beyond_its_border():
+    """A part of the panel is seen; begun 30 % of a symbol ago, the truth has 80 % of the border's row."""
+    effect = RollingShutter(readout_s=FULL_READOUT, symbol_s=0.1)
+    for offset, border in ((-0.65, 0), (0.65, 100)):
+        where = Context(Scene.of(distance_m=40.0, offset_y_m=offset), SMALL, [FixedPhase(0.3)])
+        shares = effect.row_shares(where, 101)[0]
+        assert float(shares[len(shares) // 2, border]) == pytest.approx(0.8, abs=1e-9)
 
 
 def test_a_panel_that_the_sensor_does_not_show_is_no_trouble():

@@ -65,7 +65,9 @@ def paint(lights: Tensor, shares: Tensor | None, context: Context, size: Size, d
     if behind or before:
         covered = torch.zeros_like(canvas)
         add_patches(covered, cover, frame, left, top)
-        canvas = canvas + covered * (reflected.view(-1, 1, 1) - canvas)
+        # An LED hides what lies behind it: the board, wherever there is one.
+        hidden = canvas if panel.board_reflectance is None else between.view(-1, 1, 1)
+        canvas = canvas + covered * (reflected.view(-1, 1, 1) - hidden)
         for effect in before:
             canvas = effect(canvas.unsqueeze(1), context).squeeze(1).contiguous()
     else:

@@ -150,11 +150,13 @@ def ellipse_cover(centre_px: Tensor, spread_px2: Tensor, size: int) -> tuple[Ten
     half = spread_px2.diagonal(dim1=-2, dim2=-1).sqrt()
     bounds = half.prod(dim=-1)
     covariance = spread_px2[:, 0, 1]
-    root = (bounds * bounds - covariance * covariance).sqrt()
+    # Seen edge-on an ellipse has no area, and rounding would leave a root of less than none.
+    root = (bounds * bounds - covariance * covariance).clamp(min=0).sqrt()
+    sine = (root / bounds).clamp(min=1e-9)
     low = torch.floor(centre_px - half)
     edges = torch.arange(size + 1, dtype=centre_px.dtype, device=centre_px.device)
     u, v = ((low - centre_px).unsqueeze(-1) + edges).div(half.unsqueeze(-1)).unbind(dim=1)
-    area = disc_wedge_area(u, v, covariance / bounds, root / bounds)
+    area = disc_wedge_area(u, v, covariance / bounds, sine)
     cover = area[:, 1:, 1:] - area[:, :-1, 1:] - area[:, 1:, :-1] + area[:, :-1, :-1]
     left, top = low.long().unbind(dim=-1)
     return (cover * root.view(-1, 1, 1)).clamp_(0, 1), left, top

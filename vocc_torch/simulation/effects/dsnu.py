@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import ClassVar
 
+import numpy as np
 from torch import Tensor
 
 from vocc_torch.simulation.effects.base import Context, Effect, Quantity
-from vocc_torch.simulation.effects.noise_planes import sensor_planes, standard_normals
+from vocc_torch.simulation.effects.noise_planes import Plane, SensorPattern, standard_normals
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,6 +36,7 @@ class Dsnu(Effect):
     """
 
     electrons: float
+    _pattern: SensorPattern = field(default_factory=SensorPattern, init=False, repr=False, compare=False)
 
     name: ClassVar[str] = "dsnu"
     takes: ClassVar[Quantity] = Quantity.ELECTRONS
@@ -45,7 +47,11 @@ class Dsnu(Effect):
         """Check the range."""
         self.demand("electrons", 0, 100_000, above=True, hint="leave the effect out for none")
 
+    def _offset(self, generator: np.random.Generator, size: tuple[int, int]) -> Plane:
+        """Draw the offsets of a tile."""
+        return np.float32(self.electrons) * standard_normals(generator, size)
+
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Add each pixel's offset to (B,1,H,W) electrons."""
         size = int(value.shape[-2]), int(value.shape[-1])
-        return value + self.electrons * sensor_planes(context, self.name, size, standard_normals).to(value)
+        return value + self._pattern.planes(context, self.name, size, self._offset).to(value)

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
+import torch
 from torch import Tensor
 
 from vocc_torch.simulation.effects.base import Context, Effect, Quantity
-from vocc_torch.simulation.effects.noise_planes import sensor_planes
+from vocc_torch.simulation.effects.noise_planes import Plane, SensorPattern
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +39,7 @@ class HotPixels(Effect):
 
     share: float
     electrons_per_s: float
+    _pattern: SensorPattern = field(default_factory=SensorPattern, init=False, repr=False, compare=False)
 
     name: ClassVar[str] = "hot_pixels"
     takes: ClassVar[Quantity] = Quantity.ELECTRONS
@@ -50,12 +51,12 @@ class HotPixels(Effect):
         self.demand("share", 0, 1, above=True, hint="leave the effect out for none")
         self.demand("electrons_per_s", 0, 1e9, above=True, hint="leave the effect out for none")
 
-    def _hot(self, generator: np.random.Generator, size: tuple[int, int]) -> NDArray[np.float32]:
+    def _hot(self, generator: np.random.Generator, size: tuple[int, int]) -> Plane:
         """Mark the hot pixels of a tile with 1."""
         return (generator.random(size) < self.share).astype(np.float32)
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Add the hot pixels' charge to (B,1,H,W) electrons."""
         size = int(value.shape[-2]), int(value.shape[-1])
-        charge = self.electrons_per_s * context.camera.exposure_time_s
-        return value + charge * sensor_planes(context, self.name, size, self._hot).to(value)
+        hot = self._pattern.planes(context, self.name, size, self._hot).to(value)
+        return torch.add(value, hot, alpha=self.electrons_per_s * context.camera.exposure_time_s)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import torch
-from kornia.color import rgb_to_grayscale
+from kornia.color import ycbcr_to_rgb
 from kornia.enhance import jpeg_codec_differentiable
 from torch import Tensor
 
@@ -16,7 +16,13 @@ from vocc_torch.simulation.effects.noise_planes import origins_px
 
 BLOCK_PX = 8
 STRIP_ROWS = 128
-"""Rows coded at a time, whole blocks: their working arrays stay in the processor's cache."""
+"""Rows coded at a time, whole blocks; with ``STRIP_PIXELS`` their working arrays stay in the cache."""
+
+STRIP_PIXELS = 131_072
+"""Pixels coded at a time, of as many frames as that is."""
+
+NEUTRAL = 128 / 255
+"""The chroma that the codec takes for none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,14 +30,14 @@ class Jpeg(Effect):
     """Encode and decode 8-bit frames by Kornia's differentiable JPEG codec.
 
     Blocks of 8 x 8 pixels are cosine transformed, divided by the standard's luminance table scaled by the
-    quality, rounded and transformed back. The frame goes in as grey RGB and its luma is taken. Kornia's
+    quality, rounded and transformed back. The frame goes in as luma and luma is taken. Kornia's
     codec rounds softly, by ``round(x) + (x - round(x))^3``, and its tables with it, so that it stays near
     JPEG rather than being it: on noisy frames at qualities of 30 to 95 it differs from libjpeg by 0.6 grey
     levels in the mean and by 10 at most, where JPEG itself changes the frame by 1.5 to 4.
 
     The blocks lie on the sensor's grid. It fills the sensor, since a crop off that grid would be coded
-    otherwise, and such a crop is refused. Each frame is coded by itself, in strips of whole blocks, so that
-    the batch does not change it. Whole numbers in and out carry no gradient.
+    otherwise, and such a crop is refused. One of whole blocks, or cut by the sensor, is coded as its part of
+    the full frame, whatever the batch. Whole numbers in and out carry no gradient.
 
     Source: ITU-T T.81 (1992); C. Reich et al., "Differentiable JPEG: the devil is in the details", WACV 2024.
 
@@ -75,17 +81,26 @@ class Jpeg(Effect):
                 raise VoccError(
                     f"scene.effects.jpeg got a crop at {at}: it must lie on the grid of {BLOCK_PX} px"
                 )
-        height = value.shape[-2]
+        height, width = value.shape[-2:]
         coded = torch.empty_like(value)
-        for frame in range(len(value)):
+        several = max(1, STRIP_PIXELS // (min(height, STRIP_ROWS) * width))
+        for first in range(0, len(value), several):
             for top in range(0, height, STRIP_ROWS):
-                part = slice(frame, frame + 1), slice(None), slice(top, top + STRIP_ROWS)
+                part = slice(first, first + several), slice(None), slice(top, top + STRIP_ROWS)
                 coded[part] = self._coded(value[part])
         return coded
 
-    def _coded(self, strip: Tensor) -> Tensor:
-        """Code one strip, (1,1,rows,W) uint8."""
-        quality = torch.full((1,), float(self.quality), device=strip.device)
-        grey_rgb = (strip.to(torch.float32) / 255.0).expand(-1, 3, -1, -1)
-        luma = rgb_to_grayscale(jpeg_codec_differentiable(grey_rgb, quality)) * 255.0
+    def _coded(self, strips: Tensor) -> Tensor:
+        """Code strips, (B,1,rows,W) uint8.
+
+        Grey RGB would have a chroma of 127.5, which the codec rounds and carries about, in steps that hang
+        on the size of the strip. So the strips are tinted to the chroma that it takes for none.
+        """
+        neutral = torch.tensor([0.5, NEUTRAL, NEUTRAL], device=strips.device)
+        tint = ycbcr_to_rgb(neutral.view(3, 1, 1)) - 0.5
+        quality = torch.full((1,), float(self.quality), device=strips.device)
+        rgb = jpeg_codec_differentiable(strips.to(torch.float32) / 255.0 + tint, quality)
+        # Red ends above white and green below black, where the codec cuts them off.
+        red, green = rgb[:, :1] - tint[0], rgb[:, 1:2] - tint[1]
+        luma = torch.where(green > 0.5, green, red) * 255.0
         return torch.round(luma).clamp(0, 255).to(torch.uint8)

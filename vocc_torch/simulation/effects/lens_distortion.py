@@ -118,15 +118,16 @@ class LensDistortion(PointEffect):
     ) -> tuple[float, float]:
         """Bound the image of what is ``size_px`` without distortion, wherever it lies on the sensor.
 
-        The Jacobian's diagonal is at most the greatest stretch; off it stands at most half of the difference
-        between the stretches along and around, by which height adds to width.
+        With the stretches a along the radius and g around the middle, whose axes may have any direction, the
+        Jacobian makes of a width w and a height h at most the width
+        ``w (a + g) / 2 + hypot(w, h) |a - g| / 2``; the bound is the greatest of these on the sensor.
         """
-        edge = self.corner_radius(camera) ** 2
-        greatest = max(_extreme(stretch, edge) for stretch in (self._along, self._around))
-        difference = self._along - self._around
-        shear = max(_extreme(difference, edge), _extreme(-difference, edge)) / 2
-        height, width = size_px
-        return greatest * height + shear * width, greatest * width + shear * height
+        edge, diagonal = self.corner_radius(camera) ** 2, math.hypot(*size_px)
+        mean, half = (self._along + self._around) / 2, (self._along - self._around) / 2
+        height, width = (
+            max(_extreme(mean * side + half * sign * diagonal, edge) for sign in (-1, 1)) for side in size_px
+        )
+        return height, width
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Move (B,N,2) points."""

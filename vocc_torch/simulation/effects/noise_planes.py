@@ -24,7 +24,6 @@ TILE_PX = 128
 
 Plane = NDArray[np.float32]
 Draw = Callable[[np.random.Generator, tuple[int, int]], Plane]
-TileStreams = Callable[[int, int], np.random.Generator]
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,9 +36,9 @@ class TilePart:
     in_tile: tuple[slice, slice]
 
     @property
-    def drawn(self) -> tuple[int, int]:
-        """Rows and columns of the tile to be drawn: numbers come row by row, so those below are left out."""
-        return self.in_tile[0].stop, TILE_PX
+    def rows(self) -> int:
+        """How many of the tile's rows must be drawn: numbers come row by row, so those below are left out."""
+        return int(self.in_tile[0].stop)
 
 
 def tile_parts(origin_px: tuple[int, int], size: tuple[int, int]) -> Iterator[TilePart]:
@@ -74,18 +73,24 @@ def origins_px(context: Context) -> list[tuple[int, int]]:
     return [(x, y) for x, y in context.origin_px.tolist()]
 
 
-def tile_streams(context: Context, stream: str) -> list[TileStreams]:
-    """Give each picture's random streams, by tile row and column.
+def picture_tiles(
+    context: Context, stream: str, size: tuple[int, int]
+) -> Iterator[list[tuple[TilePart, np.random.Generator]]]:
+    """Give the tiles that each frame touches, each with the random stream of this picture there.
 
     Args:
-        context: names the frames.
+        context: names the frames and says where each lies on the sensor.
         stream: name of the effect.
+        size: rows and columns of a frame.
 
     Raises:
         VoccError: frames without keys.
     """
     _demand_keys(context, stream)
-    return [key.tiles(f"effect.{stream}") for key in context.keys]
+    for key, origin in zip(context.keys, origins_px(context), strict=True):
+        generator = key.tiles(f"effect.{stream}")
+        # All before the first is drawn from: taking turns costs a tenth of the drawing.
+        yield [(part, generator(part.row, part.column)) for part in tile_parts(origin, size)]
 
 
 def frame_normals(context: Context, stream: str, size: tuple[int, int], sigma: float) -> Tensor:
@@ -105,11 +110,9 @@ def frame_normals(context: Context, stream: str, size: tuple[int, int], sigma: f
     """
     planes = np.empty((len(context.scene), *size), dtype=np.float32)
     numbers = np.empty((TILE_PX, TILE_PX), dtype=np.float32)
-    places = zip(planes, tile_streams(context, stream), origins_px(context), strict=True)
-    for plane, streams, origin in places:
-        for part in tile_parts(origin, size):
-            generator = streams(part.row, part.column)
-            generator.standard_normal(out=numbers[: part.drawn[0]], dtype=np.float32)
+    for plane, tiles in zip(planes, picture_tiles(context, stream, size), strict=True):
+        for part, generator in tiles:
+            generator.standard_normal(out=numbers[: part.rows], dtype=np.float32)
             np.multiply(numbers[part.in_tile], np.float32(sigma), out=plane[part.in_window])
     return torch.from_numpy(planes).unsqueeze(1)
 
@@ -166,10 +169,10 @@ class SensorPattern:
         return torch.stack([planes[place] for place in places]).unsqueeze(1)
 
     def _kept_of(self, seed: int, sensor_px: tuple[int, int], end: tuple[int, int]) -> _Kept:
-        """Give the plane of a run, a new one where the kept one is another run's or too small."""
+        """Give the plane of a run, a new one where the kept one is of another run or sensor."""
         kept = self._kept
-        if kept is None or kept.seed != seed or kept.plane.shape < end or kept.plane.shape[1] < end[1]:
-            rows, columns = (-(-max(pair) // TILE_PX) * TILE_PX for pair in zip(sensor_px, end, strict=True))
+        rows, columns = (-(-max(pair) // TILE_PX) * TILE_PX for pair in zip(sensor_px, end, strict=True))
+        if kept is None or (kept.seed, *kept.plane.shape) != (seed, rows, columns):
             kept = self._kept = _Kept(seed, np.empty((rows, columns), dtype=np.float32), set())
         return kept
 

@@ -81,7 +81,8 @@ class Occlusion(Effect):
         low, high = corners.amin(dim=1), corners.amax(dim=1)
         draws = np.stack([g.random(2) for g in context.generators(self.name, of_scene=True)])
         centre = low + torch.from_numpy(draws).to(low) * (high - low)
-        reach = (high - low) * torch.tensor([self.width_share, self.height_share]).to(low) / 2
+        shares = torch.tensor([self.width_share, self.height_share], dtype=torch.float64).to(low)
+        reach = (high - low) * shares / 2
         return centre - reach, centre + reach
 
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import ClassVar
 
+import numpy as np
 from torch import Tensor
 
 from vocc_torch.simulation.effects.base import Context, Effect, Quantity
-from vocc_torch.simulation.effects.noise_planes import sensor_planes, standard_normals
+from vocc_torch.simulation.effects.noise_planes import Plane, SensorPattern, standard_normals
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,6 +37,7 @@ class Prnu(Effect):
     """
 
     share: float
+    _pattern: SensorPattern = field(default_factory=SensorPattern, init=False, repr=False, compare=False)
 
     name: ClassVar[str] = "prnu"
     takes: ClassVar[Quantity] = Quantity.ELECTRONS
@@ -46,8 +48,12 @@ class Prnu(Effect):
         """Check the range."""
         self.demand("share", 0, 0.2, above=True, hint="leave the effect out for none")
 
+    def _response(self, generator: np.random.Generator, size: tuple[int, int]) -> Plane:
+        """Draw the response of a tile."""
+        response = 1 + np.float32(self.share) * standard_normals(generator, size)
+        return response.clip(min=0)
+
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Multiply (B,1,H,W) electrons by each pixel's response."""
         size = int(value.shape[-2]), int(value.shape[-1])
-        pattern = sensor_planes(context, self.name, size, standard_normals).to(value)
-        return value * (1 + self.share * pattern).clamp(min=0)
+        return value * self._pattern.planes(context, self.name, size, self._response).to(value)

@@ -45,4 +45,4 @@ class ReadNoise(Effect):
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Add noise to (B,1,H,W) electrons."""
         size = int(value.shape[-2]), int(value.shape[-1])
-        return value + self.electrons * frame_normals(context, self.name, size).to(value)
+        return value + frame_normals(context, self.name, size, self.electrons).to(value)

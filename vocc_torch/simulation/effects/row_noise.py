@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
+import numpy as np
 import torch
 from torch import Tensor
 
 from vocc_torch.simulation.effects.base import Context, Effect, Quantity
-from vocc_torch.simulation.effects.noise_planes import frame_normals, origins_px
+from vocc_torch.simulation.effects.noise_planes import origins_px
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,9 +46,9 @@ class RowNoise(Effect):
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Add the rows' offsets to (B,1,H,W) electrons."""
-        offsets = frame_normals(context, self.name, (context.camera.height_px, 1))
-        height = value.shape[-2]
-        rows = torch.stack(
-            [o[:, y : y + height] for o, (_, y) in zip(offsets, origins_px(context), strict=True)]
-        )
-        return value + self.electrons * rows.to(value)
+        height, sensor_rows = value.shape[-2], context.camera.height_px
+        rows = [
+            torch.from_numpy(generator.standard_normal(sensor_rows, dtype=np.float32)[y : y + height])
+            for generator, (_, y) in zip(context.generators(self.name), origins_px(context), strict=True)
+        ]
+        return value + self.electrons * torch.stack(rows).view(-1, 1, height, 1).to(value)

@@ -75,13 +75,17 @@ class SecondPanel(Effect):
         self._check(panel)
         offset_m = torch.tensor([self.offset_x_m, self.offset_y_m], dtype=torch.float64)
         painted, leds_m = value.clone(), (offset_m + led_centres_m(panel)).to(scene.distance_m.device)
-        if panel.board_reflectance is not None:
-            board = reflected_luminance_cd_m2(scene.ambient_lx, panel.board_reflectance)
-            boards = board.repeat_interleave(panel.shape.leds)
-            _lay(painted, _board_patches(leds_m, value, context), boards, torch.zeros_like(boards))
         surface = reflected_luminance_cd_m2(scene.ambient_lx, panel.led_reflectance)
-        surfaces = surface.repeat_interleave(panel.shape.leds)
-        _lay(painted, _led_patches(leds_m, value, context), surfaces, self._lights(context).flatten())
+        seen = (surface.view(-1, 1, 1) + self._lights(context)).flatten()
+        leds = _led_patches(leds_m, value, context)
+        if panel.board_reflectance is None:
+            _lay(painted, leds, seen, opaque=True)
+            return painted
+        board = reflected_luminance_cd_m2(scene.ambient_lx, panel.board_reflectance)
+        boards = board.repeat_interleave(panel.shape.leds)
+        _lay(painted, _board_patches(leds_m, value, context), boards, opaque=True)
+        # What an LED covers is board, also in a pixel that the board's edge crosses.
+        _lay(painted, leds, seen - boards, opaque=False)
         return painted
 
     def _check(self, panel: LedPanel) -> None:
@@ -157,7 +161,8 @@ def _board_patches(leds_m: Tensor, value: Tensor, context: Context) -> _Patches:
 
 def _has_image(view: View, points_m: Tensor, radius_m: float, context: Context) -> Tensor:
     """Tell which of (N,2) points lie before the camera and where the lens has an image of them, (B,N)."""
-    points = points_m @ view.placement[..., :2].mT + view.placement[..., 2].unsqueeze(-2)
+    right, down, centre = view.placement.unsqueeze(1).unbind(dim=-1)
+    points = centre + points_m[:, :1] * right + points_m[:, 1:] * down
     limits = [e.limit(context.camera) for e in view.effects if isinstance(e, LensDistortion)]
     depth, off_axis = points[..., 2], points[..., :2].square().sum(dim=-1).sqrt()
     # A disc that touches the plane of the camera has no ellipse for its image.
@@ -189,8 +194,8 @@ def _origins(context: Context) -> Tensor:
     return context.origin_px.to(scene.distance_m.device)
 
 
-def _lay(painted: Tensor, patches: _Patches, surface: Tensor, light: Tensor) -> None:
-    """Lay shapes of (N,) surface luminance and own light over (B,1,H,W) luminance, in place."""
+def _lay(painted: Tensor, patches: _Patches, luminance: Tensor, *, opaque: bool) -> None:
+    """Lay shapes of (N,) luminance over (B,1,H,W) luminance, in place; add them where they are not opaque."""
     if len(patches.which) == 0:
         return
     side, ends = patches.cover.shape[-1], painted.shape[-2:]
@@ -201,7 +206,7 @@ def _lay(painted: Tensor, patches: _Patches, surface: Tensor, light: Tensor) -> 
     window = painted[:, 0, rows, columns]
     covered, added = torch.zeros_like(window), torch.zeros_like(window)
     places = patches.frame, patches.left - columns.start, patches.top - rows.start
-    add_patches(covered, patches.cover, *places)
-    luminance = (surface + light)[patches.which].view(-1, 1, 1)
-    add_patches(added, patches.cover * luminance, *places)
+    add_patches(added, patches.cover * luminance[patches.which].view(-1, 1, 1), *places)
+    if opaque:
+        add_patches(covered, patches.cover, *places)
     painted[:, 0, rows, columns] = window * (1 - covered) + added

@@ -12,10 +12,10 @@ from torch import Tensor
 
 from vocc_torch.errors import VoccError
 from vocc_torch.simulation.effects.base import Context, Effect, Quantity
+from vocc_torch.simulation.effects.noise_planes import TILE_PX, TilePart, picture_tiles
 from vocc_torch.simulation.poisson import poisson_quantile
 
-BLOCK_PIXELS = 8192
-"""Pixels drawn at a time: their working arrays stay in the processor's cache."""
+Frame = NDArray[np.float32] | NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,18 +52,23 @@ class ShotNoise(Effect):
         Raises:
             VoccError: a mean that is not a number.
         """
-        # Rounding in an earlier effect may leave a black pixel a hair below zero.
-        means = value.detach().to("cpu", torch.float64).clamp(min=0).flatten(1).numpy()
-        if np.isnan(means).any():
-            raise VoccError("scene.effects.shot_noise got a mean number of electrons that is not a number")
+        means = value.detach().to("cpu").squeeze(1).numpy()
         counts = np.empty_like(means)
-        for mean, count, generator in zip(means, counts, context.generators(self.name), strict=True):
-            _draw(mean, count, generator)
-        return torch.from_numpy(counts).to(value).view(value.shape)
+        for mean, count, tiles in zip(
+            means, counts, picture_tiles(context, self.name, means.shape[1:]), strict=True
+        ):
+            _draw(mean, count, tiles)
+        return torch.from_numpy(counts).unsqueeze(1).to(value)
 
 
-def _draw(mean: NDArray[np.float64], counts: NDArray[np.float64], generator: np.random.Generator) -> None:
-    """Fill one frame's counts."""
-    for start in range(0, mean.size, BLOCK_PIXELS):
-        part = slice(start, start + BLOCK_PIXELS)
-        counts[part] = poisson_quantile(mean[part], generator.standard_normal(mean[part].size))
+def _draw(mean: Frame, counts: Frame, tiles: list[tuple[TilePart, np.random.Generator]]) -> None:
+    """Fill one frame's counts, tile by tile: the working arrays stay in the processor's cache."""
+    normals = np.empty((TILE_PX, TILE_PX))
+    for part, generator in tiles:
+        generator.standard_normal(out=normals[: part.rows])
+        tile = mean[part.in_window].astype(np.float64)
+        # Rounding in an earlier effect may leave a black pixel a hair below zero.
+        np.maximum(tile, 0.0, out=tile)
+        if np.isnan(tile).any():
+            raise VoccError("scene.effects.shot_noise got a mean number of electrons that is not a number")
+        counts[part.in_window] = poisson_quantile(tile, normals[part.in_tile])
