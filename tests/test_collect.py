@@ -389,3 +389,21 @@ def test_the_table_says_each_range_and_every_complaint_at_every_width(width):
 def test_receivers_come_in_the_order_of_the_job_with_most_of_them():
     assert all_receivers(facets()) == ["flda_agr", "flda_2", "flda_3"]
     assert all_receivers(facets()[:1]) == ["flda_2", "flda_3"]
+
+
+def test_scenes_are_told_apart_by_name_alone():
+    """What follows from a scene's name is left out; what a job changed on top of it is not."""
+
+    def job(name, scene, lux, seed=0):
+        settings = {
+            "scene.name": scene,
+            "scene.ambient_lx": lux,
+            "scene.camera.iso_limits": None,
+            "seed": seed,
+        }
+        return Job(name, "done", settings=settings)
+
+    jobs = [job("0", "paper", 4000.0), job("1", "night", 10.0), job("2", "night", 10.0, seed=1)]
+    assert differing_keys(jobs) == ["scene.name", "seed"]
+    assert label(jobs[1], ["scene.name", "seed"]) == "scene=night, seed=0"
+    assert differing_keys([*jobs, job("3", "night", 20.0)]) == ["scene.name", "scene.ambient_lx", "seed"]

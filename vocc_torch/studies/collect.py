@@ -23,7 +23,9 @@ _REPORT = "report.md"
 
 _NO_RESULT = ("task", "name", "input", "model", "device", "workers", "batch_frames", "tensorboard")
 """Keys that change no number of a result."""
-_OTHER_TASKS = ("decode.", "figures.")
+_OTHER_TASKS = ("decode.", "figures.", "effects.")
+_NAMES = ("experiment.name", "scene.name")
+"""Keys that name a whole group of settings."""
 
 
 @dataclass(frozen=True)
@@ -139,8 +141,8 @@ def _without_table(place: Path) -> tuple[Status, str]:
 def differing_keys(jobs: Sequence[Job]) -> list[str]:
     """Name the keys that tell the jobs apart, the experiment first, else in the order of the configuration.
 
-    Left out are keys that change no result, and those of an experiment that follow from its name. A key that
-    a configuration does not have counts as null there.
+    Left out are keys that change no result, and those of an experiment or a scene that follow from its name.
+    A key that a configuration does not have counts as null there.
 
     Args:
         jobs: those whose settings are not known are passed over.
@@ -157,13 +159,12 @@ def differing_keys(jobs: Sequence[Job]) -> list[str]:
         for key in keys
         if _changes_results(key) and len({setting_text(settings.get(key)) for settings in known}) > 1
     ]
-    name = "experiment.name"
-    if name not in named:
-        return named
-    named.remove(name)
-    return [name] + [
-        key for key in named if not key.startswith("experiment.") or not _follows(key, name, known)
-    ]
+    told = [name for name in _NAMES if name in named]
+    rest = [key for key in named if key not in told]
+    for name in told:
+        group = name.removesuffix("name")
+        rest = [key for key in rest if not key.startswith(group) or not _follows(key, name, known)]
+    return told + rest
 
 
 def _follows(key: str, other: str, known: Sequence[Mapping[str, object]]) -> bool:
@@ -203,7 +204,7 @@ def label(job: Job, keys: Sequence[str]) -> str:
         return "settings not known"
     last = [key.rpartition(".")[2] for key in keys]
     short = {key: word if last.count(word) == 1 else key for key, word in zip(keys, last, strict=True)}
-    short["experiment.name"] = "experiment"
+    short |= {name: name.removesuffix(".name") for name in _NAMES}
     return ", ".join(f"{short[key]}={setting_text(job.settings.get(key))}" for key in keys)
 
 

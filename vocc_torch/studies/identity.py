@@ -63,7 +63,8 @@ def identity(plan: Plan, locators: Sequence[Locator]) -> dict[str, object]:
 def _fields(value: object) -> dict[str, object]:
     """Give a dataclass's fields as plain values."""
     fields = dataclasses.fields(value)  # type: ignore[arg-type]  # called with instances of dataclasses only
-    return {field.name: _plain(getattr(value, field.name)) for field in fields}
+    # What cannot be given cannot tell two studies apart: it is what an instance keeps for itself.
+    return {field.name: _plain(getattr(value, field.name)) for field in fields if field.init}
 
 
 def _plain(value: object) -> object:
