@@ -1,9 +1,11 @@
 """A window of the sensor gets the very pixels that the full frame has there, whatever draws or codes them."""
 
 import copy
+import gc
 import itertools
 import math
 import pickle
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -37,6 +39,7 @@ from vocc_torch.simulation.effects.read_noise import ReadNoise
 from vocc_torch.simulation.effects.row_noise import RowNoise
 from vocc_torch.simulation.effects.shot_noise import ShotNoise
 from vocc_torch.simulation.geometry import Camera
+from vocc_torch.simulation.simulator import PAPER_EFFECTS, Simulator
 from vocc_torch.types import Scene
 
 CAMERA = replace(Camera(), width_px=420, height_px=300)
@@ -245,6 +248,31 @@ def test_a_pattern_follows_the_camera():
     broad = run(torch.zeros(1, 1, 300, 700), effect, camera=wide)
     assert torch.equal(broad[..., :420], narrow)
     assert torch.equal(run(torch.zeros(1, 1, 300, 420), effect), narrow)
+
+
+def test_a_stream_of_frames_leaves_nothing_behind():
+    """Python's and NumPy's memory and the number of tensors after 8 frames and after 24."""
+    noisy = {"prnu": {"share": 0.01}, "dsnu": {"electrons": 2.0}, "read_noise": {"electrons": 3.0}}
+    electrons = {"photoelectrons": {"quantum_efficiency": 0.6}, "shot_noise": {}, "gain": {}}
+    camera = replace(Camera(), width_px=480, height_px=270)
+    simulator = Simulator(camera, effects={**PAPER_EFFECTS, **electrons, **noisy})
+    scene, bits = Scene.of(4, distance_m=20.0), torch.ones(4, 8, 8, dtype=torch.bool)
+
+    def left_after(batches):
+        for batch in batches:
+            simulator.render(scene, bits, keys=[FrameKey(BlockKey(0, "stream", batch), i) for i in range(4)])
+        gc.collect()
+        tensors = sum(issubclass(type(thing), torch.Tensor) for thing in gc.get_objects())
+        return tracemalloc.get_traced_memory()[0], tensors
+
+    tracemalloc.start()
+    try:
+        early, late = left_after(range(2)), left_after(range(2, 6))
+    finally:
+        tracemalloc.stop()
+    plane = 480 * 270 * 4
+    assert abs(late[0] - early[0]) < plane / 10
+    assert late[1] == early[1]
 
 
 # What else fills the sensor

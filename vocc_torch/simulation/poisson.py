@@ -9,6 +9,7 @@ fewer.
 from __future__ import annotations
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 from scipy import special
 
@@ -130,16 +131,22 @@ def _walked(counts: Array, mean: Array, target: Array) -> Array:
 
 def _summed(mean: Array, normal: Array) -> Array:
     """Quantiles of means below ``FEW``, (N,): add up the probabilities of 0, 1, 2, ..."""
-    target = special.ndtr(normal)
-    term = np.exp(-mean)
-    total = term.copy()
+    # Two to three times as fast as NumPy's and SciPy's; less exact far below 0.05, the least chance of a 0.
+    target: Array = torch.special.ndtr(torch.tensor(normal)).numpy()
+    term: Array = torch.from_numpy(-mean).exp_().numpy()
+    return _counted(0, mean, target, term, term.copy()).astype(np.float64)
+
+
+def _counted(first: int, mean: Array, target: Array, term: Array, total: Array) -> NDArray[np.uint8]:
+    """Count the terms after ``first`` until their sum reaches the target; the few that lag go on alone."""
     counts = np.zeros(mean.shape, dtype=np.uint8)
-    for count in range(1, MOST_OF_FEW + 1):
-        more = total < target
-        if not more.any():
-            break
-        counts += more.view(np.uint8)
+    last = 2 * first + 2
+    for count in range(first + 1, last + 1):
+        counts += (total < target).view(np.uint8)
         term *= mean
         term *= 1.0 / count
         total += term
-    return counts.astype(np.float64)
+    left = np.flatnonzero(total < target)
+    if left.size and last < MOST_OF_FEW:
+        counts[left] += _counted(last, mean[left], target[left], term[left], total[left])
+    return counts

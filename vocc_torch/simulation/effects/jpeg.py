@@ -30,10 +30,10 @@ class Jpeg(Effect):
     """Encode and decode 8-bit frames by Kornia's differentiable JPEG codec.
 
     Blocks of 8 x 8 pixels are cosine transformed, divided by the standard's luminance table scaled by the
-    quality, rounded and transformed back. The frame goes in as luma and luma is taken. Kornia's
-    codec rounds softly, by ``round(x) + (x - round(x))^3``, and its tables with it, so that it stays near
-    JPEG rather than being it: on noisy frames at qualities of 30 to 95 it differs from libjpeg by 0.6 grey
-    levels in the mean and by 10 at most, where JPEG itself changes the frame by 1.5 to 4.
+    quality, rounded and transformed back. The frame is the luma that goes in and comes out. Kornia's codec
+    rounds softly, by ``round(x) + (x - round(x))^3``, and its tables with it, so that it stays near JPEG
+    rather than being it: on noisy frames at qualities of 30 to 95 it differs from libjpeg by 0.6 grey levels
+    in the mean and by 10 at most, where JPEG itself changes the frame by 1.5 to 4.
 
     The blocks lie on the sensor's grid. It fills the sensor, since a crop off that grid would be coded
     otherwise, and such a crop is refused. One of whole blocks, or cut by the sensor, is coded as its part of
@@ -93,14 +93,14 @@ class Jpeg(Effect):
     def _coded(self, strips: Tensor) -> Tensor:
         """Code strips, (B,1,rows,W) uint8.
 
-        Grey RGB would have a chroma of 127.5, which the codec rounds and carries about, in steps that hang
-        on the size of the strip. So the strips are tinted to the chroma that it takes for none.
+        Grey RGB would have a chroma of 127.5, whose rounding errors depend on the strip's size and reach the
+        luma. So the strips are tinted to the chroma that the codec takes for none.
         """
         neutral = torch.tensor([0.5, NEUTRAL, NEUTRAL], device=strips.device)
         tint = ycbcr_to_rgb(neutral.view(3, 1, 1)) - 0.5
         quality = torch.full((1,), float(self.quality), device=strips.device)
         rgb = jpeg_codec_differentiable(strips.to(torch.float32) / 255.0 + tint, quality)
-        # Red ends above white and green below black, where the codec cuts them off.
+        # The codec clips its colours: red, which is brighter, is whole down to black, and green up to white.
         red, green = rgb[:, :1] - tint[0], rgb[:, 1:2] - tint[1]
         luma = torch.where(green > 0.5, green, red) * 255.0
         return torch.round(luma).clamp(0, 255).to(torch.uint8)
