@@ -175,3 +175,16 @@ def test_numbers_that_are_not_finite_are_refused(name):
                 refusal.value
             )
             assert "\n" not in str(refusal.value)
+
+
+@every
+def test_an_effect_says_whether_it_draws_random_numbers(name):
+    """Without keys those that draw are refused, by name, and the others do not mind."""
+    effect, chain = build(name)
+    scene = Scene.cat([Scene.of(distance_m=d) for d in (40.0, 47.0)])
+    keyless = Context(scene, CAMERA, [], torch.zeros(2, 2, dtype=torch.int64), chain)
+    if effect.sampled:
+        with pytest.raises(VoccError, match=rf"scene\.effects\.{name} draws random numbers"):
+            effect(given(KINDS[name]), keyless)
+    else:
+        effect(given(KINDS[name]), keyless)

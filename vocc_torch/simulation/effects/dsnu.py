@@ -41,6 +41,7 @@ class Dsnu(Effect):
     name: ClassVar[str] = "dsnu"
     takes: ClassVar[Quantity] = Quantity.ELECTRONS
     gives: ClassVar[Quantity] = Quantity.ELECTRONS
+    sampled: ClassVar[bool] = True
     fills_sensor: ClassVar[bool] = True
 
     def __post_init__(self) -> None:

@@ -44,6 +44,7 @@ class HotPixels(Effect):
     name: ClassVar[str] = "hot_pixels"
     takes: ClassVar[Quantity] = Quantity.ELECTRONS
     gives: ClassVar[Quantity] = Quantity.ELECTRONS
+    sampled: ClassVar[bool] = True
     fills_sensor: ClassVar[bool] = True
 
     def __post_init__(self) -> None:

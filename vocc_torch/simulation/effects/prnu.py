@@ -42,6 +42,7 @@ class Prnu(Effect):
     name: ClassVar[str] = "prnu"
     takes: ClassVar[Quantity] = Quantity.ELECTRONS
     gives: ClassVar[Quantity] = Quantity.ELECTRONS
+    sampled: ClassVar[bool] = True
     fills_sensor: ClassVar[bool] = True
 
     def __post_init__(self) -> None:

@@ -38,6 +38,7 @@ class RowNoise(Effect):
     name: ClassVar[str] = "row_noise"
     takes: ClassVar[Quantity] = Quantity.ELECTRONS
     gives: ClassVar[Quantity] = Quantity.ELECTRONS
+    sampled: ClassVar[bool] = True
     fills_sensor: ClassVar[bool] = True
 
     def __post_init__(self) -> None:

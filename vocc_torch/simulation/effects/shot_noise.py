@@ -44,6 +44,7 @@ class ShotNoise(Effect):
     name: ClassVar[str] = "shot_noise"
     takes: ClassVar[Quantity] = Quantity.ELECTRONS
     gives: ClassVar[Quantity] = Quantity.ELECTRONS
+    sampled: ClassVar[bool] = True
     fills_sensor: ClassVar[bool] = True
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
