@@ -180,8 +180,8 @@ MISTAKES = {
         ["experiment=ambeint"],
         ["experiment is 'ambeint'", "ambient, contrast, dimming, distance"],
     ),
-    "unknown task": (["task=tset"], ["task is 'tset'", "collect, decode, figures, test, train"]),
-    "unknown scene": (["scene=fog"], ["scene is 'fog'", "paper"]),
+    "unknown task": (["task=tset"], ["task is 'tset'", "collect, decode, effects, figures, test, train"]),
+    "unknown scene": (["scene=moon"], ["scene is 'moon'", "paper"]),
     "misspelled key": (["sede=1"], ["sede is not a known key", "did you mean seed?"]),
     "misspelled nested key": (["camera.gama=2"], ["camera.gama", "did you mean camera.gamma?"]),
     "far-off key": (["zzz=1"], ["zzz is not a known key", "--help"]),
@@ -688,7 +688,8 @@ def commands_of(page):
 
 
 @pytest.mark.parametrize(
-    "page", ["README.md", "runs/README.md", "docs/assumptions.md", "docs/architecture.md"]
+    "page",
+    ["README.md", "runs/README.md", "docs/assumptions.md", "docs/architecture.md", "docs/effects.md"],
 )
 def test_commands_in_the_pages_compose(page, tmp_path):
     for words in commands_of(ROOT / page):

@@ -6,6 +6,7 @@ import math
 from dataclasses import asdict, replace
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import torch
 
@@ -14,6 +15,7 @@ from vocc_torch.errors import VoccError
 from vocc_torch.receiver.location import PaperLocator
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.simulation import Camera, LedPanel, SceneModel
+from vocc_torch.studies.effect_costs import Catalogue, EffectStudy, Severity
 from vocc_torch.studies.plan import (
     SCENE_FIELDS,
     Budget,
@@ -151,3 +153,42 @@ def _location(settings: AppConfig) -> PaperLocator:
         return PaperLocator(**asdict(settings.receiver.location))
     except VoccError as error:
         raise VoccError(f"receiver.{error}") from None
+
+
+def build_effect_study(settings: AppConfig, folder: Path) -> EffectStudy:
+    """Build the study that ``task=effects`` makes.
+
+    Raises:
+        VoccError: a value outside its range, named by its key.
+    """
+    plan, config = build_plan(settings, folder), settings.effects
+    parts = {name: _mappings(part, f"effects.parts.{name}") for name, part in config.parts.items()}
+    severities = {
+        name: Severity(one.parameter, _numbers(one.values, f"effects.severity.{name}.values"))
+        for name, one in config.severity.items()
+    }
+    catalogue = Catalogue(plan.world.effects, parts, severities, tuple(config.names))
+    # All frames are of the scene itself: no experiment narrows them.
+    own = Experiment("effects", "distance_m", (plan.world.scene.nearest_m,))
+    return EffectStudy(
+        replace(plan, experiment=own),
+        catalogue,
+        config.located_frames,
+        config.severity_frames,
+        config.repeats,
+    )
+
+
+def _mappings(part: object, key: str) -> dict[str, Any]:
+    """Check that a part is a mapping of effects to mappings; the registry checks names and parameters."""
+    if not isinstance(part, dict):
+        raise VoccError(f"{key} is {part!r}: it must be a mapping of effects, each with its parameters")
+    return effect_settings(part, key)
+
+
+def _numbers(values: list[Any], key: str) -> tuple[float, ...]:
+    """Check that a severity's values are numbers; whole numbers stay whole."""
+    for value in values:
+        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+            raise VoccError(f"{key} has {value!r}: it must be finite numbers from harmless to harsh")
+    return tuple(values)

@@ -25,7 +25,7 @@ from vocc_torch.config import AppConfig, as_yaml, register_schema, resolved
 from vocc_torch.errors import VoccError
 from vocc_torch.jobs import Failure, Jobs, begin_again, beside_others, write_down
 
-TASKS = ("train", "test", "decode", "figures", "collect")
+TASKS = ("train", "test", "decode", "figures", "effects", "collect")
 MULTIRUN = ("-m", "--multirun")
 OUT_OF_MEMORY = (
     "not enough memory: give a smaller batch_frames, or a camera and distances that show smaller LEDs"
@@ -70,12 +70,14 @@ def run_task(settings: AppConfig, folder: Path) -> None:
     # torch is imported here and not above, so that --help and misspelled keys answer at once.
     from vocc_torch import tasks
     from vocc_torch.tasks.collecting import run_collect
+    from vocc_torch.tasks.effects import run_effects_task
 
     runners = {
         "train": tasks.run_train,
         "test": tasks.run_test,
         "decode": tasks.run_decode,
         "figures": tasks.run_figures,
+        "effects": run_effects_task,
         "collect": run_collect,
     }
     runners[settings.task](settings, folder)

@@ -11,7 +11,13 @@ from pathlib import PurePath
 from vocc_torch.config import AppConfig
 from vocc_torch.errors import VoccError
 
-OPEN_MAPPINGS = ("scene.effects", "experiment.scene", "experiment.training")
+OPEN_MAPPINGS = (
+    "scene.effects",
+    "experiment.scene",
+    "experiment.training",
+    "effects.parts",
+    "effects.severity",
+)
 """Keys under which a user may add keys with +; what they accept is checked where they are used."""
 
 _KINDS = {

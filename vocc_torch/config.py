@@ -35,6 +35,7 @@ class SceneCameraConfig:
 class SceneConfig:
     """Distributions of the scene's values, its settings of the camera, and the named effects."""
 
+    name: str = ""
     ambient_lx: Spec = MISSING
     led_luminance_cd_m2: Spec = MISSING
     distance_m: Spec = MISSING
@@ -131,6 +132,26 @@ class FiguresConfig:
 
 
 @dataclass
+class SeverityConfig:
+    """See :class:`vocc_torch.studies.effect_costs.Severity`."""
+
+    parameter: str = ""
+    values: list[Any] = field(default_factory=list)
+
+
+@dataclass
+class EffectsConfig:
+    """What ``task=effects`` looks at: see :class:`vocc_torch.studies.effect_costs.EffectStudy`."""
+
+    names: list[str] = field(default_factory=list)
+    located_frames: int = 0
+    severity_frames: int = 0
+    repeats: int = 0
+    parts: dict[str, Any] = field(default_factory=dict)
+    severity: dict[str, SeverityConfig] = field(default_factory=dict)
+
+
+@dataclass
 class DecodeConfig:
     """What ``task=decode`` writes besides the bits."""
 
@@ -162,6 +183,7 @@ class AppConfig:
     budget: BudgetConfig = field(default_factory=BudgetConfig)
     decode: DecodeConfig = field(default_factory=DecodeConfig)
     figures: FiguresConfig = field(default_factory=FiguresConfig)
+    effects: EffectsConfig = field(default_factory=EffectsConfig)
 
 
 def register_schema() -> None:
@@ -191,7 +213,7 @@ def as_yaml(settings: AppConfig) -> str:
     return OmegaConf.to_yaml(OmegaConf.create(asdict(settings)))
 
 
-def effect_settings(effects: dict[str, Any]) -> dict[str, Any]:
+def effect_settings(effects: dict[str, Any], key: str = "scene.effects") -> dict[str, Any]:
     """Check that the effects are a mapping of mappings; the registry checks names and parameters.
 
     Example:
@@ -201,7 +223,7 @@ def effect_settings(effects: dict[str, Any]) -> dict[str, Any]:
     for name, parameters in effects.items():
         if parameters is not None and not isinstance(parameters, dict):
             raise VoccError(
-                f"scene.effects.{name} is {parameters!r}: it must be a mapping of parameters, {{}} for none"
+                f"{key}.{name} is {parameters!r}: it must be a mapping of parameters, {{}} for none"
             )
     return effects
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import replace
 
@@ -12,11 +13,33 @@ from numpy.typing import NDArray
 from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.simulation.effects import Parameters
 from vocc_torch.simulation.geometry import panel_corners_px
+from vocc_torch.studies.effect_costs import EffectStudy
 from vocc_torch.studies.plan import World
 from vocc_torch.types import Scene
 
 SHOWN_SHARE = 1.5
 """Side of a picture in sides of the panel."""
+
+THE_SCENE = "the scene itself"
+
+
+def gallery_pictures(study: EffectStudy) -> dict[str, NDArray[np.uint8]]:
+    """Show the study's scene, and with each effect at its harshest, from the nearest distance.
+
+    Ambient light and LED luminance are those in the middle of the scene's ranges, on a logarithmic scale.
+    """
+    cases: dict[str, Mapping[str, Parameters]] = {THE_SCENE: study.plan.world.effects}
+    for one in study.comparisons:
+        values = study.catalogue.severities.get(one.name)
+        cases[one.name] = study.catalogue.at(one.name, values.values[-1]) if values else one.present
+    model = study.model
+    middle = {
+        name: math.sqrt(math.prod(getattr(model, name).bounds))
+        for name in ("ambient_lx", "led_luminance_cd_m2")
+    }
+    return effect_pictures(
+        study.plan.world, cases, distance_m=model.nearest_m, seed=study.plan.seed, **middle
+    )
 
 
 def effect_pictures(
@@ -42,13 +65,12 @@ def effect_pictures(
         By name, the square about the panel's place, (H,W) uint8; grey values beyond 255 are white.
 
     Example:
-        >>> pictures = effect_pictures(World(device="cpu"), {"none": {}, "blurred": {"blooming": {"sigma_px": 2}}})
+        >>> cases = {"none": {}, "blurred": {"blooming": {"sigma_px": 2}}}
+        >>> pictures = effect_pictures(World(device="cpu"), cases)
         >>> {name: picture.shape for name, picture in pictures.items()}
         {'none': (105, 105), 'blurred': (105, 105)}
     """
-    scene = Scene.of(
-        distance_m=distance_m, ambient_lx=ambient_lx, led_luminance_cd_m2=led_luminance_cd_m2
-    )
+    scene = Scene.of(distance_m=distance_m, ambient_lx=ambient_lx, led_luminance_cd_m2=led_luminance_cd_m2)
     key = FrameKey(BlockKey(seed, "gallery", 0), 0)
     shape = world.panel.shape.rows, world.panel.shape.columns
     bits = torch.from_numpy(key.block.generator("bits").random(shape) < 0.5).unsqueeze(0)

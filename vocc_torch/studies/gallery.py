@@ -7,14 +7,18 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
+from torch import Tensor
 
 from vocc_torch.receiver.receiver import Receiver
+from vocc_torch.simulation.framing import crop_origins_px
+from vocc_torch.simulation.geometry import panel_centre_px
 from vocc_torch.studies.counter import point_name
 from vocc_torch.studies.decode import Reading, annotated
 from vocc_torch.studies.link import Link, block_keys
 from vocc_torch.studies.plan import Plan
 from vocc_torch.studies.recording import RecordedFrame
 from vocc_torch.studies.sweep import monte_carlo_values
+from vocc_torch.types import Frames
 
 SAMPLES = 4
 """Frames drawn for each point."""
@@ -45,11 +49,14 @@ def sample_frames(plan: Plan, receiver: Receiver) -> dict[str, NDArray[np.uint8]
             Link(link.simulator, link.locator, link.reader, SAMPLES).observe(model, keys, preambles=False)
         )
         read = receiver(seen.frames, seen.panels)
+        shown = link.simulator.crop_px(model.nearest_m)
+        middle = panel_centre_px(seen.scene, link.simulator.camera)
+        places = crop_origins_px(middle, shown, link.simulator.camera.sensor_px)
         rows = []
         for i in range(len(seen.frames)):
-            grey = seen.frames.grey[i, 0].round().clamp(0, 255).byte().cpu().numpy()
+            grey, origin = _about(seen.frames, i, places[i], shown)
             colour = np.repeat(grey[..., None], 3, axis=2)
-            corners = (read.corners_px[i] - seen.frames.origin_px[i]).cpu().numpy()
+            corners = (read.corners_px[i].cpu() - origin).numpy()
             reading = Reading(
                 frame=RecordedFrame(name, i, None, colour, grey),
                 found=bool(read.found[i]),
@@ -65,3 +72,14 @@ def sample_frames(plan: Plan, receiver: Receiver) -> dict[str, NDArray[np.uint8]
             rows.append(np.concatenate([np.asarray(plain), np.asarray(annotated(reading, scale))]))
         pictures[name] = np.concatenate(rows, axis=1)
     return pictures
+
+
+def _about(
+    frames: Frames, i: int, place_px: Tensor, size_px: tuple[int, int]
+) -> tuple[NDArray[np.uint8], Tensor]:
+    """Cut a whole frame to the panel's surroundings; give (H,W) uint8 and its first pixel's place (2,)."""
+    grey, origin = frames.grey[i, 0], frames.origin_px[i].cpu()
+    if tuple(grey.shape) == frames.sensor_px:
+        left, top = place_px.tolist()
+        grey, origin = grey[top : top + size_px[0], left : left + size_px[1]], place_px.cpu()
+    return grey.round().clamp(0, 255).byte().cpu().numpy(), origin

@@ -18,6 +18,7 @@ from vocc_torch.receiver.bank import FLDA_FEATURES, check_receivers
 from vocc_torch.receiver.location import PaperLocator
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.simulation import Camera, Distribution, LedPanel, SceneModel, Simulator
+from vocc_torch.simulation.effects import Parameters
 from vocc_torch.simulation.simulator import PAPER_EFFECTS, Framing
 from vocc_torch.studies.budget import Budget as Budget
 
@@ -80,7 +81,7 @@ class World:
     camera: Camera = field(default_factory=Camera)
     panel: LedPanel = field(default_factory=LedPanel)
     scene: SceneModel = field(default_factory=SceneModel)
-    effects: Mapping[str, Mapping[str, float]] = field(default_factory=lambda: dict(PAPER_EFFECTS))
+    effects: Mapping[str, Parameters] = field(default_factory=lambda: dict(PAPER_EFFECTS))
     framing: Framing = "crop"
     device: str = "auto"
     dtype: torch.dtype = torch.float32

@@ -177,4 +177,4 @@ def blooming_parameters(plan: Plan) -> dict[str, float]:
     given = plan.world.effects.get("blooming")
     if given is None:
         raise VoccError("scene.effects has no blooming: this figure shows what it does")
-    return dict(given)
+    return {name: float(value) for name, value in given.items() if isinstance(value, int | float)}
