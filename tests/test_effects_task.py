@@ -42,7 +42,15 @@ def test_everything_is_written(whole):
     folder, out = whole
     written = {name for name in files_in(folder) if not name.startswith("tensorboard/")}
     assert written == {
-        *("config.yaml", "effects.csv", "effects.png", "effects.md", "severity.csv", "severity.png"),
+        *(
+            "config.yaml",
+            "effects.csv",
+            "effects.png",
+            "effects.md",
+            "gallery.png",
+            "severity.csv",
+            "severity.png",
+        ),
     }
     assert (folder / "tensorboard" / "_summary").is_dir()
     for told in (
@@ -79,6 +87,7 @@ def test_rows_are_in_physical_order(whole):
         ("sum", ""),
         ("together", "all together"),
     ]
+    assert {row["scene"] for row in rows} == {"paper"}
     by_name = {row["effect"]: row for row in rows}
     assert by_name["defocus"]["settings"] == "focus_distance_m=10"
     assert (by_name["blooming"]["in_scene"], by_name["shot_noise"]["fills_sensor"]) == ("1", "1")
@@ -108,7 +117,7 @@ def test_workers_and_other_receivers_change_no_number(whole, place):
     )
     assert (ran.status, ran.err) == (0, "")
     folder = place / "runs" / "others"
-    assert files_in(folder) == {"config.yaml", "effects.csv", "effects.png", "effects.md"}
+    assert files_in(folder) == {"config.yaml", "effects.csv", "effects.png", "effects.md", "gallery.png"}
     rows = rows_of(folder / "effects.csv")
     assert {row["receiver"] for row in rows} == {"center_greyscale", "flda_3"}
     counted = [name for name in COLUMNS if name.startswith(("true_corners_", "retrained_", "located_"))]

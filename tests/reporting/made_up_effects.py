@@ -78,6 +78,7 @@ def table(rows=ROWS, together=TOGETHER):
     """Five effects, one of which the scene has."""
     base = Counts(FRAMES, 64 * FRAMES, 4, 8, 2)
     return EffectTable(
+        scene="dusk",
         rows=rows,
         together=together,
         base_near=Cost((0.3, 0.3, 0.3)),

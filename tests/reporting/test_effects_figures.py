@@ -172,7 +172,7 @@ def test_notes_say_how_much_was_waited_and_what_adds():
     text = " ".join(notes(table()))
     assert "20 % of their time without the processor" in text
     assert "a machine, 1 thread" in text
-    assert "FLDA: AGR + GRI + NGR" in text
+    assert "FLDA: AGR + GRI + NGR, scene dusk" in text
     near, located = cost_ratios(table())
     assert f"{near:.2f} times" in text
     assert f"{located:.2f} times" in text

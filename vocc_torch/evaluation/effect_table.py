@@ -187,6 +187,7 @@ class EffectTable:
     """Every effect one at a time, and all together.
 
     Args:
+        scene: name of the scene; empty for one without.
         rows: the effects in physical order.
         together: all those that the scene does not name, at once.
         base_near: the scene itself, the panel's surroundings, ms a frame.
@@ -201,6 +202,7 @@ class EffectTable:
         frames_a_call: frames rendered in a timed call, near the panel and whole.
     """
 
+    scene: str
     rows: tuple[EffectRow, ...]
     together: EffectRow | None
     base_near: Cost

@@ -16,7 +16,7 @@ COLUMNS = (
     *("row", "effect", "group", "differs_in", "companions", "settings", "in_scene", "fills_sensor"),
     *("receiver", *_COSTS),
     *(f"{reading}_{name}" for reading in READINGS for name in _CHANGES),
-    *("training_frames", "waited_share", "machine"),
+    *("training_frames", "scene", "waited_share", "machine"),
 )
 """Columns of ``effects.csv``. ``row`` is ``scene``, ``effect``, ``sum`` or ``together``. A cost is a median
 with its quartiles over the rounds, ms a frame: of the scene itself, else what is added to it. ``real`` says
@@ -69,7 +69,7 @@ def write_severities(path: str | Path, curves: Iterable[SeverityCurve]) -> None:
 
 def _lines(table: EffectTable) -> Iterator[list[_Cell]]:
     """Give the lines of ``effects.csv``."""
-    facts: list[_Cell] = [table.training_frames, round(table.waited_share, 4), table.machine]
+    facts: list[_Cell] = [table.training_frames, table.scene, round(table.waited_share, 4), table.machine]
     base = (table.base_near, table.base_located, table.base_whole)
     for receiver in table.receivers:
         at_truth, at_none, at_paper = (

@@ -13,7 +13,7 @@ from matplotlib.ticker import FixedFormatter, FixedLocator, LogLocator, NullForm
 
 from vocc_torch.evaluation.effect_table import Cost, EffectRow, EffectTable
 from vocc_torch.reporting.canvas import GRID, INK, QUIET, new_figure, quiet_axes, write_title
-from vocc_torch.reporting.effects_table import cost_ratios, ms_text, waited_text
+from vocc_torch.reporting.effects_table import cost_ratios, ms_text, scene_text, waited_text
 from vocc_torch.reporting.styles import receiver_styles
 
 _ROW_IN, _ABOVE_IN, _BELOW_IN = 0.262, 1.18, 1.36
@@ -78,7 +78,8 @@ def effects_figure(table: EffectTable) -> Figure:
     _name_rows(axes[0], rows)
     _legends(axes, located)
     label = receiver_styles([table.shown])[table.shown].label
-    write_title(figure, f"What each effect costs and does to {label}", _footnote(table, rows))
+    title = f"What each effect costs and does{scene_text(table)} ({label})"
+    write_title(figure, title, _footnote(table, rows))
     return figure
 
 

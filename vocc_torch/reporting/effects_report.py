@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from vocc_torch.evaluation.effect_table import EffectTable
-from vocc_torch.reporting.effects_table import effects_table, notes
+from vocc_torch.reporting.effects_table import effects_table, notes, scene_text
 from vocc_torch.reporting.report import Bullets, Picture, Report, Section
 
 _CAPTIONS = {
@@ -34,7 +34,7 @@ def effects_report(table: EffectTable, pictures: Sequence[Path]) -> Report:
     )
     return Report(
         "What each effect costs and does",
-        "One at a time and all together, on the same frames.",
+        f"One at a time and all together, on the same frames{scene_text(table)}.",
         (
             Section("Table", "table", (effects_table(table), Bullets(tuple(notes(table))))),
             Section("Figures", "figures", shown),

@@ -111,8 +111,8 @@ def notes(table: EffectTable, *, ascii_only: bool = False) -> list[str]:
     label = receiver_styles([table.shown])[table.shown].label
     fills, in_scene = (pair[ascii_only] for pair in _SIGNS.values())
     lines = [
-        f"Receiver: {label}. Times and errors are what the effect adds to the scene; {in_scene}: the scene "
-        "has it, and is compared with itself without it.",
+        f"Receiver: {label}{scene_text(table)}. Times and errors are what the effect adds to the scene; "
+        f"{in_scene}: the scene has it, and is compared with itself without it.",
         f"{fills} fills the sensor: with it a locator needs whole frames, once, whatever else fills it too: "
         f"the scene as crops takes {ms_text(table.base_located)} ms, whole {ms_text(table.base_whole)} ms.",
         "Changes of the bit error rate are in thousandths with 95 % intervals, on the same frames with and "
@@ -127,6 +127,11 @@ def notes(table: EffectTable, *, ascii_only: bool = False) -> list[str]:
             f"{located:.2f} times with a locator."
         )
     return lines
+
+
+def scene_text(table: EffectTable) -> str:
+    """Name the scene, where it has a name."""
+    return f", scene {table.scene}" if table.scene else ""
 
 
 def waited_text(table: EffectTable) -> str:

@@ -13,6 +13,7 @@ from vocc_torch.evaluation.curve import BerTable, Point
 from vocc_torch.evaluation.effect_table import EffectTable, SeverityCurve
 from vocc_torch.reporting.ber_axes import draw_rates, receiver_line
 from vocc_torch.reporting.canvas import INK, QUIET, new_figure, write_title
+from vocc_torch.reporting.effects_table import scene_text
 from vocc_torch.reporting.styles import Style, receiver_styles
 
 _WIDE_IN, _HIGH_IN, _ACROSS_IN, _DOWN_IN = 2.32, 1.55, 0.28, 0.86
@@ -54,7 +55,7 @@ def severity_figure(curves: Sequence[SeverityCurve], table: EffectTable) -> Figu
     shown = [row for one in tables for row in one.rows]
     columns = min(_COLUMNS, len(curves))
     lines = math.ceil(len(curves) / columns)
-    width = max(9.7, _LEFT_IN + columns * _WIDE_IN + (columns - 1) * _ACROSS_IN + _RIGHT_IN)
+    width = max(10.9, _LEFT_IN + columns * _WIDE_IN + (columns - 1) * _ACROSS_IN + _RIGHT_IN)
     height = _ABOVE_IN + lines * (_HIGH_IN + _DOWN_IN) + _BELOW_IN
     figure = new_figure(width, height)
     for number, (curve, rates) in enumerate(zip(curves, tables, strict=True)):
@@ -72,7 +73,7 @@ def severity_figure(curves: Sequence[SeverityCurve], table: EffectTable) -> Figu
         "\N{MIDDLE DOT} arrows: no errors, one-sided limit\ngrey line: the scene itself \N{MIDDLE DOT} "
         "dashed upright line: the value in the table of effects"
     )
-    write_title(figure, f"Bit error rate over each effect's severity, {label}", note)
+    write_title(figure, f"Bit error rate over each effect's severity{scene_text(table)} ({label})", note)
     figure.legend(
         handles=[receiver_line(style, size=0.9) for style in _STYLES.values()],
         loc="upper left",

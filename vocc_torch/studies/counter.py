@@ -14,7 +14,7 @@ from vocc_torch.evaluation.montecarlo import Label, Part, Tally
 from vocc_torch.evaluation.tally import half_errors, tallies
 from vocc_torch.receiver.bank import ReceiverBank, needs_preambles
 from vocc_torch.receiver.flda import FLDA
-from vocc_torch.receiver.location import PaperLocator
+from vocc_torch.receiver.locators import PanelLocator
 from vocc_torch.rng import BLOCK_FRAMES, BlockKey
 from vocc_torch.simulation import SceneModel
 from vocc_torch.studies.link import Link, Observation
@@ -53,7 +53,7 @@ class PointCounter:
 
     plan: Plan
     link: Link
-    finders: Mapping[str, PaperLocator | None]
+    finders: Mapping[str, PanelLocator | None]
     banks: Mapping[str, ReceiverBank]
     point: str
     model: SceneModel

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from vocc_torch.receiver.bank import Preambles
-from vocc_torch.receiver.location import PaperLocator
+from vocc_torch.receiver.locators import PanelLocator
 from vocc_torch.receiver.reader import Reader, Readings
 from vocc_torch.rng import BLOCK_FRAMES, BlockKey, FrameKey
 from vocc_torch.simulation import SceneModel, Simulator
@@ -46,7 +46,7 @@ class Link:
     """
 
     def __init__(
-        self, simulator: Simulator, locator: PaperLocator | None, reader: Reader, batch_frames: int = 64
+        self, simulator: Simulator, locator: PanelLocator | None, reader: Reader, batch_frames: int = 64
     ) -> None:
         self.simulator = simulator
         self.locator = locator
@@ -56,7 +56,7 @@ class Link:
     @classmethod
     def of(cls, plan: Plan) -> Link:
         """Build the link that a plan describes."""
-        locator = plan.receiver.location if plan.receiver.locator == "paper" else None
+        (locator,) = plan.receiver.finders([plan.receiver.locator]).values()
         return cls(plan.world.simulator(), locator, plan.receiver.reader, plan.batch_frames)
 
     def observe(
@@ -76,7 +76,7 @@ class Link:
 
     def observe_each(
         self,
-        locators: Mapping[str, PaperLocator | None],
+        locators: Mapping[str, PanelLocator | None],
         model: SceneModel,
         keys: Sequence[BlockKey],
         *,
@@ -109,7 +109,7 @@ class Link:
 
     def _observe(
         self,
-        locators: Mapping[str, PaperLocator | None],
+        locators: Mapping[str, PanelLocator | None],
         scene: Scene,
         bits: Tensor,
         keys: Sequence[FrameKey],

@@ -16,13 +16,14 @@ import torch
 from vocc_torch.errors import VoccError
 from vocc_torch.receiver.bank import FLDA_FEATURES, check_receivers
 from vocc_torch.receiver.location import PaperLocator
+from vocc_torch.receiver.locators import LocatorName, PanelLocator, locator_named
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.simulation import Camera, Distribution, LedPanel, SceneModel, Simulator
 from vocc_torch.simulation.effects import Parameters
 from vocc_torch.simulation.simulator import PAPER_EFFECTS, Framing
 from vocc_torch.studies.budget import Budget as Budget
 
-Locator = Literal["truth", "paper"]
+Locator = Literal["truth", LocatorName]
 SCENE_FIELDS = tuple(f.name for f in dataclasses.fields(SceneModel))
 
 
@@ -128,8 +129,9 @@ class ReceiverPlan:
 
     Args:
         names: receivers in the order of the results.
-        locator: ``paper`` locates the panel in the frame; ``truth`` takes the simulator's corners.
-        location: the settings of the paper's locator.
+        locator: ``paper`` locates the panel in the frame as the paper does, ``refined`` by a fit of its LEDs'
+            lattice; ``truth`` takes the simulator's corners.
+        location: the settings of the paper's locator, which the refined one uses too.
         reader: the settings of rectification and features.
         save: the FLDA receiver that is written to the model file and decodes recordings.
 
@@ -153,14 +155,19 @@ class ReceiverPlan:
         if self.save not in FLDA_FEATURES:
             raise VoccError(f"receiver.save is {self.save!r}: it must be one of {', '.join(FLDA_FEATURES)}")
 
-    def finders(self, locators: Sequence[Locator]) -> dict[str, PaperLocator | None]:
+    @property
+    def kept_locator(self) -> PanelLocator:
+        """What finds the panel in recordings, where nobody knows the true corners."""
+        return self.location if self.locator == "truth" else locator_named(self.locator, self.location)
+
+    def finders(self, locators: Sequence[Locator]) -> dict[str, PanelLocator | None]:
         """Give what finds the panel by name, None for the simulator's own corners.
 
         Example:
             >>> ReceiverPlan().finders(["truth"])
             {'truth': None}
         """
-        return {name: self.location if name == "paper" else None for name in locators}
+        return {name: None if name == "truth" else locator_named(name, self.location) for name in locators}
 
 
 @dataclass(frozen=True)

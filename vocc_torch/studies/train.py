@@ -12,7 +12,7 @@ from vocc_torch.errors import VoccError
 from vocc_torch.receiver.bank import feature_indices
 from vocc_torch.receiver.features import FEATURE_NAMES
 from vocc_torch.receiver.flda import FLDA
-from vocc_torch.receiver.location import PaperLocator
+from vocc_torch.receiver.locators import PanelLocator
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.rng import BLOCK_FRAMES
 from vocc_torch.studies.link import Link, Observation, block_keys
@@ -67,7 +67,7 @@ def train_each(plan: Plan, locators: Sequence[Locator]) -> dict[str, Training]:
 def _trained(
     plan: Plan,
     link: Link,
-    locators: Mapping[str, PaperLocator | None],
+    locators: Mapping[str, PanelLocator | None],
     progress: Callable[[int], None] | None,
 ) -> dict[str, Training]:
     """Train with each locator."""
@@ -127,4 +127,4 @@ def trained_receiver(plan: Plan, training: Training) -> Receiver:
     """Put the plan's FLDA receiver together, ready to decode recordings and to be saved."""
     name = plan.receiver.save
     classifier = training.flda.select(feature_indices(name))
-    return Receiver(name, plan.receiver.location, plan.receiver.reader, classifier)
+    return Receiver(name, plan.receiver.kept_locator, plan.receiver.reader, classifier)

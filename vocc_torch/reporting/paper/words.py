@@ -11,7 +11,7 @@ from vocc_torch.evaluation.scorecard.reading import Reading
 from vocc_torch.evaluation.scorecard.words import percent, rate
 from vocc_torch.reporting.report.inline import literal
 
-LOCATED = {"paper": "panel located", "truth": "true corners"}
+LOCATED = {"paper": "panel located", "truth": "true corners", "refined": "panel located, refined"}
 """Where the panel's corners come from, in words."""
 
 RECEIVERS = {

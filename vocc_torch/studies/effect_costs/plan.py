@@ -30,6 +30,7 @@ class EffectStudy:
             slow, at least 0; 0 leaves the locator out.
         severity_frames: frames at each severity, at least 0; 0 leaves the severities out.
         repeats: timed rounds, at least 1.
+        scene_name: what results call the scene.
 
     Raises:
         VoccError: a number outside its range, a stop rule, or an effect that this camera cannot render.
@@ -40,6 +41,7 @@ class EffectStudy:
     located_frames: int = 32
     severity_frames: int = 256
     repeats: int = 5
+    scene_name: str = ""
 
     def __post_init__(self) -> None:
         """Check every range, and that each scene can be rendered."""

@@ -78,6 +78,7 @@ def run_effects(
     base = built_effects(study.catalogue.scene)
     locators: list[Locator] = ["truth", "paper"]
     table = EffectTable(
+        study.scene_name,
         rows,
         together,
         costs.times["near", base],
