@@ -176,6 +176,7 @@ def build_effect_study(settings: AppConfig, folder: Path) -> EffectStudy:
         config.located_frames,
         config.severity_frames,
         config.repeats,
+        settings.scene.name,
     )
 
 

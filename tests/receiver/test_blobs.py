@@ -12,10 +12,10 @@ from vocc_torch.receiver.blobs import (
     Blobs,
     collect_blobs,
     compactness,
-    label_components,
     proportion,
     rectangularity,
 )
+from vocc_torch.receiver.components import Components, label_components, runs_of
 from vocc_torch.receiver.morphology import close_mask, halve_mask
 from vocc_torch.types import PanelShape
 
@@ -26,7 +26,7 @@ def random_masks(
     return torch.from_numpy(np.random.default_rng(seed).random((frames, *size)) < share)
 
 
-def closed_labels(mask: torch.Tensor, size: int) -> torch.Tensor:
+def closed_labels(mask: torch.Tensor, size: int) -> Components:
     return label_components(close_mask(mask[:, None], size)[:, 0])
 
 
@@ -72,7 +72,7 @@ def as_opencv(blobs: Blobs, frame: int) -> list[dict[str, object]]:
 @pytest.mark.parametrize(("closing", "share"), [(1, 0.3), (3, 0.06), (5, 0.02), (11, 0.004)])
 def test_blobs_equal_opencvs(closing: int, share: float) -> None:
     mask = random_masks(closing, share=share)
-    blobs = collect_blobs(mask, closed_labels(mask, closing))
+    blobs = collect_blobs(runs_of(mask), closed_labels(mask, closing))
     for frame in range(len(mask)):
         expected = opencv_blobs(mask[frame].numpy(), closing)
         assert as_opencv(blobs, frame) == expected
@@ -83,7 +83,7 @@ def test_blobs_equal_opencvs(closing: int, share: float) -> None:
 def test_small_closed_areas_are_left_out_but_counted() -> None:
     mask = random_masks(3)
     labels = closed_labels(mask, 3)
-    every, large = collect_blobs(mask, labels), collect_blobs(mask, labels, min_area_px=9)
+    every, large = collect_blobs(runs_of(mask), labels), collect_blobs(runs_of(mask), labels, min_area_px=9)
     keep = every.area_px >= 9
     assert 0 < len(large) < len(every)
     assert large.label.tolist() == every.label[keep].tolist()
@@ -93,7 +93,7 @@ def test_small_closed_areas_are_left_out_but_counted() -> None:
 
 def test_an_empty_mask_has_no_blobs() -> None:
     mask = torch.zeros(2, 6, 7, dtype=torch.bool)
-    blobs = collect_blobs(mask, label_components(mask))
+    blobs = collect_blobs(runs_of(mask), label_components(mask))
     assert len(blobs) == 0
     assert blobs.components.tolist() == [0, 0]
     assert blobs.heights_px().tolist() == []
@@ -104,14 +104,14 @@ def test_coarse_cells_join_fine_pixels_and_count_as_area() -> None:
     mask[0, 0, 0] = mask[0, 1, 9] = mask[0, 2, 30] = True
     cells = halve_mask(mask[:, None])
     # Three 2 px cells lie between the first two pixels: a closing by 5 cells fills them, one by 3 does not.
-    apart = collect_blobs(mask, label_components(close_mask(cells, 3)[:, 0]), level=1)
+    apart = collect_blobs(runs_of(mask), label_components(close_mask(cells, 3)[:, 0]), level=1)
     assert apart.first_px.tolist() == [[0, 0], [9, 1], [30, 2]]
     assert apart.area_px.tolist() == [4, 4, 4]
-    joined = collect_blobs(mask, label_components(close_mask(cells, 5)[:, 0]), level=1)
+    joined = collect_blobs(runs_of(mask), label_components(close_mask(cells, 5)[:, 0]), level=1)
     assert joined.mask_px.tolist() == [2, 1]
     assert joined.area_px.tolist() == [5 * 4, 4]
     assert joined.first[0].tolist() == [0, 9]
-    large = collect_blobs(mask, label_components(close_mask(cells, 5)[:, 0]), min_area_px=8, level=1)
+    large = collect_blobs(runs_of(mask), label_components(close_mask(cells, 5)[:, 0]), min_area_px=8, level=1)
     assert large.area_px.tolist() == [20]
 
 
@@ -121,7 +121,7 @@ def test_only_the_largest_blobs_of_a_frame_are_measured(monkeypatch: pytest.Monk
     for index, width in enumerate((1, 4, 2, 3, 4)):
         mask[0, 2, 8 * index : 8 * index + width] = True
     mask[1, 1, 5] = True
-    blobs = collect_blobs(mask, label_components(mask))
+    blobs = collect_blobs(runs_of(mask), label_components(mask))
     assert blobs.frame.tolist() == [0, 0, 0, 1]
     assert blobs.mask_px.tolist() == [4, 3, 4, 1]
     assert blobs.components.tolist() == [5, 1]

@@ -11,7 +11,8 @@ import torch
 
 from vocc_torch.errors import VoccError
 from vocc_torch.receiver import ladder, location
-from vocc_torch.receiver.blobs import collect_blobs, label_components
+from vocc_torch.receiver.blobs import collect_blobs
+from vocc_torch.receiver.components import Components, Runs, label_components, runs_of
 from vocc_torch.receiver.ladder import measure_blobs
 from vocc_torch.receiver.location import PaperLocator, paper_stages, quantised
 from vocc_torch.receiver.morphology import halve_mask
@@ -93,9 +94,9 @@ def levels_run(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     levels: list[int] = []
     collect = ladder.collect_blobs
 
-    def spy(*args: torch.Tensor, min_area_px: int, level: int) -> object:
-        levels.extend([level] * args[0].shape[0])
-        return collect(*args, min_area_px=min_area_px, level=level)
+    def spy(runs: Runs, *args: Components, min_area_px: int, level: int) -> object:
+        levels.extend([level] * runs.size[0])
+        return collect(runs, *args, min_area_px=min_area_px, level=level)
 
     monkeypatch.setattr(ladder, "collect_blobs", spy)
     return levels
@@ -356,7 +357,7 @@ def test_coarse_cells_never_fill_more_than_the_hull() -> None:
     rng = np.random.default_rng(10)
     mask = torch.from_numpy(rng.random((6, 40, 40)) < 0.02)
     cells = halve_mask(halve_mask(mask[:, None]))
-    blobs = collect_blobs(mask, label_components(cells[:, 0]), level=2)
+    blobs = collect_blobs(runs_of(mask), label_components(cells[:, 0]), level=2)
     hull = convex_hull(blobs.first, blobs.last)
     most = hull_area_and_perimeter(hull)[0] / minimum_area_rectangle(hull).area_px
     measured = measure_blobs(blobs, SHAPE).rectangularity

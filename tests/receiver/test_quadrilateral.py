@@ -9,7 +9,8 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vocc_torch.receiver.blobs import collect_blobs, label_components
+from vocc_torch.receiver.blobs import collect_blobs
+from vocc_torch.receiver.components import label_components
 from vocc_torch.receiver.quadrilateral import (
     convex_hull,
     hull_area_and_perimeter,
@@ -194,9 +195,8 @@ def test_a_blobs_result_does_not_depend_on_its_company() -> None:
 def test_hulls_of_blobs_equal_opencvs() -> None:
     rng = np.random.default_rng(5)
     mask = cv2.dilate((rng.random((60, 80)) < 0.01).astype(np.uint8), np.ones((5, 3), np.uint8))
-    blobs = collect_blobs(
-        torch.from_numpy(mask.astype(bool))[None], label_components(torch.from_numpy(mask)[None])
-    )
+    components = label_components(torch.from_numpy(mask.astype(bool))[None])
+    blobs = collect_blobs(components.runs, components)
     hull = convex_hull(blobs.first, blobs.last)
     count, labels = cv2.connectedComponents(mask, connectivity=8)
     assert len(blobs) == count - 1 > 5

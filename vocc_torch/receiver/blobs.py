@@ -6,9 +6,9 @@ import math
 from dataclasses import dataclass
 
 import torch
-from kornia.contrib import connected_components_union_find
 from torch import Tensor
 
+from vocc_torch.receiver.components import Components, Runs
 from vocc_torch.types import PanelShape
 
 # Only so many blobs of a frame, the largest, are measured: what noise can cost in time and memory has an end.
@@ -32,8 +32,9 @@ class Blobs:
         components: (B,) int64, number of components in each mask, the small ones included.
 
     Example:
-        >>> mask = torch.tensor([[[0, 1, 1], [0, 0, 1], [1, 0, 0]]], dtype=torch.bool)
-        >>> blobs = collect_blobs(mask, label_components(mask))
+        >>> from vocc_torch.receiver.components import label_components
+        >>> components = label_components(torch.tensor([[[0, 1, 1], [0, 0, 1], [1, 0, 0]]], dtype=torch.bool))
+        >>> blobs = collect_blobs(components.runs, components)
         >>> len(blobs), blobs.mask_px.tolist(), blobs.first_px.tolist(), blobs.last[0].tolist()
         (2, [3, 1], [[1, 0], [0, 2]], [1, 1])
     """
@@ -58,63 +59,26 @@ class Blobs:
         return (rows * (self.first <= self.last)).amax(1)
 
 
-def label_components(mask: Tensor) -> Tensor:
-    """Label the 8-connected components of each mask.
-
-    Args:
-        mask: (B,H,W) bool.
-
-    Returns:
-        (B,H,W) int64: 0 is background, other labels are distinct over the batch but not contiguous.
-
-    Example:
-        >>> label_components(torch.eye(3, dtype=torch.bool)[None]).unique().tolist()
-        [0, 1]
-    """
-    return connected_components_union_find(mask[:, None])[:, 0]
-
-
-@dataclass(frozen=True, slots=True)
-class _Runs:
-    """Horizontal runs of mask pixels in raster order; every field is (S,)."""
-
-    frame: Tensor
-    row: Tensor
-    start: Tensor
-    end: Tensor
-    label: Tensor
-
-
-def _runs(mask: Tensor, labels: Tensor, level: int) -> _Runs:
-    """Find the runs of mask pixels and the label of each."""
-    begins, ends = mask.clone(), mask.clone()
-    begins[..., 1:] &= ~mask[..., :-1]
-    ends[..., :-1] &= ~mask[..., 1:]
-    frame, row, start = begins.nonzero(as_tuple=True)
-    end = ends.nonzero(as_tuple=True)[2]
-    return _Runs(frame, row, start, end, labels[frame, row >> level, start >> level])
-
-
-def _largest(keep: Tensor, cells: Tensor, frame_of: Tensor) -> Tensor:
+def _largest(keep: Tensor, components: Components) -> Tensor:
     """Keep only the ``MOST_BLOBS`` largest labels of each frame; ties go to the lower label."""
     label = keep.nonzero()[:, 0]
     if int(label.numel()) <= MOST_BLOBS:
         return keep
-    label = label[cells[label].argsort(descending=True, stable=True)]
-    label = label[frame_of[label].argsort(stable=True)]
-    frame = frame_of[label]
+    label = label[components.area_px[label].argsort(descending=True, stable=True)]
+    label = label[components.frame[label].argsort(stable=True)]
+    frame = components.frame[label]
     rank = torch.arange(len(label), device=label.device) - torch.searchsorted(frame, frame)
     kept = torch.zeros_like(keep)
     kept[label[rank < MOST_BLOBS]] = True
     return kept
 
 
-def collect_blobs(mask: Tensor, labels: Tensor, *, min_area_px: int = 1, level: int = 0) -> Blobs:
+def collect_blobs(runs: Runs, components: Components, *, min_area_px: int = 1, level: int = 0) -> Blobs:
     """List the components of a batch of masks.
 
     Args:
-        mask: (B,H,W) bool, the mask before closing.
-        labels: (B,h,w) labels of the closed mask, which holds the mask; one a cell of 2^level x 2^level px.
+        runs: the foreground before closing, in stretches that each lie in one component of the closed masks.
+        components: those of the closed masks, which hold the foreground, in cells of 2^level x 2^level px.
         min_area_px: components whose closed area is less are left out, px^2.
         level: binary logarithm of the cells' side.
 
@@ -122,28 +86,28 @@ def collect_blobs(mask: Tensor, labels: Tensor, *, min_area_px: int = 1, level: 
         The blobs, at most ``MOST_BLOBS`` of a frame (the largest).
 
     Example:
+        >>> from vocc_torch.receiver.components import label_components, runs_of
         >>> mask = torch.tensor([[[1, 0, 1, 0, 0, 1]]], dtype=torch.bool)
         >>> closed = torch.tensor([[[1, 1, 1, 0, 0, 1]]], dtype=torch.bool)
-        >>> blobs = collect_blobs(mask, label_components(closed), min_area_px=2)
+        >>> blobs = collect_blobs(runs_of(mask), label_components(closed), min_area_px=2)
         >>> blobs.area_px.tolist(), blobs.mask_px.tolist(), blobs.components.tolist()
         ([3], [2], [2])
     """
-    cells = torch.bincount(labels.flatten())
-    cells[0] = 0
-    runs = _runs(mask, labels, level)
-    frame_of = torch.zeros_like(cells).index_copy(0, runs.label, runs.frame)
-    components = torch.bincount(frame_of[cells > 0], minlength=mask.shape[0])
-    keep = _largest((cells > 0) & (cells << (2 * level) >= min_area_px), cells, frame_of)
-    kept = keep[runs.label]
-    runs = _Runs(*(getattr(runs, name)[kept] for name in ("frame", "row", "start", "end", "label")))
-    label, begin, number = _in_raster_order(keep, runs.label)
+    closed_px = components.area_px << (2 * level)
+    count = torch.bincount(components.frame[1:], minlength=runs.size[0])
+    keep = _largest((closed_px >= min_area_px).index_fill(0, closed_px.new_zeros(1), False), components)
+    run_label = components.at(runs.frame, runs.row >> level, runs.start >> level)
+    kept = keep[run_label]
+    row, start, end, pixels = (one[kept] for one in (runs.row, runs.start, runs.end, runs.pixels))
+    label, begin, number = _in_raster_order(keep, run_label[kept])
     zeros = torch.zeros_like(label)
-    left = zeros.scatter_reduce(0, number, runs.start, "amin", include_self=False)
-    mask_px = zeros.scatter_add(0, number, runs.end - runs.start + 1)
-    first, last = _row_extremes(runs, number, runs.row[begin], left)
-    seed = torch.stack([runs.start[begin], runs.row[begin]], 1)
-    area = cells[label] << (2 * level)
-    return Blobs(frame_of[label], label, seed, left, area, mask_px, first, last, components)
+    left = zeros.scatter_reduce(0, number, start, "amin", include_self=False)
+    mask_px = zeros.scatter_add(0, number, pixels)
+    seed = torch.stack([start[begin], row[begin]], 1)
+    place = (number, row - row[begin][number], start - left[number], end - left[number])
+    first, last = _row_extremes(len(label), *place)
+    area = closed_px[label]
+    return Blobs(components.frame[label], label, seed, left, area, mask_px, first, last, count)
 
 
 def _in_raster_order(keep: Tensor, run_label: Tensor) -> tuple[Tensor, Tensor, Tensor]:
@@ -156,17 +120,16 @@ def _in_raster_order(keep: Tensor, run_label: Tensor) -> tuple[Tensor, Tensor, T
     return label[order], begin[order], order.argsort()[compact]
 
 
-def _row_extremes(runs: _Runs, number: Tensor, top: Tensor, left: Tensor) -> tuple[Tensor, Tensor]:
+def _row_extremes(
+    blobs: int, number: Tensor, row: Tensor, start: Tensor, end: Tensor
+) -> tuple[Tensor, Tensor]:
     """Give each blob's first and last mask column by row, from its own top and left: two (M,H) int16."""
-    row = runs.row - top[number]
     height = int(row.max()) + 1 if len(row) else 1
-    shape = (len(top), height)
     cell = number * height + row
-    empty = torch.zeros(shape[0] * height, dtype=torch.int16, device=row.device)
-    start, end = (runs.start - left[number]).to(torch.int16), (runs.end - left[number]).to(torch.int16)
-    first = empty.scatter_reduce(0, cell, start, "amin", include_self=False)
-    last = (empty - 1).scatter_reduce(0, cell, end, "amax", include_self=False)
-    return first.view(shape), last.view(shape)
+    empty = torch.zeros(blobs * height, dtype=torch.int16, device=row.device)
+    first = empty.scatter_reduce(0, cell, start.to(torch.int16), "amin", include_self=False)
+    last = (empty - 1).scatter_reduce(0, cell, end.to(torch.int16), "amax", include_self=False)
+    return first.view(blobs, height), last.view(blobs, height)
 
 
 def rectangularity(closed_area: Tensor, rectangle_area: Tensor) -> Tensor:

@@ -8,14 +8,8 @@ from typing import Literal
 import torch
 from torch import Tensor
 
-from vocc_torch.receiver.blobs import (
-    Blobs,
-    collect_blobs,
-    compactness,
-    label_components,
-    proportion,
-    rectangularity,
-)
+from vocc_torch.receiver.blobs import Blobs, collect_blobs, compactness, proportion, rectangularity
+from vocc_torch.receiver.components import Components, joined, label_components
 from vocc_torch.receiver.morphology import close_mask, halve_mask
 from vocc_torch.receiver.quadrilateral import (
     convex_hull,
@@ -115,8 +109,8 @@ def measure_blobs(blobs: Blobs, shape: PanelShape, quadrilateral: Quadrilateral 
         quadrilateral: which rectangle to give; the measures are always those of the minimum-area one.
 
     Example:
-        >>> mask = torch.ones(1, 6, 6, dtype=torch.bool)
-        >>> measures = measure_blobs(collect_blobs(mask, label_components(mask)), PanelShape(2, 2))
+        >>> components = label_components(torch.ones(1, 6, 6, dtype=torch.bool))
+        >>> measures = measure_blobs(collect_blobs(components.runs, components), PanelShape(2, 2))
         >>> measures.score.item(), measures.pitch_px.item()
         (1.0, 3.0)
     """
@@ -182,22 +176,30 @@ def climb(mask: Tensor, shape: PanelShape, search: Search) -> Choice:
     choice = Choice.none(mask.shape[0], mask.device)
     peak = choice.score.clone()
     active = torch.arange(mask.shape[0], device=mask.device)
-    coarse, level = mask, 0
-    while len(active):
-        labels = label_components(close_mask(coarse[:, None], search.closing_px)[:, 0])
-        blobs = collect_blobs(mask, labels, min_area_px=search.min_area_px, level=level)
-        now, pitch, label = _level_choice(blobs, mask.shape[0], shape, search)
+    foreground, coarse, level = mask.sum((1, 2)), mask, 0
+    components = _closed_components(mask, search)
+    runs = joined(mask, components.runs)
+    while True:
+        blobs = collect_blobs(runs, components, min_area_px=search.min_area_px, level=level)
+        now, pitch, label = _level_choice(blobs, len(active), shape, search)
         before = choice[active]
         column, row = (before.first_px >> level).unbind(1)
-        holds = labels[torch.arange(len(active), device=mask.device), row, column] == label
+        holds = components.at(torch.arange(len(active), device=mask.device), row, column) == label
         better = _replaces(before, now, holds, peak[active])
         choice.put(active[better], now[better])
         peak[active[better]] = torch.where(holds, torch.maximum(peak[active], now.score), now.score)[better]
-        reach = search.closing_px << level
-        on = _climbs_on(mask, blobs.components, choice[active], pitch, reach)
-        active, mask, coarse = active[on], mask[on], halve_mask(coarse[on][:, None])[:, 0]
+        whole = choice.mask_px[active] >= _WHOLE_SHARE * foreground[active]
+        on = _climbs_on(whole, blobs.components, pitch, search.closing_px << level)
+        if not bool(on.any()):
+            return choice
+        active, runs, coarse = active[on], runs.of(on), halve_mask(coarse[on][:, None])[:, 0]
+        components = _closed_components(coarse, search)
         level += 1
-    return choice
+
+
+def _closed_components(mask: Tensor, search: Search) -> Components:
+    """Close masks (B,H,W) and label what comes of them."""
+    return label_components(close_mask(mask[:, None], search.closing_px)[:, 0])
 
 
 def _level_choice(
@@ -228,9 +230,7 @@ def _replaces(before: Choice, now: Choice, holds: Tensor, peak: Tensor) -> Tenso
     return (now.score > 0) & ((before.score == 0) | torch.where(holds, merged, now.score > before.score))
 
 
-def _climbs_on(mask: Tensor, components: Tensor, choice: Choice, pitch: Tensor, reach_px: int) -> Tensor:
-    """Decide (B,) which masks need the next level."""
-    foreground = mask.sum((1, 2))
-    whole = choice.mask_px >= _WHOLE_SHARE * foreground
+def _climbs_on(whole: Tensor, components: Tensor, pitch: Tensor, reach_px: int) -> Tensor:
+    """Decide (B,) which masks need the next level; ``whole`` says where the choice holds nearly all."""
     pitches = torch.where(whole, _REACH_PITCHES, _LAST_PITCHES)
     return ((components > 1) & ~whole) | (reach_px < pitches * pitch)

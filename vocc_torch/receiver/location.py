@@ -148,14 +148,18 @@ class PaperLocator:
         if exact.surround is not None:
             lit = exact.surround.round() > threshold
             dark, bright = threshold.masked_fill(lit, 255), lit.nonzero()[:, 0].tolist()
-        choice = self._locate(exact, dark, shape)
+        choice = self.choose(exact, dark, shape)
         for index in bright:
             one = slice(index, index + 1)
-            choice.put(torch.tensor([index]), self._locate(_on_sensor(exact[one]), threshold[one], shape))
+            choice.put(torch.tensor([index]), self.choose(_on_sensor(exact[one]), threshold[one], shape))
         return Panels(choice.corners_px, choice.score > 0, choice.score, choice.candidates)
 
-    def _locate(self, frames: Frames, threshold: Tensor, shape: PanelShape) -> Choice:
-        """Choose the blobs of uint8 frames whose surround is background, with corners on the sensor."""
+    def choose(self, frames: Frames, threshold: Tensor, shape: PanelShape) -> Choice:
+        """Choose the blobs above thresholds (B,) in uint8 frames whose surround is background.
+
+        Returns:
+            The choice, with corners on the sensor.
+        """
         choice = Choice.none(len(frames), frames.grey.device)
         search = Search(**asdict(self))
         boxes = _foreground_boxes(frames.grey, threshold)
@@ -219,6 +223,10 @@ def _passes(boxes: Tensor) -> list[tuple[Tensor, int, int]]:
 
 def _cut(grey: Tensor, threshold: Tensor, boxes: Tensor, rows: Tensor, width: int, height: int) -> Tensor:
     """Threshold the boxes of some frames into masks of a common size (b,height,width), background beyond."""
+    if len(rows) == 1:
+        left, top = boxes[int(rows), :2].tolist()
+        whole = grey[rows, 0, top : top + height, left : left + width]
+        return whole > threshold[rows, None, None]
     down = torch.arange(height, device=grey.device)
     right = torch.arange(width, device=grey.device)
     y, x = boxes[rows, 1, None] + down, boxes[rows, 0, None] + right

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import torch
 import torch.nn.functional as F
-from kornia.morphology import dilation, erosion
 from torch import Tensor
 
 from vocc_torch.errors import VoccError
@@ -36,12 +37,22 @@ def close_mask(mask: Tensor, size_px: int) -> Tensor:
         raise VoccError(f"size_px is {size_px}: it must be odd and at least 1")
     if size_px == 1 or not mask.numel():
         return mask.clone()
-    reach = size_px // 2
-    plane = F.pad(mask.to(torch.float32), [reach] * 4)
-    row = torch.ones(1, size_px, device=mask.device)
-    column = row.mT
-    closed = erosion(erosion(dilation(dilation(plane, row), column), row), column)
-    return closed[..., reach:-reach, reach:-reach] > 0.5
+    plane = F.pad(mask, [size_px - 1] * 4)
+    for join in (torch.bitwise_or, torch.bitwise_and):
+        for axis in (-1, -2):
+            plane = _over_windows(plane, size_px, axis, join)
+    return plane
+
+
+def _over_windows(plane: Tensor, size: int, axis: int, join: Callable[[Tensor, Tensor], Tensor]) -> Tensor:
+    """Join each ``size`` neighbours along an axis, by windows of 2, 4, 8, ... and of what remains."""
+    span = 1
+    while span < size:
+        step = min(span, size - span)
+        length = plane.shape[axis] - step
+        plane = join(plane.narrow(axis, 0, length), plane.narrow(axis, step, length))
+        span += step
+    return plane
 
 
 def halve_mask(mask: Tensor) -> Tensor:

@@ -12,11 +12,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import torch
+import torch.nn.functional as F
 from torch import Tensor
 
 # Lengths are added as integers of this fraction of a pixel: an exact sum has no order.
 _LENGTH_UNIT = 2.0**-32
 _TIE = 1e-9
+# Rows in a part of a tall blob.
+_PART_ROWS = 32
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,8 +49,22 @@ class Rectangles:
 
 def _chain(side: Tensor) -> Tensor:
     """Mark the rows where ``side``, (N,H) columns with inf in empty rows, has a vertex of its lower chain."""
-    rows = torch.arange(side.shape[1], device=side.device)
-    step = rows[None, :] - rows[:, None]
+    blobs, height = side.shape
+    rows = torch.arange(height, device=side.device).expand(blobs, height)
+    if height <= 2 * _PART_ROWS:
+        return _vertices(side, rows)
+    # A vertex of the whole is one of its part: most rows fall away before all that are left are paired.
+    parts = F.pad(side, [0, -height % _PART_ROWS], value=torch.inf).view(-1, _PART_ROWS)
+    likely = _vertices(parts, rows[:1, :_PART_ROWS].expand(parts.shape)).view(blobs, -1)[:, :height]
+    most = int(likely.sum(1).max()) if blobs else 0
+    order = likely.to(torch.uint8).argsort(dim=1, descending=True, stable=True)[:, :most]
+    left = side.gather(1, order).masked_fill(~likely.gather(1, order), torch.inf)
+    return torch.zeros_like(likely).scatter(1, order, _vertices(left, order))
+
+
+def _vertices(side: Tensor, rows: Tensor) -> Tensor:
+    """Mark the vertices of the lower chain of points in distinct ``rows`` (N,P), by all pairs."""
+    step = rows[:, None, :] - rows[:, :, None]
     slope = (side[:, None, :] - side[:, :, None]) / step
     steepest_before = slope.masked_fill(step >= 0, -torch.inf).amax(2)
     flattest_after = slope.masked_fill(step <= 0, torch.inf).amin(2)
@@ -58,8 +75,8 @@ def convex_hull(first: Tensor, last: Tensor) -> Tensor:
     """Find the vertices of each blob's convex hull.
 
     Row i is a vertex of the left chain if the steepest slope to it from a row above is less than the flattest
-    from it to a row below; all pairs of rows are tested at once, M * H^2 slopes. Points on an edge are left
-    out.
+    from it to a row below; all pairs of rows are tested at once, M * H^2 slopes, or in tall blobs those that
+    are vertices of their own part of the rows. Points on an edge are left out.
 
     Args:
         first: (M,H) leftmost column of each row, ``first > last`` where the row is empty; each blob has a

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,7 @@ from torch import Tensor, nn
 from vocc_torch.errors import VoccError
 from vocc_torch.receiver.bank import FLDA_FEATURES, feature_indices
 from vocc_torch.receiver.flda import FLDA
-from vocc_torch.receiver.location import PaperLocator
+from vocc_torch.receiver.locators import PanelLocator, locator_from, locator_settings
 from vocc_torch.receiver.model_file import Settings, read_model, write_model
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.types import Frames, Panels, PanelShape
@@ -53,7 +52,7 @@ class Receiver(nn.Module):
         VoccError: an unknown name, or a classifier of another number of features.
     """
 
-    def __init__(self, name: str, locator: PaperLocator, reader: Reader, classifier: FLDA) -> None:
+    def __init__(self, name: str, locator: PanelLocator, reader: Reader, classifier: FLDA) -> None:
         super().__init__()
         if name not in FLDA_FEATURES:
             raise VoccError(f"receiver name is {name!r}: it must be one of {', '.join(FLDA_FEATURES)}")
@@ -107,7 +106,7 @@ class Receiver(nn.Module):
             "columns": self.shape.columns,
             "samples_per_led": self.reader.samples_per_led,
             "gradient": self.reader.gradient,
-            "locator": dataclasses.asdict(self.locator),
+            "locator": locator_settings(self.locator),
         }
         write_model(Path(path), settings, self.classifier.state_dict())
 
@@ -134,4 +133,4 @@ class Receiver(nn.Module):
         classifier.load_state_dict(state)
         if not bool(classifier.direction.isfinite().all()):
             raise VoccError("its statistics are not finite")
-        return cls(settings["name"], PaperLocator(**settings["locator"]), reader, classifier)
+        return cls(settings["name"], locator_from(settings["locator"]), reader, classifier)

@@ -1,0 +1,195 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import scipy.ndimage
+import torch
+import torch.nn.functional as F
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from kornia.contrib import connected_components_union_find
+from kornia.morphology import dilation, erosion
+from scipy.spatial import ConvexHull
+
+from vocc_torch.receiver import ladder, quadrilateral
+from vocc_torch.receiver.components import Components, Runs, joined, label_components, runs_of
+from vocc_torch.receiver.location import PaperLocator
+from vocc_torch.types import Frames, Panels, PanelShape
+
+EIGHT = np.ones((3, 3))
+
+
+def random_mask(seed: int) -> torch.Tensor:
+    rng = np.random.default_rng(seed)
+    masks, height, width = rng.integers(1, 4), rng.integers(1, 30), rng.integers(1, 30)
+    return torch.from_numpy(rng.random((masks, height, width)) < rng.choice([0.02, 0.2, 0.4, 0.6, 0.97]))
+
+
+def painted(components: Components) -> np.ndarray:
+    labels = np.zeros(components.runs.size, np.int64)
+    runs = components.runs
+    fields = (runs.frame, runs.row, runs.start, runs.end, components.label)
+    for frame, row, start, end, label in zip(*(one.tolist() for one in fields), strict=True):
+        labels[frame, row, start : end + 1] = label
+    return labels
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_components_equal_scipys(seed: int) -> None:
+    mask = random_mask(seed)
+    components = label_components(mask)
+    ours, found = painted(components), 0
+    assert ((ours > 0) == mask.numpy()).all()
+    for frame, (plane, labels) in enumerate(zip(mask.numpy(), ours, strict=True)):
+        theirs, count = scipy.ndimage.label(plane, EIGHT)
+        pairs = set(zip(theirs[plane].tolist(), labels[plane].tolist(), strict=True))
+        assert len(pairs) == count == len({ours for _, ours in pairs})
+        for number, own in pairs:
+            assert components.area_px[own].item() == (theirs == number).sum()
+            assert components.frame[own].item() == frame
+        found += count
+    assert sorted(set(ours[ours > 0].tolist())) == list(range(1, found + 1))
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_labels_ascend_as_kornias(seed: int) -> None:
+    mask = random_mask(seed)
+    theirs = connected_components_union_find(mask[:, None])[:, 0]
+    order = torch.unique(theirs[theirs > 0], return_inverse=True)[1] + 1
+    assert painted(label_components(mask))[mask.numpy()].tolist() == order.tolist()
+
+
+def test_a_spiral_a_comb_and_a_full_plane_are_one_component_each() -> None:
+    spiral = np.zeros((61, 61), bool)
+    row = column = 0
+    step, turn = (0, 1), {(0, 1): (1, 0), (1, 0): (0, -1), (0, -1): (-1, 0), (-1, 0): (0, 1)}
+    for length in [61, *[n for size in range(60, 0, -2) for n in (size, size)]]:
+        for _ in range(length - 1):
+            spiral[row, column] = True
+            row, column = row + step[0], column + step[1]
+        spiral[row, column] = True
+        step = turn[step]
+        row, column = row + step[0], column + step[1]
+    comb = np.zeros((61, 61), bool)
+    comb[:, ::2] = comb[-1] = True
+    masks = torch.from_numpy(np.stack([spiral, comb, np.ones((61, 61), bool)]))
+    expected = [scipy.ndimage.label(mask, EIGHT)[1] for mask in masks.numpy()]
+    assert expected == [1, 1, 1]
+    assert label_components(masks).area_px.tolist() == [0, *masks.sum((1, 2)).tolist()]
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_labels_of_pixels_are_those_of_their_runs(seed: int) -> None:
+    mask = random_mask(seed)
+    components = label_components(mask)
+    frame, row, column = torch.ones_like(mask).nonzero(as_tuple=True)
+    assert components.at(frame, row, column).tolist() == painted(components).flatten().tolist()
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_joined_runs_bound_the_foreground(seed: int) -> None:
+    mask = random_mask(seed)
+    closed = mask | torch.from_numpy(np.random.default_rng(seed).random(mask.shape) < 0.5)
+    cover = runs_of(closed)
+    found = joined(mask, cover)
+    expected = []
+    for frame, row, start, end in zip(
+        *(one.tolist() for one in (cover.frame, cover.row, cover.start, cover.end)), strict=True
+    ):
+        lit = mask[frame, row, start : end + 1].nonzero()[:, 0] + start
+        if len(lit):
+            expected.append((frame, row, lit[0].item(), lit[-1].item(), len(lit)))
+    fields = (found.frame, found.row, found.start, found.end, found.pixels)
+    assert list(zip(*(one.tolist() for one in fields), strict=True)) == expected
+
+
+def test_runs_of_some_masks_are_those_of_these_masks_alone() -> None:
+    mask = torch.from_numpy(np.random.default_rng(3).random((4, 9, 11)) < 0.4)
+    for chosen in ([True, False, True, False], [False, False, False, True], [True] * 4):
+        taken, alone = runs_of(mask).of(torch.tensor(chosen)), runs_of(mask[torch.tensor(chosen)])
+        for name in Runs.__slots__:
+            left, right = getattr(taken, name), getattr(alone, name)
+            assert left == right if name == "size" else torch.equal(left, right)
+
+
+@pytest.mark.parametrize("size", [(0, 5, 5), (2, 0, 5), (2, 5, 0), (2, 3, 4)])
+def test_empty_masks_have_no_components(size: tuple[int, int, int]) -> None:
+    components = label_components(torch.zeros(size, dtype=torch.bool))
+    assert (len(components.runs), components.area_px.tolist()) == (0, [0])
+    assert components.at(*torch.zeros(3, 1, dtype=torch.int64)).tolist() == [0]
+
+
+@pytest.mark.parametrize("shape", ["disc", "turned square", "noise"])
+def test_hulls_of_tall_blobs_equal_scipys(shape: str) -> None:
+    y, x = np.mgrid[0:301, 0:301] - 150
+    inside = {
+        "disc": x**2 + y**2 <= 150**2,
+        "turned square": np.abs(0.8 * x + 0.6 * y) + np.abs(0.8 * y - 0.6 * x) <= 140,
+        "noise": np.random.default_rng(0).random((301, 301)) < 0.01,
+    }[shape]
+    rows, columns = np.nonzero(inside)
+    points = np.stack([columns, rows - rows.min()], 1)
+    height = points[:, 1].max() + 1
+    first, last = np.full(height, 9999), np.full(height, -1)
+    np.minimum.at(first, points[:, 1], points[:, 0])
+    np.maximum.at(last, points[:, 1], points[:, 0])
+    hull = quadrilateral.convex_hull(torch.from_numpy(first)[None], torch.from_numpy(last)[None])
+    expected = {tuple(point) for point in points[ConvexHull(points).vertices].tolist()}
+    assert {(int(a), int(b)) for a, b in hull[0].tolist()} == expected
+
+
+def plain_components(mask: torch.Tensor) -> Components:
+    """The labels of Kornia's union-find, brought to the form of ours."""
+    labels = connected_components_union_find(mask[:, None])[:, 0]
+    values = torch.cat([labels.new_zeros(1), labels[labels > 0].unique()])
+    number, runs = torch.searchsorted(values, labels), runs_of(mask)
+    frames = torch.arange(len(mask))[:, None, None].expand_as(number)
+    frame = torch.zeros_like(values).index_put((number.flatten(),), frames.flatten())
+    area = torch.bincount(number.flatten(), minlength=len(values)).index_fill(0, torch.tensor([0]), 0)
+    return Components(runs, number[runs.frame, runs.row, runs.start], area, frame)
+
+
+def plain_closing(mask: torch.Tensor, size_px: int) -> torch.Tensor:
+    kernel = torch.ones(size_px, size_px)
+    plane = F.pad(mask.float(), [size_px] * 4)
+    closed = erosion(dilation(plane, kernel), kernel)
+    return closed[..., size_px:-size_px, size_px:-size_px] > 0.5
+
+
+def cluttered_frames() -> list[np.ndarray]:
+    """Noise, coarse noise, lamps and specks: what a global threshold makes much foreground of."""
+    rng = np.random.default_rng(11)
+    frames = [rng.normal(102, sigma, (150, 170)) for sigma in (0.4, 2.0, 30.0)]
+    for width in (4, 9):
+        coarse = np.kron(rng.normal(0, 20, (-(-150 // width), -(-170 // width))), np.ones((width, width)))
+        frames.append(102 + coarse[:150, :170])
+    lamps = rng.normal(102, 1, (150, 170))
+    y, x = np.mgrid[0:150, 0:170]
+    for a, b, radius in zip(*rng.integers([[20], [20], [3]], [[130], [150], [20]], (3, 6)), strict=True):
+        lamps[(y - a) ** 2 + (x - b) ** 2 <= radius**2] = 240
+    frames.append(lamps)
+    frames += [np.where(rng.random((150, 170)) < share, 255.0, 100.0) for share in (0.001, 0.01, 0.06)]
+    return [frame.round().clip(0, 255).astype(np.uint8) for frame in frames]
+
+
+@pytest.mark.parametrize(("closing", "lenient"), [(11, False), (11, True), (3, True), (1, True)])
+def test_decisions_in_clutter_are_those_of_the_plain_way(
+    closing: int, lenient: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    limits = {"min_rectangularity": 0.0, "min_compactness": 0.0, "min_area_px": 1} if lenient else {}
+    locator, shape = PaperLocator(closing_px=closing, **limits), PanelShape(8, 8)
+    frames = Frames.whole(torch.from_numpy(np.stack(cluttered_frames())))
+    quick = locator(frames, shape)
+    monkeypatch.setattr(ladder, "label_components", plain_components)
+    monkeypatch.setattr(ladder, "joined", lambda mask, closed: runs_of(mask))
+    if closing > 1:
+        monkeypatch.setattr(ladder, "close_mask", plain_closing)
+    monkeypatch.setattr(quadrilateral, "_PART_ROWS", 1 << 15)
+    plain = locator(frames, shape)
+    assert quick.found.any()
+    for name in Panels.__slots__:
+        assert torch.equal(getattr(quick, name), getattr(plain, name)), name
