@@ -78,7 +78,7 @@ def number(text: str) -> str:
 
 def thousandths(text: str) -> str:
     """Write a rate in thousandths, with one digit after the point below ten."""
-    value = 1000 * float(text)
+    value = round(1000 * float(text), 1) + 0.0
     return f"{value:.0f}" if abs(value) >= 9.95 else f"{value:.1f}"
 
 

@@ -15,9 +15,8 @@ from vocc_torch.receiver.location import PaperLocator, quantised
 from vocc_torch.receiver.regions import bright_regions, cut_windows, ring_statistics
 from vocc_torch.types import Frames, Panels, PanelShape
 
-MOST_LEDS_REFINED = 16
-"""Most LEDs in a row or a column that are searched for; larger panels are left to the paper's locator."""
-
+# Most LEDs in a row or a column that are searched for; larger panels are left to the paper's locator.
+_MOST_LEDS = 16
 # Rise over the background that is taken for light: where nothing else varies, in noise, and by its deviation.
 _CLEAN_RISE_DN, _LEAST_RISE_DN, _RISE_SIGMAS = 1.5, 3.0, 5.0
 # Below this share a fit is tried again from lattices of these sizes.
@@ -26,6 +25,7 @@ _GOOD_SHARE, _SIZES = 0.992, (0.89, 1.12)
 _FARTHEST_CELLS = 3.5
 # Finer lattices are noise: LEDs melt together.
 _LEAST_PITCH_PX = 1.5
+_FIT_PX = 192
 # Corners are given in whole parts of a pixel: sums may be ordered otherwise in other batches.
 _PARTS_PER_PX = 1024.0
 
@@ -78,55 +78,67 @@ class RefinedLocator:
             VoccError: grey values that are neither uint8 nor floating, or NaN.
         """
         exact = Frames(quantised(frames.grey), frames.origin_px, frames.sensor_px, frames.surround)
-        if max(shape.rows, shape.columns) > MOST_LEDS_REFINED or not len(exact):
+        if max(shape.rows, shape.columns) > _MOST_LEDS or not len(exact):
             return self.paper(exact, shape)
-        panels = Panels.known(exact.origin_px.new_zeros(len(exact), 4, 2))
-        panels.found[:] = False
-        if exact.surround is not None:
-            noise = torch.zeros_like(exact.surround, dtype=torch.float32)
-            found = self._fit(exact, exact.surround.to(torch.float32), noise, shape)[0]
-            _put(panels, found.found.nonzero()[:, 0], _of(found, found.found))
-        else:
-            self._fit_regions(exact, shape, panels)
+        panels = self._in_crops(exact, shape) if exact.surround is not None else self._in_whole(exact, shape)
         left = (~panels.found).nonzero()[:, 0]
         if len(left):
             _put(panels, left, self.paper(_taken(exact, left), shape))
         return panels
 
-    def _fit_regions(self, frames: Frames, shape: PanelShape, panels: Panels) -> None:
-        """Find panels in the regions of whole frames, in place; of several, the likeliest."""
-        regions = bright_regions(frames.grey)
-        best = torch.zeros(len(frames), dtype=torch.float64, device=frames.grey.device)
-        for side in sorted(set(regions.side_px.tolist())):
-            chosen = (regions.side_px == side).nonzero()[:, 0]
-            windows = cut_windows(frames, regions, chosen)
-            background, noise = ring_statistics(windows.grey)
-            found, merit = self._fit(replace(windows, surround=background), background, noise, shape)
-            for index in found.found.nonzero()[:, 0]:
-                frame = regions.frame[chosen[index]]
-                if merit[index] > best[frame]:
-                    best[frame] = merit[index]
-                    _put(panels, frame[None], _of(found, index[None]))
+    def _in_crops(self, crops: Frames, shape: PanelShape) -> Panels:
+        """Find panels in crops with a known surround."""
+        assert crops.surround is not None
+        background = crops.surround.to(torch.float32)
+        panels = self._chosen(crops, background, torch.zeros_like(background), shape)
+        seen = panels.found.nonzero()[:, 0]
+        if len(seen):
+            level = background[seen]
+            fit = _fitted(_taken(crops, seen), panels.corners_px[seen], level, torch.zeros_like(level), shape)
+            poor = self._accept(fit, torch.zeros_like(level), panels, seen)
+            _put(panels, poor, self.paper(_taken(crops, poor), shape))
+        return panels
 
-    def _fit(
-        self, crops: Frames, background: Tensor, noise: Tensor, shape: PanelShape
-    ) -> tuple[Panels, Tensor]:
-        """Find panels in crops, where no lattice fits as the paper does: panels, and their merits (W,)."""
+    def _in_whole(self, frames: Frames, shape: PanelShape) -> Panels:
+        """Find panels in the bright regions of whole frames; of several in a frame, the likeliest."""
+        regions = bright_regions(frames.grey)
+        found = _nowhere(len(regions.frame), frames)
+        background, noise = (torch.zeros_like(found.score, dtype=torch.float32) for _ in range(2))
+        sides = regions.side_px.tolist()
+        for side, rows in _alike(sides, frames.grey.device):
+            windows = cut_windows(frames, regions, rows, side)
+            background[rows], noise[rows] = ring_statistics(windows.grey)
+            _put(found, rows, self._chosen(windows, background[rows], noise[rows], shape))
+        first = found.score.clone()
+        # Small windows are fitted together: what lies between the panel and the border does not matter.
+        for side, rows in _alike([max(side, _FIT_PX) for side in sides], frames.grey.device):
+            seen = rows[found.found[rows]]
+            if len(seen):
+                windows = cut_windows(frames, regions, seen, side)
+                fit = _fitted(windows, found.corners_px[seen], background[seen], noise[seen], shape)
+                poor = self._accept(fit, noise[seen], found, seen)
+                found.found[poor] = False
+                first[poor] = -first[poor]
+        for side, rows in _alike(sides, frames.grey.device):
+            poor = rows[first[rows] < 0]
+            if len(poor):
+                windows = replace(cut_windows(frames, regions, poor, side), surround=background[poor])
+                _put(found, poor, self.paper(windows, shape))
+        return _likeliest(found, first.abs() * found.score**2, regions.frame, frames)
+
+    def _chosen(self, crops: Frames, background: Tensor, noise: Tensor, shape: PanelShape) -> Panels:
+        """Choose the paper's blobs among the pixels that are brighter than the background."""
         rise = (_RISE_SIGMAS * noise).clamp(min=_LEAST_RISE_DN).where(noise > 0, _CLEAN_RISE_DN)
         choice = self.paper.choose(crops, (background + rise).floor().long(), shape)
-        panels = Panels(choice.corners_px, choice.score > 0, choice.score, choice.candidates)
-        seen = panels.found.nonzero()[:, 0]
-        if not len(seen):
-            return panels, choice.score
-        lattice = _fitted(_taken(crops, seen), choice.corners_px[seen], background[seen], noise[seen], shape)
-        share = _share_beyond_noise(lattice, noise[seen])
-        good = (share >= self.min_share) & _is_sane(lattice, choice.corners_px[seen])
-        panels.corners_px[seen[good]] = (lattice.corners_px[good] * _PARTS_PER_PX).round() / _PARTS_PER_PX
-        panels.score[seen[good]] = lattice.share[good].clamp(0, 1)
-        poor = seen[~good]
-        if len(poor):
-            _put(panels, poor, self.paper(_taken(crops, poor), shape))
-        return panels, choice.score * panels.score**2
+        return Panels(choice.corners_px, choice.score > 0, choice.score, choice.candidates)
+
+    def _accept(self, lattice: Lattice, noise: Tensor, panels: Panels, rows: Tensor) -> Tensor:
+        """Note fitted corners and scores at ``rows`` of the panels, in place; give the rows that fit poorly."""
+        good = _share_beyond_noise(lattice, noise) >= self.min_share
+        good &= _is_sane(lattice, panels.corners_px[rows])
+        corners = (lattice.corners_px[good] * _PARTS_PER_PX).round() / _PARTS_PER_PX
+        panels.corners_px[rows[good]], panels.score[rows[good]] = corners, lattice.share[good].clamp(0, 1)
+        return rows[~good]
 
 
 def _fitted(
@@ -167,6 +179,29 @@ def _is_sane(lattice: Lattice, corners_px: Tensor) -> Tensor:
     pitch = (lattice.corners_px - lattice.corners_px.roll(1, 1)).norm(dim=2).amin(1) / leds
     sane: Tensor = lattice.corners_px.isfinite().flatten(1).all(1) & ~strayed & (pitch >= _LEAST_PITCH_PX)
     return sane
+
+
+def _alike(sides: list[int], device: torch.device) -> list[tuple[int, Tensor]]:
+    """Part windows by their sides: each side and the indices of its windows."""
+    every = torch.tensor(sides, dtype=torch.int64, device=device)
+    return [(side, (every == side).nonzero()[:, 0]) for side in sorted(set(sides))]
+
+
+def _likeliest(found: Panels, merit: Tensor, frame: Tensor, frames: Frames) -> Panels:
+    """Take the panel of most merit in each frame, the first of equals."""
+    panels = _nowhere(len(frames), frames)
+    merit = merit.masked_fill(~found.found, 0.0)
+    most = merit.new_zeros(len(frames)).scatter_reduce(0, frame, merit, "amax")
+    rows = (found.found & (merit == most[frame])).nonzero()[:, 0].flip(0)
+    for row in rows:
+        _put(panels, frame[row][None], _of(found, row[None]))
+    return panels
+
+
+def _nowhere(count: int, frames: Frames) -> Panels:
+    """Give panels that are not found."""
+    panels = Panels.known(torch.zeros(count, 4, 2, dtype=torch.float64, device=frames.grey.device))
+    return Panels(panels.corners_px, ~panels.found, panels.score * 0, panels.candidates * 0)
 
 
 def _taken(frames: Frames, rows: Tensor) -> Frames:

@@ -138,13 +138,13 @@ def _squares(frame: Tensor, boxes: Tensor) -> Regions:
     return Regions(frame, left, top, side)
 
 
-def cut_windows(frames: Frames, regions: Regions, chosen: Tensor) -> Frames:
-    """Cut windows of one size out of whole frames; beyond the border its pixels go on."""
-    side = int(regions.side_px[chosen[0]])
+def cut_windows(frames: Frames, regions: Regions, chosen: Tensor, side: int) -> Frames:
+    """Cut windows of ``side`` px about some regions out of whole frames; beyond the border its pixels go on."""
     height, width = frames.grey.shape[-2:]
     steps = torch.arange(side, device=frames.grey.device)
-    x = regions.left_px[chosen].clamp(max=width - side).clamp(min=0)
-    y = regions.top_px[chosen].clamp(max=height - side).clamp(min=0)
+    wider = (side - regions.side_px[chosen]) // 2
+    x = (regions.left_px[chosen] - wider).clamp(max=width - side).clamp(min=0)
+    y = (regions.top_px[chosen] - wider).clamp(max=height - side).clamp(min=0)
     rows, columns = (y[:, None] + steps).clamp(max=height - 1), (x[:, None] + steps).clamp(max=width - 1)
     grey = frames.grey[regions.frame[chosen, None, None], 0, rows[:, :, None], columns[:, None]][:, None]
     origin = torch.stack([x, y], 1) + frames.origin_px[regions.frame[chosen]]

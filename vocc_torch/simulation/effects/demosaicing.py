@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from typing import ClassVar
 
+import numpy as np
 import torch
 import torch.nn.functional as F
 from kornia.color import CFA, raw_to_rgb, rgb_to_grayscale
@@ -60,8 +62,10 @@ class Demosaicing(Effect):
         phases = [(x % 2, y % 2) for x, y in origins_px(context)]
         if len(set(phases)) == 1:
             return _luma(raw, PATTERNS[phases[0]]).to(value.dtype)
-        frames = [_luma(raw[i : i + 1], PATTERNS[phase]) for i, phase in enumerate(phases)]
-        return torch.cat(frames).to(value.dtype)
+        order = sorted(range(len(phases)), key=phases.__getitem__)
+        groups = itertools.groupby(order, key=phases.__getitem__)
+        parts = [_luma(raw[list(rows)], PATTERNS[phase]) for phase, rows in groups]
+        return torch.cat(parts)[np.argsort(order)].to(value.dtype)
 
 
 def _luma(raw: Tensor, pattern: CFA) -> Tensor:
