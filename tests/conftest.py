@@ -7,9 +7,16 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+import torch
 from hydra.core.global_hydra import GlobalHydra
 
 from vocc_torch import cli
+
+
+def pytest_configure(config):
+    """Give each of several test processes one thread: threads that share a core wait for each other."""
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        torch.set_num_threads(1)
 
 
 @dataclass(frozen=True)
