@@ -50,3 +50,9 @@ def test_the_pages_scene_of_ten_lines_is_one():
     scene = yaml.safe_load(block)
     assert len([line for line in block.splitlines() if not line.startswith("#")]) == 10
     assert set(scene["effects"]) <= {kind.name for kind in PHYSICAL_ORDER}
+
+
+def test_every_picture_that_the_pages_show_is_there():
+    for page in (PAGE, ROOT / "README.md"):
+        for link in re.findall(r"!\[[^\]]*\]\(([^)]+)\)", page.read_text(encoding="utf-8")):
+            assert (page.parent / link).is_file(), link

@@ -73,6 +73,7 @@ def test_a_scene_touches_only_the_effects_that_it_names(scene, monkeypatch):
         )
     )
     assert bool(torch.isfinite(seen.readings.features).all())
+    assert shot(plan, panel_only=False).dtype == torch.uint8
     spare = next(kind for kind in PHYSICAL_ORDER if kind.name not in plan.world.effects)
     with pytest.raises(AssertionError, match="was touched"):
         spare()
@@ -121,15 +122,18 @@ def test_a_window_has_the_whole_frames_pixels(scene):
         assert float((gap > 0).float().mean()) < 1e-3
 
 
-def test_a_scene_without_effects_hands_the_same_tensor_through():
-    """Nothing is built, and nothing clips, rounds or copies: what goes into the chain is what comes out."""
+def test_a_scene_without_effects_hands_the_same_tensor_through(monkeypatch):
+    """Nothing is built, and between the camera's own steps nothing clips, rounds or copies."""
     plan = plan_of()
     assert shot(plan, {}).dtype == torch.float32
     simulator = plan.world.simulator()
     assert simulator.effects == ()
-    light = torch.rand(1, 1, 4, 4)
-    out, _ = simulator._apply(light, Quantity.LUMINANCE, [], Context(Scene.of(), simulator.camera))
-    assert out is light
+    light, context = torch.rand(1, 1, 4, 4), Context(Scene.of(), simulator.camera)
+    monkeypatch.setattr("vocc_torch.simulation.simulator.through_lens", lambda value, _: value)
+    monkeypatch.setattr("vocc_torch.simulation.simulator.grey_value", lambda value, _, gamma: value)
+    assert simulator._finish(light, Quantity.LUMINANCE, [], context) is light
+    blurring = plan_of().world.simulator()
+    assert blurring._finish(light, Quantity.LUMINANCE, [1], context) is not light
 
 
 def operators(plan):

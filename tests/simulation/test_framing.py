@@ -9,7 +9,7 @@ from test_every_effect import KINDS, PARAMETERS
 from vocc_torch import Scene, Simulator
 from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.simulation import Camera, LedPanel
-from vocc_torch.simulation.effects import Quantity
+from vocc_torch.simulation.effects import Quantity, build_effects
 from vocc_torch.simulation.framing import crop_origins_px, lay_on_sensor, window_size_px
 from vocc_torch.simulation.geometry import panel_corners_m
 from vocc_torch.simulation.simulator import PAPER_EFFECTS
@@ -24,6 +24,8 @@ def chain(name):
     named = {**PAPER_EFFECTS, name: (PARAMETERS | ROOM)[name]}
     if KINDS[name].takes == Quantity.ELECTRONS or name == "photoelectrons":
         named |= {key: PARAMETERS[key] for key in ("photoelectrons", "gain")}
+    if name == "airlight":
+        named["attenuation"] = PARAMETERS["attenuation"]
     return named
 
 
@@ -57,6 +59,30 @@ def test_a_window_has_the_very_pixels_of_the_frame(name):
     inner = slice(8, -8)
     for i, (x, y) in enumerate(near.origin_px.tolist()):
         assert x % 8 == y % 8 == 0
+        part = full.grey[i, 0, y : y + height, x : x + width]
+        assert torch.equal(part[inner, inner], near.grey[i, 0, inner, inner])
+
+
+def combination(number):
+    """Some of the effects with what they need, drawn by number."""
+    source = np.random.default_rng(number)
+    names = source.choice(list(KINDS), size=source.integers(3, 7), replace=False)
+    named = {key: value for name in names for key, value in chain(name).items()} | PAPER_EFFECTS
+    return named | ({"attenuation": PARAMETERS["attenuation"]} if "airlight" in names else {})
+
+
+@pytest.mark.parametrize("number", range(16))
+def test_combinations_hold_the_same_pixels_too(number):
+    """Of 3 to 6 effects; also where one fills the sensor in the middle of a chain."""
+    filled, full = (shots(combination(number), framing=framing) for framing in ("filled", "full"))
+    assert torch.equal(filled.grey, full.grey)
+    near = shots(combination(number), panel_only=True)
+    height, width = near.grey.shape[-2:]
+    # A blur meets the window's border with what lies beyond it in the frame.
+    edge = 8 + sum(effect.reach_in_px(SMALL, 40.0) for effect in build_effects(combination(number)))
+    inner = slice(edge, -edge)
+    assert 2 * edge < min(height, width)
+    for i, (x, y) in enumerate(near.origin_px.tolist()):
         part = full.grey[i, 0, y : y + height, x : x + width]
         assert torch.equal(part[inner, inner], near.grey[i, 0, inner, inner])
 

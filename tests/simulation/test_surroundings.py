@@ -76,7 +76,10 @@ def test_contrast_is_the_grey_step_of_an_leds_middle_in_fog_and_glare(effects):
 def test_drawing_in_layers_gives_the_picture_drawn_at_once(board):
     """Perfectly clear air and an all but even texture against no such effects, to rounding."""
     panel, bits = LedPanel(board_reflectance=board), torch.rand(2, 8, 8) < 0.5
-    clear, even = {"airlight": {"visibility_m": 1e15}}, {"background_texture": {"contrast": 1e-9}}
+    clear, even = (
+        {name: {"visibility_m": 1e15} for name in FOG},
+        {"background_texture": {"contrast": 1e-9}},
+    )
     plain = shot({}, bits, panel=panel, framing="full").grey
     for effects in (clear, even, clear | even):
         layered = shot(effects, bits, panel=panel, framing="full").grey

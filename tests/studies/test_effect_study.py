@@ -93,7 +93,9 @@ def test_all_together_is_the_scene_and_every_part(scene):
     catalogue = shipped(scene)
     together = catalogue.together()
     assert set(together.present) == set(ORDER)
-    assert together.absent == {name: SCENES[scene][name] for name in ORDER if name in SCENES[scene]}
+    named = {name: SCENES[scene][name] for name in ORDER if name in SCENES[scene]}
+    # The fog that is added is in one air with what dims the LEDs, also in the scene without fog.
+    assert together.absent == {**named, "attenuation": together.present["airlight"]}
     own = [name for row in catalogue.comparisons() if not row.in_scene for name in row.own]
     assert sorted(own) == sorted(together.own)
 
@@ -123,14 +125,15 @@ def test_what_is_chosen_is_added_together_over_its_companions():
 def test_severities_change_one_parameter(name):
     catalogue = shipped()
     usual, values = catalogue.usual(name), catalogue.severities[name].values
+    one_air = {"attenuation"} if name == "airlight" else set()
     effect, _, parameter = catalogue.severities[name].parameter.partition(".")
     for value in values:
         scene = catalogue.at(name, value)
         assert scene[effect][parameter] == value
-        rest = {key: some for key, some in scene.items() if key != effect}
-        assert rest == {
-            key: some for key, some in catalogue.comparison(name).present.items() if key != effect
-        }
+        assert all(scene[other][parameter] == value for other in one_air)
+        moved, usually = {effect, *one_air}, catalogue.comparison(name).present
+        rest = {key: some for key, some in scene.items() if key not in moved}
+        assert rest == {key: some for key, some in usually.items() if key not in moved}
     if isinstance(usual, int | float):
         assert min(values) <= usual <= max(values)
 

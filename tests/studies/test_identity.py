@@ -217,6 +217,15 @@ def test_a_default_that_is_written_out_changes_nothing(plan):
     assert told[0] == told[1] != told[2]
 
 
+def test_an_angle_that_is_written_out_as_its_default_changes_nothing(plan):
+    told = []
+    for angles in ({"yaw_deg": 10}, {"yaw_deg": 10.0, "roll_deg": 0}, {"yaw_deg": ["uniform", 9, 10]}):
+        effects = {**PAPER_EFFECTS, "pose": angles}
+        other = dataclasses.replace(plan, world=dataclasses.replace(plan.world, effects=effects))
+        told.append(identity(other, ["paper"]))
+    assert told[0] == told[1] != told[2]
+
+
 # What computes
 
 

@@ -85,6 +85,7 @@ class Change:
         present: errors with it.
         absent: errors without it.
         paired: the two compared frame by frame, ``present`` as a.
+        located: whether a locator found the panels, which may lose one and with it half of a frame's bits.
 
     Example:
         >>> halves = np.array([[4, 2, 0], [0, 2, 0]])
@@ -96,6 +97,7 @@ class Change:
     present: Counts
     absent: Counts
     paired: PairedCounts
+    located: bool = False
 
     @classmethod
     def of(
@@ -105,6 +107,8 @@ class Change:
         found: NDArray[np.bool_],
         found_absent: NDArray[np.bool_],
         bits_per_frame: int,
+        *,
+        located: bool = False,
     ) -> Change:
         """Count and compare the half errors of N frames.
 
@@ -114,6 +118,7 @@ class Change:
             found: (N,) whether the panel was found with it.
             found_absent: (N,) the same without it.
             bits_per_frame: at least 1.
+            located: whether a locator found the panels.
 
         Raises:
             VoccError: arrays that do not belong together.
@@ -123,7 +128,7 @@ class Change:
             raise VoccError(f"present, absent and found have {sizes} frames: they must be the same")
         halves, hits = np.stack([present, absent]), np.stack([found, found_absent])
         (first, second), pairs = tallies(halves, bits_per_frame, hits)
-        return cls(first, second, pairs[0, 1])
+        return cls(first, second, pairs[0, 1], located)
 
     @property
     def difference(self) -> float:
@@ -133,7 +138,9 @@ class Change:
     @property
     def interval(self) -> DifferenceInterval:
         """The difference with its 95 % interval, frames as the independent units."""
-        return paired_interval(self.paired)
+        # Where panels are located, the frame that has not come yet may be one whose panel is lost.
+        lost = self.present.bits / self.present.frames / 2
+        return paired_interval(self.paired, errors_per_discordant_frame=lost if self.located else 1.0)
 
     @property
     def frames(self) -> int:

@@ -33,7 +33,6 @@ _MOST_CELLS = 0.4
 _EXPECTED = (1.0, 0.5, 0.5, 0.1, 1.0, 0.5, 0.5, 0.1, 0.2, 0.2, 0.3, 1.0, 0.02)
 # The same for the first steps, while bits are still wrong: hardly any turn, shear and perspective.
 _STIFF_STEPS = 3
-_OUTLIER = 3.0
 _STIFF = (1.0, 0.5, 0.05, 0.02, 1.0, 0.05, 0.5, 0.02, *_EXPECTED[8:])
 _BLUR_CELLS = (0.1, 0.75)
 
@@ -98,9 +97,7 @@ def _stepped(model: Model, lattice: Lattice, expected: tuple[float, ...]) -> tup
     predicted = model.predicted
     slope = torch.where(model.light < 1, predicted / (GAMMA * model.light.clamp(min=1e-5)), 0.0).flatten(1)
     rest = (model.grey - predicted).flatten(1)
-    # What the model cannot explain, such as what hides the panel, loses its weight (Cauchy).
-    scale = _OUTLIER * rest.abs().mean(1, keepdim=True) + 1.0
-    trust = 1 / (1 + (rest / scale) ** 2).sqrt()
+    trust = model.trust().sqrt().flatten(1)
     rest = rest * trust
     jacobian = _changes(model, lattice) * (slope * trust)[:, None]
     variance = (rest.square().mean(1) + ROUNDING_DN**2).to(torch.float64)[:, None]

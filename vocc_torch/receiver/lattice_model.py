@@ -21,6 +21,7 @@ MARGIN = 1
 
 # Standard deviation of rounding, DN: no picture fits better.
 ROUNDING_DN = 0.29
+_OUTLIER = 3.0
 
 
 @dataclass(slots=True)
@@ -33,8 +34,11 @@ class Lattice:
         levels: (B,2) float64, light of an Off and an On LED in its middle above the background; white is 1.
         background: (B,) float64, light of the background.
         bits: (B,R,C) bool, which LEDs are taken to be On.
-        rms_dn: (B,) float64, root mean square of what the lattice leaves unexplained, DN.
-        share: (B,) float64, share of the picture's variation about the background that it explains, to 1.
+        rms_dn: (B,) float64, root mean square of what the lattice leaves unexplained, DN, with the weights of
+            :meth:`Model.trust`.
+        share: (B,) float64, share of the picture's variation about the background that it explains, at most
+            1, with the same weights.
+        share_of_all: (B,) float64, the share where all pixels weigh alike.
     """
 
     corners_px: Tensor
@@ -44,6 +48,7 @@ class Lattice:
     bits: Tensor
     rms_dn: Tensor
     share: Tensor
+    share_of_all: Tensor
 
     @classmethod
     def at(cls, corners_px: Tensor, blur: Tensor, background_dn: Tensor, shape: PanelShape) -> Lattice:
@@ -52,7 +57,7 @@ class Lattice:
         bits = torch.zeros(len(none), shape.rows, shape.columns, dtype=torch.bool, device=none.device)
         light = linear_light(background_dn.to(torch.float64))
         pairs = blur[:, None].repeat(1, 2), torch.stack([none, none], 1)
-        return cls(corners_px.clone(), *pairs, light, bits, none, none.clone())
+        return cls(corners_px.clone(), *pairs, light, bits, none, none.clone(), none.clone())
 
     @property
     def shape(self) -> PanelShape:
@@ -206,9 +211,25 @@ class Model:
         """Predict anew after a change of bits, levels and background only."""
         return self._seen(self.grey, self.rows, self.columns, lattice)
 
+    def trust(self) -> Tensor:
+        """Weigh pixels (B,H,W): what the lattice cannot explain, such as what hides the panel, counts little.
+
+        Cauchy's weights, of which a squared difference loses half at three mean absolute ones.
+        """
+        rest = (self.grey - self.predicted).abs()
+        scale = _OUTLIER * rest.mean((1, 2), keepdim=True) + 1.0
+        return 1 / (1 + (rest / scale) ** 2)
+
     def scored(self, lattice: Lattice) -> Lattice:
         """Note how well the lattice explains the picture."""
-        rest = (self.predicted - self.grey).square().mean((1, 2)).to(torch.float64)
         level = grey_values(lattice.background).to(self.grey.dtype)[:, None, None]
-        spread = (self.grey - level).square().mean((1, 2)).to(torch.float64)
-        return replace(lattice, rms_dn=rest.sqrt(), share=1 - rest / spread.clamp(min=ROUNDING_DN**2))
+        rest, spread = (self.grey - self.predicted).square(), (self.grey - level).square()
+        trust = self.trust()
+        alike = rest.mean((1, 2)), spread.mean((1, 2))
+        weighed = [(one * trust).sum((1, 2)) / trust.sum((1, 2)) for one in (rest, spread)]
+        shares = [
+            1 - left.to(torch.float64) / whole.to(torch.float64).clamp(min=ROUNDING_DN**2)
+            for left, whole in (weighed, alike)
+        ]
+        rms = weighed[0].to(torch.float64).sqrt()
+        return replace(lattice, rms_dn=rms, share=shares[0], share_of_all=shares[1])

@@ -58,8 +58,7 @@ def _chain(side: Tensor) -> Tensor:
     likely = _vertices(parts, rows[:1, :_PART_ROWS].expand(parts.shape)).view(blobs, -1)[:, :height]
     most = int(likely.sum(1).max()) if blobs else 0
     order = likely.to(torch.uint8).argsort(dim=1, descending=True, stable=True)[:, :most]
-    left = side.gather(1, order).masked_fill(~likely.gather(1, order), torch.inf)
-    return torch.zeros_like(likely).scatter(1, order, _vertices(left, order))
+    return torch.zeros_like(likely).scatter(1, order, _vertices(side.gather(1, order), order))
 
 
 def _vertices(side: Tensor, rows: Tensor) -> Tensor:

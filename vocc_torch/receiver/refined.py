@@ -12,6 +12,7 @@ from vocc_torch.receiver.lattice_fit import fit_lattice
 from vocc_torch.receiver.lattice_model import Lattice, corner_cells, moved
 from vocc_torch.receiver.lattice_search import search_lattice
 from vocc_torch.receiver.location import PaperLocator, quantised
+from vocc_torch.receiver.rectification import cell_size_px
 from vocc_torch.receiver.regions import bright_regions, cut_windows, ring_statistics
 from vocc_torch.types import Frames, Panels, PanelShape
 
@@ -63,7 +64,7 @@ class RefinedLocator:
     """
 
     paper: PaperLocator = field(default_factory=PaperLocator)
-    min_share: float = 0.95
+    min_share: float = 0.97
 
     def __post_init__(self) -> None:
         """Refuse a share out of its range."""
@@ -109,22 +110,20 @@ class RefinedLocator:
             windows = cut_windows(frames, regions, rows, side)
             background[rows], noise[rows] = ring_statistics(windows.grey)
             _put(found, rows, self._chosen(windows, background[rows], noise[rows], shape))
-        first = found.score.clone()
+        likeness, poor = found.score.clone(), torch.zeros_like(found.found)
         # Small windows are fitted together: what lies between the panel and the border does not matter.
         for side, rows in _alike([max(side, _FIT_PX) for side in sides], frames.grey.device):
             seen = rows[found.found[rows]]
             if len(seen):
                 windows = cut_windows(frames, regions, seen, side)
                 fit = _fitted(windows, found.corners_px[seen], background[seen], noise[seen], shape)
-                poor = self._accept(fit, noise[seen], found, seen)
-                found.found[poor] = False
-                first[poor] = -first[poor]
+                poor[self._accept(fit, noise[seen], found, seen)] = True
         for side, rows in _alike(sides, frames.grey.device):
-            poor = rows[first[rows] < 0]
-            if len(poor):
-                windows = replace(cut_windows(frames, regions, poor, side), surround=background[poor])
-                _put(found, poor, self.paper(windows, shape))
-        return _likeliest(found, first.abs() * found.score**2, regions.frame, frames)
+            rest = rows[poor[rows]]
+            if len(rest):
+                windows = replace(cut_windows(frames, regions, rest, side), surround=background[rest])
+                _put(found, rest, self.paper(windows, shape))
+        return _likeliest(found, likeness * found.score**2, regions.frame, frames)
 
     def _chosen(self, crops: Frames, background: Tensor, noise: Tensor, shape: PanelShape) -> Panels:
         """Choose the paper's blobs among the pixels that are brighter than the background."""
@@ -133,10 +132,11 @@ class RefinedLocator:
         return Panels(choice.corners_px, choice.score > 0, choice.score, choice.candidates)
 
     def _accept(self, lattice: Lattice, noise: Tensor, panels: Panels, rows: Tensor) -> Tensor:
-        """Note fitted corners and scores at ``rows`` of the panels, in place; give the rows that fit poorly."""
-        good = _share_beyond_noise(lattice, noise) >= self.min_share
+        """Note fitted corners and scores at ``rows`` of the panels, in place; give the rows that fit ill."""
+        good = lattice.share + _noise_share(lattice, noise) >= self.min_share
         good &= _is_sane(lattice, panels.corners_px[rows])
-        corners = (lattice.corners_px[good] * _PARTS_PER_PX).round() / _PARTS_PER_PX
+        corners = _upright(lattice.corners_px[good], lattice.shape)
+        corners = (corners * _PARTS_PER_PX).round() / _PARTS_PER_PX
         panels.corners_px[rows[good]], panels.score[rows[good]] = corners, lattice.share[good].clamp(0, 1)
         return rows[~good]
 
@@ -147,7 +147,7 @@ def _fitted(
     """Fit lattices from quadrilaterals; where little is explained, again from other starts."""
     start, blur = search_lattice(frames, corners_px, background, shape)
     lattice = fit_lattice(frames, Lattice.at(start, blur, background, shape))
-    poor = (_share_beyond_noise(lattice, noise) < _GOOD_SHARE).nonzero()[:, 0]
+    poor = (lattice.share_of_all + _noise_share(lattice, noise) < _GOOD_SHARE).nonzero()[:, 0]
     if not len(poor):
         return lattice
     seen, level = _taken(frames, poor), background[poor]
@@ -163,22 +163,35 @@ def _fitted(
     return lattice
 
 
-def _share_beyond_noise(lattice: Lattice, noise: Tensor) -> Tensor:
-    """Give the share (B,) that lattices explain of what is not noise."""
-    rest = lattice.rms_dn.square()
-    spread = rest / (1 - lattice.share).clamp(min=1e-9)
-    share: Tensor = 1 - (rest - noise.square()).clamp(min=0) / spread.clamp(min=1e-9)
+def _noise_share(lattice: Lattice, noise: Tensor) -> Tensor:
+    """Give the share (B,) of a picture's variation that is noise, which no lattice explains."""
+    spread = lattice.rms_dn.square() / (1 - lattice.share).clamp(min=1e-9)
+    share: Tensor = noise.square() / spread.clamp(min=1e-9)
     return share
 
 
 def _is_sane(lattice: Lattice, corners_px: Tensor) -> Tensor:
     """Say which lattices (B,) are finite, not too fine, and not far from where they began."""
-    leds = max(lattice.shape.rows, lattice.shape.columns)
-    cell = (corners_px - corners_px.roll(1, 1)).norm(dim=2).amax(1) / leds
+    cell = torch.maximum(*cell_size_px(corners_px, lattice.shape))
     strayed = (lattice.corners_px - corners_px).norm(dim=2).amax(1) > _FARTHEST_CELLS * cell
-    pitch = (lattice.corners_px - lattice.corners_px.roll(1, 1)).norm(dim=2).amin(1) / leds
+    pitch = torch.minimum(*cell_size_px(lattice.corners_px, lattice.shape))
     sane: Tensor = lattice.corners_px.isfinite().flatten(1).all(1) & ~strayed & (pitch >= _LEAST_PITCH_PX)
     return sane
+
+
+def _upright(corners_px: Tensor, shape: PanelShape) -> Tensor:
+    """Begin with the corner from which the first side is turned by -45 to 45 degrees, or half a turn off it.
+
+    A square panel looks alike from four sides: the paper's rectangles begin so, and so do these.
+    """
+    x, y = (corners_px[:, 1] - corners_px[:, 0]).unbind(1)
+    steep = y.abs() > x.abs()
+    quarter = torch.where(steep & (y > 0), 1, torch.where(steep, -1, 0))
+    quarter = torch.where((quarter == 0) & (x < 0), 2, quarter)
+    if shape.rows != shape.columns:
+        quarter = torch.where(quarter == 2, 2, 0)
+    index = (torch.arange(4, device=x.device) - quarter[:, None]) % 4
+    return corners_px.gather(1, index[..., None].expand(-1, -1, 2))
 
 
 def _alike(sides: list[int], device: torch.device) -> list[tuple[int, Tensor]]:

@@ -70,15 +70,34 @@ def local_background(means: Tensor) -> Tensor:
         [100.0]
     """
     high, wide = means.shape[1:]
-    rows, columns = -(-high // _TILE_BLOCKS), -(-wide // _TILE_BLOCKS)
-    down = torch.arange(rows * _TILE_BLOCKS, device=means.device).clamp(max=high - 1)
-    right = torch.arange(columns * _TILE_BLOCKS, device=means.device).clamp(max=wide - 1)
-    tiles = means[:, down[:, None], right].view(-1, rows, _TILE_BLOCKS, columns, _TILE_BLOCKS)
-    level = tiles.transpose(2, 3).flatten(3).median(3).values
+    rows, columns = _tiles(high, means.device), _tiles(wide, means.device)
+    tiles = means[:, rows[:, None, :, None], columns[None, :, None]]
+    level = tiles.flatten(3).median(3).values
     around = F.pad(level[:, None], [1] * 4, mode="replicate").unfold(2, 3, 1).unfold(3, 3, 1)
     level = around.flatten(4).median(4).values
-    size = (rows * _TILE_BLOCKS, columns * _TILE_BLOCKS)
-    return F.interpolate(level, size=size, mode="bilinear")[:, 0, :high, :wide]
+    for axis in (2, 3):
+        level = _with_next(level, axis)
+    scale = (high / len(rows), wide / len(columns))
+    size = [round((count + 2) * step) for count, step in zip((len(rows), len(columns)), scale, strict=True)]
+    top, left = ((size[0] - high) // 2, (size[1] - wide) // 2)
+    fine = F.interpolate(level, size=size, mode="bilinear")
+    return fine[:, 0, top : top + high, left : left + wide]
+
+
+def _tiles(blocks: int, device: torch.device) -> Tensor:
+    """Part an axis into tiles of equal size, overlapping where it does not part evenly: (T,size) indices."""
+    count = max(1, round(blocks / _TILE_BLOCKS))
+    size = -(-blocks // count)
+    first = torch.linspace(0, blocks - size, count, device=device).round().long()
+    return first[:, None] + torch.arange(size, device=device)
+
+
+def _with_next(level: Tensor, axis: int) -> Tensor:
+    """Go on with a level as it changes at both ends of an axis."""
+    count = level.shape[axis]
+    first, second = level.narrow(axis, 0, 1), level.narrow(axis, min(1, count - 1), 1)
+    last, before = level.narrow(axis, count - 1, 1), level.narrow(axis, max(0, count - 2), 1)
+    return torch.cat([2 * first - second, level, 2 * last - before], axis)
 
 
 def bright_regions(grey: Tensor) -> Regions:
@@ -139,13 +158,13 @@ def _squares(frame: Tensor, boxes: Tensor) -> Regions:
 
 
 def cut_windows(frames: Frames, regions: Regions, chosen: Tensor, side: int) -> Frames:
-    """Cut windows of ``side`` px about some regions out of whole frames; beyond the border its pixels go on."""
+    """Cut windows of ``side`` px, or of all there is, about regions out of whole frames."""
     height, width = frames.grey.shape[-2:]
-    steps = torch.arange(side, device=frames.grey.device)
     wider = (side - regions.side_px[chosen]) // 2
     x = (regions.left_px[chosen] - wider).clamp(max=width - side).clamp(min=0)
     y = (regions.top_px[chosen] - wider).clamp(max=height - side).clamp(min=0)
-    rows, columns = (y[:, None] + steps).clamp(max=height - 1), (x[:, None] + steps).clamp(max=width - 1)
+    rows = y[:, None] + torch.arange(min(side, height), device=x.device)
+    columns = x[:, None] + torch.arange(min(side, width), device=x.device)
     grey = frames.grey[regions.frame[chosen, None, None], 0, rows[:, :, None], columns[:, None]][:, None]
     origin = torch.stack([x, y], 1) + frames.origin_px[regions.frame[chosen]]
     return Frames(grey, origin, frames.sensor_px)

@@ -78,7 +78,8 @@ class Simulator:
         effects: effect name to parameters; by default the paper's. What is not named is never built.
         framing: ``crop`` renders the panel's surroundings only and states the uniform rest as a grey value;
             ``filled`` lays that crop into a full frame of that grey value; ``full`` renders the whole sensor.
-            All three give the same pixels; an effect that fills the sensor makes every framing ``full``.
+            All three give the same pixels, once quantised to the last bit; an effect that fills the sensor
+            makes every framing ``full``.
         device: where the tensors live.
         dtype: working precision, ``torch.float32`` or ``torch.float64``.
 
@@ -128,7 +129,8 @@ class Simulator:
     def contrast(self, scene: Scene) -> Tensor:
         """Contrast ``(G_on - G_off) / 255`` of the LEDs before any blur (section IV-D-1), (B,) float64.
 
-        Both greys are clipped at white where the scene names saturation.
+        Both greys are clipped at white where the scene names saturation. What a sensor clips or adds
+        (``full_well``, ``dark_current``) is not in it.
         """
         scene = scene.to(self.device)
         context, light = self._context(scene), scene.led_luminance_cd_m2.view(-1, 1, 1)

@@ -26,8 +26,8 @@ class Airlight(Effect):
     distance, the background and its lamps too. Headlights that shine into the fog are not part of it.
 
     This effect acts on all light but the LEDs' own, which ``attenuation`` (Eq. 20) dims; so nothing is dimmed
-    twice, and a foggy scene names both, with one visibility. Eq. 20 rounds 3.912 to 3.91, at most 0.2 % of
-    the light within the visibility distance. Differentiable in the light and in the scene.
+    twice, and a foggy scene names both, with one visibility, or is refused. Eq. 20 rounds 3.912 to 3.91, at
+    most 0.2 % of the light within the visibility distance. Differentiable in the light and in the scene.
 
     Source: H. Koschmieder, "Theorie der horizontalen Sichtweite", Beitr. Phys. freien Atmos. 12, 1924;
     W. E. K. Middleton, "Vision through the Atmosphere", 1952. The meteorological optical range of weather

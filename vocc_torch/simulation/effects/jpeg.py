@@ -33,7 +33,8 @@ class Jpeg(Effect):
     quality, rounded and transformed back. The frame is the luma that goes in and comes out. Kornia's codec
     rounds softly, by ``round(x) + (x - round(x))^3``, and its tables with it, so that it stays near JPEG
     rather than being it: on noisy frames at qualities of 30 to 95 it differs from libjpeg by 0.6 grey levels
-    in the mean and by 10 at most, where JPEG itself changes the frame by 1.5 to 4.
+    in the mean and by up to 15, where JPEG itself changes the frame by 1.5 to 4. It errs on the gentle side:
+    the root mean square of what coding changes was 5 % below libjpeg's at quality 50 and 19 % at 10.
 
     The blocks lie on the sensor's grid. It fills the sensor, since a crop off that grid would be coded
     otherwise, and such a crop is refused. One of whole blocks, or cut by the sensor, is coded as its part of

@@ -11,6 +11,7 @@ from torch import Tensor
 
 from vocc_torch.errors import VoccError
 from vocc_torch.simulation.effects.base import Context, Effect, Quantity
+from vocc_torch.simulation.effects.own_light import dimmed_once
 from vocc_torch.simulation.raster import disc_quadrant_area
 
 MOST_LAMPS = 1000
@@ -27,7 +28,8 @@ class Lamps(Effect):
     frame and its preambles share them. Sampled: not differentiable in places nor in size; the light of the
     background keeps its gradient.
 
-    Source: the pinhole camera; luminance does not change with distance in clear air (``airlight`` dims it).
+    Source: the pinhole camera; luminance does not change with distance in clear air. The scene's
+    ``attenuation`` dims a lamp as it does our LEDs, or ``airlight`` does, with the whole background.
 
     Args:
         count: lamps in a frame, a whole number from 1 to 1000.
@@ -67,26 +69,31 @@ class Lamps(Effect):
         radii = (self.diameter_m / 2 * camera.pixels_per_metre(context.scene.distance_m)).tolist()
         origins = [[0, 0]] * len(value) if context.origin_px is None else context.origin_px.tolist()
         generators = context.generators(self.name, of_scene=True)
+        shining = torch.full_like(context.scene.distance_m, self.luminance_cd_m2).view(-1, 1, 1)
+        light = dimmed_once(shining, context).flatten().tolist()
         for frame, (radius, origin, generator) in enumerate(zip(radii, origins, generators, strict=True)):
             for across, down in generator.random((self.count, 2)).tolist():
                 centre = (across * camera.width_px, down * camera.height_px)
-                self._paint(painted[frame, 0], centre, radius, origin)
+                _paint(painted[frame, 0], centre, radius, origin, light[frame])
         return painted
 
-    def _paint(self, plane: Tensor, centre: tuple[float, float], radius: float, origin: list[int]) -> None:
-        """Paint one lamp onto the part of the sensor that ``plane`` shows, (H,W), in place."""
-        height, width = plane.shape
-        # The sensor's coordinates throughout, so that a crop gets the full frame's very numbers.
-        left, top = (max(math.floor(c - radius), o) for c, o in zip(centre, origin, strict=True))
-        right = min(math.ceil(centre[0] + radius), origin[0] + width)
-        bottom = min(math.ceil(centre[1] + radius), origin[1] + height)
-        if left >= right or top >= bottom:
-            return
-        x, y = (
-            (torch.arange(low, high + 1, dtype=torch.float64, device=plane.device) - middle) / radius
-            for low, high, middle in ((left, right, centre[0]), (top, bottom, centre[1]))
-        )
-        area = disc_quadrant_area(x, y).diff(dim=0).diff(dim=1) * radius**2
-        cover = area.clamp(0, 1).to(plane.dtype)
-        window = plane[top - origin[1] : bottom - origin[1], left - origin[0] : right - origin[0]]
-        window.mul_(1 - cover).add_(cover * self.luminance_cd_m2)
+
+def _paint(
+    plane: Tensor, centre: tuple[float, float], radius: float, origin: list[int], light_cd_m2: float
+) -> None:
+    """Paint one lamp onto the part of the sensor that ``plane`` shows, (H,W), in place."""
+    height, width = plane.shape
+    # The sensor's coordinates throughout, so that a crop gets the full frame's very numbers.
+    left, top = (max(math.floor(c - radius), o) for c, o in zip(centre, origin, strict=True))
+    right = min(math.ceil(centre[0] + radius), origin[0] + width)
+    bottom = min(math.ceil(centre[1] + radius), origin[1] + height)
+    if left >= right or top >= bottom:
+        return
+    x, y = (
+        (torch.arange(low, high + 1, dtype=torch.float64, device=plane.device) - middle) / radius
+        for low, high, middle in ((left, right, centre[0]), (top, bottom, centre[1]))
+    )
+    area = disc_quadrant_area(x, y).diff(dim=0).diff(dim=1) * radius**2
+    cover = area.clamp(0, 1).to(plane.dtype)
+    window = plane[top - origin[1] : bottom - origin[1], left - origin[0] : right - origin[0]]
+    window.mul_(1 - cover).add_(cover * light_cd_m2)

@@ -65,7 +65,11 @@ class Pose(Effect):
     sampled: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
-        """Check the ranges."""
+        """Check the ranges, and make every angle a distribution."""
+        for name in LARGEST_DEG:
+            given = getattr(self, name)
+            if not isinstance(given, Distribution):
+                object.__setattr__(self, name, Distribution.parse(given, f"effects.pose.{name}"))
         for name, angle in zip(LARGEST_DEG, self._angles_deg(), strict=True):
             key, most = f"scene.effects.pose.{name}", LARGEST_DEG[name]
             for bound in angle.bounds:
@@ -77,11 +81,8 @@ class Pose(Effect):
 
     def _angles_deg(self) -> list[Distribution]:
         """Yaw, pitch and roll."""
-        values = (getattr(self, name) for name in LARGEST_DEG)
-        return [
-            value if isinstance(value, Distribution) else Distribution.parse(value, f"effects.pose.{name}")
-            for name, value in zip(LARGEST_DEG, values, strict=True)
-        ]
+        angles = (getattr(self, name) for name in LARGEST_DEG)
+        return [angle for angle in angles if isinstance(angle, Distribution)]
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Turn the panels of (B,3,3) placements about their centres."""

@@ -172,6 +172,7 @@ def check_chain(effects: tuple[Effect, ...]) -> Quantity:
             f"scene.effects ends at electrons, and {_leads('reads out', Quantity.EXPOSURE, current)}"
         )
     _check_coding(effects)
+    _check_air(effects)
     return current if current not in CAMERA_STEPS else Quantity.GREY
 
 
@@ -182,6 +183,19 @@ def _leads(verb: str, wanted: Quantity, current: Quantity) -> str:
     if current == Quantity.ELECTRONS:
         makers = [kind.name for kind in kinds if kind.takes == current]
     return f"scene.effects.{' or scene.effects.'.join(makers)} {verb}: name it too"
+
+
+def _check_air(effects: tuple[Effect, ...]) -> None:
+    """Refuse fog that dims what it lies before and not the LEDs, or by another visibility."""
+    dims = [effect.visibility_m for effect in effects if isinstance(effect, Attenuation)]
+    for fog in (effect for effect in effects if isinstance(effect, Airlight)):
+        key = "scene.effects.airlight"
+        if not dims:
+            rule = "which dims the LEDs' own light in the same air: name it too"
+            raise VoccError(f"{key} needs scene.effects.attenuation, {rule}")
+        if fog.visibility_m != dims[0]:
+            rule = f"it must be {dims[0]:g} as scene.effects.attenuation has it, for there is one air"
+            raise VoccError(f"{key}.visibility_m is {fog.visibility_m:g}: {rule}")
 
 
 def _check_coding(effects: tuple[Effect, ...]) -> None:

@@ -20,7 +20,7 @@ class RowNoise(Effect):
     It is drawn for all the sensor's rows, anew in every picture; a crop takes its own rows. The light keeps
     its gradient. It fills the sensor.
 
-    Source: EMVA Standard 1288, release 4.0 Linear, spatial nonuniformity (split into row, column and pixel).
+    Source: the temporal counterpart of the row nonuniformity of EMVA Standard 1288, release 4.0 Linear.
 
     Args:
         electrons: standard deviation of the offset, above 0 and at most 100,000.

@@ -11,10 +11,9 @@ import torch
 from torch import Tensor
 
 from vocc_torch.errors import VoccError
-from vocc_torch.simulation.effects.airlight import Airlight
-from vocc_torch.simulation.effects.attenuation import Attenuation
 from vocc_torch.simulation.effects.base import Context, Effect, Quantity
 from vocc_torch.simulation.effects.lens_distortion import LensDistortion
+from vocc_torch.simulation.effects.own_light import dimmed_once
 from vocc_torch.simulation.geometry import LedPanel, led_centres_m
 from vocc_torch.simulation.photometry import reflected_luminance_cd_m2
 from vocc_torch.simulation.polygon import polygon_cover
@@ -104,12 +103,7 @@ class SecondPanel(Effect):
         shape = context.panel.shape.rows, context.panel.shape.columns
         bits = np.stack([g.integers(2, size=shape, dtype=np.uint8) for g in context.generators(self.name)])
         full = context.scene.led_luminance_cd_m2.view(-1, 1, 1) * self.luminance_share
-        light = torch.from_numpy(bits).to(full) * full
-        if any(isinstance(effect, Airlight) for effect in context.effects):
-            return light
-        for effect in context.effects:
-            light = effect(light, context) if isinstance(effect, Attenuation) else light
-        return light
+        return dimmed_once(torch.from_numpy(bits).to(full) * full, context)
 
 
 @dataclass(frozen=True, slots=True)

@@ -174,7 +174,9 @@ class Catalogue:
         scene: dict[str, Parameters] = dict(self.scene)
         for one in added:
             for name, parameters in self._with_part(one.name).items():
-                if scene.setdefault(name, parameters) != parameters:
+                if scene.get(name) == self.scene.get(name):
+                    scene[name] = parameters
+                elif parameters not in (scene[name], self.scene.get(name)):
                     raise VoccError(
                         f"effects.parts.{one.name}.{name} is {dict(parameters)}: another part has "
                         f"{dict(scene[name])}, and all together need one"
@@ -192,6 +194,10 @@ class Catalogue:
         effect, _, parameter = self.severities[name].parameter.partition(".")
         scene = dict(self.comparison(name).present)
         scene[effect] = {**scene[effect], parameter: value}
+        if not buildable(scene):
+            # There is one air: what another effect calls by the same name is the same.
+            same = [other for other, given in scene.items() if parameter in given]
+            scene |= {other: {**scene[other], parameter: value} for other in same}
         return scene
 
     def usual(self, name: str) -> object:
@@ -201,8 +207,10 @@ class Catalogue:
         return getattr(built[effect], parameter, None)
 
     def _with_part(self, name: str) -> dict[str, Parameters]:
-        """Give the scene with an effect and what it needs; the scene's own parameters hold."""
-        return {**self.parts.get(name, {}), **self.scene}
+        """Give the scene with an effect and what it needs; the scene's own parameters hold where they fit."""
+        part = self.parts.get(name, {})
+        scene = {**part, **self.scene}
+        return scene if name in self.scene or buildable(scene) else {**self.scene, **part}
 
     def _check_part(self, name: str, part: Effects) -> None:
         """Refuse a part that is not named after an effect of its own, or that does not fit the scene."""
@@ -282,6 +290,9 @@ def _needing(scene: Effects, name: str) -> set[str]:
         if Quantity.ELECTRONS not in left:
             # Electrons that nothing reads out are no picture.
             stuck += [kind for kind in rest if kind.gives == Quantity.ELECTRONS]
+        if "attenuation" in taken:
+            # One air dims the LEDs and what lies behind them.
+            stuck += [kind for kind in rest if kind.name == "airlight"]
         if not stuck:
             return taken
         taken |= {kind.name for kind in stuck}

@@ -248,6 +248,7 @@ def _changes(
             seen.found[:frames],
             other.found[:frames],
             leds,
+            located=locator != "truth",
         )
         for row, name in enumerate(study.plan.receiver.names)
     }
