@@ -129,8 +129,7 @@ class ReceiverPlan:
 
     Args:
         names: receivers in the order of the results.
-        locator: ``paper`` locates the panel in the frame as the paper does, ``refined`` by a fit of its LEDs'
-            lattice; ``truth`` takes the simulator's corners.
+        locator: ``paper`` and ``refined`` locate the panel in the frame; ``truth`` takes the true corners.
         location: the settings of the paper's locator, which the refined one uses too.
         reader: the settings of rectification and features.
         save: the FLDA receiver that is written to the model file and decodes recordings.
@@ -148,17 +147,10 @@ class ReceiverPlan:
     def __post_init__(self) -> None:
         """Check every name."""
         check_receivers(self.names)
-        if self.locator not in get_args(Locator):
-            raise VoccError(
-                f"receiver.locator is {self.locator!r}: it must be {' or '.join(get_args(Locator))}"
-            )
+        if self.locator not in (known := get_args(Locator)):
+            raise VoccError(f"receiver.locator is {self.locator!r}: it must be {' or '.join(known)}")
         if self.save not in FLDA_FEATURES:
             raise VoccError(f"receiver.save is {self.save!r}: it must be one of {', '.join(FLDA_FEATURES)}")
-
-    @property
-    def kept_locator(self) -> PanelLocator:
-        """What finds the panel in recordings, where nobody knows the true corners."""
-        return self.location if self.locator == "truth" else locator_named(self.locator, self.location)
 
     def finders(self, locators: Sequence[Locator]) -> dict[str, PanelLocator | None]:
         """Give what finds the panel by name, None for the simulator's own corners.

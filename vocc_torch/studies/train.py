@@ -127,4 +127,6 @@ def trained_receiver(plan: Plan, training: Training) -> Receiver:
     """Put the plan's FLDA receiver together, ready to decode recordings and to be saved."""
     name = plan.receiver.save
     classifier = training.flda.select(feature_indices(name))
-    return Receiver(name, plan.receiver.kept_locator, plan.receiver.reader, classifier)
+    # Nobody knows the true corners in a recording: there the paper's locator stands in for them.
+    locator = plan.receiver.finders([plan.receiver.locator])[plan.receiver.locator] or plan.receiver.location
+    return Receiver(name, locator, plan.receiver.reader, classifier)
