@@ -298,7 +298,7 @@ MISTAKES = {
     ),
     "unknown locator": (
         ["figures.locators=[gps]"],
-        "figures.locators has 'gps': it must be truth or paper",
+        "figures.locators has 'gps': it must be truth or paper or refined",
     ),
     "rows out of order": (
         ["figures.experiments.dimming.rows=[2000,1000]"],
