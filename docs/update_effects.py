@@ -82,6 +82,12 @@ def thousandths(text: str) -> str:
     return f"{value:.0f}" if abs(value) >= 9.95 else f"{value:.1f}"
 
 
+def cost(row: dict[str, str], kind: str) -> str:
+    """Write a cost, or that it cannot be told from nothing."""
+    low = row[f"{kind}_low_ms"]
+    return "~0" if low and float(low) <= 0 else number(row[f"{kind}_ms"])
+
+
 def change(row: dict[str, str], reading: str) -> str:
     """Write a change of the bit error rate with its interval, in thousandths, bold where it is real."""
     if not row[f"{reading}_change"]:
@@ -106,7 +112,7 @@ def measured(results: Path) -> str:
     for row in rows:
         own = " + ".join(f"`{name}`" for name in row["differs_in"].split(" + "))
         name = names.get(row["row"], own)
-        costs = [number(row["near_ms"]), number(row["located_ms"])]
+        costs = [cost(row, "near"), cost(row, "located")]
         if row["row"] == "scene":
             rates = [thousandths(row["true_corners_ber_with"]), "-", thousandths(row["located_ber_with"])]
         else:

@@ -207,3 +207,34 @@ def test_a_scenes_mistake_is_one_line_and_exit_code_2(case, app):
     override, said = WRONG[case]
     complaint = app("scene=night", override).complaint
     assert said in complaint
+
+
+OVERRULED = {
+    "camera that the scene sets": (
+        ("scene=dashcam", "camera.focal_length_mm=18"),
+        "camera.focal_length_mm is set by the scene dashcam: give scene.camera.focal_length_mm=18",
+    ),
+    "effects set to none": (("scene.effects={}",), "scene.effects={} takes none away"),
+    "two scenes at once": (("scene=[night,fog]",), "scene is [night,fog]: it must be one option"),
+}
+
+
+@pytest.mark.parametrize("case", OVERRULED)
+def test_what_would_be_overruled_is_refused(case, app):
+    words, said = OVERRULED[case]
+    assert said in app(*words).complaint
+
+
+def test_a_scene_of_ones_own_that_is_no_yaml_is_refused_in_one_line(app, tmp_path):
+    (tmp_path / "mine" / "scene").mkdir(parents=True)
+    (tmp_path / "mine" / "scene" / "bad.yaml").write_text("ambient_lx: 1\n  led: [\n")
+    complaint = app("--config-dir", "mine", "scene=bad").complaint
+    assert "bad.yaml is not YAML at line 2" in complaint
+
+
+def test_a_test_beyond_the_scene_is_said(app):
+    small = ("budget.frames=64", "budget.training_frames=64", "tensorboard=false", "receiver.locator=truth")
+    ran = app("scene=night", "experiment.values=[4000]", "name=a", *small)
+    assert "note: this tests ambient_lx from 4000 to 4000, and the receiver trains on 1 to 50" in ran.out
+    ran = app("scene=night", "experiment=scenes", "experiment.values=[40]", "name=b", *small)
+    assert "note:" not in ran.out

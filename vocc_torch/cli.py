@@ -19,8 +19,9 @@ from hydra.errors import HydraException
 from hydra.types import RunMode
 from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
+from yaml import MarkedYAMLError
 
-from vocc_torch.complaints import checked, one_line
+from vocc_torch.complaints import checked, one_line, refuse_overruled
 from vocc_torch.config import AppConfig, as_yaml, register_schema, resolved
 from vocc_torch.errors import VoccError
 from vocc_torch.jobs import Failure, Jobs, begin_again, beside_others, write_down
@@ -94,7 +95,9 @@ def _discard_if_empty(folder: Path) -> None:
 def _complaint(config: DictConfig, folder: Path) -> str | None:
     """Run one job and give the complaint that ended it."""
     try:
-        run_task(checked(resolved(config)), folder)
+        settings = checked(resolved(config))
+        refuse_overruled(settings, HydraConfig.get().overrides.task)
+        run_task(settings, folder)
     except BrokenPipeError:
         raise
     except VoccError as error:
@@ -160,6 +163,9 @@ def _refusal(error: Exception) -> str | None:
         return LOST_WORKER
     if isinstance(error, multiprocessing.TimeoutError):
         return "hydra.launcher.timeout is shorter than a job: give more seconds, or null"
+    if isinstance(error, MarkedYAMLError):
+        mark = error.problem_mark
+        return f"{mark.name} is not YAML at line {mark.line + 1}: {error.problem}" if mark else str(error)
     if isinstance(error, HydraException | OmegaConfBaseException | ValueError):
         return one_line(error, sys.argv[1:])
     if isinstance(error, OSError):

@@ -27,6 +27,7 @@ _KINDS = {
     "bool": "true or false",
 }
 
+GROUPS = ("task", "scene", "camera", "panel", "receiver", "experiment", "budget")
 _GROUP = re.compile(r"(task|scene|camera|panel|receiver|experiment|budget)?=(null|true|false|[-.\d]+)$", re.I)
 
 
@@ -76,6 +77,34 @@ def checked(settings: AppConfig) -> AppConfig:
     for complaint in _misfits(settings, ""):
         raise VoccError(complaint)
     return settings
+
+
+def refuse_overruled(settings: AppConfig, words: Sequence[str]) -> None:
+    """Refuse what a command line asks for and would not get.
+
+    Args:
+        settings: the configuration that came of it.
+        words: its overrides.
+
+    Raises:
+        VoccError: a setting of the camera that the scene makes itself, effects set to none, or several
+            options of one group, which would be mixed.
+
+    Example:
+        >>> refuse_overruled(AppConfig(), ["scene.effects={}"])
+        Traceback (most recent call last):
+        ...
+        vocc_torch.errors.VoccError: scene.effects={} takes none away: write ~scene.effects.NAME for each
+    """
+    for word in words:
+        key, _, value = word.lstrip("+").partition("=")
+        group, _, name = key.partition(".")
+        if group == "camera" and getattr(settings.scene.camera, name, None) is not None:
+            raise VoccError(f"{key} is set by the scene {settings.scene.name}: give scene.{key}={value}")
+        if key == "scene.effects" and value == "{}":
+            raise VoccError("scene.effects={} takes none away: write ~scene.effects.NAME for each")
+        if key in GROUPS and value.startswith("["):
+            raise VoccError(f"{key} is {value}: it must be one option, several in a multirun (-m {key}=a,b)")
 
 
 def _misfits(settings: object, prefix: str) -> Iterator[str]:

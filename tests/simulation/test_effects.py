@@ -130,7 +130,7 @@ def test_no_light_leaks_into_the_neighbouring_frame(dtype):
     torch.testing.assert_close(blurred[3:4], alone, rtol=1e-7 if dtype == torch.float32 else 1e-15, atol=0)
 
 
-@pytest.mark.parametrize("sigma", [0, -1.5, float("nan"), float("inf"), 1001])
+@pytest.mark.parametrize("sigma", [0, -1.5, float("nan"), float("inf"), 32.1, 1001])
 def test_blooming_refuses_a_spread_out_of_range(sigma):
     with pytest.raises(VoccError, match=r"^scene\.effects\.blooming\.sigma_px is .*: it must be above 0"):
         Blooming(sigma)

@@ -23,7 +23,7 @@ from vocc_torch.reporting.tensorboard import axis_steps, board_hint, write_board
 from vocc_torch.reporting.terminal import StudyView, print_table
 from vocc_torch.studies.gallery import sample_frames
 from vocc_torch.studies.identity import identity
-from vocc_torch.studies.plan import Plan
+from vocc_torch.studies.plan import SCENE_FIELDS, Plan
 from vocc_torch.studies.sweep import (
     Sweep,
     axis_values,
@@ -57,6 +57,7 @@ def run_test(settings: AppConfig, folder: Path) -> None:
     refuse_unused(settings)
     refuse_results(folder, LEDGER)
     plan, console = build_plan(settings, folder), Console()
+    _note_strangers(plan, console)
     if settings.tensorboard:
         _check_steps(plan)
     locator = plan.receiver.locator
@@ -99,6 +100,20 @@ def _write(settings: AppConfig, plan: Plan, training: Training, curves: Curves, 
         texts = {"configuration": as_markdown(settings)}
         with quiet_threads():
             write_board(folder / "tensorboard", table, figures, pictures, texts)
+
+
+def _note_strangers(plan: Plan, console: Console) -> None:
+    """Say where the test goes beyond the scenes that the receiver trains on."""
+    trained = plan.experiment.training_model(plan.world)
+    tested = [plan.experiment.model_at(plan.world, value) for value in monte_carlo_values(plan)]
+    for name in SCENE_FIELDS:
+        low = min(getattr(model, name).bounds[0] for model in tested)
+        high = max(getattr(model, name).bounds[1] for model in tested)
+        least, most = getattr(trained, name).bounds
+        if low < least or high > most:
+            beyond = f"{name} from {low:g} to {high:g}, and the receiver trains on {least:g} to {most:g}"
+            note = f"note: this tests {beyond}; experiment=scenes keeps the scene's own"
+            console.print(note, highlight=False, soft_wrap=True)
 
 
 def _check_steps(plan: Plan) -> None:

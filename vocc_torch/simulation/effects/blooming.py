@@ -14,6 +14,9 @@ from torch import Tensor
 from vocc_torch.errors import VoccError
 from vocc_torch.simulation.effects.base import Context, Effect, Quantity
 
+MOST_SIGMA_PX = 32.0
+"""Widest on offer: its kernel reaches as far as that of the other blurs may, 128 px."""
+
 TRUNCATION_SIGMAS = 4.0
 """Kernel half width in standard deviations; at 1.5 px the cut tail is 0.002 digital numbers."""
 
@@ -31,7 +34,7 @@ class Blooming(Effect):
     Source: the paper, section IV-B-1, whose "blooming level" is read as a standard deviation.
 
     Args:
-        sigma_px: standard deviation, px, above 0 and at most 1000; the paper's "blooming level" is 1.5.
+        sigma_px: standard deviation, px, above 0 and at most 32; the paper's "blooming level" is 1.5.
 
     Raises:
         VoccError: a standard deviation outside its range.
@@ -49,10 +52,10 @@ class Blooming(Effect):
 
     def __post_init__(self) -> None:
         """Check the range."""
-        if not 0 < self.sigma_px <= 1000:
+        if not 0 < self.sigma_px <= MOST_SIGMA_PX:
             hint = " (leave the effect out for no blooming)" if self.sigma_px == 0 else ""
             value = f"scene.effects.blooming.sigma_px is {self.sigma_px:g}"
-            raise VoccError(f"{value}: it must be above 0 and at most 1000{hint}")
+            raise VoccError(f"{value}: it must be above 0 and at most {MOST_SIGMA_PX:g}{hint}")
 
     @property
     def reach_px(self) -> int:
