@@ -142,9 +142,9 @@ def faults(mebibytes):
     return resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before
 
 settle_memory()
-for _ in range(3):
-    counted = [faults(mebibytes) for mebibytes in (9, 1, 5, 2, 7, 3)]
-print(sum(counted))
+rounds = [sum(faults(mebibytes) for mebibytes in (9, 1, 5, 2, 7, 3)) for _ in range(6)]
+# The heap finds its size in the first of them.
+print(min(rounds[2:]))
 """
 
 
