@@ -130,7 +130,7 @@ def test_an_effect_carries_the_gradient_of_light_or_says_that_it_does_not(name):
 
 
 @every
-def test_an_effect_neither_changes_what_it_is_given_nor_shares_it(name):
+def test_an_effect_does_not_change_what_it_is_given(name):
     effect, chain = build(name)
     value, context = given(KINDS[name]), context_of(chain)
     before = value.clone()
