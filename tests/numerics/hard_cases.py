@@ -1,0 +1,60 @@
+"""Hard cases: each a name, the answer that holds there, a check, and a change of the code that it must notice.
+
+The names are the test report's, the answers are the table in docs/numerics.md, and the changes are made one by
+one, in a copy of the package, by break_everything.py, which fails where a check stays green.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@dataclass(frozen=True)
+class Breakage:
+    """A change that breaks the code: in the file at ``path``, the only ``old`` becomes ``new``."""
+
+    path: str
+    old: str
+    new: str
+
+    def fits(self):
+        """Say whether the text to change is there, once."""
+        return (ROOT / self.path).read_text().count(self.old) == 1 and self.old != self.new
+
+
+@dataclass(frozen=True)
+class HardCase:
+    """What happens in one hard case; ``answer`` is a sentence of Markdown for the reader of the docs."""
+
+    name: str
+    answer: str
+    broken_by: Breakage
+    check: Callable[[], None]
+
+
+class HardCases:
+    """The hard cases of one floor, in the order in which they are told."""
+
+    def __init__(self, floor):
+        self.floor = floor
+        self.cases = []
+
+    def __call__(self, name, answer, broken_by):
+        """Take a function without arguments as the check of a case."""
+        assert name not in [case.name for case in self.cases], f"two cases are named {name!r}"
+
+        def take(check):
+            self.cases.append(HardCase(name, answer, broken_by, check))
+            return check
+
+        return take
+
+    def each(self, test):
+        """Run a test for every case, named by it; the last thing in a file."""
+        return pytest.mark.parametrize("case", self.cases, ids=[case.name for case in self.cases])(test)
