@@ -205,7 +205,7 @@ MISTAKES = {
         ["+experiment.training.distance_m=-5"],
         ["experiment.training.distance_m is -5", "above 0"],
     ),
-    "negative axis value": (["experiment.values=[-5,5]"], ["experiment.values has -5", "above 0"]),
+    "negative axis value": (["experiment.values=[-5,5]"], ["experiment.values has -5", "at least 0"]),
     "too bright axis value": (
         ["experiment.axis=background_grey", "experiment.values=[100,300]"],
         ["experiment.values has 300", "at most 255"],
@@ -261,7 +261,10 @@ MISTAKES = {
     "text for a list": (["receiver.names=flda_3"], ["receiver.names is 'flda_3'", "a list"]),
     "text in a list": (["experiment.values=[low]"], ["experiment.values[0] is 'low'", "a number"]),
     "list for text": (["input=[a,b]"], ["input is '[a,b]'", "text"]),
-    "not a number": (["camera.gamma=nan"], ["camera.gamma is nan", "above 0"]),
+    "numbers for a group": (["camera=[1,2]"], ["camera is [1,2]", "one of the options"]),
+    "interpolated number for a list": (["experiment.values=${seed}"], ["experiment.values is 0", "a list"]),
+    "other value to remove": (["~scene.effects.blooming=0"], ["not 0", "write ~scene.effects.blooming"]),
+    "not a number": (["camera.gamma=nan"], ["camera.gamma is nan", "at least 0.1"]),
     "one ISO limit": (["camera.iso_limits=[1]"], ["camera.iso_limits is [1.0]", "[low, high]"]),
     "ISO limits upside down": (
         ["camera.iso_limits=[200,100]"],

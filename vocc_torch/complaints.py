@@ -28,7 +28,8 @@ _KINDS = {
 }
 
 GROUPS = ("task", "scene", "camera", "panel", "receiver", "experiment", "budget")
-_GROUP = re.compile(r"(task|scene|camera|panel|receiver|experiment|budget)?=(null|true|false|[-.\d]+)$", re.I)
+_NO_OPTION = re.compile(r"null|true|false|[-+]?([.\d]+(e[-+]?\d+)?|\.?inf|\.?nan)|[\[{$].*", re.I | re.S)
+"""What the command line's grammar reads as another thing than a name."""
 
 
 def known_keys(schema: type = AppConfig, prefix: str = "") -> list[str]:
@@ -108,15 +109,32 @@ def refuse_overruled(settings: AppConfig, words: Sequence[str]) -> None:
 
 
 def _misfits(settings: object, prefix: str) -> Iterator[str]:
-    """Walk the settings and complain of keys that the schema does not have and of values that are missing."""
-    names = {field.name for field in dataclasses.fields(settings)}  # type: ignore[arg-type]  # a dataclass
+    """Walk the settings and complain of keys that the schema does not have and of values that are missing.
+
+    Lists and mappings are looked into here: one that an interpolation brings is not checked before.
+    """
+    kinds = {field.name: str(field.type) for field in dataclasses.fields(settings)}  # type: ignore[arg-type]  # a dataclass
     for name, value in vars(settings).items():
-        if name not in names:
+        if name not in kinds:
             yield _unknown_key(prefix + name)
         elif dataclasses.is_dataclass(value):
             yield from _misfits(value, f"{prefix}{name}.")
         elif value == "???":
             yield f"{prefix}{name} is missing: it must have a value"
+        elif allowed := _other_kind(value, kinds[name]):
+            yield f"{prefix}{name} is {value!r}: it must be {allowed}"
+
+
+def _other_kind(value: object, kind: str) -> str | None:
+    """Say what a list or a mapping should have been, if it is something else."""
+    if kind.startswith("dict["):
+        return None if isinstance(value, dict) else "a mapping, as in {key:value}"
+    if not kind.startswith("list[") or (value is None and kind.endswith("None")):
+        return None
+    item = {"list[float]": (int, float), "list[str]": (str,)}.get(kind.removesuffix(" | None"), (object,))
+    if isinstance(value, list) and all(isinstance(one, item) and not isinstance(one, bool) for one in value):
+        return None
+    return "a list of texts, as in [a,b]" if item == (str,) else "a list of numbers, as in [1,2]"
 
 
 def one_line(error: BaseException, arguments: Sequence[str] = ()) -> str:
@@ -133,12 +151,15 @@ def one_line(error: BaseException, arguments: Sequence[str] = ()) -> str:
     text = "\n".join(str(e) for e in (error, error.__cause__) if e is not None)
     override = getattr(error, "override", None)
     if override is not None:
-        return f"{override} cannot be read: write key=value, a list as [a,b], and quote what is special"
-    if "Config group override must be" in text:
-        key, _, value = next((word for word in arguments if _GROUP.match(word)), "a group=null").partition(
-            "="
-        )
-        return f"{key} is {value}: it must be one of the options that vocc-torch --help lists"
+        shown = " ".join(str(override).split())
+        return f"{shown} cannot be read: write key=value, a list as [a,b], and quote what is special"
+    if "Config group override must be" in text or isinstance(error, TypeError):
+        for key, _, value in (word.lstrip("+").partition("=") for word in arguments):
+            if key in ("", *GROUPS) and _NO_OPTION.fullmatch(value):
+                return f"{key} is {value}: it must be one of the options that vocc-torch --help lists"
+    if "integer string conversion" in text:
+        word = max(arguments, key=len, default="a value")
+        return f"{word.partition('=')[0]} is a number of thousands of digits: it must have at most 4300"
     if "n_jobs == 0" in text:
         return "hydra.launcher.n_jobs is 0: it must be a number of processes, or -1 for one a core"
     said = _of_group(text) or _of_key(text) or _of_value(text)
@@ -156,6 +177,8 @@ def _of_group(text: str) -> str | None:
         return f"{group} is '{option}': it must be one of {allowed}"
     if match := re.search(r"Multiple values for ([\w/]+)", text):
         return f"{match.group(1)} is chosen twice: write {match.group(1)}=option without +"
+    if match := re.search(r"Sweep parameters '\+*([^=]+)=(.*)' requires --multirun", text):
+        return f"{match.group(1)} is {match.group(2)}: it must be one value; -m runs several"
     if match := re.search(r"Ambiguous value for argument '([^=]+)=(.*)'", text):
         key, values = match.groups()
         return f"{key} is {values}: it must be one value; -m runs several, and a list is written [{values}]"
@@ -168,6 +191,9 @@ def _of_key(text: str) -> str | None:
         return f"{match.group(1)} is missing: it must have a value"
     if match := re.search(r"Interpolation key '([^']+)' not found\s+full_key: ([\w.]+)", text):
         return f"{match.group(2)} refers to ${{{match.group(1)}}}: it must be a known key"
+    if match := re.search(r"Could not delete .* value of '([\w.]+)' is (.*) and not (.*)\.", text):
+        key, value, other = match.groups()
+        return f"{key} is {value}, not {other}: write ~{key} to remove it whatever it is"
     if match := re.search(r"Could not delete from config\.? '?([\w./]+)'?", text):
         return f"{match.group(1)} is not set: ~ has nothing to remove"
     if "does not support deletion" in text and (match := re.search(r"full_key: ([\w.]+)", text)):
@@ -186,14 +212,16 @@ def _of_value(text: str) -> str | None:
     if match is None:
         return None
     key = match.group(1)
-    given = re.search(r"Value '([^']*)'", text) or re.search(r"Error merging override [^=]+=(.*)", text)
-    value = given.group(1) if given else ""
+    patterns = r"Value '(.*?)' (?:of type|is not|could)", r"Error merging override [^=]+=(.*)"
+    given = [found.group(1) for pattern in patterns if (found := re.search(pattern, text))]
+    value = given[0] if given else ""
     rules = (
         (r"could not be converted to (\w+)", None),
         (r"is not a valid (\w+)", None),
         (r"is not Optional", "given a value"),
         (r"is not a ListConfig", "a list, as in [a,b]"),
         (r"Cannot assign \w+ to Dict|is not a DictConfig", "a mapping, as in {key:value}"),
+        (r"Cannot merge DictConfig|is not a subclass of", "a mapping, as in {key:value}"),
         (r"Cannot convert '\w+' to string", "text"),
     )
     for pattern, allowed in rules:

@@ -200,7 +200,9 @@ def resolved(config: DictConfig) -> AppConfig:
     try:
         settings = OmegaConf.to_object(config)
     except OmegaConfBaseException as error:
-        raise VoccError(" ".join(str(error).split())) from None
+        said, _, place = " ".join(str(error).split()).partition(" full_key: ")
+        key = place.split(" ")[0]
+        raise VoccError(f"{key} cannot be resolved: {said}" if key else said) from None
     if not isinstance(settings, AppConfig):
         raise VoccError(
             "the configuration does not follow the schema: keep `schema` first in conf/config.yaml"

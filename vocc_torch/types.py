@@ -6,7 +6,8 @@ its centre lies at ``(j + 0.5, i + 0.5)`` and ``(0, 0)`` is the sensor's top lef
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 
 import torch
@@ -16,6 +17,36 @@ from vocc_torch.errors import VoccError
 
 MOST_LEDS = 1024
 """Most LEDs in a row or a column."""
+
+SCENE_RANGES: Mapping[str, tuple[float, float]] = {
+    "ambient_lx": (0.0, 1e12),
+    "led_luminance_cd_m2": (0.0, 1e12),
+    "distance_m": (0.0, 1e9),
+    "background_grey": (0.0, 255.0),
+    "offset_x_m": (-1e9, 1e9),
+    "offset_y_m": (-1e9, 1e9),
+}
+"""Lowest and highest allowed of each value of a scene."""
+
+ABOVE_LOWEST = frozenset({"distance_m", "background_grey"})
+"""Those whose lowest itself is not allowed."""
+
+
+def demand_in_range(name: str, low: float, high: float) -> None:
+    """Refuse by name a value of a scene that can be as low as ``low`` and as high as ``high``.
+
+    Raises:
+        VoccError: a bound outside :data:`SCENE_RANGES`.
+
+    Example:
+        >>> demand_in_range("distance_m", 30.0, 70.0)
+    """
+    least, most = SCENE_RANGES[name]
+    if low < least or (low == least and name in ABOVE_LOWEST):
+        rule = "above" if name in ABOVE_LOWEST else "at least"
+        raise VoccError(f"scene.{name} is {low:g}: it must be {rule} {least:g}")
+    if high > most:
+        raise VoccError(f"scene.{name} is {high:g}: it must be at most {most:g}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,12 +87,12 @@ class Scene:
     """The physical scene of each frame in a batch; every field is a (B,) tensor.
 
     Args:
-        ambient_lx: illuminance of the ambient light, lx, above 0.
-        led_luminance_cd_m2: luminance of an On LED's own light, cd/m2, at least 0.
-        distance_m: from the lens to the panel, m, above 0.
-        background_grey: grey value that auto-ISO gives the background, digital numbers, above 0.
-        offset_x_m: panel centre right of the optical axis, m.
-        offset_y_m: panel centre below the optical axis, m.
+        ambient_lx: illuminance of the ambient light, lx, 0 to 1e12; 0 only for a camera with ISO limits.
+        led_luminance_cd_m2: luminance of an On LED's own light, cd/m2, 0 to 1e12; at 0 On is Off.
+        distance_m: from the lens to the panel, m, above 0, at most 1e9.
+        background_grey: grey value that auto-ISO gives the background, digital numbers, above 0 to 255.
+        offset_x_m: panel centre right of the optical axis, m, -1e9 to 1e9; a frame cuts what lies outside it.
+        offset_y_m: panel centre below the optical axis, m, likewise.
 
     Example:
         >>> scene = Scene.of(frames=2, ambient_lx=8000.0, distance_m=50.0)
@@ -99,22 +130,26 @@ class Scene:
         return cls(*(torch.full((frames,), float(value), dtype=torch.float64) for value in values)).checked()
 
     def checked(self) -> Scene:
-        """Give back this scene, or refuse it by the name of the first field that is out of its range.
+        """Give back this scene, in float64, or refuse it by the name of the first field that is out of range.
 
         Raises:
-            VoccError: a value is not finite or out of its range.
+            VoccError: a field that is not (B,), or a value that is not finite or out of its range.
         """
-        floors = {"ambient_lx": 0.0, "distance_m": 0.0, "background_grey": 0.0}
+        wanted = tuple(self.ambient_lx.shape[:1])
         for field in fields(self):
             values = getattr(self, field.name)
-            if not bool(torch.isfinite(values).all()):
+            if values.ndim != 1 or values.shape != wanted:
+                rule = "each field must be (B,), one value a frame"
+                raise VoccError(f"scene.{field.name} has shape {tuple(values.shape)}: {rule}")
+            if not values.numel():
+                continue
+            low, high = (float(value) for value in values.detach().aminmax())
+            if not (math.isfinite(low) and math.isfinite(high)):
                 raise VoccError(f"scene.{field.name} holds a value that is not finite")
-            lowest = float(values.min()) if values.numel() else 1.0
-            if field.name in floors and lowest <= floors[field.name]:
-                raise VoccError(f"scene.{field.name} is {lowest:g}: it must be above 0")
-            if field.name == "led_luminance_cd_m2" and lowest < 0:
-                raise VoccError(f"scene.{field.name} is {lowest:g}: it must be at least 0")
-        return self
+            demand_in_range(field.name, low, high)
+        if all(getattr(self, field.name).dtype == torch.float64 for field in fields(self)):
+            return self
+        return Scene(*(getattr(self, field.name).to(torch.float64) for field in fields(self)))
 
     def __len__(self) -> int:
         """Count the frames."""

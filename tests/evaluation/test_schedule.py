@@ -218,7 +218,8 @@ def test_blocks_beyond_the_stop_that_were_not_begun_are_called_off(ledger):
 
 
 def test_real_threads_give_the_same(ledger):
-    works = [PointWork(f"{n}", Counter([n, 3]), StopRule(64 * 7 - n, n and 20), ledger) for n in range(6)]
+    rules = [StopRule(64 * 7 - n, 20 if n else None) for n in range(6)]
+    works = [PointWork(f"{n}", Counter([n, 3]), rule, ledger) for n, rule in enumerate(rules)]
     with ThreadPoolExecutor(4) as pool:
         outcomes = list(run_points(works, pool.submit, window=8, blocks_at_once=2))
     assert outcomes == [by_hand(work)[0] for work in works]

@@ -1,4 +1,4 @@
-"""Break the code as each hard case says, and see the case go red: ``python tests/numerics/break_everything.py``.
+"""Break the code as each hard case says and see it red: ``python tests/numerics/break_everything.py``.
 
 Every change is made in a copy of the package, one at a time; the checkout stays as it is. A check that stays
 green is listed, and the exit status is 1. Arguments: words of which a case's name must hold one.
@@ -16,14 +16,11 @@ import traceback
 import warnings
 from pathlib import Path
 
-# Imported before the forks, so that each child begins with them; the package itself is imported after.
-import hypothesis  # noqa: F401
-import kornia  # noqa: F401
-import matplotlib.figure  # noqa: F401
-import mpmath  # noqa: F401
-import scipy.special  # noqa: F401
-import scipy.stats  # noqa: F401
 import torch
+
+# Imported before the forks, so that each child begins with them; the package itself is imported after.
+for _library in ("hypothesis", "kornia", "matplotlib.figure", "mpmath", "scipy.special", "scipy.stats"):
+    importlib.import_module(_library)
 
 FOLDER = Path(__file__).resolve().parent
 ROOT = FOLDER.parents[1]

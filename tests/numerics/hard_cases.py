@@ -1,7 +1,7 @@
-"""Hard cases: each a name, the answer that holds there, a check, and a change of the code that it must notice.
+"""Hard cases: each a name, the answer that holds, a check, and a change of the code that it must notice.
 
-The names are the test report's, the answers are the table in docs/numerics.md, and the changes are made one by
-one, in a copy of the package, by break_everything.py, which fails where a check stays green.
+The names are the test report's, the answers are the table in docs/numerics.md, and the changes are made one
+by one, in a copy of the package, by break_everything.py, which fails where a check stays green.
 """
 
 from __future__ import annotations

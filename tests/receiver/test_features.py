@@ -195,7 +195,7 @@ def test_gri_is_the_mean_slope_of_a_cone():
     """Grey falling off by 3 a pixel in every direction has GRI 3: the definition's plainest case."""
     size, cell = 150, 50
     y, x = np.indices((size, size)) + 0.5 - size / 2
-    image = 250 - 3 * np.hypot(x, y)
+    image = np.maximum(250 - 3 * np.hypot(x, y), 0)  # 0 is met beyond the margin
     corners = torch.tensor([[[50, 50], [100, 50], [100, 100], [50, 100]]], dtype=torch.float64)
     reader = Reader(PanelShape(1, 1), cell)
     features = reader.read(Frames.whole(torch.from_numpy(image)[None]), Panels.known(corners)).features

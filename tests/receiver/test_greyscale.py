@@ -39,7 +39,7 @@ def test_scores_are_float64_differences():
     greys, threshold = torch.rand(3, 4, 5) * 255, torch.rand(3, 1, 1) * 255
     scores = greyscale_scores(greys, threshold)
     assert scores.dtype == torch.float64
-    assert torch.equal(scores, (greys - threshold).double())
+    assert torch.equal(scores, greys.double() - threshold.double())
 
 
 def test_equal_preambles_read_on_at_their_own_level():

@@ -366,7 +366,7 @@ def test_coarse_cells_never_fill_more_than_the_hull() -> None:
 
 
 def test_floating_values_are_rounded_to_the_nearest() -> None:
-    values = torch.tensor([-7.0, 0.49, 0.51, 99.6, 254.6, 1e6, torch.inf])
+    values = torch.tensor([-7.0, 0.49, 0.51, 99.6, 254.6, 1e6, 3e38])
     assert quantised(values).tolist() == [0, 0, 1, 100, 255, 255, 255]
 
 
@@ -385,8 +385,9 @@ def test_no_frames_give_no_panels() -> None:
 
 
 def test_frames_that_are_no_grey_values_are_refused() -> None:
-    with pytest.raises(VoccError, match="holds NaN"):
-        PaperLocator()(Frames.whole(torch.full((1, 4, 4), math.nan)), SHAPE)
+    for value in (math.nan, math.inf, -math.inf):
+        with pytest.raises(VoccError, match="holds NaN or infinity"):
+            PaperLocator()(Frames.whole(torch.full((1, 4, 4), value)), SHAPE)
     with pytest.raises(VoccError, match=r"torch\.int64"):
         PaperLocator()(Frames.whole(torch.zeros(1, 4, 4, dtype=torch.int64)), SHAPE)
 
@@ -397,6 +398,8 @@ def test_frames_that_are_no_grey_values_are_refused() -> None:
         ("closing_px", 4),
         ("closing_px", -1),
         ("min_area_px", 0),
+        ("min_area_px", math.nan),
+        ("min_area_px", 10**30),
         ("min_rectangularity", 1.1),
         ("min_compactness", -0.1),
         ("min_compactness", math.nan),

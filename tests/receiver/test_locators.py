@@ -63,6 +63,11 @@ def test_an_unknown_locator_in_a_file_is_refused(tmp_path: Path) -> None:
         Receiver.load(tmp_path / "receiver.pt")
 
 
+def test_an_unknown_name_is_refused() -> None:
+    with pytest.raises(VoccError, match=r"receiver.locator is 'refind': it must be paper or refined"):
+        locator_named("refind", PaperLocator())  # type: ignore[arg-type]
+
+
 def test_both_locators_share_the_papers_settings() -> None:
     paper = PaperLocator(min_area_px=77)
     assert locator_named("paper", paper) is paper

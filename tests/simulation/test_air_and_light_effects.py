@@ -463,7 +463,8 @@ NAN, INF = float("nan"), float("inf")
         (
             VeilingGlare,
             {"luminance_cd_m2": 0},
-            r"veiling_glare.luminance_cd_m2 is 0: it must be above 0 \(leave the effect out for no glare\)",
+            r"veiling_glare.luminance_cd_m2 is 0: it must be above 0 and at most 1e\+12 "
+            r"\(leave the effect out for no glare\)",
         ),
         (VeilingGlare, {"luminance_cd_m2": INF}, "veiling_glare.luminance_cd_m2 is inf: it must be above 0"),
         (

@@ -240,7 +240,9 @@ def test_wrong_specifications_are_refused_in_one_line(spec):
 @pytest.mark.parametrize(
     ("name", "spec", "message"),
     [
-        ("ambient_lx", 0, "scene.ambient_lx is 0: it must be above 0"),
+        ("ambient_lx", -1, "scene.ambient_lx is -1: it must be at least 0"),
+        ("ambient_lx", 2e12, "scene.ambient_lx is 2e+12: it must be at most 1e+12"),
+        ("offset_x_m", ["uniform", -2e9, 0], "scene.offset_x_m is -2e+09: it must be at least -1e+09"),
         ("led_luminance_cd_m2", ["uniform", -1, 5], "scene.led_luminance_cd_m2 is -1: it must be at least 0"),
         ("distance_m", ["choice", 30, 0], "scene.distance_m is 0: it must be above 0"),
         ("background_grey", ["uniform", 0, 100], "scene.background_grey is 0: it must be above 0"),

@@ -139,6 +139,51 @@ def test_pictures_of_every_mode(near, tmp_path, mode):
     assert frame.colour.shape == (*frames[0].shape, 3)
 
 
+@pytest.mark.parametrize("level", [0, 255])
+@pytest.mark.parametrize("size", [(1, 1), (1, 300), (2, 2), (40, 50)])
+def test_a_picture_of_one_pixel_or_one_grey_holds_no_panel(receiver, tmp_path, size, level):
+    path = save(tmp_path / "flat.png", np.full(size, level, np.uint8))
+    (reading,) = decode(receiver, path, "luma")
+    assert not reading.found
+    assert (reading.text, reading.row()[12]) == ("", "")
+    assert annotated(reading, 2).size == (2 * size[1], 2 * size[0])
+
+
+def test_transparency_is_left_out(near, tmp_path):
+    frames, _ = near
+    pictures = {"grey.png": np.stack([frames[0], 0 * frames[0]], axis=2)}
+    pictures["colour.png"] = np.stack([frames[0]] * 3 + [0 * frames[0]], axis=2)
+    for name, picture in pictures.items():
+        (frame,) = read_recording(save(tmp_path / name, picture), "luma")
+        assert np.array_equal(frame.grey, frames[0])
+
+
+def test_a_picture_of_one_bit_is_black_and_white(tmp_path):
+    bits = np.indices((9, 12)).sum(0) % 2 == 0
+    (frame,) = read_recording(save(tmp_path / "bits.png", bits), "luma")
+    assert np.array_equal(frame.grey, 255 * bits)
+
+
+def test_grey_values_beyond_sixteen_bits_are_refused(near, tmp_path):
+    """They would all be white."""
+    for value in (65536, -1):
+        deep = near[0][0].astype(np.int32)
+        deep[3, 4] = value
+        with pytest.raises(VoccError, match=r"deep.tiff holds grey values from .* it must have 8 or 16 bits"):
+            list(read_recording(save(tmp_path / "deep.tiff", deep), "luma"))
+
+
+@pytest.mark.parametrize("name", ["cut.jpg", "cut.tiff", "cut.bmp", "cut.webp", "cut.pgm", "cut.png"])
+def test_truncated_pictures_are_refused_in_one_line(near, tmp_path, name):
+    path = save(tmp_path / name, near[0][0])
+    whole = path.read_bytes()
+    for share in (0.9, 0.5, 0.02):
+        path.write_bytes(whole[: int(share * len(whole))])
+        with pytest.raises(VoccError, match=rf"{name} cannot be read as a picture") as refused:
+            list(read_recording(path, "luma"))
+        assert "\n" not in str(refused.value)
+
+
 def test_floating_picture_is_refused(near, tmp_path):
     path = save(tmp_path / "float.tiff", near[0][0].astype(np.float32) / 255)
     with pytest.raises(VoccError, match=r"float.tiff holds floating grey values"):
@@ -419,8 +464,8 @@ def test_models_of_other_kinds(model, tmp_path):
 
 
 def test_model_of_another_version(model):
-    model.write_bytes(with_content(model, version=2))
-    assert refused(model).endswith("has format version 2: this package reads version 1")
+    model.write_bytes(with_content(model, version=3))
+    assert refused(model).endswith("has format version 3: this package reads versions 1 and 2")
 
 
 @pytest.mark.parametrize(

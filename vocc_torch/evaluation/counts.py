@@ -15,7 +15,9 @@ class Counts:
     """Errors of one receiver over some frames, as Python integers.
 
     Errors are kept in halves of a bit error: in a frame whose panel was not found every bit is a coin toss,
-    which counts as half the frame's bits wrong, and a 3 x 3 panel has an odd number of them.
+    which counts as half the frame's bits wrong, and a 3 x 3 panel has an odd number of them. They are
+    integers without limit, so sums of any number of frames are exact; no frames at all, the empty counts, are
+    the zero of addition.
 
     Args:
         frames: frames decoded.
@@ -49,6 +51,8 @@ class Counts:
             value = getattr(self, field.name)
             if type(value) is not int or value < 0:
                 raise VoccError(f"counts.{field.name} is {value!r}: it must be an integer of at least 0")
+        if self.bits and not self.frames:
+            raise VoccError(f"counts.bits is {self.bits}: it must be 0 where there are no frames")
         limits = (
             ("frames", self.bits, "bits"),
             ("half_errors", 2 * self.bits, "twice bits"),

@@ -107,13 +107,16 @@ class Point:
         """Give the point with its bit error rate and the 95 % interval.
 
         Args:
-            errors_per_frame_error: wrong bits that a wrong frame is taken to have where none was seen.
+            errors_per_frame_error: wrong bits that a wrong frame is taken to have where none was seen; the
+                bits of a frame where that is more.
 
         Raises:
             VoccError: no frames, or a value that is not finite.
         """
         counts = self.counts
-        interval = ber_interval(counts, errors_per_frame_error=errors_per_frame_error)
+        # The size comes from points whose panels may have more LEDs.
+        size = min(errors_per_frame_error, counts.bits / max(1, counts.frames))
+        interval = ber_interval(counts, errors_per_frame_error=size)
         return Row(
             experiment=self.experiment,
             axis=self.axis,
@@ -154,7 +157,8 @@ class BerTable:
     """The points of one experiment: what every view of the results draws.
 
     The upper limit of a point without errors takes a wrong frame to have as many wrong bits as the receiver's
-    wrong frames at the other points, at least 1.
+    wrong frames at the other points, at least 1 and at most the bits of its own frames. A receiver without an
+    error at any point has the limits of single wrong bits.
 
     Args:
         points: measured points, or rows read back, of one experiment and one axis; one for each receiver and

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from itertools import chain
+from itertools import chain, pairwise
 from typing import TypeAlias
 
 import numpy as np
@@ -28,9 +28,9 @@ class Grid:
 
     Args:
         row_axis: quantity that varies from row to row, with its unit, such as ``ambient_lx``.
-        rows: its values, above 0, ascending.
-        curves: what was measured at each, all along the same axis, at the same values above 0, with the same
-            receivers and locator.
+        rows: its values, above 0, ascending by at least a millionth.
+        curves: what was measured at each, all along the same axis, at the same values, as for ``rows``, with
+            the same receivers and locator.
 
     Raises:
         VoccError: values out of order, or curves that do not form one grid.
@@ -66,9 +66,12 @@ class Grid:
                 )
         for axis, values in ((self.row_axis, self.rows), (self.column_axis, self.columns)):
             positive = all(0 < value < math.inf for value in values)
-            if not values or not positive or list(values) != sorted(set(values)):
+            # Closer ones have the same logarithm, and no octave between them.
+            ascending = all(one * (1 + 1e-6) <= after for one, after in pairwise(values))
+            if not values or not positive or not ascending:
                 raise VoccError(
-                    f"{axis} is {list(values)}: it must be ascending and above 0, at least one value"
+                    f"{axis} is {list(values)}: it must be ascending by at least a millionth and above 0, "
+                    "at least one value"
                 )
 
     @property
@@ -195,7 +198,7 @@ class Best:
     @property
     def middle_cd_m2(self) -> float:
         """The best luminance, or the middle of the plateau in octaves."""
-        return math.sqrt(self.least_cd_m2[0] * self.least_cd_m2[-1])
+        return math.sqrt(self.least_cd_m2[0]) * math.sqrt(self.least_cd_m2[-1])
 
     @property
     def range_text(self) -> str:

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import TypeAlias
 
+from vocc_torch.errors import VoccError
 from vocc_torch.evaluation.counts import Counts
 from vocc_torch.evaluation.intervals import ber_interval
 from vocc_torch.evaluation.paired import PairedCounts
@@ -40,17 +41,30 @@ class StopRule:
 
     Args:
         frames: the budget, at least 1.
-        target_frame_errors: stop once every receiver has this many frames in error, or None.
+        target_frame_errors: stop once every receiver has this many frames in error, at least 1, or None.
         precision: stop once every receiver's 95 % interval reaches at most this share of its bit error rate
-            to either side, or None.
-        least_ber: a receiver whose interval lies below this rate needs no more precision. One without errors
-            goes on until even wrong frames with half their bits wrong would lie below it.
+            to either side, above 0, or None. A receiver without errors never gets there.
+        least_ber: a receiver whose interval lies below this rate, 0 to 1, needs no more precision. One
+            without errors goes on until even wrong frames with half their bits wrong would lie below it.
+
+    Raises:
+        VoccError: a number outside its range. A rule that can never hold is none: the budget ends the point.
     """
 
     frames: int
     target_frame_errors: int | None = None
     precision: float | None = None
     least_ber: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Refuse a rule under which a point would never end, or would end before it began."""
+        for name, value in (("frames", self.frames), ("target_frame_errors", self.target_frame_errors)):
+            if value is not None and not value >= 1:
+                raise VoccError(f"rule.{name} is {value}: it must be at least 1")
+        if self.precision is not None and not self.precision > 0:
+            raise VoccError(f"rule.precision is {self.precision}: it must be above 0")
+        if not 0 <= self.least_ber <= 1:
+            raise VoccError(f"rule.least_ber is {self.least_ber}: it must be 0 to 1")
 
     def parts(self) -> Iterator[Part]:
         """Name the blocks of the whole budget, in order.
@@ -67,8 +81,8 @@ class StopRule:
 
         Args:
             tallies: what was counted so far; comparisons do not matter here.
-            blocks: blocks counted so far. The precision is looked at after 16, 32, ... blocks and later at
-                steps of about a sixteenth: each look is a chance to stop by luck.
+            blocks: blocks counted so far, at least 1. The precision is looked at after 16, 32, ... blocks and
+                later at steps of about a sixteenth: each look is a chance to stop by luck.
 
         Example:
             >>> StopRule(6400, target_frame_errors=2).reached({("a", 0): Counts(64, 64, 6, 12, 3)}, 1)

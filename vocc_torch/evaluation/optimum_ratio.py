@@ -53,7 +53,8 @@ def optimum_ratio(grid: Grid, receiver: str) -> OptimumRatio:
 
     Ambient lights where the best may lie beyond the grid are left out: they would flatten the line. The best
     luminance is taken between the grid's values, at the vertex of the parabola through the logarithms of the
-    least bit error rate and its two neighbours, or in the middle of a plateau without errors.
+    least bit error rate and its two neighbours, or in the middle of a plateau of equal rates, such as one
+    without errors. With fewer than three ambient lights left there is no line.
 
     The intervals are those of a parametric bootstrap: all is done again with each cell's errors drawn anew
     from a binomial distribution with its effective number of independent bits (bits over design effect), and
@@ -103,9 +104,11 @@ def _optima(rate: Floats, octaves: Floats) -> Floats:
     first, last = least.argmax(-1), len(octaves) - 1 - least[..., ::-1].argmax(-1)
     i = np.clip(first, 1, len(octaves) - 2)
     near = np.take_along_axis(rate, i[..., None] + np.arange(-1, 2), -1)
-    # A parabola through the logarithms needs one least rate, above 0, with a neighbour on both sides.
+    # A parabola through the logarithms needs one least rate, above 0, with a neighbour on both sides. Rates
+    # that differ by rounding alone may have the same logarithm.
     bent = (first == last) & (first == i) & (near.min(-1) > 0)
     y = np.log(np.where(bent[..., None], near, 1.0))
+    bent &= np.minimum(y[..., 0], y[..., 2]) > y[..., 1]
     left, right = octaves[i - 1] - octaves[i], octaves[i + 1] - octaves[i]
     # a x^2 + b x through 0 and both neighbours has its vertex at -b / 2a.
     slopes = (y[..., 0] - y[..., 1]) / left, (y[..., 2] - y[..., 1]) / right
@@ -159,4 +162,10 @@ def on_off_ratio(luminance_cd_m2: float, ambient_lx: float, led_reflectance: flo
         raise VoccError(f"ambient_lx is {ambient_lx}: it must be above 0 and finite")
     if not 0 < led_reflectance <= 1:
         raise VoccError(f"led_reflectance is {led_reflectance}: it must be above 0 and at most 1")
-    return 1 + math.pi * luminance_cd_m2 / (ambient_lx * led_reflectance)
+    ratio = 1 + math.pi * (luminance_cd_m2 / ambient_lx) / led_reflectance
+    if ratio == math.inf:
+        raise VoccError(
+            f"led_reflectance is {led_reflectance}: it is too small for {luminance_cd_m2:g} cd/m2 at "
+            f"{ambient_lx:g} lx, whose ratio no number holds"
+        )
+    return ratio

@@ -10,13 +10,18 @@ import math
 from dataclasses import dataclass
 
 import torch
-from scipy.special import stdtrit
-from scipy.stats import binomtest
+from scipy.special import betainc
 from torch import Tensor
 
 from vocc_torch.errors import VoccError
 from vocc_torch.evaluation.counts import Counts, half_errors
-from vocc_torch.evaluation.intervals import Interval, ber_interval, clopper_pearson
+from vocc_torch.evaluation.intervals import (
+    MOST_TRIALS,
+    Interval,
+    ber_interval,
+    clopper_pearson,
+    t_correction,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +81,7 @@ class PairedCounts:
     def _possible(self) -> bool:
         """Whether some set of frames can give these numbers."""
         frames, bits, *sides = numbers = (self.frames, self.bits, *self._sides())
-        if set(map(type, numbers)) != {int} or min(numbers) < 0 or frames > bits:
+        if set(map(type, numbers)) != {int} or min(numbers) < 0 or frames > bits or (bits and not frames):
             return False
         a, a_squared, a_worse, b, b_squared, b_worse = sides
         return (
@@ -249,7 +254,7 @@ def paired_interval(
     rare that none came up though its many errors make up much of the difference.
 
     Args:
-        paired: at least one frame.
+        paired: at least one frame; where frames differ, at most ``MOST_TRIALS`` bits.
         confidence: above 0, below 1.
         errors_per_discordant_frame: mean difference in a discordant frame, in bits, above 0, at most the bits
             of a frame; used only where no frame differs.
@@ -272,6 +277,8 @@ def paired_interval(
     if not paired.discordant:
         limit = ber_interval(sides[0], confidence, errors_per_discordant_frame).high
         return DifferenceInterval(0.0, -limit, limit)
+    if paired.bits > MOST_TRIALS:
+        raise VoccError(f"paired.bits is {paired.bits}: an interval takes at most {MOST_TRIALS:g} bits")
     a, b = (_excess_interval(side, paired, confidence) for side in sides)
     correlation = _correlation(paired)
 
@@ -300,9 +307,7 @@ def _excess_interval(side: Counts, paired: PairedCounts, confidence: float) -> I
     trials = paired.bits / effect
     if side.half_errors:
         freedom = max(1.0, min(paired.frames - 1, summed / common + 1))
-        quantile = (1 + confidence) / 2
-        correction = (stdtrit(max(1.0, paired.bits - 1.0), quantile) / stdtrit(freedom, quantile)) ** 2
-        trials *= min(1.0, float(correction))
+        trials *= t_correction(paired.bits, freedom, confidence)
     clustered = clopper_pearson(rate * trials, trials, confidence)
     # A frame's difference is one bit at least and all its bits at most. Only the half that a missed panel of
     # an odd number of LEDs counts can be half a bit from what the other receiver got wrong.
@@ -331,13 +336,23 @@ def sign_test(paired: PairedCounts) -> float:
     that is a little better in most frames and far worse in a few has the better count of frames and the
     worse bit error rate.
 
+    Args:
+        paired: at most ``MOST_TRIALS`` discordant frames.
+
     Returns:
         The p-value, 0 to 1; 1 where no frame differs.
+
+    Raises:
+        VoccError: more discordant frames.
 
     Example:
         >>> sign_test(PairedCounts(64, 4096, a_excess=12, a_excess_squared=24, a_worse=6))
         0.03125
     """
-    if not paired.discordant:
-        return 1.0
-    return float(binomtest(paired.a_worse, paired.discordant).pvalue)
+    if paired.discordant > MOST_TRIALS:
+        raise VoccError(
+            f"paired.discordant is {paired.discordant}: a test takes at most {MOST_TRIALS:g} frames"
+        )
+    fewer, more = sorted((paired.a_worse, paired.b_worse))
+    # At even odds both tails are alike; where the sides are too, they overlap.
+    return min(1.0, 2 * float(betainc(more, fewer + 1, 0.5)))

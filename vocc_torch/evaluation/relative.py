@@ -122,8 +122,11 @@ def _low_ratio(value: float, low: float, rate: float, interval: Interval, correl
     below = value - low
     # A positive g subtracts the rate, which is then feared at its high end; a negative one adds it.
     aside = interval.high - rate if low > 0 else rate - interval.low
-    # Squared, the condition is a g^2 - 2 b g + c = 0; wanted is the root below value / rate.
-    a, b, c = rate**2 - aside**2, value * rate - correlation * below * aside, value**2 - below**2
+    # Squared, the condition is a g^2 - 2 b g + c = 0; wanted is the root below value / rate. The differences
+    # of squares are products, or a rate that is known badly would lose its low end to rounding.
+    near = 2 * rate - interval.high if low > 0 else interval.low
+    a, c = near * (rate + aside), low * (value + below)
+    b = value * rate - correlation * below * aside
     root = math.sqrt(max(0.0, b * b - a * c))
     return c / (b + root) if b > 0 or a <= 0 else (b - root) / a
 
@@ -235,5 +238,5 @@ def _reach(counts: Counts, other: Counts, confidence: float) -> tuple[float, flo
     else:
         # The limit of an error-free point is one-sided; a two-sided interval leaves half as much above it.
         size = min(max(1.0, other.bit_errors / max(1, other.frame_errors)), counts.bits / counts.frames)
-        interval = ber_interval(counts, (1 + confidence) / 2, size)
+        interval = ber_interval(counts, min((1 + confidence) / 2, math.nextafter(1.0, 0.0)), size)
     return counts.ber - interval.low, interval.high - counts.ber

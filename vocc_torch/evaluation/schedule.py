@@ -167,6 +167,9 @@ def run_points(
     Yields:
         The outcome of each point, in the order of ``works``.
 
+    Raises:
+        VoccError: a window or a call without room for a block.
+
     Example:
         >>> from vocc_torch.evaluation.counts import Counts
         >>> def count(parts):
@@ -175,6 +178,9 @@ def run_points(
         >>> [outcome.counts["a", 0].frames for outcome in run_points(works)]
         [64, 100]
     """
+    for name, value in (("window", window), ("blocks_at_once", blocks_at_once)):
+        if value < 1:
+            raise VoccError(f"{name} is {value}: it must be at least 1")
     schedule = _Schedule(works, submit, window, blocks_at_once, progress)
     try:
         while (outcome := schedule.next_outcome()) is not None:

@@ -30,11 +30,14 @@ def tallies(half_errors: NDArray[np.int64], bits_per_frame: int, found: NDArray[
         bits_per_frame: bits in a frame, at least 1.
         found: (L,N) whether the receiver's locator found the panel.
 
+    Without receivers or frames there is nothing to count: no counts, or empty ones.
+
     Returns:
         The L counts, and the comparisons by (i, j) for all i < j.
 
     Raises:
-        VoccError: arrays of another shape or type, or errors that no frame can have.
+        VoccError: arrays of another shape or type, errors that no frame can have, or frames of so many bits
+            that 64 bits do not hold the sum of squared errors.
 
     Example:
         >>> halves = np.array([[4, 0, 64], [0, 2, 64]])
@@ -75,6 +78,11 @@ def _check(half_errors: NDArray[np.int64], bits_per_frame: int, found: NDArray[n
             )
     if not half_errors.size:
         return
+    if half_errors.shape[1] * (2 * int(bits_per_frame)) ** 2 > np.iinfo(np.int64).max:
+        raise VoccError(
+            f"bits_per_frame is {bits_per_frame}: the squared errors of {half_errors.shape[1]} frames must "
+            "fit into 64 bits; count fewer frames at a time"
+        )
     if half_errors.min() < 0 or half_errors.max() > 2 * bits_per_frame:
         raise VoccError(
             f"half_errors holds {half_errors.min()} to {half_errors.max()}: "

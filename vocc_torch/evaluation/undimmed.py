@@ -126,14 +126,14 @@ def undimmed_loss(grid: Grid, receiver: str, headlight_cd_m2: float = HEADLIGHT_
     weights, ber = octave_weights(grid.rows), grid.ber(receiver)
     bests = best_luminance(grid, receiver)
     dimmed = _mean_of_least(grid, receiver, bests)
-    means = weights @ ber
+    means = _means(weights, ber)
     chosen = int(means.argmin())
     low, high = (_mean_ends(weights, ber, ends) for ends in least_ends(grid, receiver))
     least = Estimate(
         float(means[chosen]), min(float(low.min()), means[chosen]), max(float(high.min()), means[chosen])
     )
     plain = grid.one_sided(receiver, (1 - CONFIDENCE) / 2)
-    nearest = min(range(len(means)), key=lambda j: abs(math.log(grid.columns[j] / headlight_cd_m2)))
+    nearest = min(range(len(means)), key=lambda j: abs(math.log(grid.columns[j]) - math.log(headlight_cd_m2)))
     ends = [float(_mean_ends(weights, ber, side)[nearest]) for side in plain]
     panels = [
         _panel(grid, receiver, column, mean, dimmed)
@@ -162,11 +162,16 @@ def octave_weights(values: Sequence[float]) -> Floats:
     return np.asarray(widths / widths.sum())
 
 
+def _means(weights: Floats, rate: Floats) -> Floats:
+    """Give the weighted means (K,) of rates (N,K): within the rates, which rounding may leave."""
+    return np.asarray(np.clip(weights @ rate, rate.min(0), rate.max(0)))
+
+
 def _mean_ends(weights: Floats, rate: Floats, ends: Floats) -> Floats:
     """Give one side's ends (K,) of the weighted means of independent rates (N,K), from the rates' own."""
     side = np.sign((ends - rate).sum(0))
     distance = np.sqrt(weights**2 @ (ends - rate) ** 2)
-    return np.asarray(np.clip(weights @ rate + side * distance, 0.0, 1.0))
+    return np.asarray(np.clip(_means(weights, rate) + side * distance, 0.0, 1.0))
 
 
 def _mean_of_least(grid: Grid, receiver: str, bests: Sequence[Best]) -> Estimate:
@@ -179,7 +184,7 @@ def _mean_of_least(grid: Grid, receiver: str, bests: Sequence[Best]) -> Estimate
     above = least.min(1, keepdims=True) - rate
     choices = np.array([[len(best.candidates_cd_m2)] for best in bests])
     raised = rate + above * norm.ppf((choices - 0.375) / (choices + 0.25)) / norm.ppf((1 + CONFIDENCE) / 2)
-    value = float((weights @ rate)[0])
+    value = float(_means(weights, rate)[0])
     high = float(_mean_ends(weights, raised, raised + above)[0])
     return Estimate(value, float(_mean_ends(weights, rate, low)[0]), max(value, high))
 
@@ -214,5 +219,5 @@ def _fixed_candidates(grid: Grid, receiver: str) -> tuple[float, ...]:
     weights, ber = octave_weights(grid.rows), grid.ber(receiver)
     tail = (1 - CONFIDENCE) / max(1, len(grid.columns) - 1)
     ends = (_mean_ends(weights, ber, side) for side in grid.one_sided(receiver, tail))
-    kept = not_worse(weights @ ber, *ends)
+    kept = not_worse(_means(weights, ber), *ends)
     return tuple(float(value) for value, keep in zip(grid.columns, kept, strict=True) if keep)

@@ -125,7 +125,8 @@ def joined(mask: Tensor, closed: Runs) -> Runs:
 def label_components(mask: Tensor) -> Components:
     """Label the 8-connected components of each mask, exactly.
 
-    Labels ascend by the first 2 x 2 block, in raster order, that a component reaches.
+    Labels ascend by the first 2 x 2 block, in raster order, that a component reaches. A mask without
+    foreground has no component; pixels that touch by their corners are of one.
 
     Args:
         mask: (B,H,W) bool.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Literal, get_args
 
 import kornia.filters
@@ -17,22 +18,61 @@ FEATURE_NAMES = ("agr", "gri", "ngr")
 
 Gradient = Literal["sobel", "central"]
 
+MOST_GREY = 1e9
+"""Grey values beyond this are no grey values: sums of them might not fit float32."""
+
+
+def _samples_per_led(patches: Tensor, shape: PanelShape) -> int:
+    """Give K of patches (B,1,(R+2)K,(C+2)K), or refuse those that are not of ``shape`` or not floating."""
+    samples = patches.shape[-1] // (shape.columns + 2)
+    wanted = ((shape.rows + 2) * samples, (shape.columns + 2) * samples)
+    if patches.ndim != 4 or samples < 1 or tuple(patches.shape[-2:]) != wanted:
+        given = f"patches has shape {tuple(patches.shape)}"
+        rule = f"(B,1,{shape.rows + 2}K,{shape.columns + 2}K), K at least 1"
+        raise VoccError(f"{given}: for a panel of {shape.rows} x {shape.columns} LEDs it must be {rule}")
+    if not patches.is_floating_point():
+        raise VoccError(f"patches has dtype {patches.dtype}: it must be floating")
+    return samples
+
+
+def checked_greys(greys: Tensor, name: str) -> Tensor:
+    """Give back floating grey values, or refuse what is none.
+
+    Raises:
+        VoccError: a value below 0, above 1e9, NaN, or integers.
+
+    Example:
+        >>> checked_greys(torch.tensor([0.0, 255.0]), "greys").tolist()
+        [0.0, 255.0]
+    """
+    if not greys.is_floating_point():
+        raise VoccError(f"{name} has dtype {greys.dtype}: it must be floating")
+    if greys.numel():
+        low, high = (float(end) for end in greys.detach().aminmax())
+        if not (low >= 0 and high <= MOST_GREY):
+            held = "NaN" if math.isnan(low + high) else f"values from {low:g} to {high:g}"
+            raise VoccError(f"{name} holds {held}: grey values must be finite, 0 to {MOST_GREY:g}")
+    return greys
+
 
 def cell_means(patches: Tensor, shape: PanelShape) -> Tensor:
     """Mean grey value of every cell, the margin's included: (B,1,(R+2)K,(C+2)K) to (B,R+2,C+2).
+
+    Raises:
+        VoccError: patches of another shape, or means that are no grey values, NaN or negative.
 
     Example:
         >>> cell_means(torch.full((1, 1, 12, 12), 7.0), PanelShape(2, 2))[0].unique().tolist()
         [7.0]
     """
-    samples = patches.shape[-1] // (shape.columns + 2)
-    return F.avg_pool2d(patches, samples)[:, 0]
+    return checked_greys(F.avg_pool2d(patches, _samples_per_led(patches, shape))[:, 0], "cell means")
 
 
 def _ratio_to_panel(greys: Tensor, panel_mean: Tensor) -> Tensor:
     """Ratio to the panel's mean; on an all-black panel every LED equals the mean, so 0/0 is 1."""
     mean = panel_mean.view(-1, 1, 1)
-    return torch.where(mean > 0, greys / torch.where(mean > 0, mean, 1.0), 1.0)
+    ratio = torch.where(mean > 0, greys / torch.where(mean > 0, mean, 1.0), 1.0)
+    return ratio.clamp(max=torch.finfo(ratio.dtype).max)
 
 
 def average_greyscale_ratio(means: Tensor) -> Tensor:
@@ -44,13 +84,16 @@ def average_greyscale_ratio(means: Tensor) -> Tensor:
     Returns:
         (B,R,C), at least 0, with mean 1 over the panel; 1 where the whole panel is black.
 
+    Raises:
+        VoccError: means that are no grey values.
+
     Example:
         >>> means = torch.zeros(1, 4, 4)
         >>> means[0, 1:3, 1:3] = torch.tensor([[30.0, 10.0], [20.0, 20.0]])
         >>> average_greyscale_ratio(means)[0].tolist()
         [[1.5, 0.5], [1.0, 1.0]]
     """
-    inner = means[:, 1:-1, 1:-1]
+    inner = checked_greys(means, "means")[:, 1:-1, 1:-1]
     return _ratio_to_panel(inner, inner.mean(dim=(1, 2)))
 
 
@@ -61,13 +104,17 @@ def neighbour_greyscale_ratio(means: Tensor) -> Tensor:
         means: (B,R+2,C+2) cell means with margin, at least 0.
 
     Returns:
-        (B,R,C), at least 0; 1 where the whole panel is black.
+        (B,R,C), at least 0; 1 where the whole panel is black, however bright its margin is. What the dtype
+        cannot hold, beside a panel that is all but black, is its greatest number.
+
+    Raises:
+        VoccError: means that are no grey values.
 
     Example:
         >>> neighbour_greyscale_ratio(torch.full((1, 3, 3), 5.0)).tolist()
         [[[1.0]]]
     """
-    ring = means.new_full((1, 1, 3, 3), 1 / 8)
+    ring = checked_greys(means, "means").new_full((1, 1, 3, 3), 1 / 8)
     ring[..., 1, 1] = 0.0
     neighbours = F.conv2d(means.unsqueeze(1), ring)[:, 0]
     return _ratio_to_panel(neighbours, means[:, 1:-1, 1:-1].mean(dim=(1, 2)))
@@ -124,15 +171,21 @@ def gradient_radial_inwardness(
     """GRI: the mean over an LED's cell of the gradient's component towards its centre (Eq. 7).
 
     Args:
-        patches: (B,1,(R+2)K,(C+2)K) rectified grey values.
+        patches: (B,1,(R+2)K,(C+2)K) rectified grey values, finite; with K = 1 each sample is its cell's
+            centre, which has no direction, and the GRI is 0.
         shape: rows and columns.
         cell_width_px: (B,) width of a cell in the original image, px; with the height it turns the gradient a
             sample into one an original pixel, as Eq. 7 counts; an image twice as large has half the GRI.
-        cell_height_px: (B,) likewise.
+        cell_height_px: (B,) likewise; both finite, and what is below 1e-6 px counts as that.
         kernel: see :func:`image_gradient`.
 
     Returns:
-        (B,R,C), grey values a pixel; positive where light falls off outwards.
+        (B,R,C), grey values a pixel; positive where light falls off outwards, exactly 0 on a plateau of one
+        whole grey value, such as a saturated one. A cell much smaller than a pixel magnifies the samples'
+        rounding by K / its size.
+
+    Raises:
+        VoccError: patches of another shape, or values that are not finite.
 
     Example:
         >>> bump = torch.zeros(1, 1, 9, 9)
@@ -141,11 +194,14 @@ def gradient_radial_inwardness(
         >>> float(gradient_radial_inwardness(bump, PanelShape(1, 1), size, size)) > 0
         True
     """
-    samples = patches.shape[-1] // (shape.columns + 2)
+    samples = _samples_per_led(patches, shape)
     # One sample of margin is all that the gradient kernels need.
-    near = slice(samples - 1, 1 - samples)
+    near = slice(samples - 1, (1 - samples) or None)
     gradient = image_gradient(patches[..., near, near], kernel)[:, :, 1:-1, 1:-1]
     field = radial_inward_field(samples, patches.dtype, patches.device).repeat(1, shape.rows, shape.columns)
     towards = F.avg_pool2d(gradient * field, samples)
     per_pixel = samples / torch.stack([cell_width_px, cell_height_px], dim=1).clamp(min=1e-6)
-    return (towards * per_pixel.to(patches.dtype).view(-1, 2, 1, 1)).sum(dim=1)
+    inward = (towards * per_pixel.to(patches.dtype).view(-1, 2, 1, 1)).sum(dim=1)
+    if not bool(inward.isfinite().all()):
+        raise VoccError("patches or cell sizes give a GRI that is not finite: both must be finite")
+    return inward

@@ -4,114 +4,18 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Sequence
-from typing import NamedTuple, Self
+from typing import Self
 
 import torch
 from torch import Tensor, nn
 
 from vocc_torch.errors import VoccError
-from vocc_torch.receiver.scatter import ClassScatter, ScaledScatter, checked_features
+from vocc_torch.receiver.discriminant import Discriminant
+from vocc_torch.receiver.discriminant import FLDAWarning as FLDAWarning
+from vocc_torch.receiver.scatter import ClassScatter, checked_features
 
-CONDITION_LIMIT = 1e12
-"""Largest condition number of the scaled within-class covariance that is solved by Cholesky."""
-
-GAP_LIMIT = 1e-6
-"""Smallest share of the means' difference, outside the range of a singular S_w, that counts as separation."""
-
-
-class FLDAWarning(UserWarning):
-    """The training set does not determine the discriminant well; the message says why and what was done."""
-
-
-def fisher_direction(mean0: Tensor, mean1: Tensor, within: Tensor) -> tuple[Tensor, Tensor]:
-    """Solve Fisher's discriminant for well-conditioned statistics; differentiable, batched.
-
-    The features are first scaled by the square roots of the diagonal of ``within``, so units do not matter.
-
-    Args:
-        mean0: (...,F) mean of the Off class, float32 or float64.
-        mean1: (...,F) mean of the On class.
-        within: (...,F,F) within-class covariance or scatter, positive definite; its symmetric part is used.
-
-    Returns:
-        ``w`` (...,F) by Eq. 14 and ``threshold`` (...) by Eq. 19.
-
-    Raises:
-        VoccError: ``within`` is not positive definite.
-
-    Example:
-        >>> within = torch.tensor([[1.0, 0.0], [0.0, 4.0]])
-        >>> w, threshold = fisher_direction(torch.zeros(2), torch.tensor([2.0, 4.0]), within)
-        >>> w.tolist(), threshold.item()
-        ([2.0, 1.0], 4.0)
-    """
-    symmetric = (within + within.mT) / 2
-    scale = symmetric.diagonal(dim1=-2, dim2=-1).sqrt()
-    factor, failed = torch.linalg.cholesky_ex(symmetric / scale.unsqueeze(-1) / scale.unsqueeze(-2))
-    if not bool((scale > 0).all() & (failed == 0).all()):
-        raise VoccError(
-            "within is not positive definite: Fisher's direction needs variance in every direction"
-        )
-    gap = (mean1 - mean0) / scale
-    direction = torch.cholesky_solve(gap.unsqueeze(-1), factor).squeeze(-1) / scale
-    return direction, (direction * (mean0 + mean1) / 2).sum(dim=-1)
-
-
-def _least_norm(scaled: ScaledScatter, values: Tensor, vectors: Tensor) -> tuple[Tensor, bool]:
-    """Solve a singular or ill-conditioned system in scaled coordinates, given its eigenvectors.
-
-    Where the difference of the means lies in the range of S_w, this is the least-norm solution. Where part of
-    it lies outside, Eq. 13 is infinite along that part, which a pseudoinverse would drop; there the variance
-    is taken as 1 / CONDITION_LIMIT of the largest: the separating part rules, and scores stay finite.
-
-    Returns:
-        The solution (F,), and whether such a separating part was found.
-    """
-    floor = values[-1].clamp(min=1.0) / CONDITION_LIMIT
-    null = values <= floor
-    along = vectors.mT @ scaled.gap
-    outside = torch.where(null, along, 0.0).norm()
-    separated = bool(outside > torch.maximum(GAP_LIMIT * scaled.gap.norm(), scaled.noise))
-    kept = along if separated else torch.where(null, 0.0, along)
-    solution = vectors @ (kept / values.clamp(min=floor))
-    return torch.where(scaled.flat & (scaled.gap == 0), 0.0, solution), separated
-
-
-def _complaint(scaled: ScaledScatter, values: Tensor, separated: bool) -> str:
-    """Say why the within-class scatter could not be solved by Cholesky, and what was done instead."""
-    reasons = []
-    if constant := (scaled.flat & (scaled.gap == 0)).nonzero().flatten().tolist():
-        reasons.append(f"constant features {constant} get weight 0")
-    if perfect := (scaled.flat & (scaled.gap != 0)).nonzero().flatten().tolist():
-        reasons.append(f"features {perfect} differ between the classes but not within them")
-    varying = values[int(scaled.flat.sum()) :]
-    if varying.numel() and bool(varying[0] <= values[-1] / CONDITION_LIMIT):
-        reasons.append(f"the features are collinear, condition number above {CONDITION_LIMIT:g}")
-    outcome = "the classes separate without variance, scores are huge" if separated else "least-norm solution"
-    return f"the within-class scatter is singular or ill-conditioned ({'; '.join(reasons)}): {outcome}"
-
-
-def _direction(seen: ClassScatter) -> tuple[Tensor, str]:
-    """Solve Eq. 14: the direction (F,), and a complaint, which is empty where the statistics determine it."""
-    scaled = ScaledScatter.of(seen)
-    values, vectors = torch.linalg.eigh(scaled.within)
-    complaint = ""
-    if bool(values[0] > values[-1] / CONDITION_LIMIT):
-        solution, _ = fisher_direction(torch.zeros_like(scaled.gap), scaled.gap, scaled.within)
-    else:
-        solution, separated = _least_norm(scaled, values, vectors)
-        complaint = _complaint(scaled, values, separated)
-    if not bool(scaled.gap.any()):
-        complaint = f"the class means coincide, so every score is 0, that is On; {complaint}".rstrip("; ")
-    return solution / scaled.scale, complaint
-
-
-class _Solution(NamedTuple):
-    """What inference needs: direction (F,) by Eq. 14, threshold () by Eq. 19, midpoint (F,) of the means."""
-
-    direction: Tensor
-    threshold: Tensor
-    midpoint: Tensor
+_PARTS = ("count", "mean", "mean_rest", "scatter", "scatter_rest")
+"""The statistics' buffers, in the order of the fields of :class:`ClassScatter`."""
 
 
 class FLDA(nn.Module):
@@ -126,15 +30,20 @@ class FLDA(nn.Module):
     ("the mean of the projections of all") say the same only for equally many Off and On samples.
 
     The statistics are float64 buffers and stay so under ``.half()`` or ``.to(dtype)``: a device must know
-    float64. The solution follows from them on first use after each change. Where they do not determine it, an
-    ``FLDAWarning`` says so: a constant feature gets weight 0, collinear features the least-norm solution, and
-    features that separate the classes without any variance rule, with very large but finite scores.
+    float64. The solution follows from them on first use after each change, with an error of about the
+    condition number (of the within-class covariance, features in units of their deviations) times 2e-16, and
+    whatever the pieces were in which the samples came. Features may be up to 1e150; a spread below 1e-150, or
+    below 2e-15 of a feature's mean, counts as none. Where the condition number is above 1e12, or the
+    statistics do not determine the solution, an ``FLDAWarning`` says so: a constant feature gets weight 0,
+    collinear features the least-norm solution, and features that separate the classes without any variance
+    rule, with very large but finite scores. For gradients through the training set see
+    :func:`vocc_torch.receiver.discriminant.discriminant`.
 
     Args:
         n_features: F, at least 1.
 
     Raises:
-        VoccError: ``n_features`` below 1.
+        VoccError: ``n_features`` is not a whole number of at least 1.
 
     Example:
         >>> x = torch.tensor([[0.0, 0.0], [2.0, 0.0], [1.0, 2.0], [4.0, 4.0], [6.0, 4.0], [5.0, 6.0]])
@@ -145,18 +54,22 @@ class FLDA(nn.Module):
 
     count: Tensor
     mean: Tensor
+    mean_rest: Tensor
     scatter: Tensor
+    scatter_rest: Tensor
 
     def __init__(self, n_features: int) -> None:
         """Start without samples."""
         super().__init__()
-        if n_features < 1:
-            raise VoccError(f"n_features is {n_features}: it must be at least 1")
+        if type(n_features) is not int or n_features < 1:
+            raise VoccError(f"n_features is {n_features}: it must be a whole number of at least 1")
         start = ClassScatter.empty(n_features)
-        for name in ("count", "mean", "scatter"):
+        for name in _PARTS:
             self.register_buffer(name, getattr(start, name))
-        self._solution: _Solution | None = None
-        self.register_load_state_dict_post_hook(_after_load)  # type: ignore[no-untyped-call]  # torch has no hints
+        self._solution: Discriminant | None = None
+        # Both hooks are functions of this module, so that copies and pickles keep them; torch has no hints.
+        self.register_load_state_dict_pre_hook(_before_load)  # type: ignore[no-untyped-call]
+        self.register_load_state_dict_post_hook(_after_load)  # type: ignore[no-untyped-call]
 
     @property
     def n_features(self) -> int:
@@ -166,7 +79,7 @@ class FLDA(nn.Module):
     @property
     def statistics(self) -> ClassScatter:
         """The sufficient statistics of all samples seen."""
-        return ClassScatter(self.count, self.mean, self.scatter)
+        return ClassScatter(*(getattr(self, name) for name in _PARTS))
 
     @property
     def direction(self) -> Tensor:
@@ -239,9 +152,9 @@ class FLDA(nn.Module):
     def decision_function(self, features: Tensor) -> Tensor:
         """Score feature vectors: ``w . x - threshold``, at least 0 for On (Eq. 18); differentiable.
 
-        Evaluated as ``w . (x - midpoint)``: a common offset cancels before anything is rounded. A score does
-        not depend on the batch it is in. A feature that is not finite gives a score that is not; no check,
-        which would stall an accelerator, is made here.
+        A common offset cancels before anything is rounded, and a score does not depend on the batch it is in.
+        A feature that is not finite gives a score that is not, and one far beyond the training set may give
+        an infinite one; no check, which would stall an accelerator, is made here.
 
         Args:
             features: (...,F) real, any floating or integer dtype, on this module's device.
@@ -253,8 +166,8 @@ class FLDA(nn.Module):
             VoccError: no samples of a class yet, or features of the wrong kind or shape.
         """
         points = checked_features(features, self.n_features)
-        solution = self._solved()
-        return ((points - solution.midpoint) * solution.direction).sum(dim=-1)
+        rule = self._solved()
+        return ((points - rule.centre) * rule.direction).sum(dim=-1).sub_(rule.rest)
 
     def forward(self, features: Tensor) -> Tensor:
         """Score feature vectors; the same as ``decision_function``."""
@@ -264,11 +177,15 @@ class FLDA(nn.Module):
         """Decide bits (...) bool, True = On, from features (...,F): the score is at least 0 (Eq. 18).
 
         Raises:
-            VoccError: as ``decision_function``; also where a score is NaN, for that is neither On nor Off.
+            VoccError: as ``decision_function``; also where a score is not finite.
         """
         scores = self.decision_function(features)
-        if bool(scores.isnan().any()):
-            raise VoccError("features holds a value that is not finite: its score is NaN, neither On nor Off")
+        if not bool(scores.isfinite().all()):
+            value = scores[~scores.isfinite()][0].item()
+            raise VoccError(
+                f"features holds a value that is not finite, or too far from the training set: its score is "
+                f"{value:g}, neither On nor Off"
+            )
         return scores >= 0
 
     def extra_repr(self) -> str:
@@ -279,10 +196,11 @@ class FLDA(nn.Module):
     def _store(self, seen: ClassScatter) -> None:
         """Take over statistics as new tensors on this module's device; those handed out never change."""
         here = seen.to(self.mean.device)
-        self.count, self.mean, self.scatter = here.count, here.mean, here.scatter
+        for name in _PARTS:
+            setattr(self, name, getattr(here, name))
         self._solution = None
 
-    def _solved(self) -> _Solution:
+    def _solved(self) -> Discriminant:
         """Give the solution of the present statistics, solving it where they have changed."""
         if self._solution is None:
             # Normal tensors even inside inference_mode, so that the kept solution can serve autograd later.
@@ -290,12 +208,10 @@ class FLDA(nn.Module):
             with torch.inference_mode(False), torch.no_grad():
                 seen = self.statistics.to(torch.device("cpu")).checked()
                 _require_both(seen)
-                direction, complaint = _direction(seen)
-                midpoint = (seen.mean / 2).sum(dim=0)  # halved first: no overflow
-                solution = (direction, direction @ midpoint, midpoint)
+                solution, complaint = Discriminant.of(seen)
             if complaint:
                 warnings.warn(f"FLDA: {complaint}", FLDAWarning, stacklevel=4)
-            self._solution = _Solution(*(value.to(self.mean.device) for value in solution))
+            self._solution = Discriminant(*(value.to(self.mean.device) for value in solution))
         return self._solution
 
     def _apply(self, fn: Callable[[Tensor], Tensor], recurse: bool = True) -> Self:
@@ -320,9 +236,17 @@ def _require_both(seen: ClassScatter) -> None:
         )
 
 
+def _before_load(_module: nn.Module, state: dict[str, Tensor], prefix: str, *_rest: object) -> None:
+    """Take statistics that were written before means and scatters had a second number: it is 0."""
+    for name in ("mean", "scatter"):
+        if f"{prefix}{name}" in state:
+            state.setdefault(f"{prefix}{name}_rest", torch.zeros_like(state[f"{prefix}{name}"]))
+
+
 def _after_load(module: nn.Module, _incompatible: object) -> None:
     """Drop the solution of the statistics that ``load_state_dict`` has just replaced, and hold the dtypes."""
     if isinstance(module, FLDA):
-        module.count, module.mean = module.count.to(torch.int64), module.mean.to(torch.float64)
-        module.scatter = module.scatter.to(torch.float64)
+        for name in _PARTS:
+            dtype = torch.int64 if name == "count" else torch.float64
+            setattr(module, name, getattr(module, name).to(dtype))
         module._solution = None

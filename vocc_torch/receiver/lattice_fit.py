@@ -49,7 +49,8 @@ def fit_lattice(frames: Frames, start: Lattice) -> Lattice:
         start: where to begin, within about a third of a cell.
 
     Returns:
-        The lattices; ``rms_dn`` and ``share`` say how well they explain the pictures.
+        The lattices, finite; ``rms_dn`` and ``share`` say how well they explain the pictures, and only they
+        tell where there is no lattice to fit.
     """
     active = torch.arange(len(frames), device=start.blur.device)
     best = own = start[active]

@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields, replace
 import torch
 from torch import Tensor
 
-from vocc_torch.receiver.rectification import cell_homography, rectify
+from vocc_torch.receiver.rectification import MOST_PX, cell_homography, rectify
 from vocc_torch.types import Frames, Panels, PanelShape
 
 GAMMA = 2.2
@@ -80,7 +80,7 @@ class Lattice:
 
 
 def linear_light(grey: Tensor) -> Tensor:
-    """Undo the camera's gamma; white is 1.
+    """Undo the camera's gamma; white is 1, and grey values below 0 are black.
 
     Example:
         >>> linear_light(torch.tensor([0.0, 255.0])).tolist()
@@ -90,7 +90,7 @@ def linear_light(grey: Tensor) -> Tensor:
 
 
 def grey_values(light: Tensor) -> Tensor:
-    """Give the grey values, DN, of light of which 1 is white; more is white too.
+    """Give the grey values, DN, of light of which 1 is white; more is white too, and less than 1e-5 is that.
 
     Example:
         >>> grey_values(torch.tensor([1.0, 7.0])).tolist()
@@ -100,7 +100,7 @@ def grey_values(light: Tensor) -> Tensor:
 
 
 def moved(corners_px: Tensor, cells: Tensor, shape: PanelShape) -> Tensor:
-    """Map points in cell coordinates, (B,P,2) columns and rows, into the image, (B,P,2) px.
+    """Map points in cell coordinates, (B,P,2) columns and rows, into the image, (B,P,2) px, finite.
 
     Example:
         >>> corners = torch.tensor([[[2.0, 3.0], [10.0, 3.0], [10.0, 11.0], [2.0, 11.0]]]).double()
@@ -109,7 +109,8 @@ def moved(corners_px: Tensor, cells: Tensor, shape: PanelShape) -> Tensor:
         [[[10.0, 2.0]]]
     """
     points = torch.cat([cells, torch.ones_like(cells[..., :1])], 2) @ cell_homography(corners_px, shape).mT
-    return points[..., :2] / points[..., 2:]
+    # A point on the horizon is as far away as a corner may be.
+    return (points[..., :2] / points[..., 2:]).nan_to_num().clamp(-MOST_PX, MOST_PX)
 
 
 def corner_cells(shape: PanelShape, beyond: float = 0.0) -> Tensor:

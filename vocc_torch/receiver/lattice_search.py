@@ -59,7 +59,8 @@ def search_lattice(
         square: whether cells are looked for that are nearly square, or nearly of the quadrilateral's.
 
     Returns:
-        (B,4,2) corners of the best lattice, and (B,) its spots' standard deviation, cells.
+        (B,4,2) corners of the best lattice, and (B,) its spots' standard deviation, cells; of equally good
+        ones, as in a picture without light, the first.
 
     Example:
         >>> x = torch.arange(64.0) + 0.5

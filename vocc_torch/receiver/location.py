@@ -17,6 +17,10 @@ from vocc_torch.types import Frames, Panels, PanelShape
 # Most pixels in one pass, to bound the memory; passes below the small size are not worth parting further.
 _PASS_PX = 1 << 21
 _SMALL_PASS_PX = 1 << 18
+_MOST_AREA_PX = 1 << 40
+_MOST_CLOSING_PX = (1 << 16) - 1
+# Columns of a blob are counted in 16 bits.
+_MOST_SIDE_PX = 1 << 15
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +42,7 @@ def quantised(grey: Tensor) -> Tensor:
     """Round floating grey values to uint8, clamped to 0 to 255; uint8 passes as it is.
 
     Raises:
-        VoccError: a value is NaN, or ``grey`` is of another type.
+        VoccError: a value is NaN or infinite, or ``grey`` is of another type.
 
     Example:
         >>> quantised(torch.tensor([-3.0, 99.6, 300.0])).tolist()
@@ -48,8 +52,8 @@ def quantised(grey: Tensor) -> Tensor:
         return grey
     if not grey.is_floating_point():
         raise VoccError(f"frames.grey is {grey.dtype}: it must be torch.uint8 or floating")
-    if bool(grey.isnan().any()):
-        raise VoccError("frames.grey holds NaN: it must be grey values, 0 to 255")
+    if not bool(grey.isfinite().all()):
+        raise VoccError("frames.grey holds NaN or infinity: it must be grey values, 0 to 255")
     return grey.round().clamp(0, 255).to(torch.uint8)
 
 
@@ -61,7 +65,7 @@ def paper_stages(frames: Frames, closing_px: int = 11) -> Stages:
         >>> stages.threshold.tolist(), stages.closed.int().flatten().tolist()
         ([0], [0, 1, 1, 1, 0])
     """
-    exact = _exact(frames)
+    exact = exact_frames(frames)
     threshold = otsu_threshold(sensor_histogram(exact))
     mask = exact.grey > threshold.view(-1, 1, 1, 1)
     return Stages(threshold, mask, close_mask(mask, closing_px))
@@ -93,10 +97,13 @@ class PaperLocator:
     - replaces any other blob at a higher score.
 
     Objects nearer to the panel than the first closing cannot be parted; a low score tells of them. The sensor
-    is taken to be surrounded by background. Floating frames are rounded for location only.
+    is taken to be surrounded by background. Floating frames are rounded for location only. Nothing is found
+    in a constant frame; one that is all noise may be taken for a panel that fills it. A square panel looks
+    alike from four sides: the first corner is the one from which the first side is turned by more than -45
+    and at most 45 degrees.
 
     Args:
-        closing_px: side of the closing's square, px, odd, at least 1; 1.5 times the greatest LED pitch
+        closing_px: side of the closing's square, px, odd, 1 to 65535; 1.5 times the greatest LED pitch
             expected at level 0.
         min_area_px: least area of a closed blob, px^2, at least 1.
         min_rectangularity: least rectangularity, 0 to 1.
@@ -123,10 +130,13 @@ class PaperLocator:
 
     def __post_init__(self) -> None:
         """Refuse parameters out of their range."""
-        if type(self.closing_px) is not int or self.closing_px < 1 or self.closing_px % 2 == 0:
-            raise VoccError(f"location.closing_px is {self.closing_px}: it must be odd and at least 1")
-        if self.min_area_px < 1:
-            raise VoccError(f"location.min_area_px is {self.min_area_px}: it must be at least 1")
+        closing_px = self.closing_px
+        if type(closing_px) is not int or not 1 <= closing_px <= _MOST_CLOSING_PX or closing_px % 2 == 0:
+            rule = f"odd, at least 1 and at most {_MOST_CLOSING_PX}"
+            raise VoccError(f"location.closing_px is {closing_px}: it must be {rule}")
+        if not 1 <= self.min_area_px <= _MOST_AREA_PX:
+            rule = f"at least 1 and at most {_MOST_AREA_PX}"
+            raise VoccError(f"location.min_area_px is {self.min_area_px}: it must be {rule}")
         for name in ("min_rectangularity", "min_compactness"):
             if not 0 <= getattr(self, name) <= 1:
                 raise VoccError(f"location.{name} is {getattr(self, name)}: it must be 0 to 1")
@@ -139,9 +149,9 @@ class PaperLocator:
         """Locate the panel of ``shape`` in each frame; zero corners and score where there is none.
 
         Raises:
-            VoccError: grey values that are neither uint8 nor floating, or NaN.
+            VoccError: what :func:`exact_frames` refuses.
         """
-        exact = _exact(frames)
+        exact = exact_frames(frames)
         threshold = otsu_threshold(sensor_histogram(exact))
         dark = threshold
         bright: list[int] = []
@@ -172,9 +182,31 @@ class PaperLocator:
         return choice
 
 
-def _exact(frames: Frames) -> Frames:
-    """Give the frames in uint8."""
-    return Frames(quantised(frames.grey), frames.origin_px, frames.sensor_px, frames.surround)
+def exact_frames(frames: Frames) -> Frames:
+    """Give the frames in uint8, or refuse what no locator can read.
+
+    Raises:
+        VoccError: what :func:`quantised` refuses, another shape than (B,1,H,W), a side above 32,768 px, a
+            surround that is not finite, or a crop with a surround that is not on its sensor.
+
+    Example:
+        >>> exact_frames(Frames.whole(torch.full((1, 2, 2), 9.4))).grey.unique().tolist()
+        [9]
+    """
+    shape, surround = tuple(frames.grey.shape), frames.surround
+    if len(shape) != 4 or shape[1] != 1:
+        raise VoccError(f"frames.grey has shape {shape}: it must be (B,1,H,W)")
+    if max(shape[2:]) > _MOST_SIDE_PX:
+        given = f"frames.grey is {shape[2]} x {shape[3]} px"
+        raise VoccError(f"{given}: it must be at most {_MOST_SIDE_PX} px a side")
+    if surround is not None:
+        if not bool(surround.isfinite().all()):
+            raise VoccError("frames.surround holds NaN or infinity: it must be grey values, 0 to 255")
+        room = frames.origin_px.new_tensor(frames.sensor_px[::-1]) - frames.origin_px.new_tensor(shape[:1:-1])
+        if not bool(((frames.origin_px >= 0) & (frames.origin_px <= room)).all()):
+            size = f"{shape[2]} x {shape[3]} px"
+            raise VoccError(f"frames.origin_px lays a crop of {size} off its sensor, {frames.sensor_px}")
+    return Frames(quantised(frames.grey), frames.origin_px, frames.sensor_px, surround)
 
 
 def _on_sensor(crop: Frames) -> Frames:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
+from vocc_torch.errors import VoccError
 from vocc_torch.receiver.location import PaperLocator
 from vocc_torch.receiver.refined import RefinedLocator
 
@@ -16,10 +17,15 @@ PanelLocator = PaperLocator | RefinedLocator
 def locator_named(name: LocatorName, paper: PaperLocator) -> PanelLocator:
     """Give the locator of a name, with the settings of the paper's, which both use.
 
+    Raises:
+        VoccError: an unknown name.
+
     Example:
         >>> locator_named("refined", PaperLocator(closing_px=9)).paper.closing_px
         9
     """
+    if name not in get_args(LocatorName):
+        raise VoccError(f"receiver.locator is {name!r}: it must be {' or '.join(get_args(LocatorName))}")
     return RefinedLocator(paper) if name == "refined" else paper
 
 

@@ -18,7 +18,8 @@ from vocc_torch.errors import VoccError
 from vocc_torch.files import write_atomically
 
 FORMAT = "vocc_torch.receiver"
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
+_READABLE = (1, FORMAT_VERSION)  # version 1 has one number for each mean and scatter: the second one is 0
 _DTYPES = {"float64": torch.float64, "int64": torch.int64}
 
 Settings = dict[str, object]
@@ -79,11 +80,9 @@ def read_model(path: Path) -> tuple[Settings, dict[str, Tensor]]:
         raise VoccError(
             f"model {path} is not a vocc_torch receiver: give the receiver.pt that task=train wrote"
         )
-    if content.get("version") != FORMAT_VERSION:
-        version = content.get("version")
-        raise VoccError(
-            f"model {path} has format version {version}: this package reads version {FORMAT_VERSION}"
-        )
+    if (version := content.get("version")) not in _READABLE:
+        allowed = " and ".join(map(str, _READABLE))
+        raise VoccError(f"model {path} has format version {version}: this package reads versions {allowed}")
     if content.get("sha256") != _checksum(content):
         raise VoccError(f"model {path} is damaged (its checksum does not fit): train it again")
     try:

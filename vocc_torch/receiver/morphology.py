@@ -16,7 +16,8 @@ def close_mask(mask: Tensor, size_px: int) -> Tensor:
 
     The plane goes on as background beyond the border. So a closing depends only on the foreground, not on
     where a crop or the sensor ends, and never leaves the foreground's bounding box. OpenCV's and Kornia's
-    default borders instead drag a blob near the border out to it.
+    default borders instead drag a blob near the border out to it. A square larger than the mask closes it as
+    one of the mask's size does.
 
     Args:
         mask: (B,1,H,W) bool.
@@ -37,6 +38,8 @@ def close_mask(mask: Tensor, size_px: int) -> Tensor:
         raise VoccError(f"size_px is {size_px}: it must be odd and at least 1")
     if size_px == 1 or not mask.numel():
         return mask.clone()
+    # Of a larger square only a half or a quarter plane meets the mask, as of one of the mask's size.
+    size_px = min(size_px, max(mask.shape[-2:]) | 1)
     plane = F.pad(mask, [size_px - 1] * 4)
     for join in (torch.bitwise_or, torch.bitwise_and):
         for axis in (-1, -2):

@@ -81,7 +81,7 @@ def otsu_threshold(histogram: Tensor) -> Tensor:
     grey value, so nothing is foreground. An empty histogram gives 0.
 
     Args:
-        histogram: (B,256) counts, at least 0, of up to 2^22 pixels a frame (beyond, exact to 1e-15).
+        histogram: (B,256) counts, finite, at least 0, of up to 2^22 pixels a frame (beyond, exact to 1e-15).
 
     Returns:
         (B,) int64 thresholds, 0 to 255.
@@ -91,9 +91,10 @@ def otsu_threshold(histogram: Tensor) -> Tensor:
         >>> otsu_threshold(histogram256(grey)).tolist()
         [12, 5]
     """
-    counts = histogram.to(torch.float64)
-    levels = torch.arange(_LEVELS, dtype=torch.float64, device=histogram.device)
-    below, mass = counts.cumsum(1), (counts * levels).cumsum(1)
+    counts, values = histogram.to(torch.int64), torch.arange(_LEVELS, device=histogram.device)
+    # Whole numbers: a GPU's running sums of floating ones have no fixed order, and no deterministic form.
+    below, mass = counts.cumsum(1).to(torch.float64), (counts * values).cumsum(1).to(torch.float64)
+    levels = values.to(torch.float64)
     total, total_mass = below[:, -1:], mass[:, -1:]
     pairs = below * (total - below)
     # w0 w1 (m0 - m1)^2 times a constant of the frame, with a single rounding division.

@@ -14,11 +14,15 @@ from vocc_torch.receiver.features import (
     Gradient,
     average_greyscale_ratio,
     cell_means,
+    checked_greys,
     gradient_radial_inwardness,
     neighbour_greyscale_ratio,
 )
 from vocc_torch.receiver.rectification import cell_size_px, centre_greys, rectify_takes
 from vocc_torch.types import Frames, Panels, PanelShape
+
+# Half a gigabyte in float32.
+_MOST_SAMPLES = 1 << 27
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +54,7 @@ class Reader:
 
     Args:
         shape: rows and columns of the panel.
-        samples_per_led: K, samples along an LED cell's side, 2 to 64.
+        samples_per_led: K, samples along an LED cell's side, 2 to 64; a rectified panel has at most 2^27.
         gradient: ``sobel`` (Kornia) or ``central`` (Eq. 6).
 
     Raises:
@@ -71,12 +75,23 @@ class Reader:
         """Check every range."""
         if type(self.samples_per_led) is not int or not 2 <= self.samples_per_led <= 64:
             raise VoccError(f"receiver.samples_per_led is {self.samples_per_led}: it must be from 2 to 64")
+        samples = (self.shape.rows + 2) * (self.shape.columns + 2) * self.samples_per_led**2
+        if samples > _MOST_SAMPLES:
+            given = f"receiver.samples_per_led is {self.samples_per_led}"
+            leds = f"{self.shape.rows} x {self.shape.columns} LEDs"
+            raise VoccError(
+                f"{given}: a panel of {leds} would have {samples} samples, at most 2^27 are allowed"
+            )
         if self.gradient not in get_args(Gradient):
             allowed = " or ".join(get_args(Gradient))
             raise VoccError(f"receiver.gradient is {self.gradient!r}: it must be {allowed}")
 
     def read(self, frames: Frames, panels: Panels) -> Readings:
-        """Measure every LED of B frames with located panels; one not found reads finite, without meaning."""
+        """Measure every LED of B frames with located panels; one not found reads finite, without meaning.
+
+        Raises:
+            VoccError: what :meth:`read_takes` refuses.
+        """
         return self.read_takes([frames], panels)[0]
 
     def read_takes(self, takes: Sequence[Frames], panels: Panels) -> tuple[Readings, list[Greys]]:
@@ -85,8 +100,12 @@ class Reader:
         Args:
             takes: the test frames first, then preambles of the same size and place.
             panels: where the panel was located in the test frames.
+
+        Raises:
+            VoccError: takes that do not fit each other or the panels, corners that are not finite, or at a
+                panel in floating frames what is no grey value, NaN or negative.
         """
-        patches = rectify_takes(takes, panels, self.shape, self.samples_per_led)
+        patches = self._patches(takes, panels)
         means = [cell_means(one, self.shape) for one in patches]
         greys = [
             Greys(mean[:, 1:-1, 1:-1], centre_greys(take, panels, self.shape))
@@ -101,5 +120,13 @@ class Reader:
 
     def read_greys(self, frames: Frames, panels: Panels) -> Greys:
         """Measure grey levels only."""
-        (patches,) = rectify_takes([frames], panels, self.shape, self.samples_per_led)
+        (patches,) = self._patches([frames], panels)
         return Greys(cell_means(patches, self.shape)[:, 1:-1, 1:-1], centre_greys(frames, panels, self.shape))
+
+    def _patches(self, takes: Sequence[Frames], panels: Panels) -> list[Tensor]:
+        """Rectify, and check what bytes cannot be."""
+        patches = rectify_takes(takes, panels, self.shape, self.samples_per_led)
+        for take, patch in zip(takes, patches, strict=True):
+            if take.grey.is_floating_point():
+                checked_greys(patch, "frames.grey at a panel")
+        return patches

@@ -86,9 +86,15 @@ class Receiver(nn.Module):
         return self.forward(Frames.whole(planes))
 
     def forward(self, frames: Frames, panels: Panels | None = None) -> Decoded:
-        """Read the bits of frames or crops, at known panels where they are given."""
-        where = self.locator(frames, self.shape) if panels is None else panels
-        features = self.reader.read(frames, where).features[..., self.columns]
+        """Read the bits of frames or crops, at known panels where they are given; score 0 is On (Eq. 18).
+
+        Raises:
+            VoccError: frames that no locator reads, or floating ones that hold no grey values at a panel.
+        """
+        # In half precision its convolutions would turn bits.
+        with torch.autocast(frames.grey.device.type, enabled=False):
+            where = self.locator(frames, self.shape) if panels is None else panels
+            features = self.reader.read(frames, where).features[..., self.columns]
         found = where.found.view(-1, 1, 1)
         scores = torch.where(found, self.classifier.decision_function(features), 0.0)
         bits = (scores >= 0) & found

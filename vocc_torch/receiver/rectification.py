@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import kornia.geometry
@@ -9,19 +10,35 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
+from vocc_torch.errors import VoccError
+from vocc_torch.receiver.features import checked_greys
 from vocc_torch.types import Frames, Panels, PanelShape
+
+MOST_READINGS = 1 << 22
+"""Most bilinear readings at a time, and of a frame where its samples alone are not more."""
+
+MOST_PX = 1e15
+"""Corners farther than this from the sensor's corner are no corners."""
+
+# A corner between sides a and b is one where they part: a x b above this, px^2, and above this share of the
+# longest side's square.
+_FLAT_PX2, _FLAT_SHARE = 1e-9, 1e-12
 
 
 def cell_homography(corners_px: Tensor, shape: PanelShape) -> Tensor:
     """Projective map from cell coordinates (column, row; 0 to C, 0 to R) to pixels.
 
     Args:
-        corners_px: (B,4,2) corners of the grid of cells, clockwise from the top left; a degenerate
-            quadrilateral (no area) maps everything onto its first corner.
+        corners_px: (B,4,2) corners of the grid of cells, clockwise from the top left, within 1e15 px. Where
+            they are not strictly convex (collinear, coincident, crossed or concave) they are no picture of a
+            panel: everything maps onto the first.
         shape: rows and columns.
 
     Returns:
-        (B,3,3) float64 homographies.
+        (B,3,3) float64 homographies, finite.
+
+    Raises:
+        VoccError: a corner that is not finite, or beyond 1e15 px.
 
     Example:
         >>> corners = torch.tensor([[[2.0, 3.0], [10.0, 3.0], [10.0, 11.0], [2.0, 11.0]]])
@@ -29,17 +46,27 @@ def cell_homography(corners_px: Tensor, shape: PanelShape) -> Tensor:
         [[1.0, 0.0, 2.0], [0.0, 1.0, 3.0], [0.0, 0.0, 1.0]]
     """
     corners = corners_px.to(torch.float64)
+    if not bool((corners.abs() <= MOST_PX).all()):
+        most = float(corners.abs().amax())
+        raise VoccError(f"corners_px reaches {most:g} px: corners must be finite and within {MOST_PX:g} px")
     columns, rows = float(shape.columns), float(shape.rows)
     cells = corners.new_tensor([[0.0, 0.0], [columns, 0.0], [columns, rows], [0.0, rows]])
-    diagonals = corners[:, 2:] - corners[:, :2]
-    area = (diagonals[:, 0, 0] * diagonals[:, 1, 1] - diagonals[:, 0, 1] * diagonals[:, 1, 0]) / 2
-    flat = (area.abs() < 1e-9).view(-1, 1, 1)
+    flat = ~_is_convex(corners).view(-1, 1, 1)
     safe = torch.where(flat, corners[:, :1] + cells, corners)
     found = kornia.geometry.get_perspective_transform(cells.expand_as(safe), safe)
     onto_corner = torch.zeros_like(found)
     onto_corner[:, :2, 2] = corners[:, 0]
     onto_corner[:, 2, 2] = 1.0
     return torch.where(flat, onto_corner, found)
+
+
+def _is_convex(corners: Tensor) -> Tensor:
+    """Say which quadrilaterals (B,4,2) turn the same way at every corner, (B,)."""
+    side = corners.roll(-1, 1) - corners
+    x, y = side.unbind(2)
+    turn = x * y.roll(-1, 1) - y * x.roll(-1, 1)
+    least = _FLAT_PX2 + _FLAT_SHARE * side.square().sum(2).amax(1)
+    return (turn.amin(1) > least) | (turn.amax(1) < -least)
 
 
 def cell_size_px(corners_px: Tensor, shape: PanelShape) -> tuple[Tensor, Tensor]:
@@ -124,25 +151,34 @@ def _sample(
 
 
 def _oversampling(panels: Panels, shape: PanelShape, samples: int) -> Tensor:
-    """How many image pixels a sample stands for along an axis, rounded, at least 1; (B,) int64."""
+    """How many image pixels a sample stands for along an axis, rounded, at least 1; (B,) int64.
+
+    A frame has at most ``MOST_READINGS`` readings, which for 8 x 8 LEDs and K = 8 are cells of 200 px.
+    """
     width, height = cell_size_px(panels.corners_px, shape)
-    return torch.round(torch.maximum(width, height) / samples).clamp(1, 64).long()
+    cells = (shape.rows + 2) * (shape.columns + 2)
+    most = min(64, max(1, math.isqrt(MOST_READINGS // cells) // samples))
+    return torch.round(torch.maximum(width, height) / samples).clamp(1, most).long()
 
 
 def rectify(frames: Frames, panels: Panels, shape: PanelShape, samples_per_led: int) -> Tensor:
     """Resample each panel to K x K samples an LED cell, bilinearly, with one cell of margin on every side.
 
     Where a sample stands for several pixels (a near panel) it is the mean of as many bilinear readings, so
-    that detail finer than the grid is averaged and not aliased.
+    that detail finer than the grid is averaged and not aliased. Beyond the frame its border pixels go on. A
+    panel whose corners enclose nothing (see :func:`cell_homography`) reads one grey value everywhere.
 
     Args:
-        frames: B frames or crops.
+        frames: B frames or crops, not empty.
         panels: B located panels; a panel not found is read at its zero corners and means nothing.
         shape: rows and columns.
-        samples_per_led: K, at least 2.
+        samples_per_led: K, at least 1.
 
     Returns:
-        (B,1,(R+2)K,(C+2)K) floating grey values.
+        (B,1,(R+2)K,(C+2)K) grey values, float64 where the frames are, else float32: positions need it.
+
+    Raises:
+        VoccError: empty frames, another number of panels, or corners that are not finite.
 
     Example:
         >>> ramp = torch.arange(16.0).view(1, 1, 1, 16).expand(1, 1, 16, 16)
@@ -163,10 +199,13 @@ def rectify_takes(
         takes: frames or crops of one size and place, such as test frames and their preambles; at least one.
         panels: see :func:`rectify`.
         shape: rows and columns.
-        samples_per_led: K, at least 2.
+        samples_per_led: K, at least 1.
 
     Returns:
         (B,1,(R+2)K,(C+2)K) for each take, as :func:`rectify` gives it.
+
+    Raises:
+        VoccError: takes of different sizes, and what :func:`rectify` refuses.
 
     Example:
         >>> frames = Frames.whole(torch.arange(16.0).view(1, 1, 1, 16).expand(1, 1, 16, 16))
@@ -174,29 +213,46 @@ def rectify_takes(
         >>> len(rectify_takes([frames, frames], panels, PanelShape(4, 4), 2))
         2
     """
+    _check_takes(takes, panels)
     homography = cell_homography(panels.corners_px, shape)
     factors = _oversampling(panels, shape, samples_per_led)
     grey = takes[0].grey
     size = (len(grey), 1, (shape.rows + 2) * samples_per_led, (shape.columns + 2) * samples_per_led)
-    dtype = grey.dtype if grey.is_floating_point() else torch.float32
+    dtype = torch.float64 if grey.dtype == torch.float64 else torch.float32
     patches = [torch.empty(size, dtype=dtype, device=grey.device) for _ in takes]
     for factor in torch.unique(factors).tolist():
-        rows = factors == factor
         fine = samples_per_led * factor
         steps_x = torch.arange((shape.columns + 2) * fine, dtype=torch.float64, device=factors.device)
         steps_y = torch.arange((shape.rows + 2) * fine, dtype=torch.float64, device=factors.device)
-        subset = list(takes)
-        if not bool(rows.all()):
-            subset = [Frames(t.grey[rows], t.origin_px[rows], t.sensor_px) for t in takes]
         x, y = (steps_x + 0.5) / fine - 1, (steps_y + 0.5) / fine - 1
-        for patch, read in zip(patches, _sample(subset, homography[rows], x, y, dtype), strict=True):
-            whole = read.unsqueeze(1)
-            patch[rows] = F.avg_pool2d(whole, factor) if factor > 1 else whole
+        for rows in (factors == factor).nonzero()[:, 0].split(max(1, MOST_READINGS // (len(x) * len(y)))):
+            subset = list(takes)
+            if len(rows) < len(grey):
+                subset = [Frames(t.grey[rows], t.origin_px[rows], t.sensor_px) for t in takes]
+            for patch, read in zip(patches, _sample(subset, homography[rows], x, y, dtype), strict=True):
+                whole = read.unsqueeze(1)
+                patch[rows] = F.avg_pool2d(whole, factor) if factor > 1 else whole
     return patches
 
 
+def _check_takes(takes: Sequence[Frames], panels: Panels) -> None:
+    """Refuse takes that cannot be read at the panels."""
+    size = takes[0].grey.shape
+    if any(take.grey.shape != size for take in takes):
+        sizes = ", ".join(str(tuple(take.grey.shape)) for take in takes)
+        raise VoccError(f"takes have shapes {sizes}: they must be of one shape")
+    if len(size) != 4 or size[1] != 1 or 0 in size[2:]:
+        raise VoccError(f"frames.grey has shape {tuple(size)}: it must be (B,1,H,W), not empty")
+    if panels.corners_px.shape != (size[0], 4, 2):
+        given = f"panels.corners_px has shape {tuple(panels.corners_px.shape)}"
+        raise VoccError(f"{given}: for {size[0]} frames it must be ({size[0]},4,2)")
+
+
 def centre_greys(frames: Frames, panels: Panels, shape: PanelShape) -> Tensor:
-    """Grey value of the pixel that holds each LED cell's centre, (B,R,C).
+    """Grey value of the pixel that holds each LED cell's centre, (B,R,C); beyond the frame its border's.
+
+    Raises:
+        VoccError: what :func:`rectify` refuses, or a value that is no grey value.
 
     Example:
         >>> ramp = torch.arange(16.0).view(1, 1, 1, 16).expand(1, 1, 16, 16)
@@ -204,12 +260,15 @@ def centre_greys(frames: Frames, panels: Panels, shape: PanelShape) -> Tensor:
         >>> centre_greys(Frames.whole(ramp), Panels.known(corners), PanelShape(3, 3))[0, 0].tolist()
         [5.0, 8.0, 11.0]
     """
+    _check_takes([frames], panels)
     homography = cell_homography(panels.corners_px, shape)
     columns = torch.arange(shape.columns, dtype=torch.float64, device=homography.device) + 0.5
     rows = torch.arange(shape.rows, dtype=torch.float64, device=homography.device) + 0.5
     x_px, y_px = _map_cells(homography, columns, rows)
     height, width = frames.grey.shape[-2:]
-    column = (torch.floor(x_px).long() - frames.origin_px[:, 0].view(-1, 1, 1)).clamp(0, width - 1)
-    row = (torch.floor(y_px).long() - frames.origin_px[:, 1].view(-1, 1, 1)).clamp(0, height - 1)
+    # Clamped before it is whole: a centre on the horizon is beyond what an integer holds.
+    column = (torch.floor(x_px) - frames.origin_px[:, 0].view(-1, 1, 1)).clamp(0, width - 1).long()
+    row = (torch.floor(y_px) - frames.origin_px[:, 1].view(-1, 1, 1)).clamp(0, height - 1).long()
     read = frames.grey.flatten(1).gather(1, (row * width + column).flatten(1)).view(row.shape)
-    return read if read.is_floating_point() else read.to(torch.float32)
+    dtype = torch.float64 if read.dtype == torch.float64 else torch.float32
+    return checked_greys(read.to(dtype), "frames.grey at the LEDs' centres")

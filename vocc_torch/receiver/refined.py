@@ -11,7 +11,7 @@ from vocc_torch.errors import VoccError
 from vocc_torch.receiver.lattice_fit import fit_lattice
 from vocc_torch.receiver.lattice_model import Lattice, corner_cells, moved
 from vocc_torch.receiver.lattice_search import search_lattice
-from vocc_torch.receiver.location import PaperLocator, quantised
+from vocc_torch.receiver.location import PaperLocator, exact_frames
 from vocc_torch.receiver.rectification import cell_size_px
 from vocc_torch.receiver.regions import bright_regions, cut_windows, ring_statistics
 from vocc_torch.types import Frames, Panels, PanelShape
@@ -29,6 +29,8 @@ _LEAST_PITCH_PX = 1.5
 _FIT_PX = 192
 # Corners are given in whole parts of a pixel: sums may be ordered otherwise in other batches.
 _PARTS_PER_PX = 1024.0
+# A panel turned by 45 degrees begins like the paper's, whichever way its fit errs by less than this, degrees.
+_TIE_DEG = 0.25
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,10 +78,10 @@ class RefinedLocator:
         """Locate the panel of ``shape`` in each frame; zero corners and score where there is none.
 
         Raises:
-            VoccError: grey values that are neither uint8 nor floating, or NaN.
+            VoccError: what :func:`vocc_torch.receiver.location.exact_frames` refuses.
         """
-        exact = Frames(quantised(frames.grey), frames.origin_px, frames.sensor_px, frames.surround)
-        if max(shape.rows, shape.columns) > _MOST_LEDS or not len(exact):
+        exact = exact_frames(frames)
+        if max(shape.rows, shape.columns) > _MOST_LEDS or not exact.grey.numel():
             return self.paper(exact, shape)
         panels = self._in_crops(exact, shape) if exact.surround is not None else self._in_whole(exact, shape)
         left = (~panels.found).nonzero()[:, 0]
@@ -182,14 +184,13 @@ def _is_sane(lattice: Lattice, corners_px: Tensor) -> Tensor:
 def _upright(corners_px: Tensor, shape: PanelShape) -> Tensor:
     """Begin with the corner from which the first side is turned by -45 to 45 degrees, or half a turn off it.
 
-    A square panel looks alike from four sides: the paper's rectangles begin so, and so do these.
+    A square panel looks alike from four sides: the paper's rectangles begin so, and so do these. Turned by 45
+    degrees it begins with its topmost corner.
     """
     x, y = (corners_px[:, 1] - corners_px[:, 0]).unbind(1)
-    steep = y.abs() > x.abs()
-    quarter = torch.where(steep & (y > 0), 1, torch.where(steep, -1, 0))
-    quarter = torch.where((quarter == 0) & (x < 0), 2, quarter)
+    quarter = torch.ceil((torch.atan2(y, x).rad2deg() - 45 - _TIE_DEG) / 90).long()
     if shape.rows != shape.columns:
-        quarter = torch.where(quarter == 2, 2, 0)
+        quarter = torch.where(quarter.abs() == 2, 2, 0)
     index = (torch.arange(4, device=x.device) - quarter[:, None]) % 4
     return corners_px.gather(1, index[..., None].expand(-1, -1, 2))
 

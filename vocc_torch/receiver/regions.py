@@ -41,7 +41,10 @@ class Regions:
 
 
 def block_means(grey: Tensor) -> Tensor:
-    """Average blocks of 8 x 8 pixels, (B,h,w) float32; those at the right and lower border may be part.
+    """Average blocks of 8 x 8 pixels, (B,h,w) float32; at the right and lower border pixels are repeated.
+
+    Args:
+        grey: (B,1,H,W) uint8, not empty.
 
     Example:
         >>> block_means(torch.full((1, 1, 16, 12), 7, dtype=torch.uint8)).tolist()
@@ -104,10 +107,10 @@ def bright_regions(grey: Tensor) -> Regions:
     """Find windows in which blocks are brighter than the background by 8 standard deviations of blocks.
 
     The background is local; the deviation is from the median absolute one. Of each frame the sixteen regions
-    of most light are taken.
+    of most light are taken; in a frame where nothing stands out, constant or all noise, there is none.
 
     Args:
-        grey: (B,1,H,W) uint8 whole frames.
+        grey: (B,1,H,W) uint8 whole frames, not empty.
 
     Example:
         >>> grey = torch.full((1, 1, 480, 640), 100, dtype=torch.uint8)
@@ -172,6 +175,8 @@ def cut_windows(frames: Frames, regions: Regions, chosen: Tensor, side: int) -> 
 
 def ring_statistics(grey: Tensor) -> tuple[Tensor, Tensor]:
     """Estimate background and noise of windows (B,1,H,W) from their outermost pixels: two (B,), DN.
+
+    Of a window up to 6 px wide or high these are all its pixels.
 
     Example:
         >>> ring_statistics(torch.full((1, 1, 40, 40), 9, dtype=torch.uint8))

@@ -8,8 +8,9 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor
 
+from vocc_torch.errors import VoccError
 from vocc_torch.simulation.effects import Effect
-from vocc_torch.simulation.geometry import Camera, LedPanel
+from vocc_torch.simulation.geometry import Camera, LedPanel, demand_led_px
 
 WINDOW_GRID_PX = 8
 """Where windows begin and end on sensors whose sides are multiples of it: JPEG's blocks, Bayer's cells."""
@@ -29,17 +30,27 @@ def crop_size_px(
         panel: the panel.
         nearest_m: the nearest distance that the crop must do for, above 0.
 
+    Returns:
+        Both at most the sensor's, however near the panel or wide its light.
+
+    Raises:
+        VoccError: a distance that is not above 0, or at which an LED's image is too large.
+
     Example:
         >>> crop_size_px([], Camera(), LedPanel(), 50.0)
         (48, 48)
     """
+    if not nearest_m > 0:
+        raise VoccError(f"nearest_m is {nearest_m:g}: it must be above 0")
+    demand_led_px(panel.led_diameter_m / nearest_m * camera.focal_length_px, nearest_m)
     pitch_px = panel.pitch_m * camera.focal_length_px / nearest_m
     size = (panel.shape.rows + 2) * pitch_px, (panel.shape.columns + 2) * pitch_px
     for effect in effects:
         size = effect.size_in_px(size, camera, nearest_m)
     margin = 2 * (sum(effect.reach_in_px(camera, nearest_m) for effect in effects) + 2)
     height, width = (
-        min(math.ceil(side) + margin, full) for side, full in zip(size, camera.sensor_px, strict=True)
+        min(math.ceil(min(side, full)) + margin, full)
+        for side, full in zip(size, camera.sensor_px, strict=True)
     )
     return height, width
 
@@ -61,7 +72,7 @@ def window_size_px(crop_px: tuple[int, int], sensor_px: tuple[int, int]) -> tupl
 def crop_origins_px(
     centre_px: Tensor, size_px: tuple[int, int], sensor_px: tuple[int, int], *, grid_px: int = 1
 ) -> Tensor:
-    """Top left pixel of each crop: around the panel, moved inside the sensor.
+    """Top left pixel of each crop: around the panel, moved inside the sensor however far outside that lies.
 
     Args:
         centre_px: (B,2) image of each panel's centre, px.
@@ -78,7 +89,9 @@ def crop_origins_px(
     """
     extent = torch.tensor([size_px[1], size_px[0]], device=centre_px.device)
     sensor = torch.tensor([sensor_px[1], sensor_px[0]], device=centre_px.device)
-    centred = torch.round(centre_px).long() - extent // 2
+    # Beyond the sensor the distance does not matter, and may be more than whole numbers hold.
+    near = torch.minimum(torch.maximum(centre_px, -extent), sensor + extent)
+    centred = torch.round(near).long() - extent // 2
     # The crop that this holds begins up to a grid's step later.
     centred = centred + grid_px // 2
     return torch.minimum((centred - centred % grid_px).clamp(min=0), sensor - extent)

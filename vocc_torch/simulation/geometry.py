@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import torch
@@ -11,15 +11,34 @@ from torch import Tensor
 from vocc_torch.errors import VoccError
 from vocc_torch.types import PanelShape, Scene
 
+CAMERA_RANGES: Mapping[str, tuple[float, float]] = {
+    "focal_length_mm": (1e-3, 1e6),
+    "sensor_width_mm": (1e-3, 1e4),
+    "width_px": (1, 32768),
+    "height_px": (1, 32768),
+    "exposure_time_s": (1e-9, 1e4),
+    "f_number": (0.1, 1e3),
+    "calibration_constant": (0.1, 1e3),
+    "gamma": (0.1, 10.0),
+}
+"""Lowest and highest allowed of each value of a camera: wider than any, and safe in float32 together."""
 
-def _demand(
-    owner: object, section: str, names: tuple[str, ...], low: float = 0.0, high: float = math.inf
-) -> None:
-    """Refuse by name the first attribute that is not finite or not in (low, high)."""
-    for name in names:
-        value = float(getattr(owner, name))
-        if not (math.isfinite(value) and low < value < high):
-            allowed = f"above {low:g}" + ("" if math.isinf(high) else f" and below {high:g}")
+LARGEST_LED_PX = 100_000
+"""Widest image of an LED on offer: its cover of a pixel is then within 5e-6 of the exact one."""
+
+FARTHEST_PX = 1e12
+"""Farthest from the sensor's middle that a panel's image may reach: float64 places it within 1e-4 px."""
+
+ISO_RANGE = (1e-30, 1e20)
+"""Lowest and highest ISO speed."""
+
+
+def _demand(owner: object, section: str, ranges: Mapping[str, tuple[float, float]]) -> None:
+    """Refuse by name the first attribute that is outside its range."""
+    for name, (low, high) in ranges.items():
+        value = getattr(owner, name)
+        if not low <= value <= high:
+            allowed = "above 0" if value <= 0 < low else f"at least {low:g} and at most {high:g}"
             raise VoccError(f"{section}.{name} is {value:g}: it must be {allowed}")
 
 
@@ -28,15 +47,16 @@ class Camera:
     """A pinhole camera with square pixels, by default that of the paper's Table 1.
 
     Args:
-        focal_length_mm: above 0 (Table 1: 25; the text says 18).
-        sensor_width_mm: width of the sensor, above 0; the pixel pitch is this over ``width_px``.
-        width_px: pixels in a row, at least 1.
-        height_px: rows, at least 1.
-        exposure_time_s: above 0.
-        f_number: f-number N, above 0.
-        calibration_constant: reflected-light meter constant K, above 0.
-        gamma: encoding gamma, above 0.
-        iso_limits: lowest and highest ISO speed, or None where auto-ISO always meets its target.
+        focal_length_mm: 0.001 to 1e6 (Table 1: 25; the text says 18).
+        sensor_width_mm: width of the sensor, 0.001 to 1e4; the pixel pitch is this over ``width_px``.
+        width_px: pixels in a row, a whole number, 1 to 32768.
+        height_px: rows, likewise.
+        exposure_time_s: 1e-9 to 1e4.
+        f_number: f-number N, 0.1 to 1000.
+        calibration_constant: reflected-light meter constant K, 0.1 to 1000.
+        gamma: encoding gamma, 0.1 to 10; at 1 the grey value is proportional to the light.
+        iso_limits: lowest and highest ISO speed, 1e-30 to 1e20, or None where auto-ISO always meets its
+            target; equal limits are a fixed speed.
 
     Raises:
         VoccError: a value outside its range.
@@ -58,12 +78,14 @@ class Camera:
 
     def __post_init__(self) -> None:
         """Check every range."""
-        names = ("focal_length_mm", "sensor_width_mm", "width_px", "height_px", "exposure_time_s", "f_number")
-        _demand(self, "camera", (*names, "calibration_constant", "gamma"))
-        if self.iso_limits is not None and not 0 < self.iso_limits[0] <= self.iso_limits[1] < math.inf:
-            raise VoccError(
-                f"camera.iso_limits is {list(self.iso_limits)}: it must be [low, high] with 0 < low <= high"
-            )
+        _demand(self, "camera", CAMERA_RANGES)
+        for name in ("width_px", "height_px"):
+            if not isinstance(getattr(self, name), int):
+                raise VoccError(f"camera.{name} is {getattr(self, name)}: it must be a whole number")
+        least, most = ISO_RANGE
+        if self.iso_limits is not None and not least <= self.iso_limits[0] <= self.iso_limits[1] <= most:
+            rule = f"[low, high] with 0 < low <= high, from {least:g} to {most:g}"
+            raise VoccError(f"camera.iso_limits is {list(self.iso_limits)}: it must be {rule}")
 
     @property
     def focal_length_px(self) -> float:
@@ -86,8 +108,8 @@ class LedPanel:
 
     Args:
         shape: rows and columns.
-        led_diameter_m: above 0.
-        led_gap_m: edge to edge between neighbouring LEDs, at least 0; the pitch is diameter plus gap.
+        led_diameter_m: 1e-6 to 1000.
+        led_gap_m: edge to edge between neighbouring LEDs, 0 to 1000; the pitch is diameter plus gap.
         led_reflectance: of the LED surface, 0 to 1.
         background_reflectance: of everything behind the panel, above 0 to 1; auto-ISO meters it.
         board_reflectance: between the LEDs, 0 to 1, or None where the background shows through.
@@ -109,9 +131,7 @@ class LedPanel:
 
     def __post_init__(self) -> None:
         """Check every range."""
-        _demand(self, "panel", ("led_diameter_m",))
-        if not (math.isfinite(self.led_gap_m) and self.led_gap_m >= 0):
-            raise VoccError(f"panel.led_gap_m is {self.led_gap_m:g}: it must be at least 0")
+        _demand(self, "panel", {"led_diameter_m": (1e-6, 1e3), "led_gap_m": (0, 1e3)})
         for name in ("led_reflectance", "background_reflectance", "board_reflectance"):
             value = getattr(self, name)
             if value is not None and not 0 <= value <= 1:
@@ -125,6 +145,39 @@ class LedPanel:
     def pitch_m(self) -> float:
         """Distance between the centres of neighbouring LEDs."""
         return self.led_diameter_m + self.led_gap_m
+
+
+def demand_led_px(widest_px: float, distance_m: float) -> None:
+    """Refuse by name an LED whose image is wider than is on offer.
+
+    Raises:
+        VoccError: one wider than 100000 px.
+    """
+    if not widest_px <= LARGEST_LED_PX:
+        rule = f"it must leave an LED's image at most {LARGEST_LED_PX} px wide, and this is {widest_px:g}"
+        raise VoccError(f"scene.distance_m is {distance_m:g}: {rule}")
+
+
+def demand_in_sight(scene: Scene, camera: Camera, panel: LedPanel) -> None:
+    """Refuse by name panels that are so near or so far aside that their images have no exact place.
+
+    Raises:
+        VoccError: an LED's image wider than 100000 px, or a panel's that reaches farther than 1e12 px.
+    """
+    scale = camera.pixels_per_metre(scene.distance_m)
+    widest = panel.led_diameter_m * scale
+    half_m = panel.pitch_m * max(panel.shape.rows, panel.shape.columns) / 2
+    farthest = (torch.maximum(scene.offset_x_m.abs(), scene.offset_y_m.abs()) + half_m) * scale
+    if not bool(((widest <= LARGEST_LED_PX) & (farthest <= FARTHEST_PX)).all()):
+        near = int(widest.argmax())
+        demand_led_px(float(widest[near]), float(scene.distance_m[near]))
+        far = int(farthest.argmax())
+        names = ("offset_x_m", "offset_y_m", "distance_m")
+        given = ", ".join(f"scene.{name} is {float(getattr(scene, name)[far]):g}" for name in names)
+        rule = (
+            f"the panel's image must lie within {FARTHEST_PX:g} px, and this reaches {float(farthest[far]):g}"
+        )
+        raise VoccError(f"{given}: {rule}")
 
 
 def panel_centre_px(scene: Scene, camera: Camera) -> Tensor:

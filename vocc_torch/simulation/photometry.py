@@ -14,9 +14,14 @@ from torch import Tensor
 MIDDLE_GREY = 118.0
 """Grey value at the indicated exposure, Eq. 1."""
 
+BLOCK_VALUES = 1 << 16
+"""Numbers in a working array in float64: larger ones leave the cache, and are fresh pages every time."""
+
 
 def reflected_luminance_cd_m2(illuminance_lx: Tensor, reflectance: float) -> Tensor:
     """Luminance of a matt surface under ambient light, ``E_v R / pi``: the reflected part of Eqs 2 and 3.
+
+    No light, or a black surface, gives 0.
 
     Args:
         illuminance_lx: any shape, lx, at least 0.
@@ -36,6 +41,8 @@ def luminous_exposure_lx_s(
     luminance_cd_m2: Tensor, *, exposure_time_s: float, f_number: float, calibration_constant: float
 ) -> Tensor:
     """Luminous exposure of a pixel that sees a luminance, ``H = 10 L t / (K N^2)`` (Eqs 2 and 3).
+
+    Linear: no luminance gives no exposure.
 
     Args:
         luminance_cd_m2: any shape, cd/m2, at least 0.
@@ -59,8 +66,10 @@ def luminous_exposure_lx_s(
 def auto_iso_speed(background_exposure_lx_s: Tensor, target_grey: Tensor, *, gamma: float) -> Tensor:
     """ISO speed S at which the background gets the grey value asked for: Eq. 1 solved for ``S = 10 / H_SOS``.
 
+    A background without light has no such speed: 0 lx s gives infinity, which a camera's limits bring back.
+
     Args:
-        background_exposure_lx_s: (B,) lx s, above 0.
+        background_exposure_lx_s: (B,) lx s, at least 0.
         target_grey: (B,) digital numbers, above 0 (the paper draws 86 to 118).
         gamma: encoding gamma, above 0.
 
@@ -77,6 +86,9 @@ def auto_iso_speed(background_exposure_lx_s: Tensor, target_grey: Tensor, *, gam
 def grey_value(exposure_lx_s: Tensor, iso_speed: Tensor, *, gamma: float) -> Tensor:
     """Gamma-encoded grey value ``G = 118 (H / H_SOS)^(1/gamma)``, ``H_SOS = 10 / S`` (Eq. 1), not clipped.
 
+    No exposure gives 0. Where gamma is above 1 the slope there is infinite: the gradients where
+    ``H / H_SOS`` is 0 or subnormal are defined as 0, and everywhere else they are the slope itself.
+
     Args:
         exposure_lx_s: luminous exposure H, lx s, at least 0.
         iso_speed: ISO speed S, broadcast against the exposure, above 0.
@@ -89,11 +101,33 @@ def grey_value(exposure_lx_s: Tensor, iso_speed: Tensor, *, gamma: float) -> Ten
         >>> round(float(grey_value(torch.tensor(0.1), torch.tensor(100.0), gamma=2.2)), 4)
         118.0
     """
-    return MIDDLE_GREY * (exposure_lx_s * (iso_speed / 10.0)) ** (1.0 / gamma)
+    return _power(exposure_lx_s * (iso_speed / 10.0), 1.0 / gamma).mul_(MIDDLE_GREY)
+
+
+def _power(base: Tensor, exponent: float) -> Tensor:
+    """Raise to a power, with gradient 0 where the base is 0 or subnormal and the slope is beyond bounds.
+
+    Computed by logarithm in float64: the power of float32 numbers depends on their place in the tensor, so a
+    pixel's on the frames that it came with, and takes as long.
+    """
+    if exponent == 1:
+        return base
+    if not base.requires_grad:
+        power = torch.empty_like(base, memory_format=torch.contiguous_format)
+        given, taken = base.reshape(-1), power.view(-1)
+        for start in range(0, given.numel(), BLOCK_VALUES):
+            part = slice(start, start + BLOCK_VALUES)
+            taken[part] = given[part].to(torch.float64, copy=True).log_().mul_(exponent).exp_()
+        return power
+    lit = base >= torch.finfo(base.dtype).tiny
+    smooth = torch.exp(torch.log(torch.where(lit, base, 1.0).to(torch.float64)) * exponent).to(base.dtype)
+    return torch.where(lit, smooth, _power(base.detach(), exponent))
 
 
 def transmission(distance_m: Tensor, visibility_m: float) -> Tensor:
     """Transmission coefficient of the air, ``T(L) = exp(-3.91 L / L_vis)`` (Eq. 20).
+
+    No way gives 1, and from 191 visibility distances on the share is below what float64 holds and is 0.
 
     Args:
         distance_m: any shape, m, at least 0.

@@ -40,7 +40,8 @@ def poisson_quantile(mean: Array, normal: Array) -> Array:
     where that still does from the distribution function itself.
 
     Args:
-        mean: any shape, at least 0.
+        mean: any shape, at least 0 and finite; a mean of 0 counts 0, and from 2^53 on the counts are exact
+            to rounding.
         normal: shape of ``mean``, standard normal numbers.
 
     Returns:

@@ -48,19 +48,26 @@ def disc_quadrant_area(x: Tensor, y: Tensor) -> Tensor:
 
 
 def disc_cover(
-    centre_x: Tensor, centre_y: Tensor, radius: Tensor, size: int
+    centre_x: Tensor,
+    centre_y: Tensor,
+    radius: Tensor,
+    size: int,
+    *,
+    canvas_px: tuple[int, int] | None = None,
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """Share of each pixel that a disc covers, in a square patch of pixels around each disc.
+    """Share of each pixel that a disc covers, in a patch of pixels around each disc.
 
     Args:
         centre_x: (N,) px, float64.
         centre_y: (N,) px, float64.
         radius: (N,) px, above 0.
         size: patch side in px, at least ``ceil(2 radius) + 1``.
+        canvas_px: height and width of what the discs are drawn on, from the origin on: each patch then lies
+            on it, and is no larger.
 
     Returns:
-        cover (N,size,size) in 0 to 1, exact to rounding (in float64 within 2e-15 of the radius squared), and
-        the patches' left columns (N,) and top rows (N,), int64.
+        cover (N,size,size), or smaller on a canvas, in 0 to 1, exact to rounding (in float64 within 2e-15 of
+        the radius squared), and the patches' left columns (N,) and top rows (N,), int64.
 
     Example:
         >>> one = torch.ones(1, dtype=torch.float64)
@@ -68,14 +75,23 @@ def disc_cover(
         >>> round(float(cover.sum() / (math.pi * 1.5**2)), 9), int(left), int(top)
         (1.0, 3, 0)
     """
-    left, top = torch.floor(centre_x - radius), torch.floor(centre_y - radius)
+    left, width = _patch(centre_x - radius, size, None if canvas_px is None else canvas_px[1])
+    top, height = _patch(centre_y - radius, size, None if canvas_px is None else canvas_px[0])
     edges = torch.arange(size + 1, dtype=centre_x.dtype, device=centre_x.device)
     scale = 1.0 / radius.unsqueeze(-1)
-    x = (left.unsqueeze(-1) + edges - centre_x.unsqueeze(-1)) * scale
-    y = (top.unsqueeze(-1) + edges - centre_y.unsqueeze(-1)) * scale
+    x = (left.unsqueeze(-1) + edges[: width + 1] - centre_x.unsqueeze(-1)) * scale
+    y = (top.unsqueeze(-1) + edges[: height + 1] - centre_y.unsqueeze(-1)) * scale
     area = disc_quadrant_area(x, y)
     cover = area[:, 1:, 1:] - area[:, :-1, 1:] - area[:, 1:, :-1] + area[:, :-1, :-1]
     return (cover * (radius * radius).view(-1, 1, 1)).clamp_(0, 1), left.long(), top.long()
+
+
+def _patch(begin: Tensor, size: int, full: int | None) -> tuple[Tensor, int]:
+    """First pixel (N,) and number of pixels of patches along an axis, on a canvas of ``full`` pixels."""
+    first = torch.floor(begin)
+    if full is None:
+        return first, size
+    return first.clamp(0, max(full - size, 0)), min(size, full)
 
 
 def disc_wedge_area(u: Tensor, v: Tensor, cosine: Tensor, sine: Tensor) -> Tensor:
@@ -126,19 +142,22 @@ def ellipse_patch_px(spread_px2: Tensor) -> int:
     return math.ceil(2 * math.sqrt(float(spread_px2.diagonal(dim1=-2, dim2=-1).max()))) + 1
 
 
-def ellipse_cover(centre_px: Tensor, spread_px2: Tensor, size: int) -> tuple[Tensor, Tensor, Tensor]:
-    """Share of each pixel that an ellipse covers, in a square patch of pixels around each ellipse.
+def ellipse_cover(
+    centre_px: Tensor, spread_px2: Tensor, size: int, *, canvas_px: tuple[int, int] | None = None
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Share of each pixel that an ellipse covers, in a patch of pixels around each ellipse.
 
     Args:
         centre_px: (N,2) ``(x, y)`` in px, float64.
         spread_px2: (N,2,2) px^2, float64, positive definite, of the ellipse
             ``(p - centre)^T spread^-1 (p - centre) <= 1``; the disc's is ``radius^2`` times the unit matrix.
         size: patch side in px, at least :func:`ellipse_patch_px`.
+        canvas_px: as in :func:`disc_cover`.
 
     Returns:
-        cover (N,size,size) in 0 to 1, exact to rounding (in float64 within ``1e-15 / (1 - rho^2)`` of the
-        ellipse's area, rho being the spread's correlation), and the patches' left columns (N,) and top rows
-        (N,), int64.
+        cover (N,size,size), or smaller on a canvas, in 0 to 1, exact to rounding (in float64 within
+        ``1e-15 / (1 - rho^2)`` of the ellipse's area, rho being the spread's correlation), and the patches'
+        left columns (N,) and top rows (N,), int64.
 
     Example:
         >>> spread = torch.tensor([[[4.0, 1.2], [1.2, 1.0]]], dtype=torch.float64)
@@ -153,13 +172,15 @@ def ellipse_cover(centre_px: Tensor, spread_px2: Tensor, size: int) -> tuple[Ten
     # Seen edge-on an ellipse has no area, and rounding would leave a root of less than none.
     root = (bounds * bounds - covariance * covariance).clamp(min=0).sqrt()
     sine = (root / bounds).clamp(min=1e-9)
-    low = torch.floor(centre_px - half)
+    low = centre_px - half
+    left, width = _patch(low[:, 0], size, None if canvas_px is None else canvas_px[1])
+    top, height = _patch(low[:, 1], size, None if canvas_px is None else canvas_px[0])
     edges = torch.arange(size + 1, dtype=centre_px.dtype, device=centre_px.device)
-    u, v = ((low - centre_px).unsqueeze(-1) + edges).div(half.unsqueeze(-1)).unbind(dim=1)
+    u = ((left - centre_px[:, 0]).unsqueeze(-1) + edges[: width + 1]) / half[:, :1]
+    v = ((top - centre_px[:, 1]).unsqueeze(-1) + edges[: height + 1]) / half[:, 1:]
     area = disc_wedge_area(u, v, covariance / bounds, sine)
     cover = area[:, 1:, 1:] - area[:, :-1, 1:] - area[:, 1:, :-1] + area[:, :-1, :-1]
-    left, top = low.long().unbind(dim=-1)
-    return (cover * root.view(-1, 1, 1)).clamp_(0, 1), left, top
+    return (cover * root.view(-1, 1, 1)).clamp_(0, 1), left.long(), top.long()
 
 
 def interval_cover(low: Tensor, high: Tensor, size: int) -> Tensor:
@@ -179,7 +200,7 @@ def add_patches(canvas: Tensor, patches: Tensor, frame: Tensor, left: Tensor, to
 
     Args:
         canvas: (B,H,W), contiguous, changed in place.
-        patches: (N,S,S) values to add.
+        patches: (N,h,w) values to add.
         frame: (N,) int64, the canvas that each patch belongs to.
         left: (N,) int64 column of each patch's left edge.
         top: (N,) int64 row of each patch's top edge.
@@ -192,9 +213,15 @@ def add_patches(canvas: Tensor, patches: Tensor, frame: Tensor, left: Tensor, to
         [[[0.0, 1.0], [0.0, 0.0]]]
     """
     height, width = canvas.shape[-2:]
-    steps = torch.arange(patches.shape[-1], device=canvas.device)
-    columns = (left.unsqueeze(-1) + steps).unsqueeze(-2)
-    rows = (top.unsqueeze(-1) + steps).unsqueeze(-1)
+    across, down = (torch.arange(patches.shape[axis], device=canvas.device) for axis in (-1, -2))
+    last_left, last_top = width - len(across), height - len(down)
+    if bool(((left >= 0) & (left <= last_left) & (top >= 0) & (top <= last_top)).all()):
+        first = (frame * height + top) * width + left
+        index = first.view(-1, 1, 1) + (down.unsqueeze(-1) * width + across)
+        canvas.view(-1).index_add_(0, index.view(-1), patches.to(canvas.dtype).reshape(-1))
+        return
+    columns = (left.unsqueeze(-1) + across).unsqueeze(-2)
+    rows = (top.unsqueeze(-1) + down).unsqueeze(-1)
     inside = (columns >= 0) & (columns < width) & (rows >= 0) & (rows < height)
     index = (frame.view(-1, 1, 1) * height + rows) * width + columns
     index = torch.where(inside, index, 0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import Literal
@@ -14,22 +15,29 @@ from torch import Tensor
 
 from vocc_torch.errors import VoccError
 from vocc_torch.rng import BLOCK_FRAMES, BlockKey
-from vocc_torch.types import PanelShape, Scene
+from vocc_torch.types import PanelShape, Scene, demand_in_range
 
 Kind = Literal["constant", "uniform", "log_uniform", "choice"]
 KINDS: tuple[Kind, ...] = ("constant", "uniform", "log_uniform", "choice")
+LARGEST = sys.float_info.max
+
+
+def _is_finite(value: object) -> bool:
+    """Say whether a value is a number, and one that float64 holds."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= LARGEST
 
 
 @dataclass(frozen=True, slots=True)
 class Distribution:
-    """How one value of a scene is drawn.
+    """How one value of a scene is drawn; no draw lies outside the bounds, and equal bounds are a constant.
 
     Args:
         kind: ``constant`` (one value), ``uniform`` or ``log_uniform`` (low, high), ``choice`` (any number).
         values: the numbers of the kind.
 
     Raises:
-        VoccError: an unknown kind, a wrong number of values, or bounds that are not in order.
+        VoccError: an unknown kind, a wrong number of values, values that are not finite, or bounds
+            that are not in order or farther apart than the largest number.
 
     Example:
         >>> Distribution.parse(["uniform", 40, 60], "distance_m").bounds
@@ -47,12 +55,14 @@ class Distribution:
         if self.kind not in KINDS:
             raise VoccError(f"{shown} has an unknown kind: it must be one of {', '.join(KINDS)}")
         wanted = {"constant": 1, "uniform": 2, "log_uniform": 2}.get(self.kind, max(1, len(self.values)))
-        if len(self.values) != wanted or not all(map(math.isfinite, self.values)):
+        if len(self.values) != wanted or not all(map(_is_finite, self.values)):
             raise VoccError(f"{shown} must have {wanted} finite values")
         if self.kind in ("uniform", "log_uniform") and self.values[0] > self.values[1]:
             raise VoccError(f"{shown}: low must not exceed high")
         if self.kind == "log_uniform" and self.values[0] <= 0:
             raise VoccError(f"{shown}: a log_uniform low must be above 0")
+        if self.kind == "uniform" and self.values[1] - self.values[0] > LARGEST:
+            raise VoccError(f"{shown}: high must not exceed low by more than {LARGEST:g}")
 
     @classmethod
     def parse(cls, spec: float | Sequence[object], name: str) -> Distribution:
@@ -61,7 +71,7 @@ class Distribution:
         refused = f"scene.{name} is {spec!r}: it must be {allowed}"
         words = [spec] if isinstance(spec, str) or not isinstance(spec, Sequence) else list(spec)
         kind = words.pop(0) if words and words[0] in KINDS and len(words) > 1 else "constant"
-        if any(isinstance(word, bool) or not isinstance(word, int | float) for word in words):
+        if not all(map(_is_finite, words)):
             raise VoccError(refused)
         values = tuple(float(word) for word in words if isinstance(word, int | float))
         if isinstance(spec, Sequence) and kind == "constant" and spec[:1] != ["constant"]:
@@ -78,13 +88,20 @@ class Distribution:
 
     def draw(self, generator: np.random.Generator, count: int) -> NDArray[np.float64]:
         """Draw ``count`` values."""
-        if self.kind == "uniform":
-            return generator.uniform(self.values[0], self.values[1], count)
-        if self.kind == "log_uniform":
-            return np.exp(generator.uniform(math.log(self.values[0]), math.log(self.values[1]), count))
-        if self.kind == "choice":
-            return np.asarray(self.values)[generator.integers(len(self.values), size=count)]
-        return np.full(count, self.values[0])
+        if self.kind in ("uniform", "log_uniform"):
+            low, high = self.values
+            if self.kind == "uniform":
+                drawn = generator.uniform(low, high, count)
+            else:
+                drawn = np.exp(generator.uniform(math.log(low), math.log(high), count))
+            # Rounding can carry a draw a hair beyond its bounds.
+            return drawn.clip(low, high)
+        values = np.array(self.values, dtype=np.float64)
+        return (
+            values[generator.integers(len(values), size=count)]
+            if self.kind == "choice"
+            else values.repeat(count)
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,20 +127,8 @@ class SceneModel:
 
     def __post_init__(self) -> None:
         """Check that no draw can leave the physical range."""
-        for name, least, strict in (
-            ("ambient_lx", 0.0, True),
-            ("led_luminance_cd_m2", 0.0, False),
-            ("distance_m", 0.0, True),
-            ("background_grey", 0.0, True),
-        ):
-            low = getattr(self, name).bounds[0]
-            if low < least or (strict and low == least):
-                rule = "above" if strict else "at least"
-                raise VoccError(f"scene.{name} is {low:g}: it must be {rule} {least:g}")
-        if self.background_grey.bounds[1] > 255:
-            raise VoccError(
-                f"scene.background_grey is {self.background_grey.bounds[1]:g}: it must be at most 255"
-            )
+        for field in fields(self):
+            demand_in_range(field.name, *getattr(self, field.name).bounds)
 
     @property
     def nearest_m(self) -> float:

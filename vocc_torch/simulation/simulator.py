@@ -9,6 +9,7 @@ from typing import Literal, get_args
 import torch
 from torch import Tensor
 
+from vocc_torch.devices import resolve_device
 from vocc_torch.errors import VoccError
 from vocc_torch.rng import FrameKey
 from vocc_torch.simulation.effects import (
@@ -33,6 +34,7 @@ from vocc_torch.simulation.framing import (
 from vocc_torch.simulation.geometry import (
     Camera,
     LedPanel,
+    demand_in_sight,
     panel_centre_px,
     panel_corners_m,
     panel_corners_px,
@@ -57,6 +59,10 @@ DRAWN = CAMERA_STEPS[: CAMERA_STEPS.index(Quantity.LUMINANCE)]
 
 CHUNK_PIXELS = 600_000
 """Pixels rendered at a time: planes that outgrow the cache are slower, from 32 MiB on several times."""
+
+
+MOST_PIXELS = 1 << 25
+"""Most pixels of a frame or crop, those of 8K video; one takes some 100 bytes of memory while it is drawn."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +90,7 @@ class Simulator:
         dtype: working precision, ``torch.float32`` or ``torch.float64``.
 
     Raises:
-        VoccError: an unknown framing or effect, or a precision that is not offered.
+        VoccError: an unknown framing, effect or device, or a precision that is not offered.
 
     Example:
         >>> simulator = Simulator()
@@ -114,14 +120,14 @@ class Simulator:
         self.effects: tuple[Effect, ...] = build_effects(PAPER_EFFECTS if effects is None else effects)
         self.output = check_chain(self.effects)
         self.framing: Framing = framing
-        self.device = torch.device(device)
+        self.device = resolve_device(str(device))
         self.dtype = dtype
         filling = [i for i, effect in enumerate(self.effects) if effect.fills_sensor]
         self._first_filling = filling[0] if filling else None
 
     def true_panels(self, scene: Scene, keys: Sequence[FrameKey] = ()) -> Panels:
-        """Where the panel really is, for the evaluation only; ``keys`` as in :meth:`render`."""
-        scene = scene.to(self.device)
+        """Where the panel really is, on the sensor or not; for evaluation only; ``keys`` as for render."""
+        scene = self._checked(scene)
         if not in_perspective(self.effects):
             return Panels.known(panel_corners_px(scene, self.camera, self.panel))
         return Panels.known(view_of(self._context(scene, keys)).points_px(panel_corners_m(self.panel)))
@@ -130,9 +136,9 @@ class Simulator:
         """Contrast ``(G_on - G_off) / 255`` of the LEDs before any blur (section IV-D-1), (B,) float64.
 
         Both greys are clipped at white where the scene names saturation. What a sensor clips or adds
-        (``full_well``, ``dark_current``) is not in it.
+        (``full_well``, ``dark_current``) is not in it. LEDs without light of their own have contrast 0.
         """
-        scene = scene.to(self.device)
+        scene = self._checked(scene)
         context, light = self._context(scene), scene.led_luminance_cd_m2.view(-1, 1, 1)
         for effect in taking(self.effects, Quantity.LED_LUMINANCE):
             light = light if effect.sampled else effect(light, context)
@@ -157,10 +163,10 @@ class Simulator:
         keys: Sequence[FrameKey] = (),
         panel_only: bool = False,
     ) -> Frames:
-        """Render a frame for each scene.
+        """Render a frame for each scene; a panel that lies outside the sensor, or in part, is cut there.
 
         Args:
-            scene: B scenes.
+            scene: B scenes, at least 1.
             bits: (B,R,C) bool, True = On.
             nearest_m: the distance that fixes the crop's size, at most the nearest of this batch, which is
                 the default. Give it where batches of one study must have one size.
@@ -172,12 +178,17 @@ class Simulator:
             B frames or crops, as the framing says.
 
         Raises:
-            VoccError: bits of another shape than the scenes and the panel, or a crop too small for a panel.
+            VoccError: bits of another type or of another shape than the scenes and the panel, scenes out of
+                their range, a crop too small for a panel, a panel too near, or frames of too many pixels.
         """
         wanted = (len(scene), self.panel.shape.rows, self.panel.shape.columns)
         if tuple(bits.shape) != wanted:
             raise VoccError(f"bits has shape {tuple(bits.shape)}: it must be {wanted}")
-        scene, bits = scene.checked().to(self.device), bits.to(self.device)
+        if bits.dtype != torch.bool:
+            raise VoccError(f"bits has the type {bits.dtype}: it must be torch.bool, True = On")
+        if not len(scene):
+            raise VoccError("scene holds no frames: it must hold at least 1")
+        scene, bits = self._checked(scene), bits.to(self.device)
         nearest = float(scene.distance_m.min())
         if nearest_m is not None and nearest_m > nearest * (1 + 1e-9):
             raise VoccError(f"nearest_m is {nearest_m:g}: it must be at most the nearest scene's {nearest:g}")
@@ -185,6 +196,8 @@ class Simulator:
         size = self._size(nearest if nearest_m is None else nearest_m, window)
         centre = self._centres_px(scene, keys)
         sensor = self.camera.sensor_px
+        whole = self.framing != "crop" or (self._first_filling is not None and not window)
+        _demand_pixels(sensor if whole else size)
         origin = crop_origins_px(centre, size, sensor, grid_px=WINDOW_GRID_PX if window else 1)
         chunk = max(1, CHUNK_PIXELS // (size[0] * size[1]))
         grey: list[Tensor] = []
@@ -203,6 +216,12 @@ class Simulator:
         if self.framing == "crop":
             return Frames(pictures, origin, sensor, surround)
         return Frames(lay_on_sensor(pictures, surround, origin, sensor), torch.zeros_like(origin), sensor)
+
+    def _checked(self, scene: Scene) -> Scene:
+        """Move scenes to the device, or refuse by name those that cannot be rendered."""
+        scene = scene.checked().to(self.device)
+        demand_in_sight(scene, self.camera, self.panel)
+        return scene
 
     def _context(
         self, scene: Scene, keys: Sequence[FrameKey] = (), origin_px: Tensor | None = None
@@ -283,3 +302,11 @@ class Simulator:
             return through_lens(value, self.camera), Quantity.EXPOSURE
         iso = auto_iso(context).to(self.dtype).view(-1, 1, 1, 1)
         return grey_value(value, iso, gamma=self.camera.gamma), Quantity.GREY
+
+
+def _demand_pixels(size: tuple[int, int]) -> None:
+    """Refuse by name frames or crops that are too large."""
+    height, width = size
+    if height * width > MOST_PIXELS:
+        shown = f"camera.width_px and camera.height_px lead to frames of {width} x {height} px"
+        raise VoccError(f"{shown}: they must hold at most {MOST_PIXELS} pixels (framing=crop draws fewer)")

@@ -31,6 +31,9 @@ MOST_REACH_PX = 128
 STRIP_VALUES = 2_000_000
 """Numbers in a working array; larger frames are convolved in strips of rows."""
 
+MOST_STRIP_VALUES = 1 << 25
+"""Numbers in a working array of a wide kernel, whose strips of wide frames are cut into columns too."""
+
 Tap = tuple[int, int, float]
 """Row, column and weight of a kernel's tap; its mirror image through the middle has the same weight."""
 
@@ -74,8 +77,13 @@ def convolve_symmetric(plane: Tensor, quarter: Tensor) -> Tensor:
     padded = F.pad(plane[None, None], (reach, reach, reach, reach), mode="replicate")[0, 0]
     fit = STRIP_VALUES // ((reach + 1) * plane.shape[1]) - 2 * reach
     rows = max(fit, 2 * reach + 1)
-    strips = [padded[top : top + rows + 2 * reach] for top in range(0, plane.shape[0], rows)]
-    return torch.cat([_convolve_strip(strip, quarter, reach) for strip in strips])
+    columns = max(MOST_STRIP_VALUES // ((reach + 1) * (min(rows, plane.shape[0]) + 2 * reach)), 1)
+    strips = []
+    for top in range(0, plane.shape[0], rows):
+        strip = padded[top : top + rows + 2 * reach]
+        blocks = (strip[:, left : left + columns + 2 * reach] for left in range(0, plane.shape[1], columns))
+        strips.append(torch.cat([_convolve_strip(block, quarter, reach) for block in blocks], dim=1))
+    return torch.cat(strips)
 
 
 def _convolve_strip(padded: Tensor, quarter: Tensor, reach: int) -> Tensor:

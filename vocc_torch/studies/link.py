@@ -32,6 +32,9 @@ class Observation:
 class Link:
     """Transmitter, channel and the receiver's front end.
 
+    The observations do not depend on ``batch_frames``, on torch's threads and default dtype, on inference
+    mode, or on an autocast around the link, which is switched off: its convolutions are of half precision.
+
     Args:
         simulator: renders frames.
         locator: finds the panel, or None to take the simulator's true corners.
@@ -99,7 +102,9 @@ class Link:
         for start in range(0, total, self.batch_frames):
             rows = slice(start, min(start + self.batch_frames, total))
             batch = scene[rows].to(self.simulator.device), bits[rows].to(self.simulator.device)
-            yield self._observe(locators, *batch, names[rows], model.nearest_m, preambles)
+            with torch.autocast(self.simulator.device.type, enabled=False):
+                seen = self._observe(locators, *batch, names[rows], model.nearest_m, preambles)
+            yield seen
 
     def _render(
         self, scene: Scene, bits: Tensor, keys: Sequence[FrameKey], nearest_m: float, panel_only: bool

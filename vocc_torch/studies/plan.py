@@ -13,6 +13,7 @@ from typing import Literal, get_args
 
 import torch
 
+from vocc_torch.devices import resolve_device as resolve_device
 from vocc_torch.errors import VoccError
 from vocc_torch.receiver.bank import FLDA_FEATURES, check_receivers
 from vocc_torch.receiver.location import PaperLocator
@@ -97,30 +98,6 @@ class World:
             device=resolve_device(self.device),
             dtype=self.dtype,
         )
-
-
-def resolve_device(name: str) -> torch.device:
-    """Turn a device's name into a device that is there.
-
-    Raises:
-        VoccError: an unknown device or one that this machine does not have.
-
-    Example:
-        >>> resolve_device("cpu")
-        device(type='cpu')
-    """
-    if name == "auto":
-        return torch.device("cuda" if torch.cuda.is_available() else "cpu")
-    try:
-        device = torch.device(name)
-    except RuntimeError:
-        device = None
-    if device is None or device.type not in ("cpu", "cuda"):
-        raise VoccError(f"device is {name!r}: it must be auto, cpu or cuda")
-    if device.type == "cuda" and (device.index or 0) >= torch.cuda.device_count():
-        there = f"{torch.cuda.device_count()} CUDA devices"
-        raise VoccError(f"device is {name!r}, and this machine has {there}: use device=cpu or device=auto")
-    return device
 
 
 @dataclass(frozen=True)

@@ -78,7 +78,11 @@ def read_recording(path: Path, channel: Channel) -> Iterator[RecordedFrame]:
 
 
 def _picture(path: Path, channel: Channel) -> RecordedFrame:
-    """Read one picture the way up that it is shown; 16-bit greys are scaled to 8 bits."""
+    """Read one picture the way up that it is shown.
+
+    16-bit greys are scaled to 8 bits; of transparent pixels the colour is taken, and how transparent they are
+    does not matter.
+    """
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # about a file that is odd but readable
@@ -88,7 +92,11 @@ def _picture(path: Path, channel: Channel) -> RecordedFrame:
                 if image.mode == "F":
                     raise VoccError(f"input {path} holds floating grey values: it must have 8 or 16 bits")
                 if image.mode.startswith("I"):  # 16 bits, in 32 where Pillow has no better mode
-                    scaled = (np.asarray(shown) / 257.0).round().clip(0, 255)
+                    deep = np.asarray(shown)
+                    if deep.min() < 0 or deep.max() > 65535:
+                        held = f"grey values from {deep.min()} to {deep.max()}"
+                        raise VoccError(f"input {path} holds {held}: it must have 8 or 16 bits")
+                    scaled = (deep / 257.0).round()
                     shown = Image.fromarray(scaled.astype(np.uint8))
                 colour = np.asarray(shown.convert("RGB"), dtype=np.uint8)
     except VoccError:

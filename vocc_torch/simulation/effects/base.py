@@ -17,6 +17,9 @@ from vocc_torch.rng import FrameKey
 from vocc_torch.simulation.geometry import Camera, LedPanel
 from vocc_torch.types import Scene
 
+BRIGHTEST = 1e12
+"""Highest luminance (cd/m2) or illuminance (lx) on offer, far beyond the sun's 1.6e9 cd/m2."""
+
 
 class Quantity(StrEnum):
     """What the numbers mean at a place in the chain, in physical order."""

@@ -12,6 +12,7 @@ import torch.nn.functional as F
 from kornia.color import CFA, raw_to_rgb, rgb_to_grayscale
 from torch import Tensor
 
+from vocc_torch.errors import VoccError
 from vocc_torch.simulation.effects.base import Context, Effect, Quantity
 from vocc_torch.simulation.effects.bayer import Bayer
 from vocc_torch.simulation.effects.noise_planes import origins_px
@@ -54,7 +55,15 @@ class Demosaicing(Effect):
         return 1
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
-        """Balance and demosaic (B,1,H,W) luminous exposure."""
+        """Balance and demosaic (B,1,H,W) luminous exposure.
+
+        Raises:
+            VoccError: a sensor without a whole cell of 2 x 2 pixels.
+        """
+        for name in ("width_px", "height_px"):
+            if getattr(context.camera, name) < CELL_PX:
+                rule = f"it must be at least {CELL_PX}: scene.effects.demosaicing reads cells of 2 x 2 pixels"
+                raise VoccError(f"camera.{name} is {getattr(context.camera, name)}: {rule}")
         raw = value.to(torch.float64)
         for effect in context.effects:
             if isinstance(effect, Bayer):

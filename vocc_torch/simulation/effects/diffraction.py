@@ -63,7 +63,8 @@ class Diffraction(Effect):
     The halo falls with the third power of r, so the kernel ends where 99.5 % of the light is inside,
     ``40.5 lambda N``, and is scaled to keep all of it. Over the paper's ranges the cut moves a pixel by up to
     0.5 digital numbers, and by 1 between clipped LEDs 30 times as bright as the background. Diffraction of a
-    defocused lens is approximated where both are named, as one after the other.
+    defocused lens is approximated where both are named, as one after the other. Where that circle lies within
+    a pixel, ``lambda N`` up to 1/81 px, all the light stays in its pixel and the frame is left as it is.
 
     Linear and differentiable. Energy is kept to rounding. The work grows with ``(lambda N / pitch)^2``.
 
@@ -107,13 +108,15 @@ class Diffraction(Effect):
         Raises:
             VoccError: a half width above 128 px.
         """
-        reach = max(1, math.ceil(REACH_IN_LAMBDA_N * self._lambda_n_px(camera) - 0.5))
+        reach = max(0.0, float(np.ceil(REACH_IN_LAMBDA_N * self._lambda_n_px(camera) - 0.5)))
         at = f"wavelength_nm is {self.wavelength_nm:g} at camera.f_number {camera.f_number:g}"
         return checked_reach(reach, f"scene.effects.diffraction.{at}")
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Spread (B,1,H,W) exposure; the light outside the frame is taken to be that at its border."""
         reach = self.reach_in_px(context.camera, 1.0)
+        if reach == 0:
+            return value
         quarter = airy_quarter(self._lambda_n_px(context.camera), reach).to(value.device)
         planes = value[:, 0].to(torch.float64)
         return torch.stack([convolve_symmetric(p, quarter) for p in planes]).unsqueeze(1).to(value.dtype)

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from vocc_torch.errors import VoccError
-from vocc_torch.simulation.effects.base import Context, Effect, Quantity
+from vocc_torch.simulation.effects.base import BRIGHTEST, Context, Effect, Quantity
 from vocc_torch.simulation.effects.own_light import dimmed_once
 from vocc_torch.simulation.raster import disc_quadrant_area
 
@@ -33,8 +33,8 @@ class Lamps(Effect):
 
     Args:
         count: lamps in a frame, a whole number from 1 to 1000.
-        luminance_cd_m2: of a lamp, cd/m2, above 0; tail lamps and street lamps have 1e3 to 1e5, headlamps
-            seen in their beam 1e6 and more.
+        luminance_cd_m2: of a lamp, cd/m2, above 0 and at most 1e12; tail and street lamps have 1e3 to 1e5,
+            headlamps seen in their beam 1e6 and more, the sun 1.6e9.
         diameter_m: above 0 and at most 10.
 
     Raises:
@@ -60,7 +60,7 @@ class Lamps(Effect):
         if type(self.count) is not int or not 1 <= self.count <= MOST_LAMPS:
             rule = f"it must be a whole number from 1 to {MOST_LAMPS}"
             raise VoccError(f"scene.effects.{self.name}.count is {self.count}: {rule}")
-        self.demand("luminance_cd_m2", 0, above=True)
+        self.demand("luminance_cd_m2", 0, BRIGHTEST, above=True)
         self.demand("diameter_m", 0, 10, above=True)
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:

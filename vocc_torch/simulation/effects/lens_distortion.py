@@ -17,6 +17,9 @@ from vocc_torch.simulation.geometry import Camera
 LARGEST = 100.0
 """How large a coefficient may be, either way."""
 
+SMALLEST = 1e-15
+"""How small a coefficient may be that is not 0: roots of polynomials with smaller ones overflow."""
+
 
 @dataclass(frozen=True, slots=True)
 class LensDistortion(PointEffect):
@@ -36,9 +39,9 @@ class LensDistortion(PointEffect):
     Source: Brown, Close-range camera calibration (1971); OpenCV's camera calibration documentation.
 
     Args:
-        k1: -100 to 100.
-        k2: -100 to 100.
-        k3: -100 to 100; at least one of the three is not 0.
+        k1: -100 to 100; 0 or at least 1e-15 either way.
+        k2: likewise.
+        k3: likewise; at least one of the three is not 0.
 
     Raises:
         VoccError: a coefficient outside its range, or none; when called, coefficients under which the image
@@ -62,6 +65,9 @@ class LensDistortion(PointEffect):
         """Check the ranges."""
         for name in ("k1", "k2", "k3"):
             self.demand(name, -LARGEST, LARGEST)
+            if 0 < abs(getattr(self, name)) < SMALLEST:
+                key = f"scene.effects.lens_distortion.{name} is {getattr(self, name):g}"
+                raise VoccError(f"{key}: it must be 0, or at least {SMALLEST:g} either way")
         if self.k1 == self.k2 == self.k3 == 0:
             rest = "one of the three must not be 0 (leave the effect out for no distortion)"
             raise VoccError(f"scene.effects.lens_distortion.k1, k2 and k3 are 0: {rest}")

@@ -80,7 +80,7 @@ class MotionBlur(Effect):
         nearest = torch.tensor([nearest_m], dtype=torch.float64)
         shift_x, shift_y = self._checked_shifts(camera, nearest)[0]
         _, taps = streak_taps(shift_x, shift_y)
-        return max(max(abs(row), abs(column)) for row, column, _ in taps)
+        return max((max(abs(row), abs(column)) for row, column, _ in taps), default=0)
 
     def _checked_shifts(self, camera: Camera, distance_m: Tensor) -> list[tuple[float, float]]:
         """Each frame's motion as plain numbers, refused where it is too long."""

@@ -7,6 +7,7 @@ from typing import ClassVar
 
 from torch import Tensor
 
+from vocc_torch.errors import VoccError
 from vocc_torch.simulation.effects.base import Context, Effect, Quantity
 from vocc_torch.simulation.geometry import Camera
 
@@ -14,6 +15,9 @@ PLANCK_J_S = 6.62607015e-34
 SPEED_OF_LIGHT_M_S = 299_792_458.0
 LUMENS_PER_WATT = 683.0
 """Luminous efficacy of light at 555 nm, the greatest there is."""
+
+CONVERSIONS = (1e-12, 1e15)
+"""Fewest and most electrons per lx s on offer: safe in float32 both ways, and wider than any camera's."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +40,7 @@ class Photoelectrons(Effect):
         luminous_efficacy_lm_w: of the light, lm/W, above 0 and at most 683; white LEDs have about 300.
 
     Raises:
-        VoccError: a value outside its range.
+        VoccError: a value outside its range; when called, too few or too many electrons per lx s.
 
     Example:
         >>> round(Photoelectrons(quantum_efficiency=0.6).electrons_per_lx_s(Camera()))
@@ -58,10 +62,19 @@ class Photoelectrons(Effect):
         self.demand("luminous_efficacy_lm_w", 0, LUMENS_PER_WATT, above=True)
 
     def electrons_per_lx_s(self, camera: Camera) -> float:
-        """Electrons that one lx s of luminous exposure yields in a pixel of this camera."""
+        """Electrons that one lx s of luminous exposure yields in a pixel of this camera.
+
+        Raises:
+            VoccError: fewer than 1e-12 or more than 1e15, which only a strange pixel pitch gives.
+        """
         pitch_m = camera.sensor_width_mm / 1000 / camera.width_px
         photon_j = PLANCK_J_S * SPEED_OF_LIGHT_M_S / (self.wavelength_nm * 1e-9)
-        return self.quantum_efficiency * pitch_m**2 / (self.luminous_efficacy_lm_w * photon_j)
+        photons = pitch_m**2 / photon_j / self.luminous_efficacy_lm_w
+        electrons, (fewest, most) = self.quantum_efficiency * photons, CONVERSIONS
+        if not fewest <= electrons <= most:
+            made = f"makes {electrons:g} electrons per lx s in pixels of {pitch_m * 1e6:g} um"
+            raise VoccError(f"scene.effects.photoelectrons {made}: it must be {fewest:g} to {most:g}")
+        return electrons
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Turn (B,1,H,W) luminous exposure into mean electrons."""

@@ -16,7 +16,8 @@ from vocc_torch.simulation.effects.base import Context, Effect, Quantity
 class Quantization(Effect):
     """Round grey values of 0 to 255 to ``2^bits`` levels, the nearest, ties to even.
 
-    Not differentiable: the numbers are whole, and carry no gradient.
+    Black stays 0 and white 255, to the last bit. Not differentiable: the numbers are whole, and carry no
+    gradient.
 
     Source: W. R. Bennett, "Spectra of Quantized Signals", Bell Syst. Tech. J. 27, 1948: the error of a signal
     that moves over many levels is uniform over one.
@@ -54,5 +55,6 @@ class Quantization(Effect):
         """Quantise (B,1,H,W) grey values, half to even."""
         if self.bits == 8:
             return torch.round(value).to(torch.uint8)
-        step = 255.0 / (self.levels - 1)
-        return torch.round(value / step) * step
+        top = self.levels - 1
+        # The product is a whole number that float32 holds, so white is 255 to the last bit.
+        return torch.round(value * (top / 255.0)) * 255.0 / top

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import inspect
+import sys
 from collections.abc import Mapping, Sequence
 
 from vocc_torch.errors import VoccError
@@ -138,7 +139,7 @@ def _construct(kind: type[Effect], parameters: Parameters | None) -> Effect:
             raise VoccError(f"{key}.{name} is not a known parameter; {_known(name, list(signature))}")
         if "Distribution" in str(signature[name].annotation):
             read[name] = Distribution.parse(value, f"effects.{kind.name}.{name}")
-        elif isinstance(value, bool) or not isinstance(value, int | float):
+        elif isinstance(value, bool) or not isinstance(value, int | float) or _too_long(value):
             raise VoccError(f"{key}.{name} is {value!r}: it must be a number")
         else:
             read[name] = value
@@ -146,6 +147,11 @@ def _construct(kind: type[Effect], parameters: Parameters | None) -> Effect:
         if parameter.default is inspect.Parameter.empty and name not in parameters:
             raise VoccError(f"{key}.{name} is missing: the effect needs it")
     return kind(**read)
+
+
+def _too_long(value: float) -> bool:
+    """Tell whether a whole number has more digits than any float64."""
+    return isinstance(value, int) and abs(value) > sys.float_info.max
 
 
 def check_chain(effects: tuple[Effect, ...]) -> Quantity:

@@ -17,6 +17,9 @@ from vocc_torch.simulation.view import view_of
 MOST_SYMBOLS = 1001
 """Most symbols that a panel may show during its readout."""
 
+LONGEST_S = 1e6
+"""Longest time on offer, s."""
+
 
 @dataclass(frozen=True, slots=True)
 class RollingShutter(Effect):
@@ -39,9 +42,9 @@ class RollingShutter(Effect):
     communication", IEEE Globecom Workshops, 2012.
 
     Args:
-        readout_s: from the start of the first row's exposure to that of the last row's, s, above 0; most
-            cameras take 5 to 30 ms.
-        symbol_s: how long the panel shows a symbol, s, at least the camera's exposure time.
+        readout_s: from the start of the first row's exposure to that of the last row's, s, above 0 and at
+            most 1e6; most cameras take 5 to 30 ms.
+        symbol_s: how long the panel shows a symbol, s, at least the camera's exposure time and at most 1e6.
 
     Raises:
         VoccError: a value outside its range; when called, a symbol shorter than the exposure, or more than
@@ -62,8 +65,8 @@ class RollingShutter(Effect):
 
     def __post_init__(self) -> None:
         """Check the ranges that do not need the camera."""
-        self.demand("readout_s", 0, above=True, hint="leave the effect out for a global shutter")
-        self.demand("symbol_s", 0, above=True)
+        self.demand("readout_s", 0, LONGEST_S, above=True, hint="leave the effect out for a global shutter")
+        self.demand("symbol_s", 0, LONGEST_S, above=True)
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Put each frame's (B,R,C) bits amid the symbols that show during the panel's readout.

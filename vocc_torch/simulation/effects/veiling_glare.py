@@ -8,7 +8,9 @@ from typing import ClassVar
 from torch import Tensor
 
 from vocc_torch.errors import VoccError
-from vocc_torch.simulation.effects.base import Context, Effect, Quantity
+from vocc_torch.simulation.effects.base import BRIGHTEST, Context, Effect, Quantity
+
+NO_GLARE = "leave the effect out for no glare"
 
 
 def disability_glare_cd_m2(illuminance_lx: float, angle_deg: float) -> float:
@@ -40,9 +42,9 @@ class VeilingGlare(Effect):
     Source: CIE 146:2002, where the veil follows from its source.
 
     Args:
-        luminance_cd_m2: the veil, cd/m2, above 0.
-        glare_illuminance_lx: illuminance by the source on the plane of the lens, lx, above 0; a low sun gives
-            10,000 to 80,000, an oncoming low beam 1 to 5.
+        luminance_cd_m2: the veil, cd/m2, above 0 and at most 1e12.
+        glare_illuminance_lx: illuminance by the source on the plane of the lens, lx, above 0 and at most
+            1e12; a low sun gives 10,000 to 80,000, an oncoming low beam 1 to 5.
         angle_deg: angle between the source and the line of sight, degrees, 1 to 30.
 
     Raises:
@@ -69,7 +71,7 @@ class VeilingGlare(Effect):
             if source != (None, None):
                 rule = "it must be left out where glare_illuminance_lx or angle_deg is given"
                 raise VoccError(f"{key}.luminance_cd_m2 is {self.luminance_cd_m2:g}: {rule}")
-            self.demand("luminance_cd_m2", 0, above=True, hint="leave the effect out for no glare")
+            self.demand("luminance_cd_m2", 0, BRIGHTEST, above=True, hint=NO_GLARE)
             return
         if source == (None, None):
             rule = "give it, or glare_illuminance_lx with angle_deg"
@@ -77,7 +79,7 @@ class VeilingGlare(Effect):
         for name, value in zip(("glare_illuminance_lx", "angle_deg"), source, strict=True):
             if value is None:
                 raise VoccError(f"{key}.{name} is missing: glare_illuminance_lx and angle_deg go together")
-        self.demand("glare_illuminance_lx", 0, above=True, hint="leave the effect out for no glare")
+        self.demand("glare_illuminance_lx", 0, BRIGHTEST, above=True, hint=NO_GLARE)
         self.demand("angle_deg", 1, 30)
 
     @property

@@ -1,0 +1,252 @@
+"""What is demanded of a fuzzed study: an answer that is finite, in range and the same again, or one line."""
+
+from __future__ import annotations
+
+import copy
+import functools
+import math
+import pickle
+import re
+import warnings
+from dataclasses import dataclass, fields, is_dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from hydra import compose, initialize_config_module
+from hydra.core.global_hydra import GlobalHydra
+from hydra.errors import HydraException
+from omegaconf.errors import OmegaConfBaseException
+
+from vocc_torch.assembly import build_plan
+from vocc_torch.complaints import checked, known_keys, one_line, refuse_overruled
+from vocc_torch.config import register_schema, resolved
+from vocc_torch.errors import VoccError
+from vocc_torch.receiver.bank import ReceiverBank, needs_preambles
+from vocc_torch.receiver.flda import FLDAWarning
+from vocc_torch.studies.counter import group_of
+from vocc_torch.studies.link import Link, block_keys
+from vocc_torch.studies.train import train
+
+BASE = ("experiment=scenes", "device=cpu", "budget.frames=4", "budget.training_frames=4")
+"""The command line that a case changes."""
+
+ABOUT_TRAINING = ("training found no panel in any of", "FLDA has seen no ")
+"""Refusals of training, which name what was found and not a key."""
+
+
+class DefectError(Exception):
+    """An answer, or a refusal, that must not be."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a case ended: ``answered``, with what was seen, or ``refused``, with the line."""
+
+    kind: str
+    line: str = ""
+    found: int = 0
+    frames: int = 0
+
+
+@functools.cache
+def paper_settings():
+    """The configuration as the command line makes it when nothing is overridden."""
+    GlobalHydra.instance().clear()
+    register_schema()
+    with initialize_config_module("vocc_torch.conf", version_base="1.3"):
+        settings = resolved(compose("config", overrides=list(BASE)))
+    return settings
+
+
+@functools.cache
+def _pickled_settings():
+    """The same, to be copied quickly."""
+    return pickle.dumps(paper_settings())
+
+
+@functools.cache
+def paper_flda():
+    """A discriminant trained once on the paper's scenes."""
+    settings = copy.deepcopy(paper_settings())
+    settings.receiver.locator, settings.budget.training_frames = "truth", 256
+    return train(build_plan(settings, Path("runs/none"))).flda
+
+
+def settings_of(case):
+    """Put a case's values into the configuration."""
+    settings = pickle.loads(_pickled_settings())
+    for key, value in case.changes.items():
+        *parents, name = key.split(".")
+        owner = functools.reduce(getattr, parents, settings)
+        assert hasattr(owner, name), key
+        setattr(owner, name, copy.deepcopy(value))
+    return settings
+
+
+def run(case):
+    """Run a case and demand what is demanded.
+
+    Raises:
+        DefectError: it is not given, with the reason.
+    """
+    with warnings.catch_warnings(), np.errstate(all="raise", under="ignore"):
+        warnings.simplefilter("error")
+        warnings.simplefilter("ignore", FLDAWarning)
+        try:
+            return _run(case)
+        except DefectError:
+            raise
+        except VoccError as error:
+            check_line(str(error))
+            return Outcome("refused", str(error))
+        except Exception as error:
+            where = error.__traceback__
+            while where.tb_next is not None:
+                where = where.tb_next
+            code = where.tb_frame.f_code
+            place = f"{Path(code.co_filename).name}:{code.co_name}"
+            said = " ".join(f"{type(error).__name__}: {error}".split())[:200]
+            raise DefectError(f"crash in {place}: {said}") from error
+
+
+def _run(case):
+    settings = checked(settings_of(case))
+    plan = build_plan(settings, Path("runs/none"))
+    flda = train(plan).flda if case.trains else paper_flda()
+    bank = ReceiverBank(plan.receiver.names, flda)
+    first = _seen(plan, bank, plan.batch_frames, case.frames)
+    alone = min(plan.batch_frames, case.frames) > 1
+    again = _seen(plan, bank, 1 if alone else case.frames, 1 if alone else case.frames)
+    for name, value in first.items():
+        _check(name, value, plan)
+        _compare(name, value[: len(again[name])], again[name], coarse=first["grey"].dtype != torch.uint8)
+    return Outcome("answered", "", int(first["found"].sum()), case.frames)
+
+
+def _seen(plan, bank, batch_frames, frames):
+    """Render, locate, read and decide; every tensor that comes of it, by name."""
+    link = Link.of(plan)
+    link.batch_frames = batch_frames
+    model = plan.experiment.model_at(plan.world, plan.experiment.values[0])
+    keys = block_keys(plan.seed, "fuzz", frames)
+    preambles = needs_preambles(plan.receiver.names)
+    parts = []
+    for seen in link.observe(model, keys, preambles=preambles, frames=frames):
+        part = {
+            "grey": seen.frames.grey,
+            "origin": seen.frames.origin_px,
+            "corners": seen.panels.corners_px,
+            "found": seen.panels.found,
+            "panel score": seen.panels.score,
+            "candidates": seen.panels.candidates,
+            "features": seen.readings.features,
+            "average grey": seen.readings.greys.average,
+            "centre grey": seen.readings.greys.centre,
+            "contrast": link.simulator.contrast(seen.scene),
+            "group": group_of(plan.experiment, link, seen),
+        }
+        if seen.frames.surround is not None:
+            part["surround"] = seen.frames.surround
+        for name, scores in bank.scores(seen.readings, seen.preambles).items():
+            part[f"score {name}"] = scores
+        parts.append(part)
+    return {name: torch.cat([part[name] for part in parts]) for name in parts[0]}
+
+
+def _compare(name, one, other, *, coarse):
+    """Demand that another batch gives the same, to the last bit with frames of 8 bits, else to rounding.
+
+    Torch adds in an order that the batch decides, which shows in frames that were never rounded.
+    """
+    if one.dtype == other.dtype and torch.equal(one, other):
+        return
+    rounding = {torch.float32: 1e-6, torch.float64: 1e-13}.get(one.dtype, 0.0) if coarse else 0.0
+    if one.shape != other.shape or not torch.allclose(one, other, rtol=rounding, atol=rounding):
+        apart = float((one.double() - other.double()).abs().max()) if one.shape == other.shape else math.inf
+        raise DefectError(f"{name} differs in another batch, by {apart:.1e}")
+
+
+def _check(name, value, plan):
+    """Demand that one tensor is finite and in its range."""
+    if value.is_floating_point() and not bool(value.isfinite().all()):
+        held = "NaN" if bool(value.isnan().any()) else "infinite"
+        raise DefectError(f"{name} is {held}")
+    if name in ("grey", "surround", "average grey", "centre grey"):
+        bounded = "saturation" in plan.world.effects
+        low, high = float(value.min()), float(value.max())
+        if low < 0 or (bounded and high > 255):
+            raise DefectError(f"{name} is {low:g} to {high:g}")
+    if name == "panel score" and not bool(((value >= 0) & (value <= 1)).all()):
+        raise DefectError(f"{name} is {float(value.min()):g} to {float(value.max()):g}")
+
+
+def check_line(line):
+    """Demand that a refusal is one short line that names a key and says what holds.
+
+    Raises:
+        DefectError: it is not.
+    """
+    if line.count("\n") or len(line) > 900:
+        raise DefectError(f"refusal is not one line: {line[:400]!r}")
+    if line.startswith(ABOUT_TRAINING):
+        return
+    key = re.match(r"[a-z_0-9.]+", line)
+    known = key is not None and (
+        key.group().rstrip(".") in keys() or key.group().startswith("scene.effects.")
+    )
+    if not known or not re.search(r"\d|is |has |needs |refers |ends ", line):
+        raise DefectError(f"refusal names no key: {line}")
+
+
+@functools.cache
+def keys():
+    """Every key that a refusal may name."""
+    scene = [
+        f"{section}.{name}" for section in ("experiment.scene", "experiment.training") for name in _scene()
+    ]
+    return {*known_keys(), *scene}
+
+
+def _scene():
+    settings = paper_settings().scene
+    assert is_dataclass(settings)
+    return [field.name for field in fields(settings)]
+
+
+def first_words(line):
+    """The part of a refusal that is alike for all values."""
+    return re.sub(r"[-+]?\b(\d+\.?\d*(e[-+]?\d+)?|inf|nan)\b", "N", line).split(" is ")[0][:60]
+
+
+def say(words):
+    """Put words behind the command, in this process, and give the complaint, or None where there is none.
+
+    Raises:
+        DefectError: anything but a complaint of one line.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        try:
+            line = _complaint(words)
+        except Exception as error:
+            raise DefectError(f"crash: {type(error).__name__}: {error}") from error
+    if line is not None and ("\n" in line or not line.strip()):
+        raise DefectError(f"complaint is not one line: {line[:400]!r}")
+    return line
+
+
+def _complaint(words):
+    """Do what the command does with its words, up to the plan."""
+    GlobalHydra.instance().clear()
+    register_schema()
+    with initialize_config_module("vocc_torch.conf", version_base="1.3"):
+        try:
+            settings = checked(resolved(compose("config", overrides=list(words))))
+            refuse_overruled(settings, words)
+            build_plan(settings, Path("runs/none"))
+        except VoccError as error:
+            return str(error)
+        except (HydraException, OmegaConfBaseException, ValueError, TypeError) as error:
+            return one_line(error, words)
+    return None

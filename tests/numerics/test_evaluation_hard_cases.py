@@ -1,0 +1,880 @@
+"""Hard cases of the counts, the intervals and what they tell, against closed forms, mpmath and SciPy."""
+
+import math
+import random
+from fractions import Fraction
+
+import mpmath
+import numpy as np
+import pytest
+import torch
+from hard_cases import Breakage, HardCases
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.stats import binom, binomtest
+
+from vocc_torch.errors import VoccError
+from vocc_torch.evaluation.counts import Counts
+from vocc_torch.evaluation.curve import BerTable, Point
+from vocc_torch.evaluation.curves import Curves
+from vocc_torch.evaluation.dimming import Grid, best_luminance
+from vocc_torch.evaluation.intervals import MOST_TRIALS, ber_interval, clopper_pearson, design_effect
+from vocc_torch.evaluation.montecarlo import Running, StopRule
+from vocc_torch.evaluation.optimum_ratio import _optima, on_off_ratio, optimum_ratio
+from vocc_torch.evaluation.paired import PairedCounts, paired_interval, sign_test
+from vocc_torch.evaluation.relative import difference_independent, mean_gain, relative_gain
+from vocc_torch.evaluation.schedule import PointWork, run_point, run_points
+from vocc_torch.evaluation.tally import tallies
+from vocc_torch.evaluation.undimmed import undimmed_loss
+
+hard = HardCases("Evaluation")
+
+CONFIDENCES = (1e-17, 1e-12, 1e-6, 0.5, 0.95, 0.999, 1 - 1e-9, 1 - 2.0**-53)
+FOLDER = "vocc_torch/evaluation"
+
+
+def wrong_frames(frames, leds, sizes):
+    """Counts of frames of which ``sizes`` maps half errors of a frame to the number of such frames."""
+    halves = sum(size * number for size, number in sizes.items())
+    squared = sum(size**2 * number for size, number in sizes.items())
+    wrong = sum(number for size, number in sizes.items() if size)
+    return Counts(frames, frames * leds, halves, squared, wrong)
+
+
+def compared(frames, leds, a, b):
+    """Two receivers that never err in the same frame, and their comparison; arguments as above."""
+    one, other = wrong_frames(frames, leds, a), wrong_frames(frames, leds, b)
+    sides = [
+        n for side in (one, other) for n in (side.half_errors, side.half_errors_squared, side.frame_errors)
+    ]
+    return one, other, PairedCounts(frames, frames * leds, *sides)
+
+
+def ordered(low, value, high, least=0.0, most=1.0):
+    """Whether an interval is finite, in order and within its limits."""
+    return least <= low <= value <= high <= most
+
+
+def binomial_tail(successes, trials, share, upper):
+    """P(X >= k) or P(X <= k) of a binomial, by mpmath's quadrature of the beta density."""
+    a, b = (successes, trials - successes + 1) if upper else (successes + 1, trials - successes)
+    with mpmath.workdps(25):
+        a, b, share = mpmath.mpf(a), mpmath.mpf(b), mpmath.mpf(share)
+        scale = mpmath.loggamma(a) + mpmath.loggamma(b) - mpmath.loggamma(a + b)
+        spread = mpmath.sqrt(a * b / (a + b) ** 2 / (a + b + 1))
+        side = -1 if upper else 1
+        inside = [share + side * spread * step for step in (1, 3, 8, 24)]
+        inside = [share, *(at for at in inside if 0 < at < 1), mpmath.mpf(0) if upper else mpmath.mpf(1)]
+
+        def density(x):
+            if x in (0, 1):
+                return mpmath.mpf(0)
+            return mpmath.exp((a - 1) * mpmath.log(x) + (b - 1) * mpmath.log1p(-x) - scale)
+
+        return float(mpmath.quad(density, sorted(inside)))
+
+
+def grid(wrong, columns=None, leds=64, frames=1000):
+    """A grid of one receiver, from the number of frames with one wrong bit in each cell."""
+    columns = columns or tuple(1000.0 * 2**i for i in range(len(wrong[0])))
+    rows = tuple(2000.0 * 2**i for i in range(len(wrong)))
+    axis, stopped = "led_luminance_cd_m2", dict.fromkeys(columns, "frames")
+
+    def curves(line):
+        cells = {("x", at): wrong_frames(frames, leds, {2: n}) for at, n in zip(columns, line, strict=True)}
+        return Curves("dimming", axis, "truth", ("x",), columns, cells, {}, stopped)
+
+    return Grid("ambient_lx", rows, tuple(curves(line) for line in wrong))
+
+
+# Counts
+
+
+@hard(
+    "merging no frames",
+    "nothing changes: the empty counts are the zero of addition, of receivers and of comparisons alike, and"
+    " blocks without frames or receivers count as nothing",
+    Breakage(f"{FOLDER}/counts.py", "if isinstance(other, int) and other == 0:", "if other is None:"),
+)
+def merging_no_frames():
+    counts = wrong_frames(64, 9, {9: 1, 2: 3})
+    assert counts + Counts() == Counts() + counts == sum([counts], Counts()) == sum([counts]) == counts
+    assert sum([], Counts()) == Counts() + Counts() == Counts()
+    paired = compared(64, 9, {2: 3}, {})[2]
+    assert paired + PairedCounts() == sum([paired]) == paired
+    empty = torch.zeros(0, 3, 3, dtype=torch.bool)
+    assert Counts.of(empty, empty, torch.zeros(0, dtype=torch.bool)) == Counts()
+    assert tallies(np.zeros((2, 0), np.int64), 9, np.zeros((2, 0), bool)) == (
+        [Counts()] * 2,
+        {(0, 1): PairedCounts()},
+    )
+    assert tallies(np.zeros((0, 5), np.int64), 9, np.zeros((0, 5), bool)) == ([], {})
+
+
+@hard(
+    "a rate of no frames",
+    "refused by name: no frames have no rate, no interval and no comparison",
+    Breakage(
+        f"{FOLDER}/counts.py",
+        "        if self.bits == 0:\n            raise",
+        "        if False:\n            raise",
+    ),
+)
+def a_rate_of_no_frames():
+    for ask in (lambda: Counts().ber, lambda: ber_interval(Counts()), lambda: design_effect(Counts())):
+        with pytest.raises(VoccError, match=r"^counts\.bits is 0: "):
+            ask()
+    with pytest.raises(VoccError, match=r"^paired\.bits is 0: "):
+        paired_interval(PairedCounts())
+    with pytest.raises(VoccError, match=r"^counts\.bits is 0: "):
+        difference_independent(Counts(64, 64), Counts())
+
+
+@hard(
+    "bits without frames",
+    "refused by name: bits come in frames, and a damaged record must not pass for an error-free one",
+    Breakage(f"{FOLDER}/counts.py", "if self.bits and not self.frames:", "if self.bits < self.frames:"),
+)
+def bits_without_frames():
+    with pytest.raises(VoccError, match=r"^counts\.bits is 64: it must be 0"):
+        Counts(frames=0, bits=64)
+    with pytest.raises(VoccError, match=r"paired.*counts\.bits is 64: it must be 0"):
+        PairedCounts(frames=0, bits=64)
+
+
+@hard(
+    "counts beyond 64 bits",
+    "exact: counts are integers without limit, so sums never wrap and the rate is correctly rounded",
+    Breakage(
+        f"{FOLDER}/counts.py",
+        "return self.half_errors / (2 * self.bits)",
+        "return self.half_errors * (0.5 / self.bits)",
+    ),
+)
+def counts_beyond_64_bits():
+    block = wrong_frames(2**61, 4096, {8192: 2**60, 3: 7})
+    total = sum([block] * 3, Counts())
+    assert total.half_errors_squared == 3 * (8192**2 * 2**60 + 9 * 7) > 2**63
+    exact = Fraction(total.half_errors, 2 * total.bits)
+    assert total.ber == float(exact)
+    draw = random.Random(1)
+    for _ in range(200):
+        bits = draw.randrange(1, 2**80)
+        halves = draw.randrange(0, 2 * bits + 1)
+        counts = Counts(bits, bits, halves, halves**2, min(halves, bits))
+        assert counts.ber == float(Fraction(halves, 2 * bits))
+    paired = sum([compared(2**61, 4096, {8192: 2**60}, {2: 2**60})[2]] * 3)
+    assert paired.half_difference == 3 * 2**60 * 8190
+
+
+@hard(
+    "squared errors that 64 bits do not hold",
+    "refused by name where frames are counted as 64-bit integers: a frame of 2^30 bits and eight of them "
+    "would wrap around",
+    Breakage(
+        f"{FOLDER}/tally.py",
+        "if half_errors.shape[1] * (2 * int(bits_per_frame)) ** 2 >",
+        "if 2 * int(bits_per_frame) >",
+    ),
+)
+def squared_errors_that_64_bits_do_not_hold():
+    bits = 2**30
+    fits = np.full((1, 1), 2 * bits)
+    [counts], _ = tallies(fits, bits, np.ones((1, 1), bool))
+    assert (counts.half_errors, counts.half_errors_squared) == (2 * bits, 4 * bits**2)
+    with pytest.raises(VoccError, match=r"^bits_per_frame is 1073741824: .* of 8 frames"):
+        tallies(np.full((1, 8), 2 * bits), bits, np.ones((1, 8), bool))
+
+
+@hard(
+    "one bit a frame",
+    "exact: a missed panel of a single LED is half a wrong bit, and a wrong frame is a wrong bit, so with "
+    "no panel missed the interval is the binomial's, but for the price of an estimated design effect",
+    Breakage(f"{FOLDER}/intervals.py", "fewest = min(1.0, bits_per_frame / 2)", "fewest = 1.0"),
+)
+def one_bit_a_frame():
+    sent = torch.tensor([True, False, True]).view(3, 1, 1)
+    counts = Counts.of(~sent, sent, torch.tensor([True, False, False]))
+    assert (counts.half_errors, counts.bit_errors, counts.panels_missed) == (4, 2.0, 2)
+    for sizes in ({1: 5}, {1: 100}, {2: 3}, {1: 40, 2: 60}, {2: 100}):
+        one = wrong_frames(100, 1, sizes)
+        interval = ber_interval(one)
+        assert ordered(interval.low, one.ber, interval.high)
+    missed = ber_interval(wrong_frames(100, 1, {1: 100}))
+    assert missed.low == pytest.approx(0.5 * 0.025**0.01)  # half of what so many wrong frames prove
+    assert missed.high > 0.5
+    ours, plain = ber_interval(wrong_frames(10**6, 1, {2: 500})), clopper_pearson(500, 10**6)
+    assert plain.low * 0.99 < ours.low <= plain.low
+    assert plain.high <= ours.high < plain.high * 1.01
+
+
+# Intervals
+
+
+@hard(
+    "0 errors",
+    "the low end is 0 and the high end is the exact one-sided limit of the wrong frames, 1 - (1 - "
+    "confidence)^(1 / frames), as a share of a frame's bits; it is positive for any number of frames",
+    Breakage(
+        f"{FOLDER}/intervals.py",
+        "-math.expm1(math.log1p(-confidence) / counts.frames)",
+        "1 - (1 - confidence) ** (1 / counts.frames)",
+    ),
+)
+def no_errors():
+    for frames in (1, 2, 64, 10**6, 10**12, 2**62, 10**20):
+        for confidence in CONFIDENCES:
+            interval = ber_interval(Counts(frames, 64 * frames), confidence)
+            with mpmath.workdps(60):
+                limit = (1 - (1 - mpmath.mpf(confidence)) ** (1 / mpmath.mpf(frames))) / 64
+                assert abs(interval.high / limit - 1) < 1e-14
+            assert interval.low == 0.0
+    assert design_effect(Counts(64, 4096)) == 1.0
+
+
+@hard(
+    "all errors",
+    "the high end is 1, and the low end is the exact limit of so many successes in a row",
+    Breakage(f"{FOLDER}/intervals.py", "if halves == 0 or right == 0:", "if halves == 0:"),
+)
+def all_errors():
+    for frames in (2, 64, 10**6, 10**11):
+        counts = wrong_frames(frames, 64, {128: frames})
+        interval = ber_interval(counts)
+        assert counts.ber == interval.high == 1.0
+        assert design_effect(counts) == 1.0
+        assert 1 - 300 / frames < interval.low < 1 - 0.02 / frames
+    for trials in (1, 7, 1e6, 1e12, MOST_TRIALS):
+        low = clopper_pearson(trials, trials).low
+        assert low == pytest.approx(math.exp(math.log(0.025) / trials), abs=2e-16)
+    a, b, paired = compared(1000, 64, {128: 1000}, {})
+    assert (
+        paired_interval(paired).high
+        == relative_gain(a, b, paired).gain
+        == difference_independent(a, b).high
+        == 1
+    )
+
+
+@hard(
+    "one frame",
+    "an interval over most of 0 to 1, since a frame without another to compare it with has the greatest "
+    "design effect there is, its bits",
+    Breakage(
+        f"{FOLDER}/intervals.py",
+        "freedom = max(1.0, min(counts.frames - 1, frames_in_error + 1))",
+        "freedom = counts.frames - 1",
+    ),
+)
+def one_frame():
+    for halves in (1, 2, 64, 127, 128):
+        counts = wrong_frames(1, 64, {halves: 1})
+        assert design_effect(counts) == 64.0
+        interval = ber_interval(counts)
+        assert ordered(interval.low, counts.ber, interval.high)
+        assert interval.high == 1.0
+        assert interval.low == pytest.approx(0.025 / 64)
+        a, b, paired = compared(1, 64, {halves: 1}, {})
+        difference = paired_interval(paired)
+        assert ordered(difference.low, difference.difference, difference.high, -1.0)
+        gain = relative_gain(a, b, paired)
+        assert -math.inf < gain.low <= gain.gain == gain.high == 1.0
+    assert ber_interval(Counts(1, 64)).high == pytest.approx(0.95 / 64)
+
+
+@hard(
+    "1000 errors in 1e9 bits",
+    "the tails are met to a thousandth: the inverse of SciPy 1.17 is out by factors there, which shows in "
+    "its own integral, and the end is then sought in that",
+    Breakage(
+        f"{FOLDER}/intervals.py", "if abs(integral(a, b, x) - tail) <= _TAIL_TOLERANCE * tail:", "if x >= 0:"
+    ),
+)
+def a_thousand_errors_in_1e9_bits():
+    for successes, trials in ((1000, 10**9), (1000, 10**12), (999, 10**12), (1000, 3 * 10**7)):
+        interval = clopper_pearson(successes, trials)
+        assert ordered(interval.low, successes / trials, interval.high)
+        for end, upper in ((interval.low, True), (interval.high, False)):
+            assert binomial_tail(successes, trials, end, upper) == pytest.approx(0.025, rel=1e-3)
+
+
+@hard(
+    "intervals near 0 and 1",
+    "the tails are met to a thousandth from 1e-2 to 1e13 trials, down to one success and up to one failure:"
+    " checked by quadrature with 25 digits",
+    Breakage(
+        f"{FOLDER}/intervals.py",
+        "_inverse(betaincc, betainccinv, successes + 1, trials - successes, tail)",
+        "1 - _inverse(betainc, betaincinv, trials - successes, successes + 1, tail)",
+    ),
+)
+def intervals_near_0_and_1():
+    for trials in (20, 10**6, 10**12, 10**13):
+        for successes in (1, trials // 1000, trials // 3, trials - 3):
+            if not 0 < successes < trials:
+                continue
+            interval = clopper_pearson(successes, trials)
+            assert ordered(interval.low, successes / trials, interval.high)
+            for end, upper in ((interval.low, True), (interval.high, False)):
+                if min(end, 1 - end) < 1e-10 and end > 0.5:
+                    continue  # an end this near to 1 is known to 1e-16, which is too little for its tail
+                found = binomial_tail(successes, trials, end, upper)
+                assert found == pytest.approx(0.025, rel=1e-3), (successes, trials)
+    # Mirrored: the failures' interval, to the spacing of numbers near 1.
+    for successes, trials in ((1, 10**6), (3, 50), (1e-3, 0.5)):
+        few, many = clopper_pearson(successes, trials), clopper_pearson(trials - successes, trials)
+        assert (1 - many.high, 1 - many.low) == pytest.approx((few.low, few.high), rel=1e-9, abs=1e-15)
+    # Of a rate of 1e-12 the high end is Poisson's limit, to ten digits, and not 1 - (1 - 6e-12).
+    assert clopper_pearson(1, 10**12).high == pytest.approx(5.571643390938898e-12, rel=1e-10, abs=0)
+
+
+@hard(
+    "confidence near 0 and 1",
+    "ordered and finite for every number between: the tails are taken from below, where a number near 0 has"
+    " all its digits; next to 1 the interval approaches that of one trial, 0 to 1",
+    Breakage(f"{FOLDER}/intervals.py", "min((1 - confidence) / 2, 0.5 - 5e-7)", "(1 - confidence) / 2"),
+)
+def confidence_near_0_and_1():
+    some = wrong_frames(2000, 64, {2: 30, 16: 5})
+    a, b, paired = compared(2000, 64, {2: 30, 16: 5}, {2: 9})
+    reach = 0.0
+    for confidence in CONFIDENCES:
+        interval = ber_interval(some, confidence)
+        assert ordered(interval.low, some.ber, interval.high)
+        assert interval.high - interval.low >= reach  # more confidence is never a narrower interval
+        reach = interval.high - interval.low
+        plain = clopper_pearson(3, 50, confidence)
+        tail = (1 - confidence) / 2
+        assert binomtest(3, 50, plain.low, "greater").pvalue == pytest.approx(tail, rel=1e-3)
+        assert binomtest(3, 50, plain.high, "less").pvalue == pytest.approx(tail, rel=1e-3)
+        difference = paired_interval(paired, confidence)
+        assert ordered(difference.low, difference.difference, difference.high, -1.0)
+        apart = difference_independent(some, Counts(2000, 128_000), confidence)
+        assert ordered(apart.low, apart.difference, apart.high, -1.0)
+        gain = relative_gain(a, b, paired, confidence)
+        assert -math.inf < gain.low <= gain.gain <= gain.high <= 1
+    for confidence in (0.0, 1.0, -1.0, math.nan, math.inf):
+        with pytest.raises(VoccError, match=r"^confidence is "):
+            clopper_pearson(3, 50, confidence)
+
+
+@hard(
+    "clustered errors at a confidence next to 1",
+    "what an estimated design effect costs grows without limit, so the interval is that of the wrong frames"
+    " alone: from the low end of their rate, a bit each, to its high end, a whole frame each",
+    Breakage(
+        f"{FOLDER}/intervals.py",
+        "min((1 - confidence) / 2, 0.5 - 5e-7)",
+        "min(1 - (1 + confidence) / 2, 0.5 - 5e-7)",
+    ),
+)
+def clustered_errors_at_a_confidence_next_to_1():
+    confidence = 1 - 2.0**-53
+    clustered = wrong_frames(10**6, 64, {64: 3})
+    frames = clopper_pearson(3, 10**6, confidence)
+    interval = ber_interval(clustered, confidence)
+    assert (interval.low, interval.high) == pytest.approx((frames.low / 64, frames.high), rel=1e-9, abs=0)
+
+
+@hard(
+    "1e12 bits",
+    "as any other: the interval of independent errors is the binomial's, 2e-6 of the rate wide, and its "
+    "tails are met to a thousandth",
+    Breakage(f"{FOLDER}/intervals.py", "MOST_TRIALS = 1e13", "MOST_TRIALS = 1e11"),
+)
+def a_million_million_bits():
+    frames, leds = 10**12 // 64, 64
+    # Independent bits, one in ten wrong: so many frames with so many wrong bits, to the nearest frame.
+    wrong = binom.pmf(np.arange(leds + 1), leds, 0.1) * frames
+    counts = wrong_frames(frames, leds, {2 * size: round(number) for size, number in enumerate(wrong)})
+    assert design_effect(counts) == pytest.approx(1.0, abs=1e-9)
+    interval, plain = ber_interval(counts), clopper_pearson(counts.bit_errors, counts.bits)
+    assert ordered(interval.low, counts.ber, interval.high)
+    half_width = 1.9599639845 * math.sqrt(0.1 * 0.9 / counts.bits)
+    for end in (interval, plain):
+        assert (counts.ber - end.low, end.high - counts.ber) == pytest.approx(
+            (half_width, half_width), rel=1e-3
+        )
+    rare = ber_interval(wrong_frames(frames, leds, {2: 5}))
+    assert rare.low < 5e-12 < rare.high < 2e-11
+    paired = paired_interval(compared(frames, leds, {2: 10**6}, {2: 10**6 - 5000})[2])
+    assert paired.real
+    assert paired.difference == 5000 / counts.bits
+
+
+@hard(
+    "more than 1e13 bits",
+    "an interval of rare errors is refused by name, since SciPy's beta integral loses its digits there (it "
+    "hangs or gives NaN at 1e17); the rate, the design effect and the limit of error-free frames are exact "
+    "for any number",
+    Breakage(
+        f"{FOLDER}/intervals.py", "    if counts.bits > MOST_TRIALS:\n", "    if counts.bits > math.inf:\n"
+    ),
+)
+def more_than_1e13_bits():
+    huge = wrong_frames(2**62, 2, {2: 2**40})
+    assert ber_interval(Counts(2**62, 2**63)).high > 0
+    with pytest.raises(VoccError, match=r"^counts\.bits is 9223372036854775808: .* at most 1e\+13 bits"):
+        ber_interval(huge)
+    with pytest.raises(VoccError, match=r"^trials is 1e\+17: .* at most 1e\+13"):
+        clopper_pearson(5e16, 1e17)
+    with pytest.raises(VoccError, match=r"^paired\.bits is 9223372036854775808: "):
+        paired_interval(compared(2**62, 2, {2: 2**40}, {2: 5})[2])
+    with pytest.raises(VoccError, match=r"^paired\.discordant is "):
+        sign_test(compared(2**62, 2, {2: 2**60}, {2: 2**59})[2])
+
+
+@hard(
+    "a design effect at a rate next to 1",
+    "exact: it is a ratio of integers, so that 1 minus a rate that rounds to 1 is not 0",
+    Breakage(
+        f"{FOLDER}/intervals.py",
+        "return max(1.0, spread * counts.bits / ((frames - 1) * halves * right))",
+        "return max(1.0, spread / (frames - 1) / (4 * counts.bits * counts.ber * (1 - counts.ber)))",
+    ),
+)
+def a_design_effect_at_a_rate_next_to_1():
+    for frames, leds, sizes in (
+        (10**18, 64, {128: 10**18 - 1, 126: 1}),
+        (1000, 64, {128: 999, 3: 1}),
+        (64, 9, {9: 7}),
+    ):
+        counts = wrong_frames(frames, leds, sizes)
+        mean = Fraction(counts.half_errors, 2 * frames)
+        variance = (Fraction(counts.half_errors_squared, 4) - frames * mean**2) / (frames - 1)
+        exact = variance / (mean * (1 - mean / leds))
+        assert design_effect(counts) == max(1.0, float(exact))
+
+
+@hard(
+    "every panel missed",
+    "the rate is one half, as for a coin toss, and its interval lies around it; the frames do not differ, "
+    "so the design effect is 1",
+    Breakage(
+        f"{FOLDER}/intervals.py", "return max(1.0, spread * counts.bits", "return (spread * counts.bits"
+    ),
+)
+def every_panel_missed():
+    bits = torch.rand(50, 8, 8) < 0.5
+    counts = Counts.of(bits, bits, torch.zeros(50, dtype=torch.bool))
+    assert (counts.ber, counts.panels_missed, counts.frame_errors) == (0.5, 50, 50)
+    assert design_effect(counts) == 1.0
+    interval = ber_interval(counts)
+    assert 0.46 < interval.low < 0.5 < interval.high < 0.54
+    row = BerTable([Point("d", "distance_m", 70.0, "x", "paper", counts, "frames")]).rows[0]
+    assert ordered(row.ber_low, row.ber, row.ber_high)
+    assert not row.error_free
+    same = PairedCounts.of(bits, ~bits, bits, torch.zeros(50, dtype=torch.bool))
+    assert same.discordant == 0
+    located = PairedCounts.of(
+        bits, bits, bits, torch.zeros(50, dtype=torch.bool), torch.ones(50, dtype=torch.bool)
+    )
+    difference = paired_interval(located)
+    assert difference.real
+    assert ordered(difference.low, 0.5, difference.high)
+
+
+@hard(
+    "an error-free point beside larger panels",
+    "a wrong frame is taken to have at most its own bits wrong, however many the receiver's wrong frames "
+    "have where the panels are larger",
+    Breakage(
+        f"{FOLDER}/curve.py",
+        "size = min(errors_per_frame_error, counts.bits / max(1, counts.frames))",
+        "size = errors_per_frame_error",
+    ),
+)
+def an_error_free_point_beside_larger_panels():
+    points = [
+        Point("panel", "leds", leds, "x", "paper", counts, "frames")
+        for leds, counts in ((4.0, Counts(1000, 4000)), (4096.0, wrong_frames(1000, 4096, {4096: 3})))
+    ]
+    small = BerTable(points).rows[0]
+    assert small.ber_high == pytest.approx(-math.expm1(math.log(0.05) / 1000))
+    with pytest.raises(VoccError, match=r"^errors_per_frame_error is 5\.0: "):
+        ber_interval(Counts(1000, 4000), errors_per_frame_error=5.0)
+
+
+@hard(
+    "any counts at all",
+    "every interval is finite, in order and holds its estimate: rates within 0 to 1, differences within -1 "
+    "to 1, gains at most 1",
+    Breakage(
+        f"{FOLDER}/intervals.py",
+        "return Interval(min(low, ber), max(min(clustered.high, frame_error.high), ber))",
+        "return Interval(low, min(clustered.high, frame_error.high))",
+    ),
+)
+def any_counts_at_all():
+    sizes = st.dictionaries(st.integers(1, 8), st.integers(0, 10**10), max_size=3)
+
+    @given(sizes, sizes, st.integers(0, 10**11), st.floats(1e-12, 1 - 1e-12))
+    @settings(deadline=None, max_examples=60, derandomize=True, database=None)
+    def check(a_sizes, b_sizes, right, confidence):
+        frames = max(1, sum(a_sizes.values()) + sum(b_sizes.values()) + right)
+        a, b, paired = compared(frames, 4, a_sizes, b_sizes)
+        for one in (a, b):
+            interval = ber_interval(one, confidence)
+            assert ordered(interval.low, one.ber, interval.high)
+        for both in (paired, paired.swapped()):
+            difference = paired_interval(both, confidence)
+            assert ordered(difference.low, difference.difference, difference.high, -1.0)
+        apart = difference_independent(a, b, confidence)
+        assert ordered(apart.low, apart.difference, apart.high, -1.0)
+        gain = relative_gain(a, b, paired, confidence)
+        assert (gain is None) == (a.half_errors == 0)
+        assert gain is None or -math.inf < gain.low <= gain.gain <= gain.high <= 1
+        assert 0 <= sign_test(paired) <= 1
+
+    check()
+    # A single kind of wrong frame, all alike: the clustered interval then leaves the rate to rounding.
+    for leds in (1, 3, 64):
+        for size in range(1, 2 * leds + 1):
+            for frames in (1, 2, 3, 1000):
+                counts = wrong_frames(frames, leds, {size: frames})
+                for confidence in CONFIDENCES:
+                    interval = ber_interval(counts, confidence)
+                    assert ordered(interval.low, counts.ber, interval.high)
+
+
+# Two receivers
+
+
+@hard(
+    "identical receivers",
+    "the difference is 0 within a limit that shrinks as 1 / frames, nothing is real; the sign test gives 1",
+    Breakage(
+        f"{FOLDER}/paired.py",
+        "    if not paired.discordant:\n        limit",
+        "    if not paired.frames:\n        limit",
+    ),
+)
+def identical_receivers():
+    counts = wrong_frames(2000, 64, {2: 30, 16: 5})
+    same = PairedCounts(2000, 128_000)
+    difference = paired_interval(same)
+    limit = -math.expm1(math.log(0.05) / 2000) / 64
+    assert (difference.difference, difference.low, difference.high) == (
+        0.0,
+        -difference.high,
+        pytest.approx(limit),
+    )
+    assert not difference.real
+    assert sign_test(same) == 1.0
+    gain = relative_gain(counts, counts, same)
+    assert gain.low < 0 == gain.gain < gain.high
+    assert not gain.real
+    apart = difference_independent(counts, counts)
+    assert apart.difference == 0
+    assert apart.low == -apart.high < 0
+
+
+@hard(
+    "no errors on either side",
+    "no gain can be stated (there is nothing to gain a share of), the difference is 0 within the limits, "
+    "and an average of such points is none",
+    Breakage(
+        f"{FOLDER}/relative.py",
+        "    if not a.half_errors:\n",
+        "    if not (a.half_errors or b.half_errors or a.frames):\n",
+    ),
+)
+def no_errors_on_either_side():
+    a, b, paired = compared(2000, 64, {}, {})
+    assert relative_gain(a, b, paired) is None
+    assert mean_gain([(a, b, paired)] * 3) is None
+    assert mean_gain([]) is None
+    apart = difference_independent(a, b)
+    assert apart.difference == 0
+    assert apart.high == -apart.low == pytest.approx(-math.expm1(math.log(0.025) / 2000) / 64)
+
+
+@hard(
+    "no errors on one side",
+    "a receiver without errors has gained 1 over one with errors, and the other way round no gain can be "
+    "stated; one point without errors is left out of an average and counted",
+    Breakage(
+        f"{FOLDER}/relative.py",
+        "len(gains), len(stated) - len(gains))",
+        "len(stated), len(stated) - len(gains))",
+    ),
+)
+def no_errors_on_one_side():
+    a, b, paired = compared(2000, 64, {2: 40}, {})
+    gain = relative_gain(a, b, paired)
+    assert gain.gain == gain.high == 1.0
+    assert 0 < gain.low < 1
+    assert relative_gain(b, a, paired.swapped()) is None
+    for one, other in ((a, b), (b, a)):
+        apart = difference_independent(one, other)
+        assert apart.real
+        assert ordered(apart.low, apart.difference, apart.high, -1.0)
+    neither = compared(2000, 64, {}, {})
+    mean = mean_gain([(a, b, paired), neither])
+    assert (mean.points, mean.left_out, mean.gain) == (1, 1, 1.0)
+
+
+@hard(
+    "a gain over a rate that is hardly known",
+    "finite: the low end of the gain is far below -1 where the rate's low end is next to 0, and is no "
+    "division by a difference of squares that has rounded to 0",
+    Breakage(
+        f"{FOLDER}/relative.py",
+        "a, c = near * (rate + aside), low * (value + below)",
+        "a, c = rate**2 - aside**2, value**2 - below**2",
+    ),
+)
+def a_gain_over_a_rate_that_is_hardly_known():
+    confidence = 1 - 2.0**-53
+    counts = wrong_frames(10**6, 64, {128: 1})
+    gain = relative_gain(counts, counts, PairedCounts(10**6, 64 * 10**6), confidence)
+    rate, limit = (
+        ber_interval(counts, confidence),
+        paired_interval(PairedCounts(10**6, 64 * 10**6), confidence).high,
+    )
+    # With the rate at r, the gain may be as low as -limit / r; r is at least rate.low.
+    assert -limit / rate.low <= gain.low < -limit / counts.ber
+    assert gain.gain == 0.0
+    assert gain.high <= 1.0
+    # The root of limit^2 = (g * below)^2 + ... with uncorrelated ends is the closed form below.
+    below = counts.ber - rate.low
+    with mpmath.workdps(50):
+        square = mpmath.mpf(counts.ber) ** 2 - (mpmath.mpf(counts.ber) - mpmath.mpf(rate.low)) ** 2
+        closed = -mpmath.sqrt(mpmath.mpf(limit) ** 2 / square)
+    assert gain.low == pytest.approx(float(closed), rel=1e-9), below
+
+
+@hard(
+    "a sign test of 1e12 frames",
+    "exact and at once: twice the smaller tail of a fair coin's binomial, which SciPy's search for it takes"
+    " minutes to find at 2^62 and its `bdtr` gives wrongly from 2^31 on; at most 1",
+    Breakage(
+        f"{FOLDER}/paired.py",
+        "float(betainc(more, fewer + 1, 0.5))",
+        "float(betainc(more + 1, fewer + 1, 0.5))",
+    ),
+)
+def a_sign_test_of_1e12_frames():
+    for a_worse, b_worse in ((0, 1), (0, 6), (5, 5), (3, 12), (499_000, 501_000)):
+        paired = compared(10**7, 4, {2: a_worse}, {2: b_worse})[2]
+        assert sign_test(paired) == pytest.approx(binomtest(a_worse, a_worse + b_worse).pvalue, rel=1e-12)
+        assert sign_test(paired.swapped()) == sign_test(paired)
+    frames = 10**12
+    paired = compared(frames, 4, {2: frames // 2 - 10**6}, {2: frames // 2 + 10**6})[2]
+    # The normal tail with the correction for continuity, off by 1 / sqrt(frames).
+    assert sign_test(paired) == pytest.approx(math.erfc((10**6 - 0.5) / math.sqrt(frames / 2)), rel=1e-5)
+    assert sign_test(compared(frames, 4, {2: frames // 2}, {2: frames // 2})[2]) == 1.0
+
+
+@hard(
+    "every frame against every frame",
+    "finite: where one receiver was the worse in half the frames and the other in the rest, both by all "
+    "bits, their excesses exclude each other completely, and the correlation is -1 and not below",
+    Breakage(
+        f"{FOLDER}/paired.py",
+        "return max(-1.0, -product / math.sqrt(spread_a) / math.sqrt(spread_b))",
+        "return -product / math.sqrt(spread_a - product)",
+    ),
+)
+def every_frame_against_every_frame():
+    for frames in (2, 10, 1000, 10**10):
+        for leds in (1, 64):
+            half = frames // 2
+            paired = compared(frames, leds, {2 * leds: half}, {2 * leds: frames - half})[2]
+            interval = paired_interval(paired)
+            assert ordered(interval.low, interval.difference, interval.high, -1.0)
+            assert not interval.real
+    # Of two outcomes, plus and minus 1, the mean's limits are twice the binomial's about one half.
+    interval = paired_interval(paired)
+    assert interval.high - interval.low == pytest.approx(4 * 1.96 * 0.5 / math.sqrt(10**10), rel=0.02)
+
+
+# Curves and grids
+
+
+@hard(
+    "a grid without errors",
+    "every luminance is a candidate and the middle of the plateau stands for the best; the ratio to it is 1"
+    " with an open end, and no ratio of luminance to light is claimed",
+    Breakage(
+        f"{FOLDER}/undimmed.py", "    if rate.value == 0:\n        return Estimate(1.0, 1.0, math.inf)\n", ""
+    ),
+)
+def a_grid_without_errors():
+    for shape in ((1, 1), (1, 3), (3, 1), (3, 4)):
+        cells = grid([[0] * shape[1]] * shape[0])
+        for best in best_luminance(cells, "x"):
+            assert best.candidates_cd_m2 == best.least_cd_m2 == cells.columns
+            assert best.middle_cd_m2 == pytest.approx(math.sqrt(cells.columns[0] * cells.columns[-1]))
+            assert 0 == best.ber_low == best.ber < best.ber_high < 1e-3
+        loss = undimmed_loss(cells, "x")
+        assert (loss.fixed.ratio.value, loss.fixed.ratio.low, loss.fixed.ratio.high) == (1.0, 1.0, math.inf)
+        followed = optimum_ratio(cells, "x")
+        assert (followed.slope, followed.ratio, followed.ambient_lx) == (None, None, ())
+
+
+@hard(
+    "a grid with errors in one panel alone",
+    "where the dimmed panel saw no error and another did, their ratio is infinite and says from where it is"
+    " surely lost; the logarithm of 0 is never taken",
+    Breakage(f"{FOLDER}/undimmed.py", "    if least.value == 0:\n", "    if least.value < 0:\n"),
+)
+def a_grid_with_errors_in_one_panel_alone():
+    cells = grid([[0, 300, 900], [700, 200, 0]], frames=10**5)
+    loss = undimmed_loss(cells, "x")
+    for panel in (loss.fixed, loss.headlight):
+        assert panel.ratio.value == panel.ratio.high == math.inf
+        assert 1 <= panel.ratio.low < math.inf
+        assert ordered(panel.mean.low, panel.mean.value, panel.mean.high)
+    assert loss.dimmed_mean.value == loss.dimmed_mean.low == 0 < loss.dimmed_mean.high
+
+
+@hard(
+    "a grid in which every bit is wrong",
+    "all luminances are alike and the ratio is 1: log 1 is 0, and no end leaves 0 to 1",
+    Breakage(
+        f"{FOLDER}/undimmed.py",
+        "np.clip(_means(weights, rate) + side * distance, 0.0, 1.0)",
+        "_means(weights, rate) + side * distance",
+    ),
+)
+def a_grid_in_which_every_bit_is_wrong():
+    cells = grid([[50] * 4] * 7, leds=1, frames=50)
+    loss = undimmed_loss(cells, "x")
+    for estimate in (loss.dimmed_mean, loss.fixed.mean, loss.headlight.mean):
+        assert ordered(estimate.low, estimate.value, estimate.high)
+        assert estimate.value == 1.0
+    assert loss.fixed.ratio.value == 1.0
+    assert best_luminance(cells, "x")[0].candidates_cd_m2 == cells.columns
+    # The least of four rates of nearly 1, which are raised for having been chosen.
+    assert undimmed_loss(grid([[49] * 4], leds=1, frames=50), "x").dimmed_mean.high == 1.0
+
+
+@hard(
+    "an optimum between equal logarithms",
+    "the grid's value: rates that differ in the last digit alone have one logarithm, and a parabola through"
+    " three equal points has no vertex",
+    Breakage(f"{FOLDER}/optimum_ratio.py", "    bent &= np.minimum(y[..., 0], y[..., 2]) > y[..., 1]\n", ""),
+)
+def an_optimum_between_equal_logarithms():
+    octaves = np.arange(3.0)
+    rate = np.array([[math.nextafter(1e-3, 1), 1e-3, math.nextafter(1e-3, 1)]])
+    assert np.log(rate).ptp() == 0 if hasattr(np.log(rate), "ptp") else np.ptp(np.log(rate)) == 0
+    assert _optima(rate, octaves).tolist() == [1.0]
+    # Left and right by a factor: the vertex in closed form.
+    a, b = 2.0, 8.0
+    vertex = 1 + (math.log(a) - math.log(b)) / (2 * (math.log(a) + math.log(b)))
+    assert _optima(np.array([[a, 1.0, b]]), octaves) == pytest.approx([vertex])
+
+
+@hard(
+    "luminances at the ends of the floating point range",
+    "finite: middles and nearest values are found on the logarithm, where no product overflows; values that"
+    " share a logarithm are refused by name",
+    Breakage(
+        f"{FOLDER}/undimmed.py",
+        "abs(math.log(grid.columns[j]) - math.log(headlight_cd_m2))",
+        "abs(math.log(grid.columns[j] / headlight_cd_m2))",
+    ),
+)
+def luminances_at_the_ends_of_the_range():
+    cells = grid([[0, 0, 0]] * 3, columns=(1e-300, 1.0, 1e300))
+    assert best_luminance(cells, "x")[0].middle_cd_m2 == pytest.approx(1.0)
+    assert undimmed_loss(cells, "x", 1e308).headlight.luminance_cd_m2 == 1e300
+    assert undimmed_loss(grid([[5, 9, 3]] * 2, columns=(1e-300, 1e-250, 1e-200)), "x", 1e300)
+    assert on_off_ratio(1e308, 1e308) == pytest.approx(1 + math.pi / 0.4)
+    with pytest.raises(VoccError, match=r"^led_reflectance is 1e-300: "):
+        on_off_ratio(1e10, 1e-10, 1e-300)
+    with pytest.raises(VoccError, match=r"^led_luminance_cd_m2 is .*ascending by at least a millionth"):
+        grid([[0, 0]], columns=(1000.0, math.nextafter(1000.0, 2000.0)))
+
+
+# Stop rules
+
+
+@hard(
+    "a stop rule and a receiver without errors",
+    "the budget ends the point: neither wrong frames nor a precision of a rate of 0 can be waited for",
+    Breakage(
+        f"{FOLDER}/montecarlo.py",
+        "return counts.half_errors > 0 and interval.high - ber <= reach",
+        "return interval.high - ber <= 1e-2 or interval.high - ber <= reach",
+    ),
+)
+def a_stop_rule_and_a_receiver_without_errors():
+    def count(parts):
+        return [{("x", 0): Counts(part.frames, 64 * part.frames)} for part in parts]
+
+    for rule in (StopRule(64 * 100, target_frame_errors=1), StopRule(64 * 100, precision=0.5)):
+        outcome = run_point(count, rule)
+        assert (outcome.stopped_by, outcome.counts["x", 0].frames) == ("frames", 6400)
+    # A rate that does not matter does end it, once even lost panels would lie below.
+    outcome = run_point(count, StopRule(64 * 100, precision=0.5, least_ber=1e-2))
+    assert outcome.stopped_by == "precision"
+    assert -math.expm1(math.log(0.05) / outcome.counts["x", 0].frames) / 2 <= 1e-2
+
+
+@hard(
+    "a precision that is out of reach",
+    "the budget ends the point, be every bit wrong or the precision finer than any interval",
+    Breakage(f"{FOLDER}/montecarlo.py", "and ber - interval.low <= reach", "or ber - interval.low <= reach"),
+)
+def a_precision_out_of_reach():
+    for sizes, precision in (({2: 1}, 1e-12), ({128: 64}, 1e-9), ({64: 64}, 1e-300)):
+        block = wrong_frames(64, 64, sizes)
+        outcome = run_point(
+            lambda parts, block=block: [{("x", 0): block}] * len(parts), StopRule(6400, precision=precision)
+        )
+        assert outcome.stopped_by == "frames"
+    # Every bit wrong: the interval reaches below alone, and 1e-9 is finer than 6400 frames tell.
+    assert (
+        StopRule(6400, precision=0.5).reached({("x", 0): wrong_frames(2048, 64, {128: 2048})}, 32)
+        == "precision"
+    )
+
+
+@hard(
+    "a stop rule that stops nothing",
+    "refused by name: a budget of no frames, no wrong frames to wait for, a call or a window of no blocks "
+    "would wait for ever or count nothing",
+    Breakage(
+        f"{FOLDER}/schedule.py",
+        "        if value < 1:\n            raise",
+        "        if value < 0:\n            raise",
+    ),
+)
+def a_stop_rule_that_stops_nothing():
+    for arguments, name in (
+        ({"frames": 0}, "frames"),
+        ({"frames": 64, "target_frame_errors": 0}, "target_frame_errors"),
+        ({"frames": 64, "precision": 0.0}, "precision"),
+        ({"frames": 64, "precision": math.nan}, "precision"),
+        ({"frames": 64, "least_ber": math.nan}, "least_ber"),
+        ({"frames": 64, "least_ber": 1.5}, "least_ber"),
+    ):
+        with pytest.raises(VoccError, match=rf"^rule\.{name} is "):
+            StopRule(**arguments)
+    work = PointWork("p", lambda parts: [{}] * len(parts), StopRule(64))
+    with pytest.raises(VoccError, match=r"^window is 0: "):
+        list(run_points([work], window=0))
+    # Not with a value of 0: broken, that would wait for ever.
+    with pytest.raises(VoccError, match=r"^blocks_at_once is -1: "):
+        list(run_points([work], blocks_at_once=-1))
+
+
+@hard(
+    "a rule before anything was counted",
+    "nothing is reached: a point with no receiver has nothing to wait for but its budget",
+    Breakage(f"{FOLDER}/montecarlo.py", "        if not counts:\n            return None\n", ""),
+)
+def a_rule_before_anything_was_counted():
+    for rule in (StopRule(640, target_frame_errors=1), StopRule(640, precision=0.1)):
+        assert rule.reached({}, 16) is None
+        assert run_point(lambda parts: [{}] * len(parts), rule).stopped_by == "frames"
+    assert Running(StopRule(64)).outcome().counts == {}
+    assert StopRule(1).parts().__next__().frames == 1
+
+
+@hard.each
+def test_evaluation(case):
+    case.check()

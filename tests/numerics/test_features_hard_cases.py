@@ -1,0 +1,527 @@
+"""Hard cases of features and decision: black, saturated and tiny panels, and values that decide nothing."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+import torch
+from hard_cases import Breakage, HardCases
+from scipy import ndimage
+from torch import nn
+
+from vocc_torch.errors import VoccError
+from vocc_torch.receiver.features import (
+    average_greyscale_ratio,
+    cell_means,
+    gradient_radial_inwardness,
+    neighbour_greyscale_ratio,
+    radial_inward_field,
+)
+from vocc_torch.receiver.greyscale import greyscale_scores, preamble_threshold
+from vocc_torch.receiver.location import PaperLocator
+from vocc_torch.receiver.reader import Reader
+from vocc_torch.receiver.receiver import Receiver
+from vocc_torch.receiver.rectification import centre_greys
+from vocc_torch.types import Frames, Panels, PanelShape
+
+hard = HardCases("Features and decision")
+FILES = "vocc_torch/receiver/"
+CPU = torch.device("cpu")
+NAN, INF = math.nan, math.inf
+
+
+def square_panel(left, top, width, height=None, *, turn_deg=0.0):
+    """A located panel; turned about its middle."""
+    height = width if height is None else height
+    corners = np.array([[0, 0], [width, 0], [width, height], [0, height]]) - [width / 2, height / 2]
+    cosine, sine = np.cos(np.radians(turn_deg)), np.sin(np.radians(turn_deg))
+    corners = corners @ np.array([[cosine, sine], [-sine, cosine]]) + [left + width / 2, top + height / 2]
+    return Panels.known(torch.from_numpy(corners)[None])
+
+
+def texture(seed, size=(40, 40), dtype=torch.float64):
+    """Random grey values, 0 to 255."""
+    return torch.from_numpy(np.random.default_rng(seed).uniform(0, 255, (1, 1, *size))).to(dtype)
+
+
+def gri(patches, shape, cell_px, kernel="sobel"):
+    size = torch.full((len(patches),), float(cell_px), dtype=torch.float64)
+    return gradient_radial_inwardness(patches, shape, size, size, kernel)
+
+
+# Ratios
+
+
+@hard(
+    "a panel whose mean is 0",
+    "AGR and NGR are 1: on an all-black panel every LED is as bright as the mean, and 0/0 says no more; "
+    "GRI is 0",
+    Breakage(
+        FILES + "features.py",
+        "torch.where(mean > 0, greys / torch.where(mean > 0, mean, 1.0), 1.0)",
+        "greys / mean",
+    ),
+)
+def a_panel_whose_mean_is_0():
+    shape = PanelShape(2, 3)
+    black = Frames.whole(torch.zeros(2, 40, 40, dtype=torch.uint8))
+    lit = black.grey.clone()
+    lit[0, :, :3] = 255  # beside the panel, within its margin
+    lit[1] = 200
+    panels = square_panel(4, 4, 24, 16)
+    panels = Panels.known(panels.corners_px.repeat(2, 1, 1))
+    for frames in (black, Frames.whole(lit)):
+        features = Reader(shape, 4).read(frames, panels).features
+        assert features[..., [0, 2]].unique().tolist() == [1.0]
+        assert not features[1, ..., 1].any()
+    means = torch.zeros(1, 4, 5)
+    means[0, 0] = 9.0
+    for ratio in (average_greyscale_ratio, neighbour_greyscale_ratio):
+        assert ratio(means).unique().tolist() == [1.0]
+
+
+@hard(
+    "a panel all but black beside light",
+    "NGR is the quotient of Eq. 9, and where the dtype cannot hold it the greatest number that it can",
+    Breakage(FILES + "features.py", "return ratio.clamp(max=torch.finfo(ratio.dtype).max)", "return ratio"),
+)
+def a_panel_all_but_black():
+    for dtype, grey in (
+        (torch.float32, 1e-30),
+        (torch.float32, 1e-40),
+        (torch.float64, 1e-300),
+        (torch.float16, 1e-4),
+    ):
+        means = torch.full((1, 4, 4), 255.0, dtype=dtype)
+        means[0, 1:3, 1:3] = grey
+        ratio = neighbour_greyscale_ratio(means)
+        exact = (5 * 255 + 3 * float(means[0, 1, 1])) / 8 / float(means[0, 1, 1])
+        wanted = min(exact, torch.finfo(dtype).max)
+        assert float(ratio.max()) == pytest.approx(wanted, rel=4 * torch.finfo(dtype).eps)
+        assert ratio.isfinite().all()
+        assert average_greyscale_ratio(means).unique().tolist() == [1.0]
+
+
+@hard(
+    "light 2^60 times weaker, or 2^20 times stronger",
+    "AGR and NGR are the same to the last bit and GRI is exactly proportional: no small number is added "
+    "anywhere",
+    Breakage(
+        FILES + "features.py",
+        "greys / torch.where(mean > 0, mean, 1.0), 1.0)",
+        "greys / torch.where(mean > 0, mean + 1e-6, 1.0), 1.0)",
+    ),
+)
+def light_at_any_scale():
+    panels, reader = square_panel(8.3, 7.1, 22.0, turn_deg=11.0), Reader(PanelShape(4, 4), 5)
+    grey = texture(1, dtype=torch.float32)
+    plain = reader.read(Frames.whole(grey), panels).features
+    for power in (-60, -10, 20):
+        scaled = reader.read(Frames.whole(grey * 2.0**power), panels).features
+        assert torch.equal(scaled[..., [0, 2]], plain[..., [0, 2]])
+        assert torch.equal(scaled[..., 1], plain[..., 1] * 2.0**power)
+
+
+@hard(
+    "bytes at their extremes",
+    "LEDs of 0 and 255 beside one another have an AGR of 0 and 2; bytes and equal floating values read alike",
+    Breakage(FILES + "features.py", "inner.mean(dim=(1, 2))", "means.mean(dim=(1, 2))"),
+)
+def bytes_at_their_extremes():
+    board = np.kron(np.indices((4, 4)).sum(0) % 2 * 255, np.ones((6, 6))).astype(np.uint8)
+    grey = torch.from_numpy(np.pad(board, 8))[None]
+    panels, reader = square_panel(8, 8, 24), Reader(PanelShape(4, 4), 6)
+    readings = reader.read(Frames.whole(grey), panels)
+    on = torch.from_numpy(np.indices((4, 4)).sum(0) % 2 * 1.0)
+    assert torch.equal(readings.features[0, ..., 0], 2 * on)
+    assert torch.equal(readings.greys.average[0].double(), 255 * on)
+    floating = reader.read(Frames.whole(grey.float()), panels)
+    assert torch.equal(readings.features, floating.features)
+    bits = torch.from_numpy(board)[None, ::6, ::6]
+    assert float(preamble_threshold(bits | 255, bits & 0)) == 127.5
+    assert greyscale_scores(bits, torch.tensor([[[127.5]]])).unique().tolist() == [-127.5, 127.5]
+
+
+# Cells
+
+
+@hard(
+    "cells of no pixel",
+    "corners that all but coincide enclose nothing: each LED reads the same grey value, AGR 1, GRI 0, NGR 1",
+    Breakage(
+        FILES + "rectification.py",
+        "least = _FLAT_PX2 + _FLAT_SHARE * side.square().sum(2).amax(1)",
+        "least = 0.0 * side.square().sum(2).amax(1)",
+    ),
+)
+def cells_of_no_pixel():
+    frames = Frames.whole(texture(2, dtype=torch.float32))
+    for width in (0.0, 1e-300, 1e-13, 1e-9, 3e-5):
+        readings = Reader(PanelShape(3, 3), 4).read(frames, square_panel(20.25, 11.75, width))
+        assert readings.patches.unique().numel() == 1
+        assert (readings.features - torch.tensor([1.0, 0.0, 1.0])).abs().max() < 1e-6
+        assert readings.greys.centre.unique().numel() == 1
+
+
+@hard(
+    "cells far smaller than a pixel",
+    "the picture between pixels is bilinear, and the features are Eqs 4, 7 and 9 of it, the gradient a pixel "
+    "of the original however small the cell: the same as SciPy's sampling and filters give",
+    Breakage(
+        FILES + "features.py",
+        "samples / torch.stack([cell_width_px, cell_height_px], dim=1).clamp(min=1e-6)",
+        "samples / torch.stack([cell_width_px, cell_height_px], dim=1).clamp(min=1.0)",
+    ),
+)
+def cells_far_smaller_than_a_pixel():
+    image, rows, columns, samples = texture(3), 2, 3, 4
+    for cell_px in (1.0, 0.3, 0.02, 1e-3):
+        panels = square_panel(17.4, 12.2, columns * cell_px, rows * cell_px)
+        left, top = panels.corners_px[0, 0].tolist()
+        x = left + ((np.arange((columns + 2) * samples) + 0.5) / samples - 1) * cell_px
+        y = top + ((np.arange((rows + 2) * samples) + 0.5) / samples - 1) * cell_px
+        grid = np.meshgrid(y - 0.5, x - 0.5, indexing="ij")
+        patch = ndimage.map_coordinates(image[0, 0].numpy(), grid, order=1)
+        means = patch.reshape(rows + 2, samples, columns + 2, samples).mean((1, 3))
+        inner = means[1:-1, 1:-1]
+        ring = ndimage.convolve(means, np.array([[1, 1, 1], [1, 0, 1], [1, 1, 1]]) / 8)[1:-1, 1:-1]
+        slope = [ndimage.sobel(patch, axis)[samples:-samples, samples:-samples] / 8 for axis in (1, 0)]
+        steps = (np.arange(samples) + 0.5) / samples - 0.5
+        away = [np.tile(np.outer(*pair), (rows, columns)) for pair in ((steps**0, steps), (steps, steps**0))]
+        inward = -(slope[0] * away[0] + slope[1] * away[1]) / np.hypot(*away) * samples / cell_px
+        wanted = [
+            inner / inner.mean(),
+            inward.reshape(rows, samples, columns, samples).mean((1, 3)),
+            ring / inner.mean(),
+        ]
+        features = Reader(PanelShape(rows, columns), samples).read(Frames.whole(image), panels).features
+        np.testing.assert_allclose(
+            features[0], np.stack(wanted, 2), rtol=0, atol=1e-12 * 255 * samples / cell_px
+        )
+
+
+@hard(
+    "the centre sample's radial vector",
+    "at the centre there is no direction, and the vector is 0; with K = 1 there is nothing else, and GRI "
+    "is 0",
+    Breakage(
+        FILES + "features.py", "slice(samples - 1, (1 - samples) or None)", "slice(samples - 1, 1 - samples)"
+    ),
+)
+def the_centre_samples_vector():
+    for samples in range(1, 10):
+        field = radial_inward_field(samples, torch.float64, CPU)
+        length = torch.linalg.vector_norm(field, dim=0)
+        middle = torch.zeros(samples, samples, dtype=torch.bool)
+        if samples % 2:
+            middle[samples // 2, samples // 2] = True
+        assert not length[middle].any()
+        assert (length[~middle] - 1).abs().max() < 1e-12 if samples > 1 else True
+        assert field.sum((1, 2)).abs().max() < 1e-12, "a slope adds up to nothing"
+    patches = texture(4, (4, 5))
+    for kernel in ("sobel", "central"):
+        assert gri(patches, PanelShape(2, 3), 3.0, kernel).tolist() == [[[0.0] * 3] * 2]
+        bump = torch.zeros(1, 1, 9, 9)
+        bump[..., 4, 4] = 8.0
+        assert float(gri(bump, PanelShape(1, 1), 3.0, kernel)) > 0, "its neighbours see the centre"
+
+
+@hard(
+    "a saturated plateau",
+    "without a gradient GRI is exactly 0, AGR and NGR are 1 to rounding, however the panel lies and "
+    "whatever K",
+    Breakage(FILES + "features.py", "new_full((1, 1, 3, 3), 1 / 8)", "new_full((1, 1, 3, 3), 1 / 9)"),
+)
+def a_saturated_plateau():
+    for level in (1, 77, 254, 255):
+        frames = Frames.whole(torch.full((1, 60, 60), level, dtype=torch.uint8))
+        for samples, turn_deg, width in ((2, 0, 20), (3, 17, 7.3), (8, 45, 31.7), (64, 30, 3.0), (2, 10, 50)):
+            for kernel in ("sobel", "central"):
+                reader = Reader(PanelShape(3, 5), samples, kernel)
+                panels = square_panel(30 - width / 2, 30 - width / 2, width, turn_deg=turn_deg)
+                features = reader.read(frames, panels).features
+                assert not features[..., 1].any()
+                assert (features[..., [0, 2]] - 1).abs().max() < 1e-6
+
+
+@hard(
+    "two samples a cell, and sixty-four",
+    "a cell's mean does not depend on K: samples that stand for many pixels are means of as many readings",
+    Breakage(FILES + "rectification.py", ".clamp(1, 64).long()", ".clamp(1, 1).long()"),
+)
+def two_samples_a_cell_and_sixty_four():
+    image = texture(5, (4 * 64, 4 * 64))
+    blocks = image[0, 0].view(4, 64, 4, 64).mean((1, 3))
+    wanted = blocks[1:3, 1:3] / blocks[1:3, 1:3].mean()
+    for samples in (2, 4, 64):
+        features = (
+            Reader(PanelShape(2, 2), samples).read(Frames.whole(image), square_panel(64, 64, 128)).features
+        )
+        assert (features[0, ..., 0] - wanted).abs().max() < 1e-12
+
+
+@hard(
+    "samples without number",
+    "K beyond 2 to 64 is refused by name, as is a panel of more than 2^27 samples before memory is asked "
+    "for it",
+    Breakage(FILES + "reader.py", "if samples > _MOST_SAMPLES:", "if samples > _MOST_SAMPLES**2:"),
+)
+def samples_without_number():
+    for samples in (1, 65, 10**30, 0, -3, 2.0, True):
+        with pytest.raises(VoccError, match=r"receiver.samples_per_led is .*: it must be from 2 to 64"):
+            Reader(PanelShape(1, 1), samples)
+    for shape in (PanelShape(1024, 1024), PanelShape(1024, 100)):
+        with pytest.raises(
+            VoccError, match=r"receiver.samples_per_led is 64: a panel of .* samples, at most 2\^27"
+        ):
+            Reader(shape, 64)
+    assert Reader(PanelShape(1024, 1024), 8).samples_per_led == 8
+
+
+@hard(
+    "patches that are not of the panel's shape",
+    "refused by name, not cut to what fits: a remainder would move every cell",
+    Breakage(FILES + "features.py", "or tuple(patches.shape[-2:]) != wanted", ""),
+)
+def patches_of_another_shape():
+    shape = PanelShape(2, 3)
+    for size in ((17, 20), (16, 21), (20, 16), (3, 4), (16, 4)):
+        for measure in (lambda patches: cell_means(patches, shape), lambda patches: gri(patches, shape, 3.0)):
+            with pytest.raises(
+                VoccError, match=r"patches has shape \(1, 1, .*: for a panel of 2 x 3 LEDs it must be"
+            ):
+                measure(torch.zeros(1, 1, *size))
+    for measure in (lambda patches: cell_means(patches, shape), lambda patches: gri(patches, shape, 3.0)):
+        with pytest.raises(VoccError, match=r"patches has dtype torch.uint8: it must be floating"):
+            measure(torch.zeros(1, 1, 16, 20, dtype=torch.uint8))
+    with pytest.raises(VoccError, match=r"means has dtype torch.int64: it must be floating"):
+        average_greyscale_ratio(torch.zeros(1, 4, 4, dtype=torch.int64))
+
+
+# Frames
+
+
+@hard(
+    "grey values negative, infinite or NaN",
+    "refused by name where an LED is read; what lies elsewhere in the frame is nobody's business",
+    Breakage(
+        FILES + "features.py",
+        "if not (low >= 0 and high <= MOST_GREY):",
+        "if low < 0 or high > MOST_GREY:",
+    ),
+)
+def grey_values_that_are_none():
+    reader, panels = Reader(PanelShape(4, 4), 4), square_panel(8, 8, 16)
+    grey = texture(6, dtype=torch.float32)
+    for value in (NAN, INF, -INF, -50.0, -1e-3, 2e9, 1e30, 3e38):
+        broken = grey.clone()
+        broken[0, 0, 14, 15] = value
+        frames = Frames.whole(broken)
+        for read in (reader.read, reader.read_greys):
+            with pytest.raises(
+                VoccError, match=r"^frames.grey at a panel holds .*: grey values must be finite, 0 to"
+            ):
+                read(frames, panels)
+        with pytest.raises(VoccError, match=r"^frames.grey at a panel holds"):
+            reader.read_takes([Frames.whole(grey), frames], panels)
+        elsewhere = grey.clone()
+        elsewhere[0, 0, 39, 0] = value
+        same = reader.read(Frames.whole(elsewhere), panels).features
+        assert torch.equal(same, reader.read(Frames.whole(grey), panels).features)
+
+
+@hard(
+    "means and patches that are no grey values",
+    "each function refuses by name what it is given; none passes NaN on or takes it for black",
+    Breakage(
+        FILES + "features.py", "if not bool(inward.isfinite().all()):", "if bool(inward.isnan().all()):"
+    ),
+)
+def means_that_are_no_grey_values():
+    shape = PanelShape(2, 2)
+    for value in (NAN, INF, -INF, -7.0, 3e38):
+        means, patches = torch.full((2, 4, 4), 5.0), torch.full((1, 1, 16, 16), 5.0)
+        means[1, 2, 1], patches[..., 5, 6] = value, value
+        for ratio in (average_greyscale_ratio, neighbour_greyscale_ratio):
+            with pytest.raises(VoccError, match=r"^means holds .*: grey values must be finite"):
+                ratio(means)
+        if value != -7.0:
+            with pytest.raises(VoccError, match=r"^cell means holds .*: grey values must be finite"):
+                cell_means(patches, shape)
+        if not math.isfinite(value):
+            with pytest.raises(VoccError, match=r"give a GRI that is not finite: both must be finite"):
+                gri(patches, shape, 3.0)
+        with pytest.raises(VoccError, match=r"^frames.grey at the LEDs' centres holds"):
+            centre_greys(Frames.whole(torch.full((1, 9, 9), value)), square_panel(1, 1, 5), shape)
+    with pytest.raises(VoccError, match=r"give a GRI that is not finite"):
+        gri(torch.rand(1, 1, 16, 16), shape, NAN)
+
+
+@hard(
+    "frames of half precision",
+    "read as float32 frames of the same values are, to the last bit: places in a frame need more digits than "
+    "float16 or bfloat16 have",
+    Breakage(
+        FILES + "rectification.py",
+        "dtype = torch.float64 if grey.dtype == torch.float64 else torch.float32",
+        "dtype = grey.dtype if grey.is_floating_point() else torch.float32",
+    ),
+)
+def frames_of_half_precision():
+    reader = Reader(PanelShape(4, 4), 4)
+    panels = square_panel(231.3, 107.6, 26.0, turn_deg=20.0)
+    for dtype in (torch.float16, torch.bfloat16):
+        grey = texture(7, (160, 300)).to(dtype)
+        half = reader.read(Frames.whole(grey), panels)
+        single = reader.read(Frames.whole(grey.float()), panels)
+        for ours, theirs in (
+            (half.features, single.features),
+            (half.greys.average, single.greys.average),
+            (half.greys.centre, single.greys.centre),
+        ):
+            assert torch.equal(ours, theirs)
+
+
+@hard(
+    "a panel partly outside the frame",
+    "the border pixels go on: the same as NumPy's edge padding, so a crop in a uniform surround reads as "
+    "the frame",
+    Breakage(
+        FILES + "rectification.py",
+        "rows = (place[:, 1:] + torch.arange(size[0], device=place.device)).clamp(0, height - 1)",
+        "rows = (place[:, 1:] + torch.arange(size[0], device=place.device)) % height",
+    ),
+)
+def a_panel_partly_outside():
+    image = texture(8, (30, 34))
+    padded = torch.from_numpy(np.pad(image[0, 0].numpy(), 60, mode="edge"))[None, None]
+    for left, top in ((-7.3, -5.1), (25.2, 20.0), (-40.0, 10.0), (12.0, 29.9), (-3.0, -3.0)):
+        here, there = square_panel(left, top, 20), square_panel(left + 60, top + 60, 20)
+        ours = Reader(PanelShape(4, 4), 4).read(Frames.whole(image), here)
+        wide = Reader(PanelShape(4, 4), 4).read(Frames.whole(padded), there)
+        torch.testing.assert_close(ours.features, wide.features, rtol=0, atol=1e-9)
+        assert torch.equal(ours.greys.centre, wide.greys.centre)
+
+
+# Decision
+
+
+class Fixed(nn.Module):
+    """A classifier of one feature that gives the scores it was made with."""
+
+    n_features = 1
+
+    def __init__(self, scores):
+        super().__init__()
+        self.scores = scores
+
+    def decision_function(self, features):
+        return self.scores.expand(features.shape[:-1])
+
+
+@hard(
+    "a score equal to the threshold",
+    "On, as Eq. 18 has it; a panel that was not found has no bits On, whatever its scores",
+    Breakage(FILES + "receiver.py", "bits = (scores >= 0) & found", "bits = (scores > 0) & found"),
+)
+def a_score_equal_to_the_threshold():
+    scores = torch.tensor([[-5e-324, -0.0], [0.0, 5e-324]], dtype=torch.float64)
+    receiver = Receiver("flda_agr", PaperLocator(), Reader(PanelShape(2, 2), 4), Fixed(scores))
+    frames = Frames.whole(texture(9).expand(2, 1, 40, 40))
+    found = square_panel(8, 8, 16)
+    corners = torch.cat([found.corners_px, torch.zeros(1, 4, 2)])
+    ones = torch.ones(2, dtype=torch.float64)
+    decoded = receiver(frames, Panels(corners, torch.tensor([True, False]), ones, ones.long()))
+    assert decoded.bits[0].tolist() == [[False, True], [True, True]]
+    assert not decoded.bits[1].any()
+    assert not decoded.scores[1].any()
+
+
+@hard(
+    "preambles equal to one another",
+    "the threshold is their level to the last bit, for any level and any number of LEDs: an LED at it reads "
+    "On, one a bit darker Off",
+    Breakage(
+        FILES + "greyscale.py",
+        "greys.mean(dim=(1, 2), keepdim=True, dtype=torch.float64)",
+        "greys.mean(dim=(1, 2), keepdim=True)",
+    ),
+)
+def preambles_equal_to_one_another():
+    levels = torch.tensor([0.0, 100.1, 1 / 3, 254.99, 1e-30, 255.0, 77.7, 1e8]).view(-1, 1, 1)
+    for rows, columns in ((1, 1), (7, 9), (3, 11), (64, 63)):
+        greys = levels.expand(-1, rows, columns)
+        threshold = preamble_threshold(greys, greys)
+        assert torch.equal(threshold, levels.double())
+        assert not greyscale_scores(greys, threshold).any()
+        darker = torch.nextafter(greys, torch.tensor(-1.0))
+        assert (greyscale_scores(darker, threshold) < 0).all()
+
+
+@hard(
+    "preambles that are swapped",
+    "the threshold lies halfway all the same, and brighter is On: a pair the wrong way round inverts nothing",
+    Breakage(FILES + "greyscale.py", "threshold = (on + off) / 2", "threshold = off + (on - off).abs() / 2"),
+)
+def preambles_that_are_swapped():
+    on, off = torch.full((1, 3, 5), 180.0), torch.full((1, 3, 5), 60.0)
+    assert torch.equal(preamble_threshold(on, off), preamble_threshold(off, on))
+    scores = greyscale_scores(torch.tensor([[[119.0, 120.0, 121.0]]]), preamble_threshold(off, on))
+    assert scores.tolist() == [[[-1.0, 0.0, 1.0]]]
+
+
+@hard(
+    "a preamble level that is NaN or infinite",
+    "refused by name: a comparison with NaN is false, and every LED would silently read Off",
+    Breakage(
+        FILES + "greyscale.py",
+        "if not bool(threshold.isfinite().all()):",
+        "if bool(threshold.isinf().all()):",
+    ),
+)
+def a_preamble_that_is_nan():
+    good = torch.full((2, 3, 3), 90.0)
+    for value in (NAN, INF, -INF):
+        broken = good.clone()
+        broken[1, 2, 0] = value
+        for on, off in ((broken, good), (good, broken), (broken, broken)):
+            with pytest.raises(VoccError, match=r"preambles hold grey values that are not finite"):
+                preamble_threshold(on, off)
+        with pytest.raises(VoccError, match=r"give a score that is not finite"):
+            greyscale_scores(broken, preamble_threshold(good, good))
+    assert torch.equal(preamble_threshold(good[:0], good[:0]), torch.empty(0, 1, 1, dtype=torch.float64))
+
+
+@hard(
+    "pictures that no receiver reads",
+    "floating, empty, coloured or deeper ones are refused by name; of one pixel, or black, no panel is found "
+    "and every bit is Off",
+    Breakage(FILES + "receiver.py", "planes.dtype != torch.uint8 or ", ""),
+)
+def pictures_that_no_receiver_reads():
+    scores = torch.ones(8, 8, dtype=torch.float64)
+    receiver = Receiver("flda_agr", PaperLocator(), Reader(), Fixed(scores))
+    byte = torch.zeros(2, 1, 5, 6, dtype=torch.uint8)
+    for images in (
+        byte.float(),
+        byte.short(),
+        byte.bool(),
+        byte.expand(2, 3, 5, 6),
+        byte[0, 0],
+        byte[..., :0],
+    ):
+        with pytest.raises(VoccError, match=r"images has dtype .* and shape .*: it must be uint8 of shape"):
+            receiver.decode(images)
+    for images in (byte, byte[..., :1, :1] + 9, byte[..., :1] + 255, byte[:0]):
+        decoded = receiver.decode(images) if len(images) else None
+        if decoded is not None:
+            assert not decoded.found.any()
+            assert not decoded.bits.any()
+            assert not decoded.scores.any()
+
+
+@hard.each
+def test_features(case):
+    case.check()

@@ -1,0 +1,960 @@
+"""Fisher's discriminant on training sets that determine it badly, hugely, or not at all."""
+
+import importlib
+import itertools
+import re
+import sys
+from pathlib import Path
+
+import mpmath
+import numpy as np
+import pytest
+import torch
+from hard_cases import Breakage, HardCases
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.stats import multivariate_normal
+from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
+
+from vocc_torch.errors import VoccError
+from vocc_torch.receiver.discriminant import FLDAWarning, discriminant
+from vocc_torch.receiver.flda import FLDA
+from vocc_torch.receiver.scatter import ClassScatter
+
+SCATTER, DISCRIMINANT, MODULE = (
+    f"vocc_torch/receiver/{name}.py" for name in ("scatter", "discriminant", "flda")
+)
+
+sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks"))
+exact_flda = importlib.import_module("exact_flda")
+EPS = float(np.finfo(np.float64).eps)
+
+hard = HardCases("FLDA")
+
+
+def clouds(seed, samples=200, features=3):
+    """Two overlapping clouds of correlated features, on a grid that float64 resolves at 1e8; their bits."""
+    rng = np.random.default_rng(seed)
+    bits = rng.random(samples) < 0.4
+    bits[:4] = False, True, False, True
+    mix = np.eye(features) + rng.uniform(-0.5, 0.5, (features, features)) / features
+    x = rng.normal(size=(samples, features)) @ mix + 1.5 * bits[:, None]
+    return torch.from_numpy(np.round(x * 2**20) / 2**20), torch.from_numpy(bits)
+
+
+def fitted(x, bits, **warning):
+    """Fit, and hold the warning to what is expected of it."""
+    if not warning:
+        return FLDA(x.shape[-1]).fit(x, bits)
+    with pytest.warns(FLDAWarning, **warning):
+        return FLDA(x.shape[-1]).fit(x, bits)
+
+
+def close(actual, expected, tolerance=1e-12):
+    """Hold two tensors equal, relative to the largest entry."""
+    torch.testing.assert_close(actual, expected, rtol=0, atol=tolerance * float(expected.abs().max()))
+
+
+def same_rule(one, other, points, tolerance=1e-12):
+    """Hold two discriminants' direction, threshold and scores equal, each relative to what it is made of."""
+    close(one.direction, other.direction, tolerance)
+    reach = (other.direction * other.mean).abs().sum(dim=-1).max()
+    assert abs(float(one.threshold - other.threshold)) <= tolerance * float(reach)
+    close(one(points), other(points), tolerance)
+
+
+def refused(says, call):
+    """Hold a call to a refusal of one line that says something."""
+    with pytest.raises(VoccError, match=re.escape(says)) as caught:
+        call()
+    assert "\n" not in str(caught.value)
+
+
+# ---- features that carry nothing, or nothing of their own ----------------------------------------
+
+
+@hard(
+    "a constant feature",
+    "weight 0 and an `FLDAWarning` that names the feature; the others' weights are those without it, for "
+    "what is the same in both classes tells nothing",
+    Breakage(DISCRIMINANT, "flat = spread <= rounding", "flat = spread < 0"),
+)
+def a_constant_feature():
+    x, bits = clouds(1)
+    alone = fitted(x, bits)
+    for value in (0.0, 0.1, -1e12):
+        wide = torch.cat([x, torch.full((200, 1), value, dtype=torch.float64)], dim=1)
+        flda = fitted(wide, bits, match=r"constant features \[3\] get weight 0")
+        assert flda.direction[3] == 0
+        close(flda.direction[:3], alone.direction)
+        close(flda(wide), alone(x))
+
+
+@hard(
+    "a constant feature of 1e17 beside classes that a combination parts",
+    "the combination parts them: the rounding of a constant is not that of the other features",
+    Breakage(
+        DISCRIMINANT,
+        "noise = torch.where(constant, 0.0, rounding / scale).norm(dim=-1)",
+        "noise = (rounding / scale).norm(dim=-1)",
+    ),
+)
+def a_huge_constant_beside_a_parting_combination():
+    x, bits = clouds(2, features=1)
+    wide = torch.cat([x, x + 0.01 * bits.unsqueeze(1), torch.full_like(x, 1e17)], dim=1)
+    flda = fitted(wide, bits, match=r"constant features \[2\].*separate without variance")
+    assert torch.equal(flda.predict(wide), bits)
+
+
+@hard(
+    "every feature constant",
+    "every score is 0, that is On, and an `FLDAWarning` says so: nothing tells the classes apart",
+    Breakage(DISCRIMINANT, "floor = values[..., -1:].clamp(min=1.0)", "floor = values[..., -1:]"),
+)
+def every_feature_constant():
+    bits = torch.arange(10) % 2
+    flda = fitted(torch.full((10, 3), 7.7), bits, match="class means coincide, so every score is 0")
+    assert not flda.direction.any()
+    assert flda.threshold == 0
+    assert flda.predict(torch.tensor([[-5.0, 0.0, 1e6]])).tolist() == [True]
+
+
+@hard(
+    "class means that coincide",
+    "every score is 0, that is On, and an `FLDAWarning` says so: Eq. 13 is 0 in every direction",
+    Breakage(DISCRIMINANT, "coincide = (scaled.gap == 0).all(dim=-1)", "coincide = null.all(dim=-1)"),
+)
+def coinciding_means():
+    x = torch.tensor([[0.0, 1.0], [1.0, -1.0], [1.0, 0.0], [-1.0, 0.5], [-1.0, -0.5]])
+    x = torch.cat([x, -x])  # both classes have mean 0 and a scatter of full rank
+    flda = fitted(torch.cat([x, 2 * x]), torch.arange(20) < 10, match="class means coincide")
+    assert flda(x).tolist() == [0.0] * 10
+    assert flda.predict(x).all()
+
+
+@hard(
+    "two identical features",
+    "each carries half of the weight of the one alone and the scores are the same; an `FLDAWarning`: any "
+    "other split would score alike, this one is the shortest in units of the features' deviations",
+    Breakage(DISCRIMINANT, "CONDITION_LIMIT = 1e12", "CONDITION_LIMIT = 1e18"),
+)
+def two_identical_features():
+    x, bits = clouds(3)
+    alone = fitted(x, bits)
+    twice = torch.cat([x, x[:, :1]], dim=1)
+    flda = fitted(twice, bits, match="collinear.*least-norm solution")
+    close(flda.direction[[0, 3]], alone.direction[[0, 0]] / 2)
+    close(flda.direction[1:3], alone.direction[1:])
+    close(flda(twice), alone(x), 1e-11)
+
+
+@hard(
+    "a feature that is a sum of two others",
+    "the least-norm solution, in units of the features' deviations, as NumPy's pseudoinverse gives it, "
+    "and an `FLDAWarning`: it scores as the features do without the sum",
+    Breakage(DISCRIMINANT, "null & ~separated.unsqueeze(-1)", "null & separated.unsqueeze(-1)"),
+)
+def collinear_features():
+    x, bits = clouds(4)
+    wide = torch.cat([x, 3 * x[:, :1] - 1e3 * x[:, 1:2] + 5], dim=1)
+    flda = fitted(wide, bits, match="collinear.*least-norm solution")
+    covariance = (flda.statistics.within / 200).numpy()
+    deviation = np.sqrt(np.diag(covariance))
+    pseudo = np.linalg.pinv(covariance / np.outer(deviation, deviation), rcond=1e-12, hermitian=True)
+    expected = pseudo @ (flda.statistics.gap.numpy() / deviation) / deviation
+    np.testing.assert_allclose(flda.direction.numpy(), expected, rtol=1e-9)
+    close(flda(wide), fitted(x, bits)(x), 1e-9)
+
+
+@hard(
+    "features that differ by float32 rounding only",
+    "as collinear features, with an `FLDAWarning`: their difference is noise of the arithmetic, below "
+    "1e-12 of the variance",
+    Breakage(DISCRIMINANT, "GAP_LIMIT = 1e-6", "GAP_LIMIT = 1e-18"),
+)
+def collinear_but_for_float32():
+    x, bits = clouds(5)
+    x = x.float()
+    wide = torch.cat([x, 1.1 * x[:, :1]], dim=1)
+    flda = fitted(wide, bits, match="collinear.*least-norm solution")
+    close(flda(wide), fitted(x, bits)(x), 1e-5)
+
+
+@hard(
+    "fewer samples than features",
+    "every training sample is decided right and scores are finite, with an `FLDAWarning`: some direction "
+    "has no variance and parts the classes",
+    Breakage(
+        DISCRIMINANT,
+        "torch.where(null & ~separated.unsqueeze(-1), 0.0, along)",
+        "torch.where(null, 0.0, along)",
+    ),
+)
+def fewer_samples_than_features():
+    for samples, features in ((6, 20), (5, 4), (40, 300)):
+        x, bits = clouds(6, samples, features)
+        flda = fitted(x, bits, match="collinear.*separate without variance")
+        assert flda.direction.isfinite().all()
+        assert torch.equal(flda.predict(x), bits)
+        off, on = flda(x)[~bits], flda(x)[bits]
+        assert max(off.std(), on.std()) < 1e-3 * (on.mean() - off.mean())  # each class at one point
+
+
+@hard(
+    "condition numbers on both sides of 1e12",
+    "below, Eq. 14 as it stands; above, the direction of least variance counts as having none, with an "
+    "`FLDAWarning`: there the rounding of the features is worth more than their variance",
+    Breakage(DISCRIMINANT, "null = values <= floor", "null = values <= 1e3 * floor"),
+)
+def both_sides_of_the_limit():
+    x, bits = clouds(7, features=2)
+    x = x / x.std(dim=0)
+    alone = fitted(x, bits)(x)
+    near = torch.stack([x[:, 0], x[:, 0] + 1e-5 * x[:, 1]], dim=1)  # 4e10
+    close(fitted(near, bits)(near), alone, 1e-5)
+    nearer = torch.stack([x[:, 0], x[:, 0] + 1e-7 * x[:, 1]], dim=1)  # 4e14
+    flda = fitted(nearer, bits, match="ill-conditioned")
+    assert flda.direction.isfinite().all()
+
+
+@hard(
+    "Hilbert-like scatter, condition numbers from 10 to 1e12",
+    "direction and threshold within 10 x condition number x machine epsilon of the 50-digit answer, also at "
+    "offsets of 1e8 and with scales from 1e-12 to 1e12: the figure shows what is left",
+    Breakage(
+        DISCRIMINANT,
+        "torch.linalg.solve(system, along.unsqueeze(-1))",
+        "torch.linalg.pinv(system, rtol=1e-8) @ along.unsqueeze(-1)",
+    ),
+)
+def hilbert_like_scatter():
+    rng = np.random.default_rng(6)
+    for family in exact_flda.FAMILIES * 6:
+        draw = exact_flda.Draw.of(family.__name__, *family(rng))
+        if not draw.warned:
+            assert max(draw.direction_error, draw.threshold_error) <= 10 * draw.condition * EPS, draw
+
+
+# ---- classes -------------------------------------------------------------------------------------
+
+
+@hard(
+    "one class missing",
+    "refused by the class's name as soon as a rule is wanted; streaming may begin with one class",
+    Breakage(MODULE, "if off == 0 or on == 0:", "if off == 0 and on == 0:"),
+)
+def one_class_missing():
+    x, bits = clouds(8)
+    for bit, name in ((True, "Off (bit 0)"), (False, "On (bit 1)")):
+        only = x[bits == bit]
+        labels = torch.full((len(only),), bit)
+        refused(
+            f"no {name} sample, only {len(only)} of the other", lambda x=only, y=labels: FLDA(3).fit(x, y)
+        )
+        flda = FLDA(3).update(only, labels)
+        for use in (lambda f=flda: f.direction, lambda f=flda: f.threshold, lambda f=flda: f.predict(x)):
+            refused(f"no {name} sample", use)
+        same_rule(flda.update(x[bits != bit], ~labels[:1].expand(200 - len(only))), fitted(x, bits), x)
+        refused(f"bits has no {name} sample", lambda x=only, y=labels: discriminant(x, y))
+
+
+@hard(
+    "no samples at all",
+    "refused: no samples have been seen; an empty piece or shard changes nothing, bit by bit",
+    Breakage(SCATTER, "count.clamp(min=1).to(torch.float64)", "count.to(torch.float64)"),
+)
+def no_samples():
+    refused("FLDA has seen no samples", lambda: FLDA(2).direction)
+    refused("FLDA has seen no samples", lambda: FLDA(2).fit(torch.empty(0, 2), torch.empty(0)))
+    x, bits = clouds(9)
+    nothing = FLDA(3).update(torch.empty(0, 8, 8, 3), torch.empty(0, 8, 8, dtype=torch.bool))
+    whole = fitted(x, bits)
+    for joined in (
+        FLDA(3).update(x, bits).merge(nothing),
+        FLDA(3).merge(nothing).merge(whole),
+        nothing.update(x, bits),
+    ):
+        for name, value in joined.state_dict().items():
+            assert torch.equal(value, whole.state_dict()[name]), name
+
+
+@hard(
+    "a class of one sample",
+    "Eq. 14 with the other class's scatter alone, as NumPy solves it: one sample has a mean and no spread",
+    Breakage(
+        DISCRIMINANT,
+        "seen.count.to(torch.float64).sum(dim=-1)[",
+        "seen.count.to(torch.float64).amin(dim=-1)[",
+    ),
+)
+def a_class_of_one_sample():
+    x, _ = clouds(10)
+    bits = torch.arange(200) == 17
+    rest, one = x[~bits].numpy(), x[17].numpy()
+    expected = np.linalg.solve(np.cov(rest.T, bias=True) * 199 / 200, one - rest.mean(axis=0))
+    for labels, sign in ((bits, 1), (~bits, -1)):
+        np.testing.assert_allclose(fitted(x, labels).direction.numpy(), sign * expected, rtol=1e-9)
+
+
+@hard(
+    "one sample of each class",
+    "the nearer one decides, distances in units of the samples' difference in each feature, with an "
+    "`FLDAWarning`: nothing else is known",
+    Breakage(DISCRIMINANT, "torch.where(constant, 1.0, gap.detach().abs())", "torch.ones_like(gap)"),
+)
+def one_sample_of_each_class():
+    x = torch.tensor([[0.0, 1.0], [2.0, 9.0]], dtype=torch.float64)
+    flda = fitted(x, torch.tensor([0, 1]), match=r"features \[0, 1\] differ between the classes")
+    assert flda.predict(x).tolist() == [False, True]
+    points = torch.rand(200, 2, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
+    points = points * torch.tensor([6.0, 24.0]) - torch.tensor([2.0, 8.0])
+    nearer_on = ((points - x[1]) / (x[1] - x[0])).norm(dim=1) < ((points - x[0]) / (x[1] - x[0])).norm(dim=1)
+    assert torch.equal(flda.predict(points), nearer_on)
+
+
+@hard(
+    "classes without overlap",
+    "nothing special: scores are the log-likelihood ratio of two Gaussians, as SciPy gives it, from 1 to "
+    "1e6 deviations apart",
+    Breakage(SCATTER, "_moments(rows[~on]), _moments(rows[on])", "_moments(rows[~on]), _moments(rows)"),
+)
+def classes_without_overlap():
+    x, bits = clouds(11)
+    for apart in (1.0, 1e2, 1e6):
+        far = x + apart * bits.unsqueeze(1)
+        flda = fitted(far, bits)
+        pooled = flda.statistics.within.numpy() / 200
+        ratio = [multivariate_normal(mean.numpy(), pooled).logpdf(far.numpy()) for mean in flda.mean]
+        close(flda(far), torch.from_numpy(ratio[1] - ratio[0]), 1e-9)
+        if apart > 1:
+            assert torch.equal(flda.predict(far), bits)
+
+
+@hard(
+    "a feature that parts the classes without varying within them",
+    "it decides alone, by its midpoint, with an `FLDAWarning`; scores are huge and finite, for its "
+    "variance is taken as 1e-12 of its step: no other feature can outvote it",
+    Breakage(DISCRIMINANT, "& (seen.gap.abs() <= rounding)", "& (seen.gap <= rounding)"),
+)
+def a_parting_feature_without_variance():
+    x, bits = clouds(12)
+    for gap in (1.0, -1e-9, 1e9):
+        wide = torch.cat([x, 5.0 + gap * bits.double().unsqueeze(1)], dim=1)
+        flda = fitted(wide, bits, match=r"features \[3\] differ between the classes but not within them")
+        assert flda(wide).isfinite().all()
+        assert torch.equal(flda.predict(wide), bits)
+        for share, bit in ((0.49, False), (0.51, True)):
+            wide[:, 3] = 5.0 + share * gap
+            assert (flda.predict(wide) == bit).all()
+
+
+@hard(
+    "3 On samples among 100,000",
+    "the rule of the class means, whatever the share: Eq. 19 is the midpoint of the two projected means, "
+    "not the mean of all projections; as scikit-learn without its priors",
+    Breakage(
+        SCATTER,
+        "off, on = (self.mean / 2).unbind(dim=-2)",
+        "off, on = (self.mean * (self.count / self.count.sum()).unsqueeze(-1)).unbind(dim=-2)",
+    ),
+)
+def very_unequal_classes():
+    x, _ = clouds(13, samples=100_000)
+    bits = torch.zeros(100_000, dtype=torch.bool)
+    bits[[5, 500, 50_000]] = True
+    x = x + 3.0 * bits.unsqueeze(1)
+    flda = fitted(x, bits)
+    oracle = LinearDiscriminantAnalysis(solver="lsqr").fit(x.numpy(), bits.numpy())
+    equal_priors = oracle.decision_function(x.numpy()) - np.log(3 / 99_997)
+    close(flda(x), torch.from_numpy(equal_priors), 1e-9)
+
+
+# ---- scales and offsets --------------------------------------------------------------------------
+
+
+@hard(
+    "an offset of 1e8 with unit spread",
+    "direction and scores are those without the offset, to 1e-12, in one piece or in many: means are kept "
+    "to 32 digits, relative to the first sample while a piece is summed up",
+    Breakage(SCATTER, "fine * share + lost)", "fine * share)"),
+)
+def a_large_offset():
+    x, bits = clouds(14)
+    near = fitted(x, bits)
+    for offset in (1e8, -1e8, torch.tensor([1e8, 0.0, -1e6], dtype=torch.float64)):
+        far, streamed = fitted(x + offset, bits), FLDA(3)
+        for part in torch.arange(200).split(7):
+            streamed.update(x[part] + offset, bits[part])
+        for flda in (far, streamed):
+            close(flda.direction, near.direction)
+            close(flda(x + offset), near(x))
+            expected = near.threshold + (near.direction * offset).sum()
+            reach = (near.direction * offset).abs().sum()
+            assert abs(float(flda.threshold - expected)) < 1e-12 * float(reach)
+
+
+@hard(
+    "scales of 1e-12 and 1e12 side by side",
+    "scores and decisions are those in equal units, and no warning: the condition number counts in units "
+    "of the features' deviations",
+    Breakage(
+        DISCRIMINANT,
+        "scale = torch.where(flat, torch.where(constant, 1.0, gap.detach().abs()), spread)",
+        "scale = torch.ones_like(spread)",
+    ),
+)
+def scales_side_by_side():
+    x, bits = clouds(15)
+    plain = fitted(x, bits)
+    for units in ([1e-12, 1.0, 1e12], [1e12, -1e12, 1e-12], [1e-140, 1e140, 1.0]):
+        gain = torch.tensor(units, dtype=torch.float64)
+        flda = fitted(x * gain, bits)
+        close(flda.direction * gain, plain.direction)
+        close(flda(x * gain), plain(x))
+        assert torch.equal(flda.predict(x * gain), plain.predict(x))
+
+
+@hard(
+    "spreads below 1e-150, subnormal ones among them",
+    "as a constant feature, with an `FLDAWarning`: their squares are beyond float64; from 1e-150 on all "
+    "digits are kept",
+    Breakage(DISCRIMINANT, ".clamp(min=SMALLEST)", ".clamp(min=0.0)"),
+)
+def tiny_spreads():
+    x, bits = clouds(16)
+    plain = fitted(x, bits)
+    close(fitted(x * 1e-149, bits)(x * 1e-149), plain(x))
+    close(fitted(x * 1e-149, bits).direction * 1e-149, plain.direction)
+    for scale in (1e-152, 1e-160, 1e-300, 1e-318):
+        flda = fitted(x * scale, bits, match=r"constant features \[0, 1, 2\] get weight 0")
+        assert not flda.direction.any()
+        assert flda(x * scale).tolist() == [0.0] * 200
+
+
+@hard(
+    "features beyond 1e150",
+    "refused, with the range, before anything is learned: their squares overflow float64; up to 1e150 all "
+    "digits are kept",
+    Breakage(
+        SCATTER,
+        "torch.isfinite(self.gap).all() & torch.isfinite(self.within).all()",
+        "torch.isfinite(self.gap).all() & torch.isfinite(self.scatter).all()",
+    ),
+)
+def huge_features():
+    x, bits = clouds(17)
+    plain = fitted(x, bits)
+    close(fitted(x * 1e150, bits)(x * 1e150), plain(x))
+    # At the second scale each class's sum of squares is in range, and only their sum is not.
+    edge = float((torch.finfo(torch.float64).max / plain.scatter.diagonal(dim1=1, dim2=2).amax()).sqrt())
+    for scale in (1e200, 0.999 * edge, 1e307):
+        flda = FLDA(3).fit(x, bits)
+        refused("features are too large", lambda f=flda, s=scale: f.fit(x * s, bits))
+        refused("features are too large", lambda f=flda, s=scale: f.update(x * s, bits))
+        same_rule(flda, plain, x, 0.0)
+
+
+@hard(
+    "other units, and zeros elsewhere, for each feature",
+    "the same decisions: scores change by rounding only, for gains from 1e-12 to 1e12 of either sign and "
+    "shifts of 1e7 deviations; not by a bit for gains that are powers of two",
+    Breakage(
+        DISCRIMINANT,
+        "ROUNDING = 8 * torch.finfo(torch.float64).eps",
+        "ROUNDING = torch.finfo(torch.float32).eps",
+    ),
+)
+def other_units():
+    for seed in range(10):
+        x, bits = clouds(seed)
+        plain = fitted(x, bits)
+        rng = np.random.default_rng(seed)
+        gain = torch.from_numpy(10.0 ** rng.uniform(-12, 12, 3) * rng.choice([-1, 1], 3))
+        shifted = (x + torch.from_numpy(rng.uniform(-100, 100, 3))) * gain
+        close(fitted(shifted, bits)(shifted), plain(x), 1e-11)
+        assert torch.equal(fitted(shifted, bits).predict(shifted), plain.predict(x))
+        whole = x + torch.from_numpy(rng.integers(-(10**7), 10**7, 3))
+        close(fitted(whole, bits)(whole), plain(x))
+        twofold = x * torch.from_numpy(2.0 ** rng.integers(-400, 400, 3))
+        assert torch.equal(fitted(twofold, bits)(twofold), plain(x))
+
+
+# ---- streams and shards --------------------------------------------------------------------------
+
+
+@hard(
+    "pieces of any size and order",
+    "direction, threshold and scores are those of one piece, to 1e-12, also at an offset of 1e8: sums are "
+    "kept to 32 digits and never cancel",
+    Breakage(SCATTER, "two_sum(self.mean, coarse * share)", "two_sum(self.mean, coarse / 2)"),
+)
+def pieces_of_any_size():
+    @settings(max_examples=15, deadline=None)
+    @given(
+        seed=st.integers(0, 10**6),
+        cuts=st.lists(st.integers(0, 150), max_size=40),
+        offset=st.sampled_from([0.0, 1e8]),
+    )
+    def holds(seed, cuts, offset):
+        x, bits = clouds(seed, samples=150)
+        x = x + offset
+        edges = [0, *sorted(cuts), 150]
+        pieces = [slice(a, b) for a, b in itertools.pairwise(edges)]
+        streamed = FLDA(3)
+        for place in np.random.default_rng(seed).permutation(len(pieces)):
+            streamed.update(x[pieces[place]], bits[pieces[place]])
+        same_rule(streamed, fitted(x, bits), x)
+
+    holds()
+
+
+@hard(
+    "shards merged in any tree",
+    "as one piece, to 1e-12: merging is symmetric but for the last digit",
+    Breakage(SCATTER, "(self.count.unsqueeze(-1) * share)", "(theirs.count.unsqueeze(-1) * share)"),
+)
+def shards_in_any_tree():
+    for seed in range(6):
+        x, bits = clouds(seed)
+        x = x + 1e8 * (seed % 2)
+        rng = np.random.default_rng(seed)
+        edges = [0, *sorted(rng.integers(0, 200, 30).tolist()), 200]
+        shards = [FLDA(3).update(x[a:b], bits[a:b]) for a, b in itertools.pairwise(edges)]
+        while len(shards) > 1:
+            other = shards.pop(int(rng.integers(len(shards))))
+            shards[int(rng.integers(len(shards)))].merge(other)
+        same_rule(shards[0], fitted(x, bits), x)
+
+
+@hard(
+    "samples in another order",
+    "the same rule to 1e-12 and the same decisions, in one piece or in two, whichever class comes first",
+    Breakage(
+        SCATTER, "_moments(rows[~on]), _moments(rows[on])", "_moments(rows[~on]), _moments(rows[on][1:])"
+    ),
+)
+def another_order():
+    for seed in range(10):
+        x, bits = clouds(seed)
+        x = x + 1e8 * (seed % 2)
+        flda = fitted(x, bits)
+        generator = torch.Generator().manual_seed(seed)
+        random, by_class = torch.randperm(200, generator=generator), bits.int().argsort()
+        for order in (random, by_class, by_class.flip(0)):
+            shuffled = fitted(x[order], bits[order])
+            halves = FLDA(3).update(x[order[:99]], bits[order[:99]]).update(x[order[99:]], bits[order[99:]])
+            for other in (shuffled, halves):
+                same_rule(other, flda, x)
+                assert torch.equal(other.predict(x), flda.predict(x))
+
+
+@hard(
+    "1e8 samples by merging shards",
+    "the rule of one shard, bit by bit where every shard holds the same samples, and to 1e-12 after "
+    "single samples more: the error does not grow with the number of samples",
+    Breakage(
+        SCATTER,
+        "count = self.count + theirs.count",
+        "count = (self.count + theirs.count).to(torch.float16).long()",
+    ),
+)
+def a_hundred_million_samples():
+    x, bits = clouds(18, samples=1000)
+    shard = fitted(x + 1e8, bits)
+    flda = FLDA(3).fit(x + 1e8, bits)
+    for _ in range(17):
+        flda.merge(flda)
+    assert int(flda.count.sum()) == 1000 * 2**17 > 1e8
+    for name in ("direction", "threshold"):
+        assert torch.equal(getattr(flda, name), getattr(shard, name))
+    close(flda.scatter, shard.scatter * 2**17, 1e-15)
+    # One sample more moves the mean of its class by its distance over the count, a part in 1e8.
+    count, mean, rest = int(flda.count[1]), flda.mean[1], flda.mean_rest[1]
+    flda.update(mean + 1000.0, torch.tensor(True))
+    moved = (flda.mean[1] - mean) + (flda.mean_rest[1] - rest)
+    expected = torch.full((3,), 1000.0 / (count + 1), dtype=torch.float64)
+    torch.testing.assert_close(moved, expected, rtol=1e-9, atol=0)
+
+
+@hard(
+    "pieces too small to change a sum of float64",
+    "none is lost: 2,000 of them, each below half a unit in the last place of the scatter, add up exactly",
+    Breakage(SCATTER, "rest = self.scatter_rest + theirs.scatter_rest + lost", "rest = lost"),
+)
+def pieces_below_the_last_digit():
+    large = torch.tensor([[2.0**30], [-(2.0**30)]], dtype=torch.float64)  # scatter 2^61, last digit 2^9
+    small = torch.tensor([[8.0], [-8.0]], dtype=torch.float64)  # scatter 2^7
+    total = ClassScatter.of(large, torch.tensor([1, 1]), 1)
+    piece = ClassScatter.of(small, torch.tensor([1, 1]), 1)
+    for _ in range(2000):
+        total = total.merged(piece)
+    exact = 2**61 + 2000 * 2**7
+    assert int(total.scatter[1].item()) + int(total.scatter_rest[1].item()) == exact
+
+
+@hard(
+    "more samples than int64 counts",
+    "refused: the count has overflowed; 9e18 samples of a class are the limit",
+    Breakage(SCATTER, "if bool((self.count < 0).any()):", "if bool((self.count < 0).all()):"),
+)
+def a_count_that_overflows():
+    x, _ = clouds(19)
+    bits = torch.arange(200) % 4 == 1
+    flda = FLDA(3).update(x, bits)
+    for _ in range(55):
+        flda.merge(flda)  # once more, and 150 times 2^56 Off samples are beyond 2^63, the On samples are not
+    refused("count is below 0: more than 9e18 samples", lambda: flda.merge(flda))
+    same_rule(flda, fitted(x, bits), x)
+
+
+@hard(
+    "a piece of a million samples",
+    "sums right to a few units in the last place, as NumPy's 80-bit sums show: samples are summed in "
+    "blocks and blocks in a tree",
+    Breakage(SCATTER, "_BLOCK = 512", "_BLOCK = 1 << 30"),
+)
+def a_piece_of_a_million():
+    generator = torch.Generator().manual_seed(0)
+    x = torch.randn(1_000_000, 2, generator=generator, dtype=torch.float64)
+    seen = ClassScatter.of(x, torch.ones(1_000_000, dtype=torch.bool), 2)
+    wide = x.numpy().astype(np.longdouble)
+    centred = wide - wide.mean(axis=0)
+    for i, j in ((0, 0), (0, 1), (1, 1)):
+        exact = (centred[:, i] * centred[:, j]).sum()
+        assert abs(float(seen.scatter[1, i, j] - exact)) < 1e-15 * 1e6
+
+
+@hard(
+    "every sample twice, or a thousand times",
+    "the rule of the samples once: the covariance is a mean over samples, of which N is the number",
+    Breakage(
+        DISCRIMINANT,
+        "torch.float64).sum(dim=-1)[..., None, None]",
+        "torch.float64).sum(dim=-1)[..., None, None] - 2",
+    ),
+)
+def repeated_samples():
+    x, bits = clouds(20, samples=60)
+    once = fitted(x, bits)
+    for times in (2, 1000):
+        same_rule(fitted(x.repeat(times, 1), bits.repeat(times)), once, x)
+
+
+# ---- kinds of input ------------------------------------------------------------------------------
+
+
+@hard(
+    "float16, bfloat16 and float32 features",
+    "widened to float64 before any sum, so the rule is that of the same numbers in float64, bit by bit; "
+    "sums of squares beyond 65,504 do not overflow",
+    Breakage(
+        SCATTER,
+        "return features.to(torch.float64)",
+        "return features.to(torch.promote_types(features.dtype, torch.float32))",
+    ),
+)
+def narrow_features():
+    x, bits = clouds(21, samples=3000)
+    for dtype in (torch.float16, torch.bfloat16, torch.float32):
+        narrow = (x * 100 + 3000).to(dtype)
+        flda, wide = fitted(narrow, bits), fitted(narrow.double(), bits)
+        for name, value in flda.state_dict().items():
+            assert torch.equal(value, wide.state_dict()[name]), name
+        assert flda(narrow).dtype == torch.float64
+        assert torch.equal(flda(narrow), wide(narrow.double()))
+        assert narrow.double().square().sum() > 65504
+
+
+@hard(
+    "integer and boolean features",
+    "widened like the others: the whole range of uint8 and int64 up to 2^53 come without rounding",
+    Breakage(SCATTER, "if features.is_complex():", "if not features.is_floating_point():"),
+)
+def integer_features():
+    x, bits = clouds(22)
+    for dtype, centre in ((torch.uint8, 100), (torch.int32, -(2**30)), (torch.int64, 2**40)):
+        whole = ((x * 8).round() + centre).to(dtype)
+        same_rule(fitted(whole, bits), fitted(whole.double(), bits), whole, 0.0)
+        close(fitted(whole, bits)(whole), fitted((x * 8).round(), bits)((x * 8).round()), 1e-11)
+    flags = torch.rand(200, 2, generator=torch.Generator().manual_seed(0)) < 0.3 + 0.4 * bits.unsqueeze(1)
+    same_rule(fitted(flags, bits), fitted(flags.double(), bits), flags, 0.0)
+
+
+@hard(
+    "features that are not finite",
+    "refused with value, feature and sample, whichever the sample; the statistics stay as they were",
+    Breakage(SCATTER, "if not bool(finite.all()):", "if not bool(finite.any()):"),
+)
+def features_not_finite():
+    x, bits = clouds(23)
+    flda = fitted(x, bits)
+    for value, text in ((torch.nan, "nan"), (torch.inf, "inf"), (-torch.inf, "-inf")):
+        for dtype in (torch.float64, torch.float16):
+            bad = x.clone().to(dtype)
+            bad[17, 2] = value
+            for learn in (flda.fit, flda.update, discriminant):
+                says = f"features holds {text} in feature 2 (sample 17): it must be finite"
+                refused(says, lambda f=learn, b=bad: f(b, bits))
+    same_rule(flda, fitted(x, bits), x, 0.0)
+
+
+@hard(
+    "a score that is not finite",
+    "never a bit: refused where a feature is not finite or so far away that its score overflows; scores "
+    "alone say it themselves, for a check of every feature would stall an accelerator",
+    Breakage(MODULE, "if not bool(scores.isfinite().all()):", "if bool(scores.isnan().any()):"),
+)
+def scores_not_finite():
+    x, bits = clouds(24)
+    flda = fitted(x * 1e-12, bits)
+    for value, score in ((torch.nan, "nan"), (torch.inf, "inf"), (1e300, "inf"), (-1e300, "-inf")):
+        point = x[:2] * 1e-12
+        point[1, int(flda.direction.abs().argmax())] = value
+        sign = float(flda.direction[flda.direction.abs().argmax()].sign())
+        assert flda(point).isfinite().tolist() == [True, False]
+        if value == value:
+            assert float(flda(point)[1]) == sign * float(score)
+        refused("neither On nor Off", lambda p=point: flda.predict(p))
+
+
+@hard(
+    "bits that are neither 0 nor 1",
+    "refused with the value: 2, -1, 0.5 and NaN; 0 and 1 count in any dtype",
+    Breakage(SCATTER, "stray = on[(on != 0) & (on != 1)]", "stray = on[(on < 0) | (on > 1) | (on == 0.5)]"),
+)
+def stray_bits():
+    x, bits = clouds(25)
+    for stray in (2.0, -1.0, 0.5, torch.nan, torch.inf):
+        labels = bits.double()
+        labels[3] = stray
+        for learn in (FLDA(3).fit, FLDA(3).update, discriminant):
+            refused(
+                f"bits holds {stray:g}: each must be 0 (Off) or 1 (On)", lambda f=learn, y=labels: f(x, y)
+            )
+    for dtype in (torch.uint8, torch.int64, torch.float16, torch.float64):
+        same_rule(fitted(x, bits.to(dtype)), fitted(x, bits), x, 0.0)
+
+
+@hard(
+    "one feature",
+    "a threshold at the midpoint of the means, direction the gap over the variance",
+    Breakage(SCATTER, "self.mean.diff(dim=-2).squeeze(-2) +", "self.mean.diff(dim=-2).squeeze() +"),
+)
+def one_feature():
+    x, bits = clouds(26, features=1)
+    flda = fitted(x, bits)
+    off, on = x[~bits].numpy(), x[bits].numpy()
+    variance = (off.var() * len(off) + on.var() * len(on)) / 200
+    np.testing.assert_allclose(flda.direction.numpy(), [(on.mean() - off.mean()) / variance], rtol=1e-12)
+    middle = (on.mean() + off.mean()) / 2
+    assert torch.equal(flda.predict(x), x[:, 0] >= middle)
+    assert discriminant(x, bits).direction.shape == (1,)
+    assert discriminant(x.expand(2, 200, 1), bits.expand(2, 200)).direction.shape == (2, 1)
+
+
+@hard(
+    "256 features",
+    "as scikit-learn's least-squares solution, to 1e-9",
+    Breakage(SCATTER, ".sum(dim=0) + tail.mT @ tail", ".sum(dim=0)"),
+)
+def many_features():
+    x, bits = clouds(27, samples=3000, features=256)
+    oracle = LinearDiscriminantAnalysis(solver="lsqr").fit(x.numpy(), bits.numpy())
+    expected = torch.from_numpy(oracle.coef_[0])
+    close(fitted(x, bits).direction, expected, 1e-9)
+
+
+# ---- decisions -----------------------------------------------------------------------------------
+
+
+@hard(
+    "a score of exactly 0",
+    "On (Eq. 18 decides On from the threshold on), before and after swapping the classes",
+    Breakage(MODULE, "return scores >= 0", "return scores > 0"),
+)
+def a_score_of_zero():
+    x, bits = clouds(28, samples=64)
+    x, bits = (8 * x).round(), torch.arange(64) % 2 == 1  # means of 32 whole numbers, exact in float64
+    for labels in (bits, ~bits):
+        flda = fitted(x, labels)
+        middle = flda.mean.mean(dim=0)
+        assert flda(middle) == 0
+        assert flda.predict(middle)
+        below = middle - 1e-9 * flda.direction / flda.direction.norm()
+        assert not flda.predict(below)
+
+
+@hard(
+    "swapped classes",
+    "direction, threshold and every score change their sign and nothing else, bit by bit, also where the "
+    "rule is not determined",
+    Breakage(SCATTER, "middle, lost = two_sum(off, on)", "middle, lost = 2 * off, on - off"),
+)
+def swapped_classes():
+    for seed in range(8):
+        x, bits = clouds(seed, features=4)
+        x[:, 3] = (0.1, x[:, 0], 0.1 + 0.1 * bits, x[:, 3])[seed % 4]
+        x = x * 1.1 + (seed // 4) * 1e8
+        rules = []
+        for labels in (bits, ~bits):
+            flda = FLDA(4)
+            for part in (slice(0, 70), slice(70, 200)):
+                flda.update(x[part], labels[part])
+            if seed % 4 < 3:
+                with pytest.warns(FLDAWarning):
+                    _ = flda.direction
+            rules.append(flda)
+        one, other = rules
+        assert torch.equal(other.direction, -one.direction)
+        assert torch.equal(other.threshold, -one.threshold)
+        assert torch.equal(other(x), -one(x))
+
+
+@hard(
+    "statistics that no samples have",
+    "refused when a rule is wanted: a negative variance or a number that is not finite is never turned "
+    "into bits",
+    Breakage(SCATTER, "self.within.diagonal(dim1=-2, dim2=-1) < 0", "self.within.amax(dim=(-2, -1)) < 0"),
+)
+def impossible_statistics():
+    x, bits = clouds(29)
+    for name, value, says in (
+        ("scatter", -5.0, "scatter holds a variance below 0"),
+        ("scatter", torch.nan, "too large"),
+        ("mean", torch.inf, "too large"),
+        ("mean_rest", torch.nan, "too large"),
+        ("count", -3, "count is below 0"),
+    ):
+        state = {key: part.clone() for key, part in fitted(x, bits).state_dict().items()}
+        state[name].view(-1)[0] = value * (1e3 if name == "scatter" else 1)
+        flda = FLDA(3)
+        flda.load_state_dict(state)
+        refused(says, lambda f=flda: f.direction)
+
+
+@hard(
+    "statistics of an older file",
+    "read as they were meant: what a newer file adds to each number, its second half, is 0",
+    Breakage(MODULE, 'for name in ("mean", "scatter"):', 'for name in ("mean",):'),
+)
+def an_older_file():
+    x, bits = clouds(30)
+    flda = fitted(x, bits)
+    state = {key: part for key, part in flda.state_dict().items() if not key.endswith("_rest")}
+    older = FLDA(3)
+    older.load_state_dict(state)
+    same_rule(older, flda, x)
+    same_rule(older.update(x + 1, bits), flda.update(x + 1, bits), x)
+
+
+# ---- gradients -----------------------------------------------------------------------------------
+
+
+def gradient_of_scores(x, bits):
+    """Differentiate a weighted sum of the scores of the training set, its features held apart."""
+    tracked = x.clone().requires_grad_()
+    scores = discriminant(tracked, bits).scores(x)
+    weights = torch.linspace(-1, 2, scores.numel(), dtype=torch.float64).sin()
+    return torch.autograd.grad((scores * weights).sum(), tracked)[0]
+
+
+@hard(
+    "the gradient through a regular training set",
+    "the closed form's, first and second, as finite differences show",
+    Breakage(
+        DISCRIMINANT,
+        "spread = covariance.detach().diagonal(dim1=-2, dim2=-1).sqrt()",
+        "covariance = covariance.detach(); spread = covariance.diagonal(dim1=-2, dim2=-1).sqrt()",
+    ),
+)
+def a_regular_gradient():
+    x, bits = clouds(31, samples=7, features=2)
+    x.requires_grad_()
+
+    def rule(x):
+        found = discriminant(x, bits)
+        return found.direction, found.threshold, found.scores(x)
+
+    assert torch.autograd.gradcheck(rule, (x,))
+    assert torch.autograd.gradgradcheck(rule, (x,))
+
+
+@hard(
+    "the gradient near singularity",
+    "within 10 x condition number x machine epsilon of 25-digit finite differences, up to 1e12: as exact as "
+    "the solution itself",
+    Breakage(DISCRIMINANT, "basis.mT @ scaled.within @ basis", "torch.diag_embed(values)"),
+)
+def a_gradient_near_singularity():
+    for power in (3, 7, 10):
+        rng = np.random.default_rng(power)
+        axes, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+        on = np.arange(12) % 2 == 1
+        root = axes * np.logspace(0, -power / 2, 3)
+        x = rng.normal(size=(12, 3)) @ root.T + on[:, None] * rng.normal(size=3)
+        step, h = rng.normal(size=x.shape), mpmath.mpf(10) ** -20
+        tracked = torch.from_numpy(x).requires_grad_()
+        rule = discriminant(tracked, torch.from_numpy(on))
+        parts = torch.autograd.grad(rule.threshold, tracked)[0].numpy() * step
+        with mpmath.workdps(60):
+            exact = np.vectorize(mpmath.mpf, otypes=[object])
+            sides = [exact_flda.Exact.of(exact(x) + h * sign * exact(step), on) for sign in (-1, 1)]
+            slope = float((sides[1].threshold - sides[0].threshold) / (2 * h))
+        condition = exact_flda.condition_number(x, on)
+        assert condition < 1e12
+        assert abs(parts.sum() - slope) <= 10 * condition * EPS * np.linalg.norm(parts)
+
+
+@hard(
+    "the gradient through a constant feature",
+    "0 for the feature, and the others' as without it: the least step of a constant feature would make "
+    "its weight jump, so it is held where it is",
+    Breakage(
+        DISCRIMINANT,
+        "spread = covariance.detach().diagonal(dim1=-2, dim2=-1).sqrt()",
+        "spread = covariance.diagonal(dim1=-2, dim2=-1).sqrt()",
+    ),
+)
+def a_gradient_through_a_constant():
+    x, bits = clouds(32, samples=30, features=2)
+    wide = torch.cat([x, torch.full((30, 1), 0.1, dtype=torch.float64)], dim=1)
+    with pytest.warns(FLDAWarning, match=r"constant features \[2\]"):
+        gradient = gradient_of_scores(wide, bits)
+    assert (gradient[:, 2] == 0).all()
+    close(gradient[:, :2], gradient_of_scores(x, bits), 1e-11)
+
+
+@hard(
+    "the gradient through three identical features",
+    "finite, and a third of that of the one alone for each: directions in which they differ are held without "
+    "weight",
+    Breakage(
+        DISCRIMINANT, "null.unsqueeze(-1) | null.unsqueeze(-2)", "null.unsqueeze(-1) & null.unsqueeze(-2)"
+    ),
+)
+def a_gradient_through_triplets():
+    x, bits = clouds(33, samples=30, features=2)
+    with pytest.warns(FLDAWarning, match="collinear"):
+        gradient = gradient_of_scores(torch.cat([x, x[:, :1], x[:, :1]], dim=1), bits)
+    alone = gradient_of_scores(x, bits)
+    close(gradient[:, [0, 2, 3]], alone[:, [0, 0, 0]] / 3, 1e-9)
+    close(gradient[:, 1], alone[:, 1], 1e-9)
+
+
+@hard.each
+def test_flda(case):
+    case.check()
+
+
+@pytest.mark.slow
+def test_a_stream_of_a_hundred_million_samples():
+    # A million samples a hundred times over, cut anywhere: the rule is that of the million.
+    x, bits = clouds(34, samples=1_000_000)
+    x = x + 1e8
+    flda, rng, at, left = FLDA(3), np.random.default_rng(0), 0, 100_000_000
+    while left:
+        size = int(min(left, 10 ** rng.uniform(0, 6), 1_000_000 - at))
+        flda.update(x[at : at + size], bits[at : at + size])
+        at, left = (at + size) % 1_000_000, left - size
+    assert int(flda.count.sum()) == 100_000_000
+    same_rule(flda, fitted(x, bits), x[:1000])

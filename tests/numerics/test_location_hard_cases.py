@@ -1,0 +1,817 @@
+"""Hard cases of location: frames in which there is nothing to find, or too much, and corners of no panel."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+from fractions import Fraction
+from functools import lru_cache
+
+import cv2
+import numpy as np
+import pytest
+import torch
+from hard_cases import Breakage, HardCases
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from vocc_torch.errors import VoccError
+from vocc_torch.receiver.components import label_components
+from vocc_torch.receiver.lattice_fit import fit_lattice
+from vocc_torch.receiver.lattice_model import Lattice
+from vocc_torch.receiver.lattice_search import search_lattice
+from vocc_torch.receiver.location import PaperLocator
+from vocc_torch.receiver.morphology import close_mask
+from vocc_torch.receiver.otsu import histogram256, otsu_threshold
+from vocc_torch.receiver.reader import Reader
+from vocc_torch.receiver.rectification import cell_homography, centre_greys, rectify
+from vocc_torch.receiver.refined import RefinedLocator
+from vocc_torch.types import Frames, Panels, PanelShape
+
+hard = HardCases("Location")
+SHAPE = PanelShape(8, 8)
+PAPER, REFINED = PaperLocator(), RefinedLocator()
+ANYTHING = PaperLocator(min_area_px=1, min_rectangularity=0.0, min_compactness=0.0)
+FILES = "vocc_torch/receiver/"
+# Corners of the panel in `scene`, its pitch 5 px.
+TRUTH = torch.tensor([[60.0, 60.0], [100.0, 60.0], [100.0, 100.0], [60.0, 100.0]], dtype=torch.float64)
+ALL_ON = np.ones((8, 8), bool)
+ALL_OFF = ~ALL_ON
+ONE_ON = ALL_OFF.copy()
+ONE_ON[3, 4] = True
+ROWS_OFF = ALL_ON.copy()
+ROWS_OFF[[0, -1]] = False
+
+
+def scene(bits=None, *, on=0.6, off=0.1, pitch=5.0, centre=(80.0, 80.0), angle_deg=0.0, size=(160, 160)):
+    """Spots of Gaussian light in a grey frame, of a camera with a gamma of 2.2."""
+    if bits is None:
+        bits = np.random.default_rng(5).random((8, 8)) < 0.5
+    y, x = (np.arange(length) + 0.5 for length in size)
+    cosine, sine = np.cos(np.radians(angle_deg)), np.sin(np.radians(angle_deg))
+    light = np.full(size, 0.12)
+    for row, column in np.ndindex(8, 8):
+        right, down = (column - 3.5) * pitch, (row - 3.5) * pitch
+        left = (x - centre[0] - cosine * right + sine * down) / (0.33 * pitch)
+        top = (y - centre[1] - sine * right - cosine * down) / (0.33 * pitch)
+        light += (on if bits[row, column] else off) * np.outer(np.exp(-(top**2) / 2), np.exp(-(left**2) / 2))
+    return np.rint(255 * np.clip(light, 0, 1) ** (1 / 2.2)).astype(np.uint8)
+
+
+def block(top, left, height, width, *, size=(120, 160), dark=0, bright=255):
+    """A bright rectangle on a dark frame, or the other way round."""
+    grey = np.full(size, dark, np.uint8)
+    grey[top : top + height, left : left + width] = bright
+    return grey
+
+
+def noise(seed, size=(120, 160)):
+    return np.random.default_rng(seed).integers(0, 256, size, dtype=np.uint8)
+
+
+def whole(*greys):
+    return Frames.whole(torch.from_numpy(np.stack(greys)))
+
+
+def assert_same(ours, theirs):
+    for name in Panels.__slots__:
+        assert torch.equal(getattr(ours, name), getattr(theirs, name)), name
+
+
+def rows_of(panels, rows):
+    return Panels(*(getattr(panels, name)[rows] for name in Panels.__slots__))
+
+
+def located(locator, frames, shape=SHAPE):
+    """Locate twice, and demand what holds of every answer: finite, in order, in range, the same again."""
+    panels = locator(frames, shape)
+    assert_same(locator(frames, shape), panels)
+    assert panels.corners_px.isfinite().all()
+    assert panels.corners_px.dtype == panels.score.dtype == torch.float64
+    assert ((panels.score >= 0) & (panels.score <= 1)).all()
+    nowhere = ~panels.found
+    for value in (panels.corners_px, panels.score, panels.candidates):
+        assert not value[nowhere].any()
+    assert (panels.score[panels.found] > 0).all()
+    assert (panels.candidates[panels.found] >= 1).all()
+    side = panels.corners_px[panels.found].roll(-1, 1) - panels.corners_px[panels.found]
+    turn = side[..., 0] * side.roll(-1, 1)[..., 1] - side[..., 1] * side.roll(-1, 1)[..., 0]
+    assert (turn > 0).all(), "clockwise as seen on the image"
+    return panels
+
+
+def off_px(panels, truth):
+    return float((panels.corners_px - truth).norm(dim=-1).max())
+
+
+# What there is to see
+
+
+@hard(
+    "a constant frame, black, grey or white",
+    "nothing is found: no grey value parts it, so its own is the threshold and no pixel is above",
+    Breakage(FILES + "otsu.py", "torch.where(most == total[:, 0], value * (most > 0), lowest)", "lowest"),
+)
+def a_constant_frame():
+    frames = whole(*(np.full((120, 160), value, np.uint8) for value in (0, 1, 128, 254, 255)))
+    for locator in (PAPER, ANYTHING, REFINED, RefinedLocator(ANYTHING, 0.0)):
+        assert not located(locator, frames).found.any()
+
+
+@hard(
+    "two grey values, one apart or all there are",
+    "the brighter one is the foreground, by whatever it is brighter: a bright square is found to the pixel",
+    Breakage(FILES + "location.py", "return whole > threshold[rows, None, None]", "return whole > 128"),
+)
+def two_grey_values():
+    square = torch.tensor([[70.0, 30.0], [110.0, 30.0], [110.0, 70.0], [70.0, 70.0]])
+    for dark, bright in ((0, 1), (0, 255), (254, 255), (7, 9), (100, 180)):
+        for locator in (PAPER, RefinedLocator(PAPER, 1.0))[: 2 if bright - dark < 3 else 1]:
+            panels = located(locator, whole(block(30, 70, 40, 40, dark=dark, bright=bright)))
+            assert torch.equal(panels.corners_px[0], square.double())
+            assert panels.score.tolist() == [1.0]
+
+
+@hard(
+    "a histogram with a tie",
+    "of equally good thresholds, by exact arithmetic, the lowest is taken, as OpenCV does where nothing "
+    "rounds",
+    Breakage(
+        FILES + "otsu.py",
+        "levels.masked_fill(between < best, float(_LEVELS)).amin(1).long()",
+        "levels.masked_fill(between < best, -1.0).amax(1).long()",
+    ),
+)
+def a_histogram_with_a_tie():
+    for counts in ({10: 50, 200: 50}, {0: 8, 255: 1}, {0: 30, 100: 40, 200: 30}, {3: 9, 4: 2, 5: 9}):
+        grey = np.repeat(list(counts), list(counts.values())).astype(np.uint8)
+        threshold = int(otsu_threshold(histogram256(torch.from_numpy(grey).view(1, 1, 1, -1))))
+        opencvs = int(cv2.threshold(grey, 0, 255, cv2.THRESH_BINARY + cv2.THRESH_OTSU)[0])
+        best = best_thresholds(counts)
+        assert threshold == min(best)
+        assert opencvs == threshold if len(counts) == 2 else opencvs in best
+
+
+def best_thresholds(counts):
+    """All the best ones, in rational numbers."""
+    merit = {}
+    for level in range(min(counts), max(counts)):
+        parts = [{k: n for k, n in counts.items() if (k > level) == above} for above in (False, True)]
+        sizes = [sum(part.values()) for part in parts]
+        means = [Fraction(sum(k * n for k, n in p.items()), s) for p, s in zip(parts, sizes, strict=True)]
+        merit[level] = sizes[0] * sizes[1] * (means[0] - means[1]) ** 2
+    return [level for level, value in merit.items() if value == max(merit.values())]
+
+
+@hard(
+    "every LED Off",
+    "a panel as dark as its background is not found; one that reflects more is found by that, as one all "
+    "On is",
+    Breakage(FILES + "otsu.py", "torch.where(most == total[:, 0], value * (most > 0), lowest)", "lowest"),
+)
+def every_led_off():
+    for locator in (PAPER, REFINED):
+        assert not located(locator, whole(scene(ALL_OFF, off=0.0))).found.any()
+        assert off_px(located(locator, whole(scene(ALL_OFF))), TRUTH) < 0.1
+
+
+@hard(
+    "every LED On, and far beyond white",
+    "found: to a tenth of a pixel where the light is not clipped; light clipped far beyond white spreads by "
+    "more than half a cell, which the refined locator takes for spots and the paper's for the panel",
+    Breakage(FILES + "lattice_bits.py", "white = model.grey >= _SATURATED_DN", "white = model.grey > 255"),
+)
+def every_led_on():
+    for locator, clipped_px in ((PAPER, 4.5), (REFINED, 1.0)):
+        assert off_px(located(locator, whole(scene(ALL_ON))), TRUTH) < 0.1
+        assert off_px(located(locator, whole(scene(ALL_ON, on=50.0))), TRUTH) < clipped_px
+
+
+@hard(
+    "one LED On",
+    "one spot of light is no panel: too small, and a disc; where the Off LEDs show, all of them are the "
+    "panel",
+    Breakage(
+        FILES + "ladder.py",
+        "passed = measures.rectangularity >= search.min_rectangularity\n",
+        "passed = measures.rectangularity >= 0\n    search = Search(1, 1, 0.0, 0.0, search.quadrilateral)\n",
+    ),
+)
+def one_led_on():
+    for locator in (PAPER, REFINED):
+        for pitch in (5.0, 20.0):
+            assert not located(locator, whole(scene(ONE_ON, off=0.0, pitch=pitch))).found.any()
+        assert off_px(located(locator, whole(scene(ONE_ON))), TRUTH) < 0.1
+
+
+@hard(
+    "whole edge rows Off",
+    "the paper's locator takes the rows that shine for the panel, four fifths of it; the refined one knows "
+    "that faint rows are part of a lattice of eight and is right to a tenth of a pixel",
+    Breakage(FILES + "lattice_fit.py", "_LINE_STEPS = (3, 6)", "_LINE_STEPS = ()"),
+)
+def whole_edge_rows_off():
+    frames = whole(scene(ROWS_OFF))
+    (shining,) = located(PAPER, frames).corners_px
+    assert torch.equal(shining, torch.tensor([[60.0, 64], [100, 64], [100, 96], [60, 96]]).double())
+    three = ROWS_OFF.copy()
+    three[1] = False
+    for bits in (ROWS_OFF, three, ROWS_OFF.T, three.T, three[::-1], three.T[:, ::-1]):
+        assert off_px(located(REFINED, whole(scene(bits))), TRUTH) < 0.1
+
+
+@hard(
+    "a component that touches the border",
+    "it is taken as far as it shows: the world beyond the border is background, so no closing drags it "
+    "outwards",
+    Breakage(FILES + "location.py", "lit.argmax(1), lit.shape[1]", "lit.argmax(1), lit.shape[1] - 1"),
+)
+def a_component_at_the_border():
+    for top, left in ((0, 0), (0, 60), (80, 120), (40, 120), (80, 0)):
+        for locator in (PAPER, REFINED)[: 1 if top or left else 2]:
+            (corners,) = located(locator, whole(block(top, left, 40, 40))).corners_px
+            low, right = top + 40, left + 40
+            assert corners.tolist() == [[left, top], [right, top], [right, low], [left, low]]
+    near = block(3, 4, 40, 40)  # nearer than the closing reaches
+    near[100:, 140:] = 255
+    panels = located(PAPER, whole(near))
+    assert panels.corners_px[0].tolist() == [[4, 3], [44, 3], [44, 43], [4, 43]]
+    assert panels.candidates.tolist() == [2], "not joined along the border"
+    for locator in (PAPER, REFINED):
+        cut = located(locator, whole(scene(ALL_ON, centre=(150.0, 80.0))))
+        assert cut.found.all()
+        assert (cut.corners_px >= -1).all()
+        assert (cut.corners_px <= 161).all()
+
+
+@hard(
+    "a panel turned by 45 degrees",
+    "both locators begin with the topmost corner, whichever way the fit errs; that a square panel looks "
+    "alike from four sides, no locator can mend",
+    Breakage(FILES + "refined.py", "- 45 - _TIE_DEG)", "- 45 + _TIE_DEG)"),
+)
+def a_panel_at_45_degrees():
+    reach = 20 * 2**0.5
+    diamond = torch.tensor([[80, 80 - reach], [80 + reach, 80], [80, 80 + reach], [80 - reach, 80]])
+    for seed in range(4):
+        bits = np.random.default_rng(seed).random((8, 8)) < 0.5
+        bits[[0, 0, -1, -1], [0, -1, 0, -1]] = True
+        frames = whole(scene(bits, angle_deg=45.0))
+        for locator, most_px in ((PAPER, 1.5), (REFINED, 0.15)):
+            assert off_px(located(locator, frames), diamond) < most_px
+
+
+@hard(
+    "a frame that is all noise",
+    "what comes is finite, in order, inside the frame and the same at every run: noise that fills the frame "
+    "is one bright rectangle, and only its score and the bits say that it is none",
+    Breakage(FILES + "blobs.py", "if int(label.numel()) <= MOST_BLOBS:", "if True:"),
+)
+def a_frame_of_noise():
+    for grey in (noise(0), np.clip(noise(2), 120, 136), noise(4, (300, 300))):
+        for locator in (PAPER, ANYTHING, REFINED, RefinedLocator(ANYTHING, 0.0)):
+            panels = located(locator, whole(grey))
+            assert (panels.corners_px >= -1).all()
+            assert (panels.corners_px <= torch.tensor([grey.shape[1] + 1, grey.shape[0] + 1])).all()
+    sparse = (np.random.default_rng(3).random((160, 200)) < 0.02).astype(np.uint8) * 255
+    assert located(REFINED, whole(sparse)).candidates.max() <= 1
+    (candidates,) = located(replace(ANYTHING, closing_px=1), whole(sparse), PanelShape(1, 1)).candidates
+    assert candidates == 256, "what noise can cost has an end"
+
+
+@hard(
+    "two equal panels",
+    "the first in raster order is taken, and the number of candidates tells of the other",
+    Breakage(
+        FILES + "ladder.py",
+        'none.scatter_reduce(0, blobs.frame[top], index, "amin")',
+        "none.index_put((blobs.frame[top],), index)",
+    ),
+)
+def two_equal_panels():
+    one = scene()
+    for axis in (0, 1):
+        frames = whole(np.concatenate([one, one], axis))
+        for locator, most_px in ((PAPER, 1.0), (REFINED, 0.1)):
+            panels = located(locator, frames)
+            assert off_px(panels, TRUTH) <= most_px
+        assert located(PAPER, frames).candidates.tolist() == [2]
+
+
+@hard(
+    "more blobs than are measured",
+    "the 256 largest are, of equals the first in raster order: 300 equal squares give the first of them",
+    Breakage(
+        FILES + "blobs.py",
+        "components.area_px[label].argsort(descending=True, stable=True)",
+        "components.area_px[label].argsort(stable=True).flip(0)",
+    ),
+)
+def more_blobs_than_are_measured():
+    grey = np.zeros((15 * 30, 20 * 30), np.uint8)
+    for row, column in np.ndindex(15, 20):
+        grey[30 * row + 5 : 30 * row + 17, 30 * column + 5 : 30 * column + 17] = 200
+    panels = located(PAPER, whole(grey))
+    assert panels.corners_px[0, 0].tolist() == [5.0, 5.0]
+    assert panels.candidates.tolist() == [256]
+
+
+# Frames of few pixels
+
+
+@hard(
+    "a frame of 1 x 1, 1 x N or 2 x 2 pixels",
+    "nothing is found by the usual limits; with none, what is brighter than the rest has its own pixels' "
+    "outline",
+    Breakage(FILES + "regions.py", "if down or right:", "if down and right:"),
+)
+def a_frame_of_few_pixels():
+    rng = np.random.default_rng(0)
+    for size in ((1, 1), (1, 2), (2, 1), (2, 2), (1, 7), (200, 1), (3, 5), (8, 8), (9, 11)):
+        frames = whole(rng.integers(0, 256, size, dtype=np.uint8), np.full(size, 255, np.uint8))
+        for locator in (PAPER, REFINED):
+            assert not located(locator, frames).found.any()
+        for locator in (ANYTHING, RefinedLocator(ANYTHING, 0.0)):
+            panels = located(locator, frames, PanelShape(1, 1))
+            assert panels.found.tolist() == [frames.grey[0].unique().numel() > 1, False]
+
+
+@hard(
+    "frames without a pixel, and no frames",
+    "nothing is found in a frame of height or width 0; a batch of no frames gives no panels",
+    Breakage(FILES + "refined.py", "or not exact.grey.numel()", "or not len(exact)"),
+)
+def frames_without_a_pixel():
+    for size in ((2, 1, 0, 5), (2, 1, 5, 0), (1, 1, 0, 0), (0, 1, 40, 50), (0, 1, 0, 0)):
+        for locator in (PAPER, REFINED):
+            panels = located(locator, Frames.whole(torch.zeros(size, dtype=torch.uint8)))
+            assert panels.found.tolist() == [False] * size[0]
+            assert panels.corners_px.shape == (size[0], 4, 2)
+
+
+@hard(
+    "a checkerboard of single pixels",
+    "pixels that touch by their corners are one component, so the board is one bright rectangle",
+    Breakage(
+        FILES + "components.py",
+        "torch.searchsorted(end, start - above - 1)",
+        "torch.searchsorted(end, start - above)",
+    ),
+)
+def a_checkerboard_of_single_pixels():
+    board = (np.indices((120, 120)).sum(0) % 2 * 255).astype(np.uint8)
+    mask = torch.from_numpy(board)[None] > 0
+    assert (
+        len(label_components(mask).area_px) - 1 == cv2.connectedComponents(board, connectivity=8)[0] - 1 == 1
+    )
+    for locator in (PaperLocator(closing_px=1, min_rectangularity=0.4), PAPER, REFINED):
+        (corners,) = located(locator, whole(board)).corners_px
+        assert corners.tolist() == [[0, 0], [120, 0], [120, 120], [0, 120]]
+
+
+@hard(
+    "one bright pixel",
+    "it is no panel, whatever it outshines; without limits it is found as the square that it covers",
+    Breakage(
+        FILES + "quadrilateral.py",
+        "def minimum_area_rectangle(hull: Tensor, expand_px: float = 0.5)",
+        "def minimum_area_rectangle(hull: Tensor, expand_px: float = 0.0)",
+    ),
+)
+def one_bright_pixel():
+    for dark, bright in ((0, 1), (0, 255), (254, 255)):
+        grey = block(60, 80, 1, 1, dark=dark, bright=bright)
+        for locator in (PAPER, REFINED):
+            assert not located(locator, whole(grey)).found.any()
+        (corners,) = located(ANYTHING, whole(grey), PanelShape(1, 1)).corners_px
+        assert corners.tolist() == [[80, 60], [81, 60], [81, 61], [80, 61]]
+
+
+@hard(
+    "a white frame with one dark pixel",
+    "all but that pixel is foreground, and fills the frame: its outline is found, a rectangle as a panel "
+    "is one",
+    Breakage(
+        FILES + "location.py",
+        "threshold.masked_fill(lit, 255), lit.nonzero()[:, 0].tolist()",
+        "threshold, []",
+    ),
+)
+def a_white_frame_with_one_dark_pixel():
+    for top, left in ((60, 80), (0, 0), (119, 159)):
+        grey = block(top, left, 1, 1, dark=255, bright=0)
+        for locator in (PAPER, REFINED):
+            (corners,) = located(locator, whole(grey)).corners_px
+            assert corners.tolist() == [[0, 0], [160, 0], [160, 120], [0, 120]]
+        # As a crop of a white sensor, the sensor is what is bright.
+        place = torch.tensor([[100, 50]])
+        crop = Frames(torch.from_numpy(grey)[None, None], place, (240, 400), torch.tensor([255.0]))
+        for locator in (PAPER, REFINED):
+            (corners,) = located(locator, crop).corners_px
+            assert corners.tolist() == [[0, 0], [400, 0], [400, 240], [0, 240]]
+
+
+@hard(
+    "a frame of more than 32,768 pixels a side",
+    "refused by name: places within a blob are counted in 16 bits, and would wrap to a panel elsewhere or "
+    "none",
+    Breakage(
+        FILES + "location.py", "if max(shape[2:]) > _MOST_SIDE_PX:", "if max(shape[2:]) > 2 * _MOST_SIDE_PX:"
+    ),
+)
+def a_frame_too_wide():
+    wide = np.zeros((2, 40_000), np.uint8)
+    wide[:, 1:-1] = 9
+    for locator in (PAPER, REFINED):
+        with pytest.raises(
+            VoccError, match=r"frames.grey is 2 x 40000 px: it must be at most 32768 px a side"
+        ):
+            locator(whole(wide), SHAPE)
+    (corners,) = located(ANYTHING, whole(wide[:, -32_768:]), PanelShape(1, 1)).corners_px
+    assert corners.tolist() == [[0, 0], [32_767, 0], [32_767, 2], [0, 2]]
+
+
+# Settings, batches and memory layouts
+
+
+@hard(
+    "a closing far larger than the frame",
+    "it closes as one of the frame's size does, for of a larger square only its edges and corners come into "
+    "the frame; it takes no more memory",
+    Breakage(FILES + "morphology.py", "size_px = min(size_px, max(mask.shape[-2:]) | 1)", "pass"),
+)
+def a_closing_larger_than_the_frame():
+    for seed, size in enumerate([(12, 17), (1, 9), (9, 1), (16, 16)]):
+        mask = np.random.default_rng(seed).random(size) < 0.06
+        for side in (15, 17, 19, 41):
+            room = np.pad(mask, 2 * side).astype(np.uint8)
+            kernel = np.ones((side, side), np.uint8)
+            closed = cv2.morphologyEx(room, cv2.MORPH_CLOSE, kernel)
+            ours = close_mask(torch.from_numpy(mask)[None, None], side)[0, 0].numpy()
+            np.testing.assert_array_equal(
+                ours, closed[2 * side : -2 * side, 2 * side : -2 * side].astype(bool)
+            )
+        most = close_mask(torch.from_numpy(mask)[None, None], 10**30 + 1)[0, 0].numpy()
+        np.testing.assert_array_equal(most, ours)
+    for locator in (PaperLocator(closing_px=65535), RefinedLocator(PaperLocator(closing_px=65535))):
+        assert located(locator, whole(scene())).found.all()
+
+
+@hard(
+    "frames that fail among frames that do not",
+    "each frame's answer is the same to the last bit, alone, in pairs and among all",
+    Breakage(FILES + "lattice_fit.py", "    if len(lattice.blur) == 1:\n", "    if False:\n"),
+)
+def frames_that_fail_among_others():
+    greys = [scene(), np.zeros((160, 160), np.uint8), noise(0, (160, 160)), scene(ONE_ON, off=0)]
+    greys += [scene(angle_deg=30.0), scene(ALL_ON, on=50.0), scene(ROWS_OFF)]
+    frames = whole(*greys)
+    for locator in (PAPER, REFINED):
+        together = located(locator, frames)
+        assert 0 < int(together.found.sum()) < len(greys)
+        for count in (1, 2):
+            for start in range(0, len(greys) - 1, count):
+                rows = slice(start, start + count)
+                assert_same(locator(frames[rows], SHAPE), rows_of(together, rows))
+
+
+@hard(
+    "tensors that are not contiguous",
+    "strided, transposed, expanded and sliced frames give what their copies give",
+    Breakage(FILES + "otsu.py", "pixels = grey.reshape(frames, -1)", "pixels = grey.view(frames, -1)"),
+)
+def tensors_that_are_not_contiguous():
+    grey = torch.from_numpy(np.stack([scene(), scene(ROWS_OFF)]))
+    every_other = torch.zeros(2, 320, 320, dtype=torch.uint8)
+    every_other[:, ::2, ::2] = grey
+    channels = torch.zeros(2, 3, 160, 160, dtype=torch.uint8)
+    channels[:, 1] = grey
+    views = [every_other[:, ::2, ::2], channels[:, 1:2], grey.mT.contiguous().mT, grey.flip(0).flip(0)]
+    for locator in (PAPER, REFINED):
+        wanted = located(locator, Frames.whole(grey))
+        for view in views:
+            assert_same(located(locator, Frames.whole(view)), wanted)
+        many = located(locator, Frames.whole(grey[:1].expand(3, 160, 160)))
+        for row in range(3):
+            assert_same(rows_of(many, slice(row, row + 1)), rows_of(wanted, slice(0, 1)))
+
+
+@hard(
+    "a crop with a known surround, against the whole frame",
+    "the same panel, by the paper's locator to the last bit, whether the crop holds a panel, half of one, "
+    "none, or is darker than what surrounds it",
+    Breakage(
+        FILES + "otsu.py",
+        "outside = frames.sensor_px[0] * frames.sensor_px[1] - height * width",
+        "outside = 0",
+    ),
+)
+def a_crop_against_the_whole_frame():
+    level = int(scene(ALL_OFF, off=0.0)[0, 0])
+    crops = [
+        scene(),
+        scene(ONE_ON),
+        scene(ONE_ON, off=0.0),
+        scene(ROWS_OFF),
+        scene(ALL_OFF, off=0.0),
+        block(0, 0, 160, 160, size=(160, 160), bright=3),
+    ]
+    for grey in crops:
+        sensor = np.full((480, 640), level, np.uint8)
+        sensor[200:360, 300:460] = grey
+        planes = torch.from_numpy(grey)[None, None]
+        crop = Frames(planes, torch.tensor([[300, 200]]), (480, 640), torch.tensor([float(level)]))
+        assert_same(located(PAPER, crop), located(PAPER, whole(sensor)))
+        one, two = located(REFINED, crop), located(REFINED, whole(sensor))
+        assert torch.equal(one.found, two.found)
+        assert off_px(one, two.corners_px) < 0.05
+
+
+@hard(
+    "a surround that is no grey value, and a crop off its sensor",
+    "refused by name, before either becomes a threshold or a place in memory",
+    Breakage(FILES + "location.py", "if not bool(surround.isfinite().all()):", "if False:"),
+)
+def a_surround_that_is_no_grey_value():
+    grey = torch.from_numpy(scene())[None, None]
+    for locator in (PAPER, REFINED):
+        for level in (float("nan"), float("inf")):
+            crop = Frames(grey, torch.tensor([[300, 200]]), (480, 640), torch.tensor([level]))
+            with pytest.raises(VoccError, match=r"frames.surround holds NaN or infinity"):
+                locator(crop, SHAPE)
+        for x, y in ((-1, 0), (0, -1), (481, 0), (0, 321)):
+            crop = Frames(grey, torch.tensor([[x, y]]), (480, 640), torch.tensor([90.0]))
+            with pytest.raises(
+                VoccError, match=r"frames.origin_px lays a crop of 160 x 160 px off its sensor"
+            ):
+                locator(crop, SHAPE)
+        crop = Frames(grey, torch.tensor([[480, 320]]), (480, 640), torch.tensor([90.0]))
+        assert located(locator, crop).found.all()
+
+
+@hard(
+    "frames that hold no grey values",
+    "NaN, infinity, integers other than bytes and colour are refused by name; floating values beyond 0 to "
+    "255 are black or white",
+    Breakage(FILES + "location.py", "if not bool(grey.isfinite().all()):", "if bool(grey.isnan().any()):"),
+)
+def frames_that_hold_no_grey_values():
+    grey = torch.from_numpy(scene()).float()
+    for locator in (PAPER, REFINED):
+        for value in (float("nan"), float("inf"), -float("inf")):
+            broken = grey.clone()
+            broken[3, 4] = value
+            with pytest.raises(VoccError, match=r"frames.grey holds NaN or infinity: it must be grey values"):
+                locator(Frames.whole(broken[None]), SHAPE)
+        for dtype in (torch.int16, torch.int64, torch.bool):
+            with pytest.raises(
+                VoccError, match=r"frames.grey is torch\.\w+: it must be torch.uint8 or floating"
+            ):
+                locator(Frames.whole(grey[None].to(dtype)), SHAPE)
+        origin = torch.zeros(1, 2, dtype=torch.int64)
+        with pytest.raises(
+            VoccError, match=r"frames.grey has shape \(1, 3, 160, 160\): it must be \(B,1,H,W\)"
+        ):
+            locator(Frames(grey.byte().expand(1, 3, 160, 160), origin, (160, 160)), SHAPE)
+        bright = torch.where(grey > 128, 1e30, grey)
+        bright[0, 0] = -1e30
+        clipped = Frames.whole(bright.clamp(0, 255)[None])
+        for dtype in (torch.float32, torch.float64):
+            assert_same(locator(Frames.whole(bright[None].to(dtype)), SHAPE), locator(clipped, SHAPE))
+        exact = locator(Frames.whole(grey[None].byte()), SHAPE)
+        for dtype in (torch.float16, torch.bfloat16):
+            assert_same(locator(Frames.whole(grey[None].to(dtype)), SHAPE), exact)
+
+
+@hard(
+    "a panel of one LED, of one row, or of a million LEDs",
+    "answers are in range for any shape; beyond 16 LEDs a side the refined locator leaves all to the paper's",
+    Breakage(FILES + "lattice_bits.py", "if leds == 1:", "if leds == 0:"),
+)
+def panels_of_any_shape():
+    frames = whole(scene(), scene(ALL_ON), noise(0, (160, 160)))
+    for rows, columns in ((1, 1), (1, 16), (16, 1), (2, 3), (17, 3), (1, 1024), (1024, 1024)):
+        shape = PanelShape(rows, columns)
+        ours = located(REFINED, frames, shape)
+        theirs = located(PAPER, frames, shape)
+        if max(rows, columns) > 16:
+            assert_same(ours, theirs)
+
+
+@hard(
+    "a picture without a lattice",
+    "the search and the fit end with finite lattices wherever they begin, and the share that these explain "
+    "says that there is none: at most 1, and below 0 where the background alone would do better",
+    Breakage(
+        FILES + "lattice_model.py",
+        "whole.to(torch.float64).clamp(min=ROUNDING_DN**2)",
+        "whole.to(torch.float64)",
+    ),
+)
+def a_picture_without_a_lattice():
+    flat = [np.full((160, 160), value, np.uint8) for value in (0, 255)]
+    greys = [*flat, noise(0, (160, 160)), block(80, 80, 1, 1, size=(160, 160)), scene(ALL_ON, on=1e3)]
+    quads = [TRUTH, TRUTH[[0, 3, 2, 1]], TRUTH - 500, 0 * TRUTH, torch.tensor(FLAT["crossed"]).double()]
+    frames = whole(*(grey for grey in greys for _ in quads))
+    corners = torch.stack(quads * len(greys))
+    for shape in (SHAPE, PanelShape(1, 1), PanelShape(1, 16)):
+        for level in (0.0, 255.0):
+            background = torch.full((len(corners),), level)
+            start, blur = search_lattice(frames, corners, background, shape)
+            lattice = fit_lattice(frames, Lattice.at(start, blur, background, shape))
+            for field in fields(lattice):
+                assert getattr(lattice, field.name).double().isfinite().all(), field.name
+            assert (lattice.share <= 1).all()
+
+
+# Corners
+
+
+FLAT = {
+    "coincident": [(20, 20)] * 4,
+    "two coincident": [(8, 8), (8, 8), (32, 32), (8, 32)],
+    "on a line": [(0, 5), (10, 5), (20, 5), (30, 5)],
+    "on a diagonal": [(1, 1), (10, 10), (20, 20), (30, 30)],
+    "three on a line": [(8, 8), (20, 8), (32, 8), (8, 32)],
+    "the third on the diagonal": [(8, 8), (32, 8), (20, 20), (8, 32)],
+    "crossed": [(8, 8), (32, 32), (32, 8), (8, 32)],
+    "crossed unevenly": [(8, 8), (32, 8), (8, 32), (36, 30)],
+    "concave": [(8, 8), (32, 8), (15, 15), (8, 32)],
+    "zero": [(0, 0)] * 4,
+}
+
+
+@lru_cache
+def picture():
+    return torch.from_numpy(np.random.default_rng(1).integers(20, 231, (40, 40), dtype=np.uint8))
+
+
+@hard(
+    "corners collinear, coincident, crossed or concave",
+    "no panel looks like that and no projective map leads there: all of it reads as its first corner, AGR 1, "
+    "GRI 0, NGR 1, and panels beside it are read as without it",
+    Breakage(
+        FILES + "rectification.py",
+        "return (turn.amin(1) > least) | (turn.amax(1) < -least)",
+        "return turn.sum(1).abs() > least",
+    ),
+)
+def corners_of_no_panel():
+    proper = [(8, 8), (32, 8), (32, 32), (8, 32)]
+    reader = Reader(PanelShape(2, 3), 4)
+    for corners in FLAT.values():
+        panels = Panels.known(torch.tensor([proper, corners, proper]).double())
+        frames = Frames.whole(picture().expand(3, 40, 40))
+        homography = cell_homography(panels.corners_px, reader.shape)
+        x, y = corners[0]
+        assert homography[1].tolist() == [[0, 0, x], [0, 0, y], [0, 0, 1]]
+        readings = reader.read(frames, panels)
+        assert readings.patches[1].unique().numel() == 1
+        assert (readings.features[1] - torch.tensor([1.0, 0.0, 1.0])).abs().max() < 1e-6
+        assert readings.greys.centre[1].unique().tolist() == [float(picture()[y, x])]
+        alone = reader.read(frames[:1], Panels.known(panels.corners_px[:1]))
+        for row in (0, 2):
+            assert torch.equal(readings.features[row], alone.features[0])
+
+
+@hard(
+    "corners in any order and anywhere",
+    "a map is given exactly where OpenCV finds the quadrilateral convex, the mirrored ones included, and it "
+    "takes the cells' corners to the corners",
+    Breakage(
+        FILES + "rectification.py", "(turn.amin(1) > least) | (turn.amax(1) < -least)", "turn.amin(1) > least"
+    ),
+)
+def corners_in_any_order():
+    cells = torch.tensor([[0.0, 0, 1], [3, 0, 1], [3, 2, 1], [0, 2, 1]], dtype=torch.float64)
+
+    @settings(max_examples=150, deadline=None, derandomize=True)
+    @given(st.lists(st.integers(-60, 60), min_size=8, max_size=8))
+    def check(numbers):
+        corners = torch.tensor(numbers, dtype=torch.float64).view(1, 4, 2)
+        homography = cell_homography(corners, PanelShape(2, 3))[0]
+        assert homography.isfinite().all()
+        places = [tuple(place) for place in corners[0].tolist()]
+        if strictly_convex(places):
+            mapped = cells @ homography.mT
+            assert (mapped[:, :2] / mapped[:, 2:] - corners[0]).abs().max() < 1e-6
+        else:
+            assert not homography[:, :2].any()
+
+    check()
+
+
+def strictly_convex(places):
+    """OpenCV's hull keeps all four corners, none on a line, and in their order."""
+    points = np.float32(places)
+    if len(set(places)) < 4:
+        return False
+    hull = [tuple(point) for point in cv2.convexHull(points)[:, 0].tolist()]
+    if len(hull) < 4 or not cv2.isContourConvex(np.int32(points)):
+        return False
+    corners = [tuple(np.float64(place)) for place in places]
+    return all(
+        (b[0] - a[0]) * (c[1] - b[1]) != (b[1] - a[1]) * (c[0] - b[0])
+        for a, b, c in zip(corners, corners[1:] + corners[:1], corners[2:] + corners[:2], strict=True)
+    )
+
+
+@hard(
+    "corners that are NaN, infinite or beyond 1e15 px",
+    "refused by name: they are no places",
+    Breakage(
+        FILES + "rectification.py",
+        "if not bool((corners.abs() <= MOST_PX).all()):",
+        "if bool((corners.abs() > MOST_PX).any()):",
+    ),
+)
+def corners_that_are_no_places():
+    for value in (float("nan"), float("inf"), -float("inf"), 1e200, -2e15):
+        corners = torch.tensor([[[8.0, 8], [32, 8], [32, 32], [8, 32]]], dtype=torch.float64)
+        corners[0, 1, 0] = value
+        frames, panels = Frames.whole(picture()[None]), Panels.known(corners)
+        for read in (rectify, centre_greys):
+            arguments = (frames, panels, SHAPE, 4) if read is rectify else (frames, panels, SHAPE)
+            with pytest.raises(VoccError, match=r"corners_px reaches \S+ px: corners must be finite"):
+                read(*arguments)
+        with pytest.raises(VoccError, match=r"corners_px reaches"):
+            Reader(SHAPE).read(frames, panels)
+
+
+@hard(
+    "corners nearly on a line",
+    "the map is right while they part by 1e-9 px^2: it takes the cells' corners to them within a millionth "
+    "of their distance",
+    Breakage(
+        FILES + "rectification.py",
+        "_FLAT_PX2, _FLAT_SHARE = 1e-9, 1e-12",
+        "_FLAT_PX2, _FLAT_SHARE = 1e-3, 1e-3",
+    ),
+)
+def corners_nearly_on_a_line():
+    cells = torch.tensor([[0.0, 0, 1], [8, 0, 1], [8, 8, 1], [0, 8, 1]], dtype=torch.float64)
+    for part in (1.0, 1e-2, 1e-4, 1e-6):
+        for corners in (
+            [(8, 8), (20, 8 - part), (32, 8), (20, 8 + part)],
+            [(8, 8), (32, 8), (20 + part, 20 + part), (8, 32)],
+            [(8, 8), (8 + part, 8), (8 + part, 8 + part), (8, 8 + part)]
+            if part > 1e-4
+            else [(0, 0), (9, 0), (9, part), (0, part)],
+        ):
+            truth = torch.tensor([corners], dtype=torch.float64)
+            homography = cell_homography(truth, SHAPE)[0]
+            assert homography[:, :2].any()
+            mapped = cells @ homography.mT
+            assert (mapped[:, :2] / mapped[:, 2:] - truth[0]).abs().max() < 2e-5
+
+
+@hard(
+    "the horizon within the panel's margin",
+    "samples on it or beyond are the frame's border pixels: every reading is a mean of pixels, so it is "
+    "finite and within their range",
+    Breakage(
+        FILES + "rectification.py",
+        "(torch.minimum(torch.maximum(v, least), most) for v in (ends.amin(2), ends.amax(2)))",
+        "(ends.amin(2), ends.amax(2))",
+    ),
+)
+def the_horizon_within_the_margin():
+    # Sides that part so fast that the map divides by 0 at a sample, or between two, below the panel.
+    frames = Frames.whole(picture()[None])
+    for low_cells in (0.875, 0.75, 0.5, 0.25, 0.125):
+        top, low = 2 * low_cells / (8 + low_cells), 2.0
+        corners = torch.tensor([[[20 - top, 10], [20 + top, 10], [20 + low, 30], [20 - low, 30]]]).double()
+        patches = rectify(frames, Panels.known(corners), SHAPE, 4)
+        assert patches.isfinite().all()
+        assert 20 <= float(patches.min()) <= float(patches.max()) <= 230
+        centres = centre_greys(frames, Panels.known(corners), SHAPE)
+        assert 20 <= float(centres.min()) <= float(centres.max()) <= 230
+
+
+@hard(
+    "as many panels as frames",
+    "any other number is refused by name, as are takes of different sizes and empty frames",
+    Breakage(
+        FILES + "rectification.py",
+        "if panels.corners_px.shape != (size[0], 4, 2):",
+        "if panels.corners_px.shape[1:] != (4, 2):",
+    ),
+)
+def as_many_panels_as_frames():
+    reader = Reader(SHAPE, 4)
+    panel = Panels.known(torch.tensor([FLAT["concave"]]).double())
+    frames = Frames.whole(picture().expand(3, 40, 40))
+    with pytest.raises(
+        VoccError, match=r"panels.corners_px has shape \(1, 4, 2\): for 3 frames it must be \(3,4,2\)"
+    ):
+        reader.read(frames, panel)
+    with pytest.raises(VoccError, match=r"takes have shapes \(1, 1, 40, 40\), \(3, 1, 40, 40\)"):
+        reader.read_takes([frames[:1], frames], panel)
+    with pytest.raises(
+        VoccError, match=r"frames.grey has shape \(1, 1, 0, 4\): it must be \(B,1,H,W\), not empty"
+    ):
+        reader.read(Frames.whole(torch.zeros(1, 1, 0, 4)), panel)
+
+
+@hard.each
+def test_location(case):
+    case.check()

@@ -1,0 +1,482 @@
+"""Hard cases of precision, devices and torch's own settings: the whole link under each of them."""
+
+import shutil
+from contextlib import contextmanager
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from hard_cases import Breakage, HardCases
+from torch.utils._python_dispatch import TorchDispatchMode
+
+from vocc_torch.assembly import build_plan
+from vocc_torch.config import AppConfig
+from vocc_torch.devices import resolve_device
+from vocc_torch.errors import VoccError
+from vocc_torch.receiver.flda import FLDA
+from vocc_torch.receiver.location import PaperLocator
+from vocc_torch.receiver.reader import Reader
+from vocc_torch.receiver.receiver import Receiver
+from vocc_torch.receiver.refined import RefinedLocator
+from vocc_torch.rng import BlockKey
+from vocc_torch.simulation import Distribution, SceneModel, Simulator
+from vocc_torch.simulation.simulator import PAPER_EFFECTS
+from vocc_torch.studies.link import Link, block_keys
+from vocc_torch.types import Frames, PanelShape, Scene
+
+hard = HardCases("Precision and devices")
+
+HALVES = (torch.bfloat16, torch.float16)
+SHAPE = PanelShape(8, 8)
+DARKEST = SceneModel(ambient_lx=Distribution("constant", (1000.0,)))
+"""The paper's hardest point: the bit error rate is 1 to 3 %."""
+
+
+def trained(dtype=torch.float32):
+    """Train on one block of crops."""
+    link = Link(Simulator(dtype=dtype), PaperLocator(), Reader())
+    seen = next(link.observe(SceneModel(), block_keys(0, "train", 64), preambles=False))
+    return FLDA(3).fit(seen.readings.features, seen.bits)
+
+
+def everything(*, frames=64, batch=64, flda=None, **settings):
+    """Run the whole link: every tensor that it gives, joined over the batches, and the decided bits."""
+    link = Link(Simulator(**settings), PaperLocator(), Reader(), batch_frames=batch)
+    flda = flda or trained()
+    keys = block_keys(1, "precision", frames)
+    seen = list(link.observe(DARKEST, keys, preambles=True, frames=frames))
+    parts = {
+        "grey": [one.frames.grey for one in seen],
+        "corners": [one.panels.corners_px for one in seen],
+        "features": [one.readings.features for one in seen],
+        "patches": [one.readings.patches for one in seen],
+        "centres": [one.readings.greys.centre for one in seen],
+        "preambles": [one.preambles.on.average for one in seen],
+        "scores": [flda(one.readings.features) for one in seen],
+    }
+    return {name: torch.cat(tensors) for name, tensors in parts.items()}
+
+
+def same(first, second):
+    """Demand equality to the last bit."""
+    for name, tensor in first.items():
+        assert tensor.dtype == second[name].dtype, name
+        assert torch.equal(tensor, second[name]), name
+
+
+@contextmanager
+def setting(change, value, restored):
+    """Change one of torch's global settings for a while."""
+    change(value)
+    try:
+        yield
+    finally:
+        change(restored)
+
+
+@hard(
+    "a precision nobody knows",
+    "refused by name with the two that are offered",
+    Breakage(
+        "vocc_torch/assembly.py", "if settings.precision not in PRECISIONS:", "if not settings.precision:"
+    ),
+)
+def unknown_precision():
+    for name in ("float128", "", "FLOAT32", "double"):
+        with pytest.raises(VoccError, match=f"^precision is '{name}': it must be float32 or float64$"):
+            build_plan(AppConfig(precision=name), Path())
+
+
+@hard(
+    "half precision for a whole study",
+    "refused by name with the reason: bfloat16 changes 24 % of the pixels and float16 4 %, each by one "
+    "or two grey values, and with them bits; at 1 lx the ISO speed is beyond float16 and every frame is "
+    "lost",
+    Breakage(
+        "vocc_torch/assembly.py",
+        '"float64": torch.float64}',
+        '"float64": torch.float64, "float16": torch.float16, "bfloat16": torch.bfloat16}',
+    ),
+)
+def half_precision_in_the_configuration():
+    for name in ("bfloat16", "float16", "half"):
+        with pytest.raises(VoccError) as refused:
+            build_plan(AppConfig(precision=name), Path())
+        wanted = (
+            f"precision is '{name}': it must be float32 or float64, half precision changes pixels and bits"
+        )
+        assert str(refused.value) == wanted
+
+
+@hard(
+    "half precision for the simulator",
+    "refused by name like any type but float32 and float64, for the same reason",
+    Breakage(
+        "vocc_torch/simulation/simulator.py",
+        "if dtype not in (torch.float32, torch.float64):",
+        "if not dtype.is_floating_point:",
+    ),
+)
+def half_precision_in_the_simulator():
+    for dtype in (*HALVES, torch.int32, torch.complex64, torch.bool):
+        with pytest.raises(VoccError, match=f"^dtype is {dtype}: it must be torch.float32 or torch.float64"):
+            Simulator(dtype=dtype)
+
+
+@hard(
+    "a device that is not there",
+    "refused in one line that says what to use instead; no device is replaced silently",
+    Breakage(
+        "vocc_torch/devices.py",
+        "(device.index or 0) >= torch.cuda.device_count()",
+        "(device.index or 0) > torch.cuda.device_count()",
+    ),
+)
+def a_missing_device():
+    there = torch.cuda.device_count()
+    with pytest.raises(VoccError) as refused:
+        resolve_device(f"cuda:{there}")
+    assert str(refused.value).startswith(
+        f"device is 'cuda:{there}', and this machine has {there} CUDA devices: use"
+    )
+    for name in ("abacus", "meta", "cuda:-1", "cuda:x", ""):
+        with pytest.raises(VoccError, match=f"^device is '{name}': it must be auto, cpu or cuda$"):
+            resolve_device(name)
+        with pytest.raises(VoccError, match=f"^device is '{name}': it must be auto, cpu or cuda$"):
+            Simulator(device=name)
+    assert resolve_device("auto").type == ("cuda" if there else "cpu")
+
+
+@hard(
+    "the simulation in float32",
+    "the working type is the one asked for; raw grey values stay within 1e-5 of float64's, so that "
+    "about one pixel in a million, which lies on the edge between two grey values, rounds the other "
+    "way, by one, and a decision turns only where its score is all but 0",
+    Breakage(
+        "vocc_torch/simulation/simulator.py", "self.dtype = dtype", "self.dtype = torch.get_default_dtype()"
+    ),
+)
+def float32_against_float64():
+    scene, bits = DARKEST.draw(BlockKey(1, "precision", 0), SHAPE)
+    raw = {name: value for name, value in PAPER_EFFECTS.items() if name != "quantization"}
+    double, single = (
+        Simulator(effects=raw, dtype=dtype).render(scene, bits).grey
+        for dtype in (torch.float64, torch.float32)
+    )
+    assert (double.dtype, single.dtype) == (torch.float64, torch.float32)
+    assert float(((single - double) / double).abs().max()) < 1e-5
+    flda = trained(torch.float64)
+    exact, near = (everything(frames=256, flda=flda, dtype=dtype) for dtype in (torch.float64, torch.float32))
+    apart = (exact["grey"].int() - near["grey"].int()).abs()
+    assert int(apart.max()) <= 1
+    assert int((apart > 0).sum()) <= 1e-5 * apart.numel()
+    turned = (exact["scores"] >= 0) != (near["scores"] >= 0)
+    assert float(exact["scores"].abs()[turned].amax() if turned.any() else 0) < 0.05
+    assert float(turned.double().mean()) <= 1e-4
+
+
+@hard(
+    "the receiver in float32",
+    "features within 1e-4 of those in float64, because positions are worked out in float64 and counted "
+    "from a pixel beside the panel before they are rounded: counted from the sensor's corner they would "
+    "lose three digits",
+    Breakage(
+        "vocc_torch/receiver/rectification.py",
+        "_map_cells((shift @ homography).to(dtype), x.to(dtype), y.to(dtype))",
+        "_map_cells(shift.to(dtype) @ homography.to(dtype), x.to(dtype), y.to(dtype))",
+    ),
+)
+def receiver_in_float32():
+    scene, bits = DARKEST.draw(BlockKey(1, "precision", 0), SHAPE)
+    simulator = Simulator()
+    frames, panels = simulator.render(scene, bits), simulator.true_panels(scene)
+    double = Frames(frames.grey.double(), frames.origin_px, frames.sensor_px, frames.surround)
+    exact, near = (Reader().read(one, panels) for one in (double, frames))
+    assert (exact.patches.dtype, near.patches.dtype) == (torch.float64, torch.float32)
+    assert float((exact.features - near.features).abs().max()) < 1e-4
+
+
+@hard(
+    "frames of half precision, located and decoded",
+    "read like the bytes that they hold, to the last bit: grey values up to 255 are exact in every "
+    "type, and the receiver works in float32 at least, since positions in half precision miss by up to "
+    "half a pixel",
+    Breakage(
+        "vocc_torch/receiver/rectification.py",
+        "dtype = torch.float64 if grey.dtype == torch.float64 else torch.float32",
+        "dtype = grey.dtype if grey.is_floating_point() else torch.float32",
+    ),
+)
+def frames_of_half_precision():
+    scene, bits = DARKEST.draw(BlockKey(1, "precision", 0), SHAPE)
+    simulator = Simulator()
+    frames = simulator.render(scene, bits)
+    flda = trained()
+    receiver = Receiver("flda_3", PaperLocator(), Reader(), flda)
+    wanted = receiver(frames)
+    for dtype in HALVES:
+        halved = Frames(frames.grey.to(dtype), frames.origin_px, frames.sensor_px, frames.surround)
+        decoded = receiver(halved)
+        assert torch.equal(decoded.scores, wanted.scores), dtype
+        assert torch.equal(decoded.corners_px, wanted.corners_px), dtype
+        greys, bytes_ = (Reader().read_greys(one, simulator.true_panels(scene)) for one in (halved, frames))
+        assert torch.equal(greys.centre, bytes_.centre), dtype
+
+
+@hard(
+    "an image of half precision to decode",
+    "refused by type: an image is bytes, and whether 0.5 is grey value 0.5 or mid-grey nobody can tell",
+    Breakage("vocc_torch/receiver/receiver.py", "planes.dtype != torch.uint8 or planes.ndim", "planes.ndim"),
+)
+def an_image_of_half_precision():
+    receiver = Receiver("flda_3", PaperLocator(), Reader(), FLDA(3))
+    for dtype in (*HALVES, torch.float32, torch.int16):
+        with pytest.raises(VoccError, match=f"^images has dtype {dtype} .*it must be uint8"):
+            receiver.decode(torch.zeros(1, 40, 40, dtype=dtype))
+
+
+@hard(
+    "another default type of torch",
+    "changes nothing: every tensor of the link names its own type, so a program that works in half "
+    "precision by default gets the same frames, features and bits",
+    Breakage(
+        "vocc_torch/types.py", "float(value), dtype=torch.float64) for value", "float(value)) for value"
+    ),
+)
+def another_default_dtype():
+    wanted = everything()
+    scene = Scene.of(2, ambient_lx=4001.7, distance_m=33.3)
+    assert torch.get_default_dtype() == torch.float32
+    for dtype in (torch.float64, *HALVES):
+        with setting(torch.set_default_dtype, dtype, torch.float32):
+            same(everything(), wanted)
+            again = Scene.of(2, ambient_lx=4001.7, distance_m=33.3)
+        for field in fields(Scene):
+            assert torch.equal(getattr(again, field.name), getattr(scene, field.name)), (dtype, field.name)
+
+
+@hard(
+    "inference mode around training",
+    "the same numbers, and the discriminant that was trained inside serves gradients outside: what it "
+    "keeps are normal tensors",
+    Breakage(
+        "vocc_torch/receiver/flda.py",
+        "with torch.inference_mode(False), torch.no_grad():\n                seen =",
+        "with torch.no_grad():\n                seen =",
+    ),
+)
+def inference_mode():
+    wanted = everything()
+    with torch.inference_mode():
+        inside = everything()
+        features = inside["features"].clone()
+        flda = FLDA(3).update(features, torch.arange(features[..., 0].numel()).view(features.shape[:-1]) % 2)
+        flda.predict(features)
+    same({name: tensor.clone() for name, tensor in inside.items()}, wanted)
+    point = torch.ones(3, dtype=torch.float64, requires_grad=True)
+    flda(point).backward()
+    assert torch.equal(point.grad, flda.direction)
+
+
+@hard(
+    "autocast around the link",
+    "switched off inside: it would run the convolutions of GRI and NGR in half precision, which turns "
+    "up to one bit in two thousand and says nothing of it",
+    Breakage(
+        "vocc_torch/studies/link.py",
+        "with torch.autocast(self.simulator.device.type, enabled=False):",
+        "if True:",
+    ),
+)
+def autocast_around_the_link():
+    wanted = everything()
+    for dtype in HALVES:
+        with torch.autocast("cpu", dtype):
+            same(everything(), wanted)
+            assert torch.is_autocast_enabled("cpu"), "the caller's own setting comes back"
+
+
+@hard(
+    "autocast around a receiver",
+    "switched off inside, as around the link",
+    Breakage(
+        "vocc_torch/receiver/receiver.py",
+        "with torch.autocast(frames.grey.device.type, enabled=False):",
+        "if True:",
+    ),
+)
+def autocast_around_a_receiver():
+    scene, bits = DARKEST.draw(BlockKey(1, "precision", 0), SHAPE)
+    frames = Simulator().render(scene, bits)
+    for locator in (PaperLocator(), RefinedLocator()):
+        receiver = Receiver("flda_3", locator, Reader(), trained())
+        wanted = receiver(frames)
+        for dtype in HALVES:
+            with torch.autocast("cpu", dtype):
+                assert torch.equal(receiver(frames).scores, wanted.scores), (locator, dtype)
+
+
+@hard(
+    "autocast around the simulator",
+    "the same pixels, without a guard: the blur is the one convolution, and it runs in float64, which "
+    "autocast leaves alone",
+    Breakage(
+        "vocc_torch/simulation/effects/blooming.py", "F.pad(value.to(torch.float64), (", "F.pad(value, ("
+    ),
+)
+def autocast_around_the_simulator():
+    scene, bits = DARKEST.draw(BlockKey(1, "precision", 0), SHAPE)
+    wanted = Simulator().render(scene, bits).grey
+    for dtype in HALVES:
+        with torch.autocast("cpu", dtype):
+            assert torch.equal(Simulator().render(scene, bits).grey, wanted), dtype
+
+
+@hard(
+    "one thread or two, in batches of 1, 7 or 64",
+    "the same frames, corners, features and scores to the last bit: no sum runs over a batch, and none "
+    "over so many terms that threads would part it",
+    Breakage(
+        "vocc_torch/receiver/features.py",
+        "neighbours, means[:, 1:-1, 1:-1].mean(dim=(1, 2))",
+        "neighbours, means[:, 1:-1, 1:-1].mean().expand(len(means))",
+    ),
+)
+def threads_and_batches():
+    before, flda = torch.get_num_threads(), trained()
+    with setting(torch.set_num_threads, 1, before):
+        wanted = everything(flda=flda)
+        for batch in (1, 7):
+            same(everything(batch=batch, flda=flda), wanted)
+        full = everything(frames=1, framing="full", flda=flda)
+    # Threads that share a busy core wait for each other by spinning: few frames keep that short.
+    with setting(torch.set_num_threads, 2, before):
+        same(everything(flda=flda), wanted)
+        same(everything(frames=1, framing="full", flda=flda), full)
+
+
+@hard(
+    "torch's deterministic mode",
+    "the same bits with and without it, twice, with panels near and far in one batch: on a CPU no "
+    "operation depends on chance, and no number is read before it is written, which the mode would fill "
+    "with NaN",
+    Breakage(
+        "vocc_torch/receiver/rectification.py",
+        "for factor in torch.unique(factors).tolist():",
+        "for factor in torch.unique(factors).tolist()[:1]:",
+    ),
+)
+def deterministic_mode():
+    wanted = everything()
+    simulator = Simulator()
+    scene = Scene(*(getattr(Scene.of(4), field.name).clone() for field in fields(Scene)))
+    scene.distance_m.copy_(torch.tensor([4.0, 50.0, 12.0, 25.0]))
+    frames = simulator.render(scene, torch.ones(4, 8, 8, dtype=torch.bool))
+
+    def read():
+        return Reader().read(frames, simulator.true_panels(scene)).features
+
+    plain = read()
+    with setting(torch.use_deterministic_algorithms, True, torch.are_deterministic_algorithms_enabled()):
+        for _ in range(2):
+            same(everything(), wanted)
+            assert torch.equal(read(), plain)
+
+
+CHANCY = {
+    *("put_", "histc", "median", "nanmedian", "kthvalue", "max_unpool2d", "nll_loss", "ctc_loss"),
+    *("grid_sampler_2d_backward", "upsample_bilinear2d_backward", "reflection_pad2d_backward"),
+}
+"""What torch names as without a deterministic form on CUDA (see torch.use_deterministic_algorithms)."""
+
+
+class Watched(TorchDispatchMode):
+    """Note each operation with the type of what it gives."""
+
+    def __init__(self):
+        super().__init__()
+        self.seen = set()
+
+    def __torch_dispatch__(self, func, types, args=(), kwargs=None):
+        given = func(*args, **(kwargs or {}))
+        if isinstance(given, torch.Tensor):
+            weights = func.overloadpacket.__name__ == "bincount" and len(args) > 1 and args[1] is not None
+            self.seen.add((func.overloadpacket.__name__, given.is_floating_point() or weights))
+        return given
+
+
+@hard(
+    "the deterministic mode on a GPU",
+    "nothing in the paper's link would be refused: of what depends on the order of a GPU's threads it "
+    "does one thing in floating point, the adding of LEDs to the picture (`index_add_`), for which the "
+    "mode has a form; Otsu's running sums are of whole numbers",
+    Breakage(
+        "vocc_torch/receiver/otsu.py",
+        "counts, values = histogram.to(torch.int64), torch.arange(_LEVELS, device=histogram.device)",
+        "counts, values = histogram.to(torch.float64), torch.arange(_LEVELS, device=histogram.device)",
+    ),
+)
+def operations_on_a_gpu():
+    with Watched() as watched:
+        everything(frames=1, framing="full")
+    names = {name for name, _ in watched.seen}
+    assert {"index_add_", "bincount", "convolution"} & names == {"index_add_", "bincount", "convolution"}, (
+        names
+    )
+    assert not names & CHANCY, names & CHANCY
+    floating = {name for name, is_floating in watched.seen if is_floating}
+    assert floating & {"bincount", "cumsum", "scatter_add", "scatter_add_", "index_add_"} == {"index_add_"}
+
+
+@hard.each
+def test_precision(case):
+    case.check()
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(
+    not any(map(shutil.which, ("g++", "clang++"))), reason="torch.compile needs a C++ compiler"
+)
+@pytest.mark.filterwarnings(
+    "default:`torch.jit.script_method` is deprecated:DeprecationWarning"
+)  # torch's own
+def test_compiled_and_eager_agree():
+    """Compiled kernels fuse products and sums, so features differ by rounding; pixels and bits do not."""
+    scene, bits = DARKEST.draw(BlockKey(1, "precision", 0), SHAPE)
+    simulator, reader = Simulator(), Reader()
+    eager = simulator.render(scene, bits, nearest_m=DARKEST.nearest_m)
+    panels = PaperLocator()(eager, SHAPE)
+    flda = trained()
+
+    def score(frames, panels):
+        features = reader.read(frames, panels).features
+        return features, flda.decision_function(features)
+
+    torch.compiler.reset()
+    try:
+        made = torch.compile(simulator.render)(scene, bits, nearest_m=DARKEST.nearest_m)
+        features, scores = torch.compile(score)(eager, panels)
+        breaks = sum(torch._dynamo.utils.counters["graph_break"].values())
+    finally:
+        torch.compiler.reset()
+    wanted_features, wanted = score(eager, panels)
+    apart = (made.grey.int() - eager.grey.int()).abs()
+    assert int(apart.max()) <= 1
+    assert int((apart > 0).sum()) <= 1e-5 * apart.numel()
+    assert float((features - wanted_features).abs().max()) < 1e-4
+    turned = (scores >= 0) != (wanted >= 0)
+    assert not bool((turned & (wanted.abs() > 1e-3)).any())
+    assert 0 < breaks < 40, "values on the host part the graph: rectification asks how large its window is"
+
+
+def test_numpy_shares_no_state_with_the_draws():
+    """Scenes and bits come from keyed streams: neither library's global seed moves them."""
+    drawn = []
+    for seed in (0, 1):
+        torch.manual_seed(seed)
+        np.random.seed(seed)  # noqa: NPY002  # the global state is what must not matter
+        drawn.append(DARKEST.draw(BlockKey(1, "precision", 0), SHAPE))
+    assert torch.equal(drawn[0][1], drawn[1][1])
+    assert torch.equal(drawn[0][0].distance_m, drawn[1][0].distance_m)

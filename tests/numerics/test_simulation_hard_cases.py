@@ -1,0 +1,1040 @@
+"""Light, lens, panel and sensor at their edges: against closed forms, SciPy, mpmath and larger sensors."""
+
+import itertools
+import math
+
+import mpmath
+import numpy as np
+import pytest
+import torch
+from hard_cases import Breakage, HardCases
+from scipy import ndimage, stats
+
+from vocc_torch.errors import VoccError
+from vocc_torch.receiver.bank import RECEIVER_NAMES, ReceiverBank
+from vocc_torch.receiver.flda import FLDA
+from vocc_torch.receiver.reader import Reader
+from vocc_torch.rng import BlockKey
+from vocc_torch.simulation import Camera, Distribution, LedPanel, SceneModel, Simulator, spread
+from vocc_torch.simulation.effects import Context
+from vocc_torch.simulation.effects.blooming import Blooming
+from vocc_torch.simulation.effects.quantization import Quantization
+from vocc_torch.simulation.framing import crop_origins_px
+from vocc_torch.simulation.geometry import panel_centre_px
+from vocc_torch.simulation.photometry import grey_value, transmission
+from vocc_torch.simulation.poisson import poisson_quantile
+from vocc_torch.simulation.raster import disc_cover, ellipse_cover, ellipse_patch_px
+from vocc_torch.simulation.simulator import PAPER_EFFECTS
+from vocc_torch.simulation.stamps import led_stamps
+from vocc_torch.studies.link import Link
+from vocc_torch.types import PanelShape, Scene
+
+hard = HardCases("Simulation")
+
+PHOTOMETRY = "vocc_torch/simulation/photometry.py"
+EXPOSURE = "vocc_torch/simulation/exposure.py"
+GEOMETRY = "vocc_torch/simulation/geometry.py"
+RASTER = "vocc_torch/simulation/raster.py"
+STAMPS = "vocc_torch/simulation/stamps.py"
+SIMULATOR = "vocc_torch/simulation/simulator.py"
+FRAMING = "vocc_torch/simulation/framing.py"
+DRAWS = "vocc_torch/simulation/scene.py"
+TYPES = "vocc_torch/types.py"
+SPREAD = "vocc_torch/simulation/spread.py"
+BLOOMING = "vocc_torch/simulation/effects/blooming.py"
+
+LINEAR = {"gamma": 1.0}
+"""A camera whose grey values are proportional to the light, so that light can be summed up."""
+PITCH_MM = 13.2 / 1920
+
+
+def sensor(width_px, height_px, **settings):
+    """A camera with the paper's pixels and another number of them."""
+    return Camera(width_px=width_px, height_px=height_px, sensor_width_mm=width_px * PITCH_MM, **settings)
+
+
+def number(value):
+    return torch.tensor(value, dtype=torch.float64, requires_grad=True)
+
+
+def bare(camera=None, panel=None, effects=None, **settings):
+    """A simulator in float64 without the paper's effects, or with those given."""
+    return Simulator(camera, panel, effects or {}, dtype=settings.pop("dtype", torch.float64), **settings)
+
+
+def all_on(scene, rows=8, columns=8):
+    return torch.ones(len(scene), rows, columns, dtype=torch.bool)
+
+
+def refusal(make, *arguments, **settings):
+    """The one line with which something is refused."""
+    with pytest.raises(VoccError) as refused:
+        make(*arguments, **settings)
+    assert "\n" not in str(refused.value)
+    return str(refused.value)
+
+
+def excess(frames, background):
+    """Light of a frame beyond its background's, summed over its pixels, in grey values at gamma 1."""
+    return float((frames.grey.double() - background).sum())
+
+
+# Photometry
+
+
+@hard(
+    "no exposure",
+    "grey value 0; its slope is infinite where gamma is above 1, so the gradient there is 0 by"
+    " definition, and everywhere else, however dark, it is the closed form `G / (gamma H)`",
+    Breakage(PHOTOMETRY, "lit = base >= torch.finfo(base.dtype).tiny", "lit = base >= 0"),
+)
+def no_exposure():
+    for gamma in (1.8, 2.2, 10.0):
+        exposure, speed = number([0.0, 0.0, 1e-30, 1e-3, 7.0]), number([100.0, 1e6, 100.0, 100.0, 1e6])
+        grey = grey_value(exposure, speed, gamma=gamma)
+        grey.sum().backward()
+        assert grey[:2].tolist() == exposure.grad[:2].tolist() == speed.grad[:2].tolist() == [0, 0]
+        for by in (exposure, speed):
+            slope = (grey / (gamma * by)).detach()[2:]
+            torch.testing.assert_close(by.grad[2:], slope, rtol=1e-13, atol=0)
+        torch.autograd.gradcheck(
+            lambda h, s, g=gamma: grey_value(h, s, gamma=g), (number([0.3]), number([80.0]))
+        )
+
+
+@hard(
+    "gamma 1",
+    "the grey value is proportional to the light, to the last bit, and its gradient `118 S / 10` holds at"
+    " exposure 0 too, where nothing is infinite",
+    Breakage(PHOTOMETRY, "    if exponent == 1:", "    if exponent == 1 and not base.requires_grad:"),
+)
+def gamma_one():
+    exposure, speed = number([0.0, 1e-320, 1e-30, 0.25]), number([100.0] * 4)
+    grey = grey_value(exposure, speed, gamma=1.0)
+    grey.sum().backward()
+    assert torch.equal(grey, 118 * (exposure * 10))
+    assert exposure.grad.tolist() == [1180] * 4
+
+
+@hard(
+    "gamma 0.1 and gamma 10",
+    "right to 12 digits against 50-digit arithmetic over 60 decades of light, in float32 to 6; the ends"
+    " of the range, because beyond them light from any scene overflows or is lost; the rest is refused",
+    Breakage(GEOMETRY, '"gamma": (0.1, 10.0),', '"gamma": (1e-6, 1e6),'),
+)
+def gamma_extreme():
+    for gamma in (0.1, 10.0):
+        light = np.logspace(-30, 30, 61) if gamma > 1 else np.logspace(-3, 3, 61)
+        for dtype, rtol in ((torch.float64, 1e-12), (torch.float32, 1e-6)):
+            exposure = torch.tensor(light, dtype=dtype)
+            found = grey_value(exposure, torch.tensor(10.0, dtype=dtype), gamma=gamma)
+            with mpmath.workdps(50):
+                exact = [float(118 * mpmath.mpf(float(h)) ** (1 / mpmath.mpf(gamma))) for h in exposure]
+            np.testing.assert_allclose(found.double().numpy(), exact, rtol=rtol)
+        scene = Scene.of()
+        grey = Simulator(Camera(gamma=gamma)).render(scene, all_on(scene))
+        assert grey.surround.tolist() == [102]
+    for gamma in (0.0999, 10.001):
+        line = f"camera.gamma is {gamma}: it must be at least 0.1 and at most 10"
+        assert refusal(Camera, gamma=gamma) == line
+
+
+@hard(
+    "a pixel among others",
+    "its grey value is the same to the last bit wherever it stands in a batch: the power of float32"
+    " numbers is not, so it is computed by logarithm in float64, which takes as long",
+    Breakage(
+        PHOTOMETRY,
+        "given[part].to(torch.float64, copy=True).log_().mul_(exponent).exp_()",
+        "given[part] ** exponent",
+    ),
+)
+def pixel_among_others():
+    light = torch.rand(4099, generator=torch.Generator().manual_seed(5))
+    together = grey_value(light, torch.tensor(100.0), gamma=2.2)
+    for size in (1, 3, 7):
+        parts = [grey_value(part, torch.tensor(100.0), gamma=2.2) for part in light.split(size)]
+        assert torch.equal(torch.cat(parts), together)
+
+
+@hard(
+    "air that nothing shines through",
+    "transmission 1 over no distance, and 0 from 191 visibility distances on, where it is below the least"
+    " float64; LEDs behind such air are seen as Off",
+    Breakage(PHOTOMETRY, "distance_m * (-3.91 / visibility_m)", "distance_m * (3.91 / -visibility_m) + 1e-9"),
+)
+def opaque_air():
+    shares = transmission(torch.tensor([0.0, 1.0, 100.0, 180.0, 191.0, 1e9], dtype=torch.float64), 1.0)
+    assert shares[0] == 1
+    assert shares[-2:].tolist() == [0, 0]
+    np.testing.assert_allclose(shares[1:4], [float(mpmath.exp(-3.91 * v)) for v in (1, 100, 180)], rtol=1e-12)
+    scene = Scene.of(distance_m=50.0)
+    simulator = Simulator(effects=PAPER_EFFECTS | {"attenuation": {"visibility_m": 0.1}})
+    shown, dark = (simulator.render(scene, bits).grey for bits in (all_on(scene), ~all_on(scene)))
+    assert torch.equal(shown, dark)
+
+
+# Light and auto-ISO
+
+
+@hard(
+    "no ambient light, and auto-ISO without limits",
+    "no ISO speed gives a black background its grey: refused before a frame is made, also where it is one"
+    " scene of many, and the line names `scene.ambient_lx` and `camera.iso_limits`",
+    Breakage(EXPOSURE, "if not bool(held.all()):", "if not bool(held.any()):"),
+)
+def night_without_limits():
+    scene = Scene.cat([Scene.of(), Scene.of(ambient_lx=0.0)])
+    for effects in (PAPER_EFFECTS, {}):
+        simulator = Simulator(effects=effects)
+        for ask in (
+            lambda s=simulator: s.render(scene, all_on(scene)),
+            lambda s=simulator: s.contrast(scene),
+        ):
+            line = refusal(ask)
+            assert line.startswith("scene.ambient_lx is 0: it must be above 0, or give camera.iso_limits")
+
+
+@hard(
+    "no ambient light, and auto-ISO with limits",
+    "the camera takes its highest speed: the night around is black, and an On LED has the grey value of its"
+    " own light alone, by Eqs 1 and 3",
+    Breakage(
+        TYPES,
+        'ABOVE_LOWEST = frozenset({"distance_m", "background_grey"})',
+        'ABOVE_LOWEST = frozenset({"ambient_lx", "distance_m", "background_grey"})',
+    ),
+)
+def night_with_limits():
+    model = SceneModel(ambient_lx=Distribution("constant", (0.0,)))
+    assert not model.draw(BlockKey(0, "night", 0), PanelShape())[0].ambient_lx.any()
+    scene = Scene.of(ambient_lx=0.0, led_luminance_cd_m2=1.5, distance_m=2.0)
+    camera = Camera(iso_limits=(100.0, 3200.0))
+    bits = torch.rand(1, 8, 8, generator=torch.Generator().manual_seed(1)) < 0.5
+    wanted = 118 * (10 * 1.5 / 1500 / (12.5 * 16) * 320) ** (1 / 2.2)
+    for dtype in (torch.float32, torch.float64):
+        grey = bare(camera, dtype=dtype).render(scene, bits).grey
+        assert float(grey.min()) == 0
+        assert float(grey.max()) == pytest.approx(wanted, rel=1e-6)
+        assert float(bare(camera, dtype=dtype).contrast(scene)) == pytest.approx(wanted / 255, rel=1e-12)
+    seen = Simulator(camera).render(scene, bits)
+    assert int(seen.grey.max()) == round(
+        118 * (10 * 1.5 * math.exp(-3.91 * 2 / 40000) / 1500 / 200 * 320) ** (1 / 2.2)
+    )
+    blind = Simulator(camera).render(Scene.of(ambient_lx=0.0, led_luminance_cd_m2=0.0), bits)
+    assert blind.grey.unique().tolist() == blind.surround.tolist() == [0]
+
+
+@hard(
+    "ambient light of 1e-30, 1e-12, 1e12 and 1e30 lx",
+    "from 1e-12 to 1e12 lx the background has its grey and the LEDs theirs by Eqs 1 to 3; beyond, the ISO"
+    " speed or the light is past what float32 arithmetic holds, and the line names the value",
+    Breakage(EXPOSURE, "held = (iso >= ISO_RANGE[0]) & (iso <= ISO_RANGE[1])", "held = iso >= ISO_RANGE[0]"),
+)
+def extreme_ambient():
+    for lux in (1e-12, 1e12):
+        scene = Scene.of(ambient_lx=lux, distance_m=2.0)
+        grey = Simulator(effects={"saturation": {}}).render(scene, all_on(scene)).grey
+        off = 102 * (0.4 / 0.18) ** (1 / 2.2)
+        on = off * (1 + math.pi * 3000 / (0.4 * lux)) ** (1 / 2.2)
+        assert float(grey.min()) == pytest.approx(102, rel=1e-5)
+        assert float(grey.max()) == pytest.approx(min(on, 255), rel=1e-5)
+    for lux, start in (
+        (1e-30, "scene.ambient_lx is 1e-30 and"),
+        (1e30, "scene.ambient_lx is 1e+30: it must"),
+    ):
+        for led in (0.0, 3000.0):
+            line = refusal(
+                lambda v=lux, own=led: Simulator().contrast(Scene.of(ambient_lx=v, led_luminance_cd_m2=own))
+            )
+            assert line.startswith(start)
+
+
+@hard(
+    "light that nothing clips",
+    "without saturation grey values above 1e9 are refused by the LED's luminance, and with it above 1e30:"
+    " float32 would come to infinity, and sums of it to NaN",
+    Breakage(EXPOSURE, "held &= brightest * iso / 10 <= most", "held &= brightest * iso / 10 <= math.inf"),
+)
+def unclipped_light():
+    scene = Scene.of(ambient_lx=1e-3, led_luminance_cd_m2=1e12)
+    for gamma, effects in ((1.0, {}), (0.1, {}), (0.1, {"saturation": {}})):
+        line = refusal(Simulator(Camera(gamma=gamma), effects=effects).render, scene, all_on(scene))
+        assert line.startswith("scene.led_luminance_cd_m2 is 1e+12, with scene.ambient_lx is 0.001 and ISO ")
+    seen = Simulator(Camera(gamma=1.0), effects={"saturation": {}}).render(scene, all_on(scene)).grey
+    assert float(seen.max()) == 255
+
+
+@hard(
+    "LEDs without light of their own",
+    "contrast exactly 0, and frames that are the same to the last bit whatever the bits are",
+    Breakage(
+        SIMULATOR,
+        "leds = symbols * context.scene.led_luminance_cd_m2.view(-1, 1, 1, 1)",
+        "leds = symbols * context.scene.led_luminance_cd_m2.clamp(min=1.0).view(-1, 1, 1, 1)",
+    ),
+)
+def leds_without_light():
+    scene = Scene.of(2, led_luminance_cd_m2=0.0, distance_m=20.0)
+    for simulator in (Simulator(), bare()):
+        assert simulator.contrast(scene).tolist() == [0, 0]
+        shown, dark = (simulator.render(scene, bits).grey for bits in (all_on(scene), ~all_on(scene)))
+        assert torch.equal(shown, dark)
+        assert bool(torch.isfinite(shown.double()).all())
+
+
+@hard(
+    "On equal to Off, decided",
+    "every receiver's scores are finite, and a BER of 0.5 lies within 4 standard errors of what it counts:"
+    " there is nothing to decide by",
+    Breakage(SIMULATOR, "leds = symbols * context", "leds = (symbols + 0.1 * symbols) * 1000 + context"),
+)
+def on_equal_to_off():
+    model = SceneModel(led_luminance_cd_m2=Distribution("constant", (0.0,)))
+    link = Link(Simulator(), None, Reader())
+    flda = FLDA(n_features=3)
+    for seen in link.observe(model, [BlockKey(0, "train", b) for b in range(3)], preambles=False):
+        flda.update(seen.readings.features, seen.bits)
+    bank, errors = ReceiverBank(RECEIVER_NAMES, flda), {name: [] for name in RECEIVER_NAMES}
+    for seen in link.observe(model, [BlockKey(0, "test", b) for b in range(3)], preambles=True):
+        for name, scores in bank.scores(seen.readings, seen.preambles).items():
+            assert bool(torch.isfinite(scores).all())
+            errors[name].append(((scores >= 0) != seen.bits).double().mean(dim=(1, 2)))
+    for name, shares in errors.items():
+        share = torch.cat(shares)
+        assert abs(float(share.mean()) - 0.5) < 4 * 0.5 / math.sqrt(64 * len(share)), name
+
+
+@hard(
+    "everything saturated",
+    "255 in every pixel, also once it is a `uint8`, and contrast 0",
+    Breakage(
+        "vocc_torch/simulation/effects/saturation.py", "value.clamp(max=255.0)", "value.clamp(max=256.0)"
+    ),
+)
+def everything_saturated():
+    camera, scene = Camera(iso_limits=(1e9, 1e9)), Scene.of(ambient_lx=32000.0)
+    seen = Simulator(camera).render(scene, all_on(scene))
+    assert seen.grey.dtype == torch.uint8
+    assert seen.grey.unique().tolist() == seen.surround.tolist() == [255]
+    assert float(Simulator(camera).contrast(scene)) == 0
+
+
+@hard(
+    "ISO limits that are equal",
+    "a camera of fixed speed: the background's grey follows the light by Eq. 1, whatever grey is asked for",
+    Breakage(
+        GEOMETRY,
+        "least <= self.iso_limits[0] <= self.iso_limits[1] <= most",
+        "least <= self.iso_limits[0] < self.iso_limits[1] <= most",
+    ),
+)
+def equal_limits():
+    for lux, asked in itertools.product((1000.0, 32000.0), (1e-6, 102.0, 255.0)):
+        scene = Scene.of(ambient_lx=lux, background_grey=asked)
+        seen = bare(Camera(iso_limits=(800.0, 800.0))).render(scene, all_on(scene))
+        exposure = 10 * lux * 0.18 / math.pi / 1500 / 200
+        assert float(seen.surround[0]) == pytest.approx(118 * (exposure * 80) ** (1 / 2.2), rel=1e-12)
+
+
+@hard(
+    "exposure settings at the ends of their ranges",
+    "auto-ISO takes every combination of f-number, time and K out again, in float32 too; beyond the ends"
+    " (1e-200, 1e200: their squares are 0 and infinite) each is refused by name",
+    Breakage(GEOMETRY, '"f_number": (0.1, 1e3),', '"f_number": (1e-300, 1e300),'),
+)
+def exposure_settings():
+    ranges = {"f_number": (0.1, 1e3), "exposure_time_s": (1e-9, 1e4), "calibration_constant": (0.1, 1e3)}
+    scene = Scene.of(2)
+    scene.ambient_lx[1], scene.led_luminance_cd_m2[1] = 1.0, 0.0
+    paper = bare().render(scene, all_on(scene)).grey
+    for ends in itertools.product(*ranges.values()):
+        camera = Camera(**dict(zip(ranges, ends, strict=True)))
+        for dtype, rtol in ((torch.float64, 1e-12), (torch.float32, 1e-5)):
+            seen = bare(camera, dtype=dtype).render(scene, all_on(scene)).grey
+            torch.testing.assert_close(seen.double(), paper, rtol=rtol, atol=0)
+    for name, (low, high) in ranges.items():
+        for value in (1e-200, low * 0.999, high * 1.001, 1e200, math.inf, math.nan):
+            assert refusal(Camera, **{name: value}).startswith(f"camera.{name} is {value:g}: it must be ")
+        assert refusal(Camera, **{name: 0.0}) == f"camera.{name} is 0: it must be above 0"
+
+
+@hard(
+    "a background of 255 and of a millionth of a grey value",
+    "255: white, as are the LEDs on it; 1e-6: black to the last bit of 8, LEDs in their closed form;"
+    " above 255 no camera can give it, and it is refused",
+    Breakage(TYPES, '"background_grey": (0.0, 255.0),', '"background_grey": (0.0, 256.0),'),
+)
+def background_extremes():
+    for asked, shown in ((255.0, 255), (1e-6, 0)):
+        scene = Scene.of(background_grey=asked, distance_m=2.0)
+        assert Simulator().render(scene, all_on(scene)).surround.tolist() == [shown]
+        on = asked * ((0.4 * 8000 / math.pi + 3000) / (0.18 * 8000 / math.pi)) ** (1 / 2.2)
+        grey = bare().render(scene, all_on(scene)).grey
+        assert [float(v) for v in (grey.min(), grey.max())] == pytest.approx([asked, on], rel=1e-12)
+    assert (
+        refusal(Scene.of, background_grey=255.5) == "scene.background_grey is 255.5: it must be at most 255"
+    )
+    assert refusal(SceneModel, background_grey=Distribution("uniform", (1.0, 255.5))).endswith("at most 255")
+
+
+@hard(
+    "the gradient through a dark renderer",
+    "finite everywhere, 0 where a pixel sees no light, and the closed form on the LEDs",
+    Breakage(
+        PHOTOMETRY,
+        "return torch.where(lit, smooth, _power(base.detach(), exponent))",
+        "return base**exponent",
+    ),
+)
+def gradient_through_the_renderer():
+    camera = Camera(iso_limits=(3200.0, 3200.0))
+    scene = Scene.of(ambient_lx=0.0, distance_m=3.0)
+    scene.led_luminance_cd_m2.requires_grad_()
+    bits = torch.rand(1, 8, 8, generator=torch.Generator().manual_seed(2)) < 0.5
+    grey = bare(camera).render(scene, bits).grey
+    (slope,) = torch.autograd.grad(grey.sum(), scene.led_luminance_cd_m2)
+    assert float(slope) == pytest.approx(float(grey.detach().sum()) / 2.2 / 3000, rel=1e-12)
+
+
+# Areas
+
+
+def exact_disc_cover(x, y, radius, column, row):
+    """Area that a disc has in common with a pixel, to 30 digits, by integrating its chords."""
+    with mpmath.workdps(30):
+        x, y, radius = mpmath.mpf(x), mpmath.mpf(y), mpmath.mpf(radius)
+
+        def chord(t):
+            half = mpmath.sqrt(max(radius**2 - (t - x) ** 2, 0))
+            return max(0, min(mpmath.mpf(row + 1), y + half) - max(mpmath.mpf(row), y - half))
+
+        marks = {mpmath.mpf(column), mpmath.mpf(column + 1), x - radius, x + radius}
+        for line in (row, row + 1):
+            if abs(line - y) < radius:
+                cut = mpmath.sqrt(radius**2 - (line - y) ** 2)
+                marks |= {x - cut, x + cut}
+        points = sorted(mark for mark in marks if column <= mark <= column + 1)
+        return float(mpmath.quad(chord, points)) if len(points) > 1 else 0.0
+
+
+def total_cover(x, y, radius):
+    centre_x, centre_y, radii = (torch.tensor([v], dtype=torch.float64) for v in (x, y, radius))
+    cover, _, _ = disc_cover(centre_x, centre_y, radii, math.ceil(2 * radius) + 1)
+    assert float(cover.min()) >= 0
+    assert float(cover.max()) <= 1
+    return float(cover.sum())
+
+
+@hard(
+    "LEDs under a tenth of a pixel",
+    "their area is spread over the pixels that they touch, from a radius of 0.05 px down to one of 1e-9"
+    " px, on a pixel's middle, edge or corner: within 1e-9 of the circle's",
+    Breakage(RASTER, "_patch(centre_x - radius, size", "_patch(centre_x, size"),
+)
+def tiny_leds():
+    for radius in (0.05, 1e-3, 1e-6):
+        for x, y in itertools.product((0.0, 0.3, 7.0, 7.5, 7.0 + radius, 8 - radius / 3), (2.0, 2.49)):
+            assert total_cover(x, y, radius) == pytest.approx(math.pi * radius**2, rel=1e-9)
+    assert total_cover(0.5, 0.5, 1e-9) == pytest.approx(math.pi * 1e-18, rel=1e-12)
+
+
+@hard(
+    "LEDs over 200 pixels wide",
+    "their area within 1e-9 of the circle's up to 2000 px wide, and the cover of each pixel on the rim within"
+    " `2e-15` of the radius squared up to the widest on offer, 100,000 px",
+    Breakage(RASTER, "first.clamp(0, max(full - size, 0))", "first.clamp(0, full)"),
+)
+def huge_leds():
+    for radius in (100.0, 317.3, 1000.0):
+        assert total_cover(5.3, -7.7, radius) == pytest.approx(math.pi * radius**2, rel=1e-9)
+    for radius, angle in itertools.product((150.0, 5e4), (0.6, math.pi)):
+        x, y = 3.2 - radius * math.cos(angle), 1.9 - radius * math.sin(angle)
+        centre = (torch.tensor([v], dtype=torch.float64) for v in (x, y, radius))
+        cover, left, top = disc_cover(*centre, math.ceil(2 * radius) + 1, canvas_px=(4, 6))
+        assert (tuple(cover.shape), int(left), int(top)) == ((1, 4, 6), 0, 0)
+        wanted = [[exact_disc_cover(x, y, radius, c, r) for c in range(6)] for r in range(4)]
+        assert 0.1 < np.mean(wanted) < 0.9
+        np.testing.assert_allclose(cover[0].numpy(), wanted, rtol=0, atol=max(2e-15 * radius**2, 1e-14))
+
+
+@hard(
+    "ellipses of any size on a sensor that is not square",
+    "a tilted LED's area within 1e-9 of the ellipse's, from 1e-6 px to 600 px, and cut at the border as it"
+    " would be drawn on a larger sensor",
+    Breakage(
+        RASTER,
+        "_patch(low[:, 1], size, None if canvas_px is None else canvas_px[0])",
+        "_patch(low[:, 1], size, None if canvas_px is None else canvas_px[1])",
+    ),
+)
+def ellipses():
+    shape = torch.tensor([[[4.0, 1.2], [1.2, 1.0]]], dtype=torch.float64)
+    for scale in (1e-6, 0.05, 1.0, 150.0):
+        spread, centre = shape * scale**2, torch.tensor([[8.3, 3.1]], dtype=torch.float64)
+        cover, left, top = ellipse_cover(centre, spread, ellipse_patch_px(spread))
+        assert float(cover.sum()) == pytest.approx(math.pi * 1.6 * scale**2, rel=1e-9)
+        cut, x, y = ellipse_cover(centre, spread, ellipse_patch_px(spread), canvas_px=(7, 20))
+        whole, part = torch.zeros(800, 800), torch.zeros(7, 20)
+        rows, columns = (slice(int(v) + 350, int(v) + 350 + cover.shape[1]) for v in (top, left))
+        if scale < 100:
+            whole[rows, columns] = cover[0].float()
+            part[int(y) : int(y) + cut.shape[1], int(x) : int(x) + cut.shape[2]] = cut[0].float()
+            assert torch.equal(whole[350:357, 350:370], part)
+        assert cut.shape[1] <= 7
+        assert cut.shape[2] <= 20
+
+
+# Panels near and far
+
+
+def fully_lit(frames, camera, scene, panel=None, *, samples=8):
+    """What a rendering at gamma 1 sums up to over the whole sensor, by sampling points of each pixel."""
+    panel = panel or LedPanel()
+    scale = camera.focal_length_px / float(scene.distance_m[0])
+    axis = [(np.arange(side * samples) + 0.5) / samples - side / 2 for side in camera.sensor_px]
+    y, x = (points / scale for points in axis)
+    pitch = panel.pitch_m
+    x, y = x - float(scene.offset_x_m[0]), y - float(scene.offset_y_m[0])
+    near = [
+        (v / pitch - 0.5 - np.floor(v / pitch - 0.5) - 0.5) * pitch for v in (x + pitch / 2, y + pitch / 2)
+    ]
+    counts = (panel.shape.columns, panel.shape.rows)
+    held = [np.abs(v) < n * pitch / 2 for v, n in zip((x, y), counts, strict=True)]
+    inside = (near[0][None, :] ** 2 + near[1][:, None] ** 2 < (panel.led_diameter_m / 2) ** 2) & (
+        held[0][None, :] & held[1][:, None]
+    )
+    return inside.mean()
+
+
+@hard(
+    "a panel at 0.3 m, larger than the sensor",
+    "what is in view is drawn and the rest is cut: the share of the picture that LEDs cover is that of"
+    " sampled points, and the work is that of the pixels, not of the LEDs' whole images",
+    Breakage(
+        STAMPS,
+        "return disc_cover(x, y, self.half_width[rows], side, canvas_px=size)",
+        "return disc_cover(x, y, self.half_width[rows], side)",
+    ),
+)
+def near_panel():
+    camera = sensor(192, 108, **LINEAR)
+    for distance, gap in ((0.3, 0.03), (1.0, 0.03), (0.3, 0.0), (0.1, 0.03)):
+        scene = Scene.of(distance_m=distance, offset_x_m=0.02, offset_y_m=-0.02)
+        panel = LedPanel(led_gap_m=gap)
+        frames = bare(camera, panel).render(scene, all_on(scene))
+        assert tuple(frames.grey.shape[-2:]) == camera.sensor_px
+        on = 102 * (0.4 * 8000 / math.pi + 3000) / (0.18 * 8000 / math.pi)
+        share = excess(frames, 102.0) / (on - 102) / frames.grey.numel()
+        assert share == pytest.approx(fully_lit(frames, camera, scene, panel), abs=2e-3)
+        assert share > 0.05
+        context = Context(scene, camera, origin_px=frames.origin_px, panel=panel)
+        work = sum(s.cover.numel() for s in led_stamps(context, camera.sensor_px, perspective=False))
+        assert work <= 10 * frames.grey.numel()
+
+
+@hard(
+    "a panel that touches the lens",
+    "within one LED's image, up to 100,000 px wide, every pixel is that LED; nearer than that is refused by"
+    " `scene.distance_m`, because areas would no longer be exact",
+    Breakage(GEOMETRY, "LARGEST_LED_PX = 100_000\n", "LARGEST_LED_PX = 100_000_000\n"),
+)
+def touching_panel():
+    camera = sensor(64, 48, **LINEAR)
+    panel = LedPanel(PanelShape(1, 1))
+    nearest = 0.03 * camera.focal_length_px / 99_999
+    scene = Scene.of(distance_m=nearest)
+    grey = bare(camera, panel).render(scene, all_on(scene, 1, 1)).grey
+    on = 102 * (0.4 * 8000 / math.pi + 3000) / (0.18 * 8000 / math.pi)
+    torch.testing.assert_close(grey, torch.full_like(grey, on), rtol=1e-5, atol=0)
+    for distance in (nearest * 0.99, 1e-30, 5e-324):
+        for ask in (
+            lambda s: bare(camera, panel).render(s, all_on(s, 1, 1)),
+            lambda s: bare(camera, panel).true_panels(s),
+            lambda s: bare(camera, panel, {"pose": {"roll_deg": 5.0}}).render(s, all_on(s, 1, 1)),
+        ):
+            line = refusal(ask, Scene.of(distance_m=distance))
+            assert line.startswith(f"scene.distance_m is {distance:g}: it must ")
+
+
+@hard(
+    "a panel at 10 km and at 1e9 m",
+    "an LED is then under a hundredth of a pixel, several share one, and their light adds up: area by"
+    " luminance within 1e-9 of the closed form, until it is 1e-12 of the background",
+    Breakage(RASTER, "index_add_(0, index.view(-1), patches", "index_copy_(0, index.view(-1), patches"),
+)
+def far_panel():
+    camera = Camera(**LINEAR)
+    for distance in (500.0, 1e4, 1e5):
+        scene = Scene.of(distance_m=distance, offset_x_m=0.7, ambient_lx=1.0)
+        frames = bare(camera).render(scene, all_on(scene))
+        area = 64 * math.pi * (0.015 * camera.focal_length_px / distance) ** 2
+        on = 102 * (0.4 / math.pi + 3000) / (0.18 / math.pi)
+        assert excess(frames, 102.0) == pytest.approx(area * (on - 102), rel=1e-9)
+    gone = Scene.of(distance_m=1e9)
+    grey = bare(camera).render(gone, all_on(gone)).grey
+    torch.testing.assert_close(grey, torch.full_like(grey, 102.0), rtol=1e-11, atol=0)
+
+
+@hard(
+    "a near and a far panel in one batch",
+    "each is drawn as it is alone, to the last bit, and each once: LEDs of like size are drawn together",
+    Breakage(
+        STAMPS,
+        "like = [frame for frame, its in enumerate(patches) if its == patch]",
+        "like = [frame for frame, its in enumerate(patches) if its <= patch]",
+    ),
+)
+def near_and_far():
+    camera = sensor(96, 64)
+    scene = Scene.cat([Scene.of(distance_m=d, offset_y_m=0.01) for d in (0.5, 3000.0, 8.0, 60.0, 0.2)])
+    bits = torch.rand(5, 8, 8, generator=torch.Generator().manual_seed(3)) < 0.5
+    for effects in ({}, {"airlight": {"visibility_m": 200}, "attenuation": {"visibility_m": 200}}):
+        simulator = bare(camera, effects=effects)
+        together = simulator.render(scene, bits).grey
+        alone = [simulator.render(scene[i : i + 1], bits[i : i + 1], nearest_m=0.2).grey for i in range(5)]
+        assert torch.equal(together, torch.cat(alone))
+
+
+@hard(
+    "a panel on the border, partly and wholly outside the sensor",
+    "cut there: the pixels are those of a larger sensor that has all of it; wholly outside leaves background,"
+    " and the true corners say where it is",
+    Breakage(STAMPS, "seen = (discs.x + discs.half_width > 0)", "seen = (discs.x > 0)"),
+)
+def panel_across_the_border():
+    small, large = sensor(96, 64), sensor(288, 192)
+    metres = 6.0 / small.focal_length_px
+    bits = torch.rand(1, 8, 8, generator=torch.Generator().manual_seed(4)) < 0.5
+    for x, y in itertools.product((-90, -66.3, -48, -47.5, 31, 48, 60), (-70, -32, 0, 33.25)):
+        scene = Scene.of(distance_m=6.0, offset_x_m=x * metres, offset_y_m=y * metres)
+        cut, whole = (
+            bare(camera, framing="full").render(scene, bits).grey[0, 0] for camera in (small, large)
+        )
+        torch.testing.assert_close(cut, whole[64:128, 96:192], rtol=1e-12, atol=1e-12)
+    far = Scene.of(distance_m=6.0, offset_x_m=1e3)
+    assert Simulator(small).render(far, all_on(far)).grey.unique().tolist() == [102]
+    assert float(Simulator(small).true_panels(far).corners_px[..., 0].min()) > 96
+
+
+@hard(
+    "offsets and distances at the ends of their ranges",
+    "a panel 1e9 m aside leaves background, and the crop lies at the sensor's edge on its side; an image"
+    " farther than 1e12 px, and any value beyond 1e9 m, refused by name",
+    Breakage(FRAMING, "centred = torch.round(near).long()", "centred = torch.round(centre_px).long()"),
+)
+def extreme_offsets():
+    camera = Camera()
+    telescope, small = Camera(focal_length_mm=1e6), LedPanel(led_diameter_m=1e-6, led_gap_m=0.0)
+    views = ((camera, LedPanel(), 5.0), (camera, LedPanel(), 50.0), (telescope, small, 1e6))
+    for (seen_by, panel, distance), x, y in itertools.product(views, (-1e9, 1e9), (-1e9, 1e9)):
+        scene = Scene.of(distance_m=distance, offset_x_m=x, offset_y_m=y)
+        frames = bare(seen_by, panel).render(scene, all_on(scene))
+        torch.testing.assert_close(frames.grey, torch.full_like(frames.grey, 102.0), rtol=1e-12, atol=0)
+        height, width = (
+            full - own for full, own in zip(frames.sensor_px, frames.grey.shape[-2:], strict=True)
+        )
+        assert frames.origin_px.tolist() == [[0 if x < 0 else width, 0 if y < 0 else height]]
+    telescoped = bare(telescope, small).crop_px(50.0)
+    far = Scene.of(distance_m=2e-3, offset_x_m=1e9, offset_y_m=-1e9)
+    ends = crop_origins_px(panel_centre_px(far, telescope), telescoped, telescope.sensor_px)
+    assert ends.tolist() == [[1920 - telescoped[1], 0]]
+    line = refusal(Simulator(telescope, small).true_panels, far)
+    assert line.startswith(
+        "scene.offset_x_m is 1e+09, scene.offset_y_m is -1e+09, scene.distance_m is 0.002: the "
+    )
+    for name, value in (("offset_x_m", -1.1e9), ("offset_y_m", 1.1e9), ("distance_m", 1.1e9)):
+        assert refusal(Scene.of, **{name: value}).startswith(f"scene.{name} is {value:g}: it must be at ")
+
+
+@hard(
+    "panels of 1 x 1, 64 x 64, 1 x 64 and 64 x 1 LEDs",
+    "each LED shines where it stands, its light's centre of gravity within 0.01 px, and all together"
+    " give their number times an LED's light",
+    Breakage(
+        GEOMETRY,
+        "(rows - (panel.shape.rows - 1) / 2) * pitch_px",
+        "(rows - (panel.shape.columns - 1) / 2) * pitch_px",
+    ),
+)
+def extreme_panels():
+    camera = sensor(1200, 1200, **LINEAR)
+    for rows, columns in ((1, 1), (64, 64), (1, 64), (64, 1)):
+        panel, scene = LedPanel(PanelShape(rows, columns)), Scene.of(distance_m=15.0, offset_x_m=0.1)
+        simulator = bare(camera, panel)
+        one = math.pi * (0.015 * camera.focal_length_px / 15) ** 2
+        on = 102 * (0.4 * 8000 / math.pi + 3000) / (0.18 * 8000 / math.pi)
+        lit = simulator.render(scene, all_on(scene, rows, columns))
+        assert excess(lit, 102.0) == pytest.approx(one * rows * columns * (on - 102), rel=1e-10)
+        dark = simulator.render(scene, ~all_on(scene, rows, columns)).grey[0, 0]
+        for row, column in {(0, 0), (rows - 1, columns // 2), (rows // 3, columns - 1)}:
+            bits = ~all_on(scene, rows, columns)
+            bits[0, row, column] = True
+            frames = simulator.render(scene, bits)
+            light = frames.grey[0, 0] - dark
+            y, x = (
+                (light.sum(1 - axis) * (torch.arange(light.shape[axis], dtype=torch.float64) + 0.5)).sum()
+                / light.sum()
+                for axis in (0, 1)
+            )
+            pitch = 0.06 * camera.focal_length_px / 15
+            place = (
+                600 + 0.1 * camera.focal_length_px / 15 + (column - (columns - 1) / 2) * pitch,
+                600 + (row - (rows - 1) / 2) * pitch,
+            )
+            found = (float(x) + int(frames.origin_px[0, 0]), float(y) + int(frames.origin_px[0, 1]))
+            assert found == pytest.approx(place, abs=0.01)
+
+
+@hard(
+    "sensors of 1 x 1, 5 x 5 and odd sizes",
+    "every framing gives the same pixels; what a pixel sees is the mean over its part of the picture. A"
+    " sensor of 5 pixels behind the paper's lens sees the panel as a hundredth of a pixel: a sight as of"
+    " 10 km, drawn and not refused",
+    Breakage(
+        FRAMING,
+        "min(math.ceil(min(side, full)) + margin, full)",
+        "math.ceil(min(side, full)) + margin",
+    ),
+)
+def small_sensors():
+    for width, height in ((1, 1), (5, 5), (7, 3), (3, 11), (61, 59)):
+        for camera in (sensor(width, height), Camera(width_px=width, height_px=height)):
+            scene = Scene.of(2, distance_m=20.0, offset_x_m=0.01)
+            frames = [
+                Simulator(camera, framing=f).render(scene, all_on(scene)) for f in ("crop", "filled", "full")
+            ]
+            assert torch.equal(frames[1].grey, frames[2].grey)
+            if frames[0].surround is None:
+                assert torch.equal(frames[0].grey, frames[2].grey)
+            assert tuple(frames[2].grey.shape[-2:]) == (height, width)
+    camera = Camera(width_px=5, height_px=3, **LINEAR)
+    scene = Scene.of(ambient_lx=1.0)
+    on = 102 * (0.4 / math.pi + 3000) / (0.18 / math.pi)
+    area = 64 * math.pi * (0.015 * camera.focal_length_px / 50) ** 2
+    lit = bare(camera, framing="full").render(scene, all_on(scene))
+    assert excess(lit, 102.0) == pytest.approx(area * (on - 102), rel=1e-9)
+
+
+# Blooming
+
+
+@hard(
+    "blooming of 0 and of 1e-6 px",
+    "0 is refused by name (leave the effect out); 1e-6, and as little as float64 has, changes no bit, for the"
+    " kernel's neighbours are below the least number",
+    Breakage(
+        BLOOMING, "if not 0 < self.sigma_px <= MOST_SIGMA_PX:", "if not 0 <= self.sigma_px <= MOST_SIGMA_PX:"
+    ),
+)
+def no_blooming():
+    value = torch.rand(2, 1, 9, 7, generator=torch.Generator().manual_seed(1), dtype=torch.float64)
+    context = Context(Scene.of(2), Camera())
+    for sigma in (5e-324, 1e-200, 1e-6, 0.02):
+        assert torch.equal(Blooming(sigma)(value, context), value)
+    for sigma in (0.0, -1e-6, 32.001, math.nan, math.inf):
+        assert refusal(Blooming, sigma).startswith(
+            f"scene.effects.blooming.sigma_px is {sigma:g}: it must be above 0"
+        )
+
+
+@hard(
+    "blooming wider than the crop and than the sensor",
+    "the crop grows with it up to the sensor, so no light is lost there: the panel's light after it is that"
+    " before within 1e-9; at the sensor's border light is taken to go on as it is there, as SciPy's"
+    " `nearest` has it, and a uniform frame stays uniform",
+    Breakage(BLOOMING, 'mode="replicate"', 'mode="constant"'),
+)
+def wide_blooming():
+    generator = torch.Generator().manual_seed(2)
+    for height, width in ((1, 1), (5, 3), (40, 33)):
+        value = torch.rand(3, 1, height, width, generator=generator, dtype=torch.float64)
+        blurred = Blooming(32.0)(value, Context(Scene.of(3), Camera()))
+        for frame, plain in zip(blurred, value, strict=True):
+            wanted = ndimage.gaussian_filter(plain[0].numpy(), 32.0, truncate=4.0, mode="nearest")
+            np.testing.assert_allclose(frame[0].numpy(), wanted, rtol=1e-12)
+        even = Blooming(32.0)(torch.full_like(value, 0.1), Context(Scene.of(3), Camera()))
+        torch.testing.assert_close(even, torch.full_like(value, 0.1), rtol=1e-14, atol=0)
+    camera, scene = sensor(700, 500, **LINEAR), Scene.of(distance_m=30.0, ambient_lx=1.0)
+    plain, bloomed = (
+        bare(camera, effects=e).render(scene, all_on(scene)) for e in ({}, {"blooming": {"sigma_px": 32.0}})
+    )
+    assert bloomed.grey.shape[-1] > 256
+    assert excess(bloomed, 102.0) == pytest.approx(excess(plain, 102.0), rel=1e-9)
+
+
+@hard(
+    "a wide kernel on a wide frame",
+    "cut into strips of rows and of columns, so that memory stays bounded, and the sum is still SciPy's to 13"
+    " digits, to the frame's corners",
+    Breakage(
+        SPREAD,
+        "for left in range(0, plane.shape[1], columns)",
+        "for left in range(columns, plane.shape[1], columns)",
+    ),
+)
+def wide_kernel():
+    generator = np.random.default_rng(3)
+    quarter = torch.from_numpy(generator.random((9, 9)))
+    half = torch.cat([quarter.flip(0)[:-1], quarter])
+    kernel = torch.cat([half.flip(1)[:, :-1], half], dim=1)
+    plane = torch.from_numpy(generator.random((41, 67)))
+    wanted = ndimage.convolve(plane.numpy(), kernel.numpy(), mode="nearest")
+    for values in (1, 2000, 10_000, 1 << 25):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(spread, "MOST_STRIP_VALUES", values)
+            patch.setattr(spread, "STRIP_VALUES", 20 * values)
+            found = spread.convolve_symmetric(plane, quarter)
+        np.testing.assert_allclose(found.numpy(), wanted, rtol=1e-13)
+
+
+@hard(
+    "means of no electron and of 1e30",
+    "no electron gives none; up to 1e6 the count is SciPy's quantile, at 7 standard deviations too; from"
+    " 2^53 on it is the mean and its root's multiple, to rounding",
+    Breakage("vocc_torch/simulation/poisson.py", "MOST_OF_FEW = 32", "MOST_OF_FEW = 3"),
+)
+def extreme_counts():
+    normal = np.array([-7.0, -2.5, -0.3, 0.0, 1.1, 3.0, 7.0])
+    assert not poisson_quantile(np.zeros(7), normal).any()
+    for mean in (1e-300, 1e-9, 0.01, 0.5, 2.999, 3.0, 47.3, 1e6):
+        wanted = stats.poisson.ppf(stats.norm.cdf(normal[1:-1]), mean)
+        assert poisson_quantile(np.full(5, mean), normal[1:-1]).tolist() == np.maximum(wanted, 0).tolist()
+        for n, z in zip(poisson_quantile(np.full(7, mean), normal), normal, strict=True):
+            assert n >= 0
+            assert stats.poisson.cdf(n, mean) >= stats.norm.cdf(z) * (1 - 1e-9)
+    for mean in (1e16, 1e30):
+        found = poisson_quantile(np.full(7, mean), normal)
+        np.testing.assert_allclose(found, mean + normal * math.sqrt(mean), rtol=1e-15)
+
+
+# What is given to the renderer
+
+
+@hard(
+    "float32 against float64",
+    "pictures are drawn in float64 either way, so that the two differ by float32's rounding alone:"
+    " within 1e-6 of the grey value at 0.5 m and 10 km, 1 and 1e6 lx; scenes given in float32 or as"
+    " integers become float64",
+    Breakage(
+        TYPES,
+        "if all(getattr(self, field.name).dtype == torch.float64 for",
+        "if any(getattr(self, field.name).dtype == torch.float64 for",
+    ),
+)
+def both_precisions():
+    camera = sensor(96, 64)
+    for distance, lux in itertools.product((0.5, 50.0, 1e4), (1.0, 1e6)):
+        scene = Scene.of(distance_m=distance, ambient_lx=lux, offset_x_m=0.01)
+        single, double = (
+            bare(camera, dtype=d).render(scene, all_on(scene)).grey for d in (torch.float32, torch.float64)
+        )
+        torch.testing.assert_close(single.double(), double, rtol=1e-6, atol=0)
+    scene = Scene.of(2, distance_m=47.0, offset_x_m=0.25)
+    for dtype in (torch.float32, torch.int64):
+        given = Scene(*((v if v.frac().any() else v.to(dtype)) for v in vars_of(scene)))
+        assert torch.equal(
+            bare(camera).render(given, all_on(scene)).grey, bare(camera).render(scene, all_on(scene)).grey
+        )
+    rough = Scene(*(v.float() for v in vars_of(Scene.of(distance_m=47.3))))
+    assert rough.checked().distance_m.dtype == torch.float64
+
+
+def vars_of(scene):
+    return [getattr(scene, name) for name in Scene.__slots__]
+
+
+@hard(
+    "bits of another type or shape",
+    "refused in one line that says what they must be: 0.5 or 2 would be another luminance",
+    Breakage(SIMULATOR, "if bits.dtype != torch.bool:", "if bits.is_floating_point():"),
+)
+def wrong_bits():
+    scene = Scene.of(2)
+    for dtype in (torch.uint8, torch.int64, torch.float32):
+        assert refusal(Simulator().render, scene, all_on(scene).to(dtype)) == (
+            f"bits has the type {dtype}: it must be torch.bool, True = On"
+        )
+    for shape in ((2, 8), (1, 8, 8), (2, 8, 9), (2, 1, 8, 8), ()):
+        bits = torch.ones(shape, dtype=torch.bool)
+        assert refusal(Simulator().render, scene, bits) == f"bits has shape {shape}: it must be (2, 8, 8)"
+
+
+@hard(
+    "a batch of no scenes",
+    "refused by name, as by `Scene.of`: frames of no scene have no size",
+    Breakage(
+        SIMULATOR,
+        "        if not len(scene):\n            raise",
+        "        if len(scene) < 0:\n            raise",
+    ),
+)
+def no_scenes():
+    empty = Scene.of()[:0]
+    line = "scene holds no frames: it must hold at least 1"
+    assert refusal(Simulator().render, empty, all_on(empty)) == line
+    assert refusal(Scene.of, 0) == "frames is 0: it must be at least 1"
+    assert len(Simulator().true_panels(empty).found) == len(Simulator().contrast(empty)) == 0
+
+
+@hard(
+    "scene values that are not finite",
+    "NaN, infinity and minus infinity in one frame of many: refused by the field's name",
+    Breakage(TYPES, "if not (math.isfinite(low) and math.isfinite(high)):", "if math.isnan(low):"),
+)
+def not_finite():
+    for name, value in itertools.product(Scene.__slots__, (math.nan, math.inf, -math.inf)):
+        scene = Scene.of(5)
+        getattr(scene, name)[3] = value
+        line = f"scene.{name} holds a value that is not finite"
+        for ask in (
+            lambda s: Simulator().render(s, all_on(s)),
+            Simulator().contrast,
+            Simulator().true_panels,
+        ):
+            assert refusal(ask, scene) == line
+
+
+@hard(
+    "scene fields of different lengths",
+    "refused by the first field that does not fit, before anything is broadcast",
+    Breakage(TYPES, "if values.ndim != 1 or values.shape != wanted:", "if values.ndim != 1:"),
+)
+def ragged_scene():
+    scene = Scene.of(3)
+    for wrong in (torch.ones(1).double(), torch.ones(()).double(), torch.ones(3, 1).double()):
+        ragged = Scene(*(wrong if n == "distance_m" else getattr(scene, n) for n in Scene.__slots__))
+        line = f"scene.distance_m has shape {tuple(wrong.shape)}: each field must be (B,), one value a frame"
+        assert refusal(ragged.checked) == line
+
+
+@hard(
+    "a nearest distance of 0 or below",
+    "refused by name, as one beyond the nearest scene is: it would ask for a crop without end",
+    Breakage(FRAMING, "if not nearest_m > 0:", "if nearest_m < 0:"),
+)
+def no_nearest_distance():
+    scene = Scene.of()
+    for nearest in (0.0, -1.0, math.nan):
+        assert refusal(Simulator().crop_px, nearest) == f"nearest_m is {nearest:g}: it must be above 0"
+    assert refusal(Simulator().render, scene, all_on(scene), nearest_m=0.0).startswith("nearest_m is 0")
+    assert refusal(Simulator().crop_px, 5e-324).startswith(
+        "scene.distance_m is 4.94066e-324: it must leave an LED"
+    )
+    assert Simulator().crop_px(0.002) == (1080, 1920)
+
+
+@hard(
+    "frames of more pixels than memory holds",
+    "above 33.6 million, those of 8K video, refused by the camera's width and height; a crop of such a sensor"
+    " is drawn",
+    Breakage(SIMULATOR, "    _demand_pixels(sensor if whole else size)", "    _demand_pixels(size)"),
+)
+def too_many_pixels():
+    camera, scene = Camera(width_px=8192, height_px=4097), Scene.of()
+    for framing in ("filled", "full"):
+        line = refusal(Simulator(camera, framing=framing).render, scene, all_on(scene))
+        assert line.startswith(
+            "camera.width_px and camera.height_px lead to frames of 8192 x 4097 px: they must "
+        )
+    assert Simulator(camera).render(scene, all_on(scene)).surround.tolist() == [102]
+    for name, value in itertools.product(("width_px", "height_px"), (0, 5.5, 32769, 2**62)):
+        assert refusal(Camera, **{name: value}).startswith(f"camera.{name} is {value:g}")
+
+
+@hard(
+    "pictures of 1 to 16 bits",
+    "each level is its own neighbour, 0 and 255 stay, and no level rounds to above 255 in float32",
+    Breakage(
+        "vocc_torch/simulation/effects/quantization.py",
+        "torch.round(value * (top / 255.0)) * 255.0 / top",
+        "torch.round(value * (top / 255.0)) * (255.0 / top)",
+    ),
+)
+def every_bit_depth():
+    context = Context(Scene.of(), Camera())
+    for bits in range(1, 17):
+        levels = torch.arange(1 << bits, dtype=torch.float64) * (255 / ((1 << bits) - 1))
+        for dtype in (torch.float32, torch.float64):
+            shown = Quantization(bits)(levels.to(dtype).clamp(max=255.0).view(1, 1, 1, -1), context).flatten()
+            assert [float(shown[0]), float(shown[-1])] == [0, 255]
+            assert float(shown.double().max()) <= 255
+            np.testing.assert_allclose(shown.double().numpy(), levels.numpy(), rtol=1e-6)
+
+
+# Draws
+
+
+@hard(
+    "a distribution whose bounds are equal",
+    "that value, to the last bit, also where it is drawn by its logarithm; as is a choice of one",
+    Breakage(DRAWS, "return drawn.clip(low, high)", "return drawn"),
+)
+def equal_bounds():
+    for value in (5e-324, 1e-9, 0.1, 47.3, 1e12, 1.7e308):
+        for kind in ("uniform", "log_uniform"):
+            drawn = Distribution(kind, (value, value)).draw(np.random.default_rng(0), 100)
+            assert np.unique(drawn).tolist() == [value]
+        assert set(Distribution("choice", (value,)).draw(np.random.default_rng(0), 9)) == {value}
+
+
+@hard(
+    "a log_uniform over 600 decades",
+    "every draw lies within the bounds, from the least float64 to the largest, and their logarithms are"
+    " uniform by Kolmogorov and Smirnov",
+    Breakage(
+        DRAWS,
+        "drawn = np.exp(generator.uniform(math.log(low), math.log(high), count))",
+        "drawn = low * (high / low) ** generator.uniform(size=count)",
+    ),
+)
+def many_decades():
+    low, high = 2.3e-308, 1.79e308
+    drawn = Distribution.parse(["log_uniform", low, high], "ambient_lx").draw(np.random.default_rng(1), 4000)
+    assert low <= drawn.min()
+    assert drawn.max() <= high
+    logs = (np.log(drawn) - math.log(low)) / (math.log(high) - math.log(low))
+    assert stats.kstest(logs, stats.uniform.cdf).pvalue > 1e-3
+
+
+@hard(
+    "a uniform wider than the largest number",
+    "refused: low and high must not lie farther apart than float64 holds, or every draw would be infinite",
+    Breakage(DRAWS, "self.values[1] - self.values[0] > LARGEST", "self.values[1] > LARGEST"),
+)
+def too_wide():
+    line = refusal(Distribution, "uniform", (-1e308, 1e308))
+    assert line.endswith("high must not exceed low by more than 1.79769e+308")
+    drawn = Distribution("uniform", (-8e307, 8e307)).draw(np.random.default_rng(0), 1000)
+    assert np.isfinite(drawn).all()
+
+
+@hard(
+    "numbers that are none, or that float64 does not hold",
+    'NaN, infinity, `10**400`, `"50"`, true and null are refused by the key\'s name, from a configuration and'
+    " from Python alike",
+    Breakage(DRAWS, "abs(value) <= LARGEST", "math.isfinite(value)"),
+)
+def no_numbers():
+    for value in (10**400, -(10**400), math.nan, math.inf, "50", True, None):
+        for spec in (value, ["uniform", 1, value], ["choice", value], ["log_uniform", value, 2]):
+            assert refusal(Distribution.parse, spec, "distance_m").startswith(
+                f"scene.distance_m is {spec!r}: "
+            )
+        assert "finite" in refusal(Distribution, "choice", (1.0, value))
+
+
+@hard(
+    "whole numbers to choose from",
+    "drawn as float64, so that a scene has one type throughout",
+    Breakage(DRAWS, "np.array(self.values, dtype=np.float64)", "np.array(self.values)"),
+)
+def whole_choices():
+    for distribution in (Distribution("choice", (30, 50)), Distribution("constant", (40,))):
+        scene, _ = SceneModel(distance_m=distribution).draw(BlockKey(0, "whole", 0), PanelShape())
+        assert scene.distance_m.dtype == torch.float64
+
+
+@hard.each
+def test_simulation(case):
+    case.check()

@@ -1,0 +1,120 @@
+"""Edges of the photometry: the slope at and next to no light, gamma 1, working precision, air without end."""
+
+import math
+
+import mpmath
+import pytest
+import torch
+
+from vocc_torch.simulation.photometry import BLOCK_VALUES, auto_iso_speed, grey_value, transmission
+
+GAMMAS = (0.5, 1.0, 1.8, 2.2, 4.0)
+DTYPES = (torch.float32, torch.float64)
+
+
+def exposures(dtype):
+    """From the smallest normal number to daylight, as leaves of a graph; S = 10 makes them ``H / H_SOS``."""
+    tiny = torch.finfo(dtype).tiny
+    values = torch.tensor([tiny, 4 * tiny, 1e-30, 1e-6, 0.003, 0.1, 1.0, 7.5, 1e4], dtype=dtype)
+    return values, torch.tensor(10.0, dtype=dtype)
+
+
+def exact(values, gamma):
+    """Eq. 1 with 50 digits: the grey values and their slopes, as float64."""
+    with mpmath.workdps(50):
+        power = 1 / mpmath.mpf(gamma)
+        greys = [118 * mpmath.mpf(value) ** power for value in values.tolist()]
+        slopes = [
+            grey * power / mpmath.mpf(value) for grey, value in zip(greys, values.tolist(), strict=True)
+        ]
+    return [float(grey) for grey in greys], [float(slope) for slope in slopes]
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+@pytest.mark.parametrize("gamma", GAMMAS)
+def test_grey_and_slope_are_eq_1_wherever_there_is_light(gamma, dtype):
+    values, speed = exposures(dtype)
+    greys, slopes = exact(values, gamma)
+    leaf = values.clone().requires_grad_()
+    grey = grey_value(leaf, speed, gamma=gamma)
+    (slope,) = torch.autograd.grad(grey.sum(), leaf)
+    assert grey.dtype == slope.dtype == dtype
+    # Two roundings of the working precision; float64's logarithm costs up to 1e-13 at 1e-308.
+    within = 4 * torch.finfo(dtype).eps if dtype == torch.float32 else 4e-13
+    least = 1e3 * float(torch.finfo(dtype).tiny)  # the square of a smallest number is 0, and so is its slope
+    most = float(torch.finfo(dtype).max)
+    for ours, theirs in zip(grey.tolist() + slope.tolist(), greys + slopes, strict=True):
+        if theirs < most:  # slopes at the smallest numbers are beyond float32's range for gamma 4
+            assert ours == pytest.approx(theirs, rel=within, abs=least)
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+@pytest.mark.parametrize("gamma", GAMMAS)
+def test_learning_sees_the_same_greys(gamma, dtype):
+    """A frame is the same to the last bit whether or not a gradient is asked of it, the black pixels too."""
+    values, speed = exposures(dtype)
+    values = torch.cat([values, torch.tensor([0.0, torch.finfo(dtype).tiny / 8], dtype=dtype)])
+    plain = grey_value(values, speed, gamma=gamma)
+    learning = grey_value(values.clone().requires_grad_(), speed, gamma=gamma)
+    assert plain.dtype == dtype
+    assert torch.equal(plain, learning.detach())
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+@pytest.mark.parametrize("gamma", [1.8, 2.2, 4.0])
+def test_the_slope_is_0_at_no_light_and_at_subnormal_light_and_nowhere_else(gamma, dtype):
+    tiny = torch.finfo(dtype).tiny
+    leaf = torch.tensor([0.0, tiny / 8, tiny, 2 * tiny], dtype=dtype, requires_grad=True)
+    grey = grey_value(leaf, torch.tensor(10.0, dtype=dtype), gamma=gamma)
+    (slope,) = torch.autograd.grad(grey.sum(), leaf)
+    assert (slope != 0).tolist() == [False, False, True, True]
+    assert grey[0] == 0
+    assert not slope.isnan().any()
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+def test_gamma_1_is_a_straight_line_through_no_light(dtype):
+    values, _ = exposures(dtype)
+    leaf = torch.cat([values.new_zeros(1), values]).requires_grad_()
+    grey = grey_value(leaf, torch.tensor(160.0, dtype=dtype), gamma=1.0)
+    assert torch.equal(grey.detach(), 118 * (leaf.detach() * 16))
+    (slope,) = torch.autograd.grad(grey.sum(), leaf)
+    assert torch.equal(slope, torch.full_like(slope, 118.0 * 16.0))
+
+
+def test_a_pixels_grey_does_not_depend_on_its_neighbours():
+    """In float32 a vectorised power rounds by place in memory; each place must give the same number."""
+    value = torch.tensor(0.0371, dtype=torch.float32)
+    alone = grey_value(value, torch.tensor(320.0), gamma=2.2)
+    for length in (2, 7, 8, 9, 33):
+        many = grey_value(value.expand(length).contiguous(), torch.tensor(320.0), gamma=2.2)
+        assert (many == alone).all()
+
+
+def test_a_picture_of_any_layout_and_of_more_than_a_block_is_its_pixels():
+    """The power is taken a block at a time: the first, the last and a part of one, read in any order."""
+    ramp = torch.arange(2.0 * BLOCK_VALUES + 3) / 1000
+    speed = torch.tensor(100.0)
+    grey = grey_value(ramp, speed, gamma=2.2)
+    assert grey.shape == ramp.shape
+    for place in (0, 1, BLOCK_VALUES - 1, BLOCK_VALUES, 2 * BLOCK_VALUES - 1, 2 * BLOCK_VALUES, -1):
+        assert grey[place] == grey_value(ramp[place], speed, gamma=2.2)
+    picture = ramp[:600].view(20, 30)
+    for seen in (picture.T, picture[::2, ::3], picture[:, :1].expand(20, 7)):
+        assert torch.equal(
+            grey_value(seen, speed, gamma=2.2), grey_value(seen.contiguous(), speed, gamma=2.2)
+        )
+    assert grey_value(ramp[:0], speed, gamma=2.2).shape == (0,)
+
+
+def test_a_background_without_light_has_an_infinite_speed():
+    speeds = auto_iso_speed(torch.tensor([0.0, 0.1]), torch.tensor([118.0, 118.0]), gamma=2.2)
+    assert speeds.tolist() == [math.inf, 100.0]
+
+
+def test_air_lets_all_pass_at_no_distance_and_nothing_from_191_visibilities_on():
+    far = torch.tensor([0.0, 190.0, 191.0, math.inf], dtype=torch.float64)
+    shares = transmission(far * 40_000.0, 40_000.0).tolist()
+    assert shares[0] == 1.0
+    assert shares[1] == pytest.approx(math.exp(-3.91 * 190), rel=1e-9, abs=0)
+    assert shares[2:] == [0.0, 0.0]

@@ -1,0 +1,409 @@
+"""The genie against exhaustive search, SciPy and the simulator itself; truth on the paper's scenes."""
+
+import itertools
+import math
+from dataclasses import replace
+
+import mpmath
+import numpy as np
+import pytest
+import torch
+from scipy.optimize import lsq_linear
+from scipy.stats import norm
+
+from vocc_torch.errors import VoccError
+from vocc_torch.rng import BlockKey, FrameKey
+from vocc_torch.simulation import Camera, Distribution, LedPanel, SceneModel, Simulator
+from vocc_torch.simulation.effects.photoelectrons import Photoelectrons
+from vocc_torch.simulation.effects.registry import PHYSICAL_ORDER
+from vocc_torch.simulation.simulator import PAPER_EFFECTS
+from vocc_torch.studies.genie import Genie
+from vocc_torch.studies.genie_light import AFFINE, CODING, NOISE, ForwardModel
+from vocc_torch.studies.genie_likelihood import log_interval_probability
+from vocc_torch.studies.genie_search import likely_bits, relaxed_shares
+from vocc_torch.types import Frames, PanelShape, Scene
+
+NOISY = {
+    "attenuation": {"visibility_m": 40_000.0},
+    "blooming": {"sigma_px": 1.5},
+    "photoelectrons": {"quantum_efficiency": 0.6},
+    "prnu": {"share": 0.01},
+    "dark_current": {"electrons_per_s": 20_000.0},
+    "shot_noise": {},
+    "dsnu": {"electrons": 2.0},
+    "read_noise": {"electrons": 5.0},
+    "gain": {},
+    "saturation": {},
+    "quantization": {"bits": 8},
+}
+
+
+def panel_of(rows, columns):
+    return LedPanel(shape=PanelShape(rows, columns))
+
+
+def drawn(point, frames, shape=(8, 8), **scene):
+    """Scenes, bits and keys of a point of the paper's scenes, some of whose values are held."""
+    held = {name: Distribution("constant", (float(value),)) for name, value in scene.items()}
+    key = BlockKey(3, f"genie/{point}", 0)
+    scene, bits = replace(SceneModel(), **held).draw(key, PanelShape(*shape))
+    return scene[:frames], bits[:frames], [FrameKey(key, frame) for frame in range(frames)]
+
+
+def every_bits(leds):
+    return torch.tensor(list(itertools.product([False, True], repeat=leds)))
+
+
+def repeated(scene, count):
+    return Scene.cat([scene] * count)
+
+
+def met(simulator, frame, scene, shape):
+    """All bits whose really rendered frame is the one given, as a set of tuples."""
+    bits = every_bits(math.prod(shape))
+    again = simulator.render(repeated(scene, len(bits)), bits.view(-1, *shape))
+    same = (again.grey == frame.grey).flatten(1).all(1)
+    return {tuple(row) for row in bits[same].tolist()}
+
+
+@pytest.mark.parametrize("ambient_lx", [1000, 32000])
+def test_paper_scenes_are_read_without_error_and_proven(ambient_lx):
+    simulator = Simulator()
+    scene, bits, _ = drawn("paper", 6, ambient_lx=ambient_lx)
+    decision = Genie(simulator).decide(simulator.render(scene, bits, nearest_m=30.0), scene)
+    assert torch.equal(decision.bits, bits)
+    assert decision.proven.all()
+    assert torch.equal(decision.scores >= 0, bits)
+    assert decision.scores.abs().min() > 0.01
+
+
+def test_far_beyond_the_paper_it_takes_more_than_rounding():
+    simulator = Simulator()
+    scene, bits, _ = drawn("far", 4, distance_m=200, ambient_lx=6000)
+    frames = simulator.render(scene, bits)
+    decision = Genie(simulator).decide(frames, scene)
+    assert torch.equal(decision.bits, bits)
+    assert decision.proven.all()
+    model = ForwardModel(simulator).pixels(frames[3:], scene[3:])
+    assert not torch.equal(relaxed_shares(model) > 0.5, bits[3].flatten())
+
+
+@pytest.mark.parametrize("shape", [(2, 2), (3, 3)])
+@pytest.mark.parametrize(
+    "values",
+    [
+        {},
+        {"distance_m": 250},
+        {"distance_m": 500, "ambient_lx": 20000},
+        {"led_luminance_cd_m2": 5, "ambient_lx": 20000},
+        {"led_luminance_cd_m2": 0.3},
+        {"ambient_lx": 5, "distance_m": 40},
+    ],
+    ids=str,
+)
+def test_exhaustive_search_finds_no_likelier_bits(shape, values):
+    simulator = Simulator(panel=panel_of(*shape))
+    scene, bits, _ = drawn("tiny", 4, shape, **values)
+    decision = Genie(simulator).decide(simulator.render(scene, bits), scene)
+    assert decision.proven.all()
+    for i in range(len(scene)):
+        own = scene[i : i + 1]
+        likeliest = met(simulator, simulator.render(own, bits[i : i + 1]), own, shape)
+        answer = decision.bits[i].flatten()
+        assert tuple(answer.tolist()) in likeliest
+        for led in range(len(answer)):
+            other = answer.clone()
+            other[led] = ~other[led]
+            alike, score = tuple(other.tolist()) in likeliest, float(decision.scores[i].flatten()[led])
+            # A pixel at the very edge of its grey value may be told apart by no more than rounding.
+            assert abs(score) < 1e-7 if alike else score
+            assert score or answer[led]
+
+
+def test_under_white_on_is_at_least_as_likely_as_off():
+    simulator = Simulator(panel=panel_of(3, 3))
+    scene, bits, _ = drawn("white", 8, (3, 3), ambient_lx=5, distance_m=40)
+    undetermined = 0
+    decision = Genie(simulator).decide(simulator.render(scene, bits), scene)
+    for i in range(len(scene)):
+        own = scene[i : i + 1]
+        likeliest = met(simulator, simulator.render(own, bits[i : i + 1]), own, (3, 3))
+        share_on = np.mean(sorted(likeliest), axis=0)
+        free = (decision.scores[i] == 0).flatten().numpy()
+        undetermined += free.sum()
+        assert (share_on[free] >= 0.5).all()
+        assert len(likeliest) > 1 or not free.any()
+    assert undetermined >= 3
+
+
+def scipy_misfits(simulator, frame, scene, bits):
+    """Minus the log-likelihood of each of many bits by SciPy's normal distribution: from renders, by hand."""
+    named = {effect.name: effect for effect in simulator.effects}
+    kept = {name: NOISY[name] for name in ("attenuation", "blooming")}
+    linear = Simulator(panel=simulator.panel, effects=kept, dtype=torch.float64)
+    mean = linear.render(repeated(scene, len(bits)), bits)
+    x, y = (frame.origin_px - mean.origin_px[:1])[0].tolist()
+    height, width = mean.grey.shape[-2:]
+    grey = (
+        frame.grey[0, 0, max(-y, 0) : max(-y, 0) + height, max(-x, 0) : max(-x, 0) + width].double().numpy()
+    )
+    assert (max(x, 0), max(y, 0)) == (0, 0), "the window holds the crop"
+    camera = Camera()
+    # A grey of 118 is an exposure of 10 / S; auto-ISO gives the background, seen without LEDs, its grey.
+    background_lx_s = 10 * camera.exposure_time_s / (12.5 * 16) * float(scene.ambient_lx) * 0.18 / math.pi
+    unit_lx_s = background_lx_s / (float(scene.background_grey) / 118) ** 2.2
+    per_unit = Photoelectrons(quantum_efficiency=0.6).electrons_per_lx_s(camera) * unit_lx_s
+    light = (mean.grey[:, 0].numpy() / 118) ** 2.2 * per_unit
+    dark = named["dark_current"].electrons_per_s / 1500
+    variance = (0.01 * light) ** 2 + (light + dark) + 2.0**2 + 5.0**2
+    edges = [((grey + side).clip(min=0) / 118) ** 2.2 * per_unit for side in (-0.5, 0.5)]
+    edges = [np.where(grey == 0, -np.inf, edges[0]), np.where(grey == 255, np.inf, edges[1])]
+    low, high = ((edge - light - dark) / np.sqrt(variance) for edge in edges)
+    near, far = np.where(low > 0, -low, high), np.where(low > 0, -high, low)
+    return -(norm.logcdf(near) + np.log1p(-np.exp(norm.logcdf(far) - norm.logcdf(near)))).sum((1, 2))
+
+
+@pytest.mark.parametrize("distance_m", [60, 200])
+def test_under_noise_exhaustive_search_with_scipy_finds_no_likelier_bits(distance_m):
+    shape = (3, 3)
+    simulator = Simulator(panel=panel_of(*shape), effects=NOISY)
+    scene, bits, keys = drawn("noise", 6, shape, distance_m=distance_m, ambient_lx=2000)
+    frames = simulator.render(scene, bits, keys=keys, panel_only=True)
+    decision = Genie(simulator).decide(frames, scene)
+    assert not decision.proven.any()
+    every = every_bits(9)
+    place = {tuple(row): number for number, row in enumerate(every.tolist())}
+    for i in range(len(scene)):
+        misfits = scipy_misfits(simulator, frames[i : i + 1], scene[i : i + 1], every.view(-1, *shape))
+        answer = decision.bits[i].flatten()
+        assert place[tuple(answer.tolist())] == misfits.argmin()
+        for led in range(9):
+            pair = [answer.clone(), answer.clone()]
+            pair[0][led], pair[1][led] = False, True
+            off, on = (misfits[place[tuple(one.tolist())]] for one in pair)
+            assert float(decision.scores[i].flatten()[led]) == pytest.approx(off - on, rel=1e-4, abs=1e-5)
+
+
+@pytest.mark.parametrize("values", [{"distance_m": 150}, {"distance_m": 130, "ambient_lx": 500}], ids=str)
+def test_under_noise_the_bits_sent_are_never_likelier_than_those_found(values):
+    """No proof that nothing is likelier, but a search that stops early fails it in four frames of five."""
+    simulator = Simulator(effects=NOISY)
+    scene, bits, keys = drawn("far noise", 6, **values)
+    frames = simulator.render(scene, bits, keys=keys, panel_only=True)
+    decision = Genie(simulator).decide(frames, scene)
+    for i in range(len(scene)):
+        model = ForwardModel(simulator).pixels(frames[i : i + 1], scene[i : i + 1])
+        found, sent = (
+            float(model.misfit(model.exposure(one[i].flatten())).sum()) for one in (decision.bits, bits)
+        )
+        assert found <= sent + 1e-9
+
+
+@pytest.mark.parametrize("name", ["lens", "blur", "mosaic"])
+def test_light_of_each_led_is_that_of_the_panel_with_it_alone_on(name):
+    camera = Camera(focal_length_mm=12.0, width_px=480, height_px=320)
+    effects = {"attenuation": {"visibility_m": 1000.0}, "blooming": {"sigma_px": 0.8}, **OPTICS[name]}
+    simulator = Simulator(camera, panel_of(3, 2), {**effects, "saturation": {}, "quantization": {}})
+    scene, bits, _ = drawn(name, 1, (3, 2), distance_m=5, offset_x_m=1.8, offset_y_m=1.2)
+    model = ForwardModel(simulator).pixels(simulator.render(scene, bits, panel_only=True), scene)
+    alone = torch.cat([torch.zeros(1, 6), torch.eye(6)]).bool().view(7, 3, 2)
+    linear = Simulator(camera, panel_of(3, 2), effects, dtype=torch.float64)
+    grey = linear.render(repeated(scene, 7), alone, panel_only=True).grey
+    exposure = ((grey / 118) ** 2.2).flatten(1)
+    light = exposure[1:] - exposure[:1]
+    reached = (light > 1e-12 * exposure[:1]).any(0)
+    assert torch.allclose(model.light, light[:, reached], rtol=0, atol=1e-12)
+    assert torch.allclose(model.base, exposure[0, reached], rtol=1e-12)
+
+
+def test_search_in_breadth_keeps_the_least_squares_of_exhaustive_search():
+    simulator = Simulator(panel=panel_of(3, 3))
+    scene, bits, _ = drawn("breadth", 3, (3, 3), ambient_lx=20000, distance_m=300)
+    frames = simulator.render(scene, bits)
+    every = every_bits(9)
+    for i in range(len(scene)):
+        model = ForwardModel(simulator).pixels(frames[i : i + 1], scene[i : i + 1])
+        assert torch.isfinite(model.high).all(), "no pixel is white"
+        squares = (((model.exposure(every) - model.centre) / model.step) ** 2).sum(1)
+        wanted = every[squares.argsort()[:64]]
+        given = likely_bits(model, relaxed_shares(model), width=512)
+        assert {tuple(row) for row in given.tolist()} == {tuple(row) for row in wanted.tolist()}
+        misfits = model.misfit(model.exposure(given)).sum(1)
+        assert torch.equal(misfits, misfits.sort().values)
+
+
+def test_stated_variance_is_that_of_rendered_frames():
+    simulator = Simulator(effects=NOISY)
+    scene, bits, keys = drawn("variance", 12, ambient_lx=4000, distance_m=40)
+    frames = simulator.render(scene, bits, keys=keys, panel_only=True)
+    forward, squares = ForwardModel(simulator), []
+    for i in range(len(scene)):
+        model = forward.pixels(frames[i : i + 1], scene[i : i + 1])
+        mean = model.exposure(bits[i].flatten())
+        deviations = (model.centre - mean) / model.deviation(mean)
+        # Only pixels that white does not cut.
+        squares.append(deviations[mean + 6 * model.deviation(mean) < (254 / 118) ** 2.2] ** 2)
+    squares = torch.cat(squares)
+    assert len(squares) > 10_000
+    assert float(squares.mean()) == pytest.approx(1.0, abs=5 * math.sqrt(2 / len(squares)))
+
+
+OPTICS = {
+    "fog": {"attenuation": {"visibility_m": 200.0}, "airlight": {"visibility_m": 200.0}},
+    "glare": {"veiling_glare": {"glare_illuminance_lx": 30000.0, "angle_deg": 15.0}},
+    "lens": {"lens_distortion": {"k1": -0.2}, "vignetting": {"corner_loss": 0.2}},
+    "blur": {
+        "motion_blur": {"velocity_x_m_s": 20.0},
+        "defocus": {"focus_distance_m": 10.0},
+        "diffraction": {},
+    },
+    "mosaic": {"bayer": {}},
+    "electrons": {
+        "photoelectrons": {"quantum_efficiency": 0.6},
+        "dark_current": {"electrons_per_s": 20_000.0},
+        "full_well": {"electrons": 1e6},
+        "gain": {},
+    },
+    "deep": {"quantization": {"bits": 12}},
+    "shallow": {"quantization": {"bits": 6}},
+}
+
+
+@pytest.mark.parametrize("name", OPTICS)
+def test_every_effect_that_is_covered_is_undone(name):
+    simulator = Simulator(effects={**PAPER_EFFECTS, **OPTICS[name]})
+    scene, bits, _ = drawn(f"optics/{name}", 3)
+    decision = Genie(simulator).decide(simulator.render(scene, bits, panel_only=True), scene)
+    assert torch.equal(decision.bits, bits)
+    assert decision.proven.all()
+
+
+def test_covered_effects_are_all_tested():
+    tested = {*PAPER_EFFECTS, *NOISY, *(effect for effects in OPTICS.values() for effect in effects)}
+    assert tested == {*AFFINE, *NOISE, *CODING}
+
+
+@pytest.mark.parametrize("framing", ["crop", "filled", "full"])
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+def test_any_framing_and_precision_says_the_same(framing, dtype):
+    camera = Camera(width_px=320, height_px=240, sensor_width_mm=2.2)
+    panel = replace(LedPanel(), board_reflectance=0.05)
+    scene, bits, _ = drawn("framing", 2, offset_x_m=0.3, offset_y_m=-0.2)
+    simulator = Simulator(camera, panel, framing=framing, dtype=dtype)
+    decision = Genie(simulator).decide(simulator.render(scene, bits), scene)
+    assert torch.equal(decision.bits, bits)
+    assert decision.proven.all()
+
+
+def test_what_lies_off_the_sensor_is_on_and_the_rest_is_read():
+    simulator = Simulator()
+    scene = Scene.of(distance_m=30.0, offset_x_m=960 / (Camera().focal_length_px / 30.0))
+    bits = torch.zeros(1, 8, 8, dtype=torch.bool)
+    bits[0, ::2, ::2] = True
+    decision = Genie(simulator).decide(simulator.render(scene, bits), scene)
+    assert torch.equal(decision.bits[..., :4], bits[..., :4])
+    assert decision.bits[..., 6:].all()
+    assert (decision.scores[..., 6:] == 0).all()
+    assert decision.proven.all()
+
+
+def test_no_batch_and_no_repetition_changes_an_answer():
+    simulator = Simulator()
+    scene, bits, _ = drawn("batch", 5)
+    frames = simulator.render(scene, bits)
+    genie = Genie(simulator)
+    together = genie.decide(frames, scene)
+    for i in (4, 0, 4):
+        alone = genie.decide(frames[i : i + 1], scene[i : i + 1])
+        assert torch.equal(alone.bits[0], together.bits[i])
+        assert torch.equal(alone.scores[0], together.scores[i])
+        assert torch.equal(alone.proven[0], together.proven[i])
+    none = genie.decide(frames[:0], scene[:0])
+    assert tuple(none.bits.shape) == (0, 8, 8)
+
+
+def test_a_frame_of_other_making_is_not_proven():
+    """Proof is by rendering: one pixel that no bits can give is enough."""
+    simulator = Simulator(panel=panel_of(2, 2))
+    scene, bits, _ = drawn("odd", 1, (2, 2))
+    frames = simulator.render(scene, bits)
+    grey = frames.grey.clone()
+    grey[0, 0, grey.shape[2] // 2, grey.shape[3] // 2] ^= 64
+    decision = Genie(simulator).decide(Frames(grey, frames.origin_px, frames.sensor_px), scene)
+    assert not decision.proven.any()
+    assert torch.equal(decision.bits, bits)
+
+
+REFUSED = {
+    "pose": {"yaw_deg": 10.0},
+    "rolling_shutter": {"readout_s": 0.01, "symbol_s": 0.01},
+    "stuck_leds": {"off_share": 0.1},
+    "led_scatter": {"coefficient_of_variation": 0.1},
+    "background_texture": {"contrast": 0.2},
+    "lamps": {"count": 2, "luminance_cd_m2": 5000.0, "diameter_m": 0.2},
+    "second_panel": {"offset_x_m": 1.0},
+    "occlusion": {"width_share": 0.1, "height_share": 0.1},
+    "hot_pixels": {"share": 0.001, "electrons_per_s": 1e6},
+    "row_noise": {"electrons": 2.0},
+    "demosaicing": {},
+    "jpeg": {"quality": 85},
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_an_effect_that_is_not_covered_is_refused_by_name(name):
+    effects = {**NOISY, **({"bayer": {}} if name == "demosaicing" else {}), name: REFUSED[name]}
+    with pytest.raises(VoccError, match=rf"the genie knows no likelihood for scene\.effects\.{name}: "):
+        Genie(Simulator(effects=effects))
+
+
+def test_every_effect_is_either_covered_or_refused():
+    assert {kind.name for kind in PHYSICAL_ORDER} == {*AFFINE, *NOISE, *CODING, *REFUSED}
+
+
+def test_other_mistakes_are_refused():
+    with pytest.raises(VoccError, match=r"scene\.effects\.quantization"):
+        Genie(Simulator(effects={"saturation": {}}))
+    simulator = Simulator()
+    frames = simulator.render(Scene.of(2), torch.ones(2, 8, 8, dtype=torch.bool))
+    with pytest.raises(VoccError, match="scene has 1 frames"):
+        Genie(simulator).decide(frames, Scene.of(1))
+
+
+def test_pixels_that_are_full_before_they_are_white_are_refused():
+    scene = Scene.of()
+    bits, keys = torch.ones(1, 8, 8, dtype=torch.bool), [FrameKey(BlockKey(0, "well", 0), 0)]
+    effects = {**NOISY, "full_well": {"electrons": 100_000.0}}
+    simulator = Simulator(effects=effects)
+    Genie(simulator).decide(simulator.render(scene, bits, keys=keys, panel_only=True), scene)
+    effects["full_well"] = {"electrons": 5_000.0}
+    simulator = Simulator(effects=effects)
+    frames = simulator.render(scene, bits, keys=keys, panel_only=True)
+    with pytest.raises(VoccError, match=r"full before they are white: .*full_well\.electrons is 5000"):
+        Genie(simulator).decide(frames, scene)
+
+
+def test_relaxation_is_the_least_squares_of_scipy():
+    simulator = Simulator()
+    scene, bits, _ = drawn("relaxed", 3, ambient_lx=30000, distance_m=120)
+    frames = simulator.render(scene, bits)
+    for i in range(len(scene)):
+        model = ForwardModel(simulator).pixels(frames[i : i + 1], scene[i : i + 1])
+        assert torch.isfinite(model.high).all(), "no pixel is white"
+        scale = math.sqrt(12) / model.step
+        rows, target = (model.light * scale).T.numpy(), ((model.centre - model.base) * scale).numpy()
+        best = lsq_linear(rows, target, bounds=(0, 1), tol=1e-12).cost * 2
+        found = float(np.sum((rows @ relaxed_shares(model).numpy() - target) ** 2))
+        assert best * (1 - 1e-9) <= found <= best * 1.001
+
+
+@pytest.mark.parametrize(
+    ("low", "high"),
+    [(-1.0, 2.0), (30.0, 30.1), (-45.0, -44.0), (-math.inf, -3.0), (8.0, math.inf), (1.0, 1.0001)],
+)
+def test_interval_probability_against_many_digits(low, high):
+    with mpmath.workdps(600):
+        tails = [mpmath.erfc(mpmath.mpf(edge) / mpmath.sqrt(2)) / 2 for edge in (low, high)]
+        wanted = float(mpmath.log(tails[0] - tails[1]))
+    given = (torch.tensor(edge, dtype=torch.float64) for edge in (low, high))
+    assert float(log_interval_probability(*given)) == pytest.approx(wanted, rel=1e-8)
