@@ -45,8 +45,16 @@ def sources() -> list[Path]:
 
 
 def refuses(node: ast.stmt) -> bool:
-    """Say whether a statement does nothing but refuse: an ``if`` that ends in ``raise VoccError``."""
-    if not isinstance(node, ast.If) or node.orelse or not isinstance(node.body[-1], ast.Raise):
+    """Say whether a statement does nothing but refuse: an ``if`` that ends in ``raise VoccError``.
+
+    A call of ``_refuse``, which does nothing else, stands for the ``raise`` too.
+    """
+    if not isinstance(node, ast.If) or node.orelse:
+        return False
+    last = node.body[-1]
+    if len(node.body) == 1 and isinstance(last, ast.Expr) and isinstance(last.value, ast.Call):
+        return isinstance(last.value.func, ast.Name) and last.value.func.id == "_refuse"
+    if not isinstance(last, ast.Raise):
         return False
     raised = node.body[-1].exc
     named = (

@@ -8,7 +8,8 @@ same command goes on where it was stopped. At the end the counts are printed and
 docs/results/fuzz.csv.
 
 A scene that takes more than 10 s of the processor or 2 GB of memory is a defect, and so is one that ends its
-process; sensors of more than 2000 px a side may take as many times more as they are longer, squared.
+process. Sensors of more than 2000 px a side may take as many times more as they are longer, squared, and
+panels of more than 4096 LEDs or four million samples as many times more as they have more.
 
     python benchmarks/fuzz.py --one 4711        shows one scene and what comes of it
 """
@@ -170,9 +171,11 @@ def _run(case):
 
 
 def _size(case):
-    """How many times larger than usual sensors a case's is, at least 1."""
-    longest = max(case.changes["camera.width_px"], case.changes["camera.height_px"])
-    return max(1, min(longest, 32768) / 2000) ** 2
+    """How many times larger than usual a case's sensor or panel is, at least 1."""
+    keys = "panel.rows", "panel.columns", "camera.width_px", "camera.height_px", "receiver.samples_per_led"
+    rows, columns, width, height, samples = (min(max(case.changes[key], 1), 32768) for key in keys)
+    leds = min(rows * columns, 1 << 20)
+    return max(1, (max(width, height) / 2000) ** 2, leds / 4096, leds * min(samples, 64) ** 2 / 4e6)
 
 
 def _too_slow(*_):

@@ -1,9 +1,10 @@
 """What passes between the floors: shapes, slices, and refusals by name."""
 
-from dataclasses import FrozenInstanceError, fields
+from dataclasses import FrozenInstanceError, fields, replace
 
 import pytest
 import torch
+from torch.profiler import ProfilerActivity, profile
 
 from vocc_torch.errors import VoccError
 from vocc_torch.types import Frames, Panels, PanelShape, Scene
@@ -35,15 +36,15 @@ def test_scene_fields_carry_their_units_and_plain_numbers():
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"frames": 0}, "frames is 0: it must be at least 1"),
+        ({"frames": 0}, "frames is 0: it must be a whole number, at least 1 and at most 16777216"),
         ({"ambient_lx": -1.0}, "scene.ambient_lx is -1: it must be at least 0"),
         ({"ambient_lx": 2e12}, "scene.ambient_lx is 2e+12: it must be at most 1e+12"),
         ({"distance_m": -3.0}, "scene.distance_m is -3: it must be above 0"),
         ({"background_grey": 0.0}, "scene.background_grey is 0: it must be above 0"),
         ({"background_grey": 256.0}, "scene.background_grey is 256: it must be at most 255"),
         ({"led_luminance_cd_m2": -0.5}, "scene.led_luminance_cd_m2 is -0.5: it must be at least 0"),
-        ({"offset_x_m": float("nan")}, "scene.offset_x_m holds a value that is not finite"),
-        ({"distance_m": float("inf")}, "scene.distance_m holds a value that is not finite"),
+        ({"offset_x_m": float("nan")}, "scene.offset_x_m is nan: it must be a finite number"),
+        ({"distance_m": float("inf")}, "scene.distance_m is inf: it must be a finite number"),
     ],
 )
 def test_scenes_out_of_range_are_refused_by_name(values, message):
@@ -57,6 +58,32 @@ def test_one_bad_frame_of_a_batch_is_enough():
     scene.distance_m[2] = -1
     with pytest.raises(VoccError, match=r"^scene\.distance_m is -1"):
         scene.checked()
+
+
+@pytest.mark.parametrize("dtype", [torch.float64, torch.float32, torch.int64])
+def test_the_refusal_names_the_field_that_is_out_of_range_and_its_value(dtype):
+    for name, wrong in zip(NAMES, (-1, 2e12, -2, 300, -2e9, 2e9), strict=True):
+        scene = Scene(*(value.to(dtype) for value in (getattr(Scene.of(3), each) for each in NAMES)))
+        getattr(scene, name)[1] = wrong
+        with pytest.raises(VoccError, match=rf"^scene\.{name} is {wrong:g}: ".replace("+", r"\+")):
+            scene.checked()
+
+
+def test_the_bounds_of_all_fields_are_read_at_once():
+    """A look at a number waits for all the work of an accelerator."""
+    with profile(activities=[ProfilerActivity.CPU]) as looks:
+        Scene.of(3)
+    names = [event.name for event in looks.events()]
+    assert names.count("aten::aminmax") == 1
+    assert "aten::item" not in names
+
+
+@pytest.mark.parametrize("wrong", [50.0, None, torch.ones(2, dtype=torch.complex64)])
+def test_a_field_that_is_no_tensor_of_real_numbers_is_refused(wrong):
+    for name in NAMES:
+        scene = replace(Scene.of(2), **{name: wrong})
+        with pytest.raises(VoccError, match=rf"^scene\.{name} is .*: it must be a tensor \(B,\)"):
+            scene.checked()
 
 
 def test_checked_gives_the_scene_back():

@@ -72,6 +72,9 @@ def build_rows(plan: Plan, config: ExperimentConfig, section: str) -> dict[float
     ascending = all(a < b for a, b in pairwise(rows))
     if not rows or not ascending or not all(map(math.isfinite, rows)):
         raise VoccError(f"{section}.rows is {rows}: it must be finite numbers in ascending order")
+    if (least := min(*config.values, *rows)) <= 0:
+        which = "rows" if least in rows else "values"
+        raise VoccError(f"{section}.{which} has {least:g}: a grid takes logarithms, it must be above 0")
     return {value: replace(plan, experiment=plan.experiment.at_row(axis, value)) for value in rows}
 
 

@@ -166,8 +166,8 @@ def _refusal(error: Exception) -> str | None:
     if isinstance(error, MarkedYAMLError):
         mark = error.problem_mark
         return f"{mark.name} is not YAML at line {mark.line + 1}: {error.problem}" if mark else str(error)
-    # Hydra trips over a group whose option is a list of numbers.
-    if isinstance(error, HydraException | OmegaConfBaseException | ValueError | TypeError):
+    # Hydra trips over a group whose option is a list of numbers, and over a number that no float holds.
+    if isinstance(error, HydraException | OmegaConfBaseException | ValueError | TypeError | OverflowError):
         return one_line(error, sys.argv[1:])
     if isinstance(error, OSError):
         where = f" {error.filename}" if error.filename else ""

@@ -28,7 +28,9 @@ _KINDS = {
 }
 
 GROUPS = ("task", "scene", "camera", "panel", "receiver", "experiment", "budget")
-_NO_OPTION = re.compile(r"null|true|false|[-+]?([.\d]+(e[-+]?\d+)?|\.?inf|\.?nan)|[\[{$].*", re.I | re.S)
+_NO_OPTION = re.compile(
+    r"null|true|false|[-+]?([.\d_]+(e[-+]?\d+)?|\.?inf|\.?nan)|(int|float|bool)\(.*|[\[{$].*", re.I | re.S
+)
 """What the command line's grammar reads as another thing than a name."""
 
 
@@ -157,6 +159,8 @@ def one_line(error: BaseException, arguments: Sequence[str] = ()) -> str:
         for key, _, value in (word.lstrip("+").partition("=") for word in arguments):
             if key in ("", *GROUPS) and _NO_OPTION.fullmatch(value):
                 return f"{key} is {value}: it must be one of the options that vocc-torch --help lists"
+    if isinstance(error, OverflowError) and (match := re.search(r"full_key: ([\w.]+)", text)):
+        return f"{match.group(1)} is a whole number of hundreds of digits: it must be a number below 1e308"
     if "integer string conversion" in text:
         word = max(arguments, key=len, default="a value")
         return f"{word.partition('=')[0]} is a number of thousands of digits: it must have at most 4300"

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
+from numbers import Integral, Real
 
 import torch
 from torch import Tensor
@@ -30,6 +31,61 @@ SCENE_RANGES: Mapping[str, tuple[float, float]] = {
 
 ABOVE_LOWEST = frozenset({"distance_m", "background_grey"})
 """Those whose lowest itself is not allowed."""
+
+MOST_FRAMES = 1 << 24
+"""Most frames of a scene made from plain numbers: 0.8 GB."""
+
+
+def shown(value: object) -> str:
+    """Write a refused value in one line of at most 41 characters.
+
+    Example:
+        >>> shown("50"), shown(10**400)
+        ("'50'", '1000000000000000000...0000000000000000000')
+    """
+    try:
+        text = " ".join(repr(value).split())
+    except Exception:  # an object may refuse to be written, as whole numbers of over 4300 digits do
+        return f"of the type {type(value).__name__}"
+    return text if len(text) <= 41 else f"{text[:19]}...{text[-19:]}"
+
+
+def finite_number(name: str, value: object, allowed: str = "a finite number") -> float:
+    """Give a finite real number, also one of NumPy, as a float, or refuse it by name.
+
+    Args:
+        name: the argument's.
+        value: what is given for it; true and false, text, and numbers beyond float64 are not numbers here.
+        allowed: what it must be, for the refusal.
+
+    Raises:
+        VoccError: anything else.
+
+    Example:
+        >>> finite_number("scene.distance_m", 50)
+        50.0
+    """
+    try:
+        if isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value):
+            return float(value)
+    except OverflowError:
+        pass
+    raise VoccError(f"{name} is {shown(value)}: it must be {allowed}")
+
+
+def whole_number(name: str, value: object, low: int, high: int) -> int:
+    """Give a whole number from ``low`` to ``high``, also one of NumPy, as an int, or refuse it by name.
+
+    Raises:
+        VoccError: anything else, such as 8.0 and true.
+
+    Example:
+        >>> whole_number("panel.rows", 8, 1, 1024)
+        8
+    """
+    if isinstance(value, Integral) and not isinstance(value, bool) and low <= int(value) <= high:
+        return int(value)
+    raise VoccError(f"{name} is {shown(value)}: it must be a whole number, at least {low} and at most {high}")
 
 
 def demand_in_range(name: str, low: float, high: float) -> None:
@@ -71,10 +127,8 @@ class PanelShape:
     def __post_init__(self) -> None:
         """Refuse an empty panel and one that no camera resolves."""
         for name in ("rows", "columns"):
-            value = getattr(self, name)
-            if type(value) is not int or not 1 <= value <= MOST_LEDS:
-                rule = f"at least 1, a whole number, at most {MOST_LEDS}"
-                raise VoccError(f"panel.{name} is {value}: it must be {rule}")
+            value = whole_number(f"panel.{name}", getattr(self, name), 1, MOST_LEDS)
+            object.__setattr__(self, name, value)
 
     @property
     def leds(self) -> int:
@@ -122,34 +176,38 @@ class Scene:
         """Make a batch of ``frames`` equal scenes from plain numbers, in the units of the fields.
 
         Raises:
-            VoccError: ``frames`` below 1, or a value outside its range.
+            VoccError: ``frames`` that is not a whole number from 1 to 2^24, or a value that is not a number
+                in its range.
         """
-        if frames < 1:
-            raise VoccError(f"frames is {frames}: it must be at least 1")
-        values = (ambient_lx, led_luminance_cd_m2, distance_m, background_grey, offset_x_m, offset_y_m)
-        return cls(*(torch.full((frames,), float(value), dtype=torch.float64) for value in values)).checked()
+        frames = whole_number("frames", frames, 1, MOST_FRAMES)
+        given = (ambient_lx, led_luminance_cd_m2, distance_m, background_grey, offset_x_m, offset_y_m)
+        values = [finite_number(f"scene.{name}", one) for name, one in zip(SCENE_RANGES, given, strict=True)]
+        return cls(*(torch.full((frames,), value, dtype=torch.float64) for value in values)).checked()
 
     def checked(self) -> Scene:
         """Give back this scene, in float64, or refuse it by the name of the first field that is out of range.
 
         Raises:
-            VoccError: a field that is not (B,), or a value that is not finite or out of its range.
+            VoccError: a field that is not (B,) real numbers, or a value not finite or out of its range.
         """
-        wanted = tuple(self.ambient_lx.shape[:1])
-        for field in fields(self):
-            values = getattr(self, field.name)
-            if values.ndim != 1 or values.shape != wanted:
+        values = [getattr(self, name) for name in SCENE_RANGES]
+        for name, value in zip(SCENE_RANGES, values, strict=True):
+            if not isinstance(value, Tensor) or value.is_complex():
+                raise VoccError(f"scene.{name} is {shown(value)}: it must be a tensor (B,) of real numbers")
+            if value.ndim != 1 or value.shape != values[0].shape:
                 rule = "each field must be (B,), one value a frame"
-                raise VoccError(f"scene.{field.name} has shape {tuple(values.shape)}: {rule}")
-            if not values.numel():
-                continue
-            low, high = (float(value) for value in values.detach().aminmax())
-            if not (math.isfinite(low) and math.isfinite(high)):
-                raise VoccError(f"scene.{field.name} holds a value that is not finite")
-            demand_in_range(field.name, low, high)
-        if all(getattr(self, field.name).dtype == torch.float64 for field in fields(self)):
+                raise VoccError(f"scene.{name} has shape {tuple(value.shape)}: {rule}")
+        if len(self):
+            # All bounds at once: on an accelerator each look at a number waits for all the work before it.
+            table = torch.stack([value.detach().to(values[0].device, torch.float64) for value in values])
+            lows, highs = torch.stack(table.aminmax(dim=1)).tolist()
+            for name, low, high in zip(SCENE_RANGES, lows, highs, strict=True):
+                if not (math.isfinite(low) and math.isfinite(high)):
+                    raise VoccError(f"scene.{name} holds a value that is not finite")
+                demand_in_range(name, low, high)
+        if all(value.dtype == torch.float64 for value in values):
             return self
-        return Scene(*(getattr(self, field.name).to(torch.float64) for field in fields(self)))
+        return Scene(*(value.to(torch.float64) for value in values))
 
     def __len__(self) -> int:
         """Count the frames."""

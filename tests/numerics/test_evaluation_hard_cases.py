@@ -258,8 +258,8 @@ def all_errors():
 
 @hard(
     "one frame",
-    "an interval over most of 0 to 1, since a frame without another to compare it with has the greatest "
-    "design effect there is, its bits",
+    "with errors an interval over most of 0 to 1, since a frame without another to compare it with has the "
+    "greatest design effect there is, its bits; without errors see the row of 0 errors",
     Breakage(
         f"{FOLDER}/intervals.py",
         "freedom = max(1.0, min(counts.frames - 1, frames_in_error + 1))",

@@ -406,7 +406,7 @@ def a_large_offset():
 def scales_side_by_side():
     x, bits = clouds(15)
     plain = fitted(x, bits)
-    for units in ([1e-12, 1.0, 1e12], [1e12, -1e12, 1e-12], [1e-140, 1e140, 1.0]):
+    for units in ([1e-12, 1.0, 1e12], [1e12, -1e12, 1e-12], [1e-139, 1e139, 1.0]):
         gain = torch.tensor(units, dtype=torch.float64)
         flda = fitted(x * gain, bits)
         close(flda.direction * gain, plain.direction)
@@ -432,26 +432,45 @@ def tiny_spreads():
 
 
 @hard(
-    "features beyond 1e150",
-    "refused, with the range, before anything is learned: their squares overflow float64; up to 1e150 all "
-    "digits are kept",
+    "features beyond 1e140",
+    "refused, with the range, before anything is learned, whole or in pieces, constant or not: the squares "
+    "of very many would overflow float64; up to 1e140 all digits are kept",
+    Breakage(SCATTER, "held = rows.abs() <= LARGEST", "held = torch.isfinite(rows)"),
+)
+def huge_features():
+    x, bits = clouds(17)
+    plain = fitted(x, bits)
+    close(fitted(x * 1e139, bits)(x * 1e139), plain(x))
+    # At the second scale each class's sum of squares is in range, and only their sum is not.
+    edge = float((torch.finfo(torch.float64).max / plain.scatter.diagonal(dim1=1, dim2=2).amax()).sqrt())
+    for scale in (1e200, 0.999 * edge, 1e307):
+        flda = FLDA(3).fit(x, bits)
+        refused("finite, at most 1e+140 in size", lambda f=flda, s=scale: f.fit(x * s, bits))
+        refused("finite, at most 1e+140 in size", lambda f=flda, s=scale: f.update(x * s, bits))
+        same_rule(flda, plain, x, 0.0)
+    one = torch.tensor([[1e200]], dtype=torch.float64)
+    refused("features holds 1e", lambda: FLDA(1).fit(torch.cat([one, 2 * one]), torch.tensor([0, 1])))
+    refused("features holds 1e", lambda: FLDA(1).update(one, torch.tensor([0])))
+
+
+@hard(
+    "stored statistics whose sums overflow",
+    "refused by name where they are used: no samples within range have them",
     Breakage(
         SCATTER,
         "torch.isfinite(self.gap).all() & torch.isfinite(self.within).all()",
         "torch.isfinite(self.gap).all() & torch.isfinite(self.scatter).all()",
     ),
 )
-def huge_features():
+def overflowing_statistics():
     x, bits = clouds(17)
-    plain = fitted(x, bits)
-    close(fitted(x * 1e150, bits)(x * 1e150), plain(x))
-    # At the second scale each class's sum of squares is in range, and only their sum is not.
-    edge = float((torch.finfo(torch.float64).max / plain.scatter.diagonal(dim1=1, dim2=2).amax()).sqrt())
-    for scale in (1e200, 0.999 * edge, 1e307):
-        flda = FLDA(3).fit(x, bits)
-        refused("features are too large", lambda f=flda, s=scale: f.fit(x * s, bits))
-        refused("features are too large", lambda f=flda, s=scale: f.update(x * s, bits))
-        same_rule(flda, plain, x, 0.0)
+    flda = fitted(x, bits)
+    state = flda.state_dict()
+    # Each class's sum of squares is in range, and only their sum is not.
+    edge = torch.finfo(torch.float64).max / state["scatter"].diagonal(dim1=1, dim2=2).amax()
+    state["scatter"] = state["scatter"] * (0.999 * edge)
+    flda.load_state_dict(state)
+    refused("scatter is not finite", lambda: flda(x))
 
 
 @hard(
@@ -693,7 +712,8 @@ def features_not_finite():
             bad = x.clone().to(dtype)
             bad[17, 2] = value
             for learn in (flda.fit, flda.update, discriminant):
-                says = f"features holds {text} in feature 2 (sample 17): it must be finite"
+                rule = "it must be finite, at most 1e+140 in size"
+                says = f"features holds {text} in feature 2 (sample 17): {rule}"
                 refused(says, lambda f=learn, b=bad: f(b, bits))
     same_rule(flda, fitted(x, bits), x, 0.0)
 
@@ -820,9 +840,9 @@ def impossible_statistics():
     x, bits = clouds(29)
     for name, value, says in (
         ("scatter", -5.0, "scatter holds a variance below 0"),
-        ("scatter", torch.nan, "too large"),
-        ("mean", torch.inf, "too large"),
-        ("mean_rest", torch.nan, "too large"),
+        ("scatter", torch.nan, "not finite"),
+        ("mean", torch.inf, "not finite"),
+        ("mean_rest", torch.nan, "not finite"),
         ("count", -3, "count is below 0"),
     ):
         state = {key: part.clone() for key, part in fitted(x, bits).state_dict().items()}

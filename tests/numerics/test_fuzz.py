@@ -111,6 +111,7 @@ LEDGES = {key: (range_, make) for key, range_, make in makers()}
 APART = {
     "scene.effects.stuck_leds.off_share": "its neighbour is 0, and together they must be above 0",
     "scene.effects.stuck_leds.on_share": "likewise",
+    **{f"scene.effects.bayer.{colour}": "at least 0.001" for colour in ("red", "green", "blue")},
     "location.closing_px": "an even one is refused",
     **{f"scene.effects.lens_distortion.{k}": "0 or at least 1e-15" for k in ("k1", "k2", "k3")},
 }
@@ -251,6 +252,40 @@ ONCE_FAILED = {
         },
         "scene.",
     ),
+    "a lamp's grey of 6e19 was refused without a key": Failed(
+        "20/2745",
+        {
+            "scene.effects": {"lamps": {"count": 85, "luminance_cd_m2": 1e12, "diameter_m": 10.0}},
+            "camera.gamma": 0.3,
+            "framing": "full",
+        },
+        "scene.effects is without saturation, and grey values reach",
+    ),
+    "a filter that lets 5e-324 of the light through made greys NaN": Failed(
+        "0/2764",
+        {"scene.effects": {"bayer": {"blue": 5e-324}, "demosaicing": {}, "saturation": {}}},
+        "scene.effects.bayer.blue is 4.94066e-324",
+    ),
+    "a second panel at the plane of the lens took all the memory": Failed(
+        "0/32837",
+        {
+            **{"camera.width_px": 14, "camera.height_px": 14, "camera.sensor_width_mm": 0.14},
+            **{"camera.focal_length_mm": 0.01, "scene.offset_x_m": 0.0, "scene.offset_y_m": 0.0},
+            **{"panel.rows": 2, "panel.columns": 2, "panel.led_diameter_m": 0.008, "panel.led_gap_m": 0.002},
+            "scene.distance_m": 0.1,
+            "scene.effects": {
+                "pose": {"yaw_deg": 75.0},
+                "lens_distortion": {"k3": 0.3},
+                "second_panel": {"offset_x_m": -0.09},
+                "saturation": {},
+            },
+        },
+    ),
+    "four panels of 49 million samples each took all the memory": Failed(
+        "0/27916",
+        {"panel.rows": 400, "panel.columns": 1023, "receiver.samples_per_led": 11},
+        "receiver.samples_per_led is 11: a panel of 400 x 1023 LEDs would have",
+    ),
     "a near panel that is read finely took all the memory": Failed(
         "2/45", {"scene.distance_m": 0.01, "receiver.samples_per_led": 64}
     ),
@@ -281,6 +316,8 @@ LINES_ONCE_WRONG = {
     "seed=range(1,5)": "seed is range(1,5): it must be one value; -m runs several",
     "scene.offset_x_m=${nothing}": "scene.offset_x_m cannot be resolved: Interpolation key",
     f"scene.ambient_lx={'1' * 5000}": "scene.ambient_lx is a number of thousands of digits",
+    f"camera.gamma=1{'0' * 400}": "camera.gamma is a whole number of hundreds of digits",
+    "camera=1_000": "camera is 1_000: it must be one of the options",
     "scene.distance_m=5\nm": "scene.distance_m=5 m cannot be read",
 }
 

@@ -13,6 +13,7 @@ import torch
 from hard_cases import Breakage, HardCases
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy import ndimage
 
 from vocc_torch.errors import VoccError
 from vocc_torch.receiver.components import label_components
@@ -134,12 +135,8 @@ def two_grey_values():
 @hard(
     "a histogram with a tie",
     "of equally good thresholds, by exact arithmetic, the lowest is taken, as OpenCV does where nothing "
-    "rounds",
-    Breakage(
-        FILES + "otsu.py",
-        "levels.masked_fill(between < best, float(_LEVELS)).amin(1).long()",
-        "levels.masked_fill(between < best, -1.0).amax(1).long()",
-    ),
+    "rounds, with any number of pixels",
+    Breakage(FILES + "otsu.py", "_TIE_SHARE = 1e-12", "_TIE_SHARE = 0.0"),
 )
 def a_histogram_with_a_tie():
     for counts in ({10: 50, 200: 50}, {0: 8, 255: 1}, {0: 30, 100: 40, 200: 30}, {3: 9, 4: 2, 5: 9}):
@@ -149,6 +146,14 @@ def a_histogram_with_a_tie():
         best = best_thresholds(counts)
         assert threshold == min(best)
         assert opencvs == threshold if len(counts) == 2 else opencvs in best
+    many = [{0: 1009, 33: 2018, 55: 6054}, {0: 6054, 22: 2018, 55: 1009}]
+    many += [{253: 1, 254: 2**n - 3, 255: 1} for n in (12, 25, 29, 40, 53)]
+    many += [
+        {3: 9 * 10**n, 4: 2 * 10**n, 5: 9 * 10**n + least} for n in (5, 7, 9, 15) for least in (-1, 0, 1)
+    ]
+    histograms = torch.tensor([[counts.get(level, 0) for level in range(256)] for counts in many])
+    for counts, threshold in zip(many, otsu_threshold(histograms).tolist(), strict=True):
+        assert threshold == min(best_thresholds(counts)), counts
 
 
 def best_thresholds(counts):
@@ -766,15 +771,23 @@ def corners_nearly_on_a_line():
 
 @hard(
     "the horizon within the panel's margin",
-    "samples on it or beyond are the frame's border pixels: every reading is a mean of pixels, so it is "
-    "finite and within their range",
+    "samples on it or beyond are the frame's border pixels, and all before it, so every LED, read as SciPy "
+    "reads the frame between its pixels: every reading is a mean of pixels, finite and within their range",
     Breakage(
         FILES + "rectification.py",
-        "(torch.minimum(torch.maximum(v, least), most) for v in (ends.amin(2), ends.amax(2)))",
-        "(ends.amin(2), ends.amax(2))",
+        "lowest, highest = torch.where(endless, least, lowest), torch.where(endless, most, highest)",
+        "endless = torch.zeros_like(endless)",
     ),
 )
 def the_horizon_within_the_margin():
+    steep = {
+        PanelShape(4, 4): [(28, 30), (32, 30), (48, 50), (12, 50)],
+        PanelShape(1, 1): [(28, 30), (32, 30), (55, 55), (5, 55)],
+        PanelShape(1, 8): [(25, 30), (35, 30), (45, 50), (15, 50)],
+    }
+    for shape, corners in steep.items():
+        for turn in range(4):  # the horizon above, beside and below
+            beyond_the_horizon(shape, np.rot90(bordered(), turn).copy(), turned(corners, turn))
     # Sides that part so fast that the map divides by 0 at a sample, or between two, below the panel.
     frames = Frames.whole(picture()[None])
     for low_cells in (0.875, 0.75, 0.5, 0.25, 0.125):
@@ -785,6 +798,49 @@ def the_horizon_within_the_margin():
         assert 20 <= float(patches.min()) <= float(patches.max()) <= 230
         centres = centre_greys(frames, Panels.known(corners), SHAPE)
         assert 20 <= float(centres.min()) <= float(centres.max()) <= 230
+
+
+def bordered():
+    """A frame that is darker than 200 but on its border, where it is brighter."""
+    inner = np.random.default_rng(2).uniform(0, 199, (58, 58))
+    return np.pad(inner, 1, constant_values=230.0)
+
+
+def turned(corners, turn):
+    """Corners in a frame of 60 x 60 px that is turned as np.rot90 turns it."""
+    for _ in range(turn):
+        corners = [(y, 60 - x) for x, y in corners]
+    return corners
+
+
+def beyond_the_horizon(shape, image, corners, samples=32):
+    """Compare a panel with SciPy's reading of it, alone, in a batch and in a crop."""
+    cells = [(0, 0), (shape.columns, 0), (shape.columns, shape.rows), (0, shape.rows)]
+    homography = cv2.getPerspectiveTransform(np.float32(cells), np.float32(corners))
+    y, x = ((np.arange((n + 2) * samples) + 0.5) / samples - 1 for n in (shape.rows, shape.columns))
+    places = np.stack([*np.meshgrid(x, y), np.ones((len(y), len(x)))])
+    across, down, depth = np.tensordot(homography, places, 1)
+    seen = depth > 1e-3
+    reading = ndimage.map_coordinates(
+        image, [down[seen] / depth[seen] - 0.5, across[seen] / depth[seen] - 0.5], order=1, mode="nearest"
+    )
+    panels = Panels.known(torch.tensor([corners, cells], dtype=torch.float64))
+    frames = Frames.whole(torch.from_numpy(image).expand(2, 60, 60))
+    patches = rectify(frames, panels, shape, samples)
+    ours = patches[0, 0].numpy()
+    assert (depth < -1e-3).any()
+    np.testing.assert_allclose(ours[seen], reading, rtol=0, atol=1e-6)
+    assert (ours[depth < -1e-3] == 230).all(), "border pixels"
+    for row in (0, 1):
+        alone = rectify(frames[row : row + 1], Panels.known(panels.corners_px[row, None]), shape, samples)
+        assert torch.equal(alone[0], patches[row])
+    inner = (slice(None), slice(None), slice(samples, -samples), slice(samples, -samples))
+    sensor = np.pad(image, 70).astype(np.float32)
+    planes = torch.from_numpy(sensor[None, None, 70:130, 70:130].copy())
+    crop = Frames(planes, torch.tensor([[70, 70]]), (200, 200), torch.tensor([0.0]))
+    there = Panels.known(panels.corners_px[:1] + 70)
+    single = [rectify(one, there, shape, samples)[inner] for one in (crop, whole(sensor))]
+    assert torch.equal(*single), "a crop and the whole frame, to the last bit"
 
 
 @hard(

@@ -241,9 +241,7 @@ def an_image_of_half_precision():
     "another default type of torch",
     "changes nothing: every tensor of the link names its own type, so a program that works in half "
     "precision by default gets the same frames, features and bits",
-    Breakage(
-        "vocc_torch/types.py", "float(value), dtype=torch.float64) for value", "float(value)) for value"
-    ),
+    Breakage("vocc_torch/types.py", "value, dtype=torch.float64) for value", "value) for value"),
 )
 def another_default_dtype():
     wanted = everything()
@@ -282,27 +280,33 @@ def inference_mode():
 
 @hard(
     "autocast around the link",
-    "switched off inside: it would run the convolutions of GRI and NGR in half precision, which turns "
-    "up to one bit in two thousand and says nothing of it",
+    "switched off inside, by the link and by the reader itself: it would run the convolutions of GRI and "
+    "NGR in half precision, which turns up to one bit in two thousand and says nothing of it",
     Breakage(
-        "vocc_torch/studies/link.py",
-        "with torch.autocast(self.simulator.device.type, enabled=False):",
+        "vocc_torch/receiver/reader.py",
+        "with torch.autocast(takes[0].grey.device.type, enabled=False):",
         "if True:",
     ),
 )
 def autocast_around_the_link():
     wanted = everything()
+    scene, bits = DARKEST.draw(BlockKey(1, "precision", 0), SHAPE)
+    frames, panels = Simulator().render(scene, bits), Simulator().true_panels(scene)
+    features = Reader().read(frames, panels).features
+    average = Reader().read_greys(frames, panels).average
     for dtype in HALVES:
         with torch.autocast("cpu", dtype):
             same(everything(), wanted)
+            assert torch.equal(Reader().read(frames, panels).features, features)
+            assert torch.equal(Reader().read_greys(frames, panels).average, average)
             assert torch.is_autocast_enabled("cpu"), "the caller's own setting comes back"
 
 
 @hard(
     "autocast around a receiver",
-    "switched off inside, as around the link",
+    "switched off inside, by the reader and the refined locator; the paper's locator multiplies no matrices",
     Breakage(
-        "vocc_torch/receiver/receiver.py",
+        "vocc_torch/receiver/refined.py",
         "with torch.autocast(frames.grey.device.type, enabled=False):",
         "if True:",
     ),

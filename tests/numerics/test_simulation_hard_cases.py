@@ -20,7 +20,8 @@ from vocc_torch.simulation.effects import Context
 from vocc_torch.simulation.effects.blooming import Blooming
 from vocc_torch.simulation.effects.quantization import Quantization
 from vocc_torch.simulation.framing import crop_origins_px
-from vocc_torch.simulation.geometry import panel_centre_px
+from vocc_torch.simulation.geometry import CAMERA_RANGES, panel_centre_px
+from vocc_torch.simulation.limits import demand_pixels
 from vocc_torch.simulation.photometry import grey_value, transmission
 from vocc_torch.simulation.poisson import poisson_quantile
 from vocc_torch.simulation.raster import disc_cover, ellipse_cover, ellipse_patch_px
@@ -38,6 +39,7 @@ RASTER = "vocc_torch/simulation/raster.py"
 STAMPS = "vocc_torch/simulation/stamps.py"
 SIMULATOR = "vocc_torch/simulation/simulator.py"
 FRAMING = "vocc_torch/simulation/framing.py"
+LIMITS = "vocc_torch/simulation/limits.py"
 DRAWS = "vocc_torch/simulation/scene.py"
 TYPES = "vocc_torch/types.py"
 SPREAD = "vocc_torch/simulation/spread.py"
@@ -85,7 +87,8 @@ def excess(frames, background):
 @hard(
     "no exposure",
     "grey value 0; its slope is infinite where gamma is above 1, so the gradient there is 0 by"
-    " definition, and everywhere else, however dark, it is the closed form `G / (gamma H)`",
+    " definition, in reverse and in forward mode, and everywhere else, however dark, it is the closed form"
+    " `G / (gamma H)`",
     Breakage(PHOTOMETRY, "lit = base >= torch.finfo(base.dtype).tiny", "lit = base >= 0"),
 )
 def no_exposure():
@@ -740,9 +743,9 @@ def no_blooming():
 
 @hard(
     "blooming wider than the crop and than the sensor",
-    "the crop grows with it up to the sensor, so no light is lost there: the panel's light after it is that"
-    " before within 1e-9; at the sensor's border light is taken to go on as it is there, as SciPy's"
-    " `nearest` has it, and a uniform frame stays uniform",
+    "up to 32 px, and beyond refused; the crop grows with it up to the sensor, so no light is lost there: the"
+    " panel's light after it is that before within 1e-9; at the sensor's border light is taken to go on as it"
+    " is there, as SciPy's `nearest` has it, and a uniform frame stays uniform",
     Breakage(BLOOMING, 'mode="replicate"', 'mode="constant"'),
 )
 def wide_blooming():
@@ -812,14 +815,53 @@ def extreme_counts():
 
 
 @hard(
+    "scenes, cameras and panels of no numbers",
+    '`"50"`, true, null, NaN and `10**400` are refused from Python too, by the argument\'s name in one short'
+    " line, for true as 1 m would be a silent mistake; NumPy's numbers are numbers",
+    Breakage(TYPES, "isinstance(value, Real) and not isinstance(value, bool)", "isinstance(value, Real)"),
+)
+def plain_arguments():
+    made = {
+        Scene.of: ("scene", Scene.__slots__, 50.0),
+        Camera: ("camera", (*CAMERA_RANGES, "width_px", "height_px"), 5),
+        LedPanel: (
+            "panel",
+            ("led_diameter_m", "led_gap_m", "led_reflectance", "background_reflectance"),
+            0.5,
+        ),
+    }
+    none = ("50", True, np.True_, None, math.nan, math.inf, 10**400, -(10**5000), 1j, [1], torch.ones(1))
+    for make, (section, names, right) in made.items():
+        for name in names:
+            for wrong in none:
+                line = refusal(make, **{name: wrong})
+                assert line.startswith(f"{section}.{name} is ")
+                assert ": it must be " in line
+                assert len(line) < 160
+            kind = np.int64 if name.endswith("_px") else np.float64
+            assert make(**{name: kind(right)}) is not None
+    for wrong in (True, "8", 8.0, None, 0, 1025, 10**400):
+        assert refusal(PanelShape, columns=wrong).startswith("panel.columns is ")
+        assert wrong == 1025 or refusal(Scene.of, wrong).startswith("frames is ")
+    assert refusal(LedPanel, board_reflectance="black").startswith("panel.board_reflectance is 'black'")
+    assert refusal(LedPanel, shape=(8, 8)).startswith("panel.shape is (8, 8)")
+    for wrong in (("a", 100), (None, 100), (True, 100), (1,), (), "ab", 100, (1, 10**400), (1, 2, 3)):
+        assert refusal(Camera, iso_limits=wrong).startswith("camera.iso_limits is ")
+    camera = Camera(width_px=np.int64(640), gamma=np.float32(2), iso_limits=[np.int64(100), 3200])
+    assert (type(camera.width_px), type(camera.gamma)) == (int, float)
+    assert camera == Camera(width_px=640, gamma=2.0, iso_limits=(100.0, 3200.0))
+    assert type(PanelShape(np.int64(3)).rows) is int
+
+
+@hard(
     "float32 against float64",
     "pictures are drawn in float64 either way, so that the two differ by float32's rounding alone:"
     " within 1e-6 of the grey value at 0.5 m and 10 km, 1 and 1e6 lx; scenes given in float32 or as"
     " integers become float64",
     Breakage(
         TYPES,
-        "if all(getattr(self, field.name).dtype == torch.float64 for",
-        "if any(getattr(self, field.name).dtype == torch.float64 for",
+        "if all(value.dtype == torch.float64 for",
+        "if any(value.dtype == torch.float64 for",
     ),
 )
 def both_precisions():
@@ -847,7 +889,7 @@ def vars_of(scene):
 @hard(
     "bits of another type or shape",
     "refused in one line that says what they must be: 0.5 or 2 would be another luminance",
-    Breakage(SIMULATOR, "if bits.dtype != torch.bool:", "if bits.is_floating_point():"),
+    Breakage(LIMITS, "if bits.dtype != torch.bool:", "if bits.is_floating_point():"),
 )
 def wrong_bits():
     scene = Scene.of(2)
@@ -863,17 +905,13 @@ def wrong_bits():
 @hard(
     "a batch of no scenes",
     "refused by name, as by `Scene.of`: frames of no scene have no size",
-    Breakage(
-        SIMULATOR,
-        "        if not len(scene):\n            raise",
-        "        if len(scene) < 0:\n            raise",
-    ),
+    Breakage(LIMITS, "    if not len(scene):\n        raise", "    if len(scene) < 0:\n        raise"),
 )
 def no_scenes():
     empty = Scene.of()[:0]
     line = "scene holds no frames: it must hold at least 1"
     assert refusal(Simulator().render, empty, all_on(empty)) == line
-    assert refusal(Scene.of, 0) == "frames is 0: it must be at least 1"
+    assert refusal(Scene.of, 0).startswith("frames is 0: it must be a whole number, at least 1")
     assert len(Simulator().true_panels(empty).found) == len(Simulator().contrast(empty)) == 0
 
 
@@ -898,7 +936,7 @@ def not_finite():
 @hard(
     "scene fields of different lengths",
     "refused by the first field that does not fit, before anything is broadcast",
-    Breakage(TYPES, "if values.ndim != 1 or values.shape != wanted:", "if values.ndim != 1:"),
+    Breakage(TYPES, "if value.ndim != 1 or value.shape != values[0].shape:", "if value.ndim != 1:"),
 )
 def ragged_scene():
     scene = Scene.of(3)
@@ -926,20 +964,25 @@ def no_nearest_distance():
 
 @hard(
     "frames of more pixels than memory holds",
-    "above 33.6 million, those of 8K video, refused by the camera's width and height; a crop of such a sensor"
-    " is drawn",
-    Breakage(SIMULATOR, "    _demand_pixels(sensor if whole else size)", "    _demand_pixels(size)"),
+    "above 2^26, up to 7 GB while one is drawn, refused by the camera's width and height; a camera of 50"
+    " million pixels and a crop of any sensor are drawn",
+    Breakage(SIMULATOR, "    demand_pixels(sensor if whole else size)", "    demand_pixels(size)"),
 )
 def too_many_pixels():
-    camera, scene = Camera(width_px=8192, height_px=4097), Scene.of()
+    camera, scene = Camera(width_px=8192, height_px=8193), Scene.of()
     for framing in ("filled", "full"):
         line = refusal(Simulator(camera, framing=framing).render, scene, all_on(scene))
         assert line.startswith(
-            "camera.width_px and camera.height_px lead to frames of 8192 x 4097 px: they must "
+            "camera.width_px and camera.height_px lead to frames of 8192 x 8193 px: they must "
         )
+        assert line.endswith(
+            "(give a smaller camera, or framing=crop, which draws the panel's surroundings only)"
+        )
+    for allowed in ((6144, 8192), (8192, 8192)):
+        demand_pixels(allowed)
     assert Simulator(camera).render(scene, all_on(scene)).surround.tolist() == [102]
     for name, value in itertools.product(("width_px", "height_px"), (0, 5.5, 32769, 2**62)):
-        assert refusal(Camera, **{name: value}).startswith(f"camera.{name} is {value:g}")
+        assert refusal(Camera, **{name: value}).startswith(f"camera.{name} is {value}: it must")
 
 
 @hard(

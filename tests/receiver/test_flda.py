@@ -527,7 +527,7 @@ BAD_PIECES = {
     "overflow": (
         torch.tensor([[-1e200, 0], [1e200, 0]], dtype=torch.float64),
         torch.tensor([1, 1]),
-        "features are too large",
+        "holds -1e+200 in feature 0 (sample 0): it must be finite, at most 1e+140",
     ),
 }
 

@@ -5,6 +5,7 @@ import math
 import mpmath
 import pytest
 import torch
+from torch.autograd import forward_ad
 
 from vocc_torch.simulation.photometry import BLOCK_VALUES, auto_iso_speed, grey_value, transmission
 
@@ -70,6 +71,33 @@ def test_the_slope_is_0_at_no_light_and_at_subnormal_light_and_nowhere_else(gamm
     assert (slope != 0).tolist() == [False, False, True, True]
     assert grey[0] == 0
     assert not slope.isnan().any()
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+@pytest.mark.parametrize("gamma", [1.8, 2.2, 4.0])
+@pytest.mark.filterwarnings("ignore:.torch.jit.script. is deprecated:DeprecationWarning")  # torch's own use
+def test_forward_mode_has_the_slopes_and_greys_of_reverse_mode(gamma, dtype):
+    """Dual numbers, ``jvp``, ``jacfwd`` and forward over reverse, at no light and at subnormal light too."""
+    tiny = torch.finfo(dtype).tiny
+    values, speed = torch.tensor([0.0, tiny / 8, 1e-3, 7.0], dtype=dtype), torch.tensor(10.0, dtype=dtype)
+
+    def grey(value):
+        return grey_value(value, speed, gamma=gamma)
+
+    leaf = values.clone().requires_grad_()
+    (slope,) = torch.autograd.grad(grey(leaf).sum(), leaf)
+    ones = torch.ones_like(values)
+    with forward_ad.dual_level():
+        dual = forward_ad.unpack_dual(grey(forward_ad.make_dual(values, ones)))
+    for greys, slopes in (dual, torch.func.jvp(grey, (values,), (ones,))):
+        assert greys.dtype == slopes.dtype == dtype
+        assert torch.equal(greys, grey(values))
+        torch.testing.assert_close(slopes, slope)
+    torch.testing.assert_close(torch.func.jacfwd(grey)(values), slope.diag())
+    torch.testing.assert_close(torch.func.vmap(torch.func.grad(grey))(values), slope)
+    bend = torch.func.hessian(lambda value: grey(value).sum())(values).diagonal()
+    assert bend[:2].tolist() == [0, 0]
+    torch.testing.assert_close(bend[2:], (slope * (1 / gamma - 1) / values)[2:])
 
 
 @pytest.mark.parametrize("dtype", DTYPES)

@@ -310,7 +310,10 @@ def test_it_takes_and_gives_symbols():
 @pytest.mark.parametrize(
     ("parameters", "message"),
     [
-        ((0, 1), r"readout_s is 0: it must be above 0 \(leave the effect out for a global shutter\)"),
+        (
+            (0, 1),
+            r"readout_s is 0: it must be above 0 and at most 1e\+06 \(leave the effect out for a global",
+        ),
         ((-0.1, 1), "readout_s is -0.1: it must be above 0"),
         ((math.inf, 1), "readout_s is inf: it must be above 0"),
         ((0.1, 0), "symbol_s is 0: it must be above 0"),

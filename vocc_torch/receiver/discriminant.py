@@ -186,7 +186,7 @@ def discriminant(features: Tensor, bits: Tensor) -> Discriminant:
         float64 ``direction`` (...,F) and ``threshold`` (...), and ``scores`` for any features.
 
     Raises:
-        VoccError: wrong shape or kind, a value that is not finite or beyond 1e150, or a class missing.
+        VoccError: wrong shape or kind, a value that is not finite or beyond 1e140, or a class missing.
 
     Example:
         >>> x = torch.tensor([[0.0, 1.0], [2.0, 3.0], [5.0, 0.0], [7.0, 5.0]], requires_grad=True)

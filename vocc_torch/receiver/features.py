@@ -93,7 +93,12 @@ def average_greyscale_ratio(means: Tensor) -> Tensor:
         >>> average_greyscale_ratio(means)[0].tolist()
         [[1.5, 0.5], [1.0, 1.0]]
     """
-    inner = checked_greys(means, "means")[:, 1:-1, 1:-1]
+    return _average_ratio(checked_greys(means, "means"))
+
+
+def _average_ratio(means: Tensor) -> Tensor:
+    """Give the AGR of means that are checked."""
+    inner = means[:, 1:-1, 1:-1]
     return _ratio_to_panel(inner, inner.mean(dim=(1, 2)))
 
 
@@ -114,7 +119,12 @@ def neighbour_greyscale_ratio(means: Tensor) -> Tensor:
         >>> neighbour_greyscale_ratio(torch.full((1, 3, 3), 5.0)).tolist()
         [[[1.0]]]
     """
-    ring = checked_greys(means, "means").new_full((1, 1, 3, 3), 1 / 8)
+    return _neighbour_ratio(checked_greys(means, "means"))
+
+
+def _neighbour_ratio(means: Tensor) -> Tensor:
+    """Give the NGR of means that are checked."""
+    ring = means.new_full((1, 1, 3, 3), 1 / 8)
     ring[..., 1, 1] = 0.0
     neighbours = F.conv2d(means.unsqueeze(1), ring)[:, 0]
     return _ratio_to_panel(neighbours, means[:, 1:-1, 1:-1].mean(dim=(1, 2)))
@@ -205,3 +215,37 @@ def gradient_radial_inwardness(
     if not bool(inward.isfinite().all()):
         raise VoccError("patches or cell sizes give a GRI that is not finite: both must be finite")
     return inward
+
+
+def led_features(
+    patches: Tensor,
+    means: Tensor,
+    shape: PanelShape,
+    cell_width_px: Tensor,
+    cell_height_px: Tensor,
+    kernel: Gradient = "sobel",
+) -> Tensor:
+    """All features of each LED, in the order of ``FEATURE_NAMES``.
+
+    Args:
+        patches: see :func:`gradient_radial_inwardness`.
+        means: what :func:`cell_means` gave of the patches; it has checked them.
+        shape: rows and columns.
+        cell_width_px: see :func:`gradient_radial_inwardness`.
+        cell_height_px: likewise.
+        kernel: see :func:`image_gradient`.
+
+    Returns:
+        (B,R,C,3) AGR, GRI and NGR.
+
+    Raises:
+        VoccError: what :func:`gradient_radial_inwardness` refuses.
+
+    Example:
+        >>> patches, size = torch.full((1, 1, 6, 6), 7.0), torch.tensor([3.0])
+        >>> means = cell_means(patches, PanelShape(1, 1))
+        >>> led_features(patches, means, PanelShape(1, 1), size, size)[0, 0, 0].tolist()
+        [1.0, 0.0, 1.0]
+    """
+    gri = gradient_radial_inwardness(patches, shape, cell_width_px, cell_height_px, kernel)
+    return torch.stack([_average_ratio(means), gri, _neighbour_ratio(means)], dim=-1)

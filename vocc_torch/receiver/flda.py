@@ -32,12 +32,12 @@ class FLDA(nn.Module):
     The statistics are float64 buffers and stay so under ``.half()`` or ``.to(dtype)``: a device must know
     float64. The solution follows from them on first use after each change, with an error of about the
     condition number (of the within-class covariance, features in units of their deviations) times 2e-16, and
-    whatever the pieces were in which the samples came. Features may be up to 1e150; a spread below 1e-150, or
+    whatever the pieces were in which the samples came. Features may be up to 1e140; a spread below 1e-150, or
     below 2e-15 of a feature's mean, counts as none. Where the condition number is above 1e12, or the
     statistics do not determine the solution, an ``FLDAWarning`` says so: a constant feature gets weight 0,
     collinear features the least-norm solution, and features that separate the classes without any variance
-    rule, with very large but finite scores. For gradients through the training set see
-    :func:`vocc_torch.receiver.discriminant.discriminant`.
+    rule, with very large but finite scores, where their part of the means' difference is above a millionth.
+    For gradients through the training set see :func:`vocc_torch.receiver.discriminant.discriminant`.
 
     Args:
         n_features: F, at least 1.

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from fractions import Fraction
+
 import torch
 from torch import Tensor
 
@@ -11,6 +14,9 @@ from vocc_torch.types import Frames
 _LEVELS = 256
 # From here on, counting each frame's bytes beats widening the whole batch to int64 for one offset count.
 _LARGE_FRAME_PX = 1 << 16
+# Up to so many pixels whole numbers of 64 bits hold every difference, and variances are right to 1e-15.
+_MOST_EXACT_PX = 1 << 28
+_TIE_SHARE = 1e-12
 
 
 def histogram256(grey: Tensor) -> Tensor:
@@ -76,12 +82,13 @@ def sensor_histogram(frames: Frames) -> Tensor:
 def otsu_threshold(histogram: Tensor) -> Tensor:
     """Find the grey value that best parts each histogram in two; the foreground is ``grey > threshold``.
 
-    It maximises the variance between the classes, exactly, over all 256 thresholds. Of equally good
-    thresholds the lowest is taken, as OpenCV does. A constant image has no best one: its threshold is its own
-    grey value, so nothing is foreground. An empty histogram gives 0.
+    It maximises the variance between the classes over all 256 thresholds; those that are better or worse by
+    rounding at most are compared in rational numbers. Of equally good thresholds the lowest is taken, as
+    OpenCV does. A constant image has no best one: its threshold is its own grey value, so nothing is
+    foreground. An empty histogram gives 0.
 
     Args:
-        histogram: (B,256) counts, finite, at least 0, of up to 2^22 pixels a frame (beyond, exact to 1e-15).
+        histogram: (B,256) counts, finite, at least 0, of less than 2^55 pixels a frame.
 
     Returns:
         (B,) int64 thresholds, 0 to 255.
@@ -93,14 +100,30 @@ def otsu_threshold(histogram: Tensor) -> Tensor:
     """
     counts, values = histogram.to(torch.int64), torch.arange(_LEVELS, device=histogram.device)
     # Whole numbers: a GPU's running sums of floating ones have no fixed order, and no deterministic form.
-    below, mass = counts.cumsum(1).to(torch.float64), (counts * values).cumsum(1).to(torch.float64)
-    levels = values.to(torch.float64)
+    below, mass = counts.cumsum(1), (counts * values).cumsum(1)
     total, total_mass = below[:, -1:], mass[:, -1:]
-    pairs = below * (total - below)
-    # w0 w1 (m0 - m1)^2 times a constant of the frame, with a single rounding division.
-    between = (total_mass * below - mass * total).square() / pairs.clamp(min=1.0)
-    between = between.masked_fill(pairs == 0, -1.0)
-    best = between.amax(1, keepdim=True)
-    lowest = levels.masked_fill(between < best, float(_LEVELS)).amin(1).long()
+    # Empty levels part as the last level below does that is not.
+    parts = (counts > 0) & (below < total)
+    # w0 w1 (m0 - m1)^2 times a constant of the frame; products may wrap around, their difference does not.
+    apart = (total_mass * below - mass * total).to(torch.float64)
+    between = apart.square() / (below.to(torch.float64) * (total - below)).clamp(min=1.0)
+    between = between.masked_fill(~parts, -1.0)
+    best = between >= between.amax(1, keepdim=True) * (1 - _TIE_SHARE)
+    best = parts & (best | (total > _MOST_EXACT_PX))
+    threshold = best.int().argmax(1)
+    for row in (best.sum(1) > 1).nonzero()[:, 0].tolist():
+        levels = best[row].nonzero()[:, 0].tolist()
+        threshold[row] = _lowest_best(levels, below[row].tolist(), mass[row].tolist())
     most, value = counts.max(1)
-    return torch.where(most == total[:, 0], value * (most > 0), lowest)
+    return torch.where(most == total[:, 0], value * (most > 0), threshold)
+
+
+def _lowest_best(levels: Sequence[int], below: Sequence[int], mass: Sequence[int]) -> int:
+    """Give the threshold of most variance between the classes, the lowest of equals, in rational numbers."""
+    total, total_mass = below[-1], mass[-1]
+
+    def between(level: int) -> Fraction:
+        apart = total_mass * below[level] - mass[level] * total
+        return Fraction(apart * apart, below[level] * (total - below[level]))
+
+    return max(levels, key=between)

@@ -12,17 +12,15 @@ from torch import Tensor
 from vocc_torch.errors import VoccError
 from vocc_torch.receiver.features import (
     Gradient,
-    average_greyscale_ratio,
     cell_means,
     checked_greys,
-    gradient_radial_inwardness,
-    neighbour_greyscale_ratio,
+    led_features,
 )
 from vocc_torch.receiver.rectification import cell_size_px, centre_greys, rectify_takes
 from vocc_torch.types import Frames, Panels, PanelShape
 
-# Half a gigabyte in float32.
-_MOST_SAMPLES = 1 << 27
+# An eighth of a gigabyte in float32, and a whole one while they are measured.
+_MOST_SAMPLES = 1 << 25
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,9 +50,11 @@ class Readings:
 class Reader:
     """Rectify located panels and measure their LEDs.
 
+    An autocast around it is switched off: convolutions of half precision would turn bits.
+
     Args:
         shape: rows and columns of the panel.
-        samples_per_led: K, samples along an LED cell's side, 2 to 64; a rectified panel has at most 2^27.
+        samples_per_led: K, samples along an LED cell's side, 2 to 64; a rectified panel has at most 2^25.
         gradient: ``sobel`` (Kornia) or ``central`` (Eq. 6).
 
     Raises:
@@ -80,7 +80,7 @@ class Reader:
             given = f"receiver.samples_per_led is {self.samples_per_led}"
             leds = f"{self.shape.rows} x {self.shape.columns} LEDs"
             raise VoccError(
-                f"{given}: a panel of {leds} would have {samples} samples, at most 2^27 are allowed"
+                f"{given}: a panel of {leds} would have {samples} samples, at most 2^25 are allowed"
             )
         if self.gradient not in get_args(Gradient):
             allowed = " or ".join(get_args(Gradient))
@@ -105,23 +105,23 @@ class Reader:
             VoccError: takes that do not fit each other or the panels, corners that are not finite, or at a
                 panel in floating frames what is no grey value, NaN or negative.
         """
-        patches = self._patches(takes, panels)
-        means = [cell_means(one, self.shape) for one in patches]
-        greys = [
-            Greys(mean[:, 1:-1, 1:-1], centre_greys(take, panels, self.shape))
-            for mean, take in zip(means, takes, strict=True)
-        ]
-        width, height = cell_size_px(panels.corners_px, self.shape)
-        gri = gradient_radial_inwardness(patches[0], self.shape, width, height, self.gradient)
-        features = torch.stack(
-            [average_greyscale_ratio(means[0]), gri, neighbour_greyscale_ratio(means[0])], dim=-1
-        )
+        with torch.autocast(takes[0].grey.device.type, enabled=False):
+            patches = self._patches(takes, panels)
+            means = [cell_means(one, self.shape) for one in patches]
+            greys = [
+                Greys(mean[:, 1:-1, 1:-1], centre_greys(take, panels, self.shape))
+                for mean, take in zip(means, takes, strict=True)
+            ]
+            sizes = cell_size_px(panels.corners_px, self.shape)
+            features = led_features(patches[0], means[0], self.shape, *sizes, self.gradient)
         return Readings(features.to(torch.float64), greys[0], patches[0]), greys[1:]
 
     def read_greys(self, frames: Frames, panels: Panels) -> Greys:
         """Measure grey levels only."""
-        (patches,) = self._patches([frames], panels)
-        return Greys(cell_means(patches, self.shape)[:, 1:-1, 1:-1], centre_greys(frames, panels, self.shape))
+        with torch.autocast(frames.grey.device.type, enabled=False):
+            (patches,) = self._patches([frames], panels)
+            means = cell_means(patches, self.shape)[:, 1:-1, 1:-1]
+            return Greys(means, centre_greys(frames, panels, self.shape))
 
     def _patches(self, takes: Sequence[Frames], panels: Panels) -> list[Tensor]:
         """Rectify, and check what bytes cannot be."""

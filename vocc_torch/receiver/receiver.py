@@ -91,10 +91,8 @@ class Receiver(nn.Module):
         Raises:
             VoccError: frames that no locator reads, or floating ones that hold no grey values at a panel.
         """
-        # In half precision its convolutions would turn bits.
-        with torch.autocast(frames.grey.device.type, enabled=False):
-            where = self.locator(frames, self.shape) if panels is None else panels
-            features = self.reader.read(frames, where).features[..., self.columns]
+        where = self.locator(frames, self.shape) if panels is None else panels
+        features = self.reader.read(frames, where).features[..., self.columns]
         found = where.found.view(-1, 1, 1)
         scores = torch.where(found, self.classifier.decision_function(features), 0.0)
         bits = (scores >= 0) & found

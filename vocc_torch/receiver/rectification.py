@@ -84,12 +84,23 @@ def cell_size_px(corners_px: Tensor, shape: PanelShape) -> tuple[Tensor, Tensor]
 
 
 def _map_cells(homography: Tensor, x: Tensor, y: Tensor) -> tuple[Tensor, Tensor]:
-    """Map the grid of cell coordinates x (w,) by y (h,) to pixels, x and y (B,h,w) each; 0/0 gives 0."""
+    """Map the grid of cell coordinates x (w,) by y (h,) to pixels, x and y (B,h,w) each.
+
+    From the horizon on, where there is no image, it is as far away as just before it, and finite or infinite.
+    """
     across = homography[:, :, 0, None] * x + homography[:, :, 2, None]
     mapped = across[:, :, None, :] + (homography[:, :, 1, None] * y)[..., None]
     if bool((homography[:, 2, :2] == 0).all()):
         return mapped[:, 0], mapped[:, 1]
-    return (mapped[:, 0] / mapped[:, 2]).nan_to_num_(), (mapped[:, 1] / mapped[:, 2]).nan_to_num_()
+    depth = mapped[:, 2].clamp_(min=torch.finfo(mapped.dtype).tiny)
+    return mapped[:, 0] / depth, mapped[:, 1] / depth
+
+
+def _meets_horizon(homography: Tensor, x: Tensor, y: Tensor) -> Tensor:
+    """Say for which maps (B,1) a part of the grid x (w,) by y (h,) has no image; panels themselves have."""
+    slope_x, slope_y, depth = homography[:, 2, :1], homography[:, 2, 1:2], homography[:, 2, 2:]
+    least_x = torch.minimum(slope_x * x[0], slope_x * x[-1])
+    return least_x + torch.minimum(slope_y * y[0], slope_y * y[-1]) <= -depth
 
 
 def _cut(frames: Frames, origin: Tensor, size: tuple[int, int], dtype: torch.dtype) -> Tensor:
@@ -121,30 +132,38 @@ def _sample(
 
     Positions count from a whole sensor pixel beside the panel, so a crop and the full frame give the same
     values to the last bit, whatever else is in the batch; ``grid_sample`` normalises by the image's size
-    and does not.
+    and does not. Samples beyond the horizon are pixels on the border.
     """
     frames = takes[0]
     ends = torch.stack([ends.flatten(1) for ends in _map_cells(homography, x[[0, -1]], y[[0, -1]])], dim=1)
     least, most = _reach(frames)
     lowest, highest = (torch.minimum(torch.maximum(v, least), most) for v in (ends.amin(2), ends.amax(2)))
-    origin = torch.floor(lowest - 0.5)
-    last = torch.ceil(highest - origin)
-    width, height = (int(v) + 2 for v in last.amax(0).tolist())
+    # Between the grid's corners and the horizon is no image, or all of it: its corners bound nothing.
+    endless = _meets_horizon(homography, x, y)
+    lowest, highest = torch.where(endless, least, lowest), torch.where(endless, most, highest)
+    window = torch.floor(lowest - 0.5)
+    corner = torch.minimum(torch.maximum(torch.floor(homography[:, :2, 2]), window), highest.floor())
+    origin = torch.where(endless, corner, window)
+    first, last = window - origin, torch.ceil(highest - origin)
+    width, height = (int(v) + 2 for v in (last - first).amax(0).tolist())
     # Half a pixel off, so that whole numbers are pixel centres; as a product with a shift, exact in float64.
     shift = torch.eye(3, dtype=homography.dtype, device=homography.device).repeat(len(frames), 1, 1)
     shift[:, :2, 2] = -origin - 0.5
     x_px, y_px = _map_cells((shift @ homography).to(dtype), x.to(dtype), y.to(dtype))
+    first_x, first_y = first.to(dtype).view(-1, 2, 1, 1).unbind(dim=1)
     last_x, last_y = last.to(dtype).view(-1, 2, 1, 1).unbind(dim=1)
-    x_px, y_px = torch.minimum(x_px.clamp(min=0), last_x), torch.minimum(y_px.clamp(min=0), last_y)
+    x_px = torch.minimum(torch.maximum(x_px, first_x), last_x)
+    y_px = torch.minimum(torch.maximum(y_px, first_y), last_y)
     left, top = torch.floor(x_px), torch.floor(y_px)
-    index = (top.long() * width).add_(left.long()).flatten(1)
+    before = (first[:, 1:] * width + first[:, :1]).long()
+    index = left.long().add_(top.long(), alpha=width).flatten(1).sub_(before)
     right_share, lower_share = x_px.sub_(left).flatten(1), y_px.sub_(top).flatten(1)
     read = []
     for take in takes:
-        window = _cut(take, origin.long(), (height, width), dtype).flatten(1)
-        upper = torch.lerp(window.gather(1, index), window[:, 1:].gather(1, index), right_share)
+        grey = _cut(take, window.long(), (height, width), dtype).flatten(1)
+        upper = torch.lerp(grey.gather(1, index), grey[:, 1:].gather(1, index), right_share)
         lower = torch.lerp(
-            window[:, width:].gather(1, index), window[:, width + 1 :].gather(1, index), right_share
+            grey[:, width:].gather(1, index), grey[:, width + 1 :].gather(1, index), right_share
         )
         read.append(torch.lerp(upper, lower, lower_share).view(left.shape))
     return read

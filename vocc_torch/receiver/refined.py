@@ -80,6 +80,12 @@ class RefinedLocator:
         Raises:
             VoccError: what :func:`vocc_torch.receiver.location.exact_frames` refuses.
         """
+        # In half precision a fit would find no lattice.
+        with torch.autocast(frames.grey.device.type, enabled=False):
+            return self._located(frames, shape)
+
+    def _located(self, frames: Frames, shape: PanelShape) -> Panels:
+        """Locate the panels."""
         exact = exact_frames(frames)
         if max(shape.rows, shape.columns) > _MOST_LEDS or not exact.grey.numel():
             return self.paper(exact, shape)

@@ -13,6 +13,9 @@ from vocc_torch.errors import VoccError
 _BLOCK = 512
 """Samples whose products are summed one after the other; blocks are summed in a tree, which rounds less."""
 
+LARGEST = 1e140
+"""Largest feature: the squares of 9e18 of them, as many as can be counted, add up within float64."""
+
 
 def checked_features(features: Tensor, n_features: int) -> Tensor:
     """Give features as float64, or refuse a tensor of the wrong kind or shape.
@@ -69,7 +72,8 @@ def checked_samples(features: Tensor, bits: Tensor, n_features: int) -> tuple[Te
         (...,F) float64 and (...) bool, on the device of ``features``.
 
     Raises:
-        VoccError: wrong shape or kind, a feature that is not finite, or a bit other than 0 and 1.
+        VoccError: wrong shape or kind, a feature that is not finite or beyond 1e140 in size, or a bit other
+            than 0 and 1.
 
     Example:
         >>> checked_samples(torch.tensor([[1, 2]]), torch.tensor([1]), n_features=2)[1].tolist()
@@ -77,11 +81,12 @@ def checked_samples(features: Tensor, bits: Tensor, n_features: int) -> tuple[Te
     """
     rows = checked_features(features, n_features)
     on = _checked_bits(bits, rows.shape[:-1], rows.device)
-    finite = torch.isfinite(rows)
-    if not bool(finite.all()):
-        sample, column = (int(i) for i in (~finite).reshape(-1, n_features).nonzero()[0])
+    held = rows.abs() <= LARGEST
+    if not bool(held.all()):
+        sample, column = (int(i) for i in (~held).reshape(-1, n_features).nonzero()[0])
         value = float(rows.reshape(-1, n_features)[sample, column])
-        raise VoccError(f"features holds {value:g} in feature {column} (sample {sample}): it must be finite")
+        rule = f"it must be finite, at most {LARGEST:g} in size"
+        raise VoccError(f"features holds {value:g} in feature {column} (sample {sample}): {rule}")
     return rows, on
 
 
@@ -241,13 +246,11 @@ class ClassScatter:
         """Give back these statistics, or refuse them where they are out of range.
 
         Raises:
-            VoccError: features beyond about 1e150, whose squares overflow float64, more than 9e18 samples of
-                a class, or a variance below 0, which no samples have.
+            VoccError: sums that overflow float64, which no samples within range have, more than 9e18 samples
+                of a class, or a variance below 0, which no samples have.
         """
         if not bool(torch.isfinite(self.gap).all() & torch.isfinite(self.within).all()):
-            raise VoccError(
-                "features are too large: sums of their squares overflow float64; up to 1e150 is allowed"
-            )
+            raise VoccError(f"scatter is not finite: features up to {LARGEST:g} in size are allowed")
         if bool((self.count < 0).any()):
             raise VoccError("count is below 0: more than 9e18 samples of a class, which overflow int64")
         if bool((self.within.diagonal(dim1=-2, dim2=-1) < 0).any()):

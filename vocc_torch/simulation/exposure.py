@@ -93,6 +93,22 @@ def auto_iso(context: Context) -> Tensor:
     return iso
 
 
+def demand_greys(grey: Tensor) -> None:
+    """Refuse grey values that nothing clips at white and that effects have made too large.
+
+    Raises:
+        VoccError: a value above 1e9, or NaN.
+
+    Example:
+        >>> import torch
+        >>> demand_greys(torch.tensor([0.0, 300.0]))
+    """
+    most = float(grey.detach().max())
+    if not most <= MOST_GREY:
+        rule = f"it must have scene.effects.saturation, or less light: at most {MOST_GREY:g}"
+        raise VoccError(f"scene.effects is without saturation, and grey values reach {most:g}: {rule}")
+
+
 def _refuse(context: Context, frame: int, iso: Tensor) -> None:
     """Say why a frame has no ISO speed, or no grey values."""
     scene, camera = context.scene, context.camera

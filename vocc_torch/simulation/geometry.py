@@ -9,19 +9,20 @@ import torch
 from torch import Tensor
 
 from vocc_torch.errors import VoccError
-from vocc_torch.types import PanelShape, Scene
+from vocc_torch.types import PanelShape, Scene, finite_number, shown, whole_number
 
 CAMERA_RANGES: Mapping[str, tuple[float, float]] = {
     "focal_length_mm": (1e-3, 1e6),
     "sensor_width_mm": (1e-3, 1e4),
-    "width_px": (1, 32768),
-    "height_px": (1, 32768),
     "exposure_time_s": (1e-9, 1e4),
     "f_number": (0.1, 1e3),
     "calibration_constant": (0.1, 1e3),
     "gamma": (0.1, 10.0),
 }
 """Lowest and highest allowed of each value of a camera: wider than any, and safe in float32 together."""
+
+MOST_SIDE_PX = 32768
+"""Most pixels in a row, and most rows."""
 
 LARGEST_LED_PX = 100_000
 """Widest image of an LED on offer: its cover of a pixel is then within 5e-6 of the exact one."""
@@ -34,12 +35,29 @@ ISO_RANGE = (1e-30, 1e20)
 
 
 def _demand(owner: object, section: str, ranges: Mapping[str, tuple[float, float]]) -> None:
-    """Refuse by name the first attribute that is outside its range."""
+    """Refuse by name the first attribute that is outside its range, and make floats of the others."""
     for name, (low, high) in ranges.items():
-        value = getattr(owner, name)
+        rule = f"at least {low:g} and at most {high:g}"
+        value = finite_number(f"{section}.{name}", getattr(owner, name), f"a number, {rule}")
         if not low <= value <= high:
-            allowed = "above 0" if value <= 0 < low else f"at least {low:g} and at most {high:g}"
+            allowed = "above 0" if value <= 0 < low else rule
             raise VoccError(f"{section}.{name} is {value:g}: it must be {allowed}")
+        object.__setattr__(owner, name, value)
+
+
+def _iso_limits(given: tuple[float, float]) -> tuple[float, float]:
+    """Give ISO limits as floats, or refuse them by name."""
+    least, most = ISO_RANGE
+    try:
+        low, high = (finite_number("camera.iso_limits", end) for end in given)
+        held = least <= low <= high <= most
+    except (TypeError, ValueError):
+        held = False
+    if not held:
+        value = shown(list(given) if isinstance(given, tuple) else given)
+        rule = f"[low, high] with 0 < low <= high, from {least:g} to {most:g}"
+        raise VoccError(f"camera.iso_limits is {value}: it must be {rule}")
+    return low, high
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,14 +96,12 @@ class Camera:
 
     def __post_init__(self) -> None:
         """Check every range."""
-        _demand(self, "camera", CAMERA_RANGES)
         for name in ("width_px", "height_px"):
-            if not isinstance(getattr(self, name), int):
-                raise VoccError(f"camera.{name} is {getattr(self, name)}: it must be a whole number")
-        least, most = ISO_RANGE
-        if self.iso_limits is not None and not least <= self.iso_limits[0] <= self.iso_limits[1] <= most:
-            rule = f"[low, high] with 0 < low <= high, from {least:g} to {most:g}"
-            raise VoccError(f"camera.iso_limits is {list(self.iso_limits)}: it must be {rule}")
+            value = whole_number(f"camera.{name}", getattr(self, name), 1, MOST_SIDE_PX)
+            object.__setattr__(self, name, value)
+        _demand(self, "camera", CAMERA_RANGES)
+        if self.iso_limits is not None:
+            object.__setattr__(self, "iso_limits", _iso_limits(self.iso_limits))
 
     @property
     def focal_length_px(self) -> float:
@@ -131,11 +147,16 @@ class LedPanel:
 
     def __post_init__(self) -> None:
         """Check every range."""
+        if not isinstance(self.shape, PanelShape):
+            raise VoccError(f"panel.shape is {shown(self.shape)}: it must be a PanelShape")
         _demand(self, "panel", {"led_diameter_m": (1e-6, 1e3), "led_gap_m": (0, 1e3)})
         for name in ("led_reflectance", "background_reflectance", "board_reflectance"):
-            value = getattr(self, name)
-            if value is not None and not 0 <= value <= 1:
+            if name == "board_reflectance" and self.board_reflectance is None:
+                continue
+            value = finite_number(f"panel.{name}", getattr(self, name), "a number from 0 to 1")
+            if not 0 <= value <= 1:
                 raise VoccError(f"panel.{name} is {value:g}: it must be from 0 to 1")
+            object.__setattr__(self, name, value)
         if self.background_reflectance == 0:
             raise VoccError(
                 "panel.background_reflectance is 0: it must be above 0, because auto-ISO meters it"

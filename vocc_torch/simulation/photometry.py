@@ -10,12 +10,13 @@ import math
 
 import torch
 from torch import Tensor
+from torch.autograd.forward_ad import unpack_dual
 
 MIDDLE_GREY = 118.0
 """Grey value at the indicated exposure, Eq. 1."""
 
 BLOCK_VALUES = 1 << 16
-"""Numbers in a working array in float64: larger ones leave the cache, and are fresh pages every time."""
+"""Numbers in a working array in float64, on the CPU: larger ones leave the cache and are fresh pages."""
 
 
 def reflected_luminance_cd_m2(illuminance_lx: Tensor, reflectance: float) -> Tensor:
@@ -87,7 +88,8 @@ def grey_value(exposure_lx_s: Tensor, iso_speed: Tensor, *, gamma: float) -> Ten
     """Gamma-encoded grey value ``G = 118 (H / H_SOS)^(1/gamma)``, ``H_SOS = 10 / S`` (Eq. 1), not clipped.
 
     No exposure gives 0. Where gamma is above 1 the slope there is infinite: the gradients where
-    ``H / H_SOS`` is 0 or subnormal are defined as 0, and everywhere else they are the slope itself.
+    ``H / H_SOS`` is 0 or subnormal are defined as 0, and everywhere else they are the slope itself, in
+    reverse and in forward mode.
 
     Args:
         exposure_lx_s: luminous exposure H, lx s, at least 0.
@@ -112,7 +114,9 @@ def _power(base: Tensor, exponent: float) -> Tensor:
     """
     if exponent == 1:
         return base
-    if not base.requires_grad:
+    if not base.requires_grad and _dual(base)[1] is None:
+        if base.device.type != "cpu":
+            return base.to(torch.float64, copy=True).log_().mul_(exponent).exp_().to(base.dtype)
         power = torch.empty_like(base, memory_format=torch.contiguous_format)
         given, taken = base.reshape(-1), power.view(-1)
         for start in range(0, given.numel(), BLOCK_VALUES):
@@ -121,7 +125,13 @@ def _power(base: Tensor, exponent: float) -> Tensor:
         return power
     lit = base >= torch.finfo(base.dtype).tiny
     smooth = torch.exp(torch.log(torch.where(lit, base, 1.0).to(torch.float64)) * exponent).to(base.dtype)
-    return torch.where(lit, smooth, _power(base.detach(), exponent))
+    # A detached tensor has its tangent still.
+    return torch.where(lit, smooth, _power(_dual(base.detach())[0], exponent))
+
+
+def _dual(value: Tensor) -> tuple[Tensor, Tensor | None]:
+    """Value and tangent; a tensor has a tangent in forward-mode differentiation only."""
+    return unpack_dual(value)  # type: ignore[no-untyped-call, no-any-return]  # torch has no types there
 
 
 def transmission(distance_m: Tensor, visibility_m: float) -> Tensor:

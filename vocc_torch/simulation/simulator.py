@@ -22,7 +22,7 @@ from vocc_torch.simulation.effects import (
     build_effects,
     check_chain,
 )
-from vocc_torch.simulation.exposure import as_seen, auto_iso, through_lens
+from vocc_torch.simulation.exposure import as_seen, auto_iso, demand_greys, through_lens
 from vocc_torch.simulation.framing import (
     WINDOW_GRID_PX,
     crop_origins_px,
@@ -39,6 +39,7 @@ from vocc_torch.simulation.geometry import (
     panel_corners_m,
     panel_corners_px,
 )
+from vocc_torch.simulation.limits import demand_bits, demand_pixels
 from vocc_torch.simulation.painter import in_perspective, paint, taking
 from vocc_torch.simulation.photometry import grey_value, reflected_luminance_cd_m2
 from vocc_torch.simulation.view import view_of
@@ -59,10 +60,6 @@ DRAWN = CAMERA_STEPS[: CAMERA_STEPS.index(Quantity.LUMINANCE)]
 
 CHUNK_PIXELS = 600_000
 """Pixels rendered at a time: planes that outgrow the cache are slower, from 32 MiB on several times."""
-
-
-MOST_PIXELS = 1 << 25
-"""Most pixels of a frame or crop, those of 8K video; one takes some 100 bytes of memory while it is drawn."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,13 +178,7 @@ class Simulator:
             VoccError: bits of another type or of another shape than the scenes and the panel, scenes out of
                 their range, a crop too small for a panel, a panel too near, or frames of too many pixels.
         """
-        wanted = (len(scene), self.panel.shape.rows, self.panel.shape.columns)
-        if tuple(bits.shape) != wanted:
-            raise VoccError(f"bits has shape {tuple(bits.shape)}: it must be {wanted}")
-        if bits.dtype != torch.bool:
-            raise VoccError(f"bits has the type {bits.dtype}: it must be torch.bool, True = On")
-        if not len(scene):
-            raise VoccError("scene holds no frames: it must hold at least 1")
+        demand_bits(bits, scene, self.panel.shape)
         scene, bits = self._checked(scene), bits.to(self.device)
         nearest = float(scene.distance_m.min())
         if nearest_m is not None and nearest_m > nearest * (1 + 1e-9):
@@ -197,7 +188,7 @@ class Simulator:
         centre = self._centres_px(scene, keys)
         sensor = self.camera.sensor_px
         whole = self.framing != "crop" or (self._first_filling is not None and not window)
-        _demand_pixels(sensor if whole else size)
+        demand_pixels(sensor if whole else size)
         origin = crop_origins_px(centre, size, sensor, grid_px=WINDOW_GRID_PX if window else 1)
         chunk = max(1, CHUNK_PIXELS // (size[0] * size[1]))
         grey: list[Tensor] = []
@@ -208,6 +199,8 @@ class Simulator:
             )
             grey += self._expose(batch, window)
         pictures = torch.cat(grey)
+        if self.output == Quantity.GREY:
+            demand_greys(pictures)
         if size == sensor or window:
             return Frames(pictures, origin, sensor)
         if tuple(pictures.shape[-2:]) == sensor:
@@ -302,11 +295,3 @@ class Simulator:
             return through_lens(value, self.camera), Quantity.EXPOSURE
         iso = auto_iso(context).to(self.dtype).view(-1, 1, 1, 1)
         return grey_value(value, iso, gamma=self.camera.gamma), Quantity.GREY
-
-
-def _demand_pixels(size: tuple[int, int]) -> None:
-    """Refuse by name frames or crops that are too large."""
-    height, width = size
-    if height * width > MOST_PIXELS:
-        shown = f"camera.width_px and camera.height_px lead to frames of {width} x {height} px"
-        raise VoccError(f"{shown}: they must hold at most {MOST_PIXELS} pixels (framing=crop draws fewer)")

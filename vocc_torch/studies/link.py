@@ -16,6 +16,9 @@ from vocc_torch.simulation import SceneModel, Simulator
 from vocc_torch.studies.plan import Plan
 from vocc_torch.types import Frames, Panels, Scene
 
+MOST_SAMPLES = 1 << 26
+"""Most samples of rectified panels in a batch: 512 MiB where frames are float64."""
+
 
 @dataclass(frozen=True)
 class Observation:
@@ -39,7 +42,7 @@ class Link:
         simulator: renders frames.
         locator: finds the panel, or None to take the simulator's true corners.
         reader: measures the LEDs.
-        batch_frames: frames at a time.
+        batch_frames: frames at a time; fewer where their rectified panels would have over 2^26 samples.
 
     Example:
         >>> link = Link(Simulator(), None, Reader())
@@ -54,7 +57,8 @@ class Link:
         self.simulator = simulator
         self.locator = locator
         self.reader = reader
-        self.batch_frames = batch_frames
+        samples = (reader.shape.rows + 2) * (reader.shape.columns + 2) * reader.samples_per_led**2
+        self.batch_frames = max(1, min(batch_frames, MOST_SAMPLES // samples))
 
     @classmethod
     def of(cls, plan: Plan) -> Link:

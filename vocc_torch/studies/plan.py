@@ -234,8 +234,9 @@ class Plan:
     def __post_init__(self) -> None:
         """Check every range, and that every point and the training have scenes."""
         for value in self.experiment.values:
-            self.experiment.model_at(self.world, value)
-        self.experiment.training_model(self.world)
+            tested = f"experiment.values has {value:g}" if self.experiment.axis == "ambient_lx" else None
+            self._demand_exposure(self.experiment.model_at(self.world, value), tested)
+        self._demand_exposure(self.experiment.training_model(self.world))
         frames, target = self.frames_in_point, self.budget.target_frame_errors
         if target is not None and target > frames:
             raise VoccError(
@@ -250,6 +251,12 @@ class Plan:
             raise VoccError(
                 "the receiver and the panel have different shapes: give panel.rows and panel.columns once"
             )
+
+    def _demand_exposure(self, model: SceneModel, said: str | None = None) -> None:
+        """Refuse scenes without ambient light where auto-ISO has no limit, before any work is done."""
+        if model.ambient_lx.bounds[0] == 0 and self.world.camera.iso_limits is None:
+            rule = "it must be above 0, or give camera.iso_limits: auto-ISO has no answer to no light"
+            raise VoccError(f"{said or 'scene.ambient_lx is 0'}: {rule}")
 
     @property
     def frames_in_point(self) -> int:

@@ -119,6 +119,13 @@ class _Gathering:
                 f"training found no panel in any of {frames} frames: "
                 "check scene, camera and receiver.location"
             )
+        off, on = self.flda.count.tolist()
+        if not off or not on:
+            seen = f"training on {frames} frames met no {'Off' if not off else 'On'} LED"
+            raise VoccError(
+                f"{seen} in the {frames - self.missed} located: raise budget.training_frames, or "
+                "receiver.locator=truth takes panels that are too small to be found"
+            )
         features, bits = (torch.cat(parts)[:FIGURE_SAMPLES] for parts in zip(*self.kept, strict=True))
         return Training(self.flda, frames, self.missed, features, bits)
 

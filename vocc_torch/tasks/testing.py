@@ -57,6 +57,8 @@ def run_test(settings: AppConfig, folder: Path) -> None:
     refuse_unused(settings)
     refuse_results(folder, LEDGER)
     plan, console = build_plan(settings, folder), Console()
+    # Made before the training, so that a wrong number is refused at once; it starts nothing yet.
+    workers = Workers(settings.workers)
     _note_strangers(plan, console)
     if settings.tensorboard:
         _check_steps(plan)
@@ -68,7 +70,7 @@ def run_test(settings: AppConfig, folder: Path) -> None:
     ):
         write_config(settings, folder)
         training = train_shown(plan, console)
-        with Workers(settings.workers) as workers:
+        with workers:
             curves = _sweep(plan, training, ledger, workers, console)
         if not curves.values:
             raise VoccError(

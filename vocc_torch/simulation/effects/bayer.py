@@ -26,8 +26,8 @@ class Bayer(Effect):
     Source: B. E. Bayer, US patent 3,971,065 (1976).
 
     Args:
-        red: share that red filters let through, relative to ``photoelectrons``'s quantum efficiency, above
-            0 and at most 1; cameras that amplify red by 2 in daylight have 0.5.
+        red: share that red filters let through, relative to ``photoelectrons``'s quantum efficiency,
+            0.001 to 1; cameras that amplify red by 2 in daylight have 0.5.
         green: the same of green.
         blue: the same of blue.
 
@@ -53,7 +53,7 @@ class Bayer(Effect):
     def __post_init__(self) -> None:
         """Check the ranges."""
         for colour in ("red", "green", "blue"):
-            self.demand(colour, 0, 1, above=True)
+            self.demand(colour, 0.001, 1)
 
     def filters(self, like: Tensor, context: Context) -> Tensor:
         """Give the share that each pixel's filter lets through.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -17,11 +18,14 @@ from vocc_torch.simulation.effects.own_light import dimmed_once
 from vocc_torch.simulation.geometry import LedPanel, led_centres_m
 from vocc_torch.simulation.photometry import reflected_luminance_cd_m2
 from vocc_torch.simulation.polygon import polygon_cover
-from vocc_torch.simulation.raster import add_patches, ellipse_cover, ellipse_patch_px
+from vocc_torch.simulation.raster import add_patches, ellipse_cover
 from vocc_torch.simulation.view import View, view_of
 
 FARTHEST_M = 100.0
 """Largest offset on offer along an axis."""
+
+GROUP_VALUES = 1_000_000
+"""Numbers in a working array."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,15 +80,15 @@ class SecondPanel(Effect):
         painted, leds_m = value.clone(), (offset_m + led_centres_m(panel)).to(scene.distance_m.device)
         surface = reflected_luminance_cd_m2(scene.ambient_lx, panel.led_reflectance)
         seen = (surface.view(-1, 1, 1) + self._lights(context)).flatten()
-        leds = _led_patches(leds_m, value, context)
+        leds = _leds_in_view(leds_m, value, context)
         if panel.board_reflectance is None:
-            _lay(painted, leds, seen, opaque=True)
+            _lay(painted, leds, seen, context, opaque=True)
             return painted
         board = reflected_luminance_cd_m2(scene.ambient_lx, panel.board_reflectance)
         boards = board.repeat_interleave(panel.shape.leds)
-        _lay(painted, _board_patches(leds_m, value, context), boards, opaque=True)
+        _lay(painted, _boards_in_view(leds_m, value, context), boards, context, opaque=True)
         # What an LED covers is board, also in a pixel that the board's edge crosses.
-        _lay(painted, leds, seen - boards, opaque=False)
+        _lay(painted, leds, seen - boards, context, opaque=False)
         return painted
 
     def _check(self, panel: LedPanel) -> None:
@@ -108,49 +112,84 @@ class SecondPanel(Effect):
 
 @dataclass(frozen=True, slots=True)
 class _Patches:
-    """The cover of those of N shapes that the frames show, each in a square of pixels."""
+    """The cover of some of N shapes, each in a square of pixels that the sensor cuts."""
 
     cover: Tensor
-    """(M,S,S)."""
+    """(M,h,w)."""
     which: Tensor
     """(M,): of the N shapes, frame by frame."""
-    frame: Tensor
-    """(M,)."""
     left: Tensor
-    """(M,): in the frame."""
+    """(M,): on the sensor."""
     top: Tensor
-    """(M,): in the frame."""
+    """(M,): on the sensor."""
 
 
-def _led_patches(leds_m: Tensor, value: Tensor, context: Context) -> _Patches:
-    """Cover the LEDs (N,2) of each frame."""
+@dataclass(frozen=True, slots=True)
+class _Shapes:
+    """Where those of N shapes that the frames show lie: their numbers and bounds, sensor px."""
+
+    which: Tensor
+    """(M,): of the N shapes, frame by frame."""
+    low: Tensor
+    """(M,2)."""
+    high: Tensor
+    """(M,2)."""
+    sensor_px: tuple[int, int]
+
+    def groups(self) -> Iterator[tuple[Tensor, int]]:
+        """Part them in groups of about one size, and give the side of a square that holds each of a group.
+
+        A shape near the plane of the lens has an image without bounds, so the sensor's bound them.
+        """
+        sensor = self.low.new_tensor(self.sensor_px[::-1])
+        seen = torch.minimum(self.high, sensor) - self.low.clamp(min=0)
+        sides = torch.minimum(torch.ceil(seen.amax(dim=-1)) + 1, sensor.max()).long()
+        # By powers of two: one large image among many small ones does not make them all large.
+        size = torch.ceil(torch.log2(sides.clamp(min=8).double()))
+        for one in torch.unique(size).tolist():
+            alike = (size == one).nonzero().squeeze(1)
+            side = int(sides[alike].max())
+            for rows in alike.split(max(1, GROUP_VALUES // side**2)):
+                yield rows, side
+
+
+def _leds_in_view(leds_m: Tensor, value: Tensor, context: Context) -> tuple[_Shapes, Iterator[_Patches]]:
+    """Find the LEDs (N,2) that each frame shows, and their cover."""
     view, radius_m = view_of(context), context.panel.led_diameter_m / 2
     has_image = _has_image(view, leds_m, radius_m, context)
     centre, spread = view.discs_px(_or_ours(leds_m, has_image), radius_m)
     reach = spread.diagonal(dim1=-2, dim2=-1).sqrt()
-    which, frame = _in_view(centre - reach, centre + reach, has_image, value, context)
-    centre, spread = centre.flatten(0, 1)[which], spread.flatten(0, 1)[which]
-    # In the sensor's coordinates, so that a crop gets the full frame's very numbers.
-    cover, left, top = ellipse_cover(centre, spread, ellipse_patch_px(spread))
-    origin = _origins(context)[frame]
-    return _Patches(cover, which, frame, left - origin[:, 0], top - origin[:, 1])
+    shapes = _in_view(centre - reach, centre + reach, has_image, value, context)
+    centre, spread = centre.flatten(0, 1)[shapes.which], spread.flatten(0, 1)[shapes.which]
+
+    def patches() -> Iterator[_Patches]:
+        for rows, side in shapes.groups():
+            # In the sensor's coordinates, so that a crop gets the full frame's very numbers.
+            patch = ellipse_cover(centre[rows], spread[rows], side, canvas_px=shapes.sensor_px)
+            yield _Patches(patch[0], shapes.which[rows], *patch[1:])
+
+    return shapes, patches()
 
 
-def _board_patches(leds_m: Tensor, value: Tensor, context: Context) -> _Patches:
-    """Cover the LEDs' cells (N,2) of each frame, of which the board is made: its edges may be curved."""
+def _boards_in_view(leds_m: Tensor, value: Tensor, context: Context) -> tuple[_Shapes, Iterator[_Patches]]:
+    """Find the LEDs' cells (N,2), of which the board is made, and their cover: its edges may be curved."""
     signs = torch.tensor([[-1, -1], [1, -1], [1, 1], [-1, 1]]).to(leds_m)
     cells_m = (leds_m.unsqueeze(1) + signs * (context.panel.pitch_m / 2)).flatten(0, 1)
     view = view_of(context)
     has_image = _has_image(view, cells_m, 0.0, context)
     corners = view.points_px(_or_ours(cells_m, has_image)).view(len(value), -1, 4, 2)
-    low, high = corners.amin(dim=2), corners.amax(dim=2)
     whole = has_image.view(len(value), -1, 4).all(dim=2)
-    which, frame = _in_view(low, high, whole, value, context)
-    corner, high = torch.floor(low.flatten(0, 1)[which]), high.flatten(0, 1)[which]
-    side = math.ceil(float((high - corner).max())) if len(which) else 1
-    cover = polygon_cover(corners.flatten(0, 1)[which] - corner.unsqueeze(1), side, side)
-    left, top = (corner.long() - _origins(context)[frame]).unbind(dim=-1)
-    return _Patches(cover, which, frame, left, top)
+    shapes = _in_view(corners.amin(dim=2), corners.amax(dim=2), whole, value, context)
+    corners = corners.flatten(0, 1)[shapes.which]
+
+    def patches() -> Iterator[_Patches]:
+        for rows, side in shapes.groups():
+            begin = torch.floor(shapes.low[rows]).clamp(min=0)
+            cover = polygon_cover(corners[rows] - begin.unsqueeze(1), side, side)
+            left, top = begin.long().unbind(dim=-1)
+            yield _Patches(cover, shapes.which[rows], left, top)
+
+    return shapes, patches()
 
 
 def _has_image(view: View, points_m: Tensor, radius_m: float, context: Context) -> Tensor:
@@ -168,16 +207,15 @@ def _or_ours(points_m: Tensor, has_image: Tensor) -> Tensor:
     return torch.where(has_image.unsqueeze(-1), points_m, 0.0)
 
 
-def _in_view(
-    low_px: Tensor, high_px: Tensor, has_image: Tensor, value: Tensor, context: Context
-) -> tuple[Tensor, Tensor]:
-    """Pick the shapes whose bounds (B,N,2), sensor px, touch their frames: their numbers and frames, (M,)."""
+def _in_view(low_px: Tensor, high_px: Tensor, has_image: Tensor, value: Tensor, context: Context) -> _Shapes:
+    """Pick the shapes whose bounds (B,N,2), sensor px, touch their frames."""
     height, width = value.shape[-2:]
     begin = _origins(context).to(low_px).unsqueeze(1)
     end = begin + torch.tensor([width, height]).to(low_px)
     touch = ((high_px > begin) & (low_px < end)).all(dim=-1) & has_image
     which = touch.flatten().nonzero().squeeze(1)
-    return which, which // low_px.shape[1]
+    low, high = (bound.flatten(0, 1)[which] for bound in (low_px, high_px))
+    return _Shapes(which, low, high, context.camera.sensor_px)
 
 
 def _origins(context: Context) -> Tensor:
@@ -188,19 +226,33 @@ def _origins(context: Context) -> Tensor:
     return context.origin_px.to(scene.distance_m.device)
 
 
-def _lay(painted: Tensor, patches: _Patches, luminance: Tensor, *, opaque: bool) -> None:
+def _lay(
+    painted: Tensor,
+    seen: tuple[_Shapes, Iterator[_Patches]],
+    luminance: Tensor,
+    context: Context,
+    *,
+    opaque: bool,
+) -> None:
     """Lay shapes of (N,) luminance over (B,1,H,W) luminance, in place; add them where they are not opaque."""
-    if len(patches.which) == 0:
+    shapes, groups = seen
+    if len(shapes.which) == 0:
         return
-    side, ends = patches.cover.shape[-1], painted.shape[-2:]
-    rows, columns = (
-        slice(max(int(first.min()), 0), min(int(first.max()) + side, end))
-        for first, end in zip((patches.top, patches.left), ends, strict=True)
+    frame, origin = shapes.which // (len(luminance) // len(painted)), _origins(context)
+    first, last = shapes.low - origin[frame], shapes.high - origin[frame]
+    columns, rows = (
+        slice(max(math.floor(low), 0), min(math.ceil(high) + 1, end))
+        for low, high, end in zip(
+            first.amin(dim=0).tolist(), last.amax(dim=0).tolist(), painted.shape[:1:-1], strict=True
+        )
     )
     window = painted[:, 0, rows, columns]
     covered, added = torch.zeros_like(window), torch.zeros_like(window)
-    places = patches.frame, patches.left - columns.start, patches.top - rows.start
-    add_patches(added, patches.cover * luminance[patches.which].view(-1, 1, 1), *places)
-    if opaque:
-        add_patches(covered, patches.cover, *places)
+    for patches in groups:
+        frame = patches.which // (len(luminance) // len(painted))
+        x, y = origin[frame].unbind(dim=-1)
+        places = frame, patches.left - x - columns.start, patches.top - y - rows.start
+        add_patches(added, patches.cover * luminance[patches.which].view(-1, 1, 1), *places)
+        if opaque:
+            add_patches(covered, patches.cover, *places)
     painted[:, 0, rows, columns] = window * (1 - covered) + added
