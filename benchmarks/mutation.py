@@ -193,7 +193,7 @@ def save(modules: dict[str, Module]) -> None:
 def table(modules: Iterable[Module]) -> str:
     """Write a row a module, and their sum."""
     lines = [
-        "| module | mutants | killed | of these out of time | survived | share | of these equivalent | open "
+        "| module | mutants | killed | of these out of time | survived | share | of these explained | open "
         "| minutes |",
         "|---|---|---|---|---|---|---|---|---|",
     ]
@@ -210,7 +210,7 @@ def table(modules: Iterable[Module]) -> str:
 
 def listing(modules: Iterable[Module]) -> str:
     """Write each survivor: what was changed, and why it changes nothing."""
-    lines = ["| where | was | became | why no test can notice |", "|---|---|---|---|"]
+    lines = ["| where | was | became | why no test here can notice |", "|---|---|---|---|"]
     for module in modules:
         for mutant in module.survivors:
             where = f"`{Path(module.path).stem}.{mutant.function}`"
