@@ -91,6 +91,23 @@ def share(part: str, whole: str) -> str:
     return f"{100 * int(part) / int(whole):.2g} %" if int(part) else "none"
 
 
+def fuzz() -> str:
+    """Say what came of the fuzzed scenes: answers by locator, and the refusals met most often."""
+    rows = read("fuzz.csv")
+    by = {kind: [row for row in rows if row["outcome"] == kind] for kind in ("answered", "refused", "defect")}
+    total = {kind: sum(int(row["scenes"]) for row in each) for kind, each in by.items()}
+    said = (
+        f"{sum(total.values())} scenes: {total['answered']} answered, {total['refused']} refused in one line "
+        f"that names a key, {total['defect']} defects."
+    )
+    often = sorted(by["refused"], key=lambda row: -int(row["scenes"]))[:10]
+    shown = [*by["answered"], *often]
+    return "\n".join(
+        [said, "", "| outcome | what | scenes |", "|---|---|---|"]
+        + [f"| {row['outcome']} | {row['words'].replace('|', ' ')} | {row['scenes']} |" for row in shown]
+    )
+
+
 def checks() -> str:
     """Say what the checks cost."""
     lines = []
@@ -107,7 +124,7 @@ def checks() -> str:
     return "\n".join([*head, *lines])
 
 
-SECTIONS = {"hard cases": hard_cases, "flda": flda, "precision": precision, "checks": checks}
+SECTIONS = {"hard cases": hard_cases, "flda": flda, "precision": precision, "fuzz": fuzz, "checks": checks}
 """What writes the text between the markers of each name."""
 
 

@@ -121,10 +121,10 @@ class _Gathering:
             )
         off, on = self.flda.count.tolist()
         if not off or not on:
-            seen = f"training on {frames} frames met no {'Off' if not off else 'On'} LED"
+            status = "Off" if not off else "On"
             raise VoccError(
-                f"{seen} in the {frames - self.missed} located: raise budget.training_frames, or "
-                "receiver.locator=truth takes panels that are too small to be found"
+                f"budget.training_frames is {frames}: {frames - self.missed} with a located panel held no {status} "
+                "LED: raise it, or take receiver.locator=truth for panels too small to be found"
             )
         features, bits = (torch.cat(parts)[:FIGURE_SAMPLES] for parts in zip(*self.kept, strict=True))
         return Training(self.flda, frames, self.missed, features, bits)
