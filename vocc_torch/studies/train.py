@@ -123,8 +123,8 @@ class _Gathering:
         if not off or not on:
             status = "Off" if not off else "On"
             raise VoccError(
-                f"budget.training_frames is {frames}: {frames - self.missed} with a located panel held no {status} "
-                "LED: raise it, or take receiver.locator=truth for panels too small to be found"
+                f"budget.training_frames is {frames}: {frames - self.missed} with a located panel held no "
+                f"{status} LED: raise it, or take receiver.locator=truth for panels too small to be found"
             )
         features, bits = (torch.cat(parts)[:FIGURE_SAMPLES] for parts in zip(*self.kept, strict=True))
         return Training(self.flda, frames, self.missed, features, bits)
