@@ -702,7 +702,7 @@ def integer_features():
 @hard(
     "features that are not finite",
     "refused with value, feature and sample, whichever the sample; the statistics stay as they were",
-    Breakage(SCATTER, "if not bool(finite.all()):", "if not bool(finite.any()):"),
+    Breakage(SCATTER, "if not bool(held.all()):", "if not bool(held.any()):"),
 )
 def features_not_finite():
     x, bits = clouds(23)

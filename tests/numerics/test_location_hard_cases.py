@@ -110,7 +110,9 @@ def off_px(panels, truth):
 @hard(
     "a constant frame, black, grey or white",
     "nothing is found: no grey value parts it, so its own is the threshold and no pixel is above",
-    Breakage(FILES + "otsu.py", "torch.where(most == total[:, 0], value * (most > 0), lowest)", "lowest"),
+    Breakage(
+        FILES + "otsu.py", "torch.where(most == total[:, 0], value * (most > 0), threshold)", "threshold"
+    ),
 )
 def a_constant_frame():
     frames = whole(*(np.full((120, 160), value, np.uint8) for value in (0, 1, 128, 254, 255)))
@@ -171,7 +173,9 @@ def best_thresholds(counts):
     "every LED Off",
     "a panel as dark as its background is not found; one that reflects more is found by that, as one all "
     "On is",
-    Breakage(FILES + "otsu.py", "torch.where(most == total[:, 0], value * (most > 0), lowest)", "lowest"),
+    Breakage(
+        FILES + "otsu.py", "torch.where(most == total[:, 0], value * (most > 0), threshold)", "threshold"
+    ),
 )
 def every_led_off():
     for locator in (PAPER, REFINED):

@@ -328,8 +328,8 @@ def everything_saturated():
     "a camera of fixed speed: the background's grey follows the light by Eq. 1, whatever grey is asked for",
     Breakage(
         GEOMETRY,
-        "least <= self.iso_limits[0] <= self.iso_limits[1] <= most",
-        "least <= self.iso_limits[0] < self.iso_limits[1] <= most",
+        "held = least <= low <= high <= most",
+        "held = least <= low < high <= most",
     ),
 )
 def equal_limits():
@@ -386,7 +386,7 @@ def background_extremes():
     "finite everywhere, 0 where a pixel sees no light, and the closed form on the LEDs",
     Breakage(
         PHOTOMETRY,
-        "return torch.where(lit, smooth, _power(base.detach(), exponent))",
+        "return torch.where(lit, smooth, _power(_dual(base.detach())[0], exponent))",
         "return base**exponent",
     ),
 )
