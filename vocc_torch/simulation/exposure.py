@@ -86,8 +86,7 @@ def auto_iso(context: Context) -> Tensor:
     most = BRIGHTEST ** min(camera.gamma, 1.0)
     if not any(effect.gives == Quantity.BOUNDED_GREY for effect in context.effects):
         most = min(most, (MOST_GREY / MIDDLE_GREY) ** camera.gamma)
-    held = (iso >= ISO_RANGE[0]) & (iso <= ISO_RANGE[1])
-    held &= brightest * iso / 10 <= most
+    held = (iso >= ISO_RANGE[0]) & (iso <= ISO_RANGE[1]) & (brightest * iso / 10 <= most)
     if not bool(held.all()):
         _refuse(context, int(held.int().argmin()), iso)
     return iso
