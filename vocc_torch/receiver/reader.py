@@ -37,11 +37,13 @@ class Readings:
         features: (B,R,C,3) float64 in the order AGR, GRI, NGR.
         greys: grey levels of each LED.
         patches: (B,1,(R+2)K,(C+2)K) the rectified panels.
+        cell_px: (B,2) mean width and height of a cell in the image, px.
     """
 
     features: Tensor
     greys: Greys
     patches: Tensor
+    cell_px: Tensor
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +99,8 @@ class Reader:
         features = torch.stack(
             [average_greyscale_ratio(means[0]), gri, neighbour_greyscale_ratio(means[0])], dim=-1
         )
-        return Readings(features.to(torch.float64), greys[0], patches[0]), greys[1:]
+        cell_px = torch.stack([width, height], dim=-1)
+        return Readings(features.to(torch.float64), greys[0], patches[0], cell_px), greys[1:]
 
     def read_greys(self, frames: Frames, panels: Panels) -> Greys:
         """Measure grey levels only."""
