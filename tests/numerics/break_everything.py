@@ -21,7 +21,7 @@ import hypothesis  # noqa: F401
 import kornia  # noqa: F401
 import matplotlib.figure  # noqa: F401
 import mpmath  # noqa: F401
-import scipy.special  # noqa: F401
+import scipy.special
 import scipy.stats  # noqa: F401
 import torch
 
