@@ -70,7 +70,7 @@ def test_one_class_of_cell_sizes_is_least_squares():
 def test_the_equalizer_undoes_a_blur_that_grows_with_distance():
     generator = torch.Generator().manual_seed(3)
     bits = torch.rand(300, 6, 6, generator=generator) < 0.5
-    spread = torch.linspace(0.05, 0.2, 300).view(-1, 1, 1)
+    spread = torch.linspace(0.05, 0.24, 300).view(-1, 1, 1)
     lit = torch.nn.functional.pad(bits.float(), (1, 1, 1, 1))
     beside = lit[:, :-2, 1:-1] + lit[:, 2:, 1:-1] + lit[:, 1:-1, :-2] + lit[:, 1:-1, 2:]
     own = bits.float() * (1 - 3 * spread) + spread * beside
@@ -79,7 +79,7 @@ def test_the_equalizer_undoes_a_blur_that_grows_with_distance():
     x = torch.cat([windows, spread[..., None].expand(*bits.shape, 1)], dim=-1)
     plain = (own - two_means(own.flatten(1)).view(-1, 1, 1) >= 0) != bits
     equalized = LmmseEqualizer(classes=6).fit(x, bits).predict(x) != bits
-    assert int(equalized.sum()) < int(plain.sum()) / 4
+    assert int(equalized.sum()) < int(plain.sum()) / 2
 
 
 @settings(max_examples=60, deadline=None)
