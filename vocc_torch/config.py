@@ -8,7 +8,7 @@ from typing import Any
 
 from hydra.core.config_store import ConfigStore
 from omegaconf import MISSING, DictConfig, OmegaConf
-from omegaconf.errors import OmegaConfBaseException
+from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
 from yaml import YAMLError
 
 from vocc_torch.errors import VoccError
@@ -212,6 +212,8 @@ def resolved(config: DictConfig) -> AppConfig:
     """
     try:
         settings = OmegaConf.to_object(config)
+    except MissingMandatoryValue as error:
+        raise VoccError(f"{error.full_key} is missing: it must have a value") from None
     except OmegaConfBaseException as error:
         raise VoccError(" ".join(str(error).split())) from None
     if not isinstance(settings, AppConfig):

@@ -77,11 +77,7 @@ class TorchClassifier:
             raise VoccError("it has seen no samples: call fit first")
         self.module.eval()
         with torch.inference_mode():
-            scores = self.module(self._scaled(_leds(x)))
-        leds = math.prod(x.shape[:-1])
-        if not isinstance(scores, Tensor) or scores.numel() != leds:
-            given = tuple(scores.shape) if isinstance(scores, Tensor) else type(scores).__name__
-            raise VoccError(f"the module gave {given} for {leds} LEDs: it must give one score each")
+            scores = self._score(self._scaled(_leds(x)))
         return scores.reshape(x.shape[:-1]).to(torch.float64)
 
     def predict(self, x: Tensor) -> Tensor:
@@ -99,6 +95,14 @@ class TorchClassifier:
         assert self._spread is not None
         return (rows - self._mean) / self._spread
 
+    def _score(self, rows: Tensor) -> Tensor:
+        """Give the module's score of each row, (N,), or refuse another number of them."""
+        scores = self.module(rows)
+        if not isinstance(scores, Tensor) or scores.numel() != len(rows):
+            given = tuple(scores.shape) if isinstance(scores, Tensor) else type(scores).__name__
+            raise VoccError(f"the module gave {given} for {len(rows)} LEDs: it must give one score each")
+        return scores.reshape(-1)
+
     def _train(self, rows: Tensor, target: Tensor, held: Tensor, held_target: Tensor) -> None:
         """Run the passes and keep the weights of the best one."""
         recipe = self.recipe
@@ -115,7 +119,7 @@ class TorchClassifier:
             self.module.train()
             for chosen in _shuffled(len(rows), recipe.batch_leds, rows.device):
                 with torch.autocast("cuda", enabled=rows.device.type == "cuda"):
-                    scores = self.module(rows[chosen]).reshape(-1)
+                    scores = self._score(rows[chosen])
                 loss = F.binary_cross_entropy_with_logits(scores.float(), target[chosen])
                 optimizer.zero_grad()
                 torch.autograd.backward(scaler.scale(loss))
@@ -139,7 +143,7 @@ class TorchClassifier:
         self.module.eval()
         with torch.inference_mode():
             losses = [
-                F.binary_cross_entropy_with_logits(self.module(part).reshape(-1), wanted, reduction="sum")
+                F.binary_cross_entropy_with_logits(self._score(part), wanted, reduction="sum")
                 for part, wanted in zip(torch.split(rows, 1 << 16), torch.split(target, 1 << 16), strict=True)
             ]
         return float(torch.stack(losses).sum()) / len(rows)
