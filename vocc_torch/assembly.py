@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, replace
+from dataclasses import asdict, fields, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import torch
 
-from vocc_torch.config import AppConfig, ExperimentConfig, effect_settings
+from vocc_torch.config import AppConfig, ClassifierConfig, ExperimentConfig, effect_settings
 from vocc_torch.errors import VoccError
+from vocc_torch.receiver.bank import RECEIVER_NAMES
+from vocc_torch.receiver.classifiers.inputs import Inputs
+from vocc_torch.receiver.classifiers.module_file import ModuleFile
+from vocc_torch.receiver.classifiers.recipe import TrainingRecipe
 from vocc_torch.receiver.location import PaperLocator
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.simulation import Camera, LedPanel, SceneModel
@@ -25,6 +29,7 @@ from vocc_torch.studies.plan import (
     World,
     parsed_scene,
 )
+from vocc_torch.studies.plug_in import ClassifierPlan
 from vocc_torch.types import PanelShape
 
 PRECISIONS = {"float32": torch.float32, "float64": torch.float64}
@@ -145,13 +150,39 @@ def _receiver(settings: AppConfig) -> ReceiverPlan:
     """Receivers and what they share."""
     receiver = settings.receiver
     shape = PanelShape(settings.panel.rows, settings.panel.columns)
+    plugged_in = tuple(_classifier(name, one) for name, one in settings.classifiers.items())
     return ReceiverPlan(
-        names=tuple(receiver.names),
+        names=(*receiver.names, *settings.classifiers),
+        classifiers=plugged_in,
         locator=receiver.locator,  # type: ignore[arg-type]  # checked by name in ReceiverPlan
         location=_location(settings),
         reader=Reader(shape, receiver.samples_per_led, receiver.gradient),  # type: ignore[arg-type]  # checked there
         save=receiver.save,
     )
+
+
+def _classifier(name: str, config: ClassifierConfig) -> ClassifierPlan:
+    """A classifier that plugs in; its refusals name the configuration's key."""
+    section = f"classifiers.{name}"
+    if not name.isidentifier() or name in RECEIVER_NAMES:
+        raise VoccError(f"{section}: a classifier's name must be a word, and none of the built-in receivers")
+    try:
+        known = {one.name for one in fields(TrainingRecipe)}
+        for key in config.training:
+            if key not in known:
+                raise VoccError(f"training.{key} is not a known key: known are {', '.join(sorted(known))}")
+        return ClassifierPlan(
+            name=name,
+            build=config.build,
+            inputs=Inputs.parse(config.inputs),
+            file=config.file,
+            digest="" if config.file is None else ModuleFile(config.file).digest,
+            training=TrainingRecipe(**config.training),
+            frames=config.frames,
+            scene=parsed_scene(config.scene, "scene"),
+        )
+    except VoccError as error:
+        raise VoccError(f"{section}.{str(error).removeprefix(f'{section}.')}") from None
 
 
 def _location(settings: AppConfig) -> PaperLocator:

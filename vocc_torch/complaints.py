@@ -17,6 +17,7 @@ OPEN_MAPPINGS = (
     "experiment.training",
     "effects.parts",
     "effects.severity",
+    "classifiers",
 )
 """Keys under which a user may add keys with +; what they accept is checked where they are used."""
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from hydra.core.config_store import ConfigStore
 from omegaconf import MISSING, DictConfig, OmegaConf
-from omegaconf.errors import OmegaConfBaseException
+from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
 from yaml import YAMLError
 
 from vocc_torch.errors import VoccError
@@ -98,6 +98,18 @@ class ReceiverConfig:
 
 
 @dataclass
+class ClassifierConfig:
+    """See :class:`vocc_torch.studies.plug_in.ClassifierPlan`."""
+
+    build: dict[str, Any] = field(default_factory=dict)
+    inputs: dict[str, Any] = field(default_factory=dict)
+    file: str | None = None
+    training: dict[str, Any] = field(default_factory=dict)
+    frames: int | None = None
+    scene: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass
 class ExperimentConfig:
     """See :class:`vocc_torch.studies.plan.Experiment`."""
 
@@ -182,6 +194,7 @@ class AppConfig:
     experiment: ExperimentConfig = field(default_factory=ExperimentConfig)
     budget: BudgetConfig = field(default_factory=BudgetConfig)
     decode: DecodeConfig = field(default_factory=DecodeConfig)
+    classifiers: dict[str, ClassifierConfig] = field(default_factory=dict)
     figures: FiguresConfig = field(default_factory=FiguresConfig)
     effects: EffectsConfig = field(default_factory=EffectsConfig)
 
@@ -199,6 +212,8 @@ def resolved(config: DictConfig) -> AppConfig:
     """
     try:
         settings = OmegaConf.to_object(config)
+    except MissingMandatoryValue as error:
+        raise VoccError(f"{error.full_key} is missing: it must have a value") from None
     except OmegaConfBaseException as error:
         said, _, place = " ".join(str(error).split()).partition(" full_key: ")
         key = place.split(" ")[0]

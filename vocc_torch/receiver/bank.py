@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from torch import Tensor
 
 from vocc_torch.errors import VoccError
+from vocc_torch.receiver.classifiers.protocol import Guarded
 from vocc_torch.receiver.features import FEATURE_NAMES
 from vocc_torch.receiver.flda import FLDA
 from vocc_torch.receiver.greyscale import greyscale_scores, preamble_threshold
 from vocc_torch.receiver.reader import Greys, Readings
+from vocc_torch.types import PanelShape
 
 FLDA_FEATURES: dict[str, tuple[str, ...]] = {
     "flda_agr": ("agr",),
@@ -30,8 +32,12 @@ RECEIVER_NAMES = (*GREYSCALE_RECEIVERS, *FLDA_FEATURES)
 """Every receiver that can be named."""
 
 
-def check_receivers(names: Sequence[str]) -> tuple[str, ...]:
+def check_receivers(names: Sequence[str], plugged_in: Sequence[str] = ()) -> tuple[str, ...]:
     """Give back the names, or refuse the first unknown or repeated one.
+
+    Args:
+        names: receivers.
+        plugged_in: names of classifiers that are known too.
 
     Raises:
         VoccError: no name, an unknown name or a repeated one.
@@ -41,8 +47,9 @@ def check_receivers(names: Sequence[str]) -> tuple[str, ...]:
         ('flda_3', 'average_greyscale')
     """
     for name in names:
-        if name not in RECEIVER_NAMES:
-            raise VoccError(f"receiver.names has {name!r}: known receivers are {', '.join(RECEIVER_NAMES)}")
+        if name not in (*RECEIVER_NAMES, *plugged_in):
+            known = ", ".join((*RECEIVER_NAMES, *plugged_in))
+            raise VoccError(f"receiver.names has {name!r}: known receivers are {known}")
     if not names or len(set(names)) != len(names):
         raise VoccError(f"receiver.names is {list(names)}: it must hold at least one name, each once")
     return tuple(names)
@@ -82,13 +89,17 @@ class ReceiverBank:
     Args:
         names: receivers to run, in the order of the results.
         flda: fitted on all three features; the receivers on fewer features follow from the same statistics.
+        plugged_in: trained classifiers by name.
 
     Raises:
         VoccError: an unknown name.
     """
 
-    def __init__(self, names: Sequence[str], flda: FLDA) -> None:
-        self.names = check_receivers(names)
+    def __init__(
+        self, names: Sequence[str], flda: FLDA, plugged_in: Mapping[str, Guarded] | None = None
+    ) -> None:
+        self.plugged_in = dict(plugged_in or {})
+        self.names = check_receivers(names, tuple(self.plugged_in))
         self.classifiers = {
             name: flda.select(feature_indices(name)) for name in self.names if name in FLDA_FEATURES
         }
@@ -105,6 +116,10 @@ class ReceiverBank:
         """Score with one receiver."""
         if name in FLDA_FEATURES:
             return self.classifiers[name].decision_function(readings.features[..., feature_indices(name)])
+        if name in self.plugged_in:
+            classifier, grid = self.plugged_in[name], readings.features.shape
+            shape = PanelShape(rows=grid[1], columns=grid[2])
+            return classifier.decision_function(classifier.inputs.of(readings, readings.cell_px, shape))
         if preambles is None:
             raise VoccError(f"receiver {name} needs preamble frames, and none were given")
         on, off, greys = preambles.on, preambles.off, readings.greys

@@ -39,11 +39,13 @@ class Readings:
         features: (B,R,C,3) float64 in the order AGR, GRI, NGR.
         greys: grey levels of each LED.
         patches: (B,1,(R+2)K,(C+2)K) the rectified panels.
+        cell_px: (B,2) mean width and height of a cell in the image, px.
     """
 
     features: Tensor
     greys: Greys
     patches: Tensor
+    cell_px: Tensor
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,7 +116,8 @@ class Reader:
             ]
             sizes = cell_size_px(panels.corners_px, self.shape)
             features = led_features(patches[0], means[0], self.shape, *sizes, self.gradient)
-        return Readings(features.to(torch.float64), greys[0], patches[0]), greys[1:]
+            cell_px = torch.stack(sizes, dim=-1)
+        return Readings(features.to(torch.float64), greys[0], patches[0], cell_px), greys[1:]
 
     def read_greys(self, frames: Frames, panels: Panels) -> Greys:
         """Measure grey levels only."""

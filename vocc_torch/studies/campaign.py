@@ -152,4 +152,5 @@ def run_campaign(
 
 def _sweep(study: Study, trainings: Mapping[str, Training], ledger: Ledger) -> Sweep:
     """Make a study ready to be measured."""
-    return Sweep(study.plan, study.locators, {name: one.flda for name, one in trainings.items()}, ledger)
+    banks = {name: one.bank(study.plan.receiver.names) for name, one in trainings.items()}
+    return Sweep(study.plan, study.locators, banks, ledger)

@@ -13,7 +13,6 @@ from torch import Tensor
 from vocc_torch.evaluation.montecarlo import Label, Part, Tally
 from vocc_torch.evaluation.tally import half_errors, tallies
 from vocc_torch.receiver.bank import ReceiverBank, needs_preambles
-from vocc_torch.receiver.flda import FLDA
 from vocc_torch.receiver.locators import PanelLocator
 from vocc_torch.rng import BLOCK_FRAMES, BlockKey
 from vocc_torch.simulation import SceneModel
@@ -117,13 +116,13 @@ class PointJob:
     Args:
         plan: the study.
         locators: names of the locators.
-        fldas: fitted on all three features, with each of the locators.
+        banks: the receivers, trained with each of the locators.
         value: the axis value; without meaning for ``contrast``.
     """
 
     plan: Plan
     locators: tuple[Locator, ...]
-    fldas: Mapping[str, FLDA]
+    banks: Mapping[str, ReceiverBank]
     value: float
 
     def __call__(self, parts: Sequence[Part]) -> list[dict[Label, Tally]]:
@@ -137,12 +136,11 @@ class PointJob:
 
     def counter(self, link: Link) -> PointCounter:
         """Build what counts, on a link."""
-        names = self.plan.receiver.names
         return PointCounter(
             self.plan,
             link,
             self.plan.receiver.finders(self.locators),
-            {name: ReceiverBank(names, flda) for name, flda in self.fldas.items()},
+            self.banks,
             self.point,
             self.plan.experiment.model_at(self.plan.world, self.value),
         )

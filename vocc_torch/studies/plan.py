@@ -23,6 +23,7 @@ from vocc_torch.simulation import Camera, Distribution, LedPanel, SceneModel, Si
 from vocc_torch.simulation.effects import Parameters
 from vocc_torch.simulation.simulator import PAPER_EFFECTS, Framing
 from vocc_torch.studies.budget import Budget as Budget
+from vocc_torch.studies.plug_in import ClassifierPlan
 
 Locator = Literal["truth", LocatorName]
 SCENE_FIELDS = tuple(f.name for f in dataclasses.fields(SceneModel))
@@ -110,6 +111,7 @@ class ReceiverPlan:
         location: the settings of the paper's locator, which the refined one uses too.
         reader: the settings of rectification and features.
         save: the FLDA receiver that is written to the model file and decodes recordings.
+        classifiers: those that plug in; their names are among ``names``.
 
     Raises:
         VoccError: an unknown name.
@@ -120,10 +122,11 @@ class ReceiverPlan:
     location: PaperLocator = field(default_factory=PaperLocator)
     reader: Reader = field(default_factory=Reader)
     save: str = "flda_3"
+    classifiers: tuple[ClassifierPlan, ...] = ()
 
     def __post_init__(self) -> None:
         """Check every name."""
-        check_receivers(self.names)
+        check_receivers(self.names, [one.name for one in self.classifiers])
         if self.locator not in (known := get_args(Locator)):
             raise VoccError(f"receiver.locator is {self.locator!r}: it must be {' or '.join(known)}")
         if self.save not in FLDA_FEATURES:

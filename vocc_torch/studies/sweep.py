@@ -13,7 +13,7 @@ from vocc_torch.evaluation.ledger import Ledger
 from vocc_torch.evaluation.montecarlo import Label, Outcome, StopRule, Tally
 from vocc_torch.evaluation.paired import PairedCounts
 from vocc_torch.evaluation.schedule import PointWork, run_points
-from vocc_torch.receiver.flda import FLDA
+from vocc_torch.receiver.bank import ReceiverBank
 from vocc_torch.rng import BLOCK_FRAMES
 from vocc_torch.studies.counter import PointJob
 from vocc_torch.studies.plan import Experiment, Locator, Plan
@@ -27,19 +27,19 @@ class Sweep:
     Args:
         plan: the study.
         locators: names of the locators.
-        fldas: fitted on all three features, with each of the locators.
+        banks: the receivers, trained with each of the locators.
         ledger: where its blocks are recorded, or None.
     """
 
     plan: Plan
     locators: tuple[Locator, ...]
-    fldas: Mapping[str, FLDA]
+    banks: Mapping[str, ReceiverBank]
     ledger: Ledger | None = None
 
     def jobs(self) -> list[PointJob]:
         """Give the points in the order in which they are run."""
         return [
-            PointJob(self.plan, self.locators, self.fldas, value) for value in monte_carlo_values(self.plan)
+            PointJob(self.plan, self.locators, self.banks, value) for value in monte_carlo_values(self.plan)
         ]
 
 

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import torch
 from torch import Tensor
 
 from vocc_torch.errors import VoccError
-from vocc_torch.receiver.bank import feature_indices
+from vocc_torch.receiver.bank import ReceiverBank, feature_indices
 from vocc_torch.receiver.features import FEATURE_NAMES
 from vocc_torch.receiver.flda import FLDA
 from vocc_torch.receiver.locators import PanelLocator
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.rng import BLOCK_FRAMES
+from vocc_torch.studies.classifiers import TrainedClassifier, train_classifiers
 from vocc_torch.studies.link import Link, Observation, block_keys
 from vocc_torch.studies.plan import Locator, Plan
 
@@ -32,6 +33,7 @@ class Training:
         missed: frames in which no panel was found, which are left out.
         features: (N,3) features of the first LEDs, for figures.
         bits: (N,) their bits.
+        classifiers: those that plug in, trained, by name.
     """
 
     flda: FLDA
@@ -39,6 +41,12 @@ class Training:
     missed: int
     features: Tensor
     bits: Tensor
+    classifiers: Mapping[str, TrainedClassifier] = field(default_factory=dict)
+
+    def bank(self, names: Sequence[str]) -> ReceiverBank:
+        """Give the named receivers, ready to decide."""
+        plugged_in = {name: one.guarded for name, one in self.classifiers.items()}
+        return ReceiverBank(names, self.flda, plugged_in)
 
 
 def train(plan: Plan, progress: Callable[[int], None] | None = None) -> Training:
@@ -80,7 +88,9 @@ def _trained(
             gathering[name].add(seen)
         if progress is not None:
             progress(len(seen.bits))
-    return {name: one.training(frames) for name, one in gathering.items()}
+    trained = {name: one.training(frames) for name, one in gathering.items()}
+    classifiers = train_classifiers(plan, link, locators)
+    return {name: replace(one, classifiers=classifiers[name]) for name, one in trained.items()}
 
 
 class _Gathering:

@@ -131,7 +131,7 @@ def _check_steps(plan: Plan) -> None:
 def _sweep(plan: Plan, training: Training, ledger: Ledger, workers: Workers, console: Console) -> Curves:
     """Measure every point under a live view."""
     locator, outcomes = plan.receiver.locator, {}
-    sweep = Sweep(plan, (locator,), {locator: training.flda}, ledger)
+    sweep = Sweep(plan, (locator,), {locator: training.bank(plan.receiver.names)}, ledger)
     axis, values, names = plan.experiment.axis, axis_values(plan.experiment), plan.receiver.names
     runs = len(monte_carlo_values(plan))
     with StudyView(axis, values, names, plan.frames_in_point, console, runs) as view:

@@ -1,0 +1,264 @@
+"""The shipped classifiers against scikit-learn, NumPy and OpenCV, and the guard about all of them."""
+
+import itertools
+import pickle
+
+import cv2
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from sklearn.cluster import KMeans
+from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
+from sklearn.linear_model import LogisticRegression
+
+from vocc_torch.errors import VoccError
+from vocc_torch.receiver.classifiers import (
+    FldaClassifier,
+    Guarded,
+    Inputs,
+    LmmseEqualizer,
+    Mlp,
+    PanelKMeans,
+    PanelOtsu,
+    PatchCnn,
+    SklearnClassifier,
+    TagPlanes,
+    TorchClassifier,
+)
+from vocc_torch.receiver.classifiers.recipe import TrainingRecipe
+from vocc_torch.receiver.classifiers.untrained import two_means
+
+
+def panels(frames=40, rows=4, columns=4, features=3, seed=0):
+    generator = torch.Generator().manual_seed(seed)
+    bits = torch.rand(frames, rows, columns, generator=generator) < 0.5
+    x = torch.randn(frames, rows, columns, features, generator=generator) + 1.5 * bits[..., None]
+    return x, bits
+
+
+def test_flda_on_any_inputs_is_scikit_learns():
+    x, bits = panels()
+    mine = FldaClassifier().fit(x, bits)
+    theirs = LinearDiscriminantAnalysis(priors=[0.5, 0.5]).fit(
+        x.reshape(-1, 3).numpy(), bits.reshape(-1).numpy()
+    )
+    scores = theirs.decision_function(x.reshape(-1, 3).numpy()).reshape(bits.shape)
+    np.testing.assert_allclose(mine.decision_function(x).numpy(), scores, rtol=2e-3, atol=1e-3)
+
+
+def test_streamed_flda_is_fitted_flda():
+    x, bits = panels()
+    streamed = FldaClassifier().fit_stream(
+        lambda first, count: zip(x.split(7), bits.split(7), strict=True), 40
+    )
+    torch.testing.assert_close(
+        streamed.decision_function(x), FldaClassifier().fit(x, bits).decision_function(x)
+    )
+
+
+def test_one_class_of_cell_sizes_is_least_squares():
+    x, bits = panels()
+    mine = LmmseEqualizer(classes=1, ridge=0.0).fit(x, bits).decision_function(x)
+    rows = np.c_[x.reshape(-1, 3).double().numpy(), np.ones(bits.numel())]
+    target = np.where(bits.reshape(-1).numpy(), 1.0, -1.0)
+    weights = np.linalg.lstsq(rows, target, rcond=None)[0]
+    np.testing.assert_allclose(mine.reshape(-1).numpy(), rows @ weights, rtol=1e-9, atol=1e-9)
+
+
+def test_the_equalizer_undoes_a_blur_that_grows_with_distance():
+    generator = torch.Generator().manual_seed(3)
+    bits = torch.rand(300, 6, 6, generator=generator) < 0.5
+    spread = torch.linspace(0.05, 0.24, 300).view(-1, 1, 1)
+    lit = torch.nn.functional.pad(bits.float(), (1, 1, 1, 1))
+    beside = lit[:, :-2, 1:-1] + lit[:, 2:, 1:-1] + lit[:, 1:-1, :-2] + lit[:, 1:-1, 2:]
+    own = bits.float() * (1 - 3 * spread) + spread * beside
+    wide = torch.nn.functional.pad(own, (1, 1, 1, 1))
+    windows = wide.unfold(1, 3, 1).unfold(2, 3, 1).flatten(3)
+    x = torch.cat([windows, spread[..., None].expand(*bits.shape, 1)], dim=-1)
+    plain = (own - two_means(own.flatten(1)).view(-1, 1, 1) >= 0) != bits
+    equalized = LmmseEqualizer(classes=6).fit(x, bits).predict(x) != bits
+    assert int(equalized.sum()) < int(plain.sum()) / 2
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(st.integers(0, 12), min_size=2, max_size=9))
+def test_two_means_has_the_least_sum_of_squares(values):
+    numbers = np.sort(np.array(values, dtype=float))
+    costs = {
+        cut: numbers[:cut].var() * cut + numbers[cut:].var() * (len(numbers) - cut)
+        for cut in range(1, len(numbers))
+    }
+    middle = float(two_means(torch.tensor([values], dtype=torch.float64)))
+    best = {
+        (numbers[:cut].mean() + numbers[cut:].mean()) / 2
+        for cut, cost in costs.items()
+        if cost <= min(costs.values()) + 1e-9
+    }
+    assert any(abs(middle - one) < 1e-9 for one in best)
+
+
+def test_panel_kmeans_parts_as_scikit_learn():
+    x = panels(frames=6, features=1, seed=5)[0]
+    for panel, mine in zip(x, PanelKMeans().predict(x), strict=True):
+        greys = panel.reshape(-1, 1).double().numpy()
+        means = KMeans(2, n_init=20, random_state=0).fit(greys)
+        bright = means.labels_ == means.cluster_centers_[:, 0].argmax()
+        assert mine.reshape(-1).tolist() == bright.tolist()
+
+
+def test_panel_otsu_has_opencvs_threshold():
+    generator = torch.Generator().manual_seed(1)
+    x = torch.randint(0, 256, (5, 4, 4, 4), generator=generator).float() / 255
+    for panel, scores in zip(x, PanelOtsu().decision_function(x), strict=True):
+        greys = (panel * 255).round().to(torch.uint8).reshape(-1, 1).numpy()
+        threshold = cv2.threshold(greys, 0, 255, cv2.THRESH_BINARY + cv2.THRESH_OTSU)[0]
+        expected = panel.double().mean(dim=-1) * 255 - (threshold + 0.5)
+        torch.testing.assert_close(scores, expected, rtol=0, atol=1e-4)
+
+
+def test_tag_planes_follow_a_slope_that_one_threshold_cannot():
+    generator = torch.Generator().manual_seed(2)
+    bits = torch.rand(30, 8, 8, generator=generator) < 0.5
+    slope = torch.linspace(0.0, 0.8, 8)
+    own = slope + 0.3 * bits.float()
+    x = own[..., None].expand(*bits.shape, 9)
+    errors = {
+        kind: int((one.predict(x[..., which]) != bits).sum())
+        for kind, one, which in (
+            ("planes", TagPlanes(0.0, 4), slice(None)),
+            ("means", PanelKMeans(), slice(4, 5)),
+        )
+    }
+    assert errors["planes"] < errors["means"] / 5
+
+
+def test_tag_planes_answers_a_panel_of_one_light():
+    scores = TagPlanes().decision_function(torch.full((2, 3, 3, 9), 0.7))
+    assert bool(torch.isfinite(scores).all())
+
+
+def test_scikit_learn_scores_come_through_unchanged():
+    x, bits = panels()
+    mine = SklearnClassifier(LogisticRegression()).fit(x, bits)
+    theirs = LogisticRegression().fit(x.reshape(-1, 3).numpy(), bits.reshape(-1).numpy().astype(int))
+    expected = theirs.decision_function(x.reshape(-1, 3).numpy()).reshape(bits.shape)
+    np.testing.assert_allclose(mine.decision_function(x).numpy(), expected, rtol=1e-6)
+
+
+RECIPE = TrainingRecipe(frames=40, epochs=6, batch_leds=64, learning_rate=0.02)
+
+
+def trained(seed=0, **changes):
+    torch.manual_seed(seed)
+    recipe = TrainingRecipe(**{name: getattr(RECIPE, name) for name in RECIPE.__slots__} | changes)
+    return TorchClassifier(Mlp(3, [8]), recipe).fit(*panels())
+
+
+def test_a_network_learns_and_its_seed_says_all():
+    x, bits = panels(seed=9)
+    first, again = trained(), trained()
+    assert torch.equal(first.decision_function(x), again.decision_function(x))
+    assert not torch.equal(first.decision_function(x), trained(seed=1).decision_function(x))
+    assert int((first.predict(x) != bits).sum()) < 0.2 * bits.numel()
+
+
+def test_training_leaves_torchs_generator_alone():
+    torch.manual_seed(4)
+    wanted = torch.rand(3)
+    torch.manual_seed(4)
+    TorchClassifier(Mlp(3, [8]), RECIPE)  # a module draws its weights where it is made
+    torch.manual_seed(4)
+    module = Mlp(3, [8])
+    torch.manual_seed(4)
+    TorchClassifier(module, RECIPE).fit(*panels())
+    assert torch.equal(torch.rand(3), wanted)
+
+
+def test_the_best_pass_is_kept():
+    one = trained(epochs=30, patience=30, learning_rate=0.3)
+    held = round(0.1 * 40)
+    x, bits = panels()
+    scores = one.decision_function(x[-held:]).reshape(-1)
+    loss = torch.nn.functional.binary_cross_entropy_with_logits(scores, bits[-held:].reshape(-1).double())
+    assert float(loss) == pytest.approx(min(one.losses), rel=1e-4)
+
+
+def test_patience_ends_training():
+    assert len(trained(epochs=200, patience=2, learning_rate=0.5).losses) < 200
+
+
+def test_a_cnn_sees_pitch_beside_its_patch():
+    torch.manual_seed(0)
+    net = PatchCnn(n_inputs=65)
+    x = torch.rand(2, 3, 3, 65)
+    other = x.clone()
+    other[..., -1] += 1
+    assert net(x).shape == (2, 3, 3)
+    assert not torch.equal(net(x), net(other))
+
+
+class Broken:
+    """Follows the protocol but for what is given."""
+
+    def __init__(self, scores):
+        self.scores = scores
+
+    def fit(self, x, bits):
+        return self
+
+    def decision_function(self, x):
+        return self.scores(x)
+
+
+@pytest.mark.parametrize(
+    ("classifier", "words"),
+    [
+        (object(), ["classifier mine", "fit"]),
+        (Broken(lambda x: x), ["classifier mine", "decision_function gave", "(1, 2, 2)"]),
+        (Broken(lambda x: x[..., 0].numpy()), ["classifier mine", "ndarray"]),
+        (Broken(lambda x: x[..., 0] * float("nan")), ["classifier mine", "not finite"]),
+        (Broken(lambda x: 1 / 0), ["classifier mine", "ZeroDivisionError"]),
+    ],
+)
+def test_a_broken_classifier_is_named(classifier, words):
+    with pytest.raises(VoccError) as refused:
+        Guarded("mine", classifier, Inputs()).decision_function(torch.ones(1, 2, 2, 3))
+    assert all(word in str(refused.value) for word in words), refused.value
+    assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    "classifier",
+    [
+        FldaClassifier(),
+        LmmseEqualizer(2),
+        SklearnClassifier(LogisticRegression()),
+        TorchClassifier(Mlp(3, [4]), RECIPE),
+        PanelKMeans(),
+    ],
+    ids=lambda one: type(one).__name__,
+)
+def test_a_pickled_classifier_decides_the_same(classifier):
+    x, bits = panels()
+    guarded = Guarded("mine", classifier, Inputs())
+    guarded.fit(x, bits)
+    again = pickle.loads(pickle.dumps(guarded))
+    assert torch.equal(again.decision_function(x), guarded.decision_function(x))
+
+
+@pytest.mark.parametrize("classifier", [FldaClassifier(), LmmseEqualizer(), TorchClassifier(Mlp(3))])
+def test_an_untrained_one_says_so(classifier):
+    with pytest.raises(VoccError, match="fit first"):
+        classifier.decision_function(torch.zeros(1, 2, 2, 3))
+
+
+def test_scores_do_not_depend_on_the_batch():
+    x, bits = panels()
+    for one in (FldaClassifier(), LmmseEqualizer(3), PanelKMeans(), SklearnClassifier(LogisticRegression())):
+        guarded = Guarded("mine", one, Inputs())
+        guarded.fit(x, bits)
+        whole = guarded.decision_function(x)
+        alone = torch.cat([guarded.decision_function(part) for part in itertools.chain(x.split(1))])
+        torch.testing.assert_close(whole, alone, rtol=1e-9, atol=1e-9)

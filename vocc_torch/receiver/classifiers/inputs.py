@@ -1,0 +1,185 @@
+"""What a classifier sees of each LED: the paper's features, grey values about its cell, or both."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Literal, get_args
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+
+from vocc_torch.errors import VoccError
+from vocc_torch.receiver.features import FEATURE_NAMES
+from vocc_torch.receiver.reader import Readings
+from vocc_torch.types import PanelShape
+
+Domain = Literal["grey", "exposure"]
+Relative = Literal["panel", "white"]
+
+WHITE = 255.0
+
+
+@dataclass(frozen=True, slots=True)
+class Patch:
+    """Grey values of an LED's cell and of those around it, on the rectified grid.
+
+    Args:
+        cells: cells along the side of the patch, 1 or 3; with 3 the margin about the panel is the outermost.
+        samples: grey values along the side of a cell; the receiver's ``samples_per_led`` must be a multiple.
+        domain: ``grey`` as the camera gives them, or ``exposure``: gamma undone, so that light adds.
+        gamma: encoding gamma that ``exposure`` undoes, 0.1 to 10.
+        level: whether the panel's mean, over white, stands beside it, which tells what is saturated.
+        level: whether the panel's mean, relative to white, stands beside it, which tells what is saturated.
+        pitch: likewise the cell's size in the image, in px, which tells how far light spreads, in cells.
+
+    Raises:
+        VoccError: a value outside its range.
+
+    Example:
+        >>> Patch(cells=3, samples=4, pitch=True).size
+        145
+    """
+
+    cells: int = 3
+    samples: int = 4
+    domain: Domain = "grey"
+    gamma: float = 2.2
+    relative: Relative = "panel"
+    level: bool = False
+    pitch: bool = False
+
+    def __post_init__(self) -> None:
+        """Check every range."""
+        if self.cells not in (1, 3):
+            raise VoccError(f"inputs.patch.cells is {self.cells}: it must be 1 or 3")
+        if type(self.samples) is not int or not 1 <= self.samples <= 64:
+            raise VoccError(f"inputs.patch.samples is {self.samples}: it must be from 1 to 64")
+        for name, known in (("domain", Domain), ("relative", Relative)):
+            if (value := getattr(self, name)) not in get_args(known):
+                raise VoccError(
+                    f"inputs.patch.{name} is {value!r}: it must be {' or '.join(get_args(known))}"
+                )
+        if not 0.1 <= self.gamma <= 10:
+            raise VoccError(f"inputs.patch.gamma is {self.gamma}: it must be from 0.1 to 10")
+
+    @property
+    def side(self) -> int:
+        """Grey values along the side of a patch."""
+        return self.cells * self.samples
+
+    @property
+    def size(self) -> int:
+        """How many numbers an LED has."""
+        return self.side**2 + int(self.level) + int(self.pitch)
+
+    def of(self, readings: Readings, cell_px: Tensor, shape: PanelShape) -> Tensor:
+        """Cut the patches out, (B,R,C,size) float32: row by row from the top left, then level and pitch."""
+        per_cell = readings.patches.shape[-1] // (shape.columns + 2)
+        if per_cell % self.samples:
+            rule = f"receiver.samples_per_led, {per_cell}, must be a multiple of it"
+            raise VoccError(f"inputs.patch.samples is {self.samples}: {rule}")
+        light = readings.patches.to(torch.float32) / WHITE
+        light = light**self.gamma if self.domain == "exposure" else light
+        light = F.avg_pool2d(light, per_cell // self.samples)
+        inner = light[..., self.samples : -self.samples, self.samples : -self.samples]
+        mean = inner.mean(dim=(1, 2, 3), keepdim=True)
+        seen = inner if self.cells == 1 else light
+        if self.relative == "panel":
+            # On an all-black panel every LED equals the mean, as with AGR.
+            seen = torch.where(mean > 0, seen / torch.where(mean > 0, mean, 1.0), 1.0)
+        windows = seen[:, 0].unfold(1, self.side, self.samples).unfold(2, self.side, self.samples)
+        values = windows.flatten(start_dim=3)
+        beside = [mean.flatten(1)] if self.level else []
+        if self.pitch:
+            beside.append(cell_px.to(torch.float32).mean(dim=1, keepdim=True))
+        wide = [one.view(-1, 1, 1, 1).expand(*values.shape[:3], 1) for one in beside]
+        return torch.cat([values, *wide], dim=-1)
+
+
+@dataclass(frozen=True, slots=True)
+class Inputs:
+    """What a classifier declares that it sees.
+
+    Args:
+        features: any of ``agr``, ``gri``, ``ngr``, each once.
+        patch: grey values beside them, or None.
+
+    Raises:
+        VoccError: nothing at all, an unknown feature or a repeated one.
+
+    Example:
+        >>> Inputs(("agr", "ngr")).size, Inputs((), Patch(cells=1, samples=1)).size
+        (2, 1)
+    """
+
+    features: tuple[str, ...] = FEATURE_NAMES
+    patch: Patch | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse what is no choice."""
+        chosen = set(self.features)
+        if len(chosen) != len(self.features) or not chosen <= {*FEATURE_NAMES}:
+            rule = f"it must name some of {', '.join(FEATURE_NAMES)}, each once"
+            raise VoccError(f"inputs.features is {list(self.features)}: {rule}")
+        if not chosen and self.patch is None:
+            raise VoccError("inputs names no features and no patch: a classifier must see something")
+
+    @classmethod
+    def parse(cls, settings: Mapping[str, object]) -> Inputs:
+        """Read them as a configuration writes them.
+
+        Raises:
+            VoccError: an unknown key, or a value outside its range.
+
+        Example:
+            >>> Inputs.parse({"features": ["agr"], "patch": {"cells": 1, "samples": 2}}).size
+            5
+        """
+        _known(settings, cls, "inputs")
+        features, patch = settings.get("features"), settings.get("patch")
+        if features is not None and not isinstance(features, list | tuple):
+            raise VoccError(f"inputs.features is {features!r}: it must be a list")
+        if patch is not None and not isinstance(patch, Mapping):
+            raise VoccError(f"inputs.patch is {patch!r}: it must be a mapping of its settings")
+        # Whoever names a patch alone sees that alone.
+        names = (
+            tuple(map(str, features)) if features is not None else () if patch is not None else FEATURE_NAMES
+        )
+        if patch is not None:
+            _known(patch, Patch, "inputs.patch")
+        return cls(names, None if patch is None else Patch(**patch))
+
+    @property
+    def size(self) -> int:
+        """How many numbers an LED has."""
+        return len(self.features) + (0 if self.patch is None else self.patch.size)
+
+    def of(self, readings: Readings, cell_px: Tensor, shape: PanelShape) -> Tensor:
+        """Give what is seen of every LED.
+
+        Args:
+            readings: of B panels.
+            cell_px: (B,2) width and height of a cell in the image, px.
+            shape: rows and columns.
+
+        Returns:
+            (B,R,C,size) float32, the features first.
+
+        Raises:
+            VoccError: the readings have too few samples an LED.
+        """
+        columns = [FEATURE_NAMES.index(name) for name in self.features]
+        features = readings.features[..., columns].to(torch.float32)
+        if self.patch is None:
+            return features
+        return torch.cat([features, self.patch.of(readings, cell_px, shape)], dim=-1)
+
+
+def _known(settings: Mapping[str, object], kind: type, section: str) -> None:
+    """Refuse a key that the kind does not have."""
+    known = [one.name for one in fields(kind)]
+    for name in settings:
+        if name not in known:
+            raise VoccError(f"{section}.{name} is not a known key: known are {', '.join(known)}")

@@ -1,0 +1,131 @@
+"""The one small protocol by which classifiers plug in, and the guard that names the one that breaks it."""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Callable, Iterator
+from typing import Protocol, TypeVar, runtime_checkable
+
+import torch
+from torch import Tensor
+
+from vocc_torch.errors import VoccError
+from vocc_torch.receiver.classifiers.inputs import Inputs
+from vocc_torch.receiver.classifiers.module_file import ModuleFile
+
+R = TypeVar("R")
+
+
+class Classifier(Protocol):
+    """What a classifier has to offer; ``x`` is (B,R,C,F) float32, of B whole panels."""
+
+    def fit(self, x: Tensor, bits: Tensor) -> object:
+        """Learn from panels ``x`` with their bits (B,R,C) bool; one that needs no training does nothing."""
+
+    def decision_function(self, x: Tensor) -> Tensor:
+        """Score every LED, (B,R,C); at least 0 is On."""
+
+    def predict(self, x: Tensor) -> Tensor:
+        """Decide every LED, (B,R,C) bool; as good as ``decision_function(x) >= 0``."""
+
+
+class Batches(Protocol):
+    """Training panels in batches, the same ones each time."""
+
+    def __call__(self, first: int, count: int) -> Iterator[tuple[Tensor, Tensor]]:
+        """Give panels ``first`` to ``first + count`` as batches of ``x`` (B,R,C,F) and bits (B,R,C)."""
+
+
+@runtime_checkable
+class Streaming(Protocol):
+    """A classifier that takes its training panels from a stream, as many as it wants."""
+
+    def fit_stream(self, batches: Batches, frames: int) -> object:
+        """Learn from a stream; ``frames`` is the training budget of the study."""
+
+
+class Guarded:
+    """A classifier under its name, held to the protocol.
+
+    Args:
+        name: its name in results and refusals.
+        classifier: follows :class:`Classifier`.
+        inputs: what it sees of each LED.
+        home: the file outside the package that defines it, or None; another process reads it first.
+
+    Raises:
+        VoccError: it lacks ``fit``, or both ``decision_function`` and ``predict``.
+
+    Example:
+        >>> Guarded("mine", object(), Inputs())
+        Traceback (most recent call last):
+        ...
+        vocc_torch.errors.VoccError: classifier mine is of type object without fit, which it must have
+    """
+
+    def __init__(self, name: str, classifier: object, inputs: Inputs, home: ModuleFile | None = None) -> None:
+        kind = type(classifier).__name__
+        for method in ("fit", "decision_function"):
+            if not callable(getattr(classifier, method, None)):
+                raise VoccError(f"classifier {name} is of type {kind} without {method}, which it must have")
+        self.name = name
+        self.inputs = inputs
+        self.home = home
+        self.classifier: Classifier = classifier  # type: ignore[assignment]  # checked just above
+
+    def fit(self, x: Tensor, bits: Tensor) -> None:
+        """Train on panels held in memory.
+
+        Raises:
+            VoccError: the classifier raised an error, which is named.
+        """
+        self._guarded("fit", lambda: self.classifier.fit(x, bits))
+
+    def fit_stream(self, batches: Batches, frames: int) -> None:
+        """Train from a stream; a classifier that wants its panels at once gets ``frames`` of them.
+
+        Raises:
+            VoccError: as :meth:`fit`.
+        """
+        if isinstance(self.classifier, Streaming):
+            streaming = self.classifier
+            self._guarded("fit_stream", lambda: streaming.fit_stream(batches, frames))
+            return
+        parts = list(batches(0, frames))
+        self.fit(torch.cat([x for x, _ in parts]), torch.cat([bits for _, bits in parts]))
+
+    def decision_function(self, x: Tensor) -> Tensor:
+        """Score every LED, (B,R,C) float64.
+
+        Raises:
+            VoccError: the classifier raised an error, or gave another shape or scores that are not finite.
+        """
+        scores = self._guarded("decision_function", lambda: self.classifier.decision_function(x))
+        wanted = tuple(x.shape[:-1])
+        if not isinstance(scores, Tensor) or tuple(scores.shape) != wanted:
+            given = tuple(scores.shape) if isinstance(scores, Tensor) else type(scores).__name__
+            raise VoccError(f"classifier {self.name}: decision_function gave {given}, it must give {wanted}")
+        if not bool(torch.isfinite(scores).all()):
+            raise VoccError(f"classifier {self.name}: decision_function gave scores that are not finite")
+        return scores.to(torch.float64)
+
+    def __reduce__(self) -> tuple[Callable[..., Guarded], tuple[object, ...]]:
+        """Pickle it with the file that its class comes from."""
+        return _unpacked, (self.name, pickle.dumps(self.classifier), self.inputs, self.home)
+
+    def _guarded(self, what: str, call: Callable[[], R]) -> R:
+        """Let an error of the classifier name it, in one line."""
+        try:
+            return call()
+        except VoccError as error:
+            raise VoccError(f"classifier {self.name}: {error}") from error
+        except Exception as error:
+            reason = " ".join(f"{type(error).__name__}: {error}".split())
+            raise VoccError(f"classifier {self.name}: {what} failed ({reason})") from error
+
+
+def _unpacked(name: str, packed: bytes, inputs: Inputs, home: ModuleFile | None) -> Guarded:
+    """Put a guarded classifier together again, in a process that may not know its class yet."""
+    if home is not None:
+        home.module()
+    return Guarded(name, pickle.loads(packed), inputs, home)

@@ -1,0 +1,91 @@
+"""Any scikit-learn classifier as a classifier of LEDs."""
+
+from __future__ import annotations
+
+from typing import Any, Self
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from vocc_torch.errors import VoccError
+
+
+def is_estimator(value: object) -> bool:
+    """Whether something is a scikit-learn estimator, by what it offers; scikit-learn is not imported.
+
+    Example:
+        >>> is_estimator(torch.nn.Linear(1, 1))
+        False
+    """
+    return callable(getattr(value, "get_params", None)) and callable(getattr(value, "fit", None))
+
+
+class SklearnClassifier:
+    """A scikit-learn estimator, a pipeline too; the LEDs of all panels are its samples.
+
+    Args:
+        estimator: has ``fit`` and one of ``decision_function``, ``predict_proba`` and ``predict``, taken in
+            that order.
+
+    Raises:
+        VoccError: it has none of the three.
+
+    Example:
+        >>> from sklearn.naive_bayes import GaussianNB
+        >>> x = torch.tensor([[[[0.0], [0.1]], [[1.0], [1.2]]]])
+        >>> bits = torch.tensor([[[False, False], [True, True]]])
+        >>> SklearnClassifier(GaussianNB()).fit(x, bits).predict(x).tolist()
+        [[[False, False], [True, True]]]
+    """
+
+    def __init__(self, estimator: Any) -> None:  # any class that follows scikit-learn's conventions
+        ways = ("decision_function", "predict_proba", "predict")
+        if not any(hasattr(estimator, way) for way in ways):
+            raise VoccError(f"{type(estimator).__name__} must have {', '.join(ways[:2])} or {ways[2]}")
+        self.estimator = estimator
+
+    def fit(self, x: Tensor, bits: Tensor) -> Self:
+        """Fit the estimator on all LEDs."""
+        self.estimator.fit(_rows(x), bits.reshape(-1).cpu().numpy().astype(np.int64))
+        return self
+
+    def decision_function(self, x: Tensor) -> Tensor:
+        """Score every LED: the estimator's own score, or the probability of On less a half, or +-1."""
+        rows = _rows(x)
+        if hasattr(self.estimator, "decision_function"):
+            scores = self.estimator.decision_function(rows)
+        elif hasattr(self.estimator, "predict_proba"):
+            scores = self.estimator.predict_proba(rows)[:, 1] - 0.5
+        else:
+            scores = np.where(self.estimator.predict(rows) > 0, 1.0, -1.0)
+        given = torch.as_tensor(np.asarray(scores, dtype=np.float64))
+        leds = int(np.prod(x.shape[:-1]))
+        # Another number of scores is refused by the guard, which names the classifier.
+        return given.reshape(x.shape[:-1]).to(x.device) if given.numel() == leds else given
+
+    def predict(self, x: Tensor) -> Tensor:
+        """Decide every LED."""
+        return self.decision_function(x) >= 0
+
+
+def _rows(x: Tensor) -> NDArray[np.float32]:
+    """Give the LEDs of all panels as rows, (N,F)."""
+    rows: NDArray[np.float32] = x.reshape(-1, x.shape[-1]).cpu().numpy().astype(np.float32, copy=False)
+    return rows
+
+
+def scaled(estimator: Any) -> Any:
+    """Put a scikit-learn estimator behind a scaler to mean 0 and spread 1, in one pipeline.
+
+    Example:
+        >>> from sklearn.svm import LinearSVC
+        >>> [name for name, _ in scaled(LinearSVC()).steps]
+        ['standardscaler', 'linearsvc']
+    """
+    # Imported here, because scikit-learn is an extra.
+    from sklearn.pipeline import make_pipeline
+    from sklearn.preprocessing import StandardScaler
+
+    return make_pipeline(StandardScaler(), estimator)

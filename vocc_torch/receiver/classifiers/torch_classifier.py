@@ -1,0 +1,159 @@
+"""A torch module as a classifier of LEDs, trained on panels streamed from the simulator."""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Iterator
+from typing import Self
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor, nn
+
+from vocc_torch.errors import VoccError
+from vocc_torch.receiver.classifiers.protocol import Batches
+from vocc_torch.receiver.classifiers.recipe import TrainingRecipe
+
+
+class TorchClassifier:
+    """Train a module to score LEDs, with inputs brought to mean 0 and spread 1.
+
+    The module gets (N,F) float32 and gives (N,) or (N,1), trained with the logistic loss, so that a score is
+    the logarithm of the odds of On. Everything random comes from the recipe's seed; torch's own generator is
+    left as it was. On CUDA the module trains under automatic mixed precision; scores are always float32.
+
+    Args:
+        module: an ``nn.Module``.
+        recipe: how it is trained.
+
+    Example:
+        >>> x = torch.linspace(0, 1, 64).view(16, 4).T.reshape(4, 4, 4, 1)
+        >>> recipe = TrainingRecipe(frames=4, epochs=200, patience=200, validation=0.25, learning_rate=0.5)
+        >>> net = TorchClassifier(nn.Linear(1, 1), recipe).fit(x, x[..., 0] > 0.5)
+        >>> net.predict(torch.tensor([0.1, 0.9]).view(1, 1, 2, 1)).tolist()
+        [[[False, True]]]
+    """
+
+    def __init__(self, module: nn.Module, recipe: TrainingRecipe | None = None) -> None:
+        self.module = module
+        self.recipe = recipe or TrainingRecipe()
+        self.losses: list[float] = []
+        self._mean: Tensor | None = None
+        self._spread: Tensor | None = None
+
+    def fit_stream(self, batches: Batches, frames: int) -> Self:
+        """Take as many panels as the recipe asks for, whatever the study's budget is, and learn from them."""
+        parts = list(batches(0, self.recipe.frames))
+        return self.fit(torch.cat([x for x, _ in parts]), torch.cat([bits for _, bits in parts]))
+
+    def fit(self, x: Tensor, bits: Tensor) -> Self:
+        """Learn from panels (B,R,C,F); the last of them are held back for validation.
+
+        Raises:
+            VoccError: fewer than two panels, or a loss that is not finite.
+        """
+        held = max(1, round(self.recipe.validation * len(x)))
+        if len(x) <= held:
+            raise VoccError(f"{len(x)} training panels are too few to hold {held} back for validation")
+        rows, target = _leds(x[:-held]), bits[:-held].reshape(-1).float()
+        self._mean, self._spread = rows.mean(dim=0), rows.std(dim=0)
+        self._spread = torch.where(self._spread > 0, self._spread, 1.0)
+        self.module.to(x.device)
+        with torch.random.fork_rng(devices=[x.device] if x.device.type == "cuda" else []):
+            torch.manual_seed(self.recipe.seed)
+            self._train(
+                self._scaled(rows), target, self._scaled(_leds(x[-held:])), bits[-held:].reshape(-1).float()
+            )
+        return self
+
+    def decision_function(self, x: Tensor) -> Tensor:
+        """Score every LED by the logarithm of the odds of On.
+
+        Raises:
+            VoccError: not fitted, or the module gives another number of scores.
+        """
+        if self._mean is None:
+            raise VoccError("it has seen no samples: call fit first")
+        self.module.eval()
+        with torch.inference_mode():
+            scores = self._score(self._scaled(_leds(x)))
+        return scores.reshape(x.shape[:-1]).to(torch.float64)
+
+    def predict(self, x: Tensor) -> Tensor:
+        """Decide every LED."""
+        return self.decision_function(x) >= 0
+
+    @property
+    def parameters_count(self) -> int:
+        """How many numbers decide."""
+        return sum(one.numel() for one in self.module.parameters())
+
+    def _scaled(self, rows: Tensor) -> Tensor:
+        """Bring inputs to mean 0 and spread 1."""
+        assert self._mean is not None
+        assert self._spread is not None
+        return (rows - self._mean) / self._spread
+
+    def _score(self, rows: Tensor) -> Tensor:
+        """Give the module's score of each row, (N,), or refuse another number of them."""
+        scores = self.module(rows)
+        if not isinstance(scores, Tensor) or scores.numel() != len(rows):
+            given = tuple(scores.shape) if isinstance(scores, Tensor) else type(scores).__name__
+            raise VoccError(f"the module gave {given} for {len(rows)} LEDs: it must give one score each")
+        return scores.reshape(-1)
+
+    def _train(self, rows: Tensor, target: Tensor, held: Tensor, held_target: Tensor) -> None:
+        """Run the passes and keep the weights of the best one."""
+        recipe = self.recipe
+        optimizer = torch.optim.AdamW(
+            self.module.parameters(), lr=recipe.learning_rate, weight_decay=recipe.weight_decay
+        )
+        steps = recipe.epochs * -(-len(rows) // recipe.batch_leds)
+        schedule = torch.optim.lr_scheduler.LambdaLR(
+            optimizer, lambda step: 0.5 * (1 + math.cos(math.pi * min(1.0, step / steps)))
+        )
+        scaler = torch.amp.GradScaler("cuda", enabled=rows.device.type == "cuda")
+        self.losses, best, since = [], copy.deepcopy(self.module.state_dict()), 0
+        for _ in range(recipe.epochs):
+            self.module.train()
+            for chosen in _shuffled(len(rows), recipe.batch_leds, rows.device):
+                with torch.autocast("cuda", enabled=rows.device.type == "cuda"):
+                    scores = self._score(rows[chosen])
+                loss = F.binary_cross_entropy_with_logits(scores.float(), target[chosen])
+                optimizer.zero_grad()
+                torch.autograd.backward(scaler.scale(loss))
+                scaler.step(optimizer)
+                scaler.update()
+                schedule.step()
+            loss_held = self._loss(held, held_target)
+            if not math.isfinite(loss_held):
+                raise VoccError("the validation loss is not finite: try a smaller training.learning_rate")
+            if not self.losses or loss_held < min(self.losses):
+                best, since = copy.deepcopy(self.module.state_dict()), 0
+            else:
+                since += 1
+            self.losses.append(loss_held)
+            if since >= recipe.patience:
+                break
+        self.module.load_state_dict(best)
+
+    def _loss(self, rows: Tensor, target: Tensor) -> float:
+        """Give the logistic loss on rows, in batches."""
+        self.module.eval()
+        with torch.inference_mode():
+            losses = [
+                F.binary_cross_entropy_with_logits(self._score(part), wanted, reduction="sum")
+                for part, wanted in zip(torch.split(rows, 1 << 16), torch.split(target, 1 << 16), strict=True)
+            ]
+        return float(torch.stack(losses).sum()) / len(rows)
+
+
+def _leds(x: Tensor) -> Tensor:
+    """Give the LEDs of all panels as rows, (N,F) float32."""
+    return x.reshape(-1, x.shape[-1]).to(torch.float32)
+
+
+def _shuffled(count: int, size: int, device: torch.device) -> Iterator[Tensor]:
+    """Give all indices once, in batches of ``size``, in the order of torch's generator on the host."""
+    yield from torch.split(torch.randperm(count).to(device), size)

@@ -1,0 +1,175 @@
+"""Build and train the classifiers that plug in, each on panels streamed from the simulator."""
+
+from __future__ import annotations
+
+import inspect
+import pickle
+import time
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import torch
+from hydra.utils import get_object, instantiate
+from torch import Tensor, nn
+
+from vocc_torch.errors import VoccError
+from vocc_torch.receiver.classifiers.inputs import Inputs
+from vocc_torch.receiver.classifiers.module_file import ModuleFile
+from vocc_torch.receiver.classifiers.protocol import Guarded
+from vocc_torch.receiver.classifiers.sklearn_adapter import SklearnClassifier, is_estimator
+from vocc_torch.receiver.classifiers.torch_classifier import TorchClassifier
+from vocc_torch.receiver.locators import PanelLocator
+from vocc_torch.rng import BLOCK_FRAMES
+from vocc_torch.simulation import SceneModel
+from vocc_torch.studies.link import Link, block_keys
+from vocc_torch.studies.plan import Plan, narrowed
+from vocc_torch.studies.plug_in import TARGET, ClassifierPlan
+
+
+@dataclass(frozen=True)
+class TrainedClassifier:
+    """A classifier, and what it took to get it.
+
+    Args:
+        guarded: the trained classifier.
+        seconds: wall time of training, of which ``simulated_s`` went into its frames.
+        simulated_s: see there.
+        frames: panels that it was shown.
+        parameters: numbers that decide, or None where it does not say.
+        size_bytes: of the trained classifier, pickled.
+    """
+
+    guarded: Guarded
+    seconds: float
+    simulated_s: float
+    frames: int
+    parameters: int | None
+    size_bytes: int
+
+
+def built(plan: ClassifierPlan) -> Guarded:
+    """Build a classifier, untrained.
+
+    A scikit-learn estimator and a torch module are taken for what they are; a module whose class takes
+    ``n_inputs`` is told how many numbers it sees of an LED. Anything else must follow the protocol itself.
+
+    Raises:
+        VoccError: a class that does not exist or cannot be built, or that does not follow the protocol.
+
+    Example:
+        >>> plan = ClassifierPlan("bayes", {"_target_": "sklearn.naive_bayes.GaussianNB"})
+        >>> type(built(plan).classifier).__name__
+        'SklearnClassifier'
+    """
+    settings = dict(plan.build)
+    target = str(settings.pop(TARGET))
+    home = None if plan.file is None else ModuleFile(plan.file)
+    try:
+        kind = get_object(target) if home is None else home.named(target)
+        if inspect.isclass(kind) and issubclass(kind, nn.Module) and _takes(kind, "n_inputs"):
+            settings.setdefault("n_inputs", plan.inputs.size)
+        # Seeded here, because a module draws its first weights when it is made.
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(plan.training.seed)
+            given = instantiate(settings, _convert_="all")
+            made = kind(**given)  # type: ignore[operator]  # refused just below
+    except VoccError as error:
+        raise VoccError(f"classifiers.{plan.name}: {error}") from error
+    except Exception as error:
+        reason = " ".join(str(error.__cause__ or error).split())
+        raise VoccError(f"classifiers.{plan.name}.build: {target} cannot be built ({reason})") from error
+    if isinstance(made, nn.Module):
+        made = TorchClassifier(made, plan.training)
+    elif is_estimator(made):
+        made = SklearnClassifier(made)
+    return Guarded(plan.name, made, plan.inputs, home)
+
+
+def _takes(kind: type, argument: str) -> bool:
+    """Whether a class can be built with an argument of that name."""
+    return argument in inspect.signature(kind).parameters
+
+
+@dataclass
+class PanelStream:
+    """Training panels as a classifier sees them, simulated anew whenever they are asked for.
+
+    Args:
+        link: simulation and reader.
+        locator: what finds the panel, or None for true corners.
+        model: the training scenes.
+        seed: root seed.
+        inputs: what the classifier sees.
+    """
+
+    link: Link
+    locator: PanelLocator | None
+    model: SceneModel
+    seed: int
+    inputs: Inputs
+    frames: int = 0
+    seconds: float = 0.0
+
+    def __call__(self, first: int, count: int) -> Iterator[tuple[Tensor, Tensor]]:
+        """Give frames ``first`` to ``first + count`` in batches; those without a located panel are left out.
+
+        Raises:
+            VoccError: ``first`` is no multiple of a block.
+        """
+        if first % BLOCK_FRAMES:
+            raise VoccError(f"first is {first}: it must be a multiple of {BLOCK_FRAMES}")
+        keys = block_keys(self.seed, "train", first + count)[first // BLOCK_FRAMES :]
+        views = self.link.observe_each({"": self.locator}, self.model, keys, preambles=False, frames=count)
+        while True:
+            begun = time.perf_counter()
+            seen = next(views, None)
+            if seen is None:
+                return
+            found = seen[""].panels.found
+            x = self.inputs.of(seen[""].readings, seen[""].readings.cell_px, self.link.reader.shape)[found]
+            self.frames += len(x)
+            self.seconds += time.perf_counter() - begun
+            yield x, seen[""].bits[found]
+
+
+def train_classifiers(
+    plan: Plan, link: Link, locators: Mapping[str, PanelLocator | None]
+) -> dict[str, dict[str, TrainedClassifier]]:
+    """Train a plan's classifiers one after the other, with each of several locators.
+
+    Training frames have the same names as those of FLDA; test frames never do.
+
+    Args:
+        plan: the study.
+        link: simulation and reader.
+        locators: by name; None takes the simulator's true corners.
+
+    Returns:
+        By locator and classifier.
+
+    Raises:
+        VoccError: a classifier that cannot be built or trained, by its name.
+    """
+    return {
+        name: {one.name: _trained(one, plan, link, locator) for one in plan.receiver.classifiers}
+        for name, locator in locators.items()
+    }
+
+
+def _trained(one: ClassifierPlan, plan: Plan, link: Link, locator: PanelLocator | None) -> TrainedClassifier:
+    """Train one."""
+    guarded = built(one)
+    model = narrowed(plan.experiment.training_model(plan.world), one.scene, f"classifiers.{one.name}.scene")
+    stream = PanelStream(link, locator, model, plan.seed, one.inputs)
+    begun = time.perf_counter()
+    guarded.fit_stream(stream, one.frames or plan.budget.training_frames)
+    seconds = time.perf_counter() - begun
+    counted = getattr(guarded.classifier, "parameters_count", None)
+    return TrainedClassifier(
+        guarded,
+        seconds,
+        stream.seconds,
+        stream.frames,
+        int(counted) if counted is not None else None,
+        len(pickle.dumps(guarded)),
+    )
