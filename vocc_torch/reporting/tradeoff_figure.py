@@ -134,10 +134,10 @@ def _budgets(axes: Axes) -> None:
 def _frontier_line(axes: Axes, kept: Sequence[_Dot]) -> None:
     """Draw the steps of the frontier and shade what lies behind it."""
     low_x, high_x = axes.get_xlim()
-    high_y = axes.get_ylim()[1]
+    low_y, high_y = axes.get_ylim()
     x = np.array([dot.offer.median_ms for dot in kept])
-    # A limit may lie above a rate that was seen: the line does not climb.
-    y = np.minimum.accumulate([dot.y for dot in kept])
+    # How far below its limit an offer without errors lies is not known: it may be all the way.
+    y = np.array([low_y if dot.offer.error_free else dot.y for dot in kept])
     steps_x, steps_y = np.r_[x[0], x, high_x], np.r_[high_y, y, y[-1]]
     axes.fill_between(
         steps_x, steps_y, high_y, step="post", color="#EEF3F8", alpha=0.75, zorder=0.5, linewidth=0
@@ -166,17 +166,17 @@ def _draw(axes: Axes, dot: _Dot) -> None:
         axes.plot(
             [x, x], [offer.ber_low, offer.ber_high], color=colour, alpha=alpha, linewidth=1.3, zorder=order
         )
-    # Under a faint marker a white one, so that bars do not shine through.
-    for face, shown in (("white", 1.0), (colour if dot.face != "none" else "white", alpha)):
+    # Under a faint or hollow marker a white one, so that bars do not shine through.
+    for face, edge, fill, shown in (("white", "white", "full", 1.0), (colour, colour, dot.face, alpha)):
         axes.plot(
             [x],
             [dot.y],
             marker=style.marker,
             markersize=6.0 if dot.varied else 9.5,
-            fillstyle="full" if face == "white" and shown == 1.0 else dot.face,
+            fillstyle=fill,
             markerfacecolor=face,
             markerfacecoloralt="white",
-            markeredgecolor="white" if face == "white" and shown == 1.0 and not dot.kept else colour,
+            markeredgecolor=edge,
             markeredgewidth=1.5,
             alpha=shown,
             linestyle="none",

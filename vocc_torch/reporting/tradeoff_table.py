@@ -19,6 +19,9 @@ from vocc_torch.reporting.tradeoff_words import (
     wrapped,
 )
 
+_WIDE = 106
+"""Least terminal width at which batch and training stand in the table."""
+
 
 def print_prices(prices: PriceList, console: Console | None = None) -> None:
     """Print the first kind of frames and scenes, and what to take of it.
@@ -36,7 +39,9 @@ def print_prices(prices: PriceList, console: Console | None = None) -> None:
     for head in ("", "receiver", "locator", ""):
         table.add_column(head, no_wrap=True)
     single = prices.batches(device, frames)[0] == 1
-    for head in ("ms", "batch", *(["alone\nms"] if single else []), "BER", "95 %", "training\ns", "numbers"):
+    wide = console.width >= _WIDE
+    heads = ["ms", *(["alone\nms"] if single else []), "BER", "95 %"]
+    for head in heads + (["batch", "training\ns", "weights"] if wide else []):
         table.add_column(head, justify="right", no_wrap=True)
     mark = "*" if console.options.ascii_only else "\N{BLACK DIAMOND}"
     for setting, offer in sorted(
@@ -49,8 +54,9 @@ def print_prices(prices: PriceList, console: Console | None = None) -> None:
             alone = [ms_text(prices.spent[setting, Place(device, frames, 1)].total[1])]
         cells = [
             *(mark if on else "", setting.receiver, setting.locator),
-            ", ".join(varied_text(setting, prices.settings[0])),
-            *(ms_text(offer.median_ms), str(batch), *alone, *_rate(offer), *_made(prices, setting)),
+            ", ".join(varied_text(setting, prices.settings[0])).replace(" gradient", ""),
+            *(ms_text(offer.median_ms), *alone, *_rate(offer)),
+            *((str(batch), *_made(prices, setting)) if wide else ()),
         ]
         table.add_row(*(Text(cell) for cell in cells), style="" if on else "dim")
     console.print(table)

@@ -164,8 +164,8 @@ def _within(prices: PriceList, scenes: str, offers: Sequence[Offer]) -> Iterator
         taken = most_accurate_within(offers, 1e3 / speed)
         answers.setdefault("" if taken is None else taken.name, []).append(speed)
     for name, speeds in answers.items():
-        limit = " or ".join(f"{ms_text(1e3 / speed)}" for speed in speeds)
-        rate = " or ".join(str(speed) for speed in speeds)
+        limit = _either([ms_text(1e3 / speed) for speed in speeds])
+        rate = _either([str(speed) for speed in speeds])
         said = f"    Under {limit} ms a frame ({rate} frames a second): "
         if not name:
             quickest = min(offers, key=lambda one: one.high_ms)
@@ -197,7 +197,7 @@ def _below(prices: PriceList, offers: Sequence[Offer]) -> Iterator[str]:
         taken = quickest_below(offers, rate)
         answers.setdefault("" if taken is None else taken.name, []).append(rate)
     for name, rates in answers.items():
-        limit = " or ".join(f"{rate:.0e}".replace("e-0", "e-") for rate in rates)
+        limit = _either([f"{rate:.0e}".replace("e-0", "e-") for rate in rates])
         said = f"    For a BER below {limit}: "
         if not name:
             best = min(offers, key=lambda one: (one.ber_high, one.median_ms))
@@ -205,6 +205,11 @@ def _below(prices: PriceList, offers: Sequence[Offer]) -> Iterator[str]:
             continue
         offer = next(one for one in offers if one.name == name)
         yield f"{said}take {_named(prices, offer)}: {ber_text(offer)}, {_spent(offer)}."
+
+
+def _either(words: Sequence[str]) -> str:
+    """Join words by commas and a last or."""
+    return " or ".join(filter(None, [", ".join(words[:-1]), words[-1]]))
 
 
 def _named(prices: PriceList, offer: Offer) -> str:

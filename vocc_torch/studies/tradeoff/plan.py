@@ -44,7 +44,7 @@ class RendererKnobs:
 
     frames: int = 8
     kernel_sigmas: tuple[float, ...] = (2.0, 3.0, 6.0)
-    margins_px: tuple[int, ...] = (-8, -4, 8, 32)
+    margins_px: tuple[int, ...] = (-20, -16, 16, 64)
 
     def __post_init__(self) -> None:
         """Check every range."""
