@@ -163,6 +163,12 @@ def test_times_that_meet_are_not_sure():
     assert prices.beaten_by("mixture", offers) == [(settings[1].name, False), ("", False)]
 
 
+def test_rates_that_chance_explains_are_not_sure():
+    prices = made_up_prices(SETTINGS[:2], (302, 300), (4.0, 2.0))
+    offers = prices.offers("mixture", "cpu", "whole")
+    assert prices.beaten_by("mixture", offers) == [(SETTINGS[1].name, False), ("", False)]
+
+
 def test_rates_that_frames_do_not_tell_apart_are_alike():
     prices = made_up_prices(SETTINGS[:4], (300, 302, 400, 900), (1, 2, 3, 4))
     assert prices.alike("mixture", 0) == [1]

@@ -137,6 +137,9 @@ def test_a_quicker_one_that_frames_do_not_tell_apart_is_named():
     ) in said
     apart = plain(recommendation(made_up_prices(SETTINGS[:2], (300, 200), (4.0, 8.0))))
     assert "do not tell it from" not in apart
+    # Nobody asks for what is slower and no better.
+    slower = plain(recommendation(made_up_prices(SETTINGS[:2], (300, 299), (8.0, 4.0))))
+    assert "do not tell it from" not in slower
 
 
 @pytest.mark.parametrize("width", [60, 80, 140])

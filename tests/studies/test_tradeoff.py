@@ -15,6 +15,7 @@ from vocc_torch.receiver.classifiers.recipe import TrainingRecipe
 from vocc_torch.receiver.location import PaperLocator
 from vocc_torch.rng import BLOCK_FRAMES
 from vocc_torch.simulation import Camera, Distribution, SceneModel
+from vocc_torch.simulation.simulator import PAPER_EFFECTS
 from vocc_torch.studies.counter import PointCounter
 from vocc_torch.studies.link import Link, block_keys
 from vocc_torch.studies.plug_in import ClassifierPlan
@@ -25,7 +26,7 @@ from vocc_torch.studies.tradeoff.times import measure_times, read, threads
 from vocc_torch.studies.tradeoff.training import chains, train_receivers
 from vocc_torch.studies.train import train
 from vocc_torch.studies.workers import Workers
-from vocc_torch.types import Frames
+from vocc_torch.types import Frames, Panels
 
 HERE = "vocc_torch.receiver.classifiers"
 NAMES = ("center_greyscale", "average_greyscale", "flda_ngr", "flda_2", "flda_3")
@@ -186,13 +187,18 @@ def test_precision_shares_its_training_and_k_does_not(study, made):
     assert ("flda_3", "truth", 8, "central", "float32") in trained
 
 
-def test_double_precision_decides_nearly_alike(study, counted):
+def test_double_precision_decides_nearly_alike(study, receivers, counted):
     rows = {
         one.dtype: counted["far"].half_errors[place]
         for place, one in enumerate(study.settings)
         if (one.receiver, one.locator, one.samples_per_led, one.gradient) == ("flda_3", "truth", 8, "sobel")
     }
     assert set(rows) == {"float32", "float64"}
+    for chain in receivers:
+        grey = torch.full((1, 1, 60, 60), 9, dtype=torch.uint8)
+        corners = torch.tensor([[[9.0, 9.0], [49.0, 9.0], [49.0, 49.0], [9.0, 49.0]]])
+        patches = chain.rectify(Frames.whole(grey), Panels.known(corners))
+        assert patches is None or str(patches.dtype) == f"torch.{chain.setting.dtype}"
     assert np.abs(rows["float32"] - rows["float64"]).sum() <= 0.01 * rows["float32"].sum()
 
 
@@ -218,6 +224,23 @@ def test_a_receiver_moved_elsewhere_decides_the_same(study, receivers):
         assert torch.equal(
             moved.decide(shot.frames, panels, threshold), chain.decide(shot.frames, panels, threshold)
         )
+
+
+def test_preambles_have_noise_of_their_own(make_plan):
+    noise = {"read_noise": {"electrons": 30.0}, "photoelectrons": {"quantum_efficiency": 0.6}, "gain": {}}
+    camera = Camera(width_px=96, height_px=64, sensor_width_mm=0.66)
+    centred = {name: Distribution("constant", (0.0,)) for name in ("offset_x_m", "offset_y_m")}
+    model = SceneModel(distance_m=Distribution("constant", (60.0,)), **centred)
+    plan = make_plan(camera=camera, scene=model, effects={**PAPER_EFFECTS, **noise})
+    simulator, keys = plan.world.simulator(), block_keys(0, "noise", 64)
+    (shot,) = shots(simulator, model, keys, 64, preambles=True)
+    every = torch.ones_like(shot.bits)
+    for sent, take, seen in ((shot.bits, "", shot.frames), (every, "on", shot.preambles[0])):
+        own = [dataclasses.replace(key, take=take) if take else key for key in shot.keys]
+        again = simulator.render(shot.scene, sent, nearest_m=model.nearest_m, keys=own)
+        assert torch.equal(again.grey, seen.grey)
+    with_the_frames_noise = simulator.render(shot.scene, every, nearest_m=model.nearest_m, keys=shot.keys)
+    assert not torch.equal(with_the_frames_noise.grey, shot.preambles[0].grey)
 
 
 @pytest.mark.parametrize("count", [1, 3])

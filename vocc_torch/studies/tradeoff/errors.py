@@ -47,7 +47,13 @@ class Shot:
 
 
 def shots(
-    simulator: Simulator, model: SceneModel, keys: Sequence[BlockKey], batch: int, *, preambles: bool
+    simulator: Simulator,
+    model: SceneModel,
+    keys: Sequence[BlockKey],
+    batch: int,
+    *,
+    preambles: bool,
+    panel_only: bool = False,
 ) -> Iterator[Shot]:
     """Render blocks in batches.
 
@@ -57,6 +63,7 @@ def shots(
         keys: the blocks.
         batch: frames at a time.
         preambles: whether all-On and all-Off frames are wanted too.
+        panel_only: whether what lies far from the panel may be left out.
     """
     drawn = [model.draw(key, simulator.panel.shape) for key in keys]
     scenes, sent = Scene.cat([s for s, _ in drawn]), torch.cat([b for _, b in drawn])
@@ -73,6 +80,7 @@ def shots(
                 shown,
                 nearest_m=model.nearest_m,
                 keys=[replace(key, take=take) if take else key for key in names[rows]],
+                panel_only=panel_only,
             )
             for take, shown in takes
         ]
@@ -112,7 +120,10 @@ class CountJob:
         keys = [BlockKey(self.plan.seed, self.point, block) for block in blocks]
         preambles = any(chain.needs_preambles for chain in self.chains)
         wrong, found = [], []
-        for shot in shots(simulator, self.model, keys, self.plan.batch_frames, preambles=preambles):
+        # Nobody who knows the corners looks anywhere else.
+        known = all(chain.locator is None for chain in self.chains)
+        batch = self.plan.batch_frames
+        for shot in shots(simulator, self.model, keys, batch, preambles=preambles, panel_only=known):
             panels = located(simulator, self.chains, shot)
             wrong.append(torch.stack(list(self._wrong(shot, panels))))
             found.append(torch.stack([panels[chain.setting.locator].found for chain in self.chains]))

@@ -115,10 +115,12 @@ class _Scenes:
         name = next(iter(study.scenes))
         model, (key,) = study.model(name), block_keys(study.plan.seed, study.point(name), 1)
         scene, bits = model.draw(key, study.plan.world.panel.shape)
-        rows = slice(0, study.knobs.frames)
-        return cls(
-            scene[rows], bits[rows], [FrameKey(key, frame) for frame in range(len(scene[rows]))], model
-        )
+        scene = scene[: study.knobs.frames]
+        # The first is as near as scenes come: what a narrow margin cuts off shows there.
+        near = scene.distance_m.clone()
+        near[0] = model.nearest_m
+        keys = [FrameKey(key, frame) for frame in range(len(scene))]
+        return cls(replace(scene, distance_m=near), bits[: len(scene)], keys, model)
 
     def rendered(self, simulator: Simulator, frames: int) -> Frames:
         """Render the first of them."""
