@@ -7,10 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backend_bases import RendererBase
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogFormatterSciNotation, LogLocator, NullFormatter
 from matplotlib.transforms import blended_transform_factory
 
@@ -19,14 +17,13 @@ from vocc_torch.evaluation.price_list import PriceList, Setting
 from vocc_torch.reporting.canvas import FINE_GRID, GRID, INK, QUIET, new_figure, quiet_axes, write_title
 from vocc_torch.reporting.styles import Style, receiver_styles
 from vocc_torch.reporting.tradeoff_labels import Box, place_labels
+from vocc_torch.reporting.tradeoff_legend import FAINT, FillStyle, draw_legend, text_renderer
 from vocc_torch.reporting.tradeoff_words import FRAMES_PER_S, frames_text, scenes_text, varied_text
 
-_FACES = ("full", "none", "left", "bottom")
+_FACES: tuple[FillStyle, ...] = ("full", "none", "left", "bottom")
 """How the markers of the locators are filled, in their order."""
 
-_CORNERS = {"truth": "true corners", "paper": "the paper's locator", "refined": "refined locator"}
 _SHORT = {"truth": "true corners", "paper": "paper's locator", "refined": "refined"}
-_FAINT = 0.38
 _MARKER_PX = 13.0
 
 
@@ -37,7 +34,7 @@ class _Dot:
     offer: Offer
     setting: Setting
     style: Style
-    face: str
+    face: FillStyle
     kept: bool
     varied: list[str]
 
@@ -68,7 +65,13 @@ def tradeoff_figure(prices: PriceList, scenes: str, device: str, frames: str) ->
     for dot in sorted(dots, key=lambda one: one.kept):
         _draw(axes, dot)
     _label(figure, axes, dots, kept)
-    _legend(figure, prices, dots)
+    draw_legend(
+        figure,
+        {dot.setting.receiver: dot.style for dot in dots},
+        {dot.setting.locator: dot.face for dot in dots},
+        varied=any(dot.varied for dot in dots),
+        limits=any(dot.offer.error_free for dot in dots),
+    )
     _write(figure, prices, scenes, device, frames)
     return figure
 
@@ -149,7 +152,7 @@ def _frontier_line(axes: Axes, kept: Sequence[_Dot]) -> None:
 def _draw(axes: Axes, dot: _Dot) -> None:
     """Draw a dot with its interval and quartiles."""
     offer, style = dot.offer, dot.style
-    alpha, order = (1.0, 5.0) if dot.kept else (_FAINT, 3.0)
+    alpha, order = (1.0, 5.0) if dot.kept else (FAINT, 3.0)
     x, colour = offer.median_ms, style.colour
     axes.plot(
         [offer.low_ms, offer.high_ms], [dot.y, dot.y], color=colour, alpha=alpha, linewidth=1.3, zorder=order
@@ -187,7 +190,7 @@ def _draw(axes: Axes, dot: _Dot) -> None:
 def _label(figure: Figure, axes: Axes, dots: Sequence[_Dot], kept: Sequence[_Dot]) -> None:
     """Name the receivers of the frontier."""
     figure.draw_without_rendering()
-    renderer = _renderer(figure)
+    renderer = text_renderer(figure)
     texts = [
         axes.text(
             dot.offer.median_ms, dot.y, _named(dot), fontsize=10.5, color=INK, zorder=7, linespacing=1.15
@@ -217,14 +220,6 @@ def _label(figure: Figure, axes: Axes, dots: Sequence[_Dot], kept: Sequence[_Dot
             axes.plot([start[0], tip[0]], [start[1], tip[1]], color=QUIET, linewidth=0.8, zorder=2.6)
 
 
-def _renderer(figure: Figure) -> RendererBase:
-    """Give what measures texts."""
-    canvas = figure.canvas
-    assert isinstance(canvas, FigureCanvasAgg)
-    renderer: RendererBase = canvas.get_renderer()  # type: ignore[no-untyped-call]  # Matplotlib has no hint
-    return renderer
-
-
 def _boxes(axes: Axes, dot: _Dot) -> list[Box]:
     """Give what a dot and its lines take up, px."""
     offer = dot.offer
@@ -238,86 +233,6 @@ def _boxes(axes: Axes, dot: _Dot) -> list[Box]:
 def _named(dot: _Dot) -> str:
     """Write a dot's label."""
     return "\n".join([dot.style.label, ", ".join([_SHORT[dot.setting.locator], *dot.varied])])
-
-
-def _legend(figure: Figure, prices: PriceList, dots: Sequence[_Dot]) -> None:
-    """Explain colours, fillings and sizes at the right."""
-    styles = {dot.setting.receiver: dot.style for dot in dots}
-    receivers = [
-        Line2D([], [], color=one.colour, marker=one.marker, markersize=9, linestyle="none", label=one.label)
-        for one in styles.values()
-    ]
-    faces = {dot.setting.locator: dot.face for dot in dots}
-    marks = [
-        Line2D(
-            [],
-            [],
-            color=QUIET,
-            marker="o",
-            markersize=9,
-            markeredgewidth=1.5,
-            fillstyle=face,  # type: ignore[arg-type]  # one of Matplotlib's
-            markerfacecolor="white" if face == "none" else QUIET,
-            markerfacecoloralt="white",
-            linestyle="none",
-            label=_CORNERS[locator],
-        )
-        for locator, face in faces.items()
-    ]
-    if any(dot.varied for dot in dots):
-        marks.append(
-            Line2D(
-                [],
-                [],
-                color=QUIET,
-                marker="o",
-                markersize=5.5,
-                linestyle="none",
-                label="other K, gradient\nor precision",
-            )
-        )
-    lines = [
-        Line2D([], [], color=INK, linewidth=1.5, label="frontier"),
-        Line2D(
-            [],
-            [],
-            color=QUIET,
-            alpha=_FAINT + 0.1,
-            marker="o",
-            markersize=9,
-            linestyle="none",
-            label="beaten by another",
-        ),
-    ]
-    if any(dot.offer.error_free for dot in dots):
-        lines.append(
-            Line2D(
-                [],
-                [],
-                color=QUIET,
-                marker=r"$\downarrow$",
-                markersize=10,
-                linestyle="none",
-                label="no error: 95 % limit",
-            )
-        )
-    top = 0.885
-    for title, handles in (("Receivers", receivers), ("Panel located by", marks), ("", lines)):
-        legend = figure.legend(
-            handles=handles,
-            title=title or None,
-            loc="upper left",
-            bbox_to_anchor=(0.765, top),
-            frameon=False,
-            fontsize=10.2,
-            title_fontproperties={"weight": "bold", "size": 10.5},
-            alignment="left",
-            labelcolor=INK,
-            handletextpad=0.5,
-            labelspacing=0.42,
-        )
-        height = legend.get_window_extent(_renderer(figure)).height / figure.bbox.height
-        top -= height + 0.006
 
 
 def _write(figure: Figure, prices: PriceList, scenes: str, device: str, frames: str) -> None:
