@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import asdict, fields, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import torch
 
@@ -28,9 +29,13 @@ from vocc_torch.studies.plan import (
     ReceiverPlan,
     World,
     parsed_scene,
+    resolve_device,
 )
 from vocc_torch.studies.plug_in import ClassifierPlan
+from vocc_torch.studies.tradeoff import RendererKnobs, TradeoffStudy
 from vocc_torch.types import PanelShape
+
+T = TypeVar("T")
 
 PRECISIONS = {"float32": torch.float32, "float64": torch.float64}
 
@@ -231,3 +236,49 @@ def _numbers(values: list[Any], key: str) -> tuple[float, ...]:
         if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
             raise VoccError(f"{key} has {value!r}: it must be finite numbers from harmless to harsh")
     return tuple(values)
+
+
+def build_tradeoff_study(settings: AppConfig, folder: Path) -> TradeoffStudy:
+    """Build the study that ``task=tradeoff`` makes.
+
+    Raises:
+        VoccError: a value outside its range, named by its key.
+    """
+    plan, config = build_plan(settings, folder), settings.tradeoff
+    scenes = {}
+    for name, scene in config.scenes.items():
+        if not name.isidentifier() or not isinstance(scene, dict):
+            raise VoccError(f"tradeoff.scenes.{name} is {scene!r}: it must be a word with values of scenes")
+        scenes[name] = parsed_scene(scene, f"tradeoff.scenes.{name}")
+    knobs = config.simulation
+    return TradeoffStudy(
+        # All frames are of the study's own scenes: no experiment narrows them.
+        replace(plan, experiment=Experiment("tradeoff", "distance_m", (plan.world.scene.nearest_m,))),
+        locators=_once(config.locators),  # type: ignore[arg-type]  # checked by name in TradeoffStudy
+        samples_per_led=_once(config.samples_per_led),
+        gradients=_once(config.gradients),
+        dtypes=_once(config.dtypes),
+        varied=_once(config.varied),
+        combine=config.combine,  # type: ignore[arg-type]  # likewise
+        devices=_once([_device(name) for name in config.devices]),
+        batch_sizes=tuple(sorted(_once(config.batch_sizes))),
+        frames=_once(config.frames),  # type: ignore[arg-type]  # likewise
+        repeats=config.repeats,
+        threads=config.threads,
+        scenes=scenes,
+        knobs=RendererKnobs(knobs.frames, tuple(knobs.kernel_sigmas), tuple(knobs.margins_px)),
+        scene_name=settings.scene.name,
+    )
+
+
+def _once(values: Sequence[T]) -> tuple[T, ...]:
+    """Give values in their order, each once."""
+    return tuple(dict.fromkeys(values))
+
+
+def _device(name: str) -> str:
+    """Give a device's own name, or refuse it by the key."""
+    try:
+        return str(resolve_device(name))
+    except VoccError as error:
+        raise VoccError(str(error).replace("device is", "tradeoff.devices has", 1)) from None

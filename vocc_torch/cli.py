@@ -26,7 +26,7 @@ from vocc_torch.config import AppConfig, as_yaml, register_schema, resolved
 from vocc_torch.errors import VoccError
 from vocc_torch.jobs import Failure, Jobs, begin_again, beside_others, write_down
 
-TASKS = ("train", "test", "decode", "figures", "effects", "collect")
+TASKS = ("train", "test", "decode", "figures", "effects", "tradeoff", "collect")
 MULTIRUN = ("-m", "--multirun")
 OUT_OF_MEMORY = (
     "not enough memory: give a smaller batch_frames, or a camera and distances that show smaller LEDs"
@@ -72,6 +72,7 @@ def run_task(settings: AppConfig, folder: Path) -> None:
     from vocc_torch import tasks
     from vocc_torch.tasks.collecting import run_collect
     from vocc_torch.tasks.effects import run_effects_task
+    from vocc_torch.tasks.tradeoff import run_tradeoff
 
     runners = {
         "train": tasks.run_train,
@@ -79,6 +80,7 @@ def run_task(settings: AppConfig, folder: Path) -> None:
         "decode": tasks.run_decode,
         "figures": tasks.run_figures,
         "effects": run_effects_task,
+        "tradeoff": run_tradeoff,
         "collect": run_collect,
     }
     runners[settings.task](settings, folder)

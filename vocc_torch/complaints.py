@@ -18,6 +18,7 @@ OPEN_MAPPINGS = (
     "effects.parts",
     "effects.severity",
     "classifiers",
+    "tradeoff.scenes",
 )
 """Keys under which a user may add keys with +; what they accept is checked where they are used."""
 

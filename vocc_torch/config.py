@@ -164,6 +164,34 @@ class EffectsConfig:
 
 
 @dataclass
+class RendererKnobsConfig:
+    """See :class:`vocc_torch.studies.tradeoff.RendererKnobs`."""
+
+    frames: int = 0
+    kernel_sigmas: list[float] = field(default_factory=list)
+    margins_px: list[int] = field(default_factory=list)
+
+
+@dataclass
+class TradeoffConfig:
+    """What ``task=tradeoff`` prices: see :class:`vocc_torch.studies.tradeoff.TradeoffStudy`."""
+
+    locators: list[str] = field(default_factory=list)
+    samples_per_led: list[int] = field(default_factory=list)
+    gradients: list[str] = field(default_factory=list)
+    dtypes: list[str] = field(default_factory=list)
+    varied: list[str] = field(default_factory=list)
+    combine: str = "one_at_a_time"
+    devices: list[str] = field(default_factory=list)
+    batch_sizes: list[int] = field(default_factory=list)
+    frames: list[str] = field(default_factory=list)
+    repeats: int = 0
+    threads: int = 0
+    scenes: dict[str, Any] = field(default_factory=dict)
+    simulation: RendererKnobsConfig = field(default_factory=RendererKnobsConfig)
+
+
+@dataclass
 class DecodeConfig:
     """What ``task=decode`` writes besides the bits."""
 
@@ -197,6 +225,7 @@ class AppConfig:
     classifiers: dict[str, ClassifierConfig] = field(default_factory=dict)
     figures: FiguresConfig = field(default_factory=FiguresConfig)
     effects: EffectsConfig = field(default_factory=EffectsConfig)
+    tradeoff: TradeoffConfig = field(default_factory=TradeoffConfig)
 
 
 def register_schema() -> None:

@@ -279,3 +279,22 @@ def test_a_flat_quadrilateral_reads_its_first_corner():
     image = torch.arange(70.0 * 90).view(1, 70, 90).double()
     panels = Panels.known(corners_of([(12.5, 30.5)] * 4))
     assert rectify(Frames.whole(image), panels, SHAPE, 4).unique().tolist() == [30 * 90 + 12]
+
+
+def test_frames_read_at_several_scales_are_read_as_alone():
+    """Which of them are near decides nothing for the others, wherever crops lie and quadrilaterals go."""
+    generator = torch.Generator().manual_seed(2)
+    grey = torch.randint(0, 256, (5, 1, 40, 50), generator=generator, dtype=torch.uint8)
+    origin = torch.tensor([[300, 200], [0, 0], [1800, 1000], [40, 700], [900, 3]])
+    frames = Frames(grey, origin, (1080, 1920))
+    square = torch.tensor([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]], dtype=torch.float64)
+    sizes = torch.tensor([20.0, 36.0, 18.0, 130.0, 33.0], dtype=torch.float64).view(-1, 1, 1)
+    corners = origin.view(-1, 1, 2) + 2.0 + sizes * square
+    panels, shape = Panels.known(corners), PanelShape(4, 4)
+    together = rectify(frames, panels, shape, 4)
+    for row in range(5):
+        alone = rectify(frames[row : row + 1], Panels.known(corners[row : row + 1]), shape, 4)
+        assert torch.equal(alone[0], together[row]), row
+    double = rectify(frames, panels, shape, 4, torch.float64)
+    assert double.dtype == torch.float64
+    torch.testing.assert_close(double.float(), together, rtol=1e-4, atol=1e-2)

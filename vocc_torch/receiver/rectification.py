@@ -103,32 +103,37 @@ def _meets_horizon(homography: Tensor, x: Tensor, y: Tensor) -> Tensor:
     return least_x + torch.minimum(slope_y * y[0], slope_y * y[-1]) <= -depth
 
 
-def _cut(frames: Frames, origin: Tensor, size: tuple[int, int], dtype: torch.dtype) -> Tensor:
-    """Cut a window of ``size`` (h,w) out of each frame at sensor pixel ``origin`` (B,2); borders go on."""
+def _cut(frames: Frames, chosen: Tensor, origin: Tensor, size: tuple[int, int], dtype: torch.dtype) -> Tensor:
+    """Cut a window of ``size`` (h,w) out of n frames at sensor pixel ``origin`` (n,2); borders go on."""
     height, width = frames.grey.shape[-2:]
-    place = origin - frames.origin_px
+    place = origin - frames.origin_px[chosen]
     rows = (place[:, 1:] + torch.arange(size[0], device=place.device)).clamp(0, height - 1)
     columns = (place[:, :1] + torch.arange(size[1], device=place.device)).clamp(0, width - 1)
-    frame = torch.arange(len(frames), device=place.device).view(-1, 1, 1)
+    frame = chosen.view(-1, 1, 1)
     return frames.grey[:, 0][frame, rows.unsqueeze(-1), columns.unsqueeze(-2)].to(dtype)
 
 
-def _reach(frames: Frames) -> tuple[Tensor, Tensor]:
-    """How far out pixels are read: on the sensor, to a crop's size around it; least and most (x, y), (B,2).
+def _reach(frames: Frames, origin_px: Tensor) -> tuple[Tensor, Tensor]:
+    """How far out pixels are read: on the sensor, to a crop's size around it; least and most (x, y), (n,2).
 
     Farther out the border pixels go on, so a wild quadrilateral of a false panel needs no larger window.
     """
     height, width = frames.grey.shape[-2:]
-    extent = frames.origin_px.new_tensor([width, height])
-    sensor = frames.origin_px.new_tensor(frames.sensor_px[::-1])
-    least = (frames.origin_px - extent).clamp(min=0)
-    return least.double(), torch.minimum(frames.origin_px + 2 * extent, sensor).double()
+    extent = origin_px.new_tensor([width, height])
+    sensor = origin_px.new_tensor(frames.sensor_px[::-1])
+    least = (origin_px - extent).clamp(min=0)
+    return least.double(), torch.minimum(origin_px + 2 * extent, sensor).double()
 
 
 def _sample(
-    takes: Sequence[Frames], homography: Tensor, x: Tensor, y: Tensor, dtype: torch.dtype
+    takes: Sequence[Frames],
+    chosen: Tensor,
+    homography: Tensor,
+    x: Tensor,
+    y: Tensor,
+    dtype: torch.dtype,
 ) -> list[Tensor]:
-    """Read frames bilinearly at cell coordinates x (w,) by y (h,), giving (B,h,w) for each take.
+    """Read n chosen frames bilinearly at cell coordinates x (w,) by y (h,), giving (n,h,w) for each take.
 
     Positions count from a whole sensor pixel beside the panel, so a crop and the full frame give the same
     values to the last bit, whatever else is in the batch; ``grid_sample`` normalises by the image's size
@@ -136,7 +141,7 @@ def _sample(
     """
     frames = takes[0]
     ends = torch.stack([ends.flatten(1) for ends in _map_cells(homography, x[[0, -1]], y[[0, -1]])], dim=1)
-    least, most = _reach(frames)
+    least, most = _reach(frames, frames.origin_px[chosen])
     lowest, highest = (torch.minimum(torch.maximum(v, least), most) for v in (ends.amin(2), ends.amax(2)))
     # Between the grid's corners and the horizon is no image, or all of it: its corners bound nothing.
     endless = _meets_horizon(homography, x, y)
@@ -147,7 +152,7 @@ def _sample(
     first, last = window - origin, torch.ceil(highest - origin)
     width, height = (int(v) + 2 for v in (last - first).amax(0).tolist())
     # Half a pixel off, so that whole numbers are pixel centres; as a product with a shift, exact in float64.
-    shift = torch.eye(3, dtype=homography.dtype, device=homography.device).repeat(len(frames), 1, 1)
+    shift = torch.eye(3, dtype=homography.dtype, device=homography.device).repeat(len(chosen), 1, 1)
     shift[:, :2, 2] = -origin - 0.5
     x_px, y_px = _map_cells((shift @ homography).to(dtype), x.to(dtype), y.to(dtype))
     first_x, first_y = first.to(dtype).view(-1, 2, 1, 1).unbind(dim=1)
@@ -160,7 +165,7 @@ def _sample(
     right_share, lower_share = x_px.sub_(left).flatten(1), y_px.sub_(top).flatten(1)
     read = []
     for take in takes:
-        grey = _cut(take, window.long(), (height, width), dtype).flatten(1)
+        grey = _cut(take, chosen, window.long(), (height, width), dtype).flatten(1)
         upper = torch.lerp(grey.gather(1, index), grey[:, 1:].gather(1, index), right_share)
         lower = torch.lerp(
             grey[:, width:].gather(1, index), grey[:, width + 1 :].gather(1, index), right_share
@@ -180,7 +185,13 @@ def _oversampling(panels: Panels, shape: PanelShape, samples: int) -> Tensor:
     return torch.round(torch.maximum(width, height) / samples).clamp(1, most).long()
 
 
-def rectify(frames: Frames, panels: Panels, shape: PanelShape, samples_per_led: int) -> Tensor:
+def rectify(
+    frames: Frames,
+    panels: Panels,
+    shape: PanelShape,
+    samples_per_led: int,
+    dtype: torch.dtype | None = None,
+) -> Tensor:
     """Resample each panel to K x K samples an LED cell, bilinearly, with one cell of margin on every side.
 
     Where a sample stands for several pixels (a near panel) it is the mean of as many bilinear readings, so
@@ -192,9 +203,10 @@ def rectify(frames: Frames, panels: Panels, shape: PanelShape, samples_per_led: 
         panels: B located panels; a panel not found is read at its zero corners and means nothing.
         shape: rows and columns.
         samples_per_led: K, at least 1.
+        dtype: working precision, float32 or float64; by default float64 for float64 frames, else float32.
 
     Returns:
-        (B,1,(R+2)K,(C+2)K) grey values, float64 where the frames are, else float32: positions need it.
+        (B,1,(R+2)K,(C+2)K) grey values; positions need float32 at least.
 
     Raises:
         VoccError: empty frames, another number of panels, or corners that are not finite.
@@ -206,11 +218,15 @@ def rectify(frames: Frames, panels: Panels, shape: PanelShape, samples_per_led: 
         >>> tuple(patches.shape), patches[0, 0, 0, :4].tolist()
         ((1, 1, 12, 12), [2.0, 3.0, 4.0, 5.0])
     """
-    return rectify_takes([frames], panels, shape, samples_per_led)[0]
+    return rectify_takes([frames], panels, shape, samples_per_led, dtype)[0]
 
 
 def rectify_takes(
-    takes: Sequence[Frames], panels: Panels, shape: PanelShape, samples_per_led: int
+    takes: Sequence[Frames],
+    panels: Panels,
+    shape: PanelShape,
+    samples_per_led: int,
+    dtype: torch.dtype | None = None,
 ) -> list[Tensor]:
     """Resample several takes of the same scenes at the same corners; where to read is worked out once.
 
@@ -219,6 +235,7 @@ def rectify_takes(
         panels: see :func:`rectify`.
         shape: rows and columns.
         samples_per_led: K, at least 1.
+        dtype: see :func:`rectify`.
 
     Returns:
         (B,1,(R+2)K,(C+2)K) for each take, as :func:`rectify` gives it.
@@ -237,7 +254,7 @@ def rectify_takes(
     factors = _oversampling(panels, shape, samples_per_led)
     grey = takes[0].grey
     size = (len(grey), 1, (shape.rows + 2) * samples_per_led, (shape.columns + 2) * samples_per_led)
-    dtype = torch.float64 if grey.dtype == torch.float64 else torch.float32
+    dtype = dtype or (torch.float64 if grey.dtype == torch.float64 else torch.float32)
     patches = [torch.empty(size, dtype=dtype, device=grey.device) for _ in takes]
     for factor in torch.unique(factors).tolist():
         fine = samples_per_led * factor
@@ -245,10 +262,7 @@ def rectify_takes(
         steps_y = torch.arange((shape.rows + 2) * fine, dtype=torch.float64, device=factors.device)
         x, y = (steps_x + 0.5) / fine - 1, (steps_y + 0.5) / fine - 1
         for rows in (factors == factor).nonzero()[:, 0].split(max(1, MOST_READINGS // (len(x) * len(y)))):
-            subset = list(takes)
-            if len(rows) < len(grey):
-                subset = [Frames(t.grey[rows], t.origin_px[rows], t.sensor_px) for t in takes]
-            for patch, read in zip(patches, _sample(subset, homography[rows], x, y, dtype), strict=True):
+            for patch, read in zip(patches, _sample(takes, rows, homography[rows], x, y, dtype), strict=True):
                 whole = read.unsqueeze(1)
                 patch[rows] = F.avg_pool2d(whole, factor) if factor > 1 else whole
     return patches

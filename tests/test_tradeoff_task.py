@@ -1,0 +1,189 @@
+"""task=tradeoff at a tiny budget: what it writes, what the words rest on, and what it refuses."""
+
+import pytest
+import yaml
+from paper_runs import files_in, rows_of, run_in
+
+from vocc_torch.reporting.tradeoff_csv import RENDERER_COLUMNS, columns
+
+SMALL = (
+    *("camera.width_px=480", "camera.height_px=272", "camera.sensor_width_mm=3.3"),
+    *("scene.offset_x_m=0", "scene.offset_y_m=0", "scene.distance_m=[uniform,50,70]"),
+)
+"""The middle of the paper's sensor: whole frames are a sixteenth of the work."""
+TINY = (
+    *SMALL,
+    *("budget.frames=24", "budget.training_frames=24", "tradeoff.repeats=1", "tradeoff.simulation.frames=1"),
+    *("tradeoff.batch_sizes=[1,24]", "device=cpu"),
+)
+CHOSEN = (
+    *("classifier=[mlp_features,panel_otsu]", "classifiers.mlp_features.training.frames=64"),
+    *("classifiers.mlp_features.training.epochs=2", "receiver.names=[average_greyscale,flda_3]"),
+    *("tradeoff.varied=[flda_3]", "tradeoff.samples_per_led=[8,4]", "tradeoff.locators=[paper,truth]"),
+)
+BASE = ("task=tradeoff", *TINY, *CHOSEN)
+SETTING = ("receiver", "locator", "samples_per_led", "gradient", "dtype")
+RECEIVERS = ("average_greyscale", "flda_3", "mlp_features", "panel_otsu")
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory):
+    """A folder for the runs of these tests."""
+    return tmp_path_factory.mktemp("tradeoff")
+
+
+@pytest.fixture(scope="module")
+def whole(place):
+    """Four receivers in this process, with a board."""
+    ran = run_in(place, *BASE, "name=whole", "workers=1")
+    assert (ran.status, ran.err) == (0, "")
+    return place / "runs" / "whole", ran.out
+
+
+def test_everything_is_written(whole):
+    folder, out = whole
+    written = {name for name in files_in(folder) if not name.startswith("tensorboard/")}
+    pictures = {"tradeoff.png", "tradeoff-crops-mixture.png"}
+    pictures |= {f"tradeoff-{frames}-far_and_dim.png" for frames in ("whole", "crops")}
+    texts = {"config.yaml", "tradeoff.csv", "renderer.csv", "recommendation.txt"}
+    assert written == texts | pictures
+    for name in pictures:
+        assert (folder / name).read_bytes().startswith(b"\x89PNG")
+    for name in ("tradeoff.png", "tradeoff.csv", "recommendation.txt", "renderer.csv"):
+        assert str(folder / name) in out
+    for told in (
+        *RECEIVERS,
+        "on the frontier",
+        "Under 1.00 ms",
+        "For a BER below",
+        "Whole frames, 480 x 272 px",
+    ):
+        assert told in out
+
+
+def test_settings_are_those_of_the_task(whole):
+    settings = yaml.safe_load((whole[0] / "config.yaml").read_text())
+    assert settings["tradeoff"]["dtypes"] == ["float32", "float64"]
+    assert settings["tradeoff"]["devices"] == ["cpu"]
+    assert list(settings["classifiers"]) == ["mlp_features", "panel_otsu"]
+
+
+def test_the_table_has_every_configuration_everywhere(whole):
+    rows = rows_of(whole[0] / "tradeoff.csv")
+    assert tuple(rows[0]) == columns(["mixture", "far_and_dim"])
+    at = {(row["frames"], row["batch"], row["device"]) for row in rows}
+    assert at == {(frames, batch, "cpu") for frames in ("whole", "crops") for batch in ("1", "24")}
+    settings = {tuple(row[name] for name in SETTING) for row in rows}
+    base = {(name, where, "8", "sobel", "float32") for name in RECEIVERS for where in ("paper", "truth")}
+    varied = {
+        ("flda_3", where, *values)
+        for where in ("paper", "truth")
+        for values in (("4", "sobel", "float32"), ("8", "central", "float32"), ("8", "sobel", "float64"))
+    }
+    assert settings == base | varied
+    assert len(rows) == 4 * len(settings)
+    for row in rows:
+        assert float(row["total_ms"]) > 0
+        assert (row["locate_ms"] == "0") == (row["locator"] == "truth")
+        assert row["mixture_test_frames"] == row["far_and_dim_test_frames"] == "24"
+
+
+def test_one_rate_a_configuration_wherever_it_is_timed(whole):
+    rows = rows_of(whole[0] / "tradeoff.csv")
+    rates = {}
+    for row in rows:
+        key = tuple(row[name] for name in SETTING)
+        rates.setdefault(key, set()).add((row["mixture_ber"], row["far_and_dim_ber"]))
+    assert all(len(different) == 1 for different in rates.values())
+
+
+def test_the_words_are_the_tables(whole):
+    folder, _ = whole
+    words = " ".join((folder / "recommendation.txt").read_text().split())
+    rows = [
+        row
+        for row in rows_of(folder / "tradeoff.csv")
+        if row["frames"] == "whole" and row["best_batch"] == "1"
+    ]
+    within = [row for row in rows if float(row["total_high_ms"]) <= 1e3 / 30]
+    assert within, "no receiver of small frames takes 33 ms"
+    best = min(within, key=lambda row: (float(row["mixture_ber"]), float(row["total_ms"])))
+    assert f"take {best['receiver']} with" in words
+    assert "24 frames of each kind of scenes" in words
+    assert "THE RENDERER" in words
+
+
+def test_the_renderers_table(whole):
+    rows = rows_of(whole[0] / "renderer.csv")
+    assert tuple(rows[0]) == RENDERER_COLUMNS
+    assert [row["knob"] for row in rows] == [
+        "none",
+        "dtype",
+        *["framing"] * 2,
+        *["kernel"] * 3,
+        *["margin"] * 4,
+    ]
+
+
+def test_the_board_has_a_run_for_each_configuration(whole):
+    runs = {path.name for path in (whole[0] / "tensorboard").iterdir()}
+    assert len(runs) == 1 + 14
+    assert {"_summary", "flda_3-truth-K4-sobel-float32"} <= runs
+
+
+def test_neither_rivals_nor_workers_change_a_rate(place, whole):
+    alone = run_in(
+        place, "task=tradeoff", *TINY, "classifier=[]", "receiver.names=[flda_3]", "tradeoff.varied=[]",
+        "tradeoff.locators=[truth]", "tradeoff.simulation.frames=0", "tradeoff.frames=[crops]", "name=alone",
+        "tensorboard=false", "workers=2",
+    )  # fmt: skip
+    assert (alone.status, alone.err) == (0, "")
+    folder = place / "runs" / "alone"
+    assert files_in(folder) == {
+        *(
+            "config.yaml",
+            "tradeoff.csv",
+            "recommendation.txt",
+            "tradeoff.png",
+            "tradeoff-crops-far_and_dim.png",
+        ),
+    }
+    name = ("flda_3", "truth", "8", "sobel", "float32")
+
+    def rate(path):
+        for row in rows_of(path):
+            if (
+                tuple(row[key] for key in ("receiver", "locator", "samples_per_led", "gradient", "dtype"))
+                == name
+            ):
+                return row["mixture_ber"], row["far_and_dim_ber"]
+        return None
+
+    assert rate(folder / "tradeoff.csv") == rate(whole[0] / "tradeoff.csv") is not None
+
+
+@pytest.mark.parametrize(
+    ("word", "said"),
+    [
+        ("tradeoff.locators=[gps]", "tradeoff.locators has 'gps': it must be of truth, paper, refined"),
+        ("tradeoff.samples_per_led=[8,1]", "tradeoff.samples_per_led has 1: it must be from 2 to 64"),
+        ("tradeoff.varied=[mlp]", "tradeoff.varied has 'mlp': it must be of average_greyscale, flda_3,"),
+        ("tradeoff.devices=[tpu]", "tradeoff.devices has 'tpu': it must be auto, cpu or cuda"),
+        ("tradeoff.batch_sizes=[]", "tradeoff.batch_sizes is empty: it must hold at least one value"),
+        ("+tradeoff.scenes.odd={distance: 5}", "tradeoff.scenes.odd.distance is not a value of a scene"),
+        ("+tradeoff.scenes.odd=5", "tradeoff.scenes.odd is 5: it must be"),
+        ("tradeoff.simulation.kernel_sigmas=[0]", "tradeoff.simulation.kernel_sigmas has 0"),
+        ("tradeoff.repeat=3", "tradeoff.repeat is not a known key: did you mean tradeoff.repeats?"),
+        ("budget.precision=0.1", "budget.precision is 0.1: it must be null for task=tradeoff"),
+        ("input=a.png", "input is 'a.png': it must be null for task=tradeoff"),
+    ],
+)
+def test_mistakes_are_told_in_one_line(place, word, said):
+    ran = run_in(place, *BASE, "name=refused", "workers=1", word)
+    assert ran.complaint.startswith(said)
+    assert not (place / "runs" / "refused").exists()
+
+
+def test_a_folder_with_results_is_refused(place, whole):
+    ran = run_in(place, *BASE, "name=whole", "workers=1")
+    assert ran.complaint.startswith(f"name: {whole[0]} already holds")

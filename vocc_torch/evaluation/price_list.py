@@ -1,0 +1,285 @@
+"""What every configuration of the receiver costs in time and gives in errors, measured on the same frames."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vocc_torch.evaluation.counts import Counts
+from vocc_torch.evaluation.frontier import Offer, beats
+from vocc_torch.evaluation.intervals import ber_interval
+from vocc_torch.evaluation.paired import DifferenceInterval, PairedCounts, paired_interval
+from vocc_torch.evaluation.tally import tallies
+from vocc_torch.evaluation.timing import quartiles
+
+STAGES = ("read", "locate", "rectify", "features", "classify")
+"""What a receiver does with a frame, in order."""
+
+BIT_DETECTION = ("rectify", "features", "classify")
+"""What comes after panel detection, whose time is the unit of the paper's Fig. 25."""
+
+Quartiles = tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """A configuration of the receiver: all that its decisions depend on.
+
+    Args:
+        receiver: what decides.
+        locator: where the corners come from.
+        samples_per_led: K.
+        gradient: the gradient's kernel.
+        dtype: working precision of rectification and features.
+
+    Example:
+        >>> Setting("flda_3", "paper", 8, "sobel", "float32").name
+        'flda_3-paper-K8-sobel-float32'
+    """
+
+    receiver: str
+    locator: str
+    samples_per_led: int
+    gradient: str
+    dtype: str
+
+    @property
+    def name(self) -> str:
+        """A name of its own, also for a folder."""
+        return f"{self.receiver}-{self.locator}-K{self.samples_per_led}-{self.gradient}-{self.dtype}"
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Where and on what was timed.
+
+    Args:
+        device: a torch device's name.
+        frames: ``whole`` frames of the sensor, or ``crops`` of the panel's surroundings.
+        batch: frames at a time.
+    """
+
+    device: str
+    frames: str
+    batch: int
+
+
+@dataclass(frozen=True, slots=True)
+class Making:
+    """What it took to make a receiver.
+
+    Args:
+        training_s: wall time of training, s, its frames' simulation included; 0 without training.
+        simulated_s: what of it went into the frames, s, where that is known.
+        frames: training frames.
+        parameters: numbers that decide, where the receiver says it.
+        size_bytes: of the trained receiver, pickled.
+    """
+
+    training_s: float = 0.0
+    simulated_s: float | None = None
+    frames: int = 0
+    parameters: int | None = None
+    size_bytes: int | None = None
+
+
+@dataclass(frozen=True)
+class Spent:
+    """Time a frame in each stage, round by round.
+
+    Args:
+        rounds_ms: ms a frame by stage, as many rounds each; a stage that the receiver does not have has 0.
+
+    Example:
+        >>> rounds = {stage: (1.0, 2.0, 3.0) for stage in STAGES}
+        >>> Spent(rounds).total, Spent(rounds).share
+        ((7.5, 10.0, 12.5), (3.0, 3.0, 3.0))
+    """
+
+    rounds_ms: Mapping[str, tuple[float, ...]]
+
+    def stage(self, name: str) -> Quartiles:
+        """Give lower quartile, median and upper quartile of a stage, ms."""
+        return quartiles(self.rounds_ms[name])
+
+    @property
+    def total(self) -> Quartiles:
+        """Quartiles of the whole time, ms: the stages are added round by round."""
+        return quartiles(self._sum(STAGES))
+
+    @property
+    def share(self) -> Quartiles | None:
+        """Quartiles of bit detection's time over panel detection's (Fig. 25); None without the latter."""
+        panel = np.array(self.rounds_ms["locate"])
+        return quartiles(self._sum(BIT_DETECTION) / panel) if (panel > 0).all() else None
+
+    def _sum(self, stages: Sequence[str]) -> NDArray[np.float64]:
+        """Add stages round by round."""
+        total: NDArray[np.float64] = np.sum([self.rounds_ms[stage] for stage in stages], axis=0)
+        return total
+
+
+@dataclass(frozen=True)
+class FrameErrors:
+    """What every setting got wrong in each frame of one kind of scenes.
+
+    Args:
+        half_errors: (L,N) wrong bits, times two, by setting and frame.
+        found: (L,N) whether the panel was found.
+        leds: bits in a frame.
+    """
+
+    half_errors: NDArray[np.int64]
+    found: NDArray[np.bool_]
+    leds: int
+
+    @cached_property
+    def tallied(self) -> tuple[list[Counts], dict[tuple[int, int], PairedCounts]]:
+        """Counts of each, and of every two."""
+        return tallies(self.half_errors, self.leds, self.found)
+
+
+@dataclass(frozen=True)
+class PriceList:
+    """All that was measured.
+
+    Args:
+        settings: the configurations, in the order of the results.
+        making: what each took to make.
+        errors: by kind of scenes, in the order of the settings.
+        spent: times of each, by place.
+        end_to_end: where it was measured too, time of a receiver in one go over the sum of its stages.
+        machines: what was measured on, by device.
+        error_device: where errors were counted.
+        threads: threads that torch used within an operation while times were taken.
+        waited_share: share of that time in which other work had the processor, 0 to 1.
+        sensor_px: height and width of a whole frame.
+        crop_px: height and width of a crop.
+        scene: name of the scenes.
+    """
+
+    settings: tuple[Setting, ...]
+    making: Mapping[Setting, Making]
+    errors: Mapping[str, FrameErrors]
+    spent: Mapping[tuple[Setting, Place], Spent]
+    end_to_end: Mapping[Place, float]
+    machines: Mapping[str, str]
+    error_device: str
+    threads: int
+    waited_share: float
+    sensor_px: tuple[int, int]
+    crop_px: tuple[int, int]
+    scene: str = ""
+
+    @property
+    def places(self) -> tuple[Place, ...]:
+        """Where was timed, in order."""
+        return tuple(dict.fromkeys(place for _, place in self.spent))
+
+    @property
+    def kinds(self) -> tuple[tuple[str, str], ...]:
+        """Devices with kinds of frames, in order."""
+        return tuple(dict.fromkeys((place.device, place.frames) for place in self.places))
+
+    def batches(self, device: str, frames: str) -> tuple[int, ...]:
+        """Batch sizes that were timed, ascending."""
+        return tuple(sorted(one.batch for one in self.places if (one.device, one.frames) == (device, frames)))
+
+    def counts(self, scenes: str) -> dict[Setting, Counts]:
+        """Errors of each setting."""
+        return dict(zip(self.settings, self.errors[scenes].tallied[0], strict=True))
+
+    def best_place(self, setting: Setting, device: str, frames: str) -> Place:
+        """Where a setting has its highest throughput."""
+        places = [Place(device, frames, batch) for batch in self.batches(device, frames)]
+        return min(places, key=lambda place: self.spent[setting, place].total[1])
+
+    def offer(self, setting: Setting, scenes: str, place: Place) -> Offer:
+        """Give what a setting costs at a place, and its rate with the 95 % interval.
+
+        Without errors, a wrong frame is taken to have as many wrong bits as in the other kinds of scenes.
+        """
+        low, median, high = self.spent[setting, place].total
+        counts = self.counts(scenes)[setting]
+        every = sum((self.counts(name)[setting] for name in self.errors), Counts())
+        typical = max(1.0, every.bit_errors / max(1, every.frame_errors))
+        interval = ber_interval(counts, errors_per_frame_error=typical)
+        return Offer(setting.name, low, median, high, counts.ber, interval.low, interval.high)
+
+    def offers(self, scenes: str, device: str, frames: str, batch: int | None = None) -> list[Offer]:
+        """Give every setting's offer with batches of a size, or with its own best one."""
+        places = (
+            self.best_place(one, device, frames) if batch is None else Place(device, frames, batch)
+            for one in self.settings
+        )
+        return [self.offer(one, scenes, place) for one, place in zip(self.settings, places, strict=True)]
+
+    def compared(self, scenes: str, a: int, b: int) -> DifferenceInterval:
+        """Compare two settings' rates on the same frames, by their places in the list: that of a less b's."""
+        pairs = self.errors[scenes].tallied[1]
+        paired = pairs[a, b] if a < b else pairs[b, a].swapped()
+        return paired_interval(paired)
+
+    def beaten_by(self, scenes: str, offers: Sequence[Offer]) -> list[tuple[str, bool]]:
+        """Say for each offer, in the order of the settings, which one beats it, and whether that is sure.
+
+        Args:
+            scenes: the kind of scenes.
+            offers: as :meth:`offers` gives them.
+
+        Returns:
+            The name of the most accurate one that beats it, preferring one for which it is sure; empty where
+            none does. Sure: the paired 95 % interval of the rates leaves out 0 and the quartiles of the times
+            do not meet.
+        """
+        said = []
+        for own, offer in enumerate(offers):
+            rivals = [i for i, other in enumerate(offers) if beats(other, offer)]
+            sure = [
+                i
+                for i in rivals
+                if offers[i].high_ms < offer.low_ms and self.compared(scenes, own, i).low > 0
+            ]
+            best = min(sure or rivals, key=lambda i: (offers[i].ber, offers[i].median_ms), default=None)
+            said.append(("", False) if best is None else (offers[best].name, bool(sure)))
+        return said
+
+    def alike(self, scenes: str, own: int) -> list[int]:
+        """Give the other settings that these frames do not tell apart from one in their rate."""
+        others = (i for i in range(len(self.settings)) if i != own)
+        return [i for i in others if not self.compared(scenes, own, i).real]
+
+
+@dataclass(frozen=True, slots=True)
+class KnobSetting:
+    """What one setting of the renderer's knobs costs and how near it comes to the reference.
+
+    Args:
+        knob: which knob is turned; ``none`` for the settings as they are.
+        value: where it stands.
+        cost_ms: quartiles of the time a frame, ms.
+        rounds: timed rounds.
+        frames_a_call: frames rendered in a timed call.
+        worst_dn: greatest error of a grey value in the frames, digital numbers, before quantisation.
+        rms_dn: root mean square of the errors about the panel, digital numbers.
+        changed: share of the pixels about the panel whose 8-bit value differs.
+    """
+
+    knob: str
+    value: str
+    cost_ms: Quartiles
+    rounds: int
+    frames_a_call: int
+    worst_dn: float
+    rms_dn: float
+    changed: float
+
+    @property
+    def exact(self) -> bool:
+        """Whether no difference can be seen in float64's own rounding."""
+        return math.isclose(self.worst_dn, 0.0, abs_tol=1e-9)

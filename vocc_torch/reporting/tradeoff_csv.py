@@ -1,0 +1,144 @@
+"""``tradeoff.csv`` and ``renderer.csv``: what receivers, and the renderer's knobs, cost and give."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from vocc_torch.evaluation.frontier import frontier
+from vocc_torch.evaluation.price_list import STAGES, KnobSetting, Place, PriceList, Quartiles, Setting
+from vocc_torch.reporting.csv_file import cell_text, write_lines
+
+_Cell = str | int | float
+
+_PARTS = ("", "low_", "high_")
+_SETTING = ("receiver", "locator", "samples_per_led", "gradient", "dtype")
+_PLACE = ("device", "frames", "batch", "rounds", "best_batch")
+_TIMES = tuple(f"{what}_{part}ms" for what in ("total", *STAGES) for part in _PARTS)
+_SHARES = tuple(f"share_of_detection{part and '_' + part.rstrip('_')}" for part in _PARTS)
+_RATES = (
+    *("test_frames", "bit_errors", "frame_errors", "panels_missed", "ber", "ber_low", "ber_high"),
+    *("frontier", "beaten_by", "surely_beaten", "frontier_of_best_batches"),
+)
+_MAKING = ("training_s", "training_simulated_s", "training_frames", "parameters", "size_bytes")
+_FACTS = ("error_device", "end_to_end", "threads", "waited_share", "machine")
+
+RENDERER_COLUMNS = (
+    *("knob", "value", "median_ms", "low_ms", "high_ms", "rounds", "frames_a_call"),
+    *("worst_error_dn", "rms_error_dn", "pixels_changed", "threads", "machine"),
+)
+"""Columns of ``renderer.csv``. Errors are those of grey values against frames rendered whole in float64, in
+digital numbers before quantisation: the worst on the sensor, and the root mean square about the panel;
+``pixels_changed`` is the share of pixels there whose 8-bit value differs."""
+
+
+def columns(scenes: Sequence[str]) -> tuple[str, ...]:
+    """Name the columns of ``tradeoff.csv``, some of them for each kind of scenes.
+
+    Times are ms a frame, medians over the rounds with lower and upper quartile. ``share_of_detection`` is bit
+    detection's time over panel detection's, as in the paper's Fig. 25. ``frontier`` compares receivers with
+    the same batch size, ``frontier_of_best_batches`` each with its own best one; ``surely_beaten`` marks
+    those that are slower and worse than ``beaten_by`` beyond quartiles and the paired 95 % interval.
+    ``end_to_end`` is the time of a receiver in one go over the sum of its stages.
+
+    Example:
+        >>> "mixture_ber_high" in columns(["mixture"])
+        True
+    """
+    rates = tuple(f"{name}_{what}" for name in scenes for what in _RATES)
+    return (*_SETTING, *_PLACE, *_TIMES, "frames_per_s", *_SHARES, *rates, *_MAKING, *_FACTS)
+
+
+def write_prices(path: str | Path, prices: PriceList) -> None:
+    """Write a line for each setting and place.
+
+    Args:
+        path: the file, replaced whole.
+        prices: the price list.
+
+    Raises:
+        VoccError: the file cannot be written.
+    """
+    lines = ([cell_text(cell) for cell in line] for line in _lines(prices))
+    write_lines(path, columns(list(prices.errors)), lines)
+
+
+def write_renderer(path: str | Path, knobs: Sequence[KnobSetting], threads: int, machine: str) -> None:
+    """Write a line for each setting of the renderer's knobs.
+
+    Args:
+        path: the file, replaced whole.
+        knobs: the settings.
+        threads: threads within an operation.
+        machine: what was measured on.
+
+    Raises:
+        VoccError: the file cannot be written.
+    """
+    lines: list[list[_Cell]] = []
+    for one in knobs:
+        cost: list[_Cell] = [*_three(one.cost_ms), one.rounds, one.frames_a_call]
+        errors: list[_Cell] = [_short(one.worst_dn), _short(one.rms_dn), _short(one.changed)]
+        lines.append([one.knob, one.value, *cost, *errors, threads, machine])
+    write_lines(path, RENDERER_COLUMNS, ([cell_text(cell) for cell in line] for line in lines))
+
+
+def _lines(prices: PriceList) -> Iterator[list[_Cell]]:
+    """Give the lines of ``tradeoff.csv``."""
+    best = {
+        (setting, device, frames): prices.best_place(setting, device, frames)
+        for setting in prices.settings
+        for device, frames in prices.kinds
+    }
+    for place in prices.places:
+        rates = [list(_rates(prices, scenes, place)) for scenes in prices.errors]
+        for row, setting in enumerate(prices.settings):
+            spent = prices.spent[setting, place]
+            is_best = best[setting, place.device, place.frames] == place
+            about: list[_Cell] = [getattr(setting, name) for name in _SETTING]
+            about += [place.device, place.frames, place.batch, len(spent.rounds_ms["read"]), int(is_best)]
+            times = [_three(spent.total), *(_three(spent.stage(stage)) for stage in STAGES)]
+            share = ["", "", ""] if spent.share is None else _three(spent.share)
+            speed = _short(1e3 / spent.total[1])
+            errors = [cell for kind in rates for cell in (kind[row] if is_best else [*kind[row][:-1], ""])]
+            facts = [prices.error_device, _short(prices.end_to_end[place]), prices.threads]
+            yield [
+                *about,
+                *(cell for three in times for cell in three),
+                *(speed, *share, *errors, *_making(prices, setting), *facts),
+                *(round(prices.waited_share, 4), prices.machines[place.device]),
+            ]
+
+
+def _rates(prices: PriceList, scenes: str, place: Place) -> Iterator[list[_Cell]]:
+    """Give the cells of one kind of scenes for every setting."""
+    alike = prices.offers(scenes, place.device, place.frames, place.batch)
+    kept = {one.name for one in frontier(alike)}
+    best = {one.name for one in frontier(prices.offers(scenes, place.device, place.frames))}
+    beaten = prices.beaten_by(scenes, alike)
+    for setting, offer, (rival, sure) in zip(prices.settings, alike, beaten, strict=True):
+        counts = prices.counts(scenes)[setting]
+        yield [
+            *(counts.frames, counts.bit_errors, counts.frame_errors, counts.panels_missed),
+            *(_short(offer.ber), _short(offer.ber_low), _short(offer.ber_high)),
+            *(int(offer.name in kept), rival, int(sure), int(offer.name in best)),
+        ]
+
+
+def _making(prices: PriceList, setting: Setting) -> list[_Cell]:
+    """Give what a receiver took to make; blank where it is not known."""
+    made = prices.making[setting]
+    simulated = "" if made.simulated_s is None else _short(made.simulated_s)
+    numbers = ("" if value is None else value for value in (made.parameters, made.size_bytes))
+    return [_short(made.training_s), simulated, made.frames, *numbers]
+
+
+def _three(quartiles: Quartiles) -> list[_Cell]:
+    """Give median, lower and upper quartile."""
+    low, median, high = quartiles
+    return [_short(median), _short(low), _short(high)]
+
+
+def _short(value: float) -> float:
+    """Keep five digits: no time has more, and no rate."""
+    return float(f"{value:.5g}")

@@ -1,0 +1,51 @@
+"""The price list of receivers: trained, counted on the same frames, and timed when nothing else runs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from vocc_torch.evaluation.price_list import PriceList
+from vocc_torch.studies.plan import resolve_device
+from vocc_torch.studies.tradeoff.errors import count_errors
+from vocc_torch.studies.tradeoff.plan import TradeoffStudy, trained_alike
+from vocc_torch.studies.tradeoff.times import measure_times
+from vocc_torch.studies.tradeoff.training import chains, train_receivers
+from vocc_torch.studies.workers import Workers, worker_losses_told
+
+Told = Callable[[str], None]
+"""Hears what is begun."""
+
+
+def price_receivers(study: TradeoffStudy, workers: Workers, told: Told = lambda stage: None) -> PriceList:
+    """Train every receiver, count errors, and take times once the workers have ended.
+
+    Args:
+        study: the study.
+        workers: who trains and counts.
+        told: hears what is begun.
+
+    Raises:
+        VoccError: what training refuses, or a worker that was ended from outside.
+    """
+    with worker_losses_told(), workers:
+        told("training")
+        made = train_receivers(study, workers)
+        receivers = chains(study, made)
+        told("bit errors")
+        errors = count_errors(study, receivers, workers)
+    told("times")
+    times = measure_times(study, receivers)
+    return PriceList(
+        settings=study.settings,
+        making={setting: made[trained_alike(setting)].making for setting in study.settings},
+        errors=errors,
+        spent=times.spent,
+        end_to_end=times.end_to_end,
+        machines=times.machines,
+        error_device=str(resolve_device(study.plan.world.device)),
+        threads=times.threads,
+        waited_share=times.waited_share,
+        sensor_px=study.plan.world.camera.sensor_px,
+        crop_px=times.crop_px,
+        scene=study.scene_name,
+    )
