@@ -180,7 +180,10 @@ MISTAKES = {
         ["experiment=ambeint"],
         ["experiment is 'ambeint'", "ambient, contrast, dimming, distance"],
     ),
-    "unknown task": (["task=tset"], ["task is 'tset'", "collect, decode, effects, figures, test, train"]),
+    "unknown task": (
+        ["task=tset"],
+        ["task is 'tset'", "collect, decode, effects, figures, test, tradeoff, train"],
+    ),
     "unknown scene": (["scene=moon"], ["scene is 'moon'", "paper"]),
     "misspelled key": (["sede=1"], ["sede is not a known key", "did you mean seed?"]),
     "misspelled nested key": (["camera.gama=2"], ["camera.gama", "did you mean camera.gamma?"]),
@@ -666,11 +669,19 @@ def composed(*overrides):
 
 
 SHIPPED = sorted(f"{path.parent.name}={path.stem}" for path in (ROOT / "conf").glob("*/*.yaml"))
+OF_TEMPLATES = {
+    "classifier=own": (
+        f"classifiers.own.file={ROOT / 'examples/classifiers/nearest_mean.py'}",
+        "classifiers.own.build._target_=NearestMean",
+    ),
+    "classifier=sklearn": ("classifiers.sklearn.build._target_=sklearn.naive_bayes.GaussianNB",),
+}
+"""What a user adds to the options that name no class."""
 
 
 @pytest.mark.parametrize("option", SHIPPED)
 def test_every_shipped_option_is_accepted(option, tmp_path):
-    plan = build_plan(composed(option), tmp_path)
+    plan = build_plan(composed(option, *OF_TEMPLATES.get(option, ())), tmp_path)
     plan.world.simulator()
 
 

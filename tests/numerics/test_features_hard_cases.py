@@ -365,8 +365,8 @@ def means_that_are_no_grey_values():
     "float16 or bfloat16 have",
     Breakage(
         FILES + "rectification.py",
-        "dtype = torch.float64 if grey.dtype == torch.float64 else torch.float32",
-        "dtype = grey.dtype if grey.is_floating_point() else torch.float32",
+        "dtype = dtype or (torch.float64 if grey.dtype == torch.float64 else torch.float32)",
+        "dtype = dtype or (grey.dtype if grey.is_floating_point() else torch.float32)",
     ),
 )
 def frames_of_half_precision():

@@ -205,8 +205,8 @@ def receiver_in_float32():
     "half a pixel",
     Breakage(
         "vocc_torch/receiver/rectification.py",
-        "dtype = torch.float64 if grey.dtype == torch.float64 else torch.float32",
-        "dtype = grey.dtype if grey.is_floating_point() else torch.float32",
+        "dtype = dtype or (torch.float64 if grey.dtype == torch.float64 else torch.float32)",
+        "dtype = dtype or (grey.dtype if grey.is_floating_point() else torch.float32)",
     ),
 )
 def frames_of_half_precision():

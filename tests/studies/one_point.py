@@ -1,14 +1,20 @@
 """One point of a plan, counted in this process on a link of the test's own."""
 
 from vocc_torch.evaluation.schedule import run_point
+from vocc_torch.receiver.bank import ReceiverBank
 from vocc_torch.studies.counter import PointJob
 from vocc_torch.studies.sweep import points_of, stop_rule
+
+
+def banks(plan, fldas):
+    """The plan's receivers with each locator's training."""
+    return {name: ReceiverBank(plan.receiver.names, flda) for name, flda in fldas.items()}
 
 
 def counter(plan, link, flda, value):
     """What counts the blocks of a point; the link's own locator stands in for the plan's."""
     locator = plan.receiver.locator
-    made = PointJob(plan, (locator,), {locator: flda}, value).counter(link)
+    made = PointJob(plan, (locator,), banks(plan, {locator: flda}), value).counter(link)
     made.finders[locator] = link.locator
     return made
 

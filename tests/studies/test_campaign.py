@@ -5,6 +5,7 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
+from one_point import banks
 
 from vocc_torch.errors import VoccError
 from vocc_torch.evaluation.counts import Counts
@@ -62,7 +63,7 @@ def whole(plans, tmp_path_factory):
 def alone(plan, locator):
     """The path of task=test: one locator, one experiment."""
     own = replace(plan, receiver=replace(plan.receiver, locator=locator))
-    sweep = Sweep(own, (locator,), {locator: train(own).flda})
+    sweep = Sweep(own, (locator,), banks(own, {locator: train(own).flda}))
     with Workers(1) as workers:
         outcomes = {value: outcome for _, value, outcome in run_sweeps([sweep], workers)}
     return measured(own, [locator], outcomes).curves[locator]

@@ -4,7 +4,7 @@ import dataclasses
 import pickle
 
 import pytest
-from one_point import counter
+from one_point import banks, counter
 
 from vocc_torch.evaluation.counts import Counts
 from vocc_torch.evaluation.montecarlo import Outcome, Part
@@ -42,7 +42,7 @@ def fldas(plan):
 @pytest.fixture(scope="module")
 def together(plan, fldas):
     """Both locators in one pass, block by block."""
-    return PointJob(plan, LOCATORS, fldas, 600.0)(PARTS)
+    return PointJob(plan, LOCATORS, banks(plan, fldas), 600.0)(PARTS)
 
 
 def at(plan, locator, names=None):
@@ -77,7 +77,7 @@ def test_training_with_two_locators_is_training_with_each(plan, fldas):
 def test_two_locators_in_one_pass_count_what_each_alone_counts(plan, fldas, together):
     """Tallies of receivers and of their pairs; and the two locators do not see the same panels."""
     for locator in LOCATORS:
-        alone = PointJob(at(plan, locator), (locator,), {locator: fldas[locator]}, 600.0)(PARTS)
+        alone = PointJob(at(plan, locator), (locator,), banks(plan, {locator: fldas[locator]}), 600.0)(PARTS)
         for block, mine in zip(together, alone, strict=True):
             assert {label: one for label, one in block.items() if label[0] == locator} == mine
     located, true = together[0]["paper", "flda_3", 0], together[0]["truth", "flda_3", 0]
@@ -86,7 +86,7 @@ def test_two_locators_in_one_pass_count_what_each_alone_counts(plan, fldas, toge
 
 
 def test_order_of_locators_changes_nothing(plan, fldas, together):
-    assert PointJob(plan, LOCATORS[::-1], fldas, 600.0)(PARTS) == together
+    assert PointJob(plan, LOCATORS[::-1], banks(plan, fldas), 600.0)(PARTS) == together
 
 
 def test_location_pairs_are_the_differences_of_the_two_counts(plan, together):
@@ -122,7 +122,8 @@ def test_pairs_of_receivers_are_the_differences_of_their_counts(plan, together):
 def test_pairs_are_those_of_frames_one_by_one(plan, fldas):
     """A part of one frame after another: squares of the differences, and who was worse, by hand."""
     names = ("average_greyscale", "flda_3")
-    count = PointJob(at(plan, "paper", names), LOCATORS, fldas, 600.0).counter(Link.of(plan))
+    two = at(plan, "paper", names)
+    count = PointJob(two, LOCATORS, banks(two, fldas), 600.0).counter(Link.of(plan))
     whole, totals = count([Part(0, 24)])[0], [count([Part(0, frames)])[0] for frames in range(1, 25)]
     for label in (("paper", *names, 0), ("truth", *names, 0), ("flda_3", 0)):
         sides = {3: [], 1: []}
@@ -157,7 +158,7 @@ def positive(values):
 
 @pytest.mark.parametrize("locators", [("truth",), ("paper",)])
 def test_one_locator_has_no_location_pairs(plan, fldas, locators):
-    (block,) = PointJob(plan, locators, fldas, 600.0)([Part(0, 10)])
+    (block,) = PointJob(plan, locators, banks(plan, fldas), 600.0)([Part(0, 10)])
     assert all(label[0] in locators for label in block)
 
 
@@ -165,11 +166,11 @@ def test_groups_keep_their_pairs_apart(make_plan, fldas):
     """In the contrast experiment every tally is a bin's own, and bins add up to what they split."""
     edges = (0.0, 0.1, 0.2, 0.6)
     plan = make_plan(experiment=Experiment("c", "contrast", edges), frames=20, names=("flda_2", "flda_3"))
-    (block,) = PointJob(plan, LOCATORS, fldas, 0.0)([Part(0, 60)])
+    (block,) = PointJob(plan, LOCATORS, banks(plan, fldas), 0.0)([Part(0, 60)])
     groups = {label[-1] for label in block}
     assert len(groups) >= 2
     one_bin = dataclasses.replace(plan, experiment=dataclasses.replace(plan.experiment, values=(0.0, 0.6)))
-    (whole,) = PointJob(one_bin, LOCATORS, fldas, 0.0)([Part(0, 60)])
+    (whole,) = PointJob(one_bin, LOCATORS, banks(plan, fldas), 0.0)([Part(0, 60)])
     for label, total in whole.items():
         parts = [block[*label[:-1], group] for group in groups]
         assert sum(parts, type(total)()) == total
@@ -177,7 +178,7 @@ def test_groups_keep_their_pairs_apart(make_plan, fldas):
 
 
 def test_a_job_counts_the_same_after_a_journey_to_another_process(plan, fldas):
-    job = PointJob(plan, LOCATORS, fldas, 600.0)
+    job = PointJob(plan, LOCATORS, banks(plan, fldas), 600.0)
     copy = pickle.loads(pickle.dumps(job))
     assert copy.point == job.point
     assert copy([Part(3, 20)]) == job([Part(3, 20)])
@@ -190,7 +191,8 @@ def test_a_job_counts_the_same_after_a_journey_to_another_process(plan, fldas):
 def whole(plan, fldas):
     with Workers(1) as workers:
         outcomes = {
-            value: outcome for _, value, outcome in run_sweeps([Sweep(plan, LOCATORS, fldas)], workers)
+            value: outcome
+            for _, value, outcome in run_sweeps([Sweep(plan, LOCATORS, banks(plan, fldas))], workers)
         }
     return measured(plan, LOCATORS, outcomes)
 
@@ -213,7 +215,7 @@ def test_a_sweep_puts_every_tally_in_its_place(plan, whole, together):
 
 def test_a_sweep_of_one_locator_is_the_same_as_its_part_of_a_sweep_of_two(plan, fldas, whole):
     with Workers(1) as workers:
-        sweep = Sweep(plan, ("truth",), {"truth": fldas["truth"]})
+        sweep = Sweep(plan, ("truth",), banks(plan, {"truth": fldas["truth"]}))
         outcomes = {value: outcome for _, value, outcome in run_sweeps([sweep], workers)}
     alone = measured(plan, ["truth"], outcomes)
     assert alone.curves == {"truth": whole.curves["truth"]}
@@ -247,5 +249,5 @@ def test_the_plans_own_locator_counts_as_the_links(plan, fldas):
     """The helper of the other tests counts what a job counts."""
     own = at(plan, "paper")
     assert counter(own, Link.of(own), fldas["paper"], 600.0)([Part(0, 16)]) == PointJob(
-        own, ("paper",), {"paper": fldas["paper"]}, 600.0
+        own, ("paper",), banks(own, {"paper": fldas["paper"]}), 600.0
     )([Part(0, 16)])

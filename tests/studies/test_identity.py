@@ -18,6 +18,7 @@ from vocc_torch.simulation.simulator import PAPER_EFFECTS
 from vocc_torch.studies import identity as identity_module
 from vocc_torch.studies.identity import identity
 from vocc_torch.studies.plan import Budget, Experiment, Plan, ReceiverPlan, World
+from vocc_torch.studies.plug_in import ClassifierPlan
 from vocc_torch.types import PanelShape
 
 TARGET = "budget.target_frame_errors"
@@ -79,6 +80,7 @@ DEPENDS = {
     "receiver.reader.shape": SMALL,
     "receiver.reader.samples_per_led": 6,
     "receiver.reader.gradient": "central",
+    "receiver.classifiers": (ClassifierPlan("own", {"_target_": "mine.Own"}),),
     "experiment.name": "another",
     "experiment.axis": "led_luminance_cd_m2",
     "experiment.scene": {"distance_m": NEAR},

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 import torch
+from one_point import banks
 
 from vocc_torch.errors import VoccError
 from vocc_torch.evaluation.curves import Measured
@@ -38,7 +39,7 @@ def sweeps(make_plan):
         batch_frames=16,
     )
     fldas = {name: training.flda for name, training in train_each(stopping, LOCATORS).items()}
-    return [Sweep(plan, LOCATORS, fldas) for plan in (stopping, spending)]
+    return [Sweep(plan, LOCATORS, banks(plan, fldas)) for plan in (stopping, spending)]
 
 
 def results(sweeps, workers, progress=None):
