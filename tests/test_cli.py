@@ -273,6 +273,10 @@ MISTAKES = {
         ["camera.iso_limits=[200,100]"],
         ["camera.iso_limits is [200.0, 100.0]", "low <= high"],
     ),
+    "a negative edge of contrast": (
+        ["experiment=contrast", "experiment.values=[-1,0,0.4]"],
+        ["experiment.values has -1", "contrast", "at least 0"],
+    ),
     "values in disorder": (["experiment.values=[2,1]"], ["experiment.values is [2.0, 1.0]", "ascending"]),
     "no values": (["experiment.values=[]"], ["experiment.values is []", "at least 1"]),
     "one edge": (

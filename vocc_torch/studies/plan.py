@@ -177,6 +177,10 @@ class Experiment:
         if len(self.values) < least or not ascending or not all(map(math.isfinite, self.values)):
             rule = f"finite numbers in ascending order, at least {least} of them"
             raise VoccError(f"experiment.values is {list(self.values)}: it must be {rule}")
+        if self.axis == "contrast" and self.values[0] < 0:
+            raise VoccError(
+                f"experiment.values has {self.values[0]:g}: contrast, (G_on - G_off) / 255, is at least 0"
+            )
 
     @property
     def bins(self) -> int:

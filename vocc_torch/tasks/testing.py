@@ -161,6 +161,9 @@ def _print_left_out(console: Console, plan: Plan, table: BerTable) -> None:
     if plan.experiment.axis == "contrast" and whole and counted < drawn:
         text = f"{drawn - counted} of {drawn} frames have a contrast outside the bins and are not counted"
         console.print(text, soft_wrap=True, highlight=False)
+    if empty := [f"{value:g}" for value in axis_values(plan.experiment) if value not in table.values]:
+        text = f"no frame fell into the bins about {', '.join(empty)}: they are not in the results"
+        console.print(text, soft_wrap=True, highlight=False)
 
 
 def _print_compared(console: Console, plan: Plan, curves: Curves) -> None:
