@@ -2,7 +2,17 @@
 
 import numpy as np
 
-from vocc_torch.evaluation.price_list import STAGES, FrameErrors, Making, Place, PriceList, Setting, Spent
+from vocc_torch.evaluation.counts import Counts
+from vocc_torch.evaluation.price_list import (
+    STAGES,
+    FrameErrors,
+    Making,
+    Mark,
+    Place,
+    PriceList,
+    Setting,
+    Spent,
+)
 
 LEDS = 64
 FRAMES = 1000
@@ -30,7 +40,7 @@ def spent(total_ms, rounds=5):
     """Times about a median, two thirds of them for locating; reading takes nothing."""
     steps = 1 + 0.02 * (np.arange(rounds) - rounds // 2)
     shares = {"read": 0.0, "locate": 2 / 3, "rectify": 0.1, "features": 0.15, "classify": 0.25 / 3}
-    return Spent({stage: tuple((shares[stage] * total_ms * steps).tolist()) for stage in STAGES})
+    return Spent({stage: tuple((shares.get(stage, 0.0) * total_ms * steps).tolist()) for stage in STAGES})
 
 
 def errors(wrong=BIT_ERRORS, frames=FRAMES):
@@ -39,6 +49,13 @@ def errors(wrong=BIT_ERRORS, frames=FRAMES):
     for row, count in enumerate(wrong):
         half[row, :count] = 2
     return FrameErrors(half, np.ones_like(half, dtype=bool), LEDS)
+
+
+MARKS = {
+    "mixture": Mark(Counts(500, 500 * LEDS, 0, 0, 0, 0), 500, 0.03),
+    "far": Mark(Counts(500, 500 * LEDS, 20, 40, 10, 0), 490, 0.04),
+}
+"""No error in the mixture, a wrong bit in each of 10 frames far away."""
 
 
 def made_up_prices(settings=SETTINGS, wrong=BIT_ERRORS, alone_ms=ALONE_MS, **changes):

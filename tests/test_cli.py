@@ -178,11 +178,11 @@ def test_every_experiment_runs(app, tmp_path, experiment):
 MISTAKES = {
     "unknown experiment": (
         ["experiment=ambeint"],
-        ["experiment is 'ambeint'", "ambient, contrast, dimming, distance"],
+        ["experiment is 'ambeint'", "ambient, classifiers, contrast, dimming, distance"],
     ),
     "unknown task": (
         ["task=tset"],
-        ["task is 'tset'", "collect, decode, effects, figures, test, tradeoff, train"],
+        ["task is 'tset'", "classifiers, collect, decode, effects, figures, test, tradeoff, train"],
     ),
     "unknown scene": (["scene=moon"], ["scene is 'moon'", "paper"]),
     "misspelled key": (["sede=1"], ["sede is not a known key", "did you mean seed?"]),

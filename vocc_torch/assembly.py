@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 
 import torch
 
-from vocc_torch.config import AppConfig, ClassifierConfig, ExperimentConfig, effect_settings
+from vocc_torch.config import AppConfig, ClassifierConfig, ExperimentConfig, SceneConfig, effect_settings
 from vocc_torch.errors import VoccError
 from vocc_torch.receiver.bank import RECEIVER_NAMES
 from vocc_torch.receiver.classifiers.inputs import Inputs
@@ -32,6 +32,7 @@ from vocc_torch.studies.plan import (
     resolve_device,
 )
 from vocc_torch.studies.plug_in import ClassifierPlan
+from vocc_torch.studies.rivals import RivalStudy
 from vocc_torch.studies.tradeoff import RendererKnobs, TradeoffStudy
 from vocc_torch.types import PanelShape
 
@@ -251,6 +252,7 @@ def build_tradeoff_study(settings: AppConfig, folder: Path) -> TradeoffStudy:
             raise VoccError(f"tradeoff.scenes.{name} is {scene!r}: it must be a word with values of scenes")
         scenes[name] = parsed_scene(scene, f"tradeoff.scenes.{name}")
     knobs = config.simulation
+    devices, missing = _devices(config.devices)
     return TradeoffStudy(
         # All frames are of the study's own scenes: no experiment narrows them.
         replace(plan, experiment=Experiment("tradeoff", "distance_m", (plan.world.scene.nearest_m,))),
@@ -260,15 +262,58 @@ def build_tradeoff_study(settings: AppConfig, folder: Path) -> TradeoffStudy:
         dtypes=_once(config.dtypes),
         varied=_once(config.varied),
         combine=config.combine,  # type: ignore[arg-type]  # likewise
-        devices=_once([_device(name) for name in config.devices]),
+        devices=devices,
         batch_sizes=tuple(sorted(_once(config.batch_sizes))),
         frames=_once(config.frames),  # type: ignore[arg-type]  # likewise
         repeats=config.repeats,
         threads=config.threads,
         scenes=scenes,
-        knobs=RendererKnobs(knobs.frames, tuple(knobs.kernel_sigmas), tuple(knobs.margins_px)),
+        knobs=RendererKnobs(
+            knobs.frames, tuple(knobs.kernel_sigmas), tuple(knobs.margins_px), _once(knobs.supersampling)
+        ),
         scene_name=settings.scene.name,
+        frames_a_preamble=config.frames_a_preamble,
+        genie_frames=config.genie_frames,
+        missing=missing,
     )
+
+
+def build_rival_study(settings: AppConfig, folder: Path) -> RivalStudy:
+    """Build the study that ``task=classifiers`` makes.
+
+    Raises:
+        VoccError: a value outside its range, named by its key.
+    """
+    plan, config = build_plan(settings, folder), settings.rivals
+    plans = {}
+    for name, one in config.experiments.items():
+        section = f"rivals.experiments.{name}"
+        if one.row_axis is not None:
+            raise VoccError(f"{section} is a grid over {one.row_axis}: it must have one axis")
+        plans[name] = replace(plan, experiment=_experiment(one, section))
+    return RivalStudy(
+        plans,
+        reference=config.reference,
+        points=config.points,
+        genie_frames=config.genie_frames,
+        home=settings.scene.name,
+        # The scene of the experiments may be among the shipped ones or not.
+        scenes={
+            name: _abroad(settings, scene, name, folder)
+            for name, scene in config.scenes.items()
+            if name != settings.scene.name
+        },
+        scene_frames=config.scene_frames,
+        scene_training_frames=config.scene_training_frames,
+    )
+
+
+def _abroad(settings: AppConfig, scene: SceneConfig, name: str, folder: Path) -> Plan:
+    """The plan of another scene; its refusals name the scene's own key."""
+    try:
+        return build_plan(replace(settings, scene=scene), folder)
+    except VoccError as error:
+        raise VoccError(str(error).replace("scene.", f"rivals.scenes.{name}.", 1)) from None
 
 
 def _once(values: Sequence[T]) -> tuple[T, ...]:
@@ -276,9 +321,20 @@ def _once(values: Sequence[T]) -> tuple[T, ...]:
     return tuple(dict.fromkeys(values))
 
 
-def _device(name: str) -> str:
-    """Give a device's own name, or refuse it by the key."""
-    try:
-        return str(resolve_device(name))
-    except VoccError as error:
-        raise VoccError(str(error).replace("device is", "tradeoff.devices has", 1)) from None
+def _devices(names: Sequence[str]) -> tuple[tuple[str, ...], dict[str, str]]:
+    """Give devices by their own names, and those that this machine does not have with the reason.
+
+    Raises:
+        VoccError: no device's name, or none that is there.
+    """
+    found: list[str] = []
+    missing: dict[str, str] = {}
+    for name in _once(names):
+        try:
+            found.append(str(resolve_device(name)))
+        except VoccError as error:
+            said = str(error).replace("device is", "tradeoff.devices has", 1)
+            if not name.startswith("cuda") or len(names) == 1:
+                raise VoccError(said) from None
+            missing[name] = said.partition(", and ")[2].partition(":")[0]
+    return _once(found), missing

@@ -26,7 +26,7 @@ from vocc_torch.config import AppConfig, as_yaml, register_schema, resolved
 from vocc_torch.errors import VoccError
 from vocc_torch.jobs import Failure, Jobs, begin_again, beside_others, write_down
 
-TASKS = ("train", "test", "decode", "figures", "effects", "tradeoff", "collect")
+TASKS = ("train", "test", "decode", "figures", "effects", "tradeoff", "classifiers", "collect")
 MULTIRUN = ("-m", "--multirun")
 OUT_OF_MEMORY = (
     "not enough memory: give a smaller batch_frames, or a camera and distances that show smaller LEDs"
@@ -70,6 +70,7 @@ def run_task(settings: AppConfig, folder: Path) -> None:
         raise VoccError(f"task is {settings.task!r}: it must be one of {', '.join(TASKS)}")
     # torch is imported here and not above, so that --help and misspelled keys answer at once.
     from vocc_torch import tasks
+    from vocc_torch.tasks.classifiers import run_classifiers
     from vocc_torch.tasks.collecting import run_collect
     from vocc_torch.tasks.effects import run_effects_task
     from vocc_torch.tasks.tradeoff import run_tradeoff
@@ -81,6 +82,7 @@ def run_task(settings: AppConfig, folder: Path) -> None:
         "figures": tasks.run_figures,
         "effects": run_effects_task,
         "tradeoff": run_tradeoff,
+        "classifiers": run_classifiers,
         "collect": run_collect,
     }
     runners[settings.task](settings, folder)

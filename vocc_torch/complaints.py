@@ -19,6 +19,9 @@ OPEN_MAPPINGS = (
     "effects.severity",
     "classifiers",
     "tradeoff.scenes",
+    "rivals.experiments",
+    "rivals.points",
+    "rivals.scenes",
 )
 """Keys under which a user may add keys with +; what they accept is checked where they are used."""
 

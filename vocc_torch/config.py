@@ -170,6 +170,7 @@ class RendererKnobsConfig:
     frames: int = 0
     kernel_sigmas: list[float] = field(default_factory=list)
     margins_px: list[int] = field(default_factory=list)
+    supersampling: list[int] = field(default_factory=list)
 
 
 @dataclass
@@ -187,8 +188,23 @@ class TradeoffConfig:
     frames: list[str] = field(default_factory=list)
     repeats: int = 0
     threads: int = 0
+    frames_a_preamble: int = 1
+    genie_frames: int = 0
     scenes: dict[str, Any] = field(default_factory=dict)
     simulation: RendererKnobsConfig = field(default_factory=RendererKnobsConfig)
+
+
+@dataclass
+class RivalsConfig:
+    """What ``task=classifiers`` compares: see :class:`vocc_torch.studies.rivals.RivalStudy`."""
+
+    experiments: dict[str, ExperimentConfig] = field(default_factory=dict)
+    reference: str = ""
+    points: dict[str, float] = field(default_factory=dict)
+    genie_frames: int = 0
+    scenes: dict[str, SceneConfig] = field(default_factory=dict)
+    scene_frames: int = 0
+    scene_training_frames: int = 0
 
 
 @dataclass
@@ -226,6 +242,7 @@ class AppConfig:
     figures: FiguresConfig = field(default_factory=FiguresConfig)
     effects: EffectsConfig = field(default_factory=EffectsConfig)
     tradeoff: TradeoffConfig = field(default_factory=TradeoffConfig)
+    rivals: RivalsConfig = field(default_factory=RivalsConfig)
 
 
 def register_schema() -> None:

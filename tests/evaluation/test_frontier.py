@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from made_up_prices import ALONE_MS, FRAMES, LEDS, SETTINGS, made_up_prices, spent
+from made_up_prices import ALONE_MS, FRAMES, LEDS, MARKS, SETTINGS, made_up_prices, spent
 
 from vocc_torch.errors import VoccError
 from vocc_torch.evaluation.counts import Counts
@@ -101,8 +101,8 @@ def test_stages_are_added_round_by_round():
         stage: tuple(1.0 + 9.0 * (place == slow) for place in range(5)) for slow, stage in enumerate(STAGES)
     }
     own = Spent(rounds)
-    assert own.total == (14.0, 14.0, 14.0)
-    assert sum(own.stage(stage)[1] for stage in STAGES) == 5.0
+    assert own.total == (15.0, 15.0, 15.0)
+    assert sum(own.stage(stage)[1] for stage in STAGES) == 6.0
     # Locating is slow in round 1: (1 + 1 + 1) / 10 there, 12 / 1 or 3 / 1 elsewhere.
     assert own.share == pytest.approx(np.percentile([3, 0.3, 12, 12, 12], (25, 50, 75)))
 
@@ -142,7 +142,7 @@ def test_a_limit_counts_wrong_bits_as_the_other_scenes_show_them():
     assert heavy == pytest.approx(20 * usual)
 
 
-def test_beaten_surely_needs_times_and_rates_apart():
+def test_beaten_surely_needs_rates_apart():
     prices = made_up_prices()
     offers = prices.offers("mixture", "cpu", "whole")
     beaten = dict(zip(offers, prices.beaten_by("mixture", offers), strict=True))
@@ -156,11 +156,26 @@ def test_beaten_surely_needs_times_and_rates_apart():
     }
 
 
-def test_times_that_meet_are_not_sure():
+def test_times_are_compared_by_their_medians():
     settings = SETTINGS[:2]
     prices = made_up_prices(settings, (300, 200), (4.02, 4.0))
     offers = prices.offers("mixture", "cpu", "whole")
-    assert prices.beaten_by("mixture", offers) == [(settings[1].name, False), ("", False)]
+    assert prices.beaten_by("mixture", offers) == [(settings[1].name, True), ("", False)]
+    quicker = made_up_prices(settings, (300, 200), (3.98, 4.0))
+    offers = quicker.offers("mixture", "cpu", "whole")
+    assert quicker.beaten_by("mixture", offers) == [("", False), ("", False)]
+
+
+def test_what_is_possible_has_the_counts_interval():
+    prices = made_up_prices(marks=MARKS)
+    rate, interval = prices.mark("far")
+    assert rate == 10 / 500 / LEDS
+    assert interval == ber_interval(MARKS["far"].counts)
+    free, limit = prices.mark("mixture")
+    # Exact for one wrong bit a wrong frame: a limit on wrong frames, over the bits of each.
+    assert (free, limit.low) == (0.0, 0.0)
+    assert limit.high == pytest.approx(-np.expm1(np.log(0.05) / 500) / LEDS)
+    assert made_up_prices().mark("far") is None
 
 
 def test_rates_that_chance_explains_are_not_sure():

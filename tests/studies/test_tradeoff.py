@@ -14,7 +14,8 @@ from vocc_torch.receiver.classifiers import Inputs, Patch
 from vocc_torch.receiver.classifiers.recipe import TrainingRecipe
 from vocc_torch.receiver.location import PaperLocator
 from vocc_torch.rng import BLOCK_FRAMES
-from vocc_torch.simulation import Camera, Distribution, SceneModel
+from vocc_torch.simulation import Camera, Distribution, LedPanel, SceneModel
+from vocc_torch.simulation.raster import disc_cover
 from vocc_torch.simulation.simulator import PAPER_EFFECTS
 from vocc_torch.studies.counter import PointCounter
 from vocc_torch.studies.link import Link, block_keys
@@ -22,6 +23,7 @@ from vocc_torch.studies.plug_in import ClassifierPlan
 from vocc_torch.studies.tradeoff import RendererKnobs, TradeoffStudy, price_receivers, price_renderer
 from vocc_torch.studies.tradeoff import times as times_module
 from vocc_torch.studies.tradeoff.errors import count_errors, shots
+from vocc_torch.studies.tradeoff.supersampling import can_sample, sampled_cover
 from vocc_torch.studies.tradeoff.times import measure_times, read, threads
 from vocc_torch.studies.tradeoff.training import chains, train_receivers
 from vocc_torch.studies.train import train
@@ -278,7 +280,9 @@ def test_every_setting_is_timed_everywhere(study, timed):
         # Small batches have more rounds, so that all meet 48 frames.
         assert len(spent.rounds_ms["read"]) == 48 // place.batch
         nothing = {stage for stage in STAGES if spent.rounds_ms[stage][0] == 0}
-        wanted = {"locate"} if setting.locator == "truth" else set()
+        known = setting.receiver in ("center_greyscale", "average_greyscale")
+        wanted = set() if known else {"preambles"}
+        wanted |= {"locate"} if setting.locator == "truth" else set()
         wanted |= {"rectify"} if setting.receiver == "center_greyscale" else set()
         assert nothing == wanted, setting
         # ms a frame: here a second a letter of the call's name.
@@ -302,6 +306,17 @@ def test_receivers_that_share_a_stage_share_its_time(study, timed):
             )
 
 
+def test_frames_of_known_bits_are_paid_for(study, receivers):
+    """Two frames, each read and measured, for every so many of data."""
+    bench = times_module._Bench(receivers, [], torch.device("cpu"), 5)
+    for chain in receivers:
+        timing = {name: Timing((1.0, 2.0)) for name in bench.calls}
+        rounds = bench.spent(chain.setting, timing, 1).rounds_ms
+        one = rounds["read"][1] + rounds["rectify"][1] + rounds["features"][1]
+        greyscale = chain.setting.receiver in ("center_greyscale", "average_greyscale")
+        assert rounds["preambles"][1] == pytest.approx(2 / 5 * one if greyscale else 0.0)
+
+
 def test_threads_are_put_back():
     before = torch.get_num_threads()
     with threads(before + 1):
@@ -313,7 +328,8 @@ def test_a_whole_price_list(make_study):
     told = []
     study = make_study(names=("flda_3", "otsu"), test_frames=64, locators=("paper",), scene_name="made up")
     prices = price_receivers(study, Workers(1), told.append)
-    assert told == ["training", "bit errors", "times"]
+    assert told == ["training", "bit errors", "what is possible", "times"]
+    assert (prices.marks, prices.no_marks) == ({}, "tradeoff.genie_frames is 0")
     assert prices.settings == study.settings
     assert (prices.threads, prices.scene, prices.error_device) == (1, "made up", "cpu")
     for frames, batch in itertools.product(("crops",), (1, 16)):
@@ -340,6 +356,8 @@ def test_a_whole_price_list(make_study):
         ({"frames": ("halves",)}, "tradeoff.frames has 'halves': it must be of whole, crops"),
         ({"repeats": 0}, "tradeoff.repeats is 0: it must be at least 1"),
         ({"threads": -1}, "tradeoff.threads is -1: it must be at least 0"),
+        ({"frames_a_preamble": 0}, "tradeoff.frames_a_preamble is 0: it must be at least 1"),
+        ({"genie_frames": -1}, "tradeoff.genie_frames is -1: it must be at least 0"),
         ({"scenes": {}}, "tradeoff.scenes is empty"),
         ({"devices": ("tpu",)}, "tpu"),
         (
@@ -355,7 +373,14 @@ def test_impossible_studies_are_refused(make_study, changes, said):
     assert "\n" not in str(raised.value)
 
 
-@pytest.mark.parametrize(("knobs", "said"), [((-1,), "frames is -1"), ((1, (0.0,)), "kernel_sigmas has 0")])
+@pytest.mark.parametrize(
+    ("knobs", "said"),
+    [
+        ((-1,), "frames is -1"),
+        ((1, (0.0,)), "kernel_sigmas has 0"),
+        ((1, (), (), (0,)), "supersampling has 0"),
+    ],
+)
 def test_impossible_knobs_are_refused(knobs, said):
     with pytest.raises(VoccError, match=said):
         RendererKnobs(*knobs)
@@ -378,7 +403,10 @@ def knobs(make_plan):
         camera=camera, scene=SceneModel(distance_m=Distribution("uniform", (40.0, 70.0)), **centred)
     )
     study = TradeoffStudy(
-        plan, repeats=1, knobs=RendererKnobs(2, (1.0, 2.0, 3.0, 8.0), (-20, -4, 16)), scenes={"mixture": {}}
+        plan,
+        repeats=1,
+        knobs=RendererKnobs(2, (1.0, 2.0, 3.0, 8.0), (-20, -4, 16), (1, 4, 16)),
+        scenes={"mixture": {}},
     )
     return {(one.knob, one.value): one for one in price_renderer(study)}
 
@@ -388,6 +416,7 @@ def test_each_knob_is_turned_by_itself(knobs):
         ("none", "as set"), ("dtype", "float64"), ("framing", "filled"), ("framing", "full"),
         ("kernel", "1 sigma"), ("kernel", "2 sigma"), ("kernel", "3 sigma"), ("kernel", "8 sigma"),
         ("margin", "-20 px"), ("margin", "-4 px"), ("margin", "+16 px"),
+        ("sampled", "1 x 1"), ("sampled", "4 x 4"), ("sampled", "16 x 16"),
     ]  # fmt: skip
     assert all(one.cost_ms[0] > 0 for one in knobs.values())
     assert knobs["framing", "full"].frames_a_call == 1
@@ -416,12 +445,53 @@ def test_a_margin_that_cuts_the_panels_light_off_shows(knobs):
         assert knobs["margin", value].worst_dn == usual.worst_dn
 
 
+def test_more_samples_are_nearer_to_exact_areas_and_never_there(knobs):
+    rms = [knobs["sampled", f"{n} x {n}"].rms_dn for n in (1, 4, 16)]
+    assert all(a > 3 * b for a, b in itertools.pairwise(rms))
+    assert rms[-1] > 10 * knobs["none", "as set"].rms_dn
+
+
+def test_sampled_covers_come_to_the_exact_ones():
+    rng = np.random.default_rng(0)
+    x, y = torch.from_numpy(rng.uniform(5, 20, (2, 40)))
+    radius = torch.from_numpy(rng.uniform(0.6, 3.5, 40))
+    exact, left, top = disc_cover(x, y, radius, 8)
+    sampled, its_left, its_top = sampled_cover(x, y, radius, 8, 64)
+    assert torch.equal(left, its_left)
+    assert torch.equal(top, its_top)
+    # A circle crosses at most about 4 s of a pixel's s x s parts, and half of each is in doubt.
+    assert float((sampled - exact).abs().max()) < 2 / 64
+    coarse, _, _ = sampled_cover(x, y, radius, 8, 1)
+    assert set(coarse.unique().tolist()) == {0.0, 1.0}
+
+
+def test_scenes_that_are_not_plain_are_not_sampled(make_plan):
+    assert can_sample(make_plan().world)
+    tilted = {**PAPER_EFFECTS, "pose": {"yaw_deg": 10.0}}
+    assert not can_sample(make_plan(effects=tilted).world)
+    assert not can_sample(make_plan(panel=LedPanel(board_reflectance=0.1)).world)
+
+
+def test_what_is_possible_is_measured_on_the_very_frames(make_study):
+    study = make_study(names=("flda_3",), test_frames=20, locators=("truth",), genie_frames=64)
+    prices = price_receivers(study, Workers(1))
+    mark = prices.marks["mixture"]
+    # No more frames than the receivers have.
+    assert mark.counts.frames == 20
+    assert mark.counts.bit_errors <= prices.counts("mixture")[study.settings[0]].bit_errors
+    plan = dataclasses.replace(study.plan.world, effects={"saturation": {}})
+    strange = dataclasses.replace(study, plan=dataclasses.replace(study.plan, world=plan))
+    unknown = price_receivers(strange, Workers(1))
+    assert unknown.marks == {}
+    assert "the genie reads digital numbers" in unknown.no_marks
+
+
 def test_the_reference_itself_has_no_error(make_plan):
     camera = Camera(width_px=240, height_px=136, sensor_width_mm=1.65)
     centred = {name: Distribution("constant", (0.0,)) for name in ("offset_x_m", "offset_y_m")}
     near = SceneModel(distance_m=Distribution("constant", (60.0,)), **centred)
     plan = make_plan(camera=camera, scene=near, framing="full", dtype=torch.float64)
-    study = TradeoffStudy(plan, repeats=1, knobs=RendererKnobs(1, (8.0,), ()), scenes={"mixture": {}})
+    study = TradeoffStudy(plan, repeats=1, knobs=RendererKnobs(1, (8.0,), (), ()), scenes={"mixture": {}})
     (exact,) = (one for one in price_renderer(study) if one.knob == "kernel")
     assert (exact.worst_dn, exact.rms_dn, exact.changed) == (0.0, 0.0, 0.0)
     assert exact.exact

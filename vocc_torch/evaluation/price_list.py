@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -12,13 +12,14 @@ from numpy.typing import NDArray
 
 from vocc_torch.evaluation.counts import Counts
 from vocc_torch.evaluation.frontier import Offer, beats
-from vocc_torch.evaluation.intervals import ber_interval
+from vocc_torch.evaluation.intervals import Interval, ber_interval
 from vocc_torch.evaluation.paired import DifferenceInterval, PairedCounts, paired_interval
 from vocc_torch.evaluation.tally import tallies
 from vocc_torch.evaluation.timing import quartiles
 
-STAGES = ("read", "locate", "rectify", "features", "classify")
-"""What a receiver does with a frame, in order."""
+STAGES = ("read", "locate", "rectify", "features", "classify", "preambles")
+"""What a receiver does with a frame, in order, and its share in reading and measuring the frames of known
+bits that its threshold comes from."""
 
 BIT_DETECTION = ("rectify", "features", "classify")
 """What comes after panel detection, whose time is the unit of the paper's Fig. 25."""
@@ -98,7 +99,7 @@ class Spent:
     Example:
         >>> rounds = {stage: (1.0, 2.0, 3.0) for stage in STAGES}
         >>> Spent(rounds).total, Spent(rounds).share
-        ((7.5, 10.0, 12.5), (3.0, 3.0, 3.0))
+        ((9.0, 12.0, 15.0), (3.0, 3.0, 3.0))
     """
 
     rounds_ms: Mapping[str, tuple[float, ...]]
@@ -144,6 +145,21 @@ class FrameErrors:
         return tallies(self.half_errors, self.leds, self.found)
 
 
+@dataclass(frozen=True, slots=True)
+class Mark:
+    """What is possible: a decoder that knows the scene, on the first of the same frames.
+
+    Args:
+        counts: its errors.
+        proven: frames of which no bits are likelier than those that it gave.
+        frame_s: time of a frame, s.
+    """
+
+    counts: Counts
+    proven: int
+    frame_s: float
+
+
 @dataclass(frozen=True)
 class PriceList:
     """All that was measured.
@@ -161,6 +177,10 @@ class PriceList:
         sensor_px: height and width of a whole frame.
         crop_px: height and width of a crop.
         scene: name of the scenes.
+        frames_a_preamble: frames of data that a pair of frames of known bits serves, where one is needed.
+        marks: what is possible, by kind of scenes; empty where it was not measured.
+        no_marks: why not.
+        missing: devices that were asked for and are not there, and why.
     """
 
     settings: tuple[Setting, ...]
@@ -175,6 +195,10 @@ class PriceList:
     sensor_px: tuple[int, int]
     crop_px: tuple[int, int]
     scene: str = ""
+    frames_a_preamble: int = 1
+    marks: Mapping[str, Mark] = field(default_factory=dict)
+    no_marks: str = ""
+    missing: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def places(self) -> tuple[Place, ...]:
@@ -207,8 +231,7 @@ class PriceList:
         low, median, high = self.spent[setting, place].total
         counts = self.counts(scenes)[setting]
         every = sum((self.counts(name)[setting] for name in self.errors), Counts())
-        typical = max(1.0, every.bit_errors / max(1, every.frame_errors))
-        interval = ber_interval(counts, errors_per_frame_error=typical)
+        interval = _interval(counts, every)
         return Offer(setting.name, low, median, high, counts.ber, interval.low, interval.high)
 
     def offers(self, scenes: str, device: str, frames: str, batch: int | None = None) -> list[Offer]:
@@ -218,6 +241,13 @@ class PriceList:
             for one in self.settings
         )
         return [self.offer(one, scenes, place) for one, place in zip(self.settings, places, strict=True)]
+
+    def mark(self, scenes: str) -> tuple[float, Interval] | None:
+        """Give the rate that is possible, with its interval; None where it was not measured."""
+        if scenes not in self.marks:
+            return None
+        counts = self.marks[scenes].counts
+        return counts.ber, _interval(counts, sum((one.counts for one in self.marks.values()), Counts()))
 
     def compared(self, scenes: str, a: int, b: int) -> DifferenceInterval:
         """Compare two settings' rates on the same frames, by their places in the list: that of a less b's."""
@@ -234,17 +264,13 @@ class PriceList:
 
         Returns:
             The name of the most accurate one that beats it, preferring one for which it is sure; empty where
-            none does. Sure: the paired 95 % interval of the rates leaves out 0 and the quartiles of the times
-            do not meet.
+            none does. Sure: the paired 95 % interval of the rates leaves out 0; of the times, all of them
+            taken in the same rounds, the medians are compared.
         """
         said = []
         for own, offer in enumerate(offers):
             rivals = [i for i, other in enumerate(offers) if beats(other, offer)]
-            sure = [
-                i
-                for i in rivals
-                if offers[i].high_ms < offer.low_ms and self.compared(scenes, own, i).low > 0
-            ]
+            sure = [i for i in rivals if self.compared(scenes, own, i).low > 0]
             best = min(sure or rivals, key=lambda i: (offers[i].ber, offers[i].median_ms), default=None)
             said.append(("", False) if best is None else (offers[best].name, bool(sure)))
         return said
@@ -253,6 +279,12 @@ class PriceList:
         """Give the other settings that these frames do not tell apart from one in their rate."""
         others = (i for i in range(len(self.settings)) if i != own)
         return [i for i in others if not self.compared(scenes, own, i).real]
+
+
+def _interval(counts: Counts, every: Counts) -> Interval:
+    """Give a rate's 95 % interval; ``every`` says how many wrong bits a wrong frame has."""
+    typical = max(1.0, every.bit_errors / max(1, every.frame_errors))
+    return ber_interval(counts, errors_per_frame_error=typical)
 
 
 @dataclass(frozen=True, slots=True)

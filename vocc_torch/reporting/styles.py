@@ -15,7 +15,8 @@ class Style:
 
     Args:
         label: name for people.
-        colour: hexadecimal RGB, from Okabe and Ito's palette, which colour-blind readers can tell apart.
+        colour: hexadecimal RGB; those of the paper's receivers are from Okabe and Ito's palette, which
+            colour-blind readers can tell apart.
         marker: Matplotlib marker.
         line: Matplotlib line style.
     """
@@ -35,8 +36,21 @@ _KNOWN = {
     "flda_agr_ngr": Style("FLDA: AGR + NGR", "#009E73", "D", "-."),
     "flda_2": Style("FLDA: AGR + GRI", "#0072B2", "s", "-"),
     "flda_3": Style("FLDA: AGR + GRI + NGR", "#D55E00", "o", "-"),
+    # The classifiers of conf/classifier: colours after Paul Tol's muted ones, and markers of their own.
+    "flda_patch": Style("FLDA on 3 x 3 cells", "#117733", "X", "-"),
+    "flda_patch_exposure": Style("FLDA on 3 x 3 cells, exposure", "#44AA99", "p", "--"),
+    "lmmse": Style("LMMSE equaliser", "#882255", "h", "-"),
+    "mlp_features": Style("MLP on features", "#AA4499", "*", "--"),
+    "mlp": Style("MLP on 3 x 3 cells", "#332288", "P", "-"),
+    "cnn": Style("CNN on 3 x 3 cells", "#CC6677", "8", "-"),
+    "tag_planes": Style("AprilTag's planes", "#8A8A1F", "D", "-."),
+    "panel_otsu": Style("Otsu per panel", "#5FB3DD", "H", ":"),
+    "panel_kmeans": Style("k-means per panel", "#9C6B2F", "d", ":"),
+    "logistic": Style("Logistic regression", "#7A7A7A", "<", "-."),
+    "svm": Style("Linear SVM", "#661100", ">", "-."),
+    "boosted_trees": Style("Boosted trees", "#C4A63B", "s", "-."),
 }
-# The palette has no colour left for others: marker and line tell repeated colours apart.
+# The palettes have no colour left for others: marker and line tell repeated colours apart.
 _FREE_COLOURS = ("#009E73", "#7A7A7A", "#CC79A7", "#000000", "#56B4E9", "#E69F00", "#0072B2", "#D55E00")
 _FREE_MARKERS = ("X", "p", "h", "P", "*", "8", "H")
 _FREE_LINES: tuple[LineStyle, ...] = ("-.", "--", ":")
@@ -52,8 +66,8 @@ _AXIS_LABELS = {
 def receiver_styles(receivers: Iterable[str]) -> dict[str, Style]:
     """Give each receiver its style, in the order given.
 
-    The package's own receivers always look the same. Others take the free styles in alphabetical order, so
-    the same set of receivers looks the same in every figure.
+    The package's own receivers always look the same. Others keep their names and take the free styles in
+    alphabetical order, so the same set of receivers looks the same in every figure.
 
     Args:
         receivers: names of receivers.

@@ -76,6 +76,7 @@ def write_boards(
     figures: Mapping[str, Figure | Picture] | None = None,
     images: Mapping[str, Picture] | None = None,
     texts: Mapping[str, str] | None = None,
+    numbers: Mapping[str, Mapping[str, float]] | None = None,
 ) -> None:
     """Write one board of several tables; what an earlier call left in the same runs is replaced.
 
@@ -93,6 +94,7 @@ def write_boards(
         figures: figures by name, Matplotlib's or (H,W,3) uint8.
         images: (H,W,3) uint8 pictures by name.
         texts: Markdown by name.
+        numbers: what else stands in a receiver's row of the HPARAMS tab, by receiver.
 
     Raises:
         VoccError: another group name, two tables of one axis in a group, two values of an axis with the same
@@ -116,7 +118,7 @@ def write_boards(
             with SummaryWriter(str(_cleared(Path(folder) / receiver))) as writer:
                 for section, step_of in zip(sections, steps, strict=True):
                     _write_curve(writer, section, section.table.of(receiver), step_of)
-                _write_settings(writer, sections, receiver)
+                _write_settings(writer, sections, receiver, (numbers or {}).get(receiver, {}))
         with SummaryWriter(str(_cleared(Path(folder) / SUMMARY_RUN))) as writer:
             _write_summary(writer, sections, pictures, texts or {})
     except OSError as error:
@@ -203,7 +205,9 @@ def _write_curve(
         writer.add_scalar(section.tag("log10_BER_hi"), math.log10(row.ber_high), step)
 
 
-def _write_settings(writer: SummaryWriter, sections: Sequence[Section], receiver: str) -> None:
+def _write_settings(
+    writer: SummaryWriter, sections: Sequence[Section], receiver: str, numbers: Mapping[str, float]
+) -> None:
     """Write a receiver's row of the HPARAMS tab."""
     rows = {
         section: section.table.of(receiver) for section in sections if receiver in section.table.receivers
@@ -226,7 +230,7 @@ def _write_settings(writer: SummaryWriter, sections: Sequence[Section], receiver
     else:
         rates = {f"all_points/{section.tag('BER')}": _pooled(some) for section, some in rows.items()}
     # The run's own folder: any other would make a run more.
-    writer.add_hparams(settings, rates, run_name=".")
+    writer.add_hparams(settings, {**rates, **numbers}, run_name=".")
 
 
 def _listed(names: Iterable[str]) -> str:

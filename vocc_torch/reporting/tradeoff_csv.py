@@ -21,6 +21,7 @@ _RATES = (
     *("frontier", "beaten_by", "surely_beaten", "frontier_of_best_batches"),
 )
 _MAKING = ("training_s", "training_simulated_s", "training_frames", "parameters", "size_bytes")
+_MARK = ("possible_test_frames", "possible_ber", "possible_ber_low", "possible_ber_high")
 _FACTS = ("error_device", "end_to_end", "threads", "waited_share", "machine")
 
 RENDERER_COLUMNS = (
@@ -38,14 +39,16 @@ def columns(scenes: Sequence[str]) -> tuple[str, ...]:
     Times are ms a frame, medians over the rounds with lower and upper quartile. ``share_of_detection`` is bit
     detection's time over panel detection's, as in the paper's Fig. 25. ``frontier`` compares receivers with
     the same batch size, ``frontier_of_best_batches`` each with its own best one; ``surely_beaten`` marks
-    those that are slower and worse than ``beaten_by`` beyond quartiles and the paired 95 % interval.
+    those whose rate is higher than that of ``beaten_by``, which is no slower, by the paired 95 % interval.
+    ``possible_ber`` is what a decoder that knows the scene reaches on the first of the same frames.
+    ``preambles_ms`` is reading and measuring the frames of known bits that a threshold comes from.
     ``end_to_end`` is the time of a receiver in one go over the sum of its stages.
 
     Example:
         >>> "mixture_ber_high" in columns(["mixture"])
         True
     """
-    rates = tuple(f"{name}_{what}" for name in scenes for what in _RATES)
+    rates = tuple(f"{name}_{what}" for name in scenes for what in (*_RATES, *_MARK))
     return (*_SETTING, *_PLACE, *_TIMES, "frames_per_s", *_SHARES, *rates, *_MAKING, *_FACTS)
 
 
@@ -100,7 +103,11 @@ def _lines(prices: PriceList) -> Iterator[list[_Cell]]:
             times = [_three(spent.total), *(_three(spent.stage(stage)) for stage in STAGES)]
             share = ["", "", ""] if spent.share is None else _three(spent.share)
             speed = _short(1e3 / spent.total[1])
-            errors = [cell for kind in rates for cell in (kind[row] if is_best else [*kind[row][:-1], ""])]
+            errors = [
+                cell
+                for scenes, kind in zip(prices.errors, rates, strict=True)
+                for cell in (*kind[row][:-1], kind[row][-1] if is_best else "", *_mark(prices, scenes))
+            ]
             facts = [prices.error_device, _short(prices.end_to_end[place]), prices.threads]
             yield [
                 *about,
@@ -108,6 +115,27 @@ def _lines(prices: PriceList) -> Iterator[list[_Cell]]:
                 *(speed, *share, *errors, *_making(prices, setting), *facts),
                 *(round(prices.waited_share, 4), prices.machines[place.device]),
             ]
+    yield from _missing(prices)
+
+
+def _missing(prices: PriceList) -> Iterator[list[_Cell]]:
+    """Give lines without numbers for devices that were asked for and are not there."""
+    blank = len(columns(list(prices.errors))) - len(_SETTING) - 4
+    known = dict.fromkeys((place.frames, place.batch) for place in prices.places)
+    for device in prices.missing:
+        for frames, batch in known:
+            for setting in prices.settings:
+                about: list[_Cell] = [getattr(setting, name) for name in _SETTING]
+                yield [*about, device, frames, batch, *[""] * blank, "not measured"]
+
+
+def _mark(prices: PriceList, scenes: str) -> list[_Cell]:
+    """Give the cells of what is possible."""
+    mark = prices.mark(scenes)
+    if mark is None:
+        return [""] * len(_MARK)
+    rate, interval = mark
+    return [prices.marks[scenes].counts.frames, *map(_short, (rate, interval.low, interval.high))]
 
 
 def _rates(prices: PriceList, scenes: str, place: Place) -> Iterator[list[_Cell]]:

@@ -1,93 +1,161 @@
-"""Labels beside points that do not lie on each other, on other points or outside the picture."""
+"""Names of receivers in columns beside their dots, with a line to each, so that none lies on another."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
+from typing import Literal
 
-Box = tuple[float, float, float, float]
-"""Left, bottom, right and top, px."""
+from matplotlib.axes import Axes
 
-_ANGLES = (35, -35, 145, -145, 0, 180, 90, -90, 60, -60, 120, -120)
-_DISTANCES_PX = (14, 24, 38, 56, 80, 110, 145)
+from vocc_torch.reporting.canvas import INK, QUIET
+from vocc_torch.reporting.tradeoff_dots import Dot
 
+GAP_PX = 34.0
+"""From a group's outermost dot to its labels."""
 
-@dataclass(frozen=True, slots=True)
-class Spot:
-    """Where a label goes.
+LINE_PX = 18.5
+"""From one label to the next."""
 
-    Args:
-        left: left end, px.
-        bottom: lower end, px.
-        near: whether it lies beside its point, so that no line need lead there.
-    """
+_DOT_PX = 8.0
+FONT = 10.2
 
-    left: float
-    bottom: float
-    near: bool
+Measure = Callable[[str, bool], float]
+"""Gives a text's width, px, from the text and whether it is bold."""
 
 
-def overlap(a: Box, b: Box) -> float:
-    """Area that two boxes share, px^2.
-
-    Example:
-        >>> overlap((0, 0, 2, 2), (1, 1, 3, 3)), overlap((0, 0, 1, 1), (2, 0, 3, 1))
-        (1, 0)
-    """
-    width = min(a[2], b[2]) - max(a[0], b[0])
-    height = min(a[3], b[3]) - max(a[1], b[1])
-    return max(0, width) * max(0, height)
-
-
-def place_labels(
-    points: Sequence[tuple[float, float]],
-    sizes: Sequence[tuple[float, float]],
-    taken: Sequence[Box],
-    inside: Box,
-) -> list[Spot]:
-    """Find a spot for each label, the first ones first: near, and where least is covered.
+@dataclass(frozen=True)
+class Column:
+    """Labels of a group of dots.
 
     Args:
-        points: (x, y) px that the labels belong to.
-        sizes: width and height of each label, px.
-        taken: what is not to be covered.
-        inside: where labels may lie.
+        dots: the group.
+        side: where the labels stand.
+        named: those of the dots that have a label.
+        with_locator: whether labels name the locator.
+        width_px: of the widest label.
+    """
+
+    dots: tuple[Dot, ...]
+    side: Literal["left", "right"]
+    named: tuple[Dot, ...]
+    with_locator: bool
+    width_px: float
+
+
+def spread(wanted: Sequence[float], apart: float, low: float, high: float) -> list[float]:
+    """Move places on a line as little as need be, by least squares, to lie apart and between two ends.
+
+    Args:
+        wanted: in ascending order.
+        apart: least distance of two.
+        low: lower end.
+        high: upper end; where there is no room for all, they go beyond it.
 
     Example:
-        >>> spots = place_labels([(50, 50), (50, 50)], [(20, 10)] * 2, [(45, 45, 55, 55)], (0, 0, 200, 100))
-        >>> spots[0].near, (spots[0].left, spots[0].bottom) != (spots[1].left, spots[1].bottom)
-        (True, True)
+        >>> spread([5.0, 5.0, 40.0], 10.0, 0.0, 100.0)
+        [0.0, 10.0, 40.0]
+        >>> spread([50.0, 50.0, 50.0], 10.0, 0.0, 100.0)
+        [40.0, 50.0, 60.0]
     """
-    occupied = list(taken)
-    spots = []
-    for point, size in zip(points, sizes, strict=True):
-        tried = [
-            (_cost(box, occupied, inside) + distance, distance, box)
-            for distance in _DISTANCES_PX
-            for angle in _ANGLES
-            for box in [_box(point, size, math.radians(angle), distance)]
+    blocks: list[list[float]] = []
+    for place, value in enumerate(wanted):
+        blocks.append([value - place * apart])
+        while len(blocks) > 1 and _mean(blocks[-2]) > _mean(blocks[-1]):
+            blocks[-2:] = [blocks[-2] + blocks[-1]]
+    level = [_mean(block) for block in blocks for _ in block]
+    last = max(low, high - (len(wanted) - 1) * apart)
+    return [min(max(value, low), last) + place * apart for place, value in enumerate(level)]
+
+
+def _mean(values: Sequence[float]) -> float:
+    return sum(values) / len(values)
+
+
+def columns(
+    dots: Sequence[Dot],
+    measure: Measure,
+    most: int,
+    place_px: Callable[[Sequence[Column]], Callable[[float], float]],
+) -> list[Column]:
+    """Group dots by their locator and give each group its labels, groups that leave no room together.
+
+    Args:
+        dots: all of them.
+        measure: measures labels.
+        most: how many labels have room above each other.
+        place_px: gives the time axis that suits some columns: px from ms.
+    """
+    by_locator: dict[str, list[Dot]] = {}
+    for dot in dots:
+        by_locator.setdefault(dot.setting.locator, []).append(dot)
+    groups = sorted(by_locator.values(), key=lambda group: min(one.offer.median_ms for one in group))
+    while True:
+        laid = [
+            _column(group, "left" if place < len(groups) - 1 else "right", measure, most)
+            for place, group in enumerate(groups)
         ]
-        _, distance, box = min(tried, key=lambda one: one[0])
-        occupied.append(box)
-        spots.append(Spot(box[0], box[1], distance <= _DISTANCES_PX[1]))
-    return spots
+        px = place_px(laid)
+        crowded = (
+            place
+            for place, (first, second) in enumerate(pairwise(laid))
+            if px(_first(second)) - px(_last(first))
+            < GAP_PX + (second.width_px + GAP_PX if second.side == "left" else 0)
+        )
+        meet = next(crowded, None)
+        if meet is None:
+            return laid
+        groups[meet : meet + 2] = [groups[meet] + groups[meet + 1]]
 
 
-def _box(point: tuple[float, float], size: tuple[float, float], angle: float, distance: float) -> Box:
-    """Give the label's box with its nearest end in a direction from the point."""
-    width, height = size
-    across, up = math.cos(angle), math.sin(angle)
-    x, y = point[0] + distance * across, point[1] + distance * up
-    # Right of the point the label begins there, left of it it ends there, above and below it is centred.
-    left = x - width * (1 - across) / 2
-    bottom = y - height * (1 - up) / 2
-    return left, bottom, left + width, bottom + height
+def _first(column: Column) -> float:
+    return min(dot.offer.median_ms for dot in column.dots)
 
 
-def _cost(box: Box, occupied: Sequence[Box], inside: Box) -> float:
-    """What is covered, in px of distance that would be gone to avoid it."""
-    covered = sum(overlap(box, other) for other in occupied)
-    area = (box[2] - box[0]) * (box[3] - box[1])
-    outside = area - overlap(box, inside)
-    return 4 * covered + 40 * outside
+def _last(column: Column) -> float:
+    return max(dot.offer.median_ms for dot in column.dots)
+
+
+def _column(group: Sequence[Dot], side: Literal["left", "right"], measure: Measure, most: int) -> Column:
+    """Choose which of a group have a label: all usual ones, or where there is no room the frontier's."""
+    mixed = len({dot.setting.locator for dot in group}) > 1
+    usual = [dot for dot in group if not dot.varied or dot.rank == "frontier"]
+    named = usual
+    if len(named) > most:
+        named = [dot for dot in usual if dot.rank != "beaten"]
+    if len(named) > most:
+        named = [dot for dot in usual if dot.rank == "frontier"][:most]
+    widths = (measure(dot.label(with_locator=mixed), dot.rank == "frontier") for dot in named)
+    return Column(tuple(group), side, tuple(named), mixed, max(widths, default=0.0))
+
+
+def draw_labels(axes: Axes, column: Column, height: Callable[[Dot], float]) -> None:
+    """Write a column's labels with their lines.
+
+    Args:
+        axes: with their final limits.
+        column: the labels.
+        height: a dot's height, as the axis has it.
+    """
+    forth, back = axes.transData, axes.transData.inverted()
+    box = axes.get_window_extent()
+    at = {dot: forth.transform((dot.offer.median_ms, height(dot))) for dot in column.dots}
+    named = sorted(column.named, key=lambda dot: (at[dot][1], -at[dot][0]))
+    places = spread([float(at[dot][1]) for dot in named], LINE_PX, box.y0 + 11, box.y1 - 11)
+    right = column.side == "right"
+    xs = [float(x) for x, _ in at.values()]
+    edge = max(xs) + GAP_PX if right else min(xs) - GAP_PX
+    for dot, y in zip(named, places, strict=True):
+        x0, y0 = (float(value) for value in at[dot])
+        x, place = back.transform((edge, y))
+        first = dot.rank == "frontier"
+        axes.text(
+            x, place, dot.label(with_locator=column.with_locator), ha="left" if right else "right",
+            va="center_baseline", fontsize=FONT, color=QUIET if dot.rank == "beaten" else INK, zorder=7,
+            fontweight="bold" if first else "normal",
+        )  # fmt: skip
+        sign = 1 if right else -1
+        ends = [(x0 + sign * _DOT_PX, y0), (edge - sign * 12, y), (edge - sign * 4, y)]
+        line = back.transform(ends)
+        axes.plot(line[:, 0], line[:, 1], color=QUIET, linewidth=0.7, alpha=0.9 if first else 0.5, zorder=2.1)

@@ -1,9 +1,8 @@
-"""What colours, fillings and sizes mean in the picture of the price list, and what measures its texts."""
+"""What fillings, sizes and strengths mean in the picture of the price list, and what measures its texts."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Literal
 
 from matplotlib.backend_bases import RendererBase
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -11,15 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from vocc_torch.reporting.canvas import INK, QUIET
-from vocc_torch.reporting.styles import Style
-
-FillStyle = Literal["full", "none", "left", "bottom"]
-
-FAINT = 0.38
-"""Opacity of what another beats."""
-
-_LOCATED_BY = {"truth": "true corners", "paper": "the paper's locator", "refined": "refined locator"}
-_LEFT, _TOP, _GAP = 0.765, 0.885, 0.006
+from vocc_torch.reporting.tradeoff_dots import LOCATED_BY, STRENGTH, FillStyle
 
 
 def text_renderer(figure: Figure) -> RendererBase:
@@ -32,71 +23,57 @@ def text_renderer(figure: Figure) -> RendererBase:
 
 def draw_legend(
     figure: Figure,
-    styles: Mapping[str, Style],
     faces: Mapping[str, FillStyle],
     *,
+    bottom: float,
     varied: bool,
-    limits: bool,
+    doubtful: bool,
+    beaten: bool,
 ) -> None:
-    """Write the legend at the figure's right, one part below the other.
+    """Write the legend as a row.
 
     Args:
-        figure: with a canvas that draws pixels.
-        styles: by receiver.
+        figure: the figure.
         faces: how the markers of each locator are filled.
+        bottom: its lower end, as a share of the figure's height.
         varied: whether there are receivers at other settings.
-        limits: whether there are receivers without errors.
+        doubtful: whether there are some that are beaten, perhaps by chance.
+        beaten: whether there are some that are surely beaten.
     """
-    receivers = [
-        _sign(one.label, marker=one.marker, color=one.colour, markersize=9.0) for one in styles.values()
-    ]
-    located = [_sign(_LOCATED_BY[name], fill=face, markersize=9.0) for name, face in faces.items()]
+    handles = [_sign(LOCATED_BY[name].removeprefix("the "), fill=face) for name, face in faces.items()]
     if varied:
-        located.append(_sign("other K, gradient\nor precision", markersize=5.5))
-    others = [
-        Line2D([], [], color=INK, linewidth=1.5, label="frontier"),
-        _sign("beaten by another", alpha=FAINT + 0.1, markersize=9.0),
-    ]
-    if limits:
-        others.append(_sign("no error: 95 % limit", marker=r"$\downarrow$", markersize=10.0))
-    top = _TOP
-    for title, handles in (("Receivers", receivers), ("Panel located by", located), (None, others)):
-        legend = figure.legend(
-            handles=handles,
-            title=title,
-            loc="upper left",
-            bbox_to_anchor=(_LEFT, top),
-            frameon=False,
-            fontsize=10.2,
-            title_fontproperties={"weight": "bold", "size": 10.5},
-            alignment="left",
-            labelcolor=INK,
-            handletextpad=0.5,
-            labelspacing=0.42,
-        )
-        top -= legend.get_window_extent(text_renderer(figure)).height / figure.bbox.height + _GAP
+        handles.append(_sign("other K, gradient or precision", markersize=5.5))
+    handles.append(Line2D([], [], color=INK, linewidth=1.5, label="frontier"))
+    if doubtful:
+        handles.append(_sign("beaten, perhaps by chance", alpha=STRENGTH["perhaps"]))
+    if beaten:
+        handles.append(_sign("surely beaten", alpha=STRENGTH["beaten"]))
+    figure.legend(
+        handles=handles,
+        loc="lower left",
+        bbox_to_anchor=(0.012, bottom),
+        ncols=len(handles),
+        frameon=False,
+        fontsize=10,
+        labelcolor=INK,
+        handletextpad=0.35,
+        columnspacing=1.5,
+        borderaxespad=0,
+    )
 
 
-def _sign(
-    label: str,
-    *,
-    markersize: float,
-    marker: str = "o",
-    color: str = QUIET,
-    fill: FillStyle = "full",
-    alpha: float = 1.0,
-) -> Line2D:
+def _sign(label: str, *, markersize: float = 9.0, fill: FillStyle = "full", alpha: float = 1.0) -> Line2D:
     """Make a marker with its meaning."""
     return Line2D(
         [],
         [],
-        color=color,
+        color=QUIET,
         alpha=alpha,
-        marker=marker,
+        marker="o",
         markersize=markersize,
         markeredgewidth=1.5 if fill != "full" else None,
         fillstyle=fill,
-        markerfacecolor="white" if fill == "none" else color,
+        markerfacecolor="white" if fill == "none" else QUIET,
         markerfacecoloralt="white",
         linestyle="none",
         label=label,

@@ -10,10 +10,11 @@ from rich.text import Text
 from vocc_torch.evaluation.frontier import Offer, frontier
 from vocc_torch.evaluation.price_list import KnobSetting, Place, PriceList, Setting
 from vocc_torch.reporting.text_table import interval_text, plain_table, rate_text
+from vocc_torch.reporting.tradeoff_advice import about, compared, headline
 from vocc_torch.reporting.tradeoff_words import (
     frames_text,
-    headline,
     ms_text,
+    receiver_text,
     scenes_text,
     varied_text,
     wrapped,
@@ -21,6 +22,9 @@ from vocc_torch.reporting.tradeoff_words import (
 
 _WIDE = 106
 """Least terminal width at which batch and training stand in the table."""
+
+_WIDEST = 140
+"""Least terminal width at which receivers' titles do too."""
 
 
 def print_prices(prices: PriceList, console: Console | None = None) -> None:
@@ -53,18 +57,26 @@ def print_prices(prices: PriceList, console: Console | None = None) -> None:
         if single:
             alone = [ms_text(prices.spent[setting, Place(device, frames, 1)].total[1])]
         cells = [
-            *(mark if on else "", setting.receiver, setting.locator),
+            mark if on else "",
+            receiver_text(setting.receiver) if console.width >= _WIDEST else setting.receiver,
+            setting.locator,
             ", ".join(varied_text(setting, prices.settings[0])).replace(" gradient", ""),
             *(ms_text(offer.median_ms), *alone, *_rate(offer)),
             *((str(batch), *_made(prices, setting)) if wide else ()),
         ]
         table.add_row(*(Text(cell) for cell in cells), style="" if on else "dim")
+    if (mark_row := _mark_row(prices, scenes, single)) is not None:
+        table.add_row(*(Text(cell) for cell in mark_row), *(("",) * 3 if wide else ()))
+    for line in compared(prices):
+        console.print(Text(wrapped(line)), soft_wrap=True)
     console.print(table)
     said = [
         f"{mark} on the frontier: nothing is both quicker and better. {frames_text(prices, frames)}; "
         f"{scenes_text(prices, scenes)}. ms: median a frame in the best batch; alone: one frame at a time.",
         "",
         *headline(prices),
+        "",
+        *about(prices),
     ]
     for line in said:
         console.print(Text(wrapped(line)), soft_wrap=True)
@@ -94,6 +106,16 @@ def print_renderer(knobs: Sequence[KnobSetting], console: Console | None = None)
             ),
         )
     console.print(table)
+
+
+def _mark_row(prices: PriceList, scenes: str, single: bool) -> list[str] | None:
+    """Give the line of what is possible."""
+    mark = prices.mark(scenes)
+    if mark is None:
+        return None
+    rate, interval = mark
+    limit = Offer("possible", 1.0, 1.0, 1.0, rate, interval.low, interval.high)
+    return ["", "knows the scene", "", "", "", *([""] if single else []), *_rate(limit)]
 
 
 def _rate(offer: Offer) -> tuple[str, str]:

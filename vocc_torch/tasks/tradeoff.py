@@ -13,10 +13,12 @@ from vocc_torch.config import AppConfig
 from vocc_torch.evaluation.price_list import KnobSetting, PriceList
 from vocc_torch.files import write_atomically
 from vocc_torch.reporting.canvas import save_figure
+from vocc_torch.reporting.tradeoff_advice import recommendation
 from vocc_torch.reporting.tradeoff_csv import write_prices, write_renderer
 from vocc_torch.reporting.tradeoff_figure import tradeoff_figure
+from vocc_torch.reporting.tradeoff_shares import shares_figure
 from vocc_torch.reporting.tradeoff_table import print_prices, print_renderer
-from vocc_torch.reporting.tradeoff_words import recommendation
+from vocc_torch.studies.evidence.timing import PAPER_SHARES
 from vocc_torch.studies.tradeoff import TradeoffStudy, price_receivers, price_renderer
 from vocc_torch.studies.workers import Workers
 from vocc_torch.tasks.folder import as_markdown, print_place, refuse_results, refuse_unused, write_config
@@ -61,14 +63,15 @@ def _measure(study: TradeoffStudy, workers: Workers, console: Console) -> tuple[
 
 
 def _figures(prices: PriceList) -> dict[str, Figure]:
-    """Draw a picture for each kind of scenes, frames and device, the main one first."""
+    """Draw a picture for each kind of scenes, frames and device, the main one first, and Fig. 25."""
     figures: dict[str, Figure] = {}
     for scenes in prices.errors:
         for device, frames in prices.kinds:
             parts = [frames, scenes, *([device.replace(":", "")] if len(prices.machines) > 1 else [])]
             name = "-".join(["tradeoff", *parts]) if figures else "tradeoff"
             figures[name] = tradeoff_figure(prices, scenes, device, frames)
-    return figures
+    shares = shares_figure(prices, PAPER_SHARES)
+    return figures if shares is None else {**figures, "fig25": shares}
 
 
 def _write(

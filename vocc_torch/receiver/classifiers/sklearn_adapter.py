@@ -69,6 +69,15 @@ class SklearnClassifier:
         """Decide every LED."""
         return self.decision_function(x) >= 0
 
+    @property
+    def parameters_count(self) -> int | None:
+        """How many numbers decide: a linear estimator's weights and intercepts; None of another."""
+        # A pipeline decides by its last step; a scaler before it makes no more decisions.
+        last = self.estimator.steps[-1][1] if hasattr(self.estimator, "steps") else self.estimator
+        if not hasattr(last, "coef_"):
+            return None
+        return int(np.size(last.coef_) + np.size(last.intercept_))
+
 
 def _rows(x: Tensor) -> NDArray[np.float32]:
     """Give the LEDs of all panels as rows, (N,F)."""

@@ -35,6 +35,7 @@ class RendererKnobs:
 
     Args:
         frames: frames rendered for errors and in timed calls, at least 1; 0 leaves the renderer out.
+        supersampling: samples along a pixel's side of the alternative to exact areas, 1 to 64.
         kernel_sigmas: half widths of the blooming kernel, in standard deviations, above 0.
         margins_px: what is added to each side of the crop, px; may be negative.
 
@@ -45,6 +46,7 @@ class RendererKnobs:
     frames: int = 8
     kernel_sigmas: tuple[float, ...] = (2.0, 3.0, 6.0)
     margins_px: tuple[int, ...] = (-20, -16, 16, 64)
+    supersampling: tuple[int, ...] = (1, 2, 4, 8, 16)
 
     def __post_init__(self) -> None:
         """Check every range."""
@@ -54,6 +56,9 @@ class RendererKnobs:
             if not 0 < sigmas <= 16:
                 key = "tradeoff.simulation.kernel_sigmas"
                 raise VoccError(f"{key} has {sigmas:g}: it must be above 0 and at most 16")
+        for samples in self.supersampling:
+            if not 1 <= samples <= 64:
+                raise VoccError(f"tradeoff.simulation.supersampling has {samples}: it must be from 1 to 64")
 
 
 @dataclass(frozen=True)
@@ -80,6 +85,10 @@ class TradeoffStudy:
         scenes: kinds of scenes by name: what they narrow.
         knobs: the renderer's.
         scene_name: what results call the scene.
+        frames_a_preamble: frames of data that a pair of frames of known bits serves, at least 1; errors are
+            counted with a pair for each.
+        genie_frames: frames of each kind of scenes for a decoder that knows the scene; 0 for none.
+        missing: devices that were asked for and are not there, and why.
 
     Raises:
         VoccError: a value outside its range or an unknown name.
@@ -100,6 +109,9 @@ class TradeoffStudy:
     scenes: Mapping[str, Mapping[str, Distribution]] = field(default_factory=lambda: {"mixture": {}})
     knobs: RendererKnobs = field(default_factory=RendererKnobs)
     scene_name: str = ""
+    frames_a_preamble: int = 1
+    genie_frames: int = 0
+    missing: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Check every list and every number, before any work is done."""
@@ -121,7 +133,7 @@ class TradeoffStudy:
         for batch in self.batch_sizes:
             if not 1 <= batch <= MOST_BATCH:
                 raise VoccError(f"tradeoff.batch_sizes has {batch}: it must be from 1 to {MOST_BATCH}")
-        for name, least in (("repeats", 1), ("threads", 0)):
+        for name, least in (("repeats", 1), ("threads", 0), ("frames_a_preamble", 1), ("genie_frames", 0)):
             if getattr(self, name) < least:
                 raise VoccError(f"tradeoff.{name} is {getattr(self, name)}: it must be at least {least}")
         if not self.scenes:

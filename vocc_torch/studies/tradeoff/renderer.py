@@ -20,13 +20,14 @@ from vocc_torch.simulation.simulator import Framing
 from vocc_torch.studies.link import block_keys
 from vocc_torch.studies.plan import World, resolve_device
 from vocc_torch.studies.tradeoff.plan import DTYPES, TradeoffStudy
+from vocc_torch.studies.tradeoff.supersampling import Supersampled, can_sample
 from vocc_torch.studies.tradeoff.times import threads
 from vocc_torch.types import Frames, Scene
 
 REFERENCE_SIGMAS = 8.0
 """Half width of the reference's kernel: beyond it lies 1e-15 of the light, as much as float64 rounds off."""
 
-Knob = Literal["none", "dtype", "framing", "kernel", "margin"]
+Knob = Literal["none", "dtype", "framing", "kernel", "margin", "sampled"]
 
 
 @dataclass(frozen=True)
@@ -39,6 +40,7 @@ class _Setting:
     dtype: torch.dtype
     sigmas: float | None = None
     margin_px: int = 0
+    samples: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +74,7 @@ def price_renderer(study: TradeoffStudy) -> list[KnobSetting]:
 
     Errors are those of grey values before quantisation, over whole sensors, against frames rendered whole in
     float64 with a kernel of 8 standard deviations. LEDs are drawn by the exact area of pixels that they
-    cover, so there is no supersampling to set.
+    cover, so there is no supersampling to set; what it would cost and do is measured beside, as ``sampled``.
 
     Args:
         study: the study; the scenes are its first kind.
@@ -154,6 +156,11 @@ def _settings(study: TradeoffStudy) -> list[_Setting]:
             replace(usual, knob="margin", value=f"{margin:+d} px", margin_px=margin)
             for margin in study.knobs.margins_px
         ]
+    if can_sample(world):
+        found += [
+            replace(usual, knob="sampled", value=f"{samples} x {samples}", samples=samples)
+            for samples in study.knobs.supersampling
+        ]
     return found
 
 
@@ -164,7 +171,8 @@ def _simulator(world: World, setting: _Setting, *, quantised: bool = True) -> Si
         for name, settings in world.effects.items()
         if quantised or name not in ("quantization", "jpeg")
     }
-    simulator = _Cut(
+    kind = Supersampled if setting.samples else _Cut
+    simulator = kind(
         world.camera,
         world.panel,
         effects,
@@ -172,7 +180,10 @@ def _simulator(world: World, setting: _Setting, *, quantised: bool = True) -> Si
         device=resolve_device(world.device),
         dtype=setting.dtype,
     )
-    simulator.margin_px = setting.margin_px
+    if isinstance(simulator, Supersampled):
+        simulator.samples = setting.samples
+    elif isinstance(simulator, _Cut):
+        simulator.margin_px = setting.margin_px
     if setting.sigmas is not None:
         simulator.effects = tuple(
             _Truncated(effect.sigma_px, setting.sigmas) if isinstance(effect, Blooming) else effect

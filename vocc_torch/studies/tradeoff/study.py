@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from concurrent.futures.process import BrokenProcessPool
 
-from vocc_torch.evaluation.price_list import PriceList
+from vocc_torch.errors import VoccError
+from vocc_torch.evaluation.price_list import Mark, PriceList
+from vocc_torch.studies.genie_mark import genie_mark
 from vocc_torch.studies.plan import resolve_device
 from vocc_torch.studies.tradeoff.errors import count_errors
 from vocc_torch.studies.tradeoff.plan import TradeoffStudy, trained_alike
@@ -33,6 +36,8 @@ def price_receivers(study: TradeoffStudy, workers: Workers, told: Told = lambda 
         receivers = chains(study, made)
         told("bit errors")
         errors = count_errors(study, receivers, workers)
+        told("what is possible")
+        marks, no_marks = _marks(study, workers)
     told("times")
     times = measure_times(study, receivers)
     return PriceList(
@@ -48,4 +53,25 @@ def price_receivers(study: TradeoffStudy, workers: Workers, told: Told = lambda 
         sensor_px=study.plan.world.camera.sensor_px,
         crop_px=times.crop_px,
         scene=study.scene_name,
+        frames_a_preamble=study.frames_a_preamble,
+        marks=marks,
+        no_marks=no_marks,
+        missing=study.missing,
     )
+
+
+def _marks(study: TradeoffStudy, workers: Workers) -> tuple[dict[str, Mark], str]:
+    """Let a decoder that knows the scene have the first of the frames, or say why it has none."""
+    if not study.genie_frames:
+        return {}, "tradeoff.genie_frames is 0"
+    plan, marks = study.plan, {}
+    frames = min(study.genie_frames, plan.budget.frames)
+    for name in study.scenes:
+        try:
+            mark = genie_mark(plan.world, study.model(name), plan.seed, study.point(name), frames, workers)
+        except VoccError as error:
+            if isinstance(error.__cause__, BrokenProcessPool):
+                raise
+            return {}, str(error)
+        marks[name] = Mark(mark.counts, mark.proven, mark.seconds_a_frame)
+    return marks, ""

@@ -25,6 +25,9 @@ from vocc_torch.types import Frames, Panels
 FRAMINGS: Mapping[FrameKind, Framing] = {"whole": "filled", "crops": "crop"}
 """How frames are rendered that a receiver gets whole, or cut to the panel's surroundings."""
 
+MEASURING = ("read", "rectify", "features")
+"""What a frame of known bits goes through."""
+
 END_TO_END = "flda_3"
 """The receiver that is timed in one go too, as a check on the sum of its stages; else the first one."""
 
@@ -56,9 +59,10 @@ class Times:
 def measure_times(study: TradeoffStudy, chains: Sequence[Chain]) -> Times:
     """Time every stage of every receiver, with each batch size, kind of frames and device.
 
-    Frames come as a camera hands them over: uint8, one array each, in the host's memory. Rendering and
-    preambles are not timed. Each stage starts from what the one before has made, and is timed by itself,
-    warmed up, with the device idle before and done after.
+    Frames come as a camera hands them over: uint8, one array each, in the host's memory. Rendering is not
+    timed. A receiver whose threshold comes from frames of known bits, all On and all Off, reads and measures
+    two frames more for every ``frames_a_preamble`` of data. Each stage starts from what the one before has
+    made, and is timed by itself, warmed up, with the device idle before and done after.
 
     Args:
         study: the study.
@@ -80,7 +84,8 @@ def measure_times(study: TradeoffStudy, chains: Sequence[Chain]) -> Times:
                 machines[name] = describe_machine(device)
                 for batch in study.batch_sizes:
                     place = Place(name, kind, batch)
-                    bench = _Bench(moved, _parts(study, moved, shot, batch, device), device)
+                    parts = _parts(study, moved, shot, batch, device)
+                    bench = _Bench(moved, parts, device, study.frames_a_preamble)
                     wall, processor = time.perf_counter(), time.thread_time()
                     timing = interleaved(bench.calls, study.rounds(batch), device)
                     clocks[0] += time.perf_counter() - wall
@@ -191,11 +196,15 @@ def _rectified(chain: Chain) -> _Key:
 class _Bench:
     """The timed calls of one place, each stage once however many receivers share it."""
 
-    def __init__(self, chains: Sequence[Chain], parts: Sequence[_Part], device: torch.device) -> None:
+    def __init__(
+        self, chains: Sequence[Chain], parts: Sequence[_Part], device: torch.device, frames_a_preamble: int
+    ) -> None:
         self.calls: dict[str, Call] = {}
         self.stages: dict[Setting, dict[str, str]] = {}
         self.wholes: dict[Setting, str] = {}
         self._parts, self._device = parts, device
+        # All On and all Off, read and measured where the panel was found.
+        self._more = {one.setting: 2 / frames_a_preamble if one.needs_preambles else 0.0 for one in chains}
         for chain in chains:
             self.stages[chain.setting] = self._stages(chain)
         for locator in dict.fromkeys(chain.setting.locator for chain in chains):
@@ -205,15 +214,14 @@ class _Bench:
 
     def spent(self, setting: Setting, timing: Mapping[str, Timing], batch: int) -> Spent:
         """Give a setting's times, ms a frame."""
-        names, rounds = self.stages[setting], len(next(iter(timing.values())).seconds)
-        return Spent(
-            {
-                stage: tuple(1e3 * s / batch for s in timing[names[stage]].seconds)
-                if stage in names
-                else (0.0,) * rounds
-                for stage in STAGES
-            }
-        )
+        names, nothing = self.stages[setting], (0.0,) * len(next(iter(timing.values())).seconds)
+        rounds = {
+            stage: tuple(1e3 * s / batch for s in timing[names[stage]].seconds) if stage in names else nothing
+            for stage in STAGES
+        }
+        measured = zip(*(rounds[stage] for stage in MEASURING), strict=True)
+        rounds["preambles"] = tuple(self._more[setting] * sum(each) for each in measured)
+        return Spent(rounds)
 
     def ratio(self, timing: Mapping[str, Timing]) -> float:
         """Time in one go over the sum of the stages, the median over locators and rounds."""

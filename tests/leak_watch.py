@@ -1,0 +1,156 @@
+"""Watches what is rendered, what receivers are taught and what they are asked, and says what leaked."""
+
+import hashlib
+from contextlib import contextmanager
+from pathlib import Path
+
+import torch
+
+from vocc_torch.receiver.classifiers.protocol import Guarded
+from vocc_torch.receiver.flda import FLDA
+from vocc_torch.simulation import Simulator
+from vocc_torch.studies import classifiers as classifiers_module
+from vocc_torch.studies import train as train_module
+
+SHIPPED = sorted(path.stem for path in (Path(__file__).parents[1] / "conf" / "classifier").glob("*.yaml"))
+SHIPPED = [name for name in SHIPPED if name not in ("sklearn", "own")]
+NETWORKS = ("cnn", "mlp", "mlp_features")
+LITTLE = (
+    *("device=cpu", "workers=1", "tensorboard=false", "budget.frames=32", "budget.training_frames=64"),
+    *("experiment.values=[1000,4000]", "receiver.names=[average_greyscale,flda_gri,flda_3]"),
+    *(f"classifier=[{','.join(SHIPPED)}]",),
+    *(f"classifiers.{name}.training.{value}" for name in NETWORKS for value in ("frames=64", "epochs=1")),
+)
+"""All that is shipped, at a small budget."""
+
+ONE = (*LITTLE[:3], "budget.frames=64", "budget.training_frames=64", "experiment.values=[4000]")
+"""Fewer still."""
+
+
+def digest(*tensors):
+    """What tells tensors from others."""
+    made = hashlib.sha256()
+    for one in tensors:
+        made.update(one.detach().contiguous().cpu().numpy().tobytes())
+    return made.digest()[:16]
+
+
+def columns(x):
+    """Digests of each panel's numbers, one for each thing seen of the LEDs, (B,R,C,F).
+
+    What is the same at all LEDs of a panel, as its cell size and white are, tells no frame from another.
+    """
+    rows = x.detach().to(torch.float32).flatten(1, -2)
+    varied = (rows != rows[:, :1]).any(1)
+    return {
+        digest(rows[panel, :, column])
+        for panel in range(len(rows))
+        for column in range(rows.shape[-1])
+        if varied[panel, column]
+    }
+
+
+class Watch:
+    """Puts itself between the simulator and the receivers of this process.
+
+    Training is what happens within the two functions that train; all else that is rendered is for tests.
+    Were there a third that trains, its frames would count as test frames that were taught.
+    """
+
+    def __init__(self, monkeypatch):
+        self.phase = "test"
+        self.keys = {"train": set(), "test": set()}
+        self.frames = {"train": set(), "test": set()}
+        self.bits = {"train": set(), "test": set()}
+        self.taught, self.asked, self.labels = set(), set(), set()
+        self.pupils, self.examined = set(), set()
+        self._on_simulator(monkeypatch)
+        self._on_receivers(monkeypatch)
+        for module in (train_module, classifiers_module):
+            monkeypatch.setattr(module, "_trained", self._as_training(module._trained))
+
+    def leaks(self):
+        """Kinds of things that training and tests have in common; there must be none."""
+        common = {
+            "frames of one name": self.keys["train"] & self.keys["test"],
+            "pictures": self.frames["train"] & self.frames["test"],
+            "bits": self.bits["train"] & self.bits["test"],
+            "labels of test frames": self.labels & self.bits["test"],
+            "labels of no training frame": self.labels - self.bits["train"],
+            "what is seen of a panel": self.taught & self.asked,
+        }
+        return {kind for kind, shared in common.items() if shared}
+
+    def _on_simulator(self, monkeypatch):
+        render = Simulator.render
+
+        def watched(simulator, scene, bits, *, keys=(), **rest):
+            frames = render(simulator, scene, bits, keys=keys, **rest)
+            for i, key in enumerate(keys):
+                # Preambles are of known bits, and belong to a test frame's scene.
+                if key.take == "frame":
+                    self.keys[self.phase].add(key)
+                    self.frames[self.phase].add(digest(frames.grey[i], frames.origin_px[i]))
+                    self.bits[self.phase].add(digest(bits[i]))
+            return frames
+
+        monkeypatch.setattr(Simulator, "render", watched)
+
+    def _on_receivers(self, monkeypatch):
+        stream = Guarded.fit_stream
+
+        def streamed(guarded, batches, frames):
+            def told(first, count):
+                for x, bits in batches(first, count):
+                    self._teach(guarded.name, x, bits)
+                    yield x, bits
+
+            return stream(guarded, told, frames)
+
+        monkeypatch.setattr(Guarded, "fit_stream", streamed)
+        for kind, method in ((FLDA, "fit"), (FLDA, "update"), (Guarded, "fit")):
+            monkeypatch.setattr(kind, method, self._teaching(getattr(kind, method)))
+        for kind in (FLDA, Guarded):
+            monkeypatch.setattr(kind, "decision_function", self._asking(kind.decision_function))
+
+    def _teaching(self, method):
+        def watched(pupil, x, bits):
+            # A classifier's own FLDA may get its LEDs in a row, without panels.
+            if x.ndim == 4:
+                self._teach(_name(pupil), x, bits)
+            return method(pupil, x, bits)
+
+        return watched
+
+    def _asking(self, method):
+        def watched(pupil, x):
+            if self.phase == "test":
+                self.examined.add(_name(pupil))
+                self.asked |= columns(x)
+            return method(pupil, x)
+
+        return watched
+
+    def _teach(self, name, x, bits):
+        self.pupils.add(name)
+        self.taught |= columns(x)
+        self.labels |= {digest(one) for one in bits}
+
+    def _as_training(self, function):
+        def watched(*arguments, **rest):
+            with self._training_phase():
+                return function(*arguments, **rest)
+
+        return watched
+
+    @contextmanager
+    def _training_phase(self):
+        before, self.phase = self.phase, "train"
+        try:
+            yield
+        finally:
+            self.phase = before
+
+
+def _name(pupil):
+    return pupil.name if isinstance(pupil, Guarded) else f"FLDA of {pupil.n_features}"

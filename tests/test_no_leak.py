@@ -1,0 +1,271 @@
+"""No receiver is trained on frames it is tested on; found by watching what is rendered, taught and asked.
+
+Each check is held against leaks made on purpose, which it must find.
+"""
+
+import csv
+import dataclasses
+import sys
+
+import pytest
+import torch
+from leak_watch import LITTLE, ONE, SHIPPED, Watch, digest
+from paper_runs import white
+
+from vocc_torch.receiver.classifiers.recipe import TrainingRecipe
+from vocc_torch.receiver.classifiers.torch_classifier import TorchClassifier
+from vocc_torch.rng import BlockKey
+from vocc_torch.studies import classifiers as classifiers_module
+from vocc_torch.studies import counter as counter_module
+from vocc_torch.studies.plan import Experiment
+from vocc_torch.studies.tradeoff import plan as tradeoff_module
+from vocc_torch.studies.tradeoff.plan import TradeoffStudy
+
+TRADEOFF = (
+    *("task=tradeoff", "device=cpu", "workers=1", "tensorboard=false", "budget.frames=16"),
+    *("camera.width_px=480", "camera.height_px=272", "camera.sensor_width_mm=3.3"),
+    *("scene.offset_x_m=0", "scene.offset_y_m=0", "scene.distance_m=[uniform,50,70]"),
+    *("budget.training_frames=64", "tradeoff.repeats=1", "tradeoff.simulation.frames=1"),
+    *("tradeoff.batch_sizes=[1]", "tradeoff.locators=[paper,truth]", "tradeoff.varied=[flda_3]"),
+    *("receiver.names=[flda_3]", "classifier=[lmmse,logistic]", "tradeoff.samples_per_led=[8,4]"),
+)
+COMMANDS = {
+    "test": (*LITTLE, "receiver.locator=paper"),
+    "contrast": (
+        *("experiment=contrast", *LITTLE[:5], "experiment.values=[0,0.2,0.6]"),
+        *("receiver.names=[flda_3]", "classifier=[lmmse,logistic]"),
+    ),
+    "tradeoff": TRADEOFF,
+}
+
+
+@pytest.fixture
+def undrawn(app, monkeypatch):
+    """Run the command line without drawing, and without timing a call more often than once."""
+    for task in ("testing", "tradeoff"):
+        monkeypatch.setattr(f"vocc_torch.tasks.{task}.save_figure", white)
+    monkeypatch.setattr(tradeoff_module, "LEAST_FRAMES", 1)
+    return app
+
+
+# Trained on frames it is tested on
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_training_and_tests_have_no_frame_in_common(undrawn, monkeypatch, name):
+    watch = Watch(monkeypatch)
+    ran = undrawn(*COMMANDS[name], "name=x")
+    assert ran.status == 0, ran.err
+    assert watch.leaks() == set()
+    assert min(len(watch.taught), len(watch.asked), len(watch.labels), len(watch.bits["test"])) > 15
+    assert {one for one in watch.examined if not one.startswith("FLDA")} <= {
+        *watch.pupils,
+        *("panel_kmeans", "panel_otsu", "tag_planes"),
+    }
+    if name == "test":
+        assert {*SHIPPED, "FLDA of 3"} <= watch.examined
+        assert {*SHIPPED, "FLDA of 3"} - {"panel_kmeans", "panel_otsu", "tag_planes"} <= watch.pupils
+
+
+def test_seeds_have_no_frame_in_common(undrawn, monkeypatch):
+    """Trained with one seed, tested with another: as disjoint as within one, over three seeds."""
+    watch = Watch(monkeypatch)
+    few = ("budget.frames=64", "budget.training_frames=128", "experiment.values=[4000]", "classifier=lmmse")
+    for seed in (0, 1, 2):
+        assert undrawn(*LITTLE[:3], *few, f"seed={seed}", f"name=x{seed}").status == 0
+    assert watch.leaks() == set()
+    assert [len(watch.keys[phase]) for phase in ("train", "test")] == [3 * 128, 3 * 64]
+    # Within a phase too: two seeds of one frame would be one frame twice.
+    assert [len(watch.bits[phase]) for phase in ("train", "test")] == [3 * 128, 3 * 64]
+
+
+def names_of_training(monkeypatch):
+    monkeypatch.setattr(counter_module, "point_name", lambda *_: "train")
+
+
+def names_of_tests(monkeypatch):
+    """One classifier's stream is that of the tests; FLDA's training is as ever."""
+    monkeypatch.setattr(
+        classifiers_module,
+        "block_keys",
+        lambda seed, _, frames: [
+            BlockKey(seed, "ambient/ambient_lx=4000", i) for i in range(-(-frames // 64))
+        ],
+    )
+
+
+def draws_without_names(monkeypatch):
+    """Frames have other names and the same draws."""
+    sequence = BlockKey._sequence
+    monkeypatch.setattr(
+        BlockKey, "_sequence", lambda key, stream: sequence(dataclasses.replace(key, point="any"), stream)
+    )
+
+
+def same_scenes_as_well(monkeypatch):
+    names_of_tests(monkeypatch)
+    monkeypatch.setattr(Experiment, "training_model", lambda self, world: self.model_at(world, 4000.0))
+
+
+def names_of_training_in_the_price_list(monkeypatch):
+    monkeypatch.setattr(TradeoffStudy, "point", lambda *_: "train")
+
+
+LEAKS = {
+    names_of_training: {"frames of one name", "bits", "labels of test frames"},
+    names_of_tests: {"frames of one name", "bits", "labels of test frames"},
+    names_of_training_in_the_price_list: {
+        *("frames of one name", "pictures", "bits", "labels of test frames", "what is seen of a panel"),
+    },
+    draws_without_names: {"bits", "labels of test frames"},
+    same_scenes_as_well: {
+        *("frames of one name", "pictures", "bits", "labels of test frames", "what is seen of a panel"),
+    },
+}
+
+
+@pytest.mark.parametrize("leak", LEAKS, ids=lambda leak: leak.__name__)
+def test_a_leak_made_on_purpose_is_found(undrawn, monkeypatch, leak):
+    watch = Watch(monkeypatch)
+    leak(monkeypatch)
+    few = ("receiver.names=[flda_3]", "receiver.locator=truth", "classifier=lmmse", "name=x")
+    if leak is names_of_training_in_the_price_list:
+        few = (*TRADEOFF, "classifier=lmmse", "tradeoff.locators=[truth]", "tradeoff.varied=[]", "name=x")
+    ran = undrawn(*ONE, *few)
+    assert ran.status == 0, ran.err
+    assert watch.leaks() == LEAKS[leak]
+
+
+MEMORY = """
+class Memory:
+    def _pattern(self, x):
+        first = x[..., 0].flatten(1)
+        return first > first.median(dim=1, keepdim=True).values
+
+    def fit(self, x, bits):
+        self.patterns, self.bits = self._pattern(x), bits.flatten(1)
+
+    def decision_function(self, x):
+        # What it has met it knows by heart; of the rest it knows nothing.
+        apart, which = (self._pattern(x)[:, None] != self.patterns).sum(-1).min(dim=1)
+        known = (self.bits[which].float() * 2 - 1)
+        known[apart > 8] = 1.0
+        return known.view(x.shape[:-1])
+
+    def predict(self, x):
+        return self.decision_function(x) >= 0
+"""
+
+
+def memory_ber(app, tmp_path, name):
+    (tmp_path / "memory.py").write_text(MEMORY)
+    own = ("classifier=own", "classifiers.own.file=memory.py", "classifiers.own.build._target_=Memory")
+    ran = app(*ONE, "receiver.names=[flda_3]", "receiver.locator=truth", *own, f"name={name}")
+    assert ran.status == 0, ran.err
+    return float(rows_of(tmp_path / "runs" / name / "ber.csv")["own"]["ber"])
+
+
+def rows_of(path):
+    with path.open(newline="") as file:
+        return {row["receiver"]: row for row in csv.DictReader(file)}
+
+
+def test_a_receiver_that_only_remembers_tosses_coins(undrawn, tmp_path):
+    assert memory_ber(undrawn, tmp_path, "x") == pytest.approx(0.5, abs=0.05)
+
+
+@pytest.mark.parametrize(
+    "leak", [names_of_training, names_of_tests, draws_without_names], ids=lambda leak: leak.__name__
+)
+def test_a_receiver_that_only_remembers_makes_no_error_where_frames_leak(
+    undrawn, tmp_path, monkeypatch, leak
+):
+    leak(monkeypatch)
+    assert memory_ber(undrawn, tmp_path, "x") < 0.01
+
+
+HOARDER = """
+KEPT = []
+
+class Hoarder:
+    def fit(self, *given, **named):
+        KEPT.append(("fit", given, named))
+
+    def decision_function(self, *given, **named):
+        KEPT.append(("decision_function", given, named))
+        return given[0][..., 0] - 1
+"""
+
+
+def hoarded(undrawn, tmp_path, monkeypatch):
+    """What a classifier was ever handed, and who watched."""
+    watch = Watch(monkeypatch)
+    (tmp_path / "hoarder.py").write_text(HOARDER)
+    own = ("classifier=own", "classifiers.own.file=hoarder.py", "classifiers.own.build._target_=Hoarder")
+    ran = undrawn(*ONE, "receiver.names=[flda_3]", *own, "name=x")
+    assert ran.status == 0, ran.err
+    (name,) = (one for one in list(sys.modules) if one.startswith("vocc_torch_file_hoarder"))
+    return sys.modules.pop(name).KEPT, watch
+
+
+def test_a_classifier_that_keeps_all_it_is_handed_holds_no_test_bits(undrawn, tmp_path, monkeypatch):
+    """Labels come with ``fit`` and at no other time; no memory lies beside what is handed over."""
+    kept, watch = hoarded(undrawn, tmp_path, monkeypatch)
+    assert [what for what, *_ in kept][:2] == ["fit", "decision_function"]
+    assert {what for what, *_ in kept[1:]} == {"decision_function"}
+    (_, (x, bits), named) = kept[0]
+    assert (bits.dtype, bits.shape, x.shape[:-1], named) == (torch.bool, (64, 8, 8), (64, 8, 8), {})
+    assert {digest(one) for one in bits} == watch.bits["train"]
+    assert len(watch.bits["test"]) == 64
+    for _, given, named in kept[1:]:
+        assert (len(given), named) == (1, {})
+        (asked,) = given
+        assert (type(asked), asked.dtype, asked.shape[1:]) == (torch.Tensor, torch.float32, (8, 8, 3))
+        assert (asked.requires_grad, vars(asked)) == (False, {})
+        assert asked.untyped_storage().nbytes() == 4 * asked.numel()
+    assert sum(len(given[0]) for _, given, _ in kept[1:]) == 64
+
+
+def test_a_test_bit_in_the_hands_of_a_classifier_is_found(undrawn, tmp_path, monkeypatch):
+    """The leak on purpose: ``fit`` is called again with what was just decided."""
+    count = counter_module.half_errors
+
+    def taught(scores, sent, found):
+        kept = next(m.KEPT for n, m in list(sys.modules.items()) if n.startswith("vocc_torch_file_hoarder"))
+        kept.append(("fit", (scores, sent), {}))
+        return count(scores, sent, found)
+
+    monkeypatch.setattr(counter_module, "half_errors", taught)
+    kept, watch = hoarded(undrawn, tmp_path, monkeypatch)
+    assert {digest(one) for _, (_, bits), _ in kept[2:3] for one in bits} == watch.bits["test"]
+
+
+# Validation
+
+
+def test_validation_is_of_other_panels_than_training_and_sets_no_scale():
+    """Every LED has a number of its own, by which the module is seen to learn from it or be judged by it."""
+    x = torch.linspace(0, 1, 20 * 9).view(20, 3, 3, 1)[torch.randperm(20, generator=torch.manual_seed(0))]
+    seen = {True: [], False: []}
+
+    class Seen(torch.nn.Linear):
+        def forward(self, rows):
+            seen[self.training].append(rows.detach().clone())
+            return super().forward(rows)
+
+    recipe = TrainingRecipe(frames=20, epochs=3, validation=0.25, batch_leds=32)
+    TorchClassifier(Seen(1, 1), recipe).fit(x, x[..., 0] > 0.5)
+    learnt, judged = (torch.cat(seen[training]).unique() for training in (True, False))
+    whole = x.flatten()
+    of_training = x[:15].flatten()
+    scaled = (whole - of_training.mean()) / of_training.std()
+    torch.testing.assert_close(learnt, scaled[: 15 * 9].sort().values)
+    torch.testing.assert_close(judged, scaled[15 * 9 :].sort().values)
+
+
+@pytest.mark.parametrize("locator", ["truth", "paper", "refined"])
+def test_results_say_who_located_the_panel(undrawn, tmp_path, locator):
+    few = ("classifier=lmmse", f"receiver.locator={locator}", "name=x", "receiver.names=[flda_3]")
+    assert undrawn(*ONE, *few).status == 0
+    rows = rows_of(tmp_path / "runs" / "x" / "ber.csv")
+    assert {name: row["locator"] for name, row in rows.items()} == {"flda_3": locator, "lmmse": locator}

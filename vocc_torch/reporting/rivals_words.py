@@ -1,0 +1,144 @@
+"""What a comparison of many receivers comes to, in plain words."""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from collections.abc import Iterator
+
+from vocc_torch.evaluation.curve import Row
+from vocc_torch.evaluation.rivals import Rivals, Transfer
+from vocc_torch.reporting.rivals_figure import KNOWS, ratio_text
+from vocc_torch.reporting.styles import axis_label, value_text
+from vocc_torch.reporting.text_table import rate_text
+
+
+def summary(rivals: Rivals, width: int = 100) -> str:
+    """Say which receiver is best, what it takes, how far it is from what is possible, and where it fails.
+
+    Args:
+        rivals: what was measured.
+        width: columns that a line may take.
+    """
+    parts = [_reading(rivals), *_best(rivals), *_marks(rivals), *_abroad(rivals)]
+    return "\n\n".join(textwrap.fill(part, width, break_on_hyphens=False) for part in parts) + "\n"
+
+
+def _reading(rivals: Rivals) -> str:
+    """Say how to read the table."""
+    locator = next(iter(rivals.curves.values())).locator
+    return (
+        "The fewest wrong bits over all points first. 95 % intervals, frames as the units; <: no errors, "
+        f"one-sided limit; locator: {locator}. of {rivals.reference}: the rate over that of "
+        f"{rivals.reference}, on the same frames. training: on one thread, simulating its frames included. "
+        "decide: one frame's bits, panel and features read already, in batches of 64."
+    )
+
+
+def _at(rivals: Rivals, experiment: str, value: float) -> str:
+    """Name a point."""
+    unit = axis_label(rivals.curves[experiment].axis).partition("(")[2].rstrip(")")
+    return f"at {value_text(value)} {unit}".rstrip()
+
+
+def _point(rivals: Rivals, experiment: str, receiver: str, value: float) -> Row:
+    """Find a receiver's point."""
+    rows = rivals.tables()[experiment].of(receiver)
+    return next(row for row in rows if row.value == value)
+
+
+def _best(rivals: Rivals) -> Iterator[str]:
+    """Say which of those that learn is best, and its price."""
+    plugged_in = [name for name in rivals.ranked() if name in rivals.learners and name != rivals.reference]
+    if not plugged_in or not rivals.points:
+        return
+    best, made = plugged_in[0], rivals.making[plugged_in[0]]
+    said = []
+    for experiment, value in rivals.points.items():
+        row, ratio = _point(rivals, experiment, best, value), rivals.ratio(experiment, best, value)
+        rate = f"no errors in {row.bits} bits (below {rate_text(row.ber_high)})"
+        if not row.error_free:
+            rate = f"{rate_text(row.ber)} ({rate_text(row.ber_low)} to {rate_text(row.ber_high)})"
+        share = ""
+        if ratio is not None:
+            most = ratio_text(type(ratio)(ratio.high, ratio.high, ratio.high))
+            share = f", at most {most}" if ratio.high < 1 or not ratio.ratio else f", {ratio_text(ratio)}"
+            of = "times" if share.endswith(" x") else "of"
+            share = f"{share.removesuffix(' x')} {of} the rate of {rivals.reference}"
+        said.append(f"{_at(rivals, experiment, value)} {rate}{share}")
+    price = [f"{made.training_s:.1f} s of training on {made.frames} frames"]
+    if made.parameters is not None:
+        price.append(f"{made.parameters} parameters")
+    if made.size_bytes is not None:
+        price.append(f"{made.size_bytes / 1000:.3g} kB")
+    price.append(f"{rivals.decide_ms[best]:.2g} ms a frame to decide")
+    own = rivals.decide_ms[rivals.reference]
+    price[-1] += f" ({rivals.reference}: {own:.2g} ms)"
+    yield f"Best of those that learn: {best}, {'; '.join(said)}. Its price: {', '.join(price)}."
+
+
+def _marks(rivals: Rivals) -> Iterator[str]:
+    """Say what is possible, and whether any receiver got below it."""
+    marks = [(name, value, one) for name, of in rivals.marks.items() for value, one in of.items()]
+    if marks:
+        wrong = sum(one.counts.half_errors for *_, one in marks) / 2
+        frames = sum(one.counts.frames for *_, one in marks)
+        bits = sum(one.counts.bits for *_, one in marks)
+        proven = sum(one.proven for *_, one in marks)
+        seconds = sorted(one.seconds_a_frame for *_, one in marks)[len(marks) // 2]
+        beaten = [
+            f"{name} {value_text(value)} ({', '.join(one.best)})"
+            for name, value, one in marks
+            if not one.lowest
+        ]
+        held = (
+            f"fewer wrong bits than the genie had receivers at {'; '.join(beaten)}"
+            if beaten
+            else "no receiver has fewer wrong bits at any point"
+        )
+        each = {
+            name: sum(one.receivers[name].half_errors for *_, one in marks) / 2 for name in rivals.receivers
+        }
+        least = min(each, key=lambda name: each[name])
+        yield (
+            f"What is possible: the genie, which {KNOWS} and searches the likeliest bits, has {wrong:g} "
+            f"wrong bits of {bits} in the first {frames // len(marks)} frames of each point ({proven} of "
+            f"{frames} frames proven), at {1e3 * seconds:.0f} ms a frame. On these frames {held}; the best "
+            f"over all, {least}, has {each[least]:g}."
+        )
+    for name, why in rivals.unmarked.items():
+        yield f"No genie's mark for {name}: {why}."
+
+
+def _abroad(rivals: Rivals) -> Iterator[str]:
+    """Say where learning in other scenes hurts the most, for the best and for the reference."""
+    if not rivals.transfers:
+        return
+    learnt = {one.receiver for one in rivals.transfers}
+    best = [name for name in rivals.ranked() if name in learnt][:1]
+    for name in dict.fromkeys([*best, rivals.reference]):
+        own = [one for one in rivals.transfers if one.receiver == name and one.trained_on != one.tested_on]
+        if not own:
+            continue
+        out = [one for one in own if one.trained_on == rivals.home]
+        back = [one for one in own if one.tested_on == rivals.home]
+        yield (
+            f"In other scenes: {name} trained on {rivals.home} is {_listed(out, 'tested_on')}; trained "
+            f"elsewhere and tested on {rivals.home} it is {_listed(back, 'trained_on')}."
+        )
+
+
+def _listed(transfers: list[Transfer], side: str) -> str:
+    """List the scenes that make a difference for certain, the worst first."""
+    surely: list[tuple[float, str]] = []
+    for one in transfers:
+        ratio, scene = one.ratio, str(getattr(one, side)).replace("_", " ")
+        if ratio is None:
+            if one.worse:
+                surely.append((math.inf, f"{scene} ({rate_text(one.counts.ber)} against none)"))
+        elif ratio.low > 1:
+            surely.append((ratio.ratio, f"{scene} ({ratio_text(ratio).replace(' x', ' times')})"))
+    if not surely:
+        return "as good everywhere as one trained there, as far as these frames tell"
+    ordered = [text for _, text in sorted(surely, reverse=True)]
+    return f"surely worse than one trained on the scenes of the test in {', '.join(ordered)}"

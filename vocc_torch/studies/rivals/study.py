@@ -1,0 +1,138 @@
+"""Everything ``task=classifiers`` measures, in order."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+
+from vocc_torch.evaluation.curves import Curves
+from vocc_torch.evaluation.ledger import Ledger
+from vocc_torch.evaluation.montecarlo import Label, Outcome, Tally
+from vocc_torch.evaluation.price_list import Making
+from vocc_torch.evaluation.rivals import Rivals
+from vocc_torch.evaluation.timing import interleaved
+from vocc_torch.receiver.bank import ReceiverBank, needs_preambles
+from vocc_torch.rng import BLOCK_FRAMES, BlockKey
+from vocc_torch.studies.link import Link
+from vocc_torch.studies.plan import Plan
+from vocc_torch.studies.rivals.marks import genie_marks
+from vocc_torch.studies.rivals.plan import RivalStudy
+from vocc_torch.studies.rivals.scenes import across_scenes
+from vocc_torch.studies.rivals.training import train_rivals
+from vocc_torch.studies.sweep import Sweep, measured, run_sweeps
+from vocc_torch.studies.tradeoff.times import threads
+from vocc_torch.studies.train import Training
+from vocc_torch.studies.workers import Workers
+
+TIMED_REPEATS = 9
+"""Rounds over which the time of a decision is a median."""
+
+
+def _silent(*_: object) -> None:
+    """Say nothing."""
+
+
+@dataclass(frozen=True)
+class Told:
+    """Whom to tell how far the work is.
+
+    Args:
+        stage: what begins now.
+        advance: the point under way, and frames that were added to it.
+        finished: what a stage was, once it is done.
+    """
+
+    stage: Callable[[str], None] = _silent
+    advance: Callable[[str, int], None] = _silent
+    finished: Callable[[str], None] = _silent
+
+
+def compare_rivals(
+    study: RivalStudy, ledgers: Mapping[str, Ledger], workers: Workers, told: Told | None = None
+) -> tuple[Rivals, Training]:
+    """Train all receivers, measure them along every axis, and set what they cost and can do beside.
+
+    Args:
+        study: the study.
+        ledgers: by experiment.
+        workers: who does it.
+        told: whom to tell.
+
+    Returns:
+        What was measured, and the first experiment's training.
+
+    Raises:
+        VoccError: what cannot be trained, or a worker that was ended from outside.
+    """
+    told = told or Told()
+    plans = list(study.plans.values())
+    told.stage("training")
+    trained = train_rivals(plans, workers)
+    told.finished("training")
+    banks = {
+        name: training.bank(plan.receiver.names)
+        for (name, plan), (training, _) in zip(study.plans.items(), trained, strict=True)
+    }
+    curves = _curves(study, banks, ledgers, workers, told)
+    told.finished("bit error rates")
+    marks, unmarked = genie_marks(study, banks, workers, told.stage)
+    told.finished("the genie")
+    worlds = study.worlds
+    transfers = across_scenes(worlds, workers, told.stage) if worlds else []
+    told.finished("other scenes")
+    told.stage("times")
+    spent = _decide_ms(study.base, trained[0][0])
+    told.finished("times")
+    making: dict[str, Making] = trained[0][1]
+    return Rivals(
+        reference=study.reference,
+        curves=curves,
+        making=making,
+        decide_ms=spent,
+        points=study.points,
+        marks=marks,
+        unmarked=unmarked,
+        transfers=transfers,
+        home=study.home,
+        most_training_frames=study.scene_training_frames,
+    ), trained[0][0]
+
+
+def _curves(
+    study: RivalStudy,
+    banks: Mapping[str, ReceiverBank],
+    ledgers: Mapping[str, Ledger],
+    workers: Workers,
+    told: Told,
+) -> dict[str, Curves]:
+    """Measure every experiment."""
+    sweeps = {
+        name: Sweep(plan, study.locators, dict.fromkeys(study.locators, banks[name]), ledgers[name])
+        for name, plan in study.plans.items()
+    }
+    names = {id(sweep): name for name, sweep in sweeps.items()}
+    outcomes: dict[str, dict[float, Outcome]] = {name: {} for name in sweeps}
+
+    def counted(sweep: Sweep, value: float, frames: int, _: Mapping[Label, Tally]) -> None:
+        told.advance(f"{names[id(sweep)]} {value:g}", frames)
+
+    for sweep, value, outcome in run_sweeps(list(sweeps.values()), workers, counted):
+        outcomes[names[id(sweep)]][value] = outcome
+    (locator,) = study.locators
+    return {
+        name: measured(plan, study.locators, outcomes[name]).curves[locator]
+        for name, plan in study.plans.items()
+    }
+
+
+def _decide_ms(plan: Plan, training: Training) -> dict[str, float]:
+    """Time the decisions on a block of panels that are read already, on one thread, ms a frame."""
+    names = plan.receiver.names
+    link = Link.of(replace(plan, batch_frames=BLOCK_FRAMES))
+    model, key = plan.experiment.training_model(plan.world), BlockKey(plan.seed, "times", 0)
+    with threads(1):
+        (seen,) = link.observe(model, [key], preambles=needs_preambles(names))
+        calls = {name: partial(training.bank([name]).scores, seen.readings, seen.preambles) for name in names}
+        timed = interleaved(calls, TIMED_REPEATS, link.simulator.device)
+    return {name: timing.median_s * 1e3 / BLOCK_FRAMES for name, timing in timed.items()}
