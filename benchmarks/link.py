@@ -2,7 +2,8 @@
 
 Rounds of the variants are interleaved, so that a busy spell of the machine hits all of them; medians over
 the rounds are compared, with their spread. Both sides use as many threads as ``--threads`` says. The share
-of bits on which the two sides agree is printed too, since a fast wrong answer is worth nothing.
+of bits on which the two sides agree is printed too, since a fast wrong answer is worth nothing. The last row
+is what the package's own processes reach, one a core and one thread each, the drawing of scenes included.
 
     python benchmarks/link.py --frames 256 --rounds 7 --threads 2
 """
@@ -10,11 +11,13 @@ of bits on which the two sides agree is printed too, since a fast wrong answer i
 from __future__ import annotations
 
 import argparse
-import platform
+import csv
+import io
 import statistics
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -23,14 +26,22 @@ from numpy.typing import NDArray
 from peer_opencv import PeerConfig, decide, read_frame, render_frame
 
 from vocc_torch import PanelShape, Scene, Simulator
+from vocc_torch.evaluation.timing import describe_machine
+from vocc_torch.files import write_atomically
 from vocc_torch.receiver.flda import FLDA
 from vocc_torch.receiver.location import PaperLocator
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.rng import BlockKey
 from vocc_torch.simulation import SceneModel
+from vocc_torch.studies.workers import Workers
+from vocc_torch.types import Frames
 
 SHAPE = PanelShape(8, 8)
 STAGES = ("render", "locate", "read", "decide")
+OURS = (("full", 1), ("filled", 4), ("crop", 1), ("crop", 64), ("crop", 256))
+"""Framings and batches of our program on the CPU."""
+ON_GPU = (256, 4096)
+"""Batches of crops on a GPU, where there is one."""
 
 
 @dataclass
@@ -69,29 +80,80 @@ def train() -> FLDA:
     return FLDA(3).fit(features[panels.found], bits[panels.found])
 
 
-def ours(framing: str, batch: int, scene: Scene, bits: torch.Tensor, flda: FLDA) -> Variant:
+class Receive:
+    """Our receiver: the paper's locator, the paper's features, a discriminant.
+
+    Args:
+        shape: the panel's.
+        flda: the discriminant.
+    """
+
+    def __init__(self, shape: PanelShape, flda: FLDA) -> None:
+        self.locator, self.reader, self.shape, self.flda = PaperLocator(), Reader(shape), shape, flda
+
+    def __call__(self, frames: Frames, clock: Callable[[], object] = float) -> torch.Tensor:
+        """Give the bits (B,R,C), Off where no panel was found; ``clock`` is called after each stage but the last."""
+        panels = self.locator(frames, self.shape)
+        clock()
+        features = self.reader.read(frames, panels).features
+        clock()
+        return self.flda.predict(features) & panels.found.view(-1, 1, 1)
+
+
+def ours(
+    framing: str, batch: int, scene: Scene, bits: torch.Tensor, flda: FLDA, device: str = "cpu"
+) -> Variant:
     """Our pipeline with crops or with full frames."""
-    simulator = Simulator(framing=framing)  # type: ignore[arg-type]  # crop or full
-    locator, reader = PaperLocator(), Reader(SHAPE)
+    simulator = Simulator(framing=framing, device=device)  # type: ignore[arg-type]  # crop or full
+    receive = Receive(SHAPE, flda)
+    scene, bits = scene.to(device), bits.to(device)
 
     def run(count: int) -> tuple[dict[str, float], NDArray[np.bool_]]:
         spent, decided = dict.fromkeys(STAGES, 0.0), []
         for start in range(0, count, batch):
             rows = slice(start, min(start + batch, count))
-            t = [time.perf_counter()]
+            t: list[float] = []
+
+            def clock(t: list[float] = t) -> None:
+                if device == "cuda":
+                    torch.cuda.synchronize()
+                t.append(time.perf_counter())
+
+            clock()
             frames = simulator.render(scene[rows], bits[rows], nearest_m=30.0)
-            t.append(time.perf_counter())
-            panels = locator(frames, SHAPE)
-            t.append(time.perf_counter())
-            features = reader.read(frames, panels).features
-            t.append(time.perf_counter())
-            decided.append(flda.predict(features) & panels.found.view(-1, 1, 1))
-            t.append(time.perf_counter())
+            clock()
+            decided.append(receive(frames, clock))
+            clock()
             for stage, begin, end in zip(STAGES, t, t[1:], strict=False):
                 spent[stage] += end - begin
-        return spent, torch.cat(decided).numpy()
+        return spent, torch.cat(decided).cpu().numpy()
 
-    return Variant(f"vocc_torch, {framing}, batch {batch}", 0, run)
+    where = "" if device == "cpu" else f", {device}"
+    return Variant(f"vocc_torch, {framing}, batch {batch}{where}", 0, run)
+
+
+def _work(call: tuple[int, FLDA]) -> int:
+    """Simulate and decode 4 batches of 256 in a worker process, which draws its own scenes; give the frames."""
+    part, flda = call
+    simulator, receive = Simulator(), Receive(SHAPE, flda)
+    with torch.no_grad():
+        for batch in range(4):
+            scene, bits = scenes(256, f"worker {part} {batch}")
+            receive(simulator.render(scene, bits, nearest_m=30.0))
+    return 4 * 256
+
+
+def with_workers(flda: FLDA, rounds: int) -> tuple[int, list[float]]:
+    """Frames per second of the product's own processes, one a core, as in ``workers=0``: drawing included."""
+    found = []
+    with Workers(0) as workers:
+        for turn in range(rounds + 1):
+            begin = time.perf_counter()
+            calls = [workers.submit(_work, (part, flda)) for part in range(2 * workers.count)]
+            frames = sum(call.result() for call in calls)
+            # The first round starts the processes.
+            found += [frames / (time.perf_counter() - begin)] * (turn > 0)
+        return workers.count, found
 
 
 def peer(full: bool, scene: Scene, bits: torch.Tensor, flda: FLDA) -> Variant:
@@ -123,29 +185,41 @@ def peer(full: bool, scene: Scene, bits: torch.Tensor, flda: FLDA) -> Variant:
     return Variant(f"NumPy/OpenCV, {'full frame' if full else 'panel region rendered'}", 0, run)
 
 
-def report(variants: list[Variant], baseline: str, sent: NDArray[np.bool_]) -> None:
-    """Print the table of medians, the ratios to the baseline, and how often the bits are wrong."""
+def rows_of(variants: list[Variant], baseline: str) -> list[list[str]]:
+    """Give the table: frames per second, their ratio to the baseline's, milliseconds of each stage."""
     reference = next(v for v in variants if v.name == baseline)
-    base = statistics.median(reference.frames_per_second())
-    print(
-        "| program | frames/s, median (min to max) | ratio | " + " | ".join(f"{s}, ms" for s in STAGES) + " |"
-    )
-    print("|---|---|---|" + "---|" * len(STAGES))
+    base, table = statistics.median(reference.frames_per_second()), []
     for v in variants:
         fps = v.frames_per_second()
-        ms = [1e3 * statistics.median(r[s] / v.frames for r in v.rounds) for s in STAGES]
-        cells = " | ".join(f"{m:.3f}" for m in ms)
-        median = statistics.median(fps)
-        print(
-            f"| {v.name} | {median:.0f} ({min(fps):.0f} to {max(fps):.0f}) | {median / base:.2f} | {cells} |"
-        )
+        ms = [f"{1e3 * statistics.median(r[s] / v.frames for r in v.rounds):.3f}" for s in STAGES]
+        each = statistics.median(fps), min(fps), max(fps)
+        table.append([v.name, *(f"{one:.0f}" for one in each), f"{each[0] / base:.2f}", *ms])
+    return table
+
+
+def report(table: list[list[str]], variants: list[Variant], sent: NDArray[np.bool_]) -> None:
+    """Print the table, and how often the bits are wrong."""
+    heads = ["program", "frames/s, median", "min", "max", "ratio", *(f"{stage}, ms" for stage in STAGES)]
+    for row in (heads, ["---"] * len(heads), *table):
+        print("| " + " | ".join(row) + " |")
+    reference = variants[0]
+    assert reference.bits is not None
     for v in variants:
         assert v.bits is not None
-        assert reference.bits is not None
         shared = min(len(v.bits), len(reference.bits))
         equal = (v.bits[:shared] == reference.bits[:shared]).mean()
         wrong = (v.bits != sent[: len(v.bits)]).mean()
         print(f"{v.name}: bits equal to the baseline's {equal:.5f}, bit error rate {wrong:.1e}")
+
+
+def write(table: list[list[str]], machine: str, path: Path) -> None:
+    """Write the table as CSV."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    names = ("program", "frames_per_s", "frames_per_s_min", "frames_per_s_max", "ratio")
+    writer.writerow([*names, *(f"{stage}_ms" for stage in STAGES), "machine"])
+    writer.writerows([*row, machine] for row in table)
+    write_atomically(path, text.getvalue().encode())
 
 
 def main() -> None:
@@ -154,23 +228,20 @@ def main() -> None:
     parser.add_argument("--frames", type=int, default=256, help="frames a round")
     parser.add_argument("--rounds", type=int, default=7)
     parser.add_argument("--threads", type=int, default=2)
+    parser.add_argument("--csv", type=Path, help="file for the table")
     args = parser.parse_args()
     torch.set_num_threads(args.threads)
     cv2.setNumThreads(args.threads)
-    scene, bits = scenes(args.frames, "timed")
+    cuda = torch.cuda.is_available()
+    scene, bits = scenes(max(args.frames, *ON_GPU) if cuda else args.frames, "timed")
     flda = train()
     few = max(16, args.frames // 8)
-    counts = (few, args.frames, few, args.frames, few, args.frames, args.frames)
-    variants = [
-        peer(True, scene, bits, flda),
-        peer(False, scene, bits, flda),
-        ours("full", 1, scene, bits, flda),
-        ours("filled", 4, scene, bits, flda),
-        ours("crop", 1, scene, bits, flda),
-        ours("crop", 64, scene, bits, flda),
-        ours("crop", 256, scene, bits, flda),
-    ]
-    for variant, frames in zip(variants, counts, strict=True):
+    variants = [peer(True, scene, bits, flda), peer(False, scene, bits, flda)]
+    variants += [ours(framing, batch, scene, bits, flda) for framing, batch in OURS]
+    if cuda:
+        variants += [ours("crop", batch, scene, bits, flda, "cuda") for batch in ON_GPU]
+    most = [few, args.frames, *(args.frames if batch > 4 else few for _, batch in OURS), *ON_GPU]
+    for variant, frames in zip(variants, most, strict=False):
         variant.frames = frames
         variant.run(min(frames, 16))
     with torch.no_grad():
@@ -178,10 +249,18 @@ def main() -> None:
             for variant in variants:
                 spent, variant.bits = variant.run(variant.frames)
                 variant.rounds.append(spent)
-    print(
-        f"{platform.machine()}, {args.threads} threads, torch {torch.__version__}, OpenCV {cv2.__version__}\n"
-    )
-    report(variants, variants[0].name, bits.numpy())
+    table = rows_of(variants, variants[0].name)
+    if not cuda:
+        table += [[f"vocc_torch, crop, batch {b}, cuda", *["not measured"] * (4 + len(STAGES))] for b in ON_GPU]
+    count, rates = with_workers(flda, args.rounds)
+    each = statistics.median(rates), min(rates), max(rates)
+    ratio = each[0] / float(table[0][1])
+    name = f"vocc_torch, crop, batch 256, {count} processes"
+    table.append([name, *(f"{one:.0f}" for one in each), f"{ratio:.2f}", *[""] * len(STAGES)])
+    print(f"{describe_machine(torch.device('cpu'))}, OpenCV {cv2.__version__}\n")
+    report(table, variants, bits.numpy())
+    if args.csv:
+        write(table, describe_machine(torch.device("cpu")), args.csv)
 
 
 if __name__ == "__main__":

@@ -11,6 +11,7 @@ from vocc_torch.receiver.flda import FLDA
 from vocc_torch.simulation import Simulator
 from vocc_torch.studies import classifiers as classifiers_module
 from vocc_torch.studies import train as train_module
+from vocc_torch.studies.rivals import scenes as scenes_module
 
 SHIPPED = sorted(path.stem for path in (Path(__file__).parents[1] / "conf" / "classifier").glob("*.yaml"))
 SHIPPED = [name for name in SHIPPED if name not in ("sklearn", "own")]
@@ -53,8 +54,8 @@ def columns(x):
 class Watch:
     """Puts itself between the simulator and the receivers of this process.
 
-    Training is what happens within the two functions that train; all else that is rendered is for tests.
-    Were there a third that trains, its frames would count as test frames that were taught.
+    Training is what happens within the three functions that train; all else that is rendered is for tests.
+    Were there a fourth that trains, its frames would count as test frames that were taught.
     """
 
     def __init__(self, monkeypatch):
@@ -66,7 +67,7 @@ class Watch:
         self.pupils, self.examined = set(), set()
         self._on_simulator(monkeypatch)
         self._on_receivers(monkeypatch)
-        for module in (train_module, classifiers_module):
+        for module in (train_module, classifiers_module, scenes_module):
             monkeypatch.setattr(module, "_trained", self._as_training(module._trained))
 
     def leaks(self):

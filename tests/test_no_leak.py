@@ -36,6 +36,14 @@ COMMANDS = {
         *("receiver.names=[flda_3]", "classifier=[lmmse,logistic]"),
     ),
     "tradeoff": TRADEOFF,
+    "classifiers": (
+        *("experiment=classifiers", "device=cpu", "workers=1", "budget.frames=32", "tensorboard=false"),
+        *("budget.training_frames=64", "receiver.names=[flda_3]", "classifier=[lmmse,mlp_features]"),
+        *("classifiers.mlp_features.training.frames=64", "classifiers.mlp_features.training.epochs=1"),
+        *("rivals.scene_training_frames=64", "rivals.genie_frames=2", "rivals.scene_frames=32"),
+        *("rivals.experiments.ambient.values=[1000]", "rivals.experiments.distance.values=[70]"),
+        *(f"~rivals.scenes.{name}" for name in ("fog", "highway", "dashcam", "tunnel", "low_sun")),
+    ),
 }
 
 

@@ -33,7 +33,7 @@ from vocc_torch.studies.plan import (
 )
 from vocc_torch.studies.plug_in import ClassifierPlan
 from vocc_torch.studies.rivals import RivalStudy
-from vocc_torch.studies.tradeoff import RendererKnobs, TradeoffStudy
+from vocc_torch.studies.tradeoff import RendererKnobs, TradeoffStudy, without_absent
 from vocc_torch.types import PanelShape
 
 T = TypeVar("T")
@@ -246,6 +246,8 @@ def build_tradeoff_study(settings: AppConfig, folder: Path) -> TradeoffStudy:
         VoccError: a value outside its range, named by its key.
     """
     plan, config = build_plan(settings, folder), settings.tradeoff
+    receiver, left_out = without_absent(plan.receiver)
+    plan = replace(plan, receiver=receiver)
     scenes = {}
     for name, scene in config.scenes.items():
         if not name.isidentifier() or not isinstance(scene, dict):
@@ -275,6 +277,7 @@ def build_tradeoff_study(settings: AppConfig, folder: Path) -> TradeoffStudy:
         frames_a_preamble=config.frames_a_preamble,
         genie_frames=config.genie_frames,
         missing=missing,
+        left_out=left_out,
     )
 
 

@@ -79,7 +79,10 @@ class BlockKey:
 
     def _sequence(self, stream: str) -> np.random.SeedSequence:
         """Give the seeds of the named stream."""
-        return np.random.SeedSequence([self.seed, self.block, *_words(self.point), *_words(stream)])
+        words = [self.seed, self.block, *_words(self.point), *_words(stream)]
+        # NumPy reads an array of the same words some times faster than a list of numbers of any size.
+        short = max(self.seed, self.block) < 1 << 32
+        return np.random.SeedSequence(np.array(words, dtype=np.uint32) if short else words)
 
 
 @dataclass(frozen=True, slots=True)

@@ -213,8 +213,8 @@ class Scene:
         """Count the frames."""
         return int(self.ambient_lx.shape[0])
 
-    def __getitem__(self, rows: slice) -> Scene:
-        """Take a slice of the frames."""
+    def __getitem__(self, rows: slice | Tensor) -> Scene:
+        """Take some of the frames, by a slice or by their numbers (n,) int64."""
         return Scene(*(getattr(self, field.name)[rows] for field in fields(self)))
 
     def to(self, device: torch.device | str) -> Scene:

@@ -324,10 +324,10 @@ def autocast_around_a_receiver():
 
 @hard(
     "autocast around the simulator",
-    "the same pixels, without a guard: the blur is the one convolution, and it runs in float64, which "
+    "the same pixels, without a guard: the blur is the one matrix product, and it runs in float64, which "
     "autocast leaves alone",
     Breakage(
-        "vocc_torch/simulation/effects/blooming.py", "F.pad(value.to(torch.float64), (", "F.pad(value, ("
+        "vocc_torch/simulation/effects/blooming.py", "value.squeeze(1).to(torch.float64)", "value.squeeze(1)"
     ),
 )
 def autocast_around_the_simulator():

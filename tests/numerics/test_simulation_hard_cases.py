@@ -624,7 +624,7 @@ def panel_across_the_border():
     "offsets and distances at the ends of their ranges",
     "a panel 1e9 m aside leaves background, and the crop lies at the sensor's edge on its side; an image"
     " farther than 1e12 px, and any value beyond 1e9 m, refused by name",
-    Breakage(FRAMING, "centred = torch.round(near).long()", "centred = torch.round(centre_px).long()"),
+    Breakage(FRAMING, "return torch.round(near).long()", "return torch.round(centre_px).long()"),
 )
 def extreme_offsets():
     camera = Camera()
@@ -746,7 +746,7 @@ def no_blooming():
     "up to 32 px, and beyond refused; the crop grows with it up to the sensor, so no light is lost there: the"
     " panel's light after it is that before within 1e-9; at the sensor's border light is taken to go on as it"
     " is there, as SciPy's `nearest` has it, and a uniform frame stays uniform",
-    Breakage(BLOOMING, 'mode="replicate"', 'mode="constant"'),
+    Breakage(SPREAD, ".clip(0, length - 1)", "% length"),
 )
 def wide_blooming():
     generator = torch.Generator().manual_seed(2)

@@ -1,6 +1,7 @@
 """One style a receiver, always the same, and none twice."""
 
 import itertools
+from pathlib import Path
 
 from hypothesis import given
 from hypothesis import strategies as st
@@ -22,6 +23,20 @@ def test_no_two_of_many_receivers_look_the_same():
     styles = receiver_styles([*OURS, *(f"learned_{number}" for number in range(30))]).values()
     looks = [(style.colour, style.marker) for style in styles]
     assert len(set(looks)) == len(looks)
+
+
+def test_every_shipped_classifier_has_a_title_and_looks_like_no_other():
+    folder = Path(__file__).parents[2] / "conf" / "classifier"
+    # Those two are for classifiers of a user's own.
+    names = {path.stem for path in folder.glob("*.yaml")} - {"own", "sklearn"}
+    styles = receiver_styles([*OURS, *sorted(names)])
+    assert len(names) >= 12
+    assert not [name for name in names if styles[name].label == name.replace("_", " ")]
+    looks = [(style.colour, style.marker) for style in styles.values()]
+    assert len(set(looks)) == len(looks)
+    # In the default price list no two have the same colour.
+    shown = ("center_greyscale", "average_greyscale", "flda_2", "flda_3", *sorted(names - {"flda_3_mix"}))
+    assert len({styles[name].colour for name in shown}) == len(shown)
 
 
 def test_known_colours_stay_apart_for_each_kind_of_colour_blindness():

@@ -9,7 +9,7 @@ from made_up_prices import ALONE_MS, BIT_ERRORS, FRAMES, LEDS, MARKS, SETTINGS, 
 from rich.console import Console
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-from vocc_torch.evaluation.price_list import KnobSetting
+from vocc_torch.evaluation.knob_setting import KnobSetting
 from vocc_torch.reporting.tradeoff_advice import headline, recommendation
 from vocc_torch.reporting.tradeoff_board import write_price_rows
 from vocc_torch.reporting.tradeoff_csv import RENDERER_COLUMNS, columns, write_prices, write_renderer
@@ -132,6 +132,11 @@ def test_crops_of_half_a_ms_are_within_one():
     assert "ms a frame (1000 frames a second): take mlp (MLP on 3 x 3 cells), paper's locator: BER" in crops
 
 
+def test_frames_that_cannot_be_cut_are_called_so(prices):
+    noisy = dataclasses.replace(prices, crop_px=prices.sensor_px)
+    assert "which here are whole: an effect fills the sensor; paper scenes" in plain(recommendation(noisy))
+
+
 def test_a_quicker_one_that_frames_do_not_tell_apart_is_named():
     alike = made_up_prices(SETTINGS[:2], (300, 299), (4.0, 8.0))
     said = plain(recommendation(alike))
@@ -160,6 +165,8 @@ def test_what_is_possible_is_told(prices, tmp_path):
     assert f"{possible}no error in 500 frames, BER < 9.3e-5. {best}" in said
     # 10 bits in 500 frames against none in 1000: nothing is said of a ratio.
     assert f"{possible}BER 3.1e-4 (1.5-6.2e-4). The best here, mlp (MLP on 3 x 3 cells)" in said
+    searched = "found in 500 of 500 frames (mixture, 30.0 ms each), 490 of 500 frames (far, 40.0 ms each)."
+    assert searched in said
     worse = made_up_prices(SETTINGS[:2], (300, 200), (4.0, 8.0), marks=MARKS)
     # 400 bits in 1000 frames there, 10 in 500.
     assert "has 20 times that." in plain(recommendation(worse))
@@ -167,6 +174,7 @@ def test_what_is_possible_is_told(prices, tmp_path):
     with (tmp_path / "marked.csv").open(newline="", encoding="utf-8") as file:
         for row in csv.DictReader(file):
             assert (row["mixture_possible_test_frames"], row["mixture_possible_ber"]) == ("500", "0")
+            assert (row["far_possible_proven_frames"], row["far_possible_frame_ms"]) == ("490", "40")
             assert float(row["far_possible_ber"]) == pytest.approx(10 / 500 / LEDS)
             assert 0 < float(row["far_possible_ber_low"]) < float(row["far_possible_ber"])
     console = Console(width=100, record=True, file=io.StringIO())
@@ -184,6 +192,8 @@ def test_a_device_that_is_not_there_is_named(prices, tmp_path):
     write_prices(tmp_path / "asked.csv", asked)
     with (tmp_path / "asked.csv").open(newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
+    without = dataclasses.replace(prices, left_out={"svm": "scikit-learn is not installed"})
+    assert "Left out: svm, since scikit-learn is not installed." in plain(recommendation(without))
     absent = [row for row in rows if row["device"] == "cuda"]
     assert len(absent) == len(rows) / 2 == 4 * len(SETTINGS)
     assert {(row["machine"], row["total_ms"], row["mixture_ber"]) for row in absent} == {

@@ -21,8 +21,10 @@ from vocc_torch.studies.counter import PointCounter
 from vocc_torch.studies.link import Link, block_keys
 from vocc_torch.studies.plug_in import ClassifierPlan
 from vocc_torch.studies.tradeoff import RendererKnobs, TradeoffStudy, price_receivers, price_renderer
+from vocc_torch.studies.tradeoff import optional as optional_module
 from vocc_torch.studies.tradeoff import times as times_module
 from vocc_torch.studies.tradeoff.errors import count_errors, shots
+from vocc_torch.studies.tradeoff.optional import without_absent
 from vocc_torch.studies.tradeoff.supersampling import can_sample, sampled_cover
 from vocc_torch.studies.tradeoff.times import measure_times, read, threads
 from vocc_torch.studies.tradeoff.training import chains, train_receivers
@@ -176,10 +178,11 @@ def test_no_frame_is_trained_on_and_tested_on(study):
 
 def test_neither_batches_nor_workers_change_a_count(study, receivers, counted):
     other = dataclasses.replace(study, plan=dataclasses.replace(study.plan, batch_frames=24))
-    again = count_errors(other, receivers, Workers(1))
+    # Every third is enough: all kinds are among them, and neither do the others change a count.
+    again = count_errors(other, receivers[::3], Workers(1))
     for name, errors in counted.items():
-        assert np.array_equal(errors.half_errors, again[name].half_errors)
-        assert np.array_equal(errors.found, again[name].found)
+        assert np.array_equal(errors.half_errors[::3], again[name].half_errors)
+        assert np.array_equal(errors.found[::3], again[name].found)
 
 
 def test_precision_shares_its_training_and_k_does_not(study, made):
@@ -324,6 +327,20 @@ def test_threads_are_put_back():
     assert torch.get_num_threads() == before
 
 
+def test_scikit_learn_has_as_many_threads_as_torch():
+    # Imported first: its threads are limited where it is in use.
+    pytest.importorskip("sklearn.ensemble")
+    pools = pytest.importorskip("threadpoolctl")
+
+    def counts():
+        return [pool["num_threads"] for pool in pools.threadpool_info() if pool["user_api"] == "openmp"]
+
+    before = counts()
+    with threads(3):
+        assert set(counts()) == {3}
+    assert counts() == before
+
+
 def test_a_whole_price_list(make_study):
     told = []
     study = make_study(names=("flda_3", "otsu"), test_frames=64, locators=("paper",), scene_name="made up")
@@ -339,6 +356,22 @@ def test_a_whole_price_list(make_study):
     for ratio in prices.end_to_end.values():
         # No timing is asserted: only that it is the ratio of like to like.
         assert 0.05 < ratio < 20
+
+
+def test_without_scikit_learn_its_classifiers_are_left_out_and_named(study, monkeypatch):
+    trees = ClassifierPlan("trees", {"_target_": "sklearn.ensemble.HistGradientBoostingClassifier"})
+    nested = ClassifierPlan(
+        "svm", {"_target_": f"{HERE}.scaled", "estimator": {"_target_": "sklearn.svm.LinearSVC"}}
+    )
+    receiver = dataclasses.replace(
+        study.plan.receiver, names=(*EVERY, "trees", "svm"), classifiers=(*PLUGGED_IN, trees, nested)
+    )
+    assert without_absent(receiver) == (receiver, {})
+    monkeypatch.setattr(optional_module, "find_spec", lambda name: None)
+    kept, left_out = without_absent(receiver)
+    assert (kept.names, kept.classifiers) == (EVERY, PLUGGED_IN)
+    said = "scikit-learn is not installed; pip install scikit-learn adds it"
+    assert left_out == {"trees": said, "svm": said}
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -181,6 +180,7 @@ class PriceList:
         marks: what is possible, by kind of scenes; empty where it was not measured.
         no_marks: why not.
         missing: devices that were asked for and are not there, and why.
+        left_out: receivers that were asked for and could not be built, and why.
     """
 
     settings: tuple[Setting, ...]
@@ -199,6 +199,7 @@ class PriceList:
     marks: Mapping[str, Mark] = field(default_factory=dict)
     no_marks: str = ""
     missing: Mapping[str, str] = field(default_factory=dict)
+    left_out: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def places(self) -> tuple[Place, ...]:
@@ -285,33 +286,3 @@ def _interval(counts: Counts, every: Counts) -> Interval:
     """Give a rate's 95 % interval; ``every`` says how many wrong bits a wrong frame has."""
     typical = max(1.0, every.bit_errors / max(1, every.frame_errors))
     return ber_interval(counts, errors_per_frame_error=typical)
-
-
-@dataclass(frozen=True, slots=True)
-class KnobSetting:
-    """What one setting of the renderer's knobs costs and how near it comes to the reference.
-
-    Args:
-        knob: which knob is turned; ``none`` for the settings as they are.
-        value: where it stands.
-        cost_ms: quartiles of the time a frame, ms.
-        rounds: timed rounds.
-        frames_a_call: frames rendered in a timed call.
-        worst_dn: greatest error of a grey value in the frames, digital numbers, before quantisation.
-        rms_dn: root mean square of the errors about the panel, digital numbers.
-        changed: share of the pixels about the panel whose 8-bit value differs.
-    """
-
-    knob: str
-    value: str
-    cost_ms: Quartiles
-    rounds: int
-    frames_a_call: int
-    worst_dn: float
-    rms_dn: float
-    changed: float
-
-    @property
-    def exact(self) -> bool:
-        """Whether no difference can be seen in float64's own rounding."""
-        return math.isclose(self.worst_dn, 0.0, abs_tol=1e-9)

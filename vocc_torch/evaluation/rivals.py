@@ -132,6 +132,7 @@ class Rivals:
         marks: the genie's, by experiment and value; empty where there are none.
         unmarked: why there are none, by experiment.
         transfers: across scenes, all of them with ``home`` on one side.
+        lost: why scenes are not among ``transfers``, by name.
         home: name of the scenes of the experiments.
         most_training_frames: of a receiver in ``transfers``.
     """
@@ -144,6 +145,7 @@ class Rivals:
     marks: Mapping[str, Mapping[float, Mark]] = field(default_factory=dict)
     unmarked: Mapping[str, str] = field(default_factory=dict)
     transfers: Sequence[Transfer] = ()
+    lost: Mapping[str, str] = field(default_factory=dict)
     home: str = ""
     most_training_frames: int = 0
 

@@ -112,6 +112,8 @@ def _marks(rivals: Rivals) -> Iterator[str]:
 
 def _abroad(rivals: Rivals) -> Iterator[str]:
     """Say where learning in other scenes hurts the most, for the best and for the reference."""
+    for scene, why in rivals.lost.items():
+        yield f"Without the scenes {scene}: {why}."
     if not rivals.transfers:
         return
     learnt = {one.receiver for one in rivals.transfers}

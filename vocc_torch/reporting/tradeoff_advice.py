@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from vocc_torch.evaluation.frontier import Offer, most_accurate_within, quickest_below
-from vocc_torch.evaluation.price_list import KnobSetting, PriceList
+from vocc_torch.evaluation.knob_setting import KnobSetting
+from vocc_torch.evaluation.price_list import PriceList
 from vocc_torch.reporting.text_table import interval_text, rate_text
 from vocc_torch.reporting.tradeoff_words import (
     FRAMES_PER_S,
@@ -73,6 +74,8 @@ def about(prices: PriceList) -> list[str]:
         f"Stages are timed one by one; a receiver in one go came within {100 * max(apart):.0f} % of the sum.",
         *(f"Measured on {name}: {what}; {thread}." for name, what in prices.machines.items()),
         *(f"Not measured on {name}: {why}." for name, why in prices.missing.items()),
+        *(f"Left out: {name}, since {why}." for name, why in prices.left_out.items()),
+        *_searched(prices),
         *([f"What is possible was not measured: {prices.no_marks}."] if prices.no_marks else []),
         *([f"{waited}: take times with care."] if prices.waited_share >= 0.05 else []),
     ]
@@ -89,6 +92,19 @@ def _preambles(prices: PriceList) -> list[str]:
     return [
         f"Only {' and '.join(names)} need frames of known bits. Times include {preamble_text(prices)}, which "
         f"also take the channel: {share} of the frames carry data."
+    ]
+
+
+def _searched(prices: PriceList) -> list[str]:
+    """Say how sure it is what is possible."""
+    if not prices.marks:
+        return []
+    parts = []
+    for scenes, one in prices.marks.items():
+        told = f"{scenes.replace('_', ' ')}, {ms_text(1e3 * one.frame_s)} ms each"
+        parts.append(f"{one.proven} of {one.counts.frames} frames ({told})")
+    return [
+        f"What is possible is searched for; no bits can be likelier than those found in {', '.join(parts)}."
     ]
 
 

@@ -6,7 +6,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from vocc_torch.evaluation.frontier import frontier
-from vocc_torch.evaluation.price_list import STAGES, KnobSetting, Place, PriceList, Quartiles, Setting
+from vocc_torch.evaluation.knob_setting import KnobSetting
+from vocc_torch.evaluation.price_list import STAGES, Place, PriceList, Quartiles, Setting
 from vocc_torch.reporting.csv_file import cell_text, write_lines
 
 _Cell = str | int | float
@@ -21,7 +22,10 @@ _RATES = (
     *("frontier", "beaten_by", "surely_beaten", "frontier_of_best_batches"),
 )
 _MAKING = ("training_s", "training_simulated_s", "training_frames", "parameters", "size_bytes")
-_MARK = ("possible_test_frames", "possible_ber", "possible_ber_low", "possible_ber_high")
+_MARK = (
+    *("possible_test_frames", "possible_proven_frames", "possible_frame_ms"),
+    *("possible_ber", "possible_ber_low", "possible_ber_high"),
+)
 _FACTS = ("error_device", "end_to_end", "threads", "waited_share", "machine")
 
 RENDERER_COLUMNS = (
@@ -40,7 +44,8 @@ def columns(scenes: Sequence[str]) -> tuple[str, ...]:
     detection's time over panel detection's, as in the paper's Fig. 25. ``frontier`` compares receivers with
     the same batch size, ``frontier_of_best_batches`` each with its own best one; ``surely_beaten`` marks
     those whose rate is higher than that of ``beaten_by``, which is no slower, by the paired 95 % interval.
-    ``possible_ber`` is what a decoder that knows the scene reaches on the first of the same frames.
+    ``possible_ber`` is what a decoder that knows the scene reaches on the first of the same frames;
+    in ``possible_proven_frames`` of them no bits can be likelier than those that it gave.
     ``preambles_ms`` is reading and measuring the frames of known bits that a threshold comes from.
     ``end_to_end`` is the time of a receiver in one go over the sum of its stages.
 
@@ -135,7 +140,9 @@ def _mark(prices: PriceList, scenes: str) -> list[_Cell]:
     if mark is None:
         return [""] * len(_MARK)
     rate, interval = mark
-    return [prices.marks[scenes].counts.frames, *map(_short, (rate, interval.low, interval.high))]
+    made = prices.marks[scenes]
+    numbers = map(_short, (1e3 * made.frame_s, rate, interval.low, interval.high))
+    return [made.counts.frames, made.proven, *numbers]
 
 
 def _rates(prices: PriceList, scenes: str, place: Place) -> Iterator[list[_Cell]]:

@@ -8,7 +8,8 @@ from rich.console import Console
 from rich.text import Text
 
 from vocc_torch.evaluation.frontier import Offer, frontier
-from vocc_torch.evaluation.price_list import KnobSetting, Place, PriceList, Setting
+from vocc_torch.evaluation.knob_setting import KnobSetting
+from vocc_torch.evaluation.price_list import Place, PriceList, Setting
 from vocc_torch.reporting.text_table import interval_text, plain_table, rate_text
 from vocc_torch.reporting.tradeoff_advice import about, compared, headline
 from vocc_torch.reporting.tradeoff_words import (

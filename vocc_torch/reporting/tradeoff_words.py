@@ -103,6 +103,8 @@ def wrapped(line: str) -> str:
 
 def frames_text(prices: PriceList, frames: str) -> str:
     """Say what the receiver is handed."""
+    if frames == "crops" and prices.crop_px == prices.sensor_px:
+        return "Frames cut to the panel's surroundings, which here are whole: an effect fills the sensor"
     height, width = prices.sensor_px if frames == "whole" else prices.crop_px
     what = "Whole frames" if frames == "whole" else "Crops of the panel's surroundings"
     return f"{what}, {width} x {height} px"

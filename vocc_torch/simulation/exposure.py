@@ -76,6 +76,8 @@ def auto_iso(context: Context) -> Tensor:
         >>> [round(float(iso)) for iso in auto_iso(Context(Scene.of(2, ambient_lx=1000.0), Camera()))]
         [3800, 3800]
     """
+    if context.iso is not None:
+        return context.iso
     scene, camera = context.scene, context.camera
     background = reflected_luminance_cd_m2(scene.ambient_lx, context.panel.background_reflectance)
     exposure = through_lens(as_seen(background, context), camera)

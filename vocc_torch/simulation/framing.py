@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import torch
 from torch import Tensor
@@ -11,14 +11,23 @@ from torch import Tensor
 from vocc_torch.errors import VoccError
 from vocc_torch.simulation.effects import Effect
 from vocc_torch.simulation.geometry import Camera, LedPanel, demand_led_px
+from vocc_torch.types import Scene
+
+Size = tuple[int, int]
 
 WINDOW_GRID_PX = 8
 """Where windows begin and end on sensors whose sides are multiples of it: JPEG's blocks, Bayer's cells."""
 
+SIZE_STEP = 1.2
+"""Ratio of the distances between which panels are drawn in crops of one size."""
+
+GROUP_PIXELS, GROUP_PIXELS_ELSEWHERE = 20_000, 10_000_000
+"""Pixels in whose time a CPU begins another group of frames, and an accelerator does."""
+
 
 def crop_size_px(
-    effects: Sequence[Effect], camera: Camera, panel: LedPanel, nearest_m: float
-) -> tuple[int, int]:
+    effects: Sequence[Effect], camera: Camera, panel: LedPanel, nearest_m: float, *, margin_cells: int = 1
+) -> Size:
     """Height and width of the crop that holds a panel at ``nearest_m``, a cell of margin and its light.
 
     Its border is then free of the panel's light, so it stands for all the rest; where the sensor cuts the
@@ -29,6 +38,7 @@ def crop_size_px(
         camera: the camera.
         panel: the panel.
         nearest_m: the nearest distance that the crop must do for, above 0.
+        margin_cells: LED cells of margin on each side, for a receiver that looks there.
 
     Returns:
         Both at most the sensor's, however near the panel or wide its light.
@@ -44,7 +54,8 @@ def crop_size_px(
         raise VoccError(f"nearest_m is {nearest_m:g}: it must be above 0")
     demand_led_px(panel.led_diameter_m / nearest_m * camera.focal_length_px, nearest_m)
     pitch_px = panel.pitch_m * camera.focal_length_px / nearest_m
-    size = (panel.shape.rows + 2) * pitch_px, (panel.shape.columns + 2) * pitch_px
+    rows, columns = (leds + 2 * margin_cells for leds in (panel.shape.rows, panel.shape.columns))
+    size = rows * pitch_px, columns * pitch_px
     for effect in effects:
         size = effect.size_in_px(size, camera, nearest_m)
     margin = 2 * (sum(effect.reach_in_px(camera, nearest_m) for effect in effects) + 2)
@@ -55,7 +66,51 @@ def crop_size_px(
     return height, width
 
 
-def window_size_px(crop_px: tuple[int, int], sensor_px: tuple[int, int]) -> tuple[int, int]:
+def like_sized(
+    scene: Scene, apart: Tensor, size_px: Size, tight_px: Callable[[float], Size]
+) -> list[tuple[list[int], Size]]:
+    """Split a batch into groups of frames whose panels fit into small crops of one size.
+
+    Most of a crop that holds the nearest panel is uniform about a farther one, and need not be computed.
+
+    Args:
+        scene: B scenes.
+        apart: (B,) bool, the frames that must have ``size_px``.
+        size_px: height and width of crops that hold any of the panels.
+        tight_px: height and width of crops that hold a panel at a distance, or farther.
+
+    Returns:
+        Of each group the frames' numbers, and the height and width, at most ``size_px``. Few frames go
+        with those of the next larger size, where that costs less than a group of their own.
+
+    Example:
+        >>> scene = Scene.cat([Scene.of(40, distance_m=30.0), Scene.of(40, distance_m=70.0)])
+        >>> sides = {30.0: (74, 74), 70.0: (40, 40)}
+        >>> groups = like_sized(scene, torch.zeros(80, dtype=torch.bool), (89, 89), lambda m: sides[m])
+        >>> [(len(rows), size) for rows, size in groups]
+        [(40, (40, 40)), (40, (74, 74))]
+    """
+    members: dict[float, list[int]] = {}
+    distances = torch.where(apart, 0.0, scene.distance_m).tolist()
+    for frame, distance in enumerate(distances):
+        step = math.floor(math.log(distance) / math.log(SIZE_STEP)) if distance else -math.inf
+        members.setdefault(step, []).append(frame)
+    ordered = [members[step] for step in sorted(members, reverse=True)]
+    nearest = [min(distances[frame] for frame in group) for group in ordered]
+    tight = [tight_px(each) if each else size_px for each in nearest]
+    sizes = [(min(height, size_px[0]), min(width, size_px[1])) for height, width in tight]
+    worth = GROUP_PIXELS if apart.device.type == "cpu" else GROUP_PIXELS_ELSEWHERE
+    groups: list[tuple[list[int], Size]] = []
+    waiting: list[int] = []
+    for index, group in enumerate(ordered):
+        waiting, own, larger = waiting + group, sizes[index], (*sizes[index + 1 :], None)[0]
+        if larger is None or len(waiting) * (math.prod(larger) - math.prod(own)) > worth:
+            groups.append((waiting, own))
+            waiting = []
+    return groups
+
+
+def window_size_px(crop_px: Size, sensor_px: Size) -> Size:
     """Height and width of the window on the grid that holds a crop wherever it lies.
 
     Example:
@@ -87,14 +142,20 @@ def crop_origins_px(
         >>> crop_origins_px(torch.tensor([[100.4, 3.0]]), (40, 40), (1080, 1920), grid_px=8).tolist()
         [[80, 0]]
     """
+    sensor = torch.tensor([sensor_px[1], sensor_px[0]], device=centre_px.device)
+    # The crop that this holds begins up to a grid's step later.
+    centred = centred_origins_px(centre_px, size_px, sensor_px) + grid_px // 2
+    extent = torch.tensor([size_px[1], size_px[0]], device=centre_px.device)
+    return torch.minimum((centred - centred % grid_px).clamp(min=0), sensor - extent)
+
+
+def centred_origins_px(centre_px: Tensor, size_px: Size, sensor_px: Size) -> Tensor:
+    """Top left pixel of each crop around the panel, also beyond the sensor's border, (B,2) int64."""
     extent = torch.tensor([size_px[1], size_px[0]], device=centre_px.device)
     sensor = torch.tensor([sensor_px[1], sensor_px[0]], device=centre_px.device)
     # Beyond the sensor the distance does not matter, and may be more than whole numbers hold.
     near = torch.minimum(torch.maximum(centre_px, -extent), sensor + extent)
-    centred = torch.round(near).long() - extent // 2
-    # The crop that this holds begins up to a grid's step later.
-    centred = centred + grid_px // 2
-    return torch.minimum((centred - centred % grid_px).clamp(min=0), sensor - extent)
+    return torch.round(near).long() - extent // 2
 
 
 def read_surround(value: Tensor, centre_px: Tensor, origin_px: Tensor) -> Tensor:
@@ -119,3 +180,19 @@ def lay_on_sensor(value: Tensor, surround: Tensor, origin_px: Tensor, sensor_px:
     for index, (x, y) in enumerate(origin_px.tolist()):
         full[index, 0, y : y + height, x : x + width] = value[index, 0]
     return full
+
+
+def lay_alike(value: Tensor, surround: Tensor, size_px: Size) -> Tensor:
+    """Lay crops into larger ones of their surround that have the same middle, (B,1,h,w) to (B,1,H,W).
+
+    Example:
+        >>> lay_alike(torch.full((1, 1, 1, 2), 5.0), torch.tensor([3.0]), (1, 4)).tolist()
+        [[[[3.0, 5.0, 5.0, 3.0]]]]
+    """
+    height, width = value.shape[-2:]
+    if (height, width) == size_px:
+        return value
+    top, left = size_px[0] // 2 - height // 2, size_px[1] // 2 - width // 2
+    larger = surround.view(-1, 1, 1, 1).expand(-1, 1, *size_px).contiguous()
+    larger[:, :, top : top + height, left : left + width] = value
+    return larger

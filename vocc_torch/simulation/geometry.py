@@ -185,9 +185,15 @@ def demand_in_sight(scene: Scene, camera: Camera, panel: LedPanel) -> None:
     Raises:
         VoccError: an LED's image wider than 100000 px, or a panel's that reaches farther than 1e12 px.
     """
+    half_m = panel.pitch_m * max(panel.shape.rows, panel.shape.columns) / 2
+    offsets = torch.stack([scene.offset_x_m, scene.offset_y_m]).detach()
+    nearest_m, aside_m = torch.stack([scene.distance_m.detach().min(), offsets.abs().max()]).tolist()
+    px_a_metre = camera.focal_length_px / nearest_m
+    # Together the nearest and the farthest aside are an upper limit of all.
+    if panel.led_diameter_m * px_a_metre <= LARGEST_LED_PX and (aside_m + half_m) * px_a_metre <= FARTHEST_PX:
+        return
     scale = camera.pixels_per_metre(scene.distance_m)
     widest = panel.led_diameter_m * scale
-    half_m = panel.pitch_m * max(panel.shape.rows, panel.shape.columns) / 2
     farthest = (torch.maximum(scene.offset_x_m.abs(), scene.offset_y_m.abs()) + half_m) * scale
     if not bool(((widest <= LARGEST_LED_PX) & (farthest <= FARTHEST_PX)).all()):
         near = int(widest.argmax())

@@ -86,6 +86,50 @@ def disc_cover(
     return (cover * (radius * radius).view(-1, 1, 1)).clamp_(0, 1), left.long(), top.long()
 
 
+def disc_grid_cover(
+    columns_x: Tensor, rows_y: Tensor, radius: Tensor, size: int, *, canvas_px: tuple[int, int]
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Share of each pixel that the discs of upright grids cover: :func:`disc_cover`, some four times faster.
+
+    The discs of a column share their vertical edges and those of a row the horizontal ones, so that all that
+    costs is done once for each.
+
+    Args:
+        columns_x: (B,C) px, float64, where each grid's columns are.
+        rows_y: (B,R) px, float64.
+        radius: (B,) px, above 0.
+        size: patch side in px, at least ``ceil(2 radius) + 1``.
+        canvas_px: height and width of what the discs are drawn on.
+
+    Returns:
+        cover (B,R,C,h,w) in 0 to 1, and the patches' left columns (B,C) and top rows (B,R), int64.
+
+    Example:
+        >>> x, y = torch.tensor([[2.0, 6.0]]).double(), torch.tensor([[2.5]]).double()
+        >>> cover, left, top = disc_grid_cover(x, y, torch.ones(1).double(), 3, canvas_px=(5, 9))
+        >>> [round(float(each) / math.pi, 6) for each in cover.sum((-2, -1)).view(-1)], left.tolist()
+        ([1.0, 1.0], [[1, 5]])
+    """
+    frames, columns, rows = *columns_x.shape, rows_y.shape[1]
+    left, width = _patch(columns_x - radius.view(-1, 1), size, canvas_px[1])
+    top, height = _patch(rows_y - radius.view(-1, 1), size, canvas_px[0])
+    edges = torch.arange(max(width, height) + 1, dtype=radius.dtype, device=radius.device)
+    first, middle = torch.cat([left, top], dim=1), torch.cat([columns_x, rows_y], dim=1)
+    u = ((first.unsqueeze(-1) + edges - middle.unsqueeze(-1)) / radius.view(-1, 1, 1)).clamp_(-1, 1)
+    half, past = _half_segment(u).add_(math.pi / 8), (u >= 0).to(u.dtype)
+    terms = torch.stack([u, half, u * u, past, 2 * half + (math.pi / 4 - math.pi / 2 * past)])
+    v, half_v, v_squared, past_v, before_v = terms[:, :, columns:, : height + 1].flatten(2).unsqueeze(-1)
+    u, half, u_squared, past, before = terms[:, :, :columns, : width + 1].flatten(2).unsqueeze(-2)
+    # Beyond the disc the area left of one edge and above another is made of those before each edge alone.
+    beyond = (before * past_v).add_(past * before_v)
+    inside = (u * v).add_(half).add_(half_v)
+    area = torch.where(u_squared + v_squared < 1, inside, beyond)
+    area = area.view(frames, rows, height + 1, columns, width + 1).transpose(2, 3)
+    area = area[..., 1:, :] - area[..., :-1, :]
+    cover = (area[..., 1:] - area[..., :-1]) * (radius * radius).view(-1, 1, 1, 1, 1)
+    return cover.clamp_(0, 1), left.long(), top.long()
+
+
 def _patch(begin: Tensor, size: int, full: int | None) -> tuple[Tensor, int]:
     """First pixel (N,) and number of pixels of patches along an axis, on a canvas of ``full`` pixels."""
     first = torch.floor(begin)

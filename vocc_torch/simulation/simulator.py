@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import replace
+from functools import partial
 from typing import Literal, get_args
 
 import torch
@@ -12,6 +13,7 @@ from torch import Tensor
 from vocc_torch.devices import resolve_device
 from vocc_torch.errors import VoccError
 from vocc_torch.rng import FrameKey
+from vocc_torch.simulation.batch import Batch, in_groups
 from vocc_torch.simulation.effects import (
     CAMERA_STEPS,
     Context,
@@ -25,9 +27,11 @@ from vocc_torch.simulation.effects import (
 from vocc_torch.simulation.exposure import as_seen, auto_iso, demand_greys, through_lens
 from vocc_torch.simulation.framing import (
     WINDOW_GRID_PX,
+    centred_origins_px,
     crop_origins_px,
     crop_size_px,
     lay_on_sensor,
+    like_sized,
     read_surround,
     window_size_px,
 )
@@ -60,16 +64,6 @@ DRAWN = CAMERA_STEPS[: CAMERA_STEPS.index(Quantity.LUMINANCE)]
 
 CHUNK_PIXELS = 600_000
 """Pixels rendered at a time: planes that outgrow the cache are slower, from 32 MiB on several times."""
-
-
-@dataclass(frozen=True, slots=True)
-class _Batch:
-    """A part of the frames on its way through the chain."""
-
-    context: Context
-    bits: Tensor
-    centre_px: Tensor
-    size: tuple[int, int]
 
 
 class Simulator:
@@ -190,15 +184,10 @@ class Simulator:
         whole = self.framing != "crop" or (self._first_filling is not None and not window)
         demand_pixels(sensor if whole else size)
         origin = crop_origins_px(centre, size, sensor, grid_px=WINDOW_GRID_PX if window else 1)
-        chunk = max(1, CHUNK_PIXELS // (size[0] * size[1]))
-        grey: list[Tensor] = []
-        for start in range(0, len(scene), chunk):
-            rows = slice(start, start + chunk)
-            batch = _Batch(
-                self._context(scene[rows], keys[rows], origin[rows]), bits[rows], centre[rows], size
-            )
-            grey += self._expose(batch, window)
-        pictures = torch.cat(grey)
+        context = self._context(scene, keys, origin)
+        # Once for all frames, which may be drawn in many parts.
+        context = replace(context, iso=auto_iso(context))
+        pictures = self._pictures(Batch(context, bits, centre, size), window)
         if self.output == Quantity.GREY:
             demand_greys(pictures)
         if size == sensor or window:
@@ -209,6 +198,26 @@ class Simulator:
         if self.framing == "crop":
             return Frames(pictures, origin, sensor, surround)
         return Frames(lay_on_sensor(pictures, surround, origin, sensor), torch.zeros_like(origin), sensor)
+
+    def _pictures(self, batch: Batch, window: bool) -> Tensor:
+        """Render frames, those of far panels in small crops that are laid into those asked for."""
+        size, sensor = batch.size, self.camera.sensor_px
+        if self._first_filling is not None or size == sensor:
+            return self._in_chunks(batch, window)
+        # At the sensor's border a crop does not lie about its panel's middle.
+        moved = (batch.origin_px != centred_origins_px(batch.centre_px, size, sensor)).any(dim=1)
+        tight = partial(crop_size_px, self.effects, self.camera, self.panel, margin_cells=0)
+        groups = like_sized(batch.context.scene, moved, size, tight)
+        return in_groups(batch, groups, lambda group: self._in_chunks(group, window))
+
+    def _in_chunks(self, batch: Batch, window: bool) -> Tensor:
+        """Render frames of one size, as many at a time as the cache holds."""
+        chunk = max(1, CHUNK_PIXELS // (batch.size[0] * batch.size[1]))
+        grey: list[Tensor] = []
+        for start in range(0, len(batch), chunk):
+            part = batch if len(batch) <= chunk else batch.taken(slice(start, start + chunk))
+            grey += self._expose(part, window)
+        return torch.cat(grey)
 
     def _checked(self, scene: Scene) -> Scene:
         """Move scenes to the device, or refuse by name those that cannot be rendered."""
@@ -237,7 +246,7 @@ class Simulator:
             return panel_centre_px(scene, self.camera)
         return view_of(self._context(scene, keys)).points_px(scene.distance_m.new_zeros(1, 2))[:, 0]
 
-    def _expose(self, batch: _Batch, window: bool) -> list[Tensor]:
+    def _expose(self, batch: Batch, window: bool) -> list[Tensor]:
         """Carry the LEDs' light through the camera, laying crops on the sensor once an effect fills it."""
         value, current = self._paint(batch), Quantity.LUMINANCE
         drawn = [i for i, effect in enumerate(self.effects) if effect.takes not in DRAWN]
@@ -246,20 +255,17 @@ class Simulator:
             return [self._finish(value, current, drawn, batch.context)]
         before, after = drawn[: drawn.index(first)], drawn[drawn.index(first) :]
         value, current = self._apply(value, current, before, batch.context)
-        origin = batch.context.origin_px
-        assert origin is not None
+        origin = batch.origin_px
         surround = read_surround(value, batch.centre_px, origin)
         pictures = []
         for i in range(len(value)):
             row = slice(i, i + 1)
             frame = lay_on_sensor(value[row], surround[row], origin[row], self.camera.sensor_px)
-            whole = self._context(
-                batch.context.scene[row], batch.context.keys[row], torch.zeros_like(origin[row])
-            )
+            whole = replace(batch.taken(row).context, origin_px=torch.zeros_like(origin[row]))
             pictures.append(self._finish(frame, current, after, whole))
         return pictures
 
-    def _paint(self, batch: _Batch) -> Tensor:
+    def _paint(self, batch: Batch) -> Tensor:
         """Draw the picture that the lens sees, (B,1,H,W) cd/m2."""
         context, shares = batch.context, None
         symbols = batch.bits.unsqueeze(1)

@@ -14,7 +14,7 @@ from torch import Tensor
 
 from vocc_torch.simulation.effects import Context
 from vocc_torch.simulation.geometry import demand_led_px, led_centres_m, led_centres_px
-from vocc_torch.simulation.raster import disc_cover, ellipse_cover
+from vocc_torch.simulation.raster import disc_cover, disc_grid_cover, ellipse_cover
 from vocc_torch.simulation.view import view_of
 
 SMALL_PATCH_PX = 8
@@ -22,6 +22,10 @@ SMALL_PATCH_PX = 8
 
 GROUP_VALUES = 1_000_000
 """Numbers in a working array."""
+
+
+Grids = tuple[Tensor, Tensor, Tensor]
+"""Columns (B,C) and rows (B,R) of LEDs on upright grids, and the LEDs' radius (B,), px."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,42 +71,70 @@ def led_stamps(context: Context, size: tuple[int, int], *, perspective: bool) ->
     Raises:
         VoccError: an LED whose image is wider than 100000 px.
     """
-    discs = _ellipses(context) if perspective else _discs(context)
-    height, width = size
-    reach = torch.maximum(discs.half_width, discs.half_height)
+    image = _ellipses(context) if perspective else _upright(context)
+    reach = image[2] if isinstance(image, tuple) else torch.maximum(image.half_width, image.half_height)
     sides = (2 * reach.view(len(context.scene), -1).amax(dim=1)).ceil().tolist()
     widest = max(sides)
     demand_led_px(widest, float(context.scene.distance_m[sides.index(widest)]))
-    seen = (discs.x + discs.half_width > 0) & (discs.x - discs.half_width < width)
-    seen &= (discs.y + discs.half_height > 0) & (discs.y - discs.half_height < height)
     patches = [max(SMALL_PATCH_PX, 1 << int(side).bit_length()) for side in sides]
+    leds = context.panel.shape.leds
     for patch in sorted(set(patches)):
         like = [frame for frame, its in enumerate(patches) if its == patch]
         side = int(max(sides[frame] for frame in like)) + 1
-        shown = seen
-        if len(like) < len(sides):
+        if isinstance(image, tuple) and patch == SMALL_PATCH_PX and leds * SMALL_PATCH_PX**2 <= GROUP_VALUES:
+            yield from _grid_stamps(image, like, side, size)
+        else:
+            discs = _discs(*image) if isinstance(image, tuple) else image
             chosen = torch.zeros(len(sides), dtype=torch.bool)
             chosen[like] = True
-            shown = seen & chosen.to(seen.device).repeat_interleave(context.panel.shape.leds)
-        group = max(1, GROUP_VALUES // (min(side, height) * min(side, width)))
-        drawn = shown.nonzero().squeeze(1)
-        for start in range(0, len(drawn), group):
-            which = drawn[start : start + group]
-            # A view, where a batch's LEDs are all in sight and alike, spares their copies.
-            rows = slice(None) if len(which) == len(shown) else which
-            yield Stamps(*discs.cover(rows, side, size), which)
+            yield from _single_stamps(discs, chosen.to(discs.x.device).repeat_interleave(leds), side, size)
 
 
-def _discs(context: Context) -> _Discs:
-    """Image LEDs that face the camera squarely."""
+def _single_stamps(discs: _Discs, chosen: Tensor, side: int, size: tuple[int, int]) -> Iterator[Stamps]:
+    """Cover those of the chosen LEDs that are in sight, each by itself."""
+    height, width = size
+    seen = (discs.x + discs.half_width > 0) & (discs.x - discs.half_width < width)
+    seen &= (discs.y + discs.half_height > 0) & (discs.y - discs.half_height < height)
+    group = max(1, GROUP_VALUES // (min(side, height) * min(side, width)))
+    drawn = (seen & chosen).nonzero().squeeze(1)
+    for start in range(0, len(drawn), group):
+        which = drawn[start : start + group]
+        # A view, where a batch's LEDs are all in sight and alike, spares their copies.
+        rows = slice(None) if len(which) == len(chosen) else which
+        yield Stamps(*discs.cover(rows, side, size), which)
+
+
+def _grid_stamps(grids: Grids, like: list[int], side: int, size: tuple[int, int]) -> Iterator[Stamps]:
+    """Cover all LEDs of frames whose panels face the camera squarely and far away."""
+    x, y, radius = grids
+    leds = x.shape[1] * y.shape[1]
+    group = max(1, GROUP_VALUES // (leds * side**2))
+    for start in range(0, len(like), group):
+        frames = torch.tensor(like[start : start + group], device=x.device)
+        rows = slice(None) if len(frames) == len(x) else frames
+        cover, left, top = disc_grid_cover(x[rows], y[rows], radius[rows], side, canvas_px=size)
+        led = frames.unsqueeze(1) * leds + torch.arange(leds, device=x.device)
+        yield Stamps(cover.flatten(0, 2), *_each(left, top), led.view(-1))
+
+
+def _each(of_columns: Tensor, of_rows: Tensor) -> tuple[Tensor, Tensor]:
+    """Repeat what columns (B,C) and rows (B,R) of LEDs have for each LED, (B*R*C,)."""
+    shape = len(of_rows), of_rows.shape[1], of_columns.shape[1]
+    return of_columns.unsqueeze(1).expand(shape).reshape(-1), of_rows.unsqueeze(2).expand(shape).reshape(-1)
+
+
+def _discs(x: Tensor, y: Tensor, radius: Tensor) -> _Discs:
+    """Image LEDs that face the camera squarely, one by one."""
+    radii = radius.repeat_interleave(x.shape[1] * y.shape[1])
+    return _Discs(*_each(x, y), radii, radii)
+
+
+def _upright(context: Context) -> Grids:
+    """Where columns and rows of LEDs that face the camera squarely lie in the frames."""
     scene, camera, panel, origin = context.scene, context.camera, context.panel, _origin(context)
-    radius = panel.led_diameter_m / 2 * camera.pixels_per_metre(scene.distance_m)
-    shape = len(scene), panel.shape.rows, panel.shape.columns
     x, y = led_centres_px(scene, camera, panel)
-    x = (x - origin[:, :1]).unsqueeze(-2).expand(shape)
-    y = (y - origin[:, 1:]).unsqueeze(-1).expand(shape)
-    radii = radius.view(-1, 1, 1).expand(shape).reshape(-1)
-    return _Discs(x.reshape(-1), y.reshape(-1), radii, radii)
+    radius = panel.led_diameter_m / 2 * camera.pixels_per_metre(scene.distance_m)
+    return x - origin[:, :1], y - origin[:, 1:], radius
 
 
 def _ellipses(context: Context) -> _Discs:

@@ -73,15 +73,15 @@ def built(plan: ClassifierPlan) -> Guarded:
             torch.manual_seed(plan.training.seed)
             given = instantiate(settings, _convert_="all")
             made = kind(**given)  # type: ignore[operator]  # refused just below
+        if isinstance(made, nn.Module):
+            made = TorchClassifier(made, plan.training)
+        elif is_estimator(made):
+            made = SklearnClassifier(made)
     except VoccError as error:
         raise VoccError(f"classifiers.{plan.name}: {error}") from error
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         reason = " ".join(str(error.__cause__ or error).split())
         raise VoccError(f"classifiers.{plan.name}.build: {target} cannot be built ({reason})") from error
-    if isinstance(made, nn.Module):
-        made = TorchClassifier(made, plan.training)
-    elif is_estimator(made):
-        made = SklearnClassifier(made)
     return Guarded(plan.name, made, plan.inputs, home)
 
 
@@ -165,11 +165,18 @@ def _trained(one: ClassifierPlan, plan: Plan, link: Link, locator: PanelLocator 
     guarded.fit_stream(stream, one.frames or plan.budget.training_frames)
     seconds = time.perf_counter() - begun
     counted = getattr(guarded.classifier, "parameters_count", None)
+    parameters = int(counted) if counted is not None else None
     return TrainedClassifier(
-        guarded,
-        seconds,
-        stream.seconds,
-        stream.frames,
-        int(counted) if counted is not None else None,
-        len(pickle.dumps(guarded)),
+        guarded, seconds, stream.seconds, stream.frames, parameters, _packed_bytes(guarded)
     )
+
+
+def _packed_bytes(guarded: Guarded) -> int:
+    """Measure a trained classifier, or refuse one that cannot be sent to another process."""
+    try:
+        return len(pickle.dumps(guarded))
+    except Exception as error:
+        reason = " ".join(f"{type(error).__name__}: {error}".split())
+        raise VoccError(
+            f"classifier {guarded.name}: it must be possible to pickle it, for other processes ({reason})"
+        ) from error

@@ -10,7 +10,8 @@ from rich.console import Console
 
 from vocc_torch.assembly import build_tradeoff_study
 from vocc_torch.config import AppConfig
-from vocc_torch.evaluation.price_list import KnobSetting, PriceList
+from vocc_torch.evaluation.knob_setting import KnobSetting
+from vocc_torch.evaluation.price_list import PriceList
 from vocc_torch.files import write_atomically
 from vocc_torch.reporting.canvas import save_figure
 from vocc_torch.reporting.tradeoff_advice import recommendation

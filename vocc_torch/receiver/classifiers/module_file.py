@@ -59,7 +59,8 @@ class ModuleFile:
         sys.modules[name] = made
         try:
             spec.loader.exec_module(made)
-        except Exception as error:
+        # A file that would end the program is no exception.
+        except (Exception, SystemExit) as error:
             del sys.modules[name]
             reason = " ".join(f"{type(error).__name__}: {error}".split())
             raise VoccError(f"file {self.path} cannot be run ({reason})") from error

@@ -15,6 +15,9 @@ from vocc_torch.receiver.classifiers.module_file import ModuleFile
 
 R = TypeVar("R")
 
+AGREEING_PANELS = 4
+"""Panels on which ``predict`` is held against the scores, once in each process."""
+
 
 class Classifier(Protocol):
     """What a classifier has to offer; ``x`` is (B,R,C,F) float32, of B whole panels."""
@@ -54,7 +57,7 @@ class Guarded:
         home: the file outside the package that defines it, or None; another process reads it first.
 
     Raises:
-        VoccError: it lacks ``fit``, or both ``decision_function`` and ``predict``.
+        VoccError: it lacks ``fit`` or ``decision_function``.
 
     Example:
         >>> Guarded("mine", object(), Inputs())
@@ -72,6 +75,7 @@ class Guarded:
         self.inputs = inputs
         self.home = home
         self.classifier: Classifier = classifier  # type: ignore[assignment]  # checked just above
+        self._agreed = False
 
     def fit(self, x: Tensor, bits: Tensor) -> None:
         """Train on panels held in memory.
@@ -98,16 +102,49 @@ class Guarded:
         """Score every LED, (B,R,C) float64.
 
         Raises:
-            VoccError: the classifier raised an error, or gave another shape or scores that are not finite.
+            VoccError: the classifier raised an error, gave another shape or scores that are not finite, or
+                ``predict`` says otherwise than its scores.
         """
+        scores = self._scores(x)
+        if not self._agreed:
+            self._check_predict(x[:AGREEING_PANELS])
+            self._agreed = True
+        return scores
+
+    def _scores(self, x: Tensor) -> Tensor:
+        """Score, and check what came."""
         scores = self._guarded("decision_function", lambda: self.classifier.decision_function(x))
         wanted = tuple(x.shape[:-1])
         if not isinstance(scores, Tensor) or tuple(scores.shape) != wanted:
             given = tuple(scores.shape) if isinstance(scores, Tensor) else type(scores).__name__
             raise VoccError(f"classifier {self.name}: decision_function gave {given}, it must give {wanted}")
+        # Bits for scores would all be On: none is below 0.
+        if scores.layout != torch.strided or scores.dtype == torch.bool or scores.is_complex():
+            kind = f"{scores.dtype}, {scores.layout}"
+            raise VoccError(
+                f"classifier {self.name}: decision_function gave {kind}, it must give dense real numbers"
+            )
         if not bool(torch.isfinite(scores).all()):
             raise VoccError(f"classifier {self.name}: decision_function gave scores that are not finite")
-        return scores.to(torch.float64)
+        return scores.detach().to(torch.float64)
+
+    def _check_predict(self, x: Tensor) -> None:
+        """Refuse a ``predict`` that says otherwise than the scores, which alone decide; a 0 may be both."""
+        predict = getattr(self.classifier, "predict", None)
+        if not callable(predict):
+            return
+        decided, scores = self._guarded("predict", lambda: predict(x)), self._scores(x)
+        if not isinstance(decided, Tensor) or decided.shape != scores.shape:
+            given = tuple(decided.shape) if isinstance(decided, Tensor) else type(decided).__name__
+            raise VoccError(
+                f"classifier {self.name}: predict gave {given}, it must give {tuple(scores.shape)}"
+            )
+        apart = int((((decided != 0) != (scores >= 0)) & (scores != 0)).sum())
+        if apart:
+            rule = "it must be On where decision_function is at least 0, and Off elsewhere"
+            raise VoccError(
+                f"classifier {self.name}: predict says otherwise at {apart} of {scores.numel()} LEDs: {rule}"
+            )
 
     def __reduce__(self) -> tuple[Callable[..., Guarded], tuple[object, ...]]:
         """Pickle it with the file that its class comes from."""
@@ -119,7 +156,8 @@ class Guarded:
             return call()
         except VoccError as error:
             raise VoccError(f"classifier {self.name}: {error}") from error
-        except Exception as error:
+        # One that would end the program is no exception.
+        except (Exception, SystemExit) as error:
             reason = " ".join(f"{type(error).__name__}: {error}".split())
             raise VoccError(f"classifier {self.name}: {what} failed ({reason})") from error
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from typing import Any, Self
 
 import numpy as np
@@ -30,7 +31,7 @@ class SklearnClassifier:
             that order.
 
     Raises:
-        VoccError: it has none of the three.
+        VoccError: it has none of the three, or finds clusters or outliers and no classes.
 
     Example:
         >>> from sklearn.naive_bayes import GaussianNB
@@ -44,6 +45,8 @@ class SklearnClassifier:
         ways = ("decision_function", "predict_proba", "predict")
         if not any(hasattr(estimator, way) for way in ways):
             raise VoccError(f"{type(estimator).__name__} must have {', '.join(ways[:2])} or {ways[2]}")
+        if _is_no_classifier(estimator):
+            raise VoccError(f"{type(estimator).__name__} finds clusters or outliers: it must be a classifier")
         self.estimator = estimator
 
     def fit(self, x: Tensor, bits: Tensor) -> Self:
@@ -52,22 +55,33 @@ class SklearnClassifier:
         return self
 
     def decision_function(self, x: Tensor) -> Tensor:
-        """Score every LED: the estimator's own score, or the probability of On less a half, or +-1."""
+        """Score every LED: the estimator's score, or its probability of On or its prediction less a half.
+
+        Raises:
+            VoccError: probabilities that are not those of Off and On.
+        """
         rows = _rows(x)
         if hasattr(self.estimator, "decision_function"):
             scores = self.estimator.decision_function(rows)
         elif hasattr(self.estimator, "predict_proba"):
-            scores = self.estimator.predict_proba(rows)[:, 1] - 0.5
+            shares = np.asarray(self.estimator.predict_proba(rows))
+            if shares.shape != (len(rows), 2):
+                raise VoccError(f"predict_proba gave {shares.shape}, it must give {(len(rows), 2)}")
+            scores = shares[:, 1] - 0.5
         else:
-            scores = np.where(self.estimator.predict(rows) > 0, 1.0, -1.0)
+            scores = np.asarray(self.estimator.predict(rows)) - 0.5
         given = torch.as_tensor(np.asarray(scores, dtype=np.float64))
         leds = int(np.prod(x.shape[:-1]))
         # Another number of scores is refused by the guard, which names the classifier.
         return given.reshape(x.shape[:-1]).to(x.device) if given.numel() == leds else given
 
     def predict(self, x: Tensor) -> Tensor:
-        """Decide every LED."""
-        return self.decision_function(x) >= 0
+        """Decide every LED, as the estimator itself does."""
+        if not hasattr(self.estimator, "predict"):
+            return self.decision_function(x) >= 0
+        given = torch.as_tensor(np.asarray(self.estimator.predict(_rows(x))) > 0.5)
+        leds = int(np.prod(x.shape[:-1]))
+        return given.reshape(x.shape[:-1]).to(x.device) if given.numel() == leds else given
 
     @property
     def parameters_count(self) -> int | None:
@@ -83,6 +97,15 @@ def _rows(x: Tensor) -> NDArray[np.float32]:
     """Give the LEDs of all panels as rows, (N,F)."""
     rows: NDArray[np.float32] = x.reshape(-1, x.shape[-1]).cpu().numpy().astype(np.float32, copy=False)
     return rows
+
+
+def _is_no_classifier(estimator: Any) -> bool:
+    """Whether scikit-learn knows an estimator to be something else; it is not imported for that."""
+    base = sys.modules.get("sklearn.base")
+    if base is None or not isinstance(estimator, base.BaseEstimator):
+        return False
+    kinds = (getattr(base, name, None) for name in ("is_clusterer", "is_outlier_detector"))
+    return any(is_kind(estimator) for is_kind in kinds if is_kind is not None)
 
 
 def scaled(estimator: Any) -> Any:

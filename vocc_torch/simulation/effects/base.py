@@ -62,6 +62,8 @@ class Context:
     effects: Sequence[Effect] = ()
     """All effects of the scene, for one that undoes or continues what another did."""
     panel: LedPanel = field(default_factory=LedPanel)
+    iso: Tensor | None = None
+    """(B,) the ISO speeds, where they are known already."""
 
     def generators(self, stream: str, *, of_scene: bool = False) -> list[np.random.Generator]:
         """Give each frame's random stream of an effect; what other effects draw does not change it.

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import ClassVar
 
 import kornia.filters
 import torch
-import torch.nn.functional as F
 from torch import Tensor
 
 from vocc_torch.errors import VoccError
 from vocc_torch.simulation.effects.base import Context, Effect, Quantity
+from vocc_torch.simulation.spread import convolve_separable
 
 MOST_SIGMA_PX = 32.0
 """Widest on offer: its kernel reaches as far as that of the other blurs may, 128 px."""
@@ -25,11 +26,9 @@ TRUNCATION_SIGMAS = 4.0
 class Blooming(Effect):
     """Kornia's Gaussian filter on luminous exposure, before gamma (section IV-B-1).
 
-    The filter runs in float64 whatever the working precision: a convolution routine sums in an order that
-    depends on the batch, which in float32 moved a rounded pixel in one frame of 200, so that a frame would
-    have depended on the batch it came in. The frames are stacked into one tall plane, each with its own
-    replicated border, because one large convolution is faster on a CPU than many small ones; so the whole
-    costs no more than float32 did. Linear and differentiable; energy is kept to rounding.
+    Kornia's kernel is applied in float64 whatever the working precision: a product sums in an order that may
+    depend on the batch, which in float32 moved a rounded pixel in one frame of 200, so that a frame would
+    have depended on the batch it came in. Linear and differentiable; energy is kept to rounding.
 
     Source: the paper, section IV-B-1, whose "blooming level" is read as a standard deviation.
 
@@ -64,10 +63,17 @@ class Blooming(Effect):
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Blur (B,1,H,W) exposure; the light outside the frame is taken to be that at its border."""
-        frames, _, height, width = value.shape
-        reach, sigma = self.reach_px, (self.sigma_px, self.sigma_px)
-        padded = F.pad(value.to(torch.float64), (reach, reach, reach, reach), mode="replicate")
-        plane = padded.reshape(1, 1, frames * (height + 2 * reach), width + 2 * reach)
-        kernel = (2 * reach + 1, 2 * reach + 1)
-        blurred = kornia.filters.gaussian_blur2d(plane, kernel, sigma, border_type="constant")
-        return blurred.view(padded.shape)[:, :, reach : reach + height, reach : reach + width].to(value.dtype)
+        taps = gaussian_taps(self.sigma_px, self.reach_px)
+        return convolve_separable(value.squeeze(1).to(torch.float64), taps).unsqueeze(1).to(value.dtype)
+
+
+@lru_cache(maxsize=16)
+def gaussian_taps(sigma_px: float, reach_px: int) -> tuple[float, ...]:
+    """Weights of Kornia's Gaussian kernel, from ``-reach_px`` to ``reach_px``; they add up to 1.
+
+    Example:
+        >>> [round(tap, 3) for tap in gaussian_taps(1.0, 2)]
+        [0.054, 0.244, 0.403, 0.244, 0.054]
+    """
+    kernel = kornia.filters.get_gaussian_kernel1d(2 * reach_px + 1, sigma_px, dtype=torch.float64)
+    return tuple(kernel.view(-1).tolist())

@@ -38,7 +38,7 @@ Found = tuple[NDArray[np.int64], NDArray[np.bool_]]
 
 def across_scenes(
     worlds: Mapping[str, Plan], workers: Workers, told: Callable[[str], None]
-) -> list[Transfer]:
+) -> tuple[list[Transfer], dict[str, str]]:
     """Train in every kind of scenes, and test at home what was trained elsewhere, and the other way round.
 
     Args:
@@ -48,34 +48,31 @@ def across_scenes(
 
     Returns:
         By scenes tested on, then scenes trained on, then receiver; those trained where they are tested are
-        among them. Receivers that learn nothing are left out.
-
-    Raises:
-        VoccError: scenes in which no panel is found, or a classifier that cannot be built or trained.
+        among them, and receivers that learn nothing are not. And why scenes are left out, by name: no panel
+        was found there, or a receiver could not learn from so few.
     """
-    home, *others = worlds
+    home = next(iter(worlds))
     with worker_losses_told():
         told("training in other scenes")
-        training = {name: workers.submit(_trained, plan) for name, plan in worlds.items()}
-        banks = {}
-        for name, future in training.items():
-            try:
-                banks[name] = future.result()
-            except VoccError as error:
-                raise VoccError(f"rivals.scenes.{name}: {error}") from None
+        training = {name: workers.submit(_trained_or_why, plan) for name, plan in worlds.items()}
+        made = {name: future.result() for name, future in training.items()}
+        lost = {name: one for name, one in made.items() if isinstance(one, str)}
+        banks = {name: one for name, one in made.items() if not isinstance(one, str)}
+        if home in lost or len(banks) == 1:
+            return [], lost
         told("testing across scenes")
-        pairs = {home: tuple(worlds), **{name: (home, name) for name in others}}
+        pairs = {home: tuple(banks), **{name: (home, name) for name in banks if name != home}}
         waiting = {
             name: [
                 workers.submit(_Test(worlds[name], {one: banks[one] for one in pairs[name]}), blocks)
                 for blocks in _chunks(worlds[name].budget.frames)
             ]
-            for name in worlds
+            for name in banks
         }
         found = {name: [part.result() for part in parts] for name, parts in waiting.items()}
     names = banks[home].names
     leds = worlds[home].world.panel.shape.leds
-    return [one for name in worlds for one in _transfers(names, leds, name, pairs[name], found[name])]
+    return [one for name in banks for one in _transfers(names, leds, name, pairs[name], found[name])], lost
 
 
 def _chunks(frames: int) -> Iterator[tuple[range, int]]:
@@ -96,9 +93,7 @@ class _Kept:
             for seen in link.observe(model, keys, preambles=False, frames=frames)
         ]
         if not any(bool(found.any()) for *_, found in self.parts):
-            raise VoccError(
-                f"no panel was found in any of {frames} frames: leave it out, or take locator truth"
-            )
+            raise VoccError(f"no panel was found in any of {frames} frames")
 
     def seen_by(self, inputs: Inputs) -> Batches:
         """Give the panels as a classifier sees them; those that were not located are left out."""
@@ -113,6 +108,14 @@ class _Kept:
                     yield inputs.of(readings, readings.cell_px, self.shape)[rows][chosen], bits[rows][chosen]
 
         return batches
+
+
+def _trained_or_why(plan: Plan) -> ReceiverBank | str:
+    """Train, or say why that cannot be."""
+    try:
+        return _trained(plan)
+    except VoccError as error:
+        return str(error)
 
 
 def _trained(plan: Plan) -> ReceiverBank:

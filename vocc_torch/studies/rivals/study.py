@@ -14,6 +14,7 @@ from vocc_torch.evaluation.rivals import Rivals
 from vocc_torch.evaluation.timing import interleaved
 from vocc_torch.receiver.bank import ReceiverBank, needs_preambles
 from vocc_torch.rng import BLOCK_FRAMES, BlockKey
+from vocc_torch.studies.classifiers import built
 from vocc_torch.studies.link import Link
 from vocc_torch.studies.plan import Plan
 from vocc_torch.studies.rivals.marks import genie_marks
@@ -67,6 +68,9 @@ def compare_rivals(
     """
     told = told or Told()
     plans = list(study.plans.values())
+    for one in study.base.receiver.classifiers:
+        # What cannot be built is refused now, and not when its turn comes.
+        built(one)
     told.stage("training")
     trained = train_rivals(plans, workers)
     told.finished("training")
@@ -79,7 +83,7 @@ def compare_rivals(
     marks, unmarked = genie_marks(study, banks, workers, told.stage)
     told.finished("the genie")
     worlds = study.worlds
-    transfers = across_scenes(worlds, workers, told.stage) if worlds else []
+    transfers, lost = across_scenes(worlds, workers, told.stage) if worlds else ([], {})
     told.finished("other scenes")
     told.stage("times")
     spent = _decide_ms(study.base, trained[0][0])
@@ -94,6 +98,7 @@ def compare_rivals(
         marks=marks,
         unmarked=unmarked,
         transfers=transfers,
+        lost=lost,
         home=study.home,
         most_training_frames=study.scene_training_frames,
     ), trained[0][0]

@@ -89,6 +89,7 @@ class TradeoffStudy:
             counted with a pair for each.
         genie_frames: frames of each kind of scenes for a decoder that knows the scene; 0 for none.
         missing: devices that were asked for and are not there, and why.
+        left_out: receivers that were asked for and cannot be built here, and why.
 
     Raises:
         VoccError: a value outside its range or an unknown name.
@@ -112,6 +113,7 @@ class TradeoffStudy:
     frames_a_preamble: int = 1
     genie_frames: int = 0
     missing: Mapping[str, str] = field(default_factory=dict)
+    left_out: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Check every list and every number, before any work is done."""

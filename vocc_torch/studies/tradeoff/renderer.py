@@ -10,7 +10,7 @@ from typing import Literal
 import torch
 from torch import Tensor
 
-from vocc_torch.evaluation.price_list import KnobSetting
+from vocc_torch.evaluation.knob_setting import KnobSetting
 from vocc_torch.evaluation.timing import interleaved
 from vocc_torch.rng import FrameKey
 from vocc_torch.simulation import SceneModel, Simulator

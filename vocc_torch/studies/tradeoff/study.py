@@ -57,6 +57,7 @@ def price_receivers(study: TradeoffStudy, workers: Workers, told: Told = lambda 
         marks=marks,
         no_marks=no_marks,
         missing=study.missing,
+        left_out=study.left_out,
     )
 
 

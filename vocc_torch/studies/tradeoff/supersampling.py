@@ -6,12 +6,12 @@ import torch
 from torch import Tensor
 
 from vocc_torch.simulation import Simulator
+from vocc_torch.simulation.batch import Batch
 from vocc_torch.simulation.effects import Context, Effect, Quantity
 from vocc_torch.simulation.geometry import led_centres_px
 from vocc_torch.simulation.painter import taking
 from vocc_torch.simulation.photometry import reflected_luminance_cd_m2
 from vocc_torch.simulation.raster import add_patches
-from vocc_torch.simulation.simulator import _Batch
 from vocc_torch.studies.plan import World
 
 GROUP_SAMPLES = 4_000_000
@@ -29,7 +29,7 @@ class Supersampled(Simulator):
 
     samples = 1
 
-    def _paint(self, batch: _Batch) -> Tensor:
+    def _paint(self, batch: Batch) -> Tensor:
         """Draw the picture that the lens sees, (B,1,H,W) cd/m2."""
         context = batch.context
         scene, panel = context.scene, context.panel

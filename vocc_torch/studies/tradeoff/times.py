@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import itertools
+import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
+from importlib import import_module
 
 import torch
 from torch import Tensor
@@ -101,7 +103,7 @@ def measure_times(study: TradeoffStudy, chains: Sequence[Chain]) -> Times:
 
 @contextmanager
 def threads(count: int) -> Iterator[None]:
-    """Let torch work with that many threads meanwhile; 0 leaves its own number.
+    """Let torch, and scikit-learn where it is in use, work with that many threads; 0 leaves their own number.
 
     Example:
         >>> with threads(1):
@@ -109,11 +111,13 @@ def threads(count: int) -> Iterator[None]:
         1
     """
     before = torch.get_num_threads()
-    torch.set_num_threads(count or before)
-    try:
+    with ExitStack() as stack:
+        if count and "sklearn" in sys.modules:
+            # It comes with scikit-learn, whose threads are not torch's.
+            stack.enter_context(import_module("threadpoolctl").threadpool_limits(count))
+        stack.callback(torch.set_num_threads, before)
+        torch.set_num_threads(count or before)
         yield
-    finally:
-        torch.set_num_threads(before)
 
 
 def _shot(study: TradeoffStudy, chains: Sequence[Chain], kind: FrameKind) -> Shot:

@@ -1,0 +1,254 @@
+"""Reports of many receivers compared, from numbers that are easy to check."""
+
+import csv
+import io
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
+from vocc_torch.evaluation.counts import Counts
+from vocc_torch.evaluation.curves import Curves
+from vocc_torch.evaluation.paired import PairedCounts
+from vocc_torch.evaluation.price_list import Making
+from vocc_torch.evaluation.rivals import GENIE, Mark, Ratio, Rivals, Transfer, rate_ratio
+from vocc_torch.reporting.rivals_board import write_rival_board
+from vocc_torch.reporting.rivals_csv import write_rivals
+from vocc_torch.reporting.rivals_figure import curves_figure, ratio_text
+from vocc_torch.reporting.rivals_scenes import scenes_figure
+from vocc_torch.reporting.rivals_table import print_rivals
+from vocc_torch.reporting.rivals_words import summary
+
+FRAMES = 1000
+WRONG = {"average_greyscale": (9000, 4000), "flda_3": (300, 200), "net": (5, 0), "plain": (60, 500)}
+"""Wrong bits of each receiver, one a frame where they fit, at 30 and at 70 m."""
+
+
+def counts(bit_errors, frames=FRAMES):
+    """Wrong bits shared out over frames as evenly as can be."""
+    each, more = divmod(bit_errors, frames)
+    squares = 4 * ((frames - more) * each**2 + more * (each + 1) ** 2)
+    return Counts(frames, 64 * frames, 2 * bit_errors, squares, min(frames, bit_errors))
+
+
+def paired(a, b):
+    """Two receivers whose wrong bits come in the same frames first."""
+    more, less = counts(max(a, b)), counts(min(a, b))
+    excess = more.half_errors - less.half_errors
+    each, rest = divmod(excess // 2, FRAMES)
+    squares = 4 * ((FRAMES - rest) * each**2 + rest * (each + 1) ** 2)
+    side = (excess, squares, min(FRAMES, excess // 2))
+    return PairedCounts(FRAMES, 64 * FRAMES, *(side if a > b else (0, 0, 0)), *((0, 0, 0) if a > b else side))
+
+
+def curves(experiment="distance"):
+    names, values = tuple(WRONG), (30.0, 70.0)
+    return Curves(
+        experiment,
+        "distance_m",
+        "truth",
+        names,
+        values,
+        {(name, value): counts(WRONG[name][i]) for name in names for i, value in enumerate(values)},
+        {
+            (a, b, value): paired(WRONG[a][i], WRONG[b][i])
+            for i, value in enumerate(values)
+            for place, a in enumerate(names)
+            for b in names[place + 1 :]
+        },
+        dict.fromkeys(values, "frames"),
+    )
+
+
+def mark(wrong=0, best=0):
+    receivers = {name: counts(best if name == "net" else 8, 64) for name in WRONG}
+    return Mark(counts(wrong, 64), 64, 0.025, receivers)
+
+
+def transfer(receiver, trained_on, tested_on, wrong, at_home):
+    return Transfer(receiver, trained_on, tested_on, counts(wrong), counts(at_home), paired(at_home, wrong))
+
+
+PAIRS = (("paper", "paper"), ("night", "paper"), ("paper", "night"), ("night", "night"))
+
+
+@pytest.fixture
+def rivals():
+    errors = {"flda_3": (200, 900, 250, 250), "net": (0, 40, 30, 0), "plain": (100, 100, 120, 110)}
+    transfers = []
+    for place, pair in enumerate(PAIRS):
+        home = 0 if pair[1] == "paper" else 3
+        transfers += [transfer(name, *pair, wrong[place], wrong[home]) for name, wrong in errors.items()]
+    return Rivals(
+        reference="flda_3",
+        curves={"distance": curves()},
+        making={
+            "average_greyscale": Making(parameters=0),
+            "flda_3": Making(0.7, None, 1000, 4, 2600),
+            "net": Making(12.0, 6.0, 8000, 5185, 25_300),
+            "plain": Making(0.6, 0.5, 1000, None, 1340),
+        },
+        decide_ms={"average_greyscale": 0.002, "flda_3": 0.004, "net": 0.08, "plain": 0.02},
+        points={"distance": 70.0},
+        marks={"distance": {30.0: mark(), 70.0: mark()}},
+        transfers=transfers,
+        home="paper",
+        most_training_frames=500,
+    )
+
+
+def lines_of(path):
+    with Path(path).open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+@pytest.mark.parametrize(
+    ("ratio", "text"),
+    [
+        ((0.0, 0.0, 0.01), "< 1/100"),
+        ((0.0, 0.0, 3.0), "< 3 x"),
+        ((0.031, 0.01, 0.1), "1/32"),
+        ((0.5, 0.4, 0.6), "1/2"),
+        ((0.97, 0.9, 1.1), "0.97 x"),
+        ((20.0, 10.0, 30.0), "20 x"),
+        ((1906.0, 900.0, 3000.0), "1906 x"),
+        ((0.001234, 0.001, 0.002), "1/810"),
+    ],
+)
+def test_ratios_are_fractions_or_multiples(ratio, text):
+    assert ratio_text(Ratio(*ratio)) == text
+
+
+def test_a_ratio_is_one_rate_over_the_other():
+    a, b = counts(300), counts(30)
+    ratio = rate_ratio(a, b, paired(300, 30))
+    assert ratio.ratio == pytest.approx(0.1)
+    assert 0 < ratio.low < 0.1 < ratio.high < 0.2
+    assert ratio.real
+    assert rate_ratio(counts(0), b, paired(0, 30)) is None
+    none = rate_ratio(a, counts(0), paired(300, 0))
+    assert (none.ratio, none.low) == (0, 0)
+    assert 0 < none.high < 0.05
+
+
+def test_receivers_are_ranked_by_all_their_wrong_bits(rivals):
+    assert rivals.ranked() == ("net", "flda_3", "plain", "average_greyscale")
+    assert rivals.learners == ("flda_3", "net", "plain")
+
+
+def test_the_tables_state_what_was_counted(rivals, tmp_path):
+    write_rivals(tmp_path, rivals)
+    rows = lines_of(tmp_path / "classifiers.csv")
+    assert [row["receiver"] for row in rows] == list(rivals.ranked())
+    by = {row["receiver"]: row for row in rows}
+    assert (by["net"]["training_s"], by["net"]["parameters"], by["plain"]["parameters"]) == ("12", "5185", "")
+    assert float(by["net"]["distance_70_ber_high"]) > float(by["net"]["distance_70_ber"]) == 0
+    assert float(by["plain"]["distance_70_ratio"]) == pytest.approx(2.5)
+    pair = {(row["receiver"], row["value"]): row for row in lines_of(tmp_path / "paired.csv")}
+    assert float(pair["net", "30"]["ratio"]) == pytest.approx(1 / 60)
+    assert pair["net", "30"]["reference_worse"] == "295"
+    scenes = {
+        (row["trained_on"], row["tested_on"], row["receiver"]): row
+        for row in lines_of(tmp_path / "robustness.csv")
+    }
+    assert scenes["paper", "night", "net"]["ratio"] == ""
+    assert float(scenes["night", "paper", "flda_3"]["ratio"]) == pytest.approx(4.5)
+    (first, _) = lines_of(tmp_path / "genie.csv")
+    assert (first["best_receiver"], first["best_bit_errors"], first["proven"]) == ("net", "0", "64")
+
+
+@pytest.mark.parametrize("width", [80, 120])
+def test_the_terminal_shows_the_best_first_and_fits(rivals, width):
+    console = Console(width=width, record=True, file=io.StringIO())
+    print_rivals(rivals, console)
+    text = console.export_text()
+    lines = text.splitlines()
+    starts = [line.split()[0] for line in lines if line.split() and line.split()[0] in WRONG]
+    assert starts == list(rivals.ranked())
+    assert max(map(len, lines)) <= width
+    assert ("para-" in text) == (width == 120)
+    assert lines[3].startswith("knows the scene")
+
+
+def test_the_words_are_the_numbers(rivals):
+    words = " ".join(summary(rivals).split())
+    assert "Best of those that learn: net, at 70 m no errors in 64000 bits" in words
+    assert "12.0 s of training on 8000 frames, 5185 parameters, 25.3 kB, 0.08 ms a frame" in words
+    assert "has 0 wrong bits of 8192 in the first 64 frames of each point (128 of 128 frames proven)" in words
+    assert "no receiver has fewer wrong bits at any point" in words
+    assert "night (4.7e-4 against none)" in words
+    assert "flda_3 trained on paper is as good everywhere" in words
+    assert "night (4.5 times)" in words
+
+
+def test_a_genie_that_is_beaten_is_not_hidden(rivals):
+    rivals.marks["distance"][70.0] = mark(wrong=3, best=1)
+    assert not rivals.marks["distance"][70.0].lowest
+    assert "fewer wrong bits than the genie had receivers at distance 70 (net)" in " ".join(
+        summary(rivals).split()
+    )
+
+
+def test_a_missing_mark_is_said(rivals):
+    rivals.marks.clear()
+    rivals.unmarked["distance"] = "the genie knows no likelihood for scene.effects.jpeg"
+    assert "No genie's mark for distance: the genie knows no likelihood for scene.effects.jpeg." in " ".join(
+        summary(rivals).split()
+    )
+
+
+def test_each_receiver_has_a_picture_of_its_own(rivals):
+    figure = curves_figure(rivals, "distance")
+    titles = [axes.get_title(loc="left") for axes in figure.axes]
+    assert titles == ["1. net", "2. FLDA: AGR + GRI + NGR", "3. plain", "4. Average greyscale"]
+    # All pictures show the same rates.
+    assert len({axes.get_ylim() for axes in figure.axes}) == 1
+    notes = [[text.get_text() for text in axes.texts] for axes in figure.axes]
+    assert notes[0][0].endswith("at 70")
+    assert notes[1] == []
+    assert notes[2] == ["2.5 \N{MULTIPLICATION SIGN} at 70"]
+    assert any("knows the scene" in text.get_text() for text in figure.legends[0].get_texts())
+    # A genie without errors lies along the foot.
+    foot = figure.axes[0].get_ylim()[0]
+    dashed = [line for line in figure.axes[0].lines if line.get_linestyle() == "--"]
+    assert [list(line.get_ydata()) for line in dashed] == [[foot, foot]]
+
+
+def test_the_map_of_scenes_says_what_is_certain(rivals):
+    out, back = scenes_figure(rivals).axes[:2]
+    assert [text.get_text() for text in out.get_xticklabels()] == ["paper", "night"]
+    assert [text.get_text() for text in back.get_xticklabels()] == ["night"]
+    assert [text.get_text() for text in out.get_yticklabels()] == ["net", "FLDA: AGR + GRI + NGR", "plain"]
+    written = [text.get_text() for text in out.texts]
+    assert written == [
+        "< 4.7e-5",
+        "",
+        "4.7e-4",
+        "0 there",
+        "3.1e-3",
+        "",
+        "3.9e-3",
+        "",
+        "1.6e-3",
+        "",
+        "1.9e-3",
+        "1.1 \N{MULTIPLICATION SIGN}",
+    ]
+    assert [text.get_text() for text in back.texts] == [
+        "6.3e-4", "0 there", "1.4e-2", "4.5 \N{MULTIPLICATION SIGN}", "1.6e-3", ""
+    ]  # fmt: skip
+
+
+def test_the_board_has_the_prices_in_each_receivers_row(rivals, tmp_path):
+    write_rival_board(tmp_path, rivals, {}, {"summary": "x"})
+    assert {path.name for path in tmp_path.iterdir()} == {*WRONG, GENIE, "_summary"}
+    events = EventAccumulator(str(tmp_path / "net"))
+    events.Reload()
+    assert events.Scalars("making/training_s")[0].value == 12
+    assert events.Scalars("making/parameters")[0].value == 5185
+    assert events.Scalars("of_flda_3/distance_70")[0].value == 0
+    assert [one.step for one in events.Scalars("BER/distance_m")] == [300, 700]
+    genie = EventAccumulator(str(tmp_path / GENIE))
+    genie.Reload()
+    assert "making/training_s" not in genie.Tags()["scalars"]
