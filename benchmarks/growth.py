@@ -1,4 +1,4 @@
-"""How the cost of a frame grows: with the batch, the panel, the distance and the number of frames; and memory.
+"""How cost and memory grow with the batch, the panel, the distance and the number of frames.
 
 Crops of the paper's scene are simulated, located with the paper's locator and decoded by FLDA on three
 features, on one thread. Each point of an axis is measured in a process of its own, a few times in turns with
@@ -21,6 +21,7 @@ import time
 import traceback
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, fields, replace
+from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
@@ -39,7 +40,7 @@ from vocc_torch.simulation import SceneModel
 from vocc_torch.simulation.geometry import LedPanel
 from vocc_torch.simulation.scene import Distribution
 
-BATCH = 256
+BATCH = 64
 NOT_MEASURED = "not measured"
 AXES: dict[str, tuple[float, ...]] = {
     "batch": (1, 4, 16, 64, 256, 1024),
@@ -47,6 +48,12 @@ AXES: dict[str, tuple[float, ...]] = {
     "distance_m": (10, 15, 22, 33, 50, 70, 100),
 }
 """Values of each axis: frames a batch, LEDs along a side of a square panel, metres."""
+NOTE = (
+    "Crops of the paper's scene, located with the paper's locator, decoded by FLDA on three features; "
+    f"batches of {BATCH} where that is not the axis,\npanels of the second column at 50 m. Medians over processes "
+    "of their own; memory is the most that was resident beyond what it was before the first frame.\n"
+    "The grey lines are in proportion to frames, LEDs or pixels; the powers are fitted, of batches from 64 on."
+)
 FITTED_FROM = {"batch": 64}
 """Where a fit begins: below, a batch costs what its operations cost, whatever their size."""
 
@@ -77,7 +84,12 @@ class Bench:
 
     def __init__(self, axis: str, value: float, device: str, flda: FLDA) -> None:
         side = int(value) if axis == "leds" else 8
-        self.axis, self.value, self.shape, self.device = axis, value, PanelShape(side, side), torch.device(device)
+        self.axis, self.value, self.shape, self.device = (
+            axis,
+            value,
+            PanelShape(side, side),
+            torch.device(device),
+        )
         self.batch = int(value) if axis == "batch" else BATCH
         self.model = SceneModel()
         if axis in ("leds", "distance_m"):
@@ -105,9 +117,7 @@ class Bench:
         """State what was measured."""
         height, width = self.simulator.crop_px(self.model.nearest_m)
         times = 1e3 * simulate_s, 1e3 * receive_s
-        return Reading(
-            self.device.type, self.axis, value, self.shape.leds, height * width, *times, memory_mb
-        )
+        return Reading(self.device.type, self.axis, value, self.shape.leds, height * width, *times, memory_mb)
 
     def memory_mb(self, *, peak: bool = False) -> float:
         """Give the memory in use, 10^6 bytes: on a CPU what is resident, on a GPU what torch lent at most."""
@@ -130,7 +140,8 @@ def point(axis: str, value: float, device: str, flda: FLDA, seconds: float) -> l
     bench = Bench(axis, value, device, flda)
     before = bench.memory_mb()
     bench.run(0)
-    spent, until = [], time.perf_counter() + seconds
+    spent: list[tuple[float, float]] = []
+    until = time.perf_counter() + seconds
     while len(spent) < 3 or time.perf_counter() < until:
         spent.append(bench.run(len(spent) + 1))
     share = 1 if axis == "batch" else bench.batch
@@ -149,7 +160,8 @@ def stream(most: int, device: str, flda: FLDA) -> list[Reading]:
         while done < mark:
             total += bench.run(block)
             done, block = done + bench.batch, block + 1
-        found.append(bench.reading(*total.tolist(), bench.memory_mb() - before, done))
+        simulate, receive = total.tolist()
+        found.append(bench.reading(simulate, receive, bench.memory_mb() - before, done))
     return found
 
 
@@ -183,7 +195,7 @@ def measured(device: str, flda: FLDA, given: argparse.Namespace) -> Iterator[Rea
     rounds = []
     for turn in range(given.rounds):
         order = points[:: -1 if turn % 2 else 1]
-        rounds.append({p: apart(lambda p=p: point(*p, device, flda, given.seconds))[0] for p in order})
+        rounds.append({at: apart(partial(point, *at, device, flda, given.seconds))[0] for at in order})
     for at in points:
         each = [one[at] for one in rounds]
         times = (statistics.median(getattr(r, name) for r in each) for name in ("simulate_ms", "receive_ms"))
@@ -252,7 +264,7 @@ def main() -> None:
         write(readings, () if there else ("cuda",), machine, given.csv)
     if given.picture:
         cpu = [r for r in readings if r.device == "cpu"]
-        growth_picture.draw(cpu, fits(cpu), machine, given.picture)
+        growth_picture.draw(cpu, fits(cpu), f"{NOTE}\n{machine}", given.picture)
 
 
 if __name__ == "__main__":

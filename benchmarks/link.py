@@ -92,7 +92,7 @@ class Receive:
         self.locator, self.reader, self.shape, self.flda = PaperLocator(), Reader(shape), shape, flda
 
     def __call__(self, frames: Frames, clock: Callable[[], object] = float) -> torch.Tensor:
-        """Give the bits (B,R,C), Off where no panel was found; ``clock`` is called after each stage but the last."""
+        """Give the bits (B,R,C), Off where no panel was found; call ``clock`` between the stages."""
         panels = self.locator(frames, self.shape)
         clock()
         features = self.reader.read(frames, panels).features
@@ -133,14 +133,15 @@ def ours(
 
 
 def _work(call: tuple[int, FLDA]) -> int:
-    """Simulate and decode 4 batches of 256 in a worker process, which draws its own scenes; give the frames."""
+    """Draw, simulate and decode 1024 frames in a worker process, in batches of 64; give their number."""
     part, flda = call
     simulator, receive = Simulator(), Receive(SHAPE, flda)
     with torch.no_grad():
-        for batch in range(4):
-            scene, bits = scenes(256, f"worker {part} {batch}")
-            receive(simulator.render(scene, bits, nearest_m=30.0))
-    return 4 * 256
+        scene, bits = scenes(1024, f"worker {part}")
+        for start in range(0, len(scene), 64):
+            rows = slice(start, start + 64)
+            receive(simulator.render(scene[rows], bits[rows], nearest_m=30.0))
+    return len(scene)
 
 
 def with_workers(flda: FLDA, rounds: int) -> tuple[int, list[float]]:
@@ -251,11 +252,13 @@ def main() -> None:
                 variant.rounds.append(spent)
     table = rows_of(variants, variants[0].name)
     if not cuda:
-        table += [[f"vocc_torch, crop, batch {b}, cuda", *["not measured"] * (4 + len(STAGES))] for b in ON_GPU]
+        table += [
+            [f"vocc_torch, crop, batch {b}, cuda", *["not measured"] * (4 + len(STAGES))] for b in ON_GPU
+        ]
     count, rates = with_workers(flda, args.rounds)
     each = statistics.median(rates), min(rates), max(rates)
     ratio = each[0] / float(table[0][1])
-    name = f"vocc_torch, crop, batch 256, {count} processes"
+    name = f"vocc_torch, crop, batch 64, {count} processes"
     table.append([name, *(f"{one:.0f}" for one in each), f"{ratio:.2f}", *[""] * len(STAGES)])
     print(f"{describe_machine(torch.device('cpu'))}, OpenCV {cv2.__version__}\n")
     report(table, variants, bits.numpy())

@@ -652,7 +652,7 @@ def test_help_needs_no_torch(command, tmp_path):
     )
     ran = command("--help", cwd=tmp_path, code=code)
     assert ran.out.splitlines()[-1] == "[] 0"
-    assert "experiment: ambient, contrast, dimming, distance, luminance, scenes" in ran.out
+    assert "experiment: ambient, classifiers, contrast, dimming, distance, luminance, scenes" in ran.out
     assert "vocc-torch task=decode input=PHOTO" in ran.out
     for key in ("seed:", "focal_length_mm:", "sigma_px:", "training_frames:"):
         assert key in ran.out

@@ -151,9 +151,9 @@ def bytes_at_their_extremes():
     "cells of no pixel",
     "corners that all but coincide enclose nothing: each LED reads the same grey value, AGR 1, GRI 0, NGR 1",
     Breakage(
-        FILES + "rectification.py",
-        "least = _FLAT_PX2 + _FLAT_SHARE * side.square().sum(2).amax(1)",
-        "least = 0.0 * side.square().sum(2).amax(1)",
+        FILES + "host_geometry.py",
+        "least = FLAT_PX2 + FLAT_SHARE * max(x * x + y * y for x, y in sides)",
+        "least = 0.0",
     ),
 )
 def cells_of_no_pixel():
@@ -232,7 +232,7 @@ def the_centre_samples_vector():
     "a saturated plateau",
     "without a gradient GRI is exactly 0, AGR and NGR are 1 to rounding, however the panel lies and "
     "whatever K",
-    Breakage(FILES + "features.py", "new_full((1, 1, 3, 3), 1 / 8)", "new_full((1, 1, 3, 3), 1 / 9)"),
+    Breakage(FILES + "features.py", "torch.full((1, 1, 3, 3), 1 / 8", "torch.full((1, 1, 3, 3), 1 / 9"),
 )
 def a_saturated_plateau():
     for level in (1, 77, 254, 255):

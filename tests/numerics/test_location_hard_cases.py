@@ -468,7 +468,7 @@ def a_closing_larger_than_the_frame():
 @hard(
     "frames that fail among frames that do not",
     "each frame's answer is the same to the last bit, alone, in pairs and among all",
-    Breakage(FILES + "lattice_fit.py", "    if len(lattice.blur) == 1:\n", "    if False:\n"),
+    Breakage(FILES + "lattice_fit.py", "    if len(rows) == 1:\n", "    if False:\n"),
 )
 def frames_that_fail_among_others():
     greys = [scene(), np.zeros((160, 160), np.uint8), noise(0, (160, 160)), scene(ONE_ON, off=0)]
@@ -612,8 +612,8 @@ def panels_of_any_shape():
     "says that there is none: at most 1, and below 0 where the background alone would do better",
     Breakage(
         FILES + "lattice_model.py",
-        "whole.to(torch.float64).clamp(min=ROUNDING_DN**2)",
-        "whole.to(torch.float64)",
+        "both[1::2].clamp(min=ROUNDING_DN**2)",
+        "both[1::2]",
     ),
 )
 def a_picture_without_a_lattice():
@@ -659,9 +659,9 @@ def picture():
     "no panel looks like that and no projective map leads there: all of it reads as its first corner, AGR 1, "
     "GRI 0, NGR 1, and panels beside it are read as without it",
     Breakage(
-        FILES + "rectification.py",
-        "return (turn.amin(1) > least) | (turn.amax(1) < -least)",
-        "return turn.sum(1).abs() > least",
+        FILES + "host_geometry.py",
+        "return min(turns) > least or max(turns) < -least",
+        "return abs(sum(turns)) > least",
     ),
 )
 def corners_of_no_panel():
@@ -686,9 +686,7 @@ def corners_of_no_panel():
     "corners in any order and anywhere",
     "a map is given exactly where OpenCV finds the quadrilateral convex, the mirrored ones included, and it "
     "takes the cells' corners to the corners",
-    Breakage(
-        FILES + "rectification.py", "(turn.amin(1) > least) | (turn.amax(1) < -least)", "turn.amin(1) > least"
-    ),
+    Breakage(FILES + "host_geometry.py", "min(turns) > least or max(turns) < -least", "min(turns) > least"),
 )
 def corners_in_any_order():
     cells = torch.tensor([[0.0, 0, 1], [3, 0, 1], [3, 2, 1], [0, 2, 1]], dtype=torch.float64)
@@ -728,7 +726,7 @@ def strictly_convex(places):
     "corners that are NaN, infinite or beyond 1e15 px",
     "refused by name: they are no places",
     Breakage(
-        FILES + "rectification.py",
+        FILES + "homography.py",
         "if not bool((corners.abs() <= MOST_PX).all()):",
         "if bool((corners.abs() > MOST_PX).any()):",
     ),
@@ -751,9 +749,9 @@ def corners_that_are_no_places():
     "the map is right while they part by 1e-9 px^2: it takes the cells' corners to them within a millionth "
     "of their distance",
     Breakage(
-        FILES + "rectification.py",
-        "_FLAT_PX2, _FLAT_SHARE = 1e-9, 1e-12",
-        "_FLAT_PX2, _FLAT_SHARE = 1e-3, 1e-3",
+        FILES + "host_geometry.py",
+        "FLAT_PX2, FLAT_SHARE = 1e-9, 1e-12",
+        "FLAT_PX2, FLAT_SHARE = 1e-3, 1e-3",
     ),
 )
 def corners_nearly_on_a_line():
@@ -778,9 +776,9 @@ def corners_nearly_on_a_line():
     "samples on it or beyond are the frame's border pixels, and all before it, so every LED, read as SciPy "
     "reads the frame between its pixels: every reading is a mean of pixels, finite and within their range",
     Breakage(
-        FILES + "rectification.py",
-        "lowest, highest = torch.where(endless, least, lowest), torch.where(endless, most, highest)",
-        "endless = torch.zeros_like(endless)",
+        FILES + "host_geometry.py",
+        "    if endless:\n        low, high = list(least), list(most)\n",
+        "    endless = False\n",
     ),
 )
 def the_horizon_within_the_margin():

@@ -8,8 +8,9 @@ import torch
 from torch import Tensor
 
 from vocc_torch.errors import VoccError
+from vocc_torch.receiver.homography import map_points
 from vocc_torch.receiver.lattice_fit import fit_lattice
-from vocc_torch.receiver.lattice_model import Lattice, corner_cells, moved
+from vocc_torch.receiver.lattice_model import Lattice, corner_cells
 from vocc_torch.receiver.lattice_search import search_lattice
 from vocc_torch.receiver.location import PaperLocator
 from vocc_torch.receiver.refined import RefinedLocator
@@ -216,7 +217,7 @@ def test_a_fit_a_line_off_comes_back(by: tuple[float, float]) -> None:
     assert frames.surround is not None
     cells = (corner_cells(SHAPE) + torch.tensor(by).double()).expand(12, 4, 2)
     start = Lattice.at(
-        moved(truth, cells, SHAPE), torch.full((12,), 0.3).double(), frames.surround.double(), SHAPE
+        map_points(truth, cells, SHAPE), torch.full((12,), 0.3).double(), frames.surround.double(), SHAPE
     )
     assert (fit_lattice(frames, start).corners_px - truth).norm(dim=2).max() < 0.2
 

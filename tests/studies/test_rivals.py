@@ -66,12 +66,12 @@ def plan(make_plan):
 
 @pytest.fixture(scope="module")
 def study(plan):
-    """One experiment, the genie on ten frames, and fog beside."""
+    """One experiment, the genie on a block and two frames, and fog beside."""
     fog = replace(plan, world=World(device="cpu", effects=FOG))
     return RivalStudy(
         {"far": plan},
         points={"far": 70.0},
-        genie_frames=10,
+        genie_frames=66,
         scenes={"fog": fog},
         scene_frames=70,
         scene_training_frames=64,
@@ -124,19 +124,19 @@ def test_plans_share_training_only_on_the_same_scenes(plan):
 def test_the_genies_rivals_are_the_receivers_on_its_own_frames(plan, whole):
     """Counted anew on the first frames: what a study of so few frames counts."""
     mark = whole.marks["far"][70.0]
-    assert mark.counts.frames == 10
+    assert mark.counts.frames == 66
     few = PointJob(plan, ("truth",), {"truth": train(plan).bank(NAMES)}, 70.0)
-    (counted,) = few([Part(0, 10)])
-    assert mark.receivers == {name: counted["truth", name, 0] for name in NAMES}
+    block, rest = few([Part(0, 64), Part(1, 2)])
+    assert mark.receivers == {name: block["truth", name, 0] + rest["truth", name, 0] for name in NAMES}
     assert mark.lowest
     assert mark.counts.half_errors == 0
-    assert mark.proven == 10
+    assert mark.proven == 66
 
 
 def test_tables_hold_the_genie_beside_the_receivers(whole):
     table = whole.tables()["far"]
     assert table.receivers == (*NAMES, GENIE)
-    assert {row.frames for row in table.of(GENIE)} == {10}
+    assert {row.frames for row in table.of(GENIE)} == {66}
     assert {row.frames for row in table.of("lmmse")} == {100}
 
 
@@ -167,8 +167,14 @@ def test_pairs_have_home_on_one_side_and_those_that_learn_nothing_are_left_out(w
     pairs = dict.fromkeys((one.trained_on, one.tested_on) for one in whole.transfers)
     assert list(pairs) == [("paper", "paper"), ("fog", "paper"), ("paper", "fog"), ("fog", "fog")]
     assert {one.receiver for one in whole.transfers} == {"flda_2", "flda_3", "lmmse", "net"}
+    own = {
+        (one.tested_on, one.receiver): one.counts
+        for one in whole.transfers
+        if one.trained_on == one.tested_on
+    }
     for one in whole.transfers:
         assert one.counts.frames == 70
+        assert one.at_home == own[one.tested_on, one.receiver]
         assert one.paired.half_difference == one.at_home.half_errors - one.counts.half_errors
         if one.trained_on == one.tested_on:
             assert one.counts == one.at_home

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import Literal, get_args
 
 import kornia.filters
@@ -124,10 +125,17 @@ def neighbour_greyscale_ratio(means: Tensor) -> Tensor:
 
 def _neighbour_ratio(means: Tensor) -> Tensor:
     """Give the NGR of means that are checked."""
-    ring = means.new_full((1, 1, 3, 3), 1 / 8)
-    ring[..., 1, 1] = 0.0
-    neighbours = F.conv2d(means.unsqueeze(1), ring)[:, 0]
+    neighbours = F.conv2d(means.unsqueeze(1), _ring(means.dtype, means.device))[:, 0]
     return _ratio_to_panel(neighbours, means[:, 1:-1, 1:-1].mean(dim=(1, 2)))
+
+
+@lru_cache(maxsize=16)
+def _ring(dtype: torch.dtype, device: torch.device) -> Tensor:
+    """Lay the mean of a cell's eight neighbours as a kernel, (1,1,3,3)."""
+    with torch.inference_mode(False):
+        ring = torch.full((1, 1, 3, 3), 1 / 8, dtype=dtype, device=device)
+        ring[..., 1, 1] = 0.0
+        return ring
 
 
 def radial_inward_field(samples_per_led: int, dtype: torch.dtype, device: torch.device) -> Tensor:
@@ -143,6 +151,13 @@ def radial_inward_field(samples_per_led: int, dtype: torch.dtype, device: torch.
     inward = -torch.stack(torch.meshgrid(steps, steps, indexing="xy"))
     length = torch.linalg.vector_norm(inward, dim=0)
     return torch.where(length > 0, inward / length.clamp(min=0.5), 0.0)
+
+
+@lru_cache(maxsize=16)
+def _inward_fields(samples: int, shape: PanelShape, dtype: torch.dtype, device: torch.device) -> Tensor:
+    """Lay the inward field over every LED of a panel, (2,R*K,C*K)."""
+    with torch.inference_mode(False):
+        return radial_inward_field(samples, dtype, device).repeat(1, shape.rows, shape.columns)
 
 
 def image_gradient(patches: Tensor, kernel: Gradient) -> Tensor:
@@ -208,7 +223,7 @@ def gradient_radial_inwardness(
     # One sample of margin is all that the gradient kernels need.
     near = slice(samples - 1, (1 - samples) or None)
     gradient = image_gradient(patches[..., near, near], kernel)[:, :, 1:-1, 1:-1]
-    field = radial_inward_field(samples, patches.dtype, patches.device).repeat(1, shape.rows, shape.columns)
+    field = _inward_fields(samples, shape, patches.dtype, patches.device)
     towards = F.avg_pool2d(gradient * field, samples)
     per_pixel = samples / torch.stack([cell_width_px, cell_height_px], dim=1).clamp(min=1e-6)
     inward = (towards * per_pixel.to(patches.dtype).view(-1, 2, 1, 1)).sum(dim=1)

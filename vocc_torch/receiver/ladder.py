@@ -25,8 +25,9 @@ Quadrilateral = Literal["min_area", "upright"]
 _MERGE_RATIO = 0.75
 # A blob with this share of the frame's foreground leaves nothing worth merging.
 _WHOLE_SHARE = 0.99
-# From this many LED pitches on a closing spans one Off LED between two On ones.
-_REACH_PITCHES = 1.4
+REACH_PITCHES = 1.4
+"""From this many LED pitches on a closing spans one Off LED between two On ones."""
+
 # From this many on it has filled all but the widest gaps: no blob will look more like a panel later.
 _LAST_PITCHES = 3.0
 # Most pairs of rows or of vertices in one step, to bound the memory.
@@ -232,5 +233,5 @@ def _replaces(before: Choice, now: Choice, holds: Tensor, peak: Tensor) -> Tenso
 
 def _climbs_on(whole: Tensor, components: Tensor, pitch: Tensor, reach_px: int) -> Tensor:
     """Decide (B,) which masks need the next level; ``whole`` says where the choice holds nearly all."""
-    pitches = torch.where(whole, _REACH_PITCHES, _LAST_PITCHES)
+    pitches = torch.where(whole, REACH_PITCHES, _LAST_PITCHES)
     return ((components > 1) & ~whole) | (reach_px < pitches * pitch)

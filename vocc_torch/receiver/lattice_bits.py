@@ -8,6 +8,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
+from vocc_torch.receiver.homography import map_points
 from vocc_torch.receiver.lattice_model import (
     MARGIN,
     SAMPLES,
@@ -17,7 +18,6 @@ from vocc_torch.receiver.lattice_model import (
     corner_cells,
     grey_values,
     linear_light,
-    moved,
     sample_cells,
 )
 
@@ -123,9 +123,9 @@ def with_missed_lines(model: Model, lattice: Lattice) -> tuple[Lattice, Tensor]:
     for option, (axis, by) in enumerate(options, start=1):
         bits = lattice.bits.roll(-by, axis)
         bits.select(axis, -1 if by > 0 else 0).fill_(False)
-        cells = corner_cells(lattice.shape).to(bits.device)
+        cells = corner_cells(lattice.shape).to(bits.device, copy=True)
         cells[:, 2 - axis] += by
-        corners = moved(lattice.corners_px, cells.expand(len(bits), 4, 2), lattice.shape)
+        corners = map_points(lattice.corners_px, cells.expand(len(bits), 4, 2), lattice.shape)
         there = (chosen == option)[:, None, None]
         found.bits, found.corners_px = found.bits.where(~there, bits), found.corners_px.where(~there, corners)
     return found, chosen > 0

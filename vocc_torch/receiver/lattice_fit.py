@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import lru_cache
 
 import torch
 from torch import Tensor
 
+from vocc_torch.receiver.homography import map_points
 from vocc_torch.receiver.lattice_bits import with_free_bits, with_missed_lines, with_turned_bits
 from vocc_torch.receiver.lattice_model import (
     GAMMA,
@@ -15,10 +17,9 @@ from vocc_torch.receiver.lattice_model import (
     Lattice,
     Model,
     corner_cells,
-    moved,
     read_patches,
 )
-from vocc_torch.types import Frames
+from vocc_torch.types import Frames, PanelShape
 
 _STEPS = 12
 # Steps that begin with bits from amplitudes of the LEDs' own; those after turn single bits.
@@ -52,28 +53,43 @@ def fit_lattice(frames: Frames, start: Lattice) -> Lattice:
         The lattices, finite; ``rms_dn`` and ``share`` say how well they explain the pictures, and only they
         tell where there is no lattice to fit.
     """
-    active = torch.arange(len(frames), device=start.blur.device)
-    best = own = start[active]
+    every = torch.arange(len(frames), device=start.blur.device)
+    active = _paired(every)
+    best, own, seen = start[every], start[active], frames
     for number in range(_STEPS):
-        seen = Frames(frames.grey[active], frames.origin_px[active], frames.sensor_px)
         before, after, unsettled = _improved(seen, own, number)
-        better = before.rms_dn < best.rms_dn[active] if number else torch.ones_like(unsettled)
-        best.put(active[better], before[better])
-        active, own = active[unsettled], after[unsettled]
-        if not len(active):
-            break
+        if number == 0:
+            best.put(active, before)
+        else:
+            better = before.rms_dn < best.rms_dn[active]
+            best.put(active[better], before[better])
+        own = after
+        if not bool(unsettled.all()):
+            active = active[unsettled]
+            if not len(active):
+                break
+            rows = unsettled.nonzero()[:, 0]
+            seen = Frames(seen.grey[rows], seen.origin_px[rows], seen.sensor_px)
+            own, active = after[_paired(rows)], _paired(active)
     return best
+
+
+def _paired(rows: Tensor) -> Tensor:
+    """Take one frame twice: products of one matrix may be summed otherwise than those of several."""
+    if len(rows) == 1:
+        rows = rows.repeat(2)
+    return rows
+
+
+def _patches(frames: Frames, lattice: Lattice) -> Tensor:
+    """Read the pictures around the lattices; that of one frame that goes twice is read once."""
+    patches = read_patches(frames, lattice.corners_px[: len(frames)], lattice.shape, MARGIN)
+    return patches if len(frames) == len(lattice.blur) else patches.repeat(2, 1, 1)
 
 
 def _improved(frames: Frames, lattice: Lattice, number: int) -> tuple[Lattice, Lattice, Tensor]:
     """Do step ``number``: lattices scored before it, lattices after it, and which (B,) need another."""
-    if len(lattice.blur) == 1:
-        # Products of one matrix may be summed otherwise than those of several: one frame goes twice.
-        twice, one = torch.zeros_like(frames.origin_px[0]), slice(0, 1)
-        pair = Frames(frames.grey[twice], frames.origin_px[twice], frames.sensor_px)
-        before, after, unsettled = _improved(pair, lattice[twice], number)
-        return before[one], after[one], unsettled[one]
-    model = Model.of(read_patches(frames, lattice.corners_px, lattice.shape, MARGIN), lattice)
+    model = Model.of(_patches(frames, lattice), lattice)
     unsettled = torch.full_like(lattice.background, number <= _LINE_STEPS[0], dtype=torch.bool)
     if number < _FREE_STEPS:
         lattice = with_free_bits(model, lattice, levels=number == 0)
@@ -87,39 +103,50 @@ def _improved(frames: Frames, lattice: Lattice, number: int) -> tuple[Lattice, L
             lattice, shifted = with_missed_lines(model, lattice)
             if bool(shifted.any()):
                 unsettled |= shifted
-                model = Model.of(read_patches(frames, lattice.corners_px, lattice.shape, MARGIN), lattice)
-    before = model.scored(lattice)
-    after, moves = _stepped(model, lattice, _STIFF if number < _STIFF_STEPS else _EXPECTED)
+                model = Model.of(_patches(frames, lattice), lattice)
+    trust = model.trust()
+    before = model.scored(lattice, trust)
+    after, moves = _stepped(model, lattice, trust, _STIFF if number < _STIFF_STEPS else _EXPECTED)
     return before, after, unsettled | (moves >= _STILL_CELLS)
 
 
-def _stepped(model: Model, lattice: Lattice, expected: tuple[float, ...]) -> tuple[Lattice, Tensor]:
+def _stepped(
+    model: Model, lattice: Lattice, trust: Tensor, expected: tuple[float, ...]
+) -> tuple[Lattice, Tensor]:
     """Take a Gauss-Newton step damped by what is ``expected``; give also its greatest move (B,), cells."""
     predicted = model.predicted
     slope = torch.where(model.light < 1, predicted / (GAMMA * model.light.clamp(min=1e-5)), 0.0).flatten(1)
     rest = (model.grey - predicted).flatten(1)
-    trust = model.trust().sqrt().flatten(1)
-    rest = rest * trust
-    jacobian = _changes(model, lattice) * (slope * trust)[:, None]
+    root = trust.sqrt().flatten(1)
+    rest = rest * root
+    jacobian = _changes(model, lattice) * (slope * root)[:, None]
     variance = (rest.square().mean(1) + ROUNDING_DN**2).to(torch.float64)[:, None]
     curvature = (jacobian @ jacobian.mT).to(torch.float64) / variance[..., None]
-    curvature += torch.diag(curvature.new_tensor(expected) ** -2)
+    curvature += _damping(expected, curvature.device)
     slopes = (jacobian @ rest[..., None])[..., 0].to(torch.float64) / variance
     step = torch.linalg.solve(curvature, slopes)
     greatest = step[:, :8].abs().amax(1)
     return _applied(step * (_MOST_CELLS / greatest.clamp(min=_MOST_CELLS))[:, None], lattice), greatest
 
 
+@lru_cache(maxsize=8)
+def _damping(expected: tuple[float, ...], device: torch.device) -> Tensor:
+    """Give the curvature that stands for what is expected of each value, as a diagonal matrix."""
+    with torch.inference_mode(False):
+        return torch.diag(torch.tensor(expected, dtype=torch.float64) ** -2).to(device)
+
+
 def _changes(model: Model, lattice: Lattice) -> Tensor:
     """Give the light's derivatives (B,13,H*W) by what :data:`_EXPECTED` lists."""
     rows, columns, amplitude = model.rows, model.columns, lattice.amplitudes()
+    (row_place, row_blur), (column_place, column_blur) = rows.changes(), columns.changes()
     across = [rows.value @ amplitude, (rows.value * rows.lever) @ amplitude]
-    down = [rows.by_place @ amplitude, (rows.by_place * rows.lever) @ amplitude]
-    sideways = (columns.by_place.mT, (columns.by_place * columns.lever).mT)
+    down = [row_place @ amplitude, (row_place * rows.lever) @ amplitude]
+    sideways = (column_place.mT, (column_place * columns.lever).mT)
     straight = (columns.value.mT, (columns.value * columns.lever).mT)
     changes = [up @ side for up in across for side in sideways]
     changes += [up @ side for up in down for side in straight]
-    changes += [across[0] @ columns.by_blur.mT, rows.by_blur @ amplitude @ straight[0]]
+    changes += [across[0] @ column_blur.mT, row_blur @ amplitude @ straight[0]]
     changes += [*model.parts.unbind(1), torch.ones_like(model.grey)]
     return torch.stack([change.flatten(1) for change in changes], 1)
 
@@ -127,14 +154,21 @@ def _changes(model: Model, lattice: Lattice) -> Tensor:
 def _applied(step: Tensor, lattice: Lattice) -> Lattice:
     """Move corners by their fields, and the other values by their steps."""
     shape = lattice.shape
-    cells = corner_cells(shape).to(step.device)
-    u, v = (2 * cells / cells.amax(0) - 1).unbind(1)
-    fields = torch.stack([torch.ones_like(u), u, v, u * v])
+    cells, fields = _fields(shape, step.device)
     moves = torch.stack([step[:, :4] @ fields, step[:, 4:8] @ fields], 2)
     return replace(
         lattice,
-        corners_px=moved(lattice.corners_px, cells + moves, shape),
+        corners_px=map_points(lattice.corners_px, cells + moves, shape),
         blur=(lattice.blur + step[:, 8:10]).clamp(*_BLUR_CELLS),
         levels=lattice.levels + step[:, 10:12],
         background=(lattice.background + step[:, 12]).clamp(0, 1),
     )
+
+
+@lru_cache(maxsize=32)
+def _fields(shape: PanelShape, device: torch.device) -> tuple[Tensor, Tensor]:
+    """Give the corners' cells (4,2), and the fields 1, u, v and uv at them, (4,4)."""
+    with torch.inference_mode(False):
+        cells = corner_cells(shape)
+        u, v = (2 * cells / cells.amax(0) - 1).unbind(1)
+        return cells.to(device), torch.stack([torch.ones_like(u), u, v, u * v]).to(device)

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
+from functools import lru_cache
 
 import torch
 from torch import Tensor
 
-from vocc_torch.receiver.rectification import MOST_PX, cell_homography, rectify
+from vocc_torch.receiver.homography import map_points
+from vocc_torch.receiver.rectification import rectify
 from vocc_torch.types import Frames, Panels, PanelShape
 
 GAMMA = 2.2
@@ -71,12 +73,15 @@ class Lattice:
 
     def __getitem__(self, rows: Tensor | slice) -> Lattice:
         """Take the lattices of an index, a bool mask or a slice."""
-        return Lattice(*(getattr(self, field.name)[rows] for field in fields(self)))
+        return Lattice(*(getattr(self, name)[rows] for name in _FIELDS))
 
     def put(self, rows: Tensor, other: Lattice) -> None:
         """Overwrite the lattices ``rows``."""
-        for field in fields(self):
-            getattr(self, field.name)[rows] = getattr(other, field.name)
+        for name in _FIELDS:
+            getattr(self, name)[rows] = getattr(other, name)
+
+
+_FIELDS = tuple(field.name for field in fields(Lattice))
 
 
 def linear_light(grey: Tensor) -> Tensor:
@@ -99,20 +104,7 @@ def grey_values(light: Tensor) -> Tensor:
     return 255 * light.clamp(1e-5, 1.0) ** (1 / GAMMA)
 
 
-def moved(corners_px: Tensor, cells: Tensor, shape: PanelShape) -> Tensor:
-    """Map points in cell coordinates, (B,P,2) columns and rows, into the image, (B,P,2) px, finite.
-
-    Example:
-        >>> corners = torch.tensor([[[2.0, 3.0], [10.0, 3.0], [10.0, 11.0], [2.0, 11.0]]]).double()
-        >>> point = torch.tensor([[[8.0, -1.0]]]).double()
-        >>> moved(corners, point, PanelShape(8, 8)).round(decimals=9).tolist()
-        [[[10.0, 2.0]]]
-    """
-    points = torch.cat([cells, torch.ones_like(cells[..., :1])], 2) @ cell_homography(corners_px, shape).mT
-    # A point on the horizon is as far away as a corner may be.
-    return (points[..., :2] / points[..., 2:]).nan_to_num().clamp(-MOST_PX, MOST_PX)
-
-
+@lru_cache(maxsize=64)
 def corner_cells(shape: PanelShape, beyond: float = 0.0) -> Tensor:
     """Give the cell coordinates of the corners, (4,2) float64, or of points ``beyond`` cells outside them.
 
@@ -122,7 +114,9 @@ def corner_cells(shape: PanelShape, beyond: float = 0.0) -> Tensor:
     """
     least, right, low = 0 - beyond, shape.columns + beyond, shape.rows + beyond
     ends = [[least, least], [right, least], [right, low], [least, low]]
-    return torch.tensor(ends, dtype=torch.float64)
+    # A normal tensor even inside inference_mode, for it is kept.
+    with torch.inference_mode(False):
+        return torch.tensor(ends, dtype=torch.float64)
 
 
 def sample_cells(leds: int, margin: int) -> Tensor:
@@ -140,36 +134,48 @@ def read_patches(frames: Frames, corners_px: Tensor, shape: PanelShape, margin: 
     beyond = margin - 1
     if beyond:
         cells = corner_cells(shape, beyond).to(corners_px.device).expand(len(corners_px), 4, 2)
-        corners_px = moved(corners_px, cells, shape)
+        corners_px = map_points(corners_px, cells, shape)
     wide = PanelShape(shape.rows + 2 * beyond, shape.columns + 2 * beyond)
     return rectify(frames, Panels.known(corners_px), wide, SAMPLES)[:, 0].to(torch.float32)
 
 
 @dataclass(frozen=True, slots=True)
 class Spots:
-    """Profiles of the spots along an axis at its samples, and their derivatives: all (B,N,n) float32.
+    """Profiles of the spots along an axis at its samples, (B,N,n) float32.
 
     Args:
         value: of spot n at sample N, 1 in its middle.
-        by_place: by the middle's place, per cell.
-        by_blur: by the standard deviation, per cell.
+        offset: from the middle, in standard deviations.
+        width: (B,1,1) the standard deviation, cells.
         lever: (n,) the middles' places, -1 to 1 over the panel.
     """
 
     value: Tensor
-    by_place: Tensor
-    by_blur: Tensor
+    offset: Tensor
+    width: Tensor
     lever: Tensor
 
     @classmethod
     def of(cls, leds: int, blur: Tensor) -> Spots:
         """Lay ``leds`` spots of the standard deviations (B,), in cells, along an axis."""
-        centre = torch.arange(leds, dtype=torch.float32, device=blur.device) + 0.5
-        width = blur[:, None, None].to(torch.float32)
-        offset = (sample_cells(leds, MARGIN).to(centre)[:, None] - centre) / width
-        value = torch.exp(-(offset**2) / 2)
-        by_place = value * offset / width
-        return cls(value, by_place, by_place * offset, 2 * centre / leds - 1)
+        apart, lever = _axis(leds, blur.device)
+        width = blur.to(torch.float32)[:, None, None]
+        offset = apart / width
+        return cls(torch.exp(-(offset**2) / 2), offset, width, lever)
+
+    def changes(self) -> tuple[Tensor, Tensor]:
+        """Differentiate by the middle's place, per cell, and by the standard deviation, per cell."""
+        by_place = self.value * self.offset / self.width
+        return by_place, by_place * self.offset
+
+
+@lru_cache(maxsize=32)
+def _axis(leds: int, device: torch.device) -> tuple[Tensor, Tensor]:
+    """Give samples less the middles of an axis's spots, (N,n) cells, and the levers (n,)."""
+    with torch.inference_mode(False):
+        centre = torch.arange(leds, dtype=torch.float32) + 0.5
+        apart = sample_cells(leds, MARGIN).to(centre)[:, None] - centre
+        return apart.to(device), (2 * centre / leds - 1).to(device)
 
 
 @dataclass(frozen=True, slots=True)
@@ -221,16 +227,12 @@ class Model:
         scale = _OUTLIER * rest.mean((1, 2), keepdim=True) + 1.0
         return 1 / (1 + (rest / scale) ** 2)
 
-    def scored(self, lattice: Lattice) -> Lattice:
-        """Note how well the lattice explains the picture."""
+    def scored(self, lattice: Lattice, trust: Tensor) -> Lattice:
+        """Note how well the lattice explains the picture, of which :meth:`trust` weighs the pixels."""
         level = grey_values(lattice.background).to(self.grey.dtype)[:, None, None]
         rest, spread = (self.grey - self.predicted).square(), (self.grey - level).square()
-        trust = self.trust()
-        alike = rest.mean((1, 2)), spread.mean((1, 2))
-        weighed = [(one * trust).sum((1, 2)) / trust.sum((1, 2)) for one in (rest, spread)]
-        shares = [
-            1 - left.to(torch.float64) / whole.to(torch.float64).clamp(min=ROUNDING_DN**2)
-            for left, whole in (weighed, alike)
-        ]
-        rms = weighed[0].to(torch.float64).sqrt()
-        return replace(lattice, rms_dn=rms, share=shares[0], share_of_all=shares[1])
+        weight = trust.sum((1, 2))
+        weighed = [(one * trust).sum((1, 2)) / weight for one in (rest, spread)]
+        both = torch.stack([*weighed, rest.mean((1, 2)), spread.mean((1, 2))]).to(torch.float64)
+        shares = 1 - both[::2] / both[1::2].clamp(min=ROUNDING_DN**2)
+        return replace(lattice, rms_dn=both[0].sqrt(), share=shares[0], share_of_all=shares[1])

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from vocc_torch.receiver.lattice_model import corner_cells, linear_light, moved, read_patches, sample_cells
+from vocc_torch.receiver.homography import map_points
+from vocc_torch.receiver.lattice_model import corner_cells, linear_light, read_patches, sample_cells
 from vocc_torch.types import Frames, PanelShape
 
 _MARGIN = 2
@@ -21,11 +22,19 @@ _MOST_APART = 1
 
 @dataclass(frozen=True, slots=True)
 class _Bank:
-    """Candidates for one axis: pitch (P,), shift (S,), both in cells, and projectors (N*N,P*S*G)."""
+    """Candidates for one axis.
+
+    Args:
+        pitch: (P,) cells.
+        shift: (S,) cells.
+        projectors: (N*(N+1)/2,P*S*G), their upper triangles; what is beside the diagonal counts twice.
+        upper: (N*(N+1)/2,) where in N x N numbers the upper triangle lies.
+    """
 
     pitch: Tensor
     shift: Tensor
     projectors: Tensor
+    upper: Tensor
 
 
 @functools.lru_cache(maxsize=8)
@@ -38,8 +47,11 @@ def _bank(leds: int, most: int, device: torch.device) -> _Bank:
     centre = leds / 2 + s + p * (torch.arange(leds, dtype=torch.float64) + 0.5 - leds / 2)
     spots = torch.exp(-(((sample_cells(leds, _MARGIN)[:, None] - centre) / (g * p)) ** 2) / 2)
     basis = torch.linalg.qr(spots)[0]
-    projectors = (basis @ basis.mT).flatten(1).mT.to(torch.float32).contiguous()
-    return _Bank(pitch.to(device), shift.to(device), projectors.to(device))
+    row, column = torch.triu_indices(spots.shape[1], spots.shape[1])
+    halves = (basis @ basis.mT)[:, row, column] * torch.where(row == column, 1.0, 2.0)
+    projectors = halves.mT.to(torch.float32).contiguous()
+    upper = row * spots.shape[1] + column
+    return _Bank(pitch.to(device), shift.to(device), projectors.to(device), upper.to(device))
 
 
 def search_lattice(
@@ -76,11 +88,13 @@ def search_lattice(
     grey = read_patches(frames, corners_px, shape, _MARGIN)
     light = linear_light(grey) - linear_light(background.to(grey.dtype))[:, None, None]
     most, banks, bests = max(shape.rows, shape.columns), [], []
-    for leds, products in ((shape.columns, light.mT @ light), (shape.rows, light @ light.mT)):
-        bank = _bank(leds, most, light.device)
-        energy = products.flatten(1) @ bank.projectors
-        bests.append(energy.view(-1, _PITCHES, _SHIFTS, len(_BLURS)).max(2))
-        banks.append(bank)
+    for leds, products in _by_leds(shape, light.mT @ light, light @ light.mT):
+        with torch.inference_mode(False):
+            bank = _bank(leds, most, light.device)
+        energy = products.flatten(1)[:, bank.upper] @ bank.projectors
+        for one in energy.view(-1, len(light), _PITCHES, _SHIFTS, len(_BLURS)):
+            bests.append(one.max(2))
+            banks.append(bank)
     # Energy by pitch along the rows, pitch down the columns and blur.
     pitches = torch.arange(_PITCHES, device=light.device)
     pairs = bests[0].values[:, :, None] + bests[1].values[:, None]
@@ -98,7 +112,14 @@ def search_lattice(
     sides = corner_cells(PanelShape(2, 2)).to(light.device) - 1
     cells = torch.stack(middle, 1)[:, None] + sides * torch.stack(half, 1)[:, None]
     blurs = torch.tensor(_BLURS, dtype=torch.float64, device=light.device)
-    return moved(corners_px, cells, shape), blurs[blur]
+    return map_points(corners_px, cells, shape), blurs[blur]
+
+
+def _by_leds(shape: PanelShape, across: Tensor, down: Tensor) -> list[tuple[int, Tensor]]:
+    """Give the products of each axis by its number of LEDs; of axes alike as one batch."""
+    if shape.columns == shape.rows:
+        return [(shape.rows, torch.cat([across, down]))]
+    return [(shape.columns, across), (shape.rows, down)]
 
 
 def _with_square_cells(corners_px: Tensor, shape: PanelShape) -> Tensor:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import get_args
 
 import torch
@@ -12,11 +12,15 @@ from vocc_torch.errors import VoccError
 from vocc_torch.receiver.ladder import Choice, Quadrilateral, Search, climb
 from vocc_torch.receiver.morphology import close_mask
 from vocc_torch.receiver.otsu import otsu_threshold, sensor_histogram
+from vocc_torch.receiver.single_blob import SingleBlob, single_blob
+from vocc_torch.receiver.uneven import UnevenParts, uneven_parts
 from vocc_torch.types import Frames, Panels, PanelShape
 
 # Most pixels in one pass, to bound the memory; passes below the small size are not worth parting further.
 _PASS_PX = 1 << 21
 _SMALL_PASS_PX = 1 << 18
+# Up to this size masks are tried one by one before they are laid in passes.
+_SMALL_MASK_PX = 1 << 15
 _MOST_AREA_PX = 1 << 40
 _MOST_CLOSING_PX = (1 << 16) - 1
 # Columns of a blob are counted in 16 bits.
@@ -152,27 +156,37 @@ class PaperLocator:
             VoccError: what :func:`exact_frames` refuses.
         """
         exact = exact_frames(frames)
-        threshold = otsu_threshold(sensor_histogram(exact))
+        parts = uneven_parts(exact.grey)
+        threshold = otsu_threshold(sensor_histogram(exact, parts))
         dark = threshold
         bright: list[int] = []
         if exact.surround is not None:
             lit = exact.surround.round() > threshold
             dark, bright = threshold.masked_fill(lit, 255), lit.nonzero()[:, 0].tolist()
-        choice = self.choose(exact, dark, shape)
+        choice = self.choose(exact, dark, shape, parts)
         for index in bright:
             one = slice(index, index + 1)
             choice.put(torch.tensor([index]), self.choose(_on_sensor(exact[one]), threshold[one], shape))
         return Panels(choice.corners_px, choice.score > 0, choice.score, choice.candidates)
 
-    def choose(self, frames: Frames, threshold: Tensor, shape: PanelShape) -> Choice:
+    def choose(
+        self, frames: Frames, threshold: Tensor, shape: PanelShape, parts: UnevenParts | None = None
+    ) -> Choice:
         """Choose the blobs above thresholds (B,) in uint8 frames whose surround is background.
+
+        Args:
+            frames: B frames.
+            threshold: (B,) int64.
+            shape: the panel looked for.
+            parts: what :func:`vocc_torch.receiver.uneven.uneven_parts` says of the frames, where it is known.
 
         Returns:
             The choice, with corners on the sensor.
         """
         choice = Choice.none(len(frames), frames.grey.device)
-        search = Search(**asdict(self))
-        boxes = _foreground_boxes(frames.grey, threshold)
+        search = Search(*(getattr(self, name) for name in PaperLocator.__slots__))
+        boxes = _foreground_boxes(frames.grey, threshold, parts)
+        boxes = _without_single_blobs(choice, frames, threshold, boxes, shape, search)
         for rows, width, height in _passes(boxes):
             mask = _cut(frames.grey, threshold, boxes, rows, width, height)
             part = climb(mask, shape, search)
@@ -220,10 +234,13 @@ def _on_sensor(crop: Frames) -> Frames:
     return Frames.whole(grey)
 
 
-def _foreground_boxes(grey: Tensor, threshold: Tensor) -> Tensor:
+def _foreground_boxes(grey: Tensor, threshold: Tensor, parts: UnevenParts | None = None) -> Tensor:
     """Bound the pixels above the thresholds: (B,4) left, top, width, height; zeros where there are none."""
     if not grey.numel():
         return torch.zeros(grey.shape[0], 4, dtype=torch.int64, device=grey.device)
+    if parts and any(map(parts.outside_px, range(len(grey)))):
+        limits = threshold.tolist()
+        return torch.tensor([_foreground_box(grey, limit, parts, one) for one, limit in enumerate(limits)])
     ends = []
     for axis in (-2, -1):
         # Maxima of bytes first: comparing them all would write a mask as large as the frames.
@@ -232,6 +249,48 @@ def _foreground_boxes(grey: Tensor, threshold: Tensor) -> Tensor:
         ends.append((first, (length - lit.flip(1).argmax(1) - first) * lit.amax(1)))
     (left, width), (top, height) = ends
     return torch.stack([left, top, width, height], 1)
+
+
+def _foreground_box(grey: Tensor, limit: int, parts: UnevenParts, index: int) -> tuple[int, int, int, int]:
+    """Bound the pixels above ``limit``, in a frame's uneven part alone where the rest is dark."""
+    left = top = 0
+    plane = grey[index, 0].numpy()
+    if parts.levels[index] <= limit:
+        (left, top, _, _), plane = parts.boxes[index], parts.cut(grey, index).numpy()
+    if not plane.size:
+        return 0, 0, 0, 0
+    x, y = ((plane.max(axis) > limit).nonzero()[0] for axis in (0, 1))
+    if not len(x):
+        return 0, 0, 0, 0
+    return left + int(x[0]), top + int(y[0]), int(x[-1] - x[0]) + 1, int(y[-1] - y[0]) + 1
+
+
+def _without_single_blobs(
+    choice: Choice, frames: Frames, threshold: Tensor, boxes: Tensor, shape: PanelShape, search: Search
+) -> Tensor:
+    """Note the choice, in place, where a small mask is a single blob; give the boxes (B,4) of the others."""
+    if boxes.device.type != "cpu":
+        return boxes
+    rows: list[int] = []
+    found: list[SingleBlob] = []
+    for row, ((left, top, width, height), limit) in enumerate(
+        zip(boxes.tolist(), threshold.tolist(), strict=True)
+    ):
+        if 0 < width * height <= _SMALL_MASK_PX:
+            part = frames.grey[row, 0, top : top + height, left : left + width].numpy()
+            blob = single_blob(part > limit, shape, search)
+            if blob is not None:
+                rows.append(row)
+                found.append(blob)
+    if not rows:
+        return boxes
+    chosen = torch.tensor(rows)
+    place = (boxes[chosen, :2] + frames.origin_px[chosen])[:, None]
+    corners = torch.tensor([blob.corners_px for blob in found], dtype=torch.float64) + place
+    score = torch.tensor([blob.score for blob in found], dtype=torch.float64)
+    first, pixels = (torch.tensor([blob[field] for blob in found]) for field in (2, 3))
+    choice.put(chosen, Choice(score, corners, torch.ones_like(pixels), first, pixels))
+    return boxes.index_fill(0, chosen, 0)
 
 
 def _passes(boxes: Tensor) -> list[tuple[Tensor, int, int]]:

@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from vocc_torch.errors import VoccError
+from vocc_torch.receiver.uneven import UnevenParts, uneven_parts
 from vocc_torch.types import Frames
 
 _LEVELS = 256
@@ -19,11 +20,12 @@ _MOST_EXACT_PX = 1 << 28
 _TIE_SHARE = 1e-12
 
 
-def histogram256(grey: Tensor) -> Tensor:
+def histogram256(grey: Tensor, parts: UnevenParts | None = None) -> Tensor:
     """Count each grey value of each frame.
 
     Args:
         grey: (B,1,H,W) uint8 grey values.
+        parts: what :func:`vocc_torch.receiver.uneven.uneven_parts` says of them, where it was asked already.
 
     Returns:
         (B,256) int64 counts.
@@ -42,12 +44,20 @@ def histogram256(grey: Tensor) -> Tensor:
         return torch.zeros(frames, _LEVELS, dtype=torch.int64, device=grey.device)
     pixels = grey.reshape(frames, -1)
     if pixels.shape[1] >= _LARGE_FRAME_PX:
-        return torch.stack([torch.bincount(frame, minlength=_LEVELS) for frame in pixels])
+        parts = parts or uneven_parts(grey)
+        return torch.stack([_counted(parts.cut(grey, one), parts, one) for one in range(frames)])
     offset = torch.arange(frames, device=grey.device)[:, None] * _LEVELS
     return torch.bincount((pixels + offset).flatten(), minlength=frames * _LEVELS).view(frames, _LEVELS)
 
 
-def sensor_histogram(frames: Frames) -> Tensor:
+def _counted(part: Tensor, parts: UnevenParts, index: int) -> Tensor:
+    """Count the grey values (256,) of frame ``index``: pixel by pixel in its uneven part alone."""
+    counts = torch.bincount(part.reshape(-1), minlength=_LEVELS)
+    counts[parts.levels[index]] += parts.outside_px(index)
+    return counts
+
+
+def sensor_histogram(frames: Frames, parts: UnevenParts | None = None) -> Tensor:
     """Count each grey value of the whole sensor, of which ``frames`` may be crops.
 
     The sensor pixels outside a crop are counted at ``Frames.surround``; where that is None the crop is all
@@ -55,6 +65,7 @@ def sensor_histogram(frames: Frames) -> Tensor:
 
     Args:
         frames: uint8 frames; ``surround``, if given, holds grey values, rounded to the nearest.
+        parts: see :func:`histogram256`.
 
     Returns:
         (B,256) int64 counts.
@@ -68,7 +79,7 @@ def sensor_histogram(frames: Frames) -> Tensor:
         >>> sensor_histogram(frames)[0, [9, 200]].tolist()
         [12, 4]
     """
-    counts = histogram256(frames.grey)
+    counts = histogram256(frames.grey, parts)
     if frames.surround is None:
         return counts
     height, width = frames.grey.shape[-2:]

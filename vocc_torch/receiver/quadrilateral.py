@@ -15,9 +15,12 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-# Lengths are added as integers of this fraction of a pixel: an exact sum has no order.
-_LENGTH_UNIT = 2.0**-32
-_TIE = 1e-9
+LENGTH_UNIT = 2.0**-32
+"""Lengths are added as integers of this fraction of a pixel: an exact sum has no order."""
+
+TIE = 1e-9
+"""Areas of rectangles that differ by less than this share are equal."""
+
 # Rows in a part of a tall blob.
 _PART_ROWS = 32
 
@@ -129,7 +132,7 @@ def hull_area_and_perimeter(hull: Tensor) -> tuple[Tensor, Tensor]:
     twice = (hull[..., 0] * following[..., 1] - hull[..., 1] * following[..., 0]).sum(1)
     extent = hull.amax(1) - hull.amin(1)
     length = (following - hull).square().sum(2).sqrt()
-    around = (length / _LENGTH_UNIT).round().long().sum(1).to(torch.float64) * _LENGTH_UNIT
+    around = (length / LENGTH_UNIT).round().long().sum(1).to(torch.float64) * LENGTH_UNIT
     return twice / 2 + extent.sum(1) + 1, around + 4
 
 
@@ -192,8 +195,8 @@ def minimum_area_rectangle(hull: Tensor, expand_px: float = 0.5) -> Rectangles:
     area = (spans / square.clamp(min=1.0)).masked_fill(square == 0, torch.inf)
     least = area.amin(1, keepdim=True)
     turn = direction[..., 1] / direction[..., 0].clamp(min=1.0)
-    preference = torch.where(turn < 0, _TIE - turn, turn)
-    chosen = preference.masked_fill(area > least * (1 + _TIE), torch.inf).argmin(1)
+    preference = torch.where(turn < 0, TIE - turn, turn)
+    chosen = preference.masked_fill(area > least * (1 + TIE), torch.inf).argmin(1)
     return _around(hull, direction[torch.arange(len(hull), device=hull.device), chosen], expand_px)
 
 

@@ -119,6 +119,18 @@ class Reader:
             cell_px = torch.stack(sizes, dim=-1)
         return Readings(features.to(torch.float64), greys[0], patches[0], cell_px), greys[1:]
 
+    def read_features(self, frames: Frames, panels: Panels) -> Tensor:
+        """Measure the features only, (B,R,C,3) float64, to the last bit as :meth:`read` does.
+
+        Raises:
+            VoccError: what :meth:`read_takes` refuses, greys at the LEDs' centres aside.
+        """
+        with torch.autocast(frames.grey.device.type, enabled=False):
+            (patches,) = self._patches([frames], panels)
+            means = cell_means(patches, self.shape)
+            sizes = cell_size_px(panels.corners_px, self.shape)
+            return led_features(patches, means, self.shape, *sizes, self.gradient).to(torch.float64)
+
     def read_greys(self, frames: Frames, panels: Panels) -> Greys:
         """Measure grey levels only."""
         with torch.autocast(frames.grey.device.type, enabled=False):

@@ -92,7 +92,7 @@ class Receiver(nn.Module):
             VoccError: frames that no locator reads, or floating ones that hold no grey values at a panel.
         """
         where = self.locator(frames, self.shape) if panels is None else panels
-        features = self.reader.read(frames, where).features[..., self.columns]
+        features = self.reader.read_features(frames, where)[..., self.columns]
         found = where.found.view(-1, 1, 1)
         scores = torch.where(found, self.classifier.decision_function(features), 0.0)
         bits = (scores >= 0) & found

@@ -4,109 +4,40 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import lru_cache
+from typing import NamedTuple
 
-import kornia.geometry
+import numpy as np
 import torch
 import torch.nn.functional as F
 from torch import Tensor
 
 from vocc_torch.errors import VoccError
 from vocc_torch.receiver.features import checked_greys
+from vocc_torch.receiver.homography import (
+    cell_homography,
+    cell_size_px,
+    map_cells,
+    meets_horizon,
+    on_host,
+)
+from vocc_torch.receiver.host_geometry import window
 from vocc_torch.types import Frames, Panels, PanelShape
+
+__all__ = ["cell_homography", "cell_size_px", "centre_greys", "rectify", "rectify_takes"]
 
 MOST_READINGS = 1 << 22
 """Most bilinear readings at a time, and of a frame where its samples alone are not more."""
-
-MOST_PX = 1e15
-"""Corners farther than this from the sensor's corner are no corners."""
-
-# A corner between sides a and b is one where they part: a x b above this, px^2, and above this share of the
-# longest side's square.
-_FLAT_PX2, _FLAT_SHARE = 1e-9, 1e-12
-
-
-def cell_homography(corners_px: Tensor, shape: PanelShape) -> Tensor:
-    """Projective map from cell coordinates (column, row; 0 to C, 0 to R) to pixels.
-
-    Args:
-        corners_px: (B,4,2) corners of the grid of cells, clockwise from the top left, within 1e15 px. Where
-            they are not strictly convex (collinear, coincident, crossed or concave) they are no picture of a
-            panel: everything maps onto the first.
-        shape: rows and columns.
-
-    Returns:
-        (B,3,3) float64 homographies, finite.
-
-    Raises:
-        VoccError: a corner that is not finite, or beyond 1e15 px.
-
-    Example:
-        >>> corners = torch.tensor([[[2.0, 3.0], [10.0, 3.0], [10.0, 11.0], [2.0, 11.0]]])
-        >>> cell_homography(corners, PanelShape(8, 8))[0].round(decimals=6).tolist()
-        [[1.0, 0.0, 2.0], [0.0, 1.0, 3.0], [0.0, 0.0, 1.0]]
-    """
-    corners = corners_px.to(torch.float64)
-    if not bool((corners.abs() <= MOST_PX).all()):
-        most = float(corners.abs().amax())
-        raise VoccError(f"corners_px reaches {most:g} px: corners must be finite and within {MOST_PX:g} px")
-    columns, rows = float(shape.columns), float(shape.rows)
-    cells = corners.new_tensor([[0.0, 0.0], [columns, 0.0], [columns, rows], [0.0, rows]])
-    flat = ~_is_convex(corners).view(-1, 1, 1)
-    safe = torch.where(flat, corners[:, :1] + cells, corners)
-    found = kornia.geometry.get_perspective_transform(cells.expand_as(safe), safe)
-    onto_corner = torch.zeros_like(found)
-    onto_corner[:, :2, 2] = corners[:, 0]
-    onto_corner[:, 2, 2] = 1.0
-    return torch.where(flat, onto_corner, found)
-
-
-def _is_convex(corners: Tensor) -> Tensor:
-    """Say which quadrilaterals (B,4,2) turn the same way at every corner, (B,)."""
-    side = corners.roll(-1, 1) - corners
-    x, y = side.unbind(2)
-    turn = x * y.roll(-1, 1) - y * x.roll(-1, 1)
-    least = _FLAT_PX2 + _FLAT_SHARE * side.square().sum(2).amax(1)
-    return (turn.amin(1) > least) | (turn.amax(1) < -least)
-
-
-def cell_size_px(corners_px: Tensor, shape: PanelShape) -> tuple[Tensor, Tensor]:
-    """Mean width and height of an LED cell in the image, (B,) each, px: the gradients' resampling scale.
-
-    Example:
-        >>> corners = torch.tensor([[[0.0, 0.0], [16.0, 0.0], [16.0, 24.0], [0.0, 24.0]]])
-        >>> [float(size) for size in cell_size_px(corners, PanelShape(8, 8))]
-        [2.0, 3.0]
-    """
-    tl, tr, br, bl = corners_px.unbind(dim=1)
-    width = (torch.linalg.vector_norm(tr - tl, dim=-1) + torch.linalg.vector_norm(br - bl, dim=-1)) / 2
-    height = (torch.linalg.vector_norm(bl - tl, dim=-1) + torch.linalg.vector_norm(br - tr, dim=-1)) / 2
-    return width / shape.columns, height / shape.rows
-
-
-def _map_cells(homography: Tensor, x: Tensor, y: Tensor) -> tuple[Tensor, Tensor]:
-    """Map the grid of cell coordinates x (w,) by y (h,) to pixels, x and y (B,h,w) each.
-
-    From the horizon on, where there is no image, it is as far away as just before it, and finite or infinite.
-    """
-    across = homography[:, :, 0, None] * x + homography[:, :, 2, None]
-    mapped = across[:, :, None, :] + (homography[:, :, 1, None] * y)[..., None]
-    if bool((homography[:, 2, :2] == 0).all()):
-        return mapped[:, 0], mapped[:, 1]
-    depth = mapped[:, 2].clamp_(min=torch.finfo(mapped.dtype).tiny)
-    return mapped[:, 0] / depth, mapped[:, 1] / depth
-
-
-def _meets_horizon(homography: Tensor, x: Tensor, y: Tensor) -> Tensor:
-    """Say for which maps (B,1) a part of the grid x (w,) by y (h,) has no image; panels themselves have."""
-    slope_x, slope_y, depth = homography[:, 2, :1], homography[:, 2, 1:2], homography[:, 2, 2:]
-    least_x = torch.minimum(slope_x * x[0], slope_x * x[-1])
-    return least_x + torch.minimum(slope_y * y[0], slope_y * y[-1]) <= -depth
 
 
 def _cut(frames: Frames, chosen: Tensor, origin: Tensor, size: tuple[int, int], dtype: torch.dtype) -> Tensor:
     """Cut a window of ``size`` (h,w) out of n frames at sensor pixel ``origin`` (n,2); borders go on."""
     height, width = frames.grey.shape[-2:]
     place = origin - frames.origin_px[chosen]
+    if len(chosen) == 1 and place.device.type == "cpu":
+        left, top = place[0].tolist()
+        if min(left, top) >= 0 and left + size[1] <= width and top + size[0] <= height:
+            return frames.grey[int(chosen), :, top : top + size[0], left : left + size[1]].to(dtype)
     rows = (place[:, 1:] + torch.arange(size[0], device=place.device)).clamp(0, height - 1)
     columns = (place[:, :1] + torch.arange(size[1], device=place.device)).clamp(0, width - 1)
     frame = chosen.view(-1, 1, 1)
@@ -125,6 +56,69 @@ def _reach(frames: Frames, origin_px: Tensor) -> tuple[Tensor, Tensor]:
     return least.double(), torch.minimum(origin_px + 2 * extent, sensor).double()
 
 
+class _Window(NamedTuple):
+    """Where n panels are read.
+
+    Args:
+        origin: (n,2) int64, first pixel of the window that is cut out, on the sensor.
+        size: its height and width.
+        homography: (n,3,3), from cells to pixels, counted from a whole pixel beside the panel.
+        first: (n,2) the window's first pixel (x, y), so counted.
+        last: (n,2) the last position that is read, so counted.
+    """
+
+    origin: Tensor
+    size: tuple[int, int]
+    homography: Tensor
+    first: Tensor
+    last: Tensor
+
+
+def _window(
+    frames: Frames, chosen: Tensor, homography: Tensor, x: Tensor, y: Tensor, dtype: torch.dtype
+) -> _Window:
+    """Bound what is read of n chosen frames at cell coordinates x (w,) by y (h,)."""
+    ends = torch.stack([ends.flatten(1) for ends in map_cells(homography, x[[0, -1]], y[[0, -1]])], dim=1)
+    least, most = _reach(frames, frames.origin_px[chosen])
+    lowest, highest = (torch.minimum(torch.maximum(v, least), most) for v in (ends.amin(2), ends.amax(2)))
+    # Between the grid's corners and the horizon is no image, or all of it: its corners bound nothing.
+    endless = meets_horizon(homography, x, y)
+    lowest, highest = torch.where(endless, least, lowest), torch.where(endless, most, highest)
+    window = torch.floor(lowest - 0.5)
+    corner = torch.minimum(torch.maximum(torch.floor(homography[:, :2, 2]), window), highest.floor())
+    origin = torch.where(endless, corner, window)
+    first, last = window - origin, torch.ceil(highest - origin)
+    width, height = (int(v) + 2 for v in (last - first).amax(0).tolist())
+    # Half a pixel off, so that whole numbers are pixel centres; as a product with a shift, exact in float64.
+    shift = torch.eye(3, dtype=homography.dtype, device=homography.device).repeat(len(chosen), 1, 1)
+    shift[:, :2, 2] = -origin - 0.5
+    shifted = (shift @ homography).to(dtype)
+    return _Window(window.long(), (height, width), shifted, first.to(dtype), last.to(dtype))
+
+
+def _window_on_host(
+    frames: Frames, chosen: Tensor, homography: Tensor, x: Tensor, y: Tensor, dtype: torch.dtype
+) -> _Window:
+    """Do what :func:`_window` does frame by frame."""
+    height, width = frames.grey.shape[-2:]
+    (rows, columns), found = frames.sensor_px, []
+    ends = (float(x[0]), float(x[-1])), (float(y[0]), float(y[-1]))
+    for (left, top), cells in zip(
+        frames.origin_px[chosen].tolist(), homography.flatten(1).tolist(), strict=True
+    ):
+        least = max(left - width, 0), max(top - height, 0)
+        most = min(left + 2 * width, columns), min(top + 2 * height, rows)
+        found.append(window(cells, *ends, least, most))
+    size = [max(one.last[axis] - one.first[axis] for one in found) + 2 for axis in (1, 0)]
+    return _Window(
+        torch.tensor([(one.left, one.top) for one in found]),
+        (size[0], size[1]),
+        torch.tensor([one.cells for one in found], dtype=dtype).view(-1, 3, 3),
+        torch.tensor([one.first for one in found], dtype=dtype),
+        torch.tensor([one.last for one in found], dtype=dtype),
+    )
+
+
 def _sample(
     takes: Sequence[Frames],
     chosen: Tensor,
@@ -139,39 +133,52 @@ def _sample(
     values to the last bit, whatever else is in the batch; ``grid_sample`` normalises by the image's size
     and does not. Samples beyond the horizon are pixels on the border.
     """
-    frames = takes[0]
-    ends = torch.stack([ends.flatten(1) for ends in _map_cells(homography, x[[0, -1]], y[[0, -1]])], dim=1)
-    least, most = _reach(frames, frames.origin_px[chosen])
-    lowest, highest = (torch.minimum(torch.maximum(v, least), most) for v in (ends.amin(2), ends.amax(2)))
-    # Between the grid's corners and the horizon is no image, or all of it: its corners bound nothing.
-    endless = _meets_horizon(homography, x, y)
-    lowest, highest = torch.where(endless, least, lowest), torch.where(endless, most, highest)
-    window = torch.floor(lowest - 0.5)
-    corner = torch.minimum(torch.maximum(torch.floor(homography[:, :2, 2]), window), highest.floor())
-    origin = torch.where(endless, corner, window)
-    first, last = window - origin, torch.ceil(highest - origin)
-    width, height = (int(v) + 2 for v in (last - first).amax(0).tolist())
-    # Half a pixel off, so that whole numbers are pixel centres; as a product with a shift, exact in float64.
-    shift = torch.eye(3, dtype=homography.dtype, device=homography.device).repeat(len(chosen), 1, 1)
-    shift[:, :2, 2] = -origin - 0.5
-    x_px, y_px = _map_cells((shift @ homography).to(dtype), x.to(dtype), y.to(dtype))
-    first_x, first_y = first.to(dtype).view(-1, 2, 1, 1).unbind(dim=1)
-    last_x, last_y = last.to(dtype).view(-1, 2, 1, 1).unbind(dim=1)
+    host = on_host(homography)
+    seen = (_window_on_host if host else _window)(takes[0], chosen, homography, x, y, dtype)
+    index, right_share, lower_share = (_places_on_host if host else _places)(seen, x.to(dtype), y.to(dtype))
+    width, read = seen.size[1], []
+    for take in takes:
+        grey = _cut(take, chosen, seen.origin, seen.size, dtype).flatten(1)
+        near = [grey[:, by:].gather(1, index) for by in (0, 1, width, width + 1)]
+        upper = torch.lerp(near[0], near[1], right_share)
+        lower = torch.lerp(near[2], near[3], right_share)
+        read.append(torch.lerp(upper, lower, lower_share).view(len(chosen), len(y), len(x)))
+    return read
+
+
+def _places(seen: _Window, x: Tensor, y: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """Give each sample's upper left pixel in the window, and its shares to the right and below: (n,h*w)."""
+    width = seen.size[1]
+    x_px, y_px = map_cells(seen.homography, x, y)
+    first_x, first_y = seen.first.view(-1, 2, 1, 1).unbind(dim=1)
+    last_x, last_y = seen.last.view(-1, 2, 1, 1).unbind(dim=1)
     x_px = torch.minimum(torch.maximum(x_px, first_x), last_x)
     y_px = torch.minimum(torch.maximum(y_px, first_y), last_y)
     left, top = torch.floor(x_px), torch.floor(y_px)
-    before = (first[:, 1:] * width + first[:, :1]).long()
+    before = (seen.first[:, 1:] * width + seen.first[:, :1]).long()
     index = left.long().add_(top.long(), alpha=width).flatten(1).sub_(before)
-    right_share, lower_share = x_px.sub_(left).flatten(1), y_px.sub_(top).flatten(1)
-    read = []
-    for take in takes:
-        grey = _cut(take, chosen, window.long(), (height, width), dtype).flatten(1)
-        upper = torch.lerp(grey.gather(1, index), grey[:, 1:].gather(1, index), right_share)
-        lower = torch.lerp(
-            grey[:, width:].gather(1, index), grey[:, width + 1 :].gather(1, index), right_share
-        )
-        read.append(torch.lerp(upper, lower, lower_share).view(left.shape))
-    return read
+    return index, x_px.sub_(left).flatten(1), y_px.sub_(top).flatten(1)
+
+
+def _places_on_host(seen: _Window, x: Tensor, y: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """Do what :func:`_places` does by NumPy, which has less overhead."""
+    cells, first, last = seen.homography.numpy(), seen.first.numpy(), seen.last.numpy()
+    across = cells[:, :, :1] * x.numpy() + cells[:, :, 2:]
+    down = cells[:, :, 1:2] * y.numpy()
+    place = across[:, :2, None, :] + down[:, :2, :, None]
+    if cells[:, 2, :2].any():
+        depth = np.maximum(across[:, 2, None, :] + down[:, 2, :, None], np.finfo(cells.dtype).tiny)
+        with np.errstate(over="ignore"):
+            place /= depth[:, None]
+    np.maximum(place, first[:, :, None, None], out=place)
+    np.minimum(place, last[:, :, None, None], out=place)
+    whole = np.floor(place)
+    place -= whole
+    whole -= first[:, :, None, None]
+    left, top = whole.astype(np.int64).swapaxes(0, 1)
+    left += top * seen.size[1]
+    share = torch.from_numpy(place.reshape(len(place), 2, -1))
+    return torch.from_numpy(left.reshape(len(left), -1)), share[:, 0], share[:, 1]
 
 
 def _oversampling(panels: Panels, shape: PanelShape, samples: int) -> Tensor:
@@ -256,16 +263,36 @@ def rectify_takes(
     size = (len(grey), 1, (shape.rows + 2) * samples_per_led, (shape.columns + 2) * samples_per_led)
     dtype = dtype or (torch.float64 if grey.dtype == torch.float64 else torch.float32)
     patches = [torch.empty(size, dtype=dtype, device=grey.device) for _ in takes]
-    for factor in torch.unique(factors).tolist():
-        fine = samples_per_led * factor
-        steps_x = torch.arange((shape.columns + 2) * fine, dtype=torch.float64, device=factors.device)
-        steps_y = torch.arange((shape.rows + 2) * fine, dtype=torch.float64, device=factors.device)
-        x, y = (steps_x + 0.5) / fine - 1, (steps_y + 0.5) / fine - 1
-        for rows in (factors == factor).nonzero()[:, 0].split(max(1, MOST_READINGS // (len(x) * len(y)))):
-            for patch, read in zip(patches, _sample(takes, rows, homography[rows], x, y, dtype), strict=True):
+    every = factors.tolist()
+    for factor in sorted(set(every)):
+        grid = _grid(shape, samples_per_led * factor, grey.device)
+        most = max(1, MOST_READINGS // (len(grid.x) * len(grid.y)))
+        alike = torch.tensor([row for row, own in enumerate(every) if own == factor], device=grey.device)
+        for start in range(0, len(alike), most):
+            rows = alike[start : start + most]
+            reads = _sample(takes, rows, homography[rows], grid.x, grid.y, dtype)
+            for patch, read in zip(patches, reads, strict=True):
                 whole = read.unsqueeze(1)
                 patch[rows] = F.avg_pool2d(whole, factor) if factor > 1 else whole
     return patches
+
+
+class Grid(NamedTuple):
+    """Cell coordinates of samples along the rows, (w,), and down the columns, (h,): float64."""
+
+    x: Tensor
+    y: Tensor
+
+
+@lru_cache(maxsize=64)
+def _grid(shape: PanelShape, fine: int, device: torch.device) -> Grid:
+    """Lay ``fine`` samples a cell's side over the panel and a cell of margin."""
+    # Normal tensors even inside inference_mode, for they are kept.
+    with torch.inference_mode(False):
+        steps = (
+            torch.arange((cells + 2) * fine, dtype=torch.float64) for cells in (shape.columns, shape.rows)
+        )
+        return Grid(*(((step + 0.5) / fine - 1).to(device) for step in steps))
 
 
 def _check_takes(takes: Sequence[Frames], panels: Panels) -> None:
@@ -297,7 +324,7 @@ def centre_greys(frames: Frames, panels: Panels, shape: PanelShape) -> Tensor:
     homography = cell_homography(panels.corners_px, shape)
     columns = torch.arange(shape.columns, dtype=torch.float64, device=homography.device) + 0.5
     rows = torch.arange(shape.rows, dtype=torch.float64, device=homography.device) + 0.5
-    x_px, y_px = _map_cells(homography, columns, rows)
+    x_px, y_px = map_cells(homography, columns, rows)
     height, width = frames.grey.shape[-2:]
     # Clamped before it is whole: a centre on the horizon is beyond what an integer holds.
     column = (torch.floor(x_px) - frames.origin_px[:, 0].view(-1, 1, 1)).clamp(0, width - 1).long()

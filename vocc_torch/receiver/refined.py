@@ -8,8 +8,9 @@ import torch
 from torch import Tensor
 
 from vocc_torch.errors import VoccError
+from vocc_torch.receiver.homography import map_points
 from vocc_torch.receiver.lattice_fit import fit_lattice
-from vocc_torch.receiver.lattice_model import Lattice, corner_cells, moved
+from vocc_torch.receiver.lattice_model import Lattice, corner_cells
 from vocc_torch.receiver.lattice_search import search_lattice
 from vocc_torch.receiver.location import PaperLocator, exact_frames
 from vocc_torch.receiver.rectification import cell_size_px
@@ -73,7 +74,6 @@ class RefinedLocator:
         if not 0 <= self.min_share <= 1:
             raise VoccError(f"location.min_share is {self.min_share}: it must be 0 to 1")
 
-    @torch.no_grad()
     def __call__(self, frames: Frames, shape: PanelShape) -> Panels:
         """Locate the panel of ``shape`` in each frame; zero corners and score where there is none.
 
@@ -81,8 +81,10 @@ class RefinedLocator:
             VoccError: what :func:`vocc_torch.receiver.location.exact_frames` refuses.
         """
         # In half precision a fit would find no lattice.
-        with torch.autocast(frames.grey.device.type, enabled=False):
-            return self._located(frames, shape)
+        with torch.inference_mode(), torch.autocast(frames.grey.device.type, enabled=False):
+            panels = self._located(frames, shape)
+        # Copies, for tensors made in inference mode take no part in autograd.
+        return Panels(*(getattr(panels, name).clone() for name in Panels.__slots__))
 
     def _located(self, frames: Frames, shape: PanelShape) -> Panels:
         """Locate the panels."""
@@ -162,7 +164,7 @@ def _fitted(
     cells = corner_cells(shape).to(start.device)
     middle = cells.mean(0)
     sized = [(middle + size * (cells - middle)).expand(len(poor), 4, 2) for size in _SIZES]
-    others = [(moved(start[poor], to, shape), blur[poor]) for to in sized]
+    others = [(map_points(start[poor], to, shape), blur[poor]) for to in sized]
     others.append(search_lattice(seen, corners_px[poor], level, shape, square=False))
     for again, width in others:
         found = fit_lattice(seen, Lattice.at(again, width, level, shape))

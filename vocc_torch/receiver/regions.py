@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
@@ -10,6 +11,7 @@ from torch import Tensor
 
 from vocc_torch.receiver.components import Components, label_components
 from vocc_torch.receiver.morphology import close_mask
+from vocc_torch.receiver.uneven import UnevenParts, uneven_parts
 from vocc_torch.types import Frames
 
 _BLOCK_PX = 8
@@ -40,17 +42,20 @@ class Regions:
     side_px: Tensor
 
 
-def block_means(grey: Tensor) -> Tensor:
+def block_means(grey: Tensor, parts: UnevenParts | None = None) -> Tensor:
     """Average blocks of 8 x 8 pixels, (B,h,w) float32; at the right and lower border pixels are repeated.
 
     Args:
         grey: (B,1,H,W) uint8, not empty.
+        parts: what :func:`vocc_torch.receiver.uneven.uneven_parts` says of the frames, where it is known.
 
     Example:
         >>> block_means(torch.full((1, 1, 16, 12), 7, dtype=torch.uint8)).tolist()
         [[[7.0, 7.0], [7.0, 7.0]]]
     """
     height, width = grey.shape[-2:]
+    if parts is not None and any(map(parts.outside_px, range(len(grey)))):
+        return _block_means_of_parts(grey, parts)
     down, right = -height % _BLOCK_PX, -width % _BLOCK_PX
     if down or right:
         rows = torch.arange(height + down, device=grey.device).clamp(max=height - 1)
@@ -63,8 +68,48 @@ def block_means(grey: Tensor) -> Tensor:
     return sums.to(torch.float32) / _BLOCK_PX**2
 
 
-def local_background(means: Tensor) -> Tensor:
+def _block_means_of_parts(grey: Tensor, parts: UnevenParts) -> Tensor:
+    """Average blocks frame by frame: pixel by pixel only those that meet the frame's uneven part."""
+    height, width = grey.shape[-2:]
+    size = -(-height // _BLOCK_PX), -(-width // _BLOCK_PX)
+    means = torch.empty(len(grey), *size, device=grey.device)
+    for index in range(len(grey)):
+        left, top, right, low = _blocks_of(parts.boxes[index])
+        inside = grey[
+            index : index + 1, :, top * _BLOCK_PX : low * _BLOCK_PX, left * _BLOCK_PX : right * _BLOCK_PX
+        ]
+        means[index] = parts.levels[index]
+        if inside.numel():
+            means[index, top:low, left:right] = block_means(inside)[0]
+    return means
+
+
+def _blocks_of(box: tuple[int, int, int, int]) -> tuple[int, int, int, int]:
+    """Bound the blocks that meet a box of pixels: first column and row, and those after the last."""
+    left, top, width, height = box
+    ends = -(-(left + width) // _BLOCK_PX), -(-(top + height) // _BLOCK_PX)
+    return left // _BLOCK_PX, top // _BLOCK_PX, *ends
+
+
+def _plain_levels(parts: UnevenParts) -> list[int]:
+    """Give the grey value of each frame's background where too little differs to move any median, else -1."""
+    high, wide = (-(-side // _BLOCK_PX) for side in parts.size_px)
+    least = min(_tile_blocks(high)[1] * _tile_blocks(wide)[1], high * wide)
+    levels = []
+    for index, box in enumerate(parts.boxes):
+        left, top, right, low = _blocks_of(box)
+        plain = parts.outside_px(index) and 2 * (right - left) * (low - top) < least - 1
+        levels.append(parts.levels[index] if plain else -1)
+    return levels
+
+
+def local_background(means: Tensor, levels: Sequence[int] = ()) -> Tensor:
     """Estimate the background at each block, (B,h,w), from medians of tiles and of the tiles around.
+
+    Args:
+        means: (B,h,w) grey values of blocks.
+        levels: of each frame the grey value that is known to be every such median, -1 where none is; or
+            nothing at all.
 
     Example:
         >>> means = torch.full((1, 40, 60), 100.0)
@@ -74,10 +119,15 @@ def local_background(means: Tensor) -> Tensor:
     """
     high, wide = means.shape[1:]
     rows, columns = _tiles(high, means.device), _tiles(wide, means.device)
-    tiles = means[:, rows[:, None, :, None], columns[None, :, None]]
-    level = tiles.flatten(3).median(3).values
-    around = F.pad(level[:, None], [1] * 4, mode="replicate").unfold(2, 3, 1).unfold(3, 3, 1)
-    level = around.flatten(4).median(4).values
+    level = means.new_empty(len(means), 1, len(rows), len(columns))
+    unknown = [index for index in range(len(means)) if not levels or levels[index] < 0]
+    for index, known in enumerate(levels):
+        level[index] = known
+    if unknown:
+        tiles = means[unknown][:, rows[:, None, :, None], columns[None, :, None]]
+        medians = tiles.flatten(3).median(3).values
+        around = F.pad(medians[:, None], [1] * 4, mode="replicate").unfold(2, 3, 1).unfold(3, 3, 1)
+        level[unknown] = around.flatten(4).median(4).values
     for axis in (2, 3):
         level = _with_next(level, axis)
     scale = (high / len(rows), wide / len(columns))
@@ -87,10 +137,15 @@ def local_background(means: Tensor) -> Tensor:
     return fine[:, 0, top : top + high, left : left + wide]
 
 
+def _tile_blocks(blocks: int) -> tuple[int, int]:
+    """Give the number of an axis's tiles and their size, blocks."""
+    count = max(1, round(blocks / _TILE_BLOCKS))
+    return count, -(-blocks // count)
+
+
 def _tiles(blocks: int, device: torch.device) -> Tensor:
     """Part an axis into tiles of equal size, overlapping where it does not part evenly: (T,size) indices."""
-    count = max(1, round(blocks / _TILE_BLOCKS))
-    size = -(-blocks // count)
+    count, size = _tile_blocks(blocks)
     first = torch.linspace(0, blocks - size, count, device=device).round().long()
     return first[:, None] + torch.arange(size, device=device)
 
@@ -119,9 +174,15 @@ def bright_regions(grey: Tensor) -> Regions:
         >>> regions.left_px.tolist(), regions.top_px.tolist(), regions.side_px.tolist()
         ([292], [172], [96])
     """
-    means = block_means(grey)
-    excess = means - local_background(means)
-    deviation = excess.flatten(1).abs().median(1).values * _SIGMA_PER_MAD
+    parts = uneven_parts(grey)
+    levels = _plain_levels(parts)
+    means = block_means(grey, parts)
+    excess = means - local_background(means, levels)
+    deviation = excess.new_zeros(len(grey))
+    # Where most blocks are of the background's grey value, what they deviate by is rounding.
+    varied = [index for index, level in enumerate(levels) if level < 0]
+    if varied:
+        deviation[varied] = excess[varied].flatten(1).abs().median(1).values * _SIGMA_PER_MAD
     hot = excess > (_SIGMAS * deviation).clamp(min=_LEAST_DN)[:, None, None]
     components = label_components(close_mask(hot[:, None], _CLOSING_BLOCKS)[:, 0])
     return _windows(components, excess.clamp(min=0))

@@ -9,6 +9,7 @@ from itertools import pairwise
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.patheffects import withStroke
 from matplotlib.ticker import FixedFormatter, FixedLocator, LogLocator, NullFormatter, NullLocator
 
 from vocc_torch.evaluation.curve import BerTable, Row
@@ -159,6 +160,7 @@ def _note(axes: Axes, rivals: Rivals, experiment: str, name: str) -> None:
         va="top",
         fontsize=8.6,
         color=_OWN if ratio.high < 1 else INK,
+        path_effects=[withStroke(linewidth=2.6, foreground="white")],
         zorder=6,
     )
 

@@ -22,7 +22,7 @@ from vocc_torch.reporting.text_table import rate_text
 
 _MAP = colormaps["viridis"]
 _FREE = "#F4F4F2"
-_CELL_IN, _LINE_IN, _LEFT_IN, _GAP_IN, _ABOVE_IN, _BELOW_IN = 0.86, 0.46, 2.15, 0.42, 1.3, 0.92
+_CELL_IN, _LINE_IN, _LEFT_IN, _GAP_IN, _ABOVE_IN, _BELOW_IN = 0.86, 0.46, 2.4, 0.42, 1.3, 0.92
 _MIDDLE = 0.21
 """Relative luminance at which white and dark text are about equally legible."""
 

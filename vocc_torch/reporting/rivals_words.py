@@ -99,12 +99,13 @@ def _marks(rivals: Rivals) -> Iterator[str]:
         each = {
             name: sum(one.receivers[name].half_errors for *_, one in marks) / 2 for name in rivals.receivers
         }
-        least = min(each, key=lambda name: each[name])
+        least = min(each.values())
+        best = ", ".join(name for name in rivals.ranked() if each[name] == least)
         yield (
             f"What is possible: the genie, which {KNOWS} and searches the likeliest bits, has {wrong:g} "
             f"wrong bits of {bits} in the first {frames // len(marks)} frames of each point ({proven} of "
             f"{frames} frames proven), at {1e3 * seconds:.0f} ms a frame. On these frames {held}; the best "
-            f"over all, {least}, has {each[least]:g}."
+            f"over all points has {least:g} ({best})."
         )
     for name, why in rivals.unmarked.items():
         yield f"No genie's mark for {name}: {why}."

@@ -1,0 +1,308 @@
+"""The receiver on uint8 full-HD frames against one in plain NumPy and OpenCV: time, and whether bits agree.
+
+Every program reads the same frames in batches; all take turns in one run, and medians over the rounds are
+compared. Ours runs with each locator. The peer (``peer_receiver.py``) locates as the paper does, once with
+OpenCV's own passes over the frame and once with our shortcut for frames of mostly one grey value. With two
+threads and batches each side is tried in both ways, with the library's own threads and with a pool of two
+that share a batch, and the quicker counts. The bits of the programs with the paper's locator are compared,
+frame by frame, on frames that are not timed.
+
+    python benchmarks/receiver.py --rounds 9 --csv docs/results/receiver.csv
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+import torch
+from link import SHAPE, scenes, train
+from locators import NOISE
+from numpy.typing import NDArray
+from peer_receiver import PeerReceiver
+from torch import Tensor
+
+from vocc_torch import Simulator
+from vocc_torch.evaluation.timing import Timing, describe_machine, interleaved
+from vocc_torch.receiver.flda import FLDA
+from vocc_torch.receiver.location import PaperLocator
+from vocc_torch.receiver.locators import PanelLocator, locator_named
+from vocc_torch.receiver.reader import Reader
+from vocc_torch.receiver.receiver import Receiver
+from vocc_torch.rng import BlockKey, FrameKey
+from vocc_torch.simulation.simulator import PAPER_EFFECTS
+from vocc_torch.types import Frames
+
+STANDARD = "OpenCV"
+SKIPPING = "OpenCV, our shortcut"
+FIELDS = ("scene", "program", "device", "threads", "batch", "how", "stage", "ms", "ms_low", "ms_high")
+MORE = ("frames_per_second", "times_opencv", "machine")
+NOT_MEASURED = "not measured"
+
+
+@dataclass(frozen=True)
+class Key:
+    """What one row of the table is about."""
+
+    scene: str
+    program: str
+    device: str
+    threads: int
+    batch: int
+    how: str
+    stage: str = "all"
+
+
+def rendered(point: str, count: int, noisy: bool = False) -> Iterator[tuple[Tensor, Tensor]]:
+    """Render full frames of the paper's scenes, 16 at a time: bits (b,R,C), and (b,1,H,W) uint8."""
+    simulator = Simulator(effects={**PAPER_EFFECTS, **NOISE} if noisy else PAPER_EFFECTS, framing="filled")
+    scene, bits = scenes(count, point)
+    for start in range(0, count, 16):
+        rows = slice(start, min(start + 16, count))
+        keys = [FrameKey(BlockKey(0, point, 0), frame) for frame in range(start, rows.stop)]
+        frames = simulator.render(scene[rows], bits[rows], nearest_m=30.0, keys=keys)
+        yield bits[rows], frames.grey
+
+
+def receiver_with(locator: PanelLocator, flda: FLDA) -> Receiver:
+    """Put our receiver together."""
+    return Receiver("flda_3", locator, Reader(SHAPE), flda)
+
+
+def in_batches(
+    read: Callable[[Tensor], object], grey: Tensor, batch: int, pool: bool
+) -> Callable[[], object]:
+    """Read all frames in batches, each shared by two threads if ``pool``."""
+    parts = grey.split(batch)
+    if not pool:
+        return lambda: [read(part) for part in parts]
+    executor = ThreadPoolExecutor(2)
+    return lambda: [list(executor.map(read, part.chunk(2))) for part in parts]
+
+
+def with_threads(threads: int, call: Callable[[], object]) -> Callable[[], object]:
+    """Set the threads of both libraries before a call."""
+
+    def run() -> object:
+        torch.set_num_threads(threads)
+        cv2.setNumThreads(threads)
+        return call()
+
+    return run
+
+
+def on_cpu(name: str, grey: Tensor, flda: FLDA, given: argparse.Namespace) -> dict[Key, Callable[[], object]]:
+    """Give every program, batch and number of threads."""
+    calls: dict[Key, Callable[[], object]] = {}
+    readers: dict[str, Callable[[Tensor], object]] = {}
+    for locator in ("paper", "refined"):
+        receiver = receiver_with(locator_named(locator, PaperLocator()), flda)  # type: ignore[arg-type]
+        readers[f"vocc_torch, {locator}"] = receiver.decode
+    for program, skipping in ((STANDARD, False), (SKIPPING, True)):
+        peer = PeerReceiver(flda.direction.numpy(), float(flda.threshold), skipping)
+        readers[program] = lambda part, peer=peer: peer.read_all(part[:, 0].numpy())
+    for program, read in readers.items():
+        for batch in (size for size in given.batches if size <= len(grey)):
+            for threads in given.threads:
+                key = Key(name, program, "cpu", threads, batch, "library threads")
+                calls[key] = with_threads(threads, in_batches(read, grey, batch, pool=False))
+                if threads == 2 and batch > 1:
+                    key = Key(name, program, "cpu", threads, batch, "pool")
+                    calls[key] = with_threads(1, in_batches(read, grey, batch, pool=True))
+    return calls
+
+
+def stages(name: str, grey: Tensor, flda: FLDA, given: argparse.Namespace) -> dict[Key, Callable[[], object]]:
+    """Give the stages of ours on one thread: locate, read (rectify and measure), decide."""
+    calls: dict[Key, Callable[[], object]] = {}
+    reader = Reader(SHAPE)
+    for locator in ("paper", "refined"):
+        locate = locator_named(locator, PaperLocator())  # type: ignore[arg-type]
+        for batch in (size for size in given.batches if size <= len(grey)):
+            parts = [Frames.whole(part) for part in grey.split(batch)]
+            panels = [locate(part, SHAPE) for part in parts]
+            read = [reader.read_features(part, found) for part, found in zip(parts, panels, strict=True)]
+            work = {
+                "locate": lambda parts=parts, locate=locate: [locate(part, SHAPE) for part in parts],
+                "read": lambda parts=parts, panels=panels: [
+                    reader.read_features(part, found) for part, found in zip(parts, panels, strict=True)
+                ],
+                "decide": lambda read=read: [flda.decision_function(one) for one in read],
+            }
+            for stage, call in work.items():
+                key = Key(name, f"vocc_torch, {locator}", "cpu", 1, batch, "library threads", stage)
+                calls[key] = with_threads(1, call)
+    return calls
+
+
+def on_gpu(name: str, grey: Tensor, flda: FLDA, given: argparse.Namespace) -> dict[Key, Callable[[], object]]:
+    """Give ours on the accelerator: frames that lie there already, and frames that are copied there first."""
+    calls: dict[Key, Callable[[], object]] = {}
+    device = torch.device("cuda")
+    pinned, resident = grey.pin_memory(), grey.to(device)
+    moved = FLDA(3)
+    moved.load_state_dict(flda.state_dict())
+    for locator in ("paper", "refined"):
+        receiver = receiver_with(locator_named(locator, PaperLocator()), moved.to(device))  # type: ignore[arg-type]
+        for batch in (*given.batches, len(grey)):
+            for how, frames in (("resident", resident), ("copied", pinned)):
+                key = Key(name, f"vocc_torch, {locator}", "cuda", 1, batch, how)
+                calls[key] = in_batches(
+                    lambda part, receiver=receiver: receiver.decode(part.to(device, non_blocking=True)),
+                    frames,
+                    batch,
+                    pool=False,
+                )
+    copy = torch.empty(1 << 30, dtype=torch.uint8, device=device)
+    calls[Key(name, "copy of 1 GiB", "cuda", 1, 1, "resident")] = copy.clone
+    return calls
+
+
+def agreement(flda: FLDA, count: int) -> str:
+    """Compare the bits of ours, with the paper's locator, with the peers', and count everybody's errors."""
+    ours = receiver_with(PaperLocator(), flda)
+    refined = receiver_with(locator_named("refined", PaperLocator()), flda)
+    peers = {
+        name: PeerReceiver(flda.direction.numpy(), float(flda.threshold), skipping)
+        for name, skipping in ((STANDARD, False), (SKIPPING, True))
+    }
+    differ, wrong = dict.fromkeys(peers, 0), dict.fromkeys(("ours, paper", "ours, refined", *peers), 0)
+    missed = bits = 0
+    for sent, grey in rendered("compared", count):
+        decoded = ours.decode(grey)
+        missed += int((~decoded.found).sum())
+        bits += sent.numel()
+        wrong["ours, paper"] += int((decoded.bits != sent).sum())
+        wrong["ours, refined"] += int((refined.decode(grey).bits != sent).sum())
+        for name, peer in peers.items():
+            theirs: NDArray[np.bool_] = peer.read_all(grey[:, 0].numpy())
+            differ[name] += int((theirs != decoded.bits.numpy()).sum())
+            wrong[name] += int((theirs != sent.numpy()).sum())
+    apart = ", ".join(f"{name} {number}" for name, number in differ.items())
+    errors = ", ".join(f"{name} {number}" for name, number in wrong.items())
+    return (
+        f"{count} frames from 30 to 70 m, {bits} bits: bits unlike ours with the paper's locator: {apart}; "
+        f"bit errors: {errors}; panels missed by ours: {missed}"
+    )
+
+
+def rows_of(times: dict[Key, Timing], frames: dict[str, int], machine: str) -> list[dict[str, object]]:
+    """Write times a frame as rows; of the ways to use two threads the quicker is kept."""
+    best: dict[tuple[object, ...], Key] = {}
+    for key, timing in times.items():
+        how = key.how if key.device == "cuda" else ""
+        place = (key.scene, key.program, key.device, key.threads, key.batch, how, key.stage)
+        if place not in best or timing.median_s < times[best[place]].median_s:
+            best[place] = key
+    rows: list[dict[str, object]] = []
+    for key in best.values():
+        timing, count = times[key], frames[key.scene]
+        rival = best.get((key.scene, STANDARD, "cpu", key.threads, key.batch, "", "all"))
+        ratio = times[rival].median_s / timing.median_s if rival and key.stage == "all" else None
+        ms = [f"{1e3 * value / count:.4g}" for value in (timing.median_s, timing.low_s, timing.high_s)]
+        row: dict[str, object] = dict(zip(FIELDS, (*vars(key).values(), *ms), strict=True))
+        row |= {
+            "frames_per_second": f"{count / timing.median_s:.4g}",
+            "times_opencv": "" if ratio is None else f"{ratio:.2f}",
+            "machine": machine,
+        }
+        rows.append(row)
+    return rows
+
+
+def unmeasured(given: argparse.Namespace, machine: str) -> list[dict[str, object]]:
+    """Give the rows of an accelerator that is not there."""
+    keys = [
+        Key("paper", f"vocc_torch, {locator}", "cuda", 1, batch, how)
+        for locator in ("paper", "refined")
+        for batch in given.batches
+        for how in ("resident", "copied")
+    ]
+    return [
+        dict(zip(FIELDS, (*vars(key).values(), *[NOT_MEASURED] * 3), strict=True))
+        | {"frames_per_second": NOT_MEASURED, "times_opencv": "", "machine": machine}
+        for key in keys
+    ]
+
+
+def show(rows: list[dict[str, object]]) -> None:
+    """Print the table."""
+    heads = (
+        "scene",
+        "program",
+        "device",
+        "threads",
+        "batch",
+        "how",
+        "stage",
+        "ms a frame",
+        "frames/s",
+        "ratio",
+    )
+    print("| " + " | ".join(heads) + " |\n" + "|---" * len(heads) + "|")
+    for row in rows:
+        ms = f"{row['ms']} [{row['ms_low']}, {row['ms_high']}]" if row["ms"] != NOT_MEASURED else NOT_MEASURED
+        cells = [row[name] for name in FIELDS[:7]] + [ms, row["frames_per_second"], row["times_opencv"]]
+        print("| " + " | ".join(str(cell) for cell in cells) + " |")
+
+
+def bandwidth(times: dict[Key, Timing], grey: Tensor) -> Iterator[str]:
+    """Say what share of the accelerator's bandwidth reading each frame once would be."""
+    copies = [2**31 / timing.median_s for key, timing in times.items() if key.program.startswith("copy")]
+    for key, timing in times.items():
+        if key.device == "cuda" and key.how == "resident" and not key.program.startswith("copy"):
+            rate = grey.numel() / timing.median_s
+            yield f"{key.program}, batch {key.batch}: {rate / 1e9:.1f} GB/s of frames, {rate / copies[0]:.1%}"
+
+
+def main() -> None:
+    """Measure, print and write."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser.add_argument("--rounds", type=int, default=9)
+    parser.add_argument("--frames", type=int, default=32, help="frames a round")
+    parser.add_argument("--batches", type=int, nargs="+", default=[1, 8, 32])
+    parser.add_argument("--threads", type=int, nargs="+", default=[1, 2])
+    parser.add_argument("--compared", type=int, default=256, help="frames whose bits are compared")
+    parser.add_argument("--csv", type=Path, help="where the rows are written")
+    given = parser.parse_args()
+    flda = train()
+    torch.set_num_threads(1)
+    # Frames of their own, not views of what the simulator keeps.
+    clean = torch.cat([grey for _, grey in rendered("timed", given.frames)])
+    noisy = torch.cat([grey for _, grey in rendered("timed", 4, noisy=True)])
+    frames = {"paper": len(clean), "noisy": len(noisy)}
+    machine = f"{describe_machine(torch.device('cpu'))}, OpenCV {cv2.__version__}"
+    times = interleaved(
+        on_cpu("paper", clean, flda, given) | stages("paper", clean, flda, given),
+        given.rounds,
+        torch.device("cpu"),
+        warm_up=1,
+    )
+    few = argparse.Namespace(batches=[1], threads=given.threads[:1])
+    times |= interleaved(on_cpu("noisy", noisy, flda, few), max(3, given.rounds // 3), torch.device("cpu"))
+    missing: list[dict[str, object]] = []
+    if torch.cuda.is_available():
+        machine = f"{torch.cuda.get_device_name()}, {machine}"
+        times |= interleaved(on_gpu("paper", clean, flda, given), given.rounds, torch.device("cuda"))
+    else:
+        missing = unmeasured(given, machine)
+    rows = rows_of(times, frames, machine) + missing
+    print(f"{machine}; {given.rounds} rounds; ratio: how many times as quick as {STANDARD}\n")
+    show(rows)
+    print("\n" + agreement(flda, given.compared))
+    print("\n".join(bandwidth(times, clean)))
+    if given.csv:
+        with given.csv.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.DictWriter(file, (*FIELDS, *MORE))
+            writer.writeheader()
+            writer.writerows(rows)
+
+
+if __name__ == "__main__":
+    main()
