@@ -203,7 +203,8 @@ def link(package: str) -> tuple[Callable[[], torch.Tensor], Callable[[], torch.T
 
     def known() -> torch.Tensor:
         frames = simulator.render(scene, bits, nearest_m=model.nearest_m)
-        decided: torch.Tensor = flda.predict(reader.read(frames, simulator.true_panels(scene)).features)
+        panels = simulator.true_panels(scene, rendered=True)
+        decided: torch.Tensor = flda.predict(reader.read(frames, panels).features)
         return decided
 
     return located, known

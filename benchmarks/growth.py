@@ -50,9 +50,9 @@ AXES: dict[str, tuple[float, ...]] = {
 """Values of each axis: frames a batch, LEDs along a side of a square panel, metres."""
 NOTE = (
     "Crops of the paper's scene, located with the paper's locator, decoded by FLDA on three features; "
-    f"batches of {BATCH} where that is not the axis,\npanels of the second column at 50 m. Medians over processes "
-    "of their own; memory is the most that was resident beyond what it was before the first frame.\n"
-    "The grey lines are in proportion to frames, LEDs or pixels; the powers are fitted, of batches from 64 on."
+    f"batches of {BATCH} where that is not the axis,\npanels of the second column at 50 m. Medians over "
+    "processes of their own; memory is the most that was resident beyond what was before the first frame.\n"
+    "The grey lines are in proportion to frames, LEDs or pixels; powers are fitted, of batches from 64 on."
 )
 FITTED_FROM = {"batch": 64}
 """Where a fit begins: below, a batch costs what its operations cost, whatever their size."""

@@ -123,7 +123,11 @@ def a_constant_frame():
 @hard(
     "two grey values, one apart or all there are",
     "the brighter one is the foreground, by whatever it is brighter: a bright square is found to the pixel",
-    Breakage(FILES + "location.py", "return whole > threshold[rows, None, None]", "return whole > 128"),
+    Breakage(
+        FILES + "location.py",
+        "single_blob(part > limit, shape, search)",
+        "single_blob(part > 128, shape, search)",
+    ),
 )
 def two_grey_values():
     square = torch.tensor([[70.0, 30.0], [110.0, 30.0], [110.0, 70.0], [70.0, 70.0]])
@@ -381,9 +385,9 @@ def a_checkerboard_of_single_pixels():
     "one bright pixel",
     "it is no panel, whatever it outshines; without limits it is found as the square that it covers",
     Breakage(
-        FILES + "quadrilateral.py",
-        "def minimum_area_rectangle(hull: Tensor, expand_px: float = 0.5)",
-        "def minimum_area_rectangle(hull: Tensor, expand_px: float = 0.0)",
+        FILES + "single_blob.py",
+        "_PIXEL_PX = 0.5",
+        "_PIXEL_PX = 0.0",
     ),
 )
 def one_bright_pixel():

@@ -624,7 +624,7 @@ def panel_across_the_border():
     "offsets and distances at the ends of their ranges",
     "a panel 1e9 m aside leaves background, and the crop lies at the sensor's edge on its side; an image"
     " farther than 1e12 px, and any value beyond 1e9 m, refused by name",
-    Breakage(FRAMING, "return torch.round(near).long()", "return torch.round(centre_px).long()"),
+    Breakage(FRAMING, "centred = torch.round(near).long()", "centred = torch.round(centre_px).long()"),
 )
 def extreme_offsets():
     camera = Camera()

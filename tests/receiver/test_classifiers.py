@@ -1,7 +1,9 @@
 """The shipped classifiers against scikit-learn, NumPy and OpenCV, and the guard about all of them."""
 
+import copy
 import itertools
 import pickle
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -12,6 +14,7 @@ from hypothesis import strategies as st
 from sklearn.cluster import KMeans
 from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
 from sklearn.linear_model import LogisticRegression
+from torch import nn
 
 from vocc_torch.errors import VoccError
 from vocc_torch.receiver.classifiers import (
@@ -262,3 +265,50 @@ def test_scores_do_not_depend_on_the_batch():
         whole = guarded.decision_function(x)
         alone = torch.cat([guarded.decision_function(part) for part in itertools.chain(x.split(1))])
         torch.testing.assert_close(whole, alone, rtol=1e-9, atol=1e-9)
+
+
+class Interrupted(nn.Module):
+    """A module that ends its training in some pass."""
+
+    def __init__(self, last):
+        super().__init__()
+        self.inner, self.passes, self.last = Mlp(3, [8]), 0, last
+
+    def train(self, mode=True):
+        self.passes += mode
+        if mode and self.passes > self.last:
+            raise KeyboardInterrupt
+        return super().train(mode)
+
+    def forward(self, x):
+        return self.inner(x)
+
+
+def test_a_training_that_was_interrupted_ends_with_the_same_weights(tmp_path):
+    """Weights, losses and passes; another recipe or other panels begin anew."""
+    recipe = replace(RECIPE, epochs=6, patience=6, checkpoints=str(tmp_path))
+    torch.manual_seed(1)
+    first, again = Interrupted(3), Interrupted(100)
+    again.load_state_dict(first.state_dict())
+    undisturbed = TorchClassifier(copy.deepcopy(again), replace(recipe, checkpoints=None)).fit(*panels())
+    with pytest.raises(KeyboardInterrupt):
+        TorchClassifier(first, recipe).fit(*panels())
+    assert len(list(tmp_path.glob("*.pt"))) == 1
+    resumed = TorchClassifier(again, recipe).fit(*panels())
+    assert (again.passes, undisturbed.module.passes) == (3, 6)
+    assert resumed.losses == undisturbed.losses
+    assert resumed.earlier_s > 0
+    for name, tensor in undisturbed.module.state_dict().items():
+        assert torch.equal(again.state_dict()[name], tensor), name
+    TorchClassifier(Interrupted(100), replace(recipe, learning_rate=1e-3)).fit(*panels())
+    assert len(list(tmp_path.glob("*.pt"))) == 2
+
+
+def test_a_damaged_checkpoint_is_named(tmp_path):
+    recipe = replace(RECIPE, epochs=1, checkpoints=str(tmp_path))
+    module = Mlp(3, [8])
+    TorchClassifier(copy.deepcopy(module), recipe).fit(*panels())
+    (file,) = tmp_path.glob("*.pt")
+    file.write_bytes(file.read_bytes()[:100])
+    with pytest.raises(VoccError, match=r"checkpoint .*\.pt is damaged"):
+        TorchClassifier(module, recipe).fit(*panels())

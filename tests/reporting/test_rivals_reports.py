@@ -168,7 +168,8 @@ def test_the_terminal_shows_the_best_first_and_fits(rivals, width):
     assert starts == list(rivals.ranked())
     assert max(map(len, lines)) <= width
     assert ("para-" in text) == (width == 120)
-    assert lines[3].startswith("knows the scene")
+    assert lines[3].split() == ["knows", "the", "scene", "0", "of"]
+    assert lines[4].split() == ["4096", "bits"]
 
 
 def test_the_words_are_the_numbers(rivals):

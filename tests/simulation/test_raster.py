@@ -10,7 +10,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import integrate
 
-from vocc_torch.simulation.raster import add_patches, disc_cover, disc_quadrant_area, interval_cover
+from vocc_torch.simulation.raster import (
+    add_patches,
+    disc_cover,
+    disc_grid_cover,
+    disc_quadrant_area,
+    interval_cover,
+)
 
 RADII = [0.01, 0.2, 0.5, 0.78, 1.09, 1.82, 3.3, 10.0]
 """0.78 to 1.82 px are the paper's LEDs at 70 to 30 m; the smaller ones lie inside a pixel."""
@@ -179,3 +185,28 @@ def test_interval_cover_is_the_overlap_with_each_pixel(low, length, size):
     high = low + length
     cover = interval_cover(*doubles(low, high), size)[0].tolist()
     assert cover == [pytest.approx(max(0.0, min(high, i + 1) - max(low, i)), abs=1e-12) for i in range(size)]
+
+
+@given(
+    st.lists(st.tuples(st.floats(-4, 44), st.floats(-4, 44), st.floats(0.05, 3.5)), min_size=1, max_size=4),
+    st.floats(0.3, 9.0),
+    st.integers(1, 4),
+    st.integers(1, 5),
+)
+def test_a_grid_of_discs_is_covered_as_each_disc_is(grids, pitch, rows, columns):
+    """The quick way for upright grids gives what each disc alone has, also where the canvas cuts the grid."""
+    x, y, radius = torch.tensor(grids, dtype=torch.float64).unbind(1)
+    x = x.unsqueeze(1) + pitch * torch.arange(columns)
+    y = y.unsqueeze(1) + pitch * torch.arange(rows)
+    cover, left, top = disc_grid_cover(x, y, radius, 8, canvas_px=(32, 40))
+    each = (len(grids), rows, columns)
+    one_by_one, its_left, its_top = disc_cover(
+        x.unsqueeze(1).expand(each).reshape(-1),
+        y.unsqueeze(2).expand(each).reshape(-1),
+        radius.view(-1, 1, 1).expand(each).reshape(-1),
+        8,
+        canvas_px=(32, 40),
+    )
+    torch.testing.assert_close(cover.flatten(0, 2), one_by_one, rtol=0, atol=5e-14)
+    assert torch.equal(left.unsqueeze(1).expand(each).reshape(-1), its_left)
+    assert torch.equal(top.unsqueeze(2).expand(each).reshape(-1), its_top)

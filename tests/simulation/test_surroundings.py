@@ -153,6 +153,6 @@ def test_the_paper_scene_draws_its_picture_at_once(monkeypatch):
 
     calls = []
     patches = module.add_patches
-    monkeypatch.setattr(module, "add_patches", lambda *a: (calls.append(1), patches(*a))[1])
+    monkeypatch.setattr(module, "add_patches", lambda *a, **k: (calls.append(1), patches(*a, **k))[1])
     shot(PAPER_EFFECTS)
     assert len(calls) == 1

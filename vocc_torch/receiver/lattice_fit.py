@@ -140,15 +140,24 @@ def _changes(model: Model, lattice: Lattice) -> Tensor:
     """Give the light's derivatives (B,13,H*W) by what :data:`_EXPECTED` lists."""
     rows, columns, amplitude = model.rows, model.columns, lattice.amplitudes()
     (row_place, row_blur), (column_place, column_blur) = rows.changes(), columns.changes()
-    across = [rows.value @ amplitude, (rows.value * rows.lever) @ amplitude]
-    down = [row_place @ amplitude, (row_place * rows.lever) @ amplitude]
-    sideways = (column_place.mT, (column_place * columns.lever).mT)
-    straight = (columns.value.mT, (columns.value * columns.lever).mT)
-    changes = [up @ side for up in across for side in sideways]
-    changes += [up @ side for up in down for side in straight]
-    changes += [across[0] @ column_blur.mT, row_blur @ amplitude @ straight[0]]
-    changes += [*model.parts.unbind(1), torch.ones_like(model.grey)]
-    return torch.stack([change.flatten(1) for change in changes], 1)
+    batch, high, wide = model.grey.shape
+    across = torch.cat([rows.value, rows.value * rows.lever], 1)
+    down = torch.cat([row_place, row_place * rows.lever, row_blur], 1)
+    sideways = torch.cat([column_place, column_place * columns.lever, column_blur], 1)
+    straight = torch.cat([columns.value, columns.value * columns.lever], 1)
+    # Products of all pairs at once; of each six the one that is no derivative is left out.
+    lit = torch.bmm(torch.cat([across, down], 1), amplitude)
+    by_x = torch.bmm(lit[:, : 2 * high], sideways.mT).view(batch, 2, high, 3, wide).transpose(2, 3)
+    by_y = torch.bmm(lit[:, 2 * high :], straight.mT).view(batch, 3, high, 2, wide).transpose(2, 3)
+    changes = [
+        by_x[:, :, :2].reshape(batch, 4, -1),
+        by_y[:, :2].reshape(batch, 4, -1),
+        by_x[:, 0, 2].reshape(batch, 1, -1),
+        by_y[:, 2, 0].reshape(batch, 1, -1),
+        model.parts.flatten(2),
+        torch.ones_like(model.grey).flatten(1)[:, None],
+    ]
+    return torch.cat(changes, 1)
 
 
 def _applied(step: Tensor, lattice: Lattice) -> Lattice:

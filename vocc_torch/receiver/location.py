@@ -183,10 +183,15 @@ class PaperLocator:
         Returns:
             The choice, with corners on the sensor.
         """
-        choice = Choice.none(len(frames), frames.grey.device)
         search = Search(*(getattr(self, name) for name in PaperLocator.__slots__))
         boxes = _foreground_boxes(frames.grey, threshold, parts)
-        boxes = _without_single_blobs(choice, frames, threshold, boxes, shape, search)
+        single = _single_blobs(frames, threshold, boxes, shape, search)
+        if single is not None and len(single[0]) == len(frames):
+            return single[1]
+        choice = Choice.none(len(frames), frames.grey.device)
+        if single is not None:
+            choice.put(*single)
+            boxes = boxes.index_fill(0, single[0], 0)
         for rows, width, height in _passes(boxes):
             mask = _cut(frames.grey, threshold, boxes, rows, width, height)
             part = climb(mask, shape, search)
@@ -265,17 +270,16 @@ def _foreground_box(grey: Tensor, limit: int, parts: UnevenParts, index: int) ->
     return left + int(x[0]), top + int(y[0]), int(x[-1] - x[0]) + 1, int(y[-1] - y[0]) + 1
 
 
-def _without_single_blobs(
-    choice: Choice, frames: Frames, threshold: Tensor, boxes: Tensor, shape: PanelShape, search: Search
-) -> Tensor:
-    """Note the choice, in place, where a small mask is a single blob; give the boxes (B,4) of the others."""
+def _single_blobs(
+    frames: Frames, threshold: Tensor, boxes: Tensor, shape: PanelShape, search: Search
+) -> tuple[Tensor, Choice] | None:
+    """Choose where a small mask is a single blob: the frames' indices, and the choice; None where none is."""
     if boxes.device.type != "cpu":
-        return boxes
+        return None
     rows: list[int] = []
     found: list[SingleBlob] = []
-    for row, ((left, top, width, height), limit) in enumerate(
-        zip(boxes.tolist(), threshold.tolist(), strict=True)
-    ):
+    for row, (box, limit) in enumerate(zip(boxes.tolist(), threshold.tolist(), strict=True)):
+        left, top, width, height = box
         if 0 < width * height <= _SMALL_MASK_PX:
             part = frames.grey[row, 0, top : top + height, left : left + width].numpy()
             blob = single_blob(part > limit, shape, search)
@@ -283,14 +287,13 @@ def _without_single_blobs(
                 rows.append(row)
                 found.append(blob)
     if not rows:
-        return boxes
+        return None
     chosen = torch.tensor(rows)
     place = (boxes[chosen, :2] + frames.origin_px[chosen])[:, None]
     corners = torch.tensor([blob.corners_px for blob in found], dtype=torch.float64) + place
     score = torch.tensor([blob.score for blob in found], dtype=torch.float64)
     first, pixels = (torch.tensor([blob[field] for blob in found]) for field in (2, 3))
-    choice.put(chosen, Choice(score, corners, torch.ones_like(pixels), first, pixels))
-    return boxes.index_fill(0, chosen, 0)
+    return chosen, Choice(score, corners, torch.ones_like(pixels), first, pixels)
 
 
 def _passes(boxes: Tensor) -> list[tuple[Tensor, int, int]]:

@@ -83,7 +83,10 @@ class Receiver(nn.Module):
         if planes.dtype != torch.uint8 or planes.ndim != 4 or planes.shape[1] != 1 or 0 in planes.shape:
             given = f"images has dtype {images.dtype} and shape {tuple(images.shape)}"
             raise VoccError(f"{given}: it must be uint8 of shape (B,H,W) or (B,1,H,W), not empty")
-        return self.forward(Frames.whole(planes))
+        with torch.inference_mode():
+            decoded = self.forward(Frames.whole(planes))
+        # Copies, for tensors made in inference mode take no part in autograd.
+        return Decoded(*(getattr(decoded, name).clone() for name in Decoded.__slots__))
 
     def forward(self, frames: Frames, panels: Panels | None = None) -> Decoded:
         """Read the bits of frames or crops, at known panels where they are given; score 0 is On (Eq. 18).

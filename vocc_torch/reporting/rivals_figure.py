@@ -22,6 +22,8 @@ KNOWS = "knows the scene"
 
 _OWN, _REFERENCE, _FAINT = "#0072B2", "#D55E00", "#D3D7DC"
 _WIDE_IN, _HIGH_IN, _COLUMNS = 2.62, 1.72, 5
+_TITLE = 31
+"""Letters of a title that fit above a picture."""
 _LEFT_IN, _RIGHT_IN, _ABOVE_IN, _BELOW_IN, _BETWEEN_IN = 0.78, 0.16, 1.28, 1.06, 0.42
 
 
@@ -71,7 +73,9 @@ def curves_figure(rivals: Rivals, experiment: str) -> Figure:
         )
         axes = figure.add_axes(box)
         _panel(axes, rivals, table, name)
-        axes.set_title(f"{place + 1}. {styles[name].label}", fontsize=10.5, color=INK, loc="left", pad=5)
+        title = f"{place + 1}. {styles[name].label}"
+        size = 10.5 * min(1.0, _TITLE / len(title))
+        axes.set_title(title, fontsize=size, color=INK, loc="left", pad=5)
         axes.tick_params(labelleft=column == 0, labelbottom=place + columns >= len(names))
         _note(axes, rivals, experiment, name)
     _labels(figure, rivals, table)

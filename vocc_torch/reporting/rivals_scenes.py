@@ -22,7 +22,9 @@ from vocc_torch.reporting.text_table import rate_text
 
 _MAP = colormaps["viridis"]
 _FREE = "#F4F4F2"
-_CELL_IN, _LINE_IN, _LEFT_IN, _GAP_IN, _ABOVE_IN, _BELOW_IN = 0.86, 0.46, 2.4, 0.42, 1.3, 0.92
+_CELL_IN, _LINE_IN, _GAP_IN, _ABOVE_IN, _BELOW_IN = 0.86, 0.46, 0.42, 1.3, 0.92
+_LETTER_IN = 0.075
+"""Width of a letter of the receivers' names."""
 _MIDDLE = 0.21
 """Relative luminance at which white and dark text are about equally legible."""
 
@@ -43,11 +45,12 @@ def scenes_figure(rivals: Rivals) -> Figure:
     found = {(one.trained_on, one.tested_on, one.receiver): one for one in rivals.transfers}
     out = [(home, home), *((home, name) for name in others)]
     back = [(name, home) for name in others]
-    width = _LEFT_IN + _CELL_IN * (len(out) + len(back)) + _GAP_IN + 1.05
+    labels = [style.label for style in receiver_styles(names).values()]
+    left = 0.3 + _LETTER_IN * max(map(len, labels))
+    width = left + _CELL_IN * (len(out) + len(back)) + _GAP_IN + 1.05
     height = _ABOVE_IN + _LINE_IN * len(names) + _BELOW_IN
     figure = new_figure(width, height)
     norm = _norm(rivals.transfers)
-    left = _LEFT_IN
     for pairs, title, place in (
         (out, f"trained on {home}, tested on", 1),
         (back, f"trained on \N{HORIZONTAL ELLIPSIS}, tested on {home}", 0),
@@ -63,7 +66,6 @@ def scenes_figure(rivals: Rivals) -> Figure:
         axes.set_xticks(np.arange(len(pairs)) + 0.5, [pair[place].replace("_", " ") for pair in pairs])
         axes.set_title(title, fontsize=11.5, fontweight="bold", color=INK, loc="left", pad=26)
         left += _CELL_IN * len(pairs) + _GAP_IN
-    labels = [style.label for style in receiver_styles(names).values()]
     figure.axes[0].set_yticks(np.arange(len(names)) + 0.5, labels)
     _bar(figure, norm, (left - 0.2) / width)
     frames = rivals.transfers[0].counts.frames

@@ -37,7 +37,7 @@ def print_rivals(rivals: Rivals, console: Console | None = None) -> None:
     if rivals.marks:
         cells = [KNOWS]
         for name, value in rivals.points.items():
-            cells += [_rate(_row(tables[name].of(GENIE), value)), ""]
+            cells += [_mark(_row(tables[name].of(GENIE), value)), ""]
         table.add_row(*(Text(cell, style="dim") for cell in cells), *[""] * len(heads))
     for receiver in rivals.ranked():
         cells = [receiver]
@@ -62,6 +62,11 @@ def _rate(row: Row | None) -> str:
     return point_text(row) + (
         "" if row.error_free else f"\n{interval_text(row.ber, row.ber_low, row.ber_high)}"
     )
+
+
+def _mark(row: Row | None) -> str:
+    """Write the genie's rate; without errors its bits, for a limit would tell of its few frames alone."""
+    return f"0 of\n{row.bits} bits" if row is not None and row.error_free else _rate(row)
 
 
 def _price(rivals: Rivals, receiver: str, wide: bool) -> list[str]:

@@ -79,4 +79,6 @@ def in_groups(
         laid.append(drawn if size == batch.size else lay_alike(drawn, drawn[:, 0, 0, 0], batch.size))
         begin += len(rows)
     pictures = torch.cat(laid)
-    return pictures if together else pictures[torch.tensor(order, device=pictures.device).argsort()]
+    if together:
+        return pictures
+    return pictures.index_select(0, torch.tensor(order, device=pictures.device).argsort())

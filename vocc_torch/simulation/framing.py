@@ -21,7 +21,7 @@ WINDOW_GRID_PX = 8
 SIZE_STEP = 1.2
 """Ratio of the distances between which panels are drawn in crops of one size."""
 
-GROUP_PIXELS, GROUP_PIXELS_ELSEWHERE = 20_000, 10_000_000
+GROUP_PIXELS, GROUP_PIXELS_ELSEWHERE = 40_000, 10_000_000
 """Pixels in whose time a CPU begins another group of frames, and an accelerator does."""
 
 
@@ -142,20 +142,14 @@ def crop_origins_px(
         >>> crop_origins_px(torch.tensor([[100.4, 3.0]]), (40, 40), (1080, 1920), grid_px=8).tolist()
         [[80, 0]]
     """
-    sensor = torch.tensor([sensor_px[1], sensor_px[0]], device=centre_px.device)
-    # The crop that this holds begins up to a grid's step later.
-    centred = centred_origins_px(centre_px, size_px, sensor_px) + grid_px // 2
-    extent = torch.tensor([size_px[1], size_px[0]], device=centre_px.device)
-    return torch.minimum((centred - centred % grid_px).clamp(min=0), sensor - extent)
-
-
-def centred_origins_px(centre_px: Tensor, size_px: Size, sensor_px: Size) -> Tensor:
-    """Top left pixel of each crop around the panel, also beyond the sensor's border, (B,2) int64."""
     extent = torch.tensor([size_px[1], size_px[0]], device=centre_px.device)
     sensor = torch.tensor([sensor_px[1], sensor_px[0]], device=centre_px.device)
     # Beyond the sensor the distance does not matter, and may be more than whole numbers hold.
     near = torch.minimum(torch.maximum(centre_px, -extent), sensor + extent)
-    return torch.round(near).long() - extent // 2
+    centred = torch.round(near).long() - extent // 2
+    # The crop that this holds begins up to a grid's step later.
+    centred = centred + grid_px // 2
+    return torch.minimum((centred - centred % grid_px).clamp(min=0), sensor - extent)
 
 
 def read_surround(value: Tensor, centre_px: Tensor, origin_px: Tensor) -> Tensor:

@@ -185,6 +185,8 @@ def demand_in_sight(scene: Scene, camera: Camera, panel: LedPanel) -> None:
     Raises:
         VoccError: an LED's image wider than 100000 px, or a panel's that reaches farther than 1e12 px.
     """
+    if not len(scene):
+        return
     half_m = panel.pitch_m * max(panel.shape.rows, panel.shape.columns) / 2
     offsets = torch.stack([scene.offset_x_m, scene.offset_y_m]).detach()
     nearest_m, aside_m = torch.stack([scene.distance_m.detach().min(), offsets.abs().max()]).tolist()

@@ -61,7 +61,8 @@ def paint(lights: Tensor, shares: Tensor | None, context: Context, size: Size, d
     if behind or before:
         covered = torch.zeros_like(canvas)
         for stamp in stamps:
-            add_patches(covered, stamp.cover, stamp.led // panel.shape.leds, stamp.left, stamp.top)
+            frame = stamp.led // panel.shape.leds
+            add_patches(covered, stamp.cover, frame, stamp.left, stamp.top, whole=True)
         # An LED hides what lies behind it: the board, wherever there is one.
         hidden = canvas if panel.board_reflectance is None else between.view(-1, 1, 1)
         canvas = canvas + covered * (reflected.view(-1, 1, 1) - hidden)
@@ -72,7 +73,7 @@ def paint(lights: Tensor, shares: Tensor | None, context: Context, size: Size, d
     for stamp in stamps:
         frame = stamp.led // panel.shape.leds
         light = _own_light(lights, shares, stamp, frame) + added[frame].view(-1, 1, 1)
-        add_patches(canvas, stamp.cover * light, frame, stamp.left, stamp.top)
+        add_patches(canvas, stamp.cover * light, frame, stamp.left, stamp.top, whole=True)
     # Rounding can leave a black LED a hair below zero, where gamma encoding has no value.
     return canvas.clamp_(min=0).unsqueeze(1).to(dtype)
 

@@ -239,7 +239,9 @@ def interval_cover(low: Tensor, high: Tensor, size: int) -> Tensor:
     return cut[:, 1:] - cut[:, :-1]
 
 
-def add_patches(canvas: Tensor, patches: Tensor, frame: Tensor, left: Tensor, top: Tensor) -> None:
+def add_patches(
+    canvas: Tensor, patches: Tensor, frame: Tensor, left: Tensor, top: Tensor, *, whole: bool = False
+) -> None:
     """Add patches onto a batch of canvases in place; what falls outside a canvas is cut off.
 
     Args:
@@ -248,6 +250,7 @@ def add_patches(canvas: Tensor, patches: Tensor, frame: Tensor, left: Tensor, to
         frame: (N,) int64, the canvas that each patch belongs to.
         left: (N,) int64 column of each patch's left edge.
         top: (N,) int64 row of each patch's top edge.
+        whole: True where all patches are known to lie on their canvases.
 
     Example:
         >>> canvas = torch.zeros(1, 2, 2)
@@ -259,7 +262,7 @@ def add_patches(canvas: Tensor, patches: Tensor, frame: Tensor, left: Tensor, to
     height, width = canvas.shape[-2:]
     across, down = (torch.arange(patches.shape[axis], device=canvas.device) for axis in (-1, -2))
     last_left, last_top = width - len(across), height - len(down)
-    if bool(((left >= 0) & (left <= last_left) & (top >= 0) & (top <= last_top)).all()):
+    if whole or bool(((left >= 0) & (left <= last_left) & (top >= 0) & (top <= last_top)).all()):
         first = (frame * height + top) * width + left
         index = first.view(-1, 1, 1) + (down.unsqueeze(-1) * width + across)
         canvas.view(-1).index_add_(0, index.view(-1), patches.to(canvas.dtype).reshape(-1))

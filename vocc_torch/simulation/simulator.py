@@ -27,7 +27,6 @@ from vocc_torch.simulation.effects import (
 from vocc_torch.simulation.exposure import as_seen, auto_iso, demand_greys, through_lens
 from vocc_torch.simulation.framing import (
     WINDOW_GRID_PX,
-    centred_origins_px,
     crop_origins_px,
     crop_size_px,
     lay_on_sensor,
@@ -116,9 +115,9 @@ class Simulator:
         filling = [i for i, effect in enumerate(self.effects) if effect.fills_sensor]
         self._first_filling = filling[0] if filling else None
 
-    def true_panels(self, scene: Scene, keys: Sequence[FrameKey] = ()) -> Panels:
-        """Where the panel really is, on the sensor or not; for evaluation only; ``keys`` as for render."""
-        scene = self._checked(scene)
+    def true_panels(self, scene: Scene, keys: Sequence[FrameKey] = (), *, rendered: bool = False) -> Panels:
+        """Where the panel really is, for evaluation; ``keys`` as for render, which has checked ``rendered`` scenes."""
+        scene = scene.to(self.device) if rendered else self._checked(scene)
         if not in_perspective(self.effects):
             return Panels.known(panel_corners_px(scene, self.camera, self.panel))
         return Panels.known(view_of(self._context(scene, keys)).points_px(panel_corners_m(self.panel)))
@@ -174,18 +173,16 @@ class Simulator:
         """
         demand_bits(bits, scene, self.panel.shape)
         scene, bits = self._checked(scene), bits.to(self.device)
-        nearest = float(scene.distance_m.min())
+        nearest, sensor = float(scene.distance_m.min()), self.camera.sensor_px
         if nearest_m is not None and nearest_m > nearest * (1 + 1e-9):
             raise VoccError(f"nearest_m is {nearest_m:g}: it must be at most the nearest scene's {nearest:g}")
         window = panel_only and self._first_filling is not None
         size = self._size(nearest if nearest_m is None else nearest_m, window)
         centre = self._centres_px(scene, keys)
-        sensor = self.camera.sensor_px
         whole = self.framing != "crop" or (self._first_filling is not None and not window)
         demand_pixels(sensor if whole else size)
         origin = crop_origins_px(centre, size, sensor, grid_px=WINDOW_GRID_PX if window else 1)
         context = self._context(scene, keys, origin)
-        # Once for all frames, which may be drawn in many parts.
         context = replace(context, iso=auto_iso(context))
         pictures = self._pictures(Batch(context, bits, centre, size), window)
         if self.output == Quantity.GREY:
@@ -204,8 +201,9 @@ class Simulator:
         size, sensor = batch.size, self.camera.sensor_px
         if self._first_filling is not None or size == sensor:
             return self._in_chunks(batch, window)
-        # At the sensor's border a crop does not lie about its panel's middle.
-        moved = (batch.origin_px != centred_origins_px(batch.centre_px, size, sensor)).any(dim=1)
+        # A crop at the sensor's border need not lie about its panel's middle.
+        last = torch.tensor([sensor[1] - size[1], sensor[0] - size[0]], device=batch.origin_px.device)
+        moved = ((batch.origin_px == 0) | (batch.origin_px == last)).any(dim=1)
         tight = partial(crop_size_px, self.effects, self.camera, self.panel, margin_cells=0)
         groups = like_sized(batch.context.scene, moved, size, tight)
         return in_groups(batch, groups, lambda group: self._in_chunks(group, window))
@@ -255,8 +253,7 @@ class Simulator:
             return [self._finish(value, current, drawn, batch.context)]
         before, after = drawn[: drawn.index(first)], drawn[drawn.index(first) :]
         value, current = self._apply(value, current, before, batch.context)
-        origin = batch.origin_px
-        surround = read_surround(value, batch.centre_px, origin)
+        surround = read_surround(value, batch.centre_px, origin := batch.origin_px)
         pictures = []
         for i in range(len(value)):
             row = slice(i, i + 1)

@@ -163,7 +163,8 @@ def _trained(one: ClassifierPlan, plan: Plan, link: Link, locator: PanelLocator 
     stream = PanelStream(link, locator, model, plan.seed, one.inputs)
     begun = time.perf_counter()
     guarded.fit_stream(stream, one.frames or plan.budget.training_frames)
-    seconds = time.perf_counter() - begun
+    # An interrupted training that went on has a price too.
+    seconds = time.perf_counter() - begun + float(getattr(guarded.classifier, "earlier_s", 0.0))
     counted = getattr(guarded.classifier, "parameters_count", None)
     parameters = int(counted) if counted is not None else None
     return TrainedClassifier(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 import torch
@@ -39,7 +40,12 @@ def identity(plan: Plan, locators: Sequence[Locator]) -> dict[str, object]:
     experiment = plan.experiment
     world = {name: value for name, value in _fields(plan.world).items() if name not in ("device", "effects")}
     world["effects"] = {one.name: _plain(one) for one in build_effects(plan.world.effects)}
-    receiver = {name: value for name, value in _fields(plan.receiver).items() if name != "save"}
+    # Where a training's checkpoints are changes no weight.
+    places = [
+        replace(one, training=replace(one.training, checkpoints=None)) for one in plan.receiver.classifiers
+    ]
+    fields = _fields(replace(plan.receiver, classifiers=tuple(places)))
+    receiver = {name: value for name, value in fields.items() if name != "save"}
     return {
         "seed": plan.seed,
         "world": world,

@@ -137,7 +137,7 @@ class Link:
         seen = {}
         for name, locator in locators.items():
             panels = (
-                self.simulator.true_panels(scene, keys)
+                self.simulator.true_panels(scene, keys, rendered=True)
                 if locator is None
                 else locator(frames, self.reader.shape)
             )

@@ -21,6 +21,7 @@ class TrainingRecipe:
         learning_rate: of Adam at the start, above 0; it falls to 0 along a half cosine.
         weight_decay: at least 0.
         seed: of the weights and of the order of the LEDs.
+        checkpoints: folder in which the state after each pass is kept and found again, or None.
 
     Raises:
         VoccError: a value outside its range.
@@ -34,6 +35,7 @@ class TrainingRecipe:
     learning_rate: float = 2e-3
     weight_decay: float = 1e-4
     seed: int = 0
+    checkpoints: str | None = None
 
     def __post_init__(self) -> None:
         """Check every range."""

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import copy
-import math
-from collections.abc import Iterator
 from typing import Self
 
 import torch
-import torch.nn.functional as F
 from torch import Tensor, nn
 
 from vocc_torch.errors import VoccError
+from vocc_torch.receiver.classifiers.checkpoint import Checkpoint
+from vocc_torch.receiver.classifiers.passes import Passes, Shown
 from vocc_torch.receiver.classifiers.protocol import Batches
 from vocc_torch.receiver.classifiers.recipe import TrainingRecipe
 
@@ -22,6 +20,8 @@ class TorchClassifier:
     The module gets (N,F) float32 and gives (N,) or (N,1), trained with the logistic loss, so that a score is
     the logarithm of the odds of On. Everything random comes from the recipe's seed; torch's own generator is
     left as it was. On CUDA the module trains under automatic mixed precision; scores are always float32.
+    Where the recipe names a folder of checkpoints, an interrupted training goes on from its last pass and
+    ends with the very weights of one that nobody disturbed; ``earlier_s`` says how long it had taken.
 
     Args:
         module: an ``nn.Module``.
@@ -39,6 +39,7 @@ class TorchClassifier:
         self.module = module
         self.recipe = recipe or TrainingRecipe()
         self.losses: list[float] = []
+        self.earlier_s = 0.0
         self._mean: Tensor | None = None
         self._spread: Tensor | None = None
 
@@ -60,11 +61,16 @@ class TorchClassifier:
         self._mean, self._spread = rows.mean(dim=0), rows.std(dim=0)
         self._spread = torch.where(self._spread > 0, self._spread, 1.0)
         self.module.to(x.device)
+        held_target = bits[-held:].reshape(-1).float()
+        shown = Shown(self._scaled(rows), target, self._scaled(_leds(x[-held:])), held_target)
+        checkpoint = None
+        if self.recipe.checkpoints is not None:
+            checkpoint = Checkpoint(self.recipe.checkpoints, self.module, self.recipe, [x, bits])
+        passes = Passes(self.module, self._score, self.recipe)
         with torch.random.fork_rng(devices=[x.device] if x.device.type == "cuda" else []):
             torch.manual_seed(self.recipe.seed)
-            self._train(
-                self._scaled(rows), target, self._scaled(_leds(x[-held:])), bits[-held:].reshape(-1).float()
-            )
+            passes.run(shown, checkpoint)
+        self.losses, self.earlier_s = passes.losses, passes.earlier_s
         return self
 
     def decision_function(self, x: Tensor) -> Tensor:
@@ -103,57 +109,7 @@ class TorchClassifier:
             raise VoccError(f"the module gave {given} for {len(rows)} LEDs: it must give one score each")
         return scores.reshape(-1)
 
-    def _train(self, rows: Tensor, target: Tensor, held: Tensor, held_target: Tensor) -> None:
-        """Run the passes and keep the weights of the best one."""
-        recipe = self.recipe
-        optimizer = torch.optim.AdamW(
-            self.module.parameters(), lr=recipe.learning_rate, weight_decay=recipe.weight_decay
-        )
-        steps = recipe.epochs * -(-len(rows) // recipe.batch_leds)
-        schedule = torch.optim.lr_scheduler.LambdaLR(
-            optimizer, lambda step: 0.5 * (1 + math.cos(math.pi * min(1.0, step / steps)))
-        )
-        scaler = torch.amp.GradScaler("cuda", enabled=rows.device.type == "cuda")
-        self.losses, best, since = [], copy.deepcopy(self.module.state_dict()), 0
-        for _ in range(recipe.epochs):
-            self.module.train()
-            for chosen in _shuffled(len(rows), recipe.batch_leds, rows.device):
-                with torch.autocast("cuda", enabled=rows.device.type == "cuda"):
-                    scores = self._score(rows[chosen])
-                loss = F.binary_cross_entropy_with_logits(scores.float(), target[chosen])
-                optimizer.zero_grad()
-                torch.autograd.backward(scaler.scale(loss))
-                scaler.step(optimizer)
-                scaler.update()
-                schedule.step()
-            loss_held = self._loss(held, held_target)
-            if not math.isfinite(loss_held):
-                raise VoccError("the validation loss is not finite: try a smaller training.learning_rate")
-            if not self.losses or loss_held < min(self.losses):
-                best, since = copy.deepcopy(self.module.state_dict()), 0
-            else:
-                since += 1
-            self.losses.append(loss_held)
-            if since >= recipe.patience:
-                break
-        self.module.load_state_dict(best)
-
-    def _loss(self, rows: Tensor, target: Tensor) -> float:
-        """Give the logistic loss on rows, in batches."""
-        self.module.eval()
-        with torch.inference_mode():
-            losses = [
-                F.binary_cross_entropy_with_logits(self._score(part), wanted, reduction="sum")
-                for part, wanted in zip(torch.split(rows, 1 << 16), torch.split(target, 1 << 16), strict=True)
-            ]
-        return float(torch.stack(losses).sum()) / len(rows)
-
 
 def _leds(x: Tensor) -> Tensor:
     """Give the LEDs of all panels as rows, (N,F) float32."""
     return x.reshape(-1, x.shape[-1]).to(torch.float32)
-
-
-def _shuffled(count: int, size: int, device: torch.device) -> Iterator[Tensor]:
-    """Give all indices once, in batches of ``size``, in the order of torch's generator on the host."""
-    yield from torch.split(torch.randperm(count).to(device), size)

@@ -81,10 +81,12 @@ def compare_rivals(
     curves = _curves(study, banks, ledgers, workers, told)
     told.finished("bit error rates")
     marks, unmarked = genie_marks(study, banks, workers, told.stage)
-    told.finished("the genie")
+    if study.genie_frames:
+        told.finished("the genie")
     worlds = study.worlds
     transfers, lost = across_scenes(worlds, workers, told.stage) if worlds else ([], {})
-    told.finished("other scenes")
+    if worlds:
+        told.finished("other scenes")
     told.stage("times")
     spent = _decide_ms(study.base, trained[0][0])
     told.finished("times")

@@ -1,0 +1,70 @@
+"""Where a module's training stands, on disk after each pass, so that it goes on after an interruption."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+
+from vocc_torch.errors import VoccError
+from vocc_torch.files import atomic_file
+from vocc_torch.receiver.classifiers.recipe import TrainingRecipe
+
+
+class Checkpoint:
+    """One file for one training: the module with its first weights, the recipe and the panels name it.
+
+    Another module, recipe or training set is another file, so nothing goes on from what is not its own.
+
+    Args:
+        folder: where the files are.
+        module: before its training.
+        recipe: how it is trained.
+        data: inputs and bits of the training and of the validation.
+
+    Example:
+        >>> recipe, panels = TrainingRecipe(), [torch.zeros(4, 1), torch.zeros(4)]
+        >>> one, other = (Checkpoint("kept", nn.Linear(1, 1), recipe, panels) for _ in range(2))
+        >>> one.path.suffix, one.path == other.path  # other first weights
+        ('.pt', False)
+    """
+
+    def __init__(
+        self, folder: str, module: nn.Module, recipe: TrainingRecipe, data: Sequence[Tensor]
+    ) -> None:
+        settings = dataclasses.replace(recipe, checkpoints=None)
+        told = hashlib.sha256(f"{module!r} {settings!r}".encode())
+        for tensor in [*module.state_dict().values(), *data]:
+            told.update(str((tensor.shape, tensor.dtype)).encode())
+            told.update(tensor.detach().cpu().contiguous().numpy().tobytes())
+        self.path = Path(folder) / f"{type(module).__name__}-{told.hexdigest()[:16]}.pt"
+
+    def load(self, device: torch.device) -> dict[str, Any] | None:
+        """Read how far the training came, or None where it has not begun.
+
+        Raises:
+            VoccError: a file that is damaged.
+        """
+        if not self.path.exists():
+            return None
+        try:
+            # The states of an optimizer and of a schedule have no narrower type.
+            state: dict[str, Any] = torch.load(self.path, map_location=device, weights_only=True)
+        except Exception as error:
+            reason = f"{type(error).__name__}: it cannot be read"
+            raise VoccError(f"checkpoint {self.path} is damaged ({reason}): delete it") from error
+        return state
+
+    def save(self, state: dict[str, Any]) -> None:
+        """Write how far it came, whole or not at all.
+
+        Raises:
+            VoccError: the file cannot be written.
+        """
+        with atomic_file(self.path) as temporary:
+            torch.save(state, temporary)
