@@ -2,9 +2,9 @@
 
 Crops of the paper's scene are simulated, located with the paper's locator and decoded by FLDA on three
 features, on one thread. Each point of an axis is measured in a process of its own, a few times in turns with
-all others: the time of simulation and of reception, and the most memory that was resident beyond what it was
-before the first frame. The frames come as one stream of batches, read on the way. A power law is fitted to
-each axis; its exponent is 1 where cost is in proportion.
+all others: the thread's time for simulation and for reception, and the most memory that was resident beyond
+what it was before the first frame. The frames come as one stream of batches, read on the way. A power law is
+fitted to each axis; its exponent is 1 where cost is in proportion.
 
     python benchmarks/growth.py --csv docs/results/growth.csv --picture docs/images/growth.png
 """
@@ -50,8 +50,8 @@ AXES: dict[str, tuple[float, ...]] = {
 """Values of each axis: frames a batch, LEDs along a side of a square panel, metres."""
 NOTE = (
     "Crops of the paper's scene, located with the paper's locator, decoded by FLDA on three features; "
-    f"batches of {BATCH} where that is not the axis,\npanels of the second column at 50 m. Medians over "
-    "processes of their own; memory is the most that was resident beyond what was before the first frame.\n"
+    f"batches of {BATCH} where that is not the axis,\npanels of the second column at 50 m. Processor time, "
+    "medians over processes of their own; memory is the most that was resident beyond what was before.\n"
     "The grey lines are in proportion to frames, LEDs or pixels; powers are fitted, of batches from 64 on."
 )
 FITTED_FROM = {"batch": 64}
@@ -129,9 +129,10 @@ class Bench:
         return next(int(line.split()[1]) for line in status.splitlines() if "VmHWM" in line) * 1024 / 1e6
 
     def _clock(self) -> float:
-        """Give the time when all that was asked for is done."""
-        if self.device.type == "cuda":
-            torch.cuda.synchronize()
+        """Give the time when all that was asked for is done; on a CPU it is the thread's own."""
+        if self.device.type != "cuda":
+            return time.thread_time()
+        torch.cuda.synchronize()
         return time.perf_counter()
 
 

@@ -66,7 +66,15 @@ def draw(rows: Sequence[Row], fits: Mapping[str, Mapping[str, float]], note: str
     """
     figure = canvas.new_figure(15.5, 6.8)
     grid = figure.add_gridspec(
-        2, 4, height_ratios=(2.5, 1), left=0.052, right=0.988, top=0.77, bottom=0.2, hspace=0.13, wspace=0.27
+        2,
+        4,
+        height_ratios=(2.5, 1),
+        left=0.052,
+        right=0.988,
+        top=0.77,
+        bottom=0.215,
+        hspace=0.13,
+        wspace=0.27,
     )
     for index, panel in enumerate(PANELS):
         own = [row for row in rows if row.axis == panel.axis]

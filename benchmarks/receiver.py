@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import argparse
 import csv
+import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -65,7 +66,7 @@ def rendered(point: str, count: int, noisy: bool = False) -> Iterator[tuple[Tens
     scene, bits = scenes(count, point)
     for start in range(0, count, 16):
         rows = slice(start, min(start + 16, count))
-        keys = [FrameKey(BlockKey(0, point, 0), frame) for frame in range(start, rows.stop)]
+        keys = [FrameKey(BlockKey(0, point, one // 64), one % 64) for one in range(start, rows.stop)]
         frames = simulator.render(scene[rows], bits[rows], nearest_m=30.0, keys=keys)
         yield bits[rows], frames.grey
 
@@ -102,7 +103,7 @@ def on_cpu(name: str, grey: Tensor, flda: FLDA, given: argparse.Namespace) -> di
     calls: dict[Key, Callable[[], object]] = {}
     readers: dict[str, Callable[[Tensor], object]] = {}
     for locator in ("paper", "refined"):
-        receiver = receiver_with(locator_named(locator, PaperLocator()), flda)  # type: ignore[arg-type]
+        receiver = receiver_with(locator_named(locator, PaperLocator()), flda)
         readers[f"vocc_torch, {locator}"] = receiver.decode
     for program, skipping in ((STANDARD, False), (SKIPPING, True)):
         peer = PeerReceiver(flda.direction.numpy(), float(flda.threshold), skipping)
@@ -123,7 +124,7 @@ def stages(name: str, grey: Tensor, flda: FLDA, given: argparse.Namespace) -> di
     calls: dict[Key, Callable[[], object]] = {}
     reader = Reader(SHAPE)
     for locator in ("paper", "refined"):
-        locate = locator_named(locator, PaperLocator())  # type: ignore[arg-type]
+        locate = locator_named(locator, PaperLocator())
         for batch in (size for size in given.batches if size <= len(grey)):
             parts = [Frames.whole(part) for part in grey.split(batch)]
             panels = [locate(part, SHAPE) for part in parts]
@@ -149,7 +150,7 @@ def on_gpu(name: str, grey: Tensor, flda: FLDA, given: argparse.Namespace) -> di
     moved = FLDA(3)
     moved.load_state_dict(flda.state_dict())
     for locator in ("paper", "refined"):
-        receiver = receiver_with(locator_named(locator, PaperLocator()), moved.to(device))  # type: ignore[arg-type]
+        receiver = receiver_with(locator_named(locator, PaperLocator()), moved.to(device))
         for batch in (*given.batches, len(grey)):
             for how, frames in (("resident", resident), ("copied", pinned)):
                 key = Key(name, f"vocc_torch, {locator}", "cuda", 1, batch, how)
@@ -270,6 +271,11 @@ def main() -> None:
     parser.add_argument("--threads", type=int, nargs="+", default=[1, 2])
     parser.add_argument("--compared", type=int, default=256, help="frames whose bits are compared")
     parser.add_argument("--csv", type=Path, help="where the rows are written")
+    parser.add_argument(
+        "--processor-time",
+        action="store_true",
+        help="take one thread's processor time instead of the clock's, on a machine that is busy with else",
+    )
     given = parser.parse_args()
     flda = train()
     torch.set_num_threads(1)
@@ -278,14 +284,19 @@ def main() -> None:
     noisy = torch.cat([grey for _, grey in rendered("timed", 4, noisy=True)])
     frames = {"paper": len(clean), "noisy": len(noisy)}
     machine = f"{describe_machine(torch.device('cpu'))}, OpenCV {cv2.__version__}"
+    clock = time.process_time if given.processor_time else time.perf_counter
+    if given.processor_time:
+        given.threads, machine = [1], f"{machine}, processor time"
     times = interleaved(
         on_cpu("paper", clean, flda, given) | stages("paper", clean, flda, given),
         given.rounds,
         torch.device("cpu"),
         warm_up=1,
+        clock=clock,
     )
     few = argparse.Namespace(batches=[1], threads=given.threads[:1])
-    times |= interleaved(on_cpu("noisy", noisy, flda, few), max(3, given.rounds // 3), torch.device("cpu"))
+    rounds = max(3, given.rounds // 3)
+    times |= interleaved(on_cpu("noisy", noisy, flda, few), rounds, torch.device("cpu"), clock=clock)
     missing: list[dict[str, object]] = []
     if torch.cuda.is_available():
         machine = f"{torch.cuda.get_device_name()}, {machine}"
@@ -295,13 +306,13 @@ def main() -> None:
     rows = rows_of(times, frames, machine) + missing
     print(f"{machine}; {given.rounds} rounds; ratio: how many times as quick as {STANDARD}\n")
     show(rows)
-    print("\n" + agreement(flda, given.compared))
-    print("\n".join(bandwidth(times, clean)))
     if given.csv:
         with given.csv.open("w", newline="", encoding="utf-8") as file:
             writer = csv.DictWriter(file, (*FIELDS, *MORE))
             writer.writeheader()
             writer.writerows(rows)
+    print("\n" + agreement(flda, given.compared))
+    print("\n".join(bandwidth(times, clean)))
 
 
 if __name__ == "__main__":

@@ -134,10 +134,15 @@ def test_regions_of_plain_frames_are_those_of_every_block() -> None:
     assert torch.equal(block_means(grey, uneven_parts(grey)), means)
     plain = local_background(means[:1], [100])
     assert torch.equal(plain, local_background(means[:1]))
-    whole = UnevenParts([(0, 0, 330, 260)] * 6, [0] * 6, (260, 330))
+
+    def nothing_known(frames: torch.Tensor) -> UnevenParts:
+        return UnevenParts([(0, 0, 330, 260)] * len(frames), [0] * len(frames), (260, 330))
+
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("vocc_torch.receiver.regions.uneven_parts", lambda _: whole)
+        patch.setattr("vocc_torch.receiver.regions.uneven_parts", nothing_known)
         wanted = bright_regions(grey)
-    given = bright_regions(grey)
-    for field in ("frame", "left_px", "top_px", "side_px"):
-        assert torch.equal(getattr(given, field), getattr(wanted, field)), field
+        alone = bright_regions(grey[[0, 3]])
+    for given, other in ((bright_regions(grey), wanted), (bright_regions(grey[[0, 3]]), alone)):
+        assert len(other.frame)
+        for field in ("frame", "left_px", "top_px", "side_px"):
+            assert torch.equal(getattr(given, field), getattr(other, field)), field

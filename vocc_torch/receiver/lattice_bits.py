@@ -119,6 +119,9 @@ def with_missed_lines(model: Model, lattice: Lattice) -> tuple[Lattice, Tensor]:
             costs.append((grey_values(light) - model.grey).square().sum((1, 2)))
             options.append((axis, by))
     chosen = torch.stack(costs, 1).argmin(1)
+    shifted = chosen > 0
+    if not bool(shifted.any()):
+        return lattice, shifted
     found = replace(lattice)
     for option, (axis, by) in enumerate(options, start=1):
         bits = lattice.bits.roll(-by, axis)
@@ -128,4 +131,4 @@ def with_missed_lines(model: Model, lattice: Lattice) -> tuple[Lattice, Tensor]:
         corners = map_points(lattice.corners_px, cells.expand(len(bits), 4, 2), lattice.shape)
         there = (chosen == option)[:, None, None]
         found.bits, found.corners_px = found.bits.where(~there, bits), found.corners_px.where(~there, corners)
-    return found, chosen > 0
+    return found, shifted

@@ -64,7 +64,7 @@ class Lattice:
     @property
     def shape(self) -> PanelShape:
         """Rows and columns."""
-        return PanelShape(*self.bits.shape[1:])
+        return _shape(*self.bits.shape[1:])
 
     def amplitudes(self) -> Tensor:
         """(B,R,C) float32 light of each LED."""
@@ -79,6 +79,12 @@ class Lattice:
         """Overwrite the lattices ``rows``."""
         for name in _FIELDS:
             getattr(self, name)[rows] = getattr(other, name)
+
+
+@lru_cache(maxsize=64)
+def _shape(rows: int, columns: int) -> PanelShape:
+    """Give a panel's shape, checked once."""
+    return PanelShape(rows, columns)
 
 
 _FIELDS = tuple(field.name for field in fields(Lattice))
@@ -135,7 +141,7 @@ def read_patches(frames: Frames, corners_px: Tensor, shape: PanelShape, margin: 
     if beyond:
         cells = corner_cells(shape, beyond).to(corners_px.device).expand(len(corners_px), 4, 2)
         corners_px = map_points(corners_px, cells, shape)
-    wide = PanelShape(shape.rows + 2 * beyond, shape.columns + 2 * beyond)
+    wide = _shape(shape.rows + 2 * beyond, shape.columns + 2 * beyond)
     return rectify(frames, Panels.known(corners_px), wide, SAMPLES)[:, 0].to(torch.float32)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import torch
 import torch.nn.functional as F
@@ -122,7 +123,8 @@ def local_background(means: Tensor, levels: Sequence[int] = ()) -> Tensor:
     level = means.new_empty(len(means), 1, len(rows), len(columns))
     unknown = [index for index in range(len(means)) if not levels or levels[index] < 0]
     for index, known in enumerate(levels):
-        level[index] = known
+        if known >= 0:
+            level[index] = known
     if unknown:
         tiles = means[unknown][:, rows[:, None, :, None], columns[None, :, None]]
         medians = tiles.flatten(3).median(3).values
@@ -176,6 +178,8 @@ def bright_regions(grey: Tensor) -> Regions:
     """
     parts = uneven_parts(grey)
     levels = _plain_levels(parts)
+    if min(levels) >= 0:
+        return _regions_of_parts(grey, parts)
     means = block_means(grey, parts)
     excess = means - local_background(means, levels)
     deviation = excess.new_zeros(len(grey))
@@ -185,11 +189,38 @@ def bright_regions(grey: Tensor) -> Regions:
         deviation[varied] = excess[varied].flatten(1).abs().median(1).values * _SIGMA_PER_MAD
     hot = excess > (_SIGMAS * deviation).clamp(min=_LEAST_DN)[:, None, None]
     components = label_components(close_mask(hot[:, None], _CLOSING_BLOCKS)[:, 0])
-    return _windows(components, excess.clamp(min=0))
+    nowhere = components.frame.new_zeros(len(grey), 2)
+    return _windows(components, excess.clamp(min=0), nowhere)
 
 
-def _windows(components: Components, light: Tensor) -> Regions:
-    """Lay windows around the components of most light."""
+def _regions_of_parts(grey: Tensor, parts: UnevenParts) -> Regions:
+    """Find windows where every frame is plain beyond its uneven part: nothing else can be brighter."""
+    high, wide = (-(-side // _BLOCK_PX) for side in parts.size_px)
+    boxes = [_blocks_of(box) for box in parts.boxes]
+    size = [max(1, *(box[axis + 2] - box[axis] for box in boxes)) for axis in (1, 0)]
+    excess = torch.zeros(len(grey), *size)
+    for index, (left, top, right, low) in enumerate(boxes):
+        if right > left:
+            columns, rows = (
+                slice(left * _BLOCK_PX, right * _BLOCK_PX),
+                slice(top * _BLOCK_PX, low * _BLOCK_PX),
+            )
+            background = _plain_background(parts.levels[index], high, wide)[top:low, left:right]
+            means = block_means(grey[index : index + 1, :, rows, columns])[0]
+            excess[index, : low - top, : right - left] = means - background
+    components = label_components(close_mask((excess > _LEAST_DN)[:, None], _CLOSING_BLOCKS)[:, 0])
+    return _windows(components, excess.clamp(min=0), torch.tensor([box[:2] for box in boxes]))
+
+
+@lru_cache(maxsize=64)
+def _plain_background(level: int, high: int, wide: int) -> Tensor:
+    """Give what :func:`local_background` says of a frame of one grey value: that, but for its rounding."""
+    with torch.inference_mode(False):
+        return local_background(torch.full((1, high, wide), float(level)), [level])[0]
+
+
+def _windows(components: Components, light: Tensor, corner: Tensor) -> Regions:
+    """Lay windows around the components of most light, in blocks counted from each frame's ``corner``."""
     runs, labels = components.runs, len(components.frame)
     # The light of a run from sums along the flat plane.
     total = F.pad(light.to(torch.float64).flatten().cumsum(0), [1, 0])
@@ -205,7 +236,8 @@ def _windows(components: Components, light: Tensor) -> Regions:
     frame = components.frame[order]
     rank = torch.arange(len(order), device=order.device) - torch.searchsorted(frame, frame)
     chosen = order[rank < _MOST_REGIONS]
-    frame, boxes = components.frame[chosen], torch.stack(ends, 1)[chosen]
+    frame = components.frame[chosen]
+    boxes = torch.stack(ends, 1)[chosen] + corner[frame].repeat(1, 2)
     return _squares(frame, boxes)
 
 

@@ -116,7 +116,7 @@ class Simulator:
         self._first_filling = filling[0] if filling else None
 
     def true_panels(self, scene: Scene, keys: Sequence[FrameKey] = (), *, rendered: bool = False) -> Panels:
-        """Where the panel really is, for evaluation; ``keys`` as for render, which has checked ``rendered`` scenes."""
+        """Where panels truly are, for evaluation; ``keys`` as for render, which checked if ``rendered``."""
         scene = scene.to(self.device) if rendered else self._checked(scene)
         if not in_perspective(self.effects):
             return Panels.known(panel_corners_px(scene, self.camera, self.panel))
