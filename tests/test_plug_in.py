@@ -2,10 +2,13 @@
 
 import csv
 import os
+import random
 import subprocess
 from pathlib import Path
 
+import numpy as np
 import pytest
+import torch
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples" / "classifiers"
 TINY = (
@@ -172,3 +175,37 @@ def test_the_example_of_a_shell_line_runs(tmp_path):
     )
     assert done.returncode == 0, done.stderr
     assert "sklearn" in receivers(tmp_path / "runs" / "x")
+
+
+RANDOM = """
+import random
+import numpy as np
+import torch
+
+
+class Drawn:
+    def fit(self, x, bits):
+        self.weights = torch.randn(x.shape[-1]) + np.random.normal() + random.random()
+
+    def decision_function(self, x):
+        return x @ self.weights - 1
+"""
+
+
+def test_a_classifier_that_draws_at_random_is_the_same_each_time(app, tmp_path):
+    """Whatever it draws from, or a run that is resumed would count errors of two classifiers as one's."""
+    (tmp_path / "drawn.py").write_text(RANDOM)
+    build = "classifiers.sklearn.build"
+    forest = (f"{build}._target_=sklearn.ensemble.RandomForestClassifier", f"+{build}.n_estimators=1")
+    hard = ("experiment.scene.distance_m=70", "budget.training_frames=20", "experiment.values=[1000]")
+    chosen = ("classifier=[sklearn,own]", *forest, *own(tmp_path / "drawn.py", "Drawn")[1:])
+    rows = []
+    for name, seed in (("one", 1), ("two", 2)):
+        random.seed(seed)
+        np.random.seed(seed)  # noqa: NPY002
+        torch.manual_seed(seed)
+        ran = app(*TINY, *hard, *chosen, f"name={name}")
+        assert ran.status == 0, ran.err
+        rows.append(receivers(tmp_path / "runs" / name))
+    assert rows[0] == rows[1]
+    assert int(rows[0]["sklearn"]["bit_errors"]) > 20

@@ -30,6 +30,7 @@ from vocc_torch.receiver.classifiers import (
     TagPlanes,
     TorchClassifier,
 )
+from vocc_torch.receiver.classifiers.module_file import ModuleFile
 from vocc_torch.receiver.classifiers.recipe import TrainingRecipe
 from vocc_torch.receiver.classifiers.untrained import two_means
 
@@ -312,3 +313,42 @@ def test_a_damaged_checkpoint_is_named(tmp_path):
     file.write_bytes(file.read_bytes()[:100])
     with pytest.raises(VoccError, match=r"checkpoint .*\.pt is damaged"):
         TorchClassifier(module, recipe).fit(*panels())
+
+
+def test_a_module_of_other_code_begins_anew(tmp_path):
+    """Even where its parts, weights and recipe are those of another."""
+    recipe, code = replace(RECIPE, epochs=1, checkpoints=str(tmp_path / "kept")), NET
+    for text in (code, code.replace("relu", "cos")):
+        (tmp_path / "net.py").write_text(text)
+        torch.manual_seed(0)
+        TorchClassifier(ModuleFile(str(tmp_path / "net.py")).named("Net")(), recipe).fit(*panels())
+    assert len(list((tmp_path / "kept").glob("*.pt"))) == 2
+
+
+NET = """
+import torch
+
+
+class Net(torch.nn.Module):
+    def __init__(self):
+        super().__init__()
+        self.inner = torch.nn.Linear(3, 1)
+
+    def forward(self, x):
+        return torch.relu(self.inner(x))
+"""
+
+
+def test_a_stream_is_kept_once(monkeypatch):
+    """Batches of any size, some of them empty, teach what all panels at once teach."""
+    x, bits = panels()
+
+    def batches(first, count):
+        for start, stop in ((0, 0), (0, 7), (7, 39), (39, 39), (39, 40)):
+            yield x[start:stop], bits[start:stop]
+
+    torch.manual_seed(2)
+    module = Mlp(3, [8])
+    at_once = TorchClassifier(copy.deepcopy(module), RECIPE).fit(x, bits)
+    streamed = TorchClassifier(module, replace(RECIPE, frames=64)).fit_stream(batches, 5)
+    assert torch.equal(streamed.decision_function(x), at_once.decision_function(x))

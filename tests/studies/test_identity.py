@@ -3,15 +3,19 @@
 import dataclasses
 import inspect
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+import sklearn
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
 from vocc_torch.evaluation.ledger_format import canonical, fingerprint
+from vocc_torch.receiver.classifiers.module_file import ModuleFile
+from vocc_torch.receiver.classifiers.recipe import TrainingRecipe
 from vocc_torch.simulation import Distribution
 from vocc_torch.simulation.effects.registry import PHYSICAL_ORDER
 from vocc_torch.simulation.simulator import PAPER_EFFECTS
@@ -246,3 +250,45 @@ def test_releases_are_part_of_it_and_their_patches_are_not(plan, monkeypatch, mo
         monkeypatch.setattr(module, "__version__", version)
         told.append(identity(plan, ["paper"]))
     assert told[0] == told[1] != told[2]
+
+
+def told(plan, *classifiers):
+    return fingerprint(identity(replace(plan, receiver=ReceiverPlan(classifiers=classifiers)), ["paper"]))
+
+
+def test_another_release_of_what_makes_a_classifier_is_another_identity(plan, monkeypatch):
+    bayes = ClassifierPlan("bayes", {"_target_": "sklearn.naive_bayes.GaussianNB"})
+    before = told(plan, bayes)
+    monkeypatch.setattr(sklearn, "__version__", "0.1")
+    assert told(plan, bayes) != before
+
+
+def test_code_that_a_classifier_comes_from_is_part_of_the_identity(plan, tmp_path, monkeypatch):
+    """Its own file, what that imports from its folder, and a module that is found by name."""
+    (tmp_path / "own.py").write_text("from beside import sign\n\n\nclass Own:\n    pass\n")
+    (tmp_path / "beside.py").write_text("sign = 1\n")
+    (tmp_path / "mine_by_name.py").write_text("class Own:\n    pass\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    by_name = ClassifierPlan("own", {"_target_": "mine_by_name.Own"})
+
+    def of_file():
+        return ModuleFile(str(tmp_path / "own.py")).digest
+
+    for name, tell in (
+        ("own.py", of_file),
+        ("beside.py", of_file),
+        ("mine_by_name.py", lambda: told(plan, by_name)),
+    ):
+        before = tell()
+        assert tell() == before
+        (tmp_path / name).write_text((tmp_path / name).read_text() + "\nflip = -1\n")
+        assert tell() != before, name
+
+
+def test_where_checkpoints_are_is_no_part_of_it(plan):
+    kept, not_kept = (
+        ClassifierPlan("mlp", {"_target_": "vocc_torch.receiver.classifiers.Mlp"}, training=recipe)
+        for recipe in (TrainingRecipe(checkpoints="here"), TrainingRecipe())
+    )
+    assert told(plan, kept) == told(plan, not_kept)
+    assert told(plan, replace(kept, training=TrainingRecipe(epochs=3))) != told(plan, kept)

@@ -21,6 +21,8 @@ _PASS_PX = 1 << 21
 _SMALL_PASS_PX = 1 << 18
 # Up to this size masks are tried one by one before they are laid in passes.
 _SMALL_MASK_PX = 1 << 15
+# More frames than these are quicker together, and come out the same to the last bit.
+_MOST_ALONE = 12
 _MOST_AREA_PX = 1 << 40
 _MOST_CLOSING_PX = (1 << 16) - 1
 # Columns of a blob are counted in 16 bits.
@@ -274,7 +276,7 @@ def _single_blobs(
     frames: Frames, threshold: Tensor, boxes: Tensor, shape: PanelShape, search: Search
 ) -> tuple[Tensor, Choice] | None:
     """Choose where a small mask is a single blob: the frames' indices, and the choice; None where none is."""
-    if boxes.device.type != "cpu":
+    if boxes.device.type != "cpu" or len(boxes) > _MOST_ALONE:
         return None
     rows: list[int] = []
     found: list[SingleBlob] = []

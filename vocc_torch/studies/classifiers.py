@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import inspect
 import pickle
+import random
 import time
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 
+import numpy as np
 import torch
 from hydra.utils import get_object, instantiate
 from torch import Tensor, nn
@@ -68,9 +71,8 @@ def built(plan: ClassifierPlan) -> Guarded:
         kind = get_object(target) if home is None else home.named(target)
         if inspect.isclass(kind) and issubclass(kind, nn.Module) and _takes(kind, "n_inputs"):
             settings.setdefault("n_inputs", plan.inputs.size)
-        # Seeded here, because a module draws its first weights when it is made.
-        with torch.random.fork_rng(devices=[]):
-            torch.manual_seed(plan.training.seed)
+        # A module draws its first weights when it is made.
+        with seeded(plan.training.seed):
             given = instantiate(settings, _convert_="all")
             made = kind(**given)  # type: ignore[operator]  # refused just below
         if isinstance(made, nn.Module):
@@ -111,7 +113,9 @@ class PanelStream:
     seconds: float = 0.0
 
     def __call__(self, first: int, count: int) -> Iterator[tuple[Tensor, Tensor]]:
-        """Give frames ``first`` to ``first + count`` in batches; those without a located panel are left out.
+        """Give frames ``first`` to ``first + count`` in blocks; those without a located panel are left out.
+
+        Blocks, because sums of a classifier's own must not depend on the batches of the simulation.
 
         Raises:
             VoccError: ``first`` is no multiple of a block.
@@ -120,16 +124,52 @@ class PanelStream:
             raise VoccError(f"first is {first}: it must be a multiple of {BLOCK_FRAMES}")
         keys = block_keys(self.seed, "train", first + count)[first // BLOCK_FRAMES :]
         views = self.link.observe_each({"": self.locator}, self.model, keys, preambles=False, frames=count)
-        while True:
-            begun = time.perf_counter()
-            seen = next(views, None)
-            if seen is None:
-                return
-            found = seen[""].panels.found
-            x = self.inputs.of(seen[""].readings, seen[""].readings.cell_px, self.link.reader.shape)[found]
-            self.frames += len(x)
-            self.seconds += time.perf_counter() - begun
-            yield x, seen[""].bits[found]
+        waiting: list[tuple[Tensor, Tensor, Tensor]] = []
+        begun = time.perf_counter()
+        for seen in (view[""] for view in views):
+            x = self.inputs.of(seen.readings, seen.readings.cell_px, self.link.reader.shape)
+            waiting.append((x, seen.bits, seen.panels.found))
+            while sum(len(found) for *_, found in waiting) >= BLOCK_FRAMES:
+                whole = [torch.cat(parts) for parts in zip(*waiting, strict=True)]
+                waiting = [(whole[0][BLOCK_FRAMES:], whole[1][BLOCK_FRAMES:], whole[2][BLOCK_FRAMES:])]
+                self.seconds += time.perf_counter() - begun
+                yield self._located(*(part[:BLOCK_FRAMES] for part in whole))
+                begun = time.perf_counter()
+        self.seconds += time.perf_counter() - begun
+        if any(len(found) for *_, found in waiting):
+            yield self._located(*(torch.cat(parts) for parts in zip(*waiting, strict=True)))
+
+    def _located(self, x: Tensor, bits: Tensor, found: Tensor) -> tuple[Tensor, Tensor]:
+        """Leave out the panels that were not found, and count the others."""
+        self.frames += int(found.sum())
+        return x[found], bits[found]
+
+
+@contextmanager
+def seeded(seed: int) -> Iterator[None]:
+    """Let Python, NumPy and torch draw from a seed, and go on afterwards as if nobody had drawn.
+
+    Args:
+        seed: at least 0.
+
+    Example:
+        >>> with seeded(0):
+        ...     first = torch.rand(1)
+        >>> with seeded(0):
+        ...     torch.equal(torch.rand(1), first)
+        True
+    """
+    # Estimators without a random_state draw from NumPy's global generator: there is no other to give them.
+    kept, state = np.random.get_state(), random.getstate()  # noqa: NPY002
+    try:
+        with torch.random.fork_rng():
+            random.seed(seed)
+            np.random.seed(seed % 2**32)  # noqa: NPY002
+            torch.manual_seed(seed)
+            yield
+    finally:
+        np.random.set_state(kept)  # noqa: NPY002
+        random.setstate(state)
 
 
 def train_classifiers(
@@ -162,7 +202,8 @@ def _trained(one: ClassifierPlan, plan: Plan, link: Link, locator: PanelLocator 
     model = narrowed(plan.experiment.training_model(plan.world), one.scene, f"classifiers.{one.name}.scene")
     stream = PanelStream(link, locator, model, plan.seed, one.inputs)
     begun = time.perf_counter()
-    guarded.fit_stream(stream, one.frames or plan.budget.training_frames)
+    with seeded(one.training.seed):
+        guarded.fit_stream(stream, one.frames or plan.budget.training_frames)
     # An interrupted training that went on has a price too.
     seconds = time.perf_counter() - begun + float(getattr(guarded.classifier, "earlier_s", 0.0))
     counted = getattr(guarded.classifier, "parameters_count", None)

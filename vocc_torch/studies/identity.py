@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import dataclasses
+import importlib
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 import torch
+from hydra.utils import get_object
 
+from vocc_torch.receiver.classifiers.module_file import ModuleFile
 from vocc_torch.simulation.effects import build_effects
 from vocc_torch.studies.plan import Locator, Plan, resolve_device
+from vocc_torch.studies.plug_in import TARGET, ClassifierPlan
 
 
 def identity(plan: Plan, locators: Sequence[Locator]) -> dict[str, object]:
@@ -62,8 +67,23 @@ def identity(plan: Plan, locators: Sequence[Locator]) -> dict[str, object]:
             "device": resolve_device(plan.world.device).type,
             "torch": ".".join(torch.__version__.split(".")[:2]),
             "numpy": ".".join(np.__version__.split(".")[:2]),
+            **{f"classifiers.{one.name}": _maker(one) for one in plan.receiver.classifiers},
         },
     }
+
+
+def _maker(one: ClassifierPlan) -> str:
+    """Tell the code of a classifier's class from another: a package's release, or the digest of a file."""
+    if one.file is not None:
+        return one.digest
+    try:
+        module = importlib.import_module(get_object(str(one.build[TARGET])).__module__)
+    except Exception:
+        return ""  # it cannot be built, which is told when it is
+    if module.__name__.startswith("vocc_torch."):
+        return ""
+    version = getattr(sys.modules[module.__name__.split(".")[0]], "__version__", None)
+    return str(version) if version else ModuleFile(str(module.__file__)).digest
 
 
 def _fields(value: object) -> dict[str, object]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
+import inspect
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -17,9 +18,10 @@ from vocc_torch.receiver.classifiers.recipe import TrainingRecipe
 
 
 class Checkpoint:
-    """One file for one training: the module with its first weights, the recipe and the panels name it.
+    """One file for one training: module, source, first weights, recipe, panels, device and release name it.
 
-    Another module, recipe or training set is another file, so nothing goes on from what is not its own.
+    Another of these is another file, so nothing goes on from what is not its own. What the module's source
+    calls in other files is not looked at.
 
     Args:
         folder: where the files are.
@@ -37,11 +39,13 @@ class Checkpoint:
     def __init__(
         self, folder: str, module: nn.Module, recipe: TrainingRecipe, data: Sequence[Tensor]
     ) -> None:
-        settings = dataclasses.replace(recipe, checkpoints=None)
-        told = hashlib.sha256(f"{module!r} {settings!r}".encode())
+        settings, place = dataclasses.replace(recipe, checkpoints=None), data[0].device.type
+        told = hashlib.sha256(f"{module!r} {settings!r} {place} {torch.__version__}".encode())
+        for kind in dict.fromkeys(type(part) for part in module.modules()):
+            told.update(f"{kind.__module__}.{kind.__qualname__} {_source(kind)}".encode())
         for tensor in [*module.state_dict().values(), *data]:
             told.update(str((tensor.shape, tensor.dtype)).encode())
-            told.update(tensor.detach().cpu().contiguous().numpy().tobytes())
+            told.update(tensor.detach().cpu().contiguous().reshape(-1).view(torch.uint8).numpy().data)
         self.path = Path(folder) / f"{type(module).__name__}-{told.hexdigest()[:16]}.pt"
 
     def load(self, device: torch.device) -> dict[str, Any] | None:
@@ -68,3 +72,11 @@ class Checkpoint:
         """
         with atomic_file(self.path) as temporary:
             torch.save(state, temporary)
+
+
+def _source(kind: type[nn.Module]) -> str:
+    """Give the text of the file that defines a class, or nothing where there is none."""
+    try:
+        return Path(inspect.getfile(kind)).read_text(encoding="utf-8")
+    except (OSError, TypeError, UnicodeDecodeError):
+        return ""

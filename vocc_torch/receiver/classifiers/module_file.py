@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import hashlib
 import importlib.util
 import sys
@@ -32,13 +33,18 @@ class ModuleFile:
 
     @property
     def digest(self) -> str:
-        """What tells this text from another: the start of its SHA-256.
+        """What tells this text, and those that it imports from its own folder, from others.
+
+        It is the start of their SHA-256, in hexadecimal.
 
         Raises:
             VoccError: the file cannot be read.
         """
         try:
-            return hashlib.sha256(Path(self.path).read_bytes()).hexdigest()[:16]
+            told = hashlib.sha256()
+            for path in _with_imports(Path(self.path)):
+                told.update(path.read_bytes())
+            return told.hexdigest()[:16]
         except OSError as error:
             raise VoccError(f"file {self.path} cannot be read: {error.strerror or error}") from None
 
@@ -76,3 +82,18 @@ class ModuleFile:
         if found is None:
             raise VoccError(f"file {self.path} has no {name}")
         return found
+
+
+def _with_imports(path: Path) -> list[Path]:
+    """Give a file and, in the order in which they are met, the files beside it that it imports."""
+    files = [path]
+    for file in files:
+        try:
+            nodes = list(ast.walk(ast.parse(file.read_bytes())))
+        except (SyntaxError, ValueError):
+            continue  # told of when the file is run
+        names = [alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names]
+        names += [node.module for node in nodes if isinstance(node, ast.ImportFrom) and node.module]
+        beside = [path.parent / f"{name.split('.')[0]}.py" for name in names]
+        files += [one for one in dict.fromkeys(beside) if one.is_file() and one not in files]
+    return files

@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -66,7 +66,7 @@ class Passes:
             parts.restore(state["parts"])
             best, since, self.losses = state["best"], state["since"], list(state["losses"])
             self.earlier_s = state["seconds"]
-            torch.set_rng_state(state["draws"].cpu())
+            _resume_draws(state["draws"])
         while len(self.losses) < recipe.epochs and since < recipe.patience:
             self._one(shown, parts)
             loss = self._loss(shown.held, shown.held_target)
@@ -80,7 +80,7 @@ class Passes:
             if checkpoint is not None:
                 seconds = self.earlier_s + time.perf_counter() - begun
                 kept = {"best": best, "since": since, "losses": self.losses, "seconds": seconds}
-                checkpoint.save({**kept, "parts": parts.state(), "draws": torch.get_rng_state()})
+                checkpoint.save({**kept, "parts": parts.state(), "draws": _draws(shown)})
         self.module.load_state_dict(best)
 
     def _one(self, shown: Shown, parts: _Parts) -> None:
@@ -141,3 +141,16 @@ class _Parts:
 def _shuffled(count: int, size: int, device: torch.device) -> Iterator[Tensor]:
     """Give all indices once, in batches of ``size``, in the order of torch's generator on the host."""
     yield from torch.split(torch.randperm(count).to(device), size)
+
+
+def _draws(shown: Shown) -> list[Tensor]:
+    """Give the states of the generators that a pass draws from: the host's, and the device's."""
+    states = [torch.get_rng_state()]
+    return [*states, torch.cuda.get_rng_state(shown.rows.device)] if shown.on_cuda else states
+
+
+def _resume_draws(states: Sequence[Tensor]) -> None:
+    """Take states that :func:`_draws` gave."""
+    torch.set_rng_state(states[0].cpu())
+    if len(states) > 1:
+        torch.cuda.set_rng_state(states[1].cpu())

@@ -13,7 +13,7 @@ class TrainingRecipe:
     """How a module is trained.
 
     Args:
-        frames: training panels; a multiple of the study's budget where it is 1 or below 100, else a number.
+        frames: training panels, at least 2, whatever the study's budget is; all are held in memory.
         epochs: passes over them at most, at least 1.
         patience: passes without a better validation loss before it stops, at least 1.
         validation: share of the panels that is held back for that, above 0 and below 1.

@@ -45,8 +45,14 @@ class TorchClassifier:
 
     def fit_stream(self, batches: Batches, frames: int) -> Self:
         """Take as many panels as the recipe asks for, whatever the study's budget is, and learn from them."""
-        parts = list(batches(0, self.recipe.frames))
-        return self.fit(torch.cat([x for x, _ in parts]), torch.cat([bits for _, bits in parts]))
+        count = 0
+        x = bits = torch.empty(0)
+        for part, own in batches(0, self.recipe.frames):
+            if not count:
+                x, bits = (one.new_empty((self.recipe.frames, *one.shape[1:])) for one in (part, own))
+            x[count : count + len(part)], bits[count : count + len(part)] = part, own
+            count += len(part)
+        return self.fit(x[:count], bits[:count])
 
     def fit(self, x: Tensor, bits: Tensor) -> Self:
         """Learn from panels (B,R,C,F); the last of them are held back for validation.
@@ -62,11 +68,11 @@ class TorchClassifier:
         self._spread = torch.where(self._spread > 0, self._spread, 1.0)
         self.module.to(x.device)
         held_target = bits[-held:].reshape(-1).float()
-        shown = Shown(self._scaled(rows), target, self._scaled(_leds(x[-held:])), held_target)
+        shown = Shown(rows, target, _leds(x[-held:]), held_target)
         checkpoint = None
         if self.recipe.checkpoints is not None:
             checkpoint = Checkpoint(self.recipe.checkpoints, self.module, self.recipe, [x, bits])
-        passes = Passes(self.module, self._score, self.recipe)
+        passes = Passes(self.module, lambda some: self._score(self._scaled(some)), self.recipe)
         with torch.random.fork_rng(devices=[x.device] if x.device.type == "cuda" else []):
             torch.manual_seed(self.recipe.seed)
             passes.run(shown, checkpoint)
