@@ -184,6 +184,10 @@ MISTAKES = {
         ["task=tset"],
         ["task is 'tset'", "classifiers, collect, decode, effects, figures, test, tradeoff, train"],
     ),
+    "unknown classifier of a list": (
+        ["classifier=[lmmse,mpl]"],
+        ["classifier has 'mpl'", "it must be of boosted_trees, cnn, ", "lmmse"],
+    ),
     "unknown scene": (["scene=moon"], ["scene is 'moon'", "paper"]),
     "misspelled key": (["sede=1"], ["sede is not a known key", "did you mean seed?"]),
     "misspelled nested key": (["camera.gama=2"], ["camera.gama", "did you mean camera.gamma?"]),

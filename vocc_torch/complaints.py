@@ -6,6 +6,7 @@ import dataclasses
 import difflib
 import re
 from collections.abc import Iterator, Sequence
+from importlib import resources
 from pathlib import PurePath
 
 from vocc_torch.config import AppConfig
@@ -184,6 +185,11 @@ def _of_group(text: str) -> str | None:
         if (group, option) == ("hydra/launcher", "joblib"):
             return f"{group} is '{option}': jobs at the same time need pip install 'vocc-torch[parallel]'"
         return f"{group} is '{option}': it must be one of {allowed}"
+    if match := re.search(r"Could not load '([\w-]+)/([^']*)'", text):  # one of a list, such as [lmmse,mpl]
+        group, option = match.groups()
+        files = resources.files("vocc_torch.conf").joinpath(group).iterdir()
+        known = sorted(file.name.removesuffix(".yaml") for file in files if file.name.endswith(".yaml"))
+        return f"{group} has '{option}': it must be of {', '.join(known)}"
     if match := re.search(r"Multiple values for ([\w/]+)", text):
         return f"{match.group(1)} is chosen twice: write {match.group(1)}=option without +"
     if match := re.search(r"Sweep parameters '\+*([^=]+)=(.*)' requires --multirun", text):
