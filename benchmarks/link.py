@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from peer_opencv import PeerConfig, decide, read_frame, render_frame
 
 from vocc_torch import PanelShape, Scene, Simulator
-from vocc_torch.evaluation.timing import describe_machine
+from vocc_torch.evaluation.timing import describe_machine, settle_memory
 from vocc_torch.files import write_atomically
 from vocc_torch.receiver.flda import FLDA
 from vocc_torch.receiver.location import PaperLocator
@@ -231,6 +231,7 @@ def main() -> None:
     parser.add_argument("--threads", type=int, default=2)
     parser.add_argument("--csv", type=Path, help="file for the table")
     args = parser.parse_args()
+    settle_memory()
     torch.set_num_threads(args.threads)
     cv2.setNumThreads(args.threads)
     cuda = torch.cuda.is_available()

@@ -30,7 +30,7 @@ from peer_receiver import PeerReceiver
 from torch import Tensor
 
 from vocc_torch import Simulator
-from vocc_torch.evaluation.timing import Timing, describe_machine, interleaved
+from vocc_torch.evaluation.timing import Timing, describe_machine, interleaved, settle_memory
 from vocc_torch.receiver.flda import FLDA
 from vocc_torch.receiver.location import PaperLocator
 from vocc_torch.receiver.locators import PanelLocator, locator_named
@@ -278,6 +278,7 @@ def main() -> None:
     )
     given = parser.parse_args()
     flda = train()
+    settle_memory()
     torch.set_num_threads(1)
     # Frames of their own, not views of what the simulator keeps.
     clean = torch.cat([grey for _, grey in rendered("timed", given.frames)])

@@ -95,11 +95,11 @@ def classifiers(results: Path) -> str:
             row["training_frames"] if trained else "-",
             row["parameters"] or "-",
             f"{float(row['size_bytes']) / 1000:.1f}" if row["size_bytes"] else "-",
-            number(row["decide_ms"]),
+            number(row["bits_ms"]),
         ]
         lines.append([titled(row["receiver"]), *rates, *price])
     heads = ["receiver", "BER at 1000 lx", "of flda_3", "BER at 70 m", "of flda_3", "training, s", "frames"]
-    return table([*heads, "parameters", "kB", "decide, ms"], lines)
+    return table([*heads, "parameters", "kB", "bits, ms"], lines)
 
 
 def genie(results: Path) -> str:

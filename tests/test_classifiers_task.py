@@ -118,7 +118,7 @@ def test_prices_stand_beside_the_rates(whole):
     assert rows["mlp_features"]["training_frames"] == "64"
     assert int(rows["mlp_features"]["size_bytes"]) > 1000
     assert rows["panel_otsu"]["training_frames"] == "0"
-    assert all(float(row["decide_ms"]) > 0 for row in rows.values())
+    assert all(float(row["bits_ms"]) > 0 for row in rows.values())
     points = {key(row, "experiment", "value", "receiver"): row for row in rows_of(whole[0] / "ber.csv")}
     for name, row in rows.items():
         assert row["distance_70_ber"] == points["distance", "70", name]["ber"]

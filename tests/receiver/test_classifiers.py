@@ -33,6 +33,7 @@ from vocc_torch.receiver.classifiers import (
 from vocc_torch.receiver.classifiers.module_file import ModuleFile
 from vocc_torch.receiver.classifiers.recipe import TrainingRecipe
 from vocc_torch.receiver.classifiers.untrained import two_means
+from vocc_torch.receiver.flda import FLDA
 
 
 def panels(frames=40, rows=4, columns=4, features=3, seed=0):
@@ -60,6 +61,15 @@ def test_streamed_flda_is_fitted_flda():
     torch.testing.assert_close(
         streamed.decision_function(x), FldaClassifier().fit(x, bits).decision_function(x)
     )
+
+
+def test_a_trained_flda_is_what_decides_and_no_more():
+    """Its scores are FLDA's to the last bit, and pickled it has two numbers an input, not their square."""
+    x, bits = panels(features=145)
+    flda, mine = FLDA(145).fit(x, bits), FldaClassifier().fit(x, bits)
+    assert torch.equal(mine.decision_function(x), flda.decision_function(x))
+    assert mine.parameters_count == 146
+    assert len(pickle.dumps(mine)) < 2 * 8 * 145 + 2000 < len(pickle.dumps(flda)) / 50
 
 
 def test_one_class_of_cell_sizes_is_least_squares():

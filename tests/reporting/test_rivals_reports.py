@@ -2,6 +2,7 @@
 
 import csv
 import io
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -89,7 +90,7 @@ def rivals():
             "net": Making(12.0, 6.0, 8000, 5185, 25_300),
             "plain": Making(0.6, 0.5, 1000, None, 1340),
         },
-        decide_ms={"average_greyscale": 0.002, "flda_3": 0.004, "net": 0.08, "plain": 0.02},
+        bits_ms={"average_greyscale": 0.002, "flda_3": 0.004, "net": 0.08, "plain": 0.02},
         points={"distance": 70.0},
         marks={"distance": {30.0: mark(), 70.0: mark()}},
         transfers=transfers,
@@ -181,6 +182,20 @@ def test_the_words_are_the_numbers(rivals):
     assert "night (4.7e-4 against none)" in words
     assert "flda_3 trained on paper is as good everywhere" in words
     assert "night (4.5 times)" in words
+    assert "It is chosen by these very frames" in words
+    assert "surely worse than one trained on the scenes of the test, 95 % for all 4 such comparisons" in words
+
+
+def test_what_is_sure_by_itself_may_not_be_among_many(rivals):
+    """Six wrong frames more, and none less, are told apart alone (p = 1/32), but not among four."""
+    one = transfer("flda_3", "paper", "night", 6, 0)
+    assert one.worse()
+    assert not one.worse(4)
+    others = [each for each in rivals.transfers if each.receiver != "flda_3"]
+    both = [transfer("flda_3", "paper", "night", wrong, 0) for wrong in (6, 60)]
+    for pair, said in zip(both, (False, True), strict=True):
+        words = " ".join(summary(replace(rivals, transfers=[*others, pair])).split())
+        assert ("flda_3 trained on paper is surely worse" in words) == said
 
 
 def test_a_genie_that_is_beaten_is_not_hidden(rivals):

@@ -15,12 +15,14 @@ from vocc_torch.receiver.classifiers.recipe import TrainingRecipe
 from vocc_torch.rng import BlockKey
 from vocc_torch.simulation import Distribution
 from vocc_torch.studies.counter import PointJob
+from vocc_torch.studies.genie_likelihood import UnknownLikelihoodError
 from vocc_torch.studies.identity import identity
 from vocc_torch.studies.link import Link
 from vocc_torch.studies.plan import Experiment, World
 from vocc_torch.studies.plug_in import ClassifierPlan
-from vocc_torch.studies.rivals import RivalStudy, compare_rivals
+from vocc_torch.studies.rivals import RivalStudy, compare_rivals, marks
 from vocc_torch.studies.rivals.scenes import _trained, across_scenes
+from vocc_torch.studies.rivals.times import bits_of
 from vocc_torch.studies.rivals.training import train_rivals
 from vocc_torch.studies.train import train
 from vocc_torch.studies.workers import Workers
@@ -106,6 +108,8 @@ def test_receivers_are_those_of_any_other_training(plan):
     assert {name for name, made in making.items() if made.frames} == {"flda_2", "flda_3", "lmmse", "net"}
     assert making["flda_3"].parameters == 4
     assert making["net"].frames == 64
+    assert making["flda_3"].size_bytes < 2000
+    assert all(made.size_bytes is not None for made in making.values() if made.frames)
     assert making["lmmse"].simulated_s <= making["lmmse"].training_s
 
 
@@ -131,6 +135,36 @@ def test_the_genies_rivals_are_the_receivers_on_its_own_frames(plan, whole):
     assert mark.lowest
     assert mark.counts.half_errors == 0
     assert mark.proven == 66
+
+
+def test_what_is_timed_is_each_receivers_decision(plan):
+    """From the rectified panel on, it decides what the bank decides."""
+    both = replace(plan, receiver=replace(plan.receiver, names=("center_greyscale", *NAMES)))
+    bank = train(both).bank(both.receiver.names)
+    link = Link.of(both)
+    (seen,) = link.observe(both.world.scene, [KEY], preambles=True)
+    for name, scores in bank.scores(seen.readings, seen.preambles).items():
+        assert torch.equal(bits_of(name, bank, link, seen)(), scores >= 0), name
+
+
+def test_only_what_the_genie_cannot_know_is_no_mark(study, monkeypatch):
+    """Another error goes through, whatever its words."""
+    study = replace(study, scenes={}, genie_frames=2)
+    with Workers(1) as alone:
+        monkeypatch.setattr(marks, "_mark", raising(UnknownLikelihoodError("full")))
+        assert marks.genie_marks(study, {"far": None}, alone, lambda _: None) == ({}, {"far": "full"})
+        monkeypatch.setattr(marks, "_mark", raising(VoccError("the genie at its worst")))
+        with pytest.raises(VoccError, match="at its worst"):
+            marks.genie_marks(study, {"far": None}, alone, lambda _: None)
+
+
+def raising(error):
+    """Something that raises an error."""
+
+    def call(*_):
+        raise error
+
+    return call
 
 
 def test_tables_hold_the_genie_beside_the_receivers(whole):
@@ -178,7 +212,7 @@ def test_pairs_have_home_on_one_side_and_those_that_learn_nothing_are_left_out(w
         assert one.paired.half_difference == one.at_home.half_errors - one.counts.half_errors
         if one.trained_on == one.tested_on:
             assert one.counts == one.at_home
-            assert not one.worse
+            assert not one.worse()
 
 
 def test_a_mix_of_scenes_is_of_those_of_its_home(study):

@@ -10,48 +10,11 @@ from vocc_torch.evaluation.curve import BerTable, Point
 from vocc_torch.evaluation.curves import Curves
 from vocc_torch.evaluation.paired import PairedCounts, paired_interval
 from vocc_torch.evaluation.price_list import Making
-from vocc_torch.evaluation.relative import relative_gain
+from vocc_torch.evaluation.ratio import Ratio as Ratio
+from vocc_torch.evaluation.ratio import rate_ratio as rate_ratio
 
 GENIE = "genie"
 """The mark's name among receivers."""
-
-
-@dataclass(frozen=True, slots=True)
-class Ratio:
-    """One bit error rate over another on the same frames, with its 95 % interval, ``low`` to ``high``."""
-
-    ratio: float
-    low: float
-    high: float
-
-    @property
-    def real(self) -> bool:
-        """Whether the interval leaves out 1."""
-        return self.low > 1 or self.high < 1
-
-
-def rate_ratio(reference: Counts, receiver: Counts, paired: PairedCounts) -> Ratio | None:
-    """Give a receiver's bit error rate over the reference's.
-
-    Args:
-        reference: counts of the reference.
-        receiver: counts of the receiver on the same frames.
-        paired: the reference (a) compared with the receiver (b).
-
-    Returns:
-        One less the relative gain, or None where the reference made no error.
-
-    Raises:
-        VoccError: counts that are not of the same frames.
-
-    Example:
-        >>> a, b = Counts(2000, 128_000, 160, 600, 60), Counts(2000, 128_000, 120, 400, 50)
-        >>> ratio = rate_ratio(a, b, PairedCounts(2000, 128_000, 60, 160, 25, 20, 40, 10))
-        >>> f"{ratio.ratio:.2f} in [{ratio.low:.2f}, {ratio.high:.2f}]", ratio.real
-        ('0.75 in [0.58, 0.92]', True)
-    """
-    gain = relative_gain(reference, receiver, paired)
-    return None if gain is None else Ratio(1 - gain.gain, 1 - gain.high, 1 - gain.low)
 
 
 @dataclass(frozen=True)
@@ -113,10 +76,13 @@ class Transfer:
         """Its rate over that of the receiver trained there; None where that one made no error."""
         return rate_ratio(self.at_home, self.counts, self.paired)
 
-    @property
-    def worse(self) -> bool:
-        """Whether it is worse than the one trained there for certain (95 %)."""
-        return paired_interval(self.paired).high < 0
+    def worse(self, comparisons: int = 1) -> bool:
+        """Whether it is surely worse than the one trained there.
+
+        Args:
+            comparisons: how many are told of together, at least 1: 95 % holds for all of them (Bonferroni).
+        """
+        return paired_interval(self.paired, 1 - 0.05 / comparisons).high < 0
 
 
 @dataclass(frozen=True)
@@ -127,7 +93,7 @@ class Rivals:
         reference: the receiver that the others are compared with.
         curves: by experiment.
         making: what it took to make each receiver.
-        decide_ms: time of deciding alone, a frame, by receiver.
+        bits_ms: time of a frame from the rectified panel to its bits, by receiver.
         points: of each experiment the value that the summary tells.
         marks: the genie's, by experiment and value; empty where there are none.
         unmarked: why there are none, by experiment.
@@ -140,7 +106,7 @@ class Rivals:
     reference: str
     curves: Mapping[str, Curves]
     making: Mapping[str, Making]
-    decide_ms: Mapping[str, float]
+    bits_ms: Mapping[str, float]
     points: Mapping[str, float]
     marks: Mapping[str, Mapping[float, Mark]] = field(default_factory=dict)
     unmarked: Mapping[str, str] = field(default_factory=dict)

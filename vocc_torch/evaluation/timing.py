@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import platform
 import time
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 
 from vocc_torch.errors import VoccError
 
+_TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3  # of malloc.h
 _CPU_FILE = Path("/proc/cpuinfo")
 """Where Linux names the processor; platform.processor() is empty there."""
 
@@ -116,14 +118,19 @@ def settle_memory() -> None:
     """Let the C library keep freed memory, so that a call's time does not hang on what was freed before it.
 
     glibc returns freed memory beyond a limit to the system, and pages that are asked for again come back at
-    a cost: reading 64 panels took 1 to 2.5 times as long, by chance. The limit follows the largest block
-    freed so far that is no larger than 32 MiB (mallopt(3), M_MMAP_THRESHOLD), so one such block, never
-    written, puts it where it stays. Other C libraries see a block come and go.
+    a cost: reading 64 panels took 1 to 2.5 times as long, by chance. Blocks up to 32 MiB, the most that it
+    allows, and 256 MiB in all are kept (mallopt(3), M_MMAP_THRESHOLD and M_TRIM_THRESHOLD), enough for
+    batches of 256 frames. Other C libraries have no such limits to set.
 
     Example:
         >>> settle_memory()
     """
-    torch.empty(31 << 20, dtype=torch.uint8)
+    try:
+        mallopt = ctypes.CDLL(None).mallopt
+    except (AttributeError, OSError, TypeError):  # macOS, musl, Windows
+        return
+    for limit, size in ((_MMAP_THRESHOLD, 32 << 20), (_TRIM_THRESHOLD, 256 << 20)):
+        mallopt(limit, size)
 
 
 def _finish(device: torch.device) -> None:

@@ -49,6 +49,6 @@ def _numbers(rivals: Rivals, name: str) -> dict[str, float]:
     for what, given in (("parameters", made.parameters), ("size_bytes", made.size_bytes)):
         if given is not None:
             numbers[f"making/{what}"] = float(given)
-    if name in rivals.decide_ms:
-        numbers["decide_ms"] = rivals.decide_ms[name]
+    if name in rivals.bits_ms:
+        numbers["bits_ms"] = rivals.bits_ms[name]
     return numbers

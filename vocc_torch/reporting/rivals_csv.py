@@ -24,9 +24,10 @@ the reference made no error; ``receiver_worse`` and ``reference_worse`` count fr
 
 PRICE_COLUMNS = (
     *("receiver", "training_s", "simulated_s", "training_frames", "parameters", "size_bytes"),
-    "decide_ms",
+    "bits_ms",
 )
-"""What each receiver takes; its rates at the summary's points come after."""
+"""What each receiver takes, ``bits_ms`` from the rectified panel to a frame's bits; its rates at the
+summary's points come after."""
 
 POINT_COLUMNS = ("ber", "ber_low", "ber_high", "ratio", "ratio_low", "ratio_high")
 """What ``classifiers.csv`` says of each point."""
@@ -101,7 +102,7 @@ def _prices(rivals: Rivals) -> Iterator[tuple[Cell, ...]]:
     for receiver in rivals.ranked():
         made = rivals.making[receiver]
         line: list[Cell] = [receiver, made.training_s, made.simulated_s, made.frames, made.parameters]
-        line += [made.size_bytes, rivals.decide_ms.get(receiver)]
+        line += [made.size_bytes, rivals.bits_ms.get(receiver)]
         for experiment, value in rivals.points.items():
             (row,) = (one for one in tables[experiment].of(receiver) if one.value == value)
             line += [row.ber, row.ber_low, row.ber_high, *_of(rivals.ratio(experiment, receiver, value))]

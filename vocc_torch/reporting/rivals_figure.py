@@ -173,23 +173,7 @@ def _labels(figure: Figure, rivals: Rivals, table: BerTable) -> None:
     """Write title, legend, axes' names and what the points rest on."""
     width, height = figure.get_figwidth(), figure.get_figheight()
     label, reference = axis_label(table.axis), receiver_styles([rivals.reference])[rivals.reference].label
-    handles = [
-        Line2D([], [], color=_OWN, linewidth=2, marker="o", markersize=5, label="the receiver named above"),
-        Line2D([], [], color=_REFERENCE, linewidth=1.4, label=reference),
-        Line2D([], [], color=_FAINT, linewidth=1.4, label="all others"),
-        Line2D(
-            *([], []),
-            color=_OWN,
-            marker="v",
-            linestyle="none",
-            markerfacecolor="white",
-            label="no errors: limit",
-        ),
-    ]
-    if genie := table.of(GENIE):
-        foot = ", at the foot without errors" if any(row.error_free for row in genie) else ""
-        text = f"{KNOWS} ({frames_text(genie)} frames a point{foot})"
-        handles.append(Line2D([], [], color=INK, linewidth=1.5, linestyle="--", label=text))
+    handles = _handles(table, reference)
     figure.legend(
         handles=handles,
         loc="upper left",
@@ -214,6 +198,28 @@ def _labels(figure: Figure, rivals: Rivals, table: BerTable) -> None:
     write_title(
         figure, f"Bit error rate of {len(rivals.receivers)} receivers over {over}, the best first", note
     )
+
+
+def _handles(table: BerTable, reference: str) -> list[Line2D]:
+    """Give the legend's lines."""
+    handles = [
+        Line2D([], [], color=_OWN, linewidth=2, marker="o", markersize=5, label="the receiver named above"),
+        Line2D([], [], color=_REFERENCE, linewidth=1.4, label=reference),
+        Line2D([], [], color=_FAINT, linewidth=1.4, label="all others"),
+        Line2D(
+            *([], []),
+            color=_OWN,
+            marker="v",
+            linestyle="none",
+            markerfacecolor="white",
+            label="no errors: limit",
+        ),
+    ]
+    if genie := table.of(GENIE):
+        foot = ", at the foot without errors" if any(row.error_free for row in genie) else ""
+        text = f"{KNOWS} ({frames_text(genie)} frames a point{foot})"
+        handles.append(Line2D([], [], color=INK, linewidth=1.5, linestyle="--", label=text))
+    return handles
 
 
 def frames_text(rows: Iterable[Row]) -> str:

@@ -32,8 +32,8 @@ _MIDDLE = 0.21
 def scenes_figure(rivals: Rivals) -> Figure:
     """Draw both ways: trained at home and tested elsewhere, and trained elsewhere and tested at home.
 
-    In a cell stands the rate, and below it, where that is certain, how many times as high it is as that of
-    the same receiver trained on the scenes of the test.
+    In a cell stands the rate, and below it, where the cell's own paired 95 % interval leaves out none, how
+    many times as high it is as that of the same receiver trained on the scenes of the test.
 
     Args:
         rivals: with transfers.
@@ -72,9 +72,9 @@ def scenes_figure(rivals: Rivals) -> Figure:
     note = (
         f"{frames} test frames a pair \N{MIDDLE DOT} at most {rivals.most_training_frames} training frames: "
         f"on {home} of each classifier's own mix, elsewhere of the scenes as they are \N{MIDDLE DOT} pale: "
-        "no errors, with the 95 % limit\nbelow a rate, where the difference is certain: times the rate of "
-        "the same receiver trained on the scenes of the test, on the same frames; 0 there: that one has no "
-        "errors"
+        "no errors, with the 95 % limit\nbelow a rate, where a paired 95 % interval for that cell alone "
+        "tells them apart: times the rate of the same receiver trained on the scenes of the test, on the "
+        "same frames; 0 there: that one has no errors"
     )
     write_title(figure, "Receivers in scenes that they did not learn in", note)
     return figure
@@ -113,12 +113,12 @@ def _cell(axes: Axes, one: Transfer, column: int, line: int, norm: LogNorm) -> N
 
 
 def _against_home(one: Transfer) -> str:
-    """Write how it compares with the receiver trained on the scenes of the test, where that is certain."""
+    """Write how it compares with the receiver trained on the scenes of the test, where that differs."""
     if one.trained_on == one.tested_on:
         return ""
     ratio = one.ratio
     if ratio is None:
-        return "0 there" if one.worse else ""
+        return "0 there" if one.worse() else ""
     return ratio_text(ratio).replace("x", "\N{MULTIPLICATION SIGN}") if ratio.real else ""
 
 

@@ -13,7 +13,7 @@ from vocc_torch.reporting.styles import axis_label, value_text
 from vocc_torch.reporting.text_table import interval_text, plain_table, point_text
 
 _WIDE = 110
-"""Columns from which frames, parameters, size and time of a decision stand in the table too."""
+"""Columns from which frames, parameters and size stand in the table too."""
 
 
 def print_rivals(rivals: Rivals, console: Console | None = None) -> None:
@@ -31,7 +31,7 @@ def print_rivals(rivals: Rivals, console: Console | None = None) -> None:
         unit = axis_label(rivals.curves[name].axis).partition("(")[2].rstrip(")")
         table.add_column(f"BER at\n{value_text(value)} {unit}".rstrip(), justify="right", no_wrap=True)
         table.add_column(f"of\n{rivals.reference}", justify="right", no_wrap=True)
-    heads = ["training\ns", *(["frames", "para-\nmeters", "kB"] if wide else []), "decide\nms"]
+    heads = ["training\ns", *(["frames", "para-\nmeters", "kB"] if wide else []), "bits\nms"]
     for head in heads:
         table.add_column(head, justify="right", no_wrap=True)
     if rivals.marks:
@@ -71,7 +71,7 @@ def _mark(row: Row | None) -> str:
 
 def _price(rivals: Rivals, receiver: str, wide: bool) -> list[str]:
     """Write what a receiver takes."""
-    made, spent = rivals.making[receiver], rivals.decide_ms.get(receiver)
+    made, spent = rivals.making[receiver], rivals.bits_ms.get(receiver)
     cells = [f"{made.training_s:.1f}" if made.frames else ""]
     if wide:
         size = made.size_bytes if made.frames else None

@@ -31,7 +31,7 @@ def _reading(rivals: Rivals) -> str:
         "The fewest wrong bits over all points first. 95 % intervals, frames as the units; <: no errors, "
         f"one-sided limit; locator: {locator}. of {rivals.reference}: the rate over that of "
         f"{rivals.reference}, on the same frames. training: on one thread, simulating its frames included. "
-        "decide: one frame's bits, panel and features read already, in batches of 64."
+        "bits: from the rectified panel to a frame's bits, features and patches included, in batches of 64."
     )
 
 
@@ -71,10 +71,13 @@ def _best(rivals: Rivals) -> Iterator[str]:
         price.append(f"{made.parameters} parameters")
     if made.size_bytes is not None:
         price.append(f"{made.size_bytes / 1000:.3g} kB")
-    price.append(f"{rivals.decide_ms[best]:.2g} ms a frame to decide")
-    own = rivals.decide_ms[rivals.reference]
+    price.append(f"{rivals.bits_ms[best]:.2g} ms a frame from the rectified panel to its bits")
+    own = rivals.bits_ms[rivals.reference]
     price[-1] += f" ({rivals.reference}: {own:.2g} ms)"
-    yield f"Best of those that learn: {best}, {'; '.join(said)}. Its price: {', '.join(price)}."
+    yield (
+        f"Best of those that learn: {best}, {'; '.join(said)}. It is chosen by these very frames, which "
+        f"flatters its rates. Its price: {', '.join(price)}."
+    )
 
 
 def _marks(rivals: Rivals) -> Iterator[str]:
@@ -115,33 +118,37 @@ def _abroad(rivals: Rivals) -> Iterator[str]:
     """Say where learning in other scenes hurts the most, for the best and for the reference."""
     for scene, why in rivals.lost.items():
         yield f"Without the scenes {scene}: {why}."
-    if not rivals.transfers:
-        return
-    learnt = {one.receiver for one in rivals.transfers}
+    apart = [one for one in rivals.transfers if one.trained_on != one.tested_on]
+    learnt = {one.receiver for one in apart}
     best = [name for name in rivals.ranked() if name in learnt][:1]
-    for name in dict.fromkeys([*best, rivals.reference]):
-        own = [one for one in rivals.transfers if one.receiver == name and one.trained_on != one.tested_on]
-        if not own:
-            continue
+    told = {
+        name: [one for one in apart if one.receiver == name]
+        for name in dict.fromkeys([*best, rivals.reference])
+        if name in learnt
+    }
+    comparisons = sum(map(len, told.values()))
+    for name, own in told.items():
         out = [one for one in own if one.trained_on == rivals.home]
         back = [one for one in own if one.tested_on == rivals.home]
         yield (
-            f"In other scenes: {name} trained on {rivals.home} is {_listed(out, 'tested_on')}; trained "
-            f"elsewhere and tested on {rivals.home} it is {_listed(back, 'trained_on')}."
+            f"In other scenes: {name} trained on {rivals.home} is {_listed(out, 'tested_on', comparisons)}; "
+            f"trained elsewhere and tested on {rivals.home} it is {_listed(back, 'trained_on', comparisons)}."
         )
 
 
-def _listed(transfers: list[Transfer], side: str) -> str:
-    """List the scenes that make a difference for certain, the worst first."""
+def _listed(transfers: list[Transfer], side: str, comparisons: int) -> str:
+    """List the scenes that surely make a difference among so many comparisons, the worst first."""
     surely: list[tuple[float, str]] = []
     for one in transfers:
+        if not one.worse(comparisons):
+            continue
         ratio, scene = one.ratio, str(getattr(one, side)).replace("_", " ")
         if ratio is None:
-            if one.worse:
-                surely.append((math.inf, f"{scene} ({rate_text(one.counts.ber)} against none)"))
-        elif ratio.low > 1:
+            surely.append((math.inf, f"{scene} ({rate_text(one.counts.ber)} against none)"))
+        else:
             surely.append((ratio.ratio, f"{scene} ({ratio_text(ratio).replace(' x', ' times')})"))
     if not surely:
         return "as good everywhere as one trained there, as far as these frames tell"
     ordered = [text for _, text in sorted(surely, reverse=True)]
-    return f"surely worse than one trained on the scenes of the test in {', '.join(ordered)}"
+    together = f", 95 % for all {comparisons} such comparisons together," if comparisons > 1 else ""
+    return f"surely worse than one trained on the scenes of the test{together} in {', '.join(ordered)}"

@@ -8,13 +8,12 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor
 
-from vocc_torch.errors import VoccError
 from vocc_torch.simulation import Simulator
 from vocc_torch.simulation.effects import Context, Effect, Parameters
 from vocc_torch.simulation.effects.quantization import Quantization
 from vocc_torch.simulation.geometry import led_centres_m
 from vocc_torch.simulation.photometry import MIDDLE_GREY
-from vocc_torch.studies.genie_likelihood import PixelModel, sensor_noise
+from vocc_torch.studies.genie_likelihood import PixelModel, UnknownLikelihoodError, sensor_noise
 from vocc_torch.types import Frames, PanelShape, Scene
 
 AFFINE = (
@@ -39,7 +38,7 @@ def check_covered(effects: Sequence[Effect]) -> None:
     """Refuse, by name, effects whose likelihood the genie does not know.
 
     Raises:
-        VoccError: an effect that is not covered, or frames that are not quantised.
+        UnknownLikelihoodError: an effect that is not covered, or frames that are not quantised.
 
     Example:
         >>> from vocc_torch.simulation.effects import build_effects
@@ -48,11 +47,11 @@ def check_covered(effects: Sequence[Effect]) -> None:
     known = (*AFFINE, *NOISE, *CODING)
     names = [effect.name for effect in effects]
     if others := [f"scene.effects.{name}" for name in names if name not in known]:
-        raise VoccError(
+        raise UnknownLikelihoodError(
             f"the genie knows no likelihood for {', '.join(others)}: known are {', '.join(known)}"
         )
     if "quantization" not in names:
-        raise VoccError("the genie reads digital numbers: name scene.effects.quantization")
+        raise UnknownLikelihoodError("the genie reads digital numbers: name scene.effects.quantization")
 
 
 def overlap(mine: Frames, theirs: Frames) -> tuple[Window, Window]:
@@ -88,7 +87,7 @@ class ForwardModel:
         simulator: renders the frames.
 
     Raises:
-        VoccError: effects that are not covered.
+        UnknownLikelihoodError: effects that are not covered.
 
     Example:
         >>> simulator, scene = Simulator(), Scene.of(distance_m=50.0)
@@ -126,7 +125,7 @@ class ForwardModel:
             The model, on the CPU.
 
         Raises:
-            VoccError: pixels that are full before they are white.
+            UnknownLikelihoodError: pixels that are full before they are white.
         """
         context = Context(scene, self.camera, effects=self._whole.effects, panel=self.panel)
         noise = sensor_noise(self.effects, context)

@@ -28,6 +28,10 @@ WELL_SIGMAS = 6.0
 """How far above white, in standard deviations, a pixel's capacity must lie never to show in a frame."""
 
 
+class UnknownLikelihoodError(VoccError):
+    """Frames of which the genie cannot say how likely they are."""
+
+
 def log_interval_probability(low: Tensor, high: Tensor) -> Tensor:
     """Logarithm of the probability that a standard normal number lies between two bounds, far tails included.
 
@@ -92,7 +96,7 @@ def sensor_noise(effects: Sequence[Effect], context: Context) -> SensorNoise | N
         The noise, or None where no effect makes any.
 
     Raises:
-        VoccError: a capacity that pixels reach before they are white.
+        UnknownLikelihoodError: a capacity that pixels reach before they are white.
     """
     share = [effect.share for effect in effects if isinstance(effect, Prnu)]
     fixed = [effect.electrons for effect in effects if isinstance(effect, ReadNoise | Dsnu)]
@@ -112,7 +116,7 @@ def sensor_noise(effects: Sequence[Effect], context: Context) -> SensorNoise | N
         if well.electrons < needed:
             rule = f"white needs {needed:.0f}"
             name = f"scene.effects.{well.name}.electrons is {well.electrons:g}"
-            raise VoccError(
+            raise UnknownLikelihoodError(
                 f"the genie knows no likelihood for pixels full before they are white: {name}, {rule}"
             )
     return noise if share or fixed or shot else None

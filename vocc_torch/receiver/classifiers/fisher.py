@@ -9,6 +9,7 @@ from torch import Tensor
 
 from vocc_torch.errors import VoccError
 from vocc_torch.receiver.classifiers.protocol import Batches
+from vocc_torch.receiver.discriminant import Discriminant
 from vocc_torch.receiver.flda import FLDA
 
 
@@ -23,20 +24,20 @@ class FldaClassifier:
     """
 
     def __init__(self) -> None:
-        self._flda: FLDA | None = None
+        self._rule: Discriminant | None = None
 
     def fit(self, x: Tensor, bits: Tensor) -> Self:
         """Learn from panels held in memory."""
-        self._flda = FLDA(x.shape[-1]).to(x.device).fit(x, bits)
+        self._rule = _solved(FLDA(x.shape[-1]).to(x.device).fit(x, bits))
         return self
 
     def fit_stream(self, batches: Batches, frames: int) -> Self:
-        """Learn from a stream, of which nothing is kept but sums."""
+        """Learn from a stream, of which nothing is kept but sums, and of those the rule alone."""
         flda: FLDA | None = None
         for x, bits in batches(0, frames):
             flda = flda or FLDA(x.shape[-1]).to(x.device)
             flda.update(x, bits)
-        self._flda = flda
+        self._rule = None if flda is None else _solved(flda)
         return self
 
     def decision_function(self, x: Tensor) -> Tensor:
@@ -45,7 +46,7 @@ class FldaClassifier:
         Raises:
             VoccError: not fitted.
         """
-        return _fitted(self._flda).decision_function(x)
+        return _fitted(self._rule).scores(x)
 
     def predict(self, x: Tensor) -> Tensor:
         """Decide every LED."""
@@ -54,14 +55,22 @@ class FldaClassifier:
     @property
     def parameters_count(self) -> int:
         """How many numbers decide: the direction and the threshold."""
-        return _fitted(self._flda).n_features + 1
+        return _fitted(self._rule).direction.numel() + 1
 
 
-def _fitted(flda: FLDA | None) -> FLDA:
+def _solved(flda: FLDA) -> Discriminant:
+    """Give what decides, which is to the last bit what the discriminant itself would."""
+    # Asked for first: it refuses a missing class, and warns where samples do not determine it.
+    device = flda.direction.device
+    rule, _ = Discriminant.of(flda.statistics.to(torch.device("cpu")).checked())
+    return Discriminant(*(one.detach().to(device, copy=True) for one in rule))
+
+
+def _fitted(rule: Discriminant | None) -> Discriminant:
     """Refuse a discriminant without samples."""
-    if flda is None:
+    if rule is None:
         raise VoccError("it has seen no samples: call fit first")
-    return flda
+    return rule
 
 
 class LmmseEqualizer:

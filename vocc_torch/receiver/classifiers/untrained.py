@@ -24,7 +24,11 @@ class _Untrained:
         return self
 
     def decision_function(self, x: Tensor) -> Tensor:
-        """Score every LED."""
+        """Score every LED.
+
+        Raises:
+            NotImplementedError: always: each kind has its own.
+        """
         raise NotImplementedError
 
     def predict(self, x: Tensor) -> Tensor:

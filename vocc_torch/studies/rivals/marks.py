@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from vocc_torch.errors import VoccError
 from vocc_torch.evaluation.counts import Counts
 from vocc_torch.evaluation.montecarlo import Part
 from vocc_torch.evaluation.rivals import Mark
 from vocc_torch.receiver.bank import ReceiverBank
 from vocc_torch.rng import BLOCK_FRAMES
 from vocc_torch.studies.counter import PointJob
+from vocc_torch.studies.genie_likelihood import UnknownLikelihoodError
 from vocc_torch.studies.genie_mark import genie_knows, genie_mark
 from vocc_torch.studies.plan import Plan
 from vocc_torch.studies.rivals.plan import RivalStudy
@@ -50,10 +50,8 @@ def genie_marks(
             for value in plan.experiment.values:
                 told(f"the genie at {name} {value:g}")
                 marks[name][value] = _mark(study, plan, banks[name], value, workers)
-        except VoccError as error:
-            # What it cannot decide may show only once scenes are drawn: pixels full before they are white.
-            if "the genie" not in str(error):
-                raise
+        except UnknownLikelihoodError as error:
+            # It may show only once scenes are drawn: pixels full before they are white.
             del marks[name]
             unmarked[name] = str(error)
     return marks, unmarked

@@ -3,31 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import dataclass
 
 from vocc_torch.evaluation.curves import Curves
 from vocc_torch.evaluation.ledger import Ledger
 from vocc_torch.evaluation.montecarlo import Label, Outcome, Tally
 from vocc_torch.evaluation.price_list import Making
 from vocc_torch.evaluation.rivals import Rivals
-from vocc_torch.evaluation.timing import interleaved
-from vocc_torch.receiver.bank import ReceiverBank, needs_preambles
-from vocc_torch.rng import BLOCK_FRAMES, BlockKey
+from vocc_torch.receiver.bank import ReceiverBank
 from vocc_torch.studies.classifiers import built
-from vocc_torch.studies.link import Link
-from vocc_torch.studies.plan import Plan
 from vocc_torch.studies.rivals.marks import genie_marks
 from vocc_torch.studies.rivals.plan import RivalStudy
 from vocc_torch.studies.rivals.scenes import across_scenes
+from vocc_torch.studies.rivals.times import bits_ms
 from vocc_torch.studies.rivals.training import train_rivals
 from vocc_torch.studies.sweep import Sweep, measured, run_sweeps
-from vocc_torch.studies.tradeoff.times import threads
 from vocc_torch.studies.train import Training
 from vocc_torch.studies.workers import Workers
-
-TIMED_REPEATS = 9
-"""Rounds over which the time of a decision is a median."""
 
 
 def _silent(*_: object) -> None:
@@ -88,14 +80,14 @@ def compare_rivals(
     if worlds:
         told.finished("other scenes")
     told.stage("times")
-    spent = _decide_ms(study.base, trained[0][0])
+    spent = bits_ms(study.base, trained[0][0])
     told.finished("times")
     making: dict[str, Making] = trained[0][1]
     return Rivals(
         reference=study.reference,
         curves=curves,
         making=making,
-        decide_ms=spent,
+        bits_ms=spent,
         points=study.points,
         marks=marks,
         unmarked=unmarked,
@@ -131,15 +123,3 @@ def _curves(
         name: measured(plan, study.locators, outcomes[name]).curves[locator]
         for name, plan in study.plans.items()
     }
-
-
-def _decide_ms(plan: Plan, training: Training) -> dict[str, float]:
-    """Time the decisions on a block of panels that are read already, on one thread, ms a frame."""
-    names = plan.receiver.names
-    link = Link.of(replace(plan, batch_frames=BLOCK_FRAMES))
-    model, key = plan.experiment.training_model(plan.world), BlockKey(plan.seed, "times", 0)
-    with threads(1):
-        (seen,) = link.observe(model, [key], preambles=needs_preambles(names))
-        calls = {name: partial(training.bank([name]).scores, seen.readings, seen.preambles) for name in names}
-        timed = interleaved(calls, TIMED_REPEATS, link.simulator.device)
-    return {name: timing.median_s * 1e3 / BLOCK_FRAMES for name, timing in timed.items()}

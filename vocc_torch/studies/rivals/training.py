@@ -10,6 +10,7 @@ from dataclasses import replace
 
 from vocc_torch.evaluation.price_list import Making
 from vocc_torch.receiver.bank import FLDA_FEATURES, feature_indices
+from vocc_torch.receiver.discriminant import Discriminant
 from vocc_torch.simulation import SceneModel
 from vocc_torch.studies.classifiers import TrainedClassifier, train_classifiers
 from vocc_torch.studies.link import Link
@@ -87,7 +88,9 @@ def _collected(
             own = trained[name]
             making[name] = Making(own.seconds, own.simulated_s, own.frames, own.parameters, own.size_bytes)
         elif name in FLDA_FEATURES:
-            size = len(pickle.dumps(training.flda.select(feature_indices(name))))
+            # What decides, without the sums that it was solved from.
+            own_rule, _ = Discriminant.of(training.flda.select(feature_indices(name)).statistics)
+            size = len(pickle.dumps(own_rule))
             making[name] = Making(seconds, None, training.frames, len(FLDA_FEATURES[name]) + 1, size)
         else:
             making[name] = Making(parameters=0)
