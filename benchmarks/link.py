@@ -95,7 +95,7 @@ class Receive:
         """Give the bits (B,R,C), Off where no panel was found; call ``clock`` between the stages."""
         panels = self.locator(frames, self.shape)
         clock()
-        features = self.reader.read(frames, panels).features
+        features = self.reader.read_features(frames, panels)
         clock()
         return self.flda.predict(features) & panels.found.view(-1, 1, 1)
 
@@ -132,25 +132,25 @@ def ours(
     return Variant(f"vocc_torch, {framing}, batch {batch}{where}", 0, run)
 
 
-def _work(call: tuple[int, FLDA]) -> int:
-    """Draw, simulate and decode 1024 frames in a worker process, in batches of 64; give their number."""
-    part, flda = call
+def _work(call: tuple[int, int, FLDA]) -> int:
+    """Draw, simulate and decode 1024 frames in a worker process; give their number."""
+    part, batch, flda = call
     simulator, receive = Simulator(), Receive(SHAPE, flda)
-    with torch.no_grad():
+    with torch.inference_mode():
         scene, bits = scenes(1024, f"worker {part}")
-        for start in range(0, len(scene), 64):
-            rows = slice(start, start + 64)
+        for start in range(0, len(scene), batch):
+            rows = slice(start, start + batch)
             receive(simulator.render(scene[rows], bits[rows], nearest_m=30.0))
     return len(scene)
 
 
-def with_workers(flda: FLDA, rounds: int) -> tuple[int, list[float]]:
+def with_workers(flda: FLDA, rounds: int, batch: int) -> tuple[int, list[float]]:
     """Frames per second of the product's own processes, one a core, as in ``workers=0``: drawing included."""
-    found = []
+    found: list[float] = []
     with Workers(0) as workers:
         for turn in range(rounds + 1):
             begin = time.perf_counter()
-            calls = [workers.submit(_work, (part, flda)) for part in range(2 * workers.count)]
+            calls = [workers.submit(_work, (part, batch, flda)) for part in range(2 * workers.count)]
             frames = sum(call.result() for call in calls)
             # The first round starts the processes.
             found += [frames / (time.perf_counter() - begin)] * (turn > 0)
@@ -246,7 +246,7 @@ def main() -> None:
     for variant, frames in zip(variants, most, strict=False):
         variant.frames = frames
         variant.run(min(frames, 16))
-    with torch.no_grad():
+    with torch.inference_mode():
         for _ in range(args.rounds):
             for variant in variants:
                 spent, variant.bits = variant.run(variant.frames)
@@ -256,11 +256,12 @@ def main() -> None:
         table += [
             [f"vocc_torch, crop, batch {b}, cuda", *["not measured"] * (4 + len(STAGES))] for b in ON_GPU
         ]
-    count, rates = with_workers(flda, args.rounds)
-    each = statistics.median(rates), min(rates), max(rates)
-    ratio = each[0] / float(table[0][1])
-    name = f"vocc_torch, crop, batch 64, {count} processes"
-    table.append([name, *(f"{one:.0f}" for one in each), f"{ratio:.2f}", *[""] * len(STAGES)])
+    for batch in (64, 256):
+        count, rates = with_workers(flda, args.rounds, batch)
+        each = statistics.median(rates), min(rates), max(rates)
+        ratio = each[0] / float(table[0][1])
+        name = f"vocc_torch, crop, batch {batch}, {count} processes"
+        table.append([name, *(f"{one:.0f}" for one in each), f"{ratio:.2f}", *[""] * len(STAGES)])
     print(f"{describe_machine(torch.device('cpu'))}, OpenCV {cv2.__version__}\n")
     report(table, variants, bits.numpy())
     if args.csv:

@@ -37,6 +37,8 @@ TABLES = {
     },
 }
 SHOWN_ACROSS = ("flda_3", "flda_3_mix", "tag_planes", "lmmse", "logistic", "boosted_trees", "mlp")
+MOST_NAMED = 3
+"""Receivers that are as good as each other are counted where they are more."""
 FRAMES = {"whole": "whole frames", "crops": "crops"}
 
 
@@ -108,11 +110,15 @@ def genie(results: Path) -> str:
     for row in rows_of(results / "genie.csv"):
         low, high = float(row["ber_low"]), float(row["ber_high"])
         shown = f"{power(float(row['ber']))} [{power(low)}, {power(high)}]" if low else f"< {power(high)}"
-        best = f"`{row['best_receiver']}`, {row['best_bit_errors']}"
+        names = row["best_receivers"].split()
+        shown_names = (
+            ", ".join(f"`{name}`" for name in names) if len(names) <= MOST_NAMED else f"{len(names)} alike"
+        )
+        best = f"{shown_names}: {row['best_bit_errors']}"
         own = [row["bit_errors"], shown, row["proven"], number(str(1000 * float(row["seconds_a_frame"])))]
         lines.append([f"{row['axis']} = {float(row['value']):g}", row["frames"], *own, best])
     heads = ["point", "frames", "wrong bits", "BER", "proven frames", "CPU ms a frame"]
-    return table([*heads, "best receiver on these frames, wrong bits"], lines)
+    return table([*heads, "best receivers on these frames: wrong bits"], lines)
 
 
 def across(results: Path) -> str:

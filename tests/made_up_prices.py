@@ -3,9 +3,9 @@
 import numpy as np
 
 from vocc_torch.evaluation.counts import Counts
+from vocc_torch.evaluation.frame_errors import FrameErrors
 from vocc_torch.evaluation.price_list import (
     STAGES,
-    FrameErrors,
     Making,
     Mark,
     Place,
@@ -77,6 +77,7 @@ def made_up_prices(settings=SETTINGS, wrong=BIT_ERRORS, alone_ms=ALONE_MS, **cha
         "waited_share": 0.0,
         "sensor_px": (1080, 1920),
         "crop_px": (89, 89),
+        "in_one_go": "flda_3",
         "scene": "paper",
     }
     return PriceList(**{**given, **changes})

@@ -174,6 +174,20 @@ def test_parts_can_be_left_out(place):
     assert "knows the scene" not in ran.out
 
 
+def test_without_scikit_learn_its_classifiers_are_left_out_and_named(place, monkeypatch):
+    monkeypatch.setattr("vocc_torch.studies.tradeoff.optional.find_spec", lambda _: None)
+    ran = run_in(
+        place, "experiment=classifiers", *TINY[:3], "receiver.names=[flda_3]", "classifier=[panel_otsu,svm]",
+        "name=without", "workers=1", "tensorboard=false", "rivals.genie_frames=0", "rivals.scene_frames=40",
+        "rivals.experiments.ambient.values=[1000]", "rivals.experiments.distance.values=[70]",
+        *(f"~rivals.scenes.{name}" for name in ("fog", "highway", "dashcam", "tunnel", "low_sun")),
+    )  # fmt: skip
+    assert (ran.status, ran.err) == (0, "")
+    assert "Left out: svm, since scikit-learn is not installed" in " ".join(ran.out.split())
+    rows = rows_of(place / "runs" / "without" / "classifiers.csv")
+    assert {row["receiver"] for row in rows} == {"flda_3", "panel_otsu"}
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [

@@ -114,10 +114,10 @@ def own(file, target):
         ("NoScores", "classifiers.own: NoScores must have decision_function, predict_proba or predict"),
         ("OneProbability", "classifier own: predict_proba gave (4096, 1), it must give (4096, 2)"),
         ("Disputes", "classifier own: predict says otherwise at 256 of 256 LEDs"),
-        ("NoForward", "classifier own: fit_stream failed (NotImplementedError"),
-        ("OtherInputs", "classifier own: fit_stream failed (RuntimeError: mat1"),
+        ("NoForward", "classifier own: forward failed on (1024, 3) (NotImplementedError"),
+        ("OtherInputs", "classifier own: forward failed on (1024, 3) (RuntimeError: mat1"),
         ("NanNet", "classifier own: the validation loss is not finite"),
-        ("NothingToLearn", "classifier own: fit_stream failed (ValueError: optimizer got an empty"),
+        ("NothingToLearn", "classifier own: the module has no parameters that learn: use a class"),
         ("NUMBER", "classifiers.own.build: NUMBER cannot be built ('int' object is not callable)"),
     ],
 )

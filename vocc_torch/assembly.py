@@ -288,6 +288,8 @@ def build_rival_study(settings: AppConfig, folder: Path) -> RivalStudy:
         VoccError: a value outside its range, named by its key.
     """
     plan, config = build_plan(settings, folder), settings.rivals
+    receiver, left_out = without_absent(plan.receiver)
+    plan = replace(plan, receiver=receiver)
     plans = {}
     for name, one in config.experiments.items():
         section = f"rivals.experiments.{name}"
@@ -302,12 +304,13 @@ def build_rival_study(settings: AppConfig, folder: Path) -> RivalStudy:
         home=settings.scene.name,
         # The scene of the experiments may be among the shipped ones or not.
         scenes={
-            name: _abroad(settings, scene, name, folder)
+            name: replace(_abroad(settings, scene, name, folder), receiver=receiver)
             for name, scene in config.scenes.items()
             if name != settings.scene.name
         },
         scene_frames=config.scene_frames,
         scene_training_frames=config.scene_training_frames,
+        left_out=left_out,
     )
 
 

@@ -46,7 +46,11 @@ class Plain:
         (Plain(lambda s: s.to_sparse()), "decision_function gave torch.float32, torch.sparse_coo"),
         (Plain(decide=lambda s: s < 0), "predict says otherwise at 64 of 64 LEDs"),
         (Plain(decide=lambda s: s >= 0.5), "predict says otherwise at "),
-        (Plain(decide=lambda s: s.flatten() >= 0), "predict gave (64,), it must give (4, 4, 4)"),
+        (
+            Plain(decide=lambda s: s.flatten() >= 0),
+            "predict gave (64,), it must give a tensor of shape (4, 4, 4)",
+        ),
+        (Plain(lambda s: s.numpy()), "gave ndarray, it must give a tensor of shape (12, 4, 4)"),
         (Plain(decide=lambda s: [True]), "predict gave list"),
         (Plain(decide=lambda s: 1 / 0), "predict failed (ZeroDivisionError"),
         (Plain(lambda s: exit(0)), "decision_function failed (SystemExit: 0)"),

@@ -156,7 +156,7 @@ def test_the_tables_state_what_was_counted(rivals, tmp_path):
     assert scenes["paper", "night", "net"]["ratio"] == ""
     assert float(scenes["night", "paper", "flda_3"]["ratio"]) == pytest.approx(4.5)
     (first, _) = lines_of(tmp_path / "genie.csv")
-    assert (first["best_receiver"], first["best_bit_errors"], first["proven"]) == ("net", "0", "64")
+    assert (first["best_receivers"], first["best_bit_errors"], first["proven"]) == ("net", "0", "64")
 
 
 @pytest.mark.parametrize("width", [80, 120])
@@ -183,7 +183,7 @@ def test_the_words_are_the_numbers(rivals):
     assert "flda_3 trained on paper is as good everywhere" in words
     assert "night (4.5 times)" in words
     assert "It is chosen by these very frames" in words
-    assert "surely worse than one trained on the scenes of the test, 95 % for all 4 such comparisons" in words
+    assert "Surely: with 95 % for all 4 comparisons that are told here together." in words
 
 
 def test_what_is_sure_by_itself_may_not_be_among_many(rivals):
@@ -196,6 +196,24 @@ def test_what_is_sure_by_itself_may_not_be_among_many(rivals):
     for pair, said in zip(both, (False, True), strict=True):
         words = " ".join(summary(replace(rivals, transfers=[*others, pair])).split())
         assert ("flda_3 trained on paper is surely worse" in words) == said
+
+
+def test_those_that_are_as_good_are_named(rivals, tmp_path):
+    alike = {name: counts(4 if name == "flda_3" else 0, 64) for name in WRONG}
+    rivals.marks["distance"][30.0] = Mark(counts(0, 64), 64, 0.025, alike)
+    write_rivals(tmp_path, rivals)
+    (first, _) = lines_of(tmp_path / "genie.csv")
+    assert first["best_receivers"].split() == ["average_greyscale", "net", "plain"]
+    curves = rivals.curves["distance"]
+    same = {**curves.counts, **{("plain", value): curves.counts["net", value] for value in curves.values}}
+    tied = replace(rivals, curves={"distance": replace(curves, counts=same)})
+    assert "As few wrong bits over all points: plain." in " ".join(summary(tied).split())
+    assert "As few" not in summary(rivals)
+
+
+def test_what_cannot_be_built_here_is_said(rivals):
+    words = summary(replace(rivals, left_out={"svm": "scikit-learn is not installed"}))
+    assert "Left out: svm, since scikit-learn is not installed." in words
 
 
 def test_a_genie_that_is_beaten_is_not_hidden(rivals):

@@ -18,10 +18,12 @@ from vocc_torch.simulation import Camera, Distribution, LedPanel, SceneModel
 from vocc_torch.simulation.raster import disc_cover
 from vocc_torch.simulation.simulator import PAPER_EFFECTS
 from vocc_torch.studies.counter import PointCounter
+from vocc_torch.studies.genie_likelihood import UnknownLikelihoodError
 from vocc_torch.studies.link import Link, block_keys
 from vocc_torch.studies.plug_in import ClassifierPlan
 from vocc_torch.studies.tradeoff import RendererKnobs, TradeoffStudy, price_receivers, price_renderer
 from vocc_torch.studies.tradeoff import optional as optional_module
+from vocc_torch.studies.tradeoff import study as study_module
 from vocc_torch.studies.tradeoff import times as times_module
 from vocc_torch.studies.tradeoff.errors import count_errors, shots
 from vocc_torch.studies.tradeoff.optional import without_absent
@@ -346,7 +348,8 @@ def test_a_whole_price_list(make_study):
     study = make_study(names=("flda_3", "otsu"), test_frames=64, locators=("paper",), scene_name="made up")
     prices = price_receivers(study, Workers(1), told.append)
     assert told == ["training", "bit errors", "what is possible", "times"]
-    assert (prices.marks, prices.no_marks) == ({}, "tradeoff.genie_frames is 0")
+    assert (prices.marks, prices.no_marks) == ({}, {"mixture": "tradeoff.genie_frames is 0"})
+    assert (prices.timed_scenes, prices.in_one_go) == ("mixture", "flda_3")
     assert prices.settings == study.settings
     assert (prices.threads, prices.scene, prices.error_device) == (1, "made up", "cpu")
     for frames, batch in itertools.product(("crops",), (1, 16)):
@@ -516,7 +519,42 @@ def test_what_is_possible_is_measured_on_the_very_frames(make_study):
     strange = dataclasses.replace(study, plan=dataclasses.replace(study.plan, world=plan))
     unknown = price_receivers(strange, Workers(1))
     assert unknown.marks == {}
-    assert "the genie reads digital numbers" in unknown.no_marks
+    assert "the genie reads digital numbers" in unknown.no_marks["mixture"]
+
+
+def test_a_kind_of_scenes_that_the_genie_refuses_costs_no_other_its_mark(make_study, monkeypatch):
+    study = make_study(
+        names=("flda_3",),
+        test_frames=4,
+        locators=("truth",),
+        genie_frames=2,
+        scenes={"a": {}, "b": {}, "c": {}},
+    )
+    genie = study_module.genie_mark
+
+    def refusing(world, model, seed, point, frames, workers):
+        if point == study.point("b"):
+            raise UnknownLikelihoodError(
+                "the genie knows no likelihood for pixels full before they are white"
+            )
+        return genie(world, model, seed, point, frames, workers)
+
+    monkeypatch.setattr(study_module, "genie_mark", refusing)
+    marks, refused = study_module._marks(study, Workers(1))
+    assert list(marks) == ["a", "c"]
+    assert refused == {"b": "the genie knows no likelihood for pixels full before they are white"}
+
+
+@pytest.mark.parametrize("error", [VoccError("a worker was ended from outside"), VoccError("the genie ...")])
+def test_no_other_mistake_is_taken_for_a_refusal(make_study, monkeypatch, error):
+    study = make_study(names=("flda_3",), test_frames=4, locators=("truth",), genie_frames=2)
+
+    def failing(*given):
+        raise error
+
+    monkeypatch.setattr(study_module, "genie_mark", failing)
+    with pytest.raises(VoccError, match=str(error)):
+        study_module._marks(study, Workers(1))
 
 
 def test_the_reference_itself_has_no_error(make_plan):

@@ -89,6 +89,19 @@ def frontier(offers: Sequence[Offer]) -> list[Offer]:
     return kept
 
 
+def most_accurate(offers: Sequence[Offer]) -> Offer:
+    """Give the offer with the lowest rate; among equal rates the end of the interval decides, then the time.
+
+    Args:
+        offers: at least one.
+
+    Example:
+        >>> most_accurate([Offer("a", 1, 1, 1, 0.2, 0.1, 0.3), Offer("b", 2, 2, 2, 0.1, 0.0, 0.2)]).name
+        'b'
+    """
+    return min(offers, key=lambda one: (one.ber, one.ber_high, one.median_ms))
+
+
 def most_accurate_within(offers: Sequence[Offer], limit_ms: float) -> Offer | None:
     """Give the offer with the lowest rate among those whose upper quartile keeps within a time.
 

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vocc_torch.evaluation.counts import Counts
+from vocc_torch.evaluation.frame_errors import FrameErrors
 from vocc_torch.evaluation.frontier import Offer, beats
 from vocc_torch.evaluation.intervals import Interval, ber_interval
-from vocc_torch.evaluation.paired import DifferenceInterval, PairedCounts, paired_interval
-from vocc_torch.evaluation.tally import tallies
+from vocc_torch.evaluation.paired import DifferenceInterval
 from vocc_torch.evaluation.timing import quartiles
 
 STAGES = ("read", "locate", "rectify", "features", "classify", "preambles")
@@ -124,26 +123,6 @@ class Spent:
         return total
 
 
-@dataclass(frozen=True)
-class FrameErrors:
-    """What every setting got wrong in each frame of one kind of scenes.
-
-    Args:
-        half_errors: (L,N) wrong bits, times two, by setting and frame.
-        found: (L,N) whether the panel was found.
-        leds: bits in a frame.
-    """
-
-    half_errors: NDArray[np.int64]
-    found: NDArray[np.bool_]
-    leds: int
-
-    @cached_property
-    def tallied(self) -> tuple[list[Counts], dict[tuple[int, int], PairedCounts]]:
-        """Counts of each, and of every two."""
-        return tallies(self.half_errors, self.leds, self.found)
-
-
 @dataclass(frozen=True, slots=True)
 class Mark:
     """What is possible: a decoder that knows the scene, on the first of the same frames.
@@ -167,18 +146,19 @@ class PriceList:
         settings: the configurations, in the order of the results.
         making: what each took to make.
         errors: by kind of scenes, in the order of the settings.
-        spent: times of each, by place.
-        end_to_end: where it was measured too, time of a receiver in one go over the sum of its stages.
+        spent: times of each, by place, on frames of the first kind of scenes.
+        end_to_end: by place, time of a receiver in one go over the sum of its stages.
         machines: what was measured on, by device.
         error_device: where errors were counted.
         threads: threads that torch used within an operation while times were taken.
         waited_share: share of that time in which other work had the processor, 0 to 1.
         sensor_px: height and width of a whole frame.
-        crop_px: height and width of a crop.
+        crop_px: height and width of a crop, of the first kind of scenes.
+        in_one_go: the receiver that ``end_to_end`` is of.
         scene: name of the scenes.
         frames_a_preamble: frames of data that a pair of frames of known bits serves, where one is needed.
         marks: what is possible, by kind of scenes; empty where it was not measured.
-        no_marks: why not.
+        no_marks: why not, by kind of scenes.
         missing: devices that were asked for and are not there, and why.
         left_out: receivers that were asked for and could not be built, and why.
     """
@@ -194,10 +174,11 @@ class PriceList:
     waited_share: float
     sensor_px: tuple[int, int]
     crop_px: tuple[int, int]
+    in_one_go: str
     scene: str = ""
     frames_a_preamble: int = 1
     marks: Mapping[str, Mark] = field(default_factory=dict)
-    no_marks: str = ""
+    no_marks: Mapping[str, str] = field(default_factory=dict)
     missing: Mapping[str, str] = field(default_factory=dict)
     left_out: Mapping[str, str] = field(default_factory=dict)
 
@@ -205,6 +186,11 @@ class PriceList:
     def places(self) -> tuple[Place, ...]:
         """Where was timed, in order."""
         return tuple(dict.fromkeys(place for _, place in self.spent))
+
+    @property
+    def timed_scenes(self) -> str:
+        """The kind of scenes whose frames were timed; their times stand for the other kinds too."""
+        return next(iter(self.errors))
 
     @property
     def kinds(self) -> tuple[tuple[str, str], ...]:
@@ -250,11 +236,16 @@ class PriceList:
         counts = self.marks[scenes].counts
         return counts.ber, _interval(counts, sum((one.counts for one in self.marks.values()), Counts()))
 
+    def where_marked(self, scenes: str) -> dict[Setting, Counts]:
+        """Give each setting's errors on the very frames of :meth:`mark`; empty where it was not measured."""
+        if scenes not in self.marks:
+            return {}
+        same = self.errors[scenes].first(self.marks[scenes].counts.frames)
+        return dict(zip(self.settings, same.tallied[0], strict=True))
+
     def compared(self, scenes: str, a: int, b: int) -> DifferenceInterval:
         """Compare two settings' rates on the same frames, by their places in the list: that of a less b's."""
-        pairs = self.errors[scenes].tallied[1]
-        paired = pairs[a, b] if a < b else pairs[b, a].swapped()
-        return paired_interval(paired)
+        return self.errors[scenes].compared(a, b)
 
     def beaten_by(self, scenes: str, offers: Sequence[Offer]) -> list[tuple[str, bool]]:
         """Say for each offer, in the order of the settings, which one beats it, and whether that is sure.
@@ -265,13 +256,14 @@ class PriceList:
 
         Returns:
             The name of the most accurate one that beats it, preferring one for which it is sure; empty where
-            none does. Sure: the paired 95 % interval of the rates leaves out 0; of the times, all of them
-            taken in the same rounds, the medians are compared.
+            none does. Sure is said of the rates: the paired interval of their difference leaves out 0, with
+            intervals so wide that those of all pairs hold together at 95 % (Bonferroni). Times, all of them
+            taken in the same rounds, are compared by their medians.
         """
-        said = []
+        errors, said = self.errors[scenes], []
         for own, offer in enumerate(offers):
             rivals = [i for i, other in enumerate(offers) if beats(other, offer)]
-            sure = [i for i in rivals if self.compared(scenes, own, i).low > 0]
+            sure = [i for i in rivals if errors.surely_worse(own, i)]
             best = min(sure or rivals, key=lambda i: (offers[i].ber, offers[i].median_ms), default=None)
             said.append(("", False) if best is None else (offers[best].name, bool(sure)))
         return said

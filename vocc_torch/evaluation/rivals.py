@@ -101,6 +101,7 @@ class Rivals:
         lost: why scenes are not among ``transfers``, by name.
         home: name of the scenes of the experiments.
         most_training_frames: of a receiver in ``transfers``.
+        left_out: receivers that were asked for and cannot be built here, and why.
     """
 
     reference: str
@@ -114,6 +115,7 @@ class Rivals:
     lost: Mapping[str, str] = field(default_factory=dict)
     home: str = ""
     most_training_frames: int = 0
+    left_out: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def receivers(self) -> tuple[str, ...]:

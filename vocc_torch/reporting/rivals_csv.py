@@ -34,9 +34,9 @@ POINT_COLUMNS = ("ber", "ber_low", "ber_high", "ratio", "ratio_low", "ratio_high
 
 GENIE_COLUMNS = (
     *("experiment", "axis", "value", "frames", "bits", "bit_errors", "ber", "ber_low", "ber_high"),
-    *("proven", "seconds_a_frame", "best_receiver", "best_bit_errors"),
+    *("proven", "seconds_a_frame", "best_receivers", "best_bit_errors"),
 )
-"""``best_receiver`` has the fewest wrong bits on the genie's frames: the first of them where several have."""
+"""``best_receivers`` have the fewest wrong bits on the genie's frames: all that do, with spaces between."""
 
 SCENE_COLUMNS = (
     *("trained_on", "tested_on", "receiver", "frames", "bits", "bit_errors", "ber", "ber_low", "ber_high"),
@@ -119,11 +119,11 @@ def _marks(rivals: Rivals) -> Iterator[tuple[Cell, ...]]:
     for name, marks in rivals.marks.items():
         for value, mark in sorted(marks.items()):
             counts, ends = mark.counts, interval_of(mark.counts)
-            best = mark.best[0] if mark.best else None
+            best = mark.best
             yield (
                 *(name, rivals.curves[name].axis, value, counts.frames, counts.bits, counts.bit_errors),
                 *(counts.ber, ends.low, ends.high, mark.proven, mark.seconds_a_frame),
-                *(best, None if best is None else mark.receivers[best].bit_errors),
+                *(" ".join(best), mark.receivers[best[0]].bit_errors if best else None),
             )
 
 

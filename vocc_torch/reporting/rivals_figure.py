@@ -9,7 +9,6 @@ from itertools import pairwise
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.patheffects import withStroke
 from matplotlib.ticker import FixedFormatter, FixedLocator, LogLocator, NullFormatter, NullLocator
 
 from vocc_torch.evaluation.curve import BerTable, Row
@@ -24,7 +23,7 @@ _OWN, _REFERENCE, _FAINT = "#0072B2", "#D55E00", "#D3D7DC"
 _WIDE_IN, _HIGH_IN, _COLUMNS = 2.62, 1.72, 5
 _TITLE = 31
 """Letters of a title that fit above a picture."""
-_LEFT_IN, _RIGHT_IN, _ABOVE_IN, _BELOW_IN, _BETWEEN_IN = 0.78, 0.16, 1.28, 1.06, 0.42
+_LEFT_IN, _RIGHT_IN, _ABOVE_IN, _BELOW_IN, _BETWEEN_IN = 0.78, 0.16, 1.42, 1.06, 0.58
 
 
 def ratio_text(ratio: Ratio) -> str:
@@ -75,7 +74,7 @@ def curves_figure(rivals: Rivals, experiment: str) -> Figure:
         _panel(axes, rivals, table, name)
         title = f"{place + 1}. {styles[name].label}"
         size = 10.5 * min(1.0, _TITLE / len(title))
-        axes.set_title(title, fontsize=size, color=INK, loc="left", pad=5)
+        axes.set_title(title, fontsize=size, color=INK, loc="left", pad=18)
         axes.tick_params(labelleft=column == 0, labelbottom=place + columns >= len(names))
         _note(axes, rivals, experiment, name)
     _labels(figure, rivals, table)
@@ -130,6 +129,9 @@ def _set_up(axes: Axes, table: BerTable) -> None:
     axes.xaxis.set_major_locator(FixedLocator(list(values)))
     axes.xaxis.set_major_formatter(FixedFormatter([value_text(v) if v in named else "" for v in values]))
     axes.xaxis.set_minor_locator(NullLocator())
+    if len(value_text(values[-1])) > 4:
+        # A long name keeps within its picture, away from the next one's.
+        axes.get_xticklabels()[-1].set_horizontalalignment("right")
     lowest = min(row.ber_high if row.error_free else row.ber for row in table if row.receiver != GENIE)
     axes.set_yscale("log")
     axes.set_ylim(lowest / 2.5, min(1.0, 1.6 * max(row.ber_high for row in table)))
@@ -150,22 +152,19 @@ def _spread(values: Sequence[float]) -> tuple[float, ...]:
 
 
 def _note(axes: Axes, rivals: Rivals, experiment: str, name: str) -> None:
-    """Say what the receiver has of the reference's rate at the summary's point."""
+    """Say below its name what the receiver has of the reference's rate at the summary's point."""
     value = rivals.points.get(experiment)
     ratio = None if value is None else rivals.ratio(experiment, name, value)
     if ratio is None or value is None:
         return
     axes.text(
-        0.97,
-        0.95,
+        0.0,
+        1.03,
         f"{ratio_text(ratio).replace('x', chr(0xD7))} at {value_text(value)}",
         transform=axes.transAxes,
-        ha="right",
-        va="top",
-        fontsize=8.6,
+        va="bottom",
+        fontsize=8.8,
         color=_OWN if ratio.high < 1 else INK,
-        path_effects=[withStroke(linewidth=2.6, foreground="white")],
-        zorder=6,
     )
 
 

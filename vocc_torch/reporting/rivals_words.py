@@ -20,7 +20,8 @@ def summary(rivals: Rivals, width: int = 100) -> str:
         rivals: what was measured.
         width: columns that a line may take.
     """
-    parts = [_reading(rivals), *_best(rivals), *_marks(rivals), *_abroad(rivals)]
+    left_out = [f"Left out: {name}, since {why}." for name, why in rivals.left_out.items()]
+    parts = [_reading(rivals), *left_out, *_best(rivals), *_marks(rivals), *_abroad(rivals)]
     return "\n\n".join(textwrap.fill(part, width, break_on_hyphens=False) for part in parts) + "\n"
 
 
@@ -49,10 +50,10 @@ def _point(rivals: Rivals, experiment: str, receiver: str, value: float) -> Row:
 
 def _best(rivals: Rivals) -> Iterator[str]:
     """Say which of those that learn is best, and its price."""
-    plugged_in = [name for name in rivals.ranked() if name in rivals.learners and name != rivals.reference]
-    if not plugged_in or not rivals.points:
+    learnt = [name for name in rivals.ranked() if name in rivals.learners and name != rivals.reference]
+    if not learnt or not rivals.points:
         return
-    best, made = plugged_in[0], rivals.making[plugged_in[0]]
+    best, made = learnt[0], rivals.making[learnt[0]]
     said = []
     for experiment, value in rivals.points.items():
         row, ratio = _point(rivals, experiment, best, value), rivals.ratio(experiment, best, value)
@@ -74,9 +75,14 @@ def _best(rivals: Rivals) -> Iterator[str]:
     price.append(f"{rivals.bits_ms[best]:.2g} ms a frame from the rectified panel to its bits")
     own = rivals.bits_ms[rivals.reference]
     price[-1] += f" ({rivals.reference}: {own:.2g} ms)"
+    total = {
+        name: sum(curves.total(name).half_errors for curves in rivals.curves.values()) for name in learnt
+    }
+    tied = [name for name in learnt[1:] if total[name] == total[best]]
+    also = f" As few wrong bits over all points: {', '.join(tied)}." if tied else ""
     yield (
         f"Best of those that learn: {best}, {'; '.join(said)}. It is chosen by these very frames, which "
-        f"flatters its rates. Its price: {', '.join(price)}."
+        f"flatters its rates.{also} Its price: {', '.join(price)}."
     )
 
 
@@ -130,9 +136,11 @@ def _abroad(rivals: Rivals) -> Iterator[str]:
     for name, own in told.items():
         out = [one for one in own if one.trained_on == rivals.home]
         back = [one for one in own if one.tested_on == rivals.home]
+        there, here = _listed(out, "tested_on", comparisons), _listed(back, "trained_on", comparisons)
         yield (
-            f"In other scenes: {name} trained on {rivals.home} is {_listed(out, 'tested_on', comparisons)}; "
-            f"trained elsewhere and tested on {rivals.home} it is {_listed(back, 'trained_on', comparisons)}."
+            f"In other scenes: {name} trained on {rivals.home} is {there}; trained elsewhere and tested on "
+            f"{rivals.home} it is {here}. "
+            f"Surely: with 95 % for all {comparisons} comparisons that are told here together."
         )
 
 
@@ -150,5 +158,4 @@ def _listed(transfers: list[Transfer], side: str, comparisons: int) -> str:
     if not surely:
         return "as good everywhere as one trained there, as far as these frames tell"
     ordered = [text for _, text in sorted(surely, reverse=True)]
-    together = f", 95 % for all {comparisons} such comparisons together," if comparisons > 1 else ""
-    return f"surely worse than one trained on the scenes of the test{together} in {', '.join(ordered)}"
+    return f"surely worse than one trained on the scenes of the test in {', '.join(ordered)}"

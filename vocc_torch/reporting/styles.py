@@ -37,7 +37,7 @@ _KNOWN = {
     "flda_2": Style("FLDA: AGR + GRI", "#0072B2", "s", "-"),
     "flda_3": Style("FLDA: AGR + GRI + NGR", "#D55E00", "o", "-"),
     # The classifiers of conf/classifier: colours after Paul Tol's muted ones, and markers of their own.
-    "flda_3_mix": Style("FLDA: AGR + GRI + NGR, networks' mix", "#A64A1E", "*", "--"),
+    "flda_3_mix": Style("FLDA 3, networks' mix", "#A64A1E", "*", "--"),
     "flda_patch": Style("FLDA on 3 x 3 cells", "#117733", "X", "-"),
     "flda_patch_exposure": Style("FLDA on 3 x 3 cells, exposure", "#44AA99", "p", "--"),
     "lmmse": Style("LMMSE equaliser", "#882255", "h", "-"),

@@ -4,20 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from vocc_torch.evaluation.frontier import Offer, most_accurate_within, quickest_below
+from vocc_torch.evaluation.frontier import Offer, most_accurate, most_accurate_within, quickest_below
 from vocc_torch.evaluation.knob_setting import KnobSetting
 from vocc_torch.evaluation.price_list import PriceList
 from vocc_torch.reporting.text_table import interval_text, rate_text
+from vocc_torch.reporting.tradeoff_basis import about, compared, counted_frames
 from vocc_torch.reporting.tradeoff_words import (
     FRAMES_PER_S,
-    GREYSCALE_RECEIVERS,
     RATES,
     ber_text,
     frames_text,
     ms_text,
-    preamble_text,
     scenes_text,
     setting_text,
+    timed_text,
     wrapped,
 )
 
@@ -38,80 +38,22 @@ def recommendation(prices: PriceList, knobs: Sequence[KnobSetting] = ()) -> str:
     return "\n".join(map(wrapped, lines)).rstrip() + "\n"
 
 
-def compared(prices: PriceList) -> list[str]:
-    """Say what was compared and where the picture is."""
-    receivers = dict.fromkeys(setting.receiver for setting in prices.settings)
-    locators = dict.fromkeys(setting.locator for setting in prices.settings)
-    places = "1 way" if len(locators) == 1 else f"{len(locators)} ways"
-    return [
-        f"Compared: {_count(len(receivers), 'receiver')} with {places} to find the panel, "
-        f"{_count(len(prices.settings), 'setting')} in all, on the same {_test_frames(prices)} frames of "
-        "each kind of scenes. The picture is tradeoff.png, the table tradeoff.csv."
-    ]
-
-
 def headline(prices: PriceList) -> list[str]:
     """Say it for the first kind of frames and scenes alone, each receiver with its best batch size."""
     device, frames = prices.kinds[0]
     scenes = next(iter(prices.errors))
     offers = prices.offers(scenes, device, frames)
-    head = f"In short, for {_lower(frames_text(prices, frames))}, in batches; {scenes_text(prices, scenes)}:"
+    what = _lower(frames_text(prices, scenes, frames))
+    head = f"In short, for {what}, in batches; {scenes_text(prices, scenes)}:"
     answers = [*_within(prices, scenes, offers, brief=True), *_below(prices, offers, brief=True)]
     return [head, *(f"  {line}" for line in [*answers, *_possible(prices, scenes, offers)])]
-
-
-def about(prices: PriceList) -> list[str]:
-    """Say what the numbers rest on."""
-    thread = "one thread" if prices.threads == 1 else f"{prices.threads} threads"
-    apart = [abs(ratio - 1) for ratio in prices.end_to_end.values()]
-    waited = f"For {100 * prices.waited_share:.0f} % of the time other work had the processor"
-    return [
-        f"Bit error rates (BER): {_test_frames(prices)} frames of each kind of scenes, with 95 % intervals; "
-        "a receiver keeps below a rate where its whole interval does.",
-        "Times: medians over interleaved rounds, with quartiles; a receiver keeps within a time where its "
-        "upper quartile does. Rendering is not in them.",
-        *_preambles(prices),
-        f"Stages are timed one by one; a receiver in one go came within {100 * max(apart):.0f} % of the sum.",
-        *(f"Measured on {name}: {what}; {thread}." for name, what in prices.machines.items()),
-        *(f"Not measured on {name}: {why}." for name, why in prices.missing.items()),
-        *(f"Left out: {name}, since {why}." for name, why in prices.left_out.items()),
-        *_searched(prices),
-        *([f"What is possible was not measured: {prices.no_marks}."] if prices.no_marks else []),
-        *([f"{waited}: take times with care."] if prices.waited_share >= 0.05 else []),
-    ]
-
-
-def _preambles(prices: PriceList) -> list[str]:
-    """Say which receivers need frames of known bits, and what they cost."""
-    given = dict.fromkeys(setting.receiver for setting in prices.settings)
-    names = [name for name in given if name in GREYSCALE_RECEIVERS]
-    if not names:
-        return []
-    served = prices.frames_a_preamble
-    share = f"{100 * served / (served + 2):.0f} %"
-    return [
-        f"Only {' and '.join(names)} need frames of known bits. Times include {preamble_text(prices)}, which "
-        f"also take the channel: {share} of the frames carry data."
-    ]
-
-
-def _searched(prices: PriceList) -> list[str]:
-    """Say how sure it is what is possible."""
-    if not prices.marks:
-        return []
-    parts = []
-    for scenes, one in prices.marks.items():
-        told = f"{scenes.replace('_', ' ')}, {ms_text(1e3 * one.frame_s)} ms each"
-        parts.append(f"{one.proven} of {one.counts.frames} frames ({told})")
-    return [
-        f"What is possible is searched for; no bits can be likelier than those found in {', '.join(parts)}."
-    ]
 
 
 def _section(prices: PriceList, scenes: str, device: str, frames: str) -> Iterator[str]:
     """Say what to take on one device, for one kind of frames and scenes."""
     where = "" if len(prices.machines) == 1 else f", on {device}"
-    yield f"{frames_text(prices, frames)}{where}; {scenes_text(prices, scenes)}"
+    elsewhere = f"; {told}" if (told := timed_text(prices, scenes)) else ""
+    yield f"{frames_text(prices, scenes, frames)}{where}; {scenes_text(prices, scenes)}{elsewhere}"
     best = prices.offers(scenes, device, frames)
     yield "  In batches, each receiver in its best one:"
     yield from (f"    {line}" for line in _answers(prices, scenes, best))
@@ -173,27 +115,29 @@ def _below(prices: PriceList, offers: Sequence[Offer], *, brief: bool = False) -
             offer = next(one for one in offers if one.name == name)
             yield f"{said}take {_offered(prices, offer, brief)}."
             continue
-        why = f"{_test_frames(prices)} frames cannot show it" if likely else "none"
+        why = f"{counted_frames(prices)} frames cannot show it" if likely else "none"
         yield f"{said}{why}; the nearest is {_named(prices, nearest)}: {_rate(nearest, brief)}."
 
 
 def _possible(prices: PriceList, scenes: str, offers: Sequence[Offer]) -> list[str]:
-    """Say how far the most accurate receiver is from what is possible."""
+    """Say how far the most accurate receiver is from what is possible, both on the same frames."""
     mark = prices.mark(scenes)
     if mark is None:
         return []
     rate, interval = mark
-    best = min(offers, key=lambda one: (one.ber, one.ber_high, one.median_ms))
     frames = prices.marks[scenes].counts.frames
-    limit = "What is possible, by a decoder that knows the scene: "
+    limit = f"What is possible, by a decoder that knows the scene, in {frames} frames: "
     if rate == 0:
-        limit += f"no error in {frames} frames, BER < {rate_text(interval.high)}"
-        told = f"BER {rate_text(best.ber)}" if best.ber else f"no error in {_test_frames(prices)} frames"
-        return [f"{limit}. The best here, {_named(prices, best)}: {told}."]
-    limit += f"BER {rate_text(rate)} ({interval_text(rate, interval.low, interval.high)})"
-    if best.error_free:
-        return [f"{limit}. The best here, {_named(prices, best)}: {_rate(best, True)}."]
-    return [f"{limit}. The best here, {_named(prices, best)}, has {best.ber / rate:.2g} times that."]
+        limit += f"no error, BER < {rate_text(interval.high)}"
+    else:
+        limit += f"BER {rate_text(rate)} ({interval_text(rate, interval.low, interval.high)})"
+    best = most_accurate(offers)
+    own = next(c for setting, c in prices.where_marked(scenes).items() if setting.name == best.name)
+    if own.bit_errors and rate:
+        told = f"{own.ber / rate:.2g} times that"
+    else:
+        told = f"BER {rate_text(own.ber)}" if own.bit_errors else "no error"
+    return [f"{limit}. The best here, {_named(prices, best)}, has {told} on the same {frames} frames."]
 
 
 def _either(words: Sequence[str]) -> str:
@@ -204,17 +148,6 @@ def _either(words: Sequence[str]) -> str:
 def _lower(text: str) -> str:
     """Begin with a small letter."""
     return text[:1].lower() + text[1:]
-
-
-def _count(number: int, what: str) -> str:
-    """Write a number of things."""
-    return f"{number} {what}" if number == 1 else f"{number} {what}s"
-
-
-def _test_frames(prices: PriceList) -> int:
-    """Frames of each kind of scenes that errors were counted on."""
-    (frames,) = {counts.frames for name in prices.errors for counts in prices.counts(name).values()}
-    return frames
 
 
 def _named(prices: PriceList, offer: Offer) -> str:

@@ -24,9 +24,9 @@ _RATES = (
 _MAKING = ("training_s", "training_simulated_s", "training_frames", "parameters", "size_bytes")
 _MARK = (
     *("possible_test_frames", "possible_proven_frames", "possible_frame_ms"),
-    *("possible_ber", "possible_ber_low", "possible_ber_high"),
+    *("possible_ber", "possible_ber_low", "possible_ber_high", "ber_on_possible_frames"),
 )
-_FACTS = ("error_device", "end_to_end", "threads", "waited_share", "machine")
+_FACTS = ("timed_scenes", "error_device", "end_to_end", "end_to_end_of", "threads", "waited_share", "machine")
 
 RENDERER_COLUMNS = (
     *("knob", "value", "median_ms", "low_ms", "high_ms", "rounds", "frames_a_call"),
@@ -40,14 +40,17 @@ digital numbers before quantisation: the worst on the sensor, and the root mean 
 def columns(scenes: Sequence[str]) -> tuple[str, ...]:
     """Name the columns of ``tradeoff.csv``, some of them for each kind of scenes.
 
-    Times are ms a frame, medians over the rounds with lower and upper quartile. ``share_of_detection`` is bit
-    detection's time over panel detection's, as in the paper's Fig. 25. ``frontier`` compares receivers with
-    the same batch size, ``frontier_of_best_batches`` each with its own best one; ``surely_beaten`` marks
-    those whose rate is higher than that of ``beaten_by``, which is no slower, by the paired 95 % interval.
-    ``possible_ber`` is what a decoder that knows the scene reaches on the first of the same frames;
-    in ``possible_proven_frames`` of them no bits can be likelier than those that it gave.
+    Times are ms a frame, medians over the rounds with lower and upper quartile, on frames of
+    ``timed_scenes``. ``share_of_detection`` is bit detection's time over panel detection's, as in the paper's
+    Fig. 25. ``frontier`` compares receivers with the same batch size, ``frontier_of_best_batches`` each with
+    its own best one; ``surely_beaten`` marks those whose rate is higher than that of ``beaten_by``, which is
+    no slower by the median. Sure is said of the rates, by paired intervals of all pairs of settings that hold
+    together at 95 % (Bonferroni).
+    ``possible_ber`` is what a decoder that knows the scene reaches on the first ``possible_test_frames`` of
+    the same frames, and ``ber_on_possible_frames`` the line's own rate on these: compare the two. In
+    ``possible_proven_frames`` of them no bits can be likelier than those that the decoder gave.
     ``preambles_ms`` is reading and measuring the frames of known bits that a threshold comes from.
-    ``end_to_end`` is the time of a receiver in one go over the sum of its stages.
+    ``end_to_end`` is the time of ``end_to_end_of`` in one go over the sum of its stages.
 
     Example:
         >>> "mixture_ber_high" in columns(["mixture"])
@@ -98,6 +101,7 @@ def _lines(prices: PriceList) -> Iterator[list[_Cell]]:
         for setting in prices.settings
         for device, frames in prices.kinds
     }
+    marks = {scenes: _marks(prices, scenes) for scenes in prices.errors}
     for place in prices.places:
         rates = [list(_rates(prices, scenes, place)) for scenes in prices.errors]
         for row, setting in enumerate(prices.settings):
@@ -111,14 +115,15 @@ def _lines(prices: PriceList) -> Iterator[list[_Cell]]:
             errors = [
                 cell
                 for scenes, kind in zip(prices.errors, rates, strict=True)
-                for cell in (*kind[row][:-1], kind[row][-1] if is_best else "", *_mark(prices, scenes))
+                for cell in (*kind[row][:-1], kind[row][-1] if is_best else "", *marks[scenes][row])
             ]
-            facts = [prices.error_device, _short(prices.end_to_end[place]), prices.threads]
+            facts = [prices.timed_scenes, prices.error_device, _short(prices.end_to_end[place])]
             yield [
                 *about,
                 *(cell for three in times for cell in three),
                 *(speed, *share, *errors, *_making(prices, setting), *facts),
-                *(round(prices.waited_share, 4), prices.machines[place.device]),
+                *(prices.in_one_go, prices.threads, round(prices.waited_share, 4)),
+                prices.machines[place.device],
             ]
     yield from _missing(prices)
 
@@ -134,15 +139,16 @@ def _missing(prices: PriceList) -> Iterator[list[_Cell]]:
                 yield [*about, device, frames, batch, *[""] * blank, "not measured"]
 
 
-def _mark(prices: PriceList, scenes: str) -> list[_Cell]:
-    """Give the cells of what is possible."""
+def _marks(prices: PriceList, scenes: str) -> list[list[_Cell]]:
+    """Give the cells of what is possible, and of what each setting does on the same frames."""
     mark = prices.mark(scenes)
     if mark is None:
-        return [""] * len(_MARK)
+        return [[""] * len(_MARK)] * len(prices.settings)
     rate, interval = mark
     made = prices.marks[scenes]
-    numbers = map(_short, (1e3 * made.frame_s, rate, interval.low, interval.high))
-    return [made.counts.frames, made.proven, *numbers]
+    numbers = [_short(one) for one in (1e3 * made.frame_s, rate, interval.low, interval.high)]
+    own = (counts.ber for counts in prices.where_marked(scenes).values())
+    return [[made.counts.frames, made.proven, *numbers, _short(ber)] for ber in own]
 
 
 def _rates(prices: PriceList, scenes: str, place: Place) -> Iterator[list[_Cell]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -18,10 +19,17 @@ from vocc_torch.reporting.tradeoff_axes import Heights, budgets, heights, set_up
 from vocc_torch.reporting.tradeoff_dots import STRENGTH, Dot, dots_of
 from vocc_torch.reporting.tradeoff_labels import FONT, GAP_PX, LINE_PX, Column, columns, draw_labels
 from vocc_torch.reporting.tradeoff_legend import draw_legend, text_renderer
-from vocc_torch.reporting.tradeoff_words import GREYSCALE_RECEIVERS, frames_text, preamble_text, scenes_text
+from vocc_torch.reporting.tradeoff_words import (
+    GREYSCALE_RECEIVERS,
+    frames_text,
+    preamble_text,
+    scenes_text,
+    timed_text,
+)
 
 _MARK_COLOUR = "#8C5A00"
 _BESIDE_PX = 44.0
+_FOOTNOTE_CHARS = 148
 
 Height = Callable[[Dot], float]
 
@@ -39,7 +47,7 @@ def tradeoff_figure(prices: PriceList, scenes: str, device: str, frames: str) ->
     figure = new_figure(12.4, 8.4)
     # Labels are measured as they will be drawn.
     FigureCanvasAgg(figure)
-    axes = figure.add_axes((0.062, 0.203, 0.925, 0.682))
+    axes = figure.add_axes((0.062, 0.224, 0.925, 0.661))
     laid, times = _columns(figure, axes, dots)
     rates, height = _heights(axes, dots, times, prices.mark(scenes))
     set_up(axes, times, rates)
@@ -54,7 +62,7 @@ def tradeoff_figure(prices: PriceList, scenes: str, device: str, frames: str) ->
     draw_legend(
         figure,
         {dot.setting.locator: dot.face for dot in dots},
-        bottom=0.113,
+        bottom=0.135,
         varied=any(dot.varied for dot in dots),
         doubtful=any(dot.rank == "perhaps" for dot in dots),
         beaten=any(dot.rank == "beaten" for dot in dots),
@@ -118,7 +126,9 @@ def _mark(axes: Axes, prices: PriceList, scenes: str, rates: Heights) -> None:
     frames = prices.marks[scenes].counts.frames
     across = blended_transform_factory(axes.transAxes, axes.transData)
     if rate > 0:
-        said = f"BER {rate_text(rate)} ({interval_text(rate, interval.low, interval.high)})"
+        said = (
+            f"BER {rate_text(rate)} ({interval_text(rate, interval.low, interval.high)}) in {frames} frames"
+        )
         axes.axhspan(interval.low, interval.high, color=_MARK_COLOUR, alpha=0.07, linewidth=0, zorder=0.7)
     else:
         said = f"no error in {frames} frames, BER < {rate_text(interval.high)}"
@@ -178,20 +188,22 @@ def _write(figure: Figure, prices: PriceList, scenes: str, device: str, frames: 
     counts = next(iter(prices.counts(scenes).values()))
     rounds = [len(prices.spent[prices.settings[0], place].rounds_ms["read"]) for place in prices.places]
     span_text = f"{min(rounds)}" if min(rounds) == max(rounds) else f"{min(rounds)} to {max(rounds)}"
-    waited = ""
+    waited, known = "", ""
     if prices.waited_share >= 0.05:
         share = f"{100 * prices.waited_share:.0f} %"
-        waited = f"Take times with care: for {share} of it other work had the processor.\n"
-    known = ""
+        waited = f"Take times with care: for {share} of it other work had the processor. "
     if any(setting.receiver in GREYSCALE_RECEIVERS for setting in prices.settings):
-        known = f" Times of the greyscale receivers include {preamble_text(prices)}."
-    footnote = (
+        known = f"Times of the greyscale receivers include {preamble_text(prices)}. "
+    elsewhere = f"; {told}" if (told := timed_text(prices, scenes)) else ""
+    said = (
         f"{waited}Frontier (bold): nothing is both quicker and better, by medians and rates as seen. Surely "
-        "beaten: by one no slower whose rate is lower beyond chance.\n"
-        f"Rates: {counts.frames} frames, the same for all; bars are 95 % intervals. Times: medians and "
-        f"quartiles of {span_text} interleaved rounds.\n{prices.machines[device]}.{known}"
+        "beaten: one no slower by the median has a lower rate, by paired intervals of all pairs that hold "
+        f"together at 95 % (Bonferroni). Rates: {counts.frames} frames, the same for all; bars are 95 % "
+        f"intervals. Times: medians and quartiles of {span_text} interleaved rounds{elsewhere}. {known}"
+        f"{prices.machines[device]}."
     )
+    footnote = textwrap.fill(said, _FOOTNOTE_CHARS, break_on_hyphens=False)
     write_title(figure, "What accuracy costs in time", footnote)
-    what = f"{frames_text(prices, frames)}; {scenes_text(prices, scenes)}"
+    what = f"{frames_text(prices, scenes, frames)}; {scenes_text(prices, scenes)}"
     said = f"{what}. Farther left is quicker, farther down better."
     figure.text(0.018, 1 - 0.47 / figure.get_figheight(), said, fontsize=11.5, color=QUIET, va="top")

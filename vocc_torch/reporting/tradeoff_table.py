@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 from rich.console import Console
+from rich.table import Table
 from rich.text import Text
 
-from vocc_torch.evaluation.frontier import Offer, frontier
+from vocc_torch.evaluation.frontier import Offer, frontier, most_accurate
 from vocc_torch.evaluation.knob_setting import KnobSetting
 from vocc_torch.evaluation.price_list import Place, PriceList, Setting
 from vocc_torch.reporting.text_table import interval_text, plain_table, rate_text
-from vocc_torch.reporting.tradeoff_advice import about, compared, headline
+from vocc_torch.reporting.tradeoff_advice import headline
+from vocc_torch.reporting.tradeoff_basis import about, compared
 from vocc_torch.reporting.tradeoff_words import (
     frames_text,
     ms_text,
@@ -37,42 +39,13 @@ def print_prices(prices: PriceList, console: Console | None = None) -> None:
     """
     console = console or Console()
     device, frames = prices.kinds[0]
-    scenes = next(iter(prices.errors))
-    offers = prices.offers(scenes, device, frames)
-    kept = {one.name for one in frontier(offers)}
-    table = plain_table()
-    for head in ("", "receiver", "locator", ""):
-        table.add_column(head, no_wrap=True)
-    single = prices.batches(device, frames)[0] == 1
-    wide = console.width >= _WIDE
-    heads = ["ms", *(["alone\nms"] if single else []), "BER", "95 %"]
-    for head in heads + (["batch", "training\ns", "weights"] if wide else []):
-        table.add_column(head, justify="right", no_wrap=True)
+    scenes = prices.timed_scenes
     mark = "*" if console.options.ascii_only else "\N{BLACK DIAMOND}"
-    for setting, offer in sorted(
-        zip(prices.settings, offers, strict=True), key=lambda pair: pair[1].median_ms
-    ):
-        on = offer.name in kept
-        batch = prices.best_place(setting, device, frames).batch
-        alone = []
-        if single:
-            alone = [ms_text(prices.spent[setting, Place(device, frames, 1)].total[1])]
-        cells = [
-            mark if on else "",
-            receiver_text(setting.receiver) if console.width >= _WIDEST else setting.receiver,
-            setting.locator,
-            ", ".join(varied_text(setting, prices.settings[0])).replace(" gradient", ""),
-            *(ms_text(offer.median_ms), *alone, *_rate(offer)),
-            *((str(batch), *_made(prices, setting)) if wide else ()),
-        ]
-        table.add_row(*(Text(cell) for cell in cells), style="" if on else "dim")
-    if (mark_row := _mark_row(prices, scenes, single)) is not None:
-        table.add_row(*(Text(cell) for cell in mark_row), *(("",) * 3 if wide else ()))
     for line in compared(prices):
         console.print(Text(wrapped(line)), soft_wrap=True)
-    console.print(table)
+    console.print(_table(prices, scenes, (device, frames), mark, console.width))
     said = [
-        f"{mark} on the frontier: nothing is both quicker and better. {frames_text(prices, frames)}; "
+        f"{mark} on the frontier: nothing is both quicker and better. {frames_text(prices, scenes, frames)}; "
         f"{scenes_text(prices, scenes)}. ms: median a frame in the best batch; alone: one frame at a time.",
         "",
         *headline(prices),
@@ -81,6 +54,37 @@ def print_prices(prices: PriceList, console: Console | None = None) -> None:
     ]
     for line in said:
         console.print(Text(wrapped(line)), soft_wrap=True)
+
+
+def _table(prices: PriceList, scenes: str, kind: tuple[str, str], mark: str, width: int) -> Table:
+    """Lay out a line for each receiver, then what is possible."""
+    offers = prices.offers(scenes, *kind)
+    kept = {one.name for one in frontier(offers)}
+    single, wide = prices.batches(*kind)[0] == 1, width >= _WIDE
+    table = plain_table()
+    for head in ("", "receiver", "locator", ""):
+        table.add_column(head, no_wrap=True)
+    heads = ["ms", *(["alone\nms"] if single else []), "BER", "95 %"]
+    for head in heads + (["batch", "training\ns", "weights"] if wide else []):
+        table.add_column(head, justify="right", no_wrap=True)
+    for setting, offer in sorted(
+        zip(prices.settings, offers, strict=True), key=lambda pair: pair[1].median_ms
+    ):
+        on = offer.name in kept
+        alone = [ms_text(prices.spent[setting, Place(*kind, 1)].total[1])] if single else []
+        batch = str(prices.best_place(setting, *kind).batch)
+        cells = [
+            mark if on else "",
+            receiver_text(setting.receiver) if width >= _WIDEST else setting.receiver,
+            setting.locator,
+            ", ".join(varied_text(setting, prices.settings[0])).replace(" gradient", ""),
+            *(ms_text(offer.median_ms), *alone, *_rate(offer)),
+            *((batch, *_made(prices, setting)) if wide else ()),
+        ]
+        table.add_row(*(Text(cell) for cell in cells), style="" if on else "dim")
+    for cells in _mark_rows(prices, scenes, offers, single):
+        table.add_row(*(Text(cell) for cell in cells), *(("",) * 3 if wide else ()))
+    return table
 
 
 def print_renderer(knobs: Sequence[KnobSetting], console: Console | None = None) -> None:
@@ -109,14 +113,22 @@ def print_renderer(knobs: Sequence[KnobSetting], console: Console | None = None)
     console.print(table)
 
 
-def _mark_row(prices: PriceList, scenes: str, single: bool) -> list[str] | None:
-    """Give the line of what is possible."""
+def _mark_rows(prices: PriceList, scenes: str, offers: Sequence[Offer], single: bool) -> Iterator[list[str]]:
+    """Give the line of what is possible, and of the most accurate receiver on the same frames."""
     mark = prices.mark(scenes)
     if mark is None:
-        return None
+        return
     rate, interval = mark
+    frames = f"{prices.marks[scenes].counts.frames} frames"
+    untimed = [""] * (2 if single else 1)
     limit = Offer("possible", 1.0, 1.0, 1.0, rate, interval.low, interval.high)
-    return ["", "knows the scene", "", "", "", *([""] if single else []), *_rate(limit)]
+    yield ["", "knows the scene", "", frames, *untimed, *_rate(limit)]
+    best = most_accurate(offers)
+    setting, counts = next(
+        (one, c) for one, c in prices.where_marked(scenes).items() if one.name == best.name
+    )
+    told = rate_text(counts.ber) if counts.bit_errors else "no error"
+    yield ["", setting.receiver, setting.locator, f"same {frames}", *untimed, told, ""]
 
 
 def _rate(offer: Offer) -> tuple[str, str]:

@@ -101,15 +101,35 @@ def wrapped(line: str) -> str:
     return textwrap.fill(line, 110, subsequent_indent=f"{indent}  ", break_on_hyphens=False)
 
 
-def frames_text(prices: PriceList, frames: str) -> str:
-    """Say what the receiver is handed."""
+def frames_text(prices: PriceList, scenes: str, frames: str) -> str:
+    """Say what the receiver is handed; the size of crops is known for the scenes alone that were timed."""
     if frames == "crops" and prices.crop_px == prices.sensor_px:
         return "Frames cut to the panel's surroundings, which here are whole: an effect fills the sensor"
     height, width = prices.sensor_px if frames == "whole" else prices.crop_px
     what = "Whole frames" if frames == "whole" else "Crops of the panel's surroundings"
-    return f"{what}, {width} x {height} px"
+    return what if frames == "crops" and scenes != prices.timed_scenes else f"{what}, {width} x {height} px"
+
+
+def timed_text(prices: PriceList, scenes: str) -> str:
+    """Say that times are those of other scenes, where they are; else nothing.
+
+    Args:
+        prices: what was measured.
+        scenes: the kind of scenes that is told of.
+    """
+    return "" if scenes == prices.timed_scenes else f"times are those of {told_text(prices.timed_scenes)}"
+
+
+def told_text(scenes: str) -> str:
+    """Write the name of a kind of scenes.
+
+    Example:
+        >>> told_text("far_and_dim")
+        'far and dim'
+    """
+    return scenes.replace("_", " ")
 
 
 def scenes_text(prices: PriceList, scenes: str) -> str:
     """Name a kind of scenes."""
-    return f"{prices.scene} scenes, {scenes.replace('_', ' ')}".strip()
+    return f"{prices.scene} scenes, {told_text(scenes)}".strip()

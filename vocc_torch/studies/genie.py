@@ -61,7 +61,7 @@ class Genie:
         simulator: renders the frames.
 
     Raises:
-        VoccError: effects whose likelihood the genie does not know.
+        UnknownLikelihoodError: effects whose likelihood the genie does not know.
 
     Example:
         >>> simulator, scene = Simulator(), Scene.of(frames=2, distance_m=70.0)
@@ -94,7 +94,8 @@ class Genie:
             The decision, on the simulator's device.
 
         Raises:
-            VoccError: another number of scenes than of frames, or pixels that are full before they are white.
+            VoccError: another number of scenes than of frames.
+            UnknownLikelihoodError: pixels that are full before they are white.
         """
         if len(scene) != len(frames):
             raise VoccError(f"scene has {len(scene)} frames: it must have {len(frames)}, as frames has")

@@ -15,6 +15,7 @@ from vocc_torch.evaluation.counts import Counts
 from vocc_torch.rng import BLOCK_FRAMES, BlockKey, FrameKey
 from vocc_torch.simulation import SceneModel
 from vocc_torch.studies.genie import Genie
+from vocc_torch.studies.genie_likelihood import UnknownLikelihoodError
 from vocc_torch.studies.plan import World
 from vocc_torch.studies.workers import Workers, worker_losses_told
 
@@ -53,7 +54,7 @@ def genie_knows(world: World) -> str | None:
     simulator = world.simulator()
     try:
         Genie(simulator)
-    except VoccError as error:
+    except UnknownLikelihoodError as error:
         return str(error)
     return None
 
@@ -72,8 +73,9 @@ def genie_mark(
         workers: who does it; they change no count.
 
     Raises:
-        VoccError: effects whose likelihood the genie does not know, too few frames, or a worker that was
-            ended from outside.
+        UnknownLikelihoodError: effects whose likelihood the genie does not know, or pixels that are full
+            before they are white.
+        VoccError: too few frames, or a worker that was ended from outside.
 
     Example:
         >>> with Workers(1) as alone:
@@ -84,7 +86,7 @@ def genie_mark(
     if frames < 1:
         raise VoccError(f"frames is {frames}: it must be at least 1")
     if (unknown := genie_knows(world)) is not None:
-        raise VoccError(unknown)
+        raise UnknownLikelihoodError(unknown)
     shares = [
         _Share(world, model, BlockKey(seed, point, block), first, min(first + FRAMES_AT_ONCE, end))
         for block in range(-(-frames // BLOCK_FRAMES))

@@ -117,7 +117,8 @@ class Guarded:
         wanted = tuple(x.shape[:-1])
         if not isinstance(scores, Tensor) or tuple(scores.shape) != wanted:
             given = tuple(scores.shape) if isinstance(scores, Tensor) else type(scores).__name__
-            raise VoccError(f"classifier {self.name}: decision_function gave {given}, it must give {wanted}")
+            rule = f"it must give a tensor of shape {wanted}"
+            raise VoccError(f"classifier {self.name}: decision_function gave {given}, {rule}")
         # Bits for scores would all be On: none is below 0.
         if scores.layout != torch.strided or scores.dtype == torch.bool or scores.is_complex():
             kind = f"{scores.dtype}, {scores.layout}"
@@ -136,9 +137,8 @@ class Guarded:
         decided, scores = self._guarded("predict", lambda: predict(x)), self._scores(x)
         if not isinstance(decided, Tensor) or decided.shape != scores.shape:
             given = tuple(decided.shape) if isinstance(decided, Tensor) else type(decided).__name__
-            raise VoccError(
-                f"classifier {self.name}: predict gave {given}, it must give {tuple(scores.shape)}"
-            )
+            rule = f"it must give a tensor of shape {tuple(scores.shape)}"
+            raise VoccError(f"classifier {self.name}: predict gave {given}, {rule}")
         apart = int((((decided != 0) != (scores >= 0)) & (scores != 0)).sum())
         if apart:
             rule = "it must be On where decision_function is at least 0, and Off elsewhere"

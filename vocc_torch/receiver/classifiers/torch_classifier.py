@@ -58,8 +58,13 @@ class TorchClassifier:
         """Learn from panels (B,R,C,F); the last of them are held back for validation.
 
         Raises:
-            VoccError: fewer than two panels, or a loss that is not finite.
+            VoccError: fewer than two panels, a module with nothing to learn or whose ``forward`` fails, or a
+                loss that is not finite.
         """
+        if not any(one.requires_grad for one in self.module.parameters()):
+            raise VoccError(
+                "the module has no parameters that learn: use a class with fit and decision_function"
+            )
         held = max(1, round(self.recipe.validation * len(x)))
         if len(x) <= held:
             raise VoccError(f"{len(x)} training panels are too few to hold {held} back for validation")
@@ -83,7 +88,7 @@ class TorchClassifier:
         """Score every LED by the logarithm of the odds of On.
 
         Raises:
-            VoccError: not fitted, or the module gives another number of scores.
+            VoccError: not fitted, or the module fails or gives another number of scores.
         """
         if self._mean is None:
             raise VoccError("it has seen no samples: call fit first")
@@ -109,7 +114,13 @@ class TorchClassifier:
 
     def _score(self, rows: Tensor) -> Tensor:
         """Give the module's score of each row, (N,), or refuse another number of them."""
-        scores = self.module(rows)
+        try:
+            scores = self.module(rows)
+        except VoccError:
+            raise
+        except Exception as error:
+            reason = " ".join(f"{type(error).__name__}: {error}".split())
+            raise VoccError(f"forward failed on {tuple(rows.shape)} ({reason})") from error
         if not isinstance(scores, Tensor) or scores.numel() != len(rows):
             given = tuple(scores.shape) if isinstance(scores, Tensor) else type(scores).__name__
             raise VoccError(f"the module gave {given} for {len(rows)} LEDs: it must give one score each")

@@ -24,6 +24,7 @@ class RivalStudy:
         scenes: plans of other scenes by name; empty for none.
         scene_frames: test frames for each pair of scenes; 0 leaves them out.
         scene_training_frames: most frames that a receiver learns from there, at least 2.
+        left_out: receivers that were asked for and cannot be built here, and why.
 
     Raises:
         VoccError: no experiment, an unknown name or point, or a number outside its range.
@@ -37,6 +38,7 @@ class RivalStudy:
     scenes: Mapping[str, Plan] = field(default_factory=dict)
     scene_frames: int = 0
     scene_training_frames: int = 1000
+    left_out: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Check names and numbers."""

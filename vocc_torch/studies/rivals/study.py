@@ -95,6 +95,7 @@ def compare_rivals(
         lost=lost,
         home=study.home,
         most_training_frames=study.scene_training_frames,
+        left_out=study.left_out,
     ), trained[0][0]
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from vocc_torch.evaluation.counts import half_errors
-from vocc_torch.evaluation.price_list import FrameErrors
+from vocc_torch.evaluation.frame_errors import FrameErrors
 from vocc_torch.rng import BLOCK_FRAMES, BlockKey, FrameKey
 from vocc_torch.simulation import SceneModel, Simulator
 from vocc_torch.studies.plan import Plan

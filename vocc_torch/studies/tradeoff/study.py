@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from concurrent.futures.process import BrokenProcessPool
 
-from vocc_torch.errors import VoccError
 from vocc_torch.evaluation.price_list import Mark, PriceList
+from vocc_torch.studies.genie_likelihood import UnknownLikelihoodError
 from vocc_torch.studies.genie_mark import genie_mark
 from vocc_torch.studies.plan import resolve_device
 from vocc_torch.studies.tradeoff.errors import count_errors
@@ -52,6 +51,7 @@ def price_receivers(study: TradeoffStudy, workers: Workers, told: Told = lambda 
         waited_share=times.waited_share,
         sensor_px=study.plan.world.camera.sensor_px,
         crop_px=times.crop_px,
+        in_one_go=times.in_one_go,
         scene=study.scene_name,
         frames_a_preamble=study.frames_a_preamble,
         marks=marks,
@@ -61,18 +61,19 @@ def price_receivers(study: TradeoffStudy, workers: Workers, told: Told = lambda 
     )
 
 
-def _marks(study: TradeoffStudy, workers: Workers) -> tuple[dict[str, Mark], str]:
-    """Let a decoder that knows the scene have the first of the frames, or say why it has none."""
+def _marks(study: TradeoffStudy, workers: Workers) -> tuple[dict[str, Mark], dict[str, str]]:
+    """Let a decoder that knows the scene have the first of each kind's frames, or say why it has none."""
+    marks: dict[str, Mark] = {}
     if not study.genie_frames:
-        return {}, "tradeoff.genie_frames is 0"
-    plan, marks = study.plan, {}
+        return marks, dict.fromkeys(study.scenes, "tradeoff.genie_frames is 0")
+    plan, refused = study.plan, {}
     frames = min(study.genie_frames, plan.budget.frames)
     for name in study.scenes:
         try:
             mark = genie_mark(plan.world, study.model(name), plan.seed, study.point(name), frames, workers)
-        except VoccError as error:
-            if isinstance(error.__cause__, BrokenProcessPool):
-                raise
-            return {}, str(error)
-        marks[name] = Mark(mark.counts, mark.proven, mark.seconds_a_frame)
-    return marks, ""
+        except UnknownLikelihoodError as error:
+            # Pixels full before they are white show only once scenes are drawn, and perhaps in one kind.
+            refused[name] = str(error)
+        else:
+            marks[name] = Mark(mark.counts, mark.proven, mark.seconds_a_frame)
+    return marks, refused

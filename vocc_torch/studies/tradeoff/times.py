@@ -48,6 +48,7 @@ class Times:
         threads: threads within an operation.
         waited_share: share of the time in which other work had the processor, 0 to 1.
         crop_px: height and width of a crop.
+        in_one_go: the receiver that ``end_to_end`` is of.
     """
 
     spent: Mapping[tuple[Setting, Place], Spent]
@@ -56,15 +57,17 @@ class Times:
     threads: int
     waited_share: float
     crop_px: tuple[int, int]
+    in_one_go: str
 
 
 def measure_times(study: TradeoffStudy, chains: Sequence[Chain]) -> Times:
     """Time every stage of every receiver, with each batch size, kind of frames and device.
 
-    Frames come as a camera hands them over: uint8, one array each, in the host's memory. Rendering is not
-    timed. A receiver whose threshold comes from frames of known bits, all On and all Off, reads and measures
-    two frames more for every ``frames_a_preamble`` of data. Each stage starts from what the one before has
-    made, and is timed by itself, warmed up, with the device idle before and done after.
+    Frames are those of the first kind of scenes, and come as a camera hands them over: uint8, one array each,
+    in the host's memory. Rendering is not timed. A receiver whose threshold comes from frames of known bits,
+    all On and all Off, reads and measures two frames more for every ``frames_a_preamble`` of data. Each stage
+    starts from what the one before has made, and is timed by itself, warmed up, with the device idle before
+    and done after.
 
     Args:
         study: the study.
@@ -98,7 +101,7 @@ def measure_times(study: TradeoffStudy, chains: Sequence[Chain]) -> Times:
     # An accelerator that is waited for takes no processor either.
     cpu_alone = all(resolve_device(name).type == "cpu" for name in study.devices)
     waited = max(0.0, 1 - clocks[1] / clocks[0]) if cpu_alone else 0.0
-    return Times(spent, end_to_end, machines, used, waited, crop_px)
+    return Times(spent, end_to_end, machines, used, waited, crop_px, _in_one_go(chains).setting.receiver)
 
 
 @contextmanager
@@ -197,6 +200,11 @@ def _rectified(chain: Chain) -> _Key:
     return (one.locator, one.samples_per_led, one.dtype) if chain.rectifies else ("", 0, "")
 
 
+def _in_one_go(chains: Sequence[Chain]) -> Chain:
+    """Choose the receiver that is timed in one go too; each locator has the same ones."""
+    return next((one for one in chains if one.setting.receiver == END_TO_END), chains[0])
+
+
 class _Bench:
     """The timed calls of one place, each stage once however many receivers share it."""
 
@@ -212,8 +220,7 @@ class _Bench:
         for chain in chains:
             self.stages[chain.setting] = self._stages(chain)
         for locator in dict.fromkeys(chain.setting.locator for chain in chains):
-            own = [chain for chain in chains if chain.setting.locator == locator]
-            chain = next((one for one in own if one.setting.receiver == END_TO_END), own[0])
+            chain = _in_one_go([chain for chain in chains if chain.setting.locator == locator])
             self.wholes[chain.setting] = self._named(("whole", locator), self._whole(chain))
 
     def spent(self, setting: Setting, timing: Mapping[str, Timing], batch: int) -> Spent:
