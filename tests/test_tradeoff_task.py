@@ -234,6 +234,17 @@ def test_mistakes_are_told_in_one_line(place, word, said):
     assert not (place / "runs" / "refused").exists()
 
 
+def test_receivers_that_are_not_compared_are_not_varied_unless_they_are_named(place):
+    alone = run_in(
+        place, "task=tradeoff", *TINY, "classifier=[panel_otsu]", "receiver.names=[flda_3]", "name=few",
+        "tradeoff.locators=[truth]", "tradeoff.simulation.frames=0", "tradeoff.frames=[crops]",
+        "tradeoff.genie_frames=0", "tensorboard=false", "workers=1",
+    )  # fmt: skip
+    assert (alone.status, alone.err) == (0, "")
+    varied = {row["receiver"] for row in measured(place / "runs" / "few") if row["samples_per_led"] != "8"}
+    assert varied == {"flda_3"}
+
+
 def test_a_folder_with_results_is_refused(place, whole):
     ran = run_in(place, *BASE, "name=whole", "workers=1")
     assert ran.complaint.startswith(f"name: {whole[0]} already holds")

@@ -33,7 +33,7 @@ from vocc_torch.studies.plan import (
 )
 from vocc_torch.studies.plug_in import ClassifierPlan
 from vocc_torch.studies.rivals import RivalStudy
-from vocc_torch.studies.tradeoff import RendererKnobs, TradeoffStudy, without_absent
+from vocc_torch.studies.tradeoff import VARIED, RendererKnobs, TradeoffStudy, without_absent
 from vocc_torch.types import PanelShape
 
 T = TypeVar("T")
@@ -262,7 +262,9 @@ def build_tradeoff_study(settings: AppConfig, folder: Path) -> TradeoffStudy:
         samples_per_led=_once(config.samples_per_led),
         gradients=_once(config.gradients),
         dtypes=_once(config.dtypes),
-        varied=_once(config.varied),
+        varied=_once([one for one in VARIED if one in plan.receiver.names])
+        if config.varied is None
+        else _once(config.varied),
         combine=config.combine,  # type: ignore[arg-type]  # likewise
         devices=devices,
         batch_sizes=tuple(sorted(_once(config.batch_sizes))),

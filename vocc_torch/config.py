@@ -181,7 +181,7 @@ class TradeoffConfig:
     samples_per_led: list[int] = field(default_factory=list)
     gradients: list[str] = field(default_factory=list)
     dtypes: list[str] = field(default_factory=list)
-    varied: list[str] = field(default_factory=list)
+    varied: list[str] | None = None
     combine: str = "one_at_a_time"
     devices: list[str] = field(default_factory=list)
     batch_sizes: list[int] = field(default_factory=list)

@@ -58,13 +58,20 @@ def test_choices_keep_their_limits_and_none_within_is_better(offers, limit_ms, l
     assert (taken is None) == (not within)
     if taken is not None:
         assert taken in within
-        assert all((taken.ber, taken.median_ms) <= (one.ber, one.median_ms) for one in within)
+        key = [(one.ber, one.ber_high, one.median_ms) for one in (taken, *within)]
+        assert key[0] == min(key)
     sure = quickest_below(offers, limit_ber)
     below = [one for one in offers if one.ber_high < limit_ber]
     assert (sure is None) == (not below)
     if sure is not None:
         assert sure in below
         assert all(sure.median_ms <= one.median_ms for one in below)
+
+
+def test_of_two_without_errors_the_one_that_rules_out_more_is_taken():
+    few, many = Offer("few", 1, 1, 1, 0.0, 0.0, 1e-3), Offer("many", 2, 2, 2, 0.0, 0.0, 1e-5)
+    assert most_accurate_within([few, many], 3.0) is many
+    assert most_accurate_within([few, many], 1.5) is few
 
 
 def test_a_rate_below_the_limit_does_not_do_where_its_interval_is_not():

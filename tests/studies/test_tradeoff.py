@@ -264,7 +264,7 @@ def test_reading_gives_the_very_frames(count):
 def timed(study, receivers):
     """Each call is made, and takes as many seconds as it has letters."""
 
-    def counted_seconds(calls, repeats, device):
+    def counted_seconds(calls, repeats, device, **given):
         for call in calls.values():
             call()
         return {name: Timing((float(len(name)),) * repeats) for name in calls}
@@ -393,6 +393,10 @@ def test_without_scikit_learn_its_classifiers_are_left_out_and_named(study, monk
         ({"repeats": 0}, "tradeoff.repeats is 0: it must be at least 1"),
         ({"threads": -1}, "tradeoff.threads is -1: it must be at least 0"),
         ({"frames_a_preamble": 0}, "tradeoff.frames_a_preamble is 0: it must be at least 1"),
+        (
+            {"knobs": RendererKnobs(1, margins_px=(-500,))},
+            "tradeoff.simulation.margins_px has -500: it must be",
+        ),
         ({"genie_frames": -1}, "tradeoff.genie_frames is -1: it must be at least 0"),
         ({"scenes": {}}, "tradeoff.scenes is empty"),
         ({"devices": ("tpu",)}, "tpu"),

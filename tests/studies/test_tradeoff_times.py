@@ -97,7 +97,8 @@ def recorded(study):
         log.append(Event("read", given=host.grey))
         return original(host, device)
 
-    def numbered(calls, repeats, device):
+    def numbered(calls, repeats, device, *, warm_up, primed):
+        assert primed
         timing = {}
         for name, call in calls.items():
             log.clear()

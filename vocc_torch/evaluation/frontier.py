@@ -105,7 +105,8 @@ def most_accurate(offers: Sequence[Offer]) -> Offer:
 def most_accurate_within(offers: Sequence[Offer], limit_ms: float) -> Offer | None:
     """Give the offer with the lowest rate among those whose upper quartile keeps within a time.
 
-    Among equal rates the time decides.
+    Among equal rates the interval's upper end decides, then the time: of two without errors the one counted
+    on frames that rule out more.
 
     Args:
         offers: any number.
@@ -121,7 +122,7 @@ def most_accurate_within(offers: Sequence[Offer], limit_ms: float) -> Offer | No
     if not limit_ms > 0:
         raise VoccError(f"limit_ms is {limit_ms:g}: it must be above 0")
     within = [offer for offer in offers if offer.high_ms <= limit_ms]
-    return min(within, key=lambda one: (one.ber, one.median_ms), default=None)
+    return most_accurate(within) if within else None
 
 
 def quickest_below(offers: Sequence[Offer], limit_ber: float) -> Offer | None:

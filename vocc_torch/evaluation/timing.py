@@ -74,6 +74,7 @@ def interleaved(
     device: torch.device,
     *,
     warm_up: int = 2,
+    primed: bool = False,
     clock: Callable[[], float] = time.perf_counter,
 ) -> dict[str, Timing]:
     """Time calls in rounds, each once a round, so that a busy spell of the machine meets all of them.
@@ -86,6 +87,8 @@ def interleaved(
         repeats: timed rounds, at least 1.
         device: where the calls work.
         warm_up: rounds before, not timed, at least 0: allocation, compilation and what a call solves once.
+        primed: make each call once more, not timed, right before it: what ran before it is then the call
+            itself, as in a receiver at work, and not whichever other call has left the caches to it.
         clock: gives seconds.
 
     Raises:
@@ -104,6 +107,8 @@ def interleaved(
         settle_memory()
     for turn in range(warm_up + repeats):
         for name in list(calls)[:: -1 if turn % 2 else 1]:
+            if primed:
+                calls[name]()
             _finish(device)
             begin = clock()
             calls[name]()

@@ -82,7 +82,7 @@ def _within(prices: PriceList, scenes: str, offers: Sequence[Offer], *, brief: b
         rate = _either([str(speed) for speed in speeds])
         said = f"Under {limit} ms a frame{'' if brief else f' ({rate} frames a second)'}: "
         if not name:
-            quickest = min(offers, key=lambda one: one.high_ms)
+            quickest = _quickest(offers)
             yield f"{said}none; the quickest is {_named(prices, quickest)}: {_spent(quickest, brief)}."
             continue
         offer = next(one for one in offers if one.name == name)
@@ -90,19 +90,56 @@ def _within(prices: PriceList, scenes: str, offers: Sequence[Offer], *, brief: b
         yield f"{said}take {_offered(prices, offer, brief)}.{rivals}"
 
 
-def _rivals(prices: PriceList, scenes: str, offers: Sequence[Offer], offer: Offer) -> str:
-    """Name the quickest of those that the frames do not tell from an offer, where it is quicker."""
+def told_of(prices: PriceList, scenes: str, device: str, frames: str) -> set[str]:
+    """Give the names of all settings that the words name for one device and kind of frames and scenes.
+
+    Args:
+        prices: what was measured.
+        scenes: the kind of scenes.
+        device: the device.
+        frames: ``whole`` or ``crops``.
+    """
+    every = [prices.offers(scenes, device, frames)]
+    if prices.batches(device, frames)[0] == 1:
+        every.append(prices.offers(scenes, device, frames, 1))
+    told: set[str] = set()
+    for offers in every:
+        within = [most_accurate_within(offers, 1e3 / speed) for speed in FRAMES_PER_S]
+        rivals = [_rival(prices, scenes, offers, one) for one in within if one is not None]
+        below = [quickest_below(offers, rate) for rate in RATES]
+        others = [_quickest(offers), _nearest(offers), most_accurate(offers)]
+        told |= {one.name for one in (*within, *rivals, *below, *others) if one is not None}
+    return told
+
+
+def _quickest(offers: Sequence[Offer]) -> Offer:
+    """Give the one to name where none keeps within a time."""
+    return min(offers, key=lambda one: one.median_ms)
+
+
+def _nearest(offers: Sequence[Offer]) -> Offer:
+    """Give the one to name where none keeps below a rate."""
+    return min(offers, key=lambda one: (one.ber_high, one.median_ms))
+
+
+def _rival(prices: PriceList, scenes: str, offers: Sequence[Offer], offer: Offer) -> Offer | None:
+    """Give the quickest of those that the frames do not tell from an offer, where it is quicker."""
     own = next(i for i, one in enumerate(offers) if one.name == offer.name)
     quicker = [offers[i] for i in prices.alike(scenes, own) if offers[i].high_ms < offer.low_ms]
-    if not quicker:
+    return min(quicker, key=lambda one: one.median_ms, default=None)
+
+
+def _rivals(prices: PriceList, scenes: str, offers: Sequence[Offer], offer: Offer) -> str:
+    """Name a quicker one that the frames do not tell from an offer, where there is one."""
+    best = _rival(prices, scenes, offers, offer)
+    if best is None:
         return ""
-    best = min(quicker, key=lambda one: one.median_ms)
     return f" These frames do not tell its rate from that of a quicker one, {_offered(prices, best)}."
 
 
 def _below(prices: PriceList, offers: Sequence[Offer], *, brief: bool = False) -> Iterator[str]:
     """Say which receiver to take for each rate, those with the same answer together."""
-    nearest = min(offers, key=lambda one: (one.ber_high, one.median_ms))
+    nearest = _nearest(offers)
     answers: dict[tuple[str, bool], list[float]] = {}
     for rate in RATES:
         taken = quickest_below(offers, rate)

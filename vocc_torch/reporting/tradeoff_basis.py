@@ -26,8 +26,9 @@ def about(prices: PriceList) -> list[str]:
     return [
         f"Bit error rates (BER): {counted_frames(prices)} frames of each kind of scenes, with 95 % "
         "intervals; a receiver keeps below a rate where its whole interval does.",
-        "Times: medians over interleaved rounds, with quartiles; a receiver keeps within a time where its "
-        "upper quartile does. Rendering is not in them.",
+        "Times: medians over interleaved rounds, with quartiles, each call right after an untimed one of the "
+        "same stage on other frames; stages are added round by round. A receiver keeps within a time where "
+        "its upper quartile does. Rendering is not in them.",
         *_timed(prices),
         *_preambles(prices),
         f"Stages are timed one by one; {prices.in_one_go} in one go came within {100 * max(apart):.0f} % of "

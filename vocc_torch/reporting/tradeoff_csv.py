@@ -41,10 +41,11 @@ def columns(scenes: Sequence[str]) -> tuple[str, ...]:
     """Name the columns of ``tradeoff.csv``, some of them for each kind of scenes.
 
     Times are ms a frame, medians over the rounds with lower and upper quartile, on frames of
-    ``timed_scenes``. ``share_of_detection`` is bit detection's time over panel detection's, as in the paper's
-    Fig. 25. ``frontier`` compares receivers with the same batch size, ``frontier_of_best_batches`` each with
-    its own best one; ``surely_beaten`` marks those whose rate is higher than that of ``beaten_by``, which is
-    no slower by the median. Sure is said of the rates, by paired intervals of all pairs of settings that hold
+    ``timed_scenes``. Stages are added round by round: their medians make up the total's but for chance.
+    ``share_of_detection`` is bit detection's time over panel detection's, as in the paper's Fig. 25.
+    ``frontier`` compares receivers with the same batch size, ``frontier_of_best_batches`` each with its own
+    best one; ``surely_beaten`` marks those whose rate is higher than that of ``beaten_by``, which is no
+    slower by the median. Sure is said of the rates, by paired intervals of all pairs of settings that hold
     together at 95 % (Bonferroni).
     ``possible_ber`` is what a decoder that knows the scene reaches on the first ``possible_test_frames`` of
     the same frames, and ``ber_on_possible_frames`` the line's own rate on these: compare the two. In

@@ -8,6 +8,7 @@ from typing import Literal
 from vocc_torch.evaluation.frontier import Offer, frontier
 from vocc_torch.evaluation.price_list import PriceList, Setting
 from vocc_torch.reporting.styles import Style, receiver_styles
+from vocc_torch.reporting.tradeoff_advice import told_of
 from vocc_torch.reporting.tradeoff_words import ms_text, varied_text
 
 FillStyle = Literal["full", "none", "left", "bottom"]
@@ -34,6 +35,7 @@ class Dot:
         face: how its marker is filled.
         rank: on the frontier; beaten, but in its rate perhaps by chance; or surely beaten.
         varied: what it has other than most receivers.
+        told: whether the recommendation in words names it.
     """
 
     offer: Offer
@@ -42,6 +44,7 @@ class Dot:
     face: FillStyle
     rank: Rank
     varied: tuple[str, ...]
+    told: bool
 
     def label(self, *, with_locator: bool) -> str:
         """Write its name, what it varies and its time."""
@@ -54,6 +57,7 @@ def dots_of(prices: PriceList, scenes: str, device: str, frames: str) -> list[Do
     offers = prices.offers(scenes, device, frames)
     kept = {one.name for one in frontier(offers)}
     sure = [surely for _, surely in prices.beaten_by(scenes, offers)]
+    told = told_of(prices, scenes, device, frames)
     styles = receiver_styles(setting.receiver for setting in prices.settings)
     locators = list(dict.fromkeys(setting.locator for setting in prices.settings))
     faces = {name: FACES[place % len(FACES)] for place, name in enumerate(locators)}
@@ -65,6 +69,7 @@ def dots_of(prices: PriceList, scenes: str, device: str, frames: str) -> list[Do
             faces[setting.locator],
             "frontier" if offer.name in kept else "beaten" if surely else "perhaps",
             tuple(varied_text(setting, prices.settings[0])),
+            setting.name in told,
         )
         for setting, offer, surely in zip(prices.settings, offers, sure, strict=True)
     ]

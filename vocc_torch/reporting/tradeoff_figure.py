@@ -29,7 +29,7 @@ from vocc_torch.reporting.tradeoff_words import (
 
 _MARK_COLOUR = "#8C5A00"
 _BESIDE_PX = 44.0
-_FOOTNOTE_CHARS = 148
+_FOOTNOTE_CHARS = 172
 
 Height = Callable[[Dot], float]
 
@@ -47,7 +47,7 @@ def tradeoff_figure(prices: PriceList, scenes: str, device: str, frames: str) ->
     figure = new_figure(12.4, 8.4)
     # Labels are measured as they will be drawn.
     FigureCanvasAgg(figure)
-    axes = figure.add_axes((0.062, 0.224, 0.925, 0.661))
+    axes = figure.add_axes((0.062, 0.203, 0.925, 0.682))
     laid, times = _columns(figure, axes, dots)
     rates, height = _heights(axes, dots, times, prices.mark(scenes))
     set_up(axes, times, rates)
@@ -62,7 +62,7 @@ def tradeoff_figure(prices: PriceList, scenes: str, device: str, frames: str) ->
     draw_legend(
         figure,
         {dot.setting.locator: dot.face for dot in dots},
-        bottom=0.135,
+        bottom=0.113,
         varied=any(dot.varied for dot in dots),
         doubtful=any(dot.rank == "perhaps" for dot in dots),
         beaten=any(dot.rank == "beaten" for dot in dots),
@@ -131,7 +131,7 @@ def _mark(axes: Axes, prices: PriceList, scenes: str, rates: Heights) -> None:
         )
         axes.axhspan(interval.low, interval.high, color=_MARK_COLOUR, alpha=0.07, linewidth=0, zorder=0.7)
     else:
-        said = f"no error in {frames} frames, BER < {rate_text(interval.high)}"
+        said = f"no error in {frames} frames, too few to say more"
     y = rate if rate > 0 else rates.rows[-1]
     axes.axhline(y, color=_MARK_COLOUR, linewidth=1.4, linestyle=(0, (6, 3)), zorder=1.6)
     text = f"What is possible, by a decoder that knows the scene: {said}"
@@ -157,12 +157,12 @@ def _draw(axes: Axes, dot: Dot, y: float, least: float) -> None:
     offer, style = dot.offer, dot.style
     alpha, order = STRENGTH[dot.rank], 4.0 + STRENGTH[dot.rank]
     x, colour = offer.median_ms, style.colour
-    axes.plot([offer.low_ms, offer.high_ms], [y, y], color=colour, alpha=alpha, linewidth=1.3, zorder=order)
+    axes.plot([offer.low_ms, offer.high_ms], [y, y], color=colour, alpha=alpha, linewidth=1.0, zorder=order)
     # Without errors the interval begins at 0, which is down there.
     low = y if offer.error_free else max(offer.ber_low, least)
     axes.plot(
         [x, x], [low, offer.ber_high], color=colour, alpha=0.6 * alpha if offer.error_free else alpha,
-        linewidth=0.9 if offer.error_free else 1.3, zorder=order - 1 if offer.error_free else order,
+        linewidth=0.8 if offer.error_free else 1.0, zorder=order - 1 if offer.error_free else order,
         marker="_", markevery=[1], markersize=7 if offer.error_free else 0,
     )  # fmt: skip
     # Under a faint or hollow marker a white one, so that bars do not shine through.
@@ -199,11 +199,14 @@ def _write(figure: Figure, prices: PriceList, scenes: str, device: str, frames: 
         f"{waited}Frontier (bold): nothing is both quicker and better, by medians and rates as seen. Surely "
         "beaten: one no slower by the median has a lower rate, by paired intervals of all pairs that hold "
         f"together at 95 % (Bonferroni). Rates: {counts.frames} frames, the same for all; bars are 95 % "
-        f"intervals. Times: medians and quartiles of {span_text} interleaved rounds{elsewhere}. {known}"
+        f"intervals. Times: medians and quartiles of {span_text} interleaved rounds, each call "
+        f"right after an untimed one{elsewhere}. {known}"
         f"{prices.machines[device]}."
     )
     footnote = textwrap.fill(said, _FOOTNOTE_CHARS, break_on_hyphens=False)
     write_title(figure, "What accuracy costs in time", footnote)
     what = f"{frames_text(prices, scenes, frames)}; {scenes_text(prices, scenes)}"
-    said = f"{what}. Farther left is quicker, farther down better."
+    free = any(counts.bit_errors == 0 for counts in prices.counts(scenes).values())
+    row = " In the row without errors height says nothing." if free else ""
+    said = f"{what}. Farther left is quicker, farther down better.{row}"
     figure.text(0.018, 1 - 0.47 / figure.get_figheight(), said, fontsize=11.5, color=QUIET, va="top")

@@ -8,6 +8,7 @@ from itertools import pairwise
 from typing import Literal
 
 from matplotlib.axes import Axes
+from matplotlib.patheffects import withStroke
 
 from vocc_torch.reporting.canvas import INK, QUIET
 from vocc_torch.reporting.tradeoff_dots import Dot
@@ -118,12 +119,14 @@ def _last(column: Column) -> float:
 
 
 def _column(group: Sequence[Dot], side: Literal["left", "right"], measure: Measure, most: int) -> Column:
-    """Choose which of a group have a label: all usual ones, or where there is no room the frontier's."""
+    """Choose which of a group have a label: usual ones and those told of, or the frontier's without room."""
     mixed = len({dot.setting.locator for dot in group}) > 1
-    usual = [dot for dot in group if not dot.varied or dot.rank == "frontier"]
+    usual = [dot for dot in group if not dot.varied or dot.rank == "frontier" or dot.told]
     named = usual
     if len(named) > most:
-        named = [dot for dot in usual if dot.rank != "beaten"]
+        named = [dot for dot in usual if dot.rank != "beaten" or dot.told]
+    if len(named) > most:
+        named = [dot for dot in usual if dot.rank == "frontier" or dot.told]
     if len(named) > most:
         named = [dot for dot in usual if dot.rank == "frontier"][:most]
     widths = (measure(dot.label(with_locator=mixed), dot.rank == "frontier") for dot in named)
@@ -154,6 +157,7 @@ def draw_labels(axes: Axes, column: Column, height: Callable[[Dot], float]) -> N
             x, place, dot.label(with_locator=column.with_locator), ha="left" if right else "right",
             va="center_baseline", fontsize=FONT, color=QUIET if dot.rank == "beaten" else INK, zorder=7,
             fontweight="bold" if first else "normal",
+            path_effects=[withStroke(linewidth=3, foreground="white")],
         )  # fmt: skip
         sign = 1 if right else -1
         ends = [(x0 + sign * _DOT_PX, y0), (edge - sign * 12, y), (edge - sign * 4, y)]

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.text import Annotation
 
 from vocc_torch.reporting.canvas import GRID, INK, new_figure, quiet_axes, write_title
 from vocc_torch.reporting.evidence.panels import Floats, head
 from vocc_torch.reporting.styles import receiver_styles
+from vocc_torch.reporting.tradeoff_legend import text_renderer
 
 _PANEL = ("Panel detection", "#A9AFB6")
 _BUSY = 0.05
@@ -52,11 +57,12 @@ def timing_figure(
     """
     figure = new_figure(10, 6.8)
     column = 0.79 / len(batches)
-    longest = 100 * max(1.0, float(shares.max()))
+    # Labels are measured as they will be drawn.
+    FigureCanvasAgg(figure)
+    longest, labels = 100 * max(1.0, float(shares.max())), []
     for place, (f, n) in enumerate(np.ndindex(len(frames), len(batches))):
         axes = figure.add_axes((0.205 + column * n, 0.588 - 0.368 * f, column - 0.025, 0.285))
-        _bars(axes, stages, times_ms[f, n, :, 1], shares[f, n], paper_shares)
-        axes.set_xlim(0, 1.32 * longest)
+        labels += _bars(axes, stages, times_ms[f, n, :, 1], shares[f, n], paper_shares)
         axes.set_xticks(np.arange(0, longest + 1, 20))
         axes.tick_params(axis="y", labelleft=n == 0)
         if f == len(frames) - 1:
@@ -64,6 +70,8 @@ def timing_figure(
             axes.xaxis.label.set_fontsize(11)
         said = f"{_KINDS.get(frames[f], frames[f])}, {_at_a_time(batches[n])}"
         head(axes, f"({'abcd'[place]})", said)
+    for axes in figure.axes:
+        axes.set_xlim(0, _room(figure, axes, labels))
     _legend(figure)
     timed = " and ".join(
         f"{count} rounds {_at_a_time(batch)}" for count, batch in zip(rounds, batches, strict=True)
@@ -100,8 +108,12 @@ def _at_a_time(batch: int) -> str:
 
 def _bars(
     axes: Axes, stages: tuple[str, ...], times_ms: Floats, shares: Floats, paper_shares: Floats
-) -> None:
-    """Draw one kind of frames at one batch size: S bars, the detectors' quartiles and the paper's marks."""
+) -> list[tuple[float, Annotation]]:
+    """Draw one kind of frames at one batch size: S bars, the detectors' quartiles and the paper's marks.
+
+    Returns:
+        The bars' labels, each with the value that it begins behind.
+    """
     styles = receiver_styles(stages[1:])
     looks = [_PANEL, *((styles[name].label, styles[name].colour) for name in stages[1:])]
     low, median, high = 100 * shares.T
@@ -110,17 +122,30 @@ def _bars(
     spread = np.stack([median - low, high - median])[:, 1:]
     axes.errorbar(median[1:], rows[1:], xerr=spread, fmt="none", ecolor=INK, elinewidth=1.2, capsize=2.5)
     axes.add_line(_paper_mark(100 * paper_shares[1:], rows[1:]))
+    labels = []
     for row, (spent, share) in enumerate(zip(times_ms, median, strict=True)):
         end = max(high[row], 100 * paper_shares[row])
         said = f"{number_text(share)} %  ({number_text(spent)} ms)" if row else f"{number_text(spent)} ms"
-        axes.annotate(
+        label = axes.annotate(
             said, (end, row), (9, 0), textcoords="offset points", va="center", color=INK, fontsize=10
         )
+        labels.append((float(end), label))
     quiet_axes(axes)
     axes.grid(axis="x", color=GRID, linewidth=0.8)
     axes.set_yticks(rows, [label for label, _ in looks])
     axes.tick_params(axis="y", length=0)
     axes.invert_yaxis()
+    return labels
+
+
+def _room(figure: Figure, axes: Axes, labels: Sequence[tuple[float, Annotation]]) -> float:
+    """Give the upper end of an axis from 0 on which every label ends within it."""
+    renderer = text_renderer(figure)
+    width = axes.get_window_extent(renderer).width
+    gap = 14 * figure.dpi / 72
+    # Measured away from its place, a label has the same width.
+    texts = [(end, label.get_window_extent(renderer).width + gap) for end, label in labels]
+    return max(end * width / max(width - text, 0.2 * width) for end, text in texts)
 
 
 def number_text(value: float) -> str:

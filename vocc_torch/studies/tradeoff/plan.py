@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -24,6 +25,12 @@ DTYPES = {"float32": torch.float32, "float64": torch.float64}
 
 LEAST_FRAMES = 48
 """Frames that the timed rounds meet at least, whatever the batch."""
+
+VARIED = ("flda_3", "lmmse")
+"""Receivers that are measured at further values, unless others are named: those of them that are compared."""
+
+LEAST_CROP_PX = 8
+"""Least side of a crop whose margin is cut."""
 
 MOST_BATCH = 1024
 """Most frames at a time."""
@@ -152,6 +159,7 @@ class TradeoffStudy:
         for setting in self.settings:
             self.reader(setting)
             self._check_patch(setting)
+        self._check_margins()
 
     @cached_property
     def settings(self) -> tuple[Setting, ...]:
@@ -230,6 +238,20 @@ class TradeoffStudy:
     def timed_frames(self) -> int:
         """Frames that times are taken on: whole batches of every size."""
         return max(LEAST_FRAMES, *self.batch_sizes)
+
+    def _check_margins(self) -> None:
+        """Refuse margins that leave nothing of the crop."""
+        if not self.knobs.frames:
+            return
+        nearest_m = self.model(next(iter(self.scenes))).nearest_m
+        least = min(self.plan.world.simulator().crop_px(nearest_m))
+        for margin in self.knobs.margins_px:
+            if least + 2 * margin < LEAST_CROP_PX:
+                allowed = f"it must be at least {math.ceil((LEAST_CROP_PX - least) / 2)}"
+                key = "tradeoff.simulation.margins_px"
+                raise VoccError(
+                    f"{key} has {margin}: {allowed}, so that {LEAST_CROP_PX} px of a crop are left"
+                )
 
     def _check_patch(self, setting: Setting) -> None:
         """Refuse a K that a classifier's patch does not go into."""

@@ -66,8 +66,8 @@ def measure_times(study: TradeoffStudy, chains: Sequence[Chain]) -> Times:
     Frames are those of the first kind of scenes, and come as a camera hands them over: uint8, one array each,
     in the host's memory. Rendering is not timed. A receiver whose threshold comes from frames of known bits,
     all On and all Off, reads and measures two frames more for every ``frames_a_preamble`` of data. Each stage
-    starts from what the one before has made, and is timed by itself, warmed up, with the device idle before
-    and done after.
+    starts from what the one before has made, and is timed by itself, right after an untimed call of the same
+    stage on the batch before, with the device idle before and done after.
 
     Args:
         study: the study.
@@ -92,7 +92,7 @@ def measure_times(study: TradeoffStudy, chains: Sequence[Chain]) -> Times:
                     parts = _parts(study, moved, shot, batch, device)
                     bench = _Bench(moved, parts, device, study.frames_a_preamble)
                     wall, processor = time.perf_counter(), time.thread_time()
-                    timing = interleaved(bench.calls, study.rounds(batch), device)
+                    timing = interleaved(bench.calls, study.rounds(batch), device, warm_up=1, primed=True)
                     clocks[0] += time.perf_counter() - wall
                     clocks[1] += time.thread_time() - processor
                     spent |= {(one, place): bench.spent(one, timing, batch) for one in study.settings}
@@ -281,9 +281,10 @@ class _Bench:
         return whole
 
     def _named(self, key: _Key, stage: Callable[[_Part], object]) -> str:
-        """Add a call under a name, unless it is there; each time it takes the next batch."""
+        """Add a call under a name, unless it is there; it takes the batch before, untimed, then a batch."""
         name = " ".join(map(str, key))
         if name not in self.calls:
-            following = itertools.cycle(self._parts)
+            before = [*self._parts[-1:], *self._parts[:-1]]
+            following = itertools.cycle(itertools.chain(*zip(before, self._parts, strict=True)))
             self.calls[name] = lambda: stage(next(following))
         return name
