@@ -352,7 +352,7 @@ def test_missing_cuda_device(app, tmp_path, device):
     [
         (
             ["experiment=ambeint"],
-            ["experiment is 'ambeint'", "ambient, contrast, dimming, distance, luminance"],
+            ["experiment is 'ambeint'", "ambient, classifiers, contrast, dimming, distance, luminance"],
         ),
         (["scene.distance_m=-5"], ["scene.distance_m is -5", "above 0"]),
     ],
@@ -705,15 +705,26 @@ def test_every_shipped_key_is_in_the_schema_and_back():
 
 def commands_of(page):
     """The ``vocc-torch`` commands that a page shows, without the program's name."""
-    lines = re.findall(r"^\s*(?:\$ )?vocc-torch(?= |$)(.*)$", page.read_text(), flags=re.MULTILINE)
+    text = re.sub(r"\\\n\s*", "", page.read_text())
+    lines = re.findall(r"^\s*(?:\$ )?vocc-torch(?= |$)(.*)$", text, flags=re.MULTILINE)
     return [shlex.split(line, comments=True) for line in lines]
 
 
 @pytest.mark.parametrize(
     "page",
-    ["README.md", "runs/README.md", "docs/assumptions.md", "docs/architecture.md", "docs/effects.md"],
+    [
+        "README.md",
+        "runs/README.md",
+        "docs/assumptions.md",
+        "docs/architecture.md",
+        "docs/effects.md",
+        "docs/rivals.md",
+    ],
 )
-def test_commands_in_the_pages_compose(page, tmp_path):
+def test_commands_in_the_pages_compose(page, tmp_path, monkeypatch):
+    (tmp_path / "mine.py").write_text("class NearestMean:\n    pass\n")
+    (tmp_path / "examples").symlink_to(ROOT / "examples")
+    monkeypatch.chdir(tmp_path)
     for words in commands_of(ROOT / page):
         single = [
             word.split(",")[0] if "-m" in words and "[" not in word else word
