@@ -21,6 +21,7 @@ from vocc_torch.receiver.location import PaperLocator
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.simulation import Camera, LedPanel, SceneModel
 from vocc_torch.studies.effect_costs import Catalogue, EffectStudy, Severity
+from vocc_torch.studies.optional import without_absent
 from vocc_torch.studies.plan import (
     SCENE_FIELDS,
     Budget,
@@ -33,7 +34,7 @@ from vocc_torch.studies.plan import (
 )
 from vocc_torch.studies.plug_in import ClassifierPlan
 from vocc_torch.studies.rivals import RivalStudy
-from vocc_torch.studies.tradeoff import VARIED, RendererKnobs, TradeoffStudy, without_absent
+from vocc_torch.studies.tradeoff import VARIED, RendererKnobs, TradeoffStudy
 from vocc_torch.types import PanelShape
 
 T = TypeVar("T")

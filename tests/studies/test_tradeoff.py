@@ -17,16 +17,16 @@ from vocc_torch.rng import BLOCK_FRAMES
 from vocc_torch.simulation import Camera, Distribution, LedPanel, SceneModel
 from vocc_torch.simulation.raster import disc_cover
 from vocc_torch.simulation.simulator import PAPER_EFFECTS
+from vocc_torch.studies import optional as optional_module
 from vocc_torch.studies.counter import PointCounter
 from vocc_torch.studies.genie_likelihood import UnknownLikelihoodError
 from vocc_torch.studies.link import Link, block_keys
+from vocc_torch.studies.optional import without_absent
 from vocc_torch.studies.plug_in import ClassifierPlan
 from vocc_torch.studies.tradeoff import RendererKnobs, TradeoffStudy, price_receivers, price_renderer
-from vocc_torch.studies.tradeoff import optional as optional_module
 from vocc_torch.studies.tradeoff import study as study_module
 from vocc_torch.studies.tradeoff import times as times_module
 from vocc_torch.studies.tradeoff.errors import count_errors, shots
-from vocc_torch.studies.tradeoff.optional import without_absent
 from vocc_torch.studies.tradeoff.supersampling import can_sample, sampled_cover
 from vocc_torch.studies.tradeoff.times import measure_times, read, threads
 from vocc_torch.studies.tradeoff.training import chains, train_receivers

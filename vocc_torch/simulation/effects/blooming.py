@@ -24,7 +24,7 @@ TRUNCATION_SIGMAS = 4.0
 
 @dataclass(frozen=True, slots=True)
 class Blooming(Effect):
-    """Kornia's Gaussian filter on luminous exposure, before gamma (section IV-B-1).
+    """Kornia's Gaussian kernel on luminous exposure, before gamma (section IV-B-1).
 
     Kornia's kernel is applied in float64 whatever the working precision: a product sums in an order that may
     depend on the batch, which in float32 moved a rounded pixel in one frame of 200, so that a frame would

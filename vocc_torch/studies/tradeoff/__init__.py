@@ -1,6 +1,5 @@
 """The price list: what receivers, and the renderer's knobs, cost in time and give in accuracy."""
 
-from vocc_torch.studies.tradeoff.optional import without_absent as without_absent
 from vocc_torch.studies.tradeoff.plan import VARIED as VARIED
 from vocc_torch.studies.tradeoff.plan import RendererKnobs as RendererKnobs
 from vocc_torch.studies.tradeoff.plan import TradeoffStudy as TradeoffStudy

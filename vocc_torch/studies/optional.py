@@ -1,4 +1,4 @@
-"""Classifiers whose package is an extra that may not be installed: a price list goes on without them."""
+"""Classifiers whose package is an extra that may not be installed: a study goes on without them."""
 
 from __future__ import annotations
 
