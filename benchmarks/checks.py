@@ -27,8 +27,8 @@ from typing import Any
 
 import torch
 
-from vocc_torch.evaluation.timing import describe_machine, interleaved, quartiles
 from vocc_torch.files import write_atomically
+from vocc_torch.measure.timing import describe_machine, interleaved, quartiles
 
 PACKAGE = Path(__file__).resolve().parents[1] / "vocc_torch"
 WITHOUT, AGAIN = "vocc_torch_without", "vocc_torch_again"

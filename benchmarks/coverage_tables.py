@@ -26,10 +26,10 @@ from numpy.typing import NDArray
 from scipy.stats import beta
 from stopping import at_frame_errors, at_precision
 
-from vocc_torch.evaluation.counts import Counts
-from vocc_torch.evaluation.intervals import Interval, ber_interval, clopper_pearson
-from vocc_torch.evaluation.paired import DifferenceInterval, paired_interval
-from vocc_torch.evaluation.relative import Gain, difference_independent, mean_gain, relative_gain
+from vocc_torch.measure.counts import Counts
+from vocc_torch.measure.intervals import Interval, ber_interval, clopper_pearson
+from vocc_torch.measure.paired import DifferenceInterval, paired_interval
+from vocc_torch.measure.relative import Gain, difference_independent, mean_gain, relative_gain
 
 FRAMES = 2000
 """Frames in a study, the paper's number for a point."""

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import betabinom, binom
 
-from vocc_torch.evaluation.counts import Counts
-from vocc_torch.evaluation.paired import PairedCounts
+from vocc_torch.measure.counts import Counts
+from vocc_torch.measure.paired import PairedCounts
 
 BITS = 64
 """Bits in a frame."""

@@ -32,8 +32,8 @@ from link import Receive, train
 from memory import resident_mb
 
 from vocc_torch import PanelShape, Scene, Simulator
-from vocc_torch.evaluation.timing import describe_machine, settle_memory
 from vocc_torch.files import write_atomically
+from vocc_torch.measure.timing import describe_machine, settle_memory
 from vocc_torch.receiver.flda import FLDA
 from vocc_torch.rng import BlockKey
 from vocc_torch.simulation import SceneModel

@@ -26,14 +26,14 @@ from numpy.typing import NDArray
 from peer_opencv import PeerConfig, decide, read_frame, render_frame
 
 from vocc_torch import PanelShape, Scene, Simulator
-from vocc_torch.evaluation.timing import describe_machine, settle_memory
 from vocc_torch.files import write_atomically
+from vocc_torch.measure.timing import describe_machine, settle_memory
+from vocc_torch.measure.workers import Workers
 from vocc_torch.receiver.flda import FLDA
 from vocc_torch.receiver.location import PaperLocator
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.rng import BlockKey
 from vocc_torch.simulation import SceneModel
-from vocc_torch.studies.workers import Workers
 from vocc_torch.types import Frames
 
 SHAPE = PanelShape(8, 8)

@@ -10,7 +10,7 @@ import argparse
 import torch
 
 from vocc_torch import PanelShape, Simulator
-from vocc_torch.evaluation.timing import describe_machine, interleaved
+from vocc_torch.measure.timing import describe_machine, interleaved
 from vocc_torch.receiver.location import PaperLocator
 from vocc_torch.receiver.refined import RefinedLocator
 from vocc_torch.rng import BlockKey, FrameKey

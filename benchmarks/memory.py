@@ -28,8 +28,8 @@ import torch
 from numpy.typing import NDArray
 
 from vocc_torch import PanelShape, Simulator
-from vocc_torch.evaluation.timing import settle_memory
 from vocc_torch.files import write_atomically
+from vocc_torch.measure.timing import settle_memory
 from vocc_torch.rng import BLOCK_FRAMES, BlockKey, FrameKey
 from vocc_torch.simulation import SceneModel
 from vocc_torch.simulation.simulator import PAPER_EFFECTS

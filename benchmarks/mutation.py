@@ -50,7 +50,7 @@ TESTS = {
         "tests/receiver/test_features_edges.py",
         "tests/numerics/test_features_hard_cases.py",
     ),
-    "vocc_torch/evaluation/intervals.py": (
+    "vocc_torch/measure/intervals.py": (
         "tests/evaluation/test_intervals.py",
         "tests/evaluation/test_intervals_edges.py",
         "tests/numerics/test_evaluation_hard_cases.py",

@@ -31,9 +31,9 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from vocc_torch import PanelShape, Scene, Simulator
-from vocc_torch.evaluation.counts import Counts
-from vocc_torch.evaluation.intervals import ber_interval
 from vocc_torch.files import write_atomically
+from vocc_torch.measure.counts import Counts
+from vocc_torch.measure.intervals import ber_interval
 from vocc_torch.receiver import rectification
 from vocc_torch.receiver.features import (
     average_greyscale_ratio,

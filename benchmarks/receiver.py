@@ -30,7 +30,7 @@ from peer_receiver import PeerReceiver
 from torch import Tensor
 
 from vocc_torch import Simulator
-from vocc_torch.evaluation.timing import Timing, describe_machine, interleaved, settle_memory
+from vocc_torch.measure.timing import Timing, describe_machine, interleaved, settle_memory
 from vocc_torch.receiver.flda import FLDA
 from vocc_torch.receiver.location import PaperLocator
 from vocc_torch.receiver.locators import PanelLocator, locator_named

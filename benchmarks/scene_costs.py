@@ -18,7 +18,7 @@ import torch
 import yaml
 
 from vocc_torch import PanelShape, Simulator
-from vocc_torch.evaluation.timing import describe_machine, interleaved
+from vocc_torch.measure.timing import describe_machine, interleaved
 from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.simulation import Camera, Distribution, SceneModel
 from vocc_torch.simulation.effects import PHYSICAL_ORDER, Parameters, Quantity

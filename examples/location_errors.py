@@ -14,11 +14,11 @@ from pathlib import Path
 
 import torch
 
+from vocc_torch.measure.link import Link, block_keys
+from vocc_torch.measure.plan import Budget, Experiment, Plan, ReceiverPlan, World
+from vocc_torch.measure.train import train
 from vocc_torch.receiver.bank import ReceiverBank
 from vocc_torch.simulation import Distribution
-from vocc_torch.studies.link import Link, block_keys
-from vocc_torch.studies.plan import Budget, Experiment, Plan, ReceiverPlan, World
-from vocc_torch.studies.train import train
 
 LEVELS_LX = (2000.0, 4000.0, 8000.0, 16000.0)
 

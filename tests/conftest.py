@@ -10,7 +10,7 @@ import pytest
 import torch
 from hydra.core.global_hydra import GlobalHydra
 
-from vocc_torch import cli
+from vocc_torch.app import cli
 
 
 def pytest_configure(config):

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import torch
 
+from vocc_torch.measure import plug_in_training as classifiers_module
+from vocc_torch.measure import train as train_module
 from vocc_torch.receiver.classifiers.protocol import Guarded
 from vocc_torch.receiver.flda import FLDA
 from vocc_torch.simulation import Simulator
-from vocc_torch.studies import classifiers as classifiers_module
-from vocc_torch.studies import train as train_module
-from vocc_torch.studies.rivals import scenes as scenes_module
+from vocc_torch.studies.classifiers import scenes as scenes_module
 
 SHIPPED = sorted(path.stem for path in (Path(__file__).parents[1] / "conf" / "classifier").glob("*.yaml"))
 SHIPPED = [name for name in SHIPPED if name not in ("sklearn", "own")]

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from vocc_torch.evaluation.counts import Counts
-from vocc_torch.evaluation.curves import Curves
-from vocc_torch.evaluation.dimming import Grid
+from vocc_torch.measure.counts import Counts
+from vocc_torch.measure.curves import Curves
+from vocc_torch.measure.dimming import Grid
 
 AMBIENT = tuple(1000.0 * 2**i for i in range(6))
 LUMINANCE = tuple(250.0 * 2**i for i in range(7))

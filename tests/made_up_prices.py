@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from vocc_torch.evaluation.counts import Counts
-from vocc_torch.evaluation.frame_errors import FrameErrors
-from vocc_torch.evaluation.price_list import (
+from vocc_torch.measure.counts import Counts
+from vocc_torch.measure.frame_errors import FrameErrors
+from vocc_torch.studies.tradeoff.price_list import (
     STAGES,
     Making,
     Mark,

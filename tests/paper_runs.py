@@ -10,7 +10,7 @@ import pytest
 from hydra.core.global_hydra import GlobalHydra
 from PIL import Image
 
-from vocc_torch import cli
+from vocc_torch.app import cli
 from vocc_torch.files import atomic_file
 
 

@@ -6,7 +6,7 @@ import pytest
 import yaml
 from paper_runs import contents_of, files_in, head_of, rows_of, run_in
 
-from vocc_torch.reporting.rivals_csv import (
+from vocc_torch.studies.classifiers.rivals_csv import (
     GENIE_COLUMNS,
     PAIRED_COLUMNS,
     POINT_COLUMNS,
@@ -175,7 +175,7 @@ def test_parts_can_be_left_out(place):
 
 
 def test_without_scikit_learn_its_classifiers_are_left_out_and_named(place, monkeypatch):
-    monkeypatch.setattr("vocc_torch.studies.optional.find_spec", lambda _: None)
+    monkeypatch.setattr("vocc_torch.measure.optional.find_spec", lambda _: None)
     ran = run_in(
         place, "experiment=classifiers", *TINY[:3], "receiver.names=[flda_3]", "classifier=[panel_otsu,svm]",
         "name=without", "workers=1", "tensorboard=false", "rivals.genie_frames=0", "rivals.scene_frames=40",

@@ -18,9 +18,9 @@ from hydra import compose, initialize_config_module
 from hydra.core.global_hydra import GlobalHydra
 from PIL import Image
 
-from vocc_torch import cli
-from vocc_torch.assembly import build_plan
-from vocc_torch.config import register_schema, resolved
+from vocc_torch.app import cli
+from vocc_torch.app.config import register_schema, resolved
+from vocc_torch.measure.build import build_plan
 from vocc_torch.receiver.receiver import Receiver
 
 ROOT = Path(__file__).parents[1]
@@ -499,7 +499,7 @@ def test_read_only_folder(app, tmp_path):
 LIMITED = """
 import resource
 resource.setrlimit(resource.RLIMIT_FSIZE, ({limit}, resource.RLIM_INFINITY))
-from vocc_torch.cli import main
+from vocc_torch.app.cli import main
 main()
 """
 
@@ -603,7 +603,7 @@ def test_multirun_goes_on_after_a_failing_job(app, tmp_path):
 INTERRUPTIBLE = """
 import signal
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs ignore it
-from vocc_torch.cli import main
+from vocc_torch.app.cli import main
 main()
 """
 
@@ -651,7 +651,7 @@ def test_reader_that_leaves_early(tmp_path, arguments):
 
 def test_help_needs_no_torch(command, tmp_path):
     code = (
-        "import sys\nfrom vocc_torch.cli import run\ntry:\n    run()\nexcept SystemExit as done:\n"
+        "import sys\nfrom vocc_torch.app.cli import run\ntry:\n    run()\nexcept SystemExit as done:\n"
         "    print([name for name in ('torch', 'kornia', 'matplotlib') if name in sys.modules], done.code)"
     )
     ran = command("--help", cwd=tmp_path, code=code)
@@ -664,7 +664,7 @@ def test_help_needs_no_torch(command, tmp_path):
 
 
 def test_misspelled_key_needs_no_torch(command, tmp_path):
-    code = "import sys\nfrom vocc_torch.cli import run\nprint(run(), 'torch' in sys.modules)"
+    code = "import sys\nfrom vocc_torch.app.cli import run\nprint(run(), 'torch' in sys.modules)"
     assert command("sede=1", cwd=tmp_path, code=code).out == "2 False\n"
 
 

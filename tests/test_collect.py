@@ -12,15 +12,13 @@ from matplotlib.colors import to_hex
 from PIL import Image
 from rich.console import Console
 
-from vocc_torch.config import read_flat
 from vocc_torch.errors import VoccError
-from vocc_torch.evaluation.counts import Counts
-from vocc_torch.evaluation.curve import COLUMNS, BerTable, Point
-from vocc_torch.reporting.csv_file import write_table
-from vocc_torch.reporting.job_facets import MOST_FACETS, Facet, all_receivers, jobs_figure
-from vocc_torch.reporting.jobs_table import print_jobs
-from vocc_torch.reporting.styles import receiver_styles
-from vocc_torch.studies.collect import (
+from vocc_torch.measure.config import read_flat
+from vocc_torch.measure.counts import Counts
+from vocc_torch.measure.curve import COLUMNS, BerTable, Point
+from vocc_torch.show.csv_file import write_table
+from vocc_torch.show.styles import receiver_styles
+from vocc_torch.studies.collect.collect import (
     Job,
     collected_columns,
     collected_lines,
@@ -30,6 +28,8 @@ from vocc_torch.studies.collect import (
     label,
     setting_text,
 )
+from vocc_torch.studies.collect.job_facets import MOST_FACETS, Facet, all_receivers, jobs_figure
+from vocc_torch.studies.collect.jobs_table import print_jobs
 
 QUICK = (
     *("budget.frames=64", "budget.training_frames=64", "tensorboard=false"),

@@ -6,9 +6,12 @@ import runpy
 from pathlib import Path
 from types import SimpleNamespace
 
+import pytest
 import yaml
 
 from vocc_torch.simulation.effects import PHYSICAL_ORDER
+
+pytestmark = pytest.mark.breakage
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGE = ROOT / "docs" / "effects.md"

@@ -4,6 +4,10 @@ import runpy
 from pathlib import Path
 from types import SimpleNamespace
 
+import pytest
+
+pytestmark = pytest.mark.breakage
+
 ROOT = Path(__file__).resolve().parent.parent
 script = SimpleNamespace(**runpy.run_path(str(ROOT / "benchmarks" / "mutation.py")))
 

@@ -9,9 +9,11 @@ from types import SimpleNamespace
 
 import pytest
 
-from vocc_torch.evaluation.scorecard.score import COLUMNS
-from vocc_torch.reporting.paper.readings_section import FIT_COLUMNS
-from vocc_torch.studies.evidence import write_rows
+from vocc_torch.show.csv_file import write_rows
+from vocc_torch.studies.paper.report.readings_section import FIT_COLUMNS
+from vocc_torch.studies.paper.scorecard.score import COLUMNS
+
+pytestmark = pytest.mark.breakage
 
 ROOT = Path(__file__).resolve().parent.parent
 SCRIPT = ROOT / "docs" / "update_results.py"
@@ -123,8 +125,8 @@ def test_readings_are_those_of_the_run(run):
 
 def test_the_runs_own_files_are_read(run):
     """What task=figures writes names the lens as the script looks for it."""
-    from vocc_torch.evaluation.scorecard import readings_of, score
-    from vocc_torch.tasks.paper_files import _write
+    from vocc_torch.studies.paper.paper_files import _write
+    from vocc_torch.studies.paper.scorecard import readings_of, score
 
     scorecard = score(readings_of({25.0: {}, 18.0: {}}, {}), (25.0, "paper"))
     _write(run / "scorecard.csv", scorecard.rows())

@@ -4,7 +4,7 @@ import pytest
 import yaml
 from paper_runs import files_in, head_of, rows_of, run_in
 
-from vocc_torch.reporting.effects_csv import COLUMNS, SEVERITY_COLUMNS
+from vocc_torch.studies.effects.effects_csv import COLUMNS, SEVERITY_COLUMNS
 
 SMALL = (
     *("camera.width_px=480", "camera.height_px=272", "camera.sensor_width_mm=3.3"),
@@ -155,7 +155,7 @@ def test_a_failed_run_leaves_nothing(place, monkeypatch):
     def fail(*_, **__):
         raise MemoryError
 
-    monkeypatch.setattr("vocc_torch.tasks.effects.run_effects", fail)
+    monkeypatch.setattr("vocc_torch.studies.effects.run.run_effects", fail)
     ran = run_in(place, *BASE, "name=failed", "workers=1")
     assert "not enough memory" in ran.complaint
     assert not (place / "runs" / "failed").exists()

@@ -10,10 +10,10 @@ import yaml
 from paper_runs import contents_of, files_in, head_of, rows_of, run_in
 
 from vocc_torch import Receiver
-from vocc_torch.evaluation.curve import COLUMNS
-from vocc_torch.evaluation.scorecard import CLAIMS, VERDICTS
-from vocc_torch.reporting.paper.readings_section import FIT_COLUMNS
-from vocc_torch.studies.paper import wanted_figures
+from vocc_torch.measure.curve import COLUMNS
+from vocc_torch.studies.paper.report.readings_section import FIT_COLUMNS
+from vocc_torch.studies.paper.scorecard import CLAIMS, VERDICTS
+from vocc_torch.studies.paper.studies import wanted_figures
 
 TINY = ("budget.frames=8", "budget.training_frames=64", "workers=1")
 VALUES = {
@@ -220,7 +220,7 @@ def test_a_finished_run_counts_nothing_again(near, place, monkeypatch):
     before = contents_of(near, ".csv", ".jsonl", ".yaml")
     first = (near / "report.md").read_text(encoding="utf-8")
     monkeypatch.setattr(
-        "vocc_torch.studies.counter.PointJob.__call__", lambda *_: pytest.fail("counted again")
+        "vocc_torch.measure.counter.PointJob.__call__", lambda *_: pytest.fail("counted again")
     )
     ran = run_in(place, *ONE, "figures.names=[fig24]", "name=near")
     assert (ran.status, ran.err) == (0, "")
@@ -409,7 +409,7 @@ def test_a_full_disk_leaves_ledgers_that_a_later_run_goes_on_from(near, place, t
     left = files_in(mine)
     assert all(Path(name).suffix in (".png", ".csv", ".jsonl", ".yaml", ".pt", ".md") for name in left), left
     with monkeypatch.context() as patch:
-        patch.setattr("vocc_torch.studies.counter.PointJob.__call__", lambda *_: pytest.fail("counted again"))
+        patch.setattr("vocc_torch.measure.counter.PointJob.__call__", lambda *_: pytest.fail("counted again"))
         assert run_in(tmp_path, *arguments).status == 0
     assert contents_of(mine, ".csv") == contents_of(near, ".csv")
 

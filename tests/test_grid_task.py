@@ -4,7 +4,7 @@ import pytest
 import yaml
 from paper_runs import contents_of, files_in, head_of, rows_of, run_in
 
-from vocc_torch.evaluation.curve import COLUMNS
+from vocc_torch.measure.curve import COLUMNS
 
 AMBIENT, LUMINANCE = (1000.0, 32000.0), (500.0, 2000.0, 8000.0)
 TINY = ("budget.frames=8", "budget.training_frames=64", "workers=1", "tensorboard=false")
@@ -118,7 +118,7 @@ def test_a_finished_grid_counts_nothing_again(grid, place, monkeypatch):
     folder, _ = grid
     before = contents_of(folder, ".csv", ".jsonl", ".yaml")
     monkeypatch.setattr(
-        "vocc_torch.studies.counter.PointJob.__call__", lambda *_: pytest.fail("counted again")
+        "vocc_torch.measure.counter.PointJob.__call__", lambda *_: pytest.fail("counted again")
     )
     ran = run_in(place, *GRID, "name=grid")
     assert (ran.status, ran.err) == (0, "")

@@ -12,12 +12,12 @@ import torch
 from leak_watch import LITTLE, ONE, SHIPPED, Watch, digest
 from paper_runs import white
 
+from vocc_torch.measure import counter as counter_module
+from vocc_torch.measure import plug_in_training as classifiers_module
+from vocc_torch.measure.plan import Experiment
 from vocc_torch.receiver.classifiers.recipe import TrainingRecipe
 from vocc_torch.receiver.classifiers.torch_classifier import TorchClassifier
 from vocc_torch.rng import BlockKey
-from vocc_torch.studies import classifiers as classifiers_module
-from vocc_torch.studies import counter as counter_module
-from vocc_torch.studies.plan import Experiment
 from vocc_torch.studies.tradeoff import plan as tradeoff_module
 from vocc_torch.studies.tradeoff.plan import TradeoffStudy
 

@@ -65,7 +65,7 @@ def test_wheel_carries_the_licence_and_the_command(wheel):
             for name in archive.namelist()
             if ".dist-info/" in name
         }
-    assert "vocc-torch = vocc_torch.cli:main" in about["entry_points.txt"]
+    assert "vocc-torch = vocc_torch.app.cli:main" in about["entry_points.txt"]
     assert "License-Expression: Apache-2.0" in about["METADATA"]
     assert "Apache License" in about["LICENSE"]
 

@@ -13,9 +13,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 from joblib import cpu_count
 
-from vocc_torch import cli
+from vocc_torch.app import cli
+from vocc_torch.app.jobs import (
+    CONFIG,
+    FAILED,
+    Failure,
+    JobLines,
+    Jobs,
+    begin_again,
+    beside_others,
+    write_down,
+)
 from vocc_torch.errors import VoccError
-from vocc_torch.jobs import CONFIG, FAILED, Failure, JobLines, Jobs, begin_again, beside_others, write_down
 
 QUICK = (
     *("budget.frames=64", "budget.training_frames=64", "experiment.values=[4000]", "tensorboard=false"),
@@ -57,7 +66,7 @@ def test_parallel_jobs_give_what_serial_jobs_give(app, command, tmp_path):
 
 STAND_IN = """
 import multiprocessing, os, time
-from vocc_torch import cli
+from vocc_torch.app import cli
 from vocc_torch.errors import VoccError
 
 def run_task(settings, folder):
@@ -121,7 +130,7 @@ def test_a_fault_in_a_worker_is_seen_and_loses_nothing(command, stand_in):
 INTERRUPTIBLE = """
 import signal
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs ignore it
-from vocc_torch.cli import main
+from vocc_torch.app.cli import main
 main()
 """
 
@@ -154,7 +163,7 @@ def test_interrupted_jobs_end_with_their_parent(stand_in):
 
 
 def test_missing_launcher_names_the_extra(command, tmp_path):
-    without = "import sys\nsys.modules['hydra_plugins'] = None\nfrom vocc_torch.cli import main\nmain()"
+    without = "import sys\nsys.modules['hydra_plugins'] = None\nfrom vocc_torch.app.cli import main\nmain()"
     complaint = command(*PARALLEL, "seed=1,2", cwd=tmp_path, code=without).complaint
     assert complaint == (
         "hydra/launcher is 'joblib': jobs at the same time need pip install 'vocc-torch[parallel]'"

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import torch
 
-from vocc_torch.cli import run
+from vocc_torch.app.cli import run
 
 README = Path(__file__).parents[1] / "README.md"
 

@@ -115,7 +115,7 @@ def own(file, target):
         ("OneProbability", "classifier own: predict_proba gave (4096, 1), it must give (4096, 2)"),
         ("Disputes", "classifier own: predict says otherwise at 256 of 256 LEDs"),
         ("NoForward", "classifier own: forward failed on (1024, 3) (NotImplementedError"),
-        ("OtherInputs", "classifier own: forward failed on (1024, 3) (RuntimeError: mat1"),
+        ("OtherInputs", "classifier own: forward failed on (1024, 3) (RuntimeError: "),
         ("NanNet", "classifier own: the validation loss is not finite"),
         ("NothingToLearn", "classifier own: the module has no parameters that learn: use a class"),
         ("NUMBER", "classifiers.own.build: NUMBER cannot be built ('int' object is not callable)"),

@@ -14,12 +14,11 @@ import pytest
 import yaml
 from hydra.core.global_hydra import GlobalHydra
 
-from vocc_torch import cli
-from vocc_torch.evaluation import ledger_format
-from vocc_torch.evaluation.ledger import Ledger
-from vocc_torch.studies import workers
-from vocc_torch.studies.counter import PointCounter
-from vocc_torch.tasks import testing
+from vocc_torch.app import cli
+from vocc_torch.measure import ledger_format, workers
+from vocc_torch.measure.counter import PointCounter
+from vocc_torch.measure.ledger import Ledger
+from vocc_torch.studies.curve import run as testing
 
 BLOCKS = 8
 """Two points of four blocks."""
@@ -108,7 +107,7 @@ def assert_as(folder, undisturbed):
 INTERRUPTIBLE = """
 import signal
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs ignore it
-from vocc_torch.cli import main
+from vocc_torch.app.cli import main
 if __name__ == "__main__":
     main()
 """

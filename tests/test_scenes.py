@@ -10,11 +10,11 @@ from hydra import compose, initialize_config_module
 from hydra.core.global_hydra import GlobalHydra
 from torch.profiler import ProfilerActivity, profile
 
-from vocc_torch.assembly import build_plan
-from vocc_torch.config import register_schema, resolved
+from vocc_torch.app.config import register_schema, resolved
+from vocc_torch.measure.build import build_plan
+from vocc_torch.measure.link import Link, block_keys
 from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.simulation.effects import PHYSICAL_ORDER, Context, Quantity
-from vocc_torch.studies.link import Link, block_keys
 from vocc_torch.types import PanelShape, Scene
 
 SCENES = sorted(path.stem for path in (Path(__file__).parents[1] / "conf" / "scene").glob("*.yaml"))

@@ -5,9 +5,9 @@ import yaml
 from paper_runs import files_in, rows_of, run_in, white
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-from vocc_torch.reporting.tradeoff_csv import RENDERER_COLUMNS, columns
 from vocc_torch.studies.tradeoff import plan as plan_module
-from vocc_torch.tasks import tradeoff as task_module
+from vocc_torch.studies.tradeoff import run as task_module
+from vocc_torch.studies.tradeoff.tradeoff_csv import RENDERER_COLUMNS, columns
 
 SMALL = (
     *("camera.width_px=480", "camera.height_px=272", "camera.sensor_width_mm=3.3"),

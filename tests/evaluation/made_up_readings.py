@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from vocc_torch.evaluation.curves import Curves, Measured
-from vocc_torch.evaluation.dimming import Grid
-from vocc_torch.evaluation.scorecard import Reading
-from vocc_torch.evaluation.tally import tallies
+from vocc_torch.measure.curves import Curves, Measured
+from vocc_torch.measure.dimming import Grid
+from vocc_torch.measure.tally import tallies
+from vocc_torch.studies.paper.scorecard import Reading
 
 BITS = 64
 AXES = {

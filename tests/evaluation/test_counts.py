@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vocc_torch.errors import VoccError
-from vocc_torch.evaluation.counts import Counts
+from vocc_torch.measure.counts import Counts
 
 
 def frames(seed, count, rows, columns, error_rate, miss_rate):

@@ -3,9 +3,9 @@
 import pytest
 
 from vocc_torch.errors import VoccError
-from vocc_torch.evaluation.counts import Counts
-from vocc_torch.evaluation.curve import COLUMNS, BerTable, Point, Row
-from vocc_torch.evaluation.intervals import ber_interval
+from vocc_torch.measure.counts import Counts
+from vocc_torch.measure.curve import COLUMNS, BerTable, Point, Row
+from vocc_torch.measure.intervals import ber_interval
 
 CLEAN = Counts(frames=10, bits=640)
 WRONG = Counts(10, 640, half_errors=7, half_errors_squared=29, frame_errors=2, panels_missed=1)

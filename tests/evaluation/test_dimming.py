@@ -10,12 +10,12 @@ from hypothesis import strategies as st
 from made_up_dimming import AMBIENT, BITS, LUMINANCE, grid_of, made_up_grid, true_ber
 
 from vocc_torch.errors import VoccError
-from vocc_torch.evaluation.counts import Counts
-from vocc_torch.evaluation.dimming import Grid, best_luminance, not_worse
-from vocc_torch.evaluation.intervals import ber_interval
-from vocc_torch.evaluation.optimum_ratio import on_off_ratio, optimum_ratio
-from vocc_torch.evaluation.relative import difference_independent
-from vocc_torch.evaluation.undimmed import octave_weights, undimmed_loss
+from vocc_torch.measure.counts import Counts
+from vocc_torch.measure.dimming import Grid, best_luminance, not_worse
+from vocc_torch.measure.intervals import ber_interval
+from vocc_torch.measure.optimum_ratio import on_off_ratio, optimum_ratio
+from vocc_torch.measure.relative import difference_independent
+from vocc_torch.measure.undimmed import octave_weights, undimmed_loss
 from vocc_torch.simulation.photometry import luminous_exposure_lx_s, reflected_luminance_cd_m2
 
 FEW = AMBIENT[1:4]

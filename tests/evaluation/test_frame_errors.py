@@ -5,9 +5,9 @@ import pytest
 from made_up_prices import BASE, made_up_prices
 
 from vocc_torch.errors import VoccError
-from vocc_torch.evaluation import frame_errors as frame_errors_module
-from vocc_torch.evaluation.frame_errors import FrameErrors, joint_confidence
-from vocc_torch.evaluation.price_list import Setting
+from vocc_torch.measure import frame_errors as frame_errors_module
+from vocc_torch.measure.frame_errors import FrameErrors, joint_confidence
+from vocc_torch.studies.tradeoff.price_list import Setting
 
 LEDS = 64
 

@@ -7,10 +7,10 @@ from hypothesis import strategies as st
 from made_up_prices import ALONE_MS, FRAMES, LEDS, MARKS, SETTINGS, made_up_prices, spent
 
 from vocc_torch.errors import VoccError
-from vocc_torch.evaluation.counts import Counts
-from vocc_torch.evaluation.frontier import Offer, beats, frontier, most_accurate_within, quickest_below
-from vocc_torch.evaluation.intervals import ber_interval
-from vocc_torch.evaluation.price_list import STAGES, Place, Setting, Spent
+from vocc_torch.measure.counts import Counts
+from vocc_torch.measure.intervals import ber_interval
+from vocc_torch.studies.tradeoff.frontier import Offer, beats, frontier, most_accurate_within, quickest_below
+from vocc_torch.studies.tradeoff.price_list import STAGES, Place, Setting, Spent
 
 # Few different values, so that ties are common.
 times = st.integers(1, 6).map(float)

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from scipy.stats import binomtest
 
 from vocc_torch.errors import VoccError
-from vocc_torch.evaluation.counts import Counts
-from vocc_torch.evaluation.intervals import ber_interval, clopper_pearson, design_effect
+from vocc_torch.measure.counts import Counts
+from vocc_torch.measure.intervals import ber_interval, clopper_pearson, design_effect
 
 BITS = 64
 

@@ -7,8 +7,8 @@ import pytest
 from scipy import stats
 
 from vocc_torch.errors import VoccError
-from vocc_torch.evaluation.counts import Counts
-from vocc_torch.evaluation.intervals import (
+from vocc_torch.measure.counts import Counts
+from vocc_torch.measure.intervals import (
     MOST_TRIALS,
     Interval,
     ber_interval,

@@ -23,13 +23,13 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from vocc_torch.errors import VoccError
-from vocc_torch.evaluation import exclusive, ledger_format
-from vocc_torch.evaluation.counts import Counts
-from vocc_torch.evaluation.ledger import Ledger
-from vocc_torch.evaluation.ledger_format import LedgerRow, fingerprint, header, sealed, unsealed
-from vocc_torch.evaluation.montecarlo import Part, StopRule
-from vocc_torch.evaluation.paired import PairedCounts
-from vocc_torch.evaluation.schedule import PointWork, run_point, run_points
+from vocc_torch.measure import exclusive, ledger_format
+from vocc_torch.measure.counts import Counts
+from vocc_torch.measure.ledger import Ledger
+from vocc_torch.measure.ledger_format import LedgerRow, fingerprint, header, sealed, unsealed
+from vocc_torch.measure.montecarlo import Part, StopRule
+from vocc_torch.measure.paired import PairedCounts
+from vocc_torch.measure.schedule import PointWork, run_point, run_points
 from vocc_torch.rng import BlockKey
 
 SETTINGS = {

@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vocc_torch.evaluation.counts import Counts
-from vocc_torch.evaluation.intervals import ber_interval
-from vocc_torch.evaluation.montecarlo import Running, StopRule
-from vocc_torch.evaluation.paired import PairedCounts
-from vocc_torch.evaluation.schedule import run_point
+from vocc_torch.measure.counts import Counts
+from vocc_torch.measure.intervals import ber_interval
+from vocc_torch.measure.montecarlo import Running, StopRule
+from vocc_torch.measure.paired import PairedCounts
+from vocc_torch.measure.schedule import run_point
 from vocc_torch.rng import BLOCK_FRAMES
 
 

@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from scipy.stats import binomtest, ttest_1samp
 
 from vocc_torch.errors import VoccError
-from vocc_torch.evaluation.counts import Counts
-from vocc_torch.evaluation.intervals import ber_interval
-from vocc_torch.evaluation.paired import DifferenceInterval, PairedCounts, paired_interval, sign_test
+from vocc_torch.measure.counts import Counts
+from vocc_torch.measure.intervals import ber_interval
+from vocc_torch.measure.paired import DifferenceInterval, PairedCounts, paired_interval, sign_test
 
 BITS = 64
 

@@ -8,12 +8,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import binomtest
 
-from vocc_torch.evaluation.counts import Counts
-from vocc_torch.evaluation.intervals import Interval, ber_interval
-from vocc_torch.evaluation.paired import paired_interval
-from vocc_torch.evaluation.ratio import Ratio, mover_ratio, rate_ratio
-from vocc_torch.evaluation.relative import relative_gain
-from vocc_torch.evaluation.tally import tallies
+from vocc_torch.measure.counts import Counts
+from vocc_torch.measure.intervals import Interval, ber_interval
+from vocc_torch.measure.paired import paired_interval
+from vocc_torch.measure.ratio import Ratio, mover_ratio, rate_ratio
+from vocc_torch.measure.relative import relative_gain
+from vocc_torch.measure.tally import tallies
 
 BITS = 64
 

@@ -9,11 +9,11 @@ from hypothesis import strategies as st
 from scipy.stats import binomtest
 
 from vocc_torch.errors import VoccError
-from vocc_torch.evaluation.counts import Counts
-from vocc_torch.evaluation.intervals import ber_interval
-from vocc_torch.evaluation.paired import PairedCounts, paired_interval
-from vocc_torch.evaluation.relative import Gain, difference_independent, mean_gain, relative_gain
-from vocc_torch.evaluation.tally import tallies
+from vocc_torch.measure.counts import Counts
+from vocc_torch.measure.intervals import ber_interval
+from vocc_torch.measure.paired import PairedCounts, paired_interval
+from vocc_torch.measure.relative import Gain, difference_independent, mean_gain, relative_gain
+from vocc_torch.measure.tally import tallies
 
 BITS = 64
 

@@ -13,11 +13,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vocc_torch.errors import VoccError
-from vocc_torch.evaluation import schedule
-from vocc_torch.evaluation.counts import Counts
-from vocc_torch.evaluation.ledger import Ledger
-from vocc_torch.evaluation.montecarlo import Outcome, Part, StopRule
-from vocc_torch.evaluation.schedule import PointWork, run_points
+from vocc_torch.measure import schedule
+from vocc_torch.measure.counts import Counts
+from vocc_torch.measure.ledger import Ledger
+from vocc_torch.measure.montecarlo import Outcome, Part, StopRule
+from vocc_torch.measure.schedule import PointWork, run_points
 from vocc_torch.rng import BLOCK_FRAMES
 
 

@@ -19,8 +19,8 @@ from made_up_readings import (
 )
 
 from vocc_torch.errors import VoccError
-from vocc_torch.evaluation.scorecard import CLAIMS, VERDICTS, Claim, Judgement, readings_of, score
-from vocc_torch.evaluation.scorecard.score import COLUMNS
+from vocc_torch.studies.paper.scorecard import CLAIMS, VERDICTS, Claim, Judgement, readings_of, score
+from vocc_torch.studies.paper.scorecard.score import COLUMNS
 
 BY_KEY = {claim.key: claim for claim in CLAIMS}
 AGAINST_ITSELF = {"setup.iso_range"}

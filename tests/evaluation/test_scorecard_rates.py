@@ -18,10 +18,10 @@ from made_up_readings import (
     spread,
 )
 
-from vocc_torch.evaluation.counts import Counts
-from vocc_torch.evaluation.curve import Row
-from vocc_torch.evaluation.intervals import Interval, design_effect
-from vocc_torch.evaluation.scorecard import (
+from vocc_torch.measure.counts import Counts
+from vocc_torch.measure.curve import Row
+from vocc_torch.measure.intervals import Interval, design_effect
+from vocc_torch.studies.paper.scorecard import (
     Distance,
     Fit,
     best_reading,
@@ -31,14 +31,14 @@ from vocc_torch.evaluation.scorecard import (
     readings_of,
     score,
 )
-from vocc_torch.evaluation.scorecard.comparisons import Comparison, Side, confidence_of, factor_text, weigh
-from vocc_torch.evaluation.scorecard.contrasts import BACKGROUND_GREYS, contrast_by_equations
-from vocc_torch.evaluation.scorecard.explanations import of_location
-from vocc_torch.evaluation.scorecard.fit import decades_apart, gain_distance, rate_distance
-from vocc_torch.evaluation.scorecard.judgement import Judgement
-from vocc_torch.evaluation.scorecard.luminances import candidates
-from vocc_torch.evaluation.scorecard.orders import above, lowest, lowest_at, monotone, valley
-from vocc_torch.evaluation.scorecard.quoted import (
+from vocc_torch.studies.paper.scorecard.comparisons import Comparison, Side, confidence_of, factor_text, weigh
+from vocc_torch.studies.paper.scorecard.contrasts import BACKGROUND_GREYS, contrast_by_equations
+from vocc_torch.studies.paper.scorecard.explanations import of_location
+from vocc_torch.studies.paper.scorecard.fit import decades_apart, gain_distance, rate_distance
+from vocc_torch.studies.paper.scorecard.judgement import Judgement
+from vocc_torch.studies.paper.scorecard.luminances import candidates
+from vocc_torch.studies.paper.scorecard.orders import above, lowest, lowest_at, monotone, valley
+from vocc_torch.studies.paper.scorecard.quoted import (
     QUOTED_BERS,
     QUOTED_GAINS,
     QuotedBer,

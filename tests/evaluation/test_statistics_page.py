@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from vocc_torch.errors import VoccError
-from vocc_torch.evaluation.counts import Counts
-from vocc_torch.evaluation.intervals import ber_interval
-from vocc_torch.evaluation.montecarlo import StopRule
+from vocc_torch.measure.counts import Counts
+from vocc_torch.measure.intervals import ber_interval
+from vocc_torch.measure.montecarlo import StopRule
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs" / "statistics.md"

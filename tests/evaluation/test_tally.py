@@ -7,9 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vocc_torch.errors import VoccError
-from vocc_torch.evaluation.counts import Counts
-from vocc_torch.evaluation.paired import PairedCounts
-from vocc_torch.evaluation.tally import half_errors, tallies
+from vocc_torch.measure.counts import Counts
+from vocc_torch.measure.paired import PairedCounts
+from vocc_torch.measure.tally import half_errors, tallies
 
 
 def block(seed, receivers, frames, rows, columns, shared):

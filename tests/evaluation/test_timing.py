@@ -12,8 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vocc_torch.errors import VoccError
-from vocc_torch.evaluation import timing
-from vocc_torch.evaluation.timing import Timing, describe_machine, interleaved
+from vocc_torch.measure import timing
+from vocc_torch.measure.timing import Timing, describe_machine, interleaved
 
 CPU, CUDA = torch.device("cpu"), torch.device("cuda")
 
@@ -140,7 +140,7 @@ def test_a_processor_without_a_name_is_still_something(monkeypatch, tmp_path):
 
 FAULTS = """
 import resource, torch
-from vocc_torch.evaluation.timing import settle_memory
+from vocc_torch.measure.timing import settle_memory
 
 def faults(mebibytes):
     before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt

@@ -19,15 +19,15 @@ from hydra.core.global_hydra import GlobalHydra
 from hydra.errors import HydraException
 from omegaconf.errors import OmegaConfBaseException
 
-from vocc_torch.assembly import build_plan
-from vocc_torch.complaints import checked, known_keys, one_line, refuse_overruled
-from vocc_torch.config import register_schema, resolved
+from vocc_torch.app.complaints import checked, known_keys, one_line, refuse_overruled
+from vocc_torch.app.config import register_schema, resolved
 from vocc_torch.errors import VoccError
+from vocc_torch.measure.build import build_plan
+from vocc_torch.measure.counter import group_of
+from vocc_torch.measure.link import Link, block_keys
+from vocc_torch.measure.train import train
 from vocc_torch.receiver.bank import ReceiverBank, needs_preambles
 from vocc_torch.receiver.flda import FLDAWarning
-from vocc_torch.studies.counter import group_of
-from vocc_torch.studies.link import Link, block_keys
-from vocc_torch.studies.train import train
 
 BASE = ("experiment=scenes", "device=cpu", "budget.frames=4", "budget.training_frames=4")
 """The command line that a case changes."""

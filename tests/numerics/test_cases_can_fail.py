@@ -9,6 +9,8 @@ import importlib
 import pytest
 from break_everything import modules
 
+pytestmark = pytest.mark.breakage
+
 CASES = [case for name in modules() for case in importlib.import_module(name).hard.cases]
 
 

@@ -14,18 +14,18 @@ from hypothesis import strategies as st
 from scipy.stats import binom, binomtest
 
 from vocc_torch.errors import VoccError
-from vocc_torch.evaluation.counts import Counts
-from vocc_torch.evaluation.curve import BerTable, Point
-from vocc_torch.evaluation.curves import Curves
-from vocc_torch.evaluation.dimming import Grid, best_luminance
-from vocc_torch.evaluation.intervals import MOST_TRIALS, ber_interval, clopper_pearson, design_effect
-from vocc_torch.evaluation.montecarlo import Running, StopRule
-from vocc_torch.evaluation.optimum_ratio import _optima, on_off_ratio, optimum_ratio
-from vocc_torch.evaluation.paired import PairedCounts, paired_interval, sign_test
-from vocc_torch.evaluation.relative import difference_independent, mean_gain, relative_gain
-from vocc_torch.evaluation.schedule import PointWork, run_point, run_points
-from vocc_torch.evaluation.tally import tallies
-from vocc_torch.evaluation.undimmed import undimmed_loss
+from vocc_torch.measure.counts import Counts
+from vocc_torch.measure.curve import BerTable, Point
+from vocc_torch.measure.curves import Curves
+from vocc_torch.measure.dimming import Grid, best_luminance
+from vocc_torch.measure.intervals import MOST_TRIALS, ber_interval, clopper_pearson, design_effect
+from vocc_torch.measure.montecarlo import Running, StopRule
+from vocc_torch.measure.optimum_ratio import _optima, on_off_ratio, optimum_ratio
+from vocc_torch.measure.paired import PairedCounts, paired_interval, sign_test
+from vocc_torch.measure.relative import difference_independent, mean_gain, relative_gain
+from vocc_torch.measure.schedule import PointWork, run_point, run_points
+from vocc_torch.measure.tally import tallies
+from vocc_torch.measure.undimmed import undimmed_loss
 
 hard = HardCases("Evaluation")
 

@@ -11,10 +11,11 @@ import torch
 from hard_cases import Breakage, HardCases
 from torch.utils._python_dispatch import TorchDispatchMode
 
-from vocc_torch.assembly import build_plan
-from vocc_torch.config import AppConfig
+from vocc_torch.app.config import AppConfig
 from vocc_torch.devices import resolve_device
 from vocc_torch.errors import VoccError
+from vocc_torch.measure.build import build_plan
+from vocc_torch.measure.link import Link, block_keys
 from vocc_torch.receiver.flda import FLDA
 from vocc_torch.receiver.location import PaperLocator
 from vocc_torch.receiver.reader import Reader
@@ -23,7 +24,6 @@ from vocc_torch.receiver.refined import RefinedLocator
 from vocc_torch.rng import BlockKey
 from vocc_torch.simulation import Distribution, SceneModel, Simulator
 from vocc_torch.simulation.simulator import PAPER_EFFECTS
-from vocc_torch.studies.link import Link, block_keys
 from vocc_torch.types import Frames, PanelShape, Scene
 
 hard = HardCases("Precision and devices")
@@ -80,7 +80,9 @@ def setting(change, value, restored):
     "a precision nobody knows",
     "refused by name with the two that are offered",
     Breakage(
-        "vocc_torch/assembly.py", "if settings.precision not in PRECISIONS:", "if not settings.precision:"
+        "vocc_torch/measure/build.py",
+        "if settings.precision not in PRECISIONS:",
+        "if not settings.precision:",
     ),
 )
 def unknown_precision():
@@ -95,7 +97,7 @@ def unknown_precision():
     "or two grey values, and with them bits; at 1 lx the ISO speed is beyond float16 and every frame is "
     "lost",
     Breakage(
-        "vocc_torch/assembly.py",
+        "vocc_torch/measure/build.py",
         '"float64": torch.float64}',
         '"float64": torch.float64, "float16": torch.float16, "bfloat16": torch.bfloat16}',
     ),

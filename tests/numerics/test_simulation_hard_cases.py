@@ -11,6 +11,7 @@ from hard_cases import Breakage, HardCases
 from scipy import ndimage, stats
 
 from vocc_torch.errors import VoccError
+from vocc_torch.measure.link import Link
 from vocc_torch.receiver.bank import RECEIVER_NAMES, ReceiverBank
 from vocc_torch.receiver.flda import FLDA
 from vocc_torch.receiver.reader import Reader
@@ -27,7 +28,6 @@ from vocc_torch.simulation.poisson import poisson_quantile
 from vocc_torch.simulation.raster import disc_cover, ellipse_cover, ellipse_patch_px
 from vocc_torch.simulation.simulator import PAPER_EFFECTS
 from vocc_torch.simulation.stamps import led_stamps
-from vocc_torch.studies.link import Link
 from vocc_torch.types import PanelShape, Scene
 
 hard = HardCases("Simulation")

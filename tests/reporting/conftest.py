@@ -3,7 +3,7 @@
 import pytest
 from made_up_points import made_up_point
 
-from vocc_torch.evaluation.curve import BerTable
+from vocc_torch.measure.curve import BerTable
 
 
 @pytest.fixture

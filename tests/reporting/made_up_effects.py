@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from vocc_torch.evaluation.counts import Counts
-from vocc_torch.evaluation.effect_table import (
+from vocc_torch.measure.counts import Counts
+from vocc_torch.studies.effects.table import (
     Change,
     Cost,
     EffectRow,

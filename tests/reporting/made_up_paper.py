@@ -8,9 +8,9 @@ import numpy as np
 from made_up_dimming import AMBIENT, PAPER_LIKE, made_up_grid, true_ber
 from PIL import Image
 
-from vocc_torch.evaluation.curves import Measured
-from vocc_torch.evaluation.scorecard import location_split, readings_of, score
-from vocc_torch.reporting.paper.contents import Contents, Facts, Shown
+from vocc_torch.measure.curves import Measured
+from vocc_torch.studies.paper.report.contents import Contents, Facts, Shown
+from vocc_torch.studies.paper.scorecard import location_split, readings_of, score
 
 readings = SimpleNamespace(
     **runpy.run_path(str(Path(__file__).parents[1] / "evaluation" / "made_up_readings.py"))

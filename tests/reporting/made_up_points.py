@@ -1,7 +1,7 @@
 """Made-up points, for every view."""
 
-from vocc_torch.evaluation.counts import Counts
-from vocc_torch.evaluation.curve import Point
+from vocc_torch.measure.counts import Counts
+from vocc_torch.measure.curve import Point
 
 
 def made_up_point(value, receiver, wrong_frames, axis="ambient_lx", frames=2000):

@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vocc_torch.errors import VoccError
-from vocc_torch.evaluation.curve import COLUMNS, BerTable, Row
 from vocc_torch.files import atomic_file
-from vocc_torch.reporting.csv_file import read_table, write_table
+from vocc_torch.measure.curve import COLUMNS, BerTable, Row
+from vocc_torch.show.csv_file import read_table, write_table
 
 
 def test_a_table_reads_back_to_the_same_rows(tmp_path, table):

@@ -10,14 +10,14 @@ from matplotlib.colors import to_hex
 from rich.console import Console
 
 from vocc_torch.errors import VoccError
-from vocc_torch.evaluation.effect_table import READINGS
-from vocc_torch.evaluation.intervals import ber_interval
-from vocc_torch.reporting.effects_csv import COLUMNS, SEVERITY_COLUMNS, write_effects, write_severities
-from vocc_torch.reporting.effects_figure import effects_figure
-from vocc_torch.reporting.effects_report import effects_report
-from vocc_torch.reporting.effects_table import cost_ratios, notes, print_effects
-from vocc_torch.reporting.report import as_markdown
-from vocc_torch.reporting.severity_figure import parameter_label, severity_figure
+from vocc_torch.measure.intervals import ber_interval
+from vocc_torch.show.report import as_markdown
+from vocc_torch.studies.effects.effects_csv import COLUMNS, SEVERITY_COLUMNS, write_effects, write_severities
+from vocc_torch.studies.effects.effects_figure import effects_figure
+from vocc_torch.studies.effects.effects_report import effects_report
+from vocc_torch.studies.effects.effects_table import cost_ratios, notes, print_effects
+from vocc_torch.studies.effects.severity_figure import parameter_label, severity_figure
+from vocc_torch.studies.effects.table import READINGS
 
 
 def read(path):

@@ -10,19 +10,19 @@ from matplotlib.colors import to_hex
 from matplotlib.quiver import Quiver
 from matplotlib.text import Text
 
-from vocc_torch.reporting import plots
-from vocc_torch.reporting.canvas import figure_pixels
-from vocc_torch.reporting.evidence import panels
-from vocc_torch.reporting.evidence.drawings import DRAWINGS
-from vocc_torch.studies.evidence.binarisation import FrameHistogram
-from vocc_torch.studies.evidence.blooming import BloomingInterference, BlurOrder
-from vocc_torch.studies.evidence.contrast import ContrastPanels
-from vocc_torch.studies.evidence.gradients import InwardGradients
-from vocc_torch.studies.evidence.overlap import GreyOverlap
-from vocc_torch.studies.evidence.projection import Projection
-from vocc_torch.studies.evidence.registry import EVIDENCE
-from vocc_torch.studies.evidence.spread import Spread, SpreadWithFrames
-from vocc_torch.studies.evidence.timing import ProcessingTime
+from vocc_torch.show import plots
+from vocc_torch.show.canvas import figure_pixels
+from vocc_torch.studies.paper.evidence.binarisation import FrameHistogram
+from vocc_torch.studies.paper.evidence.blooming import BloomingInterference, BlurOrder
+from vocc_torch.studies.paper.evidence.contrast import ContrastPanels
+from vocc_torch.studies.paper.evidence.gradients import InwardGradients
+from vocc_torch.studies.paper.evidence.overlap import GreyOverlap
+from vocc_torch.studies.paper.evidence.projection import Projection
+from vocc_torch.studies.paper.evidence.registry import EVIDENCE
+from vocc_torch.studies.paper.evidence.spread import Spread, SpreadWithFrames
+from vocc_torch.studies.paper.evidence.timing import ProcessingTime
+from vocc_torch.studies.paper.evidence_figures import panels
+from vocc_torch.studies.paper.evidence_figures.drawings import DRAWINGS
 
 KINDS = {
     "fig04": GreyOverlap,

@@ -12,17 +12,17 @@ from matplotlib.patches import Rectangle
 from matplotlib.text import Annotation, Text
 
 from vocc_torch.errors import VoccError
-from vocc_torch.evaluation.counts import Counts
-from vocc_torch.evaluation.dimming import best_luminance
-from vocc_torch.evaluation.optimum_ratio import on_off_ratio, optimum_ratio
-from vocc_torch.evaluation.undimmed import undimmed_loss
-from vocc_torch.reporting.best_luminance import best_luminance_figure
-from vocc_torch.reporting.canvas import figure_pixels
-from vocc_torch.reporting.dimming_rows import best_rows, dimming_rows, followed_rows, loss_rows
-from vocc_torch.reporting.heatmap import dimming_figure
-from vocc_torch.reporting.octaves import cell_edges, grid_value, octave, rate_text
-from vocc_torch.reporting.styles import receiver_styles
-from vocc_torch.reporting.undimmed import undimmed_figure
+from vocc_torch.measure.counts import Counts
+from vocc_torch.measure.dimming import best_luminance
+from vocc_torch.measure.optimum_ratio import on_off_ratio, optimum_ratio
+from vocc_torch.measure.undimmed import undimmed_loss
+from vocc_torch.show.best_luminance import best_luminance_figure
+from vocc_torch.show.canvas import figure_pixels
+from vocc_torch.show.dimming_rows import best_rows, dimming_rows, followed_rows, loss_rows
+from vocc_torch.show.heatmap import dimming_figure
+from vocc_torch.show.octaves import cell_edges, grid_value, octave, rate_text
+from vocc_torch.show.styles import receiver_styles
+from vocc_torch.show.undimmed import undimmed_figure
 
 FOUR = ("center_greyscale", "average_greyscale", "flda_2", "flda_3")
 

@@ -8,10 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vocc_torch.errors import VoccError
-from vocc_torch.evaluation.counts import Counts
-from vocc_torch.evaluation.curves import Curves
-from vocc_torch.evaluation.paired import PairedCounts, paired_interval, sign_test
-from vocc_torch.reporting.paired_file import COLUMNS, compared, write_paired
+from vocc_torch.measure.counts import Counts
+from vocc_torch.measure.curves import Curves
+from vocc_torch.measure.paired import PairedCounts, paired_interval, sign_test
+from vocc_torch.show.paired_file import COLUMNS, compared, write_paired
 
 NAMES = ("average_greyscale", "flda_2", "flda_3")
 EVEN = PairedCounts(2000, 128_000)

@@ -24,8 +24,23 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_hex
 
 from vocc_torch.errors import VoccError
-from vocc_torch.evaluation.counts import Counts
-from vocc_torch.evaluation.scorecard import (
+from vocc_torch.measure.counts import Counts
+from vocc_torch.measure.undimmed import undimmed_loss
+from vocc_torch.show.report import Cell, Highlights, Picture, Table, as_html, as_markdown, write_report
+from vocc_torch.show.report.inline import words
+from vocc_torch.show.styles import receiver_styles
+from vocc_torch.studies.paper.report.contents import Contents
+from vocc_torch.studies.paper.report.groups import groups_of, on_figure, tally_text
+from vocc_torch.studies.paper.report.location_figure import location_figure
+from vocc_torch.studies.paper.report.making_section import making
+from vocc_torch.studies.paper.report.numbers import named, numbers_table
+from vocc_torch.studies.paper.report.rates import PAPER_RECEIVERS
+from vocc_torch.studies.paper.report.readings_section import FIT_COLUMNS, best_text, fit_rows
+from vocc_torch.studies.paper.report.scorecard_section import TONES
+from vocc_torch.studies.paper.report.sections import paper_report
+from vocc_torch.studies.paper.report.statements import OUTCOME_TONES, STATEMENTS, causes, outcome
+from vocc_torch.studies.paper.report.words import RECEIVERS, plain, rate_interval, ratio_interval, spaced
+from vocc_torch.studies.paper.scorecard import (
     CLAIMS,
     VERDICTS,
     Claim,
@@ -35,23 +50,8 @@ from vocc_torch.evaluation.scorecard import (
     fits,
     location_split,
 )
-from vocc_torch.evaluation.scorecard.quoted import QUOTED_BERS
-from vocc_torch.evaluation.scorecard.words import rate
-from vocc_torch.evaluation.undimmed import undimmed_loss
-from vocc_torch.reporting.paper.contents import Contents
-from vocc_torch.reporting.paper.groups import groups_of, on_figure, tally_text
-from vocc_torch.reporting.paper.location_figure import location_figure
-from vocc_torch.reporting.paper.making_section import making
-from vocc_torch.reporting.paper.numbers import named, numbers_table
-from vocc_torch.reporting.paper.rates import PAPER_RECEIVERS
-from vocc_torch.reporting.paper.readings_section import FIT_COLUMNS, best_text, fit_rows
-from vocc_torch.reporting.paper.scorecard_section import TONES
-from vocc_torch.reporting.paper.sections import paper_report
-from vocc_torch.reporting.paper.statements import OUTCOME_TONES, STATEMENTS, causes, outcome
-from vocc_torch.reporting.paper.words import RECEIVERS, plain, rate_interval, ratio_interval, spaced
-from vocc_torch.reporting.report import Cell, Highlights, Picture, Table, as_html, as_markdown, write_report
-from vocc_torch.reporting.report.inline import words
-from vocc_torch.reporting.styles import receiver_styles
+from vocc_torch.studies.paper.scorecard.quoted import QUOTED_BERS
+from vocc_torch.studies.paper.scorecard.words import rate
 
 INVISIBLE = str.maketrans({"\N{NO-BREAK SPACE}": " ", "\N{WORD JOINER}": None, "\N{MINUS SIGN}": "-"})
 
@@ -652,7 +652,7 @@ def test_true_corners_as_the_own_reading_are_not_compared_with_themselves(tmp_pa
 
 def test_a_scorecard_without_any_experiment_or_figure(tmp_path):
     """Nothing was measured: everything that needs a measurement cannot be said."""
-    from vocc_torch.evaluation.scorecard import readings_of, score
+    from vocc_torch.studies.paper.scorecard import readings_of, score
 
     scorecard = score(readings_of({25.0: {}}, {}), (25.0, "paper"))
     report = paper_report(Contents((), scorecard, (), {}, facts()))
@@ -663,7 +663,7 @@ def test_a_scorecard_without_any_experiment_or_figure(tmp_path):
 
 
 def test_claims_of_a_new_kind_are_not_lost(tmp_path):
-    from vocc_torch.evaluation.scorecard import readings_of, score
+    from vocc_torch.studies.paper.scorecard import readings_of, score
 
     new = Claim("novel.thing", "VI", "something new", "yes", lambda _: Judgement("differ", "no", "so it is"))
     scorecard = score(readings_of({25.0: {}}, {}), (25.0, "paper"), (new,))

@@ -10,10 +10,10 @@ from matplotlib.text import Annotation
 from PIL import Image
 
 from vocc_torch.errors import VoccError
-from vocc_torch.evaluation.curve import BerTable
-from vocc_torch.reporting.canvas import new_figure
-from vocc_torch.reporting.plots import ber_figure, feature_histograms, figure_pixels, save_figure
-from vocc_torch.reporting.styles import receiver_styles
+from vocc_torch.measure.curve import BerTable
+from vocc_torch.show.canvas import new_figure
+from vocc_torch.show.plots import ber_figure, feature_histograms, figure_pixels, save_figure
+from vocc_torch.show.styles import receiver_styles
 
 
 def curves(figure):

@@ -17,8 +17,8 @@ from markdown_it import MarkdownIt
 from PIL import Image
 
 from vocc_torch.errors import VoccError
-from vocc_torch.reporting.canvas import new_figure, save_figure
-from vocc_torch.reporting.report import (
+from vocc_torch.show.canvas import new_figure, save_figure
+from vocc_torch.show.report import (
     Bullets,
     Cell,
     Code,
@@ -35,8 +35,8 @@ from vocc_torch.reporting.report import (
     literal,
     write_report,
 )
-from vocc_torch.reporting.report.pictures import read_png
-from vocc_torch.reporting.report.stylesheet import STYLESHEET
+from vocc_torch.show.report.pictures import read_png
+from vocc_torch.show.report.stylesheet import STYLESHEET
 
 MARKDOWN = MarkdownIt("commonmark").enable(["table", "strikethrough"])
 VOID = {"meta", "img", "br", "hr", "input", "link"}

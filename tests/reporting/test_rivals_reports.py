@@ -9,17 +9,17 @@ import pytest
 from rich.console import Console
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-from vocc_torch.evaluation.counts import Counts
-from vocc_torch.evaluation.curves import Curves
-from vocc_torch.evaluation.paired import PairedCounts
-from vocc_torch.evaluation.price_list import Making
-from vocc_torch.evaluation.rivals import GENIE, Mark, Ratio, Rivals, Transfer, rate_ratio
-from vocc_torch.reporting.rivals_board import write_rival_board
-from vocc_torch.reporting.rivals_csv import write_rivals
-from vocc_torch.reporting.rivals_figure import curves_figure, ratio_text
-from vocc_torch.reporting.rivals_scenes import scenes_figure
-from vocc_torch.reporting.rivals_table import print_rivals
-from vocc_torch.reporting.rivals_words import summary
+from vocc_torch.measure.counts import Counts
+from vocc_torch.measure.curves import Curves
+from vocc_torch.measure.paired import PairedCounts
+from vocc_torch.studies.classifiers.rivals import GENIE, Mark, Ratio, Rivals, Transfer, rate_ratio
+from vocc_torch.studies.classifiers.rivals_board import write_rival_board
+from vocc_torch.studies.classifiers.rivals_csv import write_rivals
+from vocc_torch.studies.classifiers.rivals_figure import curves_figure, ratio_text
+from vocc_torch.studies.classifiers.rivals_scenes import scenes_figure
+from vocc_torch.studies.classifiers.rivals_table import print_rivals
+from vocc_torch.studies.classifiers.rivals_words import summary
+from vocc_torch.studies.tradeoff.price_list import Making
 
 FRAMES = 1000
 WRONG = {"average_greyscale": (9000, 4000), "flda_3": (300, 200), "net": (5, 0), "plain": (60, 500)}

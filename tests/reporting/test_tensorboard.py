@@ -13,10 +13,10 @@ from tensorboard.plugins.custom_scalar import layout_pb2
 from tensorboard.plugins.hparams import plugin_data_pb2
 
 from vocc_torch.errors import VoccError
-from vocc_torch.evaluation.curve import BerTable
-from vocc_torch.reporting.canvas import figure_pixels
-from vocc_torch.reporting.plots import ber_figure
-from vocc_torch.reporting.tensorboard import SUMMARY_RUN, axis_steps, board_hint, write_board, write_boards
+from vocc_torch.measure.curve import BerTable
+from vocc_torch.show.canvas import figure_pixels
+from vocc_torch.show.plots import ber_figure
+from vocc_torch.show.tensorboard import SUMMARY_RUN, axis_steps, board_hint, write_board, write_boards
 
 RECEIVERS = ("center_greyscale", "average_greyscale", "flda_2", "flda_3")
 AXES = {

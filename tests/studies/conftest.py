@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
+from vocc_torch.measure.plan import Budget, Experiment, Plan, ReceiverPlan, World
+from vocc_torch.measure.train import train
 from vocc_torch.simulation import Distribution
-from vocc_torch.studies.plan import Budget, Experiment, Plan, ReceiverPlan, World
-from vocc_torch.studies.train import train
 
 
 @pytest.fixture(scope="session")

@@ -1,9 +1,9 @@
 """One point of a plan, counted in this process on a link of the test's own."""
 
-from vocc_torch.evaluation.schedule import run_point
+from vocc_torch.measure.counter import PointJob
+from vocc_torch.measure.schedule import run_point
+from vocc_torch.measure.sweep import points_of, stop_rule
 from vocc_torch.receiver.bank import ReceiverBank
-from vocc_torch.studies.counter import PointJob
-from vocc_torch.studies.sweep import points_of, stop_rule
 
 
 def banks(plan, fldas):

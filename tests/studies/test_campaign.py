@@ -8,15 +8,15 @@ import pytest
 from one_point import banks
 
 from vocc_torch.errors import VoccError
-from vocc_torch.evaluation.counts import Counts
-from vocc_torch.evaluation.ledger import Ledger
+from vocc_torch.measure import campaign as module
+from vocc_torch.measure.campaign import Study, at_focal_length, run_campaign, train_all
+from vocc_torch.measure.counts import Counts
+from vocc_torch.measure.ledger import Ledger
+from vocc_torch.measure.plan import Experiment
+from vocc_torch.measure.sweep import Sweep, measured, run_sweeps
+from vocc_torch.measure.train import train
+from vocc_torch.measure.workers import Workers
 from vocc_torch.simulation import Distribution
-from vocc_torch.studies import campaign as module
-from vocc_torch.studies.campaign import Study, at_focal_length, run_campaign, train_all
-from vocc_torch.studies.plan import Experiment
-from vocc_torch.studies.sweep import Sweep, measured, run_sweeps
-from vocc_torch.studies.train import train
-from vocc_torch.studies.workers import Workers
 
 DARK = {"ambient_lx": Distribution("constant", (1000.0,))}
 DISTANCE = Experiment("far", "distance_m", (60.0, 66.0), DARK)
@@ -167,7 +167,7 @@ def test_an_interrupted_campaign_goes_on(whole, plans, tmp_path):
 
 def test_a_finished_campaign_counts_nothing_again(whole, plans, monkeypatch):
     monkeypatch.setattr(
-        "vocc_torch.studies.counter.PointJob.__call__", lambda *_: pytest.fail("counted again")
+        "vocc_torch.measure.counter.PointJob.__call__", lambda *_: pytest.fail("counted again")
     )
     before = {path.name: path.read_bytes() for path in whole.folder.iterdir()}
     again = run(studies_of(plans), whole.folder)

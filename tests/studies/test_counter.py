@@ -6,16 +6,16 @@ import pickle
 import pytest
 from one_point import banks, counter
 
-from vocc_torch.evaluation.counts import Counts
-from vocc_torch.evaluation.montecarlo import Outcome, Part
-from vocc_torch.evaluation.paired import PairedCounts
+from vocc_torch.measure.counter import PointJob
+from vocc_torch.measure.counts import Counts
+from vocc_torch.measure.link import Link
+from vocc_torch.measure.montecarlo import Outcome, Part
+from vocc_torch.measure.paired import PairedCounts
+from vocc_torch.measure.plan import Experiment
+from vocc_torch.measure.sweep import Sweep, measured, run_sweeps
+from vocc_torch.measure.train import train, train_each
+from vocc_torch.measure.workers import Workers
 from vocc_torch.simulation import Distribution
-from vocc_torch.studies.counter import PointJob
-from vocc_torch.studies.link import Link
-from vocc_torch.studies.plan import Experiment
-from vocc_torch.studies.sweep import Sweep, measured, run_sweeps
-from vocc_torch.studies.train import train, train_each
-from vocc_torch.studies.workers import Workers
 
 LOCATORS = ("truth", "paper")
 PARTS = [Part(0, 64), Part(1, 30)]

@@ -10,25 +10,25 @@ import torch
 from omegaconf import OmegaConf
 
 from vocc_torch.errors import VoccError
-from vocc_torch.evaluation.effect_table import Change, Cost
-from vocc_torch.evaluation.paired import PairedCounts, paired_interval
-from vocc_torch.evaluation.timing import Timing
+from vocc_torch.measure.link import Link, block_keys
+from vocc_torch.measure.paired import PairedCounts, paired_interval
+from vocc_torch.measure.plan import Budget, Experiment, Plan, ReceiverPlan, World
+from vocc_torch.measure.timing import Timing
+from vocc_torch.measure.train import train
+from vocc_torch.measure.workers import Workers
 from vocc_torch.receiver.location import PaperLocator
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.rng import BlockKey
 from vocc_torch.simulation import Camera, Distribution, SceneModel, Simulator
 from vocc_torch.simulation.effects import PHYSICAL_ORDER
 from vocc_torch.simulation.simulator import PAPER_EFFECTS
-from vocc_torch.studies.effect_costs import Catalogue, EffectStudy, Severity, run_effects
-from vocc_torch.studies.effect_costs import costs as costs_module
-from vocc_torch.studies.effect_costs.catalogue import ORDER, built_effects, group_of
-from vocc_torch.studies.effect_costs.costs import measure_costs
-from vocc_torch.studies.effect_costs.errors import Piece, read_piece
-from vocc_torch.studies.effect_costs.study import frames_to_do
-from vocc_torch.studies.link import Link, block_keys
-from vocc_torch.studies.plan import Budget, Experiment, Plan, ReceiverPlan, World
-from vocc_torch.studies.train import train
-from vocc_torch.studies.workers import Workers
+from vocc_torch.studies.effects import costs as costs_module
+from vocc_torch.studies.effects.catalogue import ORDER, Catalogue, Severity, built_effects, group_of
+from vocc_torch.studies.effects.costs import measure_costs
+from vocc_torch.studies.effects.errors import Piece, read_piece
+from vocc_torch.studies.effects.plan import EffectStudy
+from vocc_torch.studies.effects.study import frames_to_do, run_effects
+from vocc_torch.studies.effects.table import Change, Cost
 
 CONF = Path(__file__).parents[2] / "conf"
 SHIPPED = OmegaConf.to_container(OmegaConf.load(CONF / "task" / "effects.yaml").effects, resolve=True)

@@ -16,19 +16,20 @@ from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
 from sklearn.metrics import roc_auc_score
 
 from vocc_torch.errors import VoccError
+from vocc_torch.measure.plan import Budget, Experiment, Plan, ReceiverPlan, World
+from vocc_torch.measure.train import train
 from vocc_torch.rng import BlockKey
+from vocc_torch.show.csv_file import write_rows
 from vocc_torch.simulation import Camera, LedPanel
-from vocc_torch.studies import evidence
-from vocc_torch.studies.evidence import EVIDENCE, make_evidence, selected, write_rows
-from vocc_torch.studies.evidence.binarisation import cell_status, frame_histogram, grey_levels
-from vocc_torch.studies.evidence.blooming import blur_order
-from vocc_torch.studies.evidence.contrast import PAPER_SCENES, scene_of_contrast
-from vocc_torch.studies.evidence.overlap import class_means, most_contradicting
-from vocc_torch.studies.evidence.projection import projection
-from vocc_torch.studies.evidence.sample import draw_sample, paper_scene, without_blooming
-from vocc_torch.studies.evidence.separation import least_error, roc_area, separable
-from vocc_torch.studies.plan import Budget, Experiment, Plan, ReceiverPlan, World
-from vocc_torch.studies.train import train
+from vocc_torch.studies.paper import evidence
+from vocc_torch.studies.paper.evidence import EVIDENCE, make_evidence, selected
+from vocc_torch.studies.paper.evidence.binarisation import cell_status, frame_histogram, grey_levels
+from vocc_torch.studies.paper.evidence.blooming import blur_order
+from vocc_torch.studies.paper.evidence.contrast import PAPER_SCENES, scene_of_contrast
+from vocc_torch.studies.paper.evidence.overlap import class_means, most_contradicting
+from vocc_torch.studies.paper.evidence.projection import projection
+from vocc_torch.studies.paper.evidence.sample import draw_sample, paper_scene, without_blooming
+from vocc_torch.studies.paper.evidence.separation import least_error, roc_area, separable
 from vocc_torch.types import Frames, PanelShape, Scene
 
 GAMMA = 2.2
@@ -476,7 +477,7 @@ def test_an_unknown_name_is_refused_before_any_work(tmp_path):
 
 
 def test_computing_needs_no_matplotlib():
-    code = "import sys, vocc_torch.studies.evidence; sys.exit('matplotlib' in sys.modules)"
+    code = "import sys, vocc_torch.studies.paper.evidence; sys.exit('matplotlib' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 import torch
 
-from vocc_torch.evaluation.timing import Timing
+from vocc_torch.measure.timing import Timing
 from vocc_torch.receiver.bank import Preambles, ReceiverBank
 from vocc_torch.rng import BlockKey
 from vocc_torch.simulation import Distribution, SceneModel
 from vocc_torch.simulation.simulator import PAPER_EFFECTS
-from vocc_torch.studies.evidence import timing
-from vocc_torch.studies.evidence.timing import (
+from vocc_torch.studies.paper.evidence import timing
+from vocc_torch.studies.paper.evidence.timing import (
     FRAMINGS,
     PAPER_SHARES,
     ProcessingTime,

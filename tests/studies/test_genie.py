@@ -12,15 +12,15 @@ from scipy.optimize import lsq_linear
 from scipy.stats import norm
 
 from vocc_torch.errors import VoccError
+from vocc_torch.measure.genie.genie import Genie
+from vocc_torch.measure.genie.genie_light import AFFINE, CODING, NOISE, ForwardModel
+from vocc_torch.measure.genie.genie_likelihood import log_interval_probability
+from vocc_torch.measure.genie.genie_search import likely_bits, relaxed_shares
 from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.simulation import Camera, Distribution, LedPanel, SceneModel, Simulator
 from vocc_torch.simulation.effects.photoelectrons import Photoelectrons
 from vocc_torch.simulation.effects.registry import PHYSICAL_ORDER
 from vocc_torch.simulation.simulator import PAPER_EFFECTS
-from vocc_torch.studies.genie import Genie
-from vocc_torch.studies.genie_light import AFFINE, CODING, NOISE, ForwardModel
-from vocc_torch.studies.genie_likelihood import log_interval_probability
-from vocc_torch.studies.genie_search import likely_bits, relaxed_shares
 from vocc_torch.types import Frames, PanelShape, Scene
 
 NOISY = {

@@ -7,18 +7,18 @@ import torch
 from one_point import counter
 
 from vocc_torch.errors import VoccError
-from vocc_torch.evaluation.counts import Counts
-from vocc_torch.evaluation.montecarlo import Part
+from vocc_torch.measure.counts import Counts
+from vocc_torch.measure.genie import genie_mark as genie_mark_module
+from vocc_torch.measure.genie.genie import Genie
+from vocc_torch.measure.genie.genie_light import overlap
+from vocc_torch.measure.genie.genie_mark import genie_knows, genie_mark
+from vocc_torch.measure.link import Link
+from vocc_torch.measure.montecarlo import Part
+from vocc_torch.measure.plan import Experiment, World
+from vocc_torch.measure.workers import Workers
 from vocc_torch.rng import BlockKey
 from vocc_torch.simulation import Distribution, LedPanel, SceneModel, Simulator
 from vocc_torch.simulation.simulator import PAPER_EFFECTS
-from vocc_torch.studies import genie_mark as genie_mark_module
-from vocc_torch.studies.genie import Genie
-from vocc_torch.studies.genie_light import overlap
-from vocc_torch.studies.genie_mark import genie_knows, genie_mark
-from vocc_torch.studies.link import Link
-from vocc_torch.studies.plan import Experiment, World
-from vocc_torch.studies.workers import Workers
 from vocc_torch.types import PanelShape
 
 NOISY = {

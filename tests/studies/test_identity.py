@@ -13,16 +13,16 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vocc_torch.evaluation.ledger_format import canonical, fingerprint
+from vocc_torch.measure import identity as identity_module
+from vocc_torch.measure.identity import identity
+from vocc_torch.measure.ledger_format import canonical, fingerprint
+from vocc_torch.measure.plan import Budget, Experiment, Plan, ReceiverPlan, World
+from vocc_torch.measure.plug_in import ClassifierPlan
 from vocc_torch.receiver.classifiers.module_file import ModuleFile
 from vocc_torch.receiver.classifiers.recipe import TrainingRecipe
 from vocc_torch.simulation import Distribution
 from vocc_torch.simulation.effects.registry import PHYSICAL_ORDER
 from vocc_torch.simulation.simulator import PAPER_EFFECTS
-from vocc_torch.studies import identity as identity_module
-from vocc_torch.studies.identity import identity
-from vocc_torch.studies.plan import Budget, Experiment, Plan, ReceiverPlan, World
-from vocc_torch.studies.plug_in import ClassifierPlan
 from vocc_torch.types import PanelShape
 
 TARGET = "budget.target_frame_errors"

@@ -3,13 +3,13 @@
 import torch
 from one_point import sweep_point
 
+from vocc_torch.measure.counter import point_name
+from vocc_torch.measure.link import Link, block_keys
+from vocc_torch.measure.train import train
 from vocc_torch.receiver.location import PaperLocator
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.rng import BLOCK_FRAMES, BlockKey
 from vocc_torch.simulation import SceneModel, Simulator
-from vocc_torch.studies.counter import point_name
-from vocc_torch.studies.link import Link, block_keys
-from vocc_torch.studies.train import train
 
 KEY = BlockKey(0, "link", 0)
 

@@ -7,11 +7,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vocc_torch.errors import VoccError
-from vocc_torch.evaluation.curves import Measured
+from vocc_torch.measure.curves import Measured
+from vocc_torch.measure.plan import Experiment
 from vocc_torch.simulation import Distribution
-from vocc_torch.studies.evidence import EVIDENCE
-from vocc_torch.studies.paper import BER_FIGURES, PaperStudies, wanted_figures
-from vocc_torch.studies.plan import Experiment
+from vocc_torch.studies.paper.evidence import EVIDENCE
+from vocc_torch.studies.paper.studies import BER_FIGURES, PaperStudies, wanted_figures
 
 KNOWN = wanted_figures([])
 
@@ -145,7 +145,7 @@ def test_only_studies_that_were_laid_out_are_asked_for(make_plan):
 
 
 def test_the_grid_is_put_together_by_row(make_plan, campaign, monkeypatch):
-    monkeypatch.setattr("vocc_torch.studies.paper.Grid", lambda *parts: parts)
+    monkeypatch.setattr("vocc_torch.studies.paper.studies.Grid", lambda *parts: parts)
     built = experiments(make_plan, "ambient", "dimming")
     grids = PaperStudies((25.0,), ("paper", "truth"), built).grids(campaign, "ambient_lx")
     assert grids == {

@@ -7,25 +7,27 @@ import pytest
 import torch
 
 from vocc_torch.errors import VoccError
-from vocc_torch.evaluation.ledger import Ledger
-from vocc_torch.evaluation.montecarlo import Part
-from vocc_torch.evaluation.rivals import GENIE
+from vocc_torch.measure.counter import PointJob
+from vocc_torch.measure.genie.genie_likelihood import UnknownLikelihoodError
+from vocc_torch.measure.identity import identity
+from vocc_torch.measure.ledger import Ledger
+from vocc_torch.measure.link import Link
+from vocc_torch.measure.montecarlo import Part
+from vocc_torch.measure.plan import Experiment, World
+from vocc_torch.measure.plug_in import ClassifierPlan
+from vocc_torch.measure.train import train
+from vocc_torch.measure.workers import Workers
 from vocc_torch.receiver.classifiers.inputs import Inputs, Patch
 from vocc_torch.receiver.classifiers.recipe import TrainingRecipe
 from vocc_torch.rng import BlockKey
 from vocc_torch.simulation import Distribution
-from vocc_torch.studies.counter import PointJob
-from vocc_torch.studies.genie_likelihood import UnknownLikelihoodError
-from vocc_torch.studies.identity import identity
-from vocc_torch.studies.link import Link
-from vocc_torch.studies.plan import Experiment, World
-from vocc_torch.studies.plug_in import ClassifierPlan
-from vocc_torch.studies.rivals import RivalStudy, compare_rivals, marks
-from vocc_torch.studies.rivals.scenes import _trained, across_scenes
-from vocc_torch.studies.rivals.times import bits_of
-from vocc_torch.studies.rivals.training import train_rivals
-from vocc_torch.studies.train import train
-from vocc_torch.studies.workers import Workers
+from vocc_torch.studies.classifiers import marks
+from vocc_torch.studies.classifiers.plan import RivalStudy
+from vocc_torch.studies.classifiers.rivals import GENIE
+from vocc_torch.studies.classifiers.scenes import _trained, across_scenes
+from vocc_torch.studies.classifiers.study import compare_rivals
+from vocc_torch.studies.classifiers.times import bits_of
+from vocc_torch.studies.classifiers.training import train_rivals
 
 LMMSE = ClassifierPlan(
     "lmmse",

@@ -7,18 +7,18 @@ import pytest
 import torch
 from one_point import counter, sweep_point
 
-from vocc_torch.evaluation.counts import Counts
-from vocc_torch.evaluation.intervals import ber_interval
-from vocc_torch.evaluation.montecarlo import Part
+from vocc_torch.measure.counter import group_of, point_name
+from vocc_torch.measure.counts import Counts
+from vocc_torch.measure.intervals import ber_interval
+from vocc_torch.measure.link import Link, Observation
+from vocc_torch.measure.montecarlo import Part
+from vocc_torch.measure.plan import Experiment
+from vocc_torch.measure.sweep import axis_values, monte_carlo_values
+from vocc_torch.measure.train import train
 from vocc_torch.receiver.bank import ReceiverBank
 from vocc_torch.receiver.otsu import otsu_threshold, sensor_histogram
 from vocc_torch.rng import BlockKey
 from vocc_torch.simulation import Distribution, SceneModel, Simulator
-from vocc_torch.studies.counter import group_of, point_name
-from vocc_torch.studies.link import Link, Observation
-from vocc_torch.studies.plan import Experiment
-from vocc_torch.studies.sweep import axis_values, monte_carlo_values
-from vocc_torch.studies.train import train
 from vocc_torch.types import Panels, Scene
 
 

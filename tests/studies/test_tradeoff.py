@@ -8,8 +8,15 @@ import pytest
 import torch
 
 from vocc_torch.errors import VoccError
-from vocc_torch.evaluation.price_list import STAGES, Place, Setting
-from vocc_torch.evaluation.timing import Timing
+from vocc_torch.measure import optional as optional_module
+from vocc_torch.measure.counter import PointCounter
+from vocc_torch.measure.genie.genie_likelihood import UnknownLikelihoodError
+from vocc_torch.measure.link import Link, block_keys
+from vocc_torch.measure.optional import without_absent
+from vocc_torch.measure.plug_in import ClassifierPlan
+from vocc_torch.measure.timing import Timing
+from vocc_torch.measure.train import train
+from vocc_torch.measure.workers import Workers
 from vocc_torch.receiver.classifiers import Inputs, Patch
 from vocc_torch.receiver.classifiers.recipe import TrainingRecipe
 from vocc_torch.receiver.location import PaperLocator
@@ -17,21 +24,16 @@ from vocc_torch.rng import BLOCK_FRAMES
 from vocc_torch.simulation import Camera, Distribution, LedPanel, SceneModel
 from vocc_torch.simulation.raster import disc_cover
 from vocc_torch.simulation.simulator import PAPER_EFFECTS
-from vocc_torch.studies import optional as optional_module
-from vocc_torch.studies.counter import PointCounter
-from vocc_torch.studies.genie_likelihood import UnknownLikelihoodError
-from vocc_torch.studies.link import Link, block_keys
-from vocc_torch.studies.optional import without_absent
-from vocc_torch.studies.plug_in import ClassifierPlan
-from vocc_torch.studies.tradeoff import RendererKnobs, TradeoffStudy, price_receivers, price_renderer
 from vocc_torch.studies.tradeoff import study as study_module
 from vocc_torch.studies.tradeoff import times as times_module
 from vocc_torch.studies.tradeoff.errors import count_errors, shots
+from vocc_torch.studies.tradeoff.plan import RendererKnobs, TradeoffStudy
+from vocc_torch.studies.tradeoff.price_list import STAGES, Place, Setting
+from vocc_torch.studies.tradeoff.renderer import price_renderer
+from vocc_torch.studies.tradeoff.study import price_receivers
 from vocc_torch.studies.tradeoff.supersampling import can_sample, sampled_cover
 from vocc_torch.studies.tradeoff.times import measure_times, read, threads
 from vocc_torch.studies.tradeoff.training import chains, train_receivers
-from vocc_torch.studies.train import train
-from vocc_torch.studies.workers import Workers
 from vocc_torch.types import Frames, Panels
 
 HERE = "vocc_torch.receiver.classifiers"

@@ -8,17 +8,17 @@ import pytest
 import torch
 from torch import Tensor
 
-from vocc_torch.evaluation.price_list import STAGES, Place, Setting
-from vocc_torch.evaluation.timing import Timing
+from vocc_torch.measure.plug_in import ClassifierPlan
+from vocc_torch.measure.timing import Timing
+from vocc_torch.measure.workers import Workers
 from vocc_torch.receiver.classifiers import Inputs, Patch
 from vocc_torch.simulation import Camera, Distribution, SceneModel
-from vocc_torch.studies.plug_in import ClassifierPlan
-from vocc_torch.studies.tradeoff import RendererKnobs, TradeoffStudy
 from vocc_torch.studies.tradeoff import times as times_module
 from vocc_torch.studies.tradeoff.chain import Chain
+from vocc_torch.studies.tradeoff.plan import RendererKnobs, TradeoffStudy
+from vocc_torch.studies.tradeoff.price_list import STAGES, Place, Setting
 from vocc_torch.studies.tradeoff.times import measure_times
 from vocc_torch.studies.tradeoff.training import chains, train_receivers
-from vocc_torch.studies.workers import Workers
 
 NAMES = ("center_greyscale", "average_greyscale", "flda_2", "flda_3")
 OTSU = ClassifierPlan(

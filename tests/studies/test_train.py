@@ -8,14 +8,14 @@ import torch
 from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
 
 from vocc_torch.errors import VoccError
+from vocc_torch.measure import train as train_module
+from vocc_torch.measure.link import Link
+from vocc_torch.measure.plan import Experiment
+from vocc_torch.measure.train import train, trained_receiver
 from vocc_torch.receiver.bank import feature_indices
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.rng import BlockKey
 from vocc_torch.simulation import Distribution, SceneModel, Simulator
-from vocc_torch.studies import train as train_module
-from vocc_torch.studies.link import Link
-from vocc_torch.studies.plan import Experiment
-from vocc_torch.studies.train import train, trained_receiver
 from vocc_torch.types import Panels
 
 

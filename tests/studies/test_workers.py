@@ -12,14 +12,14 @@ import torch
 from one_point import banks
 
 from vocc_torch.errors import VoccError
-from vocc_torch.evaluation.curves import Measured
-from vocc_torch.evaluation.ledger import Ledger
+from vocc_torch.measure import workers as workers_module
+from vocc_torch.measure.curves import Measured
+from vocc_torch.measure.ledger import Ledger
+from vocc_torch.measure.plan import Experiment, resolve_device
+from vocc_torch.measure.sweep import Sweep, measured, run_sweeps
+from vocc_torch.measure.train import train_each
+from vocc_torch.measure.workers import Workers
 from vocc_torch.simulation import Distribution
-from vocc_torch.studies import workers as workers_module
-from vocc_torch.studies.plan import Experiment, resolve_device
-from vocc_torch.studies.sweep import Sweep, measured, run_sweeps
-from vocc_torch.studies.train import train_each
-from vocc_torch.studies.workers import Workers
 
 LOCATORS = ("truth", "paper")
 
@@ -168,7 +168,7 @@ def test_what_was_counted_before_a_worker_was_killed_is_known(sweeps, story):
 
 INTERRUPTED = """
 import os, signal, sys, time
-from vocc_torch.studies.workers import Workers
+from vocc_torch.measure.workers import Workers
 
 signal.signal(signal.SIGINT, lambda *_: print("heard", flush=True))
 with Workers(2) as workers:

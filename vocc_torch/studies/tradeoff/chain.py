@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
-from vocc_torch.evaluation.price_list import Setting
 from vocc_torch.receiver.bank import FLDA_FEATURES, GREYSCALE_RECEIVERS
 from vocc_torch.receiver.classifiers.protocol import Guarded
 from vocc_torch.receiver.features import (
@@ -25,6 +24,7 @@ from vocc_torch.receiver.locators import PanelLocator
 from vocc_torch.receiver.reader import Greys, Reader, Readings
 from vocc_torch.receiver.rectification import cell_size_px, centre_greys, rectify
 from vocc_torch.studies.tradeoff.plan import DTYPES
+from vocc_torch.studies.tradeoff.price_list import Setting
 from vocc_torch.types import Frames, Panels
 
 

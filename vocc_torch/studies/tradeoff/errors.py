@@ -10,14 +10,14 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from vocc_torch.evaluation.counts import half_errors
-from vocc_torch.evaluation.frame_errors import FrameErrors
+from vocc_torch.measure.counts import half_errors
+from vocc_torch.measure.frame_errors import FrameErrors
+from vocc_torch.measure.plan import Plan
+from vocc_torch.measure.workers import Workers
 from vocc_torch.rng import BLOCK_FRAMES, BlockKey, FrameKey
 from vocc_torch.simulation import SceneModel, Simulator
-from vocc_torch.studies.plan import Plan
 from vocc_torch.studies.tradeoff.chain import Chain
 from vocc_torch.studies.tradeoff.plan import TradeoffStudy
-from vocc_torch.studies.workers import Workers
 from vocc_torch.types import Frames, Panels, Scene
 
 JOB_BLOCKS = 4

@@ -11,11 +11,11 @@ from typing import Literal, get_args
 import torch
 
 from vocc_torch.errors import VoccError
-from vocc_torch.evaluation.price_list import Setting
+from vocc_torch.measure.plan import Locator, Plan, narrowed, resolve_device
 from vocc_torch.receiver.bank import FLDA_FEATURES
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.simulation import Distribution, SceneModel
-from vocc_torch.studies.plan import Locator, Plan, narrowed, resolve_device
+from vocc_torch.studies.tradeoff.price_list import Setting
 
 Combine = Literal["one_at_a_time", "all"]
 FrameKind = Literal["whole", "crops"]

@@ -10,15 +10,15 @@ from typing import Literal
 import torch
 from torch import Tensor
 
-from vocc_torch.evaluation.knob_setting import KnobSetting
-from vocc_torch.evaluation.timing import interleaved
+from vocc_torch.measure.link import block_keys
+from vocc_torch.measure.plan import World, resolve_device
+from vocc_torch.measure.timing import interleaved
 from vocc_torch.rng import FrameKey
 from vocc_torch.simulation import SceneModel, Simulator
 from vocc_torch.simulation.effects.blooming import TRUNCATION_SIGMAS, Blooming
 from vocc_torch.simulation.framing import lay_on_sensor
 from vocc_torch.simulation.simulator import Framing
-from vocc_torch.studies.link import block_keys
-from vocc_torch.studies.plan import World, resolve_device
+from vocc_torch.studies.tradeoff.knob_setting import KnobSetting
 from vocc_torch.studies.tradeoff.plan import DTYPES, TradeoffStudy
 from vocc_torch.studies.tradeoff.supersampling import Supersampled, can_sample
 from vocc_torch.studies.tradeoff.times import threads

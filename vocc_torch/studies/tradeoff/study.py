@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from vocc_torch.evaluation.price_list import Mark, PriceList
-from vocc_torch.studies.genie_likelihood import UnknownLikelihoodError
-from vocc_torch.studies.genie_mark import genie_mark
-from vocc_torch.studies.plan import resolve_device
+from vocc_torch.measure.genie.genie_likelihood import UnknownLikelihoodError
+from vocc_torch.measure.genie.genie_mark import genie_mark
+from vocc_torch.measure.plan import resolve_device
+from vocc_torch.measure.workers import Workers, worker_losses_told
 from vocc_torch.studies.tradeoff.errors import count_errors
 from vocc_torch.studies.tradeoff.plan import TradeoffStudy, trained_alike
+from vocc_torch.studies.tradeoff.price_list import Mark, PriceList
 from vocc_torch.studies.tradeoff.times import measure_times
 from vocc_torch.studies.tradeoff.training import chains, train_receivers
-from vocc_torch.studies.workers import Workers, worker_losses_told
 
 Told = Callable[[str], None]
 """Hears what is begun."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from vocc_torch.measure.plan import World
 from vocc_torch.simulation import Simulator
 from vocc_torch.simulation.batch import Batch
 from vocc_torch.simulation.effects import Context, Effect, Quantity
@@ -12,7 +13,6 @@ from vocc_torch.simulation.geometry import led_centres_px
 from vocc_torch.simulation.painter import taking
 from vocc_torch.simulation.photometry import reflected_luminance_cd_m2
 from vocc_torch.simulation.raster import add_patches
-from vocc_torch.studies.plan import World
 
 GROUP_SAMPLES = 4_000_000
 """Samples in a working array."""

@@ -13,15 +13,15 @@ from importlib import import_module
 import torch
 from torch import Tensor
 
-from vocc_torch.evaluation.price_list import STAGES, Place, Setting, Spent
-from vocc_torch.evaluation.timing import Timing, describe_machine, interleaved, quartiles
+from vocc_torch.measure.link import block_keys
+from vocc_torch.measure.plan import resolve_device
+from vocc_torch.measure.timing import Timing, describe_machine, interleaved, quartiles
 from vocc_torch.rng import BLOCK_FRAMES
 from vocc_torch.simulation.simulator import Framing
-from vocc_torch.studies.link import block_keys
-from vocc_torch.studies.plan import resolve_device
 from vocc_torch.studies.tradeoff.chain import Chain
 from vocc_torch.studies.tradeoff.errors import Shot, located, shots
 from vocc_torch.studies.tradeoff.plan import FrameKind, TradeoffStudy
+from vocc_torch.studies.tradeoff.price_list import STAGES, Place, Setting, Spent
 from vocc_torch.types import Frames, Panels
 
 FRAMINGS: Mapping[FrameKind, Framing] = {"whole": "filled", "crops": "crop"}

@@ -8,17 +8,17 @@ from collections.abc import Mapping
 from concurrent.futures import Future
 from dataclasses import dataclass
 
-from vocc_torch.evaluation.price_list import Making, Setting
+from vocc_torch.measure.link import Link
+from vocc_torch.measure.plan import Plan
+from vocc_torch.measure.plug_in_training import train_classifiers
+from vocc_torch.measure.train import train
+from vocc_torch.measure.workers import Workers
 from vocc_torch.receiver.bank import FLDA_FEATURES, feature_indices
 from vocc_torch.receiver.classifiers.protocol import Guarded
 from vocc_torch.receiver.flda import FLDA
-from vocc_torch.studies.classifiers import train_classifiers
-from vocc_torch.studies.link import Link
-from vocc_torch.studies.plan import Plan
 from vocc_torch.studies.tradeoff.chain import Chain
 from vocc_torch.studies.tradeoff.plan import TradeoffStudy, is_flda, trained_alike
-from vocc_torch.studies.train import train
-from vocc_torch.studies.workers import Workers
+from vocc_torch.studies.tradeoff.price_list import Making, Setting
 
 Decider = FLDA | Guarded
 

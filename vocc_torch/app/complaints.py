@@ -1,0 +1,246 @@
+"""Configuration mistakes, said in one line: the key, the value and what is allowed."""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import re
+from collections.abc import Iterator, Sequence
+from importlib import resources
+from pathlib import PurePath
+
+from vocc_torch.app.config import AppConfig
+from vocc_torch.errors import VoccError
+
+OPEN_MAPPINGS = (
+    "scene.effects",
+    "experiment.scene",
+    "experiment.training",
+    "effects.parts",
+    "effects.severity",
+    "classifiers",
+    "tradeoff.scenes",
+    "rivals.experiments",
+    "rivals.points",
+    "rivals.scenes",
+)
+"""Keys under which a user may add keys with +; what they accept is checked where they are used."""
+
+_KINDS = {
+    "Integer": "a whole number",
+    "Float": "a number",
+    "Boolean": "true or false",
+    "bool": "true or false",
+}
+
+GROUPS = ("task", "scene", "camera", "panel", "receiver", "experiment", "budget")
+_NO_OPTION = re.compile(
+    r"null|true|false|[-+]?([.\d_]+(e[-+]?\d+)?|\.?inf|\.?nan)|(int|float|bool)\(.*|[\[{$].*", re.I | re.S
+)
+"""What the command line's grammar reads as another thing than a name."""
+
+
+def known_keys(schema: type = AppConfig, prefix: str = "") -> list[str]:
+    """Every key of the schema, with dots.
+
+    Example:
+        >>> "camera.gamma" in known_keys()
+        True
+    """
+    keys: list[str] = []
+    for field in dataclasses.fields(schema):
+        keys.append(prefix + field.name)
+        made = field.default_factory() if field.default_factory is not dataclasses.MISSING else None
+        if dataclasses.is_dataclass(made) and not isinstance(made, type):
+            keys += known_keys(type(made), f"{prefix}{field.name}.")
+    return keys
+
+
+def _unknown_key(key: str) -> str:
+    """Refuse a key that is not there."""
+    parent = next((name for name in OPEN_MAPPINGS if key.startswith(f"{name}.")), None)
+    if parent is not None:
+        return f"{key} is not set here: + adds to {parent}, as in +{key}=..."
+    if key == "hydra.launcher.n_jobs":
+        return f"{key} is not a known key of this launcher: it belongs to hydra/launcher=joblib"
+    near = difflib.get_close_matches(key, known_keys(), n=1, cutoff=0.6)
+    hint = f"did you mean {near[0]}?" if near else "vocc-torch --help lists the keys"
+    return f"{key} is not a known key: {hint}"
+
+
+def checked(settings: AppConfig) -> AppConfig:
+    """Give the settings back, or refuse a key that + has added, a value that ~ has removed, or a bad name.
+
+    Raises:
+        VoccError: the first such key.
+
+    Example:
+        >>> checked(AppConfig(name="../elsewhere"))
+        Traceback (most recent call last):
+        ...
+        vocc_torch.errors.VoccError: name is '../elsewhere': it must be a folder below runs/, without ..
+    """
+    parts = PurePath(settings.name).parts
+    if not parts or ".." in parts or PurePath(settings.name).is_absolute():
+        raise VoccError(f"name is {settings.name!r}: it must be a folder below runs/, without ..")
+    for complaint in _misfits(settings, ""):
+        raise VoccError(complaint)
+    return settings
+
+
+def refuse_overruled(settings: AppConfig, words: Sequence[str]) -> None:
+    """Refuse what a command line asks for and would not get.
+
+    Args:
+        settings: the configuration that came of it.
+        words: its overrides.
+
+    Raises:
+        VoccError: a setting of the camera that the scene makes itself, effects set to none, or several
+            options of one group, which would be mixed.
+
+    Example:
+        >>> refuse_overruled(AppConfig(), ["scene.effects={}"])
+        Traceback (most recent call last):
+        ...
+        vocc_torch.errors.VoccError: scene.effects={} takes none away: write ~scene.effects.NAME for each
+    """
+    for word in words:
+        key, _, value = word.lstrip("+").partition("=")
+        group, _, name = key.partition(".")
+        if group == "camera" and getattr(settings.scene.camera, name, None) is not None:
+            raise VoccError(f"{key} is set by the scene {settings.scene.name}: give scene.{key}={value}")
+        if key == "scene.effects" and value == "{}":
+            raise VoccError("scene.effects={} takes none away: write ~scene.effects.NAME for each")
+        if key in GROUPS and value.startswith("["):
+            raise VoccError(f"{key} is {value}: it must be one option, several in a multirun (-m {key}=a,b)")
+
+
+def _misfits(settings: object, prefix: str) -> Iterator[str]:
+    """Walk the settings and complain of keys that the schema does not have and of values that are missing.
+
+    Lists and mappings are looked into here: one that an interpolation brings is not checked before.
+    """
+    kinds = {field.name: str(field.type) for field in dataclasses.fields(settings)}  # type: ignore[arg-type]  # a dataclass
+    for name, value in vars(settings).items():
+        if name not in kinds:
+            yield _unknown_key(prefix + name)
+        elif dataclasses.is_dataclass(value):
+            yield from _misfits(value, f"{prefix}{name}.")
+        elif value == "???":
+            yield f"{prefix}{name} is missing: it must have a value"
+        elif allowed := _other_kind(value, kinds[name]):
+            yield f"{prefix}{name} is {value!r}: it must be {allowed}"
+
+
+def _other_kind(value: object, kind: str) -> str | None:
+    """Say what a list or a mapping should have been, if it is something else."""
+    if kind.startswith("dict["):
+        return None if isinstance(value, dict) else "a mapping, as in {key:value}"
+    if not kind.startswith("list[") or (value is None and kind.endswith("None")):
+        return None
+    item = {"list[float]": (int, float), "list[str]": (str,)}.get(kind.removesuffix(" | None"), (object,))
+    if isinstance(value, list) and all(isinstance(one, item) and not isinstance(one, bool) for one in value):
+        return None
+    return "a list of texts, as in [a,b]" if item == (str,) else "a list of numbers, as in [1,2]"
+
+
+def one_line(error: BaseException, arguments: Sequence[str] = ()) -> str:
+    r"""Say in one line what Hydra refused.
+
+    Args:
+        error: an error of Hydra or OmegaConf; its cause is read too.
+        arguments: the command line, which names the key where the error does not.
+
+    Example:
+        >>> one_line(ValueError("Could not override 'sede'.\nKey 'sede' is not in struct"))
+        'sede is not a known key: did you mean seed?'
+    """
+    text = "\n".join(str(e) for e in (error, error.__cause__) if e is not None)
+    override = getattr(error, "override", None)
+    if override is not None:
+        shown = " ".join(str(override).split())
+        return f"{shown} cannot be read: write key=value, a list as [a,b], and quote what is special"
+    if "Config group override must be" in text or isinstance(error, TypeError):
+        for key, _, value in (word.lstrip("+").partition("=") for word in arguments):
+            if key in ("", *GROUPS) and _NO_OPTION.fullmatch(value):
+                return f"{key} is {value}: it must be one of the options that vocc-torch --help lists"
+    if isinstance(error, OverflowError) and (match := re.search(r"full_key: ([\w.]+)", text)):
+        return f"{match.group(1)} is a whole number of hundreds of digits: it must be a number below 1e308"
+    if "integer string conversion" in text:
+        word = max(arguments, key=len, default="a value")
+        return f"{word.partition('=')[0]} is a number of thousands of digits: it must have at most 4300"
+    if "n_jobs == 0" in text:
+        return "hydra.launcher.n_jobs is 0: it must be a number of processes, or -1 for one a core"
+    said = _of_group(text) or _of_key(text) or _of_value(text)
+    return said or " ".join(text.split("Set the environment variable")[0].split())
+
+
+def _of_group(text: str) -> str | None:
+    """Complain of a group's option, or of several values."""
+    if match := re.search(r"Could not find '([\w./-]+)/([^']*)'", text):
+        group, option = match.groups()
+        listed = re.search(rf"Available options in '{group}':\s*\n((?:\s+.+\n?)+?)Config search path", text)
+        allowed = ", ".join(listed.group(1).split()) if listed else "none"
+        if (group, option) == ("hydra/launcher", "joblib"):
+            return f"{group} is '{option}': jobs at the same time need pip install 'vocc-torch[parallel]'"
+        return f"{group} is '{option}': it must be one of {allowed}"
+    if match := re.search(r"Could not load '([\w-]+)/([^']*)'", text):  # one of a list, such as [lmmse,mpl]
+        group, option = match.groups()
+        files = resources.files("vocc_torch.conf").joinpath(group).iterdir()
+        known = sorted(file.name.removesuffix(".yaml") for file in files if file.name.endswith(".yaml"))
+        return f"{group} has '{option}': it must be of {', '.join(known)}"
+    if match := re.search(r"Multiple values for ([\w/]+)", text):
+        return f"{match.group(1)} is chosen twice: write {match.group(1)}=option without +"
+    if match := re.search(r"Sweep parameters '\+*([^=]+)=(.*)' requires --multirun", text):
+        return f"{match.group(1)} is {match.group(2)}: it must be one value; -m runs several"
+    if match := re.search(r"Ambiguous value for argument '([^=]+)=(.*)'", text):
+        key, values = match.groups()
+        return f"{key} is {values}: it must be one value; -m runs several, and a list is written [{values}]"
+    return None
+
+
+def _of_key(text: str) -> str | None:
+    """Complain of a key that is not there or has no value."""
+    if match := re.search(r"Missing mandatory value: ([\w.]+)", text):
+        return f"{match.group(1)} is missing: it must have a value"
+    if match := re.search(r"Interpolation key '([^']+)' not found\s+full_key: ([\w.]+)", text):
+        return f"{match.group(2)} refers to ${{{match.group(1)}}}: it must be a known key"
+    if match := re.search(r"Could not delete .* value of '([\w.]+)' is (.*) and not (.*)\.", text):
+        key, value, other = match.groups()
+        return f"{key} is {value}, not {other}: write ~{key} to remove it whatever it is"
+    if match := re.search(r"Could not delete from config\.? '?([\w./]+)'?", text):
+        return f"{match.group(1)} is not set: ~ has nothing to remove"
+    if "does not support deletion" in text and (match := re.search(r"full_key: ([\w.]+)", text)):
+        return f"{match.group(1)} cannot be removed: it must have a value"
+    unknown = "is not in struct" in text or " not in '" in text or "does not exist" in text
+    if unknown and (match := re.search(r"full_key: ([\w.]+)", text)):
+        return _unknown_key(match.group(1))
+    if match := re.search(r"Could not override '?([\w.@/]+)'?", text):
+        return _unknown_key(match.group(1)) if unknown else f"{match.group(1)} is not a known key or group"
+    return None
+
+
+def _of_value(text: str) -> str | None:
+    """Complain of a value of the wrong type."""
+    match = re.search(r"full_key: ([\w.\[\]]+)", text)
+    if match is None:
+        return None
+    key = match.group(1)
+    patterns = r"Value '(.*?)' (?:of type|is not|could)", r"Error merging override [^=]+=(.*)"
+    given = [found.group(1) for pattern in patterns if (found := re.search(pattern, text))]
+    value = given[0] if given else ""
+    rules = (
+        (r"could not be converted to (\w+)", None),
+        (r"is not a valid (\w+)", None),
+        (r"is not Optional", "given a value"),
+        (r"is not a ListConfig", "a list, as in [a,b]"),
+        (r"Cannot assign \w+ to Dict|is not a DictConfig", "a mapping, as in {key:value}"),
+        (r"Cannot merge DictConfig|is not a subclass of", "a mapping, as in {key:value}"),
+        (r"Cannot convert '\w+' to string", "text"),
+    )
+    for pattern, allowed in rules:
+        if found := re.search(pattern, text):
+            what = allowed or _KINDS.get(found.group(1), found.group(1))
+            return f"{key} is {value if value == 'null' else repr(value)}: it must be {what}"
+    return None

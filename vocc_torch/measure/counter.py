@@ -1,0 +1,160 @@
+"""Count the errors of one point's blocks: every receiver on the same frames, with one or more locators."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from vocc_torch.measure.link import Link, Observation
+from vocc_torch.measure.montecarlo import Label, Part, Tally
+from vocc_torch.measure.plan import Experiment, Locator, Plan
+from vocc_torch.measure.tally import half_errors, tallies
+from vocc_torch.receiver.bank import ReceiverBank, needs_preambles
+from vocc_torch.receiver.locators import PanelLocator
+from vocc_torch.rng import BLOCK_FRAMES, BlockKey
+from vocc_torch.simulation import SceneModel
+
+
+def group_of(experiment: Experiment, link: Link, seen: Observation) -> Tensor:
+    """The group that each frame counts in, (B,) int64: its contrast bin, -1 outside all bins; else 0.
+
+    A contrast on an edge between two bins belongs to the upper one; the last bin holds its upper edge too.
+    """
+    if experiment.axis != "contrast":
+        return torch.zeros(len(seen.bits), dtype=torch.int64, device=seen.bits.device)
+    contrast = link.simulator.contrast(seen.scene)
+    edges = torch.tensor(experiment.values, dtype=contrast.dtype, device=contrast.device)
+    groups = torch.bucketize(contrast, edges, right=True) - 1
+    groups = torch.where(contrast == edges[-1], experiment.bins - 1, groups)
+    return torch.where(groups < experiment.bins, groups, -1)
+
+
+@dataclass(frozen=True)
+class PointCounter:
+    """Counts the errors of every receiver on blocks of one point, and compares every two of them.
+
+    Errors are labelled (locator, receiver, group), comparisons of two receivers (locator, a, b, group), and
+    with the locators ``paper`` and ``truth`` each receiver is compared with itself: (receiver, group).
+
+    Args:
+        plan: the study.
+        link: simulation and front end.
+        finders: the locators by name, None for true corners.
+        banks: the receivers, trained with each of the locators.
+        point: the point's name, which keys its random draws.
+        model: the point's scenes.
+    """
+
+    plan: Plan
+    link: Link
+    finders: Mapping[str, PanelLocator | None]
+    banks: Mapping[str, ReceiverBank]
+    point: str
+    model: SceneModel
+
+    def __call__(self, parts: Sequence[Part]) -> list[dict[Label, Tally]]:
+        """Count each part by label."""
+        keys = [BlockKey(self.plan.seed, self.point, part.block) for part in parts]
+        preambles = needs_preambles(self.plan.receiver.names)
+        # Blocks known already may be missing between others, but only a budget's last one is used in part.
+        assert all(part.frames == BLOCK_FRAMES for part in parts[:-1]), parts
+        used = sum(part.frames for part in parts)
+        halves: dict[str, list[Tensor]] = {name: [] for name in self.finders}
+        found: dict[str, list[Tensor]] = {name: [] for name in self.finders}
+        groups = []
+        for views in self.link.observe_each(self.finders, self.model, keys, preambles=preambles, frames=used):
+            for name, seen in views.items():
+                scores = self.banks[name].scores(seen.readings, seen.preambles)
+                wrong = [half_errors(s >= 0, seen.bits, seen.panels.found) for s in scores.values()]
+                halves[name].append(torch.stack(wrong))
+                found[name].append(seen.panels.found)
+            groups.append(group_of(self.plan.experiment, self.link, seen))
+        group = torch.cat(groups).cpu().numpy()
+        wrongs = {name: torch.cat(chunks, dim=1).cpu().numpy() for name, chunks in halves.items()}
+        hits = {name: torch.cat(chunks).cpu().numpy() for name, chunks in found.items()}
+        counted = []
+        for index, part in enumerate(parts):
+            rows = slice(index * BLOCK_FRAMES, index * BLOCK_FRAMES + part.frames)
+            cut = {name: wrong[:, rows] for name, wrong in wrongs.items()}
+            counted.append(self._count(cut, {name: hit[rows] for name, hit in hits.items()}, group[rows]))
+        return counted
+
+    def _count(
+        self,
+        wrongs: Mapping[str, NDArray[np.int64]],
+        hits: Mapping[str, NDArray[np.bool_]],
+        group: NDArray[np.int64],
+    ) -> dict[Label, Tally]:
+        """Count one block by label."""
+        counts: dict[Label, Tally] = {}
+        names, leds = self.plan.receiver.names, self.plan.world.panel.shape.leds
+        for index in np.unique(group[group >= 0]).tolist():
+            chosen = group == index
+            frames = int(chosen.sum())
+            for locator, wrong in wrongs.items():
+                hit = np.broadcast_to(hits[locator][chosen], (len(names), frames))
+                singles, pairs = tallies(wrong[:, chosen], leds, hit)
+                counts |= {(locator, name, index): one for name, one in zip(names, singles, strict=True)}
+                counts |= {(locator, names[i], names[j], index): pair for (i, j), pair in pairs.items()}
+            if {"paper", "truth"} <= set(wrongs):
+                both = np.stack([hits["paper"][chosen], hits["truth"][chosen]])
+                for row, name in enumerate(names):
+                    two = np.stack([wrongs["paper"][row, chosen], wrongs["truth"][row, chosen]])
+                    counts[name, index] = tallies(two, leds, both)[1][0, 1]
+        return counts
+
+
+@dataclass(frozen=True)
+class PointJob:
+    """A point as it is sent to a worker, which builds what it needs from it.
+
+    Args:
+        plan: the study.
+        locators: names of the locators.
+        banks: the receivers, trained with each of the locators.
+        value: the axis value; without meaning for ``contrast``.
+    """
+
+    plan: Plan
+    locators: tuple[Locator, ...]
+    banks: Mapping[str, ReceiverBank]
+    value: float
+
+    def __call__(self, parts: Sequence[Part]) -> list[dict[Label, Tally]]:
+        """Count each part by label."""
+        return self.counter(Link.of(self.plan))(parts)
+
+    @property
+    def point(self) -> str:
+        """The point's name, which keys its random draws."""
+        return point_name(self.plan.experiment, self.value)
+
+    def counter(self, link: Link) -> PointCounter:
+        """Build what counts, on a link."""
+        return PointCounter(
+            self.plan,
+            link,
+            self.plan.receiver.finders(self.locators),
+            self.banks,
+            self.point,
+            self.plan.experiment.model_at(self.plan.world, self.value),
+        )
+
+
+def point_name(experiment: Experiment, value: float) -> str:
+    """Name a point; the name keys its random draws.
+
+    Example:
+        >>> point_name(Experiment("near", "distance_m", (5.0,)), 5.0)
+        'near/distance_m=5'
+    """
+    if experiment.axis == "contrast":
+        return experiment.name
+    # Six digits may stand for two values, which would then share their draws.
+    digits = f"{value:g}" if float(f"{value:g}") == value else repr(value)
+    return f"{experiment.name}/{experiment.axis}={digits}"

@@ -1,0 +1,238 @@
+"""Measured points of bit error rate curves, and the table they form."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, fields
+
+from vocc_torch.errors import VoccError
+from vocc_torch.measure.counts import Counts
+from vocc_torch.measure.intervals import ber_interval
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """A point as ``ber.csv`` states it; the fields are the file's columns, in order.
+
+    Args:
+        experiment: name of the experiment.
+        axis: quantity that varies, with its unit, such as ``distance_m``.
+        value: the quantity's value here.
+        receiver: name of the receiver.
+        locator: where the panel's corners came from.
+        frames: frames decoded.
+        bits: bits sent in them.
+        bit_errors: wrong bits, a multiple of one half.
+        ber: bit error rate.
+        ber_low: lower end of its 95 % interval; 0 where there were no errors.
+        ber_high: upper end; where there were no errors, the one-sided 95 % limit.
+        frame_errors: frames with a wrong bit.
+        panels_missed: frames whose panel was not found.
+        stopped_by: why no more frames were run.
+
+    Raises:
+        VoccError: a value that is not finite, or rates out of order.
+
+    Example:
+        >>> row = Row("s", "ambient_lx", 4e3, "flda_3", "truth", 1, 64, 0.0, 0.0, 0.0, 0.1, 0, 0, "frames")
+        >>> row.error_free
+        True
+    """
+
+    experiment: str
+    axis: str
+    value: float
+    receiver: str
+    locator: str
+    frames: int
+    bits: int
+    bit_errors: float
+    ber: float
+    ber_low: float
+    ber_high: float
+    frame_errors: int
+    panels_missed: int
+    stopped_by: str
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be placed on an axis."""
+        if not math.isfinite(self.value):
+            raise VoccError(f"{self.axis} is {self.value}: it must be finite")
+        if not 0 <= self.ber_low <= self.ber <= self.ber_high <= 1:
+            raise VoccError(
+                f"ber of {self.receiver} at {self.axis}={self.value:g} is {self.ber} in [{self.ber_low}, "
+                f"{self.ber_high}]: it must be 0 <= ber_low <= ber <= ber_high <= 1"
+            )
+
+    @property
+    def error_free(self) -> bool:
+        """Whether ``ber_high`` is a limit and there is no rate to draw."""
+        return self.bit_errors == 0
+
+
+COLUMNS = tuple(field.name for field in fields(Row))
+"""Columns of ``ber.csv``."""
+
+
+@dataclass(frozen=True, slots=True)
+class Point:
+    """What one receiver did at one value of the axis.
+
+    Args:
+        experiment: name of the experiment.
+        axis: quantity that varies, with its unit, such as ``distance_m``.
+        value: the quantity's value, finite, in the axis's unit.
+        receiver: name of the receiver.
+        locator: where the panel's corners came from: ``truth``, ``paper`` or ``refined``.
+        counts: errors, at least one frame.
+        stopped_by: why no more frames were run.
+
+    Example:
+        >>> counts = Counts(frames=64, bits=4096, half_errors=4, half_errors_squared=8, frame_errors=2)
+        >>> point = Point("distance", "distance_m", 50.0, "flda_3", "truth", counts, "frame_errors")
+        >>> point.row()["bit_errors"], point.row()["ber"]
+        (2.0, 0.00048828125)
+    """
+
+    experiment: str
+    axis: str
+    value: float
+    receiver: str
+    locator: str
+    counts: Counts
+    stopped_by: str
+
+    def stated(self, errors_per_frame_error: float = 1.0) -> Row:
+        """Give the point with its bit error rate and the 95 % interval.
+
+        Args:
+            errors_per_frame_error: wrong bits that a wrong frame is taken to have where none was seen; the
+                bits of a frame where that is more.
+
+        Raises:
+            VoccError: no frames, or a value that is not finite.
+        """
+        counts = self.counts
+        # The size comes from points whose panels may have more LEDs.
+        size = min(errors_per_frame_error, counts.bits / max(1, counts.frames))
+        interval = ber_interval(counts, errors_per_frame_error=size)
+        return Row(
+            experiment=self.experiment,
+            axis=self.axis,
+            value=float(self.value),
+            receiver=self.receiver,
+            locator=self.locator,
+            frames=counts.frames,
+            bits=counts.bits,
+            bit_errors=counts.bit_errors,
+            ber=counts.ber,
+            ber_low=interval.low,
+            ber_high=interval.high,
+            frame_errors=counts.frame_errors,
+            panels_missed=counts.panels_missed,
+            stopped_by=self.stopped_by,
+        )
+
+    def row(self) -> dict[str, str | int | float]:
+        """Give the point's line of ``ber.csv``: the value of each column, in order."""
+        stated = self.stated()
+        return {name: getattr(stated, name) for name in COLUMNS}
+
+
+def _errors_per_frame_error(points: Sequence[Point]) -> dict[str, float]:
+    """Mean wrong bits in a wrong frame of each receiver over all its points, at least 1.
+
+    An error-free point cannot tell how many bits a wrong frame would have; the receiver's other points can,
+    and where location fails it is a dozen and more.
+    """
+    typical: dict[str, float] = {}
+    for name in {point.receiver for point in points}:
+        total = sum((point.counts for point in points if point.receiver == name), Counts())
+        typical[name] = max(1.0, total.bit_errors / max(1, total.frame_errors))
+    return typical
+
+
+class BerTable:
+    """The points of one experiment: what every view of the results draws.
+
+    The upper limit of a point without errors takes a wrong frame to have as many wrong bits as the receiver's
+    wrong frames at the other points, at least 1 and at most the bits of its own frames. A receiver without an
+    error at any point has the limits of single wrong bits.
+
+    Args:
+        points: measured points, or rows read back, of one experiment and one axis; one for each receiver and
+            value.
+
+    Attributes:
+        rows: the points with their intervals, in the order given.
+
+    Raises:
+        VoccError: points of two experiments or axes, or two points of one receiver at one value.
+
+    Example:
+        >>> counts = Counts(frames=64, bits=4096)
+        >>> points = [Point("d", "distance_m", v, "flda_3", "truth", counts, "frames") for v in (70.0, 30.0)]
+        >>> table = BerTable(points)
+        >>> table.receivers, table.values, [row.value for row in table.of("flda_3")]
+        (('flda_3',), (30.0, 70.0), [30.0, 70.0])
+    """
+
+    def __init__(self, points: Iterable[Point | Row] = ()) -> None:
+        """State every point and refuse what does not belong in one table."""
+        given = tuple(points)
+        typical = _errors_per_frame_error([point for point in given if isinstance(point, Point)])
+        self.rows = tuple(
+            point.stated(typical[point.receiver]) if isinstance(point, Point) else point for point in given
+        )
+        for name in ("experiment", "axis"):
+            names = sorted({getattr(row, name) for row in self.rows})
+            if len(names) > 1:
+                raise VoccError(f"{name} is {' and '.join(names)}: a table holds one {name}")
+        seen: set[tuple[str, float]] = set()
+        for row in self.rows:
+            if (row.receiver, row.value) in seen:
+                raise VoccError(
+                    f"receiver {row.receiver} has two points at {row.axis}={row.value:g}: "
+                    "a table holds one; give each locator a table of its own"
+                )
+            seen.add((row.receiver, row.value))
+
+    def __len__(self) -> int:
+        """Count the points."""
+        return len(self.rows)
+
+    def __iter__(self) -> Iterator[Row]:
+        """Walk the points in the order given."""
+        return iter(self.rows)
+
+    @property
+    def experiment(self) -> str:
+        """Name of the experiment; empty for an empty table."""
+        return self.rows[0].experiment if self.rows else ""
+
+    @property
+    def axis(self) -> str:
+        """Quantity that varies; empty for an empty table."""
+        return self.rows[0].axis if self.rows else ""
+
+    @property
+    def receivers(self) -> tuple[str, ...]:
+        """Receivers in the order in which they first came."""
+        return tuple(dict.fromkeys(row.receiver for row in self.rows))
+
+    @property
+    def values(self) -> tuple[float, ...]:
+        """Values of the axis, ascending."""
+        return tuple(sorted({row.value for row in self.rows}))
+
+    @property
+    def locators(self) -> tuple[str, ...]:
+        """Locators in the order in which they first came."""
+        return tuple(dict.fromkeys(row.locator for row in self.rows))
+
+    def of(self, receiver: str) -> tuple[Row, ...]:
+        """Give one receiver's points by ascending value; none for a receiver that is not there."""
+        return tuple(
+            sorted((row for row in self.rows if row.receiver == receiver), key=lambda row: row.value)
+        )

@@ -1,0 +1,1 @@
+"""The decoder that knows the scene: what is possible."""

@@ -1,0 +1,231 @@
+"""Confidence intervals of a bit error rate whose errors come in clusters, a frame at a time.
+
+Bits of one frame share its panel location, blur and brightness, so frames are the independent trials, not
+bits. Korn and Graubard (Survey Methodology 24, 1998, "Confidence intervals for proportions with small
+expected number of positive counts estimated from survey data") give the way to carry Clopper and Pearson's
+exact interval over to clusters: with an effective number of trials.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from scipy.optimize import bisect
+from scipy.special import betainc, betaincc, betainccinv, betaincinv, stdtrit
+
+from vocc_torch.errors import VoccError
+from vocc_torch.measure.counts import Counts
+
+MOST_TRIALS = 1e13
+"""Most trials that an interval or a test is given of: SciPy's beta integral loses its digits beyond."""
+_TAIL_TOLERANCE = 1e-3
+
+
+@dataclass(frozen=True, slots=True)
+class Interval:
+    """A closed interval of probabilities, ``0 <= low <= high <= 1``.
+
+    Example:
+        >>> Interval(low=0.1, high=0.3).high
+        0.3
+    """
+
+    low: float
+    high: float
+
+
+def clopper_pearson(successes: float, trials: float, confidence: float = 0.95) -> Interval:
+    """Give the exact two-sided interval of a binomial proportion (Clopper and Pearson, Biometrika 26, 1934).
+
+    Either end leaves out half of what ``confidence`` leaves, to a thousandth of it; without successes the low
+    end is 0, and without failures the high end is 1. An end below the smallest normal number (2e-308) or
+    within 1e-16 of 1 is given to that.
+
+    Args:
+        successes: 0 to ``trials``; need not be whole.
+        trials: above 0, at most ``MOST_TRIALS``; need not be whole.
+        confidence: above 0, below 1.
+
+    Returns:
+        The interval; ``successes / trials`` lies in it.
+
+    Raises:
+        VoccError: an argument outside its range.
+
+    Example:
+        >>> interval = clopper_pearson(1, 20)
+        >>> round(interval.low, 5), round(interval.high, 5)
+        (0.00127, 0.24873)
+    """
+    _check_confidence(confidence)
+    if not 0 < trials <= MOST_TRIALS:
+        raise VoccError(f"trials is {trials}: it must be above 0 and at most {MOST_TRIALS:g}")
+    if not 0 <= successes <= trials:
+        raise VoccError(f"successes is {successes}: it must be 0 to trials, {trials}")
+    tail = (1 - confidence) / 2
+    low, high, share = 0.0, 1.0, successes / trials
+    if successes > 0:
+        low = _inverse(betainc, betaincinv, successes, trials - successes + 1, tail)
+    if successes < trials:
+        # By its complement, since 1 - tail is 1 at confidences near 1.
+        high = _inverse(betaincc, betainccinv, successes + 1, trials - successes, tail)
+    return Interval(min(low, share), max(high, share))
+
+
+def _inverse(
+    integral: Callable[..., float], inverse: Callable[..., float], a: float, b: float, tail: float
+) -> float:
+    """Give x at which a beta distribution's ``integral(a, b, x)``, monotone in x, is ``tail``."""
+    x = float(inverse(a, b, tail))
+    if abs(integral(a, b, x) - tail) <= _TAIL_TOLERANCE * tail:
+        return x
+    # The inverse of SciPy 1.17 is out by factors at a = 1000 and b above 1e7, for one; its integral is not. x
+    # is sought on a logarithmic axis, since it may be of any order.
+    least = math.log(sys.float_info.min)
+
+    def excess(logarithm: float) -> float:
+        return float(integral(a, b, math.exp(logarithm))) - tail
+
+    if excess(least) * excess(0.0) > 0:
+        return x
+    return math.exp(bisect(excess, least, 0.0, xtol=1e-17))
+
+
+def design_effect(counts: Counts) -> float:
+    """Say how many times wider than a binomial's the variance of the bit error rate is.
+
+    The variance between frames is divided by that of independent bits. It is floored at 1. Errors of one
+    frame share its causes, so a ratio below 1 is chance, or the constant half with which a missed panel
+    enters the counts in the place of its coin tosses, and neither is a reason to claim more trials than there
+    were bits.
+
+    One frame has no spread: the effect is then the greatest there is, the frame's bits. Where no bit was
+    wrong, or all were, there is no spread either, and the effect is 1. It is exact to rounding for counts of
+    any size.
+
+    Args:
+        counts: at least one frame.
+
+    Raises:
+        VoccError: no frames.
+
+    Example:
+        >>> ten_in_one_frame = Counts(100, 6400, half_errors=20, half_errors_squared=400, frame_errors=1)
+        >>> round(design_effect(ten_in_one_frame), 2)
+        10.02
+    """
+    if counts.bits == 0:
+        raise VoccError("counts.bits is 0: a design effect needs at least one frame")
+    frames, halves, right = counts.frames, counts.half_errors, 2 * counts.bits - counts.half_errors
+    if frames == 1:
+        return float(counts.bits)
+    if halves == 0 or right == 0:
+        return 1.0
+    # In integers up to the division, so that nothing cancels: 1 - ber does at rates near 1.
+    spread = frames * counts.half_errors_squared - halves**2
+    return max(1.0, spread * counts.bits / ((frames - 1) * halves * right))
+
+
+def ber_interval(counts: Counts, confidence: float = 0.95, errors_per_frame_error: float = 1.0) -> Interval:
+    """Give the interval of the bit error rate, with frames as the independent units.
+
+    **Some errors.** Korn and Graubard's interval: Clopper and Pearson's with ``bits / design_effect`` trials,
+    times a ratio of t quantiles that pays for a design effect which is itself an estimate. Their degrees of
+    freedom are the clusters less one. A frame without errors tells nothing of how errors cluster, so where
+    errors are rare that is far too many; here it is at most one more than the effective number of frames in
+    error, ``(sum e)^2 / sum e^2`` over the frames' errors e (Kish's effective size). Many frames in error
+    make the two the same.
+
+    The interval is then cut to what holds however errors cluster: a wrong frame has one wrong bit at least
+    and all its bits wrong at most, so the rate lies between P(frame error) / (bits per frame) and P(frame
+    error), and the number of wrong frames is binomial.
+
+    **No errors.** The low end is 0. The high end is a one-sided limit: P(frame error) is at most ``1 - (1 -
+    confidence)^(1 / frames)``. Error-free frames cannot tell how many bits a wrong one would have. Taken is
+    ``errors_per_frame_error``, by default 1, because where errors become rare the typical wrong frame has a
+    single LED on the wrong side of the threshold. It is an assumption, and the limit grows in proportion:
+    where errors come from lost panels, half the frame's bits is the number to give. A
+    :class:`~vocc_torch.measure.curve.BerTable` gives what the receiver's other points show.
+
+    **All errors.** The high end is 1. **One frame** with errors: the interval covers most of 0 to 1, since
+    its bits count as one trial at most.
+
+    What no interval from these counts covers: a kind of wrong frame that is so rare that none came up (a lost
+    panel with a probability below about 3 / frames) though its many errors make up much of the rate.
+
+    Args:
+        counts: at least one frame; where there are errors, at most ``MOST_TRIALS`` bits.
+        confidence: above 0, below 1.
+        errors_per_frame_error: mean wrong bits in a wrong frame, above 0, at most the bits of a frame; used
+            only where no errors were seen.
+
+    Returns:
+        The interval, which holds the bit error rate of ``counts``.
+
+    Raises:
+        VoccError: no frames, or an argument outside its range.
+
+    Example:
+        >>> interval = ber_interval(Counts(frames=2000, bits=128_000))
+        >>> interval.low, round(interval.high, 7)
+        (0.0, 2.34e-05)
+    """
+    _check_confidence(confidence)
+    ber, bits_per_frame = counts.ber, counts.bits / counts.frames
+    if not 0 < errors_per_frame_error <= bits_per_frame:
+        raise VoccError(
+            f"errors_per_frame_error is {errors_per_frame_error}: "
+            f"it must be above 0 and at most the bits of a frame, {bits_per_frame:g}"
+        )
+    if counts.half_errors == 0:
+        # 1 - (1 - confidence)^(1 / frames), without its cancellation at many frames.
+        frame_error_limit = -math.expm1(math.log1p(-confidence) / counts.frames)
+        return Interval(0.0, frame_error_limit * errors_per_frame_error / bits_per_frame)
+    if counts.bits > MOST_TRIALS:
+        raise VoccError(f"counts.bits is {counts.bits}: an interval takes at most {MOST_TRIALS:g} bits")
+    trials = _effective_trials(counts, confidence)
+    clustered = clopper_pearson(ber * trials, trials, confidence)
+    frame_error = clopper_pearson(counts.frame_errors, counts.frames, confidence)
+    # A missed panel of a single LED is half a bit error: the only wrong frame with less than one.
+    fewest = min(1.0, bits_per_frame / 2)
+    low = max(clustered.low, frame_error.low * fewest / bits_per_frame)
+    return Interval(min(low, ber), max(min(clustered.high, frame_error.high), ber))
+
+
+def _effective_trials(counts: Counts, confidence: float) -> float:
+    """Give Korn and Graubard's effective number of independent bits; there is at least one error."""
+    frames_in_error = counts.half_errors**2 / counts.half_errors_squared
+    freedom = max(1.0, min(counts.frames - 1, frames_in_error + 1))
+    return counts.bits / design_effect(counts) * t_correction(counts.bits, freedom, confidence)
+
+
+def t_correction(bits: float, freedom: float, confidence: float) -> float:
+    """Give the squared ratio of t quantiles that pays for a design effect estimated from few frames.
+
+    Args:
+        bits: bits sent; one less are the degrees of freedom that independent bits would have.
+        freedom: degrees of freedom of the estimate, at least 1.
+        confidence: above 0, below 1.
+
+    Returns:
+        Above 0, at most 1. It tends to 0 as ``confidence`` tends to 1, and to the squared ratio of the
+        densities at 0, at least 2 / pi, as it tends to 0.
+
+    Example:
+        >>> round(t_correction(bits=1_000_000, freedom=4, confidence=0.95), 3)
+        0.498
+    """
+    # The lower quantile: the upper one's (1 + confidence) / 2 is 1 at confidences near 1, and infinite. At a
+    # confidence near 0 both quantiles lose their digits, but below 1e-6 their ratio no longer changes.
+    tail = min((1 - confidence) / 2, 0.5 - 5e-7)
+    ratio = float(stdtrit(max(1.0, bits - 1.0), tail)) / float(stdtrit(freedom, tail))
+    return min(1.0, ratio**2)
+
+
+def _check_confidence(confidence: float) -> None:
+    """Refuse what is no probability of a statement."""
+    if not 0 < confidence < 1:
+        raise VoccError(f"confidence is {confidence}: it must be above 0 and below 1")

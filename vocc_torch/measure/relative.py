@@ -1,0 +1,242 @@
+"""By what share one bit error rate is lower than another, and rates on different frames compared.
+
+A paper says "an improvement of 18 %" of a single run. Here the same number comes with its interval.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from vocc_torch.errors import VoccError
+from vocc_torch.measure.counts import Counts
+from vocc_torch.measure.intervals import Interval, ber_interval
+from vocc_torch.measure.paired import DifferenceInterval, PairedCounts, paired_interval
+
+
+@dataclass(frozen=True, slots=True)
+class Gain:
+    """A relative gain ``1 - BER_b / BER_a`` and its interval, ``low <= gain <= high <= 1``.
+
+    A gain of 0.18 is an improvement of 18 %, one below 0 a loss; b without errors has gained 1. Where a made
+    few errors its rate may be far lower than it looks, and ``low`` is then far below -1: that is what such
+    counts prove.
+
+    Example:
+        >>> Gain(gain=0.18, low=0.05, high=0.3).real
+        True
+    """
+
+    gain: float
+    low: float
+    high: float
+
+    @property
+    def real(self) -> bool:
+        """Whether the interval leaves out 0."""
+        return self.low > 0 or self.high < 0
+
+
+@dataclass(frozen=True, slots=True)
+class MeanGain(Gain):
+    """The plain average of the gains at several points, with its interval.
+
+    Args:
+        points: points averaged.
+        left_out: points at which a made no error and no gain can be stated.
+    """
+
+    points: int
+    left_out: int
+
+
+def relative_gain(
+    a: Counts,
+    b: Counts,
+    paired: PairedCounts,
+    confidence: float = 0.95,
+    errors_per_discordant_frame: float = 1.0,
+) -> Gain | None:
+    """Give the relative gain of receiver b over receiver a on the same frames, and its interval.
+
+    The gain is the difference of the two rates over the rate of a. Both have intervals that hold with few
+    errors, :func:`~vocc_torch.measure.paired.paired_interval` and
+    :func:`~vocc_torch.measure.intervals.ber_interval`, and they are joined by the method of variance
+    estimates recovery for ratios (Donner and Zou, Statistical Methods in Medical Research 21, 2012,
+    "Closed-form confidence intervals for functions of the normal mean and standard deviation"): g lies in the
+    interval if ``difference - g * rate`` may be 0, given their correlation over the frames. The gain is then
+    real exactly where the paired difference is.
+
+    The ratio of the two rates themselves takes the same method, but where b errs in the very frames in which
+    a does, it narrows to next to nothing, however few those frames. Where b has hardly any of a's errors it
+    is the difference and the rate that are nearly one, and the low end comes out up to 6 points of coverage
+    too high. A low end above 0 is therefore the lower of the two, but not below what is left if the
+    difference is at its low end and the rate of a at its high end.
+
+    Args:
+        a: counts of the receiver compared against.
+        b: counts of the other on the same frames.
+        paired: the comparison of a with b.
+        confidence: above 0, below 1.
+        errors_per_discordant_frame: as for ``paired_interval``; used only where no frame differs.
+
+    Returns:
+        The gain, or None where a made no error: nothing can then be said of a share of it.
+
+    Raises:
+        VoccError: no frames, counts that are not of the same frames, or an argument outside its range.
+
+    Example:
+        >>> a, b = Counts(2000, 128_000, 160, 600, 60), Counts(2000, 128_000, 120, 400, 50)
+        >>> gain = relative_gain(a, b, PairedCounts(2000, 128_000, 60, 160, 25, 20, 40, 10))
+        >>> f"{gain.gain:.2f} in [{gain.low:.2f}, {gain.high:.2f}]", gain.real
+        ('0.25 in [0.08, 0.42]', True)
+    """
+    _check_same_frames(a, b, paired)
+    difference = paired_interval(paired, confidence, errors_per_discordant_frame)
+    if not a.half_errors:
+        return None
+    rate, gain = ber_interval(a, confidence), difference.difference / a.ber
+    spreads = _spread(a), _spread(b), _spread(paired)
+    shared = _correlation(spreads[2], spreads[0], spreads[1])
+    low = _low_ratio(difference.difference, difference.low, a.ber, rate, shared)
+    high = -_low_ratio(-difference.difference, -difference.high, a.ber, rate, -shared)
+    if low > 0:
+        most = b.ber + _reach(b, a, confidence)[1]
+        left = -_low_ratio(-b.ber, -most, a.ber, rate, -_correlation(*spreads))
+        low = min(low, max(1 - left, difference.low / rate.high))
+    return Gain(gain, min(low, gain), min(1.0, max(high, gain)))
+
+
+def _low_ratio(value: float, low: float, rate: float, interval: Interval, correlation: float) -> float:
+    """Give the least g for which ``value - g * rate`` has 0 within its limits, by MOVER.
+
+    Args:
+        value: the numerator.
+        low: its low end.
+        rate: the denominator, above 0, its low end too.
+        interval: the denominator's interval.
+        correlation: of numerator and denominator.
+    """
+    below = value - low
+    # A positive g subtracts the rate, which is then feared at its high end; a negative one adds it.
+    aside = interval.high - rate if low > 0 else rate - interval.low
+    # Squared, the condition is a g^2 - 2 b g + c = 0; wanted is the root below value / rate. The differences
+    # of squares are products, or a rate that is known badly would lose its low end to rounding.
+    near = 2 * rate - interval.high if low > 0 else interval.low
+    a, c = near * (rate + aside), low * (value + below)
+    b = value * rate - correlation * below * aside
+    root = math.sqrt(max(0.0, b * b - a * c))
+    return c / (b + root) if b > 0 or a <= 0 else (b - root) / a
+
+
+def _spread(errors: Counts | PairedCounts) -> int:
+    """Give the variance between frames, times four and the square of the frames: an integer, so exact."""
+    if isinstance(errors, PairedCounts):
+        return errors.frames * errors.half_difference_squared - errors.half_difference**2
+    return errors.frames * errors.half_errors_squared - errors.half_errors**2
+
+
+def _correlation(first: int, second: int, difference: int) -> float:
+    """Give the correlation of two quantities from their variances and that of their difference."""
+    if not first or not second:
+        return 0.0
+    return max(-1.0, min(1.0, (first + second - difference) / 2 / math.sqrt(first) / math.sqrt(second)))
+
+
+def _check_same_frames(a: Counts, b: Counts, paired: PairedCounts) -> None:
+    """Refuse a comparison that is not that of a with b."""
+    given = {(one.frames, one.bits) for one in (a, b, paired)}
+    if len(given) > 1:
+        frames = ", ".join(str(one.frames) for one in (a, b, paired))
+        raise VoccError(f"frames of a, b and paired are {frames}: they must be the same frames")
+    if paired.half_difference != a.half_errors - b.half_errors:
+        raise VoccError(
+            f"paired.half_difference is {paired.half_difference}: it must be that of a and b, "
+            f"{a.half_errors - b.half_errors}"
+        )
+
+
+def mean_gain(
+    points: Iterable[tuple[Counts, Counts, PairedCounts]], confidence: float = 0.95
+) -> MeanGain | None:
+    """Average the relative gain over several points of an axis, such as bins of contrast.
+
+    Every point counts the same, however many errors it has. The points are independent, and their intervals
+    are joined by variance estimates recovery: the distance of the average's low end is the root of the summed
+    squares of the points' distances to their low ends, over their number, and likewise for the high end.
+    A point with few errors widens it for all. The gain of all errors together, in which each point weighs by
+    its errors, is :func:`relative_gain` of the summed counts.
+
+    Points at which a made no error are left out, and their number is reported. Such a choice favours points
+    where a was unlucky: with many left out, read the average with care.
+
+    Args:
+        points: ``(a, b, paired)`` of each point, on frames that no two points share.
+        confidence: above 0, below 1.
+
+    Returns:
+        The average, or None where a made no error anywhere.
+
+    Raises:
+        VoccError: as for ``relative_gain``.
+
+    Example:
+        >>> a, b = Counts(2000, 128_000, 160, 600, 60), Counts(2000, 128_000, 120, 400, 50)
+        >>> both = a, b, PairedCounts(2000, 128_000, 60, 160, 25, 20, 40, 10)
+        >>> one, four = mean_gain([both]), mean_gain([both] * 4)
+        >>> f"{one.high - one.gain:.2f} {four.high - four.gain:.2f}", four.points
+        ('0.17 0.09', 4)
+    """
+    stated = [relative_gain(a, b, paired, confidence) for a, b, paired in points]
+    gains = [gain for gain in stated if gain is not None]
+    if not gains:
+        return None
+    mean = math.fsum(one.gain for one in gains) / len(gains)
+    low = mean - math.hypot(*(one.gain - one.low for one in gains)) / len(gains)
+    high = mean + math.hypot(*(one.high - one.gain for one in gains)) / len(gains)
+    return MeanGain(mean, low, min(1.0, high), len(gains), len(stated) - len(gains))
+
+
+def difference_independent(a: Counts, b: Counts, confidence: float = 0.95) -> DifferenceInterval:
+    """Give the interval of the difference of two rates on different frames, such as two values of an axis.
+
+    Is the rate at 4000 lx really lower than at 8000 lx? The two rates' own intervals are joined by variance
+    estimates recovery (Zou and Donner, Statistics in Medicine 27, 2008). A side without errors has the
+    two-sided limit, with wrong frames of the size that the other side's have.
+
+    Args:
+        a: counts at one point, at least one frame.
+        b: counts at the other, on frames of its own.
+        confidence: above 0, below 1.
+
+    Raises:
+        VoccError: no frames, or an argument outside its range.
+
+    Example:
+        >>> many, few = Counts(2000, 128_000, 160, 600, 60), Counts(2000, 128_000, 40, 120, 15)
+        >>> interval = difference_independent(many, few)
+        >>> f"{interval.difference:.1e} in [{interval.low:.1e}, {interval.high:.1e}]", interval.real
+        ('4.7e-04 in [2.5e-04, 7.0e-04]', True)
+    """
+    (a_below, a_above), (b_below, b_above) = (
+        _reach(one, other, confidence) for one, other in ((a, b), (b, a))
+    )
+    difference = a.ber - b.ber
+    return DifferenceInterval(
+        difference,
+        low=max(-1.0, difference - math.hypot(a_below, b_above)),
+        high=min(1.0, difference + math.hypot(a_above, b_below)),
+    )
+
+
+def _reach(counts: Counts, other: Counts, confidence: float) -> tuple[float, float]:
+    """Give how far a rate's interval reaches below and above it."""
+    if counts.half_errors or not counts.frames:
+        interval = ber_interval(counts, confidence)
+    else:
+        # The limit of an error-free point is one-sided; a two-sided interval leaves half as much above it.
+        size = min(max(1.0, other.bit_errors / max(1, other.frame_errors)), counts.bits / counts.frames)
+        interval = ber_interval(counts, min((1 + confidence) / 2, math.nextafter(1.0, 0.0)), size)
+    return counts.ber - interval.low, interval.high - counts.ber

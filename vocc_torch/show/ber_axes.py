@@ -1,0 +1,207 @@
+"""Bit error rates with their intervals, drawn into axes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import pairwise
+
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+from matplotlib.ticker import FixedFormatter, FixedLocator, LogFormatterSciNotation, LogLocator, NullLocator
+
+from vocc_torch.measure.curve import BerTable, Row
+from vocc_torch.show.canvas import FINE_GRID, GRID, quiet_axes
+from vocc_torch.show.styles import Style, value_text
+
+_SHARES = ("contrast",)
+"""Quantities that are shares of a whole: their axis is linear."""
+_SPREAD = 0.009
+"""Distance between neighbouring receivers at one value, as a share of the axis, where values leave room."""
+_MOST_SPREAD = 0.05
+"""Distance between the first and the last receiver at one value, within the axis's margins."""
+_WIDTH_IN = 8.88
+"""Width of axes for which sizes and the room of a value's name are given, inches."""
+
+
+def draw_rates(
+    axes: Axes,
+    table: BerTable,
+    styles: Mapping[str, Style],
+    rows: Sequence[Row] | None = None,
+    *,
+    size: float = 1.0,
+    width_in: float = _WIDTH_IN,
+) -> None:
+    """Draw every receiver's rates and set both axes up; labels and legend are the caller's.
+
+    Args:
+        axes: empty axes.
+        table: at least one point.
+        styles: by receiver, in the order of the legend.
+        rows: all rows that the vertical axis must show, where several axes are to have the same; those of the
+            table by default.
+        size: of markers, lines and numbers, against those of a figure of its own.
+        width_in: width of the axes, inches: names of values and receivers are set further apart on narrow
+            ones.
+    """
+    crowding = _WIDTH_IN / width_in
+    place = _horizontal_axis(axes, table.values, table.axis in _SHARES, crowding)
+    _vertical_axis(axes, table.rows if rows is None else rows)
+    quiet_axes(axes)
+    axes.tick_params(which="both", labelsize=10.5 * size)
+    axes.tick_params(axis="y", which="minor", labelsize=8.5 * size)
+    most = max(_SPREAD, _MOST_SPREAD / max(1, len(styles) - 1))
+    spread = min(_SPREAD * crowding, 0.5 * place.least_gap / len(styles), most)
+    for number, (receiver, style) in enumerate(styles.items()):
+        shift = spread * (number - (len(styles) - 1) / 2)
+        _draw_receiver(axes, table.of(receiver), place, shift, style, size)
+
+
+class _Place:
+    """Where a value stands on the horizontal axis, with a shift in shares of the axis."""
+
+    def __init__(self, values: Sequence[float], linear: bool) -> None:
+        self.log = not linear and values[0] > 0 and values[-1] > 10 * values[0]
+        low, high = self._along(values[0]), self._along(values[-1])
+        margin = 0.06 * (high - low) or 1e-3 * abs(high) or 1.0
+        self.low, self.high = low - margin, high + margin
+        self.least_gap = min((self.share(b) - self.share(a) for a, b in pairwise(values)), default=1.0)
+
+    def _along(self, value: float) -> float:
+        return math.log10(value) if self.log else value
+
+    def _back(self, along: float) -> float:
+        return float(10**along) if self.log else along
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        return self._back(self.low), self._back(self.high)
+
+    def share(self, value: float) -> float:
+        return (self._along(value) - self.low) / (self.high - self.low)
+
+    def shifted(self, value: float, shift: float) -> float:
+        return self._back(self._along(value) + shift * (self.high - self.low))
+
+
+def _horizontal_axis(axes: Axes, values: Sequence[float], linear: bool, crowding: float) -> _Place:
+    """Put ticks at the measured values, and names at as many of them as have room, the ends first."""
+    place = _Place(values, linear)
+    axes.set_xscale("log" if place.log else "linear")
+    axes.set_xlim(*place.limits)
+    named: dict[float, float] = {}
+    for value in dict.fromkeys([values[0], values[-1], *values]):
+        half_width = crowding * (0.005 + 0.004 * len(value_text(value)))
+        if all(abs(place.share(value) - place.share(other)) > half_width + named[other] for other in named):
+            named[value] = half_width
+    axes.xaxis.set_major_locator(FixedLocator(list(values)))
+    axes.xaxis.set_major_formatter(
+        FixedFormatter([value_text(value) if value in named else "" for value in values])
+    )
+    axes.xaxis.set_minor_locator(NullLocator())
+    return place
+
+
+def _vertical_axis(axes: Axes, rows: Sequence[Row]) -> None:
+    """Show every rate and limit; a lower end far below every rate may run out of the picture."""
+    lowest = min(row.ber_high if row.error_free else row.ber for row in rows)
+    # An arrow needs about two thirds of a decade below its limit.
+    feet = [row.ber_high / 5 if row.error_free else max(row.ber_low, lowest / 10) / 1.3 for row in rows]
+    bottom = min(feet)
+    top = min(1.0, max(row.ber_high for row in rows) * 1.6)
+    axes.set_yscale("log")
+    axes.set_ylim(bottom, max(top, bottom * 20))
+    axes.yaxis.set_major_locator(LogLocator(10, numticks=30))
+    axes.yaxis.set_minor_locator(LogLocator(10, subs=tuple(range(2, 10)), numticks=300))
+    # Where hardly more than a decade is shown, values within it are named too.
+    axes.yaxis.set_minor_formatter(LogFormatterSciNotation(minor_thresholds=(1.5, 0.6)))
+    axes.grid(axis="y", which="major", color=GRID, linewidth=1.1)
+    axes.grid(axis="y", which="minor", color=FINE_GRID, linewidth=0.6)
+    axes.grid(axis="x", which="major", color=GRID, linewidth=0.8)
+
+
+def _draw_receiver(
+    axes: Axes, rows: Sequence[Row], place: _Place, shift: float, style: Style, size: float
+) -> None:
+    """Draw one receiver: line, markers and intervals, and arrows where there were no errors."""
+    x = [place.shifted(row.value, shift) for row in rows]
+    # A rate that is not a number breaks the line and leaves the point out.
+    rate = [math.nan if row.error_free else row.ber for row in rows]
+    ends = [[row.ber - row.ber_low for row in rows], [row.ber_high - row.ber for row in rows]]
+    axes.errorbar(
+        x,
+        rate,
+        ends,
+        color=style.colour,
+        linestyle="none",
+        elinewidth=1.3 * size,
+        capsize=2.6 * size,
+        capthick=1.3 * size,
+    )
+    axes.add_line(receiver_line(style, x, rate, size))
+    for at, row in zip(x, rows, strict=True):
+        if row.error_free:
+            _draw_limit(axes, at, row.ber_high, style, size)
+
+
+def receiver_line(
+    style: Style, x: Sequence[float] = (), y: Sequence[float] = (), size: float = 1.0
+) -> Line2D:
+    """Make the receiver's line with its markers; without data it is the receiver's sign in the legend."""
+    return Line2D(
+        x,
+        y,
+        label=style.label,
+        color=style.colour,
+        linestyle=style.line,
+        linewidth=1.8 * size,
+        marker=style.marker,
+        markersize=7.5 * size,
+        markeredgecolor="white",
+        markeredgewidth=0.7 * size,
+        zorder=3,
+    )
+
+
+def _draw_limit(axes: Axes, x: float, limit: float, style: Style, size: float) -> None:
+    """Draw an upper limit: the receiver's marker, hollow, with an arrow down from it."""
+    # The arrow runs from its text, below it, to the limit: its head is at the start.
+    axes.annotate(
+        "",
+        xy=(x, limit),
+        xytext=(0, -27 * size),
+        textcoords="offset points",
+        arrowprops={
+            "arrowstyle": "<|-",
+            "color": style.colour,
+            "linewidth": 1.4 * size,
+            "mutation_scale": 9 * size,
+            "shrinkA": 0,
+            "shrinkB": 3 * size,
+        },
+    )
+    axes.plot(
+        [x],
+        [limit],
+        linestyle="none",
+        marker=style.marker,
+        markersize=6 * size,
+        markerfacecolor="white",
+        markeredgecolor=style.colour,
+        markeredgewidth=1.4 * size,
+        zorder=4,
+    )
+
+
+def interval_note(rows: Iterable[Row]) -> str:
+    """Say what bars and arrows are.
+
+    Example:
+        >>> interval_note([])
+        'Bars: 95 % intervals, frames as the independent units'
+    """
+    note = "Bars: 95 % intervals, frames as the independent units"
+    if any(row.error_free for row in rows):
+        note += " \N{MIDDLE DOT} arrows: no errors; one-sided 95 % limit, wrong frames as at the other points"
+    return note

@@ -1,0 +1,1 @@
+"""``task=classifiers``: many receivers on the same frames."""

@@ -1,0 +1,1 @@
+"""``task=test`` along an axis."""

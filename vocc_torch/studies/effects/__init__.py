@@ -1,0 +1,1 @@
+"""``task=effects``: what each effect costs and does."""

@@ -1,0 +1,1 @@
+"""``task=test`` on a grid of two quantities."""

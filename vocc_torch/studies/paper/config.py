@@ -1,0 +1,17 @@
+"""The study's section of the configuration."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from vocc_torch.measure.config import ExperimentConfig
+
+
+@dataclass
+class FiguresConfig:
+    """What ``task=figures`` makes: see :class:`vocc_torch.measure.campaign.Campaign`."""
+
+    names: list[str] = field(default_factory=list)
+    focal_lengths_mm: list[float] = field(default_factory=list)
+    locators: list[str] = field(default_factory=list)
+    experiments: dict[str, ExperimentConfig] = field(default_factory=dict)
