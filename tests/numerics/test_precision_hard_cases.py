@@ -304,7 +304,7 @@ def autocast_around_the_link():
 
 @hard(
     "autocast around a receiver",
-    "switched off inside, by the reader and the refined locator; the paper's locator multiplies no matrices",
+    "switched off inside, by the reader, the closing and the refined locator",
     Breakage(
         "vocc_torch/receiver/refined.py",
         "with torch.inference_mode(), torch.autocast(frames.grey.device.type, enabled=False):",

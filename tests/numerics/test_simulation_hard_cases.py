@@ -748,8 +748,8 @@ def no_blooming():
     " is there, as SciPy's `nearest` has it, and a uniform frame stays uniform",
     Breakage(
         BLOOMING,
-        '(0, 0, reach_px, reach_px), mode="replicate"',
-        '(0, 0, reach_px, reach_px), mode="circular"',
+        '(reach_px, reach_px, 0, 0), mode="replicate"',
+        '(reach_px, reach_px, 0, 0), mode="circular"',
     ),
 )
 def wide_blooming():

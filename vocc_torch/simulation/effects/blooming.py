@@ -71,9 +71,9 @@ class Blooming(Effect):
 
 
 def blurred(value: Tensor, sigma_px: float, reach_px: int) -> Tensor:
-    """Blur frames by Kornia's Gaussian filter, laid one below the other in a plane.
+    """Blur frames by Kornia's Gaussian filter, laid side by side in one plane.
 
-    Each frame brings its border's rows as a margin, so that no frame reaches into another. A plane of at
+    Each frame brings its border's columns as a margin, so that no frame reaches into another. A plane of at
     least ``PLANE_PX`` is summed alike at every place: a frame's pixels do not depend on the batch that it
     came in. So 64 crops take a tenth of the time that they take as a batch.
 
@@ -91,13 +91,13 @@ def blurred(value: Tensor, sigma_px: float, reach_px: int) -> Tensor:
         [0.054, 0.244, 0.403, 0.244]
     """
     height, width = value.shape[-2:]
-    tall = height + 2 * reach_px
-    missing = max(0, -(-PLANE_PX // (tall * width)) - len(value))
+    wide = width + 2 * reach_px
+    missing = max(0, -(-PLANE_PX // (height * wide)) - len(value))
     # cuDNN would round the factors of float32 convolutions to 10 bits.
     working = value if value.device.type == "cpu" else value.to(torch.float64)
-    margined = F.pad(working, (0, 0, reach_px, reach_px), mode="replicate")
-    plane = F.pad(margined, (0,) * 7 + (missing,)).view(1, 1, -1, width)
+    margined = F.pad(working.squeeze(1), (reach_px, reach_px, 0, 0), mode="replicate")
+    plane = F.pad(margined, (0, 0, 0, 0, 0, missing)).transpose(0, 1).reshape(1, 1, height, -1)
     with torch.autocast(value.device.type, enabled=False):
         done = gaussian_blur2d(plane, 2 * reach_px + 1, (sigma_px, sigma_px), "replicate")
-    frames = done.view(-1, 1, tall, width)[: len(value), :, reach_px : reach_px + height]
-    return frames.to(value.dtype).contiguous()
+    frames = done.view(height, -1, 1, wide)[:, : len(value), :, reach_px : reach_px + width]
+    return frames.permute(1, 2, 0, 3).to(value.dtype).contiguous()
