@@ -39,7 +39,7 @@ _PINNED_COLUMNS = 5
 def render(package: str, template: str, **values: object) -> str:
     """Fill in a template. In ``*.md.j2`` every value stands for itself, whatever marks it holds.
 
-    A value that is Markdown already passes through Jinja's ``safe``; the filters ``md``, ``code`` and ``fence``
+    What is Markdown already passes through Jinja's ``safe``; the filters ``md``, ``code`` and ``fence``
     return Markdown. Further filters: ``rate`` ("1.5e-5"), ``interval`` ("1.5e-5 to 1.2e-2", of anything with
     ``low`` and ``high``), ``slug`` (a heading's name in links). In a ``<summary>`` use ``e`` instead.
 
