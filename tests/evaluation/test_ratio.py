@@ -143,7 +143,11 @@ def test_95_percent_of_intervals_hold_the_truth_and_most_are_narrower_than_the_g
 
 
 def test_real_is_what_leaves_out_1():
-    assert [Ratio(0.5, *ends).leaves_out(1) for ends in ((0.2, 0.9), (0.2, 1.1), (1.1, 3.0))] == [True, False, True]
+    assert [Ratio(0.5, *ends).leaves_out(1) for ends in ((0.2, 0.9), (0.2, 1.1), (1.1, 3.0))] == [
+        True,
+        False,
+        True,
+    ]
 
 
 def test_counts_of_one_frame_give_an_interval():
