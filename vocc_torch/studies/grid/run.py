@@ -11,7 +11,7 @@ from vocc_torch.measure.build import build_plan, build_rows
 from vocc_torch.measure.campaign import Campaign, Study, run_campaign
 from vocc_torch.measure.config import Settings
 from vocc_torch.measure.curves import Measured
-from vocc_torch.measure.dimming import Grid
+from vocc_torch.measure.grid import Grid
 from vocc_torch.measure.ledger import Ledger
 from vocc_torch.measure.plan import Plan
 from vocc_torch.measure.workers import Workers

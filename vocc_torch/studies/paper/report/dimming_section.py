@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from vocc_torch.measure.dimming import Grid
+from vocc_torch.measure.grid import Grid
 from vocc_torch.measure.optimum_ratio import optimum_ratio
 from vocc_torch.measure.undimmed import HEADLIGHT_CD_M2, Estimate, Undimmed, undimmed_loss
 from vocc_torch.show.report.document import Block, Paragraph, Section, Table
