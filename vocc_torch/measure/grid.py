@@ -13,13 +13,11 @@ from numpy.typing import NDArray
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.curves import Curves
+from vocc_torch.measure.estimate import CONFIDENCE, joint_confidence
 from vocc_torch.measure.intervals import ber_interval
 
 Floats: TypeAlias = NDArray[np.float64]
 Bools: TypeAlias = NDArray[np.bool_]
-
-CONFIDENCE = 0.95
-"""Confidence of every interval and set here."""
 
 
 @dataclass(frozen=True)
@@ -238,11 +236,9 @@ def best_luminance(grid: Grid, receiver: str) -> list[Best]:
         ((2000.0,), (2000.0,), True)
     """
     ber, luminances = grid.ber(receiver), np.array(grid.columns, dtype=float)
-    tail = (1 - CONFIDENCE) / max(1, len(luminances) - 1)
-    candidates = not_worse(ber, *grid.one_sided(receiver, tail))
-    tail = (1 - CONFIDENCE) / 2
-    low = grid.one_sided(receiver, tail)[0].min(1)
-    high = grid.one_sided(receiver, tail / len(luminances))[1].min(1)
+    candidates = not_worse(ber, *grid.one_sided(receiver, 1 - joint_confidence(len(luminances) - 1)))
+    low = grid.one_sided(receiver, (1 - CONFIDENCE) / 2)[0].min(1)
+    high = grid.one_sided(receiver, (1 - joint_confidence(len(luminances))) / 2)[1].min(1)
     return [
         Best(
             receiver,
