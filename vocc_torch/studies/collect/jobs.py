@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
 from vocc_torch.errors import VoccError
+from vocc_torch.measure.config import read_flat
 from vocc_torch.measure.curve import COLUMNS, BerTable
-from vocc_torch.show.csv_file import cells, read_tables
+from vocc_torch.show.csv_file import Cells, cells, read_tables
 from vocc_torch.show.styles import value_text
 
 Status = Literal["done", "failed", "unfinished", "unreadable"]
@@ -48,7 +49,7 @@ class Job:
     settings: Mapping[str, object] = field(default_factory=dict)
 
 
-def find_jobs(folder: Path, read_settings: Callable[[Path], Mapping[str, object]]) -> list[Job]:
+def find_jobs(folder: Path) -> list[Job]:
     """Read every job in a folder and below it, in the order of their numbers.
 
     A job is a folder that holds ``ber.csv``, ``failed.txt`` or a ledger, or nothing at all under a number, as
@@ -56,13 +57,12 @@ def find_jobs(folder: Path, read_settings: Callable[[Path], Mapping[str, object]
 
     Args:
         folder: what a multirun wrote; the folder of one run is one job.
-        read_settings: reads a ``config.yaml``.
 
     Raises:
         VoccError: no such folder, or no job in it.
 
     Example:
-        >>> find_jobs(Path("no/such/folder"), dict)
+        >>> find_jobs(Path("no/such/folder"))
         Traceback (most recent call last):
         ...
         vocc_torch.errors.VoccError: input no/such/folder does not exist: give a folder that a multirun wrote
@@ -76,7 +76,7 @@ def find_jobs(folder: Path, read_settings: Callable[[Path], Mapping[str, object]
             f"input {folder} holds no job: give a folder that a multirun of task=test wrote, with 0/{TABLE}, "
             f"1/{TABLE} and so on"
         )
-    return [job for place in found for job in _read(place, _name(place, folder), read_settings)]
+    return [job for place in found for job in _read(place, _name(place, folder))]
 
 
 def _folders(folder: Path) -> Iterator[Path]:
@@ -104,11 +104,11 @@ def _name(place: Path, folder: Path) -> str:
     return inside if inside != "." else folder.resolve().name
 
 
-def _read(place: Path, name: str, read_settings: Callable[[Path], Mapping[str, object]]) -> list[Job]:
+def _read(place: Path, name: str) -> list[Job]:
     """Read one job's folder; more than one job is the rows of a grid."""
     settings: Mapping[str, object] = {}
     try:
-        settings, about = read_settings(place / CONFIG), ""
+        settings, about = read_flat(place / CONFIG), ""
     except VoccError as error:
         about = str(error)
     if not (place / TABLE).exists():
@@ -208,22 +208,18 @@ def label(job: Job, keys: Sequence[str]) -> str:
     return ", ".join(f"{short[key]}={setting_text(job.settings.get(key))}" for key in keys)
 
 
-def collected_columns(keys: Sequence[str]) -> list[str]:
-    """Name the columns of ``collected.csv``."""
-    return ["job", "status", *keys, *COLUMNS, "complaint"]
-
-
-def collected_lines(jobs: Sequence[Job], keys: Sequence[str]) -> Iterator[list[str]]:
-    """Give the lines of ``collected.csv``: a job's points, or one line for a job without.
+def collected_rows(jobs: Sequence[Job], keys: Sequence[str]) -> Iterator[Cells]:
+    """Return the lines of ``collected.csv`` with their head: a job's points, or one line for a job without.
 
     Args:
         jobs: in order.
         keys: what differs between them.
 
     Example:
-        >>> list(collected_lines([Job("0", "failed", "no panel")], ["seed"]))[0][:4]
+        >>> list(collected_rows([Job("0", "failed", "no panel")], ["seed"]))[1][:4]
         ['0', 'failed', '', '']
     """
+    yield ["job", "status", *keys, *COLUMNS, "complaint"]
     for job in jobs:
         values = [setting_text(job.settings.get(key)) if job.settings else "" for key in keys]
         rows = [row for name in job.table.receivers for row in job.table.of(name)] if job.table else []
@@ -241,7 +237,8 @@ def duplicates(jobs: Sequence[Job]) -> list[str]:
     groups: dict[str, list[Job]] = {}
     for job in jobs:
         if job.table is not None and job.settings:
-            groups.setdefault(repr(_asked(job)), []).append(job)
+            asked = {key: setting_text(one) for key, one in job.settings.items() if _changes_results(key)}
+            groups.setdefault(repr(asked), []).append(job)
     lines = []
     for group in groups.values():
         if len(group) > 1:
@@ -249,11 +246,6 @@ def duplicates(jobs: Sequence[Job]) -> list[str]:
             found = "the same results" if same else "other results, as from another version or machine"
             lines.append(f"the same settings and {found}: jobs {', '.join(job.name for job in group)}")
     return lines
-
-
-def _asked(job: Job) -> dict[str, str]:
-    """Give all of a job's settings that can change a result."""
-    return {key: setting_text(value) for key, value in job.settings.items() if _changes_results(key)}
 
 
 def _changes_results(key: str) -> bool:
