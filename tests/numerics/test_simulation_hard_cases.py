@@ -18,15 +18,14 @@ from vocc_torch.rng import BlockKey
 from vocc_torch.simulation import Camera, Distribution, LedPanel, SceneModel, Simulator, spread
 from vocc_torch.simulation.effects import Context
 from vocc_torch.simulation.effects.blooming import Blooming
-from vocc_torch.simulation.effects.quantization import Quantization
-from vocc_torch.simulation.framing import crop_origins_px
+from vocc_torch.simulation.effects.coding import Quantization
+from vocc_torch.simulation.framing import crop_origins_px, demand_pixels
 from vocc_torch.simulation.geometry import CAMERA_RANGES, panel_centre_px
-from vocc_torch.simulation.limits import demand_pixels
+from vocc_torch.simulation.painter import led_stamps
 from vocc_torch.simulation.photometry import grey_value, transmission
 from vocc_torch.simulation.poisson import poisson_quantile
 from vocc_torch.simulation.raster import disc_cover, ellipse_cover, ellipse_patch_px
 from vocc_torch.simulation.simulator import PAPER_EFFECTS
-from vocc_torch.simulation.stamps import led_stamps
 from vocc_torch.studies.link import Link
 from vocc_torch.types import PanelShape, Scene
 
@@ -36,10 +35,10 @@ PHOTOMETRY = "vocc_torch/simulation/photometry.py"
 EXPOSURE = "vocc_torch/simulation/exposure.py"
 GEOMETRY = "vocc_torch/simulation/geometry.py"
 RASTER = "vocc_torch/simulation/raster.py"
-STAMPS = "vocc_torch/simulation/stamps.py"
+STAMPS = "vocc_torch/simulation/painter.py"
 SIMULATOR = "vocc_torch/simulation/simulator.py"
 FRAMING = "vocc_torch/simulation/framing.py"
-LIMITS = "vocc_torch/simulation/limits.py"
+LIMITS = "vocc_torch/simulation/framing.py"
 DRAWS = "vocc_torch/simulation/scene.py"
 TYPES = "vocc_torch/types.py"
 SPREAD = "vocc_torch/simulation/spread.py"
@@ -311,9 +310,7 @@ def on_equal_to_off():
 @hard(
     "everything saturated",
     "255 in every pixel, also once it is a `uint8`, and contrast 0",
-    Breakage(
-        "vocc_torch/simulation/effects/saturation.py", "value.clamp(max=255.0)", "value.clamp(max=256.0)"
-    ),
+    Breakage("vocc_torch/simulation/effects/coding.py", "value.clamp(max=255.0)", "value.clamp(max=256.0)"),
 )
 def everything_saturated():
     camera, scene = Camera(iso_limits=(1e9, 1e9)), Scene.of(ambient_lx=32000.0)
@@ -989,7 +986,7 @@ def too_many_pixels():
     "pictures of 1 to 16 bits",
     "each level is its own neighbour, 0 and 255 stay, and no level rounds to above 255 in float32",
     Breakage(
-        "vocc_torch/simulation/effects/quantization.py",
+        "vocc_torch/simulation/effects/coding.py",
         "torch.round(value * (top / 255.0)) * 255.0 / top",
         "torch.round(value * (top / 255.0)) * (255.0 / top)",
     ),

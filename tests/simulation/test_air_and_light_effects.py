@@ -13,14 +13,15 @@ from scipy import stats
 
 from vocc_torch.errors import VoccError
 from vocc_torch.rng import BlockKey, FrameKey
-from vocc_torch.simulation.effects.airlight import Airlight
-from vocc_torch.simulation.effects.attenuation import Attenuation
-from vocc_torch.simulation.effects.background_texture import BackgroundTexture, power_law_noise
 from vocc_torch.simulation.effects.base import Context
-from vocc_torch.simulation.effects.lamps import Lamps
-from vocc_torch.simulation.effects.led_scatter import LedScatter
-from vocc_torch.simulation.effects.stuck_leds import StuckLeds
-from vocc_torch.simulation.effects.veiling_glare import VeilingGlare
+from vocc_torch.simulation.effects.light import Attenuation, LedScatter, StuckLeds
+from vocc_torch.simulation.effects.surroundings import (
+    Airlight,
+    BackgroundTexture,
+    Lamps,
+    VeilingGlare,
+    power_law_noise,
+)
 from vocc_torch.simulation.geometry import Camera
 from vocc_torch.types import Scene
 

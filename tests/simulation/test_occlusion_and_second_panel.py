@@ -12,13 +12,11 @@ from scipy import stats
 
 from vocc_torch.errors import VoccError
 from vocc_torch.rng import BlockKey, FrameKey
-from vocc_torch.simulation.effects.airlight import Airlight
-from vocc_torch.simulation.effects.attenuation import Attenuation
 from vocc_torch.simulation.effects.base import Context, Quantity
-from vocc_torch.simulation.effects.lens_distortion import LensDistortion
-from vocc_torch.simulation.effects.occlusion import Occlusion
-from vocc_torch.simulation.effects.pose import Pose
+from vocc_torch.simulation.effects.light import Attenuation
 from vocc_torch.simulation.effects.second_panel import SecondPanel
+from vocc_torch.simulation.effects.surroundings import Airlight, Occlusion
+from vocc_torch.simulation.effects.view import LensDistortion, Pose
 from vocc_torch.simulation.geometry import Camera, LedPanel, led_centres_px
 from vocc_torch.simulation.raster import add_patches, disc_cover
 from vocc_torch.simulation.simulator import Simulator

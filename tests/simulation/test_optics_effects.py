@@ -13,12 +13,15 @@ from vocc_torch.errors import VoccError
 from vocc_torch.simulation import spread
 from vocc_torch.simulation.effects import Context, Quantity, check_chain
 from vocc_torch.simulation.effects.blooming import Blooming
-from vocc_torch.simulation.effects.defocus import Defocus
-from vocc_torch.simulation.effects.diffraction import REACH_IN_LAMBDA_N, Diffraction, airy_quarter
-from vocc_torch.simulation.effects.motion_blur import MotionBlur
-from vocc_torch.simulation.effects.quantization import Quantization
-from vocc_torch.simulation.effects.saturation import Saturation
-from vocc_torch.simulation.effects.vignetting import Vignetting
+from vocc_torch.simulation.effects.coding import Quantization, Saturation
+from vocc_torch.simulation.effects.optics import (
+    REACH_IN_LAMBDA_N,
+    Defocus,
+    Diffraction,
+    MotionBlur,
+    Vignetting,
+    airy_quarter,
+)
 from vocc_torch.simulation.geometry import Camera
 from vocc_torch.simulation.spread import (
     convolve_symmetric,

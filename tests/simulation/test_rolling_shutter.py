@@ -13,7 +13,7 @@ from scipy import stats
 from vocc_torch.errors import VoccError
 from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.simulation.effects.base import Context, Quantity
-from vocc_torch.simulation.effects.rolling_shutter import RollingShutter
+from vocc_torch.simulation.effects.light import RollingShutter
 from vocc_torch.simulation.geometry import Camera, LedPanel
 from vocc_torch.types import PanelShape, Scene
 

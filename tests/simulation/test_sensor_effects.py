@@ -20,21 +20,20 @@ from vocc_torch.receiver.location import PaperLocator
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.simulation.effects import Context, Quantity, check_chain
-from vocc_torch.simulation.effects.bayer import Bayer
-from vocc_torch.simulation.effects.dark_current import DarkCurrent
-from vocc_torch.simulation.effects.demosaicing import Demosaicing
-from vocc_torch.simulation.effects.dsnu import Dsnu
-from vocc_torch.simulation.effects.full_well import FullWell
-from vocc_torch.simulation.effects.gain import Gain
-from vocc_torch.simulation.effects.hot_pixels import HotPixels
-from vocc_torch.simulation.effects.jpeg import Jpeg
-from vocc_torch.simulation.effects.photoelectrons import Photoelectrons
-from vocc_torch.simulation.effects.prnu import Prnu
-from vocc_torch.simulation.effects.quantization import Quantization
-from vocc_torch.simulation.effects.read_noise import ReadNoise
-from vocc_torch.simulation.effects.row_noise import RowNoise
-from vocc_torch.simulation.effects.saturation import Saturation
-from vocc_torch.simulation.effects.shot_noise import ShotNoise
+from vocc_torch.simulation.effects.coding import Demosaicing, Jpeg, Quantization, Saturation
+from vocc_torch.simulation.effects.sensor import (
+    Bayer,
+    DarkCurrent,
+    Dsnu,
+    FullWell,
+    Gain,
+    HotPixels,
+    Photoelectrons,
+    Prnu,
+    ReadNoise,
+    RowNoise,
+    ShotNoise,
+)
 from vocc_torch.simulation.geometry import Camera
 from vocc_torch.simulation.poisson import poisson_quantile
 from vocc_torch.simulation.simulator import PAPER_EFFECTS, Simulator

@@ -15,12 +15,16 @@ from skimage.draw import polygon2mask
 from vocc_torch.errors import VoccError
 from vocc_torch.simulation import Camera, LedPanel
 from vocc_torch.simulation.effects import Context
-from vocc_torch.simulation.effects.lens_distortion import LensDistortion
-from vocc_torch.simulation.effects.pose import Pose
+from vocc_torch.simulation.effects.view import LensDistortion, Pose
 from vocc_torch.simulation.geometry import led_centres_px, panel_corners_px
-from vocc_torch.simulation.polygon import polygon_cover
-from vocc_torch.simulation.raster import disc_cover, ellipse_cover, ellipse_patch_px, interval_cover
-from vocc_torch.simulation.view import View, placement_m, view_of
+from vocc_torch.simulation.perspective import View, placement_m, view_of
+from vocc_torch.simulation.raster import (
+    disc_cover,
+    ellipse_cover,
+    ellipse_patch_px,
+    interval_cover,
+    polygon_cover,
+)
 from vocc_torch.types import Scene
 
 CAMERA = Camera()

@@ -14,8 +14,8 @@ from scipy.stats import norm
 from vocc_torch.errors import VoccError
 from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.simulation import Camera, Distribution, LedPanel, SceneModel, Simulator
-from vocc_torch.simulation.effects.photoelectrons import Photoelectrons
 from vocc_torch.simulation.effects.registry import PHYSICAL_ORDER
+from vocc_torch.simulation.effects.sensor import Photoelectrons
 from vocc_torch.simulation.simulator import PAPER_EFFECTS
 from vocc_torch.studies.genie import Genie
 from vocc_torch.studies.genie_light import AFFINE, CODING, NOISE, ForwardModel

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import torch
 from torch import Tensor
@@ -11,18 +11,17 @@ from torch import Tensor
 from vocc_torch.errors import VoccError
 from vocc_torch.simulation.effects import Effect
 from vocc_torch.simulation.geometry import Camera, LedPanel, demand_led_px
-from vocc_torch.types import Scene
 
 Size = tuple[int, int]
 
 WINDOW_GRID_PX = 8
 """Where windows begin and end on sensors whose sides are multiples of it: JPEG's blocks, Bayer's cells."""
 
-SIZE_STEP = 1.2
-"""Ratio of the distances between which panels are drawn in crops of one size."""
+MOST_PIXELS = 1 << 26
+"""Most pixels of a frame or crop: a 50-megapixel camera's and 8K video's.
 
-GROUP_PIXELS, GROUP_PIXELS_ELSEWHERE = 40_000, 10_000_000
-"""Pixels in whose time a CPU begins another group of frames, and an accelerator does."""
+Frames of such a size are drawn one at a time; each pixel takes 50 to 100 bytes, the largest up to 7 GB.
+"""
 
 
 def crop_size_px(
@@ -66,48 +65,20 @@ def crop_size_px(
     return height, width
 
 
-def like_sized(
-    scene: Scene, apart: Tensor, size_px: Size, tight_px: Callable[[float], Size]
-) -> list[tuple[list[int], Size]]:
-    """Split a batch into groups of frames whose panels fit into small crops of one size.
+def demand_pixels(size: tuple[int, int]) -> None:
+    """Refuse by name frames or crops, of a height and width, that are too large.
 
-    Most of a crop that holds the nearest panel is uniform about a farther one, and need not be computed.
-
-    Args:
-        scene: B scenes.
-        apart: (B,) bool, the frames that must have ``size_px``.
-        size_px: height and width of crops that hold any of the panels.
-        tight_px: height and width of crops that hold a panel at a distance, or farther.
-
-    Returns:
-        Of each group the frames' numbers, and the height and width, at most ``size_px``. Few frames go
-        with those of the next larger size, where that costs less than a group of their own.
+    Raises:
+        VoccError: more than 2^26 pixels.
 
     Example:
-        >>> scene = Scene.cat([Scene.of(40, distance_m=30.0), Scene.of(40, distance_m=70.0)])
-        >>> sides = {30.0: (74, 74), 70.0: (40, 40)}
-        >>> groups = like_sized(scene, torch.zeros(80, dtype=torch.bool), (89, 89), lambda m: sides[m])
-        >>> [(len(rows), size) for rows, size in groups]
-        [(40, (40, 40)), (40, (74, 74))]
+        >>> demand_pixels((6144, 8192))
     """
-    members: dict[float, list[int]] = {}
-    distances = torch.where(apart, 0.0, scene.distance_m).tolist()
-    for frame, distance in enumerate(distances):
-        step = math.floor(math.log(distance) / math.log(SIZE_STEP)) if distance else -math.inf
-        members.setdefault(step, []).append(frame)
-    ordered = [members[step] for step in sorted(members, reverse=True)]
-    nearest = [min(distances[frame] for frame in group) for group in ordered]
-    tight = [tight_px(each) if each else size_px for each in nearest]
-    sizes = [(min(height, size_px[0]), min(width, size_px[1])) for height, width in tight]
-    worth = GROUP_PIXELS if apart.device.type == "cpu" else GROUP_PIXELS_ELSEWHERE
-    groups: list[tuple[list[int], Size]] = []
-    waiting: list[int] = []
-    for index, group in enumerate(ordered):
-        waiting, own, larger = waiting + group, sizes[index], (*sizes[index + 1 :], None)[0]
-        if larger is None or len(waiting) * (math.prod(larger) - math.prod(own)) > worth:
-            groups.append((waiting, own))
-            waiting = []
-    return groups
+    height, width = size
+    if height * width > MOST_PIXELS:
+        shown = f"camera.width_px and camera.height_px lead to frames of {width} x {height} px"
+        hint = "give a smaller camera, or framing=crop, which draws the panel's surroundings only"
+        raise VoccError(f"{shown}: they must hold at most {MOST_PIXELS} pixels ({hint})")
 
 
 def window_size_px(crop_px: Size, sensor_px: Size) -> Size:
@@ -174,19 +145,3 @@ def lay_on_sensor(value: Tensor, surround: Tensor, origin_px: Tensor, sensor_px:
     for index, (x, y) in enumerate(origin_px.tolist()):
         full[index, 0, y : y + height, x : x + width] = value[index, 0]
     return full
-
-
-def lay_alike(value: Tensor, surround: Tensor, size_px: Size) -> Tensor:
-    """Lay crops into larger ones of their surround that have the same middle, (B,1,h,w) to (B,1,H,W).
-
-    Example:
-        >>> lay_alike(torch.full((1, 1, 1, 2), 5.0), torch.tensor([3.0]), (1, 4)).tolist()
-        [[[[3.0, 5.0, 5.0, 3.0]]]]
-    """
-    height, width = value.shape[-2:]
-    if (height, width) == size_px:
-        return value
-    top, left = size_px[0] // 2 - height // 2, size_px[1] // 2 - width // 2
-    larger = surround.view(-1, 1, 1, 1).expand(-1, 1, *size_px).contiguous()
-    larger[:, :, top : top + height, left : left + width] = value
-    return larger

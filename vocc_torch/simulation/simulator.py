@@ -13,24 +13,17 @@ from torch import Tensor
 from vocc_torch.devices import resolve_device
 from vocc_torch.errors import VoccError
 from vocc_torch.rng import FrameKey
-from vocc_torch.simulation.batch import Batch, in_groups
-from vocc_torch.simulation.effects import (
-    CAMERA_STEPS,
-    Context,
-    Effect,
-    Parameters,
-    Quantity,
-    RollingShutter,
-    build_effects,
-    check_chain,
-)
+from vocc_torch.simulation.batch import Batch, in_groups, like_sized
+from vocc_torch.simulation.effects import Context, Effect, Parameters, Quantity, build_effects, check_chain
+from vocc_torch.simulation.effects.light import RollingShutter
+from vocc_torch.simulation.effects.registry import CAMERA_STEPS
 from vocc_torch.simulation.exposure import as_seen, auto_iso, demand_greys, through_lens
 from vocc_torch.simulation.framing import (
     WINDOW_GRID_PX,
     crop_origins_px,
     crop_size_px,
+    demand_pixels,
     lay_on_sensor,
-    like_sized,
     read_surround,
     window_size_px,
 )
@@ -42,10 +35,9 @@ from vocc_torch.simulation.geometry import (
     panel_corners_m,
     panel_corners_px,
 )
-from vocc_torch.simulation.limits import demand_bits, demand_pixels
 from vocc_torch.simulation.painter import in_perspective, paint, taking
+from vocc_torch.simulation.perspective import view_of
 from vocc_torch.simulation.photometry import grey_value, reflected_luminance_cd_m2
-from vocc_torch.simulation.view import view_of
 from vocc_torch.types import Frames, Panels, Scene
 
 PAPER_EFFECTS: Mapping[str, Mapping[str, float]] = {
@@ -171,7 +163,13 @@ class Simulator:
             VoccError: bits of another type or of another shape than the scenes and the panel, scenes out of
                 their range, a crop too small for a panel, a panel too near, or frames of too many pixels.
         """
-        demand_bits(bits, scene, self.panel.shape)
+        wanted = (len(scene), self.panel.shape.rows, self.panel.shape.columns)
+        if tuple(bits.shape) != wanted:
+            raise VoccError(f"bits has shape {tuple(bits.shape)}: it must be {wanted}")
+        if bits.dtype != torch.bool:
+            raise VoccError(f"bits has the type {bits.dtype}: it must be torch.bool, True = On")
+        if not len(scene):
+            raise VoccError("scene holds no frames: it must hold at least 1")
         scene, bits = self._checked(scene), bits.to(self.device)
         nearest, sensor = float(scene.distance_m.min()), self.camera.sensor_px
         if nearest_m is not None and nearest_m > nearest * (1 + 1e-9):

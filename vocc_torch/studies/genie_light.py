@@ -10,7 +10,7 @@ from torch import Tensor
 
 from vocc_torch.simulation import Simulator
 from vocc_torch.simulation.effects import Context, Effect, Parameters
-from vocc_torch.simulation.effects.quantization import Quantization
+from vocc_torch.simulation.effects.coding import Quantization
 from vocc_torch.simulation.geometry import led_centres_m
 from vocc_torch.simulation.photometry import MIDDLE_GREY
 from vocc_torch.studies.genie_likelihood import PixelModel, UnknownLikelihoodError, sensor_noise

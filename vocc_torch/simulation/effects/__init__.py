@@ -1,4 +1,4 @@
-"""One module an effect; what a scene names is built and run, what it does not name costs nothing."""
+"""The effects by their place in the chain: what a scene names is built and run, the rest costs nothing."""
 
 from vocc_torch.simulation.effects.base import Context, Effect, Quantity
 from vocc_torch.simulation.effects.registry import (
@@ -8,7 +8,6 @@ from vocc_torch.simulation.effects.registry import (
     build_effects,
     check_chain,
 )
-from vocc_torch.simulation.effects.rolling_shutter import RollingShutter
 
 __all__ = [
     "CAMERA_STEPS",
@@ -17,7 +16,6 @@ __all__ = [
     "Effect",
     "Parameters",
     "Quantity",
-    "RollingShutter",
     "build_effects",
     "check_chain",
 ]

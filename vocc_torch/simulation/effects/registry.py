@@ -8,74 +8,17 @@ import sys
 from collections.abc import Mapping, Sequence
 
 from vocc_torch.errors import VoccError
-from vocc_torch.simulation.effects.airlight import Airlight
-from vocc_torch.simulation.effects.attenuation import Attenuation
-from vocc_torch.simulation.effects.background_texture import BackgroundTexture
+from vocc_torch.simulation.effects import coding, light, optics, sensor, surroundings, view
 from vocc_torch.simulation.effects.base import Effect, Quantity
-from vocc_torch.simulation.effects.bayer import Bayer
-from vocc_torch.simulation.effects.blooming import Blooming
-from vocc_torch.simulation.effects.dark_current import DarkCurrent
-from vocc_torch.simulation.effects.defocus import Defocus
-from vocc_torch.simulation.effects.demosaicing import Demosaicing
-from vocc_torch.simulation.effects.diffraction import Diffraction
-from vocc_torch.simulation.effects.dsnu import Dsnu
-from vocc_torch.simulation.effects.full_well import FullWell
-from vocc_torch.simulation.effects.gain import Gain
-from vocc_torch.simulation.effects.hot_pixels import HotPixels
-from vocc_torch.simulation.effects.jpeg import Jpeg
-from vocc_torch.simulation.effects.lamps import Lamps
-from vocc_torch.simulation.effects.led_scatter import LedScatter
-from vocc_torch.simulation.effects.lens_distortion import LensDistortion
-from vocc_torch.simulation.effects.motion_blur import MotionBlur
-from vocc_torch.simulation.effects.occlusion import Occlusion
-from vocc_torch.simulation.effects.photoelectrons import Photoelectrons
-from vocc_torch.simulation.effects.pose import Pose
-from vocc_torch.simulation.effects.prnu import Prnu
-from vocc_torch.simulation.effects.quantization import Quantization
-from vocc_torch.simulation.effects.read_noise import ReadNoise
-from vocc_torch.simulation.effects.rolling_shutter import RollingShutter
-from vocc_torch.simulation.effects.row_noise import RowNoise
-from vocc_torch.simulation.effects.saturation import Saturation
-from vocc_torch.simulation.effects.second_panel import SecondPanel
-from vocc_torch.simulation.effects.shot_noise import ShotNoise
-from vocc_torch.simulation.effects.stuck_leds import StuckLeds
-from vocc_torch.simulation.effects.veiling_glare import VeilingGlare
-from vocc_torch.simulation.effects.vignetting import Vignetting
 from vocc_torch.simulation.scene import Distribution
 
 PHYSICAL_ORDER: tuple[type[Effect], ...] = (
-    Pose,
-    LensDistortion,
-    RollingShutter,
-    StuckLeds,
-    LedScatter,
-    Attenuation,
-    BackgroundTexture,
-    Lamps,
-    SecondPanel,
-    Airlight,
-    Occlusion,
-    VeilingGlare,
-    MotionBlur,
-    Defocus,
-    Diffraction,
-    Blooming,
-    Vignetting,
-    Bayer,
-    Photoelectrons,
-    Prnu,
-    DarkCurrent,
-    HotPixels,
-    ShotNoise,
-    FullWell,
-    Dsnu,
-    RowNoise,
-    ReadNoise,
-    Gain,
-    Demosaicing,
-    Saturation,
-    Quantization,
-    Jpeg,
+    *view.EFFECTS,
+    *light.EFFECTS,
+    *surroundings.EFFECTS,
+    *optics.EFFECTS,
+    *sensor.EFFECTS,
+    *coding.EFFECTS,
 )
 """Light at the LED, air, optics, sensor, encoding: the order of effects, whatever order names them."""
 
@@ -193,8 +136,8 @@ def _leads(verb: str, wanted: Quantity, current: Quantity) -> str:
 
 def _check_air(effects: tuple[Effect, ...]) -> None:
     """Refuse fog that dims what it lies before and not the LEDs, or by another visibility."""
-    dims = [effect.visibility_m for effect in effects if isinstance(effect, Attenuation)]
-    for fog in (effect for effect in effects if isinstance(effect, Airlight)):
+    dims = [effect.visibility_m for effect in effects if isinstance(effect, light.Attenuation)]
+    for fog in (effect for effect in effects if isinstance(effect, surroundings.Airlight)):
         key = "scene.effects.airlight"
         if not dims:
             rule = "which dims the LEDs' own light in the same air: name it too"
@@ -206,8 +149,8 @@ def _check_air(effects: tuple[Effect, ...]) -> None:
 
 def _check_coding(effects: tuple[Effect, ...]) -> None:
     """Refuse JPEG of pictures that are not 8 bits deep."""
-    bits = [effect.bits for effect in effects if isinstance(effect, Quantization)]
-    if bits and bits[0] != 8 and any(isinstance(effect, Jpeg) for effect in effects):
+    bits = [effect.bits for effect in effects if isinstance(effect, coding.Quantization)]
+    if bits and bits[0] != 8 and any(isinstance(effect, coding.Jpeg) for effect in effects):
         raise VoccError(
             f"scene.effects.jpeg codes 8-bit frames: scene.effects.quantization.bits is {bits[0]}"
         )

@@ -1,9 +1,9 @@
-"""Rows exposed one after the other, while the panel goes on to its next symbol."""
+"""The LEDs' own light: the symbols that they show, faults and scatter of LEDs, and the air before them."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 import torch
@@ -12,7 +12,8 @@ from torch import Tensor
 from vocc_torch.errors import VoccError
 from vocc_torch.simulation.effects.base import Context, Effect, Quantity
 from vocc_torch.simulation.geometry import led_centres_m
-from vocc_torch.simulation.view import view_of
+from vocc_torch.simulation.perspective import view_of
+from vocc_torch.simulation.photometry import transmission
 
 MOST_SYMBOLS = 1001
 """Most symbols that a panel may show during its readout."""
@@ -58,10 +59,9 @@ class RollingShutter(Effect):
     readout_s: float
     symbol_s: float
 
-    name: ClassVar[str] = "rolling_shutter"
-    takes: ClassVar[Quantity] = Quantity.SYMBOLS
-    gives: ClassVar[Quantity] = Quantity.SYMBOLS
-    sampled: ClassVar[bool] = True
+    name = "rolling_shutter"
+    takes = gives = Quantity.SYMBOLS
+    sampled = True
 
     def __post_init__(self) -> None:
         """Check the ranges that do not need the camera."""
@@ -82,7 +82,7 @@ class RollingShutter(Effect):
         return torch.cat([data[:, :, 0].flip(1), value.unsqueeze(1), data[:, :, 1]], dim=1)
 
     def row_shares(self, context: Context, height: int) -> Tensor:
-        """Give the share of each pixel row's exposure during which each symbol shows.
+        """The share of each pixel row's exposure during which each symbol shows.
 
         Args:
             context: the frames; ``origin_px`` says which of the sensor's rows comes first.
@@ -107,7 +107,9 @@ class RollingShutter(Effect):
 
     def _timing(self, context: Context) -> _Timing:
         """Draw each frame's phase, and find the symbols that show during the readout of its panel."""
-        self._check(context)
+        if self.symbol_s < context.camera.exposure_time_s:
+            exposure_s = context.camera.exposure_time_s
+            raise self.refusal("symbol_s", f"at least camera.exposure_time_s, which is {exposure_s:g}")
         top, centre, bottom = _panel_rows(context)
         generators = context.generators(self.name)
         draws = torch.tensor([g.random() for g in generators], dtype=torch.float64, device=top.device)
@@ -126,13 +128,6 @@ class RollingShutter(Effect):
         edges = edges.masked_fill(steps <= first.unsqueeze(-1), -torch.inf)
         edges = edges.masked_fill(steps > last.unsqueeze(-1), torch.inf)
         return _Timing(edges, centre, around, generators)
-
-    def _check(self, context: Context) -> None:
-        """Refuse symbols so short that a row could see three of them."""
-        exposure_s = context.camera.exposure_time_s
-        if self.symbol_s < exposure_s:
-            rule = f"it must be at least camera.exposure_time_s, which is {exposure_s:g}"
-            raise VoccError(f"scene.effects.{self.name}.symbol_s is {self.symbol_s:g}: {rule}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,3 +153,163 @@ def _panel_rows(context: Context) -> tuple[Tensor, Tensor, Tensor]:
     rows = torch.stack([y.amin(dim=1) - cell, y[:, 0], y.amax(dim=1) + cell])
     top, centre, bottom = torch.floor(rows).clamp(0, context.camera.height_px - 1)
     return top, centre, bottom
+
+
+@dataclass(frozen=True, slots=True)
+class StuckLeds(Effect):
+    """Each LED independently is stuck Off or stuck On, whatever its bit.
+
+    A stuck-On LED shines at the scene's LED luminance. Every frame of a block is another panel, with stuck
+    LEDs of its own; a frame and its preambles show one panel, and what is stuck in one is stuck in all. A
+    larger share keeps the LEDs that are stuck at a smaller one. The bits that were sent stay the truth, so
+    half of the stuck LEDs' bits are errors that no receiver can avoid. Sampled: not differentiable in the
+    shares; the light of the LEDs that shine keeps its gradient.
+
+    Source: a Bernoulli draw for each LED; the shares are those of the panel's failed drivers and dies.
+
+    Args:
+        off_share: probability that an LED is stuck Off, 0 to 1.
+        on_share: probability that an LED is stuck On, 0 to 1; the two shares are above 0 and at most 1
+            together.
+
+    Raises:
+        VoccError: a share outside its range.
+
+    Example:
+        >>> StuckLeds(off_share=0.02).on_share
+        0.0
+    """
+
+    off_share: float = 0.0
+    on_share: float = 0.0
+
+    name = "stuck_leds"
+    takes = gives = Quantity.LED_LUMINANCE
+    sampled = True
+
+    def __post_init__(self) -> None:
+        """Check the shares."""
+        for parameter in ("off_share", "on_share"):
+            self.demand(parameter, 0, 1)
+        together = self.off_share + self.on_share
+        if not 0 < together <= 1:
+            rule = "at most 1" if together else "above 0 (leave the effect out for no stuck LEDs)"
+            shown = f"scene.effects.{self.name}.off_share + on_share is {together:g}"
+            raise VoccError(f"{shown}: it must be {rule}")
+
+    def __call__(self, value: Tensor, context: Context) -> Tensor:
+        """Overrule (B,R,C) LED luminance where an LED is stuck."""
+        draws = [g.random(tuple(value.shape[1:])) for g in context.generators(self.name, of_scene=True)]
+        # One draw decides both, from its two ends, so that neither share moves the other's LEDs.
+        draw = torch.from_numpy(np.stack(draws)).to(value.device)
+        full = context.scene.led_luminance_cd_m2.to(value).view(-1, 1, 1)
+        value = torch.where(draw < self.off_share, torch.zeros_like(value), value)
+        return torch.where(draw >= 1 - self.on_share, full, value)
+
+
+@dataclass(frozen=True, slots=True)
+class LedScatter(Effect):
+    """A factor for each LED's own light: ``exp(s z - s^2 / 2)`` with ``s^2 = ln(1 + v^2)``.
+
+    The factor is log-normal with mean 1, v is its coefficient of variation and z is standard normal.
+    Luminances spread so because the many causes (binning, temperature, ageing, dirt) each multiply. Every
+    frame of a block is another panel, so each has factors of its own; a frame and its preambles show one
+    panel and share them. Sampled: the factors are constants to automatic differentiation, and the light keeps
+    its gradient.
+
+    Source: E. Limpert, W. A. Stahel and M. Abbt, "Log-normal Distributions across the Sciences", BioScience
+    51, 2001. LEDs uniform over a luminous-intensity bin that spans a factor of 1.12 to 1.4 have v from 0.03
+    to 0.1.
+
+    Args:
+        coefficient_of_variation: standard deviation of the luminance over its mean, above 0 and at most 2.
+
+    Raises:
+        VoccError: a value outside its range.
+
+    Example:
+        >>> round(LedScatter(coefficient_of_variation=0.1).log_sigma, 5)
+        0.09975
+    """
+
+    coefficient_of_variation: float
+
+    name = "led_scatter"
+    takes = gives = Quantity.LED_LUMINANCE
+    sampled = True
+
+    def __post_init__(self) -> None:
+        """Check the range."""
+        self.demand("coefficient_of_variation", 0, 2, above=True, hint="leave the effect out for no scatter")
+
+    @property
+    def log_sigma(self) -> float:
+        """Standard deviation s of the factors' logarithm."""
+        return math.sqrt(math.log1p(self.coefficient_of_variation**2))
+
+    def __call__(self, value: Tensor, context: Context) -> Tensor:
+        """Multiply (B,R,C) LED luminance by each LED's factor."""
+        sigma = self.log_sigma
+        generators = context.generators(self.name, of_scene=True)
+        draws = np.stack([generator.standard_normal(tuple(value.shape[1:])) for generator in generators])
+        return value * torch.from_numpy(np.exp(sigma * draws - sigma**2 / 2)).to(value)
+
+
+@dataclass(frozen=True, slots=True)
+class Attenuation(Effect):
+    """The air's transmission coefficient on the LEDs' own light (Eq. 20), ``T = exp(-3.91 d / V)``.
+
+    Linear in the light, and differentiable in it and in the distance.
+
+    Source: the paper, Eq. 20.
+
+    Args:
+        visibility_m: meteorological visibility distance, m, above 0; the paper's clear weather is 40 km.
+
+    Raises:
+        VoccError: a visibility that is not above 0.
+
+    Example:
+        >>> Attenuation(visibility_m=40_000.0).visibility_m
+        40000.0
+    """
+
+    visibility_m: float
+
+    name = "attenuation"
+    takes = gives = Quantity.LED_LUMINANCE
+
+    def __post_init__(self) -> None:
+        """Check the range."""
+        self.demand("visibility_m", 0, above=True)
+
+    def __call__(self, value: Tensor, context: Context) -> Tensor:
+        """Dim (B,R,C) LED luminance by the transmission at each frame's distance."""
+        return value * transmission(context.scene.distance_m, self.visibility_m).view(-1, 1, 1)
+
+
+def dimmed_once(light_cd_m2: Tensor, context: Context) -> Tensor:
+    """Dim the own light of what stands in the background as our LEDs' is (Eq. 20), (B,R,C) cd/m2.
+
+    Where ``airlight`` is named nothing is done here: it dims the whole background with all that shines in it.
+
+    Example:
+        >>> from vocc_torch.simulation.effects import build_effects
+        >>> from vocc_torch.simulation.geometry import Camera
+        >>> from vocc_torch.types import Scene
+        >>> lamp, scene = torch.ones(1, 1, 1), Scene.of(distance_m=100.0)
+        >>> fog = build_effects({"attenuation": {"visibility_m": 200}, "airlight": {"visibility_m": 200}})
+        >>> for air in (fog[:1], fog):
+        ...     print(round(float(dimmed_once(lamp, Context(scene, Camera(), effects=air))), 3))
+        0.142
+        1.0
+    """
+    if not any(effect.takes == Quantity.UNLIT for effect in context.effects):
+        for effect in context.effects:
+            if isinstance(effect, Attenuation):
+                light_cd_m2 = effect(light_cd_m2, context)
+    return light_cd_m2
+
+
+EFFECTS: tuple[type[Effect], ...] = (RollingShutter, StuckLeds, LedScatter, Attenuation)
+"""In physical order."""
