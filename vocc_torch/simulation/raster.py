@@ -53,6 +53,11 @@ def disc_quadrant_area(x: Tensor, y: Tensor) -> Tensor:
     return torch.where(x * x + y * y < 1, inside, beyond)
 
 
+def per_pixel(area: Tensor) -> Tensor:
+    """Area in each pixel, (N,h,w), from that left of and above each corner of the pixels, (N,h+1,w+1)."""
+    return area[:, 1:, 1:] - area[:, :-1, 1:] - area[:, 1:, :-1] + area[:, :-1, :-1]
+
+
 def disc_cover(
     centre_x: Tensor,
     centre_y: Tensor,
@@ -81,14 +86,14 @@ def disc_cover(
         >>> round(float(cover.sum() / (math.pi * 1.5**2)), 9), int(left), int(top)
         (1.0, 3, 0)
     """
-    left, width = _patch(centre_x - radius, size, None if canvas_px is None else canvas_px[1])
-    top, height = _patch(centre_y - radius, size, None if canvas_px is None else canvas_px[0])
+    rows, columns = canvas_px or (None, None)
+    left, width = _patch(centre_x - radius, size, columns)
+    top, height = _patch(centre_y - radius, size, rows)
     edges = torch.arange(size + 1, dtype=centre_x.dtype, device=centre_x.device)
     scale = 1.0 / radius.unsqueeze(-1)
     x = (left.unsqueeze(-1) + edges[: width + 1] - centre_x.unsqueeze(-1)) * scale
     y = (top.unsqueeze(-1) + edges[: height + 1] - centre_y.unsqueeze(-1)) * scale
-    area = disc_quadrant_area(x, y)
-    cover = area[:, 1:, 1:] - area[:, :-1, 1:] - area[:, 1:, :-1] + area[:, :-1, :-1]
+    cover = per_pixel(disc_quadrant_area(x, y))
     return (cover * (radius * radius).view(-1, 1, 1)).clamp_(0, 1), left.long(), top.long()
 
 
@@ -222,14 +227,13 @@ def ellipse_cover(
     # Seen edge-on an ellipse has no area, and rounding would leave a root of less than none.
     root = (bounds * bounds - covariance * covariance).clamp(min=0).sqrt()
     sine = (root / bounds).clamp(min=1e-9)
-    low = centre_px - half
-    left, width = _patch(low[:, 0], size, None if canvas_px is None else canvas_px[1])
-    top, height = _patch(low[:, 1], size, None if canvas_px is None else canvas_px[0])
+    rows, columns = canvas_px or (None, None)
+    left, width = _patch(centre_px[:, 0] - half[:, 0], size, columns)
+    top, height = _patch(centre_px[:, 1] - half[:, 1], size, rows)
     edges = torch.arange(size + 1, dtype=centre_px.dtype, device=centre_px.device)
     u = ((left - centre_px[:, 0]).unsqueeze(-1) + edges[: width + 1]) / half[:, :1]
     v = ((top - centre_px[:, 1]).unsqueeze(-1) + edges[: height + 1]) / half[:, 1:]
-    area = disc_wedge_area(u, v, covariance / bounds, sine)
-    cover = area[:, 1:, 1:] - area[:, :-1, 1:] - area[:, 1:, :-1] + area[:, :-1, :-1]
+    cover = per_pixel(disc_wedge_area(u, v, covariance / bounds, sine))
     return (cover * root.view(-1, 1, 1)).clamp_(0, 1), left.long(), top.long()
 
 

@@ -104,8 +104,7 @@ class Simulator:
         self.framing: Framing = framing
         self.device = resolve_device(str(device))
         self.dtype = dtype
-        filling = [i for i, effect in enumerate(self.effects) if effect.fills_sensor]
-        self._first_filling = filling[0] if filling else None
+        self._filling = next((effect for effect in self.effects if effect.fills_sensor), None)
 
     def true_panels(self, scene: Scene, keys: Sequence[FrameKey] = (), *, rendered: bool = False) -> Panels:
         """Where panels truly are, for evaluation; ``keys`` as for render, which checked if ``rendered``."""
@@ -174,10 +173,10 @@ class Simulator:
         nearest, sensor = float(scene.distance_m.min()), self.camera.sensor_px
         if nearest_m is not None and nearest_m > nearest * (1 + 1e-9):
             raise VoccError(f"nearest_m is {nearest_m:g}: it must be at most the nearest scene's {nearest:g}")
-        window = panel_only and self._first_filling is not None
+        window = panel_only and self._filling is not None
         size = self._size(nearest if nearest_m is None else nearest_m, window)
         centre = self._centres_px(scene, keys)
-        whole = self.framing != "crop" or (self._first_filling is not None and not window)
+        whole = self.framing != "crop" or (self._filling is not None and not window)
         demand_pixels(sensor if whole else size)
         origin = crop_origins_px(centre, size, sensor, grid_px=WINDOW_GRID_PX if window else 1)
         context = self._context(scene, keys, origin)
@@ -197,10 +196,10 @@ class Simulator:
     def _pictures(self, batch: Batch, window: bool) -> Tensor:
         """Render frames, those of far panels in small crops that are laid into those asked for."""
         size, sensor = batch.size, self.camera.sensor_px
-        if self._first_filling is not None or size == sensor:
+        if self._filling is not None or size == sensor:
             return self._in_chunks(batch, window)
         # A crop at the sensor's border need not lie about its panel's middle.
-        last = torch.tensor([sensor[1] - size[1], sensor[0] - size[0]], device=batch.origin_px.device)
+        last = batch.origin_px.new_tensor([sensor[1] - size[1], sensor[0] - size[0]])
         moved = ((batch.origin_px == 0) | (batch.origin_px == last)).any(dim=1)
         tight = partial(crop_size_px, self.effects, self.camera, self.panel, margin_cells=0)
         groups = like_sized(batch.context.scene, moved, size, tight)
@@ -221,18 +220,15 @@ class Simulator:
         demand_in_sight(scene, self.camera, self.panel)
         return scene
 
-    def _context(
-        self, scene: Scene, keys: Sequence[FrameKey] = (), origin_px: Tensor | None = None
-    ) -> Context:
+    def _context(self, scene: Scene, keys: Sequence[FrameKey] = (), origin: Tensor | None = None) -> Context:
         """Say what effects may know about frames."""
-        return Context(scene, self.camera, keys, origin_px, self.effects, self.panel)
+        return Context(scene, self.camera, keys, origin, self.effects, self.panel)
 
     def _size(self, nearest_m: float, window: bool) -> tuple[int, int]:
         """Height and width of what is drawn."""
         if window:
             return window_size_px(self.crop_px(nearest_m), self.camera.sensor_px)
-        first = self._first_filling
-        if self.framing == "full" or (first is not None and self.effects[first].takes in DRAWN):
+        if self.framing == "full" or (self._filling is not None and self._filling.takes in DRAWN):
             return self.camera.sensor_px
         return self.crop_px(nearest_m)
 
@@ -245,19 +241,18 @@ class Simulator:
     def _expose(self, batch: Batch, window: bool) -> list[Tensor]:
         """Carry the LEDs' light through the camera, laying crops on the sensor once an effect fills it."""
         value, current = self._paint(batch), Quantity.LUMINANCE
-        drawn = [i for i, effect in enumerate(self.effects) if effect.takes not in DRAWN]
-        first = self._first_filling
-        if first not in drawn or window or batch.size == self.camera.sensor_px:
-            return [self._finish(value, current, drawn, batch.context)]
-        before, after = drawn[: drawn.index(first)], drawn[drawn.index(first) :]
-        value, current = self._apply(value, current, before, batch.context)
+        after = [effect for effect in self.effects if effect.takes not in DRAWN]
+        if self._filling not in after or window or batch.size == self.camera.sensor_px:
+            return [self._carry(value, current, after, batch.context, to_end=True)[0]]
+        before = after[: after.index(self._filling)]
+        value, current = self._carry(value, current, before, batch.context)
         surround = read_surround(value, batch.centre_px, origin := batch.origin_px)
         pictures = []
         for i in range(len(value)):
             row = slice(i, i + 1)
             frame = lay_on_sensor(value[row], surround[row], origin[row], self.camera.sensor_px)
             whole = replace(batch.taken(row).context, origin_px=torch.zeros_like(origin[row]))
-            pictures.append(self._finish(frame, current, after, whole))
+            pictures.append(self._carry(frame, current, after[len(before) :], whole, to_end=True)[0])
         return pictures
 
     def _paint(self, batch: Batch) -> Tensor:
@@ -273,22 +268,23 @@ class Simulator:
             leds = torch.stack([effect(one, context) for one in leds.unbind(1)], dim=1)
         return paint(leds, shares, context, batch.size, self.dtype)
 
-    def _apply(
-        self, value: Tensor, current: Quantity, which: Sequence[int], context: Context
+    def _carry(
+        self,
+        value: Tensor,
+        current: Quantity,
+        effects: Sequence[Effect],
+        context: Context,
+        *,
+        to_end: bool = False,
     ) -> tuple[Tensor, Quantity]:
-        """Apply some of the effects in order, each where the camera's steps have come to its quantity."""
-        for effect in (self.effects[i] for i in which):
+        """Apply effects in order, with the camera's own steps between them, or until the grey values."""
+        for effect in effects:
             while current != effect.takes:
                 value, current = self._advance(value, current, context)
             value, current = effect(value, context), effect.gives
-        return value, current
-
-    def _finish(self, value: Tensor, current: Quantity, which: Sequence[int], context: Context) -> Tensor:
-        """Apply effects and the camera's remaining steps."""
-        value, current = self._apply(value, current, which, context)
-        while current in CAMERA_STEPS[:-1]:
+        while to_end and current in CAMERA_STEPS[:-1]:
             value, current = self._advance(value, current, context)
-        return value
+        return value, current
 
     def _advance(self, value: Tensor, current: Quantity, context: Context) -> tuple[Tensor, Quantity]:
         """Do the camera's next step: lens or gamma encoding."""

@@ -12,27 +12,12 @@ from vocc_torch.simulation.effects import coding, light, optics, sensor, surroun
 from vocc_torch.simulation.effects.base import Effect, Quantity
 from vocc_torch.simulation.scene import Distribution
 
-PHYSICAL_ORDER: tuple[type[Effect], ...] = (
-    *view.EFFECTS,
-    *light.EFFECTS,
-    *surroundings.EFFECTS,
-    *optics.EFFECTS,
-    *sensor.EFFECTS,
-    *coding.EFFECTS,
-)
+PLACES = (view, light, surroundings, optics, sensor, coding)
+PHYSICAL_ORDER: tuple[type[Effect], ...] = tuple(kind for place in PLACES for kind in place.EFFECTS)
 """Light at the LED, air, optics, sensor, encoding: the order of effects, whatever order names them."""
 
-CAMERA_STEPS: tuple[Quantity, ...] = (
-    Quantity.PLACEMENT,
-    Quantity.IMAGE_POINTS,
-    Quantity.SYMBOLS,
-    Quantity.LED_LUMINANCE,
-    Quantity.BACKGROUND,
-    Quantity.UNLIT,
-    Quantity.LUMINANCE,
-    Quantity.EXPOSURE,
-    Quantity.GREY,
-)
+BY_EFFECTS = (Quantity.ELECTRONS, Quantity.BOUNDED_GREY, Quantity.DIGITAL)
+CAMERA_STEPS: tuple[Quantity, ...] = tuple(step for step in Quantity if step not in BY_EFFECTS)
 """The quantities that every camera passes through by itself: projection, lens, gamma encoding."""
 
 Parameters = Mapping[str, float | Sequence[object]]
@@ -98,7 +83,7 @@ def _too_long(value: float) -> bool:
 
 
 def check_chain(effects: tuple[Effect, ...]) -> Quantity:
-    """Walk the chain and give the quantity that comes out.
+    """Walk the chain and return the quantity that comes out.
 
     Raises:
         VoccError: an effect takes a quantity that neither the camera nor an earlier effect gives.
@@ -117,9 +102,8 @@ def check_chain(effects: tuple[Effect, ...]) -> Quantity:
             current = CAMERA_STEPS[step]
         current = effect.gives
     if current == Quantity.ELECTRONS:
-        raise VoccError(
-            f"scene.effects ends at electrons, and {_leads('reads out', Quantity.EXPOSURE, current)}"
-        )
+        ends = _leads("reads out", Quantity.EXPOSURE, current)
+        raise VoccError(f"scene.effects ends at electrons, and {ends}")
     _check_coding(effects)
     _check_air(effects)
     return current if current not in CAMERA_STEPS else Quantity.GREY
@@ -151,6 +135,5 @@ def _check_coding(effects: tuple[Effect, ...]) -> None:
     """Refuse JPEG of pictures that are not 8 bits deep."""
     bits = [effect.bits for effect in effects if isinstance(effect, coding.Quantization)]
     if bits and bits[0] != 8 and any(isinstance(effect, coding.Jpeg) for effect in effects):
-        raise VoccError(
-            f"scene.effects.jpeg codes 8-bit frames: scene.effects.quantization.bits is {bits[0]}"
-        )
+        rule = f"scene.effects.quantization.bits is {bits[0]}"
+        raise VoccError(f"scene.effects.jpeg codes 8-bit frames: {rule}")

@@ -14,7 +14,7 @@ from vocc_torch.errors import VoccError
 from vocc_torch.simulation.effects.base import Context, Effect, Quantity
 from vocc_torch.simulation.effects.light import dimmed_once
 from vocc_torch.simulation.effects.view import LensDistortion
-from vocc_torch.simulation.geometry import LedPanel, led_centres_m
+from vocc_torch.simulation.geometry import CLOCKWISE, LedPanel, led_centres_m
 from vocc_torch.simulation.perspective import View, view_of
 from vocc_torch.simulation.photometry import reflected_luminance_cd_m2
 from vocc_torch.simulation.raster import add_patches, ellipse_cover, polygon_cover
@@ -105,6 +105,10 @@ class SecondPanel(Effect):
         return dimmed_once(torch.from_numpy(bits).to(full) * full, context)
 
 
+Cover = Callable[[Tensor, int], tuple[Tensor, Tensor, Tensor]]
+"""Numbers (K,) of shapes and a side to patches (K,h,w), their left columns and top rows (K,), sensor px."""
+
+
 @dataclass(frozen=True, slots=True)
 class _Shapes:
     """Those of N shapes a frame that the frames show: their numbers, bounds and cover, in sensor px."""
@@ -115,8 +119,7 @@ class _Shapes:
     """(M,2)."""
     high: Tensor
     """(M,2)."""
-    cover: Callable[[Tensor, int], tuple[Tensor, Tensor, Tensor]]
-    """Numbers (K,) of shapes and a side to patches (K,h,w), their left columns and top rows (K,)."""
+    cover: Cover
     context: Context
 
     def groups(self) -> Iterator[tuple[Tensor, int]]:
@@ -174,8 +177,7 @@ def _leds_in_view(leds_m: Tensor, value: Tensor, context: Context) -> _Shapes:
 
 def _boards_in_view(leds_m: Tensor, value: Tensor, context: Context) -> _Shapes:
     """Find the LEDs' cells (N,2), of which the board is made, and their cover: its edges may be curved."""
-    signs = torch.tensor([[-1, -1], [1, -1], [1, 1], [-1, 1]]).to(leds_m)
-    cells_m = (leds_m.unsqueeze(1) + signs * (context.panel.pitch_m / 2)).flatten(0, 1)
+    cells_m = (leds_m.unsqueeze(1) + leds_m.new_tensor(CLOCKWISE) * (context.panel.pitch_m / 2)).flatten(0, 1)
     view = view_of(context)
     has_image = _has_image(view, cells_m, 0.0, context)
     corners = view.points_px(_or_ours(cells_m, has_image)).view(len(value), -1, 4, 2)
@@ -206,12 +208,7 @@ def _or_ours(points_m: Tensor, has_image: Tensor) -> Tensor:
 
 
 def _in_view(
-    low_px: Tensor,
-    high_px: Tensor,
-    has_image: Tensor,
-    cover: Callable[[Tensor, int], tuple[Tensor, Tensor, Tensor]],
-    value: Tensor,
-    context: Context,
+    low_px: Tensor, high_px: Tensor, has_image: Tensor, cover: Cover, value: Tensor, context: Context
 ) -> _Shapes:
     """Pick the shapes whose bounds (B,N,2), sensor px, touch their frames."""
     height, width = value.shape[-2:]

@@ -173,11 +173,11 @@ class Lamps(Effect):
         shining = torch.full_like(context.scene.distance_m, self.luminance_cd_m2).view(-1, 1, 1)
         light = dimmed_once(shining, context).flatten().tolist()
         generators = context.generators(self.name, of_scene=True)
-        frames = zip(painted[:, 0], radii, context.origins(), light, generators, strict=True)
-        for plane, radius, origin, light_cd_m2, generator in frames:
+        frames = zip(radii, context.origins(), light, generators, strict=True)
+        for frame, (radius, origin, light_cd_m2, generator) in enumerate(frames):
             for across, down in generator.random((self.count, 2)).tolist():
                 centre = (across * camera.width_px, down * camera.height_px)
-                _paint(plane, centre, radius, origin, light_cd_m2)
+                _paint(painted[frame, 0], centre, radius, origin, light_cd_m2)
         return painted
 
 
