@@ -17,8 +17,8 @@ from vocc_torch.receiver.reader import Reader
 from vocc_torch.rng import BlockKey
 from vocc_torch.simulation import Camera, Distribution, LedPanel, SceneModel, Simulator, spread
 from vocc_torch.simulation.effects import Context
-from vocc_torch.simulation.effects.blooming import Blooming
 from vocc_torch.simulation.effects.coding import Quantization
+from vocc_torch.simulation.effects.optics import Blooming
 from vocc_torch.simulation.framing import crop_origins_px, demand_pixels
 from vocc_torch.simulation.geometry import CAMERA_RANGES, panel_centre_px
 from vocc_torch.simulation.painter import led_stamps
@@ -42,7 +42,7 @@ LIMITS = "vocc_torch/simulation/framing.py"
 DRAWS = "vocc_torch/simulation/scene.py"
 TYPES = "vocc_torch/types.py"
 SPREAD = "vocc_torch/simulation/spread.py"
-BLOOMING = "vocc_torch/simulation/effects/blooming.py"
+BLOOMING = "vocc_torch/simulation/effects/optics.py"
 
 LINEAR = {"gamma": 1.0}
 """A camera whose grey values are proportional to the light, so that light can be summed up."""

@@ -20,9 +20,9 @@ from vocc_torch.simulation.effects import (
     build_effects,
     check_chain,
 )
-from vocc_torch.simulation.effects.blooming import Blooming
 from vocc_torch.simulation.effects.coding import Quantization, Saturation
 from vocc_torch.simulation.effects.light import Attenuation
+from vocc_torch.simulation.effects.optics import Blooming
 from vocc_torch.simulation.geometry import Camera
 from vocc_torch.simulation.simulator import PAPER_EFFECTS, Simulator
 from vocc_torch.types import Scene

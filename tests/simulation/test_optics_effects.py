@@ -12,10 +12,10 @@ from scipy import ndimage, signal, special
 from vocc_torch.errors import VoccError
 from vocc_torch.simulation import spread
 from vocc_torch.simulation.effects import Context, Quantity, check_chain
-from vocc_torch.simulation.effects.blooming import Blooming
 from vocc_torch.simulation.effects.coding import Quantization, Saturation
 from vocc_torch.simulation.effects.optics import (
     REACH_IN_LAMBDA_N,
+    Blooming,
     Defocus,
     Diffraction,
     MotionBlur,

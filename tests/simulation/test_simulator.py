@@ -10,7 +10,7 @@ from scipy import ndimage
 from vocc_torch.errors import VoccError
 from vocc_torch.rng import BlockKey
 from vocc_torch.simulation import Camera, Distribution, LedPanel, SceneModel, Simulator
-from vocc_torch.simulation.effects.blooming import Blooming
+from vocc_torch.simulation.effects.optics import Blooming
 from vocc_torch.simulation.simulator import PAPER_EFFECTS
 from vocc_torch.types import PanelShape, Scene
 

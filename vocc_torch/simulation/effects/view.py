@@ -17,6 +17,12 @@ from vocc_torch.simulation.scene import Distribution
 LARGEST_DEG = {"yaw_deg": 80.0, "pitch_deg": 80.0, "roll_deg": 180.0}
 """How far each angle may go either way; from 90 degrees on a panel shows its edge or its back."""
 
+LARGEST = 100.0
+"""How large a coefficient may be, either way."""
+
+SMALLEST = 1e-15
+"""How small a coefficient may be that is not 0: roots of polynomials with smaller ones overflow."""
+
 
 @dataclass(frozen=True, slots=True)
 class Pose(Effect):
@@ -149,13 +155,6 @@ def _farthest(along: float, beside: float, angle: list[float]) -> float:
     peaks = (turn * math.pi + sign * peak for turn in (-1, 0, 1) for sign in (-1, 1))
     tried = [low, high, *(candidate for candidate in peaks if low <= candidate <= high)]
     return max(along * abs(math.cos(t)) + beside * abs(math.sin(t)) for t in tried)
-
-
-LARGEST = 100.0
-"""How large a coefficient may be, either way."""
-
-SMALLEST = 1e-15
-"""How small a coefficient may be that is not 0: roots of polynomials with smaller ones overflow."""
 
 
 @dataclass(frozen=True, slots=True)
