@@ -11,22 +11,17 @@ from hard_cases import Breakage, HardCases
 from scipy import ndimage, stats
 
 from vocc_torch.errors import VoccError
-from vocc_torch.receiver.bank import RECEIVER_NAMES, ReceiverBank
-from vocc_torch.receiver.flda import FLDA
-from vocc_torch.receiver.reader import Reader
 from vocc_torch.rng import BlockKey
 from vocc_torch.simulation import Camera, Distribution, LedPanel, SceneModel, Simulator, spread
 from vocc_torch.simulation.effects import Context
-from vocc_torch.simulation.effects.coding import Quantization
 from vocc_torch.simulation.effects.optics import Blooming
 from vocc_torch.simulation.framing import crop_origins_px, demand_pixels
 from vocc_torch.simulation.geometry import CAMERA_RANGES, panel_centre_px
 from vocc_torch.simulation.painter import led_stamps
 from vocc_torch.simulation.photometry import grey_value, transmission
 from vocc_torch.simulation.poisson import poisson_quantile
-from vocc_torch.simulation.raster import disc_cover, ellipse_cover, ellipse_patch_px
+from vocc_torch.simulation.raster import disc_cover
 from vocc_torch.simulation.simulator import PAPER_EFFECTS
-from vocc_torch.studies.link import Link
 from vocc_torch.types import PanelShape, Scene
 
 hard = HardCases("Simulation")
@@ -81,27 +76,6 @@ def excess(frames, background):
 
 
 # Photometry
-
-
-@hard(
-    "no exposure",
-    "grey value 0; its slope is infinite where gamma is above 1, so the gradient there is 0 by"
-    " definition, in reverse and in forward mode, and everywhere else, however dark, it is the closed form"
-    " `G / (gamma H)`",
-    Breakage(PHOTOMETRY, "lit = base >= torch.finfo(base.dtype).tiny", "lit = base >= 0"),
-)
-def no_exposure():
-    for gamma in (1.8, 2.2, 10.0):
-        exposure, speed = number([0.0, 0.0, 1e-30, 1e-3, 7.0]), number([100.0, 1e6, 100.0, 100.0, 1e6])
-        grey = grey_value(exposure, speed, gamma=gamma)
-        grey.sum().backward()
-        assert grey[:2].tolist() == exposure.grad[:2].tolist() == speed.grad[:2].tolist() == [0, 0]
-        for by in (exposure, speed):
-            slope = (grey / (gamma * by)).detach()[2:]
-            torch.testing.assert_close(by.grad[2:], slope, rtol=1e-13, atol=0)
-        torch.autograd.gradcheck(
-            lambda h, s, g=gamma: grey_value(h, s, gamma=g), (number([0.3]), number([80.0]))
-        )
 
 
 @hard(
@@ -286,28 +260,6 @@ def leds_without_light():
 
 
 @hard(
-    "On equal to Off, decided",
-    "every receiver's scores are finite, and a BER of 0.5 lies within 4 standard errors of what it counts:"
-    " there is nothing to decide by",
-    Breakage(SIMULATOR, "leds = symbols * context", "leds = (symbols + 0.1 * symbols) * 1000 + context"),
-)
-def on_equal_to_off():
-    model = SceneModel(led_luminance_cd_m2=Distribution("constant", (0.0,)))
-    link = Link(Simulator(), None, Reader())
-    flda = FLDA(n_features=3)
-    for seen in link.observe(model, [BlockKey(0, "train", b) for b in range(3)], preambles=False):
-        flda.update(seen.readings.features, seen.bits)
-    bank, errors = ReceiverBank(RECEIVER_NAMES, flda), {name: [] for name in RECEIVER_NAMES}
-    for seen in link.observe(model, [BlockKey(0, "test", b) for b in range(3)], preambles=True):
-        for name, scores in bank.scores(seen.readings, seen.preambles).items():
-            assert bool(torch.isfinite(scores).all())
-            errors[name].append(((scores >= 0) != seen.bits).double().mean(dim=(1, 2)))
-    for name, shares in errors.items():
-        share = torch.cat(shares)
-        assert abs(float(share.mean()) - 0.5) < 4 * 0.5 / math.sqrt(64 * len(share)), name
-
-
-@hard(
     "everything saturated",
     "255 in every pixel, also once it is a `uint8`, and contrast 0",
     Breakage("vocc_torch/simulation/effects/coding.py", "value.clamp(max=255.0)", "value.clamp(max=256.0)"),
@@ -318,23 +270,6 @@ def everything_saturated():
     assert seen.grey.dtype == torch.uint8
     assert seen.grey.unique().tolist() == seen.surround.tolist() == [255]
     assert float(Simulator(camera).contrast(scene)) == 0
-
-
-@hard(
-    "ISO limits that are equal",
-    "a camera of fixed speed: the background's grey follows the light by Eq. 1, whatever grey is asked for",
-    Breakage(
-        GEOMETRY,
-        "held = least <= low <= high <= most",
-        "held = least <= low < high <= most",
-    ),
-)
-def equal_limits():
-    for lux, asked in itertools.product((1000.0, 32000.0), (1e-6, 102.0, 255.0)):
-        scene = Scene.of(ambient_lx=lux, background_grey=asked)
-        seen = bare(Camera(iso_limits=(800.0, 800.0))).render(scene, all_on(scene))
-        exposure = 10 * lux * 0.18 / math.pi / 1500 / 200
-        assert float(seen.surround[0]) == pytest.approx(118 * (exposure * 80) ** (1 / 2.2), rel=1e-12)
 
 
 @hard(
@@ -357,25 +292,6 @@ def exposure_settings():
         for value in (1e-200, low * 0.999, high * 1.001, 1e200, math.inf, math.nan):
             assert refusal(Camera, **{name: value}).startswith(f"camera.{name} is {value:g}: it must be ")
         assert refusal(Camera, **{name: 0.0}) == f"camera.{name} is 0: it must be above 0"
-
-
-@hard(
-    "a background of 255 and of a millionth of a grey value",
-    "255: white, as are the LEDs on it; 1e-6: black to the last bit of 8, LEDs in their closed form;"
-    " above 255 no camera can give it, and it is refused",
-    Breakage(TYPES, '"background_grey": (0.0, 255.0),', '"background_grey": (0.0, 256.0),'),
-)
-def background_extremes():
-    for asked, shown in ((255.0, 255), (1e-6, 0)):
-        scene = Scene.of(background_grey=asked, distance_m=2.0)
-        assert Simulator().render(scene, all_on(scene)).surround.tolist() == [shown]
-        on = asked * ((0.4 * 8000 / math.pi + 3000) / (0.18 * 8000 / math.pi)) ** (1 / 2.2)
-        grey = bare().render(scene, all_on(scene)).grey
-        assert [float(v) for v in (grey.min(), grey.max())] == pytest.approx([asked, on], rel=1e-12)
-    assert (
-        refusal(Scene.of, background_grey=255.5) == "scene.background_grey is 255.5: it must be at most 255"
-    )
-    assert refusal(SceneModel, background_grey=Distribution("uniform", (1.0, 255.5))).endswith("at most 255")
 
 
 @hard(
@@ -427,19 +343,6 @@ def total_cover(x, y, radius):
 
 
 @hard(
-    "LEDs under a tenth of a pixel",
-    "their area is spread over the pixels that they touch, from a radius of 0.05 px down to one of 1e-9"
-    " px, on a pixel's middle, edge or corner: within 1e-9 of the circle's",
-    Breakage(RASTER, "_patch(centre_x - radius, size", "_patch(centre_x, size"),
-)
-def tiny_leds():
-    for radius in (0.05, 1e-3, 1e-6):
-        for x, y in itertools.product((0.0, 0.3, 7.0, 7.5, 7.0 + radius, 8 - radius / 3), (2.0, 2.49)):
-            assert total_cover(x, y, radius) == pytest.approx(math.pi * radius**2, rel=1e-9)
-    assert total_cover(0.5, 0.5, 1e-9) == pytest.approx(math.pi * 1e-18, rel=1e-12)
-
-
-@hard(
     "LEDs over 200 pixels wide",
     "their area within 1e-9 of the circle's up to 2000 px wide, and the cover of each pixel on the rim within"
     " `2e-15` of the radius squared up to the widest on offer, 100,000 px",
@@ -456,33 +359,6 @@ def huge_leds():
         wanted = [[exact_disc_cover(x, y, radius, c, r) for c in range(6)] for r in range(4)]
         assert 0.1 < np.mean(wanted) < 0.9
         np.testing.assert_allclose(cover[0].numpy(), wanted, rtol=0, atol=max(2e-15 * radius**2, 1e-14))
-
-
-@hard(
-    "ellipses of any size on a sensor that is not square",
-    "a tilted LED's area within 1e-9 of the ellipse's, from 1e-6 px to 600 px, and cut at the border as it"
-    " would be drawn on a larger sensor",
-    Breakage(
-        RASTER,
-        "_patch(low[:, 1], size, None if canvas_px is None else canvas_px[0])",
-        "_patch(low[:, 1], size, None if canvas_px is None else canvas_px[1])",
-    ),
-)
-def ellipses():
-    shape = torch.tensor([[[4.0, 1.2], [1.2, 1.0]]], dtype=torch.float64)
-    for scale in (1e-6, 0.05, 1.0, 150.0):
-        spread, centre = shape * scale**2, torch.tensor([[8.3, 3.1]], dtype=torch.float64)
-        cover, left, top = ellipse_cover(centre, spread, ellipse_patch_px(spread))
-        assert float(cover.sum()) == pytest.approx(math.pi * 1.6 * scale**2, rel=1e-9)
-        cut, x, y = ellipse_cover(centre, spread, ellipse_patch_px(spread), canvas_px=(7, 20))
-        whole, part = torch.zeros(800, 800), torch.zeros(7, 20)
-        rows, columns = (slice(int(v) + 350, int(v) + 350 + cover.shape[1]) for v in (top, left))
-        if scale < 100:
-            whole[rows, columns] = cover[0].float()
-            part[int(y) : int(y) + cut.shape[1], int(x) : int(x) + cut.shape[2]] = cut[0].float()
-            assert torch.equal(whole[350:357, 350:370], part)
-        assert cut.shape[1] <= 7
-        assert cut.shape[2] <= 20
 
 
 # Panels near and far
@@ -645,45 +521,6 @@ def extreme_offsets():
     )
     for name, value in (("offset_x_m", -1.1e9), ("offset_y_m", 1.1e9), ("distance_m", 1.1e9)):
         assert refusal(Scene.of, **{name: value}).startswith(f"scene.{name} is {value:g}: it must be at ")
-
-
-@hard(
-    "panels of 1 x 1, 64 x 64, 1 x 64 and 64 x 1 LEDs",
-    "each LED shines where it stands, its light's centre of gravity within 0.01 px, and all together"
-    " give their number times an LED's light",
-    Breakage(
-        GEOMETRY,
-        "(rows - (panel.shape.rows - 1) / 2) * pitch_px",
-        "(rows - (panel.shape.columns - 1) / 2) * pitch_px",
-    ),
-)
-def extreme_panels():
-    camera = sensor(1200, 1200, **LINEAR)
-    for rows, columns in ((1, 1), (64, 64), (1, 64), (64, 1)):
-        panel, scene = LedPanel(PanelShape(rows, columns)), Scene.of(distance_m=15.0, offset_x_m=0.1)
-        simulator = bare(camera, panel)
-        one = math.pi * (0.015 * camera.focal_length_px / 15) ** 2
-        on = 102 * (0.4 * 8000 / math.pi + 3000) / (0.18 * 8000 / math.pi)
-        lit = simulator.render(scene, all_on(scene, rows, columns))
-        assert excess(lit, 102.0) == pytest.approx(one * rows * columns * (on - 102), rel=1e-10)
-        dark = simulator.render(scene, ~all_on(scene, rows, columns)).grey[0, 0]
-        for row, column in {(0, 0), (rows - 1, columns // 2), (rows // 3, columns - 1)}:
-            bits = ~all_on(scene, rows, columns)
-            bits[0, row, column] = True
-            frames = simulator.render(scene, bits)
-            light = frames.grey[0, 0] - dark
-            y, x = (
-                (light.sum(1 - axis) * (torch.arange(light.shape[axis], dtype=torch.float64) + 0.5)).sum()
-                / light.sum()
-                for axis in (0, 1)
-            )
-            pitch = 0.06 * camera.focal_length_px / 15
-            place = (
-                600 + 0.1 * camera.focal_length_px / 15 + (column - (columns - 1) / 2) * pitch,
-                600 + (row - (rows - 1) / 2) * pitch,
-            )
-            found = (float(x) + int(frames.origin_px[0, 0]), float(y) + int(frames.origin_px[0, 1]))
-            assert found == pytest.approx(place, abs=0.01)
 
 
 @hard(
@@ -854,35 +691,6 @@ def plain_arguments():
     assert type(PanelShape(np.int64(3)).rows) is int
 
 
-@hard(
-    "float32 against float64",
-    "pictures are drawn in float64 either way, so that the two differ by float32's rounding alone:"
-    " within 1e-6 of the grey value at 0.5 m and 10 km, 1 and 1e6 lx; scenes given in float32 or as"
-    " integers become float64",
-    Breakage(
-        TYPES,
-        "if all(value.dtype == torch.float64 for",
-        "if any(value.dtype == torch.float64 for",
-    ),
-)
-def both_precisions():
-    camera = sensor(96, 64)
-    for distance, lux in itertools.product((0.5, 50.0, 1e4), (1.0, 1e6)):
-        scene = Scene.of(distance_m=distance, ambient_lx=lux, offset_x_m=0.01)
-        single, double = (
-            bare(camera, dtype=d).render(scene, all_on(scene)).grey for d in (torch.float32, torch.float64)
-        )
-        torch.testing.assert_close(single.double(), double, rtol=1e-6, atol=0)
-    scene = Scene.of(2, distance_m=47.0, offset_x_m=0.25)
-    for dtype in (torch.float32, torch.int64):
-        given = Scene(*((v if v.frac().any() else v.to(dtype)) for v in vars_of(scene)))
-        assert torch.equal(
-            bare(camera).render(given, all_on(scene)).grey, bare(camera).render(scene, all_on(scene)).grey
-        )
-    rough = Scene(*(v.float() for v in vars_of(Scene.of(distance_m=47.3))))
-    assert rough.checked().distance_m.dtype == torch.float64
-
-
 def vars_of(scene):
     return [getattr(scene, name) for name in Scene.__slots__]
 
@@ -986,26 +794,6 @@ def too_many_pixels():
         assert refusal(Camera, **{name: value}).startswith(f"camera.{name} is {value}: it must")
 
 
-@hard(
-    "pictures of 1 to 16 bits",
-    "each level is its own neighbour, 0 and 255 stay, and no level rounds to above 255 in float32",
-    Breakage(
-        "vocc_torch/simulation/effects/coding.py",
-        "torch.round(value * (top / 255.0)) * 255.0 / top",
-        "torch.round(value * (top / 255.0)) * (255.0 / top)",
-    ),
-)
-def every_bit_depth():
-    context = Context(Scene.of(), Camera())
-    for bits in range(1, 17):
-        levels = torch.arange(1 << bits, dtype=torch.float64) * (255 / ((1 << bits) - 1))
-        for dtype in (torch.float32, torch.float64):
-            shown = Quantization(bits)(levels.to(dtype).clamp(max=255.0).view(1, 1, 1, -1), context).flatten()
-            assert [float(shown[0]), float(shown[-1])] == [0, 255]
-            assert float(shown.double().max()) <= 255
-            np.testing.assert_allclose(shown.double().numpy(), levels.numpy(), rtol=1e-6)
-
-
 # Draws
 
 
@@ -1051,32 +839,6 @@ def too_wide():
     assert line.endswith("high must not exceed low by more than 1.79769e+308")
     drawn = Distribution("uniform", (-8e307, 8e307)).draw(np.random.default_rng(0), 1000)
     assert np.isfinite(drawn).all()
-
-
-@hard(
-    "numbers that are none, or that float64 does not hold",
-    'NaN, infinity, `10**400`, `"50"`, true and null are refused by the key\'s name, from a configuration and'
-    " from Python alike",
-    Breakage(DRAWS, "abs(value) <= LARGEST", "math.isfinite(value)"),
-)
-def no_numbers():
-    for value in (10**400, -(10**400), math.nan, math.inf, "50", True, None):
-        for spec in (value, ["uniform", 1, value], ["choice", value], ["log_uniform", value, 2]):
-            assert refusal(Distribution.parse, spec, "distance_m").startswith(
-                f"scene.distance_m is {spec!r}: "
-            )
-        assert "finite" in refusal(Distribution, "choice", (1.0, value))
-
-
-@hard(
-    "whole numbers to choose from",
-    "drawn as float64, so that a scene has one type throughout",
-    Breakage(DRAWS, "np.array(self.values, dtype=np.float64)", "np.array(self.values)"),
-)
-def whole_choices():
-    for distribution in (Distribution("choice", (30, 50)), Distribution("constant", (40,))):
-        scene, _ = SceneModel(distance_m=distribution).draw(BlockKey(0, "whole", 0), PanelShape())
-        assert scene.distance_m.dtype == torch.float64
 
 
 @hard.each

@@ -1,6 +1,7 @@
 """What holds for every registered effect: it says what it is, keeps or refuses gradients, and is alone."""
 
 import math
+from dataclasses import replace
 
 import pytest
 import torch
@@ -127,6 +128,30 @@ def test_an_effect_carries_the_gradient_of_light_or_says_that_it_does_not(name):
         ahead, behind = (effect(value + sign * step * slope, context) for sign in (1, -1))
     change = float(((ahead - behind) * weight).sum()) / (2 * step)
     assert math.isclose(float((grad * slope).sum()), change, rel_tol=2e-5, abs_tol=1e-7)
+
+
+@every
+def test_preambles_share_the_scenes_draws_and_frames_blocks_and_seeds_have_their_own(name):
+    effect, chain = build(name)
+    if not effect.sampled:
+        return
+    value, of_sensor = given(KINDS[name]), name in ("prnu", "dsnu", "hot_pixels")
+
+    def seen(take="frame", start=0, **block):
+        key = BlockKey(**{"seed": 0, "point": "every", "block": 0, **block})
+        keys = [FrameKey(key, start + frame, take) for frame in range(2)]
+        return effect(value, replace(context_of(chain), keys=keys))
+
+    anew = ("shot_noise", "read_noise", "row_noise", "second_panel", "rolling_shutter")
+    assert same(seen(), seen("on")) == (name not in anew)
+    for other in ({"start": 2}, {"block": 1}, {"point": "other"}):
+        assert (not same(seen(), seen(**other))) != of_sensor
+    assert not same(seen(), seen(seed=1))
+
+
+def same(one, other):
+    """Frames may differ in how many symbols they show."""
+    return one.shape == other.shape and torch.equal(one, other)
 
 
 @every
