@@ -102,20 +102,6 @@ def test_what_is_hidden_has_the_rectangles_luminance_and_the_rest_its_own():
         torch.testing.assert_close(ours[frame, 0], between, rtol=1e-12, atol=0)
 
 
-def test_the_crops_room_holds_the_rectangle_wherever_it_stands():
-    scene, effect = scenes(200), Occlusion(1.4, 0.6)
-    share = hidden(effect, context(scene))
-    for frame in range(200):
-        left, top, right, bottom = panel_px(scene, frame)
-        height, width = effect.size_in_px((bottom - top, right - left), SMALL, 45.0)
-        rows, columns = (share[frame].amax(dim=d).nonzero() for d in (1, 0))
-        for found, middle, size in ((rows, (top + bottom) / 2, height), (columns, (left + right) / 2, width)):
-            assert int(found.min()) >= math.floor(middle - size / 2)
-            assert int(found.max()) < math.ceil(middle + size / 2)
-    assert effect.size_in_px((10.0, 20.0), SMALL, 45.0) == pytest.approx((16.0, 48.0))
-    assert not Occlusion.fills_sensor
-
-
 def test_the_rectangle_is_about_the_panels_image_where_the_panel_is_turned():
     """At 60 degrees a panel is half as wide, and so is what hides it; a roll of 45 lengthens both sides."""
     scene, effect = Scene.of(distance_m=3000.0), Occlusion(0.5, 0.5)

@@ -152,31 +152,6 @@ def test_light_is_what_sampled_time_says():
     assert tested > 150
 
 
-def test_a_switch_on_the_panel_is_seen_as_often_as_the_panels_readout_says():
-    """Share of frames ``(panel readout + exposure) / symbol``, and the switch as often before as after."""
-    frames, effect = 3200, RollingShutter(readout_s=FULL_READOUT, symbol_s=3.0)
-    scene = Scene.of(frames, distance_m=47.0, offset_y_m=0.11)
-    shares = effect.row_shares(context(scene), 101)
-    middle, half = 50.5 + 0.11 * SMALL.focal_length_px / 47.0, 0.24 * SMALL.focal_length_px / 47.0
-    first, last = math.floor(middle - half), math.floor(middle + half)
-    others = shares[:, :, first : last + 1].amax(dim=2)
-    assert shares.shape[1] == 3
-    early, late = (int((others[:, number] > 0).sum()) for number in (0, 2))
-    wanted = ((last - first) * LINE_S + SMALL.exposure_time_s) / 3.0
-    assert 0.1 < wanted < 0.2
-    assert stats.binomtest(early + late, frames, wanted).pvalue > 1e-3
-    above = (math.floor(middle) - first) * LINE_S + SMALL.exposure_time_s / 2
-    assert stats.binomtest(early, early + late, above / (wanted * 3.0)).pvalue > 1e-3
-
-
-def test_a_readout_of_no_time_is_a_global_shutter():
-    scene, effect = scenes(200), RollingShutter(readout_s=1e-12, symbol_s=0.3)
-    shares = effect.row_shares(context(scene), 101)
-    assert float((shares - shares[:, :, :1]).abs().max()) < 1e-9
-    # The phase remains: the exposure may still see a switch.
-    assert 0.2 < float((shares.amax(dim=1)[:, 0] < 1).double().mean()) < 0.5
-
-
 def test_the_truth_shows_on_the_sensors_nearest_row_where_the_centre_is_beyond_its_border():
     """A part of the panel is seen; begun 30 % of a symbol ago, the truth has 80 % of the border's row."""
     effect = RollingShutter(readout_s=FULL_READOUT, symbol_s=0.1)

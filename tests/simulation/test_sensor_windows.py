@@ -14,7 +14,7 @@ from scipy import stats
 
 from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.simulation.effects import Context
-from vocc_torch.simulation.effects.coding import Demosaicing, Jpeg
+from vocc_torch.simulation.effects.coding import Jpeg
 from vocc_torch.simulation.effects.noise_planes import (
     TILE_PX,
     SensorPattern,
@@ -236,15 +236,3 @@ def test_black_and_white_blocks_stay_black_and_white():
     for grey in (0, 1, 128, 254, 255):
         frame = torch.full((1, 1, 24, 24), grey, dtype=torch.uint8)
         assert torch.equal(run(frame, Jpeg(100)), frame)
-
-
-@pytest.mark.parametrize("effects", [(Demosaicing(),), (Bayer(), Demosaicing())], ids=("raw", "mosaic"))
-@given(window=windows(step=2, least=4))
-@settings(max_examples=12, deadline=None)
-def test_a_demosaiced_window_is_the_full_frames_but_for_its_border(effects, window):
-    origin, size = window
-    full = light(2, 0, 0.1)
-    seen = run(cut(full, origin, size), *effects, origin=origin)
-    reach = Demosaicing().reach_px
-    inside = (..., slice(reach, -reach), slice(reach, -reach))
-    assert torch.equal(seen[inside], cut(run(full, *effects), origin, size)[inside])

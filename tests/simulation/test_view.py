@@ -8,20 +8,16 @@ import mpmath
 import numpy as np
 import pytest
 import torch
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from vocc_torch.errors import VoccError
-from vocc_torch.simulation import Camera, LedPanel
+from vocc_torch.simulation import Camera
 from vocc_torch.simulation.effects import Context
 from vocc_torch.simulation.effects.view import LensDistortion, Pose
-from vocc_torch.simulation.geometry import led_centres_px, panel_corners_px
 from vocc_torch.simulation.perspective import View, placement_m, view_of
 from vocc_torch.simulation.raster import (
     disc_cover,
     ellipse_cover,
     ellipse_patch_px,
-    interval_cover,
     polygon_cover,
 )
 from vocc_torch.types import Scene
@@ -61,26 +57,6 @@ def test_points_are_where_opencv_projects_them(pose, lens, camera):
         seen = view(pose, lens, camera, offset_x_m=x, offset_y_m=y, distance_m=z)
         image = seen.points_px(torch.from_numpy(points))[0].numpy()
         np.testing.assert_allclose(image, by_opencv(points, pose, lens, camera, (x, y, z)), rtol=0, atol=1e-9)
-
-
-def test_a_panel_that_faces_the_camera_is_where_the_plain_pinhole_has_it():
-    panel, scene = LedPanel(), Scene.of(frames=2, distance_m=37.0, offset_x_m=1.3, offset_y_m=-0.4)
-    seen = view_of(Context(scene, CAMERA))
-    corners = seen.points_px(CORNERS)
-    torch.testing.assert_close(corners, panel_corners_px(scene, CAMERA, panel), rtol=0, atol=1e-9)
-    x, y = led_centres_px(scene, CAMERA, panel)
-    steps = (torch.arange(8, dtype=torch.float64) - 3.5) * panel.pitch_m
-    grid = torch.stack(torch.meshgrid(steps, steps, indexing="xy"), dim=-1).view(-1, 2)
-    centre, spread = seen.discs_px(grid, 0.015)
-    torch.testing.assert_close(
-        centre.view(2, 8, 8, 2)[..., 0], x.unsqueeze(1).expand(2, 8, 8), atol=1e-9, rtol=0
-    )
-    torch.testing.assert_close(
-        centre.view(2, 8, 8, 2)[..., 1], y.unsqueeze(2).expand(2, 8, 8), atol=1e-9, rtol=0
-    )
-    radius = 0.015 * CAMERA.focal_length_px / 37.0
-    disc = radius**2 * torch.eye(2, dtype=torch.float64)
-    torch.testing.assert_close(spread, disc.expand_as(spread), rtol=1e-14, atol=1e-15)
 
 
 def exact_ellipse(placement, camera, centre, radius):
@@ -320,35 +296,6 @@ def test_every_pixels_share_of_a_polygon_is_exact(name):
     exact = exact_polygon_cover(SHAPES[name], 10, 11)
     for same in (corners, corners.flip(1), corners.roll(1, 1)):
         np.testing.assert_allclose(polygon_cover(same, 10, 11)[0].numpy(), exact, rtol=0, atol=1.5e-14)
-
-
-points = st.tuples(st.floats(-3, 12), st.floats(-3, 12))
-
-
-@given(st.lists(points, min_size=3, max_size=3), st.floats(0.05, 0.95), st.integers(-3, 3))
-@settings(max_examples=150, deadline=None)
-def test_parts_add_up_and_orientation_does_not_matter(corners, share, shift):
-    triangle = torch.tensor([corners], dtype=torch.float64)
-    a, b, c = triangle[0]
-    between = a + share * (b - a)
-    whole = polygon_cover(triangle, 9, 9)
-    parts = [torch.stack(part).unsqueeze(0) for part in ((a, between, c), (c, between, b))]
-    added = polygon_cover(parts[0], 9, 9) + polygon_cover(parts[1], 9, 9)
-    # The point between lies off the line by rounding.
-    torch.testing.assert_close(added, whole, rtol=0, atol=1e-13)
-    torch.testing.assert_close(polygon_cover(triangle.flip(1), 9, 9), whole, rtol=0, atol=1e-13)
-    wide = polygon_cover(triangle + 4 + torch.tensor([shift + 3, 0.0]), 17, 23)
-    assert float(wide.sum()) == pytest.approx(
-        float(exact_area([tuple(map(Fraction, p)) for p in (triangle + 4)[0].tolist()])), abs=1e-11
-    )
-
-
-def test_a_rectangle_is_the_product_of_its_intervals():
-    corners = torch.tensor([[[1.2, 0.4], [6.7, 0.4], [6.7, 3.9], [1.2, 3.9]]], dtype=torch.float64)
-    low, high = corners[:, 0], corners[:, 2]
-    across, down = interval_cover(low[:, 0], high[:, 0], 8), interval_cover(low[:, 1], high[:, 1], 5)
-    expected = down.unsqueeze(-1) * across.unsqueeze(-2)
-    torch.testing.assert_close(polygon_cover(corners, 5, 8), expected, rtol=0, atol=1e-15)
 
 
 def test_a_polygons_cover_does_not_depend_on_its_batch():
