@@ -7,7 +7,7 @@ from kornia.filters import gaussian_blur2d
 
 from vocc_torch import PanelShape, Scene, Simulator
 from vocc_torch.rng import BlockKey
-from vocc_torch.simulation import SceneModel, batch
+from vocc_torch.simulation import SceneModel, framing
 from vocc_torch.simulation.effects import Context
 from vocc_torch.simulation.effects.optics import Blooming
 from vocc_torch.simulation.geometry import Camera
@@ -18,7 +18,7 @@ FAR = Scene.of(distance_m=300.0)
 @pytest.mark.parametrize("worth", [0, 1e12])
 def test_small_crops_laid_into_large_ones_are_the_large_ones(monkeypatch, worth):
     """In however many groups a batch is drawn, its frames are those drawn one by one on the whole sensor."""
-    monkeypatch.setattr(batch, "GROUP_PIXELS", worth)
+    monkeypatch.setattr(framing, "GROUP_PIXELS", worth)
     camera = Camera(width_px=160, height_px=120, sensor_width_mm=1.1)
     drawn, bits = SceneModel().draw(BlockKey(0, "groups", 0), PanelShape())
     aside = Scene.of(distance_m=40.0, offset_x_m=0.5)

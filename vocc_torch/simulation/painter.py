@@ -112,7 +112,7 @@ def _own_light(lights: Tensor, shares: Tensor | None, stamp: Stamps, frame: Tens
 
 def _board_cover(context: Context, size: Size) -> Tensor:
     """Share of each pixel that the board covers, (B,H,W)."""
-    origin = _origin(context).unsqueeze(1)
+    origin = context.first_px.unsqueeze(1)
     if not in_perspective(context.effects):
         corners = panel_corners_px(context.scene, context.camera, context.panel) - origin
         across = interval_cover(corners[:, 0, 0], corners[:, 2, 0], size[1]).unsqueeze(-2)
@@ -229,7 +229,7 @@ def _discs(x: Tensor, y: Tensor, radius: Tensor) -> _Discs:
 
 def _grids(context: Context) -> tuple[Tensor, Tensor, Tensor]:
     """Columns (B,C) and rows (B,R) of LEDs that face the camera squarely, and their radius (B,), frame px."""
-    scene, camera, panel, origin = context.scene, context.camera, context.panel, _origin(context)
+    scene, camera, panel, origin = context.scene, context.camera, context.panel, context.first_px
     x, y = led_centres_px(scene, camera, panel)
     radius = panel.led_diameter_m / 2 * camera.pixels_per_metre(scene.distance_m)
     return x - origin[:, :1], y - origin[:, 1:], radius
@@ -239,12 +239,6 @@ def _ellipses(context: Context) -> _Discs:
     """Image LEDs in true perspective."""
     at = led_centres_m(context.panel).to(context.scene.distance_m)
     centre, spread = view_of(context).discs_px(at, context.panel.led_diameter_m / 2)
-    centre = (centre - _origin(context).unsqueeze(1)).flatten(0, 1)
+    centre = (centre - context.first_px.unsqueeze(1)).flatten(0, 1)
     half = spread.flatten(0, 1).diagonal(dim1=-2, dim2=-1).sqrt()
     return _Discs(centre[:, 0], centre[:, 1], half[:, 0], half[:, 1], spread.flatten(0, 1))
-
-
-def _origin(context: Context) -> Tensor:
-    """First pixel of each frame, (B,2) int64."""
-    assert context.origin_px is not None
-    return context.origin_px

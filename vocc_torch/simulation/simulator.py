@@ -13,17 +13,19 @@ from torch import Tensor
 from vocc_torch.devices import resolve_device
 from vocc_torch.errors import VoccError
 from vocc_torch.rng import FrameKey
-from vocc_torch.simulation.batch import Batch, in_groups, like_sized
 from vocc_torch.simulation.effects import Context, Effect, Parameters, Quantity, build_effects, check_chain
 from vocc_torch.simulation.effects.light import RollingShutter
 from vocc_torch.simulation.effects.registry import CAMERA_STEPS
 from vocc_torch.simulation.exposure import as_seen, auto_iso, demand_greys, through_lens
 from vocc_torch.simulation.framing import (
     WINDOW_GRID_PX,
+    Batch,
     crop_origins_px,
     crop_size_px,
     demand_pixels,
+    in_groups,
     lay_on_sensor,
+    like_sized,
     read_surround,
     window_size_px,
 )
@@ -52,6 +54,9 @@ Framing = Literal["crop", "filled", "full"]
 
 DRAWN = CAMERA_STEPS[: CAMERA_STEPS.index(Quantity.LUMINANCE)]
 """What effects change while the picture is drawn, before luminance reaches the lens."""
+
+Seen = tuple[Tensor, Quantity]
+"""Pictures on their way through the camera, (B,1,H,W), and what their numbers mean."""
 
 CHUNK_PIXELS = 600_000
 """Pixels rendered at a time: planes that outgrow the cache are slower, from 32 MiB on several times."""
@@ -199,8 +204,8 @@ class Simulator:
         if self._filling is not None or size == sensor:
             return self._in_chunks(batch, window)
         # A crop at the sensor's border need not lie about its panel's middle.
-        last = batch.origin_px.new_tensor([sensor[1] - size[1], sensor[0] - size[0]])
-        moved = ((batch.origin_px == 0) | (batch.origin_px == last)).any(dim=1)
+        last = batch.context.first_px.new_tensor([sensor[1] - size[1], sensor[0] - size[0]])
+        moved = ((batch.context.first_px == 0) | (batch.context.first_px == last)).any(dim=1)
         tight = partial(crop_size_px, self.effects, self.camera, self.panel, margin_cells=0)
         groups = like_sized(batch.context.scene, moved, size, tight)
         return in_groups(batch, groups, lambda group: self._in_chunks(group, window))
@@ -240,19 +245,19 @@ class Simulator:
 
     def _expose(self, batch: Batch, window: bool) -> list[Tensor]:
         """Carry the LEDs' light through the camera, laying crops on the sensor once an effect fills it."""
-        value, current = self._paint(batch), Quantity.LUMINANCE
+        painted = self._paint(batch), Quantity.LUMINANCE
         after = [effect for effect in self.effects if effect.takes not in DRAWN]
         if self._filling not in after or window or batch.size == self.camera.sensor_px:
-            return [self._carry(value, current, after, batch.context, to_end=True)[0]]
+            return [self._run(painted, after, batch.context, to_end=True)[0]]
         before = after[: after.index(self._filling)]
-        value, current = self._carry(value, current, before, batch.context)
-        surround = read_surround(value, batch.centre_px, origin := batch.origin_px)
+        value, current = self._run(painted, before, batch.context)
+        surround = read_surround(value, batch.centre_px, origin := batch.context.first_px)
         pictures = []
         for i in range(len(value)):
             row = slice(i, i + 1)
             frame = lay_on_sensor(value[row], surround[row], origin[row], self.camera.sensor_px)
             whole = replace(batch.taken(row).context, origin_px=torch.zeros_like(origin[row]))
-            pictures.append(self._carry(frame, current, after[len(before) :], whole, to_end=True)[0])
+            pictures.append(self._run((frame, current), after[len(before) :], whole, to_end=True)[0])
         return pictures
 
     def _paint(self, batch: Batch) -> Tensor:
@@ -268,25 +273,17 @@ class Simulator:
             leds = torch.stack([effect(one, context) for one in leds.unbind(1)], dim=1)
         return paint(leds, shares, context, batch.size, self.dtype)
 
-    def _carry(
-        self,
-        value: Tensor,
-        current: Quantity,
-        effects: Sequence[Effect],
-        context: Context,
-        *,
-        to_end: bool = False,
-    ) -> tuple[Tensor, Quantity]:
+    def _run(self, seen: Seen, effects: Sequence[Effect], context: Context, *, to_end: bool = False) -> Seen:
         """Apply effects in order, with the camera's own steps between them, or until the grey values."""
         for effect in effects:
-            while current != effect.takes:
-                value, current = self._advance(value, current, context)
-            value, current = effect(value, context), effect.gives
-        while to_end and current in CAMERA_STEPS[:-1]:
-            value, current = self._advance(value, current, context)
-        return value, current
+            while seen[1] != effect.takes:
+                seen = self._advance(*seen, context)
+            seen = effect(seen[0], context), effect.gives
+        while to_end and seen[1] in CAMERA_STEPS[:-1]:
+            seen = self._advance(*seen, context)
+        return seen
 
-    def _advance(self, value: Tensor, current: Quantity, context: Context) -> tuple[Tensor, Quantity]:
+    def _advance(self, value: Tensor, current: Quantity, context: Context) -> Seen:
         """Do the camera's next step: lens or gamma encoding."""
         if current == Quantity.LUMINANCE:
             return through_lens(value, self.camera), Quantity.EXPOSURE

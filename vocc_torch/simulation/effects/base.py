@@ -10,6 +10,7 @@ from enum import StrEnum
 from typing import ClassVar
 
 import numpy as np
+import torch
 from torch import Tensor
 
 from vocc_torch.errors import VoccError
@@ -91,11 +92,17 @@ class Context:
         """
         return [key.generator(f"effect.{stream}", of_scene=of_scene) for key in self.keys_for(stream)]
 
-    def origins(self) -> list[tuple[int, int]]:
-        """Sensor column and row of each frame's first pixel."""
+    @property
+    def first_px(self) -> Tensor:
+        """Sensor column and row of each frame's first pixel, (B,2) int64, where the scenes are."""
+        device = self.scene.distance_m.device
         if self.origin_px is None:
-            return [(0, 0)] * len(self.scene)
-        return [(x, y) for x, y in self.origin_px.tolist()]
+            return torch.zeros(len(self.scene), 2, dtype=torch.int64, device=device)
+        return self.origin_px.to(device)
+
+    def origins(self) -> list[tuple[int, int]]:
+        """``first_px`` as plain numbers."""
+        return [(x, y) for x, y in self.first_px.tolist()]
 
 
 class Effect(ABC):

@@ -244,5 +244,5 @@ class Jpeg(Effect):
         return torch.round(luma).clamp(0, 255).to(torch.uint8)
 
 
-EFFECTS: tuple[type[Effect], ...] = (Demosaicing, Saturation, Quantization, Jpeg)
+EFFECTS = (Demosaicing, Saturation, Quantization, Jpeg)
 """In physical order."""

@@ -92,9 +92,7 @@ class RollingShutter(Effect):
             (B,K,height) float64, 0 to 1; they add to 1 in each row. The symbols are those of a call.
         """
         timing = self._timing(context)
-        rows = torch.arange(height, dtype=torch.float64, device=timing.edges_s.device)
-        if context.origin_px is not None:
-            rows = rows + context.origin_px[:, 1:].to(rows)
+        rows = torch.arange(height, device=timing.edges_s.device) + context.first_px[:, 1:].double()
         begins = self._begins_s(rows - timing.centre_row.unsqueeze(-1), context)
         # The share of the exposure that is over when a symbol begins: telescopes to 1 over all symbols.
         over = (timing.edges_s.unsqueeze(-1) - begins.unsqueeze(1)) / context.camera.exposure_time_s
@@ -311,5 +309,5 @@ def dimmed_once(light_cd_m2: Tensor, context: Context) -> Tensor:
     return light_cd_m2
 
 
-EFFECTS: tuple[type[Effect], ...] = (RollingShutter, StuckLeds, LedScatter, Attenuation)
+EFFECTS = (RollingShutter, StuckLeds, LedScatter, Attenuation)
 """In physical order."""

@@ -192,10 +192,8 @@ class Defocus(Effect):
 
     def _reach_px(self, radius_px: Tensor) -> int:
         """Half width of the kernel of the largest radius."""
-        widest = float(torch.ceil(radius_px - 0.5).max())
-        return checked_reach(
-            max(0.0, widest), f"scene.effects.defocus.focus_distance_m is {self.focus_distance_m:g}"
-        )
+        widest = max(0.0, float(torch.ceil(radius_px - 0.5).max()))
+        return checked_reach(widest, f"scene.effects.defocus.focus_distance_m is {self.focus_distance_m:g}")
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Spread (B,1,H,W) exposure; the light outside the frame is taken to be that at its border."""
@@ -423,12 +421,9 @@ class Vignetting(Effect):
         """Dim (B,1,H,W) exposure by each pixel's place on the sensor."""
         camera = context.camera
         height, width = value.shape[-2:]
-        origin = context.origin_px
-        if origin is None:
-            origin = torch.zeros(1, 2, dtype=torch.int64)
-        elif bool((origin == origin[:1]).all()):
+        origin = context.first_px.to(value.device)
+        if bool((origin == origin[:1]).all()):
             origin = origin[:1]
-        origin = origin.to(value.device)
         x = _squares(origin[:, 0], width, camera.width_px / 2, camera.focal_length_px)
         y = _squares(origin[:, 1], height, camera.height_px / 2, camera.focal_length_px)
         # (r / F)^2 of each pixel; only the sum over the two axes runs at the frame's own precision.
@@ -446,5 +441,5 @@ def _squares(first: Tensor, size: int, middle: float, focal_px: float) -> Tensor
     return ((pixels.to(torch.float64) + 0.5 - middle) / focal_px).square()
 
 
-EFFECTS: tuple[type[Effect], ...] = (MotionBlur, Defocus, Diffraction, Blooming, Vignetting)
+EFFECTS = (MotionBlur, Defocus, Diffraction, Blooming, Vignetting)
 """In physical order."""

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import difflib
 import inspect
-import sys
+import math
 from collections.abc import Mapping, Sequence
 
 from vocc_torch.errors import VoccError
 from vocc_torch.simulation.effects import coding, light, optics, sensor, surroundings, view
 from vocc_torch.simulation.effects.base import Effect, Quantity
-from vocc_torch.simulation.scene import Distribution
+from vocc_torch.simulation.scene import LARGEST, Distribution
 
 PLACES = (view, light, surroundings, optics, sensor, coding)
 PHYSICAL_ORDER: tuple[type[Effect], ...] = tuple(kind for place in PLACES for kind in place.EFFECTS)
@@ -67,7 +67,7 @@ def _construct(kind: type[Effect], parameters: Parameters | None) -> Effect:
             raise VoccError(f"{key}.{name} is not a known parameter; {_known(name, list(signature))}")
         if "Distribution" in str(signature[name].annotation):
             read[name] = Distribution.parse(value, f"effects.{kind.name}.{name}")
-        elif isinstance(value, bool) or not isinstance(value, int | float) or _too_long(value):
+        elif isinstance(value, bool) or not isinstance(value, int | float) or LARGEST < abs(value) < math.inf:
             raise VoccError(f"{key}.{name} is {value!r}: it must be a number")
         else:
             read[name] = value
@@ -75,11 +75,6 @@ def _construct(kind: type[Effect], parameters: Parameters | None) -> Effect:
         if parameter.default is inspect.Parameter.empty and name not in parameters:
             raise VoccError(f"{key}.{name} is missing: the effect needs it")
     return kind(**read)
-
-
-def _too_long(value: float) -> bool:
-    """Tell whether a whole number has more digits than any float64."""
-    return isinstance(value, int) and abs(value) > sys.float_info.max
 
 
 def check_chain(effects: tuple[Effect, ...]) -> Quantity:

@@ -60,8 +60,7 @@ class SecondPanel(Effect):
 
     name = "second_panel"
     takes = gives = Quantity.BACKGROUND
-    sampled = True
-    fills_sensor = True
+    sampled = fills_sensor = True
 
     def __post_init__(self) -> None:
         """Check the ranges that do not need the panel."""
@@ -142,7 +141,7 @@ class _Shapes:
         """Lay (B*N,) luminance over (B,1,H,W) in place, or add it where the shapes are not opaque."""
         if len(self.which) == 0:
             return
-        frame, origin = self.which // (len(luminance) // len(painted)), _origins(self.context)
+        frame, origin = self.which // (len(luminance) // len(painted)), self.context.first_px
         first, last = (bound - origin[frame] for bound in (self.low, self.high))
         bounds = zip(first.amin(dim=0).tolist(), last.amax(dim=0).tolist(), painted.shape[:1:-1], strict=True)
         columns, rows = (
@@ -212,17 +211,9 @@ def _in_view(
 ) -> _Shapes:
     """Pick the shapes whose bounds (B,N,2), sensor px, touch their frames."""
     height, width = value.shape[-2:]
-    begin = _origins(context).to(low_px).unsqueeze(1)
+    begin = context.first_px.to(low_px).unsqueeze(1)
     end = begin + torch.tensor([width, height]).to(low_px)
     touch = ((high_px > begin) & (low_px < end)).all(dim=-1) & has_image
     which = touch.flatten().nonzero().squeeze(1)
     low, high = (bound.flatten(0, 1)[which] for bound in (low_px, high_px))
     return _Shapes(which, low, high, cover, context)
-
-
-def _origins(context: Context) -> Tensor:
-    """Sensor column and row of each frame's first pixel, (B,2)."""
-    scene = context.scene
-    if context.origin_px is None:
-        return torch.zeros(len(scene), 2, dtype=torch.int64, device=scene.distance_m.device)
-    return context.origin_px.to(scene.distance_m.device)

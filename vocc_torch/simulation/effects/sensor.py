@@ -81,16 +81,14 @@ class Bayer(Effect):
         """
         height, width = like.shape[-2:]
         cell = torch.tensor([[self.red, self.green], [self.green, self.blue]], dtype=like.dtype)
-        cells = {(x % 2, y % 2) for x, y in context.origins()}
-        planes = {
-            (x, y): cell.roll((-y, -x), (0, 1))
-            .repeat(height // 2 + 1, width // 2 + 1)[:height, :width]
-            .to(like.device)
-            for x, y in cells
-        }
+        places = [(x % 2, y % 2) for x, y in context.origins()]
+        planes = {}
+        for x, y in set(places):
+            cells = cell.roll((-y, -x), (0, 1)).repeat(height // 2 + 1, width // 2 + 1)
+            planes[x, y] = cells[:height, :width].to(like.device)
         if len(planes) == 1:
-            return next(iter(planes.values())).expand_as(like)
-        return torch.stack([planes[x % 2, y % 2] for x, y in context.origins()]).unsqueeze(1)
+            return planes[places[0]].expand_as(like)
+        return torch.stack([planes[place] for place in places]).unsqueeze(1)
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Filter (B,1,H,W) luminous exposure."""
@@ -167,8 +165,7 @@ class ElectronEffect(Effect):
 class ElectronNoise(ElectronEffect):
     """Random numbers on the electrons of each pixel; it fills the sensor."""
 
-    sampled = True
-    fills_sensor = True
+    sampled = fills_sensor = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -526,17 +523,6 @@ class Gain(Effect):
         return value.clamp(min=0) / makers[0].electrons_per_lx_s(context.camera)
 
 
-EFFECTS: tuple[type[Effect], ...] = (
-    Bayer,
-    Photoelectrons,
-    Prnu,
-    DarkCurrent,
-    HotPixels,
-    ShotNoise,
-    FullWell,
-    Dsnu,
-    RowNoise,
-    ReadNoise,
-    Gain,
-)
+ON_ELECTRONS = (Prnu, DarkCurrent, HotPixels, ShotNoise, FullWell, Dsnu, RowNoise, ReadNoise)
+EFFECTS = (Bayer, Photoelectrons, *ON_ELECTRONS, Gain)
 """In physical order."""

@@ -99,8 +99,7 @@ class BackgroundTexture(Effect):
 
     name = "background_texture"
     takes = gives = Quantity.BACKGROUND
-    sampled = True
-    fills_sensor = True
+    sampled = fills_sensor = True
 
     def __post_init__(self) -> None:
         """Check the ranges."""
@@ -157,8 +156,7 @@ class Lamps(Effect):
 
     name = "lamps"
     takes = gives = Quantity.BACKGROUND
-    sampled = True
-    fills_sensor = True
+    sampled = fills_sensor = True
 
     def __post_init__(self) -> None:
         """Check the ranges."""
@@ -300,10 +298,13 @@ class Occlusion(Effect):
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Hide a part of each frame's (B,1,H,W) luminance."""
         low, high = self._sides_px(context)
-        across, down = (
-            _seen(interval_cover(low[:, axis], high[:, axis], length), axis, value.shape[3 - axis], context)
-            for axis, length in enumerate((context.camera.width_px, context.camera.height_px))
-        )
+        covers = []
+        for axis, side in enumerate((context.camera.width_px, context.camera.height_px)):
+            # Cut from the whole sensor, so that a crop gets the full frame's very numbers.
+            steps = torch.arange(value.shape[3 - axis], device=low.device)
+            whole = interval_cover(low[:, axis], high[:, axis], side)
+            covers.append(whole.gather(1, context.first_px[:, axis : axis + 1] + steps))
+        across, down = covers
         cover = (down.unsqueeze(-1) * across.unsqueeze(-2)).unsqueeze(1).to(value.dtype)
         surface = reflected_luminance_cd_m2(context.scene.ambient_lx, self.reflectance)
         return value * (1 - cover) + cover * surface.to(value.dtype).view(-1, 1, 1, 1)
@@ -318,15 +319,6 @@ class Occlusion(Effect):
         shares = torch.tensor([self.width_share, self.height_share], dtype=torch.float64).to(low)
         reach = (high - low) * shares / 2
         return centre - reach, centre + reach
-
-
-def _seen(cover: Tensor, axis: int, length: int, context: Context) -> Tensor:
-    """Cut from the sensor's (B,N) cover the ``length`` columns (axis 0) or rows (axis 1) of each crop."""
-    if context.origin_px is None:
-        return cover[:, :length]
-    # Cut from the whole sensor, so that a crop gets the full frame's very numbers.
-    steps = torch.arange(length, device=cover.device)
-    return cover.gather(1, context.origin_px[:, axis : axis + 1].to(cover.device) + steps)
 
 
 def disability_glare_cd_m2(illuminance_lx: float, angle_deg: float) -> float:
@@ -411,5 +403,5 @@ class VeilingGlare(Effect):
         return value + self.veil_cd_m2
 
 
-EFFECTS: tuple[type[Effect], ...] = (BackgroundTexture, Lamps, SecondPanel, Airlight, Occlusion, VeilingGlare)
+EFFECTS = (BackgroundTexture, Lamps, SecondPanel, Airlight, Occlusion, VeilingGlare)
 """In physical order."""

@@ -314,5 +314,5 @@ def _extreme(polynomial: Polynomial, edge: float) -> float:
     return max(float(polynomial(at)) for at in (0.0, edge, *turns))
 
 
-EFFECTS: tuple[type[Effect], ...] = (Pose, LensDistortion)
+EFFECTS = (Pose, LensDistortion)
 """In physical order."""
