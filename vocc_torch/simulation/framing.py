@@ -10,7 +10,6 @@ import torch
 from torch import Tensor
 
 from vocc_torch.errors import VoccError
-from vocc_torch.rng import FrameKey
 from vocc_torch.simulation.effects import Context, Effect
 from vocc_torch.simulation.geometry import Camera, LedPanel, demand_led_px
 from vocc_torch.types import Scene
@@ -178,18 +177,14 @@ class Batch:
 
     def taken(self, rows: slice | Tensor, size: Size | None = None) -> Batch:
         """Take some frames, by a slice or by their numbers (n,) int64; a smaller size keeps the middle."""
-        context, keys, origin = self.context, self._keys(rows), self.context.first_px[rows]
+        context, keys, origin = self.context, self.context.keys, self.context.first_px[rows]
+        keys = keys[rows] if isinstance(rows, slice) else [keys[row] for row in rows.tolist() if keys]
         if size is not None and size != self.size:
             inset = [whole // 2 - small // 2 for whole, small in zip(self.size, size, strict=True)]
             origin = origin + torch.tensor(inset[::-1], device=origin.device)
         iso = None if context.iso is None else context.iso[rows]
         part = replace(context, scene=context.scene[rows], keys=keys, origin_px=origin, iso=iso)
         return Batch(part, self.bits[rows], self.centre_px[rows], size or self.size)
-
-    def _keys(self, rows: slice | Tensor) -> Sequence[FrameKey]:
-        """Keys of some frames, where there are keys at all."""
-        keys = self.context.keys
-        return keys[rows] if isinstance(rows, slice) else [keys[row] for row in rows.tolist() if keys]
 
 
 def like_sized(

@@ -46,7 +46,7 @@ def taking(effects: Sequence[Effect], quantity: Quantity) -> tuple[Effect, ...]:
 
 
 def in_perspective(effects: Sequence[Effect]) -> bool:
-    """Say whether LEDs are more than discs of one size on an upright grid."""
+    """Whether LEDs are more than discs of one size on an upright grid."""
     return any(effect.takes in (Quantity.PLACEMENT, Quantity.IMAGE_POINTS) for effect in effects)
 
 

@@ -180,7 +180,11 @@ class Simulator:
             raise VoccError(f"nearest_m is {nearest_m:g}: it must be at most the nearest scene's {nearest:g}")
         window = panel_only and self._filling is not None
         size = self._size(nearest if nearest_m is None else nearest_m, window)
-        centre = self._centres_px(scene, keys)
+        if in_perspective(self.effects):
+            view = view_of(self._context(scene, keys))
+            centre = view.points_px(scene.distance_m.new_zeros(1, 2))[:, 0]
+        else:
+            centre = panel_centre_px(scene, self.camera)
         whole = self.framing != "crop" or (self._filling is not None and not window)
         demand_pixels(sensor if whole else size)
         origin = crop_origins_px(centre, size, sensor, grid_px=WINDOW_GRID_PX if window else 1)
@@ -226,7 +230,7 @@ class Simulator:
         return scene
 
     def _context(self, scene: Scene, keys: Sequence[FrameKey] = (), origin: Tensor | None = None) -> Context:
-        """Say what effects may know about frames."""
+        """What effects may know about frames."""
         return Context(scene, self.camera, keys, origin, self.effects, self.panel)
 
     def _size(self, nearest_m: float, window: bool) -> tuple[int, int]:
@@ -236,12 +240,6 @@ class Simulator:
         if self.framing == "full" or (self._filling is not None and self._filling.takes in DRAWN):
             return self.camera.sensor_px
         return self.crop_px(nearest_m)
-
-    def _centres_px(self, scene: Scene, keys: Sequence[FrameKey]) -> Tensor:
-        """Image of each panel's centre, (B,2) px."""
-        if not in_perspective(self.effects):
-            return panel_centre_px(scene, self.camera)
-        return view_of(self._context(scene, keys)).points_px(scene.distance_m.new_zeros(1, 2))[:, 0]
 
     def _expose(self, batch: Batch, window: bool) -> list[Tensor]:
         """Carry the LEDs' light through the camera, laying crops on the sensor once an effect fills it."""

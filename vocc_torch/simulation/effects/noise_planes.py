@@ -153,7 +153,12 @@ class SensorPattern:
         for seed, left, top in sorted(set(places)):
             self._keep(seed, context.camera.sensor_px, (top + height, left + width))
             for part in tile_parts((left, top), (height, width)):
-                self._draw(part.row, part.column, stream, draw)
+                tile = part.row, part.column
+                if tile not in self._drawn:
+                    generator = sensor_generator(seed, f"effect.{stream}/{part.row}/{part.column}")
+                    y, x = (TILE_PX * number for number in tile)
+                    self._plane[y : y + TILE_PX, x : x + TILE_PX] = draw(generator, (TILE_PX, TILE_PX))
+                    self._drawn.add(tile)
             planes[seed, left, top] = torch.from_numpy(self._plane[top : top + height, left : left + width])
         if len(planes) == 1:
             return planes[places[0]].expand(value.shape).to(value)
@@ -165,11 +170,3 @@ class SensorPattern:
         if (self._seed, *self._plane.shape) != (seed, rows, columns):
             self._seed, self._plane = seed, np.empty((rows, columns), dtype=np.float32)
             self._drawn = set()
-
-    def _draw(self, row: int, column: int, stream: str, draw: Draw) -> None:
-        """Draw a tile unless it is there."""
-        if (row, column) not in self._drawn:
-            generator = sensor_generator(self._seed, f"effect.{stream}/{row}/{column}")
-            top, left = row * TILE_PX, column * TILE_PX
-            self._plane[top : top + TILE_PX, left : left + TILE_PX] = draw(generator, (TILE_PX, TILE_PX))
-            self._drawn.add((row, column))

@@ -75,7 +75,11 @@ class SecondPanel(Effect):
         offset_m = torch.tensor([self.offset_x_m, self.offset_y_m], dtype=torch.float64)
         painted, leds_m = value.clone(), (offset_m + led_centres_m(panel)).to(scene.distance_m.device)
         surface = reflected_luminance_cd_m2(scene.ambient_lx, panel.led_reflectance)
-        seen = (surface.view(-1, 1, 1) + self._lights(context)).flatten()
+        size = panel.shape.rows, panel.shape.columns
+        bits = np.stack([g.integers(2, size=size, dtype=np.uint8) for g in context.generators(self.name)])
+        full = scene.led_luminance_cd_m2.view(-1, 1, 1) * self.luminance_share
+        light = dimmed_once(torch.from_numpy(bits).to(full) * full, context)
+        seen = (surface.view(-1, 1, 1) + light).flatten()
         leds = _leds_in_view(leds_m, value, context)
         if panel.board_reflectance is None:
             leds.lay(painted, seen, opaque=True)
@@ -95,13 +99,6 @@ class SecondPanel(Effect):
             shown = f"offset_x_m is {self.offset_x_m:g} and offset_y_m {self.offset_y_m:g}"
             rule = f"one of the two must be at least {width_m:g} across or {height_m:g} down"
             raise VoccError(f"scene.effects.{self.name}.{shown}: the panels overlap, {rule}")
-
-    def _lights(self, context: Context) -> Tensor:
-        """Draw the bits of each picture: the LEDs' own light, (B,R,C) cd/m2."""
-        shape = context.panel.shape.rows, context.panel.shape.columns
-        bits = np.stack([g.integers(2, size=shape, dtype=np.uint8) for g in context.generators(self.name)])
-        full = context.scene.led_luminance_cd_m2.view(-1, 1, 1) * self.luminance_share
-        return dimmed_once(torch.from_numpy(bits).to(full) * full, context)
 
 
 Cover = Callable[[Tensor, int], tuple[Tensor, Tensor, Tensor]]

@@ -71,15 +71,15 @@ class Pose(Effect):
 
     def __post_init__(self) -> None:
         """Check the ranges, and make every angle a distribution."""
-        for name in LARGEST_DEG:
+        for name, most in LARGEST_DEG.items():
             given = getattr(self, name)
             if not isinstance(given, Distribution):
-                object.__setattr__(self, name, Distribution.parse(given, f"effects.pose.{name}"))
-        for name, angle in zip(LARGEST_DEG, self._angles_deg(), strict=True):
-            key, most = f"scene.effects.pose.{name}", LARGEST_DEG[name]
-            for bound in angle.bounds:
+                given = Distribution.parse(given, f"effects.pose.{name}")
+                object.__setattr__(self, name, given)
+            for bound in given.bounds:
                 if not abs(bound) <= most:
-                    raise VoccError(f"{key} is {bound:g}: it must be from -{most:g} to {most:g}")
+                    rule = f"it must be from -{most:g} to {most:g}"
+                    raise VoccError(f"scene.effects.pose.{name} is {bound:g}: {rule}")
         if all(angle.bounds == (0.0, 0.0) for angle in self._angles_deg()):
             rest = "one of the three must not be 0 (leave the effect out for a panel that faces the camera)"
             raise VoccError(f"scene.effects.pose.yaw_deg, pitch_deg and roll_deg are 0: {rest}")
@@ -102,16 +102,15 @@ class Pose(Effect):
 
     def _drawn_deg(self, context: Context) -> Tensor:
         """Each frame's yaw, pitch and roll, (3,B) float64."""
-        angles, frames = self._angles_deg(), len(context.scene)
+        angles = self._angles_deg()
         if all(angle.kind == "constant" for angle in angles):
-            values = [[angle.values[0]] * frames for angle in angles]
-            return torch.tensor(values, dtype=torch.float64)
-        # A stream an angle: how one is drawn does not change the others' draws.
-        streams = [generator.spawn(3) for generator in context.generators(self.name, of_scene=True)]
-        drawn = [
-            [float(angle.draw(stream, 1)[0]) for angle, stream in zip(angles, streams_of_frame, strict=True)]
-            for streams_of_frame in streams
-        ]
+            values = torch.tensor([angle.values for angle in angles], dtype=torch.float64)
+            return values.expand(3, len(context.scene))
+        drawn = []
+        for generator in context.generators(self.name, of_scene=True):
+            # A stream an angle: how one is drawn does not change the others' draws.
+            streams = zip(angles, generator.spawn(3), strict=True)
+            drawn.append([float(angle.draw(stream, 1)[0]) for angle, stream in streams])
         return torch.tensor(drawn, dtype=torch.float64).mT
 
     def size_in_px(self, size_px: Extent, camera: Camera, nearest_m: float) -> Extent:
