@@ -59,7 +59,7 @@ def test_blooming_in_float32_keeps_dim_light_beside_a_lamp():
 
 
 @given(st.floats(0.2, 3.0), st.integers(0, 10_000))
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=10, deadline=None)
 def test_blooming_keeps_the_energy_of_light_away_from_the_border(sigma, seed):
     reach = Blooming(sigma).reach_px
     exposure = torch.zeros(1, 1, 4 * reach + 5, 4 * reach + 5, dtype=DOUBLE)
@@ -93,15 +93,6 @@ def test_no_light_leaks_into_the_neighbouring_frame(dtype):
 
 
 # The other effects
-
-
-def test_attenuation_dims_each_frame_by_its_own_distance():
-    scene = Scene.cat([Scene.of(distance_m=d) for d in (30.0, 70.0)])
-    light = torch.full((2, 3, 4), 3000.0, dtype=DOUBLE)
-    dimmed = run(Attenuation(40_000.0), light, scene)
-    for frame, distance in zip(dimmed, (30.0, 70.0), strict=True):
-        expected = 3000.0 * math.exp(-3.91 * distance / 40_000.0)
-        torch.testing.assert_close(frame, torch.full_like(frame, expected), rtol=1e-14, atol=0)
 
 
 def test_attenuation_leaves_reflected_light_alone():

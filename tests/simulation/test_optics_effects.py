@@ -110,7 +110,7 @@ def test_a_streaks_convolution_is_scipys(shift):
 
 
 @given(st.floats(0.0, 40.0))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=24, deadline=None)
 def test_a_disc_has_its_energy_and_its_second_moment(diameter):
     energy, down, across, both = moments(disc(diameter))
     assert energy == pytest.approx(1, abs=1e-12)
@@ -135,7 +135,7 @@ shifts = st.floats(-30, 30)
 
 
 @given(shifts, shifts)
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=40, deadline=None)
 def test_a_streak_has_its_energy_and_its_second_moments(x, y):
     energy, down, across, both = moments(dense(*streak_taps(x, y), 17))
     assert energy == pytest.approx(1, abs=1e-12)

@@ -147,23 +147,6 @@ def test_bits_are_fair_and_independent_of_their_neighbours():
 # Reading distributions
 
 
-@pytest.mark.parametrize(
-    ("spec", "kind", "values"),
-    [
-        (50, "constant", (50.0,)),
-        (2.5, "constant", (2.5,)),
-        (-1, "constant", (-1.0,)),
-        (["constant", 4], "constant", (4.0,)),
-        (["uniform", 40, 60], "uniform", (40.0, 60.0)),
-        (("uniform", 40, 40), "uniform", (40.0, 40.0)),
-        (["log_uniform", 1, 100.0], "log_uniform", (1.0, 100.0)),
-        (["choice", 3, 1, 2], "choice", (3.0, 1.0, 2.0)),
-    ],
-)
-def test_specifications_are_read(spec, kind, values):
-    assert Distribution.parse(spec, "distance_m") == Distribution(kind, values)
-
-
 WRONG = """
 true ; .nan ; .inf ; uniform ; '50' ; null ; [] ; {} ; [40, 60] ; [normal, 0, 1] ; [uniform, 40]
 [uniform, 40, 50, 60] ; [uniform, '40', 60] ; [uniform, 40, .inf] ; [uniform, 60, 40] ; [uniform, false, 40]

@@ -102,7 +102,7 @@ def windows(draw, frames=2, step=1, least=1):
 
 @pytest.mark.parametrize("effect", [*NEW, *FIXED], ids=lambda effect: effect.name)
 @given(window=windows())
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=6, deadline=None)
 def test_a_window_has_the_noise_of_the_full_frame(effect, window):
     """Means from 0 to 12 electrons and beyond: both of shot noise's ways to count."""
     origin, size = window
@@ -137,7 +137,7 @@ def test_tiles_are_drawn_independently(effect, sigma):
 
 
 @given(x=st.integers(0, 300), y=st.integers(0, 300), height=st.integers(1, 300), width=st.integers(1, 300))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=16, deadline=None)
 def test_parts_cover_a_window_once_and_lie_where_they_say(x, y, height, width):
     covered = np.zeros((height, width), dtype=int)
     rows, columns = np.mgrid[y : y + height, x : x + width]
@@ -209,7 +209,7 @@ def test_what_is_kept_changes_neither_the_effect_nor_later_frames(effect):
 
 @pytest.mark.parametrize("quality", [10, 50, 75, 95, 100])
 @given(data=st.data())
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=6, deadline=None)
 def test_a_window_of_whole_blocks_is_coded_as_in_the_full_frame(quality, data):
     """Also where the sensor cuts the last block: 300 is no multiple of 8, nor are 420 and 1."""
     full = torch.from_numpy(np.random.default_rng(2).integers(0, 256, (2, 1, 300, 420), dtype=np.uint8))

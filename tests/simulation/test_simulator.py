@@ -185,20 +185,6 @@ def test_crops_are_the_full_frames_pixels_on_16_random_scenes():
     assert_crop_is_full(SMALL, scene[:16], bits[:16])
 
 
-@pytest.mark.parametrize("side_y", [-1, 0, 1])
-@pytest.mark.parametrize("side_x", [-1, 0, 1])
-def test_a_panel_across_the_sensors_border_is_cut_there_and_the_surround_stays_right(side_x, side_y):
-    """The panel's centre on the middle, sides and corners of the sensor, then further out."""
-    metres_a_pixel = 40.0 / SMALL.focal_length_px
-    for beyond in (0, 12):
-        scene = Scene.of(
-            distance_m=40.0,
-            offset_x_m=side_x * (320 + beyond) * metres_a_pixel,
-            offset_y_m=side_y * (180 + beyond) * metres_a_pixel,
-        )
-        assert_crop_is_full(SMALL, scene, all_on(scene))
-
-
 def test_a_crop_too_small_for_a_scene_is_refused():
     scene = Scene.cat([Scene.of(distance_m=d) for d in (50.0, 30.0)])
     with pytest.raises(VoccError, match=r"^nearest_m is 40: it must be at most the nearest scene's 30$"):

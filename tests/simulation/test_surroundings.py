@@ -15,10 +15,6 @@ FOG = {"attenuation": {"visibility_m": 80.0}, "airlight": {"visibility_m": 80.0}
 VEIL = {"veiling_glare": {"luminance_cd_m2": 900.0}}
 TEXTURE = {"background_texture": {"contrast": 0.3}}
 LAMPS = {"lamps": {"count": 5, "luminance_cd_m2": 2e4, "diameter_m": 0.3}}
-FAULTS = {
-    "stuck_leds": {"off_share": 0.05, "on_share": 0.05},
-    "led_scatter": {"coefficient_of_variation": 0.1},
-}
 NEAR = Scene.of(2, distance_m=6.0, ambient_lx=6000.0, led_luminance_cd_m2=700.0)
 """Near enough for pixels wholly inside an LED: its diameter is 18 px."""
 
@@ -69,20 +65,6 @@ def test_contrast_is_the_grey_step_of_an_leds_middle_in_fog_and_glare(effects):
     on, off = middle_of_an_led(shot(effects, bits)).tolist()
     contrast = Simulator(effects=effects, camera=SMALL).contrast(NEAR)
     assert contrast.tolist() == pytest.approx([(on - off) / 255] * 2, rel=1e-9)
-
-
-@pytest.mark.parametrize("board", [None, 0.05])
-def test_drawing_in_layers_gives_the_picture_drawn_at_once(board):
-    """Perfectly clear air and an all but even texture against no such effects, to rounding."""
-    panel, bits = LedPanel(board_reflectance=board), torch.rand(2, 8, 8) < 0.5
-    clear, even = (
-        {name: {"visibility_m": 1e15} for name in FOG},
-        {"background_texture": {"contrast": 1e-9}},
-    )
-    plain = shot({}, bits, panel=panel, framing="full").grey
-    for effects in (clear, even, clear | even):
-        layered = shot(effects, bits, panel=panel, framing="full").grey
-        torch.testing.assert_close(layered, plain, rtol=1e-6, atol=0)
 
 
 @pytest.mark.parametrize("board", [None, 0.05])
