@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
-from vocc_torch.receiver.greyscale import preamble_threshold
+from vocc_torch.receiver.features import preamble_threshold
 from vocc_torch.receiver.rectification import cell_homography
 from vocc_torch.simulation import Simulator
 from vocc_torch.studies.evidence.data import Bools, Floats, Picture

@@ -10,7 +10,7 @@ from torch import Tensor
 from vocc_torch.evaluation.price_list import Setting
 from vocc_torch.evaluation.timing import interleaved
 from vocc_torch.receiver.bank import GREYSCALE_RECEIVERS, Preambles, ReceiverBank, needs_preambles
-from vocc_torch.receiver.greyscale import preamble_threshold
+from vocc_torch.receiver.features import preamble_threshold
 from vocc_torch.rng import BLOCK_FRAMES, BlockKey
 from vocc_torch.studies.link import Link, Observation
 from vocc_torch.studies.plan import Plan
