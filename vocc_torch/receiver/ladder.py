@@ -1,25 +1,22 @@
-"""Which blob of a mask is the panel, at every scale: measures, choice, and the ladder of closings."""
+"""Which blob of a mask is the panel, at every scale: the ladder of closings."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from typing import Literal
+from typing import get_args
 
+import numpy as np
+import scipy.ndimage
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
-from vocc_torch.receiver.blobs import Blobs, collect_blobs, compactness, proportion, rectangularity
-from vocc_torch.receiver.components import Components, joined, label_components
+from vocc_torch.errors import VoccError
+from vocc_torch.receiver.components import Blobs, Components, collect_blobs, joined, label_components
 from vocc_torch.receiver.morphology import close_mask, halve_mask
-from vocc_torch.receiver.quadrilateral import (
-    convex_hull,
-    hull_area_and_perimeter,
-    minimum_area_rectangle,
-    upright_rectangle,
-)
+from vocc_torch.receiver.quadrilateral import Quadrilateral, measure_blobs
 from vocc_torch.types import PanelShape
-
-Quadrilateral = Literal["min_area", "upright"]
 
 # A merged blob replaces one of its parts from this share of the best score so far on, for it explains more.
 _MERGE_RATIO = 0.75
@@ -30,19 +27,39 @@ REACH_PITCHES = 1.4
 
 # From this many on it has filled all but the widest gaps: no blob will look more like a panel later.
 _LAST_PITCHES = 3.0
-# Most pairs of rows or of vertices in one step, to bound the memory.
-_STEP_PAIRS = 1 << 21
+_MOST_AREA_PX = 1 << 40
+_MOST_CLOSING_PX = (1 << 16) - 1
 
 
 @dataclass(frozen=True, slots=True)
 class Search:
-    """What to look for; the fields are those of :class:`vocc_torch.receiver.location.PaperLocator`."""
+    """What to look for, with the fields that :class:`vocc_torch.receiver.location.PaperLocator` explains.
 
-    closing_px: int
-    min_area_px: int
-    min_rectangularity: float
-    min_compactness: float
-    quadrilateral: Quadrilateral
+    Raises:
+        VoccError: a parameter out of its range.
+    """
+
+    closing_px: int = 11
+    min_area_px: int = 100
+    min_rectangularity: float = 0.5
+    min_compactness: float = 0.81
+    quadrilateral: Quadrilateral = "min_area"
+
+    def __post_init__(self) -> None:
+        """Refuse parameters out of their range."""
+        closing_px = self.closing_px
+        if type(closing_px) is not int or not 1 <= closing_px <= _MOST_CLOSING_PX or closing_px % 2 == 0:
+            rule = f"odd, at least 1 and at most {_MOST_CLOSING_PX}"
+            raise VoccError(f"location.closing_px is {closing_px}: it must be {rule}")
+        if not 1 <= self.min_area_px <= _MOST_AREA_PX:
+            rule = f"at least 1 and at most {_MOST_AREA_PX}"
+            raise VoccError(f"location.min_area_px is {self.min_area_px}: it must be {rule}")
+        for name in ("min_rectangularity", "min_compactness"):
+            if not 0 <= getattr(self, name) <= 1:
+                raise VoccError(f"location.{name} is {getattr(self, name)}: it must be 0 to 1")
+        if self.quadrilateral not in get_args(Quadrilateral):
+            allowed = " or ".join(get_args(Quadrilateral))
+            raise VoccError(f"location.quadrilateral is {self.quadrilateral!r}: it must be {allowed}")
 
 
 @dataclass(slots=True)
@@ -78,73 +95,6 @@ class Choice:
         """Overwrite the masks ``rows``."""
         for field in fields(self):
             getattr(self, field.name)[rows] = getattr(other, field.name)
-
-
-@dataclass(frozen=True, slots=True)
-class Measures:
-    """How panel-like each blob is; ``score`` is rectangularity x compactness x proportion^2.
-
-    Proportion counts twice, for it is what suffers first when a panel is merged with something beside it.
-
-    Args:
-        rectangularity: (M,) float64.
-        compactness: (M,) float64.
-        score: (M,) float64, 0 to 1.
-        corners_px: (M,4,2) float64, in the mask's coordinates.
-        pitch_px: (M,) float64, LED pitch if the blob were the panel: the root of the rectangle's area by LED.
-    """
-
-    rectangularity: Tensor
-    compactness: Tensor
-    score: Tensor
-    corners_px: Tensor
-    pitch_px: Tensor
-
-
-def measure_blobs(blobs: Blobs, shape: PanelShape, quadrilateral: Quadrilateral = "min_area") -> Measures:
-    """Measure each blob against the panel looked for.
-
-    Args:
-        blobs: M blobs.
-        shape: the panel looked for.
-        quadrilateral: which rectangle to give; the measures are always those of the minimum-area one.
-
-    Example:
-        >>> components = label_components(torch.ones(1, 6, 6, dtype=torch.bool))
-        >>> measures = measure_blobs(collect_blobs(components.runs, components), PanelShape(2, 2))
-        >>> measures.score.item(), measures.pitch_px.item()
-        (1.0, 3.0)
-    """
-    real = blobs.area_px.new_zeros(len(blobs), dtype=torch.float64)
-    out = Measures(real, real.clone(), real.clone(), real.new_zeros(len(blobs), 4, 2), real.clone())
-    for rows, height in _steps(blobs):
-        hull = convex_hull(blobs.first[rows, :height], blobs.last[rows, :height])
-        area, perimeter = hull_area_and_perimeter(hull)
-        least = minimum_area_rectangle(hull)
-        corners = (least if quadrilateral == "min_area" else upright_rectangle(hull)).corners_px
-        # Cells of a coarse level overlap the blob's edge: a true closing stays within the hull.
-        closed = torch.minimum(blobs.area_px[rows].double(), area)
-        out.rectangularity[rows] = rectangularity(closed, least.area_px)
-        out.compactness[rows] = compactness(area, perimeter, shape)
-        sides = proportion(least.width_px, least.height_px, shape)
-        out.score[rows] = out.rectangularity[rows] * out.compactness[rows] * sides**2
-        corner = torch.stack([blobs.left_px[rows], blobs.first_px[rows, 1]], 1)
-        out.corners_px[rows] = corners + corner[:, None]
-        out.pitch_px[rows] = (least.area_px / shape.leds).sqrt()
-    return out
-
-
-def _steps(blobs: Blobs) -> list[tuple[Tensor, int]]:
-    """Part the blobs, sorted by height, in steps of bounded memory: their indices and greatest height."""
-    heights, order = blobs.heights_px().sort(stable=True)
-    steps: list[tuple[Tensor, int]] = []
-    begin, tall = 0, heights.tolist()
-    for index, height in enumerate(tall):
-        last = index + 1 == len(tall)
-        if last or (index + 2 - begin) * tall[index + 1] ** 2 > _STEP_PAIRS:
-            steps.append((order[begin : index + 1], height))
-            begin = index + 1
-    return steps
 
 
 def _best(blobs: Blobs, masks: int, value: Tensor, allowed: Tensor) -> Tensor:
@@ -235,3 +185,58 @@ def _climbs_on(whole: Tensor, components: Tensor, pitch: Tensor, reach_px: int) 
     """Decide (B,) which masks need the next level; ``whole`` says where the choice holds nearly all."""
     pitches = torch.where(whole, REACH_PITCHES, _LAST_PITCHES)
     return ((components > 1) & ~whole) | (reach_px < pitches * pitch)
+
+
+def choose_single(
+    masks: Sequence[NDArray[np.bool_]], shape: PanelShape, search: Search
+) -> tuple[list[int], Choice]:
+    """Choose as :func:`climb` does where one closing makes a mask a single blob, the most common case.
+
+    On the CPU a call on a tensor costs more than the arithmetic of a small mask: SciPy closes and labels.
+
+    Args:
+        masks: (H,W) masks of any sizes, each one's foreground starting in its first row and first column.
+        shape: the panel looked for.
+        search: limits and settings.
+
+    Returns:
+        The indices of the masks whose choice is made, and the choice; the ladder is left those whose closed
+        mask has several blobs, whose blob is outside the limits, and those that it would climb for.
+
+    Example:
+        >>> mask = np.ones((20, 20), dtype=bool)
+        >>> mask[5, 5] = False
+        >>> chosen, choice = choose_single([mask], PanelShape(8, 8), Search())
+        >>> chosen, choice.corners_px[0, 2].tolist()
+        ([0], [20.0, 20.0])
+    """
+    single = []
+    for index, mask in enumerate(masks):
+        size = min(search.closing_px, max(mask.shape) | 1)
+        plane = np.pad(mask.view(np.uint8), size // 2)
+        closed = scipy.ndimage.grey_closing(plane, (size, size), mode="constant")
+        area = int(np.count_nonzero(closed))
+        if area >= search.min_area_px and scipy.ndimage.label(closed, np.ones((3, 3)))[1] == 1:
+            single.append((index, mask, area))
+    if not single:
+        return [], Choice.none(0, torch.device("cpu"))
+    height = max(len(mask) for _, mask, _ in single)
+    first = torch.zeros(len(single), height, dtype=torch.int16)
+    last = first - 1
+    for row, (_, mask, _) in enumerate(single):
+        lit = mask.any(1)
+        first[row, : len(mask)] = torch.from_numpy(np.where(lit, mask.argmax(1), 0))
+        ends = np.where(lit, mask.shape[1] - 1 - mask[:, ::-1].argmax(1), -1)
+        last[row, : len(mask)] = torch.from_numpy(ends)
+    number = torch.arange(len(single))
+    area_px = torch.tensor([area for *_, area in single], dtype=torch.int64)
+    mask_px = torch.tensor([np.count_nonzero(mask) for _, mask, _ in single], dtype=torch.int64)
+    seed = torch.stack([first[:, 0].long(), torch.zeros_like(number)], 1)
+    blobs = Blobs(number, number + 1, seed, 0 * number, area_px, mask_px, first, last, 0 * number + 1)
+    measures = measure_blobs(blobs, shape, search.quadrilateral)
+    sure = (measures.rectangularity >= search.min_rectangularity) & (
+        measures.compactness >= search.min_compactness
+    )
+    sure &= search.closing_px >= REACH_PITCHES * measures.pitch_px
+    choice = Choice(measures.score, measures.corners_px, 0 * number + 1, seed, mask_px)
+    return [single[row][0] for row in sure.nonzero()[:, 0].tolist()], choice[sure]

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import get_args
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from vocc_torch.errors import VoccError
-from vocc_torch.receiver.ladder import Choice, Quadrilateral, Search, climb
+from vocc_torch.receiver.ladder import Choice, Search, choose_single, climb
 from vocc_torch.receiver.morphology import close_mask
-from vocc_torch.receiver.otsu import otsu_threshold, sensor_histogram
-from vocc_torch.receiver.single_blob import SingleBlob, single_blob
-from vocc_torch.receiver.uneven import UnevenParts, uneven_parts
+from vocc_torch.receiver.otsu import UnevenParts, otsu_threshold, sensor_histogram, uneven_parts
 from vocc_torch.types import Frames, Panels, PanelShape
 
 # Most pixels in one pass, to bound the memory; passes below the small size are not worth parting further.
@@ -23,8 +22,6 @@ _SMALL_PASS_PX = 1 << 18
 _SMALL_MASK_PX = 1 << 15
 # More frames than these are quicker together, and come out the same to the last bit.
 _MOST_ALONE = 12
-_MOST_AREA_PX = 1 << 40
-_MOST_CLOSING_PX = (1 << 16) - 1
 # Columns of a blob are counted in 16 bits.
 _MOST_SIDE_PX = 1 << 15
 
@@ -78,11 +75,11 @@ def paper_stages(frames: Frames, closing_px: int = 11) -> Stages:
 
 
 @dataclass(frozen=True, slots=True)
-class PaperLocator:
+class PaperLocator(Search):
     """Find the panel as the paper does: Otsu, closing, components, blob analysis, convex hull, quadrilateral.
 
     Blobs below a limit are dropped. Of the others the best by ``rectangularity x compactness x proportion^2``
-    (see :mod:`vocc_torch.receiver.blobs`) is the panel, of equals the first in raster order;
+    (see :mod:`vocc_torch.receiver.quadrilateral`) is the panel, of equals the first in raster order;
     ``Panels.candidates`` says how many there were. Nothing is found where none is left.
 
     One closing serves one LED pitch, so there is a ladder. At level n the mask is halved n times (block
@@ -128,28 +125,6 @@ class PaperLocator:
         ([[15.0, 10.0], [35.0, 10.0], [35.0, 30.0], [15.0, 30.0]], 1.0, 1)
     """
 
-    closing_px: int = 11
-    min_area_px: int = 100
-    min_rectangularity: float = 0.5
-    min_compactness: float = 0.81
-    quadrilateral: Quadrilateral = "min_area"
-
-    def __post_init__(self) -> None:
-        """Refuse parameters out of their range."""
-        closing_px = self.closing_px
-        if type(closing_px) is not int or not 1 <= closing_px <= _MOST_CLOSING_PX or closing_px % 2 == 0:
-            rule = f"odd, at least 1 and at most {_MOST_CLOSING_PX}"
-            raise VoccError(f"location.closing_px is {closing_px}: it must be {rule}")
-        if not 1 <= self.min_area_px <= _MOST_AREA_PX:
-            rule = f"at least 1 and at most {_MOST_AREA_PX}"
-            raise VoccError(f"location.min_area_px is {self.min_area_px}: it must be {rule}")
-        for name in ("min_rectangularity", "min_compactness"):
-            if not 0 <= getattr(self, name) <= 1:
-                raise VoccError(f"location.{name} is {getattr(self, name)}: it must be 0 to 1")
-        if self.quadrilateral not in get_args(Quadrilateral):
-            allowed = " or ".join(get_args(Quadrilateral))
-            raise VoccError(f"location.quadrilateral is {self.quadrilateral!r}: it must be {allowed}")
-
     @torch.no_grad()
     def __call__(self, frames: Frames, shape: PanelShape) -> Panels:
         """Locate the panel of ``shape`` in each frame; zero corners and score where there is none.
@@ -180,14 +155,13 @@ class PaperLocator:
             frames: B frames.
             threshold: (B,) int64.
             shape: the panel looked for.
-            parts: what :func:`vocc_torch.receiver.uneven.uneven_parts` says of the frames, where it is known.
+            parts: what :func:`vocc_torch.receiver.otsu.uneven_parts` says of the frames, where it is known.
 
         Returns:
             The choice, with corners on the sensor.
         """
-        search = Search(*(getattr(self, name) for name in PaperLocator.__slots__))
         boxes = _foreground_boxes(frames.grey, threshold, parts)
-        single = _single_blobs(frames, threshold, boxes, shape, search)
+        single = _single_blobs(frames, threshold, boxes, shape, self)
         if single is not None and len(single[0]) == len(frames):
             return single[1]
         choice = Choice.none(len(frames), frames.grey.device)
@@ -196,7 +170,7 @@ class PaperLocator:
             boxes = boxes.index_fill(0, single[0], 0)
         for rows, width, height in _passes(boxes):
             mask = _cut(frames.grey, threshold, boxes, rows, width, height)
-            part = climb(mask, shape, search)
+            part = climb(mask, shape, self)
             place = (boxes[rows, :2] + frames.origin_px[rows].to(boxes))[:, None]
             part.corners_px = torch.where((part.score > 0)[:, None, None], part.corners_px + place, 0.0)
             choice.put(rows, part)
@@ -279,23 +253,18 @@ def _single_blobs(
     if boxes.device.type != "cpu" or len(boxes) > _MOST_ALONE:
         return None
     rows: list[int] = []
-    found: list[SingleBlob] = []
+    masks: list[NDArray[np.bool_]] = []
     for row, (box, limit) in enumerate(zip(boxes.tolist(), threshold.tolist(), strict=True)):
         left, top, width, height = box
         if 0 < width * height <= _SMALL_MASK_PX:
-            part = frames.grey[row, 0, top : top + height, left : left + width].numpy()
-            blob = single_blob(part > limit, shape, search)
-            if blob is not None:
-                rows.append(row)
-                found.append(blob)
+            rows.append(row)
+            masks.append(frames.grey[row, 0, top : top + height, left : left + width].numpy() > limit)
     if not rows:
         return None
-    chosen = torch.tensor(rows)
-    place = (boxes[chosen, :2] + frames.origin_px[chosen])[:, None]
-    corners = torch.tensor([blob.corners_px for blob in found], dtype=torch.float64) + place
-    score = torch.tensor([blob.score for blob in found], dtype=torch.float64)
-    first, pixels = (torch.tensor([blob[field] for blob in found]) for field in (2, 3))
-    return chosen, Choice(score, corners, torch.ones_like(pixels), first, pixels)
+    index, choice = choose_single(masks, shape, search)
+    chosen = torch.tensor(rows)[index]
+    choice.corners_px += (boxes[chosen, :2] + frames.origin_px[chosen])[:, None]
+    return chosen, choice
 
 
 def _passes(boxes: Tensor) -> list[tuple[Tensor, int, int]]:

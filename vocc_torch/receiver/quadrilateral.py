@@ -1,4 +1,4 @@
-"""Convex hulls of blobs and the rectangles around them, batched (section IV-B-2).
+"""Convex hulls of blobs, the rectangles around them and how panel-like they are (section IV-B-2).
 
 A blob comes as the first and last mask pixel of each of its rows: no other pixel can be a vertex of its hull.
 Here a pixel is a point, its column and row; :func:`minimum_area_rectangle` and :func:`upright_rectangle` turn
@@ -9,11 +9,18 @@ batch.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from typing import Literal
 
 import torch
 import torch.nn.functional as F
 from torch import Tensor
+
+from vocc_torch.receiver.components import Blobs
+from vocc_torch.types import PanelShape
+
+Quadrilateral = Literal["min_area", "upright"]
 
 LENGTH_UNIT = 2.0**-32
 """Lengths are added as integers of this fraction of a pixel: an exact sum has no order."""
@@ -23,6 +30,8 @@ TIE = 1e-9
 
 # Rows in a part of a tall blob.
 _PART_ROWS = 32
+# Most pairs of rows or of vertices in one step, to bound the memory.
+_STEP_PAIRS = 1 << 21
 
 
 @dataclass(frozen=True, slots=True)
@@ -209,3 +218,130 @@ def upright_rectangle(hull: Tensor, expand_px: float = 0.5) -> Rectangles:
         [[0.0, 0.0], [2.0, 0.0], [2.0, 2.0], [0.0, 2.0]]
     """
     return _around(hull, hull.new_tensor([1.0, 0.0]).expand(hull.shape[0], 2), expand_px)
+
+
+def rectangularity(closed_area: Tensor, rectangle_area: Tensor) -> Tensor:
+    """Measure how much of its rectangle a closed blob fills: ``A_closed / A_rectangle``, at most 1.
+
+    Args:
+        closed_area: (M,) area of the closed blob, px^2, above 0.
+        rectangle_area: (M,) area of its minimum-area rectangle, px^2, above 0.
+
+    Returns:
+        (M,) in 0 to 1: 1 for a rectangle, pi / 4 for a disc.
+
+    Example:
+        >>> rectangularity(torch.tensor([6.0]), torch.tensor([8.0])).item()
+        0.75
+    """
+    return (closed_area / rectangle_area).clamp(max=1.0)
+
+
+def compactness(area: Tensor, perimeter: Tensor, shape: PanelShape) -> Tensor:
+    """Compare a hull's isoperimetric quotient ``Q = 4 pi A / P^2`` with the panel's own.
+
+    An ideal panel of R x C square cells has ``Q0 = pi R C / (R + C)^2``; the measure is the lesser of ``Q /
+    Q0`` and ``Q0 / Q``, so that a long lamp and a round one both fall behind.
+
+    Args:
+        area: (M,) area of the convex hull, px^2, above 0.
+        perimeter: (M,) its perimeter, px, above 0.
+        shape: the panel looked for.
+
+    Returns:
+        (M,) in 0 to 1: 1 for a rectangle of the panel's proportions, pi / 4 for a disc and a square panel.
+
+    Example:
+        >>> compactness(torch.tensor([9.0]), torch.tensor([12.0]), PanelShape(8, 8)).item()
+        1.0
+    """
+    ideal = math.pi * shape.leds / (shape.rows + shape.columns) ** 2
+    relative = (4 * math.pi / ideal) * area / perimeter.square()
+    return torch.minimum(relative, 1 / relative)
+
+
+def proportion(width: Tensor, height: Tensor, shape: PanelShape) -> Tensor:
+    """Compare a rectangle's sides with those of R x C square cells: ``a = (w R) / (h C)``, or 1 / a if less.
+
+    Args:
+        width: (M,) length of the rectangle's first side, px, above 0.
+        height: (M,) length of its second side, px, above 0.
+        shape: the panel looked for.
+
+    Returns:
+        (M,) in 0 to 1: 1 for the panel's own proportions.
+
+    Example:
+        >>> proportion(torch.tensor([20.0]), torch.tensor([5.0]), PanelShape(8, 16)).item()
+        0.5
+    """
+    relative = (width * shape.rows) / (height * shape.columns)
+    return torch.minimum(relative, 1 / relative)
+
+
+@dataclass(frozen=True, slots=True)
+class Measures:
+    """How panel-like each blob is; ``score`` is rectangularity x compactness x proportion^2.
+
+    Proportion counts twice, for it is what suffers first when a panel is merged with something beside it.
+
+    Args:
+        rectangularity: (M,) float64.
+        compactness: (M,) float64.
+        score: (M,) float64, 0 to 1.
+        corners_px: (M,4,2) float64, in the mask's coordinates.
+        pitch_px: (M,) float64, LED pitch if the blob were the panel: the root of the rectangle's area by LED.
+    """
+
+    rectangularity: Tensor
+    compactness: Tensor
+    score: Tensor
+    corners_px: Tensor
+    pitch_px: Tensor
+
+
+def measure_blobs(blobs: Blobs, shape: PanelShape, quadrilateral: Quadrilateral = "min_area") -> Measures:
+    """Measure each blob against the panel looked for.
+
+    Args:
+        blobs: M blobs.
+        shape: the panel looked for.
+        quadrilateral: which rectangle to give; the measures are always those of the minimum-area one.
+
+    Example:
+        >>> from vocc_torch.receiver.components import collect_blobs, label_components
+        >>> components = label_components(torch.ones(1, 6, 6, dtype=torch.bool))
+        >>> measures = measure_blobs(collect_blobs(components.runs, components), PanelShape(2, 2))
+        >>> measures.score.item(), measures.pitch_px.item()
+        (1.0, 3.0)
+    """
+    real = blobs.area_px.new_zeros(len(blobs), dtype=torch.float64)
+    out = Measures(real, real.clone(), real.clone(), real.new_zeros(len(blobs), 4, 2), real.clone())
+    for rows, height in _steps(blobs):
+        hull = convex_hull(blobs.first[rows, :height], blobs.last[rows, :height])
+        area, perimeter = hull_area_and_perimeter(hull)
+        least = minimum_area_rectangle(hull)
+        corners = (least if quadrilateral == "min_area" else upright_rectangle(hull)).corners_px
+        # Cells of a coarse level overlap the blob's edge: a true closing stays within the hull.
+        closed = torch.minimum(blobs.area_px[rows].double(), area)
+        out.rectangularity[rows] = rectangularity(closed, least.area_px)
+        out.compactness[rows] = compactness(area, perimeter, shape)
+        sides = proportion(least.width_px, least.height_px, shape)
+        out.score[rows] = out.rectangularity[rows] * out.compactness[rows] * sides**2
+        corner = torch.stack([blobs.left_px[rows], blobs.first_px[rows, 1]], 1)
+        out.corners_px[rows] = corners + corner[:, None]
+        out.pitch_px[rows] = (least.area_px / shape.leds).sqrt()
+    return out
+
+
+def _steps(blobs: Blobs) -> list[tuple[Tensor, int]]:
+    """Part the blobs, sorted by height, in steps of bounded memory: their indices and greatest height."""
+    heights, order = blobs.heights_px().sort(stable=True)
+    steps: list[tuple[Tensor, int]] = []
+    begin, tall = 0, heights.tolist()
+    for index, height in enumerate(tall):
+        last = index + 1 == len(tall)
+        if last or (index + 2 - begin) * tall[index + 1] ** 2 > _STEP_PAIRS:
+            steps.append((order[begin : index + 1], height))
+            begin = index + 1
+    return steps

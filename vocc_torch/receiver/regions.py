@@ -12,7 +12,7 @@ from torch import Tensor
 
 from vocc_torch.receiver.components import Components, label_components
 from vocc_torch.receiver.morphology import close_mask
-from vocc_torch.receiver.uneven import UnevenParts, uneven_parts
+from vocc_torch.receiver.otsu import UnevenParts, uneven_parts
 from vocc_torch.types import Frames
 
 _BLOCK_PX = 8
@@ -48,7 +48,7 @@ def block_means(grey: Tensor, parts: UnevenParts | None = None) -> Tensor:
 
     Args:
         grey: (B,1,H,W) uint8, not empty.
-        parts: what :func:`vocc_torch.receiver.uneven.uneven_parts` says of the frames, where it is known.
+        parts: what :func:`vocc_torch.receiver.otsu.uneven_parts` says of the frames, where it is known.
 
     Example:
         >>> block_means(torch.full((1, 1, 16, 12), 7, dtype=torch.uint8)).tolist()
