@@ -225,11 +225,6 @@ class Blobs:
         """Count the blobs."""
         return int(self.frame.shape[0])
 
-    def heights_px(self) -> Tensor:
-        """(M,) int64 number of rows from the first to the last with a mask pixel."""
-        rows = torch.arange(1, self.first.shape[1] + 1, device=self.first.device)
-        return (rows * (self.first <= self.last)).amax(1)
-
 
 def _largest(keep: Tensor, components: Components) -> Tensor:
     """Keep only the ``MOST_BLOBS`` largest labels of each frame; ties go to the lower label."""

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import get_args
 
 import numpy as np
 import scipy.ndimage
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
 from vocc_torch.errors import VoccError
 from vocc_torch.receiver.components import Blobs, Components, collect_blobs, joined, label_components
 from vocc_torch.receiver.morphology import close_mask, halve_mask
-from vocc_torch.receiver.quadrilateral import Quadrilateral, measure_blobs
+from vocc_torch.receiver.quadrilateral import Measures, Quadrilateral, measure_blobs
 from vocc_torch.types import PanelShape
 
 # A merged blob replaces one of its parts from this share of the best score so far on, for it explains more.
@@ -158,8 +156,7 @@ def _level_choice(
 ) -> tuple[Choice, Tensor, Tensor]:
     """Choose at one level: the best blobs within limits, the pitch of the best of all, the labels."""
     measures = measure_blobs(blobs, shape, search.quadrilateral)
-    passed = measures.rectangularity >= search.min_rectangularity
-    passed &= measures.compactness >= search.min_compactness
+    passed = _within(measures, search)
     best = _best(blobs, masks, measures.score, passed)
     found = (best < len(blobs)).nonzero()[:, 0]
     blob = best[found]
@@ -187,56 +184,46 @@ def _climbs_on(whole: Tensor, components: Tensor, pitch: Tensor, reach_px: int) 
     return ((components > 1) & ~whole) | (reach_px < pitches * pitch)
 
 
-def choose_single(
-    masks: Sequence[NDArray[np.bool_]], shape: PanelShape, search: Search
-) -> tuple[list[int], Choice]:
+def choose_single(mask: Tensor, shape: PanelShape, search: Search) -> tuple[Tensor, Choice]:
     """Choose as :func:`climb` does where one closing makes a mask a single blob, the most common case.
 
-    On the CPU a call on a tensor costs more than the arithmetic of a small mask: SciPy closes and labels.
+    In the CPU's memory a call on a tensor costs more than the arithmetic of a small mask; SciPy labels there.
 
     Args:
-        masks: (H,W) masks of any sizes, each one's foreground starting in its first row and first column.
+        mask: (B,H,W) bool in the CPU's memory, each mask's foreground starting in its first row and column.
         shape: the panel looked for.
         search: limits and settings.
 
     Returns:
-        The indices of the masks whose choice is made, and the choice; the ladder is left those whose closed
-        mask has several blobs, whose blob is outside the limits, and those that it would climb for.
+        The indices (n,) of the masks whose choice is made, and the choice; the ladder is left those whose
+        closed mask has several blobs, whose blob is outside the limits, and those that it would climb for.
 
     Example:
-        >>> mask = np.ones((20, 20), dtype=bool)
-        >>> mask[5, 5] = False
-        >>> chosen, choice = choose_single([mask], PanelShape(8, 8), Search())
-        >>> chosen, choice.corners_px[0, 2].tolist()
+        >>> mask = torch.ones(1, 20, 20, dtype=torch.bool)
+        >>> mask[0, 5, 5] = False
+        >>> chosen, choice = choose_single(mask, PanelShape(8, 8), Search())
+        >>> chosen.tolist(), choice.corners_px[0, 2].tolist()
         ([0], [20.0, 20.0])
     """
-    single = []
-    for index, mask in enumerate(masks):
-        size = min(search.closing_px, max(mask.shape) | 1)
-        plane = np.pad(mask.view(np.uint8), size // 2)
-        closed = scipy.ndimage.grey_closing(plane, (size, size), mode="constant")
-        area = int(np.count_nonzero(closed))
-        if area >= search.min_area_px and scipy.ndimage.label(closed, np.ones((3, 3)))[1] == 1:
-            single.append((index, mask, area))
+    closed = close_mask(mask[:, None], search.closing_px)[:, 0].numpy()
+    single = [row for row, one in enumerate(closed) if scipy.ndimage.label(one, np.ones((3, 3)))[1] == 1]
+    single = [row for row in single if np.count_nonzero(closed[row]) >= search.min_area_px]
     if not single:
-        return [], Choice.none(0, torch.device("cpu"))
-    height = max(len(mask) for _, mask, _ in single)
-    first = torch.zeros(len(single), height, dtype=torch.int16)
-    last = first - 1
-    for row, (_, mask, _) in enumerate(single):
-        lit = mask.any(1)
-        first[row, : len(mask)] = torch.from_numpy(np.where(lit, mask.argmax(1), 0))
-        ends = np.where(lit, mask.shape[1] - 1 - mask[:, ::-1].argmax(1), -1)
-        last[row, : len(mask)] = torch.from_numpy(ends)
-    number = torch.arange(len(single))
-    area_px = torch.tensor([area for *_, area in single], dtype=torch.int64)
-    mask_px = torch.tensor([np.count_nonzero(mask) for _, mask, _ in single], dtype=torch.int64)
-    seed = torch.stack([first[:, 0].long(), torch.zeros_like(number)], 1)
-    blobs = Blobs(number, number + 1, seed, 0 * number, area_px, mask_px, first, last, 0 * number + 1)
+        return torch.zeros(0, dtype=torch.int64), Choice.none(0, mask.device)
+    lit, area_px = mask[single].numpy(), torch.from_numpy(closed[single].sum((1, 2)))
+    some = lit.any(2)
+    first = torch.from_numpy(np.where(some, lit.argmax(2), 0))
+    last = torch.from_numpy(np.where(some, lit.shape[2] - 1 - lit[..., ::-1].argmax(2), -1))
+    one, mask_px = torch.ones_like(area_px), torch.from_numpy(lit.sum((1, 2)))
+    seed = torch.stack([first[:, 0], 0 * one], 1)
+    blobs = Blobs(one.cumsum(0) - 1, one.cumsum(0), seed, 0 * one, area_px, mask_px, first, last, one)
     measures = measure_blobs(blobs, shape, search.quadrilateral)
-    sure = (measures.rectangularity >= search.min_rectangularity) & (
-        measures.compactness >= search.min_compactness
-    )
-    sure &= search.closing_px >= REACH_PITCHES * measures.pitch_px
-    choice = Choice(measures.score, measures.corners_px, 0 * number + 1, seed, mask_px)
-    return [single[row][0] for row in sure.nonzero()[:, 0].tolist()], choice[sure]
+    sure = _within(measures, search) & (search.closing_px >= REACH_PITCHES * measures.pitch_px)
+    choice = Choice(measures.score, measures.corners_px, one, seed, mask_px)
+    return torch.tensor(single)[sure], choice[sure]
+
+
+def _within(measures: Measures, search: Search) -> Tensor:
+    """Whether each blob (M,) is within the limits."""
+    passed = measures.rectangularity >= search.min_rectangularity
+    return passed & (measures.compactness >= search.min_compactness)

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
 from vocc_torch.errors import VoccError
@@ -20,8 +18,8 @@ _PASS_PX = 1 << 21
 _SMALL_PASS_PX = 1 << 18
 # Up to this size masks are tried one by one before they are laid in passes.
 _SMALL_MASK_PX = 1 << 15
-# More frames than these are quicker together, and come out the same to the last bit.
-_MOST_ALONE = 12
+# More frames than these are quicker together.
+_MOST_ALONE = 4
 # Columns of a blob are counted in 16 bits.
 _MOST_SIDE_PX = 1 << 15
 
@@ -161,19 +159,20 @@ class PaperLocator(Search):
             The choice, with corners on the sensor.
         """
         boxes = _foreground_boxes(frames.grey, threshold, parts)
-        single = _single_blobs(frames, threshold, boxes, shape, self)
-        if single is not None and len(single[0]) == len(frames):
-            return single[1]
+        corner = boxes[:, :2]
         choice = Choice.none(len(frames), frames.grey.device)
-        if single is not None:
-            choice.put(*single)
-            boxes = boxes.index_fill(0, single[0], 0)
+        if boxes.device.type == "cpu" and len(boxes) <= _MOST_ALONE:
+            small = boxes[:, 2] * boxes[:, 3] <= _SMALL_MASK_PX
+            for rows, width, height in _passes(boxes * small[:, None]):
+                mask = _cut(frames.grey, threshold, boxes, rows, width, height)
+                made, part = choose_single(mask, shape, self)
+                choice.put(rows[made], part)
+            boxes = boxes.index_fill(0, choice.score.nonzero()[:, 0], 0)
         for rows, width, height in _passes(boxes):
             mask = _cut(frames.grey, threshold, boxes, rows, width, height)
-            part = climb(mask, shape, self)
-            place = (boxes[rows, :2] + frames.origin_px[rows].to(boxes))[:, None]
-            part.corners_px = torch.where((part.score > 0)[:, None, None], part.corners_px + place, 0.0)
-            choice.put(rows, part)
+            choice.put(rows, climb(mask, shape, self))
+        place = (corner + frames.origin_px.to(corner))[:, None]
+        choice.corners_px = torch.where((choice.score > 0)[:, None, None], choice.corners_px + place, 0.0)
         return choice
 
 
@@ -244,27 +243,6 @@ def _foreground_box(grey: Tensor, limit: int, parts: UnevenParts, index: int) ->
     if not len(x):
         return 0, 0, 0, 0
     return left + int(x[0]), top + int(y[0]), int(x[-1] - x[0]) + 1, int(y[-1] - y[0]) + 1
-
-
-def _single_blobs(
-    frames: Frames, threshold: Tensor, boxes: Tensor, shape: PanelShape, search: Search
-) -> tuple[Tensor, Choice] | None:
-    """Choose where a small mask is a single blob: the frames' indices, and the choice; None where none is."""
-    if boxes.device.type != "cpu" or len(boxes) > _MOST_ALONE:
-        return None
-    rows: list[int] = []
-    masks: list[NDArray[np.bool_]] = []
-    for row, (box, limit) in enumerate(zip(boxes.tolist(), threshold.tolist(), strict=True)):
-        left, top, width, height = box
-        if 0 < width * height <= _SMALL_MASK_PX:
-            rows.append(row)
-            masks.append(frames.grey[row, 0, top : top + height, left : left + width].numpy() > limit)
-    if not rows:
-        return None
-    index, choice = choose_single(masks, shape, search)
-    chosen = torch.tensor(rows)[index]
-    choice.corners_px += (boxes[chosen, :2] + frames.origin_px[chosen])[:, None]
-    return chosen, choice
 
 
 def _passes(boxes: Tensor) -> list[tuple[Tensor, int, int]]:
