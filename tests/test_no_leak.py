@@ -12,8 +12,8 @@ import torch
 from leak_watch import LITTLE, ONE, SHIPPED, Watch, digest
 from paper_runs import white
 
-from vocc_torch.receiver.classifiers.recipe import TrainingRecipe
 from vocc_torch.receiver.classifiers.torch_classifier import TorchClassifier
+from vocc_torch.receiver.classifiers.training import TrainingRecipe
 from vocc_torch.rng import BlockKey
 from vocc_torch.studies import classifiers as classifiers_module
 from vocc_torch.studies import counter as counter_module

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from vocc_torch.evaluation.ledger_format import canonical, fingerprint
 from vocc_torch.receiver.classifiers.module_file import ModuleFile
-from vocc_torch.receiver.classifiers.recipe import TrainingRecipe
+from vocc_torch.receiver.classifiers.training import TrainingRecipe
 from vocc_torch.simulation import Distribution
 from vocc_torch.simulation.effects.registry import PHYSICAL_ORDER
 from vocc_torch.simulation.simulator import PAPER_EFFECTS

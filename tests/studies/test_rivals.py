@@ -11,7 +11,7 @@ from vocc_torch.evaluation.ledger import Ledger
 from vocc_torch.evaluation.montecarlo import Part
 from vocc_torch.evaluation.rivals import GENIE
 from vocc_torch.receiver.classifiers.inputs import Inputs, Patch
-from vocc_torch.receiver.classifiers.recipe import TrainingRecipe
+from vocc_torch.receiver.classifiers.training import TrainingRecipe
 from vocc_torch.rng import BlockKey
 from vocc_torch.simulation import Distribution
 from vocc_torch.studies.counter import PointJob

@@ -11,7 +11,7 @@ from vocc_torch.errors import VoccError
 from vocc_torch.evaluation.price_list import STAGES, Place, Setting
 from vocc_torch.evaluation.timing import Timing
 from vocc_torch.receiver.classifiers import Inputs, Patch
-from vocc_torch.receiver.classifiers.recipe import TrainingRecipe
+from vocc_torch.receiver.classifiers.training import TrainingRecipe
 from vocc_torch.receiver.location import PaperLocator
 from vocc_torch.rng import BLOCK_FRAMES
 from vocc_torch.simulation import Camera, Distribution, LedPanel, SceneModel
