@@ -60,23 +60,43 @@ def fit_lattice(frames: Frames, start: Lattice) -> Lattice:
         The lattices, finite; ``rms_dn`` and ``share`` say how well they explain the pictures, and only they
         tell where there is no lattice to fit.
     """
+    # One frame goes twice: products of one matrix may be summed otherwise than those of several, and a fit
+    # of what is no lattice can go either way.
     active = torch.arange(len(frames), device=start.blur.device)
-    best, own, seen = start[active], start, frames
+    best, own, seen = start[active], start[_paired(active)], frames
     for number in range(_STEPS):
-        before, own, unsettled = _improved(seen, own, number)
+        before, after, unsettled = _improved(seen, own, number)
+        before, unsettled = before[: len(active)], unsettled[: len(active)]
         better = before.rms_dn < best.rms_dn[active] if number else torch.ones_like(unsettled)
         best.put(active[better], before[better])
-        if not bool(unsettled.all()):
-            active, own = active[unsettled], own[unsettled]
-            if not len(active):
-                break
-            seen = Frames(seen.grey[unsettled], seen.origin_px[unsettled], seen.sensor_px)
+        rows = unsettled.nonzero()[:, 0]
+        if not len(rows):
+            break
+        seen, active, own = _some(seen, rows), active[rows], after[_paired(rows)]
     return best
+
+
+def _paired(rows: Tensor) -> Tensor:
+    """Take a single row twice."""
+    return rows.repeat(2) if len(rows) == 1 else rows
+
+
+def _some(frames: Frames, rows: Tensor) -> Frames:
+    """Take some of the frames, without a copy where these are all."""
+    if len(rows) == len(frames):
+        return frames
+    return Frames(frames.grey[rows], frames.origin_px[rows], frames.sensor_px)
+
+
+def _read(frames: Frames, lattice: Lattice) -> Tensor:
+    """Read the pictures around the lattices; that of one frame that goes twice is read once."""
+    patches = read_patches(frames, lattice.corners_px[: len(frames)], lattice.shape, MARGIN)
+    return patches.expand(len(lattice.blur), -1, -1)
 
 
 def _improved(frames: Frames, lattice: Lattice, number: int) -> tuple[Lattice, Lattice, Tensor]:
     """Do step ``number``: lattices scored before it, lattices after it, and which (B,) need another."""
-    model = Model.of(read_patches(frames, lattice.corners_px, lattice.shape, MARGIN), lattice)
+    model = Model.of(_read(frames, lattice), lattice)
     unsettled = torch.full_like(lattice.background, number <= _LINE_STEPS[0], dtype=torch.bool)
     if number < _FREE_STEPS:
         lattice = _with_free_bits(model, lattice, levels=number == 0)
@@ -90,7 +110,7 @@ def _improved(frames: Frames, lattice: Lattice, number: int) -> tuple[Lattice, L
             lattice, shifted = _with_missed_lines(model, lattice)
             if bool(shifted.any()):
                 unsettled |= shifted
-                model = Model.of(read_patches(frames, lattice.corners_px, lattice.shape, MARGIN), lattice)
+                model = Model.of(_read(frames, lattice), lattice)
     trust = model.trust()
     before = model.scored(lattice, trust)
     after, moves = _stepped(model, lattice, trust, _STIFF if number < _STIFF_STEPS else _EXPECTED)
