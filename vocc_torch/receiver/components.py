@@ -66,7 +66,7 @@ class Components:
     frame: Tensor
 
     def at(self, frame: Tensor, row: Tensor, column: Tensor) -> Tensor:
-        """Give the labels of pixels, 0 for background.
+        """Return the labels of pixels, 0 for background.
 
         Example:
             >>> three = torch.tensor([0, 1, 2])
@@ -173,7 +173,7 @@ def _touching(runs: Runs) -> tuple[Tensor, Tensor]:
 
 
 def _roots(lower: Tensor, upper: Tensor, count: int) -> Tensor:
-    """Give each of ``count`` nodes the least index of its component: roots are hooked, pointers jumped."""
+    """Return each of ``count`` nodes the least index of its component: roots are hooked, pointers jumped."""
     parent = torch.arange(count, device=lower.device)
     while True:
         a, b = parent[lower], parent[upper]
@@ -289,7 +289,7 @@ def _in_raster_order(keep: Tensor, run_label: Tensor) -> tuple[Tensor, Tensor, T
 def _row_extremes(
     blobs: int, number: Tensor, row: Tensor, start: Tensor, end: Tensor
 ) -> tuple[Tensor, Tensor]:
-    """Give each blob's first and last mask column by row, from its own top and left: two (M,H) int16."""
+    """Return each blob's first and last mask column by row, from its own top and left: two (M,H) int16."""
     height = int(row.max()) + 1 if len(row) else 1
     cell = number * height + row
     empty = torch.zeros(blobs * height, dtype=torch.int16, device=row.device)

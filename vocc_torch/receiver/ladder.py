@@ -96,7 +96,7 @@ class Choice:
 
 
 def _best(blobs: Blobs, masks: int, value: Tensor, allowed: Tensor) -> Tensor:
-    """Give the index (B,) of each mask's allowed blob of highest value, the first of equals, M if none."""
+    """Return the index (B,) of each mask's allowed blob of highest value, the first of equals, M if none."""
     frame = blobs.frame[allowed]
     highest = value.new_zeros(masks).scatter_reduce(0, frame, value[allowed], "amax", include_self=False)
     top = allowed & (value == highest[blobs.frame])

@@ -138,13 +138,13 @@ def _stepped(
 
 @lru_cache(maxsize=8)
 def _damping(expected: tuple[float, ...], device: torch.device) -> Tensor:
-    """Give the curvature that stands for what is expected of each value, as a diagonal matrix."""
+    """Return the curvature that stands for what is expected of each value, as a diagonal matrix."""
     with torch.inference_mode(False):
         return torch.diag(torch.tensor(expected, dtype=torch.float64) ** -2).to(device)
 
 
 def _changes(model: Model, lattice: Lattice) -> Tensor:
-    """Give the light's derivatives (B,13,H*W) by what :data:`_EXPECTED` lists."""
+    """Return the light's derivatives (B,13,H*W) by what :data:`_EXPECTED` lists."""
     rows, columns, amplitude = model.rows, model.columns, lattice.amplitudes()
     (row_place, row_blur), (column_place, column_blur) = rows.changes(), columns.changes()
     batch, high, wide = model.grey.shape
@@ -183,7 +183,7 @@ def _applied(step: Tensor, lattice: Lattice) -> Lattice:
 
 @lru_cache(maxsize=32)
 def _fields(shape: PanelShape, device: torch.device) -> tuple[Tensor, Tensor]:
-    """Give the corners' cells (4,2), and the fields 1, u, v and uv at them, (4,4)."""
+    """Return the corners' cells (4,2), and the fields 1, u, v and uv at them, (4,4)."""
     with torch.inference_mode(False):
         cells = corner_cells(shape)
         u, v = (2 * cells / cells.amax(0) - 1).unbind(1)
@@ -217,7 +217,7 @@ def _amplitudes(light: Tensor, model: Model) -> Tensor:
 
 
 def _inverse(spots: Spots) -> Tensor:
-    """Give the pseudo-inverse (B,n,N) of an axis's spots, near singular where these melt together."""
+    """Return the pseudo-inverse (B,n,N) of an axis's spots, near singular where these melt together."""
     value = spots.value.to(torch.float64)
     products = value.mT @ value
     products.diagonal(dim1=1, dim2=2).add_(1e-6)

@@ -177,7 +177,7 @@ class PaperLocator(Search):
 
 
 def exact_frames(frames: Frames) -> Frames:
-    """Give the frames in uint8, or refuse what no locator can read.
+    """Return the frames in uint8, or refuse what no locator can read.
 
     Raises:
         VoccError: what :func:`quantised` refuses, another shape than (B,1,H,W), a side above 32,768 px, a

@@ -40,7 +40,7 @@ class UnevenParts:
     size_px: tuple[int, int]
 
     def cut(self, grey: Tensor, index: int) -> Tensor:
-        """Give the uneven part (h,w) of frame ``index`` of (B,1,H,W), without a copy."""
+        """Return the uneven part (h,w) of frame ``index`` of (B,1,H,W), without a copy."""
         left, top, width, height = self.boxes[index]
         return grey[index, 0, top : top + height, left : left + width]
 
@@ -201,7 +201,7 @@ def otsu_threshold(histogram: Tensor) -> Tensor:
 
 
 def _lowest_best(levels: Sequence[int], below: Sequence[int], mass: Sequence[int]) -> int:
-    """Give the threshold of most variance between the classes, the lowest of equals, in rational numbers."""
+    """Threshold of most variance between the classes, the lowest of equals, in rational numbers."""
     total, total_mass = below[-1], mass[-1]
 
     def between(level: int) -> Fraction:

@@ -92,7 +92,7 @@ def _blocks_of(box: tuple[int, int, int, int]) -> tuple[int, int, int, int]:
 
 
 def _plain_levels(parts: UnevenParts) -> list[int]:
-    """Give the grey value of each frame's background where too little differs to move any median, else -1."""
+    """Grey value of each frame's background where too little differs to move any median, else -1."""
     high, wide = (-(-side // _BLOCK_PX) for side in parts.size_px)
     least = min(_tile_blocks(high)[1] * _tile_blocks(wide)[1], high * wide)
     levels = []
@@ -139,7 +139,7 @@ def local_background(means: Tensor, levels: Sequence[int] = ()) -> Tensor:
 
 
 def _tile_blocks(blocks: int) -> tuple[int, int]:
-    """Give the number of an axis's tiles and their size, blocks."""
+    """Return the number of an axis's tiles and their size, blocks."""
     count = max(1, round(blocks / _TILE_BLOCKS))
     return count, -(-blocks // count)
 

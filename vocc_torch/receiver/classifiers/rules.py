@@ -60,7 +60,7 @@ class FldaClassifier:
 
 
 def _solved(flda: FLDA) -> Discriminant:
-    """Give what decides, which is to the last bit what the discriminant itself would."""
+    """Return what decides, which is to the last bit what the discriminant itself would."""
     # Asked for first: it refuses a missing class, and warns where samples do not determine it.
     device = flda.direction.device
     rule, _ = Discriminant.of(flda.statistics.to(torch.device("cpu")).checked())
@@ -291,7 +291,7 @@ def _plane(values: Tensor, chosen: Tensor) -> Tensor:
 
 
 def _steps(values: Tensor, size: int) -> Tensor:
-    """Give ``size`` places from -1 to 1; a single one lies at 0."""
+    """Return ``size`` places from -1 to 1; a single one lies at 0."""
     return (
         torch.linspace(-1, 1, size, dtype=values.dtype, device=values.device)
         if size > 1
