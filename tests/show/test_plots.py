@@ -11,8 +11,8 @@ from PIL import Image
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.curve import BerTable
-from vocc_torch.show.canvas import new_figure
-from vocc_torch.show.plots import ber_figure, feature_histograms, figure_pixels, save_figure
+from vocc_torch.show.canvas import figure_pixels, new_figure, save_figure
+from vocc_torch.show.plots import ber_figure, feature_histograms
 from vocc_torch.show.styles import receiver_styles
 
 
