@@ -20,12 +20,12 @@ from vocc_torch.measure.curves import Measured
 from vocc_torch.measure.grid import Grid
 from vocc_torch.measure.plan import Plan, resolve_device
 from vocc_torch.measure.timing import describe_machine
+from vocc_torch.show.canvas import save_figure
 from vocc_torch.show.csv_file import write_rows
 from vocc_torch.show.folder import LEDGERS, as_markdown, print_place
 from vocc_torch.show.grid_files import CAPTIONS as GRID_CAPTIONS
 from vocc_torch.show.grid_files import grid_figures, write_grid
 from vocc_torch.show.paired_file import write_paired
-from vocc_torch.show.plots import save_figure
 from vocc_torch.show.quiet import quiet_threads
 from vocc_torch.show.report import write_report
 from vocc_torch.show.stopwatch import Stopwatch

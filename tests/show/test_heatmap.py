@@ -1,28 +1,26 @@
 """The dimming study's pictures and tables show the grid's own numbers, at their places, legibly."""
 
+import csv
 import itertools
-import math
 
 import numpy as np
 import pytest
+import torch
 from made_up_dimming import AMBIENT, BITS, LUMINANCE, PAPER_LIKE, grid_of, paper_like_grid
-from matplotlib.collections import QuadMesh
+from matplotlib.collections import LineCollection, QuadMesh
 from matplotlib.colors import LogNorm, to_hex, to_rgb
 from matplotlib.patches import Rectangle
 from matplotlib.text import Annotation, Text
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.counts import Counts
-from vocc_torch.measure.dimming import best_luminance
-from vocc_torch.measure.optimum_ratio import on_off_ratio, optimum_ratio
-from vocc_torch.measure.undimmed import undimmed_loss
-from vocc_torch.show.best_luminance import best_luminance_figure
+from vocc_torch.measure.grid import best_luminance
 from vocc_torch.show.canvas import figure_pixels
-from vocc_torch.show.dimming_rows import best_rows, dimming_rows, followed_rows, loss_rows
-from vocc_torch.show.heatmap import dimming_figure
-from vocc_torch.show.octaves import cell_edges, grid_value, octave, rate_text
+from vocc_torch.show.grid_files import grid_figures, write_grid
+from vocc_torch.show.heatmap import best_luminance_figure, cell_edges, dimming_figure
 from vocc_torch.show.styles import receiver_styles
-from vocc_torch.show.undimmed import undimmed_figure
+from vocc_torch.show.text_table import rate_text
+from vocc_torch.simulation.photometry import luminous_exposure_lx_s, reflected_luminance_cd_m2
 
 FOUR = ("center_greyscale", "average_greyscale", "flda_2", "flda_3")
 
@@ -45,13 +43,6 @@ def heat(grid):
 @pytest.fixture(scope="module")
 def best(grid):
     figure = best_luminance_figure(grid)
-    figure_pixels(figure)
-    return figure
-
-
-@pytest.fixture(scope="module")
-def undimmed(grid):
-    figure = undimmed_figure(grid)
     figure_pixels(figure)
     return figure
 
@@ -129,7 +120,7 @@ def test_numbers_stand_in_their_cells_and_limits_have_a_sign(grid, heat):
         assert len(texts) == len(AMBIENT) * len(LUMINANCE)
         ber, limits = grid.ber(name), grid.intervals(name)[1]
         for (i, j), text in texts.items():
-            said = rate_text(ber[i, j]) if ber[i, j] else f"<{rate_text(limits[i, j])}"
+            said = rate_text(ber[i, j]) if ber[i, j] else f"< {rate_text(limits[i, j])}"
             assert text.get_text() == said
             box = text.get_window_extent().transformed(axes.transData.inverted())
             assert cell_edges(AMBIENT)[i] <= box.x0
@@ -160,18 +151,29 @@ def test_numbers_are_legible_in_dark_and_in_light_cells(grid, heat):
     assert len({to_hex(t.get_color()) for axes in panels(heat) for t in cell_texts(axes).values()}) == 2
 
 
+def bars(axes):
+    """The ends of the vertical bars, with their width."""
+    drawn = [found for found in axes.collections if isinstance(found, LineCollection)]
+    return {
+        (*np.round(ends[:, 1], 6), float(found.get_linewidth()[0]))
+        for found in drawn
+        for ends in found.get_segments()
+    }
+
+
 def test_the_best_luminances_are_joined_with_their_ranges(grid, heat):
+    beyond = 0.3 * np.diff(cell_edges(LUMINANCE))
     for name, axes in zip(FOUR, panels(heat), strict=True):
         bests = best_luminance(grid, name)
         lines = [line for line in axes.lines if line.get_transform() == axes.transData]
-        joined = [np.asarray(line.get_ydata()) for line in lines if len(line.get_ydata()) == len(AMBIENT)]
-        assert joined[0] == pytest.approx([octave(best.middle_cd_m2) for best in bests])
-        ends = {tuple(np.round(line.get_ydata(), 6)) for line in lines if len(line.get_ydata()) == 2}
+        (joined,) = (line.get_ydata() for line in lines if line.get_label() == "best")
+        assert joined == pytest.approx([np.log2(best.middle_cd_m2) for best in bests])
         for best in bests:
-            low, high = octave(best.candidates_cd_m2[0]), octave(best.candidates_cd_m2[-1])
-            assert (round(low, 6), round(high, 6)) in ends
+            low, high = np.log2([best.candidates_cd_m2[0], best.candidates_cd_m2[-1]])
+            ends = low - best.reaches_lowest * beyond[0], high + best.reaches_highest * beyond[-1]
+            assert ends[0] == ends[1] or (*np.round(ends, 6), 1.6) in bars(axes)
         for marker, reached in (("v", "reaches_lowest"), ("^", "reaches_highest")):
-            drawn = sum(line.get_marker() == marker for line in lines)
+            (drawn,) = (len(line.get_ydata()) for line in lines if line.get_marker() == marker)
             assert drawn == sum(getattr(best, reached) for best in bests)
 
 
@@ -179,9 +181,8 @@ def test_a_plateau_is_drawn_from_end_to_end():
     table = [[Counts(2000, BITS * 2000, 2 * w, 4 * w, w) for w in (900, 0, 0, 0, 900)]]
     figure = dimming_figure(grid_of({"flda_3": table}, AMBIENT[:1], LUMINANCE[:5]))
     assert "thick bar: luminances with equally few errors" in figure.texts[-1].get_text()
-    axes = figure.axes[0]
-    wide = [line for line in axes.lines if line.get_linewidth() > 4]
-    assert [list(line.get_ydata()) for line in wide] == [[octave(500.0), octave(2000.0)]]
+    wide = [ends[:2] for ends in bars(figure.axes[0]) if ends[2] > 4]
+    assert wide == [tuple(np.round(np.log2([500.0, 2000.0]), 6))]
 
 
 def test_a_large_grid_has_no_numbers_but_all_its_cells():
@@ -192,20 +193,17 @@ def test_a_large_grid_has_no_numbers_but_all_its_cells():
     assert axes.collections[0].get_array().size == 143
     named = [text for text in axes.xaxis.get_major_formatter().seq if text]
     assert named == ["1000", "2000", "4000", "8000", "16000", "32000"]
-    for figure in (best_luminance_figure(grid), undimmed_figure(grid)):
-        figure_pixels(figure)
+    figure_pixels(best_luminance_figure(grid))
 
 
 def test_a_grid_without_any_errors_is_drawn():
     table = [[Counts(64, 4096)] * 3] * 2
     grid = grid_of({"flda_3": table}, AMBIENT[:2], LUMINANCE[:3])
-    for draw in (dimming_figure, best_luminance_figure, undimmed_figure):
+    for draw in (dimming_figure, best_luminance_figure):
         figure_pixels(draw(grid))
-    said = "".join(text.get_text() for text in undimmed_figure(grid).axes[0].texts)
-    assert "no errors were seen, nor dimmed" in said
 
 
-@pytest.mark.parametrize("draw", [dimming_figure, best_luminance_figure, undimmed_figure])
+@pytest.mark.parametrize("draw", [dimming_figure, best_luminance_figure])
 @pytest.mark.parametrize("count", [1, 3, 4, 8])
 def test_one_to_eight_receivers_have_room(draw, count):
     grid = paper_like_grid(
@@ -233,7 +231,7 @@ def test_chosen_receivers_are_drawn_in_their_order(grid):
     said = [axes.texts[-1].get_text() for axes in figure.axes[:2]]
     assert said == ["FLDA: AGR + GRI + NGR", "Center greyscale"]
     assert len(figure.axes) == 3
-    for draw in (dimming_figure, best_luminance_figure, undimmed_figure):
+    for draw in (dimming_figure, best_luminance_figure):
         with pytest.raises(VoccError, match="receiver is flda_9"):
             draw(grid, "None", ["flda_9"])
 
@@ -246,115 +244,51 @@ def test_the_best_luminance_is_drawn_in_the_receivers_colour(grid, best):
     for name, style in receiver_styles(FOUR).items():
         (line,) = (line for line in axes.lines if line.get_label() == style.label)
         assert to_hex(line.get_color()).upper() == style.colour
-        assert line.get_ydata() == pytest.approx([octave(b.middle_cd_m2) for b in best_luminance(grid, name)])
-        assert line.get_xdata() == pytest.approx([octave(value) for value in AMBIENT], abs=0.2)
+        assert line.get_ydata() == pytest.approx(
+            [np.log2(b.middle_cd_m2) for b in best_luminance(grid, name)]
+        )
+        assert line.get_xdata() == pytest.approx(np.log2(AMBIENT), abs=0.2)
 
 
 def test_the_dashed_lines_have_the_contrast_that_they_state(best):
     (axes,) = best.axes
     stated = [text for text in axes.texts if text.get_text().strip().startswith("\N{MULTIPLICATION SIGN}")]
     assert len(stated) > 5
+    camera = {"exposure_time_s": 1 / 1500, "f_number": 4.0, "calibration_constant": 12.5}
     for text in stated:
         ambient, luminance = (2.0**at for at in text.get_position())
-        ratio = float(text.get_text().strip()[1:])
-        assert on_off_ratio(luminance, ambient) == pytest.approx(ratio, rel=0.01)
+        reflected = reflected_luminance_cd_m2(torch.tensor(ambient, dtype=torch.float64), 0.4)
+        off, on = (luminous_exposure_lx_s(reflected + led, **camera) for led in (0.0, luminance))
+        assert float(on / off) == pytest.approx(float(text.get_text().strip()[1:]), rel=0.01)
 
 
-def test_the_power_that_is_followed_is_stated(grid, best):
-    said = "\n".join(text.get_text() for text in best.texts)
-    for name in FOUR:
-        found = optimum_ratio(grid, name)
-        if found.slope is None:
-            assert "too few ambient lights" in said
-        else:
-            assert f"{found.slope.value:.2f}}}$ ({found.slope.low:.2f} to {found.slope.high:.2f})" in said
-            assert f"{found.ratio.value:.2f} ({found.ratio.low:.2f} to {found.ratio.high:.2f})" in said
+# The files.
 
 
-# What is lost without dimming.
-
-
-def test_the_dimmed_and_the_fixed_rates_are_drawn(grid, undimmed):
-    for (name, style), axes in zip(receiver_styles(FOUR).items(), undimmed.axes, strict=True):
-        loss = undimmed_loss(grid, name)
-        drawn = [
-            (to_hex(line.get_color()).upper(), np.nan_to_num(np.asarray(line.get_ydata(), dtype=float)))
-            for line in axes.lines
-            if line.get_linestyle() != "None" and len(line.get_ydata()) == len(AMBIENT)
-        ]
-        (dimmed,) = (y for colour, y in drawn if colour == style.colour)
-        assert dimmed == pytest.approx([b.ber for b in loss.dimmed])
-        fixed = [y for colour, y in drawn if colour == "#4A4E54"]
-        assert fixed[0] == pytest.approx([cell.value for cell in loss.fixed.ber])
-        assert axes.get_yscale() == "log"
-        assert axes.get_title("left") == style.label
-        assert f"{loss.fixed.luminance_cd_m2:g} cd/m²" in axes.texts[-1].get_text() + axes.texts[0].get_text()
-
-
-def test_rates_of_zero_are_arrows_from_their_limits(grid, undimmed):
-    axes, loss = undimmed.axes[-1], undimmed_loss(grid, "flda_3")
-    limits = [b.ber_high for b in loss.dimmed if not b.ber]
-    limits += [cell.high for cell in loss.fixed.ber if not cell.value]
-    if loss.headlight.luminance_cd_m2 != loss.fixed.luminance_cd_m2:
-        limits += [cell.high for cell in loss.headlight.ber if not cell.value]
-    arrows = [a.xy[1] for a in axes.texts if isinstance(a, Annotation) and a.arrow_patch is not None]
-    assert limits
-    assert sorted(arrows) == pytest.approx(sorted(limits))
-
-
-# The tables.
-
-
-def as_dicts(rows):
-    head, *lines = rows
-    assert all(len(line) == len(head) for line in lines)
-    return [dict(zip(head, line, strict=True)) for line in lines]
-
-
-def test_every_cell_is_a_row(grid):
-    rows = as_dicts(dimming_rows(grid))
+def test_the_files_have_every_point_and_the_best_of_every_ambient_light(grid, tmp_path):
+    write_grid(tmp_path / "ber.csv", {"truth": grid})
+    files = [tmp_path / f"ber{end}.csv" for end in ("", "_best")]
+    rows, best = (list(csv.DictReader(file.read_text().splitlines())) for file in files)
     assert len(rows) == len(FOUR) * len(AMBIENT) * len(LUMINANCE)
     for row in rows[::17]:
-        i, j = AMBIENT.index(row["ambient_lx"]), LUMINANCE.index(row["led_luminance_cd_m2"])
+        i, j = AMBIENT.index(float(row["ambient_lx"])), LUMINANCE.index(float(row["value"]))
         counts = grid.counts(row["receiver"])[i][j]
-        assert (row["frames"], row["bits"], row["frame_errors"]) == (512, 512 * BITS, counts.frame_errors)
-        assert row["ber"] == counts.ber
-        assert row["ber_low"] <= row["ber"] <= row["ber_high"]
-        assert (row["locator"], row["stopped_by"]) == ("truth", "frames")
+        assert (int(row["bits"]), int(row["frame_errors"])) == (512 * BITS, counts.frame_errors)
+        ends = [float(side[i, j]) for side in grid.intervals(row["receiver"])]
+        assert [float(row[name]) for name in ("ber", "ber_low", "ber_high")] == [counts.ber, *ends]
+    stated = [best for name in FOUR for best in best_luminance(grid, name)]
+    for row, one in zip(best, stated, strict=True):
+        assert (row["receiver"], float(row["ambient_lx"])) == (one.receiver, one.ambient_lx)
+        ranges = [float(row[f"{name}_cd_m2"]) for name in ("best_from", "best_to", "range_from", "range_to")]
+        least, candidates = one.least_cd_m2, one.candidates_cd_m2
+        assert ranges == [least[0], least[-1], candidates[0], candidates[-1]]
+        assert row["may_lie_above_grid"] == ("yes" if one.reaches_highest else "no")
 
 
-def test_the_best_of_every_ambient_light_is_a_row(grid):
-    rows = as_dicts(best_rows(grid))
-    assert len(rows) == len(FOUR) * len(AMBIENT)
-    for row, best in zip(rows[:6], best_luminance(grid, FOUR[0]), strict=True):
-        assert (row["receiver"], row["ambient_lx"], row["ber"]) == (FOUR[0], best.ambient_lx, best.ber)
-        assert (row["range_from_cd_m2"], row["range_to_cd_m2"]) == (
-            best.candidates_cd_m2[0],
-            best.candidates_cd_m2[-1],
-        )
-        assert row["may_lie_above_grid"] == ("yes" if best.reaches_highest else "no")
-
-
-def test_slopes_are_rows_and_unknown_ones_are_empty(grid):
-    rows = as_dicts(followed_rows(grid))
-    assert [row["receiver"] for row in rows] == list(FOUR)
-    for row in rows:
-        found = optimum_ratio(grid, row["receiver"])
-        assert row["slope"] == ("" if found.slope is None else found.slope.value)
-        assert row["ambient_levels"] == len(found.ambient_lx)
-
-
-def test_losses_are_rows_with_a_ratio_for_the_mean(grid):
-    rows = as_dicts(loss_rows(grid))
-    assert len(rows) == len(FOUR) * 3 * (len(AMBIENT) + 1)
-    for name in FOUR:
-        loss = undimmed_loss(grid, name)
-        mean = [row for row in rows if row["receiver"] == name and row["ambient_lx"] == "mean"]
-        assert [row["panel"] for row in mean] == ["dimmed", "best_fixed", "headlight"]
-        assert mean[1]["times_dimmed_low"] == loss.fixed.ratio.low
-        assert mean[2]["led_luminance_cd_m2"] == 4000.0
-        assert mean[0]["ber"] == pytest.approx(np.mean([best.ber for best in loss.dimmed]))
-        assert mean[1]["ber"] / mean[0]["ber"] == pytest.approx(mean[1]["times_dimmed"])
+def test_figures_are_named_by_locator_and_pass_over_receivers_that_were_not_measured(grid):
+    figures = grid_figures({"paper": grid, "truth": grid}, "paper", ["flda_3", "cnn"])
+    assert set(figures) == {"dimming_paper", "dimming_truth", "dimming_best"}
+    assert figures["dimming_truth"].axes[0].texts[-1].get_text() == "FLDA: AGR + GRI + NGR"
 
 
 # Words and places.
@@ -363,15 +297,3 @@ def test_losses_are_rows_with_a_ratio_for_the_mean(grid):
 def test_edges_are_halfway_in_octaves():
     assert cell_edges([1e3, 2e3, 8e3]) == pytest.approx(np.log2([1e3 / 2**0.5, 1e3 * 2**0.5, 4e3, 16e3]))
     assert cell_edges([1e3]) == pytest.approx(np.log2([1e3 / 2**0.5, 1e3 * 2**0.5]))
-
-
-@pytest.mark.parametrize(
-    ("value", "text"), [(0.5, "0.5"), (0.012, "0.012"), (9.96e-3, "1.0e-2"), (1e-12, "1.0e-12"), (0, "0")]
-)
-def test_rates_in_two_digits(value, text):
-    assert rate_text(value) == text
-    assert math.isclose(float(text), value, rel_tol=0.05)
-
-
-def test_grid_values_in_three_digits():
-    assert [grid_value(v) for v in (250.0, 353.55, 16000.0, 99.96)] == ["250", "354", "16000", "100"]

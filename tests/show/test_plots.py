@@ -11,8 +11,8 @@ from PIL import Image
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.curve import BerTable
-from vocc_torch.show.canvas import new_figure
-from vocc_torch.show.plots import ber_figure, feature_histograms, figure_pixels, save_figure
+from vocc_torch.show.canvas import figure_pixels, new_figure, save_figure
+from vocc_torch.show.plots import ber_figure, feature_histograms
 from vocc_torch.show.styles import receiver_styles
 
 
@@ -151,18 +151,3 @@ def test_a_feature_that_is_constant_can_be_drawn():
     figure = feature_histograms(torch.ones(10, 4), torch.arange(10) % 2 == 0, ["a", "b", "c", "d"])
     assert [axes.get_xlabel() for axes in figure.axes] == ["a", "b", "c", "d"]
     assert figure_pixels(figure).dtype == np.uint8
-
-
-@pytest.mark.parametrize(
-    ("features", "bits", "names", "message"),
-    [
-        (torch.ones(4), torch.tensor([True, False, True, False]), ["a"], "^features has shape"),
-        (torch.ones(4, 2), torch.tensor([True, False, True, False]), ["a"], "^features has shape"),
-        (torch.ones(4, 1), torch.tensor([True, False]), ["a"], "^bits has shape"),
-        (torch.full((2, 1), torch.nan), torch.tensor([True, False]), ["a"], "not finite"),
-        (torch.ones(2, 1), torch.tensor([True, True]), ["a"], "^bits holds one kind"),
-    ],
-)
-def test_features_that_cannot_be_drawn_are_refused(features, bits, names, message):
-    with pytest.raises(VoccError, match=message):
-        feature_histograms(features, bits, names)

@@ -2,16 +2,16 @@
 
 import io
 import re
+from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from made_up_points import made_up_point
 from rich.console import Console
 
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.curve import BerTable, Point
-from vocc_torch.show.terminal import StudyView, print_table
+from vocc_torch.show.terminal import StudyView, print_table, train_shown
 from vocc_torch.show.text_table import ends_text, rate_text
 
 OURS = ["center_greyscale", "average_greyscale", "flda_agr", "flda_gri", "flda_2", "flda_3"]
@@ -42,11 +42,13 @@ def test_numbers_are_never_cut_and_no_line_is_too_long(width):
     assert "\N{HORIZONTAL ELLIPSIS}" not in text()
 
 
-def test_six_receivers_with_intervals_fit_eighty_columns():
-    screen, text = console(80)
-    print_table(crowd(), screen)
+def test_intervals_of_six_receivers_fit_eighty_columns_on_two_lines():
     row = crowd().of("flda_agr")[0]
-    assert text().count(interval_text(row.ber, row.ber_low, row.ber_high)) == 6
+    for width, joint in ((110, " to "), (80, " to")):
+        screen, text = console(width)
+        print_table(crowd(), screen)
+        assert text().count(f"{rate_text(row.ber_low)}{joint}") == 6
+    assert ends_text(1.5e-5, 1.2e-2) == "1.5e-5 to 1.2e-2"
 
 
 def test_the_finished_table_is_plain_and_says_how_to_read_it(table):
@@ -65,29 +67,67 @@ def test_ascii_output_stays_ascii(table):
     assert text().isascii()
 
 
-def test_without_a_terminal_each_finished_point_is_one_plain_line(table):
+def test_without_a_terminal_each_value_is_one_plain_line_and_no_rate_is_told_twice(table):
     screen, text = console(width=40)
     with StudyView("ambient_lx", table.values, table.receivers, 2000, screen) as view:
         for value in table.values:
-            view.advance(1000)
+            view.count(1000)
             view.show([made_up_point(value, "flda_3", 1)])
-            view.advance(1000)
+            view.count(1000)
             view.finish([made_up_point(value, receiver, 5) for receiver in table.receivers])
-    lines = text().splitlines()
-    assert "\x1b" not in text()
-    assert len(lines) == 6
-    assert re.fullmatch(
-        r"ambient_lx=1000 flda_2: BER 7\.8e-5 \[\S+, \S+\], 2000 frames, stopped by frames", lines[0]
-    )
+    assert text().splitlines() == [
+        f"ambient_lx={value}: 2000 frames, the whole budget" for value in (1000, 8000, 32000)
+    ]
+
+
+@pytest.mark.parametrize(
+    ("reason", "words"), [("frame_errors", "enough wrong frames"), ("precision", "the precision asked for")]
+)
+def test_why_a_point_stopped_is_said_in_words(reason, words):
+    screen, text = console()
+    with StudyView("x", [1.0], ["a"], 64, screen) as view:
+        view.finish([replace(made_up_point(1, "a", 5, axis="x"), stopped_by=reason)])
+    assert words in text()
+
+
+def test_the_live_table_and_the_finished_one_state_the_same_limit(table):
+    """A limit takes wrong frames to be as at the receiver's other points: two wrong bits, not one."""
+    screen, text = console(width=100, terminal=True)
+    points = [made_up_point(value, "flda_3", wrong) for value, wrong in ((1000, 100), (8000, 0))]
+    with StudyView("ambient_lx", [1000.0, 8000.0], ["flda_3"], 2000, screen) as view:
+        for point in points:
+            view.finish([point])
+        view._live.refresh()
+        live = text()
+    print_table(BerTable(points), screen)
+    (limit,) = set(re.findall(r"< \d\.\de-\d", text()[len(live) :]))
+    assert limit in live.rpartition("left")[2]
+
+
+@pytest.mark.parametrize("terminal", [True, False])
+def test_training_shows_its_progress_and_says_how_many_frames_it_saw(monkeypatch, terminal):
+    def trained(plan, progress):
+        progress(250)
+        progress(250)
+        return SimpleNamespace(frames=500, missed=3)
+
+    monkeypatch.setattr("vocc_torch.show.terminal.train", trained)
+    budget, receiver = SimpleNamespace(training_frames=500), SimpleNamespace(classifiers=())
+    screen, text = console(terminal=terminal)
+    train_shown(SimpleNamespace(budget=budget, receiver=receiver), screen)
+    last = "trained on 500 frames, 3 without a located panel left out\n"
+    assert text().endswith(last)
+    assert ("100 %" in text()) == terminal
+    assert terminal or text() == last
 
 
 def test_a_terminal_shows_the_bar_and_the_filling_table_and_is_left_clean():
     screen, text = console(terminal=True)
     with StudyView("ambient_lx", [1000.0, 2000.0], OURS, 128, screen) as view:
-        view.advance(64)
+        view.count(64)
         view.show([made_up_point(1000, name, 9) for name in OURS])
         view._live.refresh()
-        view.advance(64)
+        view.count(64)
         view.finish([made_up_point(1000, name, 9) for name in OURS])
         view._live.refresh()
         during = text()
@@ -111,12 +151,12 @@ def test_frames_that_were_not_needed_leave_the_total():
     screen, _ = console()
     view = StudyView("ambient_lx", [1.0, 2.0, 3.0], ["flda_3"], 1000, screen)
     task = view._progress.tasks[0]
-    view.advance(200)
+    view.count(200)
     view.finish([made_up_point(1, "flda_3", 5)])
     assert (task.completed, task.total) == (200, 2200)
     view.finish([made_up_point(2, "flda_3", 5)])  # all of it came from the ledger
     assert (task.completed, task.total) == (200, 1200)
-    view.advance(1000)
+    view.count(1000)
     view.finish([made_up_point(3, "flda_3", 5)])
     assert task.percentage == 100
 
@@ -125,7 +165,7 @@ def test_values_that_are_run_together_are_one_run():
     screen, _ = console()
     view = StudyView("contrast", [0.1, 0.2], ["flda_3"], 1000, screen, runs=1)
     task = view._progress.tasks[0]
-    view.advance(1000)
+    view.count(1000)
     view.finish([made_up_point(value, "flda_3", 5, axis="contrast") for value in (0.1, 0.2)])
     assert (task.description, task.completed, task.total) == ("contrast", 1000, 1000)
 
@@ -143,17 +183,8 @@ def test_a_dumb_terminal_gets_plain_lines():
     screen = Console(file=file, force_terminal=True, width=80, color_system=None, _environ={"TERM": "dumb"})
     with StudyView("x", [1.0], ["a"], 64, screen) as view:
         view.finish([made_up_point(1, "a", 5, axis="x")])
-    assert file.getvalue().startswith("x=1 a: BER 7.8e-5 [")
+    assert file.getvalue() == "x=1: 2000 frames, the whole budget\n"
     assert "\x1b" not in file.getvalue()
-
-
-@given(st.floats(1e-12, 1.0), st.floats(0.0, 1.0), st.floats(1.0, 100.0))
-def test_an_interval_reads_back_to_its_ends(rate, share, factor):
-    low, high = rate * share, rate * factor
-    numbers, exponent = re.fullmatch(r"(.*)e(-?\d+)", interval_text(rate, low, high)).groups()
-    unit = 10.0 ** int(exponent)
-    written = [float(number) * unit for number in numbers.split("-")]
-    assert written == pytest.approx([low, high], abs=0.51 * unit)
 
 
 def test_no_points_is_said():
