@@ -19,10 +19,11 @@ from vocc_torch.receiver.features import (
     average_greyscale_ratio,
     cell_means,
     gradient_radial_inwardness,
+    greyscale_scores,
     neighbour_greyscale_ratio,
+    preamble_threshold,
 )
 from vocc_torch.receiver.flda import FLDA
-from vocc_torch.receiver.greyscale import greyscale_scores, preamble_threshold
 from vocc_torch.receiver.location import quantised
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.receiver.rectification import cell_size_px, centre_greys, rectify
