@@ -281,8 +281,8 @@ class _Bench:
             if key not in part.patches:
                 part.patches[key] = one.rectify(part.frames, panels)
             part.readings[name] = one.measure(part.frames, panels, part.patches[key])
-            known_bits = needs_preambles(one.bank.names)
-            part.preambles[name] = one.preambles(*takes, panels) if known_bits else None
+            needed = needs_preambles(one.bank.names)
+            part.preambles[name] = one.preambles(takes[0], takes[1], panels) if needed else None
         return part
 
     def _add_stages(self, name: str, one: StagedReceiver) -> dict[str, str]:
