@@ -12,6 +12,7 @@ from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.frame_errors import FrameErrors
 from vocc_torch.measure.intervals import Interval, ber_interval
 from vocc_torch.measure.paired import DifferenceInterval
+from vocc_torch.measure.plug_in_training import Making as Making
 from vocc_torch.measure.timing import quartiles
 from vocc_torch.studies.tradeoff.frontier import Offer, beats
 
@@ -66,25 +67,6 @@ class Place:
     device: str
     frames: str
     batch: int
-
-
-@dataclass(frozen=True, slots=True)
-class Making:
-    """What it took to make a receiver.
-
-    Args:
-        training_s: wall time of training, s, its frames' simulation included; 0 without training.
-        simulated_s: what of it went into the frames, s, where that is known.
-        frames: training frames.
-        parameters: numbers that decide, where the receiver says it.
-        size_bytes: of the trained receiver, pickled.
-    """
-
-    training_s: float = 0.0
-    simulated_s: float | None = None
-    frames: int = 0
-    parameters: int | None = None
-    size_bytes: int | None = None
 
 
 @dataclass(frozen=True)

@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import itertools
-import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from importlib import import_module
 
 import torch
 from torch import Tensor
@@ -16,6 +13,7 @@ from torch import Tensor
 from vocc_torch.measure.link import block_keys
 from vocc_torch.measure.plan import resolve_device
 from vocc_torch.measure.timing import Timing, describe_machine, interleaved, quartiles
+from vocc_torch.measure.timing import threads as threads
 from vocc_torch.rng import BLOCK_FRAMES
 from vocc_torch.simulation.simulator import Framing
 from vocc_torch.studies.tradeoff.chain import Chain
@@ -102,25 +100,6 @@ def measure_times(study: TradeoffStudy, chains: Sequence[Chain]) -> Times:
     cpu_alone = all(resolve_device(name).type == "cpu" for name in study.devices)
     waited = max(0.0, 1 - clocks[1] / clocks[0]) if cpu_alone else 0.0
     return Times(spent, end_to_end, machines, used, waited, crop_px, _in_one_go(chains).setting.receiver)
-
-
-@contextmanager
-def threads(count: int) -> Iterator[None]:
-    """Let torch, and scikit-learn where it is in use, work with that many threads; 0 leaves their own number.
-
-    Example:
-        >>> with threads(1):
-        ...     torch.get_num_threads()
-        1
-    """
-    before = torch.get_num_threads()
-    with ExitStack() as stack:
-        if count and "sklearn" in sys.modules:
-            # It comes with scikit-learn, whose threads are not torch's.
-            stack.enter_context(import_module("threadpoolctl").threadpool_limits(count))
-        stack.callback(torch.set_num_threads, before)
-        torch.set_num_threads(count or before)
-        yield
 
 
 def _shot(study: TradeoffStudy, chains: Sequence[Chain], kind: FrameKind) -> Shot:
