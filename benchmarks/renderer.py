@@ -23,8 +23,7 @@ from torch import Tensor
 
 from vocc_torch import Simulator
 from vocc_torch.measure.link import block_keys
-from vocc_torch.measure.stage_times import threads
-from vocc_torch.measure.timing import describe_machine, interleaved
+from vocc_torch.measure.timing import describe_machine, interleaved, threads
 from vocc_torch.rng import FrameKey
 from vocc_torch.show.csv_file import write_rows
 from vocc_torch.simulation import SceneModel

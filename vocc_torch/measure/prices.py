@@ -1,4 +1,4 @@
-"""What receivers cost and give: operating points of error rate against time, and what training took."""
+"""Operating points of error rate against time, which of them nothing beats, and which to take."""
 
 from __future__ import annotations
 
@@ -8,25 +8,6 @@ from dataclasses import dataclass
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.estimate import Estimate
-
-
-@dataclass(frozen=True, slots=True)
-class TrainingCost:
-    """What it took to train a receiver.
-
-    Args:
-        training_s: wall time, s, with the simulation of its frames; 0 without training.
-        simulated_s: the part of it that went into the frames, s, where that is known.
-        frames: training frames.
-        parameters: numbers that decide, where the receiver states them.
-        size_bytes: of the trained receiver, pickled.
-    """
-
-    training_s: float = 0.0
-    simulated_s: float | None = None
-    frames: int = 0
-    parameters: int | None = None
-    size_bytes: int | None = None
 
 
 @dataclass(frozen=True, slots=True)

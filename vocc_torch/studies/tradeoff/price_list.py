@@ -10,7 +10,8 @@ from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.frame_errors import FrameErrors
 from vocc_torch.measure.genie.genie_mark import GenieMark
 from vocc_torch.measure.intervals import ber_interval
-from vocc_torch.measure.prices import OperatingPoint, TrainingCost
+from vocc_torch.measure.plug_in_training import Making
+from vocc_torch.measure.prices import OperatingPoint
 from vocc_torch.measure.stage_times import StageTimes
 from vocc_torch.studies.tradeoff.plan import Setting
 
@@ -57,7 +58,7 @@ class PriceList:
     """
 
     settings: tuple[Setting, ...]
-    costs: Mapping[Setting, TrainingCost]
+    costs: Mapping[Setting, Making]
     errors: Mapping[str, FrameErrors]
     times: Mapping[tuple[Setting, Place], StageTimes]
     end_to_end: Mapping[Place, float]

@@ -14,10 +14,10 @@ from vocc_torch.measure.genie.genie_likelihood import UnknownLikelihoodError
 from vocc_torch.measure.genie.genie_mark import GenieMark, genie_mark
 from vocc_torch.measure.link import Observation, block_keys
 from vocc_torch.measure.plan import resolve_device
-from vocc_torch.measure.prices import TrainingCost
-from vocc_torch.measure.stage_times import Exposure, StageTimes, threads, time_stages
-from vocc_torch.measure.timing import describe_machine
-from vocc_torch.measure.train_apart import train_apart
+from vocc_torch.measure.plug_in_training import Making
+from vocc_torch.measure.stage_times import Exposure, StageTimes, time_stages
+from vocc_torch.measure.timing import describe_machine, threads
+from vocc_torch.measure.train import train_alone
 from vocc_torch.measure.workers import Workers, worker_losses_told
 from vocc_torch.receiver.bank import needs_preambles
 from vocc_torch.receiver.receiver import StagedReceiver
@@ -74,22 +74,23 @@ def price_receivers(
 
 def train_receivers(
     study: TradeoffStudy, workers: Workers
-) -> tuple[dict[Setting, StagedReceiver], dict[Setting, TrainingCost]]:
+) -> tuple[dict[Setting, StagedReceiver], dict[Setting, Making]]:
     """Train the receiver of every setting; settings that differ in precision alone share their training.
 
     Raises:
         VoccError: no panel in any training frame, or a classifier that cannot be built or trained.
     """
-    trained = dict(zip(study.trainings, train_apart(list(study.trainings.values()), workers), strict=True))
+    plans = study.trainings
+    trained = dict(zip(plans, train_alone(list(plans.values()), workers), strict=True))
     finders = study.plan.receiver.finders([setting.locator for setting in study.settings])
     receivers, costs = {}, {}
     for setting in study.settings:
-        training, by_name = trained[study.training_of(setting)]
+        training = trained[study.training_of(setting)]
         bank = training.bank([setting.receiver])
         receivers[setting] = StagedReceiver(
             bank, study.reader(setting), finders[setting.locator], DTYPES[setting.dtype]
         )
-        costs[setting] = by_name[setting.receiver]
+        costs[setting] = training.making(setting.receiver)
     return receivers, costs
 
 
