@@ -1,6 +1,6 @@
 """Whole studies and command lines drawn from all that may be said, and those that once failed.
 
-benchmarks/fuzz.py runs a hundred thousand; here are a few hundred, always the same.
+benchmarks/fuzz.py runs a hundred thousand; here are a few dozen, always the same.
 """
 
 import math
@@ -20,7 +20,7 @@ from vocc_torch.simulation.effects import PHYSICAL_ORDER, build_effects
 from vocc_torch.types import PanelShape
 
 SEED = 5
-SCENES, BLOCKS = 300, 12
+SCENES, BLOCKS = 60, 4
 LINES = 40
 SMALL = {
     **{
