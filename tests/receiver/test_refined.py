@@ -125,8 +125,10 @@ def test_a_frame_is_located_alone_as_in_company() -> None:
         together = RefinedLocator()(frames, SHAPE)
         for index in range(5):
             alone = RefinedLocator()(frames[index : index + 1], SHAPE)
-            for name in Panels.__slots__:
-                assert torch.equal(getattr(alone, name)[0], getattr(together, name)[index]), name
+            assert alone.found[0] == together.found[index]
+            assert alone.candidates[0] == together.candidates[index]
+            # Sums may be ordered otherwise, so a corner may be rounded to the next part of 1/1024 px.
+            assert errors_px(alone, Panels.known(together.corners_px[index : index + 1])) < 2e-3
 
 
 def test_floating_frames_are_rounded(paper_scenes: tuple[Frames, Panels, torch.Tensor]) -> None:
