@@ -9,9 +9,9 @@ from matplotlib.figure import Figure
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.curve import BerTable
-from vocc_torch.show.ber_axes import draw_rates, receiver_line
+from vocc_torch.show.ber_axes import draw_rates, name_receivers
 from vocc_torch.show.canvas import INK, new_figure, write_title
-from vocc_torch.show.styles import Style, axis_label, receiver_styles
+from vocc_torch.show.styles import axis_label, receiver_styles
 
 _FACET_WIDTH_IN, _FACET_HEIGHT_IN = 3.1, 2.45
 _LEFT_IN, _BOTTOM_IN, _GAP_IN, _RIGHT_IN = 0.8, 0.95, 0.36, 0.12
@@ -61,7 +61,7 @@ def facet_figure(rows: Sequence[Mapping[str, BerTable]], title: str, footnote: s
             axes.set_title(name, fontsize=10.5, fontweight="bold", color=INK, loc="left", pad=5)
             _labels(axes, table, first=j == 0, last=i == len(rows) - 1)
     write_title(figure, title, footnote)
-    _legend(figure, list(styles.values()), legend_columns)
+    name_receivers(figure, styles.values(), legend_columns, size=0.9)
     return figure
 
 
@@ -71,18 +71,3 @@ def _labels(axes: Axes, table: BerTable, *, first: bool, last: bool) -> None:
     axes.tick_params(axis="y", which="both", labelleft=first)
     axes.set_xlabel(axis_label(table.axis) if last else "", labelpad=5, fontsize=10.5)
     axes.tick_params(axis="x", labelbottom=last)
-
-
-def _legend(figure: Figure, styles: Sequence[Style], columns: int) -> None:
-    """Name the receivers under the title."""
-    figure.legend(
-        handles=[receiver_line(style, size=0.9) for style in styles],
-        loc="upper left",
-        bbox_to_anchor=(0.01, 1 - 0.46 / figure.get_figheight()),
-        ncols=min(columns, len(styles)),
-        frameon=False,
-        fontsize=10,
-        labelcolor=INK,
-        handlelength=3.0,
-        columnspacing=1.8,
-    )

@@ -12,13 +12,15 @@ from rich.progress import BarColumn, Progress, ProgressColumn, Task, TextColumn,
 from rich.text import Text
 
 from vocc_torch.measure.curve import BerTable, Point, Row
+from vocc_torch.measure.plan import Plan
+from vocc_torch.measure.train import Training, train
 from vocc_torch.show.styles import value_text
 from vocc_torch.show.text_table import ber_table
 
 _FRAME_LINES = 8
 """Lines around the table's rows in the live view: header, rules and progress."""
 _STOPPED = {
-    "frames": "all frames of the budget",
+    "frames": "the whole budget",
     "frame_errors": "stopped at enough wrong frames",
     "precision": "stopped at the precision asked for",
 }
@@ -137,7 +139,7 @@ class StudyView(ProgressView):
         >>> with StudyView("distance_m", [50.0], ["flda_3"], 64, Console(width=80)) as view:
         ...     view.count(64)
         ...     view.finish([point])
-        distance_m=50: 64 frames, all frames of the budget
+        distance_m=50: 64 frames, the whole budget
     """
 
     def __init__(
@@ -203,6 +205,25 @@ class StudyView(ProgressView):
             interim={point.value for point in self._interim},
             lines=self.console.height - _FRAME_LINES,
         )
+
+
+def train_shown(plan: Plan, console: Console) -> Training:
+    """Train under a progress bar, and say what was learnt from."""
+    frames = plan.budget.training_frames
+    with ProgressView(frames, console, f"training on {frames} frames") as view:
+        seen = 0
+
+        def progress(more: int) -> None:
+            nonlocal seen
+            seen += more
+            # The classifiers learn once FLDA has seen its frames.
+            last = seen >= frames and plan.receiver.classifiers
+            view.advance("training classifiers" if last else f"training on {frames} frames", more)
+
+        training = train(plan, progress)
+    missed = f", {training.missed} without a located panel left out" if training.missed else ""
+    view.say(f"trained on {training.frames} frames{missed}")
+    return training
 
 
 class _Speed(ProgressColumn):

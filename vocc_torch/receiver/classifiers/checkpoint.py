@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import inspect
+import io
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -13,15 +14,18 @@ import torch
 from torch import Tensor, nn
 
 from vocc_torch.errors import VoccError
-from vocc_torch.files import atomic_file
+from vocc_torch.files import write_atomically
 from vocc_torch.receiver.classifiers.recipe import TrainingRecipe
+
+_CHECKSUM_BYTES = hashlib.sha256().digest_size
 
 
 class Checkpoint:
     """One file for one training: module, source, first weights, recipe, panels, device and release name it.
 
     Another of these is another file, so nothing goes on from what is not its own. What the module's source
-    calls in other files is not looked at.
+    calls in other files is not looked at. The file begins with the SHA-256 of its name and of what follows:
+    one that was changed or renamed afterwards is refused.
 
     Args:
         folder: where the files are.
@@ -52,13 +56,19 @@ class Checkpoint:
         """Read how far the training came, or None where it has not begun.
 
         Raises:
-            VoccError: a file that is damaged.
+            VoccError: a file that is damaged, or that is not this training's.
         """
         if not self.path.exists():
             return None
         try:
+            whole = self.path.read_bytes()
+            kept = whole[_CHECKSUM_BYTES:]
+            if whole[:_CHECKSUM_BYTES] != self._checksum(kept):
+                raise VoccError(f"checkpoint {self.path} is damaged (its checksum does not fit): delete it")
             # The states of an optimizer and of a schedule have no narrower type.
-            state: dict[str, Any] = torch.load(self.path, map_location=device, weights_only=True)
+            state: dict[str, Any] = torch.load(io.BytesIO(kept), map_location=device, weights_only=True)
+        except VoccError:
+            raise
         except Exception as error:
             reason = f"{type(error).__name__}: it cannot be read"
             raise VoccError(f"checkpoint {self.path} is damaged ({reason}): delete it") from error
@@ -70,8 +80,13 @@ class Checkpoint:
         Raises:
             VoccError: the file cannot be written.
         """
-        with atomic_file(self.path) as temporary:
-            torch.save(state, temporary)
+        kept = io.BytesIO()
+        torch.save(state, kept)
+        write_atomically(self.path, self._checksum(kept.getvalue()) + kept.getvalue())
+
+    def _checksum(self, kept: bytes) -> bytes:
+        """Hash the file's name and the state."""
+        return hashlib.sha256(self.path.name.encode() + kept).digest()
 
 
 def _source(kind: type[nn.Module]) -> str:

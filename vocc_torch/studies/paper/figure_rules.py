@@ -25,7 +25,7 @@ from itertools import combinations, pairwise
 import numpy as np
 import torch
 
-from vocc_torch.measure.dimming import Grid, not_worse
+from vocc_torch.measure.grid import Grid, not_worse
 from vocc_torch.measure.estimate import CONFIDENCE, Estimate
 from vocc_torch.simulation import photometry
 from vocc_torch.studies.paper.judgement import Judgement, NotMeasuredError, Variant

@@ -16,10 +16,10 @@ from vocc_torch.measure.campaign import Campaign
 from vocc_torch.measure.config import Settings
 from vocc_torch.measure.curve import BerTable
 from vocc_torch.measure.curves import Measured
-from vocc_torch.measure.dimming import Grid
+from vocc_torch.measure.grid import Grid
 from vocc_torch.measure.plan import Plan, resolve_device
 from vocc_torch.measure.timing import describe_machine
-from vocc_torch.show.csv_file import write_rows
+from vocc_torch.show.csv_file import cell_text, write_rows
 from vocc_torch.show.folder import LEDGERS, as_markdown
 from vocc_torch.show.grid_files import CAPTIONS as GRID_CAPTIONS
 from vocc_torch.show.grid_files import grid_figures, write_grid
@@ -216,8 +216,5 @@ class PaperFiles:
 
     def _write(self, path: Path, rows: Iterable[Sequence[str | int | float | None]]) -> None:
         """Write a CSV file; whole numbers have no point, as in ``ber.csv``."""
-        shortened = (
-            [repr(cell).removesuffix(".0") if isinstance(cell, float) else cell for cell in row]
-            for row in rows
-        )
-        write_rows(self.folder / path, shortened)
+        texts = (["" if cell is None else cell_text(cell) for cell in row] for row in rows)
+        write_rows(self.folder / path, texts)

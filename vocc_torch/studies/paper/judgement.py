@@ -18,7 +18,7 @@ from vocc_torch.errors import VoccError
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.curve import BerTable, Row
 from vocc_torch.measure.curves import Curves, Measured
-from vocc_torch.measure.dimming import Grid
+from vocc_torch.measure.grid import Grid
 from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.paired import PairedCounts, paired_interval
 from vocc_torch.measure.relative import difference_independent

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from vocc_torch.files import atomic_file, write_atomically
-from vocc_torch.measure.dimming import Grid, best_luminance
+from vocc_torch.measure.grid import Grid, best_luminance
 from vocc_torch.measure.estimate import Estimate
 from vocc_torch.show.page import SIGNS, html, render
 from vocc_torch.show.styles import LOCATED, receiver_styles

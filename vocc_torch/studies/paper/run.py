@@ -24,6 +24,7 @@ from vocc_torch.show.folder import (
     refuse_unused,
     resumable,
     write_config,
+    write_training,
 )
 from vocc_torch.show.stopwatch import Stopwatch
 from vocc_torch.show.tensorboard import board_hint
@@ -31,7 +32,6 @@ from vocc_torch.show.terminal import ProgressView
 from vocc_torch.studies.paper.config import FiguresConfig
 from vocc_torch.studies.paper.experiments import paper_plan, wanted_figures
 from vocc_torch.studies.paper.files import PaperFiles
-from vocc_torch.studies.training.run import write_training
 
 
 def run_figures(settings: Settings, config: FiguresConfig, folder: Path) -> None:

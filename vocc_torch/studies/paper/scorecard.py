@@ -11,7 +11,7 @@ from typing import TypeAlias
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.curve import Row
 from vocc_torch.measure.curves import Measured
-from vocc_torch.measure.dimming import Grid
+from vocc_torch.measure.grid import Grid
 from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.intervals import ber_interval
 from vocc_torch.studies.paper.claims import CLAIMS, Claim, ClaimGroup

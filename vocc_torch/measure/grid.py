@@ -13,13 +13,11 @@ from numpy.typing import NDArray
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.curves import Curves
+from vocc_torch.measure.estimate import CONFIDENCE, joint_confidence
 from vocc_torch.measure.intervals import ber_interval
 
 Floats: TypeAlias = NDArray[np.float64]
 Bools: TypeAlias = NDArray[np.bool_]
-
-CONFIDENCE = 0.95
-"""Confidence of every interval and set here."""
 
 
 @dataclass(frozen=True)
@@ -31,6 +29,12 @@ class Grid:
         rows: its values, above 0, ascending by at least a millionth.
         curves: what was measured at each, all along the same axis, at the same values, as for ``rows``, with
             the same receivers and locator.
+
+    Attributes:
+        column_axis: quantity that varies along a row.
+        columns: its values, ascending.
+        receivers: names, in the order of the results.
+        locator: where the panel's corners came from.
 
     Raises:
         VoccError: values out of order, or curves that do not form one grid.
@@ -47,6 +51,10 @@ class Grid:
     row_axis: str
     rows: tuple[float, ...]
     curves: tuple[Curves, ...]
+    column_axis: str = field(init=False)
+    columns: tuple[float, ...] = field(init=False)
+    receivers: tuple[str, ...] = field(init=False)
+    locator: str = field(init=False)
     _known: dict[tuple[str, float, float], tuple[Floats, Floats]] = field(
         default_factory=dict, init=False, repr=False, compare=False
     )
@@ -64,6 +72,7 @@ class Grid:
                 raise VoccError(
                     f"{name} is {given[0]} and {given[1]}: every row of a grid must have the same"
                 )
+            object.__setattr__(self, {"axis": "column_axis", "values": "columns"}.get(name, name), given[0])
         for axis, values in ((self.row_axis, self.rows), (self.column_axis, self.columns)):
             positive = all(0 < value < math.inf for value in values)
             # Closer ones have the same logarithm, and no octave between them.
@@ -73,26 +82,6 @@ class Grid:
                     f"{axis} is {list(values)}: it must be ascending by at least a millionth and above 0, "
                     "at least one value"
                 )
-
-    @property
-    def column_axis(self) -> str:
-        """Quantity that varies along a row."""
-        return self.curves[0].axis
-
-    @property
-    def columns(self) -> tuple[float, ...]:
-        """Its values, ascending."""
-        return self.curves[0].values
-
-    @property
-    def receivers(self) -> tuple[str, ...]:
-        """Names, in the order of the results."""
-        return self.curves[0].receivers
-
-    @property
-    def locator(self) -> str:
-        """Where the panel's corners came from."""
-        return self.curves[0].locator
 
     def counts(self, receiver: str) -> list[list[Counts]]:
         """Give a receiver's counts by row and column.
@@ -142,24 +131,20 @@ class Grid:
         # Kept because most of the time of every view would go into the same quantiles.
         if key not in self._known:
             counts = self.counts(receiver)
-            cells = zip(chain(*counts), chain(*wrong_bits_near(counts)), strict=True)
-            ends = [ber_interval(c, confidence if c.half_errors else of_limits, size) for c, size in cells]
-            shape = (len(self.rows), len(self.columns))
-            low = np.array([end.low for end in ends]).reshape(shape)
-            self._known[key] = low, np.array([end.high for end in ends]).reshape(shape)
+            cells = zip(chain(*counts), chain(*_wrong_bits_near(counts)), strict=True)
+            found = [ber_interval(c, confidence if c.half_errors else of_limits, size) for c, size in cells]
+            ends = np.array([(end.low, end.high) for end in found]).reshape(len(self.rows), -1, 2)
+            self._known[key] = ends[..., 0], ends[..., 1]
         return self._known[key]
 
 
-def wrong_bits_near(counts: list[list[Counts]]) -> list[list[float]]:
+def _wrong_bits_near(counts: list[list[Counts]]) -> list[list[float]]:
     """Give the wrong bits that a wrong frame of each cell is taken to have, at least 1."""
     sizes = np.array([[cell.bit_errors / max(1, cell.frame_errors) for cell in row] for row in counts])
 
-    def near(line: Floats) -> float:
-        return float(next((size for size in line if size > 0), 0.0))
-
     def largest(i: int, j: int) -> float:
         ways = (sizes[i, j::-1], sizes[i, j:], sizes[i::-1, j], sizes[i:, j])
-        return max(1.0, *(near(way) for way in ways))
+        return max(1.0, *(float(next((size for size in way if size > 0), 0.0)) for way in ways))
 
     return [[largest(i, j) for j in range(sizes.shape[1])] for i in range(sizes.shape[0])]
 
@@ -182,8 +167,8 @@ class Best:
 
     Example:
         >>> best = Best("flda_3", 8e3, (2e3, 4e3), (1e3, 2e3, 4e3), (250, 4e3), 0.0, 0.0, 1e-4)
-        >>> best.range_text, best.candidates_text, best.reaches_highest, round(best.middle_cd_m2)
-        ('2000 to 4000', '1000 to 4000', True, 2828)
+        >>> best.candidates_text, best.reaches_highest, round(best.middle_cd_m2)
+        ('1000 to 4000', True, 2828)
     """
 
     receiver: str
@@ -201,14 +186,10 @@ class Best:
         return math.sqrt(self.least_cd_m2[0]) * math.sqrt(self.least_cd_m2[-1])
 
     @property
-    def range_text(self) -> str:
-        """The best luminance, or the plateau's ends, for people."""
-        return _range_text(self.least_cd_m2)
-
-    @property
     def candidates_text(self) -> str:
         """The ends of the candidates, for people."""
-        return _range_text(self.candidates_cd_m2)
+        ends = dict.fromkeys((self.candidates_cd_m2[0], self.candidates_cd_m2[-1]))
+        return " to ".join(f"{end:.10g}" for end in ends)
 
     @property
     def reaches_lowest(self) -> bool:
@@ -219,10 +200,6 @@ class Best:
     def reaches_highest(self) -> bool:
         """Whether the grid's highest luminance is a candidate: the best may lie above the grid."""
         return self.candidates_cd_m2[-1] == self.grid_cd_m2[1]
-
-
-def _range_text(values: tuple[float, ...]) -> str:
-    return " to ".join(f"{end:.10g}" for end in dict.fromkeys((values[0], values[-1])))
 
 
 def best_luminance(grid: Grid, receiver: str) -> list[Best]:
@@ -258,21 +235,20 @@ def best_luminance(grid: Grid, receiver: str) -> list[Best]:
         >>> best.least_cd_m2, best.candidates_cd_m2, best.reaches_highest
         ((2000.0,), (2000.0,), True)
     """
-    ber = grid.ber(receiver)
-    tail = (1 - CONFIDENCE) / max(1, len(grid.columns) - 1)
-    candidates = not_worse(ber, *grid.one_sided(receiver, tail))
-    low, high = least_ends(grid, receiver)
-    luminances = np.array(grid.columns)
+    ber, luminances = grid.ber(receiver), np.array(grid.columns, dtype=float)
+    candidates = not_worse(ber, *grid.one_sided(receiver, 1 - joint_confidence(len(luminances) - 1)))
+    low = grid.one_sided(receiver, (1 - CONFIDENCE) / 2)[0].min(1)
+    high = grid.one_sided(receiver, (1 - joint_confidence(len(luminances))) / 2)[1].min(1)
     return [
         Best(
             receiver,
             grid.rows[i],
-            _floats(luminances[row == row.min()]),
-            _floats(luminances[candidates[i]]),
+            tuple(luminances[row == row.min()].tolist()),
+            tuple(luminances[candidates[i]].tolist()),
             (grid.columns[0], grid.columns[-1]),
             float(row.min()),
-            min(float(low[i].min()), float(row.min())),
-            max(float(high[i].min()), float(row.min())),
+            float(min(low[i], row.min())),
+            float(max(high[i], row.min())),
         )
         for i, row in enumerate(ber)
     ]
@@ -296,13 +272,3 @@ def not_worse(rate: Floats, low: Floats, high: Floats) -> Bools:
     down, up = (rate - low)[..., :, None], (high - rate)[..., None, :]
     least_difference = rate[..., :, None] - rate[..., None, :] - np.hypot(down, up)
     return np.asarray((least_difference <= 0).all(-1))
-
-
-def least_ends(grid: Grid, receiver: str) -> tuple[Floats, Floats]:
-    """Give the cells' ends whose least is a 95 % interval of the least true rate of K columns."""
-    tail = (1 - CONFIDENCE) / 2
-    return grid.one_sided(receiver, tail)[0], grid.one_sided(receiver, tail / len(grid.columns))[1]
-
-
-def _floats(values: Floats) -> tuple[float, ...]:
-    return tuple(float(value) for value in values)
