@@ -153,5 +153,7 @@ CLAIMS = claims_of(_file()["claims"])
 """Every claim, in the paper's order of sections."""
 PARTS = tuple(ClaimGroup(one["title"], tuple(one["claims"]), one["anchor"]) for one in _file()["groups"])
 """The scorecard's parts, in the paper's order; a claim stands in the first one that holds it."""
+CAUSES: Mapping[str, str] = {one["cause"]: one["text"] for one in _file()["causes"]}
+"""What is known of why claims differ, by the name that a rule or a verdict gives it."""
 STATEMENTS = tuple(ClaimGroup(one["text"], tuple(one["claims"])) for one in _file()["statements"])
 """The paper's main statements, in the order of its sections."""

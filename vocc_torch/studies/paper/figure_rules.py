@@ -25,8 +25,8 @@ from itertools import combinations, pairwise
 import numpy as np
 import torch
 
-from vocc_torch.measure.grid import Grid, not_worse
 from vocc_torch.measure.estimate import CONFIDENCE, Estimate
+from vocc_torch.measure.grid import Grid, not_worse
 from vocc_torch.simulation import photometry
 from vocc_torch.studies.paper.judgement import Judgement, NotMeasuredError, Variant
 from vocc_torch.studies.paper.words import listed, percent, place
@@ -279,7 +279,7 @@ def _half_exposure(variant: Variant) -> Judgement:
 
 
 def _gains_follow(variant: Variant) -> Judgement:
-    """Judge whether the paper's numbers fit each other: to a point, for they are rounded (1.78 %: a tenth)."""
+    """Judge whether the paper's numbers fit each other: to a point, for they are rounded."""
     follow = (
         (0.24, 1 - 5.0 / 6.6, 0.01),
         (0.26, 1 - 3.9 / 5.3, 0.01),

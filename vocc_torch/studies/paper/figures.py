@@ -40,41 +40,28 @@ class RateFigure:
     Args:
         name: its name.
         experiment: the experiment behind it.
-        title: its headline.
         caption: what the paper shows in it.
     """
 
     name: str
     experiment: str
-    title: str
     caption: str
+
+    @property
+    def title(self) -> str:
+        """Its headline."""
+        return f"Fig. {self.name[3:]}: bit error rate against {EXPERIMENTS[self.experiment]}"
 
 
 RATE_FIGURES = (
-    RateFigure(
-        "fig21",
-        "contrast",
-        "Fig. 21: bit error rate against contrast",
-        "Rates fall with rising contrast to a best level and rise again beyond it.",
-    ),
+    RateFigure("fig21", "contrast", "Rates fall with rising contrast to a best level and rise beyond it."),
     RateFigure(
         "fig22",
         "ambient",
-        "Fig. 22: bit error rate against ambient light",
-        "Lowest near 4000 lx for the greyscale receivers and at 8000 lx for the proposed ones.",
+        "Lowest near 4000 lx for the greyscale receivers, at 8000 lx for the proposed ones.",
     ),
-    RateFigure(
-        "fig23",
-        "luminance",
-        "Fig. 23: bit error rate against LED luminance",
-        "Lowest at 4000 cd/m\u00b2 for all receivers.",
-    ),
-    RateFigure(
-        "fig24",
-        "distance",
-        "Fig. 24: bit error rate against distance",
-        "Rates of all receivers rise with distance.",
-    ),
+    RateFigure("fig23", "luminance", "Lowest at 4000 cd/m\u00b2 for all receivers."),
+    RateFigure("fig24", "distance", "Rates of all receivers rise with distance."),
 )
 """The figures, in the paper's order."""
 
@@ -142,8 +129,7 @@ def rate_rows(by_focal_mm: Mapping[float, Measured]) -> list[tuple[str | int | f
     return rows
 
 
-_LEFT_IN, _RIGHT_IN, _GAP_IN = 2.2, 0.3, 0.5
-_ROW_IN, _HEAD_IN, _TOP_IN, _BOTTOM_IN = 0.31, 0.42, 0.72, 1.02
+_ROW_IN, _HEAD_IN, _TOP_IN, _BOTTOM_IN = 0.35, 0.42, 0.72, 1.02
 _WIDTH_IN = 10.0
 _ROOM = 7.0
 """Factor of the rate's axis that is left for the shares, right of the highest rate."""
@@ -172,26 +158,33 @@ def location_figure(splits: Sequence[LocationSplit], title: str) -> Figure:
     if not totals:
         raise VoccError("splits has no total of any of the paper's receivers: it needs at least one")
     columns = min(2, len(totals))
-    panel_in = _ROW_IN * (max(map(len, totals.values())) + 0.4)
-    height = _TOP_IN + -(-len(totals) // columns) * (_HEAD_IN + panel_in) + _BOTTOM_IN
-    figure = new_figure(_WIDTH_IN, height)
-    wide = (_WIDTH_IN - _LEFT_IN - _RIGHT_IN - (columns - 1) * _GAP_IN) / columns
+    rows_in = max(map(len, totals.values())) * _ROW_IN + _HEAD_IN
+    figure = new_figure(_WIDTH_IN, _TOP_IN + -(-len(totals) // columns) * rows_in + _BOTTOM_IN)
+    panels = figure.subplots(-(-len(totals) // columns), columns, sharex=True, squeeze=False).ravel()
     rates = [rate for group in totals.values() for split in group for rate in (split.located, split.truth)]
     ends = min(rate.value or rate.high for rate in rates) / 3, max(rate.high for rate in rates) * _ROOM
-    for number, (experiment, group) in enumerate(totals.items()):
-        line, column = divmod(number, columns)
-        below_in = _TOP_IN + (line + 1) * (_HEAD_IN + panel_in)
-        left_in = _LEFT_IN + column * (wide + _GAP_IN)
-        place = (left_in / _WIDTH_IN, 1 - below_in / height, wide / _WIDTH_IN, panel_in / height)
-        axes = figure.add_axes(place)
+    for number, axes in enumerate(panels):
+        if number >= len(totals):
+            axes.remove()
+            continue
+        experiment, group = list(totals.items())[number]
         _draw_splits(axes, group, ends)
         name = EXPERIMENTS.get(experiment, experiment)
         heading = name[:1].upper() + name[1:]
         axes.set_title(heading, fontsize=11.5, fontweight="bold", color=INK, loc="left", pad=4)
-        axes.tick_params(axis="y", labelleft=column == 0)
         last = number + columns >= len(totals)
+        axes.tick_params(axis="y", labelleft=number % columns == 0)
         axes.tick_params(axis="x", labelbottom=last)
         axes.set_xlabel("Bit error rate" if last else "")
+    height = figure.get_figheight()
+    figure.subplots_adjust(
+        left=2.2 / _WIDTH_IN,
+        right=0.97,
+        top=1 - (_TOP_IN + _HEAD_IN) / height,
+        bottom=_BOTTOM_IN / height,
+        hspace=_HEAD_IN / (rows_in - _HEAD_IN),
+        wspace=0.15,
+    )
     write_title(figure, title, f"{_INTERVALS} arrow: no error, one-sided 95 % limit")
     figure.legend(
         handles=[

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from vocc_torch import __version__
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.campaign import Campaign
-from vocc_torch.measure.config import Settings
+from vocc_torch.measure.config import Settings, as_yaml
 from vocc_torch.measure.curve import BerTable
 from vocc_torch.measure.curves import Measured
 from vocc_torch.measure.grid import Grid
@@ -25,7 +25,6 @@ from vocc_torch.show.grid_files import CAPTIONS as GRID_CAPTIONS
 from vocc_torch.show.grid_files import grid_figures, write_grid
 from vocc_torch.show.paired_file import write_paired
 from vocc_torch.show.plots import save_figure
-from vocc_torch.show.quiet import quiet_threads
 from vocc_torch.show.stopwatch import Stopwatch
 from vocc_torch.studies.paper.evidence import EVIDENCE, make_evidence
 from vocc_torch.studies.paper.experiments import DIMMING, PaperPlan
@@ -195,8 +194,7 @@ class PaperFiles:
                 shown = [name for name in curves.receivers if name != "flda_ngr"]
                 tables.setdefault(f"{own_mm:g}mm-{locator}", []).append(only(curves.table(), shown))
         texts = {"configuration": as_markdown(self.settings)}
-        with quiet_threads():
-            write_boards(self.folder / "tensorboard", tables, self.board, {}, texts)
+        write_boards(self.folder / "tensorboard", tables, self.board, texts=texts)
 
     def _facts(self) -> RunFacts:
         """Say how the numbers were made."""
@@ -212,7 +210,7 @@ class PaperFiles:
         )
         machine = describe_machine(resolve_device(settings.device))
         command = f"vocc-torch task=figures name={settings.name}"
-        return RunFacts(command, text, machine, dict(self.watch.seconds), asdict(settings), self.resumed)
+        return RunFacts(command, text, machine, dict(self.watch.seconds), as_yaml(settings), self.resumed)
 
     def _write(self, path: Path, rows: Iterable[Sequence[str | int | float | None]]) -> None:
         """Write a CSV file; whole numbers have no point, as in ``ber.csv``."""

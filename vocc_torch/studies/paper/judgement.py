@@ -18,8 +18,8 @@ from vocc_torch.errors import VoccError
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.curve import BerTable, Row
 from vocc_torch.measure.curves import Curves, Measured
-from vocc_torch.measure.grid import Grid
 from vocc_torch.measure.estimate import Estimate
+from vocc_torch.measure.grid import Grid
 from vocc_torch.measure.paired import PairedCounts, paired_interval
 from vocc_torch.measure.relative import difference_independent
 from vocc_torch.show.text_table import rate_text
@@ -80,7 +80,7 @@ class Judgement:
         low: lower end of the interval, where the measurement is one number.
         high: its upper end.
         against: the comparisons that contradict the claim beyond doubt, the surest first.
-        causes: known causes of a contradiction, by name: see :data:`.rules.CAUSES`.
+        causes: known causes of a contradiction, by their names in ``claims.yaml``.
 
     Example:
         >>> Judgement("agree", "5.2e-4 [3.9e-4, 6.8e-4]", low=3.9e-4, high=6.8e-4).reason

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from vocc_torch.files import atomic_file, write_atomically
 from vocc_torch.measure.grid import Grid, best_luminance
-from vocc_torch.measure.estimate import Estimate
 from vocc_torch.show.page import SIGNS, html, render
 from vocc_torch.show.styles import LOCATED, receiver_styles
-from vocc_torch.show.text_table import rate_text
-from vocc_torch.studies.paper.claims import PARTS, STATEMENTS, ClaimGroup
+from vocc_torch.studies.paper.claims import CAUSES, PARTS, STATEMENTS, ClaimGroup
 from vocc_torch.studies.paper.figures import PAPER_RECEIVERS, RATE_FIGURES
 from vocc_torch.studies.paper.judgement import VERDICTS, Variant
 from vocc_torch.studies.paper.location import LocationSplit
@@ -52,15 +50,6 @@ _HEADINGS = {
 }
 _FEW = 3
 """Claims that differ are named under their figure where there are not more."""
-CAUSES = {
-    "preambles": "the centre greyscale is better than in the paper: its threshold comes from preambles of "
-    "the very same scene",
-    "one rule": "at low contrast one linear rule for all scenes loses to a greyscale receiver with preambles",
-    "agree": "with true corners it agrees",
-    "between": "the quoted rate lies between those with the panel located and with true corners",
-    "cannot say": "with true corners these frames cannot decide",
-}
-"""What is known of why claims differ, by name."""
 
 
 @dataclass(frozen=True)
@@ -99,7 +88,7 @@ class RunFacts:
         budget: frames in words.
         machine: what they were made on, in words.
         seconds: wall-clock seconds by stage, in order.
-        configuration: the resolved configuration, nested.
+        configuration: the resolved configuration, as YAML.
         resumed: whether an earlier run had counted some of the frames.
     """
 
@@ -107,7 +96,7 @@ class RunFacts:
     budget: str
     machine: str
     seconds: Mapping[str, float]
-    configuration: Mapping[str, object]
+    configuration: str
     resumed: bool = False
 
 
@@ -143,17 +132,9 @@ def write_report(
         title=TITLE,
         facts=facts,
         minutes=sum(facts.seconds.values()) / 60,
-        settings=list(_flat(facts.configuration)),
         card=None if card is None else _card(card),
-        location=_location(location),
-        location_shares=joined(
-            [
-                f"{_share(one.share)} over {EXPERIMENTS.get(one.experiment, one.experiment)}"
-                for one in shares
-                if one.share
-            ]
-            or [""]
-        ),
+        location=[split for split in location if split.receiver in PAPER_RECEIVERS],
+        location_shares=[split for split in shares if split.share],
         rates=[_figure(figure, card) for figure in rates],
         figures=[_figure(one, card) for one in figures if one not in rates and one.name not in by_name],
         dimming=_figure(by_name["dimming"], None) | {"tables": _dimming(grids or {})}
@@ -162,6 +143,10 @@ def write_report(
         location_figure=_figure(by_name["location"], None) if "location" in by_name else None,
         others=others or {},
         plain=plain,
+        place=place,
+        experiment=lambda name: EXPERIMENTS.get(name, name),
+        receivers=RECEIVERS,
+        percent=percent,
         sentence=sentence,
         signed=lambda word, text=None: f"{_SIGN[word]} {word if text is None else text}".lstrip(),
     )
@@ -199,7 +184,6 @@ def _card(card: Scorecard) -> dict[str, object]:
                 "anchor": part.anchor,
                 "claims": claims,
                 "tally": tally(claims),
-                "told": tally_text(claims),
             }
             for part, claims in parts.items()
             if claims
@@ -233,30 +217,11 @@ def _statement(card: Scorecard, group: ClaimGroup, truth: Variant | None) -> dic
         "outcome": outcome(claims),
         "agree": tally(claims)["agree"],
         "total": len(claims),
-        "told": _agreeing(claims),
-        "at_truth": _agreeing(at_truth) if at_truth else "",
+        "tally": tally(claims),
+        "at_truth": tally(at_truth) if at_truth else None,
         "why": why(card, claims),
         "by_variant": [(outcome(one), tally(one)["agree"]) for one in by_variant],
     }
-
-
-def _agreeing(claims: Sequence[Judged]) -> str:
-    """Say how many of some claims agree, and how many cannot be decided."""
-    found = tally(claims)
-    text = f"{found['agree']} of {len(claims)}"
-    return text + (f", {found['cannot say']} cannot be decided" if found["cannot say"] else "")
-
-
-def tally_text(claims: Sequence[Judged]) -> str:
-    """Say how many claims have which verdict."""
-    found, total = tally(claims), len(claims)
-    if total == 1:
-        return f"the claim {'agrees' if found['agree'] else 'does not agree'}"
-    text = f"{found['agree']} of {total} claims agree"
-    text += (
-        f", {found['differ']} {'differs' if found['differ'] == 1 else 'differ'}" if found["differ"] else ""
-    )
-    return text + (f", {found['cannot say']} cannot be decided" if found["cannot say"] else "")
 
 
 def causes(card: Scorecard, claims: Sequence[Judged]) -> list[tuple[str, int]]:
@@ -333,45 +298,12 @@ def _figure(figure: ReportFigure, card: Scorecard | None) -> dict[str, object]:
         "figure": figure,
         "pictures": [(path.as_posix(), caption or own) for path, caption in figure.pictures],
         "table": figure.table.as_posix(),
-        "told": tally_text(claims) if claims else "",
+        "tally": tally(claims) if claims else None,
         "parts": [part for part in PARTS[:-1] if any(part.holds(claim) for claim, _ in claims)],
         "differing": differing if len(differing) <= _FEW else [],
         "head": head,
         "rows": rows,
     }
-
-
-def _location(splits: Sequence[LocationSplit]) -> dict[str, list[tuple[str, ...]]] | None:
-    """Give the rows of the two tables on location: totals, and point by point."""
-    rows: dict[str, list[tuple[str, ...]]] = {"totals": [], "points": []}
-    for split in splits:
-        if split.receiver not in PAPER_RECEIVERS:
-            continue
-        where = EXPERIMENTS.get(split.experiment, split.experiment)
-        if split.value is not None:
-            where += f", {place(split.axis, split.value)}".replace(" contrast", "")
-        rows["totals" if split.value is None else "points"].append(
-            (
-                where,
-                RECEIVERS[split.receiver],
-                _rate(split.located),
-                _rate(split.truth),
-                _share(split.share) if split.share else "no error",
-            )
-        )
-    return rows if splits else None
-
-
-def _rate(found: Estimate) -> str:
-    """Write a rate with its interval; a limit where there was no error."""
-    if found.value == 0:
-        return f"<\N{NO-BREAK SPACE}{rate_text(found.high)}"
-    return f"{rate_text(found.value)} [{rate_text(found.low)}, {rate_text(found.high)}]"
-
-
-def _share(found: Estimate) -> str:
-    """Write a share with its interval, in per cent."""
-    return f"{percent(found.value)} [{100 * found.low:.0f}, {100 * found.high:.0f}]"
 
 
 def _dimming(grids: Mapping[str, Grid]) -> list[dict[str, object]]:
@@ -386,24 +318,3 @@ def _dimming(grids: Mapping[str, Grid]) -> list[dict[str, object]]:
         head = ("receiver", *(place(grid.row_axis, level) for level in grid.rows))
         tables.append({"located": LOCATED[locator], "head": head, "rows": rows})
     return tables
-
-
-def _flat(settings: Mapping[str, object], prefix: str = "") -> Iterator[tuple[str, str]]:
-    """Give nested settings as keys with dots and their values as Hydra's command line takes them."""
-    for key, value in settings.items():
-        if isinstance(value, Mapping) and value:
-            yield from _flat(value, f"{prefix}{key}.")
-        else:
-            yield f"{prefix}{key}", _written(value)
-
-
-def _written(value: object) -> str:
-    """Write a value.
-
-    Example:
-        >>> _written(None), _written([18.0, True])
-        ('null', '[18.0,true]')
-    """
-    if isinstance(value, (list, tuple)):
-        return f"[{','.join(map(_written, value))}]"
-    return {"None": "null", "True": "true", "False": "false"}.get(str(value), str(value))

@@ -11,8 +11,8 @@ from typing import TypeAlias
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.curve import Row
 from vocc_torch.measure.curves import Measured
-from vocc_torch.measure.grid import Grid
 from vocc_torch.measure.estimate import Estimate
+from vocc_torch.measure.grid import Grid
 from vocc_torch.measure.intervals import ber_interval
 from vocc_torch.studies.paper.claims import CLAIMS, Claim, ClaimGroup
 from vocc_torch.studies.paper.curve_rules import gain_of, paper_counts
