@@ -16,10 +16,11 @@ from vocc_torch.receiver.features import (
     average_greyscale_ratio,
     cell_means,
     gradient_radial_inwardness,
+    greyscale_scores,
     neighbour_greyscale_ratio,
+    preamble_threshold,
     radial_inward_field,
 )
-from vocc_torch.receiver.greyscale import greyscale_scores, preamble_threshold
 from vocc_torch.receiver.location import PaperLocator
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.receiver.receiver import Receiver

@@ -17,9 +17,8 @@ from scipy.stats import multivariate_normal
 from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
 
 from vocc_torch.errors import VoccError
-from vocc_torch.receiver.discriminant import FLDAWarning, discriminant
+from vocc_torch.receiver.discriminant import ClassScatter, FLDAWarning, discriminant
 from vocc_torch.receiver.flda import FLDA
-from vocc_torch.receiver.scatter import ClassScatter
 
 SCATTER, DISCRIMINANT, MODULE = (
     f"vocc_torch/receiver/{name}.py" for name in ("scatter", "discriminant", "flda")

@@ -18,8 +18,8 @@ from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
 from torch import Tensor
 
 from vocc_torch.errors import VoccError
+from vocc_torch.receiver.discriminant import ClassScatter
 from vocc_torch.receiver.flda import FLDA, FLDAWarning
-from vocc_torch.receiver.scatter import ClassScatter
 
 # Two classes worked by hand. Means (1, 2) and (6, 4); S_w = [[4, 0], [0, 4]] + [[10, 2], [2, 4]], so
 # S_w / 8 = [[7, 1], [1, 4]] / 4 with inverse (4/27) [[4, -1], [-1, 7]]. m_1 - m_0 = (5, 2), so

@@ -9,9 +9,16 @@ import pytest
 import torch
 
 from vocc_torch.errors import VoccError
-from vocc_torch.receiver.discriminant import GAP_LIMIT, Discriminant, FLDAWarning, ScaledScatter, discriminant
+from vocc_torch.receiver.discriminant import (
+    GAP_LIMIT,
+    LARGEST,
+    ClassScatter,
+    Discriminant,
+    FLDAWarning,
+    ScaledScatter,
+    discriminant,
+)
 from vocc_torch.receiver.flda import FLDA
-from vocc_torch.receiver.scatter import LARGEST, ClassScatter
 
 META = torch.device("meta")
 

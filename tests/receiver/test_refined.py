@@ -8,11 +8,11 @@ import torch
 from torch import Tensor
 
 from vocc_torch.errors import VoccError
-from vocc_torch.receiver.homography import map_points
 from vocc_torch.receiver.lattice_fit import fit_lattice
 from vocc_torch.receiver.lattice_model import Lattice, corner_cells
 from vocc_torch.receiver.lattice_search import search_lattice
 from vocc_torch.receiver.location import PaperLocator
+from vocc_torch.receiver.rectification import map_points
 from vocc_torch.receiver.refined import RefinedLocator
 from vocc_torch.receiver.regions import block_means, bright_regions, local_background, ring_statistics
 from vocc_torch.rng import BlockKey, FrameKey

@@ -8,7 +8,6 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from vocc_torch.receiver.homography import map_points
 from vocc_torch.receiver.lattice_model import (
     MARGIN,
     SAMPLES,
@@ -20,6 +19,7 @@ from vocc_torch.receiver.lattice_model import (
     linear_light,
     sample_cells,
 )
+from vocc_torch.receiver.rectification import map_points
 
 _SATURATED_DN = 254.5
 _IMPUTATIONS = 8

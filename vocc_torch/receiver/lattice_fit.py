@@ -8,7 +8,6 @@ from functools import lru_cache
 import torch
 from torch import Tensor
 
-from vocc_torch.receiver.homography import map_points
 from vocc_torch.receiver.lattice_bits import with_free_bits, with_missed_lines, with_turned_bits
 from vocc_torch.receiver.lattice_model import (
     GAMMA,
@@ -19,6 +18,7 @@ from vocc_torch.receiver.lattice_model import (
     corner_cells,
     read_patches,
 )
+from vocc_torch.receiver.rectification import map_points
 from vocc_torch.types import Frames, PanelShape
 
 _STEPS = 12

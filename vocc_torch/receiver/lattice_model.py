@@ -8,8 +8,7 @@ from functools import lru_cache
 import torch
 from torch import Tensor
 
-from vocc_torch.receiver.homography import map_points
-from vocc_torch.receiver.rectification import rectify
+from vocc_torch.receiver.rectification import map_points, rectify
 from vocc_torch.types import Frames, Panels, PanelShape
 
 GAMMA = 2.2

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from vocc_torch.receiver.homography import map_points
 from vocc_torch.receiver.lattice_model import corner_cells, linear_light, read_patches, sample_cells
+from vocc_torch.receiver.rectification import map_points
 from vocc_torch.types import Frames, PanelShape
 
 _MARGIN = 2

@@ -8,12 +8,11 @@ import torch
 from torch import Tensor
 
 from vocc_torch.errors import VoccError
-from vocc_torch.receiver.homography import map_points
 from vocc_torch.receiver.lattice_fit import fit_lattice
 from vocc_torch.receiver.lattice_model import Lattice, corner_cells
 from vocc_torch.receiver.lattice_search import search_lattice
 from vocc_torch.receiver.location import PaperLocator, exact_frames
-from vocc_torch.receiver.rectification import cell_size_px
+from vocc_torch.receiver.rectification import cell_size_px, map_points
 from vocc_torch.receiver.regions import bright_regions, cut_windows, ring_statistics
 from vocc_torch.types import Frames, Panels, PanelShape
 

@@ -12,7 +12,7 @@ from vocc_torch.measure.plan import Plan
 from vocc_torch.measure.timing import interleaved
 from vocc_torch.measure.train import Training
 from vocc_torch.receiver.bank import GREYSCALE_RECEIVERS, Preambles, ReceiverBank, needs_preambles
-from vocc_torch.receiver.greyscale import preamble_threshold
+from vocc_torch.receiver.features import preamble_threshold
 from vocc_torch.rng import BLOCK_FRAMES, BlockKey
 from vocc_torch.studies.tradeoff.chain import Chain
 from vocc_torch.studies.tradeoff.price_list import Setting

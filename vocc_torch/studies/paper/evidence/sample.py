@@ -11,8 +11,7 @@ from torch import Tensor
 
 from vocc_torch.measure.link import Link, Observation, block_keys
 from vocc_torch.measure.plan import Plan
-from vocc_torch.receiver.features import FEATURE_NAMES
-from vocc_torch.receiver.greyscale import preamble_threshold
+from vocc_torch.receiver.features import FEATURE_NAMES, preamble_threshold
 from vocc_torch.receiver.rectification import cell_homography
 from vocc_torch.studies.paper.evidence.figure import Bools, Floats, Picture
 from vocc_torch.types import Frames, PanelShape, Scene

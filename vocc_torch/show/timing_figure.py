@@ -6,15 +6,25 @@ from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.text import Annotation
+from numpy.typing import NDArray
 
-from vocc_torch.show.canvas import GRID, INK, new_figure, quiet_axes, write_title
+from vocc_torch.show.canvas import GRID, INK, head, new_figure, quiet_axes, text_renderer, write_title
 from vocc_torch.show.styles import receiver_styles
-from vocc_torch.studies.paper.evidence_figures.panels import Floats, head
-from vocc_torch.studies.tradeoff.tradeoff_legend import text_renderer
+
+Floats = NDArray[np.float64]
+
+PANEL_DETECTION = "panel_detection"
+PAPER_SHARES = {
+    PANEL_DETECTION: 1.0,
+    "center_greyscale": 0.05,
+    "average_greyscale": 0.07,
+    "flda_2": 0.12,
+    "flda_3": 0.14,
+}
+"""Section IV-D-5 and Fig. 25: time of each stage over that of panel detection."""
 
 _PANEL = ("Panel detection", "#A9AFB6")
 _BUSY = 0.05
@@ -57,8 +67,6 @@ def timing_figure(
     """
     figure = new_figure(10, 6.8)
     column = 0.79 / len(batches)
-    # Labels are measured as they will be drawn.
-    FigureCanvasAgg(figure)
     longest, labels = 100 * max(1.0, float(shares.max())), []
     for place, (f, n) in enumerate(np.ndindex(len(frames), len(batches))):
         axes = figure.add_axes((0.205 + column * n, 0.588 - 0.368 * f, column - 0.025, 0.285))

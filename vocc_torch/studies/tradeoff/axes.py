@@ -1,4 +1,4 @@
-"""Axes of the price list's picture: logarithmic both, with a row at the foot for receivers without errors."""
+"""Axes of the price list's picture: logarithmic both, with rows at the foot for receivers without errors."""
 
 from __future__ import annotations
 
@@ -12,8 +12,7 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullForma
 from matplotlib.transforms import blended_transform_factory
 
 from vocc_torch.show.canvas import GRID, QUIET, quiet_axes
-from vocc_torch.studies.tradeoff.tradeoff_dots import Dot
-from vocc_torch.studies.tradeoff.tradeoff_words import FRAMES_PER_S
+from vocc_torch.studies.tradeoff.words import FRAMES_PER_S
 
 _ROW_PX, _APART_PX = 19.0, 14.0
 _EDGE_PX = 46.0
@@ -151,8 +150,3 @@ def budgets(axes: Axes) -> None:
         axes.text(
             1e3 / speed, 1.012, said, transform=above, ha="center", va="bottom", fontsize=10.5, color=QUIET
         )
-
-
-def times_of(dots: Sequence[Dot]) -> list[float]:
-    """Give the dots' times, ms."""
-    return [dot.offer.median_ms for dot in dots]
