@@ -18,7 +18,7 @@ from vocc_torch.errors import VoccError
 from vocc_torch.measure.plan import Plan
 from vocc_torch.receiver.features import FEATURE_NAMES
 from vocc_torch.receiver.flda import FLDA
-from vocc_torch.show.canvas import INK, QUIET, new_figure, write_title
+from vocc_torch.show.canvas import INK, QUIET, head, new_figure, write_title
 from vocc_torch.studies.paper.evidence.figure import (
     DASHED,
     Bools,
@@ -29,7 +29,6 @@ from vocc_torch.studies.paper.evidence.figure import (
     add_panel,
     corner_legend,
     led_rows,
-    lettered,
     negative_text,
     percent_text,
     status_cloud,
@@ -147,7 +146,7 @@ class FeatureSpread(PaperFigure):
     def state(self, axes: Axes, letter: str, name: str) -> None:
         """Say above the axes how well a number tells On from Off."""
         wrong = f"best threshold wrong: {percent_text(self.wrong[name])}"
-        lettered(axes, letter, f"AUC {area_text(self.auc[name])} \N{MIDDLE DOT} {wrong}")
+        head(axes, f"({letter})", f"AUC {area_text(self.auc[name])} \N{MIDDLE DOT} {wrong}")
 
 
 class GreyAndAgr(FeatureSpread):
@@ -206,7 +205,9 @@ class NgrAndOthers(FeatureSpread):
 
     name = "fig12"
     title = "Fig. 12: neighbour greyscale ratio (NGR) and the others"
-    caption = "NGR alone overlaps completely, but it helps AGR and it helps GRI; the three together part best."
+    caption = (
+        "NGR alone overlaps completely, but it helps AGR and it helps GRI; the three together part best."
+    )
     height_in = 9.2
 
     @classmethod
@@ -227,8 +228,8 @@ class NgrAndOthers(FeatureSpread):
         fourth.axvline(0, **DASHED)
         self.state(fourth, "d", "agr+gri+ngr")
         return (
-            " Lines: FLDA fitted on these LEDs.\n(d) is a projection of the three features on the plane of w, "
-            "on which the score (a log-likelihood ratio) lies, and NGR."
+            " Lines: FLDA fitted on these LEDs.\n(d) is a projection of the three features on the "
+            "plane of w, on which the score (a log-likelihood ratio) lies, and NGR."
         )
 
 

@@ -117,13 +117,6 @@ def heading(axes: Axes, text: str, below: str = "", colour: str = INK) -> None:
     axes.text(0, 1.025, below, transform=axes.transAxes, fontsize=9, color=QUIET)
 
 
-def lettered(axes: Axes, letter: str, text: str) -> None:
-    """Name a part of the figure, and say a line about it."""
-    place: dict[str, Any] = {"xy": (0, 1), "xycoords": "axes fraction", "textcoords": "offset points"}
-    axes.annotate(f"({letter})", xytext=(0, 9), fontsize=11.5, fontweight="bold", color=INK, **place)
-    axes.annotate(text, xytext=(24, 9), fontsize=10, color=QUIET, **place)
-
-
 def plain_axes(axes: Axes, x_label: str, y_label: str, grid: Literal["x", "y", "both"] = "y") -> None:
     """Label axes, with a grid behind the data."""
     quiet_axes(axes)
@@ -181,6 +174,12 @@ def corner_legend(figure: Figure, handles: list[Artist] | None = None) -> None:
     ]
     top: dict[str, Any] = {"loc": "upper right", "bbox_to_anchor": (0.99, 1 - 0.06 / figure.get_figheight())}
     figure.legend(handles=handles or dots, ncols=2, frameon=False, fontsize=10.5, handletextpad=0.2, **top)
+
+
+def legend_above(axes: Axes, columns: int) -> None:
+    """Explain what is drawn, in rows above the axes."""
+    place: dict[str, Any] = {"loc": "lower center", "bbox_to_anchor": (0.5, 1.0), "handlelength": 1.4}
+    axes.legend(ncols=columns, frameon=False, fontsize=10, **place)
 
 
 def percent_text(share: float) -> str:

@@ -49,7 +49,9 @@ class InwardGradients(PaperFigure):
 
     name = "fig09"
     title = "Fig. 9: gradients and radial inward vectors inside LEDs"
-    caption = "In an On LED gradients point inwards and GRI is positive; in an Off LED outwards, GRI negative."
+    caption = (
+        "In an On LED gradients point inwards and GRI is positive; in an Off LED outwards, GRI negative."
+    )
 
     grey: Floats
     gradient: Floats
@@ -72,13 +74,13 @@ class InwardGradients(PaperFigure):
         on, off = (middle_led(gri[frame], sample.bits[frame] == status) for status in (True, False))
         k, pixels = reader.samples_per_led, plan.world.camera.pixels_per_metre(sample.scene.distance_m)
         cell_px = plan.world.panel.pitch_m * float(pixels[frame])
-        slopes = image_gradient(sample.patches[frame : frame + 1], reader.gradient)[0].double() * (k / cell_px)
-        grey = sample.patches[frame, 0].double()
+        slopes = image_gradient(sample.patches[frame : frame + 1], reader.gradient)[0].double()
+        slopes, grey = slopes * (k / cell_px), sample.patches[frame, 0].double()
+        corners = [(k * row, k * column) for row, column in (on, off)]
+        inner = [(slice(y + k, y + 2 * k), slice(x + k, x + 2 * k)) for y, x in corners]
         return cls(
-            grey=np.stack([grey[k * r : k * (r + 3), k * c : k * (c + 3)].numpy() for r, c in (on, off)]),
-            gradient=np.stack(
-                [slopes[:, k * (r + 1) : k * (r + 2), k * (c + 1) : k * (c + 2)].numpy() for r, c in (on, off)]
-            ),
+            grey=np.stack([grey[y : y + 3 * k, x : x + 3 * k].numpy() for y, x in corners]),
+            gradient=np.stack([slopes[:, rows, columns].numpy() for rows, columns in inner]),
             inward=radial_inward_field(k, torch.float64, torch.device("cpu")).numpy(),
             gri=np.array([gri[frame][on], gri[frame][off]]),
             leds=(on, off),
@@ -142,9 +144,9 @@ class InwardGradients(PaperFigure):
         self._draw_by_distance(figure.add_axes((0.735, 0.175, 0.25, 0.683)))
         k = self.inward.shape[-1]
         footnote = (
-            f"(a) to (c): the LEDs of middle GRI of their status in one frame, {condition_text(self.condition)}, "
-            f"{self.cell_px:.1f} px a cell, read at {k} x {k} samples (true corners).\nLongest gradient "
-            f"{strongest:.0f} grey values a pixel; inward vectors have length 1. "
+            "(a) to (c): the LEDs of middle GRI of their status in one frame, "
+            f"{condition_text(self.condition)}, {self.cell_px:.1f} px a cell, read at {k} x {k} samples (true"
+            f" corners).\nLongest gradient {strongest:.0f} grey values a pixel; inward vectors have length 1. "
             "GRI, in grey values a pixel: mean of the dot products of the two."
         )
         write_title(figure, self.title, footnote)

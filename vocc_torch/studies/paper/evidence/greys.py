@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 import torch
@@ -31,6 +31,7 @@ from vocc_torch.studies.paper.evidence.figure import (
     corner_legend,
     heading,
     led_rows,
+    legend_above,
     percent_text,
     plain_axes,
     signed,
@@ -77,9 +78,7 @@ class GreyOverlap(PaperFigure):
         pair = most_contradicting(sample.greys, sample.bits)
         wrong, threshold = least_error(sample.greys, sample.bits)
         pictures = sample.pictures[pair[0]], sample.pictures[pair[1]]
-        return cls(
-            sample.greys, sample.bits, pair, pictures, sample.conditions[list(pair)], threshold, wrong
-        )
+        return cls(sample.greys, sample.bits, pair, pictures, sample.conditions[list(pair)], threshold, wrong)
 
     def rows(self) -> list[tuple[Cell, ...]]:
         """Give a line an LED."""
@@ -114,7 +113,7 @@ class GreyOverlap(PaperFigure):
         for frame, letter in zip(self.pair, "ab", strict=True):
             place = int(np.flatnonzero(order == frame)[0])
             axes.axvspan(place - 0.5, place + 0.5, color=QUIET, alpha=0.22, linewidth=0)
-            above = {"transform": axes.get_xaxis_transform(), "ha": "center", "va": "bottom"}
+            above: dict[str, Any] = {"transform": axes.get_xaxis_transform(), "ha": "center", "va": "bottom"}
             axes.text(place, 1.005, letter, fontsize=11.5, fontweight="bold", color=INK, **above)
         axes.axhline(self.threshold, **DASHED)
         text = f"best fixed threshold {self.threshold:.0f}:\n{percent_text(self.wrong)} of LEDs wrong"
@@ -304,9 +303,7 @@ class BloomingInterference(PaperFigure):
     def _story(self) -> str:
         """Tell in numbers what happens to the marked LED."""
         found, near = self.findings(), self.bits[self._around()].size - 1
-        sharp, bloomed, gri = (
-            found[name] for name in ("grey_without_blooming", "grey_with_blooming", "gri")
-        )
+        sharp, bloomed, gri = (found[name] for name in ("grey_without_blooming", "grey_with_blooming", "gri"))
         return (
             f"The marked LED (row {found['led_row']}, column {found['led_column']}) is Off; "
             f"{found['on_neighbours']} of its {near} neighbours\n"
@@ -333,8 +330,7 @@ class BloomingInterference(PaperFigure):
         axes.set_xlim(self.pictures[0][1][:2])
         columns = np.arange(self.bits.shape[1])
         axes.set_xticks(columns + 0.5, [str(column + 1) for column in columns])
-        above = {"loc": "lower left", "bbox_to_anchor": (-0.02, 1.0)}
-        axes.legend(ncols=2, frameon=False, fontsize=9.5, handlelength=1.6, **above)
+        legend_above(axes, 2)
 
 
 def without_blooming(plan: Plan) -> Simulator:

@@ -36,6 +36,7 @@ from vocc_torch.studies.paper.evidence.figure import (
     Picture,
     add_panel,
     condition_text,
+    legend_above,
     percent_text,
     plain_axes,
 )
@@ -162,8 +163,7 @@ class FrameHistogram(PaperFigure):
         axes.set(yscale="log", ylim=(0.5, float(self.counts.max()) * 4))
         axes.set_xlim(max(0.0, np.flatnonzero(self.counts)[0] - 8.0), 259)
         plain_axes(axes, "Grey value (0 to 255)", "Pixels of the frame")
-        above = {"loc": "lower left", "bbox_to_anchor": (-0.01, 1.0)}
-        axes.legend(ncols=3, frameon=False, fontsize=10.5, **above)
+        legend_above(axes, 3)
 
     def _draw_levels(self, axes: Axes, top: float) -> None:
         """Mark the greys of background, Off and On before any blur, at heights where nothing else is."""
@@ -214,9 +214,7 @@ def grey_levels(plan: Plan, scene: Scene) -> Floats:
         "f_number": camera.f_number,
         "calibration_constant": camera.calibration_constant,
     }
-    exposures = luminous_exposure_lx_s(
-        torch.cat([background, off, off + scene.led_luminance_cd_m2]), **lens
-    )
+    exposures = luminous_exposure_lx_s(torch.cat([background, off, off + scene.led_luminance_cd_m2]), **lens)
     iso = auto_iso_speed(exposures[:1], scene.background_grey, gamma=camera.gamma)
     iso = iso if camera.iso_limits is None else iso.clamp(*camera.iso_limits)
     greys = grey_value(exposures, iso, gamma=camera.gamma)

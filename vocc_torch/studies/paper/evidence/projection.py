@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from vocc_torch.measure.plan import Plan
 from vocc_torch.measure.train import train
 from vocc_torch.receiver.features import FEATURE_NAMES
-from vocc_torch.show.canvas import INK, new_figure, write_title
+from vocc_torch.show.canvas import INK, head, new_figure, write_title
 from vocc_torch.studies.paper.evidence.features import roc_area
 from vocc_torch.studies.paper.evidence.figure import (
     DASHED,
@@ -21,7 +21,6 @@ from vocc_torch.studies.paper.evidence.figure import (
     Floats,
     PaperFigure,
     corner_legend,
-    lettered,
     percent_text,
     status_cloud,
     status_histogram,
@@ -63,7 +62,7 @@ class Projection(PaperFigure):
 
     @classmethod
     def compute(cls, plan: Plan) -> Self:
-        """Train at the true corners on the plan's training frames, and project the LEDs that training keeps."""
+        """Train at the true corners on the plan's training frames; project the LEDs that training keeps."""
         training = train(replace(plan, receiver=replace(plan.receiver, locator="truth")))
         flda, features = training.flda.cpu(), training.features.double().numpy()
         seen, direction = flda.statistics, flda.direction.numpy()
@@ -88,7 +87,7 @@ class Projection(PaperFigure):
 
     def findings(self) -> dict[str, float]:
         """Give w, the threshold, and how the projections part the LEDs."""
-        found = {}
+        found: dict[str, float] = {}
         for name, weight, deviation in zip(
             FEATURE_NAMES, self.direction.tolist(), self.deviation.tolist(), strict=True
         ):
@@ -106,21 +105,22 @@ class Projection(PaperFigure):
         figure, found = new_figure(10, 5.6), self.findings()
         axes = figure.add_axes((0.075, 0.215, 0.41, 0.62))
         self._draw_plane(axes)
-        lettered(axes, "a", "w and its threshold for AGR and GRI alone")
-        axes, label = figure.add_axes((0.575, 0.215, 0.41, 0.62)), "Projection w \N{MIDDLE DOT} x of AGR, GRI and NGR"
+        head(axes, "(a)", "w and its threshold for AGR and GRI alone")
+        axes = figure.add_axes((0.575, 0.215, 0.41, 0.62))
+        label = "Projection w \N{MIDDLE DOT} x of AGR, GRI and NGR"
         status_histogram(axes, self.projections, self.bits, label, log=True)
         axes.axvline(self.threshold, **DASHED)
         on, off = (percent_text(found[f"wrong_share_{status}"]) for status in ("on", "off"))
-        lettered(axes, "b", f"wrong at {self.threshold:.2f}: {on} of On, {off} of Off")
+        head(axes, "(b)", f"wrong at {self.threshold:.2f}: {on} of On, {off} of Off")
         corner_legend(figure)
         weights = [f"{name.upper()} {found[f'w_{name}_per_deviation']:.2f}" for name in FEATURE_NAMES]
         footnote = (
-            f"FLDA trained on {self.frames} frames at the true corners; {len(self.bits)} of their LEDs in (b), "
-            f"{min(SHOWN, len(self.bits))} in (a), placed by standard\n"
+            f"FLDA trained on {self.frames} frames at the true corners; {len(self.bits)} of their LEDs "
+            f"in (b), {min(SHOWN, len(self.bits))} in (a), placed by standard\n"
             "deviations within a class from the midpoint of the classes. "
-            f"Weights in w for such a deviation: {', '.join(weights).replace('-', chr(0x2212))}."
+            f"Weights in w for such a deviation: {', '.join(weights)}."
         )
-        write_title(figure, self.title, footnote)
+        write_title(figure, self.title, footnote.replace("-", "\N{MINUS SIGN}"))
         return figure
 
     def _draw_plane(self, axes: Axes) -> None:

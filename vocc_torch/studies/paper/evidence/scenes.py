@@ -24,6 +24,7 @@ from vocc_torch.studies.paper.evidence.figure import (
     add_panel,
     condition_text,
     heading,
+    legend_above,
     pixel_rows,
     plain_axes,
 )
@@ -55,7 +56,9 @@ class BlurOrder(PaperFigure):
 
     name = "fig17"
     title = "Fig. 17: a Gaussian after gamma encoding against one before it"
-    caption = "Blurred after gamma, as graphics software does, LEDs look dull; before it, as in a camera, bright."
+    caption = (
+        "Blurred after gamma, as graphics software does, LEDs look dull; before it, as in a camera, bright."
+    )
 
     pictures: tuple[Picture, Picture, Picture]
     row_px: int
@@ -128,8 +131,7 @@ class BlurOrder(PaperFigure):
                 panel.hlines([y, y], [left, right - 0.45], [left + 0.45, right], color=colour, linewidth=3)
         plain_axes(profile, "Column (px), along the marked line", "Grey value (0 to 255)")
         profile.set_xlim(0, self.pictures[0][0].shape[1])
-        above: dict[str, Any] = {"loc": "lower right", "bbox_to_anchor": (1.02, 1.0), "handlelength": 1.3}
-        profile.legend(ncols=3, frameon=False, fontsize=10, **above)
+        legend_above(profile, 3)
         footnote = (
             f"{condition_text(self.condition)}, background {self.condition[3]:.0f}; Gaussian of "
             f"{self.sigma_px:g} px, LED cells of {self.cell_px:.1f} px. "
@@ -153,7 +155,9 @@ class ContrastPanels(PaperFigure):
 
     name = "fig20"
     title = "Fig. 20: panels at a contrast of 6, 30 and 50 %"
-    caption = "Blooming grows with the contrast of On and Off LEDs, which follows from ambient light and LEDs."
+    caption = (
+        "Blooming grows with the contrast of On and Off LEDs, which follows from ambient light and LEDs."
+    )
 
     pictures: tuple[Picture, ...]
     contrasts: Floats
