@@ -5,10 +5,10 @@ from __future__ import annotations
 import dataclasses
 import difflib
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from importlib import resources
 
-from vocc_torch.app.config import AppConfig, run_folder
+from vocc_torch.app.config import AppConfig
 from vocc_torch.errors import VoccError
 
 OPEN_MAPPINGS = (
@@ -65,81 +65,6 @@ def _unknown_key(key: str) -> str:
     near = difflib.get_close_matches(key, known_keys(), n=1, cutoff=0.6)
     hint = f"did you mean {near[0]}?" if near else "vocc-torch --help lists the keys"
     return f"{key} is not a known key: {hint}"
-
-
-def checked(settings: AppConfig) -> AppConfig:
-    """Give the settings back, or refuse a key that + has added, a value that ~ has removed, or a bad name.
-
-    Raises:
-        VoccError: the first such key.
-
-    Example:
-        >>> checked(AppConfig(name=".."))
-        Traceback (most recent call last):
-        ...
-        vocc_torch.errors.VoccError: name is '..': it must be a folder below runs/, without .. or links out
-    """
-    run_folder(settings.name)
-    for complaint in _misfits(settings, ""):
-        raise VoccError(complaint)
-    return settings
-
-
-def refuse_overruled(settings: AppConfig, words: Sequence[str]) -> None:
-    """Refuse what a command line asks for and would not get.
-
-    Args:
-        settings: the configuration that came of it.
-        words: its overrides.
-
-    Raises:
-        VoccError: a setting of the camera that the scene makes itself, effects set to none, or several
-            options of one group, which would be mixed.
-
-    Example:
-        >>> refuse_overruled(AppConfig(), ["scene.effects={}"])
-        Traceback (most recent call last):
-        ...
-        vocc_torch.errors.VoccError: scene.effects={} takes none away: write ~scene.effects.NAME for each
-    """
-    for word in words:
-        key, _, value = word.lstrip("+").partition("=")
-        group, _, name = key.partition(".")
-        if group == "camera" and getattr(settings.scene.camera, name, None) is not None:
-            raise VoccError(f"{key} is set by the scene {settings.scene.name}: give scene.{key}={value}")
-        if key == "scene.effects" and value == "{}":
-            raise VoccError("scene.effects={} takes none away: write ~scene.effects.NAME for each")
-        if key in GROUPS and value.startswith("["):
-            raise VoccError(f"{key} is {value}: it must be one option, several in a multirun (-m {key}=a,b)")
-
-
-def _misfits(settings: object, prefix: str) -> Iterator[str]:
-    """Walk the settings and complain of keys that the schema does not have and of values that are missing.
-
-    Lists and mappings are looked into here: one that an interpolation brings is not checked before.
-    """
-    kinds = {field.name: str(field.type) for field in dataclasses.fields(settings)}  # type: ignore[arg-type]  # a dataclass
-    for name, value in vars(settings).items():
-        if name not in kinds:
-            yield _unknown_key(prefix + name)
-        elif dataclasses.is_dataclass(value):
-            yield from _misfits(value, f"{prefix}{name}.")
-        elif value == "???":
-            yield f"{prefix}{name} is missing: it must have a value"
-        elif allowed := _other_kind(value, kinds[name]):
-            yield f"{prefix}{name} is {value!r}: it must be {allowed}"
-
-
-def _other_kind(value: object, kind: str) -> str | None:
-    """Say what a list or a mapping should have been, if it is something else."""
-    if kind.startswith("dict["):
-        return None if isinstance(value, dict) else "a mapping, as in {key:value}"
-    if not kind.startswith("list[") or (value is None and kind.endswith("None")):
-        return None
-    item = {"list[float]": (int, float), "list[str]": (str,)}.get(kind.removesuffix(" | None"), (object,))
-    if isinstance(value, list) and all(isinstance(one, item) and not isinstance(one, bool) for one in value):
-        return None
-    return "a list of texts, as in [a,b]" if item == (str,) else "a list of numbers, as in [1,2]"
 
 
 def one_line(error: BaseException, arguments: Sequence[str] = ()) -> str:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import get_args
 
 import torch
 from torch import Tensor
 
 from vocc_torch.errors import VoccError
 from vocc_torch.receiver.ladder import Choice, Quadrilateral, Search, climb
+from vocc_torch.receiver.limits import LocatorLimits
 from vocc_torch.receiver.morphology import close_mask
 from vocc_torch.receiver.otsu import otsu_threshold, sensor_histogram
 from vocc_torch.receiver.single_blob import SingleBlob, single_blob
@@ -23,8 +23,6 @@ _SMALL_PASS_PX = 1 << 18
 _SMALL_MASK_PX = 1 << 15
 # More frames than these are quicker together, and come out the same to the last bit.
 _MOST_ALONE = 12
-_MOST_AREA_PX = 1 << 40
-_MOST_CLOSING_PX = (1 << 16) - 1
 # Columns of a blob are counted in 16 bits.
 _MOST_SIDE_PX = 1 << 15
 
@@ -78,7 +76,7 @@ def paper_stages(frames: Frames, closing_px: int = 11) -> Stages:
 
 
 @dataclass(frozen=True, slots=True)
-class PaperLocator:
+class PaperLocator(LocatorLimits):
     """Find the panel as the paper does: Otsu, closing, components, blob analysis, convex hull, quadrilateral.
 
     Blobs below a limit are dropped. Of the others the best by ``rectangularity x compactness x proportion^2``
@@ -128,27 +126,7 @@ class PaperLocator:
         ([[15.0, 10.0], [35.0, 10.0], [35.0, 30.0], [15.0, 30.0]], 1.0, 1)
     """
 
-    closing_px: int = 11
-    min_area_px: int = 100
-    min_rectangularity: float = 0.5
-    min_compactness: float = 0.81
     quadrilateral: Quadrilateral = "min_area"
-
-    def __post_init__(self) -> None:
-        """Refuse parameters out of their range."""
-        closing_px = self.closing_px
-        if type(closing_px) is not int or not 1 <= closing_px <= _MOST_CLOSING_PX or closing_px % 2 == 0:
-            rule = f"odd, at least 1 and at most {_MOST_CLOSING_PX}"
-            raise VoccError(f"location.closing_px is {closing_px}: it must be {rule}")
-        if not 1 <= self.min_area_px <= _MOST_AREA_PX:
-            rule = f"at least 1 and at most {_MOST_AREA_PX}"
-            raise VoccError(f"location.min_area_px is {self.min_area_px}: it must be {rule}")
-        for name in ("min_rectangularity", "min_compactness"):
-            if not 0 <= getattr(self, name) <= 1:
-                raise VoccError(f"location.{name} is {getattr(self, name)}: it must be 0 to 1")
-        if self.quadrilateral not in get_args(Quadrilateral):
-            allowed = " or ".join(get_args(Quadrilateral))
-            raise VoccError(f"location.quadrilateral is {self.quadrilateral!r}: it must be {allowed}")
 
     @torch.no_grad()
     def __call__(self, frames: Frames, shape: PanelShape) -> Panels:
@@ -185,7 +163,7 @@ class PaperLocator:
         Returns:
             The choice, with corners on the sensor.
         """
-        search = Search(*(getattr(self, name) for name in PaperLocator.__slots__))
+        search = Search(*(getattr(self, name) for name in PaperLocator.__match_args__))
         boxes = _foreground_boxes(frames.grey, threshold, parts)
         single = _single_blobs(frames, threshold, boxes, shape, search)
         if single is not None and len(single[0]) == len(frames):

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from vocc_torch.measure.build import build_plan, build_rows
+from vocc_torch.measure.build import build_plan
 from vocc_torch.measure.campaign import Campaign, Study, run_campaign
 from vocc_torch.measure.config import Settings
 from vocc_torch.measure.curves import Measured
@@ -43,7 +43,7 @@ def run_grid(settings: Settings, folder: Path) -> None:
     refuse_unused(settings)
     refuse_results(folder, LEDGERS)
     plan, console = build_plan(settings, folder), Console()
-    studies = _studies(settings, plan)
+    studies = _studies(plan)
     with resumable(settings, folder, console), ExitStack() as ledgers:
         with Workers(settings.workers) as workers:
             campaign = _measure(settings, list(studies.values()), workers, ledgers, folder, console)
@@ -74,10 +74,9 @@ def run_grid(settings: Settings, folder: Path) -> None:
             print_place(console, "figure", folder / f"{name}.png")
 
 
-def _studies(settings: Settings, plan: Plan) -> dict[float, Study]:
+def _studies(plan: Plan) -> dict[float, Study]:
     """Give a study for each row."""
-    rows = build_rows(plan, settings.experiment, "experiment")
-    return {at: Study(f"{at:g}", row, (plan.receiver.locator,)) for at, row in rows.items()}
+    return {at: Study(f"{at:g}", row, (plan.receiver.locator,)) for at, row in plan.rows().items()}
 
 
 def _measure(

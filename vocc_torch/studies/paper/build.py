@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from vocc_torch.measure.build import build_experiment, build_rows
+from vocc_torch.errors import section
 from vocc_torch.measure.plan import Plan
 from vocc_torch.studies.paper.config import FiguresConfig
 
@@ -17,7 +17,6 @@ def build_experiments(config: FiguresConfig, plan: Plan) -> dict[str, dict[float
     """
     built: dict[str, dict[float, Plan]] = {}
     for name, one in config.experiments.items():
-        section = f"figures.experiments.{name}"
-        whole = replace(plan, experiment=build_experiment(one, section))
-        built[name] = {0.0: whole} if one.row_axis is None else build_rows(whole, one, section)
+        with section(f"figures.experiments.{name}", before="experiment"):
+            built[name] = replace(plan, experiment=one).rows()
     return built

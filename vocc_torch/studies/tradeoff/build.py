@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TypeVar
 
-from vocc_torch.errors import VoccError
+from vocc_torch.errors import VoccError, section
 from vocc_torch.measure.build import build_plan
 from vocc_torch.measure.config import Settings
 from vocc_torch.measure.optional import without_absent
@@ -77,10 +77,10 @@ def _devices(names: Sequence[str]) -> tuple[tuple[str, ...], dict[str, str]]:
     missing: dict[str, str] = {}
     for name in _once(names):
         try:
-            found.append(str(resolve_device(name)))
+            with section("tradeoff.devices has", before="device is"):
+                found.append(str(resolve_device(name)))
         except VoccError as error:
-            said = str(error).replace("device is", "tradeoff.devices has", 1)
             if not name.startswith("cuda") or len(names) == 1:
-                raise VoccError(said) from None
-            missing[name] = said.partition(", and ")[2].partition(":")[0]
+                raise
+            missing[name] = str(error).partition(", and ")[2].partition(":")[0]
     return _once(found), missing

@@ -1,0 +1,100 @@
+"""What ``vocc-torch --help`` says of every key: its value, and the words that its class has for it."""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+import re
+from typing import Any, get_type_hints
+
+from omegaconf import DictConfig, OmegaConf
+
+EFFECTS = [
+    "pose",
+    "lens_distortion",
+    "rolling_shutter",
+    "stuck_leds",
+    "led_scatter",
+    "attenuation",
+    "background_texture",
+    "lamps",
+    "second_panel",
+    "airlight",
+    "occlusion",
+    "veiling_glare",
+    "motion_blur",
+    "defocus",
+    "diffraction",
+    "blooming",
+    "vignetting",
+    "bayer",
+    "photoelectrons",
+    "prnu",
+    "dark_current",
+    "hot_pixels",
+    "shot_noise",
+    "full_well",
+    "dsnu",
+    "row_noise",
+    "read_noise",
+    "gain",
+    "demosaicing",
+    "saturation",
+    "quantization",
+    "jpeg",
+]
+LOCATORS = ("truth", "paper", "refined")
+RECEIVERS = [
+    "center_greyscale",
+    "average_greyscale",
+    "flda_agr",
+    "flda_gri",
+    "flda_ngr",
+    "flda_agr_ngr",
+    "flda_2",
+    "flda_3",
+]
+"""By name: what defines them needs torch, which the help does not wait for."""
+
+
+def described(root: DictConfig, schema: type) -> str:
+    """Write a configuration as YAML, each key below its description; ``hydra`` is left out.
+
+    Args:
+        root: the configuration.
+        schema: its class, whose docstring and those of its sections describe the keys.
+    """
+    said, lines = descriptions(schema), []
+    path: list[str] = []
+    shown = OmegaConf.masked_copy(root, [key for key in root if key != "hydra"])
+    for line in OmegaConf.to_yaml(shown).splitlines():
+        if found := re.match(r"( *)(\w+):", line):
+            depth = len(found[1]) // 2
+            path[depth:] = [found[2]]
+            if text := said.get(".".join(path)):
+                lines.append(f"{found[1]}# {text}")
+        lines.append(line)
+    names = {"Effects": EFFECTS, "Receivers": RECEIVERS, "Locators": LOCATORS}
+    lists = [f"{what} by name: {', '.join(known)}" for what, known in names.items()]
+    # Hydra puts the text into a template of its own, where $ begins a placeholder.
+    return "\n".join([*lines, "", *lists]).replace("$", "$$")
+
+
+def descriptions(schema: type, prefix: str = "") -> dict[str, str]:
+    """Read what the docstrings of a dataclass and its sections say of each key, by the key with dots.
+
+    Example:
+        >>> from vocc_torch.measure.config import Budget
+        >>> descriptions(Budget)["frames"]
+        'test frames a point at most, at least 1'
+    """
+    keys: dict[str, str] = {}
+    for base in reversed(schema.__mro__):
+        text = inspect.cleandoc(base.__doc__ or "").partition("Args:\n")[2].partition("\n\n")[0]
+        for name, words in re.findall(r"^ {4}(\w+): (.+(?:\n {8}.+)*)", text, re.MULTILINE):
+            keys[prefix + name] = " ".join(words.replace("``", "").split()).rstrip(".")
+    hints: dict[str, Any] = get_type_hints(schema)
+    for one in dataclasses.fields(schema):
+        if dataclasses.is_dataclass(kind := hints[one.name]):
+            keys |= descriptions(kind, f"{prefix}{one.name}.")
+    return keys
