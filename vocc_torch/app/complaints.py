@@ -2,28 +2,15 @@
 
 from __future__ import annotations
 
-import dataclasses
 import difflib
 import re
 from collections.abc import Sequence
 from importlib import resources
+from typing import get_origin
 
 from vocc_torch.app.config import AppConfig
+from vocc_torch.app.help import keys_of
 from vocc_torch.errors import VoccError
-
-OPEN_MAPPINGS = (
-    "scene.effects",
-    "experiment.scene",
-    "experiment.training",
-    "effects.parts",
-    "effects.severity",
-    "classifiers",
-    "tradeoff.scenes",
-    "rivals.experiments",
-    "rivals.points",
-    "rivals.scenes",
-)
-"""Keys under which a user may add keys with +; what they accept is checked where they are used."""
 
 _KINDS = {
     "Integer": "a whole number",
@@ -39,30 +26,20 @@ _NO_OPTION = re.compile(
 """What the command line's grammar reads as another thing than a name."""
 
 
-def known_keys(schema: type = AppConfig, prefix: str = "") -> list[str]:
-    """Every key of the schema, with dots.
+def unknown_key(key: str) -> str:
+    """Say what is wrong with a key that is not there.
 
     Example:
-        >>> "camera.gamma" in known_keys()
-        True
+        >>> unknown_key("camera.gama")
+        'camera.gama is not a known key: did you mean camera.gamma?'
     """
-    keys: list[str] = []
-    for field in dataclasses.fields(schema):
-        keys.append(prefix + field.name)
-        made = field.default_factory() if field.default_factory is not dataclasses.MISSING else None
-        if dataclasses.is_dataclass(made) and not isinstance(made, type):
-            keys += known_keys(type(made), f"{prefix}{field.name}.")
-    return keys
-
-
-def _unknown_key(key: str) -> str:
-    """Refuse a key that is not there."""
-    parent = next((name for name in OPEN_MAPPINGS if key.startswith(f"{name}.")), None)
-    if parent is not None:
+    keys = keys_of(AppConfig)
+    mappings = [name for name, kind in keys.items() if get_origin(kind) is dict]
+    if parent := next((name for name in mappings if key.startswith(f"{name}.")), None):
         return f"{key} is not set here: + adds to {parent}, as in +{key}=..."
     if key == "hydra.launcher.n_jobs":
         return f"{key} is not a known key of this launcher: it belongs to hydra/launcher=joblib"
-    near = difflib.get_close_matches(key, known_keys(), n=1, cutoff=0.6)
+    near = difflib.get_close_matches(key, keys, n=1, cutoff=0.6)
     hint = f"did you mean {near[0]}?" if near else "vocc-torch --help lists the keys"
     return f"{key} is not a known key: {hint}"
 
@@ -85,7 +62,8 @@ def one_line(error: BaseException, arguments: Sequence[str] = ()) -> str:
     if override is not None:
         shown = " ".join(str(override).split())
         return f"{shown} cannot be read: write key=value, a list as [a,b], and quote what is special"
-    if "Config group override must be" in text or isinstance(error, TypeError):
+    group = "Config group override must be", "possible interpolation keys"
+    if any(words in text for words in group) or isinstance(error, TypeError):
         for key, _, value in (word.lstrip("+").partition("=") for word in arguments):
             if key in ("", *GROUPS) and _NO_OPTION.fullmatch(value):
                 return f"{key} is {value}: it must be one of the options that vocc-torch --help lists"
@@ -139,9 +117,9 @@ def _of_key(text: str) -> str | None:
         return f"{match.group(1)} cannot be removed: it must have a value"
     unknown = "is not in struct" in text or " not in '" in text or "does not exist" in text
     if unknown and (match := re.search(r"full_key: ([\w.]+)", text)):
-        return _unknown_key(match.group(1))
+        return unknown_key(match.group(1))
     if match := re.search(r"Could not override '?([\w.@/]+)'?", text):
-        return _unknown_key(match.group(1)) if unknown else f"{match.group(1)} is not a known key or group"
+        return unknown_key(match.group(1)) if unknown else f"{match.group(1)} is not a known key or group"
     return None
 
 

@@ -1,4 +1,4 @@
-"""The whole configuration: what all studies share, a section for each study that has one, and the run's folder."""
+"""The whole configuration: what all studies share, the sections of studies, and the run's folder."""
 
 from __future__ import annotations
 

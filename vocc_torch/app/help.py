@@ -80,21 +80,36 @@ def described(root: DictConfig, schema: type) -> str:
     return "\n".join([*lines, "", *lists]).replace("$", "$$")
 
 
-def descriptions(schema: type, prefix: str = "") -> dict[str, str]:
+def keys_of(schema: type, prefix: str = "") -> dict[str, Any]:
+    """List every key of a schema, with dots, and its type.
+
+    Example:
+        >>> from vocc_torch.measure.config import Settings
+        >>> keys_of(Settings)["camera.gamma"]
+        <class 'float'>
+    """
+    keys: dict[str, Any] = {}
+    hints = get_type_hints(schema)
+    for one in dataclasses.fields(schema):
+        kind = keys[prefix + one.name] = hints[one.name]
+        if dataclasses.is_dataclass(kind):
+            keys |= keys_of(kind, f"{prefix}{one.name}.")
+    return keys
+
+
+def descriptions(schema: type) -> dict[str, str]:
     """Read what the docstrings of a dataclass and its sections say of each key, by the key with dots.
 
     Example:
-        >>> from vocc_torch.measure.config import Budget
-        >>> descriptions(Budget)["frames"]
+        >>> from vocc_torch.measure.config import Settings
+        >>> descriptions(Settings)["budget.frames"]
         'test frames a point at most, at least 1'
     """
-    keys: dict[str, str] = {}
-    for base in reversed(schema.__mro__):
-        text = inspect.cleandoc(base.__doc__ or "").partition("Args:\n")[2].partition("\n\n")[0]
-        for name, words in re.findall(r"^ {4}(\w+): (.+(?:\n {8}.+)*)", text, re.MULTILINE):
-            keys[prefix + name] = " ".join(words.replace("``", "").split()).rstrip(".")
-    hints: dict[str, Any] = get_type_hints(schema)
-    for one in dataclasses.fields(schema):
-        if dataclasses.is_dataclass(kind := hints[one.name]):
-            keys |= descriptions(kind, f"{prefix}{one.name}.")
-    return keys
+    said: dict[str, str] = {}
+    sections = {key: kind for key, kind in keys_of(schema).items() if dataclasses.is_dataclass(kind)}
+    for key, kind in {"": schema, **sections}.items():
+        for base in reversed(kind.__mro__):
+            text = inspect.cleandoc(base.__doc__ or "")
+            for name, words in re.findall(r"^ {4}(\w+): (.+(?:\n {8}.+)*)", text, re.MULTILINE):
+                said[f"{key}.{name}".lstrip(".")] = " ".join(words.replace("``", "").split()).rstrip(".")
+    return said

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import is_dataclass
+from functools import reduce
+from typing import Any, get_origin
 
 from omegaconf import DictConfig, OmegaConf
-from omegaconf.errors import OmegaConfBaseException
+from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
 
 from vocc_torch.app.complaints import GROUPS, one_line
 from vocc_torch.app.config import TASKS, AppConfig, schema
-from vocc_torch.errors import VoccError, section
+from vocc_torch.app.help import keys_of
+from vocc_torch.errors import VoccError, section, shown
 
 OWNERS = {part: task for task, (_, part) in TASKS.items() if part is not None}
 """The task of each section."""
@@ -30,6 +34,7 @@ def resolved(config: DictConfig, words: Sequence[str] = ()) -> AppConfig:
     """
     try:
         plain = OmegaConf.to_container(config, resolve=True, throw_on_missing=True)
+        _demand_kinds(plain)
         typed = OmegaConf.merge(schema(), plain)  # what interpolations brought has a type too
         for place in ("rivals.experiments", "figures.experiments"):
             for name, one in OmegaConf.select(typed, place).items():
@@ -37,11 +42,23 @@ def resolved(config: DictConfig, words: Sequence[str] = ()) -> AppConfig:
                     OmegaConf.to_object(one)
         with section("receiver.location", before="location"):
             settings = OmegaConf.to_object(typed)
+    except MissingMandatoryValue as error:
+        raise VoccError(f"{error.full_key} is missing: it must have a value") from None
     except OmegaConfBaseException as error:
         raise VoccError(one_line(error)) from None
     assert isinstance(settings, AppConfig)
     refuse_ignored(settings, words)
     return settings
+
+
+def _demand_kinds(plain: Any) -> None:
+    """Refuse a section that is none and a list that is none, which only an interpolation can bring."""
+    for key, kind in keys_of(AppConfig).items():
+        value = reduce(lambda held, name: held.get(name), key.split("."), plain)
+        if is_dataclass(kind) and not isinstance(value, dict):
+            raise VoccError.of(key, shown(value), "a mapping, as in {key:value}")
+        if get_origin(kind) in (list, tuple) and not isinstance(value, list):
+            raise VoccError.of(key, shown(value), "a list, as in [a,b]")
 
 
 def refuse_ignored(settings: AppConfig, words: Sequence[str]) -> None:

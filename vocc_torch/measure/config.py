@@ -6,6 +6,7 @@ imported here, so that the command line answers ``--help`` and misspelled keys a
 
 from __future__ import annotations
 
+import inspect
 import math
 import re
 from collections.abc import Mapping
@@ -99,7 +100,7 @@ class Experiment:
         rows: the values of that, ascending.
 
     Raises:
-        VoccError: an unknown axis, values that are missing, not ascending or not finite, or rows without axis.
+        VoccError: an unknown axis, values that are not finite or not ascending, or rows without axis.
     """
 
     name: str
@@ -203,6 +204,7 @@ def _schema(name: str, *domains: type, without: str, unset: bool = False) -> typ
                     (one.name, kind | None, field(default=None)) if unset else (one.name, kind, default)
                 )
     schema = make_dataclass(name, made)
+    schema.__doc__ = "\n".join(inspect.cleandoc(domain.__doc__ or "") for domain in domains)  # for the help
     schema.__module__ = __name__  # where it is found when settings are pickled
     return schema
 
@@ -311,7 +313,7 @@ class Settings:
         batch_frames: frames computed at a time; changes speed and memory, never results.
         workers: processes of one thread each; 0 takes one a core; changes speed, never results.
         tensorboard: whether boards are written.
-        input: a picture, a folder of pictures or a video for task=decode; a multirun's folder for task=collect.
+        input: for task=decode a picture, a folder of pictures or a video; for task=collect a multirun's folder.
         model: a receiver.pt for task=decode; null trains one.
         scene: what is simulated.
         camera: the camera.

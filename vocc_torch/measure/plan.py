@@ -198,7 +198,7 @@ class Plan:
             raise VoccError(f"{said or 'scene.ambient_lx is 0'}: {rule}")
 
     def rows(self) -> dict[float, Plan]:
-        """Give a plan for each row of the experiment's grid, by the row's value; one curve is its own at 0."""
+        """Give a plan for each row of the experiment's grid, by its value; one curve is its own at 0."""
         return {at: dataclasses.replace(self, experiment=one) for at, one in self.experiment.by_row().items()}
 
     @property
