@@ -6,7 +6,8 @@ from made_up_prices import BASE, made_up_prices
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure import frame_errors as frame_errors_module
-from vocc_torch.measure.frame_errors import FrameErrors, joint_confidence
+from vocc_torch.measure.estimate import all_pairs, joint_confidence
+from vocc_torch.measure.frame_errors import FrameErrors
 from vocc_torch.studies.tradeoff.price_list import Setting
 
 LEDS = 64
@@ -56,8 +57,8 @@ def test_a_real_difference_is_still_found():
 
 
 def test_all_pairs_share_the_chance_of_a_miss():
-    assert joint_confidence(1) == joint_confidence(2) == 0.95
-    assert joint_confidence(42) == pytest.approx(1 - 0.05 / 861)
+    assert joint_confidence(all_pairs(1)) == joint_confidence(all_pairs(2)) == 0.95
+    assert joint_confidence(all_pairs(42)) == pytest.approx(1 - 0.05 / 861)
 
 
 def test_the_first_frames_are_counted_alone():

@@ -83,7 +83,7 @@ HALVES = np.full((2, 3), 2)
         (HALVES[0], 64, ONES[0], r"half_errors is int64 of shape \(3,\)"),
         (HALVES, 64, ONES[:1], r"found is bool of shape \(1, 3\)"),
         (HALVES, 64, HALVES, r"found is int64"),
-        (HALVES, 0, ONES, r"bits_per_frame is 0"),
+        (HALVES, 0, ONES, r"leds is 0"),
         (-HALVES, 64, ONES, r"half_errors holds -2 to -2: it must be 0 to 128"),
         (64 * HALVES + 1, 64, ONES, r"half_errors holds 129 to 129"),
         (HALVES, 64, ~ONES, r"half_errors of a frame without a panel is not 64"),

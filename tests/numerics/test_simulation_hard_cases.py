@@ -746,7 +746,11 @@ def no_blooming():
     "up to 32 px, and beyond refused; the crop grows with it up to the sensor, so no light is lost there: the"
     " panel's light after it is that before within 1e-9; at the sensor's border light is taken to go on as it"
     " is there, as SciPy's `nearest` has it, and a uniform frame stays uniform",
-    Breakage(SPREAD, ".clip(0, length - 1)", "% length"),
+    Breakage(
+        BLOOMING,
+        '(reach_px, reach_px, 0, 0), mode="replicate"',
+        '(reach_px, reach_px, 0, 0), mode="circular"',
+    ),
 )
 def wide_blooming():
     generator = torch.Generator().manual_seed(2)

@@ -10,6 +10,7 @@ from vocc_torch.receiver import homography as maps
 from vocc_torch.receiver import rectification
 from vocc_torch.receiver.ladder import Search, climb
 from vocc_torch.receiver.location import _foreground_boxes
+from vocc_torch.receiver.morphology import close_mask
 from vocc_torch.receiver.otsu import histogram256
 from vocc_torch.receiver.regions import block_means, bright_regions, local_background
 from vocc_torch.receiver.single_blob import single_blob
@@ -92,11 +93,13 @@ def test_a_single_blob_is_chosen_as_on_the_ladder() -> None:
         closing, area = int(rng.choice([1, 3, 11, 999])), int(rng.choice([1, 60]))
         limits = float(rng.choice([0.0, 0.5])), float(rng.choice([0.0, 0.7]))
         search = Search(closing, area, *limits, ("min_area", "upright")[rng.integers(2)])
-        blob = single_blob(mask, shape, search)
+        plane = torch.from_numpy(mask.copy())
+        closed = close_mask(plane[None, None], closing)[0, 0].numpy()
+        blob = single_blob(mask, closed, shape, search)
         if blob is None:
             continue
         seen += 1
-        choice = climb(torch.from_numpy(mask.copy())[None], shape, search)
+        choice = climb(plane[None], shape, search)
         assert choice.score.item() == blob.score
         assert choice.corners_px[0].tolist() == [list(corner) for corner in blob.corners_px]
         assert (choice.candidates.item(), choice.mask_px.item()) == (1, blob.mask_px)

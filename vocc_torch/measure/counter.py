@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
+from vocc_torch.measure.frame_errors import Banks, FrameErrors, count_errors
 from vocc_torch.measure.link import Link, Observation
 from vocc_torch.measure.montecarlo import Label, Part, Tally
 from vocc_torch.measure.plan import Experiment, Locator, Plan
-from vocc_torch.measure.tally import half_errors, tallies
-from vocc_torch.receiver.bank import ReceiverBank, needs_preambles
+from vocc_torch.receiver.bank import ReceiverBank
 from vocc_torch.receiver.locators import PanelLocator
 from vocc_torch.rng import BLOCK_FRAMES, BlockKey
 from vocc_torch.simulation import SceneModel
@@ -59,53 +59,40 @@ class PointCounter:
 
     def __call__(self, parts: Sequence[Part]) -> list[dict[Label, Tally]]:
         """Count each part by label."""
-        keys = [BlockKey(self.plan.seed, self.point, part.block) for part in parts]
-        preambles = needs_preambles(self.plan.receiver.names)
         # Blocks known already may be missing between others, but only a budget's last one is used in part.
         assert all(part.frames == BLOCK_FRAMES for part in parts[:-1]), parts
-        used = sum(part.frames for part in parts)
-        halves: dict[str, list[Tensor]] = {name: [] for name in self.finders}
-        found: dict[str, list[Tensor]] = {name: [] for name in self.finders}
-        groups = []
-        for views in self.link.observe_each(self.finders, self.model, keys, preambles=preambles, frames=used):
-            for name, seen in views.items():
-                scores = self.banks[name].scores(seen.readings, seen.preambles)
-                wrong = [half_errors(s >= 0, seen.bits, seen.panels.found) for s in scores.values()]
-                halves[name].append(torch.stack(wrong))
-                found[name].append(seen.panels.found)
-            groups.append(group_of(self.plan.experiment, self.link, seen))
-        group = torch.cat(groups).cpu().numpy()
-        wrongs = {name: torch.cat(chunks, dim=1).cpu().numpy() for name, chunks in halves.items()}
-        hits = {name: torch.cat(chunks).cpu().numpy() for name, chunks in found.items()}
-        counted = []
-        for index, part in enumerate(parts):
-            rows = slice(index * BLOCK_FRAMES, index * BLOCK_FRAMES + part.frames)
-            cut = {name: wrong[:, rows] for name, wrong in wrongs.items()}
-            counted.append(self._count(cut, {name: hit[rows] for name, hit in hits.items()}, group[rows]))
-        return counted
+        receivers = Banks([(name, self.banks[name]) for name in self.finders])
+        errors = count_errors(
+            self.link,
+            self.finders,
+            self.model,
+            [BlockKey(self.plan.seed, self.point, part.block) for part in parts],
+            receivers,
+            preambles=receivers.needs_preambles,
+            frames=sum(part.frames for part in parts),
+            sorter=partial(group_of, self.plan.experiment),
+        )
+        starts = range(0, len(parts) * BLOCK_FRAMES, BLOCK_FRAMES)
+        return [self._count(errors.of(frames=slice(start, start + BLOCK_FRAMES))) for start in starts]
 
-    def _count(
-        self,
-        wrongs: Mapping[str, NDArray[np.int64]],
-        hits: Mapping[str, NDArray[np.bool_]],
-        group: NDArray[np.int64],
-    ) -> dict[Label, Tally]:
+    def _count(self, errors: FrameErrors) -> dict[Label, Tally]:
         """Count one block by label."""
         counts: dict[Label, Tally] = {}
-        names, leds = self.plan.receiver.names, self.plan.world.panel.shape.leds
-        for index in np.unique(group[group >= 0]).tolist():
-            chosen = group == index
-            frames = int(chosen.sum())
-            for locator, wrong in wrongs.items():
-                hit = np.broadcast_to(hits[locator][chosen], (len(names), frames))
-                singles, pairs = tallies(wrong[:, chosen], leds, hit)
-                counts |= {(locator, name, index): one for name, one in zip(names, singles, strict=True)}
-                counts |= {(locator, names[i], names[j], index): pair for (i, j), pair in pairs.items()}
-            if {"paper", "truth"} <= set(wrongs):
-                both = np.stack([hits["paper"][chosen], hits["truth"][chosen]])
-                for row, name in enumerate(names):
-                    two = np.stack([wrongs["paper"][row, chosen], wrongs["truth"][row, chosen]])
-                    counts[name, index] = tallies(two, leds, both)[1][0, 1]
+        names, groups = self.plan.receiver.names, errors.groups
+        assert groups is not None
+        for group in np.unique(groups[groups >= 0]).tolist():
+            here = errors.of(frames=groups == group)
+            rows = {
+                locator: range(start, start + len(names))
+                for locator, start in zip(self.finders, range(0, len(here.found), len(names)), strict=True)
+            }
+            for locator, places in rows.items():
+                own = here.of(slice(places.start, places.stop))
+                counts |= {(locator, name, group): one for name, one in zip(names, own.counts, strict=True)}
+                counts |= {(locator, names[a], names[b], group): pair for (a, b), pair in own.pairs.items()}
+            if {"paper", "truth"} <= set(rows):
+                for name, *two in zip(names, rows["paper"], rows["truth"], strict=True):
+                    counts[name, group] = here.of(two).pairs[0, 1]
         return counts
 
 

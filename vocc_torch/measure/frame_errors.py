@@ -1,64 +1,82 @@
-"""What every receiver of a list got wrong in each of the same frames, and which of them are surely apart."""
+"""What every receiver of a list got wrong in each of the same frames: simulated, counted and compared.
+
+The one loop that simulates, locates and reads frames and counts errors by frame. A study says which scenes
+(``model``, ``point``), where panels are looked for (``locators``) and what decides (``receivers``); it gets
+:class:`FrameErrors`, a row for each receiver, from which counts, comparisons and intervals follow.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Future
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
+from typing import Protocol
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
+from torch import Tensor
 
 from vocc_torch.errors import VoccError
-from vocc_torch.measure.counts import Counts
-from vocc_torch.measure.paired import DifferenceInterval, PairedCounts, paired_interval
-from vocc_torch.measure.tally import tallies
-
-CONFIDENCE = 0.95
-"""Of a pair's interval, and of all pairs' intervals together."""
-
-
-def joint_confidence(receivers: int) -> float:
-    """Give the confidence of each pair's interval with which all pairs' intervals hold together at 95 %.
-
-    By Bonferroni: the pairs share the chance of 5 % that any interval misses. The rivals of one receiver are
-    L - 1, but a picture has L receivers, and each is compared with all others: L (L - 1) / 2 pairs.
-
-    Args:
-        receivers: L, how many are compared, each with every other.
-
-    Example:
-        >>> joint_confidence(2), round(joint_confidence(42), 6)
-        (0.95, 0.999942)
-    """
-    return 1 - (1 - CONFIDENCE) / max(1, receivers * (receivers - 1) // 2)
+from vocc_torch.measure.counts import Counts, half_errors
+from vocc_torch.measure.estimate import CONFIDENCE, Estimate, all_pairs, joint_confidence, may_be_least
+from vocc_torch.measure.link import Link, Observation
+from vocc_torch.measure.paired import PairedCounts, paired_interval
+from vocc_torch.measure.plan import Locator, Plan
+from vocc_torch.measure.workers import Workers
+from vocc_torch.receiver.bank import ReceiverBank, needs_preambles
+from vocc_torch.receiver.locators import PanelLocator
+from vocc_torch.rng import BLOCK_FRAMES, BlockKey
+from vocc_torch.simulation import SceneModel
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class FrameErrors:
-    """What every setting got wrong in each frame of one kind of scenes.
+    """What L receivers got wrong in each of the same N frames of one kind of scenes.
 
     Args:
-        half_errors: (L,N) wrong bits, times two, by setting and frame.
-        found: (L,N) whether the panel was found.
-        leds: bits in a frame.
+        half_errors: (L,N) int64, wrong bits, times two, 0 to twice ``leds``; ``leds`` where no panel was
+            found, since every bit is then a coin toss.
+        found: (L,N) bool, whether the receiver's locator found the panel.
+        leds: bits in a frame, at least 1.
+        groups: (N,) int64, what the frames were sorted by, or None.
+
+    Raises:
+        VoccError: when they are counted: arrays of another shape or type, errors that no frame can have, or
+            frames of so many bits that 64 bits do not hold the sum of squared errors.
 
     Example:
-        >>> half = np.array([[2, 2, 0, 0], [0, 0, 0, 2]])
-        >>> errors = FrameErrors(half, np.ones_like(half, dtype=bool), leds=64)
-        >>> [one.bit_errors for one in errors.tallied[0]]
-        [2.0, 1.0]
-        >>> [one.bit_errors for one in errors.first(3).tallied[0]]
-        [2.0, 0.0]
+        >>> half = np.array([[4, 0, 64], [0, 2, 64]])
+        >>> errors = FrameErrors(half, np.array([[True, True, False]] * 2), leds=64)
+        >>> [one.half_errors for one in errors.counts], errors.first(2).counts[0].bit_errors
+        ([68, 66], 2.0)
+        >>> errors.pairs[0, 1].half_difference, errors.pairs[0, 1].discordant
+        (2, 2)
     """
 
     half_errors: NDArray[np.int64]
     found: NDArray[np.bool_]
     leds: int
+    groups: NDArray[np.int64] | None = None
 
-    @cached_property
-    def tallied(self) -> tuple[list[Counts], dict[tuple[int, int], PairedCounts]]:
-        """Counts of each, and of every two."""
-        return tallies(self.half_errors, self.leds, self.found)
+    @classmethod
+    def joined(cls, parts: Iterable[FrameErrors]) -> FrameErrors:
+        """Join parts with the same receivers: the frames of the first, then those of the second, and so on.
+
+        Raises:
+            VoccError: no parts.
+        """
+        every = list(parts)
+        if not every:
+            raise VoccError("no parts were given: errors by frame need at least one")
+        groups = [one.groups for one in every if one.groups is not None]
+        return cls(
+            np.concatenate([one.half_errors for one in every], axis=1),
+            np.concatenate([one.found for one in every], axis=1),
+            every[0].leds,
+            np.concatenate(groups) if groups else None,
+        )
 
     def first(self, frames: int) -> FrameErrors:
         """Give the same of the first frames alone.
@@ -71,19 +89,270 @@ class FrameErrors:
         """
         if not 1 <= frames <= self.half_errors.shape[1]:
             raise VoccError(f"frames is {frames}: it must be from 1 to {self.half_errors.shape[1]}")
-        return FrameErrors(self.half_errors[:, :frames], self.found[:, :frames], self.leds)
+        return self.of(frames=slice(frames))
 
-    def compared(self, a: int, b: int, confidence: float = CONFIDENCE) -> DifferenceInterval:
-        """Compare two settings by their places in the list: the rate of a less that of b, with its interval.
+    def of(
+        self, receivers: slice | Sequence[int] = slice(None), frames: slice | NDArray[np.bool_] = slice(None)
+    ) -> FrameErrors:
+        """Give the same of some receivers, by their places, and of some frames, by place or where True."""
+        groups = None if self.groups is None else self.groups[frames]
+        rows = self.half_errors[receivers], self.found[receivers]
+        return FrameErrors(rows[0][:, frames], rows[1][:, frames], self.leds, groups)
+
+    @cached_property
+    def counts(self) -> list[Counts]:
+        """Errors of each receiver, as :meth:`Counts.of` counts them."""
+        self._check()
+        frames = self.half_errors.shape[1]
+        missed = frames - self.found.sum(axis=1, keepdims=True)
+        rows = np.hstack([_sums(self.half_errors), missed]).tolist()
+        return [Counts(frames, frames * self.leds, *sums) for sums in rows]
+
+    @cached_property
+    def pairs(self) -> dict[tuple[int, int], PairedCounts]:
+        """Comparisons by the places (a, b), a before b, as :meth:`PairedCounts.of` counts them.
+
+        All in one pass, at a small part of the time: 16 receivers make 120 pairs.
+        """
+        self._check()
+        receivers, frames = self.half_errors.shape
+        first, second = np.triu_indices(receivers, k=1)
+        apart = self.half_errors[first] - self.half_errors[second]
+        sides = np.hstack([_sums(np.maximum(apart, 0)), _sums(np.maximum(-apart, 0))]).tolist()
+        places = zip(first.tolist(), second.tolist(), sides, strict=True)
+        return {(a, b): PairedCounts(frames, frames * self.leds, *sums) for a, b, sums in places}
+
+    @property
+    def tallied(self) -> tuple[list[Counts], dict[tuple[int, int], PairedCounts]]:
+        """Use ``counts`` and ``pairs``; former name, until nobody says it."""
+        return self.counts, self.pairs
+
+    def paired(self, a: int, b: int) -> PairedCounts:
+        """Compare two receivers by their places, in either order."""
+        return self.pairs[a, b] if a < b else self.pairs[b, a].swapped()
+
+    def compared(self, a: int, b: int, confidence: float = CONFIDENCE) -> Estimate:
+        """Estimate the rate of receiver ``a`` less that of ``b``, by their places.
 
         Args:
             a: a row of ``half_errors``.
             b: another one.
             confidence: of the interval, above 0, below 1.
         """
-        pairs = self.tallied[1]
-        return paired_interval(pairs[a, b] if a < b else pairs[b, a].swapped(), confidence)
+        return paired_interval(self.paired(a, b), confidence)
 
     def surely_worse(self, a: int, b: int) -> bool:
         """Whether a's rate is above b's by intervals of all pairs that hold together at 95 %."""
-        return self.compared(a, b, joint_confidence(len(self.half_errors))).low > 0
+        return self.compared(a, b, joint_confidence(all_pairs(len(self.half_errors)))).low > 0
+
+    def may_be_best(self) -> list[int]:
+        """Give the places of the receivers that no other surely beats: the best is among them at 95 %."""
+        return may_be_least(len(self.half_errors), self.compared)
+
+    def _check(self) -> None:
+        """Refuse errors that no frames can have."""
+        halves, bits = self.half_errors, self.leds
+        if bits < 1:
+            raise VoccError(f"leds is {bits}: it must be at least 1")
+        for name, array, kind in (("half_errors", halves, np.int64), ("found", self.found, np.bool_)):
+            if array.dtype != kind or array.ndim != 2 or array.shape != halves.shape:
+                raise VoccError(
+                    f"{name} is {array.dtype} of shape {array.shape}: it must be {kind.__name__} of shape "
+                    "(L,N), the same for half_errors and found"
+                )
+        if not halves.size:
+            return
+        if halves.shape[1] * (2 * int(bits)) ** 2 > np.iinfo(np.int64).max:
+            raise VoccError(
+                f"leds is {bits}: the squared errors of {halves.shape[1]} frames must fit into 64 bits; "
+                "count fewer frames at a time"
+            )
+        if halves.min() < 0 or halves.max() > 2 * bits:
+            raise VoccError(f"half_errors holds {halves.min()} to {halves.max()}: it must be 0 to {2 * bits}")
+        if not (halves[~self.found] == bits).all():
+            raise VoccError(
+                f"half_errors of a frame without a panel is not {bits}: "
+                "such a frame counts half its bits wrong"
+            )
+
+
+def _sums(errors: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Give the sum, the sum of squares and the number above 0 of each row, (L,3)."""
+    return np.stack(
+        [errors.sum(axis=1), np.einsum("ln,ln->l", errors, errors), np.count_nonzero(errors, axis=1)], axis=1
+    )
+
+
+class Receivers(Protocol):
+    """What decides, receiver by receiver; picklable where workers do it."""
+
+    def __call__(self, views: Mapping[str, Observation], /) -> Iterable[tuple[Tensor, Tensor]]:
+        """Decide one batch.
+
+        Args:
+            views: by locator, what was observed of the same frames.
+
+        Returns:
+            For each receiver, always in the same order: its bits (B,R,C), and whether its panel was found
+            (B,), where it was not the bits are ignored.
+        """
+
+
+@dataclass(frozen=True, eq=False)
+class Banks:
+    """Receivers of one or more banks, a row for each receiver, bank after bank.
+
+    Args:
+        banks: each with the name of the locator whose readings it decides on. The same locator may stand
+            here more than once, for receivers that trained on several scenes.
+    """
+
+    banks: Sequence[tuple[str, ReceiverBank]]
+
+    def __call__(self, views: Mapping[str, Observation], /) -> Iterator[tuple[Tensor, Tensor]]:
+        """Decide one batch, as :class:`Receivers` says."""
+        for locator, bank in self.banks:
+            seen = views[locator]
+            for scores in bank.scores(seen.readings, seen.preambles).values():
+                yield scores >= 0, seen.panels.found
+
+    @property
+    def needs_preambles(self) -> bool:
+        """Whether any of the receivers needs frames of known bits."""
+        return any(needs_preambles(bank.names) for _, bank in self.banks)
+
+
+Sorter = Callable[[Link, Observation], Tensor]
+"""Gives the group (B,) int64 of each frame of a batch."""
+
+
+def count_errors(
+    link: Link,
+    locators: Mapping[str, PanelLocator | None],
+    model: SceneModel,
+    keys: Sequence[BlockKey],
+    receivers: Receivers,
+    *,
+    preambles: bool = False,
+    frames: int | None = None,
+    first: int = 0,
+    sorter: Sorter | None = None,
+) -> FrameErrors:
+    """Simulate blocks, look for the panel with each locator, let every receiver decide, and count.
+
+    Args:
+        link: simulation and front end.
+        locators: by name; None takes the simulator's true corners.
+        model: the scenes' distributions.
+        keys: the blocks.
+        receivers: what decides.
+        preambles: whether a receiver needs the all-On and all-Off frames of each scene.
+        frames: how many frames of the blocks to use, from the first on; all by default.
+        first: how many of these to pass over.
+        sorter: sorts the frames into groups.
+
+    Example:
+        >>> from vocc_torch.receiver.reader import Reader
+        >>> from vocc_torch.simulation import Simulator
+        >>> def all_on(views):
+        ...     seen = views["truth"]
+        ...     yield torch.ones_like(seen.bits), seen.panels.found
+        >>> link, keys = Link(Simulator(), None, Reader()), [BlockKey(0, "doc", 0)]
+        >>> errors = count_errors(link, {"truth": None}, SceneModel(), keys, all_on, frames=2)
+        >>> errors.half_errors.shape, errors.counts[0].bits
+        ((1, 2), 128)
+    """
+    wrong, found, groups = [], [], []
+    for views in link.observe_each(locators, model, keys, preambles=preambles, frames=frames, first=first):
+        seen = next(iter(views.values()))
+        decided = list(receivers(views))
+        wrong.append(torch.stack([half_errors(bits, seen.bits, where) for bits, where in decided]))
+        found.append(torch.stack([where for _, where in decided]))
+        if sorter is not None:
+            groups.append(sorter(link, seen))
+    return FrameErrors(
+        torch.cat(wrong, dim=1).cpu().numpy(),
+        torch.cat(found, dim=1).cpu().numpy(),
+        link.reader.shape.leds,
+        torch.cat(groups).cpu().numpy() if groups else None,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class FrameJob:
+    """Counts errors on frames of one kind of scenes; picklable, so that workers do it.
+
+    Args:
+        plan: world, reader, seed and batch size.
+        model: the scenes.
+        point: name that keys their random draws.
+        locators: names of the locators.
+        receivers: what decides.
+        preambles: whether a receiver needs the all-On and all-Off frames of each scene.
+
+    Example:
+        >>> from pathlib import Path
+        >>> from vocc_torch.measure.plan import Budget, Experiment, ReceiverPlan, World
+        >>> from vocc_torch.receiver.flda import FLDA
+        >>> experiment = Experiment("d", "distance_m", (50.0,))
+        >>> plan = Plan(World(device="cpu"), ReceiverPlan(), experiment, Budget(2), Path("runs"))
+        >>> greyscale = Banks([("truth", ReceiverBank(["average_greyscale"], FLDA(3)))])
+        >>> job = FrameJob(plan, plan.world.scene, "d", ("truth",), greyscale, greyscale.needs_preambles)
+        >>> with Workers(1) as workers:
+        ...     calls = job.handed_out(2, workers)
+        >>> errors = FrameErrors.joined(call.result() for call in calls)
+        >>> errors.counts[0].frames, errors.counts[0].bit_errors
+        (2, 0.0)
+    """
+
+    plan: Plan
+    model: SceneModel
+    point: str
+    locators: tuple[Locator, ...]
+    receivers: Receivers
+    preambles: bool = False
+
+    def __call__(self, frames: range) -> FrameErrors:
+        """Count some of the point's frames, which are named by their indices, from 0 on."""
+        blocks = range(frames.start // BLOCK_FRAMES, -(-frames.stop // BLOCK_FRAMES))
+        before = blocks.start * BLOCK_FRAMES
+        return count_errors(
+            Link.of(self.plan),
+            self.plan.receiver.finders(self.locators),
+            self.model,
+            [BlockKey(self.plan.seed, self.point, block) for block in blocks],
+            self.receivers,
+            preambles=self.preambles,
+            frames=frames.stop - before,
+            first=frames.start - before,
+        )
+
+    def handed_out(
+        self,
+        frames: int,
+        workers: Workers,
+        *,
+        at_once: int = 4 * BLOCK_FRAMES,
+        told: Callable[[int], None] | None = None,
+    ) -> list[Future[FrameErrors]]:
+        """Hand out the point's first frames; ``FrameErrors.joined`` of the results is what came of them.
+
+        Args:
+            frames: how many, at least 1.
+            workers: who does it; they change no count.
+            at_once: frames in a call, at least 1; best a multiple of a block.
+            told: called with the frames of each call when it is done.
+        """
+        parts = [range(first, min(first + at_once, frames)) for first in range(0, frames, at_once)]
+        calls = []
+        for part in parts:
+            call = workers.submit(self, part)
+            calls.append(call)
+            if told is not None:
+                call.add_done_callback(partial(_tell, told, len(part)))
+        return calls
+
+
+def _tell(told: Callable[[int], None], frames: int, _call: Future[FrameErrors]) -> None:
+    """Tell of the frames of a call that is done."""
+    told(frames)

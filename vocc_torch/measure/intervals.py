@@ -11,33 +11,20 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass
 
 from scipy.optimize import bisect
 from scipy.special import betainc, betaincc, betainccinv, betaincinv, stdtrit
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.counts import Counts
+from vocc_torch.measure.estimate import Estimate
 
 MOST_TRIALS = 1e13
 """Most trials that an interval or a test is given of: SciPy's beta integral loses its digits beyond."""
 _TAIL_TOLERANCE = 1e-3
 
 
-@dataclass(frozen=True, slots=True)
-class Interval:
-    """A closed interval of probabilities, ``0 <= low <= high <= 1``.
-
-    Example:
-        >>> Interval(low=0.1, high=0.3).high
-        0.3
-    """
-
-    low: float
-    high: float
-
-
-def clopper_pearson(successes: float, trials: float, confidence: float = 0.95) -> Interval:
+def clopper_pearson(successes: float, trials: float, confidence: float = 0.95) -> Estimate:
     """Give the exact two-sided interval of a binomial proportion (Clopper and Pearson, Biometrika 26, 1934).
 
     Either end leaves out half of what ``confidence`` leaves, to a thousandth of it; without successes the low
@@ -50,7 +37,7 @@ def clopper_pearson(successes: float, trials: float, confidence: float = 0.95) -
         confidence: above 0, below 1.
 
     Returns:
-        The interval; ``successes / trials`` lies in it.
+        The share ``successes / trials`` with its interval.
 
     Raises:
         VoccError: an argument outside its range.
@@ -72,7 +59,7 @@ def clopper_pearson(successes: float, trials: float, confidence: float = 0.95) -
     if successes < trials:
         # By its complement, since 1 - tail is 1 at confidences near 1.
         high = _inverse(betaincc, betainccinv, successes + 1, trials - successes, tail)
-    return Interval(min(low, share), max(high, share))
+    return Estimate(share, min(low, share), max(high, share))
 
 
 def _inverse(
@@ -129,7 +116,7 @@ def design_effect(counts: Counts) -> float:
     return max(1.0, spread * counts.bits / ((frames - 1) * halves * right))
 
 
-def ber_interval(counts: Counts, confidence: float = 0.95, errors_per_frame_error: float = 1.0) -> Interval:
+def ber_interval(counts: Counts, confidence: float = 0.95, errors_per_frame_error: float = 1.0) -> Estimate:
     """Give the interval of the bit error rate, with frames as the independent units.
 
     **Some errors.** Korn and Graubard's interval: Clopper and Pearson's with ``bits / design_effect`` trials,
@@ -163,7 +150,7 @@ def ber_interval(counts: Counts, confidence: float = 0.95, errors_per_frame_erro
             only where no errors were seen.
 
     Returns:
-        The interval, which holds the bit error rate of ``counts``.
+        The bit error rate of ``counts`` with its interval.
 
     Raises:
         VoccError: no frames, or an argument outside its range.
@@ -183,7 +170,7 @@ def ber_interval(counts: Counts, confidence: float = 0.95, errors_per_frame_erro
     if counts.half_errors == 0:
         # 1 - (1 - confidence)^(1 / frames), without its cancellation at many frames.
         frame_error_limit = -math.expm1(math.log1p(-confidence) / counts.frames)
-        return Interval(0.0, frame_error_limit * errors_per_frame_error / bits_per_frame)
+        return Estimate(0.0, 0.0, frame_error_limit * errors_per_frame_error / bits_per_frame)
     if counts.bits > MOST_TRIALS:
         raise VoccError(f"counts.bits is {counts.bits}: an interval takes at most {MOST_TRIALS:g} bits")
     trials = _effective_trials(counts, confidence)
@@ -192,7 +179,7 @@ def ber_interval(counts: Counts, confidence: float = 0.95, errors_per_frame_erro
     # A missed panel of a single LED is half a bit error: the only wrong frame with less than one.
     fewest = min(1.0, bits_per_frame / 2)
     low = max(clustered.low, frame_error.low * fewest / bits_per_frame)
-    return Interval(min(low, ber), max(min(clustered.high, frame_error.high), ber))
+    return Estimate(ber, min(low, ber), max(min(clustered.high, frame_error.high), ber))
 
 
 def _effective_trials(counts: Counts, confidence: float) -> float:
@@ -229,3 +216,6 @@ def _check_confidence(confidence: float) -> None:
     """Refuse what is no probability of a statement."""
     if not 0 < confidence < 1:
         raise VoccError(f"confidence is {confidence}: it must be above 0 and below 1")
+
+
+Interval = Estimate  # former name, until nobody imports it

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import TypeVar, cast
 
 import torch
 from torch import Tensor
@@ -11,7 +13,7 @@ from torch import Tensor
 from vocc_torch.measure.plan import Plan
 from vocc_torch.receiver.bank import Preambles
 from vocc_torch.receiver.locators import PanelLocator
-from vocc_torch.receiver.reader import Reader, Readings
+from vocc_torch.receiver.reader import Greys, Reader, Readings
 from vocc_torch.rng import BLOCK_FRAMES, BlockKey, FrameKey
 from vocc_torch.simulation import SceneModel, Simulator
 from vocc_torch.types import Frames, Panels, Scene
@@ -20,16 +22,56 @@ MOST_SAMPLES = 1 << 26
 """Most samples of rectified panels in a batch: 512 MiB where frames are float64."""
 
 
-@dataclass(frozen=True)
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, eq=False)
 class Observation:
-    """One batch as a study sees it: the truth (scene, bits) and what the receiver made of it."""
+    """One batch of B frames as a study sees it: the truth, the frames, and where a locator found the panel.
+
+    Frames are measured when they are first asked for, so a receiver that measures in its own way pays for
+    nothing else.
+
+    Args:
+        scene: the scenes.
+        bits: (B,R,C) bool, what was sent.
+        panels: where the panel was located.
+        takes: the frames; where they were asked for, the all-On and the all-Off frames of the same scenes.
+        reader: measures the LEDs.
+    """
 
     scene: Scene
     bits: Tensor
-    frames: Frames
     panels: Panels
-    readings: Readings
-    preambles: Preambles | None
+    takes: tuple[Frames, ...]
+    reader: Reader
+    _kept: dict[Hashable, object] = field(default_factory=dict, repr=False)
+
+    @property
+    def frames(self) -> Frames:
+        """The frames."""
+        return self.takes[0]
+
+    @cached_property
+    def _read(self) -> tuple[Readings, list[Greys]]:
+        # Preambles are read where the panel was located in the frame itself.
+        return self.reader.read_takes(self.takes, self.panels)
+
+    @property
+    def readings(self) -> Readings:
+        """What the reader measures of every LED."""
+        return self._read[0]
+
+    @property
+    def preambles(self) -> Preambles | None:
+        """Grey levels of the preambles, where they were rendered."""
+        return Preambles(*self._read[1]) if len(self.takes) > 1 else None
+
+    def once(self, key: Hashable, measure: Callable[[], T]) -> T:
+        """Give what ``measure`` gives, called once for each key: receivers that begin alike share it."""
+        if key not in self._kept:
+            self._kept[key] = measure()
+        return cast("T", self._kept[key])
 
 
 class Link:
@@ -89,6 +131,7 @@ class Link:
         *,
         preambles: bool,
         frames: int | None = None,
+        first: int = 0,
     ) -> Iterator[dict[str, Observation]]:
         """Run blocks through the link, rendered once and read with each of several locators.
 
@@ -98,12 +141,13 @@ class Link:
             keys: the blocks.
             preambles: whether to render the all-On and all-Off frames of each scene too.
             frames: how many frames of the blocks to use, from the first on; all by default.
+            first: how many of these to pass over.
         """
         drawn = [model.draw(key, self.simulator.panel.shape) for key in keys]
         scene, bits = Scene.cat([s for s, _ in drawn]), torch.cat([b for _, b in drawn])
         names = [FrameKey(key, frame) for key in keys for frame in range(BLOCK_FRAMES)]
         total = min(len(scene), len(scene) if frames is None else frames)
-        for start in range(0, total, self.batch_frames):
+        for start in range(first, total, self.batch_frames):
             rows = slice(start, min(start + self.batch_frames, total))
             batch = scene[rows].to(self.simulator.device), bits[rows].to(self.simulator.device)
             with torch.autocast(self.simulator.device.type, enabled=False):
@@ -141,10 +185,7 @@ class Link:
                 if locator is None
                 else locator(frames, self.reader.shape)
             )
-            # Preambles are read where the panel was located in the frame itself.
-            readings, levels = self.reader.read_takes(takes, panels)
-            known = Preambles(*levels) if preambles else None
-            seen[name] = Observation(scene, bits, frames, panels, readings, known)
+            seen[name] = Observation(scene, bits, panels, tuple(takes), self.reader)
         return seen
 
 

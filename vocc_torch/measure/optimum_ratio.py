@@ -9,8 +9,8 @@ import numpy as np
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.dimming import CONFIDENCE, Bools, Floats, Grid, best_luminance, wrong_bits_near
+from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.intervals import design_effect
-from vocc_torch.measure.undimmed import Estimate
 from vocc_torch.rng import BlockKey
 
 FEWEST_LEVELS = 3

@@ -15,13 +15,8 @@ from torch import Tensor
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.counts import Counts, half_errors
-from vocc_torch.measure.intervals import (
-    MOST_TRIALS,
-    Interval,
-    ber_interval,
-    clopper_pearson,
-    t_correction,
-)
+from vocc_torch.measure.estimate import Estimate
+from vocc_torch.measure.intervals import MOST_TRIALS, ber_interval, clopper_pearson, t_correction
 
 
 @dataclass(frozen=True, slots=True)
@@ -198,28 +193,9 @@ class PairedCounts:
         return self.half_difference / (2 * self.bits)
 
 
-@dataclass(frozen=True, slots=True)
-class DifferenceInterval:
-    """A difference of two bit error rates and its interval, ``-1 <= low <= difference <= high <= 1``.
-
-    Example:
-        >>> DifferenceInterval(difference=2e-4, low=1e-4, high=3e-4).real
-        True
-    """
-
-    difference: float
-    low: float
-    high: float
-
-    @property
-    def real(self) -> bool:
-        """Whether the interval leaves out 0."""
-        return self.low > 0 or self.high < 0
-
-
 def paired_interval(
     paired: PairedCounts, confidence: float = 0.95, errors_per_discordant_frame: float = 1.0
-) -> DifferenceInterval:
+) -> Estimate:
     """Give the interval of the difference of two bit error rates, with frames as the independent units.
 
     **Why not a t interval.** The mean of the differences between frames has one, but it is symmetric. Where
@@ -264,7 +240,7 @@ def paired_interval(
 
     Example:
         >>> interval = paired_interval(PairedCounts(2000, 128_000, 60, 160, 25, 20, 40, 10))
-        >>> f"{interval.difference:.2e} in [{interval.low:.2e}, {interval.high:.2e}]", interval.real
+        >>> f"{interval.value:.2e} in [{interval.low:.2e}, {interval.high:.2e}]", interval.real
         ('1.56e-04 in [4.27e-05, 2.86e-04]', True)
     """
     difference, leds = paired.difference, paired.bits / paired.frames
@@ -276,7 +252,7 @@ def paired_interval(
     sides = [paired._side("a"), paired._side("b")]
     if not paired.discordant:
         limit = ber_interval(sides[0], confidence, errors_per_discordant_frame).high
-        return DifferenceInterval(0.0, -limit, limit)
+        return Estimate(0.0, -limit, limit)
     if paired.bits > MOST_TRIALS:
         raise VoccError(f"paired.bits is {paired.bits}: an interval takes at most {MOST_TRIALS:g} bits")
     a, b = (_excess_interval(side, paired, confidence) for side in sides)
@@ -285,14 +261,14 @@ def paired_interval(
     def joined(first: float, second: float) -> float:
         return math.sqrt(first**2 + second**2 - 2 * correlation * first * second)
 
-    return DifferenceInterval(
+    return Estimate(
         difference,
         low=max(-1.0, difference - joined(sides[0].ber - a.low, b.high - sides[1].ber)),
         high=min(1.0, difference + joined(a.high - sides[0].ber, sides[1].ber - b.low)),
     )
 
 
-def _excess_interval(side: Counts, paired: PairedCounts, confidence: float) -> Interval:
+def _excess_interval(side: Counts, paired: PairedCounts, confidence: float) -> Estimate:
     """Give the interval of one side's rate, as :func:`paired_interval` says; at least one frame differs."""
     worse = clopper_pearson(side.frame_errors, paired.frames, confidence)
     leds, rate = paired.bits / paired.frames, side.ber
@@ -312,7 +288,8 @@ def _excess_interval(side: Counts, paired: PairedCounts, confidence: float) -> I
     # A frame's difference is one bit at least and all its bits at most. Only the half that a missed panel of
     # an odd number of LEDs counts can be half a bit from what the other receiver got wrong.
     fewest = 1.0 if leds % 2 == 0 else 0.5
-    return Interval(
+    return Estimate(
+        rate,
         min(max(clustered.low, worse.low * fewest / leds), rate),
         max(min(clustered.high, worse.high), rate),
     )
@@ -356,3 +333,6 @@ def sign_test(paired: PairedCounts) -> float:
     fewer, more = sorted((paired.a_worse, paired.b_worse))
     # At even odds both tails are alike; where the sides are too, they overlap.
     return min(1.0, 2 * float(betainc(more, fewer + 1, 0.5)))
+
+
+DifferenceInterval = Estimate  # former name, until nobody imports it

@@ -3,29 +3,15 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 from vocc_torch.measure.counts import Counts
-from vocc_torch.measure.intervals import Interval, ber_interval
+from vocc_torch.measure.estimate import Estimate
+from vocc_torch.measure.intervals import ber_interval
 from vocc_torch.measure.paired import PairedCounts, paired_interval
 from vocc_torch.measure.relative import relative_gain
 
 
-@dataclass(frozen=True, slots=True)
-class Ratio:
-    """One bit error rate over another on the same frames, with its 95 % interval, ``low`` to ``high``."""
-
-    ratio: float
-    low: float
-    high: float
-
-    @property
-    def real(self) -> bool:
-        """Whether the interval leaves out 1."""
-        return self.low > 1 or self.high < 1
-
-
-def mover_ratio(over: float, over_interval: Interval, under: float, under_interval: Interval) -> Interval:
+def mover_ratio(over: Estimate, under: Estimate) -> Estimate:
     """Join the intervals of two rates to that of their ratio, by variance estimates recovery.
 
     Donner and Zou (Statistical Methods in Medical Research 21, 2012, "Closed-form confidence intervals for
@@ -33,10 +19,8 @@ def mover_ratio(over: float, over_interval: Interval, under: float, under_interv
     together the interval is wider than need be.
 
     Args:
-        over: the rate above the line, at least 0, in its interval.
-        over_interval: where it may be.
-        under: the rate below the line, above 0, in its interval.
-        under_interval: where it may be; its low end above 0.
+        over: the rate above the line, at least 0.
+        under: the rate below the line, above 0, its low end too.
 
     Returns:
         ``low`` to ``high``, which may be above 1. Where ``over`` is 0, low is 0 and high a limit of the same
@@ -44,24 +28,25 @@ def mover_ratio(over: float, over_interval: Interval, under: float, under_interv
         rate leaves low above 0 as long as that of the rate above the line is.
 
     Example:
-        >>> ends = mover_ratio(0.02, Interval(0.01, 0.04), 0.2, Interval(0.19, 0.21))
+        >>> ends = mover_ratio(Estimate(0.02, 0.01, 0.04), Estimate(0.2, 0.19, 0.21))
         >>> f"{ends.low:.3f} to {ends.high:.3f}"
         '0.050 to 0.201'
     """
-    product = over * under
+    product = over.value * under.value
     # Both roots without the difference of two alike; what is below the roots cannot be negative but by
     # rounding, since u (2 p - u) is greatest at u = p.
-    low = over_interval.low * (2 * over - over_interval.low)
-    far = product**2 - low * under_interval.high * (2 * under - under_interval.high)
-    near = under_interval.low * (2 * under - under_interval.low)
-    high = product**2 - over_interval.high * (2 * over - over_interval.high) * near
-    return Interval(
+    low = over.low * (2 * over.value - over.low)
+    far = product**2 - low * under.high * (2 * under.value - under.high)
+    near = under.low * (2 * under.value - under.low)
+    high = product**2 - over.high * (2 * over.value - over.high) * near
+    return Estimate(
+        over.value / under.value,
         low / (product + math.sqrt(max(0.0, far))) if low > 0 else 0.0,
         (product + math.sqrt(max(0.0, high))) / near,
     )
 
 
-def rate_ratio(reference: Counts, receiver: Counts, paired: PairedCounts) -> Ratio | None:
+def rate_ratio(reference: Counts, receiver: Counts, paired: PairedCounts) -> Estimate | None:
     """Give a receiver's bit error rate over the reference's.
 
     Two intervals hold at 95 %: that of the two rates' own intervals (:func:`mover_ratio`), and that of one
@@ -87,7 +72,7 @@ def rate_ratio(reference: Counts, receiver: Counts, paired: PairedCounts) -> Rat
     Example:
         >>> a, b = Counts(2000, 128_000, 160, 600, 60), Counts(2000, 128_000, 120, 400, 50)
         >>> ratio = rate_ratio(a, b, PairedCounts(2000, 128_000, 60, 160, 25, 20, 40, 10))
-        >>> f"{ratio.ratio:.2f} in [{ratio.low:.2f}, {ratio.high:.2f}]", ratio.real
+        >>> f"{ratio.value:.2f} in [{ratio.low:.2f}, {ratio.high:.2f}]", ratio.leaves_out(1)
         ('0.75 in [0.58, 0.92]', True)
     """
     gain = relative_gain(reference, receiver, paired)
@@ -95,9 +80,12 @@ def rate_ratio(reference: Counts, receiver: Counts, paired: PairedCounts) -> Rat
         return None
     size = min(max(1.0, reference.bit_errors / reference.frame_errors), reference.bits / reference.frames)
     own = ber_interval(receiver, errors_per_frame_error=size)
-    apart = mover_ratio(receiver.ber, own, reference.ber, ber_interval(reference))
+    apart = mover_ratio(own, ber_interval(reference))
     low, high = max(apart.low, 1 - gain.high), min(apart.high, 1 - gain.low)
     if not paired_interval(paired).real:
         low, high = min(low, 1.0), max(high, 1.0)
     ratio = receiver.half_errors / reference.half_errors
-    return Ratio(ratio, min(low, ratio), max(high, ratio))
+    return Estimate(ratio, min(low, ratio), max(high, ratio))
+
+
+Ratio = Estimate  # former name, until nobody imports it

@@ -11,35 +11,13 @@ from dataclasses import dataclass
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.counts import Counts
-from vocc_torch.measure.intervals import Interval, ber_interval
-from vocc_torch.measure.paired import DifferenceInterval, PairedCounts, paired_interval
+from vocc_torch.measure.estimate import Estimate
+from vocc_torch.measure.intervals import ber_interval
+from vocc_torch.measure.paired import PairedCounts, paired_interval
 
 
 @dataclass(frozen=True, slots=True)
-class Gain:
-    """A relative gain ``1 - BER_b / BER_a`` and its interval, ``low <= gain <= high <= 1``.
-
-    A gain of 0.18 is an improvement of 18 %, one below 0 a loss; b without errors has gained 1. Where a made
-    few errors its rate may be far lower than it looks, and ``low`` is then far below -1: that is what such
-    counts prove.
-
-    Example:
-        >>> Gain(gain=0.18, low=0.05, high=0.3).real
-        True
-    """
-
-    gain: float
-    low: float
-    high: float
-
-    @property
-    def real(self) -> bool:
-        """Whether the interval leaves out 0."""
-        return self.low > 0 or self.high < 0
-
-
-@dataclass(frozen=True, slots=True)
-class MeanGain(Gain):
+class MeanGain(Estimate):
     """The plain average of the gains at several points, with its interval.
 
     Args:
@@ -57,7 +35,7 @@ def relative_gain(
     paired: PairedCounts,
     confidence: float = 0.95,
     errors_per_discordant_frame: float = 1.0,
-) -> Gain | None:
+) -> Estimate | None:
     """Give the relative gain of receiver b over receiver a on the same frames, and its interval.
 
     The gain is the difference of the two rates over the rate of a. Both have intervals that hold with few
@@ -90,26 +68,26 @@ def relative_gain(
     Example:
         >>> a, b = Counts(2000, 128_000, 160, 600, 60), Counts(2000, 128_000, 120, 400, 50)
         >>> gain = relative_gain(a, b, PairedCounts(2000, 128_000, 60, 160, 25, 20, 40, 10))
-        >>> f"{gain.gain:.2f} in [{gain.low:.2f}, {gain.high:.2f}]", gain.real
+        >>> f"{gain.value:.2f} in [{gain.low:.2f}, {gain.high:.2f}]", gain.real
         ('0.25 in [0.08, 0.42]', True)
     """
     _check_same_frames(a, b, paired)
     difference = paired_interval(paired, confidence, errors_per_discordant_frame)
     if not a.half_errors:
         return None
-    rate, gain = ber_interval(a, confidence), difference.difference / a.ber
+    rate, gain = ber_interval(a, confidence), difference.value / a.ber
     spreads = _spread(a), _spread(b), _spread(paired)
     shared = _correlation(spreads[2], spreads[0], spreads[1])
-    low = _low_ratio(difference.difference, difference.low, a.ber, rate, shared)
-    high = -_low_ratio(-difference.difference, -difference.high, a.ber, rate, -shared)
+    low = _low_ratio(difference.value, difference.low, a.ber, rate, shared)
+    high = -_low_ratio(-difference.value, -difference.high, a.ber, rate, -shared)
     if low > 0:
         most = b.ber + _reach(b, a, confidence)[1]
         left = -_low_ratio(-b.ber, -most, a.ber, rate, -_correlation(*spreads))
         low = min(low, max(1 - left, difference.low / rate.high))
-    return Gain(gain, min(low, gain), min(1.0, max(high, gain)))
+    return Estimate(gain, min(low, gain), min(1.0, max(high, gain)))
 
 
-def _low_ratio(value: float, low: float, rate: float, interval: Interval, correlation: float) -> float:
+def _low_ratio(value: float, low: float, rate: float, interval: Estimate, correlation: float) -> float:
     """Give the least g for which ``value - g * rate`` has 0 within its limits, by MOVER.
 
     Args:
@@ -186,20 +164,20 @@ def mean_gain(
         >>> a, b = Counts(2000, 128_000, 160, 600, 60), Counts(2000, 128_000, 120, 400, 50)
         >>> both = a, b, PairedCounts(2000, 128_000, 60, 160, 25, 20, 40, 10)
         >>> one, four = mean_gain([both]), mean_gain([both] * 4)
-        >>> f"{one.high - one.gain:.2f} {four.high - four.gain:.2f}", four.points
+        >>> f"{one.high - one.value:.2f} {four.high - four.value:.2f}", four.points
         ('0.17 0.09', 4)
     """
     stated = [relative_gain(a, b, paired, confidence) for a, b, paired in points]
     gains = [gain for gain in stated if gain is not None]
     if not gains:
         return None
-    mean = math.fsum(one.gain for one in gains) / len(gains)
-    low = mean - math.hypot(*(one.gain - one.low for one in gains)) / len(gains)
-    high = mean + math.hypot(*(one.high - one.gain for one in gains)) / len(gains)
+    mean = math.fsum(one.value for one in gains) / len(gains)
+    low = mean - math.hypot(*(one.value - one.low for one in gains)) / len(gains)
+    high = mean + math.hypot(*(one.high - one.value for one in gains)) / len(gains)
     return MeanGain(mean, low, min(1.0, high), len(gains), len(stated) - len(gains))
 
 
-def difference_independent(a: Counts, b: Counts, confidence: float = 0.95) -> DifferenceInterval:
+def difference_independent(a: Counts, b: Counts, confidence: float = 0.95) -> Estimate:
     """Give the interval of the difference of two rates on different frames, such as two values of an axis.
 
     Is the rate at 4000 lx really lower than at 8000 lx? The two rates' own intervals are joined by variance
@@ -217,14 +195,14 @@ def difference_independent(a: Counts, b: Counts, confidence: float = 0.95) -> Di
     Example:
         >>> many, few = Counts(2000, 128_000, 160, 600, 60), Counts(2000, 128_000, 40, 120, 15)
         >>> interval = difference_independent(many, few)
-        >>> f"{interval.difference:.1e} in [{interval.low:.1e}, {interval.high:.1e}]", interval.real
+        >>> f"{interval.value:.1e} in [{interval.low:.1e}, {interval.high:.1e}]", interval.real
         ('4.7e-04 in [2.5e-04, 7.0e-04]', True)
     """
     (a_below, a_above), (b_below, b_above) = (
         _reach(one, other, confidence) for one, other in ((a, b), (b, a))
     )
     difference = a.ber - b.ber
-    return DifferenceInterval(
+    return Estimate(
         difference,
         low=max(-1.0, difference - math.hypot(a_below, b_above)),
         high=min(1.0, difference + math.hypot(a_above, b_below)),
@@ -240,3 +218,6 @@ def _reach(counts: Counts, other: Counts, confidence: float) -> tuple[float, flo
         size = min(max(1.0, other.bit_errors / max(1, other.frame_errors)), counts.bits / counts.frames)
         interval = ber_interval(counts, min((1 + confidence) / 2, math.nextafter(1.0, 0.0)), size)
     return counts.ber - interval.low, interval.high - counts.ber
+
+
+Gain = Estimate  # former name, until nobody imports it

@@ -19,23 +19,10 @@ from vocc_torch.measure.dimming import (
     least_ends,
     not_worse,
 )
+from vocc_torch.measure.estimate import Estimate as Estimate
 
 HEADLIGHT_CD_M2 = 3000.0
 """The middle of the paper's LED headlights, 2000 to 4000 cd/m2 (Table 1)."""
-
-
-@dataclass(frozen=True, slots=True)
-class Estimate:
-    """A number with its 95 % interval, ``low <= value <= high``; an end may be infinite.
-
-    Example:
-        >>> Estimate(value=2.0, low=1.5, high=2.7).low
-        1.5
-    """
-
-    value: float
-    low: float
-    high: float
 
 
 @dataclass(frozen=True, slots=True)

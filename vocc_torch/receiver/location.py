@@ -256,23 +256,24 @@ def _single_blobs(
     """Choose where a small mask is a single blob: the frames' indices, and the choice; None where none is."""
     if boxes.device.type != "cpu" or len(boxes) > _MOST_ALONE:
         return None
-    rows: list[int] = []
-    found: list[SingleBlob] = []
-    for row, (box, limit) in enumerate(zip(boxes.tolist(), threshold.tolist(), strict=True)):
-        left, top, width, height = box
-        if 0 < width * height <= _SMALL_MASK_PX:
-            part = frames.grey[row, 0, top : top + height, left : left + width].numpy()
-            blob = single_blob(part > limit, shape, search)
+    small = boxes[:, 2] * boxes[:, 3] <= _SMALL_MASK_PX
+    found: dict[int, SingleBlob] = {}
+    for rows, width, height in _passes(boxes * small[:, None]):
+        masks = _cut(frames.grey, threshold, boxes, rows, width, height)
+        closed = close_mask(masks[:, None], search.closing_px)[:, 0].numpy()
+        for row, mask, filled in zip(rows.tolist(), masks.numpy(), closed, strict=True):
+            wide, high = boxes[row, 2:].tolist()
+            blob = single_blob(mask[:high, :wide], filled[:high, :wide], shape, search)
             if blob is not None:
-                rows.append(row)
-                found.append(blob)
-    if not rows:
+                found[row] = blob
+    if not found:
         return None
-    chosen = torch.tensor(rows)
+    chosen = torch.tensor(sorted(found))
+    blobs = [found[row] for row in chosen.tolist()]
     place = (boxes[chosen, :2] + frames.origin_px[chosen])[:, None]
-    corners = torch.tensor([blob.corners_px for blob in found], dtype=torch.float64) + place
-    score = torch.tensor([blob.score for blob in found], dtype=torch.float64)
-    first, pixels = (torch.tensor([blob[field] for blob in found]) for field in (2, 3))
+    corners = torch.tensor([blob.corners_px for blob in blobs], dtype=torch.float64) + place
+    score = torch.tensor([blob.score for blob in blobs], dtype=torch.float64)
+    first, pixels = (torch.tensor([blob[field] for blob in blobs]) for field in (2, 3))
     return chosen, Choice(score, corners, torch.ones_like(pixels), first, pixels)
 
 

@@ -45,11 +45,12 @@ class _Rectangle(NamedTuple):
     height_px: float
 
 
-def single_blob(mask: Mask, shape: PanelShape, search: Search) -> SingleBlob | None:
+def single_blob(mask: Mask, closed: Mask, shape: PanelShape, search: Search) -> SingleBlob | None:
     """Choose the panel's blob as :func:`vocc_torch.receiver.ladder.climb` does, where its first level is all.
 
     Args:
         mask: (H,W) bool, its foreground starting in the first row and the first column.
+        closed: (H,W) bool, the mask closed with the square of ``search.closing_px``.
         shape: the panel looked for.
         search: limits and settings.
 
@@ -60,10 +61,9 @@ def single_blob(mask: Mask, shape: PanelShape, search: Search) -> SingleBlob | N
     Example:
         >>> mask = np.ones((20, 20), dtype=bool)
         >>> mask[5, 5] = False
-        >>> single_blob(mask, PanelShape(8, 8), Search(11, 100, 0.5, 0.8, "min_area")).corners_px
+        >>> single_blob(mask, mask, PanelShape(8, 8), Search(11, 100, 0.5, 0.8, "min_area")).corners_px
         [(0.0, 0.0), (20.0, 0.0), (20.0, 20.0), (0.0, 20.0)]
     """
-    closed = _closed(mask, search.closing_px)
     closed_px = int(np.count_nonzero(closed))
     if closed_px < search.min_area_px or scipy.ndimage.label(closed, _TOUCHING)[1] != 1:
         return None
@@ -92,26 +92,6 @@ def _root(square: float) -> float:
 def _toward_one(ratio: float) -> float:
     """Give a ratio above 0 or its inverse, whichever is less."""
     return min(ratio, 1 / ratio)
-
-
-def _closed(mask: Mask, size_px: int) -> Mask:
-    """Close a mask as :func:`vocc_torch.receiver.morphology.close_mask` does."""
-    size = min(size_px, max(mask.shape) | 1)
-    edge = size - 1
-    plane = np.zeros((mask.shape[0] + 2 * edge, mask.shape[1] + 2 * edge), dtype=bool)
-    plane[edge : edge + mask.shape[0], edge : edge + mask.shape[1]] = mask
-    for join in (np.bitwise_or, np.bitwise_and):
-        span = 1
-        while span < size:
-            step = min(span, size - span)
-            plane = join(plane[:, :-step], plane[:, step:])
-            span += step
-        span = 1
-        while span < size:
-            step = min(span, size - span)
-            plane = join(plane[:-step], plane[step:])
-            span += step
-    return plane
 
 
 def _hull(mask: Mask) -> Points:

@@ -14,6 +14,27 @@ from vocc_torch.measure.curve import COLUMNS, BerTable, Row
 _Number = TypeVar("_Number", int, float)
 
 
+def write_rows(path: str | Path, rows: Iterable[Sequence[str | int | float | None]]) -> None:
+    r"""Write a CSV file, whole or not at all. Floats read back to the same float; None is an empty cell.
+
+    Args:
+        path: the file, replaced.
+        rows: the names of the columns, and then as many cells each.
+
+    Raises:
+        VoccError: the file cannot be written.
+
+    Example:
+        >>> import tempfile
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     write_rows(Path(folder) / "a.csv", [("grey", "pixels", "of"), (7, 0.1, None)])
+        ...     (Path(folder) / "a.csv").read_text()
+        'grey,pixels,of\n7,0.1,\n'
+    """
+    with atomic_file(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+        csv.writer(file, lineterminator="\n").writerows(rows)
+
+
 def write_table(path: str | Path, table: BerTable) -> None:
     """Write a table, one line a point, by receiver as they came and by ascending value.
 
@@ -55,10 +76,7 @@ def write_lines(path: str | Path, columns: Sequence[str], lines: Iterable[Sequen
         ...     (Path(folder) / "a.csv").read_text().split()
         ['job,status', '0,done']
     """
-    with atomic_file(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(columns)
-        writer.writerows(lines)
+    write_rows(path, [columns, *lines])
 
 
 def cells(row: Row) -> list[str]:
@@ -167,20 +185,3 @@ def _row(line: dict[str, str | None], place: str) -> Row:
         panels_missed=number(int, "panels_missed"),
         stopped_by=line["stopped_by"] or "",
     )
-
-
-def write_rows(path: Path, rows: Sequence[tuple[str | int | float, ...]]) -> None:
-    r"""Write lines as a CSV file, whole or not at all; floats read back to the same float.
-
-    Raises:
-        VoccError: the file cannot be written.
-
-    Example:
-        >>> import tempfile
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     write_rows(Path(folder) / "a.csv", [("grey", "pixels"), (7, 0.1)])
-        ...     (Path(folder) / "a.csv").read_text()
-        'grey,pixels\n7,0.1\n'
-    """
-    with atomic_file(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
-        csv.writer(file, lineterminator="\n").writerows(rows)

@@ -30,22 +30,19 @@ def rate_text(rate: float) -> str:
     return f"{mantissa}e{int(exponent)}"
 
 
-def interval_text(rate: float, low: float, high: float) -> str:
-    """Write an interval with the exponent of its rate, so that the three compare at sight.
-
-    Args:
-        rate: above 0.
-        low: lower end.
-        high: upper end.
+def ends_text(low: float, high: float) -> str:
+    """Write an interval of rates.
 
     Example:
-        >>> interval_text(6.6e-4, 4.9e-4, 1.2e-3), interval_text(8e-6, 2e-7, 2e-4)
-        ('4.9-12e-4', '0.2-200e-6')
+        >>> ends_text(1.5e-5, 1.2e-2)
+        '1.5e-5 to 1.2e-2'
     """
-    exponent = int(rate_text(rate).split("e")[1])
-    ends = [end / 10.0**exponent for end in (low, high)]
-    texts = [f"{end:.{0 if end >= 9.95 else 1 if end >= 0.095 else 2}f}" for end in ends]
-    return f"{texts[0]}-{texts[1]}e{exponent}"
+    return f"{rate_text(low)} to {rate_text(high)}"
+
+
+def interval_text(rate: float, low: float, high: float) -> str:
+    """Write an interval of rates, as :func:`ends_text`."""
+    return ends_text(low, high)
 
 
 def point_text(row: Row) -> str:

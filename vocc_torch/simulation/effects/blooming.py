@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import ClassVar
 
-import kornia.filters
 import torch
+import torch.nn.functional as F
+from kornia.filters import gaussian_blur2d
 from torch import Tensor
 
 from vocc_torch.errors import VoccError
 from vocc_torch.simulation.effects.base import Context, Effect, Quantity
-from vocc_torch.simulation.spread import convolve_separable
 
 MOST_SIGMA_PX = 32.0
 """Widest on offer: its kernel reaches as far as that of the other blurs may, 128 px."""
@@ -21,14 +20,19 @@ MOST_SIGMA_PX = 32.0
 TRUNCATION_SIGMAS = 4.0
 """Kernel half width in standard deviations; at 1.5 px the cut tail is 0.002 digital numbers."""
 
+LEAST_SIGMA_PX = 0.01
+"""Narrower kernels are this one, which no type tells from a single pixel; the square of theirs may be 0."""
+
+PLANE_PX = 1 << 17
+"""Fewest pixels of a plane. From here on Kornia adds shifted planes instead of convolving."""
+
 
 @dataclass(frozen=True, slots=True)
 class Blooming(Effect):
-    """Kornia's Gaussian kernel on luminous exposure, before gamma (section IV-B-1).
+    """Kornia's Gaussian blur of luminous exposure, before gamma (section IV-B-1).
 
-    Kornia's kernel is applied in float64 whatever the working precision: a product sums in an order that may
-    depend on the batch, which in float32 moved a rounded pixel in one frame of 200, so that a frame would
-    have depended on the batch it came in. Linear and differentiable; energy is kept to rounding.
+    All weights and all light are positive, so no digits cancel: float32 keeps each pixel within 1e-6 of its
+    value beside any lamp. Linear and differentiable; energy is kept to rounding.
 
     Source: the paper, section IV-B-1, whose "blooming level" is read as a standard deviation.
 
@@ -63,17 +67,37 @@ class Blooming(Effect):
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Blur (B,1,H,W) exposure; the light outside the frame is taken to be that at its border."""
-        taps = gaussian_taps(self.sigma_px, self.reach_px)
-        return convolve_separable(value.squeeze(1).to(torch.float64), taps).unsqueeze(1).to(value.dtype)
+        return blurred(value, max(self.sigma_px, LEAST_SIGMA_PX), self.reach_px)
 
 
-@lru_cache(maxsize=16)
-def gaussian_taps(sigma_px: float, reach_px: int) -> tuple[float, ...]:
-    """Weights of Kornia's Gaussian kernel, from ``-reach_px`` to ``reach_px``; they add up to 1.
+def blurred(value: Tensor, sigma_px: float, reach_px: int) -> Tensor:
+    """Blur frames by Kornia's Gaussian filter, laid side by side in one plane.
+
+    Each frame brings its border's columns as a margin, so that no frame reaches into another. A plane of at
+    least ``PLANE_PX`` is summed alike at every place: a frame's pixels do not depend on the batch that it
+    came in. So 64 crops take a tenth of the time that they take as a batch.
+
+    Args:
+        value: (B,1,H,W), at least 0.
+        sigma_px: standard deviation, px.
+        reach_px: half width of the kernel.
+
+    Returns:
+        (B,1,H,W); the light outside a frame is taken to be that at its border.
 
     Example:
-        >>> [round(tap, 3) for tap in gaussian_taps(1.0, 2)]
-        [0.054, 0.244, 0.403, 0.244, 0.054]
+        >>> dot = torch.tensor([0.0, 0.0, 1.0, 0.0]).view(1, 1, 1, 4)
+        >>> [round(v, 3) for v in blurred(dot, 1.0, 2).flatten().tolist()]
+        [0.054, 0.244, 0.403, 0.244]
     """
-    kernel = kornia.filters.get_gaussian_kernel1d(2 * reach_px + 1, sigma_px, dtype=torch.float64)
-    return tuple(kernel.view(-1).tolist())
+    height, width = value.shape[-2:]
+    wide = width + 2 * reach_px
+    missing = max(0, -(-PLANE_PX // (height * wide)) - len(value))
+    # cuDNN would round the factors of float32 convolutions to 10 bits.
+    working = value if value.device.type == "cpu" else value.to(torch.float64)
+    margined = F.pad(working.squeeze(1), (reach_px, reach_px, 0, 0), mode="replicate")
+    plane = F.pad(margined, (0, 0, 0, 0, 0, missing)).transpose(0, 1).reshape(1, 1, height, -1)
+    with torch.autocast(value.device.type, enabled=False):
+        done = gaussian_blur2d(plane, 2 * reach_px + 1, (sigma_px, sigma_px), "replicate")
+    frames = done.view(height, -1, 1, wide)[:, : len(value), :, reach_px : reach_px + width]
+    return frames.permute(1, 2, 0, 3).to(value.dtype).contiguous()

@@ -119,7 +119,7 @@ def _against_home(one: Transfer) -> str:
     ratio = one.ratio
     if ratio is None:
         return "0 there" if one.worse() else ""
-    return ratio_text(ratio).replace("x", "\N{MULTIPLICATION SIGN}") if ratio.real else ""
+    return ratio_text(ratio).replace("x", "\N{MULTIPLICATION SIGN}") if ratio.leaves_out(1) else ""
 
 
 def _luminance(colour: tuple[float, float, float]) -> float:
