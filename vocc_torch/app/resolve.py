@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import is_dataclass
 from functools import reduce
-from typing import Any, get_origin
+from typing import Any, get_args, get_origin
 
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
@@ -55,10 +55,12 @@ def _demand_kinds(plain: Any) -> None:
     """Refuse a section that is none and a list that is none, which only an interpolation can bring."""
     for key, kind in keys_of(AppConfig).items():
         value = reduce(lambda held, name: held.get(name), key.split("."), plain)
-        if is_dataclass(kind) and not isinstance(value, dict):
+        if (is_dataclass(kind) or get_origin(kind) is dict) and not isinstance(value, dict):
             raise VoccError.of(key, shown(value), "a mapping, as in {key:value}")
         if get_origin(kind) in (list, tuple) and not isinstance(value, list):
-            raise VoccError.of(key, shown(value), "a list, as in [a,b]")
+            texts = get_args(kind)[0] is str
+            rule = "a list of texts, as in [a,b]" if texts else "a list of numbers, as in [1,2]"
+            raise VoccError.of(key, shown(value), rule)
 
 
 def refuse_ignored(settings: AppConfig, words: Sequence[str]) -> None:

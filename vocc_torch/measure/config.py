@@ -313,7 +313,7 @@ class Settings:
         batch_frames: frames computed at a time; changes speed and memory, never results.
         workers: processes of one thread each; 0 takes one a core; changes speed, never results.
         tensorboard: whether boards are written.
-        input: for task=decode a picture, a folder of pictures or a video; for task=collect a multirun's folder.
+        input: for task=decode a picture, a folder of pictures or a video; for task=collect a sweep's folder.
         model: a receiver.pt for task=decode; null trains one.
         scene: what is simulated.
         camera: the camera.
