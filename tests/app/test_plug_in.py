@@ -1,4 +1,4 @@
-"""Classifiers that plug in through the command line, and broken ones that are refused by name."""
+"""Classifiers that plug in through the command line, with classes of others and of the user."""
 
 import csv
 import os
@@ -7,10 +7,9 @@ import subprocess
 from pathlib import Path
 
 import numpy as np
-import pytest
 import torch
 
-EXAMPLES = Path(__file__).resolve().parents[1] / "examples" / "classifiers"
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples" / "classifiers"
 TINY = (
     *("experiment.values=[4000]", "budget.frames=64", "budget.training_frames=128", "tensorboard=false"),
     *("receiver.names=[flda_3]", "receiver.locator=truth", "device=cpu"),
@@ -31,21 +30,6 @@ def own(path, target, *more):
     )
 
 
-def test_a_scikit_learn_estimator_is_named_on_the_command_line_only(app, tmp_path):
-    target = "classifiers.sklearn.build._target_=sklearn.naive_bayes.GaussianNB"
-    ran = app(*TINY, "classifier=sklearn", target, "name=x")
-    assert ran.status == 0, ran.err
-    rows = receivers(tmp_path / "runs" / "x")
-    assert list(rows) == ["flda_3", "sklearn"]
-    assert float(rows["sklearn"]["ber"]) < 0.05
-
-
-def test_a_class_in_a_file_of_the_users_own(app, tmp_path):
-    ran = app(*TINY, *own(EXAMPLES / "nearest_mean.py", "NearestMean"), "name=x")
-    assert ran.status == 0, ran.err
-    assert float(receivers(tmp_path / "runs" / "x")["own"]["ber"]) < 0.1
-
-
 def test_a_torch_module_in_a_file_of_the_users_own(app, tmp_path):
     patch = "+classifiers.own.inputs.patch={cells: 3, samples: 1}"
     training = "+classifiers.own.training={frames: 192, epochs: 12}"
@@ -61,6 +45,7 @@ def test_workers_know_a_class_from_a_file(app, tmp_path):
     assert (alone.status, beside.status) == (0, 0), beside.err
     rows = [receivers(tmp_path / "runs" / name) for name in ("one", "two")]
     assert rows[0] == rows[1]
+    assert float(rows[0]["own"]["ber"]) < 0.1
 
 
 def test_several_classifiers_on_the_same_frames(app, tmp_path):
@@ -70,96 +55,6 @@ def test_several_classifiers_on_the_same_frames(app, tmp_path):
     assert list(rows) == ["flda_3", "lmmse", "tag_planes", "panel_otsu", "panel_kmeans", "logistic"]
     assert {row["bits"] for row in rows.values()} == {str(64 * 64)}
     assert "On the same frames" in ran.out or all(float(row["ber"]) == 0 for row in rows.values())
-
-
-@pytest.mark.parametrize(
-    "name", sorted(path.stem for path in (EXAMPLES.parents[1] / "conf/classifier").glob("*"))
-)
-def test_every_shipped_classifier_runs(app, tmp_path, name):
-    if name in ("sklearn", "own"):
-        pytest.skip("needs a class, and has tests of its own")
-    ran = app(
-        *TINY, f"classifier={name}", f"+classifiers.{name}.training={{epochs: 1, frames: 64}}", "name=x"
-    )
-    if "cannot" in ran.err or "not a known" in ran.err:
-        ran = app(*TINY, f"classifier={name}", "name=x")
-    assert ran.status == 0, ran.err
-    assert name in receivers(tmp_path / "runs" / "x")
-
-
-BROKEN = """
-import torch
-
-
-class NoFit:
-    def decision_function(self, x):
-        return x[..., 0]
-
-
-class WrongShape:
-    def fit(self, x, bits):
-        return self
-
-    def decision_function(self, x):
-        return x
-
-
-class NotANumber(WrongShape):
-    def decision_function(self, x):
-        return x[..., 0] * float("nan")
-
-
-class Raises(WrongShape):
-    def fit(self, x, bits):
-        raise RuntimeError("two\\nlines")
-
-
-class TwoScores(torch.nn.Module):
-    def __init__(self, n_inputs):
-        super().__init__()
-        self.layer = torch.nn.Linear(n_inputs, 2)
-
-    def forward(self, x):
-        return self.layer(x)
-"""
-
-
-@pytest.mark.parametrize(
-    ("target", "words"),
-    [
-        ("NoFit", ["classifier own", "NoFit", "fit"]),
-        ("WrongShape", ["classifier own", "decision_function gave (64, 8, 8, 3)", "(64, 8, 8)"]),
-        ("NotANumber", ["classifier own", "not finite"]),
-        ("Raises", ["classifier own", "fit failed", "RuntimeError: two lines"]),
-        ("TwoScores", ["classifier own", "(1024, 2)", "one score each"]),
-        ("Missing", ["classifiers.own", "has no Missing"]),
-    ],
-)
-def test_a_broken_classifier_is_refused_by_name(app, tmp_path, target, words):
-    (tmp_path / "broken.py").write_text(BROKEN)
-    ran = app(*TINY, *own("broken.py", target), "name=x")
-    assert all(word in ran.complaint for word in words), ran.complaint
-    assert not (tmp_path / "runs" / "x" / "ber.csv").exists()
-
-
-def refused(app, *words):
-    return app(*TINY, *words, "name=x").complaint
-
-
-def test_misspelled_settings_are_refused(app, tmp_path):
-    said = refused(app, "classifier=lmmse", "+classifiers.lmmse.inputs.patch.colour=1")
-    assert "classifiers.lmmse.inputs.patch.colour" in said
-    said = refused(app, "classifier=mlp", "+classifiers.mlp.training.epoch=1")
-    assert "classifiers.mlp.training.epoch" in said
-    assert "epochs" in said
-    said = refused(app, "classifier=lmmse", "classifiers.lmmse.build.classes=0")
-    assert "classes" in said
-    said = refused(app, "classifier=lmmse", "+classifiers.lmmse.build.colour=0")
-    assert "classifiers.lmmse.build" in said
-    said = refused(app, "classifier=sklearn")
-    assert "classifiers.sklearn.build._target_" in said
-    said = refused(app, *own("nowhere.py", "X"))
-    assert "nowhere.py" in said
 
 
 def test_the_example_of_a_shell_line_runs(tmp_path):
@@ -174,7 +69,7 @@ def test_the_example_of_a_shell_line_runs(tmp_path):
         check=False,
     )
     assert done.returncode == 0, done.stderr
-    assert "sklearn" in receivers(tmp_path / "runs" / "x")
+    assert float(receivers(tmp_path / "runs" / "x")["sklearn"]["ber"]) < 0.05
 
 
 RANDOM = """
