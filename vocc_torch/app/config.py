@@ -110,7 +110,7 @@ def is_written_configuration(path: Path) -> bool:
 
 def schema() -> DictConfig:
     """Make the schema; its sections take values although some are built as frozen dataclasses."""
-    made = OmegaConf.structured(AppConfig)
+    made: DictConfig = OmegaConf.structured(AppConfig)
     for frozen in (made.camera, made.receiver.location):
         OmegaConf.set_readonly(frozen, None)
     return made

@@ -9,6 +9,8 @@ from typing import Any, get_type_hints
 
 from omegaconf import DictConfig, OmegaConf
 
+from vocc_torch.measure.config import ARGUMENT
+
 EFFECTS = [
     "pose",
     "lens_distortion",
@@ -64,9 +66,10 @@ def described(root: DictConfig, schema: type) -> str:
         root: the configuration.
         schema: its class, whose docstring and those of its sections describe the keys.
     """
-    said, lines = descriptions(schema), []
+    said = descriptions(schema)
+    lines: list[str] = []
     path: list[str] = []
-    shown = OmegaConf.masked_copy(root, [key for key in root if key != "hydra"])
+    shown = OmegaConf.masked_copy(root, [str(key) for key in root if key != "hydra"])
     for line in OmegaConf.to_yaml(shown).splitlines():
         if found := re.match(r"( *)(\w+):", line):
             depth = len(found[1]) // 2
@@ -92,7 +95,7 @@ def keys_of(schema: type, prefix: str = "") -> dict[str, Any]:
     hints = get_type_hints(schema)
     for one in dataclasses.fields(schema):
         kind = keys[prefix + one.name] = hints[one.name]
-        if dataclasses.is_dataclass(kind):
+        if isinstance(kind, type) and dataclasses.is_dataclass(kind):
             keys |= keys_of(kind, f"{prefix}{one.name}.")
     return keys
 
@@ -106,10 +109,10 @@ def descriptions(schema: type) -> dict[str, str]:
         'test frames a point at most, at least 1'
     """
     said: dict[str, str] = {}
-    sections = {key: kind for key, kind in keys_of(schema).items() if dataclasses.is_dataclass(kind)}
-    for key, kind in {"": schema, **sections}.items():
-        for base in reversed(kind.__mro__):
-            text = inspect.cleandoc(base.__doc__ or "")
-            for name, words in re.findall(r"^ {4}(\w+): (.+(?:\n {8}.+)*)", text, re.MULTILINE):
-                said[f"{key}.{name}".lstrip(".")] = " ".join(words.replace("``", "").split()).rstrip(".")
+    for key, kind in {"": schema, **keys_of(schema)}.items():
+        known = isinstance(kind, type) and dataclasses.is_dataclass(kind)
+        for base in reversed(kind.__mro__) if known else ():
+            for argument in re.findall(ARGUMENT, inspect.cleandoc(base.__doc__ or ""), re.MULTILINE):
+                name, _, words = " ".join(argument.replace("``", "").split()).rstrip(".").partition(": ")
+                said[f"{key}.{name}".lstrip(".")] = words
     return said

@@ -30,6 +30,9 @@ if TYPE_CHECKING:
 # A distribution is a number or a list such as [uniform, 40, 60]; OmegaConf has no type for that union.
 Spec = Any
 
+ARGUMENT = r"^ {4}\w+: .+(?:\n {8}.+)*"
+"""An argument in a docstring, which the help shows."""
+
 
 def demand_word(key: str, name: str) -> None:
     """Refuse a name that could not be part of a file's name.
@@ -204,7 +207,8 @@ def _schema(name: str, *domains: type, without: str, unset: bool = False) -> typ
                     (one.name, kind | None, field(default=None)) if unset else (one.name, kind, default)
                 )
     schema = make_dataclass(name, made)
-    schema.__doc__ = "\n".join(inspect.cleandoc(domain.__doc__ or "") for domain in domains)  # for the help
+    described = [re.findall(ARGUMENT, inspect.getdoc(domain) or "", re.MULTILINE) for domain in domains]
+    schema.__doc__ = "\n".join([name, "", "Args:", *(line for lines in described for line in lines)])
     schema.__module__ = __name__  # where it is found when settings are pickled
     return schema
 
