@@ -166,9 +166,9 @@ def test_a_page_holds_everything(tmp_path):
     assert [heading.get("id") for heading in tags.named("h2")] == [None, "numbers", "numbers-1"]
     assert {"id": "summary"} in tags.named("a")
     assert [item.get("class") for item in tags.named("li") if item.get("class")] == ["agree", "differ"]
-    assert {"class": "tone differ"} in tags.named("span")
-    assert [cell["scope"] for cell in tags.named("th")] == ["col", "col", "row"] * 2
-    assert [box["class"] for box in tags.named("div")[1:]] == ["table", "table wordy pinned"]
+    assert [cell.get("class") for cell in tags.named("td")] == ["differ", None]
+    assert [cell.get("scope") for cell in tags.named("th")] == [None, None, "row"] * 2
+    assert len([box for box in tags.named("div") if box["class"] == "table"]) == 2
 
 
 @pytest.mark.parametrize(

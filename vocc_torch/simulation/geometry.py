@@ -18,6 +18,9 @@ LARGEST_LED_PX = 100_000
 FARTHEST_PX = 1e12
 """Farthest from the sensor's middle that a panel's image may reach: float64 places it within 1e-4 px."""
 
+CLOCKWISE = ((-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0))
+"""Where a rectangle's corners lie from its middle, ``(x, y)`` in half sides, from the top left."""
+
 
 def demand_led_px(widest_px: float, distance_m: float) -> None:
     """Refuse by name an LED whose image is wider than is on offer.
@@ -39,12 +42,6 @@ def demand_in_sight(scene: Scene, camera: Camera, panel: LedPanel) -> None:
     if not len(scene):
         return
     half_m = panel.pitch_m * max(panel.shape.rows, panel.shape.columns) / 2
-    offsets = torch.stack([scene.offset_x_m, scene.offset_y_m]).detach()
-    nearest_m, aside_m = torch.stack([scene.distance_m.detach().min(), offsets.abs().max()]).tolist()
-    px_a_metre = camera.focal_length_px / nearest_m
-    # Together the nearest and the farthest aside are an upper limit of all.
-    if panel.led_diameter_m * px_a_metre <= LARGEST_LED_PX and (aside_m + half_m) * px_a_metre <= FARTHEST_PX:
-        return
     scale = camera.pixels_per_metre(scene.distance_m)
     widest = panel.led_diameter_m * scale
     farthest = (torch.maximum(scene.offset_x_m.abs(), scene.offset_y_m.abs()) + half_m) * scale
@@ -54,10 +51,8 @@ def demand_in_sight(scene: Scene, camera: Camera, panel: LedPanel) -> None:
         far = int(farthest.argmax())
         names = ("offset_x_m", "offset_y_m", "distance_m")
         given = ", ".join(f"scene.{name} is {float(getattr(scene, name)[far]):g}" for name in names)
-        rule = (
-            f"the panel's image must lie within {FARTHEST_PX:g} px, and this reaches {float(farthest[far]):g}"
-        )
-        raise VoccError(f"{given}: {rule}")
+        rule = f"the panel's image must lie within {FARTHEST_PX:g} px"
+        raise VoccError(f"{given}: {rule}, and this reaches {float(farthest[far]):g}")
 
 
 def panel_centre_px(scene: Scene, camera: Camera) -> Tensor:
@@ -68,9 +63,7 @@ def panel_centre_px(scene: Scene, camera: Camera) -> Tensor:
         [[1033.0, 540.0]]
     """
     offsets = torch.stack([scene.offset_x_m, scene.offset_y_m], dim=-1)
-    middle = torch.tensor(
-        [camera.width_px / 2, camera.height_px / 2], dtype=offsets.dtype, device=offsets.device
-    )
+    middle = offsets.new_tensor([camera.width_px / 2, camera.height_px / 2])
     return middle + offsets * camera.pixels_per_metre(scene.distance_m).unsqueeze(-1)
 
 
@@ -101,9 +94,8 @@ def panel_corners_px(scene: Scene, camera: Camera, panel: LedPanel) -> Tensor:
     """
     centre = panel_centre_px(scene, camera)
     half_px = panel.pitch_m * camera.pixels_per_metre(scene.distance_m).view(-1, 1, 1) / 2
-    signs = torch.tensor([[-1, -1], [1, -1], [1, 1], [-1, 1]], dtype=centre.dtype, device=centre.device)
-    cells = torch.tensor([panel.shape.columns, panel.shape.rows], dtype=centre.dtype, device=centre.device)
-    return centre.unsqueeze(1) + signs * cells * half_px
+    cells = centre.new_tensor([panel.shape.columns, panel.shape.rows])
+    return centre.unsqueeze(1) + centre.new_tensor(CLOCKWISE) * cells * half_px
 
 
 def led_centres_m(panel: LedPanel) -> Tensor:
@@ -127,6 +119,5 @@ def panel_corners_m(panel: LedPanel) -> Tensor:
         >>> panel_corners_m(LedPanel())[1].tolist()
         [0.24, -0.24]
     """
-    signs = torch.tensor([[-1, -1], [1, -1], [1, 1], [-1, 1]], dtype=torch.float64)
     cells = torch.tensor([panel.shape.columns, panel.shape.rows], dtype=torch.float64)
-    return signs * cells * (panel.pitch_m / 2)
+    return torch.tensor(CLOCKWISE, dtype=torch.float64) * cells * (panel.pitch_m / 2)

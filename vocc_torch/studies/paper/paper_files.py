@@ -17,7 +17,7 @@ from vocc_torch.measure.campaign import Campaign
 from vocc_torch.measure.config import Settings
 from vocc_torch.measure.curve import BerTable
 from vocc_torch.measure.curves import Measured
-from vocc_torch.measure.dimming import Grid
+from vocc_torch.measure.grid import Grid
 from vocc_torch.measure.plan import Plan, resolve_device
 from vocc_torch.measure.timing import describe_machine
 from vocc_torch.show.csv_file import write_rows

@@ -25,6 +25,7 @@ from vocc_torch.show.folder import (
     refuse_unused,
     resumable,
     write_config,
+    write_training,
 )
 from vocc_torch.show.stopwatch import Stopwatch
 from vocc_torch.show.terminal_campaign import CampaignView
@@ -33,7 +34,6 @@ from vocc_torch.studies.paper.config import FiguresConfig
 from vocc_torch.studies.paper.evidence import EVIDENCE
 from vocc_torch.studies.paper.paper_files import PaperFiles
 from vocc_torch.studies.paper.studies import BER_FIGURES, PaperStudies, wanted_figures
-from vocc_torch.studies.training.run import write_training
 
 REPORT = "report.html"
 

@@ -9,7 +9,7 @@ from typing import get_args
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.campaign import Campaign, Study, at_focal_length
 from vocc_torch.measure.curves import Measured
-from vocc_torch.measure.dimming import Grid
+from vocc_torch.measure.grid import Grid
 from vocc_torch.measure.plan import Locator, Plan
 from vocc_torch.studies.paper.evidence import EVIDENCE
 

@@ -15,7 +15,7 @@ from vocc_torch.measure.plan import World, resolve_device
 from vocc_torch.measure.timing import interleaved
 from vocc_torch.rng import FrameKey
 from vocc_torch.simulation import SceneModel, Simulator
-from vocc_torch.simulation.effects.blooming import TRUNCATION_SIGMAS, Blooming
+from vocc_torch.simulation.effects.optics import TRUNCATION_SIGMAS, Blooming
 from vocc_torch.simulation.framing import lay_on_sensor
 from vocc_torch.simulation.simulator import Framing
 from vocc_torch.studies.tradeoff.knob_setting import KnobSetting

@@ -7,8 +7,8 @@ from torch import Tensor
 
 from vocc_torch.measure.plan import World
 from vocc_torch.simulation import Simulator
-from vocc_torch.simulation.batch import Batch
 from vocc_torch.simulation.effects import Context, Effect, Quantity
+from vocc_torch.simulation.framing import Batch
 from vocc_torch.simulation.geometry import led_centres_px
 from vocc_torch.simulation.painter import taking
 from vocc_torch.simulation.photometry import reflected_luminance_cd_m2

@@ -6,7 +6,7 @@ import itertools
 
 import numpy as np
 
-from vocc_torch.measure.dimming import Grid, not_worse
+from vocc_torch.measure.grid import Grid, not_worse
 from vocc_torch.studies.paper.scorecard.judgement import ERROR_RATE, Judgement, not_measured
 from vocc_torch.studies.paper.scorecard.orders import Judge
 from vocc_torch.studies.paper.scorecard.reading import Reading

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.curve import BerTable, Row
 from vocc_torch.measure.curves import Curves, Measured
-from vocc_torch.measure.dimming import Grid
+from vocc_torch.measure.grid import Grid
 
 Findings = Mapping[str, Mapping[str, float]]
 """Numbers of the paper's other figures, by figure and name."""

@@ -9,7 +9,7 @@ from typing import TypeAlias
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.curves import Measured
-from vocc_torch.measure.dimming import Grid
+from vocc_torch.measure.grid import Grid
 from vocc_torch.studies.paper.scorecard.claim import Claim
 from vocc_torch.studies.paper.scorecard.claims import CLAIMS
 from vocc_torch.studies.paper.scorecard.judgement import VERDICTS, Judgement, Verdict
