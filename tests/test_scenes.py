@@ -10,7 +10,8 @@ from hydra import compose, initialize_config_module
 from hydra.core.global_hydra import GlobalHydra
 from torch.profiler import ProfilerActivity, profile
 
-from vocc_torch.app.config import register_schema, resolved
+from vocc_torch.app.config import register_schema
+from vocc_torch.app.resolve import resolved
 from vocc_torch.measure.build import build_plan
 from vocc_torch.measure.link import Link, block_keys
 from vocc_torch.rng import BlockKey, FrameKey
