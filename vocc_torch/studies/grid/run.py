@@ -91,7 +91,7 @@ def _measure(
     """Run every row, each with a ledger, under a live view."""
 
     def ledger(study: Study) -> Ledger:
-        path = folder / LEDGERS / f"{study.key}.jsonl"
+        path = folder / LEDGERS / f"{study.key}.sqlite"
         return ledgers.enter_context(open_ledger(path, study.identity, console))
 
     with CampaignView(sum(study.frames for study in studies), console) as view:
