@@ -48,7 +48,7 @@ def run(studies, folder, **told):
     with ExitStack() as opened, Workers(1) as workers:
 
         def ledger(study):
-            return opened.enter_context(Ledger.open(folder / f"{study.key}.jsonl", study.identity))
+            return opened.enter_context(Ledger.open(folder / f"{study.key}.sqlite", study.identity))
 
         return run_campaign(studies, workers, ledger, **told)
 
@@ -100,13 +100,13 @@ def test_the_order_of_studies_changes_nothing(whole, plans, tmp_path):
 
 
 def test_every_study_has_its_own_ledger(whole, plans):
-    assert {path.name for path in whole.folder.iterdir()} == {f"{key}.jsonl" for key in plans}
+    assert {path.name for path in whole.folder.iterdir()} == {f"{key}.sqlite" for key in plans}
     for study in studies_of(plans):
-        with Ledger.open(whole.folder / f"{study.key}.jsonl", study.identity) as ledger:
+        with Ledger.open(whole.folder / f"{study.key}.sqlite", study.identity) as ledger:
             # 64 frames a point are one block; the bins of contrast share one point of 128.
             assert len(ledger) == (1 if study.key == "near" else 2)
     with pytest.raises(VoccError, match="experiment"):
-        Ledger.open(whole.folder / "far.jsonl", studies_of(plans, "bins")[0].identity)
+        Ledger.open(whole.folder / "far.sqlite", studies_of(plans, "bins")[0].identity)
 
 
 def test_studies_that_train_on_the_same_scenes_share_it(plans, monkeypatch):
@@ -156,13 +156,13 @@ def test_an_interrupted_campaign_goes_on(whole, plans, tmp_path):
     with pytest.raises(KeyboardInterrupt):
         run(studies_of(plans, *order), tmp_path, advance=interrupt)
     left = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
-    assert (tmp_path / "short.jsonl").read_bytes().count(b"\n") == 1  # its header alone
+    assert (tmp_path / "short.sqlite").read_bytes().count(b"\n") == 1  # its header alone
     resumed = run(studies_of(plans, *order), tmp_path)
     assert resumed.measured == whole.campaign.measured
     for name, before in left.items():
         now = (tmp_path / name).read_bytes()
         assert now.startswith(before)
-        assert (now == before) == (name != "short.jsonl")
+        assert (now == before) == (name != "short.sqlite")
 
 
 def test_a_finished_campaign_counts_nothing_again(whole, plans, monkeypatch):
@@ -198,9 +198,9 @@ def test_what_is_told_on_the_way(plans, tmp_path):
 def test_all_ledgers_are_opened_before_any_work(plans, tmp_path, monkeypatch):
     """The last study's ledger belongs to other settings: nothing is trained."""
     monkeypatch.setattr(train_module, "train_each", lambda *_: pytest.fail("trained"))
-    with Ledger.open(tmp_path / "short.jsonl", {"seed": 1}) as ledger:
+    with Ledger.open(tmp_path / "short.sqlite", {"seed": 1}) as ledger:
         ledger.append("p", 0, 64, {("flda_3", 0): Counts(64, 4096)})
-    with pytest.raises(VoccError, match=r"short\.jsonl"):
+    with pytest.raises(VoccError, match=r"short\.sqlite"):
         run(studies_of(plans), tmp_path)
 
 

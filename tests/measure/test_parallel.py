@@ -77,7 +77,7 @@ def run_task(settings, folder):
         raise VoccError("seed is 2: it must be another")
     if settings.seed >= 8:
         if settings.seed == 9:
-            (folder / "ledger.jsonl").write_text("")
+            (folder / "ledger.sqlite").write_text("")
         print("waiting", flush=True)
         time.sleep(60)
     # A job with workers starts processes of its own.
@@ -159,7 +159,7 @@ def test_interrupted_jobs_end_with_their_parent(stand_in):
     assert out.endswith("interrupted: the same command with name=two goes on from there\n")
     # What had been counted stays.
     left = {path.relative_to(stand_in / "runs").as_posix() for path in (stand_in / "runs").rglob("*")}
-    assert left == {"two", "two/multirun.yaml", "two/1", "two/1/ledger.jsonl"}
+    assert left == {"two", "two/multirun.yaml", "two/1", "two/1/ledger.sqlite"}
 
 
 def test_missing_launcher_names_the_extra(command, tmp_path):
@@ -264,11 +264,11 @@ def test_a_job_that_takes_too_long_is_explained():
         ((), (), True),
         ((FAILED,), (), True),
         ((FAILED, CONFIG), (), True),
-        (("ledger.jsonl",), ("ledger.jsonl",), True),
+        (("ledger.sqlite",), ("ledger.sqlite",), True),
         ((FAILED, "ledgers"), ("ledgers",), True),
-        ((FAILED, CONFIG, "ledger.jsonl"), (CONFIG, "ledger.jsonl"), True),
-        (("ber.csv", CONFIG, "ledger.jsonl"), ("ber.csv", CONFIG, "ledger.jsonl"), False),
-        (("ber.csv", FAILED, "ledger.jsonl"), ("ber.csv", "ledger.jsonl"), False),
+        ((FAILED, CONFIG, "ledger.sqlite"), (CONFIG, "ledger.sqlite"), True),
+        (("ber.csv", CONFIG, "ledger.sqlite"), ("ber.csv", CONFIG, "ledger.sqlite"), False),
+        (("ber.csv", FAILED, "ledger.sqlite"), ("ber.csv", "ledger.sqlite"), False),
         ((CONFIG,), (CONFIG,), False),
         (("mine.txt",), ("mine.txt",), False),
         ((FAILED, "mine.txt"), (FAILED, "mine.txt"), False),
