@@ -17,10 +17,10 @@ from vocc_torch.errors import VoccError
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.frame_errors import FrameErrors, FrameJob
 from vocc_torch.measure.genie.forward import ForwardModel, overlap
-from vocc_torch.measure.genie.likelihood import PixelModel, UnknownLikelihoodError
+from vocc_torch.measure.genie.likelihood import PixelModel
 from vocc_torch.measure.genie.search import descend, likely_bits, relaxed_shares
 from vocc_torch.measure.link import Observation
-from vocc_torch.measure.plan import Plan, World
+from vocc_torch.measure.plan import Plan
 from vocc_torch.measure.timing import threads
 from vocc_torch.measure.workers import Workers, worker_losses_told
 from vocc_torch.simulation import SceneModel, Simulator
@@ -160,27 +160,6 @@ class GenieReference:
     counts: Counts
     proven: int
     seconds_a_frame: float
-
-
-def genie_knows(world: World) -> str | None:
-    """Say why the genie cannot decide frames of a world, or None where it can.
-
-    Nothing is rendered, so pixels that are full before they are white in some scenes are not foreseen.
-
-    Raises:
-        VoccError: a world that cannot be simulated at all.
-
-    Example:
-        >>> genie_knows(World(device="cpu"))
-        >>> str(genie_knows(World(device="cpu", effects={"saturation": {}})))
-        'the genie reads digital numbers: name scene.effects.quantization'
-    """
-    simulator = world.simulator()
-    try:
-        Genie(simulator)
-    except UnknownLikelihoodError as error:
-        return str(error)
-    return None
 
 
 def genie_reference(

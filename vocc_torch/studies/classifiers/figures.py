@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import textwrap
 from collections.abc import Iterable, Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib import colormaps
@@ -13,7 +14,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LogNorm, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import LogLocator, NullFormatter
+from matplotlib.ticker import LogLocator, NullFormatter, NullLocator
 
 from vocc_torch.measure.curve import BerTable, Row
 from vocc_torch.measure.intervals import ber_interval
@@ -27,7 +28,7 @@ from vocc_torch.studies.classifiers.words import KNOWS, ratio_text
 _OWN, _REFERENCE, _FAINT = "#0072B2", "#D55E00", "#D3D7DC"
 _COLUMNS, _SIZE = 5, 0.72
 _WIDE_IN, _HIGH_IN, _BESIDE_IN, _BETWEEN_IN = 2.62, 1.72, 0.14, 0.62
-_LEFT_IN, _RIGHT_IN, _ABOVE_IN, _BELOW_IN = 0.82, 0.16, 1.42, 1.06
+_LEFT_IN, _RIGHT_IN, _ABOVE_IN, _BELOW_IN = 0.82, 0.16, 1.42, 1.16
 _TITLE_LETTERS = 31
 """Letters of a title that fit above a picture."""
 
@@ -71,7 +72,7 @@ def curves_figure(comparison: Comparison, experiment: str) -> Figure:
         axis_label(table.axis),
         receiver_styles([comparison.reference])[comparison.reference].label,
     )
-    figure.supxlabel(label, y=0.56 / height, fontsize=11.5, color=INK, va="center")
+    figure.supxlabel(label, y=0.74 / height, fontsize=11.5, color=INK, va="center")
     figure.supylabel("Bit error rate", x=0.14 / width, fontsize=11.5, color=INK)
     handles = _signs(table, reference)
     write_legend(figure, handles, (0.01, 1 - 0.42 / height), len(handles), fontsize=9.8, handlelength=2.2)
@@ -89,9 +90,9 @@ def _draw_receiver(axes: Axes, comparison: Comparison, table: BerTable, name: st
     colour = _REFERENCE if name == comparison.reference else _OWN
     own = BerTable(table.of(name))
     draw_rates(axes, own, {name: Style(name, colour, "o", "-")}, rows, size=_SIZE, width_in=_WIDE_IN)
-    axes.yaxis.set_minor_formatter(NullFormatter())
+    axes.yaxis.set_minor_locator(NullLocator())
     for other in (*comparison.ranked, GENIE):
-        look = {"color": _FAINT, "linewidth": 0.9, "zorder": 2}
+        look: dict[str, Any] = {"color": _FAINT, "linewidth": 0.9, "zorder": 2}
         if other == comparison.reference:
             look = {"color": _REFERENCE, "linewidth": 1.3, "zorder": 2.5}
         # A rate that is not a number breaks the line. The genie's without errors lies at the foot: its limit
@@ -159,16 +160,15 @@ def scenes_figure(comparison: Comparison) -> Figure:
     left = 0.3 + _LETTER_IN * max(map(len, labels))
     width = left + _CELL_IN * (len(out) + len(back)) + 1.47
     frames = transfers[0].counts.frames
-    note = [
-        f"{frames} test frames a pair \N{MIDDLE DOT} at most {comparison.most_training_frames} training frames: "
-        f"on {home} of each classifier's own mix, elsewhere of the scenes as they are \N{MIDDLE DOT} pale: "
-        "no errors, with the 95 % limit",
-        "below a rate, where a paired 95 % interval for that cell alone tells them apart: times the rate of "
-        "the same receiver trained on the scenes of the test, on the same frames; 0 there: that one has no "
-        "errors",
-    ]
-    note = [line for text in note for line in textwrap.wrap(text, int(width * _FOOTNOTE_LETTERS_IN))]
-    above, below = 1.3, 0.5 + 0.2 * len(note)
+    note = (
+        f"{frames} test frames a pair \N{MIDDLE DOT} at most {comparison.most_training_frames} training "
+        f"frames, on {home} of each classifier's own mix, elsewhere of the scenes as they are \N{MIDDLE DOT} "
+        "pale: no errors, with the 95 % limit \N{MIDDLE DOT} below a rate: how many times that of the same "
+        "receiver trained on the scenes of the test, on the same frames, where a paired 95 % interval for "
+        "this cell alone tells them apart; 0 there: that one has no errors"
+    )
+    lines = textwrap.wrap(note, int(width * _FOOTNOTE_LETTERS_IN))
+    above, below = 1.3, 0.5 + 0.2 * len(lines)
     height = above + _LINE_IN * len(names) + below
     figure = new_figure(width, height)
     rates = [one.counts.ber for one in transfers if one.counts.half_errors] or [1e-5]
@@ -190,7 +190,7 @@ def scenes_figure(comparison: Comparison) -> Figure:
     bar.yaxis.set_minor_formatter(NullFormatter())
     bar.tick_params(which="both", length=3, color=QUIET, labelcolor=INK, labelsize=9.5)
     bar.set_ylabel("Bit error rate", fontsize=11, color=INK)
-    write_title(figure, "Receivers in scenes that they did not learn in", "\n".join(note))
+    write_title(figure, "Receivers in scenes that they did not learn in", "\n".join(lines))
     return figure
 
 

@@ -76,7 +76,10 @@ def compare_classifiers(
     banks = {name: one.bank(names) for name, one in zip(study.plans, trained, strict=True)}
     with stage("bit error rates"):
         curves = _curves(study, banks, ledgers, workers, advance)
-    genie, no_genie, transfers, lost = {}, {}, list[Transfer](), dict[str, str]()
+    genie: dict[str, dict[float, GeniePoint]] = {}
+    transfers: list[Transfer] = []
+    no_genie: dict[str, str] = {}
+    lost: dict[str, str] = {}
     if study.genie_frames:
         with stage("the genie"):
             genie, no_genie = genie_points(study, banks, workers, advance)
