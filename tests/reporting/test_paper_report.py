@@ -22,13 +22,6 @@ from made_up_paper import (
 )
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_hex
-
-from vocc_torch.errors import VoccError
-from vocc_torch.measure.counts import Counts
-from vocc_torch.measure.grid import best_luminance
-from vocc_torch.show.report import Cell, Highlights, Picture, Table, as_html, as_markdown, write_report
-from vocc_torch.show.report.inline import words
-from vocc_torch.show.styles import receiver_styles
 from vocc_torch.studies.paper.report.contents import Contents
 from vocc_torch.studies.paper.report.groups import groups_of, on_figure, tally_text
 from vocc_torch.studies.paper.report.location_figure import location_figure
@@ -40,6 +33,15 @@ from vocc_torch.studies.paper.report.scorecard_section import TONES
 from vocc_torch.studies.paper.report.sections import paper_report
 from vocc_torch.studies.paper.report.statements import OUTCOME_TONES, STATEMENTS, causes, outcome
 from vocc_torch.studies.paper.report.words import RECEIVERS, plain, rate_interval, ratio_interval, spaced
+from vocc_torch.studies.paper.scorecard.quoted import QUOTED_BERS
+from vocc_torch.studies.paper.scorecard.words import rate
+
+from vocc_torch.errors import VoccError
+from vocc_torch.measure.counts import Counts
+from vocc_torch.measure.grid import best_luminance
+from vocc_torch.show.report import Cell, Highlights, Picture, Table, as_html, as_markdown, write_report
+from vocc_torch.show.report.inline import words
+from vocc_torch.show.styles import receiver_styles
 from vocc_torch.studies.paper.scorecard import (
     CLAIMS,
     VERDICTS,
@@ -50,8 +52,6 @@ from vocc_torch.studies.paper.scorecard import (
     fits,
     location_split,
 )
-from vocc_torch.studies.paper.scorecard.quoted import QUOTED_BERS
-from vocc_torch.studies.paper.scorecard.words import rate
 
 INVISIBLE = str.maketrans({"\N{NO-BREAK SPACE}": " ", "\N{WORD JOINER}": None, "\N{MINUS SIGN}": "-"})
 

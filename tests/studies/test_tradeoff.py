@@ -6,6 +6,11 @@ import itertools
 import numpy as np
 import pytest
 import torch
+from vocc_torch.studies.tradeoff.errors import count_errors, shots
+from vocc_torch.studies.tradeoff.renderer import price_renderer
+from vocc_torch.studies.tradeoff.supersampling import can_sample, sampled_cover
+from vocc_torch.studies.tradeoff.times import measure_times, read, threads
+from vocc_torch.studies.tradeoff.training import chains, train_receivers
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure import optional as optional_module
@@ -26,14 +31,9 @@ from vocc_torch.simulation.raster import disc_cover
 from vocc_torch.simulation.simulator import PAPER_EFFECTS
 from vocc_torch.studies.tradeoff import study as study_module
 from vocc_torch.studies.tradeoff import times as times_module
-from vocc_torch.studies.tradeoff.errors import count_errors, shots
 from vocc_torch.studies.tradeoff.plan import RendererKnobs, TradeoffStudy
 from vocc_torch.studies.tradeoff.price_list import STAGES, Place, Setting
-from vocc_torch.studies.tradeoff.renderer import price_renderer
 from vocc_torch.studies.tradeoff.study import price_receivers
-from vocc_torch.studies.tradeoff.supersampling import can_sample, sampled_cover
-from vocc_torch.studies.tradeoff.times import measure_times, read, threads
-from vocc_torch.studies.tradeoff.training import chains, train_receivers
 from vocc_torch.types import Frames, Panels
 
 HERE = "vocc_torch.receiver.classifiers"
