@@ -1,9 +1,9 @@
-"""Copy a run's results into docs/results and write the README's scorecard from them.
+"""Copy a run's results into docs/results and write the scorecard of docs/results.md from them.
 
     vocc-torch task=figures name=figures
     python docs/update_results.py runs/figures
 
-The README's section between the two markers is this script's alone; a test holds it against docs/results.
+The page's section between the two markers is this script's alone; a test holds it against docs/results.
 """
 
 from __future__ import annotations
@@ -69,20 +69,20 @@ def generated(results: Path) -> str:
 
 
 def main() -> None:
-    """Copy, and rewrite the README's section."""
-    parser = argparse.ArgumentParser(description="Put a run's results into docs/results and the README.")
+    """Copy, and rewrite the page's section."""
+    parser = argparse.ArgumentParser(description="Put a run's results into docs/results.")
     parser.add_argument("run", type=Path, help="the folder of a run of task=figures")
     run = parser.parse_args().run
     RESULTS.mkdir(parents=True, exist_ok=True)
     for name in FILES:
         shutil.copyfile(run / name, RESULTS / name)
-    readme = ROOT / "README.md"
-    text = readme.read_text(encoding="utf-8")
+    page = ROOT / "docs" / "results.md"
+    text = page.read_text(encoding="utf-8")
     if text.count(BEGIN) != 1 or text.count(END) != 1:
-        raise SystemExit(f"README.md must hold {BEGIN} and {END} once each: nothing was written")
+        raise SystemExit(f"docs/results.md must hold {BEGIN} and {END} once each: nothing was written")
     before, _, rest = text.partition(BEGIN)
     _, _, after = rest.partition(END)
-    readme.write_text(before + generated(RESULTS) + after, encoding="utf-8")
+    page.write_text(before + generated(RESULTS) + after, encoding="utf-8")
 
 
 if __name__ == "__main__":

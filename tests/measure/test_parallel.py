@@ -274,11 +274,14 @@ def test_a_job_that_takes_too_long_is_explained():
         ((FAILED, "mine.txt"), (FAILED, "mine.txt"), False),
     ],
 )
-def test_only_a_failed_attempt_is_taken_away(tmp_path, held, left, mine):
+def test_only_a_failed_attempt_is_taken_away(tmp_path, monkeypatch, held, left, mine):
+    monkeypatch.chdir(tmp_path)
+    folder = tmp_path / "runs" / "x"
+    folder.mkdir(parents=True)
     for name in held:
-        (tmp_path / name).write_text("")
-    assert begin_again(tmp_path) is mine
-    assert {path.name for path in tmp_path.iterdir()} == set(left)
+        (folder / name).write_text("")
+    assert begin_again(folder) is mine
+    assert {path.name for path in folder.iterdir()} == set(left)
 
 
 def test_a_configuration_that_is_there_is_not_replaced(tmp_path):

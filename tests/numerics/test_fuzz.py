@@ -1,6 +1,6 @@
 """Whole studies and command lines drawn from all that may be said, and those that once failed.
 
-benchmarks/fuzz.py runs a hundred thousand; here are a few hundred, always the same.
+benchmarks/fuzz.py runs a hundred thousand; here are a few dozen, always the same.
 """
 
 import math
@@ -20,7 +20,7 @@ from vocc_torch.simulation.effects import PHYSICAL_ORDER, build_effects
 from vocc_torch.types import PanelShape
 
 SEED = 5
-SCENES, BLOCKS = 300, 12
+SCENES, BLOCKS = 60, 4
 LINES = 40
 SMALL = {
     **{
@@ -357,7 +357,7 @@ def test_a_refusal_must_name_a_key_in_one_line(line, complaint):
 
 def test_the_demands_notice_what_must_not_be(monkeypatch):
     from vocc_torch.simulation.effects import registry
-    from vocc_torch.simulation.effects.saturation import Saturation
+    from vocc_torch.simulation.effects.coding import Saturation
 
     case = Case(SMALL | {"scene.effects": {"saturation": {}}})
     monkeypatch.setattr(Saturation, "__call__", lambda self, value, context: value * math.nan)

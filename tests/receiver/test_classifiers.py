@@ -3,6 +3,7 @@
 import copy
 import itertools
 import pickle
+import random
 from dataclasses import replace
 
 import cv2
@@ -31,8 +32,8 @@ from vocc_torch.receiver.classifiers import (
     TorchClassifier,
 )
 from vocc_torch.receiver.classifiers.module_file import ModuleFile
-from vocc_torch.receiver.classifiers.recipe import TrainingRecipe
-from vocc_torch.receiver.classifiers.untrained import two_means
+from vocc_torch.receiver.classifiers.rules import two_means
+from vocc_torch.receiver.classifiers.training import Checkpoint, TrainingRecipe
 from vocc_torch.receiver.flda import FLDA
 
 
@@ -323,6 +324,30 @@ def test_a_damaged_checkpoint_is_named(tmp_path):
     file.write_bytes(file.read_bytes()[:100])
     with pytest.raises(VoccError, match=r"checkpoint .*\.pt is damaged"):
         TorchClassifier(module, recipe).fit(*panels())
+
+
+def test_no_bit_of_a_checkpoint_can_flip(tmp_path):
+    """One bit anywhere, a byte more or less, or another's name: it is refused; as it was, it is loaded."""
+    recipe = replace(RECIPE, epochs=1, checkpoints=str(tmp_path))
+    module, cpu = Mlp(3, [8]), torch.device("cpu")
+    TorchClassifier(copy.deepcopy(module), recipe).fit(*panels())
+    checkpoint = Checkpoint(str(tmp_path), module, recipe, panels())
+    whole, draws = checkpoint.path.read_bytes(), random.Random(5)
+    damaged = [whole[:-1], whole + b"0", b"", whole[32:]]
+    for bit in (0, 255, 256, *(draws.randrange(8 * len(whole)) for _ in range(300))):
+        flipped = bytearray(whole)
+        flipped[bit // 8] ^= 1 << bit % 8
+        damaged.append(bytes(flipped))
+    for content in damaged:
+        checkpoint.path.write_bytes(content)
+        with pytest.raises(VoccError, match=r"^checkpoint .*\.pt is damaged .*: delete it$"):
+            checkpoint.load(cpu)
+    checkpoint.path.write_bytes(whole)
+    assert len(checkpoint.load(cpu)["losses"]) == 1
+    other = Checkpoint(str(tmp_path), Mlp(3, [8]), recipe, panels())
+    checkpoint.path.rename(other.path)
+    with pytest.raises(VoccError, match="is damaged"):
+        other.load(cpu)
 
 
 def test_a_module_of_other_code_begins_anew(tmp_path):

@@ -1,15 +1,15 @@
 """Frames of like size drawn together, and what is done once for many of them."""
 
-import kornia
 import numpy as np
 import pytest
 import torch
+from kornia.filters import gaussian_blur2d
 
 from vocc_torch import PanelShape, Scene, Simulator
 from vocc_torch.rng import BlockKey
 from vocc_torch.simulation import SceneModel, framing
 from vocc_torch.simulation.effects import Context
-from vocc_torch.simulation.effects.blooming import Blooming
+from vocc_torch.simulation.effects.optics import Blooming
 from vocc_torch.simulation.geometry import Camera
 
 FAR = Scene.of(distance_m=300.0)
@@ -29,16 +29,40 @@ def test_small_crops_laid_into_large_ones_are_the_large_ones(monkeypatch, worth)
         assert torch.equal(crop, whole.render(scene[i : i + 1], bits[i : i + 1]).grey[0]), i
 
 
-def test_the_blur_is_kornias():
-    """Products with banded matrices give what Kornia's filter gives on the frame with its border repeated."""
-    value = torch.rand(3, 1, 61, 30, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
+@pytest.mark.parametrize("size", [(61, 30), (7, 300), (400, 500)])
+def test_the_blur_of_a_plane_is_that_of_each_frame(size):
+    """Frames laid in one plane come out as Kornia's filter blurs them one by one."""
+    value = torch.rand(3, 1, *size, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
     for sigma in (0.4, 1.5, 6.0):
         effect = Blooming(sigma)
-        reach = effect.reach_px
-        padded = torch.nn.functional.pad(value, (reach,) * 4, mode="replicate")
-        wanted = kornia.filters.gaussian_blur2d(padded, 2 * reach + 1, (sigma, sigma), "constant")
-        wanted = wanted[..., reach:-reach, reach:-reach]
+        wanted = gaussian_blur2d(value, 2 * effect.reach_px + 1, (sigma, sigma), "replicate")
         torch.testing.assert_close(effect(value, Context(Scene.of(3), Camera())), wanted, rtol=1e-14, atol=0)
+
+
+def test_a_frames_blur_is_the_same_to_the_last_bit_wherever_it_lies():
+    """In float32, in batches of every size, and as a part of a larger frame."""
+    generator = torch.Generator().manual_seed(1)
+    value, context, effect = (
+        torch.rand(70, 1, 89, 89, generator=generator),
+        Context(Scene.of(), Camera()),
+        Blooming(1.5),
+    )
+    together = effect(value, context)
+    for frames in (1, 2, 7, 33, 64):
+        assert torch.equal(effect(value[:frames], context), together[:frames]), frames
+    wide = torch.rand(1, 1, 600, 701, generator=generator)
+    wide[0, 0, 301:390, 207:296] = value[0, 0]
+    assert torch.equal(effect(wide, context)[0, 0, 307:384, 213:290], together[0, 0, 6:-6, 6:-6])
+
+
+def test_the_blur_has_a_gradient():
+    """Light sent back through the blur is the light blurred: far from the border it is its own adjoint."""
+    value = torch.zeros(2, 1, 30, 30, requires_grad=True)
+    blurred = Blooming(1.5)(value, Context(Scene.of(2), Camera()))
+    (back,) = torch.autograd.grad(blurred[1, 0, 15, 14], value)
+    dot = torch.zeros(2, 1, 30, 30)
+    dot[1, 0, 15, 14] = 1
+    torch.testing.assert_close(back, Blooming(1.5)(dot, Context(Scene.of(2), Camera())), rtol=1e-5, atol=1e-9)
 
 
 @pytest.mark.parametrize("seed", [0, 7, 2**32 - 1, 2**32, 10**30])

@@ -6,6 +6,11 @@ import itertools
 import numpy as np
 import pytest
 import torch
+from vocc_torch.studies.tradeoff.errors import count_errors, shots
+from vocc_torch.studies.tradeoff.renderer import price_renderer
+from vocc_torch.studies.tradeoff.supersampling import can_sample, sampled_cover
+from vocc_torch.studies.tradeoff.times import measure_times, read, threads
+from vocc_torch.studies.tradeoff.training import chains, train_receivers
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure import optional as optional_module
@@ -18,7 +23,7 @@ from vocc_torch.measure.timing import Timing
 from vocc_torch.measure.train import train
 from vocc_torch.measure.workers import Workers
 from vocc_torch.receiver.classifiers import Inputs, Patch
-from vocc_torch.receiver.classifiers.recipe import TrainingRecipe
+from vocc_torch.receiver.classifiers.training import TrainingRecipe
 from vocc_torch.receiver.location import PaperLocator
 from vocc_torch.rng import BLOCK_FRAMES
 from vocc_torch.simulation import Camera, Distribution, LedPanel, SceneModel
@@ -26,14 +31,9 @@ from vocc_torch.simulation.raster import disc_cover
 from vocc_torch.simulation.simulator import PAPER_EFFECTS
 from vocc_torch.studies.tradeoff import study as study_module
 from vocc_torch.studies.tradeoff import times as times_module
-from vocc_torch.studies.tradeoff.errors import count_errors, shots
 from vocc_torch.studies.tradeoff.plan import RendererKnobs, TradeoffStudy
 from vocc_torch.studies.tradeoff.price_list import STAGES, Place, Setting
-from vocc_torch.studies.tradeoff.renderer import price_renderer
 from vocc_torch.studies.tradeoff.study import price_receivers
-from vocc_torch.studies.tradeoff.supersampling import can_sample, sampled_cover
-from vocc_torch.studies.tradeoff.times import measure_times, read, threads
-from vocc_torch.studies.tradeoff.training import chains, train_receivers
 from vocc_torch.types import Frames, Panels
 
 HERE = "vocc_torch.receiver.classifiers"
@@ -159,9 +159,9 @@ def test_errors_are_those_of_the_sweep(study, made, receivers, counted):
         tallies = counter([part(0, BLOCK_FRAMES), part(1, plan.budget.frames - BLOCK_FRAMES)])
         for name, setting in zip(names, base, strict=True):
             wanted = sum((one[locator, name, 0] for one in tallies), type(tallies[0][locator, name, 0])())
-            found = counted["far"].tallied[0][study.settings.index(setting)]
+            found = counted["far"].counts[study.settings.index(setting)]
             assert found == wanted, setting
-    rates = [one.ber for one in counted["far"].tallied[0]]
+    rates = [one.ber for one in counted["far"].counts]
     assert len(set(rates)) > len(rates) / 2
     assert 0 < min(rates) < 0.05
 

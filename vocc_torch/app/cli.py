@@ -22,7 +22,7 @@ from omegaconf.errors import OmegaConfBaseException
 from yaml import MarkedYAMLError
 
 from vocc_torch.app.complaints import checked, one_line, refuse_overruled
-from vocc_torch.app.config import AppConfig, register_schema, resolved
+from vocc_torch.app.config import AppConfig, inside_runs, register_schema, resolved
 from vocc_torch.app.jobs import Failure, Jobs, begin_again, beside_others, write_down
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.config import as_yaml
@@ -109,9 +109,14 @@ def run_task(settings: AppConfig, folder: Path) -> None:
 
 
 def _discard_if_empty(folder: Path) -> None:
-    """Remove a run's folder that holds nothing, and the folders up to ``runs`` that it leaves empty."""
+    """Remove a run's folder that holds nothing, and the folders up to ``runs`` that it leaves empty.
+
+    One outside ``runs/``, where hydra.run.dir may lead, may have been there before and stays.
+    """
+    if not inside_runs(folder):
+        return
     runs = Path.cwd() / "runs"
-    for empty in (folder, *(parent for parent in folder.parents if parent.is_relative_to(runs)), runs):
+    for empty in (folder, *(parent for parent in folder.parents if parent.is_relative_to(runs))):
         with contextlib.suppress(OSError):  # it holds something
             empty.rmdir()
 

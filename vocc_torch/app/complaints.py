@@ -7,9 +7,8 @@ import difflib
 import re
 from collections.abc import Iterator, Sequence
 from importlib import resources
-from pathlib import PurePath
 
-from vocc_torch.app.config import AppConfig
+from vocc_torch.app.config import AppConfig, run_folder
 from vocc_torch.errors import VoccError
 
 OPEN_MAPPINGS = (
@@ -75,14 +74,12 @@ def checked(settings: AppConfig) -> AppConfig:
         VoccError: the first such key.
 
     Example:
-        >>> checked(AppConfig(name="../elsewhere"))
+        >>> checked(AppConfig(name=".."))
         Traceback (most recent call last):
         ...
-        vocc_torch.errors.VoccError: name is '../elsewhere': it must be a folder below runs/, without ..
+        vocc_torch.errors.VoccError: name is '..': it must be a folder below runs/, without .. or links out
     """
-    parts = PurePath(settings.name).parts
-    if not parts or ".." in parts or PurePath(settings.name).is_absolute():
-        raise VoccError(f"name is {settings.name!r}: it must be a folder below runs/, without ..")
+    run_folder(settings.name)
     for complaint in _misfits(settings, ""):
         raise VoccError(complaint)
     return settings
@@ -157,6 +154,8 @@ def one_line(error: BaseException, arguments: Sequence[str] = ()) -> str:
         'sede is not a known key: did you mean seed?'
     """
     text = "\n".join(str(e) for e in (error, error.__cause__) if e is not None)
+    if match := re.search(rf"{VoccError.__name__} raised while resolving interpolation: (.*)", text):
+        return match.group(1)
     override = getattr(error, "override", None)
     if override is not None:
         shown = " ".join(str(override).split())

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import os
+from dataclasses import dataclass, field, fields
+from pathlib import Path
 
 from hydra.core.config_store import ConfigStore
 from omegaconf import DictConfig, OmegaConf
@@ -26,6 +28,53 @@ class AppConfig(Settings):
     effects: EffectsConfig = field(default_factory=EffectsConfig)
     tradeoff: TradeoffConfig = field(default_factory=TradeoffConfig)
     rivals: RivalsConfig = field(default_factory=RivalsConfig)
+
+
+def inside_runs(folder: str | Path) -> bool:
+    """Whether a folder is below ``runs/``, where links have led too; ``runs`` itself may be a link.
+
+    Example:
+        >>> inside_runs("runs/a"), inside_runs("runs"), inside_runs("runs/../a")
+        (True, False, False)
+    """
+    # Path.resolve raises for links in a circle.
+    return Path(os.path.realpath("runs")) in Path(os.path.realpath(folder)).parents
+
+
+def run_folder(name: str) -> str:
+    """Give the folder of a run, in which Hydra makes it, or refuse one that is not below ``runs/``.
+
+    Raises:
+        VoccError: the name leads out of ``runs/``, by itself or through a link.
+
+    Example:
+        >>> run_folder("two/words")
+        'runs/two/words'
+    """
+    path = Path(name)
+    if not path.parts or ".." in path.parts or not inside_runs("runs" / path):
+        raise VoccError(f"name is {name!r}: it must be a folder below runs/, without .. or links out")
+    return str("runs" / path)
+
+
+def job_folder(name: str, job: int) -> str:
+    """Give the folder of a multirun's job in that of its run, or refuse one that is a link out of it."""
+    run_folder(f"{name}/{job}")
+    return str(job)
+
+
+# Here, because worker processes of a multirun import this and do not register the schema.
+OmegaConf.register_new_resolver("run_folder", run_folder, replace=True)
+OmegaConf.register_new_resolver("job_folder", job_folder, replace=True)
+
+
+def is_written_configuration(path: Path) -> bool:
+    """Whether a file has all keys of a ``config.yaml`` that a run wrote; one that is not there has none."""
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError):
+        return False
+    return {line.partition(":")[0] for line in lines} >= {key.name for key in fields(AppConfig)}
 
 
 def register_schema() -> None:

@@ -16,6 +16,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TextIO
 
+from vocc_torch.app.config import inside_runs, is_written_configuration
 from vocc_torch.errors import VoccError
 from vocc_torch.files import write_atomically
 
@@ -109,6 +110,8 @@ class Jobs:
 def begin_again(folder: Path) -> bool:
     """Take away what a failed attempt left in a job's folder.
 
+    Outside ``runs/``, where hydra.run.dir may lead, only beside a configuration that a run wrote.
+
     Args:
         folder: the job's folder, which need not be there.
 
@@ -120,6 +123,8 @@ def begin_again(folder: Path) -> bool:
         True
     """
     names = {entry.name for entry in folder.iterdir()} if folder.is_dir() else set()
+    if not inside_runs(folder) and not is_written_configuration(folder / CONFIG):
+        return not names
     attempted = FAILED in names and names <= {FAILED, CONFIG}
     resumable = bool(_LEDGERS & names)
     under_way = resumable and _RESULTS not in names

@@ -13,6 +13,8 @@ from vocc_torch.errors import VoccError
 from vocc_torch.files import write_atomically
 from vocc_torch.measure.config import Settings, as_yaml
 from vocc_torch.measure.ledger import SUFFIX, Ledger
+from vocc_torch.measure.plan import Plan
+from vocc_torch.measure.train import Training, trained_receiver
 
 CONFIG = "config.yaml"
 """The resolved configuration."""
@@ -86,6 +88,12 @@ def resumable(settings: Settings, folder: Path, console: Console) -> Iterator[No
 def write_config(settings: Settings, folder: Path) -> None:
     """Write the resolved configuration; a run that can be resumed does so once its ledger is its own."""
     write_atomically(folder / CONFIG, as_yaml(settings).encode())
+
+
+def write_training(settings: Settings, plan: Plan, training: Training, folder: Path) -> None:
+    """Write the receiver and the configuration it came from."""
+    trained_receiver(plan, training).save(folder / "receiver.pt")
+    write_config(settings, folder)
 
 
 def as_markdown(settings: Settings) -> str:

@@ -17,12 +17,9 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from functools import lru_cache
 
-import numpy as np
 import torch
 import torch.nn.functional as F
-from numpy.typing import NDArray
 from torch import Tensor
 
 from vocc_torch.errors import VoccError
@@ -36,9 +33,6 @@ STRIP_VALUES = 2_000_000
 
 MOST_STRIP_VALUES = 1 << 25
 """Numbers in a working array of a wide kernel, whose strips of wide frames are cut into columns too."""
-
-BAND_PX = 24
-"""Rows or columns of the result of one product with a banded matrix; wider bands hold more zeros."""
 
 Tap = tuple[int, int, float]
 """Row, column and weight of a kernel's tap; its mirror image through the middle has the same weight."""
@@ -138,46 +132,6 @@ def convolve_taps(plane: Tensor, middle: float, taps: Sequence[Tap]) -> Tensor:
         behind = padded[down - row : down - row + height, across - column : across - column + width]
         total = total + (ahead + behind) * weight
     return total
-
-
-def convolve_separable(planes: Tensor, taps: Sequence[float]) -> Tensor:
-    """Convolve frames with the same kernel along rows and along columns, by products with banded matrices.
-
-    Args:
-        planes: (B,H,W) float64.
-        taps: an odd number of weights.
-
-    Returns:
-        (B,H,W) float64.
-
-    Example:
-        >>> dot = torch.tensor([[[0.0, 0.0, 8.0, 0.0]]], dtype=torch.float64)
-        >>> convolve_separable(dot, [0.25, 0.5, 0.25]).tolist()
-        [[[0.0, 2.0, 4.0, 2.0]]]
-    """
-    _, height, width = planes.shape
-    across, down = (
-        [(slice(low, high), torch.from_numpy(band).to(planes)) for low, high, band in _bands(length, *taps)]
-        for length in (width, height)
-    )
-    along = torch.cat([planes[..., part] @ band.T for part, band in across], dim=2)
-    return torch.cat([band.expand(len(along), -1, -1).bmm(along[:, part]) for part, band in down], dim=1)
-
-
-@lru_cache(maxsize=32)
-def _bands(length: int, *taps: float) -> list[tuple[int, int, NDArray[np.float64]]]:
-    """Give the first and last pixel that each stretch of the result is made of, and their weights."""
-    reach, bands = len(taps) // 2, []
-    for begin in range(0, length, BAND_PX):
-        end = min(begin + BAND_PX, length)
-        low, high = max(begin - reach, 0), min(end + reach, length)
-        # The border's pixel stands for all beyond it.
-        pixel = (np.arange(begin, end)[:, None] + np.arange(-reach, reach + 1)).clip(0, length - 1)
-        place = np.arange(end - begin)[:, None] * (high - low) + pixel - low
-        weights = np.broadcast_to(np.asarray(taps, dtype=np.float64), place.shape)
-        band = np.bincount(place.ravel(), weights.ravel(), (end - begin) * (high - low))
-        bands.append((low, high, band.astype(np.float64).reshape(end - begin, high - low)))
-    return bands
 
 
 def disc_radius_px(diameter_px: Tensor) -> Tensor:

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from vocc_torch.measure.link import Link, Observation, block_keys
 from vocc_torch.measure.plan import Plan
-from vocc_torch.receiver.greyscale import preamble_threshold
+from vocc_torch.receiver.features import preamble_threshold
 from vocc_torch.receiver.rectification import cell_homography
 from vocc_torch.simulation import Simulator
 from vocc_torch.studies.paper.evidence.data import Bools, Floats, Picture

@@ -19,27 +19,19 @@ from vocc_torch.receiver.features import (
     average_greyscale_ratio,
     cell_means,
     gradient_radial_inwardness,
+    greyscale_scores,
     neighbour_greyscale_ratio,
+    preamble_threshold,
 )
 from vocc_torch.receiver.flda import FLDA
-from vocc_torch.receiver.greyscale import greyscale_scores, preamble_threshold
 from vocc_torch.receiver.location import quantised
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.receiver.rectification import cell_size_px, centre_greys, rectify
 from vocc_torch.rng import BLOCK_FRAMES, BlockKey
+from vocc_torch.show.timing_figure import PANEL_DETECTION, PAPER_SHARES
 from vocc_torch.simulation.simulator import Framing
 from vocc_torch.studies.paper.evidence.data import Cell, FigureData, Floats
 from vocc_torch.types import Frames, Panels
-
-PANEL_DETECTION = "panel_detection"
-PAPER_SHARES = {
-    PANEL_DETECTION: 1.0,
-    "center_greyscale": 0.05,
-    "average_greyscale": 0.07,
-    "flda_2": 0.12,
-    "flda_3": 0.14,
-}
-"""Section IV-D-5 and Fig. 25: time of each stage over that of panel detection."""
 
 FRAMINGS: Mapping[str, Framing] = {"whole_frames": "filled", "crops": "crop"}
 """What is handed to the stages: frames of the whole sensor, as in the paper, or what the simulator crops."""

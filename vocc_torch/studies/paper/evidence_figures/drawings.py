@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 from matplotlib.figure import Figure
 
+from vocc_torch.show.timing_figure import timing_figure
 from vocc_torch.studies.paper.evidence_figures.binarisation import histogram_figure
 from vocc_torch.studies.paper.evidence_figures.blooming import interference_figure, order_figure
 from vocc_torch.studies.paper.evidence_figures.contrast import contrast_figure
@@ -13,7 +14,6 @@ from vocc_torch.studies.paper.evidence_figures.gradients import gradients_figure
 from vocc_torch.studies.paper.evidence_figures.overlap import overlap_figure
 from vocc_torch.studies.paper.evidence_figures.projection import projection_figure
 from vocc_torch.studies.paper.evidence_figures.spread import grey_agr_figure, gri_figure, ngr_figure
-from vocc_torch.studies.paper.evidence_figures.timing import timing_figure
 
 DRAWINGS: dict[str, Callable[..., Figure]] = {
     "fig04": overlap_figure,

@@ -9,7 +9,8 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
-from vocc_torch.show.canvas import GRID, INK, QUIET, quiet_axes
+from vocc_torch.show.canvas import GRID, INK, quiet_axes
+from vocc_torch.show.canvas import head as head
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -142,23 +143,6 @@ def percent_text(share: float) -> str:
         ('27.5 %', '0.0156 %')
     """
     return f"{100 * share:.3g} %"
-
-
-def head(axes: Axes, letter: str, text: str) -> None:
-    """Name a part of the figure, and say a line about it."""
-    axes.annotate(
-        letter,
-        (0, 1),
-        (0, 9),
-        xycoords="axes fraction",
-        textcoords="offset points",
-        fontsize=11.5,
-        fontweight="bold",
-        color=INK,
-    )
-    axes.annotate(
-        text, (0, 1), (24, 9), xycoords="axes fraction", textcoords="offset points", fontsize=10, color=QUIET
-    )
 
 
 def status_legend(figure: Figure) -> None:

@@ -1,0 +1,188 @@
+"""Reports as templates: hostile words stay words, and a page needs nothing beside it."""
+
+import base64
+import io
+import re
+import sys
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from jinja2 import UndefinedError
+from markdown_it import MarkdownIt
+from PIL import Image
+
+from vocc_torch.errors import VoccError
+from vocc_torch.show.page import code, fence, html, md, render
+
+
+class Tags(HTMLParser):
+    """Collects tags with their attributes, and the words between them."""
+
+    def __init__(self, page: str) -> None:
+        super().__init__()
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.words: list[str] = []
+        self.feed(page)
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append((tag, dict(attrs)))
+
+    def handle_data(self, data):
+        self.words.append(data)
+
+    def named(self, tag: str) -> list[dict[str, str | None]]:
+        return [attributes for name, attributes in self.tags if name == tag]
+
+
+@pytest.fixture
+def package(tmp_path, monkeypatch, request):
+    """A package with room for templates."""
+    folder = tmp_path / f"study_{abs(hash(request.node.name))}"
+    folder.mkdir()
+    (folder / "__init__.py").touch()
+    monkeypatch.syspath_prepend(tmp_path)
+    yield folder
+    sys.modules.pop(folder.name, None)
+
+
+HOSTILE = [
+    "<script>alert(1)</script>",
+    "`</code><img src=x onerror=alert(1)>`",
+    "``` \n<b>x</b>",
+    "[x](javascript:alert(1)) ![y](http://elsewhere/y.png)",
+    "</details>",
+    '<a id="x"></a>',
+    "a | b **c** ~~d~~ &lt;e&gt; \\",
+    "# 1. - heading",
+    "-",
+]
+
+
+@pytest.mark.parametrize("words", HOSTILE)
+def test_hostile_names_stay_words(package, words):
+    template = (
+        "# {{ name }}\n\n{{ name }}\n\n| a |\n|---|\n| {{ name }} |\n\n- {{ name }} and {{ name|code }}\n"
+    )
+    (package / "page.md.j2").write_text(template)
+    markdown = render(package.name, "page.md.j2", name=words)
+    tags = Tags(html(markdown, words, package))
+    assert not {name for name, _ in tags.tags} & {"script", "b", "img"}
+    assert not any(key.startswith("on") for _, attributes in tags.tags for key in attributes)
+    assert [link["href"] for link in tags.named("a")] == ["#_text"]
+    shown = "".join(tags.words)
+    assert shown.count(" ".join(words.split())) >= 4
+
+
+@given(st.text(max_size=40))
+def test_escaped_words_come_out_of_markdown_as_they_were(words):
+    tokens = MarkdownIt().parse(f"x {md(words)} y")
+    assert [token.type for token in tokens] == ["paragraph_open", "inline", "paragraph_close"]
+    assert {child.type for child in tokens[1].children} <= {"text", "text_special"}
+    shown = "".join(child.content for child in tokens[1].children)
+    assert shown.split() == re.split(r"[\s\x00-\x1f\x7f-\x9f]+", f"x {words} y")
+
+
+@given(st.text(max_size=40))
+def test_code_keeps_its_words(words):
+    (inline,) = (token for token in MarkdownIt().parse(f"x {code(words)} y") if token.type == "inline")
+    assert "html_inline" not in {child.type for child in inline.children}
+
+
+def test_fence_holds_any_lines():
+    tokens = MarkdownIt().parse(f"{fence('```' + chr(10) + '<b>')}\n")
+    assert [(token.type, token.content) for token in tokens] == [("fence", "```\n<b>\n")]
+
+
+def test_filters_write_rates_and_links(package):
+    interval = type("Made", (), {"low": 1.5e-5, "high": 1.2e-2})()
+    (package / "a.md.j2").write_text("{{ 6.64e-4|rate }} ({{ of|interval }}) [x](#{{ 'Fig. 22'|slug }})\n")
+    assert render(package.name, "a.md.j2", of=interval) == "6.6e-4 (1.5e-5 to 1.2e-2) [x](#fig-22)\n"
+
+
+def test_separators_keep_their_blanks(package):
+    (package / "a.md.j2").write_text(
+        "{% for name in names %}{{ ', ' if not loop.first }}{{ name }}{% endfor %}"
+    )
+    assert render(package.name, "a.md.j2", names=["a", "b", "c"]) == "a, b, c"
+
+
+def test_plain_templates_escape_nothing(package):
+    (package / "a.txt.j2").write_text("{{ words }}")
+    assert render(package.name, "a.txt.j2", words="<a_> & `b`") == "<a_> & `b`"
+
+
+def test_a_value_that_is_not_given_is_an_error(package):
+    (package / "a.md.j2").write_text("{{ nothing }}")
+    with pytest.raises(UndefinedError):
+        render(package.name, "a.md.j2")
+
+
+REPORT = """# Evidence
+
+What was measured.
+
+## Contents
+
+- [Summary](#summary)
+
+<a id="summary"></a>
+
+## What holds
+
+* **\N{CHECK MARK} 12** claims
+* **\N{BALLOT X} 3** differ
+
+## Numbers
+
+| receiver | BER |
+|:---|---:|
+| FLDA | \N{BALLOT X} 0.1 |
+
+## Numbers
+
+<details>
+<summary>All (1 row)</summary>
+
+| receiver | BER |
+|:---|---:|
+| a receiver whose name is so long that it takes more than a card | 0.1 |
+
+</details>
+
+![Rates that fall](figures/fig%2022.png)
+The caption. [Data (CSV)](fig22.csv)
+"""
+
+
+def test_a_page_holds_everything(tmp_path):
+    (tmp_path / "figures").mkdir()
+    pixels = np.arange(24, dtype=np.uint8).reshape(2, 4, 3)
+    Image.fromarray(pixels).save(tmp_path / "figures" / "fig 22.png")
+    tags = Tags(html(REPORT, "Evidence", tmp_path))
+    (image,) = tags.named("img")
+    assert (image["alt"], image["width"], image["height"]) == ("Rates that fall", "4", "2")
+    content = base64.b64decode(image["src"].removeprefix("data:image/png;base64,"))
+    np.testing.assert_array_equal(np.asarray(Image.open(io.BytesIO(content))), pixels)
+    counts = {
+        tag: len(tags.named(tag)) for tag in ("figure", "figcaption", "nav", "details", "script", "link")
+    }
+    assert list(counts.values()) == [1, 1, 2, 2, 0, 0]
+    assert [heading.get("id") for heading in tags.named("h2")] == [None, "numbers", "numbers-1"]
+    assert {"id": "summary"} in tags.named("a")
+    assert [item.get("class") for item in tags.named("li") if item.get("class")] == ["agree", "differ"]
+    assert [cell.get("class") for cell in tags.named("td")] == ["differ", None]
+    assert [cell.get("scope") for cell in tags.named("th")] == [None, None, "row"] * 2
+    assert len([box for box in tags.named("div") if box["class"] == "table"]) == 2
+
+
+@pytest.mark.parametrize(
+    ("name", "reason"),
+    [("no.png", "write it before"), ("../a.png", "leads out"), ("text.png", "not a PNG")],
+)
+def test_a_picture_that_cannot_be_shown_is_refused(tmp_path, name, reason):
+    (tmp_path / "text.png").write_text("no picture")
+    with pytest.raises(VoccError, match=reason):
+        html(f"![alt]({name})", "a", tmp_path)

@@ -1,0 +1,282 @@
+"""A report's words from a Jinja2 template, and its Markdown as one HTML page."""
+
+from __future__ import annotations
+
+import base64
+import io
+import re
+from collections import Counter
+from collections.abc import Sequence
+from functools import lru_cache
+from importlib.resources import files
+from pathlib import Path
+from urllib.parse import unquote
+
+from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined, pass_context
+from jinja2.runtime import Context
+from markdown_it import MarkdownIt
+from markdown_it.renderer import RendererHTML
+from markdown_it.token import Token
+from markdown_it.utils import EnvType, OptionsDict
+from markupsafe import Markup
+from PIL import Image, UnidentifiedImageError
+
+from vocc_torch.errors import VoccError
+from vocc_torch.show.text_table import ends_text, rate_text
+
+SIGNS = {"agree": "\N{CHECK MARK}", "differ": "\N{BALLOT X}", "unsure": "?"}
+"""What stands before a toned text, so that no verdict is told by colour alone."""
+_MARKS = re.compile(r"([\\`*\[\]|~$]|(?<![^\W_])_|_(?![^\W_])|!$)")
+"""What means something to Markdown in a line; an underscore within a word does not, nor does an exclamation
+mark, unless a link follows it."""
+_LINE_START = re.compile(r"^( ?(?:\d{1,9}(?=[.)](?: |$))|(?=(?:[+=-]+|#{1,6})(?: |$))))")
+"""What means something to Markdown at the start of a line: headings, lists and rules."""
+_NOT_WORDS = re.compile(r"(?:[^\S\N{NO-BREAK SPACE}]|[\x00-\x1f\x7f-\x9f])+")
+_ANCHOR = re.compile(r'<a id="([a-z0-9-]+)"></a>')
+_FOLD = re.compile(r"<details>\n<summary>([^<>]*)</summary>")
+
+
+def render(package: str, template: str, **values: object) -> str:
+    """Fill in a template. In ``*.md.j2`` every value stands for itself, whatever marks it holds.
+
+    What is Markdown already passes through Jinja's ``safe``; the filters ``md``, ``code`` and ``fence``
+    return Markdown. Further filters: ``rate`` ("1.5e-5"), ``interval`` ("1.5e-5 to 1.2e-2", of anything with
+    ``low`` and ``high``), ``slug`` (a heading's name in links). In a ``<summary>`` use ``e`` instead.
+
+    Args:
+        package: package whose folder has the template; those of ``vocc_torch.show`` can be included too.
+        template: the file's name, such as ``report.md.j2``.
+        values: what the template may name.
+
+    Raises:
+        jinja2.TemplateError: no such template, or it names a value that is not given.
+    """
+    return _environment(package).get_template(template).render(values)
+
+
+@lru_cache
+def _environment(package: str) -> Environment:
+    """Set Jinja up for the templates of a package."""
+    environment = Environment(
+        loader=ChoiceLoader([PackageLoader(name, "") for name in (package, __package__)]),
+        # Values of ``*.md.j2`` come here as Markdown already, and stay what they are.
+        autoescape=lambda name: name is not None and name.endswith((".md.j2", ".html.j2")),
+        finalize=_finalize,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    environment.filters |= {"md": md, "code": code, "fence": fence, "slug": slug, "rate": rate_text}
+    environment.filters["interval"] = lambda of: ends_text(of.low, of.high)
+    environment.globals["SIGNS"] = SIGNS
+    return environment
+
+
+@pass_context
+def _finalize(context: Context, value: object) -> object:
+    """Escape a value that a Markdown template writes."""
+    markdown = context.name is not None and context.name.endswith(".md.j2")
+    return md(value) if markdown and not hasattr(value, "__html__") else value
+
+
+def md(value: object) -> Markup:
+    r"""Write plain words as one line of Markdown that stands for itself.
+
+    Example:
+        >>> print(md("**a** [b](c) <script> flda_3"))
+        \*\*a\*\* \[b\](c) &lt;script&gt; flda_3
+    """
+    text = _MARKS.sub(r"\\\1", _NOT_WORDS.sub(" ", str(value)))
+    text = _LINE_START.sub(r"\1\\", text)
+    return Markup(text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;"))
+
+
+def code(value: object) -> Markup:
+    """Write words as inline code, between more backticks than they hold in a row.
+
+    Example:
+        >>> print(code("a `b`"))
+        `` a `b` ``
+    """
+    text = _one_line(str(value))
+    if not text or "|" in text:  # a table is parted at every pipe, and code keeps its backslashes
+        return md(text)
+    fence = "`" * (1 + _longest_row(text))
+    blank = " " if text[0] in "` " or text[-1] in "` " else ""
+    return Markup(f"{fence}{blank}{text}{blank}{fence}")
+
+
+def fence(value: object) -> Markup:
+    """Write lines as they are, such as commands, between fences longer than any row of backticks in them."""
+    text = str(value).rstrip()
+    marks = "`" * max(3, 1 + _longest_row(text))
+    return Markup(f"{marks}text\n{text}\n{marks}")
+
+
+def slug(heading: str) -> str:
+    """Name a heading in links, as GitHub does.
+
+    Example:
+        >>> slug("Fig. 22: bit error rates")
+        'fig-22-bit-error-rates'
+    """
+    return re.sub(r"[^\w\- ]", "", _one_line(heading).lower()).replace(" ", "-")
+
+
+def _one_line(text: str) -> str:
+    """Put text on one line: each run of blanks, line ends and control characters becomes one blank."""
+    return _NOT_WORDS.sub(" ", text).strip(" ")
+
+
+def _longest_row(text: str) -> int:
+    """Count the backticks in the longest row of them."""
+    return max(map(len, re.findall("`+", text)), default=0)
+
+
+def html(markdown: str, title: str, folder: str | Path) -> str:
+    r"""Write Markdown as one HTML page that needs nothing else: style and pictures are inside.
+
+    No HTML in the text gets through, but for lines that are an anchor (``<a id="fig-22"></a>``) or fold what
+    follows (``<details>``, with ``<summary>``). Headings without an anchor take their :func:`slug`. The list
+    under a heading "Contents" goes beside the text. A paragraph that begins with a picture is a figure with
+    its caption. A list of asterisks is a summary's numbers. Cells and items that begin with a sign of
+    ``SIGNS`` are coloured.
+
+    Args:
+        markdown: the text, with tables as GitHub has them.
+        title: the page's title.
+        folder: where the page will lie; pictures are relative to it.
+
+    Raises:
+        VoccError: a picture is not in the folder or is no PNG file.
+
+    Example:
+        >>> page = html("# Evidence\n\n## Results\n\na < b <script>", "Evidence", ".")
+        >>> '<h2 id="results">Results</h2>' in page, "<p>a &lt; b &lt;script&gt;</p>" in page
+        (True, True)
+    """
+    reader = MarkdownIt("commonmark", {"html": False}, renderer_cls=_Page).enable("table")
+    tokens = reader.parse(markdown)
+    heads = [
+        place for place, token in enumerate(tokens) if token.type == "heading_open" and token.tag == "h2"
+    ]
+    first = end = heads[0] if heads else len(tokens)
+    if heads and _words(tokens[first + 1]) == "Contents":
+        # The heading is three tokens; its list ends where the next heading or its anchor begins.
+        end = (
+            next(
+                at
+                for at in range(first, len(tokens))
+                if tokens[at].type == "bullet_list_close" and not tokens[at].level
+            )
+            + 1
+        )
+    elif first >= 3 and _ANCHOR.fullmatch(tokens[first - 2].content):
+        first = end = first - 3
+    parts = {"header": tokens[:first], "contents": tokens[first + 3 : end], "body": tokens[end:]}
+    env = {"folder": Path(folder)}
+    texts = {name: Markup(reader.renderer.render(part, reader.options, env)) for name, part in parts.items()}
+    style = Markup(files(__package__).joinpath("page.css").read_text("utf-8"))
+    return render(__package__, "page.html.j2", title=_one_line(title), style=style, **texts)
+
+
+def _words(line: Token) -> str:
+    """Join the words of a line, whatever they are."""
+    return "".join(" " if child.type == "softbreak" else child.content for child in line.children or ())
+
+
+def _tone(line: Token) -> dict[str, str]:
+    """Give the class of a line's tone by the sign before it."""
+    words = _words(line)
+    return next(({"class": tone} for tone, sign in SIGNS.items() if words.startswith(f"{sign} ")), {})
+
+
+class _Page(RendererHTML):
+    """Writes a report's Markdown as HTML; the methods' names are those of markdown-it's tokens."""
+
+    def __init__(self, parser: object = None) -> None:
+        super().__init__(parser)
+        self.named: Counter[str] = Counter()
+
+    def paragraph_open(self, tokens: Sequence[Token], idx: int, options: OptionsDict, env: EnvType) -> str:
+        """Let lines through that are an anchor or begin or end what is folded; make pictures figures."""
+        line = tokens[idx + 1]
+        if _ANCHOR.fullmatch(line.content) or line.content == "</details>":
+            allowed = line.content
+        elif folded := _FOLD.fullmatch(line.content):
+            allowed = f'<details class="folded">\n<summary>{folded[1]}</summary>'
+        else:
+            if line.children and line.children[0].type == "image":
+                tokens[idx].tag = tokens[idx + 2].tag = "figure"
+            return self.renderToken(tokens, idx, options, env)
+        tokens[idx + 2].hidden = True
+        line.children = [Token("html_inline", "", 0, content=f"{allowed}\n")]
+        return ""
+
+    def paragraph_close(self, tokens: Sequence[Token], idx: int, options: OptionsDict, env: EnvType) -> str:
+        """Close the caption of a figure."""
+        caption = "</figcaption>" if tokens[idx].tag == "figure" else ""
+        return caption + self.renderToken(tokens, idx, options, env)
+
+    def image(self, tokens: Sequence[Token], idx: int, options: OptionsDict, env: EnvType) -> str:
+        """Put a PNG file's content in the place of its name; what follows it in a figure is its caption."""
+        name = unquote(str(tokens[idx].attrs["src"]))
+        path = env["folder"] / name
+        if Path(name).is_absolute() or ".." in Path(name).parts:
+            raise VoccError(
+                f"{name} leads out of the report's folder: give a path inside it, such as fig22.png"
+            )
+        try:
+            content = path.read_bytes()
+            with Image.open(io.BytesIO(content), formats=["PNG"]) as picture:
+                size = {"width": picture.width, "height": picture.height}
+        except UnidentifiedImageError as error:
+            raise VoccError(f"{name} is not a PNG picture: {error}") from error
+        except OSError as error:
+            raise VoccError(
+                f"cannot read {path}: {error.strerror or error}: write it before the report"
+            ) from error
+        tokens[idx].attrs |= {"src": f"data:image/png;base64,{base64.b64encode(content).decode()}", **size}
+        return super().image(tokens, idx, options, env) + ("\n<figcaption>" if idx == 0 else "")
+
+    def heading_open(self, tokens: Sequence[Token], idx: int, options: OptionsDict, env: EnvType) -> str:
+        """Name a heading in links, where no anchor stands before it; names that came before get a number."""
+        if idx < 3 or not _ANCHOR.fullmatch(tokens[idx - 2].content):
+            name = slug(_words(tokens[idx + 1]))
+            again = f"-{self.named[name]}" if self.named[name] else ""
+            self.named[name] += 1
+            tokens[idx].attrSet("id", name + again)
+        return self.renderToken(tokens, idx, options, env)
+
+    def bullet_list_open(self, tokens: Sequence[Token], idx: int, options: OptionsDict, env: EnvType) -> str:
+        """Show a list of asterisks as a summary's numbers; lists of hyphens stay lists."""
+        if tokens[idx].markup == "*":
+            tokens[idx].attrSet("class", "highlights")
+        return self.renderToken(tokens, idx, options, env)
+
+    def list_item_open(self, tokens: Sequence[Token], idx: int, options: OptionsDict, env: EnvType) -> str:
+        """Colour a summary's number by its sign."""
+        if tokens[idx].markup == "*":
+            tokens[idx].attrs |= _tone(tokens[idx + 2])
+        return self.renderToken(tokens, idx, options, env)
+
+    def table_open(self, tokens: Sequence[Token], idx: int, options: OptionsDict, env: EnvType) -> str:
+        """Put a table into a box that scrolls where the screen is narrow."""
+        return f'<div class="table" tabindex="0">\n{self.renderToken(tokens, idx, options, env)}'
+
+    def table_close(self, tokens: Sequence[Token], idx: int, options: OptionsDict, env: EnvType) -> str:
+        """Close the box."""
+        return f"{self.renderToken(tokens, idx, options, env)}</div>\n"
+
+    def tr_open(self, tokens: Sequence[Token], idx: int, options: OptionsDict, env: EnvType) -> str:
+        """Let a row's first cell name it."""
+        if tokens[idx + 1].type == "td_open":
+            tokens[idx + 1].tag = tokens[idx + 3].tag = "th"
+            tokens[idx + 1].attrSet("scope", "row")
+        return self.renderToken(tokens, idx, options, env)
+
+    def td_open(self, tokens: Sequence[Token], idx: int, options: OptionsDict, env: EnvType) -> str:
+        """Colour a cell by its sign."""
+        tokens[idx].attrs |= _tone(tokens[idx + 1])
+        return self.renderToken(tokens, idx, options, env)
