@@ -5,11 +5,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from made_up_prices import ALONE_MS, FRAMES, LEDS, MARKS, SETTINGS, made_up_prices, spent
+from vocc_torch.studies.tradeoff.frontier import Offer, beats, frontier, most_accurate_within, quickest_below
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.intervals import ber_interval
-from vocc_torch.studies.tradeoff.frontier import Offer, beats, frontier, most_accurate_within, quickest_below
 from vocc_torch.studies.tradeoff.price_list import STAGES, Place, Setting, Spent
 
 # Few different values, so that ties are common.
@@ -195,8 +195,8 @@ def test_rates_that_frames_do_not_tell_apart_are_alike():
     prices = made_up_prices(SETTINGS[:4], (300, 302, 400, 900), (1, 2, 3, 4))
     assert prices.alike("mixture", 0) == [1]
     assert prices.alike("mixture", 1) == [0]
-    assert prices.compared("mixture", 3, 0).difference == pytest.approx(600 / FRAMES / LEDS)
-    assert prices.compared("mixture", 0, 3).difference == pytest.approx(-600 / FRAMES / LEDS)
+    assert prices.compared("mixture", 3, 0).value == pytest.approx(600 / FRAMES / LEDS)
+    assert prices.compared("mixture", 0, 3).value == pytest.approx(-600 / FRAMES / LEDS)
 
 
 def test_names_tell_settings_apart():

@@ -382,7 +382,7 @@ def test_location_tables_show_the_splits(report, whole):
         for split, row in zip(some, rows_of(table), strict=True):
             assert row[2].startswith(rate(split.located.ber))
             assert row[3].startswith(rate(split.truth.ber))
-            assert row[4].startswith(f"{100 * split.share.gain:.0f} % [")
+            assert row[4].startswith(f"{100 * split.share.value:.0f} % [")
     assert [row[0] for row in rows_of(totals)][::4] == [
         "contrast",
         "ambient light",
@@ -400,7 +400,7 @@ def test_the_summary_says_how_much_is_location(report, whole):
     for name, words_of in (("contrast", "contrast"), ("luminance", "LED luminance")):
         share = shares[name]
         assert (
-            f"{100 * share.gain:.0f} % [{100 * share.low:.0f}, {100 * share.high:.0f}] over {words_of}"
+            f"{100 * share.value:.0f} % [{100 * share.low:.0f}, {100 * share.high:.0f}] over {words_of}"
             in text
         )
 
@@ -431,7 +431,7 @@ def test_location_figure_shows_both_rates_in_the_receivers_colour(whole):
                 hollow = to_hex(line.get_markerfacecolor()) == "#ffffff"
                 at[name, int(line.get_ydata()[0]), hollow] = (line.get_xdata()[0], to_hex(line.get_color()))
         texts = [text.get_text() for text in axes.texts]
-        shares = [s.share.gain for s in totals if s.experiment == name]
+        shares = [s.share.value for s in totals if s.experiment == name]
         assert texts == [f"{100 * share:.0f} %" for share in shares]
     for split in totals:
         row = PAPER_RECEIVERS.index(split.receiver)

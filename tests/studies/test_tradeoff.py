@@ -159,9 +159,9 @@ def test_errors_are_those_of_the_sweep(study, made, receivers, counted):
         tallies = counter([part(0, BLOCK_FRAMES), part(1, plan.budget.frames - BLOCK_FRAMES)])
         for name, setting in zip(names, base, strict=True):
             wanted = sum((one[locator, name, 0] for one in tallies), type(tallies[0][locator, name, 0])())
-            found = counted["far"].tallied[0][study.settings.index(setting)]
+            found = counted["far"].counts[study.settings.index(setting)]
             assert found == wanted, setting
-    rates = [one.ber for one in counted["far"].tallied[0]]
+    rates = [one.ber for one in counted["far"].counts]
     assert len(set(rates)) > len(rates) / 2
     assert 0 < min(rates) < 0.05
 

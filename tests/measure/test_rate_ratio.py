@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from made_up_tallies import tallies
 from scipy.stats import binomtest
 
 from vocc_torch.measure.counts import Counts
-from vocc_torch.measure.intervals import Interval, ber_interval
+from vocc_torch.measure.estimate import Estimate
+from vocc_torch.measure.intervals import ber_interval
 from vocc_torch.measure.paired import paired_interval
-from vocc_torch.measure.ratio import Ratio, mover_ratio, rate_ratio
-from vocc_torch.measure.relative import relative_gain
-from vocc_torch.measure.tally import tallies
+from vocc_torch.measure.relative import mover_ratio, rate_ratio, relative_gain
 
 BITS = 64
 
@@ -33,31 +33,31 @@ def singles(frames, reference, receiver):
 def test_known_standard_errors_give_fiellers_interval():
     # With symmetric intervals the ends solve (p1 - r p2)^2 = e1^2 + r^2 e2^2.
     p1, e1, p2, e2 = 0.03, 0.004, 0.1, 0.007
-    ends = mover_ratio(Interval(p1, p1 - e1, p1 + e1), Interval(p2, p2 - e2, p2 + e2))
+    ends = mover_ratio(Estimate(p1, p1 - e1, p1 + e1), Estimate(p2, p2 - e2, p2 + e2))
     roots = np.roots([p2**2 - e2**2, -2 * p1 * p2, p1**2 - e1**2])
     assert (ends.low, ends.high) == pytest.approx(tuple(sorted(roots)))
 
 
 def test_a_ratio_to_a_rate_that_is_known_is_a_rates_interval():
-    ends = mover_ratio(Interval(0.02, 0.01, 0.05), Interval(0.1, 0.1, 0.1))
+    ends = mover_ratio(Estimate(0.02, 0.01, 0.05), Estimate(0.1, 0.1, 0.1))
     assert (ends.low, ends.high) == pytest.approx((0.1, 0.5))
 
 
 def test_a_denominator_that_may_be_far_higher_leaves_the_low_end_above_0():
     # u2 > 2 p2: the quadratic's leading coefficient is then below 0.
-    ends = mover_ratio(Interval(0.2, 0.15, 0.25), Interval(0.01, 0.002, 0.05))
+    ends = mover_ratio(Estimate(0.2, 0.15, 0.25), Estimate(0.01, 0.002, 0.05))
     assert 0 < ends.low < 20 < ends.high
     low = 0.2 * 0.01 - math.sqrt((0.2 * 0.01) ** 2 + 0.15 * 0.05 * 0.25 * 0.03)
     assert ends.low == pytest.approx(low / (0.05 * -0.03))
 
 
 def test_without_errors_there_is_a_limit():
-    ends = mover_ratio(Interval(0.0, 0.0, 0.001), Interval(0.1, 0.08, 0.13))
+    ends = mover_ratio(Estimate(0.0, 0.0, 0.001), Estimate(0.1, 0.08, 0.13))
     assert ends.low == 0
     assert ends.high == pytest.approx(0.001 / math.sqrt(0.08 * 0.12))
     reference, receiver, paired = singles(4096, 82, 0)
     ratio = rate_ratio(reference, receiver, paired)
-    assert (ratio.ratio, ratio.low) == (0, 0)
+    assert (ratio.value, ratio.low) == (0, 0)
     # Three frames at most, by the rule of three, of 65 at least.
     assert 3 / 82 < ratio.high < 3 / 60
     assert rate_ratio(receiver, reference, paired.swapped()) is None
@@ -92,13 +92,13 @@ def test_it_holds_the_ratio_agrees_with_the_difference_and_is_never_wider_than_t
     if ratio is None:
         assert reference.half_errors == 0
         return
-    assert 0 <= ratio.low <= ratio.ratio <= ratio.high
-    assert ratio.ratio == receiver.half_errors / reference.half_errors
+    assert 0 <= ratio.low <= ratio.value <= ratio.high
+    assert ratio.value == receiver.half_errors / reference.half_errors
     if not paired_interval(paired).real:
         assert not ratio.leaves_out(1)
     gain = relative_gain(reference, receiver, paired)
-    assert ratio.low >= min(1.0, ratio.ratio, 1 - gain.high) - 1e-12
-    assert ratio.high <= max(1.0, ratio.ratio, 1 - gain.low) + 1e-12
+    assert ratio.low >= min(1.0, ratio.value, 1 - gain.high) - 1e-12
+    assert ratio.high <= max(1.0, ratio.value, 1 - gain.low) + 1e-12
 
 
 def own_frames(rng, frames, share, size, ratio):
@@ -143,7 +143,7 @@ def test_95_percent_of_intervals_hold_the_truth_and_most_are_narrower_than_the_g
 
 
 def test_real_is_what_leaves_out_1():
-    assert [Ratio(0.5, *ends).leaves_out(1) for ends in ((0.2, 0.9), (0.2, 1.1), (1.1, 3.0))] == [
+    assert [Estimate(0.5, *ends).leaves_out(1) for ends in ((0.2, 0.9), (0.2, 1.1), (1.1, 3.0))] == [
         True,
         False,
         True,
