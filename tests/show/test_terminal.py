@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import pytest
 from made_up_points import made_up_point
+from made_up_points import table as table
 from rich.console import Console
 
 from vocc_torch.measure.counts import Counts
