@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.backend_bases import RendererBase
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
@@ -83,6 +85,30 @@ def write_legend(
     }
     columns = min(columns, len(handles))
     figure.legend(handles=handles, bbox_to_anchor=at, ncols=columns, frameon=False, **{**known, **look})
+
+
+def head(axes: Axes, letter: str, text: str) -> None:
+    """Name a part of the figure above its axes, and say a line about it."""
+    axes.annotate(
+        letter,
+        (0, 1),
+        (0, 9),
+        xycoords="axes fraction",
+        textcoords="offset points",
+        fontsize=11.5,
+        fontweight="bold",
+        color=INK,
+    )
+    axes.annotate(
+        text, (0, 1), (24, 9), xycoords="axes fraction", textcoords="offset points", fontsize=10, color=QUIET
+    )
+
+
+def text_renderer(figure: Figure) -> RendererBase:
+    """Give what measures texts as they will be drawn in pixels."""
+    canvas = figure.canvas if isinstance(figure.canvas, FigureCanvasAgg) else FigureCanvasAgg(figure)
+    renderer: RendererBase = canvas.get_renderer()  # type: ignore[no-untyped-call]  # Matplotlib has no hint
+    return renderer
 
 
 def save_figure(figure: Figure, path: str | Path) -> None:

@@ -31,7 +31,7 @@ _MARKS = re.compile(r"([\\`*\[\]|~$]|(?<![^\W_])_|_(?![^\W_])|!$)")
 mark, unless a link follows it."""
 _LINE_START = re.compile(r"^( ?(?:\d{1,9}(?=[.)](?: |$))|(?=(?:[+=-]+|#{1,6})(?: |$))))")
 """What means something to Markdown at the start of a line: headings, lists and rules."""
-_NOT_WORDS = re.compile(r"[\s\x00-\x1f\x7f-\x9f]+")
+_NOT_WORDS = re.compile(r"(?:[^\S\N{NO-BREAK SPACE}]|[\x00-\x1f\x7f-\x9f])+")
 _ANCHOR = re.compile(r'<a id="([a-z0-9-]+)"></a>')
 _FOLD = re.compile(r"<details>\n<summary>([^<>]*)</summary>")
 

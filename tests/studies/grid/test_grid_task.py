@@ -41,7 +41,7 @@ def grid(place):
 def test_everything_is_written(grid):
     folder, out = grid
     assert files_in(folder) == {
-        *("config.yaml", "receiver.pt", "paired.csv", "ledgers/1000.jsonl", "ledgers/32000.jsonl"),
+        *("config.yaml", "receiver.pt", "paired.csv", "ledgers/1000.sqlite", "ledgers/32000.sqlite"),
         *(f"ber{end}.csv" for end in ("", "_best")),
         *(f"dimming_{name}.png" for name in ("paper", "best")),
     }
@@ -115,20 +115,20 @@ def test_a_row_gives_what_it_gives_as_an_experiment_of_its_own(grid, place):
 
 def test_a_finished_grid_counts_nothing_again(grid, place, monkeypatch):
     folder, _ = grid
-    before = contents_of(folder, ".csv", ".jsonl", ".yaml")
+    before = contents_of(folder, ".csv", ".sqlite", ".yaml")
     monkeypatch.setattr(
         "vocc_torch.measure.counter.PointJob.__call__", lambda *_: pytest.fail("counted again")
     )
     ran = run_in(place, *GRID, "name=grid")
     assert (ran.status, ran.err) == (0, "")
     assert "going on from 3 blocks" in ran.out
-    assert contents_of(folder, ".csv", ".jsonl", ".yaml") == before
+    assert contents_of(folder, ".csv", ".sqlite", ".yaml") == before
 
 
 def test_a_ledger_of_other_settings_is_refused(grid, place):
     folder, _ = grid
-    before = contents_of(folder, ".csv", ".jsonl", ".yaml", ".png")
+    before = contents_of(folder, ".csv", ".sqlite", ".yaml", ".png")
     complaint = run_in(place, *GRID, "name=grid", "seed=1").complaint
     assert "seed" in complaint
     assert "give another name=" in complaint
-    assert contents_of(folder, ".csv", ".jsonl", ".yaml", ".png") == before
+    assert contents_of(folder, ".csv", ".sqlite", ".yaml", ".png") == before
