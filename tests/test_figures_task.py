@@ -265,9 +265,7 @@ def test_the_grid_alone_with_a_board(place):
         "ledgers/dimming-25mm-1000.sqlite",
         "ledgers/dimming-25mm-32000.sqlite",
     }
-    assert {
-        f"figures/dimming{end}" for end in (".csv", "_best.csv", "_loss.csv", "_paper.png", "_truth.png")
-    } <= names
+    assert {f"figures/dimming{end}" for end in (".csv", "_best.csv", "_paper.png", "_truth.png")} <= names
     assert head_of(folder / "figures" / "dimming.csv") == ["ambient_lx", *COLUMNS]
     rows = rows_of(folder / "figures" / "dimming.csv")
     assert {(row["ambient_lx"], row["locator"]) for row in rows} == {

@@ -151,7 +151,7 @@ def test_what_is_possible_is_a_line_of_its_own(prices):
     rate = 10 / 500 / LEDS
     for figure, said in (
         (free, "no error in 500 frames, too few to say more"),
-        (far, "BER 3.1e-4 (1.5-6.2e-4) in 500 frames"),
+        (far, "BER 3.1e-4 (1.5e-4 to 6.2e-4) in 500 frames"),
     ):
         (axes,) = figure.axes
         (line,) = (one for one in axes.lines if list(one.get_xdata()) == [0, 1])

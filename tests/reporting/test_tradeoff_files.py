@@ -151,7 +151,7 @@ def test_a_quicker_one_that_frames_do_not_tell_apart_is_named():
     alike = made_up_prices(SETTINGS[:2], (300, 299), (4.0, 8.0))
     said = plain(recommendation(alike))
     assert (
-        "take flda_3 (FLDA: AGR + GRI + NGR), paper's locator: BER 4.7e-3 (4.2-5.2e-3), 4.00 ms (3.92-4.08). "
+        "take flda_3 (FLDA: AGR + GRI + NGR), paper's locator: BER 4.7e-3 (4.2e-3 to 5.2e-3), 4.00 ms (3.92-4.08). "
         "These frames do not tell its rate from that of a quicker one, average_greyscale, paper's locator:"
     ) in said
     apart = plain(recommendation(made_up_prices(SETTINGS[:2], (300, 200), (4.0, 8.0))))
@@ -174,7 +174,7 @@ def test_what_is_possible_is_told(prices, tmp_path):
     possible = "What is possible, by a decoder that knows the scene, in 500 frames: "
     assert f"{possible}no error, BER < 9.3e-5. {best}" in said
     # 10 bits in 500 frames against none in them: nothing is said of a ratio.
-    assert f"{possible}BER 3.1e-4 (1.5-6.2e-4). {best}" in said
+    assert f"{possible}BER 3.1e-4 (1.5e-4 to 6.2e-4). {best}" in said
     searched = "found in 500 of 500 frames (mixture, 30.0 ms each), 490 of 500 frames (far, 40.0 ms each)."
     assert searched in said
     worse = made_up_prices(SETTINGS[:2], (300, 200), (4.0, 8.0), marks=MARKS)
