@@ -32,7 +32,7 @@ from vocc_torch.studies.paper.figures import (
     LOCATION_CAPTION,
     PAPER_RECEIVERS,
     RATE_FIGURES,
-    VARIANTS_CAPTION,
+    READINGS_CAPTION,
     RateFigure,
     draw_rates,
     location_figure,
@@ -42,7 +42,7 @@ from vocc_torch.studies.paper.figures import (
 from vocc_torch.studies.paper.location import COLUMNS as LOCATION_COLUMNS
 from vocc_torch.studies.paper.location import LocationSplit, location_split
 from vocc_torch.studies.paper.report import ReportFigure, RunFacts, write_report
-from vocc_torch.studies.paper.scorecard import FIT_COLUMNS, Scorecard, fits, score, variants_of
+from vocc_torch.studies.paper.scorecard import FIT_COLUMNS, Scorecard, fits, readings_of, score
 
 FIGURES = Path("figures")
 """Folder of pictures and their data, in the run's folder."""
@@ -122,7 +122,7 @@ class PaperFiles:
         table = FIGURES / f"{figure.name}.csv"
         self._write(table, rate_rows(by_focal_mm))
         drawn = draw_rates(figure, by_focal_mm, self.plan.own)
-        captions = {f"{figure.name}_readings": VARIANTS_CAPTION}
+        captions = {f"{figure.name}_readings": READINGS_CAPTION}
         self._show(figure.name, figure.title, figure.caption, drawn, table, captions)
 
     def _show(
@@ -163,7 +163,7 @@ class PaperFiles:
             self._write(Path("scorecard.csv"), card.rows())
             self._write(Path("fits.csv"), [FIT_COLUMNS, *(fit.row() for fit in fits(card))])
             others["the scorecard"] = Path("scorecard.csv")
-            others["how well each variant fits"] = Path("fits.csv")
+            others["how well each reading fits"] = Path("fits.csv")
         if self.location:
             others["location against decision"] = Path("location.csv")
         if self.settings.tensorboard:
@@ -180,7 +180,7 @@ class PaperFiles:
         if not {figure.experiment for figure in RATE_FIGURES} <= set(self.measured.get(own_mm, {})):
             return None
         numbers = {name: shown.findings for name, shown in self.shown.items()}
-        return score(variants_of(self.measured, numbers, self.plan.locators, self.grids), self.plan.own)
+        return score(readings_of(self.measured, numbers, self.plan.locators, self.grids), self.plan.own)
 
     def _write_board(self) -> None:
         """Write the TensorBoard: the report's own focal length with each locator."""

@@ -8,12 +8,12 @@ from pathlib import Path
 import pytest
 import yaml
 from paper_runs import contents_of, files_in, head_of, rows_of, run_in
+from vocc_torch.studies.paper.report.readings_section import FIT_COLUMNS
+from vocc_torch.studies.paper.studies import wanted_figures
 
 from vocc_torch import Receiver
 from vocc_torch.measure.curve import COLUMNS
-from vocc_torch.studies.paper.report.readings_section import FIT_COLUMNS
 from vocc_torch.studies.paper.scorecard import CLAIMS, VERDICTS
-from vocc_torch.studies.paper.studies import wanted_figures
 
 TINY = ("budget.frames=8", "budget.training_frames=64", "workers=1")
 VALUES = {

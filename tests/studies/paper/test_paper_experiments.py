@@ -5,13 +5,13 @@ from types import SimpleNamespace
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from vocc_torch.studies.paper.studies import BER_FIGURES, PaperStudies, wanted_figures
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.curves import Measured
 from vocc_torch.measure.plan import Experiment
 from vocc_torch.simulation import Distribution
 from vocc_torch.studies.paper.evidence import EVIDENCE
-from vocc_torch.studies.paper.studies import BER_FIGURES, PaperStudies, wanted_figures
 
 KNOWN = wanted_figures([])
 
