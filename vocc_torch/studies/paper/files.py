@@ -100,7 +100,7 @@ class PaperFiles:
         if any(split.receiver in PAPER_RECEIVERS for split in self.location):
             title = f"Location error and decision error, {own_mm:g} mm lens"
             table = Path("location.csv")
-            self._write(table, [LOCATION_COLUMNS, *(split.row() for split in self.location)])
+            write_short(self.folder / table, [LOCATION_COLUMNS, *(split.row() for split in self.location)])
             self._show(
                 "location",
                 title,
@@ -120,7 +120,7 @@ class PaperFiles:
                 "widen the bins or the scenes"
             )
         table = FIGURES / f"{figure.name}.csv"
-        self._write(table, rate_rows(by_focal_mm))
+        write_short(self.folder / table, rate_rows(by_focal_mm))
         drawn = draw_rates(figure, by_focal_mm, self.plan.own)
         captions = {f"{figure.name}_readings": READINGS_CAPTION}
         self._show(figure.name, figure.title, figure.caption, drawn, table, captions)
@@ -160,8 +160,8 @@ class PaperFiles:
         others = {"comparisons of receivers on the same frames": Path("paired.csv")} if self.measured else {}
         card = self._scorecard()
         if card is not None:
-            self._write(Path("scorecard.csv"), card.rows())
-            self._write(Path("fits.csv"), [FIT_COLUMNS, *(fit.row() for fit in fits(card))])
+            write_short(self.folder / "scorecard.csv", card.rows())
+            write_short(self.folder / "fits.csv", [FIT_COLUMNS, *(fit.row() for fit in fits(card))])
             others["the scorecard"] = Path("scorecard.csv")
             others["how well each reading fits"] = Path("fits.csv")
         if self.location:
@@ -212,7 +212,7 @@ class PaperFiles:
         command = f"vocc-torch task=figures name={settings.name}"
         return RunFacts(command, text, machine, dict(self.watch.seconds), as_yaml(settings), self.resumed)
 
-    def _write(self, path: Path, rows: Iterable[Sequence[str | int | float | None]]) -> None:
-        """Write a CSV file; whole numbers have no point, as in ``ber.csv``."""
-        texts = (["" if cell is None else cell_text(cell) for cell in row] for row in rows)
-        write_rows(self.folder / path, texts)
+
+def write_short(path: Path, rows: Iterable[Sequence[str | int | float | None]]) -> None:
+    """Write a CSV file; whole numbers have no point, as in ``ber.csv``, and None is an empty cell."""
+    write_rows(path, (["" if cell is None else cell_text(cell) for cell in row] for row in rows))
