@@ -1,5 +1,6 @@
 """What task=figures measures: which figures and readings, how results are sorted, what it refuses."""
 
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -7,7 +8,8 @@ from hydra import compose, initialize_config_module
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vocc_torch.app.config import register_schema, resolved
+from vocc_torch.app.config import register_schema
+from vocc_torch.app.resolve import resolved
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.build import build_plan
 from vocc_torch.measure.curves import Measured
@@ -18,9 +20,10 @@ from vocc_torch.studies.paper.figures import PAPER_RECEIVERS
 def plan_of(*overrides):
     """The plan of task=figures with some settings changed."""
     register_schema()
+    words = ("task=figures", "device=cpu", *overrides)
     with initialize_config_module("vocc_torch.conf", version_base="1.3"):
-        settings = resolved(compose("config", ["task=figures", "device=cpu", *overrides]))
-    return paper_plan(settings.figures, build_plan(settings, "unused"))
+        settings = resolved(compose("config", list(words)), words)
+    return paper_plan(settings.figures, build_plan(settings, Path("unused")))
 
 
 def test_every_figure_is_known_and_in_the_papers_order():

@@ -98,7 +98,7 @@ def _measure(
     begun = time.perf_counter()
 
     def ledger(study: Study) -> Ledger:
-        path = folder / LEDGERS / f"{study.key}.jsonl"
+        path = folder / LEDGERS / f"{study.key}.sqlite"
         return ledgers.enter_context(open_ledger(path, study.identity, console))
 
     with ProgressView(sum(study.frames for study in ordered), console) as view:
