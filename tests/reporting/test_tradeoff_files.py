@@ -9,15 +9,15 @@ import pytest
 from made_up_prices import ALONE_MS, BIT_ERRORS, FRAMES, LEDS, MARKS, SETTINGS, made_up_prices
 from rich.console import Console
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
-
-from vocc_torch.measure.counts import Counts
-from vocc_torch.measure.frame_errors import FrameErrors
 from vocc_torch.studies.tradeoff.knob_setting import KnobSetting
-from vocc_torch.studies.tradeoff.price_list import Mark
 from vocc_torch.studies.tradeoff.tradeoff_advice import headline, recommendation
 from vocc_torch.studies.tradeoff.tradeoff_board import write_price_rows
 from vocc_torch.studies.tradeoff.tradeoff_csv import RENDERER_COLUMNS, columns, write_prices, write_renderer
 from vocc_torch.studies.tradeoff.tradeoff_table import print_prices, print_renderer
+
+from vocc_torch.measure.counts import Counts
+from vocc_torch.measure.frame_errors import FrameErrors
+from vocc_torch.studies.tradeoff.price_list import Mark
 
 KNOBS = (
     KnobSetting("none", "as set", (0.9, 1.0, 1.1), 5, 8, 9e-4, 2e-4, 1e-3),
