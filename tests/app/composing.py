@@ -13,7 +13,7 @@ from vocc_torch.app.resolve import resolved
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.build import build_plan
 from vocc_torch.studies.classifiers.build import build_rival_study
-from vocc_torch.studies.effects.build import build_effect_study
+from vocc_torch.studies.effects.plan import build_effect_study
 from vocc_torch.studies.paper.build import build_experiments
 from vocc_torch.studies.tradeoff.build import build_tradeoff_study
 
