@@ -16,8 +16,8 @@ from vocc_torch.measure import counter as counter_module
 from vocc_torch.measure import frame_errors as errors_module
 from vocc_torch.measure import plug_in_training as classifiers_module
 from vocc_torch.measure.plan import Experiment
-from vocc_torch.receiver.classifiers.recipe import TrainingRecipe
 from vocc_torch.receiver.classifiers.torch_classifier import TorchClassifier
+from vocc_torch.receiver.classifiers.training import TrainingRecipe
 from vocc_torch.rng import BlockKey
 from vocc_torch.studies.tradeoff import plan as tradeoff_module
 from vocc_torch.studies.tradeoff.plan import TradeoffStudy

@@ -19,7 +19,7 @@ from vocc_torch.measure.ledger_format import canonical, fingerprint
 from vocc_torch.measure.plan import Budget, Experiment, Plan, ReceiverPlan, World
 from vocc_torch.measure.plug_in import ClassifierPlan
 from vocc_torch.receiver.classifiers.module_file import ModuleFile
-from vocc_torch.receiver.classifiers.recipe import TrainingRecipe
+from vocc_torch.receiver.classifiers.training import TrainingRecipe
 from vocc_torch.simulation import Distribution
 from vocc_torch.simulation.effects.registry import PHYSICAL_ORDER
 from vocc_torch.simulation.simulator import PAPER_EFFECTS

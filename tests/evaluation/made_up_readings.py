@@ -3,7 +3,7 @@
 import numpy as np
 
 from vocc_torch.measure.curves import Curves, Measured
-from vocc_torch.measure.dimming import Grid
+from vocc_torch.measure.grid import Grid
 from vocc_torch.measure.tally import tallies
 from vocc_torch.studies.paper.scorecard import Reading
 

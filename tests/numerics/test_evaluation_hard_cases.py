@@ -17,15 +17,13 @@ from vocc_torch.errors import VoccError
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.curve import BerTable, Point
 from vocc_torch.measure.curves import Curves
-from vocc_torch.measure.dimming import Grid, best_luminance
+from vocc_torch.measure.grid import Grid, best_luminance
 from vocc_torch.measure.intervals import MOST_TRIALS, ber_interval, clopper_pearson, design_effect
 from vocc_torch.measure.montecarlo import Running, StopRule
-from vocc_torch.measure.optimum_ratio import _optima, on_off_ratio, optimum_ratio
 from vocc_torch.measure.paired import PairedCounts, paired_interval, sign_test
 from vocc_torch.measure.relative import difference_independent, mean_gain, relative_gain
 from vocc_torch.measure.schedule import PointWork, run_point, run_points
 from vocc_torch.measure.tally import tallies
-from vocc_torch.measure.undimmed import undimmed_loss
 
 hard = HardCases("Evaluation")
 
@@ -694,11 +692,8 @@ def every_frame_against_every_frame():
 
 @hard(
     "a grid without errors",
-    "every luminance is a candidate and the middle of the plateau stands for the best; the ratio to it is 1"
-    " with an open end, and no ratio of luminance to light is claimed",
-    Breakage(
-        f"{FOLDER}/undimmed.py", "    if rate.value == 0:\n        return Estimate(1.0, 1.0, math.inf)\n", ""
-    ),
+    "every luminance is a candidate and the middle of the plateau stands for the best, below a limit",
+    Breakage(f"{FOLDER}/grid.py", "return max(1.0, *(", "return max(0.0, *("),
 )
 def a_grid_without_errors():
     for shape in ((1, 1), (1, 3), (3, 1), (3, 4)):
@@ -707,84 +702,22 @@ def a_grid_without_errors():
             assert best.candidates_cd_m2 == best.least_cd_m2 == cells.columns
             assert best.middle_cd_m2 == pytest.approx(math.sqrt(cells.columns[0] * cells.columns[-1]))
             assert 0 == best.ber_low == best.ber < best.ber_high < 1e-3
-        loss = undimmed_loss(cells, "x")
-        assert (loss.fixed.ratio.value, loss.fixed.ratio.low, loss.fixed.ratio.high) == (1.0, 1.0, math.inf)
-        followed = optimum_ratio(cells, "x")
-        assert (followed.slope, followed.ratio, followed.ambient_lx) == (None, None, ())
-
-
-@hard(
-    "a grid with errors in one panel alone",
-    "where the dimmed panel saw no error and another did, their ratio is infinite and says from where it is"
-    " surely lost; the logarithm of 0 is never taken",
-    Breakage(f"{FOLDER}/undimmed.py", "    if least.value == 0:\n", "    if least.value < 0:\n"),
-)
-def a_grid_with_errors_in_one_panel_alone():
-    cells = grid([[0, 300, 900], [700, 200, 0]], frames=10**5)
-    loss = undimmed_loss(cells, "x")
-    for panel in (loss.fixed, loss.headlight):
-        assert panel.ratio.value == panel.ratio.high == math.inf
-        assert 1 <= panel.ratio.low < math.inf
-        assert ordered(panel.mean.low, panel.mean.value, panel.mean.high)
-    assert loss.dimmed_mean.value == loss.dimmed_mean.low == 0 < loss.dimmed_mean.high
-
-
-@hard(
-    "a grid in which every bit is wrong",
-    "all luminances are alike and the ratio is 1: log 1 is 0, and no end leaves 0 to 1",
-    Breakage(
-        f"{FOLDER}/undimmed.py",
-        "np.clip(_means(weights, rate) + side * distance, 0.0, 1.0)",
-        "_means(weights, rate) + side * distance",
-    ),
-)
-def a_grid_in_which_every_bit_is_wrong():
-    cells = grid([[50] * 4] * 7, leds=1, frames=50)
-    loss = undimmed_loss(cells, "x")
-    for estimate in (loss.dimmed_mean, loss.fixed.mean, loss.headlight.mean):
-        assert ordered(estimate.low, estimate.value, estimate.high)
-        assert estimate.value == 1.0
-    assert loss.fixed.ratio.value == 1.0
-    assert best_luminance(cells, "x")[0].candidates_cd_m2 == cells.columns
-    # The least of four rates of nearly 1, which are raised for having been chosen.
-    assert undimmed_loss(grid([[49] * 4], leds=1, frames=50), "x").dimmed_mean.high == 1.0
-
-
-@hard(
-    "an optimum between equal logarithms",
-    "the grid's value: rates that differ in the last digit alone have one logarithm, and a parabola through"
-    " three equal points has no vertex",
-    Breakage(f"{FOLDER}/optimum_ratio.py", "    bent &= np.minimum(y[..., 0], y[..., 2]) > y[..., 1]\n", ""),
-)
-def an_optimum_between_equal_logarithms():
-    octaves = np.arange(3.0)
-    rate = np.array([[math.nextafter(1e-3, 1), 1e-3, math.nextafter(1e-3, 1)]])
-    assert np.log(rate).ptp() == 0 if hasattr(np.log(rate), "ptp") else np.ptp(np.log(rate)) == 0
-    assert _optima(rate, octaves).tolist() == [1.0]
-    # Left and right by a factor: the vertex in closed form.
-    a, b = 2.0, 8.0
-    vertex = 1 + (math.log(a) - math.log(b)) / (2 * (math.log(a) + math.log(b)))
-    assert _optima(np.array([[a, 1.0, b]]), octaves) == pytest.approx([vertex])
 
 
 @hard(
     "luminances at the ends of the floating point range",
-    "finite: middles and nearest values are found on the logarithm, where no product overflows; values that"
-    " share a logarithm are refused by name",
+    "finite: no product of two luminances overflows; values that share a logarithm are refused by name",
     Breakage(
-        f"{FOLDER}/undimmed.py",
-        "abs(math.log(grid.columns[j]) - math.log(headlight_cd_m2))",
-        "abs(math.log(grid.columns[j] / headlight_cd_m2))",
+        f"{FOLDER}/grid.py",
+        "math.sqrt(self.least_cd_m2[0]) * math.sqrt(self.least_cd_m2[-1])",
+        "math.sqrt(self.least_cd_m2[0] * self.least_cd_m2[-1])",
     ),
 )
 def luminances_at_the_ends_of_the_range():
     cells = grid([[0, 0, 0]] * 3, columns=(1e-300, 1.0, 1e300))
     assert best_luminance(cells, "x")[0].middle_cd_m2 == pytest.approx(1.0)
-    assert undimmed_loss(cells, "x", 1e308).headlight.luminance_cd_m2 == 1e300
-    assert undimmed_loss(grid([[5, 9, 3]] * 2, columns=(1e-300, 1e-250, 1e-200)), "x", 1e300)
-    assert on_off_ratio(1e308, 1e308) == pytest.approx(1 + math.pi / 0.4)
-    with pytest.raises(VoccError, match=r"^led_reflectance is 1e-300: "):
-        on_off_ratio(1e10, 1e-10, 1e-300)
+    cells = grid([[0, 0]], columns=(1e200, 1e300))
+    assert best_luminance(cells, "x")[0].middle_cd_m2 == pytest.approx(1e250)
     with pytest.raises(VoccError, match=r"^led_luminance_cd_m2 is .*ascending by at least a millionth"):
         grid([[0, 0]], columns=(1000.0, math.nextafter(1000.0, 2000.0)))
 

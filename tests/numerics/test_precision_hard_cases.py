@@ -186,8 +186,8 @@ def float32_against_float64():
     "lose three digits",
     Breakage(
         "vocc_torch/receiver/rectification.py",
-        "homography.flatten(1).tolist()",
-        "homography.to(dtype).flatten(1).tolist()",
+        "seen = _window(takes[0], chosen, homography, x, y, dtype)",
+        "seen = _window(takes[0], chosen, homography.to(dtype), x, y, dtype)",
     ),
 )
 def receiver_in_float32():
@@ -367,8 +367,8 @@ def threads_and_batches():
     "with NaN",
     Breakage(
         "vocc_torch/receiver/rectification.py",
-        "for factor in sorted(set(every)):",
-        "for factor in sorted(set(every))[:1]:",
+        "for factor in sorted(set(factors.tolist())):",
+        "for factor in sorted(set(factors.tolist()))[:1]:",
     ),
 )
 def deterministic_mode():

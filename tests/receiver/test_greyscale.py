@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from vocc_torch.receiver.greyscale import greyscale_scores, preamble_threshold
+from vocc_torch.receiver.features import greyscale_scores, preamble_threshold
 
 
 def test_the_threshold_is_the_midpoint_of_the_mean_levels():

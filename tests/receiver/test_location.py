@@ -10,13 +10,16 @@ import pytest
 import torch
 
 from vocc_torch.errors import VoccError
-from vocc_torch.receiver import ladder, location
-from vocc_torch.receiver.blobs import collect_blobs
-from vocc_torch.receiver.components import Components, Runs, label_components, runs_of
-from vocc_torch.receiver.ladder import measure_blobs
+from vocc_torch.receiver import ladder, location, quadrilateral
+from vocc_torch.receiver.components import Components, Runs, collect_blobs, label_components, runs_of
 from vocc_torch.receiver.location import PaperLocator, paper_stages, quantised
 from vocc_torch.receiver.morphology import halve_mask
-from vocc_torch.receiver.quadrilateral import convex_hull, hull_area_and_perimeter, minimum_area_rectangle
+from vocc_torch.receiver.quadrilateral import (
+    convex_hull,
+    hull_area_and_perimeter,
+    measure_blobs,
+    minimum_area_rectangle,
+)
 from vocc_torch.types import Frames, Panels, PanelShape
 
 SHAPE = PanelShape(8, 8)
@@ -218,7 +221,7 @@ def test_a_frame_is_located_alone_as_in_company(monkeypatch: pytest.MonkeyPatch)
     together = PaperLocator()(whole(*grey), SHAPE)
     monkeypatch.setattr(location, "_PASS_PX", 1)
     monkeypatch.setattr(location, "_SMALL_PASS_PX", 1)
-    monkeypatch.setattr(ladder, "_STEP_PAIRS", 1)
+    monkeypatch.setattr(quadrilateral, "_STEP_PAIRS", 1)
     assert_same(together, PaperLocator()(whole(*grey), SHAPE))
     for index, frame in enumerate(grey):
         alone = PaperLocator()(whole(frame), SHAPE)
@@ -357,10 +360,11 @@ def test_coarse_cells_never_fill_more_than_the_hull() -> None:
     mask = torch.from_numpy(rng.random((6, 40, 40)) < 0.02)
     cells = halve_mask(halve_mask(mask[:, None]))
     blobs = collect_blobs(runs_of(mask), label_components(cells[:, 0]), level=2)
-    hull = convex_hull(blobs.first, blobs.last)
-    most = hull_area_and_perimeter(hull)[0] / minimum_area_rectangle(hull).area_px
+    hull = convex_hull(blobs.first.numpy(), blobs.last.numpy())
+    around = minimum_area_rectangle(hull)
+    most = hull_area_and_perimeter(hull)[0] / (around.width_px * around.height_px)
     measured = measure_blobs(blobs, SHAPE).rectangularity
-    assert (measured <= most.clamp(max=1)).all()
+    assert (measured <= torch.from_numpy(most).clamp(max=1)).all()
     assert (measured > 0).all()
 
 

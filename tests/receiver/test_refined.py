@@ -8,11 +8,11 @@ import torch
 from torch import Tensor
 
 from vocc_torch.errors import VoccError
-from vocc_torch.receiver.homography import map_points
 from vocc_torch.receiver.lattice_fit import fit_lattice
 from vocc_torch.receiver.lattice_model import Lattice, corner_cells
 from vocc_torch.receiver.lattice_search import search_lattice
 from vocc_torch.receiver.location import PaperLocator
+from vocc_torch.receiver.rectification import map_points
 from vocc_torch.receiver.refined import RefinedLocator
 from vocc_torch.receiver.regions import block_means, bright_regions, local_background, ring_statistics
 from vocc_torch.rng import BlockKey, FrameKey
@@ -125,8 +125,10 @@ def test_a_frame_is_located_alone_as_in_company() -> None:
         together = RefinedLocator()(frames, SHAPE)
         for index in range(5):
             alone = RefinedLocator()(frames[index : index + 1], SHAPE)
-            for name in Panels.__slots__:
-                assert torch.equal(getattr(alone, name)[0], getattr(together, name)[index]), name
+            assert alone.found[0] == together.found[index]
+            assert alone.candidates[0] == together.candidates[index]
+            # Sums may be ordered otherwise, so a corner may be rounded to the next part of 1/1024 px.
+            assert errors_px(alone, Panels.known(together.corners_px[index : index + 1])) < 2e-3
 
 
 def test_floating_frames_are_rounded(paper_scenes: tuple[Frames, Panels, torch.Tensor]) -> None:

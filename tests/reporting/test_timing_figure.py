@@ -9,7 +9,7 @@ from matplotlib.text import Text
 
 from vocc_torch.show.canvas import figure_pixels
 from vocc_torch.show.styles import receiver_styles
-from vocc_torch.studies.paper.evidence_figures.timing import number_text, timing_figure
+from vocc_torch.show.timing_figure import number_text, timing_figure
 
 ARRAYS = made_up_evidence()["fig25"]
 PLACES = [(0, 0), (0, 1), (1, 0), (1, 1)]

@@ -8,7 +8,7 @@ import pytest
 from one_point import banks
 
 from vocc_torch.errors import VoccError
-from vocc_torch.measure import campaign as module
+from vocc_torch.measure import train as train_module
 from vocc_torch.measure.campaign import Study, at_focal_length, run_campaign, train_all
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.ledger import Ledger
@@ -116,7 +116,7 @@ def test_studies_that_train_on_the_same_scenes_share_it(plans, monkeypatch):
         trained.append((plan.experiment.name, plan.world.camera.focal_length_mm, locators))
         return {name: object() for name in locators}
 
-    monkeypatch.setattr(module, "train_each", counted)
+    monkeypatch.setattr(train_module, "train_each", counted)
     with Workers(1) as workers:
         found = train_all(studies_of(plans), workers)
     # Test scenes, axis and name do not matter for training; lens and training scenes do.
@@ -136,7 +136,7 @@ def test_what_changes_training_is_not_shared(plans, monkeypatch, change):
         reader = replace(far.receiver.reader, gradient="central")
         change = {"receiver": replace(far.receiver, reader=reader)}
     other = replace(far, **change)
-    monkeypatch.setattr(module, "train_each", lambda plan, locators: {name: plan for name in locators})
+    monkeypatch.setattr(train_module, "train_each", lambda plan, locators: {name: plan for name in locators})
     with Workers(1) as workers:
         found = train_all([Study("a", far, BOTH), Study("b", other, BOTH)], workers)
     assert found["a"]["truth"] is far
@@ -197,7 +197,7 @@ def test_what_is_told_on_the_way(plans, tmp_path):
 
 def test_all_ledgers_are_opened_before_any_work(plans, tmp_path, monkeypatch):
     """The last study's ledger belongs to other settings: nothing is trained."""
-    monkeypatch.setattr(module, "train_each", lambda *_: pytest.fail("trained"))
+    monkeypatch.setattr(train_module, "train_each", lambda *_: pytest.fail("trained"))
     with Ledger.open(tmp_path / "short.jsonl", {"seed": 1}) as ledger:
         ledger.append("p", 0, 64, {("flda_3", 0): Counts(64, 4096)})
     with pytest.raises(VoccError, match=r"short\.jsonl"):

@@ -18,7 +18,7 @@ from vocc_torch.measure.timing import Timing
 from vocc_torch.measure.train import train
 from vocc_torch.measure.workers import Workers
 from vocc_torch.receiver.classifiers import Inputs, Patch
-from vocc_torch.receiver.classifiers.recipe import TrainingRecipe
+from vocc_torch.receiver.classifiers.training import TrainingRecipe
 from vocc_torch.receiver.location import PaperLocator
 from vocc_torch.rng import BLOCK_FRAMES
 from vocc_torch.simulation import Camera, Distribution, LedPanel, SceneModel

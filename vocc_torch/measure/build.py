@@ -16,7 +16,7 @@ from vocc_torch.measure.plug_in import ClassifierPlan
 from vocc_torch.receiver.bank import RECEIVER_NAMES
 from vocc_torch.receiver.classifiers.inputs import Inputs
 from vocc_torch.receiver.classifiers.module_file import ModuleFile
-from vocc_torch.receiver.classifiers.recipe import TrainingRecipe
+from vocc_torch.receiver.classifiers.training import TrainingRecipe
 from vocc_torch.receiver.location import PaperLocator
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.simulation import SceneModel

@@ -9,9 +9,8 @@ from torch import Tensor
 
 from vocc_torch.errors import VoccError
 from vocc_torch.receiver.classifiers.protocol import Guarded
-from vocc_torch.receiver.features import FEATURE_NAMES
+from vocc_torch.receiver.features import FEATURE_NAMES, greyscale_scores, preamble_threshold
 from vocc_torch.receiver.flda import FLDA
-from vocc_torch.receiver.greyscale import greyscale_scores, preamble_threshold
 from vocc_torch.receiver.reader import Greys, Readings
 from vocc_torch.types import PanelShape
 
@@ -33,7 +32,7 @@ RECEIVER_NAMES = (*GREYSCALE_RECEIVERS, *FLDA_FEATURES)
 
 
 def check_receivers(names: Sequence[str], plugged_in: Sequence[str] = ()) -> tuple[str, ...]:
-    """Give back the names, or refuse the first unknown or repeated one.
+    """Return the names, or refuse the first unknown or repeated one.
 
     Args:
         names: receivers.
@@ -103,6 +102,22 @@ class ReceiverBank:
         self.classifiers = {
             name: flda.select(feature_indices(name)) for name in self.names if name in FLDA_FEATURES
         }
+
+    @property
+    def needed(self) -> frozenset[str]:
+        """What is measured for them: some of ``agr``, ``gri``, ``ngr``, ``average``, ``centre``."""
+        needed: set[str] = set()
+        for name in self.names:
+            if name in GREYSCALE_RECEIVERS:
+                needed.add("centre" if name == "center_greyscale" else "average")
+            else:
+                needed.update(FLDA_FEATURES.get(name) or self.plugged_in[name].inputs.features)
+        return frozenset(needed)
+
+    @property
+    def needs_patches(self) -> bool:
+        """Whether any receiver reads the whole panel, and not single pixels."""
+        return any(name != "center_greyscale" for name in self.names)
 
     def scores(self, readings: Readings, preambles: Preambles | None) -> dict[str, Tensor]:
         """Score every LED with every receiver: name to (B,R,C) float64, at least 0 is On.

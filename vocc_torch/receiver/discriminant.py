@@ -1,16 +1,19 @@
-"""Fisher's linear discriminant in closed form, from statistics or from features to learn, in batches."""
+"""Fisher's linear discriminant in closed form: statistics of training sets that add, and their solution."""
 
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
 from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
 from vocc_torch.errors import VoccError
-from vocc_torch.receiver.scatter import ClassScatter, checked_features, checked_samples
+
+LARGEST = 1e140
+"""Largest feature: the squares of 9e18 of them, as many as can be counted, add up within float64."""
 
 CONDITION_LIMIT = 1e12
 """Largest condition number of the scaled within-class covariance up to which every direction counts."""
@@ -24,39 +27,231 @@ ROUNDING = 8 * torch.finfo(torch.float64).eps
 SMALLEST = 1e-150
 """A spread or a distance below this counts as none: its square is beyond float64."""
 
+# Samples whose products are summed in one matrix product; blocks are summed after that, which rounds less.
+_BLOCK = 512
+
 
 class FLDAWarning(UserWarning):
     """The training set does not determine the discriminant well; the message says why and what was done."""
 
 
-@dataclass(frozen=True, slots=True)
-class ScaledScatter:
-    """Statistics of two classes in coordinates without units.
+def checked_features(features: Tensor, n_features: int) -> Tensor:
+    """Return features as float64, or refuse a tensor of the wrong kind or shape.
 
     Args:
-        scale: (...,F) one unit of each feature: its standard deviation within the classes, or for a flat
-            feature the distance between its two values; a constant for autograd.
-        gap: (...,F) difference of the class means, On minus Off; exactly 0 for a feature that is constant.
-        within: (...,F,F) within-class covariance S_w / N; its diagonal is 1, or 0 for a flat feature.
-        noise: (...) how much of the length of ``gap`` can be rounding.
-        flat: (...,F) bool, the feature varies within neither class by more than rounding.
+        features: (...,F) real tensor of any floating or integer dtype.
+        n_features: F, what the last dimension must be.
+
+    Returns:
+        (...,F) float64 on the device of ``features``; gradients flow through.
+
+    Raises:
+        VoccError: not a tensor, complex, or the last dimension is not ``n_features``.
 
     Example:
-        >>> x = torch.tensor([[0.0, 1.0], [4.0, 1.0], [6.0, 1.0], [10.0, 1.0]])
-        >>> scaled = ScaledScatter.of(ClassScatter.of(x, torch.tensor([0, 0, 1, 1]), n_features=2))
-        >>> scaled.scale.tolist(), scaled.gap.tolist(), scaled.flat.tolist()
-        ([2.0, 1.0], [3.0, 0.0], [False, True])
+        >>> checked_features(torch.ones(4, 3, dtype=torch.float16), n_features=3).dtype
+        torch.float64
+    """
+    if not isinstance(features, Tensor):
+        raise VoccError(f"features is of type {type(features).__name__}: it must be a torch tensor")
+    if features.is_complex():
+        raise VoccError(f"features is {features.dtype}: it must be real")
+    if features.ndim < 1 or features.shape[-1] != n_features:
+        shape = tuple(features.shape)
+        raise VoccError(f"features has shape {shape}: the last dimension must be n_features = {n_features}")
+    return features.to(torch.float64)
+
+
+def checked_samples(features: Tensor, bits: Tensor, n_features: int) -> tuple[Tensor, Tensor]:
+    """Return a training set as float64 and bool, or refuse what cannot be learned from.
+
+    Args:
+        features: (...,F) real and finite, any floating or integer dtype; possibly no samples at all.
+        bits: (...) bool, or 0 and 1 in any dtype; True or 1 is On.
+        n_features: F.
+
+    Returns:
+        (...,F) float64 and (...) bool, on the device of ``features``.
+
+    Raises:
+        VoccError: wrong shape or kind, a feature that is not finite or beyond 1e140 in size, or a bit other
+            than 0 and 1.
+
+    Example:
+        >>> checked_samples(torch.tensor([[1, 2]]), torch.tensor([1]), n_features=2)[1].tolist()
+        [True]
+    """
+    rows = checked_features(features, n_features)
+    if not isinstance(bits, Tensor):
+        raise VoccError(f"bits is of type {type(bits).__name__}: it must be a torch tensor")
+    if bits.shape != rows.shape[:-1]:
+        allowed = f"{tuple(rows.shape[:-1])}, that of features without its last dimension"
+        raise VoccError(f"bits has shape {tuple(bits.shape)}: it must be {allowed}")
+    bits = bits.to(rows.device)
+    stray = bits[(bits != 0) & (bits != 1)]
+    if stray.numel():
+        raise VoccError(f"bits holds {stray[0].item():g}: each must be 0 (Off) or 1 (On)")
+    held = rows.abs() <= LARGEST
+    if not bool(held.all()):
+        sample, column = (int(i) for i in (~held).reshape(-1, n_features).nonzero()[0])
+        value = float(rows.reshape(-1, n_features)[sample, column])
+        rule = f"it must be finite, at most {LARGEST:g} in size"
+        raise VoccError(f"features holds {value:g} in feature {column} (sample {sample}): {rule}")
+    return rows, bits == 1
+
+
+@dataclass(frozen=True, slots=True)
+class ClassScatter:
+    """Sufficient statistics of two classes of feature vectors; index 0 is Off, 1 is On.
+
+    Args:
+        count: (...,2) int64, samples seen.
+        mean: (...,2,F) float64, the class means m_0 and m_1; zeros for a class without samples.
+        scatter: (...,2,F,F) float64, sums of outer products about the class means: the two terms of Eq. 15.
+
+    Example:
+        >>> x = torch.tensor([[0.0], [2.0], [5.0]])
+        >>> seen = ClassScatter.of(x, torch.tensor([False, False, True]), n_features=1)
+        >>> seen.count.tolist(), seen.mean.tolist(), seen.within.tolist()
+        ([2, 1], [[1.0], [5.0]], [[2.0]])
     """
 
-    scale: Tensor
-    gap: Tensor
-    within: Tensor
-    noise: Tensor
-    flat: Tensor
+    count: Tensor
+    mean: Tensor
+    scatter: Tensor
 
     @classmethod
-    def of(cls, seen: ClassScatter) -> ScaledScatter:
-        """Scale the statistics of samples of both classes."""
+    def empty(cls, n_features: int) -> ClassScatter:
+        """Statistics of no samples of ``n_features`` features."""
+        count, mean = torch.zeros(2, dtype=torch.int64), torch.zeros(2, n_features, dtype=torch.float64)
+        return cls(count, mean, mean.new_zeros(2, n_features, n_features))
+
+    @classmethod
+    def of(cls, features: Tensor, bits: Tensor, n_features: int) -> ClassScatter:
+        """Sum up one piece of a training set, on the device of ``features``; as :func:`checked_samples`.
+
+        Raises:
+            VoccError: wrong shape or kind, a feature that is not finite, or a bit other than 0 and 1.
+        """
+        rows, on = checked_samples(features, bits, n_features)
+        return cls.of_rows(rows.reshape(-1, n_features), on.reshape(-1))
+
+    @classmethod
+    def of_rows(cls, rows: Tensor, on: Tensor) -> ClassScatter:
+        """Sum up samples (N,F) with their bits (N,), as of :func:`checked_samples`; differentiable."""
+        means, scatters = zip(*(_moments(rows[chosen]) for chosen in (~on, on)), strict=True)
+        return cls(torch.stack([(~on).sum(), on.sum()]), torch.stack(means), torch.stack(scatters))
+
+    @classmethod
+    def stacked(cls, sets: Sequence[ClassScatter], batch: Sequence[int]) -> ClassScatter:
+        """Put the statistics of several training sets into one batch of shape ``batch``."""
+        parts = ([getattr(one, field.name) for one in sets] for field in fields(cls))
+        return cls(*(torch.stack(part).reshape(*batch, *part[0].shape) for part in parts))
+
+    @property
+    def within(self) -> Tensor:
+        """(...,F,F) the within-class scatter S_w of Eq. 15: both classes' sums, pooled over samples."""
+        return self.scatter.sum(dim=-3)
+
+    @property
+    def gap(self) -> Tensor:
+        """(...,F) the difference of the class means, On minus Off."""
+        return self.mean.diff(dim=-2).squeeze(-2)
+
+    def merged(self, other: ClassScatter) -> ClassScatter:
+        """Join the statistics of two disjoint sets of samples, on this one's device.
+
+        The pairwise update of Chan, Golub and LeVeque ("Updating formulae and a pairwise algorithm for
+        computing sample variances", 1979) needs only the difference of the means: no large sums cancel.
+        """
+        theirs = other.to(self.mean.device)
+        count = self.count + theirs.count
+        share = (theirs.count / count.clamp(min=1).to(torch.float64)).unsqueeze(-1)
+        step = theirs.mean - self.mean
+        spread = step.unsqueeze(-1) * step.unsqueeze(-2) * (self.count.unsqueeze(-1) * share).unsqueeze(-1)
+        return ClassScatter(count, self.mean + step * share, self.scatter + theirs.scatter + spread)
+
+    def select(self, features: Sequence[int]) -> ClassScatter:
+        """Keep some features, in the order given.
+
+        Args:
+            features: distinct indices from 0 to F - 1, at least one.
+
+        Raises:
+            VoccError: no index, an index twice, or one out of range.
+        """
+        chosen, known = list(features), self.mean.shape[-1]
+        if not chosen or len(set(chosen)) != len(chosen) or not set(chosen) <= set(range(known)):
+            raise VoccError(f"features is {chosen}: it must name distinct features from 0 to {known - 1}")
+        index = torch.tensor(chosen, device=self.mean.device)
+        scatter = self.scatter[..., index, :][..., index]
+        return ClassScatter(self.count.clone(), self.mean[..., index], scatter)
+
+    def to(self, device: torch.device) -> ClassScatter:
+        """Move every field to ``device``."""
+        return ClassScatter(*(getattr(self, field.name).to(device) for field in fields(self)))
+
+    def checked(self) -> ClassScatter:
+        """Return these statistics, or refuse them where they are out of range.
+
+        Raises:
+            VoccError: sums that overflow float64, which no samples within range have, more than 9e18 samples
+                of a class, or a variance below 0, which no samples have.
+        """
+        if not bool(torch.isfinite(self.gap).all() & torch.isfinite(self.within).all()):
+            raise VoccError(f"scatter is not finite: features up to {LARGEST:g} in size are allowed")
+        if bool((self.count < 0).any()):
+            raise VoccError("count is below 0: more than 9e18 samples of a class, which overflow int64")
+        if bool((self.within.diagonal(dim1=-2, dim2=-1) < 0).any()):
+            raise VoccError("scatter holds a variance below 0: these are no statistics of samples")
+        return self
+
+
+def _moments(rows: Tensor) -> tuple[Tensor, Tensor]:
+    """Mean (F,) of samples (N,F) and scatter (F,F) about it; zeros where N is 0.
+
+    The rows are taken relative to the first one, so that a constant feature has exactly its own mean and no
+    scatter at all, and a common offset costs no digits.
+    """
+    features = rows.shape[1]
+    if rows.shape[0] == 0:
+        return rows.new_zeros(features), rows.new_zeros(features, features)
+    first = rows[0].detach()
+    relative = rows - first
+    centred = relative - relative.mean(dim=0)
+    # What is left of the mean is rounding, and refines it.
+    mean = first + (relative.mean(dim=0) + centred.mean(dim=0))
+    whole = centred.shape[0] // _BLOCK * _BLOCK
+    blocks, tail = centred[:whole].reshape(-1, _BLOCK, features), centred[whole:]
+    return mean, (blocks.mT @ blocks).sum(dim=0) + tail.mT @ tail
+
+
+class Discriminant(NamedTuple):
+    """A linear rule, or a batch of them.
+
+    Args:
+        direction: (...,F) w of Eq. 14; it points from Off to On.
+        threshold: (...) Eq. 19, the midpoint of the projected class means.
+        centre: (...,F) the middle between the class means: scores count from it, so that an offset that all
+            features share cancels before anything is rounded.
+    """
+
+    direction: Tensor
+    threshold: Tensor
+    centre: Tensor
+
+    @classmethod
+    def of(cls, seen: ClassScatter) -> tuple[Discriminant, str]:
+        """Solve for statistics of both classes; the text complains where they do not determine the rule.
+
+        Features are scaled to unit deviation within the classes. A feature that varies within neither class
+        by more than rounding is flat; scaled by the distance between its two values, or constant and without
+        weight where that is rounding too. S_w is solved in the basis of its eigenvectors, which autograd
+        takes as fixed. Directions with less than 1 / CONDITION_LIMIT of the largest variance are left out:
+        where the means differ only in the others this is the least-norm solution. Where the means differ
+        along such a direction too, Eq. 13 is infinite along it. There the variance is taken as 1 /
+        CONDITION_LIMIT of the largest: the separating part rules, and scores stay finite.
+        """
         covariance = seen.within / seen.count.to(torch.float64).sum(dim=-1)[..., None, None]
         rounding = (ROUNDING * seen.mean.detach().abs().amax(dim=-2)).clamp(min=SMALLEST)
         spread = covariance.detach().diagonal(dim1=-2, dim2=-1).sqrt()
@@ -64,96 +259,28 @@ class ScaledScatter:
         gap = torch.where(flat & (seen.gap.abs() <= rounding), 0.0, seen.gap)
         constant = flat & (gap == 0)
         scale = torch.where(flat, torch.where(constant, 1.0, gap.detach().abs()), spread)
+        gap, noise = gap / scale, torch.where(constant, 0.0, rounding / scale).norm(dim=-1)
         within = covariance / scale.unsqueeze(-1) / scale.unsqueeze(-2)
         within = torch.where(flat.unsqueeze(-1) | flat.unsqueeze(-2), 0.0, (within + within.mT) / 2)
-        noise = torch.where(constant, 0.0, rounding / scale).norm(dim=-1)
-        return cls(scale, gap / scale, within, noise, flat)
 
-    @property
-    def constant(self) -> Tensor:
-        """(...,F) bool, the feature is the same in all samples of both classes."""
-        return self.flat & (self.gap == 0)
-
-
-def _directions(scaled: ScaledScatter) -> tuple[Tensor, str]:
-    """Solve Eq. 14 in scaled coordinates: (...,F), and a complaint, empty where the statistics determine it.
-
-    The system is written in the basis of its eigenvectors, which is held fixed for autograd. Any basis gives
-    the same solution and the same gradient as long as all of it is kept. Directions whose variance is below
-    1 / CONDITION_LIMIT of the largest are not: where the difference of the means lies in the others, theirs
-    is the least-norm solution. Where part of it lies outside, Eq. 13 is infinite along that part, which a
-    pseudoinverse would drop; there the variance is taken as 1 / CONDITION_LIMIT of the largest, held fixed:
-    the separating part rules, and scores stay finite.
-    """
-    values, basis = torch.linalg.eigh(scaled.within.detach())
-    floor = values[..., -1:].clamp(min=1.0) / CONDITION_LIMIT
-    null = values <= floor
-    along = (basis.mT @ scaled.gap.unsqueeze(-1)).squeeze(-1)
-    outside = torch.where(null, along.detach(), 0.0).norm(dim=-1)
-    separated = outside > torch.maximum(GAP_LIMIT * scaled.gap.detach().norm(dim=-1), scaled.noise)
-    kept = ~(null.unsqueeze(-1) | null.unsqueeze(-2))
-    system = torch.where(kept, basis.mT @ scaled.within @ basis, torch.diag_embed(floor.expand_as(values)))
-    along = torch.where(null & ~separated.unsqueeze(-1), 0.0, along)
-    solution = (basis @ torch.linalg.solve(system, along.unsqueeze(-1))).squeeze(-1)
-    complaint = _complaint(scaled, null, separated)
-    return torch.where(scaled.constant, 0.0, solution), complaint
-
-
-def _complaint(scaled: ScaledScatter, null: Tensor, separated: Tensor) -> str:
-    """Say of the first set that does not determine its direction why that is, and what was done instead."""
-    coincide = (scaled.gap == 0).all(dim=-1)
-    troubled = (null.any(dim=-1) | coincide).nonzero()
-    if not len(troubled):
-        return ""
-    place = tuple(troubled[0].tolist())
-    parts = [f"set {', '.join(map(str, place))}"] if place else []
-    if bool(coincide[place]):
-        parts.append("the class means coincide, so every score is 0, that is On")
-    if bool(null[place].any()):
-        reasons = []
-        constant, flat = scaled.constant[place], scaled.flat[place]
-        if which := constant.nonzero().flatten().tolist():
-            reasons.append(f"constant features {which} get weight 0")
-        if which := (flat & ~constant).nonzero().flatten().tolist():
-            reasons.append(f"features {which} differ between the classes but not within them")
-        if int(null[place].sum()) > int(flat.sum()):
-            reasons.append(f"the features are collinear, condition number above {CONDITION_LIMIT:g}")
-        outcome = "the classes separate without variance, scores are huge"
-        outcome = outcome if bool(separated[place]) else "least-norm solution"
-        why = "; ".join(reasons)
-        parts.append(f"the within-class scatter is singular or ill-conditioned ({why}): {outcome}")
-    return "; ".join(parts)
-
-
-class Discriminant(NamedTuple):
-    """A linear rule, or a batch of them, with what keeps the digits of features at a large offset.
-
-    Args:
-        direction: (...,F) w of Eq. 14; it points from Off to On.
-        threshold: (...) Eq. 19, the midpoint of the projected class means.
-        centre: (...,F) the middle between the class means, rounded.
-        rest: (...) the projection of what rounding took from ``centre``.
-    """
-
-    direction: Tensor
-    threshold: Tensor
-    centre: Tensor
-    rest: Tensor
-
-    @classmethod
-    def of(cls, seen: ClassScatter) -> tuple[Discriminant, str]:
-        """Solve for statistics of both classes; the text complains where they do not determine the rule."""
-        scaled = ScaledScatter.of(seen)
-        solution, complaint = _directions(scaled)
-        direction = solution / scaled.scale
-        centre, lost = seen.midpoint
-        rest = (direction * lost).sum(dim=-1)
-        return cls(direction, (direction * centre).sum(dim=-1) + rest, centre, rest), complaint
+        values, basis = torch.linalg.eigh(within.detach())
+        floor = values[..., -1:].clamp(min=1.0) / CONDITION_LIMIT
+        null = values <= floor
+        along = (basis.mT @ gap.unsqueeze(-1)).squeeze(-1)
+        outside = torch.where(null, along.detach(), 0.0).norm(dim=-1)
+        separated = outside > torch.maximum(GAP_LIMIT * gap.detach().norm(dim=-1), noise)
+        kept = ~(null.unsqueeze(-1) | null.unsqueeze(-2))
+        system = torch.where(kept, basis.mT @ within @ basis, torch.diag_embed(floor.expand_as(values)))
+        along = torch.where(null & ~separated.unsqueeze(-1), 0.0, along)
+        solution = (basis @ torch.linalg.solve(system, along.unsqueeze(-1))).squeeze(-1)
+        direction = torch.where(constant, 0.0, solution) / scale
+        # Halved first: the sum of two means may overflow.
+        centre = (seen.mean / 2).sum(dim=-2)
+        complaint = _complaint(gap, flat, null, separated)
+        return cls(direction, (direction * centre).sum(dim=-1), centre), complaint
 
     def scores(self, features: Tensor) -> Tensor:
         """Score feature vectors: ``w . x - threshold``, at least 0 for On (Eq. 18); differentiable.
-
-        Evaluated as ``w . (x - centre)``, less the rest: a common offset cancels before anything is rounded.
 
         Args:
             features: (...,N,F) real, any floating or integer dtype; leading dimensions broadcast.
@@ -165,7 +292,32 @@ class Discriminant(NamedTuple):
             VoccError: features of the wrong kind or shape.
         """
         apart = checked_features(features, self.direction.shape[-1]) - self.centre.unsqueeze(-2)
-        return (apart * self.direction.unsqueeze(-2)).sum(dim=-1) - self.rest.unsqueeze(-1)
+        return (apart * self.direction.unsqueeze(-2)).sum(dim=-1)
+
+
+def _complaint(gap: Tensor, flat: Tensor, null: Tensor, separated: Tensor) -> str:
+    """Say why the first set that does not determine its direction does not, and what was done instead."""
+    coincide = (gap == 0).all(dim=-1)
+    troubled = (null.any(dim=-1) | coincide).nonzero()
+    if not len(troubled):
+        return ""
+    place = tuple(troubled[0].tolist())
+    parts = [f"set {', '.join(map(str, place))}"] if place else []
+    if bool(coincide[place]):
+        parts.append("the class means coincide, so every score is 0, that is On")
+    if bool(null[place].any()):
+        reasons = []
+        if which := (flat & (gap == 0))[place].nonzero().flatten().tolist():
+            reasons.append(f"constant features {which} get weight 0")
+        if which := (flat & (gap != 0))[place].nonzero().flatten().tolist():
+            reasons.append(f"features {which} differ between the classes but not within them")
+        if int(null[place].sum()) > int(flat[place].sum()):
+            reasons.append(f"the features are collinear, condition number above {CONDITION_LIMIT:g}")
+        outcome = "the classes separate without variance, scores are huge"
+        outcome = outcome if bool(separated[place]) else "least-norm solution"
+        why = "; ".join(reasons)
+        parts.append(f"the within-class scatter is singular or ill-conditioned ({why}): {outcome}")
+    return "; ".join(parts)
 
 
 def discriminant(features: Tensor, bits: Tensor) -> Discriminant:

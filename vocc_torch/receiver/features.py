@@ -1,8 +1,9 @@
-"""The paper's features of an LED on rectified patches: AGR (Eq. 4), GRI (Eqs 5 to 8) and NGR (Eq. 9)."""
+"""What is measured of an LED: AGR (Eq. 4), GRI (Eqs 5 to 8), NGR (Eq. 9); grey values for the baselines."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 from functools import lru_cache
 from typing import Literal, get_args
 
@@ -24,7 +25,7 @@ MOST_GREY = 1e9
 
 
 def _samples_per_led(patches: Tensor, shape: PanelShape) -> int:
-    """Give K of patches (B,1,(R+2)K,(C+2)K), or refuse those that are not of ``shape`` or not floating."""
+    """Return K of patches (B,1,(R+2)K,(C+2)K), or refuse those that are not of ``shape`` or not floating."""
     samples = patches.shape[-1] // (shape.columns + 2)
     wanted = ((shape.rows + 2) * samples, (shape.columns + 2) * samples)
     if patches.ndim != 4 or samples < 1 or tuple(patches.shape[-2:]) != wanted:
@@ -37,7 +38,7 @@ def _samples_per_led(patches: Tensor, shape: PanelShape) -> int:
 
 
 def checked_greys(greys: Tensor, name: str) -> Tensor:
-    """Give back floating grey values, or refuse what is none.
+    """Return floating grey values, or refuse what is none.
 
     Raises:
         VoccError: a value below 0, above 1e9, NaN, or integers.
@@ -98,7 +99,7 @@ def average_greyscale_ratio(means: Tensor) -> Tensor:
 
 
 def _average_ratio(means: Tensor) -> Tensor:
-    """Give the AGR of means that are checked."""
+    """Return the AGR of means that are checked."""
     inner = means[:, 1:-1, 1:-1]
     return _ratio_to_panel(inner, inner.mean(dim=(1, 2)))
 
@@ -124,7 +125,7 @@ def neighbour_greyscale_ratio(means: Tensor) -> Tensor:
 
 
 def _neighbour_ratio(means: Tensor) -> Tensor:
-    """Give the NGR of means that are checked."""
+    """Return the NGR of means that are checked."""
     neighbours = F.conv2d(means.unsqueeze(1), _ring(means.dtype, means.device))[:, 0]
     return _ratio_to_panel(neighbours, means[:, 1:-1, 1:-1].mean(dim=(1, 2)))
 
@@ -234,21 +235,23 @@ def gradient_radial_inwardness(
 
 def led_features(
     patches: Tensor,
-    means: Tensor,
+    means: Tensor | None,
     shape: PanelShape,
     cell_width_px: Tensor,
     cell_height_px: Tensor,
     kernel: Gradient = "sobel",
+    needed: Collection[str] = FEATURE_NAMES,
 ) -> Tensor:
-    """All features of each LED, in the order of ``FEATURE_NAMES``.
+    """Features of each LED, in the order of ``FEATURE_NAMES``; zeros for those that are not needed.
 
     Args:
         patches: see :func:`gradient_radial_inwardness`.
-        means: what :func:`cell_means` gave of the patches; it has checked them.
+        means: what :func:`cell_means` gave of the patches; it has checked them. None will do for GRI alone.
         shape: rows and columns.
         cell_width_px: see :func:`gradient_radial_inwardness`.
         cell_height_px: likewise.
         kernel: see :func:`image_gradient`.
+        needed: some of ``FEATURE_NAMES``.
 
     Returns:
         (B,R,C,3) AGR, GRI and NGR.
@@ -262,5 +265,52 @@ def led_features(
         >>> led_features(patches, means, PanelShape(1, 1), size, size)[0, 0, 0].tolist()
         [1.0, 0.0, 1.0]
     """
-    gri = gradient_radial_inwardness(patches, shape, cell_width_px, cell_height_px, kernel)
-    return torch.stack([_average_ratio(means), gri, _neighbour_ratio(means)], dim=-1)
+    agr = gri = ngr = patches.new_zeros(len(patches), shape.rows, shape.columns)
+    if "gri" in needed:
+        gri = gradient_radial_inwardness(patches, shape, cell_width_px, cell_height_px, kernel)
+    if means is not None:
+        agr = _average_ratio(means) if "agr" in needed else agr
+        ngr = _neighbour_ratio(means) if "ngr" in needed else ngr
+    return torch.stack([agr, gri, ngr], dim=-1)
+
+
+def preamble_threshold(on_greys: Tensor, off_greys: Tensor) -> Tensor:
+    """Threshold halfway between the mean grey of an all-On and of an all-Off preamble.
+
+    Args:
+        on_greys: (B,R,C) grey value of each LED in the all-On preamble of the same scene, finite.
+        off_greys: (B,R,C) likewise, all Off.
+
+    Returns:
+        (B,1,1) float64 threshold. Where both preambles are equal it is that level: an LED at it reads On.
+        It has no sign: with preambles that are swapped an LED still reads On where it is the brighter.
+
+    Raises:
+        VoccError: a grey value that is not finite.
+
+    Example:
+        >>> float(preamble_threshold(torch.full((1, 2, 2), 200.0), torch.full((1, 2, 2), 100.0)))
+        150.0
+    """
+    # In float64 the mean of equal float32 values is that value, whatever their number.
+    on, off = (greys.mean(dim=(1, 2), keepdim=True, dtype=torch.float64) for greys in (on_greys, off_greys))
+    threshold = (on + off) / 2
+    if not bool(threshold.isfinite().all()):
+        raise VoccError("preambles hold grey values that are not finite: each must be finite")
+    return threshold
+
+
+def greyscale_scores(greys: Tensor, threshold: Tensor) -> Tensor:
+    """Grey values above the threshold, (B,R,C) and (B,1,1) to (B,R,C) float64; at least 0, so 0 too, is On.
+
+    Raises:
+        VoccError: a grey value or threshold that is not finite.
+
+    Example:
+        >>> greyscale_scores(torch.tensor([[[160.0, 140.0]]]), torch.tensor([[[150.0]]])).tolist()
+        [[[10.0, -10.0]]]
+    """
+    scores = greys.to(torch.float64) - threshold
+    if not bool(scores.isfinite().all()):
+        raise VoccError("grey values or thresholds give a score that is not finite: both must be finite")
+    return scores

@@ -10,11 +10,10 @@ import torch
 from torch import Tensor, nn
 
 from vocc_torch.errors import VoccError
-from vocc_torch.receiver.discriminant import Discriminant
+from vocc_torch.receiver.discriminant import ClassScatter, Discriminant, checked_features
 from vocc_torch.receiver.discriminant import FLDAWarning as FLDAWarning
-from vocc_torch.receiver.scatter import ClassScatter, checked_features
 
-_PARTS = ("count", "mean", "mean_rest", "scatter", "scatter_rest")
+_PARTS = ("count", "mean", "scatter")
 """The statistics' buffers, in the order of the fields of :class:`ClassScatter`."""
 
 
@@ -54,9 +53,7 @@ class FLDA(nn.Module):
 
     count: Tensor
     mean: Tensor
-    mean_rest: Tensor
     scatter: Tensor
-    scatter_rest: Tensor
 
     def __init__(self, n_features: int) -> None:
         """Start without samples."""
@@ -135,7 +132,7 @@ class FLDA(nn.Module):
         return self
 
     def select(self, features: Sequence[int]) -> FLDA:
-        """Give a new discriminant on some of the features, in the order given, from the same statistics.
+        """Return a new discriminant on some of the features, in the order given, from the same statistics.
 
         Args:
             features: distinct indices from 0 to F - 1, at least one.
@@ -167,7 +164,7 @@ class FLDA(nn.Module):
         """
         points = checked_features(features, self.n_features)
         rule = self._solved()
-        return ((points - rule.centre) * rule.direction).sum(dim=-1).sub_(rule.rest)
+        return ((points - rule.centre) * rule.direction).sum(dim=-1)
 
     def forward(self, features: Tensor) -> Tensor:
         """Score feature vectors; the same as ``decision_function``."""
@@ -201,7 +198,7 @@ class FLDA(nn.Module):
         self._solution = None
 
     def _solved(self) -> Discriminant:
-        """Give the solution of the present statistics, solving it where they have changed."""
+        """Return the solution of the present statistics, solving it where they have changed."""
         if self._solution is None:
             # Normal tensors even inside inference_mode, so that the kept solution can serve autograd later.
             # Solved on the host: a few numbers, and the same direction on whatever device scores are wanted.
@@ -237,10 +234,10 @@ def _require_both(seen: ClassScatter) -> None:
 
 
 def _before_load(_module: nn.Module, state: dict[str, Tensor], prefix: str, *_rest: object) -> None:
-    """Take statistics that were written before means and scatters had a second number: it is 0."""
+    """Add up means and scatters that an older version wrote as sums of two numbers each."""
     for name in ("mean", "scatter"):
-        if f"{prefix}{name}" in state:
-            state.setdefault(f"{prefix}{name}_rest", torch.zeros_like(state[f"{prefix}{name}"]))
+        if (rest := state.pop(f"{prefix}{name}_rest", None)) is not None:
+            state[f"{prefix}{name}"] = state[f"{prefix}{name}"] + rest
 
 
 def _after_load(module: nn.Module, _incompatible: object) -> None:

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from vocc_torch.receiver.homography import map_points
 from vocc_torch.receiver.lattice_model import corner_cells, linear_light, read_patches, sample_cells
+from vocc_torch.receiver.rectification import map_points
 from vocc_torch.types import Frames, PanelShape
 
 _MARGIN = 2
@@ -116,7 +116,7 @@ def search_lattice(
 
 
 def _by_leds(shape: PanelShape, across: Tensor, down: Tensor) -> list[tuple[int, Tensor]]:
-    """Give the products of each axis by its number of LEDs; of axes alike as one batch."""
+    """Return the products of each axis by its number of LEDs; of axes alike as one batch."""
     if shape.columns == shape.rows:
         return [(shape.rows, torch.cat([across, down]))]
     return [(shape.columns, across), (shape.rows, down)]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from typing import get_args
 
@@ -10,14 +10,12 @@ import torch
 from torch import Tensor
 
 from vocc_torch.errors import VoccError
-from vocc_torch.receiver.features import (
-    Gradient,
-    cell_means,
-    checked_greys,
-    led_features,
-)
+from vocc_torch.receiver.features import FEATURE_NAMES, Gradient, cell_means, checked_greys, led_features
 from vocc_torch.receiver.rectification import cell_size_px, centre_greys, rectify_takes
 from vocc_torch.types import Frames, Panels, PanelShape
+
+MEASURED = (*FEATURE_NAMES, "average", "centre")
+"""What can be measured of an LED: the paper's features, its cell's mean grey and its centre pixel's."""
 
 # An eighth of a gigabyte in float32, and a whole one while they are measured.
 _MOST_SAMPLES = 1 << 25
@@ -107,41 +105,68 @@ class Reader:
             VoccError: takes that do not fit each other or the panels, corners that are not finite, or at a
                 panel in floating frames what is no grey value, NaN or negative.
         """
-        with torch.autocast(takes[0].grey.device.type, enabled=False):
-            patches = self._patches(takes, panels)
-            means = [cell_means(one, self.shape) for one in patches]
-            greys = [
-                Greys(mean[:, 1:-1, 1:-1], centre_greys(take, panels, self.shape))
-                for mean, take in zip(means, takes, strict=True)
-            ]
-            sizes = cell_size_px(panels.corners_px, self.shape)
-            features = led_features(patches[0], means[0], self.shape, *sizes, self.gradient)
-            cell_px = torch.stack(sizes, dim=-1)
-        return Readings(features.to(torch.float64), greys[0], patches[0], cell_px), greys[1:]
+        patches = self.rectify(takes, panels)
+        first, *rest = (
+            self.measure(take, panels, patch, needed)
+            for take, patch, needed in zip(
+                takes, patches, [MEASURED, *[("average", "centre")] * (len(takes) - 1)], strict=True
+            )
+        )
+        return first, [one.greys for one in rest]
 
-    def read_features(self, frames: Frames, panels: Panels) -> Tensor:
-        """Measure the features only, (B,R,C,3) float64, to the last bit as :meth:`read` does.
+    def read_features(self, frames: Frames, panels: Panels, names: Sequence[str] = FEATURE_NAMES) -> Tensor:
+        """Measure named features only, (B,R,C,N) float64, to the last bit as :meth:`read` does.
 
         Raises:
             VoccError: what :meth:`read_takes` refuses, greys at the LEDs' centres aside.
         """
-        with torch.autocast(frames.grey.device.type, enabled=False):
-            (patches,) = self._patches([frames], panels)
-            means = cell_means(patches, self.shape)
-            sizes = cell_size_px(panels.corners_px, self.shape)
-            return led_features(patches, means, self.shape, *sizes, self.gradient).to(torch.float64)
+        readings = self.measure(frames, panels, self.rectify([frames], panels)[0], names)
+        return readings.features[..., [FEATURE_NAMES.index(name) for name in names]]
 
     def read_greys(self, frames: Frames, panels: Panels) -> Greys:
         """Measure grey levels only."""
-        with torch.autocast(frames.grey.device.type, enabled=False):
-            (patches,) = self._patches([frames], panels)
-            means = cell_means(patches, self.shape)[:, 1:-1, 1:-1]
-            return Greys(means, centre_greys(frames, panels, self.shape))
+        (patches,) = self.rectify([frames], panels)
+        return self.measure(frames, panels, patches, ("average", "centre")).greys
 
-    def _patches(self, takes: Sequence[Frames], panels: Panels) -> list[Tensor]:
-        """Rectify, and check what bytes cannot be."""
-        patches = rectify_takes(takes, panels, self.shape, self.samples_per_led)
+    def rectify(
+        self, takes: Sequence[Frames], panels: Panels, dtype: torch.dtype | None = None
+    ) -> list[Tensor]:
+        """Resample the panel in each take, as :func:`vocc_torch.receiver.rectification.rectify` does.
+
+        Raises:
+            VoccError: what :meth:`read_takes` refuses.
+        """
+        with torch.autocast(takes[0].grey.device.type, enabled=False):
+            patches = rectify_takes(takes, panels, self.shape, self.samples_per_led, dtype)
         for take, patch in zip(takes, patches, strict=True):
+            # Bytes cannot be anything else than grey values.
             if take.grey.is_floating_point():
                 checked_greys(patch, "frames.grey at a panel")
         return patches
+
+    def measure(
+        self, frames: Frames, panels: Panels, patches: Tensor | None, needed: Collection[str] = MEASURED
+    ) -> Readings:
+        """Measure located panels, and of them only what is needed; the rest is zeros.
+
+        Args:
+            frames: B frames.
+            panels: where the panel is in each.
+            patches: what :meth:`rectify` gave of the frames; None will do where ``centre`` alone is needed.
+            needed: some of ``MEASURED``.
+
+        Raises:
+            VoccError: what :meth:`read_takes` refuses.
+        """
+        shape, sizes = self.shape, cell_size_px(panels.corners_px, self.shape)
+        with torch.autocast(frames.grey.device.type, enabled=False):
+            features = average = centre = sizes[0].new_zeros(len(frames), shape.rows, shape.columns)
+            if "centre" in needed:
+                centre = centre_greys(frames, panels, shape)
+            if patches is None:
+                features, patches = features[..., None].expand(-1, -1, -1, 3), frames.grey[..., :0, :0]
+            else:
+                means = cell_means(patches, shape) if {"agr", "ngr", "average"} & {*needed} else None
+                features = led_features(patches, means, shape, *sizes, self.gradient, needed).double()
+                average = average if means is None else means[:, 1:-1, 1:-1]
+        return Readings(features, Greys(average, centre), patches, torch.stack(sizes, dim=-1))

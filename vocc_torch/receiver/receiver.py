@@ -1,4 +1,4 @@
-"""The receiver that a user keeps: frames in, bits out, and one file that holds it whole."""
+"""A receiver by stages: locate, rectify, measure, decide; and the one that a user keeps in a file."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ import torch
 from torch import Tensor, nn
 
 from vocc_torch.errors import VoccError
-from vocc_torch.receiver.bank import FLDA_FEATURES, feature_indices
+from vocc_torch.receiver.bank import FLDA_FEATURES, Preambles, ReceiverBank
 from vocc_torch.receiver.flda import FLDA
 from vocc_torch.receiver.locators import PanelLocator, locator_from, locator_settings
 from vocc_torch.receiver.model_file import Settings, read_model, write_model
-from vocc_torch.receiver.reader import Reader
+from vocc_torch.receiver.reader import Reader, Readings
 from vocc_torch.types import Frames, Panels, PanelShape
 
 
@@ -39,6 +39,84 @@ class Decoded:
     candidates: Tensor
 
 
+@dataclass(frozen=True, slots=True)
+class StagedReceiver:
+    """Named receivers that share location, rectification and measurement, stage by stage.
+
+    Each stage is a method that takes what those before it gave, so it can be shared, replaced and timed
+    alone: :meth:`locate`, :meth:`rectify`, :meth:`measure`, :meth:`decide`. Each does only what the named
+    receivers need. A call runs them all.
+
+    Args:
+        bank: the receivers by name, and how they decide.
+        reader: the panel's shape, samples of an LED and gradient.
+        locator: finds the panel, or None where corners are known.
+        dtype: working precision of rectification; see :func:`vocc_torch.receiver.rectification.rectify`.
+
+    Example:
+        >>> frames = Frames.whole(torch.full((1, 40, 40), 50, dtype=torch.uint8))
+        >>> corners = torch.tensor([[[8.0, 8.0], [32.0, 8.0], [32.0, 32.0], [8.0, 32.0]]])
+        >>> panels, flda = Panels.known(corners), FLDA(3)
+        >>> _ = flda.update(torch.rand(64, 3), torch.arange(64) % 2)
+        >>> staged = StagedReceiver(ReceiverBank(["flda_3", "flda_agr"], flda), Reader(PanelShape(4, 4)))
+        >>> patches = staged.rectify(frames, panels)
+        >>> scores = staged.decide(staged.measure(frames, panels, patches))
+        >>> sorted(scores), tuple(scores["flda_3"].shape)
+        (['flda_3', 'flda_agr'], (1, 4, 4))
+    """
+
+    bank: ReceiverBank
+    reader: Reader
+    locator: PanelLocator | None = None
+    dtype: torch.dtype | None = None
+
+    def locate(self, frames: Frames) -> Panels:
+        """Find the panel in each frame.
+
+        Raises:
+            VoccError: there is no locator, or frames that it cannot read.
+        """
+        if self.locator is None:
+            raise VoccError("this receiver has no locator: give it one, or the panels' corners")
+        return self.locator(frames, self.reader.shape)
+
+    def rectify(self, frames: Frames, panels: Panels) -> Tensor | None:
+        """Resample located panels, (B,1,(R+2)K,(C+2)K); None where only single pixels are read."""
+        if not self.bank.needs_patches:
+            return None
+        return self.reader.rectify([frames], panels, self.dtype)[0]
+
+    def measure(self, frames: Frames, panels: Panels, patches: Tensor | None) -> Readings:
+        """Measure what the receivers decide on; features and grey values that none needs are zeros.
+
+        Args:
+            frames: B frames.
+            panels: where the panel is in each.
+            patches: what :meth:`rectify` gave.
+        """
+        return self.reader.measure(frames, panels, patches, self.bank.needed)
+
+    def preambles(self, on: Frames, off: Frames, panels: Panels) -> Preambles:
+        """Measure the grey levels of the all-On and the all-Off frame of the same scenes."""
+        takes = (self.measure(take, panels, self.rectify(take, panels)).greys for take in (on, off))
+        return Preambles(*takes)
+
+    def decide(self, readings: Readings, preambles: Preambles | None = None) -> dict[str, Tensor]:
+        """Score every LED with every receiver: name to (B,R,C) float64, at least 0 is On (Eq. 18).
+
+        Raises:
+            VoccError: a greyscale receiver without preambles.
+        """
+        return self.bank.scores(readings, preambles)
+
+    def __call__(
+        self, frames: Frames, panels: Panels | None = None, preambles: Preambles | None = None
+    ) -> dict[str, Tensor]:
+        """Run all stages; location is left out where the panels are known."""
+        where = self.locate(frames) if panels is None else panels
+        return self.decide(self.measure(frames, where, self.rectify(frames, where)), preambles)
+
+
 class Receiver(nn.Module):
     """Locate the panel, rectify it, measure its LEDs and decide their bits.
 
@@ -57,10 +135,9 @@ class Receiver(nn.Module):
         if name not in FLDA_FEATURES:
             raise VoccError(f"receiver name is {name!r}: it must be one of {', '.join(FLDA_FEATURES)}")
         self.name = name
-        self.columns = feature_indices(name)
-        if classifier.n_features != len(self.columns):
+        if classifier.n_features != (needed := len(FLDA_FEATURES[name])):
             has = f"the classifier has {classifier.n_features} features"
-            raise VoccError(f"{has}: receiver {name} needs {len(self.columns)}")
+            raise VoccError(f"{has}: receiver {name} needs {needed}")
         self.locator = locator
         self.reader = reader
         self.classifier = classifier
@@ -95,7 +172,7 @@ class Receiver(nn.Module):
             VoccError: frames that no locator reads, or floating ones that hold no grey values at a panel.
         """
         where = self.locator(frames, self.shape) if panels is None else panels
-        features = self.reader.read_features(frames, where)[..., self.columns]
+        features = self.reader.read_features(frames, where, FLDA_FEATURES[self.name])
         found = where.found.view(-1, 1, 1)
         scores = torch.where(found, self.classifier.decision_function(features), 0.0)
         bits = (scores >= 0) & found

@@ -1,70 +1,126 @@
-"""The located panel resampled to one fixed grid: K x K samples an LED cell, with one cell of margin."""
+"""The located panel resampled to one fixed grid: K x K samples an LED cell, with one cell of margin.
+
+The projective maps between cells and pixels are those of Heckbert (1989).
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import lru_cache
-from typing import NamedTuple
 
-import numpy as np
 import torch
 import torch.nn.functional as F
 from torch import Tensor
 
 from vocc_torch.errors import VoccError
 from vocc_torch.receiver.features import checked_greys
-from vocc_torch.receiver.homography import (
-    cell_homography,
-    cell_size_px,
-    map_cells,
-    meets_horizon,
-    on_host,
-)
-from vocc_torch.receiver.host_geometry import window
 from vocc_torch.types import Frames, Panels, PanelShape
 
-__all__ = ["cell_homography", "cell_size_px", "centre_greys", "rectify", "rectify_takes"]
+MOST_PX = 1e15
+"""Corners farther than this from the sensor's corner are no corners."""
 
 MOST_READINGS = 1 << 22
 """Most bilinear readings at a time, and of a frame where its samples alone are not more."""
 
-
-def _cut(frames: Frames, chosen: Tensor, origin: Tensor, size: tuple[int, int], dtype: torch.dtype) -> Tensor:
-    """Cut a window of ``size`` (h,w) out of n frames at sensor pixel ``origin`` (n,2); borders go on."""
-    height, width = frames.grey.shape[-2:]
-    place = origin - frames.origin_px[chosen]
-    if len(chosen) == 1 and place.device.type == "cpu":
-        left, top = place[0].tolist()
-        if min(left, top) >= 0 and left + size[1] <= width and top + size[0] <= height:
-            return frames.grey[int(chosen), :, top : top + size[0], left : left + size[1]].to(dtype)
-    rows = (place[:, 1:] + torch.arange(size[0], device=place.device)).clamp(0, height - 1)
-    columns = (place[:, :1] + torch.arange(size[1], device=place.device)).clamp(0, width - 1)
-    frame = chosen.view(-1, 1, 1)
-    return frames.grey[:, 0][frame, rows.unsqueeze(-1), columns.unsqueeze(-2)].to(dtype)
+# A corner between sides a and b is one where they part: a x b above this, px^2, and above this share of the
+# longest side's square.
+_FLAT_PX2, _FLAT_SHARE = 1e-9, 1e-12
 
 
-def _reach(frames: Frames, origin_px: Tensor) -> tuple[Tensor, Tensor]:
-    """How far out pixels are read: on the sensor, to a crop's size around it; least and most (x, y), (n,2).
+def cell_homography(corners_px: Tensor, shape: PanelShape) -> Tensor:
+    """Projective map from cell coordinates (column, row; 0 to C, 0 to R) to pixels.
 
-    Farther out the border pixels go on, so a wild quadrilateral of a false panel needs no larger window.
+    Args:
+        corners_px: (B,4,2) corners of the grid of cells, clockwise from the top left, within 1e15 px. Where
+            they are not strictly convex (collinear, coincident, crossed or concave) they are no picture of a
+            panel: everything maps onto the first.
+        shape: rows and columns.
+
+    Returns:
+        (B,3,3) float64 homographies, finite.
+
+    Raises:
+        VoccError: a corner that is not finite, or beyond 1e15 px.
+
+    Example:
+        >>> corners = torch.tensor([[[2.0, 3.0], [10.0, 3.0], [10.0, 11.0], [2.0, 11.0]]])
+        >>> cell_homography(corners, PanelShape(8, 8))[0].round(decimals=6).tolist()
+        [[1.0, 0.0, 2.0], [0.0, 1.0, 3.0], [0.0, 0.0, 1.0]]
     """
-    height, width = frames.grey.shape[-2:]
-    extent = origin_px.new_tensor([width, height])
-    sensor = origin_px.new_tensor(frames.sensor_px[::-1])
-    least = (origin_px - extent).clamp(min=0)
-    return least.double(), torch.minimum(origin_px + 2 * extent, sensor).double()
+    corners = corners_px.to(torch.float64)
+    if not bool((corners.abs() <= MOST_PX).all()):
+        most = float(corners.abs().amax())
+        raise VoccError(f"corners_px reaches {most:g} px: corners must be finite and within {MOST_PX:g} px")
+    side = corners.roll(-1, 1) - corners
+    following = side.roll(-1, 1)
+    turn = side[..., 0] * following[..., 1] - side[..., 1] * following[..., 0]
+    least = _FLAT_PX2 + _FLAT_SHARE * side.square().sum(2).amax(1)
+    convex = (turn.amin(1) > least) | (turn.amax(1) < -least)
+    first, second, third, fourth = corners.unbind(1)
+    right, left = second - third, fourth - third
+    skew = first - second + third - fourth
+    area = torch.where(convex, right[:, 0] * left[:, 1] - right[:, 1] * left[:, 0], 1.0)
+    g = (skew[:, :1] * left[:, 1:] - skew[:, 1:] * left[:, :1]) / area[:, None]
+    h = (right[:, :1] * skew[:, 1:] - right[:, 1:] * skew[:, :1]) / area[:, None]
+    across, down = 1 / shape.columns, 1 / shape.rows
+    to_x, to_y = (second - first + g * second) * across, (fourth - first + h * fourth) * down
+    columns = torch.stack([torch.cat([to_x, g * across], 1), torch.cat([to_y, h * down], 1)], 2)
+    columns = columns * convex.view(-1, 1, 1)
+    return torch.cat([columns, torch.cat([first, torch.ones_like(g)], 1)[..., None]], 2)
 
 
-class _Window(NamedTuple):
+def cell_size_px(corners_px: Tensor, shape: PanelShape) -> tuple[Tensor, Tensor]:
+    """Mean width and height of an LED cell in the image, (B,) each, px: the gradients' resampling scale.
+
+    Example:
+        >>> corners = torch.tensor([[[0.0, 0.0], [16.0, 0.0], [16.0, 24.0], [0.0, 24.0]]])
+        >>> [float(size) for size in cell_size_px(corners, PanelShape(8, 8))]
+        [2.0, 3.0]
+    """
+    sides = torch.linalg.vector_norm(corners_px.roll(-1, 1) - corners_px, dim=-1)
+    both = (sides[:, :2] + sides[:, 2:]) / 2
+    return both[:, 0] / shape.columns, both[:, 1] / shape.rows
+
+
+def map_points(corners_px: Tensor, cells: Tensor, shape: PanelShape) -> Tensor:
+    """Map points in cell coordinates, (B,P,2) columns and rows, into the image, (B,P,2) px, finite.
+
+    Example:
+        >>> corners = torch.tensor([[[2.0, 3.0], [10.0, 3.0], [10.0, 11.0], [2.0, 11.0]]]).double()
+        >>> point = torch.tensor([[[8.0, -1.0]]]).double()
+        >>> map_points(corners, point, PanelShape(8, 8)).round(decimals=9).tolist()
+        [[[10.0, 2.0]]]
+    """
+    columns = cell_homography(corners_px, shape).mT[:, None]
+    mapped = cells[..., :1] * columns[:, :, 0] + cells[..., 1:] * columns[:, :, 1] + columns[:, :, 2]
+    # A point on the horizon is as far away as a corner may be.
+    return (mapped[..., :2] / mapped[..., 2:]).nan_to_num().clamp(-MOST_PX, MOST_PX)
+
+
+def _map_grid(homography: Tensor, x: Tensor, y: Tensor) -> Tensor:
+    """Map the grid of cell coordinates x (w,) by y (h,) to pixels, (B,2,h,w).
+
+    From the horizon on, where there is no image, it is as far away as just before it, and finite or infinite.
+    """
+    across = homography[:, :, 0, None] * x + homography[:, :, 2, None]
+    mapped = across[:, :, None, :] + (homography[:, :, 1, None] * y)[..., None]
+    if bool((homography[:, 2, :2] == 0).all()):
+        return mapped[:, :2]
+    return mapped[:, :2] / mapped[:, 2:].clamp(min=torch.finfo(mapped.dtype).tiny)
+
+
+@dataclass(frozen=True, slots=True)
+class _Window:
     """Where n panels are read.
 
     Args:
-        origin: (n,2) int64, first pixel of the window that is cut out, on the sensor.
+        origin: (n,2) int64, first pixel (x, y) of the window that is cut out, on the sensor.
         size: its height and width.
         homography: (n,3,3), from cells to pixels, counted from a whole pixel beside the panel.
-        first: (n,2) the window's first pixel (x, y), so counted.
-        last: (n,2) the last position that is read, so counted.
+        first: (n,2,1,1) the window's first pixel (x, y), so counted.
+        last: (n,2,1,1) the last position that is read, so counted.
     """
 
     origin: Tensor
@@ -78,118 +134,70 @@ def _window(
     frames: Frames, chosen: Tensor, homography: Tensor, x: Tensor, y: Tensor, dtype: torch.dtype
 ) -> _Window:
     """Bound what is read of n chosen frames at cell coordinates x (w,) by y (h,)."""
-    ends = torch.stack([ends.flatten(1) for ends in map_cells(homography, x[[0, -1]], y[[0, -1]])], dim=1)
-    least, most = _reach(frames, frames.origin_px[chosen])
-    lowest, highest = (torch.minimum(torch.maximum(v, least), most) for v in (ends.amin(2), ends.amax(2)))
-    # Between the grid's corners and the horizon is no image, or all of it: its corners bound nothing.
-    endless = meets_horizon(homography, x, y)
-    lowest, highest = torch.where(endless, least, lowest), torch.where(endless, most, highest)
-    window = torch.floor(lowest - 0.5)
-    corner = torch.minimum(torch.maximum(torch.floor(homography[:, :2, 2]), window), highest.floor())
-    origin = torch.where(endless, corner, window)
-    first, last = window - origin, torch.ceil(highest - origin)
-    width, height = (int(v) + 2 for v in (last - first).amax(0).tolist())
-    # Half a pixel off, so that whole numbers are pixel centres; as a product with a shift, exact in float64.
-    shift = torch.eye(3, dtype=homography.dtype, device=homography.device).repeat(len(chosen), 1, 1)
-    shift[:, :2, 2] = -origin - 0.5
-    shifted = (shift @ homography).to(dtype)
-    return _Window(window.long(), (height, width), shifted, first.to(dtype), last.to(dtype))
-
-
-def _window_on_host(
-    frames: Frames, chosen: Tensor, homography: Tensor, x: Tensor, y: Tensor, dtype: torch.dtype
-) -> _Window:
-    """Do what :func:`_window` does frame by frame."""
     height, width = frames.grey.shape[-2:]
-    (rows, columns), found = frames.sensor_px, []
-    ends = (float(x[0]), float(x[-1])), (float(y[0]), float(y[-1]))
-    for (left, top), cells in zip(
-        frames.origin_px[chosen].tolist(), homography.flatten(1).tolist(), strict=True
-    ):
-        least = max(left - width, 0), max(top - height, 0)
-        most = min(left + 2 * width, columns), min(top + 2 * height, rows)
-        found.append(window(cells, *ends, least, most))
-    size = [max(one.last[axis] - one.first[axis] for one in found) + 2 for axis in (1, 0)]
-    return _Window(
-        torch.tensor([(one.left, one.top) for one in found]),
-        (size[0], size[1]),
-        torch.tensor([one.cells for one in found], dtype=dtype).view(-1, 3, 3),
-        torch.tensor([one.first for one in found], dtype=dtype),
-        torch.tensor([one.last for one in found], dtype=dtype),
-    )
+    place = frames.origin_px[chosen]
+    extent, sensor = place.new_tensor([width, height]), place.new_tensor(frames.sensor_px[::-1])
+    # On the sensor, to a crop's size around it: farther out the border pixels go on, so a wild quadrilateral
+    # of a false panel needs no larger window.
+    least = (place - extent).clamp(min=0).double()
+    most = torch.minimum(place + 2 * extent, sensor).double()
+    ends = _map_grid(homography, x[[0, -1]], y[[0, -1]]).flatten(2)
+    low, high = (torch.minimum(torch.maximum(end, least), most) for end in (ends.amin(2), ends.amax(2)))
+    # Between the grid's corners and the horizon is no image, or all of it: its corners bound nothing.
+    slopes = homography[:, 2, :2, None] * torch.stack([x[[0, -1]], y[[0, -1]]])
+    endless = slopes.amin(2).sum(1, keepdim=True) <= -homography[:, 2, 2:]
+    low, high = torch.where(endless, least, low), torch.where(endless, most, high)
+    begin = torch.floor(low - 0.5)
+    corner = torch.minimum(torch.maximum(torch.floor(homography[:, :2, 2]), begin), high.floor())
+    origin = torch.where(endless, corner, begin)
+    first, last = begin - origin, torch.ceil(high - origin)
+    wide, tall = (int(side) + 2 for side in (last - first).amax(0).tolist())
+    # Half a pixel off, so that whole numbers are pixel centres.
+    moved = homography[:, :2] - (origin + 0.5)[..., None] * homography[:, 2:]
+    moved = torch.cat([moved, homography[:, 2:]], 1).to(dtype)
+    bounds = (end.to(dtype).view(-1, 2, 1, 1) for end in (first, last))
+    return _Window(begin.long(), (tall, wide), moved, *bounds)
+
+
+def _cut(frames: Frames, chosen: Tensor, seen: _Window, dtype: torch.dtype) -> Tensor:
+    """Cut the window out of n frames, (n,h*w); border pixels go on."""
+    (high, wide), (height, width) = seen.size, frames.grey.shape[-2:]
+    place = seen.origin - frames.origin_px[chosen]
+    if len(chosen) == 1 and place.device.type == "cpu":
+        left, top = place[0].tolist()
+        if min(left, top) >= 0 and left + wide <= width and top + high <= height:
+            part = frames.grey[int(chosen), :, top : top + high, left : left + wide]
+            return part.to(dtype).flatten(1)
+    rows = (place[:, 1:] + torch.arange(high, device=place.device)).clamp(0, height - 1)
+    columns = (place[:, :1] + torch.arange(wide, device=place.device)).clamp(0, width - 1)
+    return frames.grey[chosen.view(-1, 1, 1), 0, rows[:, :, None], columns[:, None]].to(dtype).flatten(1)
 
 
 def _sample(
-    takes: Sequence[Frames],
-    chosen: Tensor,
-    homography: Tensor,
-    x: Tensor,
-    y: Tensor,
-    dtype: torch.dtype,
+    takes: Sequence[Frames], chosen: Tensor, homography: Tensor, x: Tensor, y: Tensor, dtype: torch.dtype
 ) -> list[Tensor]:
     """Read n chosen frames bilinearly at cell coordinates x (w,) by y (h,), giving (n,h,w) for each take.
 
     Positions count from a whole sensor pixel beside the panel, so a crop and the full frame give the same
-    values to the last bit, whatever else is in the batch; ``grid_sample`` normalises by the image's size
-    and does not. Samples beyond the horizon are pixels on the border.
+    values to the last bit; ``grid_sample`` normalises by the image's size and does not. Samples beyond the
+    horizon are pixels on the border.
     """
-    host = on_host(homography)
-    seen = (_window_on_host if host else _window)(takes[0], chosen, homography, x, y, dtype)
-    index, right_share, lower_share = (_places_on_host if host else _places)(seen, x.to(dtype), y.to(dtype))
-    width, read = seen.size[1], []
+    seen = _window(takes[0], chosen, homography, x, y, dtype)
+    place = _map_grid(seen.homography, x.to(dtype), y.to(dtype))
+    place = torch.minimum(torch.maximum(place, seen.first), seen.last)
+    whole = torch.floor(place)
+    right_share, lower_share = place.sub_(whole).flatten(2).unbind(1)
+    left, top = whole.sub_(seen.first).long().flatten(2).unbind(1)
+    width = seen.size[1]
+    index = left.add_(top, alpha=width)
+    read = []
     for take in takes:
-        grey = _cut(take, chosen, seen.origin, seen.size, dtype).flatten(1)
+        grey = _cut(take, chosen, seen, dtype)
         near = [grey[:, by:].gather(1, index) for by in (0, 1, width, width + 1)]
         upper = torch.lerp(near[0], near[1], right_share)
         lower = torch.lerp(near[2], near[3], right_share)
         read.append(torch.lerp(upper, lower, lower_share).view(len(chosen), len(y), len(x)))
     return read
-
-
-def _places(seen: _Window, x: Tensor, y: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """Give each sample's upper left pixel in the window, and its shares to the right and below: (n,h*w)."""
-    width = seen.size[1]
-    x_px, y_px = map_cells(seen.homography, x, y)
-    first_x, first_y = seen.first.view(-1, 2, 1, 1).unbind(dim=1)
-    last_x, last_y = seen.last.view(-1, 2, 1, 1).unbind(dim=1)
-    x_px = torch.minimum(torch.maximum(x_px, first_x), last_x)
-    y_px = torch.minimum(torch.maximum(y_px, first_y), last_y)
-    left, top = torch.floor(x_px), torch.floor(y_px)
-    before = (seen.first[:, 1:] * width + seen.first[:, :1]).long()
-    index = left.long().add_(top.long(), alpha=width).flatten(1).sub_(before)
-    return index, x_px.sub_(left).flatten(1), y_px.sub_(top).flatten(1)
-
-
-def _places_on_host(seen: _Window, x: Tensor, y: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """Do what :func:`_places` does by NumPy, which has less overhead."""
-    cells, first, last = seen.homography.numpy(), seen.first.numpy(), seen.last.numpy()
-    across = cells[:, :, :1] * x.numpy() + cells[:, :, 2:]
-    down = cells[:, :, 1:2] * y.numpy()
-    place = across[:, :2, None, :] + down[:, :2, :, None]
-    if cells[:, 2, :2].any():
-        depth = np.maximum(across[:, 2, None, :] + down[:, 2, :, None], np.finfo(cells.dtype).tiny)
-        with np.errstate(over="ignore"):
-            place /= depth[:, None]
-    np.maximum(place, first[:, :, None, None], out=place)
-    np.minimum(place, last[:, :, None, None], out=place)
-    whole = np.floor(place)
-    place -= whole
-    whole -= first[:, :, None, None]
-    left, top = whole.astype(np.int64).swapaxes(0, 1)
-    left += top * seen.size[1]
-    share = torch.from_numpy(place.reshape(len(place), 2, -1))
-    return torch.from_numpy(left.reshape(len(left), -1)), share[:, 0], share[:, 1]
-
-
-def _oversampling(panels: Panels, shape: PanelShape, samples: int) -> Tensor:
-    """How many image pixels a sample stands for along an axis, rounded, at least 1; (B,) int64.
-
-    A frame has at most ``MOST_READINGS`` readings, which for 8 x 8 LEDs and K = 8 are cells of 200 px.
-    """
-    width, height = cell_size_px(panels.corners_px, shape)
-    cells = (shape.rows + 2) * (shape.columns + 2)
-    most = min(64, max(1, math.isqrt(MOST_READINGS // cells) // samples))
-    return torch.round(torch.maximum(width, height) / samples).clamp(1, most).long()
 
 
 def rectify(
@@ -257,42 +265,34 @@ def rectify_takes(
         2
     """
     _check_takes(takes, panels)
-    homography = cell_homography(panels.corners_px, shape)
-    factors = _oversampling(panels, shape, samples_per_led)
-    grey = takes[0].grey
+    grey, homography = takes[0].grey, cell_homography(panels.corners_px, shape)
     size = (len(grey), 1, (shape.rows + 2) * samples_per_led, (shape.columns + 2) * samples_per_led)
     dtype = dtype or (torch.float64 if grey.dtype == torch.float64 else torch.float32)
     patches = [torch.empty(size, dtype=dtype, device=grey.device) for _ in takes]
-    every = factors.tolist()
-    for factor in sorted(set(every)):
-        grid = _grid(shape, samples_per_led * factor, grey.device)
-        most = max(1, MOST_READINGS // (len(grid.x) * len(grid.y)))
-        alike = torch.tensor([row for row, own in enumerate(every) if own == factor], device=grey.device)
-        for start in range(0, len(alike), most):
-            rows = alike[start : start + most]
-            reads = _sample(takes, rows, homography[rows], grid.x, grid.y, dtype)
+    # Image pixels that a sample stands for along an axis, rounded; a frame has at most MOST_READINGS, which
+    # for 8 x 8 LEDs and K = 8 are cells of 200 px.
+    cells = (shape.rows + 2) * (shape.columns + 2)
+    most = min(64, max(1, math.isqrt(MOST_READINGS // cells) // samples_per_led))
+    cell_px = torch.maximum(*cell_size_px(panels.corners_px, shape))
+    factors = torch.round(cell_px / samples_per_led).clamp(1, most).long()
+    for factor in sorted(set(factors.tolist())):
+        x, y = _grid(shape, samples_per_led * factor, grey.device)
+        for rows in (factors == factor).nonzero()[:, 0].split(max(1, MOST_READINGS // (len(x) * len(y)))):
+            reads = _sample(takes, rows, homography[rows], x, y, dtype)
             for patch, read in zip(patches, reads, strict=True):
                 whole = read.unsqueeze(1)
                 patch[rows] = F.avg_pool2d(whole, factor) if factor > 1 else whole
     return patches
 
 
-class Grid(NamedTuple):
-    """Cell coordinates of samples along the rows, (w,), and down the columns, (h,): float64."""
-
-    x: Tensor
-    y: Tensor
-
-
 @lru_cache(maxsize=64)
-def _grid(shape: PanelShape, fine: int, device: torch.device) -> Grid:
-    """Lay ``fine`` samples a cell's side over the panel and a cell of margin."""
+def _grid(shape: PanelShape, fine: int, device: torch.device) -> tuple[Tensor, Tensor]:
+    """Cell coordinates of ``fine`` samples a cell's side, margin included: (w,) and (h,) float64."""
     # Normal tensors even inside inference_mode, for they are kept.
     with torch.inference_mode(False):
-        steps = (
-            torch.arange((cells + 2) * fine, dtype=torch.float64) for cells in (shape.columns, shape.rows)
-        )
-        return Grid(*(((step + 0.5) / fine - 1).to(device) for step in steps))
+        ends = ((cells + 2) * fine for cells in (shape.columns, shape.rows))
+        x, y = (((torch.arange(end, dtype=torch.float64) + 0.5) / fine - 1).to(device) for end in ends)
+        return x, y
 
 
 def _check_takes(takes: Sequence[Frames], panels: Panels) -> None:
@@ -322,13 +322,11 @@ def centre_greys(frames: Frames, panels: Panels, shape: PanelShape) -> Tensor:
     """
     _check_takes([frames], panels)
     homography = cell_homography(panels.corners_px, shape)
-    columns = torch.arange(shape.columns, dtype=torch.float64, device=homography.device) + 0.5
-    rows = torch.arange(shape.rows, dtype=torch.float64, device=homography.device) + 0.5
-    x_px, y_px = map_cells(homography, columns, rows)
+    middles = (torch.arange(cells).to(homography) + 0.5 for cells in (shape.columns, shape.rows))
     height, width = frames.grey.shape[-2:]
+    place = torch.floor(_map_grid(homography, *middles)) - frames.origin_px.view(-1, 2, 1, 1)
     # Clamped before it is whole: a centre on the horizon is beyond what an integer holds.
-    column = (torch.floor(x_px) - frames.origin_px[:, 0].view(-1, 1, 1)).clamp(0, width - 1).long()
-    row = (torch.floor(y_px) - frames.origin_px[:, 1].view(-1, 1, 1)).clamp(0, height - 1).long()
+    column, row = place[:, 0].clamp(0, width - 1).long(), place[:, 1].clamp(0, height - 1).long()
     read = frames.grey.flatten(1).gather(1, (row * width + column).flatten(1)).view(row.shape)
     dtype = torch.float64 if read.dtype == torch.float64 else torch.float32
     return checked_greys(read.to(dtype), "frames.grey at the LEDs' centres")

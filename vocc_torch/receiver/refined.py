@@ -8,12 +8,11 @@ import torch
 from torch import Tensor
 
 from vocc_torch.errors import VoccError
-from vocc_torch.receiver.homography import map_points
 from vocc_torch.receiver.lattice_fit import fit_lattice
 from vocc_torch.receiver.lattice_model import Lattice, corner_cells
 from vocc_torch.receiver.lattice_search import search_lattice
 from vocc_torch.receiver.location import PaperLocator, exact_frames
-from vocc_torch.receiver.rectification import cell_size_px
+from vocc_torch.receiver.rectification import cell_size_px, map_points
 from vocc_torch.receiver.regions import bright_regions, cut_windows, ring_statistics
 from vocc_torch.types import Frames, Panels, PanelShape
 
@@ -174,7 +173,7 @@ def _fitted(
 
 
 def _noise_share(lattice: Lattice, noise: Tensor) -> Tensor:
-    """Give the share (B,) of a picture's variation that is noise, which no lattice explains."""
+    """Return the share (B,) of a picture's variation that is noise, which no lattice explains."""
     spread = lattice.rms_dn.square() / (1 - lattice.share).clamp(min=1e-9)
     share: Tensor = noise.square() / spread.clamp(min=1e-9)
     return share
@@ -221,7 +220,7 @@ def _likeliest(found: Panels, merit: Tensor, frame: Tensor, frames: Frames) -> P
 
 
 def _nowhere(count: int, frames: Frames) -> Panels:
-    """Give panels that are not found."""
+    """Return panels that are not found."""
     panels = Panels.known(torch.zeros(count, 4, 2, dtype=torch.float64, device=frames.grey.device))
     return Panels(panels.corners_px, ~panels.found, panels.score * 0, panels.candidates * 0)
 

@@ -9,9 +9,9 @@ from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.curve import BerTable, Point
 from vocc_torch.measure.curves import Curves
 from vocc_torch.measure.paired import PairedCounts, paired_interval
+from vocc_torch.measure.plug_in_training import Making
 from vocc_torch.measure.ratio import Ratio as Ratio
 from vocc_torch.measure.ratio import rate_ratio as rate_ratio
-from vocc_torch.studies.tradeoff.price_list import Making
 
 GENIE = "genie"
 """The mark's name among receivers."""

@@ -7,18 +7,29 @@ from typing import Any
 
 
 @dataclass
-class RendererKnobsConfig:
-    """See :class:`vocc_torch.studies.tradeoff.RendererKnobs`."""
-
-    frames: int = 0
-    kernel_sigmas: list[float] = field(default_factory=list)
-    margins_px: list[int] = field(default_factory=list)
-    supersampling: list[int] = field(default_factory=list)
-
-
-@dataclass
 class TradeoffConfig:
-    """What ``task=tradeoff`` prices: see :class:`vocc_torch.studies.tradeoff.TradeoffStudy`."""
+    """What ``task=tradeoff`` compares, on which frames, and how times are taken.
+
+    Of each list the first value is the base: every receiver is measured there with each of the locators, and
+    those that are ``varied`` at the other values too.
+
+    Args:
+        locators: what finds the panel.
+        samples_per_led: K.
+        gradients: kernels of the gradient.
+        dtypes: working precisions of rectification and features.
+        varied: receivers that are measured at further values; None for those of ``VARIED`` that are compared.
+        combine: ``one_at_a_time`` varies one of K, gradient and precision, ``all`` takes every combination.
+        devices: where times are taken.
+        batch_sizes: frames at a time.
+        frames: what is handed to the receiver: ``whole`` frames, ``crops``.
+        repeats: timed rounds, at least 1; small batches have more, so that all meet as many frames.
+        threads: threads within an operation while times are taken; 0 for torch's own choice.
+        frames_a_preamble: frames of data that a pair of frames of known bits serves, at least 1; errors are
+            counted with a pair for each.
+        genie_frames: frames of each kind of scenes for a decoder that knows the scene; 0 for none.
+        scenes: kinds of scenes by name: what they narrow.
+    """
 
     locators: list[str] = field(default_factory=list)
     samples_per_led: list[int] = field(default_factory=list)
@@ -34,4 +45,3 @@ class TradeoffConfig:
     frames_a_preamble: int = 1
     genie_frames: int = 0
     scenes: dict[str, Any] = field(default_factory=dict)
-    simulation: RendererKnobsConfig = field(default_factory=RendererKnobsConfig)

@@ -1,56 +1,19 @@
-"""What every configuration of the receiver costs in time and gives in errors, measured on the same frames."""
+"""What every configuration of the receiver costs in time and makes in errors, measured on the same frames."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-import numpy as np
-from numpy.typing import NDArray
-
 from vocc_torch.measure.counts import Counts
+from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.frame_errors import FrameErrors
-from vocc_torch.measure.intervals import Interval, ber_interval
-from vocc_torch.measure.paired import DifferenceInterval
-from vocc_torch.measure.timing import quartiles
-from vocc_torch.studies.tradeoff.frontier import Offer, beats
-
-STAGES = ("read", "locate", "rectify", "features", "classify", "preambles")
-"""What a receiver does with a frame, in order, and its share in reading and measuring the frames of known
-bits that its threshold comes from."""
-
-BIT_DETECTION = ("rectify", "features", "classify")
-"""What comes after panel detection, whose time is the unit of the paper's Fig. 25."""
-
-Quartiles = tuple[float, float, float]
-
-
-@dataclass(frozen=True, slots=True)
-class Setting:
-    """A configuration of the receiver: all that its decisions depend on.
-
-    Args:
-        receiver: what decides.
-        locator: where the corners come from.
-        samples_per_led: K.
-        gradient: the gradient's kernel.
-        dtype: working precision of rectification and features.
-
-    Example:
-        >>> Setting("flda_3", "paper", 8, "sobel", "float32").name
-        'flda_3-paper-K8-sobel-float32'
-    """
-
-    receiver: str
-    locator: str
-    samples_per_led: int
-    gradient: str
-    dtype: str
-
-    @property
-    def name(self) -> str:
-        """A name of its own, also for a folder."""
-        return f"{self.receiver}-{self.locator}-K{self.samples_per_led}-{self.gradient}-{self.dtype}"
+from vocc_torch.measure.genie.genie_mark import GenieMark
+from vocc_torch.measure.intervals import ber_interval
+from vocc_torch.measure.plug_in_training import Making
+from vocc_torch.measure.prices import OperatingPoint
+from vocc_torch.measure.stage_times import StageTimes
+from vocc_torch.studies.tradeoff.plan import Setting
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,85 +31,15 @@ class Place:
     batch: int
 
 
-@dataclass(frozen=True, slots=True)
-class Making:
-    """What it took to make a receiver.
-
-    Args:
-        training_s: wall time of training, s, its frames' simulation included; 0 without training.
-        simulated_s: what of it went into the frames, s, where that is known.
-        frames: training frames.
-        parameters: numbers that decide, where the receiver says it.
-        size_bytes: of the trained receiver, pickled.
-    """
-
-    training_s: float = 0.0
-    simulated_s: float | None = None
-    frames: int = 0
-    parameters: int | None = None
-    size_bytes: int | None = None
-
-
-@dataclass(frozen=True)
-class Spent:
-    """Time a frame in each stage, round by round.
-
-    Args:
-        rounds_ms: ms a frame by stage, as many rounds each; a stage that the receiver does not have has 0.
-
-    Example:
-        >>> rounds = {stage: (1.0, 2.0, 3.0) for stage in STAGES}
-        >>> Spent(rounds).total, Spent(rounds).share
-        ((9.0, 12.0, 15.0), (3.0, 3.0, 3.0))
-    """
-
-    rounds_ms: Mapping[str, tuple[float, ...]]
-
-    def stage(self, name: str) -> Quartiles:
-        """Give lower quartile, median and upper quartile of a stage, ms."""
-        return quartiles(self.rounds_ms[name])
-
-    @property
-    def total(self) -> Quartiles:
-        """Quartiles of the whole time, ms: the stages are added round by round."""
-        return quartiles(self._sum(STAGES))
-
-    @property
-    def share(self) -> Quartiles | None:
-        """Quartiles of bit detection's time over panel detection's (Fig. 25); None without the latter."""
-        panel = np.array(self.rounds_ms["locate"])
-        return quartiles(self._sum(BIT_DETECTION) / panel) if (panel > 0).all() else None
-
-    def _sum(self, stages: Sequence[str]) -> NDArray[np.float64]:
-        """Add stages round by round."""
-        total: NDArray[np.float64] = np.sum([self.rounds_ms[stage] for stage in stages], axis=0)
-        return total
-
-
-@dataclass(frozen=True, slots=True)
-class Mark:
-    """What is possible: a decoder that knows the scene, on the first of the same frames.
-
-    Args:
-        counts: its errors.
-        proven: frames of which no bits are likelier than those that it gave.
-        frame_s: time of a frame, s.
-    """
-
-    counts: Counts
-    proven: int
-    frame_s: float
-
-
 @dataclass(frozen=True)
 class PriceList:
     """All that was measured.
 
     Args:
         settings: the configurations, in the order of the results.
-        making: what each took to make.
+        costs: what it took to train each.
         errors: by kind of scenes, in the order of the settings.
-        spent: times of each, by place, on frames of the first kind of scenes.
+        times: times of each, by place, on frames of the first kind of scenes.
         end_to_end: by place, time of a receiver in one go over the sum of its stages.
         machines: what was measured on, by device.
         error_device: where errors were counted.
@@ -157,16 +50,17 @@ class PriceList:
         in_one_go: the receiver that ``end_to_end`` is of.
         scene: name of the scenes.
         frames_a_preamble: frames of data that a pair of frames of known bits serves, where one is needed.
-        marks: what is possible, by kind of scenes; empty where it was not measured.
-        no_marks: why not, by kind of scenes.
+        references: what a decoder that knows the scene does on the first of the same frames, by kind of
+            scenes; empty where it was not measured.
+        no_references: why not, by kind of scenes.
         missing: devices that were asked for and are not there, and why.
         left_out: receivers that were asked for and could not be built, and why.
     """
 
     settings: tuple[Setting, ...]
-    making: Mapping[Setting, Making]
+    costs: Mapping[Setting, Making]
     errors: Mapping[str, FrameErrors]
-    spent: Mapping[tuple[Setting, Place], Spent]
+    times: Mapping[tuple[Setting, Place], StageTimes]
     end_to_end: Mapping[Place, float]
     machines: Mapping[str, str]
     error_device: str
@@ -177,15 +71,15 @@ class PriceList:
     in_one_go: str
     scene: str = ""
     frames_a_preamble: int = 1
-    marks: Mapping[str, Mark] = field(default_factory=dict)
-    no_marks: Mapping[str, str] = field(default_factory=dict)
+    references: Mapping[str, GenieMark] = field(default_factory=dict)
+    no_references: Mapping[str, str] = field(default_factory=dict)
     missing: Mapping[str, str] = field(default_factory=dict)
     left_out: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def places(self) -> tuple[Place, ...]:
         """Where was timed, in order."""
-        return tuple(dict.fromkeys(place for _, place in self.spent))
+        return tuple(dict.fromkeys(place for _, place in self.times))
 
     @property
     def timed_scenes(self) -> str:
@@ -197,84 +91,83 @@ class PriceList:
         """Devices with kinds of frames, in order."""
         return tuple(dict.fromkeys((place.device, place.frames) for place in self.places))
 
+    @property
+    def counted_frames(self) -> int:
+        """Frames of each kind of scenes that errors were counted on."""
+        return self.errors[self.timed_scenes].counts[0].frames
+
     def batches(self, device: str, frames: str) -> tuple[int, ...]:
         """Batch sizes that were timed, ascending."""
         return tuple(sorted(one.batch for one in self.places if (one.device, one.frames) == (device, frames)))
 
     def counts(self, scenes: str) -> dict[Setting, Counts]:
         """Errors of each setting."""
-        return dict(zip(self.settings, self.errors[scenes].tallied[0], strict=True))
+        return dict(zip(self.settings, self.errors[scenes].counts, strict=True))
 
     def best_place(self, setting: Setting, device: str, frames: str) -> Place:
         """Where a setting has its highest throughput."""
         places = [Place(device, frames, batch) for batch in self.batches(device, frames)]
-        return min(places, key=lambda place: self.spent[setting, place].total[1])
+        return min(places, key=lambda place: self.times[setting, place].total.value)
 
-    def offer(self, setting: Setting, scenes: str, place: Place) -> Offer:
-        """Give what a setting costs at a place, and its rate with the 95 % interval.
+    def points(self, scenes: str, device: str, frames: str, batch: int | None = None) -> list[OperatingPoint]:
+        """Give every setting's operating point with batches of a size, or with its own best one.
 
         Without errors, a wrong frame is taken to have as many wrong bits as in the other kinds of scenes.
         """
-        low, median, high = self.spent[setting, place].total
-        counts = self.counts(scenes)[setting]
-        every = sum((self.counts(name)[setting] for name in self.errors), Counts())
-        interval = _interval(counts, every)
-        return Offer(setting.name, low, median, high, counts.ber, interval.low, interval.high)
+        points = []
+        for place, setting in enumerate(self.settings):
+            timed = Place(device, frames, batch) if batch else self.best_place(setting, device, frames)
+            every = sum((one.counts[place] for one in self.errors.values()), Counts())
+            rate = _rate(self.errors[scenes].counts[place], every)
+            points.append(OperatingPoint(setting.name, self.times[setting, timed].total, rate))
+        return points
 
-    def offers(self, scenes: str, device: str, frames: str, batch: int | None = None) -> list[Offer]:
-        """Give every setting's offer with batches of a size, or with its own best one."""
-        places = (
-            self.best_place(one, device, frames) if batch is None else Place(device, frames, batch)
-            for one in self.settings
-        )
-        return [self.offer(one, scenes, place) for one, place in zip(self.settings, places, strict=True)]
-
-    def mark(self, scenes: str) -> tuple[float, Interval] | None:
-        """Give the rate that is possible, with its interval; None where it was not measured."""
-        if scenes not in self.marks:
+    def reference(self, scenes: str) -> Estimate | None:
+        """Give the rate of a decoder that knows the scene; None where it was not measured."""
+        if scenes not in self.references:
             return None
-        counts = self.marks[scenes].counts
-        return counts.ber, _interval(counts, sum((one.counts for one in self.marks.values()), Counts()))
+        every = sum((one.counts for one in self.references.values()), Counts())
+        return _rate(self.references[scenes].counts, every)
 
-    def where_marked(self, scenes: str) -> dict[Setting, Counts]:
-        """Give each setting's errors on the very frames of :meth:`mark`; empty where it was not measured."""
-        if scenes not in self.marks:
+    def where_referenced(self, scenes: str) -> dict[Setting, Counts]:
+        """Give each setting's errors on the very frames of :meth:`reference`; empty where there is none."""
+        if scenes not in self.references:
             return {}
-        same = self.errors[scenes].first(self.marks[scenes].counts.frames)
-        return dict(zip(self.settings, same.tallied[0], strict=True))
+        same = self.errors[scenes].first(self.references[scenes].counts.frames)
+        return dict(zip(self.settings, same.counts, strict=True))
 
-    def compared(self, scenes: str, a: int, b: int) -> DifferenceInterval:
-        """Compare two settings' rates on the same frames, by their places in the list: that of a less b's."""
-        return self.errors[scenes].compared(a, b)
-
-    def beaten_by(self, scenes: str, offers: Sequence[Offer]) -> list[tuple[str, bool]]:
-        """Say for each offer, in the order of the settings, which one beats it, and whether that is sure.
+    def beaten_by(self, scenes: str, points: Sequence[OperatingPoint]) -> list[tuple[str, bool]]:
+        """Say for each operating point, in the order of the settings, which one beats it, and how surely.
 
         Args:
             scenes: the kind of scenes.
-            offers: as :meth:`offers` gives them.
+            points: as :meth:`points` gives them.
 
         Returns:
-            The name of the most accurate one that beats it, preferring one for which it is sure; empty where
-            none does. Sure is said of the rates: the paired interval of their difference leaves out 0, with
-            intervals so wide that those of all pairs hold together at 95 % (Bonferroni). Times, all of them
-            taken in the same rounds, are compared by their medians.
+            The name of the most accurate one that beats it, one that does so surely before others; empty
+            where none does. It is sure where the difference of the rates on the same frames is above 0 by
+            intervals of all pairs that hold together at 95 % (Bonferroni). Times, all taken in the same
+            rounds, are compared by their medians.
         """
-        errors, said = self.errors[scenes], []
-        for own, offer in enumerate(offers):
-            rivals = [i for i, other in enumerate(offers) if beats(other, offer)]
+        errors, found = self.errors[scenes], []
+        for own, point in enumerate(points):
+            rivals = [i for i, other in enumerate(points) if other.beats(point)]
             sure = [i for i in rivals if errors.surely_worse(own, i)]
-            best = min(sure or rivals, key=lambda i: (offers[i].ber, offers[i].median_ms), default=None)
-            said.append(("", False) if best is None else (offers[best].name, bool(sure)))
-        return said
+            best = min(
+                sure or rivals,
+                key=lambda i: (points[i].ber.value, points[i].time_ms.value),
+                default=None,
+            )
+            found.append(("", False) if best is None else (points[best].name, bool(sure)))
+        return found
 
     def alike(self, scenes: str, own: int) -> list[int]:
-        """Give the other settings that these frames do not tell apart from one in their rate."""
+        """Give the places of the other settings whose rates these frames do not tell from that of one."""
         others = (i for i in range(len(self.settings)) if i != own)
-        return [i for i in others if not self.compared(scenes, own, i).real]
+        return [i for i in others if not self.errors[scenes].compared(own, i).real]
 
 
-def _interval(counts: Counts, every: Counts) -> Interval:
-    """Give a rate's 95 % interval; ``every`` says how many wrong bits a wrong frame has."""
+def _rate(counts: Counts, every: Counts) -> Estimate:
+    """Estimate a rate; ``every`` says how many wrong bits a wrong frame has."""
     typical = max(1.0, every.bit_errors / max(1, every.frame_errors))
     return ber_interval(counts, errors_per_frame_error=typical)

@@ -1,0 +1,200 @@
+"""Drawing of Fig. 25: the time of each bit detector over that of panel detection."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.text import Annotation
+from matplotlib.ticker import MaxNLocator
+from numpy.typing import NDArray
+
+from vocc_torch.measure.estimate import Estimate
+from vocc_torch.measure.stage_times import BIT_DETECTION, StageTimes, median_of
+from vocc_torch.show.canvas import GRID, INK, head, new_figure, quiet_axes, text_renderer, write_title
+from vocc_torch.show.styles import receiver_styles
+
+Floats = NDArray[np.float64]
+FramesAndBatch = tuple[str, int]
+
+PANEL_DETECTION = "panel_detection"
+PAPER_SHARES = {
+    PANEL_DETECTION: 1.0,
+    "center_greyscale": 0.05,
+    "average_greyscale": 0.07,
+    "flda_2": 0.12,
+    "flda_3": 0.14,
+}
+"""Section IV-D-5 and Fig. 25: time of each stage over that of panel detection."""
+
+_PANEL = ("Panel detection", "#A9AFB6")
+_BUSY = 0.05
+"""From this share of waiting on, times are those of a machine that did other work too."""
+_KINDS = {"whole_frames": "whole frames", "crops": "crops of the panel's surroundings"}
+
+
+@dataclass(frozen=True)
+class DetectionTimes:
+    """Times of the paper's receivers by stage, on F kinds of frames and one or two batch sizes each.
+
+    Args:
+        by_place: times by receiver for each kind of frames (``whole_frames``, ``crops``) and batch size.
+        sensor_px: height and width of a whole frame.
+        machine: what was measured on.
+        threads: threads that torch used within an operation.
+        waited_share: share of the time in which other work had the processor, 0 to 1; with more than one
+            thread it is a lower limit.
+    """
+
+    by_place: Mapping[FramesAndBatch, Mapping[str, StageTimes]]
+    sensor_px: tuple[int, int]
+    machine: str
+    threads: int
+    waited_share: float
+
+    def rounds(self, place: FramesAndBatch) -> int:
+        """How many rounds were timed."""
+        return next(iter(self.by_place[place].values())).rounds
+
+    def times_ms(self, place: FramesAndBatch) -> dict[str, Estimate]:
+        """Give panel detection's and each bit detector's time, ms a frame."""
+        return {stage: median_of(spent) for stage, spent in self._spent_ms(place).items()}
+
+    def shares(self, place: FramesAndBatch) -> dict[str, Estimate]:
+        """Give the same over panel detection's time in the same round."""
+        spent = self._spent_ms(place)
+        return {stage: median_of(one / spent[PANEL_DETECTION]) for stage, one in spent.items()}
+
+    def ngr_costs(self, place: FramesAndBatch) -> tuple[Estimate, Estimate]:
+        """Give what a third feature adds to the time of two, and to that of panel detection and two."""
+        spent = self._spent_ms(place)
+        panel, two, three = (spent[stage] for stage in (PANEL_DETECTION, "flda_2", "flda_3"))
+        return median_of(three / two - 1), median_of((three - two) / (panel + two))
+
+    def _spent_ms(self, place: FramesAndBatch) -> dict[str, Floats]:
+        """Give the times round by round."""
+        times = self.by_place[place]
+        return {
+            stage: times["flda_3"].summed(["locate"])
+            if stage == PANEL_DETECTION
+            else times[stage].summed(BIT_DETECTION)
+            for stage in PAPER_SHARES
+        }
+
+    def draw(self, title: str) -> Figure:
+        """Draw a bar a stage in each place, with the paper's value beside it."""
+        figure, labels = new_figure(10, 6.8), []
+        kinds, batches = (list(dict.fromkeys(one)) for one in zip(*self.by_place, strict=True))
+        column = 0.79 / len(batches)
+        for letter, place in zip("abcd", self.by_place, strict=False):
+            f, n = kinds.index(place[0]), batches.index(place[1])
+            axes = figure.add_axes((0.205 + column * n, 0.588 - 0.368 * f, column - 0.025, 0.285))
+            labels += self._draw_bars(axes, place)
+            axes.tick_params(axis="y", length=0, labelleft=n == 0)
+            head(axes, f"({letter})", f"{_KINDS.get(place[0], place[0])}, {_at_a_time(place[1])}")
+            if f == len(kinds) - 1:
+                axes.set_xlabel("Time over that of panel detection (%)", fontsize=11)
+        for axes in figure.axes:
+            axes.set_xlim(0, _room(figure, axes, labels))
+            axes.xaxis.set_major_locator(MaxNLocator(7, steps=[2, 5, 10]))
+        _write_legend(figure)
+        write_title(figure, title, self._footnote())
+        return figure
+
+    def _footnote(self) -> str:
+        """Say what the figure rests on, and in medians what NGR adds in each of its parts."""
+        costs = [self.ngr_costs(place) for place in self.by_place]
+        of_two, of_all = (
+            [f"{100 * one.value:z.1f}".replace("-", "\N{MINUS SIGN}") for one in part]
+            for part in zip(*costs, strict=True)
+        )
+        lettered = ", ".join(f"({letter}) {cost}" for letter, cost in zip("abcd", of_two, strict=False))
+        timed = {f"{self.rounds(place)} rounds {_at_a_time(place[1])}": None for place in self.by_place}
+        busy = (
+            f"Take with care: for {100 * self.waited_share:.0f} % of the time other work had the processor.\n"
+        )
+        return (
+            f"{busy if self.waited_share > _BUSY else ''}"
+            f"NGR adds {lettered} % to two features' time (the paper: 17 %), "
+            f"and to the whole {', '.join(of_all)} % (1.78 %).\n"
+            f"Medians of {' and '.join(timed)}; whole frames of {self.sensor_px[1]} x {self.sensor_px[0]} px."
+            f" Preambles are not counted. The paper: Matlab.\nOurs: {self.machine}."
+        )
+
+    def _draw_bars(self, axes: Axes, place: FramesAndBatch) -> list[tuple[float, Annotation]]:
+        """Draw the bars, the detectors' quartiles and the paper's marks.
+
+        Returns:
+            The bars' labels, each with the value that it begins behind.
+        """
+        times, shares = self.times_ms(place), self.shares(place)
+        styles = receiver_styles([stage for stage in PAPER_SHARES if stage != PANEL_DETECTION])
+        looks = [_PANEL, *((style.label, style.colour) for style in styles.values())]
+        low, median, high = 100 * np.array([(one.low, one.value, one.high) for one in shares.values()]).T
+        paper, rows = 100 * np.array(list(PAPER_SHARES.values())), np.arange(float(len(PAPER_SHARES)))
+        axes.barh(rows, median, height=0.62, color=[colour for _, colour in looks])
+        spread = np.stack([median - low, high - median])[:, 1:]
+        axes.errorbar(median[1:], rows[1:], xerr=spread, fmt="none", ecolor=INK, elinewidth=1.2, capsize=2.5)
+        axes.add_line(_paper_mark(paper[1:], rows[1:]))
+        labels = []
+        for row, (spent, share, end) in enumerate(
+            zip(times.values(), median, np.maximum(high, paper).tolist(), strict=True)
+        ):
+            time = f"{number_text(spent.value)} ms"
+            said = f"{number_text(share)} %  ({time})" if row else time
+            look: dict[str, Any] = {"textcoords": "offset points", "va": "center", "color": INK}
+            labels.append((end, axes.annotate(said, (end, row), (9, 0), fontsize=10, **look)))
+        quiet_axes(axes)
+        axes.grid(axis="x", color=GRID, linewidth=0.8)
+        axes.set_yticks(rows, [label for label, _ in looks])
+        axes.invert_yaxis()
+        return labels
+
+
+def _at_a_time(batch: int) -> str:
+    """Say a batch size."""
+    return "one at a time" if batch == 1 else f"{batch} at a time"
+
+
+def _room(figure: Figure, axes: Axes, labels: Sequence[tuple[float, Annotation]]) -> float:
+    """Give the upper end of an axis from 0 on which every label ends within it."""
+    renderer = text_renderer(figure)
+    width = axes.get_window_extent(renderer).width
+    gap = 14 * figure.dpi / 72
+    # Measured away from its place, a label has the same width.
+    texts = [(end, label.get_window_extent(renderer).width + gap) for end, label in labels]
+    return max(end * width / max(width - text, 0.2 * width) for end, text in texts)
+
+
+def number_text(value: float) -> str:
+    """Write a positive number in three digits, never as a power of ten.
+
+    Example:
+        >>> [number_text(value) for value in (1042.6, 32.53, 9.999, 0.5942, 0.01337)]
+        ['1043', '32.5', '10.0', '0.594', '0.0134']
+    """
+    rounded = float(f"{value:.3g}")
+    digits = max(0, 2 - int(np.floor(np.log10(max(rounded, 1e-9)))))
+    return f"{value:.{digits}f}"
+
+
+def _paper_mark(x: Floats, y: Floats) -> Line2D:
+    """Make the marks of the paper's values."""
+    marks = Line2D(x, y, linestyle="none", marker="D", markersize=7.5, zorder=5, label="the paper")
+    marks.set(markerfacecolor="white", markeredgecolor=INK)
+    return marks
+
+
+def _write_legend(figure: Figure) -> None:
+    """Explain the marks at the figure's top right."""
+    handles = [
+        _paper_mark(np.empty(0), np.empty(0)),
+        Line2D([], [], color=INK, marker="|", markersize=7, linewidth=1.2, label="quartiles"),
+    ]
+    top: dict[str, Any] = {"loc": "upper right", "bbox_to_anchor": (0.99, 1 - 0.06 / figure.get_figheight())}
+    figure.legend(handles=handles, ncols=2, frameon=False, fontsize=10.5, columnspacing=1.4, **top)

@@ -1,0 +1,290 @@
+"""``recommendation.txt``: which receiver to take; values are computed here, words are the template's."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+from vocc_torch.measure.counts import Counts
+from vocc_torch.measure.estimate import Estimate, all_pairs
+from vocc_torch.measure.prices import (
+    OperatingPoint,
+    most_accurate,
+    most_accurate_within,
+    quickest_below,
+)
+from vocc_torch.receiver.bank import GREYSCALE_RECEIVERS
+from vocc_torch.show.page import render
+from vocc_torch.show.styles import receiver_styles
+from vocc_torch.studies.tradeoff.plan import Setting
+from vocc_torch.studies.tradeoff.price_list import PriceList
+
+FRAMES_PER_S = (1000, 100, 60, 30)
+"""Rates of cameras, and of an industrial one that is fast: the time limits."""
+
+RATES = (1e-2, 1e-3, 1e-4, 1e-5)
+"""Limits of the bit error rate."""
+
+LOCATED_BY = {"truth": "true corners", "paper": "paper's locator", "refined": "refined locator"}
+
+BUSY_SHARE = 0.05
+"""From this share of waiting on, times are those of a machine that did other work too."""
+
+
+@dataclass(frozen=True)
+class Choice:
+    """An operating point to name.
+
+    Args:
+        point: the time and the rate.
+        receiver: its receiver, locator and what it varies, in words.
+    """
+
+    point: OperatingPoint
+    receiver: str
+
+
+@dataclass(frozen=True)
+class Answer:
+    """Which receiver to take within some limits that have the same answer.
+
+    Args:
+        limits: frames a second, or bit error rates.
+        taken: the receiver to take, or None.
+        other: without a receiver to take the nearest one; with one, a quicker one whose rate these frames do
+            not tell from it, or None.
+    """
+
+    limits: Sequence[float]
+    taken: Choice | None
+    other: Choice | None
+
+
+@dataclass(frozen=True)
+class Answers:
+    """Which receiver to take within each time and below each rate."""
+
+    within: Sequence[Answer]
+    below: Sequence[Answer]
+
+
+@dataclass(frozen=True)
+class Reference:
+    """How far the most accurate receiver is from a decoder that knows the scene, on the same frames.
+
+    Args:
+        frames: how many.
+        ber: the decoder's rate.
+        best: the most accurate receiver.
+        counts: its errors on these frames.
+    """
+
+    frames: int
+    ber: Estimate
+    best: Choice
+    counts: Counts
+
+
+@dataclass(frozen=True)
+class Recommendation:
+    """What to take on one device, for one kind of frames and scenes.
+
+    Args:
+        scenes: the kind of scenes.
+        device: the device.
+        frames: ``whole`` or ``crops``.
+        batched: with each receiver's best batch size.
+        single: a frame at a time, where that was timed among others.
+        reference: what is possible, where it was measured.
+    """
+
+    scenes: str
+    device: str
+    frames: str
+    batched: Answers
+    single: Answers | None
+    reference: Reference | None
+
+    @property
+    def named(self) -> set[str]:
+        """Names of all settings that the words name."""
+        answers = [self.batched, *([self.single] if self.single else [])]
+        every = [one for some in answers for one in (*some.within, *some.below)]
+        names = {choice.point.name for one in every for choice in (one.taken, one.other) if choice}
+        return names | ({self.reference.best.point.name} if self.reference else set())
+
+
+def recommend(prices: PriceList, scenes: str, device: str, frames: str) -> Recommendation:
+    """Say what to take on one device, for one kind of frames and scenes."""
+    points, batches = prices.points(scenes, device, frames), prices.batches(device, frames)
+    single = None
+    if batches[0] == 1 and len(batches) > 1:
+        single = _answers(prices, scenes, prices.points(scenes, device, frames, 1))
+    reference, rate = None, prices.reference(scenes)
+    if rate is not None:
+        best = most_accurate(points)
+        counts = dict(zip(points, prices.where_referenced(scenes).values(), strict=True))[best]
+        reference = Reference(counts.frames, rate, _choice(prices, best), counts)
+    return Recommendation(scenes, device, frames, _answers(prices, scenes, points), single, reference)
+
+
+def _answers(prices: PriceList, scenes: str, points: Sequence[OperatingPoint]) -> Answers:
+    """Choose within each time and below each rate."""
+
+    def quicker(taken: OperatingPoint) -> OperatingPoint | None:
+        alike = (points[i] for i in prices.alike(scenes, points.index(taken)))
+        least = (one for one in alike if one.time_ms.high < taken.time_ms.low)
+        return min(least, key=lambda one: one.time_ms.value, default=None)
+
+    quickest = min(points, key=lambda one: one.time_ms.value)
+    nearest = min(points, key=lambda one: (one.ber.high, one.time_ms.value))
+    within: dict[float, OperatingPoint | None] = {
+        speed: most_accurate_within(points, 1e3 / speed) for speed in FRAMES_PER_S
+    }
+    below = {rate: quickest_below(points, rate) for rate in RATES}
+    return Answers(
+        _together(prices, within, lambda taken: quicker(taken) if taken else quickest),
+        _together(prices, below, lambda taken: None if taken else nearest),
+    )
+
+
+def _together(
+    prices: PriceList,
+    taken: Mapping[float, OperatingPoint | None],
+    other: Callable[[OperatingPoint | None], OperatingPoint | None],
+) -> list[Answer]:
+    """Put limits with the same answer together."""
+    answers: dict[tuple[str, bool], Answer] = {}
+    for limit, point in taken.items():
+        beside = other(point)
+        # Too few frames to show a rate are another answer than a rate that is too high.
+        likely = point is None and beside is not None and beside.ber.value < limit
+        key = "" if point is None else point.name, likely
+        limits = [*(answers[key].limits if key in answers else []), limit]
+        named = [None if one is None else _choice(prices, one) for one in (point, beside)]
+        answers[key] = Answer(limits, *named)
+    return list(answers.values())
+
+
+def _choice(prices: PriceList, point: OperatingPoint) -> Choice:
+    """Name an operating point's setting."""
+    setting = next(one for one in prices.settings if one.name == point.name)
+    varied = varied_text(setting, prices.settings[0])
+    parts = (receiver_text(setting.receiver), LOCATED_BY[setting.locator], *varied)
+    return Choice(point, ", ".join(parts))
+
+
+def recommendation(prices: PriceList) -> str:
+    """Write what to take: in short, then what it rests on, then for each kind of scenes and frames."""
+    pairs = all_pairs(len(prices.settings))
+    apart = max(abs(ratio - 1) for ratio in prices.end_to_end.values())
+    receivers = dict.fromkeys(setting.receiver for setting in prices.settings)
+    reasons: dict[str, list[str]] = {}
+    for scenes, why in prices.no_references.items():
+        reasons.setdefault(why, []).append(told_text(scenes))
+    words = render(
+        __package__,
+        "recommendation.txt.j2",
+        prices=prices,
+        every=[recommend(prices, scenes, *kind) for scenes in prices.errors for kind in prices.kinds],
+        receivers=list(receivers),
+        locators={setting.locator for setting in prices.settings},
+        greyscale=[name for name in receivers if name in GREYSCALE_RECEIVERS],
+        pairs=pairs,
+        apart=apart,
+        reasons=reasons,
+        busy=prices.waited_share >= BUSY_SHARE,
+        ms=ms_text,
+        upper_first=upper_first,
+        preamble_text=preamble_text,
+        frames_text=frames_text,
+        scenes_text=scenes_text,
+        told_text=told_text,
+    )
+    return "\n".join(map(wrapped, words.splitlines())).rstrip() + "\n"
+
+
+def wrapped(line: str) -> str:
+    r"""Break a line at 110 characters, with what follows under its text.
+
+    Example:
+        >>> [len(part) <= 110 for part in wrapped("  " + 40 * "word ").split("\n")]
+        [True, True]
+    """
+    indent = " " * (len(line) - len(line.lstrip()))
+    return textwrap.fill(line, 110, subsequent_indent=f"{indent}  ", break_on_hyphens=False)
+
+
+def receiver_text(name: str) -> str:
+    """Write a receiver's name, and its title where that says more.
+
+    Example:
+        >>> receiver_text("lmmse"), receiver_text("center_greyscale")
+        ('lmmse (LMMSE equaliser)', 'center_greyscale')
+    """
+    title = receiver_styles([name])[name].label
+    return name if title.lower() == name.replace("_", " ").lower() else f"{name} ({title})"
+
+
+def varied_text(setting: Setting, base: Setting) -> list[str]:
+    """Name what a setting varies.
+
+    Example:
+        >>> base = Setting("flda_3", "paper", 8, "sobel", "float32")
+        >>> varied_text(Setting("flda_3", "paper", 8, "central", "float32"), base)
+        ['central gradient']
+    """
+    return [
+        *([] if setting.samples_per_led == base.samples_per_led else [f"K {setting.samples_per_led}"]),
+        *([] if setting.gradient == base.gradient else [f"{setting.gradient} gradient"]),
+        *([] if setting.dtype == base.dtype else [setting.dtype]),
+    ]
+
+
+def ms_text(ms: float) -> str:
+    """Write a time in three digits.
+
+    Example:
+        >>> [ms_text(value) for value in (0.03333, 0.5, 1.0, 33.333, 142.2)]
+        ['0.0333', '0.500', '1.00', '33.3', '142']
+    """
+    digits = 0 if ms >= 99.95 else 1 if ms >= 9.995 else 2 if ms >= 0.9995 else 3 if ms >= 0.09995 else 4
+    return f"{ms:.{digits}f}"
+
+
+def preamble_text(prices: PriceList) -> str:
+    """Say what the greyscale receivers' times include."""
+    served = prices.frames_a_preamble
+    return f"two frames of known bits for every {'one' if served == 1 else served} of data"
+
+
+def frames_text(prices: PriceList, scenes: str, frames: str) -> str:
+    """Say what the receiver is handed; the size of crops is known for the scenes alone that were timed."""
+    if frames == "crops" and prices.crop_px == prices.sensor_px:
+        return "frames cut to the panel's surroundings, which here are whole: an effect fills the sensor"
+    height, width = prices.sensor_px if frames == "whole" else prices.crop_px
+    what = "whole frames" if frames == "whole" else "crops of the panel's surroundings"
+    return what if frames == "crops" and scenes != prices.timed_scenes else f"{what}, {width} x {height} px"
+
+
+def scenes_text(prices: PriceList, scenes: str) -> str:
+    """Name a kind of scenes, and say so where times are those of another."""
+    told = f"{prices.scene} scenes, {told_text(scenes)}".strip()
+    timed = prices.timed_scenes
+    return told if scenes == timed else f"{told}; times are those of {told_text(timed)}"
+
+
+def upper_first(text: str) -> str:
+    """Begin with a capital letter, and leave the rest as it is."""
+    return text[:1].upper() + text[1:]
+
+
+def told_text(scenes: str) -> str:
+    """Write the name of a kind of scenes.
+
+    Example:
+        >>> told_text("far_and_dim")
+        'far and dim'
+    """
+    return scenes.replace("_", " ")
