@@ -13,24 +13,22 @@ from made_up_prices import (
     BIT_ERRORS,
     FRAMES,
     LEDS,
-    MARKS,
     PLACES,
+    REFERENCES,
     SETTINGS,
     made_up_prices,
     spent,
+    timed,
 )
 from matplotlib.text import Text
 
+from vocc_torch.measure.prices import pareto_frontier
 from vocc_torch.show.canvas import figure_pixels
 from vocc_torch.show.styles import receiver_styles
-from vocc_torch.studies.tradeoff.frontier import frontier
-from vocc_torch.studies.tradeoff.price_list import Setting
-from vocc_torch.studies.tradeoff.tradeoff_advice import recommendation
-from vocc_torch.studies.tradeoff.tradeoff_axes import heights, span, stacked
-from vocc_torch.studies.tradeoff.tradeoff_dots import STRENGTH
-from vocc_torch.studies.tradeoff.tradeoff_figure import tradeoff_figure
-from vocc_torch.studies.tradeoff.tradeoff_labels import spread
-from vocc_torch.studies.tradeoff.tradeoff_shares import shares_figure
+from vocc_torch.studies.tradeoff.figure import shares_figure, tradeoff_figure
+from vocc_torch.studies.tradeoff.layout import STRENGTH, heights, span, spread, stacked
+from vocc_torch.studies.tradeoff.plan import Setting
+from vocc_torch.studies.tradeoff.words import recommendation
 
 STYLES = receiver_styles(one.receiver for one in SETTINGS)
 RATES = [errors / FRAMES / LEDS for errors in BIT_ERRORS]
@@ -116,14 +114,14 @@ def test_receivers_have_their_colours_and_locators_their_filling(figure):
 
 
 def test_beaten_ones_are_faint_and_the_less_so_where_it_may_be_chance(figure, prices):
-    offers = prices.offers("mixture", "cpu", "whole")
-    kept = {one.name for one in frontier(offers)}
+    points = prices.points("mixture", "cpu", "whole")
+    kept = {one.name for one in pareto_frontier(points)}
     sure = {
         one.name
-        for one, (_, is_sure) in zip(offers, prices.beaten_by("mixture", offers), strict=True)
+        for one, (_, is_sure) in zip(points, prices.beaten_by("mixture", points), strict=True)
         if is_sure
     }
-    at = {round(one.median_ms, 9): one.name for one in offers}
+    at = {round(one.time_ms.value, 9): one.name for one in points}
     assert kept
     assert sure
     for (x, _), line in dots(figure).items():
@@ -146,12 +144,12 @@ def test_the_frontier_falls_in_steps_from_the_quickest_to_the_most_accurate(figu
 
 
 def test_what_is_possible_is_a_line_of_its_own(prices):
-    marked = dataclasses.replace(prices, marks=MARKS)
+    marked = dataclasses.replace(prices, references=REFERENCES)
     free, far = drawn(marked), drawn(marked, "far")
     rate = 10 / 500 / LEDS
     for figure, said in (
         (free, "no error in 500 frames, too few to say more"),
-        (far, "BER 3.1e-4 (1.5-6.2e-4) in 500 frames"),
+        (far, "BER 3.1e-4 (1.5e-4 to 6.2e-4) in 500 frames"),
     ):
         (axes,) = figure.axes
         (line,) = (one for one in axes.lines if list(one.get_xdata()) == [0, 1])
@@ -213,7 +211,11 @@ def test_every_setting_that_the_words_name_has_its_name():
     usual = made_up_prices(settings, (300, 290, 310), (20.0, 21.0, 30.0))
     times = dict(zip(PLACES, map(spent, (15.0, 16.0, 15.0, 16.0)), strict=True))
     named = dataclasses.replace(
-        usual, spent={**usual.spent, **{(settings[2], place): one for place, one in times.items()}}
+        usual,
+        times=dataclasses.replace(
+            usual.times,
+            by_place=usual.times.by_place | {(settings[2], place): one for place, one in times.items()},
+        ),
     )
     words_and_labels = [
         ["K 16" in text for text in (recommendation(prices), "".join(labels(drawn(prices))))]
@@ -263,12 +265,12 @@ def test_what_it_rests_on_is_said(figure):
     ):
         assert part in said
     assert "with care" not in said
-    busy = drawn(made_up_prices(waited_share=0.4), "far", "crops")
+    busy = drawn(made_up_prices(times=timed(waited_share=0.4)), "far", "crops")
     assert "for 40 % of it other work had the processor" in plain(busy)
     check_footnote(busy)
     # These scenes' crops were not made: neither their size nor their times are known.
     assert "89 x 89" not in words(busy)
-    assert "right after an untimed one; times are those of mixture." in plain(busy)
+    assert "paper scenes, far; times are those of mixture." in plain(busy)
     crops = drawn(made_up_prices(), "mixture", "crops")
     assert "89 x 89" in words(crops)
     assert "times are those of" not in plain(crops)
