@@ -224,7 +224,7 @@ def test_every_setting_that_the_words_name_has_its_name():
     assert words_and_labels == [[False, False], [True, True]]
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_labels_can_be_read_wherever_the_dots_lie(seed):
     rng = np.random.default_rng(seed)
     names = ("center_greyscale", "flda_2", "flda_3", "lmmse", "mlp", "cnn", "own_net", "panel_otsu")
@@ -270,7 +270,7 @@ def test_what_it_rests_on_is_said(figure):
     check_footnote(busy)
     # These scenes' crops were not made: neither their size nor their times are known.
     assert "89 x 89" not in words(busy)
-    assert "paper scenes, far; times are those of mixture." in plain(busy)
+    assert "right after an untimed one; times are those of mixture." in plain(busy)
     crops = drawn(made_up_prices(), "mixture", "crops")
     assert "89 x 89" in words(crops)
     assert "times are those of" not in plain(crops)

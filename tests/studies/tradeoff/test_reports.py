@@ -121,7 +121,8 @@ def test_a_quicker_one_that_frames_do_not_tell_apart_is_named():
     alike = made_up_prices(SETTINGS[:2], (300, 299), (4.0, 8.0))
     said = plain(recommendation(alike))
     assert (
-        "take flda_3 (FLDA: AGR + GRI + NGR), paper's locator: BER 4.7e-3 (4.2e-3 to 5.2e-3), 4.00 ms (3.92-4.08). "
+        "take flda_3 (FLDA: AGR + GRI + NGR), paper's locator: BER 4.7e-3 (4.2e-3 to 5.2e-3), 4.00 ms "
+        "(3.92-4.08). "
         "These frames do not tell its rate from that of a quicker one, average_greyscale, paper's locator:"
     ) in said
     apart = plain(recommendation(made_up_prices(SETTINGS[:2], (300, 200), (4.0, 8.0))))
@@ -175,9 +176,8 @@ def test_where_and_why_it_is_not_known_what_is_possible_is_told(prices):
     assert "What is possible was not measured (mixture, far): the genie does not know lamps." in why
     assert "knows the scene" not in why
     reference = {"mixture": REFERENCES["mixture"]}
-    part = plain(
-        recommendation(dataclasses.replace(prices, references=reference, no_references={"far": lamps}))
-    )
+    partly = dataclasses.replace(prices, references=reference, no_references={"far": lamps})
+    part = plain(recommendation(partly))
     assert "What is possible was not measured (far): the genie does not know lamps." in part
     assert "knows the scene, in 500 frames: no error" in part
 

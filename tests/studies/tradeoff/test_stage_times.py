@@ -1,211 +1,183 @@
-"""What is timed for a setting is its own: stage, locator, K, gradient and precision."""
+"""Each time is that of the stage, the receiver and the batch that it is told for."""
 
-import dataclasses
 import itertools
-from dataclasses import dataclass
 
 import pytest
 import torch
-from torch import Tensor
 
-from vocc_torch.measure.plug_in import ClassifierPlan
+from vocc_torch.measure import stage_times
+from vocc_torch.measure.link import block_keys
+from vocc_torch.measure.stage_times import STAGES, Exposure, read, time_stages
 from vocc_torch.measure.timing import Timing
-from vocc_torch.measure.workers import Workers
-from vocc_torch.receiver.classifiers import Inputs, Patch
+from vocc_torch.receiver.bank import ReceiverBank
+from vocc_torch.receiver.classifiers import Inputs, PanelOtsu, Patch
+from vocc_torch.receiver.classifiers.protocol import Guarded
+from vocc_torch.receiver.flda import FLDA
+from vocc_torch.receiver.location import PaperLocator
+from vocc_torch.receiver.reader import Reader
+from vocc_torch.receiver.receiver import StagedReceiver
+from vocc_torch.receiver.refined import RefinedLocator
+from vocc_torch.rng import FrameKey
 from vocc_torch.simulation import Camera, Distribution, SceneModel
-from vocc_torch.studies.tradeoff import times as times_module
-from vocc_torch.studies.tradeoff.chain import Chain
-from vocc_torch.studies.tradeoff.plan import RendererKnobs, TradeoffStudy
-from vocc_torch.studies.tradeoff.price_list import STAGES, Place, Setting
-from vocc_torch.studies.tradeoff.times import measure_times
-from vocc_torch.studies.tradeoff.training import chains, train_receivers
+from vocc_torch.simulation.simulator import PAPER_EFFECTS
+from vocc_torch.types import Frames, PanelShape, Scene
 
-NAMES = ("center_greyscale", "average_greyscale", "flda_2", "flda_3")
-OTSU = ClassifierPlan(
-    "otsu",
-    {"_target_": "vocc_torch.receiver.classifiers.PanelOtsu"},
-    Inputs((), Patch(1, 4, relative="white")),
-)
-LOCATORS = ("paper", "refined", "truth")
-BATCHES = (3, 24)
-LEDS = 8
+LOCATORS = {"paper": PaperLocator(), "refined": RefinedLocator(PaperLocator()), "truth": None}
+SHAPE, BATCH = PanelShape(8, 8), 24
 
 
-@dataclass(frozen=True)
-class Event:
-    """What a timed call did: a stage, for whom, and with which tensor; what came out of it."""
-
-    stage: str
-    setting: Setting | None = None
-    given: Tensor | None = None
-    made: Tensor | None = None
-    corners: Tensor | None = None
-    locator: str = ""
+def receiver(name, locator, samples=8, dtype=torch.float32):
+    flda = FLDA(3)
+    flda.update(torch.rand(64, 3, generator=torch.Generator().manual_seed(0)), torch.arange(64) % 2)
+    otsu = Guarded("otsu", PanelOtsu(), Inputs((), Patch(1, 4, relative="white")))
+    return StagedReceiver(
+        ReceiverBank([name], flda, {"otsu": otsu}), Reader(SHAPE, samples), LOCATORS[locator], dtype
+    )
 
 
-class Spied:
-    """A locator that tells when it looks."""
-
-    def __init__(self, name, locator, log):
-        self.name, self.locator, self.log = name, locator, log
-
-    def __call__(self, frames, shape):
-        self.log.append(Event("locate", given=frames.grey, locator=self.name))
-        return self.locator(frames, shape)
+RECEIVERS = {
+    (name, locator, *more): receiver(name, locator, *more)
+    for locator in LOCATORS
+    for name, *more in (
+        *(["center_greyscale"], ["average_greyscale"], ["flda_2"], ["flda_3"], ["otsu"]),
+        *(["flda_3", 4], ["flda_3", 8, torch.float64]),
+    )
+}
 
 
 @pytest.fixture(scope="module")
-def study(make_plan):
+def world(make_plan):
     """Far panels in the middle of the paper's sensor."""
     scene = SceneModel(
         ambient_lx=Distribution("constant", (1000.0,)), distance_m=Distribution("uniform", (60.0, 70.0))
     )
     camera = Camera(width_px=480, height_px=272, sensor_width_mm=3.3)
-    plan = make_plan(names=NAMES, frames=64, training_frames=64, scene=scene, camera=camera)
-    receiver = dataclasses.replace(plan.receiver, names=(*NAMES, "otsu"), classifiers=(OTSU,))
-    return TradeoffStudy(
-        dataclasses.replace(plan, receiver=receiver), locators=LOCATORS, samples_per_led=(8, 4),
-        gradients=("sobel", "central"), dtypes=("float32", "float64"), varied=("flda_3", "otsu"),
-        batch_sizes=BATCHES, frames=("crops",), repeats=1, knobs=RendererKnobs(0),
-    )  # fmt: skip
+    return make_plan(scene=scene, camera=camera).world
 
 
 @pytest.fixture(scope="module")
-def recorded(study):
+def recorded(world):
     """Times that are the numbers of calls, and what each of these calls did, by number."""
-    log, calls_made, numbers = [], {}, itertools.count(1)
-    receivers = chains(study, train_receivers(study, Workers(1)))
-    spies = {chain.setting.locator: chain.locator for chain in receivers}
-    spies = {name: one and Spied(name, one, log) for name, one in spies.items()}
-    receivers = [dataclasses.replace(one, locator=spies[one.setting.locator]) for one in receivers]
+    exposure = Exposure.of(world, world.scene, block_keys(0, "timed", 64), preambles=True)
+    log, made, numbers = [], {}, itertools.count(1)
+    keys = {str(key): one for key, one in RECEIVERS.items()}
 
-    def rectify(chain, frames, panels, original=Chain.rectify):
-        made = original(chain, frames, panels)
-        log.append(Event("rectify", chain.setting, frames.grey, made, panels.corners_px))
-        return made
+    def spied(stage, original):
+        def call(one, *given):
+            ended = original(one, *given)
+            log.append(
+                (stage, one.bank.names[0], one.reader.samples_per_led, one.dtype, one.locator, given, ended)
+            )
+            return ended
 
-    def features(chain, frames, panels, patches, original=Chain.features):
-        made = original(chain, frames, panels, patches)
-        log.append(Event("features", chain.setting, patches, made, panels.corners_px))
-        return made
-
-    def classify(chain, measured, threshold, original=Chain.classify):
-        log.append(Event("classify", chain.setting, measured, threshold))
-        return original(chain, measured, threshold)
-
-    def read(host, device, original=times_module.read):
-        log.append(Event("read", given=host.grey))
-        return original(host, device)
+        return call
 
     def numbered(calls, repeats, device, *, warm_up, primed):
-        assert primed
+        assert (warm_up, primed) == (1, True)
         timing = {}
         for name, call in calls.items():
             log.clear()
             call()
             number = next(numbers)
-            calls_made[number] = tuple(log)
+            made[number] = tuple(log)
             timing[name] = Timing((float(number),) * repeats)
         return timing
 
     with pytest.MonkeyPatch.context() as patch:
-        for name, spy in (("rectify", rectify), ("features", features), ("classify", classify)):
-            patch.setattr(Chain, name, spy)
-        patch.setattr(times_module, "read", read)
-        patch.setattr(times_module, "interleaved", numbered)
-        return measure_times(study, receivers), calls_made
+        for stage in ("locate", "rectify", "measure", "decide"):
+            patch.setattr(StagedReceiver, stage, spied(stage, getattr(StagedReceiver, stage)))
+        patch.setattr(stage_times, "interleaved", numbered)
+        wholes = [str(("flda_3", locator)) for locator in LOCATORS]
+        times = time_stages(
+            keys, exposure, BATCH, 2, torch.device("cpu"), frames_a_preamble=5, in_one_go=wholes
+        )
+    return times, made
 
 
-def timed(recorded, setting, batch):
-    """What the calls did whose times a setting has, by stage."""
-    times, calls = recorded
-    rounds = times.spent[setting, Place("cpu", "crops", batch)].rounds_ms
-    numbers = {stage: round(rounds[stage][0] * batch / 1e3) for stage in STAGES if stage != "preambles"}
-    return {stage: calls[number] for stage, number in numbers.items() if number}
-
-
-def patch_of(setting, batch):
-    """Type and shape of a setting's rectified panels: the LEDs and a cell more on each side."""
-    side = (LEDS + 2) * setting.samples_per_led
-    return getattr(torch, setting.dtype), (batch, 1, side, side)
-
-
-def kind(tensor):
-    return tensor.dtype, tuple(tensor.shape)
-
-
-@pytest.mark.parametrize("batch", BATCHES)
-def test_each_stage_is_the_settings_own(study, recorded, batch):
-    assert len(study.settings) == 3 * (5 + 3 + 2)
-    for setting in study.settings:
-        stages = timed(recorded, setting, batch)
-        one_each = {stage: [event.stage for event in events] for stage, events in stages.items()}
-        assert one_each == {stage: [stage] for stage in stages}, setting
-        absent = {"locate"} if setting.locator == "truth" else set()
-        absent |= {"rectify"} if setting.receiver == "center_greyscale" else set()
-        assert set(STAGES) - set(stages) == absent | {"preambles"}, setting
-        (read,), (measured,), (decided,) = stages["read"], stages["features"], stages["classify"]
-        assert (read.given.dtype, len(read.given)) == (torch.uint8, batch)
-        assert measured.setting == decided.setting == setting
-        if "locate" in stages:
-            (located,) = stages["locate"]
-            assert (located.locator, len(located.given)) == (setting.locator, batch)
-        # What is decided on is what this receiver has measured, on the same batch.
-        assert torch.equal(decided.given, measured.made)
-        assert len(decided.given) == batch
-        greyscale = setting.receiver in ("center_greyscale", "average_greyscale")
-        assert (decided.made is not None) == greyscale, setting
-        if "rectify" in stages:
-            (rectified,) = stages["rectify"]
-            assert kind(rectified.made) == kind(measured.given) == patch_of(setting, batch), setting
-            assert torch.equal(rectified.made, measured.given)
-        else:
-            assert measured.given is None
-
-
-def test_corners_are_those_of_the_settings_locator(study, recorded):
+def test_each_stage_is_the_receivers_own_on_one_batch(recorded):
+    times, made = recorded
     corners = {}
-    for setting in study.settings:
-        stages = timed(recorded, setting, 24)
-        for event in (*stages.get("rectify", ()), *stages["features"]):
-            first = corners.setdefault(setting.locator, event.corners)
-            assert torch.equal(first, event.corners), setting
-    for a, b in itertools.combinations(LOCATORS, 2):
-        assert not torch.equal(corners[a], corners[b])
+    for key, one in RECEIVERS.items():
+        rounds = times.by_receiver[str(key)].rounds_ms
+        numbers = {stage: round(rounds[stage][0] * BATCH / 1e3) for stage in STAGES if stage != "preambles"}
+        did = {stage: made[number] for stage, number in numbers.items() if number}
+        absent = {"locate"} if one.locator is None else set()
+        absent |= {"rectify"} if key[0] == "center_greyscale" else set()
+        assert set(STAGES) - set(did) == absent | {"preambles"}, key
+        ((_, name, samples, dtype, locator, given, readings),) = did["features"]
+        assert (name, samples, dtype, locator) == (key[0], one.reader.samples_per_led, one.dtype, one.locator)
+        frames, panels, patches = given
+        assert (frames.grey.dtype, len(frames)) == (torch.uint8, BATCH)
+        assert torch.equal(corners.setdefault(one.locator, panels.corners_px), panels.corners_px)
+        if "rectify" in did:
+            side = (8 + 2) * samples
+            assert (patches.dtype, patches.shape) == (dtype, (BATCH, 1, side, side))
+            assert torch.equal(did["rectify"][0][-1], patches)
+        if "locate" in did:
+            assert did["locate"][0][4] == one.locator
+        # What is decided on is what this receiver has measured, on the same batch.
+        ((_, name, *_, decided, _),) = did["classify"]
+        assert name == key[0]
+        assert torch.equal(decided[0].features, readings.features)
+        greyscale = key[0] in ("center_greyscale", "average_greyscale")
+        assert (decided[1] is not None) == greyscale
+        # Two frames of known bits, each read and measured, for every five of data.
+        one_more = rounds["read"][0] + rounds["rectify"][0] + rounds["features"][0]
+        assert rounds["preambles"][0] == pytest.approx(2 / 5 * one_more if greyscale else 0.0)
+    for a, b in itertools.combinations(corners.values(), 2):
+        assert not torch.equal(a, b)
 
 
-@pytest.mark.parametrize("batch", BATCHES)
-def test_in_one_go_a_receiver_does_all_of_its_stages_once(study, recorded, batch):
-    times, calls = recorded
-    assert times.in_one_go == "flda_3"
-    wholes = [one for one in calls.values() if len(one) > 1 and len(one[0].given) == batch]
-    settings = [next(event.setting for event in one if event.setting) for one in wholes]
-    assert settings == [Setting("flda_3", name, 8, "sobel", "float32") for name in LOCATORS]
-    for setting, events in zip(settings, wholes, strict=True):
-        wanted = ["read", "locate", "rectify", "features", "classify"]
-        if setting.locator == "truth":
-            wanted.remove("locate")
-        assert [event.stage for event in events] == wanted
-        assert {event.setting for event in events if event.setting} == {setting}
-        assert [event.locator for event in events if event.locator] == [
-            name for name in (setting.locator,) if name != "truth"
-        ]
-        (patches,) = (event.made for event in events if event.stage == "rectify")
-        assert kind(patches) == patch_of(setting, batch)
-
-
-def test_settings_that_differ_in_anything_have_times_of_their_own(study, recorded):
-    """No two settings share what they measure and decide; patches are shared by all who cut the same ones."""
-    times, _ = recorded
-    place = Place("cpu", "crops", 24)
+def test_stages_are_shared_by_all_that_begin_alike_and_by_no_others(recorded):
+    by_receiver = recorded[0].by_receiver
     for stage, of in (
-        ("features", lambda one: one),
-        ("classify", lambda one: one),
-        ("rectify", lambda one: (one.locator, one.samples_per_led, one.dtype)),
+        ("features", lambda key, one: key),
+        ("classify", lambda key, one: key),
+        ("locate", lambda key, one: one.locator),
+        ("rectify", lambda key, one: (one.locator, one.reader.samples_per_led, one.dtype)),
     ):
         numbers = {}
-        for setting in study.settings:
-            if (stage, setting.receiver) != ("rectify", "center_greyscale"):
-                numbers.setdefault(of(setting), set()).add(times.spent[setting, place].rounds_ms[stage])
+        for key, one in RECEIVERS.items():
+            if by_receiver[str(key)].rounds_ms[stage][0]:
+                numbers.setdefault(of(key, one), set()).add(by_receiver[str(key)].rounds_ms[stage])
         assert all(len(one) == 1 for one in numbers.values())
         assert len(set.union(*numbers.values())) == len(numbers)
+
+
+def test_in_one_go_a_receiver_does_all_of_its_stages_once(recorded):
+    wholes = [did for did in recorded[1].values() if len(did) > 1]
+    for locator, did in zip(LOCATORS, wholes, strict=True):
+        assert [stage for stage, *_ in did] == [
+            *(["locate"] if LOCATORS[locator] else []), "rectify", "measure", "decide"
+        ]  # fmt: skip
+        assert {(name, where) for _, name, _, _, where, *_ in did} == {("flda_3", LOCATORS[locator])}
+
+
+def test_preambles_have_noise_of_their_own(make_plan):
+    noise = {"read_noise": {"electrons": 30.0}, "photoelectrons": {"quantum_efficiency": 0.6}, "gain": {}}
+    camera = Camera(width_px=96, height_px=64, sensor_width_mm=0.66)
+    centred = {name: Distribution("constant", (0.0,)) for name in ("offset_x_m", "offset_y_m")}
+    model = SceneModel(distance_m=Distribution("constant", (60.0,)), **centred)
+    world = make_plan(camera=camera, scene=model, effects={**PAPER_EFFECTS, **noise}).world
+    (key,) = keys = block_keys(0, "noise", 64)
+    seen = Exposure.of(world, model, keys, preambles=True)
+    scene, bits = model.draw(key, SHAPE)
+    every = torch.ones_like(bits)
+    names = [FrameKey(key, frame) for frame in range(64)]
+
+    def again(sent, take):
+        own = [FrameKey(key, frame, take) for frame in range(64)] if take else names
+        return world.simulator().render(Scene.cat([scene]), sent, nearest_m=model.nearest_m, keys=own).grey
+
+    assert torch.equal(again(bits, ""), seen.frames.grey)
+    assert torch.equal(again(every, "on"), seen.preambles[0].grey)
+    assert not torch.equal(again(every, ""), seen.preambles[0].grey)
+
+
+@pytest.mark.parametrize("count", [1, 3])
+def test_reading_gives_the_very_frames(count):
+    grey = torch.arange(count * 12, dtype=torch.uint8).view(count, 1, 3, 4)
+    frames = read(Frames(grey, torch.zeros(count, 2).long(), (3, 4), torch.zeros(count)), torch.device("cpu"))
+    assert torch.equal(frames.grey, grey)
+    # A batch is put together from single frames, which costs a copy.
+    assert (frames.grey.data_ptr() == grey.data_ptr()) == (count == 1)

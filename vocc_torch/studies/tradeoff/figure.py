@@ -212,6 +212,7 @@ def _legend(figure: Figure, dots: Sequence[Dot]) -> None:
 def _write(figure: Figure, prices: PriceList, scenes: str, device: str, frames: str) -> None:
     """Write title and footnote."""
     rounds = sorted({times.rounds for times in prices.times.by_place.values()})
+    elsewhere = timed_text(prices, scenes)
     counted = " to ".join(str(one) for one in dict.fromkeys((rounds[0], rounds[-1])))
     waited = known = ""
     if prices.times.waited_share >= BUSY_SHARE:
@@ -224,7 +225,8 @@ def _write(figure: Figure, prices: PriceList, scenes: str, device: str, frames: 
         "beaten: one no slower by the median has a lower rate, by paired intervals of all pairs that hold "
         f"together at 95 % (Bonferroni). Rates: {prices.counted_frames} frames, the same for all; bars are "
         f"95 % intervals. Times: medians and quartiles of {counted} "
-        f"interleaved rounds, each call right after an untimed one{timed_text(prices, scenes)}. {known}{prices.times.machines[device]}."
+        f"interleaved rounds, each call right after an untimed one{elsewhere}. {known}"
+        f"{prices.times.machines[device]}."
     )
     footnote = textwrap.fill(said, _FOOTNOTE_CHARS, break_on_hyphens=False)
     write_title(figure, "What accuracy costs in time", footnote)
