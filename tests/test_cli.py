@@ -65,7 +65,7 @@ def test_default_run_writes_everything(command, tmp_path):
     assert (ran.status, ran.err) == (0, "")
     (folder,) = (tmp_path / "runs" / "test" / "ambient").iterdir()
     written = {path.name for path in folder.iterdir()}
-    resumed = {"ledger.jsonl", "paired.csv"}
+    resumed = {"ledger.sqlite", "paired.csv"}
     assert written == resumed | {
         "ber.csv",
         "ber.png",
@@ -511,7 +511,7 @@ def limited(command, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("limit", "failing"), [(500, "ledger.jsonl"), (20_000, "ber.png"), (90_000, "tensorboard")]
+    ("limit", "failing"), [(500, "ledger.sqlite"), (20_000, "ber.png"), (90_000, "tensorboard")]
 )
 def test_full_disk(limited, tmp_path, limit, failing):
     """What was whole before stays; nothing is left half-written."""
@@ -521,7 +521,7 @@ def test_full_disk(limited, tmp_path, limit, failing):
     left = {path.name for path in (tmp_path / "runs").rglob("*") if path.is_file()}
     assert failing not in left
     assert not [name for name in left if "tmp" in name]
-    if failing == "ledger.jsonl":
+    if failing == "ledger.sqlite":
         assert not (tmp_path / "runs").exists()
 
 
@@ -629,7 +629,7 @@ def test_interrupted_run(tmp_path):
     assert (run.returncode, err) == (130, "vocc-torch: interrupted\n")
     left = {path.name for path in tmp_path.rglob("*") if path.is_file()}
     # What was counted stays, and can be gone on from.
-    assert left in (set(), {"ledger.jsonl", "config.yaml"})
+    assert left in (set(), {"ledger.sqlite", "config.yaml"})
 
 
 @pytest.mark.parametrize("arguments", [QUICK, ("--help",)], ids=["run", "help"])
@@ -643,7 +643,7 @@ def test_reader_that_leaves_early(tmp_path, arguments):
     assert run.returncode in ((0, 1) if "--help" in arguments else (1,))
     assert err == ""
     left = {path.name for path in tmp_path.rglob("*") if path.is_file()}
-    assert left <= {"ledger.jsonl", "config.yaml"}
+    assert left <= {"ledger.sqlite", "config.yaml"}
 
 
 # Help, and what is shipped

@@ -8,12 +8,12 @@ from pathlib import Path
 import pytest
 import yaml
 from paper_runs import contents_of, files_in, head_of, rows_of, run_in
+from vocc_torch.studies.paper.report.readings_section import FIT_COLUMNS
+from vocc_torch.studies.paper.studies import wanted_figures
 
 from vocc_torch import Receiver
 from vocc_torch.measure.curve import COLUMNS
-from vocc_torch.studies.paper.report.readings_section import FIT_COLUMNS
 from vocc_torch.studies.paper.scorecard import CLAIMS, VERDICTS
-from vocc_torch.studies.paper.studies import wanted_figures
 
 TINY = ("budget.frames=8", "budget.training_frames=64", "workers=1")
 VALUES = {
@@ -53,7 +53,7 @@ def test_everything_is_written(whole):
         *(f"figures/{name}.{kind}" for name in ("fig17", *SCORED) for kind in ("png", "csv")),
         *(f"figures/{name}_readings.png" for name in SCORED),
         *(
-            f"ledgers/{name}-{mm}mm.jsonl"
+            f"ledgers/{name}-{mm}mm.sqlite"
             for name in ("contrast", "ambient", "luminance", "distance")
             for mm in (25, 18)
         ),
@@ -211,20 +211,20 @@ def test_one_experiment_alone(near):
     assert files_in(near) == {
         *("config.yaml", "receiver.pt", "report.md", "report.html", "location.csv", "paired.csv"),
         *("figures/fig24.csv", "figures/fig24.png", "figures/fig24_readings.png", "figures/location.png"),
-        "ledgers/distance-25mm.jsonl",
+        "ledgers/distance-25mm.sqlite",
     }
 
 
 def test_a_finished_run_counts_nothing_again(near, place, monkeypatch):
     """Started again, it reads its ledgers: the same bytes, and the report says that it went on."""
-    before = contents_of(near, ".csv", ".jsonl", ".yaml")
+    before = contents_of(near, ".csv", ".sqlite", ".yaml")
     first = (near / "report.md").read_text(encoding="utf-8")
     monkeypatch.setattr(
         "vocc_torch.measure.counter.PointJob.__call__", lambda *_: pytest.fail("counted again")
     )
     ran = run_in(place, *ONE, "figures.names=[fig24]", "name=near")
     assert (ran.status, ran.err) == (0, "")
-    assert contents_of(near, ".csv", ".jsonl", ".yaml") == before
+    assert contents_of(near, ".csv", ".sqlite", ".yaml") == before
     assert "going on from 3 blocks" in ran.out
     again = (near / "report.md").read_text(encoding="utf-8")
     told = "going on from what an earlier run had counted"
@@ -262,8 +262,8 @@ def test_the_grid_alone_with_a_board(place):
     folder = place / "runs" / "grid"
     names = files_in(folder)
     assert {name for name in names if name.startswith("ledgers")} == {
-        "ledgers/dimming-25mm-1000.jsonl",
-        "ledgers/dimming-25mm-32000.jsonl",
+        "ledgers/dimming-25mm-1000.sqlite",
+        "ledgers/dimming-25mm-32000.sqlite",
     }
     assert {
         f"figures/dimming{end}" for end in (".csv", "_best.csv", "_loss.csv", "_paper.png", "_truth.png")
@@ -350,12 +350,12 @@ SETTINGS = {
 
 @pytest.mark.parametrize(("change", "key"), SETTINGS.items())
 def test_a_ledger_of_other_settings_is_refused_by_their_key(near, place, change, key):
-    before = contents_of(near, ".csv", ".jsonl", ".yaml", ".png", ".md", ".html", ".pt")
+    before = contents_of(near, ".csv", ".sqlite", ".yaml", ".png", ".md", ".html", ".pt")
     complaint = run_in(place, *ONE, "figures.names=[fig24]", "name=near", change).complaint
-    assert "distance-25mm.jsonl" in complaint
+    assert "distance-25mm.sqlite" in complaint
     assert key in complaint
     assert "give another name=" in complaint
-    assert contents_of(near, ".csv", ".jsonl", ".yaml", ".png", ".md", ".html", ".pt") == before
+    assert contents_of(near, ".csv", ".sqlite", ".yaml", ".png", ".md", ".html", ".pt") == before
 
 
 def test_a_report_of_other_figures_is_not_written_over(near, place):
@@ -368,7 +368,7 @@ def test_one_locator_and_more_frames_added_to_what_is_there(place):
     arguments = (*ONE, "figures.names=[fig24]", "figures.locators=[truth]", "~figures.experiments.dimming")
     assert run_in(place, *arguments, "name=more", "budget.frames=64").status == 0
     folder = place / "runs" / "more"
-    ledger = folder / "ledgers" / "distance-25mm.jsonl"
+    ledger = folder / "ledgers" / "distance-25mm.sqlite"
     before = ledger.read_bytes()
     assert run_in(place, *arguments, "name=more", "budget.frames=72").status == 0
     assert ledger.read_bytes().startswith(before)
@@ -389,8 +389,8 @@ def test_a_full_disk_leaves_ledgers_that_a_later_run_goes_on_from(near, place, t
     mine = tmp_path / "runs" / "full"
     mine.mkdir(parents=True)
     (mine / "ledgers").mkdir()
-    ledger = mine / "ledgers" / "distance-25mm.jsonl"
-    ledger.write_bytes((near / "ledgers" / "distance-25mm.jsonl").read_bytes())
+    ledger = mine / "ledgers" / "distance-25mm.sqlite"
+    ledger.write_bytes((near / "ledgers" / "distance-25mm.sqlite").read_bytes())
     arguments = (*ONE, "figures.names=[fig24]", "name=full")
     rename = Path.replace
 
@@ -404,10 +404,10 @@ def test_a_full_disk_leaves_ledgers_that_a_later_run_goes_on_from(near, place, t
         complaint = run_in(tmp_path, *arguments).complaint
     assert file in complaint
     assert "No space left on device" in complaint
-    assert ledger.read_bytes() == (near / "ledgers" / "distance-25mm.jsonl").read_bytes()
+    assert ledger.read_bytes() == (near / "ledgers" / "distance-25mm.sqlite").read_bytes()
     assert not (mine / file).exists()
     left = files_in(mine)
-    assert all(Path(name).suffix in (".png", ".csv", ".jsonl", ".yaml", ".pt", ".md") for name in left), left
+    assert all(Path(name).suffix in (".png", ".csv", ".sqlite", ".yaml", ".pt", ".md") for name in left), left
     with monkeypatch.context() as patch:
         patch.setattr("vocc_torch.measure.counter.PointJob.__call__", lambda *_: pytest.fail("counted again"))
         assert run_in(tmp_path, *arguments).status == 0
@@ -415,7 +415,7 @@ def test_a_full_disk_leaves_ledgers_that_a_later_run_goes_on_from(near, place, t
 
 
 def test_ledgers_are_lines_of_json_that_name_their_settings(near):
-    first, *rows = (near / "ledgers" / "distance-25mm.jsonl").read_text().splitlines()
+    first, *rows = (near / "ledgers" / "distance-25mm.sqlite").read_text().splitlines()
     assert json.loads(first)["settings"]["experiment"]["name"] == "distance"
     assert len(rows) == 3
     assert all(json.loads(row) for row in rows)

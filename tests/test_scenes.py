@@ -131,7 +131,7 @@ def test_a_scene_without_effects_hands_the_same_tensor_through(monkeypatch):
     light, context = torch.rand(1, 1, 4, 4), Context(Scene.of(), simulator.camera)
     monkeypatch.setattr("vocc_torch.simulation.simulator.through_lens", lambda value, _: value)
     monkeypatch.setattr("vocc_torch.simulation.simulator.grey_value", lambda value, _, gamma: value)
-    assert simulator._finish(light, Quantity.LUMINANCE, [], context) is light
+    assert simulator._run((light, Quantity.LUMINANCE), [], context, to_end=True)[0] is light
     blurring = plan_of().world.simulator()
     assert blurring._finish(light, Quantity.LUMINANCE, [1], context) is not light
 

@@ -1,10 +1,10 @@
 """Made-up experiments with known truth, and one set that behaves as the paper says throughout."""
 
 import numpy as np
+from made_up_tallies import tallies
 
 from vocc_torch.measure.curves import Curves, Measured
-from vocc_torch.measure.dimming import Grid
-from vocc_torch.measure.tally import tallies
+from vocc_torch.measure.grid import Grid
 from vocc_torch.studies.paper.scorecard import Reading
 
 BITS = 64

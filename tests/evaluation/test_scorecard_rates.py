@@ -17,20 +17,6 @@ from made_up_readings import (
     reading_of,
     spread,
 )
-
-from vocc_torch.measure.counts import Counts
-from vocc_torch.measure.curve import Row
-from vocc_torch.measure.intervals import Interval, design_effect
-from vocc_torch.studies.paper.scorecard import (
-    Distance,
-    Fit,
-    best_reading,
-    fits,
-    location_rows,
-    location_split,
-    readings_of,
-    score,
-)
 from vocc_torch.studies.paper.scorecard.comparisons import Comparison, Side, confidence_of, factor_text, weigh
 from vocc_torch.studies.paper.scorecard.contrasts import BACKGROUND_GREYS, contrast_by_equations
 from vocc_torch.studies.paper.scorecard.explanations import of_location
@@ -47,6 +33,21 @@ from vocc_torch.studies.paper.scorecard.quoted import (
     gain_is,
     paper_counts,
     paper_frames,
+)
+
+from vocc_torch.measure.counts import Counts
+from vocc_torch.measure.curve import Row
+from vocc_torch.measure.estimate import Estimate
+from vocc_torch.measure.intervals import design_effect
+from vocc_torch.studies.paper.scorecard import (
+    Distance,
+    Fit,
+    best_reading,
+    fits,
+    location_rows,
+    location_split,
+    readings_of,
+    score,
 )
 
 
@@ -380,8 +381,8 @@ def test_the_split_is_the_share_of_errors_that_true_corners_save():
     for one in splits:
         values = (30.0, 40.0) if one.value is None else (one.value,)
         wrong, right = (sum(at[v][one.receiver].sum() for v in values) for at in (located, truth))
-        assert one.share.gain == pytest.approx((wrong - right) / wrong)
-        assert one.share.low < one.share.gain < one.share.high
+        assert one.share.value == pytest.approx((wrong - right) / wrong)
+        assert one.share.low < one.share.value < one.share.high
         assert one.located.ber == pytest.approx(wrong / (BITS * 400 * len(values)))
     rows = location_rows(splits)
     assert {len(row) for row in rows} == {len(rows[0])}
@@ -458,7 +459,7 @@ def test_no_error_counts_as_far_as_its_limit():
 @given(st.floats(1e-6, 0.1), st.floats(1.1, 9), st.floats(1e-6, 0.1), st.floats(1.1, 9))
 def test_a_distance_lies_in_its_interval(ber, width, quoted, theirs):
     row = Row("s", "x", 1.0, "r", "truth", 9, 576, 1.0, ber, ber / width, min(1, ber * width), 1, 0, "frames")
-    decades, low, high = decades_apart(row, quoted, Interval(quoted / theirs, min(1, quoted * theirs)))
+    decades, low, high = decades_apart(row, quoted, Estimate(quoted / theirs, min(1, quoted * theirs)))
     assert 0 <= low <= decades + 1e-12
     assert decades <= high + 1e-12
     assert decades == pytest.approx(abs(math.log10(ber) - math.log10(quoted)), abs=1e-9)

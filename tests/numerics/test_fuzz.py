@@ -357,7 +357,7 @@ def test_a_refusal_must_name_a_key_in_one_line(line, complaint):
 
 def test_the_demands_notice_what_must_not_be(monkeypatch):
     from vocc_torch.simulation.effects import registry
-    from vocc_torch.simulation.effects.saturation import Saturation
+    from vocc_torch.simulation.effects.coding import Saturation
 
     case = Case(SMALL | {"scene.effects": {"saturation": {}}})
     monkeypatch.setattr(Saturation, "__call__", lambda self, value, context: value * math.nan)

@@ -327,7 +327,7 @@ def autocast_around_a_receiver():
 @hard(
     "autocast around the simulator",
     "the same pixels: the blur, which Kornia would compute by another way under autocast, switches it off",
-    Breakage("vocc_torch/simulation/effects/blooming.py", "enabled=False", "enabled=True"),
+    Breakage("vocc_torch/simulation/effects/optics.py", "enabled=False", "enabled=True"),
 )
 def autocast_around_the_simulator():
     scene, bits = DARKEST.draw(BlockKey(1, "precision", 0), SHAPE)

@@ -22,13 +22,6 @@ from made_up_paper import (
 )
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_hex
-
-from vocc_torch.errors import VoccError
-from vocc_torch.measure.counts import Counts
-from vocc_torch.measure.undimmed import undimmed_loss
-from vocc_torch.show.report import Cell, Highlights, Picture, Table, as_html, as_markdown, write_report
-from vocc_torch.show.report.inline import words
-from vocc_torch.show.styles import receiver_styles
 from vocc_torch.studies.paper.report.contents import Contents
 from vocc_torch.studies.paper.report.groups import groups_of, on_figure, tally_text
 from vocc_torch.studies.paper.report.location_figure import location_figure
@@ -40,6 +33,15 @@ from vocc_torch.studies.paper.report.scorecard_section import TONES
 from vocc_torch.studies.paper.report.sections import paper_report
 from vocc_torch.studies.paper.report.statements import OUTCOME_TONES, STATEMENTS, causes, outcome
 from vocc_torch.studies.paper.report.words import RECEIVERS, plain, rate_interval, ratio_interval, spaced
+from vocc_torch.studies.paper.scorecard.quoted import QUOTED_BERS
+from vocc_torch.studies.paper.scorecard.words import rate
+
+from vocc_torch.errors import VoccError
+from vocc_torch.measure.counts import Counts
+from vocc_torch.measure.grid import best_luminance
+from vocc_torch.show.report import Cell, Highlights, Picture, Table, as_html, as_markdown, write_report
+from vocc_torch.show.report.inline import words
+from vocc_torch.show.styles import receiver_styles
 from vocc_torch.studies.paper.scorecard import (
     CLAIMS,
     VERDICTS,
@@ -50,8 +52,6 @@ from vocc_torch.studies.paper.scorecard import (
     fits,
     location_split,
 )
-from vocc_torch.studies.paper.scorecard.quoted import QUOTED_BERS
-from vocc_torch.studies.paper.scorecard.words import rate
 
 INVISIBLE = str.maketrans({"\N{NO-BREAK SPACE}": " ", "\N{WORD JOINER}": None, "\N{MINUS SIGN}": "-"})
 
@@ -382,7 +382,7 @@ def test_location_tables_show_the_splits(report, whole):
         for split, row in zip(some, rows_of(table), strict=True):
             assert row[2].startswith(rate(split.located.ber))
             assert row[3].startswith(rate(split.truth.ber))
-            assert row[4].startswith(f"{100 * split.share.gain:.0f} % [")
+            assert row[4].startswith(f"{100 * split.share.value:.0f} % [")
     assert [row[0] for row in rows_of(totals)][::4] == [
         "contrast",
         "ambient light",
@@ -400,7 +400,7 @@ def test_the_summary_says_how_much_is_location(report, whole):
     for name, words_of in (("contrast", "contrast"), ("luminance", "LED luminance")):
         share = shares[name]
         assert (
-            f"{100 * share.gain:.0f} % [{100 * share.low:.0f}, {100 * share.high:.0f}] over {words_of}"
+            f"{100 * share.value:.0f} % [{100 * share.low:.0f}, {100 * share.high:.0f}] over {words_of}"
             in text
         )
 
@@ -431,7 +431,7 @@ def test_location_figure_shows_both_rates_in_the_receivers_colour(whole):
                 hollow = to_hex(line.get_markerfacecolor()) == "#ffffff"
                 at[name, int(line.get_ydata()[0]), hollow] = (line.get_xdata()[0], to_hex(line.get_color()))
         texts = [text.get_text() for text in axes.texts]
-        shares = [s.share.gain for s in totals if s.experiment == name]
+        shares = [s.share.value for s in totals if s.experiment == name]
         assert texts == [f"{100 * share:.0f} %" for share in shares]
     for split in totals:
         row = PAPER_RECEIVERS.index(split.receiver)
@@ -539,19 +539,12 @@ def test_times_are_laid_out_by_stage():
 # Dimming, and how it was made
 
 
-def test_dimming_tables_show_best_ranges_and_losses(report, whole):
+def test_dimming_tables_show_the_best_ranges(report, whole):
     names = {row[0]: row for row in rows_of(table_in(report, "dimming", 0))}
-    losses = {row[0]: row for row in rows_of(table_in(report, "dimming", 1))}
-    grid = whole.grids["paper"]
     for name, style in receiver_styles(PAPER_RECEIVERS).items():
-        loss = undimmed_loss(grid, name)
-        assert names[style.label][1:-1] == [best.candidates_text for best in loss.dimmed]
-        assert losses[style.label][1].startswith(rate(loss.dimmed_mean.value))
-        assert losses[style.label][2].startswith(
-            f"{loss.fixed.luminance_cd_m2:g} cd/m²: {rate(loss.fixed.mean.value)}"
-        )
-        assert losses[style.label][3].startswith(f"{loss.fixed.ratio.value:.3g} [")
-    assert "true corners" in table_in(report, "dimming", 2).caption
+        best = best_luminance(whole.grids["paper"], name)
+        assert names[style.label][1:] == [one.candidates_text for one in best]
+    assert "true corners" in table_in(report, "dimming", 1).caption
 
 
 def test_the_whole_configuration_is_there_by_key(report):

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from vocc_torch.measure import identity as identity_module
 from vocc_torch.measure.identity import identity
-from vocc_torch.measure.ledger_format import canonical, fingerprint
+from vocc_torch.measure.ledger import canonical
 from vocc_torch.measure.plan import Budget, Experiment, Plan, ReceiverPlan, World
 from vocc_torch.measure.plug_in import ClassifierPlan
 from vocc_torch.receiver.classifiers.module_file import ModuleFile
@@ -148,7 +148,7 @@ def test_every_field_of_a_plan_is_known_here(plan):
 @pytest.mark.parametrize("path", DEPENDS)
 def test_what_changes_the_numbers_changes_the_identity(plan, path):
     other = changed(plan, path, DEPENDS[path])
-    assert fingerprint(identity(other, ["paper"])) != fingerprint(identity(plan, ["paper"]))
+    assert canonical(identity(other, ["paper"])) != canonical(identity(plan, ["paper"]))
 
 
 @pytest.mark.parametrize("path", DOES_NOT)
@@ -176,7 +176,7 @@ def test_changes_together(paths):
 
 def test_locators_and_their_order_are_part_of_it(plan):
     told = [identity(plan, locators) for locators in (["paper"], ["truth"], ["paper", "truth"])]
-    assert len({fingerprint(one) for one in told}) == 3
+    assert len({canonical(one) for one in told}) == 3
 
 
 def test_edges_of_bins_are_part_of_it_and_values_of_other_axes_are_not(plan):
@@ -253,7 +253,7 @@ def test_releases_are_part_of_it_and_their_patches_are_not(plan, monkeypatch, mo
 
 
 def told(plan, *classifiers):
-    return fingerprint(identity(replace(plan, receiver=ReceiverPlan(classifiers=classifiers)), ["paper"]))
+    return canonical(identity(replace(plan, receiver=ReceiverPlan(classifiers=classifiers)), ["paper"]))
 
 
 def test_another_release_of_what_makes_a_classifier_is_another_identity(plan, monkeypatch):

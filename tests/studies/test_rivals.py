@@ -86,7 +86,7 @@ def compared(study, folder):
     """Run a study with a ledger for each experiment."""
     with ExitStack() as held, Workers(1) as alone:
         ledgers = {
-            name: held.enter_context(Ledger.open(folder / f"{name}.jsonl", identity(one, study.locators)))
+            name: held.enter_context(Ledger.open(folder / f"{name}.sqlite", identity(one, study.locators)))
             for name, one in study.plans.items()
         }
         return compare_rivals(study, ledgers, alone)

@@ -9,10 +9,10 @@ from itertools import pairwise
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import FixedFormatter, FixedLocator, LogFormatterSciNotation, LogLocator, NullLocator
+from matplotlib.ticker import LogFormatterSciNotation, LogLocator
 
 from vocc_torch.measure.curve import BerTable, Row
-from vocc_torch.show.canvas import FINE_GRID, GRID, INK, quiet_axes
+from vocc_torch.show.canvas import FINE_GRID, GRID, quiet_axes, write_legend
 from vocc_torch.show.styles import Style, value_text
 
 _SHARES = ("contrast",)
@@ -87,11 +87,8 @@ def _horizontal_axis(axes: Axes, values: Sequence[float], linear: bool, crowding
         half_width = crowding * (0.005 + 0.004 * len(value_text(value)))
         if all(abs(place.share(value) - place.share(other)) > half_width + named[other] for other in named):
             named[value] = half_width
-    axes.xaxis.set_major_locator(FixedLocator(list(values)))
-    axes.xaxis.set_major_formatter(
-        FixedFormatter([value_text(value) if value in named else "" for value in values])
-    )
-    axes.xaxis.set_minor_locator(NullLocator())
+    axes.set_xticks(values, [value_text(value) if value in named else "" for value in values])
+    axes.set_xticks([], minor=True)
     return place
 
 
@@ -99,8 +96,7 @@ def _vertical_axis(axes: Axes, rows: Sequence[Row]) -> None:
     """Show every rate and limit; a lower end far below every rate may run out of the picture."""
     lowest = min(row.ber_high if row.error_free else row.ber for row in rows)
     # An arrow needs about two thirds of a decade below its limit.
-    feet = [row.ber_high / 5 if row.error_free else max(row.ber_low, lowest / 10) / 1.3 for row in rows]
-    bottom = min(feet)
+    bottom = min(row.ber_high / 5 if row.error_free else max(row.ber_low, lowest / 10) / 1.3 for row in rows)
     top = min(1.0, max(row.ber_high for row in rows) * 1.6)
     axes.set_yscale("log")
     axes.set_ylim(bottom, max(top, bottom * 20))
@@ -171,18 +167,9 @@ def name_receivers(figure: Figure, styles: Iterable[Style], columns: int, size: 
         columns: most names in a row.
         size: of the signs, against those of a figure of its own.
     """
+    look = {"fontsize": 10.5, "handlelength": 3.2, "columnspacing": 2.4} if size == 1 else {}
     lines = [receiver_line(style, size=size) for style in styles]
-    figure.legend(
-        handles=lines,
-        loc="upper left",
-        bbox_to_anchor=(0.01, 1 - 0.46 / figure.get_figheight()),
-        ncols=min(columns, len(lines)),
-        frameon=False,
-        fontsize=10.5 if size == 1 else 10,
-        labelcolor=INK,
-        handlelength=3.2 if size == 1 else 3.0,
-        columnspacing=2.4 if size == 1 else 1.8,
-    )
+    write_legend(figure, lines, (0.01, 1 - 0.46 / figure.get_figheight()), columns, **look)
 
 
 def interval_note(rows: Iterable[Row]) -> str:

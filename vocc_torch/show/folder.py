@@ -12,14 +12,14 @@ from rich.console import Console
 from vocc_torch.errors import VoccError
 from vocc_torch.files import write_atomically
 from vocc_torch.measure.config import Settings, as_yaml
-from vocc_torch.measure.ledger import Ledger
+from vocc_torch.measure.ledger import SUFFIX, Ledger
 from vocc_torch.measure.plan import Plan
 from vocc_torch.measure.train import Training, trained_receiver
 
 CONFIG = "config.yaml"
 """The resolved configuration."""
 
-LEDGER = "ledger.jsonl"
+LEDGER = f"ledger{SUFFIX}"
 """The ledger of a run with one experiment."""
 
 LEDGERS = "ledgers"
@@ -43,6 +43,8 @@ def refuse_results(folder: Path, ledgers: str | None = None) -> None:
         ledgers: a file or folder whose presence says that the run can be resumed, or None.
     """
     holds = sorted(entry.name for entry in folder.iterdir()) if folder.is_dir() else []
+    if "ledger.jsonl" in holds:
+        raise VoccError(f"name: {folder} holds ledger.jsonl of an older version: give another name=")
     if holds and ledgers not in holds:
         raise VoccError(f"name: {folder} already holds {holds[0]}: give another name=, or delete the folder")
 
@@ -56,9 +58,8 @@ def open_ledger(path: Path, settings: Mapping[str, object], console: Console) ->
     except VoccError as error:
         raise VoccError(re.sub("choose another (ledger|file)", "give another name=", str(error))) from None
     with ledger:
-        for text in (ledger.repaired, f"going on from {len(ledger)} blocks in {path}" if len(ledger) else ""):
-            if text:
-                console.print(text, soft_wrap=True, highlight=False)
+        if known := len(ledger):
+            console.print(f"going on from {known} blocks in {path}", soft_wrap=True, highlight=False)
         try:
             yield ledger
         except BaseException:
@@ -75,7 +76,7 @@ def resumable(settings: Settings, folder: Path, console: Console) -> Iterator[No
     try:
         yield
     except BaseException as error:
-        if any(folder.rglob("*.jsonl")):
+        if any(folder.rglob(f"*{SUFFIX}")):
             if isinstance(error, KeyboardInterrupt):
                 text = f"interrupted: the same command with name={settings.name} goes on from there"
                 console.print(text, soft_wrap=True, highlight=False)

@@ -8,18 +8,17 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
-from matplotlib.axis import Axis
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LogNorm, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 from matplotlib.patheffects import withStroke
-from matplotlib.ticker import FixedFormatter, FixedLocator, LogLocator, NullFormatter, NullLocator
+from matplotlib.ticker import LogLocator, NullFormatter
 
 from vocc_torch.measure.grid import Best, Floats, Grid, best_luminance
 from vocc_torch.show.ber_axes import receiver_line
-from vocc_torch.show.canvas import GRID, INK, QUIET, new_figure, quiet_axes, write_title
+from vocc_torch.show.canvas import GRID, INK, QUIET, new_figure, quiet_axes, write_legend, write_title
 from vocc_torch.show.styles import Style, axis_label, receiver_styles, value_text
 from vocc_torch.show.text_table import rate_text
 
@@ -131,17 +130,7 @@ def dimming_figure(
     ]
     if not rates.all():
         signs.append(Patch(facecolor=_NO_ERRORS, edgecolor=_HATCH, hatch="////", label="no errors, limit"))
-    figure.legend(
-        handles=signs,
-        loc="upper left",
-        bbox_to_anchor=(0.012, 1 - 0.4 / height),
-        ncols=len(signs),
-        frameon=False,
-        fontsize=10,
-        labelcolor=INK,
-        handlelength=1.8,
-        columnspacing=1.6,
-    )
+    write_legend(figure, signs, (0.012, 1 - 0.4 / height), len(signs), handlelength=1.8, columnspacing=1.6)
     return figure
 
 
@@ -229,19 +218,16 @@ def _draw_best(
             sign.set_path_effects([withStroke(linewidth=2.8, foreground=INK)] if sign is signs[0] else [])
         sign.set_zorder(5)
         axes.add_line(sign)
-    for axis, values in ((axes.xaxis, grid.rows), (axes.yaxis, grid.columns)):
-        _name_octaves(axis, values)
+    axes.set_xticks(np.log2(grid.rows), _names(grid.rows))
+    axes.set_yticks(np.log2(grid.columns), _names(grid.columns))
     axes.set_xlim(ambient[0], ambient[-1])
     axes.set_ylim(luminance[0], luminance[-1])
 
 
-def _name_octaves(axis: Axis, values: Sequence[float]) -> None:
-    """Put ticks at the values of an axis in octaves, and names at all of them or, of many, every second."""
+def _names(values: Sequence[float]) -> list[str]:
+    """Name all values of an axis or, of many, every second."""
     step = 1 if len(values) <= _MOST_NAMED else 2
-    names = [value_text(float(f"{value:.3g}")) if i % step == 0 else "" for i, value in enumerate(values)]
-    axis.set_major_locator(FixedLocator([math.log2(value) for value in values]))
-    axis.set_major_formatter(FixedFormatter(names))
-    axis.set_minor_locator(NullLocator())
+    return [value_text(float(f"{value:.3g}")) if i % step == 0 else "" for i, value in enumerate(values)]
 
 
 def _frames_text(grid: Grid) -> str:
@@ -297,16 +283,8 @@ def best_luminance_figure(
     axes.set_xlabel(axis_label(grid.row_axis), labelpad=6)
     axes.set_ylabel(axis_label(grid.column_axis))
     write_title(figure, title, _frames_text(grid))
-    figure.legend(
-        handles=[receiver_line(style) for style in styles.values()],
-        loc="upper left",
-        bbox_to_anchor=(0.705, 1 - 0.62 / height),
-        frameon=False,
-        fontsize=10.5,
-        labelcolor=INK,
-        handlelength=3.0,
-        labelspacing=0.9,
-    )
+    lines = [receiver_line(style) for style in styles.values()]
+    write_legend(figure, lines, (0.705, 1 - 0.62 / height), fontsize=10.5)
     notes = (
         "Thin bar: cannot be told from the best (95 %)\n"
         "Thick bar: equally few errors, mostly none\n"

@@ -29,9 +29,9 @@ SIGNS = {"agree": "\N{CHECK MARK}", "differ": "\N{BALLOT X}", "unsure": "?"}
 _MARKS = re.compile(r"([\\`*\[\]|~$]|(?<![^\W_])_|_(?![^\W_])|!$)")
 """What means something to Markdown in a line; an underscore within a word does not, nor does an exclamation
 mark, unless a link follows it."""
-_LINE_START = re.compile(r"^(\d{1,9}(?=[.)](?: |$))|(?=(?:[+=-]+|#{1,6})(?: |$)))")
+_LINE_START = re.compile(r"^( ?(?:\d{1,9}(?=[.)](?: |$))|(?=(?:[+=-]+|#{1,6})(?: |$))))")
 """What means something to Markdown at the start of a line: headings, lists and rules."""
-_NOT_WORDS = re.compile(r"[\s\x00-\x1f\x7f-\x9f]+")
+_NOT_WORDS = re.compile(r"(?:[^\S\N{NO-BREAK SPACE}]|[\x00-\x1f\x7f-\x9f])+")
 _ANCHOR = re.compile(r'<a id="([a-z0-9-]+)"></a>')
 _FOLD = re.compile(r"<details>\n<summary>([^<>]*)</summary>")
 
@@ -87,7 +87,8 @@ def md(value: object) -> Markup:
         >>> print(md("**a** [b](c) <script> flda_3"))
         \*\*a\*\* \[b\](c) &lt;script&gt; flda_3
     """
-    text = _LINE_START.sub(r"\1\\", _MARKS.sub(r"\\\1", _one_line(str(value))))
+    text = _MARKS.sub(r"\\\1", _NOT_WORDS.sub(" ", str(value)))
+    text = _LINE_START.sub(r"\1\\", text)
     return Markup(text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;"))
 
 

@@ -14,10 +14,8 @@ from torch import Tensor
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.curve import BerTable
 from vocc_torch.show.ber_axes import draw_rates, interval_note, name_receivers
-from vocc_torch.show.canvas import GRID, figure_pixels, new_figure, quiet_axes, save_figure, write_title
+from vocc_torch.show.canvas import GRID, new_figure, quiet_axes, write_legend, write_title
 from vocc_torch.show.styles import receiver_styles
-
-__all__ = ["ber_figure", "feature_histograms", "figure_pixels", "save_figure"]
 
 _WIDTH_IN, _HEIGHT_IN = 10.0, 6.4
 _LEGEND_COLUMNS = 3
@@ -89,13 +87,9 @@ def feature_histograms(features: Tensor, bits: Tensor, names: Sequence[str]) -> 
         axes.set_xlabel(name)
         axes.set_ylabel("Share of LEDs" if number % columns == 0 else "")
     write_title(figure, f"Features of {_thousands(len(values))} LEDs")
-    figure.legend(
-        *figure.axes[0].get_legend_handles_labels(),
-        loc="upper right",
-        bbox_to_anchor=(0.99, 1 - 0.08 / height),
-        ncols=2,
-        frameon=False,
-        fontsize=10.5,
+    handles, _ = figure.axes[0].get_legend_handles_labels()
+    write_legend(
+        figure, handles, (0.99, 1 - 0.08 / height), 2, handlelength=2.0, loc="upper right", fontsize=10.5
     )
     return figure
 

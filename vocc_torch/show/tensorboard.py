@@ -22,6 +22,7 @@ from torch.utils.tensorboard import SummaryWriter
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.curve import BerTable
 from vocc_torch.show.canvas import figure_pixels
+from vocc_torch.show.page import render
 from vocc_torch.show.quiet import quiet_threads
 from vocc_torch.show.styles import axis_label
 
@@ -37,9 +38,6 @@ _STEPS = {
     "offset_y_m": (1000, "offset_y_m in mm"),
 }
 """What an axis value is multiplied by to be a step, and what the step then is."""
-_COLOURS = 7
-"""How many colours TensorBoard has for runs."""
-
 # TensorBoard's charts colour runs by the order of their first events: orange, blue, red, light blue, pink,
 # green, grey, orange again. In this order most receivers come close to their colours in the figures, and the
 # two that share one are far apart.
@@ -247,27 +245,10 @@ def _listed(names: Iterable[str]) -> str:
 
 def _how_to_read(parts: Sequence[_Part]) -> str:
     """Explain the board in Markdown."""
-    units = list(dict.fromkeys(f"**{part.unit}**" for part in parts))
-    step = units[0]
-    if len(units) > 1:
-        step = f"{', '.join(units[:-1])} or {units[-1]}, as the charts' heading says"
     groups: dict[str, list[str]] = {}
     for group in dict.fromkeys(part.group for part in parts):
         corners = _listed(name for part in parts if part.group == group for name in part.table.locators)
-        groups.setdefault(corners, []).append(f"`{group}`")
-    told = f"Runs are receivers; the panel's corners come from: {', '.join(groups)}."
-    if any(part.group for part in parts):
-        where = "; ".join(f"{corners} in {', '.join(names)}" for corners, names in groups.items())
-        told = (
-            f"Runs are receivers. A tag begins with its group; the panel's corners come from: {where}. "
-            "*Matches*, below a chart, and the tooltip name each curve; the box before a run's name hides "
-            f"it. TensorBoard has {_COLOURS} colours: the next run has the first one's again."
-        )
-    return (
-        f"The horizontal axis, called *step*, is {step}. {told} Points are measurements: set *Smoothing* to "
-        "0 and untick *Ignore outliers in chart scaling*, which cuts curves off.\n\n"
-        "Intervals are 95 %, with frames as the independent units. A point without errors has no logarithm: "
-        "it is missing from *log10_BER* and stands in *log10_BER_upper95* with its one-sided 95 % limit, "
-        "which takes wrong frames to be as at the receiver's other points. The curves on logarithmic "
-        "axes are in the IMAGES tab; *Show actual image size* makes them legible."
-    )
+        groups.setdefault(corners, []).append(group)
+    units = list(dict.fromkeys(part.unit for part in parts))
+    grouped = any(part.group for part in parts)
+    return render(__package__, "board.md.j2", units=units, groups=groups, grouped=grouped).rstrip()

@@ -33,6 +33,9 @@ FARTHEST_PX = 1e12
 ISO_RANGE = (1e-30, 1e20)
 """Lowest and highest ISO speed."""
 
+CLOCKWISE = ((-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0))
+"""Where a rectangle's corners lie from its middle, ``(x, y)`` in half sides, from the top left."""
+
 
 def _demand(owner: object, section: str, ranges: Mapping[str, tuple[float, float]]) -> None:
     """Refuse by name the first attribute that is outside its range, and make floats of the others."""
@@ -46,7 +49,7 @@ def _demand(owner: object, section: str, ranges: Mapping[str, tuple[float, float
 
 
 def _iso_limits(given: tuple[float, float]) -> tuple[float, float]:
-    """Give ISO limits as floats, or refuse them by name."""
+    """Return ISO limits as floats, or refuse them by name."""
     least, most = ISO_RANGE
     try:
         low, high = (finite_number("camera.iso_limits", end) for end in given)
@@ -158,9 +161,8 @@ class LedPanel:
                 raise VoccError(f"panel.{name} is {value:g}: it must be from 0 to 1")
             object.__setattr__(self, name, value)
         if self.background_reflectance == 0:
-            raise VoccError(
-                "panel.background_reflectance is 0: it must be above 0, because auto-ISO meters it"
-            )
+            rule = "it must be above 0, because auto-ISO meters it"
+            raise VoccError(f"panel.background_reflectance is 0: {rule}")
 
     @property
     def pitch_m(self) -> float:
@@ -188,12 +190,6 @@ def demand_in_sight(scene: Scene, camera: Camera, panel: LedPanel) -> None:
     if not len(scene):
         return
     half_m = panel.pitch_m * max(panel.shape.rows, panel.shape.columns) / 2
-    offsets = torch.stack([scene.offset_x_m, scene.offset_y_m]).detach()
-    nearest_m, aside_m = torch.stack([scene.distance_m.detach().min(), offsets.abs().max()]).tolist()
-    px_a_metre = camera.focal_length_px / nearest_m
-    # Together the nearest and the farthest aside are an upper limit of all.
-    if panel.led_diameter_m * px_a_metre <= LARGEST_LED_PX and (aside_m + half_m) * px_a_metre <= FARTHEST_PX:
-        return
     scale = camera.pixels_per_metre(scene.distance_m)
     widest = panel.led_diameter_m * scale
     farthest = (torch.maximum(scene.offset_x_m.abs(), scene.offset_y_m.abs()) + half_m) * scale
@@ -203,10 +199,8 @@ def demand_in_sight(scene: Scene, camera: Camera, panel: LedPanel) -> None:
         far = int(farthest.argmax())
         names = ("offset_x_m", "offset_y_m", "distance_m")
         given = ", ".join(f"scene.{name} is {float(getattr(scene, name)[far]):g}" for name in names)
-        rule = (
-            f"the panel's image must lie within {FARTHEST_PX:g} px, and this reaches {float(farthest[far]):g}"
-        )
-        raise VoccError(f"{given}: {rule}")
+        rule = f"the panel's image must lie within {FARTHEST_PX:g} px"
+        raise VoccError(f"{given}: {rule}, and this reaches {float(farthest[far]):g}")
 
 
 def panel_centre_px(scene: Scene, camera: Camera) -> Tensor:
@@ -217,9 +211,7 @@ def panel_centre_px(scene: Scene, camera: Camera) -> Tensor:
         [[1033.0, 540.0]]
     """
     offsets = torch.stack([scene.offset_x_m, scene.offset_y_m], dim=-1)
-    middle = torch.tensor(
-        [camera.width_px / 2, camera.height_px / 2], dtype=offsets.dtype, device=offsets.device
-    )
+    middle = offsets.new_tensor([camera.width_px / 2, camera.height_px / 2])
     return middle + offsets * camera.pixels_per_metre(scene.distance_m).unsqueeze(-1)
 
 
@@ -250,9 +242,8 @@ def panel_corners_px(scene: Scene, camera: Camera, panel: LedPanel) -> Tensor:
     """
     centre = panel_centre_px(scene, camera)
     half_px = panel.pitch_m * camera.pixels_per_metre(scene.distance_m).view(-1, 1, 1) / 2
-    signs = torch.tensor([[-1, -1], [1, -1], [1, 1], [-1, 1]], dtype=centre.dtype, device=centre.device)
-    cells = torch.tensor([panel.shape.columns, panel.shape.rows], dtype=centre.dtype, device=centre.device)
-    return centre.unsqueeze(1) + signs * cells * half_px
+    cells = centre.new_tensor([panel.shape.columns, panel.shape.rows])
+    return centre.unsqueeze(1) + centre.new_tensor(CLOCKWISE) * cells * half_px
 
 
 def led_centres_m(panel: LedPanel) -> Tensor:
@@ -276,6 +267,5 @@ def panel_corners_m(panel: LedPanel) -> Tensor:
         >>> panel_corners_m(LedPanel())[1].tolist()
         [0.24, -0.24]
     """
-    signs = torch.tensor([[-1, -1], [1, -1], [1, 1], [-1, 1]], dtype=torch.float64)
     cells = torch.tensor([panel.shape.columns, panel.shape.rows], dtype=torch.float64)
-    return signs * cells * (panel.pitch_m / 2)
+    return torch.tensor(CLOCKWISE, dtype=torch.float64) * cells * (panel.pitch_m / 2)

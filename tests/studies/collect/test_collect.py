@@ -56,7 +56,7 @@ def write_job(folder, settings=None, table=None, failed=None, ledger=False):
     if failed is not None:
         (folder / "failed.txt").write_text(failed)
     if ledger:
-        (folder / "ledger.jsonl").write_text("")
+        (folder / "ledger.sqlite").write_text("")
 
 
 def rows_of(path):
@@ -195,7 +195,7 @@ def test_each_row_of_a_grid_is_shown_like_a_job(tmp_path):
     write_job(tmp_path / "1", {"seed": 1, "experiment": {"row_axis": "ambient_lx"}})
     write_job(tmp_path / "2", {"seed": 2})
     (tmp_path / "2" / "ledgers").mkdir()
-    (tmp_path / "2" / "ledgers" / "1000.jsonl").write_text("")
+    (tmp_path / "2" / "ledgers" / "1000.sqlite").write_text("")
     write_job(tmp_path / "figures" / "ledgers", None)
     (tmp_path / "figures" / "report.md").write_text("")
     table = (tmp_path / "0" / "ber.csv").read_text().splitlines()

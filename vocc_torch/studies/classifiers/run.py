@@ -69,7 +69,7 @@ def _measure(
     with ExitStack() as held:
         ledgers = {
             name: held.enter_context(
-                open_ledger(folder / LEDGERS / f"{name}.jsonl", identity(plan, study.locators), console)
+                open_ledger(folder / LEDGERS / f"{name}.sqlite", identity(plan, study.locators), console)
             )
             for name, plan in study.plans.items()
         }

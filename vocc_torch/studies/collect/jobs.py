@@ -17,7 +17,7 @@ from vocc_torch.show.styles import value_text
 Status = Literal["done", "failed", "unfinished", "unreadable"]
 
 TABLE, FAILED, CONFIG = "ber.csv", "failed.txt", "config.yaml"
-LEDGERS = ("ledger.jsonl", "ledgers")
+LEDGERS = ("ledger.sqlite", "ledgers")
 """What a job leaves in its folder; a ledger alone is a job that was interrupted."""
 _REPORT = "report.md"
 """What a task with ledgers leaves that is not about curves."""

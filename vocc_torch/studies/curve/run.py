@@ -26,6 +26,7 @@ from vocc_torch.measure.sweep import (
 from vocc_torch.measure.train import Training, trained_receiver
 from vocc_torch.measure.workers import Workers
 from vocc_torch.receiver.features import FEATURE_NAMES
+from vocc_torch.show.canvas import save_figure
 from vocc_torch.show.csv_file import ber_rows, write_rows
 from vocc_torch.show.folder import (
     LEDGER,
@@ -39,7 +40,7 @@ from vocc_torch.show.folder import (
     write_training,
 )
 from vocc_torch.show.paired_file import compared, write_paired
-from vocc_torch.show.plots import ber_figure, feature_histograms, save_figure
+from vocc_torch.show.plots import ber_figure, feature_histograms
 from vocc_torch.show.styles import axis_label, receiver_styles
 from vocc_torch.show.tensorboard import axis_steps, board_hint, write_boards
 from vocc_torch.show.terminal import StudyView, print_table, train_shown

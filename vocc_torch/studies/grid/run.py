@@ -47,7 +47,7 @@ def run_grid(settings: Settings, folder: Path) -> None:
     with resumable(settings, folder, console), ExitStack() as ledgers:
 
         def ledger(study: Study) -> Ledger:
-            path = folder / LEDGERS / f"{study.key}.jsonl"
+            path = folder / LEDGERS / f"{study.key}.sqlite"
             return ledgers.enter_context(open_ledger(path, study.identity, console))
 
         with Workers(settings.workers) as workers, ProgressView(frames, console) as view:
