@@ -11,8 +11,11 @@ import torch
 from hydra import compose, initialize_config_module
 from hydra.core.global_hydra import GlobalHydra
 from leak_watch import LITTLE, NETWORKS, SHIPPED
+from vocc_torch.studies.tradeoff.chain import Chain
+from vocc_torch.studies.tradeoff.errors import CountJob
 
-from vocc_torch.app.config import register_schema, resolved
+from vocc_torch.app.config import register_schema
+from vocc_torch.app.resolve import resolved
 from vocc_torch.measure.build import build_plan
 from vocc_torch.measure.link import Link
 from vocc_torch.measure.train import train
@@ -20,8 +23,6 @@ from vocc_torch.receiver.bank import FLDA_FEATURES, Preambles
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.rng import BlockKey
 from vocc_torch.simulation import Distribution, Simulator
-from vocc_torch.studies.tradeoff.chain import Chain
-from vocc_torch.studies.tradeoff.errors import CountJob
 from vocc_torch.studies.tradeoff.price_list import Setting
 from vocc_torch.types import Frames
 

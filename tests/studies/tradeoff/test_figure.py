@@ -326,15 +326,14 @@ def test_axes_hold_what_they_must():
 def test_the_papers_figure_comes_of_the_same_data():
     names = ("center_greyscale", "average_greyscale", "flda_2", "flda_3")
     settings = tuple(Setting(name, "paper", **BASE) for name in names)
-    paper = {"panel_detection": 1.0} | dict(zip(names, (0.05, 0.07, 0.12, 0.14), strict=True))
-    figure = shares_figure(made_up_prices(settings, (4, 3, 2, 1), (3.0, 3.0, 4.0, 5.0)), paper)
+    figure = shares_figure(made_up_prices(settings, (4, 3, 2, 1), (3.0, 3.0, 4.0, 5.0)))
     assert len(figure.axes) == 4
     for axes in figure.axes:
         # A third of the time is bit detection's, two thirds are panel detection's.
         lengths = [bar.get_width() for bar in axes.patches]
         assert lengths == pytest.approx([100, 50, 50, 50 * 4 / 3, 50 * 5 / 3])
     # Labels end before the next part begins, however long the bars are.
-    long = shares_figure(made_up_prices(settings, (4, 3, 2, 1), (3.0, 3.0, 400.0, 5.0)), paper)
+    long = shares_figure(made_up_prices(settings, (4, 3, 2, 1), (3.0, 3.0, 400.0, 5.0)))
     for drawn_one in (figure, long):
         figure_pixels(drawn_one)
         renderer = drawn_one.canvas.get_renderer()
@@ -343,4 +342,4 @@ def test_the_papers_figure_comes_of_the_same_data():
             texts = [one for one in axes.texts if one.get_text().endswith((" ms", " ms)"))]
             assert len(texts) == 5
             assert all(one.get_window_extent(renderer).x1 <= box.x1 for one in texts)
-    assert shares_figure(made_up_prices(), paper) is None
+    assert shares_figure(made_up_prices()) is None

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from vocc_torch.measure.build import build_plan, build_rows
+from vocc_torch.measure.build import build_plan
 from vocc_torch.measure.campaign import Study, run_campaign
 from vocc_torch.measure.config import Settings
 from vocc_torch.measure.grid import Grid
@@ -41,7 +41,7 @@ def run_grid(settings: Settings, folder: Path) -> None:
     refuse_results(folder, LEDGERS)
     plan, console = build_plan(settings, folder), Console()
     locator, axis = plan.receiver.locator, settings.experiment.row_axis or ""
-    rows = build_rows(plan, settings.experiment, "experiment")
+    rows = plan.rows()
     studies = [Study(f"{at:g}", row, (locator,)) for at, row in rows.items()]
     frames = sum(study.frames for study in studies)
     with resumable(settings, folder, console), ExitStack() as ledgers:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -12,12 +12,10 @@ from matplotlib.lines import Line2D
 from matplotlib.transforms import blended_transform_factory
 
 from vocc_torch.measure.estimate import Estimate
-from vocc_torch.measure.stage_times import BIT_DETECTION
-from vocc_torch.measure.timing import quartiles
 from vocc_torch.receiver.bank import needs_preambles
 from vocc_torch.show.canvas import INK, QUIET, new_figure, text_renderer, write_title
 from vocc_torch.show.text_table import ends_text, rate_text
-from vocc_torch.show.timing_figure import timing_figure
+from vocc_torch.show.timing_figure import PANEL_DETECTION, PAPER_SHARES, DetectionTimes
 from vocc_torch.studies.tradeoff.layout import (
     FONT,
     GAP_PX,
@@ -237,44 +235,25 @@ def _write(figure: Figure, prices: PriceList, scenes: str, device: str, frames: 
     figure.text(0.018, 1 - 0.47 / figure.get_figheight(), said, fontsize=11.5, color=QUIET, va="top")
 
 
-def shares_figure(prices: PriceList, paper_shares: Mapping[str, float]) -> Figure | None:
-    """Draw Fig. 25 on the first device, or nothing where the paper's locator and receivers were not priced.
-
-    Args:
-        prices: what was measured.
-        paper_shares: the paper's values by stage, panel detection first, then receivers.
-    """
-    panel, *receivers = paper_shares
+def shares_figure(prices: PriceList) -> Figure | None:
+    """Draw Fig. 25 on the first device; nothing where the paper's locator or receivers were not priced."""
     by_name = {one.receiver: one for one in reversed(prices.settings) if one.locator == "paper"}
-    if not by_name.keys() >= {*receivers}:
+    if not by_name.keys() >= PAPER_SHARES.keys() - {PANEL_DETECTION}:
         return None
-    known = [by_name[name] for name in receivers]
     device = prices.places[0].device
-    kinds = tuple(frames for name, frames in prices.kinds if name == device)
+    kinds = [frames for name, frames in prices.kinds if name == device]
     every = prices.batches(device, kinds[0])
-    batches = tuple(dict.fromkeys((every[0], every[-1])))
-    places = [Place(device, frames, batch) for frames in kinds for batch in batches]
-    times, shares, costs = [], [], []
-    for place in places:
-        rounds = {panel: prices.times.by_place[known[0], place].summed(["locate"])}
-        rounds |= {one.receiver: prices.times.by_place[one, place].summed(BIT_DETECTION) for one in known}
-        times += [quartiles(one) for one in rounds.values()]
-        shares += [quartiles(one / rounds[panel]) for one in rounds.values()]
-        two, three = rounds["flda_2"], rounds["flda_3"]
-        costs += [quartiles(three / two - 1), quartiles((three - two) / (rounds[panel] + two))]
-    grid = (len(kinds), len(batches), -1, 3)
-    return timing_figure(
-        "Time of the paper's receivers (Fig. 25)",
-        frames=tuple(_FIG25_FRAMES[kind] for kind in kinds),
-        batches=batches,
-        stages=(panel, *receivers),
-        times_ms=np.reshape(times, grid),
-        shares=np.reshape(shares, grid),
-        ngr_costs=np.reshape(costs, grid),
-        paper_shares=np.array(list(paper_shares.values())),
-        rounds=tuple(prices.times.by_place[known[0], place].rounds for place in places[: len(batches)]),
+    measured = DetectionTimes(
+        by_place={
+            (_FIG25_FRAMES[kind], batch): {
+                name: prices.times.by_place[one, Place(device, kind, batch)] for name, one in by_name.items()
+            }
+            for kind in kinds
+            for batch in dict.fromkeys((every[0], every[-1]))
+        },
         sensor_px=prices.sensor_px,
         machine=prices.times.machines[device],
         threads=prices.times.threads,
         waited_share=prices.times.waited_share,
     )
+    return measured.draw("Time of the paper's receivers (Fig. 25)")

@@ -1,6 +1,11 @@
-"""Files and classes that do not serve as classifiers: one line that names them, and nothing left behind."""
+"""Files and classes that do not serve as classifiers: one line that names them."""
 
 import pytest
+from composing import plan_of
+
+from vocc_torch.errors import VoccError
+from vocc_torch.measure.link import Link, block_keys
+from vocc_torch.measure.train import train
 
 TINY = (
     *("experiment.values=[4000]", "budget.frames=64", "budget.training_frames=64", "tensorboard=false"),
@@ -39,6 +44,22 @@ class EndsAtOnce(Plain):
 class Unpicklable(Plain):
     def __init__(self):
         self.kept = lambda: 1
+
+class NoFit:
+    def decision_function(self, x):
+        return x[..., 0]
+
+class WrongShape(Plain):
+    def decision_function(self, x):
+        return x
+
+class NotANumber(Plain):
+    def decision_function(self, x):
+        return x[..., 0] * float("nan")
+
+class Raises(Plain):
+    def fit(self, x, bits):
+        raise RuntimeError("two\\nlines")
 
 class OnlyPredict:
     def fit(self, x, bits):
@@ -82,6 +103,14 @@ class NanNet(NoForward):
     def forward(self, x):
         return self.layer(x) * float("nan")
 
+class TwoScores(NoForward):
+    def __init__(self, n_inputs):
+        super().__init__()
+        self.layer = torch.nn.Linear(n_inputs, 2)
+
+    def forward(self, x):
+        return self.layer(x)
+
 class NothingToLearn(torch.nn.Module):
     def forward(self, x):
         return x[:, 0]
@@ -90,11 +119,21 @@ NUMBER = 3
 """
 
 
-def refused(app, tmp_path, *words):
-    """The complaint, once it is certain that nothing was left."""
-    ran = app(*TINY, *words)
-    assert not (tmp_path / "runs" / "x").exists() or not any((tmp_path / "runs" / "x").iterdir())
-    return ran.complaint
+def asked(words):
+    """Plan, train, and decide a first block of frames."""
+    plan = plan_of(*TINY, *words)
+    bank = train(plan).bank(plan.receiver.names)
+    keys = block_keys(0, "refused", 64)
+    for seen in Link.of(plan).observe(plan.world.scene, keys, preambles=False, frames=64):
+        bank.scores(seen.readings, seen.preambles)
+
+
+def refused(*words):
+    """The complaint that ends it."""
+    with pytest.raises(VoccError) as refusal:
+        asked(words)
+    assert "\n" not in str(refusal.value)
+    return str(refusal.value)
 
 
 def own(file, target):
@@ -119,12 +158,18 @@ def own(file, target):
         ("NanNet", "classifier own: the validation loss is not finite"),
         ("NothingToLearn", "classifier own: the module has no parameters that learn: use a class"),
         ("NUMBER", "classifiers.own.build: NUMBER cannot be built ('int' object is not callable)"),
+        ("NoFit", "classifier own is of type NoFit without fit"),
+        ("WrongShape", "classifier own: decision_function gave (64, 8, 8, 3)"),
+        ("NotANumber", "classifier own: decision_function gave"),
+        ("Raises", "classifier own: fit failed (RuntimeError: two lines)"),
+        ("TwoScores", "classifier own: the module gave (1024, 2) for 1024 LEDs: it must give one score each"),
+        ("Missing", "classifiers.own: file "),
     ],
 )
-def test_a_class_that_does_not_serve(app, tmp_path, target, words):
+def test_a_class_that_does_not_serve(tmp_path, target, words):
     (tmp_path / "broken.py").write_text(BROKEN)
     brief = "+classifiers.own.training={frames: 64, epochs: 1}"
-    assert refused(app, tmp_path, *own("broken.py", target), brief).startswith(words)
+    assert refused(*own(tmp_path / "broken.py", target), brief).startswith(words)
 
 
 @pytest.mark.parametrize(
@@ -142,10 +187,11 @@ def test_a_class_that_does_not_serve(app, tmp_path, target, words):
         ("nowhere.py", None, "cannot be read"),
     ],
 )
-def test_a_file_that_does_not_serve(app, tmp_path, name, text, words):
+def test_a_file_that_does_not_serve(tmp_path, monkeypatch, name, text, words):
+    monkeypatch.chdir(tmp_path)
     if text is not None:
         (tmp_path / name).write_text(text)
-    said = refused(app, tmp_path, *own(name, "A"))
+    said = refused(*own(name, "A"))
     assert said.startswith("classifiers.own")
     assert f"{name} {words}" in said
 
@@ -159,6 +205,17 @@ def test_a_file_that_does_not_serve(app, tmp_path, name, text, words):
         ("nothing_there.Mine", "(No module named 'nothing_there')"),
     ],
 )
-def test_an_estimator_that_does_not_serve(app, tmp_path, target, words):
-    said = refused(app, tmp_path, "classifier=sklearn", f"classifiers.sklearn.build._target_={target}")
+def test_an_estimator_that_does_not_serve(target, words):
+    said = refused("classifier=sklearn", f"classifiers.sklearn.build._target_={target}")
     assert words in said
+
+
+@pytest.mark.parametrize(
+    ("word", "part"),
+    [
+        ("classifiers.lmmse.build.classes=0", "classes"),
+        ("+classifiers.lmmse.build.colour=0", "classifiers.lmmse.build"),
+    ],
+)
+def test_an_argument_that_a_class_does_not_take(word, part):
+    assert part in refused("classifier=lmmse", word)

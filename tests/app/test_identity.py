@@ -100,6 +100,8 @@ DOES_NOT = {
     "receiver.save": "flda_agr",
     "receiver.locator": "truth",
     "experiment.values": (10.0, 20.0, 30.0),
+    "experiment.row_axis": "distance_m",
+    "experiment.rows": (30.0, 50.0),
     "budget.frames": 10**6,
     TARGET: 5,
     "budget.precision": 0.1,
@@ -128,6 +130,9 @@ def changed(value, path, new):
     if path in ("world.panel.shape", "receiver.reader.shape"):
         whole = _replaced(value.world, "panel.shape", new), _replaced(value.receiver, "reader.shape", new)
         return dataclasses.replace(value, world=whole[0], receiver=whole[1])
+    if path in ("experiment.row_axis", "experiment.rows"):  # one goes with the other
+        grid = dataclasses.replace(value.experiment, row_axis="distance_m", rows=(30.0, 50.0))
+        return dataclasses.replace(value, experiment=grid)
     if path == "budget.least_ber":  # it goes with a precision only
         budget = dataclasses.replace(value.budget, precision=0.2, target_frame_errors=None, least_ber=new)
         return dataclasses.replace(value, budget=budget)
