@@ -8,7 +8,7 @@ from hydra.errors import HydraException
 from omegaconf.errors import OmegaConfBaseException
 from vocc_torch.studies.effects.build import build_effect_study
 from vocc_torch.studies.paper.build import build_experiments
-from vocc_torch.studies.tradeoff.build import build_tradeoff_study
+from vocc_torch.studies.tradeoff.plan import build_tradeoff_study
 
 from vocc_torch.app.complaints import one_line
 from vocc_torch.app.config import register_schema

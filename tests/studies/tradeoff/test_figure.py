@@ -329,9 +329,9 @@ def test_the_papers_figure_comes_of_the_same_data():
     figure = shares_figure(made_up_prices(settings, (4, 3, 2, 1), (3.0, 3.0, 4.0, 5.0)))
     assert len(figure.axes) == 4
     for axes in figure.axes:
-        # A third of the time is bit detection's, two thirds are panel detection's.
+        # A third of each time is bit detection's; two thirds of flda_3's are panel detection's, the unit.
         lengths = [bar.get_width() for bar in axes.patches]
-        assert lengths == pytest.approx([100, 50, 50, 50 * 4 / 3, 50 * 5 / 3])
+        assert lengths == pytest.approx([100, 30, 30, 40, 50])
     # Labels end before the next part begins, however long the bars are.
     long = shares_figure(made_up_prices(settings, (4, 3, 2, 1), (3.0, 3.0, 400.0, 5.0)))
     for drawn_one in (figure, long):
