@@ -6,12 +6,6 @@ from hydra import compose, initialize_config_module
 from hydra.core.global_hydra import GlobalHydra
 from hydra.errors import HydraException
 from omegaconf.errors import OmegaConfBaseException
-<<<<<<< HEAD
-=======
-from vocc_torch.studies.effects.build import build_effect_study
-from vocc_torch.studies.paper.build import build_experiments
-from vocc_torch.studies.tradeoff.plan import build_tradeoff_study
->>>>>>> tradeoff
 
 from vocc_torch.app.complaints import one_line
 from vocc_torch.app.config import register_schema

@@ -21,15 +21,6 @@ from made_up_prices import (
     timed,
 )
 from matplotlib.text import Text
-<<<<<<< HEAD:tests/reporting/test_tradeoff_figure.py
-from vocc_torch.studies.tradeoff.frontier import frontier
-from vocc_torch.studies.tradeoff.tradeoff_advice import recommendation
-from vocc_torch.studies.tradeoff.tradeoff_axes import heights, span, stacked
-from vocc_torch.studies.tradeoff.tradeoff_dots import STRENGTH
-from vocc_torch.studies.tradeoff.tradeoff_figure import tradeoff_figure
-from vocc_torch.studies.tradeoff.tradeoff_labels import spread
-from vocc_torch.studies.tradeoff.tradeoff_shares import shares_figure
-=======
 
 from vocc_torch.measure.prices import pareto_frontier
 from vocc_torch.show.canvas import figure_pixels
@@ -38,11 +29,6 @@ from vocc_torch.studies.tradeoff.figure import shares_figure, tradeoff_figure
 from vocc_torch.studies.tradeoff.layout import STRENGTH, heights, span, spread, stacked
 from vocc_torch.studies.tradeoff.plan import Setting
 from vocc_torch.studies.tradeoff.words import recommendation
->>>>>>> tradeoff:tests/studies/tradeoff/test_figure.py
-
-from vocc_torch.show.canvas import figure_pixels
-from vocc_torch.show.styles import receiver_styles
-from vocc_torch.studies.tradeoff.price_list import Setting
 
 STYLES = receiver_styles(one.receiver for one in SETTINGS)
 RATES = [errors / FRAMES / LEDS for errors in BIT_ERRORS]

@@ -18,29 +18,12 @@ from made_up_prices import (
 )
 from rich.console import Console
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
-<<<<<<< HEAD:tests/reporting/test_tradeoff_files.py
-from vocc_torch.studies.tradeoff.knob_setting import KnobSetting
-from vocc_torch.studies.tradeoff.tradeoff_advice import headline, recommendation
-from vocc_torch.studies.tradeoff.tradeoff_board import write_price_rows
-from vocc_torch.studies.tradeoff.tradeoff_csv import RENDERER_COLUMNS, columns, write_prices, write_renderer
-from vocc_torch.studies.tradeoff.tradeoff_table import print_prices, print_renderer
-
-from vocc_torch.measure.counts import Counts
-from vocc_torch.measure.frame_errors import FrameErrors
-from vocc_torch.studies.tradeoff.price_list import Mark
-
-KNOBS = (
-    KnobSetting("none", "as set", (0.9, 1.0, 1.1), 5, 8, 9e-4, 2e-4, 1e-3),
-    KnobSetting("kernel", "2 sigma", (0.7, 0.8, 0.9), 5, 8, 1.6, 0.3, 0.12),
-)
-=======
 
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.frame_errors import FrameErrors
 from vocc_torch.measure.genie.genie_mark import GenieMark
 from vocc_torch.studies.tradeoff.tables import print_prices, write_price_board, write_prices
 from vocc_torch.studies.tradeoff.words import recommendation
->>>>>>> tradeoff:tests/studies/tradeoff/test_reports.py
 
 
 @pytest.fixture(scope="module")
@@ -138,12 +121,8 @@ def test_a_quicker_one_that_frames_do_not_tell_apart_is_named():
     alike = made_up_prices(SETTINGS[:2], (300, 299), (4.0, 8.0))
     said = plain(recommendation(alike))
     assert (
-<<<<<<< HEAD:tests/reporting/test_tradeoff_files.py
-        "take flda_3 (FLDA: AGR + GRI + NGR), paper's locator: BER 4.7e-3 (4.2e-3 to 5.2e-3), 4.00 ms (3.92-4.08). "
-=======
         "take flda_3 (FLDA: AGR + GRI + NGR), paper's locator: BER 4.7e-3 (4.2e-3 to 5.2e-3), 4.00 ms "
         "(3.92-4.08). "
->>>>>>> tradeoff:tests/studies/tradeoff/test_reports.py
         "These frames do not tell its rate from that of a quicker one, average_greyscale, paper's locator:"
     ) in said
     apart = plain(recommendation(made_up_prices(SETTINGS[:2], (300, 200), (4.0, 8.0))))
