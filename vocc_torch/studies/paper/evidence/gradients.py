@@ -137,7 +137,8 @@ class InwardGradients(PaperFigure):
             "(a) to (c): the LEDs of middle GRI of their status in one frame, "
             f"{drawing.condition_text(self.sample.conditions[self.frame])}, {self.cell_px:.1f} px a cell, "
             f"read at {k} x {k} samples (true corners).\nLongest gradient {strongest:.0f} grey values a "
-            "pixel; inward vectors have length 1. GRI, in grey values a pixel: mean of the dot products of the two."
+            "pixel; inward vectors have length 1. GRI, in grey values a pixel: mean of the dot products of "
+            "the two."
         )
 
     def _draw_cell(self, axes: Axes, led: int) -> None:

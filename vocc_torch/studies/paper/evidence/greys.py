@@ -221,14 +221,14 @@ class BloomingInterference(PaperFigure):
             for edge, width in (("white", 3.4), (drawing.MARK, 2.0)):
                 look: dict[str, Any] = {"edgecolor": edge, "linewidth": width, "zorder": 4}
                 panel.add_patch(Rectangle((column, row), 1, 1, fill=False, **look))
-        bloomed, threshold = found["grey_with_blooming"], found["threshold"]
+        bloomed, threshold, gri = found["grey_with_blooming"], found["threshold"], found["gri"]
+        reads, says = "On" if bloomed >= threshold else "Off", "Off" if gri < 0 else "On"
         text = (
             f"The marked LED (row {row + 1}, column {column + 1}) is Off; {found['on_neighbours']} of its "
             f"neighbours are\nOn, and the neighbours' cells average {found['neighbours_mean_grey']:.0f}. "
             f"Blooming lifts its own from\n{found['grey_without_blooming']:.0f} to {bloomed:.0f}; the "
-            f"threshold is {threshold:.0f}, so greyscale reads {'On' if bloomed >= threshold else 'Off'}.\nIts GRI is "
-            f"{drawing.signed(found['gri'])} grey values a pixel: the sign says "
-            f"{'Off' if found['gri'] < 0 else 'On'}."
+            f"threshold is {threshold:.0f}, so greyscale reads {reads}.\n"
+            f"Its GRI is {drawing.signed(gri)} grey values a pixel: the sign says {says}."
         )
         figure.text(0.02, 0.385, text, fontsize=10, color=INK, va="top", linespacing=1.55)
         axes = figure.add_axes((0.615, 0.205, 0.37, 0.632))

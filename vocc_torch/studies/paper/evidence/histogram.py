@@ -131,8 +131,8 @@ class FrameHistogram(PaperFigure):
         )
         return (
             f"One frame: {drawing.condition_text(self.condition)}. Dotted: levels before any blur, by Eqs "
-            f"1 to 3. Foreground: {on} of the pixels\nin On cells and {off} of those in Off cells (cells by the true "
-            "corners). Green: the panel that the paper's locator finds."
+            f"1 to 3. Foreground: {on} of the pixels\nin On cells and {off} of those in Off cells (cells by "
+            "the true corners). Green: the panel that the paper's locator finds."
         )
 
     def _draw_counts(self, axes: Axes) -> None:
