@@ -14,9 +14,9 @@ from vocc_torch.studies.tradeoff.training import chains, train_receivers
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure import optional as optional_module
-from vocc_torch.measure.counter import PointCounter
+from vocc_torch.measure.frame_errors import Banks, FrameJob
 from vocc_torch.measure.genie.genie_likelihood import UnknownLikelihoodError
-from vocc_torch.measure.link import Link, block_keys
+from vocc_torch.measure.link import block_keys
 from vocc_torch.measure.optional import without_absent
 from vocc_torch.measure.plug_in import ClassifierPlan
 from vocc_torch.measure.timing import Timing
@@ -25,7 +25,6 @@ from vocc_torch.measure.workers import Workers
 from vocc_torch.receiver.classifiers import Inputs, Patch
 from vocc_torch.receiver.classifiers.training import TrainingRecipe
 from vocc_torch.receiver.location import PaperLocator
-from vocc_torch.rng import BLOCK_FRAMES
 from vocc_torch.simulation import Camera, Distribution, LedPanel, SceneModel
 from vocc_torch.simulation.raster import disc_cover
 from vocc_torch.simulation.simulator import PAPER_EFFECTS
@@ -151,16 +150,12 @@ def test_errors_are_those_of_the_sweep(study, made, receivers, counted):
             # Trained by the very same recipe.
             (setting,) = (one for one in base if one.receiver == name)
             bank.plugged_in[name] = made[setting].decider
-        finders = plan.receiver.finders([locator])
-        counter = PointCounter(
-            plan, Link.of(plan), finders, {locator: bank}, study.point("far"), study.model("far")
+        receivers = Banks([(locator, bank)])
+        job = FrameJob(
+            plan, study.model("far"), study.point("far"), (locator,), receivers, receivers.needs_preambles
         )
-        part = dataclasses.make_dataclass("Part", ["block", "frames"])
-        tallies = counter([part(0, BLOCK_FRAMES), part(1, plan.budget.frames - BLOCK_FRAMES)])
-        for name, setting in zip(names, base, strict=True):
-            wanted = sum((one[locator, name, 0] for one in tallies), type(tallies[0][locator, name, 0])())
-            found = counted["far"].counts[study.settings.index(setting)]
-            assert found == wanted, setting
+        for wanted, setting in zip(job(range(plan.budget.frames)).counts, base, strict=True):
+            assert counted["far"].counts[study.settings.index(setting)] == wanted, setting
     rates = [one.ber for one in counted["far"].counts]
     assert len(set(rates)) > len(rates) / 2
     assert 0 < min(rates) < 0.05
