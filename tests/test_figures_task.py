@@ -1,7 +1,6 @@
 """task=figures at a tiny budget: what it writes, that it goes on, and what it refuses."""
 
 import errno
-import json
 import re
 from pathlib import Path
 
@@ -414,8 +413,3 @@ def test_a_full_disk_leaves_ledgers_that_a_later_run_goes_on_from(near, place, t
     assert contents_of(mine, ".csv") == contents_of(near, ".csv")
 
 
-def test_ledgers_are_lines_of_json_that_name_their_settings(near):
-    first, *rows = (near / "ledgers" / "distance-25mm.sqlite").read_text().splitlines()
-    assert json.loads(first)["settings"]["experiment"]["name"] == "distance"
-    assert len(rows) == 3
-    assert all(json.loads(row) for row in rows)
