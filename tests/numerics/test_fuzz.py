@@ -12,7 +12,8 @@ import pytest
 from fuzz_demands import DefectError, check_line, paper_flda, run, say
 from fuzzing import CAMERA, EFFECTS, LOCATION, PANEL, SCENE, Case, case_of, words_of
 
-from vocc_torch.app.complaints import known_keys
+from vocc_torch.app.config import AppConfig
+from vocc_torch.app.help import keys_of
 from vocc_torch.errors import VoccError
 from vocc_torch.receiver.location import PaperLocator
 from vocc_torch.simulation import Camera, Distribution, LedPanel, SceneModel
@@ -330,7 +331,7 @@ def test_a_line_that_once_was_wrong(word):
 def test_a_fuzzed_command_line_is_understood_or_refused_in_one_line():
     complaints = []
     for index in range(LINES):
-        words = words_of(SEED, index, known_keys())
+        words = words_of(SEED, index, list(keys_of(AppConfig)))
         try:
             complaints.append(say(words))
         except DefectError as error:

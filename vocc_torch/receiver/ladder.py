@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from typing import get_args
 
 import numpy as np
 import scipy.ndimage
 import torch
 from torch import Tensor
 
-from vocc_torch.errors import VoccError
 from vocc_torch.receiver.components import Blobs, Components, collect_blobs, joined, label_components
+from vocc_torch.receiver.limits import LocatorLimits
 from vocc_torch.receiver.morphology import close_mask, halve_mask
-from vocc_torch.receiver.quadrilateral import Measures, Quadrilateral, measure_blobs
+from vocc_torch.receiver.quadrilateral import Measures, measure_blobs
 from vocc_torch.types import PanelShape
 
 # A merged blob replaces one of its parts from this share of the best score so far on, for it explains more.
@@ -25,39 +24,6 @@ REACH_PITCHES = 1.4
 
 # From this many on it has filled all but the widest gaps: no blob will look more like a panel later.
 _LAST_PITCHES = 3.0
-_MOST_AREA_PX = 1 << 40
-_MOST_CLOSING_PX = (1 << 16) - 1
-
-
-@dataclass(frozen=True, slots=True)
-class Search:
-    """What to look for, with the fields that :class:`vocc_torch.receiver.location.PaperLocator` explains.
-
-    Raises:
-        VoccError: a parameter out of its range.
-    """
-
-    closing_px: int = 11
-    min_area_px: int = 100
-    min_rectangularity: float = 0.5
-    min_compactness: float = 0.81
-    quadrilateral: Quadrilateral = "min_area"
-
-    def __post_init__(self) -> None:
-        """Refuse parameters out of their range."""
-        closing_px = self.closing_px
-        if type(closing_px) is not int or not 1 <= closing_px <= _MOST_CLOSING_PX or closing_px % 2 == 0:
-            rule = f"odd, at least 1 and at most {_MOST_CLOSING_PX}"
-            raise VoccError(f"location.closing_px is {closing_px}: it must be {rule}")
-        if not 1 <= self.min_area_px <= _MOST_AREA_PX:
-            rule = f"at least 1 and at most {_MOST_AREA_PX}"
-            raise VoccError(f"location.min_area_px is {self.min_area_px}: it must be {rule}")
-        for name in ("min_rectangularity", "min_compactness"):
-            if not 0 <= getattr(self, name) <= 1:
-                raise VoccError(f"location.{name} is {getattr(self, name)}: it must be 0 to 1")
-        if self.quadrilateral not in get_args(Quadrilateral):
-            allowed = " or ".join(get_args(Quadrilateral))
-            raise VoccError(f"location.quadrilateral is {self.quadrilateral!r}: it must be {allowed}")
 
 
 @dataclass(slots=True)
@@ -105,7 +71,7 @@ def _best(blobs: Blobs, masks: int, value: Tensor, allowed: Tensor) -> Tensor:
     return none.scatter_reduce(0, blobs.frame[top], index, "amin")
 
 
-def climb(mask: Tensor, shape: PanelShape, search: Search) -> Choice:
+def climb(mask: Tensor, shape: PanelShape, search: LocatorLimits) -> Choice:
     """Choose the panel's blob in each mask by the rule in :class:`vocc_torch.receiver.location.PaperLocator`.
 
     Args:
@@ -119,7 +85,7 @@ def climb(mask: Tensor, shape: PanelShape, search: Search) -> Choice:
     Example:
         >>> mask = torch.zeros(1, 9, 40, dtype=torch.bool)
         >>> mask[0, :, :9] = mask[0, :5, 30:] = True
-        >>> climb(mask, PanelShape(1, 1), Search(3, 1, 0.0, 0.0, "upright")).candidates.tolist()
+        >>> climb(mask, PanelShape(1, 1), LocatorLimits(3, 1, 0.0, 0.0, "upright")).candidates.tolist()
         [2]
     """
     choice = Choice.none(mask.shape[0], mask.device)
@@ -146,13 +112,13 @@ def climb(mask: Tensor, shape: PanelShape, search: Search) -> Choice:
         level += 1
 
 
-def _closed_components(mask: Tensor, search: Search) -> Components:
+def _closed_components(mask: Tensor, search: LocatorLimits) -> Components:
     """Close masks (B,H,W) and label what comes of them."""
     return label_components(close_mask(mask[:, None], search.closing_px)[:, 0])
 
 
 def _level_choice(
-    blobs: Blobs, masks: int, shape: PanelShape, search: Search
+    blobs: Blobs, masks: int, shape: PanelShape, search: LocatorLimits
 ) -> tuple[Choice, Tensor, Tensor]:
     """Choose at one level: the best blobs within limits, the pitch of the best of all, the labels."""
     measures = measure_blobs(blobs, shape, search.quadrilateral)
@@ -184,7 +150,7 @@ def _climbs_on(whole: Tensor, components: Tensor, pitch: Tensor, reach_px: int) 
     return ((components > 1) & ~whole) | (reach_px < pitches * pitch)
 
 
-def choose_single(mask: Tensor, shape: PanelShape, search: Search) -> tuple[Tensor, Choice]:
+def choose_single(mask: Tensor, shape: PanelShape, search: LocatorLimits) -> tuple[Tensor, Choice]:
     """Choose as :func:`climb` does where one closing makes a mask a single blob, the most common case.
 
     In the CPU's memory a call on a tensor costs more than the arithmetic of a small mask; SciPy labels there.
@@ -201,7 +167,7 @@ def choose_single(mask: Tensor, shape: PanelShape, search: Search) -> tuple[Tens
     Example:
         >>> mask = torch.ones(1, 20, 20, dtype=torch.bool)
         >>> mask[0, 5, 5] = False
-        >>> chosen, choice = choose_single(mask, PanelShape(8, 8), Search())
+        >>> chosen, choice = choose_single(mask, PanelShape(8, 8), LocatorLimits())
         >>> chosen.tolist(), choice.corners_px[0, 2].tolist()
         ([0], [20.0, 20.0])
     """
@@ -223,7 +189,7 @@ def choose_single(mask: Tensor, shape: PanelShape, search: Search) -> tuple[Tens
     return torch.tensor(single)[sure], choice[sure]
 
 
-def _within(measures: Measures, search: Search) -> Tensor:
+def _within(measures: Measures, search: LocatorLimits) -> Tensor:
     """Whether each blob (M,) is within the limits."""
     passed = measures.rectangularity >= search.min_rectangularity
     return passed & (measures.compactness >= search.min_compactness)

@@ -8,7 +8,8 @@ import torch
 from torch import Tensor
 
 from vocc_torch.errors import VoccError
-from vocc_torch.receiver.ladder import Choice, Search, choose_single, climb
+from vocc_torch.receiver.ladder import Choice, choose_single, climb
+from vocc_torch.receiver.limits import LocatorLimits
 from vocc_torch.receiver.morphology import close_mask
 from vocc_torch.receiver.otsu import UnevenParts, otsu_threshold, sensor_histogram, uneven_parts
 from vocc_torch.types import Frames, Panels, PanelShape
@@ -73,7 +74,7 @@ def paper_stages(frames: Frames, closing_px: int = 11) -> Stages:
 
 
 @dataclass(frozen=True, slots=True)
-class PaperLocator(Search):
+class PaperLocator(LocatorLimits):
     """Find the panel as the paper does: Otsu, closing, components, blob analysis, convex hull, quadrilateral.
 
     Blobs below a limit are dropped. Of the others the best by ``rectangularity x compactness x proportion^2``

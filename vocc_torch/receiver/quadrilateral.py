@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 import torch
@@ -21,7 +20,6 @@ from torch import Tensor
 from vocc_torch.receiver.components import Blobs
 from vocc_torch.types import PanelShape
 
-Quadrilateral = Literal["min_area", "upright"]
 Floats = NDArray[np.float64]
 Whole = NDArray[np.int64]
 
@@ -271,7 +269,7 @@ class Measures:
     pitch_px: Tensor
 
 
-def measure_blobs(blobs: Blobs, shape: PanelShape, quadrilateral: Quadrilateral = "min_area") -> Measures:
+def measure_blobs(blobs: Blobs, shape: PanelShape, quadrilateral: str = "min_area") -> Measures:
     """Measure each blob against the panel looked for.
 
     Args:

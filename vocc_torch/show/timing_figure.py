@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.text import Annotation
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from vocc_torch.show.canvas import GRID, INK, head, new_figure, quiet_axes, text_renderer, write_title
+from vocc_torch.measure.estimate import Estimate
+from vocc_torch.measure.stage_times import BIT_DETECTION, StageTimes, median_of
+from vocc_torch.show.canvas import GRID, INK, head, new_figure, quiet_axes, write_title
 from vocc_torch.show.styles import receiver_styles
 
 Floats = NDArray[np.float64]
+FramesAndBatch = tuple[str, int]
 
 PANEL_DETECTION = "panel_detection"
 PAPER_SHARES = {
@@ -32,128 +37,126 @@ _BUSY = 0.05
 _KINDS = {"whole_frames": "whole frames", "crops": "crops of the panel's surroundings"}
 
 
-def timing_figure(
-    title: str,
-    *,
-    frames: tuple[str, ...],
-    batches: tuple[int, ...],
-    stages: tuple[str, ...],
-    times_ms: Floats,
-    shares: Floats,
-    ngr_costs: Floats,
-    paper_shares: Floats,
-    rounds: tuple[int, ...],
-    sensor_px: tuple[int, int],
-    machine: str,
-    threads: int,
-    waited_share: float,
-) -> Figure:
-    """Draw a bar a stage for each kind of frames and each batch size, with the paper's value beside it.
+@dataclass(frozen=True)
+class DetectionTimes:
+    """Times of the paper's receivers by stage, on F kinds of frames and one or two batch sizes each.
 
     Args:
-        title: the figure's.
-        frames: F kinds of frames.
-        batches: N batch sizes, 1 or 2 of them.
-        stages: S stages, panel detection first, then receivers.
-        times_ms: (F,N,S,3) lower quartile, median and upper quartile, ms a frame.
-        shares: (F,N,S,3) likewise, of the time over that of panel detection.
-        ngr_costs: (F,N,2,3) likewise, of what a third feature adds to two, and to panel detection and two.
-        paper_shares: (S,) the paper's, of panel detection.
-        rounds: (N,) timed rounds.
+        by_place: times by receiver for each kind of frames (``whole_frames``, ``crops``) and batch size.
         sensor_px: height and width of a whole frame.
         machine: what was measured on.
         threads: threads that torch used within an operation.
-        waited_share: share of the time in which other work had the processor, 0 to 1.
+        waited_share: share of the time in which other work had the processor, 0 to 1; with more than one
+            thread it is a lower limit.
     """
-    figure = new_figure(10, 6.8)
-    column = 0.79 / len(batches)
-    longest, labels = 100 * max(1.0, float(shares.max())), []
-    for place, (f, n) in enumerate(np.ndindex(len(frames), len(batches))):
-        axes = figure.add_axes((0.205 + column * n, 0.588 - 0.368 * f, column - 0.025, 0.285))
-        labels += _bars(axes, stages, times_ms[f, n, :, 1], shares[f, n], paper_shares)
-        axes.set_xticks(np.arange(0, longest + 1, 20))
-        axes.tick_params(axis="y", labelleft=n == 0)
-        if f == len(frames) - 1:
-            axes.set_xlabel("Time over that of panel detection (%)")
-            axes.xaxis.label.set_fontsize(11)
-        said = f"{_KINDS.get(frames[f], frames[f])}, {_at_a_time(batches[n])}"
-        head(axes, f"({'abcd'[place]})", said)
-    for axes in figure.axes:
-        axes.set_xlim(0, _room(figure, axes, labels))
-    _legend(figure)
-    timed = " and ".join(
-        f"{count} rounds {_at_a_time(batch)}" for count, batch in zip(rounds, batches, strict=True)
-    )
-    footnote = (
-        f"{_third_feature(ngr_costs)}\n"
-        f"Medians of {timed}; whole frames of {sensor_px[1]} x {sensor_px[0]} px. "
-        f"Preambles are not counted. The paper: Matlab.\nOurs: {machine}."
-    )
-    if waited_share > _BUSY:
-        busy = f"Take with care: for {100 * waited_share:.0f} % of the time other work had the processor."
-        footnote = f"{busy}\n{footnote}"
-    write_title(figure, title, footnote)
-    return figure
 
+    by_place: Mapping[FramesAndBatch, Mapping[str, StageTimes]]
+    sensor_px: tuple[int, int]
+    machine: str
+    threads: int
+    waited_share: float
 
-def _third_feature(ngr_costs: Floats) -> str:
-    """Tell in medians what NGR adds in each part of the figure."""
-    of_two, of_all = (
-        [f"{100 * cost:z.1f}".replace("-", "\N{MINUS SIGN}") for cost in ngr_costs[..., part, 1].flat]
-        for part in (0, 1)
-    )
-    lettered = ", ".join(f"({letter}) {cost}" for letter, cost in zip("abcd", of_two, strict=False))
-    return (
-        f"NGR adds {lettered} % to two features' time (the paper: 17 %), "
-        f"and to the whole {', '.join(of_all)} % (1.78 %)."
-    )
+    def rounds(self, place: FramesAndBatch) -> int:
+        """How many rounds were timed."""
+        return next(iter(self.by_place[place].values())).rounds
+
+    def times_ms(self, place: FramesAndBatch) -> dict[str, Estimate]:
+        """Give panel detection's and each bit detector's time, ms a frame."""
+        return {stage: median_of(spent) for stage, spent in self._spent_ms(place).items()}
+
+    def shares(self, place: FramesAndBatch) -> dict[str, Estimate]:
+        """Give the same over panel detection's time in the same round."""
+        spent = self._spent_ms(place)
+        return {stage: median_of(one / spent[PANEL_DETECTION]) for stage, one in spent.items()}
+
+    def ngr_costs(self, place: FramesAndBatch) -> tuple[Estimate, Estimate]:
+        """Give what a third feature adds to the time of two, and to that of panel detection and two."""
+        spent = self._spent_ms(place)
+        panel, two, three = (spent[stage] for stage in (PANEL_DETECTION, "flda_2", "flda_3"))
+        return median_of(three / two - 1), median_of((three - two) / (panel + two))
+
+    def _spent_ms(self, place: FramesAndBatch) -> dict[str, Floats]:
+        """Give the times round by round."""
+        times = self.by_place[place]
+        return {
+            stage: times["flda_3"].summed(["locate"])
+            if stage == PANEL_DETECTION
+            else times[stage].summed(BIT_DETECTION)
+            for stage in PAPER_SHARES
+        }
+
+    def draw(self, title: str) -> Figure:
+        """Draw the figure, with its title and what it rests on."""
+        figure = new_figure(10, 6.8)
+        write_title(figure, title, self.draw_on(figure))
+        return figure
+
+    def draw_on(self, figure: Figure) -> str:
+        """Draw a bar a stage in each place, with the paper's value beside it; give the footnote."""
+        kinds, batches = (list(dict.fromkeys(one)) for one in zip(*self.by_place, strict=True))
+        column, longest = 0.79 / len(batches), 0.0
+        for letter, place in zip("abcd", self.by_place, strict=False):
+            f, n = kinds.index(place[0]), batches.index(place[1])
+            axes = figure.add_axes((0.205 + column * n, 0.588 - 0.368 * f, column - 0.025, 0.285))
+            longest = max(longest, self._draw_bars(axes, place))
+            axes.tick_params(axis="y", length=0, labelleft=n == 0)
+            head(axes, f"({letter})", f"{_KINDS.get(place[0], place[0])}, {_at_a_time(place[1])}")
+            if f == len(kinds) - 1:
+                axes.set_xlabel("Time over that of panel detection (%)", fontsize=11)
+        for axes in figure.axes:
+            # The longest label takes less than a third of two columns' width.
+            axes.set_xlim(0, 1.55 * longest)
+            axes.xaxis.set_major_locator(MaxNLocator(7, steps=[2, 5, 10]))
+        _write_legend(figure)
+        return self._footnote()
+
+    def _footnote(self) -> str:
+        """Say what the figure rests on, and in medians what NGR adds in each of its parts."""
+        costs = [self.ngr_costs(place) for place in self.by_place]
+        of_two, of_all = (
+            [f"{100 * one.value:z.1f}".replace("-", "\N{MINUS SIGN}") for one in part]
+            for part in zip(*costs, strict=True)
+        )
+        lettered = ", ".join(f"({letter}) {cost}" for letter, cost in zip("abcd", of_two, strict=False))
+        timed = {f"{self.rounds(place)} rounds {_at_a_time(place[1])}": None for place in self.by_place}
+        busy = (
+            f"Take with care: for {100 * self.waited_share:.0f} % of the time other work had the processor.\n"
+        )
+        return (
+            f"{busy if self.waited_share > _BUSY else ''}"
+            f"NGR adds {lettered} % to two features' time (the paper: 17 %), "
+            f"and to the whole {', '.join(of_all)} % (1.78 %).\n"
+            f"Medians of {' and '.join(timed)}; whole frames of {self.sensor_px[1]} x {self.sensor_px[0]} px."
+            f" Preambles are not counted. The paper: Matlab.\nOurs: {self.machine}."
+        )
+
+    def _draw_bars(self, axes: Axes, place: FramesAndBatch) -> float:
+        """Draw the bars, the detectors' quartiles and the paper's marks; give the last label's begin."""
+        times, shares = self.times_ms(place), self.shares(place)
+        styles = receiver_styles([stage for stage in PAPER_SHARES if stage != PANEL_DETECTION])
+        looks = [_PANEL, *((style.label, style.colour) for style in styles.values())]
+        low, median, high = 100 * np.array([(one.low, one.value, one.high) for one in shares.values()]).T
+        paper, rows = 100 * np.array(list(PAPER_SHARES.values())), np.arange(float(len(PAPER_SHARES)))
+        axes.barh(rows, median, height=0.62, color=[colour for _, colour in looks])
+        spread = np.stack([median - low, high - median])[:, 1:]
+        axes.errorbar(median[1:], rows[1:], xerr=spread, fmt="none", ecolor=INK, elinewidth=1.2, capsize=2.5)
+        axes.add_line(_paper_mark(paper[1:], rows[1:]))
+        ends = np.maximum(high, paper).tolist()
+        for row, (spent, share, end) in enumerate(zip(times.values(), median, ends, strict=True)):
+            time = f"{number_text(spent.value)} ms"
+            said = f"{number_text(share)} %  ({time})" if row else time
+            look: dict[str, Any] = {"textcoords": "offset points", "va": "center", "color": INK}
+            axes.annotate(said, (end, row), (9, 0), fontsize=10, **look)
+        quiet_axes(axes)
+        axes.grid(axis="x", color=GRID, linewidth=0.8)
+        axes.set_yticks(rows, [label for label, _ in looks])
+        axes.invert_yaxis()
+        return float(max(ends))
 
 
 def _at_a_time(batch: int) -> str:
     """Say a batch size."""
     return "one at a time" if batch == 1 else f"{batch} at a time"
-
-
-def _bars(
-    axes: Axes, stages: tuple[str, ...], times_ms: Floats, shares: Floats, paper_shares: Floats
-) -> list[tuple[float, Annotation]]:
-    """Draw one kind of frames at one batch size: S bars, the detectors' quartiles and the paper's marks.
-
-    Returns:
-        The bars' labels, each with the value that it begins behind.
-    """
-    styles = receiver_styles(stages[1:])
-    looks = [_PANEL, *((styles[name].label, styles[name].colour) for name in stages[1:])]
-    low, median, high = 100 * shares.T
-    rows = np.arange(float(len(stages)))
-    axes.barh(rows, median, height=0.62, color=[colour for _, colour in looks])
-    spread = np.stack([median - low, high - median])[:, 1:]
-    axes.errorbar(median[1:], rows[1:], xerr=spread, fmt="none", ecolor=INK, elinewidth=1.2, capsize=2.5)
-    axes.add_line(_paper_mark(100 * paper_shares[1:], rows[1:]))
-    labels = []
-    for row, (spent, share) in enumerate(zip(times_ms, median, strict=True)):
-        end = max(high[row], 100 * paper_shares[row])
-        said = f"{number_text(share)} %  ({number_text(spent)} ms)" if row else f"{number_text(spent)} ms"
-        label = axes.annotate(
-            said, (end, row), (9, 0), textcoords="offset points", va="center", color=INK, fontsize=10
-        )
-        labels.append((float(end), label))
-    quiet_axes(axes)
-    axes.grid(axis="x", color=GRID, linewidth=0.8)
-    axes.set_yticks(rows, [label for label, _ in looks])
-    axes.tick_params(axis="y", length=0)
-    axes.invert_yaxis()
-    return labels
-
-
-def _room(figure: Figure, axes: Axes, labels: Sequence[tuple[float, Annotation]]) -> float:
-    """Give the upper end of an axis from 0 on which every label ends within it."""
-    renderer = text_renderer(figure)
-    width = axes.get_window_extent(renderer).width
-    gap = 14 * figure.dpi / 72
-    # Measured away from its place, a label has the same width.
-    texts = [(end, label.get_window_extent(renderer).width + gap) for end, label in labels]
-    return max(end * width / max(width - text, 0.2 * width) for end, text in texts)
 
 
 def number_text(value: float) -> str:
@@ -175,19 +178,11 @@ def _paper_mark(x: Floats, y: Floats) -> Line2D:
     return marks
 
 
-def _legend(figure: Figure) -> None:
+def _write_legend(figure: Figure) -> None:
     """Explain the marks at the figure's top right."""
     handles = [
         _paper_mark(np.empty(0), np.empty(0)),
         Line2D([], [], color=INK, marker="|", markersize=7, linewidth=1.2, label="quartiles"),
     ]
-    figure.legend(
-        handles=handles,
-        loc="upper right",
-        bbox_to_anchor=(0.99, 1 - 0.06 / figure.get_figheight()),
-        ncols=2,
-        frameon=False,
-        fontsize=10.5,
-        handletextpad=0.4,
-        columnspacing=1.4,
-    )
+    top: dict[str, Any] = {"loc": "upper right", "bbox_to_anchor": (0.99, 1 - 0.06 / figure.get_figheight())}
+    figure.legend(handles=handles, ncols=2, frameon=False, fontsize=10.5, columnspacing=1.4, **top)

@@ -1,4 +1,4 @@
-"""What ``task=figures`` measures: the paper's experiments under every variant of what it leaves open."""
+"""What ``task=figures`` measures: the paper's experiments under every reading of what it leaves open."""
 
 from __future__ import annotations
 
@@ -6,8 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import cast, get_args
 
-from vocc_torch.errors import VoccError
-from vocc_torch.measure.build import build_experiment, build_rows
+from vocc_torch.errors import VoccError, section
 from vocc_torch.measure.campaign import Campaign, Study, at_focal_length
 from vocc_torch.measure.curves import Measured
 from vocc_torch.measure.grid import Grid
@@ -118,9 +117,8 @@ def paper_plan(config: FiguresConfig, plan: Plan) -> PaperPlan:
     wanted = {figure.experiment for figure in RATE_FIGURES if figure.name in figures} | {*figures} & {DIMMING}
     for name, one in config.experiments.items():
         if name in wanted:
-            section = f"figures.experiments.{name}"
-            whole = replace(plan, experiment=build_experiment(one, section))
-            built[name] = {0.0: whole} if one.row_axis is None else build_rows(whole, one, section)
+            with section(f"figures.experiments.{name}", before="experiment"):
+                built[name] = replace(plan, experiment=one).rows()
     names = plan.receiver.names
     if built and not set(names) & set(PAPER_RECEIVERS):
         known = ", ".join(PAPER_RECEIVERS)

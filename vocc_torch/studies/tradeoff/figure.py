@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -12,14 +12,11 @@ from matplotlib.lines import Line2D
 from matplotlib.transforms import blended_transform_factory
 
 from vocc_torch.measure.estimate import Estimate
-from vocc_torch.measure.stage_times import BIT_DETECTION
-from vocc_torch.measure.timing import quartiles
 from vocc_torch.receiver.bank import needs_preambles
 from vocc_torch.show.canvas import INK, QUIET, new_figure, text_renderer, write_title
 from vocc_torch.show.text_table import ends_text, rate_text
-from vocc_torch.show.timing_figure import timing_figure
-from vocc_torch.studies.tradeoff.axes import Heights, budgets, heights, set_up, span, stacked
-from vocc_torch.studies.tradeoff.dots import (
+from vocc_torch.show.timing_figure import PANEL_DETECTION, PAPER_SHARES, DetectionTimes
+from vocc_torch.studies.tradeoff.layout import (
     FONT,
     GAP_PX,
     LINE_PX,
@@ -27,9 +24,15 @@ from vocc_torch.studies.tradeoff.dots import (
     Column,
     Dot,
     FillStyle,
+    Heights,
+    budgets,
     columns,
     dots_of,
     draw_labels,
+    heights,
+    set_up,
+    span,
+    stacked,
 )
 from vocc_torch.studies.tradeoff.price_list import Place, PriceList
 from vocc_torch.studies.tradeoff.words import (
@@ -38,6 +41,7 @@ from vocc_torch.studies.tradeoff.words import (
     frames_text,
     preamble_text,
     scenes_text,
+    timed_text,
     upper_first,
 )
 
@@ -205,11 +209,12 @@ def _legend(figure: Figure, dots: Sequence[Dot]) -> None:
 
 def _write(figure: Figure, prices: PriceList, scenes: str, device: str, frames: str) -> None:
     """Write title and footnote."""
-    rounds = sorted({times.rounds for times in prices.times.values()})
+    rounds = sorted({times.rounds for times in prices.times.by_place.values()})
+    elsewhere = timed_text(prices, scenes)
     counted = " to ".join(str(one) for one in dict.fromkeys((rounds[0], rounds[-1])))
     waited = known = ""
-    if prices.waited_share >= BUSY_SHARE:
-        share = f"{100 * prices.waited_share:.0f} %"
+    if prices.times.waited_share >= BUSY_SHARE:
+        share = f"{100 * prices.times.waited_share:.0f} %"
         waited = f"Take times with care: for {share} of it other work had the processor. "
     if needs_preambles([setting.receiver for setting in prices.settings]):
         known = f"Times of the greyscale receivers include {preamble_text(prices)}. "
@@ -218,7 +223,8 @@ def _write(figure: Figure, prices: PriceList, scenes: str, device: str, frames: 
         "beaten: one no slower by the median has a lower rate, by paired intervals of all pairs that hold "
         f"together at 95 % (Bonferroni). Rates: {prices.counted_frames} frames, the same for all; bars are "
         f"95 % intervals. Times: medians and quartiles of {counted} "
-        f"interleaved rounds, each call right after an untimed one. {known}{prices.machines[device]}."
+        f"interleaved rounds, each call right after an untimed one{elsewhere}. {known}"
+        f"{prices.times.machines[device]}."
     )
     footnote = textwrap.fill(said, _FOOTNOTE_CHARS, break_on_hyphens=False)
     write_title(figure, "What accuracy costs in time", footnote)
@@ -229,44 +235,25 @@ def _write(figure: Figure, prices: PriceList, scenes: str, device: str, frames: 
     figure.text(0.018, 1 - 0.47 / figure.get_figheight(), said, fontsize=11.5, color=QUIET, va="top")
 
 
-def shares_figure(prices: PriceList, paper_shares: Mapping[str, float]) -> Figure | None:
-    """Draw Fig. 25 on the first device, or nothing where the paper's locator and receivers were not priced.
-
-    Args:
-        prices: what was measured.
-        paper_shares: the paper's values by stage, panel detection first, then receivers.
-    """
-    panel, *receivers = paper_shares
+def shares_figure(prices: PriceList) -> Figure | None:
+    """Draw Fig. 25 on the first device; nothing where the paper's locator or receivers were not priced."""
     by_name = {one.receiver: one for one in reversed(prices.settings) if one.locator == "paper"}
-    if not by_name.keys() >= {*receivers}:
+    if not by_name.keys() >= PAPER_SHARES.keys() - {PANEL_DETECTION}:
         return None
-    known = [by_name[name] for name in receivers]
     device = prices.places[0].device
-    kinds = tuple(frames for name, frames in prices.kinds if name == device)
+    kinds = [frames for name, frames in prices.kinds if name == device]
     every = prices.batches(device, kinds[0])
-    batches = tuple(dict.fromkeys((every[0], every[-1])))
-    places = [Place(device, frames, batch) for frames in kinds for batch in batches]
-    times, shares, costs = [], [], []
-    for place in places:
-        rounds = {panel: prices.times[known[0], place].summed(["locate"])}
-        rounds |= {one.receiver: prices.times[one, place].summed(BIT_DETECTION) for one in known}
-        times += [quartiles(one) for one in rounds.values()]
-        shares += [quartiles(one / rounds[panel]) for one in rounds.values()]
-        two, three = rounds["flda_2"], rounds["flda_3"]
-        costs += [quartiles(three / two - 1), quartiles((three - two) / (rounds[panel] + two))]
-    grid = (len(kinds), len(batches), -1, 3)
-    return timing_figure(
-        "Time of the paper's receivers (Fig. 25)",
-        frames=tuple(_FIG25_FRAMES[kind] for kind in kinds),
-        batches=batches,
-        stages=(panel, *receivers),
-        times_ms=np.reshape(times, grid),
-        shares=np.reshape(shares, grid),
-        ngr_costs=np.reshape(costs, grid),
-        paper_shares=np.array(list(paper_shares.values())),
-        rounds=tuple(prices.times[known[0], place].rounds for place in places[: len(batches)]),
+    measured = DetectionTimes(
+        by_place={
+            (_FIG25_FRAMES[kind], batch): {
+                name: prices.times.by_place[one, Place(device, kind, batch)] for name, one in by_name.items()
+            }
+            for kind in kinds
+            for batch in dict.fromkeys((every[0], every[-1]))
+        },
         sensor_px=prices.sensor_px,
-        machine=prices.machines[device],
-        threads=prices.threads,
-        waited_share=prices.waited_share,
+        machine=prices.times.machines[device],
+        threads=prices.times.threads,
+        waited_share=prices.times.waited_share,
     )
+    return measured.draw("Time of the paper's receivers (Fig. 25)")

@@ -14,7 +14,6 @@ from vocc_torch.show.canvas import save_figure
 from vocc_torch.show.folder import as_markdown, print_place, refuse_results, refuse_unused, write_config
 from vocc_torch.show.quiet import quiet_threads
 from vocc_torch.show.stopwatch import Stopwatch
-from vocc_torch.show.timing_figure import PAPER_SHARES
 from vocc_torch.studies.tradeoff.config import TradeoffConfig
 from vocc_torch.studies.tradeoff.figure import shares_figure, tradeoff_figure
 from vocc_torch.studies.tradeoff.plan import build_tradeoff_study
@@ -73,8 +72,8 @@ def _figures(prices: PriceList) -> dict[str, Figure]:
     figures: dict[str, Figure] = {}
     for scenes in prices.errors:
         for device, frames in prices.kinds:
-            parts = [frames, scenes, *([device.replace(":", "")] if len(prices.machines) > 1 else [])]
+            parts = [frames, scenes, *([device.replace(":", "")] if len(prices.times.machines) > 1 else [])]
             name = "-".join(["tradeoff", *parts]) if figures else "tradeoff"
             figures[name] = tradeoff_figure(prices, scenes, device, frames)
-    shares = shares_figure(prices, PAPER_SHARES)
+    shares = shares_figure(prices)
     return figures if shares is None else {**figures, "fig25": shares}

@@ -1,8 +1,7 @@
-"""The paper's figures other than bit error rates: their data, computed from a plan; drawn one floor below."""
+"""The paper's figures other than bit error rates: each computed from a plan, drawn and tabled."""
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,63 +9,71 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from vocc_torch.errors import VoccError
 from vocc_torch.measure.plan import Plan
+from vocc_torch.show.canvas import figure_pixels, save_figure
 from vocc_torch.show.csv_file import write_rows
-from vocc_torch.studies.paper.evidence.data import FigureData
-from vocc_torch.studies.paper.evidence.registry import EVIDENCE, Evidence, selected
+from vocc_torch.studies.paper.evidence.features import GreyAndAgr, GriAndAgr, NgrAndOthers
+from vocc_torch.studies.paper.evidence.figure import PaperFigure
+from vocc_torch.studies.paper.evidence.gradients import InwardGradients
+from vocc_torch.studies.paper.evidence.greys import BloomingInterference, GreyOverlap
+from vocc_torch.studies.paper.evidence.histogram import FrameHistogram
+from vocc_torch.studies.paper.evidence.projection import Projection
+from vocc_torch.studies.paper.evidence.scenes import BlurOrder, ContrastPanels
+from vocc_torch.studies.paper.evidence.timing import ProcessingTime
 
-__all__ = ["EVIDENCE", "Evidence", "FigureData", "Made", "make_evidence", "selected"]
+_FIGURES: tuple[type[PaperFigure], ...] = (
+    *(GreyOverlap, BloomingInterference, GreyAndAgr, InwardGradients, GriAndAgr, NgrAndOthers),
+    *(Projection, BlurOrder, FrameHistogram, ContrastPanels, ProcessingTime),
+)
+EVIDENCE = {figure.name: figure for figure in _FIGURES}
+"""The figures by name, in the paper's order."""
 
 
 @dataclass(frozen=True)
-class Made:
+class WrittenFigure:
     """A figure that has been computed, drawn and written.
 
     Args:
-        evidence: what it is.
+        evidence: what it is: its name, title and caption.
         findings: its numbers by name.
         picture: its PNG file.
         table: its CSV file.
         pixels: (H,W,3) uint8 the picture, red, green, blue.
-        seconds: how long it took to compute, draw and write.
     """
 
-    evidence: Evidence
+    evidence: type[PaperFigure]
     findings: dict[str, float]
     picture: Path
     table: Path
     pixels: NDArray[np.uint8]
-    seconds: float
 
 
-def make_evidence(plan: Plan, folder: Path, names: Sequence[str] = ()) -> Iterator[Made]:
+def make_evidence(plan: Plan, folder: Path, names: Sequence[str] = ()) -> Iterator[WrittenFigure]:
     """Compute, draw and write figures one after the other, as ``NAME.png`` and ``NAME.csv``.
 
     Args:
-        plan: the study; its locator is not used, except for Fig. 19's outline.
+        plan: the study; its locator is used for Fig. 19's outline and by Fig. 25 only.
         folder: where the files go; made if missing.
         names: the figures; all by default.
 
-    Yields:
-        Each figure once it is written.
+    Returns:
+        Each figure once it is written, in the paper's order.
 
     Raises:
         VoccError: an unknown name, before anything is computed; or a file that cannot be written.
     """
-    return _make(plan, folder, selected(names))
+    for name in names:
+        if name not in EVIDENCE:
+            raise VoccError(f"{name!r} is not a figure: known are {', '.join(EVIDENCE)}")
+    return (_written(kind, plan, folder) for name, kind in EVIDENCE.items() if not names or name in names)
 
 
-def _make(plan: Plan, folder: Path, figures: Sequence[Evidence]) -> Iterator[Made]:
-    """Do the work of ``make_evidence``, whose names are checked when it is called."""
-    from vocc_torch.show.canvas import figure_pixels, save_figure  # loads Matplotlib
-
-    for evidence in figures:
-        begin = time.perf_counter()
-        data = evidence.compute(plan)
-        picture, table = (folder / f"{evidence.name}.{suffix}" for suffix in ("png", "csv"))
-        figure = evidence.draw(data)
-        save_figure(figure, picture)
-        write_rows(table, data.rows())
-        pixels = figure_pixels(figure)
-        seconds = time.perf_counter() - begin
-        yield Made(evidence, data.findings(), picture, table, pixels, seconds)
+def _written(kind: type[PaperFigure], plan: Plan, folder: Path) -> WrittenFigure:
+    """Compute, draw and write one figure."""
+    one = kind.compute(plan)
+    picture, table = (folder / f"{kind.name}.{suffix}" for suffix in ("png", "csv"))
+    figure = one.draw()
+    save_figure(figure, picture)
+    write_rows(table, one.rows())
+    return WrittenFigure(kind, one.findings(), picture, table, figure_pixels(figure))

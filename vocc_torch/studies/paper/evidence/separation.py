@@ -7,7 +7,7 @@ from scipy.optimize import linprog
 from scipy.stats import rankdata
 
 from vocc_torch.errors import VoccError
-from vocc_torch.studies.paper.evidence.data import Bools, Floats
+from vocc_torch.studies.paper.evidence.figure import Bools, Floats
 
 
 def roc_area(values: Floats, bits: Bools) -> float:

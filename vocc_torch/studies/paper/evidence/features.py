@@ -1,0 +1,221 @@
+"""Figs 8, 10 and 12: how grey values and features tell On LEDs from Off LEDs, alone and together."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+import torch
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from vocc_torch.measure.plan import Plan
+from vocc_torch.receiver.features import FEATURE_NAMES
+from vocc_torch.receiver.flda import FLDA
+from vocc_torch.show.canvas import INK, QUIET, head
+from vocc_torch.studies.paper.evidence import drawing
+from vocc_torch.studies.paper.evidence.figure import Cell, Floats, PaperFigure, led_rows
+from vocc_torch.studies.paper.evidence.sample import Sample, draw_sample
+from vocc_torch.studies.paper.evidence.separation import least_error, roc_area, separable
+
+GALLERY = 20
+"""Frames of the sample that Fig. 8a shows."""
+
+LABELS = {
+    "average_grey": "Average grey of an LED (0 to 255)",
+    "agr": "AGR (ratio)",
+    "gri": "GRI (grey values a pixel)",
+    "ngr": "NGR (ratio)",
+}
+
+
+@dataclass(frozen=True)
+class FeatureSpread(PaperFigure):
+    """Numbers of each LED of the sample by its status.
+
+    Args:
+        sample: the sample.
+        values: (B,R,C) each, by name; a name with ``+`` is the FLDA score of those features.
+        lines: for a pair of features, FLDA fitted on these LEDs: (w_1, w_2, threshold).
+    """
+
+    sample: Sample
+    values: Mapping[str, Floats]
+    lines: Mapping[str, tuple[float, float, float]]
+
+    @classmethod
+    def of(cls, plan: Plan, alone: Sequence[str], together: Sequence[str] = ()) -> Self:
+        """Score features of the sample alone, and by FLDA together."""
+        sample, lines = draw_sample(plan), {}
+        values = {name: sample.greys if name == "average_grey" else sample.feature(name) for name in alone}
+        features, bits = torch.from_numpy(sample.features), torch.from_numpy(sample.bits)
+        whole = FLDA(len(FEATURE_NAMES)).fit(features, bits)
+        for name in together:
+            chosen = [FEATURE_NAMES.index(part) for part in name.split("+")]
+            flda = whole.select(chosen)
+            values[name] = flda.decision_function(features[..., chosen]).numpy()
+            if len(chosen) == 2:
+                first, second = flda.direction.tolist()
+                lines[name] = (first, second, float(flda.threshold))
+        return cls(sample, values, lines)
+
+    def rows(self) -> list[tuple[Cell, ...]]:
+        """Give a line an LED."""
+        return led_rows(self.sample.bits, self.values)
+
+    def findings(self) -> dict[str, float]:
+        """Give the discriminability of each number, and how often GRI is negative.
+
+        ``auc_`` is the area under the ROC curve, ``wrong_share_`` the share of wrong decisions at the best
+        fixed threshold. ``separable_`` is 1 where some straight line or plane, FLDA's or another, parts all
+        On LEDs from all Off LEDs.
+        """
+        bits = self.sample.bits
+        found = {f"auc_{name}": roc_area(value, bits) for name, value in self.values.items()}
+        found |= {f"wrong_share_{name}": least_error(value, bits)[0] for name, value in self.values.items()}
+        for name in (name for name in self.values if "+" in name):
+            together = np.stack([self.values[part].ravel() for part in name.split("+")], axis=1)
+            found[f"separable_{name}"] = float(separable(together, bits.ravel()))
+        if "gri" in self.values:
+            negative = self.values["gri"] < 0
+            found["gri_negative_share_off"] = float(negative[~bits].mean())
+            found["gri_negative_share_on"] = float(negative[bits].mean())
+        return found
+
+    def footnote(self, figure: Figure, said: str = "") -> str:
+        """Name the statuses, and say what the numbers mean and rest on."""
+        drawing.status_legend(figure)
+        frames, leds = len(self.sample.bits), self.sample.bits.size
+        return (
+            "AUC: area under the ROC curve, the chance that an On LED reads higher than an Off LED. "
+            "Best threshold: the one fixed\nthreshold with the fewest wrong LEDs. "
+            f"{frames} sample frames, {leds} LEDs, true corners.{said}"
+        )
+
+    def draw_alone(self, axes: Axes, letter: str, name: str) -> None:
+        """Draw one feature's distribution."""
+        drawing.status_histogram(axes, self.values[name], self.sample.bits, LABELS[name])
+        self.state(axes, letter, name)
+
+    def draw_pair(self, axes: Axes, letter: str, name: str) -> None:
+        """Draw two features against each other, and FLDA's decision between On and Off."""
+        first, second = name.split("+")
+        labels = LABELS[first], LABELS[second]
+        drawing.status_cloud(axes, self.values[first], self.values[second], self.sample.bits, labels)
+        x, y = np.array(axes.get_xlim()), axes.get_ylim()
+        along, across, threshold = self.lines[name]
+        if across:
+            axes.plot(x, (threshold - along * x) / across, **drawing.DASHED)
+        axes.set(xlim=x, ylim=y)
+        self.state(axes, letter, name)
+
+    def state(self, axes: Axes, letter: str, name: str) -> None:
+        """Say above the axes how well a number tells On from Off."""
+        area = roc_area(self.values[name], self.sample.bits)
+        wrong = drawing.percent_text(least_error(self.values[name], self.sample.bits)[0])
+        text = f"AUC {area_text(area)} \N{MIDDLE DOT} best threshold wrong: {wrong}"
+        head(axes, f"({letter})", text)
+
+
+class GreyAndAgr(FeatureSpread):
+    """Fig. 8: some of the frames, and the distributions of average grey and of AGR."""
+
+    name = "fig08"
+    title = "Fig. 8: average grey against average greyscale ratio (AGR)"
+    caption = (
+        "Twenty of 100 sample frames; over the 100, average greys of On and Off overlap and AGR parts them."
+    )
+    height_in = 6.9
+
+    @classmethod
+    def compute(cls, plan: Plan) -> Self:
+        """Measure the sample."""
+        return cls.of(plan, ("average_grey", "agr"))
+
+    def draw_on(self, figure: Figure) -> str:
+        """Draw panels in two rows, and two histograms."""
+        for index, picture in enumerate(self.sample.pictures[:GALLERY]):
+            row, column = divmod(index, GALLERY // 2)
+            drawing.add_panel(figure, 0.02 + 0.097 * column, 0.745 - row * 0.142, 0.09, picture, frame=False)
+        text = f"(a) {GALLERY} of the frames"
+        figure.text(0.02, 0.895, text, fontsize=11.5, color=INK, fontweight="bold")
+        self.draw_alone(figure.add_axes((0.075, 0.175, 0.41, 0.355)), "b", "average_grey")
+        self.draw_alone(figure.add_axes((0.575, 0.175, 0.41, 0.355)), "c", "agr")
+        return self.footnote(figure)
+
+
+class GriAndAgr(FeatureSpread):
+    """Fig. 10: the distribution of GRI, and GRI against AGR."""
+
+    name = "fig10"
+    title = "Fig. 10: gradient radial inwardness (GRI), alone and with AGR"
+    caption = "GRI alone parts most LEDs; AGR and GRI together part all of them."
+    height_in = 5.6
+
+    @classmethod
+    def compute(cls, plan: Plan) -> Self:
+        """Measure the sample."""
+        return cls.of(plan, ("agr", "gri"), ("agr+gri",))
+
+    def draw_on(self, figure: Figure) -> str:
+        """Draw a histogram and a cloud."""
+        axes = figure.add_axes((0.075, 0.2, 0.41, 0.635))
+        self.draw_alone(axes, "a", "gri")
+        axes.axvline(0, color=QUIET, linewidth=1.0)
+        text = drawing.negative_text(self.values["gri"], self.sample.bits)
+        axes.text(0.98, 0.95, text, transform=axes.transAxes, ha="right", va="top", color=INK)
+        self.draw_pair(figure.add_axes((0.575, 0.2, 0.41, 0.635)), "b", "agr+gri")
+        return self.footnote(figure, " Line: FLDA fitted on these LEDs.")
+
+
+class NgrAndOthers(FeatureSpread):
+    """Fig. 12: the distribution of NGR, NGR against each of the others, and all three."""
+
+    name = "fig12"
+    title = "Fig. 12: neighbour greyscale ratio (NGR) and the others"
+    caption = (
+        "NGR alone overlaps completely, but it helps AGR and it helps GRI; the three together part best."
+    )
+    height_in = 9.2
+
+    @classmethod
+    def compute(cls, plan: Plan) -> Self:
+        """Measure the sample."""
+        return cls.of(plan, FEATURE_NAMES, ("agr+gri", "agr+ngr", "gri+ngr", "agr+gri+ngr"))
+
+    def draw_on(self, figure: Figure) -> str:
+        """Draw a histogram and three clouds."""
+        first, second, third, fourth = (
+            figure.add_axes((left, bottom, 0.41, 0.325)) for bottom in (0.57, 0.14) for left in (0.075, 0.575)
+        )
+        self.draw_alone(first, "a", "ngr")
+        self.draw_pair(second, "b", "agr+ngr")
+        self.draw_pair(third, "c", "gri+ngr")
+        score, ngr = self.values["agr+gri+ngr"], self.values["ngr"]
+        drawing.status_cloud(
+            fourth, score, ngr, self.sample.bits, ("FLDA score of AGR, GRI and NGR", LABELS["ngr"])
+        )
+        fourth.axvline(0, **drawing.DASHED)
+        self.state(fourth, "d", "agr+gri+ngr")
+        said = (
+            " Lines: FLDA fitted on these LEDs.\n(d) is a projection of the three features on the "
+            "plane of w, on which the score (a log-likelihood ratio) lies, and NGR."
+        )
+        return self.footnote(figure, said)
+
+
+def area_text(auc: float) -> str:
+    """Write an area in three digits, near 1 in up to five; 1 only where it is.
+
+    Example:
+        >>> area_text(0.53577), area_text(0.99956), area_text(0.9999999), area_text(1.0)
+        ('= 0.536', '= 0.9996', '> 0.99999', '= 1')
+    """
+    if auc == 1:
+        return "= 1"
+    for digits in (3, 4, 5):
+        if float(text := f"{auc:.{digits}f}") <= 1 - 3 * 10**-digits:
+            return f"= {text}"
+    return f"= {text}" if float(text) < 1 else "> 0.99999"
