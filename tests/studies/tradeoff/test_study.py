@@ -132,9 +132,9 @@ def test_errors_are_those_of_the_sweep(study, trained, counted):
         for setting in base:
             # Trained by the very same recipe.
             bank.plugged_in |= receivers[setting].bank.plugged_in
-        receivers = Banks([(locator, bank)])
+        deciding = Banks([(locator, bank)])
         job = FrameJob(
-            plan, study.model("far"), study.point("far"), (locator,), receivers, receivers.needs_preambles
+            plan, study.model("far"), study.point("far"), (locator,), deciding, deciding.needs_preambles
         )
         for wanted, setting in zip(job(range(plan.budget.frames)).counts, base, strict=True):
             assert counted["far"].counts[study.settings.index(setting)] == wanted, setting
