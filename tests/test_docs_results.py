@@ -1,4 +1,4 @@
-"""docs/update_results.py: the README's scorecard is what a run wrote, and nothing else changes."""
+"""docs/update_results.py: the scorecard of docs/results.md is what a run wrote, and nothing else changes."""
 
 import re
 import runpy
@@ -8,10 +8,10 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-
-from vocc_torch.show.csv_file import write_rows
 from vocc_torch.studies.paper.report.readings_section import FIT_COLUMNS
 from vocc_torch.studies.paper.scorecard.score import COLUMNS
+
+from vocc_torch.show.csv_file import write_rows
 
 pytestmark = pytest.mark.breakage
 
@@ -66,11 +66,11 @@ def run(tmp_path):
 
 @pytest.fixture
 def checkout(tmp_path):
-    """A project with a README of its own and the script."""
+    """A project with a page of its own and the script."""
     root = tmp_path / "project"
     (root / "docs").mkdir(parents=True)
     shutil.copy(SCRIPT, root / "docs")
-    (root / "README.md").write_text(
+    (root / "docs" / "results.md").write_text(
         f"# Before\n\n{script.BEGIN}\nold\n{script.END}\n\nAfter ünïcode.\n", encoding="utf-8"
     )
     return root
@@ -79,7 +79,7 @@ def checkout(tmp_path):
 def update(checkout, run, monkeypatch):
     monkeypatch.setattr(sys, "argv", ["update_results.py", str(run)])
     runpy.run_path(str(checkout / "docs" / "update_results.py"), run_name="__main__")
-    return (checkout / "README.md").read_text(encoding="utf-8")
+    return (checkout / "docs" / "results.md").read_text(encoding="utf-8")
 
 
 def test_the_section_between_the_markers_is_replaced_and_nothing_else(checkout, run, monkeypatch):
@@ -126,6 +126,7 @@ def test_readings_are_those_of_the_run(run):
 def test_the_runs_own_files_are_read(run):
     """What task=figures writes names the lens as the script looks for it."""
     from vocc_torch.studies.paper.paper_files import _write
+
     from vocc_torch.studies.paper.scorecard import readings_of, score
 
     scorecard = score(readings_of({25.0: {}, 18.0: {}}, {}), (25.0, "paper"))
@@ -135,8 +136,8 @@ def test_the_runs_own_files_are_read(run):
 
 
 @pytest.mark.skipif(not (RESULTS / "scorecard.csv").exists(), reason="docs/results has no scorecard yet")
-def test_the_readme_shows_docs_results():
-    text = (ROOT / "README.md").read_text(encoding="utf-8")
+def test_the_page_shows_docs_results():
+    text = (ROOT / "docs" / "results.md").read_text(encoding="utf-8")
     _, _, rest = text.partition(script.BEGIN)
     made = script.BEGIN + rest.partition(script.END)[0] + script.END
     assert made == script.generated(RESULTS)
