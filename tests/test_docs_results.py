@@ -8,10 +8,9 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from vocc_torch.studies.paper.report.readings_section import FIT_COLUMNS
-from vocc_torch.studies.paper.scorecard.score import COLUMNS
 
 from vocc_torch.show.csv_file import write_rows
+from vocc_torch.studies.paper.scorecard import COLUMNS, FIT_COLUMNS
 
 pytestmark = pytest.mark.breakage
 
@@ -121,18 +120,6 @@ def test_readings_are_those_of_the_run(run):
     assert cells(head) == list(FIT_COLUMNS)
     assert cells(row) == list(FITS[1])
     assert len(cells(rule)) == len(FIT_COLUMNS)
-
-
-def test_the_runs_own_files_are_read(run):
-    """What task=figures writes names the lens as the script looks for it."""
-    from vocc_torch.studies.paper.paper_files import _write
-
-    from vocc_torch.studies.paper.scorecard import readings_of, score
-
-    scorecard = score(readings_of({25.0: {}, 18.0: {}}, {}), (25.0, "paper"))
-    _write(run / "scorecard.csv", scorecard.rows())
-    rows = [row for row in script.table(run).splitlines() if row.startswith("| ") and "claim |" not in row]
-    assert len(rows) == len(scorecard.claims)
 
 
 @pytest.mark.skipif(not (RESULTS / "scorecard.csv").exists(), reason="docs/results has no scorecard yet")
