@@ -15,8 +15,9 @@ from PIL import Image
 from vocc_torch.errors import VoccError
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.rng import BlockKey
+from vocc_torch.show.annotated import annotated
 from vocc_torch.simulation import Distribution, SceneModel, Simulator
-from vocc_torch.studies.decode.decode import COLUMNS, annotated, bits_csv, decode, receiver_for
+from vocc_torch.studies.decode.decode import COLUMNS, decode, receiver_for
 from vocc_torch.studies.decode.recording import read_recording, to_grey
 from vocc_torch.types import PanelShape
 
@@ -146,7 +147,6 @@ def test_a_picture_of_one_pixel_or_one_grey_holds_no_panel(receiver, tmp_path, s
     (reading,) = decode(receiver, path, "luma")
     assert not reading.found
     assert (reading.text, reading.row()[12]) == ("", "")
-    assert annotated(reading, 2).size == (2 * size[1], 2 * size[0])
 
 
 def test_transparency_is_left_out(near, tmp_path):
@@ -321,9 +321,7 @@ def test_video_file_without_pictures(tmp_path):
 
 def test_rows_are_the_columns(receiver, photo, photo_bits):
     (reading,) = decode(receiver, photo, "luma")
-    lines = bits_csv([reading.row()]).decode().splitlines()
-    assert lines[0].split(",") == COLUMNS
-    row = dict(zip(COLUMNS, lines[1].split(","), strict=True))
+    row = dict(zip(COLUMNS, reading.row(), strict=True))
     assert (row["source"], row["frame"], row["time_s"], row["found"]) == (photo.name, "0", "", "1")
     assert row["bits"] == photo_bits
     # Clockwise from the top left.
@@ -337,7 +335,7 @@ def test_annotation_marks_on_and_off(receiver, near, tmp_path):
     frames, bits = near
     (reading,) = decode(receiver, save(tmp_path / "a.png", frames[0]), "luma")
     for scale in (1, 2):
-        drawn = np.asarray(annotated(reading, scale))
+        drawn = np.asarray(annotated(reading.frame.colour, reading.corners_px, reading.bits, scale))
         assert drawn.shape == (frames[0].shape[0] * scale, frames[0].shape[1] * scale, 3)
         corners = reading.corners_px * scale
         for r, c in np.ndindex(8, 8):
@@ -346,12 +344,6 @@ def test_annotation_marks_on_and_off(receiver, near, tmp_path):
             filled = tuple(drawn[int(y), int(x)]) == (0, 114, 178)
             assert filled == bits[0, r, c]
         assert (drawn[0, 0] == frames[0][0, 0]).all()
-
-
-def test_annotation_of_a_frame_without_a_panel(receiver, tmp_path):
-    flat = np.full((30, 40), 90, np.uint8)
-    (reading,) = decode(receiver, save(tmp_path / "a.png", flat), "luma")
-    assert (np.asarray(annotated(reading, 1)) == 90).all()
 
 
 # Model files

@@ -5,7 +5,9 @@ from made_up_tallies import tallies
 
 from vocc_torch.measure.curves import Curves, Measured
 from vocc_torch.measure.grid import Grid
-from vocc_torch.studies.paper.scorecard import Reading
+from vocc_torch.studies.paper.claims import Claim
+from vocc_torch.studies.paper.judgement import PaperReading
+from vocc_torch.studies.paper.scorecard import readings_of, score
 
 BITS = 64
 AXES = {
@@ -70,7 +72,12 @@ def of_rates(experiment, rates, frames=2000):
 
 def reading_of(measured, locator="truth", findings=None, focal_length_mm=25.0):
     """A reading of experiments by name."""
-    return Reading(focal_length_mm, locator, measured, findings or {})
+    return PaperReading(focal_length_mm, locator, measured, findings or {})
+
+
+def judged(reading, rule, **arguments):
+    """A claim on curves judged by a rule."""
+    return Claim("made.up", "IV", "text", "paper", rule, arguments, "curves").judge(reading)
 
 
 # The paper's behaviour. Two features by experiment; the rest follows by factors.
@@ -200,3 +207,24 @@ def grid_of(best_by_ambient, receivers=("flda_2", "flda_3"), frames=20_000):
         }
         curves.append(curves_of("luminance", wrong))
     return Grid("ambient_lx", rows, tuple(curves))
+
+
+def located_experiments(factor=3.0, frames=2000):
+    """The paper's behaviour with true corners, and ``factor`` times as many errors with the panel located."""
+    found = {}
+    for name in TWO:
+        rates = paper_rates(name)
+        truth, located = (
+            {
+                value: {who: spread(min(0.5, scale * at[value]), frames) for who, at in rates.items()}
+                for value in TWO[name]
+            }
+            for scale in (1.0, factor)
+        )
+        found[name] = measured_of(name, truth, located)
+    return found
+
+
+def card_of(by_focal_mm, own=(25.0, "paper"), locators=("paper", "truth"), grids=None):
+    """The scorecard of made-up experiments."""
+    return score(readings_of(by_focal_mm, FINDINGS, locators, grids), own)
