@@ -111,10 +111,10 @@ def hilberts(rng: np.random.Generator) -> tuple[Array, Bits]:
 
 
 def far_away(rng: np.random.Generator) -> tuple[Array, Bits]:
-    """Draw unit spreads at offsets of 1e8."""
+    """Draw unit spreads at offsets of 1e4."""
     root, _ = _root(rng)
     x, on = _two_classes(rng, root, rng.normal(size=len(root)))
-    return x + 1e8 * rng.choice([-1.0, 1.0], len(root)), on
+    return x + 1e4 * rng.choice([-1.0, 1.0], len(root)), on
 
 
 def gap_along_most(rng: np.random.Generator) -> tuple[Array, Bits]:
@@ -148,6 +148,7 @@ class Draw:
         family: how it was drawn.
         features: F.
         condition: of the scaled within-class covariance.
+        offset: greatest distance of the classes' midpoint from 0 in a feature, in its standard deviations.
         direction_error: relative, as :meth:`Exact.errors`.
         threshold_error: relative, likewise.
         warned: whether the discriminant said that the set does not determine it.
@@ -156,6 +157,7 @@ class Draw:
     family: str
     features: int
     condition: float
+    offset: float
     direction_error: float
     threshold_error: float
     warned: bool
@@ -166,8 +168,15 @@ class Draw:
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always", FLDAWarning)
             rule = discriminant(torch.from_numpy(x), torch.from_numpy(on))
-        errors = Exact.of(x, on).errors(rule.direction.numpy(), float(rule.threshold))
-        return cls(family, x.shape[1], condition_number(x, on), *errors, bool(caught))
+        exact = Exact.of(x, on)
+        offset = max(float(abs(m / s)) for m, s in zip(exact.midpoint, exact.scale, strict=True))
+        errors = exact.errors(rule.direction.numpy(), float(rule.threshold))
+        return cls(family, x.shape[1], condition_number(x, on), offset, *errors, bool(caught))
+
+    @property
+    def reach(self) -> float:
+        """Condition number, times the offset where that is above 1: what amplifies the machine epsilon."""
+        return self.condition * max(1.0, self.offset)
 
 
 def draws(count: int, seed: int) -> list[Draw]:

@@ -1,255 +1,248 @@
-"""What each accuracy knob of the renderer costs, and how near it comes to whole frames in float64."""
+"""What each accuracy knob of the renderer costs, and how near it comes to whole frames in float64.
+
+Each knob is turned by itself: working precision, framing, half width of the blooming kernel, margin of the
+crop. LEDs are drawn by the exact area of the pixels that they cover, so there is no supersampling to set;
+what it would cost and do is measured beside (``sampled``: s x s points in a pixel). Times are taken in the
+same rounds. Errors are those of grey values before quantisation against frames rendered whole in float64 with
+a kernel of 8 standard deviations: the worst on the sensor, the root mean square about the panel, and the
+share of the pixels about the panel whose 8-bit value differs.
+
+    python benchmarks/renderer.py --csv docs/results/renderer.csv
+"""
 
 from __future__ import annotations
 
+import argparse
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from pathlib import Path
+from typing import Any
 
 import torch
 from torch import Tensor
 
+from vocc_torch import Simulator
 from vocc_torch.measure.link import block_keys
-from vocc_torch.measure.plan import World, resolve_device
-from vocc_torch.measure.timing import interleaved
+from vocc_torch.measure.timing import describe_machine, interleaved, threads
 from vocc_torch.rng import FrameKey
-from vocc_torch.simulation import SceneModel, Simulator
-from vocc_torch.simulation.effects.blooming import TRUNCATION_SIGMAS, Blooming
+from vocc_torch.show.csv_file import write_rows
+from vocc_torch.simulation import SceneModel
 from vocc_torch.simulation.framing import lay_on_sensor
-from vocc_torch.simulation.simulator import Framing
-from vocc_torch.studies.tradeoff.knob_setting import KnobSetting
-from vocc_torch.studies.tradeoff.plan import DTYPES, TradeoffStudy
-from vocc_torch.studies.tradeoff.supersampling import Supersampled, can_sample
-from vocc_torch.studies.tradeoff.times import threads
+from vocc_torch.simulation.geometry import led_centres_px
+from vocc_torch.simulation.photometry import reflected_luminance_cd_m2
+from vocc_torch.simulation.raster import add_patches
+from vocc_torch.simulation.simulator import PAPER_EFFECTS
 from vocc_torch.types import Frames, Scene
 
+COLUMNS = (
+    *("knob", "value", "median_ms", "low_ms", "high_ms", "rounds", "frames_a_call"),
+    *("worst_error_dn", "rms_error_dn", "pixels_changed", "threads", "machine"),
+)
 REFERENCE_SIGMAS = 8.0
 """Half width of the reference's kernel: beyond it lies 1e-15 of the light, as much as float64 rounds off."""
-
-Knob = Literal["none", "dtype", "framing", "kernel", "margin", "sampled"]
+KERNEL_SIGMAS = (2.0, 3.0, 6.0)
+"""Half widths of the blooming kernel in standard deviations; the renderer takes 4."""
+MARGINS_PX = (-20, -16, 16, 64)
+"""Pixels added to each side of the crop; the renderer leaves a cell and twice the reach of its effects."""
+SUPERSAMPLING = (1, 2, 4, 8, 16)
+GROUP_SAMPLES = 4_000_000
+"""Samples in a working array."""
 
 
 @dataclass(frozen=True)
-class _Setting:
+class Knobs:
     """Where the knobs stand; the one that is turned, and where to."""
 
-    knob: Knob
-    value: str
-    framing: Framing
-    dtype: torch.dtype
+    knob: str = "none"
+    value: str = "as set"
+    framing: str = "crop"
+    dtype: torch.dtype = torch.float32
     sigmas: float | None = None
     margin_px: int = 0
     samples: int = 0
 
 
-@dataclass(frozen=True, slots=True)
-class _Truncated(Blooming):
-    """Blooming whose kernel ends elsewhere."""
+def settings() -> list[Knobs]:
+    """List the knobs as they are set, then each by itself."""
+    return [
+        Knobs(),
+        Knobs("dtype", "float64", dtype=torch.float64),
+        *(Knobs("framing", name, framing=name) for name in ("filled", "full")),
+        *(Knobs("kernel", f"{sigmas:g} sigma", sigmas=sigmas) for sigmas in KERNEL_SIGMAS),
+        *(Knobs("margin", f"{margin:+d} px", margin_px=margin) for margin in MARGINS_PX),
+        *(Knobs("sampled", f"{samples} x {samples}", samples=samples) for samples in SUPERSAMPLING),
+    ]
 
-    sigmas: float = TRUNCATION_SIGMAS
 
-    @property
-    def reach_px(self) -> int:
-        """Half width of the kernel."""
-        return max(1, math.ceil(self.sigmas * self.sigma_px))
+class Turned(Simulator):
+    """The paper's simulator with its knobs turned, and with another way to draw LEDs where they are sampled.
 
+    Args:
+        knobs: where they stand.
+        device: where it works.
+        quantised: False for grey values before quantisation.
+    """
 
-class _Cut(Simulator):
-    """A simulator with a margin about its crops that is wider, or narrower, than it should be."""
-
-    margin_px = 0
+    def __init__(self, knobs: Knobs, device: str, *, quantised: bool = True) -> None:
+        effects = {name: own for name, own in PAPER_EFFECTS.items() if quantised or name != "quantization"}
+        super().__init__(effects=effects, framing=knobs.framing, device=device, dtype=knobs.dtype)
+        self.knobs = knobs
+        if knobs.sigmas is not None:
+            self.effects = tuple(
+                truncated(effect, knobs.sigmas) if effect.name == "blooming" else effect
+                for effect in self.effects
+            )
 
     def crop_px(self, nearest_m: float) -> tuple[int, int]:
         """Height and width of the crop, at least 8 px."""
-        height, width = (
-            max(8, min(side + 2 * self.margin_px, full))
-            for side, full in zip(super().crop_px(nearest_m), self.camera.sensor_px, strict=True)
-        )
+        sides = zip(super().crop_px(nearest_m), self.camera.sensor_px, strict=True)
+        height, width = (max(8, min(side + 2 * self.knobs.margin_px, full)) for side, full in sides)
         return height, width
 
+    def _paint(self, batch: Any) -> Tensor:
+        """Draw the picture that the lens sees, (B,1,H,W) cd/m2: squarely faced panels without a board."""
+        if not self.knobs.samples:
+            return super()._paint(batch)
+        scene, panel, samples = batch.context.scene, self.panel, self.knobs.samples
+        light = batch.bits * scene.led_luminance_cd_m2.view(-1, 1, 1)
+        for effect in self.effects:
+            light = effect(light, batch.context) if effect.name == "attenuation" else light
+        background = reflected_luminance_cd_m2(scene.ambient_lx, panel.background_reflectance)
+        reflected = reflected_luminance_cd_m2(scene.ambient_lx, panel.led_reflectance)
+        excess = (light + (reflected - background).view(-1, 1, 1)).reshape(-1)
+        canvas = background.view(-1, 1, 1).expand(len(scene), *batch.size).contiguous()
+        x, y = led_centres_px(scene, self.camera, panel)
+        origin, each = batch.context.origin_px, (len(scene), panel.shape.rows, panel.shape.columns)
+        x = (x - origin[:, :1]).unsqueeze(-2).expand(each).reshape(-1)
+        y = (y - origin[:, 1:]).unsqueeze(-1).expand(each).reshape(-1)
+        radius = panel.led_diameter_m / 2 * self.camera.pixels_per_metre(scene.distance_m)
+        radius = radius.repeat_interleave(panel.shape.leds)
+        frame = torch.arange(len(scene), device=x.device).repeat_interleave(panel.shape.leds)
+        side = int((2 * radius.max()).ceil()) + 1
+        group = max(1, GROUP_SAMPLES // (side * samples) ** 2)
+        for start in range(0, len(x), group):
+            rows = slice(start, start + group)
+            cover, left, top = sampled_cover(x[rows], y[rows], radius[rows], side, samples)
+            add_patches(canvas, cover * excess[rows].view(-1, 1, 1), frame[rows], left, top)
+        return canvas.clamp_(min=0).unsqueeze(1).to(self.dtype)
 
-def price_renderer(study: TradeoffStudy) -> list[KnobSetting]:
-    """Turn each knob by itself; times are taken in the same rounds.
 
-    Errors are those of grey values before quantisation, over whole sensors, against frames rendered whole in
-    float64 with a kernel of 8 standard deviations. LEDs are drawn by the exact area of pixels that they
-    cover, so there is no supersampling to set; what it would cost and do is measured beside, as ``sampled``.
+def truncated(blooming: Any, sigmas: float) -> Any:
+    """Give blooming whose kernel ends at that many standard deviations."""
+    reach = property(lambda own: max(1, math.ceil(sigmas * own.sigma_px)))
+    return type("Truncated", (type(blooming),), {"reach_px": reach})(blooming.sigma_px)
+
+
+def sampled_cover(
+    x: Tensor, y: Tensor, radius: Tensor, side: int, samples: int
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Estimate the share of each pixel that a disc covers by the points of a grid that lie in it.
 
     Args:
-        study: the study; the scenes are its first kind.
+        x: (N,) centres, px.
+        y: (N,) likewise.
+        radius: (N,) px.
+        side: of the patch, px, at least ``ceil(2 radius) + 1``.
+        samples: points along the side of a pixel, in the middle of its parts.
 
     Returns:
-        The knobs as the study has them, then a line for each other setting.
+        cover (N,side,side), and the patches' left columns and top rows (N,), int64.
     """
-    if not study.knobs.frames:
-        return []
-    shot = _Scenes.of(study)
-    settings = _settings(study)
-    calls = {str(place): _Render(study, one, shot) for place, one in enumerate(settings)}
-    with threads(study.threads):
-        timing = interleaved(calls, study.repeats, resolve_device(study.plan.world.device), warm_up=1)
-        errors = _errors(study, settings, shot)
-    priced = []
-    for place, (one, (worst, rms, changed)) in enumerate(zip(settings, errors, strict=True)):
-        spent = timing[str(place)]
-        frames = calls[str(place)].frames
-        cost = tuple(1e3 * s / frames for s in (spent.low_s, spent.median_s, spent.high_s))
-        low, median, high = cost
-        priced.append(
-            KnobSetting(one.knob, one.value, (low, median, high), spent.repeats, frames, worst, rms, changed)
-        )
-    return priced
+    left, top = torch.floor(x - radius), torch.floor(y - radius)
+    at = (torch.arange(side * samples, dtype=x.dtype, device=x.device) + 0.5) / samples
+    across, down = (left - x).unsqueeze(-1) + at, (top - y).unsqueeze(-1) + at
+    inside = (across.square().unsqueeze(-2) + down.square().unsqueeze(-1)) < radius.square().view(-1, 1, 1)
+    parts = inside.view(len(x), side, samples, side, samples)
+    return parts.sum(dim=(2, 4)).to(x.dtype) / samples**2, left.long(), top.long()
 
 
 @dataclass(frozen=True)
-class _Scenes:
-    """What is rendered."""
+class Drawn:
+    """Scenes to render.
+
+    Args:
+        scene: B scenes.
+        bits: (B,R,C) bool.
+        keys: a key a frame.
+    """
 
     scene: Scene
     bits: Tensor
-    keys: Sequence[FrameKey]
-    model: SceneModel
+    keys: list[FrameKey]
 
     @classmethod
-    def of(cls, study: TradeoffStudy) -> _Scenes:
-        """Draw the frames."""
-        name = next(iter(study.scenes))
-        model, (key,) = study.model(name), block_keys(study.plan.seed, study.point(name), 1)
-        scene, bits = model.draw(key, study.plan.world.panel.shape)
-        scene = scene[: study.knobs.frames]
-        # The first is as near as scenes come: what a narrow margin cuts off shows there.
+    def of(cls, frames: int) -> Drawn:
+        """Draw the first scenes of the paper's; one is as near as scenes come, where narrow margins cut."""
+        (key,) = block_keys(0, "tradeoff/mixture", frames)
+        scene, bits = SceneModel().draw(key, Simulator().panel.shape)
         near = scene.distance_m.clone()
-        near[0] = model.nearest_m
-        keys = [FrameKey(key, frame) for frame in range(len(scene))]
-        return cls(replace(scene, distance_m=near), bits[: len(scene)], keys, model)
+        near[0] = SceneModel().nearest_m
+        keys = [FrameKey(key, frame) for frame in range(frames)]
+        return cls(replace(scene, distance_m=near)[:frames], bits[:frames], keys)
 
-    def rendered(self, simulator: Simulator, frames: int) -> Frames:
-        """Render the first of them."""
-        rows = slice(0, frames)
+    def rendered(self, simulator: Simulator, rows: slice = slice(None)) -> Frames:
+        """Render some of them."""
         return simulator.render(
-            self.scene[rows], self.bits[rows], nearest_m=self.model.nearest_m, keys=self.keys[rows]
+            self.scene[rows], self.bits[rows], nearest_m=SceneModel().nearest_m, keys=self.keys[rows]
         )
 
 
-def _settings(study: TradeoffStudy) -> list[_Setting]:
-    """List where the knobs are put."""
-    world = study.plan.world
-    usual = _Setting("none", "as set", world.framing, world.dtype)
-    found = [usual]
-    for name, dtype in DTYPES.items():
-        if dtype != world.dtype:
-            found.append(replace(usual, knob="dtype", value=name, dtype=dtype))
-    framings: tuple[Framing, ...] = ("crop", "filled", "full")
-    found += [
-        replace(usual, knob="framing", value=framing, framing=framing)
-        for framing in framings
-        if framing != world.framing
-    ]
-    if "blooming" in world.effects:
-        found += [
-            replace(usual, knob="kernel", value=f"{sigmas:g} sigma", sigmas=sigmas)
-            for sigmas in study.knobs.kernel_sigmas
-        ]
-    if world.framing != "full":
-        found += [
-            replace(usual, knob="margin", value=f"{margin:+d} px", margin_px=margin)
-            for margin in study.knobs.margins_px
-        ]
-    if can_sample(world):
-        found += [
-            replace(usual, knob="sampled", value=f"{samples} x {samples}", samples=samples)
-            for samples in study.knobs.supersampling
-        ]
-    return found
-
-
-def _simulator(world: World, setting: _Setting, *, quantised: bool = True) -> Simulator:
-    """Build a simulator with its knobs there."""
-    effects = {
-        name: settings
-        for name, settings in world.effects.items()
-        if quantised or name not in ("quantization", "jpeg")
-    }
-    kind = Supersampled if setting.samples else _Cut
-    simulator = kind(
-        world.camera,
-        world.panel,
-        effects,
-        framing=setting.framing,
-        device=resolve_device(world.device),
-        dtype=setting.dtype,
-    )
-    if isinstance(simulator, Supersampled):
-        simulator.samples = setting.samples
-    elif isinstance(simulator, _Cut):
-        simulator.margin_px = setting.margin_px
-    if setting.sigmas is not None:
-        simulator.effects = tuple(
-            _Truncated(effect.sigma_px, setting.sigmas) if isinstance(effect, Blooming) else effect
-            for effect in simulator.effects
+def errors(knobs: Knobs, drawn: Drawn, device: str) -> tuple[float, float, float]:
+    """Compare grey values with the reference: worst, root mean square, share of pixels changed."""
+    exact = Knobs(framing="full", dtype=torch.float64, sigmas=REFERENCE_SIGMAS)
+    reference, simulator = (Turned(one, device, quantised=False) for one in (exact, knobs))
+    sides = Simulator().crop_px(SceneModel().nearest_m)
+    worst = squares = changed = pixels = 0.0
+    for frame in range(len(drawn.scene)):
+        rows = slice(frame, frame + 1)
+        truth, seen = drawn.rendered(reference, rows).grey, drawn.rendered(simulator, rows)
+        grey = seen.grey.double()
+        if seen.surround is not None:
+            grey = lay_on_sensor(grey, seen.surround.double(), seen.origin_px, seen.sensor_px)
+        corners = reference.true_panels(drawn.scene[rows], drawn.keys[rows]).corners_px[0]
+        middle = corners.mean(dim=0).round().long().tolist()[::-1]
+        near = tuple(
+            slice(max(0, at - side // 2), at + side // 2) for at, side in zip(middle, sides, strict=True)
         )
-    return simulator
+        apart = (grey - truth).abs()
+        worst = max(worst, float(apart.max()))
+        squares += float(apart[..., *near].square().sum())
+        changed += int((grey[..., *near].round() != truth[..., *near].round()).sum())
+        pixels += truth[..., *near].numel()
+    return worst, math.sqrt(squares / pixels), changed / pixels
 
 
-class _Render:
-    """Renders the same frames at each call; a single one where frames are whole."""
-
-    def __init__(self, study: TradeoffStudy, setting: _Setting, scenes: _Scenes) -> None:
-        self.simulator = _simulator(study.plan.world, setting)
-        self.scenes = scenes
-        self.frames = 1 if setting.framing == "full" else len(scenes.scene)
-
-    def __call__(self) -> Frames:
-        """Render."""
-        return self.scenes.rendered(self.simulator, self.frames)
-
-
-def _errors(
-    study: TradeoffStudy, settings: Sequence[_Setting], scenes: _Scenes
-) -> list[tuple[float, float, float]]:
-    """Compare each setting's grey values with the reference: worst, root mean square, share changed."""
-    world, frames = study.plan.world, len(scenes.scene)
-    reference = _simulator(
-        world, _Setting("none", "", "full", torch.float64, REFERENCE_SIGMAS), quantised=False
+def main() -> None:
+    """Measure, print, and write a table if asked to."""
+    parser = argparse.ArgumentParser(description="Price the renderer's knobs.")
+    parser.add_argument(
+        "--frames", type=int, default=8, help="frames to render; whole ones are timed one by one"
     )
-    simulators = [_simulator(world, one, quantised=False) for one in settings]
-    usual = Simulator(world.camera, world.panel, world.effects).crop_px(scenes.model.nearest_m)
-    sums = [[0.0, 0.0, 0.0] for _ in settings]
-    pixels = 0
-    for frame in range(frames):
-        one = _Scenes(
-            scenes.scene[frame : frame + 1],
-            scenes.bits[frame : frame + 1],
-            scenes.keys[frame : frame + 1],
-            scenes.model,
-        )
-        truth = one.rendered(reference, 1).grey
-        near = _near(reference, one, usual)
-        pixels += truth[near].numel()
-        for found, simulator in zip(sums, simulators, strict=True):
-            seen = _whole(one.rendered(simulator, 1))
-            apart = (seen - truth).abs()
-            found[0] = max(found[0], float(apart.max()))
-            found[1] += float(apart[near].square().sum())
-            found[2] += int((seen[near].round() != truth[near].round()).sum())
-    return [(worst, math.sqrt(squares / pixels), changed / pixels) for worst, squares, changed in sums]
+    parser.add_argument("--rounds", type=int, default=11)
+    parser.add_argument("--device", default="cpu")
+    parser.add_argument("--csv", type=Path, help="write a line for each setting here")
+    given = parser.parse_args()
+    drawn, every, device = Drawn.of(given.frames), settings(), torch.device(given.device)
+    counts = [1 if one.framing == "full" else given.frames for one in every]
+
+    def call(one: Knobs, frames: int) -> Any:
+        simulator = Turned(one, given.device)
+        return lambda: drawn.rendered(simulator, slice(frames))
+
+    with threads(1):
+        calls = {f"{one.knob} {one.value}": call(one, n) for one, n in zip(every, counts, strict=True)}
+        times = interleaved(calls, given.rounds, device, warm_up=1)
+        rows: list[list[str | int | float]] = []
+        for one, (name, timing), frames in zip(every, times.items(), counts, strict=True):
+            found = errors(one, drawn, given.device)
+            ms = [1e3 * s / frames for s in (timing.median_s, timing.low_s, timing.high_s)]
+            print(f"{name:<16} {ms[0]:8.3f} ms, worst error {found[0]:.2g}, {100 * found[2]:.2g} % changed")
+            numbers = [float(f"{value:.5g}") for value in (*ms, *found)]
+            rows.append([one.knob, one.value, *numbers[:3], given.rounds, frames, *numbers[3:], 1])
+        machine = describe_machine(device)
+    if given.csv:
+        write_rows(given.csv, [COLUMNS, *([*row, machine] for row in rows)])
 
 
-def _near(reference: Simulator, one: _Scenes, size: tuple[int, int]) -> tuple[slice, ...]:
-    """Give the pixels of the usual crop about the panel."""
-    corners = reference.true_panels(one.scene, one.keys).corners_px[0]
-    middle_x, middle_y = corners.mean(dim=0).round().long().tolist()
-    rows, columns = (
-        slice(max(0, at - side // 2), at + side // 2)
-        for at, side in zip((middle_y, middle_x), size, strict=True)
-    )
-    return slice(None), slice(None), rows, columns
-
-
-def _whole(frames: Frames) -> Tensor:
-    """Give whole frames in float64, the surround laid about crops."""
-    grey = frames.grey.to(torch.float64)
-    if frames.surround is None:
-        return grey
-    return lay_on_sensor(grey, frames.surround.to(torch.float64), frames.origin_px, frames.sensor_px)
+if __name__ == "__main__":
+    main()

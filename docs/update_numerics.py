@@ -47,14 +47,18 @@ def flda() -> str:
     solved = [row for row in rows if row["warned"] == "0"]
     eps = sys.float_info.epsilon
     worst = {
-        what: max(float(row[f"{what}_error"]) / (float(row["condition"]) * eps) for row in solved)
+        what: max(
+            float(row[f"{what}_error"]) / (float(row["condition"]) * max(1.0, float(row["offset"])) * eps)
+            for row in solved
+        )
         for what in ("direction", "threshold")
     }
     most = max(float(row["condition"]) for row in solved)
     return (
         f"{len(rows)} training sets, {len(solved)} of them solved without a warning, with condition numbers "
-        f"up to {most:.1g}: the direction is at most {worst['direction']:.2f} x condition number x machine "
-        f"epsilon from the exact one, the threshold at most {worst['threshold']:.2f}. The tests allow 10."
+        f"up to {most:.1g}: the direction is at most {worst['direction']:.2f} x condition number x offset x "
+        f"machine epsilon from the exact one, the threshold at most {worst['threshold']:.2f}. "
+        "The tests allow 10."
     )
 
 

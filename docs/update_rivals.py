@@ -32,7 +32,6 @@ TABLES = {
     },
     "tradeoff": {
         "tradeoff.csv": "tradeoff.csv",
-        "renderer.csv": "renderer.csv",
         "recommendation.txt": "recommendation.txt",
     },
 }

@@ -11,6 +11,9 @@ import torch
 from hydra.core.global_hydra import GlobalHydra
 
 from vocc_torch.app import cli
+from vocc_torch.measure.plan import Budget, Experiment, Plan, ReceiverPlan, World
+from vocc_torch.measure.train import train
+from vocc_torch.simulation import Distribution
 
 
 def pytest_configure(config):
@@ -89,3 +92,41 @@ def photo_bits(photo):
     text = (photo.parent / "README.md").read_text()
     line = next(line for line in text.splitlines() if line.startswith("`00000111 "))
     return line.split("`")[1].replace(" ", "")
+
+
+@pytest.fixture(scope="session")
+def make_plan():
+    """Make a plan; the paper's world, and a far panel in low light, where every receiver makes errors."""
+
+    def make(
+        *,
+        locator="truth",
+        names=("center_greyscale", "average_greyscale", "flda_2", "flda_3"),
+        experiment=None,
+        frames=100,
+        training_frames=128,
+        target=None,
+        seed=0,
+        batch_frames=64,
+        **world,
+    ):
+        if experiment is None:
+            scene = {"ambient_lx": Distribution("constant", (1000.0,))}
+            experiment = Experiment("far", "distance_m", (66.0,), scene)
+        return Plan(
+            world=World(device="cpu", **world),
+            receiver=ReceiverPlan(names=names, locator=locator),
+            experiment=experiment,
+            budget=Budget(frames, training_frames, target),
+            folder=Path("unused"),
+            seed=seed,
+            batch_frames=batch_frames,
+        )
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def trained(make_plan):
+    """FLDA trained on 128 frames with known corners."""
+    return train(make_plan()).flda

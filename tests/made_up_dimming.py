@@ -4,7 +4,7 @@ import numpy as np
 
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.curves import Curves
-from vocc_torch.measure.dimming import Grid
+from vocc_torch.measure.grid import Grid
 
 AMBIENT = tuple(1000.0 * 2**i for i in range(6))
 LUMINANCE = tuple(250.0 * 2**i for i in range(7))
@@ -57,6 +57,20 @@ def made_up_grid(truths, seed=0, frames=2000, correlation=0.03, **axes):
         for receiver, truth in truths.items()
     }
     return grid_of(cells, **axes)
+
+
+def sure_grid(truth, ambient=AMBIENT, luminance=LUMINANCE):
+    """A grid with so many frames that its rates are the true ones."""
+    frames = 10**9
+    wrong = np.rint(truth * BITS * frames).astype(np.int64)
+    return grid_of({"a": [[spread(int(w), frames) for w in row] for row in wrong]}, ambient, luminance)
+
+
+def spread(wrong, frames):
+    """Wrong bits as evenly over the frames as can be."""
+    each, more = divmod(wrong, frames)
+    squared = 4 * (more * (each + 1) ** 2 + (frames - more) * each**2)
+    return Counts(frames, BITS * frames, 2 * wrong, squared, frames if each else more)
 
 
 PAPER_LIKE = {

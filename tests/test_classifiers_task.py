@@ -154,7 +154,7 @@ def test_a_run_goes_on_where_it_was_interrupted_and_workers_change_nothing(place
     """With one ledger gone and two workers, all that does not tell of time comes out the same."""
     again = place / "runs" / "again"
     shutil.copytree(whole[0] / "ledgers", again / "ledgers")
-    (again / "ledgers" / "distance.jsonl").unlink()
+    (again / "ledgers" / "distance.sqlite").unlink()
     ran = run_in(place, *BASE, "name=again", "workers=2", "tensorboard=false")
     assert (ran.status, ran.err) == (0, "")
     assert "going on from 2 blocks" in " ".join(ran.out.split())

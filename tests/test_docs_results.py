@@ -10,8 +10,7 @@ from types import SimpleNamespace
 import pytest
 
 from vocc_torch.show.csv_file import write_rows
-from vocc_torch.studies.paper.report.readings_section import FIT_COLUMNS
-from vocc_torch.studies.paper.scorecard.score import COLUMNS
+from vocc_torch.studies.paper.scorecard import COLUMNS, FIT_COLUMNS
 
 pytestmark = pytest.mark.breakage
 
@@ -125,11 +124,11 @@ def test_readings_are_those_of_the_run(run):
 
 def test_the_runs_own_files_are_read(run):
     """What task=figures writes names the lens as the script looks for it."""
-    from vocc_torch.studies.paper.paper_files import _write
+    from vocc_torch.studies.paper.files import write_short
     from vocc_torch.studies.paper.scorecard import readings_of, score
 
     scorecard = score(readings_of({25.0: {}, 18.0: {}}, {}), (25.0, "paper"))
-    _write(run / "scorecard.csv", scorecard.rows())
+    write_short(run / "scorecard.csv", scorecard.rows())
     rows = [row for row in script.table(run).splitlines() if row.startswith("| ") and "claim |" not in row]
     assert len(rows) == len(scorecard.claims)
 

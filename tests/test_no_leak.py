@@ -13,10 +13,11 @@ from leak_watch import LITTLE, ONE, SHIPPED, Watch, digest
 from paper_runs import white
 
 from vocc_torch.measure import counter as counter_module
+from vocc_torch.measure import frame_errors as errors_module
 from vocc_torch.measure import plug_in_training as classifiers_module
 from vocc_torch.measure.plan import Experiment
-from vocc_torch.receiver.classifiers.recipe import TrainingRecipe
 from vocc_torch.receiver.classifiers.torch_classifier import TorchClassifier
+from vocc_torch.receiver.classifiers.training import TrainingRecipe
 from vocc_torch.rng import BlockKey
 from vocc_torch.studies.tradeoff import plan as tradeoff_module
 from vocc_torch.studies.tradeoff.plan import TradeoffStudy
@@ -25,7 +26,7 @@ TRADEOFF = (
     *("task=tradeoff", "device=cpu", "workers=1", "tensorboard=false", "budget.frames=16"),
     *("camera.width_px=480", "camera.height_px=272", "camera.sensor_width_mm=3.3"),
     *("scene.offset_x_m=0", "scene.offset_y_m=0", "scene.distance_m=[uniform,50,70]"),
-    *("budget.training_frames=64", "tradeoff.repeats=1", "tradeoff.simulation.frames=1"),
+    *("budget.training_frames=64", "tradeoff.repeats=1"),
     *("tradeoff.batch_sizes=[1]", "tradeoff.locators=[paper,truth]", "tradeoff.varied=[flda_3]"),
     *("receiver.names=[flda_3]", "classifier=[lmmse,logistic]", "tradeoff.samples_per_led=[8,4]"),
 )
@@ -50,8 +51,8 @@ COMMANDS = {
 @pytest.fixture
 def undrawn(app, monkeypatch):
     """Run the command line without drawing, and without timing a call more often than once."""
-    for task in ("testing", "tradeoff"):
-        monkeypatch.setattr(f"vocc_torch.tasks.{task}.save_figure", white)
+    for study in ("curve", "tradeoff"):
+        monkeypatch.setattr(f"vocc_torch.studies.{study}.run.save_figure", white)
     monkeypatch.setattr(tradeoff_module, "LEAST_FRAMES", 1)
     return app
 
@@ -236,14 +237,14 @@ def test_a_classifier_that_keeps_all_it_is_handed_holds_no_test_bits(undrawn, tm
 
 def test_a_test_bit_in_the_hands_of_a_classifier_is_found(undrawn, tmp_path, monkeypatch):
     """The leak on purpose: ``fit`` is called again with what was just decided."""
-    count = counter_module.half_errors
+    count = errors_module.half_errors
 
     def taught(scores, sent, found):
         kept = next(m.KEPT for n, m in list(sys.modules.items()) if n.startswith("vocc_torch_file_hoarder"))
         kept.append(("fit", (scores, sent), {}))
         return count(scores, sent, found)
 
-    monkeypatch.setattr(counter_module, "half_errors", taught)
+    monkeypatch.setattr(errors_module, "half_errors", taught)
     kept, watch = hoarded(undrawn, tmp_path, monkeypatch)
     assert {digest(one) for _, (_, bits), _ in kept[2:3] for one in bits} == watch.bits["test"]
 

@@ -1,4 +1,4 @@
-"""The README's Python lines run as they stand."""
+"""Python lines of the README, and of the page about plug-ins, run as they stand."""
 
 import csv
 import re
@@ -14,7 +14,7 @@ README = Path(__file__).parents[1] / "README.md"
 def test_python_blocks_run_in_order(tmp_path, monkeypatch, capsys):
     """The receiver that they load is the one of the page's first command, made with fewer frames."""
     blocks = re.findall(r"```python\n(.*?)```", README.read_text(), flags=re.DOTALL)
-    assert len(blocks) == 2
+    assert len(blocks) == 1
     monkeypatch.chdir(tmp_path)
     quick = ["budget.frames=1", "experiment.values=[4000]", "tensorboard=false"]
     monkeypatch.setattr("sys.argv", ["vocc-torch", "name=first", *quick])
@@ -28,8 +28,8 @@ def test_python_blocks_run_in_order(tmp_path, monkeypatch, capsys):
 
 def test_the_classifier_of_the_page_plugs_in(tmp_path, monkeypatch):
     """With the command that stands below it, on fewer frames."""
-    text = README.read_text()
-    (tmp_path / "mine.py").write_text(re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL)[1])
+    text = (README.parent / "docs" / "plug-ins.md").read_text()
+    (tmp_path / "mine.py").write_text(re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL)[0])
     (command,) = re.findall(
         r"^vocc-torch (classifier=own classifiers\.own\.file=mine\.py .*)$", text, flags=re.M
     )

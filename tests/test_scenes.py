@@ -10,7 +10,8 @@ from hydra import compose, initialize_config_module
 from hydra.core.global_hydra import GlobalHydra
 from torch.profiler import ProfilerActivity, profile
 
-from vocc_torch.app.config import register_schema, resolved
+from vocc_torch.app.config import register_schema
+from vocc_torch.app.resolve import resolved
 from vocc_torch.measure.build import build_plan
 from vocc_torch.measure.link import Link, block_keys
 from vocc_torch.rng import BlockKey, FrameKey
@@ -131,9 +132,10 @@ def test_a_scene_without_effects_hands_the_same_tensor_through(monkeypatch):
     light, context = torch.rand(1, 1, 4, 4), Context(Scene.of(), simulator.camera)
     monkeypatch.setattr("vocc_torch.simulation.simulator.through_lens", lambda value, _: value)
     monkeypatch.setattr("vocc_torch.simulation.simulator.grey_value", lambda value, _, gamma: value)
-    assert simulator._finish(light, Quantity.LUMINANCE, [], context) is light
+    seen = light, Quantity.LUMINANCE
+    assert simulator._run(seen, [], context, to_end=True)[0] is light
     blurring = plan_of().world.simulator()
-    assert blurring._finish(light, Quantity.LUMINANCE, [1], context) is not light
+    assert blurring._run(seen, blurring.effects[1:2], context, to_end=True)[0] is not light
 
 
 def operators(plan):

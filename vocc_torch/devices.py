@@ -23,8 +23,8 @@ def resolve_device(name: str) -> torch.device:
         device = torch.device(name)
     except RuntimeError:
         device = None
-    if device is None or device.type not in ("cpu", "cuda"):
-        raise VoccError(f"device is {name!r}: it must be auto, cpu or cuda")
+    if device is None or device.type not in ("cpu", "cuda") or (device.type == "cpu" and device.index):
+        raise VoccError.of("device", repr(name), "auto, cpu or cuda")
     if device.type == "cuda" and (device.index or 0) >= torch.cuda.device_count():
         there = f"{torch.cuda.device_count()} CUDA devices"
         raise VoccError(f"device is {name!r}, and this machine has {there}: use device=cpu or device=auto")

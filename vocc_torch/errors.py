@@ -1,16 +1,122 @@
-"""What the package raises when the user asks for something it cannot do."""
+"""What the package raises when the user asks for something it cannot do, and the checks that raise it."""
 
 from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from numbers import Integral, Real
 
 
 class VoccError(ValueError):
     """A mistake at the boundary: one line that names the key or argument, its value and what is allowed.
 
-    The command line prints the message without a traceback and exits with status 2.
+    The line begins with the key, so that a :func:`section` can say where the key came from. The command line
+    prints it without a traceback and exits with status 2.
 
     Example:
-        >>> raise VoccError("scene.distance_m is -3: it must be above 0")
+        >>> raise VoccError.of("scene.distance_m", -3, "above 0")
         Traceback (most recent call last):
         ...
         vocc_torch.errors.VoccError: scene.distance_m is -3: it must be above 0
     """
+
+    value: object = None
+    rule: str = ""
+
+    @classmethod
+    def of(cls, key: str, value: object, rule: str, verb: str = "is") -> VoccError:
+        """Make the error of a key, its value and the rule that the value breaks.
+
+        Args:
+            key: with dots, as a user writes it.
+            value: as it is to be shown.
+            rule: what the value must be.
+            verb: ``is``, or ``has`` for a value that is one of the key's.
+        """
+        error = cls(f"{key} {verb} {value}: it must be {rule}")
+        error.value, error.rule = value, rule
+        return error
+
+
+@contextmanager
+def section(key: str, before: str = "") -> Iterator[None]:
+    """Say under which key the values of a block are: refusals inside name that key.
+
+    Args:
+        key: of the section, as a user writes it.
+        before: what the refusals call the section, which ``key`` replaces; refusals of other keys pass as
+            they are. Empty where their keys lack the section: then ``key`` is put before each that has not
+            got it.
+
+    Example:
+        >>> with section("rivals.scenes.fog", before="scene"):
+        ...     raise VoccError.of("scene.distance_m", -3, "above 0")
+        Traceback (most recent call last):
+        ...
+        vocc_torch.errors.VoccError: rivals.scenes.fog.distance_m is -3: it must be above 0
+    """
+    try:
+        yield
+    except VoccError as error:
+        said = str(error)
+        if before and not said.startswith((f"{before}.", f"{before} ")):
+            raise
+        if not before and said.startswith(f"{key}."):
+            raise
+        rest = said[len(before) :].replace(f"{before}.", f"{key}.") if before else f".{said}"
+        moved = type(error)(f"{key}{rest}")
+        moved.value, moved.rule = error.value, error.rule
+        raise moved from None
+
+
+def shown(value: object) -> str:
+    """Write a refused value in one line of at most 41 characters.
+
+    Example:
+        >>> shown("50"), shown(10**400)
+        ("'50'", '1000000000000000000...0000000000000000000')
+    """
+    try:
+        text = " ".join(repr(value).split())
+    except Exception:  # an object may refuse to be written, as whole numbers of over 4300 digits do
+        return f"of the type {type(value).__name__}"
+    return text if len(text) <= 41 else f"{text[:19]}...{text[-19:]}"
+
+
+def finite_number(name: str, value: object, allowed: str = "a finite number") -> float:
+    """Give a finite real number, also one of NumPy, as a float, or refuse it by name.
+
+    Args:
+        name: the argument's.
+        value: what is given for it; true and false, text, and numbers beyond float64 are not numbers here.
+        allowed: what it must be, for the refusal.
+
+    Raises:
+        VoccError: anything else.
+
+    Example:
+        >>> finite_number("scene.distance_m", 50)
+        50.0
+    """
+    try:
+        if isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value):
+            return float(value)
+    except OverflowError:
+        pass
+    raise VoccError.of(name, shown(value), allowed)
+
+
+def whole_number(name: str, value: object, low: int, high: int) -> int:
+    """Give a whole number from ``low`` to ``high``, also one of NumPy, as an int, or refuse it by name.
+
+    Raises:
+        VoccError: anything else, such as 8.0 and true.
+
+    Example:
+        >>> whole_number("panel.rows", 8, 1, 1024)
+        8
+    """
+    if isinstance(value, Integral) and not isinstance(value, bool) and low <= int(value) <= high:
+        return int(value)
+    raise VoccError.of(name, shown(value), f"a whole number, at least {low} and at most {high}")

@@ -9,15 +9,15 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
-from numbers import Integral, Real
 
 import torch
 from torch import Tensor
 
 from vocc_torch.errors import VoccError
-
-MOST_LEDS = 1024
-"""Most LEDs in a row or a column."""
+from vocc_torch.errors import finite_number as finite_number
+from vocc_torch.errors import shown as shown
+from vocc_torch.errors import whole_number as whole_number
+from vocc_torch.hardware import PanelShape as PanelShape
 
 SCENE_RANGES: Mapping[str, tuple[float, float]] = {
     "ambient_lx": (0.0, 1e12),
@@ -36,58 +36,6 @@ MOST_FRAMES = 1 << 24
 """Most frames of a scene made from plain numbers: 0.8 GB."""
 
 
-def shown(value: object) -> str:
-    """Write a refused value in one line of at most 41 characters.
-
-    Example:
-        >>> shown("50"), shown(10**400)
-        ("'50'", '1000000000000000000...0000000000000000000')
-    """
-    try:
-        text = " ".join(repr(value).split())
-    except Exception:  # an object may refuse to be written, as whole numbers of over 4300 digits do
-        return f"of the type {type(value).__name__}"
-    return text if len(text) <= 41 else f"{text[:19]}...{text[-19:]}"
-
-
-def finite_number(name: str, value: object, allowed: str = "a finite number") -> float:
-    """Give a finite real number, also one of NumPy, as a float, or refuse it by name.
-
-    Args:
-        name: the argument's.
-        value: what is given for it; true and false, text, and numbers beyond float64 are not numbers here.
-        allowed: what it must be, for the refusal.
-
-    Raises:
-        VoccError: anything else.
-
-    Example:
-        >>> finite_number("scene.distance_m", 50)
-        50.0
-    """
-    try:
-        if isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value):
-            return float(value)
-    except OverflowError:
-        pass
-    raise VoccError(f"{name} is {shown(value)}: it must be {allowed}")
-
-
-def whole_number(name: str, value: object, low: int, high: int) -> int:
-    """Give a whole number from ``low`` to ``high``, also one of NumPy, as an int, or refuse it by name.
-
-    Raises:
-        VoccError: anything else, such as 8.0 and true.
-
-    Example:
-        >>> whole_number("panel.rows", 8, 1, 1024)
-        8
-    """
-    if isinstance(value, Integral) and not isinstance(value, bool) and low <= int(value) <= high:
-        return int(value)
-    raise VoccError(f"{name} is {shown(value)}: it must be a whole number, at least {low} and at most {high}")
-
-
 def demand_in_range(name: str, low: float, high: float) -> None:
     """Refuse by name a value of a scene that can be as low as ``low`` and as high as ``high``.
 
@@ -100,40 +48,9 @@ def demand_in_range(name: str, low: float, high: float) -> None:
     least, most = SCENE_RANGES[name]
     if low < least or (low == least and name in ABOVE_LOWEST):
         rule = "above" if name in ABOVE_LOWEST else "at least"
-        raise VoccError(f"scene.{name} is {low:g}: it must be {rule} {least:g}")
+        raise VoccError.of(f"scene.{name}", f"{low:g}", f"{rule} {least:g}")
     if high > most:
-        raise VoccError(f"scene.{name} is {high:g}: it must be at most {most:g}")
-
-
-@dataclass(frozen=True, slots=True)
-class PanelShape:
-    """How many LEDs the panel has.
-
-    Args:
-        rows: LED rows, 1 to 1024.
-        columns: LED columns, 1 to 1024.
-
-    Raises:
-        VoccError: a number of rows or columns outside its range.
-
-    Example:
-        >>> PanelShape(rows=8, columns=8).leds
-        64
-    """
-
-    rows: int = 8
-    columns: int = 8
-
-    def __post_init__(self) -> None:
-        """Refuse an empty panel and one that no camera resolves."""
-        for name in ("rows", "columns"):
-            value = whole_number(f"panel.{name}", getattr(self, name), 1, MOST_LEDS)
-            object.__setattr__(self, name, value)
-
-    @property
-    def leds(self) -> int:
-        """Number of LEDs, that is of bits in a frame."""
-        return self.rows * self.columns
+        raise VoccError.of(f"scene.{name}", f"{high:g}", f"at most {most:g}")
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,10 +6,9 @@ import copy
 import dataclasses
 import functools
 import math
-import pickle
 import re
 import warnings
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -17,10 +16,13 @@ import torch
 from hydra import compose, initialize_config_module
 from hydra.core.global_hydra import GlobalHydra
 from hydra.errors import HydraException
+from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from vocc_torch.app.complaints import checked, known_keys, one_line, refuse_overruled
-from vocc_torch.app.config import register_schema, resolved
+from vocc_torch.app.complaints import one_line
+from vocc_torch.app.config import AppConfig, register_schema
+from vocc_torch.app.help import keys_of
+from vocc_torch.app.resolve import resolved
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.build import build_plan
 from vocc_torch.measure.counter import group_of
@@ -58,38 +60,31 @@ class Outcome:
 
 
 @functools.cache
-def paper_settings():
-    """The configuration as the command line makes it when nothing is overridden."""
+def _paper_words():
+    """The configuration as the command line composes it when nothing is overridden, as plain values."""
     GlobalHydra.instance().clear()
     register_schema()
     with initialize_config_module("vocc_torch.conf", version_base="1.3"):
-        settings = resolved(compose("config", overrides=list(BASE)))
-    return settings
-
-
-@functools.cache
-def _pickled_settings():
-    """The same, to be copied quickly."""
-    return pickle.dumps(paper_settings())
+        return OmegaConf.to_container(compose("config", overrides=list(BASE)), resolve=True)
 
 
 @functools.cache
 def paper_flda():
     """A discriminant trained once on the paper's scenes."""
-    settings = copy.deepcopy(paper_settings())
-    settings.receiver.locator, settings.budget.training_frames = "truth", 256
-    return train(build_plan(settings, Path("runs/none"))).flda
+    plain = copy.deepcopy(_paper_words())
+    plain["receiver"]["locator"], plain["budget"]["training_frames"] = "truth", 256
+    return train(build_plan(resolved(OmegaConf.create(plain)), Path("runs/none"))).flda
 
 
 def settings_of(case):
     """Put a case's values into the configuration."""
-    settings = pickle.loads(_pickled_settings())
+    plain = copy.deepcopy(_paper_words())
     for key, value in case.changes.items():
         *parents, name = key.split(".")
-        owner = functools.reduce(getattr, parents, settings)
-        assert hasattr(owner, name), key
-        setattr(owner, name, copy.deepcopy(value))
-    return settings
+        owner = functools.reduce(dict.__getitem__, parents, plain)
+        assert name in owner, key
+        owner[name] = copy.deepcopy(value)
+    return resolved(OmegaConf.create(plain))
 
 
 def run(case):
@@ -119,7 +114,7 @@ def run(case):
 
 
 def _run(case):
-    settings = checked(settings_of(case))
+    settings = settings_of(case)
     plan = build_plan(settings, Path("runs/none"))
     flda = train(plan).flda if case.trains else paper_flda()
     bank = ReceiverBank(plan.receiver.names, flda)
@@ -209,15 +204,11 @@ def check_line(line):
 def keys():
     """Every key that a refusal may name."""
     scene = [
-        f"{section}.{name}" for section in ("experiment.scene", "experiment.training") for name in _scene()
+        f"{section}.{name}"
+        for section in ("experiment.scene", "experiment.training")
+        for name in _paper_words()["scene"]
     ]
-    return {*known_keys(), *scene}
-
-
-def _scene():
-    settings = paper_settings().scene
-    assert is_dataclass(settings)
-    return [field.name for field in fields(settings)]
+    return {*keys_of(AppConfig), *scene}
 
 
 def first_words(line):
@@ -248,8 +239,7 @@ def _complaint(words):
     register_schema()
     with initialize_config_module("vocc_torch.conf", version_base="1.3"):
         try:
-            settings = checked(resolved(compose("config", overrides=list(words))))
-            refuse_overruled(settings, words)
+            settings = resolved(compose("config", overrides=list(words)), words)
             build_plan(settings, Path("runs/none"))
         except VoccError as error:
             return str(error)

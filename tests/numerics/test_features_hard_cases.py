@@ -152,9 +152,9 @@ def bytes_at_their_extremes():
     "cells of no pixel",
     "corners that all but coincide enclose nothing: each LED reads the same grey value, AGR 1, GRI 0, NGR 1",
     Breakage(
-        FILES + "host_geometry.py",
-        "least = FLAT_PX2 + FLAT_SHARE * max(x * x + y * y for x, y in sides)",
-        "least = 0.0",
+        FILES + "rectification.py",
+        "least = _FLAT_PX2 + _FLAT_SHARE * side.square().sum(2).amax(1)",
+        "least = 0.0 * side.square().sum(2).amax(1)",
     ),
 )
 def cells_of_no_pixel():
@@ -391,8 +391,8 @@ def frames_of_half_precision():
     "the frame",
     Breakage(
         FILES + "rectification.py",
-        "rows = (place[:, 1:] + torch.arange(size[0], device=place.device)).clamp(0, height - 1)",
-        "rows = (place[:, 1:] + torch.arange(size[0], device=place.device)) % height",
+        "rows = (place[:, 1:] + torch.arange(high, device=place.device)).clamp(0, height - 1)",
+        "rows = (place[:, 1:] + torch.arange(high, device=place.device)) % height",
     ),
 )
 def a_panel_partly_outside():
@@ -445,7 +445,7 @@ def a_score_equal_to_the_threshold():
     "the threshold is their level to the last bit, for any level and any number of LEDs: an LED at it reads "
     "On, one a bit darker Off",
     Breakage(
-        FILES + "greyscale.py",
+        FILES + "features.py",
         "greys.mean(dim=(1, 2), keepdim=True, dtype=torch.float64)",
         "greys.mean(dim=(1, 2), keepdim=True)",
     ),
@@ -464,7 +464,7 @@ def preambles_equal_to_one_another():
 @hard(
     "preambles that are swapped",
     "the threshold lies halfway all the same, and brighter is On: a pair the wrong way round inverts nothing",
-    Breakage(FILES + "greyscale.py", "threshold = (on + off) / 2", "threshold = off + (on - off).abs() / 2"),
+    Breakage(FILES + "features.py", "threshold = (on + off) / 2", "threshold = off + (on - off).abs() / 2"),
 )
 def preambles_that_are_swapped():
     on, off = torch.full((1, 3, 5), 180.0), torch.full((1, 3, 5), 60.0)
@@ -477,7 +477,7 @@ def preambles_that_are_swapped():
     "a preamble level that is NaN or infinite",
     "refused by name: a comparison with NaN is false, and every LED would silently read Off",
     Breakage(
-        FILES + "greyscale.py",
+        FILES + "features.py",
         "if not bool(threshold.isfinite().all()):",
         "if bool(threshold.isinf().all()):",
     ),

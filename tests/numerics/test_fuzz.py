@@ -1,6 +1,6 @@
 """Whole studies and command lines drawn from all that may be said, and those that once failed.
 
-benchmarks/fuzz.py runs a hundred thousand; here are a few hundred, always the same.
+benchmarks/fuzz.py runs a hundred thousand; here are a few dozen, always the same.
 """
 
 import math
@@ -12,7 +12,8 @@ import pytest
 from fuzz_demands import DefectError, check_line, paper_flda, run, say
 from fuzzing import CAMERA, EFFECTS, LOCATION, PANEL, SCENE, Case, case_of, words_of
 
-from vocc_torch.app.complaints import known_keys
+from vocc_torch.app.config import AppConfig
+from vocc_torch.app.help import keys_of
 from vocc_torch.errors import VoccError
 from vocc_torch.receiver.location import PaperLocator
 from vocc_torch.simulation import Camera, Distribution, LedPanel, SceneModel
@@ -20,7 +21,7 @@ from vocc_torch.simulation.effects import PHYSICAL_ORDER, build_effects
 from vocc_torch.types import PanelShape
 
 SEED = 5
-SCENES, BLOCKS = 300, 12
+SCENES, BLOCKS = 60, 4
 LINES = 40
 SMALL = {
     **{
@@ -330,7 +331,7 @@ def test_a_line_that_once_was_wrong(word):
 def test_a_fuzzed_command_line_is_understood_or_refused_in_one_line():
     complaints = []
     for index in range(LINES):
-        words = words_of(SEED, index, known_keys())
+        words = words_of(SEED, index, list(keys_of(AppConfig)))
         try:
             complaints.append(say(words))
         except DefectError as error:
@@ -357,7 +358,7 @@ def test_a_refusal_must_name_a_key_in_one_line(line, complaint):
 
 def test_the_demands_notice_what_must_not_be(monkeypatch):
     from vocc_torch.simulation.effects import registry
-    from vocc_torch.simulation.effects.saturation import Saturation
+    from vocc_torch.simulation.effects.coding import Saturation
 
     case = Case(SMALL | {"scene.effects": {"saturation": {}}})
     monkeypatch.setattr(Saturation, "__call__", lambda self, value, context: value * math.nan)

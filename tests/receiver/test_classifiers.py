@@ -31,10 +31,9 @@ from vocc_torch.receiver.classifiers import (
     TagPlanes,
     TorchClassifier,
 )
-from vocc_torch.receiver.classifiers.checkpoint import Checkpoint
 from vocc_torch.receiver.classifiers.module_file import ModuleFile
-from vocc_torch.receiver.classifiers.recipe import TrainingRecipe
-from vocc_torch.receiver.classifiers.untrained import two_means
+from vocc_torch.receiver.classifiers.rules import two_means
+from vocc_torch.receiver.classifiers.training import Checkpoint, TrainingRecipe
 from vocc_torch.receiver.flda import FLDA
 
 

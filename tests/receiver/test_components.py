@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import pytest
 import scipy.ndimage
@@ -11,9 +12,19 @@ from kornia.contrib import connected_components_union_find
 from kornia.morphology import dilation, erosion
 from scipy.spatial import ConvexHull
 
+from vocc_torch.receiver import components as components_module
 from vocc_torch.receiver import ladder, quadrilateral
-from vocc_torch.receiver.components import Components, Runs, joined, label_components, runs_of
+from vocc_torch.receiver.components import (
+    Blobs,
+    Components,
+    Runs,
+    collect_blobs,
+    joined,
+    label_components,
+    runs_of,
+)
 from vocc_torch.receiver.location import PaperLocator
+from vocc_torch.receiver.morphology import close_mask, halve_mask
 from vocc_torch.types import Frames, Panels, PanelShape
 
 EIGHT = np.ones((3, 3))
@@ -123,6 +134,113 @@ def test_empty_masks_have_no_components(size: tuple[int, int, int]) -> None:
     assert components.at(*torch.zeros(3, 1, dtype=torch.int64)).tolist() == [0]
 
 
+def random_masks(
+    seed: int, frames: int = 5, size: tuple[int, int] = (40, 53), share: float = 0.06
+) -> torch.Tensor:
+    return torch.from_numpy(np.random.default_rng(seed).random((frames, *size)) < share)
+
+
+def closed_labels(mask: torch.Tensor, size: int) -> Components:
+    return label_components(close_mask(mask[:, None], size)[:, 0])
+
+
+def opencv_blobs(mask: np.ndarray, size: int) -> list[dict[str, object]]:
+    """Components of the closed mask, by first mask pixel in raster order, from OpenCV and NumPy."""
+    plane = np.pad(mask.astype(np.uint8), size)
+    closed = cv2.morphologyEx(plane, cv2.MORPH_CLOSE, np.ones((size, size), np.uint8))[size:-size, size:-size]
+    count, labels = cv2.connectedComponents(closed, connectivity=8)
+    found = []
+    for label in range(1, count):
+        rows, columns = np.nonzero((labels == label) & mask)
+        extremes = [(columns[rows == row].min(), columns[rows == row].max()) if (rows == row).any() else None
+                    for row in range(rows.min(), rows.max() + 1)]  # fmt: skip
+        found.append(
+            {
+                "area": int((labels == label).sum()),
+                "mask": len(rows),
+                "first": (int(columns[0]), int(rows[0])),
+                "left": int(columns.min()),
+                "extremes": extremes,
+            }
+        )
+    return sorted(found, key=lambda blob: blob["first"][::-1])
+
+
+def as_opencv(blobs: Blobs, frame: int) -> list[dict[str, object]]:
+    found = []
+    for i in (blobs.frame == frame).nonzero()[:, 0].tolist():
+        left = blobs.left_px[i].item()
+        height = int((blobs.first[i] <= blobs.last[i]).nonzero().max()) + 1
+        rows = zip(blobs.first[i, :height].tolist(), blobs.last[i, :height].tolist(), strict=True)
+        found.append(
+            {
+                "area": blobs.area_px[i].item(),
+                "mask": blobs.mask_px[i].item(),
+                "first": tuple(blobs.first_px[i].tolist()),
+                "left": left,
+                "extremes": [(a + left, b + left) if a <= b else None for a, b in rows],
+            }
+        )
+    return found
+
+
+@pytest.mark.parametrize(("closing", "share"), [(1, 0.3), (3, 0.06), (5, 0.02), (11, 0.004)])
+def test_blobs_equal_opencvs(closing: int, share: float) -> None:
+    mask = random_masks(closing, share=share)
+    blobs = collect_blobs(runs_of(mask), closed_labels(mask, closing))
+    for frame in range(len(mask)):
+        expected = opencv_blobs(mask[frame].numpy(), closing)
+        assert as_opencv(blobs, frame) == expected
+        assert blobs.components[frame].item() == len(expected)
+    assert blobs.frame.tolist() == sorted(blobs.frame.tolist())
+
+
+def test_small_closed_areas_are_left_out_but_counted() -> None:
+    mask = random_masks(3)
+    labels = closed_labels(mask, 3)
+    every, large = collect_blobs(runs_of(mask), labels), collect_blobs(runs_of(mask), labels, min_area_px=9)
+    keep = every.area_px >= 9
+    assert 0 < len(large) < len(every)
+    assert large.label.tolist() == every.label[keep].tolist()
+    assert large.mask_px.tolist() == every.mask_px[keep].tolist()
+    assert large.components.tolist() == every.components.tolist()
+
+
+def test_an_empty_mask_has_no_blobs() -> None:
+    mask = torch.zeros(2, 6, 7, dtype=torch.bool)
+    blobs = collect_blobs(runs_of(mask), label_components(mask))
+    assert len(blobs) == 0
+    assert blobs.components.tolist() == [0, 0]
+
+
+def test_coarse_cells_join_fine_pixels_and_count_as_area() -> None:
+    mask = torch.zeros(1, 3, 31, dtype=torch.bool)
+    mask[0, 0, 0] = mask[0, 1, 9] = mask[0, 2, 30] = True
+    cells = halve_mask(mask[:, None])
+    # Three 2 px cells lie between the first two pixels: a closing by 5 cells fills them, one by 3 does not.
+    apart = collect_blobs(runs_of(mask), label_components(close_mask(cells, 3)[:, 0]), level=1)
+    assert apart.first_px.tolist() == [[0, 0], [9, 1], [30, 2]]
+    assert apart.area_px.tolist() == [4, 4, 4]
+    joined = collect_blobs(runs_of(mask), label_components(close_mask(cells, 5)[:, 0]), level=1)
+    assert joined.mask_px.tolist() == [2, 1]
+    assert joined.area_px.tolist() == [5 * 4, 4]
+    assert joined.first[0].tolist() == [0, 9]
+    large = collect_blobs(runs_of(mask), label_components(close_mask(cells, 5)[:, 0]), min_area_px=8, level=1)
+    assert large.area_px.tolist() == [20]
+
+
+def test_only_the_largest_blobs_of_a_frame_are_measured(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(components_module, "MOST_BLOBS", 3)
+    mask = torch.zeros(2, 5, 40, dtype=torch.bool)
+    for index, width in enumerate((1, 4, 2, 3, 4)):
+        mask[0, 2, 8 * index : 8 * index + width] = True
+    mask[1, 1, 5] = True
+    blobs = collect_blobs(runs_of(mask), label_components(mask))
+    assert blobs.frame.tolist() == [0, 0, 0, 1]
+    assert blobs.mask_px.tolist() == [4, 3, 4, 1]
+    assert blobs.components.tolist() == [5, 1]
+
+
 @pytest.mark.parametrize("shape", ["disc", "turned square", "noise"])
 def test_hulls_of_tall_blobs_equal_scipys(shape: str) -> None:
     y, x = np.mgrid[0:301, 0:301] - 150
@@ -137,7 +255,7 @@ def test_hulls_of_tall_blobs_equal_scipys(shape: str) -> None:
     first, last = np.full(height, 9999), np.full(height, -1)
     np.minimum.at(first, points[:, 1], points[:, 0])
     np.maximum.at(last, points[:, 1], points[:, 0])
-    hull = quadrilateral.convex_hull(torch.from_numpy(first)[None], torch.from_numpy(last)[None])
+    hull = quadrilateral.convex_hull(first[None], last[None])
     expected = {tuple(point) for point in points[ConvexHull(points).vertices].tolist()}
     assert {(int(a), int(b)) for a, b in hull[0].tolist()} == expected
 

@@ -11,8 +11,9 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.curves import Curves
+from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.paired import PairedCounts
-from vocc_torch.studies.classifiers.rivals import GENIE, Mark, Ratio, Rivals, Transfer, rate_ratio
+from vocc_torch.studies.classifiers.rivals import GENIE, Mark, Rivals, Transfer, rate_ratio
 from vocc_torch.studies.classifiers.rivals_board import write_rival_board
 from vocc_torch.studies.classifiers.rivals_csv import write_rivals
 from vocc_torch.studies.classifiers.rivals_figure import curves_figure, ratio_text
@@ -118,13 +119,13 @@ def lines_of(path):
     ],
 )
 def test_ratios_are_fractions_or_multiples(ratio, text):
-    assert ratio_text(Ratio(*ratio)) == text
+    assert ratio_text(Estimate(*ratio)) == text
 
 
 def test_a_ratio_is_one_rate_over_the_other():
     a, b = counts(300), counts(30)
     ratio = rate_ratio(a, b, paired(300, 30))
-    assert ratio.ratio == pytest.approx(0.1)
+    assert ratio.value == pytest.approx(0.1)
     assert 0 < ratio.low < 0.1 < ratio.high < 0.2
     assert ratio.real
     assert rate_ratio(counts(0), b, paired(0, 30)) is None

@@ -1,6 +1,5 @@
 """What is rendered: crops until an effect fills the sensor, windows where corners are known, whole frames."""
 
-import cv2
 import numpy as np
 import pytest
 import torch
@@ -8,10 +7,9 @@ from test_every_effect import KINDS, PARAMETERS
 
 from vocc_torch import Scene, Simulator
 from vocc_torch.rng import BlockKey, FrameKey
-from vocc_torch.simulation import Camera, LedPanel
+from vocc_torch.simulation import Camera
 from vocc_torch.simulation.effects import Quantity, build_effects
-from vocc_torch.simulation.framing import crop_origins_px, lay_on_sensor, window_size_px
-from vocc_torch.simulation.geometry import panel_corners_m
+from vocc_torch.simulation.framing import crop_origins_px, window_size_px
 from vocc_torch.simulation.simulator import PAPER_EFFECTS
 
 SMALL = Camera(width_px=480, height_px=272, sensor_width_mm=13.2 / 4)
@@ -94,13 +92,6 @@ def test_without_an_effect_that_fills_the_sensor_a_window_is_the_crop(name):
     assert torch.equal(near.surround, crop.surround)
 
 
-def test_only_the_sensor_the_mosaic_and_the_surroundings_fill_the_frame():
-    filling = {name for name, kind in KINDS.items() if kind.fills_sensor}
-    surroundings = {"background_texture", "lamps", "second_panel"}
-    sensor = {"prnu", "hot_pixels", "shot_noise", "dsnu", "row_noise", "read_noise"}
-    assert filling == surroundings | sensor | {"vignetting", "bayer", "jpeg"}
-
-
 @pytest.mark.parametrize("side", range(60, 80))
 def test_a_window_holds_the_crop_wherever_it_lies(side):
     sensor = (272, 480)
@@ -111,34 +102,6 @@ def test_a_window_holds_the_crop_wherever_it_lies(side):
     assert not (windows % 8).any()
     assert bool((windows <= crops).all())
     assert bool((windows + torch.tensor([size[1], size[0]]) >= crops + side).all())
-
-
-def test_laying_crops_on_the_sensor_is_numpys_assignment():
-    source = torch.Generator().manual_seed(0)
-    crops, origins = torch.rand(3, 1, 5, 7, generator=source), torch.tensor([[0, 0], [33, 15], [3, 9]])
-    full = lay_on_sensor(crops, torch.tensor([1.0, 2.0, 3.0]), origins, (20, 40))
-    for i, (x, y) in enumerate(origins.tolist()):
-        wanted = np.full((20, 40), i + 1.0, dtype=np.float32)
-        wanted[y : y + 5, x : x + 7] = crops[i, 0].numpy()
-        assert np.array_equal(full[i, 0].numpy(), wanted)
-
-
-def opencv_corners(scene, camera, k1, k2):
-    """OpenCV's image of the corners of an upright panel through a radially distorted lens."""
-    focal, middle = camera.focal_length_px, (camera.width_px / 2, camera.height_px / 2)
-    matrix = np.array([[focal, 0, middle[0]], [0, focal, middle[1]], [0, 0, 1]])
-    corners = np.pad(panel_corners_m(LedPanel()).numpy(), ((0, 0), (0, 1)))
-    shift = np.array([float(scene.offset_x_m), float(scene.offset_y_m), float(scene.distance_m)])
-    seen, _ = cv2.projectPoints(corners, np.zeros(3), shift, matrix, np.array([k1, k2, 0, 0, 0.0]))
-    return seen[:, 0]
-
-
-def test_true_corners_are_opencvs_through_a_distorted_lens():
-    scene = Scene.of(offset_x_m=2.0, offset_y_m=-1.0, distance_m=20.0)
-    simulator = Simulator(effects={"lens_distortion": {"k1": -0.25, "k2": 0.1}})
-    ours = simulator.true_panels(scene).corners_px[0].numpy()
-    assert np.abs(ours - opencv_corners(scene, simulator.camera, -0.25, 0.1)).max() < 1e-9
-    assert np.abs(ours - opencv_corners(scene, simulator.camera, 0.0, 0.0)).max() > 0.5
 
 
 def test_true_corners_turn_with_each_frames_own_pose():

@@ -1,13 +1,14 @@
 """Eqs 1, 2, 3 and 20 against numbers that the paper prints and numbers worked out by hand."""
 
-import math
-
+import mpmath
 import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from torch.autograd import forward_ad
 
 from vocc_torch.simulation.photometry import (
+    BLOCK_VALUES,
     auto_iso_speed,
     grey_value,
     luminous_exposure_lx_s,
@@ -23,11 +24,6 @@ speeds = st.floats(1.0, 1e6)
 
 def number(value):
     return torch.tensor(value, dtype=torch.float64)
-
-
-@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
-def test_transmission_at_70_m_is_the_papers_table_1(dtype):
-    assert round(float(transmission(torch.tensor(70.0, dtype=dtype), 40_000.0)), 4) == 0.9932
 
 
 def test_transmission_at_the_visibility_distance_is_two_per_cent():
@@ -53,28 +49,6 @@ def test_eqs_2_and_3_by_hand():
     assert float(luminous_exposure_lx_s(off + 3000.0, **PAPER_CAMERA)) == pytest.approx(0.13395305, abs=5e-9)
 
 
-@given(
-    st.floats(1.0, 1e5),
-    st.floats(0.01, 1.0),
-    st.floats(0.0, 1e5),
-    st.floats(1e-5, 1.0),
-    st.floats(0.5, 32.0),
-    st.floats(5.0, 20.0),
-)
-def test_eqs_2_and_3_as_printed(ambient, reflectance, luminance, time, f_number, constant):
-    off = 10 * ambient * reflectance * time / (constant * math.pi * f_number**2)
-    on = off + 10 * luminance * time / (constant * f_number**2)
-    lens = {"exposure_time_s": time, "f_number": f_number, "calibration_constant": constant}
-    seen = reflected_luminance_cd_m2(number(ambient), reflectance)
-    assert float(luminous_exposure_lx_s(seen, **lens)) == pytest.approx(off, rel=1e-12)
-    assert float(luminous_exposure_lx_s(seen + luminance, **lens)) == pytest.approx(on, rel=1e-12)
-
-
-def test_a_white_surface_reflects_illuminance_over_pi():
-    """A perfect matt reflector under pi lx has a luminance of 1 cd/m2."""
-    assert float(reflected_luminance_cd_m2(number(math.pi), 1.0)) == pytest.approx(1.0, rel=1e-15)
-
-
 @given(exposures, st.floats(0.1, 255.0), gammas)
 def test_auto_iso_gives_the_background_its_grey(exposure, target, gamma):
     speed = auto_iso_speed(number(exposure), number(target), gamma=gamma)
@@ -87,19 +61,118 @@ def test_auto_iso_of_the_papers_darkest_scene_by_hand():
     assert float(auto_iso_speed(exposure, number(118.0), gamma=2.2)) == pytest.approx(5235.99, abs=0.005)
 
 
-@given(exposures, speeds, gammas)
-def test_grey_value_inverts_in_closed_form(exposure, speed, gamma):
-    grey = float(grey_value(number(exposure), number(speed), gamma=gamma))
-    assert 10 / speed * (grey / 118) ** gamma == pytest.approx(exposure, rel=1e-10)
-
-
 @given(exposures, st.floats(1.01, 100.0), speeds, gammas)
-@settings(max_examples=50)
+@settings(max_examples=20)
 def test_a_ratio_of_exposures_is_a_ratio_of_greys(exposure, ratio, speed, gamma):
     """What makes AGR independent of the ISO speed: greys scale by ratio^(1/gamma) at any speed."""
     low, high = (grey_value(number(h), number(speed), gamma=gamma) for h in (exposure, exposure * ratio))
     assert float(high / low) == pytest.approx(ratio ** (1 / gamma), rel=1e-10)
 
 
-def test_no_light_is_black():
-    assert float(grey_value(number(0.0), number(100.0), gamma=2.2)) == 0.0
+# Edges: the slope at and next to no light, working precision
+
+GAMMAS = (0.5, 1.0, 1.8, 2.2, 4.0)
+DTYPES = (torch.float32, torch.float64)
+
+
+def exposures(dtype):
+    """From the smallest normal number to daylight, as leaves of a graph; S = 10 makes them ``H / H_SOS``."""
+    tiny = torch.finfo(dtype).tiny
+    values = torch.tensor([tiny, 4 * tiny, 1e-30, 1e-6, 0.003, 0.1, 1.0, 7.5, 1e4], dtype=dtype)
+    return values, torch.tensor(10.0, dtype=dtype)
+
+
+def exact(values, gamma):
+    """Eq. 1 with 50 digits: the grey values and their slopes, as float64."""
+    with mpmath.workdps(50):
+        power = 1 / mpmath.mpf(gamma)
+        greys = [118 * mpmath.mpf(value) ** power for value in values.tolist()]
+        slopes = [
+            grey * power / mpmath.mpf(value) for grey, value in zip(greys, values.tolist(), strict=True)
+        ]
+    return [float(grey) for grey in greys], [float(slope) for slope in slopes]
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+@pytest.mark.parametrize("gamma", GAMMAS)
+def test_grey_and_slope_are_eq_1_wherever_there_is_light(gamma, dtype):
+    values, speed = exposures(dtype)
+    greys, slopes = exact(values, gamma)
+    leaf = values.clone().requires_grad_()
+    grey = grey_value(leaf, speed, gamma=gamma)
+    (slope,) = torch.autograd.grad(grey.sum(), leaf)
+    assert grey.dtype == slope.dtype == dtype
+    # Two roundings of the working precision; float64's logarithm costs up to 1e-13 at 1e-308.
+    within = 4 * torch.finfo(dtype).eps if dtype == torch.float32 else 4e-13
+    least = 1e3 * float(torch.finfo(dtype).tiny)  # the square of a smallest number is 0, and so is its slope
+    most = float(torch.finfo(dtype).max)
+    for ours, theirs in zip(grey.tolist() + slope.tolist(), greys + slopes, strict=True):
+        if theirs < most:  # slopes at the smallest numbers are beyond float32's range for gamma 4
+            assert ours == pytest.approx(theirs, rel=within, abs=least)
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+@pytest.mark.parametrize("gamma", GAMMAS)
+def test_learning_sees_the_same_greys(gamma, dtype):
+    """A frame is the same to the last bit whether or not a gradient is asked of it, the black pixels too."""
+    values, speed = exposures(dtype)
+    values = torch.cat([values, torch.tensor([0.0, torch.finfo(dtype).tiny / 8], dtype=dtype)])
+    plain = grey_value(values, speed, gamma=gamma)
+    learning = grey_value(values.clone().requires_grad_(), speed, gamma=gamma)
+    assert plain.dtype == dtype
+    assert torch.equal(plain, learning.detach())
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+@pytest.mark.parametrize("gamma", [1.8, 2.2, 4.0])
+def test_the_slope_is_0_at_no_light_and_at_subnormal_light_and_nowhere_else(gamma, dtype):
+    tiny = torch.finfo(dtype).tiny
+    leaf = torch.tensor([0.0, tiny / 8, tiny, 2 * tiny], dtype=dtype, requires_grad=True)
+    grey = grey_value(leaf, torch.tensor(10.0, dtype=dtype), gamma=gamma)
+    (slope,) = torch.autograd.grad(grey.sum(), leaf)
+    assert (slope != 0).tolist() == [False, False, True, True]
+    assert grey[0] == 0
+    assert not slope.isnan().any()
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+@pytest.mark.parametrize("gamma", [1.8, 4.0])
+@pytest.mark.filterwarnings("ignore:.torch.jit.script.")  # torch's own use of what it gives up
+def test_forward_mode_has_the_slopes_and_greys_of_reverse_mode(gamma, dtype):
+    """Dual numbers, ``jvp``, ``jacfwd`` and forward over reverse, at no light and at subnormal light too."""
+    tiny = torch.finfo(dtype).tiny
+    values, speed = torch.tensor([0.0, tiny / 8, 1e-3, 7.0], dtype=dtype), torch.tensor(10.0, dtype=dtype)
+
+    def grey(value):
+        return grey_value(value, speed, gamma=gamma)
+
+    leaf = values.clone().requires_grad_()
+    (slope,) = torch.autograd.grad(grey(leaf).sum(), leaf)
+    ones = torch.ones_like(values)
+    with forward_ad.dual_level():
+        dual = forward_ad.unpack_dual(grey(forward_ad.make_dual(values, ones)))
+    for greys, slopes in (dual, torch.func.jvp(grey, (values,), (ones,))):
+        assert greys.dtype == slopes.dtype == dtype
+        assert torch.equal(greys, grey(values))
+        torch.testing.assert_close(slopes, slope)
+    torch.testing.assert_close(torch.func.jacfwd(grey)(values), slope.diag())
+    torch.testing.assert_close(torch.func.vmap(torch.func.grad(grey))(values), slope)
+    bend = torch.func.hessian(lambda value: grey(value).sum())(values).diagonal()
+    assert bend[:2].tolist() == [0, 0]
+    torch.testing.assert_close(bend[2:], (slope * (1 / gamma - 1) / values)[2:])
+
+
+def test_a_picture_of_any_layout_and_of_more_than_a_block_is_its_pixels():
+    """The power is taken a block at a time: the first, the last and a part of one, read in any order."""
+    ramp = torch.arange(2.0 * BLOCK_VALUES + 3) / 1000
+    speed = torch.tensor(100.0)
+    grey = grey_value(ramp, speed, gamma=2.2)
+    assert grey.shape == ramp.shape
+    for place in (0, 1, BLOCK_VALUES - 1, BLOCK_VALUES, 2 * BLOCK_VALUES - 1, 2 * BLOCK_VALUES, -1):
+        assert grey[place] == grey_value(ramp[place], speed, gamma=2.2)
+    picture = ramp[:600].view(20, 30)
+    for seen in (picture.T, picture[::2, ::3], picture[:, :1].expand(20, 7)):
+        assert torch.equal(
+            grey_value(seen, speed, gamma=2.2), grey_value(seen.contiguous(), speed, gamma=2.2)
+        )
+    assert grey_value(ramp[:0], speed, gamma=2.2).shape == (0,)

@@ -8,7 +8,6 @@ import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy import integrate
 
 from vocc_torch.simulation.raster import (
     add_patches,
@@ -30,12 +29,6 @@ def cover_of(x, y, radius):
     size = math.ceil(2 * radius) + 1
     cover, left, top = disc_cover(*doubles(x, y, radius), size)
     return cover[0].numpy(), int(left), int(top)
-
-
-def chord_overlap(t, low, high, radius):
-    """Length of the vertical line at t that lies in both the disc about 0 and the band low to high."""
-    half = math.sqrt(max(radius**2 - t**2, 0.0))
-    return max(0.0, min(high, half) - max(low, -half))
 
 
 def breaks_of(low, high, radius, start, stop):
@@ -85,40 +78,8 @@ def test_every_pixels_cover_is_exact_to_4e_15_of_the_radius_squared(radius):
         np.testing.assert_allclose(cover, exact, rtol=0, atol=4e-15 * radius**2)
 
 
-@pytest.mark.parametrize(
-    ("x", "y", "radius"), [(0.37, 0.81, 1.09), (2.0, 3.0, 1.0), (0.5, 0.5, 0.4), (5.9, 1.2, 2.3)]
-)
-def test_cover_is_the_numerical_integral(x, y, radius):
-    """scipy.integrate.quad of the chord over each pixel; x = 2, y = 3, r = 1 touches pixel edges."""
-    cover, left, top = cover_of(x, y, radius)
-    for (i, j), share in np.ndenumerate(cover):
-        low, high, start = top + i - y, top + i + 1 - y, left + j - x
-        kinks = breaks_of(low, high, radius, start, start + 1)[1:-1]
-        area, _ = integrate.quad(
-            chord_overlap,
-            start,
-            start + 1,
-            args=(low, high, radius),
-            points=kinks or None,
-            epsabs=1e-12,
-            limit=200,
-        )
-        assert share == pytest.approx(area, abs=1e-9)
-
-
-@pytest.mark.parametrize("radius", [0.3, 1.09, 2.7])
-def test_cover_is_what_brute_force_sampling_counts(radius):
-    """512 x 512 points a pixel; the count is off by about one point a row at each crossing of the rim."""
-    points = (np.arange(512) + 0.5) / 512
-    for x, y in np.random.default_rng(5).uniform(0, 1, (3, 2)):
-        cover, left, top = cover_of(x, y, radius)
-        for (i, j), share in np.ndenumerate(cover):
-            inside = (left + j + points - x) ** 2 + (top + i + points[:, None] - y) ** 2 < radius**2
-            assert share == pytest.approx(inside.mean(), abs=4e-4)
-
-
 @given(st.floats(-2, math.log10(200)), st.floats(-60, 2000), st.floats(-60, 2000))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=24, deadline=None)
 def test_a_discs_whole_area_is_drawn(log_radius, x, y):
     """Any sub-pixel position, radii 0.01 to 200 px: pi r^2 to 1e-9, and no pixel outside 0 to 1."""
     radius = 10**log_radius
@@ -133,12 +94,6 @@ def test_quadrants_of_the_unit_disc_complete_each_other(x, y):
     """The four quadrants about any point, each seen by mirroring, sum to the disc."""
     total = sum(float(disc_quadrant_area(*doubles(sx * x, sy * y))) for sx in (-1, 1) for sy in (-1, 1))
     assert total == pytest.approx(math.pi, abs=1e-14)
-
-
-def test_quadrant_area_at_its_ends():
-    ends = torch.tensor([-1.0, 0.0, 1.0], dtype=torch.float64)
-    expected = math.pi * torch.tensor([[0, 0, 0], [0, 0.25, 0.5], [0, 0.5, 1]], dtype=torch.float64)
-    torch.testing.assert_close(disc_quadrant_area(ends, ends), expected, rtol=0, atol=1e-15)
 
 
 def draw(canvas, discs):
@@ -156,28 +111,6 @@ def test_a_disc_is_cut_off_at_the_canvas_border(centre):
     small = draw(torch.zeros(1, 7, 8, dtype=torch.float64), [(0, x, y, 2.3)])
     large = draw(torch.zeros(1, 27, 28, dtype=torch.float64), [(0, x + 10, y + 10, 2.3)])
     torch.testing.assert_close(small, large[:, 10:17, 10:18], rtol=0, atol=1e-14)
-
-
-def test_a_disc_far_outside_draws_nothing():
-    canvas = draw(torch.zeros(2, 5, 5, dtype=torch.float64), [(1, -40.0, 2.0, 1.0), (0, 3.0, 1e6, 1.0)])
-    assert not canvas.any()
-
-
-def test_small_discs_in_one_pixel_add_up():
-    """Nine LEDs of 0.05 px radius in pixel (row 1, column 2): nine times pi r^2, and nothing elsewhere."""
-    discs = [(0, 2.2 + 0.3 * i, 1.2 + 0.3 * j, 0.05) for i in range(3) for j in range(3)]
-    canvas = draw(torch.zeros(1, 3, 4, dtype=torch.float64), discs)
-    assert float(canvas[0, 1, 2]) == pytest.approx(9 * math.pi * 0.05**2, rel=1e-12)
-    assert float(canvas.sum()) == float(canvas[0, 1, 2])
-
-
-def test_discs_of_unequal_radii_keep_their_own_area_and_frame():
-    discs = [(1, 6.3, 6.6, 2.5), (0, 5.2, 4.9, 0.3), (1, 13.1, 4.0, 1.0)]
-    canvas = draw(torch.zeros(3, 12, 18, dtype=torch.float64), discs)
-    areas = canvas.sum(dim=(1, 2)) / math.pi
-    torch.testing.assert_close(
-        areas, torch.tensor([0.09, 7.25, 0.0], dtype=torch.float64), rtol=1e-12, atol=0
-    )
 
 
 @given(st.floats(-5, 15), st.floats(0, 20), st.integers(1, 12))

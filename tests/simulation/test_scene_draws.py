@@ -1,17 +1,15 @@
 """Random streams depend on their key alone, and scenes follow the distributions that they name."""
 
-import os
-import subprocess
-import sys
 from dataclasses import fields
 
 import numpy as np
 import pytest
 import torch
+import yaml
 from scipy import stats
 
 from vocc_torch.errors import VoccError
-from vocc_torch.rng import BLOCK_FRAMES, BlockKey
+from vocc_torch.rng import BlockKey
 from vocc_torch.simulation.scene import Distribution, SceneModel
 from vocc_torch.types import PanelShape, Scene
 
@@ -31,11 +29,6 @@ def blocks(model, count, seed=0, point="test"):
 
 
 # Keys and streams
-
-
-def test_the_same_key_gives_the_same_numbers_again():
-    first, second = (BlockKey(3, "p", 7).generator("bits").random(5) for _ in range(2))
-    np.testing.assert_array_equal(first, second)
 
 
 def test_every_part_of_the_key_changes_the_numbers():
@@ -72,17 +65,6 @@ def test_a_scene_keeps_its_golden_value():
     assert bits[0, 0].int().tolist() == GOLDEN_BITS
 
 
-def test_draws_do_not_depend_on_pythons_hash_seed():
-    program = (
-        "from vocc_torch.rng import BlockKey as K; print(K(0, 'golden', 3).generator('bits').integers(2**32))"
-    )
-    environment = os.environ | {"PYTHONHASHSEED": "12345"}
-    done = subprocess.run(
-        [sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=True
-    )
-    assert int(done.stdout) == GOLDEN_INTEGER
-
-
 @pytest.mark.parametrize(("name", "key"), [("seed", (-1, "p", 0)), ("block", (0, "p", -2))])
 def test_negative_keys_are_refused_by_name(name, key):
     with pytest.raises(VoccError, match=rf"^{name} is -\d: it must be at least 0$"):
@@ -104,14 +86,6 @@ def test_streams_are_uncorrelated():
 
 
 # Scenes
-
-
-def test_a_block_is_64_scenes_of_float64_and_as_many_bits():
-    scene, bits = SceneModel().draw(BlockKey(0, "test", 0), PanelShape(3, 5))
-    assert len(scene) == BLOCK_FRAMES == 64
-    assert all(getattr(scene, name).dtype == torch.float64 for name in NAMES)
-    assert bits.shape == (64, 3, 5)
-    assert bits.dtype == torch.bool
 
 
 @pytest.mark.parametrize("changed", NAMES)
@@ -158,17 +132,6 @@ def test_log_uniform_draws_are_uniform_in_their_logarithm():
     assert drawn.max() <= 1000 * (1 + 1e-12)
 
 
-def test_choices_are_equally_likely():
-    drawn = Distribution("choice", (30.0, 50.0, 70.0)).draw(np.random.default_rng(0), 6000)
-    values, counts = np.unique(drawn, return_counts=True)
-    assert values.tolist() == [30, 50, 70]
-    assert stats.chisquare(counts).pvalue > 1e-3
-
-
-def test_a_constant_is_constant():
-    assert set(Distribution("constant", (7.5,)).draw(np.random.default_rng(0), 9)) == {7.5}
-
-
 def test_bits_are_fair_and_independent_of_their_neighbours():
     """204800 bits: the mean, and the agreement with the next LED and frame, within 4 sigma of a half."""
     _, bits = blocks(SceneModel(), 50)
@@ -184,50 +147,14 @@ def test_bits_are_fair_and_independent_of_their_neighbours():
 # Reading distributions
 
 
-@pytest.mark.parametrize(
-    ("spec", "kind", "values"),
-    [
-        (50, "constant", (50.0,)),
-        (2.5, "constant", (2.5,)),
-        (-1, "constant", (-1.0,)),
-        (["constant", 4], "constant", (4.0,)),
-        (["uniform", 40, 60], "uniform", (40.0, 60.0)),
-        (("uniform", 40, 40), "uniform", (40.0, 40.0)),
-        (["log_uniform", 1, 100.0], "log_uniform", (1.0, 100.0)),
-        (["choice", 3, 1, 2], "choice", (3.0, 1.0, 2.0)),
-    ],
-)
-def test_specifications_are_read(spec, kind, values):
-    assert Distribution.parse(spec, "distance_m") == Distribution(kind, values)
+WRONG = """
+true ; .nan ; .inf ; uniform ; '50' ; null ; [] ; {} ; [40, 60] ; [normal, 0, 1] ; [uniform, 40]
+[uniform, 40, 50, 60] ; [uniform, '40', 60] ; [uniform, 40, .inf] ; [uniform, 60, 40] ; [uniform, false, 40]
+[log_uniform, 0, 10] ; [log_uniform, 1] ; [choice] ; [choice, null] ; [constant, 1, 2] ; [[uniform], 1, 2]
+"""
 
 
-@pytest.mark.parametrize(
-    "spec",
-    [
-        True,
-        float("nan"),
-        float("inf"),
-        "uniform",
-        "50",
-        None,
-        [],
-        {},
-        [40, 60],
-        ["normal", 0, 1],
-        ["uniform", 40],
-        ["uniform", 40, 50, 60],
-        ["uniform", "40", 60],
-        ["uniform", 40, float("inf")],
-        ["uniform", 60, 40],
-        ["uniform", False, 40],
-        ["log_uniform", 0, 10],
-        ["log_uniform", 1],
-        ["choice"],
-        ["choice", None],
-        ["constant", 1, 2],
-        [["uniform"], 1, 2],
-    ],
-)
+@pytest.mark.parametrize("spec", [yaml.safe_load(text) for text in WRONG.replace("\n", ";").split(";")[1:-1]])
 def test_wrong_specifications_are_refused_in_one_line(spec):
     with pytest.raises(VoccError) as refusal:
         Distribution.parse(spec, "distance_m")
@@ -235,26 +162,3 @@ def test_wrong_specifications_are_refused_in_one_line(spec):
     assert message.startswith(f"scene.distance_m is {spec!r}: ")
     assert "\n" not in message
     assert "must" in message
-
-
-@pytest.mark.parametrize(
-    ("name", "spec", "message"),
-    [
-        ("ambient_lx", -1, "scene.ambient_lx is -1: it must be at least 0"),
-        ("ambient_lx", 2e12, "scene.ambient_lx is 2e+12: it must be at most 1e+12"),
-        ("offset_x_m", ["uniform", -2e9, 0], "scene.offset_x_m is -2e+09: it must be at least -1e+09"),
-        ("led_luminance_cd_m2", ["uniform", -1, 5], "scene.led_luminance_cd_m2 is -1: it must be at least 0"),
-        ("distance_m", ["choice", 30, 0], "scene.distance_m is 0: it must be above 0"),
-        ("background_grey", ["uniform", 0, 100], "scene.background_grey is 0: it must be above 0"),
-        ("background_grey", ["uniform", 100, 256], "scene.background_grey is 256: it must be at most 255"),
-    ],
-)
-def test_distributions_that_can_leave_the_physical_range_are_refused(name, spec, message):
-    with pytest.raises(VoccError) as refusal:
-        SceneModel(**{name: Distribution.parse(spec, name)})
-    assert str(refusal.value) == message
-
-
-def test_led_luminance_may_be_zero():
-    scene, _ = blocks(SceneModel(led_luminance_cd_m2=Distribution("constant", (0.0,))), 1)
-    assert not scene.led_luminance_cd_m2.any()

@@ -10,7 +10,6 @@ from scipy import ndimage
 from vocc_torch.errors import VoccError
 from vocc_torch.rng import BlockKey
 from vocc_torch.simulation import Camera, Distribution, LedPanel, SceneModel, Simulator
-from vocc_torch.simulation.effects.blooming import Blooming
 from vocc_torch.simulation.simulator import PAPER_EFFECTS
 from vocc_torch.types import PanelShape, Scene
 
@@ -123,17 +122,6 @@ def test_frames_are_an_independent_rendering_within_a_tenth_of_a_digital_number(
 # Auto-ISO and contrast
 
 
-@pytest.mark.parametrize("grey", [86.0, 101.5, 102.4, 118.0])
-@pytest.mark.parametrize("ambient", [1000.0, 32000.0])
-def test_the_background_is_uniform_at_its_grey(grey, ambient):
-    scene = Scene.of(distance_m=50.0, background_grey=grey, ambient_lx=ambient)
-    frame = Simulator(SMALL, framing="full").render(scene, all_on(scene)).grey[0, 0]
-    lit = torch.zeros_like(frame, dtype=torch.bool)
-    lit[360 // 2 - 26 : 360 // 2 + 26, 640 // 2 - 26 : 640 // 2 + 26] = True
-    assert frame[~lit].unique().tolist() == [round(grey)]
-    assert int(frame[lit].max()) > round(grey)
-
-
 def test_iso_limits_hold_the_background_below_its_target_by_hand():
     """Background exposure 1.2 / (200 pi) lx s at 1000 lx needs ISO 5236 for grey 118; with 3200 the grey is
     118 (3200 / 5235.99)^(1 / 2.2) = 94.336. At 32000 lx it needs ISO 163.6, which limits of 100 to 3200
@@ -149,17 +137,6 @@ def test_iso_limits_hold_the_background_below_its_target_by_hand():
         simulator = Simulator(Camera(iso_limits=limits), effects=UNQUANTISED, dtype=torch.float64)
         frames = simulator.render(scene, all_on(scene))
         assert float(frames.surround[0]) == pytest.approx(expected, abs=0.005)
-
-
-def test_exposure_settings_cancel_where_auto_iso_meets_its_target():
-    """K, N and t scale every exposure alike, and auto-ISO takes the scale out again."""
-    scene, bits = block(0)
-    other = Camera(f_number=2.8, calibration_constant=10.6, exposure_time_s=1 / 200)
-    one, two = (
-        Simulator(c, effects=UNQUANTISED, dtype=torch.float64).render(scene[:4], bits[:4]).grey
-        for c in (Camera(), other)
-    )
-    torch.testing.assert_close(one, two, rtol=1e-12, atol=0)
 
 
 @pytest.mark.parametrize(
@@ -186,33 +163,7 @@ def test_contrast_of_the_papers_examples_by_hand(ambient, luminance, clipped, un
     assert 100 * float(Simulator().contrast(scene)) == pytest.approx(clipped, abs=0.005)
 
 
-def test_contrast_is_the_grey_step_between_an_on_and_an_off_leds_middle():
-    """A near panel without blur: the pixel in the middle of an LED shows exactly what contrast() reports."""
-    effects = {name: values for name, values in UNQUANTISED.items() if name != "blooming"}
-    scene = Scene.of(distance_m=5.0, ambient_lx=20_000.0, led_luminance_cd_m2=600.0)
-    bits = torch.zeros(1, 8, 8, dtype=torch.bool)
-    bits[0, 4, 5] = True
-    simulator = Simulator(effects=effects, dtype=torch.float64)
-    frames = simulator.render(scene, bits)
-    corners = simulator.true_panels(scene).corners_px[0] - frames.origin_px[0]
-    pitch = (corners[1, 0] - corners[0, 0]) / 8
-    column, row = (int(corners[0, 0] + 5.5 * pitch), int(corners[0, 1] + 4.5 * pitch))
-    on, off = frames.grey[0, 0, row, column], frames.grey[0, 0, row, column - round(float(pitch))]
-    assert float(on - off) / 255 == pytest.approx(float(simulator.contrast(scene)), rel=1e-9)
-
-
 # Crops and full frames
-
-
-@pytest.mark.parametrize("index", range(3))
-def test_the_crops_border_is_the_surround_over_the_whole_of_table_1(index):
-    """Rows and columns of the border, and one more inside: all the background's grey, rounded."""
-    scene, _ = block(index)
-    frames = Simulator().render(scene, all_on(scene))
-    assert frames.surround.tolist() == scene.background_grey.round().int().tolist()
-    grey = frames.grey[:, 0]
-    for ring in (grey[:, :2], grey[:, -2:], grey[:, :, :2], grey[:, :, -2:]):
-        assert torch.equal(ring, frames.surround.view(-1, 1, 1).expand_as(ring))
 
 
 def assert_crop_is_full(camera, scene, bits):
@@ -234,55 +185,10 @@ def test_crops_are_the_full_frames_pixels_on_16_random_scenes():
     assert_crop_is_full(SMALL, scene[:16], bits[:16])
 
 
-def test_crops_are_the_full_hd_frames_pixels_on_4_random_scenes():
-    scene, bits = block(8)
-    assert_crop_is_full(Camera(), scene[:4], bits[:4])
-
-
-@pytest.mark.parametrize("side_y", [-1, 0, 1])
-@pytest.mark.parametrize("side_x", [-1, 0, 1])
-def test_a_panel_across_the_sensors_border_is_cut_there_and_the_surround_stays_right(side_x, side_y):
-    """The panel's centre on the middle, sides and corners of the sensor, then further out."""
-    metres_a_pixel = 40.0 / SMALL.focal_length_px
-    for beyond in (0, 12):
-        scene = Scene.of(
-            distance_m=40.0,
-            offset_x_m=side_x * (320 + beyond) * metres_a_pixel,
-            offset_y_m=side_y * (180 + beyond) * metres_a_pixel,
-        )
-        assert_crop_is_full(SMALL, scene, all_on(scene))
-
-
-def test_a_panel_wholly_outside_the_sensor_leaves_background():
-    scene = Scene.of(distance_m=40.0, offset_x_m=80.0)
-    frames = Simulator(SMALL).render(scene, all_on(scene))
-    assert frames.grey.unique().tolist() == [102] == frames.surround.tolist()
-
-
-def test_a_crop_is_never_larger_than_the_sensor():
-    """At 4.5 m the panel with its margin overfills the height but not the width, at 1 m both."""
-    near, nearest = (Scene.of(distance_m=d) for d in (4.5, 1.0))
-    assert Simulator(SMALL).crop_px(4.5)[0] == SMALL.height_px
-    assert_crop_is_full(SMALL, near, all_on(near))
-    frames = Simulator(SMALL).render(nearest, all_on(nearest))
-    assert tuple(frames.grey.shape[-2:]) == SMALL.sensor_px
-    assert frames.surround is None
-
-
 def test_a_crop_too_small_for_a_scene_is_refused():
     scene = Scene.cat([Scene.of(distance_m=d) for d in (50.0, 30.0)])
     with pytest.raises(VoccError, match=r"^nearest_m is 40: it must be at most the nearest scene's 30$"):
         Simulator().render(scene, all_on(scene), nearest_m=40.0)
-
-
-def test_an_effect_that_fills_the_sensor_makes_the_frame_full(monkeypatch):
-    monkeypatch.setattr(Blooming, "fills_sensor", True)
-    scene = Scene.of()
-    assert Simulator(SMALL).render(scene, all_on(scene)).surround is None
-    for framing in ("crop", "filled", "full"):
-        frames = Simulator(SMALL, framing=framing).render(scene, all_on(scene))
-        assert tuple(frames.grey.shape[-2:]) == SMALL.sensor_px
-    assert Simulator(SMALL, effects={}).render(scene, all_on(scene)).surround is not None
 
 
 # Invariance
@@ -300,11 +206,6 @@ def test_frames_do_not_depend_on_the_batch_they_are_rendered_in(batch, tried):
         assert torch.equal(part.grey, together.grey[rows])
         assert torch.equal(part.origin_px, together.origin_px[rows])
         assert torch.equal(part.surround, together.surround[rows])
-
-
-def test_the_same_seed_gives_the_same_frames():
-    first, second = (Simulator().render(*block(4)).grey for _ in range(2))
-    assert torch.equal(first, second)
 
 
 def test_chunks_are_joined_in_order(monkeypatch):
@@ -345,11 +246,6 @@ def test_black_leds_on_a_dark_board_are_black_and_not_nan(dtype):
 
 
 # Refusals
-
-
-def test_bits_of_another_shape_are_refused():
-    with pytest.raises(VoccError, match=r"^bits has shape \(2, 8, 7\): it must be \(2, 8, 8\)$"):
-        Simulator().render(Scene.of(2), torch.ones(2, 8, 7, dtype=torch.bool))
 
 
 @pytest.mark.parametrize(

@@ -8,19 +8,18 @@ import mpmath
 import numpy as np
 import pytest
 import torch
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from skimage.draw import polygon2mask
 
 from vocc_torch.errors import VoccError
-from vocc_torch.simulation import Camera, LedPanel
+from vocc_torch.simulation import Camera
 from vocc_torch.simulation.effects import Context
-from vocc_torch.simulation.effects.lens_distortion import LensDistortion
-from vocc_torch.simulation.effects.pose import Pose
-from vocc_torch.simulation.geometry import led_centres_px, panel_corners_px
-from vocc_torch.simulation.polygon import polygon_cover
-from vocc_torch.simulation.raster import disc_cover, ellipse_cover, ellipse_patch_px, interval_cover
-from vocc_torch.simulation.view import View, placement_m, view_of
+from vocc_torch.simulation.effects.view import LensDistortion, Pose
+from vocc_torch.simulation.perspective import View, placement_m, view_of
+from vocc_torch.simulation.raster import (
+    disc_cover,
+    ellipse_cover,
+    ellipse_patch_px,
+    polygon_cover,
+)
 from vocc_torch.types import Scene
 
 CAMERA = Camera()
@@ -60,38 +59,6 @@ def test_points_are_where_opencv_projects_them(pose, lens, camera):
         np.testing.assert_allclose(image, by_opencv(points, pose, lens, camera, (x, y, z)), rtol=0, atol=1e-9)
 
 
-def test_a_panel_that_faces_the_camera_is_where_the_plain_pinhole_has_it():
-    panel, scene = LedPanel(), Scene.of(frames=2, distance_m=37.0, offset_x_m=1.3, offset_y_m=-0.4)
-    seen = view_of(Context(scene, CAMERA))
-    corners = seen.points_px(CORNERS)
-    torch.testing.assert_close(corners, panel_corners_px(scene, CAMERA, panel), rtol=0, atol=1e-9)
-    x, y = led_centres_px(scene, CAMERA, panel)
-    steps = (torch.arange(8, dtype=torch.float64) - 3.5) * panel.pitch_m
-    grid = torch.stack(torch.meshgrid(steps, steps, indexing="xy"), dim=-1).view(-1, 2)
-    centre, spread = seen.discs_px(grid, 0.015)
-    torch.testing.assert_close(
-        centre.view(2, 8, 8, 2)[..., 0], x.unsqueeze(1).expand(2, 8, 8), atol=1e-9, rtol=0
-    )
-    torch.testing.assert_close(
-        centre.view(2, 8, 8, 2)[..., 1], y.unsqueeze(2).expand(2, 8, 8), atol=1e-9, rtol=0
-    )
-    radius = 0.015 * CAMERA.focal_length_px / 37.0
-    disc = radius**2 * torch.eye(2, dtype=torch.float64)
-    torch.testing.assert_close(spread, disc.expand_as(spread), rtol=1e-14, atol=1e-15)
-
-
-def test_each_frame_may_have_points_of_its_own():
-    scene = Scene.cat([Scene.of(distance_m=20.0), Scene.of(distance_m=40.0, offset_x_m=0.5)])
-    seen = view_of(Context(scene, CAMERA, effects=(Pose(yaw_deg=30.0),)))
-    own = torch.stack([CORNERS, CORNERS.flip(0) / 2])
-    whole = seen.points_px(own)
-    for frame in range(2):
-        alone = view_of(Context(scene[frame : frame + 1], CAMERA, effects=(Pose(yaw_deg=30.0),)))
-        assert torch.equal(whole[frame : frame + 1], alone.points_px(own[frame]))
-        for batched, single in zip(seen.discs_px(own, 0.015), alone.discs_px(own[frame], 0.015), strict=True):
-            torch.testing.assert_close(batched[frame : frame + 1], single, rtol=1e-14, atol=1e-14)
-
-
 def exact_ellipse(placement, camera, centre, radius):
     """Centre and spread by the inverse of the homography, in 50 digits."""
     focal = mpmath.mpf(camera.focal_length_px)
@@ -126,36 +93,10 @@ def test_ellipses_of_discs_agree_with_50_digits():
                     assert abs(mpmath.mpf(float(spread[0, 0, i, j])) - exact[i, j]) < 1e-15 * size
 
 
-def contour_moments(outline):
-    """Area, centroid and covariance of the region inside a dense closed contour (M,2), about its mean."""
-    mean = outline.mean(axis=0)
-    (x0, y0), (x1, y1) = (outline - mean).T, (np.roll(outline, -1, axis=0) - mean).T
-    cross = x0 * y1 - x1 * y0
-    area = cross.sum() / 2
-    centre = np.array([((x0 + x1) * cross).sum(), ((y0 + y1) * cross).sum()]) / 6 / area
-    xx = ((x0**2 + x0 * x1 + x1**2) * cross).sum() / 12 / area
-    yy = ((y0**2 + y0 * y1 + y1**2) * cross).sum() / 12 / area
-    xy = ((x0 * y1 + 2 * x0 * y0 + 2 * x1 * y1 + x1 * y0) * cross).sum() / 24 / area
-    second = np.array([[xx, xy], [xy, yy]]) - np.outer(centre, centre)
-    return abs(area), mean + centre, second
-
-
 def rim(seen, point, radius, count=4000):
     angle = torch.arange(count, dtype=torch.float64) * 2 * math.pi / count
     circle = torch.stack([angle.cos(), angle.sin()], dim=-1) * radius
     return seen.points_px(circle + torch.tensor(point, dtype=torch.float64))[0].numpy()
-
-
-@pytest.mark.parametrize("pose", POSES)
-def test_an_ellipse_has_the_moments_of_the_projected_rim(pose):
-    """A filled ellipse's covariance is a quarter of its spread; near, so that perspective shows."""
-    seen = view(pose, distance_m=1.2, offset_x_m=0.2, offset_y_m=-0.1)
-    centre, spread = seen.discs_px(torch.tensor([[0.1, 0.05]]).double(), 0.08)
-    area, middle, second = contour_moments(rim(seen, (0.1, 0.05), 0.08))
-    covariance = spread[0, 0].numpy()
-    assert math.pi * math.sqrt(np.linalg.det(covariance)) == pytest.approx(area, rel=2e-6)
-    np.testing.assert_allclose(centre[0, 0].numpy(), middle, rtol=0, atol=1e-4)
-    np.testing.assert_allclose(covariance / 4, second, rtol=0, atol=5e-6 * np.trace(second))
 
 
 @pytest.mark.parametrize(
@@ -176,20 +117,6 @@ def test_distorted_ellipses_are_within_the_stated_error_of_the_rim(camera, lens,
     assert rate / 2 < off_px.max() / radius_px**2 < rate
 
 
-def test_points_follow_the_distance_differentiably():
-    pose = (Pose(30.0, 20.0, 10.0), LensDistortion(k1=-0.2))
-
-    def corners(distance, points):
-        fixed = Scene.of(2, offset_x_m=0.3)
-        scene = Scene(
-            *(distance if f == "distance_m" else getattr(fixed, f) for f in Scene.__dataclass_fields__)
-        )
-        return view_of(Context(scene, CAMERA, effects=pose)).points_px(points)
-
-    distance = torch.tensor([4.0, 9.0], dtype=torch.float64, requires_grad=True)
-    assert torch.autograd.gradcheck(corners, (distance, CORNERS.clone().requires_grad_()))
-
-
 def test_what_has_no_image_is_refused_by_the_poses_name():
     near = view((80, 0, 0), distance_m=0.2)
     with pytest.raises(
@@ -208,18 +135,6 @@ def test_what_has_no_image_is_refused_by_the_poses_name():
     view((80, 0, 0), distance_m=10.0, offset_x_m=1.76)
 
 
-@pytest.mark.parametrize("shape", [(2,), (4, 3), (3, 4, 2), (1, 1, 4, 2)])
-def test_points_of_another_shape_are_refused(shape):
-    with pytest.raises(VoccError, match=r"points_m has shape .* must be \(N,2\) or \(1,N,2\)"):
-        view().points_px(torch.zeros(shape))
-
-
-@pytest.mark.parametrize("radius", [0.0, -1.0, math.nan])
-def test_discs_without_a_radius_are_refused(radius):
-    with pytest.raises(VoccError, match="radius_m is"):
-        view().discs_px(torch.zeros(1, 2), radius)
-
-
 # Ellipses on pixels
 
 
@@ -233,14 +148,6 @@ def cover_of(centre, spread):
     size = ellipse_patch_px(spread)
     cover, left, top = ellipse_cover(torch.tensor([centre], dtype=torch.float64), spread, size)
     return cover[0].numpy(), int(left), int(top)
-
-
-def drawn(centre, spread, reach=40):
-    """The cover of the pixels from -reach to reach along both axes."""
-    cover, left, top = cover_of(centre, spread)
-    plane = np.zeros((2 * reach, 2 * reach))
-    plane[top + reach :, left + reach :][: len(cover), : len(cover)] = cover
-    return plane
 
 
 def disc_and_triangle(a, b):
@@ -306,36 +213,6 @@ def test_every_pixels_share_of_an_ellipse_is_exact(ellipse):
         np.testing.assert_allclose(cover, exact, rtol=0, atol=allowed + 2e-16)
 
 
-def test_ellipse_cover_counts_the_samples_inside():
-    spread, centre, fine = spread_of(2.3, 0.8, 0.5), (0.37, 0.91), 200
-    cover, left, top = cover_of(centre, spread)
-    steps = (np.arange(len(cover) * fine) + 0.5) / fine
-    x, y = np.meshgrid(left + steps - centre[0], top + steps - centre[1])
-    (a, b), (_, d) = np.linalg.inv(spread)
-    counted = (a * x**2 + 2 * b * x * y + d * y**2 <= 1).reshape(len(cover), fine, -1, fine).mean(axis=(1, 3))
-    np.testing.assert_allclose(cover, counted, rtol=0, atol=4e-4)
-
-
-@given(
-    st.floats(0.01, 12.0),
-    st.floats(0.05, 1.0),
-    st.floats(-4.0, 4.0),
-    st.floats(-9.0, 9.0),
-    st.floats(-9.0, 9.0),
-)
-@settings(max_examples=150, deadline=None)
-def test_an_ellipses_area_is_conserved_wherever_it_lies(major, ratio, turn, x, y):
-    """The patch holds all of it; transposing or mirroring the ellipse transposes or mirrors its cover."""
-    spread = spread_of(major, major * ratio, turn)
-    plane = drawn((x, y), spread)
-    assert plane.min() >= 0
-    assert plane.max() <= 1
-    assert plane.sum() == pytest.approx(math.pi * math.sqrt(np.linalg.det(spread)), rel=2e-12)
-    allowed = {"rtol": 0, "atol": 2e-13 * max(1, major**2)}
-    np.testing.assert_allclose(drawn((y, x), spread[::-1, ::-1]).T, plane, **allowed)
-    np.testing.assert_allclose(drawn((-x, y), spread * [[1, -1], [-1, 1]])[:, ::-1], plane, **allowed)
-
-
 @pytest.mark.parametrize("radius", [0.01, 0.5, 1.09, 1.82, 10.0])
 def test_a_round_ellipse_is_the_disc(radius):
     centre = torch.rand(50, 2, dtype=torch.float64, generator=torch.Generator().manual_seed(1)) * 7
@@ -361,13 +238,6 @@ def test_an_ellipse_seen_edge_on_covers_nothing(excess):
     cover, _, _ = ellipse_cover(centres, spread, ellipse_patch_px(spread))
     assert torch.isfinite(cover).all()
     assert cover.sum(dim=(1, 2)).max() <= math.pi * 4 * math.sqrt(max(excess, 0)) * 1.1
-
-
-def test_no_ellipses_need_no_patch():
-    assert ellipse_patch_px(torch.zeros(0, 2, 2)) == 1
-    cover, left, _ = ellipse_cover(torch.zeros(0, 2).double(), torch.zeros(0, 2, 2).double(), 3)
-    assert cover.shape == (0, 3, 3)
-    assert left.shape == (0,)
 
 
 # Polygons on pixels
@@ -428,53 +298,6 @@ def test_every_pixels_share_of_a_polygon_is_exact(name):
         np.testing.assert_allclose(polygon_cover(same, 10, 11)[0].numpy(), exact, rtol=0, atol=1.5e-14)
 
 
-def test_far_out_in_a_large_frame_the_shares_are_as_exact():
-    corners = torch.tensor([[[300.7, 900.2], [1899.1, 1071.3], [1890.4, 1075.9]]], dtype=torch.float64)
-    part = polygon_cover(corners, 1080, 1920)[0, 1064:1076, 1880:1900].numpy()
-    moved = corners[0] - torch.tensor([1880.0, 1064.0])
-    np.testing.assert_allclose(part, exact_polygon_cover(moved, 12, 20), rtol=0, atol=2e-12)
-
-
-def test_polygon_cover_agrees_with_filled_polygons_at_64_samples():
-    fine = 64
-    for corners in (QUADRILATERAL, ARROW):
-        corner_samples = np.array(corners)[:, ::-1] * fine - 0.5
-        mask = polygon2mask((10 * fine, 11 * fine), corner_samples)
-        counted = mask.reshape(10, fine, 11, fine).mean(axis=(1, 3))
-        cover = polygon_cover(torch.tensor([corners]), 10, 11)[0].numpy()
-        np.testing.assert_allclose(cover, counted, rtol=0, atol=1.5 / fine)
-        assert abs(cover - counted).mean() < 1e-3
-
-
-points = st.tuples(st.floats(-3, 12), st.floats(-3, 12))
-
-
-@given(st.lists(points, min_size=3, max_size=3), st.floats(0.05, 0.95), st.integers(-3, 3))
-@settings(max_examples=150, deadline=None)
-def test_parts_add_up_and_orientation_does_not_matter(corners, share, shift):
-    triangle = torch.tensor([corners], dtype=torch.float64)
-    a, b, c = triangle[0]
-    between = a + share * (b - a)
-    whole = polygon_cover(triangle, 9, 9)
-    parts = [torch.stack(part).unsqueeze(0) for part in ((a, between, c), (c, between, b))]
-    added = polygon_cover(parts[0], 9, 9) + polygon_cover(parts[1], 9, 9)
-    # The point between lies off the line by rounding.
-    torch.testing.assert_close(added, whole, rtol=0, atol=1e-13)
-    torch.testing.assert_close(polygon_cover(triangle.flip(1), 9, 9), whole, rtol=0, atol=1e-13)
-    wide = polygon_cover(triangle + 4 + torch.tensor([shift + 3, 0.0]), 17, 23)
-    assert float(wide.sum()) == pytest.approx(
-        float(exact_area([tuple(map(Fraction, p)) for p in (triangle + 4)[0].tolist()])), abs=1e-11
-    )
-
-
-def test_a_rectangle_is_the_product_of_its_intervals():
-    corners = torch.tensor([[[1.2, 0.4], [6.7, 0.4], [6.7, 3.9], [1.2, 3.9]]], dtype=torch.float64)
-    low, high = corners[:, 0], corners[:, 2]
-    across, down = interval_cover(low[:, 0], high[:, 0], 8), interval_cover(low[:, 1], high[:, 1], 5)
-    expected = down.unsqueeze(-1) * across.unsqueeze(-2)
-    torch.testing.assert_close(polygon_cover(corners, 5, 8), expected, rtol=0, atol=1e-15)
-
-
 def test_a_polygons_cover_does_not_depend_on_its_batch():
     """Nor does rounding leave a trace in the rows that only other polygons of the batch reach."""
     generator = torch.Generator().manual_seed(1)
@@ -492,14 +315,3 @@ def test_a_polygon_off_the_frame_covers_nothing(place):
     assert not polygon_cover(corners, 10, 11).any()
     assert polygon_cover(torch.zeros(0, 4, 2), 10, 11).shape == (0, 10, 11)
     assert not polygon_cover(torch.full((1, 4, 2), 3.5), 10, 11).any()
-
-
-@pytest.mark.parametrize("shape", [(4, 2), (1, 2, 2), (1, 4, 3)])
-def test_corners_of_another_shape_are_refused(shape):
-    with pytest.raises(VoccError, match=r"corners_px has shape .* must be \(B,V,2\)"):
-        polygon_cover(torch.zeros(shape), 4, 4)
-
-
-def test_corners_that_are_not_finite_are_refused():
-    with pytest.raises(VoccError, match="corners_px holds a value that is not finite"):
-        polygon_cover(torch.full((1, 3, 2), math.nan), 4, 4)

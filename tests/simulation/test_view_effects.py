@@ -13,10 +13,9 @@ from vocc_torch.errors import VoccError
 from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.simulation import Camera
 from vocc_torch.simulation.effects import Context
-from vocc_torch.simulation.effects.lens_distortion import LensDistortion
-from vocc_torch.simulation.effects.pose import Pose
+from vocc_torch.simulation.effects.view import LensDistortion, Pose
+from vocc_torch.simulation.perspective import placement_m, view_of
 from vocc_torch.simulation.scene import Distribution
-from vocc_torch.simulation.view import placement_m, view_of
 from vocc_torch.types import Scene
 
 CAMERA = Camera()
@@ -56,7 +55,7 @@ def drawn(pose, frames=64, take="frame", seed=0):
 
 
 @given(st.floats(-80, 80), st.floats(-80, 80), st.floats(-180, 180))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=24, deadline=None)
 def test_the_rotation_is_scipys_and_keeps_the_panels_centre(yaw, pitch, roll):
     """Intrinsic turns about y, x and z; SciPy counts the first two the other way round."""
     if yaw == pitch == roll == 0:
@@ -84,47 +83,11 @@ def test_angles_are_drawn_from_their_distributions_once_a_frame():
     np.testing.assert_allclose(roll, 100.0, rtol=0, atol=1e-9)
 
 
-def test_preambles_share_the_pose_and_seeds_change_it():
-    pose = Pose(yaw_deg=TURNS, roll_deg=TURNS)
-    assert torch.equal(drawn(pose), drawn(pose, take="on"))
-    assert torch.equal(drawn(pose)[:5], drawn(pose, frames=5))
-    assert not (drawn(pose) == drawn(pose, seed=1)).all(dim=2).all(dim=1).any()
-
-
 def test_one_angles_draws_do_not_depend_on_how_another_is_drawn():
     alone = angles_of(drawn(Pose(roll_deg=TURNS)).numpy())[:, 2]
     beside = angles_of(drawn(Pose(TURNS, TURNS, TURNS)).numpy())
     np.testing.assert_allclose(alone, beside[:, 2], rtol=0, atol=1e-9)
     assert abs(np.corrcoef(beside.T)[np.triu_indices(3, 1)]).max() < 0.4
-
-
-def test_constant_angles_need_no_keys_and_drawn_ones_do():
-    scene = Scene.of(2)
-    context = Context(scene, CAMERA)
-    constant = Pose(Distribution("constant", (20.0,)))(placement_m(scene), context)
-    assert torch.equal(constant, Pose(yaw_deg=20.0)(placement_m(scene), context))
-    with pytest.raises(VoccError, match=r"scene\.effects\.pose draws random numbers: give render\(\) keys"):
-        Pose(TURNS)(placement_m(scene), context)
-
-
-@pytest.mark.parametrize(
-    ("angles", "refusal"),
-    [
-        ({"yaw_deg": 80.1}, r"scene\.effects\.pose\.yaw_deg is 80\.1: it must be from -80 to 80"),
-        (
-            {"pitch_deg": Distribution("uniform", (-90.0, 0.0))},
-            r"pose\.pitch_deg is -90: it must be from -80 to",
-        ),
-        ({"roll_deg": -181.0}, r"scene\.effects\.pose\.roll_deg is -181: it must be from -180 to 180"),
-        ({}, r"scene\.effects\.pose\.yaw_deg, pitch_deg and roll_deg are 0: one of the three must not be 0"),
-        ({"yaw_deg": Distribution("uniform", (0.0, 0.0))}, "one of the three must not be 0"),
-        ({"yaw_deg": math.nan}, r"scene\.effects\.pose\.yaw_deg is nan: it must be a number"),
-        ({"yaw_deg": True}, r"scene\.effects\.pose\.yaw_deg is True: it must be a number"),
-    ],
-)
-def test_angles_that_cannot_be_are_refused(angles, refusal):
-    with pytest.raises(VoccError, match=refusal):
-        Pose(**angles)
 
 
 RANGES = [
@@ -212,16 +175,6 @@ def test_the_jacobian_is_autograds(camera, k1, k2, k3):
 
 
 @pytest.mark.parametrize(("camera", "k1", "k2", "k3"), LENSES)
-def test_the_corner_radius_is_mapped_to_the_corner(camera, k1, k2, k3):
-    lens = LensDistortion(k1, k2, k3)
-    radius = lens.corner_radius(camera) * camera.focal_length_px
-    direction = torch.tensor([960.0, 540.0], dtype=torch.float64)
-    place = direction + direction / direction.norm() * radius
-    corner = lens(place.view(1, 1, 2), Context(Scene.of(), camera))
-    torch.testing.assert_close(corner.view(2), 2 * direction, rtol=0, atol=1e-9)
-
-
-@pytest.mark.parametrize(("camera", "k1", "k2", "k3"), LENSES)
 @pytest.mark.parametrize("shape", [(80.0, 80.0), (20.0, 120.0)])
 def test_size_in_px_bounds_every_distorted_image(camera, k1, k2, k3, shape):
     lens, context = LensDistortion(k1, k2, k3), Context(Scene.of(), camera)
@@ -266,23 +219,3 @@ def test_a_point_beyond_where_the_image_turns_back_is_refused():
     lens(torch.tensor([[[edge - 0.1, 540.0]]], dtype=torch.float64), context)
     with pytest.raises(VoccError, match=r"a point of the panel lies 1\.05 focal lengths out, beyond 1\.05"):
         lens(torch.tensor([[[edge + 0.1, 540.0]]], dtype=torch.float64), context)
-
-
-@pytest.mark.parametrize(
-    ("coefficients", "refusal"),
-    [
-        ({}, r"scene\.effects\.lens_distortion\.k1, k2 and k3 are 0: one of the three must not be 0"),
-        (
-            {"k1": math.nan},
-            r"scene\.effects\.lens_distortion\.k1 is nan: it must be at least -100 and at most",
-        ),
-        (
-            {"k2": 101.0},
-            r"scene\.effects\.lens_distortion\.k2 is 101: it must be at least -100 and at most 100",
-        ),
-        ({"k3": -math.inf}, r"scene\.effects\.lens_distortion\.k3 is -inf"),
-    ],
-)
-def test_coefficients_that_cannot_be_are_refused(coefficients, refusal):
-    with pytest.raises(VoccError, match=refusal):
-        LensDistortion(**coefficients)

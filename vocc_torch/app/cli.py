@@ -11,6 +11,7 @@ import traceback
 import warnings
 from collections.abc import Iterator
 from concurrent.futures.process import BrokenProcessPool
+from importlib import import_module
 from pathlib import Path
 
 import hydra
@@ -21,13 +22,16 @@ from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 from yaml import MarkedYAMLError
 
-from vocc_torch.app.complaints import checked, one_line, refuse_overruled
-from vocc_torch.app.config import AppConfig, inside_runs, register_schema, resolved
+from vocc_torch.app.complaints import one_line
+from vocc_torch.app.config import TASKS, AppConfig, inside_runs, register_schema
 from vocc_torch.app.jobs import Failure, Jobs, begin_again, beside_others, write_down
+from vocc_torch.app.resolve import resolved
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.config import as_yaml
 
-TASKS = ("train", "test", "decode", "figures", "effects", "tradeoff", "classifiers", "collect")
+GRID = "grid.run:run_grid"
+"""What runs ``task=test`` where the experiment has rows."""
+
 MULTIRUN = ("-m", "--multirun")
 OUT_OF_MEMORY = (
     "not enough memory: give a smaller batch_frames, or a camera and distances that show smaller LEDs"
@@ -65,47 +69,15 @@ def run_task(settings: AppConfig, folder: Path) -> None:
     """Run the task that the configuration names.
 
     Raises:
-        VoccError: an unknown task, or whatever the task refuses.
+        VoccError: whatever the task refuses.
     """
-    if settings.task not in TASKS:
-        raise VoccError(f"task is {settings.task!r}: it must be one of {', '.join(TASKS)}")
+    place, part = TASKS[settings.task]
+    if settings.task == "test" and settings.experiment.row_axis is not None:
+        place = GRID
+    module, name = place.split(":")
     # torch is imported here and not above, so that --help and misspelled keys answer at once.
-    if settings.task == "train":
-        from vocc_torch.studies.training.run import run_train
-
-        run_train(settings, folder)
-    elif settings.task == "test" and settings.experiment.row_axis is not None:
-        from vocc_torch.studies.grid.run import run_grid
-
-        run_grid(settings, folder)
-    elif settings.task == "test":
-        from vocc_torch.studies.curve.run import run_test
-
-        run_test(settings, folder)
-    elif settings.task == "decode":
-        from vocc_torch.studies.decode.run import run_decode
-
-        run_decode(settings, settings.decode, folder)
-    elif settings.task == "figures":
-        from vocc_torch.studies.paper.run import run_figures
-
-        run_figures(settings, settings.figures, folder)
-    elif settings.task == "effects":
-        from vocc_torch.studies.effects.run import run_effects_task
-
-        run_effects_task(settings, settings.effects, folder)
-    elif settings.task == "tradeoff":
-        from vocc_torch.studies.tradeoff.run import run_tradeoff
-
-        run_tradeoff(settings, settings.tradeoff, folder)
-    elif settings.task == "classifiers":
-        from vocc_torch.studies.classifiers.run import run_classifiers
-
-        run_classifiers(settings, settings.rivals, folder)
-    else:
-        from vocc_torch.studies.collect.run import run_collect
-
-        run_collect(settings, folder)
+    run_it = getattr(import_module(f"vocc_torch.studies.{module}"), name)
+    run_it(settings, *([] if part is None else [getattr(settings, part)]), folder)
 
 
 def _discard_if_empty(folder: Path) -> None:
@@ -124,9 +96,7 @@ def _discard_if_empty(folder: Path) -> None:
 def _complaint(config: DictConfig, folder: Path) -> str | None:
     """Run one job and give the complaint that ended it."""
     try:
-        settings = checked(resolved(config))
-        refuse_overruled(settings, HydraConfig.get().overrides.task)
-        run_task(settings, folder)
+        run_task(resolved(config, HydraConfig.get().overrides.task), folder)
     except BrokenPipeError:
         raise
     except VoccError as error:

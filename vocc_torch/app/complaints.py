@@ -2,28 +2,15 @@
 
 from __future__ import annotations
 
-import dataclasses
 import difflib
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from importlib import resources
+from typing import get_origin
 
-from vocc_torch.app.config import AppConfig, run_folder
+from vocc_torch.app.config import AppConfig
+from vocc_torch.app.help import keys_of
 from vocc_torch.errors import VoccError
-
-OPEN_MAPPINGS = (
-    "scene.effects",
-    "experiment.scene",
-    "experiment.training",
-    "effects.parts",
-    "effects.severity",
-    "classifiers",
-    "tradeoff.scenes",
-    "rivals.experiments",
-    "rivals.points",
-    "rivals.scenes",
-)
-"""Keys under which a user may add keys with +; what they accept is checked where they are used."""
 
 _KINDS = {
     "Integer": "a whole number",
@@ -39,107 +26,22 @@ _NO_OPTION = re.compile(
 """What the command line's grammar reads as another thing than a name."""
 
 
-def known_keys(schema: type = AppConfig, prefix: str = "") -> list[str]:
-    """Every key of the schema, with dots.
+def unknown_key(key: str) -> str:
+    """Say what is wrong with a key that is not there.
 
     Example:
-        >>> "camera.gamma" in known_keys()
-        True
+        >>> unknown_key("camera.gama")
+        'camera.gama is not a known key: did you mean camera.gamma?'
     """
-    keys: list[str] = []
-    for field in dataclasses.fields(schema):
-        keys.append(prefix + field.name)
-        made = field.default_factory() if field.default_factory is not dataclasses.MISSING else None
-        if dataclasses.is_dataclass(made) and not isinstance(made, type):
-            keys += known_keys(type(made), f"{prefix}{field.name}.")
-    return keys
-
-
-def _unknown_key(key: str) -> str:
-    """Refuse a key that is not there."""
-    parent = next((name for name in OPEN_MAPPINGS if key.startswith(f"{name}.")), None)
-    if parent is not None:
+    keys = keys_of(AppConfig)
+    mappings = [name for name, kind in keys.items() if get_origin(kind) is dict]
+    if parent := next((name for name in mappings if key.startswith(f"{name}.")), None):
         return f"{key} is not set here: + adds to {parent}, as in +{key}=..."
     if key == "hydra.launcher.n_jobs":
         return f"{key} is not a known key of this launcher: it belongs to hydra/launcher=joblib"
-    near = difflib.get_close_matches(key, known_keys(), n=1, cutoff=0.6)
+    near = difflib.get_close_matches(key, keys, n=1, cutoff=0.6)
     hint = f"did you mean {near[0]}?" if near else "vocc-torch --help lists the keys"
     return f"{key} is not a known key: {hint}"
-
-
-def checked(settings: AppConfig) -> AppConfig:
-    """Give the settings back, or refuse a key that + has added, a value that ~ has removed, or a bad name.
-
-    Raises:
-        VoccError: the first such key.
-
-    Example:
-        >>> checked(AppConfig(name=".."))
-        Traceback (most recent call last):
-        ...
-        vocc_torch.errors.VoccError: name is '..': it must be a folder below runs/, without .. or links out
-    """
-    run_folder(settings.name)
-    for complaint in _misfits(settings, ""):
-        raise VoccError(complaint)
-    return settings
-
-
-def refuse_overruled(settings: AppConfig, words: Sequence[str]) -> None:
-    """Refuse what a command line asks for and would not get.
-
-    Args:
-        settings: the configuration that came of it.
-        words: its overrides.
-
-    Raises:
-        VoccError: a setting of the camera that the scene makes itself, effects set to none, or several
-            options of one group, which would be mixed.
-
-    Example:
-        >>> refuse_overruled(AppConfig(), ["scene.effects={}"])
-        Traceback (most recent call last):
-        ...
-        vocc_torch.errors.VoccError: scene.effects={} takes none away: write ~scene.effects.NAME for each
-    """
-    for word in words:
-        key, _, value = word.lstrip("+").partition("=")
-        group, _, name = key.partition(".")
-        if group == "camera" and getattr(settings.scene.camera, name, None) is not None:
-            raise VoccError(f"{key} is set by the scene {settings.scene.name}: give scene.{key}={value}")
-        if key == "scene.effects" and value == "{}":
-            raise VoccError("scene.effects={} takes none away: write ~scene.effects.NAME for each")
-        if key in GROUPS and value.startswith("["):
-            raise VoccError(f"{key} is {value}: it must be one option, several in a multirun (-m {key}=a,b)")
-
-
-def _misfits(settings: object, prefix: str) -> Iterator[str]:
-    """Walk the settings and complain of keys that the schema does not have and of values that are missing.
-
-    Lists and mappings are looked into here: one that an interpolation brings is not checked before.
-    """
-    kinds = {field.name: str(field.type) for field in dataclasses.fields(settings)}  # type: ignore[arg-type]  # a dataclass
-    for name, value in vars(settings).items():
-        if name not in kinds:
-            yield _unknown_key(prefix + name)
-        elif dataclasses.is_dataclass(value):
-            yield from _misfits(value, f"{prefix}{name}.")
-        elif value == "???":
-            yield f"{prefix}{name} is missing: it must have a value"
-        elif allowed := _other_kind(value, kinds[name]):
-            yield f"{prefix}{name} is {value!r}: it must be {allowed}"
-
-
-def _other_kind(value: object, kind: str) -> str | None:
-    """Say what a list or a mapping should have been, if it is something else."""
-    if kind.startswith("dict["):
-        return None if isinstance(value, dict) else "a mapping, as in {key:value}"
-    if not kind.startswith("list[") or (value is None and kind.endswith("None")):
-        return None
-    item = {"list[float]": (int, float), "list[str]": (str,)}.get(kind.removesuffix(" | None"), (object,))
-    if isinstance(value, list) and all(isinstance(one, item) and not isinstance(one, bool) for one in value):
-        return None
-    return "a list of texts, as in [a,b]" if item == (str,) else "a list of numbers, as in [1,2]"
 
 
 def one_line(error: BaseException, arguments: Sequence[str] = ()) -> str:
@@ -160,7 +62,8 @@ def one_line(error: BaseException, arguments: Sequence[str] = ()) -> str:
     if override is not None:
         shown = " ".join(str(override).split())
         return f"{shown} cannot be read: write key=value, a list as [a,b], and quote what is special"
-    if "Config group override must be" in text or isinstance(error, TypeError):
+    group = "Config group override must be", "possible interpolation keys"
+    if any(words in text for words in group) or isinstance(error, TypeError):
         for key, _, value in (word.lstrip("+").partition("=") for word in arguments):
             if key in ("", *GROUPS) and _NO_OPTION.fullmatch(value):
                 return f"{key} is {value}: it must be one of the options that vocc-torch --help lists"
@@ -214,9 +117,9 @@ def _of_key(text: str) -> str | None:
         return f"{match.group(1)} cannot be removed: it must have a value"
     unknown = "is not in struct" in text or " not in '" in text or "does not exist" in text
     if unknown and (match := re.search(r"full_key: ([\w.]+)", text)):
-        return _unknown_key(match.group(1))
+        return unknown_key(match.group(1))
     if match := re.search(r"Could not override '?([\w.@/]+)'?", text):
-        return _unknown_key(match.group(1)) if unknown else f"{match.group(1)} is not a known key or group"
+        return unknown_key(match.group(1)) if unknown else f"{match.group(1)} is not a known key or group"
     return None
 
 

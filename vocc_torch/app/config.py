@@ -1,4 +1,4 @@
-"""The whole configuration: what all studies share, and a section for each study that has one."""
+"""The whole configuration: what all studies share, the sections of studies, and the run's folder."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from pathlib import Path
 
 from hydra.core.config_store import ConfigStore
 from omegaconf import DictConfig, OmegaConf
-from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
 
+from vocc_torch.app.help import described
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.config import Settings
 from vocc_torch.studies.classifiers.config import RivalsConfig
@@ -18,16 +18,46 @@ from vocc_torch.studies.effects.config import EffectsConfig
 from vocc_torch.studies.paper.config import FiguresConfig
 from vocc_torch.studies.tradeoff.config import TradeoffConfig
 
+TASKS = {
+    "train": ("training.run:run_train", None),
+    "test": ("curve.run:run_test", None),
+    "decode": ("decode.run:run_decode", "decode"),
+    "figures": ("paper.run:run_figures", "figures"),
+    "effects": ("effects.run:run_effects_task", "effects"),
+    "tradeoff": ("tradeoff.run:run_tradeoff", "tradeoff"),
+    "classifiers": ("classifiers.run:run_classifiers", "rivals"),
+    "collect": ("collect.run:run_collect", None),
+}
+"""What runs each task, below ``vocc_torch.studies``, and the section that is its own."""
+
 
 @dataclass
 class AppConfig(Settings):
-    """The whole configuration."""
+    """The whole configuration.
+
+    Args:
+        decode: what task=decode writes besides the bits.
+        figures: what task=figures makes.
+        effects: what task=effects looks at.
+        tradeoff: what task=tradeoff prices.
+        rivals: what task=classifiers compares.
+    """
 
     decode: DecodeConfig = field(default_factory=DecodeConfig)
     figures: FiguresConfig = field(default_factory=FiguresConfig)
     effects: EffectsConfig = field(default_factory=EffectsConfig)
     tradeoff: TradeoffConfig = field(default_factory=TradeoffConfig)
     rivals: RivalsConfig = field(default_factory=RivalsConfig)
+
+    def __post_init__(self) -> None:
+        """Check what no section can check alone."""
+        super().__post_init__()
+        run_folder(self.name)
+        if self.task not in TASKS:
+            raise VoccError.of("task", repr(self.task), f"one of {', '.join(TASKS)}")
+        if (self.task, self.model, self.receiver.locator) == ("decode", None, "truth"):
+            rule = "paper or refined for task=decode: a recording does not tell its corners"
+            raise VoccError.of("receiver.locator", "'truth'", rule)
 
 
 def inside_runs(folder: str | Path) -> bool:
@@ -53,7 +83,7 @@ def run_folder(name: str) -> str:
     """
     path = Path(name)
     if not path.parts or ".." in path.parts or not inside_runs("runs" / path):
-        raise VoccError(f"name is {name!r}: it must be a folder below runs/, without .. or links out")
+        raise VoccError.of("name", repr(name), "a folder below runs/, without .. or links out")
     return str("runs" / path)
 
 
@@ -66,6 +96,7 @@ def job_folder(name: str, job: int) -> str:
 # Here, because worker processes of a multirun import this and do not register the schema.
 OmegaConf.register_new_resolver("run_folder", run_folder, replace=True)
 OmegaConf.register_new_resolver("job_folder", job_folder, replace=True)
+OmegaConf.register_new_resolver("described", lambda _root_: described(_root_, AppConfig), replace=True)
 
 
 def is_written_configuration(path: Path) -> bool:
@@ -77,27 +108,14 @@ def is_written_configuration(path: Path) -> bool:
     return {line.partition(":")[0] for line in lines} >= {key.name for key in fields(AppConfig)}
 
 
+def schema() -> DictConfig:
+    """Make the schema; its sections take values although some are built as frozen dataclasses."""
+    made: DictConfig = OmegaConf.structured(AppConfig)
+    for frozen in (made.camera, made.receiver.location):
+        OmegaConf.set_readonly(frozen, None)
+    return made
+
+
 def register_schema() -> None:
     """Make the schema known to Hydra; calling it again changes nothing."""
-    ConfigStore.instance().store(name="schema", node=AppConfig)
-
-
-def resolved(config: DictConfig) -> AppConfig:
-    """Turn Hydra's object into plain dataclasses, with every interpolation resolved and type checked.
-
-    Raises:
-        VoccError: a value that is missing or does not resolve.
-    """
-    try:
-        settings = OmegaConf.to_object(config)
-    except MissingMandatoryValue as error:
-        raise VoccError(f"{error.full_key} is missing: it must have a value") from None
-    except OmegaConfBaseException as error:
-        said, _, place = " ".join(str(error).split()).partition(" full_key: ")
-        key = place.split(" ")[0]
-        raise VoccError(f"{key} cannot be resolved: {said}" if key else said) from None
-    if not isinstance(settings, AppConfig):
-        raise VoccError(
-            "the configuration does not follow the schema: keep `schema` first in conf/config.yaml"
-        )
-    return settings
+    ConfigStore.instance().store(name="schema", node=schema())

@@ -21,7 +21,7 @@ from vocc_torch.errors import VoccError
 from vocc_torch.files import write_atomically
 
 FAILED, CONFIG = "failed.txt", "config.yaml"
-_RESULTS, _LEDGERS = "ber.csv", {"ledger.jsonl", "ledgers"}
+_RESULTS, _LEDGERS = "ber.csv", {"ledger.sqlite", "ledgers"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,7 +100,7 @@ class Jobs:
 
     def to_go_on(self) -> str | None:
         """Give the name under which jobs of other processes go on that had counted something, or None."""
-        kept = [folder for folder in self.folders() if any(folder.rglob("*.jsonl"))]
+        kept = [folder for folder in self.folders() if any(folder.rglob("*.sqlite"))]
         if not kept or not self.parallel:
             return None
         where, runs = kept[0].parent, Path.cwd() / "runs"

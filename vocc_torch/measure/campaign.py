@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -12,8 +11,8 @@ from vocc_torch.measure.ledger import Ledger
 from vocc_torch.measure.montecarlo import Label, Outcome, Tally
 from vocc_torch.measure.plan import Locator, Plan
 from vocc_torch.measure.sweep import Sweep, measured, monte_carlo_values, run_sweeps
-from vocc_torch.measure.train import Training, train_each
-from vocc_torch.measure.workers import Workers, worker_losses_told
+from vocc_torch.measure.train import Training, train_plans
+from vocc_torch.measure.workers import Workers
 
 
 @dataclass(frozen=True)
@@ -64,30 +63,8 @@ def train_all(studies: Sequence[Study], workers: Workers) -> dict[str, dict[str,
     Raises:
         VoccError: no panel was found in any training frame.
     """
-    scenes = {study.key: _training_key(study) for study in studies}
-    first = {scenes[study.key]: study for study in reversed(studies)}
-    with worker_losses_told():
-        calls = {name: workers.submit(_Train(study.locators), study.plan) for name, study in first.items()}
-        trainings = {name: call.result() for name, call in calls.items()}
-    return {key: trainings[name] for key, name in scenes.items()}
-
-
-@dataclass(frozen=True)
-class _Train:
-    """Training as it is sent to a worker."""
-
-    locators: tuple[Locator, ...]
-
-    def __call__(self, plan: Plan) -> dict[str, Training]:
-        return train_each(plan, self.locators)
-
-
-def _training_key(study: Study) -> str:
-    """Name the scenes that a study trains on, and everything else that training depends on."""
-    settings = study.identity
-    experiment = settings["experiment"]
-    training = experiment["training"] if isinstance(experiment, Mapping) else None
-    return json.dumps({**settings, "experiment": training}, sort_keys=True)
+    trained = train_plans([study.plan for study in studies], [study.locators for study in studies], workers)
+    return {study.key: one for study, one in zip(studies, trained, strict=True)}
 
 
 @dataclass(frozen=True)

@@ -1,38 +1,253 @@
-"""The configuration's schema for what all studies share, and how it is read and written."""
+"""What every task is told: the configuration's schema, and how it is written and read.
+
+The classes of the domain are the schema: OmegaConf builds them, and they check themselves. No torch is
+imported here, so that the command line answers ``--help`` and misspelled keys at once.
+"""
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field
+import inspect
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, is_dataclass, make_dataclass, replace
+from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, get_type_hints
 
 from omegaconf import MISSING, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 from yaml import YAMLError
 
 from vocc_torch.errors import VoccError
+from vocc_torch.hardware import Camera, LedPanel, PanelShape
+from vocc_torch.receiver.limits import LocatorLimits
+
+if TYPE_CHECKING:
+    from vocc_torch.measure.plan import World
+    from vocc_torch.simulation import SceneModel
 
 # A distribution is a number or a list such as [uniform, 40, 60]; OmegaConf has no type for that union.
 Spec = Any
 
+ARGUMENT = r"^ {4}\w+: .+(?:\n {8}.+)*"
+"""An argument in a docstring, which the help shows."""
+
+
+def demand_word(key: str, name: str) -> None:
+    """Refuse a name that could not be part of a file's name.
+
+    Raises:
+        VoccError: one with a slash, a blank or the like.
+
+    Example:
+        >>> demand_word("experiment.name", "ambient")
+    """
+    if not re.fullmatch(r"\w[\w.-]*", name):
+        raise VoccError.of(key, repr(name), "a word of letters, digits, _, - and .")
+
 
 @dataclass
-class SceneCameraConfig:
-    """What a scene sets on the camera; the rest stays the camera group's."""
+class Budget:
+    """How many frames a study spends.
 
-    focal_length_mm: float | None = None
-    sensor_width_mm: float | None = None
-    width_px: int | None = None
-    height_px: int | None = None
-    exposure_time_s: float | None = None
-    f_number: float | None = None
-    gamma: float | None = None
-    iso_limits: list[float] | None = None
+    Args:
+        frames: test frames a point at most, at least 1.
+        training_frames: frames that a receiver trains on, at least 2.
+        target_frame_errors: stop a point once every receiver has this many frames in error; null spends all.
+        precision: stop a point once every receiver's 95 % interval reaches at most this share of its bit
+            error rate to either side, above 0 and below 1; null spends all.
+        least_ber: with ``precision``, a receiver whose interval lies below this rate needs no more frames; 0
+            to below 1.
+
+    Raises:
+        VoccError: a number outside its range, or two stop rules that contradict each other.
+    """
+
+    frames: int = 1024
+    training_frames: int = 1000
+    target_frame_errors: int | None = None
+    precision: float | None = None
+    least_ber: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check every range."""
+        for name, least in (("frames", 1), ("training_frames", 2), ("target_frame_errors", 1)):
+            value = getattr(self, name)
+            if value is not None and value < least:
+                raise VoccError.of(f"budget.{name}", value, f"at least {least}")
+        share, target = self.precision, self.target_frame_errors
+        if share is not None and not 0 < share < 1:
+            raise VoccError.of("budget.precision", share, "above 0 and below 1, or null")
+        if not 0 <= self.least_ber < 1:
+            raise VoccError.of("budget.least_ber", self.least_ber, "at least 0 and below 1")
+        if self.least_ber and share is None:
+            needs = "it needs budget.precision; without it it must be 0"
+            raise VoccError(f"budget.least_ber is {self.least_ber}: {needs}")
+        if share is not None and target is not None:
+            both = f"budget.precision is {share} and budget.target_frame_errors is {target}"
+            raise VoccError(f"{both}: give one of them, null for the other")
 
 
 @dataclass
-class SceneConfig:
-    """Distributions of the scene's values, its settings of the camera, and the named effects."""
+class Experiment:
+    """One BER curve, or a grid of them: an axis, its values and how the test differs from the training.
+
+    Args:
+        name: its name in the results.
+        axis: a value of a scene, or ``contrast``, by which frames are sorted into bins after they are drawn.
+        values: the points of the axis, ascending; for ``contrast`` the edges of the bins.
+        scene: distributions of the test scenes that replace those of the world.
+        training: distributions of the training scenes that replace those of the world.
+        row_axis: a second value of a scene, for a grid; null for one curve.
+        rows: the values of that, ascending.
+
+    Raises:
+        VoccError: an unknown axis, values that are not finite or not ascending, or rows without axis.
+    """
+
+    name: str
+    axis: str
+    values: tuple[float, ...]
+    scene: dict[str, Any] = field(default_factory=dict)
+    training: dict[str, Any] = field(default_factory=dict)
+    row_axis: str | None = None
+    rows: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Read the distributions, and check the axes and their values."""
+        from vocc_torch.measure.plan import SCENE_FIELDS, parsed_scene  # which needs torch
+
+        self.values, self.rows = tuple(self.values), tuple(self.rows)
+        for part in ("scene", "training"):
+            setattr(self, part, parsed_scene(getattr(self, part), f"experiment.{part}"))
+        axes = (*SCENE_FIELDS, "contrast")
+        if self.axis not in axes:
+            raise VoccError.of("experiment.axis", repr(self.axis), f"one of {', '.join(axes)}")
+        if self.name in ("", "train"):
+            raise VoccError.of("experiment.name", repr(self.name), "a name, and train is training's own")
+        binned = self.axis == "contrast"
+        least = 2 if binned else 1
+        if len(self.values) < least or not _ascending(self.values):
+            rule = f"finite numbers in ascending order, at least {least} of them"
+            raise VoccError.of("experiment.values", list(self.values), rule)
+        if binned and self.values[0] < 0:
+            why = "contrast, (G_on - G_off) / 255, is at least 0"
+            raise VoccError(f"experiment.values has {self.values[0]:g}: {why}")
+        if self.row_axis is not None or self.rows:
+            self._check_rows([name for name in SCENE_FIELDS if name != self.axis])
+
+    def _check_rows(self, known: list[str]) -> None:
+        """Check what makes a grid."""
+        if self.row_axis not in known:
+            raise VoccError.of("experiment.row_axis", repr(self.row_axis), f"one of {', '.join(known)}")
+        if not self.rows or not _ascending(self.rows):
+            raise VoccError.of("experiment.rows", list(self.rows), "finite numbers in ascending order")
+        for name in ("values", "rows"):
+            if (least := min(getattr(self, name))) <= 0:
+                raise VoccError(
+                    f"experiment.{name} has {least:g}: a grid takes logarithms, it must be above 0"
+                )
+
+    @property
+    def bins(self) -> int:
+        """How many points share the frames of one run: the bins of contrast, otherwise 1."""
+        return len(self.values) - 1 if self.axis == "contrast" else 1
+
+    def at_row(self, axis: str, value: float) -> Experiment:
+        """Give one row of a grid: this experiment with one more value of its scenes held.
+
+        Example:
+            >>> row = Experiment("dimming", "led_luminance_cd_m2", (250.0,)).at_row("ambient_lx", 1000.0)
+            >>> row.name, row.scene["ambient_lx"].bounds
+            ('dimming/ambient_lx=1000', (1000.0, 1000.0))
+        """
+        name, held = f"{self.name}/{axis}={value:g}", {**self.scene, axis: value}
+        return replace(self, name=name, scene=held, row_axis=None, rows=())
+
+    def by_row(self) -> dict[float, Experiment]:
+        """Give the rows of a grid by their value; one curve is its own only row, at 0."""
+        if self.row_axis is None:
+            return {0.0: self}
+        return {value: self.at_row(self.row_axis, value) for value in self.rows}
+
+    def model_at(self, world: World, value: float) -> SceneModel:
+        """The scenes of one point of the axis."""
+        from vocc_torch.measure.plan import narrowed
+
+        model = narrowed(world.scene, self.scene)
+        if self.axis == "contrast":
+            return model
+        try:
+            return narrowed(model, {self.axis: value}, "scene")
+        except VoccError as error:
+            raise VoccError.of("experiment.values", error.value, error.rule, "has") from None
+
+    def training_model(self, world: World) -> SceneModel:
+        """The scenes that a receiver trains on."""
+        from vocc_torch.measure.plan import narrowed
+
+        return narrowed(world.scene, self.training, "experiment.training")
+
+
+def _ascending(values: tuple[float, ...]) -> bool:
+    """Say whether values are finite and each is above the one before."""
+    return all(map(math.isfinite, values)) and all(a < b for a, b in pairwise(values))
+
+
+def _schema(name: str, *domains: type, without: str, unset: bool = False) -> type:
+    """Make a section of the schema from the fields of domain classes; ``unset`` makes all of them null."""
+    made = []
+    for domain in domains:
+        hints = get_type_hints(domain)
+        for one in fields(domain):
+            if one.name != without:
+                kind, default = hints[one.name], one.default
+                made.append(
+                    (one.name, kind | None, field(default=None)) if unset else (one.name, kind, default)
+                )
+    schema = make_dataclass(name, made)
+    described = [re.findall(ARGUMENT, inspect.getdoc(domain) or "", re.MULTILINE) for domain in domains]
+    schema.__doc__ = "\n".join([name, "", "Args:", *(line for lines in described for line in lines)])
+    schema.__module__ = __name__  # where it is found when settings are pickled
+    return schema
+
+
+if TYPE_CHECKING:
+    # OmegaConf reads the types of the schema at run time; mypy cannot see classes that are made then.
+
+    @dataclass
+    class CameraChanges:
+        """What a scene sets on the camera; the rest stays the camera section's."""
+
+    @dataclass
+    class PanelSettings:
+        """A panel's shape and the other fields of :class:`vocc_torch.hardware.LedPanel`, side by side."""
+
+        rows: int = 8
+        columns: int = 8
+
+else:
+    # The light meter's constant is no matter of the scene.
+    CameraChanges = _schema("CameraChanges", Camera, without="calibration_constant", unset=True)
+    PanelSettings = _schema("PanelSettings", PanelShape, LedPanel, without="shape")
+
+
+@dataclass
+class SceneSettings:
+    """The scenes that are simulated, and what a receiver learns from.
+
+    Args:
+        name: its name in the results.
+        ambient_lx: illuminance of the ambient light, lx.
+        led_luminance_cd_m2: luminance of an On LED, cd/m2.
+        distance_m: from the lens to the panel, m.
+        background_grey: grey value that auto-ISO gives the background, 1 to 255.
+        offset_x_m: panel centre right of the optical axis, m.
+        offset_y_m: panel centre below the optical axis, m.
+        camera: what the scene sets on the camera; null leaves the camera's own.
+        effects: the effects of the scene by name, each with its parameters; what is not named is not run.
+    """
 
     name: str = ""
     ambient_lx: Spec = MISSING
@@ -41,64 +256,43 @@ class SceneConfig:
     background_grey: Spec = MISSING
     offset_x_m: Spec = MISSING
     offset_y_m: Spec = MISSING
-    camera: SceneCameraConfig = field(default_factory=SceneCameraConfig)
+    camera: CameraChanges = field(default_factory=CameraChanges)
     effects: dict[str, Any] = field(default_factory=dict)
 
 
 @dataclass
-class CameraConfig:
-    """See :class:`vocc_torch.simulation.Camera`."""
+class ReceiverSettings:
+    """Which receivers run, and what they share.
 
-    focal_length_mm: float = MISSING
-    sensor_width_mm: float = MISSING
-    width_px: int = MISSING
-    height_px: int = MISSING
-    exposure_time_s: float = MISSING
-    f_number: float = MISSING
-    calibration_constant: float = MISSING
-    gamma: float = MISSING
-    iso_limits: list[float] | None = None
-
-
-@dataclass
-class PanelConfig:
-    """See :class:`vocc_torch.simulation.LedPanel`."""
-
-    rows: int = MISSING
-    columns: int = MISSING
-    led_diameter_m: float = MISSING
-    led_gap_m: float = MISSING
-    led_reflectance: float = MISSING
-    background_reflectance: float = MISSING
-    board_reflectance: float | None = None
-
-
-@dataclass
-class LocationConfig:
-    """See :class:`vocc_torch.receiver.location.PaperLocator`."""
-
-    closing_px: int = MISSING
-    min_area_px: int = MISSING
-    min_rectangularity: float = MISSING
-    min_compactness: float = MISSING
-    quadrilateral: str = MISSING
-
-
-@dataclass
-class ReceiverConfig:
-    """See :class:`vocc_torch.measure.plan.ReceiverPlan`."""
+    Args:
+        names: receivers in the order of the results.
+        locator: ``paper`` and ``refined`` locate the panel in the frame; ``truth`` takes the true corners.
+        samples_per_led: samples along an LED cell's side, 2 to 64.
+        gradient: ``sobel`` (Kornia's) or ``central`` (Eq. 6).
+        save: the FLDA receiver that is saved and decodes recordings.
+        location: limits of the locator.
+    """
 
     names: list[str] = MISSING
     locator: str = MISSING
     samples_per_led: int = MISSING
     gradient: str = MISSING
     save: str = MISSING
-    location: LocationConfig = field(default_factory=LocationConfig)
+    location: LocatorLimits = field(default_factory=LocatorLimits)
 
 
 @dataclass
-class ClassifierConfig:
-    """See :class:`vocc_torch.measure.plug_in.ClassifierPlan`."""
+class ClassifierSettings:
+    """A classifier that plugs in; see :class:`vocc_torch.measure.plug_in.ClassifierPlan`.
+
+    Args:
+        build: ``_target_`` names its class; the other keys are its arguments.
+        inputs: what it sees of each LED.
+        file: a Python file that defines the class, or null.
+        training: the recipe for a torch module.
+        frames: training panels; null takes budget.training_frames.
+        scene: distributions of its training scenes that replace those of the study.
+    """
 
     build: dict[str, Any] = field(default_factory=dict)
     inputs: dict[str, Any] = field(default_factory=dict)
@@ -109,32 +303,30 @@ class ClassifierConfig:
 
 
 @dataclass
-class ExperimentConfig:
-    """See :class:`vocc_torch.measure.plan.Experiment`."""
-
-    name: str = MISSING
-    axis: str = MISSING
-    values: list[float] = MISSING
-    scene: dict[str, Any] = field(default_factory=dict)
-    training: dict[str, Any] = field(default_factory=dict)
-    row_axis: str | None = None
-    rows: list[float] = field(default_factory=list)
-
-
-@dataclass
-class BudgetConfig:
-    """See :class:`vocc_torch.measure.plan.Budget`."""
-
-    frames: int = MISSING
-    training_frames: int = MISSING
-    target_frame_errors: int | None = None
-    precision: float | None = None
-    least_ber: float = 0.0
-
-
-@dataclass
 class Settings:
-    """What every task is told; a study adds a section of its own."""
+    """What every task is told; a study adds a section of its own.
+
+    Args:
+        task: what is done.
+        name: the run's folder below runs/; the same name goes on where a run was interrupted.
+        seed: of every random draw, at least 0.
+        device: ``auto`` takes CUDA where there is one; ``cpu``, ``cuda``, ``cuda:1``.
+        precision: of the simulation, ``float32`` or ``float64``.
+        framing: ``crop`` renders the panel's surroundings, ``filled`` lays them into a full frame, ``full``
+            renders the whole sensor; the decisions are the same.
+        batch_frames: frames computed at a time; changes speed and memory, never results.
+        workers: processes of one thread each; 0 takes one a core; changes speed, never results.
+        tensorboard: whether boards are written.
+        input: for task=decode a picture, a folder of pictures or a video; for task=collect a sweep's folder.
+        model: a receiver.pt for task=decode; null trains one.
+        scene: what is simulated.
+        camera: the camera.
+        panel: the LED panel.
+        receiver: what receives.
+        experiment: the BER curve.
+        budget: how many frames.
+        classifiers: classifiers that plug in, by name.
+    """
 
     task: str = MISSING
     name: str = MISSING
@@ -147,18 +339,35 @@ class Settings:
     tensorboard: bool = MISSING
     input: str | None = None
     model: str | None = None
-    scene: SceneConfig = field(default_factory=SceneConfig)
-    camera: CameraConfig = field(default_factory=CameraConfig)
-    panel: PanelConfig = field(default_factory=PanelConfig)
-    receiver: ReceiverConfig = field(default_factory=ReceiverConfig)
-    experiment: ExperimentConfig = field(default_factory=ExperimentConfig)
-    budget: BudgetConfig = field(default_factory=BudgetConfig)
-    classifiers: dict[str, ClassifierConfig] = field(default_factory=dict)
+    scene: SceneSettings = field(default_factory=SceneSettings)
+    camera: Camera = field(default_factory=Camera)
+    panel: PanelSettings = field(default_factory=PanelSettings)
+    receiver: ReceiverSettings = field(default_factory=ReceiverSettings)
+    experiment: Experiment = MISSING
+    budget: Budget = field(default_factory=Budget)
+    classifiers: dict[str, ClassifierSettings] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Check the names."""
+        demand_word("experiment.name", self.experiment.name)
 
 
 def as_yaml(settings: Settings) -> str:
-    """Write the resolved configuration as YAML text."""
-    return OmegaConf.to_yaml(OmegaConf.create(asdict(settings)))
+    """Write the configuration as YAML text."""
+    return OmegaConf.to_yaml(OmegaConf.create(_written(settings)))
+
+
+def _written(value: Any) -> Any:
+    """Give what a user would write: plain mappings and lists, and distributions as lists or numbers."""
+    from vocc_torch.simulation import Distribution  # which needs torch
+
+    if isinstance(value, Distribution):
+        return value.values[0] if value.kind == "constant" else [value.kind, *value.values]
+    if is_dataclass(value):
+        return {one.name: _written(getattr(value, one.name)) for one in fields(value)}
+    if isinstance(value, Mapping):
+        return {key: _written(one) for key, one in value.items()}
+    return [_written(one) for one in value] if isinstance(value, list | tuple) else value
 
 
 def effect_settings(effects: dict[str, Any], key: str = "scene.effects") -> dict[str, Any]:
@@ -170,9 +379,7 @@ def effect_settings(effects: dict[str, Any], key: str = "scene.effects") -> dict
     """
     for name, parameters in effects.items():
         if parameters is not None and not isinstance(parameters, dict):
-            raise VoccError(
-                f"{key}.{name} is {parameters!r}: it must be a mapping of parameters, {{}} for none"
-            )
+            raise VoccError.of(f"{key}.{name}", repr(parameters), "a mapping of parameters, {} for none")
     return effects
 
 

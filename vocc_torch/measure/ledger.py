@@ -1,4 +1,4 @@
-"""The ledger: a file that only grows, with one row for each block of a point that has been counted.
+"""The ledger: an SQLite file with a row for each block of a point that has been counted.
 
 A run that is killed at any moment and started again takes the blocks that it had counted from the ledger and
 counts the others. It ends with the numbers of a run that nobody disturbed.
@@ -6,68 +6,78 @@ counts the others. It ends with the numbers of a run that nobody disturbed.
 
 from __future__ import annotations
 
+import hashlib
+import json
 import os
-import zlib
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import suppress
+import re
+import sqlite3
+import stat
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import astuple
 from pathlib import Path
 from types import TracebackType
-from typing import TypeVar
 
+from vocc_torch import __version__
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.counts import Counts
-from vocc_torch.measure.exclusive import ExclusiveFile, cannot_write
-from vocc_torch.measure.ledger_format import (
-    MAGIC,
-    DamagedLine,
-    Key,
-    LedgerRow,
-    check_header,
-    header,
-    is_torn_header,
-)
+from vocc_torch.measure.montecarlo import Label, Tally
 from vocc_torch.measure.paired import PairedCounts
+from vocc_torch.rng import BLOCK_FRAMES
 
-K = TypeVar("K", bound=Key)
-V = TypeVar("V", bound=Counts | PairedCounts)
+SUFFIX = ".sqlite"
+"""How a ledger's name ends."""
+
+_APPLICATION = int.from_bytes(b"vocc", "big")
+_LEAST_BYTES = 512  # of an SQLite file; shorter ones SQLite takes for empty
+_SCHEMA = (
+    "CREATE TABLE identity (settings TEXT, package TEXT)",
+    "CREATE TABLE blocks (point TEXT, block INTEGER, frames INTEGER, counts TEXT, digest TEXT, "
+    "PRIMARY KEY (point, block, frames)) WITHOUT ROWID",
+)
+_KINDS: dict[str, type[Counts] | type[PairedCounts]] = {"counts": Counts, "paired": PairedCounts}
+_ANOTHER = "choose another ledger"
+_DAMAGED = ("is damaged", "bring back a copy, or delete it to count everything again")
+_LONGEST = 200
+"""Most characters of a refusal, unless the path is very long."""
+_ROOM = "make room, then start the same run again"
+_UNWRITABLE = {
+    **dict.fromkeys((sqlite3.SQLITE_FULL, sqlite3.SQLITE_IOERR), _ROOM),
+    **dict.fromkeys((sqlite3.SQLITE_READONLY, sqlite3.SQLITE_CANTOPEN), f"make it writable, or {_ANOTHER}"),
+}
+"""What helps against what SQLite says."""
 
 
 class Ledger:
     """An open ledger, which nobody else can open until it is closed.
 
-    Rows are only ever added. A row belongs to a point, a block and the number of the block's frames that were
-    used: where a budget ended in the middle of a block and a later run needs more of it, the block is counted
-    again and the longer row is added after the shorter one, which stays and is used again by a run of the
-    smaller budget. Rows may come in any order; the same row twice is harmless, and two rows that contradict
-    each other are refused.
+    A row belongs to a point, a block and the number of the block's frames that were used: where a budget
+    ended in the middle of a block and a later run needs more of it, the block is counted again and the longer
+    row is added; the shorter one stays and is used again by a run of the smaller budget. Each row has a
+    checksum, which holds the settings too, so that a changed row and one of another run are known.
 
-    A row is written in one piece and is on the disk before :meth:`append` returns. A run killed while it
-    writes leaves a torn last line, which the next :meth:`open` cuts off. A power failure does the same.
+    A row is one transaction, on the disk before :meth:`append` returns. What a killed run or a power failure
+    left half written is taken back by SQLite at the next :meth:`open`.
 
     Attributes:
         path: the file.
-        repaired: what was cut off the file's end when it was opened, in words; empty if it was whole.
 
     Example:
         >>> import tempfile
         >>> with tempfile.TemporaryDirectory() as folder:
-        ...     path = Path(folder) / "ledger.jsonl"
+        ...     path = Path(folder) / "ledger.sqlite"
         ...     with Ledger.open(path, {"seed": 0}) as ledger:
-        ...         _ = ledger.append("near", 0, 64, {("flda_3", 0): Counts(64, 4096)})
+        ...         ledger.append("near", 0, 64, {("flda_3", 0): Counts(64, 4096)})
         ...     with Ledger.open(path, {"seed": 0}) as ledger:
-        ...         sorted(ledger.blocks("near")), len(ledger), ledger.repaired
-        ([0], 1, '')
+        ...         len(ledger), ledger.find("near", 0, 64)["flda_3", 0].bits
+        (1, 4096)
     """
 
-    path: Path
-    repaired: str
-
-    def __init__(self, path: Path, file: ExclusiveFile, end: int, repaired: str) -> None:
-        """Take what :meth:`open` has checked; use that."""
-        self.path, self.repaired = path, repaired
-        self._file, self._end = file, end
-        # Rows are kept as compressed lines: as objects they would take some twenty times the memory.
-        self._rows: dict[str, dict[tuple[int, int], bytes]] = {}
+    def __init__(self, path: Path, connection: sqlite3.Connection, settings: str) -> None:
+        """Take what :meth:`open` has opened; use that."""
+        self.path = path
+        self._run, self._close = connection.execute, connection.close
+        self._settings, self._inode = settings, -1
 
     @classmethod
     def open(cls, path: str | Path, settings: Mapping[str, object]) -> Ledger:
@@ -81,30 +91,68 @@ class Ledger:
 
         Raises:
             VoccError: the file is in use by another run, cannot be written, is damaged, is no ledger, or is
-                that of another version or of other settings, with the settings that differ.
+                that of another version or of other settings, with what changed.
         """
-        path, first = Path(path), header(settings)
-        file = ExclusiveFile.open(path)
+        path, text = Path(path), canonical(settings)
+        with _told(path):
+            _refuse_strangers(path)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            connection = sqlite3.connect(path, timeout=0, isolation_level=None)
+        ledger = cls(path, connection, text)
         try:
-            content = _content(path, file.descriptor)
-            if is_torn_header(content):
-                repaired = f"{path}: cut off a torn first line of {len(content)} bytes" if content else ""
-                ledger = cls(path, file, 0, repaired)
-                if content:
-                    ledger._cut()
-                ledger._write(first)
-                _sync_folder(path.parent)
-                return ledger
-            ledger = cls(path, file, 0, "")
-            ledger._end = _parsed(path, content, settings, ledger._file_away)
-            if torn := len(content) - ledger._end:
-                ledger.repaired = f"{path}: cut off a torn last line of {torn} bytes"
-                ledger._cut()
-            return ledger
+            with _told(path):
+                ledger._begin()
+                ledger._inode = path.stat().st_ino
         except BaseException:
-            _remove_empty(path, file.descriptor)
-            file.close()
+            ledger.close()
+            with suppress(OSError):
+                if not path.stat().st_size:  # not even the settings could be written
+                    path.unlink()
             raise
+        return ledger
+
+    def _begin(self) -> None:
+        """Lock the file until it is closed, and write the settings or check all that is there."""
+        self._run("PRAGMA locking_mode=EXCLUSIVE")
+        self._run("PRAGMA trusted_schema=OFF")
+        self._run("BEGIN EXCLUSIVE")
+        # What a killed run left has been taken back by now; its journal would stay where nothing is written.
+        self.path.with_name(f"{self.path.name}-journal").unlink(missing_ok=True)
+        schema = tuple(row[0] for row in self._run("SELECT sql FROM sqlite_master WHERE sql IS NOT NULL"))
+        if schema:
+            self._check(schema)
+        else:
+            for statement in _SCHEMA:
+                self._run(statement)
+            self._run(f"PRAGMA application_id={_APPLICATION}")
+            self._run("INSERT INTO identity VALUES (?, ?)", (self._settings, __version__))
+        self._run("COMMIT")
+
+    def _check(self, schema: tuple[str, ...]) -> None:
+        """Refuse a file that is not a whole ledger of these settings."""
+        if self._run("PRAGMA application_id").fetchone() != (_APPLICATION,):
+            raise self._refusal("is no ledger of vocc-torch", _ANOTHER)
+        release = f"continue it with the release that began it, or {_ANOTHER}"
+        if schema != _SCHEMA:
+            raise self._refusal("has another format than that of this release", release)
+        ((there, package),) = self._run("SELECT settings, package FROM identity").fetchall()
+        if package != __version__:
+            raise self._refusal(f"is of vocc-torch {package} and this is {__version__}", release)
+        if there != self._settings:
+            changes = what_changed(json.loads(there), json.loads(self._settings))
+            raise self._refusal("; ".join(changes) or _DAMAGED[0], f"go back, or {_ANOTHER}")
+        if self._run("PRAGMA integrity_check(1)").fetchone() != ("ok",):
+            raise self._refusal(*_DAMAGED)
+        for *row, digest in self._run("SELECT point, block, frames, counts, digest FROM blocks"):
+            if _digest(self._settings, *row) != digest:
+                raise self._refusal(*_DAMAGED)
+            _read(*row)
+
+    def _refusal(self, told: str, help_: str) -> VoccError:
+        """Word a refusal in one line that is not too long."""
+        start, end = f"ledger {_shown(self.path)}: ", f": {help_}"
+        room = max(20, _LONGEST - len(start) - len(end))
+        return VoccError(start + _cut(told, room) + end)
 
     def __enter__(self) -> Ledger:
         """Give the ledger itself."""
@@ -118,144 +166,174 @@ class Ledger:
 
     def close(self) -> None:
         """Let the next run have the file; closing twice is harmless."""
-        self._file.close()
+        self._close()
 
     def __len__(self) -> int:
-        """Count the rows, each once."""
-        return sum(len(rows) for rows in self._rows.values())
+        """Count the rows."""
+        with _told(self.path):
+            return int(self._run("SELECT count(*) FROM blocks").fetchone()[0])
 
-    def __iter__(self) -> Iterator[LedgerRow]:
-        """Walk the rows, a point at a time."""
-        for rows in self._rows.values():
-            yield from map(_unpacked, rows.values())
+    def find(self, point: str, block: int, frames: int) -> dict[Label, Tally] | None:
+        """Give what was counted in exactly this many frames of a block, or None."""
+        with _told(self.path):
+            key = (point, block, frames)
+            where = "point=? AND block=? AND frames=?"
+            row = self._run(f"SELECT counts FROM blocks WHERE {where}", key).fetchone()
+            return None if row is None else _read(*key, row[0])
 
-    def blocks(self, point: str) -> dict[int, LedgerRow]:
-        """Give the longest row of each block of a point, by ascending block."""
-        longest = {block: row for (block, _), row in sorted(self._rows.get(point, {}).items())}
-        return {block: _unpacked(row) for block, row in longest.items()}
-
-    def find(self, point: str, block: int, frames: int) -> LedgerRow | None:
-        """Give the row of exactly this many frames of a block, or None."""
-        row = self._rows.get(point, {}).get((block, frames))
-        return None if row is None else _unpacked(row)
-
-    def append(self, point: str, block: int, frames: int, counts: Mapping[K, V]) -> LedgerRow:
+    def append(self, point: str, block: int, frames: int, counts: Mapping[Label, Tally]) -> None:
         """Add a row; one that is already there is not written twice.
 
         Args:
             point: the point's name, which keys its random draws.
             block: index of the block, at least 0.
             frames: how many of its frames were used, from the first on, 1 to 64.
-            counts: by label.
+            counts: by label; none where no frame fell into a group.
 
         Raises:
-            VoccError: a row that contradicts one that is there, or the disk is full or refuses. The file is
-                then as it was before.
+            VoccError: a value outside its range, a row that contradicts one that is there, or the disk is
+                full or refuses. The file is then as it was before.
         """
-        kept: dict[Key, Counts | PairedCounts] = {key: one for key, one in counts.items()}
-        row = LedgerRow(point, block, frames, kept)
-        line = row.line()
-        if (block, frames) not in self._rows.get(point, {}):
-            self._write(line)
-        self._file_away(row, line)
-        return row
-
-    def _file_away(self, row: LedgerRow, line: bytes) -> None:
-        """Remember a row, or refuse one that contradicts what is there."""
-        packed, rows = zlib.compress(line.rstrip(b"\n"), 1), self._rows.setdefault(row.point, {})
-        known = rows.setdefault((row.block, row.frames), packed)
-        if known != packed and _unpacked(known).counts != row.counts:
-            raise VoccError(
-                f"ledger {self.path} has other counts for block {row.block} of {row.point}: something that "
-                "the results depend on is missing from its settings; choose another ledger"
-            )
-
-    def _write(self, line: bytes) -> None:
-        """Put a line at the end and on the disk, or leave the file as it was."""
-        if self._file.descriptor < 0:
-            raise VoccError(f"ledger {self.path} is closed: open it again")
-        status = os.fstat(self._file.descriptor)
-        if status.st_size != self._end or not status.st_nlink:
-            raise VoccError(
-                f"ledger {self.path} was changed or deleted under this run: start the run again to go on"
-            )
-        try:
-            left = memoryview(line)
-            while left:
-                left = left[os.write(self._file.descriptor, left) :]
-            os.fsync(self._file.descriptor)
-        except BaseException as error:
-            with suppress(VoccError):  # it would leave a torn last line, which the next open cuts off
-                self._cut()
-            if isinstance(error, OSError):
-                raise cannot_write(self.path, error) from error
-            raise
-        self._end += len(line)
-
-    def _cut(self) -> None:
-        """Cut off what follows the last whole line."""
-        try:
-            os.ftruncate(self._file.descriptor, self._end)
-            os.fsync(self._file.descriptor)
-        except OSError as error:
-            raise cannot_write(self.path, error) from error
+        names = {kind: name for name, kind in _KINDS.items()}
+        text = json.dumps([[names[type(one)], label, astuple(one)] for label, one in counts.items()])
+        row = point, block, frames, text
+        _read(*row)
+        with _told(self.path):
+            if not self.path.exists() or self.path.stat().st_ino != self._inode:
+                raise self._refusal("was deleted under this run", "start it again to go on")
+            line = (*row, _digest(self._settings, *row))
+            added = self._run("INSERT OR IGNORE INTO blocks VALUES (?, ?, ?, ?, ?)", line).rowcount
+        if not added and self.find(point, block, frames) != dict(counts):
+            told = f"has other counts for block {block} of {point}"
+            raise self._refusal(told, f"its settings miss what they depend on, {_ANOTHER}")
 
 
-def _content(path: Path, descriptor: int) -> bytes:
-    """Read the whole file, or of a file that is no ledger only its beginning."""
+def _refuse_strangers(path: Path) -> None:
+    """Refuse what no ledger can be, before SQLite has it."""
+    older = path.with_suffix(".jsonl")
+    if older.exists() and not path.exists():
+        raise VoccError(f"{_shown(older)} is a ledger of an older version of vocc-torch: {_ANOTHER}")
+    if path.is_symlink() or (path.exists() and not stat.S_ISREG(path.stat().st_mode)):
+        raise VoccError(
+            f"{_shown(path)} is a link, a folder, a device or a pipe: it must be an ordinary file"
+        )
+    if path.exists() and 0 < path.stat().st_size < _LEAST_BYTES:
+        raise VoccError(f"{_shown(path)} is no ledger of vocc-torch: {_ANOTHER}")
+    if path.exists() and not os.access(path, os.W_OK):  # SQLite would open it for reading alone
+        raise PermissionError(None, "it is read-only")
+
+
+def _read(point: object, block: object, frames: object, text: str) -> dict[Label, Tally]:
+    """Read the counts of a row, or refuse what no run can have counted."""
+    if type(block) is not int or block < 0:
+        raise VoccError(f"block is {block!r}: it must be an integer of at least 0")
+    if type(frames) is not int or not 1 <= frames <= BLOCK_FRAMES:
+        raise VoccError(f"frames is {frames!r}: it must be an integer of 1 to {BLOCK_FRAMES}")
+    counts: dict[Label, Tally] = {}
+    for name, label, numbers in json.loads(text):
+        one = counts[tuple(label)] = _KINDS[name](*numbers)
+        if astuple(one) != tuple(numbers):
+            raise VoccError(f"counts of {label} are {numbers}: it must be {len(astuple(one))} numbers")
+        if not all(type(part) in (str, int) for part in label):
+            raise VoccError(f"counts are filed under {label}: it must be text and integers")
+        if one.frames > frames:
+            told = f"counts of {label} have {one.frames} frames"
+            raise VoccError(f"{told}: block {block} of {point} has at most {frames}")
+    return counts
+
+
+@contextmanager
+def _told(path: Path) -> Iterator[None]:
+    """Say in one line what SQLite or the system refused, and what helps."""
     try:
-        with open(descriptor, "rb", closefd=False) as file:
-            first = file.read(len(MAGIC))
-            return first + file.read() if first == MAGIC else first + file.read(1)
-    except OSError as error:
-        raise VoccError(f"cannot read ledger {path}: {error.strerror or error}") from error
+        yield
+    except VoccError:
+        raise
+    except sqlite3.ProgrammingError:
+        raise VoccError(f"ledger {_shown(path)} is closed: open it again") from None
+    except (sqlite3.Error, OSError, ValueError, TypeError, KeyError, RecursionError) as error:
+        kind = getattr(error, "sqlite_errorcode", sqlite3.SQLITE_CORRUPT) & 0xFF
+        if kind == sqlite3.SQLITE_NOTADB:
+            raise VoccError(f"{_shown(path)} is no ledger of vocc-torch: {_ANOTHER}") from None
+        if kind in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED):
+            told = f"is in use by another run: wait until that one ends, or {_ANOTHER}"
+            raise VoccError(f"{_shown(path)} {told}") from None
+        if not isinstance(error, OSError) and kind not in _UNWRITABLE:
+            raise VoccError(f"ledger {_shown(path)} {_DAMAGED}") from None
+        reason, help_ = (
+            getattr(error, "strerror", None) or error,
+            _UNWRITABLE.get(kind, _UNWRITABLE[sqlite3.SQLITE_READONLY]),
+        )
+        raise VoccError(f"cannot write {_shown(path)}: {reason}: {help_}") from error
 
 
-def _parsed(
-    path: Path, content: bytes, settings: Mapping[str, object], keep: Callable[[LedgerRow, bytes], None]
-) -> int:
-    """Hand the rows of a ledger on and say where the last whole line ends; only the last may be torn."""
-    first, *lines = content.split(b"\n")
-    end = len(first) + 1
+def _shown(path: Path) -> Path:
+    """Give a path as it is told: short where it lies in the working directory."""
+    return path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path
+
+
+def _cut(text: str, length: int) -> str:
+    """Shorten a text that is too long for a line."""
+    return text if len(text) <= length else text[: max(0, length - 3)] + "..."
+
+
+def _digest(*values: object) -> str:
+    """Give the checksum of some values."""
+    return hashlib.sha256(json.dumps(values).encode()).hexdigest()
+
+
+def canonical(settings: Mapping[str, object]) -> str:
+    """Write settings as JSON with sorted keys, so that what is equal is written the same.
+
+    Whole floats become integers and tuples become lists: 25, 25.0 and a value read back are one.
+
+    Raises:
+        VoccError: a value that JSON does not have.
+
+    Example:
+        >>> canonical({"seed": 0, "camera": {"focal_length_mm": 25.0, "iso_limits": (100, 3200)}})
+        '{"camera": {"focal_length_mm": 25, "iso_limits": [100, 3200]}, "seed": 0}'
+    """
     try:
-        check_header(first, settings)
-    except VoccError as error:
-        raise VoccError(f"ledger {path} {error}") from None
-    tail = lines.pop()  # what follows the last newline: nothing, or a torn line
-    for number, line in enumerate(lines):
-        try:
-            row = LedgerRow.read(line)
-        except DamagedLine:
-            if number == len(lines) - 1 and not tail:
-                break
-            raise VoccError(
-                f"ledger {path} is damaged in line {number + 2} of {len(lines) + 1}: "
-                "bring back a copy, or delete it to count everything again"
-            ) from None
-        except VoccError as error:
-            raise VoccError(f"ledger {path} {error}") from None
-        keep(row, line)
-        end += len(line) + 1
-    return end
+        return json.dumps(_plain(settings), sort_keys=True, allow_nan=False)
+    except (TypeError, ValueError) as error:
+        raise VoccError(f"settings cannot be written: {error}") from None
 
 
-def _unpacked(row: bytes) -> LedgerRow:
-    """Read a row that is kept as its compressed line."""
-    return LedgerRow.read(zlib.decompress(row))
+def _plain(value: object) -> object:
+    """Turn whole floats into integers, at any depth."""
+    if isinstance(value, float) and value.is_integer():
+        return int(value)
+    if isinstance(value, (list, tuple)):
+        return [_plain(one) for one in value]
+    return {name: _plain(one) for name, one in value.items()} if isinstance(value, Mapping) else value
 
 
-def _remove_empty(path: Path, descriptor: int) -> None:
-    """Delete a file in which not even a header could be written, while nobody else can hold it."""
-    with suppress(OSError):
-        if not os.fstat(descriptor).st_size:
-            path.unlink()
+def what_changed(there: object, here: object) -> list[str]:
+    """Say in which settings a ledger and this run differ, the files of classifiers first.
+
+    Example:
+        >>> what_changed({"seed": 0, "world": {"dtype": "a"}}, {"seed": 1, "world": {"dtype": "b"}})
+        ['dtype was a, is b', 'seed was 0, is 1']
+    """
+    old, new = dict(_leaves(there)), dict(_leaves(here))
+    differing = {name for name in {*old, *new} if old.get(name) != new.get(name)}
+    digests = sorted(name for name in differing if name.endswith(".digest") and {*old} & {*new} & {name})
+    told = [f"{new.get(name[:-6] + 'file')} changed since this run began" for name in digests]
+    for name in sorted(differing - set(digests)):
+        # A changed file is told of already.
+        if not (digests and name.startswith("made_with.classifiers.")):
+            was, now = (_cut(one.get(name, "not set"), 40) for one in (old, new))
+            told.append(f"{re.sub('^(world|made_with)[.]', '', name)} was {was}, is {now}")
+    return told
 
 
-def _sync_folder(folder: Path) -> None:
-    """Put a new file's entry in its folder on the disk, where a system can do that."""
-    with suppress(OSError):
-        descriptor = os.open(folder, os.O_RDONLY)
-        try:
-            os.fsync(descriptor)
-        finally:
-            os.close(descriptor)
+def _leaves(value: object, name: str = "") -> Iterator[tuple[str, str]]:
+    """Walk nested mappings and lists of mappings: each value's dotted name, and how it is written."""
+    if isinstance(value, list) and any(isinstance(one, dict) for one in value):
+        value = {str(index): one for index, one in enumerate(value)}
+    if isinstance(value, dict) and value:
+        for key, inner in value.items():
+            yield from _leaves(inner, f"{name}.{key}" if name else key)
+    else:
+        yield name, value if isinstance(value, str) else json.dumps(value).replace('"', "")

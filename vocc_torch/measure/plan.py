@@ -1,21 +1,19 @@
-"""What a study is made of, as plain values: no configuration library reaches this floor."""
+"""What a study is made of: what is simulated, what receives, and how much is measured."""
 
 from __future__ import annotations
 
 import dataclasses
-import math
-import re
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 import torch
 
 from vocc_torch.devices import resolve_device as resolve_device
-from vocc_torch.errors import VoccError
-from vocc_torch.measure.budget import Budget as Budget
+from vocc_torch.errors import VoccError, section
+from vocc_torch.measure.config import Budget as Budget
+from vocc_torch.measure.config import Experiment as Experiment
 from vocc_torch.measure.plug_in import ClassifierPlan
 from vocc_torch.receiver.bank import FLDA_FEATURES, check_receivers
 from vocc_torch.receiver.location import PaperLocator
@@ -29,39 +27,44 @@ Locator = Literal["truth", LocatorName]
 SCENE_FIELDS = tuple(f.name for f in dataclasses.fields(SceneModel))
 
 
-def narrowed(
-    model: SceneModel, changes: Mapping[str, Distribution], section: str = "experiment.scene"
-) -> SceneModel:
+def narrowed(model: SceneModel, changes: Mapping[str, Any], key: str = "experiment.scene") -> SceneModel:
     """Give the scene model with some of its distributions replaced.
 
     Args:
         model: the scenes.
         changes: distributions by the name of a value of a scene.
-        section: the key under which a refusal names them.
+        key: the key under which a refusal names them.
 
     Raises:
         VoccError: an unknown name, or a value outside its physical range.
 
     Example:
-        >>> narrowed(SceneModel(), {"distance_m": Distribution("constant", (50.0,))}).nearest_m
+        >>> narrowed(SceneModel(), {"distance_m": 50}).nearest_m
         50.0
     """
-    for name in changes:
+    read = parsed_scene(changes, key)
+    with section(key, before="scene"):
+        return dataclasses.replace(model, **read)
+
+
+def parsed_scene(specs: Mapping[str, Any], key: str = "scene") -> dict[str, Distribution]:
+    """Read distributions by name, as a configuration writes them; ``key`` is theirs in a refusal.
+
+    Raises:
+        VoccError: an unknown name or a specification that cannot be read.
+
+    Example:
+        >>> parsed_scene({"distance_m": ["uniform", 40, 60]})["distance_m"].bounds
+        (40.0, 60.0)
+    """
+    for name in specs:
         if name not in SCENE_FIELDS:
-            raise VoccError(
-                f"{section}.{name} is not a value of a scene: known are {', '.join(SCENE_FIELDS)}"
-            )
-    with _named(section):
-        return dataclasses.replace(model, **changes)
-
-
-@contextmanager
-def _named(section: str) -> Iterator[None]:
-    """Let a refusal of ``scene.<name>`` name the key that the value came from."""
-    try:
-        yield
-    except VoccError as error:
-        raise VoccError(re.sub(r"^scene\b", section, str(error))) from None
+            raise VoccError(f"{key}.{name} is not a value of a scene: known are {', '.join(SCENE_FIELDS)}")
+    with section(key, before="scene"):
+        return {
+            name: spec if isinstance(spec, Distribution) else Distribution.parse(spec, name)
+            for name, spec in specs.items()
+        }
 
 
 @dataclass(frozen=True)
@@ -143,77 +146,6 @@ class ReceiverPlan:
 
 
 @dataclass(frozen=True)
-class Experiment:
-    """One BER curve: an axis, its values and how the test scenes differ from the training scenes.
-
-    Args:
-        name: its name in the results.
-        axis: a value of a scene, or ``contrast``, by which frames are sorted into bins after they are drawn.
-        values: the points of the axis, ascending; for ``contrast`` the edges of the bins.
-        scene: distributions of the test scenes that replace those of the world.
-        training: distributions of the training scenes that replace those of the world.
-
-    Raises:
-        VoccError: an unknown axis, or values that are missing, not ascending or not finite.
-    """
-
-    name: str
-    axis: str
-    values: tuple[float, ...]
-    scene: Mapping[str, Distribution] = field(default_factory=dict)
-    training: Mapping[str, Distribution] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        """Check the axis and its values."""
-        if self.axis not in (*SCENE_FIELDS, "contrast"):
-            known = ", ".join((*SCENE_FIELDS, "contrast"))
-            raise VoccError(f"experiment.axis is {self.axis!r}: it must be one of {known}")
-        if self.name in ("", "train"):
-            raise VoccError(
-                f"experiment.name is {self.name!r}: it must be a name, and train is training's own"
-            )
-        least = 2 if self.axis == "contrast" else 1
-        ascending = all(a < b for a, b in zip(self.values, self.values[1:], strict=False))
-        if len(self.values) < least or not ascending or not all(map(math.isfinite, self.values)):
-            rule = f"finite numbers in ascending order, at least {least} of them"
-            raise VoccError(f"experiment.values is {list(self.values)}: it must be {rule}")
-        if self.axis == "contrast" and self.values[0] < 0:
-            raise VoccError(
-                f"experiment.values has {self.values[0]:g}: contrast, (G_on - G_off) / 255, is at least 0"
-            )
-
-    @property
-    def bins(self) -> int:
-        """How many points share the frames of one run: the bins of contrast, otherwise 1."""
-        return len(self.values) - 1 if self.axis == "contrast" else 1
-
-    def at_row(self, axis: str, value: float) -> Experiment:
-        """Give one row of a grid: this experiment with one more value of its scenes held.
-
-        Example:
-            >>> row = Experiment("dimming", "led_luminance_cd_m2", (250.0,)).at_row("ambient_lx", 1000.0)
-            >>> row.name, row.scene["ambient_lx"].bounds
-            ('dimming/ambient_lx=1000', (1000.0, 1000.0))
-        """
-        held = {**self.scene, axis: Distribution("constant", (value,))}
-        return dataclasses.replace(self, name=f"{self.name}/{axis}={value:g}", scene=held)
-
-    def model_at(self, world: World, value: float) -> SceneModel:
-        """The scenes of one point of the axis."""
-        model = narrowed(world.scene, self.scene)
-        if self.axis == "contrast":
-            return model
-        try:
-            return dataclasses.replace(model, **{self.axis: Distribution("constant", (value,))})
-        except VoccError as error:
-            raise VoccError(str(error).replace(f"scene.{self.axis} is", "experiment.values has", 1)) from None
-
-    def training_model(self, world: World) -> SceneModel:
-        """The scenes that a receiver trains on."""
-        return narrowed(world.scene, self.training, "experiment.training")
-
-
-@dataclass(frozen=True)
 class Plan:
     """A whole study.
 
@@ -265,28 +197,11 @@ class Plan:
             rule = "it must be above 0, or give camera.iso_limits: auto-ISO has no answer to no light"
             raise VoccError(f"{said or 'scene.ambient_lx is 0'}: {rule}")
 
+    def rows(self) -> dict[float, Plan]:
+        """Give a plan for each row of the experiment's grid, by its value; one curve is its own at 0."""
+        return {at: dataclasses.replace(self, experiment=one) for at, one in self.experiment.by_row().items()}
+
     @property
     def frames_in_point(self) -> int:
         """Frames that one Monte Carlo point draws at most: the budget, times the bins if there are any."""
         return self.budget.frames * self.experiment.bins
-
-
-def parsed_scene(
-    specs: Mapping[str, float | Sequence[object]], section: str = "scene"
-) -> dict[str, Distribution]:
-    """Read distributions by name, as a configuration writes them; ``section`` is their key in a refusal.
-
-    Raises:
-        VoccError: an unknown name or a specification that cannot be read.
-
-    Example:
-        >>> parsed_scene({"distance_m": ["uniform", 40, 60]})["distance_m"].bounds
-        (40.0, 60.0)
-    """
-    for name in specs:
-        if name not in SCENE_FIELDS:
-            raise VoccError(
-                f"{section}.{name} is not a value of a scene: known are {', '.join(SCENE_FIELDS)}"
-            )
-    with _named(section):
-        return {name: Distribution.parse(spec, name) for name, spec in specs.items()}

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from vocc_torch.errors import VoccError
 from vocc_torch.receiver.classifiers.inputs import Inputs
-from vocc_torch.receiver.classifiers.recipe import TrainingRecipe
+from vocc_torch.receiver.classifiers.training import TrainingRecipe
 from vocc_torch.simulation import Distribution
 
 TARGET = "_target_"

@@ -6,9 +6,10 @@ import inspect
 import pickle
 import random
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 import torch
@@ -25,29 +26,28 @@ from vocc_torch.receiver.classifiers.protocol import Guarded
 from vocc_torch.receiver.classifiers.sklearn_adapter import SklearnClassifier, is_estimator
 from vocc_torch.receiver.classifiers.torch_classifier import TorchClassifier
 from vocc_torch.receiver.locators import PanelLocator
-from vocc_torch.rng import BLOCK_FRAMES
+from vocc_torch.receiver.reader import Readings
+from vocc_torch.rng import BLOCK_FRAMES, BlockKey
 from vocc_torch.simulation import SceneModel
 
 
-@dataclass(frozen=True)
-class TrainedClassifier:
-    """A classifier, and what it took to get it.
+@dataclass(frozen=True, slots=True)
+class Making:
+    """What it took to make a receiver.
 
     Args:
-        guarded: the trained classifier.
-        seconds: wall time of training, of which ``simulated_s`` went into its frames.
-        simulated_s: see there.
-        frames: panels that it was shown.
-        parameters: numbers that decide, or None where it does not say.
-        size_bytes: of the trained classifier, pickled.
+        training_s: wall time of training, s, the simulation of its frames included; 0 without training.
+        simulated_s: what of it went into the frames, s, where that is known.
+        frames: training frames that it was shown.
+        parameters: numbers that decide, where the receiver says it.
+        size_bytes: of the trained receiver, pickled.
     """
 
-    guarded: Guarded
-    seconds: float
-    simulated_s: float
-    frames: int
-    parameters: int | None
-    size_bytes: int
+    training_s: float = 0.0
+    simulated_s: float | None = None
+    frames: int = 0
+    parameters: int | None = None
+    size_bytes: int | None = None
 
 
 def built(plan: ClassifierPlan) -> Guarded:
@@ -92,22 +92,83 @@ def _takes(kind: type, argument: str) -> bool:
     return argument in inspect.signature(kind).parameters
 
 
+class Blocks:
+    """Collects frames into blocks, so that sums over a block do not depend on the batches of a simulation."""
+
+    def __init__(self) -> None:
+        self._waiting: list[tuple[Tensor, ...]] = []
+
+    def add(self, *tensors: Tensor) -> Iterator[tuple[Tensor, ...]]:
+        """Take the next frames, tensors of equal length, and give the blocks that are now whole."""
+        self._waiting.append(tensors)
+        while sum(len(parts[0]) for parts in self._waiting) >= BLOCK_FRAMES:
+            whole = [torch.cat(parts) for parts in zip(*self._waiting, strict=True)]
+            self._waiting = [tuple(part[BLOCK_FRAMES:] for part in whole)]
+            yield tuple(part[:BLOCK_FRAMES] for part in whole)
+
+    def rest(self) -> Iterator[tuple[Tensor, ...]]:
+        """Give what there is of the last block, if anything."""
+        if any(len(parts[0]) for parts in self._waiting):
+            yield tuple(torch.cat(parts) for parts in zip(*self._waiting, strict=True))
+        self._waiting = []
+
+
+Read: TypeAlias = tuple[Readings, Tensor, Tensor]
+"""Readings of some frames, their bits, and whether the panel was found."""
+
+
 @dataclass
-class PanelStream:
-    """Training panels as a classifier sees them, simulated anew whenever they are asked for.
+class TrainingPanels:
+    """Training frames of one kind of scenes, simulated anew whenever they are asked for, or kept.
 
     Args:
         link: simulation and reader.
         locator: what finds the panel, or None for true corners.
         model: the training scenes.
         seed: root seed.
-        inputs: what the classifier sees.
+        kept: what was read of each block; None to keep nothing.
     """
 
     link: Link
     locator: PanelLocator | None
     model: SceneModel
     seed: int
+    kept: dict[int, list[Read]] | None = None
+
+    def read(self, first: int, count: int) -> Iterator[tuple[Read, int]]:
+        """Give frames ``first`` to ``first + count`` in batches, each with how many of its frames to use."""
+        keys = block_keys(self.seed, "train", first + count)[first // BLOCK_FRAMES :]
+        if self.kept is None:
+            for batch in self._simulated(keys, count):
+                yield batch, len(batch[1])
+            return
+        for key in keys:
+            if key.block not in self.kept:
+                self.kept[key.block] = list(self._simulated([key], BLOCK_FRAMES))
+            for batch in self.kept[key.block]:
+                used = min(len(batch[1]), count)
+                count -= used
+                yield batch, used
+
+    def _simulated(self, keys: Sequence[BlockKey], frames: int) -> Iterator[Read]:
+        views = self.link.observe_each({"": self.locator}, self.model, keys, preambles=False, frames=frames)
+        for seen in (view[""] for view in views):
+            # Without the frames themselves, which would fill the memory where panels are kept.
+            yield seen.readings, seen.bits, seen.panels.found
+
+
+@dataclass
+class PanelStream:
+    """Training panels as a classifier sees them.
+
+    Args:
+        panels: the frames.
+        inputs: what the classifier sees.
+        frames: panels that it was shown so far.
+        seconds: wall time that went into them so far.
+    """
+
+    panels: TrainingPanels
     inputs: Inputs
     frames: int = 0
     seconds: float = 0.0
@@ -115,34 +176,25 @@ class PanelStream:
     def __call__(self, first: int, count: int) -> Iterator[tuple[Tensor, Tensor]]:
         """Give frames ``first`` to ``first + count`` in blocks; those without a located panel are left out.
 
-        Blocks, because sums of a classifier's own must not depend on the batches of the simulation.
-
         Raises:
             VoccError: ``first`` is no multiple of a block.
         """
         if first % BLOCK_FRAMES:
             raise VoccError(f"first is {first}: it must be a multiple of {BLOCK_FRAMES}")
-        keys = block_keys(self.seed, "train", first + count)[first // BLOCK_FRAMES :]
-        views = self.link.observe_each({"": self.locator}, self.model, keys, preambles=False, frames=count)
-        waiting: list[tuple[Tensor, Tensor, Tensor]] = []
-        begun = time.perf_counter()
-        for seen in (view[""] for view in views):
-            x = self.inputs.of(seen.readings, seen.readings.cell_px, self.link.reader.shape)
-            waiting.append((x, seen.bits, seen.panels.found))
-            while sum(len(found) for *_, found in waiting) >= BLOCK_FRAMES:
-                whole = [torch.cat(parts) for parts in zip(*waiting, strict=True)]
-                waiting = [(whole[0][BLOCK_FRAMES:], whole[1][BLOCK_FRAMES:], whole[2][BLOCK_FRAMES:])]
-                self.seconds += time.perf_counter() - begun
-                yield self._located(*(part[:BLOCK_FRAMES] for part in whole))
-                begun = time.perf_counter()
+        blocks, begun = self._blocks(first, count), time.perf_counter()
+        for x, bits, found in blocks:
+            self.frames += int(found.sum())
+            self.seconds += time.perf_counter() - begun
+            yield x[found], bits[found]
+            begun = time.perf_counter()
         self.seconds += time.perf_counter() - begun
-        if any(len(found) for *_, found in waiting):
-            yield self._located(*(torch.cat(parts) for parts in zip(*waiting, strict=True)))
 
-    def _located(self, x: Tensor, bits: Tensor, found: Tensor) -> tuple[Tensor, Tensor]:
-        """Leave out the panels that were not found, and count the others."""
-        self.frames += int(found.sum())
-        return x[found], bits[found]
+    def _blocks(self, first: int, count: int) -> Iterator[tuple[Tensor, ...]]:
+        blocks, shape = Blocks(), self.panels.link.reader.shape
+        for (readings, bits, found), used in self.panels.read(first, count):
+            x = self.inputs.of(readings, readings.cell_px, shape)
+            yield from blocks.add(x[:used], bits[:used], found[:used])
+        yield from blocks.rest()
 
 
 @contextmanager
@@ -173,44 +225,48 @@ def seeded(seed: int) -> Iterator[None]:
 
 
 def train_classifiers(
-    plan: Plan, link: Link, locators: Mapping[str, PanelLocator | None]
-) -> dict[str, dict[str, TrainedClassifier]]:
-    """Train a plan's classifiers one after the other, with each of several locators.
+    plan: Plan, link: Link, locator: PanelLocator | None, *, keep: bool = False
+) -> tuple[dict[str, Guarded], dict[str, Making]]:
+    """Train a plan's classifiers one after the other.
 
     Training frames have the same names as those of FLDA; test frames never do.
 
     Args:
         plan: the study.
         link: simulation and reader.
-        locators: by name; None takes the simulator's true corners.
+        locator: what finds the panel, or None for the simulator's true corners.
+        keep: whether to keep simulated frames in memory for the next classifier.
 
     Returns:
-        By locator and classifier.
+        The classifiers by name, and what each took.
 
     Raises:
         VoccError: a classifier that cannot be built or trained, by its name.
     """
-    return {
-        name: {one.name: _trained(one, plan, link, locator) for one in plan.receiver.classifiers}
-        for name, locator in locators.items()
-    }
+    sources: list[TrainingPanels] = []
+    classifiers, made = {}, {}
+    for one in plan.receiver.classifiers:
+        scenes = plan.experiment.training_model(plan.world)
+        model = narrowed(scenes, one.scene, f"classifiers.{one.name}.scene")
+        source = next((known for known in sources if known.model == model), None)
+        if source is None:
+            source = TrainingPanels(link, locator, model, plan.seed, {} if keep else None)
+            sources.append(source)
+        frames = one.frames or plan.budget.training_frames
+        classifiers[one.name], made[one.name] = _trained(one, PanelStream(source, one.inputs), frames)
+    return classifiers, made
 
 
-def _trained(one: ClassifierPlan, plan: Plan, link: Link, locator: PanelLocator | None) -> TrainedClassifier:
+def _trained(one: ClassifierPlan, stream: PanelStream, frames: int) -> tuple[Guarded, Making]:
     """Train one."""
-    guarded = built(one)
-    model = narrowed(plan.experiment.training_model(plan.world), one.scene, f"classifiers.{one.name}.scene")
-    stream = PanelStream(link, locator, model, plan.seed, one.inputs)
-    begun = time.perf_counter()
+    guarded, begun = built(one), time.perf_counter()
     with seeded(one.training.seed):
-        guarded.fit_stream(stream, one.frames or plan.budget.training_frames)
+        guarded.fit_stream(stream, frames)
     # An interrupted training that went on has a price too.
     seconds = time.perf_counter() - begun + float(getattr(guarded.classifier, "earlier_s", 0.0))
     counted = getattr(guarded.classifier, "parameters_count", None)
     parameters = int(counted) if counted is not None else None
-    return TrainedClassifier(
-        guarded, seconds, stream.seconds, stream.frames, parameters, _packed_bytes(guarded)
-    )
+    return guarded, Making(seconds, stream.seconds, stream.frames, parameters, _packed_bytes(guarded))
 
 
 def _packed_bytes(guarded: Guarded) -> int:

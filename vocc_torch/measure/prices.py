@@ -1,4 +1,4 @@
-"""What receivers cost and give: operating points of error rate against time, and what training took."""
+"""Operating points of error rate against time, which of them nothing beats, and which to take."""
 
 from __future__ import annotations
 
@@ -8,25 +8,6 @@ from dataclasses import dataclass
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.estimate import Estimate
-
-
-@dataclass(frozen=True, slots=True)
-class TrainingCost:
-    """What it took to train a receiver.
-
-    Args:
-        training_s: wall time, s, with the simulation of its frames; 0 without training.
-        simulated_s: the part of it that went into the frames, s, where that is known.
-        frames: training frames.
-        parameters: numbers that decide, where the receiver states them.
-        size_bytes: of the trained receiver, pickled.
-    """
-
-    training_s: float = 0.0
-    simulated_s: float | None = None
-    frames: int = 0
-    parameters: int | None = None
-    size_bytes: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,12 +33,15 @@ class OperatingPoint:
 
     def __post_init__(self) -> None:
         """Check both orders."""
-        for what, one, most in (("time_ms", self.time_ms, math.inf), ("ber", self.ber, 1.0)):
-            if not 0 <= one.low <= one.value <= one.high <= most:
-                said = f"{one.low:g}, {one.value:g}, {one.high:g}"
-                raise VoccError(f"{what} of {self.name} is {said}: it must be ascending from 0 to {most:g}")
-        if not 0 < self.time_ms.low <= self.time_ms.high < math.inf:
-            raise VoccError(f"time_ms of {self.name} must be above 0 and finite")
+        for what, one, allowed, rule in (
+            ("time_ms", self.time_ms, self.time_ms.low > 0 and self.time_ms.high < math.inf, "above 0"),
+            ("ber", self.ber, self.ber.low >= 0 and self.ber.high <= 1, "from 0 to 1"),
+        ):
+            if not (allowed and one.low <= one.value <= one.high):
+                numbers = f"{one.low:g}, {one.value:g}, {one.high:g}"
+                raise VoccError(
+                    f"{what} of {self.name} is {numbers}: it must be ascending, finite and {rule}"
+                )
 
     @property
     def error_free(self) -> bool:

@@ -16,7 +16,7 @@ from typing import Protocol, TypeAlias
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.ledger import Ledger
-from vocc_torch.measure.montecarlo import Label, Outcome, Part, Running, StopRule, Tally
+from vocc_torch.measure.montecarlo import Label, Outcome, Part, StopRule, Tally
 
 Counted: TypeAlias = Sequence[Mapping[Label, Tally]]
 Count: TypeAlias = Callable[[Sequence[Part]], Counted]
@@ -56,90 +56,50 @@ def submit_here(count: Count, parts: Sequence[Part]) -> Future[Counted]:
 
 
 @dataclass(eq=False)
-class _Call:
-    """Blocks that were handed out together, and what is known of each of them."""
-
-    work: PointWork
-    parts: tuple[Part, ...]
-    known: list[Mapping[Label, Tally] | None]
-    missing: tuple[Part, ...]
-    future: Future[Counted] | None = None
-    called_off: bool = False
-
-    @property
-    def ready(self) -> bool:
-        return None not in self.known
-
-    @property
-    def failed(self) -> bool:
-        return self.future is not None and (self.future.cancelled() or self.future.exception() is not None)
-
-    def call_off(self) -> None:
-        """Cancel what has not been begun; what has been is still recorded when it comes back."""
-        self.called_off = self.future is not None and self.future.cancel()
-
-    def take(self) -> None:
-        """Record what has come back, and keep it for its turn."""
-        if self.future is None or self.called_off:
-            return
-        fresh = iter(list(zip(self.missing, self.future.result(), strict=True)))
-        for index, known in enumerate(self.known):
-            if known is not None:
-                continue
-            part, counts = next(fresh)
-            if self.work.ledger is not None:
-                row = self.work.ledger.append(self.work.point, part.block, part.frames, counts)
-                counts = dict(row.counts)
-            self.known[index] = counts
-
-
-@dataclass(eq=False)
 class _Point:
-    """A point that has been begun."""
+    """A point that has been begun: blocks that are known and wait for their turn, and the sums so far."""
 
     index: int
     work: PointWork
     parts: Iterator[Part]
-    running: Running
-    calls: deque[_Call] = field(default_factory=deque)
+    known: dict[int, tuple[Part, Mapping[Label, Tally]]] = field(default_factory=dict)
+    counts: dict[Label, Tally] = field(default_factory=dict)
+    blocks: int = 0
+    frames: int = 0
+    stopped_by: str | None = None
     exhausted: bool = False
 
-    @classmethod
-    def begun(cls, index: int, work: PointWork) -> _Point:
-        return cls(index, work, work.rule.parts(), Running(work.rule))
+    def next_missing(self, blocks: int) -> tuple[Part, ...]:
+        """Lay out the next blocks, and give those of them that the ledger does not know."""
+        parts, ledger = tuple(islice(self.parts, blocks)), self.work.ledger
+        self.exhausted = not parts
+        for part in parts:
+            counts = None if ledger is None else ledger.find(self.work.point, part.block, part.frames)
+            if counts is not None:
+                self.known[part.block] = part, counts
+        return tuple(part for part in parts if part.block not in self.known)
 
-    @property
-    def finished(self) -> bool:
-        return self.running.stopped_by is not None
+    def record(self, parts: Sequence[Part], counted: Counted) -> None:
+        """Write down what has come back, and keep it for its turn."""
+        for part, counts in list(zip(parts, counted, strict=True)):
+            if self.work.ledger is not None:
+                self.work.ledger.append(self.work.point, part.block, part.frames, counts)
+            self.known[part.block] = part, dict(counts)
 
-    def next_call(self, blocks: int) -> _Call | None:
-        """Lay out the next blocks, with what the ledger knows of them; None if there are no more."""
-        parts = tuple(islice(self.parts, blocks))
-        if not parts:
-            self.exhausted = True
-            return None
-        ledger = self.work.ledger
-        rows = [None if ledger is None else ledger.find(self.work.point, p.block, p.frames) for p in parts]
-        known: list[Mapping[Label, Tally] | None] = [None if row is None else row.counts for row in rows]
-        missing = tuple(part for part, row in zip(parts, rows, strict=True) if row is None)
-        call = _Call(self.work, parts, known, missing)
-        self.calls.append(call)
-        return call
-
-    def absorb(self, progress: Progress | None) -> None:
-        """Add what is ready, in order, until the rule holds; what lies beyond it is dropped."""
-        while self.calls and not self.finished and self.calls[0].ready:
-            call = self.calls.popleft()
-            for part, counts in zip(call.parts, call.known, strict=True):
-                done = self.running.add(part, counts or {})
-                if progress is not None:
-                    progress(self.index, part.frames, self.running.counts)
-                if done:
-                    break
-        if self.finished:
-            for call in self.calls:
-                call.call_off()
-            self.calls.clear()
+    def add_known(self, progress: Progress | None) -> None:
+        """Add what is known, in order, until the rule holds; what lies beyond it is dropped."""
+        while self.stopped_by is None and self.blocks in self.known:
+            part, counts = self.known.pop(self.blocks)
+            for label, one in counts.items():
+                before = self.counts.get(label)
+                # A label holds one kind of tally; the two kinds do not add, and would be refused here.
+                self.counts[label] = one if before is None else before + one  # type: ignore[operator]
+            self.blocks += 1
+            self.frames += part.frames
+            spent = "frames" if self.frames >= self.work.rule.frames else None
+            self.stopped_by = self.work.rule.reached(self.counts, self.blocks) or spent
+            if progress is not None:
+                progress(self.index, part.frames, self.counts)
 
 
 def run_points(
@@ -181,12 +141,57 @@ def run_points(
     for name, value in (("window", window), ("blocks_at_once", blocks_at_once)):
         if value < 1:
             raise VoccError(f"{name} is {value}: it must be at least 1")
-    schedule = _Schedule(works, submit, window, blocks_at_once, progress)
+    upcoming, points = enumerate(works), deque[_Point]()
+    under_way: dict[Future[Counted], tuple[_Point, tuple[Part, ...]]] = {}
+
+    def add_known(point: _Point) -> None:
+        point.add_known(progress)
+        for future in [one for one, (its, _) in under_way.items() if its is point and point.stopped_by]:
+            if future.cancel():  # what has been begun is still recorded when it comes back
+                del under_way[future]
+
     try:
-        while (outcome := schedule.next_outcome()) is not None:
-            yield outcome
+        while True:
+            # Fill the window, passing by what is known already; stop where the first point is finished.
+            while len(under_way) < window and not (points and points[0].stopped_by):
+                point = next((one for one in points if not (one.exhausted or one.stopped_by)), None)
+                if point is not None:
+                    if missing := point.next_missing(blocks_at_once):
+                        under_way[submit(point.work.count, missing)] = point, missing
+                    add_known(point)
+                elif (begun := next(upcoming, None)) is not None:
+                    points.append(_Point(*begun, begun[1].rule.parts()))
+                else:
+                    break
+            if points and points[0].stopped_by:
+                first = points.popleft()
+                yield Outcome(first.counts, str(first.stopped_by))
+            elif under_way:
+                _collect(under_way)
+                for point in points:
+                    add_known(point)
+            else:
+                return
     finally:
-        schedule.cancel()
+        for future in under_way:
+            future.cancel()
+        for future, (point, parts) in under_way.items():
+            if future.done() and not _failed(future):
+                with suppress(VoccError):  # what ended the run is the error to tell of
+                    point.record(parts, future.result())
+
+
+def _collect(under_way: dict[Future[Counted], tuple[_Point, tuple[Part, ...]]]) -> None:
+    """Wait for calls to come back and record them; what came back well before the error of another."""
+    done, _ = wait(under_way, return_when=FIRST_COMPLETED)
+    calls = [(future, *under_way.pop(future)) for future in done]
+    for future, point, parts in sorted(calls, key=lambda call: _failed(call[0])):
+        point.record(parts, future.result())
+
+
+def _failed(future: Future[Counted]) -> bool:
+    """Whether a call that is done has no result."""
+    return future.cancelled() or future.exception() is not None
 
 
 def run_point(
@@ -214,62 +219,3 @@ def run_point(
     """
     told = None if progress is None else lambda _, frames, counts: progress(frames, counts)
     return next(run_points([PointWork("", count, rule)], blocks_at_once=blocks_at_once, progress=told))
-
-
-class _Schedule:
-    """The state of :func:`run_points`."""
-
-    def __init__(
-        self, works: Iterable[PointWork], submit: Submit, window: int, blocks: int, progress: Progress | None
-    ) -> None:
-        self._upcoming = enumerate(works)
-        self._submit, self._window, self._blocks, self._progress = submit, window, blocks, progress
-        self._points: deque[_Point] = deque()
-        self._under_way: dict[Future[Counted], _Call] = {}
-
-    def next_outcome(self) -> Outcome | None:
-        """Work until the first point is finished; None once there is no point left."""
-        while True:
-            self._hand_out()
-            if not self._points:
-                return None
-            if self._points[0].finished:
-                return self._points.popleft().running.outcome()
-            self._collect()
-
-    def cancel(self) -> None:
-        """Call off what has not been begun, and record what is done and was not collected yet."""
-        for future in self._under_way:
-            future.cancel()
-        for future, call in self._under_way.items():
-            if future.done() and not call.failed:
-                with suppress(VoccError):  # what ended the run is the error to tell of
-                    call.take()
-
-    def _hand_out(self) -> None:
-        """Fill the window, passing by what is known already; stop where the first point is finished."""
-        while len(self._under_way) < self._window and not (self._points and self._points[0].finished):
-            point = next((p for p in self._points if not p.exhausted and not p.finished), None)
-            if point is None:
-                upcoming = next(self._upcoming, None)
-                if upcoming is None:
-                    return
-                self._points.append(_Point.begun(*upcoming))
-                continue
-            call = point.next_call(self._blocks)
-            if call is not None and call.missing:
-                call.future = self._submit(call.work.count, call.missing)
-                self._under_way[call.future] = call
-            point.absorb(self._progress)
-
-    def _collect(self) -> None:
-        """Wait for a call to come back, record it, and add what is ready."""
-        if not self._under_way:
-            return
-        done, _ = wait(self._under_way, return_when=FIRST_COMPLETED)
-        calls = [self._under_way.pop(future) for future in done]
-        # What came back well is recorded before the error of another call ends the run.
-        for call in sorted(calls, key=lambda call: call.failed):
-            call.take()
-        for point in self._points:
-            point.absorb(self._progress)

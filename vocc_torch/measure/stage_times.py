@@ -5,12 +5,9 @@ from __future__ import annotations
 import copy
 import io
 import itertools
-import sys
 import time
-from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from importlib import import_module
 
 import numpy as np
 import torch
@@ -89,25 +86,6 @@ class StageTimes:
         """Bit detection's time over panel detection's (Fig. 25); None without the latter."""
         panel = np.array(self.rounds_ms["locate"])
         return median_of(self.summed(BIT_DETECTION) / panel) if (panel > 0).all() else None
-
-
-@contextmanager
-def threads(count: int) -> Iterator[None]:
-    """Let torch, and scikit-learn where it is in use, work with that many threads; 0 leaves their own number.
-
-    Example:
-        >>> with threads(1):
-        ...     torch.get_num_threads()
-        1
-    """
-    before = torch.get_num_threads()
-    with ExitStack() as stack:
-        if count and "sklearn" in sys.modules:
-            # It comes with scikit-learn, whose threads are not torch's.
-            stack.enter_context(import_module("threadpoolctl").threadpool_limits(count))
-        stack.callback(torch.set_num_threads, before)
-        torch.set_num_threads(count or before)
-        yield
 
 
 @dataclass(frozen=True)

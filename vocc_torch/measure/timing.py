@@ -5,9 +5,12 @@ from __future__ import annotations
 import ctypes
 import os
 import platform
+import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -117,6 +120,25 @@ def interleaved(
             if turn >= warm_up:
                 seconds[name].append(spent)
     return {name: Timing(tuple(durations)) for name, durations in seconds.items()}
+
+
+@contextmanager
+def threads(count: int) -> Iterator[None]:
+    """Let torch, and scikit-learn where it is in use, work with that many threads; 0 leaves their own number.
+
+    Example:
+        >>> with threads(1):
+        ...     torch.get_num_threads()
+        1
+    """
+    before = torch.get_num_threads()
+    with ExitStack() as stack:
+        if count and "sklearn" in sys.modules:
+            # It comes with scikit-learn, whose threads are not torch's.
+            stack.enter_context(import_module("threadpoolctl").threadpool_limits(count))
+        stack.callback(torch.set_num_threads, before)
+        torch.set_num_threads(count or before)
+        yield
 
 
 def settle_memory() -> None:

@@ -32,7 +32,7 @@ RECEIVER_NAMES = (*GREYSCALE_RECEIVERS, *FLDA_FEATURES)
 
 
 def check_receivers(names: Sequence[str], plugged_in: Sequence[str] = ()) -> tuple[str, ...]:
-    """Give back the names, or refuse the first unknown or repeated one.
+    """Return the names, or refuse the first unknown or repeated one.
 
     Args:
         names: receivers.

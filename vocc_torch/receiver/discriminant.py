@@ -36,7 +36,7 @@ class FLDAWarning(UserWarning):
 
 
 def checked_features(features: Tensor, n_features: int) -> Tensor:
-    """Give features as float64, or refuse a tensor of the wrong kind or shape.
+    """Return features as float64, or refuse a tensor of the wrong kind or shape.
 
     Args:
         features: (...,F) real tensor of any floating or integer dtype.
@@ -63,7 +63,7 @@ def checked_features(features: Tensor, n_features: int) -> Tensor:
 
 
 def checked_samples(features: Tensor, bits: Tensor, n_features: int) -> tuple[Tensor, Tensor]:
-    """Give a training set as float64 and bool, or refuse what cannot be learned from.
+    """Return a training set as float64 and bool, or refuse what cannot be learned from.
 
     Args:
         features: (...,F) real and finite, any floating or integer dtype; possibly no samples at all.

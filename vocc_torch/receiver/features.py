@@ -25,7 +25,7 @@ MOST_GREY = 1e9
 
 
 def _samples_per_led(patches: Tensor, shape: PanelShape) -> int:
-    """Give K of patches (B,1,(R+2)K,(C+2)K), or refuse those that are not of ``shape`` or not floating."""
+    """Return K of patches (B,1,(R+2)K,(C+2)K), or refuse those that are not of ``shape`` or not floating."""
     samples = patches.shape[-1] // (shape.columns + 2)
     wanted = ((shape.rows + 2) * samples, (shape.columns + 2) * samples)
     if patches.ndim != 4 or samples < 1 or tuple(patches.shape[-2:]) != wanted:
@@ -38,7 +38,7 @@ def _samples_per_led(patches: Tensor, shape: PanelShape) -> int:
 
 
 def checked_greys(greys: Tensor, name: str) -> Tensor:
-    """Give back floating grey values, or refuse what is none.
+    """Return floating grey values, or refuse what is none.
 
     Raises:
         VoccError: a value below 0, above 1e9, NaN, or integers.
@@ -99,7 +99,7 @@ def average_greyscale_ratio(means: Tensor) -> Tensor:
 
 
 def _average_ratio(means: Tensor) -> Tensor:
-    """Give the AGR of means that are checked."""
+    """Return the AGR of means that are checked."""
     inner = means[:, 1:-1, 1:-1]
     return _ratio_to_panel(inner, inner.mean(dim=(1, 2)))
 
@@ -125,7 +125,7 @@ def neighbour_greyscale_ratio(means: Tensor) -> Tensor:
 
 
 def _neighbour_ratio(means: Tensor) -> Tensor:
-    """Give the NGR of means that are checked."""
+    """Return the NGR of means that are checked."""
     neighbours = F.conv2d(means.unsqueeze(1), _ring(means.dtype, means.device))[:, 0]
     return _ratio_to_panel(neighbours, means[:, 1:-1, 1:-1].mean(dim=(1, 2)))
 

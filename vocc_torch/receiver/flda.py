@@ -132,7 +132,7 @@ class FLDA(nn.Module):
         return self
 
     def select(self, features: Sequence[int]) -> FLDA:
-        """Give a new discriminant on some of the features, in the order given, from the same statistics.
+        """Return a new discriminant on some of the features, in the order given, from the same statistics.
 
         Args:
             features: distinct indices from 0 to F - 1, at least one.
@@ -198,7 +198,7 @@ class FLDA(nn.Module):
         self._solution = None
 
     def _solved(self) -> Discriminant:
-        """Give the solution of the present statistics, solving it where they have changed."""
+        """Return the solution of the present statistics, solving it where they have changed."""
         if self._solution is None:
             # Normal tensors even inside inference_mode, so that the kept solution can serve autograd later.
             # Solved on the host: a few numbers, and the same direction on whatever device scores are wanted.

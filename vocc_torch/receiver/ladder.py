@@ -1,25 +1,19 @@
-"""Which blob of a mask is the panel, at every scale: measures, choice, and the ladder of closings."""
+"""Which blob of a mask is the panel, at every scale: the ladder of closings."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from typing import Literal
 
+import numpy as np
+import scipy.ndimage
 import torch
 from torch import Tensor
 
-from vocc_torch.receiver.blobs import Blobs, collect_blobs, compactness, proportion, rectangularity
-from vocc_torch.receiver.components import Components, joined, label_components
+from vocc_torch.receiver.components import Blobs, Components, collect_blobs, joined, label_components
+from vocc_torch.receiver.limits import LocatorLimits
 from vocc_torch.receiver.morphology import close_mask, halve_mask
-from vocc_torch.receiver.quadrilateral import (
-    convex_hull,
-    hull_area_and_perimeter,
-    minimum_area_rectangle,
-    upright_rectangle,
-)
+from vocc_torch.receiver.quadrilateral import Measures, measure_blobs
 from vocc_torch.types import PanelShape
-
-Quadrilateral = Literal["min_area", "upright"]
 
 # A merged blob replaces one of its parts from this share of the best score so far on, for it explains more.
 _MERGE_RATIO = 0.75
@@ -30,19 +24,6 @@ REACH_PITCHES = 1.4
 
 # From this many on it has filled all but the widest gaps: no blob will look more like a panel later.
 _LAST_PITCHES = 3.0
-# Most pairs of rows or of vertices in one step, to bound the memory.
-_STEP_PAIRS = 1 << 21
-
-
-@dataclass(frozen=True, slots=True)
-class Search:
-    """What to look for; the fields are those of :class:`vocc_torch.receiver.location.PaperLocator`."""
-
-    closing_px: int
-    min_area_px: int
-    min_rectangularity: float
-    min_compactness: float
-    quadrilateral: Quadrilateral
 
 
 @dataclass(slots=True)
@@ -80,75 +61,8 @@ class Choice:
             getattr(self, field.name)[rows] = getattr(other, field.name)
 
 
-@dataclass(frozen=True, slots=True)
-class Measures:
-    """How panel-like each blob is; ``score`` is rectangularity x compactness x proportion^2.
-
-    Proportion counts twice, for it is what suffers first when a panel is merged with something beside it.
-
-    Args:
-        rectangularity: (M,) float64.
-        compactness: (M,) float64.
-        score: (M,) float64, 0 to 1.
-        corners_px: (M,4,2) float64, in the mask's coordinates.
-        pitch_px: (M,) float64, LED pitch if the blob were the panel: the root of the rectangle's area by LED.
-    """
-
-    rectangularity: Tensor
-    compactness: Tensor
-    score: Tensor
-    corners_px: Tensor
-    pitch_px: Tensor
-
-
-def measure_blobs(blobs: Blobs, shape: PanelShape, quadrilateral: Quadrilateral = "min_area") -> Measures:
-    """Measure each blob against the panel looked for.
-
-    Args:
-        blobs: M blobs.
-        shape: the panel looked for.
-        quadrilateral: which rectangle to give; the measures are always those of the minimum-area one.
-
-    Example:
-        >>> components = label_components(torch.ones(1, 6, 6, dtype=torch.bool))
-        >>> measures = measure_blobs(collect_blobs(components.runs, components), PanelShape(2, 2))
-        >>> measures.score.item(), measures.pitch_px.item()
-        (1.0, 3.0)
-    """
-    real = blobs.area_px.new_zeros(len(blobs), dtype=torch.float64)
-    out = Measures(real, real.clone(), real.clone(), real.new_zeros(len(blobs), 4, 2), real.clone())
-    for rows, height in _steps(blobs):
-        hull = convex_hull(blobs.first[rows, :height], blobs.last[rows, :height])
-        area, perimeter = hull_area_and_perimeter(hull)
-        least = minimum_area_rectangle(hull)
-        corners = (least if quadrilateral == "min_area" else upright_rectangle(hull)).corners_px
-        # Cells of a coarse level overlap the blob's edge: a true closing stays within the hull.
-        closed = torch.minimum(blobs.area_px[rows].double(), area)
-        out.rectangularity[rows] = rectangularity(closed, least.area_px)
-        out.compactness[rows] = compactness(area, perimeter, shape)
-        sides = proportion(least.width_px, least.height_px, shape)
-        out.score[rows] = out.rectangularity[rows] * out.compactness[rows] * sides**2
-        corner = torch.stack([blobs.left_px[rows], blobs.first_px[rows, 1]], 1)
-        out.corners_px[rows] = corners + corner[:, None]
-        out.pitch_px[rows] = (least.area_px / shape.leds).sqrt()
-    return out
-
-
-def _steps(blobs: Blobs) -> list[tuple[Tensor, int]]:
-    """Part the blobs, sorted by height, in steps of bounded memory: their indices and greatest height."""
-    heights, order = blobs.heights_px().sort(stable=True)
-    steps: list[tuple[Tensor, int]] = []
-    begin, tall = 0, heights.tolist()
-    for index, height in enumerate(tall):
-        last = index + 1 == len(tall)
-        if last or (index + 2 - begin) * tall[index + 1] ** 2 > _STEP_PAIRS:
-            steps.append((order[begin : index + 1], height))
-            begin = index + 1
-    return steps
-
-
 def _best(blobs: Blobs, masks: int, value: Tensor, allowed: Tensor) -> Tensor:
-    """Give the index (B,) of each mask's allowed blob of highest value, the first of equals, M if none."""
+    """Return the index (B,) of each mask's allowed blob of highest value, the first of equals, M if none."""
     frame = blobs.frame[allowed]
     highest = value.new_zeros(masks).scatter_reduce(0, frame, value[allowed], "amax", include_self=False)
     top = allowed & (value == highest[blobs.frame])
@@ -157,7 +71,7 @@ def _best(blobs: Blobs, masks: int, value: Tensor, allowed: Tensor) -> Tensor:
     return none.scatter_reduce(0, blobs.frame[top], index, "amin")
 
 
-def climb(mask: Tensor, shape: PanelShape, search: Search) -> Choice:
+def climb(mask: Tensor, shape: PanelShape, search: LocatorLimits) -> Choice:
     """Choose the panel's blob in each mask by the rule in :class:`vocc_torch.receiver.location.PaperLocator`.
 
     Args:
@@ -171,7 +85,7 @@ def climb(mask: Tensor, shape: PanelShape, search: Search) -> Choice:
     Example:
         >>> mask = torch.zeros(1, 9, 40, dtype=torch.bool)
         >>> mask[0, :, :9] = mask[0, :5, 30:] = True
-        >>> climb(mask, PanelShape(1, 1), Search(3, 1, 0.0, 0.0, "upright")).candidates.tolist()
+        >>> climb(mask, PanelShape(1, 1), LocatorLimits(3, 1, 0.0, 0.0, "upright")).candidates.tolist()
         [2]
     """
     choice = Choice.none(mask.shape[0], mask.device)
@@ -198,18 +112,17 @@ def climb(mask: Tensor, shape: PanelShape, search: Search) -> Choice:
         level += 1
 
 
-def _closed_components(mask: Tensor, search: Search) -> Components:
+def _closed_components(mask: Tensor, search: LocatorLimits) -> Components:
     """Close masks (B,H,W) and label what comes of them."""
     return label_components(close_mask(mask[:, None], search.closing_px)[:, 0])
 
 
 def _level_choice(
-    blobs: Blobs, masks: int, shape: PanelShape, search: Search
+    blobs: Blobs, masks: int, shape: PanelShape, search: LocatorLimits
 ) -> tuple[Choice, Tensor, Tensor]:
     """Choose at one level: the best blobs within limits, the pitch of the best of all, the labels."""
     measures = measure_blobs(blobs, shape, search.quadrilateral)
-    passed = measures.rectangularity >= search.min_rectangularity
-    passed &= measures.compactness >= search.min_compactness
+    passed = _within(measures, search)
     best = _best(blobs, masks, measures.score, passed)
     found = (best < len(blobs)).nonzero()[:, 0]
     blob = best[found]
@@ -235,3 +148,48 @@ def _climbs_on(whole: Tensor, components: Tensor, pitch: Tensor, reach_px: int) 
     """Decide (B,) which masks need the next level; ``whole`` says where the choice holds nearly all."""
     pitches = torch.where(whole, REACH_PITCHES, _LAST_PITCHES)
     return ((components > 1) & ~whole) | (reach_px < pitches * pitch)
+
+
+def choose_single(mask: Tensor, shape: PanelShape, search: LocatorLimits) -> tuple[Tensor, Choice]:
+    """Choose as :func:`climb` does where one closing makes a mask a single blob, the most common case.
+
+    In the CPU's memory a call on a tensor costs more than the arithmetic of a small mask; SciPy labels there.
+
+    Args:
+        mask: (B,H,W) bool in the CPU's memory, each mask's foreground starting in its first row and column.
+        shape: the panel looked for.
+        search: limits and settings.
+
+    Returns:
+        The indices (n,) of the masks whose choice is made, and the choice; the ladder is left those whose
+        closed mask has several blobs, whose blob is outside the limits, and those that it would climb for.
+
+    Example:
+        >>> mask = torch.ones(1, 20, 20, dtype=torch.bool)
+        >>> mask[0, 5, 5] = False
+        >>> chosen, choice = choose_single(mask, PanelShape(8, 8), LocatorLimits())
+        >>> chosen.tolist(), choice.corners_px[0, 2].tolist()
+        ([0], [20.0, 20.0])
+    """
+    closed = close_mask(mask[:, None], search.closing_px)[:, 0].numpy()
+    single = [row for row, one in enumerate(closed) if scipy.ndimage.label(one, np.ones((3, 3)))[1] == 1]
+    single = [row for row in single if np.count_nonzero(closed[row]) >= search.min_area_px]
+    if not single:
+        return torch.zeros(0, dtype=torch.int64), Choice.none(0, mask.device)
+    lit, area_px = mask[single].numpy(), torch.from_numpy(closed[single].sum((1, 2)))
+    some = lit.any(2)
+    first = torch.from_numpy(np.where(some, lit.argmax(2), 0))
+    last = torch.from_numpy(np.where(some, lit.shape[2] - 1 - lit[..., ::-1].argmax(2), -1))
+    one, mask_px = torch.ones_like(area_px), torch.from_numpy(lit.sum((1, 2)))
+    seed = torch.stack([first[:, 0], 0 * one], 1)
+    blobs = Blobs(one.cumsum(0) - 1, one.cumsum(0), seed, 0 * one, area_px, mask_px, first, last, one)
+    measures = measure_blobs(blobs, shape, search.quadrilateral)
+    sure = _within(measures, search) & (search.closing_px >= REACH_PITCHES * measures.pitch_px)
+    choice = Choice(measures.score, measures.corners_px, one, seed, mask_px)
+    return torch.tensor(single)[sure], choice[sure]
+
+
+def _within(measures: Measures, search: LocatorLimits) -> Tensor:
+    """Whether each blob (M,) is within the limits."""
+    passed = measures.rectangularity >= search.min_rectangularity
+    return passed & (measures.compactness >= search.min_compactness)

@@ -1,4 +1,4 @@
-"""The LED lattice fitted to the picture, in sub-pixels, by damped Gauss-Newton steps."""
+"""The LED lattice fitted to the picture, in sub-pixels: Gauss-Newton steps, bits, missed lines of LEDs."""
 
 from __future__ import annotations
 
@@ -6,17 +6,22 @@ from dataclasses import replace
 from functools import lru_cache
 
 import torch
+import torch.nn.functional as F
 from torch import Tensor
 
-from vocc_torch.receiver.lattice_bits import with_free_bits, with_missed_lines, with_turned_bits
 from vocc_torch.receiver.lattice_model import (
     GAMMA,
     MARGIN,
     ROUNDING_DN,
+    SAMPLES,
     Lattice,
     Model,
+    Spots,
     corner_cells,
+    grey_values,
+    linear_light,
     read_patches,
+    sample_cells,
 )
 from vocc_torch.receiver.rectification import map_points
 from vocc_torch.types import Frames, PanelShape
@@ -36,6 +41,8 @@ _EXPECTED = (1.0, 0.5, 0.5, 0.1, 1.0, 0.5, 0.5, 0.1, 0.2, 0.2, 0.3, 1.0, 0.02)
 _STIFF_STEPS = 3
 _STIFF = (1.0, 0.5, 0.05, 0.02, 1.0, 0.05, 0.5, 0.02, *_EXPECTED[8:])
 _BLUR_CELLS = (0.1, 0.75)
+_SATURATED_DN = 254.5
+_IMPUTATIONS = 8
 
 
 def fit_lattice(frames: Frames, start: Lattice) -> Lattice:
@@ -53,57 +60,57 @@ def fit_lattice(frames: Frames, start: Lattice) -> Lattice:
         The lattices, finite; ``rms_dn`` and ``share`` say how well they explain the pictures, and only they
         tell where there is no lattice to fit.
     """
-    every = torch.arange(len(frames), device=start.blur.device)
-    active = _paired(every)
-    best, own, seen = start[every], start[active], frames
+    # One frame goes twice: products of one matrix may be summed otherwise than those of several, and a fit
+    # of what is no lattice can go either way.
+    active = torch.arange(len(frames), device=start.blur.device)
+    best, own, seen = start[active], start[_paired(active)], frames
     for number in range(_STEPS):
         before, after, unsettled = _improved(seen, own, number)
-        if number == 0:
-            best.put(active, before)
-        else:
-            better = before.rms_dn < best.rms_dn[active]
-            best.put(active[better], before[better])
-        own = after
-        if not bool(unsettled.all()):
-            active = active[unsettled]
-            if not len(active):
-                break
-            rows = unsettled.nonzero()[:, 0]
-            seen = Frames(seen.grey[rows], seen.origin_px[rows], seen.sensor_px)
-            own, active = after[_paired(rows)], _paired(active)
+        before, unsettled = before[: len(active)], unsettled[: len(active)]
+        better = before.rms_dn < best.rms_dn[active] if number else torch.ones_like(unsettled)
+        best.put(active[better], before[better])
+        rows = unsettled.nonzero()[:, 0]
+        if not len(rows):
+            break
+        seen, active, own = _some(seen, rows), active[rows], after[_paired(rows)]
     return best
 
 
 def _paired(rows: Tensor) -> Tensor:
-    """Take one frame twice: products of one matrix may be summed otherwise than those of several."""
-    if len(rows) == 1:
-        rows = rows.repeat(2)
-    return rows
+    """Take a single row twice."""
+    return rows.repeat(2) if len(rows) == 1 else rows
 
 
-def _patches(frames: Frames, lattice: Lattice) -> Tensor:
+def _some(frames: Frames, rows: Tensor) -> Frames:
+    """Take some of the frames, without a copy where these are all."""
+    if len(rows) == len(frames):
+        return frames
+    return Frames(frames.grey[rows], frames.origin_px[rows], frames.sensor_px)
+
+
+def _read(frames: Frames, lattice: Lattice) -> Tensor:
     """Read the pictures around the lattices; that of one frame that goes twice is read once."""
     patches = read_patches(frames, lattice.corners_px[: len(frames)], lattice.shape, MARGIN)
-    return patches if len(frames) == len(lattice.blur) else patches.repeat(2, 1, 1)
+    return patches.expand(len(lattice.blur), -1, -1)
 
 
 def _improved(frames: Frames, lattice: Lattice, number: int) -> tuple[Lattice, Lattice, Tensor]:
     """Do step ``number``: lattices scored before it, lattices after it, and which (B,) need another."""
-    model = Model.of(_patches(frames, lattice), lattice)
+    model = Model.of(_read(frames, lattice), lattice)
     unsettled = torch.full_like(lattice.background, number <= _LINE_STEPS[0], dtype=torch.bool)
     if number < _FREE_STEPS:
-        lattice = with_free_bits(model, lattice, levels=number == 0)
+        lattice = _with_free_bits(model, lattice, levels=number == 0)
         model = model.again(lattice)
     else:
-        lattice, turned = with_turned_bits(model, lattice)
+        lattice, turned = _with_turned_bits(model, lattice)
         if bool(turned.any()):
             unsettled |= turned
             model = model.again(lattice)
         if number in _LINE_STEPS:
-            lattice, shifted = with_missed_lines(model, lattice)
+            lattice, shifted = _with_missed_lines(model, lattice)
             if bool(shifted.any()):
                 unsettled |= shifted
-                model = Model.of(_patches(frames, lattice), lattice)
+                model = Model.of(_read(frames, lattice), lattice)
     trust = model.trust()
     before = model.scored(lattice, trust)
     after, moves = _stepped(model, lattice, trust, _STIFF if number < _STIFF_STEPS else _EXPECTED)
@@ -131,13 +138,13 @@ def _stepped(
 
 @lru_cache(maxsize=8)
 def _damping(expected: tuple[float, ...], device: torch.device) -> Tensor:
-    """Give the curvature that stands for what is expected of each value, as a diagonal matrix."""
+    """Return the curvature that stands for what is expected of each value, as a diagonal matrix."""
     with torch.inference_mode(False):
         return torch.diag(torch.tensor(expected, dtype=torch.float64) ** -2).to(device)
 
 
 def _changes(model: Model, lattice: Lattice) -> Tensor:
-    """Give the light's derivatives (B,13,H*W) by what :data:`_EXPECTED` lists."""
+    """Return the light's derivatives (B,13,H*W) by what :data:`_EXPECTED` lists."""
     rows, columns, amplitude = model.rows, model.columns, lattice.amplitudes()
     (row_place, row_blur), (column_place, column_blur) = rows.changes(), columns.changes()
     batch, high, wide = model.grey.shape
@@ -176,8 +183,117 @@ def _applied(step: Tensor, lattice: Lattice) -> Lattice:
 
 @lru_cache(maxsize=32)
 def _fields(shape: PanelShape, device: torch.device) -> tuple[Tensor, Tensor]:
-    """Give the corners' cells (4,2), and the fields 1, u, v and uv at them, (4,4)."""
+    """Return the corners' cells (4,2), and the fields 1, u, v and uv at them, (4,4)."""
     with torch.inference_mode(False):
         cells = corner_cells(shape)
         u, v = (2 * cells / cells.amax(0) - 1).unbind(1)
         return cells.to(device), torch.stack([torch.ones_like(u), u, v, u * v]).to(device)
+
+
+def _with_free_bits(model: Model, lattice: Lattice, *, levels: bool) -> Lattice:
+    """Take bits, and levels where they are wanted, from an amplitude of each LED's own."""
+    light = linear_light(model.grey) - lattice.background.to(model.grey.dtype)[:, None, None]
+    bits, found = _two_levels(_amplitudes(light, model))
+    return replace(lattice, bits=bits, levels=found.to(torch.float64) if levels else lattice.levels)
+
+
+def _amplitudes(light: Tensor, model: Model) -> Tensor:
+    """Fit an amplitude to each LED, (B,R,C), by least squares; white pixels may be any brighter.
+
+    They are taken to be as bright as the fit says, and fitted again (Dempster, Laird and Rubin 1977).
+    """
+    down, across = _inverse(model.rows), _inverse(model.columns)
+    found = down @ light @ across.mT
+    white = model.grey >= _SATURATED_DN
+    some = white.flatten(1).any(1).nonzero()[:, 0]
+    if len(some):
+        light, white, down, across = light[some], white[some], down[some], across[some]
+        rows, columns, own = model.rows.value[some], model.columns.value[some].mT, found[some]
+        for _ in range(_IMPUTATIONS):
+            guess = torch.maximum(light, rows @ own @ columns)
+            own = down @ torch.where(white, guess, light) @ across.mT
+        found[some] = own
+    return found
+
+
+def _inverse(spots: Spots) -> Tensor:
+    """Return the pseudo-inverse (B,n,N) of an axis's spots, near singular where these melt together."""
+    value = spots.value.to(torch.float64)
+    products = value.mT @ value
+    products.diagonal(dim1=1, dim2=2).add_(1e-6)
+    inverse: Tensor = torch.linalg.solve(products, value.mT)
+    return inverse.to(torch.float32)
+
+
+def _two_levels(amplitude: Tensor) -> tuple[Tensor, Tensor]:
+    """Part amplitudes (B,R,C) where the variance between the two parts is greatest: bits, and means (B,2)."""
+    value = amplitude.flatten(1).sort(1).values
+    leds = value.shape[1]
+    if leds == 1:
+        return torch.ones_like(amplitude, dtype=torch.bool), torch.cat([value * 0, value], 1)
+    low = torch.arange(1, leds, dtype=value.dtype, device=value.device)
+    below = value.cumsum(1)
+    means = below[:, :-1] / low, (below[:, -1:] - below[:, :-1]) / (leds - low)
+    best = (low * (leds - low) * (means[1] - means[0]) ** 2).argmax(1, keepdim=True)
+    limit = (value.gather(1, best) + value.gather(1, best + 1)) / 2
+    return amplitude > limit[..., None], torch.cat([mean.gather(1, best) for mean in means], 1)
+
+
+def _with_turned_bits(model: Model, lattice: Lattice) -> tuple[Lattice, Tensor]:
+    """Turn bits where that explains the picture around the LED better; say also in which frames, (B,)."""
+    width = 3 * SAMPLES
+    place = (torch.arange(width, device=model.grey.device) + 0.5) / SAMPLES - 1.5
+    across, down = (torch.exp(-((place / one[:, None]) ** 2) / 2) for one in lattice.blur.float().unbind(1))
+    levels = lattice.levels.to(torch.float32)
+    change = torch.where(lattice.bits, -1.0, 1.0) * (levels[:, 1] - levels[:, 0])[:, None, None]
+    spot = change[..., None, None] * (down[:, :, None] * across[:, None])[:, None, None]
+    light, grey = _around(model.light), _around(model.grey)
+    rest = (model.predicted - model.grey).square()
+    gain = _around(rest).sum((3, 4))
+    gain = gain - (grey_values(light + spot) - grey).square().sum((3, 4))
+    # Neighbours share their light: of them only the one that gains most is turned.
+    best = gain == F.max_pool2d(gain, 3, 1, 1)
+    turned = best & (gain > rest.mean((1, 2)).clamp(min=1.0)[:, None, None])
+    return replace(lattice, bits=lattice.bits ^ turned), turned.flatten(1).any(1)
+
+
+def _around(plane: Tensor) -> Tensor:
+    """Cut the 3 x 3 cells around each LED out of (B,H,W): (B,R,C,3K,3K)."""
+    width = 3 * SAMPLES
+    return plane.unfold(1, width, SAMPLES).unfold(2, width, SAMPLES)
+
+
+def _with_missed_lines(model: Model, lattice: Lattice) -> tuple[Lattice, Tensor]:
+    """Move lattices by a cell where an outer line of Off LEDs is missed; say also where, (B,).
+
+    Such a line gives little light, so a fit may rest a line too far to the other side. Each side is tried:
+    the far line is taken away, and a line of Off LEDs added before the near one.
+    """
+    amplitude = lattice.amplitudes()
+    costs = [(model.predicted - model.grey).square().sum((1, 2))]
+    options = []
+    for axis, spots, others in ((1, model.rows, model.columns), (2, model.columns, model.rows)):
+        leds = int(amplitude.shape[axis])
+        samples, blur = sample_cells(leds, MARGIN).to(amplitude), lattice.blur[:, 2 - axis, None].float()
+        off = lattice.levels[:, :1].float() * others.value.sum(2)
+        for far, near, by in ((leds - 1, -0.5, -1), (0, leds + 0.5, 1)):
+            new = torch.exp(-(((samples - near) / blur) ** 2) / 2)
+            old = (others.value @ amplitude.select(axis, far)[..., None])[..., 0]
+            change = new[:, :, None] * off[:, None] - spots.value[:, :, far, None] * old[:, None]
+            light = model.light + (change if axis == 1 else change.mT)
+            costs.append((grey_values(light) - model.grey).square().sum((1, 2)))
+            options.append((axis, by))
+    chosen = torch.stack(costs, 1).argmin(1)
+    shifted = chosen > 0
+    if not bool(shifted.any()):
+        return lattice, shifted
+    found = replace(lattice)
+    for option, (axis, by) in enumerate(options, start=1):
+        bits = lattice.bits.roll(-by, axis)
+        bits.select(axis, -1 if by > 0 else 0).fill_(False)
+        cells = corner_cells(lattice.shape).to(bits.device, copy=True)
+        cells[:, 2 - axis] += by
+        corners = map_points(lattice.corners_px, cells.expand(len(bits), 4, 2), lattice.shape)
+        there = (chosen == option)[:, None, None]
+        found.bits, found.corners_px = found.bits.where(~there, bits), found.corners_px.where(~there, corners)
+    return found, shifted

@@ -82,7 +82,7 @@ class Lattice:
 
 @lru_cache(maxsize=64)
 def _shape(rows: int, columns: int) -> PanelShape:
-    """Give a panel's shape, checked once."""
+    """Return a panel's shape, checked once."""
     return PanelShape(rows, columns)
 
 
@@ -100,7 +100,7 @@ def linear_light(grey: Tensor) -> Tensor:
 
 
 def grey_values(light: Tensor) -> Tensor:
-    """Give the grey values, DN, of light of which 1 is white; more is white too, and less than 1e-5 is that.
+    """Grey values, DN, of light of which 1 is white; more is white too, and less than 1e-5 counts as that.
 
     Example:
         >>> grey_values(torch.tensor([1.0, 7.0])).tolist()
@@ -111,7 +111,7 @@ def grey_values(light: Tensor) -> Tensor:
 
 @lru_cache(maxsize=64)
 def corner_cells(shape: PanelShape, beyond: float = 0.0) -> Tensor:
-    """Give the cell coordinates of the corners, (4,2) float64, or of points ``beyond`` cells outside them.
+    """Return the cell coordinates of the corners, (4,2) float64, or of points ``beyond`` cells outside them.
 
     Example:
         >>> corner_cells(PanelShape(4, 8)).tolist()
@@ -125,7 +125,7 @@ def corner_cells(shape: PanelShape, beyond: float = 0.0) -> Tensor:
 
 
 def sample_cells(leds: int, margin: int) -> Tensor:
-    """Give the cell coordinates of an axis's samples, ``margin`` cells beyond either end included.
+    """Return the cell coordinates of an axis's samples, ``margin`` cells beyond either end included.
 
     Example:
         >>> sample_cells(1, 0).tolist()
@@ -176,7 +176,7 @@ class Spots:
 
 @lru_cache(maxsize=32)
 def _axis(leds: int, device: torch.device) -> tuple[Tensor, Tensor]:
-    """Give samples less the middles of an axis's spots, (N,n) cells, and the levers (n,)."""
+    """Return samples less the middles of an axis's spots, (N,n) cells, and the levers (n,)."""
     with torch.inference_mode(False):
         centre = torch.arange(leds, dtype=torch.float32) + 0.5
         apart = sample_cells(leds, MARGIN).to(centre)[:, None] - centre

@@ -116,7 +116,7 @@ def search_lattice(
 
 
 def _by_leds(shape: PanelShape, across: Tensor, down: Tensor) -> list[tuple[int, Tensor]]:
-    """Give the products of each axis by its number of LEDs; of axes alike as one batch."""
+    """Return the products of each axis by its number of LEDs; of axes alike as one batch."""
     if shape.columns == shape.rows:
         return [(shape.rows, torch.cat([across, down]))]
     return [(shape.columns, across), (shape.rows, down)]

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import get_args
 
 import torch
 from torch import Tensor
 
 from vocc_torch.errors import VoccError
-from vocc_torch.receiver.ladder import Choice, Quadrilateral, Search, climb
+from vocc_torch.receiver.ladder import Choice, choose_single, climb
+from vocc_torch.receiver.limits import LocatorLimits
 from vocc_torch.receiver.morphology import close_mask
-from vocc_torch.receiver.otsu import otsu_threshold, sensor_histogram
-from vocc_torch.receiver.single_blob import SingleBlob, single_blob
-from vocc_torch.receiver.uneven import UnevenParts, uneven_parts
+from vocc_torch.receiver.otsu import UnevenParts, otsu_threshold, sensor_histogram, uneven_parts
 from vocc_torch.types import Frames, Panels, PanelShape
 
 # Most pixels in one pass, to bound the memory; passes below the small size are not worth parting further.
@@ -21,10 +19,8 @@ _PASS_PX = 1 << 21
 _SMALL_PASS_PX = 1 << 18
 # Up to this size masks are tried one by one before they are laid in passes.
 _SMALL_MASK_PX = 1 << 15
-# More frames than these are quicker together, and come out the same to the last bit.
-_MOST_ALONE = 12
-_MOST_AREA_PX = 1 << 40
-_MOST_CLOSING_PX = (1 << 16) - 1
+# More frames than these are quicker together.
+_MOST_ALONE = 4
 # Columns of a blob are counted in 16 bits.
 _MOST_SIDE_PX = 1 << 15
 
@@ -78,11 +74,11 @@ def paper_stages(frames: Frames, closing_px: int = 11) -> Stages:
 
 
 @dataclass(frozen=True, slots=True)
-class PaperLocator:
+class PaperLocator(LocatorLimits):
     """Find the panel as the paper does: Otsu, closing, components, blob analysis, convex hull, quadrilateral.
 
     Blobs below a limit are dropped. Of the others the best by ``rectangularity x compactness x proportion^2``
-    (see :mod:`vocc_torch.receiver.blobs`) is the panel, of equals the first in raster order;
+    (see :mod:`vocc_torch.receiver.quadrilateral`) is the panel, of equals the first in raster order;
     ``Panels.candidates`` says how many there were. Nothing is found where none is left.
 
     One closing serves one LED pitch, so there is a ladder. At level n the mask is halved n times (block
@@ -128,28 +124,6 @@ class PaperLocator:
         ([[15.0, 10.0], [35.0, 10.0], [35.0, 30.0], [15.0, 30.0]], 1.0, 1)
     """
 
-    closing_px: int = 11
-    min_area_px: int = 100
-    min_rectangularity: float = 0.5
-    min_compactness: float = 0.81
-    quadrilateral: Quadrilateral = "min_area"
-
-    def __post_init__(self) -> None:
-        """Refuse parameters out of their range."""
-        closing_px = self.closing_px
-        if type(closing_px) is not int or not 1 <= closing_px <= _MOST_CLOSING_PX or closing_px % 2 == 0:
-            rule = f"odd, at least 1 and at most {_MOST_CLOSING_PX}"
-            raise VoccError(f"location.closing_px is {closing_px}: it must be {rule}")
-        if not 1 <= self.min_area_px <= _MOST_AREA_PX:
-            rule = f"at least 1 and at most {_MOST_AREA_PX}"
-            raise VoccError(f"location.min_area_px is {self.min_area_px}: it must be {rule}")
-        for name in ("min_rectangularity", "min_compactness"):
-            if not 0 <= getattr(self, name) <= 1:
-                raise VoccError(f"location.{name} is {getattr(self, name)}: it must be 0 to 1")
-        if self.quadrilateral not in get_args(Quadrilateral):
-            allowed = " or ".join(get_args(Quadrilateral))
-            raise VoccError(f"location.quadrilateral is {self.quadrilateral!r}: it must be {allowed}")
-
     @torch.no_grad()
     def __call__(self, frames: Frames, shape: PanelShape) -> Panels:
         """Locate the panel of ``shape`` in each frame; zero corners and score where there is none.
@@ -180,31 +154,31 @@ class PaperLocator:
             frames: B frames.
             threshold: (B,) int64.
             shape: the panel looked for.
-            parts: what :func:`vocc_torch.receiver.uneven.uneven_parts` says of the frames, where it is known.
+            parts: what :func:`vocc_torch.receiver.otsu.uneven_parts` says of the frames, where it is known.
 
         Returns:
             The choice, with corners on the sensor.
         """
-        search = Search(*(getattr(self, name) for name in PaperLocator.__slots__))
         boxes = _foreground_boxes(frames.grey, threshold, parts)
-        single = _single_blobs(frames, threshold, boxes, shape, search)
-        if single is not None and len(single[0]) == len(frames):
-            return single[1]
+        corner = boxes[:, :2]
         choice = Choice.none(len(frames), frames.grey.device)
-        if single is not None:
-            choice.put(*single)
-            boxes = boxes.index_fill(0, single[0], 0)
+        if boxes.device.type == "cpu" and len(boxes) <= _MOST_ALONE:
+            small = boxes[:, 2] * boxes[:, 3] <= _SMALL_MASK_PX
+            for rows, width, height in _passes(boxes * small[:, None]):
+                mask = _cut(frames.grey, threshold, boxes, rows, width, height)
+                made, part = choose_single(mask, shape, self)
+                choice.put(rows[made], part)
+            boxes = boxes.index_fill(0, choice.score.nonzero()[:, 0], 0)
         for rows, width, height in _passes(boxes):
             mask = _cut(frames.grey, threshold, boxes, rows, width, height)
-            part = climb(mask, shape, search)
-            place = (boxes[rows, :2] + frames.origin_px[rows].to(boxes))[:, None]
-            part.corners_px = torch.where((part.score > 0)[:, None, None], part.corners_px + place, 0.0)
-            choice.put(rows, part)
+            choice.put(rows, climb(mask, shape, self))
+        place = (corner + frames.origin_px.to(corner))[:, None]
+        choice.corners_px = torch.where((choice.score > 0)[:, None, None], choice.corners_px + place, 0.0)
         return choice
 
 
 def exact_frames(frames: Frames) -> Frames:
-    """Give the frames in uint8, or refuse what no locator can read.
+    """Return the frames in uint8, or refuse what no locator can read.
 
     Raises:
         VoccError: what :func:`quantised` refuses, another shape than (B,1,H,W), a side above 32,768 px, a
@@ -270,33 +244,6 @@ def _foreground_box(grey: Tensor, limit: int, parts: UnevenParts, index: int) ->
     if not len(x):
         return 0, 0, 0, 0
     return left + int(x[0]), top + int(y[0]), int(x[-1] - x[0]) + 1, int(y[-1] - y[0]) + 1
-
-
-def _single_blobs(
-    frames: Frames, threshold: Tensor, boxes: Tensor, shape: PanelShape, search: Search
-) -> tuple[Tensor, Choice] | None:
-    """Choose where a small mask is a single blob: the frames' indices, and the choice; None where none is."""
-    if boxes.device.type != "cpu" or len(boxes) > _MOST_ALONE:
-        return None
-    small = boxes[:, 2] * boxes[:, 3] <= _SMALL_MASK_PX
-    found: dict[int, SingleBlob] = {}
-    for rows, width, height in _passes(boxes * small[:, None]):
-        masks = _cut(frames.grey, threshold, boxes, rows, width, height)
-        closed = close_mask(masks[:, None], search.closing_px)[:, 0].numpy()
-        for row, mask, filled in zip(rows.tolist(), masks.numpy(), closed, strict=True):
-            wide, high = boxes[row, 2:].tolist()
-            blob = single_blob(mask[:high, :wide], filled[:high, :wide], shape, search)
-            if blob is not None:
-                found[row] = blob
-    if not found:
-        return None
-    chosen = torch.tensor(sorted(found))
-    blobs = [found[row] for row in chosen.tolist()]
-    place = (boxes[chosen, :2] + frames.origin_px[chosen])[:, None]
-    corners = torch.tensor([blob.corners_px for blob in blobs], dtype=torch.float64) + place
-    score = torch.tensor([blob.score for blob in blobs], dtype=torch.float64)
-    first, pixels = (torch.tensor([blob[field] for blob in blobs]) for field in (2, 3))
-    return chosen, Choice(score, corners, torch.ones_like(pixels), first, pixels)
 
 
 def _passes(boxes: Tensor) -> list[tuple[Tensor, int, int]]:

@@ -15,7 +15,7 @@ PanelLocator = PaperLocator | RefinedLocator
 
 
 def locator_named(name: LocatorName, paper: PaperLocator) -> PanelLocator:
-    """Give the locator of a name, with the settings of the paper's, which both use.
+    """Return the locator of a name, with the settings of the paper's, which both use.
 
     Raises:
         VoccError: an unknown name.
@@ -30,7 +30,7 @@ def locator_named(name: LocatorName, paper: PaperLocator) -> PanelLocator:
 
 
 def locator_settings(locator: PanelLocator) -> dict[str, object]:
-    """Give a locator's settings for a model file; those of the paper's carry no name.
+    """Return a locator's settings for a model file; those of the paper's carry no name.
 
     Example:
         >>> locator_settings(RefinedLocator())["name"]

@@ -173,7 +173,7 @@ def _fitted(
 
 
 def _noise_share(lattice: Lattice, noise: Tensor) -> Tensor:
-    """Give the share (B,) of a picture's variation that is noise, which no lattice explains."""
+    """Return the share (B,) of a picture's variation that is noise, which no lattice explains."""
     spread = lattice.rms_dn.square() / (1 - lattice.share).clamp(min=1e-9)
     share: Tensor = noise.square() / spread.clamp(min=1e-9)
     return share
@@ -220,7 +220,7 @@ def _likeliest(found: Panels, merit: Tensor, frame: Tensor, frames: Frames) -> P
 
 
 def _nowhere(count: int, frames: Frames) -> Panels:
-    """Give panels that are not found."""
+    """Return panels that are not found."""
     panels = Panels.known(torch.zeros(count, 4, 2, dtype=torch.float64, device=frames.grey.device))
     return Panels(panels.corners_px, ~panels.found, panels.score * 0, panels.candidates * 0)
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 
 import torch
 import torch.nn.functional as F
@@ -12,7 +11,7 @@ from torch import Tensor
 
 from vocc_torch.receiver.components import Components, label_components
 from vocc_torch.receiver.morphology import close_mask
-from vocc_torch.receiver.uneven import UnevenParts, uneven_parts
+from vocc_torch.receiver.otsu import UnevenParts, uneven_parts
 from vocc_torch.types import Frames
 
 _BLOCK_PX = 8
@@ -48,7 +47,7 @@ def block_means(grey: Tensor, parts: UnevenParts | None = None) -> Tensor:
 
     Args:
         grey: (B,1,H,W) uint8, not empty.
-        parts: what :func:`vocc_torch.receiver.uneven.uneven_parts` says of the frames, where it is known.
+        parts: what :func:`vocc_torch.receiver.otsu.uneven_parts` says of the frames, where it is known.
 
     Example:
         >>> block_means(torch.full((1, 1, 16, 12), 7, dtype=torch.uint8)).tolist()
@@ -93,7 +92,7 @@ def _blocks_of(box: tuple[int, int, int, int]) -> tuple[int, int, int, int]:
 
 
 def _plain_levels(parts: UnevenParts) -> list[int]:
-    """Give the grey value of each frame's background where too little differs to move any median, else -1."""
+    """Grey value of each frame's background where too little differs to move any median, else -1."""
     high, wide = (-(-side // _BLOCK_PX) for side in parts.size_px)
     least = min(_tile_blocks(high)[1] * _tile_blocks(wide)[1], high * wide)
     levels = []
@@ -140,7 +139,7 @@ def local_background(means: Tensor, levels: Sequence[int] = ()) -> Tensor:
 
 
 def _tile_blocks(blocks: int) -> tuple[int, int]:
-    """Give the number of an axis's tiles and their size, blocks."""
+    """Return the number of an axis's tiles and their size, blocks."""
     count = max(1, round(blocks / _TILE_BLOCKS))
     return count, -(-blocks // count)
 
@@ -178,8 +177,6 @@ def bright_regions(grey: Tensor) -> Regions:
     """
     parts = uneven_parts(grey)
     levels = _plain_levels(parts)
-    if min(levels) >= 0:
-        return _regions_of_parts(grey, parts)
     means = block_means(grey, parts)
     excess = means - local_background(means, levels)
     deviation = excess.new_zeros(len(grey))
@@ -189,38 +186,14 @@ def bright_regions(grey: Tensor) -> Regions:
         deviation[varied] = excess[varied].flatten(1).abs().median(1).values * _SIGMA_PER_MAD
     hot = excess > (_SIGMAS * deviation).clamp(min=_LEAST_DN)[:, None, None]
     components = label_components(close_mask(hot[:, None], _CLOSING_BLOCKS)[:, 0])
-    nowhere = components.frame.new_zeros(len(grey), 2)
-    return _windows(components, excess.clamp(min=0), nowhere)
+    return _windows(components, excess.clamp(min=0))
 
 
-def _regions_of_parts(grey: Tensor, parts: UnevenParts) -> Regions:
-    """Find windows where every frame is plain beyond its uneven part: nothing else can be brighter."""
-    high, wide = (-(-side // _BLOCK_PX) for side in parts.size_px)
-    boxes = [_blocks_of(box) for box in parts.boxes]
-    size = [max(1, *(box[axis + 2] - box[axis] for box in boxes)) for axis in (1, 0)]
-    excess = torch.zeros(len(grey), *size)
-    for index, (left, top, right, low) in enumerate(boxes):
-        if right > left:
-            columns, rows = (
-                slice(left * _BLOCK_PX, right * _BLOCK_PX),
-                slice(top * _BLOCK_PX, low * _BLOCK_PX),
-            )
-            background = _plain_background(parts.levels[index], high, wide)[top:low, left:right]
-            means = block_means(grey[index : index + 1, :, rows, columns])[0]
-            excess[index, : low - top, : right - left] = means - background
-    components = label_components(close_mask((excess > _LEAST_DN)[:, None], _CLOSING_BLOCKS)[:, 0])
-    return _windows(components, excess.clamp(min=0), torch.tensor([box[:2] for box in boxes]))
+def _windows(components: Components, light: Tensor) -> Regions:
+    """Lay square windows around the components of most light (B,h,w), in blocks, with a margin.
 
-
-@lru_cache(maxsize=64)
-def _plain_background(level: int, high: int, wide: int) -> Tensor:
-    """Give what :func:`local_background` says of a frame of one grey value: that, but for its rounding."""
-    with torch.inference_mode(False):
-        return local_background(torch.full((1, high, wide), float(level)), [level])[0]
-
-
-def _windows(components: Components, light: Tensor, corner: Tensor) -> Regions:
-    """Lay windows around the components of most light, in blocks counted from each frame's ``corner``."""
+    Sides are multiples of 32 px, so that many windows are of one size.
+    """
     runs, labels = components.runs, len(components.frame)
     # The light of a run from sums along the flat plane.
     total = F.pad(light.to(torch.float64).flatten().cumsum(0), [1, 0])
@@ -236,21 +209,12 @@ def _windows(components: Components, light: Tensor, corner: Tensor) -> Regions:
     frame = components.frame[order]
     rank = torch.arange(len(order), device=order.device) - torch.searchsorted(frame, frame)
     chosen = order[rank < _MOST_REGIONS]
-    frame = components.frame[chosen]
-    boxes = torch.stack(ends, 1)[chosen] + corner[frame].repeat(1, 2)
-    return _squares(frame, boxes)
-
-
-def _squares(frame: Tensor, boxes: Tensor) -> Regions:
-    """Lay square windows around boxes of blocks (W,4), first and last column and row, with a margin.
-
-    Sides are multiples of 32 px, so that many windows are of one size.
-    """
+    boxes = torch.stack(ends, 1)[chosen]
     first, last = boxes[:, :2] * _BLOCK_PX, (boxes[:, 2:] + 1) * _BLOCK_PX
     side = (last - first).amax(1)
     side = (side + side // 2 + 4 * _BLOCK_PX + 31) // 32 * 32
     left, top = ((first + last - side[:, None]) // 2).unbind(1)
-    return Regions(frame, left, top, side)
+    return Regions(components.frame[chosen], left, top, side)
 
 
 def cut_windows(frames: Frames, regions: Regions, chosen: Tensor, side: int) -> Frames:

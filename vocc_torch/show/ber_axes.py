@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from itertools import pairwise
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
+import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import FixedFormatter, FixedLocator, LogFormatterSciNotation, LogLocator, NullLocator
+from matplotlib.ticker import LogFormatterSciNotation, LogLocator
 
 from vocc_torch.measure.curve import BerTable, Row
-from vocc_torch.show.canvas import FINE_GRID, GRID, quiet_axes
+from vocc_torch.show.canvas import FINE_GRID, GRID, quiet_axes, write_legend
 from vocc_torch.show.styles import Style, value_text
 
 _SHARES = ("contrast",)
@@ -46,69 +47,55 @@ def draw_rates(
             ones.
     """
     crowding = _WIDTH_IN / width_in
-    place = _horizontal_axis(axes, table.values, table.axis in _SHARES, crowding)
+    shares, at = _horizontal_axis(axes, table.values, table.axis in _SHARES, crowding)
     _vertical_axis(axes, table.rows if rows is None else rows)
     quiet_axes(axes)
     axes.tick_params(which="both", labelsize=10.5 * size)
     axes.tick_params(axis="y", which="minor", labelsize=8.5 * size)
     most = max(_SPREAD, _MOST_SPREAD / max(1, len(styles) - 1))
-    spread = min(_SPREAD * crowding, 0.5 * place.least_gap / len(styles), most)
+    gap = min(np.diff(list(shares.values())), default=1.0)
+    spread = min(_SPREAD * crowding, 0.5 * gap / len(styles), most)
     for number, (receiver, style) in enumerate(styles.items()):
         shift = spread * (number - (len(styles) - 1) / 2)
-        _draw_receiver(axes, table.of(receiver), place, shift, style, size)
+        mine = table.of(receiver)
+        _draw_receiver(axes, [at(shares[row.value] + shift) for row in mine], mine, style, size)
 
 
-class _Place:
-    """Where a value stands on the horizontal axis, with a shift in shares of the axis."""
+def _horizontal_axis(
+    axes: Axes, values: Sequence[float], linear: bool, crowding: float
+) -> tuple[dict[float, float], Callable[[float], float]]:
+    """Put ticks at the measured values, and names at as many of them as have room, the ends first.
 
-    def __init__(self, values: Sequence[float], linear: bool) -> None:
-        self.log = not linear and values[0] > 0 and values[-1] > 10 * values[0]
-        low, high = self._along(values[0]), self._along(values[-1])
-        margin = 0.06 * (high - low) or 1e-3 * abs(high) or 1.0
-        self.low, self.high = low - margin, high + margin
-        self.least_gap = min((self.share(b) - self.share(a) for a, b in pairwise(values)), default=1.0)
+    Returns:
+        Where each value stands, as a share of the axis, and what gives the value at a share.
+    """
+    log = not linear and values[0] > 0 and values[-1] > 10 * values[0]
+    axes.set_xscale("log" if log else "linear")
+    scale = axes.xaxis.get_transform()
+    low, *_, high = along = scale.transform([values[0], *values, values[-1]])
+    margin = 0.06 * (high - low) or 1e-3 * abs(high) or 1.0
+    width = high - low + 2 * margin
 
-    def _along(self, value: float) -> float:
-        return math.log10(value) if self.log else value
+    def at(share: float) -> float:
+        return float(scale.inverted().transform([low - margin + share * width])[0])
 
-    def _back(self, along: float) -> float:
-        return float(10**along) if self.log else along
-
-    @property
-    def limits(self) -> tuple[float, float]:
-        return self._back(self.low), self._back(self.high)
-
-    def share(self, value: float) -> float:
-        return (self._along(value) - self.low) / (self.high - self.low)
-
-    def shifted(self, value: float, shift: float) -> float:
-        return self._back(self._along(value) + shift * (self.high - self.low))
-
-
-def _horizontal_axis(axes: Axes, values: Sequence[float], linear: bool, crowding: float) -> _Place:
-    """Put ticks at the measured values, and names at as many of them as have room, the ends first."""
-    place = _Place(values, linear)
-    axes.set_xscale("log" if place.log else "linear")
-    axes.set_xlim(*place.limits)
+    shares = dict(zip(values, ((along[1:-1] - low + margin) / width).tolist(), strict=True))
+    axes.set_xlim(at(0), at(1))
     named: dict[float, float] = {}
     for value in dict.fromkeys([values[0], values[-1], *values]):
         half_width = crowding * (0.005 + 0.004 * len(value_text(value)))
-        if all(abs(place.share(value) - place.share(other)) > half_width + named[other] for other in named):
+        if all(abs(shares[value] - shares[other]) > half_width + named[other] for other in named):
             named[value] = half_width
-    axes.xaxis.set_major_locator(FixedLocator(list(values)))
-    axes.xaxis.set_major_formatter(
-        FixedFormatter([value_text(value) if value in named else "" for value in values])
-    )
-    axes.xaxis.set_minor_locator(NullLocator())
-    return place
+    axes.set_xticks(values, [value_text(value) if value in named else "" for value in values])
+    axes.set_xticks([], minor=True)
+    return shares, at
 
 
 def _vertical_axis(axes: Axes, rows: Sequence[Row]) -> None:
     """Show every rate and limit; a lower end far below every rate may run out of the picture."""
     lowest = min(row.ber_high if row.error_free else row.ber for row in rows)
     # An arrow needs about two thirds of a decade below its limit.
-    feet = [row.ber_high / 5 if row.error_free else max(row.ber_low, lowest / 10) / 1.3 for row in rows]
-    bottom = min(feet)
+    bottom = min(row.ber_high / 5 if row.error_free else max(row.ber_low, lowest / 10) / 1.3 for row in rows)
     top = min(1.0, max(row.ber_high for row in rows) * 1.6)
     axes.set_yscale("log")
     axes.set_ylim(bottom, max(top, bottom * 20))
@@ -121,23 +108,14 @@ def _vertical_axis(axes: Axes, rows: Sequence[Row]) -> None:
     axes.grid(axis="x", which="major", color=GRID, linewidth=0.8)
 
 
-def _draw_receiver(
-    axes: Axes, rows: Sequence[Row], place: _Place, shift: float, style: Style, size: float
-) -> None:
+def _draw_receiver(axes: Axes, x: Sequence[float], rows: Sequence[Row], style: Style, size: float) -> None:
     """Draw one receiver: line, markers and intervals, and arrows where there were no errors."""
-    x = [place.shifted(row.value, shift) for row in rows]
     # A rate that is not a number breaks the line and leaves the point out.
     rate = [math.nan if row.error_free else row.ber for row in rows]
     ends = [[row.ber - row.ber_low for row in rows], [row.ber_high - row.ber for row in rows]]
+    bar = 1.3 * size
     axes.errorbar(
-        x,
-        rate,
-        ends,
-        color=style.colour,
-        linestyle="none",
-        elinewidth=1.3 * size,
-        capsize=2.6 * size,
-        capthick=1.3 * size,
+        x, rate, ends, fmt="none", ecolor=style.colour, elinewidth=bar, capsize=2 * bar, capthick=bar
     )
     axes.add_line(receiver_line(style, x, rate, size))
     for at, row in zip(x, rows, strict=True):
@@ -166,32 +144,28 @@ def receiver_line(
 
 def _draw_limit(axes: Axes, x: float, limit: float, style: Style, size: float) -> None:
     """Draw an upper limit: the receiver's marker, hollow, with an arrow down from it."""
+    line = {"arrowstyle": "<|-", "color": style.colour, "linewidth": 1.4 * size, "mutation_scale": 9 * size}
     # The arrow runs from its text, below it, to the limit: its head is at the start.
-    axes.annotate(
-        "",
-        xy=(x, limit),
-        xytext=(0, -27 * size),
-        textcoords="offset points",
-        arrowprops={
-            "arrowstyle": "<|-",
-            "color": style.colour,
-            "linewidth": 1.4 * size,
-            "mutation_scale": 9 * size,
-            "shrinkA": 0,
-            "shrinkB": 3 * size,
-        },
-    )
-    axes.plot(
-        [x],
-        [limit],
-        linestyle="none",
-        marker=style.marker,
-        markersize=6 * size,
-        markerfacecolor="white",
-        markeredgecolor=style.colour,
-        markeredgewidth=1.4 * size,
-        zorder=4,
-    )
+    arrow = {**line, "shrinkA": 0, "shrinkB": 3 * size}
+    axes.annotate("", (x, limit), (0, -27 * size), textcoords="offset points", arrowprops=arrow)
+    hollow = receiver_line(style, [x], [limit], size)
+    hollow.set(label="_limit", linestyle="none", markersize=6 * size, markerfacecolor="white", zorder=4)
+    hollow.set(markeredgecolor=style.colour, markeredgewidth=1.4 * size)
+    axes.add_line(hollow)
+
+
+def name_receivers(figure: Figure, styles: Iterable[Style], columns: int, size: float = 1.0) -> None:
+    """Name receivers in rows under the title.
+
+    Args:
+        figure: the figure to write on.
+        styles: of the receivers, in order.
+        columns: most names in a row.
+        size: of the signs, against those of a figure of its own.
+    """
+    look = {"fontsize": 10.5, "handlelength": 3.2, "columnspacing": 2.4} if size == 1 else {}
+    lines = [receiver_line(style, size=size) for style in styles]
+    write_legend(figure, lines, (0.01, 1 - 0.46 / figure.get_figheight()), columns, **look)
 
 
 def interval_note(rows: Iterable[Row]) -> str:

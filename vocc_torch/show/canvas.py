@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backend_bases import RendererBase
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -59,6 +62,23 @@ def write_title(figure: Figure, title: str, footnote: str = "") -> None:
     height = figure.get_figheight()
     figure.text(0.018, 1 - 0.16 / height, title, fontsize=15, fontweight="bold", color=INK, va="top")
     figure.text(0.018, 0.12 / height, footnote, fontsize=9.5, color=QUIET, va="bottom", linespacing=1.45)
+
+
+def write_legend(
+    figure: Figure, handles: Sequence[Artist], at: tuple[float, float], columns: int = 1, **look: Any
+) -> None:
+    """Explain signs without a frame.
+
+    Args:
+        figure: the figure to write on.
+        handles: lines and patches with their labels.
+        at: where its upper left corner is, as shares of the page.
+        columns: most names in a row.
+        look: what else Matplotlib's legend takes.
+    """
+    look = {"loc": "upper left", "fontsize": 10, "handlelength": 3.0, "columnspacing": 1.8, **look}
+    columns = min(columns, len(handles))
+    figure.legend(handles=handles, bbox_to_anchor=at, ncols=columns, frameon=False, labelcolor=INK, **look)
 
 
 def head(axes: Axes, letter: str, text: str) -> None:

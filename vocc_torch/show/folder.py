@@ -12,12 +12,14 @@ from rich.console import Console
 from vocc_torch.errors import VoccError
 from vocc_torch.files import write_atomically
 from vocc_torch.measure.config import Settings, as_yaml
-from vocc_torch.measure.ledger import Ledger
+from vocc_torch.measure.ledger import SUFFIX, Ledger
+from vocc_torch.measure.plan import Plan
+from vocc_torch.measure.train import Training, trained_receiver
 
 CONFIG = "config.yaml"
 """The resolved configuration."""
 
-LEDGER = "ledger.jsonl"
+LEDGER = f"ledger{SUFFIX}"
 """The ledger of a run with one experiment."""
 
 LEDGERS = "ledgers"
@@ -41,6 +43,8 @@ def refuse_results(folder: Path, ledgers: str | None = None) -> None:
         ledgers: a file or folder whose presence says that the run can be resumed, or None.
     """
     holds = sorted(entry.name for entry in folder.iterdir()) if folder.is_dir() else []
+    if "ledger.jsonl" in holds:
+        raise VoccError(f"name: {folder} holds ledger.jsonl of an older version: give another name=")
     if holds and ledgers not in holds:
         raise VoccError(f"name: {folder} already holds {holds[0]}: give another name=, or delete the folder")
 
@@ -54,9 +58,8 @@ def open_ledger(path: Path, settings: Mapping[str, object], console: Console) ->
     except VoccError as error:
         raise VoccError(re.sub("choose another (ledger|file)", "give another name=", str(error))) from None
     with ledger:
-        for text in (ledger.repaired, f"going on from {len(ledger)} blocks in {path}" if len(ledger) else ""):
-            if text:
-                console.print(text, soft_wrap=True, highlight=False)
+        if known := len(ledger):
+            console.print(f"going on from {known} blocks in {path}", soft_wrap=True, highlight=False)
         try:
             yield ledger
         except BaseException:
@@ -73,7 +76,7 @@ def resumable(settings: Settings, folder: Path, console: Console) -> Iterator[No
     try:
         yield
     except BaseException as error:
-        if any(folder.rglob("*.jsonl")):
+        if any(folder.rglob(f"*{SUFFIX}")):
             if isinstance(error, KeyboardInterrupt):
                 text = f"interrupted: the same command with name={settings.name} goes on from there"
                 console.print(text, soft_wrap=True, highlight=False)
@@ -85,6 +88,12 @@ def resumable(settings: Settings, folder: Path, console: Console) -> Iterator[No
 def write_config(settings: Settings, folder: Path) -> None:
     """Write the resolved configuration; a run that can be resumed does so once its ledger is its own."""
     write_atomically(folder / CONFIG, as_yaml(settings).encode())
+
+
+def write_training(settings: Settings, plan: Plan, training: Training, folder: Path) -> None:
+    """Write the receiver and the configuration it came from."""
+    trained_receiver(plan, training).save(folder / "receiver.pt")
+    write_config(settings, folder)
 
 
 def as_markdown(settings: Settings) -> str:

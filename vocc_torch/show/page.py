@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import base64
+import io
 import re
+from collections import Counter
 from collections.abc import Sequence
 from functools import lru_cache
 from importlib.resources import files
@@ -13,7 +15,9 @@ from urllib.parse import unquote
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined, pass_context
 from jinja2.runtime import Context
 from markdown_it import MarkdownIt
+from markdown_it.renderer import RendererHTML
 from markdown_it.token import Token
+from markdown_it.utils import EnvType, OptionsDict
 from markupsafe import Markup
 from PIL import Image, UnidentifiedImageError
 
@@ -25,15 +29,11 @@ SIGNS = {"agree": "\N{CHECK MARK}", "differ": "\N{BALLOT X}", "unsure": "?"}
 _MARKS = re.compile(r"([\\`*\[\]|~$]|(?<![^\W_])_|_(?![^\W_])|!$)")
 """What means something to Markdown in a line; an underscore within a word does not, nor does an exclamation
 mark, unless a link follows it."""
-_LINE_START = re.compile(r"^(\d{1,9}(?=[.)](?: |$))|(?=(?:[+=-]+|#{1,6})(?: |$)))")
+_LINE_START = re.compile(r"^( ?(?:\d{1,9}(?=[.)](?: |$))|(?=(?:[+=-]+|#{1,6})(?: |$))))")
 """What means something to Markdown at the start of a line: headings, lists and rules."""
-_NOT_WORDS = re.compile(r"[\s\x00-\x1f\x7f-\x9f]+")
+_NOT_WORDS = re.compile(r"(?:[^\S\N{NO-BREAK SPACE}]|[\x00-\x1f\x7f-\x9f])+")
 _ANCHOR = re.compile(r'<a id="([a-z0-9-]+)"></a>')
 _FOLD = re.compile(r"<details>\n<summary>([^<>]*)</summary>")
-_WORDY = 40
-"""Characters of a cell's text from which a narrow screen shows the rows of its table as cards."""
-_PINNED_COLUMNS = 5
-"""Most columns of a table of long texts that always fit beside the contents, with its head kept in sight."""
 
 
 def render(package: str, template: str, **values: object) -> str:
@@ -87,7 +87,8 @@ def md(value: object) -> Markup:
         >>> print(md("**a** [b](c) <script> flda_3"))
         \*\*a\*\* \[b\](c) &lt;script&gt; flda_3
     """
-    text = _LINE_START.sub(r"\1\\", _MARKS.sub(r"\\\1", _one_line(str(value))))
+    text = _MARKS.sub(r"\\\1", _NOT_WORDS.sub(" ", str(value)))
+    text = _LINE_START.sub(r"\1\\", text)
     return Markup(text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;"))
 
 
@@ -155,181 +156,127 @@ def html(markdown: str, title: str, folder: str | Path) -> str:
         >>> '<h2 id="results">Results</h2>' in page, "<p>a &lt; b &lt;script&gt;</p>" in page
         (True, True)
     """
-    reader = MarkdownIt("commonmark", {"html": False}).enable("table")
+    reader = MarkdownIt("commonmark", {"html": False}, renderer_cls=_Page).enable("table")
     tokens = reader.parse(markdown)
-    _allow_marks(tokens)
-    _name_headings(tokens)
-    _pictures(tokens, Path(folder))
-    _tables(tokens)
-    _highlights(tokens)
-    head, contents, body = _parts(tokens)
-    texts = {
-        name: Markup(reader.renderer.render(part, reader.options, {}))
-        for name, part in {"header": head, "contents": contents, "body": body}.items()
-    }
+    heads = [
+        place for place, token in enumerate(tokens) if token.type == "heading_open" and token.tag == "h2"
+    ]
+    first = end = heads[0] if heads else len(tokens)
+    if heads and _words(tokens[first + 1]) == "Contents":
+        # The heading is three tokens; its list ends where the next heading or its anchor begins.
+        end = (
+            next(
+                at
+                for at in range(first, len(tokens))
+                if tokens[at].type == "bullet_list_close" and not tokens[at].level
+            )
+            + 1
+        )
+    elif first >= 3 and _ANCHOR.fullmatch(tokens[first - 2].content):
+        first = end = first - 3
+    parts = {"header": tokens[:first], "contents": tokens[first + 3 : end], "body": tokens[end:]}
+    env = {"folder": Path(folder)}
+    texts = {name: Markup(reader.renderer.render(part, reader.options, env)) for name, part in parts.items()}
     style = Markup(files(__package__).joinpath("page.css").read_text("utf-8"))
     return render(__package__, "page.html.j2", title=_one_line(title), style=style, **texts)
 
 
-def _allow_marks(tokens: list[Token]) -> None:
-    """Let lines through that are an anchor, or begin or end what is folded."""
-    for place, token in enumerate(tokens):
-        if token.type != "inline" or tokens[place - 1].type != "paragraph_open":
-            continue
-        if _ANCHOR.fullmatch(token.content) or token.content == "</details>":
-            allowed = token.content
-        elif folded := _FOLD.fullmatch(token.content):
+def _words(line: Token) -> str:
+    """Join the words of a line, whatever they are."""
+    return "".join(" " if child.type == "softbreak" else child.content for child in line.children or ())
+
+
+def _tone(line: Token) -> dict[str, str]:
+    """Give the class of a line's tone by the sign before it."""
+    words = _words(line)
+    return next(({"class": tone} for tone, sign in SIGNS.items() if words.startswith(f"{sign} ")), {})
+
+
+class _Page(RendererHTML):
+    """Writes a report's Markdown as HTML; the methods' names are those of markdown-it's tokens."""
+
+    def __init__(self, parser: object = None) -> None:
+        super().__init__(parser)
+        self.named: Counter[str] = Counter()
+
+    def paragraph_open(self, tokens: Sequence[Token], idx: int, options: OptionsDict, env: EnvType) -> str:
+        """Let lines through that are an anchor or begin or end what is folded; make pictures figures."""
+        line = tokens[idx + 1]
+        if _ANCHOR.fullmatch(line.content) or line.content == "</details>":
+            allowed = line.content
+        elif folded := _FOLD.fullmatch(line.content):
             allowed = f'<details class="folded">\n<summary>{folded[1]}</summary>'
         else:
-            continue
-        tokens[place] = Token("html_block", "", 0, content=f"{allowed}\n")
-        # A paragraph of nothing: hidden tokens write nothing.
-        tokens[place - 1].hidden = tokens[place + 1].hidden = True
+            if line.children and line.children[0].type == "image":
+                tokens[idx].tag = tokens[idx + 2].tag = "figure"
+            return self.renderToken(tokens, idx, options, env)
+        tokens[idx + 2].hidden = True
+        line.children = [Token("html_inline", "", 0, content=f"{allowed}\n")]
+        return ""
 
+    def paragraph_close(self, tokens: Sequence[Token], idx: int, options: OptionsDict, env: EnvType) -> str:
+        """Close the caption of a figure."""
+        caption = "</figcaption>" if tokens[idx].tag == "figure" else ""
+        return caption + self.renderToken(tokens, idx, options, env)
 
-def _name_headings(tokens: Sequence[Token]) -> None:
-    """Give headings their names in links, where no anchor stands before them."""
-    taken: set[str] = set()
-    for place, token in enumerate(tokens):
-        if token.type == "html_block" and (anchor := _ANCHOR.match(token.content)):
-            taken.add(anchor[1])
-        elif token.type == "heading_open" and not _anchored(tokens, place):
-            name = base = slug(_words(tokens[place + 1]))
-            number = 0
-            while name in taken:
-                number += 1
-                name = f"{base}-{number}"
-            taken.add(name)
-            token.attrSet("id", name)
+    def image(self, tokens: Sequence[Token], idx: int, options: OptionsDict, env: EnvType) -> str:
+        """Put a PNG file's content in the place of its name; what follows it in a figure is its caption."""
+        name = unquote(str(tokens[idx].attrs["src"]))
+        path = env["folder"] / name
+        if Path(name).is_absolute() or ".." in Path(name).parts:
+            raise VoccError(
+                f"{name} leads out of the report's folder: give a path inside it, such as fig22.png"
+            )
+        try:
+            content = path.read_bytes()
+            with Image.open(io.BytesIO(content), formats=["PNG"]) as picture:
+                size = {"width": picture.width, "height": picture.height}
+        except UnidentifiedImageError as error:
+            raise VoccError(f"{name} is not a PNG picture: {error}") from error
+        except OSError as error:
+            raise VoccError(
+                f"cannot read {path}: {error.strerror or error}: write it before the report"
+            ) from error
+        tokens[idx].attrs |= {"src": f"data:image/png;base64,{base64.b64encode(content).decode()}", **size}
+        return super().image(tokens, idx, options, env) + ("\n<figcaption>" if idx == 0 else "")
 
+    def heading_open(self, tokens: Sequence[Token], idx: int, options: OptionsDict, env: EnvType) -> str:
+        """Name a heading in links, where no anchor stands before it; names that came before get a number."""
+        if idx < 3 or not _ANCHOR.fullmatch(tokens[idx - 2].content):
+            name = slug(_words(tokens[idx + 1]))
+            again = f"-{self.named[name]}" if self.named[name] else ""
+            self.named[name] += 1
+            tokens[idx].attrSet("id", name + again)
+        return self.renderToken(tokens, idx, options, env)
 
-def _anchored(tokens: Sequence[Token], place: int) -> bool:
-    """Say whether an anchor stands before the heading: a paragraph's open and close lie around it."""
-    return place >= 3 and _ANCHOR.match(tokens[place - 2].content) is not None
+    def bullet_list_open(self, tokens: Sequence[Token], idx: int, options: OptionsDict, env: EnvType) -> str:
+        """Show a list of asterisks as a summary's numbers; lists of hyphens stay lists."""
+        if tokens[idx].markup == "*":
+            tokens[idx].attrSet("class", "highlights")
+        return self.renderToken(tokens, idx, options, env)
 
+    def list_item_open(self, tokens: Sequence[Token], idx: int, options: OptionsDict, env: EnvType) -> str:
+        """Colour a summary's number by its sign."""
+        if tokens[idx].markup == "*":
+            tokens[idx].attrs |= _tone(tokens[idx + 2])
+        return self.renderToken(tokens, idx, options, env)
 
-def _words(inline: Token) -> str:
-    """Join the words of a line, whatever they are."""
-    return "".join(" " if child.type == "softbreak" else child.content for child in inline.children or ())
+    def table_open(self, tokens: Sequence[Token], idx: int, options: OptionsDict, env: EnvType) -> str:
+        """Put a table into a box that scrolls where the screen is narrow."""
+        return f'<div class="table" tabindex="0">\n{self.renderToken(tokens, idx, options, env)}'
 
+    def table_close(self, tokens: Sequence[Token], idx: int, options: OptionsDict, env: EnvType) -> str:
+        """Close the box."""
+        return f"{self.renderToken(tokens, idx, options, env)}</div>\n"
 
-def _pictures(tokens: Sequence[Token], folder: Path) -> None:
-    """Put pictures into the page, as figures with the captions that follow them."""
-    for place, token in enumerate(tokens):
-        children = token.children or []
-        for child in children:
-            if child.type == "image":
-                _put_in(child, folder)
-        if not children or children[0].type != "image":
-            continue
-        tokens[place - 1].tag = tokens[place + 1].tag = "figure"
-        caption = children[1:]
-        if caption and caption[0].type == "softbreak":
-            caption = caption[1:]
-        marks = [Token("html_inline", "", 0, content=mark) for mark in ("\n<figcaption>", "</figcaption>")]
-        token.children = [children[0], marks[0], *caption, marks[1]] if caption else children
+    def tr_open(self, tokens: Sequence[Token], idx: int, options: OptionsDict, env: EnvType) -> str:
+        """Let a row's first cell name it."""
+        if tokens[idx + 1].type == "td_open":
+            tokens[idx + 1].tag = tokens[idx + 3].tag = "th"
+            tokens[idx + 1].attrSet("scope", "row")
+        return self.renderToken(tokens, idx, options, env)
 
-
-def _put_in(image: Token, folder: Path) -> None:
-    """Put a PNG file's content in the place of its name."""
-    name = unquote(str(image.attrs["src"]))
-    path = folder / name
-    if Path(name).is_absolute() or ".." in Path(name).parts:
-        raise VoccError(f"{name} leads out of the report's folder: give a path inside it, such as fig22.png")
-    if not path.is_file():
-        raise VoccError(f"{name} is not in {folder}: write it before the report")
-    try:
-        with Image.open(path, formats=["PNG"]) as picture:
-            width_px, height_px = picture.size
-        content = base64.b64encode(path.read_bytes()).decode("ascii")
-    except (UnidentifiedImageError, SyntaxError, ValueError) as error:
-        raise VoccError(f"{name} is not a PNG picture: {error}") from error
-    except OSError as error:
-        raise VoccError(f"cannot read {path}: {error.strerror or error}") from error
-    image.attrs |= {"src": f"data:image/png;base64,{content}", "width": width_px, "height": height_px}
-
-
-def _tables(tokens: list[Token]) -> None:
-    """Name rows by their first cells, colour what a sign stands before, and say how narrow screens go on."""
-    header: list[str] = []
-    opened, column, wordy = tokens[:1], 0, False
-    for place, token in enumerate(tokens):
-        if token.type == "table_open":
-            opened, header, wordy = [token], [], False
-        elif token.type == "tr_open":
-            column = 0
-        elif token.type in ("th_open", "td_open"):
-            _set_align(token)
-        if token.type == "th_open":
-            header.append(_words(tokens[place + 1]))
-            token.attrSet("scope", "col")
-        elif token.type == "td_open":
-            cell = tokens[place + 1]
-            wordy |= len(_words(cell)) >= _WORDY
-            if column == 0:
-                token.tag = tokens[place + 2].tag = "th"
-                token.attrSet("scope", "row")
-            else:
-                token.attrSet("data-label", header[column])
-            if tone := _tone(_words(cell)):
-                marks = (f'<span class="tone {tone}">', "</span>")
-                begin, end = (Token("html_inline", "", 0, content=mark) for mark in marks)
-                cell.children = [begin, *(cell.children or ()), end]
-            column += 1
-        elif token.type == "table_close":
-            kind = "table wordy" if wordy else "table"
-            opened[0].meta["kind"] = f"{kind} pinned" if wordy and len(header) <= _PINNED_COLUMNS else kind
-    _wrap_tables(tokens)
-
-
-def _set_align(cell: Token) -> None:
-    """Say a cell's alignment as a class, which the style may overrule on narrow screens."""
-    if align := str(cell.attrs.pop("style", "")).removeprefix("text-align:"):
-        cell.attrSet("class", align)
-
-
-def _wrap_tables(tokens: list[Token]) -> None:
-    """Put each table into a box that scrolls where the screen is narrow."""
-    for place in reversed(range(len(tokens))):
-        if tokens[place].type == "table_close":
-            tokens.insert(place + 1, Token("html_block", "", 0, content="</div>\n"))
-        elif tokens[place].type == "table_open":
-            opened = f'<div class="{tokens[place].meta["kind"]}" tabindex="0">\n'
-            tokens.insert(place, Token("html_block", "", 0, content=opened))
-
-
-def _tone(text: str) -> str | None:
-    """Find the tone of a text by the sign before it."""
-    return next((tone for tone, sign in SIGNS.items() if text.startswith(f"{sign} ")), None)
-
-
-def _highlights(tokens: Sequence[Token]) -> None:
-    """Show a list of asterisks as a summary's numbers; lists of hyphens stay lists."""
-    for place, token in enumerate(tokens):
-        if token.markup != "*":
-            continue
-        if token.type == "bullet_list_open":
-            token.attrSet("class", "highlights")
-        # An item, its paragraph, and the paragraph's line.
-        elif token.type == "list_item_open" and (tone := _tone(_words(tokens[place + 2]))):
-            token.attrSet("class", tone)
-
-
-def _parts(tokens: Sequence[Token]) -> tuple[Sequence[Token], Sequence[Token], Sequence[Token]]:
-    """Part the title with what stands under it, the list of contents, and the text."""
-    chapters = [
-        place for place, token in enumerate(tokens) if token.type == "heading_open" and token.tag == "h2"
-    ]
-    if not chapters:
-        return tokens[:3], (), tokens[3:]
-    first = chapters[0]
-    if tokens[first + 1].content == "Contents":
-        # The heading is three tokens; its list ends where nesting comes back to the top.
-        end = next(
-            place
-            for place in range(first + 3, len(tokens))
-            if tokens[place].type == "bullet_list_close" and tokens[place].level == 0
-        )
-        return tokens[:first], tokens[first + 3 : end + 1], tokens[end + 1 :]
-    start = first - 3 if _anchored(tokens, first) else first
-    return tokens[:start], (), tokens[start:]
+    def td_open(self, tokens: Sequence[Token], idx: int, options: OptionsDict, env: EnvType) -> str:
+        """Colour a cell by its sign."""
+        tokens[idx].attrs |= _tone(tokens[idx + 1])
+        return self.renderToken(tokens, idx, options, env)

@@ -2,32 +2,18 @@
 
 from __future__ import annotations
 
-import csv
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from itertools import combinations
 from pathlib import Path
 
-from vocc_torch.files import atomic_file
 from vocc_torch.measure.curves import Curves
-from vocc_torch.measure.paired import DifferenceInterval, paired_interval, sign_test
-from vocc_torch.show.csv_file import cell_text
+from vocc_torch.measure.paired import paired_interval, sign_test
+from vocc_torch.show.csv_file import cell_text, write_rows
 from vocc_torch.show.styles import receiver_styles, value_text
 
 COLUMNS = (
-    "experiment",
-    "axis",
-    "value",
-    "locator",
-    "a",
-    "b",
-    "frames",
-    "difference",
-    "difference_low",
-    "difference_high",
-    "real",
-    "a_worse",
-    "b_worse",
-    "sign_test_p",
+    *("experiment", "axis", "value", "locator", "a", "b", "frames"),
+    *("difference", "difference_low", "difference_high", "real", "a_worse", "b_worse", "sign_test_p"),
 )
 """Columns of ``paired.csv``: ``difference`` is the bit error rate of a less that of b; ``real`` says whether
 its 95 % interval leaves out 0; ``a_worse`` and ``b_worse`` count frames."""
@@ -50,14 +36,11 @@ def write_paired(path: str | Path, all_curves: Iterable[Curves]) -> None:
         ...     (Path(folder) / "paired.csv").read_text().split(",")[4:6]
         ['a', 'b']
     """
-    with atomic_file(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(COLUMNS)
-        for curves in all_curves:
-            writer.writerows(map(cell_text, row) for row in _rows(curves))
+    lines = (map(cell_text, row) for curves in all_curves for row in _rows(curves))
+    write_rows(path, [COLUMNS, *map(tuple, lines)])
 
 
-def _rows(curves: Curves) -> Iterable[tuple[str | int | float, ...]]:
+def _rows(curves: Curves) -> Iterator[tuple[str | int | float, ...]]:
     """Give an experiment's lines."""
     for value in curves.values:
         for a, b in combinations(curves.receivers, 2):
@@ -65,22 +48,9 @@ def _rows(curves: Curves) -> Iterable[tuple[str | int | float, ...]]:
             if not paired.frames:
                 continue
             found = paired_interval(paired)
-            yield (
-                curves.experiment,
-                curves.axis,
-                value,
-                curves.locator,
-                a,
-                b,
-                paired.frames,
-                found.difference,
-                found.low,
-                found.high,
-                int(found.real),
-                paired.a_worse,
-                paired.b_worse,
-                sign_test(paired),
-            )
+            place = (curves.experiment, curves.axis, value, curves.locator, a, b, paired.frames)
+            worse = (paired.a_worse, paired.b_worse, sign_test(paired))
+            yield *place, found.value, found.low, found.high, int(found.real), *worse
 
 
 def compared(curves: Curves, reference: str) -> list[str]:
@@ -95,23 +65,14 @@ def compared(curves: Curves, reference: str) -> list[str]:
         []
     """
     lines = []
-    labels = {name: style.label for name, style in receiver_styles(curves.receivers).items()}
-    for name in curves.receivers:
+    for name, style in receiver_styles(curves.receivers).items():
         if name == reference:
             continue
-        found = {value: paired_interval(curves.pair(name, reference, value)) for value in curves.values}
-        parts = [
-            f"{word} at {', '.join(places)}"
-            for word, places in (
-                ("worse", _places(found, worse=True)),
-                ("better", _places(found, worse=False)),
-            )
-            if places
-        ]
-        lines.append(f"{labels[name]}: {'; '.join(parts) or 'no difference shown'}")
+        places: dict[str, list[str]] = {"worse": [], "better": []}
+        for value in curves.values:
+            found = paired_interval(curves.pair(name, reference, value))
+            if found.real:
+                places["worse" if found.value > 0 else "better"].append(value_text(value))
+        parts = [f"{word} at {', '.join(values)}" for word, values in places.items() if values]
+        lines.append(f"{style.label}: {'; '.join(parts) or 'no difference shown'}")
     return lines
-
-
-def _places(found: dict[float, DifferenceInterval], *, worse: bool) -> list[str]:
-    """Name the values at which a receiver is surely worse, or surely better."""
-    return [value_text(value) for value, one in found.items() if one.real and (one.difference > 0) == worse]

@@ -13,19 +13,9 @@ from torch import Tensor
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.curve import BerTable
-from vocc_torch.show.ber_axes import draw_rates, interval_note, receiver_line
-from vocc_torch.show.canvas import (
-    GRID,
-    INK,
-    figure_pixels,
-    new_figure,
-    quiet_axes,
-    save_figure,
-    write_title,
-)
-from vocc_torch.show.styles import Style, receiver_styles
-
-__all__ = ["ber_figure", "feature_histograms", "figure_pixels", "save_figure"]
+from vocc_torch.show.ber_axes import draw_rates, interval_note, name_receivers
+from vocc_torch.show.canvas import GRID, new_figure, quiet_axes, write_legend, write_title
+from vocc_torch.show.styles import receiver_styles
 
 _WIDTH_IN, _HEIGHT_IN = 10.0, 6.4
 _LEGEND_COLUMNS = 3
@@ -66,7 +56,7 @@ def ber_figure(table: BerTable, axis_label: str, title: str) -> Figure:
     axes.set_ylabel("Bit error rate")
     axes.yaxis.set_label_coords(-0.066, 0.5)
     write_title(figure, title, _footnote(table))
-    _legend(figure, list(styles.values()))
+    name_receivers(figure, styles.values(), _LEGEND_COLUMNS)
     return figure
 
 
@@ -78,16 +68,12 @@ def feature_histograms(features: Tensor, bits: Tensor, names: Sequence[str]) -> 
         bits: (N,) bool, True = On, with both kinds present.
         names: the F features' names.
 
-    Raises:
-        VoccError: shapes that do not belong together, a value that is not finite, or one kind of LED missing.
-
     Example:
         >>> import torch
         >>> bits = torch.arange(100) % 2 == 0
         >>> len(feature_histograms(torch.randn(100, 2), bits, ["AGR", "GRI"]).axes)
         2
     """
-    _check_features(features, bits, names)
     values, on = features.detach().cpu().double().numpy(), bits.cpu().numpy()
     columns = min(3, len(names))
     rows = math.ceil(len(names) / columns)
@@ -101,13 +87,9 @@ def feature_histograms(features: Tensor, bits: Tensor, names: Sequence[str]) -> 
         axes.set_xlabel(name)
         axes.set_ylabel("Share of LEDs" if number % columns == 0 else "")
     write_title(figure, f"Features of {_thousands(len(values))} LEDs")
-    figure.legend(
-        *figure.axes[0].get_legend_handles_labels(),
-        loc="upper right",
-        bbox_to_anchor=(0.99, 1 - 0.08 / height),
-        ncols=2,
-        frameon=False,
-        fontsize=10.5,
+    handles, _ = figure.axes[0].get_legend_handles_labels()
+    write_legend(
+        figure, handles, (0.99, 1 - 0.08 / height), 2, handlelength=2.0, loc="upper right", fontsize=10.5
     )
     return figure
 
@@ -123,33 +105,6 @@ def _footnote(table: BerTable) -> str:
 def _thousands(number: int) -> str:
     """Group digits by thin spaces."""
     return f"{number:,}".replace(",", "\N{THIN SPACE}")
-
-
-def _legend(figure: Figure, styles: Sequence[Style]) -> None:
-    """Name the receivers in rows under the title."""
-    figure.legend(
-        handles=[receiver_line(style) for style in styles],
-        loc="upper left",
-        bbox_to_anchor=(0.01, 1 - 0.46 / figure.get_figheight()),
-        ncols=min(_LEGEND_COLUMNS, len(styles)),
-        frameon=False,
-        fontsize=10.5,
-        labelcolor=INK,
-        handlelength=3.2,
-        columnspacing=2.4,
-    )
-
-
-def _check_features(features: Tensor, bits: Tensor, names: Sequence[str]) -> None:
-    """Refuse features that cannot be drawn by status."""
-    if features.ndim != 2 or features.shape[1] != len(names) or not names:
-        raise VoccError(f"features has shape {tuple(features.shape)}: it must be (N, {max(1, len(names))})")
-    if bits.shape != features.shape[:1]:
-        raise VoccError(f"bits has shape {tuple(bits.shape)}: it must be ({features.shape[0]},)")
-    if not bool(features.isfinite().all()):
-        raise VoccError("features holds a value that is not finite")
-    if bool(bits.all()) or not bool(bits.any()):
-        raise VoccError("bits holds one kind of LED: a comparison needs both On and Off")
 
 
 def _histogram(axes: Axes, values: NDArray[np.float64], on: NDArray[np.bool_]) -> None:

@@ -1,4 +1,8 @@
-"""The results as a TensorBoard: one run for each receiver, and one with the layout, figures and pictures."""
+"""The results as a TensorBoard: one run for each receiver, and one with the layout, figures and pictures.
+
+TensorBoard draws scalars against an integer step and has no logarithmic axis. So the step is the physical
+value in a unit that makes it whole, and the logarithm of the rate is what is logged.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +10,8 @@ import math
 import re
 import shlex
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -14,60 +20,56 @@ from numpy.typing import NDArray
 from torch.utils.tensorboard import SummaryWriter
 
 from vocc_torch.errors import VoccError
-from vocc_torch.measure.curve import BerTable, Row
+from vocc_torch.measure.curve import BerTable
 from vocc_torch.show.canvas import figure_pixels
-from vocc_torch.show.tensorboard_layout import Section, how_to_read, layout
-from vocc_torch.show.tensorboard_layout import axis_steps as axis_steps
+from vocc_torch.show.page import render
+from vocc_torch.show.quiet import quiet_threads
+from vocc_torch.show.styles import axis_label
 
 Picture = NDArray[np.uint8]
 
 SUMMARY_RUN = "_summary"
 """Name of the run that holds what belongs to no single receiver."""
 
-_GROUP = re.compile(r"[A-Za-z0-9][A-Za-z0-9._=+-]*")
-
+_STEPS = {
+    "distance_m": (10, "Distance in dm"),
+    "contrast": (1000, "Contrast in thousandths"),
+    "offset_x_m": (1000, "offset_x_m in mm"),
+    "offset_y_m": (1000, "offset_y_m in mm"),
+}
+"""What an axis value is multiplied by to be a step, and what the step then is."""
 # TensorBoard's charts colour runs by the order of their first events: orange, blue, red, light blue, pink,
 # green, grey, orange again. In this order most receivers come close to their colours in the figures, and the
 # two that share one are far apart.
 _WRITTEN_FIRST = (
-    "average_greyscale",
-    "flda_2",
-    "flda_3",
-    "flda_agr",
-    "flda_gri",
-    "flda_agr_ngr",
-    "center_greyscale",
-    "flda_ngr",
+    *("average_greyscale", "flda_2", "flda_3", "flda_agr", "flda_gri", "flda_agr_ngr"),
+    *("center_greyscale", "flda_ngr"),
 )
 
 
-def write_board(
-    folder: str | Path,
-    table: BerTable,
-    figures: Mapping[str, Figure | Picture] | None = None,
-    images: Mapping[str, Picture] | None = None,
-    texts: Mapping[str, str] | None = None,
-) -> None:
-    """Write the board of one table: ``write_boards`` with tags that begin with no group.
+def axis_steps(axis: str, values: Sequence[float]) -> dict[float, int]:
+    """Give each value of an axis its integer step.
 
     Args:
-        folder: the folder that TensorBoard is to be pointed at.
-        table: the points.
-        figures: figures by name, Matplotlib's or (H,W,3) uint8.
-        images: (H,W,3) uint8 pictures by name.
-        texts: Markdown by name.
+        axis: name of the axis.
+        values: values of it.
 
     Raises:
-        VoccError: what ``write_boards`` refuses.
+        VoccError: two values with the same step: one would hide the other.
 
     Example:
-        >>> import tempfile
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     write_board(folder, BerTable(), texts={"note": "No points yet."})
-        ...     [run.name for run in Path(folder).iterdir()]
-        ['_summary']
+        >>> axis_steps("distance_m", [30.0, 32.5]), axis_steps("ambient_lx", [1000.0])
+        ({30.0: 300, 32.5: 325}, {1000.0: 1000})
     """
-    write_boards(folder, {"": [table]}, figures, images, texts)
+    factor, _ = _STEPS.get(axis, (1, ""))
+    steps = {value: round(value * factor) for value in sorted(values)}
+    for value, other in pairwise(steps):
+        if steps[value] == steps[other]:
+            raise VoccError(
+                f"{axis} is {value:g} and {other:g}: "
+                f"TensorBoard's steps are integers and both give {steps[value]}"
+            )
+    return steps
 
 
 def write_boards(
@@ -89,16 +91,15 @@ def write_boards(
 
     Args:
         folder: the folder that TensorBoard is to be pointed at.
-        tables: by group, tables of different axes. A group's name is of letters, digits and ``._=+-``; that
-            of a single group may be empty, for tags without one.
+        tables: by group, tables of different axes; the name of a single group may be empty, for tags without
+            one.
         figures: figures by name, Matplotlib's or (H,W,3) uint8.
         images: (H,W,3) uint8 pictures by name.
         texts: Markdown by name.
         numbers: what else stands in a receiver's row of the HPARAMS tab, by receiver.
 
     Raises:
-        VoccError: another group name, two tables of one axis in a group, two values of an axis with the same
-            step, a picture of another shape or type, or a folder that cannot be written.
+        VoccError: two values of an axis with the same step, or a folder that cannot be written.
 
     Example:
         >>> import tempfile
@@ -110,17 +111,29 @@ def write_boards(
         ...     sorted(run.name for run in Path(folder).iterdir())
         ['_summary', 'flda_3']
     """
-    sections = _sections(tables)
-    steps = [section.steps for section in sections]
-    pictures = _pictures(figures or {}, images or {})
+    filled = [(group, table) for group, some in tables.items() for table in some if len(table)]
+    parts = [_Part(group, table, axis_steps(table.axis, table.values)) for group, table in filled]
+    receivers = list(dict.fromkeys(name for part in parts for name in part.table.receivers))
+    # The sort is stable: those without a place keep their order.
+    receivers.sort(key=lambda name: (*_WRITTEN_FIRST, name).index(name))
+    pictures = {f"figures/{name}": figure for name, figure in (figures or {}).items()}
+    pictures |= {f"images/{name}": image for name, image in (images or {}).items()}
     try:
-        for receiver in _run_order(sections):
-            with SummaryWriter(str(_cleared(Path(folder) / receiver))) as writer:
-                for section, step_of in zip(sections, steps, strict=True):
-                    _write_curve(writer, section, section.table.of(receiver), step_of)
-                _write_settings(writer, sections, receiver, (numbers or {}).get(receiver, {}))
-        with SummaryWriter(str(_cleared(Path(folder) / SUMMARY_RUN))) as writer:
-            _write_summary(writer, sections, pictures, texts or {})
+        with quiet_threads():
+            for receiver in receivers:
+                with SummaryWriter(str(_cleared(Path(folder) / receiver))) as writer:
+                    for part in parts:
+                        part.write(writer, receiver)
+                    _write_settings(writer, parts, receiver, (numbers or {}).get(receiver, {}))
+            with SummaryWriter(str(_cleared(Path(folder) / SUMMARY_RUN))) as writer:
+                if parts:
+                    writer.add_custom_scalars({part.title: part.charts() for part in parts})
+                    writer.add_text("how to read", _how_to_read(parts))
+                for name, text in (texts or {}).items():
+                    writer.add_text(name, text)
+                for tag, picture in pictures.items():
+                    pixels = figure_pixels(picture) if isinstance(picture, Figure) else picture
+                    writer.add_image(tag, pixels, dataformats="HWC")
     except OSError as error:
         raise VoccError(f"cannot write {folder}: {error.strerror or error}") from error
 
@@ -129,7 +142,7 @@ def board_hint(folder: str | Path) -> str:
     """Give the command that serves the board and the link that opens it with smoothing off.
 
     Args:
-        folder: the folder given to ``write_board``.
+        folder: the folder given to ``write_boards``.
 
     Example:
         >>> print(board_hint("runs/ambient/board"))
@@ -140,46 +153,56 @@ def board_hint(folder: str | Path) -> str:
     return f"tensorboard --logdir {shlex.quote(str(folder))}\n{link}"
 
 
-def _sections(tables: Mapping[str, Sequence[BerTable]]) -> list[Section]:
-    """Take the tables that have points, and refuse those whose tags would be the same."""
-    sections = []
-    for group, members in tables.items():
-        if not _GROUP.fullmatch(group) and tuple(tables) != ("",):
-            raise VoccError(
-                f"tables has the group {group!r}: its name must be of letters, digits and ._=+-, "
-                "begin with a letter or a digit, and may be empty only where there is no other"
-            )
-        filled = [table for table in members if len(table)]
-        axes = [table.axis for table in filled]
-        for axis in axes:
-            if axes.count(axis) > 1:
-                raise VoccError(
-                    f"tables[{group!r}] has {axes.count(axis)} tables of {axis}: it must have one"
-                )
-        sections += [Section(group, table) for table in filled]
-    return sections
+@dataclass(frozen=True, slots=True)
+class _Part:
+    """One table's part of the board: the group that its tags begin with, and each value's step."""
 
+    group: str
+    table: BerTable
+    steps: Mapping[float, int]
 
-def _run_order(sections: Sequence[Section]) -> list[str]:
-    """Put the receivers in the order of their runs."""
-    given = dict.fromkeys(name for section in sections for name in section.table.receivers)
-    known = [name for name in _WRITTEN_FIRST if name in given]
-    return known + [name for name in given if name not in known]
+    def tag(self, quantity: str) -> str:
+        """Name a quantity's curve; the same for every receiver, so that one chart has them all."""
+        return "/".join(filter(None, (self.group, quantity, self.table.axis)))
 
+    @property
+    def unit(self) -> str:
+        """Say what a step is."""
+        axis = self.table.axis
+        return _STEPS[axis][1] if axis in _STEPS else axis_label(axis)
 
-def _pictures(
-    figures: Mapping[str, Figure | Picture], images: Mapping[str, Picture]
-) -> dict[str, Figure | Picture]:
-    """Give figures and images by tag, and refuse what is no picture."""
-    for kind, pictures in (("figures", figures), ("images", images)):
-        for name, picture in pictures.items():
-            if isinstance(picture, Figure):
-                continue
-            if picture.dtype != np.uint8 or picture.ndim != 3 or picture.shape[2] != 3:
-                found = f"{picture.dtype} {picture.shape}"
-                raise VoccError(f"{kind}[{name!r}] is {found}: it must be uint8 (H, W, 3)")
-    tagged = {f"figures/{name}": figure for name, figure in figures.items()}
-    return tagged | {f"images/{name}": image for name, image in images.items()}
+    @property
+    def title(self) -> str:
+        """Heading of the charts: group, experiment and what a step is."""
+        name = " ".join(filter(None, (self.group, self.table.experiment)))
+        return f"{name}: bit error rate (step: {self.unit})"
+
+    def charts(self) -> dict[str, list[str | list[str]]]:
+        """Lay out curves, curves with intervals, and limits where a point has no errors.
+
+        Tags of lines are regular expressions, those of bands are literal.
+        """
+        band = [self.tag(name) for name in ("log10_BER", "log10_BER_lo", "log10_BER_hi")]
+        charts: dict[str, list[str | list[str]]] = {
+            "log10 BER": ["Multiline", [f"^{re.escape(band[0])}$"]],
+            "log10 BER with 95 % intervals": ["Margin", band],
+        }
+        if any(row.error_free for row in self.table):
+            limits = f"^{re.escape(self.tag('log10_BER_upper95'))}$"
+            charts["no errors: log10 of the 95 % upper limit"] = ["Multiline", [limits]]
+        return charts
+
+    def write(self, writer: SummaryWriter, receiver: str) -> None:
+        """Write one receiver's curve in ascending order; steps out of order would vanish."""
+        for row in self.table.of(receiver):
+            shown = {"BER": row.ber}
+            if row.error_free:
+                shown["log10_BER_upper95"] = math.log10(row.ber_high)
+            else:
+                rates = {"": row.ber, "_lo": row.ber_low, "_hi": row.ber_high}
+                shown |= {f"log10_BER{end}": math.log10(rate) for end, rate in rates.items()}
+            for quantity, value in shown.items():
+                writer.add_scalar(self.tag(quantity), value, self.steps[row.value])
 
 
 def _cleared(run: Path) -> Path:
@@ -190,45 +213,27 @@ def _cleared(run: Path) -> Path:
     return run
 
 
-def _write_curve(
-    writer: SummaryWriter, section: Section, rows: Sequence[Row], steps: Mapping[float, int]
-) -> None:
-    """Write one receiver's curve in ascending order; steps out of order would vanish."""
-    for row in rows:
-        step = steps[row.value]
-        writer.add_scalar(section.tag("BER"), row.ber, step)
-        if row.error_free:
-            writer.add_scalar(section.tag("log10_BER_upper95"), math.log10(row.ber_high), step)
-            continue
-        writer.add_scalar(section.tag("log10_BER"), math.log10(row.ber), step)
-        writer.add_scalar(section.tag("log10_BER_lo"), math.log10(row.ber_low), step)
-        writer.add_scalar(section.tag("log10_BER_hi"), math.log10(row.ber_high), step)
-
-
 def _write_settings(
-    writer: SummaryWriter, sections: Sequence[Section], receiver: str, numbers: Mapping[str, float]
+    writer: SummaryWriter, parts: Sequence[_Part], receiver: str, numbers: Mapping[str, float]
 ) -> None:
     """Write a receiver's row of the HPARAMS tab."""
-    rows = {
-        section: section.table.of(receiver) for section in sections if receiver in section.table.receivers
-    }
-    each = [row for some in rows.values() for row in some]
+    mine = [(part, rows) for part in parts if (rows := part.table.of(receiver))]
+    each = [row for _, rows in mine for row in rows]
     settings = {
         "receiver": receiver,
         "locator": _listed(row.locator for row in each),
         "experiment": _listed(row.experiment for row in each),
     }
-    groups = _listed(section.group for section in rows)
-    if groups:
+    if groups := _listed(part.group for part, _ in mine):
         settings["group"] = groups
-    if len(sections) == 1:
-        rates = {
-            "all_points/BER": _pooled(each),
-            "all_points/lowest_BER": min(row.ber for row in each),
-            "all_points/highest_BER": max(row.ber for row in each),
-        }
-    else:
-        rates = {f"all_points/{section.tag('BER')}": _pooled(some) for section, some in rows.items()}
+    rates = {
+        f"all_points/{'BER' if len(parts) == 1 else part.tag('BER')}": sum(row.bit_errors for row in rows)
+        / sum(row.bits for row in rows)
+        for part, rows in mine
+    }
+    if len(parts) == 1:
+        rates["all_points/lowest_BER"] = min(row.ber for row in each)
+        rates["all_points/highest_BER"] = max(row.ber for row in each)
     # The run's own folder: any other would make a run more.
     writer.add_hparams(settings, {**rates, **numbers}, run_name=".")
 
@@ -238,23 +243,12 @@ def _listed(names: Iterable[str]) -> str:
     return ", ".join(dict.fromkeys(name for name in names if name))
 
 
-def _pooled(rows: Sequence[Row]) -> float:
-    """Give the bit error rate over all bits of some points."""
-    return sum(row.bit_errors for row in rows) / sum(row.bits for row in rows)
-
-
-def _write_summary(
-    writer: SummaryWriter,
-    sections: Sequence[Section],
-    pictures: Mapping[str, Figure | Picture],
-    texts: Mapping[str, str],
-) -> None:
-    """Write what belongs to no single receiver."""
-    if sections:
-        writer.add_custom_scalars(layout(sections))
-        writer.add_text("how to read", how_to_read(sections))
-    for name, text in texts.items():
-        writer.add_text(name, text)
-    for tag, picture in pictures.items():
-        pixels = figure_pixels(picture) if isinstance(picture, Figure) else picture
-        writer.add_image(tag, pixels, dataformats="HWC")
+def _how_to_read(parts: Sequence[_Part]) -> str:
+    """Explain the board in Markdown."""
+    groups: dict[str, list[str]] = {}
+    for group in dict.fromkeys(part.group for part in parts):
+        corners = _listed(name for part in parts if part.group == group for name in part.table.locators)
+        groups.setdefault(corners, []).append(group)
+    units = list(dict.fromkeys(part.unit for part in parts))
+    grouped = any(part.group for part in parts)
+    return render(__package__, "board.md.j2", units=units, groups=groups, grouped=grouped).rstrip()

@@ -1,22 +1,27 @@
-"""What the terminal shows: a study while it runs, and its table at the end."""
+"""What the terminal shows: progress while a run goes on, and the table of its rates at the end."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from types import TracebackType
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Self
 
-from rich.console import Console, Group, RenderableType
-from rich.live import Live
+from rich.console import Console, RenderableType
 from rich.progress import BarColumn, Progress, ProgressColumn, Task, TextColumn, TimeRemainingColumn
 from rich.text import Text
 
 from vocc_torch.measure.curve import BerTable, Point, Row
+from vocc_torch.measure.plan import Plan
+from vocc_torch.measure.train import Training, train
 from vocc_torch.show.styles import value_text
-from vocc_torch.show.text_table import Rows, TableLayout, ber_table, point_text, rate_text
+from vocc_torch.show.text_table import ber_table
 
 _FRAME_LINES = 8
 """Lines around the table's rows in the live view: header, rules and progress."""
+_STOPPED = {
+    "frames": "the whole budget",
+    "frame_errors": "stopped at enough wrong frames",
+    "precision": "stopped at the precision asked for",
+}
 
 
 def print_table(table: BerTable, console: Console | None = None) -> None:
@@ -34,15 +39,77 @@ def print_table(table: BerTable, console: Console | None = None) -> None:
     if not len(table):
         console.print("No points were measured.")
         return
-    console.print(ber_table(table, width=console.width, ascii_only=console.options.ascii_only))
-    console.print(Text(_key(table), style="dim"))
+    console.print(ber_table(table, console))
+    frames = sorted({row.frames for row in table})
+    count = f"{frames[0]}" if len(frames) == 1 else f"{frames[0]} to {frames[-1]}"
+    locators = ", ".join(table.locators)
+    text = f"{count} frames a point; locator: {locators}; 95 % intervals, frames as the units"
+    if any(row.error_free for row in table):
+        text += "; <: no errors, one-sided 95 % limit, wrong frames as at the other points"
+    console.print(Text(text, style="dim"))
 
 
-class StudyView:
-    """A view of a running study, as a context manager.
+class ProgressView:
+    """A progress bar over all frames of a run, as a context manager; without a terminal, lines alone.
 
-    On a terminal it is a progress bar over a table that fills up. Elsewhere it prints one plain line for each
-    finished point.
+    Args:
+        frames: how many in all.
+        console: where to draw; standard output by default.
+        doing: what is done first.
+        below: draws what stands under the bar.
+
+    Example:
+        >>> with ProgressView(128, Console(width=60)) as view:
+        ...     view.advance("ambient", 128)
+        ...     view.say("ambient is measured")
+        ambient is measured
+    """
+
+    def __init__(
+        self,
+        frames: int,
+        console: Console | None = None,
+        doing: str = "training",
+        below: Callable[[], RenderableType] | None = None,
+    ) -> None:
+        """Prepare the view; nothing is drawn before the context is entered."""
+        self.console = console or Console()
+        self._bar = _Bar(
+            *(TextColumn("{task.description}"), BarColumn(bar_width=None)),
+            *(TextColumn("{task.percentage:>3.0f} %"), _Speed(), TimeRemainingColumn(), TextColumn("left")),
+            console=self.console,
+            refresh_per_second=4,
+            transient=True,
+            expand=True,
+            disable=not self.console.is_terminal or self.console.is_dumb_terminal,
+        )
+        self._bar.below = below
+        self._task = self._bar.add_task(doing, total=frames)
+
+    def __enter__(self) -> Self:
+        """Start drawing, where there is a terminal to draw on."""
+        self._bar.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Clear the live view; what was printed around it stays."""
+        self._bar.stop()
+
+    def advance(self, what: str, frames: int) -> None:
+        """Count frames that were run now, and name what is under way."""
+        self._bar.update(self._task, advance=frames, description=what)
+
+    def leave_out(self, frames: int) -> None:
+        """Take frames from the total that need not be run."""
+        self._bar.update(self._task, total=(self._bar.tasks[0].total or 0) - frames)
+
+    def say(self, text: str) -> None:
+        """Print a line that stays."""
+        self.console.print(text, soft_wrap=True, highlight=False, markup=False)
+
+
+class StudyView(ProgressView):
+    """A view of a running curve: on a terminal a bar over a table that fills up, elsewhere a line a value.
 
     Args:
         axis: quantity that varies.
@@ -58,9 +125,9 @@ class StudyView:
         >>> from vocc_torch.measure.counts import Counts
         >>> point = Point("d", "distance_m", 50.0, "flda_3", "truth", Counts(64, 4096), "frames")
         >>> with StudyView("distance_m", [50.0], ["flda_3"], 64, Console(width=80)) as view:
-        ...     view.advance(64)
+        ...     view.count(64)
         ...     view.finish([point])
-        distance_m=50 flda_3: BER < 7.1e-4, 64 frames, stopped by frames
+        distance_m=50: 64 frames, the whole budget
     """
 
     def __init__(
@@ -74,101 +141,88 @@ class StudyView:
     ) -> None:
         """Prepare the view; nothing is drawn before the context is entered."""
         self._axis, self._values, self._receivers = axis, tuple(values), tuple(receivers)
-        self._frames_a_point = frames_a_point
         self._one_by_one = runs is None or runs == len(self._values)
-        self._console = console or Console()
-        self._finished: Rows = {}
+        self._finished: tuple[Point, ...] = ()
+        self._rows: tuple[Row, ...] = ()
         self._interim: tuple[Point, ...] = ()
-        self._frames_here = 0
-        self._progress = Progress(
-            TextColumn("{task.description}"),
-            BarColumn(bar_width=None),
-            TextColumn("{task.percentage:>3.0f} %"),
-            _Speed(),
-            TimeRemainingColumn(),
-            TextColumn("left"),
-            console=self._console,
-            expand=True,
-        )
+        self._frames_a_point, self._frames_here = frames_a_point, 0
         total = frames_a_point * (len(self._values) if runs is None else runs)
-        self._task = self._progress.add_task(self._doing(), total=total)
-        self._live: Live | None = None
+        super().__init__(total, console, self._doing(), self._table)
 
-    def __enter__(self) -> Self:
-        """Start drawing, where there is a terminal to draw on."""
-        if self._console.is_terminal and not self._console.is_dumb_terminal:
-            self._live = Live(
-                get_renderable=self._draw, console=self._console, refresh_per_second=4, transient=True
-            )
-            self._live.start()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Clear the live view; what was printed around it stays."""
-        if self._live is not None:
-            self._live.stop()
-            self._live = None
-
-    def advance(self, frames: int) -> None:
-        """Count frames of the current value that were run now.
-
-        Args:
-            frames: how many more.
-        """
+    def count(self, frames: int) -> None:
+        """Count frames of the current value that were run now."""
         self._frames_here += frames
-        self._progress.update(self._task, advance=frames)
+        self.advance(self._doing(), frames)
 
     def show(self, points: Iterable[Point]) -> None:
-        """Show where the current value's points stand; nothing is printed where there is no terminal.
-
-        Args:
-            points: points so far; those without a frame are passed over.
-        """
+        """Show where the current value's points stand, on a terminal; those without a frame do not."""
         # Intervals are worked out only as often as the view is drawn.
         self._interim = tuple(point for point in points if point.counts.frames)
 
     def finish(self, points: Iterable[Point]) -> None:
-        """Enter a value's finished points.
+        """Enter the finished points of one value, one for each receiver.
 
         Frames of the point's budget that were not run now, because it stopped early or was already in the
-        ledger, leave the total.
-
-        Args:
-            points: the points of one value, one for each receiver.
+        ledger, leave the total. The rates are left to the table: its limits rest on all points.
         """
-        rows = [point.stated() for point in points]
-        # A new dictionary: the drawing thread may be walking the old one.
-        self._finished = {**self._finished, **{(row.receiver, row.value): row for row in rows}}
-        self._interim = ()
-        task = self._progress.tasks[0]
-        unused = self._frames_a_point - self._frames_here
+        points = tuple(points)
+        self._finished, self._interim = (*self._finished, *points), ()
+        self._rows = BerTable(self._finished).rows
+        self.leave_out(self._frames_a_point - self._frames_here)
         self._frames_here = 0
-        self._progress.update(self._task, total=(task.total or 0) - unused, description=self._doing())
-        if self._live is None:
-            for row in rows:
-                self._console.print(_line(row), markup=False, highlight=False, soft_wrap=True)
+        self.advance(self._doing(), 0)
+        if self._bar.disable:
+            for point in {point.value: point for point in points}.values():
+                why = _STOPPED.get(point.stopped_by, point.stopped_by)
+                self.say(f"{self._axis}={value_text(point.value)}: {point.counts.frames} frames, {why}")
 
     def _doing(self) -> str:
         """Name the value that is being run, or the axis where all are run together."""
-        done = {value for _, value in self._finished}
+        done = {point.value for point in self._finished}
         left = [value for value in self._values if value not in done]
         return f"{self._axis} {value_text(left[0])}" if left and self._one_by_one else self._axis
 
-    def _draw(self) -> RenderableType:
-        """Draw the progress bar over the table so far."""
-        layout = TableLayout(
-            self._axis,
+    def _table(self) -> RenderableType:
+        """Draw the table so far."""
+        return ber_table(
+            BerTable((*self._rows, *self._interim)),
+            self.console,
             sorted(self._values),
             self._receivers,
-            self._console.width,
-            self._console.options.ascii_only,
-            self._console.height - _FRAME_LINES,
+            axis=self._axis,
+            interim={point.value for point in self._interim},
+            lines=self.console.height - _FRAME_LINES,
         )
-        interim = {(point.receiver, point.value): point.stated() for point in self._interim}
-        # The bar comes first: a terminal too low for all loses the table's end.
-        return Group(self._progress, layout.draw(self._finished, interim))
+
+
+def train_shown(plan: Plan, console: Console) -> Training:
+    """Train under a progress bar, and say what was learnt from."""
+    frames = plan.budget.training_frames
+    with ProgressView(frames, console, f"training on {frames} frames") as view:
+        seen = 0
+
+        def progress(more: int) -> None:
+            nonlocal seen
+            seen += more
+            # The classifiers learn once FLDA has seen its frames.
+            last = seen >= frames and plan.receiver.classifiers
+            view.advance("training classifiers" if last else f"training on {frames} frames", more)
+
+        training = train(plan, progress)
+    missed = f", {training.missed} without a located panel left out" if training.missed else ""
+    view.say(f"trained on {training.frames} frames{missed}")
+    return training
+
+
+class _Bar(Progress):
+    """A bar over what stands under it: a terminal too low for all loses the end."""
+
+    below: Callable[[], RenderableType] | None = None
+
+    def get_renderables(self) -> Iterator[RenderableType]:
+        yield from super().get_renderables()
+        if self.below is not None:
+            yield self.below()
 
 
 class _Speed(ProgressColumn):
@@ -177,23 +231,3 @@ class _Speed(ProgressColumn):
     def render(self, task: Task) -> Text:
         speed = task.finished_speed or task.speed
         return Text("" if speed is None else f"{speed:,.0f} frames/s", style="progress.data.speed")
-
-
-def _line(row: Row) -> str:
-    """Write a finished point as one plain line."""
-    place = f"{row.axis}={value_text(row.value)} {row.receiver}"
-    ends = "" if row.error_free else f" [{rate_text(row.ber_low)}, {rate_text(row.ber_high)}]"
-    rate = f"BER {point_text(row)}" + ends
-    return f"{place}: {rate}, {row.frames} frames, stopped by {row.stopped_by}"
-
-
-def _key(table: BerTable) -> str:
-    """Say how to read the table."""
-    frames = sorted({row.frames for row in table})
-    count = f"{frames[0]}" if len(frames) == 1 else f"{frames[0]} to {frames[-1]}"
-    text = (
-        f"{count} frames a point; locator: {', '.join(table.locators)}; 95 % intervals, frames as the units"
-    )
-    if any(row.error_free for row in table):
-        text += "; <: no errors, one-sided 95 % limit, wrong frames as at the other points"
-    return text

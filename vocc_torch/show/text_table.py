@@ -1,20 +1,19 @@
-"""The table of bit error rates as text: numbers, cells, and a layout that fits the terminal's width."""
+"""Bit error rates as text: numbers, intervals, and a table that fits the terminal's width."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Sequence
 
 from rich import box
+from rich.console import Console
+from rich.measure import Measurement
 from rich.table import Table
 from rich.text import Text
 
 from vocc_torch.measure.curve import BerTable, Row
 from vocc_torch.show.styles import axis_label, value_text
 
-Rows = Mapping[tuple[str, float], Row]
-"""Points by receiver and value."""
-_GAP = 2
-"""Blank columns between two columns of the table."""
+_ANY_WIDTH = 10_000
 
 
 def rate_text(rate: float) -> str:
@@ -55,115 +54,73 @@ def point_text(row: Row) -> str:
     return f"< {rate_text(row.ber_high)}" if row.error_free else rate_text(row.ber)
 
 
-def ber_table(table: BerTable, *, width: int = 80, ascii_only: bool = False) -> Table:
+def plain_table() -> Table:
+    """Make an empty table with one rule under its head and two blanks between columns."""
+    return Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False, show_edge=False)
+
+
+def ber_table(
+    table: BerTable,
+    console: Console,
+    values: Sequence[float] = (),
+    receivers: Sequence[str] = (),
+    *,
+    axis: str = "",
+    interim: Container[float] = (),
+    lines: int | None = None,
+) -> Table:
     """Lay the rates out: a row for each value of the axis, a column for each receiver.
+
+    Where the intervals do not fit the width they take two lines, and a terminal too narrow for a column a
+    receiver gets a line for each point.
 
     Args:
         table: any number of points.
-        width: columns to fit into; where the intervals do not fit, they are left out.
-        ascii_only: write no character outside ASCII.
+        console: where the table is to be printed.
+        values: rows; those of the table by default. A point that is missing is an ellipsis.
+        receivers: columns; those of the table by default.
+        axis: quantity that varies; that of the table by default.
+        interim: values whose points are still running: they are dim.
+        lines: lines that the rows may take; without room for it there are no intervals.
 
     Example:
-        >>> ber_table(BerTable()).row_count
-        0
-    """
-    layout = TableLayout(table.axis, table.values, table.receivers, width, ascii_only)
-    return layout.draw({(row.receiver, row.value): row for row in table})
-
-
-class TableLayout:
-    """Rows and columns of a table that fills up, with the intervals where there is room for them.
-
-    Args:
-        axis: quantity that varies.
-        values: its values, in the order of the rows.
-        receivers: names of the receivers, in the order of the columns.
-        width: terminal columns to fit into.
-        ascii_only: write no character outside ASCII.
-        height: lines that the rows may take; any number by default.
-
-    Example:
-        >>> TableLayout("distance_m", [30.0, 70.0], ["flda_2", "flda_3"], 80).draw({}).row_count
+        >>> ber_table(BerTable(), Console(), [30.0, 70.0], ["flda_3"], axis="distance_m").row_count
         2
     """
+    values, receivers = values or table.values, receivers or table.receivers
+    rows = {(row.value, row.receiver): row for row in table}
+    missing = Text("..." if console.options.ascii_only else "\N{HORIZONTAL ELLIPSIS}", style="dim")
+    heading = _heading(axis or table.axis, console.options.ascii_only)
 
-    def __init__(
-        self,
-        axis: str,
-        values: Sequence[float],
-        receivers: Sequence[str],
-        width: int,
-        ascii_only: bool = False,
-        height: int | None = None,
-    ) -> None:
-        """Keep what does not change while the table fills up."""
-        self._heading, self._values, self._receivers = _heading(axis, ascii_only), values, receivers
-        self._width, self._ascii_only = width, ascii_only
-        self._intervals = height is None or 2 * len(values) <= height
-
-    def draw(self, finished: Rows, interim: Rows | None = None) -> Table:
-        """Make the table; interim points are dim, missing ones an ellipsis.
-
-        Args:
-            finished: finished points by receiver and value.
-            interim: points that are still running, the same way.
-        """
-        rows = {**(interim or {}), **finished}
-        if self._needed(rows, False) > self._width:
-            return self._long(rows, finished)
-        intervals = self._intervals and self._needed(rows, True) <= self._width
-        table = plain_table()
-        table.add_column(Text(self._heading), justify="right", no_wrap=True)
-        for receiver in self._receivers:
-            table.add_column(Text(receiver.replace("_", "\n")), justify="right", no_wrap=True)
-        for value in self._values:
-            cells = []
-            for key in ((receiver, value) for receiver in self._receivers):
-                cells.append(self._rate(rows.get(key), key in finished))
-                if intervals and key in rows and not rows[key].error_free:
-                    cells[-1].append("\n" + _interval(rows[key]), style="dim")
-            table.add_row(value_text(value), *cells)
-        return table
-
-    def _long(self, rows: Rows, finished: Rows) -> Table:
-        """Make a table of one line a point, for terminals too narrow for a column a receiver."""
-        table = plain_table()
-        table.add_column(Text(self._heading), justify="right")
-        table.add_column("receiver", overflow="fold")
-        table.add_column("BER", justify="right", no_wrap=True)
-        table.add_column("95 %", justify="right", no_wrap=True)
-        for value in self._values:
-            for receiver in self._receivers:
-                row = rows.get((receiver, value))
-                rate = self._rate(row, (receiver, value) in finished)
-                interval = "" if row is None or row.error_free else _interval(row)
-                table.add_row(value_text(value), Text(receiver), rate, Text(interval, style="dim"))
-        return table
-
-    def _needed(self, rows: Rows, intervals: bool) -> int:
-        """Count the terminal columns that the table takes with a column a receiver."""
-        widths = [max(map(len, [*self._heading.split("\n"), *map(value_text, self._values)]), default=0)]
-        for receiver in self._receivers:
-            mine = [row for (name, _), row in rows.items() if name == receiver and not row.error_free]
-            texts = [_interval(row) for row in mine] if intervals else []
-            widths.append(max(map(len, [*receiver.split("_"), *texts, "< 0.0e-0"])))
-        return sum(widths) + _GAP * len(self._receivers)
-
-    def _rate(self, row: Row | None, finished: bool) -> Text:
-        """Write a cell's rate."""
+    def cell(value: float, receiver: str, joint: str | None) -> Text:
+        """Write a point's rate, with its interval after a line end where there is a joint for its ends."""
+        row = rows.get((value, receiver))
         if row is None:
-            return Text("..." if self._ascii_only else "\N{HORIZONTAL ELLIPSIS}", style="dim")
-        return Text(point_text(row), style="" if finished else "dim")
+            return missing
+        text = Text(point_text(row), style="dim" if value in interim else "")
+        if joint is not None and not row.error_free:
+            text.append(f"\n{rate_text(row.ber_low)}{joint}{rate_text(row.ber_high)}", style="dim")
+        return text
 
-
-def plain_table() -> Table:
-    """Make an empty table with one rule under its head and two blanks between columns."""
-    return Table(box=box.SIMPLE_HEAD, padding=(0, _GAP - 1, 0, 0), pad_edge=False, show_edge=False)
-
-
-def _interval(row: Row) -> str:
-    """Write a point's interval; the point has errors."""
-    return interval_text(row.ber, row.ber_low, row.ber_high)
+    joints = [" to ", " to\n", None]
+    if lines is not None:
+        joints = [joint for joint, each in zip(joints, (2, 3, 1), strict=True) if each * len(values) <= lines]
+    for joint in joints or [None]:
+        made = plain_table()
+        for name in (heading, *(receiver.replace("_", "\n") for receiver in receivers)):
+            made.add_column(Text(name), justify="right", no_wrap=True)
+        for value in values:
+            made.add_row(value_text(value), *(cell(value, receiver, joint) for receiver in receivers))
+        if Measurement.get(console, console.options.update(width=_ANY_WIDTH), made).maximum <= console.width:
+            return made
+    made = plain_table()
+    for name in (heading, "receiver", "BER", "95 %"):
+        made.add_column(Text(name), justify="left" if name == "receiver" else "right", overflow="fold")
+    for value in values:
+        for receiver in receivers:
+            rate, *ends = cell(value, receiver, " to ").split()
+            made.add_row(value_text(value), Text(receiver), rate, *ends)
+    return made
 
 
 def _heading(axis: str, ascii_only: bool) -> str:

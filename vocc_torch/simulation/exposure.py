@@ -120,10 +120,8 @@ def _refuse(context: Context, frame: int, iso: Tensor) -> None:
         raise VoccError(f"{ambient}: {rule}")
     if not ISO_RANGE[0] <= speed <= ISO_RANGE[1]:
         target = f"scene.background_grey is {float(scene.background_grey[frame]):g}"
-        rule = (
-            f"it must lead to an ISO speed from {ISO_RANGE[0]:g} to {ISO_RANGE[1]:g}, and this is {speed:g}"
-        )
-        raise VoccError(f"{ambient} and {target}: {rule} (or give camera.iso_limits)")
+        rule = f"it must lead to an ISO speed from {ISO_RANGE[0]:g} to {ISO_RANGE[1]:g}"
+        raise VoccError(f"{ambient} and {target}: {rule}, and this is {speed:g} (or give camera.iso_limits)")
     led = f"scene.led_luminance_cd_m2 is {float(scene.led_luminance_cd_m2[frame]):g}"
     rule = f"it must lead to grey values of at most {MOST_GREY:g}, or {BRIGHTEST:g} where saturation is named"
     raise VoccError(f"{led}, with {ambient} and ISO {speed:g}: {rule}")

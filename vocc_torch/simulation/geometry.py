@@ -2,27 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-
 import torch
 from torch import Tensor
 
 from vocc_torch.errors import VoccError
-from vocc_torch.types import PanelShape, Scene, finite_number, shown, whole_number
-
-CAMERA_RANGES: Mapping[str, tuple[float, float]] = {
-    "focal_length_mm": (1e-3, 1e6),
-    "sensor_width_mm": (1e-3, 1e4),
-    "exposure_time_s": (1e-9, 1e4),
-    "f_number": (0.1, 1e3),
-    "calibration_constant": (0.1, 1e3),
-    "gamma": (0.1, 10.0),
-}
-"""Lowest and highest allowed of each value of a camera: wider than any, and safe in float32 together."""
-
-MOST_SIDE_PX = 32768
-"""Most pixels in a row, and most rows."""
+from vocc_torch.hardware import CAMERA_RANGES as CAMERA_RANGES
+from vocc_torch.hardware import ISO_RANGE as ISO_RANGE
+from vocc_torch.hardware import Camera as Camera
+from vocc_torch.hardware import LedPanel as LedPanel
+from vocc_torch.types import Scene
 
 LARGEST_LED_PX = 100_000
 """Widest image of an LED on offer: its cover of a pixel is then within 5e-6 of the exact one."""
@@ -30,142 +18,8 @@ LARGEST_LED_PX = 100_000
 FARTHEST_PX = 1e12
 """Farthest from the sensor's middle that a panel's image may reach: float64 places it within 1e-4 px."""
 
-ISO_RANGE = (1e-30, 1e20)
-"""Lowest and highest ISO speed."""
-
-
-def _demand(owner: object, section: str, ranges: Mapping[str, tuple[float, float]]) -> None:
-    """Refuse by name the first attribute that is outside its range, and make floats of the others."""
-    for name, (low, high) in ranges.items():
-        rule = f"at least {low:g} and at most {high:g}"
-        value = finite_number(f"{section}.{name}", getattr(owner, name), f"a number, {rule}")
-        if not low <= value <= high:
-            allowed = "above 0" if value <= 0 < low else rule
-            raise VoccError(f"{section}.{name} is {value:g}: it must be {allowed}")
-        object.__setattr__(owner, name, value)
-
-
-def _iso_limits(given: tuple[float, float]) -> tuple[float, float]:
-    """Give ISO limits as floats, or refuse them by name."""
-    least, most = ISO_RANGE
-    try:
-        low, high = (finite_number("camera.iso_limits", end) for end in given)
-        held = least <= low <= high <= most
-    except (TypeError, ValueError):
-        held = False
-    if not held:
-        value = shown(list(given) if isinstance(given, tuple) else given)
-        rule = f"[low, high] with 0 < low <= high, from {least:g} to {most:g}"
-        raise VoccError(f"camera.iso_limits is {value}: it must be {rule}")
-    return low, high
-
-
-@dataclass(frozen=True, slots=True)
-class Camera:
-    """A pinhole camera with square pixels, by default that of the paper's Table 1.
-
-    Args:
-        focal_length_mm: 0.001 to 1e6 (Table 1: 25; the text says 18).
-        sensor_width_mm: width of the sensor, 0.001 to 1e4; the pixel pitch is this over ``width_px``.
-        width_px: pixels in a row, a whole number, 1 to 32768.
-        height_px: rows, likewise.
-        exposure_time_s: 1e-9 to 1e4.
-        f_number: f-number N, 0.1 to 1000.
-        calibration_constant: reflected-light meter constant K, 0.1 to 1000.
-        gamma: encoding gamma, 0.1 to 10; at 1 the grey value is proportional to the light.
-        iso_limits: lowest and highest ISO speed, 1e-30 to 1e20, or None where auto-ISO always meets its
-            target; equal limits are a fixed speed.
-
-    Raises:
-        VoccError: a value outside its range.
-
-    Example:
-        >>> round(Camera().focal_length_px, 2)
-        3636.36
-    """
-
-    focal_length_mm: float = 25.0
-    sensor_width_mm: float = 13.2
-    width_px: int = 1920
-    height_px: int = 1080
-    exposure_time_s: float = 1.0 / 1500.0
-    f_number: float = 4.0
-    calibration_constant: float = 12.5
-    gamma: float = 2.2
-    iso_limits: tuple[float, float] | None = None
-
-    def __post_init__(self) -> None:
-        """Check every range."""
-        for name in ("width_px", "height_px"):
-            value = whole_number(f"camera.{name}", getattr(self, name), 1, MOST_SIDE_PX)
-            object.__setattr__(self, name, value)
-        _demand(self, "camera", CAMERA_RANGES)
-        if self.iso_limits is not None:
-            object.__setattr__(self, "iso_limits", _iso_limits(self.iso_limits))
-
-    @property
-    def focal_length_px(self) -> float:
-        """Focal length in pixels."""
-        return self.focal_length_mm * self.width_px / self.sensor_width_mm
-
-    @property
-    def sensor_px(self) -> tuple[int, int]:
-        """Sensor ``(height, width)`` in pixels."""
-        return self.height_px, self.width_px
-
-    def pixels_per_metre(self, distance_m: Tensor) -> Tensor:
-        """Image scale at a distance, px/m, shape of ``distance_m`` (m, above 0)."""
-        return self.focal_length_px / distance_m
-
-
-@dataclass(frozen=True, slots=True)
-class LedPanel:
-    """A flat panel of circular LEDs, by default that of the paper's Table 1.
-
-    Args:
-        shape: rows and columns.
-        led_diameter_m: 1e-6 to 1000.
-        led_gap_m: edge to edge between neighbouring LEDs, 0 to 1000; the pitch is diameter plus gap.
-        led_reflectance: of the LED surface, 0 to 1.
-        background_reflectance: of everything behind the panel, above 0 to 1; auto-ISO meters it.
-        board_reflectance: between the LEDs, 0 to 1, or None where the background shows through.
-
-    Raises:
-        VoccError: a value outside its range.
-
-    Example:
-        >>> LedPanel().pitch_m
-        0.06
-    """
-
-    shape: PanelShape = field(default_factory=PanelShape)
-    led_diameter_m: float = 0.03
-    led_gap_m: float = 0.03
-    led_reflectance: float = 0.4
-    background_reflectance: float = 0.18
-    board_reflectance: float | None = None
-
-    def __post_init__(self) -> None:
-        """Check every range."""
-        if not isinstance(self.shape, PanelShape):
-            raise VoccError(f"panel.shape is {shown(self.shape)}: it must be a PanelShape")
-        _demand(self, "panel", {"led_diameter_m": (1e-6, 1e3), "led_gap_m": (0, 1e3)})
-        for name in ("led_reflectance", "background_reflectance", "board_reflectance"):
-            if name == "board_reflectance" and self.board_reflectance is None:
-                continue
-            value = finite_number(f"panel.{name}", getattr(self, name), "a number from 0 to 1")
-            if not 0 <= value <= 1:
-                raise VoccError(f"panel.{name} is {value:g}: it must be from 0 to 1")
-            object.__setattr__(self, name, value)
-        if self.background_reflectance == 0:
-            raise VoccError(
-                "panel.background_reflectance is 0: it must be above 0, because auto-ISO meters it"
-            )
-
-    @property
-    def pitch_m(self) -> float:
-        """Distance between the centres of neighbouring LEDs."""
-        return self.led_diameter_m + self.led_gap_m
+CLOCKWISE = ((-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0))
+"""Where a rectangle's corners lie from its middle, ``(x, y)`` in half sides, from the top left."""
 
 
 def demand_led_px(widest_px: float, distance_m: float) -> None:
@@ -188,12 +42,6 @@ def demand_in_sight(scene: Scene, camera: Camera, panel: LedPanel) -> None:
     if not len(scene):
         return
     half_m = panel.pitch_m * max(panel.shape.rows, panel.shape.columns) / 2
-    offsets = torch.stack([scene.offset_x_m, scene.offset_y_m]).detach()
-    nearest_m, aside_m = torch.stack([scene.distance_m.detach().min(), offsets.abs().max()]).tolist()
-    px_a_metre = camera.focal_length_px / nearest_m
-    # Together the nearest and the farthest aside are an upper limit of all.
-    if panel.led_diameter_m * px_a_metre <= LARGEST_LED_PX and (aside_m + half_m) * px_a_metre <= FARTHEST_PX:
-        return
     scale = camera.pixels_per_metre(scene.distance_m)
     widest = panel.led_diameter_m * scale
     farthest = (torch.maximum(scene.offset_x_m.abs(), scene.offset_y_m.abs()) + half_m) * scale
@@ -203,10 +51,8 @@ def demand_in_sight(scene: Scene, camera: Camera, panel: LedPanel) -> None:
         far = int(farthest.argmax())
         names = ("offset_x_m", "offset_y_m", "distance_m")
         given = ", ".join(f"scene.{name} is {float(getattr(scene, name)[far]):g}" for name in names)
-        rule = (
-            f"the panel's image must lie within {FARTHEST_PX:g} px, and this reaches {float(farthest[far]):g}"
-        )
-        raise VoccError(f"{given}: {rule}")
+        rule = f"the panel's image must lie within {FARTHEST_PX:g} px"
+        raise VoccError(f"{given}: {rule}, and this reaches {float(farthest[far]):g}")
 
 
 def panel_centre_px(scene: Scene, camera: Camera) -> Tensor:
@@ -217,9 +63,7 @@ def panel_centre_px(scene: Scene, camera: Camera) -> Tensor:
         [[1033.0, 540.0]]
     """
     offsets = torch.stack([scene.offset_x_m, scene.offset_y_m], dim=-1)
-    middle = torch.tensor(
-        [camera.width_px / 2, camera.height_px / 2], dtype=offsets.dtype, device=offsets.device
-    )
+    middle = offsets.new_tensor([camera.width_px / 2, camera.height_px / 2])
     return middle + offsets * camera.pixels_per_metre(scene.distance_m).unsqueeze(-1)
 
 
@@ -250,9 +94,8 @@ def panel_corners_px(scene: Scene, camera: Camera, panel: LedPanel) -> Tensor:
     """
     centre = panel_centre_px(scene, camera)
     half_px = panel.pitch_m * camera.pixels_per_metre(scene.distance_m).view(-1, 1, 1) / 2
-    signs = torch.tensor([[-1, -1], [1, -1], [1, 1], [-1, 1]], dtype=centre.dtype, device=centre.device)
-    cells = torch.tensor([panel.shape.columns, panel.shape.rows], dtype=centre.dtype, device=centre.device)
-    return centre.unsqueeze(1) + signs * cells * half_px
+    cells = centre.new_tensor([panel.shape.columns, panel.shape.rows])
+    return centre.unsqueeze(1) + centre.new_tensor(CLOCKWISE) * cells * half_px
 
 
 def led_centres_m(panel: LedPanel) -> Tensor:
@@ -276,6 +119,5 @@ def panel_corners_m(panel: LedPanel) -> Tensor:
         >>> panel_corners_m(LedPanel())[1].tolist()
         [0.24, -0.24]
     """
-    signs = torch.tensor([[-1, -1], [1, -1], [1, 1], [-1, 1]], dtype=torch.float64)
     cells = torch.tensor([panel.shape.columns, panel.shape.rows], dtype=torch.float64)
-    return signs * cells * (panel.pitch_m / 2)
+    return torch.tensor(CLOCKWISE, dtype=torch.float64) * cells * (panel.pitch_m / 2)

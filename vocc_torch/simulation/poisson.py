@@ -32,7 +32,7 @@ Array = NDArray[np.float64]
 
 
 def poisson_quantile(mean: Array, normal: Array) -> Array:
-    """Give the Poisson quantile at the probability of a standard normal number.
+    """Poisson quantile at the probability of a standard normal number.
 
     The count is the least ``n`` with ``P(N <= n) >= Phi(normal)``; standard normal numbers give exactly
     Poisson distributed counts. From a mean of 3 on the quantile comes from its expansion in powers of

@@ -23,7 +23,7 @@ LARGEST = sys.float_info.max
 
 
 def _is_finite(value: object) -> bool:
-    """Say whether a value is a number, and one that float64 holds."""
+    """Whether a value is a number, and one that float64 holds."""
     return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= LARGEST
 
 
@@ -97,11 +97,9 @@ class Distribution:
             # Rounding can carry a draw a hair beyond its bounds.
             return drawn.clip(low, high)
         values = np.array(self.values, dtype=np.float64)
-        return (
-            values[generator.integers(len(values), size=count)]
-            if self.kind == "choice"
-            else values.repeat(count)
-        )
+        if self.kind == "constant":
+            return values.repeat(count)
+        return values[generator.integers(len(values), size=count)]
 
 
 @dataclass(frozen=True, slots=True)

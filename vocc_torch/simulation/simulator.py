@@ -13,39 +13,17 @@ from torch import Tensor
 from vocc_torch.devices import resolve_device
 from vocc_torch.errors import VoccError
 from vocc_torch.rng import FrameKey
-from vocc_torch.simulation.batch import Batch, in_groups
-from vocc_torch.simulation.effects import (
-    CAMERA_STEPS,
-    Context,
-    Effect,
-    Parameters,
-    Quantity,
-    RollingShutter,
-    build_effects,
-    check_chain,
-)
+from vocc_torch.simulation import framing as crops
+from vocc_torch.simulation import geometry
+from vocc_torch.simulation.effects import Context, Effect, Parameters, Quantity, build_effects, check_chain
+from vocc_torch.simulation.effects.light import RollingShutter
+from vocc_torch.simulation.effects.registry import CAMERA_STEPS
 from vocc_torch.simulation.exposure import as_seen, auto_iso, demand_greys, through_lens
-from vocc_torch.simulation.framing import (
-    WINDOW_GRID_PX,
-    crop_origins_px,
-    crop_size_px,
-    lay_on_sensor,
-    like_sized,
-    read_surround,
-    window_size_px,
-)
-from vocc_torch.simulation.geometry import (
-    Camera,
-    LedPanel,
-    demand_in_sight,
-    panel_centre_px,
-    panel_corners_m,
-    panel_corners_px,
-)
-from vocc_torch.simulation.limits import demand_bits, demand_pixels
+from vocc_torch.simulation.framing import Batch
+from vocc_torch.simulation.geometry import Camera, LedPanel
 from vocc_torch.simulation.painter import in_perspective, paint, taking
+from vocc_torch.simulation.perspective import view_of
 from vocc_torch.simulation.photometry import grey_value, reflected_luminance_cd_m2
-from vocc_torch.simulation.view import view_of
 from vocc_torch.types import Frames, Panels, Scene
 
 PAPER_EFFECTS: Mapping[str, Mapping[str, float]] = {
@@ -60,6 +38,9 @@ Framing = Literal["crop", "filled", "full"]
 
 DRAWN = CAMERA_STEPS[: CAMERA_STEPS.index(Quantity.LUMINANCE)]
 """What effects change while the picture is drawn, before luminance reaches the lens."""
+
+Seen = tuple[Tensor, Quantity]
+"""Pictures on their way through the camera, (B,1,H,W), and what their numbers mean."""
 
 CHUNK_PIXELS = 600_000
 """Pixels rendered at a time: planes that outgrow the cache are slower, from 32 MiB on several times."""
@@ -112,15 +93,15 @@ class Simulator:
         self.framing: Framing = framing
         self.device = resolve_device(str(device))
         self.dtype = dtype
-        filling = [i for i, effect in enumerate(self.effects) if effect.fills_sensor]
-        self._first_filling = filling[0] if filling else None
+        self._filling = next((effect for effect in self.effects if effect.fills_sensor), None)
 
     def true_panels(self, scene: Scene, keys: Sequence[FrameKey] = (), *, rendered: bool = False) -> Panels:
         """Where panels truly are, for evaluation; ``keys`` as for render, which checked if ``rendered``."""
         scene = scene.to(self.device) if rendered else self._checked(scene)
         if not in_perspective(self.effects):
-            return Panels.known(panel_corners_px(scene, self.camera, self.panel))
-        return Panels.known(view_of(self._context(scene, keys)).points_px(panel_corners_m(self.panel)))
+            return Panels.known(geometry.panel_corners_px(scene, self.camera, self.panel))
+        view = view_of(self._context(scene, keys))
+        return Panels.known(view.points_px(geometry.panel_corners_m(self.panel)))
 
     def contrast(self, scene: Scene) -> Tensor:
         """Contrast ``(G_on - G_off) / 255`` of the LEDs before any blur (section IV-D-1), (B,) float64.
@@ -142,7 +123,7 @@ class Simulator:
 
     def crop_px(self, nearest_m: float) -> tuple[int, int]:
         """Height and width of the crop for panels at ``nearest_m`` or farther."""
-        return crop_size_px(self.effects, self.camera, self.panel, nearest_m)
+        return crops.crop_size_px(self.effects, self.camera, self.panel, nearest_m)
 
     def render(
         self,
@@ -171,17 +152,27 @@ class Simulator:
             VoccError: bits of another type or of another shape than the scenes and the panel, scenes out of
                 their range, a crop too small for a panel, a panel too near, or frames of too many pixels.
         """
-        demand_bits(bits, scene, self.panel.shape)
+        wanted = (len(scene), self.panel.shape.rows, self.panel.shape.columns)
+        if tuple(bits.shape) != wanted:
+            raise VoccError(f"bits has shape {tuple(bits.shape)}: it must be {wanted}")
+        if bits.dtype != torch.bool:
+            raise VoccError(f"bits has the type {bits.dtype}: it must be torch.bool, True = On")
+        if not len(scene):
+            raise VoccError("scene holds no frames: it must hold at least 1")
         scene, bits = self._checked(scene), bits.to(self.device)
         nearest, sensor = float(scene.distance_m.min()), self.camera.sensor_px
         if nearest_m is not None and nearest_m > nearest * (1 + 1e-9):
             raise VoccError(f"nearest_m is {nearest_m:g}: it must be at most the nearest scene's {nearest:g}")
-        window = panel_only and self._first_filling is not None
+        window = panel_only and self._filling is not None
         size = self._size(nearest if nearest_m is None else nearest_m, window)
-        centre = self._centres_px(scene, keys)
-        whole = self.framing != "crop" or (self._first_filling is not None and not window)
-        demand_pixels(sensor if whole else size)
-        origin = crop_origins_px(centre, size, sensor, grid_px=WINDOW_GRID_PX if window else 1)
+        if in_perspective(self.effects):
+            view = view_of(self._context(scene, keys))
+            centre = view.points_px(scene.distance_m.new_zeros(1, 2))[:, 0]
+        else:
+            centre = geometry.panel_centre_px(scene, self.camera)
+        whole = self.framing != "crop" or (self._filling is not None and not window)
+        crops.demand_pixels(sensor if whole else size)
+        origin = crops.crop_origins_px(centre, size, sensor, grid_px=crops.WINDOW_GRID_PX if window else 1)
         context = self._context(scene, keys, origin)
         context = replace(context, iso=auto_iso(context))
         pictures = self._pictures(Batch(context, bits, centre, size), window)
@@ -191,22 +182,23 @@ class Simulator:
             return Frames(pictures, origin, sensor)
         if tuple(pictures.shape[-2:]) == sensor:
             return Frames(pictures, torch.zeros_like(origin), sensor)
-        surround = read_surround(pictures, centre, origin)
+        surround = crops.read_surround(pictures, centre, origin)
         if self.framing == "crop":
             return Frames(pictures, origin, sensor, surround)
-        return Frames(lay_on_sensor(pictures, surround, origin, sensor), torch.zeros_like(origin), sensor)
+        laid = crops.lay_on_sensor(pictures, surround, origin, sensor)
+        return Frames(laid, torch.zeros_like(origin), sensor)
 
     def _pictures(self, batch: Batch, window: bool) -> Tensor:
         """Render frames, those of far panels in small crops that are laid into those asked for."""
         size, sensor = batch.size, self.camera.sensor_px
-        if self._first_filling is not None or size == sensor:
+        if self._filling is not None or size == sensor:
             return self._in_chunks(batch, window)
         # A crop at the sensor's border need not lie about its panel's middle.
-        last = torch.tensor([sensor[1] - size[1], sensor[0] - size[0]], device=batch.origin_px.device)
-        moved = ((batch.origin_px == 0) | (batch.origin_px == last)).any(dim=1)
-        tight = partial(crop_size_px, self.effects, self.camera, self.panel, margin_cells=0)
-        groups = like_sized(batch.context.scene, moved, size, tight)
-        return in_groups(batch, groups, lambda group: self._in_chunks(group, window))
+        last = batch.context.first_px.new_tensor([sensor[1] - size[1], sensor[0] - size[0]])
+        moved = ((batch.context.first_px == 0) | (batch.context.first_px == last)).any(dim=1)
+        tight = partial(crops.crop_size_px, self.effects, self.camera, self.panel, margin_cells=0)
+        groups = crops.like_sized(batch.context.scene, moved, size, tight)
+        return crops.in_groups(batch, groups, lambda group: self._in_chunks(group, window))
 
     def _in_chunks(self, batch: Batch, window: bool) -> Tensor:
         """Render frames of one size, as many at a time as the cache holds."""
@@ -220,46 +212,36 @@ class Simulator:
     def _checked(self, scene: Scene) -> Scene:
         """Move scenes to the device, or refuse by name those that cannot be rendered."""
         scene = scene.checked().to(self.device)
-        demand_in_sight(scene, self.camera, self.panel)
+        geometry.demand_in_sight(scene, self.camera, self.panel)
         return scene
 
-    def _context(
-        self, scene: Scene, keys: Sequence[FrameKey] = (), origin_px: Tensor | None = None
-    ) -> Context:
-        """Say what effects may know about frames."""
-        return Context(scene, self.camera, keys, origin_px, self.effects, self.panel)
+    def _context(self, scene: Scene, keys: Sequence[FrameKey] = (), origin: Tensor | None = None) -> Context:
+        """What effects may know about frames."""
+        return Context(scene, self.camera, keys, origin, self.effects, self.panel)
 
     def _size(self, nearest_m: float, window: bool) -> tuple[int, int]:
         """Height and width of what is drawn."""
         if window:
-            return window_size_px(self.crop_px(nearest_m), self.camera.sensor_px)
-        first = self._first_filling
-        if self.framing == "full" or (first is not None and self.effects[first].takes in DRAWN):
+            return crops.window_size_px(self.crop_px(nearest_m), self.camera.sensor_px)
+        if self.framing == "full" or (self._filling is not None and self._filling.takes in DRAWN):
             return self.camera.sensor_px
         return self.crop_px(nearest_m)
 
-    def _centres_px(self, scene: Scene, keys: Sequence[FrameKey]) -> Tensor:
-        """Image of each panel's centre, (B,2) px."""
-        if not in_perspective(self.effects):
-            return panel_centre_px(scene, self.camera)
-        return view_of(self._context(scene, keys)).points_px(scene.distance_m.new_zeros(1, 2))[:, 0]
-
     def _expose(self, batch: Batch, window: bool) -> list[Tensor]:
         """Carry the LEDs' light through the camera, laying crops on the sensor once an effect fills it."""
-        value, current = self._paint(batch), Quantity.LUMINANCE
-        drawn = [i for i, effect in enumerate(self.effects) if effect.takes not in DRAWN]
-        first = self._first_filling
-        if first not in drawn or window or batch.size == self.camera.sensor_px:
-            return [self._finish(value, current, drawn, batch.context)]
-        before, after = drawn[: drawn.index(first)], drawn[drawn.index(first) :]
-        value, current = self._apply(value, current, before, batch.context)
-        surround = read_surround(value, batch.centre_px, origin := batch.origin_px)
+        painted = self._paint(batch), Quantity.LUMINANCE
+        after = [effect for effect in self.effects if effect.takes not in DRAWN]
+        if self._filling not in after or window or batch.size == self.camera.sensor_px:
+            return [self._run(painted, after, batch.context, to_end=True)[0]]
+        before = after[: after.index(self._filling)]
+        value, current = self._run(painted, before, batch.context)
+        surround = crops.read_surround(value, batch.centre_px, origin := batch.context.first_px)
         pictures = []
         for i in range(len(value)):
             row = slice(i, i + 1)
-            frame = lay_on_sensor(value[row], surround[row], origin[row], self.camera.sensor_px)
+            frame = crops.lay_on_sensor(value[row], surround[row], origin[row], self.camera.sensor_px)
             whole = replace(batch.taken(row).context, origin_px=torch.zeros_like(origin[row]))
-            pictures.append(self._finish(frame, current, after, whole))
+            pictures.append(self._run((frame, current), after[len(before) :], whole, to_end=True)[0])
         return pictures
 
     def _paint(self, batch: Batch) -> Tensor:
@@ -275,24 +257,17 @@ class Simulator:
             leds = torch.stack([effect(one, context) for one in leds.unbind(1)], dim=1)
         return paint(leds, shares, context, batch.size, self.dtype)
 
-    def _apply(
-        self, value: Tensor, current: Quantity, which: Sequence[int], context: Context
-    ) -> tuple[Tensor, Quantity]:
-        """Apply some of the effects in order, each where the camera's steps have come to its quantity."""
-        for effect in (self.effects[i] for i in which):
-            while current != effect.takes:
-                value, current = self._advance(value, current, context)
-            value, current = effect(value, context), effect.gives
-        return value, current
+    def _run(self, seen: Seen, effects: Sequence[Effect], context: Context, *, to_end: bool = False) -> Seen:
+        """Apply effects in order, with the camera's own steps between them, or until the grey values."""
+        for effect in effects:
+            while seen[1] != effect.takes:
+                seen = self._advance(*seen, context)
+            seen = effect(seen[0], context), effect.gives
+        while to_end and seen[1] in CAMERA_STEPS[:-1]:
+            seen = self._advance(*seen, context)
+        return seen
 
-    def _finish(self, value: Tensor, current: Quantity, which: Sequence[int], context: Context) -> Tensor:
-        """Apply effects and the camera's remaining steps."""
-        value, current = self._apply(value, current, which, context)
-        while current in CAMERA_STEPS[:-1]:
-            value, current = self._advance(value, current, context)
-        return value
-
-    def _advance(self, value: Tensor, current: Quantity, context: Context) -> tuple[Tensor, Quantity]:
+    def _advance(self, value: Tensor, current: Quantity, context: Context) -> Seen:
         """Do the camera's next step: lens or gamma encoding."""
         if current == Quantity.LUMINANCE:
             return through_lens(value, self.camera), Quantity.EXPOSURE

@@ -11,7 +11,7 @@ from torch import Tensor
 from vocc_torch.measure.genie.genie_likelihood import PixelModel, UnknownLikelihoodError, sensor_noise
 from vocc_torch.simulation import Simulator
 from vocc_torch.simulation.effects import Context, Effect, Parameters
-from vocc_torch.simulation.effects.quantization import Quantization
+from vocc_torch.simulation.effects.coding import Quantization
 from vocc_torch.simulation.geometry import led_centres_m
 from vocc_torch.simulation.photometry import MIDDLE_GREY
 from vocc_torch.types import Frames, PanelShape, Scene

@@ -14,13 +14,15 @@ from torch import Tensor
 
 from vocc_torch.errors import VoccError
 from vocc_torch.simulation.effects import Context, Effect
-from vocc_torch.simulation.effects.dark_current import DarkCurrent
-from vocc_torch.simulation.effects.dsnu import Dsnu
-from vocc_torch.simulation.effects.full_well import FullWell
-from vocc_torch.simulation.effects.photoelectrons import Photoelectrons
-from vocc_torch.simulation.effects.prnu import Prnu
-from vocc_torch.simulation.effects.read_noise import ReadNoise
-from vocc_torch.simulation.effects.shot_noise import ShotNoise
+from vocc_torch.simulation.effects.sensor import (
+    DarkCurrent,
+    Dsnu,
+    FullWell,
+    Photoelectrons,
+    Prnu,
+    ReadNoise,
+    ShotNoise,
+)
 from vocc_torch.simulation.exposure import auto_iso
 from vocc_torch.simulation.photometry import MIDDLE_GREY
 

@@ -123,7 +123,7 @@ class FldaEstimator(ClassifierMixin, BaseEstimator):  # type: ignore[misc]  # sc
 
 
 def _two_classes(labels: NDArray[np.generic], targets: NDArray[np.generic]) -> NDArray[np.generic]:
-    """Give the two kinds of labels, or refuse another number of them, in scikit-learn's words."""
+    """Return the two kinds of labels, or refuse another number of them, in scikit-learn's words."""
     check_classification_targets(targets)
     kinds: NDArray[np.generic] = np.unique(labels)
     if len(kinds) > 2:
@@ -136,5 +136,5 @@ def _two_classes(labels: NDArray[np.generic], targets: NDArray[np.generic]) -> N
 
 
 def _on(labels: NDArray[np.generic], classes: NDArray[np.generic]) -> torch.Tensor:
-    """Give labels as bits."""
+    """Return labels as bits."""
     return torch.from_numpy(np.asarray(labels == classes[1], dtype=bool))

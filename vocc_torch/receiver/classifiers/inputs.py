@@ -156,7 +156,7 @@ class Inputs:
         return len(self.features) + (0 if self.patch is None else self.patch.size)
 
     def of(self, readings: Readings, cell_px: Tensor, shape: PanelShape) -> Tensor:
-        """Give what is seen of every LED.
+        """Return what is seen of every LED.
 
         Args:
             readings: of B panels.

@@ -73,7 +73,7 @@ class ModuleFile:
         return made
 
     def named(self, name: str) -> object:
-        """Give what the file calls ``name``.
+        """Return what the file calls ``name``.
 
         Raises:
             VoccError: it has nothing of that name.
@@ -85,7 +85,7 @@ class ModuleFile:
 
 
 def _with_imports(path: Path) -> list[Path]:
-    """Give a file and, in the order in which they are met, the files beside it that it imports."""
+    """Return a file and, in the order in which they are met, the files beside it that it imports."""
     files = [path]
     for file in files:
         try:

@@ -36,7 +36,7 @@ class Batches(Protocol):
     """Training panels in batches, the same ones each time."""
 
     def __call__(self, first: int, count: int) -> Iterator[tuple[Tensor, Tensor]]:
-        """Give panels ``first`` to ``first + count`` as batches of ``x`` (B,R,C,F) and bits (B,R,C)."""
+        """Return panels ``first`` to ``first + count`` as batches of ``x`` (B,R,C,F) and bits (B,R,C)."""
 
 
 @runtime_checkable

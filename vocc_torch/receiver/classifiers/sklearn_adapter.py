@@ -94,7 +94,7 @@ class SklearnClassifier:
 
 
 def _rows(x: Tensor) -> NDArray[np.float32]:
-    """Give the LEDs of all panels as rows, (N,F)."""
+    """Return the LEDs of all panels as rows, (N,F)."""
     rows: NDArray[np.float32] = x.reshape(-1, x.shape[-1]).cpu().numpy().astype(np.float32, copy=False)
     return rows
 

@@ -1,17 +1,18 @@
-"""A torch module as a classifier of LEDs, trained on panels streamed from the simulator."""
+"""A torch module as a classifier of LEDs, and two small networks: on any numbers, and on the patch."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
+from itertools import pairwise
 from typing import Self
 
 import torch
 from torch import Tensor, nn
 
 from vocc_torch.errors import VoccError
-from vocc_torch.receiver.classifiers.checkpoint import Checkpoint
-from vocc_torch.receiver.classifiers.passes import Passes, Shown
 from vocc_torch.receiver.classifiers.protocol import Batches
-from vocc_torch.receiver.classifiers.recipe import TrainingRecipe
+from vocc_torch.receiver.classifiers.training import Checkpoint, TrainingRecipe, train_module
 
 
 class TorchClassifier:
@@ -72,16 +73,15 @@ class TorchClassifier:
         self._mean, self._spread = rows.mean(dim=0), rows.std(dim=0)
         self._spread = torch.where(self._spread > 0, self._spread, 1.0)
         self.module.to(x.device)
-        held_target = bits[-held:].reshape(-1).float()
-        shown = Shown(rows, target, _leds(x[-held:]), held_target)
-        checkpoint = None
-        if self.recipe.checkpoints is not None:
-            checkpoint = Checkpoint(self.recipe.checkpoints, self.module, self.recipe, [x, bits])
-        passes = Passes(self.module, lambda some: self._score(self._scaled(some)), self.recipe)
+        shown = [rows, target, _leds(x[-held:]), bits[-held:].reshape(-1).float()]
+        recipe, checkpoint = self.recipe, None
+        if recipe.checkpoints is not None:
+            checkpoint = Checkpoint(recipe.checkpoints, self.module, recipe, [x, bits])
         with torch.random.fork_rng(devices=[x.device] if x.device.type == "cuda" else []):
-            torch.manual_seed(self.recipe.seed)
-            passes.run(shown, checkpoint)
-        self.losses, self.earlier_s = passes.losses, passes.earlier_s
+            torch.manual_seed(recipe.seed)
+            self.losses, self.earlier_s = train_module(
+                self.module, lambda some: self._score(self._scaled(some)), shown, recipe, checkpoint
+            )
         return self
 
     def decision_function(self, x: Tensor) -> Tensor:
@@ -113,7 +113,7 @@ class TorchClassifier:
         return (rows - self._mean) / self._spread
 
     def _score(self, rows: Tensor) -> Tensor:
-        """Give the module's score of each row, (N,), or refuse another number of them."""
+        """Return the module's score of each row, (N,), or refuse another number of them."""
         try:
             scores = self.module(rows)
         except VoccError:
@@ -128,5 +128,73 @@ class TorchClassifier:
 
 
 def _leds(x: Tensor) -> Tensor:
-    """Give the LEDs of all panels as rows, (N,F) float32."""
+    """Flatten the LEDs of all panels to rows, (N,F) float32."""
     return x.reshape(-1, x.shape[-1]).to(torch.float32)
+
+
+class Mlp(nn.Module):
+    """Layers of neurons with ReLU between them, (...,F) to (...).
+
+    Args:
+        n_inputs: F.
+        hidden: neurons of each hidden layer.
+
+    Example:
+        >>> Mlp(n_inputs=3, hidden=[8])(torch.zeros(2, 8, 8, 3)).shape
+        torch.Size([2, 8, 8])
+    """
+
+    def __init__(self, n_inputs: int, hidden: Sequence[int] = (64, 64)) -> None:
+        super().__init__()
+        sizes = [n_inputs, *hidden]
+        layers: list[nn.Module] = []
+        for before, after in pairwise(sizes):
+            layers += [nn.Linear(before, after), nn.ReLU()]
+        self.layers = nn.Sequential(*layers, nn.Linear(sizes[-1], 1))
+
+    def forward(self, x: Tensor) -> Tensor:
+        """Score."""
+        scores: Tensor = self.layers(x)
+        return scores.squeeze(-1)
+
+
+class PatchCnn(nn.Module):
+    """Two convolutions over the patch of an LED, then neurons that see the cell's pitch too.
+
+    Args:
+        n_inputs: F: a square patch, row by row, and perhaps one more number, the pitch.
+        channels: of each convolution.
+        hidden: neurons of the last layer but one.
+
+    Raises:
+        VoccError: ``n_inputs`` is no square and no square plus one, or the patch is under 4 x 4.
+
+    Example:
+        >>> PatchCnn(n_inputs=145)(torch.zeros(2, 8, 8, 145)).shape
+        torch.Size([2, 8, 8])
+    """
+
+    def __init__(self, n_inputs: int, channels: int = 12, hidden: int = 32) -> None:
+        super().__init__()
+        self.side = math.isqrt(n_inputs)
+        self.extra = n_inputs - self.side**2
+        if self.extra not in (0, 1) or self.side < 4:
+            rule = "a patch of at least 4 x 4 numbers is needed, with or without pitch"
+            raise VoccError(f"n_inputs is {n_inputs}: {rule}")
+        self.convolutions = nn.Sequential(
+            nn.Conv2d(1, channels, 3, padding=1),
+            nn.ReLU(),
+            nn.MaxPool2d(2),
+            nn.Conv2d(channels, 2 * channels, 3),
+            nn.ReLU(),
+        )
+        flat = 2 * channels * (self.side // 2 - 2) ** 2
+        self.decide = nn.Sequential(nn.Linear(flat + self.extra, hidden), nn.ReLU(), nn.Linear(hidden, 1))
+
+    def forward(self, x: Tensor) -> Tensor:
+        """Score."""
+        rows = x.reshape(-1, x.shape[-1])
+        picture = rows[:, : self.side**2].reshape(-1, 1, self.side, self.side)
+        seen = torch.cat([self.convolutions(picture).flatten(1), rows[:, self.side**2 :]], dim=1)
+        scores: Tensor = self.decide(seen)
+        return scores.reshape(x.shape[:-1])

@@ -10,12 +10,16 @@ from enum import StrEnum
 from typing import ClassVar
 
 import numpy as np
+import torch
 from torch import Tensor
 
 from vocc_torch.errors import VoccError
 from vocc_torch.rng import FrameKey
 from vocc_torch.simulation.geometry import Camera, LedPanel
 from vocc_torch.types import Scene
+
+Extent = tuple[float, float]
+"""Height and width of an image, px."""
 
 BRIGHTEST = 1e12
 """Highest luminance (cd/m2) or illuminance (lx) on offer, far beyond the sun's 1.6e9 cd/m2."""
@@ -65,20 +69,40 @@ class Context:
     iso: Tensor | None = None
     """(B,) the ISO speeds, where they are known already."""
 
-    def generators(self, stream: str, *, of_scene: bool = False) -> list[np.random.Generator]:
-        """Give each frame's random stream of an effect; what other effects draw does not change it.
-
-        Args:
-            stream: the effect's name.
-            of_scene: give the stream that a frame and its preambles share, for what stands in the scene;
-                otherwise each picture has its own.
+    def keys_for(self, stream: str) -> Sequence[FrameKey]:
+        """The frames' keys, for the effect named ``stream``.
 
         Raises:
             VoccError: frames without keys, which have no randomness to draw from.
         """
         if len(self.keys) != len(self.scene):
             raise VoccError(f"scene.effects.{stream} draws random numbers: give render() keys, one a frame")
-        return [key.generator(f"effect.{stream}", of_scene=of_scene) for key in self.keys]
+        return self.keys
+
+    def generators(self, stream: str, *, of_scene: bool = False) -> list[np.random.Generator]:
+        """Each frame's random stream of an effect; what other effects draw does not change it.
+
+        Args:
+            stream: the effect's name.
+            of_scene: take the stream that a frame and its preambles share, for what stands in the scene;
+                otherwise each picture has its own.
+
+        Raises:
+            VoccError: frames without keys.
+        """
+        return [key.generator(f"effect.{stream}", of_scene=of_scene) for key in self.keys_for(stream)]
+
+    @property
+    def first_px(self) -> Tensor:
+        """Sensor column and row of each frame's first pixel, (B,2) int64, where the scenes are."""
+        device = self.scene.distance_m.device
+        if self.origin_px is None:
+            return torch.zeros(len(self.scene), 2, dtype=torch.int64, device=device)
+        return self.origin_px.to(device)
+
+    def origins(self) -> list[tuple[int, int]]:
+        """``first_px`` as plain numbers."""
+        return [(x, y) for x, y in self.first_px.tolist()]
 
 
 class Effect(ABC):
@@ -106,20 +130,12 @@ class Effect(ABC):
         """
         return self.reach_px
 
-    def size_in_px(
-        self, size_px: tuple[float, float], camera: Camera, nearest_m: float
-    ) -> tuple[float, float]:
+    def size_in_px(self, size_px: Extent, camera: Camera, nearest_m: float) -> Extent:
         """How large an image of ``size_px`` (height, width) can become; a crop has room for it."""
         return size_px
 
     def demand(
-        self,
-        parameter: str,
-        low: float,
-        high: float = math.inf,
-        *,
-        above: bool = False,
-        hint: str = "",
+        self, parameter: str, low: float, high: float = math.inf, *, above: bool = False, hint: str = ""
     ) -> None:
         """Refuse by name a parameter that is not finite or not from ``low`` to ``high``.
 
@@ -138,8 +154,23 @@ class Effect(ABC):
             return
         allowed = f"{'above' if above else 'at least'} {low:g}"
         allowed += "" if math.isinf(high) else f" and at most {high:g}"
-        note = f" ({hint})" if hint and value == low else ""
-        raise VoccError(f"scene.effects.{self.name}.{parameter} is {value:g}: it must be {allowed}{note}")
+        raise self.refusal(parameter, allowed + (f" ({hint})" if hint and value == low else ""))
+
+    def demand_whole(self, parameter: str, low: int, high: int) -> None:
+        """Refuse by name a parameter that is not a whole number from ``low`` to ``high``.
+
+        Raises:
+            VoccError: anything else.
+        """
+        value = getattr(self, parameter)
+        if type(value) is not int or not low <= value <= high:
+            rule = f"it must be a whole number from {low} to {high}"
+            raise VoccError(f"scene.effects.{self.name}.{parameter} is {value}: {rule}")
+
+    def refusal(self, parameter: str, rule: str) -> VoccError:
+        """The error that names a parameter, its value and what it must be."""
+        shown = f"scene.effects.{self.name}.{parameter} is {getattr(self, parameter):g}"
+        return VoccError(f"{shown}: it must be {rule}")
 
     @abstractmethod
     def __call__(self, value: Tensor, context: Context) -> Tensor:

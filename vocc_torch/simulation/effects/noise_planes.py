@@ -15,7 +15,6 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from vocc_torch.errors import VoccError
 from vocc_torch.rng import sensor_generator
 from vocc_torch.simulation.effects.base import Context
 
@@ -66,17 +65,10 @@ def _cuts(start: int, length: int) -> Iterator[tuple[int, slice, slice]]:
         yield index, slice(begin - start, end - start), slice(begin - first, end - first)
 
 
-def origins_px(context: Context) -> list[tuple[int, int]]:
-    """Give the sensor column and row of each frame's first pixel."""
-    if context.origin_px is None:
-        return [(0, 0)] * len(context.scene)
-    return [(x, y) for x, y in context.origin_px.tolist()]
-
-
 def picture_tiles(
     context: Context, stream: str, size: tuple[int, int]
 ) -> Iterator[list[tuple[TilePart, np.random.Generator]]]:
-    """Give the tiles that each frame touches, each with the random stream of this picture there.
+    """Yield for each frame the tiles that it touches, each with the random stream of this picture there.
 
     Args:
         context: names the frames and says where each lies on the sensor.
@@ -86,35 +78,34 @@ def picture_tiles(
     Raises:
         VoccError: frames without keys.
     """
-    _demand_keys(context, stream)
-    for key, origin in zip(context.keys, origins_px(context), strict=True):
+    for key, origin in zip(context.keys_for(stream), context.origins(), strict=True):
         generator = key.tiles(f"effect.{stream}")
         # All before the first is drawn from: taking turns costs a tenth of the drawing.
         yield [(part, generator(part.row, part.column)) for part in tile_parts(origin, size)]
 
 
-def frame_normals(context: Context, stream: str, size: tuple[int, int], sigma: float) -> Tensor:
-    """Draw normal numbers, new in every picture.
+def frame_normals(value: Tensor, context: Context, stream: str, sigma: float) -> Tensor:
+    """Normal numbers for each pixel of (B,1,H,W) ``value``, new in every picture.
 
     Args:
+        value: gives shape, type and device.
         context: names the frames and says where each lies on the sensor.
         stream: name of the effect.
-        size: rows and columns of a frame.
         sigma: standard deviation.
 
     Returns:
-        (B,1,rows,columns) float32, on the CPU.
+        (B,1,H,W), drawn in float32.
 
     Raises:
         VoccError: frames without keys.
     """
-    planes = np.empty((len(context.scene), *size), dtype=np.float32)
+    planes = np.empty((len(value), *value.shape[-2:]), dtype=np.float32)
     numbers = np.empty((TILE_PX, TILE_PX), dtype=np.float32)
-    for plane, tiles in zip(planes, picture_tiles(context, stream, size), strict=True):
+    for plane, tiles in zip(planes, picture_tiles(context, stream, planes.shape[1:]), strict=True):
         for part, generator in tiles:
             generator.standard_normal(out=numbers[: part.rows], dtype=np.float32)
             np.multiply(numbers[part.in_tile], np.float32(sigma), out=plane[part.in_window])
-    return torch.from_numpy(planes).unsqueeze(1)
+    return torch.from_numpy(planes).unsqueeze(1).to(value)
 
 
 def standard_normals(generator: np.random.Generator, size: tuple[int, int]) -> Plane:
@@ -129,73 +120,53 @@ class SensorPattern:
     holds its pattern. Copies, and those sent to other processes, begin empty: they would draw the same.
     """
 
-    __slots__ = ("_kept",)
+    __slots__ = ("_drawn", "_plane", "_seed")
 
     def __init__(self) -> None:
         """Begin with nothing drawn."""
-        self._kept: _Kept | None = None
+        self._seed, self._plane = -1, np.empty((0, 0), dtype=np.float32)
+        self._drawn: set[tuple[int, int]] = set()
 
     def __reduce__(self) -> tuple[type[SensorPattern], tuple[()]]:
         """Leave what has been drawn behind."""
         return SensorPattern, ()
 
-    def planes(self, context: Context, stream: str, size: tuple[int, int], draw: Draw) -> Tensor:
-        """Give each frame its part of the pattern.
+    def planes(self, value: Tensor, context: Context, stream: str, draw: Draw) -> Tensor:
+        """Each frame's part of the pattern.
 
         Args:
+            value: (B,1,H,W), gives shape, type and device.
             context: names the run and says where each frame lies on the sensor.
             stream: name of the effect.
-            size: rows and columns of a frame.
             draw: draws one tile; always the same.
 
         Returns:
-            (B,1,rows,columns) float32, on the CPU, to be read only: where all frames lie at one place, it is
-            the pattern that is kept.
+            (B,1,H,W), to be read only: where all frames lie at one place, it is the pattern that is kept.
 
         Raises:
             VoccError: frames without keys.
         """
-        _demand_keys(context, stream)
-        places = [(key.block.seed, *at) for key, at in zip(context.keys, origins_px(context), strict=True)]
+        height, width = value.shape[-2:]
+        keys = context.keys_for(stream)
+        places = [(key.block.seed, *at) for key, at in zip(keys, context.origins(), strict=True)]
         planes: dict[tuple[int, int, int], Tensor] = {}
-        for place in sorted(set(places)):
-            seed, left, top = place
-            kept = self._kept_of(seed, context.camera.sensor_px, (top + size[0], left + size[1]))
-            for part in tile_parts((left, top), size):
-                kept.draw(part.row, part.column, f"effect.{stream}", draw)
-            planes[place] = torch.from_numpy(kept.plane[top : top + size[0], left : left + size[1]])
+        for seed, left, top in sorted(set(places)):
+            self._keep(seed, context.camera.sensor_px, (top + height, left + width))
+            for part in tile_parts((left, top), (height, width)):
+                tile = part.row, part.column
+                if tile not in self._drawn:
+                    generator = sensor_generator(seed, f"effect.{stream}/{part.row}/{part.column}")
+                    y, x = (TILE_PX * number for number in tile)
+                    self._plane[y : y + TILE_PX, x : x + TILE_PX] = draw(generator, (TILE_PX, TILE_PX))
+                    self._drawn.add(tile)
+            planes[seed, left, top] = torch.from_numpy(self._plane[top : top + height, left : left + width])
         if len(planes) == 1:
-            return planes[places[0]].expand(len(places), 1, *size)
-        return torch.stack([planes[place] for place in places]).unsqueeze(1)
+            return planes[places[0]].expand(value.shape).to(value)
+        return torch.stack([planes[place] for place in places]).unsqueeze(1).to(value)
 
-    def _kept_of(self, seed: int, sensor_px: tuple[int, int], end: tuple[int, int]) -> _Kept:
-        """Give the plane of a run, a new one where the kept one is of another run or sensor."""
-        kept = self._kept
+    def _keep(self, seed: int, sensor_px: tuple[int, int], end: tuple[int, int]) -> None:
+        """Begin a new plane where the kept one is of another run or sensor."""
         rows, columns = (-(-max(pair) // TILE_PX) * TILE_PX for pair in zip(sensor_px, end, strict=True))
-        if kept is None or (kept.seed, *kept.plane.shape) != (seed, rows, columns):
-            kept = self._kept = _Kept(seed, np.empty((rows, columns), dtype=np.float32), set())
-        return kept
-
-
-@dataclass(frozen=True, slots=True)
-class _Kept:
-    """A run's pattern as far as it is drawn; memory that no tile was drawn to is never touched."""
-
-    seed: int
-    plane: Plane
-    drawn: set[tuple[int, int]]
-
-    def draw(self, row: int, column: int, stream: str, draw: Draw) -> None:
-        """Draw a tile unless it is there."""
-        if (row, column) in self.drawn:
-            return
-        generator = sensor_generator(self.seed, f"{stream}/{row}/{column}")
-        top, left = row * TILE_PX, column * TILE_PX
-        self.plane[top : top + TILE_PX, left : left + TILE_PX] = draw(generator, (TILE_PX, TILE_PX))
-        self.drawn.add((row, column))
-
-
-def _demand_keys(context: Context, stream: str) -> None:
-    """Refuse frames without keys, which have no randomness to draw from."""
-    if len(context.keys) != len(context.scene):
-        raise VoccError(f"scene.effects.{stream} draws random numbers: give render() keys, one a frame")
+        if (self._seed, *self._plane.shape) != (seed, rows, columns):
+            self._seed, self._plane = seed, np.empty((rows, columns), dtype=np.float32)
+            self._drawn = set()

@@ -4,92 +4,20 @@ from __future__ import annotations
 
 import difflib
 import inspect
-import sys
+import math
 from collections.abc import Mapping, Sequence
 
 from vocc_torch.errors import VoccError
-from vocc_torch.simulation.effects.airlight import Airlight
-from vocc_torch.simulation.effects.attenuation import Attenuation
-from vocc_torch.simulation.effects.background_texture import BackgroundTexture
+from vocc_torch.simulation.effects import coding, light, optics, sensor, surroundings, view
 from vocc_torch.simulation.effects.base import Effect, Quantity
-from vocc_torch.simulation.effects.bayer import Bayer
-from vocc_torch.simulation.effects.blooming import Blooming
-from vocc_torch.simulation.effects.dark_current import DarkCurrent
-from vocc_torch.simulation.effects.defocus import Defocus
-from vocc_torch.simulation.effects.demosaicing import Demosaicing
-from vocc_torch.simulation.effects.diffraction import Diffraction
-from vocc_torch.simulation.effects.dsnu import Dsnu
-from vocc_torch.simulation.effects.full_well import FullWell
-from vocc_torch.simulation.effects.gain import Gain
-from vocc_torch.simulation.effects.hot_pixels import HotPixels
-from vocc_torch.simulation.effects.jpeg import Jpeg
-from vocc_torch.simulation.effects.lamps import Lamps
-from vocc_torch.simulation.effects.led_scatter import LedScatter
-from vocc_torch.simulation.effects.lens_distortion import LensDistortion
-from vocc_torch.simulation.effects.motion_blur import MotionBlur
-from vocc_torch.simulation.effects.occlusion import Occlusion
-from vocc_torch.simulation.effects.photoelectrons import Photoelectrons
-from vocc_torch.simulation.effects.pose import Pose
-from vocc_torch.simulation.effects.prnu import Prnu
-from vocc_torch.simulation.effects.quantization import Quantization
-from vocc_torch.simulation.effects.read_noise import ReadNoise
-from vocc_torch.simulation.effects.rolling_shutter import RollingShutter
-from vocc_torch.simulation.effects.row_noise import RowNoise
-from vocc_torch.simulation.effects.saturation import Saturation
-from vocc_torch.simulation.effects.second_panel import SecondPanel
-from vocc_torch.simulation.effects.shot_noise import ShotNoise
-from vocc_torch.simulation.effects.stuck_leds import StuckLeds
-from vocc_torch.simulation.effects.veiling_glare import VeilingGlare
-from vocc_torch.simulation.effects.vignetting import Vignetting
-from vocc_torch.simulation.scene import Distribution
+from vocc_torch.simulation.scene import LARGEST, Distribution
 
-PHYSICAL_ORDER: tuple[type[Effect], ...] = (
-    Pose,
-    LensDistortion,
-    RollingShutter,
-    StuckLeds,
-    LedScatter,
-    Attenuation,
-    BackgroundTexture,
-    Lamps,
-    SecondPanel,
-    Airlight,
-    Occlusion,
-    VeilingGlare,
-    MotionBlur,
-    Defocus,
-    Diffraction,
-    Blooming,
-    Vignetting,
-    Bayer,
-    Photoelectrons,
-    Prnu,
-    DarkCurrent,
-    HotPixels,
-    ShotNoise,
-    FullWell,
-    Dsnu,
-    RowNoise,
-    ReadNoise,
-    Gain,
-    Demosaicing,
-    Saturation,
-    Quantization,
-    Jpeg,
-)
+PLACES = (view, light, surroundings, optics, sensor, coding)
+PHYSICAL_ORDER: tuple[type[Effect], ...] = tuple(kind for place in PLACES for kind in place.EFFECTS)
 """Light at the LED, air, optics, sensor, encoding: the order of effects, whatever order names them."""
 
-CAMERA_STEPS: tuple[Quantity, ...] = (
-    Quantity.PLACEMENT,
-    Quantity.IMAGE_POINTS,
-    Quantity.SYMBOLS,
-    Quantity.LED_LUMINANCE,
-    Quantity.BACKGROUND,
-    Quantity.UNLIT,
-    Quantity.LUMINANCE,
-    Quantity.EXPOSURE,
-    Quantity.GREY,
-)
+BY_EFFECTS = (Quantity.ELECTRONS, Quantity.BOUNDED_GREY, Quantity.DIGITAL)
+CAMERA_STEPS: tuple[Quantity, ...] = tuple(step for step in Quantity if step not in BY_EFFECTS)
 """The quantities that every camera passes through by itself: projection, lens, gamma encoding."""
 
 Parameters = Mapping[str, float | Sequence[object]]
@@ -139,7 +67,7 @@ def _construct(kind: type[Effect], parameters: Parameters | None) -> Effect:
             raise VoccError(f"{key}.{name} is not a known parameter; {_known(name, list(signature))}")
         if "Distribution" in str(signature[name].annotation):
             read[name] = Distribution.parse(value, f"effects.{kind.name}.{name}")
-        elif isinstance(value, bool) or not isinstance(value, int | float) or _too_long(value):
+        elif isinstance(value, bool) or not isinstance(value, int | float) or LARGEST < abs(value) < math.inf:
             raise VoccError(f"{key}.{name} is {value!r}: it must be a number")
         else:
             read[name] = value
@@ -149,13 +77,8 @@ def _construct(kind: type[Effect], parameters: Parameters | None) -> Effect:
     return kind(**read)
 
 
-def _too_long(value: float) -> bool:
-    """Tell whether a whole number has more digits than any float64."""
-    return isinstance(value, int) and abs(value) > sys.float_info.max
-
-
 def check_chain(effects: tuple[Effect, ...]) -> Quantity:
-    """Walk the chain and give the quantity that comes out.
+    """Walk the chain and return the quantity that comes out.
 
     Raises:
         VoccError: an effect takes a quantity that neither the camera nor an earlier effect gives.
@@ -174,11 +97,9 @@ def check_chain(effects: tuple[Effect, ...]) -> Quantity:
             current = CAMERA_STEPS[step]
         current = effect.gives
     if current == Quantity.ELECTRONS:
-        raise VoccError(
-            f"scene.effects ends at electrons, and {_leads('reads out', Quantity.EXPOSURE, current)}"
-        )
-    _check_coding(effects)
-    _check_air(effects)
+        ends = _leads("reads out", Quantity.EXPOSURE, current)
+        raise VoccError(f"scene.effects ends at electrons, and {ends}")
+    _check_pairs(effects)
     return current if current not in CAMERA_STEPS else Quantity.GREY
 
 
@@ -191,23 +112,18 @@ def _leads(verb: str, wanted: Quantity, current: Quantity) -> str:
     return f"scene.effects.{' or scene.effects.'.join(makers)} {verb}: name it too"
 
 
-def _check_air(effects: tuple[Effect, ...]) -> None:
-    """Refuse fog that dims what it lies before and not the LEDs, or by another visibility."""
-    dims = [effect.visibility_m for effect in effects if isinstance(effect, Attenuation)]
-    for fog in (effect for effect in effects if isinstance(effect, Airlight)):
-        key = "scene.effects.airlight"
-        if not dims:
+def _check_pairs(effects: tuple[Effect, ...]) -> None:
+    """Refuse fog without the LEDs' attenuation in the same air, and JPEG of pictures not 8 bits deep."""
+    named = {effect.name: effect for effect in effects}
+    dims, fog = named.get("attenuation"), named.get("airlight")
+    if isinstance(fog, surroundings.Airlight):
+        if not isinstance(dims, light.Attenuation):
             rule = "which dims the LEDs' own light in the same air: name it too"
-            raise VoccError(f"{key} needs scene.effects.attenuation, {rule}")
-        if fog.visibility_m != dims[0]:
-            rule = f"it must be {dims[0]:g} as scene.effects.attenuation has it, for there is one air"
-            raise VoccError(f"{key}.visibility_m is {fog.visibility_m:g}: {rule}")
-
-
-def _check_coding(effects: tuple[Effect, ...]) -> None:
-    """Refuse JPEG of pictures that are not 8 bits deep."""
-    bits = [effect.bits for effect in effects if isinstance(effect, Quantization)]
-    if bits and bits[0] != 8 and any(isinstance(effect, Jpeg) for effect in effects):
-        raise VoccError(
-            f"scene.effects.jpeg codes 8-bit frames: scene.effects.quantization.bits is {bits[0]}"
-        )
+            raise VoccError(f"scene.effects.airlight needs scene.effects.attenuation, {rule}")
+        if fog.visibility_m != dims.visibility_m:
+            same = f"{dims.visibility_m:g} as scene.effects.attenuation has it, for there is one air"
+            raise fog.refusal("visibility_m", same)
+    depth = named.get("quantization")
+    if isinstance(depth, coding.Quantization) and depth.bits != 8 and "jpeg" in named:
+        rule = f"scene.effects.quantization.bits is {depth.bits}"
+        raise VoccError(f"scene.effects.jpeg codes 8-bit frames: {rule}")

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 import torch
@@ -13,13 +12,12 @@ from torch import Tensor
 
 from vocc_torch.errors import VoccError
 from vocc_torch.simulation.effects.base import Context, Effect, Quantity
-from vocc_torch.simulation.effects.lens_distortion import LensDistortion
-from vocc_torch.simulation.effects.own_light import dimmed_once
-from vocc_torch.simulation.geometry import LedPanel, led_centres_m
+from vocc_torch.simulation.effects.light import dimmed_once
+from vocc_torch.simulation.effects.view import LensDistortion
+from vocc_torch.simulation.geometry import CLOCKWISE, led_centres_m
+from vocc_torch.simulation.perspective import View, view_of
 from vocc_torch.simulation.photometry import reflected_luminance_cd_m2
-from vocc_torch.simulation.polygon import polygon_cover
-from vocc_torch.simulation.raster import add_patches, ellipse_cover
-from vocc_torch.simulation.view import View, view_of
+from vocc_torch.simulation.raster import add_patches, ellipse_cover, polygon_cover
 
 FARTHEST_M = 100.0
 """Largest offset on offer along an axis."""
@@ -60,11 +58,9 @@ class SecondPanel(Effect):
     offset_y_m: float = 0.0
     luminance_share: float = 1.0
 
-    name: ClassVar[str] = "second_panel"
-    takes: ClassVar[Quantity] = Quantity.BACKGROUND
-    gives: ClassVar[Quantity] = Quantity.BACKGROUND
-    sampled: ClassVar[bool] = True
-    fills_sensor: ClassVar[bool] = True
+    name = "second_panel"
+    takes = gives = Quantity.BACKGROUND
+    sampled = fills_sensor = True
 
     def __post_init__(self) -> None:
         """Check the ranges that do not need the panel."""
@@ -75,73 +71,55 @@ class SecondPanel(Effect):
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Draw the panel onto each frame's (B,1,H,W) background luminance."""
         panel, scene = context.panel, context.scene
-        self._check(panel)
-        offset_m = torch.tensor([self.offset_x_m, self.offset_y_m], dtype=torch.float64)
-        painted, leds_m = value.clone(), (offset_m + led_centres_m(panel)).to(scene.distance_m.device)
-        surface = reflected_luminance_cd_m2(scene.ambient_lx, panel.led_reflectance)
-        seen = (surface.view(-1, 1, 1) + self._lights(context)).flatten()
-        leds = _leds_in_view(leds_m, value, context)
-        if panel.board_reflectance is None:
-            _lay(painted, leds, seen, context, opaque=True)
-            return painted
-        board = reflected_luminance_cd_m2(scene.ambient_lx, panel.board_reflectance)
-        boards = board.repeat_interleave(panel.shape.leds)
-        _lay(painted, _boards_in_view(leds_m, value, context), boards, context, opaque=True)
-        # What an LED covers is board, also in a pixel that the board's edge crosses.
-        _lay(painted, leds, seen - boards, context, opaque=False)
-        return painted
-
-    def _check(self, panel: LedPanel) -> None:
-        """Refuse a panel that would stand in ours."""
         width_m, height_m = panel.shape.columns * panel.pitch_m, panel.shape.rows * panel.pitch_m
         near = 1 - 1e-9
         if abs(self.offset_x_m) < width_m * near and abs(self.offset_y_m) < height_m * near:
-            shown = (
-                f"offset_x_m is {self.offset_x_m:g} and offset_y_m {self.offset_y_m:g}: the panels overlap"
-            )
+            shown = f"offset_x_m is {self.offset_x_m:g} and offset_y_m {self.offset_y_m:g}"
             rule = f"one of the two must be at least {width_m:g} across or {height_m:g} down"
-            raise VoccError(f"scene.effects.{self.name}.{shown}, {rule}")
+            raise VoccError(f"scene.effects.{self.name}.{shown}: the panels overlap, {rule}")
+        offset_m = torch.tensor([self.offset_x_m, self.offset_y_m], dtype=torch.float64)
+        painted, leds_m = value.clone(), (offset_m + led_centres_m(panel)).to(scene.distance_m.device)
+        surface = reflected_luminance_cd_m2(scene.ambient_lx, panel.led_reflectance)
+        size = panel.shape.rows, panel.shape.columns
+        bits = np.stack([g.integers(2, size=size, dtype=np.uint8) for g in context.generators(self.name)])
+        full = scene.led_luminance_cd_m2.view(-1, 1, 1) * self.luminance_share
+        light = dimmed_once(torch.from_numpy(bits).to(full) * full, context)
+        seen = (surface.view(-1, 1, 1) + light).flatten()
+        leds = _leds_in_view(leds_m, value, context)
+        if panel.board_reflectance is None:
+            leds.lay(painted, seen, opaque=True)
+            return painted
+        board = reflected_luminance_cd_m2(scene.ambient_lx, panel.board_reflectance)
+        boards = board.repeat_interleave(panel.shape.leds)
+        _boards_in_view(leds_m, value, context).lay(painted, boards, opaque=True)
+        # What an LED covers is board, also in a pixel that the board's edge crosses.
+        leds.lay(painted, seen - boards, opaque=False)
+        return painted
 
-    def _lights(self, context: Context) -> Tensor:
-        """Draw the bits of each picture and give the LEDs' own light, (B,R,C) cd/m2."""
-        shape = context.panel.shape.rows, context.panel.shape.columns
-        bits = np.stack([g.integers(2, size=shape, dtype=np.uint8) for g in context.generators(self.name)])
-        full = context.scene.led_luminance_cd_m2.view(-1, 1, 1) * self.luminance_share
-        return dimmed_once(torch.from_numpy(bits).to(full) * full, context)
 
-
-@dataclass(frozen=True, slots=True)
-class _Patches:
-    """The cover of some of N shapes, each in a square of pixels that the sensor cuts."""
-
-    cover: Tensor
-    """(M,h,w)."""
-    which: Tensor
-    """(M,): of the N shapes, frame by frame."""
-    left: Tensor
-    """(M,): on the sensor."""
-    top: Tensor
-    """(M,): on the sensor."""
+Cover = Callable[[Tensor, int], tuple[Tensor, Tensor, Tensor]]
+"""Numbers (K,) of shapes and a side to patches (K,h,w), their left columns and top rows (K,), sensor px."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Shapes:
-    """Where those of N shapes that the frames show lie: their numbers and bounds, sensor px."""
+    """Those of N shapes a frame that the frames show: their numbers, bounds and cover, in sensor px."""
 
     which: Tensor
-    """(M,): of the N shapes, frame by frame."""
+    """(M,): of the batch's B * N shapes, frame by frame."""
     low: Tensor
     """(M,2)."""
     high: Tensor
     """(M,2)."""
-    sensor_px: tuple[int, int]
+    cover: Cover
+    context: Context
 
     def groups(self) -> Iterator[tuple[Tensor, int]]:
-        """Part them in groups of about one size, and give the side of a square that holds each of a group.
+        """Rows (K,) of shapes of about one size, and the side of a square that holds each of them.
 
         A shape near the plane of the lens has an image without bounds, so the sensor's bound them.
         """
-        sensor = self.low.new_tensor(self.sensor_px[::-1])
+        sensor = self.low.new_tensor(self.context.camera.sensor_px[::-1])
         seen = torch.minimum(self.high, sensor) - self.low.clamp(min=0)
         sides = torch.minimum(torch.ceil(seen.amax(dim=-1)) + 1, sensor.max()).long()
         # By powers of two: one large image among many small ones does not make them all large.
@@ -152,48 +130,62 @@ class _Shapes:
             for rows in alike.split(max(1, GROUP_VALUES // side**2)):
                 yield rows, side
 
+    def lay(self, painted: Tensor, luminance: Tensor, *, opaque: bool) -> None:
+        """Lay (B*N,) luminance over (B,1,H,W) in place, or add it where the shapes are not opaque."""
+        if len(self.which) == 0:
+            return
+        frame, origin = self.which // (len(luminance) // len(painted)), self.context.first_px
+        first, last = (bound - origin[frame] for bound in (self.low, self.high))
+        bounds = zip(first.amin(dim=0).tolist(), last.amax(dim=0).tolist(), painted.shape[:1:-1], strict=True)
+        columns, rows = (
+            slice(max(math.floor(low), 0), min(math.ceil(high) + 1, end)) for low, high, end in bounds
+        )
+        window = painted[:, 0, rows, columns]
+        covered, added = torch.zeros_like(window), torch.zeros_like(window)
+        for group, side in self.groups():
+            cover, left, top = self.cover(self.which[group], side)
+            x, y = origin[frame[group]].unbind(dim=-1)
+            places = frame[group], left - x - columns.start, top - y - rows.start
+            add_patches(added, cover * luminance[self.which[group]].view(-1, 1, 1), *places)
+            if opaque:
+                add_patches(covered, cover, *places)
+        painted[:, 0, rows, columns] = window * (1 - covered) + added
 
-def _leds_in_view(leds_m: Tensor, value: Tensor, context: Context) -> tuple[_Shapes, Iterator[_Patches]]:
+
+def _leds_in_view(leds_m: Tensor, value: Tensor, context: Context) -> _Shapes:
     """Find the LEDs (N,2) that each frame shows, and their cover."""
     view, radius_m = view_of(context), context.panel.led_diameter_m / 2
     has_image = _has_image(view, leds_m, radius_m, context)
     centre, spread = view.discs_px(_or_ours(leds_m, has_image), radius_m)
     reach = spread.diagonal(dim1=-2, dim2=-1).sqrt()
-    shapes = _in_view(centre - reach, centre + reach, has_image, value, context)
-    centre, spread = centre.flatten(0, 1)[shapes.which], spread.flatten(0, 1)[shapes.which]
+    centres, spreads = centre.flatten(0, 1), spread.flatten(0, 1)
 
-    def patches() -> Iterator[_Patches]:
-        for rows, side in shapes.groups():
-            # In the sensor's coordinates, so that a crop gets the full frame's very numbers.
-            patch = ellipse_cover(centre[rows], spread[rows], side, canvas_px=shapes.sensor_px)
-            yield _Patches(patch[0], shapes.which[rows], *patch[1:])
+    def cover(which: Tensor, side: int) -> tuple[Tensor, Tensor, Tensor]:
+        # In the sensor's coordinates, so that a crop gets the full frame's very numbers.
+        return ellipse_cover(centres[which], spreads[which], side, canvas_px=context.camera.sensor_px)
 
-    return shapes, patches()
+    return _in_view(centre - reach, centre + reach, has_image, cover, value, context)
 
 
-def _boards_in_view(leds_m: Tensor, value: Tensor, context: Context) -> tuple[_Shapes, Iterator[_Patches]]:
+def _boards_in_view(leds_m: Tensor, value: Tensor, context: Context) -> _Shapes:
     """Find the LEDs' cells (N,2), of which the board is made, and their cover: its edges may be curved."""
-    signs = torch.tensor([[-1, -1], [1, -1], [1, 1], [-1, 1]]).to(leds_m)
-    cells_m = (leds_m.unsqueeze(1) + signs * (context.panel.pitch_m / 2)).flatten(0, 1)
+    cells_m = (leds_m.unsqueeze(1) + leds_m.new_tensor(CLOCKWISE) * (context.panel.pitch_m / 2)).flatten(0, 1)
     view = view_of(context)
     has_image = _has_image(view, cells_m, 0.0, context)
     corners = view.points_px(_or_ours(cells_m, has_image)).view(len(value), -1, 4, 2)
     whole = has_image.view(len(value), -1, 4).all(dim=2)
-    shapes = _in_view(corners.amin(dim=2), corners.amax(dim=2), whole, value, context)
-    corners = corners.flatten(0, 1)[shapes.which]
 
-    def patches() -> Iterator[_Patches]:
-        for rows, side in shapes.groups():
-            begin = torch.floor(shapes.low[rows]).clamp(min=0)
-            cover = polygon_cover(corners[rows] - begin.unsqueeze(1), side, side)
-            left, top = begin.long().unbind(dim=-1)
-            yield _Patches(cover, shapes.which[rows], left, top)
+    def cover(which: Tensor, side: int) -> tuple[Tensor, Tensor, Tensor]:
+        its = corners.flatten(0, 1)[which]
+        begin = torch.floor(its.amin(dim=1)).clamp(min=0)
+        left, top = begin.long().unbind(dim=-1)
+        return polygon_cover(its - begin.unsqueeze(1), side, side), left, top
 
-    return shapes, patches()
+    return _in_view(corners.amin(dim=2), corners.amax(dim=2), whole, cover, value, context)
 
 
 def _has_image(view: View, points_m: Tensor, radius_m: float, context: Context) -> Tensor:
-    """Tell which of (N,2) points lie before the camera and where the lens has an image of them, (B,N)."""
+    """Which of (N,2) points lie before the camera and where the lens has an image of them, (B,N)."""
     right, down, centre = view.placement.unsqueeze(1).unbind(dim=-1)
     points = centre + points_m[:, :1] * right + points_m[:, 1:] * down
     limits = [e.limit(context.camera) for e in view.effects if isinstance(e, LensDistortion)]
@@ -207,52 +199,14 @@ def _or_ours(points_m: Tensor, has_image: Tensor) -> Tensor:
     return torch.where(has_image.unsqueeze(-1), points_m, 0.0)
 
 
-def _in_view(low_px: Tensor, high_px: Tensor, has_image: Tensor, value: Tensor, context: Context) -> _Shapes:
+def _in_view(
+    low_px: Tensor, high_px: Tensor, has_image: Tensor, cover: Cover, value: Tensor, context: Context
+) -> _Shapes:
     """Pick the shapes whose bounds (B,N,2), sensor px, touch their frames."""
     height, width = value.shape[-2:]
-    begin = _origins(context).to(low_px).unsqueeze(1)
+    begin = context.first_px.to(low_px).unsqueeze(1)
     end = begin + torch.tensor([width, height]).to(low_px)
     touch = ((high_px > begin) & (low_px < end)).all(dim=-1) & has_image
     which = touch.flatten().nonzero().squeeze(1)
     low, high = (bound.flatten(0, 1)[which] for bound in (low_px, high_px))
-    return _Shapes(which, low, high, context.camera.sensor_px)
-
-
-def _origins(context: Context) -> Tensor:
-    """Sensor column and row of each frame's first pixel, (B,2)."""
-    scene = context.scene
-    if context.origin_px is None:
-        return torch.zeros(len(scene), 2, dtype=torch.int64, device=scene.distance_m.device)
-    return context.origin_px.to(scene.distance_m.device)
-
-
-def _lay(
-    painted: Tensor,
-    seen: tuple[_Shapes, Iterator[_Patches]],
-    luminance: Tensor,
-    context: Context,
-    *,
-    opaque: bool,
-) -> None:
-    """Lay shapes of (N,) luminance over (B,1,H,W) luminance, in place; add them where they are not opaque."""
-    shapes, groups = seen
-    if len(shapes.which) == 0:
-        return
-    frame, origin = shapes.which // (len(luminance) // len(painted)), _origins(context)
-    first, last = shapes.low - origin[frame], shapes.high - origin[frame]
-    columns, rows = (
-        slice(max(math.floor(low), 0), min(math.ceil(high) + 1, end))
-        for low, high, end in zip(
-            first.amin(dim=0).tolist(), last.amax(dim=0).tolist(), painted.shape[:1:-1], strict=True
-        )
-    )
-    window = painted[:, 0, rows, columns]
-    covered, added = torch.zeros_like(window), torch.zeros_like(window)
-    for patches in groups:
-        frame = patches.which // (len(luminance) // len(painted))
-        x, y = origin[frame].unbind(dim=-1)
-        places = frame, patches.left - x - columns.start, patches.top - y - rows.start
-        add_patches(added, patches.cover * luminance[patches.which].view(-1, 1, 1), *places)
-        if opaque:
-            add_patches(covered, patches.cover, *places)
-    painted[:, 0, rows, columns] = window * (1 - covered) + added
+    return _Shapes(which, low, high, cover, context)

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from vocc_torch.errors import VoccError
-from vocc_torch.measure.build import build_experiment, build_plan
-from vocc_torch.measure.config import SceneConfig, Settings
+from vocc_torch.errors import VoccError, section
+from vocc_torch.measure.build import build_plan
+from vocc_torch.measure.config import SceneSettings, Settings
 from vocc_torch.measure.optional import without_absent
 from vocc_torch.measure.plan import Plan
 from vocc_torch.studies.classifiers.config import RivalsConfig
@@ -25,10 +25,11 @@ def build_rival_study(settings: Settings, config: RivalsConfig, folder: Path) ->
     plan = replace(plan, receiver=receiver)
     plans = {}
     for name, one in config.experiments.items():
-        section = f"rivals.experiments.{name}"
+        key = f"rivals.experiments.{name}"
         if one.row_axis is not None:
-            raise VoccError(f"{section} is a grid over {one.row_axis}: it must have one axis")
-        plans[name] = replace(plan, experiment=build_experiment(one, section))
+            raise VoccError(f"{key} is a grid over {one.row_axis}: it must have one axis")
+        with section(key, before="experiment"):
+            plans[name] = replace(plan, experiment=one)
     return RivalStudy(
         plans,
         reference=config.reference,
@@ -47,9 +48,7 @@ def build_rival_study(settings: Settings, config: RivalsConfig, folder: Path) ->
     )
 
 
-def _abroad(settings: Settings, scene: SceneConfig, name: str, folder: Path) -> Plan:
+def _abroad(settings: Settings, scene: SceneSettings, name: str, folder: Path) -> Plan:
     """The plan of another scene; its refusals name the scene's own key."""
-    try:
+    with section(f"rivals.scenes.{name}", before="scene"):
         return build_plan(replace(settings, scene=scene), folder)
-    except VoccError as error:
-        raise VoccError(str(error).replace("scene.", f"rivals.scenes.{name}.", 1)) from None

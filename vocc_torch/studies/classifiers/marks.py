@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 
-from vocc_torch.measure.counter import PointJob
-from vocc_torch.measure.counts import Counts
+from vocc_torch.measure.counter import point_name
+from vocc_torch.measure.frame_errors import Banks, FrameErrors, FrameJob
 from vocc_torch.measure.genie.genie_likelihood import UnknownLikelihoodError
 from vocc_torch.measure.genie.genie_mark import genie_knows, genie_mark
-from vocc_torch.measure.montecarlo import Part
 from vocc_torch.measure.plan import Plan
 from vocc_torch.measure.workers import Workers, worker_losses_told
 from vocc_torch.receiver.bank import ReceiverBank
@@ -59,31 +57,13 @@ def genie_marks(
 
 def _mark(study: RivalStudy, plan: Plan, bank: ReceiverBank, value: float, workers: Workers) -> Mark:
     """Give one point's mark."""
-    locators, frames = study.locators, min(study.genie_frames, plan.budget.frames)
-    job = PointJob(plan, locators, dict.fromkeys(locators, bank), value)
-    count = _Count(job, plan.receiver.names)
-    blocks = [
-        Part(block, min(BLOCK_FRAMES, frames - block * BLOCK_FRAMES))
-        for block in range(-(-frames // BLOCK_FRAMES))
-    ]
-    model = plan.experiment.model_at(plan.world, value)
-    genie = genie_mark(plan.world, model, plan.seed, job.point, frames, workers)
+    ((locator,), frames) = study.locators, min(study.genie_frames, plan.budget.frames)
+    model, point = plan.experiment.model_at(plan.world, value), point_name(plan.experiment, value)
+    receivers = Banks([(locator, bank)])
+    job = FrameJob(plan, model, point, (locator,), receivers, receivers.needs_preambles)
+    genie = genie_mark(plan.world, model, plan.seed, point, frames, workers)
     with worker_losses_told():
-        parts = [future.result() for future in [workers.submit(count, block) for block in blocks]]
-    totals = {name: sum((part[name] for part in parts), Counts()) for name in plan.receiver.names}
+        calls = job.handed_out(frames, workers, at_once=BLOCK_FRAMES)
+        errors = FrameErrors.joined(call.result() for call in calls)
+    totals = dict(zip(bank.names, errors.counts, strict=True))
     return Mark(genie.counts, genie.proven, genie.seconds_a_frame, totals)
-
-
-@dataclass(frozen=True)
-class _Count:
-    """Counts the receivers' errors on one block."""
-
-    job: PointJob
-    names: tuple[str, ...]
-
-    def __call__(self, part: Part) -> dict[str, Counts]:
-        """Give each receiver's counts."""
-        (counted,) = self.job([part])
-        (locator,) = self.job.locators
-        counts = {name: counted[locator, name, 0] for name in self.names}
-        return {name: one for name, one in counts.items() if isinstance(one, Counts)}

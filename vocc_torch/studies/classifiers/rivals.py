@@ -8,10 +8,10 @@ from dataclasses import dataclass, field
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.curve import BerTable, Point
 from vocc_torch.measure.curves import Curves
+from vocc_torch.measure.estimate import Estimate, joint_confidence
 from vocc_torch.measure.paired import PairedCounts, paired_interval
-from vocc_torch.measure.ratio import Ratio as Ratio
-from vocc_torch.measure.ratio import rate_ratio as rate_ratio
-from vocc_torch.studies.tradeoff.price_list import Making
+from vocc_torch.measure.plug_in_training import Making
+from vocc_torch.measure.relative import rate_ratio as rate_ratio
 
 GENIE = "genie"
 """The mark's name among receivers."""
@@ -72,7 +72,7 @@ class Transfer:
     paired: PairedCounts
 
     @property
-    def ratio(self) -> Ratio | None:
+    def ratio(self) -> Estimate | None:
         """Its rate over that of the receiver trained there; None where that one made no error."""
         return rate_ratio(self.at_home, self.counts, self.paired)
 
@@ -82,7 +82,7 @@ class Transfer:
         Args:
             comparisons: how many are told of together, at least 1: 95 % holds for all of them (Bonferroni).
         """
-        return paired_interval(self.paired, 1 - 0.05 / comparisons).high < 0
+        return paired_interval(self.paired, joint_confidence(comparisons)).high < 0
 
 
 @dataclass(frozen=True)
@@ -138,7 +138,7 @@ class Rivals:
             tables[name] = BerTable([*curves.points(), *marked])
         return tables
 
-    def ratio(self, experiment: str, receiver: str, value: float) -> Ratio | None:
+    def ratio(self, experiment: str, receiver: str, value: float) -> Estimate | None:
         """Give a receiver's rate over the reference's at a point; None where that one made no error."""
         curves = self.curves[experiment]
         counts = curves.counts

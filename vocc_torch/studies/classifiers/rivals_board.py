@@ -41,7 +41,7 @@ def _numbers(rivals: Rivals, name: str) -> dict[str, float]:
                 numbers[f"BER/{experiment}_{value_text(value)}"] = row.ber
         ratio = None if name == GENIE else rivals.ratio(experiment, name, value)
         if ratio is not None:
-            numbers[f"of_{rivals.reference}/{experiment}_{value_text(value)}"] = ratio.ratio
+            numbers[f"of_{rivals.reference}/{experiment}_{value_text(value)}"] = ratio.value
     if name == GENIE:
         return numbers
     made = rivals.making[name]

@@ -7,10 +7,11 @@ from pathlib import Path
 
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.curve import COLUMNS
-from vocc_torch.measure.intervals import Interval, ber_interval
+from vocc_torch.measure.estimate import Estimate
+from vocc_torch.measure.intervals import ber_interval
 from vocc_torch.measure.paired import paired_interval, sign_test
 from vocc_torch.show.csv_file import cell_text, cells, write_lines
-from vocc_torch.studies.classifiers.rivals import Ratio, Rivals
+from vocc_torch.studies.classifiers.rivals import Rivals
 
 Cell = str | int | float | None
 
@@ -85,15 +86,15 @@ def _pairs(rivals: Rivals) -> Iterator[tuple[Cell, ...]]:
                 found = paired_interval(paired)
                 yield (
                     *(name, curves.axis, value, curves.locator, receiver, reference, paired.frames),
-                    *(found.difference, found.low, found.high, int(found.real)),
+                    *(found.value, found.low, found.high, int(found.real)),
                     *_of(rivals.ratio(name, receiver, value)),
                     *(paired.a_worse, paired.b_worse, sign_test(paired)),
                 )
 
 
-def _of(ratio: Ratio | None) -> tuple[Cell, ...]:
+def _of(ratio: Estimate | None) -> tuple[Cell, ...]:
     """Give a ratio's cells."""
-    return (None, None, None) if ratio is None else (ratio.ratio, ratio.low, ratio.high)
+    return (None, None, None) if ratio is None else (ratio.value, ratio.low, ratio.high)
 
 
 def _prices(rivals: Rivals) -> Iterator[tuple[Cell, ...]]:
@@ -109,7 +110,7 @@ def _prices(rivals: Rivals) -> Iterator[tuple[Cell, ...]]:
         yield tuple(line)
 
 
-def interval_of(counts: Counts) -> Interval:
+def interval_of(counts: Counts) -> Estimate:
     """Give a rate's interval; without errors its limit takes a wrong frame to have one wrong bit."""
     return ber_interval(counts)
 

@@ -12,9 +12,10 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import FixedFormatter, FixedLocator, LogLocator, NullFormatter, NullLocator
 
 from vocc_torch.measure.curve import BerTable, Row
+from vocc_torch.measure.estimate import Estimate
 from vocc_torch.show.canvas import GRID, INK, QUIET, new_figure, write_title
 from vocc_torch.show.styles import axis_label, receiver_styles, value_text
-from vocc_torch.studies.classifiers.rivals import GENIE, Ratio, Rivals
+from vocc_torch.studies.classifiers.rivals import GENIE, Rivals
 
 KNOWS = "knows the scene"
 """What the genie is called in pictures."""
@@ -26,16 +27,16 @@ _TITLE = 31
 _LEFT_IN, _RIGHT_IN, _ABOVE_IN, _BELOW_IN, _BETWEEN_IN = 0.78, 0.16, 1.42, 1.06, 0.58
 
 
-def ratio_text(ratio: Ratio) -> str:
+def ratio_text(ratio: Estimate) -> str:
     """Write a ratio for people: a limit where the receiver made no error.
 
     Example:
-        >>> [ratio_text(Ratio(*one)) for one in ((0.0, 0.0, 0.0027), (0.031, 0.02, 0.05), (4.2, 3.0, 6.0))]
+        >>> [ratio_text(Estimate(*one)) for one in ((0.0, 0.0, 0.0027), (0.031, 0.02, 0.05), (4.2, 3.0, 6.0))]
         ['< 1/370', '1/32', '4.2 x']
     """
-    if ratio.ratio == 0:
+    if ratio.value == 0:
         return f"< {_share(ratio.high)}"
-    return _share(ratio.ratio)
+    return _share(ratio.value)
 
 
 def _share(value: float) -> str:

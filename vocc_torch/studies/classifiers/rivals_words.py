@@ -63,7 +63,7 @@ def _best(rivals: Rivals) -> Iterator[str]:
         share = ""
         if ratio is not None:
             most = ratio_text(type(ratio)(ratio.high, ratio.high, ratio.high))
-            share = f", at most {most}" if ratio.high < 1 or not ratio.ratio else f", {ratio_text(ratio)}"
+            share = f", at most {most}" if ratio.high < 1 or not ratio.value else f", {ratio_text(ratio)}"
             of = "times" if share.endswith(" x") else "of"
             share = f"{share.removesuffix(' x')} {of} the rate of {rivals.reference}"
         said.append(f"{_at(rivals, experiment, value)} {rate}{share}")
@@ -154,7 +154,7 @@ def _listed(transfers: list[Transfer], side: str, comparisons: int) -> str:
         if ratio is None:
             surely.append((math.inf, f"{scene} ({rate_text(one.counts.ber)} against none)"))
         else:
-            surely.append((ratio.ratio, f"{scene} ({ratio_text(ratio).replace(' x', ' times')})"))
+            surely.append((ratio.value, f"{scene} ({ratio_text(ratio).replace(' x', ' times')})"))
     if not surely:
         return "as good everywhere as one trained there, as far as these frames tell"
     ordered = [text for _, text in sorted(surely, reverse=True)]

@@ -23,6 +23,7 @@ from vocc_torch.show.folder import (
     refuse_unused,
     resumable,
     write_config,
+    write_training,
 )
 from vocc_torch.show.quiet import quiet_threads
 from vocc_torch.show.stopwatch import Stopwatch
@@ -39,7 +40,6 @@ from vocc_torch.studies.classifiers.rivals_scenes import scenes_figure
 from vocc_torch.studies.classifiers.rivals_table import print_rivals
 from vocc_torch.studies.classifiers.rivals_words import summary
 from vocc_torch.studies.classifiers.study import Told, compare_rivals
-from vocc_torch.studies.training.run import write_training
 
 
 def run_classifiers(settings: Settings, config: RivalsConfig, folder: Path) -> None:
@@ -69,7 +69,7 @@ def _measure(
     with ExitStack() as held:
         ledgers = {
             name: held.enter_context(
-                open_ledger(folder / LEDGERS / f"{name}.jsonl", identity(plan, study.locators), console)
+                open_ledger(folder / LEDGERS / f"{name}.sqlite", identity(plan, study.locators), console)
             )
             for name, plan in study.plans.items()
         }

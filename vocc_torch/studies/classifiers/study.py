@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from vocc_torch.measure.curves import Curves
 from vocc_torch.measure.ledger import Ledger
 from vocc_torch.measure.montecarlo import Label, Outcome, Tally
-from vocc_torch.measure.plug_in_training import built
+from vocc_torch.measure.plug_in_training import Making, built
 from vocc_torch.measure.sweep import Sweep, measured, run_sweeps
 from vocc_torch.measure.train import Training
 from vocc_torch.measure.workers import Workers
@@ -19,7 +19,6 @@ from vocc_torch.studies.classifiers.rivals import Rivals
 from vocc_torch.studies.classifiers.scenes import across_scenes
 from vocc_torch.studies.classifiers.times import bits_ms
 from vocc_torch.studies.classifiers.training import train_rivals
-from vocc_torch.studies.tradeoff.price_list import Making
 
 
 def _silent(*_: object) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -9,14 +10,11 @@ from torch import Tensor
 
 from vocc_torch.measure.link import Link, Observation
 from vocc_torch.measure.plan import Plan
-from vocc_torch.measure.timing import interleaved
+from vocc_torch.measure.timing import interleaved, threads
 from vocc_torch.measure.train import Training
-from vocc_torch.receiver.bank import GREYSCALE_RECEIVERS, Preambles, ReceiverBank, needs_preambles
-from vocc_torch.receiver.features import preamble_threshold
+from vocc_torch.receiver.bank import ReceiverBank, needs_preambles
+from vocc_torch.receiver.receiver import StagedReceiver
 from vocc_torch.rng import BLOCK_FRAMES, BlockKey
-from vocc_torch.studies.tradeoff.chain import Chain
-from vocc_torch.studies.tradeoff.price_list import Setting
-from vocc_torch.studies.tradeoff.times import threads
 
 TIMED_REPEATS = 9
 """Rounds over which a time is a median."""
@@ -55,18 +53,8 @@ def bits_of(name: str, bank: ReceiverBank, link: Link, seen: Observation) -> Cal
         link: how the batch was seen.
         seen: the batch, with preambles where the receiver needs them.
     """
-    setting = Setting(name, "", link.reader.samples_per_led, link.reader.gradient, "float32")
-    decider = bank.classifiers.get(name) or bank.plugged_in.get(name)
-    chain = Chain(setting, link.locator, link.reader, decider)
-    threshold = _threshold(name, seen.preambles)
-    patches = seen.readings.patches if chain.rectifies else None
-    return lambda: chain.classify(chain.features(seen.frames, seen.panels, patches), threshold)
-
-
-def _threshold(name: str, known: Preambles | None) -> Tensor | None:
-    """Give the threshold of a receiver that needs frames of known bits; None for others."""
-    if known is None or name not in GREYSCALE_RECEIVERS:
-        return None
-    if name == "center_greyscale":
-        return preamble_threshold(known.on.centre, known.off.centre)
-    return preamble_threshold(known.on.average, known.off.average)
+    own = copy.copy(bank)
+    own.names = (name,)
+    one = StagedReceiver(own, link.reader, link.locator)
+    patches = seen.readings.patches if own.needs_patches else None
+    return lambda: one.decide(one.measure(seen.frames, seen.panels, patches), seen.preambles)[name] >= 0

@@ -6,19 +6,15 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
-from torch import Tensor
 
 from vocc_torch.measure.counter import point_name
 from vocc_torch.measure.link import Link, block_keys
 from vocc_torch.measure.plan import Plan
 from vocc_torch.measure.sweep import monte_carlo_values
 from vocc_torch.receiver.receiver import Receiver
+from vocc_torch.show.annotated import annotated, enlarged
 from vocc_torch.simulation.framing import crop_origins_px
 from vocc_torch.simulation.geometry import panel_centre_px
-from vocc_torch.studies.decode.decode import Reading, annotated
-from vocc_torch.studies.decode.recording import RecordedFrame
-from vocc_torch.types import Frames
 
 SAMPLES = 4
 """Frames drawn for each point."""
@@ -39,47 +35,29 @@ def sample_frames(plan: Plan, receiver: Receiver) -> dict[str, NDArray[np.uint8]
         Point name to picture, (H,W,3) uint8.
     """
     # Whole frames enlarged would be pictures of gigabytes; the decisions on crops are the same.
-    plan = replace(plan, world=replace(plan.world, framing="crop"))
+    plan = replace(plan, world=replace(plan.world, framing="crop"), batch_frames=SAMPLES)
     link, pictures = Link.of(plan), {}
     receiver = receiver.to(link.simulator.device)
     for value in monte_carlo_values(plan):
         name, model = point_name(plan.experiment, value), plan.experiment.model_at(plan.world, value)
-        keys = block_keys(plan.seed, name, SAMPLES)
-        seen = next(
-            Link(link.simulator, link.locator, link.reader, SAMPLES).observe(model, keys, preambles=False)
-        )
+        seen = next(link.observe(model, block_keys(plan.seed, name, SAMPLES), preambles=False))
         read = receiver(seen.frames, seen.panels)
         shown = link.simulator.crop_px(model.nearest_m)
-        middle = panel_centre_px(seen.scene, link.simulator.camera)
-        places = crop_origins_px(middle, shown, link.simulator.camera.sensor_px)
+        centre = panel_centre_px(seen.scene, link.simulator.camera)
+        places = crop_origins_px(centre, shown, link.simulator.camera.sensor_px)
         rows = []
         for i in range(len(seen.frames)):
-            grey, origin = _about(seen.frames, i, places[i], shown)
+            pixels, origin = seen.frames.grey[i, 0], seen.frames.origin_px[i]
+            if tuple(pixels.shape) == seen.frames.sensor_px:  # a scene that needs the whole sensor
+                left, top = places[i].tolist()
+                pixels, origin = pixels[top : top + shown[0], left : left + shown[1]], places[i]
+            grey = pixels.round().clamp(0, 255).byte().cpu().numpy()
             colour = np.repeat(grey[..., None], 3, axis=2)
-            corners = (read.corners_px[i].cpu() - origin).numpy()
-            reading = Reading(
-                frame=RecordedFrame(name, i, None, colour, grey),
-                found=bool(read.found[i]),
-                corners_px=corners,
-                bits=read.bits[i].cpu().numpy(),
-                margin=0.0,
-                panel_score=float(read.panel_score[i]),
-                candidates=int(read.candidates[i]),
-            )
-            scale = max(1, min(SCALE, WIDEST_PX // colour.shape[1]))
-            size = (colour.shape[1] * scale, colour.shape[0] * scale)
-            plain = Image.fromarray(colour).resize(size, Image.Resampling.NEAREST)
-            rows.append(np.concatenate([np.asarray(plain), np.asarray(annotated(reading, scale))]))
+            scale = max(1, min(SCALE, WIDEST_PX // grey.shape[1]))
+            plain = drawn = np.asarray(enlarged(colour, scale))
+            if read.found[i]:
+                corners = (read.corners_px[i].cpu() - origin.cpu()).numpy()
+                drawn = np.asarray(annotated(colour, corners, read.bits[i].cpu().numpy(), scale))
+            rows.append(np.concatenate([plain, drawn]))
         pictures[name] = np.concatenate(rows, axis=1)
     return pictures
-
-
-def _about(
-    frames: Frames, i: int, place_px: Tensor, size_px: tuple[int, int]
-) -> tuple[NDArray[np.uint8], Tensor]:
-    """Cut a whole frame to the panel's surroundings; give (H,W) uint8 and its first pixel's place (2,)."""
-    grey, origin = frames.grey[i, 0], frames.origin_px[i].cpu()
-    if tuple(grey.shape) == frames.sensor_px:
-        left, top = place_px.tolist()
-        grey, origin = grey[top : top + size_px[0], left : left + size_px[1]], place_px.cpu()
-    return grey.round().clamp(0, 255).byte().cpu().numpy(), origin

@@ -8,50 +8,32 @@ from pathlib import Path
 from rich.console import Console
 
 from vocc_torch.errors import VoccError
+from vocc_torch.measure import sweep
 from vocc_torch.measure.build import build_plan
 from vocc_torch.measure.config import Settings
-from vocc_torch.measure.curve import BerTable
 from vocc_torch.measure.curves import Curves
 from vocc_torch.measure.identity import identity
 from vocc_torch.measure.ledger import Ledger
 from vocc_torch.measure.montecarlo import Label, Tally
 from vocc_torch.measure.plan import SCENE_FIELDS, Plan
-from vocc_torch.measure.sweep import (
-    Sweep,
-    axis_values,
-    measured,
-    monte_carlo_values,
-    points_of,
-    run_sweeps,
-)
 from vocc_torch.measure.train import Training, trained_receiver
 from vocc_torch.measure.workers import Workers
 from vocc_torch.receiver.features import FEATURE_NAMES
-from vocc_torch.show.csv_file import write_table
-from vocc_torch.show.folder import (
-    LEDGER,
-    as_markdown,
-    open_ledger,
-    print_place,
-    refuse_results,
-    refuse_unused,
-    resumable,
-    write_config,
-)
+from vocc_torch.show import folder as run_folder
+from vocc_torch.show.canvas import save_figure
+from vocc_torch.show.csv_file import ber_rows, write_rows
 from vocc_torch.show.paired_file import compared, write_paired
-from vocc_torch.show.plots import ber_figure, feature_histograms, save_figure
-from vocc_torch.show.quiet import quiet_threads
+from vocc_torch.show.plots import ber_figure, feature_histograms
 from vocc_torch.show.styles import axis_label, receiver_styles
-from vocc_torch.show.tensorboard import axis_steps, board_hint, write_board
-from vocc_torch.show.terminal import StudyView, print_table
+from vocc_torch.show.tensorboard import axis_steps, board_hint, write_boards
+from vocc_torch.show.terminal import StudyView, print_table, train_shown
 from vocc_torch.studies.curve.gallery import sample_frames
-from vocc_torch.studies.training.run import train_shown, write_training
 
 
 def run_test(settings: Settings, folder: Path) -> None:
     """Train, measure bit error rates along the experiment's axis or on its grid, and report them."""
-    refuse_unused(settings)
-    refuse_results(folder, LEDGER)
+    run_folder.refuse_unused(settings)
+    run_folder.refuse_results(folder, run_folder.LEDGER)
     plan, console = build_plan(settings, folder), Console()
     # Made before the training, so that a wrong number is refused at once; it starts nothing yet.
     workers = Workers(settings.workers)
@@ -60,11 +42,11 @@ def run_test(settings: Settings, folder: Path) -> None:
         _check_steps(plan)
     locator = plan.receiver.locator
     with (
-        resumable(settings, folder, console),
+        run_folder.resumable(settings, folder, console),
         # Held to the end: a second run would write over the same results.
-        open_ledger(folder / LEDGER, identity(plan, [locator]), console) as ledger,
+        run_folder.open_ledger(folder / run_folder.LEDGER, identity(plan, [locator]), console) as ledger,
     ):
-        write_config(settings, folder)
+        run_folder.write_config(settings, folder)
         training = train_shown(plan, console)
         with workers:
             curves = _sweep(plan, training, ledger, workers, console)
@@ -73,37 +55,34 @@ def run_test(settings: Settings, folder: Path) -> None:
                 "experiment.values: no frame fell into any contrast bin: widen the bins or the scenes"
             )
         _write(settings, plan, training, curves, folder)
-    table = curves.table()
-    print_table(table, console)
-    _print_left_out(console, plan, table)
-    _print_compared(console, plan, curves)
-    _print_places(console, settings, folder)
+    _print(settings, plan, curves, folder, console)
 
 
 def _write(settings: Settings, plan: Plan, training: Training, curves: Curves, folder: Path) -> None:
     """Write tables, pictures, receiver and board."""
     table = curves.table()
-    write_training(settings, plan, training, folder)
-    write_table(folder / "ber.csv", table)
+    run_folder.write_training(settings, plan, training, folder)
+    write_rows(folder / "ber.csv", ber_rows(table))
     write_paired(folder / "paired.csv", [curves])
-    figure = ber_figure(table, axis_label(table.axis), _title(plan))
+    camera, panel = plan.world.camera, plan.world.panel.shape
+    seen = f"{panel.rows} x {panel.columns} LEDs, {camera.focal_length_mm:g} mm lens"
+    title = f"Bit error rate, experiment “{plan.experiment.name}”: {seen}"
+    figure = ber_figure(table, axis_label(table.axis), title)
     save_figure(figure, folder / "ber.png")
-    histograms = feature_histograms(
-        training.features, training.bits, [name.upper() for name in FEATURE_NAMES]
-    )
+    names = [name.upper() for name in FEATURE_NAMES]
+    histograms = feature_histograms(training.features, training.bits, names)
     save_figure(histograms, folder / "features.png")
     if settings.tensorboard:
         pictures = sample_frames(plan, trained_receiver(plan, training))
         figures = {"BER": figure, "features by status": histograms}
-        texts = {"configuration": as_markdown(settings)}
-        with quiet_threads():
-            write_board(folder / "tensorboard", table, figures, pictures, texts)
+        texts = {"configuration": run_folder.as_markdown(settings)}
+        write_boards(folder / "tensorboard", {"": [table]}, figures, pictures, texts)
 
 
 def _note_strangers(plan: Plan, console: Console) -> None:
     """Say where the test goes beyond the scenes that the receiver trains on."""
     trained = plan.experiment.training_model(plan.world)
-    tested = [plan.experiment.model_at(plan.world, value) for value in monte_carlo_values(plan)]
+    tested = [plan.experiment.model_at(plan.world, value) for value in sweep.monte_carlo_values(plan)]
     for name in SCENE_FIELDS:
         low = min(getattr(model, name).bounds[0] for model in tested)
         high = max(getattr(model, name).bounds[1] for model in tested)
@@ -117,7 +96,7 @@ def _note_strangers(plan: Plan, console: Console) -> None:
 def _check_steps(plan: Plan) -> None:
     """Refuse values that TensorBoard cannot tell apart, before any work is done."""
     try:
-        axis_steps(plan.experiment.axis, axis_values(plan.experiment))
+        axis_steps(plan.experiment.axis, sweep.axis_values(plan.experiment))
     except VoccError as error:
         raise VoccError(
             f"experiment.values: {error}; give values further apart, or tensorboard=false"
@@ -127,56 +106,43 @@ def _check_steps(plan: Plan) -> None:
 def _sweep(plan: Plan, training: Training, ledger: Ledger, workers: Workers, console: Console) -> Curves:
     """Measure every point under a live view."""
     locator, outcomes = plan.receiver.locator, {}
-    sweep = Sweep(plan, (locator,), {locator: training.bank(plan.receiver.names)}, ledger)
-    axis, values, names = plan.experiment.axis, axis_values(plan.experiment), plan.receiver.names
-    runs = len(monte_carlo_values(plan))
+    measuring = sweep.Sweep(plan, (locator,), {locator: training.bank(plan.receiver.names)}, ledger)
+    axis, values, names = plan.experiment.axis, sweep.axis_values(plan.experiment), plan.receiver.names
+    runs = len(sweep.monte_carlo_values(plan))
     with StudyView(axis, values, names, plan.frames_in_point, console, runs) as view:
 
-        def show(_: Sweep, value: float, frames: int, tallies: Mapping[Label, Tally]) -> None:
-            view.advance(frames)
-            view.show(points_of(plan, locator, value, tallies, "running"))
+        def show(_: sweep.Sweep, value: float, frames: int, tallies: Mapping[Label, Tally]) -> None:
+            view.count(frames)
+            view.show(sweep.points_of(plan, locator, value, tallies, "running"))
 
-        for _, value, outcome in run_sweeps([sweep], workers, show):
+        for _, value, outcome in sweep.run_sweeps([measuring], workers, show):
             outcomes[value] = outcome
-            view.finish(points_of(plan, locator, value, outcome.counts, outcome.stopped_by))
-    return measured(plan, [locator], outcomes).curves[locator]
+            view.finish(sweep.points_of(plan, locator, value, outcome.counts, outcome.stopped_by))
+    return sweep.measured(plan, [locator], outcomes).curves[locator]
 
 
-def _title(plan: Plan) -> str:
-    """Say what the BER figure shows."""
-    camera, panel = plan.world.camera, plan.world.panel.shape
-    seen = f"{panel.rows} x {panel.columns} LEDs, {camera.focal_length_mm:g} mm lens"
-    return f"Bit error rate, experiment “{plan.experiment.name}”: {seen}"
-
-
-def _print_left_out(console: Console, plan: Plan, table: BerTable) -> None:
-    """Say how many frames of a contrast experiment fell outside its bins."""
+def _print(settings: Settings, plan: Plan, curves: Curves, folder: Path, console: Console) -> None:
+    """Print the table, what was left out, where receivers differ for certain, and where the results are."""
+    table = curves.table()
+    print_table(table, console)
+    lines = []
     rows = table.of(table.receivers[0])
     drawn, counted = plan.frames_in_point, sum(row.frames for row in rows)
     whole = all(row.stopped_by == "frames" for row in rows)
     if plan.experiment.axis == "contrast" and whole and counted < drawn:
-        text = f"{drawn - counted} of {drawn} frames have a contrast outside the bins and are not counted"
-        console.print(text, soft_wrap=True, highlight=False)
-    if empty := [f"{value:g}" for value in axis_values(plan.experiment) if value not in table.values]:
-        text = f"no frame fell into the bins about {', '.join(empty)}: they are not in the results"
-        console.print(text, soft_wrap=True, highlight=False)
-
-
-def _print_compared(console: Console, plan: Plan, curves: Curves) -> None:
-    """Say where receivers differ for certain from the one that is saved."""
+        lines.append(
+            f"{drawn - counted} of {drawn} frames have a contrast outside the bins and are not counted"
+        )
+    if empty := [f"{value:g}" for value in sweep.axis_values(plan.experiment) if value not in table.values]:
+        lines.append(f"no frame fell into the bins about {', '.join(empty)}: they are not in the results")
     reference = plan.receiver.save
-    lines = compared(curves, reference) if reference in curves.receivers else []
-    if lines:
+    if reference in curves.receivers and (told := compared(curves, reference)):
         label = receiver_styles([reference])[reference].label
-        console.print(f"\nOn the same frames, against {label} (95 %, paired):", highlight=False)
+        lines += [f"\nOn the same frames, against {label} (95 %, paired):", *(f"  {line}" for line in told)]
     for line in lines:
-        console.print(f"  {line}", soft_wrap=True, highlight=False)
-
-
-def _print_places(console: Console, settings: Settings, folder: Path) -> None:
-    """Say where the results are."""
+        console.print(line, soft_wrap=True, highlight=False)
     places = {"table": "ber.csv", "pairs": "paired.csv", "figure": "ber.png", "receiver": "receiver.pt"}
     for what, name in places.items():
-        print_place(console, what, folder / name)
+        run_folder.print_place(console, what, folder / name)
     if settings.tensorboard:
-        print_place(console, "board", board_hint(folder / "tensorboard"))
+        run_folder.print_place(console, "board", board_hint(folder / "tensorboard"))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from vocc_torch.measure.config import ExperimentConfig
+from vocc_torch.measure.config import Experiment, demand_word
 
 
 @dataclass
@@ -14,4 +14,9 @@ class FiguresConfig:
     names: list[str] = field(default_factory=list)
     focal_lengths_mm: list[float] = field(default_factory=list)
     locators: list[str] = field(default_factory=list)
-    experiments: dict[str, ExperimentConfig] = field(default_factory=dict)
+    experiments: dict[str, Experiment] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Check the experiments' names, which ledgers take."""
+        for name in self.experiments:
+            demand_word("figures.experiments", name)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from contextlib import ExitStack
-from dataclasses import replace
 from pathlib import Path
 
 from rich.console import Console
@@ -15,43 +14,44 @@ from vocc_torch.measure.campaign import Campaign, Study, run_campaign
 from vocc_torch.measure.config import Settings, read_flat
 from vocc_torch.measure.curves import Measured
 from vocc_torch.measure.ledger import Ledger
-from vocc_torch.measure.plan import Plan
 from vocc_torch.measure.workers import Workers
 from vocc_torch.show.folder import (
     CONFIG,
     LEDGERS,
     open_ledger,
+    print_place,
     refuse_results,
     refuse_unused,
     resumable,
     write_config,
+    write_training,
 )
 from vocc_torch.show.stopwatch import Stopwatch
-from vocc_torch.show.terminal_campaign import CampaignView
-from vocc_torch.studies.paper.build import build_experiments
+from vocc_torch.show.tensorboard import board_hint
+from vocc_torch.show.terminal import ProgressView
 from vocc_torch.studies.paper.config import FiguresConfig
-from vocc_torch.studies.paper.evidence import EVIDENCE
-from vocc_torch.studies.paper.paper_files import PaperFiles
-from vocc_torch.studies.paper.studies import BER_FIGURES, PaperStudies, wanted_figures
-from vocc_torch.studies.training.run import write_training
-
-REPORT = "report.html"
+from vocc_torch.studies.paper.experiments import paper_plan, wanted_figures
+from vocc_torch.studies.paper.files import PaperFiles
 
 
 def run_figures(settings: Settings, config: FiguresConfig, folder: Path) -> None:
     """Measure what the paper's figures and claims need, draw, score and report it.
+
+    Args:
+        settings: the configuration.
+        config: the study's section of it.
+        folder: the run's folder.
 
     Raises:
         VoccError: an unknown figure, focal length or locator, or whatever a stage refuses.
     """
     refuse_unused(settings)
     refuse_results(folder, LEDGERS)
-    names = wanted_figures(config.names)
-    _refuse_other_report(folder, names)
+    _refuse_other_report(folder, wanted_figures(config.names))
     plan, console, watch = build_plan(settings, folder), Console(), Stopwatch()
-    studies = _studies(config, plan, names)
-    ordered = studies.studies()
-    files = PaperFiles(settings, config, folder, studies, console, watch)
+    wanted = paper_plan(config, plan)
+    ordered = wanted.studies()
+    files = PaperFiles(settings, folder, wanted, watch)
     # The ledgers are held to the end: a second run would write over the same report.
     with resumable(settings, folder, console), ExitStack() as ledgers:
         if ordered:
@@ -59,37 +59,30 @@ def run_figures(settings: Settings, config: FiguresConfig, folder: Path) -> None
                 campaign = _measure(settings, ordered, workers, ledgers, folder, console, watch)
             files.rates(campaign)
             own = ordered[0]
-            training = campaign.trainings[own.key][studies.locators[0]]
+            training = campaign.trainings[own.key][wanted.locators[0]]
             write_training(settings, own.plan, training, folder)
         else:
             write_config(settings, folder)
         # After the workers have ended: one of these figures is a measurement of time.
         with watch.stage("other figures"):
-            files.evidence(plan, [name for name in names if name in EVIDENCE])
+            files.evidence(plan)
         with watch.stage("report"):
             files.report()
-    files.print_places()
+    for stage, seconds in watch.seconds.items():
+        console.print(f"{stage:<20} {seconds:6.1f} s", highlight=False)
+    for what, name in (("report", "report.html"), ("", "report.md")):
+        print_place(console, what, folder / name)
+    if settings.tensorboard:
+        print_place(console, "board", board_hint(folder / "tensorboard"))
 
 
 def _refuse_other_report(folder: Path, names: tuple[str, ...]) -> None:
     """Refuse to write a report of some figures over one of others."""
-    if not (folder / REPORT).exists():
+    if not (folder / "report.html").exists():
         return
     there = read_flat(folder / CONFIG).get("figures.names")
     if not isinstance(there, list) or wanted_figures([str(name) for name in there]) != names:
         raise VoccError(f"name: {folder} holds a report of other figures: give another name=")
-
-
-def _studies(figures: FiguresConfig, plan: Plan, names: tuple[str, ...]) -> PaperStudies:
-    """Lay out what the wanted figures need."""
-    wanted = {experiment for name, experiment in BER_FIGURES.items() if name in names}
-    chosen = {name: config for name, config in figures.experiments.items() if name in wanted}
-    narrowed = replace(figures, experiments=chosen)
-    return PaperStudies(
-        tuple(figures.focal_lengths_mm),
-        tuple(figures.locators),  # type: ignore[arg-type]  # checked by name in PaperStudies
-        build_experiments(narrowed, plan),
-    )
 
 
 def _measure(
@@ -105,10 +98,10 @@ def _measure(
     begun = time.perf_counter()
 
     def ledger(study: Study) -> Ledger:
-        path = folder / LEDGERS / f"{study.key}.jsonl"
+        path = folder / LEDGERS / f"{study.key}.sqlite"
         return ledgers.enter_context(open_ledger(path, study.identity, console))
 
-    with CampaignView(sum(study.frames for study in ordered), console) as view:
+    with ProgressView(sum(study.frames for study in ordered), console) as view:
 
         def lap(stage: str) -> float:
             nonlocal begun

@@ -14,15 +14,15 @@ from vocc_torch.measure.genie.genie_likelihood import UnknownLikelihoodError
 from vocc_torch.measure.genie.genie_mark import GenieMark, genie_mark
 from vocc_torch.measure.link import Observation, block_keys
 from vocc_torch.measure.plan import resolve_device
-from vocc_torch.measure.prices import TrainingCost
-from vocc_torch.measure.stage_times import Exposure, StageTimes, threads, time_stages
-from vocc_torch.measure.timing import describe_machine
-from vocc_torch.measure.train_apart import train_apart
+from vocc_torch.measure.plug_in_training import Making
+from vocc_torch.measure.stage_times import Exposure, StageTimes, time_stages
+from vocc_torch.measure.timing import describe_machine, threads
+from vocc_torch.measure.train import train_alone
 from vocc_torch.measure.workers import Workers, worker_losses_told
 from vocc_torch.receiver.bank import needs_preambles
 from vocc_torch.receiver.receiver import StagedReceiver
 from vocc_torch.studies.tradeoff.plan import DTYPES, FRAMINGS, Setting, TradeoffStudy
-from vocc_torch.studies.tradeoff.price_list import Place, PriceList
+from vocc_torch.studies.tradeoff.price_list import Place, PriceList, ReceiverTimes
 
 END_TO_END = "flda_3"
 """The receiver that is timed in one go too, as a check on the sum of its stages; else the first one."""
@@ -49,20 +49,13 @@ def price_receivers(
         told("what is possible")
         references, no_references = _references(study, workers)
     told("times")
-    times = measure_times(study, receivers)
     return PriceList(
         settings=study.settings,
         costs=costs,
         errors=errors,
-        times=times.by_place,
-        end_to_end=times.end_to_end,
-        machines=times.machines,
+        times=measure_times(study, receivers),
         error_device=str(resolve_device(study.plan.world.device)),
-        threads=times.threads,
-        waited_share=times.waited_share,
         sensor_px=study.plan.world.camera.sensor_px,
-        crop_px=times.crop_px,
-        in_one_go=times.in_one_go,
         scene=study.scene_name,
         frames_a_preamble=study.config.frames_a_preamble,
         references=references,
@@ -74,22 +67,23 @@ def price_receivers(
 
 def train_receivers(
     study: TradeoffStudy, workers: Workers
-) -> tuple[dict[Setting, StagedReceiver], dict[Setting, TrainingCost]]:
+) -> tuple[dict[Setting, StagedReceiver], dict[Setting, Making]]:
     """Train the receiver of every setting; settings that differ in precision alone share their training.
 
     Raises:
         VoccError: no panel in any training frame, or a classifier that cannot be built or trained.
     """
-    trained = dict(zip(study.trainings, train_apart(list(study.trainings.values()), workers), strict=True))
+    plans = study.trainings
+    trained = dict(zip(plans, train_alone(list(plans.values()), workers), strict=True))
     finders = study.plan.receiver.finders([setting.locator for setting in study.settings])
     receivers, costs = {}, {}
     for setting in study.settings:
-        training, by_name = trained[study.training_of(setting)]
+        training = trained[study.training_of(setting)]
         bank = training.bank([setting.receiver])
         receivers[setting] = StagedReceiver(
             bank, study.reader(setting), finders[setting.locator], DTYPES[setting.dtype]
         )
-        costs[setting] = by_name[setting.receiver]
+        costs[setting] = training.making(setting.receiver)
     return receivers, costs
 
 
@@ -135,20 +129,7 @@ def count_receivers(
     return {name: FrameErrors.joined(call.result() for call in some) for name, some in calls.items()}
 
 
-@dataclass(frozen=True)
-class TimesByPlace:
-    """Times as :class:`PriceList` holds them."""
-
-    by_place: Mapping[tuple[Setting, Place], StageTimes]
-    end_to_end: Mapping[Place, float]
-    machines: Mapping[str, str]
-    threads: int
-    waited_share: float
-    crop_px: tuple[int, int]
-    in_one_go: str
-
-
-def measure_times(study: TradeoffStudy, receivers: Mapping[Setting, StagedReceiver]) -> TimesByPlace:
+def measure_times(study: TradeoffStudy, receivers: Mapping[Setting, StagedReceiver]) -> ReceiverTimes:
     """Time every stage of every receiver, with each batch size, kind of frames and device.
 
     Frames are those of the first kind of scenes, uint8, in the host's memory. Rendering is not timed.
@@ -190,7 +171,7 @@ def measure_times(study: TradeoffStudy, receivers: Mapping[Setting, StagedReceiv
     # An accelerator that is waited for takes no processor either.
     cpu_alone = all(resolve_device(name).type == "cpu" for name in config.devices)
     waited = max(0.0, 1 - processor / wall) if cpu_alone else 0.0
-    return TimesByPlace(by_place, end_to_end, machines, used, waited, crop_px, checked[0].receiver)
+    return ReceiverTimes(by_place, end_to_end, checked[0].receiver, machines, used, waited, crop_px)
 
 
 def _in_one_go(settings: Sequence[Setting]) -> list[Setting]:

@@ -1,0 +1,63 @@
+"""The command line's way from words to what a task builds before it works, without running it."""
+
+from pathlib import Path
+
+from hydra import compose, initialize_config_module
+from hydra.core.global_hydra import GlobalHydra
+from hydra.errors import HydraException
+from omegaconf.errors import OmegaConfBaseException
+
+from vocc_torch.app.complaints import one_line
+from vocc_torch.app.config import register_schema
+from vocc_torch.app.resolve import resolved
+from vocc_torch.errors import VoccError
+from vocc_torch.measure.build import build_plan
+from vocc_torch.studies.classifiers.build import build_rival_study
+from vocc_torch.studies.effects.plan import build_effect_study
+from vocc_torch.studies.paper.experiments import paper_plan
+from vocc_torch.studies.tradeoff.plan import build_tradeoff_study
+
+NOWHERE = Path("runs/none")
+
+
+def composed(*words):
+    """The settings of a command line."""
+    GlobalHydra.instance().clear()
+    register_schema()
+    with initialize_config_module("vocc_torch.conf", version_base="1.3"):
+        return resolved(compose("config", overrides=list(words)), words)
+
+
+def plan_of(*words):
+    """The plan of a command line."""
+    return build_plan(composed(*words), NOWHERE)
+
+
+def study_of(*words):
+    """All that a task builds before it does any work."""
+    settings = composed(*words)
+    plan = build_plan(settings, NOWHERE)
+    plan.world.simulator()
+    if settings.task == "classifiers":
+        return build_rival_study(settings, settings.rivals, NOWHERE)
+    if settings.task == "figures":
+        return paper_plan(settings.figures, plan)
+    if settings.task == "effects":
+        return build_effect_study(settings, settings.effects, NOWHERE)
+    if settings.task == "tradeoff":
+        return build_tradeoff_study(settings, settings.tradeoff, NOWHERE)
+    return plan
+
+
+def complaint_of(*words):
+    """The one line by which a command line is refused."""
+    try:
+        study_of(*words)
+    except VoccError as error:
+        said = str(error)
+    except (HydraException, OmegaConfBaseException, ValueError, TypeError, OverflowError) as error:
+        said = one_line(error, words)
+    else:
+        raise AssertionError(f"{words} are accepted")
+    assert "\n" not in said
+    return said

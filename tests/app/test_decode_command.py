@@ -1,0 +1,109 @@
+"""``task=decode`` from settings to files: what is written, and what is refused before anything is."""
+
+import csv
+
+import numpy as np
+import pytest
+import torch
+from composing import composed
+from PIL import Image
+
+from vocc_torch.errors import VoccError
+from vocc_torch.receiver.receiver import Receiver
+from vocc_torch.studies.decode.run import run_decode
+from vocc_torch.studies.training.run import run_train
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory):
+    """A receiver that task=train wrote."""
+    folder = tmp_path_factory.mktemp("model")
+    run_train(composed("task=train", "budget.training_frames=64", "receiver.save=flda_3", "name=x"), folder)
+    return folder / "receiver.pt"
+
+
+@pytest.fixture
+def decode(tmp_path, monkeypatch):
+    """Run the task into a folder and give the rows of its bits."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(recording, *words):
+        settings = composed("task=decode", f"input='{recording}'", "name=x", *words)
+        run_decode(settings, settings.decode, tmp_path / "out")
+        with (tmp_path / "out" / "bits.csv").open(newline="") as file:
+            return list(csv.DictReader(file))
+
+    return run
+
+
+def test_a_receiver_is_trained_where_no_model_is_given(decode, photo, photo_bits, tmp_path):
+    rows = decode(photo, "budget.training_frames=16", "decode.annotate=false")
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"bits.csv", "receiver.pt", "config.yaml"}
+    assert rows[0]["bits"] == photo_bits
+    assert Receiver.load(tmp_path / "out" / "receiver.pt").name == "flda_3"
+
+
+def test_a_folder_with_and_without_panels(decode, model, photo, tmp_path, capsys):
+    pictures = tmp_path / "pictures"
+    pictures.mkdir()
+    Image.new("L", (60, 80), 90).save(pictures / "a.png")
+    (pictures / "b.png").write_bytes(photo.read_bytes())
+    with Image.open(photo) as image:
+        image.convert("RGB").save(pictures / "b.bmp")
+    rows = decode(pictures, f"model={model}")
+    assert [(row["source"], row["found"]) for row in rows] == [("a.png", "0"), ("b.bmp", "1"), ("b.png", "1")]
+    assert "2 of 3 frames show a panel" in capsys.readouterr().out
+    # Two pictures of one name do not overwrite one another.
+    assert len(list((tmp_path / "out" / "annotated").iterdir())) == 2
+
+
+def test_noise_is_called_doubtful(decode, model, tmp_path, capsys):
+    """The locator gives the best blob there is; where that is hardly a panel, the command says so."""
+    noise = np.random.default_rng(0).integers(0, 256, (120, 160)).astype(np.uint8)
+    Image.fromarray(noise).save(tmp_path / "noise.png")
+    decode("noise.png", f"model={model}")
+    assert "may be no panel" in capsys.readouterr().out
+
+
+RECORDINGS = {
+    "no.png": "input no.png does not exist",
+    "text.png": "text.png cannot be read as a picture (not a known picture format)",
+    "film.mp4": "film.mp4 cannot be read as a video",
+    "empty": "empty holds no picture",
+    "flat.png": "shows no panel in 1 of 1 frames: see receiver.location",
+    "cut": "cut.png cannot be read",
+}
+
+
+@pytest.mark.parametrize("name", RECORDINGS)
+def test_a_recording_that_cannot_be_used_leaves_nothing(decode, model, photo, tmp_path, name):
+    (tmp_path / "text.png").write_text("no picture")
+    (tmp_path / "film.mp4").write_text("no film")
+    (tmp_path / "empty").mkdir()
+    Image.new("L", (60, 80), 90).save(tmp_path / "flat.png")
+    (tmp_path / "cut").mkdir()
+    (tmp_path / "cut" / "a.png").write_bytes(photo.read_bytes())
+    (tmp_path / "cut" / "cut.png").write_bytes(photo.read_bytes()[:1000])
+    with pytest.raises(VoccError) as refusal:
+        decode(name, f"model={model}")
+    assert RECORDINGS[name] in str(refusal.value)
+    assert "\n" not in str(refusal.value)
+    # The pictures that were annotated before the bad one do not stay behind.
+    assert not (tmp_path / "out").exists() or not any((tmp_path / "out").rglob("*.*"))
+
+
+def test_models_that_do_not_fit(decode, model, photo, tmp_path):
+    (tmp_path / "cut.pt").write_bytes(model.read_bytes()[:500])
+    (tmp_path / "text.pt").write_text("no model")
+    torch.save({"weights": torch.zeros(3)}, tmp_path / "other.pt")
+    unread = [
+        (name, (), f"model {name} cannot be read as a receiver") for name in ("cut.pt", "text.pt", "other.pt")
+    ]
+    for path, more, part in (
+        *unread,
+        ("no.pt", (), "model no.pt does not exist"),
+        (model, ("panel.rows=4",), "8 x 8 LEDs, and panel.rows x panel.columns is 4 x 8"),
+    ):
+        with pytest.raises(VoccError, match=part):
+            decode(photo, f"model={path}", *more)
+        assert not (tmp_path / "out").exists()

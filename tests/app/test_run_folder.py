@@ -1,0 +1,127 @@
+"""A run's folder is below ``runs/``: whatever its name, nothing outside is made, changed or removed."""
+
+from dataclasses import fields
+from pathlib import Path
+
+import pytest
+
+from vocc_torch.app.config import AppConfig, job_folder, run_folder
+from vocc_torch.app.jobs import begin_again
+from vocc_torch.errors import VoccError
+
+SMALL = (
+    *("budget.frames=2", "budget.training_frames=16", "experiment.values=[4000]"),
+    *("receiver.names=[flda_3]", "tensorboard=false"),
+)
+
+
+@pytest.fixture
+def outside(app, tmp_path, monkeypatch):
+    """Work in an empty folder beside one that looks like a failed run and an empty one; links lead out."""
+    for place in ("victim", "empty", "work/runs/two"):
+        (tmp_path / place).mkdir(parents=True)
+    for name in ("failed.txt", "config.yaml", "multirun.yaml"):
+        (tmp_path / "victim" / name).write_text("mine\n")
+    # What a failed attempt would leave, and nothing else.
+    (tmp_path / "victim" / "0").mkdir()
+    (tmp_path / "victim" / "0" / "failed.txt").write_text("mine\n")
+    (tmp_path / "work" / "runs" / "out").symlink_to(tmp_path)
+    (tmp_path / "work" / "runs" / "circle").symlink_to("circle")
+    (tmp_path / "work" / "runs" / "two" / "0").symlink_to(tmp_path / "empty")
+    monkeypatch.chdir(tmp_path / "work")
+    monkeypatch.setenv("WHERE", "../../victim/0")
+    return tmp_path
+
+
+def everything(folder):
+    """What is in a folder, but for the folder of runs: every path, the files with their bytes."""
+    return {
+        path: path.read_bytes() if path.is_file() else None
+        for path in folder.rglob("*")
+        if not path.is_relative_to(folder / "work" / "runs")
+    }
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "name=../../victim",
+        "-m seed=0,1 experiment.name=../../../../victim",
+        "-m name=one,${oc.env:WHERE}",
+    ],
+)
+def test_a_name_that_leads_out_touches_nothing(app, outside, words):
+    """Of many names each is looked at."""
+    before = everything(outside)
+    assert "below runs/" in app(*SMALL, *words.split()).complaint
+    assert everything(outside) == before
+
+
+def test_only_folders_below_runs_are_given(outside):
+    (outside / "work" / "runs" / "within").symlink_to("two")
+    for name in ("x", "a/b", "within/x", "..x", "circle", "a,b"):
+        assert Path(run_folder(name)) == Path("runs") / name
+    bad = (
+        "",
+        ".",
+        "/",
+        "..",
+        "x/..",
+        "x/../..",
+        "../../victim",
+        str(outside / "victim"),
+        str(outside / "new"),
+    )
+    for name in (
+        *bad,
+        str(outside / "work" / "runs"),
+        "out",
+        "out/empty",
+        "out/new",
+        "out/work/runs",
+        "two/0",
+    ):
+        with pytest.raises(VoccError, match="must be a folder below runs/"):
+            run_folder(name)
+
+
+@pytest.mark.parametrize("folder", ["../victim/0", "../victim", "../empty"])
+def test_a_folder_that_the_user_names_keeps_what_it_had(outside, folder):
+    """hydra.run.dir may lead outside runs/: what looks like a failed run there was not ours."""
+    before = everything(outside)
+    assert begin_again(Path(folder)) == (folder == "../empty")
+    assert everything(outside) == before
+
+
+def test_a_job_that_is_a_link_out_is_refused(outside):
+    with pytest.raises(VoccError, match="below runs/"):
+        job_folder("two", 0)
+    assert job_folder("two", 1) == "1"
+
+
+def test_a_failed_job_is_begun_again_where_a_run_of_ours_failed(outside):
+    """Below runs/, and elsewhere beside a configuration that a run wrote."""
+    whole = "".join(f"{key.name}: 1\n" for key in fields(AppConfig))
+    for place in (Path("runs/failed"), outside / "elsewhere"):
+        place.mkdir()
+        (place / "config.yaml").write_text(whole)
+        (place / "failed.txt").write_text("a reason\n")
+        assert begin_again(place)
+        assert list(place.iterdir()) == []
+
+
+def test_runs_may_be_a_link_of_the_users(outside, monkeypatch):
+    (outside / "other").mkdir()
+    (outside / "other" / "runs").symlink_to(outside / "empty")
+    monkeypatch.chdir(outside / "other")
+    assert run_folder("deep/x") == "runs/deep/x"
+
+
+def test_a_sweep_elsewhere_takes_results_and_begins_a_failed_job_again(app, outside):
+    sweep = ("-m", "hydra.sweep.dir=../elsewhere")
+    assert app(*SMALL, *sweep, "panel.rows=0").complaint.startswith("panel.rows is 0")
+    place = outside / "elsewhere" / "0"
+    assert sorted(path.name for path in place.iterdir()) == ["config.yaml", "failed.txt"]
+    assert app(*SMALL, *sweep, "panel.rows=4").status == 0
+    assert (place / "ber.csv").exists()
+    assert not (place / "failed.txt").exists()

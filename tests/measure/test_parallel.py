@@ -1,0 +1,341 @@
+"""Jobs of a multirun at the same time: the same results, and every failure heard of."""
+
+import io
+import json
+import os
+import signal
+import subprocess
+import sys
+from concurrent.futures.process import BrokenProcessPool
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from joblib import cpu_count
+
+from vocc_torch.app import cli
+from vocc_torch.app.jobs import (
+    CONFIG,
+    FAILED,
+    Failure,
+    JobLines,
+    Jobs,
+    begin_again,
+    beside_others,
+    write_down,
+)
+from vocc_torch.errors import VoccError
+
+QUICK = (
+    *("budget.frames=64", "budget.training_frames=64", "experiment.values=[4000]", "tensorboard=false"),
+    *("receiver.names=[flda_3]", "receiver.locator=truth"),
+)
+PARALLEL = ("-m", "hydra/launcher=joblib", "hydra.launcher.n_jobs=2")
+
+
+# The whole way, in processes of their own
+
+
+def test_parallel_jobs_give_what_serial_jobs_give(app, command, tmp_path):
+    """Three jobs, one of which is a mistake, at the same time and one after the other."""
+    sweep = (*QUICK, "seed=3,-1,4")
+    together = command(*PARALLEL, *sweep, "name=together", cwd=tmp_path)
+    one_by_one = app("-m", *sweep, "name=one_by_one")
+    assert together.status == one_by_one.status == 2
+    found, wanted = (tmp_path / "runs" / name for name in ("together", "one_by_one"))
+    for job in ("0", "2"):
+        assert (found / job / "ber.csv").read_bytes() == (wanted / job / "ber.csv").read_bytes()
+    complaint = "seed is -1: it must be at least 0"
+    for folder in (found, wanted):
+        assert sorted(path.name for path in (folder / "1").iterdir()) == [CONFIG, FAILED]
+        assert (folder / "1" / FAILED).read_text() == f"{complaint}\n"
+    assert one_by_one.err == f"vocc-torch: error: {complaint}\n"
+    assert together.err.splitlines() == [
+        f"vocc-torch: error: job 1: {complaint}",
+        "vocc-torch: error: 1 of 3 jobs failed (1): failed.txt in their folders says why",
+    ]
+    # Every line says whose it is, and no line is torn.
+    lines = together.out.splitlines()
+    assert {line[:7] for line in lines} == {"job 0 |", "job 1 |", "job 2 |"}
+    for job, seed in ((0, 3), (2, 4)):
+        mine = [line.removeprefix(f"job {job} | ") for line in lines if line.startswith(f"job {job} |")]
+        assert f"seed={seed}" in mine[0]
+        assert "trained on 64 frames" in mine
+        assert sum(line.startswith("ambient_lx=4000 flda_3: BER") for line in mine) == 1
+
+
+STAND_IN = """
+import multiprocessing, os, time
+from vocc_torch.app import cli
+from vocc_torch.errors import VoccError
+
+def run_task(settings, folder):
+    print("threads", os.environ.get("MKL_NUM_THREADS"), flush=True)
+    if settings.seed == 1:
+        raise ValueError("a bug")
+    if settings.seed == 2:
+        raise VoccError("seed is 2: it must be another")
+    if settings.seed >= 8:
+        if settings.seed == 9:
+            (folder / "ledger.sqlite").write_text("")
+        print("waiting", flush=True)
+        time.sleep(60)
+    # A job with workers starts processes of its own.
+    process = multiprocessing.get_context("spawn").Process(target=int)
+    process.start()
+    process.join()
+    (folder / "result.txt").write_text(f"{settings.seed} {process.exitcode}")
+
+cli.run_task = run_task
+"""
+
+
+@pytest.fixture
+def stand_in(tmp_path, monkeypatch):
+    """Put quick tasks in place of the real ones, in every process that is started."""
+    site = tmp_path / "site"
+    site.mkdir()
+    (site / "sitecustomize.py").write_text(STAND_IN)
+    path = os.pathsep.join(filter(None, [str(site), os.environ.get("PYTHONPATH", "")]))
+    monkeypatch.setenv("PYTHONPATH", path)
+    monkeypatch.delenv("MKL_NUM_THREADS", raising=False)
+    away = tmp_path / "away"
+    away.mkdir()
+    return away
+
+
+def test_a_fault_in_a_worker_is_seen_and_loses_nothing(command, stand_in):
+    ran = command(*PARALLEL, "seed=0,1,2,3", "name=two", cwd=stand_in)
+    assert ran.status == 1
+    folder = stand_in / "runs" / "two"
+    assert [(folder / job / "result.txt").read_text() for job in ("0", "3")] == ["0 0", "3 0"]
+    first, _, trace = (folder / "1" / FAILED).read_text().partition("\n")
+    assert first == "ValueError: a bug"
+    assert "Traceback (most recent call last)" in trace
+    assert 'raise ValueError("a bug")' in trace
+    assert (folder / "2" / FAILED).read_text() == "seed is 2: it must be another\n"
+    assert ran.err.count("Traceback (most recent call last)") == 1
+    lines = ran.err.splitlines()
+    for complaint in (
+        "job 1: ValueError: a bug",
+        "job 2: seed is 2: it must be another",
+        "2 of 4 jobs failed (1, 2): failed.txt in their folders says why",
+    ):
+        assert lines.count(f"vocc-torch: error: {complaint}") == 1
+    # The jobs share the cores: as many threads for each as its part of them.
+    (threads,) = {line.split()[-1] for line in ran.out.splitlines() if "| threads " in line}
+    assert int(threads) == max(1, cpu_count() // 2)
+
+
+INTERRUPTIBLE = """
+import signal
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs ignore it
+from vocc_torch.app.cli import main
+main()
+"""
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals to a group of processes")
+def test_interrupted_jobs_end_with_their_parent(stand_in):
+    """Ctrl-C reaches every process of the terminal: one line is said, and no empty folder stays."""
+    with subprocess.Popen(
+        [sys.executable, "-c", INTERRUPTIBLE, *PARALLEL, "seed=8,9", "name=two"],
+        cwd=stand_in,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    ) as run:
+        try:
+            begun = ""
+            while begun.count("waiting") < 2:
+                begun += run.stdout.readline()
+            os.killpg(run.pid, signal.SIGINT)
+            # The pipe's end comes when the last worker is gone.
+            out, err = run.communicate(timeout=60)
+        finally:
+            run.kill()
+    assert (run.returncode, err) == (130, "vocc-torch: interrupted\n")
+    assert out.endswith("interrupted: the same command with name=two goes on from there\n")
+    # What had been counted stays.
+    left = {path.relative_to(stand_in / "runs").as_posix() for path in (stand_in / "runs").rglob("*")}
+    assert left == {"two", "two/multirun.yaml", "two/1", "two/1/ledger.sqlite"}
+
+
+def test_missing_launcher_names_the_extra(command, tmp_path):
+    without = "import sys\nsys.modules['hydra_plugins'] = None\nfrom vocc_torch.app.cli import main\nmain()"
+    complaint = command(*PARALLEL, "seed=1,2", cwd=tmp_path, code=without).complaint
+    assert complaint == (
+        "hydra/launcher is 'joblib': jobs at the same time need pip install 'vocc-torch[parallel]'"
+    )
+
+
+# One after the other: the same care
+
+
+def test_serial_jobs_go_on_after_a_fault(app, monkeypatch, tmp_path):
+    def run_task(settings, folder):
+        if settings.seed == 1:
+            raise ValueError("a bug")
+        (folder / "result.txt").write_text("")
+
+    monkeypatch.setattr(cli, "run_task", run_task)
+    ran = app("-m", "seed=1,2", "name=two")
+    assert ran.status == 1
+    assert "Traceback (most recent call last)" in ran.err
+    assert ran.err.endswith("vocc-torch: error: job 0: ValueError: a bug\n")
+    assert (tmp_path / "runs" / "two" / "1" / "result.txt").exists()
+    assert (tmp_path / "runs" / "two" / "0" / FAILED).read_text().startswith("ValueError: a bug\n\nTraceback")
+
+
+def test_a_failed_job_is_run_again_under_the_same_name(app, monkeypatch, tmp_path):
+    """Its complaint goes when it succeeds, and is a new one when it fails for another reason."""
+    causes = iter(["the disk is full", "the disk is still full", None])
+
+    def run_task(settings, folder):
+        assert not list(folder.iterdir())
+        if cause := next(causes):
+            raise VoccError(cause)
+        (folder / "result.txt").write_text("")
+
+    monkeypatch.setattr(cli, "run_task", run_task)
+    folder = tmp_path / "runs" / "two" / "0"
+    for complaint in ("the disk is full", "the disk is still full"):
+        assert app("-m", "seed=1", "name=two").complaint == complaint
+        assert (folder / FAILED).read_text() == f"{complaint}\n"
+    assert app("-m", "seed=1", "name=two").status == 0
+    assert [path.name for path in folder.iterdir()] == ["result.txt"]
+
+
+def test_a_refused_job_leaves_nothing_beside_other_results(app, monkeypatch, tmp_path):
+    def run_task(settings, folder):
+        raise VoccError("already holds mine.txt")
+
+    monkeypatch.setattr(cli, "run_task", run_task)
+    folder = tmp_path / "runs" / "two" / "0"
+    folder.mkdir(parents=True)
+    (folder / "mine.txt").write_text("mine")
+    assert app("-m", "seed=1", "name=two").complaint == "already holds mine.txt"
+    assert [path.name for path in folder.iterdir()] == ["mine.txt"]
+
+
+MISTAKES = {
+    "launcher": (("-m", "hydra/launcher=jolib", "seed=1,2"), ["hydra/launcher is 'jolib'", "basic, joblib"]),
+    "no launcher": (("-m", "hydra.launcher.n_jobs=2", "seed=1,2"), ["hydra.launcher.n_jobs", "=joblib"]),
+    "no process": (
+        ("-m", "hydra/launcher=joblib", "hydra.launcher.n_jobs=0", "seed=1,2"),
+        ["hydra.launcher.n_jobs is 0", "-1 for one a core"],
+    ),
+    "text": (
+        ("-m", "hydra/launcher=joblib", "hydra.launcher.n_jobs=two", "seed=1,2"),
+        ["hydra.launcher.n_jobs is 'two'", "a whole number"],
+    ),
+}
+
+
+@pytest.mark.parametrize(("arguments", "parts"), MISTAKES.values(), ids=MISTAKES.keys())
+def test_mistakes_of_the_launcher_are_one_line(app, arguments, parts):
+    complaint = app(*arguments).complaint
+    for part in parts:
+        assert part in complaint
+
+
+@pytest.mark.parametrize("module", ["concurrent.futures.process", "joblib"])
+def test_a_lost_worker_is_explained(module):
+    if module == "joblib":
+        from joblib.externals.loky.process_executor import TerminatedWorkerError as Lost
+    else:
+        Lost = BrokenProcessPool  # noqa: N806
+    assert "keep their results" in cli._refusal(Lost("gone"))
+
+
+def test_a_job_that_takes_too_long_is_explained():
+    from multiprocessing import TimeoutError as TooLong
+
+    assert "hydra.launcher.timeout" in cli._refusal(TooLong())
+
+
+# What jobs leave
+
+
+@pytest.mark.parametrize(
+    ("held", "left", "mine"),
+    [
+        ((), (), True),
+        ((FAILED,), (), True),
+        ((FAILED, CONFIG), (), True),
+        (("ledger.sqlite",), ("ledger.sqlite",), True),
+        ((FAILED, "ledgers"), ("ledgers",), True),
+        ((FAILED, CONFIG, "ledger.sqlite"), (CONFIG, "ledger.sqlite"), True),
+        (("ber.csv", CONFIG, "ledger.sqlite"), ("ber.csv", CONFIG, "ledger.sqlite"), False),
+        (("ber.csv", FAILED, "ledger.sqlite"), ("ber.csv", "ledger.sqlite"), False),
+        ((CONFIG,), (CONFIG,), False),
+        (("mine.txt",), ("mine.txt",), False),
+        ((FAILED, "mine.txt"), (FAILED, "mine.txt"), False),
+    ],
+)
+def test_only_a_failed_attempt_is_taken_away(tmp_path, monkeypatch, held, left, mine):
+    monkeypatch.chdir(tmp_path)
+    folder = tmp_path / "runs" / "x"
+    folder.mkdir(parents=True)
+    for name in held:
+        (folder / name).write_text("")
+    assert begin_again(folder) is mine
+    assert {path.name for path in folder.iterdir()} == set(left)
+
+
+def test_a_configuration_that_is_there_is_not_replaced(tmp_path):
+    (tmp_path / CONFIG).write_text("seed: 1\n")
+    write_down(Failure(0, "no", "Traceback"), tmp_path, "seed: 2\n")
+    assert (tmp_path / CONFIG).read_text() == "seed: 1\n"
+    assert (tmp_path / FAILED).read_text() == "no\n\nTraceback"
+
+
+def test_a_failure_that_cannot_be_told_is_raised(tmp_path):
+    """Hydra carries it to the parent: a full disk must not make a failed job look well."""
+    (tmp_path / "file").write_text("")
+    jobs = Jobs(tmp_path / "file", os.getpid())
+    with pytest.raises(VoccError, match="no panel"):
+        jobs.failed(Failure(0, "no panel"))
+    write_down(Failure(0, "no panel"), tmp_path / "file", "")
+    assert (tmp_path / "file").read_text() == ""
+
+
+def test_failures_come_back_whole_and_in_order(tmp_path):
+    jobs = Jobs(tmp_path, parent=-1)
+    told = [Failure(10, "ten", "Traceback\n  ä"), Failure(9, "nine")]
+    for failure in told:
+        jobs.failed(failure)
+    assert jobs.failures() == told[::-1]
+    assert jobs.elsewhere
+    assert len(list(tmp_path.iterdir())) == 2
+    assert json.loads((tmp_path / "9.failed").read_text())["complaint"] == "nine"
+
+
+@given(st.lists(st.text(alphabet="ab \n", max_size=6), max_size=8))
+def test_lines_are_numbered_however_they_are_written(pieces):
+    under = io.StringIO()
+    lines = JobLines(under, "job 3 | ")
+    for piece in pieces:
+        assert lines.write(piece) == len(piece)
+        assert under.getvalue() == "" or under.getvalue().endswith("\n")
+    lines.close()
+    text = "".join(pieces)
+    wanted = text.split("\n") if text and not text.endswith("\n") else text.split("\n")[:-1]
+    assert under.getvalue().splitlines() == [f"job 3 | {line}".rstrip() for line in wanted]
+
+
+def test_a_job_beside_others_is_no_terminal_and_leaves_no_trace(capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "100")
+    monkeypatch.setattr("multiprocessing.set_start_method", lambda *_, **__: None)
+    before = signal.getsignal(signal.SIGINT)
+    try:
+        with beside_others(12):
+            assert not sys.stdout.isatty()
+            assert os.environ["COLUMNS"] == str(100 - len("job 12 | "))
+            assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+            print("half", end="")
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert capsys.readouterr().out == "job 12 | half\n"
+    assert os.environ["COLUMNS"] == "100"

@@ -1,0 +1,230 @@
+"""Relative gains: closed forms, agreement with the paired difference, and coverage."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from made_up_tallies import tallies
+from scipy.stats import binomtest
+
+from vocc_torch.errors import VoccError
+from vocc_torch.measure.counts import Counts
+from vocc_torch.measure.estimate import Estimate
+from vocc_torch.measure.intervals import ber_interval
+from vocc_torch.measure.paired import PairedCounts, paired_interval
+from vocc_torch.measure.relative import difference_independent, mean_gain, relative_gain
+
+BITS = 64
+
+
+def compared(a_bits, b_bits, bits=BITS):
+    """Counts of two receivers, and their comparison, from each frame's wrong bits."""
+    halves = 2 * np.stack([a_bits, b_bits]).astype(np.int64)
+    counts, paired = tallies(halves, bits, np.ones(halves.shape, dtype=bool))
+    return *counts, paired[0, 1]
+
+
+def padded(*groups, frames=2000):
+    """Wrong bits of a and b in groups of frames ``(frames, a, b)``, and frames without errors."""
+    given = sum(group[0] for group in groups)
+    rows = [(number, a, b) for number, a, b in groups] + [(frames - given, 0, 0)]
+    return compared(*(np.repeat([row[side] for row in rows], [row[0] for row in rows]) for side in (1, 2)))
+
+
+def test_the_papers_improvement_is_a_share_of_the_first_rate():
+    a, b, paired = padded((66, 1, 0), (200, 1, 1), frames=8000)
+    assert relative_gain(a, b, paired).value == pytest.approx(66 / 266)
+    loss = relative_gain(b, a, paired.swapped())
+    assert loss.value == pytest.approx(-66 / 200)
+    assert loss.real
+
+
+def test_mended_bits_are_a_binomial_share_of_the_wrong_ones():
+    # b mends 100 of a's 400 single errors and adds none: given the errors, the gain is a proportion.
+    gain = relative_gain(*padded((100, 1, 0), (300, 1, 1), frames=100_000))
+    exact = binomtest(100, 400).proportion_ci(method="exact")
+    assert (gain.low, gain.high) == pytest.approx((exact.low, exact.high), abs=0.005)
+
+
+def test_unpaired_single_errors_give_fiellers_interval():
+    # Independent Poisson numbers m of a and k of b: (b - r a)^2 = z^2 (k + r^2 m) at both ends r.
+    m, k, z = 4000, 3000, 1.959964
+    gain = relative_gain(*padded((m, 1, 0), (k, 0, 1), frames=400_000))
+    centre, root = m * k, z * math.sqrt(m * k * (m + k - z * z))
+    ends = [(centre + sign * root) / (m * m - z * z * m) for sign in (1, -1)]
+    assert (gain.low, gain.high) == pytest.approx((1 - ends[0], 1 - ends[1]), abs=0.003)
+
+
+def test_no_gain_can_be_stated_over_a_receiver_without_errors():
+    a, b, paired = padded((5, 0, 1))
+    assert relative_gain(a, b, paired) is None
+    assert mean_gain([(a, b, paired)]) is None
+    assert mean_gain([]) is None
+
+
+def test_a_receiver_without_errors_has_gained_all_there_was_but_may_err_yet():
+    few, many = (relative_gain(*padded((number, 1, 0))) for number in (3, 300))
+    assert few.value == many.value == few.high == many.high == 1.0
+    assert few.low < 0 < 0.9 < many.low < 1
+    assert not few.real
+
+
+def test_the_same_errors_in_few_frames_prove_no_equality():
+    gain = relative_gain(*padded((5, 1, 1)))
+    assert gain.value == 0
+    assert gain.low < -0.4
+    assert gain.high > 0.4
+
+
+def test_bad_frames_that_both_share_take_nothing_from_a_real_gain():
+    # The few bad frames make the rates themselves uncertain, not who is the better.
+    a, b, paired = padded((40, 1, 0), (3, 40, 40))
+    gain = relative_gain(a, b, paired)
+    assert gain.real
+    assert 0 < gain.low < 0.1 < gain.value
+    assert gain.low == pytest.approx(paired_interval(paired).low / ber_interval(a).high)
+
+
+def test_the_few_errors_that_are_left_are_as_uncertain_as_their_number():
+    # Of 1005 single errors 5 are b's: given the total, their number is binomial.
+    gain = relative_gain(*padded((1000, 1, 0), (5, 0, 1), frames=100_000))
+    left = binomtest(5, 1005).proportion_ci(method="exact").high
+    assert gain.low <= 1 - left / (1 - left) + 1e-4
+    assert gain.low > 0.98
+
+
+def test_little_seen_of_a_leaves_the_loss_nearly_open():
+    gain = relative_gain(*padded((1, 1, 0), (10, 0, 1)))
+    assert gain.value == -9
+    assert -np.inf < gain.low < -100
+    assert gain.high > -2
+
+
+frames_of_errors = st.lists(st.tuples(st.integers(0, 9), st.integers(0, 9)), min_size=1, max_size=30)
+
+
+@given(frames_of_errors, st.integers(0, 500), st.sampled_from([0.5, 0.95, 0.999]))
+def test_the_gain_is_ordered_finite_and_real_where_the_difference_is(pairs, clean, confidence):
+    a, b, paired = compared(*(np.array([*side, *[0] * clean]) for side in zip(*pairs, strict=True)), bits=9)
+    gain = relative_gain(a, b, paired, confidence)
+    if not a.half_errors:
+        assert gain is None
+        return
+    assert -math.inf < gain.low <= gain.value <= gain.high <= 1
+    assert gain.value == pytest.approx(1 - b.ber / a.ber)
+    assert gain.real == paired_interval(paired, confidence).real
+
+
+@given(frames_of_errors.filter(lambda pairs: any(a for a, _ in pairs)), st.integers(0, 50))
+def test_a_hundred_times_the_frames_is_a_narrower_interval(pairs, clean):
+    sides = [np.array([*side, *[0] * clean]) for side in zip(*pairs, strict=True)]
+    few, many = (relative_gain(*compared(*(np.tile(s, times) for s in sides), bits=9)) for times in (1, 100))
+    assert many.high - many.low <= few.high - few.low
+
+
+def test_real_is_an_interval_without_0():
+    assert Estimate(0.2, 0.1, 0.3).real
+    assert Estimate(-0.2, -0.3, -0.1).real
+    assert not Estimate(0.1, 0.0, 0.2).real
+
+
+def test_the_average_is_plain_and_its_ends_join_by_squares():
+    points = [padded((60, 1, 0), (100, 1, 1)), padded((30, 2, 1), (200, 1, 1)), padded((9, 0, 1))]
+    one, two = (relative_gain(*point) for point in points[:2])
+    mean = mean_gain(points)
+    assert mean.value == pytest.approx((one.value + two.value) / 2)
+    assert mean.value - mean.low == pytest.approx(math.hypot(one.value - one.low, two.value - two.low) / 2)
+    assert mean.high - mean.value == pytest.approx(math.hypot(one.high - one.value, two.high - two.value) / 2)
+    assert (mean.points, mean.left_out) == (2, 1)
+    assert mean.real
+
+
+def test_independent_differences_are_newcombes_square_and_add():
+    a, b, _ = padded((400, 1, 0), (300, 0, 1), frames=40_000)
+    ours, (one, other) = difference_independent(a, b), (ber_interval(a), ber_interval(b))
+    assert ours.value == a.ber - b.ber
+    assert ours.value - ours.low == pytest.approx(math.hypot(a.ber - one.low, other.high - b.ber))
+    assert ours.high - ours.value == pytest.approx(math.hypot(one.high - a.ber, b.ber - other.low))
+    back = difference_independent(b, a)
+    assert (back.low, back.high) == pytest.approx((-ours.high, -ours.low))
+
+
+def test_a_point_without_errors_is_feared_at_the_size_of_the_others_errors():
+    clean, single, dozens = Counts(2000, 128_000), padded((8, 1, 0))[0], padded((8, 20, 0))[0]
+    limit = 1 - 0.025 ** (1 / 2000)
+    for other, size in ((single, 1), (dozens, 20), (clean, 1)):
+        ours = difference_independent(clean, other)
+        up = -ours.low if other is clean else None
+        high = math.hypot(limit * size / BITS, other.ber - ber_interval(other).low)
+        assert ours.high == pytest.approx(high - other.ber)
+        assert up is None or up == pytest.approx(ours.high)
+    assert difference_independent(single, clean).real
+
+
+# Coverage, on frames of beta-binomial errors; b shares a's errors and mends some, or has its own.
+
+
+def errors(rng, frames, ber, correlation):
+    scale = (1 - correlation) / correlation
+    return rng.binomial(BITS, rng.beta(ber * scale, (1 - ber) * scale, frames))
+
+
+def mends(rng, frames, gain):
+    a = errors(rng, frames, 1e-3, 0.05)
+    return a, rng.binomial(a, 1 - gain)
+
+
+def own_errors(rng, frames, gain):
+    return errors(rng, frames, 4e-3, 0.05), errors(rng, frames, (1 - gain) * 4e-3, 0.05)
+
+
+@pytest.mark.parametrize("gain", [0.0, 0.24, 0.9])
+@pytest.mark.parametrize("case", [mends, own_errors])
+def test_the_interval_covers_the_true_gain(case, gain):
+    rng, studies, held = np.random.default_rng([7, round(100 * gain)]), 300, 0
+    for _ in range(studies):
+        stated = relative_gain(*compared(*case(rng, 2000, gain)))
+        held += stated.low <= gain <= stated.high
+    assert held / studies > 0.92
+
+
+def test_the_average_over_points_covers_the_average_gain():
+    rng, studies, held = np.random.default_rng(8), 100, 0
+    gains = (0.05, 0.1, 0.3)
+    for _ in range(studies):
+        mean = mean_gain([compared(*mends(rng, 2000, gain)) for gain in gains])
+        held += mean.low <= sum(gains) / 3 <= mean.high
+    assert held / studies > 0.91
+
+
+@pytest.mark.parametrize(("first", "second"), [(1e-3, 1e-3), (4e-3, 1e-3), (1e-4, 2e-3)])
+def test_independent_points_are_covered(first, second):
+    rng, studies, held = np.random.default_rng(9), 300, 0
+    for _ in range(studies):
+        a, b = (compared(errors(rng, 2000, ber, 0.05), np.zeros(2000))[0] for ber in (first, second))
+        ours = difference_independent(a, b)
+        held += ours.low <= first - second <= ours.high
+    assert held / studies > 0.92
+
+
+A, B, PAIRED = padded((9, 1, 0), (3, 0, 1))
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: relative_gain(A, B, PairedCounts(1, 64)), "frames of a, b and paired are 2000, 2000, 1"),
+        (lambda: relative_gain(A, B, PAIRED.swapped()), "paired.half_difference is -12: .* 12$"),
+        (lambda: relative_gain(A, B, PAIRED, 1.0), "confidence is 1.0"),
+        (lambda: relative_gain(Counts(), Counts(), PairedCounts()), "paired.bits is 0"),
+        (lambda: mean_gain([(A, B, PAIRED)], 0.0), "confidence is 0.0"),
+        (lambda: difference_independent(Counts(), A), "counts.bits is 0"),
+        (lambda: difference_independent(A, Counts()), "counts.bits is 0"),
+        (lambda: difference_independent(A, B, -1.0), "confidence is -1.0"),
+    ],
+)
+def test_arguments_out_of_range_are_refused_by_name(call, message):
+    with pytest.raises(VoccError, match=f"^{message}"):
+        call()

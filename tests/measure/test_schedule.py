@@ -1,0 +1,393 @@
+"""Blocks of many points in many hands: whatever comes back when, the numbers are those of one at a time."""
+
+import concurrent.futures
+import itertools
+import random
+import tempfile
+from concurrent.futures import CancelledError, Future
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from vocc_torch.errors import VoccError
+from vocc_torch.measure import schedule
+from vocc_torch.measure.counts import Counts
+from vocc_torch.measure.ledger import Ledger
+from vocc_torch.measure.montecarlo import Outcome, Part, StopRule
+from vocc_torch.measure.schedule import PointWork, run_points
+from vocc_torch.rng import BLOCK_FRAMES
+
+
+class Counter:
+    """Block b of a point has ``wrong[b]`` frames with one wrong bit; asked blocks are remembered."""
+
+    def __init__(self, wrong, broken=()):
+        self.wrong, self.broken, self.asked = wrong, broken, []
+
+    def __call__(self, parts):
+        self.asked += [part.block for part in parts]
+        if not set(self.broken).isdisjoint(part.block for part in parts):
+            raise RuntimeError("broken")
+        return [self.of(part) for part in parts]
+
+    def of(self, part):
+        wrong = min(self.wrong[part.block % len(self.wrong)], part.frames)
+        return {("a", 0): Counts(part.frames, 64 * part.frames, 2 * wrong, 4 * wrong, wrong)}
+
+
+def by_hand(work):
+    """What a point must come to, and how many blocks that takes."""
+    total = Counts()
+    for blocks, part in enumerate(work.rule.parts(), start=1):
+        total += work.count.of(part)["a", 0]
+        target = work.rule.target_frame_errors
+        if target is not None and total.frame_errors >= target:
+            return Outcome({("a", 0): total}, "frame_errors"), blocks
+    return Outcome({("a", 0): total}, "frames"), blocks
+
+
+class Hands:
+    """An executor whose calls come back in an order that ``rng`` draws, when somebody waits for them."""
+
+    def __init__(self, rng):
+        self.rng, self.pending, self.handed, self.told = rng, [], [], []
+        self.most = self.cancelled = 0
+
+    def submit(self, count, parts):
+        future = Future()
+        self.pending.append((future, count, parts))
+        self.handed += [(count, part) for part in parts]
+        self.most = max(self.most, len(self.pending))
+        if self.rng.random() < 0.5:
+            future.set_running_or_notify_cancel()
+        return future
+
+    def wait(self, futures, return_when):
+        dropped = [call for call in self.pending if call[0].cancelled() and call[0] not in futures]
+        self.cancelled += len(dropped)
+        self.pending = [call for call in self.pending if call not in dropped]
+        assert set(futures) == {future for future, *_ in self.pending}
+        assert return_when == concurrent.futures.FIRST_COMPLETED
+        self.told.append(len(futures))
+        for chosen in self.rng.sample(self.pending, self.rng.randint(1, len(self.pending))):
+            self.pending.remove(chosen)
+            self.finish(*chosen)
+        return concurrent.futures.wait(futures, timeout=0)
+
+    def finish(self, future, count, parts):
+        if not future.running() and not future.set_running_or_notify_cancel():
+            self.cancelled += 1
+            return
+        try:
+            future.set_result(count(parts))
+        except RuntimeError as error:
+            future.set_exception(error)
+
+    def run(self, works, **options):
+        """All outcomes, with every wait in these hands."""
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(schedule, "wait", self.wait)
+            return list(run_points(works, self.submit, **options))
+
+
+def in_order(window=1):
+    """Hands that give back one call at a time, the oldest first."""
+
+    class Oldest(random.Random):
+        def randint(self, low, high):
+            return 1
+
+        def sample(self, pending, k):
+            return pending[:1]
+
+    return Hands(Oldest(0))
+
+
+@pytest.fixture
+def ledger(tmp_path):
+    with Ledger.open(tmp_path / "ledger", {}) as opened:
+        yield opened
+
+
+def blocks_of(ledger, point):
+    """Frames of each block of a point."""
+    return dict(ledger._run("SELECT block, frames FROM blocks WHERE point=?", (point,)).fetchall())
+
+
+FREE = settings(deadline=None, max_examples=30)
+RNG = st.randoms(use_true_random=False)
+WINDOW = {"window": st.integers(1, 6), "blocks_at_once": st.integers(1, 5)}
+
+
+@st.composite
+def many_points(draw, target=True):
+    """Points of up to a dozen blocks, some with a target if they may have one."""
+    targets = st.none() | st.integers(1, 100) if target else st.none()
+    points = []
+    for index in range(draw(st.integers(1, 5))):
+        wrong = draw(st.lists(st.integers(0, BLOCK_FRAMES), min_size=1, max_size=5))
+        rule = StopRule(draw(st.integers(1, 700)), draw(targets))
+        points.append(PointWork(f"point {index}", Counter(wrong), rule))
+    return points
+
+
+# The same numbers
+
+
+@given(works=many_points(), rng=RNG, **WINDOW)
+@FREE
+def test_no_order_window_or_batch_changes_an_outcome(works, rng, window, blocks_at_once):
+    """Each stops at the first block that is enough, however many blocks ahead were in flight."""
+    hands, told = Hands(rng), []
+    outcomes = hands.run(
+        works,
+        window=window,
+        blocks_at_once=blocks_at_once,
+        progress=lambda *news: told.append((*news[:2], news[2]["a", 0])),
+    )
+    assert outcomes == [by_hand(work)[0] for work in works]
+    assert hands.most <= window
+    for index, work in enumerate(works):
+        mine = [(frames, so_far) for at, frames, so_far in told if at == index]
+        parts = list(itertools.islice(work.rule.parts(), by_hand(work)[1]))
+        assert [frames for frames, _ in mine] == [part.frames for part in parts]
+        assert [so_far.frames for _, so_far in mine] == list(itertools.accumulate(p.frames for p in parts))
+        assert len(work.count.asked) == len(set(work.count.asked))
+
+
+@given(works=many_points(), rng=RNG, data=st.data(), **WINDOW)
+@FREE
+def test_with_a_ledger_known_blocks_are_not_counted_and_all_others_are_recorded(
+    works, rng, data, window, blocks_at_once
+):
+    """Blocks beyond the stop, too: a run with a longer budget has them for nothing."""
+    with tempfile.TemporaryDirectory() as folder, Ledger.open(Path(folder) / "ledger", {}) as ledger:
+        works = [replace(work, ledger=ledger) for work in works]
+        known = {work.point: set() for work in works}
+        for work in works:
+            for part in work.rule.parts():
+                if data.draw(st.booleans()):
+                    ledger.append(work.point, part.block, part.frames, work.count.of(part))
+                    known[work.point].add(part.block)
+        outcomes = Hands(rng).run(works, window=window, blocks_at_once=blocks_at_once)
+        assert outcomes == [by_hand(work)[0] for work in works]
+        for work in works:
+            asked, rows = set(work.count.asked), blocks_of(ledger, work.point)
+            assert not asked & known[work.point]
+            assert len(work.count.asked) == len(asked)
+            assert set(range(by_hand(work)[1])) <= set(rows)
+            for block, frames in rows.items():
+                assert ledger.find(work.point, block, frames) == work.count.of(Part(block, frames))
+        # What was asked is what was recorded, but for the last point's calls that nobody waits for.
+        for work in works[:-1]:
+            asked, rows = set(work.count.asked), set(blocks_of(ledger, work.point))
+            assert rows >= known[work.point] | asked
+        again = [replace(work, count=Counter(work.count.wrong)) for work in works]
+        assert Hands(rng).run(again, window=window, blocks_at_once=blocks_at_once) == outcomes
+        for work, before in zip(again, works, strict=True):
+            new = set(work.count.asked)
+            assert not new & (known[work.point] | set(range(by_hand(before)[1])))
+
+
+def test_blocks_beyond_the_stop_are_recorded_and_not_counted(ledger):
+    """Five blocks are in flight and the first is enough: a longer run finds the other four in the ledger."""
+    first = PointWork("first", Counter([10]), StopRule(64 * 20, 10), ledger)
+    second = PointWork("second", Counter([1]), StopRule(64), ledger)
+    hands = in_order()
+    hands.rng.random = lambda: 0.0  # all are begun at once, and cannot be called off
+    outcomes = hands.run([first, second], window=5)
+    assert [outcome.counts["a", 0].frames for outcome in outcomes] == [64, 64]
+    assert (sorted(blocks_of(ledger, "first")), sorted(blocks_of(ledger, "second"))) == ([0, 1, 2, 3, 4], [0])
+    longer = replace(first, rule=StopRule(64 * 20, 45), count=Counter([10]))
+    (outcome,) = hands.run([longer])
+    assert (outcome.counts["a", 0].frames, longer.count.asked) == (64 * 5, [])
+
+
+def test_blocks_beyond_the_stop_that_were_not_begun_are_called_off(ledger):
+    first = PointWork("first", Counter([10]), StopRule(64 * 20, 10), ledger)
+    second = PointWork("second", Counter([1]), StopRule(128), ledger)
+    hands = in_order()
+    hands.rng.random = lambda: 1.0
+    outcomes = hands.run([first, second], window=5)
+    assert [outcome.counts["a", 0].frames for outcome in outcomes] == [64, 128]
+    assert (first.count.asked, hands.cancelled) == ([0], 4)
+    assert (sorted(blocks_of(ledger, "first")), sorted(blocks_of(ledger, "second"))) == ([0], [0, 1])
+
+
+# No idle hands
+
+
+@given(works=many_points(target=False), rng=RNG, **WINDOW)
+@FREE
+def test_nobody_waits_while_there_is_a_block_left_to_hand_out(works, rng, window, blocks_at_once):
+    hands, blocks = Hands(rng), sum(len(list(work.rule.parts())) for work in works)
+    waits, wait = [], hands.wait
+
+    def watched(futures, return_when):
+        waits.append(len(futures) == window or len(hands.handed) == blocks)
+        return wait(futures, return_when)
+
+    hands.wait = watched
+    hands.run(works, window=window, blocks_at_once=blocks_at_once)
+    assert waits
+    assert all(waits)
+    assert len(hands.handed) == blocks
+
+
+def test_no_more_points_are_begun_than_there_is_room_for():
+    """The points may be without end; they are laid out as they are needed."""
+    begun = []
+
+    def endless():
+        for index in itertools.count():
+            begun.append(index)
+            yield PointWork(f"{index}", Counter([1]), StopRule(64))
+
+    outcomes = run_points(endless(), window=1)
+    for index in range(5):
+        assert next(outcomes).counts["a", 0].frames == 64
+        assert len(begun) <= index + 2
+    outcomes.close()
+
+
+def test_known_blocks_take_no_hands(ledger):
+    for block in range(10):
+        ledger.append("known", block, 64, Counter([2]).of(Part(block, 64)))
+    works = [
+        PointWork("known", Counter([2], broken=range(10)), StopRule(640), ledger),
+        PointWork("new", Counter([1]), StopRule(64), ledger),
+    ]
+    hands, told = in_order(), []
+    outcomes = hands.run(works, window=1, progress=lambda index, frames, _: told.append((index, frames)))
+    assert [outcome.counts["a", 0].frames for outcome in outcomes] == [640, 64]
+    assert told == [(0, 64)] * 10 + [(1, 64)]
+    assert hands.told == [1]
+
+
+# Errors
+
+
+@given(works=many_points(target=False), rng=RNG, data=st.data(), **WINDOW)
+@FREE
+def test_an_error_in_a_call_ends_the_run_and_loses_nothing_that_came_back(
+    works, rng, data, window, blocks_at_once
+):
+    at = data.draw(st.integers(0, len(works) - 1))
+    bad = data.draw(st.integers(0, len(list(works[at].rule.parts())) - 1))
+    with tempfile.TemporaryDirectory() as folder, Ledger.open(Path(folder) / "ledger", {}) as ledger:
+        works = [replace(work, ledger=ledger) for work in works]
+        broken = list(works)
+        broken[at] = replace(works[at], count=Counter(works[at].count.wrong, broken=[bad]))
+        hands = Hands(rng)
+        finished = [set() for _ in works]
+
+        def finish(future, count, parts, finish=hands.finish):
+            finish(future, count, parts)
+            if not future.cancelled() and not future.exception():
+                index = next(n for n, work in enumerate(broken) if work.count is count)
+                finished[index] |= {part.block for part in parts}
+
+        hands.finish = finish
+        with pytest.raises(RuntimeError, match="broken"):
+            hands.run(broken, window=window, blocks_at_once=blocks_at_once)
+        assert [set(blocks_of(ledger, work.point)) for work in works] == finished
+        # What had not been begun is called off.
+        assert all(future.cancelled() or future.running() for future, *_ in hands.pending)
+        fresh = [replace(work, count=Counter(work.count.wrong)) for work in works]
+        again = Hands(rng)
+        assert again.run(fresh, window=window, blocks_at_once=blocks_at_once) == [
+            by_hand(work)[0] for work in works
+        ]
+        assert all(not done & set(work.count.asked) for done, work in zip(finished, fresh, strict=True))
+
+
+def test_what_came_back_with_a_broken_call_is_recorded_first(ledger):
+    """All five come back at once, the broken one among them."""
+    for bad in range(5):
+        work = PointWork(f"{bad}", Counter([1], broken=[bad]), StopRule(320), ledger)
+        rng = random.Random(bad)
+        rng.randint = lambda low, high: high
+        with pytest.raises(RuntimeError, match="broken"):
+            Hands(rng).run([work], window=5)
+        assert set(blocks_of(ledger, f"{bad}")) == set(range(5)) - {bad}
+
+
+def test_a_ledger_that_cannot_be_written_ends_the_run(ledger, monkeypatch):
+    append, rows = Ledger.append, []
+
+    def full(self, *row):
+        if len(rows) == 3:
+            raise VoccError("cannot write")
+        rows.append(append(self, *row))
+
+    monkeypatch.setattr(Ledger, "append", full)
+    work = PointWork("p", Counter([1]), StopRule(640), ledger)
+    hands = in_order()
+    hands.rng.random = lambda: 1.0
+    with pytest.raises(VoccError, match="cannot write"):
+        hands.run([work], window=4)
+    assert sorted(blocks_of(ledger, "p")) == [0, 1, 2]
+    assert all(future.cancelled() for future, *_ in hands.pending)
+
+
+def test_a_call_that_somebody_else_cancels_ends_the_run_and_does_not_hang_it(ledger):
+    """An executor that is shut down cancels what it was given; the point can then never be finished."""
+    work = PointWork("p", Counter([1]), StopRule(640), ledger)
+    hands = in_order()
+    hands.rng.random = lambda: 1.0
+
+    def shut_down(futures, return_when, wait=hands.wait):
+        if len(ledger) == 3:
+            for future, *_ in hands.pending:
+                future.cancel()
+        return wait(futures, return_when)
+
+    hands.wait = shut_down
+    with pytest.raises(CancelledError):
+        hands.run([work], window=2)
+    assert sorted(blocks_of(ledger, "p")) == [0, 1, 2]
+
+
+def test_who_takes_no_more_outcomes_calls_the_rest_off():
+    hands = in_order()
+    hands.rng.random = lambda: 1.0
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(schedule, "wait", hands.wait)
+        works = [PointWork(f"{n}", Counter([1]), StopRule(64)) for n in range(9)]
+        outcomes = run_points(works, hands.submit, window=4)
+        next(outcomes)
+        outcomes.close()
+    assert len(hands.pending) == 3
+    assert all(future.cancelled() for future, *_ in hands.pending)
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, RuntimeError])
+def test_what_is_done_when_something_else_ends_the_run_is_recorded(ledger, error):
+    """Two calls have come back; the first is being added when the run is interrupted."""
+    hands = in_order()
+
+    def interrupted(*_):
+        hands.finish(*hands.pending.pop())
+        raise error
+
+    work = PointWork("p", Counter([1]), StopRule(640), ledger)
+    with pytest.raises(error):
+        hands.run([work], window=4, progress=interrupted)
+    assert sorted(blocks_of(ledger, "p")) == [0, 3]
+    assert all(future.cancelled() or future.running() for future, *_ in hands.pending)
+
+
+def test_outcomes_that_are_dropped_after_the_ledger_is_closed_make_no_noise(tmp_path):
+    """An error in whoever takes the outcomes closes the ledger before it closes the schedule."""
+    hands = in_order()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(schedule, "wait", hands.wait)
+        with Ledger.open(tmp_path / "ledger", {}) as ledger:
+            works = [PointWork(f"{n}", Counter([1]), StopRule(64), ledger) for n in range(4)]
+            outcomes = run_points(works, hands.submit, window=4)
+            next(outcomes)
+            hands.finish(*hands.pending.pop())
+        outcomes.close()

@@ -1,0 +1,152 @@
+"""Calls are timed in turns, warmed up, with the device done, and summarised as the statistics module does."""
+
+import os
+import statistics
+
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+
+from vocc_torch.errors import VoccError
+from vocc_torch.measure import timing
+from vocc_torch.measure.timing import Timing, describe_machine, interleaved
+
+CPU, CUDA = torch.device("cpu"), torch.device("cuda")
+
+
+class World:
+    """A clock that only work moves, and a device that works when it is waited for."""
+
+    def __init__(self):
+        self.now = 0.0
+        self.queued = 0.0
+        self.order = []
+
+    def clock(self):
+        return self.now
+
+    def synchronize(self, device):
+        assert device == CUDA
+        self.now += self.queued
+        self.queued = 0.0
+
+    def work(self, name, *durations):
+        """A call that takes these times, one after the other, and the last for ever."""
+        left = list(durations)
+
+        def call():
+            self.order.append(name)
+            self.now += left.pop(0) if len(left) > 1 else left[0]
+
+        return call
+
+    def queue(self, name, duration):
+        """A call that returns at once and leaves work to the device."""
+
+        def call():
+            self.order.append(name)
+            self.queued += duration
+
+        return call
+
+
+@pytest.fixture
+def world():
+    return World()
+
+
+def test_a_calls_own_time_is_counted_and_no_others(world):
+    calls = {"a": world.work("a", 1.0), "b": world.work("b", 10.0), "c": world.work("c", 100.0)}
+    timed = interleaved(calls, 3, CPU, clock=world.clock)
+    assert {name: value.median_s for name, value in timed.items()} == {"a": 1, "b": 10, "c": 100}
+    assert list(timed) == ["a", "b", "c"]
+    assert all(value.repeats == 3 for value in timed.values())
+
+
+def test_rounds_are_interleaved_and_turn_back(world):
+    calls = {name: world.work(name, 1.0) for name in "abc"}
+    interleaved(calls, 4, CPU, warm_up=0, clock=world.clock)
+    assert "".join(world.order) == "abc" + "cba" + "abc" + "cba"
+
+
+def test_a_primed_call_comes_right_after_itself(world):
+    calls = {"a": world.work("a", 50.0, 40.0, 9.0, 3.0), "b": world.work("b", 70.0, 60.0, 8.0, 1.0)}
+    timed = interleaved(calls, 1, CPU, warm_up=1, primed=True, clock=world.clock)
+    assert "".join(world.order) == "aabb" + "bbaa"
+    assert timed == {"a": Timing((3.0,)), "b": Timing((1.0,))}
+
+
+def test_warm_up_is_done_and_not_counted(world):
+    calls = {"a": world.work("a", 50.0, 40.0, 3.0, 4.0, 5.0), "b": world.work("b", 70.0, 60.0, 1.0)}
+    timed = interleaved(calls, 3, CPU, warm_up=2, clock=world.clock)
+    # Rounds run a b, b a, a b, ...: each call's own order of durations stays.
+    assert timed == {"a": Timing((3.0, 4.0, 5.0)), "b": Timing((1.0, 1.0, 1.0))}
+    assert world.order.count("a") == world.order.count("b") == 5
+
+
+def test_the_device_is_waited_for_within_the_time_and_only_for_the_call(world, monkeypatch):
+    monkeypatch.setattr(torch.cuda, "synchronize", world.synchronize)
+    world.queued = 1000.0  # somebody else's work
+    calls = {"a": world.queue("a", 2.0), "b": world.queue("b", 30.0)}
+    timed = interleaved(calls, 2, CUDA, warm_up=0, clock=world.clock)
+    assert timed == {"a": Timing((2.0, 2.0)), "b": Timing((30.0, 30.0))}
+    assert world.queued == 0
+
+
+def test_a_real_clock_will_do():
+    timed = interleaved({"sum": lambda: sum(range(1000))}, 3, CPU)
+    assert 0 < timed["sum"].low_s <= timed["sum"].median_s <= timed["sum"].high_s
+
+
+@given(st.lists(st.floats(1e-7, 1e3), min_size=2, max_size=40))
+def test_quartiles_are_those_of_the_statistics_module(seconds):
+    low, median, high = statistics.quantiles(seconds, n=4, method="inclusive")
+    of = Timing(tuple(seconds))
+    assert (of.low_s, of.median_s, of.high_s) == pytest.approx((low, median, high), rel=1e-12)
+    assert of.repeats == len(seconds)
+
+
+@pytest.mark.parametrize(("name", "given_"), [("repeats", {"repeats": 0}), ("warm_up", {"warm_up": -1})])
+def test_numbers_of_rounds_are_checked(name, given_):
+    done = []
+    with pytest.raises(VoccError, match=f"{name} is"):
+        interleaved({"a": lambda: done.append(1)}, **{"repeats": 1, "device": CPU, **given_})
+    assert not done
+
+
+def test_nothing_to_time_gives_nothing():
+    assert interleaved({}, 1, CPU) == {}
+
+
+def test_the_machine_is_named_by_what_times_depend_on(monkeypatch, tmp_path):
+    (tmp_path / "cpuinfo").write_text("processor\t: 0\nmodel name\t: Example CPU: 9000\nprocessor\t: 1\n")
+    monkeypatch.setattr(timing, "_CPU_FILE", tmp_path / "cpuinfo")
+    monkeypatch.setattr(torch, "get_num_threads", lambda: 3)
+    monkeypatch.setattr(os, "sched_getaffinity", lambda pid: {0}, raising=False)
+    said = describe_machine(CPU)
+    assert said == f"Example CPU: 9000 with 1 core, 3 threads, torch {torch.__version__}"
+    monkeypatch.setattr(torch.cuda, "get_device_name", lambda device: "Example GPU")
+    assert describe_machine(CUDA) == f"Example GPU, {said}"
+
+
+def test_a_processor_without_a_name_is_still_something(monkeypatch, tmp_path):
+    monkeypatch.setattr(timing, "_CPU_FILE", tmp_path / "missing")
+    assert describe_machine(CPU).partition(" with ")[0]
+
+
+FAULTS = """
+import resource, torch
+from vocc_torch.measure.timing import settle_memory
+
+def faults(mebibytes):
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
+    parts = [torch.full((mebibytes << 20,), 1, dtype=torch.uint8) for _ in range(6)]
+    del parts
+    return resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before
+
+settle_memory()
+rounds = [sum(faults(mebibytes) for mebibytes in (9, 1, 5, 2, 7, 3)) for _ in range(6)]
+# The heap finds its size in the first of them.
+print(min(rounds[2:]))
+"""

@@ -1,0 +1,257 @@
+"""The board, read back with TensorBoard's own reader."""
+
+import io
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from made_up_points import made_up_point
+from made_up_points import table as table
+from PIL import Image
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+from tensorboard.plugins.custom_scalar import layout_pb2
+from tensorboard.plugins.hparams import plugin_data_pb2
+
+from vocc_torch.errors import VoccError
+from vocc_torch.measure.curve import BerTable
+from vocc_torch.show.canvas import figure_pixels
+from vocc_torch.show.plots import ber_figure
+from vocc_torch.show.tensorboard import SUMMARY_RUN, axis_steps, board_hint, write_boards
+
+RECEIVERS = ("center_greyscale", "average_greyscale", "flda_2", "flda_3")
+AXES = {
+    "ambient_lx": (1000, 32000),
+    "led_luminance_cd_m2": (500, 16000),
+    "distance_m": (30, 70),
+    "contrast": (0.06, 0.54),
+}
+
+
+def write_board(folder, table, *more, **named):
+    write_boards(folder, {"": [table]}, *more, **named)
+
+
+def read(folder, run):
+    return EventAccumulator(
+        str(folder / run), size_guidance={"scalars": 0, "images": 0, "tensors": 0}
+    ).Reload()
+
+
+def series(events, tag):
+    return [(event.step, event.value) for event in events.Scalars(tag)]
+
+
+def campaign(receivers=RECEIVERS):
+    """Two groups, four tables each; every number of wrong frames is another, and one is 0."""
+    tables, wrong = {}, 0
+    for locator in ("paper", "truth"):
+        group = tables.setdefault(f"25mm-{locator}", [])
+        for axis, values in AXES.items():
+            points = []
+            for value in values:
+                for receiver in receivers:
+                    point = made_up_point(value, receiver, wrong, axis)
+                    points.append(replace(point, experiment=f"{axis} study", locator=locator))
+                    wrong += 1
+            group.append(BerTable(points))
+    return tables
+
+
+def start_of(events):
+    content = events.SummaryMetadata("_hparams_/session_start_info").plugin_data.content
+    return plugin_data_pb2.HParamsPluginData.FromString(content).session_start_info
+
+
+def categories(events):
+    tensor = events.Tensors("custom_scalars__config__")[0].tensor_proto
+    return layout_pb2.Layout.FromString(tensor.string_val[0]).category
+
+
+def text_of(events, name):
+    return events.Tensors(f"{name}/text_summary")[0].tensor_proto.string_val[0].decode()
+
+
+def test_each_receiver_is_a_run_with_the_curve_in_ascending_steps(tmp_path, table):
+    write_board(tmp_path, table)
+    assert {path.name for path in tmp_path.iterdir()} == {"flda_2", "flda_3", SUMMARY_RUN}
+    for receiver in table.receivers:
+        events, rows = read(tmp_path, receiver), table.of(receiver)
+        wrong = [row for row in rows if not row.error_free]
+        clean = [row for row in rows if row.error_free]
+        wanted = {
+            "BER": [(row.value, row.ber) for row in rows],
+            "log10_BER": [(row.value, np.log10(row.ber)) for row in wrong],
+            "log10_BER_lo": [(row.value, np.log10(row.ber_low)) for row in wrong],
+            "log10_BER_hi": [(row.value, np.log10(row.ber_high)) for row in wrong],
+            "log10_BER_upper95": [(row.value, np.log10(row.ber_high)) for row in clean],
+        }
+        for name, points in wanted.items():
+            tag = f"{name}/ambient_lx"
+            assert (tag in events.Tags()["scalars"]) == bool(points)
+            if points:
+                np.testing.assert_allclose(series(events, tag), points, rtol=1e-6)
+
+
+def test_each_receiver_is_one_hparams_row(tmp_path, table):
+    write_board(tmp_path, table)
+    for receiver in table.receivers:
+        events = read(tmp_path, receiver)
+        start = start_of(events)
+        assert start.hparams["receiver"].string_value == receiver
+        assert start.hparams["locator"].string_value == "truth"
+        rows = table.of(receiver)
+        pooled = sum(row.bit_errors for row in rows) / sum(row.bits for row in rows)
+        assert events.Scalars("all_points/BER")[0].value == pytest.approx(pooled)
+
+
+def test_the_summary_run_lays_the_charts_out(tmp_path, table):
+    write_board(tmp_path, table)
+    (category,) = categories(read(tmp_path, SUMMARY_RUN))
+    curves, intervals, limits = category.chart
+    assert "sun" in category.title
+    assert list(curves.multiline.tag) == ["^log10_BER/ambient_lx$"]
+    margin = intervals.margin.series[0]
+    tags = ("log10_BER/ambient_lx", "log10_BER_lo/ambient_lx", "log10_BER_hi/ambient_lx")
+    assert (margin.value, margin.lower, margin.upper) == tags
+    assert list(limits.multiline.tag) == ["^log10_BER_upper95/ambient_lx$"]
+
+
+def test_figures_pictures_and_texts_arrive_as_they_were(tmp_path, table):
+    figure = ber_figure(table, "Ambient light (lx)", "Sun")
+    drawn, picture = np.random.default_rng(0).integers(0, 256, (2, 30, 40, 3), dtype=np.uint8)
+    write_board(tmp_path, table, {"ber": figure, "drawn": drawn}, {"frame": picture}, {"config": "seed: 0"})
+    events = read(tmp_path, SUMMARY_RUN)
+    wanted = {"figures/ber": figure_pixels(figure), "figures/drawn": drawn, "images/frame": picture}
+    for tag, pixels in wanted.items():
+        encoded = events.Images(tag)[0].encoded_image_string
+        np.testing.assert_array_equal(np.asarray(Image.open(io.BytesIO(encoded)).convert("RGB")), pixels)
+    assert text_of(events, "config") == "seed: 0"
+
+
+def test_a_receivers_run_has_its_curves_of_every_group_and_axis(tmp_path):
+    tables = campaign()
+    write_boards(tmp_path, tables)
+    assert {path.name for path in tmp_path.iterdir()} == {*RECEIVERS, SUMMARY_RUN}
+    factors = {"distance_m": 10, "contrast": 1000}
+    for receiver in RECEIVERS:
+        events = read(tmp_path, receiver)
+        for group, members in tables.items():
+            for one in members:
+                rows = one.of(receiver)
+                steps = [round(row.value * factors.get(one.axis, 1)) for row in rows]
+                points = list(zip(steps, (row.ber for row in rows), strict=True))
+                read_back = series(events, f"{group}/BER/{one.axis}")
+                np.testing.assert_allclose(read_back, points, rtol=1e-6)
+
+
+def test_every_group_and_experiment_has_charts_of_its_own_curves_only(tmp_path):
+    tables = campaign()
+    write_boards(tmp_path, tables)
+    tags = {tag for receiver in RECEIVERS for tag in read(tmp_path, receiver).Tags()["scalars"]}
+    laid_out = categories(read(tmp_path, SUMMARY_RUN))
+    sections = [(group, one) for group, members in tables.items() for one in members]
+    assert len(laid_out) == len(sections) == 8
+    for category, (group, one) in zip(laid_out, sections, strict=True):
+        assert category.title.startswith(f"{group} {one.experiment}: ")
+        curves, intervals, *limits = category.chart
+        # As TensorBoard matches: lines by regular expression, bands by name.
+        (pattern,) = curves.multiline.tag
+        assert [tag for tag in tags if re.match(pattern, tag)] == [f"{group}/log10_BER/{one.axis}"]
+        band = intervals.margin.series[0]
+        names = ("log10_BER", "log10_BER_lo", "log10_BER_hi")
+        assert [band.value, band.lower, band.upper] == [f"{group}/{name}/{one.axis}" for name in names]
+        assert {band.value, band.lower, band.upper} <= tags
+        assert len(limits) == any(row.error_free for row in one)
+
+
+def test_a_receiver_is_one_hparams_row_with_its_rate_in_each_table(tmp_path):
+    tables = campaign()
+    write_boards(tmp_path, tables)
+    for receiver in RECEIVERS:
+        events = read(tmp_path, receiver)
+        settings = {name: value.string_value for name, value in start_of(events).hparams.items()}
+        experiments = ", ".join(f"{axis} study" for axis in AXES)
+        assert settings == {
+            "receiver": receiver,
+            "locator": "paper, truth",
+            "experiment": experiments,
+            "group": "25mm-paper, 25mm-truth",
+        }
+        for group, members in tables.items():
+            for one in members:
+                rows = one.of(receiver)
+                pooled = sum(row.bit_errors for row in rows) / sum(row.bits for row in rows)
+                rate = events.Scalars(f"all_points/{group}/BER/{one.axis}")
+                assert [event.value for event in rate] == pytest.approx([pooled])
+
+
+def test_a_receiver_that_one_group_lacks_has_the_curves_of_the_other(tmp_path):
+    tables = {"a": campaign(("flda_2", "flda_3"))["25mm-paper"], "b": campaign(("flda_3",))["25mm-truth"]}
+    write_boards(tmp_path, tables)
+    groups = {tag.split("/")[0] for tag in read(tmp_path, "flda_2").Tags()["scalars"]}
+    assert groups == {"a", "all_points"}
+    assert start_of(read(tmp_path, "flda_2")).hparams["group"].string_value == "a"
+
+
+def test_runs_begin_in_the_order_that_gives_receivers_their_colours(tmp_path):
+    # TensorBoard orders runs by their first event (core_plugin.py) and colours them in that order.
+    write_boards(tmp_path, campaign(("my_cnn", *RECEIVERS)))
+    first = {path.name: read(tmp_path, path.name).FirstEventTimestamp() for path in tmp_path.iterdir()}
+    own = ["average_greyscale", "flda_2", "flda_3", "center_greyscale"]
+    assert sorted(first, key=first.__getitem__) == [*own, "my_cnn", SUMMARY_RUN]
+
+
+def test_how_to_read_names_every_step_and_every_groups_corners(tmp_path):
+    write_boards(tmp_path / "many", campaign())
+    text = text_of(read(tmp_path / "many", SUMMARY_RUN), "how to read")
+    units = (
+        "**Ambient light (lx)**, **LED luminance (cd/m²)**, **Distance in dm** or **Contrast in thousandths**"
+    )
+    assert units in text
+    assert "the panel's corners come from: paper in `25mm-paper`; truth in `25mm-truth`." in text
+    write_board(tmp_path / "one", campaign()["25mm-truth"][2])
+    text = text_of(read(tmp_path / "one", SUMMARY_RUN), "how to read")
+    assert "is **Distance in dm**. Runs are receivers; the panel's corners come from: truth. " in text
+
+
+def test_a_groups_name_may_have_signs_that_mean_more_in_a_regular_expression(tmp_path, table):
+    write_boards(tmp_path, {"lx=1e+06": [table], "lx=1e106": [table]})
+    tags = read(tmp_path, "flda_3").Tags()["scalars"]
+    (pattern,) = categories(read(tmp_path, SUMMARY_RUN))[0].chart[0].multiline.tag
+    assert [tag for tag in tags if re.match(pattern, tag)] == ["lx=1e+06/log10_BER/ambient_lx"]
+
+
+def test_writing_again_replaces_the_curve_and_leaves_other_files(tmp_path, table):
+    write_board(tmp_path, BerTable([made_up_point(500, "flda_3", 9), made_up_point(99000, "flda_3", 9)]))
+    (tmp_path / "flda_3" / "notes.txt").write_text("mine")
+    write_board(tmp_path, table)
+    steps = [step for step, _ in series(read(tmp_path, "flda_3"), "BER/ambient_lx")]
+    assert steps == [1000, 8000, 32000]
+    assert (tmp_path / "flda_3" / "notes.txt").read_text() == "mine"
+
+
+def test_steps_are_whole_in_the_axis_own_unit():
+    assert axis_steps("distance_m", [70.0, 30.0]) == {30.0: 300, 70.0: 700}
+    assert axis_steps("contrast", [0.06, 0.115]) == {0.06: 60, 0.115: 115}
+    assert axis_steps("led_luminance_cd_m2", [500.0]) == {500.0: 500}
+    assert axis_steps("offset_x_m", [-0.25, 0.1]) == {-0.25: -250, 0.1: 100}
+    assert axis_steps("offset_y_m", [0.001]) == {0.001: 1}
+
+
+def test_values_that_would_hide_each_other_are_refused(tmp_path):
+    table = BerTable([made_up_point(value, "flda_3", 9) for value in (1.1, 5, 0.9)])
+    with pytest.raises(VoccError, match=r"^ambient_lx is 0.9 and 1.1: .* both give 1$"):
+        write_board(tmp_path, table)
+
+
+def test_a_folder_that_cannot_be_written_is_one_line(tmp_path, table):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(VoccError, match=r"^cannot write "):
+        write_board(tmp_path / "file", table)
+
+
+def test_the_hint_quotes_the_folder_and_turns_smoothing_off():
+    command, link = board_hint("my runs/board").splitlines()
+    assert command == "tensorboard --logdir 'my runs/board'"
+    assert link == "http://127.0.0.1:6006/?smoothing=0#custom_scalars&_smoothingWeight=0"

@@ -1,0 +1,391 @@
+"""task=collect: what a multirun wrote, in one table and one picture, whatever state it is in."""
+
+import csv
+import io
+import os
+
+import pytest
+import yaml
+from hypothesis import given
+from hypothesis import strategies as st
+from matplotlib.colors import to_hex
+from PIL import Image
+from rich.console import Console
+
+from vocc_torch.errors import VoccError
+from vocc_torch.measure.config import read_flat
+from vocc_torch.measure.counts import Counts
+from vocc_torch.measure.curve import COLUMNS, BerTable, Point
+from vocc_torch.show.csv_file import ber_rows, write_rows
+from vocc_torch.show.styles import receiver_styles
+from vocc_torch.studies.collect.jobs import (
+    Job,
+    collected_rows,
+    differing_keys,
+    duplicates,
+    find_jobs,
+    label,
+    setting_text,
+)
+from vocc_torch.studies.collect.views import MOST_FACETS, all_receivers, jobs_figure, print_jobs
+
+QUICK = (
+    *("budget.frames=64", "budget.training_frames=64", "tensorboard=false"),
+    *("receiver.names=[flda_2,flda_3]", "receiver.locator=truth"),
+)
+
+
+def made_up_table(axis="distance_m", values=(30.0, 70.0), receivers=("flda_2", "flda_3"), errors=40):
+    """Points of a job; the last receiver's first point has no errors."""
+    points = []
+    for place, receiver in enumerate(receivers):
+        for number, value in enumerate(values):
+            wrong = 0 if (place, number) == (len(receivers) - 1, 0) else errors * (number + 1)
+            counts = Counts(1000, 64_000, 2 * wrong, 8 * wrong, (wrong + 1) // 2)
+            points.append(Point("made_up", axis, value, receiver, "truth", counts, "frames"))
+    return BerTable(points)
+
+
+def write_job(folder, settings=None, table=None, failed=None, ledger=False):
+    """What a job leaves in its folder."""
+    folder.mkdir(parents=True, exist_ok=True)
+    if settings is not None:
+        (folder / "config.yaml").write_text(yaml.safe_dump(settings))
+    if table is not None:
+        write_rows(folder / "ber.csv", ber_rows(table))
+    if failed is not None:
+        (folder / "failed.txt").write_text(failed)
+    if ledger:
+        (folder / "ledger.sqlite").write_text("")
+
+
+def rows_of(path):
+    """A CSV file's rows."""
+    with path.open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+# The whole way
+
+
+def test_a_multirun_is_collected(app, tmp_path):
+    """Two experiments and one mistake: every point is there once, beside what tells the jobs apart."""
+    values = "experiment.values=[4000,8000]"
+    assert app(*QUICK, "name=two", "-m", values, "seed=1,-1", "camera.focal_length_mm=18,25").status == 2
+    folder = tmp_path / "runs" / "two"
+    ran = app("task=collect", "input=runs/two")
+    assert (ran.status, ran.err) == (0, "")
+    collected = rows_of(folder / "collected.csv")
+    assert list(collected[0]) == [
+        *("job", "status", "seed", "camera.focal_length_mm"),
+        *COLUMNS,
+        "complaint",
+    ]
+    for job, focal in (("0", "18"), ("1", "25")):
+        mine = [row for row in collected if row["job"] == job]
+        assert [{name: row[name] for name in COLUMNS} for row in mine] == rows_of(folder / job / "ber.csv")
+        told = {(row["status"], row["seed"], row["camera.focal_length_mm"]) for row in mine}
+        assert told == {("done", "1", focal)}
+    for job in ("2", "3"):
+        (row,) = [row for row in collected if row["job"] == job]
+        assert (row["status"], row["seed"], row["ber"]) == ("failed", "-1", "")
+        assert row["complaint"].startswith("seed is -1")
+    with Image.open(folder / "collected.png") as picture:
+        assert picture.format == "PNG"
+    for part in ("seed=1, focal_length_mm=25", "job 2 failed: seed is -1", "runs/two/collected.csv"):
+        assert part in ran.out
+    assert [path.name for path in (tmp_path / "runs").iterdir()] == ["two"]
+
+
+def test_collecting_again_replaces_and_another_name_is_another_place(app, tmp_path):
+    """A third job comes, the first one's folder goes; what was collected before does not stay."""
+    source = tmp_path / "runs" / "two"
+    for seed in (0, 1):
+        write_job(source / str(seed), {"seed": seed}, made_up_table())
+    assert app("task=collect", "input=runs/two").status == 0
+    first = (source / "collected.csv").read_bytes()
+    write_job(source / "2", {"seed": 2}, made_up_table())
+    assert app("task=collect", "input=runs/two", "name=elsewhere").status == 0
+    assert (source / "collected.csv").read_bytes() == first
+    elsewhere = tmp_path / "runs" / "elsewhere"
+    assert {path.name for path in elsewhere.iterdir()} == {"collected.csv", "collected.png"}
+    assert app("task=collect", "input=runs/two").status == 0
+    assert (source / "collected.csv").read_bytes() == (elsewhere / "collected.csv").read_bytes() != first
+
+
+def test_more_jobs_than_a_figure_takes_are_paged(app, tmp_path):
+    source = tmp_path / "runs" / "many"
+    for seed in range(MOST_FACETS + 1):
+        write_job(source / str(seed), {"seed": seed}, failed="no\n")
+    (source / "collected-3.png").write_bytes(b"of an earlier time")
+    ran = app("task=collect", "input=runs/many")
+    assert ran.status == 0
+    pictures = {path.name for path in source.glob("*.png")}
+    assert pictures == {"collected.png", "collected-2.png"}
+    assert all(name in ran.out for name in pictures)
+
+
+def test_one_run_is_one_job(app, tmp_path):
+    write_job(tmp_path / "runs" / "alone", {"seed": 1}, made_up_table())
+    assert app("task=collect", "input=runs/alone").status == 0
+    rows = rows_of(tmp_path / "runs" / "alone" / "collected.csv")
+    assert {row["job"] for row in rows} == {"alone"}
+    assert list(rows[0]) == ["job", "status", *COLUMNS, "complaint"]
+
+
+MISTAKES = {
+    "no input": ((), ["input is null", "input=runs/NAME"]),
+    "missing": (("input=runs/no",), ["input runs/no does not exist", "a multirun wrote"]),
+    "file": (("input=file",), ["input file is a file", "a multirun wrote"]),
+    "no job": (("input=empty",), ["input empty holds no job", "0/ber.csv"]),
+    "model": (("input=empty", "model=x.pt"), ["model is 'x.pt'", "null"]),
+}
+
+
+@pytest.mark.parametrize(("arguments", "parts"), MISTAKES.values(), ids=MISTAKES.keys())
+def test_mistakes_are_one_line_and_leave_nothing(app, tmp_path, arguments, parts):
+    (tmp_path / "file").write_text("")
+    (tmp_path / "empty" / "0").mkdir(parents=True)
+    (tmp_path / "empty" / "0" / "receiver.pt").write_text("of task=train")
+    complaint = app("task=collect", *arguments).complaint
+    for part in parts:
+        assert part in complaint
+    assert {path.name for path in tmp_path.rglob("*")} == {"file", "empty", "0", "receiver.pt"}
+
+
+# Finding jobs
+
+
+def test_every_state_of_a_job_is_told(tmp_path):
+    write_job(tmp_path / "10", {"seed": 1}, made_up_table())
+    write_job(tmp_path / "2", {"seed": 2}, failed="seed is 2: no\n\nTraceback ...")
+    write_job(tmp_path / "3", ledger=True)
+    (tmp_path / "4").mkdir()
+    write_job(tmp_path / "5", {"seed": 5})
+    (tmp_path / "5" / "ber.csv").write_text("experiment,axis\nx,y\n")
+    write_job(tmp_path / "6", {"seed": 6}, BerTable())
+    write_job(tmp_path / "7", {"seed": 7}, made_up_table(), failed="disk full\n")
+    write_job(tmp_path / "8", None, made_up_table())
+    write_job(tmp_path / "9", {"seed": 9}, failed="")
+    write_job(tmp_path / "night" / "0", {"seed": 11}, made_up_table())
+    (tmp_path / "multirun.yaml").write_text("")
+    jobs = find_jobs(tmp_path)
+    told = [(job.name, job.status) for job in jobs]
+    assert told == [
+        *(("2", "failed"), ("3", "unfinished"), ("4", "unfinished"), ("5", "unreadable")),
+        *(("6", "unreadable"), ("7", "failed"), ("8", "done"), ("9", "failed"), ("10", "done")),
+        ("night/0", "done"),
+    ]
+    by_name = {job.name: job for job in jobs}
+    assert by_name["2"].complaint == "seed is 2: no"
+    assert "no ber.csv yet" in by_name["3"].complaint
+    assert "has no column value" in by_name["5"].complaint
+    assert "has no point" in by_name["6"].complaint
+    assert by_name["7"].complaint == "disk full"
+    assert by_name["7"].table is not None
+    assert "config.yaml" in by_name["8"].complaint
+    assert by_name["9"].complaint == "failed.txt is empty"
+    assert by_name["10"].complaint == ""
+    assert by_name["10"].table.rows == made_up_table().rows
+
+
+def test_each_row_of_a_grid_is_shown_like_a_job(tmp_path):
+    """Such a ``ber.csv`` has the second quantity in a column before its own."""
+    write_job(tmp_path / "0", {"seed": 0}, made_up_table())
+    write_job(tmp_path / "1", {"seed": 1, "experiment": {"row_axis": "ambient_lx"}})
+    write_job(tmp_path / "2", {"seed": 2})
+    (tmp_path / "2" / "ledgers").mkdir()
+    (tmp_path / "2" / "ledgers" / "1000.sqlite").write_text("")
+    write_job(tmp_path / "figures" / "ledgers", None)
+    (tmp_path / "figures" / "report.md").write_text("")
+    table = (tmp_path / "0" / "ber.csv").read_text().splitlines()
+    grid = [f"ambient_lx,{table[0]}", *(f"{at},{line}" for at in ("1000", "4000") for line in table[1:])]
+    (tmp_path / "1" / "ber.csv").write_text("\n".join(grid) + "\n")
+    jobs = find_jobs(tmp_path)
+    assert [(job.name, job.status) for job in jobs] == [
+        *(("0", "done"), ("1", "done"), ("1", "done"), ("2", "unfinished"))
+    ]
+    keys = differing_keys(jobs)
+    assert [label(job, keys) for job in jobs[1:3]] == [
+        f"seed=1, row_axis=ambient_lx, ambient_lx={at}" for at in ("1000", "4000")
+    ]
+    assert jobs[1].table.rows == jobs[2].table.rows == jobs[0].table.rows
+    assert duplicates(jobs) == []
+
+
+@pytest.mark.parametrize("text", ["a: [", "- 1\n- 2\n", "", "\x00", "a: ${nothing}", "a: 1\na: 2\n"])
+def test_a_damaged_configuration_costs_no_result(tmp_path, text):
+    write_job(tmp_path / "0", None, made_up_table())
+    (tmp_path / "0" / "config.yaml").write_text(text)
+    (job,) = find_jobs(tmp_path)
+    assert (job.status, len(job.table), dict(job.settings)) == ("done", 4, {})
+    assert "config.yaml" in job.complaint
+    assert "\n" not in job.complaint
+    assert label(job, ["seed"]) == "settings not known"
+
+
+def test_a_configuration_that_is_no_text_is_refused(tmp_path):
+    (tmp_path / "config.yaml").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(VoccError, match=r"config\.yaml is not a configuration"):
+        read_flat(tmp_path / "config.yaml")
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="permissions do not bind root")
+def test_a_folder_that_cannot_be_read_is_not_passed_over(tmp_path):
+    (tmp_path / "0").mkdir(mode=0o000)
+    with pytest.raises(VoccError, match="cannot read"):
+        find_jobs(tmp_path)
+
+
+# What differs
+
+
+def settings_of(**values):
+    """A job with these settings."""
+    return Job("x", "done", settings={key.replace("__", "."): value for key, value in values.items()})
+
+
+def test_keys_of_an_experiment_that_follow_from_its_name_are_left_out():
+    jobs = [
+        settings_of(experiment__name=name, experiment__axis=axis, experiment__scene__x=x, seed=seed)
+        for name, axis, x in (("ambient", "lx", 1), ("distance", "m", None))
+        for seed in (0, 1)
+    ]
+    assert differing_keys(jobs) == ["experiment.name", "seed"]
+    assert label(jobs[3], ["experiment.name", "seed"]) == "experiment=distance, seed=1"
+    other = settings_of(experiment__name="distance", experiment__axis="m", experiment__scene__x=5, seed=0)
+    assert differing_keys([*jobs, other]) == ["experiment.name", "experiment.scene.x", "seed"]
+
+
+def test_keys_that_change_no_result_and_numbers_that_are_equal_do_not_differ():
+    one = settings_of(name="a", device="cpu", workers=1, decode__scale=1, camera__focal_length_mm=18, seed=1)
+    two = settings_of(
+        name="b", device="cuda", workers=2, decode__scale=2, camera__focal_length_mm=18.0, seed=1
+    )
+    unknown = Job("y", "unfinished")
+    assert differing_keys([one, two, unknown]) == []
+    assert label(one, []) == ""
+    older = settings_of(camera__focal_length_mm=18, seed=1, receiver__gradient=None)
+    assert differing_keys([one, older]) == []
+
+
+def test_labels_shorten_keys_only_where_that_is_clear():
+    job = settings_of(precision="float32", budget__precision=0.1, camera__gamma=2.2)
+    keys = ["precision", "budget.precision", "camera.gamma"]
+    assert label(job, keys) == "precision=float32, budget.precision=0.1, gamma=2.2"
+
+
+def test_jobs_that_were_asked_the_same_are_told():
+    table, other = made_up_table(), made_up_table(errors=50)
+    settings = {"seed": 1, "workers": 1}
+    jobs = [
+        Job("0", "done", table=table, settings=settings),
+        Job("1", "done", table=table, settings={"seed": 2}),
+        Job("2", "done", table=table, settings={**settings, "workers": 2}),
+        Job("3", "done", table=other, settings={"seed": 2}),
+        Job("4", "done", table=table),
+    ]
+    same, changed = duplicates(jobs)
+    assert same == "the same settings and the same results: jobs 0, 2"
+    assert changed.startswith("the same settings and other results")
+    assert changed.endswith("jobs 1, 3")
+
+
+_VALUES = st.recursive(
+    st.none() | st.booleans() | st.integers(-99, 99) | st.floats(-9, 9) | st.sampled_from("ab"),
+    lambda inner: st.lists(inner, max_size=3),
+)
+
+
+@given(st.lists(st.dictionaries(st.sampled_from(["a", "b.c", "seed"]), _VALUES, min_size=1), max_size=5))
+def test_differing_keys_tell_all_jobs_apart_that_can_be_told_apart(settings):
+    jobs = [Job(str(number), "done", settings=one) for number, one in enumerate(settings)]
+    keys = differing_keys(jobs)
+    whole = {repr({key: setting_text(one.get(key)) for key in ("a", "b.c", "seed")}) for one in settings}
+    assert len({label(job, keys) for job in jobs}) == len(whole)
+    head, *lines = collected_rows(jobs, keys)
+    assert {len(line) for line in lines} <= {len(head)}
+
+
+# Picture and table
+
+
+def jobs():
+    """Jobs of two experiments, one that failed, one with more receivers."""
+    three = ("flda_agr", "flda_2", "flda_3")
+    more = made_up_table("ambient_lx", (1000.0, 4000.0, 32000.0), three, errors=400)
+    return [
+        Job("0", "done", table=made_up_table(), settings={"seed": 1}),
+        Job("1", "failed", "seed is 2: it must be another", settings={"seed": 2}),
+        Job("2", "done", table=more, settings={"seed": 3}),
+    ]
+
+
+def test_facets_share_the_scale_of_rates_and_the_colours():
+    figure = jobs_figure(jobs(), ["seed"], "Three")
+    first, failed, last = figure.axes
+    assert first.get_ylim() == last.get_ylim()
+    styles = receiver_styles(["flda_agr", "flda_2", "flda_3"])
+    for axes, receivers in ((first, ("flda_2", "flda_3")), (last, tuple(styles))):
+        drawn = {line.get_label(): to_hex(line.get_color()).upper() for line in axes.lines}
+        for receiver in receivers:
+            assert drawn[styles[receiver].label] == styles[receiver].colour
+    assert (first.get_xlabel(), last.get_xlabel()) == ("Distance (m)", "Ambient light (lx)")
+    assert [axes.get_title("left") for axes in figure.axes] == [
+        *("job 0: seed=1", "job 1: seed=2, failed", "job 2: seed=3")
+    ]
+    assert "seed is 2" in "".join(text.get_text() for text in failed.texts)
+    (legend,) = figure.legends
+    assert [text.get_text() for text in legend.get_texts()] == [style.label for style in styles.values()]
+
+
+@pytest.mark.parametrize("count", [1, 4, 7, MOST_FACETS])
+def test_facets_never_overlap_or_leave_the_figure(count):
+    many = [Job(str(n), "failed", settings={"long": "x" * 300}) for n in range(count)]
+    figure = jobs_figure(many, ["long"], "Many")
+    boxes = [axes.get_position() for axes in figure.axes]
+    assert len(boxes) == count
+    figure.draw_without_rendering()
+    for number, box in enumerate(boxes):
+        assert 0 < box.x0 < box.x1 < 1
+        assert 0 < box.y0 < box.y1 < 1
+        head = figure.axes[number]._left_title.get_window_extent()
+        assert head.y1 < figure.bbox.y1
+        assert not any(head.overlaps(other.bbox) for other in figure.axes)
+
+
+@pytest.mark.parametrize("width", [60, 160])
+def test_the_table_says_each_range_and_every_complaint_at_every_width(width):
+    console = Console(width=width, record=True, file=io.StringIO())
+    print_jobs(jobs(), ["seed"], console)
+    text = console.export_text()
+    for job in jobs():
+        for receiver in job.table.receivers if job.table else ():
+            highest = max(row.ber for row in job.table.of(receiver))
+            assert f"{highest:.1e}".replace("e-0", "e-") in text
+    assert "< " in text
+    assert "job 1 failed: seed is 2: it must be another" in text
+    assert all(len(line.rstrip()) <= width or line.startswith("job 1") for line in text.splitlines())
+
+
+def test_receivers_come_in_the_order_of_the_job_with_most_of_them():
+    assert all_receivers(jobs()) == ["flda_agr", "flda_2", "flda_3"]
+    assert all_receivers(jobs()[:1]) == ["flda_2", "flda_3"]
+
+
+def test_scenes_are_told_apart_by_name_alone():
+    """What follows from a scene's name is left out; what a job changed on top of it is not."""
+
+    def job(name, scene, lux, seed=0):
+        settings = {
+            "scene.name": scene,
+            "scene.ambient_lx": lux,
+            "scene.camera.iso_limits": None,
+            "seed": seed,
+        }
+        return Job(name, "done", settings=settings)
+
+    jobs = [job("0", "paper", 4000.0), job("1", "night", 10.0), job("2", "night", 10.0, seed=1)]
+    assert differing_keys(jobs) == ["scene.name", "seed"]
+    assert label(jobs[1], ["scene.name", "seed"]) == "scene=night, seed=0"
+    assert differing_keys([*jobs, job("3", "night", 20.0)]) == ["scene.name", "scene.ambient_lx", "seed"]

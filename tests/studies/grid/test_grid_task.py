@@ -1,0 +1,99 @@
+"""An experiment that is a grid: experiment=dimming at a tiny budget, its files, and what it refuses."""
+
+import pytest
+import yaml
+from paper_runs import contents_of, files_in, head_of, rows_of, run_in
+
+from vocc_torch.measure.curve import COLUMNS
+
+AMBIENT, LUMINANCE = (1000.0, 32000.0), (500.0, 2000.0, 8000.0)
+TINY = ("budget.frames=8", "budget.training_frames=64", "workers=1", "tensorboard=false")
+GRID = (
+    *("experiment=dimming", *TINY, "receiver.names=[average_greyscale,flda_3]"),
+    *("experiment.rows=[1000,32000]", "experiment.values=[500,2000,8000]"),
+)
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory):
+    """A folder for the runs of these tests."""
+    return tmp_path_factory.mktemp("grid")
+
+
+@pytest.fixture(scope="module")
+def grid(place):
+    """A grid of two rows and three columns, two receivers."""
+    ran = run_in(place, *GRID, "name=grid", drawn=True)
+    assert (ran.status, ran.err) == (0, "")
+    return place / "runs" / "grid", ran.out
+
+
+def test_everything_is_written(grid):
+    folder, out = grid
+    assert files_in(folder) == {
+        *("config.yaml", "receiver.pt", "paired.csv", "ledgers/1000.sqlite", "ledgers/32000.sqlite"),
+        *(f"ber{end}.csv" for end in ("", "_best")),
+        *(f"dimming_{name}.png" for name in ("paper", "best")),
+    }
+    for told in (
+        "dimming/ambient_lx=1000",
+        "dimming/ambient_lx=32000 is measured",
+        "ber.csv",
+        "dimming_best.png",
+    ):
+        assert told in out
+    settings = yaml.safe_load((folder / "config.yaml").read_text())["experiment"]
+    assert (settings["row_axis"], settings["rows"]) == ("ambient_lx", list(AMBIENT))
+
+
+def test_every_cell_of_every_receiver_has_a_row(grid):
+    folder, _ = grid
+    assert head_of(folder / "ber.csv") == ["ambient_lx", *COLUMNS]
+    rows = rows_of(folder / "ber.csv")
+    found = sorted((float(row["ambient_lx"]), float(row["value"]), row["receiver"]) for row in rows)
+    receivers = ("average_greyscale", "flda_3")
+    assert found == sorted((at, value, name) for at in AMBIENT for value in LUMINANCE for name in receivers)
+    for row in rows:
+        assert row["experiment"] == f"dimming/ambient_lx={float(row['ambient_lx']):g}"
+        assert (row["axis"], row["locator"], row["frames"]) == ("led_luminance_cd_m2", "paper", "8")
+        assert 0 <= float(row["ber_low"]) <= float(row["ber"]) <= float(row["ber_high"]) <= 1
+    assert len({row["bit_errors"] for row in rows}) > 2
+
+
+def test_the_best_of_each_receiver_is_a_row(grid):
+    folder, _ = grid
+    rows = rows_of(folder / "ber_best.csv")
+    assert [(row["receiver"], float(row["ambient_lx"])) for row in rows] == [
+        (name, at) for name in ("average_greyscale", "flda_3") for at in AMBIENT
+    ]
+    rates = {
+        (row["receiver"], row["ambient_lx"], float(row["value"])): float(row["ber"])
+        for row in rows_of(folder / "ber.csv")
+    }
+    for row in rows:
+        of_row = {value: rates[row["receiver"], row["ambient_lx"], value] for value in LUMINANCE}
+        least = [value for value, ber in of_row.items() if ber == min(of_row.values())]
+        assert float(row["ber"]) == min(of_row.values())
+        assert [float(row["best_from_cd_m2"]), float(row["best_to_cd_m2"])] == [least[0], least[-1]]
+        assert float(row["range_from_cd_m2"]) <= least[0] <= least[-1] <= float(row["range_to_cd_m2"])
+
+
+def test_a_finished_grid_counts_nothing_again(grid, place, monkeypatch):
+    folder, _ = grid
+    before = contents_of(folder, ".csv", ".sqlite", ".yaml")
+    monkeypatch.setattr(
+        "vocc_torch.measure.counter.PointJob.__call__", lambda *_: pytest.fail("counted again")
+    )
+    ran = run_in(place, *GRID, "name=grid")
+    assert (ran.status, ran.err) == (0, "")
+    assert "going on from 3 blocks" in ran.out
+    assert contents_of(folder, ".csv", ".sqlite", ".yaml") == before
+
+
+def test_a_ledger_of_other_settings_is_refused(grid, place):
+    folder, _ = grid
+    before = contents_of(folder, ".csv", ".sqlite", ".yaml", ".png")
+    complaint = run_in(place, *GRID, "name=grid", "seed=1").complaint
+    assert "seed" in complaint
+    assert "give another name=" in complaint
+    assert contents_of(folder, ".csv", ".sqlite", ".yaml", ".png") == before

@@ -1,0 +1,199 @@
+"""The camera and the LED panel as plain values; this module needs no torch.
+
+The fields are the keys of the configuration's sections ``camera`` and ``panel``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from vocc_torch.errors import VoccError, finite_number, shown, whole_number
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+MOST_LEDS = 1024
+"""Most LEDs in a row or a column."""
+
+CAMERA_RANGES: Mapping[str, tuple[float, float]] = {
+    "focal_length_mm": (1e-3, 1e6),
+    "sensor_width_mm": (1e-3, 1e4),
+    "exposure_time_s": (1e-9, 1e4),
+    "f_number": (0.1, 1e3),
+    "calibration_constant": (0.1, 1e3),
+    "gamma": (0.1, 10.0),
+}
+"""Lowest and highest allowed of each value of a camera: wider than any, and safe in float32 together."""
+
+MOST_SIDE_PX = 32768
+"""Most pixels in a row, and most rows."""
+
+ISO_RANGE = (1e-30, 1e20)
+"""Lowest and highest ISO speed."""
+
+
+def _demand(owner: object, section: str, ranges: Mapping[str, tuple[float, float]]) -> None:
+    """Refuse by name the first attribute that is outside its range, and make floats of the others."""
+    for name, (low, high) in ranges.items():
+        rule = f"at least {low:g} and at most {high:g}"
+        value = finite_number(f"{section}.{name}", getattr(owner, name), f"a number, {rule}")
+        if not low <= value <= high:
+            allowed = "above 0" if value <= 0 < low else rule
+            raise VoccError(f"{section}.{name} is {value:g}: it must be {allowed}")
+        object.__setattr__(owner, name, value)
+
+
+def _iso_limits(given: tuple[float, float]) -> tuple[float, float]:
+    """Give ISO limits as floats, or refuse them by name."""
+    least, most = ISO_RANGE
+    try:
+        low, high = (finite_number("camera.iso_limits", end) for end in given)
+        held = least <= low <= high <= most
+    except (TypeError, ValueError):
+        held = False
+    if not held:
+        value = shown(list(given) if isinstance(given, tuple) else given)
+        rule = f"[low, high] with 0 < low <= high, from {least:g} to {most:g}"
+        raise VoccError(f"camera.iso_limits is {value}: it must be {rule}")
+    return low, high
+
+
+@dataclass(frozen=True, slots=True)
+class Camera:
+    """A pinhole camera with square pixels, by default that of the paper's Table 1.
+
+    Args:
+        focal_length_mm: 0.001 to 1e6 (Table 1: 25; the text says 18).
+        sensor_width_mm: width of the sensor, 0.001 to 1e4; the pixel pitch is this over ``width_px``.
+        width_px: pixels in a row, a whole number, 1 to 32768.
+        height_px: rows, likewise.
+        exposure_time_s: 1e-9 to 1e4.
+        f_number: f-number N, 0.1 to 1000.
+        calibration_constant: reflected-light meter constant K, 0.1 to 1000.
+        gamma: encoding gamma, 0.1 to 10; at 1 the grey value is proportional to the light.
+        iso_limits: lowest and highest ISO speed, 1e-30 to 1e20, or None where auto-ISO always meets its
+            target; equal limits are a fixed speed.
+
+    Raises:
+        VoccError: a value outside its range.
+
+    Example:
+        >>> round(Camera().focal_length_px, 2)
+        3636.36
+    """
+
+    focal_length_mm: float = 25.0
+    sensor_width_mm: float = 13.2
+    width_px: int = 1920
+    height_px: int = 1080
+    exposure_time_s: float = 1.0 / 1500.0
+    f_number: float = 4.0
+    calibration_constant: float = 12.5
+    gamma: float = 2.2
+    iso_limits: tuple[float, float] | None = None
+
+    def __post_init__(self) -> None:
+        """Check every range."""
+        for name in ("width_px", "height_px"):
+            value = whole_number(f"camera.{name}", getattr(self, name), 1, MOST_SIDE_PX)
+            object.__setattr__(self, name, value)
+        _demand(self, "camera", CAMERA_RANGES)
+        if self.iso_limits is not None:
+            object.__setattr__(self, "iso_limits", _iso_limits(self.iso_limits))
+
+    @property
+    def focal_length_px(self) -> float:
+        """Focal length in pixels."""
+        return self.focal_length_mm * self.width_px / self.sensor_width_mm
+
+    @property
+    def sensor_px(self) -> tuple[int, int]:
+        """Sensor ``(height, width)`` in pixels."""
+        return self.height_px, self.width_px
+
+    def pixels_per_metre(self, distance_m: Tensor) -> Tensor:
+        """Image scale at a distance, px/m, shape of ``distance_m`` (m, above 0)."""
+        return self.focal_length_px / distance_m
+
+
+@dataclass(frozen=True, slots=True)
+class PanelShape:
+    """How many LEDs the panel has.
+
+    Args:
+        rows: LED rows, 1 to 1024.
+        columns: LED columns, 1 to 1024.
+
+    Raises:
+        VoccError: a number of rows or columns outside its range.
+
+    Example:
+        >>> PanelShape(rows=8, columns=8).leds
+        64
+    """
+
+    rows: int = 8
+    columns: int = 8
+
+    def __post_init__(self) -> None:
+        """Refuse an empty panel and one that no camera resolves."""
+        for name in ("rows", "columns"):
+            value = whole_number(f"panel.{name}", getattr(self, name), 1, MOST_LEDS)
+            object.__setattr__(self, name, value)
+
+    @property
+    def leds(self) -> int:
+        """Number of LEDs, that is of bits in a frame."""
+        return self.rows * self.columns
+
+
+@dataclass(frozen=True, slots=True)
+class LedPanel:
+    """A flat panel of circular LEDs, by default that of the paper's Table 1.
+
+    Args:
+        shape: rows and columns.
+        led_diameter_m: 1e-6 to 1000.
+        led_gap_m: edge to edge between neighbouring LEDs, 0 to 1000; the pitch is diameter plus gap.
+        led_reflectance: of the LED surface, 0 to 1.
+        background_reflectance: of everything behind the panel, above 0 to 1; auto-ISO meters it.
+        board_reflectance: between the LEDs, 0 to 1, or None where the background shows through.
+
+    Raises:
+        VoccError: a value outside its range.
+
+    Example:
+        >>> LedPanel().pitch_m
+        0.06
+    """
+
+    shape: PanelShape = field(default_factory=PanelShape)
+    led_diameter_m: float = 0.03
+    led_gap_m: float = 0.03
+    led_reflectance: float = 0.4
+    background_reflectance: float = 0.18
+    board_reflectance: float | None = None
+
+    def __post_init__(self) -> None:
+        """Check every range."""
+        if not isinstance(self.shape, PanelShape):
+            raise VoccError(f"panel.shape is {shown(self.shape)}: it must be a PanelShape")
+        _demand(self, "panel", {"led_diameter_m": (1e-6, 1e3), "led_gap_m": (0, 1e3)})
+        for name in ("led_reflectance", "background_reflectance", "board_reflectance"):
+            if name == "board_reflectance" and self.board_reflectance is None:
+                continue
+            value = finite_number(f"panel.{name}", getattr(self, name), "a number from 0 to 1")
+            if not 0 <= value <= 1:
+                raise VoccError(f"panel.{name} is {value:g}: it must be from 0 to 1")
+            object.__setattr__(self, name, value)
+        if self.background_reflectance == 0:
+            raise VoccError(
+                "panel.background_reflectance is 0: it must be above 0, because auto-ISO meters it"
+            )
+
+    @property
+    def pitch_m(self) -> float:
+        """Distance between the centres of neighbouring LEDs."""
+        return self.led_diameter_m + self.led_gap_m

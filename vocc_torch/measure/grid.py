@@ -1,0 +1,274 @@
+"""Bit error rates over ambient light and LED luminance, and the best luminance for each ambient light."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from itertools import chain, pairwise
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vocc_torch.errors import VoccError
+from vocc_torch.measure.counts import Counts
+from vocc_torch.measure.curves import Curves
+from vocc_torch.measure.estimate import CONFIDENCE, joint_confidence
+from vocc_torch.measure.intervals import ber_interval
+
+Floats: TypeAlias = NDArray[np.float64]
+Bools: TypeAlias = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Bit error rates over two quantities: one ``Curves`` for each value of the row axis.
+
+    Args:
+        row_axis: quantity that varies from row to row, with its unit, such as ``ambient_lx``.
+        rows: its values, above 0, ascending by at least a millionth.
+        curves: what was measured at each, all along the same axis, at the same values, as for ``rows``, with
+            the same receivers and locator.
+
+    Attributes:
+        column_axis: quantity that varies along a row.
+        columns: its values, ascending.
+        receivers: names, in the order of the results.
+        locator: where the panel's corners came from.
+
+    Raises:
+        VoccError: values out of order, or curves that do not form one grid.
+
+    Example:
+        >>> counts = {("flda_3", 500): Counts(64, 4096, 4, 8, 2), ("flda_3", 2000): Counts(64, 4096)}
+        >>> axis, stopped = "led_luminance_cd_m2", {500: "frames", 2000: "frames"}
+        >>> curves = Curves("dimming", axis, "truth", ("flda_3",), (500, 2000), counts, {}, stopped)
+        >>> grid = Grid("ambient_lx", (4000.0,), (curves,))
+        >>> grid.ber("flda_3").tolist(), grid.errorless("flda_3").tolist()
+        ([[0.00048828125, 0.0]], [[False, True]])
+    """
+
+    row_axis: str
+    rows: tuple[float, ...]
+    curves: tuple[Curves, ...]
+    column_axis: str = field(init=False)
+    columns: tuple[float, ...] = field(init=False)
+    receivers: tuple[str, ...] = field(init=False)
+    locator: str = field(init=False)
+    _known: dict[tuple[str, float, float], tuple[Floats, Floats]] = field(
+        default_factory=dict, init=False, repr=False, compare=False
+    )
+
+    def __post_init__(self) -> None:
+        """Refuse what does not form one grid of positive values."""
+        if not self.rows or len(self.rows) != len(self.curves):
+            raise VoccError(
+                f"curves has {len(self.curves)} rows: it must have one for each of the {len(self.rows)} "
+                f"values of {self.row_axis}, at least one"
+            )
+        for name in ("axis", "values", "receivers", "locator"):
+            given = list(dict.fromkeys(getattr(curve, name) for curve in self.curves))
+            if len(given) > 1:
+                raise VoccError(
+                    f"{name} is {given[0]} and {given[1]}: every row of a grid must have the same"
+                )
+            object.__setattr__(self, {"axis": "column_axis", "values": "columns"}.get(name, name), given[0])
+        for axis, values in ((self.row_axis, self.rows), (self.column_axis, self.columns)):
+            positive = all(0 < value < math.inf for value in values)
+            # Closer ones have the same logarithm, and no octave between them.
+            ascending = all(one * (1 + 1e-6) <= after for one, after in pairwise(values))
+            if not values or not positive or not ascending:
+                raise VoccError(
+                    f"{axis} is {list(values)}: it must be ascending by at least a millionth and above 0, "
+                    "at least one value"
+                )
+
+    def counts(self, receiver: str) -> list[list[Counts]]:
+        """Give a receiver's counts by row and column.
+
+        Raises:
+            VoccError: an unknown receiver, or a cell without frames.
+        """
+        if receiver not in self.receivers:
+            raise VoccError(f"receiver is {receiver}: it must be one of {', '.join(self.receivers)}")
+        for row, curve in zip(self.rows, self.curves, strict=True):
+            for value in self.columns:
+                if not curve.counts.get((receiver, value), Counts()).frames:
+                    at = f"{self.row_axis}={row:g}, {self.column_axis}={value:g}"
+                    raise VoccError(f"{receiver} at {at} has no frames: a grid needs every cell")
+        return [[curve.counts[receiver, value] for value in self.columns] for curve in self.curves]
+
+    def ber(self, receiver: str) -> Floats:
+        """Give the bit error rates, (rows, columns)."""
+        return np.array([[cell.ber for cell in row] for row in self.counts(receiver)])
+
+    def errorless(self, receiver: str) -> Bools:
+        """Say which cells saw no error, (rows, columns)."""
+        return np.array([[cell.half_errors == 0 for cell in row] for row in self.counts(receiver)])
+
+    def intervals(self, receiver: str, confidence: float = CONFIDENCE) -> tuple[Floats, Floats]:
+        """Give both ends of each cell's interval, as in ``ber_interval``: a limit where there was no error.
+
+        For the limit a wrong frame is taken to have as many wrong bits as at the nearest cells with errors in
+        the row and in the column, the largest of them, and at least 1.
+
+        Args:
+            receiver: its name.
+            confidence: above 0, below 1.
+
+        Returns:
+            Low and high ends, (rows, columns) each.
+        """
+        return self._ends(receiver, confidence, confidence)
+
+    def one_sided(self, receiver: str, tail: float) -> tuple[Floats, Floats]:
+        """Give each cell's lower and upper limit, each missed with a probability of at most ``tail``."""
+        return self._ends(receiver, 1 - 2 * tail, 1 - tail)
+
+    def _ends(self, receiver: str, confidence: float, of_limits: float) -> tuple[Floats, Floats]:
+        """Give the ends with a confidence of their own for the limits of cells without errors."""
+        key = (receiver, confidence, of_limits)
+        # Kept because most of the time of every view would go into the same quantiles.
+        if key not in self._known:
+            counts = self.counts(receiver)
+            cells = zip(chain(*counts), chain(*_wrong_bits_near(counts)), strict=True)
+            found = [ber_interval(c, confidence if c.half_errors else of_limits, size) for c, size in cells]
+            ends = np.array([(end.low, end.high) for end in found]).reshape(len(self.rows), -1, 2)
+            self._known[key] = ends[..., 0], ends[..., 1]
+        return self._known[key]
+
+
+def _wrong_bits_near(counts: list[list[Counts]]) -> list[list[float]]:
+    """Give the wrong bits that a wrong frame of each cell is taken to have, at least 1."""
+    sizes = np.array([[cell.bit_errors / max(1, cell.frame_errors) for cell in row] for row in counts])
+
+    def largest(i: int, j: int) -> float:
+        ways = (sizes[i, j::-1], sizes[i, j:], sizes[i::-1, j], sizes[i:, j])
+        return max(1.0, *(float(next((size for size in way if size > 0), 0.0)) for way in ways))
+
+    return [[largest(i, j) for j in range(sizes.shape[1])] for i in range(sizes.shape[0])]
+
+
+@dataclass(frozen=True, slots=True)
+class Best:
+    """The best LED luminance under one ambient light, of those on the grid.
+
+    Args:
+        receiver: its name.
+        ambient_lx: the ambient light, lx.
+        least_cd_m2: luminances with the least bit error rate seen: one, or several where they had equally
+            many errors, as on a plateau without any.
+        candidates_cd_m2: luminances that cannot be told from the best; with at least 95 % the true best of
+            the grid is among them.
+        grid_cd_m2: lowest and highest luminance of the grid.
+        ber: least bit error rate seen. As the least of several it tends to be too low.
+        ber_low: lower end of the 95 % interval of the least of the true rates.
+        ber_high: its upper end; both allow for the choice of the least.
+
+    Example:
+        >>> best = Best("flda_3", 8e3, (2e3, 4e3), (1e3, 2e3, 4e3), (250, 4e3), 0.0, 0.0, 1e-4)
+        >>> best.candidates_text, best.reaches_highest, round(best.middle_cd_m2)
+        ('1000 to 4000', True, 2828)
+    """
+
+    receiver: str
+    ambient_lx: float
+    least_cd_m2: tuple[float, ...]
+    candidates_cd_m2: tuple[float, ...]
+    grid_cd_m2: tuple[float, float]
+    ber: float
+    ber_low: float
+    ber_high: float
+
+    @property
+    def middle_cd_m2(self) -> float:
+        """The best luminance, or the middle of the plateau in octaves."""
+        return math.sqrt(self.least_cd_m2[0]) * math.sqrt(self.least_cd_m2[-1])
+
+    @property
+    def candidates_text(self) -> str:
+        """The ends of the candidates, for people."""
+        ends = dict.fromkeys((self.candidates_cd_m2[0], self.candidates_cd_m2[-1]))
+        return " to ".join(f"{end:.10g}" for end in ends)
+
+    @property
+    def reaches_lowest(self) -> bool:
+        """Whether the grid's lowest luminance is a candidate: the best may lie below the grid."""
+        return self.candidates_cd_m2[0] == self.grid_cd_m2[0]
+
+    @property
+    def reaches_highest(self) -> bool:
+        """Whether the grid's highest luminance is a candidate: the best may lie above the grid."""
+        return self.candidates_cd_m2[-1] == self.grid_cd_m2[1]
+
+
+def best_luminance(grid: Grid, receiver: str) -> list[Best]:
+    """Give the best luminance under each ambient light, and all that cannot be told from it.
+
+    **The candidates.** A luminance is ruled out where another one is better beyond doubt. The cells hold
+    independent frames, so the difference of two bit error rates has the interval of Zou and Donner's method
+    of variance estimates recovery from the two cells' own intervals (Statistics in Medicine 27, 2008). Each
+    of the K luminances meets K - 1 others, one of which may look better by chance: a comparison is made at
+    the level 0.05 / (K - 1), which leaves the true best among the candidates with at least 95 % (multiple
+    comparisons with the best, Hsu, Annals of Statistics 12, 1984, with Bonferroni's level). All this is
+    within the grid: the best of all luminances may lie between its values.
+
+    **The least rate.** The least of K noisy rates is biased low. Its interval is that of the least of the
+    true rates: the low end is the least of the cells' low ends; the high end is the least of high ends that
+    each hold at 0.025 / K.
+
+    Args:
+        grid: ambient light by LED luminance.
+        receiver: its name.
+
+    Returns:
+        One ``Best`` for each ambient light, ascending.
+
+    Raises:
+        VoccError: an unknown receiver.
+
+    Example:
+        >>> counts = {("flda_3", 500): Counts(64, 4096, 400, 8000, 60), ("flda_3", 2000): Counts(64, 4096)}
+        >>> axis, stopped = "led_luminance_cd_m2", {500: "frames", 2000: "frames"}
+        >>> curves = Curves("dimming", axis, "truth", ("flda_3",), (500, 2000), counts, {}, stopped)
+        >>> [best] = best_luminance(Grid("ambient_lx", (4000.0,), (curves,)), "flda_3")
+        >>> best.least_cd_m2, best.candidates_cd_m2, best.reaches_highest
+        ((2000.0,), (2000.0,), True)
+    """
+    ber, luminances = grid.ber(receiver), np.array(grid.columns, dtype=float)
+    candidates = not_worse(ber, *grid.one_sided(receiver, 1 - joint_confidence(len(luminances) - 1)))
+    low = grid.one_sided(receiver, (1 - CONFIDENCE) / 2)[0].min(1)
+    high = grid.one_sided(receiver, (1 - joint_confidence(len(luminances))) / 2)[1].min(1)
+    return [
+        Best(
+            receiver,
+            grid.rows[i],
+            tuple(luminances[row == row.min()].tolist()),
+            tuple(luminances[candidates[i]].tolist()),
+            (grid.columns[0], grid.columns[-1]),
+            float(row.min()),
+            float(min(low[i], row.min())),
+            float(max(high[i], row.min())),
+        )
+        for i, row in enumerate(ber)
+    ]
+
+
+def not_worse(rate: Floats, low: Floats, high: Floats) -> Bools:
+    """Say which of the rates along the last axis no other one beats beyond doubt.
+
+    Args:
+        rate: (..., K) independent estimates.
+        low: (..., K) their lower limits, at most the estimates.
+        high: (..., K) their upper limits, at least the estimates.
+
+    Returns:
+        (..., K); True for the least rate always.
+
+    Example:
+        >>> not_worse(np.array([0.1, 0.2]), np.array([0.09, 0.15]), np.array([0.11, 0.3])).tolist()
+        [True, False]
+    """
+    down, up = (rate - low)[..., :, None], (high - rate)[..., None, :]
+    least_difference = rate[..., :, None] - rate[..., None, :] - np.hypot(down, up)
+    return np.asarray((least_difference <= 0).all(-1))

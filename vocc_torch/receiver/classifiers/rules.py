@@ -1,0 +1,295 @@
+"""Rules in closed form: Fisher's, the least-squares equaliser, and rules that part each panel by itself."""
+
+from __future__ import annotations
+
+from typing import Self
+
+import torch
+from torch import Tensor
+
+from vocc_torch.errors import VoccError
+from vocc_torch.receiver.classifiers.protocol import Batches
+from vocc_torch.receiver.discriminant import Discriminant
+from vocc_torch.receiver.flda import FLDA
+from vocc_torch.receiver.otsu import histogram256, otsu_threshold
+
+
+class _Scored:
+    """What decides by its scores alone."""
+
+    def decision_function(self, x: Tensor) -> Tensor:
+        """Score every LED, (B,R,C); at least 0 is On.
+
+        Raises:
+            NotImplementedError: always: each kind has its own.
+        """
+        raise NotImplementedError
+
+    def predict(self, x: Tensor) -> Tensor:
+        """Decide every LED."""
+        return self.decision_function(x) >= 0
+
+
+class FldaClassifier(_Scored):
+    """FLDA on the inputs as they are: features, or whole patches.
+
+    Example:
+        >>> x = torch.tensor([[[[0.0], [0.1]], [[1.0], [1.2]]]])
+        >>> bits = torch.tensor([[[False, False], [True, True]]])
+        >>> FldaClassifier().fit(x, bits).predict(x).tolist()
+        [[[False, False], [True, True]]]
+    """
+
+    def __init__(self) -> None:
+        self._rule: Discriminant | None = None
+
+    def fit(self, x: Tensor, bits: Tensor) -> Self:
+        """Learn from panels held in memory."""
+        self._rule = _solved(FLDA(x.shape[-1]).to(x.device).fit(x, bits))
+        return self
+
+    def fit_stream(self, batches: Batches, frames: int) -> Self:
+        """Learn from a stream, of which nothing is kept but sums, and of those the rule alone."""
+        flda: FLDA | None = None
+        for x, bits in batches(0, frames):
+            flda = flda or FLDA(x.shape[-1]).to(x.device)
+            flda.update(x, bits)
+        self._rule = None if flda is None else _solved(flda)
+        return self
+
+    def decision_function(self, x: Tensor) -> Tensor:
+        """Score every LED; Eq. 18.
+
+        Raises:
+            VoccError: not fitted.
+        """
+        return _fitted(self._rule).scores(x)
+
+    @property
+    def parameters_count(self) -> int:
+        """How many numbers decide: the direction and the threshold."""
+        return _fitted(self._rule).direction.numel() + 1
+
+
+def _solved(flda: FLDA) -> Discriminant:
+    """Return what decides, which is to the last bit what the discriminant itself would."""
+    # Asked for first: it refuses a missing class, and warns where samples do not determine it.
+    device = flda.direction.device
+    rule, _ = Discriminant.of(flda.statistics.to(torch.device("cpu")).checked())
+    return Discriminant(*(one.detach().to(device, copy=True) for one in rule))
+
+
+def _fitted(rule: Discriminant | None) -> Discriminant:
+    """Refuse a discriminant without samples."""
+    if rule is None:
+        raise VoccError("it has seen no samples: call fit first")
+    return rule
+
+
+class LmmseEqualizer(_Scored):
+    """Linear minimum-mean-square-error estimate of each bit from the light about it, by distance.
+
+    Where exposures add (``domain=exposure``), the light of a cell is a sum over its neighbours' bits, and the
+    estimate of +1 or -1 with the least mean square error among all linear ones is the regression on the
+    patch. How far light spreads, in cells, depends on the panel's size in the image; so there is one
+    regression for each class of cell size, between quantiles of the training panels, and scores are
+    interpolated between the two nearest classes.
+
+    Args:
+        classes: how many classes of cell size, at least 1; the last input must be the pitch where above 1.
+        ridge: added to the diagonal of the correlation matrix, at least 0, for patches whose values are tied.
+
+    Raises:
+        VoccError: a value outside its range.
+    """
+
+    def __init__(self, classes: int = 8, ridge: float = 1e-8) -> None:
+        if classes < 1 or ridge < 0:
+            raise VoccError(
+                f"classes is {classes}, ridge is {ridge:g}: they must be at least 1 and at least 0"
+            )
+        self.classes, self.ridge = classes, ridge
+        self._centres: Tensor | None = None
+        self._weights: Tensor | None = None
+
+    def fit(self, x: Tensor, bits: Tensor) -> Self:
+        """Solve the normal equations of each class in float64."""
+        light, size = self._split(x)
+        rows = torch.cat([light.double(), torch.ones_like(light[..., :1], dtype=torch.float64)], dim=-1)
+        target = bits.double() * 2 - 1
+        quantiles = torch.linspace(0, 1, 2 * self.classes + 1, dtype=torch.float64, device=x.device)
+        edges = torch.quantile(size.double(), quantiles)
+        weights = []
+        for place in range(self.classes):
+            # Each class learns from its neighbours' panels too: the scores between classes are interpolated.
+            low, high = edges[max(0, 2 * place - 1)], edges[min(2 * self.classes, 2 * place + 3)]
+            chosen = (size >= low) & (size <= high)
+            a, b = rows[chosen].flatten(0, -2), target[chosen].flatten()
+            gram = a.mT @ a
+            gram = gram + self.ridge * gram.diagonal().mean() * torch.eye(len(gram), device=x.device)
+            weights.append(torch.linalg.solve(gram, a.mT @ b))
+        self._centres, self._weights = edges[1::2].contiguous(), torch.stack(weights)
+        return self
+
+    def decision_function(self, x: Tensor) -> Tensor:
+        """Estimate every bit as a number about -1 or +1.
+
+        Raises:
+            VoccError: not fitted.
+        """
+        if self._weights is None or self._centres is None:
+            raise VoccError("it has seen no samples: call fit first")
+        light, size = self._split(x)
+        rows = torch.cat([light.double(), torch.ones_like(light[..., :1], dtype=torch.float64)], dim=-1)
+        upper = torch.bucketize(size.double(), self._centres).clamp(1, max(1, self.classes - 1))
+        upper = upper.clamp(max=self.classes - 1)
+        lower = (upper - 1).clamp(min=0)
+        step = (self._centres[upper] - self._centres[lower]).clamp(min=1e-12)
+        share = ((size.double() - self._centres[lower]) / step).clamp(0, 1).unsqueeze(-1)
+        weights = torch.lerp(self._weights[lower], self._weights[upper], share)
+        return (rows * weights[:, None, None]).sum(dim=-1)
+
+    @property
+    def parameters_count(self) -> int:
+        """How many numbers decide."""
+        return 0 if self._weights is None else self._weights.numel()
+
+    def _split(self, x: Tensor) -> tuple[Tensor, Tensor]:
+        """Part the light (B,R,C,F) from the panels' cell sizes (B,)."""
+        if self.classes == 1:
+            return x, x.new_zeros(len(x))
+        return x[..., :-1], x[:, 0, 0, -1]
+
+
+class _Untrained(_Scored):
+    """What needs no training."""
+
+    parameters_count = 0
+
+    def fit(self, x: Tensor, bits: Tensor) -> Self:
+        """Learn nothing."""
+        return self
+
+    def fit_stream(self, batches: object, frames: int) -> Self:
+        """Learn nothing, and ask for no frames."""
+        return self
+
+
+class PanelOtsu(_Untrained):
+    """Otsu's threshold of the panel's own pixels, against the mean of each cell.
+
+    Its inputs are the own cell in grey, not relative to the panel (``cells=1, relative=white``).
+
+    Example:
+        >>> x = torch.tensor([0.2, 0.2, 0.6, 0.7]).view(1, 2, 2, 1)
+        >>> PanelOtsu().predict(x).tolist()
+        [[[False, False], [True, True]]]
+    """
+
+    def decision_function(self, x: Tensor) -> Tensor:
+        """Score every LED by its distance from the threshold, in grey values of 0 to 255."""
+        greys = (x * 255.0).round().clamp(0, 255).to(torch.uint8)
+        threshold = otsu_threshold(histogram256(greys.flatten(1).view(len(x), 1, 1, -1)))
+        # Otsu's foreground begins above the threshold's whole grey value.
+        return (x.to(torch.float64).mean(dim=-1) * 255.0) - (threshold.view(-1, 1, 1) + 0.5)
+
+
+def two_means(values: Tensor) -> Tensor:
+    """Part numbers into two clusters with the least sum of squares within: k-means in one dimension, exactly.
+
+    Args:
+        values: (B,N), N at least 1.
+
+    Returns:
+        (B,) the middle between the two clusters' means; where all values are equal, that value.
+
+    Example:
+        >>> two_means(torch.tensor([[0.0, 1.0, 9.0, 10.0], [3.0, 3.0, 3.0, 3.0]])).tolist()
+        [5.0, 3.0]
+    """
+    ordered = values.to(torch.float64).sort(dim=1).values
+    count = ordered.shape[1]
+    if count == 1:
+        return ordered[:, 0]
+    below = torch.arange(1, count, dtype=torch.float64, device=values.device)
+    # Relative to the least value, so that equal values differ by nothing at all.
+    relative = ordered - ordered[:, :1]
+    sums = relative.cumsum(dim=1)
+    low = sums[:, :-1] / below
+    high = (sums[:, -1:] - sums[:, :-1]) / (count - below)
+    best = (below * (count - below) * (high - low).square()).argmax(dim=1, keepdim=True)
+    return (ordered[:, :1] + (low.gather(1, best) + high.gather(1, best)) / 2)[:, 0]
+
+
+class PanelKMeans(_Untrained):
+    """Two clusters of the panel's cell means. Inputs as for :class:`PanelOtsu`, or one sample a cell.
+
+    Example:
+        >>> PanelKMeans().predict(torch.tensor([0.2, 0.2, 0.6, 0.7]).view(1, 2, 2, 1)).tolist()
+        [[[False, False], [True, True]]]
+    """
+
+    def decision_function(self, x: Tensor) -> Tensor:
+        """Score every LED by its distance from the middle between the clusters."""
+        means = x.to(torch.float64).mean(dim=-1)
+        return means - two_means(means.flatten(1)).view(-1, 1, 1)
+
+
+class TagPlanes(_Untrained):
+    """The idea of AprilTag's cell reader, carried over to LEDs.
+
+    A black and a white level that may slope over the panel, as two planes over its rows and columns, and a
+    Laplacian across cells against the light of neighbours (Wang and Olson, "AprilTag 2", IROS 2016). A tag
+    has a border of known black and white cells; a panel of LEDs has none, so the planes are fitted to the
+    cells that two clusters take for Off and On, and again to those that the planes do.
+
+    Its inputs are the means of 3 x 3 cells (``cells=3, samples=1``).
+
+    Args:
+        sharpening: weight of the Laplacian, at least 0.
+        rounds: how often the planes are fitted, at least 1.
+
+    Example:
+        >>> grey = torch.tensor([0.2, 0.2, 0.6, 0.7]).view(1, 2, 2, 1)
+        >>> TagPlanes(sharpening=0.0).predict(grey.expand(1, 2, 2, 9)).tolist()
+        [[[False, False], [True, True]]]
+    """
+
+    def __init__(self, sharpening: float = 0.25, rounds: int = 2) -> None:
+        self.sharpening, self.rounds = sharpening, rounds
+
+    def decision_function(self, x: Tensor) -> Tensor:
+        """Score every LED by its distance from the plane between black and white."""
+        cells = x.to(torch.float64)
+        beside = cells[..., [1, 3, 5, 7]].mean(dim=-1)
+        own = cells[..., 4]
+        sharp = own + self.sharpening * 4 * (own - beside)
+        scores = sharp - two_means(sharp.flatten(1)).view(-1, 1, 1)
+        for _ in range(self.rounds):
+            on = scores >= 0
+            scores = sharp - (_plane(sharp, ~on) + _plane(sharp, on)) / 2
+        return scores
+
+
+def _plane(values: Tensor, chosen: Tensor) -> Tensor:
+    """Fit a plane over rows and columns to the chosen cells, (B,R,C) both; few give about their mean."""
+    down, across = torch.meshgrid(*(_steps(values, size) for size in values.shape[1:]), indexing="ij")
+    terms = torch.stack([torch.ones_like(down), down, across], dim=-1).flatten(0, 1)
+    weight = chosen.flatten(1).to(values.dtype)
+    gram = torch.einsum("bn,ni,nj->bij", weight, terms, terms)
+    # A slope costs as much as one cell's misfit, so that three cells in a row do not tilt it.
+    gram = gram + torch.diag(values.new_tensor([1e-9, 1.0, 1.0]))
+    right = torch.einsum("bn,bn,ni->bi", weight, values.flatten(1), terms)
+    level = (torch.linalg.solve(gram, right) @ terms.mT).view_as(values)
+    # A class without cells has no level of its own: the panel's mean stands in for it.
+    lacking = (weight.sum(dim=1) == 0).view(-1, 1, 1)
+    return torch.where(lacking, values.mean(dim=(1, 2), keepdim=True), level)
+
+
+def _steps(values: Tensor, size: int) -> Tensor:
+    """Return ``size`` places from -1 to 1; a single one lies at 0."""
+    return (
+        torch.linspace(-1, 1, size, dtype=values.dtype, device=values.device)
+        if size > 1
+        else values.new_zeros(1)
+    )

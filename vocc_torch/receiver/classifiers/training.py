@@ -1,0 +1,231 @@
+"""How a module is trained: the recipe, its passes over the panels, and checkpoints from which it goes on."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+import hashlib
+import inspect
+import io
+import math
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor, nn
+
+from vocc_torch.errors import VoccError
+from vocc_torch.files import write_atomically
+
+_CHECKSUM_BYTES = hashlib.sha256().digest_size
+
+Score = Callable[[Tensor], Tensor]
+"""The module's score of each row, (N,)."""
+
+
+@dataclass(frozen=True, slots=True)
+class TrainingRecipe:
+    """How a module is trained.
+
+    Args:
+        frames: training panels, at least 2, whatever the study's budget is; all are held in memory.
+        epochs: passes over them at most, at least 1.
+        patience: passes without a better validation loss before it stops, at least 1.
+        validation: share of the panels that is held back for that, above 0 and below 1.
+        batch_leds: LEDs a step, at least 1.
+        learning_rate: of Adam at the start, above 0; it falls to 0 along a half cosine.
+        weight_decay: at least 0.
+        seed: of the weights and of the order of the LEDs.
+        checkpoints: folder in which the state after each pass is kept and found again, or None.
+
+    Raises:
+        VoccError: a value outside its range.
+    """
+
+    frames: int = 4000
+    epochs: int = 40
+    patience: int = 8
+    validation: float = 0.1
+    batch_leds: int = 1024
+    learning_rate: float = 2e-3
+    weight_decay: float = 1e-4
+    seed: int = 0
+    checkpoints: str | None = None
+
+    def __post_init__(self) -> None:
+        """Check every range."""
+        for name, least in (("frames", 2), ("epochs", 1), ("patience", 1), ("batch_leds", 1), ("seed", 0)):
+            if type(value := getattr(self, name)) is not int or value < least:
+                raise VoccError(f"training.{name} is {value}: it must be a whole number, at least {least}")
+        if not 0 < self.validation < 1:
+            raise VoccError(f"training.validation is {self.validation}: it must be above 0 and below 1")
+        if not 0 < self.learning_rate < math.inf:
+            raise VoccError(f"training.learning_rate is {self.learning_rate}: it must be above 0")
+        if not 0 <= self.weight_decay < math.inf:
+            raise VoccError(f"training.weight_decay is {self.weight_decay}: it must be at least 0")
+
+
+class Checkpoint:
+    """One file for one training: module, source, first weights, recipe, panels, device and release name it.
+
+    Another of these is another file, so nothing goes on from what is not its own. What the module's source
+    calls in other files is not looked at. The file begins with the SHA-256 of its name and of what follows:
+    one that was changed or renamed afterwards is refused.
+
+    Args:
+        folder: where the files are.
+        module: before its training.
+        recipe: how it is trained.
+        data: inputs and bits of the training and of the validation.
+
+    Example:
+        >>> recipe, panels = TrainingRecipe(), [torch.zeros(4, 1), torch.zeros(4)]
+        >>> one, other = (Checkpoint("kept", nn.Linear(1, 1), recipe, panels) for _ in range(2))
+        >>> one.path.suffix, one.path == other.path  # other first weights
+        ('.pt', False)
+    """
+
+    def __init__(
+        self, folder: str, module: nn.Module, recipe: TrainingRecipe, data: Sequence[Tensor]
+    ) -> None:
+        settings, place = dataclasses.replace(recipe, checkpoints=None), data[0].device.type
+        told = hashlib.sha256(f"{module!r} {settings!r} {place} {torch.__version__}".encode())
+        for kind in dict.fromkeys(type(part) for part in module.modules()):
+            told.update(f"{kind.__module__}.{kind.__qualname__} {_source(kind)}".encode())
+        for tensor in [*module.state_dict().values(), *data]:
+            told.update(str((tensor.shape, tensor.dtype)).encode())
+            told.update(tensor.detach().cpu().contiguous().reshape(-1).view(torch.uint8).numpy().data)
+        self.path = Path(folder) / f"{type(module).__name__}-{told.hexdigest()[:16]}.pt"
+
+    def load(self, device: torch.device) -> dict[str, Any] | None:
+        """Read how far the training came, or None where it has not begun.
+
+        Raises:
+            VoccError: a file that is damaged, or that is not this training's.
+        """
+        if not self.path.exists():
+            return None
+        try:
+            whole = self.path.read_bytes()
+            kept = whole[_CHECKSUM_BYTES:]
+            if whole[:_CHECKSUM_BYTES] != self._checksum(kept):
+                raise VoccError(f"checkpoint {self.path} is damaged (its checksum does not fit): delete it")
+            # The states of an optimizer and of a schedule have no narrower type.
+            state: dict[str, Any] = torch.load(io.BytesIO(kept), map_location=device, weights_only=True)
+        except VoccError:
+            raise
+        except Exception as error:
+            reason = f"{type(error).__name__}: it cannot be read"
+            raise VoccError(f"checkpoint {self.path} is damaged ({reason}): delete it") from error
+        return state
+
+    def save(self, state: dict[str, Any]) -> None:
+        """Write how far it came, whole or not at all.
+
+        Raises:
+            VoccError: the file cannot be written.
+        """
+        kept = io.BytesIO()
+        torch.save(state, kept)
+        write_atomically(self.path, self._checksum(kept.getvalue()) + kept.getvalue())
+
+    def _checksum(self, kept: bytes) -> bytes:
+        """Hash the file's name and the state."""
+        return hashlib.sha256(self.path.name.encode() + kept).digest()
+
+
+def _source(kind: type[nn.Module]) -> str:
+    """Read the text of the file that defines a class, or nothing where there is none."""
+    try:
+        return Path(inspect.getfile(kind)).read_text(encoding="utf-8")
+    except (OSError, TypeError, UnicodeDecodeError):
+        return ""
+
+
+def train_module(
+    module: nn.Module,
+    score: Score,
+    panels: Sequence[Tensor],
+    recipe: TrainingRecipe,
+    checkpoint: Checkpoint | None = None,
+) -> tuple[list[float], float]:
+    """Train a module for some passes, stop early, and keep the weights of the best pass.
+
+    Args:
+        module: on the device of the panels.
+        score: see :data:`Score`.
+        panels: rows (N,F) and targets (N,) to learn from, and rows and targets held back for validation.
+        recipe: how it is trained.
+        checkpoint: where its state is kept after each pass and taken up again, or None.
+
+    Returns:
+        The validation loss after each pass, and the seconds that an interrupted run had spent.
+
+    Raises:
+        VoccError: a validation loss that is not finite, or a checkpoint that cannot be read or written.
+    """
+    rows, target, held, held_target = panels
+    on_cuda = rows.device.type == "cuda"
+    optimizer = torch.optim.AdamW(
+        module.parameters(), lr=recipe.learning_rate, weight_decay=recipe.weight_decay
+    )
+    steps = recipe.epochs * -(-len(rows) // recipe.batch_leds)
+    schedule = torch.optim.lr_scheduler.LambdaLR(
+        optimizer, lambda step: 0.5 * (1 + math.cos(math.pi * min(1.0, step / steps)))
+    )
+    scaler = torch.amp.GradScaler("cuda", enabled=on_cuda)
+    parts: dict[str, Any] = {"module": module, "optimizer": optimizer, "schedule": schedule, "scaler": scaler}
+    best, since, begun = copy.deepcopy(module.state_dict()), 0, time.perf_counter()
+    losses: list[float] = []
+    earlier_s = 0.0
+    if checkpoint is not None and (state := checkpoint.load(rows.device)) is not None:
+        for name, part in parts.items():
+            part.load_state_dict(state["parts"][name])
+        best, since, losses, earlier_s = (state[key] for key in ("best", "since", "losses", "seconds"))
+        torch.set_rng_state(state["draws"][0].cpu())
+        if on_cuda:
+            torch.cuda.set_rng_state(state["draws"][1].cpu())
+    while len(losses) < recipe.epochs and since < recipe.patience:
+        module.train()
+        # In the order of torch's generator on the host.
+        for chosen in torch.split(torch.randperm(len(rows)).to(rows.device), recipe.batch_leds):
+            with torch.autocast("cuda", enabled=on_cuda):
+                scores = score(rows[chosen])
+            loss = F.binary_cross_entropy_with_logits(scores.float(), target[chosen])
+            optimizer.zero_grad()
+            torch.autograd.backward(scaler.scale(loss))
+            scaler.step(optimizer)
+            scaler.update()
+            schedule.step()
+        losses.append(_validation_loss(module, score, held, held_target))
+        since += 1
+        if losses[-1] < min(losses[:-1], default=math.inf):
+            best, since = copy.deepcopy(module.state_dict()), 0
+        if checkpoint is not None:
+            draws = [torch.get_rng_state(), *([torch.cuda.get_rng_state(rows.device)] if on_cuda else [])]
+            seconds = earlier_s + time.perf_counter() - begun
+            kept = {"best": best, "since": since, "losses": losses, "seconds": seconds, "draws": draws}
+            checkpoint.save({**kept, "parts": {name: part.state_dict() for name, part in parts.items()}})
+    module.load_state_dict(best)
+    return losses, earlier_s
+
+
+def _validation_loss(module: nn.Module, score: Score, rows: Tensor, target: Tensor) -> float:
+    """Mean logistic loss on rows that are held back, in batches.
+
+    Raises:
+        VoccError: it is not finite.
+    """
+    module.eval()
+    pairs = zip(torch.split(rows, 1 << 16), torch.split(target, 1 << 16), strict=True)
+    with torch.inference_mode():
+        losses = [
+            F.binary_cross_entropy_with_logits(score(part), wanted, reduction="sum") for part, wanted in pairs
+        ]
+    if not math.isfinite(loss := float(torch.stack(losses).sum()) / len(rows)):
+        raise VoccError("the validation loss is not finite: try a smaller training.learning_rate")
+    return loss

@@ -1,0 +1,52 @@
+"""What the paper's locator takes for a panel, as plain values; this module needs no torch."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from vocc_torch.errors import VoccError
+
+MOST_CLOSING_PX = (1 << 16) - 1
+MOST_AREA_PX = 1 << 40
+QUADRILATERALS = ("min_area", "upright")
+
+
+@dataclass(frozen=True, slots=True)
+class LocatorLimits:
+    """The limits of the paper's locator, which are the keys of ``receiver.location``.
+
+    Args:
+        closing_px: side of the closing's square, px, odd, 1 to 65535; 1.5 times the greatest LED pitch
+            expected at level 0.
+        min_area_px: least area of a closed blob, px^2, at least 1.
+        min_rectangularity: least share of its rectangle that a blob fills, 0 to 1.
+        min_compactness: least compactness of a blob, 0 to 1; discs have 0.785 to 0.805, square panels of
+            random bits more than 0.82.
+        quadrilateral: ``min_area``, the minimum-area rectangle, or ``upright``, the bounding box.
+
+    Raises:
+        VoccError: a value outside its range.
+    """
+
+    closing_px: int = 11
+    min_area_px: int = 100
+    min_rectangularity: float = 0.5
+    min_compactness: float = 0.81
+    quadrilateral: str = "min_area"
+
+    def __post_init__(self) -> None:
+        """Check every range."""
+        side = self.closing_px
+        if type(side) is not int or not 1 <= side <= MOST_CLOSING_PX or side % 2 == 0:
+            raise VoccError.of("location.closing_px", side, f"odd, at least 1 and at most {MOST_CLOSING_PX}")
+        if not 1 <= self.min_area_px <= MOST_AREA_PX:
+            raise VoccError.of(
+                "location.min_area_px", self.min_area_px, f"at least 1 and at most {MOST_AREA_PX}"
+            )
+        for name in ("min_rectangularity", "min_compactness"):
+            if not 0 <= getattr(self, name) <= 1:
+                raise VoccError.of(f"location.{name}", getattr(self, name), "0 to 1")
+        if self.quadrilateral not in QUADRILATERALS:
+            raise VoccError.of(
+                "location.quadrilateral", repr(self.quadrilateral), " or ".join(QUADRILATERALS)
+            )

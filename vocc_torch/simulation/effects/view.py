@@ -1,0 +1,317 @@
+"""Where the panel stands and where the lens puts its points."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import torch
+from numpy.polynomial import Polynomial
+from torch import Tensor
+
+from vocc_torch.errors import VoccError
+from vocc_torch.simulation.effects.base import Context, Effect, Extent, PointEffect, Quantity
+from vocc_torch.simulation.geometry import Camera
+from vocc_torch.simulation.scene import Distribution
+
+LARGEST_DEG = {"yaw_deg": 80.0, "pitch_deg": 80.0, "roll_deg": 180.0}
+"""How far each angle may go either way; from 90 degrees on a panel shows its edge or its back."""
+
+LARGEST = 100.0
+"""How large a coefficient may be, either way."""
+
+SMALLEST = 1e-15
+"""How small a coefficient may be that is not 0: roots of polynomials with smaller ones overflow."""
+
+
+@dataclass(frozen=True, slots=True)
+class Pose(Effect):
+    """The panel's rotation about its own centre: ``R = R_y(yaw) R_x(pitch) R_z(roll)``.
+
+    The angles are those of a pan, tilt and roll mount. Roll turns the panel in its own plane, clockwise as
+    the camera sees it; pitch then leans its top edge away from the camera; yaw then swings its right edge
+    away, about the camera's vertical axis. With x right, y down and z forward::
+
+        R_y = [[cos, 0, -sin], [0, 1, 0], [sin, 0, cos]]
+        R_x = [[1, 0, 0], [0, cos, sin], [0, -sin, cos]]
+        R_z = [[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]]
+
+    Squares become general quadrilaterals and discs ellipses; ``distance_m`` stays that of the panel's centre.
+    An LED is a Lambertian disc: its luminance is the same from every side, only its image narrows. A real
+    LED's beam dims off its axis, and its lens shows from the side; neither is in it.
+
+    Angles that are distributions are drawn once a frame, each from a stream of its own, and a frame shares
+    them with its preambles; constant angles need no keys. Differentiable in the placement, not in the angles.
+
+    Source: Hartley and Zisserman, Multiple View Geometry (2004), section 6.1 (the camera's rotation).
+
+    Args:
+        yaw_deg: a number or a distribution, degrees, -80 to 80.
+        pitch_deg: likewise, -80 to 80.
+        roll_deg: likewise, -180 to 180; at least one of the three is not always 0.
+
+    Raises:
+        VoccError: an angle outside its range, or none; when called, a distribution without keys.
+
+    Example:
+        >>> from vocc_torch.types import Scene
+        >>> facing = torch.eye(3, dtype=torch.float64).unsqueeze(0)
+        >>> turned = Pose(yaw_deg=60.0)(facing, Context(Scene.of(), Camera()))
+        >>> [round(float(depth), 3) for depth in turned[0, 2]]  # the right edge lies deeper
+        [0.866, 0.0, 1.0]
+    """
+
+    yaw_deg: Distribution | float = 0.0
+    pitch_deg: Distribution | float = 0.0
+    roll_deg: Distribution | float = 0.0
+
+    name = "pose"
+    takes = gives = Quantity.PLACEMENT
+    sampled = True
+
+    def __post_init__(self) -> None:
+        """Check the ranges, and make every angle a distribution."""
+        for name, most in LARGEST_DEG.items():
+            given = getattr(self, name)
+            if not isinstance(given, Distribution):
+                given = Distribution.parse(given, f"effects.pose.{name}")
+                object.__setattr__(self, name, given)
+            for bound in given.bounds:
+                if not abs(bound) <= most:
+                    rule = f"it must be from -{most:g} to {most:g}"
+                    raise VoccError(f"scene.effects.pose.{name} is {bound:g}: {rule}")
+        if all(angle.bounds == (0.0, 0.0) for angle in self._angles_deg()):
+            rest = "one of the three must not be 0 (leave the effect out for a panel that faces the camera)"
+            raise VoccError(f"scene.effects.pose.yaw_deg, pitch_deg and roll_deg are 0: {rest}")
+
+    def _angles_deg(self) -> list[Distribution]:
+        """Yaw, pitch and roll."""
+        angles = (getattr(self, name) for name in LARGEST_DEG)
+        return [angle for angle in angles if isinstance(angle, Distribution)]
+
+    def __call__(self, value: Tensor, context: Context) -> Tensor:
+        """Turn the panels of (B,3,3) placements about their centres."""
+        degrees = self._drawn_deg(context).to(value)
+        (cy, cp, cr), (sy, sp, sr) = (f(torch.deg2rad(degrees)) for f in (torch.cos, torch.sin))
+        one, zero = torch.ones_like(cy), torch.zeros_like(cy)
+        yaw = _matrices([[cy, zero, -sy], [zero, one, zero], [sy, zero, cy]])
+        pitch = _matrices([[one, zero, zero], [zero, cp, sp], [zero, -sp, cp]])
+        roll = _matrices([[cr, -sr, zero], [sr, cr, zero], [zero, zero, one]])
+        axes = yaw @ pitch @ roll @ value[..., :2]
+        return torch.cat([axes, value[..., 2:]], dim=-1)
+
+    def _drawn_deg(self, context: Context) -> Tensor:
+        """Each frame's yaw, pitch and roll, (3,B) float64."""
+        angles = self._angles_deg()
+        if all(angle.kind == "constant" for angle in angles):
+            values = torch.tensor([angle.values for angle in angles], dtype=torch.float64)
+            return values.expand(3, len(context.scene))
+        drawn = []
+        for generator in context.generators(self.name, of_scene=True):
+            # A stream an angle: how one is drawn does not change the others' draws.
+            streams = zip(angles, generator.spawn(3), strict=True)
+            drawn.append([float(angle.draw(stream, 1)[0]) for angle, stream in streams])
+        return torch.tensor(drawn, dtype=torch.float64).mT
+
+    def size_in_px(self, size_px: Extent, camera: Camera, nearest_m: float) -> Extent:
+        """Bound the image of what is ``size_px`` when it faces the camera, its centre being on the sensor.
+
+        A point of it lies at most ``x, y, z`` m from the centre along the camera's axes, whatever the angles;
+        its image then lies at most ``F (x + t z) / (d - z)`` px from the centre's, F being the focal length
+        in px, d the nearest distance and t the tangent of the sensor's edge. Twice that is the bound.
+
+        Raises:
+            VoccError: a nearest distance at which the panel could reach the camera's plane.
+        """
+        yaw, pitch, roll = ([math.radians(bound) for bound in angle.bounds] for angle in self._angles_deg())
+        down, across = (side * nearest_m / camera.focal_length_px / 2 for side in size_px)
+        radius = math.hypot(down, across)
+        # Roll, pitch and yaw in turn: the farthest along each axis, from the farthest before.
+        across, down = _farthest(across, down, roll), _farthest(down, across, roll)
+        down, depth = down * _farthest(1, 0, pitch), down * _farthest(0, 1, pitch)
+        cosine, sine = _farthest(1, 0, yaw), _farthest(0, 1, yaw)
+        across, depth = across * cosine + depth * sine, across * sine + depth * cosine
+        across, down, depth = min(across, radius), min(down, radius), min(depth, radius)
+        if nearest_m <= depth:
+            reach = f"scene.effects.pose can bring the panel's edge {depth:.3g} m nearer to the camera"
+            raise VoccError(f"{reach}: scene.distance_m is {nearest_m:g} and must stay above that")
+        scale = 2 * camera.focal_length_px / (nearest_m - depth)
+        height, width = (
+            scale * (reach + side / 2 / camera.focal_length_px * depth)
+            for reach, side in zip((down, across), camera.sensor_px, strict=True)
+        )
+        return height, width
+
+
+def _matrices(rows: list[list[Tensor]]) -> Tensor:
+    """Stack rows of (B,) elements to (B,3,3) matrices."""
+    return torch.stack([torch.stack(row, dim=-1) for row in rows], dim=-2)
+
+
+def _farthest(along: float, beside: float, angle: list[float]) -> float:
+    """Greatest ``along |cos| + beside |sin|`` of an angle between two bounds, rad; lengths at least 0."""
+    peak, (low, high) = math.atan2(beside, along), angle
+    peaks = (turn * math.pi + sign * peak for turn in (-1, 0, 1) for sign in (-1, 1))
+    tried = [low, high, *(candidate for candidate in peaks if low <= candidate <= high)]
+    return max(along * abs(math.cos(t)) + beside * abs(math.sin(t)) for t in tried)
+
+
+@dataclass(frozen=True, slots=True)
+class LensDistortion(PointEffect):
+    """Brown's radial model on image points: ``x_d = x (1 + k1 r^2 + k2 r^4 + k3 r^6)``.
+
+    x is a point's distance from the sensor's middle divided by the focal length, r its length; the
+    coefficients are OpenCV's ``k1, k2, k3``, with the optical axis in the sensor's middle and no tangential
+    part. Negative k1 is barrel distortion: wide lenses of dashcams have about -0.3 to -0.1, often with a
+    positive k2; the paper's lens sees only 17 degrees off its axis, and moves its corner by 2.7 % at -0.3.
+
+    What is distorted are the panel's points and so its LEDs, board and corners. What is not: the background,
+    which is uniform or a texture that is drawn on the sensor and has no straight lines to bend, and lamps,
+    which are placed on the sensor. The picture's brightness is left as it is.
+
+    Differentiable in the points.
+
+    Source: Brown, Close-range camera calibration (1971); OpenCV's camera calibration documentation.
+
+    Args:
+        k1: -100 to 100; 0 or at least 1e-15 either way.
+        k2: likewise.
+        k3: likewise; at least one of the three is not 0.
+
+    Raises:
+        VoccError: a coefficient outside its range, or none; when called, coefficients under which the image
+            turns back inside the sensor's corners, or a point beyond the radius where it does.
+
+    Example:
+        >>> from vocc_torch.types import Scene
+        >>> context = Context(Scene.of(), Camera())
+        >>> corner = torch.tensor([[[1920.0, 1080.0]]], dtype=torch.float64)
+        >>> [round(float(v), 1) for v in LensDistortion(k1=-0.3)(corner, context)[0, 0]]
+        [1893.6, 1065.1]
+    """
+
+    k1: float = 0.0
+    k2: float = 0.0
+    k3: float = 0.0
+
+    name = "lens_distortion"
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        for name in ("k1", "k2", "k3"):
+            self.demand(name, -LARGEST, LARGEST)
+            if 0 < abs(getattr(self, name)) < SMALLEST:
+                raise self.refusal(name, f"0, or at least {SMALLEST:g} either way")
+        if self.k1 == self.k2 == self.k3 == 0:
+            rest = "one of the three must not be 0 (leave the effect out for no distortion)"
+            raise VoccError(f"scene.effects.lens_distortion.k1, k2 and k3 are 0: {rest}")
+
+    @property
+    def _along(self) -> Polynomial:
+        """Stretch along the radius, d(r g)/dr, as a polynomial in r^2."""
+        return Polynomial([1.0, 3 * self.k1, 5 * self.k2, 7 * self.k3])
+
+    @property
+    def _around(self) -> Polynomial:
+        """Stretch around the middle, g, as a polynomial in r^2."""
+        return Polynomial([1.0, self.k1, self.k2, self.k3])
+
+    def limit(self, camera: Camera) -> float:
+        """Radius up to which the mapping increases, before the distortion, in focal lengths; may be infinite.
+
+        Raises:
+            VoccError: a mapping that turns back before it reaches the sensor's corner.
+        """
+        turns = [square for square in _roots(self._along) if square > 0]
+        limit = math.sqrt(min(turns)) if turns else math.inf
+        if turns and self._reach(limit) <= _corner(camera):
+            turn = f"the image turns back {self._reach(limit):.3g} focal lengths from the middle"
+            raise VoccError(f"{self._given}: {turn}, before the sensor's corner at {_corner(camera):.3g}")
+        return limit
+
+    def corner_radius(self, camera: Camera) -> float:
+        """Radius that is mapped to the sensor's corner, before the distortion, in focal lengths.
+
+        Raises:
+            VoccError: as :meth:`limit`.
+        """
+        limit = self.limit(camera)
+        low, high = 0.0, limit if limit < math.inf else 1.0
+        while self._reach(high) < _corner(camera):
+            high *= 2
+        for _ in range(60):
+            middle = (low + high) / 2
+            low, high = (middle, high) if self._reach(middle) < _corner(camera) else (low, middle)
+        return high
+
+    def _reach(self, radius: float) -> float:
+        """Radius after the distortion."""
+        return float(radius * self._around(radius**2))
+
+    @property
+    def _given(self) -> str:
+        """The coefficients, for a refusal."""
+        return f"scene.effects.lens_distortion.k1, k2, k3 are {self.k1:g}, {self.k2:g}, {self.k3:g}"
+
+    def size_in_px(self, size_px: Extent, camera: Camera, nearest_m: float) -> Extent:
+        """Bound the image of what is ``size_px`` without distortion, wherever it lies on the sensor.
+
+        With the stretches a along the radius and g around the middle, whose axes may have any direction, the
+        Jacobian makes of a width w and a height h at most the width
+        ``w (a + g) / 2 + hypot(w, h) |a - g| / 2``; the bound is the greatest of these on the sensor.
+        """
+        edge, diagonal = self.corner_radius(camera) ** 2, math.hypot(*size_px)
+        mean, half = (self._along + self._around) / 2, (self._along - self._around) / 2
+        height, width = (
+            max(_extreme(mean * side + half * sign * diagonal, edge) for sign in (-1, 1)) for side in size_px
+        )
+        return height, width
+
+    def __call__(self, value: Tensor, context: Context) -> Tensor:
+        """Move (B,N,2) points."""
+        arm, square = self._arm(value, context)
+        return value + arm * context.camera.focal_length_px * self._excess(square)
+
+    def jacobian(self, value: Tensor, context: Context) -> Tensor:
+        """Derivative of the moved points by the given ones, (B,N,2) px to (B,N,2,2), in closed form."""
+        arm, square = self._arm(value, context)
+        slope = 2 * (self.k1 + square * (2 * self.k2 + square * 3 * self.k3))
+        outer = arm.unsqueeze(-1) * (arm * slope).unsqueeze(-2)
+        return outer + torch.diag_embed((1 + self._excess(square)).expand_as(arm))
+
+    def _arm(self, value: Tensor, context: Context) -> tuple[Tensor, Tensor]:
+        """Points relative to the middle in focal lengths, (B,N,2), and their squared length, (B,N,1)."""
+        camera = context.camera
+        middle = torch.tensor([camera.width_px / 2, camera.height_px / 2]).to(value)
+        arm = (value - middle) / camera.focal_length_px
+        square = arm.square().sum(dim=-1, keepdim=True)
+        limit = self.limit(camera)
+        if limit < math.inf and square.numel() and not bool((square < limit**2).all()):
+            place = f"a point of the panel lies {math.sqrt(float(square.max())):.3g} focal lengths out"
+            raise VoccError(f"{self._given}: {place}, beyond {limit:.3g}, where the image turns back")
+        return arm, square
+
+    def _excess(self, square: Tensor) -> Tensor:
+        """The stretch less one, ``k1 r^2 + k2 r^4 + k3 r^6``, shape of r^2."""
+        return (self.k1 + (self.k2 + self.k3 * square) * square) * square
+
+
+def _corner(camera: Camera) -> float:
+    """Distance of the sensor's corners from its middle, in focal lengths."""
+    return math.hypot(*camera.sensor_px) / 2 / camera.focal_length_px
+
+
+def _roots(polynomial: Polynomial) -> list[float]:
+    """Real roots; the leading coefficients may be 0."""
+    roots = (complex(root) for root in polynomial.trim().roots())
+    return [root.real for root in roots if abs(root.imag) <= 1e-9 * abs(root)]
+
+
+def _extreme(polynomial: Polynomial, edge: float) -> float:
+    """Greatest value between 0 and ``edge``."""
+    turns = (root for root in _roots(polynomial.deriv()) if 0 < root < edge)
+    return max(float(polynomial(at)) for at in (0.0, edge, *turns))
+
+
+EFFECTS = (Pose, LensDistortion)
+"""In physical order."""

@@ -1,0 +1,481 @@
+"""Rules for bit error rates: the order of receivers, trends, minima, and the rates and gains that are quoted.
+
+**order, trend.** Receivers on the same frames are compared frame by frame, values of an axis as independent
+points. *Differ* where any comparison contradicts the claim beyond doubt; *agree* where none does and at least
+half of them support it beyond doubt; else *cannot say*, with the counts.
+
+**minimum** at x. The values that no other value is surely below form a set that holds the true lowest one in
+95 % of studies. *Differ* where x is not in it. *Cannot say* where the set is the whole axis, or where x is in
+it and two or more of its values saw no error, because then the lowest was not resolved. *Agree* where x, in
+the set, is the lowest value measured or next to it on the axis; else *cannot say*. **minimum** inside, a
+valley: *agree* where some value inside the axis has surely more errors on both sides; *differ* where an end
+of the axis is surely below everything between the ends; else *cannot say*.
+
+**quoted** ber. The paper's number has a sampling error of its own, which it does not state. It is taken to be
+that of as many errors as the number stands for in the paper's frames (2000 a point; for a contrast bin the
+bin's share of 20000), clustered by frame as ours are at that point. *Differ* where the 95 % interval of the
+difference of the two rates leaves out 0; *agree* where it holds 0 and our interval spans no more than a
+factor of 10; else *cannot say*. **quoted** gain, the share of two features' errors that three do not make:
+its sampling error is taken to be ours, scaled from our number of frames to the paper's. *Differ* where the
+interval of the difference leaves out 0; *agree* where it holds 0 and our interval is no wider than 100
+percentage points; else *cannot say*, as where no error was seen.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+from itertools import combinations, pairwise, product
+from typing import Literal
+
+from vocc_torch.measure.counts import Counts
+from vocc_torch.measure.curve import Row
+from vocc_torch.measure.curves import Curves
+from vocc_torch.measure.estimate import Estimate, all_pairs, joint_confidence, may_be_least
+from vocc_torch.measure.paired import PairedCounts
+from vocc_torch.measure.relative import difference_independent, mean_gain, relative_gain
+from vocc_torch.show.text_table import rate_text
+from vocc_torch.studies.paper.judgement import Judgement, NotMeasuredError, PaperReading, RateComparison
+from vocc_torch.studies.paper.words import WIDEST_SHARE, listed, percent, place, point, share_interval
+
+LEAST_SUPPORT = 0.5
+"""Least share of a claim's comparisons that must support it beyond doubt for it to agree."""
+PAPER_FRAMES = 2000
+"""Table 1: "Number of testing frames per sample"."""
+PAPER_CONTRAST_FRAMES = 20000
+"""Section IV-D-1: frames over all contrasts together."""
+WIDEST_RATIO = 10.0
+"""Beyond this ratio of its ends an interval of a rate is too wide to agree with anything."""
+LOW_CONTRAST: dict[str, Callable[[float], bool]] = {
+    "contrast": lambda value: value < 0.12,
+    "led_luminance_cd_m2": lambda value: value <= 1000,
+    "ambient_lx": lambda value: value >= 16000,
+}
+"""Where an axis means little contrast between On and Off."""
+
+
+def order(
+    reading: PaperReading,
+    experiments: Sequence[str],
+    above: Sequence[str] = (),
+    below: Sequence[str] = (),
+    descending: Sequence[str] = (),
+    factors: bool = False,
+) -> Judgement:
+    """Judge which receivers have the higher rates, at every value of these experiments.
+
+    Args:
+        reading: what was measured.
+        experiments: their names.
+        above: receivers that have a higher rate than each of ``below``.
+        below: receivers that have a lower one.
+        descending: receivers each of which has a higher rate than the next.
+        factors: whether to add by what factor rates are higher.
+    """
+    pairs = [*product(above, below), *pairwise(descending)]
+    found = []
+    for name in experiments:
+        for a, b in pairs:
+            curves = reading.curves(name, (a, b))
+            found += [
+                RateComparison(
+                    curves.axis,
+                    (a, value),
+                    (b, value),
+                    (curves.counts[a, value], curves.counts[b, value]),
+                    curves.pair(a, b, value),
+                )
+                for value in curves.values
+                if (a, value) in curves.counts and (b, value) in curves.counts
+            ]
+    judged, by = weigh(found), factor_text(found) if factors else ""
+    judged = replace(judged, measured=f"{judged.measured}; {by}") if by else judged
+    return _explained(reading, judged)
+
+
+def trend(
+    reading: PaperReading,
+    experiment: str,
+    receivers: Sequence[str],
+    last: float,
+    rises: bool,
+    first: float | None = None,
+) -> Judgement:
+    """Judge whether rates rise, or fall, from one value of the axis to another.
+
+    Args:
+        reading: what was measured.
+        experiment: its name.
+        receivers: whose rates.
+        last: the value where the trend ends.
+        rises: whether the rates rise.
+        first: the value where it begins; every pair of values between is compared. Without it, the lowest
+            value of the axis is compared with ``last`` alone.
+    """
+    ends = (last,) if first is None else (first, last)
+    curves = reading.curves(experiment, tuple(receivers), *ends)
+    values = [value for value in curves.values if (first is None or value >= first) and value <= last]
+    if first is None:
+        values = [values[0], last] if values[0] != last else []
+    pairs = list(combinations(sorted(values, reverse=rises), 2))
+    return weigh([of_values(curves, name, *pair) for name in receivers for pair in pairs])
+
+
+def minimum(
+    reading: PaperReading, experiment: str, receiver: str, at: float | Literal["inside"]
+) -> Judgement:
+    """Judge whether a receiver's rate is lowest at a value of the axis, or anywhere inside it.
+
+    Args:
+        reading: what was measured.
+        experiment: its name.
+        receiver: whose rate.
+        at: the value, or ``inside``.
+    """
+    curves = reading.curves(experiment, (receiver,), *(() if at == "inside" else (at,)))
+    values = curves.values
+
+    def difference(a: int, b: int, confidence: float) -> Estimate:
+        return of_values(curves, receiver, values[a], values[b]).difference(confidence)
+
+    rates = [curves.counts[receiver, value].ber for value in values]
+    seen = [value for value, ber in zip(values, rates, strict=True) if ber == min(rates)]
+    candidates = [values[place] for place in may_be_least(len(values), difference)]
+    measured = f"lowest at {place(curves.axis, *seen)}{' (equals)' if len(seen) > 1 else ''}, " + (
+        f"candidates {place(curves.axis, *candidates)}" if len(candidates) > 1 else "beyond doubt"
+    )
+    if at == "inside":
+        return _valley(curves, receiver, measured)
+    ends = candidates[0], candidates[-1]
+    if at not in candidates:
+        confidence = joint_confidence(len(values) - 1)
+        rivals = [of_values(curves, receiver, other, at) for other in values if other != at]
+        lower = sorted(((one.difference(confidence).high, n) for n, one in enumerate(rivals)))
+        against = tuple(rivals[n] for high, n in lower if high < 0)
+        reason = f"beyond doubt lower elsewhere: {against[0].text()}"
+        return Judgement("differ", measured, reason, *ends, against)
+    if len(candidates) == len(values):
+        return Judgement("cannot say", measured, "no value is told apart from the others", *ends)
+    silent = sum(not curves.counts[receiver, value].half_errors for value in candidates)
+    if silent > 1:
+        reason = f"no error was seen at {silent} of the {len(candidates)} candidates"
+        return Judgement("cannot say", measured, reason, *ends)
+    here = values.index(at)
+    if not set(seen) & set(values[max(0, here - 1) : here + 2]):
+        reason = f"{place(curves.axis, at)} is a candidate, but not next to the lowest rate measured"
+        return Judgement("cannot say", measured, reason, *ends)
+    return Judgement("agree", measured, "", *ends)
+
+
+def _valley(curves: Curves, receiver: str, measured: str) -> Judgement:
+    """Judge whether the rate falls, is lowest inside the axis, and rises again."""
+    values = curves.values
+    if len(values) < 3:
+        raise NotMeasuredError(f"an inner value of {curves.axis}")
+    confidence = joint_confidence(all_pairs(len(values)))
+    pairs = [of_values(curves, receiver, *pair) for pair in combinations(values, 2)]
+    surely = set()
+    for one in pairs:
+        difference = one.difference(confidence)
+        if difference.real:
+            higher, lower = one.above[1], one.below[1]
+            surely.add((higher, lower) if difference.low > 0 else (lower, higher))
+    inside = values[1:-1]
+    for end in (values[0], values[-1]):
+        if all((value, end) in surely for value in inside):
+            against = tuple(of_values(curves, receiver, end, value) for value in inside)
+            return Judgement("differ", measured, f"lowest at an end: {against[0].text()}", against=against)
+    for at, value in enumerate(inside, start=1):
+        sides = values[:at], values[at + 1 :]
+        if all(any((other, value) in surely for other in side) for side in sides):
+            return Judgement("agree", measured)
+    reason = "a rise on both sides is not beyond chance" if surely else _nothing_told(pairs)
+    return Judgement("cannot say", measured, reason)
+
+
+def of_values(curves: Curves, receiver: str, above: float, below: float) -> RateComparison:
+    """Compare one receiver at two values of the axis."""
+    counts = curves.counts[receiver, above], curves.counts[receiver, below]
+    return RateComparison(curves.axis, (receiver, above), (receiver, below), counts)
+
+
+def weigh(comparisons: Sequence[RateComparison]) -> Judgement:
+    """Judge a claim that implies all these comparisons.
+
+    Raises:
+        NotMeasuredError: there is none.
+
+    Example:
+        >>> few, many = Counts(2000, 128_000, 40, 80, 20), Counts(2000, 128_000, 800, 1600, 400)
+        >>> near, far = ("flda_2", 30.0), ("flda_2", 70.0)
+        >>> weigh([RateComparison("distance_m", far, near, (many, few))]).verdict
+        'agree'
+        >>> print(weigh([RateComparison("distance_m", near, far, (few, many))]).reason)
+        beyond doubt the other way round: 1.6e-4 at 30 m against 3.1e-3 at 70 m
+    """
+    if not comparisons:
+        raise NotMeasuredError("the experiment")
+    confidence = joint_confidence(len(comparisons))
+    differences = [one.difference(confidence) for one in comparisons]
+    highs = sorted((found.high, number) for number, found in enumerate(differences) if found.high < 0)
+    against = tuple(comparisons[number] for _, number in highs)
+    supporting, total = sum(found.low > 0 for found in differences), len(comparisons)
+    open_ones = total - supporting - len(against)
+    measured = f"{supporting} of {total} comparisons for it, {len(against)} against"
+    measured += f", {open_ones} not told apart" if open_ones else ""
+    if against:
+        reason = f"beyond doubt the other way round: {listed([one.text() for one in against], 3)}"
+        return Judgement("differ", measured, reason, against=against)
+    if supporting >= LEAST_SUPPORT * total:
+        return Judgement("agree", measured)
+    few = f"beyond chance in only {supporting} of {total} comparisons"
+    return Judgement("cannot say", measured, few if supporting else _nothing_told(comparisons))
+
+
+def factor_text(comparisons: Iterable[RateComparison]) -> str:
+    """Write by what factor the rates that a claim puts above others exceed them.
+
+    A ratio needs errors on both sides; comparisons without are left out and counted.
+    """
+    sides = [(above.ber, below.ber) for above, below in (one.counts for one in comparisons)]
+    ratios = [above / below for above, below in sides if above and below]
+    if not ratios:
+        return ""
+    mean = math.exp(sum(map(math.log, ratios)) / len(ratios))
+    text = (
+        f"rates {mean:.2g} times as high in the geometric mean, {min(ratios):.2g} to {max(ratios):.2g} times"
+    )
+    left_out = len(sides) - len(ratios)
+    if not left_out:
+        return text
+    return f"{text} ({left_out} comparison{'s' if left_out > 1 else ''} without errors on a side left out)"
+
+
+def _nothing_told(comparisons: Iterable[RateComparison]) -> str:
+    """Say why no comparison was decided."""
+    if any(counts.half_errors for one in comparisons for counts in one.counts):
+        return "no difference is beyond chance"
+    return "no error was seen at any of these points"
+
+
+def _explained(reading: PaperReading, judged: Judgement) -> Judgement:
+    """Add the known causes that hold for the comparisons against an order."""
+    reasons, causes = [judged.reason], []
+    centre = {
+        (one.axis, one.above[1])
+        for one in judged.against
+        if one.above[0] == "center_greyscale" != one.below[0]
+    }
+    if centre:
+        causes.append("preambles")
+        text = "the centre receiver's threshold comes from preambles of the very same scene"
+        reasons.append(text + _spotless(reading, "center_greyscale", centre))
+    lost = [
+        one
+        for one in judged.against
+        if one.above[0].endswith("_greyscale") and one.below[0].startswith("flda")
+    ]
+    low = [one for one in lost if one.axis in LOW_CONTRAST and LOW_CONTRAST[one.axis](one.above[1])]
+    if low and 2 * len(low) >= len(lost):
+        causes.append("one rule")
+        share = "all" if len(low) == len(lost) else f"{len(low)} of {len(lost)}"
+        reasons.append(
+            f"where FLDA loses to a greyscale receiver, {share} of the points are at low contrast: one "
+            "linear rule for all scenes has no preamble to tell it how dark this scene's On is"
+        )
+    return replace(judged, reason="; ".join(reasons), causes=tuple(causes))
+
+
+def _spotless(reading: PaperReading, receiver: str, points: set[tuple[str, float]]) -> str:
+    """Say at how many of some points a receiver makes no error with true corners."""
+    known = (m.curves["truth"] for m in reading.experiments.values() if "truth" in m.curves)
+    errors = [
+        curves.counts[receiver, value].half_errors
+        for curves in known
+        for value in curves.values
+        if (curves.axis, value) in points and (receiver, value) in curves.counts
+    ]
+    silent = errors.count(0)
+    if not silent:
+        return ""
+    where = f"{silent} of these {len(errors)} points" if silent < len(errors) else "any of these points"
+    return f", and with true corners it makes no error at {where}"
+
+
+def quoted(
+    reading: PaperReading,
+    experiment: str,
+    at: float | None = None,
+    receiver: str = "flda_3",
+    ber: float | None = None,
+    gain: float | None = None,
+) -> Judgement:
+    """Judge a bit error rate or a gain that the paper's text states.
+
+    Args:
+        reading: what was measured.
+        experiment: its name.
+        at: value of the axis; None for a gain's average over all values.
+        receiver: whose rate.
+        ber: the quoted bit error rate.
+        gain: the quoted share of the errors of two features that three do not make.
+    """
+    if gain is not None:
+        judged = _quoted_gain(reading, experiment, at, gain)
+    else:
+        assert at is not None
+        assert ber is not None
+        judged = _quoted_rate(reading, experiment, receiver, at, ber)
+    if judged.verdict != "differ" or at is None:
+        return judged
+    return _of_location(reading, judged, experiment, receiver, at, ber)
+
+
+def _quoted_rate(reading: PaperReading, experiment: str, receiver: str, at: float, ber: float) -> Judgement:
+    """Judge a quoted bit error rate."""
+    row = reading.row(experiment, receiver, at)
+    ours = reading.curves(experiment).counts[receiver, at]
+    measured, ends = point(row), (row.ber_low, row.ber_high)
+    theirs = paper_counts(reading, experiment, receiver, at, ber)
+    if difference_independent(ours, theirs).real:
+        return Judgement("differ", measured, _gap(row, ber), *ends)
+    if row.error_free:
+        return Judgement("cannot say", measured, "no error was seen, and too few frames", *ends)
+    if row.ber_high > WIDEST_RATIO * row.ber_low:
+        return Judgement("cannot say", measured, "the interval is wider than a factor of 10", *ends)
+    return Judgement("agree", measured, "", *ends)
+
+
+def _gap(row: Row, ber: float) -> str:
+    """Say by how much a rate misses the quoted one."""
+    if row.error_free:
+        return f"the limit is {ber / row.ber_high:.2g} times below the quoted rate"
+    if row.ber > ber:
+        return f"{row.ber / ber:.2g} times the quoted rate"
+    return f"the quoted rate is {ber / row.ber:.2g} times as high"
+
+
+def paper_frames(curves: Curves, at: float | None) -> float:
+    """Give how many frames the paper had at a value of the axis, or over all of it.
+
+    Of its 20000 contrast frames a bin is taken to have had the share that it has here.
+    """
+    counted = {value: curves.counts[curves.receivers[0], value].frames for value in curves.values}
+    if curves.axis != "contrast":
+        return PAPER_FRAMES * (len(counted) if at is None else 1)
+    return PAPER_CONTRAST_FRAMES * (1.0 if at is None else counted[at] / sum(counted.values()))
+
+
+def paper_counts(reading: PaperReading, experiment: str, receiver: str, at: float, ber: float) -> Counts:
+    """Give the counts that a quoted rate stands for, had its errors clustered by frame as ours do there.
+
+    Raises:
+        NotMeasuredError: the reading has nothing to go by.
+    """
+    curves = reading.curves(experiment, (receiver,), at)
+    here = curves.counts[receiver, at]
+    return clustered_like(here if here.half_errors else curves.total(receiver), ber, paper_frames(curves, at))
+
+
+def clustered_like(like: Counts, ber: float, frames: float) -> Counts:
+    """Give the counts of a rate whose errors are clustered by frame as those of other counts.
+
+    Args:
+        like: counts whose errors cluster alike; without errors, one wrong bit a wrong frame is taken.
+        ber: the rate, above 0.
+        frames: at least 1.
+
+    Example:
+        >>> counts = clustered_like(Counts(1000, 64_000, 40, 160, 10), 5e-4, 2000)
+        >>> counts.bit_errors, counts.half_errors_squared, counts.frame_errors
+        (64.0, 512, 32)
+    """
+    whole = max(1, round(frames))
+    bits = round(whole * like.bits / like.frames)
+    half_errors = min(2 * bits, max(1, round(2 * ber * bits)))
+    per_wrong_frame, size = 2.0, 2.0
+    if like.half_errors:
+        per_wrong_frame = like.half_errors / like.frame_errors
+        size = like.half_errors_squared / like.half_errors
+    wrong = min(whole, half_errors, max(1, round(half_errors / per_wrong_frame)))
+    squared = max(round(half_errors * size), math.ceil(half_errors**2 / wrong))
+    return Counts(whole, bits, half_errors, min(squared, half_errors**2), wrong)
+
+
+def gain_of(curves: Curves, at: float | None) -> Estimate | None:
+    """Give the gain of three features over two, at one value or averaged; None where two made no error."""
+    if at is not None:
+        return relative_gain(*_two_and_three(curves, at))
+    return mean_gain(_two_and_three(curves, value) for value in curves.values)
+
+
+def _two_and_three(curves: Curves, at: float | None) -> tuple[Counts, Counts, PairedCounts]:
+    """Give what a gain is computed from, at one value or over all together."""
+    two, three = (curves.total(n) if at is None else curves.counts[n, at] for n in ("flda_2", "flda_3"))
+    return two, three, curves.pair("flda_2", "flda_3", at)
+
+
+def _quoted_gain(reading: PaperReading, experiment: str, at: float | None, quoted_gain: float) -> Judgement:
+    """Judge a quoted gain."""
+    curves = reading.curves(experiment, ("flda_2", "flda_3"), *(() if at is None else (at,)))
+    gain = gain_of(curves, at)
+    if gain is None:
+        return Judgement("cannot say", "no gain", "two features made no error")
+    ends = gain.low, gain.high
+    measured = share_interval(gain.value, *ends)
+    if at is None and (pooled := relative_gain(*_two_and_three(curves, None))):
+        # The paper means one of the two averages.
+        measured += f"; of all errors {share_interval(pooled.value, pooled.low, pooled.high)}"
+    ours = sum(curves.counts["flda_2", value].frames for value in (curves.values if at is None else (at,)))
+    # The paper's interval is ours, scaled by the numbers of frames.
+    scale = math.sqrt(ours / paper_frames(curves, at))
+    below, above = gain.value - gain.low, gain.high - gain.value
+    apart = gain.value - quoted_gain
+    low, high = apart - math.hypot(below, scale * above), apart + math.hypot(above, scale * below)
+    wide = gain.high - gain.low > WIDEST_SHARE
+    if low > 0 or high < 0:
+        if wide:
+            bound = f"at least {percent(gain.low)}" if low > 0 else f"at most {percent(gain.high)}"
+            measured = f"{bound}; {measured}"
+        return Judgement("differ", measured, _behind_gain(curves, at), *ends)
+    if wide:
+        reason = "the interval is wider than 100 percentage points"
+        return Judgement("cannot say", measured, reason, *ends)
+    return Judgement("agree", measured, "", *ends)
+
+
+def _behind_gain(curves: Curves, at: float | None) -> str:
+    """Write the rates behind a gain, or where three features gain least and most."""
+    if at is not None:
+        two, three = (rate_text(curves.counts[name, at].ber) for name in ("flda_2", "flda_3"))
+        return f"{two} with two features, {three} with three at {place(curves.axis, at)}"
+    found = {value: gain_of(curves, value) for value in curves.values}
+    stated = sorted((gain.value, value) for value, gain in found.items() if gain is not None)
+    ends = [f"{percent(gain)} at {place(curves.axis, value)}" for gain, value in (stated[0], stated[-1])]
+    return f"from {' to '.join(ends)}"
+
+
+def _of_location(
+    reading: PaperReading, judged: Judgement, experiment: str, receiver: str, at: float, ber: float | None
+) -> Judgement:
+    """Add how much of a rate comes from the panel's location, where that is beyond chance."""
+    measured = reading.experiments[experiment]
+    if (receiver, at) not in measured.location:
+        return judged
+    located, truth = (reading.located_by(name).row(experiment, receiver, at) for name in ("paper", "truth"))
+    between = ber is not None and truth.ber < ber < located.ber
+    counts = [measured.curves[name].counts[receiver, at] for name in ("paper", "truth")]
+    share = relative_gain(counts[0], counts[1], measured.location[receiver, at])
+    causes = ("between",) if between else ()
+    if share is None or share.low <= 0:
+        return replace(judged, causes=causes)
+    if reading.locator == "truth":
+        text = f"with the panel located here the rate is {point(located)}"
+    else:
+        text = (
+            f"location: of {receiver}'s {rate_text(located.ber)}, {rate_text(located.ber - truth.ber)} "
+            f"({percent(share.value)}) vanish with true corners"
+        )
+    text += "; the quoted rate lies between the two" if between else ""
+    return replace(judged, reason=f"{judged.reason}; {text}", causes=causes)

@@ -1,0 +1,143 @@
+"""What ``task=figures`` measures: the paper's experiments under every reading of what it leaves open."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import cast, get_args
+
+from vocc_torch.errors import VoccError, section
+from vocc_torch.measure.campaign import Campaign, Study, at_focal_length
+from vocc_torch.measure.curves import Measured
+from vocc_torch.measure.grid import Grid
+from vocc_torch.measure.plan import Locator, Plan
+from vocc_torch.studies.paper.config import FiguresConfig
+from vocc_torch.studies.paper.evidence import EVIDENCE
+from vocc_torch.studies.paper.figures import PAPER_RECEIVERS, RATE_FIGURES
+
+DIMMING = "dimming"
+"""The experiment, and the figure, that is a grid: measured with the report's own focal length only."""
+FIGURES = (*sorted({*EVIDENCE, *(figure.name for figure in RATE_FIGURES)}), DIMMING)
+"""Every figure by name, in the paper's order; what goes beyond the paper comes last."""
+
+
+def wanted_figures(names: Sequence[str]) -> tuple[str, ...]:
+    """Give the figures to make, in the paper's order; no name means all.
+
+    Raises:
+        VoccError: an unknown name.
+
+    Example:
+        >>> wanted_figures(["fig22", "fig04"])
+        ('fig04', 'fig22')
+    """
+    for name in names:
+        if name not in FIGURES:
+            raise VoccError(f"figures.names has {name!r}: known are {', '.join(FIGURES)}")
+    return tuple(name for name in FIGURES if not names or name in names)
+
+
+@dataclass(frozen=True)
+class PaperPlan:
+    """The studies behind the wanted figures.
+
+    Args:
+        figures: names of the wanted figures, in the paper's order.
+        focal_lengths_mm: the lenses; the first is the report's own.
+        locators: the locators; the first is the report's own.
+        experiments: plans by experiment and row (0 where there is no grid), at any focal length.
+        row_axis: quantity that varies from row to row of the grid.
+    """
+
+    figures: tuple[str, ...]
+    focal_lengths_mm: tuple[float, ...]
+    locators: tuple[Locator, ...]
+    experiments: Mapping[str, Mapping[float, Plan]]
+    row_axis: str = "ambient_lx"
+
+    @property
+    def own(self) -> tuple[float, Locator]:
+        """The report's own focal length and locator."""
+        return self.focal_lengths_mm[0], self.locators[0]
+
+    def studies(self) -> list[Study]:
+        """Give the studies, those of the report's own focal length first."""
+        return [
+            Study(_key(name, focal_mm, row), at_focal_length(plan, focal_mm), self.locators)
+            for focal_mm in self.focal_lengths_mm
+            for name, rows in self.experiments.items()
+            for row, plan in rows.items()
+            if name != DIMMING or focal_mm == self.focal_lengths_mm[0]
+        ]
+
+    def measured(self, campaign: Campaign) -> dict[float, dict[str, Measured]]:
+        """Sort a campaign's results by focal length and experiment; the grid is left out."""
+        return {
+            focal_mm: {
+                name: campaign.measured[_key(name, focal_mm, 0.0)]
+                for name in self.experiments
+                if name != DIMMING
+            }
+            for focal_mm in self.focal_lengths_mm
+        }
+
+    def grids(self, campaign: Campaign) -> dict[str, Grid]:
+        """Put the grid together for each locator; empty where it was not measured."""
+        rows = tuple(self.experiments.get(DIMMING, {}))
+        of_row = [campaign.measured[_key(DIMMING, self.focal_lengths_mm[0], row)] for row in rows]
+        return {
+            name: Grid(self.row_axis, rows, tuple(measured.curves[name] for measured in of_row))
+            for name in self.locators
+            if rows
+        }
+
+
+def paper_plan(config: FiguresConfig, plan: Plan) -> PaperPlan:
+    """Build what the wanted figures need.
+
+    Args:
+        config: the study's section of the configuration.
+        plan: the study's camera, receivers and budget.
+
+    Raises:
+        VoccError: an unknown figure or locator, no focal length or locator or one given twice, an experiment
+            with a value outside its range, or none of the receivers that the figures show.
+    """
+    lists: dict[str, Sequence[object]] = {
+        "focal_lengths_mm": config.focal_lengths_mm,
+        "locators": config.locators,
+    }
+    for name, given in lists.items():
+        if not given or len(set(given)) != len(given):
+            raise VoccError(f"figures.{name} is {list(given)}: it must hold at least one, each once")
+    for locator in config.locators:
+        if locator not in get_args(Locator):
+            raise VoccError(f"figures.locators has {locator!r}: it must be {' or '.join(get_args(Locator))}")
+    figures, built = wanted_figures(config.names), {}
+    wanted = {figure.experiment for figure in RATE_FIGURES if figure.name in figures} | {*figures} & {DIMMING}
+    for name, one in config.experiments.items():
+        if name in wanted:
+            with section(f"figures.experiments.{name}", before="experiment"):
+                built[name] = replace(plan, experiment=one).rows()
+    names = plan.receiver.names
+    if built and not set(names) & set(PAPER_RECEIVERS):
+        known = ", ".join(PAPER_RECEIVERS)
+        raise VoccError(f"receiver.names is {list(names)}: figures of bit error rates need one of {known}")
+    grid = config.experiments.get(DIMMING)
+    return PaperPlan(
+        figures,
+        tuple(config.focal_lengths_mm),
+        cast("tuple[Locator, ...]", tuple(config.locators)),
+        built,
+        (grid.row_axis if grid else None) or "ambient_lx",
+    )
+
+
+def _key(experiment: str, focal_length_mm: float, row: float) -> str:
+    """Name a study.
+
+    Example:
+        >>> _key("ambient", 25.0, 0.0), _key("dimming", 25.0, 1000.0)
+        ('ambient-25mm', 'dimming-25mm-1000')
+    """
+    return f"{experiment}-{focal_length_mm:g}mm" + (f"-{row:g}" if row else "")

@@ -1,0 +1,190 @@
+"""What is said of a claim, and the measurements by which it is said.
+
+A claim is never called wrong for what chance can do. Frames are the independent units in every interval, and
+an interval has 95 %. Where a claim implies m comparisons, each is made at 1 - 0.05 / m (Bonferroni), so a
+true claim is contradicted by any of them in at most 5 % of studies, whatever its size and however many frames
+there are. A finer measurement therefore turns *cannot say* into one of the other verdicts, and a true claim
+into *differ* only at that rate.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Literal, TypeAlias
+
+from vocc_torch.errors import VoccError
+from vocc_torch.measure.counts import Counts
+from vocc_torch.measure.curve import BerTable, Row
+from vocc_torch.measure.curves import Curves, Measured
+from vocc_torch.measure.estimate import Estimate
+from vocc_torch.measure.grid import Grid
+from vocc_torch.measure.paired import PairedCounts, paired_interval
+from vocc_torch.measure.relative import difference_independent
+from vocc_torch.show.text_table import rate_text
+from vocc_torch.studies.paper.words import place
+
+Verdict: TypeAlias = Literal["agree", "differ", "cannot say"]
+VERDICTS: tuple[Verdict, ...] = ("agree", "differ", "cannot say")
+"""Every verdict, in the order of the tallies."""
+Numbers: TypeAlias = Mapping[str, Mapping[str, float]]
+"""Numbers of the paper's figures, by figure and name."""
+
+
+class NotMeasuredError(Exception):
+    """A rule asks for something that was not measured; the message names it."""
+
+
+@dataclass(frozen=True)
+class RateComparison:
+    """Two bit error rates of which a claim says that the first is higher.
+
+    Args:
+        axis: quantity that varies.
+        above: receiver and value of the axis with the higher rate, as the claim has it.
+        below: the same of the lower rate.
+        counts: the errors of both, in this order.
+        paired: the two on the same frames, in this order; None for independent frames.
+    """
+
+    axis: str
+    above: tuple[str, float]
+    below: tuple[str, float]
+    counts: tuple[Counts, Counts]
+    paired: PairedCounts | None = None
+
+    def difference(self, confidence: float) -> Estimate:
+        """Give the first rate less the second one."""
+        if self.paired is not None:
+            return paired_interval(self.paired, confidence)
+        return difference_independent(*self.counts, confidence)
+
+    def text(self) -> str:
+        """Write the two rates and where they were measured."""
+        (first, at), (second, other) = self.above, self.below
+        high, low = (rate_text(counts.ber) for counts in self.counts)
+        if first == second:
+            return f"{high} at {place(self.axis, at)} against {low} at {place(self.axis, other)}"
+        return f"{first} {high} and {second} {low} at {place(self.axis, at)}"
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """A verdict with what it rests on.
+
+    Args:
+        verdict: ``agree``, ``differ`` or ``cannot say``.
+        measured: what was measured, with its interval, in words.
+        reason: why the verdict is not ``agree``; may be empty.
+        low: lower end of the interval, where the measurement is one number.
+        high: its upper end.
+        against: the comparisons that contradict the claim beyond doubt, the surest first.
+        causes: known causes of a contradiction, by their names in ``claims.yaml``.
+
+    Example:
+        >>> Judgement("agree", "5.2e-4 [3.9e-4, 6.8e-4]", low=3.9e-4, high=6.8e-4).reason
+        ''
+    """
+
+    verdict: Verdict
+    measured: str
+    reason: str = ""
+    low: float | None = None
+    high: float | None = None
+    against: tuple[RateComparison, ...] = ()
+    causes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class PaperReading:
+    """A focal length and a locator, with the experiments and the figures' numbers.
+
+    The paper leaves both open: its text says 18 mm, its Table 1 says 25 mm.
+
+    Args:
+        focal_length_mm: of the lens.
+        locator: where the panel's corners come from, such as ``truth`` or ``paper``.
+        experiments: by name: ``contrast``, ``ambient``, ``luminance``, ``distance``; some may be missing.
+        numbers: of the figures that are no error rates; they do not depend on the reading.
+        dimming: ambient light by LED luminance, with this locator and the report's own focal length; None
+            where it was not measured.
+
+    Raises:
+        VoccError: an experiment without this locator.
+
+    Example:
+        >>> reading = PaperReading(25.0, "paper", {}, {"fig20": {"contrast_paper_scene_6": 0.031}})
+        >>> reading.name, reading.number("fig20.contrast_paper_scene_6")
+        ('25 mm, paper', 0.031)
+    """
+
+    focal_length_mm: float
+    locator: str
+    experiments: Mapping[str, Measured]
+    numbers: Numbers
+    dimming: Grid | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse a locator that was not measured."""
+        for name, measured in self.experiments.items():
+            if self.locator not in measured.curves:
+                known = ", ".join(measured.curves)
+                raise VoccError(f"locator is {self.locator!r}: experiment {name} has {known}")
+
+    @property
+    def name(self) -> str:
+        """The reading in words."""
+        return f"{self.focal_length_mm:g} mm, {self.locator}"
+
+    def located_by(self, locator: str) -> PaperReading:
+        """Give the reading with the same focal length and another locator."""
+        return replace(self, locator=locator)
+
+    def curves(self, experiment: str, receivers: tuple[str, ...] = (), *values: float) -> Curves:
+        """Give an experiment's curves with this reading's locator.
+
+        Args:
+            experiment: its name.
+            receivers: receivers that it must have.
+            values: values of its axis that it must have.
+
+        Raises:
+            NotMeasuredError: the experiment, a receiver or a value is missing.
+        """
+        if experiment not in self.experiments:
+            raise NotMeasuredError(f"experiment {experiment}")
+        curves = self.experiments[experiment].curves[self.locator]
+        for receiver in receivers:
+            if receiver not in curves.receivers:
+                raise NotMeasuredError(f"receiver {receiver} of experiment {experiment}")
+        for value in values:
+            if value not in curves.values:
+                raise NotMeasuredError(f"{place(curves.axis, value)} of experiment {experiment}")
+        return curves
+
+    def row(self, experiment: str, receiver: str, value: float) -> Row:
+        """Give a point with its interval.
+
+        Raises:
+            NotMeasuredError: there is no such point.
+        """
+        curves = self.curves(experiment, (receiver,), value)
+        # The limit of a point without errors looks at the receiver's other points.
+        table = BerTable(point for point in curves.points() if point.receiver == receiver)
+        for row in table:
+            if row.value == value:
+                return row
+        raise NotMeasuredError(f"{receiver} at {place(curves.axis, value)} of experiment {experiment}")
+
+    def number(self, name: str) -> float:
+        """Give a figure's number, such as ``fig12.auc_ngr``.
+
+        Raises:
+            NotMeasuredError: it was not computed or is no finite number.
+        """
+        figure, _, number = name.partition(".")
+        value = self.numbers.get(figure, {}).get(number, math.nan)
+        if not math.isfinite(value):
+            raise NotMeasuredError(f"{number} of {figure}")
+        return value
