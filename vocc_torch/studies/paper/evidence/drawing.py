@@ -112,8 +112,8 @@ def status_legend(figure: Figure) -> None:
 
 def legend_above(axes: Axes, columns: int) -> None:
     """Explain what is drawn, in rows above the axes."""
-    place: dict[str, Any] = {"loc": "lower center", "bbox_to_anchor": (0.5, 1.0), "handlelength": 1.4}
-    axes.legend(columnspacing=1.4, ncols=columns, frameon=False, fontsize=10, **place)
+    place: dict[str, Any] = {"loc": "lower center", "bbox_to_anchor": (0.5, 1.0), "handlelength": 1.2}
+    axes.legend(columnspacing=1.0, ncols=columns, frameon=False, fontsize=10, **place)
 
 
 def percent_text(share: float) -> str:
