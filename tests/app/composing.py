@@ -6,7 +6,6 @@ from hydra import compose, initialize_config_module
 from hydra.core.global_hydra import GlobalHydra
 from hydra.errors import HydraException
 from omegaconf.errors import OmegaConfBaseException
-from vocc_torch.studies.effects.build import build_effect_study
 
 from vocc_torch.app.complaints import one_line
 from vocc_torch.app.config import register_schema
@@ -14,6 +13,7 @@ from vocc_torch.app.resolve import resolved
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.build import build_plan
 from vocc_torch.studies.classifiers.build import build_rival_study
+from vocc_torch.studies.effects.plan import build_effect_study
 from vocc_torch.studies.paper.experiments import paper_plan
 from vocc_torch.studies.tradeoff.plan import build_tradeoff_study
 

@@ -2,39 +2,23 @@
 
 from __future__ import annotations
 
-from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Self
+from typing import Self
 
 import numpy as np
 import torch
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from scipy.optimize import linprog
-from scipy.stats import rankdata
 
-from vocc_torch.errors import VoccError
 from vocc_torch.measure.plan import Plan
 from vocc_torch.receiver.features import FEATURE_NAMES
 from vocc_torch.receiver.flda import FLDA
-from vocc_torch.show.canvas import INK, QUIET, head, new_figure, write_title
-from vocc_torch.studies.paper.evidence.figure import (
-    DASHED,
-    Bools,
-    Cell,
-    Floats,
-    PaperFigure,
-    Picture,
-    add_panel,
-    corner_legend,
-    led_rows,
-    negative_text,
-    percent_text,
-    status_cloud,
-    status_histogram,
-)
+from vocc_torch.show.canvas import INK, QUIET, head
+from vocc_torch.studies.paper.evidence import drawing
+from vocc_torch.studies.paper.evidence.figure import Cell, Floats, PaperFigure, led_rows
 from vocc_torch.studies.paper.evidence.sample import Sample, draw_sample
+from vocc_torch.studies.paper.evidence.separation import least_error, roc_area, separable
 
 GALLERY = 20
 """Frames of the sample that Fig. 8a shows."""
@@ -52,28 +36,20 @@ class FeatureSpread(PaperFigure):
     """Numbers of each LED of the sample by its status.
 
     Args:
-        bits: (B,R,C).
+        sample: the sample.
         values: (B,R,C) each, by name; a name with ``+`` is the FLDA score of those features.
-        auc: area under the ROC curve of each.
-        wrong: share of wrong decisions at the best fixed threshold of each.
         lines: for a pair of features, FLDA fitted on these LEDs: (w_1, w_2, threshold).
-        gallery: panels of the first frames.
     """
 
-    height_in: ClassVar[float]
-
-    bits: Bools
+    sample: Sample
     values: Mapping[str, Floats]
-    auc: Mapping[str, float]
-    wrong: Mapping[str, float]
     lines: Mapping[str, tuple[float, float, float]]
-    gallery: tuple[Picture, ...] = ()
 
     @classmethod
-    def of(cls, sample: Sample, alone: Sequence[str], together: Sequence[str] = ()) -> Self:
-        """Score features alone, and by FLDA together."""
+    def of(cls, plan: Plan, alone: Sequence[str], together: Sequence[str] = ()) -> Self:
+        """Score features of the sample alone, and by FLDA together."""
+        sample, lines = draw_sample(plan), {}
         values = {name: sample.greys if name == "average_grey" else sample.feature(name) for name in alone}
-        lines = {}
         features, bits = torch.from_numpy(sample.features), torch.from_numpy(sample.bits)
         whole = FLDA(len(FEATURE_NAMES)).fit(features, bits)
         for name in together:
@@ -83,70 +59,64 @@ class FeatureSpread(PaperFigure):
             if len(chosen) == 2:
                 first, second = flda.direction.tolist()
                 lines[name] = (first, second, float(flda.threshold))
-        auc = {name: roc_area(value, sample.bits) for name, value in values.items()}
-        wrong = {name: least_error(value, sample.bits)[0] for name, value in values.items()}
-        return cls(sample.bits, values, auc, wrong, lines, sample.pictures[:GALLERY])
+        return cls(sample, values, lines)
 
     def rows(self) -> list[tuple[Cell, ...]]:
         """Give a line an LED."""
-        return led_rows(self.bits, self.values)
+        return led_rows(self.sample.bits, self.values)
 
     def findings(self) -> dict[str, float]:
         """Give the discriminability of each number, and how often GRI is negative.
 
-        ``separable_`` is 1 where some straight line or plane, FLDA's or another, parts all On LEDs from all
-        Off LEDs.
+        ``auc_`` is the area under the ROC curve, ``wrong_share_`` the share of wrong decisions at the best
+        fixed threshold. ``separable_`` is 1 where some straight line or plane, FLDA's or another, parts all
+        On LEDs from all Off LEDs.
         """
-        found = {f"auc_{name}": value for name, value in self.auc.items()}
-        found |= {f"wrong_share_{name}": value for name, value in self.wrong.items()}
-        for name in self.values:
-            if "+" in name:
-                together = np.stack([self.values[part].ravel() for part in name.split("+")], axis=1)
-                found[f"separable_{name}"] = float(separable(together, self.bits.ravel()))
+        bits = self.sample.bits
+        found = {f"auc_{name}": roc_area(value, bits) for name, value in self.values.items()}
+        found |= {f"wrong_share_{name}": least_error(value, bits)[0] for name, value in self.values.items()}
+        for name in (name for name in self.values if "+" in name):
+            together = np.stack([self.values[part].ravel() for part in name.split("+")], axis=1)
+            found[f"separable_{name}"] = float(separable(together, bits.ravel()))
         if "gri" in self.values:
             negative = self.values["gri"] < 0
-            found["gri_negative_share_off"] = float(negative[~self.bits].mean())
-            found["gri_negative_share_on"] = float(negative[self.bits].mean())
+            found["gri_negative_share_off"] = float(negative[~bits].mean())
+            found["gri_negative_share_on"] = float(negative[bits].mean())
         return found
 
-    @abstractmethod
-    def draw_parts(self, figure: Figure) -> str:
-        """Draw the figure's parts; give what the footnote says of them."""
-
-    def draw(self) -> Figure:
-        """Draw the distributions by status, alone and together."""
-        figure = new_figure(10, self.height_in)
-        said = self.draw_parts(figure)
-        corner_legend(figure)
-        footnote = (
+    def footnote(self, figure: Figure, said: str = "") -> str:
+        """Name the statuses, and say what the numbers mean and rest on."""
+        drawing.status_legend(figure)
+        frames, leds = len(self.sample.bits), self.sample.bits.size
+        return (
             "AUC: area under the ROC curve, the chance that an On LED reads higher than an Off LED. "
             "Best threshold: the one fixed\nthreshold with the fewest wrong LEDs. "
-            f"{len(self.bits)} sample frames, {self.bits.size} LEDs, true corners.{said}"
+            f"{frames} sample frames, {leds} LEDs, true corners.{said}"
         )
-        write_title(figure, self.title, footnote)
-        return figure
 
     def draw_alone(self, axes: Axes, letter: str, name: str) -> None:
         """Draw one feature's distribution."""
-        status_histogram(axes, self.values[name], self.bits, LABELS[name])
+        drawing.status_histogram(axes, self.values[name], self.sample.bits, LABELS[name])
         self.state(axes, letter, name)
 
     def draw_pair(self, axes: Axes, letter: str, name: str) -> None:
         """Draw two features against each other, and FLDA's decision between On and Off."""
         first, second = name.split("+")
         labels = LABELS[first], LABELS[second]
-        status_cloud(axes, self.values[first], self.values[second], self.bits, labels)
+        drawing.status_cloud(axes, self.values[first], self.values[second], self.sample.bits, labels)
         x, y = np.array(axes.get_xlim()), axes.get_ylim()
         along, across, threshold = self.lines[name]
         if across:
-            axes.plot(x, (threshold - along * x) / across, **DASHED)
+            axes.plot(x, (threshold - along * x) / across, **drawing.DASHED)
         axes.set(xlim=x, ylim=y)
         self.state(axes, letter, name)
 
     def state(self, axes: Axes, letter: str, name: str) -> None:
         """Say above the axes how well a number tells On from Off."""
-        wrong = f"best threshold wrong: {percent_text(self.wrong[name])}"
-        head(axes, f"({letter})", f"AUC {area_text(self.auc[name])} \N{MIDDLE DOT} {wrong}")
+        area = roc_area(self.values[name], self.sample.bits)
+        wrong = drawing.percent_text(least_error(self.values[name], self.sample.bits)[0])
+        text = f"AUC {area_text(area)} \N{MIDDLE DOT} best threshold wrong: {wrong}"
+        head(axes, f"({letter})", text)
 
 
 class GreyAndAgr(FeatureSpread):
@@ -162,18 +132,18 @@ class GreyAndAgr(FeatureSpread):
     @classmethod
     def compute(cls, plan: Plan) -> Self:
         """Measure the sample."""
-        return cls.of(draw_sample(plan), ("average_grey", "agr"))
+        return cls.of(plan, ("average_grey", "agr"))
 
-    def draw_parts(self, figure: Figure) -> str:
+    def draw_on(self, figure: Figure) -> str:
         """Draw panels in two rows, and two histograms."""
-        for index, picture in enumerate(self.gallery):
+        for index, picture in enumerate(self.sample.pictures[:GALLERY]):
             row, column = divmod(index, GALLERY // 2)
-            add_panel(figure, 0.02 + 0.097 * column, 0.745 - row * 0.142, 0.09, picture, frame=False)
-        text = f"(a) {len(self.gallery)} of the frames"
+            drawing.add_panel(figure, 0.02 + 0.097 * column, 0.745 - row * 0.142, 0.09, picture, frame=False)
+        text = f"(a) {GALLERY} of the frames"
         figure.text(0.02, 0.895, text, fontsize=11.5, color=INK, fontweight="bold")
         self.draw_alone(figure.add_axes((0.075, 0.175, 0.41, 0.355)), "b", "average_grey")
         self.draw_alone(figure.add_axes((0.575, 0.175, 0.41, 0.355)), "c", "agr")
-        return ""
+        return self.footnote(figure)
 
 
 class GriAndAgr(FeatureSpread):
@@ -187,17 +157,17 @@ class GriAndAgr(FeatureSpread):
     @classmethod
     def compute(cls, plan: Plan) -> Self:
         """Measure the sample."""
-        return cls.of(draw_sample(plan), ("agr", "gri"), ("agr+gri",))
+        return cls.of(plan, ("agr", "gri"), ("agr+gri",))
 
-    def draw_parts(self, figure: Figure) -> str:
+    def draw_on(self, figure: Figure) -> str:
         """Draw a histogram and a cloud."""
         axes = figure.add_axes((0.075, 0.2, 0.41, 0.635))
         self.draw_alone(axes, "a", "gri")
         axes.axvline(0, color=QUIET, linewidth=1.0)
-        text = negative_text(self.values["gri"], self.bits)
+        text = drawing.negative_text(self.values["gri"], self.sample.bits)
         axes.text(0.98, 0.95, text, transform=axes.transAxes, ha="right", va="top", color=INK)
         self.draw_pair(figure.add_axes((0.575, 0.2, 0.41, 0.635)), "b", "agr+gri")
-        return " Line: FLDA fitted on these LEDs."
+        return self.footnote(figure, " Line: FLDA fitted on these LEDs.")
 
 
 class NgrAndOthers(FeatureSpread):
@@ -213,9 +183,9 @@ class NgrAndOthers(FeatureSpread):
     @classmethod
     def compute(cls, plan: Plan) -> Self:
         """Measure the sample."""
-        return cls.of(draw_sample(plan), FEATURE_NAMES, ("agr+gri", "agr+ngr", "gri+ngr", "agr+gri+ngr"))
+        return cls.of(plan, FEATURE_NAMES, ("agr+gri", "agr+ngr", "gri+ngr", "agr+gri+ngr"))
 
-    def draw_parts(self, figure: Figure) -> str:
+    def draw_on(self, figure: Figure) -> str:
         """Draw a histogram and three clouds."""
         first, second, third, fourth = (
             figure.add_axes((left, bottom, 0.41, 0.325)) for bottom in (0.57, 0.14) for left in (0.075, 0.575)
@@ -224,13 +194,16 @@ class NgrAndOthers(FeatureSpread):
         self.draw_pair(second, "b", "agr+ngr")
         self.draw_pair(third, "c", "gri+ngr")
         score, ngr = self.values["agr+gri+ngr"], self.values["ngr"]
-        status_cloud(fourth, score, ngr, self.bits, ("FLDA score of AGR, GRI and NGR", LABELS["ngr"]))
-        fourth.axvline(0, **DASHED)
+        drawing.status_cloud(
+            fourth, score, ngr, self.sample.bits, ("FLDA score of AGR, GRI and NGR", LABELS["ngr"])
+        )
+        fourth.axvline(0, **drawing.DASHED)
         self.state(fourth, "d", "agr+gri+ngr")
-        return (
+        said = (
             " Lines: FLDA fitted on these LEDs.\n(d) is a projection of the three features on the "
             "plane of w, on which the score (a log-likelihood ratio) lies, and NGR."
         )
+        return self.footnote(figure, said)
 
 
 def area_text(auc: float) -> str:
@@ -246,99 +219,3 @@ def area_text(auc: float) -> str:
         if float(text := f"{auc:.{digits}f}") <= 1 - 3 * 10**-digits:
             return f"= {text}"
     return f"= {text}" if float(text) < 1 else "> 0.99999"
-
-
-def roc_area(values: Floats, bits: Bools) -> float:
-    """Area under the ROC curve: the chance that an On LED reads higher than an Off LED, ties counted half.
-
-    It is the Mann-Whitney statistic of the ranks over the number of pairs (Hanley and McNeil 1982).
-
-    Args:
-        values: of any shape, finite.
-        bits: of the same shape, with both On and Off.
-
-    Returns:
-        0 to 1; 0.5 tells nothing.
-
-    Raises:
-        VoccError: all On or all Off.
-
-    Example:
-        >>> roc_area(np.array([1.0, 2.0, 2.0, 3.0]), np.array([False, False, True, True]))
-        0.875
-    """
-    on, off = _counts(bits)
-    rank_sum = float(rankdata(values.ravel())[bits.ravel()].sum())
-    return (rank_sum - on * (on + 1) / 2) / (on * off)
-
-
-def least_error(values: Floats, bits: Bools) -> tuple[float, float]:
-    """Smallest share of wrong decisions of any fixed threshold (On where the value is at least it).
-
-    Args:
-        values: of any shape, finite.
-        bits: of the same shape, with both On and Off.
-
-    Returns:
-        The share, and the lowest such threshold: halfway between two neighbouring values, or, where one
-        answer for all is best, the lowest value or just above the highest.
-
-    Raises:
-        VoccError: all On or all Off.
-
-    Example:
-        >>> least_error(np.array([1.0, 2.0, 4.0, 3.0]), np.array([False, False, True, True]))
-        (0.0, 2.5)
-    """
-    on, off = _counts(bits)
-    levels, place = np.unique(values.ravel(), return_inverse=True)
-    on_at = np.bincount(place, weights=bits.ravel(), minlength=len(levels))
-    off_at = np.bincount(place, minlength=len(levels)) - on_at
-    # With k levels below the threshold, their On LEDs and the Off LEDs of the others are wrong.
-    wrong = np.concatenate([[0.0], np.cumsum(on_at)]) + off - np.concatenate([[0.0], np.cumsum(off_at)])
-    best = int(wrong.argmin())
-    between = np.concatenate([levels[:1], (levels[1:] + levels[:-1]) / 2, np.nextafter(levels[-1:], np.inf)])
-    return float(wrong[best]) / (on + off), float(between[best])
-
-
-def separable(values: Floats, bits: Bools) -> bool:
-    """Whether some straight line, plane or hyperplane has all On on one side and all Off on the other.
-
-    The largest margin of any line with weights from -1 to 1 is a linear program; it is above 0 exactly where
-    the convex hulls of On and Off are disjoint (Mangasarian, Operations Research 13, 1965). The line found is
-    checked on every value.
-
-    Args:
-        values: (N,D), finite.
-        bits: (N,), with both On and Off.
-
-    Raises:
-        VoccError: all On or all Off.
-
-    Example:
-        >>> square = np.array([[0.0, 0.0], [0.0, 1.0], [1.0, 0.0], [1.0, 1.0]])
-        >>> separable(square, np.array([False, False, True, True]))
-        True
-        >>> separable(square, np.array([False, True, True, False]))
-        False
-    """
-    _counts(bits)
-    deviation = values.std(axis=0)
-    scaled = (values - values.mean(axis=0)) / np.where(deviation > 0, deviation, 1.0)
-    sides = np.where(bits, 1.0, -1.0)[:, None] * np.column_stack([scaled, np.ones(len(scaled))])
-    columns = values.shape[1]
-    found = linprog(
-        np.append(np.zeros(columns + 1), -1.0),
-        A_ub=np.column_stack([-sides, np.ones(len(sides))]),
-        b_ub=np.zeros(len(sides)),
-        bounds=[(-1.0, 1.0)] * columns + [(None, None)] * 2,
-    )
-    return bool(found.success and (sides @ found.x[:-1]).min() > 0)
-
-
-def _counts(bits: Bools) -> tuple[int, int]:
-    """Count On and Off, both of which are needed."""
-    on, off = int(bits.sum()), int((~bits).sum())
-    if not on or not off:
-        raise VoccError(f"bits holds {on} On and {off} Off: a comparison needs both")
-    return on, off
