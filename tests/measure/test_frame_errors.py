@@ -174,4 +174,5 @@ def test_rows_are_in_the_order_of_the_banks_each_with_its_own_locator(job):
         receivers = Banks([(locator, bank)])
         alone = replace(job, locators=(locator,), receivers=receivers, preambles=receivers.needs_preambles)
         assert np.array_equal(alone(range(100)).half_errors, errors.half_errors[place])
+    assert errors.paired(1, 1).discordant == 0
     assert errors.paired(3, 1) == errors.paired(1, 3).swapped()

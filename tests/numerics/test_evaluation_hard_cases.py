@@ -27,7 +27,7 @@ from vocc_torch.measure.schedule import run_point
 hard = HardCases("Evaluation")
 
 CONFIDENCES = (1e-17, 1e-12, 1e-6, 0.5, 0.95, 0.999, 1 - 1e-9, 1 - 2.0**-53)
-FOLDER = "vocc_torch/evaluation"
+FOLDER = "vocc_torch/measure"
 
 
 def wrong_frames(frames, leds, sizes):
@@ -121,7 +121,7 @@ def squared_errors_that_64_bits_do_not_hold():
     fits = np.full((1, 1), 2 * bits)
     [counts], _ = tallies(fits, bits, np.ones((1, 1), bool))
     assert (counts.half_errors, counts.half_errors_squared) == (2 * bits, 4 * bits**2)
-    with pytest.raises(VoccError, match=r"^bits_per_frame is 1073741824: .* of 8 frames"):
+    with pytest.raises(VoccError, match=r"^leds is 1073741824: .* of 8 frames"):
         tallies(np.full((1, 8), 2 * bits), bits, np.ones((1, 8), bool))
 
 

@@ -12,6 +12,7 @@ from rich.console import Console
 
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.curve import BerTable, Point
+from vocc_torch.measure.plug_in_training import Making
 from vocc_torch.show.terminal import StudyView, print_table, train_shown
 from vocc_torch.show.text_table import ends_text, rate_text
 
@@ -110,13 +111,14 @@ def test_training_shows_its_progress_and_says_how_many_frames_it_saw(monkeypatch
     def trained(plan, progress):
         progress(250)
         progress(250)
-        return SimpleNamespace(frames=500, missed=3)
+        made = {"svm": Making(training_s=12.3, frames=497), "panel_otsu": Making()}
+        return SimpleNamespace(frames=500, missed=3, made=made)
 
     monkeypatch.setattr("vocc_torch.show.terminal.train", trained)
     budget, receiver = SimpleNamespace(training_frames=500), SimpleNamespace(classifiers=())
     screen, text = console(terminal=terminal)
     train_shown(SimpleNamespace(budget=budget, receiver=receiver), screen)
-    last = "trained on 500 frames, 3 without a located panel left out\n"
+    last = "trained on 500 frames, 3 without a located panel left out\ntrained svm on 497 frames in 12 s\n"
     assert text().endswith(last)
     assert ("100 %" in text()) == terminal
     assert terminal or text() == last

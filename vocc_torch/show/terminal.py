@@ -211,6 +211,9 @@ def train_shown(plan: Plan, console: Console) -> Training:
         training = train(plan, progress)
     missed = f", {training.missed} without a located panel left out" if training.missed else ""
     view.say(f"trained on {training.frames} frames{missed}")
+    for name, one in training.made.items():
+        if one.frames:
+            view.say(f"trained {name} on {one.frames} frames in {one.training_s:.0f} s")
     return training
 
 

@@ -210,13 +210,6 @@ def test_a_finished_run_counts_nothing_again(near, place, monkeypatch):
     assert (told in first, told in again) == (False, True)
 
 
-def test_its_numbers_are_those_of_the_whole(near, whole):
-    """Other figures and lenses beside it change nothing."""
-    folder, _ = whole
-    mine = [row for row in rows_of(folder / "figures" / "fig24.csv") if row["focal_length_mm"] == "25"]
-    assert rows_of(near / "figures" / "fig24.csv") == mine
-
-
 def test_no_figure_of_error_rates(place):
     """Nothing is trained or counted, and so nothing can be resumed."""
     arguments = (*ONE, "figures.names=[fig17]", "receiver.names=[flda_agr]", "name=alone")
@@ -270,15 +263,6 @@ def test_contrast_bins_without_frames_are_refused_by_their_key(tmp_path):
     assert ran.complaint.startswith(
         "figures.experiments.contrast.values: no frame fell into any contrast bin"
     )
-
-
-def test_a_strangers_folder_is_left_alone(tmp_path):
-    folder = tmp_path / "runs" / "mine"
-    folder.mkdir(parents=True)
-    (folder / "thesis.tex").write_text("precious")
-    ran = run_in(tmp_path, *ONE, "figures.names=[fig24]", "name=mine")
-    assert "already holds thesis.tex: give another name=, or delete the folder" in ran.complaint
-    assert files_in(folder) == {"thesis.tex"}
 
 
 SETTINGS = {

@@ -8,9 +8,9 @@ import torch
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure import optional as optional_module
-from vocc_torch.measure.counter import PointCounter
+from vocc_torch.measure.frame_errors import Banks, FrameJob
 from vocc_torch.measure.genie.genie_likelihood import UnknownLikelihoodError
-from vocc_torch.measure.link import Link, block_keys
+from vocc_torch.measure.link import block_keys
 from vocc_torch.measure.optional import without_absent
 from vocc_torch.measure.plug_in import ClassifierPlan
 from vocc_torch.measure.stage_times import Exposure, on_device
@@ -18,7 +18,6 @@ from vocc_torch.measure.train import train
 from vocc_torch.measure.workers import Workers
 from vocc_torch.receiver.classifiers import Inputs, Patch
 from vocc_torch.receiver.classifiers.training import TrainingRecipe
-from vocc_torch.rng import BLOCK_FRAMES
 from vocc_torch.simulation import Camera, Distribution, SceneModel
 from vocc_torch.studies.tradeoff import study as study_module
 from vocc_torch.studies.tradeoff.config import TradeoffConfig
@@ -133,14 +132,11 @@ def test_errors_are_those_of_the_sweep(study, trained, counted):
         for setting in base:
             # Trained by the very same recipe.
             bank.plugged_in |= receivers[setting].bank.plugged_in
-        finders = plan.receiver.finders([locator])
-        counter = PointCounter(
-            plan, Link.of(plan), finders, {locator: bank}, study.point("far"), study.model("far")
+        deciding = Banks([(locator, bank)])
+        job = FrameJob(
+            plan, study.model("far"), study.point("far"), (locator,), deciding, deciding.needs_preambles
         )
-        part = dataclasses.make_dataclass("Part", ["block", "frames"])
-        tallies = counter([part(0, BLOCK_FRAMES), part(1, plan.budget.frames - BLOCK_FRAMES)])
-        for name, setting in zip(EVERY, base, strict=True):
-            wanted = sum((one[locator, name, 0] for one in tallies), type(tallies[0][locator, name, 0])())
+        for wanted, setting in zip(job(range(plan.budget.frames)).counts, base, strict=True):
             assert counted["far"].counts[study.settings.index(setting)] == wanted, setting
     rates = [one.ber for one in counted["far"].counts]
     assert len(set(rates)) > len(rates) / 2

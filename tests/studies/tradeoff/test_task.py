@@ -69,7 +69,7 @@ def test_everything_is_written(whole):
         "on the frontier",
         "Under 1.00",
         "For a BER below",
-        "Whole frames, 480 x 272 px",
+        "whole frames, 480 x 272 px",
         "knows the scene",
         "Not measured on cuda:7: this machine has",
     ):

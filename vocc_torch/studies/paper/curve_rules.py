@@ -30,7 +30,6 @@ from itertools import combinations, pairwise, product
 from typing import Literal
 
 from vocc_torch.measure.counts import Counts
-from vocc_torch.measure.curve import Row
 from vocc_torch.measure.curves import Curves
 from vocc_torch.measure.estimate import Estimate, all_pairs, joint_confidence, may_be_least
 from vocc_torch.measure.paired import PairedCounts
@@ -91,7 +90,7 @@ def order(
             ]
     judged, by = weigh(found), factor_text(found) if factors else ""
     judged = replace(judged, measured=f"{judged.measured}; {by}") if by else judged
-    return _explained(reading, judged)
+    return with_causes(reading, judged)
 
 
 def trend(
@@ -146,7 +145,7 @@ def minimum(
         f"candidates {place(curves.axis, *candidates)}" if len(candidates) > 1 else "beyond doubt"
     )
     if at == "inside":
-        return _valley(curves, receiver, measured)
+        return valley(curves, receiver, measured)
     ends = candidates[0], candidates[-1]
     if at not in candidates:
         confidence = joint_confidence(len(values) - 1)
@@ -168,7 +167,7 @@ def minimum(
     return Judgement("agree", measured, "", *ends)
 
 
-def _valley(curves: Curves, receiver: str, measured: str) -> Judgement:
+def valley(curves: Curves, receiver: str, measured: str) -> Judgement:
     """Judge whether the rate falls, is lowest inside the axis, and rises again."""
     values = curves.values
     if len(values) < 3:
@@ -259,7 +258,7 @@ def _nothing_told(comparisons: Iterable[RateComparison]) -> str:
     return "no error was seen at any of these points"
 
 
-def _explained(reading: PaperReading, judged: Judgement) -> Judgement:
+def with_causes(reading: PaperReading, judged: Judgement) -> Judgement:
     """Add the known causes that hold for the comparisons against an order."""
     reasons, causes = [judged.reason], []
     centre = {
@@ -322,38 +321,34 @@ def quoted(
         gain: the quoted share of the errors of two features that three do not make.
     """
     if gain is not None:
-        judged = _quoted_gain(reading, experiment, at, gain)
+        judged = quoted_gain(reading, experiment, at, gain)
     else:
         assert at is not None
         assert ber is not None
-        judged = _quoted_rate(reading, experiment, receiver, at, ber)
+        judged = quoted_rate(reading, experiment, receiver, at, ber)
     if judged.verdict != "differ" or at is None:
         return judged
-    return _of_location(reading, judged, experiment, receiver, at, ber)
+    return with_location(reading, judged, experiment, receiver, at, ber)
 
 
-def _quoted_rate(reading: PaperReading, experiment: str, receiver: str, at: float, ber: float) -> Judgement:
+def quoted_rate(reading: PaperReading, experiment: str, receiver: str, at: float, ber: float) -> Judgement:
     """Judge a quoted bit error rate."""
     row = reading.row(experiment, receiver, at)
     ours = reading.curves(experiment).counts[receiver, at]
     measured, ends = point(row), (row.ber_low, row.ber_high)
     theirs = paper_counts(reading, experiment, receiver, at, ber)
     if difference_independent(ours, theirs).real:
-        return Judgement("differ", measured, _gap(row, ber), *ends)
+        gap = f"{row.ber / ber:.2g} times the quoted rate"
+        if row.error_free:
+            gap = f"the limit is {ber / row.ber_high:.2g} times below the quoted rate"
+        elif row.ber <= ber:
+            gap = f"the quoted rate is {ber / row.ber:.2g} times as high"
+        return Judgement("differ", measured, gap, *ends)
     if row.error_free:
         return Judgement("cannot say", measured, "no error was seen, and too few frames", *ends)
     if row.ber_high > WIDEST_RATIO * row.ber_low:
         return Judgement("cannot say", measured, "the interval is wider than a factor of 10", *ends)
     return Judgement("agree", measured, "", *ends)
-
-
-def _gap(row: Row, ber: float) -> str:
-    """Say by how much a rate misses the quoted one."""
-    if row.error_free:
-        return f"the limit is {ber / row.ber_high:.2g} times below the quoted rate"
-    if row.ber > ber:
-        return f"{row.ber / ber:.2g} times the quoted rate"
-    return f"the quoted rate is {ber / row.ber:.2g} times as high"
 
 
 def paper_frames(curves: Curves, at: float | None) -> float:
@@ -416,7 +411,7 @@ def _two_and_three(curves: Curves, at: float | None) -> tuple[Counts, Counts, Pa
     return two, three, curves.pair("flda_2", "flda_3", at)
 
 
-def _quoted_gain(reading: PaperReading, experiment: str, at: float | None, quoted_gain: float) -> Judgement:
+def quoted_gain(reading: PaperReading, experiment: str, at: float | None, stated: float) -> Judgement:
     """Judge a quoted gain."""
     curves = reading.curves(experiment, ("flda_2", "flda_3"), *(() if at is None else (at,)))
     gain = gain_of(curves, at)
@@ -431,21 +426,21 @@ def _quoted_gain(reading: PaperReading, experiment: str, at: float | None, quote
     # The paper's interval is ours, scaled by the numbers of frames.
     scale = math.sqrt(ours / paper_frames(curves, at))
     below, above = gain.value - gain.low, gain.high - gain.value
-    apart = gain.value - quoted_gain
+    apart = gain.value - stated
     low, high = apart - math.hypot(below, scale * above), apart + math.hypot(above, scale * below)
     wide = gain.high - gain.low > WIDEST_SHARE
     if low > 0 or high < 0:
         if wide:
             bound = f"at least {percent(gain.low)}" if low > 0 else f"at most {percent(gain.high)}"
             measured = f"{bound}; {measured}"
-        return Judgement("differ", measured, _behind_gain(curves, at), *ends)
+        return Judgement("differ", measured, behind_gain(curves, at), *ends)
     if wide:
         reason = "the interval is wider than 100 percentage points"
         return Judgement("cannot say", measured, reason, *ends)
     return Judgement("agree", measured, "", *ends)
 
 
-def _behind_gain(curves: Curves, at: float | None) -> str:
+def behind_gain(curves: Curves, at: float | None) -> str:
     """Write the rates behind a gain, or where three features gain least and most."""
     if at is not None:
         two, three = (rate_text(curves.counts[name, at].ber) for name in ("flda_2", "flda_3"))
@@ -456,7 +451,7 @@ def _behind_gain(curves: Curves, at: float | None) -> str:
     return f"from {' to '.join(ends)}"
 
 
-def _of_location(
+def with_location(
     reading: PaperReading, judged: Judgement, experiment: str, receiver: str, at: float, ber: float | None
 ) -> Judgement:
     """Add how much of a rate comes from the panel's location, where that is beyond chance."""

@@ -81,7 +81,7 @@ def number(
     """
     if not value:
         pairs = [(less, largest) for less in of] if largest else list(pairwise(ascending))
-        return _compared(reading, [largest, *of] if largest else ascending, pairs, ties=bool(largest))
+        return compared(reading, [largest, *of] if largest else ascending, pairs, ties=bool(largest))
     found, figure = reading.number(value), value.partition(".")[0]
     holds = above < found < below and least <= found <= most
     known: dict[str, float | str] = {
@@ -95,7 +95,7 @@ def number(
     return Judgement("agree" if holds else "differ", measured, "" if holds else otherwise)
 
 
-def _compared(
+def compared(
     reading: PaperReading, names: Sequence[str], pairs: Sequence[tuple[str, str]], *, ties: bool
 ) -> Judgement:
     """Judge whether the first number of each pair is below the second; whether equal ones decide nothing."""
@@ -130,11 +130,11 @@ def time(
             compared with the one before it round by round.
     """
     if ratio:
-        judged = _time_ratio(reading, ratio, quoted, digits)
+        judged = time_ratio(reading, ratio, quoted, digits)
     elif much_shorter:
-        judged = _much_shorter(reading, much_shorter)
+        judged = all_much_shorter(reading, much_shorter)
     else:
-        judged = _times_rise(reading, ascending)
+        judged = times_rise(reading, ascending)
     waited = reading.numbers["fig25"].get("waited_share", 0.0)
     if not waited > MOST_WAITED:
         return judged
@@ -142,7 +142,7 @@ def time(
     return Judgement("cannot say", judged.measured, busy, judged.low, judged.high)
 
 
-def _time_ratio(reading: PaperReading, ratio: str, quoted: float, digits: int) -> Judgement:
+def time_ratio(reading: PaperReading, ratio: str, quoted: float, digits: int) -> Judgement:
     """Judge a ratio of processing times by its quartiles."""
     found = _quartiles(reading, ratio)
     measured = f"{_shown(found, digits)} one frame at a time{_in_batches(reading, ratio, digits)}"
@@ -161,7 +161,7 @@ def _time_ratio(reading: PaperReading, ratio: str, quoted: float, digits: int) -
     return Judgement("differ", measured, reason, *ends)
 
 
-def _much_shorter(reading: PaperReading, detectors: Sequence[str]) -> Judgement:
+def all_much_shorter(reading: PaperReading, detectors: Sequence[str]) -> Judgement:
     """Judge whether each bit detector takes much less time than panel detection."""
     found = {name: _quartiles(reading, f"share_{name}") for name in detectors}
     longest = max(found, key=lambda name: found[name].value)
@@ -173,7 +173,7 @@ def _much_shorter(reading: PaperReading, detectors: Sequence[str]) -> Judgement:
     return Judgement("cannot say", measured, "too noisy: the quartiles of a share hold a half")
 
 
-def _times_rise(reading: PaperReading, detectors: Sequence[str]) -> Judgement:
+def times_rise(reading: PaperReading, detectors: Sequence[str]) -> Judgement:
     """Judge whether each bit detector's quartiles lie above those of the one before."""
     found = {name: _quartiles(reading, f"ms_{name}") for name in detectors}
     extra = _quartiles(reading, "extra_cost_of_ngr")
@@ -254,7 +254,7 @@ def equation(reading: PaperReading, name: str, **arguments: float) -> Judgement:
     return EQUATIONS[name](reading, **arguments)
 
 
-def _net_data_rate(reading: PaperReading, kbps: float, frames_per_s: float) -> Judgement:
+def net_data_rate(reading: PaperReading, kbps: float, frames_per_s: float) -> Judgement:
     """Judge whether the bits of a frame at the camera's frame rate give the net data rate."""
     every = (reading.curves(name) for name in reading.experiments)
     counts = next((one for curves in every for one in curves.counts.values() if one.frames), None)
@@ -266,19 +266,19 @@ def _net_data_rate(reading: PaperReading, kbps: float, frames_per_s: float) -> J
     return _holds(math.isclose(found, kbps), measured, "the panel has another number of LEDs")
 
 
-def _transmission(reading: PaperReading, quoted: float, distance_m: float, visibility_m: float) -> Judgement:
+def transmission(reading: PaperReading, quoted: float, distance_m: float, visibility_m: float) -> Judgement:
     """Judge the air's transmission at a distance, to four digits (Eq. 20)."""
     found = float(photometry.transmission(torch.tensor(distance_m, dtype=torch.float64), visibility_m))
     return _holds(round(found, 4) == quoted, f"{found:.5f}", "by Eq. 20")
 
 
-def _half_exposure(reading: PaperReading) -> Judgement:
+def half_exposure(reading: PaperReading) -> Judgement:
     """Judge whether a grey of 86 has half the exposure of middle grey, 118 (Eq. 1)."""
     value = photometry.MIDDLE_GREY * 0.5 ** (1 / GAMMA)
     return _holds(round(value) == BACKGROUND_GREYS[0], f"118 x 0.5^(1/2.2) = {value:.1f}", "by Eq. 1")
 
 
-def _gains_follow(reading: PaperReading) -> Judgement:
+def gains_follow(reading: PaperReading) -> Judgement:
     """Judge whether the paper's numbers fit each other: to a point, for they are rounded."""
     follow = (
         (0.24, 1 - 5.0 / 6.6, 0.01),
@@ -290,7 +290,7 @@ def _gains_follow(reading: PaperReading) -> Judgement:
     return _holds(fit, ", ".join(percent(found, 1) for _, found, _ in follow), "they do not fit each other")
 
 
-def _iso_range(reading: PaperReading) -> Judgement:
+def iso_range(reading: PaperReading) -> Judgement:
     """Judge whether ISO 100 to 3200 gives greys of 86 to 118 from 1000 to 32000 lx.
 
     By Eq. 1 the ISO speed needed is in proportion to grey^gamma / illuminance, whatever N and K are.
@@ -320,7 +320,7 @@ def contrast_by_equations(ambient_lx: float, luminance_cd_m2: float, background_
     return (bright - dark) / 255
 
 
-def _contrast(
+def contrast(
     reading: PaperReading, stated_percent: float, ambient_lx: float, luminance_cd_m2: float
 ) -> Judgement:
     """Judge whether a scene of Fig. 20 has the contrast stated.
@@ -344,7 +344,7 @@ def _contrast(
     return _holds(holds, measured, reason, low, high)
 
 
-def _contrast_range(
+def contrast_range(
     reading: PaperReading, lowest: float | None = None, highest: float | None = None
 ) -> Judgement:
     """Judge whether the contrast of the experiment's frames begins, or ends, at a value, to a bin's width."""
@@ -369,13 +369,13 @@ def _contrast_range(
     return _holds(holds, measured, reason if beyond else "no frame reaches it", low, high)
 
 
-def _interference(reading: PaperReading) -> Judgement:
+def interference(reading: PaperReading) -> Judgement:
     """Judge whether blooming takes more away the higher the contrast is that scenes truly have (Fig. 20)."""
     scenes = ("true_6", "true_30", "true_50")
     before = [reading.number(f"fig20.contrast_{scene}") for scene in scenes]
     lost = [
-        contrast - reading.number(f"fig20.contrast_in_picture_{scene}")
-        for contrast, scene in zip(before, scenes, strict=True)
+        whole - reading.number(f"fig20.contrast_in_picture_{scene}")
+        for whole, scene in zip(before, scenes, strict=True)
     ]
     shares = [
         f"{100 * loss / contrast:.0f}" if contrast else "0"
@@ -399,13 +399,9 @@ def _holds(
     )
 
 
+_OF_FIGURE_20 = (contrast, contrast_range, interference)
+_OF_SECTION_IV_C = (net_data_rate, transmission, half_exposure, gains_follow, iso_range)
 EQUATIONS: dict[str, Callable[..., Judgement]] = {
-    "net_data_rate": _net_data_rate,
-    "transmission": _transmission,
-    "half_exposure": _half_exposure,
-    "gains_follow": _gains_follow,
-    "iso_range": _iso_range,
-    "contrast": _contrast,
-    "contrast_range": _contrast_range,
-    "interference": _interference,
+    rule.__name__: rule for rule in (*_OF_SECTION_IV_C, *_OF_FIGURE_20)
 }
+"""Every equation by its name in ``claims.yaml``."""

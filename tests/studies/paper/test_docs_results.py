@@ -1,4 +1,4 @@
-"""docs/update_results.py: the README's scorecard is what a run wrote, and nothing else changes."""
+"""docs/update_results.py: the page's scorecard is what a run wrote, and nothing else changes."""
 
 import re
 import runpy
@@ -14,7 +14,7 @@ from vocc_torch.studies.paper.scorecard import COLUMNS, FIT_COLUMNS
 
 pytestmark = pytest.mark.breakage
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[3]
 SCRIPT = ROOT / "docs" / "update_results.py"
 RESULTS = ROOT / "docs" / "results"
 script = SimpleNamespace(**runpy.run_path(str(SCRIPT)))
@@ -65,11 +65,11 @@ def run(tmp_path):
 
 @pytest.fixture
 def checkout(tmp_path):
-    """A project with a README of its own and the script."""
+    """A project with a page of results and the script."""
     root = tmp_path / "project"
     (root / "docs").mkdir(parents=True)
     shutil.copy(SCRIPT, root / "docs")
-    (root / "README.md").write_text(
+    (root / "docs" / "results.md").write_text(
         f"# Before\n\n{script.BEGIN}\nold\n{script.END}\n\nAfter ünïcode.\n", encoding="utf-8"
     )
     return root
@@ -78,7 +78,7 @@ def checkout(tmp_path):
 def update(checkout, run, monkeypatch):
     monkeypatch.setattr(sys, "argv", ["update_results.py", str(run)])
     runpy.run_path(str(checkout / "docs" / "update_results.py"), run_name="__main__")
-    return (checkout / "README.md").read_text(encoding="utf-8")
+    return (checkout / "docs" / "results.md").read_text(encoding="utf-8")
 
 
 def test_the_section_between_the_markers_is_replaced_and_nothing_else(checkout, run, monkeypatch):
@@ -134,8 +134,8 @@ def test_the_runs_own_files_are_read(run):
 
 
 @pytest.mark.skipif(not (RESULTS / "scorecard.csv").exists(), reason="docs/results has no scorecard yet")
-def test_the_readme_shows_docs_results():
-    text = (ROOT / "README.md").read_text(encoding="utf-8")
+def test_the_page_shows_docs_results():
+    text = (ROOT / "docs" / "results.md").read_text(encoding="utf-8")
     _, _, rest = text.partition(script.BEGIN)
     made = script.BEGIN + rest.partition(script.END)[0] + script.END
     assert made == script.generated(RESULTS)
