@@ -27,9 +27,10 @@ from scipy.stats import beta
 from stopping import at_frame_errors, at_precision
 
 from vocc_torch.measure.counts import Counts
-from vocc_torch.measure.intervals import Interval, ber_interval, clopper_pearson
-from vocc_torch.measure.paired import DifferenceInterval, paired_interval
-from vocc_torch.measure.relative import Gain, difference_independent, mean_gain, relative_gain
+from vocc_torch.measure.estimate import Estimate
+from vocc_torch.measure.intervals import ber_interval, clopper_pearson
+from vocc_torch.measure.paired import paired_interval
+from vocc_torch.measure.relative import difference_independent, mean_gain, relative_gain
 
 FRAMES = 2000
 """Frames in a study, the paper's number for a point."""
@@ -81,7 +82,7 @@ def cells(text: str) -> list[str]:
     return text.split("|")
 
 
-def ends_of(intervals: Sequence[Interval | DifferenceInterval | Gain]) -> Ends:
+def ends_of(intervals: Sequence[Estimate]) -> Ends:
     """Line up the ends."""
     return np.array([(one.low, one.high) for one in intervals], dtype=np.float64)
 

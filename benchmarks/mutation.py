@@ -35,10 +35,7 @@ EQUIVALENT = ROOT / "benchmarks" / "equivalent_mutants.toml"
 COPIED = ("vocc_torch", "benchmarks", "conf", "tests", "README.md", "LICENSE")
 FLDA_TESTS = (
     "tests/receiver/test_flda.py",
-    "tests/receiver/test_flda_discriminant.py",
-    "tests/receiver/test_flda_edges.py",
     "tests/numerics/test_flda_hard_cases.py",
-    "tests/numerics/test_flda_invariances.py",
 )
 TESTS = {
     "vocc_torch/simulation/photometry.py": (
@@ -57,7 +54,6 @@ TESTS = {
     ),
     "vocc_torch/receiver/flda.py": FLDA_TESTS,
     "vocc_torch/receiver/discriminant.py": FLDA_TESTS,
-    "vocc_torch/receiver/scatter.py": FLDA_TESTS,
 }
 """The modules, and the quick tests that cover each."""
 

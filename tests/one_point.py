@@ -1,5 +1,7 @@
 """One point of a plan, counted in this process on a link of the test's own."""
 
+from functools import partial
+
 from vocc_torch.measure.counter import PointJob
 from vocc_torch.measure.schedule import run_point
 from vocc_torch.measure.sweep import points_of, stop_rule
@@ -14,9 +16,7 @@ def banks(plan, fldas):
 def counter(plan, link, flda, value):
     """What counts the blocks of a point; the link's own locator stands in for the plan's."""
     locator = plan.receiver.locator
-    made = PointJob(plan, (locator,), banks(plan, {locator: flda}), value).counter(link)
-    made.finders[locator] = link.locator
-    return made
+    return partial(PointJob(plan, (locator,), banks(plan, {locator: flda}), value).counted, link=link)
 
 
 def sweep_point(plan, link, flda, value, progress=None, show=None):

@@ -26,7 +26,7 @@ TRADEOFF = (
     *("task=tradeoff", "device=cpu", "workers=1", "tensorboard=false", "budget.frames=16"),
     *("camera.width_px=480", "camera.height_px=272", "camera.sensor_width_mm=3.3"),
     *("scene.offset_x_m=0", "scene.offset_y_m=0", "scene.distance_m=[uniform,50,70]"),
-    *("budget.training_frames=64", "tradeoff.repeats=1", "tradeoff.simulation.frames=1"),
+    *("budget.training_frames=64", "tradeoff.repeats=1"),
     *("tradeoff.batch_sizes=[1]", "tradeoff.locators=[paper,truth]", "tradeoff.varied=[flda_3]"),
     *("receiver.names=[flda_3]", "classifier=[lmmse,logistic]", "tradeoff.samples_per_led=[8,4]"),
 )

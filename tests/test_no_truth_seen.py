@@ -3,6 +3,7 @@
 Frames are rendered once. Then scene, corners, bits and keys are others', and no score may move.
 """
 
+import copy
 import dataclasses
 import pickle
 
@@ -11,19 +12,19 @@ import torch
 from hydra import compose, initialize_config_module
 from hydra.core.global_hydra import GlobalHydra
 from leak_watch import LITTLE, NETWORKS, SHIPPED
-from vocc_torch.studies.tradeoff.chain import Chain
-from vocc_torch.studies.tradeoff.errors import CountJob
 
 from vocc_torch.app.config import register_schema
 from vocc_torch.app.resolve import resolved
 from vocc_torch.measure.build import build_plan
+from vocc_torch.measure.frame_errors import FrameJob
 from vocc_torch.measure.link import Link
 from vocc_torch.measure.train import train
 from vocc_torch.receiver.bank import FLDA_FEATURES, Preambles
 from vocc_torch.receiver.reader import Reader
+from vocc_torch.receiver.receiver import StagedReceiver
 from vocc_torch.rng import BlockKey
 from vocc_torch.simulation import Distribution, Simulator
-from vocc_torch.studies.tradeoff.price_list import Setting
+from vocc_torch.studies.tradeoff.study import Apart
 from vocc_torch.types import Frames
 
 
@@ -138,30 +139,31 @@ def test_bits_hidden_in_what_a_receiver_sees_are_found(plan, bank, tape, monkeyp
     assert told >= {"flda_3", "mlp", "mlp_features", "flda_patch", "lmmse", "logistic"}
 
 
-def chain_scores(plan, bank, model, seed):
+def staged_scores(plan, bank, model, seed):
     """Decisions of the price list's receivers on a block, whose truth errors are counted against."""
     locator = plan.receiver.finders(["paper"])["paper"]
-    deciders = {**bank.classifiers, **bank.plugged_in}
-    chains = [
-        Chain(Setting(name, "paper", 8, "sobel", "float32"), locator, plan.receiver.reader, decider)
-        for name, decider in deciders.items()
-    ]
-    given, classify = [], Chain.classify
+    receivers = []
+    for name in (*bank.classifiers, *bank.plugged_in):
+        own = copy.copy(bank)
+        own.names = (name,)
+        receivers.append(("paper", StagedReceiver(own, plan.receiver.reader, locator, torch.float32)))
+    given, decide = [], StagedReceiver.decide
     with pytest.MonkeyPatch.context() as patch:
 
-        def recorded(chain, measured, threshold):
-            given.append((measured, classify(chain, measured, threshold)))
-            return given[-1][1]
+        def recorded(one, readings, preambles):
+            scores = decide(one, readings, preambles)
+            given.append((readings.features, next(iter(scores.values())) >= 0))
+            return scores
 
-        patch.setattr(Chain, "classify", recorded)
-        wrong, _ = CountJob(dataclasses.replace(plan, seed=seed), model, "swapped", chains)([0])
-    return given, wrong
+        patch.setattr(StagedReceiver, "decide", recorded)
+        job = FrameJob(dataclasses.replace(plan, seed=seed), model, "swapped", ("paper",), Apart(receivers))
+        return given, job(range(64)).half_errors
 
 
 def test_receivers_of_the_price_list_see_frames_alone(plan, bank, tape):
-    first, wrong = chain_scores(plan, bank, plan.world.scene, seed=0)
+    first, wrong = staged_scores(plan, bank, plan.world.scene, seed=0)
     tape.play()
-    again, swapped = chain_scores(plan, bank, held(plan.world.scene, distance_m=37), seed=1)
+    again, swapped = staged_scores(plan, bank, held(plan.world.scene, distance_m=37), seed=1)
     assert (
         len(first) == len(again) == len(SHIPPED) + len([n for n in plan.receiver.names if n in FLDA_FEATURES])
     )

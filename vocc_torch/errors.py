@@ -64,7 +64,8 @@ def section(key: str, before: str = "") -> Iterator[None]:
             raise
         if not before and said.startswith(f"{key}."):
             raise
-        moved = type(error)(f"{key}{said[len(before) :]}" if before else f"{key}.{said}")
+        rest = said[len(before) :].replace(f"{before}.", f"{key}.") if before else f".{said}"
+        moved = type(error)(f"{key}{rest}")
         moved.value, moved.rule = error.value, error.rule
         raise moved from None
 

@@ -6,9 +6,6 @@ from hydra import compose, initialize_config_module
 from hydra.core.global_hydra import GlobalHydra
 from hydra.errors import HydraException
 from omegaconf.errors import OmegaConfBaseException
-from vocc_torch.studies.effects.plan import build_effect_study
-from vocc_torch.studies.paper.build import build_experiments
-from vocc_torch.studies.tradeoff.plan import build_tradeoff_study
 
 from vocc_torch.app.complaints import one_line
 from vocc_torch.app.config import register_schema
@@ -16,6 +13,9 @@ from vocc_torch.app.resolve import resolved
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.build import build_plan
 from vocc_torch.studies.classifiers.plan import build_classifier_study
+from vocc_torch.studies.effects.plan import build_effect_study
+from vocc_torch.studies.paper.experiments import paper_plan
+from vocc_torch.studies.tradeoff.plan import build_tradeoff_study
 
 NOWHERE = Path("runs/none")
 
@@ -41,7 +41,7 @@ def study_of(*words):
     if settings.task == "classifiers":
         return build_classifier_study(settings, settings.rivals, NOWHERE)
     if settings.task == "figures":
-        return build_experiments(settings.figures, plan)
+        return paper_plan(settings.figures, plan)
     if settings.task == "effects":
         return build_effect_study(settings, settings.effects, NOWHERE)
     if settings.task == "tradeoff":

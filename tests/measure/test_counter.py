@@ -123,7 +123,7 @@ def test_pairs_are_those_of_frames_one_by_one(plan, fldas):
     """A part of one frame after another: squares of the differences, and who was worse, by hand."""
     names = ("average_greyscale", "flda_3")
     two = at(plan, "paper", names)
-    count = PointJob(two, LOCATORS, banks(two, fldas), 600.0).counter(Link.of(plan))
+    count = PointJob(two, LOCATORS, banks(two, fldas), 600.0)
     whole, totals = count([Part(0, 24)])[0], [count([Part(0, frames)])[0] for frames in range(1, 25)]
     for label in (("paper", *names, 0), ("truth", *names, 0), ("flda_3", 0)):
         sides = {3: [], 1: []}

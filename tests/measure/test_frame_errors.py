@@ -1,14 +1,20 @@
-"""Receivers that are called surely worse are: among equal ones hardly any, and real differences are found."""
+"""Errors by frame: the one loop counts what each part of it counts, and what is called surely worse is."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from made_up_prices import BASE, made_up_prices
+import torch
+from made_up_tallies import tallies
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure import frame_errors as frame_errors_module
-from vocc_torch.measure.estimate import all_pairs, joint_confidence
-from vocc_torch.measure.frame_errors import FrameErrors
-from vocc_torch.studies.tradeoff.price_list import Setting
+from vocc_torch.measure.counts import Counts, half_errors
+from vocc_torch.measure.estimate import Estimate, all_pairs, joint_confidence, may_be_least
+from vocc_torch.measure.frame_errors import Banks, FrameErrors, FrameJob
+from vocc_torch.measure.paired import PairedCounts
+from vocc_torch.measure.workers import Workers
+from vocc_torch.receiver.bank import ReceiverBank
 
 LEDS = 64
 
@@ -22,17 +28,12 @@ def equals(rng, receivers, frames, rate, shared):
 
 
 def pictures_with_a_false_claim(receivers, pictures):
-    """Share of price lists of equal receivers in which any is called surely beaten."""
-    rng = np.random.default_rng(1)
-    settings = tuple(Setting(f"own_{n}", "paper", **BASE) for n in range(receivers))
-    false = 0
+    """Share of lists of equal receivers in which any is called surely worse than another."""
+    rng, false = np.random.default_rng(1), 0
     for _ in range(pictures):
         errors = equals(rng, receivers, 1024, 0.02, 0.5)
-        # Their order in time is chance too.
-        times = tuple(rng.uniform(4.0, 4.1, receivers).tolist())
-        prices = made_up_prices(settings, alone_ms=times, errors={"mixture": errors})
-        beaten = prices.beaten_by("mixture", prices.offers("mixture", "cpu", "whole", 1))
-        false += any(sure for _, sure in beaten)
+        totals = errors.half_errors.sum(axis=1)
+        false += errors.surely_worse(int(totals.argmax()), int(totals.argmin()))
     return false / pictures
 
 
@@ -42,9 +43,28 @@ def test_among_equals_few_pictures_have_a_false_claim(receivers, pictures):
 
 
 def test_intervals_of_single_pairs_would_not_do(monkeypatch):
-    """The simulation can tell: with 95 % for each pair, some receiver is falsely beaten in many pictures."""
-    monkeypatch.setattr(frame_errors_module, "joint_confidence", lambda receivers: 0.95)
+    """The simulation can tell: with 95 % for each pair, many pictures have a false claim."""
+    monkeypatch.setattr(frame_errors_module, "joint_confidence", lambda comparisons: 0.95)
     assert pictures_with_a_false_claim(12, 30) > 0.2
+
+
+def test_the_best_is_hardly_ever_ruled_out_and_worse_ones_are():
+    """Equal receivers and one with a third of their errors, over and over."""
+    rng, kept, left = np.random.default_rng(3), 0, 0
+    for _ in range(100):
+        halves = equals(rng, 6, 2048, 0.03, 0.3).half_errors
+        halves[2] *= rng.random(2048) < 1 / 3
+        places = FrameErrors(halves, halves >= 0, LEDS).may_be_best()
+        kept, left = kept + (2 in places), left + len(places)
+    assert kept >= 95
+    assert left / 100 < 2
+
+
+def test_an_estimate_leaves_out_what_is_outside_its_interval():
+    for ends, real in (((0.1, 0.3), True), ((-0.3, -0.1), True), ((0.0, 0.2), False), ((-0.1, 0.2), False)):
+        assert Estimate(0.1, *ends).real is real
+        assert Estimate(1.1, ends[0] + 1, ends[1] + 1).leaves_out(1.0) is real
+    assert may_be_least(1, lambda *_: pytest.fail("nothing to compare")) == [0]
 
 
 def test_a_real_difference_is_still_found():
@@ -65,10 +85,94 @@ def test_the_first_frames_are_counted_alone():
     half = np.array([[2, 64, 0, 8], [0, 64, 4, 0]])
     found = half != 64
     first = FrameErrors(half, found, LEDS).first(2)
-    assert [(one.frames, one.half_errors, one.panels_missed) for one in first.tallied[0]] == [
+    assert [(one.frames, one.half_errors, one.panels_missed) for one in first.counts] == [
         (2, 66, 1), (2, 64, 1),
     ]  # fmt: skip
-    assert first.compared(1, 0).difference == -2 / (2 * 2 * LEDS)
+    assert first.compared(1, 0).value == -2 / (2 * 2 * LEDS)
     for frames in (0, 5):
         with pytest.raises(VoccError, match=f"frames is {frames}: it must be from 1 to 4"):
             FrameErrors(half, found, LEDS).first(frames)
+
+
+# Counts
+
+
+def test_counts_and_pairs_are_those_of_the_decided_bits():
+    """The fast way over all pairs against one receiver, and two, at a time."""
+    rng = torch.Generator().manual_seed(0)
+    sent = torch.rand((90, 3, 3), generator=rng) < 0.5
+    decided = [sent ^ (torch.rand((90, 3, 3), generator=rng) < rate) for rate in (0.0, 0.1, 0.5)]
+    found = [torch.rand(90, generator=rng) < rate for rate in (1.0, 0.9, 0.5)]
+    halves = torch.stack([half_errors(*one) for one in zip(decided, [sent] * 3, found, strict=True)])
+    counts, pairs = tallies(halves.numpy(), 9, torch.stack(found).numpy())
+    assert counts == [Counts.of(*one) for one in zip(decided, [sent] * 3, found, strict=True)]
+    for (a, b), pair in pairs.items():
+        assert pair == PairedCounts.of(decided[a], decided[b], sent, found[a], found[b])
+    assert list(pairs) == [(0, 1), (0, 2), (1, 2)]
+
+
+ONES, HALVES = np.ones((2, 3), dtype=bool), np.full((2, 3), 2)
+
+
+@pytest.mark.parametrize(
+    ("halves", "bits", "found", "message"),
+    [
+        (HALVES.astype(float), 64, ONES, r"half_errors is float64 of shape \(2, 3\)"),
+        (HALVES[0], 64, ONES[0], r"half_errors is int64 of shape \(3,\)"),
+        (HALVES, 64, ONES[:1], r"found is bool of shape \(1, 3\)"),
+        (HALVES, 64, HALVES, r"found is int64"),
+        (HALVES, 0, ONES, r"leds is 0"),
+        (HALVES, 2**31, ONES, r"leds is 2147483648: the squared errors of 3 frames"),
+        (-HALVES, 64, ONES, r"half_errors holds -2 to -2: it must be 0 to 128"),
+        (64 * HALVES + 1, 64, ONES, r"half_errors holds 129 to 129"),
+        (HALVES, 64, ~ONES, r"half_errors of a frame without a panel is not 64"),
+    ],
+)
+def test_errors_that_no_frames_have_are_refused_by_name(halves, bits, found, message):
+    with pytest.raises(VoccError, match=f"^{message}"):
+        tallies(halves, bits, found)
+
+
+# The loop
+
+
+@pytest.fixture(scope="module")
+def job(make_plan, trained):
+    """Two banks with known corners and one with the paper's locator, where some panels are missed."""
+    plan = make_plan(frames=150)
+    strict = replace(plan.receiver.location, min_rectangularity=0.8)
+    plan = replace(plan, receiver=replace(plan.receiver, location=strict))
+    banks = [("truth", ["average_greyscale", "flda_3"]), ("paper", ["flda_3"]), ("truth", ["flda_2"])]
+    receivers = Banks([(name, ReceiverBank(names, trained)) for name, names in banks])
+    model = plan.experiment.model_at(plan.world, 66.0)
+    return FrameJob(plan, model, "p", ("truth", "paper"), receivers, receivers.needs_preambles)
+
+
+def test_parts_of_a_job_are_the_whole_whoever_does_them(job):
+    whole, told = job(range(150)), []
+    assert whole.half_errors.shape == (4, 150)
+    for at_once in (40, 64, 128):
+        with Workers(1) as alone:
+            calls = job.handed_out(150, alone, at_once=at_once, told=told.append)
+        parts = FrameErrors.joined(call.result() for call in calls)
+        assert np.array_equal(parts.half_errors, whole.half_errors)
+        assert np.array_equal(parts.found, whole.found)
+    assert sum(told) == 450
+    assert np.array_equal(job(range(70, 80)).half_errors, whole.half_errors[:, 70:80])
+    with pytest.raises(VoccError, match="no parts"):
+        FrameErrors.joined([])
+
+
+def test_rows_are_in_the_order_of_the_banks_each_with_its_own_locator(job):
+    errors = job(range(100))
+    assert errors.found[[0, 1, 3]].all()
+    assert 0 < errors.counts[2].panels_missed < 100
+    for place, (locator, bank) in (
+        (slice(0, 2), job.receivers.banks[0]),
+        (slice(2, 3), job.receivers.banks[1]),
+    ):
+        receivers = Banks([(locator, bank)])
+        alone = replace(job, locators=(locator,), receivers=receivers, preambles=receivers.needs_preambles)
+        assert np.array_equal(alone(range(100)).half_errors, errors.half_errors[place])
+    assert errors.paired(1, 1).discordant == 0
+    assert errors.paired(3, 1) == errors.paired(1, 3).swapped()

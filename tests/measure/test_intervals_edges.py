@@ -10,7 +10,6 @@ from vocc_torch.errors import VoccError
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.intervals import (
     MOST_TRIALS,
-    Interval,
     ber_interval,
     clopper_pearson,
     design_effect,
@@ -123,7 +122,3 @@ def test_the_t_correction_at_no_confidence_is_the_ratio_of_the_densities(confide
 def test_frames_that_differ_less_than_chance_have_no_design_effect_below_1():
     assert design_effect(of_halves([2] * 100)) == 1.0
     assert design_effect(of_halves([2, 4] * 50)) == 1.0
-
-
-def test_an_interval_is_what_it_says():
-    assert Interval(0.25, 0.5) == Interval(low=0.25, high=0.5)

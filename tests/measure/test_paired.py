@@ -11,8 +11,9 @@ from scipy.stats import binomtest, ttest_1samp
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.counts import Counts
+from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.intervals import ber_interval
-from vocc_torch.measure.paired import DifferenceInterval, PairedCounts, paired_interval, sign_test
+from vocc_torch.measure.paired import PairedCounts, paired_interval, sign_test
 
 BITS = 64
 
@@ -115,8 +116,8 @@ def test_swapping_is_the_other_receivers_view(apart, more):
     assert paired.discordant == sum(value != 0 for value in apart)
     assert paired.half_difference_squared == 4 * sum(value**2 for value in apart)
     ours, theirs = paired_interval(paired), paired_interval(paired.swapped())
-    assert (ours.difference, ours.low, ours.high) == pytest.approx(
-        (-theirs.difference, -theirs.high, -theirs.low), abs=1e-12
+    assert (ours.value, ours.low, ours.high) == pytest.approx(
+        (-theirs.value, -theirs.high, -theirs.low), abs=1e-12
     )
     assert sign_test(paired) == pytest.approx(sign_test(paired.swapped()))
 
@@ -303,7 +304,7 @@ def test_where_most_frames_differ_it_is_the_t_interval():
     apart = np.random.default_rng(4).integers(-20, 23, 3000)
     ours = paired_interval(of_differences(apart))
     exact = ttest_1samp(apart / BITS, 0).confidence_interval(0.95)
-    assert ours.difference == pytest.approx(apart.mean() / BITS)
+    assert ours.value == pytest.approx(apart.mean() / BITS)
     half_width = (exact.high - exact.low) / 2
     assert (ours.low, ours.high) == pytest.approx((exact.low, exact.high), abs=0.02 * half_width)
 
@@ -356,7 +357,7 @@ def test_the_sign_test_is_the_binomials_sum():
 def test_no_frame_that_differs_gives_the_binomials_limit_on_both_sides(frame_count):
     ours = paired_interval(PairedCounts(frame_count, BITS * frame_count), errors_per_discordant_frame=16.0)
     assert ours.low == -ours.high
-    assert ours.difference == 0
+    assert ours.value == 0
     assert not ours.real
     assert binomtest(0, frame_count, ours.high * BITS / 16, "less").pvalue == pytest.approx(0.05)
 
@@ -380,7 +381,7 @@ def test_pairing_tells_what_two_intervals_cannot():
 def test_the_interval_is_ordered_and_holds_the_difference(apart, confidence):
     paired = of_differences(apart, 9)
     ours = paired_interval(paired, confidence)
-    assert -1 <= ours.low <= ours.difference <= ours.high <= 1
+    assert -1 <= ours.low <= ours.value <= ours.high <= 1
     assert ours.low < ours.high
     wider = paired_interval(paired, (1 + confidence) / 2)
     assert wider.low <= ours.low + 1e-12
@@ -404,10 +405,10 @@ def test_a_million_million_bits_are_finite_and_narrow():
 
 
 def test_the_reality_of_a_difference_is_that_0_is_left_out():
-    assert DifferenceInterval(0.2, 0.1, 0.3).real
-    assert DifferenceInterval(-0.2, -0.3, -0.1).real
-    assert not DifferenceInterval(0.1, 0.0, 0.2).real
-    assert not DifferenceInterval(0.1, -0.1, 0.2).real
+    assert Estimate(0.2, 0.1, 0.3).real
+    assert Estimate(-0.2, -0.3, -0.1).real
+    assert not Estimate(0.1, 0.0, 0.2).real
+    assert not Estimate(0.1, -0.1, 0.2).real
 
 
 @pytest.mark.parametrize(

@@ -6,14 +6,15 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from made_up_tallies import tallies
 from scipy.stats import binomtest
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.counts import Counts
+from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.intervals import ber_interval
 from vocc_torch.measure.paired import PairedCounts, paired_interval
-from vocc_torch.measure.relative import Gain, difference_independent, mean_gain, relative_gain
-from vocc_torch.measure.tally import tallies
+from vocc_torch.measure.relative import difference_independent, mean_gain, relative_gain
 
 BITS = 64
 
@@ -34,9 +35,9 @@ def padded(*groups, frames=2000):
 
 def test_the_papers_improvement_is_a_share_of_the_first_rate():
     a, b, paired = padded((66, 1, 0), (200, 1, 1), frames=8000)
-    assert relative_gain(a, b, paired).gain == pytest.approx(66 / 266)
+    assert relative_gain(a, b, paired).value == pytest.approx(66 / 266)
     loss = relative_gain(b, a, paired.swapped())
-    assert loss.gain == pytest.approx(-66 / 200)
+    assert loss.value == pytest.approx(-66 / 200)
     assert loss.real
 
 
@@ -65,14 +66,14 @@ def test_no_gain_can_be_stated_over_a_receiver_without_errors():
 
 def test_a_receiver_without_errors_has_gained_all_there_was_but_may_err_yet():
     few, many = (relative_gain(*padded((number, 1, 0))) for number in (3, 300))
-    assert few.gain == many.gain == few.high == many.high == 1.0
+    assert few.value == many.value == few.high == many.high == 1.0
     assert few.low < 0 < 0.9 < many.low < 1
     assert not few.real
 
 
 def test_the_same_errors_in_few_frames_prove_no_equality():
     gain = relative_gain(*padded((5, 1, 1)))
-    assert gain.gain == 0
+    assert gain.value == 0
     assert gain.low < -0.4
     assert gain.high > 0.4
 
@@ -82,7 +83,7 @@ def test_bad_frames_that_both_share_take_nothing_from_a_real_gain():
     a, b, paired = padded((40, 1, 0), (3, 40, 40))
     gain = relative_gain(a, b, paired)
     assert gain.real
-    assert 0 < gain.low < 0.1 < gain.gain
+    assert 0 < gain.low < 0.1 < gain.value
     assert gain.low == pytest.approx(paired_interval(paired).low / ber_interval(a).high)
 
 
@@ -96,7 +97,7 @@ def test_the_few_errors_that_are_left_are_as_uncertain_as_their_number():
 
 def test_little_seen_of_a_leaves_the_loss_nearly_open():
     gain = relative_gain(*padded((1, 1, 0), (10, 0, 1)))
-    assert gain.gain == -9
+    assert gain.value == -9
     assert -np.inf < gain.low < -100
     assert gain.high > -2
 
@@ -111,8 +112,8 @@ def test_the_gain_is_ordered_finite_and_real_where_the_difference_is(pairs, clea
     if not a.half_errors:
         assert gain is None
         return
-    assert -math.inf < gain.low <= gain.gain <= gain.high <= 1
-    assert gain.gain == pytest.approx(1 - b.ber / a.ber)
+    assert -math.inf < gain.low <= gain.value <= gain.high <= 1
+    assert gain.value == pytest.approx(1 - b.ber / a.ber)
     assert gain.real == paired_interval(paired, confidence).real
 
 
@@ -124,18 +125,18 @@ def test_a_hundred_times_the_frames_is_a_narrower_interval(pairs, clean):
 
 
 def test_real_is_an_interval_without_0():
-    assert Gain(0.2, 0.1, 0.3).real
-    assert Gain(-0.2, -0.3, -0.1).real
-    assert not Gain(0.1, 0.0, 0.2).real
+    assert Estimate(0.2, 0.1, 0.3).real
+    assert Estimate(-0.2, -0.3, -0.1).real
+    assert not Estimate(0.1, 0.0, 0.2).real
 
 
 def test_the_average_is_plain_and_its_ends_join_by_squares():
     points = [padded((60, 1, 0), (100, 1, 1)), padded((30, 2, 1), (200, 1, 1)), padded((9, 0, 1))]
     one, two = (relative_gain(*point) for point in points[:2])
     mean = mean_gain(points)
-    assert mean.gain == pytest.approx((one.gain + two.gain) / 2)
-    assert mean.gain - mean.low == pytest.approx(math.hypot(one.gain - one.low, two.gain - two.low) / 2)
-    assert mean.high - mean.gain == pytest.approx(math.hypot(one.high - one.gain, two.high - two.gain) / 2)
+    assert mean.value == pytest.approx((one.value + two.value) / 2)
+    assert mean.value - mean.low == pytest.approx(math.hypot(one.value - one.low, two.value - two.low) / 2)
+    assert mean.high - mean.value == pytest.approx(math.hypot(one.high - one.value, two.high - two.value) / 2)
     assert (mean.points, mean.left_out) == (2, 1)
     assert mean.real
 
@@ -143,9 +144,9 @@ def test_the_average_is_plain_and_its_ends_join_by_squares():
 def test_independent_differences_are_newcombes_square_and_add():
     a, b, _ = padded((400, 1, 0), (300, 0, 1), frames=40_000)
     ours, (one, other) = difference_independent(a, b), (ber_interval(a), ber_interval(b))
-    assert ours.difference == a.ber - b.ber
-    assert ours.difference - ours.low == pytest.approx(math.hypot(a.ber - one.low, other.high - b.ber))
-    assert ours.high - ours.difference == pytest.approx(math.hypot(one.high - a.ber, b.ber - other.low))
+    assert ours.value == a.ber - b.ber
+    assert ours.value - ours.low == pytest.approx(math.hypot(a.ber - one.low, other.high - b.ber))
+    assert ours.high - ours.value == pytest.approx(math.hypot(one.high - a.ber, b.ber - other.low))
     back = difference_independent(b, a)
     assert (back.low, back.high) == pytest.approx((-ours.high, -ours.low))
 

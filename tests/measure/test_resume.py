@@ -1,13 +1,13 @@
 """A run that ends early and is started again under its name: the numbers of one that nobody disturbed."""
 
-import errno
-import json
 import os
 import shutil
 import signal
+import sqlite3
 import subprocess
 import sys
 import time
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -15,8 +15,10 @@ import yaml
 from hydra.core.global_hydra import GlobalHydra
 
 from vocc_torch.app import cli
-from vocc_torch.measure import ledger_format, workers
-from vocc_torch.measure.counter import PointCounter
+from vocc_torch.measure import ledger as ledger_module
+from vocc_torch.measure import workers
+from vocc_torch.measure.counter import PointJob
+from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.ledger import Ledger
 from vocc_torch.studies.curve import run as testing
 
@@ -61,11 +63,12 @@ def folder(tmp_path):
 def ended_after(undisturbed, folder):
     """Leave what a run leaves that was killed when it had counted some blocks."""
 
-    def leave(blocks, more=b""):
+    def leave(blocks, *changes):
         folder.mkdir(parents=True)
-        lines = (undisturbed / "ledger.jsonl").read_bytes().splitlines(keepends=True)
-        (folder / "ledger.jsonl").write_bytes(b"".join(lines[: 1 + blocks]) + more)
-        shutil.copy(undisturbed / "config.yaml", folder)
+        for name in ("ledger.sqlite", "config.yaml"):
+            shutil.copy(undisturbed / name, folder)
+        later = rows_in(undisturbed / "ledger.sqlite")[blocks:]
+        change(folder, ("DELETE FROM blocks WHERE point=? AND block=? AND frames=?", later), *changes)
 
     return leave
 
@@ -73,20 +76,31 @@ def ended_after(undisturbed, folder):
 @pytest.fixture
 def asked(monkeypatch):
     """The blocks that are counted in this process."""
-    blocks, count = [], PointCounter.__call__
+    blocks, count = [], PointJob.__call__
 
     def watched(self, parts):
         blocks.extend((self.point, part.block, part.frames) for part in parts)
         return count(self, parts)
 
-    monkeypatch.setattr(PointCounter, "__call__", watched)
+    monkeypatch.setattr(PointJob, "__call__", watched)
     return blocks
 
 
-def rows_in(ledger):
-    """Point, block and frames of each whole row, read without the code under test."""
-    lines = ledger.read_bytes().split(b"\n")[1:-1] if ledger.exists() else []
-    return [(row["point"], row["block"], row["frames"]) for row in map(json.loads, lines)]
+def rows_in(ledger, alive=False):
+    """Point, block and frames of each row, in order, read without the code under test."""
+    try:
+        where = f"file:{ledger}?mode=ro{'&immutable=1' * alive}"
+        with closing(sqlite3.connect(where, uri=True)) as connection:
+            return connection.execute("SELECT point, block, frames FROM blocks ORDER BY 1, 2, 3").fetchall()
+    except sqlite3.Error:
+        return []
+
+
+def change(folder, *changes):
+    """Let SQLite itself change the ledger: statements, each with its rows of values."""
+    with closing(sqlite3.connect(folder / "ledger.sqlite")) as connection, connection:
+        for statement, rows in changes:
+            connection.executemany(statement, rows)
 
 
 def files_in(folder):
@@ -97,9 +111,9 @@ def assert_as(folder, undisturbed):
     """Tables are equal to the last byte, and every block stands in the ledger once."""
     for name in RESULTS:
         assert (folder / name).read_bytes() == (undisturbed / name).read_bytes()
-    rows = rows_in(folder / "ledger.jsonl")
+    rows = rows_in(folder / "ledger.sqlite")
     assert len(rows) == len(set(rows))
-    assert set(rows) == set(rows_in(undisturbed / "ledger.jsonl"))
+    assert set(rows) == set(rows_in(undisturbed / "ledger.sqlite"))
 
 
 # Killed and interrupted, in processes of their own
@@ -118,7 +132,7 @@ def life(cwd, rows, end, *arguments):
 
     The workers hold the pipes too: these end when the last process is gone.
     """
-    ledger = cwd / "runs" / "x" / "ledger.jsonl"
+    ledger = cwd / "runs" / "x" / "ledger.sqlite"
     with subprocess.Popen(
         [sys.executable, "-u", "-c", INTERRUPTIBLE, *RUN, *arguments],
         cwd=cwd,
@@ -129,14 +143,14 @@ def life(cwd, rows, end, *arguments):
         start_new_session=True,
     ) as run:
         try:
-            while len(rows_in(ledger)) < rows:
+            while len(rows_in(ledger, alive=True)) < rows:
                 assert run.poll() is None
-                time.sleep(0.001)
+                time.sleep(0.02)
             end(run.pid)
             out, err = run.communicate(timeout=60)
         finally:
             run.kill()
-    return {"status": run.returncode, "out": out, "err": err, "ledger": ledger.read_bytes()}
+    return {"status": run.returncode, "out": out, "err": err, "rows": rows_in(ledger)}
 
 
 @pytest.fixture(scope="module")
@@ -146,7 +160,7 @@ def lives(tmp_path_factory, undisturbed):
         pytest.skip("sends signals to groups of processes")
     cwd = tmp_path_factory.mktemp("lives")
     killed = life(cwd, 2, lambda pid: os.kill(pid, signal.SIGKILL), "workers=2")
-    interrupted = life(cwd, len(rows_in(cwd / "runs/x/ledger.jsonl")) + 1, interrupt_all, "workers=2")
+    interrupted = life(cwd, len(rows_in(cwd / "runs/x/ledger.sqlite")) + 1, interrupt_all, "workers=2")
     return {"cwd": cwd, "killed": killed, "interrupted": interrupted}
 
 
@@ -159,23 +173,23 @@ def test_workers_end_with_a_killed_parent(lives):
     """Only the parent was killed; that its pipes came to their end says that nobody holds them."""
     killed = lives["killed"]
     assert killed["status"] == -signal.SIGKILL
-    assert 2 <= killed["ledger"].count(b"\n") - 1 < BLOCKS
+    assert 2 <= len(killed["rows"]) < BLOCKS
 
 
 def test_an_interrupted_run_says_how_to_go_on(lives):
     interrupted = lives["interrupted"]
     assert (interrupted["status"], interrupted["err"]) == (130, "vocc-torch: interrupted\n")
     assert interrupted["out"].endswith("interrupted: the same command with name=x goes on from there\n")
-    known = lives["killed"]["ledger"].count(b"\n") - 1
-    where = lives["cwd"] / "runs" / "x" / "ledger.jsonl"
+    known = len(lives["killed"]["rows"])
+    where = lives["cwd"] / "runs" / "x" / "ledger.sqlite"
     assert f"going on from {known} blocks in {where}\n" in interrupted["out"]
 
 
 def test_a_run_killed_and_interrupted_ends_as_an_undisturbed_one(app, lives, undisturbed, monkeypatch, asked):
     """With one worker, or with two."""
     monkeypatch.chdir(lives["cwd"])
-    known = rows_in(lives["cwd"] / "runs" / "x" / "ledger.jsonl")
-    assert lives["interrupted"]["ledger"].startswith(lives["killed"]["ledger"])
+    known = rows_in(lives["cwd"] / "runs" / "x" / "ledger.sqlite")
+    assert set(lives["killed"]["rows"]) <= set(lives["interrupted"]["rows"]) == set(known)
     ran = app(*RUN)
     assert (ran.status, ran.err) == (0, "")
     assert_as(lives["cwd"] / "runs" / "x", undisturbed)
@@ -189,14 +203,12 @@ def test_a_run_killed_and_interrupted_ends_as_an_undisturbed_one(app, lives, und
 @pytest.mark.parametrize("blocks", [0, 3, BLOCKS])
 def test_what_was_counted_is_not_counted_again(app, ended_after, folder, undisturbed, asked, blocks):
     ended_after(blocks)
-    before = (folder / "ledger.jsonl").read_bytes()
-    known = rows_in(folder / "ledger.jsonl")
+    known = rows_in(folder / "ledger.sqlite")
     ran = app(*RUN)
     assert (ran.status, ran.err) == (0, "")
-    said = f"going on from {blocks} blocks in {folder}/ledger.jsonl\n"
+    said = f"going on from {blocks} blocks in {folder}/ledger.sqlite\n"
     assert ran.out.startswith(said if blocks else "trained on 64 frames\n")
     assert_as(folder, undisturbed)
-    assert (folder / "ledger.jsonl").read_bytes().startswith(before)
     assert len(known) == blocks
     assert not set(asked) & set(known)
     assert len(asked) == BLOCKS - blocks
@@ -211,16 +223,6 @@ def test_a_finished_run_is_told_again_without_counting(app, undisturbed, folder,
     assert asked == []
 
 
-def test_a_torn_last_line_is_said_and_counted_again(app, ended_after, folder, undisturbed, asked):
-    lines = (undisturbed / "ledger.jsonl").read_bytes().splitlines(keepends=True)
-    ended_after(3, lines[4][:40])
-    ran = app(*RUN)
-    assert (ran.status, ran.err) == (0, "")
-    assert "ledger.jsonl: cut off a torn last line of 40 bytes" in ran.out
-    assert_as(folder, undisturbed)
-    assert len(asked) == BLOCKS - 3
-
-
 def test_how_it_is_computed_may_change_in_the_middle(app, ended_after, folder, undisturbed):
     ended_after(3)
     assert app(*RUN, "batch_frames=100", "receiver.save=flda_2").status == 0
@@ -231,7 +233,6 @@ def test_how_it_is_computed_may_change_in_the_middle(app, ended_after, folder, u
     ("longer", "new"),
     [
         (("budget.frames=300",), [("1000", 4, 44), ("2000", 4, 44)]),
-        (("budget.frames=100",), [("1000", 1, 36), ("2000", 1, 36)]),
         (("budget.target_frame_errors=100",), []),
         (("experiment.values=[1000,1500,2000]",), [("1500", block, 64) for block in range(4)]),
     ],
@@ -255,11 +256,11 @@ def test_another_budget_or_more_values_take_what_is_there(
 # Refused, and left as it was
 
 OTHERS = {
-    "seed": (("seed=1",), "seed is 0 there and 1 here"),
-    "camera": (("camera.focal_length_mm=18",), "world.camera.focal_length_mm is 25 there and 18 here"),
-    "training": (("budget.training_frames=65",), "training_frames is 64 there and 65 here"),
-    "receivers": (("receiver.names=[flda_2]",), 'receiver.names is ["average_greyscale","flda_2","flda_3"]'),
-    "experiment": (("experiment=distance", "experiment.values=[66]"), "experiment.axis is"),
+    "seed": (("seed=1",), "seed was 0, is 1"),
+    "camera": (("camera.focal_length_mm=18",), "camera.focal_length_mm was 25, is 18"),
+    "training": (("budget.training_frames=65",), "training_frames was 64, is 65"),
+    "receivers": (("receiver.names=[flda_2]",), "receiver.names was [average_greyscale, flda_2, flda_3], is"),
+    "experiment": (("experiment=distance", "experiment.values=[66]"), "experiment.axis was ambient_lx, is"),
 }
 
 
@@ -271,9 +272,9 @@ def test_other_settings_are_refused(app, ended_after, folder, asked, changes, sa
     ended_after(3)
     before = files_in(folder)
     ran = app(*run, *changes)
-    assert "runs/x/ledger.jsonl holds results of other settings" in ran.complaint
-    assert said in ran.complaint
-    assert "go back to them, or give another name=" in ran.complaint
+    assert f"ledger runs/x/ledger.sqlite: {said}" in ran.complaint
+    assert "go back, or give another name=" in ran.complaint
+    assert len(ran.complaint) <= 200
     assert (ran.out, asked, files_in(folder)) == ("", [], before)
 
 
@@ -282,46 +283,53 @@ def test_other_bins_are_refused(app, tmp_path):
     contrast = ("experiment=contrast", "budget.frames=8", "budget.training_frames=16", "tensorboard=false")
     assert app(*contrast, "name=c", "experiment.values=[0.1,0.2,0.5]").status == 0
     complaint = app(*contrast, "name=c", "experiment.values=[0.1,0.3,0.5]").complaint
-    assert "experiment.bins is [0.1,0.2,0.5] there and [0.1,0.3,0.5] here" in complaint
+    assert "experiment.bins was [0.1, 0.2, 0.5], is [0.1, 0.3, 0.5]" in complaint
 
 
 def test_a_second_run_at_the_same_time_is_refused(app, ended_after, folder, asked):
     ended_after(3)
     before = files_in(folder)
-    settings = json.loads(before[Path("ledger.jsonl")].split(b"\n")[0])["settings"]
-    with Ledger.open(folder / "ledger.jsonl", settings):
+    with closing(sqlite3.connect(folder / "ledger.sqlite", isolation_level=None)) as other:
+        other.execute("BEGIN EXCLUSIVE")
         ran = app(*RUN)
-        assert "runs/x/ledger.jsonl is in use by another run" in ran.complaint
+        assert "runs/x/ledger.sqlite is in use by another run" in ran.complaint
         assert "give another name=" in ran.complaint
-        assert (ran.out, asked, files_in(folder)) == ("", [], before)
+        assert (ran.out, asked) == ("", [])
+    assert files_in(folder) == before
     assert app(*RUN).status == 0
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("statement", "said"),
     [
-        ((b'"version":1,', b'"version":2,'), "has format version 2 and this release reads 1"),
-        ((b'"block":1', b'"block":9'), "is damaged in line 3 of 4: bring back a copy"),
-        ((b'{"format":"vocc-torch ledger"', b'{"format":"another"'), "is no ledger of vocc-torch"),
+        ("UPDATE blocks SET block = 9 WHERE block = 1", "is damaged: bring back a copy"),
+        ("PRAGMA application_id = 1", "is no ledger of vocc-torch"),
     ],
 )
-def test_a_ledger_that_is_foreign_or_damaged_is_refused(app, ended_after, folder, asked, change, said):
+def test_a_ledger_that_is_foreign_or_damaged_is_refused(app, ended_after, folder, asked, statement, said):
     ended_after(3)
-    ledger = folder / "ledger.jsonl"
-    ledger.write_bytes(ledger.read_bytes().replace(*change))
+    with closing(sqlite3.connect(folder / "ledger.sqlite")) as connection, connection:
+        connection.execute(statement)
     before = files_in(folder)
     ran = app(*RUN)
     assert said in ran.complaint
-    assert "ledger.jsonl" in ran.complaint
+    assert "ledger.sqlite" in ran.complaint
     assert (ran.out, asked, files_in(folder)) == ("", [], before)
+
+
+def test_a_ledger_of_an_older_version_is_refused(app, folder):
+    folder.mkdir(parents=True)
+    (folder / "ledger.jsonl").write_text("{}")
+    assert "ledger.jsonl of an older version: give another name=" in app(*RUN).complaint
+    assert files_in(folder) == {Path("ledger.jsonl"): b"{}"}
 
 
 def test_a_ledger_of_another_release_is_refused(app, ended_after, folder, monkeypatch):
     ended_after(3)
     before = files_in(folder)
-    monkeypatch.setattr(ledger_format, "__version__", "9.9.9")
+    monkeypatch.setattr(ledger_module, "__version__", "9.9.9")
     complaint = app(*RUN).complaint
-    assert "this is 9.9.9: continue it with the release that began it, or give another name=" in complaint
+    assert "9.9.9: continue it with the release that began it, or give another name=" in complaint
     assert files_in(folder) == before
 
 
@@ -335,26 +343,6 @@ def test_a_folder_that_holds_something_else_is_refused(app, folder):
 # A system that refuses
 
 
-def test_a_read_only_ledger_is_refused(app, ended_after, folder, monkeypatch):
-    """On a file system that was mounted read-only, which binds root too."""
-    ended_after(3)
-    before, real = files_in(folder), os.open
-
-    def read_only(path, flags, *mode):
-        if Path(path).suffix == ".jsonl" and flags & (os.O_RDWR | os.O_WRONLY):
-            raise OSError(errno.EROFS, "Read-only file system")
-        return real(path, flags, *mode)
-
-    monkeypatch.setattr(os, "open", read_only)
-    complaint = app(*RUN).complaint
-    assert complaint.startswith(
-        f"cannot write {folder}/ledger.jsonl: Read-only file system: make it writable"
-    )
-    assert complaint.endswith("or give another name=")
-    monkeypatch.undo()
-    assert files_in(folder) == before
-
-
 @pytest.mark.skipif(getattr(os, "geteuid", lambda: 0)() == 0, reason="permissions do not bind root")
 def test_a_read_only_folder_is_refused(app, folder):
     folder.mkdir(parents=True)
@@ -362,39 +350,28 @@ def test_a_read_only_folder_is_refused(app, folder):
     assert "Permission denied" in app(*RUN).complaint
 
 
-def filling(rows, write):
-    """Write to a disk that has room for some rows, and for the beginning of one more."""
-    full = False
-
-    def call(descriptor, data):
-        nonlocal rows, full
-        if full:
-            raise OSError(errno.ENOSPC, "No space left on device")
-        if bytes(data).startswith(b'{"point"'):
-            full = rows == 0
-            rows -= 1
-        return write(descriptor, bytes(data)[:30] if full else data)
-
-    return call
-
-
-@pytest.mark.parametrize("rows", [0, 5])
+@pytest.mark.parametrize("rows", [5])
 def test_a_disk_that_is_full_in_the_middle_loses_nothing(app, folder, undisturbed, asked, rows):
-    """Half a row is written, and then the disk is full."""
+    """SQLite's own limit on a file's pages says what a full disk says."""
+    append = Ledger.append
+
+    def filling(self, *row):
+        if len(self) == rows:
+            self._run(f"PRAGMA max_page_count={self._run('PRAGMA page_count').fetchone()[0]}")
+            row = (*row[:3], {("filler", n): Counts() for n in range(2000)})
+        append(self, *row)
+
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(os, "write", filling(rows, os.write))
+        patch.setattr(Ledger, "append", filling)
         complaint = app(*RUN).complaint
     assert complaint == (
-        f"cannot write {folder}/ledger.jsonl: No space left on device: "
+        "cannot write runs/x/ledger.sqlite: database or disk is full: "
         "make room, then start the same run again"
     )
-    assert len(rows_in(folder / "ledger.jsonl")) == rows
-    if not rows:
-        assert not folder.exists()
+    assert len(rows_in(folder / "ledger.sqlite")) == rows
     known = set(asked[:rows])
     asked.clear()
-    ran = app(*RUN)
-    assert "torn" not in ran.out
+    assert app(*RUN).status == 0
     assert_as(folder, undisturbed)
     assert not set(asked) & known
     assert len(asked) == BLOCKS - rows
@@ -422,7 +399,7 @@ def test_a_lost_worker_keeps_what_was_counted(app, folder, undisturbed, monkeypa
     assert "start again to go on" in complaint
     monkeypatch.undo()
     monkeypatch.chdir(folder.parents[1])
-    assert len(rows_in(folder / "ledger.jsonl")) == 3
+    assert len(rows_in(folder / "ledger.sqlite")) == 3
     assert app(*RUN).status == 0
     assert_as(folder, undisturbed)
 

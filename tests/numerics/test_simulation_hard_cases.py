@@ -635,7 +635,7 @@ def no_nearest_distance():
     "frames of more pixels than memory holds",
     "above 2^26, up to 7 GB while one is drawn, refused by the camera's width and height; a camera of 50"
     " million pixels and a crop of any sensor are drawn",
-    Breakage(SIMULATOR, "    demand_pixels(sensor if whole else size)", "    demand_pixels(size)"),
+    Breakage(SIMULATOR, "demand_pixels(sensor if whole else size)", "demand_pixels(size)"),
 )
 def too_many_pixels():
     camera, scene = Camera(width_px=8192, height_px=8193), Scene.of()

@@ -13,8 +13,6 @@ import warnings
 import numpy as np
 import pytest
 import torch
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from sklearn.datasets import load_breast_cancer, load_iris, load_wine
 from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
 
@@ -113,22 +111,6 @@ def test_direction_maximises_the_fisher_ratio():
         nudge = torch.randn(3, generator=generator, dtype=torch.float64) * w.norm()
         assert ratio(w + 0.01 * nudge) < best
         assert ratio(nudge) < best
-
-
-@settings(max_examples=40, deadline=None)
-@given(seed=st.integers(0, 10**6), cuts=st.lists(st.integers(0, 120), max_size=12), shards=st.integers(1, 4))
-def test_pieces_and_shards_equal_one_shot(seed: int, cuts: list[int], shards: int):
-    x, y = clouds(seed, samples=120)
-    edges = [0, *sorted(cuts), 120]  # repeated cuts are empty pieces
-    pieces = [slice(a, b) for a, b in itertools.pairwise(edges)]
-    order = np.random.default_rng(seed).permutation(len(pieces))
-    parts = [FLDA(3) for _ in range(shards)]
-    for position, piece in enumerate(order):
-        parts[position % shards].update(x[pieces[piece]], y[pieces[piece]])
-    whole = FLDA(3)
-    for part in parts:
-        assert whole.merge(part) is whole
-    same(whole, FLDA(3).fit(x, y))
 
 
 def test_sample_by_sample_equals_one_shot_in_batched_shapes():
@@ -254,16 +236,6 @@ def test_moving_to_a_gpu_and_learning_there():
     same(FLDA(3).cuda().fit(x.cuda(), y).cpu(), flda)  # bits may stay where they are
     same(FLDA(3).update(x.cuda(), y.cuda()), flda)  # and so may the statistics
     assert moved.select([0, 1]).direction.device.type == "cuda"
-
-
-def test_a_feature_that_varies_only_by_rounding_is_constant():
-    x, y = clouds(19)
-    steps = torch.randint(0, 3, (200,), generator=torch.Generator().manual_seed(0))
-    jitter = 1e8 + 2.0**-26 * steps.double()  # neighbouring float64 numbers
-    assert len(jitter.unique()) == 3
-    with pytest.warns(FLDAWarning, match=r"constant features \[3\]"):
-        flda = FLDA(4).fit(torch.cat([x, jitter.unsqueeze(1)], dim=1), y)
-    torch.testing.assert_close(flda.direction[:3], FLDA(3).fit(x, y).direction, rtol=1e-12, atol=0)
 
 
 def test_rounding_in_the_means_of_collinear_features_is_not_taken_for_separation():
@@ -402,27 +374,6 @@ def test_a_step_across_collinear_features_separates_from_a_share_of_the_differen
     assert bool((rule.direction[0] - rule.direction[1]).abs() < 1e-3 * rule.direction.abs().max()) == (
         part < 1
     )
-
-
-def test_sets_of_a_batch_do_not_see_each_other():
-    """However a set's means, rounding or separation compare with those of the others in its batch."""
-    steps = torch.tensor([-1.0, 1.0, -1.0, 1.0], dtype=torch.float64)
-    bits = torch.tensor([False, False, True, True])
-    noisy = torch.stack(
-        [steps + 1e9, 1e9 + 1e-5 * bits.to(torch.float64)], dim=-1
-    )  # flat, and its step near to rounding
-    far, plain = torch.stack([steps + 1e8 * bits, steps**2], dim=-1), alike(0.0, 1.0)[0]
-    apart, below = alike(8 * GAP_LIMIT, 1.0)[0], alike(GAP_LIMIT / 4, 1.0)[0]
-    regular = torch.stack([steps + 2 * bits, torch.tensor([0.0, 1.0, 3.0, 2.0], dtype=torch.float64)], dim=-1)
-    sets = torch.stack([noisy, far, plain, apart, regular, below, noisy, plain, apart])
-    with pytest.warns(FLDAWarning):
-        together = discriminant(sets, bits.expand(len(sets), -1))
-    for index, one in enumerate(sets):
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", FLDAWarning)
-            alone = discriminant(one, bits)
-        for ours, theirs in zip(together, alone, strict=True):
-            assert torch.allclose(ours[index], theirs, rtol=1e-12, atol=0), index
 
 
 def test_statistics_gathered_in_inference_mode_are_ordinary_tensors():

@@ -35,18 +35,6 @@ def test_a_grey_at_the_threshold_is_on(grey, on):
         assert scores.unique().tolist() == [0.0]
 
 
-def test_scores_are_float64_differences():
-    greys, threshold = torch.rand(3, 4, 5) * 255, torch.rand(3, 1, 1) * 255
-    scores = greyscale_scores(greys, threshold)
-    assert scores.dtype == torch.float64
-    assert torch.equal(scores, greys.double() - threshold.double())
-
-
-def test_equal_preambles_read_on_at_their_own_level():
-    same = torch.full((1, 2, 2), 80.0)
-    assert bool((greyscale_scores(same, preamble_threshold(same, same)) >= 0).all())
-
-
 @pytest.mark.parametrize("batch", [1, 3])
 def test_thresholds_do_not_depend_on_the_batch(batch):
     generator = torch.Generator().manual_seed(1)

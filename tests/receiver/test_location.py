@@ -228,65 +228,6 @@ def test_a_frame_is_located_alone_as_in_company(monkeypatch: pytest.MonkeyPatch)
         assert_same(alone, Panels(*(getattr(together, n)[index : index + 1] for n in Panels.__slots__)))
 
 
-@pytest.mark.parametrize("value", [0, 128, 255])
-def test_nothing_is_found_in_a_constant_frame(value: int) -> None:
-    panels = PaperLocator()(whole(np.full((50, 60), value, np.uint8)), SHAPE)
-    assert not panels.found.any()
-    assert panels.corners_px.abs().sum().item() == 0
-    assert (panels.score.item(), panels.candidates.item()) == (0.0, 0)
-
-
-def test_a_panel_that_is_off_is_found_only_by_its_contrast() -> None:
-    bits = np.zeros((8, 8), dtype=bool)
-    dark = grey_of(render(bits, 6.0, (84, 84), (42, 42), off=BACKGROUND))
-    pale = grey_of(render(bits, 6.0, (84, 84), (42, 42), off=OFF))
-    assert PaperLocator()(whole(dark, pale), SHAPE).found.tolist() == [False, True]
-
-
-@pytest.mark.parametrize("pitch", [3.1, 7.3])
-def test_one_led_is_no_panel(pitch: float) -> None:
-    bits = np.zeros((8, 8), dtype=bool)
-    bits[3, 4] = True
-    assert not PaperLocator()(whole(grey_of(render(bits, pitch, (84, 84), (42, 42)))), SHAPE).found.item()
-
-
-def test_a_panel_all_on_is_found_with_a_high_score() -> None:
-    grey = grey_of(render(np.ones((8, 8), dtype=bool), 6.0, (84, 84), (42, 42)))
-    panels = PaperLocator()(whole(grey), SHAPE)
-    assert panels.score.item() > 0.9
-    np.testing.assert_allclose(panels.corners_px[0], true_corners(6.0, (42, 42)), atol=1.5)
-
-
-def test_a_panel_cut_by_the_border_is_found_as_far_as_it_shows() -> None:
-    grey = np.zeros((60, 80), np.uint8)
-    grey[0:41, 0:40] = 200
-    panels = PaperLocator()(whole(grey), SHAPE)
-    assert panels.corners_px[0].tolist() == [[0, 0], [40, 0], [40, 41], [0, 41]]
-
-
-def test_a_panel_near_the_border_is_not_drawn_to_it() -> None:
-    grey = np.zeros((60, 80), np.uint8)
-    grey[3:43, 76 - 40 : 76] = 200
-    panels = PaperLocator()(whole(grey), SHAPE)
-    assert panels.corners_px[0].tolist() == [[36, 3], [76, 3], [76, 43], [36, 43]]
-    assert panels.score.item() == 1.0
-
-
-def test_of_two_equal_panels_the_first_in_raster_order_is_taken() -> None:
-    panel = panel_frame(6, 5.0, 60)
-    scene = on_sensor(panel, 20, 101)
-    scene[99:159, 241:301] = panel
-    panels = PaperLocator(quadrilateral="upright")(whole(scene, scene[:, ::-1].copy()), SHAPE)
-    alone = PaperLocator(quadrilateral="upright")(whole(panel), SHAPE)
-    assert panels.candidates.tolist() == [2, 2]
-    assert panels.score[0].item() >= alone.score.item()
-    torch.testing.assert_close(
-        panels.corners_px[0] - torch.tensor([241, 99]), alone.corners_px[0], rtol=0, atol=0
-    )
-    # Mirrored, the higher one is on the left.
-    assert panels.corners_px[1, 0, 0].item() < 240
-
-
 @pytest.mark.parametrize("pitch", [4.0, 7.0])
 @pytest.mark.parametrize("lamp", ["disc", "large disc", "tube"])
 def test_a_lamp_is_neither_chosen_nor_joined(pitch: float, lamp: str) -> None:
@@ -303,27 +244,6 @@ def test_a_lamp_is_neither_chosen_nor_joined(pitch: float, lamp: str) -> None:
     assert panels.found.all()
     assert panels.candidates.tolist() == [1] * 8
     assert error.max() < 3.0
-
-
-def test_noise_without_a_panel_passes_through() -> None:
-    rng = np.random.default_rng(7)
-    noise = rng.normal(100, 12, (4, 90, 120)).clip(0, 255).astype(np.uint8)
-    salt = np.where(rng.random((4, 90, 120)) < 0.003, 255, 100).astype(np.uint8)
-    panels = PaperLocator()(whole(*noise, *salt), SHAPE)
-    assert torch.isfinite(panels.corners_px).all()
-    assert torch.isfinite(panels.score).all()
-
-
-@pytest.mark.parametrize(("rows", "columns"), [(1, 1), (1, 20), (20, 1)])
-def test_points_and_lines_have_their_pixels_as_rectangle(rows: int, columns: int) -> None:
-    grey = np.zeros((30, 40), np.uint8)
-    grey[5 : 5 + rows, 7 : 7 + columns] = 255
-    every = PaperLocator(min_area_px=1, min_rectangularity=0.0, min_compactness=0.0)
-    panels = every(whole(grey), SHAPE)
-    x, y = 7 + columns, 5 + rows
-    assert panels.corners_px[0].tolist() == [[7, 5], [x, 5], [x, y], [7, y]]
-    assert 0 < panels.score.item() <= 1
-    assert not PaperLocator()(whole(grey), SHAPE).found.item()
 
 
 def test_limits_decide_what_is_a_candidate() -> None:
@@ -380,19 +300,6 @@ def test_floating_frames_are_rounded_and_clamped() -> None:
     shifted[grey == 255] += 50
     for dtype in (torch.float64, torch.float32):
         assert_same(PaperLocator()(Frames.whole(shifted.to(dtype)[None]), SHAPE), expected)
-
-
-def test_no_frames_give_no_panels() -> None:
-    panels = PaperLocator()(Frames.whole(torch.zeros(0, 1, 9, 9, dtype=torch.uint8)), SHAPE)
-    assert len(panels.found) == 0
-
-
-def test_frames_that_are_no_grey_values_are_refused() -> None:
-    for value in (math.nan, math.inf, -math.inf):
-        with pytest.raises(VoccError, match="holds NaN or infinity"):
-            PaperLocator()(Frames.whole(torch.full((1, 4, 4), value)), SHAPE)
-    with pytest.raises(VoccError, match=r"torch\.int64"):
-        PaperLocator()(Frames.whole(torch.zeros(1, 4, 4, dtype=torch.int64)), SHAPE)
 
 
 @pytest.mark.parametrize(

@@ -45,10 +45,6 @@ def test_histogram_equals_numpys_on_both_paths(size: tuple[int, int]) -> None:
     assert histogram256(torch.from_numpy(grey)[:, None]).tolist() == expected
 
 
-def test_histogram_of_no_frames_is_empty() -> None:
-    assert histogram256(torch.zeros(0, 1, 4, 4, dtype=torch.uint8)).shape == (0, 256)
-
-
 def test_thresholds_equal_opencvs_on_dense_histograms() -> None:
     rng = np.random.default_rng(2)
     grey = np.stack(
@@ -83,16 +79,6 @@ def test_foreground_equals_opencvs_on_sparse_histograms() -> None:
 def test_threshold_is_the_lowest_exact_optimum(bins: dict[int, int]) -> None:
     counts = [bins.get(level, 0) for level in range(256)]
     assert otsu_threshold(torch.tensor([counts])).item() == exact_threshold(counts)
-
-
-def test_equally_good_thresholds_give_the_lowest() -> None:
-    grey = np.repeat(np.array([[10, 200]], dtype=np.uint8), 8, axis=0)[None]
-    assert thresholds(grey) == [10] == [opencv_threshold(grey[0])]
-
-
-@pytest.mark.parametrize("value", [0, 1, 128, 255])
-def test_constant_image_has_no_foreground(value: int) -> None:
-    assert thresholds(np.full((1, 5, 6), value, dtype=np.uint8)) == [value]
 
 
 def test_empty_histogram_gives_zero() -> None:

@@ -201,19 +201,6 @@ def test_fine_stripes_on_a_near_panel_are_averaged_and_not_aliased():
     torch.testing.assert_close(patch, torch.full_like(patch, 100.0), rtol=0, atol=1e-3)
 
 
-def test_near_and_far_panels_in_one_batch_keep_their_places():
-    image = picture(8, 260, 300)
-    corners = corners_of(
-        [(50, 45), (250, 45), (250, 205), (50, 205)],
-        [(50, 45), (90, 45), (90, 77), (50, 77)],
-        [(55, 40), (155, 40), (155, 120), (55, 120)],
-    )
-    frames = Frames.whole(image.expand(3, 260, 300))
-    together = rectify(frames, Panels.known(corners), SHAPE, 8)
-    apart = [rectify(frames[i : i + 1], Panels.known(corners[i : i + 1]), SHAPE, 8) for i in range(3)]
-    assert torch.equal(together, torch.cat(apart))
-
-
 # Sizes, centres, batches, wild corners
 
 
@@ -248,37 +235,6 @@ def test_a_patch_does_not_depend_on_its_batch(batch):
         part = Panels.known(corners[rows])
         assert torch.equal(rectify(frames[rows], part, SHAPE, 8), together[rows])
         assert torch.equal(centre_greys(frames[rows], part, SHAPE), centres[rows])
-
-
-@pytest.mark.parametrize("name", list(WILD))
-def test_wild_corners_read_finite_greys_and_leave_their_neighbours_alone(name):
-    """What a false panel may look like; every reading is a mean of pixels, so it stays within their range."""
-    image = picture(10).clamp(20, 230)
-    corners = corners_of(QUADRILATERALS["rotated"], WILD[name])
-    frames = Frames.whole(image.expand(2, 70, 90))
-    patches = rectify(frames, Panels.known(corners), SHAPE, 4)
-    assert bool(torch.isfinite(patches).all())
-    assert float(patches.min()) >= 20 - 1e-9
-    assert float(patches.max()) <= 230 + 1e-9
-    assert torch.equal(patches[:1], rectify(frames[:1], Panels.known(corners[:1]), SHAPE, 4))
-    centres = centre_greys(frames, Panels.known(corners), SHAPE)
-    assert float(centres.min()) >= 20
-    assert float(centres.max()) <= 230
-
-
-@given(st.lists(st.floats(-100, 200), min_size=8, max_size=8))
-@settings(max_examples=40, deadline=None)
-def test_any_corners_read_within_the_range_of_the_pixels(numbers):
-    image = picture(11).clamp(20, 230)
-    panels = Panels.known(torch.tensor(numbers, dtype=torch.float64).view(1, 4, 2))
-    patches = rectify(Frames.whole(image[None]), panels, SHAPE, 8)
-    assert 20 - 1e-9 <= float(patches.min()) <= float(patches.max()) <= 230 + 1e-9
-
-
-def test_a_flat_quadrilateral_reads_its_first_corner():
-    image = torch.arange(70.0 * 90).view(1, 70, 90).double()
-    panels = Panels.known(corners_of([(12.5, 30.5)] * 4))
-    assert rectify(Frames.whole(image), panels, SHAPE, 4).unique().tolist() == [30 * 90 + 12]
 
 
 def test_frames_read_at_several_scales_are_read_as_alone():

@@ -16,7 +16,7 @@ from vocc_torch.receiver.rectification import map_points
 from vocc_torch.receiver.refined import RefinedLocator
 from vocc_torch.receiver.regions import block_means, bright_regions, local_background, ring_statistics
 from vocc_torch.rng import BlockKey, FrameKey
-from vocc_torch.simulation import Camera, Distribution, LedPanel, SceneModel, Simulator
+from vocc_torch.simulation import Camera, LedPanel, SceneModel, Simulator
 from vocc_torch.simulation.simulator import PAPER_EFFECTS
 from vocc_torch.types import Frames, Panels, PanelShape, Scene
 
@@ -157,17 +157,6 @@ def test_large_panels_are_left_to_the_papers_locator(
     assert torch.equal(RefinedLocator()(frames, shape).corners_px, PaperLocator()(frames, shape).corners_px)
 
 
-@pytest.mark.parametrize("shape", [PanelShape(1, 1), PanelShape(1, 9), PanelShape(16, 2)])
-def test_any_shape_gives_finite_corners(
-    shape: PanelShape, paper_scenes: tuple[Frames, Panels, torch.Tensor]
-) -> None:
-    assert torch.isfinite(RefinedLocator(min_share=0.0)(paper_scenes[0][:6], shape).corners_px).all()
-
-
-def test_no_frames_give_no_panels() -> None:
-    assert len(RefinedLocator()(Frames.whole(torch.zeros(0, 1, 9, 9, dtype=torch.uint8)), SHAPE).found) == 0
-
-
 @pytest.mark.parametrize("share", [-0.1, 1.1])
 def test_a_share_out_of_its_range_is_refused(share: float) -> None:
     with pytest.raises(VoccError, match=r"location\.min_share is "):
@@ -267,13 +256,6 @@ def test_noise_of_a_ring_is_its_deviation() -> None:
     level, noise = ring_statistics(torch.from_numpy(grey))
     assert (level - 100.3).abs().max() < 0.2
     assert (noise / 3.0 - 1).abs().max() < 0.06
-
-
-def test_scenes_without_a_crop_need_no_keys_of_their_own() -> None:
-    model = replace(SceneModel(), distance_m=Distribution("constant", (50.0,)))
-    scene, bits = model.draw(BlockKey(1, "refined", 0), SHAPE)
-    frames = Simulator(framing="filled").render(scene[:2], bits[:2])
-    assert errors_px(RefinedLocator()(frames, SHAPE), Simulator().true_panels(scene[:2])).max() < 0.2
 
 
 def test_a_panel_seen_from_far_aside_is_found_from_another_start() -> None:

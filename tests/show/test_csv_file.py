@@ -6,6 +6,7 @@ import errno
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from made_up_points import table as table
 
 from vocc_torch.errors import VoccError
 from vocc_torch.files import atomic_file

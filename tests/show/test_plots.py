@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 from made_up_points import made_up_point
+from made_up_points import table as table
 from matplotlib.text import Annotation
 from PIL import Image
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from made_up_points import made_up_point
+from made_up_points import table as table
 from PIL import Image
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 from tensorboard.plugins.custom_scalar import layout_pb2
@@ -136,11 +137,11 @@ def test_a_receivers_run_has_its_curves_of_every_group_and_axis(tmp_path):
     for receiver in RECEIVERS:
         events = read(tmp_path, receiver)
         for group, members in tables.items():
-            for table in members:
-                rows = table.of(receiver)
-                steps = [round(row.value * factors.get(table.axis, 1)) for row in rows]
+            for one in members:
+                rows = one.of(receiver)
+                steps = [round(row.value * factors.get(one.axis, 1)) for row in rows]
                 points = list(zip(steps, (row.ber for row in rows), strict=True))
-                read_back = series(events, f"{group}/BER/{table.axis}")
+                read_back = series(events, f"{group}/BER/{one.axis}")
                 np.testing.assert_allclose(read_back, points, rtol=1e-6)
 
 
@@ -149,19 +150,19 @@ def test_every_group_and_experiment_has_charts_of_its_own_curves_only(tmp_path):
     write_boards(tmp_path, tables)
     tags = {tag for receiver in RECEIVERS for tag in read(tmp_path, receiver).Tags()["scalars"]}
     laid_out = categories(read(tmp_path, SUMMARY_RUN))
-    sections = [(group, table) for group, members in tables.items() for table in members]
+    sections = [(group, one) for group, members in tables.items() for one in members]
     assert len(laid_out) == len(sections) == 8
-    for category, (group, table) in zip(laid_out, sections, strict=True):
-        assert category.title.startswith(f"{group} {table.experiment}: ")
+    for category, (group, one) in zip(laid_out, sections, strict=True):
+        assert category.title.startswith(f"{group} {one.experiment}: ")
         curves, intervals, *limits = category.chart
         # As TensorBoard matches: lines by regular expression, bands by name.
         (pattern,) = curves.multiline.tag
-        assert [tag for tag in tags if re.match(pattern, tag)] == [f"{group}/log10_BER/{table.axis}"]
+        assert [tag for tag in tags if re.match(pattern, tag)] == [f"{group}/log10_BER/{one.axis}"]
         band = intervals.margin.series[0]
         names = ("log10_BER", "log10_BER_lo", "log10_BER_hi")
-        assert [band.value, band.lower, band.upper] == [f"{group}/{name}/{table.axis}" for name in names]
+        assert [band.value, band.lower, band.upper] == [f"{group}/{name}/{one.axis}" for name in names]
         assert {band.value, band.lower, band.upper} <= tags
-        assert len(limits) == any(row.error_free for row in table)
+        assert len(limits) == any(row.error_free for row in one)
 
 
 def test_a_receiver_is_one_hparams_row_with_its_rate_in_each_table(tmp_path):
@@ -178,10 +179,10 @@ def test_a_receiver_is_one_hparams_row_with_its_rate_in_each_table(tmp_path):
             "group": "25mm-paper, 25mm-truth",
         }
         for group, members in tables.items():
-            for table in members:
-                rows = table.of(receiver)
+            for one in members:
+                rows = one.of(receiver)
                 pooled = sum(row.bit_errors for row in rows) / sum(row.bits for row in rows)
-                rate = events.Scalars(f"all_points/{group}/BER/{table.axis}")
+                rate = events.Scalars(f"all_points/{group}/BER/{one.axis}")
                 assert [event.value for event in rate] == pytest.approx([pooled])
 
 

@@ -7,10 +7,12 @@ from types import SimpleNamespace
 
 import pytest
 from made_up_points import made_up_point
+from made_up_points import table as table
 from rich.console import Console
 
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.curve import BerTable, Point
+from vocc_torch.measure.plug_in_training import Making
 from vocc_torch.show.terminal import StudyView, print_table, train_shown
 from vocc_torch.show.text_table import ends_text, rate_text
 
@@ -97,7 +99,7 @@ def test_the_live_table_and_the_finished_one_state_the_same_limit(table):
     with StudyView("ambient_lx", [1000.0, 8000.0], ["flda_3"], 2000, screen) as view:
         for point in points:
             view.finish([point])
-        view._live.refresh()
+        view._bar.refresh()
         live = text()
     print_table(BerTable(points), screen)
     (limit,) = set(re.findall(r"< \d\.\de-\d", text()[len(live) :]))
@@ -109,13 +111,14 @@ def test_training_shows_its_progress_and_says_how_many_frames_it_saw(monkeypatch
     def trained(plan, progress):
         progress(250)
         progress(250)
-        return SimpleNamespace(frames=500, missed=3)
+        made = {"svm": Making(training_s=12.3, frames=497), "panel_otsu": Making()}
+        return SimpleNamespace(frames=500, missed=3, made=made)
 
     monkeypatch.setattr("vocc_torch.show.terminal.train", trained)
     budget, receiver = SimpleNamespace(training_frames=500), SimpleNamespace(classifiers=())
     screen, text = console(terminal=terminal)
     train_shown(SimpleNamespace(budget=budget, receiver=receiver), screen)
-    last = "trained on 500 frames, 3 without a located panel left out\n"
+    last = "trained on 500 frames, 3 without a located panel left out\ntrained svm on 497 frames in 12 s\n"
     assert text().endswith(last)
     assert ("100 %" in text()) == terminal
     assert terminal or text() == last
@@ -126,10 +129,10 @@ def test_a_terminal_shows_the_bar_and_the_filling_table_and_is_left_clean():
     with StudyView("ambient_lx", [1000.0, 2000.0], OURS, 128, screen) as view:
         view.count(64)
         view.show([made_up_point(1000, name, 9) for name in OURS])
-        view._live.refresh()
+        view._bar.refresh()
         view.count(64)
         view.finish([made_up_point(1000, name, 9) for name in OURS])
-        view._live.refresh()
+        view._bar.refresh()
         during = text()
     plain = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", during)
     assert "25 %" in plain
@@ -150,7 +153,7 @@ def test_the_view_ends_cleanly_when_the_study_fails():
 def test_frames_that_were_not_needed_leave_the_total():
     screen, _ = console()
     view = StudyView("ambient_lx", [1.0, 2.0, 3.0], ["flda_3"], 1000, screen)
-    task = view._progress.tasks[0]
+    task = view._bar.tasks[0]
     view.count(200)
     view.finish([made_up_point(1, "flda_3", 5)])
     assert (task.completed, task.total) == (200, 2200)
@@ -164,7 +167,7 @@ def test_frames_that_were_not_needed_leave_the_total():
 def test_values_that_are_run_together_are_one_run():
     screen, _ = console()
     view = StudyView("contrast", [0.1, 0.2], ["flda_3"], 1000, screen, runs=1)
-    task = view._progress.tasks[0]
+    task = view._bar.tasks[0]
     view.count(1000)
     view.finish([made_up_point(value, "flda_3", 5, axis="contrast") for value in (0.1, 0.2)])
     assert (task.description, task.completed, task.total) == ("contrast", 1000, 1000)
@@ -174,7 +177,7 @@ def test_interim_points_without_frames_are_passed_over():
     screen, text = console(terminal=True)
     with StudyView("x", [1.0], ["a"], 64, screen) as view:
         view.show([Point("d", "x", 1.0, "a", "truth", Counts(), "")])
-        view._live.refresh()
+        view._bar.refresh()
     assert "\N{HORIZONTAL ELLIPSIS}" in text()
 
 

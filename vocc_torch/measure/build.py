@@ -86,8 +86,7 @@ def _classifier(name: str, config: ClassifierSettings) -> ClassifierPlan:
     """A classifier that plugs in; its refusals name the configuration's key."""
     key = f"classifiers.{name}"
     if not name.isidentifier() or name in RESERVED:
-        known = f"none of {', '.join(RESERVED)}"
-        raise VoccError(f"{key}: a classifier's name must be a word, and {known}")
+        raise VoccError(f"{key}: a classifier's name must be a word, and none of {', '.join(RESERVED)}")
     with section(key):
         keys = {one.name for one in fields(TrainingRecipe)}
         for word in config.training:

@@ -401,7 +401,7 @@ def read_flat(path: str | Path) -> dict[str, object]:
         {'seed': 1, 'panel.rows': 8, 'experiment.values': [30.0, 70.0]}
     """
     try:
-        read = OmegaConf.to_container(OmegaConf.load(path), resolve=False)  # a file is no order
+        read = OmegaConf.to_container(OmegaConf.load(path), resolve=True)
     except OSError as error:
         raise VoccError(f"cannot read {path}: {error.strerror or error}") from None
     except (YAMLError, OmegaConfBaseException, UnicodeDecodeError) as error:

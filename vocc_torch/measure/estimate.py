@@ -35,14 +35,6 @@ class Estimate:
         """Whether the interval leaves out 0: a difference or a gain that is beyond chance."""
         return self.leaves_out(0.0)
 
-    # Former names of ``value``, until every study says ``value``.
-    @property
-    def difference(self) -> float:
-        """Use ``value``."""
-        return self.value
-
-    gain = ratio = difference
-
     def leaves_out(self, number: float) -> bool:
         """Whether a number lies outside the interval, such as 1 for a ratio that is beyond chance."""
         return self.low > number or self.high < number

@@ -122,13 +122,10 @@ class FrameErrors:
         places = zip(first.tolist(), second.tolist(), sides, strict=True)
         return {(a, b): PairedCounts(frames, frames * self.leds, *sums) for a, b, sums in places}
 
-    @property
-    def tallied(self) -> tuple[list[Counts], dict[tuple[int, int], PairedCounts]]:
-        """Use ``counts`` and ``pairs``; former name, until nobody says it."""
-        return self.counts, self.pairs
-
     def paired(self, a: int, b: int) -> PairedCounts:
         """Compare two receivers by their places, in either order."""
+        if a == b:
+            return PairedCounts(self.half_errors.shape[1], self.half_errors.shape[1] * self.leds)
         return self.pairs[a, b] if a < b else self.pairs[b, a].swapped()
 
     def compared(self, a: int, b: int, confidence: float = CONFIDENCE) -> Estimate:

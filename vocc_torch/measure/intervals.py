@@ -216,6 +216,3 @@ def _check_confidence(confidence: float) -> None:
     """Refuse what is no probability of a statement."""
     if not 0 < confidence < 1:
         raise VoccError(f"confidence is {confidence}: it must be above 0 and below 1")
-
-
-Interval = Estimate  # former name, until nobody imports it

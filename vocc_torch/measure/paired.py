@@ -333,6 +333,3 @@ def sign_test(paired: PairedCounts) -> float:
     fewer, more = sorted((paired.a_worse, paired.b_worse))
     # At even odds both tails are alike; where the sides are too, they overlap.
     return min(1.0, 2 * float(betainc(more, fewer + 1, 0.5)))
-
-
-DifferenceInterval = Estimate  # former name, until nobody imports it

@@ -33,12 +33,15 @@ class OperatingPoint:
 
     def __post_init__(self) -> None:
         """Check both orders."""
-        for what, one, most in (("time_ms", self.time_ms, math.inf), ("ber", self.ber, 1.0)):
-            if not 0 <= one.low <= one.value <= one.high <= most:
-                said = f"{one.low:g}, {one.value:g}, {one.high:g}"
-                raise VoccError(f"{what} of {self.name} is {said}: it must be ascending from 0 to {most:g}")
-        if not 0 < self.time_ms.low <= self.time_ms.high < math.inf:
-            raise VoccError(f"time_ms of {self.name} must be above 0 and finite")
+        for what, one, allowed, rule in (
+            ("time_ms", self.time_ms, self.time_ms.low > 0 and self.time_ms.high < math.inf, "above 0"),
+            ("ber", self.ber, self.ber.low >= 0 and self.ber.high <= 1, "from 0 to 1"),
+        ):
+            if not (allowed and one.low <= one.value <= one.high):
+                numbers = f"{one.low:g}, {one.value:g}, {one.high:g}"
+                raise VoccError(
+                    f"{what} of {self.name} is {numbers}: it must be ascending, finite and {rule}"
+                )
 
     @property
     def error_free(self) -> bool:

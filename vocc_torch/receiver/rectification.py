@@ -67,7 +67,8 @@ def cell_homography(corners_px: Tensor, shape: PanelShape) -> Tensor:
     across, down = 1 / shape.columns, 1 / shape.rows
     to_x, to_y = (second - first + g * second) * across, (fourth - first + h * fourth) * down
     columns = torch.stack([torch.cat([to_x, g * across], 1), torch.cat([to_y, h * down], 1)], 2)
-    columns = columns * convex.view(-1, 1, 1)
+    # With zero added, no zero is negative.
+    columns = columns * convex.view(-1, 1, 1) + 0.0
     return torch.cat([columns, torch.cat([first, torch.ones_like(g)], 1)[..., None]], 2)
 
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from itertools import pairwise
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -47,49 +47,48 @@ def draw_rates(
             ones.
     """
     crowding = _WIDTH_IN / width_in
-    place = _horizontal_axis(axes, table.values, table.axis in _SHARES, crowding)
+    shares, at = _horizontal_axis(axes, table.values, table.axis in _SHARES, crowding)
     _vertical_axis(axes, table.rows if rows is None else rows)
     quiet_axes(axes)
     axes.tick_params(which="both", labelsize=10.5 * size)
     axes.tick_params(axis="y", which="minor", labelsize=8.5 * size)
     most = max(_SPREAD, _MOST_SPREAD / max(1, len(styles) - 1))
-    spread = min(_SPREAD * crowding, 0.5 * place.least_gap / len(styles), most)
+    gap = min(np.diff(list(shares.values())), default=1.0)
+    spread = min(_SPREAD * crowding, 0.5 * gap / len(styles), most)
     for number, (receiver, style) in enumerate(styles.items()):
         shift = spread * (number - (len(styles) - 1) / 2)
-        _draw_receiver(axes, table.of(receiver), place, shift, style, size)
+        mine = table.of(receiver)
+        _draw_receiver(axes, [at(shares[row.value] + shift) for row in mine], mine, style, size)
 
 
-class _Place:
-    """Where a value stands on the horizontal axis, with a shift in shares of the axis."""
+def _horizontal_axis(
+    axes: Axes, values: Sequence[float], linear: bool, crowding: float
+) -> tuple[dict[float, float], Callable[[float], float]]:
+    """Put ticks at the measured values, and names at as many of them as have room, the ends first.
 
-    def __init__(self, values: Sequence[float], linear: bool) -> None:
-        self.log = not linear and values[0] > 0 and values[-1] > 10 * values[0]
-        low, high = (math.log10(value) if self.log else value for value in (values[0], values[-1]))
-        margin = 0.06 * (high - low) or 1e-3 * abs(high) or 1.0
-        self.low, self.width = low - margin, high - low + 2 * margin
-        self.least_gap = min((self.share(b) - self.share(a) for a, b in pairwise(values)), default=1.0)
+    Returns:
+        Where each value stands, as a share of the axis, and what gives the value at a share.
+    """
+    log = not linear and values[0] > 0 and values[-1] > 10 * values[0]
+    axes.set_xscale("log" if log else "linear")
+    scale = axes.xaxis.get_transform()
+    low, *_, high = along = scale.transform([values[0], *values, values[-1]])
+    margin = 0.06 * (high - low) or 1e-3 * abs(high) or 1.0
+    width = high - low + 2 * margin
 
-    def share(self, value: float) -> float:
-        return ((math.log10(value) if self.log else value) - self.low) / self.width
+    def at(share: float) -> float:
+        return float(scale.inverted().transform([low - margin + share * width])[0])
 
-    def at(self, share: float) -> float:
-        along = self.low + share * self.width
-        return float(10**along) if self.log else along
-
-
-def _horizontal_axis(axes: Axes, values: Sequence[float], linear: bool, crowding: float) -> _Place:
-    """Put ticks at the measured values, and names at as many of them as have room, the ends first."""
-    place = _Place(values, linear)
-    axes.set_xscale("log" if place.log else "linear")
-    axes.set_xlim(place.at(0), place.at(1))
+    shares = dict(zip(values, ((along[1:-1] - low + margin) / width).tolist(), strict=True))
+    axes.set_xlim(at(0), at(1))
     named: dict[float, float] = {}
     for value in dict.fromkeys([values[0], values[-1], *values]):
         half_width = crowding * (0.005 + 0.004 * len(value_text(value)))
-        if all(abs(place.share(value) - place.share(other)) > half_width + named[other] for other in named):
+        if all(abs(shares[value] - shares[other]) > half_width + named[other] for other in named):
             named[value] = half_width
     axes.set_xticks(values, [value_text(value) if value in named else "" for value in values])
     axes.set_xticks([], minor=True)
-    return place
+    return shares, at
 
 
 def _vertical_axis(axes: Axes, rows: Sequence[Row]) -> None:
@@ -109,11 +108,8 @@ def _vertical_axis(axes: Axes, rows: Sequence[Row]) -> None:
     axes.grid(axis="x", which="major", color=GRID, linewidth=0.8)
 
 
-def _draw_receiver(
-    axes: Axes, rows: Sequence[Row], place: _Place, shift: float, style: Style, size: float
-) -> None:
+def _draw_receiver(axes: Axes, x: Sequence[float], rows: Sequence[Row], style: Style, size: float) -> None:
     """Draw one receiver: line, markers and intervals, and arrows where there were no errors."""
-    x = [place.at(place.share(row.value) + shift) for row in rows]
     # A rate that is not a number breaks the line and leaves the point out.
     rate = [math.nan if row.error_free else row.ber for row in rows]
     ends = [[row.ber - row.ber_low for row in rows], [row.ber_high - row.ber for row in rows]]

@@ -76,15 +76,9 @@ def write_legend(
         columns: most names in a row.
         look: what else Matplotlib's legend takes.
     """
-    known = {
-        "loc": "upper left",
-        "fontsize": 10,
-        "handlelength": 3.0,
-        "columnspacing": 1.8,
-        "labelcolor": INK,
-    }
+    look = {"loc": "upper left", "fontsize": 10, "handlelength": 3.0, "columnspacing": 1.8, **look}
     columns = min(columns, len(handles))
-    figure.legend(handles=handles, bbox_to_anchor=at, ncols=columns, frameon=False, **{**known, **look})
+    figure.legend(handles=handles, bbox_to_anchor=at, ncols=columns, frameon=False, labelcolor=INK, **look)
 
 
 def ink_on(colour: tuple[float, float, float]) -> str:

@@ -12,7 +12,7 @@ from vocc_torch.errors import VoccError
 from vocc_torch.measure.curve import BerTable
 from vocc_torch.show.ber_axes import draw_rates, name_receivers
 from vocc_torch.show.canvas import GRID, INK, QUIET, new_figure, write_title
-from vocc_torch.show.styles import axis_label, receiver_styles
+from vocc_torch.show.styles import Style, axis_label, receiver_styles
 
 _FACET_WIDTH_IN, _FACET_HEIGHT_IN = 3.1, 2.45
 _LEFT_IN, _BOTTOM_IN, _GAP_IN, _RIGHT_IN, _LINE_IN = 0.8, 0.95, 0.36, 0.12, 0.17
@@ -25,7 +25,12 @@ _LETTER_IN = 0.077
 
 
 def facet_figure(
-    rows: Sequence[Mapping[str, BerTable | str]], title: str, footnote: str, *, axes_alike: bool = True
+    rows: Sequence[Mapping[str, BerTable | str]],
+    title: str,
+    footnote: str,
+    *,
+    axes_alike: bool = True,
+    styles: Mapping[str, Style] | None = None,
 ) -> Figure:
     """Draw tables in a grid of facets with one vertical axis for all.
 
@@ -34,6 +39,7 @@ def facet_figure(
         title: what the figure shows.
         footnote: what it rests on.
         axes_alike: whether all tables have one axis, which the last row names for all.
+        styles: by name in the tables; those of receivers by default.
 
     Raises:
         VoccError: no facet, or a table without points.
@@ -49,7 +55,7 @@ def facet_figure(
     if not given or not all(map(len, given)):
         raise VoccError("rows has no facet, or one without points: each needs at least one point")
     tables = sorted((one for one in given if isinstance(one, BerTable)), key=lambda one: -len(one.receivers))
-    styles = receiver_styles(dict.fromkeys(name for table in tables for name in table.receivers))
+    styles = styles or receiver_styles(dict.fromkeys(name for table in tables for name in table.receivers))
     shown = [point for table in tables for point in table.rows]
     columns = max(len(row) for row in rows)
     width = max(_LEFT_IN + columns * (_FACET_WIDTH_IN + _GAP_IN) - _GAP_IN + _RIGHT_IN, _LEAST_WIDTH_IN)

@@ -50,7 +50,7 @@ def _rows(curves: Curves) -> Iterator[tuple[str | int | float, ...]]:
             found = paired_interval(paired)
             place = (curves.experiment, curves.axis, value, curves.locator, a, b, paired.frames)
             worse = (paired.a_worse, paired.b_worse, sign_test(paired))
-            yield *place, found.difference, found.low, found.high, int(found.real), *worse
+            yield *place, found.value, found.low, found.high, int(found.real), *worse
 
 
 def compared(curves: Curves, reference: str) -> list[str]:
@@ -72,7 +72,7 @@ def compared(curves: Curves, reference: str) -> list[str]:
         for value in curves.values:
             found = paired_interval(curves.pair(name, reference, value))
             if found.real:
-                places["worse" if found.difference > 0 else "better"].append(value_text(value))
+                places["worse" if found.value > 0 else "better"].append(value_text(value))
         parts = [f"{word} at {', '.join(values)}" for word, values in places.items() if values]
         lines.append(f"{style.label}: {'; '.join(parts) or 'no difference shown'}")
     return lines

@@ -79,16 +79,12 @@ def receiver_styles(receivers: Iterable[str]) -> dict[str, Style]:
         ('FLDA: AGR + GRI + NGR', 'small cnn', '#009E73')
     """
     names = list(dict.fromkeys(receivers))
-    free = {name: _free_style(name, place) for place, name in enumerate(sorted(set(names) - set(_KNOWN)))}
+    free = {}
+    for place, name in enumerate(sorted(set(names) - set(_KNOWN))):
+        colour, line = _FREE_COLOURS[place % len(_FREE_COLOURS)], _FREE_LINES[place % len(_FREE_LINES)]
+        marker = _FREE_MARKERS[place % len(_FREE_MARKERS)]
+        free[name] = Style(name.replace("_", " "), colour, marker, line)
     return {name: _KNOWN.get(name) or free[name] for name in names}
-
-
-def _free_style(name: str, place: int) -> Style:
-    """Give the style at a place in the list of free ones."""
-    colour = _FREE_COLOURS[place % len(_FREE_COLOURS)]
-    marker = _FREE_MARKERS[place % len(_FREE_MARKERS)]
-    line = _FREE_LINES[place % len(_FREE_LINES)]
-    return Style(name.replace("_", " "), colour, marker, line)
 
 
 def axis_label(axis: str) -> str:

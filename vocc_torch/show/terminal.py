@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from types import TracebackType
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Self
 
-from rich.console import Console, Group, RenderableType
-from rich.live import Live
+from rich.console import Console, RenderableType
 from rich.progress import BarColumn, Progress, ProgressColumn, Task, TextColumn, TimeRemainingColumn
 from rich.text import Text
 
@@ -75,49 +73,39 @@ class ProgressView:
         below: Callable[[], RenderableType] | None = None,
     ) -> None:
         """Prepare the view; nothing is drawn before the context is entered."""
-        self.console, self._below = console or Console(), below
-        self._progress = Progress(
-            TextColumn("{task.description}"),
-            BarColumn(bar_width=None),
-            TextColumn("{task.percentage:>3.0f} %"),
-            _Speed(),
-            TimeRemainingColumn(),
-            TextColumn("left"),
+        self.console = console or Console()
+        self._bar = _Bar(
+            *(TextColumn("{task.description}"), BarColumn(bar_width=None)),
+            *(TextColumn("{task.percentage:>3.0f} %"), _Speed(), TimeRemainingColumn(), TextColumn("left")),
             console=self.console,
+            refresh_per_second=4,
+            transient=True,
             expand=True,
+            disable=not self.console.is_terminal or self.console.is_dumb_terminal,
         )
-        self._task = self._progress.add_task(doing, total=frames)
-        self._live = Live(
-            get_renderable=self._draw, console=self.console, refresh_per_second=4, transient=True
-        )
+        self._bar.below = below
+        self._task = self._bar.add_task(doing, total=frames)
 
     def __enter__(self) -> Self:
         """Start drawing, where there is a terminal to draw on."""
-        if self.console.is_terminal and not self.console.is_dumb_terminal:
-            self._live.start()
+        self._bar.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Clear the live view; what was printed around it stays."""
-        self._live.stop()
+        self._bar.stop()
 
     def advance(self, what: str, frames: int) -> None:
         """Count frames that were run now, and name what is under way."""
-        self._progress.update(self._task, advance=frames, description=what)
+        self._bar.update(self._task, advance=frames, description=what)
 
     def leave_out(self, frames: int) -> None:
         """Take frames from the total that need not be run."""
-        self._progress.update(self._task, total=(self._progress.tasks[0].total or 0) - frames)
+        self._bar.update(self._task, total=(self._bar.tasks[0].total or 0) - frames)
 
     def say(self, text: str) -> None:
         """Print a line that stays."""
         self.console.print(text, soft_wrap=True, highlight=False, markup=False)
-
-    def _draw(self) -> RenderableType:
-        """Draw the bar over what stands under it: a terminal too low for all loses the end."""
-        return self._progress if self._below is None else Group(self._progress, self._below())
 
 
 class StudyView(ProgressView):
@@ -183,7 +171,7 @@ class StudyView(ProgressView):
         self.leave_out(self._frames_a_point - self._frames_here)
         self._frames_here = 0
         self.advance(self._doing(), 0)
-        if not self._live.is_started:
+        if self._bar.disable:
             for point in {point.value: point for point in points}.values():
                 why = _STOPPED.get(point.stopped_by, point.stopped_by)
                 self.say(f"{self._axis}={value_text(point.value)}: {point.counts.frames} frames, {why}")
@@ -223,7 +211,21 @@ def train_shown(plan: Plan, console: Console) -> Training:
         training = train(plan, progress)
     missed = f", {training.missed} without a located panel left out" if training.missed else ""
     view.say(f"trained on {training.frames} frames{missed}")
+    for name, one in training.made.items():
+        if one.frames:
+            view.say(f"trained {name} on {one.frames} frames in {one.training_s:.0f} s")
     return training
+
+
+class _Bar(Progress):
+    """A bar over what stands under it: a terminal too low for all loses the end."""
+
+    below: Callable[[], RenderableType] | None = None
+
+    def get_renderables(self) -> Iterator[RenderableType]:
+        yield from super().get_renderables()
+        if self.below is not None:
+            yield self.below()
 
 
 class _Speed(ProgressColumn):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,13 +10,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.text import Annotation
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.stage_times import BIT_DETECTION, StageTimes, median_of
-from vocc_torch.show.canvas import GRID, INK, head, new_figure, quiet_axes, text_renderer, write_title
+from vocc_torch.show.canvas import GRID, INK, head, new_figure, quiet_axes, write_title
 from vocc_torch.show.styles import receiver_styles
 
 Floats = NDArray[np.float64]
@@ -87,24 +86,29 @@ class DetectionTimes:
         }
 
     def draw(self, title: str) -> Figure:
-        """Draw a bar a stage in each place, with the paper's value beside it."""
-        figure, labels = new_figure(10, 6.8), []
+        """Draw the figure, with its title and what it rests on."""
+        figure = new_figure(10, 6.8)
+        write_title(figure, title, self.draw_on(figure))
+        return figure
+
+    def draw_on(self, figure: Figure) -> str:
+        """Draw a bar a stage in each place, with the paper's value beside it; give the footnote."""
         kinds, batches = (list(dict.fromkeys(one)) for one in zip(*self.by_place, strict=True))
-        column = 0.79 / len(batches)
+        column, longest = 0.79 / len(batches), 0.0
         for letter, place in zip("abcd", self.by_place, strict=False):
             f, n = kinds.index(place[0]), batches.index(place[1])
             axes = figure.add_axes((0.205 + column * n, 0.588 - 0.368 * f, column - 0.025, 0.285))
-            labels += self._draw_bars(axes, place)
+            longest = max(longest, self._draw_bars(axes, place))
             axes.tick_params(axis="y", length=0, labelleft=n == 0)
             head(axes, f"({letter})", f"{_KINDS.get(place[0], place[0])}, {_at_a_time(place[1])}")
             if f == len(kinds) - 1:
                 axes.set_xlabel("Time over that of panel detection (%)", fontsize=11)
         for axes in figure.axes:
-            axes.set_xlim(0, _room(figure, axes, labels))
+            # The longest label takes less than a third of two columns' width.
+            axes.set_xlim(0, 1.55 * longest)
             axes.xaxis.set_major_locator(MaxNLocator(7, steps=[2, 5, 10]))
         _write_legend(figure)
-        write_title(figure, title, self._footnote())
-        return figure
+        return self._footnote()
 
     def _footnote(self) -> str:
         """Say what the figure rests on, and in medians what NGR adds in each of its parts."""
@@ -126,12 +130,8 @@ class DetectionTimes:
             f" Preambles are not counted. The paper: Matlab.\nOurs: {self.machine}."
         )
 
-    def _draw_bars(self, axes: Axes, place: FramesAndBatch) -> list[tuple[float, Annotation]]:
-        """Draw the bars, the detectors' quartiles and the paper's marks.
-
-        Returns:
-            The bars' labels, each with the value that it begins behind.
-        """
+    def _draw_bars(self, axes: Axes, place: FramesAndBatch) -> float:
+        """Draw the bars, the detectors' quartiles and the paper's marks; give the last label's begin."""
         times, shares = self.times_ms(place), self.shares(place)
         styles = receiver_styles([stage for stage in PAPER_SHARES if stage != PANEL_DETECTION])
         looks = [_PANEL, *((style.label, style.colour) for style in styles.values())]
@@ -141,34 +141,22 @@ class DetectionTimes:
         spread = np.stack([median - low, high - median])[:, 1:]
         axes.errorbar(median[1:], rows[1:], xerr=spread, fmt="none", ecolor=INK, elinewidth=1.2, capsize=2.5)
         axes.add_line(_paper_mark(paper[1:], rows[1:]))
-        labels = []
-        for row, (spent, share, end) in enumerate(
-            zip(times.values(), median, np.maximum(high, paper).tolist(), strict=True)
-        ):
+        ends = np.maximum(high, paper).tolist()
+        for row, (spent, share, end) in enumerate(zip(times.values(), median, ends, strict=True)):
             time = f"{number_text(spent.value)} ms"
             said = f"{number_text(share)} %  ({time})" if row else time
             look: dict[str, Any] = {"textcoords": "offset points", "va": "center", "color": INK}
-            labels.append((end, axes.annotate(said, (end, row), (9, 0), fontsize=10, **look)))
+            axes.annotate(said, (end, row), (9, 0), fontsize=10, **look)
         quiet_axes(axes)
         axes.grid(axis="x", color=GRID, linewidth=0.8)
         axes.set_yticks(rows, [label for label, _ in looks])
         axes.invert_yaxis()
-        return labels
+        return float(max(ends))
 
 
 def _at_a_time(batch: int) -> str:
     """Say a batch size."""
     return "one at a time" if batch == 1 else f"{batch} at a time"
-
-
-def _room(figure: Figure, axes: Axes, labels: Sequence[tuple[float, Annotation]]) -> float:
-    """Give the upper end of an axis from 0 on which every label ends within it."""
-    renderer = text_renderer(figure)
-    width = axes.get_window_extent(renderer).width
-    gap = 14 * figure.dpi / 72
-    # Measured away from its place, a label has the same width.
-    texts = [(end, label.get_window_extent(renderer).width + gap) for end, label in labels]
-    return max(end * width / max(width - text, 0.2 * width) for end, text in texts)
 
 
 def number_text(value: float) -> str:

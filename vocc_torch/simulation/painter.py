@@ -13,25 +13,11 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from vocc_torch.simulation import geometry, raster
 from vocc_torch.simulation.effects import Context, Effect, Quantity
 from vocc_torch.simulation.framing import Size
-from vocc_torch.simulation.geometry import (
-    demand_led_px,
-    led_centres_m,
-    led_centres_px,
-    panel_corners_m,
-    panel_corners_px,
-)
 from vocc_torch.simulation.perspective import view_of
 from vocc_torch.simulation.photometry import reflected_luminance_cd_m2
-from vocc_torch.simulation.raster import (
-    add_patches,
-    disc_cover,
-    disc_grid_cover,
-    ellipse_cover,
-    interval_cover,
-    polygon_cover,
-)
 
 SMALL_PATCH_PX = 8
 """Patches up to this side are one group; larger ones are grouped by powers of two."""
@@ -84,7 +70,7 @@ def paint(lights: Tensor, shares: Tensor | None, context: Context, size: Size, d
         covered = torch.zeros_like(canvas)
         for stamp in stamps:
             frame = stamp.led // panel.shape.leds
-            add_patches(covered, stamp.cover, frame, stamp.left, stamp.top, whole=True)
+            raster.add_patches(covered, stamp.cover, frame, stamp.left, stamp.top, whole=True)
         # An LED hides what lies behind it: the board, wherever there is one.
         hidden = canvas if panel.board_reflectance is None else between.view(-1, 1, 1)
         canvas = canvas + covered * (reflected.view(-1, 1, 1) - hidden)
@@ -95,7 +81,7 @@ def paint(lights: Tensor, shares: Tensor | None, context: Context, size: Size, d
     for stamp in stamps:
         frame = stamp.led // panel.shape.leds
         light = _own_light(lights, shares, stamp, frame) + added[frame].view(-1, 1, 1)
-        add_patches(canvas, stamp.cover * light, frame, stamp.left, stamp.top, whole=True)
+        raster.add_patches(canvas, stamp.cover * light, frame, stamp.left, stamp.top, whole=True)
     # Rounding can leave a black LED a hair below zero, where gamma encoding has no value.
     return canvas.clamp_(min=0).unsqueeze(1).to(dtype)
 
@@ -114,14 +100,14 @@ def _board_cover(context: Context, size: Size) -> Tensor:
     """Share of each pixel that the board covers, (B,H,W)."""
     origin = context.first_px.unsqueeze(1)
     if not in_perspective(context.effects):
-        corners = panel_corners_px(context.scene, context.camera, context.panel) - origin
-        across = interval_cover(corners[:, 0, 0], corners[:, 2, 0], size[1]).unsqueeze(-2)
-        return interval_cover(corners[:, 0, 1], corners[:, 2, 1], size[0]).unsqueeze(-1) * across
+        corners = geometry.panel_corners_px(context.scene, context.camera, context.panel) - origin
+        across = raster.interval_cover(corners[:, 0, 0], corners[:, 2, 0], size[1]).unsqueeze(-2)
+        return raster.interval_cover(corners[:, 0, 1], corners[:, 2, 1], size[0]).unsqueeze(-1) * across
     # The sides in short pieces, which a lens may bend.
-    corners = panel_corners_m(context.panel).to(context.scene.distance_m)
+    corners = geometry.panel_corners_m(context.panel).to(context.scene.distance_m)
     steps = torch.arange(0, 1, 1 / 8, dtype=corners.dtype, device=corners.device).view(1, -1, 1)
     outline = corners.unsqueeze(1) + steps * (corners.roll(-1, 0) - corners).unsqueeze(1)
-    return polygon_cover(view_of(context).points_px(outline.view(-1, 2)) - origin, *size)
+    return raster.polygon_cover(view_of(context).points_px(outline.view(-1, 2)) - origin, *size)
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,8 +138,8 @@ class _Discs:
         """Cover some of them: patches (M,h,w), their left columns and top rows (M,)."""
         x, y = self.x[rows], self.y[rows]
         if self.spread is None:
-            return disc_cover(x, y, self.half_width[rows], side, canvas_px=size)
-        return ellipse_cover(torch.stack([x, y], dim=-1), self.spread[rows], side, canvas_px=size)
+            return raster.disc_cover(x, y, self.half_width[rows], side, canvas_px=size)
+        return raster.ellipse_cover(torch.stack([x, y], dim=-1), self.spread[rows], side, canvas_px=size)
 
 
 def led_stamps(context: Context, size: Size, *, perspective: bool) -> Iterator[Stamps]:
@@ -172,7 +158,7 @@ def led_stamps(context: Context, size: Size, *, perspective: bool) -> Iterator[S
     reach = torch.maximum(discs.half_width, discs.half_height).view(len(context.scene), -1)
     sides = (2 * reach.amax(dim=1)).ceil().tolist()
     widest = max(sides)
-    demand_led_px(widest, float(context.scene.distance_m[sides.index(widest)]))
+    geometry.demand_led_px(widest, float(context.scene.distance_m[sides.index(widest)]))
     patches = [max(SMALL_PATCH_PX, 1 << int(side).bit_length()) for side in sides]
     leds = context.panel.shape.leds
     for patch in sorted(set(patches)):
@@ -210,7 +196,7 @@ def _grid_stamps(
     for start in range(0, len(like), group):
         frames = torch.tensor(like[start : start + group], device=x.device)
         rows = slice(None) if len(frames) == len(x) else frames
-        cover, left, top = disc_grid_cover(x[rows], y[rows], radius[rows], side, canvas_px=size)
+        cover, left, top = raster.disc_grid_cover(x[rows], y[rows], radius[rows], side, canvas_px=size)
         led = frames.unsqueeze(1) * leds + torch.arange(leds, device=x.device)
         yield Stamps(cover.flatten(0, 2), *_each(left, top), led.view(-1))
 
@@ -230,14 +216,14 @@ def _discs(x: Tensor, y: Tensor, radius: Tensor) -> _Discs:
 def _grids(context: Context) -> tuple[Tensor, Tensor, Tensor]:
     """Columns (B,C) and rows (B,R) of LEDs that face the camera squarely, and their radius (B,), frame px."""
     scene, camera, panel, origin = context.scene, context.camera, context.panel, context.first_px
-    x, y = led_centres_px(scene, camera, panel)
+    x, y = geometry.led_centres_px(scene, camera, panel)
     radius = panel.led_diameter_m / 2 * camera.pixels_per_metre(scene.distance_m)
     return x - origin[:, :1], y - origin[:, 1:], radius
 
 
 def _ellipses(context: Context) -> _Discs:
     """Image LEDs in true perspective."""
-    at = led_centres_m(context.panel).to(context.scene.distance_m)
+    at = geometry.led_centres_m(context.panel).to(context.scene.distance_m)
     centre, spread = view_of(context).discs_px(at, context.panel.led_diameter_m / 2)
     centre = (centre - context.first_px.unsqueeze(1)).flatten(0, 1)
     half = spread.flatten(0, 1).diagonal(dim1=-2, dim2=-1).sqrt()

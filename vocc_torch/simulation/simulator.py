@@ -13,30 +13,14 @@ from torch import Tensor
 from vocc_torch.devices import resolve_device
 from vocc_torch.errors import VoccError
 from vocc_torch.rng import FrameKey
+from vocc_torch.simulation import framing as crops
+from vocc_torch.simulation import geometry
 from vocc_torch.simulation.effects import Context, Effect, Parameters, Quantity, build_effects, check_chain
 from vocc_torch.simulation.effects.light import RollingShutter
 from vocc_torch.simulation.effects.registry import CAMERA_STEPS
 from vocc_torch.simulation.exposure import as_seen, auto_iso, demand_greys, through_lens
-from vocc_torch.simulation.framing import (
-    WINDOW_GRID_PX,
-    Batch,
-    crop_origins_px,
-    crop_size_px,
-    demand_pixels,
-    in_groups,
-    lay_on_sensor,
-    like_sized,
-    read_surround,
-    window_size_px,
-)
-from vocc_torch.simulation.geometry import (
-    Camera,
-    LedPanel,
-    demand_in_sight,
-    panel_centre_px,
-    panel_corners_m,
-    panel_corners_px,
-)
+from vocc_torch.simulation.framing import Batch
+from vocc_torch.simulation.geometry import Camera, LedPanel
 from vocc_torch.simulation.painter import in_perspective, paint, taking
 from vocc_torch.simulation.perspective import view_of
 from vocc_torch.simulation.photometry import grey_value, reflected_luminance_cd_m2
@@ -115,8 +99,9 @@ class Simulator:
         """Where panels truly are, for evaluation; ``keys`` as for render, which checked if ``rendered``."""
         scene = scene.to(self.device) if rendered else self._checked(scene)
         if not in_perspective(self.effects):
-            return Panels.known(panel_corners_px(scene, self.camera, self.panel))
-        return Panels.known(view_of(self._context(scene, keys)).points_px(panel_corners_m(self.panel)))
+            return Panels.known(geometry.panel_corners_px(scene, self.camera, self.panel))
+        view = view_of(self._context(scene, keys))
+        return Panels.known(view.points_px(geometry.panel_corners_m(self.panel)))
 
     def contrast(self, scene: Scene) -> Tensor:
         """Contrast ``(G_on - G_off) / 255`` of the LEDs before any blur (section IV-D-1), (B,) float64.
@@ -138,7 +123,7 @@ class Simulator:
 
     def crop_px(self, nearest_m: float) -> tuple[int, int]:
         """Height and width of the crop for panels at ``nearest_m`` or farther."""
-        return crop_size_px(self.effects, self.camera, self.panel, nearest_m)
+        return crops.crop_size_px(self.effects, self.camera, self.panel, nearest_m)
 
     def render(
         self,
@@ -184,10 +169,10 @@ class Simulator:
             view = view_of(self._context(scene, keys))
             centre = view.points_px(scene.distance_m.new_zeros(1, 2))[:, 0]
         else:
-            centre = panel_centre_px(scene, self.camera)
+            centre = geometry.panel_centre_px(scene, self.camera)
         whole = self.framing != "crop" or (self._filling is not None and not window)
-        demand_pixels(sensor if whole else size)
-        origin = crop_origins_px(centre, size, sensor, grid_px=WINDOW_GRID_PX if window else 1)
+        crops.demand_pixels(sensor if whole else size)
+        origin = crops.crop_origins_px(centre, size, sensor, grid_px=crops.WINDOW_GRID_PX if window else 1)
         context = self._context(scene, keys, origin)
         context = replace(context, iso=auto_iso(context))
         pictures = self._pictures(Batch(context, bits, centre, size), window)
@@ -197,10 +182,11 @@ class Simulator:
             return Frames(pictures, origin, sensor)
         if tuple(pictures.shape[-2:]) == sensor:
             return Frames(pictures, torch.zeros_like(origin), sensor)
-        surround = read_surround(pictures, centre, origin)
+        surround = crops.read_surround(pictures, centre, origin)
         if self.framing == "crop":
             return Frames(pictures, origin, sensor, surround)
-        return Frames(lay_on_sensor(pictures, surround, origin, sensor), torch.zeros_like(origin), sensor)
+        laid = crops.lay_on_sensor(pictures, surround, origin, sensor)
+        return Frames(laid, torch.zeros_like(origin), sensor)
 
     def _pictures(self, batch: Batch, window: bool) -> Tensor:
         """Render frames, those of far panels in small crops that are laid into those asked for."""
@@ -210,9 +196,9 @@ class Simulator:
         # A crop at the sensor's border need not lie about its panel's middle.
         last = batch.context.first_px.new_tensor([sensor[1] - size[1], sensor[0] - size[0]])
         moved = ((batch.context.first_px == 0) | (batch.context.first_px == last)).any(dim=1)
-        tight = partial(crop_size_px, self.effects, self.camera, self.panel, margin_cells=0)
-        groups = like_sized(batch.context.scene, moved, size, tight)
-        return in_groups(batch, groups, lambda group: self._in_chunks(group, window))
+        tight = partial(crops.crop_size_px, self.effects, self.camera, self.panel, margin_cells=0)
+        groups = crops.like_sized(batch.context.scene, moved, size, tight)
+        return crops.in_groups(batch, groups, lambda group: self._in_chunks(group, window))
 
     def _in_chunks(self, batch: Batch, window: bool) -> Tensor:
         """Render frames of one size, as many at a time as the cache holds."""
@@ -226,7 +212,7 @@ class Simulator:
     def _checked(self, scene: Scene) -> Scene:
         """Move scenes to the device, or refuse by name those that cannot be rendered."""
         scene = scene.checked().to(self.device)
-        demand_in_sight(scene, self.camera, self.panel)
+        geometry.demand_in_sight(scene, self.camera, self.panel)
         return scene
 
     def _context(self, scene: Scene, keys: Sequence[FrameKey] = (), origin: Tensor | None = None) -> Context:
@@ -236,7 +222,7 @@ class Simulator:
     def _size(self, nearest_m: float, window: bool) -> tuple[int, int]:
         """Height and width of what is drawn."""
         if window:
-            return window_size_px(self.crop_px(nearest_m), self.camera.sensor_px)
+            return crops.window_size_px(self.crop_px(nearest_m), self.camera.sensor_px)
         if self.framing == "full" or (self._filling is not None and self._filling.takes in DRAWN):
             return self.camera.sensor_px
         return self.crop_px(nearest_m)
@@ -249,11 +235,11 @@ class Simulator:
             return [self._run(painted, after, batch.context, to_end=True)[0]]
         before = after[: after.index(self._filling)]
         value, current = self._run(painted, before, batch.context)
-        surround = read_surround(value, batch.centre_px, origin := batch.context.first_px)
+        surround = crops.read_surround(value, batch.centre_px, origin := batch.context.first_px)
         pictures = []
         for i in range(len(value)):
             row = slice(i, i + 1)
-            frame = lay_on_sensor(value[row], surround[row], origin[row], self.camera.sensor_px)
+            frame = crops.lay_on_sensor(value[row], surround[row], origin[row], self.camera.sensor_px)
             whole = replace(batch.taken(row).context, origin_px=torch.zeros_like(origin[row]))
             pictures.append(self._run((frame, current), after[len(before) :], whole, to_end=True)[0])
         return pictures

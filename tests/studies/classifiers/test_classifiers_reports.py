@@ -15,7 +15,7 @@ from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.genie.genie import GenieReference
 from vocc_torch.measure.paired import PairedCounts
 from vocc_torch.measure.plug_in_training import Making
-from vocc_torch.measure.ratio import rate_ratio
+from vocc_torch.measure.relative import rate_ratio
 from vocc_torch.studies.classifiers.figures import curves_figure, scenes_figure
 from vocc_torch.studies.classifiers.results import GENIE, Comparison, GeniePoint, Transfer
 from vocc_torch.studies.classifiers.tables import print_table, write_board, write_tables

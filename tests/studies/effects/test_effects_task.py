@@ -8,7 +8,8 @@ import pytest
 from hydra import compose, initialize_config_module
 from rich.console import Console
 
-from vocc_torch.app.config import register_schema, resolved
+from vocc_torch.app.config import register_schema
+from vocc_torch.app.resolve import resolved
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.intervals import ber_interval
 from vocc_torch.measure.workers import Workers

@@ -12,16 +12,6 @@ GRID = (
     *("experiment=dimming", *TINY, "receiver.names=[average_greyscale,flda_3]"),
     *("experiment.rows=[1000,32000]", "experiment.values=[500,2000,8000]"),
 )
-COUNTED = (
-    "receiver",
-    "locator",
-    "frames",
-    "bits",
-    "bit_errors",
-    "frame_errors",
-    "panels_missed",
-    "stopped_by",
-)
 
 
 @pytest.fixture(scope="module")
@@ -86,31 +76,6 @@ def test_the_best_of_each_receiver_is_a_row(grid):
         assert float(row["ber"]) == min(of_row.values())
         assert [float(row["best_from_cd_m2"]), float(row["best_to_cd_m2"])] == [least[0], least[-1]]
         assert float(row["range_from_cd_m2"]) <= least[0] <= least[-1] <= float(row["range_to_cd_m2"])
-
-
-def test_a_row_gives_what_it_gives_as_an_experiment_of_its_own(grid, place):
-    """One ambient light held: the same frames, the same receivers, the same errors."""
-    at = AMBIENT[1]
-    name = f"dimming/ambient_lx={at:g}"
-    changes = (f'experiment.name="{name}"', f"+experiment.scene.ambient_lx={at:g}")
-    ran = run_in(place, *GRID, "experiment.row_axis=null", "experiment.rows=[]", *changes, f"name=row{at:g}")
-    assert (ran.status, ran.err) == (0, "")
-    alone = {
-        (float(row["value"]), *(row[key] for key in COUNTED))
-        for row in rows_of(place / "runs" / f"row{at:g}" / "ber.csv")
-    }
-    folder, _ = grid
-    mine = {
-        (
-            float(row["value"]),
-            *(row[key] for key in COUNTED[:4]),
-            f"{float(row['bit_errors']):g}",
-            *(row[key] for key in COUNTED[5:]),
-        )
-        for row in rows_of(folder / "ber.csv")
-        if float(row["ambient_lx"]) == at
-    }
-    assert mine == alone
 
 
 def test_a_finished_grid_counts_nothing_again(grid, place, monkeypatch):

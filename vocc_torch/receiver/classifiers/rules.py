@@ -14,7 +14,23 @@ from vocc_torch.receiver.flda import FLDA
 from vocc_torch.receiver.otsu import histogram256, otsu_threshold
 
 
-class FldaClassifier:
+class _Scored:
+    """What decides by its scores alone."""
+
+    def decision_function(self, x: Tensor) -> Tensor:
+        """Score every LED, (B,R,C); at least 0 is On.
+
+        Raises:
+            NotImplementedError: always: each kind has its own.
+        """
+        raise NotImplementedError
+
+    def predict(self, x: Tensor) -> Tensor:
+        """Decide every LED."""
+        return self.decision_function(x) >= 0
+
+
+class FldaClassifier(_Scored):
     """FLDA on the inputs as they are: features, or whole patches.
 
     Example:
@@ -49,10 +65,6 @@ class FldaClassifier:
         """
         return _fitted(self._rule).scores(x)
 
-    def predict(self, x: Tensor) -> Tensor:
-        """Decide every LED."""
-        return self.decision_function(x) >= 0
-
     @property
     def parameters_count(self) -> int:
         """How many numbers decide: the direction and the threshold."""
@@ -74,7 +86,7 @@ def _fitted(rule: Discriminant | None) -> Discriminant:
     return rule
 
 
-class LmmseEqualizer:
+class LmmseEqualizer(_Scored):
     """Linear minimum-mean-square-error estimate of each bit from the light about it, by distance.
 
     Where exposures add (``domain=exposure``), the light of a cell is a sum over its neighbours' bits, and the
@@ -137,10 +149,6 @@ class LmmseEqualizer:
         weights = torch.lerp(self._weights[lower], self._weights[upper], share)
         return (rows * weights[:, None, None]).sum(dim=-1)
 
-    def predict(self, x: Tensor) -> Tensor:
-        """Decide every LED."""
-        return self.decision_function(x) >= 0
-
     @property
     def parameters_count(self) -> int:
         """How many numbers decide."""
@@ -153,7 +161,7 @@ class LmmseEqualizer:
         return x[..., :-1], x[:, 0, 0, -1]
 
 
-class _Untrained:
+class _Untrained(_Scored):
     """What needs no training."""
 
     parameters_count = 0
@@ -165,18 +173,6 @@ class _Untrained:
     def fit_stream(self, batches: object, frames: int) -> Self:
         """Learn nothing, and ask for no frames."""
         return self
-
-    def decision_function(self, x: Tensor) -> Tensor:
-        """Score every LED.
-
-        Raises:
-            NotImplementedError: always: each kind has its own.
-        """
-        raise NotImplementedError
-
-    def predict(self, x: Tensor) -> Tensor:
-        """Decide every LED."""
-        return self.decision_function(x) >= 0
 
 
 class PanelOtsu(_Untrained):

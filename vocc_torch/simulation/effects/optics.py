@@ -12,16 +12,9 @@ from kornia.filters import gaussian_blur2d
 from torch import Tensor
 
 from vocc_torch.errors import VoccError
+from vocc_torch.simulation import spread
 from vocc_torch.simulation.effects.base import Context, Effect, Quantity
 from vocc_torch.simulation.geometry import Camera
-from vocc_torch.simulation.spread import (
-    checked_reach,
-    convolve_symmetric,
-    convolve_taps,
-    disc_quarters,
-    disc_radius_px,
-    streak_taps,
-)
 
 FASTEST_M_S = 200.0
 """Highest speed on offer along an axis: two vehicles at 360 km/h each."""
@@ -99,7 +92,7 @@ class MotionBlur(Effect):
         """
         nearest = torch.tensor([nearest_m], dtype=torch.float64)
         shift_x, shift_y = self._checked_shifts(camera, nearest)[0]
-        _, taps = streak_taps(shift_x, shift_y)
+        _, taps = spread.streak_taps(shift_x, shift_y)
         return max((max(abs(row), abs(column)) for row, column, _ in taps), default=0)
 
     def _checked_shifts(self, camera: Camera, distance_m: Tensor) -> list[tuple[float, float]]:
@@ -107,14 +100,14 @@ class MotionBlur(Effect):
         x, y = (shift.tolist() for shift in self.shift_px(camera, distance_m))
         longest = max(abs(shift) for shift in (*x, *y))
         cause = f"velocity_x_m_s is {self.velocity_x_m_s:g} and velocity_y_m_s {self.velocity_y_m_s:g}"
-        checked_reach(longest / 2, f"scene.effects.motion_blur.{cause}")
+        spread.checked_reach(longest / 2, f"scene.effects.motion_blur.{cause}")
         return list(zip(x, y, strict=True))
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Draw out (B,1,H,W) exposure; the light outside the frame is taken to be that at its border."""
         shifts = self._checked_shifts(context.camera, context.scene.distance_m)
         frames = zip(value[:, 0].to(torch.float64), shifts, strict=True)
-        drawn = [convolve_taps(plane, *streak_taps(*shift)) for plane, shift in frames]
+        drawn = [spread.convolve_taps(plane, *spread.streak_taps(*shift)) for plane, shift in frames]
         return torch.stack(drawn).unsqueeze(1).to(value.dtype)
 
 
@@ -188,18 +181,19 @@ class Defocus(Effect):
         """Radius of each frame's kernel, on the CPU, where the frames' kernel sizes are wanted."""
         diameter = self.diameter_px(camera, distance_m.cpu())
         self._reach_px(diameter / 2)
-        return disc_radius_px(diameter)
+        return spread.disc_radius_px(diameter)
 
     def _reach_px(self, radius_px: Tensor) -> int:
         """Half width of the kernel of the largest radius."""
         widest = max(0.0, float(torch.ceil(radius_px - 0.5).max()))
-        return checked_reach(widest, f"scene.effects.defocus.focus_distance_m is {self.focus_distance_m:g}")
+        cause = f"scene.effects.defocus.focus_distance_m is {self.focus_distance_m:g}"
+        return spread.checked_reach(widest, cause)
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Spread (B,1,H,W) exposure; the light outside the frame is taken to be that at its border."""
-        quarters = disc_quarters(self._radii_px(context.camera, context.scene.distance_m))
+        quarters = spread.disc_quarters(self._radii_px(context.camera, context.scene.distance_m))
         frames = zip(value[:, 0].to(torch.float64), quarters, strict=True)
-        blurred = [convolve_symmetric(plane, quarter.to(plane.device)) for plane, quarter in frames]
+        blurred = [spread.convolve_symmetric(plane, quarter.to(plane.device)) for plane, quarter in frames]
         return torch.stack(blurred).unsqueeze(1).to(value.dtype)
 
 
@@ -292,7 +286,7 @@ class Diffraction(Effect):
         """
         reach = max(0.0, float(np.ceil(REACH_IN_LAMBDA_N * self._lambda_n_px(camera) - 0.5)))
         at = f"wavelength_nm is {self.wavelength_nm:g} at camera.f_number {camera.f_number:g}"
-        return checked_reach(reach, f"scene.effects.diffraction.{at}")
+        return spread.checked_reach(reach, f"scene.effects.diffraction.{at}")
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Spread (B,1,H,W) exposure; the light outside the frame is taken to be that at its border."""
@@ -301,7 +295,9 @@ class Diffraction(Effect):
             return value
         quarter = airy_quarter(self._lambda_n_px(context.camera), reach).to(value.device)
         planes = value[:, 0].to(torch.float64)
-        return torch.stack([convolve_symmetric(p, quarter) for p in planes]).unsqueeze(1).to(value.dtype)
+        return (
+            torch.stack([spread.convolve_symmetric(p, quarter) for p in planes]).unsqueeze(1).to(value.dtype)
+        )
 
 
 @dataclass(frozen=True, slots=True)

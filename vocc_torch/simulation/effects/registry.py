@@ -99,8 +99,7 @@ def check_chain(effects: tuple[Effect, ...]) -> Quantity:
     if current == Quantity.ELECTRONS:
         ends = _leads("reads out", Quantity.EXPOSURE, current)
         raise VoccError(f"scene.effects ends at electrons, and {ends}")
-    _check_coding(effects)
-    _check_air(effects)
+    _check_pairs(effects)
     return current if current not in CAMERA_STEPS else Quantity.GREY
 
 
@@ -113,22 +112,18 @@ def _leads(verb: str, wanted: Quantity, current: Quantity) -> str:
     return f"scene.effects.{' or scene.effects.'.join(makers)} {verb}: name it too"
 
 
-def _check_air(effects: tuple[Effect, ...]) -> None:
-    """Refuse fog that dims what it lies before and not the LEDs, or by another visibility."""
-    dims = [effect.visibility_m for effect in effects if isinstance(effect, light.Attenuation)]
-    for fog in (effect for effect in effects if isinstance(effect, surroundings.Airlight)):
-        key = "scene.effects.airlight"
-        if not dims:
+def _check_pairs(effects: tuple[Effect, ...]) -> None:
+    """Refuse fog without the LEDs' attenuation in the same air, and JPEG of pictures not 8 bits deep."""
+    named = {effect.name: effect for effect in effects}
+    dims, fog = named.get("attenuation"), named.get("airlight")
+    if isinstance(fog, surroundings.Airlight):
+        if not isinstance(dims, light.Attenuation):
             rule = "which dims the LEDs' own light in the same air: name it too"
-            raise VoccError(f"{key} needs scene.effects.attenuation, {rule}")
-        if fog.visibility_m != dims[0]:
-            rule = f"it must be {dims[0]:g} as scene.effects.attenuation has it, for there is one air"
-            raise VoccError(f"{key}.visibility_m is {fog.visibility_m:g}: {rule}")
-
-
-def _check_coding(effects: tuple[Effect, ...]) -> None:
-    """Refuse JPEG of pictures that are not 8 bits deep."""
-    bits = [effect.bits for effect in effects if isinstance(effect, coding.Quantization)]
-    if bits and bits[0] != 8 and any(isinstance(effect, coding.Jpeg) for effect in effects):
-        rule = f"scene.effects.quantization.bits is {bits[0]}"
+            raise VoccError(f"scene.effects.airlight needs scene.effects.attenuation, {rule}")
+        if fog.visibility_m != dims.visibility_m:
+            same = f"{dims.visibility_m:g} as scene.effects.attenuation has it, for there is one air"
+            raise fog.refusal("visibility_m", same)
+    depth = named.get("quantization")
+    if isinstance(depth, coding.Quantization) and depth.bits != 8 and "jpeg" in named:
+        rule = f"scene.effects.quantization.bits is {depth.bits}"
         raise VoccError(f"scene.effects.jpeg codes 8-bit frames: {rule}")

@@ -14,7 +14,7 @@ from vocc_torch.errors import VoccError
 from vocc_torch.simulation.effects.base import Context, Effect, Quantity
 from vocc_torch.simulation.effects.light import dimmed_once
 from vocc_torch.simulation.effects.view import LensDistortion
-from vocc_torch.simulation.geometry import CLOCKWISE, LedPanel, led_centres_m
+from vocc_torch.simulation.geometry import CLOCKWISE, led_centres_m
 from vocc_torch.simulation.perspective import View, view_of
 from vocc_torch.simulation.photometry import reflected_luminance_cd_m2
 from vocc_torch.simulation.raster import add_patches, ellipse_cover, polygon_cover
@@ -71,7 +71,12 @@ class SecondPanel(Effect):
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Draw the panel onto each frame's (B,1,H,W) background luminance."""
         panel, scene = context.panel, context.scene
-        self._check(panel)
+        width_m, height_m = panel.shape.columns * panel.pitch_m, panel.shape.rows * panel.pitch_m
+        near = 1 - 1e-9
+        if abs(self.offset_x_m) < width_m * near and abs(self.offset_y_m) < height_m * near:
+            shown = f"offset_x_m is {self.offset_x_m:g} and offset_y_m {self.offset_y_m:g}"
+            rule = f"one of the two must be at least {width_m:g} across or {height_m:g} down"
+            raise VoccError(f"scene.effects.{self.name}.{shown}: the panels overlap, {rule}")
         offset_m = torch.tensor([self.offset_x_m, self.offset_y_m], dtype=torch.float64)
         painted, leds_m = value.clone(), (offset_m + led_centres_m(panel)).to(scene.distance_m.device)
         surface = reflected_luminance_cd_m2(scene.ambient_lx, panel.led_reflectance)
@@ -90,15 +95,6 @@ class SecondPanel(Effect):
         # What an LED covers is board, also in a pixel that the board's edge crosses.
         leds.lay(painted, seen - boards, opaque=False)
         return painted
-
-    def _check(self, panel: LedPanel) -> None:
-        """Refuse a panel that would stand in ours."""
-        width_m, height_m = panel.shape.columns * panel.pitch_m, panel.shape.rows * panel.pitch_m
-        near = 1 - 1e-9
-        if abs(self.offset_x_m) < width_m * near and abs(self.offset_y_m) < height_m * near:
-            shown = f"offset_x_m is {self.offset_x_m:g} and offset_y_m {self.offset_y_m:g}"
-            rule = f"one of the two must be at least {width_m:g} across or {height_m:g} down"
-            raise VoccError(f"scene.effects.{self.name}.{shown}: the panels overlap, {rule}")
 
 
 Cover = Callable[[Tensor, int], tuple[Tensor, Tensor, Tensor]]

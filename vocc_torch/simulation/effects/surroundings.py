@@ -297,7 +297,14 @@ class Occlusion(Effect):
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Hide a part of each frame's (B,1,H,W) luminance."""
-        low, high = self._sides_px(context)
+        corners_m = panel_corners_m(context.panel).to(context.scene.distance_m.device)
+        corners = view_of(context).points_px(corners_m)
+        low, high = corners.amin(dim=1), corners.amax(dim=1)
+        draws = np.stack([g.random(2) for g in context.generators(self.name, of_scene=True)])
+        centre = low + torch.from_numpy(draws).to(low) * (high - low)
+        shares = torch.tensor([self.width_share, self.height_share], dtype=torch.float64).to(low)
+        reach = (high - low) * shares / 2
+        low, high = centre - reach, centre + reach
         covers = []
         for axis, side in enumerate((context.camera.width_px, context.camera.height_px)):
             # Cut from the whole sensor, so that a crop gets the full frame's very numbers.
@@ -308,17 +315,6 @@ class Occlusion(Effect):
         cover = (down.unsqueeze(-1) * across.unsqueeze(-2)).unsqueeze(1).to(value.dtype)
         surface = reflected_luminance_cd_m2(context.scene.ambient_lx, self.reflectance)
         return value * (1 - cover) + cover * surface.to(value.dtype).view(-1, 1, 1, 1)
-
-    def _sides_px(self, context: Context) -> tuple[Tensor, Tensor]:
-        """Place each frame's rectangle: its top left and its bottom right corner, sensor px, (B,2)."""
-        corners_m = panel_corners_m(context.panel).to(context.scene.distance_m.device)
-        corners = view_of(context).points_px(corners_m)
-        low, high = corners.amin(dim=1), corners.amax(dim=1)
-        draws = np.stack([g.random(2) for g in context.generators(self.name, of_scene=True)])
-        centre = low + torch.from_numpy(draws).to(low) * (high - low)
-        shares = torch.tensor([self.width_share, self.height_share], dtype=torch.float64).to(low)
-        reach = (high - low) * shares / 2
-        return centre - reach, centre + reach
 
 
 def disability_glare_cd_m2(illuminance_lx: float, angle_deg: float) -> float:

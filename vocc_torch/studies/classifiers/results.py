@@ -13,7 +13,7 @@ from vocc_torch.measure.estimate import Estimate, joint_confidence
 from vocc_torch.measure.genie.genie import GenieReference
 from vocc_torch.measure.paired import PairedCounts, paired_interval
 from vocc_torch.measure.plug_in_training import Making
-from vocc_torch.measure.ratio import rate_ratio
+from vocc_torch.measure.relative import rate_ratio
 
 GENIE = "genie"
 """The genie's name among receivers."""

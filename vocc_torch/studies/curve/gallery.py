@@ -6,17 +6,15 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 
 from vocc_torch.measure.counter import point_name
 from vocc_torch.measure.link import Link, block_keys
 from vocc_torch.measure.plan import Plan
 from vocc_torch.measure.sweep import monte_carlo_values
 from vocc_torch.receiver.receiver import Receiver
+from vocc_torch.show.annotated import annotated, enlarged
 from vocc_torch.simulation.framing import crop_origins_px
 from vocc_torch.simulation.geometry import panel_centre_px
-from vocc_torch.studies.decode.decode import Reading, annotated
-from vocc_torch.studies.decode.recording import RecordedFrame
 
 SAMPLES = 4
 """Frames drawn for each point."""
@@ -55,18 +53,11 @@ def sample_frames(plan: Plan, receiver: Receiver) -> dict[str, NDArray[np.uint8]
                 pixels, origin = pixels[top : top + shown[0], left : left + shown[1]], places[i]
             grey = pixels.round().clamp(0, 255).byte().cpu().numpy()
             colour = np.repeat(grey[..., None], 3, axis=2)
-            reading = Reading(
-                frame=RecordedFrame(name, i, None, colour, grey),
-                found=bool(read.found[i]),
-                corners_px=(read.corners_px[i].cpu() - origin.cpu()).numpy(),
-                bits=read.bits[i].cpu().numpy(),
-                margin=0.0,
-                panel_score=float(read.panel_score[i]),
-                candidates=int(read.candidates[i]),
-            )
-            height, width = grey.shape
-            scale = max(1, min(SCALE, WIDEST_PX // width))
-            plain = Image.fromarray(colour).resize((width * scale, height * scale), Image.Resampling.NEAREST)
-            rows.append(np.concatenate([np.asarray(plain), np.asarray(annotated(reading, scale))]))
+            scale = max(1, min(SCALE, WIDEST_PX // grey.shape[1]))
+            plain = drawn = np.asarray(enlarged(colour, scale))
+            if read.found[i]:
+                corners = (read.corners_px[i].cpu() - origin.cpu()).numpy()
+                drawn = np.asarray(annotated(colour, corners, read.bits[i].cpu().numpy(), scale))
+            rows.append(np.concatenate([plain, drawn]))
         pictures[name] = np.concatenate(rows, axis=1)
     return pictures

@@ -8,6 +8,7 @@ from pathlib import Path
 from rich.console import Console
 
 from vocc_torch.errors import VoccError
+from vocc_torch.measure import sweep
 from vocc_torch.measure.build import build_plan
 from vocc_torch.measure.config import Settings
 from vocc_torch.measure.curves import Curves
@@ -15,30 +16,12 @@ from vocc_torch.measure.identity import identity
 from vocc_torch.measure.ledger import Ledger
 from vocc_torch.measure.montecarlo import Label, Tally
 from vocc_torch.measure.plan import SCENE_FIELDS, Plan
-from vocc_torch.measure.sweep import (
-    Sweep,
-    axis_values,
-    measured,
-    monte_carlo_values,
-    points_of,
-    run_sweeps,
-)
 from vocc_torch.measure.train import Training, trained_receiver
 from vocc_torch.measure.workers import Workers
 from vocc_torch.receiver.features import FEATURE_NAMES
+from vocc_torch.show import folder as run_folder
 from vocc_torch.show.canvas import save_figure
 from vocc_torch.show.csv_file import ber_rows, write_rows
-from vocc_torch.show.folder import (
-    LEDGER,
-    as_markdown,
-    open_ledger,
-    print_place,
-    refuse_results,
-    refuse_unused,
-    resumable,
-    write_config,
-    write_training,
-)
 from vocc_torch.show.paired_file import compared, write_paired
 from vocc_torch.show.plots import ber_figure, feature_histograms
 from vocc_torch.show.styles import axis_label, receiver_styles
@@ -49,8 +32,8 @@ from vocc_torch.studies.curve.gallery import sample_frames
 
 def run_test(settings: Settings, folder: Path) -> None:
     """Train, measure bit error rates along the experiment's axis or on its grid, and report them."""
-    refuse_unused(settings)
-    refuse_results(folder, LEDGER)
+    run_folder.refuse_unused(settings)
+    run_folder.refuse_results(folder, run_folder.LEDGER)
     plan, console = build_plan(settings, folder), Console()
     # Made before the training, so that a wrong number is refused at once; it starts nothing yet.
     workers = Workers(settings.workers)
@@ -59,11 +42,11 @@ def run_test(settings: Settings, folder: Path) -> None:
         _check_steps(plan)
     locator = plan.receiver.locator
     with (
-        resumable(settings, folder, console),
+        run_folder.resumable(settings, folder, console),
         # Held to the end: a second run would write over the same results.
-        open_ledger(folder / LEDGER, identity(plan, [locator]), console) as ledger,
+        run_folder.open_ledger(folder / run_folder.LEDGER, identity(plan, [locator]), console) as ledger,
     ):
-        write_config(settings, folder)
+        run_folder.write_config(settings, folder)
         training = train_shown(plan, console)
         with workers:
             curves = _sweep(plan, training, ledger, workers, console)
@@ -78,7 +61,7 @@ def run_test(settings: Settings, folder: Path) -> None:
 def _write(settings: Settings, plan: Plan, training: Training, curves: Curves, folder: Path) -> None:
     """Write tables, pictures, receiver and board."""
     table = curves.table()
-    write_training(settings, plan, training, folder)
+    run_folder.write_training(settings, plan, training, folder)
     write_rows(folder / "ber.csv", ber_rows(table))
     write_paired(folder / "paired.csv", [curves])
     camera, panel = plan.world.camera, plan.world.panel.shape
@@ -92,14 +75,14 @@ def _write(settings: Settings, plan: Plan, training: Training, curves: Curves, f
     if settings.tensorboard:
         pictures = sample_frames(plan, trained_receiver(plan, training))
         figures = {"BER": figure, "features by status": histograms}
-        texts = {"configuration": as_markdown(settings)}
+        texts = {"configuration": run_folder.as_markdown(settings)}
         write_boards(folder / "tensorboard", {"": [table]}, figures, pictures, texts)
 
 
 def _note_strangers(plan: Plan, console: Console) -> None:
     """Say where the test goes beyond the scenes that the receiver trains on."""
     trained = plan.experiment.training_model(plan.world)
-    tested = [plan.experiment.model_at(plan.world, value) for value in monte_carlo_values(plan)]
+    tested = [plan.experiment.model_at(plan.world, value) for value in sweep.monte_carlo_values(plan)]
     for name in SCENE_FIELDS:
         low = min(getattr(model, name).bounds[0] for model in tested)
         high = max(getattr(model, name).bounds[1] for model in tested)
@@ -113,7 +96,7 @@ def _note_strangers(plan: Plan, console: Console) -> None:
 def _check_steps(plan: Plan) -> None:
     """Refuse values that TensorBoard cannot tell apart, before any work is done."""
     try:
-        axis_steps(plan.experiment.axis, axis_values(plan.experiment))
+        axis_steps(plan.experiment.axis, sweep.axis_values(plan.experiment))
     except VoccError as error:
         raise VoccError(
             f"experiment.values: {error}; give values further apart, or tensorboard=false"
@@ -123,19 +106,19 @@ def _check_steps(plan: Plan) -> None:
 def _sweep(plan: Plan, training: Training, ledger: Ledger, workers: Workers, console: Console) -> Curves:
     """Measure every point under a live view."""
     locator, outcomes = plan.receiver.locator, {}
-    sweep = Sweep(plan, (locator,), {locator: training.bank(plan.receiver.names)}, ledger)
-    axis, values, names = plan.experiment.axis, axis_values(plan.experiment), plan.receiver.names
-    runs = len(monte_carlo_values(plan))
+    measuring = sweep.Sweep(plan, (locator,), {locator: training.bank(plan.receiver.names)}, ledger)
+    axis, values, names = plan.experiment.axis, sweep.axis_values(plan.experiment), plan.receiver.names
+    runs = len(sweep.monte_carlo_values(plan))
     with StudyView(axis, values, names, plan.frames_in_point, console, runs) as view:
 
-        def show(_: Sweep, value: float, frames: int, tallies: Mapping[Label, Tally]) -> None:
+        def show(_: sweep.Sweep, value: float, frames: int, tallies: Mapping[Label, Tally]) -> None:
             view.count(frames)
-            view.show(points_of(plan, locator, value, tallies, "running"))
+            view.show(sweep.points_of(plan, locator, value, tallies, "running"))
 
-        for _, value, outcome in run_sweeps([sweep], workers, show):
+        for _, value, outcome in sweep.run_sweeps([measuring], workers, show):
             outcomes[value] = outcome
-            view.finish(points_of(plan, locator, value, outcome.counts, outcome.stopped_by))
-    return measured(plan, [locator], outcomes).curves[locator]
+            view.finish(sweep.points_of(plan, locator, value, outcome.counts, outcome.stopped_by))
+    return sweep.measured(plan, [locator], outcomes).curves[locator]
 
 
 def _print(settings: Settings, plan: Plan, curves: Curves, folder: Path, console: Console) -> None:
@@ -150,7 +133,7 @@ def _print(settings: Settings, plan: Plan, curves: Curves, folder: Path, console
         lines.append(
             f"{drawn - counted} of {drawn} frames have a contrast outside the bins and are not counted"
         )
-    if empty := [f"{value:g}" for value in axis_values(plan.experiment) if value not in table.values]:
+    if empty := [f"{value:g}" for value in sweep.axis_values(plan.experiment) if value not in table.values]:
         lines.append(f"no frame fell into the bins about {', '.join(empty)}: they are not in the results")
     reference = plan.receiver.save
     if reference in curves.receivers and (told := compared(curves, reference)):
@@ -160,6 +143,6 @@ def _print(settings: Settings, plan: Plan, curves: Curves, folder: Path, console
         console.print(line, soft_wrap=True, highlight=False)
     places = {"table": "ber.csv", "pairs": "paired.csv", "figure": "ber.png", "receiver": "receiver.pt"}
     for what, name in places.items():
-        print_place(console, what, folder / name)
+        run_folder.print_place(console, what, folder / name)
     if settings.tensorboard:
-        print_place(console, "board", board_hint(folder / "tensorboard"))
+        run_folder.print_place(console, "board", board_hint(folder / "tensorboard"))

@@ -2,43 +2,27 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from itertools import groupby
+from itertools import groupby, islice
 from pathlib import Path
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from PIL import Image, ImageDraw
 
 from vocc_torch.errors import VoccError
-from vocc_torch.files import write_atomically
 from vocc_torch.measure.plan import Plan, resolve_device
 from vocc_torch.measure.train import train, trained_receiver
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.studies.decode.recording import Channel, RecordedFrame, read_recording
 
-COLUMNS = [
-    "source",
-    "frame",
-    "time_s",
-    "found",
-    "x_top_left",
-    "y_top_left",
-    "x_top_right",
-    "y_top_right",
-    "x_bottom_right",
-    "y_bottom_right",
-    "x_bottom_left",
-    "y_bottom_left",
-    "bits",
-    "margin",
-    "panel_score",
+COLUMNS = (
+    *("source", "frame", "time_s", "found", "x_top_left", "y_top_left", "x_top_right", "y_top_right"),
+    *("x_bottom_right", "y_bottom_right", "x_bottom_left", "y_bottom_left", "bits", "margin", "panel_score"),
     "candidates",
-]
+)
+"""Columns of ``bits.csv``."""
 BATCH_PIXELS = 32_000_000
 """Pixels decoded at a time."""
 
@@ -112,13 +96,7 @@ def decode(receiver: Receiver, source: Path, channel: Channel) -> Iterator[Readi
     """
     for shape, run in groupby(read_recording(source, channel), key=lambda frame: frame.grey.shape):
         size = max(1, min(64, BATCH_PIXELS // (shape[0] * shape[1])))
-        batch: list[RecordedFrame] = []
-        for frame in run:
-            batch.append(frame)
-            if len(batch) == size:
-                yield from _decode_batch(receiver, batch)
-                batch = []
-        if batch:
+        while batch := list(islice(run, size)):
             yield from _decode_batch(receiver, batch)
 
 
@@ -137,50 +115,3 @@ def _decode_batch(receiver: Receiver, batch: list[RecordedFrame]) -> Iterator[Re
             panel_score=float(read.panel_score[i]),
             candidates=int(read.candidates[i]),
         )
-
-
-def bits_csv(rows: list[list[str]]) -> bytes:
-    """Write the rows of ``bits.csv`` with their heading."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(COLUMNS)
-    writer.writerows(rows)
-    return text.getvalue().encode()
-
-
-def annotated(reading: Reading, scale: int) -> Image.Image:
-    """Draw the located panel and a mark a bit onto the picture: filled for On, hollow for Off."""
-    picture = Image.fromarray(reading.frame.colour)
-    if scale > 1:
-        picture = picture.resize((picture.width * scale, picture.height * scale), Image.Resampling.NEAREST)
-    if not reading.found:
-        return picture
-    draw = ImageDraw.Draw(picture)
-    corners = reading.corners_px * scale
-    outline = [(float(x), float(y)) for x, y in [*corners, corners[0]]]
-    rows, columns = reading.bits.shape
-    cell = min(
-        np.linalg.norm(corners[1] - corners[0]) / columns, np.linalg.norm(corners[3] - corners[0]) / rows
-    )
-    draw.line(outline, fill=(0, 158, 115), width=max(1, round(cell / 12)))
-    radius = max(0.6, 0.16 * float(cell))
-    for r in range(rows):
-        for c in range(columns):
-            x, y = _cell_centre(corners, (c + 0.5) / columns, (r + 0.5) / rows)
-            box = (x - radius, y - radius, x + radius, y + radius)
-            draw.ellipse(box, fill=(0, 114, 178) if reading.bits[r, c] else None, outline=(86, 180, 233))
-    return picture
-
-
-def _cell_centre(corners: NDArray[np.float64], u: float, v: float) -> tuple[float, float]:
-    """A point inside the quadrilateral, bilinearly: close enough to draw a mark at."""
-    top, bottom = (1 - u) * corners[0] + u * corners[1], (1 - u) * corners[3] + u * corners[2]
-    x, y = (1 - v) * top + v * bottom
-    return float(x), float(y)
-
-
-def save_picture(picture: Image.Image, path: Path) -> None:
-    """Write a picture as PNG, whole or not at all."""
-    buffer = io.BytesIO()
-    picture.save(buffer, format="PNG")
-    write_atomically(path, buffer.getvalue())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import shutil
 from pathlib import Path
 
@@ -12,17 +13,11 @@ from vocc_torch.files import write_atomically
 from vocc_torch.measure.build import build_plan
 from vocc_torch.measure.config import Settings
 from vocc_torch.receiver.receiver import Receiver
+from vocc_torch.show.annotated import annotated
+from vocc_torch.show.csv_file import write_rows
 from vocc_torch.show.folder import print_place, refuse_results, write_config
 from vocc_torch.studies.decode.config import DecodeConfig
-from vocc_torch.studies.decode.decode import (
-    COLUMNS,
-    Reading,
-    annotated,
-    bits_csv,
-    decode,
-    receiver_for,
-    save_picture,
-)
+from vocc_torch.studies.decode.decode import COLUMNS, Reading, decode, receiver_for
 
 DOUBTFUL_SCORE = 0.6
 """Noise that fills a 4:3 picture scores 0.56; of the paper's scenes one in fifty scores less than this."""
@@ -52,7 +47,7 @@ def run_decode(settings: Settings, config: DecodeConfig, folder: Path) -> None:
     if best is None:
         hint = "see receiver.location for the locator's limits, and decode.channel for coloured LEDs"
         raise VoccError(f"input {source} shows no panel in {len(rows)} of {len(rows)} frames: {hint}")
-    write_atomically(folder / "bits.csv", bits_csv(rows))
+    write_rows(folder / "bits.csv", [COLUMNS, *rows])
     write_config(settings, folder)
     if settings.model is None:
         receiver.save(folder / "receiver.pt")
@@ -75,7 +70,10 @@ def _read(
             # a.png and a.jpg of one folder are two pictures
             name = reading.frame.source if stem in names else stem
             names.add(stem)
-            save_picture(annotated(reading, config.scale), folder / "annotated" / f"{name}.png")
+            picture = io.BytesIO()
+            drawn = annotated(reading.frame.colour, reading.corners_px, reading.bits, config.scale)
+            drawn.save(picture, format="PNG")
+            write_atomically(folder / "annotated" / f"{name}.png", picture.getvalue())
         best = reading if best is None or reading.margin > best.margin else best
     return rows, best
 

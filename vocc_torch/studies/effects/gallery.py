@@ -8,7 +8,6 @@ from dataclasses import replace
 
 import numpy as np
 import torch
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
@@ -16,8 +15,8 @@ from vocc_torch.errors import VoccError
 from vocc_torch.measure.curve import BerTable, Point
 from vocc_torch.measure.plan import World
 from vocc_torch.rng import BlockKey, FrameKey
-from vocc_torch.show.ber_axes import draw_rates, receiver_line
 from vocc_torch.show.canvas import INK, QUIET, new_figure, write_title
+from vocc_torch.show.facets import facet_figure
 from vocc_torch.show.styles import Style, receiver_styles
 from vocc_torch.simulation.effects import Parameters
 from vocc_torch.simulation.geometry import panel_corners_px
@@ -26,13 +25,10 @@ from vocc_torch.studies.effects.results import EffectResults, SeverityCurve
 from vocc_torch.studies.effects.tables import scene_text
 from vocc_torch.types import Scene
 
-_WIDE_IN, _HIGH_IN, _ACROSS_IN, _DOWN_IN = 2.32, 1.55, 0.28, 0.86
-_LEFT_IN, _RIGHT_IN, _ABOVE_IN, _BELOW_IN = 0.78, 0.15, 1.12, 0.38
 _COLUMNS, _TILES_A_ROW, _TILE_IN = 5, 6, 1.75
 _SHOWN_SHARE = 1.5
 """Side of a picture of the gallery in sides of the panel."""
 THE_SCENE = "the scene itself"
-_SIZE = 0.74
 _STYLES = {
     "true_corners": Style("trained without the effect", "#D55E00", "o", "-"),
     "retrained": Style("trained with it, as the table of effects has it", "#0072B2", "D", "--"),
@@ -55,39 +51,25 @@ _UNITS = {
 def severity_figure(results: EffectResults) -> Figure:
     """Draw one small axes for each effect with severities, from harmless at the left to harsh."""
     curves, receiver = results.severities, results.study.shown
-    tables = [_table(curve, receiver) for curve in curves]
-    shown = [row for one in tables for row in one.rows]
-    columns = min(_COLUMNS, len(curves))
-    lines = math.ceil(len(curves) / columns)
-    width = max(10.9, _LEFT_IN + columns * _WIDE_IN + (columns - 1) * _ACROSS_IN + _RIGHT_IN)
-    height = _ABOVE_IN + lines * (_HIGH_IN + _DOWN_IN) + _BELOW_IN
-    figure = new_figure(width, height)
-    for number, (curve, rates) in enumerate(zip(curves, tables, strict=True)):
-        line, column = divmod(number, columns)
-        left_in = _LEFT_IN + column * (_WIDE_IN + _ACROSS_IN)
-        top_in = _ABOVE_IN + line * (_HIGH_IN + _DOWN_IN)
-        place = (left_in / width, 1 - (top_in + _HIGH_IN) / height, _WIDE_IN / width, _HIGH_IN / height)
-        axes = figure.add_axes(place)
-        draw_rates(axes, rates, _STYLES, shown, size=_SIZE, width_in=_WIDE_IN)
-        _finish(axes, curve, results, leftmost=column == 0)
+    tables = {curve.name: _table(curve, receiver) for curve in curves}
+    rows = [dict(list(tables.items())[first : first + _COLUMNS]) for first in range(0, len(tables), _COLUMNS)]
     label = receiver_styles([receiver])[receiver].label
-    frames = results.study.severity_frames
     note = (
-        f"{frames} frames a point, the same in all, true corners \N{MIDDLE DOT} bars: 95 % intervals "
-        "\N{MIDDLE DOT} arrows: no errors, one-sided limit\ngrey line: the scene itself \N{MIDDLE DOT} "
-        "dashed upright line: the value in the table of effects"
+        f"{results.study.severity_frames} frames a point, the same in all, true corners \N{MIDDLE DOT} "
+        "bars: 95 % intervals \N{MIDDLE DOT} arrows: no errors, one-sided limit\ngrey line: the scene itself "
+        "\N{MIDDLE DOT} dashed upright line: the value in the table of effects"
     )
-    write_title(figure, f"Bit error rate over each effect's severity{scene_text(results)} ({label})", note)
-    figure.legend(
-        handles=[receiver_line(style, size=0.9) for style in _STYLES.values()],
-        loc="upper left",
-        bbox_to_anchor=(0.01, 1 - 0.46 / height),
-        ncols=2,
-        frameon=False,
-        fontsize=10,
-        labelcolor=INK,
-        handlelength=3.0,
-    )
+    title = f"Bit error rate over each effect's severity{scene_text(results)} ({label})"
+    figure = facet_figure(rows, title, note, axes_alike=False, styles=_STYLES)
+    base = results.base.get("truth", {}).get(receiver)
+    for axes, curve in zip(figure.axes, curves, strict=True):
+        values = list(curve.errors)
+        if values[0] > values[-1]:
+            axes.set_xlim(*reversed(axes.get_xlim()))
+        if base is not None and base.half_errors:
+            axes.axhline(base.ber, color=QUIET, linewidth=1.0, alpha=0.55, zorder=1)
+        if curve.usual is not None and min(values) <= curve.usual <= max(values):
+            axes.axvline(curve.usual, color=QUIET, linewidth=0.9, linestyle=(0, (2, 2)), zorder=1)
     return figure
 
 
@@ -112,29 +94,13 @@ def parameter_label(parameter: str) -> str:
 
 def _table(curve: SeverityCurve, receiver: str) -> BerTable:
     """Put one effect's points into a table: a curve for each training."""
+    effect, label = curve.parameter.partition(".")[0], parameter_label(curve.parameter)
+    axis = label if effect == curve.name else f"{effect}: {label}"
     return BerTable(
-        Point(curve.name, curve.parameter, value, reading, "truth", errors[receiver], "frames")
+        Point(curve.name, axis, value, reading, "truth", errors[receiver], "frames")
         for value, readings in curve.errors.items()
         for reading, errors in readings.items()
     )
-
-
-def _finish(axes: Axes, curve: SeverityCurve, results: EffectResults, *, leftmost: bool) -> None:
-    """Turn falling values round, and mark the scene's own rate and the table's value."""
-    values = list(curve.errors)
-    if values[0] > values[-1]:
-        axes.set_xlim(*reversed(axes.get_xlim()))
-    base = results.base.get("truth", {}).get(results.study.shown)
-    if base is not None and base.half_errors:
-        axes.axhline(base.ber, color=QUIET, linewidth=1.0, alpha=0.55, zorder=1)
-    if curve.usual is not None and min(values) <= curve.usual <= max(values):
-        axes.axvline(curve.usual, color=QUIET, linewidth=0.9, linestyle=(0, (2, 2)), zorder=1)
-    axes.set_title(curve.name, fontsize=9.5, fontweight="bold", color=INK, loc="left", pad=4)
-    effect = curve.parameter.partition(".")[0]
-    label = parameter_label(curve.parameter)
-    axes.set_xlabel(label if effect == curve.name else f"{effect}: {label}", labelpad=3, fontsize=8.6)
-    axes.set_ylabel("Bit error rate" if leftmost else "", fontsize=9)
-    axes.tick_params(axis="y", which="both", labelleft=leftmost)
 
 
 def gallery_figure(pictures: Mapping[str, NDArray[np.uint8]], title: str, footnote: str = "") -> Figure:

@@ -5,14 +5,13 @@ from __future__ import annotations
 import difflib
 import itertools
 import math
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import cast
 
-from vocc_torch.errors import VoccError
+from vocc_torch.errors import VoccError, section
 from vocc_torch.measure.build import build_plan
 from vocc_torch.measure.config import Settings, effect_settings
 from vocc_torch.measure.plan import Experiment, Locator, Plan
@@ -144,7 +143,7 @@ class Catalogue:
             _check_name(name, ORDER, "effects.parts has")
             if name not in part:
                 raise VoccError(f"effects.parts.{name} has no {name}: it must name the effect itself")
-            with _named(f"effects.parts.{name}"):
+            with section(f"effects.parts.{name}", before="scene.effects"):
                 build_effects(self._with_part(name))
         for name in self.names:
             _check_name(name, self.known, "effects.names has")
@@ -200,7 +199,7 @@ class Catalogue:
         own = {name for one in added for name in one.own}
         present = {name: scene[name] for name in ORDER if name in scene}
         absent = {name: parameters for name, parameters in present.items() if name not in own}
-        with _named("effects.parts"):
+        with section("effects.parts", before="scene.effects"):
             build_effects(present)
         rest = tuple(name for name in absent if name not in self.scene)
         return ScenePair(TOGETHER, present, absent, companions=rest)
@@ -293,7 +292,7 @@ class EffectStudy:
 
     def _check_camera(self, effects: Effects, key: str) -> None:
         """Refuse an effect that this camera cannot show, before any work is done."""
-        with _named(key):
+        with section(key, before="scene.effects"):
             self.plan_of(effects, "truth").world.simulator().crop_px(self.model.nearest_m)
 
     @cached_property
@@ -364,15 +363,6 @@ def build_effect_study(settings: Settings, config: EffectsConfig, folder: Path) 
     own = replace(plan, experiment=Experiment("effects", "distance_m", (plan.world.scene.nearest_m,)))
     frames = (config.located_frames, config.severity_frames, config.repeats)
     return EffectStudy(own, catalogue, *frames, settings.scene.name)
-
-
-@contextmanager
-def _named(section: str) -> Iterator[None]:
-    """Let a refusal of ``scene.effects`` name the key that the effect came from."""
-    try:
-        yield
-    except VoccError as error:
-        raise VoccError(str(error).replace("scene.effects", section)) from None
 
 
 def _check_name(name: str, known: tuple[str, ...], complaint: str) -> None:

@@ -12,9 +12,8 @@ from vocc_torch.measure.workers import Workers
 from vocc_torch.show.canvas import save_figure
 from vocc_torch.show.folder import as_markdown, print_place, refuse_results, refuse_unused, write_config
 from vocc_torch.show.page import render
-from vocc_torch.show.quiet import quiet_threads
 from vocc_torch.show.stopwatch import Stopwatch
-from vocc_torch.show.terminal_campaign import CampaignView
+from vocc_torch.show.terminal import ProgressView
 from vocc_torch.studies.effects import tables
 from vocc_torch.studies.effects.config import EffectsConfig
 from vocc_torch.studies.effects.figures import effects_figure
@@ -45,7 +44,7 @@ def _measure(study: EffectStudy, workers: Workers, console: Console) -> EffectRe
     watch = Stopwatch()
     with watch.stage("times"), console.status("timing every scene"):
         costs = measure_costs(study)
-    with watch.stage("bit errors"), CampaignView(frames_to_do(study), console) as view, workers:
+    with watch.stage("bit errors"), ProgressView(frames_to_do(study), console) as view, workers:
         results = run_effects(study, costs, workers, view.advance)
     for stage, seconds in watch.seconds.items():
         console.print(f"{stage:<12} {seconds:6.1f} s", highlight=False)
@@ -72,8 +71,7 @@ def _write(results: EffectResults, folder: Path, settings: Settings) -> dict[str
     if settings.tensorboard:
         from vocc_torch.show.tensorboard import board_hint, write_boards
 
-        with quiet_threads():
-            write_boards(folder / "tensorboard", {}, figures, {}, {"configuration": as_markdown(settings)})
+        write_boards(folder / "tensorboard", {}, figures, {}, {"configuration": as_markdown(settings)})
         places["board"] = board_hint(folder / "tensorboard")
     return places
 

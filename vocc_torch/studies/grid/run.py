@@ -13,18 +13,8 @@ from vocc_torch.measure.config import Settings
 from vocc_torch.measure.grid import Grid
 from vocc_torch.measure.ledger import Ledger
 from vocc_torch.measure.workers import Workers
+from vocc_torch.show import folder as run_folder
 from vocc_torch.show.canvas import save_figure
-from vocc_torch.show.folder import (
-    LEDGERS,
-    as_markdown,
-    open_ledger,
-    print_place,
-    refuse_results,
-    refuse_unused,
-    resumable,
-    write_config,
-    write_training,
-)
 from vocc_torch.show.grid_files import grid_figures, write_grid
 from vocc_torch.show.paired_file import write_paired
 from vocc_torch.show.tensorboard import board_hint, write_boards
@@ -37,31 +27,31 @@ def run_grid(settings: Settings, folder: Path) -> None:
     Raises:
         VoccError: rows that form no grid, or whatever a stage refuses.
     """
-    refuse_unused(settings)
-    refuse_results(folder, LEDGERS)
+    run_folder.refuse_unused(settings)
+    run_folder.refuse_results(folder, run_folder.LEDGERS)
     plan, console = build_plan(settings, folder), Console()
     locator, axis = plan.receiver.locator, settings.experiment.row_axis or ""
     rows = plan.rows()
     studies = [Study(f"{at:g}", row, (locator,)) for at, row in rows.items()]
     frames = sum(study.frames for study in studies)
-    with resumable(settings, folder, console), ExitStack() as ledgers:
+    with run_folder.resumable(settings, folder, console), ExitStack() as ledgers:
 
         def ledger(study: Study) -> Ledger:
-            path = folder / LEDGERS / f"{study.key}.sqlite"
-            return ledgers.enter_context(open_ledger(path, study.identity, console))
+            path = folder / run_folder.LEDGERS / f"{study.key}.sqlite"
+            return ledgers.enter_context(run_folder.open_ledger(path, study.identity, console))
 
         with Workers(settings.workers) as workers, ProgressView(frames, console) as view:
             campaign = run_campaign(
                 studies,
                 workers,
                 ledger,
-                trained=lambda: write_config(settings, folder),
+                trained=lambda: run_folder.write_config(settings, folder),
                 advance=lambda study, more: view.advance(study.plan.experiment.name, more),
                 finished=lambda study, _: view.say(f"{study.plan.experiment.name} is measured"),
             )
         curves = tuple(campaign.measured[study.key].curves[locator] for study in studies)
         grid = Grid(axis, tuple(rows), curves)
-        write_training(settings, plan, campaign.trainings[studies[0].key][locator], folder)
+        run_folder.write_training(settings, plan, campaign.trainings[studies[0].key][locator], folder)
         write_grid(folder / "ber.csv", {locator: grid})
         write_paired(folder / "paired.csv", curves)
         figures = grid_figures({locator: grid}, locator, plan.receiver.names)
@@ -69,7 +59,7 @@ def run_grid(settings: Settings, folder: Path) -> None:
             save_figure(figure, folder / f"{name}.png")
         if settings.tensorboard:
             tables = {f"{axis}={at:g}": [one.table()] for at, one in zip(grid.rows, curves, strict=True)}
-            texts = {"configuration": as_markdown(settings)}
+            texts = {"configuration": run_folder.as_markdown(settings)}
             write_boards(folder / "tensorboard", tables, figures, {}, texts)
     for one in curves:
         console.print(f"\n{one.experiment}", highlight=False)
@@ -77,6 +67,6 @@ def run_grid(settings: Settings, folder: Path) -> None:
     pictures = [("figure", f"{name}.png") for name in figures]
     places = [("table", "ber.csv"), ("pairs", "paired.csv"), ("receiver", "receiver.pt"), *pictures]
     for what, name in places:
-        print_place(console, what, folder / name)
+        run_folder.print_place(console, what, folder / name)
     if settings.tensorboard:
-        print_place(console, "board", board_hint(folder / "tensorboard"))
+        run_folder.print_place(console, "board", board_hint(folder / "tensorboard"))

@@ -15,7 +15,7 @@ import yaml
 
 from vocc_torch.errors import VoccError
 from vocc_torch.studies.paper import curve_rules, figure_rules
-from vocc_torch.studies.paper.judgement import Judgement, NotMeasuredError, Variant
+from vocc_torch.studies.paper.judgement import Judgement, NotMeasuredError, PaperReading
 
 Basis: TypeAlias = Literal["curves", "figures", "arithmetic"]
 RULES: dict[str, Callable[..., Judgement]] = {
@@ -43,12 +43,12 @@ class Claim:
         paper: what the paper quotes or says.
         rule: a name in ``RULES``.
         arguments: of the rule.
-        basis: what it is judged by: ``curves`` of bit error rates, which depend on the variant; ``figures``
+        basis: what it is judged by: ``curves`` of bit error rates, which depend on the reading; ``figures``
             of one sample, with the study's own settings; ``arithmetic`` with the paper's own numbers.
 
     Example:
         >>> claim = Claim("a.b", "IV-C", "text", "6 %", "equation", {"name": "half_exposure"}, "arithmetic")
-        >>> claim.judge(Variant(25.0, "paper", {}, {})).verdict
+        >>> claim.judge(PaperReading(25.0, "paper", {}, {})).verdict
         'agree'
     """
 
@@ -60,15 +60,15 @@ class Claim:
     arguments: Mapping[str, Any]
     basis: Basis
 
-    def judge(self, variant: Variant, at_truth: Judgement | None = None) -> Judgement:
+    def judge(self, reading: PaperReading, at_truth: Judgement | None = None) -> Judgement:
         """Judge the claim; where it differs, with what becomes of it with true corners.
 
         Args:
-            variant: what was measured.
-            at_truth: how the claim is judged with true corners, if those are not this variant's.
+            reading: what was measured.
+            at_truth: how the claim is judged with true corners, if those are not this reading's.
         """
         try:
-            judged = RULES[self.rule](variant, **self.arguments)
+            judged = RULES[self.rule](reading, **self.arguments)
         except NotMeasuredError as missing:
             return Judgement("cannot say", "not measured", f"{missing} was not measured")
         if judged.verdict != "differ" or at_truth is None or self.basis != "curves":
@@ -157,3 +157,13 @@ CAUSES: Mapping[str, str] = {one["cause"]: one["text"] for one in _file()["cause
 """What is known of why claims differ, by the name that a rule or a verdict gives it."""
 STATEMENTS = tuple(ClaimGroup(one["text"], tuple(one["claims"])) for one in _file()["statements"])
 """The paper's main statements, in the order of its sections."""
+
+
+def part_of(claim: Claim) -> ClaimGroup:
+    """Give the scorecard's part that a claim stands in.
+
+    Example:
+        >>> part_of(CLAIMS[0]).anchor
+        'score-pictures'
+    """
+    return next(part for part in PARTS if part.holds(claim))

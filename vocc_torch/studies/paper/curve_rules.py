@@ -30,13 +30,12 @@ from itertools import combinations, pairwise, product
 from typing import Literal
 
 from vocc_torch.measure.counts import Counts
-from vocc_torch.measure.curve import Row
 from vocc_torch.measure.curves import Curves
 from vocc_torch.measure.estimate import Estimate, all_pairs, joint_confidence, may_be_least
 from vocc_torch.measure.paired import PairedCounts
 from vocc_torch.measure.relative import difference_independent, mean_gain, relative_gain
 from vocc_torch.show.text_table import rate_text
-from vocc_torch.studies.paper.judgement import Judgement, NotMeasuredError, RateComparison, Variant
+from vocc_torch.studies.paper.judgement import Judgement, NotMeasuredError, PaperReading, RateComparison
 from vocc_torch.studies.paper.words import WIDEST_SHARE, listed, percent, place, point, share_interval
 
 LEAST_SUPPORT = 0.5
@@ -56,7 +55,7 @@ LOW_CONTRAST: dict[str, Callable[[float], bool]] = {
 
 
 def order(
-    variant: Variant,
+    reading: PaperReading,
     experiments: Sequence[str],
     above: Sequence[str] = (),
     below: Sequence[str] = (),
@@ -66,7 +65,7 @@ def order(
     """Judge which receivers have the higher rates, at every value of these experiments.
 
     Args:
-        variant: what was measured.
+        reading: what was measured.
         experiments: their names.
         above: receivers that have a higher rate than each of ``below``.
         below: receivers that have a lower one.
@@ -77,7 +76,7 @@ def order(
     found = []
     for name in experiments:
         for a, b in pairs:
-            curves = variant.curves(name, (a, b))
+            curves = reading.curves(name, (a, b))
             found += [
                 RateComparison(
                     curves.axis,
@@ -91,11 +90,11 @@ def order(
             ]
     judged, by = weigh(found), factor_text(found) if factors else ""
     judged = replace(judged, measured=f"{judged.measured}; {by}") if by else judged
-    return _explained(variant, judged)
+    return with_causes(reading, judged)
 
 
 def trend(
-    variant: Variant,
+    reading: PaperReading,
     experiment: str,
     receivers: Sequence[str],
     last: float,
@@ -105,7 +104,7 @@ def trend(
     """Judge whether rates rise, or fall, from one value of the axis to another.
 
     Args:
-        variant: what was measured.
+        reading: what was measured.
         experiment: its name.
         receivers: whose rates.
         last: the value where the trend ends.
@@ -114,7 +113,7 @@ def trend(
             value of the axis is compared with ``last`` alone.
     """
     ends = (last,) if first is None else (first, last)
-    curves = variant.curves(experiment, tuple(receivers), *ends)
+    curves = reading.curves(experiment, tuple(receivers), *ends)
     values = [value for value in curves.values if (first is None or value >= first) and value <= last]
     if first is None:
         values = [values[0], last] if values[0] != last else []
@@ -122,16 +121,18 @@ def trend(
     return weigh([of_values(curves, name, *pair) for name in receivers for pair in pairs])
 
 
-def minimum(variant: Variant, experiment: str, receiver: str, at: float | Literal["inside"]) -> Judgement:
+def minimum(
+    reading: PaperReading, experiment: str, receiver: str, at: float | Literal["inside"]
+) -> Judgement:
     """Judge whether a receiver's rate is lowest at a value of the axis, or anywhere inside it.
 
     Args:
-        variant: what was measured.
+        reading: what was measured.
         experiment: its name.
         receiver: whose rate.
         at: the value, or ``inside``.
     """
-    curves = variant.curves(experiment, (receiver,), *(() if at == "inside" else (at,)))
+    curves = reading.curves(experiment, (receiver,), *(() if at == "inside" else (at,)))
     values = curves.values
 
     def difference(a: int, b: int, confidence: float) -> Estimate:
@@ -144,7 +145,7 @@ def minimum(variant: Variant, experiment: str, receiver: str, at: float | Litera
         f"candidates {place(curves.axis, *candidates)}" if len(candidates) > 1 else "beyond doubt"
     )
     if at == "inside":
-        return _valley(curves, receiver, measured)
+        return valley(curves, receiver, measured)
     ends = candidates[0], candidates[-1]
     if at not in candidates:
         confidence = joint_confidence(len(values) - 1)
@@ -166,7 +167,7 @@ def minimum(variant: Variant, experiment: str, receiver: str, at: float | Litera
     return Judgement("agree", measured, "", *ends)
 
 
-def _valley(curves: Curves, receiver: str, measured: str) -> Judgement:
+def valley(curves: Curves, receiver: str, measured: str) -> Judgement:
     """Judge whether the rate falls, is lowest inside the axis, and rises again."""
     values = curves.values
     if len(values) < 3:
@@ -257,7 +258,7 @@ def _nothing_told(comparisons: Iterable[RateComparison]) -> str:
     return "no error was seen at any of these points"
 
 
-def _explained(variant: Variant, judged: Judgement) -> Judgement:
+def with_causes(reading: PaperReading, judged: Judgement) -> Judgement:
     """Add the known causes that hold for the comparisons against an order."""
     reasons, causes = [judged.reason], []
     centre = {
@@ -268,7 +269,7 @@ def _explained(variant: Variant, judged: Judgement) -> Judgement:
     if centre:
         causes.append("preambles")
         text = "the centre receiver's threshold comes from preambles of the very same scene"
-        reasons.append(text + _spotless(variant, "center_greyscale", centre))
+        reasons.append(text + _spotless(reading, "center_greyscale", centre))
     lost = [
         one
         for one in judged.against
@@ -285,9 +286,9 @@ def _explained(variant: Variant, judged: Judgement) -> Judgement:
     return replace(judged, reason="; ".join(reasons), causes=tuple(causes))
 
 
-def _spotless(variant: Variant, receiver: str, points: set[tuple[str, float]]) -> str:
+def _spotless(reading: PaperReading, receiver: str, points: set[tuple[str, float]]) -> str:
     """Say at how many of some points a receiver makes no error with true corners."""
-    known = (m.curves["truth"] for m in variant.experiments.values() if "truth" in m.curves)
+    known = (m.curves["truth"] for m in reading.experiments.values() if "truth" in m.curves)
     errors = [
         curves.counts[receiver, value].half_errors
         for curves in known
@@ -302,7 +303,7 @@ def _spotless(variant: Variant, receiver: str, points: set[tuple[str, float]]) -
 
 
 def quoted(
-    variant: Variant,
+    reading: PaperReading,
     experiment: str,
     at: float | None = None,
     receiver: str = "flda_3",
@@ -312,7 +313,7 @@ def quoted(
     """Judge a bit error rate or a gain that the paper's text states.
 
     Args:
-        variant: what was measured.
+        reading: what was measured.
         experiment: its name.
         at: value of the axis; None for a gain's average over all values.
         receiver: whose rate.
@@ -320,38 +321,34 @@ def quoted(
         gain: the quoted share of the errors of two features that three do not make.
     """
     if gain is not None:
-        judged = _quoted_gain(variant, experiment, at, gain)
+        judged = quoted_gain(reading, experiment, at, gain)
     else:
         assert at is not None
         assert ber is not None
-        judged = _quoted_rate(variant, experiment, receiver, at, ber)
+        judged = quoted_rate(reading, experiment, receiver, at, ber)
     if judged.verdict != "differ" or at is None:
         return judged
-    return _of_location(variant, judged, experiment, receiver, at, ber)
+    return with_location(reading, judged, experiment, receiver, at, ber)
 
 
-def _quoted_rate(variant: Variant, experiment: str, receiver: str, at: float, ber: float) -> Judgement:
+def quoted_rate(reading: PaperReading, experiment: str, receiver: str, at: float, ber: float) -> Judgement:
     """Judge a quoted bit error rate."""
-    row = variant.row(experiment, receiver, at)
-    ours = variant.curves(experiment).counts[receiver, at]
+    row = reading.row(experiment, receiver, at)
+    ours = reading.curves(experiment).counts[receiver, at]
     measured, ends = point(row), (row.ber_low, row.ber_high)
-    theirs = paper_counts(variant, experiment, receiver, at, ber)
+    theirs = paper_counts(reading, experiment, receiver, at, ber)
     if difference_independent(ours, theirs).real:
-        return Judgement("differ", measured, _gap(row, ber), *ends)
+        gap = f"{row.ber / ber:.2g} times the quoted rate"
+        if row.error_free:
+            gap = f"the limit is {ber / row.ber_high:.2g} times below the quoted rate"
+        elif row.ber <= ber:
+            gap = f"the quoted rate is {ber / row.ber:.2g} times as high"
+        return Judgement("differ", measured, gap, *ends)
     if row.error_free:
         return Judgement("cannot say", measured, "no error was seen, and too few frames", *ends)
     if row.ber_high > WIDEST_RATIO * row.ber_low:
         return Judgement("cannot say", measured, "the interval is wider than a factor of 10", *ends)
     return Judgement("agree", measured, "", *ends)
-
-
-def _gap(row: Row, ber: float) -> str:
-    """Say by how much a rate misses the quoted one."""
-    if row.error_free:
-        return f"the limit is {ber / row.ber_high:.2g} times below the quoted rate"
-    if row.ber > ber:
-        return f"{row.ber / ber:.2g} times the quoted rate"
-    return f"the quoted rate is {ber / row.ber:.2g} times as high"
 
 
 def paper_frames(curves: Curves, at: float | None) -> float:
@@ -365,13 +362,13 @@ def paper_frames(curves: Curves, at: float | None) -> float:
     return PAPER_CONTRAST_FRAMES * (1.0 if at is None else counted[at] / sum(counted.values()))
 
 
-def paper_counts(variant: Variant, experiment: str, receiver: str, at: float, ber: float) -> Counts:
+def paper_counts(reading: PaperReading, experiment: str, receiver: str, at: float, ber: float) -> Counts:
     """Give the counts that a quoted rate stands for, had its errors clustered by frame as ours do there.
 
     Raises:
-        NotMeasuredError: the variant has nothing to go by.
+        NotMeasuredError: the reading has nothing to go by.
     """
-    curves = variant.curves(experiment, (receiver,), at)
+    curves = reading.curves(experiment, (receiver,), at)
     here = curves.counts[receiver, at]
     return clustered_like(here if here.half_errors else curves.total(receiver), ber, paper_frames(curves, at))
 
@@ -414,9 +411,9 @@ def _two_and_three(curves: Curves, at: float | None) -> tuple[Counts, Counts, Pa
     return two, three, curves.pair("flda_2", "flda_3", at)
 
 
-def _quoted_gain(variant: Variant, experiment: str, at: float | None, quoted_gain: float) -> Judgement:
+def quoted_gain(reading: PaperReading, experiment: str, at: float | None, stated: float) -> Judgement:
     """Judge a quoted gain."""
-    curves = variant.curves(experiment, ("flda_2", "flda_3"), *(() if at is None else (at,)))
+    curves = reading.curves(experiment, ("flda_2", "flda_3"), *(() if at is None else (at,)))
     gain = gain_of(curves, at)
     if gain is None:
         return Judgement("cannot say", "no gain", "two features made no error")
@@ -429,21 +426,21 @@ def _quoted_gain(variant: Variant, experiment: str, at: float | None, quoted_gai
     # The paper's interval is ours, scaled by the numbers of frames.
     scale = math.sqrt(ours / paper_frames(curves, at))
     below, above = gain.value - gain.low, gain.high - gain.value
-    apart = gain.value - quoted_gain
+    apart = gain.value - stated
     low, high = apart - math.hypot(below, scale * above), apart + math.hypot(above, scale * below)
     wide = gain.high - gain.low > WIDEST_SHARE
     if low > 0 or high < 0:
         if wide:
             bound = f"at least {percent(gain.low)}" if low > 0 else f"at most {percent(gain.high)}"
             measured = f"{bound}; {measured}"
-        return Judgement("differ", measured, _behind_gain(curves, at), *ends)
+        return Judgement("differ", measured, behind_gain(curves, at), *ends)
     if wide:
         reason = "the interval is wider than 100 percentage points"
         return Judgement("cannot say", measured, reason, *ends)
     return Judgement("agree", measured, "", *ends)
 
 
-def _behind_gain(curves: Curves, at: float | None) -> str:
+def behind_gain(curves: Curves, at: float | None) -> str:
     """Write the rates behind a gain, or where three features gain least and most."""
     if at is not None:
         two, three = (rate_text(curves.counts[name, at].ber) for name in ("flda_2", "flda_3"))
@@ -454,21 +451,21 @@ def _behind_gain(curves: Curves, at: float | None) -> str:
     return f"from {' to '.join(ends)}"
 
 
-def _of_location(
-    variant: Variant, judged: Judgement, experiment: str, receiver: str, at: float, ber: float | None
+def with_location(
+    reading: PaperReading, judged: Judgement, experiment: str, receiver: str, at: float, ber: float | None
 ) -> Judgement:
     """Add how much of a rate comes from the panel's location, where that is beyond chance."""
-    measured = variant.experiments[experiment]
+    measured = reading.experiments[experiment]
     if (receiver, at) not in measured.location:
         return judged
-    located, truth = (variant.located_by(name).row(experiment, receiver, at) for name in ("paper", "truth"))
+    located, truth = (reading.located_by(name).row(experiment, receiver, at) for name in ("paper", "truth"))
     between = ber is not None and truth.ber < ber < located.ber
     counts = [measured.curves[name].counts[receiver, at] for name in ("paper", "truth")]
     share = relative_gain(counts[0], counts[1], measured.location[receiver, at])
     causes = ("between",) if between else ()
     if share is None or share.low <= 0:
         return replace(judged, causes=causes)
-    if variant.locator == "truth":
+    if reading.locator == "truth":
         text = f"with the panel located here the rate is {point(located)}"
     else:
         text = (

@@ -1,4 +1,4 @@
-"""What ``task=figures`` measures: the paper's experiments under every variant of what it leaves open."""
+"""What ``task=figures`` measures: the paper's experiments under every reading of what it leaves open."""
 
 from __future__ import annotations
 

@@ -28,7 +28,7 @@ import torch
 from vocc_torch.measure.estimate import CONFIDENCE, Estimate
 from vocc_torch.measure.grid import Grid, not_worse
 from vocc_torch.simulation import photometry
-from vocc_torch.studies.paper.judgement import Judgement, NotMeasuredError, Variant
+from vocc_torch.studies.paper.judgement import Judgement, NotMeasuredError, PaperReading
 from vocc_torch.studies.paper.words import listed, percent, place
 
 TIME_FACTOR = 1.5
@@ -52,7 +52,7 @@ ROUNDING = 0.005
 
 
 def number(
-    variant: Variant,
+    reading: PaperReading,
     value: str = "",
     shows: str = "",
     otherwise: str = "",
@@ -67,7 +67,7 @@ def number(
     """Judge whether a figure's number lies within limits, or how several compare.
 
     Args:
-        variant: what was measured.
+        reading: what was measured.
         value: a number, such as ``fig12.auc_ngr``.
         shows: how to write what was measured, with numbers of the same figure in braces.
         otherwise: the reason where ``value`` does not lie within the limits.
@@ -81,12 +81,12 @@ def number(
     """
     if not value:
         pairs = [(less, largest) for less in of] if largest else list(pairwise(ascending))
-        return _compared(variant, [largest, *of] if largest else ascending, pairs, ties=bool(largest))
-    found, figure = variant.number(value), value.partition(".")[0]
+        return compared(reading, [largest, *of] if largest else ascending, pairs, ties=bool(largest))
+    found, figure = reading.number(value), value.partition(".")[0]
     holds = above < found < below and least <= found <= most
     known: dict[str, float | str] = {
         name: ("a" if one else "no") if name.startswith("separable_") else one
-        for name, one in variant.numbers[figure].items()
+        for name, one in reading.numbers[figure].items()
     }
     try:
         measured = shows.format_map(known)
@@ -95,12 +95,12 @@ def number(
     return Judgement("agree" if holds else "differ", measured, "" if holds else otherwise)
 
 
-def _compared(
-    variant: Variant, names: Sequence[str], pairs: Sequence[tuple[str, str]], *, ties: bool
+def compared(
+    reading: PaperReading, names: Sequence[str], pairs: Sequence[tuple[str, str]], *, ties: bool
 ) -> Judgement:
     """Judge whether the first number of each pair is below the second; whether equal ones decide nothing."""
     words = {name: name.partition(".")[2].replace("auc_", "area of ").replace("_", " ") for name in names}
-    values = {name: variant.number(name) for name in names}
+    values = {name: reading.number(name) for name in names}
     measured = ", ".join(f"{words[name]} {value:.7g}" for name, value in values.items())
     for less, more in pairs:
         if values[less] > values[more] or (values[less] == values[more] and not ties):
@@ -111,7 +111,7 @@ def _compared(
 
 
 def time(
-    variant: Variant,
+    reading: PaperReading,
     ratio: str = "",
     quoted: float = 0.0,
     digits: int = 0,
@@ -121,7 +121,7 @@ def time(
     """Judge a ratio of processing times, bit detection against panel detection, or an order.
 
     Args:
-        variant: what was measured.
+        reading: what was measured.
         ratio: the ratio's name in Fig. 25.
         quoted: what the paper has for it.
         digits: of the ratio in per cent.
@@ -130,22 +130,22 @@ def time(
             compared with the one before it round by round.
     """
     if ratio:
-        judged = _time_ratio(variant, ratio, quoted, digits)
+        judged = time_ratio(reading, ratio, quoted, digits)
     elif much_shorter:
-        judged = _much_shorter(variant, much_shorter)
+        judged = all_much_shorter(reading, much_shorter)
     else:
-        judged = _times_rise(variant, ascending)
-    waited = variant.numbers["fig25"].get("waited_share", 0.0)
+        judged = times_rise(reading, ascending)
+    waited = reading.numbers["fig25"].get("waited_share", 0.0)
     if not waited > MOST_WAITED:
         return judged
     busy = f"the processor was busy with something else for {percent(waited)} of the time"
     return Judgement("cannot say", judged.measured, busy, judged.low, judged.high)
 
 
-def _time_ratio(variant: Variant, ratio: str, quoted: float, digits: int) -> Judgement:
+def time_ratio(reading: PaperReading, ratio: str, quoted: float, digits: int) -> Judgement:
     """Judge a ratio of processing times by its quartiles."""
-    found = _quartiles(variant, ratio)
-    measured = f"{_shown(found, digits)} one frame at a time{_in_batches(variant, ratio, digits)}"
+    found = _quartiles(reading, ratio)
+    measured = f"{_shown(found, digits)} one frame at a time{_in_batches(reading, ratio, digits)}"
     ends = found.low, found.high
     if found.low <= 0 or found.high > WIDEST_FACTOR * found.low:
         reason = "too noisy: the quartiles are farther apart than a factor of 2"
@@ -154,16 +154,16 @@ def _time_ratio(variant: Variant, ratio: str, quoted: float, digits: int) -> Jud
         return Judgement("agree", measured, "", *ends)
     reason = "other software on another machine"
     try:
-        panel, three = (_quartiles(variant, f"ms_{stage}").value for stage in ("panel_detection", "flda_3"))
+        panel, three = (_quartiles(reading, f"ms_{stage}").value for stage in ("panel_detection", "flda_3"))
         reason += f": panel detection takes {panel:.2g} ms a frame here, three features {three:.2g} ms"
     except NotMeasuredError:
         pass
     return Judgement("differ", measured, reason, *ends)
 
 
-def _much_shorter(variant: Variant, detectors: Sequence[str]) -> Judgement:
+def all_much_shorter(reading: PaperReading, detectors: Sequence[str]) -> Judgement:
     """Judge whether each bit detector takes much less time than panel detection."""
-    found = {name: _quartiles(variant, f"share_{name}") for name in detectors}
+    found = {name: _quartiles(reading, f"share_{name}") for name in detectors}
     longest = max(found, key=lambda name: found[name].value)
     measured = f"the longest bit detection is {_shown(found[longest], 0)} of panel detection ({longest})"
     if all(share.high <= MUCH_SHORTER for share in found.values()):
@@ -173,10 +173,10 @@ def _much_shorter(variant: Variant, detectors: Sequence[str]) -> Judgement:
     return Judgement("cannot say", measured, "too noisy: the quartiles of a share hold a half")
 
 
-def _times_rise(variant: Variant, detectors: Sequence[str]) -> Judgement:
+def times_rise(reading: PaperReading, detectors: Sequence[str]) -> Judgement:
     """Judge whether each bit detector's quartiles lie above those of the one before."""
-    found = {name: _quartiles(variant, f"ms_{name}") for name in detectors}
-    extra = _quartiles(variant, "extra_cost_of_ngr")
+    found = {name: _quartiles(reading, f"ms_{name}") for name in detectors}
+    extra = _quartiles(reading, "extra_cost_of_ngr")
     measured = ", ".join(f"{name} {t.value:.2g} ms [{t.low:.2g}, {t.high:.2g}]" for name, t in found.items())
     gaps = {
         f"{less} and {more}": (found[more].low - found[less].high, found[more].high - found[less].low)
@@ -192,18 +192,18 @@ def _times_rise(variant: Variant, detectors: Sequence[str]) -> Judgement:
     return Judgement("agree", measured)
 
 
-def _quartiles(variant: Variant, name: str) -> Estimate:
+def _quartiles(reading: PaperReading, name: str) -> Estimate:
     """Give a time, or a ratio of times, on whole frames one at a time: the median with the quartiles."""
     at = f"fig25.{name}_whole_frames_batch_1"
-    return Estimate(variant.number(at), variant.number(f"{at}_low"), variant.number(f"{at}_high"))
+    return Estimate(reading.number(at), reading.number(f"{at}_low"), reading.number(f"{at}_high"))
 
 
-def _in_batches(variant: Variant, name: str, digits: int) -> str:
+def _in_batches(reading: PaperReading, name: str, digits: int) -> str:
     """Add the ratio in larger batches, by which nothing is judged: the paper has no batches."""
     start = f"{name}_whole_frames_batch_"
     found = {
         int(size): value
-        for key, value in variant.numbers["fig25"].items()
+        for key, value in reading.numbers["fig25"].items()
         if key.startswith(start) and (size := key.removeprefix(start)).isdigit() and size != "1"
     }
     return "".join(f"; {percent(found[size], digits)} in batches of {size}" for size in sorted(found))
@@ -215,9 +215,9 @@ def _shown(found: Estimate, digits: int) -> str:
     return f"{percent(found.value, digits)} (quartiles {ends})"
 
 
-def best_luminance(variant: Variant, receiver: str) -> Judgement:
+def best_luminance(reading: PaperReading, receiver: str) -> Judgement:
     """Judge whether a receiver's best LED luminance differs between levels of ambient light."""
-    grid = variant.dimming
+    grid = reading.dimming
     if grid is None or receiver not in grid.receivers:
         raise NotMeasuredError("the map of ambient light by LED luminance")
     held = candidates(grid, receiver)
@@ -243,20 +243,20 @@ def candidates(grid: Grid, receiver: str) -> list[set[float]]:
     return [{float(value) for value in np.array(grid.columns)[row]} for row in held]
 
 
-def equation(variant: Variant, name: str, **arguments: float) -> Judgement:
+def equation(reading: PaperReading, name: str, **arguments: float) -> Judgement:
     """Judge by the paper's equations.
 
     Args:
-        variant: what was measured.
+        reading: what was measured.
         name: of the equation, a key of ``EQUATIONS``.
         arguments: of that equation's function.
     """
-    return EQUATIONS[name](variant, **arguments)
+    return EQUATIONS[name](reading, **arguments)
 
 
-def _net_data_rate(variant: Variant, kbps: float, frames_per_s: float) -> Judgement:
+def net_data_rate(reading: PaperReading, kbps: float, frames_per_s: float) -> Judgement:
     """Judge whether the bits of a frame at the camera's frame rate give the net data rate."""
-    every = (variant.curves(name) for name in variant.experiments)
+    every = (reading.curves(name) for name in reading.experiments)
     counts = next((one for curves in every for one in curves.counts.values() if one.frames), None)
     if counts is None:
         raise NotMeasuredError("a frame")
@@ -266,19 +266,19 @@ def _net_data_rate(variant: Variant, kbps: float, frames_per_s: float) -> Judgem
     return _holds(math.isclose(found, kbps), measured, "the panel has another number of LEDs")
 
 
-def _transmission(variant: Variant, quoted: float, distance_m: float, visibility_m: float) -> Judgement:
+def transmission(reading: PaperReading, quoted: float, distance_m: float, visibility_m: float) -> Judgement:
     """Judge the air's transmission at a distance, to four digits (Eq. 20)."""
     found = float(photometry.transmission(torch.tensor(distance_m, dtype=torch.float64), visibility_m))
     return _holds(round(found, 4) == quoted, f"{found:.5f}", "by Eq. 20")
 
 
-def _half_exposure(variant: Variant) -> Judgement:
+def half_exposure(reading: PaperReading) -> Judgement:
     """Judge whether a grey of 86 has half the exposure of middle grey, 118 (Eq. 1)."""
     value = photometry.MIDDLE_GREY * 0.5 ** (1 / GAMMA)
     return _holds(round(value) == BACKGROUND_GREYS[0], f"118 x 0.5^(1/2.2) = {value:.1f}", "by Eq. 1")
 
 
-def _gains_follow(variant: Variant) -> Judgement:
+def gains_follow(reading: PaperReading) -> Judgement:
     """Judge whether the paper's numbers fit each other: to a point, for they are rounded."""
     follow = (
         (0.24, 1 - 5.0 / 6.6, 0.01),
@@ -290,7 +290,7 @@ def _gains_follow(variant: Variant) -> Judgement:
     return _holds(fit, ", ".join(percent(found, 1) for _, found, _ in follow), "they do not fit each other")
 
 
-def _iso_range(variant: Variant) -> Judgement:
+def iso_range(reading: PaperReading) -> Judgement:
     """Judge whether ISO 100 to 3200 gives greys of 86 to 118 from 1000 to 32000 lx.
 
     By Eq. 1 the ISO speed needed is in proportion to grey^gamma / illuminance, whatever N and K are.
@@ -320,8 +320,8 @@ def contrast_by_equations(ambient_lx: float, luminance_cd_m2: float, background_
     return (bright - dark) / 255
 
 
-def _contrast(
-    variant: Variant, stated_percent: float, ambient_lx: float, luminance_cd_m2: float
+def contrast(
+    reading: PaperReading, stated_percent: float, ambient_lx: float, luminance_cd_m2: float
 ) -> Judgement:
     """Judge whether a scene of Fig. 20 has the contrast stated.
 
@@ -329,8 +329,8 @@ def _contrast(
     its range; it agrees if the stated one, which is rounded, lies between.
     """
     scene = f"paper_scene_{stated_percent:g}"
-    seen = variant.number(f"fig20.contrast_{scene}")
-    grey = variant.number(f"fig20.background_grey_{scene}")
+    seen = reading.number(f"fig20.contrast_{scene}")
+    grey = reading.number(f"fig20.background_grey_{scene}")
     here = contrast_by_equations(ambient_lx, luminance_cd_m2, grey)
     ends = [contrast_by_equations(ambient_lx, luminance_cd_m2, one) for one in BACKGROUND_GREYS]
     low, high = (seen * end / here for end in sorted(ends))
@@ -344,9 +344,11 @@ def _contrast(
     return _holds(holds, measured, reason, low, high)
 
 
-def _contrast_range(variant: Variant, lowest: float | None = None, highest: float | None = None) -> Judgement:
+def contrast_range(
+    reading: PaperReading, lowest: float | None = None, highest: float | None = None
+) -> Judgement:
     """Judge whether the contrast of the experiment's frames begins, or ends, at a value, to a bin's width."""
-    curves = variant.curves("contrast")
+    curves = reading.curves("contrast")
     frames = {at: curves.counts[curves.receivers[0], at].frames for at in curves.values}
     filled = [at for at, count in frames.items() if count]
     if not filled:
@@ -367,13 +369,13 @@ def _contrast_range(variant: Variant, lowest: float | None = None, highest: floa
     return _holds(holds, measured, reason if beyond else "no frame reaches it", low, high)
 
 
-def _interference(variant: Variant) -> Judgement:
+def interference(reading: PaperReading) -> Judgement:
     """Judge whether blooming takes more away the higher the contrast is that scenes truly have (Fig. 20)."""
     scenes = ("true_6", "true_30", "true_50")
-    before = [variant.number(f"fig20.contrast_{scene}") for scene in scenes]
+    before = [reading.number(f"fig20.contrast_{scene}") for scene in scenes]
     lost = [
-        contrast - variant.number(f"fig20.contrast_in_picture_{scene}")
-        for contrast, scene in zip(before, scenes, strict=True)
+        whole - reading.number(f"fig20.contrast_in_picture_{scene}")
+        for whole, scene in zip(before, scenes, strict=True)
     ]
     shares = [
         f"{100 * loss / contrast:.0f}" if contrast else "0"
@@ -397,13 +399,9 @@ def _holds(
     )
 
 
+_OF_FIGURE_20 = (contrast, contrast_range, interference)
+_OF_SECTION_IV_C = (net_data_rate, transmission, half_exposure, gains_follow, iso_range)
 EQUATIONS: dict[str, Callable[..., Judgement]] = {
-    "net_data_rate": _net_data_rate,
-    "transmission": _transmission,
-    "half_exposure": _half_exposure,
-    "gains_follow": _gains_follow,
-    "iso_range": _iso_range,
-    "contrast": _contrast,
-    "contrast_range": _contrast_range,
-    "interference": _interference,
+    rule.__name__: rule for rule in (*_OF_SECTION_IV_C, *_OF_FIGURE_20)
 }
+"""Every equation by its name in ``claims.yaml``."""

@@ -1,4 +1,4 @@
-"""Figs 21 to 24, bit error rates under one variant and under all, and how much of them is location error."""
+"""Figs 21 to 24, bit error rates under one reading and under all, and how much of them is location error."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ from vocc_torch.studies.paper.words import EXPERIMENTS
 
 PAPER_RECEIVERS = ("center_greyscale", "average_greyscale", "flda_2", "flda_3")
 """The receivers of the paper's figures."""
-VARIANTS_CAPTION = "The same under every variant, side by side and on one scale."
-"""Caption of a figure's picture of all variants."""
+READINGS_CAPTION = "The same under every reading, side by side and on one scale."
+"""Caption of a figure's picture of all readings."""
 LOCATION_CAPTION = (
     "Measured over all points of each experiment, on the same frames: filled with the panel located, hollow "
     "with its true corners. The band between the two is location error; the hollow marker is decision error. "
@@ -79,12 +79,12 @@ def only(table: BerTable, receivers: Sequence[str] = PAPER_RECEIVERS) -> BerTabl
 def draw_rates(
     figure: RateFigure, by_focal_mm: Mapping[float, Measured], own: tuple[float, str]
 ) -> dict[str, Figure]:
-    """Draw a figure under the report's own variant, and under all variants side by side.
+    """Draw a figure under the report's own reading, and under all readings side by side.
 
     Args:
         figure: which one.
         by_focal_mm: its experiment by focal length, mm, with the same locators in each.
-        own: focal length, mm, and locator of the report's own variant.
+        own: focal length, mm, and locator of the report's own reading.
 
     Returns:
         By file name without suffix: ``NAME``, and ``NAME_readings`` where there are several.
@@ -94,8 +94,8 @@ def draw_rates(
     title = f"{figure.title} ({focal_mm:g} mm lens, {LOCATED[locator]})"
     drawn = {figure.name: ber_figure(table, axis_label(table.axis), title)}
     locators = tuple(by_focal_mm[focal_mm].curves)
-    variants = len(locators) * len(by_focal_mm)
-    if variants > 1:
+    readings = len(locators) * len(by_focal_mm)
+    if readings > 1:
         rows = [
             {
                 f"{lens_mm:g} mm lens, {LOCATED[name]}": only(measured.curves[name].table())
@@ -108,13 +108,13 @@ def draw_rates(
             "the same bits and scenes in every facet"
         )
         drawn[f"{figure.name}_readings"] = facet_figure(
-            rows, f"{figure.title}, {variants} variants", footnote
+            rows, f"{figure.title}, {readings} readings", footnote
         )
     return drawn
 
 
 def rate_rows(by_focal_mm: Mapping[float, Measured]) -> list[tuple[str | int | float, ...]]:
-    """Give an experiment's points of all receivers under every variant, the head first.
+    """Give an experiment's points of all receivers under every reading, the head first.
 
     Example:
         >>> rate_rows({})[0][:3]

@@ -32,7 +32,7 @@ from vocc_torch.studies.paper.figures import (
     LOCATION_CAPTION,
     PAPER_RECEIVERS,
     RATE_FIGURES,
-    VARIANTS_CAPTION,
+    READINGS_CAPTION,
     RateFigure,
     draw_rates,
     location_figure,
@@ -42,7 +42,7 @@ from vocc_torch.studies.paper.figures import (
 from vocc_torch.studies.paper.location import COLUMNS as LOCATION_COLUMNS
 from vocc_torch.studies.paper.location import LocationSplit, location_split
 from vocc_torch.studies.paper.report import ReportFigure, RunFacts, write_report
-from vocc_torch.studies.paper.scorecard import FIT_COLUMNS, Scorecard, fits, score, variants_of
+from vocc_torch.studies.paper.scorecard import FIT_COLUMNS, Scorecard, fits, readings_of, score
 
 FIGURES = Path("figures")
 """Folder of pictures and their data, in the run's folder."""
@@ -100,7 +100,7 @@ class PaperFiles:
         if any(split.receiver in PAPER_RECEIVERS for split in self.location):
             title = f"Location error and decision error, {own_mm:g} mm lens"
             table = Path("location.csv")
-            self._write(table, [LOCATION_COLUMNS, *(split.row() for split in self.location)])
+            write_short(self.folder / table, [LOCATION_COLUMNS, *(split.row() for split in self.location)])
             self._show(
                 "location",
                 title,
@@ -120,9 +120,9 @@ class PaperFiles:
                 "widen the bins or the scenes"
             )
         table = FIGURES / f"{figure.name}.csv"
-        self._write(table, rate_rows(by_focal_mm))
+        write_short(self.folder / table, rate_rows(by_focal_mm))
         drawn = draw_rates(figure, by_focal_mm, self.plan.own)
-        captions = {f"{figure.name}_readings": VARIANTS_CAPTION}
+        captions = {f"{figure.name}_readings": READINGS_CAPTION}
         self._show(figure.name, figure.title, figure.caption, drawn, table, captions)
 
     def _show(
@@ -160,10 +160,10 @@ class PaperFiles:
         others = {"comparisons of receivers on the same frames": Path("paired.csv")} if self.measured else {}
         card = self._scorecard()
         if card is not None:
-            self._write(Path("scorecard.csv"), card.rows())
-            self._write(Path("fits.csv"), [FIT_COLUMNS, *(fit.row() for fit in fits(card))])
+            write_short(self.folder / "scorecard.csv", card.rows())
+            write_short(self.folder / "fits.csv", [FIT_COLUMNS, *(fit.row() for fit in fits(card))])
             others["the scorecard"] = Path("scorecard.csv")
-            others["how well each variant fits"] = Path("fits.csv")
+            others["how well each reading fits"] = Path("fits.csv")
         if self.location:
             others["location against decision"] = Path("location.csv")
         if self.settings.tensorboard:
@@ -180,7 +180,7 @@ class PaperFiles:
         if not {figure.experiment for figure in RATE_FIGURES} <= set(self.measured.get(own_mm, {})):
             return None
         numbers = {name: shown.findings for name, shown in self.shown.items()}
-        return score(variants_of(self.measured, numbers, self.plan.locators, self.grids), self.plan.own)
+        return score(readings_of(self.measured, numbers, self.plan.locators, self.grids), self.plan.own)
 
     def _write_board(self) -> None:
         """Write the TensorBoard: the report's own focal length with each locator."""
@@ -212,7 +212,7 @@ class PaperFiles:
         command = f"vocc-torch task=figures name={settings.name}"
         return RunFacts(command, text, machine, dict(self.watch.seconds), as_yaml(settings), self.resumed)
 
-    def _write(self, path: Path, rows: Iterable[Sequence[str | int | float | None]]) -> None:
-        """Write a CSV file; whole numbers have no point, as in ``ber.csv``."""
-        texts = (["" if cell is None else cell_text(cell) for cell in row] for row in rows)
-        write_rows(self.folder / path, texts)
+
+def write_short(path: Path, rows: Iterable[Sequence[str | int | float | None]]) -> None:
+    """Write a CSV file; whole numbers have no point, as in ``ber.csv``, and None is an empty cell."""
+    write_rows(path, (["" if cell is None else cell_text(cell) for cell in row] for row in rows))

@@ -97,7 +97,7 @@ class Judgement:
 
 
 @dataclass(frozen=True)
-class Variant:
+class PaperReading:
     """A focal length and a locator, with the experiments and the figures' numbers.
 
     The paper leaves both open: its text says 18 mm, its Table 1 says 25 mm.
@@ -106,7 +106,7 @@ class Variant:
         focal_length_mm: of the lens.
         locator: where the panel's corners come from, such as ``truth`` or ``paper``.
         experiments: by name: ``contrast``, ``ambient``, ``luminance``, ``distance``; some may be missing.
-        numbers: of the figures that are no error rates; they do not depend on the variant.
+        numbers: of the figures that are no error rates; they do not depend on the reading.
         dimming: ambient light by LED luminance, with this locator and the report's own focal length; None
             where it was not measured.
 
@@ -114,8 +114,8 @@ class Variant:
         VoccError: an experiment without this locator.
 
     Example:
-        >>> variant = Variant(25.0, "paper", {}, {"fig20": {"contrast_paper_scene_6": 0.031}})
-        >>> variant.name, variant.number("fig20.contrast_paper_scene_6")
+        >>> reading = PaperReading(25.0, "paper", {}, {"fig20": {"contrast_paper_scene_6": 0.031}})
+        >>> reading.name, reading.number("fig20.contrast_paper_scene_6")
         ('25 mm, paper', 0.031)
     """
 
@@ -134,15 +134,15 @@ class Variant:
 
     @property
     def name(self) -> str:
-        """The variant in words."""
+        """The reading in words."""
         return f"{self.focal_length_mm:g} mm, {self.locator}"
 
-    def located_by(self, locator: str) -> Variant:
-        """Give the variant with the same focal length and another locator."""
+    def located_by(self, locator: str) -> PaperReading:
+        """Give the reading with the same focal length and another locator."""
         return replace(self, locator=locator)
 
     def curves(self, experiment: str, receivers: tuple[str, ...] = (), *values: float) -> Curves:
-        """Give an experiment's curves with this variant's locator.
+        """Give an experiment's curves with this reading's locator.
 
         Args:
             experiment: its name.

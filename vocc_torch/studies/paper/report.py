@@ -12,9 +12,9 @@ from vocc_torch.files import atomic_file, write_atomically
 from vocc_torch.measure.grid import Grid, best_luminance
 from vocc_torch.show.page import SIGNS, html, render
 from vocc_torch.show.styles import LOCATED, receiver_styles
-from vocc_torch.studies.paper.claims import CAUSES, PARTS, STATEMENTS, ClaimGroup
+from vocc_torch.studies.paper.claims import CAUSES, PARTS, STATEMENTS, ClaimGroup, part_of
 from vocc_torch.studies.paper.figures import PAPER_RECEIVERS, RATE_FIGURES
-from vocc_torch.studies.paper.judgement import VERDICTS, Variant
+from vocc_torch.studies.paper.judgement import VERDICTS, PaperReading
 from vocc_torch.studies.paper.location import LocationSplit
 from vocc_torch.studies.paper.numbers import number_table
 from vocc_torch.studies.paper.scorecard import (
@@ -33,8 +33,8 @@ from vocc_torch.studies.paper.words import (
     percent,
     place,
     plain,
+    reading_text,
     sentence,
-    variant_text,
 )
 
 TITLE = "The paper's whole evidence, reproduced and scored"
@@ -161,7 +161,7 @@ def _card(card: Scorecard) -> dict[str, object]:
     every, truth, found = card.judged(), card.at_truth(), fits(card)
     parts: dict[ClaimGroup, list[Judged]] = {part: [] for part in PARTS}
     for judged in every:
-        parts[next(part for part in PARTS if part.holds(judged[0]))].append(judged)
+        parts[part_of(judged[0])].append(judged)
     statements = [_statement(card, group, truth) for group in STATEMENTS if card.judged(group)]
     outcomes: dict[str, list[str]] = {heading: [] for heading in _HEADINGS.values()}
     for one in statements:
@@ -188,39 +188,39 @@ def _card(card: Scorecard) -> dict[str, object]:
             for part, claims in parts.items()
             if claims
         ],
-        "variants": [_name(variant) for variant in card.variants],
-        "fit_head": ("variant", *FIT_COLUMNS[1:]),
-        "fits": [(_name(fit.variant), *fit.row()[1:]) for fit in found],
+        "readings": [_name(reading) for reading in card.readings],
+        "fit_head": ("reading", *FIT_COLUMNS[1:]),
+        "fits": [(_name(fit.reading), *fit.row()[1:]) for fit in found],
         "best": _best(card),
         "matrix": [
-            (claim, [card.judgements[claim.claim, variant.name].verdict for variant in card.variants])
+            (claim, [card.judgements[claim.claim, reading.name].verdict for reading in card.readings])
             for claim in card.claims
             if claim.basis == "curves"
         ],
     }
 
 
-def _name(variant: Variant) -> str:
-    """Name a variant for people."""
-    return variant_text(variant.focal_length_mm, variant.locator)
+def _name(reading: PaperReading) -> str:
+    """Name a reading for people."""
+    return reading_text(reading.focal_length_mm, reading.locator)
 
 
-def _statement(card: Scorecard, group: ClaimGroup, truth: Variant | None) -> dict[str, Any]:
+def _statement(card: Scorecard, group: ClaimGroup, truth: PaperReading | None) -> dict[str, Any]:
     """Give a main statement with the verdicts that it stands on, and why it fails."""
     claims = card.judged(group)
     depends = any(claim.basis == "curves" for claim, _ in claims)
     at_truth = card.judged(group, truth) if truth is not None and depends else []
-    by_variant = [card.judged(group, variant) for variant in card.variants] if depends else []
+    by_reading = [card.judged(group, reading) for reading in card.readings] if depends else []
     return {
         "text": group.text,
-        "anchor": next(part.anchor for part in PARTS if part.holds(claims[0][0])),
+        "anchor": part_of(claims[0][0]).anchor,
         "outcome": outcome(claims),
         "agree": tally(claims)["agree"],
         "total": len(claims),
         "tally": tally(claims),
         "at_truth": tally(at_truth) if at_truth else None,
         "why": why(card, claims),
-        "by_variant": [(outcome(one), tally(one)["agree"]) for one in by_variant],
+        "by_reading": [(outcome(one), tally(one)["agree"]) for one in by_reading],
     }
 
 
@@ -265,7 +265,7 @@ def why(card: Scorecard, claims: Sequence[Judged]) -> str:
 
 
 def _best(card: Scorecard) -> dict[str, object] | None:
-    """Give the variant that is nearest to the quoted rates and how surely; None where none was measured."""
+    """Give the reading that is nearest to the quoted rates and how surely; None where none was measured."""
     found = fits(card)
     known = [(fit, fit.decades) for fit in found if fit.decades is not None]
     if not known:
@@ -273,13 +273,13 @@ def _best(card: Scorecard) -> dict[str, object] | None:
     best, decades = min(known, key=lambda one: one[1].value)
     most = max(fit.tally["agree"] for fit in found)
     return {
-        "name": _name(best.variant),
+        "name": _name(best.reading),
         "factor": 10**decades.value,
         "others": len(found) - 1,
         "near": sum(other.low <= decades.high for fit, other in known if fit is not best),
         "most": most,
         "total": sum(best.tally.values()),
-        "leaders": joined([_name(fit.variant) for fit in found if fit.tally["agree"] == most]),
+        "leaders": joined([_name(fit.reading) for fit in found if fit.tally["agree"] == most]),
     }
 
 
@@ -299,7 +299,7 @@ def _figure(figure: ReportFigure, card: Scorecard | None) -> dict[str, object]:
         "pictures": [(path.as_posix(), caption or own) for path, caption in figure.pictures],
         "table": figure.table.as_posix(),
         "tally": tally(claims) if claims else None,
-        "parts": [part for part in PARTS[:-1] if any(part.holds(claim) for claim, _ in claims)],
+        "parts": list(dict.fromkeys(part_of(claim) for claim, _ in claims)),
         "differing": differing if len(differing) <= _FEW else [],
         "head": head,
         "rows": rows,

@@ -1,4 +1,4 @@
-"""The scorecard: every claim under every variant, and which variant fits the quoted numbers best."""
+"""The scorecard: every claim under every reading, and which reading fits the quoted numbers best."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from vocc_torch.studies.paper.judgement import (
     Judgement,
     NotMeasuredError,
     Numbers,
-    Variant,
+    PaperReading,
     Verdict,
 )
 
@@ -35,40 +35,40 @@ COLUMNS = (
 FIT_COLUMNS = ("reading", *VERDICTS, "distance to quoted rates", "distance to quoted gains")
 """Columns of ``fits.csv``."""
 DEFAULT = (25.0, "paper")
-"""Focal length (mm) and locator of the variant that is reported in full: Table 1's lens, section IV-B-2."""
+"""Focal length (mm) and locator of the reading that is reported in full: Table 1's lens, section IV-B-2."""
 
 
 @dataclass(frozen=True)
 class Scorecard:
-    """What is said of each claim under each variant.
+    """What is said of each claim under each reading.
 
     Args:
         claims: the claims, in the paper's order.
-        variants: with names of their own.
-        own: the variant that is reported in full.
-        judgements: by the names of claim and variant.
+        readings: with names of their own.
+        own: the reading that is reported in full.
+        judgements: by the names of claim and reading.
     """
 
     claims: tuple[Claim, ...]
-    variants: tuple[Variant, ...]
-    own: Variant
+    readings: tuple[PaperReading, ...]
+    own: PaperReading
     judgements: Mapping[tuple[str, str], Judgement]
 
-    def judged(self, group: ClaimGroup | None = None, variant: Variant | None = None) -> list[Judged]:
-        """Give the claims of a group, by default all, as judged under a variant, by default the own one."""
-        name = (variant or self.own).name
+    def judged(self, group: ClaimGroup | None = None, reading: PaperReading | None = None) -> list[Judged]:
+        """Give the claims of a group, by default all, as judged under a reading, by default the own one."""
+        name = (reading or self.own).name
         return [
             (claim, self.judgements[claim.claim, name])
             for claim in self.claims
             if group is None or group.holds(claim)
         ]
 
-    def at_truth(self) -> Variant | None:
-        """Give the own variant with true corners; None where that is it, or was not measured."""
+    def at_truth(self) -> PaperReading | None:
+        """Give the own reading with true corners; None where that is it, or was not measured."""
         return next(
             (
                 one
-                for one in self.variants
+                for one in self.readings
                 if one.focal_length_mm == self.own.focal_length_mm
                 and one.locator == "truth" != self.own.locator
             ),
@@ -78,13 +78,13 @@ class Scorecard:
     def rows(self) -> list[tuple[Cell, ...]]:
         """Give the lines of ``scorecard.csv``, its head first.
 
-        A claim that does not depend on the variant has one line, without focal length and locator.
+        A claim that does not depend on the reading has one line, without focal length and locator.
         """
         lines: list[tuple[Cell, ...]] = [COLUMNS]
         for claim in self.claims:
-            for variant in self.variants if claim.basis == "curves" else (None,):
-                one = self.judgements[claim.claim, (variant or self.own).name]
-                where = (None, None) if variant is None else (variant.focal_length_mm, variant.locator)
+            for reading in self.readings if claim.basis == "curves" else (None,):
+                one = self.judgements[claim.claim, (reading or self.own).name]
+                where = (None, None) if reading is None else (reading.focal_length_mm, reading.locator)
                 what = (claim.claim, claim.where, claim.text, claim.paper, *where)
                 lines.append((*what, one.measured, one.low, one.high, one.verdict, one.reason, claim.basis))
         return lines
@@ -109,13 +109,13 @@ def outcome(judged: Iterable[Judged]) -> str:
     return "holds" if found["agree"] > found["cannot say"] else "cannot say"
 
 
-def variants_of(
+def readings_of(
     measured: Mapping[float, Mapping[str, Measured]],
     numbers: Numbers,
     locators: Sequence[str] = ("truth", "paper"),
     grids: Mapping[str, Grid] | None = None,
-) -> tuple[Variant, ...]:
-    """Give a variant for each focal length and locator.
+) -> tuple[PaperReading, ...]:
+    """Give a reading for each focal length and locator.
 
     Args:
         measured: the experiments by focal length (mm) and name, each with every locator.
@@ -124,57 +124,57 @@ def variants_of(
         grids: ambient light by LED luminance, by locator.
 
     Example:
-        >>> [variant.name for variant in variants_of({25.0: {}, 18.0: {}}, {})]
+        >>> [reading.name for reading in readings_of({25.0: {}, 18.0: {}}, {})]
         ['18 mm, truth', '18 mm, paper', '25 mm, truth', '25 mm, paper']
     """
     return tuple(
-        Variant(focal_length_mm, locator, experiments, numbers, (grids or {}).get(locator))
+        PaperReading(focal_length_mm, locator, experiments, numbers, (grids or {}).get(locator))
         for focal_length_mm, experiments in sorted(measured.items())
         for locator in locators
     )
 
 
 def score(
-    variants: Sequence[Variant], own: tuple[float, str] = DEFAULT, claims: Sequence[Claim] = CLAIMS
+    readings: Sequence[PaperReading], own: tuple[float, str] = DEFAULT, claims: Sequence[Claim] = CLAIMS
 ) -> Scorecard:
-    """Judge every claim under every variant; one that does not depend on it once, under the own one.
+    """Judge every claim under every reading; one that does not depend on it once, under the own one.
 
     Args:
-        variants: at least one, none twice.
-        own: focal length (mm) and locator of the variant that is reported in full.
+        readings: at least one, none twice.
+        own: focal length (mm) and locator of the reading that is reported in full.
         claims: the claims.
 
     Raises:
-        VoccError: the own variant is not among the others, or one comes twice.
+        VoccError: the own reading is not among the others, or one comes twice.
 
     Example:
-        >>> card = score(variants_of({25.0: {}}, {}))
+        >>> card = score(readings_of({25.0: {}}, {}))
         >>> tally(card.judged())["differ"], card.judgements["setup.iso_range", "25 mm, paper"].verdict
         (1, 'differ')
     """
-    names = [one.name for one in variants]
-    chosen = [one for one in variants if (one.focal_length_mm, one.locator) == own]
+    names = [one.name for one in readings]
+    chosen = [one for one in readings if (one.focal_length_mm, one.locator) == own]
     if not chosen:
-        raise VoccError(f"own is {own[0]:g} mm, {own[1]}: the variants are {'; '.join(names) or 'none'}")
+        raise VoccError(f"own is {own[0]:g} mm, {own[1]}: the readings are {'; '.join(names) or 'none'}")
     if len(set(names)) < len(names):
-        raise VoccError(f"variants are {'; '.join(names)}: each must come once")
+        raise VoccError(f"readings are {'; '.join(names)}: each must come once")
     judgements: dict[tuple[str, str], Judgement] = {}
     for claim in claims:
         if claim.basis != "curves":
             judgements |= dict.fromkeys(((claim.claim, name) for name in names), claim.judge(chosen[0]))
             continue
         at_truth: dict[float, Judgement] = {}
-        for one in sorted(variants, key=lambda variant: variant.locator != "truth"):
+        for one in sorted(readings, key=lambda reading: reading.locator != "truth"):
             judged = claim.judge(one, at_truth.get(one.focal_length_mm))
             if one.locator == "truth":
                 at_truth[one.focal_length_mm] = judged
             judgements[claim.claim, one.name] = judged
-    return Scorecard(tuple(claims), tuple(variants), chosen[0], judgements)
+    return Scorecard(tuple(claims), tuple(readings), chosen[0], judgements)
 
 
 @dataclass(frozen=True, slots=True)
 class Fit:
-    """How well a variant fits the quoted numbers.
+    """How well a reading fits the quoted numbers.
 
     A distance to quoted rates is the mean ``|log10 (measured / quoted)|``, in decades: 0.3 is a factor of
     two. A point without errors is known by its limit only: it counts as far as the limit lies below the
@@ -182,8 +182,8 @@ class Fit:
     anywhere in its own; its high end is infinite where a point saw no error.
 
     Args:
-        variant: the variant.
-        tally: verdicts of the claims that depend on the variant.
+        reading: the reading.
+        tally: verdicts of the claims that depend on the reading.
         decades: distance to the quoted bit error rates; None where none was measured.
         rates: quoted rates that could be compared.
         error_free: those of them where no error was seen.
@@ -191,7 +191,7 @@ class Fit:
         gains: quoted gains that could be compared.
     """
 
-    variant: Variant
+    reading: PaperReading
     tally: dict[Verdict, int]
     decades: Estimate | None
     rates: int
@@ -207,16 +207,16 @@ class Fit:
             rates += f", {self.error_free} of {self.rates} without errors" if self.error_free else ""
         if self.gain_points is not None:
             gains = f"{self.gain_points:.0f} points over {self.gains}"
-        return (self.variant.name, *(str(self.tally[verdict]) for verdict in VERDICTS), rates, gains)
+        return (self.reading.name, *(str(self.tally[verdict]) for verdict in VERDICTS), rates, gains)
 
 
 def fits(card: Scorecard) -> list[Fit]:
-    """Give how well each variant fits, in the scorecard's order."""
-    return [fit_of(card, variant) for variant in card.variants]
+    """Give how well each reading fits, in the scorecard's order."""
+    return [fit_of(card, reading) for reading in card.readings]
 
 
-def fit_of(card: Scorecard, variant: Variant) -> Fit:
-    """Measure how far a variant's rates and gains are from the quoted ones."""
+def fit_of(card: Scorecard, reading: PaperReading) -> Fit:
+    """Measure how far a reading's rates and gains are from the quoted ones."""
     apart, points, error_free = [], [], 0
     for claim in card.claims:
         if claim.rule != "quoted":
@@ -224,21 +224,21 @@ def fit_of(card: Scorecard, variant: Variant) -> Fit:
         wanted = dict(claim.arguments)
         try:
             if "ber" in wanted:
-                row = variant.row(wanted["experiment"], wanted["receiver"], wanted["at"])
-                theirs = ber_interval(paper_counts(variant, **wanted))
+                row = reading.row(wanted["experiment"], wanted["receiver"], wanted["at"])
+                theirs = ber_interval(paper_counts(reading, **wanted))
                 apart.append(decades_apart(row, wanted["ber"], theirs))
                 error_free += row.error_free
             else:
                 at = wanted.get("at")
                 known = () if at is None else (at,)
-                gain = gain_of(variant.curves(wanted["experiment"], ("flda_2", "flda_3"), *known), at)
+                gain = gain_of(reading.curves(wanted["experiment"], ("flda_2", "flda_3"), *known), at)
                 points += [] if gain is None else [100 * abs(gain.value - wanted["gain"])]
         except NotMeasuredError:
             continue
     means = [math.fsum(column) / len(apart) for column in zip(*apart, strict=True)]
-    counts = tally(one for one in card.judged(variant=variant) if one[0].basis == "curves")
+    counts = tally(one for one in card.judged(reading=reading) if one[0].basis == "curves")
     return Fit(
-        variant,
+        reading,
         counts,
         Estimate(*means) if means else None,
         len(apart),

@@ -1,4 +1,4 @@
-"""How the scorecard and the report write numbers, units, receivers and variants."""
+"""How the scorecard and the report write numbers, units, receivers and readings."""
 
 from __future__ import annotations
 
@@ -143,11 +143,11 @@ def listed(names: Iterable[str], most: int = 4) -> str:
     return ", ".join(every[:most]) + (f" and {rest} more" if rest > 0 else "")
 
 
-def variant_text(focal_length_mm: float, locator: str) -> str:
-    r"""Name a variant for people.
+def reading_text(focal_length_mm: float, locator: str) -> str:
+    r"""Name a reading for people.
 
     Example:
-        >>> variant_text(25.0, "paper").replace("\xa0", " ")
+        >>> reading_text(25.0, "paper").replace("\xa0", " ")
         '25 mm lens, panel located'
     """
     return f"{focal_length_mm:g}{_NBSP}mm lens, {LOCATED.get(locator, locator)}"

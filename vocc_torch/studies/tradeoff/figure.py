@@ -16,8 +16,7 @@ from vocc_torch.receiver.bank import needs_preambles
 from vocc_torch.show.canvas import INK, QUIET, new_figure, text_renderer, write_title
 from vocc_torch.show.text_table import ends_text, rate_text
 from vocc_torch.show.timing_figure import PANEL_DETECTION, PAPER_SHARES, DetectionTimes
-from vocc_torch.studies.tradeoff.axes import Heights, budgets, heights, set_up, span, stacked
-from vocc_torch.studies.tradeoff.dots import (
+from vocc_torch.studies.tradeoff.layout import (
     FONT,
     GAP_PX,
     LINE_PX,
@@ -25,9 +24,15 @@ from vocc_torch.studies.tradeoff.dots import (
     Column,
     Dot,
     FillStyle,
+    Heights,
+    budgets,
     columns,
     dots_of,
     draw_labels,
+    heights,
+    set_up,
+    span,
+    stacked,
 )
 from vocc_torch.studies.tradeoff.price_list import Place, PriceList
 from vocc_torch.studies.tradeoff.words import (
@@ -36,6 +41,7 @@ from vocc_torch.studies.tradeoff.words import (
     frames_text,
     preamble_text,
     scenes_text,
+    timed_text,
     upper_first,
 )
 
@@ -203,11 +209,12 @@ def _legend(figure: Figure, dots: Sequence[Dot]) -> None:
 
 def _write(figure: Figure, prices: PriceList, scenes: str, device: str, frames: str) -> None:
     """Write title and footnote."""
-    rounds = sorted({times.rounds for times in prices.times.values()})
+    rounds = sorted({times.rounds for times in prices.times.by_place.values()})
+    elsewhere = timed_text(prices, scenes)
     counted = " to ".join(str(one) for one in dict.fromkeys((rounds[0], rounds[-1])))
     waited = known = ""
-    if prices.waited_share >= BUSY_SHARE:
-        share = f"{100 * prices.waited_share:.0f} %"
+    if prices.times.waited_share >= BUSY_SHARE:
+        share = f"{100 * prices.times.waited_share:.0f} %"
         waited = f"Take times with care: for {share} of it other work had the processor. "
     if needs_preambles([setting.receiver for setting in prices.settings]):
         known = f"Times of the greyscale receivers include {preamble_text(prices)}. "
@@ -216,7 +223,8 @@ def _write(figure: Figure, prices: PriceList, scenes: str, device: str, frames: 
         "beaten: one no slower by the median has a lower rate, by paired intervals of all pairs that hold "
         f"together at 95 % (Bonferroni). Rates: {prices.counted_frames} frames, the same for all; bars are "
         f"95 % intervals. Times: medians and quartiles of {counted} "
-        f"interleaved rounds, each call right after an untimed one. {known}{prices.machines[device]}."
+        f"interleaved rounds, each call right after an untimed one{elsewhere}. {known}"
+        f"{prices.times.machines[device]}."
     )
     footnote = textwrap.fill(said, _FOOTNOTE_CHARS, break_on_hyphens=False)
     write_title(figure, "What accuracy costs in time", footnote)
@@ -238,14 +246,14 @@ def shares_figure(prices: PriceList) -> Figure | None:
     measured = DetectionTimes(
         by_place={
             (_FIG25_FRAMES[kind], batch): {
-                name: prices.times[one, Place(device, kind, batch)] for name, one in by_name.items()
+                name: prices.times.by_place[one, Place(device, kind, batch)] for name, one in by_name.items()
             }
             for kind in kinds
             for batch in dict.fromkeys((every[0], every[-1]))
         },
         sensor_px=prices.sensor_px,
-        machine=prices.machines[device],
-        threads=prices.threads,
-        waited_share=prices.waited_share,
+        machine=prices.times.machines[device],
+        threads=prices.times.threads,
+        waited_share=prices.times.waited_share,
     )
     return measured.draw("Time of the paper's receivers (Fig. 25)")

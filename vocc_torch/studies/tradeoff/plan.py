@@ -10,7 +10,7 @@ from typing import TypeVar, cast, get_args
 
 import torch
 
-from vocc_torch.errors import VoccError
+from vocc_torch.errors import VoccError, section
 from vocc_torch.measure.build import build_plan
 from vocc_torch.measure.config import Settings
 from vocc_torch.measure.optional import without_absent
@@ -164,11 +164,11 @@ class TradeoffStudy:
         Raises:
             VoccError: a value that no reader has.
         """
-        try:
+        with (
+            section("tradeoff.samples_per_led has", before="receiver.samples_per_led is"),
+            section("tradeoff.gradients has", before="receiver.gradient is"),
+        ):
             return Reader(self.plan.world.panel.shape, setting.samples_per_led, setting.gradient)
-        except VoccError as error:
-            said = str(error).replace("receiver.samples_per_led is", "tradeoff.samples_per_led has")
-            raise VoccError(said.replace("receiver.gradient is", "tradeoff.gradients has")) from None
 
     @cached_property
     def trainings(self) -> dict[Setting, Plan]:
@@ -273,12 +273,12 @@ def _devices(names: Sequence[str]) -> tuple[list[str], dict[str, str]]:
     missing: dict[str, str] = {}
     for name in _once(names):
         try:
-            found.append(str(resolve_device(name)))
+            with section("tradeoff.devices has", before="device is"):
+                found.append(str(resolve_device(name)))
         except VoccError as error:
-            said = str(error).replace("device is", "tradeoff.devices has", 1)
             if not name.startswith("cuda") or len(names) == 1:
-                raise VoccError(said) from None
-            missing[name] = said.partition(", and ")[2].partition(":")[0]
+                raise
+            missing[name] = str(error).partition(", and ")[2].partition(":")[0]
     return _once(found), missing
 
 

@@ -32,6 +32,29 @@ class Place:
 
 
 @dataclass(frozen=True)
+class ReceiverTimes:
+    """How long receivers take.
+
+    Args:
+        by_place: times of each, by place, on frames of the first kind of scenes.
+        end_to_end: by place, time of a receiver in one go over the sum of its stages.
+        in_one_go: the receiver that ``end_to_end`` is of.
+        machines: what was measured on, by device.
+        threads: threads that torch used within an operation.
+        waited_share: share of the time in which other work had the processor, 0 to 1.
+        crop_px: height and width of a crop, of the first kind of scenes.
+    """
+
+    by_place: Mapping[tuple[Setting, Place], StageTimes]
+    end_to_end: Mapping[Place, float]
+    in_one_go: str
+    machines: Mapping[str, str]
+    threads: int
+    waited_share: float
+    crop_px: tuple[int, int]
+
+
+@dataclass(frozen=True)
 class PriceList:
     """All that was measured.
 
@@ -39,15 +62,9 @@ class PriceList:
         settings: the configurations, in the order of the results.
         costs: what it took to train each.
         errors: by kind of scenes, in the order of the settings.
-        times: times of each, by place, on frames of the first kind of scenes.
-        end_to_end: by place, time of a receiver in one go over the sum of its stages.
-        machines: what was measured on, by device.
+        times: how long each takes.
         error_device: where errors were counted.
-        threads: threads that torch used within an operation while times were taken.
-        waited_share: share of that time in which other work had the processor, 0 to 1.
         sensor_px: height and width of a whole frame.
-        crop_px: height and width of a crop, of the first kind of scenes.
-        in_one_go: the receiver that ``end_to_end`` is of.
         scene: name of the scenes.
         frames_a_preamble: frames of data that a pair of frames of known bits serves, where one is needed.
         references: what a decoder that knows the scene does on the first of the same frames, by kind of
@@ -60,15 +77,9 @@ class PriceList:
     settings: tuple[Setting, ...]
     costs: Mapping[Setting, Making]
     errors: Mapping[str, FrameErrors]
-    times: Mapping[tuple[Setting, Place], StageTimes]
-    end_to_end: Mapping[Place, float]
-    machines: Mapping[str, str]
+    times: ReceiverTimes
     error_device: str
-    threads: int
-    waited_share: float
     sensor_px: tuple[int, int]
-    crop_px: tuple[int, int]
-    in_one_go: str
     scene: str = ""
     frames_a_preamble: int = 1
     references: Mapping[str, GenieReference] = field(default_factory=dict)
@@ -79,7 +90,7 @@ class PriceList:
     @property
     def places(self) -> tuple[Place, ...]:
         """Where was timed, in order."""
-        return tuple(dict.fromkeys(place for _, place in self.times))
+        return tuple(dict.fromkeys(place for _, place in self.times.by_place))
 
     @property
     def timed_scenes(self) -> str:
@@ -107,7 +118,7 @@ class PriceList:
     def best_place(self, setting: Setting, device: str, frames: str) -> Place:
         """Where a setting has its highest throughput."""
         places = [Place(device, frames, batch) for batch in self.batches(device, frames)]
-        return min(places, key=lambda place: self.times[setting, place].total.value)
+        return min(places, key=lambda place: self.times.by_place[setting, place].total.value)
 
     def points(self, scenes: str, device: str, frames: str, batch: int | None = None) -> list[OperatingPoint]:
         """Give every setting's operating point with batches of a size, or with its own best one.
@@ -119,7 +130,7 @@ class PriceList:
             timed = Place(device, frames, batch) if batch else self.best_place(setting, device, frames)
             every = sum((one.counts[place] for one in self.errors.values()), Counts())
             rate = _rate(self.errors[scenes].counts[place], every)
-            points.append(OperatingPoint(setting.name, self.times[setting, timed].total, rate))
+            points.append(OperatingPoint(setting.name, self.times.by_place[setting, timed].total, rate))
         return points
 
     def reference(self, scenes: str) -> Estimate | None:

@@ -72,7 +72,7 @@ def _figures(prices: PriceList) -> dict[str, Figure]:
     figures: dict[str, Figure] = {}
     for scenes in prices.errors:
         for device, frames in prices.kinds:
-            parts = [frames, scenes, *([device.replace(":", "")] if len(prices.machines) > 1 else [])]
+            parts = [frames, scenes, *([device.replace(":", "")] if len(prices.times.machines) > 1 else [])]
             name = "-".join(["tradeoff", *parts]) if figures else "tradeoff"
             figures[name] = tradeoff_figure(prices, scenes, device, frames)
     shares = shares_figure(prices)

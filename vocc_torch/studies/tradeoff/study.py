@@ -22,7 +22,7 @@ from vocc_torch.measure.workers import Workers, worker_losses_told
 from vocc_torch.receiver.bank import needs_preambles
 from vocc_torch.receiver.receiver import StagedReceiver
 from vocc_torch.studies.tradeoff.plan import DTYPES, FRAMINGS, Setting, TradeoffStudy
-from vocc_torch.studies.tradeoff.price_list import Place, PriceList
+from vocc_torch.studies.tradeoff.price_list import Place, PriceList, ReceiverTimes
 
 END_TO_END = "flda_3"
 """The receiver that is timed in one go too, as a check on the sum of its stages; else the first one."""
@@ -49,20 +49,13 @@ def price_receivers(
         told("what is possible")
         references, no_references = _references(study, workers)
     told("times")
-    times = measure_times(study, receivers)
     return PriceList(
         settings=study.settings,
         costs=costs,
         errors=errors,
-        times=times.by_place,
-        end_to_end=times.end_to_end,
-        machines=times.machines,
+        times=measure_times(study, receivers),
         error_device=str(resolve_device(study.plan.world.device)),
-        threads=times.threads,
-        waited_share=times.waited_share,
         sensor_px=study.plan.world.camera.sensor_px,
-        crop_px=times.crop_px,
-        in_one_go=times.in_one_go,
         scene=study.scene_name,
         frames_a_preamble=study.config.frames_a_preamble,
         references=references,
@@ -136,20 +129,7 @@ def count_receivers(
     return {name: FrameErrors.joined(call.result() for call in some) for name, some in calls.items()}
 
 
-@dataclass(frozen=True)
-class TimesByPlace:
-    """Times as :class:`PriceList` holds them."""
-
-    by_place: Mapping[tuple[Setting, Place], StageTimes]
-    end_to_end: Mapping[Place, float]
-    machines: Mapping[str, str]
-    threads: int
-    waited_share: float
-    crop_px: tuple[int, int]
-    in_one_go: str
-
-
-def measure_times(study: TradeoffStudy, receivers: Mapping[Setting, StagedReceiver]) -> TimesByPlace:
+def measure_times(study: TradeoffStudy, receivers: Mapping[Setting, StagedReceiver]) -> ReceiverTimes:
     """Time every stage of every receiver, with each batch size, kind of frames and device.
 
     Frames are those of the first kind of scenes, uint8, in the host's memory. Rendering is not timed.
@@ -191,7 +171,7 @@ def measure_times(study: TradeoffStudy, receivers: Mapping[Setting, StagedReceiv
     # An accelerator that is waited for takes no processor either.
     cpu_alone = all(resolve_device(name).type == "cpu" for name in config.devices)
     waited = max(0.0, 1 - processor / wall) if cpu_alone else 0.0
-    return TimesByPlace(by_place, end_to_end, machines, used, waited, crop_px, checked[0].receiver)
+    return ReceiverTimes(by_place, end_to_end, checked[0].receiver, machines, used, waited, crop_px)
 
 
 def _in_one_go(settings: Sequence[Setting]) -> list[Setting]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import asdict
+from itertools import compress
 from pathlib import Path
 
 from rich.console import Console
@@ -13,7 +14,7 @@ from torch.utils.tensorboard import SummaryWriter
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.estimate import Estimate
-from vocc_torch.measure.prices import OperatingPoint, most_accurate, pareto_frontier
+from vocc_torch.measure.prices import most_accurate, pareto_frontier
 from vocc_torch.measure.stage_times import STAGES
 from vocc_torch.show.csv_file import write_rows
 from vocc_torch.show.text_table import ends_text, plain_table, rate_text
@@ -23,10 +24,13 @@ from vocc_torch.studies.tradeoff.words import frames_text, ms_text, receiver_tex
 
 Cells = dict[str, str | int | float | None]
 
-_WIDE = 106
-"""Least terminal width at which batch and training stand in the table."""
+_WITH_INTERVALS = 96
+"""Least terminal width at which intervals stand in the table."""
 
-_WIDEST = 140
+_WIDE = 112
+"""Least terminal width at which batch and training do too."""
+
+_WIDEST = 146
 """Least terminal width at which receivers' titles do too."""
 
 
@@ -60,7 +64,7 @@ def price_rows(prices: PriceList) -> Iterator[Cells]:
     for place in prices.places:
         rates = {scenes: list(_rate_cells(prices, scenes, place)) for scenes in prices.errors}
         for row, setting in enumerate(prices.settings):
-            times = prices.times[setting, place]
+            times = prices.times.by_place[setting, place]
             best = prices.best_place(setting, place.device, place.frames) == place
             cells: Cells = {
                 **asdict(setting),
@@ -89,11 +93,11 @@ def price_rows(prices: PriceList) -> Iterator[Cells]:
                 "size_bytes": cost.size_bytes,
                 "timed_scenes": prices.timed_scenes,
                 "error_device": prices.error_device,
-                "end_to_end": _short(prices.end_to_end[place]),
-                "end_to_end_of": prices.in_one_go,
-                "threads": prices.threads,
-                "waited_share": _plain(round(prices.waited_share, 4)),
-                "machine": prices.machines[place.device],
+                "end_to_end": _short(prices.times.end_to_end[place]),
+                "end_to_end_of": prices.times.in_one_go,
+                "threads": prices.times.threads,
+                "waited_share": _plain(round(prices.times.waited_share, 4)),
+                "machine": prices.times.machines[place.device],
             }
     timed = dict.fromkeys((place.frames, place.batch) for place in prices.places)
     for device in prices.missing:
@@ -127,20 +131,14 @@ def _rate_cells(prices: PriceList, scenes: str, place: Place) -> Iterator[Cells]
 def _reference_cells(prices: PriceList, scenes: str) -> Iterator[Cells]:
     """Give the cells of what is possible, and of what each setting does on the same frames."""
     rate, own = prices.reference(scenes), prices.where_referenced(scenes)
-    if rate is None:
-        # Without a reference the columns are there, and empty.
-        names = ("test_frames", "proven_frames", "frame_ms", "ber", "ber_low", "ber_high")
-        blank = dict.fromkeys([*(f"possible_{name}" for name in names), "ber_on_possible_frames"])
-        yield from [blank] * len(prices.settings)
-        return
-    made = prices.references[scenes]
-    for counts in own.values():
+    made = prices.references.get(scenes)
+    for setting in prices.settings:
         yield {
-            "possible_test_frames": made.counts.frames,
-            "possible_proven_frames": made.proven,
-            "possible_frame_ms": _short(1e3 * made.seconds_a_frame),
+            "possible_test_frames": None if made is None else made.counts.frames,
+            "possible_proven_frames": None if made is None else made.proven,
+            "possible_frame_ms": None if made is None else _short(1e3 * made.seconds_a_frame),
             **_ends("possible_ber{}", rate),
-            "ber_on_possible_frames": _short(counts.ber),
+            "ber_on_possible_frames": None if made is None else _short(own[setting].ber),
         }
 
 
@@ -184,51 +182,54 @@ def _table(prices: PriceList, scenes: str, kind: tuple[str, str], mark: str, wid
     """Lay out a line for each receiver, the quickest first, then what is possible."""
     points = prices.points(scenes, *kind)
     kept = {one.name for one in pareto_frontier(points)}
-    single, wide = prices.batches(*kind)[0] == 1, width >= _WIDE
+    intervals, wide, widest = (width >= least for least in (_WITH_INTERVALS, _WIDE, _WIDEST))
+    single = prices.batches(*kind)[0] == 1
+    heads = (
+        "",
+        "receiver",
+        "locator",
+        "",
+        "ms",
+        "alone\nms",
+        "BER",
+        "95 %",
+        "batch",
+        "training\ns",
+        "weights",
+    )
+    shown = (*[True] * 5, single, True, intervals, wide, wide, wide)
     table = plain_table()
-    for head in ("", "receiver", "locator", ""):
-        table.add_column(head, no_wrap=True)
-    heads = ["ms", *(["alone\nms"] if single else []), "BER", "95 %"]
-    for head in heads + (["batch", "training\ns", "weights"] if wide else []):
-        table.add_column(head, justify="right", no_wrap=True)
+    for place, head in enumerate(heads):
+        if shown[place]:
+            table.add_column(head, justify="left" if place < 4 else "right", no_wrap=True)
     for setting, point in sorted(
         zip(prices.settings, points, strict=True), key=lambda pair: pair[1].time_ms.value
     ):
         cost = prices.costs[setting]
-        training = [
+        cells = [
+            mark if point.name in kept else "",
+            receiver_text(setting.receiver) if widest else setting.receiver,
+            setting.locator,
+            ", ".join(varied_text(setting, prices.settings[0])).replace(" gradient", ""),
+            ms_text(point.time_ms.value),
+            ms_text(prices.times.by_place[setting, Place(*kind, 1)].total.value) if single else "",
+            *_rate(point.ber),
             str(prices.best_place(setting, *kind).batch),
             f"{cost.training_s:.1f}" if cost.frames else "",
             "" if cost.parameters is None else str(cost.parameters),
         ]
-        cells = [
-            mark if point.name in kept else "",
-            receiver_text(setting.receiver) if width >= _WIDEST else setting.receiver,
-            setting.locator,
-            ", ".join(varied_text(setting, prices.settings[0])).replace(" gradient", ""),
-            ms_text(point.time_ms.value),
-            *([ms_text(prices.times[setting, Place(*kind, 1)].total.value)] if single else []),
-            *_rate(point.ber),
-            *(training if wide else []),
-        ]
-        table.add_row(*map(Text, cells), style="" if point.name in kept else "dim")
-    for cells in _reference_lines(prices, scenes, points, single):
-        table.add_row(*map(Text, cells), *(("",) * 3 if wide else ()))
+        table.add_row(*map(Text, compress(cells, shown)), style="" if point.name in kept else "dim")
+    rate, own = prices.reference(scenes), prices.where_referenced(scenes)
+    if rate is not None:
+        frames = f"{prices.references[scenes].counts.frames} frames"
+        best = next(setting for setting in own if setting.name == most_accurate(points).name)
+        told = rate_text(own[best].ber) if own[best].bit_errors else "no error"
+        for cells in (
+            ["", "knows the scene", "", frames, "", "", *_rate(rate), "", "", ""],
+            ["", best.receiver, best.locator, f"same {frames}", "", "", told, "", "", "", ""],
+        ):
+            table.add_row(*map(Text, compress(cells, shown)))
     return table
-
-
-def _reference_lines(
-    prices: PriceList, scenes: str, points: list[OperatingPoint], single: bool
-) -> Iterator[list[str]]:
-    """Give the line of what is possible, and of the most accurate receiver on the same frames."""
-    rate = prices.reference(scenes)
-    if rate is None:
-        return
-    frames, untimed = f"{prices.references[scenes].counts.frames} frames", [""] * (1 + single)
-    yield ["", "knows the scene", "", frames, *untimed, *_rate(rate)]
-    own = prices.where_referenced(scenes)
-    best = next(setting for setting in own if setting.name == most_accurate(points).name)
-    told = rate_text(own[best].ber) if own[best].bit_errors else "no error"
-    yield ["", best.receiver, best.locator, f"same {frames}", *untimed, told, ""]
 
 
 def _rate(ber: Estimate) -> tuple[str, str]:
@@ -257,11 +258,11 @@ def _board_numbers(prices: PriceList, setting: Setting) -> dict[str, float]:
     """Give what was measured of a setting."""
     numbers = {f"ber/{scenes}": prices.counts(scenes)[setting].ber for scenes in prices.errors}
     for device, frames in prices.kinds:
-        where = frames if len(prices.machines) == 1 else f"{device}_{frames}"
+        where = frames if len(prices.times.machines) == 1 else f"{device}_{frames}"
         best = prices.best_place(setting, device, frames)
-        numbers[f"ms/{where}"] = prices.times[setting, best].total.value
-        if (alone := (setting, Place(device, frames, 1))) in prices.times:
-            numbers[f"latency_ms/{where}"] = prices.times[alone].total.value
+        numbers[f"ms/{where}"] = prices.times.by_place[setting, best].total.value
+        if (alone := (setting, Place(device, frames, 1))) in prices.times.by_place:
+            numbers[f"latency_ms/{where}"] = prices.times.by_place[alone].total.value
     cost = prices.costs[setting]
     making = {"training_s": cost.training_s, "parameters": cost.parameters, "size_bytes": cost.size_bytes}
     return numbers | {f"making/{name}": float(value) for name, value in making.items() if value is not None}

@@ -33,7 +33,7 @@ BUSY_SHARE = 0.05
 
 
 @dataclass(frozen=True)
-class Choice:
+class NamedPoint:
     """An operating point to name.
 
     Args:
@@ -57,8 +57,8 @@ class Answer:
     """
 
     limits: Sequence[float]
-    taken: Choice | None
-    other: Choice | None
+    taken: NamedPoint | None
+    other: NamedPoint | None
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ class Reference:
 
     frames: int
     ber: Estimate
-    best: Choice
+    best: NamedPoint
     counts: Counts
 
 
@@ -125,7 +125,7 @@ def recommend(prices: PriceList, scenes: str, device: str, frames: str) -> Recom
     if rate is not None:
         best = most_accurate(points)
         counts = dict(zip(points, prices.where_referenced(scenes).values(), strict=True))[best]
-        reference = Reference(counts.frames, rate, _choice(prices, best), counts)
+        reference = Reference(counts.frames, rate, _named(prices, best), counts)
     return Recommendation(scenes, device, frames, _answers(prices, scenes, points), single, reference)
 
 
@@ -162,23 +162,23 @@ def _together(
         likely = point is None and beside is not None and beside.ber.value < limit
         key = "" if point is None else point.name, likely
         limits = [*(answers[key].limits if key in answers else []), limit]
-        named = [None if one is None else _choice(prices, one) for one in (point, beside)]
+        named = [None if one is None else _named(prices, one) for one in (point, beside)]
         answers[key] = Answer(limits, *named)
     return list(answers.values())
 
 
-def _choice(prices: PriceList, point: OperatingPoint) -> Choice:
+def _named(prices: PriceList, point: OperatingPoint) -> NamedPoint:
     """Name an operating point's setting."""
     setting = next(one for one in prices.settings if one.name == point.name)
     varied = varied_text(setting, prices.settings[0])
     parts = (receiver_text(setting.receiver), LOCATED_BY[setting.locator], *varied)
-    return Choice(point, ", ".join(parts))
+    return NamedPoint(point, ", ".join(parts))
 
 
 def recommendation(prices: PriceList) -> str:
     """Write what to take: in short, then what it rests on, then for each kind of scenes and frames."""
     pairs = all_pairs(len(prices.settings))
-    apart = max(abs(ratio - 1) for ratio in prices.end_to_end.values())
+    apart = max(abs(ratio - 1) for ratio in prices.times.end_to_end.values())
     receivers = dict.fromkeys(setting.receiver for setting in prices.settings)
     reasons: dict[str, list[str]] = {}
     for scenes, why in prices.no_references.items():
@@ -194,12 +194,13 @@ def recommendation(prices: PriceList) -> str:
         pairs=pairs,
         apart=apart,
         reasons=reasons,
-        busy=prices.waited_share >= BUSY_SHARE,
+        busy=prices.times.waited_share >= BUSY_SHARE,
         ms=ms_text,
         upper_first=upper_first,
         preamble_text=preamble_text,
         frames_text=frames_text,
         scenes_text=scenes_text,
+        timed_text=timed_text,
         told_text=told_text,
     )
     return "\n".join(map(wrapped, words.splitlines())).rstrip() + "\n"
@@ -261,18 +262,22 @@ def preamble_text(prices: PriceList) -> str:
 
 def frames_text(prices: PriceList, scenes: str, frames: str) -> str:
     """Say what the receiver is handed; the size of crops is known for the scenes alone that were timed."""
-    if frames == "crops" and prices.crop_px == prices.sensor_px:
+    if frames == "crops" and prices.times.crop_px == prices.sensor_px:
         return "frames cut to the panel's surroundings, which here are whole: an effect fills the sensor"
-    height, width = prices.sensor_px if frames == "whole" else prices.crop_px
+    height, width = prices.sensor_px if frames == "whole" else prices.times.crop_px
     what = "whole frames" if frames == "whole" else "crops of the panel's surroundings"
     return what if frames == "crops" and scenes != prices.timed_scenes else f"{what}, {width} x {height} px"
 
 
 def scenes_text(prices: PriceList, scenes: str) -> str:
-    """Name a kind of scenes, and say so where times are those of another."""
-    told = f"{prices.scene} scenes, {told_text(scenes)}".strip()
+    """Name a kind of scenes."""
+    return f"{prices.scene} scenes, {told_text(scenes)}".strip()
+
+
+def timed_text(prices: PriceList, scenes: str) -> str:
+    """Say that times are those of other scenes, where they are; else nothing."""
     timed = prices.timed_scenes
-    return told if scenes == timed else f"{told}; times are those of {told_text(timed)}"
+    return "" if scenes == timed else f"; times are those of {told_text(timed)}"
 
 
 def upper_first(text: str) -> str:

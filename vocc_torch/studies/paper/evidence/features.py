@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Self
+from typing import Self
 
 import numpy as np
 import torch
@@ -18,22 +17,9 @@ from vocc_torch.errors import VoccError
 from vocc_torch.measure.plan import Plan
 from vocc_torch.receiver.features import FEATURE_NAMES
 from vocc_torch.receiver.flda import FLDA
-from vocc_torch.show.canvas import INK, QUIET, head, new_figure, write_title
-from vocc_torch.studies.paper.evidence.figure import (
-    DASHED,
-    Bools,
-    Cell,
-    Floats,
-    PaperFigure,
-    Picture,
-    add_panel,
-    corner_legend,
-    led_rows,
-    negative_text,
-    percent_text,
-    status_cloud,
-    status_histogram,
-)
+from vocc_torch.show.canvas import INK, QUIET, head
+from vocc_torch.studies.paper.evidence import drawing
+from vocc_torch.studies.paper.evidence.figure import Bools, Cell, Floats, PaperFigure, led_rows
 from vocc_torch.studies.paper.evidence.sample import Sample, draw_sample
 
 GALLERY = 20
@@ -52,28 +38,20 @@ class FeatureSpread(PaperFigure):
     """Numbers of each LED of the sample by its status.
 
     Args:
-        bits: (B,R,C).
+        sample: the sample.
         values: (B,R,C) each, by name; a name with ``+`` is the FLDA score of those features.
-        auc: area under the ROC curve of each.
-        wrong: share of wrong decisions at the best fixed threshold of each.
         lines: for a pair of features, FLDA fitted on these LEDs: (w_1, w_2, threshold).
-        gallery: panels of the first frames.
     """
 
-    height_in: ClassVar[float]
-
-    bits: Bools
+    sample: Sample
     values: Mapping[str, Floats]
-    auc: Mapping[str, float]
-    wrong: Mapping[str, float]
     lines: Mapping[str, tuple[float, float, float]]
-    gallery: tuple[Picture, ...] = ()
 
     @classmethod
-    def of(cls, sample: Sample, alone: Sequence[str], together: Sequence[str] = ()) -> Self:
-        """Score features alone, and by FLDA together."""
+    def of(cls, plan: Plan, alone: Sequence[str], together: Sequence[str] = ()) -> Self:
+        """Score features of the sample alone, and by FLDA together."""
+        sample, lines = draw_sample(plan), {}
         values = {name: sample.greys if name == "average_grey" else sample.feature(name) for name in alone}
-        lines = {}
         features, bits = torch.from_numpy(sample.features), torch.from_numpy(sample.bits)
         whole = FLDA(len(FEATURE_NAMES)).fit(features, bits)
         for name in together:
@@ -83,70 +61,64 @@ class FeatureSpread(PaperFigure):
             if len(chosen) == 2:
                 first, second = flda.direction.tolist()
                 lines[name] = (first, second, float(flda.threshold))
-        auc = {name: roc_area(value, sample.bits) for name, value in values.items()}
-        wrong = {name: least_error(value, sample.bits)[0] for name, value in values.items()}
-        return cls(sample.bits, values, auc, wrong, lines, sample.pictures[:GALLERY])
+        return cls(sample, values, lines)
 
     def rows(self) -> list[tuple[Cell, ...]]:
         """Give a line an LED."""
-        return led_rows(self.bits, self.values)
+        return led_rows(self.sample.bits, self.values)
 
     def findings(self) -> dict[str, float]:
         """Give the discriminability of each number, and how often GRI is negative.
 
-        ``separable_`` is 1 where some straight line or plane, FLDA's or another, parts all On LEDs from all
-        Off LEDs.
+        ``auc_`` is the area under the ROC curve, ``wrong_share_`` the share of wrong decisions at the best
+        fixed threshold. ``separable_`` is 1 where some straight line or plane, FLDA's or another, parts all
+        On LEDs from all Off LEDs.
         """
-        found = {f"auc_{name}": value for name, value in self.auc.items()}
-        found |= {f"wrong_share_{name}": value for name, value in self.wrong.items()}
-        for name in self.values:
-            if "+" in name:
-                together = np.stack([self.values[part].ravel() for part in name.split("+")], axis=1)
-                found[f"separable_{name}"] = float(separable(together, self.bits.ravel()))
+        bits = self.sample.bits
+        found = {f"auc_{name}": roc_area(value, bits) for name, value in self.values.items()}
+        found |= {f"wrong_share_{name}": least_error(value, bits)[0] for name, value in self.values.items()}
+        for name in (name for name in self.values if "+" in name):
+            together = np.stack([self.values[part].ravel() for part in name.split("+")], axis=1)
+            found[f"separable_{name}"] = float(separable(together, bits.ravel()))
         if "gri" in self.values:
             negative = self.values["gri"] < 0
-            found["gri_negative_share_off"] = float(negative[~self.bits].mean())
-            found["gri_negative_share_on"] = float(negative[self.bits].mean())
+            found["gri_negative_share_off"] = float(negative[~bits].mean())
+            found["gri_negative_share_on"] = float(negative[bits].mean())
         return found
 
-    @abstractmethod
-    def draw_parts(self, figure: Figure) -> str:
-        """Draw the figure's parts; give what the footnote says of them."""
-
-    def draw(self) -> Figure:
-        """Draw the distributions by status, alone and together."""
-        figure = new_figure(10, self.height_in)
-        said = self.draw_parts(figure)
-        corner_legend(figure)
-        footnote = (
+    def footnote(self, figure: Figure, said: str = "") -> str:
+        """Name the statuses, and say what the numbers mean and rest on."""
+        drawing.status_legend(figure)
+        frames, leds = len(self.sample.bits), self.sample.bits.size
+        return (
             "AUC: area under the ROC curve, the chance that an On LED reads higher than an Off LED. "
             "Best threshold: the one fixed\nthreshold with the fewest wrong LEDs. "
-            f"{len(self.bits)} sample frames, {self.bits.size} LEDs, true corners.{said}"
+            f"{frames} sample frames, {leds} LEDs, true corners.{said}"
         )
-        write_title(figure, self.title, footnote)
-        return figure
 
     def draw_alone(self, axes: Axes, letter: str, name: str) -> None:
         """Draw one feature's distribution."""
-        status_histogram(axes, self.values[name], self.bits, LABELS[name])
+        drawing.status_histogram(axes, self.values[name], self.sample.bits, LABELS[name])
         self.state(axes, letter, name)
 
     def draw_pair(self, axes: Axes, letter: str, name: str) -> None:
         """Draw two features against each other, and FLDA's decision between On and Off."""
         first, second = name.split("+")
         labels = LABELS[first], LABELS[second]
-        status_cloud(axes, self.values[first], self.values[second], self.bits, labels)
+        drawing.status_cloud(axes, self.values[first], self.values[second], self.sample.bits, labels)
         x, y = np.array(axes.get_xlim()), axes.get_ylim()
         along, across, threshold = self.lines[name]
         if across:
-            axes.plot(x, (threshold - along * x) / across, **DASHED)
+            axes.plot(x, (threshold - along * x) / across, **drawing.DASHED)
         axes.set(xlim=x, ylim=y)
         self.state(axes, letter, name)
 
     def state(self, axes: Axes, letter: str, name: str) -> None:
         """Say above the axes how well a number tells On from Off."""
-        wrong = f"best threshold wrong: {percent_text(self.wrong[name])}"
-        head(axes, f"({letter})", f"AUC {area_text(self.auc[name])} \N{MIDDLE DOT} {wrong}")
+        area = roc_area(self.values[name], self.sample.bits)
+        wrong = drawing.percent_text(least_error(self.values[name], self.sample.bits)[0])
+        text = f"AUC {area_text(area)} \N{MIDDLE DOT} best threshold wrong: {wrong}"
+        head(axes, f"({letter})", text)
 
 
 class GreyAndAgr(FeatureSpread):
@@ -162,18 +134,18 @@ class GreyAndAgr(FeatureSpread):
     @classmethod
     def compute(cls, plan: Plan) -> Self:
         """Measure the sample."""
-        return cls.of(draw_sample(plan), ("average_grey", "agr"))
+        return cls.of(plan, ("average_grey", "agr"))
 
-    def draw_parts(self, figure: Figure) -> str:
+    def draw_on(self, figure: Figure) -> str:
         """Draw panels in two rows, and two histograms."""
-        for index, picture in enumerate(self.gallery):
+        for index, picture in enumerate(self.sample.pictures[:GALLERY]):
             row, column = divmod(index, GALLERY // 2)
-            add_panel(figure, 0.02 + 0.097 * column, 0.745 - row * 0.142, 0.09, picture, frame=False)
-        text = f"(a) {len(self.gallery)} of the frames"
+            drawing.add_panel(figure, 0.02 + 0.097 * column, 0.745 - row * 0.142, 0.09, picture, frame=False)
+        text = f"(a) {GALLERY} of the frames"
         figure.text(0.02, 0.895, text, fontsize=11.5, color=INK, fontweight="bold")
         self.draw_alone(figure.add_axes((0.075, 0.175, 0.41, 0.355)), "b", "average_grey")
         self.draw_alone(figure.add_axes((0.575, 0.175, 0.41, 0.355)), "c", "agr")
-        return ""
+        return self.footnote(figure)
 
 
 class GriAndAgr(FeatureSpread):
@@ -187,17 +159,17 @@ class GriAndAgr(FeatureSpread):
     @classmethod
     def compute(cls, plan: Plan) -> Self:
         """Measure the sample."""
-        return cls.of(draw_sample(plan), ("agr", "gri"), ("agr+gri",))
+        return cls.of(plan, ("agr", "gri"), ("agr+gri",))
 
-    def draw_parts(self, figure: Figure) -> str:
+    def draw_on(self, figure: Figure) -> str:
         """Draw a histogram and a cloud."""
         axes = figure.add_axes((0.075, 0.2, 0.41, 0.635))
         self.draw_alone(axes, "a", "gri")
         axes.axvline(0, color=QUIET, linewidth=1.0)
-        text = negative_text(self.values["gri"], self.bits)
+        text = drawing.negative_text(self.values["gri"], self.sample.bits)
         axes.text(0.98, 0.95, text, transform=axes.transAxes, ha="right", va="top", color=INK)
         self.draw_pair(figure.add_axes((0.575, 0.2, 0.41, 0.635)), "b", "agr+gri")
-        return " Line: FLDA fitted on these LEDs."
+        return self.footnote(figure, " Line: FLDA fitted on these LEDs.")
 
 
 class NgrAndOthers(FeatureSpread):
@@ -213,9 +185,9 @@ class NgrAndOthers(FeatureSpread):
     @classmethod
     def compute(cls, plan: Plan) -> Self:
         """Measure the sample."""
-        return cls.of(draw_sample(plan), FEATURE_NAMES, ("agr+gri", "agr+ngr", "gri+ngr", "agr+gri+ngr"))
+        return cls.of(plan, FEATURE_NAMES, ("agr+gri", "agr+ngr", "gri+ngr", "agr+gri+ngr"))
 
-    def draw_parts(self, figure: Figure) -> str:
+    def draw_on(self, figure: Figure) -> str:
         """Draw a histogram and three clouds."""
         first, second, third, fourth = (
             figure.add_axes((left, bottom, 0.41, 0.325)) for bottom in (0.57, 0.14) for left in (0.075, 0.575)
@@ -224,13 +196,16 @@ class NgrAndOthers(FeatureSpread):
         self.draw_pair(second, "b", "agr+ngr")
         self.draw_pair(third, "c", "gri+ngr")
         score, ngr = self.values["agr+gri+ngr"], self.values["ngr"]
-        status_cloud(fourth, score, ngr, self.bits, ("FLDA score of AGR, GRI and NGR", LABELS["ngr"]))
-        fourth.axvline(0, **DASHED)
+        drawing.status_cloud(
+            fourth, score, ngr, self.sample.bits, ("FLDA score of AGR, GRI and NGR", LABELS["ngr"])
+        )
+        fourth.axvline(0, **drawing.DASHED)
         self.state(fourth, "d", "agr+gri+ngr")
-        return (
+        said = (
             " Lines: FLDA fitted on these LEDs.\n(d) is a projection of the three features on the "
             "plane of w, on which the score (a log-likelihood ratio) lies, and NGR."
         )
+        return self.footnote(figure, said)
 
 
 def area_text(auc: float) -> str:

@@ -1,31 +1,23 @@
-"""What the paper's figures share: the base class, lines for CSV files, and how LEDs and panels are drawn."""
+"""What a figure of the paper is: data with a table, numbers and a picture."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from typing import Any, ClassVar, Literal, Self
+from typing import ClassVar, Self
 
 import numpy as np
-from matplotlib.artist import Artist
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from vocc_torch.measure.plan import Plan
-from vocc_torch.show.canvas import GRID, INK, QUIET, quiet_axes
+from vocc_torch.show.canvas import new_figure, write_title
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 Cell = str | int | float
 Picture = tuple[Floats, tuple[float, float, float, float]]
 """Grey values (h,w), and their extent in LED cells from the panel's corner: left, right, bottom, top."""
-
-OFF, ON, MARK = "#0072B2", "#D55E00", "#009E73"
-STATUS = ((False, "Off", OFF), (True, "On", ON))
-DASHED: dict[str, Any] = {"color": INK, "linewidth": 1.3, "linestyle": "--"}
-"""How thresholds are drawn."""
 
 
 class PaperFigure(ABC):
@@ -34,6 +26,7 @@ class PaperFigure(ABC):
     name: ClassVar[str]
     title: ClassVar[str]
     caption: ClassVar[str]
+    height_in: ClassVar[float] = 6.0
 
     @classmethod
     @abstractmethod
@@ -49,8 +42,14 @@ class PaperFigure(ABC):
         """Give the numbers that the figure shows, by name, for the report."""
 
     @abstractmethod
+    def draw_on(self, figure: Figure) -> str:
+        """Draw on an empty figure; give the footnote."""
+
     def draw(self) -> Figure:
-        """Draw the picture."""
+        """Draw the picture, with its title and what it rests on."""
+        figure = new_figure(10, self.height_in)
+        write_title(figure, self.title, self.draw_on(figure))
+        return figure
 
 
 def led_rows(bits: Bools, values: Mapping[str, Floats]) -> list[tuple[Cell, ...]]:
@@ -82,139 +81,3 @@ def pixel_rows(pictures: Mapping[str, Picture]) -> list[tuple[Cell, ...]]:
     """
     lines = [(name, *at, float(v)) for name, (grey, _) in pictures.items() for at, v in np.ndenumerate(grey)]
     return [("picture", "row_px", "column_px", "grey"), *lines]
-
-
-def add_panel(
-    figure: Figure, left: float, bottom: float, width: float, picture: Picture, *, frame: bool = True
-) -> Axes:
-    """Show a panel's pixels as the camera wrote them, black at 0 and white at 255, in a square.
-
-    Args:
-        figure: the figure.
-        left: of the square, as a share of the figure's width.
-        bottom: of the square, as a share of the figure's height.
-        width: as a share of the figure's width.
-        picture: the pixels and where they lie.
-        frame: whether to outline them.
-
-    Returns:
-        Axes without ticks; their coordinates are LED columns and rows, from 0.
-    """
-    height = width * figure.get_figwidth() / figure.get_figheight()
-    axes = figure.add_axes((left, bottom, width, height))
-    grey, extent = picture
-    axes.imshow(grey, cmap="gray", vmin=0, vmax=255, extent=extent, interpolation="nearest")
-    axes.set_anchor("NW")
-    axes.set(xticks=[], yticks=[])
-    axes.spines[:].set_visible(frame)
-    axes.spines[:].set_color(GRID)
-    return axes
-
-
-def heading(axes: Axes, text: str, below: str = "", colour: str = INK) -> None:
-    """Write above the axes, in bold, and a line in grey between the two."""
-    axes.set_title(text, fontsize=11.5, color=colour, loc="left", pad=20 if below else 5, fontweight="bold")
-    axes.text(0, 1.025, below, transform=axes.transAxes, fontsize=9, color=QUIET)
-
-
-def plain_axes(axes: Axes, x_label: str, y_label: str, grid: Literal["x", "y", "both"] = "y") -> None:
-    """Label axes, with a grid behind the data."""
-    quiet_axes(axes)
-    axes.grid(axis=grid, color=GRID, linewidth=0.8)
-    axes.set(xlabel=x_label, ylabel=y_label)
-
-
-def status_histogram(axes: Axes, values: Floats, bits: Bools, label: str, *, log: bool = False) -> None:
-    """Draw the histograms of On and of Off LEDs over the same bins, each as shares of its own LEDs.
-
-    Args:
-        axes: where to draw.
-        values: any shape.
-        bits: of the same shape.
-        label: of the horizontal axis, with its unit.
-        log: whether shares are on a logarithmic axis, so that few LEDs show too.
-    """
-    edges = np.histogram_bin_edges(values, bins=60)
-    least = 0.5 / bits.size
-    for status, name, colour in STATUS:
-        chosen = values[bits == status]
-        shares = np.histogram(chosen, edges)[0] / max(1, chosen.size)
-        axes.stairs(shares, edges, fill=True, color=colour, alpha=0.25, baseline=least if log else 0)
-        axes.stairs(shares, edges, color=colour, linewidth=1.6, label=name, baseline=least if log else 0)
-    axes.margins(x=0.02)
-    axes.set_ylim(bottom=0)
-    if log:
-        axes.set(yscale="log", ylim=(least, 1.0))
-    plain_axes(axes, label, "Share of LEDs")
-
-
-def status_cloud(axes: Axes, x: Floats, y: Floats, bits: Bools, labels: tuple[str, str]) -> None:
-    """Draw a point an LED; On and Off are mixed, so that neither hides the other.
-
-    Args:
-        axes: where to draw.
-        x: any shape.
-        y: of the same shape.
-        bits: of the same shape.
-        labels: of the two axes, with their units.
-    """
-    colours = np.where(bits.ravel(), ON, OFF)
-    mixed = np.random.default_rng(0).permutation(colours.size)
-    drawn: dict[str, Any] = {"s": 7, "alpha": 0.35, "linewidths": 0, "rasterized": True}
-    axes.scatter(x.ravel()[mixed], y.ravel()[mixed], c=colours[mixed], **drawn)
-    axes.margins(0.03)
-    plain_axes(axes, *labels, grid="both")
-
-
-def corner_legend(figure: Figure, handles: list[Artist] | None = None) -> None:
-    """Explain marks at the figure's top right, by default the colours of Off and On."""
-    dots = [
-        Line2D([], [], linestyle="none", marker="o", color=colour, markersize=7, label=f"{name} LEDs")
-        for _, name, colour in STATUS
-    ]
-    top: dict[str, Any] = {"loc": "upper right", "bbox_to_anchor": (0.99, 1 - 0.06 / figure.get_figheight())}
-    figure.legend(handles=handles or dots, ncols=2, frameon=False, fontsize=10.5, handletextpad=0.2, **top)
-
-
-def legend_above(axes: Axes, columns: int) -> None:
-    """Explain what is drawn, in rows above the axes."""
-    place: dict[str, Any] = {"loc": "lower center", "bbox_to_anchor": (0.5, 1.0), "handlelength": 1.4}
-    axes.legend(ncols=columns, frameon=False, fontsize=10, **place)
-
-
-def percent_text(share: float) -> str:
-    """Write a share in percent with three digits.
-
-    Example:
-        >>> percent_text(0.27469), percent_text(0.00015625)
-        ('27.5 %', '0.0156 %')
-    """
-    return f"{100 * share:.3g} %"
-
-
-def signed(value: float) -> str:
-    r"""Write a number with its sign, a minus as typographers want it.
-
-    Example:
-        >>> signed(22.14), signed(-6.99).replace("\N{MINUS SIGN}", "minus ")
-        ('+22.1', 'minus 7.0')
-    """
-    return f"{value:+.1f}".replace("-", "\N{MINUS SIGN}")
-
-
-def negative_text(values: Floats, bits: Bools) -> str:
-    """Say how many of the Off and of the On LEDs have a negative value."""
-    off, on = (percent_text(float(np.mean(values[bits == status] < 0))) for status in (False, True))
-    return f"negative: {off} of Off,\n{on} of On LEDs"
-
-
-def condition_text(condition: Floats) -> str:
-    """Write ambient light, LED luminance and distance.
-
-    Example:
-        >>> condition_text(np.array([31240.0, 2013.0, 68.2, 86.0]))
-        '31\N{THIN SPACE}240 lx · 2\N{THIN SPACE}013 cd/m² · 68 m'
-    """
-    ambient, luminance, distance_m, _ = condition
-    text = f"{ambient:,.0f} lx \N{MIDDLE DOT} {luminance:,.0f} cd/m² \N{MIDDLE DOT} {distance_m:.0f} m"
-    return text.replace(",", "\N{THIN SPACE}")

@@ -14,29 +14,12 @@ from numpy.typing import NDArray
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.plan import Plan
-from vocc_torch.show.canvas import INK, QUIET, new_figure, write_title
+from vocc_torch.show.canvas import INK, QUIET
 from vocc_torch.simulation import Simulator
+from vocc_torch.studies.paper.evidence import drawing
 from vocc_torch.studies.paper.evidence.features import least_error, roc_area
-from vocc_torch.studies.paper.evidence.figure import (
-    DASHED,
-    MARK,
-    STATUS,
-    Bools,
-    Cell,
-    Floats,
-    PaperFigure,
-    Picture,
-    add_panel,
-    condition_text,
-    corner_legend,
-    heading,
-    led_rows,
-    legend_above,
-    percent_text,
-    plain_axes,
-    signed,
-)
-from vocc_torch.studies.paper.evidence.sample import cut_out, draw_sample
+from vocc_torch.studies.paper.evidence.figure import Bools, Cell, Floats, PaperFigure, Picture, led_rows
+from vocc_torch.studies.paper.evidence.sample import Sample, cut_out, draw_sample
 
 
 @dataclass(frozen=True)
@@ -44,11 +27,8 @@ class GreyOverlap(PaperFigure):
     """Average greys of the sample's LEDs, and the two frames that contradict each other most.
 
     Args:
-        greys: (B,R,C) average grey of each LED's cell.
-        bits: (B,R,C).
+        sample: the sample.
         pair: the frame with dark On LEDs and the frame with bright Off LEDs.
-        pictures: those two panels.
-        conditions: (2,4) their ambient light (lx), LED luminance (cd/m2), distance (m), background grey.
         threshold: the best fixed threshold for all frames.
         wrong: share of LEDs that it gets wrong.
     """
@@ -58,12 +38,10 @@ class GreyOverlap(PaperFigure):
     caption = (
         "On LEDs of one frame are darker than Off LEDs of another, so no fixed threshold serves every frame."
     )
+    height_in = 6.3
 
-    greys: Floats
-    bits: Bools
+    sample: Sample
     pair: tuple[int, int]
-    pictures: tuple[Picture, Picture]
-    conditions: Floats
     threshold: float
     wrong: float
 
@@ -75,71 +53,63 @@ class GreyOverlap(PaperFigure):
             VoccError: no frame has both On and Off LEDs.
         """
         sample = draw_sample(plan)
-        pair = most_contradicting(sample.greys, sample.bits)
         wrong, threshold = least_error(sample.greys, sample.bits)
-        pictures = sample.pictures[pair[0]], sample.pictures[pair[1]]
-        return cls(sample.greys, sample.bits, pair, pictures, sample.conditions[list(pair)], threshold, wrong)
+        return cls(sample, most_contradicting(sample.greys, sample.bits), threshold, wrong)
 
     def rows(self) -> list[tuple[Cell, ...]]:
         """Give a line an LED."""
-        return led_rows(self.bits, {"average_grey": self.greys})
+        return led_rows(self.sample.bits, {"average_grey": self.sample.greys})
 
     def findings(self) -> dict[str, float]:
         """Give the pair's greys, how often frames overlap, and what a fixed threshold costs."""
-        dark, bright = self.pair
-        on, off = self.greys[dark][self.bits[dark]], self.greys[bright][~self.bits[bright]]
-        mean_on, mean_off = (class_means(self.greys, status) for status in (self.bits, ~self.bits))
+        (dark, bright), greys, bits = self.pair, self.sample.greys, self.sample.bits
+        mean_on, mean_off = class_means(greys, bits), class_means(greys, ~bits)
         return {
-            "dark_frame_highest_on_grey": float(on.max()),
+            "dark_frame_highest_on_grey": float(greys[dark][bits[dark]].max()),
             "dark_frame_mean_on_grey": float(mean_on[dark]),
-            "bright_frame_lowest_off_grey": float(off.min()),
+            "bright_frame_lowest_off_grey": float(greys[bright][~bits[bright]].min()),
             "bright_frame_mean_off_grey": float(mean_off[bright]),
             "contradicting_pairs_share": float(np.mean(mean_on[:, None] < mean_off[None, :])),
             "best_fixed_threshold_grey": self.threshold,
             "best_fixed_threshold_wrong_share": self.wrong,
-            "average_grey_auc": roc_area(self.greys, self.bits),
+            "average_grey_auc": roc_area(greys, bits),
         }
 
-    def draw(self) -> Figure:
+    def draw_on(self, figure: Figure) -> str:
         """Draw the two frames, and every frame's range of greys by status."""
-        figure = new_figure(10, 6.3)
-        for index, (_, name, colour) in enumerate(STATUS[::-1]):
-            panel = add_panel(figure, 0.02, 0.51 - 0.41 * index, 0.19, self.pictures[index])
-            shown = self.greys[self.pair[index]][self.bits[self.pair[index]] == (name == "On")]
-            text = f"({'ab'[index]}) {name} LEDs: {shown.min():.0f} to {shown.max():.0f}"
-            heading(panel, text, condition_text(self.conditions[index]), colour)
         axes = figure.add_axes((0.325, 0.165, 0.66, 0.68))
         order = self._draw_ranges(axes)
-        for frame, letter in zip(self.pair, "ab", strict=True):
+        for index, (status, name, colour) in enumerate(drawing.STATUS[::-1]):
+            frame, letter = self.pair[index], "ab"[index]
+            panel = drawing.add_panel(figure, 0.02, 0.51 - 0.41 * index, 0.19, self.sample.pictures[frame])
+            shown = self.sample.greys[frame][self.sample.bits[frame] == status]
+            text = f"({letter}) {name} LEDs: {shown.min():.0f} to {shown.max():.0f}"
+            drawing.heading(panel, text, drawing.condition_text(self.sample.conditions[frame]), colour)
             place = int(np.flatnonzero(order == frame)[0])
             axes.axvspan(place - 0.5, place + 0.5, color=QUIET, alpha=0.22, linewidth=0)
-            above: dict[str, Any] = {"transform": axes.get_xaxis_transform(), "ha": "center", "va": "bottom"}
-            axes.text(place, 1.005, letter, fontsize=11.5, fontweight="bold", color=INK, **above)
-        axes.axhline(self.threshold, **DASHED)
-        text = f"best fixed threshold {self.threshold:.0f}:\n{percent_text(self.wrong)} of LEDs wrong"
-        axes.annotate(
-            text, (0.01, self.threshold), (0, 5), ("axes fraction", "data"), "offset points", color=INK
-        )
-        corner_legend(figure)
-        footnote = (
+            above: dict[str, Any] = {"transform": axes.get_xaxis_transform(), "ha": "center"}
+            axes.text(place, 1.01, letter, fontsize=11.5, fontweight="bold", color=INK, **above)
+        axes.axhline(self.threshold, **drawing.DASHED)
+        text = f"best fixed threshold {self.threshold:.0f}:\n{drawing.percent_text(self.wrong)} of LEDs wrong"
+        axes.annotate(text, (-1.4, self.threshold), (0, 5), textcoords="offset points", color=INK)
+        drawing.status_legend(figure)
+        return (
             "Bars: from the darkest to the brightest LED of a frame; dots: mean of its On and of its Off "
             "LEDs. LED cells by the true corners."
         )
-        write_title(figure, self.title, footnote)
-        return figure
 
     def _draw_ranges(self, axes: Axes) -> NDArray[np.int64]:
         """Draw the range and the mean of each frame's LEDs by status; give the frames in their order."""
-        order = np.argsort(self.greys.mean(axis=(1, 2)), kind="stable")
-        for status, _, colour in STATUS:
-            chosen = [self.greys[frame][self.bits[frame] == status] for frame in order]
-            kept = [(place, greys) for place, greys in enumerate(chosen) if greys.size]
-            x = [place for place, _ in kept]
-            ends = [greys.min() for _, greys in kept], [greys.max() for _, greys in kept]
-            axes.vlines(x, *ends, color=colour, alpha=0.45, linewidth=2.6)
-            axes.plot(x, [greys.mean() for _, greys in kept], ".", color=colour, markersize=5.5)
-        x_label = f"{len(order)} sample frames, sorted by the mean grey of the panel"
-        plain_axes(axes, x_label, "Average grey of an LED (0 to 255)")
+        greys, bits = self.sample.greys, self.sample.bits
+        order = np.argsort(greys.mean(axis=(1, 2)), kind="stable")
+        for status, _, colour in drawing.STATUS:
+            chosen = {place: greys[frame][bits[frame] == status] for place, frame in enumerate(order)}
+            chosen = {place: values for place, values in chosen.items() if values.size}
+            ends = [v.min() for v in chosen.values()], [v.max() for v in chosen.values()]
+            axes.vlines(list(chosen), *ends, color=colour, alpha=0.45, linewidth=2.6)
+            axes.plot(list(chosen), [v.mean() for v in chosen.values()], ".", color=colour, markersize=5.5)
+        label = f"{len(order)} sample frames, sorted by the mean grey of the panel"
+        drawing.plain_axes(axes, label, "Average grey of an LED (0 to 255)")
         axes.set_xlim(-2, len(order) + 1)
         axes.margins(y=0.06)
         return order
@@ -169,8 +139,7 @@ def class_means(greys: Floats, chosen: Bools) -> Floats:
         >>> class_means(np.array([[[1.0, 3.0]], [[5.0, 6.0]]]), np.array([[[True, True]], [[False, False]]]))
         array([ 2., nan])
     """
-    count = chosen.sum(axis=(1, 2))
-    total = np.where(chosen, greys, 0.0).sum(axis=(1, 2))
+    count, total = chosen.sum(axis=(1, 2)), np.where(chosen, greys, 0.0).sum(axis=(1, 2))
     return np.where(count > 0, total / np.maximum(count, 1), np.nan)
 
 
@@ -179,30 +148,22 @@ class BloomingInterference(PaperFigure):
     """The panel with the most misleading Off LED, without and with blooming.
 
     Args:
-        pictures: the panel without and with blooming.
-        greys: (2,R,C) average grey of each LED's cell, without and with.
-        bits: (R,C).
+        sample: the sample.
+        frame: the panel's frame.
         led: row and column of the LED, from 0.
-        threshold: halfway between the scene's all-On and all-Off averages: from there on a grey reads On.
-        gri: (R,C) gradient radial inwardness with blooming, grey values a pixel.
-        condition: (4,) ambient light (lx), LED luminance (cd/m2), distance (m), background grey.
-        misread: Off LEDs of the whole sample whose grey reads On.
-        off_leds: Off LEDs of the whole sample.
+        sharp: the panel without blooming.
+        sharp_greys: (R,C) average grey of each of its cells.
     """
 
     name = "fig05_06"
     title = "Figs 5 and 6: blooming turns an Off LED's grey into that of an On LED"
     caption = "A panel without and with blooming; an Off LED among bright neighbours can be mistaken for On."
 
-    pictures: tuple[Picture, Picture]
-    greys: Floats
-    bits: Bools
+    sample: Sample
+    frame: int
     led: tuple[int, int]
-    threshold: float
-    gri: Floats
-    condition: Floats
-    misread: int
-    off_leds: int
+    sharp: Picture
+    sharp_greys: Floats
 
     @classmethod
     def compute(cls, plan: Plan) -> Self:
@@ -212,125 +173,100 @@ class BloomingInterference(PaperFigure):
             VoccError: the scenes have no blooming, or the sample has no Off LED.
         """
         clear, sample = without_blooming(plan), draw_sample(plan)
-        margins = np.where(sample.bits, -np.inf, sample.greys - sample.thresholds[:, None, None])
         if sample.bits.all():
             raise VoccError("the sample frames have no Off LED: the figure needs one")
+        margins = off_margins(sample)
         frame, row, column = (int(i) for i in np.unravel_index(margins.argmax(), margins.shape))
         scene, bits = sample.scene[frame : frame + 1], torch.from_numpy(sample.bits[frame : frame + 1])
         rendered, panels = clear.render(scene, bits), clear.true_panels(scene)
-        clear_greys = plan.receiver.reader.read_greys(rendered, panels).average.double().cpu().numpy()
+        greys = plan.receiver.reader.read_greys(rendered, panels).average[0].double().cpu().numpy()
         sharp = cut_out(rendered, panels.corners_px[0], plan.world.panel.shape)
-        return cls(
-            pictures=(sharp, sample.pictures[frame]),
-            greys=np.concatenate([clear_greys, sample.greys[frame : frame + 1]]),
-            bits=sample.bits[frame],
-            led=(row, column),
-            threshold=float(sample.thresholds[frame]),
-            gri=sample.feature("gri")[frame],
-            condition=sample.conditions[frame],
-            misread=int((margins >= 0).sum()),
-            off_leds=int((~sample.bits).sum()),
-        )
+        return cls(sample, frame, (row, column), sharp, greys)
 
     def rows(self) -> list[tuple[Cell, ...]]:
         """Give a line an LED of the panel."""
         values = {
-            "average_grey_without_blooming": self.greys[:1],
-            "average_grey_with_blooming": self.greys[1:],
-            "gri_with_blooming": self.gri[None],
+            "average_grey_without_blooming": self.sharp_greys[None],
+            "average_grey_with_blooming": self.sample.greys[self.frame][None],
+            "gri_with_blooming": self.sample.feature("gri")[self.frame][None],
         }
-        return [line[1:] for line in led_rows(self.bits[None], values)]
+        return [line[1:] for line in led_rows(self.sample.bits[self.frame][None], values)]
 
     def findings(self) -> dict[str, float]:
         """Give the LED's greys against its threshold, and how often this happens."""
-        (row, column), around = self.led, self._around()
-        sharp, bloomed = (float(greys[self.led]) for greys in self.greys)
-        block = self.greys[1][around]
+        (row, column), bloomed = self.led, self.sample.greys[self.frame]
+        around = (slice(max(0, row - 1), row + 2), slice(max(0, column - 1), column + 2))
+        neighbours = bloomed[around].size - 1
+        misread = int((off_margins(self.sample) >= 0).sum())
         return {
             "led_row": row + 1,
             "led_column": column + 1,
-            "grey_without_blooming": sharp,
-            "grey_with_blooming": bloomed,
-            "threshold": self.threshold,
-            "on_neighbours": int(self.bits[around].sum()),
-            "neighbours_mean_grey": float((block.sum() - bloomed) / max(1, block.size - 1)),
-            "gri": float(self.gri[self.led]),
-            "misread_off_leds": self.misread,
-            "misread_off_share": self.misread / self.off_leds,
+            "grey_without_blooming": float(self.sharp_greys[self.led]),
+            "grey_with_blooming": float(bloomed[self.led]),
+            "threshold": float(self.sample.thresholds[self.frame]),
+            "on_neighbours": int(self.sample.bits[self.frame][around].sum()),
+            "neighbours_mean_grey": float((bloomed[around].sum() - bloomed[self.led]) / max(1, neighbours)),
+            "gri": float(self.sample.feature("gri")[self.frame][self.led]),
+            "misread_off_leds": misread,
+            "misread_off_share": misread / int((~self.sample.bits).sum()),
         }
 
-    def _around(self) -> tuple[slice, slice]:
-        """Index the LED and its neighbours."""
-        row, column = self.led
-        return slice(max(0, row - 1), row + 2), slice(max(0, column - 1), column + 2)
-
-    def draw(self) -> Figure:
+    def draw_on(self, figure: Figure) -> str:
         """Draw the panel without and with blooming, and the greys along the LED's row."""
-        figure = new_figure(10, 6.0)
-        row, column = self.led
-        for index, text in enumerate(("(a) without blooming", "(b) with blooming")):
-            panel = add_panel(figure, 0.02 + 0.265 * index, 0.42, 0.25, self.pictures[index])
-            heading(panel, text)
-            for colour, width in (("white", 3.4), (MARK, 2.0)):
-                panel.add_patch(
-                    Rectangle((column, row), 1, 1, fill=False, edgecolor=colour, linewidth=width, zorder=4)
-                )
-        figure.text(0.02, 0.385, self._story(), fontsize=10, color=INK, va="top", linespacing=1.55)
-        axes = figure.add_axes((0.615, 0.205, 0.37, 0.632))
-        self._draw_row(axes)
-        axes.axhline(self.threshold, **DASHED)
-        axes.text(
-            0.99,
-            self.threshold,
-            "threshold",
-            transform=axes.get_yaxis_transform(),
-            ha="right",
-            va="bottom",
-            color=INK,
-            bbox={"facecolor": "white", "alpha": 0.85, "edgecolor": "none", "pad": 1.5},
+        (row, column), found = self.led, self.findings()
+        pictures = (self.sharp, self.sample.pictures[self.frame])
+        for index, (picture, text) in enumerate(zip(pictures, ("(a) without", "(b) with"), strict=True)):
+            panel = drawing.add_panel(figure, 0.02 + 0.265 * index, 0.42, 0.25, picture)
+            drawing.heading(panel, f"{text} blooming")
+            for edge, width in (("white", 3.4), (drawing.MARK, 2.0)):
+                look: dict[str, Any] = {"edgecolor": edge, "linewidth": width, "zorder": 4}
+                panel.add_patch(Rectangle((column, row), 1, 1, fill=False, **look))
+        bloomed, threshold, gri = found["grey_with_blooming"], found["threshold"], found["gri"]
+        reads, says = "On" if bloomed >= threshold else "Off", "Off" if gri < 0 else "On"
+        text = (
+            f"The marked LED (row {row + 1}, column {column + 1}) is Off; {found['on_neighbours']} of its "
+            f"neighbours are\nOn, and the neighbours' cells average {found['neighbours_mean_grey']:.0f}. "
+            f"Blooming lifts its own from\n{found['grey_without_blooming']:.0f} to {bloomed:.0f}; the "
+            f"threshold is {threshold:.0f}, so greyscale reads {reads}.\n"
+            f"Its GRI is {drawing.signed(gri)} grey values a pixel: the sign says {says}."
         )
-        axes.axvspan(column, column + 1, color=MARK, alpha=0.16, linewidth=0)
-        share = percent_text(self.misread / self.off_leds)
-        footnote = (
-            f"The most misleading Off LED of the sample frames, in which {self.misread} of {self.off_leds} "
-            f"Off LEDs ({share}) read On by average grey.\nThis frame: {condition_text(self.condition)}, "
-            f"background {self.condition[3]:.0f}. True corners. "
+        figure.text(0.02, 0.385, text, fontsize=10, color=INK, va="top", linespacing=1.55)
+        axes = figure.add_axes((0.615, 0.205, 0.37, 0.632))
+        self._draw_row(axes, pictures)
+        axes.axhline(threshold, **drawing.DASHED)
+        box = {"facecolor": "white", "alpha": 0.85, "edgecolor": "none", "pad": 1.5}
+        place: dict[str, Any] = {"transform": axes.get_yaxis_transform(), "ha": "right", "va": "bottom"}
+        axes.text(0.99, threshold + 1, "threshold", color=INK, bbox=box, **place)
+        axes.axvspan(column, column + 1, color=drawing.MARK, alpha=0.16, linewidth=0)
+        condition, off_leds = self.sample.conditions[self.frame], int((~self.sample.bits).sum())
+        share = drawing.percent_text(found["misread_off_share"])
+        return (
+            f"The most misleading Off LED of the sample frames, in which {found['misread_off_leds']} of "
+            f"{off_leds} Off LEDs ({share}) read On by average grey.\n"
+            f"This frame: {drawing.condition_text(condition)}, background {condition[3]:.0f}. True corners. "
             "Threshold: halfway between the all-On and the all-Off preamble."
         )
-        write_title(figure, self.title, footnote)
-        return figure
 
-    def _story(self) -> str:
-        """Tell in numbers what happens to the marked LED."""
-        found, near = self.findings(), self.bits[self._around()].size - 1
-        sharp, bloomed, gri = (found[name] for name in ("grey_without_blooming", "grey_with_blooming", "gri"))
-        return (
-            f"The marked LED (row {found['led_row']}, column {found['led_column']}) is Off; "
-            f"{found['on_neighbours']} of its {near} neighbours\n"
-            f"are On, and their cells average {found['neighbours_mean_grey']:.0f}. "
-            f"Blooming lifts its own from {sharp:.0f}\nto {bloomed:.0f}; the threshold is "
-            f"{self.threshold:.0f}, so greyscale reads {'On' if bloomed >= self.threshold else 'Off'}.\n"
-            f"Its GRI is {signed(gri)} grey values a pixel: the sign says {'Off' if gri < 0 else 'On'}."
-        )
-
-    def _draw_row(self, axes: Axes) -> None:
+    def _draw_row(self, axes: Axes, pictures: tuple[Picture, Picture]) -> None:
         """Draw the pixels through the middle of the LED's row, and the average grey of each of its cells."""
-        row = self.led[0]
-        lines = (("pixels without", QUIET, 1.0), ("pixels with blooming", INK, 1.4))
-        for (grey, (left, right, bottom, top)), (name, colour, width) in zip(
-            self.pictures, lines, strict=True
-        ):
+        row, bits, greys = self.led[0], self.sample.bits[self.frame], self.sample.greys[self.frame]
+        looks = (("pixels without", QUIET, 1.0), ("pixels with blooming", INK, 1.4))
+        for (grey, (left, right, bottom, top)), (name, colour, width) in zip(pictures, looks, strict=True):
             line = grey[int((row + 0.5 - top) / (bottom - top) * len(grey))]
-            edges = np.linspace(left, right, len(line) + 1)
-            axes.stairs(line, edges, color=colour, linewidth=width, label=name, baseline=None, alpha=0.75)
-        for status, name, colour in STATUS[::-1]:
-            at, label = np.flatnonzero(self.bits[row] == status), f"{name} cell, average"
-            axes.hlines(self.greys[1, row, at], at, at + 1, color=colour, linewidth=4, label=label)
-        plain_axes(axes, f"LED column (row {row + 1})", "Grey value (0 to 255)")
-        axes.set_xlim(self.pictures[0][1][:2])
-        columns = np.arange(self.bits.shape[1])
-        axes.set_xticks(columns + 0.5, [str(column + 1) for column in columns])
-        legend_above(axes, 2)
+            look: dict[str, Any] = {"color": colour, "linewidth": width, "alpha": 0.75, "label": name}
+            axes.stairs(line, np.linspace(left, right, len(line) + 1), baseline=None, **look)
+        for status, name, colour in drawing.STATUS[::-1]:
+            at, label = np.flatnonzero(bits[row] == status), f"{name} cell, average"
+            axes.hlines(greys[row, at], at, at + 1, color=colour, linewidth=4, label=label)
+        drawing.plain_axes(axes, f"LED column (row {row + 1})", "Grey value (0 to 255)")
+        columns = np.arange(bits.shape[1])
+        axes.set(xlim=self.sharp[1][:2], xticks=columns + 0.5, xticklabels=columns + 1)
+        drawing.legend_above(axes, 2)
+
+
+def off_margins(sample: Sample) -> Floats:
+    """How far the average grey of each Off LED lies above its frame's threshold; minus infinity for On."""
+    return np.where(sample.bits, -np.inf, sample.greys - sample.thresholds[:, None, None])
 
 
 def without_blooming(plan: Plan) -> Simulator:

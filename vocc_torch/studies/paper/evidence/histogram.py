@@ -17,29 +17,12 @@ from vocc_torch.receiver.location import paper_stages, quantised
 from vocc_torch.receiver.otsu import sensor_histogram
 from vocc_torch.receiver.rectification import cell_homography
 from vocc_torch.rng import BlockKey
-from vocc_torch.show.canvas import GRID, INK, QUIET, new_figure, write_title
-from vocc_torch.simulation.photometry import (
-    auto_iso_speed,
-    grey_value,
-    luminous_exposure_lx_s,
-    reflected_luminance_cd_m2,
-)
-from vocc_torch.studies.paper.evidence.figure import (
-    DASHED,
-    MARK,
-    OFF,
-    ON,
-    Bools,
-    Cell,
-    Floats,
-    PaperFigure,
-    Picture,
-    add_panel,
-    condition_text,
-    legend_above,
-    percent_text,
-    plain_axes,
-)
+from vocc_torch.show.canvas import GRID, INK, QUIET
+from vocc_torch.simulation.effects import Context
+from vocc_torch.simulation.exposure import auto_iso, through_lens
+from vocc_torch.simulation.photometry import grey_value, reflected_luminance_cd_m2
+from vocc_torch.studies.paper.evidence import drawing
+from vocc_torch.studies.paper.evidence.figure import Bools, Cell, Floats, PaperFigure, Picture
 from vocc_torch.studies.paper.evidence.sample import conditions, cut_out, paper_scene
 from vocc_torch.types import Frames, Scene
 
@@ -64,6 +47,7 @@ class FrameHistogram(PaperFigure):
     name = "fig19"
     title = "Fig. 19: grey values of a whole frame and Otsu's threshold"
     caption = "The background fills most of the frame, darker than the panel; Otsu's threshold parts the two."
+    height_in = 5.6
 
     counts: Floats
     on_counts: Floats
@@ -123,51 +107,57 @@ class FrameHistogram(PaperFigure):
             "foreground_pixels_outside_panel": float(outside[above].sum()),
         }
 
-    def draw(self) -> Figure:
+    def draw_on(self, figure: Figure) -> str:
         """Draw the histogram with its threshold, and the panel beside what the threshold makes of it."""
-        figure, found = new_figure(10, 5.6), self.findings()
+        found = self.findings()
         axes = figure.add_axes((0.085, 0.215, 0.63, 0.62))
         self._draw_counts(axes)
         top, extent = axes.get_ylim()[1], self.picture[1]
         at = self.threshold + 0.5
-        axes.axvline(at, **DASHED)
+        axes.axvline(at, **drawing.DASHED)
         beside: dict[str, Any] = {"textcoords": "offset points", "va": "top", "color": INK}
         axes.annotate(f"Otsu\n{self.threshold}", (at, top), (6, -6), fontsize=11, **beside)
         self._draw_levels(axes, top)
-        panel = add_panel(figure, 0.775, 0.535, 0.175, self.picture)
-        panel.set_title("the panel", fontsize=10.5, color=INK, loc="left", pad=5)
-        panel = add_panel(figure, 0.775, 0.13, 0.175, (np.where(self.mask, 255.0, 0.0), extent))
-        panel.set_title(f"grey above {self.threshold}", fontsize=10.5, color=INK, loc="left", pad=5)
+        mask = np.where(self.mask, 255.0, 0.0), extent
+        shown = ((0.535, self.picture, "the panel"), (0.13, mask, f"grey above {self.threshold}"))
+        for bottom, picture, text in shown:
+            panel = drawing.add_panel(figure, 0.775, bottom, 0.175, picture)
+            drawing.heading(panel, text)
         if np.isfinite(self.outline).all():
-            panel.plot(*np.concatenate([self.outline, self.outline[:1]]).T, color=MARK, linewidth=2)
+            panel.plot(*np.concatenate([self.outline, self.outline[:1]]).T, color=drawing.MARK, linewidth=2)
             panel.set(xlim=extent[:2], ylim=extent[2:])
-        on, off = (percent_text(found[f"foreground_share_of_{status}_cells"]) for status in ("on", "off"))
-        footnote = (
-            f"One frame: {condition_text(self.condition)}. Dotted: levels before any blur, by Eqs 1 to 3. "
-            f"Foreground: {on} of the pixels\nin On cells and {off} of those in Off cells (cells by the true "
-            "corners). Green: the panel that the paper's locator finds."
+        on, off = (
+            drawing.percent_text(found[f"foreground_share_of_{status}_cells"]) for status in ("on", "off")
         )
-        write_title(figure, self.title, footnote)
-        return figure
+        return (
+            f"One frame: {drawing.condition_text(self.condition)}. Dotted: levels before any blur, by Eqs "
+            f"1 to 3. Foreground: {on} of the pixels\nin On cells and {off} of those in Off cells (cells by "
+            "the true corners). Green: the panel that the paper's locator finds."
+        )
 
     def _draw_counts(self, axes: Axes) -> None:
         """Draw the counts of the whole frame, and of the cells by status, on a logarithmic axis."""
         parts: tuple[tuple[Floats, dict[str, Any]], ...] = (
             (self.counts, {"fill": True, "color": GRID, "label": "whole frame"}),
             (self.counts, {"color": QUIET, "linewidth": 0.8}),
-            (self.off_counts, {"color": OFF, "linewidth": 1.6, "label": "in Off cells"}),
-            (self.on_counts, {"color": ON, "linewidth": 1.6, "label": "in On cells"}),
+            (self.off_counts, {"color": drawing.OFF, "linewidth": 1.6, "label": "in Off cells"}),
+            (self.on_counts, {"color": drawing.ON, "linewidth": 1.6, "label": "in On cells"}),
         )
         for counts, look in parts:
             axes.stairs(counts, np.arange(257) - 0.5, baseline=0.5, **look)
         axes.set(yscale="log", ylim=(0.5, float(self.counts.max()) * 4))
         axes.set_xlim(max(0.0, np.flatnonzero(self.counts)[0] - 8.0), 259)
-        plain_axes(axes, "Grey value (0 to 255)", "Pixels of the frame")
-        legend_above(axes, 3)
+        drawing.plain_axes(axes, "Grey value (0 to 255)", "Pixels of the frame")
+        drawing.legend_above(axes, 3)
 
     def _draw_levels(self, axes: Axes, top: float) -> None:
         """Mark the greys of background, Off and On before any blur, at heights where nothing else is."""
-        named = zip(self.levels.tolist(), ("background", "Off LED", "On LED"), (QUIET, OFF, ON), strict=True)
+        named = zip(
+            self.levels.tolist(),
+            ("background", "Off LED", "On LED"),
+            (QUIET, drawing.OFF, drawing.ON),
+            strict=True,
+        )
         for level, name, colour in named:
             height = top / 8 if name == "background" else float(10 ** (0.55 * np.log10(top)))
             axes.plot([level, level], [0.5, height], color=colour, linewidth=1.5, linestyle=":")
@@ -205,17 +195,11 @@ def grey_levels(plan: Plan, scene: Scene) -> Floats:
     Clipped at white where the scenes name saturation. The air's loss, under 1 % at 70 m, is left out.
     """
     camera, panel = plan.world.camera, plan.world.panel
-    background, off = (
+    reflected = [
         reflected_luminance_cd_m2(scene.ambient_lx, reflectance)
         for reflectance in (panel.background_reflectance, panel.led_reflectance)
-    )
-    lens = {
-        "exposure_time_s": camera.exposure_time_s,
-        "f_number": camera.f_number,
-        "calibration_constant": camera.calibration_constant,
-    }
-    exposures = luminous_exposure_lx_s(torch.cat([background, off, off + scene.led_luminance_cd_m2]), **lens)
-    iso = auto_iso_speed(exposures[:1], scene.background_grey, gamma=camera.gamma)
-    iso = iso if camera.iso_limits is None else iso.clamp(*camera.iso_limits)
-    greys = grey_value(exposures, iso, gamma=camera.gamma)
-    return (greys.clamp(max=255.0) if "saturation" in plan.world.effects else greys).double().cpu().numpy()
+    ]
+    exposures = through_lens(torch.cat([*reflected, reflected[1] + scene.led_luminance_cd_m2]), camera)
+    iso = auto_iso(Context(scene, camera, panel=panel))
+    greys = grey_value(exposures, iso, gamma=camera.gamma).double().cpu()
+    return (greys.clamp(max=255.0) if "saturation" in plan.world.effects else greys).numpy()

@@ -12,19 +12,10 @@ from matplotlib.figure import Figure
 from vocc_torch.measure.plan import Plan
 from vocc_torch.measure.train import train
 from vocc_torch.receiver.features import FEATURE_NAMES
-from vocc_torch.show.canvas import INK, head, new_figure, write_title
+from vocc_torch.show.canvas import INK, head
+from vocc_torch.studies.paper.evidence import drawing
 from vocc_torch.studies.paper.evidence.features import roc_area
-from vocc_torch.studies.paper.evidence.figure import (
-    DASHED,
-    Bools,
-    Cell,
-    Floats,
-    PaperFigure,
-    corner_legend,
-    percent_text,
-    status_cloud,
-    status_histogram,
-)
+from vocc_torch.studies.paper.evidence.figure import Bools, Cell, Floats, PaperFigure
 
 SHOWN = 4000
 """LEDs in the cloud; more hide each other."""
@@ -49,6 +40,7 @@ class Projection(PaperFigure):
     name = "fig13_14"
     title = "Figs 13 and 14: projection on Fisher's discriminant vector w"
     caption = "The vector w on which On and Off LEDs lie farthest apart for their spread, with the threshold."
+    height_in = 5.6
 
     features: Floats
     bits: Bools
@@ -100,19 +92,19 @@ class Projection(PaperFigure):
             "wrong_share_off": float(wrong[~self.bits].mean()),
         }
 
-    def draw(self) -> Figure:
+    def draw_on(self, figure: Figure) -> str:
         """Draw w among the LEDs of two features, and the histogram of the projections of all three."""
-        figure, found = new_figure(10, 5.6), self.findings()
+        found = self.findings()
         axes = figure.add_axes((0.075, 0.215, 0.41, 0.62))
         self._draw_plane(axes)
         head(axes, "(a)", "w and its threshold for AGR and GRI alone")
         axes = figure.add_axes((0.575, 0.215, 0.41, 0.62))
         label = "Projection w \N{MIDDLE DOT} x of AGR, GRI and NGR"
-        status_histogram(axes, self.projections, self.bits, label, log=True)
-        axes.axvline(self.threshold, **DASHED)
-        on, off = (percent_text(found[f"wrong_share_{status}"]) for status in ("on", "off"))
+        drawing.status_histogram(axes, self.projections, self.bits, label, log=True)
+        axes.axvline(self.threshold, **drawing.DASHED)
+        on, off = (drawing.percent_text(found[f"wrong_share_{status}"]) for status in ("on", "off"))
         head(axes, "(b)", f"wrong at {self.threshold:.2f}: {on} of On, {off} of Off")
-        corner_legend(figure)
+        drawing.status_legend(figure)
         weights = [f"{name.upper()} {found[f'w_{name}_per_deviation']:.2f}" for name in FEATURE_NAMES]
         footnote = (
             f"FLDA trained on {self.frames} frames at the true corners; {len(self.bits)} of their LEDs "
@@ -120,20 +112,19 @@ class Projection(PaperFigure):
             "deviations within a class from the midpoint of the classes. "
             f"Weights in w for such a deviation: {', '.join(weights)}."
         )
-        write_title(figure, self.title, footnote.replace("-", "\N{MINUS SIGN}"))
-        return figure
+        return footnote.replace("-", "\N{MINUS SIGN}")
 
     def _draw_plane(self, axes: Axes) -> None:
         """Draw two features over their deviations, w as an arrow and the threshold at a right angle to it."""
         deviation = self.deviation[:2]
         scaled = (self.features[:SHOWN, :2] - self.midpoint[:2]) / deviation
         labels = ("AGR (standard deviations)", "GRI (standard deviations)")
-        status_cloud(axes, scaled[:, 0], scaled[:, 1], self.bits[:SHOWN], labels)
+        drawing.status_cloud(axes, scaled[:, 0], scaled[:, 1], self.bits[:SHOWN], labels)
         along = self.pair_direction * deviation
         along = along / np.hypot(*along)
         across = np.array([-along[1], along[0]])
         reach = 1.03 * float(np.abs(scaled).max())
-        axes.plot(*np.stack([-2 * reach * across, 2 * reach * across], axis=1), **DASHED)
+        axes.plot(*np.stack([-2 * reach * across, 2 * reach * across], axis=1), **drawing.DASHED)
         tip = 0.8 * reach * along
         arrow: dict[str, Any] = {"arrowstyle": "-|>", "color": INK, "linewidth": 2.0, "mutation_scale": 16}
         axes.annotate("", tuple(tip), tuple(-tip), arrowprops={**arrow, "shrinkA": 0, "shrinkB": 0})

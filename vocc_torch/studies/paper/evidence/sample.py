@@ -105,8 +105,8 @@ def paper_scene(ambient_lx: float = 4000.0, led_luminance_cd_m2: float = 3500.0)
         >>> float(scene.distance_m), float(scene.background_grey)
         (50.0, 102.0)
     """
-    light = {"ambient_lx": ambient_lx, "led_luminance_cd_m2": led_luminance_cd_m2}
-    return Scene.of(**light, distance_m=50.0, background_grey=102.0)
+    middle = {"distance_m": 50.0, "background_grey": 102.0}
+    return Scene.of(1, ambient_lx=ambient_lx, led_luminance_cd_m2=led_luminance_cd_m2, **middle)
 
 
 def cut_out(frame: Frames, corners_px: Tensor, shape: PanelShape, margin_cells: float = 1.0) -> Picture:

@@ -12,22 +12,11 @@ from matplotlib.figure import Figure
 from vocc_torch.measure.plan import Plan
 from vocc_torch.receiver.rectification import cell_size_px
 from vocc_torch.rng import BlockKey
-from vocc_torch.show.canvas import INK, QUIET, new_figure, write_title
+from vocc_torch.show.canvas import INK, QUIET
 from vocc_torch.simulation import Simulator
 from vocc_torch.simulation.effects import Context, build_effects
-from vocc_torch.studies.paper.evidence.figure import (
-    MARK,
-    Cell,
-    Floats,
-    PaperFigure,
-    Picture,
-    add_panel,
-    condition_text,
-    heading,
-    legend_above,
-    pixel_rows,
-    plain_axes,
-)
+from vocc_torch.studies.paper.evidence import drawing
+from vocc_torch.studies.paper.evidence.figure import Cell, Floats, PaperFigure, Picture, pixel_rows
 from vocc_torch.studies.paper.evidence.greys import without_blooming
 from vocc_torch.studies.paper.evidence.sample import conditions, cut_out, paper_scene
 from vocc_torch.types import Frames, Scene
@@ -59,6 +48,7 @@ class BlurOrder(PaperFigure):
     caption = (
         "Blurred after gamma, as graphics software does, LEDs look dull; before it, as in a camera, bright."
     )
+    height_in = 5.0
 
     pictures: tuple[Picture, Picture, Picture]
     row_px: int
@@ -110,13 +100,12 @@ class BlurOrder(PaperFigure):
             "brighter_after_gamma_share": float((after > before).mean()),
         }
 
-    def draw(self) -> Figure:
+    def draw_on(self, figure: Figure) -> str:
         """Draw the panel in both orders, and the greys along one line of pixels."""
-        figure = new_figure(10, 5.0)
         profile = figure.add_axes((0.635, 0.215, 0.35, 0.57))
         drawn = (
             ("after gamma", _AFTER_GAMMA, 2.1),
-            ("before gamma", MARK, 2.1),
+            ("before gamma", drawing.MARK, 2.1),
             ("no blur", QUIET, 1.0),
         )
         for index, (name, colour, width) in enumerate(drawn):
@@ -124,21 +113,19 @@ class BlurOrder(PaperFigure):
             label: dict[str, Any] = {"label": name, "baseline": None, "zorder": 2 - index / 9}
             profile.stairs(grey[self.row_px], color=colour, linewidth=width, **label)
             if index < 2:
-                panel = add_panel(figure, 0.02 + 0.275 * index, 0.19, 0.265, self.pictures[index])
+                panel = drawing.add_panel(figure, 0.02 + 0.275 * index, 0.19, 0.265, self.pictures[index])
                 below = f"brightest {grey.max():.0f}, mean {grey.mean():.1f}"
-                heading(panel, f"({'ab'[index]}) Gaussian {name}", below)
+                drawing.heading(panel, f"({'ab'[index]}) Gaussian {name}", below)
                 y = top + (self.row_px + 0.5) * (bottom - top) / len(grey)
                 panel.hlines([y, y], [left, right - 0.45], [left + 0.45, right], color=colour, linewidth=3)
-        plain_axes(profile, "Column (px), along the marked line", "Grey value (0 to 255)")
+        drawing.plain_axes(profile, "Column (px), along the marked line", "Grey value (0 to 255)")
         profile.set_xlim(0, self.pictures[0][0].shape[1])
-        legend_above(profile, 3)
-        footnote = (
-            f"{condition_text(self.condition)}, background {self.condition[3]:.0f}; Gaussian of "
+        drawing.legend_above(profile, 3)
+        return (
+            f"{drawing.condition_text(self.condition)}, background {self.condition[3]:.0f}; Gaussian of "
             f"{self.sigma_px:g} px, LED cells of {self.cell_px:.1f} px. "
             "The same bits and the same filter; only the order differs."
         )
-        write_title(figure, self.title, footnote)
-        return figure
 
 
 @dataclass(frozen=True)
@@ -158,6 +145,7 @@ class ContrastPanels(PaperFigure):
     caption = (
         "Blooming grows with the contrast of On and Off LEDs, which follows from ambient light and LEDs."
     )
+    height_in = 8.4
 
     pictures: tuple[Picture, ...]
     contrasts: Floats
@@ -205,29 +193,28 @@ class ContrastPanels(PaperFigure):
         percents = [round(100 * contrast) for contrast in self.wanted.tolist()]
         return [f"{'true' if i > 2 else 'paper_scene'}_{percent}" for i, percent in enumerate(percents)]
 
-    def draw(self) -> Figure:
+    def draw_on(self, figure: Figure) -> str:
         """Draw the paper's scenes above, and scenes that have the contrast it states below."""
-        figure = new_figure(10, 8.4)
         for index, (contrast, wanted) in enumerate(zip(self.contrasts, self.wanted, strict=True)):
             row, column = divmod(index, 3)
-            axes = add_panel(figure, 0.075 + 0.31 * column, 0.55 - 0.44 * row, 0.28, self.pictures[index])
+            axes = drawing.add_panel(
+                figure, 0.075 + 0.31 * column, 0.55 - 0.44 * row, 0.28, self.pictures[index]
+            )
             # The same in whole percents is not said twice.
             stated = f" (paper: {100 * wanted:.0f} %)" if abs(contrast - wanted) > 0.005 else ""
             ambient, luminance, _, background = self.conditions[index]
             parts = (f"{ambient:,.0f} lx", f"{luminance:,.0f} cd/m²", f"background {background:.0f}")
             below = " \N{MIDDLE DOT} ".join(parts).replace(",", "\N{THIN SPACE}")
-            heading(axes, f"contrast {100 * contrast:.1f} %{stated}", below)
+            drawing.heading(axes, f"contrast {100 * contrast:.1f} %{stated}", below)
             axes.set_xlabel(f"in the picture {100 * self.seen[index]:.1f} %", color=INK)
             if column == 0:
                 label = ("The paper's scenes", "The stated contrast")[row]
                 axes.set_ylabel(label, fontsize=12, color=INK, labelpad=10)
-        footnote = (
+        return (
             "Contrast: (G_on \N{MINUS SIGN} G_off) / 255 of LEDs before any blur, by Eqs 1 to 3, "
             "white clipped at 255; in the picture: of the LEDs' centre pixels,\n"
             f"after blooming. All at {self.conditions[0, 2]:.0f} m with the same bits."
         )
-        write_title(figure, self.title, footnote)
-        return figure
 
 
 def scene_of_contrast(simulator: Simulator, scene: Scene, wanted: float, darkest: float) -> Scene:

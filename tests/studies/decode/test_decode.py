@@ -1,0 +1,523 @@
+"""Recordings in, bits out: a real photograph, pictures of every kind, videos, and model files."""
+
+import dataclasses
+import hashlib
+import io
+import json
+import pickle
+
+import av
+import numpy as np
+import pytest
+import torch
+from PIL import Image
+
+from vocc_torch.errors import VoccError
+from vocc_torch.receiver.receiver import Receiver
+from vocc_torch.rng import BlockKey
+from vocc_torch.show.annotated import annotated
+from vocc_torch.simulation import Distribution, SceneModel, Simulator
+from vocc_torch.studies.decode.decode import COLUMNS, decode, receiver_for
+from vocc_torch.studies.decode.recording import read_recording, to_grey
+from vocc_torch.types import PanelShape
+
+
+@pytest.fixture(scope="module")
+def receiver(make_plan):
+    """A receiver trained on 64 frames of the paper's scenes, located as it will have to locate."""
+    return receiver_for(make_plan(locator="paper", training_frames=64), None)
+
+
+@pytest.fixture(scope="module")
+def near():
+    """Eight frames at 30 m, four times enlarged, (8,H,W) uint8, and their bits."""
+    model = dataclasses.replace(
+        SceneModel(),
+        ambient_lx=Distribution("constant", (8000.0,)),
+        distance_m=Distribution("constant", (30.0,)),
+    )
+    scene, bits = model.draw(BlockKey(5, "video", 0), PanelShape())
+    grey = Simulator().render(scene[:8], bits[:8]).grey[:, 0].numpy()
+    size = grey.shape[1] // 2 * 2
+    return grey[:, :size, :size].repeat(4, axis=1).repeat(4, axis=2), bits[:8].numpy()
+
+
+def text_of(bits):
+    """Bits as 0 and 1 in raster order."""
+    return "".join("1" if bit else "0" for bit in bits.ravel())
+
+
+def save(path, array, **options):
+    """Write a picture and give its path."""
+    Image.fromarray(array).save(path, **options)
+    return path
+
+
+# The photograph
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_real_photograph_is_read_without_an_error(make_plan, photo, photo_bits, seed):
+    """No bit of 64 wrong, after training on 64 simulated frames and nothing else."""
+    receiver = receiver_for(make_plan(locator="paper", training_frames=64, seed=seed), None)
+    (reading,) = decode(receiver, photo, "luma")
+    assert len(photo_bits) == 64
+    assert reading.text == photo_bits
+    assert reading.margin > 0
+
+
+@pytest.mark.parametrize("channel", ["luma", "max", "red", "green"])
+def test_photograph_in_every_channel_with_its_light(receiver, photo, photo_bits, channel):
+    (reading,) = decode(receiver, photo, channel)
+    assert reading.text == photo_bits
+
+
+def test_receiver_does_not_depend_on_the_experiments_training(make_plan):
+    """A recording is of no experiment: the receiver is that of the world's scenes."""
+    plan = make_plan(locator="paper", training_frames=64)
+    lean = {"distance_m": Distribution("constant", (35.0,))}
+    other = dataclasses.replace(
+        plan, experiment=dataclasses.replace(plan.experiment, name="lean", training=lean)
+    )
+    assert torch.equal(
+        receiver_for(plan, None).classifier.direction, receiver_for(other, None).classifier.direction
+    )
+
+
+# Pictures
+
+
+def test_folder_is_read_in_the_order_of_names(receiver, near, tmp_path):
+    frames, bits = near
+    for index in (2, 0, 1):
+        save(tmp_path / f"{index}.{('png', 'BMP', 'tiff')[index]}", frames[index])
+    (tmp_path / "notes.txt").write_text("no picture")
+    readings = list(decode(receiver, tmp_path, "luma"))
+    assert [reading.frame.source for reading in readings] == ["0.png", "1.BMP", "2.tiff"]
+    assert [reading.text for reading in readings] == [text_of(bits[index]) for index in range(3)]
+
+
+def test_folder_of_pictures_of_different_sizes(receiver, near, photo, photo_bits, tmp_path):
+    frames, bits = near
+    save(tmp_path / "a.png", frames[0])
+    (tmp_path / "b.png").write_bytes(photo.read_bytes())
+    save(tmp_path / "c.png", frames[1])
+    readings = [reading.text for reading in decode(receiver, tmp_path, "luma")]
+    assert readings == [text_of(bits[0]), photo_bits, text_of(bits[1])]
+
+
+def test_picture_without_a_panel_beside_one_with(receiver, near, tmp_path):
+    frames, bits = near
+    save(tmp_path / "a.png", np.full((60, 80), 90, np.uint8))
+    save(tmp_path / "b.png", frames[0])
+    without, with_one = decode(receiver, tmp_path, "luma")
+    assert (without.found, without.text, without.candidates) == (False, "", 0)
+    assert (with_one.found, with_one.text) == (True, text_of(bits[0]))
+    empty, full = (dict(zip(COLUMNS, reading.row(), strict=True)) for reading in (without, with_one))
+    assert [empty[name] for name in ("found", "bits", "margin", "x_top_left")] == ["0", "", "", ""]
+    assert full["found"] == "1"
+    assert float(full["margin"]) > 0
+
+
+def test_sixteen_bit_picture_reads_as_eight_bit(receiver, near, tmp_path):
+    frames, bits = near
+    deep = save(tmp_path / "deep.png", frames[0].astype(np.uint16) * 257)
+    with Image.open(deep) as image:
+        assert image.mode.startswith("I")
+    (reading,) = decode(receiver, deep, "luma")
+    assert np.array_equal(reading.frame.grey, frames[0])
+    assert reading.text == text_of(bits[0])
+
+
+@pytest.mark.parametrize("mode", ["L", "RGB", "RGBA", "P", "LA", "CMYK"])
+def test_pictures_of_every_mode(near, tmp_path, mode):
+    """Grey pictures are the same grey in every mode."""
+    frames, _ = near
+    path = tmp_path / ("picture.tiff" if mode == "CMYK" else "picture.png")
+    Image.fromarray(frames[0]).convert(mode).save(path)
+    (frame,) = read_recording(path, "luma")
+    assert np.array_equal(frame.grey, frames[0])
+    assert frame.colour.shape == (*frames[0].shape, 3)
+
+
+@pytest.mark.parametrize("level", [0, 255])
+@pytest.mark.parametrize("size", [(1, 1), (1, 300), (2, 2), (40, 50)])
+def test_a_picture_of_one_pixel_or_one_grey_holds_no_panel(receiver, tmp_path, size, level):
+    path = save(tmp_path / "flat.png", np.full(size, level, np.uint8))
+    (reading,) = decode(receiver, path, "luma")
+    assert not reading.found
+    assert (reading.text, reading.row()[12]) == ("", "")
+
+
+def test_transparency_is_left_out(near, tmp_path):
+    frames, _ = near
+    pictures = {"grey.png": np.stack([frames[0], 0 * frames[0]], axis=2)}
+    pictures["colour.png"] = np.stack([frames[0]] * 3 + [0 * frames[0]], axis=2)
+    for name, picture in pictures.items():
+        (frame,) = read_recording(save(tmp_path / name, picture), "luma")
+        assert np.array_equal(frame.grey, frames[0])
+
+
+def test_a_picture_of_one_bit_is_black_and_white(tmp_path):
+    bits = np.indices((9, 12)).sum(0) % 2 == 0
+    (frame,) = read_recording(save(tmp_path / "bits.png", bits), "luma")
+    assert np.array_equal(frame.grey, 255 * bits)
+
+
+def test_grey_values_beyond_sixteen_bits_are_refused(near, tmp_path):
+    """They would all be white."""
+    for value in (65536, -1):
+        deep = near[0][0].astype(np.int32)
+        deep[3, 4] = value
+        with pytest.raises(VoccError, match=r"deep.tiff holds grey values from .* it must have 8 or 16 bits"):
+            list(read_recording(save(tmp_path / "deep.tiff", deep), "luma"))
+
+
+@pytest.mark.parametrize("name", ["cut.jpg", "cut.tiff", "cut.bmp", "cut.webp", "cut.pgm", "cut.png"])
+def test_truncated_pictures_are_refused_in_one_line(near, tmp_path, name):
+    path = save(tmp_path / name, near[0][0])
+    whole = path.read_bytes()
+    for share in (0.9, 0.5, 0.02):
+        path.write_bytes(whole[: int(share * len(whole))])
+        with pytest.raises(VoccError, match=rf"{name} cannot be read as a picture") as refused:
+            list(read_recording(path, "luma"))
+        assert "\n" not in str(refused.value)
+
+
+def test_floating_picture_is_refused(near, tmp_path):
+    path = save(tmp_path / "float.tiff", near[0][0].astype(np.float32) / 255)
+    with pytest.raises(VoccError, match=r"float.tiff holds floating grey values"):
+        list(read_recording(path, "luma"))
+
+
+def test_picture_is_read_the_way_up_that_it_is_shown(receiver, near, tmp_path):
+    """A telephone held upright writes the picture on its side, with a note."""
+    frames, bits = near
+    exif = Image.Exif()
+    exif[0x0112] = 6  # show it turned a quarter to the right
+    path = save(tmp_path / "upright.jpg", np.ascontiguousarray(np.rot90(frames[0])), exif=exif, quality=98)
+    (reading,) = decode(receiver, path, "luma")
+    assert reading.text == text_of(bits[0])
+
+
+def test_channels_see_their_colour(receiver, near, tmp_path):
+    """A panel that shines in red only is there in red and in the brightest channel, and nowhere else."""
+    frames, bits = near
+    colour = np.full((*frames[0].shape, 3), 60, np.uint8)
+    colour[..., 0] = frames[0]
+    path = save(tmp_path / "red.png", colour)
+    seen = {name: next(decode(receiver, path, name)) for name in ("luma", "max", "red", "green", "blue")}
+    for name in ("luma", "max", "red"):
+        assert seen[name].text == text_of(bits[0]), name
+    for name in ("green", "blue"):
+        assert not seen[name].found, name
+
+
+def test_grey_of_colours():
+    """Rec. 601: 0.299 R + 0.587 G + 0.114 B."""
+    colour = np.random.default_rng(0).integers(0, 256, (20, 30, 3)).astype(np.uint8)
+    exact = colour @ np.array([0.299, 0.587, 0.114])
+    assert np.abs(to_grey(colour, "luma") - exact).max() <= 0.51
+    assert np.array_equal(to_grey(colour, "max"), colour.max(2))
+    for index, name in enumerate(("red", "green", "blue")):
+        assert np.array_equal(to_grey(colour, name), colour[..., index])
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "says"),
+    [
+        ("text.png", b"this is no picture", "not a known picture format"),
+        ("empty.png", b"", "not a known picture format"),
+        ("cut.png", None, "cannot be read as a picture"),
+    ],
+)
+def test_unreadable_pictures(near, tmp_path, name, content, says):
+    path = tmp_path / name
+    if content is None:
+        save(path, near[0][0])
+        content = path.read_bytes()[:200]
+    path.write_bytes(content)
+    with pytest.raises(VoccError, match=says) as refused:
+        list(read_recording(path, "luma"))
+    assert name in str(refused.value)
+    assert "\n" not in str(refused.value)
+
+
+def test_picture_too_large_to_be_one(near, tmp_path, monkeypatch):
+    """Pillow's guard against pictures that unpack to gigabytes, at both of its levels."""
+    path = save(tmp_path / "huge.png", near[0][0])
+    for limit in (near[0][0].size - 1, near[0][0].size // 3):
+        monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", limit)
+        with pytest.raises(VoccError, match=r"huge.png cannot be read as a picture"):
+            list(read_recording(path, "luma"))
+
+
+def test_missing_and_empty_inputs(tmp_path):
+    with pytest.raises(VoccError, match=r"nowhere.png does not exist: give a picture"):
+        list(read_recording(tmp_path / "nowhere.png", "luma"))
+    (tmp_path / "folder").mkdir()
+    with pytest.raises(VoccError, match=r"folder holds no picture: known endings are \.png"):
+        list(read_recording(tmp_path / "folder", "luma"))
+    with pytest.raises(VoccError, match=r"decode.channel is 'infrared': it must be one of luma, max"):
+        list(read_recording(tmp_path / "folder", "infrared"))
+
+
+# Videos
+
+
+def write_video(path, frames, codec="mpeg4"):
+    """Encode grey frames, (N,H,W) uint8, at 25 frames a second."""
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream(codec, rate=25)
+        stream.width, stream.height, stream.pix_fmt = frames.shape[2], frames.shape[1], "yuv420p"
+        stream.bit_rate = 20_000_000
+        for grey in frames:
+            picture = av.VideoFrame.from_ndarray(np.repeat(grey[..., None], 3, axis=2), format="rgb24")
+            container.mux(stream.encode(picture))
+        container.mux(stream.encode())
+    return path
+
+
+@pytest.mark.parametrize("name", ["drive.mp4", "drive.mkv", "DRIVE.AVI"])
+def test_video_frame_by_frame(receiver, near, tmp_path, name):
+    frames, bits = near
+    readings = list(decode(receiver, write_video(tmp_path / name, frames), "luma"))
+    assert [reading.text for reading in readings] == [text_of(frame) for frame in bits]
+    assert [reading.frame.index for reading in readings] == list(range(8))
+    times = [reading.frame.time_s for reading in readings]
+    assert times == pytest.approx([index / 25 for index in range(8)], abs=1e-3)
+
+
+def test_video_longer_than_a_batch(receiver, near, tmp_path, monkeypatch):
+    monkeypatch.setattr("vocc_torch.studies.decode.decode.BATCH_PIXELS", 3 * near[0][0].size)
+    frames, bits = near
+    readings = list(decode(receiver, write_video(tmp_path / "long.mp4", frames), "luma"))
+    assert [reading.text for reading in readings] == [text_of(frame) for frame in bits]
+
+
+def test_broken_videos(near, tmp_path):
+    for name, content in (("noise.mp4", bytes(range(256)) * 20), ("nothing.mp4", b"")):
+        (tmp_path / name).write_bytes(content)
+        with pytest.raises(VoccError, match=rf"{name} cannot be read as a video after 0 frames") as refused:
+            list(read_recording(tmp_path / name, "luma"))
+        assert "\n" not in str(refused.value)
+
+
+def test_video_file_without_pictures(tmp_path):
+    """Sound only."""
+    path = tmp_path / "sound.mkv"
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("pcm_s16le", rate=8000, layout="mono")
+        sound = av.AudioFrame.from_ndarray(np.zeros((1, 800), np.int16), format="s16", layout="mono")
+        sound.sample_rate = 8000
+        container.mux(stream.encode(sound))
+        container.mux(stream.encode())
+    with pytest.raises(VoccError, match=r"sound.mkv cannot be read as a video after 0 frames"):
+        list(read_recording(path, "luma"))
+
+
+# What is written
+
+
+def test_rows_are_the_columns(receiver, photo, photo_bits):
+    (reading,) = decode(receiver, photo, "luma")
+    row = dict(zip(COLUMNS, reading.row(), strict=True))
+    assert (row["source"], row["frame"], row["time_s"], row["found"]) == (photo.name, "0", "", "1")
+    assert row["bits"] == photo_bits
+    # Clockwise from the top left.
+    left, right = float(row["x_top_left"]), float(row["x_bottom_right"])
+    assert left == float(row["x_bottom_left"]) < right == float(row["x_top_right"])
+    assert float(row["y_top_left"]) < float(row["y_bottom_left"])
+
+
+def test_annotation_marks_on_and_off(receiver, near, tmp_path):
+    """A filled mark on every On LED and none inside an Off LED's ring; the corner stays as it was."""
+    frames, bits = near
+    (reading,) = decode(receiver, save(tmp_path / "a.png", frames[0]), "luma")
+    for scale in (1, 2):
+        drawn = np.asarray(annotated(reading.frame.colour, reading.corners_px, reading.bits, scale))
+        assert drawn.shape == (frames[0].shape[0] * scale, frames[0].shape[1] * scale, 3)
+        corners = reading.corners_px * scale
+        for r, c in np.ndindex(8, 8):
+            u, v = (c + 0.5) / 8, (r + 0.5) / 8
+            x, y = corners[0] + u * (corners[1] - corners[0]) + v * (corners[3] - corners[0])
+            filled = tuple(drawn[int(y), int(x)]) == (0, 114, 178)
+            assert filled == bits[0, r, c]
+        assert (drawn[0, 0] == frames[0][0, 0]).all()
+
+
+# Model files
+
+
+@pytest.fixture
+def model(receiver, tmp_path):
+    """A saved receiver."""
+    path = tmp_path / "receiver.pt"
+    receiver.save(path)
+    return path
+
+
+def test_saved_receiver_scores_identically(receiver, model, near):
+    images = torch.from_numpy(near[0])
+    before, after = receiver.decode(images), Receiver.load(model).decode(images)
+    assert torch.equal(before.scores, after.scores)
+    assert torch.equal(before.bits, after.bits)
+    assert torch.equal(before.corners_px, after.corners_px)
+
+
+class Bomb:
+    """Executes code when a trusting reader unpickles it."""
+
+    def __init__(self, fuse):
+        self.fuse = str(fuse)
+
+    def __reduce__(self):
+        return (open, (self.fuse, "w"))
+
+
+def with_content(model, **changes):
+    """The model's file with some of its entries replaced and its checksum made to fit, as bytes."""
+    content = json.loads(model.read_text()) | changes
+    content.pop("sha256")
+    text = json.dumps(content, sort_keys=True, separators=(",", ":"))
+    return json.dumps(content | {"sha256": hashlib.sha256(text.encode()).hexdigest()}).encode()
+
+
+def with_settings(model, **changes):
+    """The model's file with some of its settings replaced, as bytes."""
+    return with_content(model, settings=json.loads(model.read_text())["settings"] | changes)
+
+
+def refused(path):
+    """The one line with which a model is refused."""
+    with pytest.raises(VoccError) as error:
+        Receiver.load(path)
+    text = str(error.value)
+    assert "\n" not in text
+    assert str(path) in text
+    return text
+
+
+def test_code_in_a_model_file_is_not_executed(model, tmp_path):
+    """Both as a bare pickle and inside torch's own format; first the proof that the bomb works."""
+    fuse = tmp_path / "executed"
+    bare = pickle.dumps(Bomb(fuse))
+    pickle.loads(bare).close()
+    assert fuse.exists()
+    fuse.unlink()
+    buffer = io.BytesIO()
+    torch.save({"format": "vocc_torch.receiver", "version": 1, "classifier": Bomb(fuse)}, buffer)
+    for content in (bare, buffer.getvalue()):
+        model.write_bytes(content)
+        assert "damaged or of another kind" in refused(model)
+        assert not fuse.exists()
+
+
+def test_a_flipped_bit_is_refused_or_changes_nothing(receiver, model):
+    whole, meant = model.read_bytes(), receiver.classifier.state_dict()
+    random = np.random.default_rng(0)
+    caught = 0
+    for place in random.choice(8 * len(whole), 400, replace=False):
+        flipped = bytearray(whole)
+        flipped[place // 8] ^= 1 << (place % 8)
+        model.write_bytes(bytes(flipped))
+        try:
+            read = Receiver.load(model)
+        except VoccError:
+            caught += 1
+            continue
+        assert all(torch.equal(value, meant[key]) for key, value in read.classifier.state_dict().items())
+        assert (read.name, read.reader, read.locator) == (receiver.name, receiver.reader, receiver.locator)
+    assert caught > 200
+
+
+def test_damaged_models(model):
+    whole = model.read_bytes()
+    random = np.random.default_rng(0)
+    damaged = [b"", b"text", whole[:100], whole[: len(whole) // 2], whole[:-20], random.bytes(4000)]
+    for _ in range(60):
+        broken = bytearray(random.choice([whole, pickle.dumps({"a": [1, 2], "b": "c"})]))
+        for _ in range(4):
+            broken[random.integers(len(broken))] = random.integers(256)
+        damaged.append(bytes(broken[: random.integers(len(broken))]))
+    for content in damaged:
+        model.write_bytes(content)
+        refused(model)
+
+
+def test_models_of_other_kinds(model, tmp_path):
+    assert "does not exist: give the receiver.pt" in refused(tmp_path / "nowhere.pt")
+    assert "damaged or of another kind" in refused(tmp_path)
+    for content in ({"weights": [0.0]}, [1, 2], 3):
+        model.write_text(json.dumps(content))
+        assert "is not a vocc_torch receiver" in refused(model)
+    torch.save({"weights": torch.zeros(3)}, model)
+    assert "damaged or of another kind" in refused(model)
+
+
+def test_model_of_another_version(model):
+    model.write_bytes(with_content(model, version=3))
+    assert refused(model).endswith("has format version 3: this package reads versions 1 and 2")
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"rows": 0}, "panel.rows is 0"),
+        ({"rows": "8"}, "damaged"),
+        ({"rows": 8.0}, "panel.rows is 8.0"),
+        ({"rows": 10**7}, "panel.rows is 10000000"),
+        ({"samples_per_led": 8.5}, "samples_per_led is 8.5"),
+        ({"name": "flda_9"}, "flda_9"),
+        ({"name": "flda_2"}, "damaged"),
+        ({"samples_per_led": 1}, "samples_per_led is 1"),
+        ({"gradient": "none"}, "gradient is 'none'"),
+        ({"locator": {"closing_px": 2}}, "closing_px is 2"),
+        ({"locator": {"colour": 2}}, "colour"),
+        ({"locator": None}, "damaged"),
+    ],
+)
+def test_models_with_impossible_settings(model, changes, says):
+    model.write_bytes(with_settings(model, **changes))
+    assert says in refused(model)
+
+
+def test_models_with_impossible_numbers(model):
+    state = json.loads(model.read_text())["classifier"]
+
+    def changed(key, **changes):
+        return state | {key: state[key] | changes}
+
+    nan = changed("mean", values=[float("nan")] * len(state["mean"]["values"]))
+    empty = {key: value | {"values": [0] * len(value["values"])} for key, value in state.items()}
+    short = changed("mean", values=[1.0])
+    other = changed("mean", dtype="float3")
+    for classifier in (empty, nan, short, other, {}, None, {"count": state["count"]}, 3):
+        model.write_bytes(with_content(model, classifier=classifier))
+        assert "damaged" in refused(model)
+
+
+def test_settings_that_are_none(model):
+    for settings in (3, "no json", [], {}, None):
+        model.write_bytes(with_content(model, settings=settings))
+        assert "damaged" in refused(model)
+
+
+def test_model_for_another_panel(make_plan, model):
+    plan = make_plan()
+    shape = PanelShape(4, 8)
+    wide = dataclasses.replace(
+        plan,
+        world=dataclasses.replace(plan.world, panel=dataclasses.replace(plan.world.panel, shape=shape)),
+        receiver=dataclasses.replace(
+            plan.receiver, reader=dataclasses.replace(plan.receiver.reader, shape=shape)
+        ),
+    )
+    with pytest.raises(VoccError, match=r"8 x 8 LEDs, and panel.rows x panel.columns is 4 x 8"):
+        receiver_for(wide, model)
+
+
+def test_images_that_are_none(receiver):
+    for images in (torch.zeros(4, 4), torch.zeros(1, 4, 4), torch.zeros(1, 3, 4, 4, dtype=torch.uint8)):
+        with pytest.raises(VoccError, match="it must be uint8 of shape"):
+            receiver.decode(images)

@@ -1,0 +1,339 @@
+"""task=figures at a tiny budget: what it writes, that it goes on, and what it refuses."""
+
+import errno
+import re
+from pathlib import Path
+
+import pytest
+import yaml
+from paper_runs import contents_of, files_in, head_of, rows_of, run_in
+
+from vocc_torch import Receiver
+from vocc_torch.measure.curve import COLUMNS
+from vocc_torch.studies.paper.claims import CLAIMS
+from vocc_torch.studies.paper.judgement import VERDICTS
+from vocc_torch.studies.paper.scorecard import COLUMNS as SCORE_COLUMNS
+from vocc_torch.studies.paper.scorecard import FIT_COLUMNS
+
+TINY = ("budget.frames=8", "budget.training_frames=64", "workers=1")
+VALUES = {
+    "contrast": "[0,0.3,0.36,0.6]",
+    "ambient": "[4000,8000,32000]",
+    "luminance": "[500,4000,8000]",
+    "distance": "[30,60,70]",
+}
+BASE = (
+    *("task=figures", *TINY, "tensorboard=false"),
+    *(f"figures.experiments.{name}.values={values}" for name, values in VALUES.items()),
+)
+SCORED = ("fig21", "fig22", "fig23", "fig24")
+WHOLE = (*BASE, "figures.focal_lengths_mm=[25,18]", "figures.names=[fig17,fig21,fig22,fig23,fig24]")
+ONE = (*BASE, "figures.focal_lengths_mm=[25]")
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory):
+    """A folder for the runs of these tests."""
+    return tmp_path_factory.mktemp("figures")
+
+
+@pytest.fixture(scope="module")
+def whole(place):
+    """Two lenses, two locators, the four experiments of the scorecard and one other figure."""
+    ran = run_in(place, *WHOLE, "name=whole")
+    assert (ran.status, ran.err) == (0, "")
+    return place / "runs" / "whole", ran.out
+
+
+def test_everything_is_written(whole):
+    folder, out = whole
+    assert files_in(folder) == {
+        *("config.yaml", "receiver.pt", "report.md", "report.html"),
+        *("scorecard.csv", "fits.csv", "location.csv", "paired.csv", "figures/location.png"),
+        *(f"figures/{name}.{kind}" for name in ("fig17", *SCORED) for kind in ("png", "csv")),
+        *(f"figures/{name}_readings.png" for name in SCORED),
+        *(
+            f"ledgers/{name}-{mm}mm.sqlite"
+            for name in ("contrast", "ambient", "luminance", "distance")
+            for mm in (25, 18)
+        ),
+    }
+    for told in ("training", "contrast-25mm", "distance-18mm", "other figures", "report.html"):
+        assert told in out
+    assert Receiver.load(folder / "receiver.pt").name == "flda_3"
+    settings = yaml.safe_load((folder / "config.yaml").read_text())
+    assert settings["figures"]["focal_lengths_mm"] == [25.0, 18.0]
+    assert set(settings["figures"]["experiments"]) >= {
+        "contrast",
+        "ambient",
+        "luminance",
+        "distance",
+        "dimming",
+    }
+
+
+def test_rates_have_a_row_for_every_reading_receiver_and_point(whole):
+    folder, _ = whole
+    assert head_of(folder / "figures" / "fig22.csv") == ["focal_length_mm", *COLUMNS]
+    rows = rows_of(folder / "figures" / "fig22.csv")
+    receivers = yaml.safe_load((folder / "config.yaml").read_text())["receiver"]["names"]
+    values = ["4000", "8000", "32000"]
+    found = [(row["focal_length_mm"], row["locator"], row["receiver"], row["value"]) for row in rows]
+    assert found == [
+        (mm, locator, receiver, value)
+        for mm in ("25", "18")
+        for locator in ("paper", "truth")
+        for receiver in receivers
+        for value in values
+    ]
+    assert {(row["experiment"], row["axis"], row["frames"], row["bits"]) for row in rows} == {
+        ("ambient", "ambient_lx", "8", "512")
+    }
+    contrast = rows_of(folder / "figures" / "fig21.csv")
+    # Eight frames for each of the three bins, sorted into them by their contrast.
+    per_reading = [row for row in contrast if (row["focal_length_mm"], row["locator"]) == ("18", "truth")]
+    assert sum(int(row["frames"]) for row in per_reading if row["receiver"] == "flda_3") == 24
+
+
+def test_rates_are_those_of_the_experiment_alone(whole, place):
+    """task=test measures the same frames with the same receivers."""
+    ran = run_in(
+        place,
+        *("experiment=ambient", *TINY, "tensorboard=false", "receiver=every"),
+        *("receiver.locator=paper", "camera.focal_length_mm=18", "name=same"),
+        f"experiment.values={VALUES['ambient']}",
+    )
+    assert ran.status == 0, ran.err
+    alone = rows_of(place / "runs" / "same" / "ber.csv")
+    folder, _ = whole
+    together = [
+        {name: row[name] for name in COLUMNS}
+        for row in rows_of(folder / "figures" / "fig22.csv")
+        if (row["focal_length_mm"], row["locator"]) == ("18", "paper")
+    ]
+    assert together == alone
+    assert any(row["bit_errors"] != "0" for row in alone)
+
+
+def test_the_scorecard_judges_every_claim_under_every_reading(whole):
+    folder, _ = whole
+    rows = rows_of(folder / "scorecard.csv")
+    assert head_of(folder / "scorecard.csv") == list(SCORE_COLUMNS)
+    readings = [(mm, locator) for mm in ("18", "25") for locator in ("paper", "truth")]
+    for claim in CLAIMS:
+        mine = [row for row in rows if row["claim"] == claim.claim]
+        expected = readings if claim.basis == "curves" else [("", "")]
+        assert [(row["focal_length_mm"], row["locator"]) for row in mine] == expected
+        assert {row["verdict"] for row in mine} <= set(VERDICTS)
+        assert all(row["reason"] for row in mine if row["verdict"] == "cannot say")
+    verdicts = {row["claim"]: row["verdict"] for row in rows}
+    # Figure 17 was made; figure 4 and the map of dimming were not.
+    assert verdicts["figures.dull_after_gamma"] == "agree"
+    assert verdicts["figures.grey_overlap"] == "cannot say"
+    assert verdicts["discussion.dimming.flda_3"] == "cannot say"
+
+
+def test_fits_location_and_pairs_have_their_columns(whole):
+    folder, _ = whole
+    assert head_of(folder / "fits.csv") == list(FIT_COLUMNS)
+    assert [row["reading"] for row in rows_of(folder / "fits.csv")] == [
+        *("18 mm, paper", "18 mm, truth", "25 mm, paper", "25 mm, truth"),
+    ]
+    location = rows_of(folder / "location.csv")
+    assert head_of(folder / "location.csv")[:5] == ["experiment", "axis", "value", "receiver", "frames"]
+    totals = [row for row in location if row["value"] == ""]
+    assert {row["experiment"] for row in totals} == {"contrast", "ambient", "luminance", "distance"}
+    pairs = rows_of(folder / "paired.csv")
+    assert {row["locator"] for row in pairs} == {"paper", "truth"}
+
+
+def test_the_report_shows_every_picture_and_says_what_made_it(whole):
+    folder, _ = whole
+    page, markdown = ((folder / f"report.{kind}").read_text(encoding="utf-8") for kind in ("html", "md"))
+    pictures = {path.relative_to(folder).as_posix() for path in folder.rglob("*.png")}
+    assert page.count("data:image/png;base64,") == len(pictures)
+    assert {path for path in pictures if f"]({path})" in markdown} == pictures
+    for anchor in (
+        "summary",
+        "scorecard",
+        "score-ambient",
+        "readings",
+        "location",
+        "fig22",
+        "fig17",
+        "making",
+    ):
+        assert f'id="{anchor}"' in page
+    for anchor in ("dimming", "fig04"):
+        assert f'id="{anchor}"' not in page
+    assert "vocc-torch task=figures name=whole" in markdown
+    assert "64 training frames, 8 test frames a point (24 for contrast, over all its bins)" in markdown
+    assert "going on from what an earlier run" not in markdown
+    for name in ("paired.csv", "scorecard.csv", "fits.csv", "location.csv"):
+        assert f"]({name})" in markdown
+    assert not re.search(r"https?://(?!doi\.org)", page)
+
+
+# Parts
+
+
+@pytest.fixture(scope="module")
+def near(place):
+    """One experiment with one lens."""
+    ran = run_in(place, *ONE, "figures.names=[fig24]", "name=near")
+    assert (ran.status, ran.err) == (0, "")
+    return place / "runs" / "near"
+
+
+def test_one_experiment_alone(near):
+    """No scorecard without all four; location with both locators."""
+    assert files_in(near) == {
+        *("config.yaml", "receiver.pt", "report.md", "report.html", "location.csv", "paired.csv"),
+        *("figures/fig24.csv", "figures/fig24.png", "figures/fig24_readings.png", "figures/location.png"),
+        "ledgers/distance-25mm.sqlite",
+    }
+
+
+def test_a_finished_run_counts_nothing_again(near, place, monkeypatch):
+    """Started again, it reads its ledgers: the same bytes, and the report says that it went on."""
+    before = contents_of(near, ".csv", ".sqlite", ".yaml")
+    first = (near / "report.md").read_text(encoding="utf-8")
+    monkeypatch.setattr(
+        "vocc_torch.measure.counter.PointJob.__call__", lambda *_: pytest.fail("counted again")
+    )
+    ran = run_in(place, *ONE, "figures.names=[fig24]", "name=near")
+    assert (ran.status, ran.err) == (0, "")
+    assert contents_of(near, ".csv", ".sqlite", ".yaml") == before
+    assert "going on from 3 blocks" in ran.out
+    again = (near / "report.md").read_text(encoding="utf-8")
+    told = "going on from what an earlier run had counted"
+    assert (told in first, told in again) == (False, True)
+
+
+def test_no_figure_of_error_rates(place):
+    """Nothing is trained or counted, and so nothing can be resumed."""
+    arguments = (*ONE, "figures.names=[fig17]", "receiver.names=[flda_agr]", "name=alone")
+    ran = run_in(place, *arguments)
+    assert (ran.status, ran.err) == (0, "")
+    folder = place / "runs" / "alone"
+    assert files_in(folder) == {
+        *("config.yaml", "report.md", "report.html", "figures/fig17.csv", "figures/fig17.png"),
+    }
+    assert "training" not in ran.out
+    assert "already holds" in run_in(place, *arguments).complaint
+
+
+GRID = ("figures.experiments.dimming.rows=[1000,32000]", "figures.experiments.dimming.values=[500,2000,8000]")
+
+
+def test_the_grid_alone_with_a_board(place):
+    ran = run_in(
+        place, "task=figures", *TINY, "figures.names=[dimming]", *GRID, "name=grid", "tensorboard=true"
+    )
+    assert (ran.status, ran.err) == (0, "")
+    folder = place / "runs" / "grid"
+    names = files_in(folder)
+    assert {name for name in names if name.startswith("ledgers")} == {
+        "ledgers/dimming-25mm-1000.sqlite",
+        "ledgers/dimming-25mm-32000.sqlite",
+    }
+    assert {f"figures/dimming{end}" for end in (".csv", "_best.csv", "_paper.png", "_truth.png")} <= names
+    assert head_of(folder / "figures" / "dimming.csv") == ["ambient_lx", *COLUMNS]
+    rows = rows_of(folder / "figures" / "dimming.csv")
+    assert {(row["ambient_lx"], row["locator"]) for row in rows} == {
+        (at, locator) for at in ("1000.0", "32000.0") for locator in ("paper", "truth")
+    }
+    assert list((folder / "tensorboard").rglob("events.out.tfevents.*"))
+    assert 'id="dimming"' in (folder / "report.html").read_text(encoding="utf-8")
+
+
+# Mistakes
+
+
+def test_a_mistake_is_refused_in_one_line_before_any_work(tmp_path):
+    ran = run_in(tmp_path, *BASE, "name=wrong", "figures.names=[fig99]")
+    assert ran.complaint.startswith("figures.names has 'fig99': known are fig04, ")
+    assert "training" not in ran.out
+    assert not (tmp_path / "runs").exists()
+
+
+def test_contrast_bins_without_frames_are_refused_by_their_key(tmp_path):
+    bins = "figures.experiments.contrast.values=[0.9,0.95]"
+    ran = run_in(tmp_path, *ONE, "figures.names=[fig21]", bins)
+    assert ran.complaint.startswith(
+        "figures.experiments.contrast.values: no frame fell into any contrast bin"
+    )
+
+
+SETTINGS = {
+    "seed=1": "seed",
+    "camera.gamma=2": "camera.gamma",
+    "figures.locators=[truth]": "receiver.locator",
+}
+
+
+@pytest.mark.parametrize(("change", "key"), SETTINGS.items())
+def test_a_ledger_of_other_settings_is_refused_by_their_key(near, place, change, key):
+    before = contents_of(near, ".csv", ".sqlite", ".yaml", ".png", ".md", ".html", ".pt")
+    complaint = run_in(place, *ONE, "figures.names=[fig24]", "name=near", change).complaint
+    assert "distance-25mm.sqlite" in complaint
+    assert key in complaint
+    assert "give another name=" in complaint
+    assert contents_of(near, ".csv", ".sqlite", ".yaml", ".png", ".md", ".html", ".pt") == before
+
+
+def test_a_report_of_other_figures_is_not_written_over(near, place):
+    complaint = run_in(place, *ONE, "figures.names=[fig17,fig24]", "name=near").complaint
+    assert complaint.endswith("holds a report of other figures: give another name=")
+
+
+def test_one_locator_and_more_frames_added_to_what_is_there(place):
+    """A ledger belongs to settings that the budget of frames is not among; location needs both locators."""
+    arguments = (*ONE, "figures.names=[fig24]", "figures.locators=[truth]", "~figures.experiments.dimming")
+    assert run_in(place, *arguments, "name=more", "budget.frames=64").status == 0
+    folder = place / "runs" / "more"
+    ledger = folder / "ledgers" / "distance-25mm.sqlite"
+    assert ledger.exists()
+    ran = run_in(place, *arguments, "name=more", "budget.frames=72")
+    assert ran.status == 0
+    assert "going on from 3 blocks" in ran.out
+    assert {(row["frames"], row["locator"]) for row in rows_of(folder / "figures" / "fig24.csv")} == {
+        ("72", "truth")
+    }
+    assert "location.csv" not in files_in(folder)
+    assert files_in(folder / "figures") == {"fig24.csv", "fig24.png"}
+    assert 'id="location"' not in (folder / "report.html").read_text(encoding="utf-8")
+
+
+# A full disk
+
+
+def test_a_full_disk_leaves_ledgers_that_a_later_run_goes_on_from(near, tmp_path, monkeypatch):
+    """One line says what does not fit, nothing half written stays, and nothing is lost."""
+    file = "report.html"
+    mine = tmp_path / "runs" / "full"
+    mine.mkdir(parents=True)
+    (mine / "ledgers").mkdir()
+    ledger = mine / "ledgers" / "distance-25mm.sqlite"
+    ledger.write_bytes((near / "ledgers" / "distance-25mm.sqlite").read_bytes())
+    arguments = (*ONE, "figures.names=[fig24]", "name=full")
+    rename = Path.replace
+
+    def full(path, target):
+        if Path(target).name == file:
+            raise OSError(errno.ENOSPC, "No space left on device", str(target))
+        return rename(path, target)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "replace", full)
+        complaint = run_in(tmp_path, *arguments).complaint
+    assert file in complaint
+    assert "No space left on device" in complaint
+    assert ledger.read_bytes() == (near / "ledgers" / "distance-25mm.sqlite").read_bytes()
+    assert not (mine / file).exists()
+    left = files_in(mine)
+    assert all(Path(name).suffix in (".png", ".csv", ".sqlite", ".yaml", ".pt", ".md") for name in left), left
+    with monkeypatch.context() as patch:
+        patch.setattr("vocc_torch.measure.counter.PointJob.__call__", lambda *_: pytest.fail("counted again"))
+        assert run_in(tmp_path, *arguments).status == 0
+    assert contents_of(mine, ".csv") == contents_of(near, ".csv")

@@ -1,0 +1,450 @@
+"""The report on the paper: what was measured is shown as it was measured, what was not is left out."""
+
+import re
+from html import unescape
+from pathlib import Path
+
+import numpy as np
+import pytest
+from made_up_readings import FINDINGS, TWO, card_of, grid_of, located_experiments, paper_experiments
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import to_hex
+from PIL import Image
+
+from vocc_torch.errors import VoccError
+from vocc_torch.measure.curves import Measured
+from vocc_torch.measure.estimate import Estimate
+from vocc_torch.measure.grid import best_luminance
+from vocc_torch.show.styles import receiver_styles
+from vocc_torch.studies.paper.claims import CLAIMS, PARTS, STATEMENTS, part_of
+from vocc_torch.studies.paper.figures import PAPER_RECEIVERS, location_figure
+from vocc_torch.studies.paper.location import LocationSplit, location_split
+from vocc_torch.studies.paper.numbers import named, number_table
+from vocc_torch.studies.paper.report import ReportFigure, RunFacts, causes, write_report
+from vocc_torch.studies.paper.scorecard import outcome, tally
+from vocc_torch.studies.paper.words import RECEIVERS, plain
+
+RATES = ("fig21", "fig22", "fig23", "fig24")
+OTHERS = ("fig04", "fig05_06", "fig08", "fig09", "fig10", "fig12", "fig17", "fig19", "fig20", "fig25")
+INVISIBLE = str.maketrans({"\N{NO-BREAK SPACE}": " ", "\N{WORD JOINER}": None, "\N{MINUS SIGN}": "-"})
+
+
+def figures(folder, names=(*RATES, *OTHERS, "dimming", "location")):
+    """Written figures with a tiny picture and a table each; the rates have two pictures."""
+    (folder / "figures").mkdir(exist_ok=True)
+    shown = []
+    for name in names:
+        pictures = []
+        for stem in (name, f"{name}_readings")[: 2 if name in RATES else 1]:
+            path = Path("figures") / f"{stem}.png"
+            Image.fromarray(np.full((4, 6), len(shown), dtype=np.uint8)).save(folder / path)
+            pictures.append((path, "Side by side." if stem.endswith("readings") else ""))
+        title = "A title" if name in ("dimming", "location") else f"Fig. {name[3:].lstrip('0')}: a title"
+        table = Path("figures") / f"{name}.csv"
+        shown.append(
+            ReportFigure(name, title, f"Caption of {name}.", tuple(pictures), table, FINDINGS.get(name, {}))
+        )
+    return shown
+
+
+def facts(resumed=False):
+    """How it was made."""
+    seconds = {"training": 61.5, "report": 1.5}
+    return RunFacts("vocc-torch task=figures", "2000 test frames", "a machine", seconds, "seed: 0\n", resumed)
+
+
+class Page:
+    """A written report, as a reader sees it."""
+
+    def __init__(self, folder, **parts):
+        write_report(folder, parts.pop("facts", facts()), **parts)
+        self.markdown = (folder / "report.md").read_text(encoding="utf-8")
+        self.html = (folder / "report.html").read_text(encoding="utf-8")
+        self.anchors = re.findall(r'^<a id="([\w-]+)"></a>$', self.markdown, flags=re.MULTILINE)
+        self.text = self._seen(self.markdown)
+
+    @staticmethod
+    def _seen(markdown):
+        """Markdown without its marks."""
+        text = re.sub(r"\[([^\]\\]*)\]\([^)]*\)", r"\1", markdown)
+        return unescape(re.sub(r"\\(.)", r"\1", text.replace("**", "").replace("`", ""))).translate(INVISIBLE)
+
+    def section(self, anchor):
+        """What stands between an anchor and the next."""
+        _, _, rest = self.markdown.partition(f'<a id="{anchor}"></a>')
+        return self._seen(re.split(r'^<a id="', rest, flags=re.MULTILINE)[0])
+
+    def tables(self, anchor):
+        """The rows of a section's tables, heads and all."""
+        found, open_table = [], False
+        for line in self.section(anchor).splitlines():
+            if line.startswith("|"):
+                if not open_table:
+                    found.append([])
+                found[-1].append([cell.strip() for cell in line.strip("|").split("|")])
+            open_table = line.startswith("|")
+        return [[head, *rows] for head, _, *rows in found]
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory):
+    return tmp_path_factory.mktemp("report")
+
+
+@pytest.fixture(scope="module")
+def contents(place):
+    """Everything that a report can show."""
+    by_focal_mm = {25.0: located_experiments(), 18.0: located_experiments(8.0)}
+    grids = {
+        name: grid_of({1e3: 1e3, 8e3: 4e3, 32e3: 16e3}, PAPER_RECEIVERS, frames)
+        for name, frames in (("paper", 2000), ("truth", 500))
+    }
+    return {
+        "figures": figures(place),
+        "card": card_of(by_focal_mm, grids=grids),
+        "location": location_split(by_focal_mm[25.0]),
+        "grids": grids,
+        "others": {"the scorecard": Path("scorecard.csv")},
+    }
+
+
+@pytest.fixture(scope="module")
+def page(place, contents):
+    return Page(place, **contents)
+
+
+# Everything is there
+
+
+def test_sections_come_in_order(page):
+    groups = [part.anchor for part in PARTS[:-1]]
+    shown = [name.replace("_", "-") for name in (*RATES, "figures", *OTHERS)]
+    assert page.anchors == [
+        "summary",
+        "scorecard",
+        *groups,
+        "readings",
+        "location",
+        "rates",
+        *shown,
+        "dimming",
+        "making",
+    ]
+
+
+def test_every_picture_is_shown_once_with_its_data_and_the_papers_words_apart_from_ours(page, contents):
+    shown = re.findall(
+        r"^!\[([^]]+)\]\(([^)]+)\)\n(.*) \[Data \(CSV\)\]\(([^)]+)\)$", page.markdown, re.MULTILINE
+    )
+    expected = {
+        (path.as_posix(), figure.table.as_posix()): (own, figure)
+        for figure in contents["figures"]
+        for path, own in figure.pictures
+    }
+    assert sorted((path, data) for _, path, _, data in shown) == sorted(expected)
+    for alt, path, caption, data in shown:
+        own, figure = expected[path, data]
+        ours = (
+            figure.caption.replace("_", "_")
+            if not figure.name.startswith("fig")
+            else f"The paper: {figure.caption}"
+        )
+        assert Page._seen(caption) == (own or ours)
+        assert figure.title in alt.translate(INVISIBLE)
+    assert page.html.count("data:image/png;base64,") == len(shown)
+
+
+def test_every_link_within_leads_to_a_place(page):
+    targets = set(re.findall(r'href="#([\w-]+)"', page.html))
+    assert targets <= set(re.findall(r'id="([\w-]+)"', page.html))
+    assert {part.anchor for part in PARTS[:-1]} <= targets
+
+
+def test_the_page_reads_well(page):
+    """No leftover markup, no names as the code has them, no line end between a number and its unit."""
+    html = re.sub(r"<style>.*?</style>|<pre>.*?</pre>|<code>.*?</code>", "", page.html, flags=re.DOTALL)
+    text = unescape(re.sub(r"<[^>]+>", " ", html))
+    assert not re.search(r"[*`\\{|]|\bnan\b|\bNone\b", text)
+    assert not re.search(r"\b(flda|auc|share|ms|wrong)_|_greyscale|\d mm, (paper|truth)|[a-z]\+[a-z]", text)
+    assert not re.search(r"\d (?:lx|cd/m|mm|ms|min|%)(?![a-z])|cd/m2", text)
+    assert not re.search(r"[a-z],[a-z0-9]|[a-z]\.\.", text)
+
+
+# The scorecard
+
+
+def test_every_claim_stands_once_with_its_verdict_and_numbers(page, contents):
+    rows = {part.anchor: iter(page.tables(part.anchor)[0][1:]) for part in PARTS[:-1]}
+    signs = {"agree": "✓", "differ": "✗", "cannot say": "?"}
+    for claim, judged in contents["card"].judged():
+        text, measured, verdict, why = next(rows[part_of(claim).anchor])
+        assert text.lower().startswith(plain(claim.text).translate(INVISIBLE).lower())
+        assert f"Paper ({claim.where}): {plain(claim.paper)}".translate(INVISIBLE) in text
+        assert measured == plain(judged.measured).translate(INVISIBLE)
+        assert verdict == f"{signs[judged.verdict]} {judged.verdict}"
+        assert bool(why) == bool(judged.reason)
+    assert not [row for left in rows.values() for row in left]
+
+
+def test_counts_are_those_of_the_scorecard(page, contents):
+    counts = tally(contents["card"].judged())
+    assert [int(n) for n in re.findall(r"^\* \S (\d+) ", page.section("summary"), re.MULTILINE)] == list(
+        counts.values()
+    )
+    _, *groups, total = page.tables("scorecard")[1]
+    numbers = np.array([[int(cell) for cell in row[1:]] for row in groups])
+    assert numbers.sum(0).tolist() == [int(cell) for cell in total[1:]] == [len(CLAIMS), *counts.values()]
+    assert (numbers[:, 0] == numbers[:, 1:].sum(1)).all()
+
+
+def test_a_statement_shows_how_many_of_its_claims_agree(page, contents):
+    card = contents["card"]
+    head, *rows = page.tables("scorecard")[0]
+    assert head == ["the paper says", "here", "claims that agree", "with true corners", "why not"]
+    for statement, (text, here, own, truth, why) in zip(STATEMENTS, rows, strict=True):
+        assert text == plain(statement.text).translate(INVISIBLE)
+        assert here.endswith(outcome(card.judged(statement)))
+        for reading, told in ((None, own), (card.at_truth(), truth)):
+            claims = card.judged(statement, reading)
+            assert not told or told.startswith(f"{tally(claims)['agree']} of {len(claims)}")
+        assert bool(why) == any(judged.verdict != "agree" for _, judged in card.judged(statement))
+
+
+def test_every_reading_has_its_column_and_its_fit(page, contents):
+    card = contents["card"]
+    names = [
+        "18 mm lens, panel located",
+        "18 mm lens, true corners",
+        "25 mm lens, panel located",
+        "25 mm lens, true corners",
+    ]
+    fits, statements, matrix = page.tables("readings")
+    assert [row[0] for row in fits[1:]] == statements[0][1:] == matrix[0][1:] == names
+    for row, reading in zip(fits[1:], card.readings, strict=True):
+        of_curves = [one for one in card.judged(reading=reading) if one[0].basis == "curves"]
+        assert [int(cell) for cell in row[1:4]] == list(tally(of_curves).values())
+    for row, claim in zip(matrix[1:], [claim for claim in CLAIMS if claim.basis == "curves"], strict=True):
+        verdicts = [card.judgements[claim.claim, reading.name].verdict for reading in card.readings]
+        assert [cell[2:] for cell in row[1:]] == verdicts
+    nearest = r"Nearest to the paper's four quoted error rates is \d+ mm lens, true corners"
+    assert re.search(nearest, page.section("readings"))
+
+
+def test_causes_are_counted_among_the_claims_that_differ(contents):
+    card = contents["card"]
+    found = dict(causes(card, card.judged()))
+    at_truth = {claim.claim: judged.verdict for claim, judged in card.judged(reading=card.at_truth())}
+    differing = [
+        claim for claim, judged in card.judged() if judged.verdict == "differ" and claim.basis == "curves"
+    ]
+    assert found["with true corners it agrees"] == sum(
+        at_truth[claim.claim] == "agree" for claim in differing
+    )
+    between = "the quoted rate lies between those with the panel located and with true corners"
+    assert found.get(between, 0) == sum("between" in judged.causes for _, judged in card.judged())
+
+
+def test_figures_say_how_the_claims_that_name_them_were_judged(page, contents):
+    ambient = tally(one for one in contents["card"].judged() if one[0].claim.startswith("ambient."))
+    told = f"Measured here: {ambient['agree']} of {sum(ambient.values())} claims agree"
+    assert told in page.section("fig22")
+    assert "(scorecard: Ambient light)" in page.section("fig22")
+    assert "Measured here: the claim agrees (scorecard: Greys, blooming and location)." in page.section(
+        "fig04"
+    )
+    assert "Measured here" not in page.section("dimming")
+
+
+# Numbers
+
+
+def test_numbers_are_those_of_the_findings(page):
+    for figure in OTHERS[:-1]:
+        _, *rows = page.tables(figure.replace("_", "-"))[0]
+        for (name, value), (label, text) in zip(FINDINGS[figure].items(), rows, strict=True):
+            assert "_" not in label
+            if name.startswith("separable_"):
+                assert text == ("yes" if value else "no")
+                continue
+            shown = float(re.match(r"-?[\d.e]+", text)[0]) / (100 if "%" in text else 1)
+            assert shown == pytest.approx(value, rel=5e-3), name
+
+
+def test_numbers_that_nobody_foresaw_keep_their_words():
+    assert named("new_number", 2.0) == ("new number", "2")
+    assert named("auc_agr+gri", 0.9999885)[1] == "0.9999885"
+    assert named("wrong_share_agr+gri", 0.1)[0].startswith(
+        "AGR + GRI: LEDs on the wrong side of the best line"
+    )
+    assert named("contrast_in_picture_true_30", 0.28)[0].startswith("a scene of truly 30")
+
+
+def test_times_are_laid_out_by_stage():
+    head, rows = number_table({**FINDINGS["fig25"], "threads": 2.0})
+    assert head[1:] == ["whole frames, one at a time", "crops, one at a time"]
+    cells = {row[0]: [cell.translate(INVISIBLE) for cell in row[1:]] for row in rows}
+    assert cells == {
+        "centre greyscale": ["5 %, 0.5 ms", ""],
+        "average greyscale": ["7 %, 0.7 ms", ""],
+        "AGR + GRI": ["12 %, 1.2 ms", ""],
+        "AGR + GRI + NGR": ["14 %, 1.4 ms", "500 %"],
+        "panel detection": ["10 ms", ""],
+        "NGR adds to two features": ["17 %", ""],
+        "NGR adds to all image processing": ["1.78 %", ""],
+        "threads": ["2", ""],
+    }
+
+
+@pytest.mark.parametrize(
+    ("raw", "read"),
+    [
+        ("flda_3's 6.1e-3, 100 % vanish", "AGR + GRI + NGR's 6.1e-3, 100 % vanish"),
+        ("average_greyscale 5.2e-2 and flda_agr_ngr 5.8e-2", "average greyscale 5.2e-2 and AGR + NGR 5.8e-2"),
+        ("area of agr+gri+ngr 0.9999999, area of agr 1", "area of AGR + GRI + NGR 0.9999999, area of AGR 1"),
+        ("-3 % [-7, -0]", "-3 % [-7, 0]"),
+        ("GRI = -0.2", "GRI = -0.2"),
+        ("grey with blooming 179.3953", "grey with blooming 179.4"),
+        ("0.99318", "0.99318"),
+        ("negative in 55% of Off LEDs", "negative in 55 % of Off LEDs"),
+        ("0.72 decades [0.44, inf]", "0.72 decades [0.44, ∞]"),
+        ("IV-D-2, Fig. 22; III-B", "IV-D-2, Fig. 22; III-B"),
+        ("at 8000 cd/m2", "at 8000 cd/m²"),
+    ],
+)
+def test_words_of_the_scorecard_for_people(raw, read):
+    assert plain(raw).translate(INVISIBLE) == read
+
+
+# Location, dimming, and how it was made
+
+
+def test_location_is_told_in_sum_and_point_by_point(page, contents):
+    shares = {
+        s.experiment: s.share for s in contents["location"] if s.value is None and s.receiver == "flda_3"
+    }
+    share = shares["contrast"]
+    told = f"{100 * share.value:.0f} % [{100 * share.low:.0f}, {100 * share.high:.0f}] over contrast, "
+    assert told in page.section("summary")
+    assert told in page.section("location")
+    totals, points = page.tables("location")
+    names = ["contrast", "ambient light", "LED luminance", "distance"]
+    assert [row[0] for row in totals[1::4]] == names
+    assert [row[1] for row in totals[1:5]] == [RECEIVERS[name] for name in PAPER_RECEIVERS]
+    assert "ambient light, 8000 lx" in [row[0] for row in points]
+    assert len(points) - 1 == sum(4 * len(TWO[name]) for name in TWO)
+
+
+def split_of(experiment, located, truth, receiver="flda_3", share=None, value=None):
+    rates = (Estimate(rate, rate / 2, max(2 * rate, 1e-5)) for rate in (located, truth))
+    return LocationSplit(experiment, "distance_m", value, receiver, 2000, *rates, share)
+
+
+def test_location_figure_shows_both_rates_in_the_receivers_colour(contents):
+    figure = location_figure(contents["location"], "Location")
+    titles = [axes.get_title(loc="left") for axes in figure.axes]
+    assert titles == ["Contrast", "Ambient light", "LED luminance", "Distance"]
+    assert len({axes.get_xlim() for axes in figure.axes}) == 1
+    totals = [s for s in contents["location"] if s.value is None and s.receiver in PAPER_RECEIVERS]
+    styles, drawn = receiver_styles(PAPER_RECEIVERS), {}
+    for axes, name in zip(figure.axes, TWO, strict=True):
+        for line in axes.lines:
+            if line.get_marker() != "None":
+                hollow = to_hex(line.get_markerfacecolor()) == "#ffffff"
+                drawn[name, int(line.get_ydata()[0]), hollow] = line.get_xdata()[0], to_hex(line.get_color())
+        shares = [f"{100 * s.share.value:.0f} %" for s in totals if s.experiment == name]
+        assert [text.get_text() for text in axes.texts] == shares
+    for split in totals:
+        at = split.experiment, PAPER_RECEIVERS.index(split.receiver)
+        colour = styles[split.receiver].colour.lower()
+        assert drawn[*at, False] == (split.located.value, colour)
+        assert drawn[*at, True] == (split.truth.value, colour)
+
+
+def test_location_figure_draws_a_limit_where_there_was_no_error_and_keeps_inside_the_picture():
+    splits = [split_of(name, 4e-3, 0.0, "flda_2") for name in ("contrast", "ambient", "distance")]
+    figure = location_figure(splits, "Location")
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    for axes in figure.axes:
+        assert 1e-5 in [line.get_xdata()[0] for line in axes.lines if line.get_marker() != "None"]
+        (arrow,) = [text for text in axes.texts if text.arrow_patch is not None]
+        assert arrow.xy[0] == 1e-5
+        assert arrow.get_position()[0] < 0  # its other end, in points: to lower rates
+        box = axes.get_tightbbox(canvas.get_renderer())
+        assert box.x0 >= 0
+        assert box.x1 <= figure.bbox.x1
+
+
+@pytest.mark.parametrize(
+    "splits", [[], [split_of("d", 4e-3, 2e-3, value=50.0)], [split_of("d", 4e-3, 2e-3, "flda_agr")]]
+)
+def test_a_location_figure_of_nothing_is_refused(splits):
+    with pytest.raises(VoccError, match="no total of any of the paper's receivers"):
+        location_figure(splits, "Location")
+
+
+def test_dimming_shows_the_best_luminances_by_ambient_light(page, contents):
+    tables = page.tables("dimming")
+    assert tables[0][0] == ["receiver", "1000 lx", "8000 lx", "32000 lx"]
+    for table, grid in zip(tables, contents["grids"].values(), strict=True):
+        for row, name in zip(table[1:], PAPER_RECEIVERS, strict=True):
+            assert row[1:] == [best.candidates_text for best in best_luminance(grid, name)]
+    assert "true corners" in page.section("dimming")
+
+
+@pytest.mark.parametrize("resumed", [False, True])
+def test_times_add_up_and_a_resumed_run_says_so(tmp_path, resumed):
+    """Without anything measured only the summary and the facts are left."""
+    page = Page(tmp_path, facts=facts(resumed))
+    assert page.anchors == ["summary", "making"]
+    assert page.tables("making")[0][1:] == [["training", "61.5"], ["report", "1.5"], ["all", "63.0"]]
+    assert ("1.1 min, going on from what an earlier run had counted" in page.text) == resumed
+    assert ("took no time in this one" in page.text) == resumed
+    assert "```text\nseed: 0\n```" in page.markdown
+    assert "vocc-torch task=figures" in page.section("making")
+
+
+# What was not measured is left out
+
+
+@pytest.mark.parametrize(
+    ("without", "gone"),
+    [
+        ({"card": None}, {"scorecard", "readings", *(part.anchor for part in PARTS[:-1])}),
+        ({"location": ()}, {"location"}),
+        (
+            {"names": (*RATES, "location")},
+            {"figures", "dimming", *(name.replace("_", "-") for name in OTHERS)},
+        ),
+        ({"names": (*OTHERS, "dimming")}, {"rates", *RATES}),
+    ],
+)
+def test_what_was_not_measured_is_left_out(tmp_path, page, contents, without, gone):
+    parts = {
+        **contents,
+        "figures": figures(tmp_path, *([without.pop("names")] if "names" in without else [])),
+    }
+    smaller = Page(tmp_path, **parts | without)
+    assert set(page.anchors) - set(smaller.anchors) == gone
+    assert not set(re.findall(r'href="#([\w-]+)"', smaller.html)) & gone
+
+
+@pytest.mark.parametrize("locator", ["paper", "truth"])
+def test_one_reading_is_compared_with_none(tmp_path, locator):
+    measured = paper_experiments(2000)
+    alone = {name: Measured({locator: one.curves[locator]}, {}) for name, one in measured.items()}
+    card = card_of({25.0: alone}, (25.0, locator), (locator,))
+    page = Page(tmp_path, card=card)
+    where = {"paper": "panel located", "truth": "true corners"}[locator]
+    assert page.tables("scorecard")[0][0] == ["the paper says", "here", "claims that agree", "why not"]
+    assert f"The report's own reading is 25 mm lens, {where}" in page.text
+    assert ("Table 1's focal length, and" in page.text) == (locator == "paper")
+    assert "Of the other" not in page.text
+    assert "Every other reading" not in page.text
+    assert not [text for text, _ in causes(card, card.judged()) if "true corners" in text]
+
+
+def test_a_scorecard_without_any_measurement(tmp_path):
+    page = Page(tmp_path, card=card_of({25.0: {}}))
+    assert "No quoted error rate was measured under any reading." in page.text
+    assert "Cannot be decided:" in page.section("summary")

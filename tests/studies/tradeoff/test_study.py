@@ -1,0 +1,297 @@
+"""The price list's receivers decide as all others do, on the same frames; what it refuses."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+import torch
+
+from vocc_torch.errors import VoccError
+from vocc_torch.measure import optional as optional_module
+from vocc_torch.measure.frame_errors import Banks, FrameJob
+from vocc_torch.measure.genie.genie_likelihood import UnknownLikelihoodError
+from vocc_torch.measure.link import block_keys
+from vocc_torch.measure.optional import without_absent
+from vocc_torch.measure.plug_in import ClassifierPlan
+from vocc_torch.measure.stage_times import Exposure, on_device
+from vocc_torch.measure.train import train
+from vocc_torch.measure.workers import Workers
+from vocc_torch.receiver.classifiers import Inputs, Patch
+from vocc_torch.receiver.classifiers.training import TrainingRecipe
+from vocc_torch.simulation import Camera, Distribution, SceneModel
+from vocc_torch.studies.tradeoff import study as study_module
+from vocc_torch.studies.tradeoff.config import TradeoffConfig
+from vocc_torch.studies.tradeoff.plan import TradeoffStudy
+from vocc_torch.studies.tradeoff.study import count_receivers, price_receivers, train_receivers
+
+HERE = "vocc_torch.receiver.classifiers"
+NAMES = ("center_greyscale", "average_greyscale", "flda_ngr", "flda_2", "flda_3")
+PLUGGED_IN = (
+    ClassifierPlan(
+        "patch", {"_target_": f"{HERE}.FldaClassifier"}, Inputs(("gri",), Patch(3, 4, pitch=True))
+    ),
+    ClassifierPlan("otsu", {"_target_": f"{HERE}.PanelOtsu"}, Inputs((), Patch(1, 4, relative="white"))),
+    ClassifierPlan(
+        "net",
+        {"_target_": f"{HERE}.Mlp", "hidden": [4]},
+        Inputs(("agr", "ngr")),
+        training=TrainingRecipe(frames=64, epochs=2),
+    ),
+)
+EVERY = (*NAMES, *(one.name for one in PLUGGED_IN))
+FAR = {"ambient_lx": Distribution("constant", (1000.0,)), "distance_m": Distribution("uniform", (60.0, 70.0))}
+MORE = {
+    "samples_per_led": [8, 4],
+    "gradients": ["sobel", "central"],
+    "dtypes": ["float32", "float64"],
+}
+
+
+@pytest.fixture(scope="module")
+def make_study(make_plan):
+    """Make a study of far panels in low light, where receivers disagree."""
+
+    def make(names=EVERY, test_frames=100, scenes=None, **changes):
+        # The middle of the paper's sensor: whole frames are a sixteenth of the work.
+        camera = Camera(width_px=480, height_px=272, sensor_width_mm=3.3)
+        plan = make_plan(
+            names=NAMES, frames=test_frames, training_frames=64, scene=SceneModel(**FAR), camera=camera
+        )
+        own = tuple(one for one in PLUGGED_IN if one.name in names)
+        receiver = dataclasses.replace(plan.receiver, names=names, classifiers=own)
+        usual = {
+            **{"locators": ["paper", "truth"], "samples_per_led": [8], "gradients": ["sobel"]},
+            **{"dtypes": ["float32"], "varied": [], "devices": ["cpu"], "batch_sizes": [1, 16]},
+            **{"frames": ["crops"], "repeats": 1, "threads": 1},
+        }
+        config = TradeoffConfig(**{**usual, **changes})
+        kinds = {"mixture": {}} if scenes is None else scenes
+        return TradeoffStudy(dataclasses.replace(plan, receiver=receiver), config, kinds, "made up")
+
+    return make
+
+
+@pytest.fixture(scope="module")
+def study(make_study):
+    near = {"distance_m": Distribution("constant", (61.0,))}
+    return make_study(**MORE, varied=["flda_3", "patch"], scenes={"far": {}, "near": near})
+
+
+@pytest.fixture(scope="module")
+def trained(study):
+    return train_receivers(study, Workers(1))
+
+
+@pytest.fixture(scope="module")
+def counted(study, trained):
+    return count_receivers(study, trained[0], Workers(1))
+
+
+def test_every_receiver_is_measured_with_every_locator_and_the_varied_ones_at_more(study):
+    at = [(one.receiver, one.locator) for one in study.settings[: 2 * len(EVERY)]]
+    assert at == [(name, locator) for locator in ("paper", "truth") for name in EVERY]
+    further = {
+        (one.receiver, one.samples_per_led, one.gradient, one.dtype)
+        for one in study.settings[2 * len(EVERY) :]
+        if one.locator == "truth"
+    }
+    others = ((4, "sobel", "float32"), (8, "central", "float32"), (8, "sobel", "float64"))
+    assert further == {(name, *values) for name in ("flda_3", "patch") for values in others}
+    assert len({one.name for one in study.settings}) == len(study.settings)
+
+
+def test_all_combinations_on_demand(make_study):
+    study = make_study(names=("flda_3",), locators=["truth"], **MORE, varied=["flda_3"], combine="all")
+    assert len(study.settings) == 8
+
+
+@pytest.mark.parametrize("names", [("flda_3", "patch"), ("patch",)])
+def test_receivers_that_are_not_compared_are_not_varied_unless_they_are_named(make_study, names):
+    varied = {one.receiver for one in make_study(names=names, **MORE, varied=None).settings if
+              one.samples_per_led == 4}  # fmt: skip
+    assert varied == {"flda_3"} & {*names}
+
+
+def test_what_a_receiver_does_not_look_at_makes_no_setting(make_study):
+    names = ("center_greyscale", "flda_ngr", "otsu")
+    study = make_study(names=names, locators=["truth"], **MORE, varied=list(names))
+    found = [(one.receiver, one.samples_per_led, one.gradient, one.dtype) for one in study.settings]
+    assert found == [
+        *((name, 8, "sobel", "float32") for name in names),
+        *((name, *more) for name in names[1:] for more in ((8, "sobel", "float64"), (4, "sobel", "float32"))),
+    ]
+
+
+def test_errors_are_those_of_the_sweep(study, trained, counted):
+    """Every receiver at the base, against the counter that all experiments use, on the same blocks."""
+    plan, receivers = study.plan, trained[0]
+    for locator in study.config.locators:
+        base = [one for one in study.settings if one.locator == locator][: len(EVERY)]
+        own = dataclasses.replace(plan.receiver, locator=locator)
+        bank = train(dataclasses.replace(plan, receiver=own)).bank(EVERY)
+        for setting in base:
+            # Trained by the very same recipe.
+            bank.plugged_in |= receivers[setting].bank.plugged_in
+        deciding = Banks([(locator, bank)])
+        job = FrameJob(
+            plan, study.model("far"), study.point("far"), (locator,), deciding, deciding.needs_preambles
+        )
+        for wanted, setting in zip(job(range(plan.budget.frames)).counts, base, strict=True):
+            assert counted["far"].counts[study.settings.index(setting)] == wanted, setting
+    rates = [one.ber for one in counted["far"].counts]
+    assert len(set(rates)) > len(rates) / 2
+    assert 0 < min(rates) < 0.05
+
+
+def test_the_kinds_of_scenes_are_scenes_of_their_own(study, counted):
+    assert list(counted) == ["far", "near"]
+    assert not np.array_equal(counted["far"].half_errors, counted["near"].half_errors)
+    assert counted["far"].half_errors.shape[1] == 100
+    # Nor are they those of training, whatever a kind of scenes is called.
+    assert {key.point for key in block_keys(0, "train", 64)} == {"train"}
+    assert study.point("train") == "tradeoff/train"
+
+
+def test_neither_batches_nor_rivals_change_a_count(study, trained, counted):
+    other = dataclasses.replace(study, plan=dataclasses.replace(study.plan, batch_frames=24))
+    # Every third is enough: all kinds are among them, and neither do the others change a count.
+    some = dict(list(trained[0].items())[::3])
+    again = count_receivers(other, some, Workers(1))
+    for name, errors in counted.items():
+        assert np.array_equal(errors.half_errors[::3], again[name].half_errors)
+        assert np.array_equal(errors.found[::3], again[name].found)
+
+
+def test_precision_shares_its_training_and_decides_nearly_alike(study, trained, counted):
+    places = {
+        one.dtype: place
+        for place, one in enumerate(study.settings)
+        if (one.receiver, one.locator, one.samples_per_led, one.gradient) == ("flda_3", "truth", 8, "sobel")
+    }
+    single, double = (study.settings[places[name]] for name in ("float32", "float64"))
+    assert trained[1][single] == trained[1][double]
+    assert [trained[0][one].dtype for one in (single, double)] == [torch.float32, torch.float64]
+    rows = [counted["far"].half_errors[place] for place in places.values()]
+    assert np.abs(rows[0] - rows[1]).sum() <= 0.01 * rows[0].sum()
+
+
+def test_what_training_took_is_told(trained):
+    costs = trained[1]
+    for setting, one in costs.items():
+        learned = setting.receiver not in ("center_greyscale", "average_greyscale", "otsu")
+        assert (one.frames > 0) == learned, setting
+        assert (one.training_s > 0.01) == learned or setting.receiver == "otsu"
+    sizes = {setting.receiver: one.parameters for setting, one in costs.items()}
+    # 2 inputs, 4 neurons, 1 score; FLDA has a weight a feature and a threshold.
+    assert (sizes["net"], sizes["flda_3"], sizes["flda_ngr"]) == (2 * 4 + 4 + 4 + 1, 4, 2)
+
+
+def test_a_receiver_moved_elsewhere_decides_the_same(study, trained):
+    keys = block_keys(0, "moved", 64)
+    seen = Exposure.of(study.plan.world, study.model("far"), keys, preambles=True)
+    for one in list(trained[0].values())[len(EVERY) : 2 * len(EVERY)]:
+        moved = on_device(one, torch.device("cpu"))
+        ends = []
+        for receiver in (one, moved):
+            preambles = receiver.preambles(*seen.preambles, seen.truth)
+            ends += receiver(seen.frames, seen.truth, preambles).values()
+        assert torch.equal(*ends)
+        for mine, its in ((one.bank.classifiers, moved.bank.classifiers),
+                          (one.bank.plugged_in, moved.bank.plugged_in)):  # fmt: skip
+            assert all(mine[name] is not its[name] for name in mine)
+
+
+def test_a_whole_price_list_with_what_is_possible_on_the_very_frames(make_study):
+    told = []
+    study = make_study(names=("flda_3", "otsu"), test_frames=20, locators=["truth"], genie_frames=64)
+    prices = price_receivers(study, Workers(1), told.append)
+    assert told == ["training", "bit errors", "what is possible", "times"]
+    assert (prices.timed_scenes, prices.times.in_one_go) == ("mixture", "flda_3")
+    assert (prices.times.threads, prices.scene, prices.error_device) == (1, "made up", "cpu")
+    for batch in (1, 16):
+        for one in prices.points("mixture", "cpu", "crops", batch):
+            assert 0 < one.time_ms.value < 1e4
+    # No timing is asserted: only that it is the ratio of like to like.
+    assert all(0.05 < ratio < 20 for ratio in prices.times.end_to_end.values())
+    reference = prices.references["mixture"]
+    # No more frames than the receivers have.
+    assert reference.counts.frames == 20
+    assert reference.counts.bit_errors <= prices.counts("mixture")[study.settings[0]].bit_errors
+
+
+def test_a_kind_of_scenes_that_the_genie_refuses_costs_no_other_its_reference(make_study, monkeypatch):
+    kinds = {"a": {}, "b": {}, "c": {}}
+    study = make_study(names=("flda_3",), test_frames=4, locators=["truth"], genie_frames=2, scenes=kinds)
+
+    def refusing(world, model, seed, point, frames, workers):
+        if point == study.point("b"):
+            raise UnknownLikelihoodError("the genie knows no likelihood")
+        return point
+
+    monkeypatch.setattr(study_module, "genie_mark", refusing)
+    references, refused = study_module._references(study, Workers(1))
+    assert (list(references), refused) == (["a", "c"], {"b": "the genie knows no likelihood"})
+    none = dataclasses.replace(study, config=dataclasses.replace(study.config, genie_frames=0))
+    assert study_module._references(none, Workers(1))[1]["a"] == "tradeoff.genie_frames is 0"
+
+    def failing(*given):
+        raise VoccError("a worker was ended from outside")
+
+    # No other mistake is taken for a refusal.
+    monkeypatch.setattr(study_module, "genie_mark", failing)
+    with pytest.raises(VoccError, match="ended from outside"):
+        study_module._references(study, Workers(1))
+
+
+def test_without_scikit_learn_its_classifiers_are_left_out_and_named(study, monkeypatch):
+    trees = ClassifierPlan("trees", {"_target_": "sklearn.ensemble.HistGradientBoostingClassifier"})
+    nested = ClassifierPlan(
+        "svm", {"_target_": f"{HERE}.scaled", "estimator": {"_target_": "sklearn.svm.LinearSVC"}}
+    )
+    receiver = dataclasses.replace(
+        study.plan.receiver, names=(*EVERY, "trees", "svm"), classifiers=(*PLUGGED_IN, trees, nested)
+    )
+    assert without_absent(receiver) == (receiver, {})
+    monkeypatch.setattr(optional_module, "find_spec", lambda name: None)
+    kept, left_out = without_absent(receiver)
+    assert (kept.names, kept.classifiers) == (EVERY, PLUGGED_IN)
+    said = "scikit-learn is not installed; pip install scikit-learn adds it"
+    assert left_out == {"trees": said, "svm": said}
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"locators": []}, "tradeoff.locators is empty"),
+        ({"locators": ["gps"]}, "tradeoff.locators has 'gps': it must be of truth, paper, refined"),
+        ({"samples_per_led": [8, 1]}, "tradeoff.samples_per_led has 1: it must be from 2 to 64"),
+        ({"samples_per_led": [6]}, "must be a multiple of classifiers.patch.inputs.patch.samples, 4"),
+        ({"gradients": ["prewitt"]}, "tradeoff.gradients has 'prewitt'"),
+        ({"dtypes": ["float16"]}, "tradeoff.dtypes has 'float16': it must be of float32, float64"),
+        ({"varied": ["flda_9"]}, "tradeoff.varied has 'flda_9'"),
+        ({"combine": "some"}, "tradeoff.combine has 'some'"),
+        ({"batch_sizes": [0]}, "tradeoff.batch_sizes has 0: it must be from 1 to 1024"),
+        ({"frames": ["halves"]}, "tradeoff.frames has 'halves': it must be of whole, crops"),
+        ({"repeats": 0}, "tradeoff.repeats is 0: it must be at least 1"),
+        ({"threads": -1}, "tradeoff.threads is -1: it must be at least 0"),
+        ({"frames_a_preamble": 0}, "tradeoff.frames_a_preamble is 0: it must be at least 1"),
+        ({"genie_frames": -1}, "tradeoff.genie_frames is -1: it must be at least 0"),
+        ({"scenes": {}}, "tradeoff.scenes is empty"),
+        (
+            {"scenes": {"odd": {"distance_m": Distribution("constant", (-1.0,))}}},
+            "tradeoff.scenes.odd.distance_m",
+        ),
+    ],
+)
+def test_impossible_studies_are_refused(make_study, changes, said):
+    with pytest.raises(VoccError) as raised:
+        make_study(**{"varied": ["flda_3"], **changes})
+    assert said in str(raised.value)
+    assert "\n" not in str(raised.value)
+
+
+def test_a_stop_rule_is_refused(study):
+    budget = dataclasses.replace(study.plan.budget, target_frame_errors=10)
+    said = r"budget\.target_frame_errors is 10: it must be null for task=tradeoff"
+    with pytest.raises(VoccError, match=said):
+        dataclasses.replace(study, plan=dataclasses.replace(study.plan, budget=budget))
