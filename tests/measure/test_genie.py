@@ -309,17 +309,14 @@ def test_what_lies_off_the_sensor_is_on_and_the_rest_is_read():
 
 def test_no_batch_and_no_repetition_changes_an_answer():
     simulator = Simulator()
-    scene, bits, _ = drawn("batch", 5)
-    frames = simulator.render(scene, bits)
-    genie = Genie(simulator)
+    scene, bits, _ = drawn("batch", 3)
+    frames, genie = simulator.render(scene, bits), Genie(simulator)
     together = genie.decide(frames, scene)
-    for i in (4, 0, 4):
+    for i in (2, 0, 2):
         alone = genie.decide(frames[i : i + 1], scene[i : i + 1])
         assert torch.equal(alone.bits[0], together.bits[i])
         assert torch.equal(alone.scores[0], together.scores[i])
-        assert torch.equal(alone.proven[0], together.proven[i])
-    none = genie.decide(frames[:0], scene[:0])
-    assert tuple(none.bits.shape) == (0, 8, 8)
+    assert tuple(genie.decide(frames[:0], scene[:0]).bits.shape) == (0, 8, 8)
 
 
 def test_a_frame_of_other_making_is_not_proven():

@@ -15,7 +15,6 @@ from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.genie.genie import GenieReference
 from vocc_torch.measure.paired import PairedCounts
 from vocc_torch.measure.plug_in_training import Making
-from vocc_torch.measure.relative import rate_ratio
 from vocc_torch.studies.classifiers.figures import curves_figure, scenes_figure
 from vocc_torch.studies.classifiers.results import GENIE, Comparison, GeniePoint, Transfer
 from vocc_torch.studies.classifiers.tables import print_table, write_board, write_tables
@@ -115,28 +114,13 @@ def lines_of(path):
     [
         ((0.0, 0.0, 0.01), "< 1/100"),
         ((0.0, 0.0, 3.0), "< 3 x"),
-        ((0.031, 0.01, 0.1), "1/32"),
-        ((0.5, 0.4, 0.6), "1/2"),
         ((0.97, 0.9, 1.1), "0.97 x"),
-        ((20.0, 10.0, 30.0), "20 x"),
         ((1906.0, 900.0, 3000.0), "1906 x"),
         ((0.001234, 0.001, 0.002), "1/810"),
     ],
 )
 def test_ratios_are_fractions_or_multiples(ratio, text):
     assert ratio_text(Estimate(*ratio)) == text
-
-
-def test_a_ratio_is_one_rate_over_the_other():
-    a, b = counts(300), counts(30)
-    ratio = rate_ratio(a, b, paired(300, 30))
-    assert ratio.value == pytest.approx(0.1)
-    assert 0 < ratio.low < 0.1 < ratio.high < 0.2
-    assert ratio.real
-    assert rate_ratio(counts(0), b, paired(0, 30)) is None
-    none = rate_ratio(a, counts(0), paired(300, 0))
-    assert (none.value, none.low) == (0, 0)
-    assert 0 < none.high < 0.05
 
 
 def test_receivers_are_ranked_by_all_their_wrong_bits(made_up):
@@ -264,24 +248,27 @@ def test_the_map_of_scenes_says_what_is_certain(made_up):
     assert [text.get_text() for text in out.get_xticklabels()] == ["paper", "night"]
     assert [text.get_text() for text in back.get_xticklabels()] == ["night"]
     assert [text.get_text() for text in out.get_yticklabels()] == ["net", "FLDA: AGR + GRI + NGR", "plain"]
-    written = [text.get_text() for text in out.texts]
-    assert written == [
-        "< 4.7e-5",
-        "",
-        "4.7e-4",
-        "0 there",
-        "3.1e-3",
-        "",
-        "3.9e-3",
-        "",
-        "1.6e-3",
-        "",
-        "1.9e-3",
-        "1.1 \N{MULTIPLICATION SIGN}",
+    written, times = (
+        ([text.get_text() for text in axes.texts] for axes in (out, back)),
+        "\N{MULTIPLICATION SIGN}",
+    )
+    assert list(written) == [
+        [
+            "< 4.7e-5",
+            "",
+            "4.7e-4",
+            "0 there",
+            "3.1e-3",
+            "",
+            "3.9e-3",
+            "",
+            "1.6e-3",
+            "",
+            "1.9e-3",
+            f"1.1 {times}",
+        ],
+        ["6.3e-4", "0 there", "1.4e-2", f"4.5 {times}", "1.6e-3", ""],
     ]
-    assert [text.get_text() for text in back.texts] == [
-        "6.3e-4", "0 there", "1.4e-2", "4.5 \N{MULTIPLICATION SIGN}", "1.6e-3", ""
-    ]  # fmt: skip
 
 
 def test_the_board_has_the_prices_in_each_receivers_row(made_up, tmp_path):

@@ -212,25 +212,6 @@ def test_a_mix_of_scenes_is_of_those_of_its_home(study):
     assert {plan.budget.training_frames for plan in study.scene_plans.values()} == {64}
 
 
-def test_batches_change_no_number(study, whole, tmp_path):
-    def in_batches(plan):
-        return replace(plan, batch_frames=128)
-
-    other = replace(
-        study,
-        plans={name: in_batches(plan) for name, plan in study.plans.items()},
-        scenes={name: in_batches(plan) for name, plan in study.scenes.items()},
-    )
-    again, _ = compared(other, tmp_path)
-    assert again.curves == whole.curves
-    assert list(again.transfers) == list(whole.transfers)
-    mine, theirs = (
-        {at: (one.genie.counts, one.receivers) for at, one in some.genie["far"].items()}
-        for some in (again, whole)
-    )
-    assert mine == theirs
-
-
 def test_scenes_that_the_genie_does_not_know_are_named(study):
     plan = study.base
     world = replace(plan.world, effects={**plan.world.effects, "jpeg": {"quality": 90}})
