@@ -9,9 +9,16 @@ import scipy.ndimage
 import torch
 from torch import Tensor
 
-from vocc_torch.receiver.components import Blobs, Components, collect_blobs, joined, label_components
+from vocc_torch.receiver.components import (
+    Blobs,
+    Components,
+    close_mask,
+    collect_blobs,
+    halve_mask,
+    joined,
+    label_components,
+)
 from vocc_torch.receiver.limits import LocatorLimits
-from vocc_torch.receiver.morphology import close_mask, halve_mask
 from vocc_torch.receiver.quadrilateral import Measures, measure_blobs
 from vocc_torch.types import PanelShape
 
@@ -52,7 +59,7 @@ class Choice:
         return cls(corners[:, 0, 0].clone(), corners, count, count.new_zeros(masks, 2), count.clone())
 
     def __getitem__(self, rows: Tensor) -> Choice:
-        """Take the masks of an index or a bool mask."""
+        """Return the choices of an index or a bool mask."""
         return Choice(*(getattr(self, field.name)[rows] for field in fields(self)))
 
     def put(self, rows: Tensor, other: Choice) -> None:

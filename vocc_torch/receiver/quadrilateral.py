@@ -139,7 +139,7 @@ def _project(hull: Floats, x: Floats, y: Floats) -> tuple[Floats, Floats]:
 
 
 def _around(hull: Floats, x: Floats, y: Floats, expand_px: float) -> Rectangles:
-    """Lay rectangles along the directions (M,1) around the hulls."""
+    """Return the rectangles around the hulls with sides along the directions (M,1)."""
     length = np.sqrt(x * x + y * y)
     along, across = _project(hull, x, y)
     low_u, high_u = along.min(2) / length - expand_px, along.max(2) / length + expand_px
@@ -304,7 +304,7 @@ def measure_blobs(blobs: Blobs, shape: PanelShape, quadrilateral: str = "min_are
 
 
 def _steps(heights: Whole) -> list[tuple[Whole, int]]:
-    """Part blobs, sorted by height, in steps of bounded memory: their indices and greatest height."""
+    """Split blobs, sorted by height, into steps of bounded memory: indices and greatest height of each."""
     order = np.argsort(heights, kind="stable")
     steps: list[tuple[Whole, int]] = []
     begin, tall = 0, heights[order].tolist()

@@ -9,8 +9,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from vocc_torch.receiver.components import Components, label_components
-from vocc_torch.receiver.morphology import close_mask
+from vocc_torch.receiver.components import Components, close_mask, label_components
 from vocc_torch.receiver.otsu import UnevenParts, uneven_parts
 from vocc_torch.types import Frames
 
@@ -145,14 +144,14 @@ def _tile_blocks(blocks: int) -> tuple[int, int]:
 
 
 def _tiles(blocks: int, device: torch.device) -> Tensor:
-    """Part an axis into tiles of equal size, overlapping where it does not part evenly: (T,size) indices."""
+    """Indices (T,size) of an axis's tiles of equal size; they overlap where the axis does not divide evenly."""
     count, size = _tile_blocks(blocks)
     first = torch.linspace(0, blocks - size, count, device=device).round().long()
     return first[:, None] + torch.arange(size, device=device)
 
 
 def _with_next(level: Tensor, axis: int) -> Tensor:
-    """Go on with a level as it changes at both ends of an axis."""
+    """Extrapolate a level linearly by one tile at both ends of an axis."""
     count = level.shape[axis]
     first, second = level.narrow(axis, 0, 1), level.narrow(axis, min(1, count - 1), 1)
     last, before = level.narrow(axis, count - 1, 1), level.narrow(axis, max(0, count - 2), 1)
@@ -190,7 +189,7 @@ def bright_regions(grey: Tensor) -> Regions:
 
 
 def _windows(components: Components, light: Tensor) -> Regions:
-    """Lay square windows around the components of most light (B,h,w), in blocks, with a margin.
+    """Return square windows, with a margin, around the components of most light (B,h,w), in blocks.
 
     Sides are multiples of 32 px, so that many windows are of one size.
     """

@@ -151,7 +151,7 @@ class Guarded:
         return _unpacked, (self.name, pickle.dumps(self.classifier), self.inputs, self.home)
 
     def _guarded(self, what: str, call: Callable[[], R]) -> R:
-        """Let an error of the classifier name it, in one line."""
+        """Call the classifier; its errors become one line that begins with its name."""
         try:
             return call()
         except VoccError as error:
@@ -163,7 +163,7 @@ class Guarded:
 
 
 def _unpacked(name: str, packed: bytes, inputs: Inputs, home: ModuleFile | None) -> Guarded:
-    """Put a guarded classifier together again, in a process that may not know its class yet."""
+    """Unpickle a guarded classifier; the file that defines its class is read first."""
     if home is not None:
         home.module()
     return Guarded(name, pickle.loads(packed), inputs, home)

@@ -155,7 +155,7 @@ class LmmseEqualizer(_Scored):
         return 0 if self._weights is None else self._weights.numel()
 
     def _split(self, x: Tensor) -> tuple[Tensor, Tensor]:
-        """Part the light (B,R,C,F) from the panels' cell sizes (B,)."""
+        """Split inputs into the light (B,R,C,F) and the panels' cell sizes (B,)."""
         if self.classes == 1:
             return x, x.new_zeros(len(x))
         return x[..., :-1], x[:, 0, 0, -1]
@@ -195,7 +195,7 @@ class PanelOtsu(_Untrained):
 
 
 def two_means(values: Tensor) -> Tensor:
-    """Part numbers into two clusters with the least sum of squares within: k-means in one dimension, exactly.
+    """Find the limit between two clusters of least within sum of squares: k-means in one dimension, exact.
 
     Args:
         values: (B,N), N at least 1.

@@ -45,7 +45,7 @@ class TorchClassifier:
         self._spread: Tensor | None = None
 
     def fit_stream(self, batches: Batches, frames: int) -> Self:
-        """Take as many panels as the recipe asks for, whatever the study's budget is, and learn from them."""
+        """Train on ``recipe.frames`` panels of the stream, whatever the study's budget is."""
         count = 0
         x = bits = torch.empty(0)
         for part, own in batches(0, self.recipe.frames):
