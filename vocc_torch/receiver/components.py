@@ -333,34 +333,24 @@ def collect_blobs(runs: Runs, components: Components, *, min_area_px: int = 1, l
     run_label = components.at(runs.frame, runs.row >> level, runs.start >> level)
     kept = keep[run_label]
     row, start, end, pixels = (one[kept] for one in (runs.row, runs.start, runs.end, runs.pixels))
-    label, begin, number = _in_raster_order(keep, run_label[kept])
+    # Kept labels by their first run, and each run's number among them.
+    label = keep.nonzero()[:, 0]
+    compact = (keep.cumsum(0) - 1)[run_label[kept]]
+    index = torch.arange(len(compact), device=compact.device)
+    begin = torch.zeros_like(label).scatter_reduce(0, compact, index, "amin", include_self=False)
+    order = begin.argsort()
+    label, begin, number = label[order], begin[order], order.argsort()[compact]
     zeros = torch.zeros_like(label)
     left = zeros.scatter_reduce(0, number, start, "amin", include_self=False)
     mask_px = zeros.scatter_add(0, number, pixels)
     seed = torch.stack([start[begin], row[begin]], 1)
-    place = (number, row - row[begin][number], start - left[number], end - left[number])
-    first, last = _row_extremes(len(label), *place)
+    # First and last mask column of each row, counted from the blob's own top and left.
+    down = row - row[begin][number]
+    height = int(down.max()) + 1 if len(down) else 1
+    cell = number * height + down
+    ends = [(one - left[number]).to(torch.int16) for one in (start, end)]
+    empty = torch.zeros(len(label) * height, dtype=torch.int16, device=row.device)
+    first = empty.scatter_reduce(0, cell, ends[0], "amin", include_self=False).view(-1, height)
+    last = (empty - 1).scatter_reduce(0, cell, ends[1], "amax", include_self=False).view(-1, height)
     area = closed_px[label]
     return Blobs(components.frame[label], label, seed, left, area, mask_px, first, last, count)
-
-
-def _in_raster_order(keep: Tensor, run_label: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """Number the kept labels by their first run: labels (M,), first runs (M,), and each run's number (S,)."""
-    label = keep.nonzero()[:, 0]
-    compact = (keep.cumsum(0) - 1)[run_label]
-    index = torch.arange(len(run_label), device=run_label.device)
-    begin = torch.zeros_like(label).scatter_reduce(0, compact, index, "amin", include_self=False)
-    order = begin.argsort()
-    return label[order], begin[order], order.argsort()[compact]
-
-
-def _row_extremes(
-    blobs: int, number: Tensor, row: Tensor, start: Tensor, end: Tensor
-) -> tuple[Tensor, Tensor]:
-    """Return each blob's first and last mask column by row, from its own top and left: two (M,H) int16."""
-    height = int(row.max()) + 1 if len(row) else 1
-    cell = number * height + row
-    empty = torch.zeros(blobs * height, dtype=torch.int16, device=row.device)
-    first = empty.scatter_reduce(0, cell, start.to(torch.int16), "amin", include_self=False)
-    last = (empty - 1).scatter_reduce(0, cell, end.to(torch.int16), "amax", include_self=False)
-    return first.view(blobs, height), last.view(blobs, height)

@@ -323,10 +323,18 @@ def search_lattice(
     grey = read_patches(frames, corners_px, shape, _MARGIN)
     light = linear_light(grey) - linear_light(background.to(grey.dtype))[:, None, None]
     most, banks, bests = max(shape.rows, shape.columns), [], []
-    for leds, products in _by_leds(shape, light.mT @ light, light @ light.mT):
+    products = [light.mT @ light, light @ light.mT]
+    # Axes of equally many LEDs are searched as one batch.
+    alike = shape.columns == shape.rows
+    axes = (
+        [(shape.rows, torch.cat(products))]
+        if alike
+        else [(shape.columns, products[0]), (shape.rows, products[1])]
+    )
+    for leds, product in axes:
         with torch.inference_mode(False):
             bank = _bank(leds, most, light.device)
-        energy = products.flatten(1)[:, bank.upper] @ bank.projectors
+        energy = product.flatten(1)[:, bank.upper] @ bank.projectors
         for one in energy.view(-1, len(light), _PITCHES, _SHIFTS, len(_BLURS)):
             bests.append(one.max(2))
             banks.append(bank)
@@ -348,13 +356,6 @@ def search_lattice(
     cells = torch.stack(middle, 1)[:, None] + sides * torch.stack(half, 1)[:, None]
     blurs = torch.tensor(_BLURS, dtype=torch.float64, device=light.device)
     return map_points(corners_px, cells, shape), blurs[blur]
-
-
-def _by_leds(shape: PanelShape, across: Tensor, down: Tensor) -> list[tuple[int, Tensor]]:
-    """Return the products of each axis by its number of LEDs; of axes alike as one batch."""
-    if shape.columns == shape.rows:
-        return [(shape.rows, torch.cat([across, down]))]
-    return [(shape.columns, across), (shape.rows, down)]
 
 
 def _with_square_cells(corners_px: Tensor, shape: PanelShape) -> Tensor:
