@@ -18,7 +18,7 @@ from hydra.core.global_hydra import GlobalHydra
 from PIL import Image
 
 from vocc_torch.app import cli
-from vocc_torch.app.help import EFFECTS, LOCATORS, RECEIVERS
+from vocc_torch.app.config import EFFECTS, LOCATORS, RECEIVERS
 from vocc_torch.measure.plan import Locator
 from vocc_torch.receiver.bank import RECEIVER_NAMES
 from vocc_torch.receiver.receiver import Receiver

@@ -8,8 +8,7 @@ from collections.abc import Sequence
 from importlib import resources
 from typing import get_origin
 
-from vocc_torch.app.config import AppConfig
-from vocc_torch.app.help import keys_of
+from vocc_torch.app.config import AppConfig, keys_of
 from vocc_torch.errors import VoccError
 
 _KINDS = {

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from matplotlib import colormaps
@@ -17,9 +17,9 @@ from matplotlib.patheffects import withStroke
 from matplotlib.ticker import LogLocator, NullFormatter
 
 from vocc_torch.measure.grid import Best, Floats, Grid, best_luminance
-from vocc_torch.show.ber_axes import receiver_line
 from vocc_torch.show.canvas import GRID, INK, QUIET, new_figure, quiet_axes, write_legend, write_title
-from vocc_torch.show.styles import Style, axis_label, receiver_styles, value_text
+from vocc_torch.show.plots import receiver_line
+from vocc_torch.show.styles import LOCATED, Style, axis_label, receiver_styles, value_text
 from vocc_torch.show.text_table import rate_text
 
 _MAP = colormaps["viridis"]
@@ -307,3 +307,31 @@ def _contrast_lines(axes: Axes) -> None:
         text = f"{' ' * side}\N{MULTIPLICATION SIGN}{1 + 2.0**power:.3g}"
         va, ha = ("center", "left") if side else ("bottom", "center")
         axes.text(*at, text, va=va, ha=ha, fontsize=9, color=QUIET)
+
+
+CAPTIONS = {
+    "_paper": "With the panel located as the paper does. The line: the best luminance by ambient light.",
+    "_truth": "With the panel's true corners: what bit decision alone makes of it.",
+    "_best": "The best luminance against ambient light, on lines of constant contrast.",
+}
+"""Captions by the end of the picture's name."""
+
+
+def grid_figures(grids: Mapping[str, Grid], own: str, receivers: Sequence[str]) -> dict[str, Figure]:
+    """Draw a grid.
+
+    Args:
+        grids: by locator.
+        own: the locator whose best luminances are drawn.
+        receivers: those to draw, in order.
+
+    Returns:
+        By file name without suffix.
+    """
+    names = [name for name in receivers if name in grids[own].receivers]
+    heading = "Bit error rate over ambient light and LED luminance"
+    drawn = {
+        f"dimming_{locator}": dimming_figure(grid, f"{heading} ({LOCATED[locator]})", names)
+        for locator, grid in grids.items()
+    }
+    return {**drawn, "dimming_best": best_luminance_figure(grids[own], receivers=names)}

@@ -9,7 +9,9 @@ from __future__ import annotations
 import math
 import re
 import shlex
-from collections.abc import Iterable, Mapping, Sequence
+import threading
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -23,7 +25,6 @@ from vocc_torch.errors import VoccError
 from vocc_torch.measure.curve import BerTable
 from vocc_torch.show.canvas import figure_pixels
 from vocc_torch.show.page import render
-from vocc_torch.show.quiet import quiet_threads
 from vocc_torch.show.styles import axis_label
 
 Picture = NDArray[np.uint8]
@@ -252,3 +253,14 @@ def _how_to_read(parts: Sequence[_Part]) -> str:
     units = list(dict.fromkeys(part.unit for part in parts))
     grouped = any(part.group for part in parts)
     return render(__package__, "board.md.j2", units=units, groups=groups, grouped=grouped).rstrip()
+
+
+@contextmanager
+def quiet_threads() -> Iterator[None]:
+    """Keep TensorBoard's writing thread from printing the OSError that ``write_board`` then raises."""
+    shown = threading.excepthook
+    threading.excepthook = lambda failure: None if issubclass(failure.exc_type, OSError) else shown(failure)
+    try:
+        yield
+    finally:
+        threading.excepthook = shown

@@ -15,10 +15,10 @@ from PIL import Image
 from vocc_torch.errors import VoccError
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.rng import BlockKey
-from vocc_torch.show.annotated import annotated
+from vocc_torch.show.canvas import annotated
 from vocc_torch.simulation import Distribution, SceneModel, Simulator
-from vocc_torch.studies.decode.decode import COLUMNS, decode, receiver_for
 from vocc_torch.studies.decode.recording import read_recording, to_grey
+from vocc_torch.studies.decode.run import COLUMNS, decode, receiver_for
 from vocc_torch.types import PanelShape
 
 
@@ -289,7 +289,7 @@ def test_video_frame_by_frame(receiver, near, tmp_path, name):
 
 
 def test_video_longer_than_a_batch(receiver, near, tmp_path, monkeypatch):
-    monkeypatch.setattr("vocc_torch.studies.decode.decode.BATCH_PIXELS", 3 * near[0][0].size)
+    monkeypatch.setattr("vocc_torch.studies.decode.run.BATCH_PIXELS", 3 * near[0][0].size)
     frames, bits = near
     readings = list(decode(receiver, write_video(tmp_path / "long.mp4", frames), "luma"))
     assert [reading.text for reading in readings] == [text_of(frame) for frame in bits]

@@ -25,10 +25,9 @@ from vocc_torch.show.folder import (
     write_config,
     write_training,
 )
-from vocc_torch.show.quiet import quiet_threads
-from vocc_torch.show.stopwatch import Stopwatch
-from vocc_torch.show.tensorboard import board_hint
-from vocc_torch.show.terminal_campaign import CampaignView
+from vocc_torch.show.tensorboard import board_hint, quiet_threads
+from vocc_torch.show.terminal import ProgressView as CampaignView
+from vocc_torch.show.terminal import Stopwatch
 from vocc_torch.studies.classifiers.build import build_rival_study
 from vocc_torch.studies.classifiers.config import RivalsConfig
 from vocc_torch.studies.classifiers.plan import RivalStudy

@@ -16,7 +16,7 @@ from vocc_torch.measure.curve import BerTable, Point
 from vocc_torch.measure.plan import World
 from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.show.canvas import INK, QUIET, new_figure, write_title
-from vocc_torch.show.facets import facet_figure
+from vocc_torch.show.plots import facet_figure
 from vocc_torch.show.styles import Style, receiver_styles
 from vocc_torch.simulation.effects import Parameters
 from vocc_torch.simulation.geometry import panel_corners_px

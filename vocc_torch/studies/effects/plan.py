@@ -25,7 +25,7 @@ from vocc_torch.simulation.effects import (
     Quantity,
     build_effects,
 )
-from vocc_torch.studies.effects.config import EffectsConfig
+from vocc_torch.studies.effects import EffectsConfig
 
 Effects = Mapping[str, Parameters]
 """Effect name to parameters, as a scene names them."""

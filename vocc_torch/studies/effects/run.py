@@ -12,10 +12,8 @@ from vocc_torch.measure.workers import Workers
 from vocc_torch.show.canvas import save_figure
 from vocc_torch.show.folder import as_markdown, print_place, refuse_results, refuse_unused, write_config
 from vocc_torch.show.page import render
-from vocc_torch.show.stopwatch import Stopwatch
-from vocc_torch.show.terminal import ProgressView
-from vocc_torch.studies.effects import tables
-from vocc_torch.studies.effects.config import EffectsConfig
+from vocc_torch.show.terminal import ProgressView, Stopwatch
+from vocc_torch.studies.effects import EffectsConfig, tables
 from vocc_torch.studies.effects.figures import effects_figure
 from vocc_torch.studies.effects.gallery import gallery_figure, gallery_pictures, severity_figure
 from vocc_torch.studies.effects.plan import EffectStudy, build_effect_study

@@ -26,9 +26,8 @@ from vocc_torch.show.folder import (
     write_config,
     write_training,
 )
-from vocc_torch.show.stopwatch import Stopwatch
 from vocc_torch.show.tensorboard import board_hint
-from vocc_torch.show.terminal import ProgressView
+from vocc_torch.show.terminal import ProgressView, Stopwatch
 from vocc_torch.studies.paper.config import FiguresConfig
 from vocc_torch.studies.paper.experiments import paper_plan, wanted_figures
 from vocc_torch.studies.paper.files import PaperFiles

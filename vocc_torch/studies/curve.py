@@ -3,31 +3,39 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
 from rich.console import Console
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure import sweep
 from vocc_torch.measure.build import build_plan
 from vocc_torch.measure.config import Settings
+from vocc_torch.measure.counter import point_name
 from vocc_torch.measure.curves import Curves
 from vocc_torch.measure.identity import identity
 from vocc_torch.measure.ledger import Ledger
+from vocc_torch.measure.link import Link, block_keys
 from vocc_torch.measure.montecarlo import Label, Tally
+from vocc_torch.measure.paired import paired_interval
 from vocc_torch.measure.plan import SCENE_FIELDS, Plan
+from vocc_torch.measure.sweep import monte_carlo_values
 from vocc_torch.measure.train import Training, trained_receiver
 from vocc_torch.measure.workers import Workers
 from vocc_torch.receiver.features import FEATURE_NAMES
+from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.show import folder as run_folder
-from vocc_torch.show.canvas import save_figure
-from vocc_torch.show.csv_file import ber_rows, write_rows
-from vocc_torch.show.paired_file import compared, write_paired
+from vocc_torch.show.canvas import annotated, enlarged, save_figure
+from vocc_torch.show.csv_file import ber_rows, write_paired, write_rows
 from vocc_torch.show.plots import ber_figure, feature_histograms
-from vocc_torch.show.styles import axis_label, receiver_styles
+from vocc_torch.show.styles import axis_label, receiver_styles, value_text
 from vocc_torch.show.tensorboard import axis_steps, board_hint, write_boards
 from vocc_torch.show.terminal import StudyView, print_table, train_shown
-from vocc_torch.studies.curve.gallery import sample_frames
+from vocc_torch.simulation.framing import crop_origins_px
+from vocc_torch.simulation.geometry import panel_centre_px
 
 
 def run_test(settings: Settings, folder: Path) -> None:
@@ -146,3 +154,75 @@ def _print(settings: Settings, plan: Plan, curves: Curves, folder: Path, console
         run_folder.print_place(console, what, folder / name)
     if settings.tensorboard:
         run_folder.print_place(console, "board", board_hint(folder / "tensorboard"))
+
+
+SAMPLES = 4
+"""Frames drawn for each point."""
+SCALE = 6
+"""Enlargement: a panel is some 30 pixels wide."""
+WIDEST_PX = 1200
+"""Widest enlarged frame: a crop of a near panel is large enough as it is."""
+
+
+def sample_frames(plan: Plan, receiver: Receiver) -> dict[str, NDArray[np.uint8]]:
+    """Draw the first frames of each point, plain above and annotated below.
+
+    Args:
+        plan: the study.
+        receiver: decides the bits that are drawn; where the study takes the true corners, so does it.
+
+    Returns:
+        Point name to picture, (H,W,3) uint8.
+    """
+    # Whole frames enlarged would be pictures of gigabytes; the decisions on crops are the same.
+    plan = replace(plan, world=replace(plan.world, framing="crop"), batch_frames=SAMPLES)
+    link, pictures = Link.of(plan), {}
+    receiver = receiver.to(link.simulator.device)
+    for value in monte_carlo_values(plan):
+        name, model = point_name(plan.experiment, value), plan.experiment.model_at(plan.world, value)
+        seen = next(link.observe(model, block_keys(plan.seed, name, SAMPLES), preambles=False))
+        read = receiver(seen.frames, seen.panels)
+        shown = link.simulator.crop_px(model.nearest_m)
+        centre = panel_centre_px(seen.scene, link.simulator.camera)
+        places = crop_origins_px(centre, shown, link.simulator.camera.sensor_px)
+        rows = []
+        for i in range(len(seen.frames)):
+            pixels, origin = seen.frames.grey[i, 0], seen.frames.origin_px[i]
+            if tuple(pixels.shape) == seen.frames.sensor_px:  # a scene that needs the whole sensor
+                left, top = places[i].tolist()
+                pixels, origin = pixels[top : top + shown[0], left : left + shown[1]], places[i]
+            grey = pixels.round().clamp(0, 255).byte().cpu().numpy()
+            colour = np.repeat(grey[..., None], 3, axis=2)
+            scale = max(1, min(SCALE, WIDEST_PX // grey.shape[1]))
+            plain = drawn = np.asarray(enlarged(colour, scale))
+            if read.found[i]:
+                corners = (read.corners_px[i].cpu() - origin.cpu()).numpy()
+                drawn = np.asarray(annotated(colour, corners, read.bits[i].cpu().numpy(), scale))
+            rows.append(np.concatenate([plain, drawn]))
+        pictures[name] = np.concatenate(rows, axis=1)
+    return pictures
+
+
+def compared(curves: Curves, reference: str) -> list[str]:
+    """Say in a line for each other receiver where it differs from a reference for certain.
+
+    Args:
+        curves: an experiment.
+        reference: a receiver in it.
+
+    Example:
+        >>> compared(Curves("d", "distance_m", "truth", ("flda_3",), (), {}, {}, {}), "flda_3")
+        []
+    """
+    lines = []
+    for name, style in receiver_styles(curves.receivers).items():
+        if name == reference:
+            continue
+        places: dict[str, list[str]] = {"worse": [], "better": []}
+        for value in curves.values:
+            found = paired_interval(curves.pair(name, reference, value))
+            if found.real:
+                places["worse" if found.value > 0 else "better"].append(value_text(value))
+        parts = [f"{word} at {', '.join(values)}" for word, values in places.items() if values]
+        lines.append(f"{style.label}: {'; '.join(parts) or 'no difference shown'}")
+    return lines

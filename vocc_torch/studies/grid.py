@@ -15,8 +15,8 @@ from vocc_torch.measure.ledger import Ledger
 from vocc_torch.measure.workers import Workers
 from vocc_torch.show import folder as run_folder
 from vocc_torch.show.canvas import save_figure
-from vocc_torch.show.grid_files import grid_figures, write_grid
-from vocc_torch.show.paired_file import write_paired
+from vocc_torch.show.csv_file import write_grid, write_paired
+from vocc_torch.show.heatmap import grid_figures
 from vocc_torch.show.tensorboard import board_hint, write_boards
 from vocc_torch.show.terminal import ProgressView, print_table
 
