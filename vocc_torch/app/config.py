@@ -96,52 +96,16 @@ def job_folder(name: str, job: int) -> str:
     return str(job)
 
 
-EFFECTS = [
-    "pose",
-    "lens_distortion",
-    "rolling_shutter",
-    "stuck_leds",
-    "led_scatter",
-    "attenuation",
-    "background_texture",
-    "lamps",
-    "second_panel",
-    "airlight",
-    "occlusion",
-    "veiling_glare",
-    "motion_blur",
-    "defocus",
-    "diffraction",
-    "blooming",
-    "vignetting",
-    "bayer",
-    "photoelectrons",
-    "prnu",
-    "dark_current",
-    "hot_pixels",
-    "shot_noise",
-    "full_well",
-    "dsnu",
-    "row_noise",
-    "read_noise",
-    "gain",
-    "demosaicing",
-    "saturation",
-    "quantization",
-    "jpeg",
-]
-LOCATORS = ("truth", "paper", "refined")
-RECEIVERS = [
-    "center_greyscale",
-    "average_greyscale",
-    "flda_agr",
-    "flda_gri",
-    "flda_ngr",
-    "flda_agr_ngr",
-    "flda_2",
+NAMES = {
+    "Effects": "pose, lens_distortion, rolling_shutter, stuck_leds, led_scatter, attenuation, "
+    "background_texture, lamps, second_panel, airlight, occlusion, veiling_glare, motion_blur, defocus, "
+    "diffraction, blooming, vignetting, bayer, photoelectrons, prnu, dark_current, hot_pixels, shot_noise, "
+    "full_well, dsnu, row_noise, read_noise, gain, demosaicing, saturation, quantization, jpeg",
+    "Receivers": "center_greyscale, average_greyscale, flda_agr, flda_gri, flda_ngr, flda_agr_ngr, flda_2, "
     "flda_3",
-]
-"""By name: what defines them needs torch, which the help does not wait for."""
+    "Locators": "truth, paper, refined",
+}
+"""What the help lists by name: it does not wait for torch, which what defines them needs."""
 
 
 def described(root: DictConfig, schema: type) -> str:
@@ -162,8 +126,7 @@ def described(root: DictConfig, schema: type) -> str:
             if text := said.get(".".join(path)):
                 lines.append(f"{found[1]}# {text}")
         lines.append(line)
-    names = {"Effects": EFFECTS, "Receivers": RECEIVERS, "Locators": LOCATORS}
-    lists = [f"{what} by name: {', '.join(known)}" for what, known in names.items()]
+    lists = [f"{what} by name: {known}" for what, known in NAMES.items()]
     # Hydra puts the text into a template of its own, where $ begins a placeholder.
     return "\n".join([*lines, "", *lists]).replace("$", "$$")
 

@@ -84,19 +84,9 @@ def write_legend(
 
 def head(axes: Axes, letter: str, text: str) -> None:
     """Name a part of the figure above its axes, and say a line about it."""
-    axes.annotate(
-        letter,
-        (0, 1),
-        (0, 9),
-        xycoords="axes fraction",
-        textcoords="offset points",
-        fontsize=11.5,
-        fontweight="bold",
-        color=INK,
-    )
-    axes.annotate(
-        text, (0, 1), (24, 9), xycoords="axes fraction", textcoords="offset points", fontsize=10, color=QUIET
-    )
+    above: dict[str, Any] = {"xycoords": "axes fraction", "textcoords": "offset points"}
+    axes.annotate(letter, (0, 1), (0, 9), fontsize=11.5, fontweight="bold", color=INK, **above)
+    axes.annotate(text, (0, 1), (24, 9), fontsize=10, color=QUIET, **above)
 
 
 def text_renderer(figure: Figure) -> RendererBase:

@@ -5,28 +5,19 @@ from __future__ import annotations
 import math
 import textwrap
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import LogFormatterSciNotation, LogLocator
-from numpy.typing import NDArray
 from torch import Tensor
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.curve import BerTable, Row
-from vocc_torch.show.canvas import (
-    FINE_GRID,
-    GRID,
-    INK,
-    QUIET,
-    new_figure,
-    quiet_axes,
-    write_legend,
-    write_title,
-)
-from vocc_torch.show.styles import Style, axis_label, receiver_styles, value_text
+from vocc_torch.show import canvas
+from vocc_torch.show.styles import Style, axis_label, count_text, receiver_styles, value_text
 
 _SHARES = ("contrast",)
 """Quantities that are shares of a whole: their axis is linear."""
@@ -62,7 +53,7 @@ def draw_rates(
     crowding = _WIDTH_IN / width_in
     shares, at = _horizontal_axis(axes, table.values, table.axis in _SHARES, crowding)
     _vertical_axis(axes, table.rows if rows is None else rows)
-    quiet_axes(axes)
+    canvas.quiet_axes(axes)
     axes.tick_params(which="both", labelsize=10.5 * size)
     axes.tick_params(axis="y", which="minor", labelsize=8.5 * size)
     most = max(_SPREAD, _MOST_SPREAD / max(1, len(styles) - 1))
@@ -116,9 +107,9 @@ def _vertical_axis(axes: Axes, rows: Sequence[Row]) -> None:
     axes.yaxis.set_minor_locator(LogLocator(10, subs=tuple(range(2, 10)), numticks=300))
     # Where hardly more than a decade is shown, values within it are named too.
     axes.yaxis.set_minor_formatter(LogFormatterSciNotation(minor_thresholds=(1.5, 0.6)))
-    axes.grid(axis="y", which="major", color=GRID, linewidth=1.1)
-    axes.grid(axis="y", which="minor", color=FINE_GRID, linewidth=0.6)
-    axes.grid(axis="x", which="major", color=GRID, linewidth=0.8)
+    axes.grid(axis="y", which="major", color=canvas.GRID, linewidth=1.1)
+    axes.grid(axis="y", which="minor", color=canvas.FINE_GRID, linewidth=0.6)
+    axes.grid(axis="x", which="major", color=canvas.GRID, linewidth=0.8)
 
 
 def _draw_receiver(axes: Axes, x: Sequence[float], rows: Sequence[Row], style: Style, size: float) -> None:
@@ -127,9 +118,8 @@ def _draw_receiver(axes: Axes, x: Sequence[float], rows: Sequence[Row], style: S
     rate = [math.nan if row.error_free else row.ber for row in rows]
     ends = [[row.ber - row.ber_low for row in rows], [row.ber_high - row.ber for row in rows]]
     bar = 1.3 * size
-    axes.errorbar(
-        x, rate, ends, fmt="none", ecolor=style.colour, elinewidth=bar, capsize=2 * bar, capthick=bar
-    )
+    look: dict[str, Any] = {"elinewidth": bar, "capsize": 2 * bar, "capthick": bar}
+    axes.errorbar(x, rate, ends, fmt="none", ecolor=style.colour, **look)
     axes.add_line(receiver_line(style, x, rate, size))
     for at, row in zip(x, rows, strict=True):
         if row.error_free:
@@ -140,19 +130,10 @@ def receiver_line(
     style: Style, x: Sequence[float] = (), y: Sequence[float] = (), size: float = 1.0
 ) -> Line2D:
     """Make the receiver's line with its markers; without data it is the receiver's sign in the legend."""
-    return Line2D(
-        x,
-        y,
-        label=style.label,
-        color=style.colour,
-        linestyle=style.line,
-        linewidth=1.8 * size,
-        marker=style.marker,
-        markersize=7.5 * size,
-        markeredgecolor="white",
-        markeredgewidth=0.7 * size,
-        zorder=3,
-    )
+    line = Line2D(x, y, label=style.label, color=style.colour, linestyle=style.line, linewidth=1.8 * size)
+    line.set(marker=style.marker, markersize=7.5 * size, markeredgecolor="white")
+    line.set(markeredgewidth=0.7 * size, zorder=3)
+    return line
 
 
 def _draw_limit(axes: Axes, x: float, limit: float, style: Style, size: float) -> None:
@@ -178,7 +159,7 @@ def name_receivers(figure: Figure, styles: Iterable[Style], columns: int, size: 
     """
     look = {"fontsize": 10.5, "handlelength": 3.2, "columnspacing": 2.4} if size == 1 else {}
     lines = [receiver_line(style, size=size) for style in styles]
-    write_legend(figure, lines, (0.01, 1 - 0.46 / figure.get_figheight()), columns, **look)
+    canvas.write_legend(figure, lines, (0.01, 1 - 0.46 / figure.get_figheight()), columns, **look)
 
 
 def interval_note(rows: Iterable[Row]) -> str:
@@ -224,7 +205,7 @@ def ber_figure(table: BerTable, axis_label: str, title: str) -> Figure:
     if not len(table):
         raise VoccError("table is empty: a figure needs at least one point")
     styles = receiver_styles(table.receivers)
-    figure = new_figure(_PAGE_WIDTH_IN, _PAGE_HEIGHT_IN)
+    figure = canvas.new_figure(_PAGE_WIDTH_IN, _PAGE_HEIGHT_IN)
     above_in = 0.62 + 0.225 * math.ceil(len(styles) / _LEGEND_COLUMNS)
     bottom, top = 1.12 / _PAGE_HEIGHT_IN, 1 - above_in / _PAGE_HEIGHT_IN
     axes = figure.add_axes((0.092, bottom, 0.888, top - bottom))
@@ -232,7 +213,10 @@ def ber_figure(table: BerTable, axis_label: str, title: str) -> Figure:
     axes.set_xlabel(axis_label, labelpad=8)
     axes.set_ylabel("Bit error rate")
     axes.yaxis.set_label_coords(-0.066, 0.5)
-    write_title(figure, title, _footnote(table))
+    frames = [count_text(number) for number in sorted({row.frames for row in table})]
+    count = frames[0] if len(frames) == 1 else f"{frames[0]} to {frames[-1]}"
+    basis = f"{count} frames a point \N{MIDDLE DOT} locator: {', '.join(table.locators)}"
+    canvas.write_title(figure, title, f"{basis}\n{interval_note(table)}")
     name_receivers(figure, styles.values(), _LEGEND_COLUMNS)
     return figure
 
@@ -255,46 +239,27 @@ def feature_histograms(features: Tensor, bits: Tensor, names: Sequence[str]) -> 
     columns = min(3, len(names))
     rows = math.ceil(len(names) / columns)
     width, height = max(5.0, 0.7 + 3.1 * columns), 1.2 + 2.6 * rows
-    figure = new_figure(width, height)
+    figure = canvas.new_figure(width, height)
     left, bottom, top = 0.78 / width, 0.55 / height, 1 - 0.7 / height
     figure.subplots_adjust(left, bottom, 0.98, top, wspace=0.24, hspace=0.45)
     for number, name in enumerate(names):
         axes = figure.add_subplot(rows, columns, number + 1)
-        _histogram(axes, values[:, number], on)
+        edges = np.histogram_bin_edges(values[:, number], bins=60)
+        for status, label, colour in ((~on, "Off", _OFF), (on, "On", _ON)):
+            shares = np.histogram(values[status, number], edges)[0] / int(status.sum())
+            axes.stairs(shares, edges, fill=True, color=colour, alpha=0.25)
+            axes.stairs(shares, edges, color=colour, linewidth=1.6, label=label)
+        axes.set_ylim(bottom=0)
+        axes.margins(x=0.02)
+        canvas.quiet_axes(axes)
+        axes.grid(axis="y", color=canvas.GRID, linewidth=0.8)
         axes.set_xlabel(name)
         axes.set_ylabel("Share of LEDs" if number % columns == 0 else "")
-    write_title(figure, f"Features of {_thousands(len(values))} LEDs")
+    canvas.write_title(figure, f"Features of {count_text(len(values))} LEDs")
     handles, _ = figure.axes[0].get_legend_handles_labels()
-    write_legend(
-        figure, handles, (0.99, 1 - 0.08 / height), 2, handlelength=2.0, loc="upper right", fontsize=10.5
-    )
+    look = {"handlelength": 2.0, "loc": "upper right", "fontsize": 10.5}
+    canvas.write_legend(figure, handles, (0.99, 1 - 0.08 / height), 2, **look)
     return figure
-
-
-def _footnote(table: BerTable) -> str:
-    """Say what the points rest on, in two lines."""
-    frames = [_thousands(number) for number in sorted({row.frames for row in table})]
-    count = frames[0] if len(frames) == 1 else f"{frames[0]} to {frames[-1]}"
-    locators = ", ".join(table.locators)
-    return f"{count} frames a point \N{MIDDLE DOT} locator: {locators}\n{interval_note(table)}"
-
-
-def _thousands(number: int) -> str:
-    """Group digits by thin spaces."""
-    return f"{number:,}".replace(",", "\N{THIN SPACE}")
-
-
-def _histogram(axes: Axes, values: NDArray[np.float64], on: NDArray[np.bool_]) -> None:
-    """Draw one feature's two histograms over the same bins, each as shares of its own LEDs."""
-    edges = np.histogram_bin_edges(values, bins=60)
-    for status, label, colour in ((~on, "Off", _OFF), (on, "On", _ON)):
-        shares = np.histogram(values[status], edges)[0] / int(status.sum())
-        axes.stairs(shares, edges, fill=True, color=colour, alpha=0.25)
-        axes.stairs(shares, edges, color=colour, linewidth=1.6, label=label)
-    axes.set_ylim(bottom=0)
-    axes.margins(x=0.02)
-    quiet_axes(axes)
-    axes.grid(axis="y", color=GRID, linewidth=0.8)
 
 
 _FACET_WIDTH_IN, _FACET_HEIGHT_IN = 3.1, 2.45
@@ -353,7 +318,7 @@ def facet_figure(
     gap_in = _GAP_IN + _LINE_IN * (max(len(head) for row in heads for head in row) - 1)
     gap_in += 0.0 if axes_alike else 0.28
     height = above_in + len(rows) * (_FACET_HEIGHT_IN + gap_in) + _BOTTOM_IN
-    figure = new_figure(width, height)
+    figure = canvas.new_figure(width, height)
     for i, row in enumerate(rows):
         below_in = above_in + (i + 1) * (_FACET_HEIGHT_IN + gap_in)
         for j, (head, one) in enumerate(zip(heads[i], row.values(), strict=True)):
@@ -362,28 +327,21 @@ def facet_figure(
             axes = figure.add_axes(place)
             if isinstance(one, BerTable):
                 draw_rates(axes, one, styles, shown, size=_SIZE, width_in=wide)
-                _labels(axes, one, first=j == 0, last=not axes_alike or i == len(rows) - 1)
+                last = not axes_alike or i == len(rows) - 1
+                axes.set_ylabel("Bit error rate" if j == 0 else "", fontsize=10.5)
+                axes.tick_params(axis="y", which="both", labelleft=j == 0)
+                axes.set_xlabel(axis_label(one.axis) if last else "", labelpad=3, fontsize=10.5)
+                axes.tick_params(axis="x", labelbottom=last)
             else:
-                _write_reason(axes, one, letters - 6)
-            axes.set_title("\n".join(head), fontsize=10.5, fontweight="bold", color=INK, loc="left", pad=5)
-    write_title(figure, title, footnote)
+                axes.set_xticks([])
+                axes.set_yticks([])
+                axes.spines[:].set_color(canvas.GRID)
+                reason = "\n".join(textwrap.wrap(one, letters - 6, max_lines=8))
+                text = axes.text(0.5, 0.5, reason, transform=axes.transAxes, fontsize=9, color=canvas.QUIET)
+                text.set(ha="center", va="center")
+            named = axes.set_title("\n".join(head), loc="left", pad=5, fontsize=10.5, color=canvas.INK)
+            named.set_fontweight("bold")
+    canvas.write_title(figure, title, footnote)
     if styles:
         name_receivers(figure, styles.values(), legend_columns, size=0.9)
     return figure
-
-
-def _labels(axes: Axes, table: BerTable, *, first: bool, last: bool) -> None:
-    """Label the vertical axis of each row's first facet, and the horizontal ones of the last row."""
-    axes.set_ylabel("Bit error rate" if first else "", fontsize=10.5)
-    axes.tick_params(axis="y", which="both", labelleft=first)
-    axes.set_xlabel(axis_label(table.axis) if last else "", labelpad=3, fontsize=10.5)
-    axes.tick_params(axis="x", labelbottom=last)
-
-
-def _write_reason(axes: Axes, reason: str, letters: int) -> None:
-    """Write in a facet's place why it has no points."""
-    axes.set_xticks([])
-    axes.set_yticks([])
-    axes.spines[:].set_color(GRID)
-    text = "\n".join(textwrap.wrap(reason, letters, max_lines=8))
-    axes.text(0.5, 0.5, text, transform=axes.transAxes, ha="center", va="center", fontsize=9, color=QUIET)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 import re
-import shlex
 import threading
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -137,21 +136,6 @@ def write_boards(
                     writer.add_image(tag, pixels, dataformats="HWC")
     except OSError as error:
         raise VoccError(f"cannot write {folder}: {error.strerror or error}") from error
-
-
-def board_hint(folder: str | Path) -> str:
-    """Give the command that serves the board and the link that opens it with smoothing off.
-
-    Args:
-        folder: the folder given to ``write_boards``.
-
-    Example:
-        >>> print(board_hint("runs/ambient/board"))
-        tensorboard --logdir runs/ambient/board
-        http://127.0.0.1:6006/?smoothing=0#custom_scalars&_smoothingWeight=0
-    """
-    link = "http://127.0.0.1:6006/?smoothing=0#custom_scalars&_smoothingWeight=0"
-    return f"tensorboard --logdir {shlex.quote(str(folder))}\n{link}"
 
 
 @dataclass(frozen=True, slots=True)

@@ -127,7 +127,8 @@ def find_jobs(folder: Path) -> list[Job]:
             f"input {folder} holds no job: give a folder that a multirun of task=test wrote, with 0/{TABLE}, "
             f"1/{TABLE} and so on"
         )
-    return [job for place in found for job in _read(place, _name(place, folder))]
+    names = {place: place.relative_to(folder).as_posix() for place in found if place != folder}
+    return [job for place in found for job in _read(place, names.get(place, folder.resolve().name))]
 
 
 def _folders(folder: Path) -> Iterator[Path]:
@@ -147,12 +148,6 @@ def _refuse(error: OSError) -> None:
 def _order(place: Path) -> list[tuple[int, str]]:
     """Sort numbers by value, and before words."""
     return [(int(part), "") if part.isdecimal() else (2**63, part) for part in place.parts]
-
-
-def _name(place: Path, folder: Path) -> str:
-    """Name a job; one in the very folder has that folder's name."""
-    inside = place.relative_to(folder).as_posix()
-    return inside if inside != "." else folder.resolve().name
 
 
 def _read(place: Path, name: str) -> list[Job]:
@@ -327,8 +322,9 @@ def jobs_figure(jobs: Sequence[Job], keys: Sequence[str], title: str) -> Figure:
     """
     facets: dict[str, BerTable | str] = {}
     for job in jobs:
+        about = [label(job, keys), "" if job.status == "done" else job.status]
+        name = f"job {job.name}: {', '.join(filter(None, about))}".removesuffix(": ")
         # Rows of a grid whose settings are not known have the same name; blanks at its end are not drawn.
-        name = _head(job, keys)
         while name in facets:
             name += " "
         facets[name] = job.table or job.complaint or job.status
@@ -339,21 +335,13 @@ def jobs_figure(jobs: Sequence[Job], keys: Sequence[str], title: str) -> Figure:
         for first in range(0, len(names), columns)
     ]
     shown = [row for job in jobs for row in job.table or ()]
-    locators, without = (
-        ", ".join(dict.fromkeys(row.locator for row in shown)),
-        sum(not job.table for job in jobs),
-    )
+    locators = ", ".join(dict.fromkeys(row.locator for row in shown))
+    without = sum(not job.table for job in jobs)
     parts = [f"locator: {locators}"] if locators else []
     if without:
         parts.append(f"{without} job{'s have' if without > 1 else ' has'} no points")
     note = "\n".join(filter(None, [" \N{MIDDLE DOT} ".join(parts), interval_note(shown) if shown else ""]))
     return facet_figure(rows, title, note, axes_alike=False)
-
-
-def _head(job: Job, keys: Sequence[str]) -> str:
-    """Name a job and what is particular of it."""
-    about = [label(job, keys), "" if job.status == "done" else job.status]
-    return f"job {job.name}: {', '.join(filter(None, about))}".removesuffix(": ")
 
 
 def all_receivers(jobs: Iterable[Job]) -> list[str]:
@@ -385,7 +373,8 @@ def print_jobs(jobs: Sequence[Job], keys: Sequence[str], console: Console) -> No
     receivers = all_receivers(jobs)
     named = ["job", *(job.name for job in jobs)], ["status", *(job.status for job in jobs)]
     taken = sum(max(map(len, column)) + _GAP for column in named)
-    wide = taken + _LEAST_LABEL + sum(_receiver_width(name) + _GAP for name in receivers) <= console.width
+    taken += sum(max(_RATE, *map(len, name.split("_"))) + _GAP for name in receivers)
+    wide = taken + _LEAST_LABEL <= console.width
     console.print(_wide(jobs, keys, receivers) if wide else _long(jobs, keys))
     for job in jobs:
         if job.complaint:
@@ -395,11 +384,6 @@ def print_jobs(jobs: Sequence[Job], keys: Sequence[str], console: Console) -> No
         key = "BER: each job's lowest and highest point"
         free = any(row.error_free for job in jobs for row in job.table or ())
         console.print(Text(key + ("; <: no errors, one-sided 95 % limit" if free else ""), style="dim"))
-
-
-def _receiver_width(receiver: str) -> int:
-    """Count the columns that a receiver's rates take."""
-    return max(_RATE, *map(len, receiver.split("_")))
 
 
 def _wide(jobs: Sequence[Job], keys: Sequence[str], receivers: Sequence[str]) -> Table:

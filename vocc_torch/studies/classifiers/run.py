@@ -17,6 +17,7 @@ from vocc_torch.show.canvas import save_figure
 from vocc_torch.show.folder import (
     LEDGERS,
     as_markdown,
+    board_hint,
     open_ledger,
     print_place,
     refuse_results,
@@ -25,7 +26,7 @@ from vocc_torch.show.folder import (
     write_config,
     write_training,
 )
-from vocc_torch.show.tensorboard import board_hint, quiet_threads
+from vocc_torch.show.tensorboard import quiet_threads
 from vocc_torch.show.terminal import ProgressView as CampaignView
 from vocc_torch.show.terminal import Stopwatch
 from vocc_torch.studies.classifiers.build import build_rival_study

@@ -25,7 +25,7 @@ from vocc_torch.show.canvas import annotated
 from vocc_torch.show.csv_file import write_rows
 from vocc_torch.show.folder import print_place, refuse_results, write_config
 from vocc_torch.studies.decode import DecodeConfig
-from vocc_torch.studies.decode.recording import Channel, RecordedFrame, read_recording
+from vocc_torch.studies.decode.recording import RecordedFrame, read_recording
 
 DOUBTFUL_SCORE = 0.6
 """Noise that fills a 4:3 picture scores 0.56; of the paper's scenes one in fifty scores less than this."""
@@ -40,15 +40,12 @@ def run_decode(settings: Settings, config: DecodeConfig, folder: Path) -> None:
     refuse_results(folder)
     if settings.input is None:
         raise VoccError("input is null: task=decode needs input=PICTURE, a folder of pictures or a video")
-    if not 1 <= config.scale <= 16:
-        raise VoccError(f"decode.scale is {config.scale}: it must be from 1 to 16")
     source, console = Path(settings.input), Console()
-    if not source.exists():
-        raise VoccError(f"input {source} does not exist: give a picture, a folder of pictures or a video")
+    recording = read_recording(source, config.channel)
     plan = build_plan(settings, folder)
     receiver = receiver_for(plan, None if settings.model is None else Path(settings.model))
     try:
-        rows, best = _read(config, receiver, source, folder)
+        rows, best = _read(config, decode(receiver, recording), folder)
     except BaseException:
         shutil.rmtree(folder / "annotated", ignore_errors=True)
         raise
@@ -65,11 +62,11 @@ def run_decode(settings: Settings, config: DecodeConfig, folder: Path) -> None:
 
 
 def _read(
-    config: DecodeConfig, receiver: Receiver, source: Path, folder: Path
+    config: DecodeConfig, readings: Iterator[Reading], folder: Path
 ) -> tuple[list[list[str]], Reading | None]:
     """Decode every frame and write the annotated pictures; give the rows and the reading of most margin."""
     rows, best, names = [], None, set[str]()
-    for reading in decode(receiver, source, config.channel):  # type: ignore[arg-type]  # checked there
+    for reading in readings:
         rows.append(reading.row())
         if not reading.found:
             continue
@@ -167,18 +164,17 @@ def receiver_for(plan: Plan, model: Path | None) -> Receiver:
     return receiver
 
 
-def decode(receiver: Receiver, source: Path, channel: Channel) -> Iterator[Reading]:
+def decode(receiver: Receiver, recording: Iterator[RecordedFrame]) -> Iterator[Reading]:
     """Decode a recording frame by frame, in batches of equal size.
 
     Args:
         receiver: a trained receiver.
-        source: a picture, a folder of pictures or a video.
-        channel: how colour becomes grey.
+        recording: its frames, as :func:`~vocc_torch.studies.decode.recording.read_recording` gives them.
 
     Raises:
-        VoccError: an input that is missing or cannot be read.
+        VoccError: a frame that cannot be read.
     """
-    for shape, run in groupby(read_recording(source, channel), key=lambda frame: frame.grey.shape):
+    for shape, run in groupby(recording, key=lambda frame: frame.grey.shape):
         size = max(1, min(64, BATCH_PIXELS // (shape[0] * shape[1])))
         while batch := list(islice(run, size)):
             yield from _decode_batch(receiver, batch)

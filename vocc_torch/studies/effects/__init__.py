@@ -7,8 +7,13 @@ from typing import Any
 
 
 @dataclass
-class SeverityConfig:
-    """See :class:`vocc_torch.studies.effects.Severity`."""
+class Severity:
+    """A parameter along which an effect becomes harsher.
+
+    Args:
+        parameter: ``effect.parameter``.
+        values: numbers from harmless to harsh, at least one, rising or falling.
+    """
 
     parameter: str = ""
     values: list[Any] = field(default_factory=list)
@@ -23,4 +28,4 @@ class EffectsConfig:
     severity_frames: int = 0
     repeats: int = 0
     parts: dict[str, Any] = field(default_factory=dict)
-    severity: dict[str, SeverityConfig] = field(default_factory=dict)
+    severity: dict[str, Severity] = field(default_factory=dict)

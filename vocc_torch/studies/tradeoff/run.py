@@ -45,7 +45,7 @@ def run_tradeoff(settings: Settings, config: TradeoffConfig, folder: Path) -> No
     }.items():
         print_place(console, what, folder / name)
     if settings.tensorboard:
-        from vocc_torch.show.tensorboard import board_hint
+        from vocc_torch.show.folder import board_hint
 
         print_place(console, "board", board_hint(folder / "tensorboard"))
 
