@@ -10,48 +10,31 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from vocc_torch.errors import VoccError as VoccError
-    from vocc_torch.receiver.flda import FLDA as FLDA
-    from vocc_torch.receiver.receiver import Receiver as Receiver
-    from vocc_torch.simulation.geometry import Camera as Camera
-    from vocc_torch.simulation.geometry import LedPanel as LedPanel
-    from vocc_torch.simulation.simulator import Simulator as Simulator
-    from vocc_torch.types import Frames as Frames
-    from vocc_torch.types import Panels as Panels
-    from vocc_torch.types import PanelShape as PanelShape
-    from vocc_torch.types import Scene as Scene
+    from vocc_torch.errors import VoccError
+    from vocc_torch.receiver.flda import FLDA
+    from vocc_torch.receiver.receiver import Receiver
+    from vocc_torch.simulation.geometry import Camera, LedPanel
+    from vocc_torch.simulation.simulator import Simulator
+    from vocc_torch.types import Frames, Panels, PanelShape, Scene
 
 __version__ = "0.1.0"
 
-_HOMES = {
-    "FLDA": "vocc_torch.receiver.flda",
-    "Camera": "vocc_torch.simulation.geometry",
-    "Frames": "vocc_torch.types",
-    "LedPanel": "vocc_torch.simulation.geometry",
-    "PanelShape": "vocc_torch.types",
-    "Panels": "vocc_torch.types",
-    "Receiver": "vocc_torch.receiver.receiver",
-    "Scene": "vocc_torch.types",
-    "Simulator": "vocc_torch.simulation.simulator",
-    "VoccError": "vocc_torch.errors",
-}
+__all__ = ["FLDA", "Camera", "Frames", "LedPanel", "PanelShape", "Panels", "Receiver", "Scene"]
+__all__ += ["Simulator", "VoccError"]
 
-__all__ = [
-    "FLDA",
-    "Camera",
-    "Frames",
-    "LedPanel",
-    "PanelShape",
-    "Panels",
-    "Receiver",
-    "Scene",
-    "Simulator",
-    "VoccError",
-]
+_HOMES = {
+    "errors": ["VoccError"],
+    "receiver.flda": ["FLDA"],
+    "receiver.receiver": ["Receiver"],
+    "simulation.geometry": ["Camera", "LedPanel"],
+    "simulation.simulator": ["Simulator"],
+    "types": ["Frames", "PanelShape", "Panels", "Scene"],
+}
 
 
 def __getattr__(name: str) -> object:
     """Import a public name on first use."""
-    if name not in _HOMES:
-        raise AttributeError(f"module 'vocc_torch' has no attribute {name!r}")
-    return getattr(import_module(_HOMES[name]), name)
+    for home, names in _HOMES.items():
+        if name in names:
+            return getattr(import_module(f"vocc_torch.{home}"), name)
+    raise AttributeError(f"module 'vocc_torch' has no attribute {name!r}")

@@ -41,7 +41,7 @@ def _demand(owner: object, section: str, ranges: Mapping[str, tuple[float, float
         value = finite_number(f"{section}.{name}", getattr(owner, name), f"a number, {rule}")
         if not low <= value <= high:
             allowed = "above 0" if value <= 0 < low else rule
-            raise VoccError(f"{section}.{name} is {value:g}: it must be {allowed}")
+            raise VoccError.of(f"{section}.{name}", f"{value:g}", allowed)
         object.__setattr__(owner, name, value)
 
 
@@ -54,9 +54,10 @@ def _iso_limits(given: tuple[float, float]) -> tuple[float, float]:
     except (TypeError, ValueError):
         held = False
     if not held:
-        value = shown(list(given) if isinstance(given, tuple) else given)
         rule = f"[low, high] with 0 < low <= high, from {least:g} to {most:g}"
-        raise VoccError(f"camera.iso_limits is {value}: it must be {rule}")
+        raise VoccError.of(
+            "camera.iso_limits", shown(list(given) if isinstance(given, tuple) else given), rule
+        )
     return low, high
 
 
@@ -180,18 +181,13 @@ class LedPanel:
         """Check every range."""
         if not isinstance(self.shape, PanelShape):
             raise VoccError(f"panel.shape is {shown(self.shape)}: it must be a PanelShape")
-        _demand(self, "panel", {"led_diameter_m": (1e-6, 1e3), "led_gap_m": (0, 1e3)})
-        for name in ("led_reflectance", "background_reflectance", "board_reflectance"):
-            if name == "board_reflectance" and self.board_reflectance is None:
-                continue
-            value = finite_number(f"panel.{name}", getattr(self, name), "a number from 0 to 1")
-            if not 0 <= value <= 1:
-                raise VoccError(f"panel.{name} is {value:g}: it must be from 0 to 1")
-            object.__setattr__(self, name, value)
+        ranges = {"led_diameter_m": (1e-6, 1e3), "led_gap_m": (0, 1e3)}
+        ranges |= {"led_reflectance": (0, 1), "background_reflectance": (0, 1)}
+        if self.board_reflectance is not None:
+            ranges["board_reflectance"] = (0, 1)
+        _demand(self, "panel", ranges)
         if self.background_reflectance == 0:
-            raise VoccError(
-                "panel.background_reflectance is 0: it must be above 0, because auto-ISO meters it"
-            )
+            raise VoccError.of("panel.background_reflectance", 0, "above 0, because auto-ISO meters it")
 
     @property
     def pitch_m(self) -> float:

@@ -18,7 +18,7 @@ from hydra.core.global_hydra import GlobalHydra
 from PIL import Image
 
 from vocc_torch.app import cli
-from vocc_torch.app.help import EFFECTS, LOCATORS, RECEIVERS
+from vocc_torch.app.config import NAMES
 from vocc_torch.measure.plan import Locator
 from vocc_torch.receiver.bank import RECEIVER_NAMES
 from vocc_torch.receiver.receiver import Receiver
@@ -375,10 +375,11 @@ def test_help_describes_keys_and_lists_what_is_there_by_name(command, tmp_path):
     text = command("--help", cwd=tmp_path).out
     assert "# test frames a point at most, at least 1\n  frames: 1024" in text
     assert "# side of the closing's square" in text
-    assert [kind.name for kind in PHYSICAL_ORDER] == EFFECTS
-    assert (tuple(RECEIVERS), LOCATORS) == (RECEIVER_NAMES, get_args(Locator))
-    for names in (EFFECTS, LOCATORS, RECEIVERS):
-        assert f"by name: {', '.join(names)}" in text
+    effects = tuple(kind.name for kind in PHYSICAL_ORDER)
+    known = {"Effects": effects, "Receivers": RECEIVER_NAMES, "Locators": get_args(Locator)}
+    assert {what: tuple(names.split(", ")) for what, names in NAMES.items()} == known
+    for what, names in NAMES.items():
+        assert f"{what} by name: {names}" in text
 
 
 def test_misspelled_key_needs_no_torch(command, tmp_path):

@@ -92,6 +92,11 @@ MISTAKES = [
     ("name=", "name is ''", "below runs/"),
     ("name=../away", "name is '../away'", "below runs/"),
     ("name=${nothing}", "nothing", "known key"),
+    (
+        "task=decode decode.channel=infrared",
+        "decode.channel is 'infrared'",
+        "one of luma, max, red, green, blue",
+    ),
     ("task=decode input=no.png decode.scale=0", "decode.scale is 0", "from 1 to 16"),
     ("seed", "seed cannot be read", "key=value"),
     ("experiment.values=[1", "experiment.values=[1 cannot be read"),

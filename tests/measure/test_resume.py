@@ -20,7 +20,7 @@ from vocc_torch.measure import workers
 from vocc_torch.measure.counter import PointJob
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.ledger import Ledger
-from vocc_torch.studies.curve import run as testing
+from vocc_torch.studies import curve as testing
 
 BLOCKS = 8
 """Two points of four blocks."""

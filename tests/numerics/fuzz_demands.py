@@ -20,8 +20,7 @@ from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from vocc_torch.app.complaints import one_line
-from vocc_torch.app.config import AppConfig, register_schema
-from vocc_torch.app.help import keys_of
+from vocc_torch.app.config import AppConfig, keys_of, register_schema
 from vocc_torch.app.resolve import resolved
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.build import build_plan

@@ -12,8 +12,7 @@ import pytest
 from fuzz_demands import DefectError, check_line, paper_flda, run, say
 from fuzzing import CAMERA, EFFECTS, LOCATION, PANEL, SCENE, Case, case_of, words_of
 
-from vocc_torch.app.config import AppConfig
-from vocc_torch.app.help import keys_of
+from vocc_torch.app.config import AppConfig, keys_of
 from vocc_torch.errors import VoccError
 from vocc_torch.receiver.location import PaperLocator
 from vocc_torch.simulation import Camera, Distribution, LedPanel, SceneModel

@@ -12,7 +12,6 @@ import torch
 from hard_cases import Breakage, HardCases
 from torch.utils._python_dispatch import TorchDispatchMode
 
-from vocc_torch.devices import resolve_device
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.build import build_plan
 from vocc_torch.measure.link import Link, block_keys
@@ -24,7 +23,7 @@ from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.rng import BlockKey
 from vocc_torch.simulation import Distribution, SceneModel, Simulator
 from vocc_torch.simulation.simulator import PAPER_EFFECTS
-from vocc_torch.types import Frames, PanelShape, Scene
+from vocc_torch.types import Frames, PanelShape, Scene, resolve_device
 
 hard = HardCases("Precision and devices")
 

@@ -9,7 +9,7 @@ from matplotlib.colors import to_hex
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.curve import BerTable
-from vocc_torch.show.facets import facet_figure
+from vocc_torch.show.plots import facet_figure
 from vocc_torch.show.styles import receiver_styles
 
 VALUES = (500, 1000, 2000, 3000, 4000, 5000, 6000, 7000, 8000)

@@ -16,8 +16,8 @@ from vocc_torch.errors import VoccError
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.grid import best_luminance
 from vocc_torch.show.canvas import figure_pixels
-from vocc_torch.show.grid_files import grid_figures, write_grid
-from vocc_torch.show.heatmap import best_luminance_figure, cell_edges, dimming_figure
+from vocc_torch.show.csv_file import write_grid
+from vocc_torch.show.heatmap import best_luminance_figure, cell_edges, dimming_figure, grid_figures
 from vocc_torch.show.styles import receiver_styles
 from vocc_torch.show.text_table import rate_text
 from vocc_torch.simulation.photometry import luminous_exposure_lx_s, reflected_luminance_cd_m2

@@ -11,7 +11,9 @@ from vocc_torch.errors import VoccError
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.curves import Curves
 from vocc_torch.measure.paired import PairedCounts, paired_interval, sign_test
-from vocc_torch.show.paired_file import COLUMNS, compared, write_paired
+from vocc_torch.show.csv_file import PAIRED_COLUMNS as COLUMNS
+from vocc_torch.show.csv_file import write_paired
+from vocc_torch.studies.curve import compared
 
 NAMES = ("average_greyscale", "flda_2", "flda_3")
 EVEN = PairedCounts(2000, 128_000)
@@ -93,7 +95,7 @@ def test_numbers_read_back_as_they_were(tmp_path_factory, frames, a, b, value):
     (row,) = written(tmp_path_factory.mktemp("paired"), one)
     found = paired_interval(pair)
     numbers = [float(row[name]) for name in ("value", "difference", "difference_low", "difference_high")]
-    assert numbers == [value, found.difference, found.low, found.high]
+    assert numbers == [value, found.value, found.low, found.high]
     assert float(row["sign_test_p"]) == sign_test(pair)
 
 

@@ -100,9 +100,9 @@ camera.exposure_time_s is 20000: it must be at least 1e-09 and at most 10000
 camera.gamma is -2.2: it must be above 0
 panel.led_diameter_m is 0: it must be above 0
 panel.led_gap_m is -0.01: it must be at least 0 and at most 1000
-panel.led_reflectance is 1.1: it must be from 0 to 1
+panel.led_reflectance is 1.1: it must be at least 0 and at most 1
 panel.background_reflectance is 0: it must be above 0, because auto-ISO meters it
-panel.board_reflectance is -0.1: it must be from 0 to 1
+panel.board_reflectance is -0.1: it must be at least 0 and at most 1
 shape.rows is 0: it must be a whole number, at least 1 and at most 1024
 scene.ambient_lx is -1: it must be at least 0
 scene.ambient_lx is 2e+12: it must be at most 1e+12

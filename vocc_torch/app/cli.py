@@ -29,7 +29,7 @@ from vocc_torch.app.resolve import resolved
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.config import as_yaml
 
-GRID = "grid.run:run_grid"
+GRID = "grid:run_grid"
 """What runs ``task=test`` where the experiment has rows."""
 
 MULTIRUN = ("-m", "--multirun")
@@ -110,16 +110,6 @@ def _complaint(config: DictConfig, folder: Path) -> str | None:
     return None
 
 
-def _run_one(config: DictConfig) -> str | None:
-    """Run the only job and give the complaint that ended it."""
-    folder = Path(HydraConfig.get().runtime.output_dir)
-    try:
-        begin_again(folder)
-        return _complaint(config, folder)
-    finally:
-        _discard_if_empty(folder)
-
-
 def _run_one_of_many(config: DictConfig, jobs: Jobs) -> None:
     """Run one job of a multirun; what ends it is a result too, and the other jobs are run.
 
@@ -144,16 +134,11 @@ def _run_one_of_many(config: DictConfig, jobs: Jobs) -> None:
     complain(f"job {number}: {complaint}" if jobs.elsewhere or trace else complaint)
     failure = Failure(number, complaint, trace)
     if mine:
-        write_down(failure, folder, _configuration(config))
+        configuration = ""
+        with contextlib.suppress(VoccError):  # it may be what failed
+            configuration = as_yaml(resolved(config))
+        write_down(failure, folder, configuration)
     jobs.failed(failure)
-
-
-def _configuration(config: DictConfig) -> str:
-    """Write a failed job's configuration; an empty text where it is what failed."""
-    try:
-        return as_yaml(resolved(config))
-    except VoccError:
-        return ""
 
 
 def _refusal(error: Exception) -> str | None:
@@ -192,11 +177,15 @@ def _run_jobs(jobs: Jobs) -> int:
     @hydra.main(version_base="1.3", config_path="pkg://vocc_torch.conf", config_name="config")
     def job(config: DictConfig) -> None:
         if HydraConfig.get().mode != RunMode.MULTIRUN:
+            folder = Path(HydraConfig.get().runtime.output_dir)
             try:
-                complaint = _run_one(config)
+                begin_again(folder)
+                complaint = _complaint(config, folder)
             except Exception as error:
                 unforeseen.append(error)
                 raise
+            finally:
+                _discard_if_empty(folder)
             if complaint is not None:
                 complain(complaint)
                 jobs.failed(Failure(0, complaint))

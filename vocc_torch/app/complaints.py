@@ -8,8 +8,7 @@ from collections.abc import Sequence
 from importlib import resources
 from typing import get_origin
 
-from vocc_torch.app.config import AppConfig
-from vocc_torch.app.help import keys_of
+from vocc_torch.app.config import AppConfig, keys_of
 from vocc_torch.errors import VoccError
 
 _KINDS = {
@@ -78,8 +77,29 @@ def one_line(error: BaseException, arguments: Sequence[str] = ()) -> str:
     return said or " ".join(text.split("Set the environment variable")[0].split())
 
 
+_SAID = r"""
+Multiple values for ([\w/]+)
+    {0} is chosen twice: write {0}=option without +
+Sweep parameters '\+*([^=]+)=(.*)' requires --multirun
+    {0} is {1}: it must be one value; -m runs several
+Ambiguous value for argument '([^=]+)=(.*)'
+    {0} is {1}: it must be one value; -m runs several, and a list is written [{1}]
+Missing mandatory value: ([\w.]+)
+    {0} is missing: it must have a value
+Interpolation key '([^']+)' not found\s+full_key: ([\w.]+)
+    {1} refers to ${{{0}}}: it must be a known key
+Could not delete .* value of '([\w.]+)' is (.*) and not (.*)\.
+    {0} is {1}, not {2}: write ~{0} to remove it whatever it is
+Could not delete from config\.? '?([\w./]+)'?
+    {0} is not set: ~ has nothing to remove
+does not support deletion[\s\S]*full_key: ([\w.]+)
+    {0} cannot be removed: it must have a value
+""".strip().splitlines()
+"""What Hydra says, as regular expressions, and below each what is said instead."""
+
+
 def _of_group(text: str) -> str | None:
-    """Complain of a group's option, or of several values."""
+    """Complain of a group's option, of several values, or of what has no value."""
     if match := re.search(r"Could not find '([\w./-]+)/([^']*)'", text):
         group, option = match.groups()
         listed = re.search(rf"Available options in '{group}':\s*\n((?:\s+.+\n?)+?)Config search path", text)
@@ -92,29 +112,14 @@ def _of_group(text: str) -> str | None:
         files = resources.files("vocc_torch.conf").joinpath(group).iterdir()
         known = sorted(file.name.removesuffix(".yaml") for file in files if file.name.endswith(".yaml"))
         return f"{group} has '{option}': it must be of {', '.join(known)}"
-    if match := re.search(r"Multiple values for ([\w/]+)", text):
-        return f"{match.group(1)} is chosen twice: write {match.group(1)}=option without +"
-    if match := re.search(r"Sweep parameters '\+*([^=]+)=(.*)' requires --multirun", text):
-        return f"{match.group(1)} is {match.group(2)}: it must be one value; -m runs several"
-    if match := re.search(r"Ambiguous value for argument '([^=]+)=(.*)'", text):
-        key, values = match.groups()
-        return f"{key} is {values}: it must be one value; -m runs several, and a list is written [{values}]"
+    for pattern, words in zip(_SAID[::2], _SAID[1::2], strict=True):
+        if match := re.search(pattern, text):
+            return words.strip().format(*match.groups())
     return None
 
 
 def _of_key(text: str) -> str | None:
-    """Complain of a key that is not there or has no value."""
-    if match := re.search(r"Missing mandatory value: ([\w.]+)", text):
-        return f"{match.group(1)} is missing: it must have a value"
-    if match := re.search(r"Interpolation key '([^']+)' not found\s+full_key: ([\w.]+)", text):
-        return f"{match.group(2)} refers to ${{{match.group(1)}}}: it must be a known key"
-    if match := re.search(r"Could not delete .* value of '([\w.]+)' is (.*) and not (.*)\.", text):
-        key, value, other = match.groups()
-        return f"{key} is {value}, not {other}: write ~{key} to remove it whatever it is"
-    if match := re.search(r"Could not delete from config\.? '?([\w./]+)'?", text):
-        return f"{match.group(1)} is not set: ~ has nothing to remove"
-    if "does not support deletion" in text and (match := re.search(r"full_key: ([\w.]+)", text)):
-        return f"{match.group(1)} cannot be removed: it must have a value"
+    """Complain of a key that is not there."""
     unknown = "is not in struct" in text or " not in '" in text or "does not exist" in text
     if unknown and (match := re.search(r"full_key: ([\w.]+)", text)):
         return unknown_key(match.group(1))

@@ -1,32 +1,35 @@
-"""The whole configuration: what all studies share, the sections of studies, and the run's folder."""
+"""The whole configuration: all sections, their descriptions for ``--help``, and the run's folder."""
 
 from __future__ import annotations
 
+import dataclasses
+import inspect
 import os
+import re
 from dataclasses import dataclass, field, fields
 from pathlib import Path
+from typing import Any, get_type_hints
 
 from hydra.core.config_store import ConfigStore
 from omegaconf import DictConfig, OmegaConf
 
-from vocc_torch.app.help import described
 from vocc_torch.errors import VoccError
-from vocc_torch.measure.config import Settings
+from vocc_torch.measure.config import ARGUMENT, Settings
 from vocc_torch.studies.classifiers.config import RivalsConfig
-from vocc_torch.studies.decode.config import DecodeConfig
-from vocc_torch.studies.effects.config import EffectsConfig
+from vocc_torch.studies.decode import DecodeConfig
+from vocc_torch.studies.effects import EffectsConfig
 from vocc_torch.studies.paper.config import FiguresConfig
 from vocc_torch.studies.tradeoff.config import TradeoffConfig
 
 TASKS = {
-    "train": ("training.run:run_train", None),
-    "test": ("curve.run:run_test", None),
+    "train": ("training:run_train", None),
+    "test": ("curve:run_test", None),
     "decode": ("decode.run:run_decode", "decode"),
     "figures": ("paper.run:run_figures", "figures"),
     "effects": ("effects.run:run_effects_task", "effects"),
     "tradeoff": ("tradeoff.run:run_tradeoff", "tradeoff"),
     "classifiers": ("classifiers.run:run_classifiers", "rivals"),
-    "collect": ("collect.run:run_collect", None),
+    "collect": ("collect:run_collect", None),
 }
 """What runs each task, below ``vocc_torch.studies``, and the section that is its own."""
 
@@ -91,6 +94,76 @@ def job_folder(name: str, job: int) -> str:
     """Give the folder of a multirun's job in that of its run, or refuse one that is a link out of it."""
     run_folder(f"{name}/{job}")
     return str(job)
+
+
+NAMES = {
+    "Effects": "pose, lens_distortion, rolling_shutter, stuck_leds, led_scatter, attenuation, "
+    "background_texture, lamps, second_panel, airlight, occlusion, veiling_glare, motion_blur, defocus, "
+    "diffraction, blooming, vignetting, bayer, photoelectrons, prnu, dark_current, hot_pixels, shot_noise, "
+    "full_well, dsnu, row_noise, read_noise, gain, demosaicing, saturation, quantization, jpeg",
+    "Receivers": "center_greyscale, average_greyscale, flda_agr, flda_gri, flda_ngr, flda_agr_ngr, flda_2, "
+    "flda_3",
+    "Locators": "truth, paper, refined",
+}
+"""What the help lists by name: it does not wait for torch, which what defines them needs."""
+
+
+def described(root: DictConfig, schema: type) -> str:
+    """Write a configuration as YAML, each key below its description; ``hydra`` is left out.
+
+    Args:
+        root: the configuration.
+        schema: its class, whose docstring and those of its sections describe the keys.
+    """
+    said = descriptions(schema)
+    lines: list[str] = []
+    path: list[str] = []
+    shown = OmegaConf.masked_copy(root, [str(key) for key in root if key != "hydra"])
+    for line in OmegaConf.to_yaml(shown).splitlines():
+        if found := re.match(r"( *)(\w+):", line):
+            depth = len(found[1]) // 2
+            path[depth:] = [found[2]]
+            if text := said.get(".".join(path)):
+                lines.append(f"{found[1]}# {text}")
+        lines.append(line)
+    lists = [f"{what} by name: {known}" for what, known in NAMES.items()]
+    # Hydra puts the text into a template of its own, where $ begins a placeholder.
+    return "\n".join([*lines, "", *lists]).replace("$", "$$")
+
+
+def keys_of(schema: type, prefix: str = "") -> dict[str, Any]:
+    """List every key of a schema, with dots, and its type.
+
+    Example:
+        >>> from vocc_torch.measure.config import Settings
+        >>> keys_of(Settings)["camera.gamma"]
+        <class 'float'>
+    """
+    keys: dict[str, Any] = {}
+    hints = get_type_hints(schema)
+    for one in dataclasses.fields(schema):
+        kind = keys[prefix + one.name] = hints[one.name]
+        if isinstance(kind, type) and dataclasses.is_dataclass(kind):
+            keys |= keys_of(kind, f"{prefix}{one.name}.")
+    return keys
+
+
+def descriptions(schema: type) -> dict[str, str]:
+    """Read what the docstrings of a dataclass and its sections say of each key, by the key with dots.
+
+    Example:
+        >>> from vocc_torch.measure.config import Settings
+        >>> descriptions(Settings)["budget.frames"]
+        'test frames a point at most, at least 1'
+    """
+    said: dict[str, str] = {}
+    for key, kind in {"": schema, **keys_of(schema)}.items():
+        known = isinstance(kind, type) and dataclasses.is_dataclass(kind)
+        for base in reversed(kind.__mro__) if known else ():
+            for argument in re.findall(ARGUMENT, inspect.cleandoc(base.__doc__ or ""), re.MULTILINE):
+                name, _, words = " ".join(argument.replace("``", "").split()).rstrip(".").partition(": ")
+                said[f"{key}.{name}".lstrip(".")] = words
+    return said
 
 
 # Here, because worker processes of a multirun import this and do not register the schema.

@@ -11,8 +11,7 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
 
 from vocc_torch.app.complaints import GROUPS, one_line
-from vocc_torch.app.config import TASKS, AppConfig, schema
-from vocc_torch.app.help import keys_of
+from vocc_torch.app.config import TASKS, AppConfig, keys_of, schema
 from vocc_torch.errors import VoccError, section, shown
 
 OWNERS = {part: task for task, (_, part) in TASKS.items() if part is not None}

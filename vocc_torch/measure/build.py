@@ -7,7 +7,6 @@ from pathlib import Path
 
 import torch
 
-from vocc_torch.devices import resolve_device
 from vocc_torch.errors import VoccError, section
 from vocc_torch.hardware import Camera, LedPanel, PanelShape
 from vocc_torch.measure.config import ClassifierSettings, Settings, effect_settings
@@ -20,6 +19,7 @@ from vocc_torch.receiver.classifiers.training import TrainingRecipe
 from vocc_torch.receiver.location import PaperLocator
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.simulation import SceneModel
+from vocc_torch.types import resolve_device
 
 PRECISIONS = {"float32": torch.float32, "float64": torch.float64}
 

@@ -10,7 +10,6 @@ from typing import Any, Literal, get_args
 
 import torch
 
-from vocc_torch.devices import resolve_device as resolve_device
 from vocc_torch.errors import VoccError, section
 from vocc_torch.measure.config import Budget as Budget
 from vocc_torch.measure.config import Experiment as Experiment
@@ -22,6 +21,7 @@ from vocc_torch.receiver.reader import Reader
 from vocc_torch.simulation import Camera, Distribution, LedPanel, SceneModel, Simulator
 from vocc_torch.simulation.effects import Parameters
 from vocc_torch.simulation.simulator import PAPER_EFFECTS, Framing
+from vocc_torch.types import resolve_device as resolve_device
 
 Locator = Literal["truth", LocatorName]
 SCENE_FIELDS = tuple(f.name for f in dataclasses.fields(SceneModel))

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+import shlex
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -104,3 +105,28 @@ def as_markdown(settings: Settings) -> str:
 def print_place(console: Console, what: str, where: object) -> None:
     """Say where a result is."""
     console.print(f"{what:<9} {where}", soft_wrap=True, highlight=False)
+
+
+def print_places(
+    console: Console, folder: Path, places: Iterable[tuple[str, str]], board: bool = False
+) -> None:
+    """Say where results are, each by what it is and its name in the folder, and how the board is opened."""
+    for what, name in places:
+        print_place(console, what, folder / name)
+    if board:
+        print_place(console, "board", board_hint(folder / "tensorboard"))
+
+
+def board_hint(folder: str | Path) -> str:
+    """Give the command that serves the board and the link that opens it with smoothing off.
+
+    Args:
+        folder: the folder given to ``write_boards``.
+
+    Example:
+        >>> print(board_hint("runs/ambient/board"))
+        tensorboard --logdir runs/ambient/board
+        http://127.0.0.1:6006/?smoothing=0#custom_scalars&_smoothingWeight=0
+    """
+    link = "http://127.0.0.1:6006/?smoothing=0#custom_scalars&_smoothingWeight=0"
+    return f"tensorboard --logdir {shlex.quote(str(folder))}\n{link}"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from matplotlib import colormaps
@@ -17,9 +17,9 @@ from matplotlib.patheffects import withStroke
 from matplotlib.ticker import LogLocator, NullFormatter
 
 from vocc_torch.measure.grid import Best, Floats, Grid, best_luminance
-from vocc_torch.show.ber_axes import receiver_line
 from vocc_torch.show.canvas import GRID, INK, QUIET, ink_on, new_figure, quiet_axes, write_legend, write_title
-from vocc_torch.show.styles import Style, axis_label, receiver_styles, value_text
+from vocc_torch.show.plots import receiver_line
+from vocc_torch.show.styles import LOCATED, Style, axis_label, count_text, receiver_styles, value_text
 from vocc_torch.show.text_table import rate_text
 
 _MAP = colormaps["viridis"]
@@ -159,15 +159,13 @@ def _draw_map(axes: Axes, grid: Grid, receiver: str, norm: LogNorm) -> None:
             x = math.log2(grid.rows[j]) + 0.06 * widths[j]
             y = math.log2(grid.columns[i]) - 0.2 * heights[i]
             text = rate_text(rate) if rate else f"< {rate_text(float(limits[i, j]))}"
-            number = axes.text(
-                x, y, text, ha="center", va="center", fontsize=8.2 if rate else 7.3, zorder=5.5
-            )
+            size = 8.2 if rate else 7.3
+            number = axes.text(x, y, text, ha="center", va="center", fontsize=size, zorder=5.5)
             number.set_color(ink_on(back))
             # The line through the best luminances must not strike a number out.
             number.set_path_effects([withStroke(linewidth=2.6, foreground=back)])
-    _draw_best(
-        axes, grid, best_luminance(grid, receiver), (_ASIDE if numbered else 0.0) * np.diff(ambient), None
-    )
+    aside = (_ASIDE if numbered else 0.0) * np.diff(ambient)
+    _draw_best(axes, grid, best_luminance(grid, receiver), aside, None)
     axes.tick_params(length=3, color=QUIET, labelcolor=INK, labelsize=9.5)
     axes.spines[:].set_visible(False)
 
@@ -225,10 +223,8 @@ def _names(values: Sequence[float]) -> list[str]:
 def _frames_text(grid: Grid) -> str:
     """Say how many frames a cell rests on, and whose corners; every receiver has the same frames."""
     cells = [cell.frames for row in grid.counts(grid.receivers[0]) for cell in row]
-    counts = dict.fromkeys(
-        f"{number:,}".replace(",", "\N{THIN SPACE}") for number in (min(cells), max(cells))
-    )
-    return f"{' to '.join(counts)} frames a cell \N{MIDDLE DOT} locator: {grid.locator}"
+    ends = map(count_text, (min(cells), max(cells)))
+    return f"{' to '.join(dict.fromkeys(ends))} frames a cell \N{MIDDLE DOT} locator: {grid.locator}"
 
 
 def best_luminance_figure(
@@ -267,8 +263,7 @@ def best_luminance_figure(
     spread = min(_MOST_SPREAD, 0.8 * float(np.diff(cell_edges(grid.rows)).min()) / len(names))
     styles = receiver_styles(names)
     for number, (name, style) in enumerate(styles.items()):
-        aside = spread * (number - (len(names) - 1) / 2)
-        _draw_best(axes, grid, best_luminance(grid, name), aside, style)
+        _draw_best(axes, grid, best_luminance(grid, name), spread * (number - (len(names) - 1) / 2), style)
     _contrast_lines(axes)
     quiet_axes(axes)
     axes.grid(color=GRID, linewidth=0.8)
@@ -299,3 +294,31 @@ def _contrast_lines(axes: Axes) -> None:
         text = f"{' ' * side}\N{MULTIPLICATION SIGN}{1 + 2.0**power:.3g}"
         va, ha = ("center", "left") if side else ("bottom", "center")
         axes.text(*at, text, va=va, ha=ha, fontsize=9, color=QUIET)
+
+
+CAPTIONS = {
+    "_paper": "With the panel located as the paper does. The line: the best luminance by ambient light.",
+    "_truth": "With the panel's true corners: what bit decision alone makes of it.",
+    "_best": "The best luminance against ambient light, on lines of constant contrast.",
+}
+"""Captions by the end of the picture's name."""
+
+
+def grid_figures(grids: Mapping[str, Grid], own: str, receivers: Sequence[str]) -> dict[str, Figure]:
+    """Draw a grid.
+
+    Args:
+        grids: by locator.
+        own: the locator whose best luminances are drawn.
+        receivers: those to draw, in order.
+
+    Returns:
+        By file name without suffix.
+    """
+    names = [name for name in receivers if name in grids[own].receivers]
+    heading = "Bit error rate over ambient light and LED luminance"
+    drawn = {
+        f"dimming_{locator}": dimming_figure(grid, f"{heading} ({LOCATED[locator]})", names)
+        for locator, grid in grids.items()
+    }
+    return {**drawn, "dimming_best": best_luminance_figure(grids[own], receivers=names)}

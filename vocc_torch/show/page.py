@@ -158,20 +158,13 @@ def html(markdown: str, title: str, folder: str | Path) -> str:
     """
     reader = MarkdownIt("commonmark", {"html": False}, renderer_cls=_Page).enable("table")
     tokens = reader.parse(markdown)
-    heads = [
-        place for place, token in enumerate(tokens) if token.type == "heading_open" and token.tag == "h2"
-    ]
-    first = end = heads[0] if heads else len(tokens)
+    kinds = [(token.type, token.tag) for token in tokens]
+    heads = kinds.count(("heading_open", "h2"))
+    first = end = kinds.index(("heading_open", "h2")) if heads else len(tokens)
     if heads and _words(tokens[first + 1]) == "Contents":
         # The heading is three tokens; its list ends where the next heading or its anchor begins.
-        end = (
-            next(
-                at
-                for at in range(first, len(tokens))
-                if tokens[at].type == "bullet_list_close" and not tokens[at].level
-            )
-            + 1
-        )
+        ends = (at for at in range(first, len(tokens)) if kinds[at][0] == "bullet_list_close")
+        end = 1 + next(at for at in ends if not tokens[at].level)
     elif first >= 3 and _ANCHOR.fullmatch(tokens[first - 2].content):
         first = end = first - 3
     parts = {"header": tokens[:first], "contents": tokens[first + 3 : end], "body": tokens[end:]}
@@ -224,9 +217,8 @@ class _Page(RendererHTML):
         name = unquote(str(tokens[idx].attrs["src"]))
         path = env["folder"] / name
         if Path(name).is_absolute() or ".." in Path(name).parts:
-            raise VoccError(
-                f"{name} leads out of the report's folder: give a path inside it, such as fig22.png"
-            )
+            rule = "give a path inside it, such as fig22.png"
+            raise VoccError(f"{name} leads out of the report's folder: {rule}")
         try:
             content = path.read_bytes()
             with Image.open(io.BytesIO(content), formats=["PNG"]) as picture:
@@ -234,9 +226,8 @@ class _Page(RendererHTML):
         except UnidentifiedImageError as error:
             raise VoccError(f"{name} is not a PNG picture: {error}") from error
         except OSError as error:
-            raise VoccError(
-                f"cannot read {path}: {error.strerror or error}: write it before the report"
-            ) from error
+            reason = error.strerror or error
+            raise VoccError(f"cannot read {path}: {reason}: write it before the report") from error
         tokens[idx].attrs |= {"src": f"data:image/png;base64,{base64.b64encode(content).decode()}", **size}
         return super().image(tokens, idx, options, env) + ("\n<figcaption>" if idx == 0 else "")
 

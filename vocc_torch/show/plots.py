@@ -1,23 +1,181 @@
-"""Bit error rate curves and feature histograms as Matplotlib figures."""
+"""Bit error rate curves, alone and in small pictures beside each other, and feature histograms."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+import textwrap
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
+from matplotlib.lines import Line2D
+from matplotlib.ticker import LogFormatterSciNotation, LogLocator
 from torch import Tensor
 
 from vocc_torch.errors import VoccError
-from vocc_torch.measure.curve import BerTable
-from vocc_torch.show.ber_axes import draw_rates, interval_note, name_receivers
-from vocc_torch.show.canvas import GRID, new_figure, quiet_axes, write_legend, write_title
-from vocc_torch.show.styles import receiver_styles
+from vocc_torch.measure.curve import BerTable, Row
+from vocc_torch.show import canvas
+from vocc_torch.show.styles import Style, axis_label, count_text, receiver_styles, value_text
 
-_WIDTH_IN, _HEIGHT_IN = 10.0, 6.4
+_SHARES = ("contrast",)
+"""Quantities that are shares of a whole: their axis is linear."""
+_SPREAD = 0.009
+"""Distance between neighbouring receivers at one value, as a share of the axis, where values leave room."""
+_MOST_SPREAD = 0.05
+"""Distance between the first and the last receiver at one value, within the axis's margins."""
+_WIDTH_IN = 8.88
+"""Width of axes for which sizes and the room of a value's name are given, inches."""
+
+
+def draw_rates(
+    axes: Axes,
+    table: BerTable,
+    styles: Mapping[str, Style],
+    rows: Sequence[Row] | None = None,
+    *,
+    size: float = 1.0,
+    width_in: float = _WIDTH_IN,
+) -> None:
+    """Draw every receiver's rates and set both axes up; labels and legend are the caller's.
+
+    Args:
+        axes: empty axes.
+        table: at least one point.
+        styles: by receiver, in the order of the legend.
+        rows: all rows that the vertical axis must show, where several axes are to have the same; those of the
+            table by default.
+        size: of markers, lines and numbers, against those of a figure of its own.
+        width_in: width of the axes, inches: names of values and receivers are set further apart on narrow
+            ones.
+    """
+    crowding = _WIDTH_IN / width_in
+    shares, at = _horizontal_axis(axes, table.values, table.axis in _SHARES, crowding)
+    _vertical_axis(axes, table.rows if rows is None else rows)
+    canvas.quiet_axes(axes)
+    axes.tick_params(which="both", labelsize=10.5 * size)
+    axes.tick_params(axis="y", which="minor", labelsize=8.5 * size)
+    most = max(_SPREAD, _MOST_SPREAD / max(1, len(styles) - 1))
+    gap = min(np.diff(list(shares.values())), default=1.0)
+    spread = min(_SPREAD * crowding, 0.5 * gap / len(styles), most)
+    for number, (receiver, style) in enumerate(styles.items()):
+        shift = spread * (number - (len(styles) - 1) / 2)
+        mine = table.of(receiver)
+        _draw_receiver(axes, [at(shares[row.value] + shift) for row in mine], mine, style, size)
+
+
+def _horizontal_axis(
+    axes: Axes, values: Sequence[float], linear: bool, crowding: float
+) -> tuple[dict[float, float], Callable[[float], float]]:
+    """Put ticks at the measured values, and names at as many of them as have room, the ends first.
+
+    Returns:
+        Where each value stands, as a share of the axis, and what gives the value at a share.
+    """
+    log = not linear and values[0] > 0 and values[-1] > 10 * values[0]
+    axes.set_xscale("log" if log else "linear")
+    scale = axes.xaxis.get_transform()
+    low, *_, high = along = scale.transform([values[0], *values, values[-1]])
+    margin = 0.06 * (high - low) or 1e-3 * abs(high) or 1.0
+    width = high - low + 2 * margin
+
+    def at(share: float) -> float:
+        return float(scale.inverted().transform([low - margin + share * width])[0])
+
+    shares = dict(zip(values, ((along[1:-1] - low + margin) / width).tolist(), strict=True))
+    axes.set_xlim(at(0), at(1))
+    named: dict[float, float] = {}
+    for value in dict.fromkeys([values[0], values[-1], *values]):
+        half_width = crowding * (0.005 + 0.004 * len(value_text(value)))
+        if all(abs(shares[value] - shares[other]) > half_width + named[other] for other in named):
+            named[value] = half_width
+    axes.set_xticks(values, [value_text(value) if value in named else "" for value in values])
+    axes.set_xticks([], minor=True)
+    return shares, at
+
+
+def _vertical_axis(axes: Axes, rows: Sequence[Row]) -> None:
+    """Show every rate and limit; a lower end far below every rate may run out of the picture."""
+    lowest = min(row.ber_high if row.error_free else row.ber for row in rows)
+    # An arrow needs about two thirds of a decade below its limit.
+    bottom = min(row.ber_high / 5 if row.error_free else max(row.ber_low, lowest / 10) / 1.3 for row in rows)
+    top = min(1.0, max(row.ber_high for row in rows) * 1.6)
+    axes.set_yscale("log")
+    axes.set_ylim(bottom, max(top, bottom * 20))
+    axes.yaxis.set_major_locator(LogLocator(10, numticks=30))
+    axes.yaxis.set_minor_locator(LogLocator(10, subs=tuple(range(2, 10)), numticks=300))
+    # Where hardly more than a decade is shown, values within it are named too.
+    axes.yaxis.set_minor_formatter(LogFormatterSciNotation(minor_thresholds=(1.5, 0.6)))
+    axes.grid(axis="y", which="major", color=canvas.GRID, linewidth=1.1)
+    axes.grid(axis="y", which="minor", color=canvas.FINE_GRID, linewidth=0.6)
+    axes.grid(axis="x", which="major", color=canvas.GRID, linewidth=0.8)
+
+
+def _draw_receiver(axes: Axes, x: Sequence[float], rows: Sequence[Row], style: Style, size: float) -> None:
+    """Draw one receiver: line, markers and intervals, and arrows where there were no errors."""
+    # A rate that is not a number breaks the line and leaves the point out.
+    rate = [math.nan if row.error_free else row.ber for row in rows]
+    ends = [[row.ber - row.ber_low for row in rows], [row.ber_high - row.ber for row in rows]]
+    bar = 1.3 * size
+    look: dict[str, Any] = {"elinewidth": bar, "capsize": 2 * bar, "capthick": bar}
+    axes.errorbar(x, rate, ends, fmt="none", ecolor=style.colour, **look)
+    axes.add_line(receiver_line(style, x, rate, size))
+    for at, row in zip(x, rows, strict=True):
+        if row.error_free:
+            _draw_limit(axes, at, row.ber_high, style, size)
+
+
+def receiver_line(
+    style: Style, x: Sequence[float] = (), y: Sequence[float] = (), size: float = 1.0
+) -> Line2D:
+    """Make the receiver's line with its markers; without data it is the receiver's sign in the legend."""
+    line = Line2D(x, y, label=style.label, color=style.colour, linestyle=style.line, linewidth=1.8 * size)
+    line.set(marker=style.marker, markersize=7.5 * size, markeredgecolor="white")
+    line.set(markeredgewidth=0.7 * size, zorder=3)
+    return line
+
+
+def _draw_limit(axes: Axes, x: float, limit: float, style: Style, size: float) -> None:
+    """Draw an upper limit: the receiver's marker, hollow, with an arrow down from it."""
+    line = {"arrowstyle": "<|-", "color": style.colour, "linewidth": 1.4 * size, "mutation_scale": 9 * size}
+    # The arrow runs from its text, below it, to the limit: its head is at the start.
+    arrow = {**line, "shrinkA": 0, "shrinkB": 3 * size}
+    axes.annotate("", (x, limit), (0, -27 * size), textcoords="offset points", arrowprops=arrow)
+    hollow = receiver_line(style, [x], [limit], size)
+    hollow.set(label="_limit", linestyle="none", markersize=6 * size, markerfacecolor="white", zorder=4)
+    hollow.set(markeredgecolor=style.colour, markeredgewidth=1.4 * size)
+    axes.add_line(hollow)
+
+
+def name_receivers(figure: Figure, styles: Iterable[Style], columns: int, size: float = 1.0) -> None:
+    """Name receivers in rows under the title.
+
+    Args:
+        figure: the figure to write on.
+        styles: of the receivers, in order.
+        columns: most names in a row.
+        size: of the signs, against those of a figure of its own.
+    """
+    look = {"fontsize": 10.5, "handlelength": 3.2, "columnspacing": 2.4} if size == 1 else {}
+    lines = [receiver_line(style, size=size) for style in styles]
+    canvas.write_legend(figure, lines, (0.01, 1 - 0.46 / figure.get_figheight()), columns, **look)
+
+
+def interval_note(rows: Iterable[Row]) -> str:
+    """Say what bars and arrows are.
+
+    Example:
+        >>> interval_note([])
+        'Bars: 95 % intervals, frames as the independent units'
+    """
+    note = "Bars: 95 % intervals, frames as the independent units"
+    if any(row.error_free for row in rows):
+        note += " \N{MIDDLE DOT} arrows: no errors; one-sided 95 % limit, wrong frames as at the other points"
+    return note
+
+
+_PAGE_WIDTH_IN, _PAGE_HEIGHT_IN = 10.0, 6.4
 _LEGEND_COLUMNS = 3
 _OFF, _ON = "#0072B2", "#D55E00"
 
@@ -47,15 +205,18 @@ def ber_figure(table: BerTable, axis_label: str, title: str) -> Figure:
     if not len(table):
         raise VoccError("table is empty: a figure needs at least one point")
     styles = receiver_styles(table.receivers)
-    figure = new_figure(_WIDTH_IN, _HEIGHT_IN)
+    figure = canvas.new_figure(_PAGE_WIDTH_IN, _PAGE_HEIGHT_IN)
     above_in = 0.62 + 0.225 * math.ceil(len(styles) / _LEGEND_COLUMNS)
-    bottom, top = 1.12 / _HEIGHT_IN, 1 - above_in / _HEIGHT_IN
+    bottom, top = 1.12 / _PAGE_HEIGHT_IN, 1 - above_in / _PAGE_HEIGHT_IN
     axes = figure.add_axes((0.092, bottom, 0.888, top - bottom))
     draw_rates(axes, table, styles)
     axes.set_xlabel(axis_label, labelpad=8)
     axes.set_ylabel("Bit error rate")
     axes.yaxis.set_label_coords(-0.066, 0.5)
-    write_title(figure, title, _footnote(table))
+    frames = [count_text(number) for number in sorted({row.frames for row in table})]
+    count = frames[0] if len(frames) == 1 else f"{frames[0]} to {frames[-1]}"
+    basis = f"{count} frames a point \N{MIDDLE DOT} locator: {', '.join(table.locators)}"
+    canvas.write_title(figure, title, f"{basis}\n{interval_note(table)}")
     name_receivers(figure, styles.values(), _LEGEND_COLUMNS)
     return figure
 
@@ -78,43 +239,109 @@ def feature_histograms(features: Tensor, bits: Tensor, names: Sequence[str]) -> 
     columns = min(3, len(names))
     rows = math.ceil(len(names) / columns)
     width, height = max(5.0, 0.7 + 3.1 * columns), 1.2 + 2.6 * rows
-    figure = new_figure(width, height)
+    figure = canvas.new_figure(width, height)
     left, bottom, top = 0.78 / width, 0.55 / height, 1 - 0.7 / height
     figure.subplots_adjust(left, bottom, 0.98, top, wspace=0.24, hspace=0.45)
     for number, name in enumerate(names):
         axes = figure.add_subplot(rows, columns, number + 1)
-        _histogram(axes, values[:, number], on)
+        edges = np.histogram_bin_edges(values[:, number], bins=60)
+        for status, label, colour in ((~on, "Off", _OFF), (on, "On", _ON)):
+            shares = np.histogram(values[status, number], edges)[0] / int(status.sum())
+            axes.stairs(shares, edges, fill=True, color=colour, alpha=0.25)
+            axes.stairs(shares, edges, color=colour, linewidth=1.6, label=label)
+        axes.set_ylim(bottom=0)
+        axes.margins(x=0.02)
+        canvas.quiet_axes(axes)
+        axes.grid(axis="y", color=canvas.GRID, linewidth=0.8)
         axes.set_xlabel(name)
         axes.set_ylabel("Share of LEDs" if number % columns == 0 else "")
-    write_title(figure, f"Features of {_thousands(len(values))} LEDs")
+    canvas.write_title(figure, f"Features of {count_text(len(values))} LEDs")
     handles, _ = figure.axes[0].get_legend_handles_labels()
-    write_legend(
-        figure, handles, (0.99, 1 - 0.08 / height), 2, handlelength=2.0, loc="upper right", fontsize=10.5
-    )
+    look = {"handlelength": 2.0, "loc": "upper right", "fontsize": 10.5}
+    canvas.write_legend(figure, handles, (0.99, 1 - 0.08 / height), 2, **look)
     return figure
 
 
-def _footnote(table: BerTable) -> str:
-    """Say what the points rest on, in two lines."""
-    frames = [_thousands(number) for number in sorted({row.frames for row in table})]
-    count = frames[0] if len(frames) == 1 else f"{frames[0]} to {frames[-1]}"
-    locators = ", ".join(table.locators)
-    return f"{count} frames a point \N{MIDDLE DOT} locator: {locators}\n{interval_note(table)}"
+_FACET_WIDTH_IN, _FACET_HEIGHT_IN = 3.1, 2.45
+_LEFT_IN, _BOTTOM_IN, _GAP_IN, _RIGHT_IN, _LINE_IN = 0.8, 0.95, 0.36, 0.12, 0.17
+_LEAST_WIDTH_IN = 7.0
+"""A single facet is drawn as wide as its title, legend and footnote need."""
+_SIZE = 0.82
+"""Of markers, lines and numbers, against a figure of its own."""
+_LETTER_IN = 0.077
+"""Width of a letter of a facet's title."""
 
 
-def _thousands(number: int) -> str:
-    """Group digits by thin spaces."""
-    return f"{number:,}".replace(",", "\N{THIN SPACE}")
+def facet_figure(
+    rows: Sequence[Mapping[str, BerTable | str]],
+    title: str,
+    footnote: str,
+    *,
+    axes_alike: bool = True,
+    styles: Mapping[str, Style] | None = None,
+) -> Figure:
+    """Draw tables in a grid of facets with one vertical axis for all.
 
+    Args:
+        rows: rows of facets, each a mapping of the facet's title to its table, or to why it has none.
+        title: what the figure shows.
+        footnote: what it rests on.
+        axes_alike: whether all tables have one axis, which the last row names for all.
+        styles: by name in the tables; those of receivers by default.
 
-def _histogram(axes: Axes, values: NDArray[np.float64], on: NDArray[np.bool_]) -> None:
-    """Draw one feature's two histograms over the same bins, each as shares of its own LEDs."""
-    edges = np.histogram_bin_edges(values, bins=60)
-    for status, label, colour in ((~on, "Off", _OFF), (on, "On", _ON)):
-        shares = np.histogram(values[status], edges)[0] / int(status.sum())
-        axes.stairs(shares, edges, fill=True, color=colour, alpha=0.25)
-        axes.stairs(shares, edges, color=colour, linewidth=1.6, label=label)
-    axes.set_ylim(bottom=0)
-    axes.margins(x=0.02)
-    quiet_axes(axes)
-    axes.grid(axis="y", color=GRID, linewidth=0.8)
+    Raises:
+        VoccError: no facet, or a table without points.
+
+    Example:
+        >>> from vocc_torch.measure.counts import Counts
+        >>> from vocc_torch.measure.curve import Point
+        >>> points = [Point("d", "distance_m", 50.0, "flda_3", "truth", Counts(64, 4096), "frames")]
+        >>> len(facet_figure([{"25 mm": BerTable(points), "18 mm": "no panel"}], "Two", "").axes)
+        2
+    """
+    given = [one for row in rows for one in row.values()]
+    if not given or not all(map(len, given)):
+        raise VoccError("rows has no facet, or one without points: each needs at least one point")
+    tables = sorted((one for one in given if isinstance(one, BerTable)), key=lambda one: -len(one.receivers))
+    styles = styles or receiver_styles(dict.fromkeys(name for table in tables for name in table.receivers))
+    shown = [point for table in tables for point in table.rows]
+    columns = max(len(row) for row in rows)
+    width = max(_LEFT_IN + columns * (_FACET_WIDTH_IN + _GAP_IN) - _GAP_IN + _RIGHT_IN, _LEAST_WIDTH_IN)
+    wide = (width - _LEFT_IN - _RIGHT_IN - (columns - 1) * _GAP_IN) / columns
+    legend_columns = max(1, int(width / 2.5))
+    above_in = 0.62 + 0.24 * -(-len(styles) // legend_columns)
+    letters = int(wide / _LETTER_IN)
+    heads = [
+        [textwrap.wrap(name, letters, max_lines=3, placeholder=" \N{HORIZONTAL ELLIPSIS}") for name in row]
+        for row in rows
+    ]
+    gap_in = _GAP_IN + _LINE_IN * (max(len(head) for row in heads for head in row) - 1)
+    gap_in += 0.0 if axes_alike else 0.28
+    height = above_in + len(rows) * (_FACET_HEIGHT_IN + gap_in) + _BOTTOM_IN
+    figure = canvas.new_figure(width, height)
+    for i, row in enumerate(rows):
+        below_in = above_in + (i + 1) * (_FACET_HEIGHT_IN + gap_in)
+        for j, (head, one) in enumerate(zip(heads[i], row.values(), strict=True)):
+            left_in = _LEFT_IN + j * (wide + _GAP_IN)
+            place = (left_in / width, 1 - below_in / height, wide / width, _FACET_HEIGHT_IN / height)
+            axes = figure.add_axes(place)
+            if isinstance(one, BerTable):
+                draw_rates(axes, one, styles, shown, size=_SIZE, width_in=wide)
+                last = not axes_alike or i == len(rows) - 1
+                axes.set_ylabel("Bit error rate" if j == 0 else "", fontsize=10.5)
+                axes.tick_params(axis="y", which="both", labelleft=j == 0)
+                axes.set_xlabel(axis_label(one.axis) if last else "", labelpad=3, fontsize=10.5)
+                axes.tick_params(axis="x", labelbottom=last)
+            else:
+                axes.set_xticks([])
+                axes.set_yticks([])
+                axes.spines[:].set_color(canvas.GRID)
+                reason = "\n".join(textwrap.wrap(one, letters - 6, max_lines=8))
+                text = axes.text(0.5, 0.5, reason, transform=axes.transAxes, fontsize=9, color=canvas.QUIET)
+                text.set(ha="center", va="center")
+            named = axes.set_title("\n".join(head), loc="left", pad=5, fontsize=10.5, color=canvas.INK)
+            named.set_fontweight("bold")
+    canvas.write_title(figure, title, footnote)
+    if styles:
+        name_receivers(figure, styles.values(), legend_columns, size=0.9)
+    return figure

@@ -107,5 +107,15 @@ def value_text(value: float) -> str:
     return f"{value:.10g}"
 
 
+def count_text(number: int) -> str:
+    r"""Write a whole number with its digits in groups of three.
+
+    Example:
+        >>> count_text(1024)
+        '1\u2009024'
+    """
+    return f"{number:,}".replace(",", "\N{THIN SPACE}")
+
+
 LOCATED = {"paper": "panel located", "truth": "true corners", "refined": "panel located, refined"}
 """Where the panel's corners come from, in words."""

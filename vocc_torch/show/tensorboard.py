@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import math
 import re
-import shlex
-from collections.abc import Iterable, Mapping, Sequence
+import threading
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -23,7 +24,6 @@ from vocc_torch.errors import VoccError
 from vocc_torch.measure.curve import BerTable
 from vocc_torch.show.canvas import figure_pixels
 from vocc_torch.show.page import render
-from vocc_torch.show.quiet import quiet_threads
 from vocc_torch.show.styles import axis_label
 
 Picture = NDArray[np.uint8]
@@ -138,21 +138,6 @@ def write_boards(
         raise VoccError(f"cannot write {folder}: {error.strerror or error}") from error
 
 
-def board_hint(folder: str | Path) -> str:
-    """Give the command that serves the board and the link that opens it with smoothing off.
-
-    Args:
-        folder: the folder given to ``write_boards``.
-
-    Example:
-        >>> print(board_hint("runs/ambient/board"))
-        tensorboard --logdir runs/ambient/board
-        http://127.0.0.1:6006/?smoothing=0#custom_scalars&_smoothingWeight=0
-    """
-    link = "http://127.0.0.1:6006/?smoothing=0#custom_scalars&_smoothingWeight=0"
-    return f"tensorboard --logdir {shlex.quote(str(folder))}\n{link}"
-
-
 @dataclass(frozen=True, slots=True)
 class _Part:
     """One table's part of the board: the group that its tags begin with, and each value's step."""
@@ -252,3 +237,14 @@ def _how_to_read(parts: Sequence[_Part]) -> str:
     units = list(dict.fromkeys(part.unit for part in parts))
     grouped = any(part.group for part in parts)
     return render(__package__, "board.md.j2", units=units, groups=groups, grouped=grouped).rstrip()
+
+
+@contextmanager
+def quiet_threads() -> Iterator[None]:
+    """Keep TensorBoard's writing thread from printing the OSError that ``write_board`` then raises."""
+    shown = threading.excepthook
+    threading.excepthook = lambda failure: None if issubclass(failure.exc_type, OSError) else shown(failure)
+    try:
+        yield
+    finally:
+        threading.excepthook = shown

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import Self
 
 from rich.console import Console, RenderableType
@@ -234,3 +236,33 @@ class _Speed(ProgressColumn):
     def render(self, task: Task) -> Text:
         speed = task.finished_speed or task.speed
         return Text("" if speed is None else f"{speed:,.0f} frames/s", style="progress.data.speed")
+
+
+class Stopwatch:
+    """Adds up wall-clock seconds by stage.
+
+    Example:
+        >>> watch = Stopwatch()
+        >>> with watch.stage("nothing"):
+        ...     pass
+        >>> list(watch.seconds)
+        ['nothing']
+    """
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Count the time of what is done within."""
+        begun = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.lap(name, begun)
+
+    def lap(self, name: str, begun: float) -> float:
+        """Count the time since ``begun`` (of ``time.perf_counter``) and give the time now."""
+        now = time.perf_counter()
+        self.seconds[name] = self.seconds.get(name, 0.0) + now - begun
+        return now

@@ -78,12 +78,9 @@ class DetectionTimes:
     def _spent_ms(self, place: FramesAndBatch) -> dict[str, Floats]:
         """Give the times round by round."""
         times = self.by_place[place]
-        return {
-            stage: times["flda_3"].summed(["locate"])
-            if stage == PANEL_DETECTION
-            else times[stage].summed(BIT_DETECTION)
-            for stage in PAPER_SHARES
-        }
+        detectors = [stage for stage in PAPER_SHARES if stage != PANEL_DETECTION]
+        bits = {stage: times[stage].summed(BIT_DETECTION) for stage in detectors}
+        return {PANEL_DETECTION: times["flda_3"].summed(["locate"]), **bits}
 
     def draw(self, title: str) -> Figure:
         """Draw the figure, with its title and what it rests on."""
@@ -113,15 +110,12 @@ class DetectionTimes:
     def _footnote(self) -> str:
         """Say what the figure rests on, and in medians what NGR adds in each of its parts."""
         costs = [self.ngr_costs(place) for place in self.by_place]
-        of_two, of_all = (
-            [f"{100 * one.value:z.1f}".replace("-", "\N{MINUS SIGN}") for one in part]
-            for part in zip(*costs, strict=True)
-        )
+        texts = [[f"{100 * one.value:z.1f}".replace("-", "\N{MINUS SIGN}") for one in both] for both in costs]
+        of_two, of_all = zip(*texts, strict=True)
         lettered = ", ".join(f"({letter}) {cost}" for letter, cost in zip("abcd", of_two, strict=False))
         timed = {f"{self.rounds(place)} rounds {_at_a_time(place[1])}": None for place in self.by_place}
-        busy = (
-            f"Take with care: for {100 * self.waited_share:.0f} % of the time other work had the processor.\n"
-        )
+        share = f"{100 * self.waited_share:.0f} %"
+        busy = f"Take with care: for {share} of the time other work had the processor.\n"
         return (
             f"{busy if self.waited_share > _BUSY else ''}"
             f"NGR adds {lettered} % to two features' time (the paper: 17 %), "
@@ -133,7 +127,7 @@ class DetectionTimes:
     def _draw_bars(self, axes: Axes, place: FramesAndBatch) -> float:
         """Draw the bars, the detectors' quartiles and the paper's marks; give the last label's begin."""
         times, shares = self.times_ms(place), self.shares(place)
-        styles = receiver_styles([stage for stage in PAPER_SHARES if stage != PANEL_DETECTION])
+        styles = receiver_styles([stage for stage in shares if stage != PANEL_DETECTION])
         looks = [_PANEL, *((style.label, style.colour) for style in styles.values())]
         low, median, high = 100 * np.array([(one.low, one.value, one.high) for one in shares.values()]).T
         paper, rows = 100 * np.array(list(PAPER_SHARES.values())), np.arange(float(len(PAPER_SHARES)))

@@ -10,7 +10,6 @@ from typing import Literal, get_args
 import torch
 from torch import Tensor
 
-from vocc_torch.devices import resolve_device
 from vocc_torch.errors import VoccError
 from vocc_torch.rng import FrameKey
 from vocc_torch.simulation import framing as crops
@@ -24,7 +23,7 @@ from vocc_torch.simulation.geometry import Camera, LedPanel
 from vocc_torch.simulation.painter import in_perspective, paint, taking
 from vocc_torch.simulation.perspective import view_of
 from vocc_torch.simulation.photometry import grey_value, reflected_luminance_cd_m2
-from vocc_torch.types import Frames, Panels, Scene
+from vocc_torch.types import Frames, Panels, Scene, resolve_device
 
 PAPER_EFFECTS: Mapping[str, Mapping[str, float]] = {
     "attenuation": {"visibility_m": 40_000.0},

@@ -18,16 +18,19 @@ from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.curve import COLUMNS, BerTable, Point
 from vocc_torch.show.csv_file import ber_rows, write_rows
 from vocc_torch.show.styles import receiver_styles
-from vocc_torch.studies.collect.jobs import (
+from vocc_torch.studies.collect import (
+    MOST_FACETS,
     Job,
+    all_receivers,
     collected_rows,
     differing_keys,
     duplicates,
     find_jobs,
+    jobs_figure,
     label,
+    print_jobs,
     setting_text,
 )
-from vocc_torch.studies.collect.views import MOST_FACETS, all_receivers, jobs_figure, print_jobs
 
 QUICK = (
     *("budget.frames=64", "budget.training_frames=64", "tensorboard=false"),

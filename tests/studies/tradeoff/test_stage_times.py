@@ -4,6 +4,7 @@ import itertools
 
 import pytest
 import torch
+from vocc_torch.receiver.refined import RefinedLocator
 
 from vocc_torch.measure import stage_times
 from vocc_torch.measure.link import block_keys
@@ -16,7 +17,6 @@ from vocc_torch.receiver.flda import FLDA
 from vocc_torch.receiver.location import PaperLocator
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.receiver.receiver import StagedReceiver
-from vocc_torch.receiver.refined import RefinedLocator
 from vocc_torch.rng import FrameKey
 from vocc_torch.simulation import Camera, Distribution, SceneModel
 from vocc_torch.simulation.simulator import PAPER_EFFECTS

@@ -18,8 +18,8 @@ from matplotlib.ticker import LogLocator, NullFormatter, NullLocator
 
 from vocc_torch.measure.curve import BerTable, Row
 from vocc_torch.measure.intervals import ber_interval
-from vocc_torch.show.ber_axes import draw_rates, interval_note, receiver_line
 from vocc_torch.show.canvas import INK, QUIET, ink_on, new_figure, write_legend, write_title
+from vocc_torch.show.plots import draw_rates, interval_note, receiver_line
 from vocc_torch.show.styles import Style, axis_label, receiver_styles, value_text
 from vocc_torch.show.text_table import rate_text
 from vocc_torch.studies.classifiers.results import GENIE, Comparison, Transfer

@@ -19,6 +19,7 @@ from vocc_torch.show.canvas import save_figure
 from vocc_torch.show.folder import (
     LEDGERS,
     as_markdown,
+    board_hint,
     open_ledger,
     print_place,
     refuse_results,
@@ -27,7 +28,6 @@ from vocc_torch.show.folder import (
     write_config,
     write_training,
 )
-from vocc_torch.show.tensorboard import board_hint
 from vocc_torch.show.terminal import ProgressView
 from vocc_torch.studies.classifiers.config import RivalsConfig
 from vocc_torch.studies.classifiers.figures import curves_figure, scenes_figure

@@ -1,1 +1,36 @@
-"""``task=decode``."""
+"""``task=decode``: its section of the configuration; nothing here needs torch."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from vocc_torch.errors import VoccError
+
+CHANNELS = ("luma", "max", "red", "green", "blue")
+MOST_SCALE = 16
+
+
+@dataclass
+class DecodeConfig:
+    """What ``task=decode`` writes besides the bits.
+
+    Args:
+        channel: how colour becomes grey: ``luma`` (Rec. 601), ``max`` (brightest channel), ``red``, ``green``
+            or ``blue``.
+        annotate: whether each picture is written with the panel and the bits drawn in.
+        scale: enlarge annotated pictures by this whole number, 1 to 16.
+
+    Raises:
+        VoccError: an unknown channel, or a scale out of its range.
+    """
+
+    channel: str = "luma"
+    annotate: bool = True
+    scale: int = 1
+
+    def __post_init__(self) -> None:
+        """Check the channel and the scale."""
+        if self.channel not in CHANNELS:
+            raise VoccError.of("decode.channel", repr(self.channel), f"one of {', '.join(CHANNELS)}")
+        if not 1 <= self.scale <= MOST_SCALE:
+            raise VoccError.of("decode.scale", self.scale, f"from 1 to {MOST_SCALE}")

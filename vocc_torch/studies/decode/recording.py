@@ -6,7 +6,6 @@ import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +13,6 @@ from PIL import Image, ImageOps, UnidentifiedImageError
 
 from vocc_torch.errors import VoccError
 
-Channel = Literal["luma", "max", "red", "green", "blue"]
 PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".pgm", ".ppm")
 VIDEO_SUFFIXES = (".mp4", ".mkv", ".avi", ".mov", ".webm", ".m4v", ".mpg", ".mpeg", ".mjpeg")
 
@@ -38,7 +36,7 @@ class RecordedFrame:
     grey: NDArray[np.uint8]
 
 
-def to_grey(colour: NDArray[np.uint8], channel: Channel) -> NDArray[np.uint8]:
+def to_grey(colour: NDArray[np.uint8], channel: str) -> NDArray[np.uint8]:
     """Turn colour into grey: Rec. 601 luma, the brightest channel or one channel; (H,W,3) to (H,W) uint8.
 
     Example:
@@ -53,7 +51,7 @@ def to_grey(colour: NDArray[np.uint8], channel: Channel) -> NDArray[np.uint8]:
     return np.ascontiguousarray(colour[..., ("red", "green", "blue").index(channel)])
 
 
-def read_recording(path: Path, channel: Channel) -> Iterator[RecordedFrame]:
+def read_recording(path: Path, channel: str) -> Iterator[RecordedFrame]:
     """Read frames one by one, pictures of a folder in the order of their names.
 
     Args:
@@ -61,10 +59,8 @@ def read_recording(path: Path, channel: Channel) -> Iterator[RecordedFrame]:
         channel: how colour becomes grey.
 
     Raises:
-        VoccError: an unknown channel, or an input that is missing, empty or cannot be read.
+        VoccError: an input that is missing, empty or cannot be read.
     """
-    if channel not in get_args(Channel):
-        raise VoccError(f"decode.channel is {channel!r}: it must be one of {', '.join(get_args(Channel))}")
     if not path.exists():
         raise VoccError(f"input {path} does not exist: give a picture, a folder of pictures or a video")
     if path.is_dir():
@@ -77,7 +73,7 @@ def read_recording(path: Path, channel: Channel) -> Iterator[RecordedFrame]:
     return iter([_picture(path, channel)])
 
 
-def _picture(path: Path, channel: Channel) -> RecordedFrame:
+def _picture(path: Path, channel: str) -> RecordedFrame:
     """Read one picture the way up that it is shown.
 
     16-bit greys are scaled to 8 bits; of transparent pixels the colour is taken, and how transparent they are
@@ -109,7 +105,7 @@ def _picture(path: Path, channel: Channel) -> RecordedFrame:
     return RecordedFrame(path.name, 0, None, colour, to_grey(colour, channel))
 
 
-def _video(path: Path, channel: Channel) -> Iterator[RecordedFrame]:
+def _video(path: Path, channel: str) -> Iterator[RecordedFrame]:
     """Read a video's frames through PyAV."""
     try:
         import av

@@ -1,1 +1,31 @@
-"""``task=effects``: what each effect costs and does."""
+"""``task=effects``: its section of the configuration; nothing here needs torch."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+
+@dataclass
+class Severity:
+    """A parameter along which an effect becomes harsher.
+
+    Args:
+        parameter: ``effect.parameter``.
+        values: numbers from harmless to harsh, at least one, rising or falling.
+    """
+
+    parameter: str = ""
+    values: list[Any] = field(default_factory=list)
+
+
+@dataclass
+class EffectsConfig:
+    """What ``task=effects`` looks at: see :class:`vocc_torch.studies.effects.EffectStudy`."""
+
+    names: list[str] = field(default_factory=list)
+    located_frames: int = 0
+    severity_frames: int = 0
+    repeats: int = 0
+    parts: dict[str, Any] = field(default_factory=dict)
+    severity: dict[str, Severity] = field(default_factory=dict)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import groupby
+from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -36,9 +37,8 @@ class _Series:
     @property
     def line(self) -> Line2D:
         """Its sign in a legend."""
-        return Line2D(
-            [], [], color=self.colour, marker=self.marker, label=self.label, markersize=5, linewidth=1.5
-        )
+        look: dict[str, Any] = {"color": self.colour, "marker": self.marker, "label": self.label}
+        return Line2D([], [], markersize=5, linewidth=1.5, **look)
 
 
 _COSTS: dict[Kind, _Series] = {
@@ -80,19 +80,9 @@ def effects_figure(results: EffectResults) -> Figure:
         _set_rows(axes, rows)
         axes.set_title(head, fontsize=10.5, fontweight="bold", color=INK, loc="left", pad=26)
         signs = [(_CHANGES | _COSTS if number == 0 else _CHANGES)[name].line for name in names]
-        axes.legend(
-            handles=signs,
-            loc="lower left",
-            bbox_to_anchor=(-0.02, 1.0),
-            borderaxespad=0.15,
-            ncols=2,
-            frameon=False,
-            fontsize=8.3,
-            labelcolor=INK,
-            handlelength=1.6,
-            columnspacing=1.0,
-            handletextpad=0.5,
-        )
+        look: dict[str, Any] = {"loc": "lower left", "bbox_to_anchor": (-0.02, 1.0), "borderaxespad": 0.15}
+        look |= {"ncols": 2, "frameon": False, "labelcolor": INK, "handlelength": 1.6, "handletextpad": 0.5}
+        axes.legend(handles=signs, fontsize=8.3, columnspacing=1.0, **look)
     label = receiver_styles([shown])[shown].label
     title = f"What each effect costs and does{scene_text(results)} ({label})"
     write_title(figure, title, _footnote(results))

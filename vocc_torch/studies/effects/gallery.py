@@ -16,7 +16,7 @@ from vocc_torch.measure.curve import BerTable, Point
 from vocc_torch.measure.plan import World
 from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.show.canvas import INK, QUIET, new_figure, write_title
-from vocc_torch.show.facets import facet_figure
+from vocc_torch.show.plots import facet_figure
 from vocc_torch.show.styles import Style, receiver_styles
 from vocc_torch.simulation.effects import Parameters
 from vocc_torch.simulation.geometry import panel_corners_px
@@ -33,18 +33,8 @@ _STYLES = {
     "true_corners": Style("trained without the effect", "#D55E00", "o", "-"),
     "retrained": Style("trained with it, as the table of effects has it", "#0072B2", "D", "--"),
 }
-_UNITS = {
-    "_deg": "°",
-    "_m": "m",
-    "_s": "s",
-    "_px": "px",
-    "_nm": "nm",
-    "_lx": "lx",
-    "_cd_m2": "cd/m²",
-    "_m_s": "m/s",
-    "electrons_per_s": "electrons/s",
-    "electrons": "electrons",
-}
+_UNITS = {"_deg": "°", "_m": "m", "_s": "s", "_px": "px", "_nm": "nm", "_lx": "lx", "_cd_m2": "cd/m²"}
+_UNITS |= {"_m_s": "m/s", "electrons_per_s": "electrons/s", "electrons": "electrons"}
 """Units by the end of a parameter's name; the longest end that fits counts."""
 
 
@@ -148,13 +138,10 @@ def gallery_pictures(study: EffectStudy) -> dict[str, NDArray[np.uint8]]:
         values = study.catalogue.severities.get(one.name)
         cases[one.name] = study.catalogue.at(one.name, values.values[-1]) if values else one.present
     model = study.model
-    middle = {
-        name: math.sqrt(math.prod(getattr(model, name).bounds))
-        for name in ("ambient_lx", "led_luminance_cd_m2")
-    }
-    return effect_pictures(
-        study.plan.world, cases, distance_m=model.nearest_m, seed=study.plan.seed, **middle
-    )
+    light = ("ambient_lx", "led_luminance_cd_m2")
+    middle = {name: math.sqrt(math.prod(getattr(model, name).bounds)) for name in light}
+    seed = study.plan.seed
+    return effect_pictures(study.plan.world, cases, distance_m=model.nearest_m, seed=seed, **middle)
 
 
 def effect_pictures(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -25,7 +25,7 @@ from vocc_torch.simulation.effects import (
     Quantity,
     build_effects,
 )
-from vocc_torch.studies.effects.config import EffectsConfig
+from vocc_torch.studies.effects import EffectsConfig, Severity
 
 Effects = Mapping[str, Parameters]
 """Effect name to parameters, as a scene names them."""
@@ -49,10 +49,8 @@ _GROUPS = {
     "sensor": (Quantity.ELECTRONS,),
     "encoding": (Quantity.GREY, Quantity.BOUNDED_GREY, Quantity.DIGITAL),
 }
-_ELSEWHERE = {
-    "attenuation": "surroundings",
-    **dict.fromkeys(("bayer", "photoelectrons", "demosaicing"), "sensor"),
-}
+_ELSEWHERE = {"attenuation": "surroundings", "bayer": "sensor"}
+_ELSEWHERE |= {"photoelectrons": "sensor", "demosaicing": "sensor"}
 """Effects that take a quantity at another place than where they arise."""
 
 
@@ -70,19 +68,6 @@ def group_of(name: str) -> str:
 def fills(effects: Key) -> bool:
     """Whether a locator needs frames with these effects rendered whole."""
     return any(effect.fills_sensor for effect in effects)
-
-
-@dataclass(frozen=True)
-class Severity:
-    """A parameter along which an effect becomes harsher.
-
-    Args:
-        parameter: ``effect.parameter``.
-        values: numbers from harmless to harsh, at least one, rising or falling.
-    """
-
-    parameter: str
-    values: tuple[float, ...]
 
 
 @dataclass(frozen=True)
@@ -192,10 +177,8 @@ class Catalogue:
                 if scene.get(name) == self.scene.get(name):
                     scene[name] = parameters
                 elif parameters not in (scene[name], self.scene.get(name)):
-                    raise VoccError(
-                        f"effects.parts.{one.name}.{name} is {dict(parameters)}: another part has "
-                        f"{dict(scene[name])}, and all together need one"
-                    )
+                    both = f"{dict(parameters)}: another part has {dict(scene[name])}"
+                    raise VoccError(f"effects.parts.{one.name}.{name} is {both}, and all together need one")
         own = {name for one in added for name in one.own}
         present = {name: scene[name] for name in ORDER if name in scene}
         absent = {name: parameters for name, parameters in present.items() if name not in own}
@@ -238,8 +221,8 @@ class Catalogue:
             raise VoccError(f"{key}.parameter is {severity.parameter!r}: {rule}")
         pairs = list(itertools.pairwise(severity.values))
         if not severity.values or not (all(a < b for a, b in pairs) or all(a > b for a, b in pairs)):
-            rule = "it must be numbers from harmless to harsh, all rising or all falling"
-            raise VoccError(f"{key}.values is {list(severity.values)}: {rule}")
+            rule = "numbers from harmless to harsh, all rising or all falling"
+            raise VoccError.of(f"{key}.values", list(severity.values), rule)
         for value in severity.values:
             try:
                 build_effects(self.at(name, value))
@@ -311,7 +294,7 @@ class EffectStudy:
         return (*self.pairs, self.together) if self.together else self.pairs
 
     @property
-    def severities(self) -> dict[str, tuple[float, ...]]:
+    def severities(self) -> dict[str, Sequence[float]]:
         """The severities to measure, by effect in physical order."""
         known = self.catalogue.severities if self.severity_frames else {}
         return {name: known[name].values for name in self.catalogue.chosen if name in known}
@@ -357,8 +340,7 @@ def build_effect_study(settings: Settings, config: EffectsConfig, folder: Path) 
             if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
                 key = f"effects.severity.{name}.values"
                 raise VoccError(f"{key} has {value!r}: it must be finite numbers from harmless to harsh")
-    severities = {name: Severity(one.parameter, tuple(one.values)) for name, one in config.severity.items()}
-    catalogue = Catalogue(plan.world.effects, config.parts, severities, tuple(config.names))
+    catalogue = Catalogue(plan.world.effects, config.parts, config.severity, tuple(config.names))
     # All frames are of the scene itself: no experiment narrows them.
     own = replace(plan, experiment=Experiment("effects", "distance_m", (plan.world.scene.nearest_m,)))
     frames = (config.located_frames, config.severity_frames, config.repeats)

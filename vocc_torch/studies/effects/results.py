@@ -17,7 +17,7 @@ from vocc_torch.measure.frame_errors import Banks, FrameErrors, FrameJob
 from vocc_torch.measure.link import block_keys
 from vocc_torch.measure.paired import paired_interval
 from vocc_torch.measure.plan import Locator, Plan, resolve_device
-from vocc_torch.measure.timing import Timing, describe_machine, interleaved, quartiles
+from vocc_torch.measure.timing import describe_machine, interleaved, quartiles
 from vocc_torch.measure.train import train
 from vocc_torch.measure.workers import Workers, worker_losses_told
 from vocc_torch.receiver.bank import ReceiverBank
@@ -55,11 +55,6 @@ class Cost:
     """
 
     rounds_ms: tuple[float, ...]
-
-    @classmethod
-    def of(cls, timing: Timing, frames: int) -> Cost:
-        """Return the time a frame of calls that render ``frames`` frames each."""
-        return cls(tuple(1000 * seconds / frames for seconds in timing.seconds))
 
     def __sub__(self, other: Cost) -> Cost:
         """Compare within each round, since a busy spell of the machine meets both."""
@@ -261,8 +256,10 @@ def measure_costs(study: EffectStudy) -> Costs:
         machine = describe_machine(device)
     finally:
         torch.set_num_threads(threads)
-    timed = zip(frames.items(), timings.values(), strict=True)
-    times = {place: Cost.of(timing, count) for (place, count), timing in timed}
+    times = {
+        place: Cost(tuple(1000 * seconds / count for seconds in timing.seconds))
+        for (place, count), timing in zip(frames.items(), timings.values(), strict=True)
+    }
     return Costs(times, machine, max(0.0, waited))
 
 
@@ -313,20 +310,20 @@ def run_effects(
     with worker_losses_told():
         read = _read(study, wanted, _train(study, wanted, costs, workers, told), workers, told)
     errors = _Errors(study, wanted, read)
-    base = build_effects(study.catalogue.scene)
+    scene, base = study.catalogue.scene, build_effects(study.catalogue.scene)
     return EffectResults(
-        study,
-        tuple(_row(study, pair, costs, errors) for pair in study.pairs),
-        None if study.together is None else _row(study, study.together, costs, errors),
-        {kind: costs.times[kind, base] for kind in get_args(Kind)},
-        {
-            locator: errors.counts(base, locator, base, study.frames_with(locator, study.catalogue.scene))
+        study=study,
+        rows=tuple(_row(study, pair, costs, errors) for pair in study.pairs),
+        together=None if study.together is None else _row(study, study.together, costs, errors),
+        base_costs={kind: costs.times[kind, base] for kind in get_args(Kind)},
+        base={
+            locator: errors.counts(base, locator, base, study.frames_with(locator, scene))
             for locator in dict.fromkeys(READINGS.values())
             if (base, locator) in read
         },
-        costs.machine,
-        costs.waited_share,
-        tuple(_curve(study, name, errors) for name in study.severities),
+        machine=costs.machine,
+        waited_share=costs.waited_share,
+        severities=tuple(_curve(study, name, errors) for name in study.severities),
     )
 
 
@@ -369,9 +366,7 @@ def _train(
     study: EffectStudy, wanted: _Places, costs: Costs, workers: Workers, told: Progress | None
 ) -> dict[tuple[Key, Locator], FLDA]:
     """Train on each scene that some reading needs, with its locator; the slowest first."""
-    scenes = {
-        (key, one.locator): effects for one in wanted.values() for key, effects in one.trained_on.items()
-    }
+    scenes = {(key, one.locator): of for one in wanted.values() for key, of in one.trained_on.items()}
 
     def cost_ms(place: tuple[Key, Locator]) -> float:
         return costs.times["near" if place[1] == "truth" else "located", place[0]].median_ms
@@ -474,14 +469,11 @@ def _curve(study: EffectStudy, name: str, errors: _Errors) -> SeverityCurve:
     """Put one effect's severities together."""
     pair = study.catalogue.pair(name)
     trained = {"true_corners": build_effects(pair.absent), "retrained": build_effects(pair.present)}
-    rates = {
-        float(value): {
-            reading: errors.counts(scene, "truth", key, study.severity_frames)
-            for reading, key in trained.items()
-        }
-        for value in study.severities[name]
-        for scene in [build_effects(study.catalogue.at(name, value))]
-    }
+    rates = {}
+    for value in study.severities[name]:
+        scene, frames = build_effects(study.catalogue.at(name, value)), study.severity_frames
+        read = {how: errors.counts(scene, "truth", key, frames) for how, key in trained.items()}
+        rates[float(value)] = read
     usual = study.catalogue.usual(name)
     number = float(usual) if isinstance(usual, int | float) else None
     return SeverityCurve(name, study.catalogue.severities[name].parameter, rates, number)

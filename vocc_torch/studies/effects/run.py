@@ -10,15 +10,13 @@ from vocc_torch.files import write_atomically
 from vocc_torch.measure.config import Settings
 from vocc_torch.measure.workers import Workers
 from vocc_torch.show.canvas import save_figure
-from vocc_torch.show.folder import as_markdown, print_place, refuse_results, refuse_unused, write_config
+from vocc_torch.show.folder import as_markdown, print_places, refuse_results, refuse_unused, write_config
 from vocc_torch.show.page import render
-from vocc_torch.show.stopwatch import Stopwatch
-from vocc_torch.show.terminal import ProgressView
-from vocc_torch.studies.effects import tables
-from vocc_torch.studies.effects.config import EffectsConfig
+from vocc_torch.show.terminal import ProgressView, Stopwatch
+from vocc_torch.studies.effects import EffectsConfig, tables
 from vocc_torch.studies.effects.figures import effects_figure
 from vocc_torch.studies.effects.gallery import gallery_figure, gallery_pictures, severity_figure
-from vocc_torch.studies.effects.plan import EffectStudy, build_effect_study
+from vocc_torch.studies.effects.plan import build_effect_study
 from vocc_torch.studies.effects.results import EffectResults, frames_to_do, measure_costs, run_effects
 
 
@@ -31,37 +29,30 @@ def run_effects_task(settings: Settings, config: EffectsConfig, folder: Path) ->
     refuse_unused(settings)
     refuse_results(folder)
     study, console = build_effect_study(settings, config, folder), Console()
-    results = _measure(study, Workers(settings.workers), console)
-    write_config(settings, folder)
-    places = _write(results, folder, settings)
-    tables.print_effects(results, console)
-    for what, where in places.items():
-        print_place(console, what, where)
-
-
-def _measure(study: EffectStudy, workers: Workers, console: Console) -> EffectResults:
-    """Time every scene, and then count errors with all the workers."""
-    watch = Stopwatch()
+    workers, watch = Workers(settings.workers), Stopwatch()
     with watch.stage("times"), console.status("timing every scene"):
         costs = measure_costs(study)
     with watch.stage("bit errors"), ProgressView(frames_to_do(study), console) as view, workers:
         results = run_effects(study, costs, workers, view.advance)
     for stage, seconds in watch.seconds.items():
         console.print(f"{stage:<12} {seconds:6.1f} s", highlight=False)
-    return results
+    write_config(settings, folder)
+    places = _write(results, folder, settings)
+    tables.print_effects(results, console)
+    print_places(console, folder, places.items(), settings.tensorboard)
 
 
-def _write(results: EffectResults, folder: Path, settings: Settings) -> dict[str, object]:
-    """Write tables, pictures, the report and the board; return where each is."""
+def _write(results: EffectResults, folder: Path, settings: Settings) -> dict[str, str]:
+    """Write tables, pictures, the report and the board; return the names of the files by what they are."""
     study = results.study
     tables.write_effects(folder / "effects.csv", results)
-    places: dict[str, object] = {"table": folder / "effects.csv", "figure": folder / "effects.png"}
-    places |= {"report": folder / "effects.md", "pictures": folder / "gallery.png"}
+    places = {"table": "effects.csv", "figure": "effects.png"}
+    places |= {"report": "effects.md", "pictures": "gallery.png"}
     figures = {"effects": effects_figure(results)}
     if results.severities:
         tables.write_severities(folder / "severity.csv", results)
         figures["severity"] = severity_figure(results)
-        places |= {"severity": folder / "severity.csv", "curves": folder / "severity.png"}
+        places |= {"severity": "severity.csv", "curves": "severity.png"}
     about = f"{study.model.nearest_m:g} m; the middle of the scene's ambient light and LED luminance"
     title = "One panel under each effect, at its harshest"
     figures["gallery"] = gallery_figure(gallery_pictures(study), title, about)
@@ -69,10 +60,9 @@ def _write(results: EffectResults, folder: Path, settings: Settings) -> dict[str
         save_figure(figure, folder / f"{name}.png")
     write_atomically(folder / "effects.md", report(results).encode())
     if settings.tensorboard:
-        from vocc_torch.show.tensorboard import board_hint, write_boards
+        from vocc_torch.show.tensorboard import write_boards
 
         write_boards(folder / "tensorboard", {}, figures, {}, {"configuration": as_markdown(settings)})
-        places["board"] = board_hint(folder / "tensorboard")
     return places
 
 

@@ -17,17 +17,8 @@ from vocc_torch.studies.effects.results import READINGS, Change, Cost, EffectRes
 
 _CHANGES = ("frames", "ber_without", "ber_with", "change", "low", "high", "real", "missed_with")
 COLUMNS = (
-    *(
-        "row",
-        "effect",
-        "group",
-        "differs_in",
-        "companions",
-        "settings",
-        "in_scene",
-        "fills_sensor",
-        "receiver",
-    ),
+    *("row", "effect", "group", "differs_in", "companions", "settings", "in_scene", "fills_sensor"),
+    "receiver",
     *(f"{kind}_{part}ms" for kind in ("near", "located", "whole") for part in ("", "low_", "high_")),
     *(f"{reading}_{name}" for reading in READINGS for name in _CHANGES),
     *("training_frames", "scene", "waited_share", "machine"),
@@ -58,12 +49,8 @@ def write_effects(path: Path, results: EffectResults) -> None:
         VoccError: the file cannot be written.
     """
     study = results.study
-    facts: list[_Cell] = [
-        study.plan.budget.training_frames,
-        study.scene_name,
-        round(results.waited_share, 4),
-        results.machine,
-    ]
+    waited = round(results.waited_share, 4)
+    facts: list[_Cell] = [study.plan.budget.training_frames, study.scene_name, waited, results.machine]
     names, unnamed = study.plan.receiver.names, [""] * 7
     lines: list[list[_Cell]] = []
     for name in names:

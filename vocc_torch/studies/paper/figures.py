@@ -15,8 +15,7 @@ from vocc_torch.measure.curve import COLUMNS, BerTable
 from vocc_torch.measure.curves import Measured
 from vocc_torch.measure.estimate import Estimate
 from vocc_torch.show.canvas import FINE_GRID, GRID, INK, QUIET, new_figure, quiet_axes, write_title
-from vocc_torch.show.facets import facet_figure
-from vocc_torch.show.plots import ber_figure
+from vocc_torch.show.plots import ber_figure, facet_figure
 from vocc_torch.show.styles import LOCATED, Style, axis_label, receiver_styles
 from vocc_torch.studies.paper.location import LocationSplit
 from vocc_torch.studies.paper.words import EXPERIMENTS

@@ -20,12 +20,11 @@ from vocc_torch.measure.grid import Grid
 from vocc_torch.measure.plan import Plan, resolve_device
 from vocc_torch.measure.timing import describe_machine
 from vocc_torch.show.canvas import save_figure
-from vocc_torch.show.csv_file import cell_text, write_rows
+from vocc_torch.show.csv_file import cell_text, write_grid, write_paired, write_rows
 from vocc_torch.show.folder import LEDGERS, as_markdown
-from vocc_torch.show.grid_files import CAPTIONS as GRID_CAPTIONS
-from vocc_torch.show.grid_files import grid_figures, write_grid
-from vocc_torch.show.paired_file import write_paired
-from vocc_torch.show.stopwatch import Stopwatch
+from vocc_torch.show.heatmap import CAPTIONS as GRID_CAPTIONS
+from vocc_torch.show.heatmap import grid_figures
+from vocc_torch.show.terminal import Stopwatch
 from vocc_torch.studies.paper.evidence import EVIDENCE, make_evidence
 from vocc_torch.studies.paper.experiments import DIMMING, PaperPlan
 from vocc_torch.studies.paper.figures import (

@@ -18,6 +18,7 @@ from vocc_torch.measure.workers import Workers
 from vocc_torch.show.folder import (
     CONFIG,
     LEDGERS,
+    board_hint,
     open_ledger,
     print_place,
     refuse_results,
@@ -26,9 +27,7 @@ from vocc_torch.show.folder import (
     write_config,
     write_training,
 )
-from vocc_torch.show.stopwatch import Stopwatch
-from vocc_torch.show.tensorboard import board_hint
-from vocc_torch.show.terminal import ProgressView
+from vocc_torch.show.terminal import ProgressView, Stopwatch
 from vocc_torch.studies.paper.config import FiguresConfig
 from vocc_torch.studies.paper.experiments import paper_plan, wanted_figures
 from vocc_torch.studies.paper.files import PaperFiles

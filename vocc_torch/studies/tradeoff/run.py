@@ -12,8 +12,8 @@ from vocc_torch.measure.config import Settings
 from vocc_torch.measure.workers import Workers
 from vocc_torch.show.canvas import save_figure
 from vocc_torch.show.folder import as_markdown, print_place, refuse_results, refuse_unused, write_config
-from vocc_torch.show.quiet import quiet_threads
-from vocc_torch.show.stopwatch import Stopwatch
+from vocc_torch.show.tensorboard import quiet_threads
+from vocc_torch.show.terminal import Stopwatch
 from vocc_torch.studies.tradeoff.config import TradeoffConfig
 from vocc_torch.studies.tradeoff.figure import shares_figure, tradeoff_figure
 from vocc_torch.studies.tradeoff.plan import build_tradeoff_study
@@ -45,7 +45,7 @@ def run_tradeoff(settings: Settings, config: TradeoffConfig, folder: Path) -> No
     }.items():
         print_place(console, what, folder / name)
     if settings.tensorboard:
-        from vocc_torch.show.tensorboard import board_hint
+        from vocc_torch.show.folder import board_hint
 
         print_place(console, "board", board_hint(folder / "tensorboard"))
 

@@ -3,31 +3,37 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
 from rich.console import Console
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure import sweep
 from vocc_torch.measure.build import build_plan
 from vocc_torch.measure.config import Settings
+from vocc_torch.measure.counter import point_name
 from vocc_torch.measure.curves import Curves
 from vocc_torch.measure.identity import identity
 from vocc_torch.measure.ledger import Ledger
+from vocc_torch.measure.link import Link, block_keys
 from vocc_torch.measure.montecarlo import Label, Tally
+from vocc_torch.measure.paired import paired_interval
 from vocc_torch.measure.plan import SCENE_FIELDS, Plan
 from vocc_torch.measure.train import Training, trained_receiver
 from vocc_torch.measure.workers import Workers
 from vocc_torch.receiver.features import FEATURE_NAMES
+from vocc_torch.receiver.receiver import Receiver
+from vocc_torch.show import canvas, plots
 from vocc_torch.show import folder as run_folder
-from vocc_torch.show.canvas import save_figure
-from vocc_torch.show.csv_file import ber_rows, write_rows
-from vocc_torch.show.paired_file import compared, write_paired
-from vocc_torch.show.plots import ber_figure, feature_histograms
-from vocc_torch.show.styles import axis_label, receiver_styles
-from vocc_torch.show.tensorboard import axis_steps, board_hint, write_boards
+from vocc_torch.show.csv_file import ber_rows, write_paired, write_rows
+from vocc_torch.show.styles import axis_label, receiver_styles, value_text
+from vocc_torch.show.tensorboard import axis_steps, write_boards
 from vocc_torch.show.terminal import StudyView, print_table, train_shown
-from vocc_torch.studies.curve.gallery import sample_frames
+from vocc_torch.simulation.framing import crop_origins_px
+from vocc_torch.simulation.geometry import panel_centre_px
 
 
 def run_test(settings: Settings, folder: Path) -> None:
@@ -39,7 +45,11 @@ def run_test(settings: Settings, folder: Path) -> None:
     workers = Workers(settings.workers)
     _note_strangers(plan, console)
     if settings.tensorboard:
-        _check_steps(plan)
+        try:
+            axis_steps(plan.experiment.axis, sweep.axis_values(plan.experiment))
+        except VoccError as error:
+            hint = "give values further apart, or tensorboard=false"
+            raise VoccError(f"experiment.values: {error}; {hint}") from None
     locator = plan.receiver.locator
     with (
         run_folder.resumable(settings, folder, console),
@@ -51,9 +61,8 @@ def run_test(settings: Settings, folder: Path) -> None:
         with workers:
             curves = _sweep(plan, training, ledger, workers, console)
         if not curves.values:
-            raise VoccError(
-                "experiment.values: no frame fell into any contrast bin: widen the bins or the scenes"
-            )
+            fault = "no frame fell into any contrast bin"
+            raise VoccError(f"experiment.values: {fault}: widen the bins or the scenes")
         _write(settings, plan, training, curves, folder)
     _print(settings, plan, curves, folder, console)
 
@@ -67,11 +76,11 @@ def _write(settings: Settings, plan: Plan, training: Training, curves: Curves, f
     camera, panel = plan.world.camera, plan.world.panel.shape
     seen = f"{panel.rows} x {panel.columns} LEDs, {camera.focal_length_mm:g} mm lens"
     title = f"Bit error rate, experiment “{plan.experiment.name}”: {seen}"
-    figure = ber_figure(table, axis_label(table.axis), title)
-    save_figure(figure, folder / "ber.png")
+    figure = plots.ber_figure(table, axis_label(table.axis), title)
+    canvas.save_figure(figure, folder / "ber.png")
     names = [name.upper() for name in FEATURE_NAMES]
-    histograms = feature_histograms(training.features, training.bits, names)
-    save_figure(histograms, folder / "features.png")
+    histograms = plots.feature_histograms(training.features, training.bits, names)
+    canvas.save_figure(histograms, folder / "features.png")
     if settings.tensorboard:
         pictures = sample_frames(plan, trained_receiver(plan, training))
         figures = {"BER": figure, "features by status": histograms}
@@ -91,16 +100,6 @@ def _note_strangers(plan: Plan, console: Console) -> None:
             beyond = f"{name} from {low:g} to {high:g}, and the receiver trains on {least:g} to {most:g}"
             note = f"note: this tests {beyond}; experiment=scenes keeps the scene's own"
             console.print(note, highlight=False, soft_wrap=True)
-
-
-def _check_steps(plan: Plan) -> None:
-    """Refuse values that TensorBoard cannot tell apart, before any work is done."""
-    try:
-        axis_steps(plan.experiment.axis, sweep.axis_values(plan.experiment))
-    except VoccError as error:
-        raise VoccError(
-            f"experiment.values: {error}; give values further apart, or tensorboard=false"
-        ) from None
 
 
 def _sweep(plan: Plan, training: Training, ledger: Ledger, workers: Workers, console: Console) -> Curves:
@@ -130,9 +129,8 @@ def _print(settings: Settings, plan: Plan, curves: Curves, folder: Path, console
     drawn, counted = plan.frames_in_point, sum(row.frames for row in rows)
     whole = all(row.stopped_by == "frames" for row in rows)
     if plan.experiment.axis == "contrast" and whole and counted < drawn:
-        lines.append(
-            f"{drawn - counted} of {drawn} frames have a contrast outside the bins and are not counted"
-        )
+        outside = f"{drawn - counted} of {drawn} frames"
+        lines.append(f"{outside} have a contrast outside the bins and are not counted")
     if empty := [f"{value:g}" for value in sweep.axis_values(plan.experiment) if value not in table.values]:
         lines.append(f"no frame fell into the bins about {', '.join(empty)}: they are not in the results")
     reference = plan.receiver.save
@@ -142,7 +140,76 @@ def _print(settings: Settings, plan: Plan, curves: Curves, folder: Path, console
     for line in lines:
         console.print(line, soft_wrap=True, highlight=False)
     places = {"table": "ber.csv", "pairs": "paired.csv", "figure": "ber.png", "receiver": "receiver.pt"}
-    for what, name in places.items():
-        run_folder.print_place(console, what, folder / name)
-    if settings.tensorboard:
-        run_folder.print_place(console, "board", board_hint(folder / "tensorboard"))
+    run_folder.print_places(console, folder, places.items(), settings.tensorboard)
+
+
+SAMPLES = 4
+"""Frames drawn for each point."""
+SCALE = 6
+"""Enlargement: a panel is some 30 pixels wide."""
+WIDEST_PX = 1200
+"""Widest enlarged frame: a crop of a near panel is large enough as it is."""
+
+
+def sample_frames(plan: Plan, receiver: Receiver) -> dict[str, NDArray[np.uint8]]:
+    """Draw the first frames of each point, plain above and annotated below.
+
+    Args:
+        plan: the study.
+        receiver: decides the bits that are drawn; where the study takes the true corners, so does it.
+
+    Returns:
+        Point name to picture, (H,W,3) uint8.
+    """
+    # Whole frames enlarged would be pictures of gigabytes; the decisions on crops are the same.
+    plan = replace(plan, world=replace(plan.world, framing="crop"), batch_frames=SAMPLES)
+    link, pictures = Link.of(plan), {}
+    receiver = receiver.to(link.simulator.device)
+    for value in sweep.monte_carlo_values(plan):
+        name, model = point_name(plan.experiment, value), plan.experiment.model_at(plan.world, value)
+        seen = next(link.observe(model, block_keys(plan.seed, name, SAMPLES), preambles=False))
+        read = receiver(seen.frames, seen.panels)
+        shown = link.simulator.crop_px(model.nearest_m)
+        centre = panel_centre_px(seen.scene, link.simulator.camera)
+        places = crop_origins_px(centre, shown, link.simulator.camera.sensor_px)
+        rows = []
+        for i in range(len(seen.frames)):
+            pixels, origin = seen.frames.grey[i, 0], seen.frames.origin_px[i]
+            if tuple(pixels.shape) == seen.frames.sensor_px:  # a scene that needs the whole sensor
+                left, top = places[i].tolist()
+                pixels, origin = pixels[top : top + shown[0], left : left + shown[1]], places[i]
+            grey = pixels.round().clamp(0, 255).byte().cpu().numpy()
+            colour = np.repeat(grey[..., None], 3, axis=2)
+            scale = max(1, min(SCALE, WIDEST_PX // grey.shape[1]))
+            plain = drawn = np.asarray(canvas.enlarged(colour, scale))
+            if read.found[i]:
+                corners = (read.corners_px[i].cpu() - origin.cpu()).numpy()
+                drawn = np.asarray(canvas.annotated(colour, corners, read.bits[i].cpu().numpy(), scale))
+            rows.append(np.concatenate([plain, drawn]))
+        pictures[name] = np.concatenate(rows, axis=1)
+    return pictures
+
+
+def compared(curves: Curves, reference: str) -> list[str]:
+    """Say in a line for each other receiver where it differs from a reference for certain.
+
+    Args:
+        curves: an experiment.
+        reference: a receiver in it.
+
+    Example:
+        >>> compared(Curves("d", "distance_m", "truth", ("flda_3",), (), {}, {}, {}), "flda_3")
+        []
+    """
+    lines = []
+    for name, style in receiver_styles(curves.receivers).items():
+        if name == reference:
+            continue
+        places: dict[str, list[str]] = {"worse": [], "better": []}
+        for value in curves.values:
+            found = paired_interval(curves.pair(name, reference, value))
+            if found.real:
+                places["worse" if found.value > 0 else "better"].append(value_text(value))
+        parts = [f"{word} at {', '.join(values)}" for word, values in places.items() if values]
+        lines.append(f"{style.label}: {'; '.join(parts) or 'no difference shown'}")
+    return lines

@@ -15,9 +15,9 @@ from vocc_torch.measure.ledger import Ledger
 from vocc_torch.measure.workers import Workers
 from vocc_torch.show import folder as run_folder
 from vocc_torch.show.canvas import save_figure
-from vocc_torch.show.grid_files import grid_figures, write_grid
-from vocc_torch.show.paired_file import write_paired
-from vocc_torch.show.tensorboard import board_hint, write_boards
+from vocc_torch.show.csv_file import write_grid, write_paired
+from vocc_torch.show.heatmap import grid_figures
+from vocc_torch.show.tensorboard import write_boards
 from vocc_torch.show.terminal import ProgressView, print_table
 
 
@@ -64,9 +64,6 @@ def run_grid(settings: Settings, folder: Path) -> None:
     for one in curves:
         console.print(f"\n{one.experiment}", highlight=False)
         print_table(one.table(), console)
-    pictures = [("figure", f"{name}.png") for name in figures]
-    places = [("table", "ber.csv"), ("pairs", "paired.csv"), ("receiver", "receiver.pt"), *pictures]
-    for what, name in places:
-        run_folder.print_place(console, what, folder / name)
-    if settings.tensorboard:
-        run_folder.print_place(console, "board", board_hint(folder / "tensorboard"))
+    places = [("table", "ber.csv"), ("pairs", "paired.csv"), ("receiver", "receiver.pt")]
+    places += [("figure", f"{name}.png") for name in figures]
+    run_folder.print_places(console, folder, places, settings.tensorboard)

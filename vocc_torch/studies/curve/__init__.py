@@ -1,1 +1,0 @@
-"""``task=test`` along an axis."""

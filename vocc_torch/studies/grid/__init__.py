@@ -1,1 +1,0 @@
-"""``task=test`` on a grid of two quantities."""
