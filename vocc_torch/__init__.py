@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from vocc_torch.errors import VoccError as VoccError
+    from vocc_torch.hardware import Camera as Camera
+    from vocc_torch.hardware import LedPanel as LedPanel
     from vocc_torch.receiver.flda import FLDA as FLDA
     from vocc_torch.receiver.receiver import Receiver as Receiver
-    from vocc_torch.simulation.geometry import Camera as Camera
-    from vocc_torch.simulation.geometry import LedPanel as LedPanel
     from vocc_torch.simulation.simulator import Simulator as Simulator
     from vocc_torch.types import Frames as Frames
     from vocc_torch.types import Panels as Panels
@@ -25,9 +25,9 @@ __version__ = "0.1.0"
 
 _HOMES = {
     "FLDA": "vocc_torch.receiver.flda",
-    "Camera": "vocc_torch.simulation.geometry",
+    "Camera": "vocc_torch.hardware",
     "Frames": "vocc_torch.types",
-    "LedPanel": "vocc_torch.simulation.geometry",
+    "LedPanel": "vocc_torch.hardware",
     "PanelShape": "vocc_torch.types",
     "Panels": "vocc_torch.types",
     "Receiver": "vocc_torch.receiver.receiver",

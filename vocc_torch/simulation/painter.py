@@ -13,10 +13,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from vocc_torch.simulation import geometry, raster
-from vocc_torch.simulation.effects import Context, Effect, Quantity
-from vocc_torch.simulation.framing import Size
-from vocc_torch.simulation.perspective import view_of
+from vocc_torch.simulation import framing, raster
+from vocc_torch.simulation.effects import Context, Effect, Quantity, view
 from vocc_torch.simulation.photometry import reflected_luminance_cd_m2
 
 SMALL_PATCH_PX = 8
@@ -36,7 +34,9 @@ def in_perspective(effects: Sequence[Effect]) -> bool:
     return any(effect.takes in (Quantity.PLACEMENT, Quantity.IMAGE_POINTS) for effect in effects)
 
 
-def paint(lights: Tensor, shares: Tensor | None, context: Context, size: Size, dtype: torch.dtype) -> Tensor:
+def paint(
+    lights: Tensor, shares: Tensor | None, context: Context, size: framing.Size, dtype: torch.dtype
+) -> Tensor:
     """Draw background, board and LEDs onto the pixels; what lies outside the picture is cut off.
 
     Args:
@@ -96,18 +96,18 @@ def _own_light(lights: Tensor, shares: Tensor | None, stamp: Stamps, frame: Tens
     return (leds.unsqueeze(-1) * held).sum(1).unsqueeze(-1)
 
 
-def _board_cover(context: Context, size: Size) -> Tensor:
+def _board_cover(context: Context, size: framing.Size) -> Tensor:
     """Share of each pixel that the board covers, (B,H,W)."""
     origin = context.first_px.unsqueeze(1)
     if not in_perspective(context.effects):
-        corners = geometry.panel_corners_px(context.scene, context.camera, context.panel) - origin
+        corners = framing.panel_corners_px(context.scene, context.camera, context.panel) - origin
         across = raster.interval_cover(corners[:, 0, 0], corners[:, 2, 0], size[1]).unsqueeze(-2)
         return raster.interval_cover(corners[:, 0, 1], corners[:, 2, 1], size[0]).unsqueeze(-1) * across
     # The sides in short pieces, which a lens may bend.
-    corners = geometry.panel_corners_m(context.panel).to(context.scene.distance_m)
+    corners = view.panel_corners_m(context.panel).to(context.scene.distance_m)
     steps = torch.arange(0, 1, 1 / 8, dtype=corners.dtype, device=corners.device).view(1, -1, 1)
     outline = corners.unsqueeze(1) + steps * (corners.roll(-1, 0) - corners).unsqueeze(1)
-    return raster.polygon_cover(view_of(context).points_px(outline.view(-1, 2)) - origin, *size)
+    return raster.polygon_cover(view.view_of(context).points_px(outline.view(-1, 2)) - origin, *size)
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,7 +134,7 @@ class _Discs:
     half_height: Tensor
     spread: Tensor | None = None
 
-    def cover(self, rows: Tensor | slice, side: int, size: Size) -> tuple[Tensor, Tensor, Tensor]:
+    def cover(self, rows: Tensor | slice, side: int, size: framing.Size) -> tuple[Tensor, Tensor, Tensor]:
         """Cover some of them: patches (M,h,w), their left columns and top rows (M,)."""
         x, y = self.x[rows], self.y[rows]
         if self.spread is None:
@@ -142,7 +142,7 @@ class _Discs:
         return raster.ellipse_cover(torch.stack([x, y], dim=-1), self.spread[rows], side, canvas_px=size)
 
 
-def led_stamps(context: Context, size: Size, *, perspective: bool) -> Iterator[Stamps]:
+def led_stamps(context: Context, size: framing.Size, *, perspective: bool) -> Iterator[Stamps]:
     """Cover the LEDs of each frame, those of a frame in raster order and in one group or in adjoining ones.
 
     Args:
@@ -158,7 +158,7 @@ def led_stamps(context: Context, size: Size, *, perspective: bool) -> Iterator[S
     reach = torch.maximum(discs.half_width, discs.half_height).view(len(context.scene), -1)
     sides = (2 * reach.amax(dim=1)).ceil().tolist()
     widest = max(sides)
-    geometry.demand_led_px(widest, float(context.scene.distance_m[sides.index(widest)]))
+    framing.demand_led_px(widest, float(context.scene.distance_m[sides.index(widest)]))
     patches = [max(SMALL_PATCH_PX, 1 << int(side).bit_length()) for side in sides]
     leds = context.panel.shape.leds
     for patch in sorted(set(patches)):
@@ -172,7 +172,7 @@ def led_stamps(context: Context, size: Size, *, perspective: bool) -> Iterator[S
             yield from _single_stamps(discs, chosen.to(discs.x.device).repeat_interleave(leds), side, size)
 
 
-def _single_stamps(discs: _Discs, chosen: Tensor, side: int, size: Size) -> Iterator[Stamps]:
+def _single_stamps(discs: _Discs, chosen: Tensor, side: int, size: framing.Size) -> Iterator[Stamps]:
     """Cover those of the chosen LEDs that are in sight, each by itself."""
     height, width = size
     seen = (discs.x + discs.half_width > 0) & (discs.x - discs.half_width < width)
@@ -187,7 +187,7 @@ def _single_stamps(discs: _Discs, chosen: Tensor, side: int, size: Size) -> Iter
 
 
 def _grid_stamps(
-    grids: tuple[Tensor, Tensor, Tensor], like: list[int], side: int, size: Size
+    grids: tuple[Tensor, Tensor, Tensor], like: list[int], side: int, size: framing.Size
 ) -> Iterator[Stamps]:
     """Cover all LEDs of frames whose panels face the camera squarely and far away."""
     x, y, radius = grids
@@ -216,15 +216,15 @@ def _discs(x: Tensor, y: Tensor, radius: Tensor) -> _Discs:
 def _grids(context: Context) -> tuple[Tensor, Tensor, Tensor]:
     """Columns (B,C) and rows (B,R) of LEDs that face the camera squarely, and their radius (B,), frame px."""
     scene, camera, panel, origin = context.scene, context.camera, context.panel, context.first_px
-    x, y = geometry.led_centres_px(scene, camera, panel)
+    x, y = framing.led_centres_px(scene, camera, panel)
     radius = panel.led_diameter_m / 2 * camera.pixels_per_metre(scene.distance_m)
     return x - origin[:, :1], y - origin[:, 1:], radius
 
 
 def _ellipses(context: Context) -> _Discs:
     """Image LEDs in true perspective."""
-    at = geometry.led_centres_m(context.panel).to(context.scene.distance_m)
-    centre, spread = view_of(context).discs_px(at, context.panel.led_diameter_m / 2)
+    at = view.led_centres_m(context.panel).to(context.scene.distance_m)
+    centre, spread = view.view_of(context).discs_px(at, context.panel.led_diameter_m / 2)
     centre = (centre - context.first_px.unsqueeze(1)).flatten(0, 1)
     half = spread.flatten(0, 1).diagonal(dim1=-2, dim2=-1).sqrt()
     return _Discs(centre[:, 0], centre[:, 1], half[:, 0], half[:, 1], spread.flatten(0, 1))

@@ -12,18 +12,23 @@ from torch import Tensor
 
 from vocc_torch.devices import resolve_device
 from vocc_torch.errors import VoccError
+from vocc_torch.hardware import Camera, LedPanel
 from vocc_torch.rng import FrameKey
 from vocc_torch.simulation import framing as crops
-from vocc_torch.simulation import geometry
 from vocc_torch.simulation.effects import Context, Effect, Parameters, Quantity, build_effects, check_chain
 from vocc_torch.simulation.effects.light import RollingShutter
 from vocc_torch.simulation.effects.registry import CAMERA_STEPS
-from vocc_torch.simulation.exposure import as_seen, auto_iso, demand_greys, through_lens
+from vocc_torch.simulation.effects.view import panel_corners_m, view_of
 from vocc_torch.simulation.framing import Batch
-from vocc_torch.simulation.geometry import Camera, LedPanel
 from vocc_torch.simulation.painter import in_perspective, paint, taking
-from vocc_torch.simulation.perspective import view_of
-from vocc_torch.simulation.photometry import grey_value, reflected_luminance_cd_m2
+from vocc_torch.simulation.photometry import (
+    as_seen,
+    auto_iso,
+    demand_greys,
+    grey_value,
+    reflected_luminance_cd_m2,
+    through_lens,
+)
 from vocc_torch.types import Frames, Panels, Scene
 
 PAPER_EFFECTS: Mapping[str, Mapping[str, float]] = {
@@ -99,9 +104,9 @@ class Simulator:
         """Where panels truly are, for evaluation; ``keys`` as for render, which checked if ``rendered``."""
         scene = scene.to(self.device) if rendered else self._checked(scene)
         if not in_perspective(self.effects):
-            return Panels.known(geometry.panel_corners_px(scene, self.camera, self.panel))
+            return Panels.known(crops.panel_corners_px(scene, self.camera, self.panel))
         view = view_of(self._context(scene, keys))
-        return Panels.known(view.points_px(geometry.panel_corners_m(self.panel)))
+        return Panels.known(view.points_px(panel_corners_m(self.panel)))
 
     def contrast(self, scene: Scene) -> Tensor:
         """Contrast ``(G_on - G_off) / 255`` of the LEDs before any blur (section IV-D-1), (B,) float64.
@@ -169,7 +174,7 @@ class Simulator:
             view = view_of(self._context(scene, keys))
             centre = view.points_px(scene.distance_m.new_zeros(1, 2))[:, 0]
         else:
-            centre = geometry.panel_centre_px(scene, self.camera)
+            centre = crops.panel_centre_px(scene, self.camera)
         whole = self.framing != "crop" or (self._filling is not None and not window)
         crops.demand_pixels(sensor if whole else size)
         origin = crops.crop_origins_px(centre, size, sensor, grid_px=crops.WINDOW_GRID_PX if window else 1)
@@ -212,7 +217,7 @@ class Simulator:
     def _checked(self, scene: Scene) -> Scene:
         """Move scenes to the device, or refuse by name those that cannot be rendered."""
         scene = scene.checked().to(self.device)
-        geometry.demand_in_sight(scene, self.camera, self.panel)
+        crops.demand_in_sight(scene, self.camera, self.panel)
         return scene
 
     def _context(self, scene: Scene, keys: Sequence[FrameKey] = (), origin: Tensor | None = None) -> Context:

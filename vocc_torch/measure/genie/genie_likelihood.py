@@ -23,8 +23,7 @@ from vocc_torch.simulation.effects.sensor import (
     ReadNoise,
     ShotNoise,
 )
-from vocc_torch.simulation.exposure import auto_iso
-from vocc_torch.simulation.photometry import MIDDLE_GREY
+from vocc_torch.simulation.photometry import MIDDLE_GREY, auto_iso
 
 WELL_SIGMAS = 6.0
 """How far above white, in standard deviations, a pixel's capacity must lie never to show in a frame."""

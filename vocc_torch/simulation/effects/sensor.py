@@ -10,11 +10,10 @@ import torch
 from torch import Tensor
 
 from vocc_torch.errors import VoccError
-from vocc_torch.simulation.effects import noise_planes
+from vocc_torch.hardware import Camera
+from vocc_torch.simulation.effects import noise
 from vocc_torch.simulation.effects.base import Context, Effect, Quantity
-from vocc_torch.simulation.effects.noise_planes import Plane, SensorPattern
-from vocc_torch.simulation.geometry import Camera
-from vocc_torch.simulation.poisson import poisson_quantile
+from vocc_torch.simulation.effects.noise import Plane, SensorPattern, poisson_quantile
 
 PLANCK_J_S = 6.62607015e-34
 SPEED_OF_LIGHT_M_S = 299_792_458.0
@@ -50,7 +49,7 @@ class Bayer(Effect):
         VoccError: a share outside its range.
 
     Example:
-        >>> from vocc_torch.simulation.geometry import Camera
+        >>> from vocc_torch.hardware import Camera
         >>> from vocc_torch.types import Scene
         >>> Bayer()(torch.ones(1, 1, 2, 4), Context(Scene.of(), Camera()))[0, 0].tolist()
         [[0.5, 1.0, 0.5, 1.0], [1.0, 0.625, 1.0, 0.625]]
@@ -226,7 +225,7 @@ class Prnu(ElectronNoise):
 
     def _response(self, generator: np.random.Generator, size: tuple[int, int]) -> Plane:
         """Draw the response of a tile."""
-        response = 1 + np.float32(self.share) * noise_planes.standard_normals(generator, size)
+        response = 1 + np.float32(self.share) * noise.standard_normals(generator, size)
         return response.clip(min=0)
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
@@ -331,7 +330,7 @@ class ShotNoise(ElectronNoise):
 
     Example:
         >>> from vocc_torch.rng import BlockKey, FrameKey
-        >>> from vocc_torch.simulation.geometry import Camera
+        >>> from vocc_torch.hardware import Camera
         >>> from vocc_torch.types import Scene
         >>> context = Context(Scene.of(), Camera(), [FrameKey(BlockKey(0, "doc", 0), 0)])
         >>> electrons = ShotNoise()(torch.full((1, 1, 200, 200), 50.0), context)
@@ -348,8 +347,8 @@ class ShotNoise(ElectronNoise):
             VoccError: a mean that is not a number.
         """
         means = value.detach().to("cpu").squeeze(1).numpy()
-        counts, normals = np.empty_like(means), np.empty((noise_planes.TILE_PX, noise_planes.TILE_PX))
-        frames = noise_planes.picture_tiles(context, self.name, means.shape[1:])
+        counts, normals = np.empty_like(means), np.empty((noise.TILE_PX, noise.TILE_PX))
+        frames = noise.picture_tiles(context, self.name, means.shape[1:])
         for mean, count, tiles in zip(means, counts, frames, strict=True):
             # Tile by tile the working arrays stay in the processor's cache.
             for part, generator in tiles:
@@ -426,7 +425,7 @@ class Dsnu(AddedNoise):
 
     def _offset(self, generator: np.random.Generator, size: tuple[int, int]) -> Plane:
         """Draw the offsets of a tile."""
-        return np.float32(self.electrons) * noise_planes.standard_normals(generator, size)
+        return np.float32(self.electrons) * noise.standard_normals(generator, size)
 
     def noise(self, value: Tensor, context: Context) -> Tensor:
         """Each pixel's offset, (B,1,H,W) electrons."""
@@ -489,7 +488,7 @@ class ReadNoise(AddedNoise):
 
     def noise(self, value: Tensor, context: Context) -> Tensor:
         """Draw the noise of each pixel, (B,1,H,W) electrons."""
-        return noise_planes.frame_normals(value, context, self.name, self.electrons)
+        return noise.frame_normals(value, context, self.name, self.electrons)
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,8 +13,7 @@ from vocc_torch.measure.plan import Plan
 from vocc_torch.measure.sweep import monte_carlo_values
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.show.annotated import annotated, enlarged
-from vocc_torch.simulation.framing import crop_origins_px
-from vocc_torch.simulation.geometry import panel_centre_px
+from vocc_torch.simulation.framing import crop_origins_px, panel_centre_px
 
 SAMPLES = 4
 """Frames drawn for each point."""
