@@ -64,7 +64,7 @@ def paint(
         under = canvas if behind else background.view(-1, 1, 1)
         canvas = canvas + _board_cover(context, size) * (between.view(-1, 1, 1) - under)
     reflected = reflected_luminance_cd_m2(scene.ambient_lx, panel.led_reflectance)
-    stamps = list(led_stamps(context, size, perspective=in_perspective(context.effects)))
+    stamps = list(led_stamps(context, size))
     added = torch.zeros_like(reflected)
     if behind or before:
         covered = torch.zeros_like(canvas)
@@ -142,25 +142,35 @@ class _Discs:
         return raster.ellipse_cover(torch.stack([x, y], dim=-1), self.spread[rows], side, canvas_px=size)
 
 
-def led_stamps(context: Context, size: framing.Size, *, perspective: bool) -> Iterator[Stamps]:
+def led_stamps(context: Context, size: framing.Size) -> Iterator[Stamps]:
     """Cover the LEDs of each frame, those of a frame in raster order and in one group or in adjoining ones.
 
     Args:
         context: scenes, camera, panel and, in perspective, the effects that place and move points.
         size: height and width of the frames, which begin at the context's ``origin_px``.
-        perspective: whether LEDs are more than discs of one size on an upright grid.
 
     Raises:
         VoccError: an LED whose image is wider than 100000 px.
     """
-    grids = None if perspective else _grids(context)
-    discs = _ellipses(context) if grids is None else _discs(*grids)
+    scene, camera, panel, origin = context.scene, context.camera, context.panel, context.first_px
+    grids = None
+    if in_perspective(context.effects):
+        at = view.led_centres_m(panel).to(scene.distance_m)
+        centre, spread = view.view_of(context).discs_px(at, panel.led_diameter_m / 2)
+        centre, spread = (centre - origin.unsqueeze(1)).flatten(0, 1), spread.flatten(0, 1)
+        discs = _Discs(*centre.T, *spread.diagonal(dim1=-2, dim2=-1).sqrt().T, spread)
+    else:
+        x, y = framing.led_centres_px(scene, camera, panel)
+        radius = panel.led_diameter_m / 2 * camera.pixels_per_metre(scene.distance_m)
+        grids = x - origin[:, :1], y - origin[:, 1:], radius
+        radii = radius.repeat_interleave(panel.shape.leds)
+        discs = _Discs(*_each(*grids[:2]), radii, radii)
     reach = torch.maximum(discs.half_width, discs.half_height).view(len(context.scene), -1)
     sides = (2 * reach.amax(dim=1)).ceil().tolist()
     widest = max(sides)
     framing.demand_led_px(widest, float(context.scene.distance_m[sides.index(widest)]))
     patches = [max(SMALL_PATCH_PX, 1 << int(side).bit_length()) for side in sides]
-    leds = context.panel.shape.leds
+    leds = panel.shape.leds
     for patch in sorted(set(patches)):
         like = [frame for frame, its in enumerate(patches) if its == patch]
         side = int(max(sides[frame] for frame in like)) + 1
@@ -205,26 +215,3 @@ def _each(of_columns: Tensor, of_rows: Tensor) -> tuple[Tensor, Tensor]:
     """Repeat what columns (B,C) and rows (B,R) of LEDs have for each LED, (B*R*C,)."""
     shape = len(of_rows), of_rows.shape[1], of_columns.shape[1]
     return of_columns.unsqueeze(1).expand(shape).reshape(-1), of_rows.unsqueeze(2).expand(shape).reshape(-1)
-
-
-def _discs(x: Tensor, y: Tensor, radius: Tensor) -> _Discs:
-    """Image LEDs that face the camera squarely, one by one."""
-    radii = radius.repeat_interleave(x.shape[1] * y.shape[1])
-    return _Discs(*_each(x, y), radii, radii)
-
-
-def _grids(context: Context) -> tuple[Tensor, Tensor, Tensor]:
-    """Columns (B,C) and rows (B,R) of LEDs that face the camera squarely, and their radius (B,), frame px."""
-    scene, camera, panel, origin = context.scene, context.camera, context.panel, context.first_px
-    x, y = framing.led_centres_px(scene, camera, panel)
-    radius = panel.led_diameter_m / 2 * camera.pixels_per_metre(scene.distance_m)
-    return x - origin[:, :1], y - origin[:, 1:], radius
-
-
-def _ellipses(context: Context) -> _Discs:
-    """Image LEDs in true perspective."""
-    at = view.led_centres_m(context.panel).to(context.scene.distance_m)
-    centre, spread = view.view_of(context).discs_px(at, context.panel.led_diameter_m / 2)
-    centre = (centre - context.first_px.unsqueeze(1)).flatten(0, 1)
-    half = spread.flatten(0, 1).diagonal(dim1=-2, dim2=-1).sqrt()
-    return _Discs(centre[:, 0], centre[:, 1], half[:, 0], half[:, 1], spread.flatten(0, 1))

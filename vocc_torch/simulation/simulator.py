@@ -15,20 +15,20 @@ from vocc_torch.errors import VoccError
 from vocc_torch.hardware import Camera, LedPanel
 from vocc_torch.rng import FrameKey
 from vocc_torch.simulation import framing as crops
-from vocc_torch.simulation.effects import Context, Effect, Parameters, Quantity, build_effects, check_chain
-from vocc_torch.simulation.effects.light import RollingShutter
-from vocc_torch.simulation.effects.registry import CAMERA_STEPS
-from vocc_torch.simulation.effects.view import panel_corners_m, view_of
-from vocc_torch.simulation.framing import Batch
-from vocc_torch.simulation.painter import in_perspective, paint, taking
-from vocc_torch.simulation.photometry import (
-    as_seen,
-    auto_iso,
-    demand_greys,
-    grey_value,
-    reflected_luminance_cd_m2,
-    through_lens,
+from vocc_torch.simulation import photometry
+from vocc_torch.simulation.effects import (
+    CAMERA_STEPS,
+    Context,
+    Effect,
+    Parameters,
+    Quantity,
+    build_effects,
+    check_chain,
 )
+from vocc_torch.simulation.effects.light import RollingShutter
+from vocc_torch.simulation.effects.view import panel_corners_m, view_of
+from vocc_torch.simulation.painter import in_perspective, paint, taking
+from vocc_torch.simulation.photometry import grey_value, through_lens
 from vocc_torch.types import Frames, Panels, Scene
 
 PAPER_EFFECTS: Mapping[str, Mapping[str, float]] = {
@@ -118,8 +118,11 @@ class Simulator:
         context, light = self._context(scene), scene.led_luminance_cd_m2.view(-1, 1, 1)
         for effect in taking(self.effects, Quantity.LED_LUMINANCE):
             light = light if effect.sampled else effect(light, context)
-        off, iso = reflected_luminance_cd_m2(scene.ambient_lx, self.panel.led_reflectance), auto_iso(context)
-        seen = (as_seen(off, context, own) for own in (light.view(-1), torch.zeros_like(off)))
+        off, iso = (
+            photometry.reflected_luminance_cd_m2(scene.ambient_lx, self.panel.led_reflectance),
+            photometry.auto_iso(context),
+        )
+        seen = (photometry.as_seen(off, context, own) for own in (light.view(-1), torch.zeros_like(off)))
         exposures = (through_lens(luminance, self.camera) for luminance in seen)
         greys = [grey_value(exposure, iso, gamma=self.camera.gamma) for exposure in exposures]
         if self.output in (Quantity.BOUNDED_GREY, Quantity.DIGITAL):
@@ -179,10 +182,10 @@ class Simulator:
         crops.demand_pixels(sensor if whole else size)
         origin = crops.crop_origins_px(centre, size, sensor, grid_px=crops.WINDOW_GRID_PX if window else 1)
         context = self._context(scene, keys, origin)
-        context = replace(context, iso=auto_iso(context))
-        pictures = self._pictures(Batch(context, bits, centre, size), window)
+        context = replace(context, iso=photometry.auto_iso(context))
+        pictures = self._pictures(crops.Batch(context, bits, centre, size), window)
         if self.output == Quantity.GREY:
-            demand_greys(pictures)
+            photometry.demand_greys(pictures)
         if size == sensor or window:
             return Frames(pictures, origin, sensor)
         if tuple(pictures.shape[-2:]) == sensor:
@@ -193,7 +196,7 @@ class Simulator:
         laid = crops.lay_on_sensor(pictures, surround, origin, sensor)
         return Frames(laid, torch.zeros_like(origin), sensor)
 
-    def _pictures(self, batch: Batch, window: bool) -> Tensor:
+    def _pictures(self, batch: crops.Batch, window: bool) -> Tensor:
         """Render frames, those of far panels in small crops that are laid into those asked for."""
         size, sensor = batch.size, self.camera.sensor_px
         if self._filling is not None or size == sensor:
@@ -205,7 +208,7 @@ class Simulator:
         groups = crops.like_sized(batch.context.scene, moved, size, tight)
         return crops.in_groups(batch, groups, lambda group: self._in_chunks(group, window))
 
-    def _in_chunks(self, batch: Batch, window: bool) -> Tensor:
+    def _in_chunks(self, batch: crops.Batch, window: bool) -> Tensor:
         """Render frames of one size, as many at a time as the cache holds."""
         chunk = max(1, CHUNK_PIXELS // (batch.size[0] * batch.size[1]))
         grey: list[Tensor] = []
@@ -232,7 +235,7 @@ class Simulator:
             return self.camera.sensor_px
         return self.crop_px(nearest_m)
 
-    def _expose(self, batch: Batch, window: bool) -> list[Tensor]:
+    def _expose(self, batch: crops.Batch, window: bool) -> list[Tensor]:
         """Carry the LEDs' light through the camera, laying crops on the sensor once an effect fills it."""
         painted = self._paint(batch), Quantity.LUMINANCE
         after = [effect for effect in self.effects if effect.takes not in DRAWN]
@@ -249,7 +252,7 @@ class Simulator:
             pictures.append(self._run((frame, current), after[len(before) :], whole, to_end=True)[0])
         return pictures
 
-    def _paint(self, batch: Batch) -> Tensor:
+    def _paint(self, batch: crops.Batch) -> Tensor:
         """Draw the picture that the lens sees, (B,1,H,W) cd/m2."""
         context, shares = batch.context, None
         symbols = batch.bits.unsqueeze(1)
@@ -276,5 +279,5 @@ class Simulator:
         """Do the camera's next step: lens or gamma encoding."""
         if current == Quantity.LUMINANCE:
             return through_lens(value, self.camera), Quantity.EXPOSURE
-        iso = auto_iso(context).to(self.dtype).view(-1, 1, 1, 1)
+        iso = photometry.auto_iso(context).to(self.dtype).view(-1, 1, 1, 1)
         return grey_value(value, iso, gamma=self.camera.gamma), Quantity.GREY

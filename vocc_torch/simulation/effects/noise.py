@@ -22,8 +22,11 @@ from vocc_torch.simulation.effects.base import Context
 TILE_PX = 128
 """Side of the squares that are drawn by themselves."""
 
+TILE = TILE_PX, TILE_PX
+"""Shape of such a square."""
+
 Plane = NDArray[np.float32]
-Draw = Callable[[np.random.Generator, tuple[int, int]], Plane]
+Draw = Callable[[np.random.Generator], Plane]
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,7 +104,7 @@ def frame_normals(value: Tensor, context: Context, stream: str, sigma: float) ->
         VoccError: frames without keys.
     """
     planes = np.empty((len(value), *value.shape[-2:]), dtype=np.float32)
-    numbers = np.empty((TILE_PX, TILE_PX), dtype=np.float32)
+    numbers = np.empty(TILE, dtype=np.float32)
     for plane, tiles in zip(planes, picture_tiles(context, stream, planes.shape[1:]), strict=True):
         for part, generator in tiles:
             generator.standard_normal(out=numbers[: part.rows], dtype=np.float32)
@@ -109,9 +112,9 @@ def frame_normals(value: Tensor, context: Context, stream: str, sigma: float) ->
     return torch.from_numpy(planes).unsqueeze(1).to(value)
 
 
-def standard_normals(generator: np.random.Generator, size: tuple[int, int]) -> Plane:
+def standard_normals(generator: np.random.Generator) -> Plane:
     """Draw a tile of standard normal numbers."""
-    return generator.standard_normal(size, dtype=np.float32)
+    return generator.standard_normal(TILE, dtype=np.float32)
 
 
 class SensorPattern:
@@ -152,25 +155,22 @@ class SensorPattern:
         places = [(key.block.seed, *at) for key, at in zip(keys, context.origins(), strict=True)]
         planes: dict[tuple[int, int, int], Tensor] = {}
         for seed, left, top in sorted(set(places)):
-            self._keep(seed, context.camera.sensor_px, (top + height, left + width))
+            ends = zip(context.camera.sensor_px, (top + height, left + width), strict=True)
+            whole = tuple(-(-max(pair) // TILE_PX) * TILE_PX for pair in ends)
+            if (self._seed, self._plane.shape) != (seed, whole):
+                # The kept plane is of another run or sensor.
+                self._seed, self._plane, self._drawn = seed, np.empty(whole, dtype=np.float32), set()
             for part in tile_parts((left, top), (height, width)):
                 tile = part.row, part.column
                 if tile not in self._drawn:
                     generator = sensor_generator(seed, f"effect.{stream}/{part.row}/{part.column}")
                     y, x = (TILE_PX * number for number in tile)
-                    self._plane[y : y + TILE_PX, x : x + TILE_PX] = draw(generator, (TILE_PX, TILE_PX))
+                    self._plane[y : y + TILE_PX, x : x + TILE_PX] = draw(generator)
                     self._drawn.add(tile)
             planes[seed, left, top] = torch.from_numpy(self._plane[top : top + height, left : left + width])
         if len(planes) == 1:
             return planes[places[0]].expand(value.shape).to(value)
         return torch.stack([planes[place] for place in places]).unsqueeze(1).to(value)
-
-    def _keep(self, seed: int, sensor_px: tuple[int, int], end: tuple[int, int]) -> None:
-        """Begin a new plane where the kept one is of another run or sensor."""
-        rows, columns = (-(-max(pair) // TILE_PX) * TILE_PX for pair in zip(sensor_px, end, strict=True))
-        if (self._seed, *self._plane.shape) != (seed, rows, columns):
-            self._seed, self._plane = seed, np.empty((rows, columns), dtype=np.float32)
-            self._drawn = set()
 
 
 FEW = 3.0

@@ -16,7 +16,7 @@ from torch import Tensor
 from vocc_torch.errors import VoccError
 from vocc_torch.hardware import Camera
 from vocc_torch.simulation.effects.base import Context, Effect, Quantity
-from vocc_torch.simulation.raster import disc_quadrant_area
+from vocc_torch.simulation.raster import disc_quadrant_area, per_pixel
 
 FASTEST_M_S = 200.0
 """Highest speed on offer along an axis: two vehicles at 360 km/h each."""
@@ -257,8 +257,8 @@ class Diffraction(Effect):
         VoccError: a wavelength outside its range; when called, a camera whose pattern spans over 257 pixels.
 
     Example:
-        >>> round(Diffraction().first_zero_px(Camera()), 3), Diffraction().reach_in_px(Camera(), 50.0)
-        (0.394, 13)
+        >>> Diffraction().reach_in_px(Camera(), 50.0)
+        13
     """
 
     wavelength_nm: float = 555.0
@@ -275,10 +275,6 @@ class Diffraction(Effect):
         """Wavelength times f-number in pixels."""
         pitch_nm = camera.sensor_width_mm / camera.width_px * 1e6
         return self.wavelength_nm * camera.f_number / pitch_nm
-
-    def first_zero_px(self, camera: Camera) -> float:
-        """Radius of the first dark ring, ``1.22 lambda N``, px."""
-        return 1.2196698912665045 * self._lambda_n_px(camera)
 
     def reach_in_px(self, camera: Camera, nearest_m: float) -> int:
         """Half width of the kernel, which holds the circle of 99.5 % of the light; any distance has the same.
@@ -596,8 +592,7 @@ def disc_quarters(radius_px: Tensor) -> list[Tensor]:
     steps = torch.arange(max(reaches) + 2, dtype=torch.float64, device=radius_px.device) - 0.5
     edges = steps / radius_px.unsqueeze(-1)
     area = disc_quadrant_area(edges, edges)
-    cover = area[:, 1:, 1:] - area[:, :-1, 1:] - area[:, 1:, :-1] + area[:, :-1, :-1]
-    shares = cover.clamp(min=0) / math.pi
+    shares = per_pixel(area).clamp(min=0) / math.pi
     return [share[: reach + 1, : reach + 1] for share, reach in zip(shares, reaches, strict=True)]
 
 

@@ -13,7 +13,7 @@ from vocc_torch.errors import VoccError
 from vocc_torch.hardware import Camera
 from vocc_torch.simulation.effects import noise
 from vocc_torch.simulation.effects.base import Context, Effect, Quantity
-from vocc_torch.simulation.effects.noise import Plane, SensorPattern, poisson_quantile
+from vocc_torch.simulation.effects.noise import SensorPattern, poisson_quantile
 
 PLANCK_J_S = 6.62607015e-34
 SPEED_OF_LIGHT_M_S = 299_792_458.0
@@ -223,14 +223,12 @@ class Prnu(ElectronNoise):
         """Check the range."""
         self.demand("share", 0, 0.2, above=True, hint=NO_NOISE)
 
-    def _response(self, generator: np.random.Generator, size: tuple[int, int]) -> Plane:
-        """Draw the response of a tile."""
-        response = 1 + np.float32(self.share) * noise.standard_normals(generator, size)
-        return response.clip(min=0)
-
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Multiply (B,1,H,W) electrons by each pixel's response."""
-        return value * self._pattern.planes(value, context, self.name, self._response)
+        share = np.float32(self.share)
+        return value * self._pattern.planes(
+            value, context, self.name, lambda tile: (1 + share * noise.standard_normals(tile)).clip(min=0)
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -305,13 +303,11 @@ class HotPixels(ElectronNoise):
         self.demand("share", 0, 1, above=True, hint=NO_NOISE)
         self.demand("electrons_per_s", 0, 1e9, above=True, hint=NO_NOISE)
 
-    def _hot(self, generator: np.random.Generator, size: tuple[int, int]) -> Plane:
-        """Mark the hot pixels of a tile with 1."""
-        return (generator.random(size) < self.share).astype(np.float32)
-
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Add the hot pixels' charge to (B,1,H,W) electrons."""
-        hot = self._pattern.planes(value, context, self.name, self._hot)
+        hot = self._pattern.planes(
+            value, context, self.name, lambda tile: (tile.random(noise.TILE) < self.share).astype(np.float32)
+        )
         return torch.add(value, hot, alpha=self.electrons_per_s * context.camera.exposure_time_s)
 
 
@@ -347,7 +343,7 @@ class ShotNoise(ElectronNoise):
             VoccError: a mean that is not a number.
         """
         means = value.detach().to("cpu").squeeze(1).numpy()
-        counts, normals = np.empty_like(means), np.empty((noise.TILE_PX, noise.TILE_PX))
+        counts, normals = np.empty_like(means), np.empty(noise.TILE)
         frames = noise.picture_tiles(context, self.name, means.shape[1:])
         for mean, count, tiles in zip(means, counts, frames, strict=True):
             # Tile by tile the working arrays stay in the processor's cache.
@@ -423,13 +419,12 @@ class Dsnu(AddedNoise):
 
     name = "dsnu"
 
-    def _offset(self, generator: np.random.Generator, size: tuple[int, int]) -> Plane:
-        """Draw the offsets of a tile."""
-        return np.float32(self.electrons) * noise.standard_normals(generator, size)
-
     def noise(self, value: Tensor, context: Context) -> Tensor:
         """Each pixel's offset, (B,1,H,W) electrons."""
-        return self._pattern.planes(value, context, self.name, self._offset)
+        sigma = np.float32(self.electrons)
+        return self._pattern.planes(
+            value, context, self.name, lambda tile: sigma * noise.standard_normals(tile)
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -522,6 +517,6 @@ class Gain(Effect):
         return value.clamp(min=0) / makers[0].electrons_per_lx_s(context.camera)
 
 
-ON_ELECTRONS = (Prnu, DarkCurrent, HotPixels, ShotNoise, FullWell, Dsnu, RowNoise, ReadNoise)
-EFFECTS = (Bayer, Photoelectrons, *ON_ELECTRONS, Gain)
+ELECTRONS = (Photoelectrons, Prnu, DarkCurrent, HotPixels, ShotNoise, FullWell, Dsnu, RowNoise, ReadNoise)
+EFFECTS = (Bayer, *ELECTRONS, Gain)
 """In physical order."""

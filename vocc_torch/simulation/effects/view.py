@@ -424,12 +424,10 @@ class View:
             disc's centre where the panel is tilted.
 
         Raises:
-            VoccError: a disc that reaches the camera's plane, or a radius that is not above 0.
+            VoccError: a disc that reaches the camera's plane.
 
         Source: Hartley and Zisserman, Multiple View Geometry (2004), result 2.13 (the dual conic's image).
         """
-        if not radius_m > 0:
-            raise VoccError(f"radius_m is {radius_m:g}: it must be above 0")
         points = self._in_camera_m(centres_m)
         focal, depth = self.context.camera.focal_length_px, points[..., 2:]
         rise = self.placement[:, 2:, :2]
@@ -451,9 +449,6 @@ class View:
 
     def _in_camera_m(self, points_m: Tensor) -> Tensor:
         """Points of the panel's plane in the camera's coordinates, (B,N,3) m."""
-        shape, frames = tuple(points_m.shape), len(self.placement)
-        if shape[-1:] != (2,) or len(shape) not in (2, 3) or shape[:-2] not in ((), (frames,)):
-            raise VoccError(f"points_m has shape {shape}: it must be (N,2) or ({frames},N,2)")
         points = points_m.to(self.placement)
         return points @ self.placement[..., :2].mT + self.placement[..., 2].unsqueeze(-2)
 
