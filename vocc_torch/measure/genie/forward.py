@@ -14,7 +14,7 @@ from vocc_torch.measure.genie.likelihood import PixelModel, UnknownLikelihoodErr
 from vocc_torch.simulation import Simulator
 from vocc_torch.simulation.effects import Context, Effect, Parameters
 from vocc_torch.simulation.effects.coding import Quantization
-from vocc_torch.simulation.geometry import led_centres_m
+from vocc_torch.simulation.effects.view import led_centres_m
 from vocc_torch.simulation.photometry import MIDDLE_GREY
 from vocc_torch.types import Frames, PanelShape, Scene
 

@@ -22,8 +22,7 @@ from vocc_torch.simulation.effects.sensor import (
     Prnu,
     ReadNoise,
 )
-from vocc_torch.simulation.exposure import auto_iso
-from vocc_torch.simulation.photometry import MIDDLE_GREY
+from vocc_torch.simulation.photometry import MIDDLE_GREY, auto_iso
 
 WELL_SIGMAS = 6.0
 """A full well at least so many standard deviations above white never shows in a frame."""
