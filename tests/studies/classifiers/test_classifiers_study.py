@@ -165,12 +165,6 @@ def test_tables_hold_the_genie_beside_the_receivers(whole):
     assert {row.frames for row in table.of("lmmse")} == {100}
 
 
-def test_the_best_comes_first(whole):
-    totals = [whole.curves["far"].total(name).half_errors for name in whole.ranked]
-    assert totals == sorted(totals)
-    assert set(whole.ranked) == set(NAMES)
-
-
 def test_pairs_of_scenes_are_what_a_link_of_their_own_counts(study, whole):
     """Home's receivers in fog, counted along the way that any other study goes."""
     home, fog = study.scene_plans.values()

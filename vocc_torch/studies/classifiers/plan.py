@@ -137,14 +137,6 @@ def build_classifier_study(settings: Settings, config: RivalsConfig, folder: Pat
         if name != settings.scene.name:
             with section(f"rivals.scenes.{name}", before="scene"):
                 scenes[name] = replace(build_plan(replace(settings, scene=scene), folder), receiver=receiver)
-    return ClassifierStudy(
-        plans,
-        reference=config.reference,
-        points=config.points,
-        genie_frames=config.genie_frames,
-        home=settings.scene.name,
-        scenes=scenes,
-        scene_frames=config.scene_frames,
-        scene_training_frames=config.scene_training_frames,
-        left_out=left_out,
-    )
+    # The other keys of the section are the study's own.
+    rest = {key: value for key, value in vars(config).items() if key not in ("experiments", "scenes")}
+    return ClassifierStudy(plans, home=settings.scene.name, scenes=scenes, left_out=left_out, **rest)
