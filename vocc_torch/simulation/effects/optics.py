@@ -255,8 +255,8 @@ class Diffraction(Effect):
         VoccError: a wavelength outside its range; when called, a camera whose pattern spans over 257 pixels.
 
     Example:
-        >>> round(Diffraction().first_zero_px(Camera()), 3), Diffraction().reach_in_px(Camera(), 50.0)
-        (0.394, 13)
+        >>> Diffraction().reach_in_px(Camera(), nearest_m=50.0)
+        13
     """
 
     wavelength_nm: float = 555.0
@@ -273,10 +273,6 @@ class Diffraction(Effect):
         """Wavelength times f-number in pixels."""
         pitch_nm = camera.sensor_width_mm / camera.width_px * 1e6
         return self.wavelength_nm * camera.f_number / pitch_nm
-
-    def first_zero_px(self, camera: Camera) -> float:
-        """Radius of the first dark ring, ``1.22 lambda N``, px."""
-        return 1.2196698912665045 * self._lambda_n_px(camera)
 
     def reach_in_px(self, camera: Camera, nearest_m: float) -> int:
         """Half width of the kernel, which holds the circle of 99.5 % of the light; any distance has the same.
