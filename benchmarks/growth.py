@@ -33,11 +33,11 @@ from memory import resident_mb
 
 from vocc_torch import PanelShape, Scene, Simulator
 from vocc_torch.files import write_atomically
+from vocc_torch.hardware import LedPanel
 from vocc_torch.measure.timing import describe_machine, settle_memory
 from vocc_torch.receiver.flda import FLDA
 from vocc_torch.rng import BlockKey
 from vocc_torch.simulation import SceneModel
-from vocc_torch.simulation.geometry import LedPanel
 from vocc_torch.simulation.scene import Distribution
 
 BATCH = 64

@@ -27,8 +27,7 @@ from vocc_torch.measure.timing import describe_machine, interleaved, threads
 from vocc_torch.rng import FrameKey
 from vocc_torch.show.csv_file import write_rows
 from vocc_torch.simulation import SceneModel
-from vocc_torch.simulation.framing import lay_on_sensor
-from vocc_torch.simulation.geometry import led_centres_px
+from vocc_torch.simulation.framing import lay_on_sensor, led_centres_px
 from vocc_torch.simulation.photometry import reflected_luminance_cd_m2
 from vocc_torch.simulation.raster import add_patches
 from vocc_torch.simulation.simulator import PAPER_EFFECTS

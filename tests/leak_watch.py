@@ -11,7 +11,7 @@ from vocc_torch.measure import train as train_module
 from vocc_torch.receiver.classifiers.protocol import Guarded
 from vocc_torch.receiver.flda import FLDA
 from vocc_torch.simulation import Simulator
-from vocc_torch.studies.classifiers import scenes as scenes_module
+from vocc_torch.studies.classifiers import study as study_module
 
 SHIPPED = sorted(path.stem for path in (Path(__file__).parents[1] / "conf" / "classifier").glob("*.yaml"))
 SHIPPED = [name for name in SHIPPED if name not in ("sklearn", "own")]
@@ -67,8 +67,13 @@ class Watch:
         self.pupils, self.examined = set(), set()
         self._on_simulator(monkeypatch)
         self._on_receivers(monkeypatch)
-        for module in (train_module, classifiers_module, scenes_module):
-            monkeypatch.setattr(module, "_trained", self._as_training(module._trained))
+        trains = (
+            (train_module, "_trained"),
+            (classifiers_module, "_trained"),
+            (study_module, "train_or_say_why"),
+        )
+        for module, name in trains:
+            monkeypatch.setattr(module, name, self._as_training(getattr(module, name)))
 
     def leaks(self):
         """Kinds of things that training and tests have in common; there must be none."""

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from vocc_torch.errors import VoccError
+    from vocc_torch.hardware import Camera, LedPanel
     from vocc_torch.receiver.flda import FLDA
     from vocc_torch.receiver.receiver import Receiver
-    from vocc_torch.simulation.geometry import Camera, LedPanel
     from vocc_torch.simulation.simulator import Simulator
     from vocc_torch.types import Frames, Panels, PanelShape, Scene
 
@@ -26,7 +26,7 @@ _HOMES = {
     "errors": ["VoccError"],
     "receiver.flda": ["FLDA"],
     "receiver.receiver": ["Receiver"],
-    "simulation.geometry": ["Camera", "LedPanel"],
+    "hardware": ["Camera", "LedPanel"],
     "simulation.simulator": ["Simulator"],
     "types": ["Frames", "PanelShape", "Panels", "Scene"],
 }

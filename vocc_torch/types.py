@@ -183,8 +183,8 @@ class Frames:
         """Count the frames."""
         return int(self.grey.shape[0])
 
-    def __getitem__(self, rows: slice) -> Frames:
-        """Take a slice of the frames."""
+    def __getitem__(self, rows: slice | Tensor) -> Frames:
+        """Take a slice of the frames, or those of an index or a bool mask."""
         surround = None if self.surround is None else self.surround[rows]
         return Frames(self.grey[rows], self.origin_px[rows], self.sensor_px, surround)
 

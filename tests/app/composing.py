@@ -12,7 +12,7 @@ from vocc_torch.app.config import register_schema
 from vocc_torch.app.resolve import resolved
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.build import build_plan
-from vocc_torch.studies.classifiers.build import build_rival_study
+from vocc_torch.studies.classifiers.plan import build_classifier_study
 from vocc_torch.studies.effects.plan import build_effect_study
 from vocc_torch.studies.paper.experiments import paper_plan
 from vocc_torch.studies.tradeoff.plan import build_tradeoff_study
@@ -39,7 +39,7 @@ def study_of(*words):
     plan = build_plan(settings, NOWHERE)
     plan.world.simulator()
     if settings.task == "classifiers":
-        return build_rival_study(settings, settings.rivals, NOWHERE)
+        return build_classifier_study(settings, settings.rivals, NOWHERE)
     if settings.task == "figures":
         return paper_plan(settings.figures, plan)
     if settings.task == "effects":

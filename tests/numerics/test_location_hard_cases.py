@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import fields, replace
-from fractions import Fraction
 from functools import lru_cache
 
 import cv2
@@ -16,16 +15,13 @@ from hypothesis import strategies as st
 from scipy import ndimage
 
 from vocc_torch.errors import VoccError
-from vocc_torch.receiver.components import label_components
+from vocc_torch.receiver.components import close_mask
 from vocc_torch.receiver.lattice_fit import fit_lattice
-from vocc_torch.receiver.lattice_model import Lattice
-from vocc_torch.receiver.lattice_search import search_lattice
+from vocc_torch.receiver.lattice_model import Lattice, search_lattice
 from vocc_torch.receiver.location import PaperLocator
-from vocc_torch.receiver.morphology import close_mask
-from vocc_torch.receiver.otsu import histogram256, otsu_threshold
+from vocc_torch.receiver.locators import RefinedLocator
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.receiver.rectification import cell_homography, centre_greys, rectify
-from vocc_torch.receiver.refined import RefinedLocator
 from vocc_torch.types import Frames, Panels, PanelShape
 
 hard = HardCases("Location")
@@ -126,9 +122,7 @@ def a_constant_frame():
     "two grey values, one apart or all there are",
     "the brighter one is the foreground, by whatever it is brighter: a bright square is found to the pixel",
     Breakage(
-        FILES + "location.py",
-        "(grey.amax(axis)[:, 0] > threshold[:, None])",
-        "(grey.amax(axis)[:, 0] > 128)",
+        FILES + "location.py", "(grey.amax(axis)[:, 0] > threshold[:, None])", "(grey.amax(axis)[:, 0] > 128)"
     ),
 )
 def two_grey_values():
@@ -138,55 +132,6 @@ def two_grey_values():
             panels = located(locator, whole(block(30, 70, 40, 40, dark=dark, bright=bright)))
             assert torch.equal(panels.corners_px[0], square.double())
             assert panels.score.tolist() == [1.0]
-
-
-@hard(
-    "a histogram with a tie",
-    "of equally good thresholds, by exact arithmetic, the lowest is taken, as OpenCV does where nothing "
-    "rounds, with any number of pixels",
-    Breakage(FILES + "otsu.py", "_TIE_SHARE = 1e-12", "_TIE_SHARE = 0.0"),
-)
-def a_histogram_with_a_tie():
-    for counts in ({10: 50, 200: 50}, {0: 8, 255: 1}, {0: 30, 100: 40, 200: 30}, {3: 9, 4: 2, 5: 9}):
-        grey = np.repeat(list(counts), list(counts.values())).astype(np.uint8)
-        threshold = int(otsu_threshold(histogram256(torch.from_numpy(grey).view(1, 1, 1, -1))))
-        opencvs = int(cv2.threshold(grey, 0, 255, cv2.THRESH_BINARY + cv2.THRESH_OTSU)[0])
-        best = best_thresholds(counts)
-        assert threshold == min(best)
-        assert opencvs == threshold if len(counts) == 2 else opencvs in best
-    many = [{0: 1009, 33: 2018, 55: 6054}, {0: 6054, 22: 2018, 55: 1009}]
-    many += [{253: 1, 254: 2**n - 3, 255: 1} for n in (12, 25, 29, 40, 53)]
-    many += [
-        {3: 9 * 10**n, 4: 2 * 10**n, 5: 9 * 10**n + least} for n in (5, 7, 9, 15) for least in (-1, 0, 1)
-    ]
-    histograms = torch.tensor([[counts.get(level, 0) for level in range(256)] for counts in many])
-    for counts, threshold in zip(many, otsu_threshold(histograms).tolist(), strict=True):
-        assert threshold == min(best_thresholds(counts)), counts
-
-
-def best_thresholds(counts):
-    """All the best ones, in rational numbers."""
-    merit = {}
-    for level in range(min(counts), max(counts)):
-        parts = [{k: n for k, n in counts.items() if (k > level) == above} for above in (False, True)]
-        sizes = [sum(part.values()) for part in parts]
-        means = [Fraction(sum(k * n for k, n in p.items()), s) for p, s in zip(parts, sizes, strict=True)]
-        merit[level] = sizes[0] * sizes[1] * (means[0] - means[1]) ** 2
-    return [level for level, value in merit.items() if value == max(merit.values())]
-
-
-@hard(
-    "every LED Off",
-    "a panel as dark as its background is not found; one that reflects more is found by that, as one all "
-    "On is",
-    Breakage(
-        FILES + "otsu.py", "torch.where(most == total[:, 0], value * (most > 0), threshold)", "threshold"
-    ),
-)
-def every_led_off():
-    for locator in (PAPER, REFINED):
-        assert not located(locator, whole(scene(ALL_OFF, off=0.0))).found.any()
-        assert off_px(located(locator, whole(scene(ALL_OFF))), TRUTH) < 0.1
 
 
 @hard(
@@ -262,7 +207,7 @@ def a_component_at_the_border():
     "a panel turned by 45 degrees",
     "both locators begin with the topmost corner, whichever way the fit errs; that a square panel looks "
     "alike from four sides, no locator can mend",
-    Breakage(FILES + "refined.py", "- 45 - _TIE_DEG)", "- 45 + _TIE_DEG)"),
+    Breakage(FILES + "locators.py", "- 45 - _TIE_DEG)", "- 45 + _TIE_DEG)"),
 )
 def a_panel_at_45_degrees():
     reach = 20 * 2**0.5
@@ -293,43 +238,6 @@ def a_frame_of_noise():
     assert candidates == 256, "what noise can cost has an end"
 
 
-@hard(
-    "two equal panels",
-    "the first in raster order is taken, and the number of candidates tells of the other",
-    Breakage(
-        FILES + "ladder.py",
-        'none.scatter_reduce(0, blobs.frame[top], index, "amin")',
-        "none.index_put((blobs.frame[top],), index)",
-    ),
-)
-def two_equal_panels():
-    one = scene()
-    for axis in (0, 1):
-        frames = whole(np.concatenate([one, one], axis))
-        for locator, most_px in ((PAPER, 1.0), (REFINED, 0.1)):
-            panels = located(locator, frames)
-            assert off_px(panels, TRUTH) <= most_px
-        assert located(PAPER, frames).candidates.tolist() == [2]
-
-
-@hard(
-    "more blobs than are measured",
-    "the 256 largest are, of equals the first in raster order: 300 equal squares give the first of them",
-    Breakage(
-        FILES + "components.py",
-        "components.area_px[label].argsort(descending=True, stable=True)",
-        "components.area_px[label].argsort(stable=True).flip(0)",
-    ),
-)
-def more_blobs_than_are_measured():
-    grey = np.zeros((15 * 30, 20 * 30), np.uint8)
-    for row, column in np.ndindex(15, 20):
-        grey[30 * row + 5 : 30 * row + 17, 30 * column + 5 : 30 * column + 17] = 200
-    panels = located(PAPER, whole(grey))
-    assert panels.corners_px[0, 0].tolist() == [5.0, 5.0]
-    assert panels.candidates.tolist() == [256]
-
-
 # Frames of few pixels
 
 
@@ -353,7 +261,7 @@ def a_frame_of_few_pixels():
 @hard(
     "frames without a pixel, and no frames",
     "nothing is found in a frame of height or width 0; a batch of no frames gives no panels",
-    Breakage(FILES + "refined.py", "or not exact.grey.numel()", "or not len(exact)"),
+    Breakage(FILES + "locators.py", "or not exact.grey.numel()", "or not len(exact)"),
 )
 def frames_without_a_pixel():
     for size in ((2, 1, 0, 5), (2, 1, 5, 0), (1, 1, 0, 0), (0, 1, 40, 50), (0, 1, 0, 0)):
@@ -361,68 +269,6 @@ def frames_without_a_pixel():
             panels = located(locator, Frames.whole(torch.zeros(size, dtype=torch.uint8)))
             assert panels.found.tolist() == [False] * size[0]
             assert panels.corners_px.shape == (size[0], 4, 2)
-
-
-@hard(
-    "a checkerboard of single pixels",
-    "pixels that touch by their corners are one component, so the board is one bright rectangle",
-    Breakage(
-        FILES + "components.py",
-        "torch.searchsorted(end, start - above - 1)",
-        "torch.searchsorted(end, start - above)",
-    ),
-)
-def a_checkerboard_of_single_pixels():
-    board = (np.indices((120, 120)).sum(0) % 2 * 255).astype(np.uint8)
-    mask = torch.from_numpy(board)[None] > 0
-    assert (
-        len(label_components(mask).area_px) - 1 == cv2.connectedComponents(board, connectivity=8)[0] - 1 == 1
-    )
-    for locator in (PaperLocator(closing_px=1, min_rectangularity=0.4), PAPER, REFINED):
-        (corners,) = located(locator, whole(board)).corners_px
-        assert corners.tolist() == [[0, 0], [120, 0], [120, 120], [0, 120]]
-
-
-@hard(
-    "one bright pixel",
-    "it is no panel, whatever it outshines; without limits it is found as the square that it covers",
-    Breakage(
-        FILES + "quadrilateral.py",
-        "np.stack([u * x - v * y, u * y + v * x], 2) + 0.5",
-        "np.stack([u * x - v * y, u * y + v * x], 2)",
-    ),
-)
-def one_bright_pixel():
-    for dark, bright in ((0, 1), (0, 255), (254, 255)):
-        grey = block(60, 80, 1, 1, dark=dark, bright=bright)
-        for locator in (PAPER, REFINED):
-            assert not located(locator, whole(grey)).found.any()
-        (corners,) = located(ANYTHING, whole(grey), PanelShape(1, 1)).corners_px
-        assert corners.tolist() == [[80, 60], [81, 60], [81, 61], [80, 61]]
-
-
-@hard(
-    "a white frame with one dark pixel",
-    "all but that pixel is foreground, and fills the frame: its outline is found, a rectangle as a panel "
-    "is one",
-    Breakage(
-        FILES + "location.py",
-        "threshold.masked_fill(lit, 255), lit.nonzero()[:, 0].tolist()",
-        "threshold, []",
-    ),
-)
-def a_white_frame_with_one_dark_pixel():
-    for top, left in ((60, 80), (0, 0), (119, 159)):
-        grey = block(top, left, 1, 1, dark=255, bright=0)
-        for locator in (PAPER, REFINED):
-            (corners,) = located(locator, whole(grey)).corners_px
-            assert corners.tolist() == [[0, 0], [160, 0], [160, 120], [0, 120]]
-        # As a crop of a white sensor, the sensor is what is bright.
-        place = torch.tensor([[100, 50]])
-        crop = Frames(torch.from_numpy(grey)[None, None], place, (240, 400), torch.tensor([255.0]))
-        for locator in (PAPER, REFINED):
-            (corners,) = located(locator, crop).corners_px
-            assert corners.tolist() == [[0, 0], [400, 0], [400, 240], [0, 240]]
 
 
 @hard(
@@ -452,7 +298,7 @@ def a_frame_too_wide():
     "a closing far larger than the frame",
     "it closes as one of the frame's size does, for of a larger square only its edges and corners come into "
     "the frame; it takes no more memory",
-    Breakage(FILES + "morphology.py", "size_px = min(size_px, max(mask.shape[-2:]) | 1)", "pass"),
+    Breakage(FILES + "components.py", "size_px = min(size_px, max(mask.shape[-2:]) | 1)", "pass"),
 )
 def a_closing_larger_than_the_frame():
     for seed, size in enumerate([(12, 17), (1, 9), (9, 1), (16, 16)]):
@@ -475,11 +321,7 @@ def a_closing_larger_than_the_frame():
     "frames that fail among frames that do not",
     "each frame's answer is the same, alone, in pairs and among all: by the paper's locator to the last bit, "
     "by the refined one to 2e-3 px",
-    Breakage(
-        FILES + "lattice_fit.py",
-        "rows.repeat(2) if len(rows) == 1 else rows",
-        "rows",
-    ),
+    Breakage(FILES + "lattice_fit.py", "rows.repeat(2) if len(rows) == 1 else rows", "rows"),
 )
 def frames_that_fail_among_others():
     greys = [scene(), np.zeros((160, 160), np.uint8), noise(0, (160, 160)), scene(ONE_ON, off=0)]
@@ -497,27 +339,6 @@ def frames_that_fail_among_others():
                 assert torch.equal(ours.found, all_of_it.found)
                 assert torch.equal(ours.candidates, all_of_it.candidates)
                 assert off_px(ours, all_of_it.corners_px) < 2e-3
-
-
-@hard(
-    "tensors that are not contiguous",
-    "strided, transposed, expanded and sliced frames give what their copies give",
-    Breakage(FILES + "otsu.py", "pixels = grey.reshape(frames, -1)", "pixels = grey.view(frames, -1)"),
-)
-def tensors_that_are_not_contiguous():
-    grey = torch.from_numpy(np.stack([scene(), scene(ROWS_OFF)]))
-    every_other = torch.zeros(2, 320, 320, dtype=torch.uint8)
-    every_other[:, ::2, ::2] = grey
-    channels = torch.zeros(2, 3, 160, 160, dtype=torch.uint8)
-    channels[:, 1] = grey
-    views = [every_other[:, ::2, ::2], channels[:, 1:2], grey.mT.contiguous().mT, grey.flip(0).flip(0)]
-    for locator in (PAPER, REFINED):
-        wanted = located(locator, Frames.whole(grey))
-        for view in views:
-            assert_same(located(locator, Frames.whole(view)), wanted)
-        many = located(locator, Frames.whole(grey[:1].expand(3, 160, 160)))
-        for row in range(3):
-            assert_same(rows_of(many, slice(row, row + 1)), rows_of(wanted, slice(0, 1)))
 
 
 @hard(
@@ -626,11 +447,7 @@ def panels_of_any_shape():
     "a picture without a lattice",
     "the search and the fit end with finite lattices wherever they begin, and the share that these explain "
     "says that there is none: at most 1, and below 0 where the background alone would do better",
-    Breakage(
-        FILES + "lattice_model.py",
-        "both[1::2].clamp(min=ROUNDING_DN**2)",
-        "both[1::2]",
-    ),
+    Breakage(FILES + "lattice_model.py", "both[1::2].clamp(min=ROUNDING_DN**2)", "both[1::2]"),
 )
 def a_picture_without_a_lattice():
     flat = [np.full((160, 160), value, np.uint8) for value in (0, 255)]
@@ -762,33 +579,6 @@ def corners_that_are_no_places():
                 read(*arguments)
         with pytest.raises(VoccError, match=r"corners_px reaches"):
             Reader(SHAPE).read(frames, panels)
-
-
-@hard(
-    "corners nearly on a line",
-    "the map is right while they part by 1e-9 px^2: it takes the cells' corners to them within a millionth "
-    "of their distance",
-    Breakage(
-        FILES + "rectification.py",
-        "_FLAT_PX2, _FLAT_SHARE = 1e-9, 1e-12",
-        "_FLAT_PX2, _FLAT_SHARE = 1e-3, 1e-3",
-    ),
-)
-def corners_nearly_on_a_line():
-    cells = torch.tensor([[0.0, 0, 1], [8, 0, 1], [8, 8, 1], [0, 8, 1]], dtype=torch.float64)
-    for part in (1.0, 1e-2, 1e-4, 1e-6):
-        for corners in (
-            [(8, 8), (20, 8 - part), (32, 8), (20, 8 + part)],
-            [(8, 8), (32, 8), (20 + part, 20 + part), (8, 32)],
-            [(8, 8), (8 + part, 8), (8 + part, 8 + part), (8, 8 + part)]
-            if part > 1e-4
-            else [(0, 0), (9, 0), (9, part), (0, part)],
-        ):
-            truth = torch.tensor([corners], dtype=torch.float64)
-            homography = cell_homography(truth, SHAPE)[0]
-            assert homography[:, :2].any()
-            mapped = cells @ homography.mT
-            assert (mapped[:, :2] / mapped[:, 2:] - truth[0]).abs().max() < 2e-5
 
 
 @hard(

@@ -17,9 +17,9 @@ from vocc_torch.measure.build import build_plan
 from vocc_torch.measure.link import Link, block_keys
 from vocc_torch.receiver.flda import FLDA
 from vocc_torch.receiver.location import PaperLocator
+from vocc_torch.receiver.locators import RefinedLocator
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.receiver.receiver import Receiver
-from vocc_torch.receiver.refined import RefinedLocator
 from vocc_torch.rng import BlockKey
 from vocc_torch.simulation import Distribution, SceneModel, Simulator
 from vocc_torch.simulation.simulator import PAPER_EFFECTS
@@ -307,7 +307,7 @@ def autocast_around_the_link():
     "autocast around a receiver",
     "switched off inside, by the reader, the closing and the refined locator",
     Breakage(
-        "vocc_torch/receiver/refined.py",
+        "vocc_torch/receiver/locators.py",
         "with torch.inference_mode(), torch.autocast(frames.grey.device.type, enabled=False):",
         "with torch.inference_mode():",
     ),

@@ -11,29 +11,27 @@ from hard_cases import Breakage, HardCases
 from scipy import ndimage, stats
 
 from vocc_torch.errors import VoccError
+from vocc_torch.hardware import CAMERA_RANGES
 from vocc_torch.rng import BlockKey
-from vocc_torch.simulation import Camera, Distribution, LedPanel, SceneModel, Simulator, spread
-from vocc_torch.simulation.effects import Context
+from vocc_torch.simulation import Camera, Distribution, LedPanel, SceneModel, Simulator
+from vocc_torch.simulation.effects import Context, optics
+from vocc_torch.simulation.effects.noise import poisson_quantile
 from vocc_torch.simulation.effects.optics import Blooming
 from vocc_torch.simulation.framing import demand_pixels
-from vocc_torch.simulation.geometry import CAMERA_RANGES
 from vocc_torch.simulation.photometry import grey_value, transmission
-from vocc_torch.simulation.poisson import poisson_quantile
 from vocc_torch.simulation.simulator import PAPER_EFFECTS
 from vocc_torch.types import PanelShape, Scene
 
 hard = HardCases("Simulation")
 
 PHOTOMETRY = "vocc_torch/simulation/photometry.py"
-EXPOSURE = "vocc_torch/simulation/exposure.py"
-GEOMETRY = "vocc_torch/simulation/geometry.py"
+HARDWARE = "vocc_torch/hardware.py"
 RASTER = "vocc_torch/simulation/raster.py"
 PAINTER = "vocc_torch/simulation/painter.py"
 SIMULATOR = "vocc_torch/simulation/simulator.py"
 FRAMING = "vocc_torch/simulation/framing.py"
 DRAWS = "vocc_torch/simulation/scene.py"
 TYPES = "vocc_torch/types.py"
-SPREAD = "vocc_torch/simulation/spread.py"
 OPTICS = "vocc_torch/simulation/effects/optics.py"
 
 LINEAR = {"gamma": 1.0}
@@ -93,7 +91,7 @@ def gamma_one():
     "gamma 0.1 and gamma 10",
     "right to 12 digits against 50-digit arithmetic over 60 decades of light, in float32 to 6; the ends"
     " of the range, because beyond them light from any scene overflows or is lost; the rest is refused",
-    Breakage(GEOMETRY, '"gamma": (0.1, 10.0),', '"gamma": (1e-6, 1e6),'),
+    Breakage(HARDWARE, '"gamma": (0.1, 10.0),', '"gamma": (1e-6, 1e6),'),
 )
 def gamma_extreme():
     for gamma in (0.1, 10.0):
@@ -154,7 +152,7 @@ def opaque_air():
     "no ambient light, and auto-ISO without limits",
     "no ISO speed gives a black background its grey: refused before a frame is made, also where it is one"
     " scene of many, and the line names `scene.ambient_lx` and `camera.iso_limits`",
-    Breakage(EXPOSURE, "if not bool(held.all()):", "if not bool(held.any()):"),
+    Breakage(PHOTOMETRY, "if not bool(held.all()):", "if not bool(held.any()):"),
 )
 def night_without_limits():
     scene = Scene.cat([Scene.of(), Scene.of(ambient_lx=0.0)])
@@ -198,7 +196,7 @@ def night_with_limits():
     "ambient light of 1e-30, 1e-12, 1e12 and 1e30 lx",
     "from 1e-12 to 1e12 lx the background has its grey and the LEDs theirs by Eqs 1 to 3; beyond, the ISO"
     " speed or the light is past what float32 arithmetic holds, and the line names the value",
-    Breakage(EXPOSURE, " & (iso <= ISO_RANGE[1])", ""),
+    Breakage(PHOTOMETRY, " & (iso <= ISO_RANGE[1])", ""),
 )
 def extreme_ambient():
     for lux in (1e-12, 1e12):
@@ -223,7 +221,7 @@ def extreme_ambient():
     "light that nothing clips",
     "without saturation grey values above 1e9 are refused by the LED's luminance, and with it above 1e30:"
     " float32 would come to infinity, and sums of it to NaN",
-    Breakage(EXPOSURE, "(brightest * iso / 10 <= most)", "(brightest * iso / 10 <= math.inf)"),
+    Breakage(PHOTOMETRY, "(brightest * iso / 10 <= most)", "(brightest * iso / 10 <= math.inf)"),
 )
 def unclipped_light():
     scene = Scene.of(ambient_lx=1e-3, led_luminance_cd_m2=1e12)
@@ -251,7 +249,7 @@ def everything_saturated():
     "exposure settings at the ends of their ranges",
     "auto-ISO takes every combination of f-number, time and K out again, in float32 too; beyond the ends"
     " (1e-200, 1e200: their squares are 0 and infinite) each is refused by name",
-    Breakage(GEOMETRY, '"f_number": (0.1, 1e3),', '"f_number": (1e-300, 1e300),'),
+    Breakage(HARDWARE, '"f_number": (0.1, 1e3),', '"f_number": (1e-300, 1e300),'),
 )
 def exposure_settings():
     ranges = {"f_number": (0.1, 1e3), "exposure_time_s": (1e-9, 1e4), "calibration_constant": (0.1, 1e3)}
@@ -298,7 +296,7 @@ def gradient_through_the_renderer():
     "a panel that touches the lens",
     "within one LED's image, up to 100,000 px wide, every pixel is that LED; nearer than that is refused by"
     " `scene.distance_m`, because areas would no longer be exact",
-    Breakage(GEOMETRY, "LARGEST_LED_PX = 100_000\n", "LARGEST_LED_PX = 100_000_000\n"),
+    Breakage(FRAMING, "LARGEST_LED_PX = 100_000\n", "LARGEST_LED_PX = 100_000_000\n"),
 )
 def touching_panel():
     camera = sensor(64, 48, **LINEAR)
@@ -482,7 +480,7 @@ def wide_blooming():
     "cut into strips of rows and of columns, so that memory stays bounded, and the sum is still SciPy's to 13"
     " digits, to the frame's corners",
     Breakage(
-        SPREAD,
+        OPTICS,
         "for left in range(0, plane.shape[1], columns)",
         "for left in range(columns, plane.shape[1], columns)",
     ),
@@ -496,9 +494,9 @@ def wide_kernel():
     wanted = ndimage.convolve(plane.numpy(), kernel.numpy(), mode="nearest")
     for values in (1, 2000, 10_000, 1 << 25):
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(spread, "MOST_STRIP_VALUES", values)
-            patch.setattr(spread, "STRIP_VALUES", 20 * values)
-            found = spread.convolve_symmetric(plane, quarter)
+            patch.setattr(optics, "MOST_STRIP_VALUES", values)
+            patch.setattr(optics, "STRIP_VALUES", 20 * values)
+            found = optics.convolve_symmetric(plane, quarter)
         np.testing.assert_allclose(found.numpy(), wanted, rtol=1e-13)
 
 
@@ -506,7 +504,7 @@ def wide_kernel():
     "means of no electron and of 1e30",
     "no electron gives none; up to 1e6 the count is SciPy's quantile, at 7 standard deviations too; from"
     " 2^53 on it is the mean and its root's multiple, to rounding",
-    Breakage("vocc_torch/simulation/poisson.py", "MOST_OF_FEW = 32", "MOST_OF_FEW = 3"),
+    Breakage("vocc_torch/simulation/effects/noise.py", "MOST_OF_FEW = 32", "MOST_OF_FEW = 3"),
 )
 def extreme_counts():
     normal = np.array([-7.0, -2.5, -0.3, 0.0, 1.1, 3.0, 7.0])

@@ -72,13 +72,6 @@ def test_a_predict_that_agrees_or_is_missing_is_let_through(decide):
     torch.testing.assert_close(scores, (x[..., 0] - 0.7).double())
 
 
-def test_scores_of_whole_numbers_or_with_gradients_are_scores():
-    x, _ = panels()
-    for score in (lambda s: (10 * s).round().int(), lambda s: s.clone().requires_grad_()):
-        scores = Guarded("mine", Plain(score), Inputs()).decision_function(x)
-        assert (scores.dtype, scores.requires_grad) == (torch.float64, False)
-
-
 @pytest.mark.parametrize(
     "estimator",
     [

@@ -12,7 +12,6 @@ import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from sklearn.cluster import KMeans
 from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
 from sklearn.linear_model import LogisticRegression
 from torch import nn
@@ -73,15 +72,6 @@ def test_a_trained_flda_is_what_decides_and_no_more():
     assert len(pickle.dumps(mine)) < 2 * 8 * 145 + 2000 < len(pickle.dumps(flda)) / 50
 
 
-def test_one_class_of_cell_sizes_is_least_squares():
-    x, bits = panels()
-    mine = LmmseEqualizer(classes=1, ridge=0.0).fit(x, bits).decision_function(x)
-    rows = np.c_[x.reshape(-1, 3).double().numpy(), np.ones(bits.numel())]
-    target = np.where(bits.reshape(-1).numpy(), 1.0, -1.0)
-    weights = np.linalg.lstsq(rows, target, rcond=None)[0]
-    np.testing.assert_allclose(mine.reshape(-1).numpy(), rows @ weights, rtol=1e-9, atol=1e-9)
-
-
 def test_the_equalizer_undoes_a_blur_that_grows_with_distance():
     generator = torch.Generator().manual_seed(3)
     bits = torch.rand(300, 6, 6, generator=generator) < 0.5
@@ -114,15 +104,6 @@ def test_two_means_has_the_least_sum_of_squares(values):
     assert any(abs(middle - one) < 1e-9 for one in best)
 
 
-def test_panel_kmeans_parts_as_scikit_learn():
-    x = panels(frames=6, features=1, seed=5)[0]
-    for panel, mine in zip(x, PanelKMeans().predict(x), strict=True):
-        greys = panel.reshape(-1, 1).double().numpy()
-        means = KMeans(2, n_init=20, random_state=0).fit(greys)
-        bright = means.labels_ == means.cluster_centers_[:, 0].argmax()
-        assert mine.reshape(-1).tolist() == bright.tolist()
-
-
 def test_panel_otsu_has_opencvs_threshold():
     generator = torch.Generator().manual_seed(1)
     x = torch.randint(0, 256, (5, 4, 4, 4), generator=generator).float() / 255
@@ -149,19 +130,6 @@ def test_tag_planes_follow_a_slope_that_one_threshold_cannot():
     assert errors["planes"] < errors["means"] / 5
 
 
-def test_tag_planes_answers_a_panel_of_one_light():
-    scores = TagPlanes().decision_function(torch.full((2, 3, 3, 9), 0.7))
-    assert bool(torch.isfinite(scores).all())
-
-
-def test_scikit_learn_scores_come_through_unchanged():
-    x, bits = panels()
-    mine = SklearnClassifier(LogisticRegression()).fit(x, bits)
-    theirs = LogisticRegression().fit(x.reshape(-1, 3).numpy(), bits.reshape(-1).numpy().astype(int))
-    expected = theirs.decision_function(x.reshape(-1, 3).numpy()).reshape(bits.shape)
-    np.testing.assert_allclose(mine.decision_function(x).numpy(), expected, rtol=1e-6)
-
-
 RECIPE = TrainingRecipe(frames=40, epochs=6, batch_leds=64, learning_rate=0.02)
 
 
@@ -179,18 +147,6 @@ def test_a_network_learns_and_its_seed_says_all():
     assert int((first.predict(x) != bits).sum()) < 0.2 * bits.numel()
 
 
-def test_training_leaves_torchs_generator_alone():
-    torch.manual_seed(4)
-    wanted = torch.rand(3)
-    torch.manual_seed(4)
-    TorchClassifier(Mlp(3, [8]), RECIPE)  # a module draws its weights where it is made
-    torch.manual_seed(4)
-    module = Mlp(3, [8])
-    torch.manual_seed(4)
-    TorchClassifier(module, RECIPE).fit(*panels())
-    assert torch.equal(torch.rand(3), wanted)
-
-
 def test_the_best_pass_is_kept():
     one = trained(epochs=30, patience=30, learning_rate=0.3)
     held = round(0.1 * 40)
@@ -198,10 +154,6 @@ def test_the_best_pass_is_kept():
     scores = one.decision_function(x[-held:]).reshape(-1)
     loss = torch.nn.functional.binary_cross_entropy_with_logits(scores, bits[-held:].reshape(-1).double())
     assert float(loss) == pytest.approx(min(one.losses), rel=1e-4)
-
-
-def test_patience_ends_training():
-    assert len(trained(epochs=200, patience=2, learning_rate=0.5).losses) < 200
 
 
 def test_a_cnn_sees_pitch_beside_its_patch():

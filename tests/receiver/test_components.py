@@ -17,23 +17,16 @@ from vocc_torch.receiver import ladder, quadrilateral
 from vocc_torch.receiver.components import (
     Blobs,
     Components,
-    Runs,
+    close_mask,
     collect_blobs,
     joined,
     label_components,
     runs_of,
 )
 from vocc_torch.receiver.location import PaperLocator
-from vocc_torch.receiver.morphology import close_mask, halve_mask
 from vocc_torch.types import Frames, Panels, PanelShape
 
 EIGHT = np.ones((3, 3))
-
-
-def random_mask(seed: int) -> torch.Tensor:
-    rng = np.random.default_rng(seed)
-    masks, height, width = rng.integers(1, 4), rng.integers(1, 30), rng.integers(1, 30)
-    return torch.from_numpy(rng.random((masks, height, width)) < rng.choice([0.02, 0.2, 0.4, 0.6, 0.97]))
 
 
 def painted(components: Components) -> np.ndarray:
@@ -43,6 +36,12 @@ def painted(components: Components) -> np.ndarray:
     for frame, row, start, end, label in zip(*(one.tolist() for one in fields), strict=True):
         labels[frame, row, start : end + 1] = label
     return labels
+
+
+def random_mask(seed: int) -> torch.Tensor:
+    rng = np.random.default_rng(seed)
+    masks, height, width = rng.integers(1, 4), rng.integers(1, 30), rng.integers(1, 30)
+    return torch.from_numpy(rng.random((masks, height, width)) < rng.choice([0.02, 0.2, 0.4, 0.6, 0.97]))
 
 
 @settings(max_examples=200, deadline=None)
@@ -61,34 +60,6 @@ def test_components_equal_scipys(seed: int) -> None:
             assert components.frame[own].item() == frame
         found += count
     assert sorted(set(ours[ours > 0].tolist())) == list(range(1, found + 1))
-
-
-@settings(max_examples=100, deadline=None)
-@given(st.integers(0, 2**32 - 1))
-def test_labels_ascend_as_kornias(seed: int) -> None:
-    mask = random_mask(seed)
-    theirs = connected_components_union_find(mask[:, None])[:, 0]
-    order = torch.unique(theirs[theirs > 0], return_inverse=True)[1] + 1
-    assert painted(label_components(mask))[mask.numpy()].tolist() == order.tolist()
-
-
-def test_a_spiral_a_comb_and_a_full_plane_are_one_component_each() -> None:
-    spiral = np.zeros((61, 61), bool)
-    row = column = 0
-    step, turn = (0, 1), {(0, 1): (1, 0), (1, 0): (0, -1), (0, -1): (-1, 0), (-1, 0): (0, 1)}
-    for length in [61, *[n for size in range(60, 0, -2) for n in (size, size)]]:
-        for _ in range(length - 1):
-            spiral[row, column] = True
-            row, column = row + step[0], column + step[1]
-        spiral[row, column] = True
-        step = turn[step]
-        row, column = row + step[0], column + step[1]
-    comb = np.zeros((61, 61), bool)
-    comb[:, ::2] = comb[-1] = True
-    masks = torch.from_numpy(np.stack([spiral, comb, np.ones((61, 61), bool)]))
-    expected = [scipy.ndimage.label(mask, EIGHT)[1] for mask in masks.numpy()]
-    assert expected == [1, 1, 1]
-    assert label_components(masks).area_px.tolist() == [0, *masks.sum((1, 2)).tolist()]
 
 
 @settings(max_examples=100, deadline=None)
@@ -116,22 +87,6 @@ def test_joined_runs_bound_the_foreground(seed: int) -> None:
             expected.append((frame, row, lit[0].item(), lit[-1].item(), len(lit)))
     fields = (found.frame, found.row, found.start, found.end, found.pixels)
     assert list(zip(*(one.tolist() for one in fields), strict=True)) == expected
-
-
-def test_runs_of_some_masks_are_those_of_these_masks_alone() -> None:
-    mask = torch.from_numpy(np.random.default_rng(3).random((4, 9, 11)) < 0.4)
-    for chosen in ([True, False, True, False], [False, False, False, True], [True] * 4):
-        taken, alone = runs_of(mask).of(torch.tensor(chosen)), runs_of(mask[torch.tensor(chosen)])
-        for name in Runs.__slots__:
-            left, right = getattr(taken, name), getattr(alone, name)
-            assert left == right if name == "size" else torch.equal(left, right)
-
-
-@pytest.mark.parametrize("size", [(0, 5, 5), (2, 0, 5), (2, 5, 0), (2, 3, 4)])
-def test_empty_masks_have_no_components(size: tuple[int, int, int]) -> None:
-    components = label_components(torch.zeros(size, dtype=torch.bool))
-    assert (len(components.runs), components.area_px.tolist()) == (0, [0])
-    assert components.at(*torch.zeros(3, 1, dtype=torch.int64)).tolist() == [0]
 
 
 def random_masks(
@@ -211,22 +166,6 @@ def test_an_empty_mask_has_no_blobs() -> None:
     blobs = collect_blobs(runs_of(mask), label_components(mask))
     assert len(blobs) == 0
     assert blobs.components.tolist() == [0, 0]
-
-
-def test_coarse_cells_join_fine_pixels_and_count_as_area() -> None:
-    mask = torch.zeros(1, 3, 31, dtype=torch.bool)
-    mask[0, 0, 0] = mask[0, 1, 9] = mask[0, 2, 30] = True
-    cells = halve_mask(mask[:, None])
-    # Three 2 px cells lie between the first two pixels: a closing by 5 cells fills them, one by 3 does not.
-    apart = collect_blobs(runs_of(mask), label_components(close_mask(cells, 3)[:, 0]), level=1)
-    assert apart.first_px.tolist() == [[0, 0], [9, 1], [30, 2]]
-    assert apart.area_px.tolist() == [4, 4, 4]
-    joined = collect_blobs(runs_of(mask), label_components(close_mask(cells, 5)[:, 0]), level=1)
-    assert joined.mask_px.tolist() == [2, 1]
-    assert joined.area_px.tolist() == [5 * 4, 4]
-    assert joined.first[0].tolist() == [0, 9]
-    large = collect_blobs(runs_of(mask), label_components(close_mask(cells, 5)[:, 0]), min_area_px=8, level=1)
-    assert large.area_px.tolist() == [20]
 
 
 def test_only_the_largest_blobs_of_a_frame_are_measured(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -14,7 +14,6 @@ from vocc_torch.receiver.features import (
     checked_greys,
     gradient_radial_inwardness,
     neighbour_greyscale_ratio,
-    radial_inward_field,
 )
 from vocc_torch.types import PanelShape
 
@@ -53,14 +52,6 @@ def test_a_black_panel_has_a_slope_of_zero_and_not_nan(feature):
     assert slopes[1].count_nonzero() > 0
 
 
-def test_the_gradient_is_sobels_unless_another_is_asked_for():
-    patches = torch.rand(1, 1, 24, 24, generator=torch.Generator().manual_seed(2)) * 255
-    shape, size = PanelShape(2, 2), torch.tensor([6.0])
-    plain = gradient_radial_inwardness(patches, shape, size, size)
-    assert torch.equal(plain, gradient_radial_inwardness(patches, shape, size, size, "sobel"))
-    assert not torch.allclose(plain, gradient_radial_inwardness(patches, shape, size, size, "central"))
-
-
 @pytest.mark.parametrize(
     "size", [(1, 20, 15), (1, 1, 1, 20, 15), (20, 15), (1, 1, 20, 10), (1, 1, 15, 20), (1, 1, 3, 2)]
 )
@@ -77,32 +68,3 @@ def test_patches_that_are_not_the_panels_are_refused_with_the_shape_they_must_ha
     ):
         with pytest.raises(VoccError, match=f"^{wanted}$"):
             refuse()
-
-
-def test_gri_has_the_precision_of_the_patches_whatever_that_of_the_sizes():
-    shape = PanelShape(1, 1)
-    patches = torch.rand(1, 1, 12, 12, generator=torch.Generator().manual_seed(3)) * 255
-    values = {}
-    for dtype in (torch.float32, torch.float64):
-        size = torch.tensor([6.0], dtype=dtype)
-        values[dtype] = gradient_radial_inwardness(patches, shape, size, size)
-        assert values[dtype].dtype == torch.float32
-    assert torch.equal(*values.values())
-
-
-@pytest.mark.parametrize("place", ["patches", "size"])
-def test_a_gri_that_is_not_finite_is_refused_by_name(place):
-    patches, size = torch.full((1, 1, 12, 12), 7.0), torch.tensor([6.0])
-    if place == "patches":
-        patches[0, 0, 6, 6] = math.nan
-    else:
-        size = torch.tensor([math.nan])
-    with pytest.raises(
-        VoccError, match=r"^patches or cell sizes give a GRI that is not finite: both must be finite$"
-    ):
-        gradient_radial_inwardness(patches, PanelShape(1, 1), size, size)
-
-
-def test_the_radial_field_is_made_where_it_is_asked_for():
-    field = radial_inward_field(5, torch.float64, torch.device("meta"))
-    assert (field.device.type, field.dtype, field.shape) == ("meta", torch.float64, (2, 5, 5))

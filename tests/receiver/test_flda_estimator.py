@@ -1,13 +1,11 @@
 """FLDA as a scikit-learn estimator: scikit-learn's own checks, its own discriminant, and its tools."""
 
-import csv
 import pickle
 import subprocess
 import sys
 
 import numpy as np
 import pytest
-import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from sklearn.base import clone
@@ -21,7 +19,6 @@ from sklearn.utils.estimator_checks import parametrize_with_checks
 
 from vocc_torch.errors import VoccError
 from vocc_torch.receiver.classifiers.flda_estimator import FldaEstimator
-from vocc_torch.receiver.flda import FLDA
 
 EXPECTED_FAILURES: dict[str, str] = {}
 """Checks of scikit-learn's that do not pass, each with its reason: none.
@@ -58,22 +55,6 @@ def test_scores_are_those_of_scikit_learns_discriminant_with_equal_priors(seed, 
     np.testing.assert_allclose(mine.decision_function(x), theirs.decision_function(x), rtol=1e-6, atol=1e-6)
     np.testing.assert_allclose(mine.predict_proba(x), theirs.predict_proba(x), rtol=1e-5, atol=1e-9)
     np.testing.assert_array_equal(mine.predict(x), theirs.predict(x))
-
-
-@pytest.mark.parametrize("solver", ["lsqr", "eigen"])
-def test_of_unequal_classes_only_the_logarithm_of_their_ratio_lies_between(solver):
-    x, y = samples(off=300, on=60)
-    theirs = LinearDiscriminantAnalysis(solver=solver).fit(x, y)
-    apart = theirs.decision_function(x) - FldaEstimator().fit(x, y).decision_function(x)
-    np.testing.assert_allclose(apart, np.log(60 / 300), rtol=1e-6)
-
-
-def test_its_arithmetic_is_that_of_flda():
-    x, y = samples()
-    mine, flda = FldaEstimator().fit(x, y), FLDA(4).fit(torch.tensor(x), torch.tensor(y))
-    assert np.array_equal(mine.decision_function(x), flda.decision_function(torch.tensor(x)).numpy())
-    assert np.array_equal(mine.coef_[0], flda.direction.numpy())
-    np.testing.assert_allclose(mine.decision_function(x), x @ mine.coef_[0] + mine.intercept_, atol=1e-9)
 
 
 def test_labels_of_any_kind_come_back_and_the_greater_is_on():
@@ -138,24 +119,6 @@ def test_it_works_in_pipelines_searches_and_cross_validation():
     for name in ("mean_test_score", "std_test_score"):
         np.testing.assert_allclose(*(one.cv_results_[name] for one in found), rtol=1e-9)
     np.testing.assert_array_equal(*(cross_val_score(clone(one), x, y, cv=5) for one in (mine, theirs)))
-
-
-ON_THE_COMMAND_LINE = (
-    *("classifier=sklearn", "receiver.names=[flda_3]", "receiver.locator=truth", "device=cpu"),
-    *("experiment.values=[1000,4000]", "budget.frames=192", "budget.training_frames=128"),
-    *("tensorboard=false", "scene.distance_m=[uniform,60,70]", "experiment.scene.distance_m=[uniform,60,70]"),
-    "classifiers.sklearn.build._target_=vocc_torch.receiver.classifiers.flda_estimator.FldaEstimator",
-)
-
-
-def test_named_on_the_command_line_it_decides_as_flda_3(command, tmp_path):
-    ran = command(*ON_THE_COMMAND_LINE, "name=x", cwd=tmp_path)
-    assert ran.status == 0, ran.err
-    with (tmp_path / "runs" / "x" / "ber.csv").open(newline="") as file:
-        rows = list(csv.DictReader(file))
-    assert [row.pop("receiver") for row in rows] == ["flda_3", "flda_3", "sklearn", "sklearn"]
-    assert float(rows[0]["bit_errors"]) > 20
-    assert rows[:2] == rows[2:]
 
 
 def test_without_scikit_learn_it_says_what_it_needs_and_the_rest_does_not_need_it():

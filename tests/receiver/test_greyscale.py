@@ -33,12 +33,3 @@ def test_a_grey_at_the_threshold_is_on(grey, on):
     assert bool(((scores >= 0) == on).all())
     if grey == 150.0:
         assert scores.unique().tolist() == [0.0]
-
-
-@pytest.mark.parametrize("batch", [1, 3])
-def test_thresholds_do_not_depend_on_the_batch(batch):
-    generator = torch.Generator().manual_seed(1)
-    on, off = (torch.rand(9, 8, 8, generator=generator) * 255 for _ in range(2))
-    together = preamble_threshold(on, off)
-    apart = [preamble_threshold(on[i : i + batch], off[i : i + batch]) for i in range(0, 9, batch)]
-    assert torch.equal(torch.cat(apart), together)

@@ -10,16 +10,9 @@ import pytest
 import torch
 
 from vocc_torch.errors import VoccError
-from vocc_torch.receiver import ladder, location, quadrilateral
-from vocc_torch.receiver.components import Components, Runs, collect_blobs, label_components, runs_of
+from vocc_torch.receiver import ladder
+from vocc_torch.receiver.components import Components, Runs
 from vocc_torch.receiver.location import PaperLocator, paper_stages, quantised
-from vocc_torch.receiver.morphology import halve_mask
-from vocc_torch.receiver.quadrilateral import (
-    convex_hull,
-    hull_area_and_perimeter,
-    measure_blobs,
-    minimum_area_rectangle,
-)
 from vocc_torch.types import Frames, Panels, PanelShape
 
 SHAPE = PanelShape(8, 8)
@@ -164,14 +157,6 @@ def test_the_photo_is_found_higher_up(channel: str, monkeypatch: pytest.MonkeyPa
     np.testing.assert_allclose(panels.corners_px[0], expected, atol=0.2 * 43.9)
 
 
-def test_a_panel_of_other_proportions_is_found() -> None:
-    bits = random_bits(np.random.default_rng(2), 4, 16)
-    panels = PaperLocator()(whole(grey_of(render(bits, 6.0, (50, 130), (65, 25)))), PanelShape(4, 16))
-    expected = np.array([[17, 13], [113, 13], [113, 37], [17, 37]])
-    assert panels.score.item() > 0.5
-    np.testing.assert_allclose(panels.corners_px[0], expected, atol=2.0)
-
-
 @pytest.mark.parametrize("quadrilateral", ["min_area", "upright"])
 @pytest.mark.parametrize("pitch", [3.3, 7.0, 13.0])
 def test_a_crop_and_the_full_frame_are_located_identically(quadrilateral: str, pitch: float) -> None:
@@ -189,43 +174,6 @@ def test_a_crop_and_the_full_frame_are_located_identically(quadrilateral: str, p
     ours = locator(cropped, SHAPE)
     assert ours.found.all()
     assert_same(ours, locator(whole(*full), SHAPE))
-
-
-def test_a_crop_brighter_around_than_within_equals_the_full_frame() -> None:
-    crop = np.full((40, 50), 30, np.uint8)
-    crop[10:30, 10:30] = 220
-    sensor = on_sensor(crop, 31, 17, (120, 160), level=210)
-    frames = Frames(
-        torch.from_numpy(crop)[None, None], torch.tensor([[31, 17]]), (120, 160), torch.tensor([210])
-    )
-    for locator in (PaperLocator(), PaperLocator(min_compactness=0.0, min_rectangularity=0.0)):
-        assert_same(locator(frames, SHAPE), locator(whole(sensor), SHAPE))
-
-
-def test_a_shift_of_the_frame_shifts_the_corners_and_nothing_else() -> None:
-    for pitch, size in ((5.0, 60), (13.0, 120)):
-        crop = panel_frame(4, pitch, size)
-        shifts = [(0, 0), (1, 0), (3, 5), (7, 2), (64, 33)]
-        panels = PaperLocator()(whole(*[on_sensor(crop, *shift) for shift in shifts]), SHAPE)
-        moved = panels.corners_px - torch.tensor(shifts)[:, None]
-        torch.testing.assert_close(moved, panels.corners_px[:1].expand(5, 4, 2), rtol=0, atol=1e-9)
-        assert panels.score.unique().numel() == 1
-
-
-def test_a_frame_is_located_alone_as_in_company(monkeypatch: pytest.MonkeyPatch) -> None:
-    rng = np.random.default_rng(5)
-    grey = [panel_frame(seed, pitch, 130) for seed, pitch in enumerate((3.2, 5.0, 7.2, 11.0, 14.0))]
-    corner = np.zeros((130, 130), np.uint8)
-    corner[100:, 95:] = 200
-    grey += [rng.integers(0, 256, (130, 130), dtype=np.uint8), np.full((130, 130), 9, np.uint8), corner]
-    together = PaperLocator()(whole(*grey), SHAPE)
-    monkeypatch.setattr(location, "_PASS_PX", 1)
-    monkeypatch.setattr(location, "_SMALL_PASS_PX", 1)
-    monkeypatch.setattr(quadrilateral, "_STEP_PAIRS", 1)
-    assert_same(together, PaperLocator()(whole(*grey), SHAPE))
-    for index, frame in enumerate(grey):
-        alone = PaperLocator()(whole(frame), SHAPE)
-        assert_same(alone, Panels(*(getattr(together, n)[index : index + 1] for n in Panels.__slots__)))
 
 
 @pytest.mark.parametrize("pitch", [4.0, 7.0])
@@ -267,39 +215,9 @@ def test_fragments_that_look_like_panels_give_way_to_the_whole() -> None:
     assert panels.corners_px[0].tolist() == [[30, 10], [90, 10], [90, 70], [30, 70]]
 
 
-def test_a_bar_beside_the_panel_is_not_taken_in() -> None:
-    grey = np.zeros((80, 120), np.uint8)
-    grey[10:70, 10:70] = 200
-    grey[10:70, 82:88] = 200
-    panels = PaperLocator()(whole(grey), SHAPE)
-    assert panels.corners_px[0].tolist() == [[10, 10], [70, 10], [70, 70], [10, 70]]
-
-
-def test_coarse_cells_never_fill_more_than_the_hull() -> None:
-    rng = np.random.default_rng(10)
-    mask = torch.from_numpy(rng.random((6, 40, 40)) < 0.02)
-    cells = halve_mask(halve_mask(mask[:, None]))
-    blobs = collect_blobs(runs_of(mask), label_components(cells[:, 0]), level=2)
-    hull = convex_hull(blobs.first.numpy(), blobs.last.numpy())
-    around = minimum_area_rectangle(hull)
-    most = hull_area_and_perimeter(hull)[0] / (around.width_px * around.height_px)
-    measured = measure_blobs(blobs, SHAPE).rectangularity
-    assert (measured <= torch.from_numpy(most).clamp(max=1)).all()
-    assert (measured > 0).all()
-
-
 def test_floating_values_are_rounded_to_the_nearest() -> None:
     values = torch.tensor([-7.0, 0.49, 0.51, 99.6, 254.6, 1e6, 3e38])
     assert quantised(values).tolist() == [0, 0, 1, 100, 255, 255, 255]
-
-
-def test_floating_frames_are_rounded_and_clamped() -> None:
-    grey = panel_frame(8, 5.0)
-    expected = PaperLocator()(whole(grey), SHAPE)
-    shifted = torch.from_numpy(grey).double() + torch.rand(84, 84).double() * 0.9 - 0.45
-    shifted[grey == 255] += 50
-    for dtype in (torch.float64, torch.float32):
-        assert_same(PaperLocator()(Frames.whole(shifted.to(dtype)[None]), SHAPE), expected)
 
 
 @pytest.mark.parametrize(

@@ -10,11 +10,9 @@ import torch
 from vocc_torch.errors import VoccError
 from vocc_torch.receiver.flda import FLDA
 from vocc_torch.receiver.location import PaperLocator
-from vocc_torch.receiver.locators import PanelLocator, locator_named
-from vocc_torch.receiver.model_file import read_model, write_model
+from vocc_torch.receiver.locators import PanelLocator, RefinedLocator, locator_named
 from vocc_torch.receiver.reader import Reader
-from vocc_torch.receiver.receiver import Receiver
-from vocc_torch.receiver.refined import RefinedLocator
+from vocc_torch.receiver.receiver import Receiver, read_model, write_model
 from vocc_torch.rng import BlockKey
 from vocc_torch.simulation import SceneModel, Simulator
 
@@ -66,9 +64,3 @@ def test_an_unknown_locator_in_a_file_is_refused(tmp_path: Path) -> None:
 def test_an_unknown_name_is_refused() -> None:
     with pytest.raises(VoccError, match=r"receiver.locator is 'refind': it must be paper or refined"):
         locator_named("refind", PaperLocator())  # type: ignore[arg-type]
-
-
-def test_both_locators_share_the_papers_settings() -> None:
-    paper = PaperLocator(min_area_px=77)
-    assert locator_named("paper", paper) is paper
-    assert locator_named("refined", paper) == RefinedLocator(paper)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from skimage.measure import block_reduce
 
 from vocc_torch.errors import VoccError
-from vocc_torch.receiver.morphology import close_mask, halve_mask
+from vocc_torch.receiver.components import close_mask, halve_mask
 
 
 def random_masks(seed: int, frames: int = 6, size: tuple[int, int] = (37, 44)) -> np.ndarray:
@@ -54,20 +54,6 @@ def test_closing_only_adds_and_is_idempotent(seed: int, size: int) -> None:
     once = closed(masks, size)
     assert once[masks].all()
     np.testing.assert_array_equal(closed(once, size), once)
-
-
-def test_a_wider_crop_closes_to_the_same() -> None:
-    masks = random_masks(9)
-    wide = np.pad(masks, ((0, 0), (5, 7), (12, 3)))
-    np.testing.assert_array_equal(closed(wide, 11)[:, 5:-7, 12:-3], closed(masks, 11))
-
-
-def test_a_line_is_closed() -> None:
-    mask = np.zeros((1, 1, 30), dtype=bool)
-    mask[0, 0, [2, 12, 24]] = True
-    expected = np.zeros(30, dtype=bool)
-    expected[2:13] = expected[24] = True
-    np.testing.assert_array_equal(closed(mask, 11)[0, 0], expected)
 
 
 @pytest.mark.parametrize("size", [0, -3, 4])

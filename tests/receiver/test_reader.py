@@ -2,7 +2,6 @@
 
 import pytest
 import torch
-from sklearn.metrics import roc_auc_score
 
 from vocc_torch.errors import VoccError
 from vocc_torch.receiver.features import (
@@ -76,34 +75,6 @@ def test_readings_do_not_depend_on_the_batch(observed, batch):
         assert torch.equal(part.greys.centre, together.greys.centre[rows])
 
 
-def test_crops_read_exactly_like_full_frames(observed):
-    """Bitwise on four full-HD frames."""
-    frames, panels, _ = observed
-    full = torch.full((4, 1, *frames.sensor_px), 0, dtype=torch.uint8)
-    height, width = frames.grey.shape[-2:]
-    for row in range(4):
-        x, y = frames.origin_px[row].tolist()
-        full[row] = frames.surround[row]
-        full[row, :, y : y + height, x : x + width] = frames.grey[row]
-    reader, rows = Reader(SHAPE), slice(0, 4)
-    cropped, whole = (reader.read(f, known(panels, rows)) for f in (frames[rows], Frames.whole(full)))
-    assert torch.equal(cropped.features, whole.features)
-    assert torch.equal(cropped.greys.centre, whole.greys.centre)
-
-
-def test_features_rank_on_above_off_on_the_papers_scenes(observed):
-    """Figs 8, 10 and 12 at known corners: AGR and GRI tell On from Off each alone, NGR alone does not.
-
-    Area under the ROC curve, by scikit-learn; a half is a coin toss.
-    """
-    frames, panels, bits = observed
-    agr, gri, ngr = Reader(SHAPE).read(frames, panels).features.flatten(0, 2).T.numpy()
-    on = bits.flatten().numpy()
-    assert roc_auc_score(on, agr) > 0.99
-    assert roc_auc_score(on, gri) > 0.97
-    assert 0.3 < roc_auc_score(on, ngr) < 0.7
-
-
 def test_float_frames_keep_their_precision(observed):
     frames, panels, _ = observed
     rows = slice(0, 3)
@@ -139,11 +110,3 @@ def test_wrong_settings_are_refused_in_one_line(settings, message):
     with pytest.raises(VoccError) as refusal:
         Reader(**settings)
     assert str(refusal.value) == message
-
-
-@pytest.mark.parametrize("samples", [2, 3, 64])
-def test_any_number_of_samples_in_the_range_is_read(observed, samples):
-    frames, panels, _ = observed
-    readings = Reader(SHAPE, samples).read(frames[:1], known(panels, slice(0, 1)))
-    assert readings.patches.shape == (1, 1, 10 * samples, 10 * samples)
-    assert bool(torch.isfinite(readings.features).all())

@@ -97,29 +97,6 @@ def test_patches_are_scipys_bilinear_reading_at_opencvs_points(name, dtype):
     np.testing.assert_allclose(patch[0, 0].numpy(), expected, rtol=0, atol=1e-3)
 
 
-@pytest.mark.parametrize("name", list(QUADRILATERALS))
-def test_patches_are_opencvs_remap_within_its_fixed_point_weights(name):
-    """cv2.remap weighs by 32nds of a pixel: half a 32nd times the steepest slope bounds the difference."""
-    image = picture(2).numpy().astype(np.float32)
-    points = (sample_points(QUADRILATERALS[name], SHAPE, 12) - 0.5).astype(np.float32)
-    expected = cv2.remap(
-        image, points[..., 0], points[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
-    )
-    panels = Panels.known(corners_of(QUADRILATERALS[name]))
-    patch = rectify(Frames.whole(torch.from_numpy(image)[None]), panels, SHAPE, 12)[0, 0].numpy()
-    slope = max(np.abs(np.diff(image, axis=0)).max(), np.abs(np.diff(image, axis=1)).max())
-    assert np.abs(patch - expected).max() <= 2 * slope / 64
-    assert np.abs(patch - expected).mean() < 0.2
-
-
-def test_a_panel_on_whole_pixels_is_copied():
-    """K samples over K pixels: bilinear reading at pixel centres is the image itself."""
-    image = picture(3, smooth=0.5)
-    panels = Panels.known(corners_of([(24, 16), (64, 16), (64, 48), (24, 48)]))
-    patch = rectify(Frames.whole(image[None]), panels, SHAPE, 8)
-    torch.testing.assert_close(patch[0, 0], image[8:56, 16:72], rtol=0, atol=1e-10)
-
-
 def test_uint8_frames_are_read_as_float32():
     image = picture(4).round()
     panels = Panels.known(corners_of(QUADRILATERALS["rotated"]))
@@ -174,16 +151,6 @@ def test_a_panel_beyond_the_crop_reads_the_surround():
 # Near panels
 
 
-def test_samples_of_a_near_panel_are_area_means_on_a_ramp():
-    """40 px a cell at K = 8: a sample stands for 5 x 5 px, whose mean on a ramp is that at their middle."""
-    rows, columns = torch.meshgrid(torch.arange(260.0), torch.arange(300.0), indexing="ij")
-    ramp = (0.25 * columns + 0.5 * rows).double()
-    panels = Panels.known(corners_of([(50, 45), (250, 45), (250, 205), (50, 205)]))
-    patch = rectify(Frames.whole(ramp[None]), panels, SHAPE, 8)[0, 0]
-    blocks = ramp[5:245, 10:290].reshape(48, 5, 56, 5).mean(dim=(1, 3))
-    torch.testing.assert_close(patch, blocks, rtol=0, atol=1e-9)
-
-
 def test_samples_of_a_near_panel_are_area_means_of_the_pixels():
     """5 px a sample exactly on pixels: the mean of any 5 x 5 pixels, not five of them skipped."""
     image = picture(7, 260, 300, smooth=0.3)
@@ -219,38 +186,3 @@ def test_centre_greys_are_the_pixels_that_hold_opencvs_centres(name):
     ours = centre_greys(Frames.whole(image[None]), Panels.known(corners_of(QUADRILATERALS[name])), SHAPE)
     assert ours.is_floating_point()
     np.testing.assert_array_equal(ours[0].numpy(), expected)
-
-
-@pytest.mark.parametrize("batch", [1, 2, 7])
-def test_a_patch_does_not_depend_on_its_batch(batch):
-    """Bitwise, with upright, perspective, near and wild quadrilaterals side by side."""
-    quadrilaterals = [*QUADRILATERALS.values(), *WILD.values()][:-1]
-    corners = corners_of(*quadrilaterals)
-    images = torch.stack([picture(i).round().to(torch.uint8) for i in range(len(corners))])
-    frames, panels = Frames.whole(images), Panels.known(corners)
-    together = rectify(frames, panels, SHAPE, 8)
-    centres = centre_greys(frames, panels, SHAPE)
-    for start in range(0, len(corners), batch):
-        rows = slice(start, start + batch)
-        part = Panels.known(corners[rows])
-        assert torch.equal(rectify(frames[rows], part, SHAPE, 8), together[rows])
-        assert torch.equal(centre_greys(frames[rows], part, SHAPE), centres[rows])
-
-
-def test_frames_read_at_several_scales_are_read_as_alone():
-    """Which of them are near decides nothing for the others, wherever crops lie and quadrilaterals go."""
-    generator = torch.Generator().manual_seed(2)
-    grey = torch.randint(0, 256, (5, 1, 40, 50), generator=generator, dtype=torch.uint8)
-    origin = torch.tensor([[300, 200], [0, 0], [1800, 1000], [40, 700], [900, 3]])
-    frames = Frames(grey, origin, (1080, 1920))
-    square = torch.tensor([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]], dtype=torch.float64)
-    sizes = torch.tensor([20.0, 36.0, 18.0, 130.0, 33.0], dtype=torch.float64).view(-1, 1, 1)
-    corners = origin.view(-1, 1, 2) + 2.0 + sizes * square
-    panels, shape = Panels.known(corners), PanelShape(4, 4)
-    together = rectify(frames, panels, shape, 4)
-    for row in range(5):
-        alone = rectify(frames[row : row + 1], Panels.known(corners[row : row + 1]), shape, 4)
-        assert torch.equal(alone[0], together[row]), row
-    double = rectify(frames, panels, shape, 4, torch.float64)
-    assert double.dtype == torch.float64
-    torch.testing.assert_close(double.float(), together, rtol=1e-4, atol=1e-2)

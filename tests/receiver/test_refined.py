@@ -9,14 +9,13 @@ from torch import Tensor
 
 from vocc_torch.errors import VoccError
 from vocc_torch.receiver.lattice_fit import fit_lattice
-from vocc_torch.receiver.lattice_model import Lattice, corner_cells
-from vocc_torch.receiver.lattice_search import search_lattice
+from vocc_torch.receiver.lattice_model import Lattice, corner_cells, search_lattice
 from vocc_torch.receiver.location import PaperLocator
+from vocc_torch.receiver.locators import RefinedLocator
 from vocc_torch.receiver.rectification import map_points
-from vocc_torch.receiver.refined import RefinedLocator
-from vocc_torch.receiver.regions import block_means, bright_regions, local_background, ring_statistics
+from vocc_torch.receiver.regions import bright_regions, local_background, ring_statistics
 from vocc_torch.rng import BlockKey, FrameKey
-from vocc_torch.simulation import Camera, LedPanel, SceneModel, Simulator
+from vocc_torch.simulation import Camera, SceneModel, Simulator
 from vocc_torch.simulation.simulator import PAPER_EFFECTS
 from vocc_torch.types import Frames, Panels, PanelShape, Scene
 
@@ -90,52 +89,8 @@ def test_panels_are_found_in_sensor_noise(distance_m: float, ambient_lx: float) 
 def test_turned_panels_are_found_as_they_are_seen(pose: dict[str, float]) -> None:
     scene, bits = small_scenes(12)
     simulator = Simulator(SMALL, effects={**PAPER_EFFECTS, "pose": pose})
-    frames, truth = (
-        simulator.render(scene, bits, keys=keys(12)),
-        simulator.true_panels(scene, keys(12)),
-    )
+    frames, truth = (simulator.render(scene, bits, keys=keys(12)), simulator.true_panels(scene, keys(12)))
     assert errors_px(RefinedLocator()(frames, SHAPE), truth).max() < 0.3
-
-
-def test_a_panel_of_other_proportions_is_found() -> None:
-    panel = LedPanel(shape=PanelShape(4, 12))
-    scene, _ = small_scenes(8)
-    bits = torch.from_numpy(np.random.default_rng(1).random((8, 4, 12)) < 0.5)
-    simulator = Simulator(SMALL, panel)
-    panels = RefinedLocator()(simulator.render(scene, bits), panel.shape)
-    assert errors_px(panels, simulator.true_panels(scene)).max() < 0.2
-
-
-def test_a_crop_a_filled_and_a_full_frame_are_located_identically() -> None:
-    scene, bits = small_scenes(6)
-    crop, filled, full = (
-        RefinedLocator()(Simulator(SMALL, framing=how).render(scene, bits), SHAPE)  # type: ignore[arg-type]
-        for how in ("crop", "filled", "full")
-    )
-    for name in Panels.__slots__:
-        assert torch.equal(getattr(crop, name), getattr(filled, name)), name
-        assert torch.equal(getattr(crop, name), getattr(full, name)), name
-
-
-def test_a_frame_is_located_alone_as_in_company() -> None:
-    scene, bits = small_scenes(5, ambient_lx=1000.0)
-    effects = {**PAPER_EFFECTS, **NOISE, "gain": {}}
-    for simulator in (Simulator(SMALL), Simulator(SMALL, effects=effects, framing="full")):
-        frames = simulator.render(scene, bits, keys=keys(5))
-        together = RefinedLocator()(frames, SHAPE)
-        for index in range(5):
-            alone = RefinedLocator()(frames[index : index + 1], SHAPE)
-            assert alone.found[0] == together.found[index]
-            assert alone.candidates[0] == together.candidates[index]
-            # Sums may be ordered otherwise, so a corner may be rounded to the next part of 1/1024 px.
-            assert errors_px(alone, Panels.known(together.corners_px[index : index + 1])) < 2e-3
-
-
-def test_floating_frames_are_rounded(paper_scenes: tuple[Frames, Panels, torch.Tensor]) -> None:
-    frames = paper_scenes[0][:4]
-    exact = RefinedLocator()(frames, SHAPE)
-    floats = RefinedLocator()(replace(frames, grey=frames.grey.double() + 0.3), SHAPE)
-    assert torch.equal(exact.corners_px, floats.corners_px)
 
 
 def test_what_no_lattice_explains_is_left_to_the_papers_locator() -> None:
@@ -185,18 +140,6 @@ def test_the_search_ends_within_a_third_of_a_cell(paper_scenes: tuple[Frames, Pa
     assert ((blur >= 0.16) & (blur <= 0.42)).all()
 
 
-def test_the_fit_reads_the_bits_and_explains_all_but_the_rounding(
-    paper_scenes: tuple[Frames, Panels, torch.Tensor],
-) -> None:
-    frames, truth, bits = paper_scenes
-    assert frames.surround is not None
-    start = Lattice.at(truth.corners_px, torch.full((64,), 0.35).double(), frames.surround.double(), SHAPE)
-    lattice = fit_lattice(frames, start)
-    assert (lattice.bits == bits).double().mean() > 0.999
-    assert lattice.rms_dn.median() < 0.6
-    assert (lattice.levels[:, 1] > lattice.levels[:, 0]).all()
-
-
 @pytest.mark.parametrize("by", [(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)])
 def test_a_fit_a_line_off_comes_back(by: tuple[float, float]) -> None:
     scene, bits = small_scenes(12, distance_m=40.0)
@@ -221,12 +164,6 @@ def test_a_dark_thing_before_the_panel_hardly_moves_the_fit() -> None:
     error = errors_px(RefinedLocator()(frames, SHAPE), simulator.true_panels(scene, keys(12)))
     # Without weights it is 0.14 px.
     assert error.median() < 0.1
-
-
-def test_block_means_equal_numpys() -> None:
-    grey = np.random.default_rng(0).integers(0, 256, (2, 32, 48), dtype=np.uint8)
-    expected = grey.reshape(2, 4, 8, 6, 8).mean((2, 4))
-    np.testing.assert_allclose(block_means(torch.from_numpy(grey)[:, None]), expected, rtol=1e-6)
 
 
 def test_regions_are_found_on_a_background_that_changes_slowly() -> None:

@@ -11,17 +11,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
+from vocc_torch.hardware import Camera
 from vocc_torch.rng import BlockKey, FrameKey
+from vocc_torch.simulation.effects.background import BackgroundTexture, Lamps, power_law_noise
 from vocc_torch.simulation.effects.base import Context
-from vocc_torch.simulation.effects.light import LedScatter, StuckLeds
-from vocc_torch.simulation.effects.surroundings import (
-    Airlight,
-    BackgroundTexture,
-    Lamps,
-    VeilingGlare,
-    power_law_noise,
-)
-from vocc_torch.simulation.geometry import Camera
+from vocc_torch.simulation.effects.light import Airlight, LedScatter, StuckLeds, VeilingGlare
 from vocc_torch.types import Scene
 
 DOUBLE = torch.float64

@@ -6,11 +6,11 @@ import torch
 from kornia.filters import gaussian_blur2d
 
 from vocc_torch import PanelShape, Scene, Simulator
+from vocc_torch.hardware import Camera
 from vocc_torch.rng import BlockKey
 from vocc_torch.simulation import SceneModel, framing
 from vocc_torch.simulation.effects import Context
 from vocc_torch.simulation.effects.optics import Blooming
-from vocc_torch.simulation.geometry import Camera
 
 FAR = Scene.of(distance_m=300.0)
 

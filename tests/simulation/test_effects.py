@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import ndimage
 
+from vocc_torch.hardware import Camera
 from vocc_torch.simulation.effects import (
     CAMERA_STEPS,
     PHYSICAL_ORDER,
@@ -21,7 +22,6 @@ from vocc_torch.simulation.effects import (
 from vocc_torch.simulation.effects.coding import Quantization, Saturation
 from vocc_torch.simulation.effects.light import Attenuation
 from vocc_torch.simulation.effects.optics import Blooming
-from vocc_torch.simulation.geometry import Camera
 from vocc_torch.simulation.simulator import PAPER_EFFECTS, Simulator
 from vocc_torch.types import Scene
 

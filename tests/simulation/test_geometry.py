@@ -5,13 +5,8 @@ import numpy as np
 import pytest
 import torch
 
-from vocc_torch.simulation.geometry import (
-    Camera,
-    LedPanel,
-    led_centres_px,
-    panel_centre_px,
-    panel_corners_px,
-)
+from vocc_torch.hardware import Camera, LedPanel
+from vocc_torch.simulation.framing import led_centres_px, panel_centre_px, panel_corners_px
 from vocc_torch.types import PanelShape, Scene
 
 PANELS = [

@@ -12,13 +12,12 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from vocc_torch.errors import VoccError
+from vocc_torch.hardware import Camera, LedPanel
 from vocc_torch.rng import BlockKey, FrameKey
+from vocc_torch.simulation.effects.background import SecondPanel
 from vocc_torch.simulation.effects.base import Context
-from vocc_torch.simulation.effects.light import Attenuation
-from vocc_torch.simulation.effects.second_panel import SecondPanel
-from vocc_torch.simulation.effects.surroundings import Airlight, Occlusion
+from vocc_torch.simulation.effects.light import Airlight, Attenuation, Occlusion
 from vocc_torch.simulation.effects.view import LensDistortion, Pose
-from vocc_torch.simulation.geometry import Camera, LedPanel
 from vocc_torch.simulation.simulator import Simulator
 from vocc_torch.types import PanelShape, Scene
 

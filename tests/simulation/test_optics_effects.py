@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from scipy import ndimage, special
 
 from vocc_torch.errors import VoccError
+from vocc_torch.hardware import Camera
 from vocc_torch.simulation.effects import Context
 from vocc_torch.simulation.effects.optics import (
     REACH_IN_LAMBDA_N,
@@ -18,9 +19,6 @@ from vocc_torch.simulation.effects.optics import (
     MotionBlur,
     Vignetting,
     airy_quarter,
-)
-from vocc_torch.simulation.geometry import Camera
-from vocc_torch.simulation.spread import (
     convolve_symmetric,
     convolve_taps,
     disc_quarters,

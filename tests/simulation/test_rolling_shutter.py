@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from vocc_torch.errors import VoccError
+from vocc_torch.hardware import Camera, LedPanel
 from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.simulation.effects.base import Context
 from vocc_torch.simulation.effects.light import RollingShutter
-from vocc_torch.simulation.geometry import Camera, LedPanel
 from vocc_torch.types import Scene
 
 SMALL = Camera(width_px=120, height_px=101, sensor_width_mm=13.2 / 16, exposure_time_s=0.1)

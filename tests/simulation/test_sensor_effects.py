@@ -15,9 +15,11 @@ from PIL import Image
 from scipy import stats
 
 from vocc_torch.errors import VoccError
+from vocc_torch.hardware import Camera
 from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.simulation.effects import Context
 from vocc_torch.simulation.effects.coding import Demosaicing, Jpeg, Quantization
+from vocc_torch.simulation.effects.noise import poisson_quantile
 from vocc_torch.simulation.effects.sensor import (
     Bayer,
     DarkCurrent,
@@ -31,8 +33,6 @@ from vocc_torch.simulation.effects.sensor import (
     RowNoise,
     ShotNoise,
 )
-from vocc_torch.simulation.geometry import Camera
-from vocc_torch.simulation.poisson import poisson_quantile
 from vocc_torch.simulation.simulator import Simulator
 from vocc_torch.types import Scene
 

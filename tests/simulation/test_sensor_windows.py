@@ -12,10 +12,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
+from vocc_torch.hardware import Camera
 from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.simulation.effects import Context
 from vocc_torch.simulation.effects.coding import Jpeg
-from vocc_torch.simulation.effects.noise_planes import (
+from vocc_torch.simulation.effects.noise import (
     TILE_PX,
     SensorPattern,
     picture_tiles,
@@ -35,7 +36,6 @@ from vocc_torch.simulation.effects.sensor import (
     RowNoise,
     ShotNoise,
 )
-from vocc_torch.simulation.geometry import Camera
 from vocc_torch.types import Scene
 
 CAMERA = replace(Camera(), width_px=420, height_px=300)

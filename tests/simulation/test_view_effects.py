@@ -13,8 +13,7 @@ from vocc_torch.errors import VoccError
 from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.simulation import Camera
 from vocc_torch.simulation.effects import Context
-from vocc_torch.simulation.effects.view import LensDistortion, Pose
-from vocc_torch.simulation.perspective import placement_m, view_of
+from vocc_torch.simulation.effects.view import LensDistortion, Pose, placement_m, view_of
 from vocc_torch.simulation.scene import Distribution
 from vocc_torch.types import Scene
 

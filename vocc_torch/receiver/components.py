@@ -1,6 +1,7 @@
-"""Connected components of masks and their lists of blobs: BLOB analysis (section IV-B-2; Chen et al. 2007).
+"""Masks: square closing, block maxima, connected components and their lists of blobs (section IV-B-2).
 
-Components are found by horizontal runs, as quick on a noisy full frame as on a crop.
+Components are found by horizontal runs (Chen et al. 2007), as quick on a noisy full frame as on a crop; the
+closing is Kornia's (Serra 1983).
 """
 
 from __future__ import annotations
@@ -9,7 +10,74 @@ from dataclasses import dataclass
 
 import torch
 import torch.nn.functional as F
+from kornia.morphology import dilation, erosion
 from torch import Tensor
+
+from vocc_torch.errors import VoccError
+
+_FEW_PX = 1 << 12
+
+
+def close_mask(mask: Tensor, size_px: int) -> Tensor:
+    """Close a mask with a flat ``size_px`` x ``size_px`` square: Kornia's dilation, then its erosion.
+
+    A row and then a column do what the square does. The plane goes on as background beyond the border. So a
+    closing depends only on the foreground, not on where a crop or the sensor ends, and never leaves the
+    foreground's bounding box. OpenCV's and Kornia's default borders instead drag a blob near the border out
+    to it. A square larger than the mask closes it as one of the mask's size does.
+
+    Args:
+        mask: (B,1,H,W) bool.
+        size_px: side of the square, odd, at least 1.
+
+    Returns:
+        (B,1,H,W) bool, the closed mask.
+
+    Raises:
+        VoccError: ``size_px`` is even or below 1.
+
+    Example:
+        >>> row = torch.tensor([1, 0, 0, 1, 0, 0, 0, 1], dtype=torch.bool).view(1, 1, 1, 8)
+        >>> close_mask(row, 3).int().flatten().tolist()
+        [1, 1, 1, 1, 0, 0, 0, 1]
+    """
+    if size_px < 1 or size_px % 2 == 0:
+        raise VoccError(f"size_px is {size_px}: it must be odd and at least 1")
+    # Of a larger square only a half or a quarter plane meets the mask, as of one of the mask's size.
+    size_px = min(size_px, max(mask.shape[-2:]) | 1)
+    if size_px == 1 or not mask.numel():
+        return mask.clone()
+    reach = size_px // 2
+    # Of few pixels all windows at once are quicker than the plane shifted step by step; of many, half
+    # precision, which holds 0 and 1, moves half the memory.
+    few = mask.numel() <= _FEW_PX
+    engine, dtype = ("unfold", torch.float32) if few else ("auto", torch.float16)
+    with torch.inference_mode():
+        # What the strokes do wrong at the outer edge of the margin is cut off with it.
+        plane = F.pad(mask, [reach] * 4).to(dtype)
+        row = plane.new_ones(1, size_px)
+        for stroke, axis in ((dilation, row), (dilation, row.T), (erosion, row), (erosion, row.T)):
+            plane = stroke(plane, axis, engine=engine)
+    return plane[..., reach:-reach, reach:-reach] > 0
+
+
+def halve_mask(mask: Tensor) -> Tensor:
+    """Join each 2 x 2 block of pixels into one, foreground where any of them is.
+
+    Args:
+        mask: (B,1,H,W) bool.
+
+    Returns:
+        (B,1,ceil(H/2),ceil(W/2)) bool.
+
+    Example:
+        >>> halve_mask(torch.tensor([[0, 0, 1]], dtype=torch.bool).view(1, 1, 1, 3)).flatten().tolist()
+        [False, True]
+    """
+    even = F.pad(mask, [0, mask.shape[-1] % 2, 0, mask.shape[-2] % 2])
+    rows = even[..., ::2, :] | even[..., 1::2, :]
+    return rows[..., ::2] | rows[..., 1::2]
+
 
 # Only so many blobs of a frame, the largest, are measured: what noise can cost in time and memory has an end.
 MOST_BLOBS = 256
@@ -40,7 +108,7 @@ class Runs:
         return int(self.row.shape[0])
 
     def of(self, chosen: Tensor) -> Runs:
-        """Take the stretches of the masks that a bool (B,) names, which are numbered anew."""
+        """Return the runs of the masks chosen by a bool (B,); the masks are renumbered from 0."""
         if bool(chosen.all()):
             return self
         kept = chosen[self.frame]
@@ -265,34 +333,24 @@ def collect_blobs(runs: Runs, components: Components, *, min_area_px: int = 1, l
     run_label = components.at(runs.frame, runs.row >> level, runs.start >> level)
     kept = keep[run_label]
     row, start, end, pixels = (one[kept] for one in (runs.row, runs.start, runs.end, runs.pixels))
-    label, begin, number = _in_raster_order(keep, run_label[kept])
+    # Kept labels by their first run, and each run's number among them.
+    label = keep.nonzero()[:, 0]
+    compact = (keep.cumsum(0) - 1)[run_label[kept]]
+    index = torch.arange(len(compact), device=compact.device)
+    begin = torch.zeros_like(label).scatter_reduce(0, compact, index, "amin", include_self=False)
+    order = begin.argsort()
+    label, begin, number = label[order], begin[order], order.argsort()[compact]
     zeros = torch.zeros_like(label)
     left = zeros.scatter_reduce(0, number, start, "amin", include_self=False)
     mask_px = zeros.scatter_add(0, number, pixels)
     seed = torch.stack([start[begin], row[begin]], 1)
-    place = (number, row - row[begin][number], start - left[number], end - left[number])
-    first, last = _row_extremes(len(label), *place)
+    # First and last mask column of each row, counted from the blob's own top and left.
+    down = row - row[begin][number]
+    height = int(down.max()) + 1 if len(down) else 1
+    cell = number * height + down
+    ends = [(one - left[number]).to(torch.int16) for one in (start, end)]
+    empty = torch.zeros(len(label) * height, dtype=torch.int16, device=row.device)
+    first = empty.scatter_reduce(0, cell, ends[0], "amin", include_self=False).view(-1, height)
+    last = (empty - 1).scatter_reduce(0, cell, ends[1], "amax", include_self=False).view(-1, height)
     area = closed_px[label]
     return Blobs(components.frame[label], label, seed, left, area, mask_px, first, last, count)
-
-
-def _in_raster_order(keep: Tensor, run_label: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """Number the kept labels by their first run: labels (M,), first runs (M,), and each run's number (S,)."""
-    label = keep.nonzero()[:, 0]
-    compact = (keep.cumsum(0) - 1)[run_label]
-    index = torch.arange(len(run_label), device=run_label.device)
-    begin = torch.zeros_like(label).scatter_reduce(0, compact, index, "amin", include_self=False)
-    order = begin.argsort()
-    return label[order], begin[order], order.argsort()[compact]
-
-
-def _row_extremes(
-    blobs: int, number: Tensor, row: Tensor, start: Tensor, end: Tensor
-) -> tuple[Tensor, Tensor]:
-    """Return each blob's first and last mask column by row, from its own top and left: two (M,H) int16."""
-    height = int(row.max()) + 1 if len(row) else 1
-    cell = number * height + row
-    empty = torch.zeros(blobs * height, dtype=torch.int16, device=row.device)
-    first = empty.scatter_reduce(0, cell, start.to(torch.int16), "amin", include_self=False)
-    last = (empty - 1).scatter_reduce(0, cell, end.to(torch.int16), "amax", include_self=False)
-    return first.view(blobs, height), last.view(blobs, height)

@@ -144,7 +144,7 @@ class ClassScatter:
 
     @classmethod
     def stacked(cls, sets: Sequence[ClassScatter], batch: Sequence[int]) -> ClassScatter:
-        """Put the statistics of several training sets into one batch of shape ``batch``."""
+        """Stack the statistics of several training sets into one batch of shape ``batch``."""
         parts = ([getattr(one, field.name) for one in sets] for field in fields(cls))
         return cls(*(torch.stack(part).reshape(*batch, *part[0].shape) for part in parts))
 
@@ -296,7 +296,7 @@ class Discriminant(NamedTuple):
 
 
 def _complaint(gap: Tensor, flat: Tensor, null: Tensor, separated: Tensor) -> str:
-    """Say why the first set that does not determine its direction does not, and what was done instead."""
+    """Describe the first set that does not determine its direction: why, and what was done instead."""
     coincide = (gap == 0).all(dim=-1)
     troubled = (null.any(dim=-1) | coincide).nonzero()
     if not len(troubled):

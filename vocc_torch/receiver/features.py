@@ -132,7 +132,7 @@ def _neighbour_ratio(means: Tensor) -> Tensor:
 
 @lru_cache(maxsize=16)
 def _ring(dtype: torch.dtype, device: torch.device) -> Tensor:
-    """Lay the mean of a cell's eight neighbours as a kernel, (1,1,3,3)."""
+    """Kernel (1,1,3,3) that takes the mean of a cell's eight neighbours."""
     with torch.inference_mode(False):
         ring = torch.full((1, 1, 3, 3), 1 / 8, dtype=dtype, device=device)
         ring[..., 1, 1] = 0.0
@@ -156,7 +156,7 @@ def radial_inward_field(samples_per_led: int, dtype: torch.dtype, device: torch.
 
 @lru_cache(maxsize=16)
 def _inward_fields(samples: int, shape: PanelShape, dtype: torch.dtype, device: torch.device) -> Tensor:
-    """Lay the inward field over every LED of a panel, (2,R*K,C*K)."""
+    """The inward field repeated for every LED of a panel, (2,R*K,C*K)."""
     with torch.inference_mode(False):
         return radial_inward_field(samples, dtype, device).repeat(1, shape.rows, shape.columns)
 

@@ -9,9 +9,16 @@ import scipy.ndimage
 import torch
 from torch import Tensor
 
-from vocc_torch.receiver.components import Blobs, Components, collect_blobs, joined, label_components
+from vocc_torch.receiver.components import (
+    Blobs,
+    Components,
+    close_mask,
+    collect_blobs,
+    halve_mask,
+    joined,
+    label_components,
+)
 from vocc_torch.receiver.limits import LocatorLimits
-from vocc_torch.receiver.morphology import close_mask, halve_mask
 from vocc_torch.receiver.quadrilateral import Measures, measure_blobs
 from vocc_torch.types import PanelShape
 
@@ -52,7 +59,7 @@ class Choice:
         return cls(corners[:, 0, 0].clone(), corners, count, count.new_zeros(masks, 2), count.clone())
 
     def __getitem__(self, rows: Tensor) -> Choice:
-        """Take the masks of an index or a bool mask."""
+        """Return the choices of an index or a bool mask."""
         return Choice(*(getattr(self, field.name)[rows] for field in fields(self)))
 
     def put(self, rows: Tensor, other: Choice) -> None:
@@ -100,11 +107,15 @@ def climb(mask: Tensor, shape: PanelShape, search: LocatorLimits) -> Choice:
         before = choice[active]
         column, row = (before.first_px >> level).unbind(1)
         holds = components.at(torch.arange(len(active), device=mask.device), row, column) == label
-        better = _replaces(before, now, holds, peak[active])
+        # A blob that holds the chosen one and more may score a little less; the same blob may not.
+        bar = torch.where(now.mask_px > before.mask_px, _MERGE_RATIO * peak[active], before.score)
+        better = torch.where(holds, now.score >= bar, now.score > before.score) | (before.score == 0)
+        better &= now.score > 0
         choice.put(active[better], now[better])
         peak[active[better]] = torch.where(holds, torch.maximum(peak[active], now.score), now.score)[better]
         whole = choice.mask_px[active] >= _WHOLE_SHARE * foreground[active]
-        on = _climbs_on(whole, blobs.components, pitch, search.closing_px << level)
+        pitches = torch.where(whole, REACH_PITCHES, _LAST_PITCHES)
+        on = ((blobs.components > 1) & ~whole) | ((search.closing_px << level) < pitches * pitch)
         if not bool(on.any()):
             return choice
         active, runs, coarse = active[on], runs.of(on), halve_mask(coarse[on][:, None])[:, 0]
@@ -134,20 +145,6 @@ def _level_choice(
     likely = _best(blobs, masks, measures.score, torch.ones_like(passed))
     pitch = torch.cat([measures.pitch_px, measures.pitch_px.new_zeros(1)])[likely]
     return choice, pitch, label
-
-
-def _replaces(before: Choice, now: Choice, holds: Tensor, peak: Tensor) -> Tensor:
-    """Decide (B,) where a level's choice replaces the one from below."""
-    merged = torch.where(
-        now.mask_px > before.mask_px, now.score >= _MERGE_RATIO * peak, now.score >= before.score
-    )
-    return (now.score > 0) & ((before.score == 0) | torch.where(holds, merged, now.score > before.score))
-
-
-def _climbs_on(whole: Tensor, components: Tensor, pitch: Tensor, reach_px: int) -> Tensor:
-    """Decide (B,) which masks need the next level; ``whole`` says where the choice holds nearly all."""
-    pitches = torch.where(whole, REACH_PITCHES, _LAST_PITCHES)
-    return ((components > 1) & ~whole) | (reach_px < pitches * pitch)
 
 
 def choose_single(mask: Tensor, shape: PanelShape, search: LocatorLimits) -> tuple[Tensor, Choice]:

@@ -72,20 +72,14 @@ def fit_lattice(frames: Frames, start: Lattice) -> Lattice:
         rows = unsettled.nonzero()[:, 0]
         if not len(rows):
             break
-        seen, active, own = _some(seen, rows), active[rows], after[_paired(rows)]
+        seen = seen[rows] if len(rows) < len(seen) else seen
+        active, own = active[rows], after[_paired(rows)]
     return best
 
 
 def _paired(rows: Tensor) -> Tensor:
-    """Take a single row twice."""
+    """Repeat a single row, so that there are two."""
     return rows.repeat(2) if len(rows) == 1 else rows
-
-
-def _some(frames: Frames, rows: Tensor) -> Frames:
-    """Take some of the frames, without a copy where these are all."""
-    if len(rows) == len(frames):
-        return frames
-    return Frames(frames.grey[rows], frames.origin_px[rows], frames.sensor_px)
 
 
 def _read(frames: Frames, lattice: Lattice) -> Tensor:
@@ -95,7 +89,7 @@ def _read(frames: Frames, lattice: Lattice) -> Tensor:
 
 
 def _improved(frames: Frames, lattice: Lattice, number: int) -> tuple[Lattice, Lattice, Tensor]:
-    """Do step ``number``: lattices scored before it, lattices after it, and which (B,) need another."""
+    """Run step ``number``: lattices scored before it, lattices after it, and which (B,) need another step."""
     model = Model.of(_read(frames, lattice), lattice)
     unsettled = torch.full_like(lattice.background, number <= _LINE_STEPS[0], dtype=torch.bool)
     if number < _FREE_STEPS:
@@ -120,7 +114,7 @@ def _improved(frames: Frames, lattice: Lattice, number: int) -> tuple[Lattice, L
 def _stepped(
     model: Model, lattice: Lattice, trust: Tensor, expected: tuple[float, ...]
 ) -> tuple[Lattice, Tensor]:
-    """Take a Gauss-Newton step damped by what is ``expected``; give also its greatest move (B,), cells."""
+    """Return lattices after a Gauss-Newton step damped by ``expected``, and its greatest move (B,), cells."""
     predicted = model.predicted
     slope = torch.where(model.light < 1, predicted / (GAMMA * model.light.clamp(min=1e-5)), 0.0).flatten(1)
     rest = (model.grey - predicted).flatten(1)
@@ -191,7 +185,7 @@ def _fields(shape: PanelShape, device: torch.device) -> tuple[Tensor, Tensor]:
 
 
 def _with_free_bits(model: Model, lattice: Lattice, *, levels: bool) -> Lattice:
-    """Take bits, and levels where they are wanted, from an amplitude of each LED's own."""
+    """Return lattices with bits, and levels if wanted, from amplitudes fitted to each LED."""
     light = linear_light(model.grey) - lattice.background.to(model.grey.dtype)[:, None, None]
     bits, found = _two_levels(_amplitudes(light, model))
     return replace(lattice, bits=bits, levels=found.to(torch.float64) if levels else lattice.levels)
@@ -226,7 +220,7 @@ def _inverse(spots: Spots) -> Tensor:
 
 
 def _two_levels(amplitude: Tensor) -> tuple[Tensor, Tensor]:
-    """Part amplitudes (B,R,C) where the variance between the two parts is greatest: bits, and means (B,2)."""
+    """Split amplitudes (B,R,C) at the greatest variance between classes: bits, and class means (B,2)."""
     value = amplitude.flatten(1).sort(1).values
     leds = value.shape[1]
     if leds == 1:
@@ -240,7 +234,7 @@ def _two_levels(amplitude: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def _with_turned_bits(model: Model, lattice: Lattice) -> tuple[Lattice, Tensor]:
-    """Turn bits where that explains the picture around the LED better; say also in which frames, (B,)."""
+    """Return lattices with bits flipped where that fits the picture better, and which frames (B,) changed."""
     width = 3 * SAMPLES
     place = (torch.arange(width, device=model.grey.device) + 0.5) / SAMPLES - 1.5
     across, down = (torch.exp(-((place / one[:, None]) ** 2) / 2) for one in lattice.blur.float().unbind(1))
@@ -264,7 +258,7 @@ def _around(plane: Tensor) -> Tensor:
 
 
 def _with_missed_lines(model: Model, lattice: Lattice) -> tuple[Lattice, Tensor]:
-    """Move lattices by a cell where an outer line of Off LEDs is missed; say also where, (B,).
+    """Return lattices moved by a cell where an outer line of Off LEDs was missed, and which (B,) moved.
 
     Such a line gives little light, so a fit may rest a line too far to the other side. Each side is tried:
     the far line is taken away, and a line of Off LEDs added before the near one.

@@ -40,13 +40,11 @@ class LocatorLimits:
         if type(side) is not int or not 1 <= side <= MOST_CLOSING_PX or side % 2 == 0:
             raise VoccError.of("location.closing_px", side, f"odd, at least 1 and at most {MOST_CLOSING_PX}")
         if not 1 <= self.min_area_px <= MOST_AREA_PX:
-            raise VoccError.of(
-                "location.min_area_px", self.min_area_px, f"at least 1 and at most {MOST_AREA_PX}"
-            )
+            rule = f"at least 1 and at most {MOST_AREA_PX}"
+            raise VoccError.of("location.min_area_px", self.min_area_px, rule)
         for name in ("min_rectangularity", "min_compactness"):
             if not 0 <= getattr(self, name) <= 1:
                 raise VoccError.of(f"location.{name}", getattr(self, name), "0 to 1")
         if self.quadrilateral not in QUADRILATERALS:
-            raise VoccError.of(
-                "location.quadrilateral", repr(self.quadrilateral), " or ".join(QUADRILATERALS)
-            )
+            allowed = " or ".join(QUADRILATERALS)
+            raise VoccError.of("location.quadrilateral", repr(self.quadrilateral), allowed)

@@ -8,9 +8,9 @@ import torch
 from torch import Tensor
 
 from vocc_torch.errors import VoccError
+from vocc_torch.receiver.components import close_mask
 from vocc_torch.receiver.ladder import Choice, choose_single, climb
 from vocc_torch.receiver.limits import LocatorLimits
-from vocc_torch.receiver.morphology import close_mask
 from vocc_torch.receiver.otsu import UnevenParts, otsu_threshold, sensor_histogram, uneven_parts
 from vocc_torch.types import Frames, Panels, PanelShape
 
@@ -247,7 +247,7 @@ def _foreground_box(grey: Tensor, limit: int, parts: UnevenParts, index: int) ->
 
 
 def _passes(boxes: Tensor) -> list[tuple[Tensor, int, int]]:
-    """Part the frames with foreground, sorted by its box, in passes: indices, common width and height."""
+    """Group frames by the size of their box of foreground: indices, common width and height of each pass."""
     area = boxes[:, 2] * boxes[:, 3]
     order = area.argsort(stable=True)
     order = order[area[order] > 0]

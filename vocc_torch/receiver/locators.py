@@ -1,14 +1,241 @@
-"""The locators by name, and their settings as a model file holds them."""
+"""The locators by name: the paper's, and ours, which fits the lattice of LEDs to sub-pixels and in noise."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Literal, get_args
 
+import torch
+from torch import Tensor
+
 from vocc_torch.errors import VoccError
-from vocc_torch.receiver.location import PaperLocator
-from vocc_torch.receiver.refined import RefinedLocator
+from vocc_torch.receiver.lattice_fit import fit_lattice
+from vocc_torch.receiver.lattice_model import Lattice, corner_cells, search_lattice
+from vocc_torch.receiver.location import PaperLocator, exact_frames
+from vocc_torch.receiver.rectification import cell_size_px, map_points
+from vocc_torch.receiver.regions import bright_regions, cut_windows, ring_statistics
+from vocc_torch.types import Frames, Panels, PanelShape
+
+# Most LEDs in a row or a column that are searched for; larger panels are left to the paper's locator.
+_MOST_LEDS = 16
+# Rise over the background that is taken for light: where nothing else varies, in noise, and by its deviation.
+_CLEAN_RISE_DN, _LEAST_RISE_DN, _RISE_SIGMAS = 1.5, 3.0, 5.0
+# Below this share a fit is tried again from lattices of these sizes.
+_GOOD_SHARE, _SIZES = 0.992, (0.89, 1.12)
+# A fit that leaves its start farther behind, in cells, is none.
+_FARTHEST_CELLS = 3.5
+# Finer lattices are noise: LEDs melt together.
+_LEAST_PITCH_PX = 1.5
+_FIT_PX = 192
+# Corners are given in whole parts of a pixel: sums may be ordered otherwise in other batches.
+_PARTS_PER_PX = 1024.0
+# A panel turned by 45 degrees begins like the paper's, whichever way its fit errs by less than this, degrees.
+_TIE_DEG = 0.25
+
+
+@dataclass(frozen=True, slots=True)
+class RefinedLocator:
+    """Find the panel by a low threshold over the local background, then fit the lattice of its LEDs.
+
+    - Region: blocks brighter than the local background by 8 of their own standard deviations; pixels above
+      the background of the region by 5 of theirs; of those the blob that the paper's measures take for the
+      panel. Where a crop's surround is known, it is the background, and all else the noise.
+    - Lattice: an exhaustive search over pitch, place and blur, then a fit of corners, blur, background and of
+      two levels of light, On and Off, to the grey values. A line of LEDs that are all Off is weak, but it is
+      part of the picture and of the model. Nothing is known of the scene but the panel's shape; light is
+      taken to be encoded with a gamma of 2.2, and LEDs to look like round spots.
+    - Where no region is found, or the lattice explains less than ``min_share`` of the picture, the panel is
+      the paper's.
+
+    ``Panels.score`` is the share of the picture's variation that the lattice explains.
+
+    Args:
+        paper: the paper's locator: its limits of blobs, and what falls to it.
+        min_share: least share of a picture that a lattice explains, 0 to 1.
+
+    Raises:
+        VoccError: ``min_share`` out of its range.
+
+    Example:
+        >>> rows = torch.arange(160.0)[:, None] + 0.5
+        >>> spots = sum(torch.exp(-(((rows - 62.3 - 5 * n) / 1.7) ** 2) / 2) for n in range(8))
+        >>> grey = (255 * (0.15 + 0.5 * spots * spots.mT) ** (1 / 2.2)).round().to(torch.uint8)
+        >>> panels = RefinedLocator()(Frames.whole(grey[None]), PanelShape(8, 8))
+        >>> panels.corners_px[0, [0, 2]].round(decimals=1).tolist()
+        [[59.8, 59.8], [99.8, 99.8]]
+    """
+
+    paper: PaperLocator = field(default_factory=PaperLocator)
+    min_share: float = 0.97
+
+    def __post_init__(self) -> None:
+        """Refuse a share out of its range."""
+        if not 0 <= self.min_share <= 1:
+            raise VoccError(f"location.min_share is {self.min_share}: it must be 0 to 1")
+
+    def __call__(self, frames: Frames, shape: PanelShape) -> Panels:
+        """Locate the panel of ``shape`` in each frame; zero corners and score where there is none.
+
+        Raises:
+            VoccError: what :func:`vocc_torch.receiver.location.exact_frames` refuses.
+        """
+        # In half precision a fit would find no lattice.
+        with torch.inference_mode(), torch.autocast(frames.grey.device.type, enabled=False):
+            panels = self._located(frames, shape)
+        # Copies, for tensors made in inference mode take no part in autograd.
+        return Panels(*(getattr(panels, name).clone() for name in Panels.__slots__))
+
+    def _located(self, frames: Frames, shape: PanelShape) -> Panels:
+        """Locate the panels."""
+        exact = exact_frames(frames)
+        if max(shape.rows, shape.columns) > _MOST_LEDS or not exact.grey.numel():
+            return self.paper(exact, shape)
+        panels = self._in_crops(exact, shape) if exact.surround is not None else self._in_whole(exact, shape)
+        left = (~panels.found).nonzero()[:, 0]
+        if len(left):
+            _put(panels, left, self.paper(exact[left], shape))
+        return panels
+
+    def _in_crops(self, crops: Frames, shape: PanelShape) -> Panels:
+        """Find panels in crops with a known surround."""
+        assert crops.surround is not None
+        background = crops.surround.to(torch.float32)
+        panels = self._chosen(crops, background, torch.zeros_like(background), shape)
+        seen = panels.found.nonzero()[:, 0]
+        if len(seen):
+            level = background[seen]
+            fit = _fitted(crops[seen], panels.corners_px[seen], level, torch.zeros_like(level), shape)
+            poor = self._accept(fit, torch.zeros_like(level), panels, seen)
+            _put(panels, poor, self.paper(crops[poor], shape))
+        return panels
+
+    def _in_whole(self, frames: Frames, shape: PanelShape) -> Panels:
+        """Find panels in the bright regions of whole frames; of several in a frame, the likeliest."""
+        regions = bright_regions(frames.grey)
+        found = _nowhere(len(regions.frame), frames)
+        background, noise = (torch.zeros_like(found.score, dtype=torch.float32) for _ in range(2))
+        sides = regions.side_px.tolist()
+        for side, rows in _alike(sides, frames.grey.device):
+            windows = cut_windows(frames, regions, rows, side)
+            background[rows], noise[rows] = ring_statistics(windows.grey)
+            _put(found, rows, self._chosen(windows, background[rows], noise[rows], shape))
+        likeness, poor = found.score.clone(), torch.zeros_like(found.found)
+        # Small windows are fitted together: what lies between the panel and the border does not matter.
+        for side, rows in _alike([max(side, _FIT_PX) for side in sides], frames.grey.device):
+            seen = rows[found.found[rows]]
+            if len(seen):
+                windows = cut_windows(frames, regions, seen, side)
+                fit = _fitted(windows, found.corners_px[seen], background[seen], noise[seen], shape)
+                poor[self._accept(fit, noise[seen], found, seen)] = True
+        for side, rows in _alike(sides, frames.grey.device):
+            rest = rows[poor[rows]]
+            if len(rest):
+                windows = replace(cut_windows(frames, regions, rest, side), surround=background[rest])
+                _put(found, rest, self.paper(windows, shape))
+        return _likeliest(found, likeness * found.score**2, regions.frame, frames)
+
+    def _chosen(self, crops: Frames, background: Tensor, noise: Tensor, shape: PanelShape) -> Panels:
+        """Choose the paper's blobs among the pixels that are brighter than the background."""
+        rise = (_RISE_SIGMAS * noise).clamp(min=_LEAST_RISE_DN).where(noise > 0, _CLEAN_RISE_DN)
+        choice = self.paper.choose(crops, (background + rise).floor().long(), shape)
+        return Panels(choice.corners_px, choice.score > 0, choice.score, choice.candidates)
+
+    def _accept(self, lattice: Lattice, noise: Tensor, panels: Panels, rows: Tensor) -> Tensor:
+        """Write good fits into ``rows`` of the panels; return the rows whose fit is not good."""
+        good = lattice.share + _noise_share(lattice, noise) >= self.min_share
+        good &= _is_sane(lattice, panels.corners_px[rows])
+        corners = _upright(lattice.corners_px[good], lattice.shape)
+        corners = (corners * _PARTS_PER_PX).round() / _PARTS_PER_PX
+        panels.corners_px[rows[good]], panels.score[rows[good]] = corners, lattice.share[good].clamp(0, 1)
+        return rows[~good]
+
+
+def _fitted(
+    frames: Frames, corners_px: Tensor, background: Tensor, noise: Tensor, shape: PanelShape
+) -> Lattice:
+    """Fit lattices from quadrilaterals; where little is explained, again from other starts."""
+    start, blur = search_lattice(frames, corners_px, background, shape)
+    lattice = fit_lattice(frames, Lattice.at(start, blur, background, shape))
+    poor = (lattice.share_of_all + _noise_share(lattice, noise) < _GOOD_SHARE).nonzero()[:, 0]
+    if not len(poor):
+        return lattice
+    seen, level = frames[poor], background[poor]
+    cells = corner_cells(shape).to(start.device)
+    middle = cells.mean(0)
+    sized = [(middle + size * (cells - middle)).expand(len(poor), 4, 2) for size in _SIZES]
+    others = [(map_points(start[poor], to, shape), blur[poor]) for to in sized]
+    others.append(search_lattice(seen, corners_px[poor], level, shape, square=False))
+    for again, width in others:
+        found = fit_lattice(seen, Lattice.at(again, width, level, shape))
+        better = found.rms_dn < lattice.rms_dn[poor]
+        lattice.put(poor[better], found[better])
+    return lattice
+
+
+def _noise_share(lattice: Lattice, noise: Tensor) -> Tensor:
+    """Return the share (B,) of a picture's variation that is noise, which no lattice explains."""
+    spread = lattice.rms_dn.square() / (1 - lattice.share).clamp(min=1e-9)
+    share: Tensor = noise.square() / spread.clamp(min=1e-9)
+    return share
+
+
+def _is_sane(lattice: Lattice, corners_px: Tensor) -> Tensor:
+    """Whether lattices (B,) are finite, not too fine, and near the corners that they began with."""
+    cell = torch.maximum(*cell_size_px(corners_px, lattice.shape))
+    strayed = (lattice.corners_px - corners_px).norm(dim=2).amax(1) > _FARTHEST_CELLS * cell
+    pitch = torch.minimum(*cell_size_px(lattice.corners_px, lattice.shape))
+    sane: Tensor = lattice.corners_px.isfinite().flatten(1).all(1) & ~strayed & (pitch >= _LEAST_PITCH_PX)
+    return sane
+
+
+def _upright(corners_px: Tensor, shape: PanelShape) -> Tensor:
+    """Rotate the corners' order so that the first side is turned by -45 to 45 degrees, or half a turn off it.
+
+    A square panel looks alike from four sides: the paper's rectangles begin so, and so do these. Turned by 45
+    degrees it begins with its topmost corner.
+    """
+    x, y = (corners_px[:, 1] - corners_px[:, 0]).unbind(1)
+    quarter = torch.ceil((torch.atan2(y, x).rad2deg() - 45 - _TIE_DEG) / 90).long()
+    if shape.rows != shape.columns:
+        quarter = torch.where(quarter.abs() == 2, 2, 0)
+    index = (torch.arange(4, device=x.device) - quarter[:, None]) % 4
+    return corners_px.gather(1, index[..., None].expand(-1, -1, 2))
+
+
+def _alike(sides: list[int], device: torch.device) -> list[tuple[int, Tensor]]:
+    """Group windows by their sides: each side, px, and the indices of its windows."""
+    every = torch.tensor(sides, dtype=torch.int64, device=device)
+    return [(side, (every == side).nonzero()[:, 0]) for side in sorted(set(sides))]
+
+
+def _likeliest(found: Panels, merit: Tensor, frame: Tensor, frames: Frames) -> Panels:
+    """Return the panel of most merit in each frame, the first of equals."""
+    panels = _nowhere(len(frames), frames)
+    merit = merit.masked_fill(~found.found, 0.0)
+    most = merit.new_zeros(len(frames)).scatter_reduce(0, frame, merit, "amax")
+    rows = (found.found & (merit == most[frame])).nonzero()[:, 0].flip(0)
+    for row in rows:
+        _put(panels, frame[row][None], _of(found, row[None]))
+    return panels
+
+
+def _nowhere(count: int, frames: Frames) -> Panels:
+    """Return panels that are not found."""
+    panels = Panels.known(torch.zeros(count, 4, 2, dtype=torch.float64, device=frames.grey.device))
+    return Panels(panels.corners_px, ~panels.found, panels.score * 0, panels.candidates * 0)
+
+
+def _of(panels: Panels, rows: Tensor) -> Panels:
+    """Return the panels of an index."""
+    return Panels(*(getattr(panels, name)[rows] for name in Panels.__slots__))
+
+
+def _put(panels: Panels, rows: Tensor, others: Panels) -> None:
+    """Overwrite some of the panels."""
+    for name in Panels.__slots__:
+        getattr(panels, name)[rows] = getattr(others, name).to(getattr(panels, name).dtype)
+
 
 LocatorName = Literal["paper", "refined"]
 PanelLocator = PaperLocator | RefinedLocator

@@ -99,14 +99,12 @@ def convex_hull(first: Whole, last: Whole) -> Floats:
     empty = first > last
     sides = np.concatenate([np.where(empty, np.inf, first), np.where(empty, np.inf, -last.astype(float))])
     left, right = _chain(sides).reshape(2, blobs, height)
-    rows = np.broadcast_to(np.arange(height), first.shape)
-    points = np.stack(
-        [np.concatenate([last, first[:, ::-1]], 1), np.concatenate([rows, rows[:, ::-1]], 1)], 2
-    ).astype(np.float64)
     flags = np.concatenate([right, left[:, ::-1]], 1)
     order = np.argsort(~flags, axis=1, kind="stable")[:, : int(flags.sum(1).max(initial=0))]
-    order = np.where(np.take_along_axis(flags, order, 1), order, order[:, :1])
-    return np.take_along_axis(points, order[..., None], 1)
+    blob = np.arange(blobs)[:, None]
+    order = np.where(flags[blob, order], order, order[:, :1])
+    column = np.concatenate([last, first[:, ::-1]], 1)[blob, order]
+    return np.stack([column, np.minimum(order, 2 * height - 1 - order)], 2).astype(np.float64)
 
 
 def hull_area_and_perimeter(hull: Floats) -> tuple[Floats, Floats]:
@@ -126,7 +124,7 @@ def hull_area_and_perimeter(hull: Floats) -> tuple[Floats, Floats]:
         >>> [value.item() for value in hull_area_and_perimeter(hull)]
         [6.0, 10.0]
     """
-    following = np.roll(hull, -1, 1)
+    following = np.concatenate([hull[:, 1:], hull[:, :1]], 1)
     twice = (hull[..., 0] * following[..., 1] - hull[..., 1] * following[..., 0]).sum(1)
     extent = hull.max(1) - hull.min(1)
     length = np.sqrt(np.square(following - hull).sum(2))
@@ -141,7 +139,7 @@ def _project(hull: Floats, x: Floats, y: Floats) -> tuple[Floats, Floats]:
 
 
 def _around(hull: Floats, x: Floats, y: Floats, expand_px: float) -> Rectangles:
-    """Lay rectangles along the directions (M,1) around the hulls."""
+    """Return the rectangles around the hulls with sides along the directions (M,1)."""
     length = np.sqrt(x * x + y * y)
     along, across = _project(hull, x, y)
     low_u, high_u = along.min(2) / length - expand_px, along.max(2) / length + expand_px
@@ -173,11 +171,12 @@ def minimum_area_rectangle(hull: Floats, expand_px: float = 0.5) -> Rectangles:
         >>> minimum_area_rectangle(hull).corners_px[0].tolist()
         [[0.0, 0.0], [3.0, 0.0], [3.0, 2.0], [0.0, 2.0]]
     """
-    edge = np.roll(hull, -1, 1) - hull
     # The upright rectangle is always tried.
-    edge = np.concatenate([edge, np.broadcast_to([1.0, 0.0], (len(hull), 1, 2))], 1)
-    divisor = np.gcd(*np.moveaxis(edge.astype(np.int64), 2, 0)).clip(min=1)
-    x, y = np.moveaxis(edge / divisor[..., None], 2, 0)
+    around, upright = np.concatenate([hull, hull[:, :1]], 1), np.array([[[1.0, 0.0]]] * len(hull))
+    edge = np.concatenate([around[:, 1:] - hull, upright.reshape(-1, 1, 2)], 1)
+    x, y = edge[..., 0], edge[..., 1]
+    divisor = np.gcd(x.astype(np.int64), y.astype(np.int64)).clip(min=1)
+    x, y = x / divisor, y / divisor
     # By quarter turns into (-45, 45] degrees.
     steep = np.abs(y) > np.abs(x)
     x, y = np.where(steep, y, x), np.where(steep, -x, y)
@@ -190,8 +189,8 @@ def minimum_area_rectangle(hull: Floats, expand_px: float = 0.5) -> Rectangles:
     turn = y / x.clip(min=1.0)
     preference = np.where(turn < 0, _TIE - turn, turn)
     preference = np.where(area > area.min(1, keepdims=True) * (1 + _TIE), np.inf, preference)
-    chosen = preference.argmin(1)[:, None]
-    return _around(hull, np.take_along_axis(x, chosen, 1), np.take_along_axis(y, chosen, 1), expand_px)
+    chosen = np.arange(len(hull))[:, None], preference.argmin(1)[:, None]
+    return _around(hull, x[chosen], y[chosen], expand_px)
 
 
 def upright_rectangle(hull: Floats, expand_px: float = 0.5) -> Rectangles:
@@ -305,7 +304,7 @@ def measure_blobs(blobs: Blobs, shape: PanelShape, quadrilateral: str = "min_are
 
 
 def _steps(heights: Whole) -> list[tuple[Whole, int]]:
-    """Part blobs, sorted by height, in steps of bounded memory: their indices and greatest height."""
+    """Split blobs, sorted by height, into steps of bounded memory: indices and greatest height of each."""
     order = np.argsort(heights, kind="stable")
     steps: list[tuple[Whole, int]] = []
     begin, tall = 0, heights[order].tolist()

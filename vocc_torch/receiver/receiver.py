@@ -1,7 +1,14 @@
-"""A receiver by stages: locate, rectify, measure, decide; and the one that a user keeps in a file."""
+"""A receiver by stages: locate, rectify, measure, decide; and the one that a user keeps in a file.
+
+The file is JSON text with a checksum, which no reader can be tricked into executing. Python's shortest
+decimal form of a float64 keeps every number exactly.
+"""
 
 from __future__ import annotations
 
+import hashlib
+import json
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,12 +17,82 @@ import torch
 from torch import Tensor, nn
 
 from vocc_torch.errors import VoccError
+from vocc_torch.files import write_atomically
 from vocc_torch.receiver.bank import FLDA_FEATURES, Preambles, ReceiverBank
 from vocc_torch.receiver.flda import FLDA
 from vocc_torch.receiver.locators import PanelLocator, locator_from, locator_settings
-from vocc_torch.receiver.model_file import Settings, read_model, write_model
 from vocc_torch.receiver.reader import Reader, Readings
 from vocc_torch.types import Frames, Panels, PanelShape
+
+FORMAT = "vocc_torch.receiver"
+FORMAT_VERSION = 2
+_READABLE = (1, FORMAT_VERSION)  # version 1 has one number for each mean and scatter: the second one is 0
+_DTYPES = {"float64": torch.float64, "int64": torch.int64}
+
+Settings = dict[str, Any]
+
+
+def _checksum(content: Mapping[str, object]) -> str:
+    """Hash everything but the checksum itself, in a canonical form."""
+    rest = {key: value for key, value in content.items() if key != "sha256"}
+    text = json.dumps(rest, sort_keys=True, separators=(",", ":"))
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def write_model(path: Path, settings: Settings, state: Mapping[str, Tensor]) -> None:
+    """Write settings and a classifier's state, whole or not at all.
+
+    Args:
+        path: the file, replaced whole.
+        settings: what JSON can hold.
+        state: float64 and int64 tensors by name.
+
+    Raises:
+        VoccError: the file cannot be written.
+    """
+    numbers: Settings = {}
+    for name, value in state.items():
+        dtype, shape = str(value.dtype).removeprefix("torch."), list(value.shape)
+        numbers[name] = {"dtype": dtype, "shape": shape, "values": value.cpu().flatten().tolist()}
+    content: Settings = {
+        "format": FORMAT,
+        "version": FORMAT_VERSION,
+        "settings": settings,
+        "classifier": numbers,
+    }
+    content["sha256"] = _checksum(content)
+    write_atomically(path, (json.dumps(content, indent=1) + "\n").encode())
+
+
+def read_model(path: Path) -> tuple[Settings, dict[str, Tensor]]:
+    """Read what :func:`write_model` wrote.
+
+    Raises:
+        VoccError: a file that is missing, damaged, of another kind or of another version.
+    """
+    try:
+        content = json.loads(path.read_bytes())
+    except FileNotFoundError:
+        raise VoccError(f"model {path} does not exist: give the receiver.pt that task=train wrote") from None
+    except (OSError, ValueError, RecursionError):
+        rule = "it is damaged or of another kind"
+        raise VoccError(f"model {path} cannot be read as a receiver: {rule}") from None
+    if not isinstance(content, dict) or content.get("format") != FORMAT:
+        rule = "give the receiver.pt that task=train wrote"
+        raise VoccError(f"model {path} is not a vocc_torch receiver: {rule}")
+    if (version := content.get("version")) not in _READABLE:
+        allowed = " and ".join(map(str, _READABLE))
+        raise VoccError(f"model {path} has format version {version}: this package reads versions {allowed}")
+    if content.get("sha256") != _checksum(content):
+        raise VoccError(f"model {path} is damaged (its checksum does not fit): train it again")
+    try:
+        state = {
+            key: torch.tensor(value["values"], dtype=_DTYPES[value["dtype"]]).reshape(value["shape"])
+            for key, value in content["classifier"].items()
+        }
+        return dict(content["settings"]), state
+    except (AttributeError, KeyError, RuntimeError, TypeError, ValueError) as error:
+        raise VoccError(f"model {path} is damaged ({type(error).__name__}): train it again") from None
 
 
 @dataclass(frozen=True, slots=True)
@@ -203,18 +280,13 @@ class Receiver(nn.Module):
         """
         settings, state = read_model(Path(path))
         try:
-            return cls._assembled(settings, state)
+            shape = PanelShape(settings["rows"], settings["columns"])
+            reader = Reader(shape, settings["samples_per_led"], settings["gradient"])
+            classifier = FLDA(n_features=len(FLDA_FEATURES[settings["name"]]))
+            classifier.load_state_dict(state)
+            if not bool(classifier.direction.isfinite().all()):
+                raise VoccError("its statistics are not finite")
+            return cls(settings["name"], locator_from(settings["locator"]), reader, classifier)
         except (KeyError, TypeError, ValueError, RuntimeError, AttributeError) as error:
             reason = str(error).splitlines()[0] if str(error) else type(error).__name__
             raise VoccError(f"model {path} is damaged ({reason}): train it again") from None
-
-    @classmethod
-    def _assembled(cls, settings: dict[str, Any], state: dict[str, Tensor]) -> Receiver:
-        """Put a receiver together; what does not fit raises where it is met."""
-        shape = PanelShape(settings["rows"], settings["columns"])
-        reader = Reader(shape, settings["samples_per_led"], settings["gradient"])
-        classifier = FLDA(n_features=len(FLDA_FEATURES[settings["name"]]))
-        classifier.load_state_dict(state)
-        if not bool(classifier.direction.isfinite().all()):
-            raise VoccError("its statistics are not finite")
-        return cls(settings["name"], locator_from(settings["locator"]), reader, classifier)

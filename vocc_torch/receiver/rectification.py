@@ -202,11 +202,7 @@ def _sample(
 
 
 def rectify(
-    frames: Frames,
-    panels: Panels,
-    shape: PanelShape,
-    samples_per_led: int,
-    dtype: torch.dtype | None = None,
+    frames: Frames, panels: Panels, shape: PanelShape, samples_per_led: int, dtype: torch.dtype | None = None
 ) -> Tensor:
     """Resample each panel to K x K samples an LED cell, bilinearly, with one cell of margin on every side.
 

@@ -9,8 +9,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from vocc_torch.receiver.components import Components, label_components
-from vocc_torch.receiver.morphology import close_mask
+from vocc_torch.receiver.components import Components, close_mask, label_components
 from vocc_torch.receiver.otsu import UnevenParts, uneven_parts
 from vocc_torch.types import Frames
 
@@ -129,8 +128,11 @@ def local_background(means: Tensor, levels: Sequence[int] = ()) -> Tensor:
         medians = tiles.flatten(3).median(3).values
         around = F.pad(medians[:, None], [1] * 4, mode="replicate").unfold(2, 3, 1).unfold(3, 3, 1)
         level[unknown] = around.flatten(4).median(4).values
+    # Extrapolated linearly by one tile at both ends.
     for axis in (2, 3):
-        level = _with_next(level, axis)
+        ends = [level.narrow(axis, at, 1) for at in (0, min(1, level.shape[axis] - 1))]
+        ends += [level.narrow(axis, at, 1) for at in (max(0, level.shape[axis] - 2), level.shape[axis] - 1)]
+        level = torch.cat([2 * ends[0] - ends[1], level, 2 * ends[3] - ends[2]], axis)
     scale = (high / len(rows), wide / len(columns))
     size = [round((count + 2) * step) for count, step in zip((len(rows), len(columns)), scale, strict=True)]
     top, left = ((size[0] - high) // 2, (size[1] - wide) // 2)
@@ -145,18 +147,10 @@ def _tile_blocks(blocks: int) -> tuple[int, int]:
 
 
 def _tiles(blocks: int, device: torch.device) -> Tensor:
-    """Part an axis into tiles of equal size, overlapping where it does not part evenly: (T,size) indices."""
+    """Indices (T,size) of tiles of equal size along an axis; they overlap where it does not divide evenly."""
     count, size = _tile_blocks(blocks)
     first = torch.linspace(0, blocks - size, count, device=device).round().long()
     return first[:, None] + torch.arange(size, device=device)
-
-
-def _with_next(level: Tensor, axis: int) -> Tensor:
-    """Go on with a level as it changes at both ends of an axis."""
-    count = level.shape[axis]
-    first, second = level.narrow(axis, 0, 1), level.narrow(axis, min(1, count - 1), 1)
-    last, before = level.narrow(axis, count - 1, 1), level.narrow(axis, max(0, count - 2), 1)
-    return torch.cat([2 * first - second, level, 2 * last - before], axis)
 
 
 def bright_regions(grey: Tensor) -> Regions:
@@ -190,7 +184,7 @@ def bright_regions(grey: Tensor) -> Regions:
 
 
 def _windows(components: Components, light: Tensor) -> Regions:
-    """Lay square windows around the components of most light (B,h,w), in blocks, with a margin.
+    """Return square windows, with a margin, around the components of most light (B,h,w), in blocks.
 
     Sides are multiples of 32 px, so that many windows are of one size.
     """

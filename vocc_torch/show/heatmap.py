@@ -17,15 +17,13 @@ from matplotlib.patheffects import withStroke
 from matplotlib.ticker import LogLocator, NullFormatter
 
 from vocc_torch.measure.grid import Best, Floats, Grid, best_luminance
-from vocc_torch.show.canvas import GRID, INK, QUIET, new_figure, quiet_axes, write_legend, write_title
+from vocc_torch.show.canvas import GRID, INK, QUIET, ink_on, new_figure, quiet_axes, write_legend, write_title
 from vocc_torch.show.plots import receiver_line
 from vocc_torch.show.styles import LOCATED, Style, axis_label, count_text, receiver_styles, value_text
 from vocc_torch.show.text_table import rate_text
 
 _MAP = colormaps["viridis"]
 _NO_ERRORS, _HATCH, _CONTRAST = "#F4F4F2", "#C9CCD1", "#B8BDC4"
-_MIDDLE = 0.21
-"""Relative luminance at which white and dark text are about equally legible."""
 _MOST_NUMBERS = 72
 """Cells of a panel that still have room for their numbers."""
 _MOST_NAMED = 8
@@ -163,19 +161,13 @@ def _draw_map(axes: Axes, grid: Grid, receiver: str, norm: LogNorm) -> None:
             text = rate_text(rate) if rate else f"< {rate_text(float(limits[i, j]))}"
             size = 8.2 if rate else 7.3
             number = axes.text(x, y, text, ha="center", va="center", fontsize=size, zorder=5.5)
-            number.set_color("white" if _luminance(back) < _MIDDLE else INK)
+            number.set_color(ink_on(back))
             # The line through the best luminances must not strike a number out.
             number.set_path_effects([withStroke(linewidth=2.6, foreground=back)])
     aside = (_ASIDE if numbered else 0.0) * np.diff(ambient)
     _draw_best(axes, grid, best_luminance(grid, receiver), aside, None)
     axes.tick_params(length=3, color=QUIET, labelcolor=INK, labelsize=9.5)
     axes.spines[:].set_visible(False)
-
-
-def _luminance(colour: tuple[float, float, float]) -> float:
-    """Give a colour's relative luminance, 0 to 1 (WCAG 2)."""
-    linear = [part / 12.92 if part <= 0.04045 else ((part + 0.055) / 1.055) ** 2.4 for part in colour]
-    return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
 
 
 def _draw_best(

@@ -101,8 +101,8 @@ class DetectionTimes:
             if f == len(kinds) - 1:
                 axes.set_xlabel("Time over that of panel detection (%)", fontsize=11)
         for axes in figure.axes:
-            # The longest label takes less than a third of two columns' width.
-            axes.set_xlim(0, 1.55 * longest)
+            # The longest label takes less than two fifths of the width.
+            axes.set_xlim(0, 1.65 * longest)
             axes.xaxis.set_major_locator(MaxNLocator(7, steps=[2, 5, 10]))
         _write_legend(figure)
         return self._footnote()

@@ -13,10 +13,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from vocc_torch.simulation import geometry, raster
-from vocc_torch.simulation.effects import Context, Effect, Quantity
-from vocc_torch.simulation.framing import Size
-from vocc_torch.simulation.perspective import view_of
+from vocc_torch.simulation import framing, raster
+from vocc_torch.simulation.effects import Context, Effect, Quantity, view
 from vocc_torch.simulation.photometry import reflected_luminance_cd_m2
 
 SMALL_PATCH_PX = 8
@@ -36,7 +34,9 @@ def in_perspective(effects: Sequence[Effect]) -> bool:
     return any(effect.takes in (Quantity.PLACEMENT, Quantity.IMAGE_POINTS) for effect in effects)
 
 
-def paint(lights: Tensor, shares: Tensor | None, context: Context, size: Size, dtype: torch.dtype) -> Tensor:
+def paint(
+    lights: Tensor, shares: Tensor | None, context: Context, size: framing.Size, dtype: torch.dtype
+) -> Tensor:
     """Draw background, board and LEDs onto the pixels; what lies outside the picture is cut off.
 
     Args:
@@ -64,7 +64,7 @@ def paint(lights: Tensor, shares: Tensor | None, context: Context, size: Size, d
         under = canvas if behind else background.view(-1, 1, 1)
         canvas = canvas + _board_cover(context, size) * (between.view(-1, 1, 1) - under)
     reflected = reflected_luminance_cd_m2(scene.ambient_lx, panel.led_reflectance)
-    stamps = list(led_stamps(context, size, perspective=in_perspective(context.effects)))
+    stamps = list(led_stamps(context, size))
     added = torch.zeros_like(reflected)
     if behind or before:
         covered = torch.zeros_like(canvas)
@@ -96,18 +96,18 @@ def _own_light(lights: Tensor, shares: Tensor | None, stamp: Stamps, frame: Tens
     return (leds.unsqueeze(-1) * held).sum(1).unsqueeze(-1)
 
 
-def _board_cover(context: Context, size: Size) -> Tensor:
+def _board_cover(context: Context, size: framing.Size) -> Tensor:
     """Share of each pixel that the board covers, (B,H,W)."""
     origin = context.first_px.unsqueeze(1)
     if not in_perspective(context.effects):
-        corners = geometry.panel_corners_px(context.scene, context.camera, context.panel) - origin
+        corners = framing.panel_corners_px(context.scene, context.camera, context.panel) - origin
         across = raster.interval_cover(corners[:, 0, 0], corners[:, 2, 0], size[1]).unsqueeze(-2)
         return raster.interval_cover(corners[:, 0, 1], corners[:, 2, 1], size[0]).unsqueeze(-1) * across
     # The sides in short pieces, which a lens may bend.
-    corners = geometry.panel_corners_m(context.panel).to(context.scene.distance_m)
+    corners = view.panel_corners_m(context.panel).to(context.scene.distance_m)
     steps = torch.arange(0, 1, 1 / 8, dtype=corners.dtype, device=corners.device).view(1, -1, 1)
     outline = corners.unsqueeze(1) + steps * (corners.roll(-1, 0) - corners).unsqueeze(1)
-    return raster.polygon_cover(view_of(context).points_px(outline.view(-1, 2)) - origin, *size)
+    return raster.polygon_cover(view.view_of(context).points_px(outline.view(-1, 2)) - origin, *size)
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,7 +134,7 @@ class _Discs:
     half_height: Tensor
     spread: Tensor | None = None
 
-    def cover(self, rows: Tensor | slice, side: int, size: Size) -> tuple[Tensor, Tensor, Tensor]:
+    def cover(self, rows: Tensor | slice, side: int, size: framing.Size) -> tuple[Tensor, Tensor, Tensor]:
         """Cover some of them: patches (M,h,w), their left columns and top rows (M,)."""
         x, y = self.x[rows], self.y[rows]
         if self.spread is None:
@@ -142,25 +142,36 @@ class _Discs:
         return raster.ellipse_cover(torch.stack([x, y], dim=-1), self.spread[rows], side, canvas_px=size)
 
 
-def led_stamps(context: Context, size: Size, *, perspective: bool) -> Iterator[Stamps]:
+def led_stamps(context: Context, size: framing.Size) -> Iterator[Stamps]:
     """Cover the LEDs of each frame, those of a frame in raster order and in one group or in adjoining ones.
 
     Args:
         context: scenes, camera, panel and, in perspective, the effects that place and move points.
         size: height and width of the frames, which begin at the context's ``origin_px``.
-        perspective: whether LEDs are more than discs of one size on an upright grid.
 
     Raises:
         VoccError: an LED whose image is wider than 100000 px.
     """
-    grids = None if perspective else _grids(context)
-    discs = _ellipses(context) if grids is None else _discs(*grids)
+    scene, camera, panel, origin = context.scene, context.camera, context.panel, context.first_px
+    grids = None
+    if in_perspective(context.effects):
+        at = view.led_centres_m(panel).to(scene.distance_m)
+        centre, spread = view.view_of(context).discs_px(at, panel.led_diameter_m / 2)
+        centre, spread = (centre - origin.unsqueeze(1)).flatten(0, 1), spread.flatten(0, 1)
+        (x, y), (wide, high) = centre.T, spread.diagonal(dim1=-2, dim2=-1).sqrt().T
+        discs = _Discs(x, y, wide, high, spread)
+    else:
+        x, y = framing.led_centres_px(scene, camera, panel)
+        radius = panel.led_diameter_m / 2 * camera.pixels_per_metre(scene.distance_m)
+        grids = x - origin[:, :1], y - origin[:, 1:], radius
+        radii = radius.repeat_interleave(panel.shape.leds)
+        discs = _Discs(*_each(*grids[:2]), radii, radii)
     reach = torch.maximum(discs.half_width, discs.half_height).view(len(context.scene), -1)
     sides = (2 * reach.amax(dim=1)).ceil().tolist()
     widest = max(sides)
-    geometry.demand_led_px(widest, float(context.scene.distance_m[sides.index(widest)]))
+    framing.demand_led_px(widest, float(context.scene.distance_m[sides.index(widest)]))
     patches = [max(SMALL_PATCH_PX, 1 << int(side).bit_length()) for side in sides]
-    leds = context.panel.shape.leds
+    leds = panel.shape.leds
     for patch in sorted(set(patches)):
         like = [frame for frame, its in enumerate(patches) if its == patch]
         side = int(max(sides[frame] for frame in like)) + 1
@@ -172,7 +183,7 @@ def led_stamps(context: Context, size: Size, *, perspective: bool) -> Iterator[S
             yield from _single_stamps(discs, chosen.to(discs.x.device).repeat_interleave(leds), side, size)
 
 
-def _single_stamps(discs: _Discs, chosen: Tensor, side: int, size: Size) -> Iterator[Stamps]:
+def _single_stamps(discs: _Discs, chosen: Tensor, side: int, size: framing.Size) -> Iterator[Stamps]:
     """Cover those of the chosen LEDs that are in sight, each by itself."""
     height, width = size
     seen = (discs.x + discs.half_width > 0) & (discs.x - discs.half_width < width)
@@ -187,7 +198,7 @@ def _single_stamps(discs: _Discs, chosen: Tensor, side: int, size: Size) -> Iter
 
 
 def _grid_stamps(
-    grids: tuple[Tensor, Tensor, Tensor], like: list[int], side: int, size: Size
+    grids: tuple[Tensor, Tensor, Tensor], like: list[int], side: int, size: framing.Size
 ) -> Iterator[Stamps]:
     """Cover all LEDs of frames whose panels face the camera squarely and far away."""
     x, y, radius = grids
@@ -205,26 +216,3 @@ def _each(of_columns: Tensor, of_rows: Tensor) -> tuple[Tensor, Tensor]:
     """Repeat what columns (B,C) and rows (B,R) of LEDs have for each LED, (B*R*C,)."""
     shape = len(of_rows), of_rows.shape[1], of_columns.shape[1]
     return of_columns.unsqueeze(1).expand(shape).reshape(-1), of_rows.unsqueeze(2).expand(shape).reshape(-1)
-
-
-def _discs(x: Tensor, y: Tensor, radius: Tensor) -> _Discs:
-    """Image LEDs that face the camera squarely, one by one."""
-    radii = radius.repeat_interleave(x.shape[1] * y.shape[1])
-    return _Discs(*_each(x, y), radii, radii)
-
-
-def _grids(context: Context) -> tuple[Tensor, Tensor, Tensor]:
-    """Columns (B,C) and rows (B,R) of LEDs that face the camera squarely, and their radius (B,), frame px."""
-    scene, camera, panel, origin = context.scene, context.camera, context.panel, context.first_px
-    x, y = geometry.led_centres_px(scene, camera, panel)
-    radius = panel.led_diameter_m / 2 * camera.pixels_per_metre(scene.distance_m)
-    return x - origin[:, :1], y - origin[:, 1:], radius
-
-
-def _ellipses(context: Context) -> _Discs:
-    """Image LEDs in true perspective."""
-    at = geometry.led_centres_m(context.panel).to(context.scene.distance_m)
-    centre, spread = view_of(context).discs_px(at, context.panel.led_diameter_m / 2)
-    centre = (centre - context.first_px.unsqueeze(1)).flatten(0, 1)
-    half = spread.flatten(0, 1).diagonal(dim1=-2, dim2=-1).sqrt()
-    return _Discs(centre[:, 0], centre[:, 1], half[:, 0], half[:, 1], spread.flatten(0, 1))

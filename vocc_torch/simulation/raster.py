@@ -17,8 +17,6 @@ import math
 import torch
 from torch import Tensor
 
-from vocc_torch.errors import VoccError
-
 
 def _half_segment(u: Tensor) -> Tensor:
     """Half of the area between the vertical diameter and the chord at u of the unit disc, odd in u."""
@@ -253,23 +251,14 @@ def polygon_cover(corners_px: Tensor, height: int, width: int) -> Tensor:
         (B,height,width) float64 in 0 to 1, exact to rounding: within ``1e-15`` of the larger side of what
         holds frame and polygon.
 
-    Raises:
-        VoccError: corners of another shape, or not finite.
-
     Example:
         >>> triangle = torch.tensor([[[0.0, 0.0], [2.0, 0.0], [0.0, 2.0]]])
         >>> polygon_cover(triangle, height=2, width=3).tolist()
         [[[1.0, 0.5, 0.0], [0.5, 0.0, 0.0]]]
     """
-    if corners_px.ndim != 3 or corners_px.shape[1] < 3 or corners_px.shape[2] != 2:
-        raise VoccError(f"corners_px has shape {tuple(corners_px.shape)}: it must be (B,V,2), V at least 3")
-    if not bool(torch.isfinite(corners_px).all()):
-        raise VoccError("corners_px holds a value that is not finite")
     start = corners_px.to(torch.float64)
     stop = start.roll(-1, dims=1)
     cover = start.new_zeros(len(start), height, width)
-    if not len(start):
-        return cover
     top, bottom = _range(start[..., 1], height)
     for edge in range(start.shape[1]):
         ends = torch.stack([start[:, edge], stop[:, edge]])

@@ -11,18 +11,23 @@ import torch
 from torch import Tensor
 
 from vocc_torch.errors import VoccError
+from vocc_torch.hardware import Camera, LedPanel
 from vocc_torch.rng import FrameKey
 from vocc_torch.simulation import framing as crops
-from vocc_torch.simulation import geometry
-from vocc_torch.simulation.effects import Context, Effect, Parameters, Quantity, build_effects, check_chain
+from vocc_torch.simulation import photometry
+from vocc_torch.simulation.effects import (
+    CAMERA_STEPS,
+    Context,
+    Effect,
+    Parameters,
+    Quantity,
+    build_effects,
+    check_chain,
+)
 from vocc_torch.simulation.effects.light import RollingShutter
-from vocc_torch.simulation.effects.registry import CAMERA_STEPS
-from vocc_torch.simulation.exposure import as_seen, auto_iso, demand_greys, through_lens
-from vocc_torch.simulation.framing import Batch
-from vocc_torch.simulation.geometry import Camera, LedPanel
+from vocc_torch.simulation.effects.view import panel_corners_m, view_of
 from vocc_torch.simulation.painter import in_perspective, paint, taking
-from vocc_torch.simulation.perspective import view_of
-from vocc_torch.simulation.photometry import grey_value, reflected_luminance_cd_m2
+from vocc_torch.simulation.photometry import grey_value, through_lens
 from vocc_torch.types import Frames, Panels, Scene, resolve_device
 
 PAPER_EFFECTS: Mapping[str, Mapping[str, float]] = {
@@ -98,9 +103,9 @@ class Simulator:
         """Where panels truly are, for evaluation; ``keys`` as for render, which checked if ``rendered``."""
         scene = scene.to(self.device) if rendered else self._checked(scene)
         if not in_perspective(self.effects):
-            return Panels.known(geometry.panel_corners_px(scene, self.camera, self.panel))
+            return Panels.known(crops.panel_corners_px(scene, self.camera, self.panel))
         view = view_of(self._context(scene, keys))
-        return Panels.known(view.points_px(geometry.panel_corners_m(self.panel)))
+        return Panels.known(view.points_px(panel_corners_m(self.panel)))
 
     def contrast(self, scene: Scene) -> Tensor:
         """Contrast ``(G_on - G_off) / 255`` of the LEDs before any blur (section IV-D-1), (B,) float64.
@@ -112,8 +117,11 @@ class Simulator:
         context, light = self._context(scene), scene.led_luminance_cd_m2.view(-1, 1, 1)
         for effect in taking(self.effects, Quantity.LED_LUMINANCE):
             light = light if effect.sampled else effect(light, context)
-        off, iso = reflected_luminance_cd_m2(scene.ambient_lx, self.panel.led_reflectance), auto_iso(context)
-        seen = (as_seen(off, context, own) for own in (light.view(-1), torch.zeros_like(off)))
+        off, iso = (
+            photometry.reflected_luminance_cd_m2(scene.ambient_lx, self.panel.led_reflectance),
+            photometry.auto_iso(context),
+        )
+        seen = (photometry.as_seen(off, context, own) for own in (light.view(-1), torch.zeros_like(off)))
         exposures = (through_lens(luminance, self.camera) for luminance in seen)
         greys = [grey_value(exposure, iso, gamma=self.camera.gamma) for exposure in exposures]
         if self.output in (Quantity.BOUNDED_GREY, Quantity.DIGITAL):
@@ -168,15 +176,15 @@ class Simulator:
             view = view_of(self._context(scene, keys))
             centre = view.points_px(scene.distance_m.new_zeros(1, 2))[:, 0]
         else:
-            centre = geometry.panel_centre_px(scene, self.camera)
+            centre = crops.panel_centre_px(scene, self.camera)
         whole = self.framing != "crop" or (self._filling is not None and not window)
         crops.demand_pixels(sensor if whole else size)
         origin = crops.crop_origins_px(centre, size, sensor, grid_px=crops.WINDOW_GRID_PX if window else 1)
         context = self._context(scene, keys, origin)
-        context = replace(context, iso=auto_iso(context))
-        pictures = self._pictures(Batch(context, bits, centre, size), window)
+        context = replace(context, iso=photometry.auto_iso(context))
+        pictures = self._pictures(crops.Batch(context, bits, centre, size), window)
         if self.output == Quantity.GREY:
-            demand_greys(pictures)
+            photometry.demand_greys(pictures)
         if size == sensor or window:
             return Frames(pictures, origin, sensor)
         if tuple(pictures.shape[-2:]) == sensor:
@@ -187,7 +195,7 @@ class Simulator:
         laid = crops.lay_on_sensor(pictures, surround, origin, sensor)
         return Frames(laid, torch.zeros_like(origin), sensor)
 
-    def _pictures(self, batch: Batch, window: bool) -> Tensor:
+    def _pictures(self, batch: crops.Batch, window: bool) -> Tensor:
         """Render frames, those of far panels in small crops that are laid into those asked for."""
         size, sensor = batch.size, self.camera.sensor_px
         if self._filling is not None or size == sensor:
@@ -199,7 +207,7 @@ class Simulator:
         groups = crops.like_sized(batch.context.scene, moved, size, tight)
         return crops.in_groups(batch, groups, lambda group: self._in_chunks(group, window))
 
-    def _in_chunks(self, batch: Batch, window: bool) -> Tensor:
+    def _in_chunks(self, batch: crops.Batch, window: bool) -> Tensor:
         """Render frames of one size, as many at a time as the cache holds."""
         chunk = max(1, CHUNK_PIXELS // (batch.size[0] * batch.size[1]))
         grey: list[Tensor] = []
@@ -211,7 +219,7 @@ class Simulator:
     def _checked(self, scene: Scene) -> Scene:
         """Move scenes to the device, or refuse by name those that cannot be rendered."""
         scene = scene.checked().to(self.device)
-        geometry.demand_in_sight(scene, self.camera, self.panel)
+        crops.demand_in_sight(scene, self.camera, self.panel)
         return scene
 
     def _context(self, scene: Scene, keys: Sequence[FrameKey] = (), origin: Tensor | None = None) -> Context:
@@ -226,7 +234,7 @@ class Simulator:
             return self.camera.sensor_px
         return self.crop_px(nearest_m)
 
-    def _expose(self, batch: Batch, window: bool) -> list[Tensor]:
+    def _expose(self, batch: crops.Batch, window: bool) -> list[Tensor]:
         """Carry the LEDs' light through the camera, laying crops on the sensor once an effect fills it."""
         painted = self._paint(batch), Quantity.LUMINANCE
         after = [effect for effect in self.effects if effect.takes not in DRAWN]
@@ -243,7 +251,7 @@ class Simulator:
             pictures.append(self._run((frame, current), after[len(before) :], whole, to_end=True)[0])
         return pictures
 
-    def _paint(self, batch: Batch) -> Tensor:
+    def _paint(self, batch: crops.Batch) -> Tensor:
         """Draw the picture that the lens sees, (B,1,H,W) cd/m2."""
         context, shares = batch.context, None
         symbols = batch.bits.unsqueeze(1)
@@ -270,5 +278,5 @@ class Simulator:
         """Do the camera's next step: lens or gamma encoding."""
         if current == Quantity.LUMINANCE:
             return through_lens(value, self.camera), Quantity.EXPOSURE
-        iso = auto_iso(context).to(self.dtype).view(-1, 1, 1, 1)
+        iso = photometry.auto_iso(context).to(self.dtype).view(-1, 1, 1, 1)
         return grey_value(value, iso, gamma=self.camera.gamma), Quantity.GREY

@@ -33,8 +33,7 @@ from vocc_torch.show.plots import ber_figure, feature_histograms
 from vocc_torch.show.styles import axis_label, receiver_styles, value_text
 from vocc_torch.show.tensorboard import axis_steps, write_boards
 from vocc_torch.show.terminal import StudyView, print_table, train_shown
-from vocc_torch.simulation.framing import crop_origins_px
-from vocc_torch.simulation.geometry import panel_centre_px
+from vocc_torch.simulation.framing import crop_origins_px, panel_centre_px
 
 
 def run_test(settings: Settings, folder: Path) -> None:

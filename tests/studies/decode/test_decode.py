@@ -206,8 +206,8 @@ def test_channels_see_their_colour(receiver, near, tmp_path):
     colour = np.full((*frames[0].shape, 3), 60, np.uint8)
     colour[..., 0] = frames[0]
     path = save(tmp_path / "red.png", colour)
-    names = ("luma", "max", "red", "green", "blue")
-    seen = {name: next(decode(receiver, read_recording(path, name))) for name in names}
+    channels = ("luma", "max", "red", "green", "blue")
+    seen = {name: next(decode(receiver, read_recording(path, name))) for name in channels}
     for name in ("luma", "max", "red"):
         assert seen[name].text == text_of(bits[0]), name
     for name in ("green", "blue"):

@@ -19,12 +19,12 @@ from vocc_torch.measure.train import train
 from vocc_torch.rng import BlockKey
 from vocc_torch.simulation import Camera, LedPanel
 from vocc_torch.studies.paper.evidence import EVIDENCE, features, gradients, greys, make_evidence
+from vocc_torch.studies.paper.evidence.features import least_error, roc_area, separable
 from vocc_torch.studies.paper.evidence.greys import most_contradicting, without_blooming
 from vocc_torch.studies.paper.evidence.histogram import cell_status, grey_levels
 from vocc_torch.studies.paper.evidence.projection import Projection
 from vocc_torch.studies.paper.evidence.sample import draw_sample, paper_scene
 from vocc_torch.studies.paper.evidence.scenes import PAPER_SCENES, BlurOrder, scene_of_contrast
-from vocc_torch.studies.paper.evidence.separation import least_error, roc_area, separable
 from vocc_torch.types import Frames, PanelShape, Scene
 
 GAMMA = 2.2

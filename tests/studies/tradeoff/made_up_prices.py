@@ -4,7 +4,7 @@ import numpy as np
 
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.frame_errors import FrameErrors
-from vocc_torch.measure.genie.genie_mark import GenieMark
+from vocc_torch.measure.genie.genie import GenieReference
 from vocc_torch.measure.plug_in_training import Making
 from vocc_torch.measure.stage_times import STAGES, StageTimes
 from vocc_torch.studies.tradeoff.plan import Setting
@@ -50,8 +50,8 @@ def errors(wrong=BIT_ERRORS, frames=FRAMES):
 
 
 REFERENCES = {
-    "mixture": GenieMark(Counts(500, 500 * LEDS, 0, 0, 0, 0), 500, 0.03),
-    "far": GenieMark(Counts(500, 500 * LEDS, 20, 40, 10, 0), 490, 0.04),
+    "mixture": GenieReference(Counts(500, 500 * LEDS, 0, 0, 0, 0), 500, 0.03),
+    "far": GenieReference(Counts(500, 500 * LEDS, 20, 40, 10, 0), 490, 0.04),
 }
 """No error in the mixture, a wrong bit in each of 10 frames far away."""
 

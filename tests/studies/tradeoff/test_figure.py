@@ -23,7 +23,7 @@ from made_up_prices import (
 from matplotlib.text import Text
 
 from vocc_torch.measure.prices import pareto_frontier
-from vocc_torch.show.canvas import figure_pixels
+from vocc_torch.show.canvas import figure_pixels, text_renderer
 from vocc_torch.show.styles import receiver_styles
 from vocc_torch.studies.tradeoff.figure import shares_figure, tradeoff_figure
 from vocc_torch.studies.tradeoff.layout import STRENGTH, heights, span, spread, stacked
@@ -336,7 +336,7 @@ def test_the_papers_figure_comes_of_the_same_data():
     long = shares_figure(made_up_prices(settings, (4, 3, 2, 1), (3.0, 3.0, 400.0, 5.0)))
     for drawn_one in (figure, long):
         figure_pixels(drawn_one)
-        renderer = drawn_one.canvas.get_renderer()
+        renderer = text_renderer(drawn_one)
         for axes in drawn_one.axes:
             box = axes.get_window_extent(renderer)
             texts = [one for one in axes.texts if one.get_text().endswith((" ms", " ms)"))]

@@ -21,7 +21,7 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.frame_errors import FrameErrors
-from vocc_torch.measure.genie.genie_mark import GenieMark
+from vocc_torch.measure.genie.genie import GenieReference
 from vocc_torch.studies.tradeoff.tables import print_prices, write_price_board, write_prices
 from vocc_torch.studies.tradeoff.words import recommendation
 
@@ -186,7 +186,7 @@ def test_a_receiver_that_decides_as_the_possible_one_has_once_its_rate(prices):
     """However lucky the first frames are: 3 errors in them, 100 in the others."""
     half = np.zeros((1, FRAMES), dtype=np.int64)
     half[0, :3] = half[0, 500:600] = 2
-    mark = GenieMark(Counts(500, 500 * LEDS, 6, 12, 3, 0), 500, 0.03)
+    mark = GenieReference(Counts(500, 500 * LEDS, 6, 12, 3, 0), 500, 0.03)
     same = made_up_prices(
         SETTINGS[:1], alone_ms=(4.0,), errors={"mixture": FrameErrors(half, half >= 0, LEDS)},
         references={"mixture": mark},

@@ -4,11 +4,12 @@ import itertools
 
 import pytest
 import torch
+from vocc_torch.receiver.refined import RefinedLocator
 
 from vocc_torch.measure import stage_times
 from vocc_torch.measure.link import block_keys
 from vocc_torch.measure.stage_times import STAGES, Exposure, read, time_stages
-from vocc_torch.measure.timing import Timing
+from vocc_torch.measure.timing import Timing, threads
 from vocc_torch.receiver.bank import ReceiverBank
 from vocc_torch.receiver.classifiers import Inputs, PanelOtsu, Patch
 from vocc_torch.receiver.classifiers.protocol import Guarded
@@ -16,7 +17,6 @@ from vocc_torch.receiver.flda import FLDA
 from vocc_torch.receiver.location import PaperLocator
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.receiver.receiver import StagedReceiver
-from vocc_torch.receiver.refined import RefinedLocator
 from vocc_torch.rng import FrameKey
 from vocc_torch.simulation import Camera, Distribution, SceneModel
 from vocc_torch.simulation.simulator import PAPER_EFFECTS
@@ -181,3 +181,19 @@ def test_reading_gives_the_very_frames(count):
     assert torch.equal(frames.grey, grey)
     # A batch is put together from single frames, which costs a copy.
     assert (frames.grey.data_ptr() == grey.data_ptr()) == (count == 1)
+
+
+def test_threads_are_put_back_and_scikit_learn_has_as_many():
+    # Imported first: its threads are limited where it is in use.
+    pytest.importorskip("sklearn.ensemble")
+    pools = pytest.importorskip("threadpoolctl")
+
+    def counts():
+        pooled = [pool["num_threads"] for pool in pools.threadpool_info() if pool["user_api"] == "openmp"]
+        return torch.get_num_threads(), pooled
+
+    before = counts()
+    with threads(3):
+        assert counts()[0] == 3
+        assert set(counts()[1]) == {3}
+    assert counts() == before

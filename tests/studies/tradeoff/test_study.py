@@ -9,7 +9,7 @@ import torch
 from vocc_torch.errors import VoccError
 from vocc_torch.measure import optional as optional_module
 from vocc_torch.measure.frame_errors import Banks, FrameJob
-from vocc_torch.measure.genie.genie_likelihood import UnknownLikelihoodError
+from vocc_torch.measure.genie.likelihood import UnknownLikelihoodError
 from vocc_torch.measure.link import block_keys
 from vocc_torch.measure.optional import without_absent
 from vocc_torch.measure.plug_in import ClassifierPlan
@@ -223,12 +223,12 @@ def test_a_kind_of_scenes_that_the_genie_refuses_costs_no_other_its_reference(ma
     kinds = {"a": {}, "b": {}, "c": {}}
     study = make_study(names=("flda_3",), test_frames=4, locators=["truth"], genie_frames=2, scenes=kinds)
 
-    def refusing(world, model, seed, point, frames, workers):
+    def refusing(plan, model, point, frames, workers):
         if point == study.point("b"):
             raise UnknownLikelihoodError("the genie knows no likelihood")
         return point
 
-    monkeypatch.setattr(study_module, "genie_mark", refusing)
+    monkeypatch.setattr(study_module, "genie_reference", refusing)
     references, refused = study_module._references(study, Workers(1))
     assert (list(references), refused) == (["a", "c"], {"b": "the genie knows no likelihood"})
     none = dataclasses.replace(study, config=dataclasses.replace(study.config, genie_frames=0))
@@ -238,7 +238,7 @@ def test_a_kind_of_scenes_that_the_genie_refuses_costs_no_other_its_reference(ma
         raise VoccError("a worker was ended from outside")
 
     # No other mistake is taken for a refusal.
-    monkeypatch.setattr(study_module, "genie_mark", failing)
+    monkeypatch.setattr(study_module, "genie_reference", failing)
     with pytest.raises(VoccError, match="ended from outside"):
         study_module._references(study, Workers(1))
 

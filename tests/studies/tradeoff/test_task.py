@@ -1,7 +1,6 @@
 """task=tradeoff at a tiny budget: what it writes, what the words rest on, and what it refuses."""
 
 import pytest
-import yaml
 from paper_runs import files_in, rows_of, run_in, white
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
@@ -76,14 +75,6 @@ def test_everything_is_written(whole):
         assert told in out
 
 
-def test_settings_are_those_of_the_task(whole):
-    settings = yaml.safe_load((whole[0] / "config.yaml").read_text())
-    assert settings["tradeoff"]["dtypes"] == ["float32", "float64"]
-    assert settings["tradeoff"]["devices"] == ["cpu", "cuda:7"]
-    assert settings["tradeoff"]["frames_a_preamble"] == 1
-    assert list(settings["classifiers"]) == ["mlp_features", "panel_otsu"]
-
-
 def measured(folder):
     """Lines of the table with numbers."""
     return [row for row in rows_of(folder / "tradeoff.csv") if row["machine"] != "not measured"]
@@ -115,15 +106,6 @@ def test_the_table_has_every_configuration_everywhere(whole):
         assert float(row["mixture_possible_ber"]) <= float(row["mixture_possible_ber_high"]) < 1
 
 
-def test_one_rate_a_configuration_wherever_it_is_timed(whole):
-    rows = measured(whole[0])
-    rates = {}
-    for row in rows:
-        key = tuple(row[name] for name in SETTING)
-        rates.setdefault(key, set()).add((row["mixture_ber"], row["far_and_dim_ber"]))
-    assert all(len(different) == 1 for different in rates.values())
-
-
 def test_the_words_are_the_tables(whole):
     folder, _ = whole
     words = " ".join((folder / "recommendation.txt").read_text().split())
@@ -133,12 +115,6 @@ def test_the_words_are_the_tables(whole):
     best = min(within, key=lambda row: (float(row["mixture_ber"]), float(row["total_ms"])))
     assert f"take {best['receiver']}" in words
     assert "8 frames of each kind of scenes" in words
-
-
-def test_the_board_has_a_run_for_each_configuration(whole):
-    runs = {path.name for path in (whole[0] / "tensorboard").iterdir()}
-    assert len(runs) == 1 + 14
-    assert {"_summary", "flda_3-truth-K4-sobel-float32"} <= runs
 
 
 def test_the_board_has_pictures_and_rows_of_the_hparams_tab(whole):

@@ -1,1 +1,1 @@
-"""The decoder that knows the scene: what is possible."""
+"""What is possible on a frame: a decoder that knows the scene, as a reference for receivers."""

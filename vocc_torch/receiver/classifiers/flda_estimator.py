@@ -116,7 +116,7 @@ class FldaEstimator(ClassifierMixin, BaseEstimator):  # type: ignore[misc]  # sc
         return -threshold
 
     def __sklearn_tags__(self) -> Tags:
-        """Say that there are two classes."""
+        """Return scikit-learn's tags: two classes only."""
         tags = super().__sklearn_tags__()
         tags.classifier_tags.multi_class = False
         return tags

@@ -57,9 +57,7 @@ class Patch:
             raise VoccError(f"inputs.patch.samples is {self.samples}: it must be from 1 to 64")
         for name, known in (("domain", Domain), ("relative", Relative)):
             if (value := getattr(self, name)) not in get_args(known):
-                raise VoccError(
-                    f"inputs.patch.{name} is {value!r}: it must be {' or '.join(get_args(known))}"
-                )
+                raise VoccError.of(f"inputs.patch.{name}", repr(value), " or ".join(get_args(known)))
         if not 0.1 <= self.gamma <= 10:
             raise VoccError(f"inputs.patch.gamma is {self.gamma}: it must be from 0.1 to 10")
 
@@ -143,12 +141,11 @@ class Inputs:
         if patch is not None and not isinstance(patch, Mapping):
             raise VoccError(f"inputs.patch is {patch!r}: it must be a mapping of its settings")
         # Whoever names a patch alone sees that alone.
-        names = (
-            tuple(map(str, features)) if features is not None else () if patch is not None else FEATURE_NAMES
-        )
-        if patch is not None:
-            _known(patch, Patch, "inputs.patch")
-        return cls(names, None if patch is None else Patch(**patch))
+        names = FEATURE_NAMES if features is None and patch is None else tuple(map(str, features or ()))
+        if patch is None:
+            return cls(names)
+        _known(patch, Patch, "inputs.patch")
+        return cls(names, Patch(**patch))
 
     @property
     def size(self) -> int:

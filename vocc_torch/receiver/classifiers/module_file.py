@@ -68,8 +68,7 @@ class ModuleFile:
         # A file that would end the program is no exception.
         except (Exception, SystemExit) as error:
             del sys.modules[name]
-            reason = " ".join(f"{type(error).__name__}: {error}".split())
-            raise VoccError(f"file {self.path} cannot be run ({reason})") from error
+            raise VoccError(f"file {self.path} cannot be run ({one_line(error)})") from error
         return made
 
     def named(self, name: str) -> object:
@@ -82,6 +81,16 @@ class ModuleFile:
         if found is None:
             raise VoccError(f"file {self.path} has no {name}")
         return found
+
+
+def one_line(error: BaseException) -> str:
+    """Return the kind and the words of an error of someone else's code, in one line.
+
+    Example:
+        >>> one_line(KeyError("a"))
+        "KeyError: 'a'"
+    """
+    return " ".join(f"{type(error).__name__}: {error}".split())
 
 
 def _with_imports(path: Path) -> list[Path]:

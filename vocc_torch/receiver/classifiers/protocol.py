@@ -11,7 +11,7 @@ from torch import Tensor
 
 from vocc_torch.errors import VoccError
 from vocc_torch.receiver.classifiers.inputs import Inputs
-from vocc_torch.receiver.classifiers.module_file import ModuleFile
+from vocc_torch.receiver.classifiers.module_file import ModuleFile, one_line
 
 R = TypeVar("R")
 
@@ -113,20 +113,13 @@ class Guarded:
 
     def _scores(self, x: Tensor) -> Tensor:
         """Score, and check what came."""
-        scores = self._guarded("decision_function", lambda: self.classifier.decision_function(x))
-        wanted = tuple(x.shape[:-1])
-        if not isinstance(scores, Tensor) or tuple(scores.shape) != wanted:
-            given = tuple(scores.shape) if isinstance(scores, Tensor) else type(scores).__name__
-            rule = f"it must give a tensor of shape {wanted}"
-            raise VoccError(f"classifier {self.name}: decision_function gave {given}, {rule}")
+        scores = self._answer("decision_function", self.classifier.decision_function, x)
+        given = f"classifier {self.name}: decision_function gave"
         # Bits for scores would all be On: none is below 0.
         if scores.layout != torch.strided or scores.dtype == torch.bool or scores.is_complex():
-            kind = f"{scores.dtype}, {scores.layout}"
-            raise VoccError(
-                f"classifier {self.name}: decision_function gave {kind}, it must give dense real numbers"
-            )
+            raise VoccError(f"{given} {scores.dtype}, {scores.layout}, it must give dense real numbers")
         if not bool(torch.isfinite(scores).all()):
-            raise VoccError(f"classifier {self.name}: decision_function gave scores that are not finite")
+            raise VoccError(f"{given} scores that are not finite")
         return scores.detach().to(torch.float64)
 
     def _check_predict(self, x: Tensor) -> None:
@@ -134,36 +127,41 @@ class Guarded:
         predict = getattr(self.classifier, "predict", None)
         if not callable(predict):
             return
-        decided, scores = self._guarded("predict", lambda: predict(x)), self._scores(x)
-        if not isinstance(decided, Tensor) or decided.shape != scores.shape:
-            given = tuple(decided.shape) if isinstance(decided, Tensor) else type(decided).__name__
-            rule = f"it must give a tensor of shape {tuple(scores.shape)}"
-            raise VoccError(f"classifier {self.name}: predict gave {given}, {rule}")
+        decided, scores = self._answer("predict", predict, x), self._scores(x)
         apart = int((((decided != 0) != (scores >= 0)) & (scores != 0)).sum())
         if apart:
+            given = f"predict says otherwise at {apart} of {scores.numel()} LEDs"
             rule = "it must be On where decision_function is at least 0, and Off elsewhere"
+            raise VoccError(f"classifier {self.name}: {given}: {rule}")
+
+    def _answer(self, what: str, call: Callable[[Tensor], Tensor], x: Tensor) -> Tensor:
+        """Call a method on ``x``; refuse what is not one number an LED."""
+        answer: object = self._guarded(what, lambda: call(x))
+        wanted = tuple(x.shape[:-1])
+        if not isinstance(answer, Tensor) or tuple(answer.shape) != wanted:
+            given = tuple(answer.shape) if isinstance(answer, Tensor) else type(answer).__name__
             raise VoccError(
-                f"classifier {self.name}: predict says otherwise at {apart} of {scores.numel()} LEDs: {rule}"
+                f"classifier {self.name}: {what} gave {given}, it must give a tensor of shape {wanted}"
             )
+        return answer
 
     def __reduce__(self) -> tuple[Callable[..., Guarded], tuple[object, ...]]:
         """Pickle it with the file that its class comes from."""
         return _unpacked, (self.name, pickle.dumps(self.classifier), self.inputs, self.home)
 
     def _guarded(self, what: str, call: Callable[[], R]) -> R:
-        """Let an error of the classifier name it, in one line."""
+        """Call the classifier; its errors become one line that begins with its name."""
         try:
             return call()
         except VoccError as error:
             raise VoccError(f"classifier {self.name}: {error}") from error
         # One that would end the program is no exception.
         except (Exception, SystemExit) as error:
-            reason = " ".join(f"{type(error).__name__}: {error}".split())
-            raise VoccError(f"classifier {self.name}: {what} failed ({reason})") from error
+            raise VoccError(f"classifier {self.name}: {what} failed ({one_line(error)})") from error
 
 
 def _unpacked(name: str, packed: bytes, inputs: Inputs, home: ModuleFile | None) -> Guarded:
-    """Put a guarded classifier together again, in a process that may not know its class yet."""
+    """Unpickle a guarded classifier; the file that defines its class is read first."""
     if home is not None:
         home.module()
     return Guarded(name, pickle.loads(packed), inputs, home)

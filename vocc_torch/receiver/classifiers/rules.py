@@ -105,17 +105,15 @@ class LmmseEqualizer(_Scored):
 
     def __init__(self, classes: int = 8, ridge: float = 1e-8) -> None:
         if classes < 1 or ridge < 0:
-            raise VoccError(
-                f"classes is {classes}, ridge is {ridge:g}: they must be at least 1 and at least 0"
-            )
+            rule = "they must be at least 1 and at least 0"
+            raise VoccError(f"classes is {classes}, ridge is {ridge:g}: {rule}")
         self.classes, self.ridge = classes, ridge
         self._centres: Tensor | None = None
         self._weights: Tensor | None = None
 
     def fit(self, x: Tensor, bits: Tensor) -> Self:
         """Solve the normal equations of each class in float64."""
-        light, size = self._split(x)
-        rows = torch.cat([light.double(), torch.ones_like(light[..., :1], dtype=torch.float64)], dim=-1)
+        rows, size = self._split(x)
         target = bits.double() * 2 - 1
         quantiles = torch.linspace(0, 1, 2 * self.classes + 1, dtype=torch.float64, device=x.device)
         edges = torch.quantile(size.double(), quantiles)
@@ -139,8 +137,7 @@ class LmmseEqualizer(_Scored):
         """
         if self._weights is None or self._centres is None:
             raise VoccError("it has seen no samples: call fit first")
-        light, size = self._split(x)
-        rows = torch.cat([light.double(), torch.ones_like(light[..., :1], dtype=torch.float64)], dim=-1)
+        rows, size = self._split(x)
         upper = torch.bucketize(size.double(), self._centres).clamp(1, max(1, self.classes - 1))
         upper = upper.clamp(max=self.classes - 1)
         lower = (upper - 1).clamp(min=0)
@@ -155,10 +152,9 @@ class LmmseEqualizer(_Scored):
         return 0 if self._weights is None else self._weights.numel()
 
     def _split(self, x: Tensor) -> tuple[Tensor, Tensor]:
-        """Part the light (B,R,C,F) from the panels' cell sizes (B,)."""
-        if self.classes == 1:
-            return x, x.new_zeros(len(x))
-        return x[..., :-1], x[:, 0, 0, -1]
+        """Split inputs into light and a constant 1, (B,R,C,F) float64, and the panels' cell sizes (B,)."""
+        light, size = (x[..., :-1], x[:, 0, 0, -1]) if self.classes > 1 else (x, x.new_zeros(len(x)))
+        return torch.cat([light, torch.ones_like(x[..., :1])], dim=-1).double(), size
 
 
 class _Untrained(_Scored):
@@ -195,7 +191,7 @@ class PanelOtsu(_Untrained):
 
 
 def two_means(values: Tensor) -> Tensor:
-    """Part numbers into two clusters with the least sum of squares within: k-means in one dimension, exactly.
+    """Find the limit between two clusters of least within sum of squares: k-means in one dimension, exact.
 
     Args:
         values: (B,N), N at least 1.
@@ -288,8 +284,5 @@ def _plane(values: Tensor, chosen: Tensor) -> Tensor:
 
 def _steps(values: Tensor, size: int) -> Tensor:
     """Return ``size`` places from -1 to 1; a single one lies at 0."""
-    return (
-        torch.linspace(-1, 1, size, dtype=values.dtype, device=values.device)
-        if size > 1
-        else values.new_zeros(1)
-    )
+    ends = (-1, 1) if size > 1 else (0, 0)
+    return torch.linspace(*ends, size, dtype=values.dtype, device=values.device)

@@ -70,18 +70,13 @@ class SklearnClassifier:
             scores = shares[:, 1] - 0.5
         else:
             scores = np.asarray(self.estimator.predict(rows)) - 0.5
-        given = torch.as_tensor(np.asarray(scores, dtype=np.float64))
-        leds = int(np.prod(x.shape[:-1]))
-        # Another number of scores is refused by the guard, which names the classifier.
-        return given.reshape(x.shape[:-1]).to(x.device) if given.numel() == leds else given
+        return _as_leds(np.asarray(scores, dtype=np.float64), x)
 
     def predict(self, x: Tensor) -> Tensor:
         """Decide every LED, as the estimator itself does."""
         if not hasattr(self.estimator, "predict"):
             return self.decision_function(x) >= 0
-        given = torch.as_tensor(np.asarray(self.estimator.predict(_rows(x))) > 0.5)
-        leds = int(np.prod(x.shape[:-1]))
-        return given.reshape(x.shape[:-1]).to(x.device) if given.numel() == leds else given
+        return _as_leds(np.asarray(self.estimator.predict(_rows(x))) > 0.5, x)
 
     @property
     def parameters_count(self) -> int | None:
@@ -97,6 +92,13 @@ def _rows(x: Tensor) -> NDArray[np.float32]:
     """Return the LEDs of all panels as rows, (N,F)."""
     rows: NDArray[np.float32] = x.reshape(-1, x.shape[-1]).cpu().numpy().astype(np.float32, copy=False)
     return rows
+
+
+def _as_leds(given: NDArray[Any], x: Tensor) -> Tensor:
+    """Return an estimator's answers as (B,R,C); the guard refuses another number of them, by name."""
+    answers = torch.as_tensor(given)
+    fits = answers.numel() == x.shape[:-1].numel()
+    return answers.reshape(x.shape[:-1]).to(x.device) if fits else answers
 
 
 def _is_no_classifier(estimator: Any) -> bool:

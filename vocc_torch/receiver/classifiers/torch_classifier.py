@@ -11,6 +11,7 @@ import torch
 from torch import Tensor, nn
 
 from vocc_torch.errors import VoccError
+from vocc_torch.receiver.classifiers.module_file import one_line
 from vocc_torch.receiver.classifiers.protocol import Batches
 from vocc_torch.receiver.classifiers.training import Checkpoint, TrainingRecipe, train_module
 
@@ -45,7 +46,7 @@ class TorchClassifier:
         self._spread: Tensor | None = None
 
     def fit_stream(self, batches: Batches, frames: int) -> Self:
-        """Take as many panels as the recipe asks for, whatever the study's budget is, and learn from them."""
+        """Train on ``recipe.frames`` panels of the stream, whatever the study's budget is."""
         count = 0
         x = bits = torch.empty(0)
         for part, own in batches(0, self.recipe.frames):
@@ -63,9 +64,8 @@ class TorchClassifier:
                 loss that is not finite.
         """
         if not any(one.requires_grad for one in self.module.parameters()):
-            raise VoccError(
-                "the module has no parameters that learn: use a class with fit and decision_function"
-            )
+            rule = "use a class with fit and decision_function"
+            raise VoccError(f"the module has no parameters that learn: {rule}")
         held = max(1, round(self.recipe.validation * len(x)))
         if len(x) <= held:
             raise VoccError(f"{len(x)} training panels are too few to hold {held} back for validation")
@@ -119,8 +119,7 @@ class TorchClassifier:
         except VoccError:
             raise
         except Exception as error:
-            reason = " ".join(f"{type(error).__name__}: {error}".split())
-            raise VoccError(f"forward failed on {tuple(rows.shape)} ({reason})") from error
+            raise VoccError(f"forward failed on {tuple(rows.shape)} ({one_line(error)})") from error
         if not isinstance(scores, Tensor) or scores.numel() != len(rows):
             given = tuple(scores.shape) if isinstance(scores, Tensor) else type(scores).__name__
             raise VoccError(f"the module gave {given} for {len(rows)} LEDs: it must give one score each")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import copy
 import dataclasses
 import hashlib
@@ -95,7 +96,10 @@ class Checkpoint:
         settings, place = dataclasses.replace(recipe, checkpoints=None), data[0].device.type
         told = hashlib.sha256(f"{module!r} {settings!r} {place} {torch.__version__}".encode())
         for kind in dict.fromkeys(type(part) for part in module.modules()):
-            told.update(f"{kind.__module__}.{kind.__qualname__} {_source(kind)}".encode())
+            source = ""
+            with contextlib.suppress(OSError, TypeError, UnicodeDecodeError):
+                source = Path(inspect.getfile(kind)).read_text(encoding="utf-8")
+            told.update(f"{kind.__module__}.{kind.__qualname__} {source}".encode())
         for tensor in [*module.state_dict().values(), *data]:
             told.update(str((tensor.shape, tensor.dtype)).encode())
             told.update(tensor.detach().cpu().contiguous().reshape(-1).view(torch.uint8).numpy().data)
@@ -136,14 +140,6 @@ class Checkpoint:
     def _checksum(self, kept: bytes) -> bytes:
         """Hash the file's name and the state."""
         return hashlib.sha256(self.path.name.encode() + kept).digest()
-
-
-def _source(kind: type[nn.Module]) -> str:
-    """Read the text of the file that defines a class, or nothing where there is none."""
-    try:
-        return Path(inspect.getfile(kind)).read_text(encoding="utf-8")
-    except (OSError, TypeError, UnicodeDecodeError):
-        return ""
 
 
 def train_module(

@@ -14,8 +14,8 @@ import torch
 from torch import Tensor
 
 from vocc_torch.errors import VoccError
+from vocc_torch.hardware import Camera, LedPanel
 from vocc_torch.rng import FrameKey
-from vocc_torch.simulation.geometry import Camera, LedPanel
 from vocc_torch.types import Scene
 
 Extent = tuple[float, float]

@@ -1,4 +1,4 @@
-"""The LEDs' own light: the symbols that they show, faults and scatter of LEDs, and the air before them."""
+"""The LEDs' own light and what lies on its way: symbols, faults, scatter, air, obstacles and glare."""
 
 from __future__ import annotations
 
@@ -10,16 +10,23 @@ import torch
 from torch import Tensor
 
 from vocc_torch.errors import VoccError
-from vocc_torch.simulation.effects.base import Context, Effect, Quantity
-from vocc_torch.simulation.geometry import led_centres_m
-from vocc_torch.simulation.perspective import view_of
-from vocc_torch.simulation.photometry import transmission
+from vocc_torch.hardware import Camera
+from vocc_torch.simulation.effects.base import BRIGHTEST, Context, Effect, Extent, Quantity
+from vocc_torch.simulation.effects.view import led_centres_m, panel_corners_m, view_of
+from vocc_torch.simulation.photometry import reflected_luminance_cd_m2, transmission
+from vocc_torch.simulation.raster import interval_cover
 
 MOST_SYMBOLS = 1001
 """Most symbols that a panel may show during its readout."""
 
 LONGEST_S = 1e6
 """Longest time on offer, s."""
+
+
+CONTRAST_AT_VISIBILITY = 0.02
+"""Share of a contrast that is left at the visibility distance, by that distance's definition."""
+
+NO_GLARE = "leave the effect out for no glare"
 
 
 @dataclass(frozen=True, slots=True)
@@ -293,7 +300,7 @@ def dimmed_once(light_cd_m2: Tensor, context: Context) -> Tensor:
 
     Example:
         >>> from vocc_torch.simulation.effects import build_effects
-        >>> from vocc_torch.simulation.geometry import Camera
+        >>> from vocc_torch.hardware import Camera
         >>> from vocc_torch.types import Scene
         >>> lamp, scene = torch.ones(1, 1, 1), Scene.of(distance_m=100.0)
         >>> fog = build_effects({"attenuation": {"visibility_m": 200}, "airlight": {"visibility_m": 200}})
@@ -309,5 +316,205 @@ def dimmed_once(light_cd_m2: Tensor, context: Context) -> Tensor:
     return light_cd_m2
 
 
-EFFECTS = (RollingShutter, StuckLeds, LedScatter, Attenuation)
-"""In physical order."""
+@dataclass(frozen=True, slots=True)
+class Airlight(Effect):
+    """Koschmieder's law, ``L_seen = L T + L_air (1 - T)`` with ``T = exp(-3.912 d / V)``.
+
+    The path of length d takes its share of what lies behind it and adds daylight that it scatters towards the
+    camera. ``L_air`` is the horizon's luminance, ``horizon_factor E / pi``: a sky of one luminance that
+    lights a level plane with E has the luminance ``E / pi``. Everything seen is taken to be at the panel's
+    distance, the background and its lamps too. Headlights that shine into the fog are not part of it.
+
+    This effect acts on all light but the LEDs' own, which ``attenuation`` (Eq. 20) dims; so nothing is dimmed
+    twice, and a foggy scene names both, with one visibility, or is refused. Eq. 20 rounds 3.912 to 3.91, at
+    most 0.2 % of the light within the visibility distance. Differentiable in the light and in the scene.
+
+    Source: H. Koschmieder, "Theorie der horizontalen Sichtweite", Beitr. Phys. freien Atmos. 12, 1924;
+    W. E. K. Middleton, "Vision through the Atmosphere", 1952. The meteorological optical range of weather
+    services is where 5 % of a contrast is left instead, ``0.766 V``.
+
+    Args:
+        visibility_m: visibility distance V, m, above 0; fog is below 1000, dense fog below 200.
+        horizon_factor: luminance of the horizon over that of a uniform sky, 0 to 10: 1 in fog and 3/7 under
+            CIE's overcast sky; 0 is air that absorbs only.
+
+    Raises:
+        VoccError: a value outside its range.
+
+    Example:
+        >>> Airlight(visibility_m=100.0).horizon_factor
+        1.0
+    """
+
+    visibility_m: float
+    horizon_factor: float = 1.0
+
+    name = "airlight"
+    takes = gives = Quantity.UNLIT
+    metered = True
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        self.demand("visibility_m", 0, above=True)
+        self.demand("horizon_factor", 0, 10)
+
+    def __call__(self, value: Tensor, context: Context) -> Tensor:
+        """Lay each frame's path of air before its (B,1,H,W) luminance without the LEDs' own light."""
+        scene = context.scene
+        depth = scene.distance_m * (math.log(CONTRAST_AT_VISIBILITY) / self.visibility_m)
+        horizon = reflected_luminance_cd_m2(scene.ambient_lx, self.horizon_factor)
+        kept, added = torch.exp(depth), horizon * -torch.expm1(depth)
+        return value * kept.to(value.dtype).view(-1, 1, 1, 1) + added.to(value.dtype).view(-1, 1, 1, 1)
+
+
+@dataclass(frozen=True, slots=True)
+class Occlusion(Effect):
+    """A matt rectangle near the camera, such as a post, a wiper or dirt, that covers what lies behind it.
+
+    Its sides are level and upright, sharp, and shares of the panel's image, the least upright rectangle
+    around its four corners; its centre is uniform over that rectangle. Each pixel loses the share of its
+    area that is covered, the LEDs' light too, and gets the luminance ``R E / pi`` there: the rectangle
+    stands in the scene's daylight, so near that no fog lies before it. It stays where it is for a frame and
+    its preambles. Sampled: not differentiable in its place nor in its size; the light keeps its gradient.
+
+    Source: the exact area of a rectangle in a pixel; a matt surface as in Eqs 2 and 3.
+
+    Args:
+        width_share: its width over that of the panel's image, above 0 and at most 2.
+        height_share: its height over that of the panel's image, above 0 and at most 2.
+        reflectance: of its surface, 0 to 1; black rubber has 0.04.
+
+    Raises:
+        VoccError: a value outside its range.
+
+    Example:
+        >>> Occlusion(width_share=0.25, height_share=2.0).size_in_px((32.0, 32.0), Camera(), 50.0)
+        (96.0, 40.0)
+    """
+
+    width_share: float
+    height_share: float
+    reflectance: float = 0.04
+
+    name = "occlusion"
+    takes = gives = Quantity.LUMINANCE
+    sampled = True
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        for parameter in ("width_share", "height_share"):
+            self.demand(parameter, 0, 2, above=True, hint="leave the effect out for a free view")
+        self.demand("reflectance", 0, 1)
+
+    def size_in_px(self, size_px: Extent, camera: Camera, nearest_m: float) -> Extent:
+        """Height and width of the panel's image with half of the rectangle beyond it on every side."""
+        height, width = size_px
+        return height * (1 + self.height_share), width * (1 + self.width_share)
+
+    def __call__(self, value: Tensor, context: Context) -> Tensor:
+        """Hide a part of each frame's (B,1,H,W) luminance."""
+        corners_m = panel_corners_m(context.panel).to(context.scene.distance_m.device)
+        corners = view_of(context).points_px(corners_m)
+        low, high = corners.amin(dim=1), corners.amax(dim=1)
+        draws = np.stack([g.random(2) for g in context.generators(self.name, of_scene=True)])
+        centre = low + torch.from_numpy(draws).to(low) * (high - low)
+        shares = torch.tensor([self.width_share, self.height_share], dtype=torch.float64).to(low)
+        reach = (high - low) * shares / 2
+        low, high = centre - reach, centre + reach
+        covers = []
+        for axis, side in enumerate((context.camera.width_px, context.camera.height_px)):
+            # Cut from the whole sensor, so that a crop gets the full frame's very numbers.
+            steps = torch.arange(value.shape[3 - axis], device=low.device)
+            whole = interval_cover(low[:, axis], high[:, axis], side)
+            covers.append(whole.gather(1, context.first_px[:, axis : axis + 1] + steps))
+        across, down = covers
+        cover = (down.unsqueeze(-1) * across.unsqueeze(-2)).unsqueeze(1).to(value.dtype)
+        surface = reflected_luminance_cd_m2(context.scene.ambient_lx, self.reflectance)
+        return value * (1 - cover) + cover * surface.to(value.dtype).view(-1, 1, 1, 1)
+
+
+def disability_glare_cd_m2(illuminance_lx: float, angle_deg: float) -> float:
+    """Veiling luminance of a glare source by Stiles and Holladay, ``L_v = 10 E / theta^2``.
+
+    Args:
+        illuminance_lx: illuminance E by the source on the plane of the lens, lx, at least 0.
+        angle_deg: angle theta between the source and the line of sight, degrees, 1 to 30.
+
+    Returns:
+        Veiling luminance, cd/m2. Source: CIE 146:2002, the equation without its term for age.
+
+    Example:
+        >>> disability_glare_cd_m2(40_000.0, 10.0)
+        4000.0
+    """
+    return 10.0 * illuminance_lx / angle_deg**2
+
+
+@dataclass(frozen=True, slots=True)
+class VeilingGlare(Effect):
+    """Light of the sun or of a lamp, scattered in windscreen and lens: one luminance added to every pixel.
+
+    Give either the veil itself, where it is known, or the source's illuminance and angle, from which it
+    follows by :func:`disability_glare_cd_m2`. That equation was measured on young human eyes and stands in
+    for a dusty windscreen and lens; a clean lens scatters less. The angle to the panel stands for the whole
+    frame, so the veil is uniform. The source itself is outside the view. Differentiable in the light.
+
+    Source: CIE 146:2002, where the veil follows from its source.
+
+    Args:
+        luminance_cd_m2: the veil, cd/m2, above 0 and at most 1e12.
+        glare_illuminance_lx: illuminance by the source on the plane of the lens, lx, above 0 and at most
+            1e12; a low sun gives 10,000 to 80,000, an oncoming low beam 1 to 5.
+        angle_deg: angle between the source and the line of sight, degrees, 1 to 30.
+
+    Raises:
+        VoccError: a value outside its range, neither of the two ways, or both.
+
+    Example:
+        >>> VeilingGlare(glare_illuminance_lx=40_000.0, angle_deg=10.0).veil_cd_m2
+        4000.0
+    """
+
+    luminance_cd_m2: float | None = None
+    glare_illuminance_lx: float | None = None
+    angle_deg: float | None = None
+
+    name = "veiling_glare"
+    takes = gives = Quantity.LUMINANCE
+    metered = True
+
+    def __post_init__(self) -> None:
+        """Check that the veil is given in one way, and the ranges."""
+        key, source = f"scene.effects.{self.name}", (self.glare_illuminance_lx, self.angle_deg)
+        if self.luminance_cd_m2 is not None:
+            if source != (None, None):
+                rule = "it must be left out where glare_illuminance_lx or angle_deg is given"
+                raise VoccError(f"{key}.luminance_cd_m2 is {self.luminance_cd_m2:g}: {rule}")
+            self.demand("luminance_cd_m2", 0, BRIGHTEST, above=True, hint=NO_GLARE)
+            return
+        if source == (None, None):
+            rule = "give it, or glare_illuminance_lx with angle_deg"
+            raise VoccError(f"{key}.luminance_cd_m2 is missing: {rule}")
+        for name, value in zip(("glare_illuminance_lx", "angle_deg"), source, strict=True):
+            if value is None:
+                raise VoccError(f"{key}.{name} is missing: glare_illuminance_lx and angle_deg go together")
+        self.demand("glare_illuminance_lx", 0, BRIGHTEST, above=True, hint=NO_GLARE)
+        self.demand("angle_deg", 1, 30)
+
+    @property
+    def veil_cd_m2(self) -> float:
+        """The luminance that is added."""
+        if self.luminance_cd_m2 is not None:
+            return self.luminance_cd_m2
+        assert self.glare_illuminance_lx is not None
+        assert self.angle_deg is not None
+        return disability_glare_cd_m2(self.glare_illuminance_lx, self.angle_deg)
+
+    def __call__(self, value: Tensor, context: Context) -> Tensor:
+        """Add the veil to (B,1,H,W) luminance."""
+        return value + self.veil_cd_m2
+
+
+AT_THE_LEDS = (RollingShutter, StuckLeds, LedScatter, Attenuation)
+ON_THE_WAY = (Airlight, Occlusion, VeilingGlare)
+"""In physical order; what stands in the background comes between the two."""

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,9 +14,9 @@ from kornia.filters import gaussian_blur2d
 from torch import Tensor
 
 from vocc_torch.errors import VoccError
-from vocc_torch.simulation import spread
+from vocc_torch.hardware import Camera
 from vocc_torch.simulation.effects.base import Context, Effect, Quantity
-from vocc_torch.simulation.geometry import Camera
+from vocc_torch.simulation.raster import disc_quadrant_area, per_pixel
 
 FASTEST_M_S = 200.0
 """Highest speed on offer along an axis: two vehicles at 360 km/h each."""
@@ -92,7 +94,7 @@ class MotionBlur(Effect):
         """
         nearest = torch.tensor([nearest_m], dtype=torch.float64)
         shift_x, shift_y = self._checked_shifts(camera, nearest)[0]
-        _, taps = spread.streak_taps(shift_x, shift_y)
+        _, taps = streak_taps(shift_x, shift_y)
         return max((max(abs(row), abs(column)) for row, column, _ in taps), default=0)
 
     def _checked_shifts(self, camera: Camera, distance_m: Tensor) -> list[tuple[float, float]]:
@@ -100,14 +102,14 @@ class MotionBlur(Effect):
         x, y = (shift.tolist() for shift in self.shift_px(camera, distance_m))
         longest = max(abs(shift) for shift in (*x, *y))
         cause = f"velocity_x_m_s is {self.velocity_x_m_s:g} and velocity_y_m_s {self.velocity_y_m_s:g}"
-        spread.checked_reach(longest / 2, f"scene.effects.motion_blur.{cause}")
+        checked_reach(longest / 2, f"scene.effects.motion_blur.{cause}")
         return list(zip(x, y, strict=True))
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Draw out (B,1,H,W) exposure; the light outside the frame is taken to be that at its border."""
         shifts = self._checked_shifts(context.camera, context.scene.distance_m)
         frames = zip(value[:, 0].to(torch.float64), shifts, strict=True)
-        drawn = [spread.convolve_taps(plane, *spread.streak_taps(*shift)) for plane, shift in frames]
+        drawn = [convolve_taps(plane, *streak_taps(*shift)) for plane, shift in frames]
         return torch.stack(drawn).unsqueeze(1).to(value.dtype)
 
 
@@ -181,19 +183,19 @@ class Defocus(Effect):
         """Radius of each frame's kernel, on the CPU, where the frames' kernel sizes are wanted."""
         diameter = self.diameter_px(camera, distance_m.cpu())
         self._reach_px(diameter / 2)
-        return spread.disc_radius_px(diameter)
+        return disc_radius_px(diameter)
 
     def _reach_px(self, radius_px: Tensor) -> int:
         """Half width of the kernel of the largest radius."""
         widest = max(0.0, float(torch.ceil(radius_px - 0.5).max()))
         cause = f"scene.effects.defocus.focus_distance_m is {self.focus_distance_m:g}"
-        return spread.checked_reach(widest, cause)
+        return checked_reach(widest, cause)
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Spread (B,1,H,W) exposure; the light outside the frame is taken to be that at its border."""
-        quarters = spread.disc_quarters(self._radii_px(context.camera, context.scene.distance_m))
+        quarters = disc_quarters(self._radii_px(context.camera, context.scene.distance_m))
         frames = zip(value[:, 0].to(torch.float64), quarters, strict=True)
-        blurred = [spread.convolve_symmetric(plane, quarter.to(plane.device)) for plane, quarter in frames]
+        blurred = [convolve_symmetric(plane, quarter.to(plane.device)) for plane, quarter in frames]
         return torch.stack(blurred).unsqueeze(1).to(value.dtype)
 
 
@@ -255,7 +257,7 @@ class Diffraction(Effect):
         VoccError: a wavelength outside its range; when called, a camera whose pattern spans over 257 pixels.
 
     Example:
-        >>> Diffraction().reach_in_px(Camera(), nearest_m=50.0)
+        >>> Diffraction().reach_in_px(Camera(), 50.0)
         13
     """
 
@@ -282,7 +284,7 @@ class Diffraction(Effect):
         """
         reach = max(0.0, float(np.ceil(REACH_IN_LAMBDA_N * self._lambda_n_px(camera) - 0.5)))
         at = f"wavelength_nm is {self.wavelength_nm:g} at camera.f_number {camera.f_number:g}"
-        return spread.checked_reach(reach, f"scene.effects.diffraction.{at}")
+        return checked_reach(reach, f"scene.effects.diffraction.{at}")
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Spread (B,1,H,W) exposure; the light outside the frame is taken to be that at its border."""
@@ -291,9 +293,7 @@ class Diffraction(Effect):
             return value
         quarter = airy_quarter(self._lambda_n_px(context.camera), reach).to(value.device)
         planes = value[:, 0].to(torch.float64)
-        return (
-            torch.stack([spread.convolve_symmetric(p, quarter) for p in planes]).unsqueeze(1).to(value.dtype)
-        )
+        return torch.stack([convolve_symmetric(p, quarter) for p in planes]).unsqueeze(1).to(value.dtype)
 
 
 @dataclass(frozen=True, slots=True)
@@ -391,7 +391,7 @@ class Vignetting(Effect):
         VoccError: a loss outside its range.
 
     Example:
-        >>> from vocc_torch.simulation.geometry import Camera
+        >>> from vocc_torch.hardware import Camera
         >>> from vocc_torch.types import Scene
         >>> frame = torch.ones(1, 1, 1080, 1920, dtype=torch.float64)
         >>> round(float(Vignetting()(frame, Context(Scene.of(), Camera()))[0, 0, 0, 0]), 4)
@@ -431,6 +431,222 @@ def _squares(first: Tensor, size: int, middle: float, focal_px: float) -> Tensor
     """Squared offset of each pixel's middle from the axis along one side, in focal lengths, (B,size)."""
     pixels = torch.arange(size, device=first.device) + first.unsqueeze(-1)
     return ((pixels.to(torch.float64) + 0.5 - middle) / focal_px).square()
+
+
+MOST_REACH_PX = 128
+"""Half width of the widest kernel on offer; the work grows with its square."""
+
+STRIP_VALUES = 2_000_000
+"""Numbers in a working array; larger frames are convolved in strips of rows."""
+
+MOST_STRIP_VALUES = 1 << 25
+"""Numbers in a working array of a wide kernel, whose strips of wide frames are cut into columns too."""
+
+Tap = tuple[int, int, float]
+"""Row, column and weight of a kernel's tap; its mirror image through the middle has the same weight."""
+
+
+def checked_reach(reach_px: float, cause: str) -> int:
+    """Refuse a kernel that is wider than is on offer.
+
+    Raises:
+        VoccError: a half width above 128 px, with ``cause`` saying where it comes from.
+
+    Example:
+        >>> checked_reach(3, "scene.effects.defocus.focus_distance_m is 2")
+        3
+    """
+    if not reach_px <= MOST_REACH_PX:
+        limit = f"at most {MOST_REACH_PX} px is offered"
+        raise VoccError(f"{cause}: it spreads light over {reach_px:.0f} px on each side, {limit}")
+    return int(reach_px)
+
+
+def convolve_symmetric(plane: Tensor, quarter: Tensor) -> Tensor:
+    """Convolve one frame with a kernel that is symmetric from left to right and from top to bottom.
+
+    Args:
+        plane: (H,W) float64.
+        quarter: (p+1,p+1) float64, the kernel from its middle on to the right and down.
+
+    Returns:
+        (H,W) float64.
+
+    Example:
+        >>> quarter = torch.tensor([[0.6, 0.1], [0.1, 0.0]], dtype=torch.float64)
+        >>> dot = torch.zeros(3, 4, dtype=torch.float64)
+        >>> dot[1, 1] = 1
+        >>> convolve_symmetric(dot, quarter)[1].tolist()
+        [0.1, 0.6, 0.1, 0.0]
+    """
+    reach = quarter.shape[-1] - 1
+    if reach == 0:
+        return plane * quarter[0, 0]
+    padded = F.pad(plane[None, None], (reach, reach, reach, reach), mode="replicate")[0, 0]
+    fit = STRIP_VALUES // ((reach + 1) * plane.shape[1]) - 2 * reach
+    rows = max(fit, 2 * reach + 1)
+    columns = max(MOST_STRIP_VALUES // ((reach + 1) * (min(rows, plane.shape[0]) + 2 * reach)), 1)
+    strips = []
+    for top in range(0, plane.shape[0], rows):
+        strip = padded[top : top + rows + 2 * reach]
+        blocks = (strip[:, left : left + columns + 2 * reach] for left in range(0, plane.shape[1], columns))
+        strips.append(torch.cat([_convolve_strip(block, quarter, reach) for block in blocks], dim=1))
+    return torch.cat(strips)
+
+
+def _convolve_strip(padded: Tensor, quarter: Tensor, reach: int) -> Tensor:
+    """Convolve rows that bring their own border of ``reach`` pixels on every side.
+
+    Mirrored columns are added first, one matrix product makes all rows of the kernel, and mirrored rows are
+    added last, each shifted to its place.
+    """
+    tall, width = padded.shape[0], padded.shape[1] - 2 * reach
+    height = tall - 2 * reach
+    columns = padded.unfold(1, width, 1).transpose(0, 1)
+    pairs = columns[reach:] + columns[: reach + 1].flip(0)
+    # The middle is its own mirror image and so is counted twice.
+    once = torch.ones(reach + 1, dtype=quarter.dtype, device=quarter.device)
+    once[0] = 0.5
+    rows = ((quarter * once * once.unsqueeze(-1)) @ pairs.flatten(1)).view(-1, width)[reach:]
+    # Row i of the kernel starts at row i of its own plane, counted up or down from the border's end.
+    above = rows.unfold(0, height, tall - 1)[: reach + 1].transpose(1, 2)
+    below = rows.unfold(0, height, tall + 1).transpose(1, 2)
+    return (above + below).sum(0)
+
+
+def convolve_taps(plane: Tensor, middle: float, taps: Sequence[Tap]) -> Tensor:
+    """Convolve one frame with a kernel of a few taps that is symmetric about its middle.
+
+    Args:
+        plane: (H,W) float64.
+        middle: weight of the middle.
+        taps: half of the others; each also stands for its mirror image through the middle.
+
+    Returns:
+        (H,W) float64.
+
+    Example:
+        >>> dot = torch.tensor([[0.0, 0.0, 8.0, 0.0, 0.0]], dtype=torch.float64)
+        >>> convolve_taps(dot, 0.5, [(0, 1, 0.25)]).tolist()
+        [[0.0, 2.0, 4.0, 2.0, 0.0]]
+    """
+    height, width = plane.shape
+    down = max((abs(row) for row, _, _ in taps), default=0)
+    across = max((abs(column) for _, column, _ in taps), default=0)
+    padded = F.pad(plane[None, None], (across, across, down, down), mode="replicate")[0, 0]
+    total = plane * middle
+    for row, column, weight in taps:
+        ahead = padded[down + row : down + row + height, across + column : across + column + width]
+        behind = padded[down - row : down - row + height, across - column : across - column + width]
+        total = total + (ahead + behind) * weight
+    return total
+
+
+def disc_radius_px(diameter_px: Tensor) -> Tensor:
+    """Radius of the disc whose cover of whole pixels has the second moment of the true disc, ``c^2 / 16``.
+
+    The share of the cover that lies in columns beyond the k-th is ``2 (1 - G((k + 1/2) / R))``, with G the
+    distribution along an axis of a unit disc, and the second moment is the sum of ``2 k + 1`` times that. It
+    grows with R, so R is found by halving.
+
+    Args:
+        diameter_px: (B,) float64, diameter c of the true disc, px, at least 0.
+
+    Returns:
+        (B,) float64, px, from 0.5, where the whole disc lies in one pixel.
+
+    Example:
+        >>> wide = disc_radius_px(torch.tensor([0.0, 40.0], dtype=torch.float64))
+        >>> [round(float(r), 2) for r in wide]
+        [0.5, 19.99]
+    """
+    wanted = diameter_px * diameter_px / 16
+    low, high = torch.full_like(diameter_px, 0.5), diameter_px / 2 + 1
+    steps = torch.arange(math.ceil(float(high.max())) + 1, dtype=torch.float64, device=diameter_px.device)
+    for _ in range(36):
+        middle = (low + high) / 2
+        u = ((steps + 0.5) / middle.unsqueeze(-1)).clamp(max=1)
+        beyond = 1 - (2 / math.pi) * (u * torch.sqrt((1 - u) * (1 + u)) + torch.asin(u))
+        # A running sum adds a frame's terms in the same order whatever else is in the batch.
+        moment = ((2 * steps + 1) * beyond).cumsum(-1)[:, -1]
+        low, high = torch.where(moment < wanted, middle, low), torch.where(moment < wanted, high, middle)
+    return low
+
+
+def disc_quarters(radius_px: Tensor) -> list[Tensor]:
+    """Share of each disc's area in each pixel of the quarter right of and below its middle pixel.
+
+    Args:
+        radius_px: (B,) float64, px, at least 0.5; a disc's middle is that of a pixel.
+
+    Returns:
+        B tensors (p+1,p+1) float64, each as large as its disc; mirrored into four quarters it adds up to 1
+        within rounding.
+
+    Example:
+        >>> quarters = disc_quarters(torch.tensor([0.5, 0.6], dtype=torch.float64))
+        >>> [quarter.shape[0] for quarter in quarters], quarters[0].tolist()
+        ([1, 2], [[1.0]])
+    """
+    reaches = torch.ceil(radius_px - 0.5).long().tolist()
+    steps = torch.arange(max(reaches) + 2, dtype=torch.float64, device=radius_px.device) - 0.5
+    edges = steps / radius_px.unsqueeze(-1)
+    area = disc_quadrant_area(edges, edges)
+    shares = per_pixel(area).clamp(min=0) / math.pi
+    return [share[: reach + 1, : reach + 1] for share, reach in zip(shares, reaches, strict=True)]
+
+
+def streak_length_px(length_px: float) -> float:
+    """Length of the streak whose cover of whole pixels has the second moment of the true one, ``L^2 / 12``.
+
+    A streak of length M about a pixel's middle, M from 2 n - 1 to 2 n + 1, has the moment
+    ``n^2 - n (4 n^2 - 1) / (3 M)``; n is the last pixel that it touches.
+
+    Args:
+        length_px: length L of the true streak along an axis, px, at least 0.
+
+    Returns:
+        Length M, px.
+
+    Example:
+        >>> streak_length_px(0.0), round(streak_length_px(0.3), 6), round(streak_length_px(29.0), 2)
+        (0.0, 1.007557, 29.02)
+    """
+    if length_px == 0:
+        return 0.0
+    moment = length_px * length_px / 12
+    n = max(1, math.ceil((math.sqrt(1 + 12 * moment) - 1) / 2))
+    return n * (4 * n * n - 1) / (3 * (n * n - moment))
+
+
+def streak_taps(shift_x_px: float, shift_y_px: float) -> tuple[float, list[Tap]]:
+    """Share of a straight streak in each pixel, exact to rounding.
+
+    Args:
+        shift_x_px: motion to the right during the exposure, px.
+        shift_y_px: motion down, px.
+
+    Returns:
+        The share of the middle pixel and the taps of the half ahead of it. With their mirror images they add
+        up to 1, and their second moments along the axes are ``shift^2 / 12``.
+
+    Example:
+        >>> middle, taps = streak_taps(0.3, 0.0)
+        >>> round(middle, 6), [(row, column, round(weight, 6)) for row, column, weight in taps]
+        (0.9925, [(0, 1, 0.00375)])
+    """
+    reach = [math.copysign(streak_length_px(abs(shift)), shift) / 2 for shift in (shift_x_px, shift_y_px)]
+    cuts = {0.0, 1.0}
+    for half in reach:
+        cuts.update((k + 0.5) / abs(half) for k in range(math.ceil(abs(half) - 0.5)))
+    ordered = sorted(cut for cut in cuts if cut <= 1)
+    shares: dict[tuple[int, int], float] = {}
+    for start, end in itertools.pairwise(ordered):
+        # The middle of a piece tells its pixel.
+        column, row = (math.floor(half * (start + end) / 2 + 0.5) for half in reach)
+        shares[row, column] = shares.get((row, column), 0.0) + (end - start) / 2
+    middle = 2 * shares.pop((0, 0))
+    return middle, [(row, column, share) for (row, column), share in shares.items()]
 
 
 EFFECTS = (MotionBlur, Defocus, Diffraction, Blooming, Vignetting)

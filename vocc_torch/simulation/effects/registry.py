@@ -8,12 +8,19 @@ import math
 from collections.abc import Mapping, Sequence
 
 from vocc_torch.errors import VoccError
-from vocc_torch.simulation.effects import coding, light, optics, sensor, surroundings, view
+from vocc_torch.simulation.effects import background, coding, light, optics, sensor, view
 from vocc_torch.simulation.effects.base import Effect, Quantity
 from vocc_torch.simulation.scene import LARGEST, Distribution
 
-PLACES = (view, light, surroundings, optics, sensor, coding)
-PHYSICAL_ORDER: tuple[type[Effect], ...] = tuple(kind for place in PLACES for kind in place.EFFECTS)
+PHYSICAL_ORDER: tuple[type[Effect], ...] = (
+    *view.EFFECTS,
+    *light.AT_THE_LEDS,
+    *background.EFFECTS,
+    *light.ON_THE_WAY,
+    *optics.EFFECTS,
+    *sensor.EFFECTS,
+    *coding.EFFECTS,
+)
 """Light at the LED, air, optics, sensor, encoding: the order of effects, whatever order names them."""
 
 BY_EFFECTS = (Quantity.ELECTRONS, Quantity.BOUNDED_GREY, Quantity.DIGITAL)
@@ -116,7 +123,7 @@ def _check_pairs(effects: tuple[Effect, ...]) -> None:
     """Refuse fog without the LEDs' attenuation in the same air, and JPEG of pictures not 8 bits deep."""
     named = {effect.name: effect for effect in effects}
     dims, fog = named.get("attenuation"), named.get("airlight")
-    if isinstance(fog, surroundings.Airlight):
+    if isinstance(fog, light.Airlight):
         if not isinstance(dims, light.Attenuation):
             rule = "which dims the LEDs' own light in the same air: name it too"
             raise VoccError(f"scene.effects.airlight needs scene.effects.attenuation, {rule}")

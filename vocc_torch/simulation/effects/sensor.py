@@ -10,11 +10,10 @@ import torch
 from torch import Tensor
 
 from vocc_torch.errors import VoccError
-from vocc_torch.simulation.effects import noise_planes
+from vocc_torch.hardware import Camera
+from vocc_torch.simulation.effects import noise
 from vocc_torch.simulation.effects.base import Context, Effect, Quantity
-from vocc_torch.simulation.effects.noise_planes import Plane, SensorPattern
-from vocc_torch.simulation.geometry import Camera
-from vocc_torch.simulation.poisson import poisson_quantile
+from vocc_torch.simulation.effects.noise import SensorPattern, poisson_quantile
 
 PLANCK_J_S = 6.62607015e-34
 SPEED_OF_LIGHT_M_S = 299_792_458.0
@@ -50,7 +49,7 @@ class Bayer(Effect):
         VoccError: a share outside its range.
 
     Example:
-        >>> from vocc_torch.simulation.geometry import Camera
+        >>> from vocc_torch.hardware import Camera
         >>> from vocc_torch.types import Scene
         >>> Bayer()(torch.ones(1, 1, 2, 4), Context(Scene.of(), Camera()))[0, 0].tolist()
         [[0.5, 1.0, 0.5, 1.0], [1.0, 0.625, 1.0, 0.625]]
@@ -224,14 +223,12 @@ class Prnu(ElectronNoise):
         """Check the range."""
         self.demand("share", 0, 0.2, above=True, hint=NO_NOISE)
 
-    def _response(self, generator: np.random.Generator, size: tuple[int, int]) -> Plane:
-        """Draw the response of a tile."""
-        response = 1 + np.float32(self.share) * noise_planes.standard_normals(generator, size)
-        return response.clip(min=0)
-
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Multiply (B,1,H,W) electrons by each pixel's response."""
-        return value * self._pattern.planes(value, context, self.name, self._response)
+        share = np.float32(self.share)
+        return value * self._pattern.planes(
+            value, context, self.name, lambda tile: (1 + share * noise.standard_normals(tile)).clip(min=0)
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -306,13 +303,11 @@ class HotPixels(ElectronNoise):
         self.demand("share", 0, 1, above=True, hint=NO_NOISE)
         self.demand("electrons_per_s", 0, 1e9, above=True, hint=NO_NOISE)
 
-    def _hot(self, generator: np.random.Generator, size: tuple[int, int]) -> Plane:
-        """Mark the hot pixels of a tile with 1."""
-        return (generator.random(size) < self.share).astype(np.float32)
-
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Add the hot pixels' charge to (B,1,H,W) electrons."""
-        hot = self._pattern.planes(value, context, self.name, self._hot)
+        hot = self._pattern.planes(
+            value, context, self.name, lambda tile: (tile.random(noise.TILE) < self.share).astype(np.float32)
+        )
         return torch.add(value, hot, alpha=self.electrons_per_s * context.camera.exposure_time_s)
 
 
@@ -331,7 +326,7 @@ class ShotNoise(ElectronNoise):
 
     Example:
         >>> from vocc_torch.rng import BlockKey, FrameKey
-        >>> from vocc_torch.simulation.geometry import Camera
+        >>> from vocc_torch.hardware import Camera
         >>> from vocc_torch.types import Scene
         >>> context = Context(Scene.of(), Camera(), [FrameKey(BlockKey(0, "doc", 0), 0)])
         >>> electrons = ShotNoise()(torch.full((1, 1, 200, 200), 50.0), context)
@@ -348,8 +343,8 @@ class ShotNoise(ElectronNoise):
             VoccError: a mean that is not a number.
         """
         means = value.detach().to("cpu").squeeze(1).numpy()
-        counts, normals = np.empty_like(means), np.empty((noise_planes.TILE_PX, noise_planes.TILE_PX))
-        frames = noise_planes.picture_tiles(context, self.name, means.shape[1:])
+        counts, normals = np.empty_like(means), np.empty(noise.TILE)
+        frames = noise.picture_tiles(context, self.name, means.shape[1:])
         for mean, count, tiles in zip(means, counts, frames, strict=True):
             # Tile by tile the working arrays stay in the processor's cache.
             for part, generator in tiles:
@@ -424,13 +419,12 @@ class Dsnu(AddedNoise):
 
     name = "dsnu"
 
-    def _offset(self, generator: np.random.Generator, size: tuple[int, int]) -> Plane:
-        """Draw the offsets of a tile."""
-        return np.float32(self.electrons) * noise_planes.standard_normals(generator, size)
-
     def noise(self, value: Tensor, context: Context) -> Tensor:
         """Each pixel's offset, (B,1,H,W) electrons."""
-        return self._pattern.planes(value, context, self.name, self._offset)
+        sigma = np.float32(self.electrons)
+        return self._pattern.planes(
+            value, context, self.name, lambda tile: sigma * noise.standard_normals(tile)
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -489,7 +483,7 @@ class ReadNoise(AddedNoise):
 
     def noise(self, value: Tensor, context: Context) -> Tensor:
         """Draw the noise of each pixel, (B,1,H,W) electrons."""
-        return noise_planes.frame_normals(value, context, self.name, self.electrons)
+        return noise.frame_normals(value, context, self.name, self.electrons)
 
 
 @dataclass(frozen=True, slots=True)
@@ -523,6 +517,6 @@ class Gain(Effect):
         return value.clamp(min=0) / makers[0].electrons_per_lx_s(context.camera)
 
 
-ON_ELECTRONS = (Prnu, DarkCurrent, HotPixels, ShotNoise, FullWell, Dsnu, RowNoise, ReadNoise)
-EFFECTS = (Bayer, Photoelectrons, *ON_ELECTRONS, Gain)
+ELECTRONS = (Photoelectrons, Prnu, DarkCurrent, HotPixels, ShotNoise, FullWell, Dsnu, RowNoise, ReadNoise)
+EFFECTS = (Bayer, *ELECTRONS, Gain)
 """In physical order."""

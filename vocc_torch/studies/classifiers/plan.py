@@ -4,25 +4,29 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 
-from vocc_torch.errors import VoccError
+from vocc_torch.errors import VoccError, section
+from vocc_torch.measure.build import build_plan
+from vocc_torch.measure.config import Settings
+from vocc_torch.measure.optional import without_absent
 from vocc_torch.measure.plan import Experiment, Locator, Plan
-from vocc_torch.measure.plug_in import ClassifierPlan
 from vocc_torch.receiver.bank import FLDA_FEATURES
+from vocc_torch.studies.classifiers.config import RivalsConfig
 
 
 @dataclass(frozen=True)
-class RivalStudy:
+class ClassifierStudy:
     """Many receivers along several axes, and across scenes.
 
     Args:
         plans: by experiment's name; they share world, receivers and budget.
         reference: the receiver that the others are compared with.
-        points: a value of an experiment's axis that the summary tells, by experiment.
-        genie_frames: frames a point for the genie's mark; 0 leaves it out.
+        points: a value of an experiment's axis that the summary states, by experiment.
+        genie_frames: frames a point that the genie decides; 0 for none.
         home: name of the scenes of ``plans``.
         scenes: plans of other scenes by name; empty for none.
-        scene_frames: test frames for each pair of scenes; 0 leaves them out.
+        scene_frames: test frames for each pair of scenes; 0 for no pairs.
         scene_training_frames: most frames that a receiver learns from there, at least 2.
         left_out: receivers that were asked for and cannot be built here, and why.
 
@@ -46,21 +50,20 @@ class RivalStudy:
             raise VoccError("rivals.experiments is empty: it must hold at least one experiment")
         for name, plan in self.plans.items():
             if plan.experiment.axis == "contrast":
-                raise VoccError(
-                    f"rivals.experiments.{name} is over contrast: it must be over a value of a scene"
-                )
+                rule = "it must be over a value of a scene"
+                raise VoccError(f"rivals.experiments.{name} is over contrast: {rule}")
         if self.reference not in self.base.receiver.names:
             known = ", ".join(self.base.receiver.names)
-            raise VoccError(f"rivals.reference is {self.reference!r}: it must be one of {known}")
+            raise VoccError.of("rivals.reference", repr(self.reference), f"one of {known}")
         for name, value in self.points.items():
             if name not in self.plans:
                 raise VoccError(f"rivals.points.{name} is no experiment: known are {', '.join(self.plans)}")
             if value not in (values := self.plans[name].experiment.values):
                 allowed = ", ".join(f"{one:g}" for one in values)
-                raise VoccError(f"rivals.points.{name} is {value:g}: it must be one of {allowed}")
+                raise VoccError.of(f"rivals.points.{name}", f"{value:g}", f"one of {allowed}")
         for key, least in (("genie_frames", 0), ("scene_frames", 0), ("scene_training_frames", 2)):
             if (given := getattr(self, key)) < least:
-                raise VoccError(f"rivals.{key} is {given}: it must be at least {least}")
+                raise VoccError.of(f"rivals.{key}", given, f"at least {least}")
         if self.home in self.scenes:
             raise VoccError(f"rivals.scenes.{self.home} is the scene of the experiments: leave it out")
 
@@ -70,29 +73,34 @@ class RivalStudy:
         return next(iter(self.plans.values()))
 
     @property
-    def locators(self) -> tuple[Locator, ...]:
-        """The only locator."""
-        return (self.base.receiver.locator,)
+    def locator(self) -> Locator:
+        """What finds the panel, for every receiver."""
+        return self.base.receiver.locator
 
     @property
-    def worlds(self) -> dict[str, Plan]:
-        """The scenes of the pairs as plans of their own, the home first; empty without pairs."""
+    def scene_plans(self) -> dict[str, Plan]:
+        """By name, plans that train and test in one kind of scenes, the home first; empty without pairs."""
         if not self.scenes or not self.scene_frames:
             return {}
         given = {self.home: self.base, **self.scenes}
-        return {name: self._abroad(name, plan) for name, plan in given.items()}
+        return {name: self._in_scenes(name, plan) for name, plan in given.items()}
 
-    def _abroad(self, name: str, plan: Plan) -> Plan:
+    def _in_scenes(self, name: str, plan: Plan) -> Plan:
         """Give a plan that trains on few frames of its scenes, with test frames of its own name."""
-        most = self.scene_training_frames
-        receiver = replace(
-            plan.receiver,
-            # Those that need preambles learn nothing.
-            names=tuple(one for one in plan.receiver.names if one in (*FLDA_FEATURES, *_plugged_in(plan))),
-            classifiers=tuple(
-                _capped(one, most, mixed=name == self.home) for one in plan.receiver.classifiers
-            ),
-        )
+        most, learners = self.scene_training_frames, plan.receiver.classifiers
+        capped = [
+            replace(
+                one,
+                training=replace(one.training, frames=min(most, one.training.frames)),
+                frames=None if one.frames is None else min(most, one.frames),
+                # A classifier's own mix of scenes is of those at home.
+                scene=one.scene if name == self.home else {},
+            )
+            for one in learners
+        ]
+        # Receivers that need preambles learn nothing.
+        learn = {*FLDA_FEATURES, *(one.name for one in learners)}
+        names = tuple(one for one in plan.receiver.names if one in learn)
         budget = replace(
             plan.budget,
             frames=self.scene_frames,
@@ -101,20 +109,42 @@ class RivalStudy:
             precision=None,
             least_ber=0.0,
         )
-        whole = Experiment(f"scenes/{name}", "distance_m", (plan.world.scene.nearest_m,))
-        return replace(plan, receiver=receiver, budget=budget, experiment=whole)
+        return replace(
+            plan,
+            receiver=replace(plan.receiver, names=names, classifiers=tuple(capped)),
+            budget=budget,
+            experiment=Experiment(f"scenes/{name}", "distance_m", (plan.world.scene.nearest_m,)),
+        )
 
 
-def _plugged_in(plan: Plan) -> tuple[str, ...]:
-    """Name a plan's classifiers."""
-    return tuple(one.name for one in plan.receiver.classifiers)
+def build_classifier_study(settings: Settings, config: RivalsConfig, folder: Path) -> ClassifierStudy:
+    """Build the study that ``task=classifiers`` makes.
 
-
-def _capped(one: ClassifierPlan, most: int, *, mixed: bool) -> ClassifierPlan:
-    """Let a classifier learn from at most so many frames; its own mix of scenes is of those of its home."""
-    return replace(
-        one,
-        training=replace(one.training, frames=min(most, one.training.frames)),
-        frames=None if one.frames is None else min(most, one.frames),
-        scene=one.scene if mixed else {},
+    Raises:
+        VoccError: a value outside its range, named by its key.
+    """
+    plan = build_plan(settings, folder)
+    receiver, left_out = without_absent(plan.receiver)
+    plans, scenes = {}, {}
+    for name, experiment in config.experiments.items():
+        key = f"rivals.experiments.{name}"
+        if experiment.row_axis is not None:
+            raise VoccError(f"{key} is a grid over {experiment.row_axis}: it must have one axis")
+        with section(key, before="experiment"):
+            plans[name] = replace(plan, receiver=receiver, experiment=experiment)
+    for name, scene in config.scenes.items():
+        # The scene of the experiments may be among the shipped ones or not.
+        if name != settings.scene.name:
+            with section(f"rivals.scenes.{name}", before="scene"):
+                scenes[name] = replace(build_plan(replace(settings, scene=scene), folder), receiver=receiver)
+    return ClassifierStudy(
+        plans,
+        reference=config.reference,
+        points=config.points,
+        genie_frames=config.genie_frames,
+        home=settings.scene.name,
+        scenes=scenes,
+        scene_frames=config.scene_frames,
+        scene_training_frames=config.scene_training_frames,
+        left_out=left_out,
     )

@@ -1,12 +1,14 @@
-"""``task=classifiers``: many receivers on the same frames, with their prices, and across scenes."""
+"""``task=classifiers``: many receivers on the same frames, with what they cost, and across scenes."""
 
 from __future__ import annotations
 
-from contextlib import ExitStack
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
-from matplotlib.figure import Figure
 from rich.console import Console
+from rich.text import Text
 
 from vocc_torch.files import write_atomically
 from vocc_torch.measure.config import Settings
@@ -26,20 +28,14 @@ from vocc_torch.show.folder import (
     write_config,
     write_training,
 )
-from vocc_torch.show.tensorboard import quiet_threads
-from vocc_torch.show.terminal import ProgressView as CampaignView
-from vocc_torch.show.terminal import Stopwatch
-from vocc_torch.studies.classifiers.build import build_rival_study
+from vocc_torch.show.terminal import ProgressView
 from vocc_torch.studies.classifiers.config import RivalsConfig
-from vocc_torch.studies.classifiers.plan import RivalStudy
-from vocc_torch.studies.classifiers.rivals import Rivals
-from vocc_torch.studies.classifiers.rivals_board import write_rival_board
-from vocc_torch.studies.classifiers.rivals_csv import write_rivals
-from vocc_torch.studies.classifiers.rivals_figure import curves_figure
-from vocc_torch.studies.classifiers.rivals_scenes import scenes_figure
-from vocc_torch.studies.classifiers.rivals_table import print_rivals
-from vocc_torch.studies.classifiers.rivals_words import summary
-from vocc_torch.studies.classifiers.study import Told, compare_rivals
+from vocc_torch.studies.classifiers.figures import curves_figure, scenes_figure
+from vocc_torch.studies.classifiers.plan import ClassifierStudy, build_classifier_study
+from vocc_torch.studies.classifiers.results import Comparison
+from vocc_torch.studies.classifiers.study import compare_classifiers
+from vocc_torch.studies.classifiers.tables import print_table, write_board, write_tables
+from vocc_torch.studies.classifiers.words import summary
 
 
 def run_classifiers(settings: Settings, config: RivalsConfig, folder: Path) -> None:
@@ -50,76 +46,59 @@ def run_classifiers(settings: Settings, config: RivalsConfig, folder: Path) -> N
     """
     refuse_unused(settings)
     refuse_results(folder, LEDGERS)
-    study, console = build_rival_study(settings, config, folder), Console()
-    workers = Workers(settings.workers)
+    study, console = build_classifier_study(settings, config, folder), Console()
     with resumable(settings, folder, console):
-        rivals, training = _measure(settings, study, workers, folder, console)
+        comparison, training = _measure(settings, study, folder, console)
     write_training(settings, study.base, training, folder)
-    _write(settings, rivals, folder)
-    print_rivals(rivals, console)
-    _print_places(console, settings, rivals, folder)
+    pictures = _write(settings, comparison, folder)
+    print_table(comparison, console)
+    console.print(Text(summary(comparison, min(100, console.width))), soft_wrap=True)
+    places = {"table": "classifiers.csv", "points": "ber.csv", "pairs": "paired.csv"}
+    places |= {"genie": "genie.csv"} if comparison.genie else {}
+    places |= {"scenes": "robustness.csv"} if comparison.transfers else {}
+    for what, name in [*places.items(), *(("figure", name) for name in pictures)]:
+        print_place(console, what, folder / name)
+    if settings.tensorboard:
+        print_place(console, "board", board_hint(folder / "tensorboard"))
 
 
 def _measure(
-    settings: Settings, study: RivalStudy, workers: Workers, folder: Path, console: Console
-) -> tuple[Rivals, Training]:
+    settings: Settings, study: ClassifierStudy, folder: Path, console: Console
+) -> tuple[Comparison, Training]:
     """Measure all there is under a live view, and say what took how long."""
-    watch = Stopwatch()
     frames = sum(plan.frames_in_point * len(plan.experiment.values) for plan in study.plans.values())
     with ExitStack() as held:
         ledgers = {
             name: held.enter_context(
-                open_ledger(folder / LEDGERS / f"{name}.sqlite", identity(plan, study.locators), console)
+                open_ledger(folder / LEDGERS / f"{name}.sqlite", identity(plan, (study.locator,)), console)
             )
             for name, plan in study.plans.items()
         }
         write_config(settings, folder)
-        view = held.enter_context(CampaignView(frames, console))
-        held.enter_context(workers)
-        begun = watch.lap("", 0.0)
+        view = held.enter_context(ProgressView(frames, console))
+        workers = held.enter_context(Workers(settings.workers))
 
-        def finished(stage: str) -> None:
-            nonlocal begun
-            before, begun = begun, watch.lap(stage, begun)
-            view.say(f"{stage:<20} {begun - before:6.1f} s")
+        @contextmanager
+        def stage(name: str) -> Iterator[None]:
+            view.advance(name, 0)
+            begun = time.perf_counter()
+            yield
+            view.say(f"{name:<20} {time.perf_counter() - begun:6.1f} s")
 
-        told = Told(lambda stage: view.advance(stage, 0), view.advance, finished)
-        return compare_rivals(study, ledgers, workers, told)
-
-
-def _figures(rivals: Rivals) -> dict[str, Figure]:
-    """Draw every experiment, and the pairs of scenes."""
-    figures = {name: curves_figure(rivals, name) for name in rivals.curves}
-    if rivals.transfers:
-        figures["robustness"] = scenes_figure(rivals)
-    return figures
+        return compare_classifiers(study, ledgers, workers, stage, view.advance)
 
 
-def _write(settings: Settings, rivals: Rivals, folder: Path) -> None:
-    """Write tables, pictures, words and the board."""
-    write_rivals(folder, rivals)
-    words = summary(rivals)
+def _write(settings: Settings, comparison: Comparison, folder: Path) -> list[str]:
+    """Write tables, pictures, words and the board; returns the pictures' names."""
+    write_tables(folder, comparison)
+    words = summary(comparison)
     write_atomically(folder / "summary.txt", words.encode())
-    figures = _figures(rivals)
+    figures = {name: curves_figure(comparison, name) for name in comparison.curves}
+    if comparison.transfers:
+        figures["robustness"] = scenes_figure(comparison)
     for name, figure in figures.items():
         save_figure(figure, folder / f"{name}.png")
     if settings.tensorboard:
         texts = {"configuration": as_markdown(settings), "summary": f"```\n{words}\n```"}
-        with quiet_threads():
-            write_rival_board(folder / "tensorboard", rivals, figures, texts)
-
-
-def _print_places(console: Console, settings: Settings, rivals: Rivals, folder: Path) -> None:
-    """Say where the results are."""
-    places = {"table": "classifiers.csv", "points": "ber.csv", "pairs": "paired.csv"}
-    if rivals.marks:
-        places["genie"] = "genie.csv"
-    if rivals.transfers:
-        places["scenes"] = "robustness.csv"
-    pictures = [*rivals.curves, *(["robustness"] if rivals.transfers else [])]
-    for what, name in places.items():
-        print_place(console, what, folder / name)
-    for name in pictures:
-        print_place(console, "figure", folder / f"{name}.png")
-    if settings.tensorboard:
-        print_place(console, "board", board_hint(folder / "tensorboard"))
+        write_board(folder / "tensorboard", comparison, figures, texts)
+    return [f"{name}.png" for name in figures]

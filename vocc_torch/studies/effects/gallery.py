@@ -19,7 +19,7 @@ from vocc_torch.show.canvas import INK, QUIET, new_figure, write_title
 from vocc_torch.show.plots import facet_figure
 from vocc_torch.show.styles import Style, receiver_styles
 from vocc_torch.simulation.effects import Parameters
-from vocc_torch.simulation.geometry import panel_corners_px
+from vocc_torch.simulation.framing import panel_corners_px
 from vocc_torch.studies.effects.plan import EffectStudy
 from vocc_torch.studies.effects.results import EffectResults, SeverityCurve
 from vocc_torch.studies.effects.tables import scene_text

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.frame_errors import FrameErrors
-from vocc_torch.measure.genie.genie_mark import GenieMark
+from vocc_torch.measure.genie.genie import GenieReference
 from vocc_torch.measure.intervals import ber_interval
 from vocc_torch.measure.plug_in_training import Making
 from vocc_torch.measure.prices import OperatingPoint
@@ -82,7 +82,7 @@ class PriceList:
     sensor_px: tuple[int, int]
     scene: str = ""
     frames_a_preamble: int = 1
-    references: Mapping[str, GenieMark] = field(default_factory=dict)
+    references: Mapping[str, GenieReference] = field(default_factory=dict)
     no_references: Mapping[str, str] = field(default_factory=dict)
     missing: Mapping[str, str] = field(default_factory=dict)
     left_out: Mapping[str, str] = field(default_factory=dict)

@@ -10,8 +10,8 @@ import torch
 from torch import Tensor
 
 from vocc_torch.measure.frame_errors import FrameErrors, FrameJob
-from vocc_torch.measure.genie.genie_likelihood import UnknownLikelihoodError
-from vocc_torch.measure.genie.genie_mark import GenieMark, genie_mark
+from vocc_torch.measure.genie.genie import GenieReference, genie_reference
+from vocc_torch.measure.genie.likelihood import UnknownLikelihoodError
 from vocc_torch.measure.link import Observation, block_keys
 from vocc_torch.measure.plan import resolve_device
 from vocc_torch.measure.plug_in_training import Making
@@ -183,18 +183,16 @@ def _in_one_go(settings: Sequence[Setting]) -> list[Setting]:
     ]
 
 
-def _references(study: TradeoffStudy, workers: Workers) -> tuple[dict[str, GenieMark], dict[str, str]]:
+def _references(study: TradeoffStudy, workers: Workers) -> tuple[dict[str, GenieReference], dict[str, str]]:
     """Let a decoder that knows the scene have the first of each kind's frames, or say why it has none."""
-    references: dict[str, GenieMark] = {}
+    references: dict[str, GenieReference] = {}
     if not study.config.genie_frames:
         return references, dict.fromkeys(study.scenes, "tradeoff.genie_frames is 0")
     plan, refused = study.plan, {}
     frames = min(study.config.genie_frames, plan.budget.frames)
     for name in study.scenes:
         try:
-            references[name] = genie_mark(
-                plan.world, study.model(name), plan.seed, study.point(name), frames, workers
-            )
+            references[name] = genie_reference(plan, study.model(name), study.point(name), frames, workers)
         except UnknownLikelihoodError as error:
             # Pixels full before they are white show only once scenes are drawn, and perhaps in one kind.
             refused[name] = str(error)

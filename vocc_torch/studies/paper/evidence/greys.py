@@ -17,9 +17,9 @@ from vocc_torch.measure.plan import Plan
 from vocc_torch.show.canvas import INK, QUIET
 from vocc_torch.simulation import Simulator
 from vocc_torch.studies.paper.evidence import drawing
+from vocc_torch.studies.paper.evidence.features import least_error, roc_area
 from vocc_torch.studies.paper.evidence.figure import Bools, Cell, Floats, PaperFigure, Picture, led_rows
 from vocc_torch.studies.paper.evidence.sample import Sample, cut_out, draw_sample
-from vocc_torch.studies.paper.evidence.separation import least_error, roc_area
 
 
 @dataclass(frozen=True)

@@ -19,8 +19,7 @@ from vocc_torch.receiver.rectification import cell_homography
 from vocc_torch.rng import BlockKey
 from vocc_torch.show.canvas import GRID, INK, QUIET
 from vocc_torch.simulation.effects import Context
-from vocc_torch.simulation.exposure import auto_iso, through_lens
-from vocc_torch.simulation.photometry import grey_value, reflected_luminance_cd_m2
+from vocc_torch.simulation.photometry import auto_iso, grey_value, reflected_luminance_cd_m2, through_lens
 from vocc_torch.studies.paper.evidence import drawing
 from vocc_torch.studies.paper.evidence.figure import Bools, Cell, Floats, PaperFigure, Picture
 from vocc_torch.studies.paper.evidence.sample import conditions, cut_out, paper_scene

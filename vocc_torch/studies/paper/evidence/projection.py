@@ -14,8 +14,8 @@ from vocc_torch.measure.train import train
 from vocc_torch.receiver.features import FEATURE_NAMES
 from vocc_torch.show.canvas import INK, head
 from vocc_torch.studies.paper.evidence import drawing
+from vocc_torch.studies.paper.evidence.features import roc_area
 from vocc_torch.studies.paper.evidence.figure import Bools, Cell, Floats, PaperFigure
-from vocc_torch.studies.paper.evidence.separation import roc_area
 
 SHOWN = 4000
 """LEDs in the cloud; more hide each other."""

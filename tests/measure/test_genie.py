@@ -12,10 +12,10 @@ from scipy.optimize import lsq_linear
 from scipy.stats import norm
 
 from vocc_torch.errors import VoccError
+from vocc_torch.measure.genie.forward import AFFINE, CODING, NOISE, ForwardModel
 from vocc_torch.measure.genie.genie import Genie
-from vocc_torch.measure.genie.genie_light import AFFINE, CODING, NOISE, ForwardModel
-from vocc_torch.measure.genie.genie_likelihood import log_interval_probability
-from vocc_torch.measure.genie.genie_search import likely_bits, relaxed_shares
+from vocc_torch.measure.genie.likelihood import log_interval_probability
+from vocc_torch.measure.genie.search import likely_bits, relaxed_shares
 from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.simulation import Camera, Distribution, LedPanel, SceneModel, Simulator
 from vocc_torch.simulation.effects.registry import PHYSICAL_ORDER
@@ -216,7 +216,7 @@ def test_light_of_each_led_is_that_of_the_panel_with_it_alone_on(name):
     assert torch.allclose(model.base, exposure[0, reached], rtol=1e-12)
 
 
-def test_search_in_breadth_keeps_the_least_squares_of_exhaustive_search():
+def test_the_m_algorithm_keeps_the_least_squares_of_exhaustive_search():
     simulator = Simulator(panel=panel_of(3, 3))
     scene, bits, _ = drawn("breadth", 3, (3, 3), ambient_lx=20000, distance_m=300)
     frames = simulator.render(scene, bits)
@@ -309,17 +309,14 @@ def test_what_lies_off_the_sensor_is_on_and_the_rest_is_read():
 
 def test_no_batch_and_no_repetition_changes_an_answer():
     simulator = Simulator()
-    scene, bits, _ = drawn("batch", 5)
-    frames = simulator.render(scene, bits)
-    genie = Genie(simulator)
+    scene, bits, _ = drawn("batch", 3)
+    frames, genie = simulator.render(scene, bits), Genie(simulator)
     together = genie.decide(frames, scene)
-    for i in (4, 0, 4):
+    for i in (2, 0, 2):
         alone = genie.decide(frames[i : i + 1], scene[i : i + 1])
         assert torch.equal(alone.bits[0], together.bits[i])
         assert torch.equal(alone.scores[0], together.scores[i])
-        assert torch.equal(alone.proven[0], together.proven[i])
-    none = genie.decide(frames[:0], scene[:0])
-    assert tuple(none.bits.shape) == (0, 8, 8)
+    assert tuple(genie.decide(frames[:0], scene[:0]).bits.shape) == (0, 8, 8)
 
 
 def test_a_frame_of_other_making_is_not_proven():

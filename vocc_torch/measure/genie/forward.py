@@ -1,18 +1,20 @@
-"""The simulator's own light, LED by LED: before gamma, clipping and rounding it is affine in the bits."""
+"""The light that each LED adds to each pixel, as the simulator renders it.
+
+Before gamma encoding, clipping and rounding the exposure of a pixel is an affine function of the bits.
+"""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
 
 import torch
 from torch import Tensor
 
-from vocc_torch.measure.genie.genie_likelihood import PixelModel, UnknownLikelihoodError, sensor_noise
+from vocc_torch.measure.genie.likelihood import PixelModel, UnknownLikelihoodError, sensor_noise
 from vocc_torch.simulation import Simulator
 from vocc_torch.simulation.effects import Context, Effect, Parameters
 from vocc_torch.simulation.effects.coding import Quantization
-from vocc_torch.simulation.geometry import led_centres_m
+from vocc_torch.simulation.effects.view import led_centres_m
 from vocc_torch.simulation.photometry import MIDDLE_GREY
 from vocc_torch.types import Frames, PanelShape, Scene
 
@@ -20,10 +22,10 @@ AFFINE = (
     *("lens_distortion", "attenuation", "airlight", "veiling_glare", "motion_blur", "defocus", "diffraction"),
     *("blooming", "vignetting", "bayer", "photoelectrons", "dark_current", "gain"),
 )
-"""Effects after which the exposure still is a known affine function of the bits."""
+"""Effects that leave the exposure an affine function of the bits."""
 
 NOISE = ("prnu", "shot_noise", "dsnu", "read_noise")
-"""Effects that give each pixel a deviation of its own, whose variance is known."""
+"""Effects that add independent noise to each pixel, of known variance."""
 
 CODING = ("full_well", "saturation", "quantization")
 """Effects that clip and round."""
@@ -34,28 +36,8 @@ SLACK = 5e-5
 Window = tuple[slice, slice]
 
 
-def check_covered(effects: Sequence[Effect]) -> None:
-    """Refuse, by name, effects whose likelihood the genie does not know.
-
-    Raises:
-        UnknownLikelihoodError: an effect that is not covered, or frames that are not quantised.
-
-    Example:
-        >>> from vocc_torch.simulation.effects import build_effects
-        >>> check_covered(build_effects({"saturation": {}, "quantization": {}}))
-    """
-    known = (*AFFINE, *NOISE, *CODING)
-    names = [effect.name for effect in effects]
-    if others := [f"scene.effects.{name}" for name in names if name not in known]:
-        raise UnknownLikelihoodError(
-            f"the genie knows no likelihood for {', '.join(others)}: known are {', '.join(known)}"
-        )
-    if "quantization" not in names:
-        raise UnknownLikelihoodError("the genie reads digital numbers: name scene.effects.quantization")
-
-
 def overlap(mine: Frames, theirs: Frames) -> tuple[Window, Window]:
-    """Cut out what two pictures of one frame both show: rows and columns in each.
+    """Find what two pictures of one frame both show: its rows and columns in each picture.
 
     Example:
         >>> picture = torch.zeros(1, 1, 4, 4)
@@ -65,15 +47,15 @@ def overlap(mine: Frames, theirs: Frames) -> tuple[Window, Window]:
     """
     x, y = (theirs.origin_px[0].cpu() - mine.origin_px[0].cpu()).tolist()
     sizes = zip(mine.grey.shape[-2:], theirs.grey.shape[-2:], (y, x), strict=True)
-    (rows, their_rows), (columns, their_columns) = (shared(at, theirs, mine) for mine, theirs, at in sizes)
+    (rows, their_rows), (columns, their_columns) = (clipped(at, theirs, mine) for mine, theirs, at in sizes)
     return (rows, columns), (their_rows, their_columns)
 
 
-def shared(start: int, length: int, size: int) -> tuple[slice, slice]:
-    """Cut the part of ``length`` places from ``start`` that lies within ``size``: in the whole, in the part.
+def clipped(start: int, length: int, size: int) -> tuple[slice, slice]:
+    """Cut ``length`` places from ``start`` on to those within ``size``: slices of the whole and of the part.
 
     Example:
-        >>> shared(-2, 5, 10)
+        >>> clipped(-2, 5, 10)
         (slice(0, 3, None), slice(2, 5, None))
     """
     low, high = min(max(start, 0), size), max(min(start + length, size), 0)
@@ -81,13 +63,14 @@ def shared(start: int, length: int, size: int) -> tuple[slice, slice]:
 
 
 class ForwardModel:
-    """What the simulator does to each LED's light, known to the genie and to no receiver.
+    """The forward model of a frame's pixels, which the genie knows and no receiver does.
 
     Args:
         simulator: renders the frames.
 
     Raises:
-        UnknownLikelihoodError: effects that are not covered.
+        UnknownLikelihoodError: an effect whose likelihood is not known, by name, or frames that are not
+            quantised.
 
     Example:
         >>> simulator, scene = Simulator(), Scene.of(distance_m=50.0)
@@ -98,11 +81,19 @@ class ForwardModel:
     """
 
     def __init__(self, simulator: Simulator) -> None:
-        check_covered(simulator.effects)
         self.camera, self.panel, self.effects = simulator.camera, simulator.panel, simulator.effects
-        kept = settings([effect for effect in simulator.effects if effect.name in AFFINE])
-        # An LED is a panel of one at its own place: small pictures, not one of the whole for each LED.
-        # Off it is as grey as what lies behind it.
+        known = (*AFFINE, *NOISE, *CODING)
+        if others := [f"scene.effects.{one.name}" for one in self.effects if one.name not in known]:
+            raise UnknownLikelihoodError(
+                f"the genie knows no likelihood for {', '.join(others)}: known are {', '.join(known)}"
+            )
+        coding = next((effect for effect in self.effects if isinstance(effect, Quantization)), None)
+        if coding is None:
+            raise UnknownLikelihoodError("the genie reads digital numbers: name scene.effects.quantization")
+        self._half_step = 127.5 / (coding.levels - 1)
+        kept = {effect.name: _parameters(effect) for effect in self.effects if effect.name in AFFINE}
+        # Each LED is rendered as a panel of one LED at its place: small pictures, not the whole panel's.
+        # Off, it is as grey as what lies behind it.
         grey = simulator.panel.background_reflectance
         single = dataclasses.replace(
             simulator.panel, shape=PanelShape(1, 1), led_reflectance=grey, board_reflectance=None
@@ -111,8 +102,6 @@ class ForwardModel:
             Simulator(self.camera, panel, kept, device=simulator.device, dtype=torch.float64)
             for panel in (simulator.panel, single)
         )
-        (coding,) = (effect for effect in simulator.effects if isinstance(effect, Quantization))
-        self._half_step = 127.5 / (coding.levels - 1)
 
     def pixels(self, frame: Frames, scene: Scene) -> PixelModel:
         """Model the pixels of one frame that any LED's light reaches.
@@ -147,7 +136,7 @@ class ForwardModel:
         return (grey.to("cpu") / MIDDLE_GREY) ** self.camera.gamma
 
     def _light(self, scene: Scene, whole: Frames) -> Tensor:
-        """What each LED adds to the pixels of a picture, (N,H,W)."""
+        """Render what each LED adds to the pixels of a picture, (N,H,W)."""
         at = led_centres_m(self.panel).to(scene.distance_m)
         leds = Scene(*(getattr(scene, field.name).expand(len(at)) for field in dataclasses.fields(Scene)))
         x, y = (offset + own for offset, own in zip((leds.offset_x_m, leds.offset_y_m), at.T, strict=True))
@@ -161,24 +150,15 @@ class ForwardModel:
         added = torch.where(added > 1e-12 * without, added, 0.0)
         light = added.new_zeros(len(at), *whole.grey.shape[-2:])
         for led, (left, top) in enumerate((lit.origin_px - whole.origin_px).tolist()):
-            rows, own_rows = shared(top, added.shape[-2], light.shape[-2])
-            columns, own_columns = shared(left, added.shape[-1], light.shape[-1])
+            rows, own_rows = clipped(top, added.shape[-2], light.shape[-2])
+            columns, own_columns = clipped(left, added.shape[-1], light.shape[-1])
             light[led, rows, columns] = added[led, own_rows, own_columns]
         return light
 
 
-def settings(effects: Sequence[Effect]) -> dict[str, Parameters]:
-    """Read the parameters of effects back, by name, as they were given.
-
-    Example:
-        >>> from vocc_torch.simulation.effects import build_effects
-        >>> settings(build_effects({"blooming": {"sigma_px": 1.5}}))
-        {'blooming': {'sigma_px': 1.5}}
-    """
-    read: dict[str, Parameters] = {}
-    for effect in effects:
-        assert dataclasses.is_dataclass(effect)
-        given = {f.name: getattr(effect, f.name) for f in dataclasses.fields(effect) if f.init}
-        # A parameter that may be left out is None where it was.
-        read[effect.name] = {name: value for name, value in given.items() if value is not None}
-    return read
+def _parameters(effect: Effect) -> Parameters:
+    """Read the parameters of an effect back, as they were given."""
+    assert dataclasses.is_dataclass(effect)
+    given = {f.name: getattr(effect, f.name) for f in dataclasses.fields(effect) if f.init}
+    # A parameter that may be left out is None where it was.
+    return {name: value for name, value in given.items() if value is not None}

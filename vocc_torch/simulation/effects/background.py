@@ -1,4 +1,4 @@
-"""The LED panel of another vehicle in the view."""
+"""What stands behind the panel: texture, lamps and the panel of another vehicle."""
 
 from __future__ import annotations
 
@@ -7,17 +7,192 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.fft
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from vocc_torch.errors import VoccError
-from vocc_torch.simulation.effects.base import Context, Effect, Quantity
+from vocc_torch.simulation.effects.base import BRIGHTEST, Context, Effect, Quantity
 from vocc_torch.simulation.effects.light import dimmed_once
-from vocc_torch.simulation.effects.view import LensDistortion
-from vocc_torch.simulation.geometry import CLOCKWISE, led_centres_m
-from vocc_torch.simulation.perspective import View, view_of
+from vocc_torch.simulation.effects.view import CLOCKWISE, LensDistortion, View, led_centres_m, view_of
 from vocc_torch.simulation.photometry import reflected_luminance_cd_m2
-from vocc_torch.simulation.raster import add_patches, ellipse_cover, polygon_cover
+from vocc_torch.simulation.raster import add_patches, disc_quadrant_area, ellipse_cover, polygon_cover
+
+MOST_LAMPS = 1000
+"""Most lamps in a frame."""
+
+
+def power_law_noise(
+    generator: np.random.Generator, size: tuple[int, int], beta: float
+) -> NDArray[np.float32]:
+    """Gaussian noise of mean 0 and variance 1 whose power falls with spatial frequency as ``1 / f^beta``.
+
+    Each Fourier coefficient is drawn by itself and weighted by ``f^(-beta/2)``, f being the length of the
+    frequency vector in cycles a pixel; the coefficient at f = 0 is zero. The noise is periodic in the size.
+
+    Args:
+        generator: the source of randomness.
+        size: height and width, px.
+        beta: exponent, at least 0; 0 is white noise.
+
+    Returns:
+        (height, width); mean and variance hold for these very pixels, to float32 rounding.
+
+    Example:
+        >>> noise = power_law_noise(np.random.default_rng(0), (48, 64), beta=2.0)
+        >>> noise.shape, round(float(noise.std()), 4)
+        ((48, 64), 1.0)
+    """
+    height, width = size
+    across, down = np.fft.rfftfreq(width), np.fft.fftfreq(height)
+    squared = down.astype(np.float32)[:, None] ** 2 + across.astype(np.float32) ** 2
+    squared[0, 0] = 1.0
+    weight = squared ** np.float32(-beta / 4)
+    weight[0, 0] = 0.0
+    # These columns stand for themselves, every other one also for its mirror image.
+    alone = [0, -1] if width % 2 == 0 else [0]
+    weight[:, alone] *= np.float32(math.sqrt(2))
+    parts = generator.standard_normal((*weight.shape, 2), dtype=np.float32)
+    spectrum = parts.view(np.complex64)[..., 0] * weight
+    plane: NDArray[np.float32] = scipy.fft.irfft2(spectrum, s=size, overwrite_x=True)
+    rms = math.sqrt(float(np.square(plane).mean(dtype=np.float64)))
+    return plane * np.float32(1 / rms if rms > 0 else 0)
+
+
+@dataclass(frozen=True, slots=True)
+class BackgroundTexture(Effect):
+    """Background luminance times a texture of mean 1, ``exp(s g) / mean(exp(s g))``, ``s^2 = ln(1 + c^2)``.
+
+    g is :func:`power_law_noise` over the whole sensor and c the contrast. The texture is log-normal, as the
+    luminances of natural scenes nearly are, so it is never negative; its logarithm has the power law. Its
+    mean over the sensor is 1, so auto-ISO meters the same background. It lies behind the panel: board and
+    LEDs cover it, and where the panel has no board it shows between the LEDs. It is drawn on the sensor's
+    grid, a crop being a part of it, and a frame and its preambles share it. Sampled: the texture is a
+    constant to automatic differentiation, and the light keeps its gradient.
+
+    Source: D. J. Field, "Relations between the statistics of natural images and the response properties of
+    cortical cells", J. Opt. Soc. Am. A 4, 1987; D. L. Ruderman, "The statistics of natural images",
+    Network 5, 1994.
+
+    Args:
+        contrast: root-mean-square contrast, standard deviation over mean, above 0 and at most 1; natural
+            scenes have 0.2 to 0.5. The logarithm's is exact; so a frame's own is within 5 % of it at 0.3.
+        beta: exponent of the power spectrum, 0 to 4; natural images have about 2, 0 is white noise.
+
+    Raises:
+        VoccError: a value outside its range.
+
+    Example:
+        >>> BackgroundTexture(contrast=0.3).beta
+        2.0
+    """
+
+    contrast: float
+    beta: float = 2.0
+
+    name = "background_texture"
+    takes = gives = Quantity.BACKGROUND
+    sampled = fills_sensor = True
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        self.demand("contrast", 0, 1, above=True, hint="leave the effect out for a uniform background")
+        self.demand("beta", 0, 4)
+
+    def texture(self, generator: np.random.Generator, sensor_px: tuple[int, int]) -> NDArray[np.float32]:
+        """Draw one frame's texture on the whole sensor, (height, width), mean 1."""
+        log_sigma = np.float32(math.sqrt(math.log1p(self.contrast**2)))
+        texture: NDArray[np.float32] = np.exp(log_sigma * power_law_noise(generator, sensor_px, self.beta))
+        return texture * np.float32(1 / texture.mean(dtype=np.float64))
+
+    def __call__(self, value: Tensor, context: Context) -> Tensor:
+        """Multiply (B,1,H,W) background luminance by each frame's texture."""
+        height, width = value.shape[-2:]
+        frames = zip(context.generators(self.name, of_scene=True), context.origins(), strict=True)
+        parts = [
+            torch.from_numpy(self.texture(generator, context.camera.sensor_px))[y : y + height, x : x + width]
+            for generator, (x, y) in frames
+        ]
+        return value * torch.stack(parts).unsqueeze(1).to(value)
+
+
+@dataclass(frozen=True, slots=True)
+class Lamps(Effect):
+    """Round lamps at random places behind the panel, each covering the exact area of its disc.
+
+    The centres are uniform over the sensor, so a border may cut a lamp. A lamp's image has the diameter that
+    the pinhole camera gives it at the panel's distance. Board and LEDs cover a lamp behind them; one lamp
+    covers another, their edges in one pixel taken as independent. More lamps keep the places of fewer; a
+    frame and its preambles share them. Sampled: not differentiable in places nor in size; the light of the
+    background keeps its gradient.
+
+    Source: the pinhole camera; luminance does not change with distance in clear air. The scene's
+    ``attenuation`` dims a lamp as it does our LEDs, or ``airlight`` does, with the whole background.
+
+    Args:
+        count: lamps in a frame, a whole number from 1 to 1000.
+        luminance_cd_m2: of a lamp, cd/m2, above 0 and at most 1e12; tail and street lamps have 1e3 to 1e5,
+            headlamps seen in their beam 1e6 and more, the sun 1.6e9.
+        diameter_m: above 0 and at most 10.
+
+    Raises:
+        VoccError: a value outside its range.
+
+    Example:
+        >>> Lamps(count=5, luminance_cd_m2=20_000.0, diameter_m=0.2).fills_sensor
+        True
+    """
+
+    count: int
+    luminance_cd_m2: float
+    diameter_m: float
+
+    name = "lamps"
+    takes = gives = Quantity.BACKGROUND
+    sampled = fills_sensor = True
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        self.demand_whole("count", 1, MOST_LAMPS)
+        self.demand("luminance_cd_m2", 0, BRIGHTEST, above=True)
+        self.demand("diameter_m", 0, 10, above=True)
+
+    def __call__(self, value: Tensor, context: Context) -> Tensor:
+        """Paint each frame's lamps onto its (B,1,H,W) background luminance."""
+        camera, painted = context.camera, value.clone()
+        radii = (self.diameter_m / 2 * camera.pixels_per_metre(context.scene.distance_m)).tolist()
+        shining = torch.full_like(context.scene.distance_m, self.luminance_cd_m2).view(-1, 1, 1)
+        light = dimmed_once(shining, context).flatten().tolist()
+        generators = context.generators(self.name, of_scene=True)
+        frames = zip(radii, context.origins(), light, generators, strict=True)
+        for frame, (radius, origin, light_cd_m2, generator) in enumerate(frames):
+            for across, down in generator.random((self.count, 2)).tolist():
+                centre = (across * camera.width_px, down * camera.height_px)
+                _paint(painted[frame, 0], centre, radius, origin, light_cd_m2)
+        return painted
+
+
+def _paint(
+    plane: Tensor, centre: tuple[float, float], radius: float, origin: tuple[int, int], light_cd_m2: float
+) -> None:
+    """Paint one lamp onto the part of the sensor that ``plane`` shows, (H,W), in place."""
+    height, width = plane.shape
+    # The sensor's coordinates throughout, so that a crop gets the full frame's very numbers.
+    left, top = (max(math.floor(c - radius), o) for c, o in zip(centre, origin, strict=True))
+    right = min(math.ceil(centre[0] + radius), origin[0] + width)
+    bottom = min(math.ceil(centre[1] + radius), origin[1] + height)
+    if left >= right or top >= bottom:
+        return
+    x, y = (
+        (torch.arange(low, high + 1, dtype=torch.float64, device=plane.device) - middle) / radius
+        for low, high, middle in ((left, right, centre[0]), (top, bottom, centre[1]))
+    )
+    area = disc_quadrant_area(x, y).diff(dim=0).diff(dim=1) * radius**2
+    cover = area.clamp(0, 1).to(plane.dtype)
+    window = plane[top - origin[1] : bottom - origin[1], left - origin[0] : right - origin[0]]
+    window.mul_(1 - cover).add_(cover * light_cd_m2)
+
 
 FARTHEST_M = 100.0
 """Largest offset on offer along an axis."""
@@ -210,3 +385,7 @@ def _in_view(
     which = touch.flatten().nonzero().squeeze(1)
     low, high = (bound.flatten(0, 1)[which] for bound in (low_px, high_px))
     return _Shapes(which, low, high, cover, context)
+
+
+EFFECTS = (BackgroundTexture, Lamps, SecondPanel)
+"""In physical order."""

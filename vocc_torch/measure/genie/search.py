@@ -1,11 +1,11 @@
-"""The search for the likeliest bits: a convex relaxation, a search in breadth, and flips."""
+"""The search for the likeliest bits: a convex relaxation, the M-algorithm, and flips of single LEDs."""
 
 from __future__ import annotations
 
 import torch
 from torch import Tensor
 
-from vocc_torch.measure.genie.genie_likelihood import PixelModel
+from vocc_torch.measure.genie.likelihood import PixelModel
 
 NEWTON_STEPS = 40
 """Most steps of the relaxation; scenes of the paper take two to six."""
@@ -14,18 +14,17 @@ CENTRING = 4.0
 """Weight of a bit's squared distance from 1/2: the inverse of its variance."""
 
 JUDGED_SHARE = 8
-"""The true misfit is computed of one candidate in so many, those of the least squares."""
+"""Of the M-algorithm's results, one in so many has its true misfit computed: those of the least squares."""
 
 MOST_FLIPS = 8
-"""Most flips of an LED on average; more than one is rare."""
+"""Most flips for each LED of the panel, on average; more than one is rare."""
 
 
 def relaxed_shares(model: PixelModel) -> Tensor:
-    """Shares of light from 0 to 1 that fit the grey values best in the least-squares sense.
+    """Find the share of each LED's light, 0 to 1, for which the grey values are met best in least squares.
 
-    Pixels below white count with their distance from the grey value, white ones only where the light stays
-    below white; each by what rounding and noise let it deviate. That is convex, and solved by projected
-    Newton steps with halving.
+    A pixel counts with its distance from the grey value over its standard deviation; a white one counts only
+    where the light stays below white. That is convex, and solved by projected Newton steps with halving.
 
     Args:
         model: N LEDs and P pixels.
@@ -74,37 +73,8 @@ def relaxed_shares(model: PixelModel) -> Tensor:
     return shares
 
 
-class Flips:
-    """What it costs to flip one LED, computed where its light falls and nowhere else.
-
-    Args:
-        model: N LEDs and P pixels.
-
-    Example:
-        >>> one = torch.ones(1, dtype=torch.float64)
-        >>> seen = PixelModel(one, one.view(1, 1), 1.9 * one, 2.1 * one, 2 * one, 0.2 * one, 0 * one, None)
-        >>> [round(float(cost)) for cost in Flips(seen).costs(torch.ones(1, dtype=torch.bool))]
-        [20]
-    """
-
-    def __init__(self, model: PixelModel) -> None:
-        self._model = model
-        reach = int((model.light > 0).sum(1).max()) if model.light.numel() else 0
-        self._light, self._pixels = model.light.topk(reach, dim=1, sorted=False)
-
-    def costs(self, bits: Tensor) -> Tensor:
-        """Misfit that each LED's flip alone would add, (N,) bool to (N,) float64.
-
-        It is 0 where no pixel tells On from Off.
-        """
-        exposure = self._model.exposure(bits)
-        before = self._model.misfit(exposure)
-        flipped = exposure[self._pixels] + torch.where(bits, -1.0, 1.0).unsqueeze(1) * self._light
-        return (self._model.misfit(flipped, self._pixels) - before[self._pixels]).sum(1)
-
-
 def descend(model: PixelModel, bits: Tensor) -> tuple[Tensor, Tensor]:
-    """Flip one LED at a time, the best first, while the misfit falls.
+    """Flip one LED at a time, the one that lowers the misfit most, until no flip lowers it.
 
     An LED that no pixel tells On from Off becomes On. Under white that is the likelier of the two: more light
     never unmakes white, so of the bits that give the very same frame at least half have the LED On.
@@ -114,7 +84,7 @@ def descend(model: PixelModel, bits: Tensor) -> tuple[Tensor, Tensor]:
         bits: (N,) bool, where to begin.
 
     Returns:
-        Bits (N,) bool and what each one's flip would cost, (N,) float64.
+        Bits (N,) bool and the misfit that each one's flip would add, (N,) float64.
 
     Example:
         >>> dark, bright = (torch.full((1,), value, dtype=torch.float64) for value in (1.0, torch.inf))
@@ -122,8 +92,18 @@ def descend(model: PixelModel, bits: Tensor) -> tuple[Tensor, Tensor]:
         >>> descend(seen, torch.zeros(1, dtype=torch.bool))[0].tolist()
         [True]
     """
-    flips, bits = Flips(model), bits.clone()
-    costs = flips.costs(bits)
+    # A flip changes no pixel that the LED's light does not reach, so no other is computed.
+    reach = int((model.light > 0).sum(1).max()) if model.light.numel() else 0
+    light, pixels = model.light.topk(reach, dim=1, sorted=False)
+
+    def flip_costs(bits: Tensor) -> Tensor:
+        exposure = model.exposure(bits)
+        before = model.misfit(exposure)
+        flipped = exposure[pixels] + torch.where(bits, -1.0, 1.0).unsqueeze(1) * light
+        return (model.misfit(flipped, pixels) - before[pixels]).sum(1)
+
+    bits = bits.clone()
+    costs = flip_costs(bits)
     for _ in range(MOST_FLIPS * len(bits)):
         # Equal misfits tip to On, so the walk cannot go in circles.
         wanted = (costs < 0) | ((costs == 0) & ~bits)
@@ -131,22 +111,23 @@ def descend(model: PixelModel, bits: Tensor) -> tuple[Tensor, Tensor]:
             break
         best = int(torch.where(wanted, costs, torch.inf).argmin())
         bits[best] = ~bits[best]
-        costs = flips.costs(bits)
+        costs = flip_costs(bits)
     return bits, costs
 
 
 def likely_bits(model: PixelModel, shares: Tensor, width: int) -> Tensor:
-    """Decide LED after LED by least squares, keeping the best ``width`` beginnings.
+    """Decide LED after LED by least squares, keeping the best ``width`` partial decisions (M-algorithm).
 
     The squares are those of the relaxation about its solution: a quadratic form, which a triangular factor
-    makes a sum that grows with every LED decided. As ``(b - 1/2)^2`` is the same for both bits, it may be
-    added: then LEDs yet to be decided do not run to shares far beyond 0 and 1. What is complete is judged by
-    its true misfit, for least squares know neither the ends of the grey values' intervals nor white.
+    turns into a sum that grows with every LED decided. As ``(b - 1/2)^2`` is the same for both bits, it may
+    be added; it keeps the shares of LEDs yet to be decided from running far beyond 0 and 1. Complete
+    decisions are ordered by their true misfit: least squares know neither the ends of the grey values'
+    intervals nor white.
 
     Args:
         model: N LEDs and P pixels.
         shares: (N,) from :func:`relaxed_shares`.
-        width: beginnings kept, at least 1.
+        width: partial decisions kept, at least 1.
 
     Returns:
         (K,N) bool, the likeliest first.
@@ -183,6 +164,6 @@ def likely_bits(model: PixelModel, shares: Tensor, width: int) -> Tensor:
 
 
 def _weighted(model: PixelModel, deviation: Tensor) -> tuple[Tensor, Tensor]:
-    """Light (N,P) and what it should add up to (P,), each in the deviations of its pixel."""
+    """Give the light (N,P) and what it should add up to (P,), both over the pixels' standard deviations."""
     target = torch.where(torch.isinf(model.high), model.low, model.centre) - model.base
     return model.light / deviation, target / deviation

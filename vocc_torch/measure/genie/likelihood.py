@@ -1,7 +1,7 @@
-"""What each grey value of a frame says about the light that fell there, with and without the sensor's noise.
+"""How likely the grey values of a frame are, given the light that fell there.
 
-Without noise a rounded grey value says no more than that the exposure lies in an interval, open above at
-white. With noise that is close to normal it says how likely the exposure is to end in that interval.
+Without noise a grey value is met by every exposure of an interval, which has no upper end at white, and by no
+other. With noise, which is close to normal, it has the probability that the exposure falls in that interval.
 """
 
 from __future__ import annotations
@@ -21,21 +21,19 @@ from vocc_torch.simulation.effects.sensor import (
     Photoelectrons,
     Prnu,
     ReadNoise,
-    ShotNoise,
 )
-from vocc_torch.simulation.exposure import auto_iso
-from vocc_torch.simulation.photometry import MIDDLE_GREY
+from vocc_torch.simulation.photometry import MIDDLE_GREY, auto_iso
 
 WELL_SIGMAS = 6.0
-"""How far above white, in standard deviations, a pixel's capacity must lie never to show in a frame."""
+"""A full well at least so many standard deviations above white never shows in a frame."""
 
 
 class UnknownLikelihoodError(VoccError):
-    """Frames of which the genie cannot say how likely they are."""
+    """The genie does not know how likely frames with these effects are."""
 
 
 def log_interval_probability(low: Tensor, high: Tensor) -> Tensor:
-    """Logarithm of the probability that a standard normal number lies between two bounds, far tails included.
+    """Logarithm of the probability that a standard normal variable lies between two bounds, even far out.
 
     Args:
         low: any shape, may be minus infinity.
@@ -46,7 +44,7 @@ def log_interval_probability(low: Tensor, high: Tensor) -> Tensor:
         >>> [round(float(log_interval_probability(a * one, b * one)), 3) for a, b in ((-1, 1), (40, 41))]
         [-0.382, -804.608]
     """
-    # In the tail below the logarithm is accurate, in the one above it is not.
+    # log_ndtr is accurate in the lower tail alone, so intervals above 0 are mirrored.
     above = low > 0
     low, high = torch.where(above, -high, low), torch.where(above, -low, high)
     below_high = torch.special.log_ndtr(high)
@@ -57,7 +55,7 @@ def log_interval_probability(low: Tensor, high: Tensor) -> Tensor:
 
 @dataclass(frozen=True, slots=True)
 class SensorNoise:
-    """Variance of a pixel's electrons at their mean, as EMVA 1288 adds it up.
+    """Variance of a pixel's electrons given their mean, as EMVA 1288 adds it up.
 
     Args:
         electrons_per_unit: electrons of one unit of relative exposure, above 0.
@@ -88,7 +86,7 @@ class SensorNoise:
 
 
 def sensor_noise(effects: Sequence[Effect], context: Context) -> SensorNoise | None:
-    """Variance that the effects of a scene state, for one frame.
+    """Read the noise of one frame from the effects of its scene.
 
     Args:
         effects: all effects of the scene.
@@ -100,28 +98,30 @@ def sensor_noise(effects: Sequence[Effect], context: Context) -> SensorNoise | N
     Raises:
         UnknownLikelihoodError: a capacity that pixels reach before they are white.
     """
-    share = [effect.share for effect in effects if isinstance(effect, Prnu)]
-    fixed = [effect.electrons for effect in effects if isinstance(effect, ReadNoise | Dsnu)]
-    shot = any(isinstance(effect, ShotNoise) for effect in effects)
-    made = [effect for effect in effects if isinstance(effect, Photoelectrons)]
-    if not made:
+    named = {effect.name: effect for effect in effects}
+    made = named.get("photoelectrons")
+    if not isinstance(made, Photoelectrons):
         return None
-    camera = context.camera
-    per_unit = made[0].electrons_per_lx_s(camera) * 10 / float(auto_iso(context))
-    dark = sum(effect.electrons_per_s for effect in effects if isinstance(effect, DarkCurrent))
-    noise = SensorNoise(
-        per_unit, dark * camera.exposure_time_s, shot, sum(share), sum(sigma**2 for sigma in fixed)
-    )
+    camera, share = context.camera, 0.0
+    per_unit = made.electrons_per_lx_s(camera) * 10 / float(auto_iso(context))
+    dark = fixed = 0.0
+    for effect in effects:
+        if isinstance(effect, Prnu):
+            share = effect.share
+        elif isinstance(effect, ReadNoise | Dsnu):
+            fixed += effect.electrons**2
+        elif isinstance(effect, DarkCurrent):
+            dark = effect.electrons_per_s * camera.exposure_time_s
+    noise = SensorNoise(per_unit, dark, "shot_noise" in named, share, fixed)
     white = torch.tensor((255 / MIDDLE_GREY) ** camera.gamma, dtype=torch.float64)
     needed = float(white + WELL_SIGMAS * noise.variance(white).sqrt()) * per_unit
-    for well in (effect for effect in effects if isinstance(effect, FullWell)):
-        if well.electrons < needed:
-            rule = f"white needs {needed:.0f}"
-            name = f"scene.effects.{well.name}.electrons is {well.electrons:g}"
-            raise UnknownLikelihoodError(
-                f"the genie knows no likelihood for pixels full before they are white: {name}, {rule}"
-            )
-    return noise if share or fixed or shot else None
+    well = named.get("full_well")
+    if isinstance(well, FullWell) and well.electrons < needed:
+        raise UnknownLikelihoodError(
+            "the genie knows no likelihood for pixels full before they are white: "
+            f"scene.effects.full_well.electrons is {well.electrons:g}, white needs {needed:.0f}"
+        )
+    return noise if share or fixed or noise.shot else None
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,0 +1,155 @@
+"""The genie as a reference: on the receivers' own frames, with the same counts however the work is shared."""
+
+import dataclasses
+
+import pytest
+import torch
+
+from vocc_torch.errors import VoccError
+from vocc_torch.measure.counter import PointJob, point_name
+from vocc_torch.measure.counts import Counts
+from vocc_torch.measure.genie import genie as genie_module
+from vocc_torch.measure.genie.forward import overlap
+from vocc_torch.measure.genie.genie import Genie, genie_reference
+from vocc_torch.measure.genie.likelihood import UnknownLikelihoodError
+from vocc_torch.measure.montecarlo import Part
+from vocc_torch.measure.plan import Experiment
+from vocc_torch.measure.workers import Workers
+from vocc_torch.receiver.bank import ReceiverBank
+from vocc_torch.receiver.reader import Reader
+from vocc_torch.rng import BlockKey
+from vocc_torch.simulation import Distribution, LedPanel, SceneModel, Simulator
+from vocc_torch.simulation.simulator import PAPER_EFFECTS
+from vocc_torch.types import PanelShape
+
+NOISY = {
+    **PAPER_EFFECTS,
+    "photoelectrons": {"quantum_efficiency": 0.6},
+    "shot_noise": {},
+    "read_noise": {"electrons": 5.0},
+    "gain": {},
+}
+
+
+def held(**values):
+    given = {name: Distribution("constant", (float(value),)) for name, value in values.items()}
+    return dataclasses.replace(SceneModel(), **given)
+
+
+def referenced(plan, model, point, frames, workers=1):
+    with Workers(workers) as some:
+        return genie_reference(plan, model, point, frames, some)
+
+
+@pytest.fixture
+def small_plan(make_plan):
+    """A panel of 3 x 3 LEDs, which the genie decides in milliseconds."""
+
+    def make(effects, seed=0):
+        plan, shape = make_plan(seed=seed), PanelShape(3, 3)
+        world = dataclasses.replace(plan.world, effects=effects, panel=LedPanel(shape=shape))
+        receiver = dataclasses.replace(plan.receiver, reader=Reader(shape))
+        return dataclasses.replace(plan, world=world, receiver=receiver)
+
+    return make
+
+
+@pytest.fixture
+def rendered(monkeypatch):
+    """What the simulator was asked for by key, the genie's own renders (which have none) aside."""
+    seen = []
+    render = Simulator.render
+
+    def recorded(self, scene, bits, *, keys=(), **rest):
+        frames = render(self, scene, bits, keys=keys, **rest)
+        seen.extend((key, bits[i], frames[i : i + 1]) for i, key in enumerate(keys))
+        return frames
+
+    monkeypatch.setattr(Simulator, "render", recorded)
+    return seen
+
+
+@pytest.mark.parametrize(
+    ("locator", "effects"), [("truth", PAPER_EFFECTS), ("paper", NOISY)], ids=["truth", "located, noisy"]
+)
+def test_its_frames_are_those_that_the_receivers_meet(make_plan, trained, rendered, locator, effects):
+    experiment = Experiment("far", "distance_m", (70.0,), {"ambient_lx": Distribution("constant", (1000.0,))})
+    plan = make_plan(
+        locator=locator, experiment=experiment, seed=5, effects=effects, names=("flda_3",), batch_frames=7
+    )
+    job = PointJob(plan, (locator,), {locator: ReceiverBank(("flda_3",), trained)}, 70.0)
+    job([Part(0, 64), Part(1, 2)] if locator == "truth" else [Part(0, 3)])
+    theirs = list(rendered)
+    rendered.clear()
+    model = experiment.model_at(plan.world, 70.0)
+    referenced(plan, model, point_name(experiment, 70.0), len(theirs))
+    assert [key for key, *_ in rendered] == [key for key, *_ in theirs]
+    for (_, bits, frame), (_, their_bits, their_frame) in zip(rendered, theirs, strict=True):
+        assert torch.equal(bits, their_bits)
+        here, there = overlap(frame, their_frame)
+        same = frame.grey[0, 0][here]
+        assert torch.equal(same, their_frame.grey[0, 0][there])
+        # The window holds the panel: at 70 m its 64 LEDs span some 25 pixels.
+        assert min(same.shape) > 25
+
+
+def test_its_counts_are_the_genies_however_the_work_is_shared(small_plan, monkeypatch):
+    """At 500 m errors abound, of 3 x 3 LEDs too."""
+    plan, model = small_plan(PAPER_EFFECTS, seed=2), held(distance_m=500, ambient_lx=20000)
+    simulator, point = plan.world.simulator(), "far/distance_m=500"
+    scene, bits = model.draw(BlockKey(2, point, 0), simulator.panel.shape)
+    scene, bits = scene[:18], bits[:18]
+    decision = Genie(simulator).decide(simulator.render(scene, bits), scene)
+    wanted = Counts.of(decision.bits, bits, torch.ones(18, dtype=torch.bool))
+    assert wanted.bit_errors > 0
+    for at_once in (16, 5):
+        monkeypatch.setattr(genie_module, "FRAMES_AT_ONCE", at_once)
+        found = referenced(plan, model, point, 18)
+        assert (found.counts, found.proven) == (wanted, int(decision.proven.sum()))
+        assert found.seconds_a_frame > 0
+
+
+def test_two_processes_say_what_one_says(small_plan):
+    plan, model = small_plan(NOISY), held(distance_m=300, ambient_lx=20000)
+    one, two = (referenced(plan, model, "night", 33, workers) for workers in (1, 2))
+    assert one.counts == two.counts
+    assert (one.counts.frames, one.counts.bit_errors > 0) == (33, True)
+    assert one.proven == two.proven == 0
+
+
+def test_the_genie_is_given_frames_and_scenes_and_no_key(make_plan, monkeypatch):
+    """What it is built with and asked with holds neither bits nor names of random draws."""
+    given = []
+    made, decide = Genie.__init__, Genie.decide
+
+    def recorded(self, simulator):
+        given.append(vars(simulator))
+        made(self, simulator)
+
+    def asked(self, *arguments):
+        given.append([type(one).__name__ for one in arguments])
+        return decide(self, *arguments)
+
+    monkeypatch.setattr(Genie, "__init__", recorded)
+    monkeypatch.setattr(Genie, "decide", asked)
+    referenced(make_plan(effects=NOISY, seed=77), held(distance_m=30), "a point", 2)
+    simulator, *asked_with = given
+    assert asked_with == [["Frames", "Scene"]] * 2
+    assert "a point" not in repr(simulator)
+    assert 77 not in simulator.values()
+
+
+@pytest.mark.parametrize(("name", "parameters"), [("pose", {"yaw_deg": 10.0}), ("jpeg", {"quality": 85})])
+def test_an_unknown_effect_is_refused_before_anything_is_rendered(make_plan, rendered, name, parameters):
+    plan = make_plan(effects={**PAPER_EFFECTS, name: parameters})
+    with pytest.raises(
+        UnknownLikelihoodError, match=rf"knows no likelihood for scene\.effects\.{name}: known"
+    ):
+        referenced(plan, plan.world.scene, "refused", 4)
+    assert not rendered
+
+
+@pytest.mark.parametrize("frames", [0, -1])
+def test_no_frames_are_refused(make_plan, frames):
+    with pytest.raises(VoccError, match=f"frames is {frames}: it must be at least 1"):
+        referenced(make_plan(), SceneModel(), "none", frames)
