@@ -42,18 +42,11 @@ def everything(folder):
     }
 
 
-@pytest.mark.parametrize(
-    "words",
-    [
-        "name=../../victim",
-        "-m seed=0,1 experiment.name=../../../../victim",
-        "-m name=one,${oc.env:WHERE}",
-    ],
-)
+@pytest.mark.parametrize("words", ["name=../../victim", "-m name=one,${oc.env:WHERE}"])
 def test_a_name_that_leads_out_touches_nothing(app, outside, words):
     """Of many names each is looked at."""
     before = everything(outside)
-    assert "below runs/" in app(*SMALL, *words.split()).complaint
+    assert "below runs/" in app("task=train", *SMALL, *words.split()).complaint
     assert everything(outside) == before
 
 
@@ -61,26 +54,9 @@ def test_only_folders_below_runs_are_given(outside):
     (outside / "work" / "runs" / "within").symlink_to("two")
     for name in ("x", "a/b", "within/x", "..x", "circle", "a,b"):
         assert Path(run_folder(name)) == Path("runs") / name
-    bad = (
-        "",
-        ".",
-        "/",
-        "..",
-        "x/..",
-        "x/../..",
-        "../../victim",
-        str(outside / "victim"),
-        str(outside / "new"),
-    )
-    for name in (
-        *bad,
-        str(outside / "work" / "runs"),
-        "out",
-        "out/empty",
-        "out/new",
-        "out/work/runs",
-        "two/0",
-    ):
+    bad = ["", ".", "/", "..", "x/..", "x/../..", "../../victim", "out", "out/empty", "out/new", "two/0"]
+    bad += ["out/work/runs", *(str(outside / name) for name in ("victim", "new", "work/runs"))]
+    for name in bad:
         with pytest.raises(VoccError, match="must be a folder below runs/"):
             run_folder(name)
 
@@ -122,6 +98,6 @@ def test_a_sweep_elsewhere_takes_results_and_begins_a_failed_job_again(app, outs
     assert app(*SMALL, *sweep, "panel.rows=0").complaint.startswith("panel.rows is 0")
     place = outside / "elsewhere" / "0"
     assert sorted(path.name for path in place.iterdir()) == ["config.yaml", "failed.txt"]
-    assert app(*SMALL, *sweep, "panel.rows=4").status == 0
-    assert (place / "ber.csv").exists()
+    assert app("task=train", *SMALL, *sweep, "panel.rows=4").status == 0
+    assert (place / "receiver.pt").exists()
     assert not (place / "failed.txt").exists()

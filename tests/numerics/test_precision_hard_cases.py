@@ -130,7 +130,7 @@ def half_precision_in_the_simulator():
     "a device that is not there",
     "refused in one line that says what to use instead; no device is replaced silently",
     Breakage(
-        "vocc_torch/devices.py",
+        "vocc_torch/types.py",
         "(device.index or 0) >= torch.cuda.device_count()",
         "(device.index or 0) > torch.cuda.device_count()",
     ),

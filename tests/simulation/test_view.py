@@ -16,7 +16,6 @@ from vocc_torch.simulation.effects.view import LensDistortion, Pose, View, place
 from vocc_torch.simulation.raster import (
     disc_cover,
     ellipse_cover,
-    ellipse_patch_px,
     polygon_cover,
 )
 from vocc_torch.types import Scene
@@ -27,6 +26,11 @@ WIDE = Camera(focal_length_mm=1000 * 13.2 / 1920)
 CORNERS = torch.tensor([[-0.24, -0.24], [0.24, -0.24], [0.24, 0.24], [-0.24, 0.24]], dtype=torch.float64)
 POSES = [(0, 0, 0), (40, 0, 0), (0, -35, 0), (0, 0, 160), (70, 20, -30), (-60, -50, 95), (10, 75, -140)]
 LENSES = [(0, 0, 0), (-0.1, 0, 0), (-0.3, 0.1, 0), (0.2, -0.1, 0.05)]
+
+
+def ellipse_patch_px(spread_px2):
+    """Side of the square patch that holds any of the ellipses of these spreads, (...,2,2) px^2."""
+    return math.ceil(2 * math.sqrt(float(spread_px2.diagonal(dim1=-2, dim2=-1).max()))) + 1
 
 
 def view(pose=(0, 0, 0), lens=(0, 0, 0), camera=CAMERA, **scene):

@@ -183,16 +183,6 @@ def disc_wedge_area(u: Tensor, v: Tensor, cosine: Tensor, sine: Tensor) -> Tenso
     return torch.where(squares - 2 * cosine * product < sine * sine, inside, beyond)
 
 
-def ellipse_patch_px(spread_px2: Tensor) -> int:
-    """Side of the square patch that holds any of the ellipses of these spreads, (...,2,2) px^2.
-
-    Example:
-        >>> ellipse_patch_px(torch.tensor([[[4.0, 0.0], [0.0, 1.0]]]))
-        5
-    """
-    return math.ceil(2 * math.sqrt(float(spread_px2.diagonal(dim1=-2, dim2=-1).max()))) + 1
-
-
 def ellipse_cover(
     centre_px: Tensor, spread_px2: Tensor, size: int, *, canvas_px: tuple[int, int] | None = None
 ) -> tuple[Tensor, Tensor, Tensor]:
@@ -202,7 +192,7 @@ def ellipse_cover(
         centre_px: (N,2) ``(x, y)`` in px, float64.
         spread_px2: (N,2,2) px^2, float64, positive definite, of the ellipse
             ``(p - centre)^T spread^-1 (p - centre) <= 1``; the disc's is ``radius^2`` times the unit matrix.
-        size: patch side in px, at least :func:`ellipse_patch_px`.
+        size: patch side in px, at least the widest ellipse's extent and one.
         canvas_px: as in :func:`disc_cover`.
 
     Returns:

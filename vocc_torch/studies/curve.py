@@ -26,9 +26,10 @@ from vocc_torch.measure.train import Training, trained_receiver
 from vocc_torch.measure.workers import Workers
 from vocc_torch.receiver.features import FEATURE_NAMES
 from vocc_torch.receiver.receiver import Receiver
-from vocc_torch.show import canvas, plots
 from vocc_torch.show import folder as run_folder
+from vocc_torch.show.canvas import annotated, enlarged, save_figure
 from vocc_torch.show.csv_file import ber_rows, write_paired, write_rows
+from vocc_torch.show.plots import ber_figure, feature_histograms
 from vocc_torch.show.styles import axis_label, receiver_styles, value_text
 from vocc_torch.show.tensorboard import axis_steps, write_boards
 from vocc_torch.show.terminal import StudyView, print_table, train_shown
@@ -75,11 +76,11 @@ def _write(settings: Settings, plan: Plan, training: Training, curves: Curves, f
     camera, panel = plan.world.camera, plan.world.panel.shape
     seen = f"{panel.rows} x {panel.columns} LEDs, {camera.focal_length_mm:g} mm lens"
     title = f"Bit error rate, experiment “{plan.experiment.name}”: {seen}"
-    figure = plots.ber_figure(table, axis_label(table.axis), title)
-    canvas.save_figure(figure, folder / "ber.png")
+    figure = ber_figure(table, axis_label(table.axis), title)
+    save_figure(figure, folder / "ber.png")
     names = [name.upper() for name in FEATURE_NAMES]
-    histograms = plots.feature_histograms(training.features, training.bits, names)
-    canvas.save_figure(histograms, folder / "features.png")
+    histograms = feature_histograms(training.features, training.bits, names)
+    save_figure(histograms, folder / "features.png")
     if settings.tensorboard:
         pictures = sample_frames(plan, trained_receiver(plan, training))
         figures = {"BER": figure, "features by status": histograms}
@@ -180,10 +181,10 @@ def sample_frames(plan: Plan, receiver: Receiver) -> dict[str, NDArray[np.uint8]
             grey = pixels.round().clamp(0, 255).byte().cpu().numpy()
             colour = np.repeat(grey[..., None], 3, axis=2)
             scale = max(1, min(SCALE, WIDEST_PX // grey.shape[1]))
-            plain = drawn = np.asarray(canvas.enlarged(colour, scale))
+            plain = drawn = np.asarray(enlarged(colour, scale))
             if read.found[i]:
                 corners = (read.corners_px[i].cpu() - origin.cpu()).numpy()
-                drawn = np.asarray(canvas.annotated(colour, corners, read.bits[i].cpu().numpy(), scale))
+                drawn = np.asarray(annotated(colour, corners, read.bits[i].cpu().numpy(), scale))
             rows.append(np.concatenate([plain, drawn]))
         pictures[name] = np.concatenate(rows, axis=1)
     return pictures
