@@ -12,13 +12,7 @@ from hypothesis import strategies as st
 from scipy import ndimage
 
 from vocc_torch.hardware import Camera
-from vocc_torch.simulation.effects import (
-    CAMERA_STEPS,
-    PHYSICAL_ORDER,
-    Context,
-    Quantity,
-    build_effects,
-)
+from vocc_torch.simulation.effects import CAMERA_STEPS, PHYSICAL_ORDER, Context, Quantity, build_effects
 from vocc_torch.simulation.effects.coding import Quantization, Saturation
 from vocc_torch.simulation.effects.light import Attenuation
 from vocc_torch.simulation.effects.optics import Blooming

@@ -13,11 +13,7 @@ from vocc_torch.errors import VoccError
 from vocc_torch.simulation import Camera
 from vocc_torch.simulation.effects import Context
 from vocc_torch.simulation.effects.view import LensDistortion, Pose, View, placement_m, view_of
-from vocc_torch.simulation.raster import (
-    disc_cover,
-    ellipse_cover,
-    polygon_cover,
-)
+from vocc_torch.simulation.raster import disc_cover, ellipse_cover, polygon_cover
 from vocc_torch.types import Scene
 
 CAMERA = Camera()

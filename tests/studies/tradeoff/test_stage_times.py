@@ -4,7 +4,6 @@ import itertools
 
 import pytest
 import torch
-from vocc_torch.receiver.refined import RefinedLocator
 
 from vocc_torch.measure import stage_times
 from vocc_torch.measure.link import block_keys
@@ -15,6 +14,7 @@ from vocc_torch.receiver.classifiers import Inputs, PanelOtsu, Patch
 from vocc_torch.receiver.classifiers.protocol import Guarded
 from vocc_torch.receiver.flda import FLDA
 from vocc_torch.receiver.location import PaperLocator
+from vocc_torch.receiver.locators import RefinedLocator
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.receiver.receiver import StagedReceiver
 from vocc_torch.rng import FrameKey

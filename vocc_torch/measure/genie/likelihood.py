@@ -14,14 +14,7 @@ from torch import Tensor
 
 from vocc_torch.errors import VoccError
 from vocc_torch.simulation.effects import Context, Effect
-from vocc_torch.simulation.effects.sensor import (
-    DarkCurrent,
-    Dsnu,
-    FullWell,
-    Photoelectrons,
-    Prnu,
-    ReadNoise,
-)
+from vocc_torch.simulation.effects.sensor import DarkCurrent, Dsnu, FullWell, Photoelectrons, Prnu, ReadNoise
 from vocc_torch.simulation.photometry import MIDDLE_GREY, auto_iso
 
 WELL_SIGMAS = 6.0

@@ -8,12 +8,7 @@ from dataclasses import dataclass
 
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.estimate import Estimate, all_pairs
-from vocc_torch.measure.prices import (
-    OperatingPoint,
-    most_accurate,
-    most_accurate_within,
-    quickest_below,
-)
+from vocc_torch.measure.prices import OperatingPoint, most_accurate, most_accurate_within, quickest_below
 from vocc_torch.receiver.bank import GREYSCALE_RECEIVERS
 from vocc_torch.show.page import render
 from vocc_torch.show.styles import receiver_styles
