@@ -19,7 +19,7 @@ from vocc_torch.show.styles import receiver_styles
 from vocc_torch.studies.paper.claims import CLAIMS, PARTS, STATEMENTS, part_of
 from vocc_torch.studies.paper.figures import PAPER_RECEIVERS, location_figure
 from vocc_torch.studies.paper.location import LocationSplit, location_split
-from vocc_torch.studies.paper.numbers import named, number_table
+from vocc_torch.studies.paper.words import named, number_table
 from vocc_torch.studies.paper.report import ReportFigure, RunFacts, causes, write_report
 from vocc_torch.studies.paper.scorecard import outcome, tally
 from vocc_torch.studies.paper.words import RECEIVERS, plain

@@ -16,7 +16,7 @@ from vocc_torch.studies.paper.claims import CAUSES, PARTS, STATEMENTS, ClaimGrou
 from vocc_torch.studies.paper.figures import PAPER_RECEIVERS, RATE_FIGURES
 from vocc_torch.studies.paper.judgement import VERDICTS, PaperReading
 from vocc_torch.studies.paper.location import LocationSplit
-from vocc_torch.studies.paper.numbers import number_table
+from vocc_torch.studies.paper.words import number_table
 from vocc_torch.studies.paper.scorecard import (
     DEFAULT,
     FIT_COLUMNS,
