@@ -5,9 +5,8 @@ from made_up_tallies import tallies
 
 from vocc_torch.measure.curves import Curves, Measured
 from vocc_torch.measure.grid import Grid
-from vocc_torch.studies.paper.claims import Claim
 from vocc_torch.studies.paper.judgement import PaperReading
-from vocc_torch.studies.paper.scorecard import readings_of, score
+from vocc_torch.studies.paper.scorecard import Claim, readings_of, score
 
 BITS = 64
 AXES = {

@@ -21,9 +21,8 @@ from made_up_readings import (
 )
 
 from vocc_torch.errors import VoccError
-from vocc_torch.studies.paper.claims import CLAIMS, PARTS, RULES, STATEMENTS, claims_of
 from vocc_torch.studies.paper.figure_rules import BACKGROUND_GREYS, contrast_by_equations
-from vocc_torch.studies.paper.scorecard import readings_of, score
+from vocc_torch.studies.paper.scorecard import CLAIMS, PARTS, RULES, STATEMENTS, claims_of, readings_of, score
 
 BY_KEY = {claim.claim: claim for claim in CLAIMS}
 AGAINST_ITSELF = {"setup.iso_range"}

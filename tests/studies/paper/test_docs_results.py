@@ -124,7 +124,7 @@ def test_readings_are_those_of_the_run(run):
 
 def test_the_runs_own_files_are_read(run):
     """What task=figures writes names the lens as the script looks for it."""
-    from vocc_torch.studies.paper.files import write_short
+    from vocc_torch.studies.paper.run import write_short
     from vocc_torch.studies.paper.scorecard import readings_of, score
 
     scorecard = score(readings_of({25.0: {}, 18.0: {}}, {}), (25.0, "paper"))

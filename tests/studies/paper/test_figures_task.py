@@ -10,10 +10,9 @@ from paper_runs import contents_of, files_in, head_of, rows_of, run_in
 
 from vocc_torch import Receiver
 from vocc_torch.measure.curve import COLUMNS
-from vocc_torch.studies.paper.claims import CLAIMS
 from vocc_torch.studies.paper.judgement import VERDICTS
+from vocc_torch.studies.paper.scorecard import CLAIMS, FIT_COLUMNS
 from vocc_torch.studies.paper.scorecard import COLUMNS as SCORE_COLUMNS
-from vocc_torch.studies.paper.scorecard import FIT_COLUMNS
 
 TINY = ("budget.frames=8", "budget.training_frames=64", "workers=1")
 VALUES = {

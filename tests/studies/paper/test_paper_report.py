@@ -16,13 +16,11 @@ from vocc_torch.measure.curves import Measured
 from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.grid import best_luminance
 from vocc_torch.show.styles import receiver_styles
-from vocc_torch.studies.paper.claims import CLAIMS, PARTS, STATEMENTS, part_of
-from vocc_torch.studies.paper.figures import PAPER_RECEIVERS, location_figure
-from vocc_torch.studies.paper.location import LocationSplit, location_split
-from vocc_torch.studies.paper.words import named, number_table
+from vocc_torch.studies.paper.experiments import PAPER_RECEIVERS
+from vocc_torch.studies.paper.figures import LocationSplit, location_figure, location_split
 from vocc_torch.studies.paper.report import ReportFigure, RunFacts, causes, write_report
-from vocc_torch.studies.paper.scorecard import outcome, tally
-from vocc_torch.studies.paper.words import RECEIVERS, plain
+from vocc_torch.studies.paper.scorecard import CLAIMS, PARTS, STATEMENTS, outcome, part_of, tally
+from vocc_torch.studies.paper.words import RECEIVERS, named, number_table, plain
 
 RATES = ("fig21", "fig22", "fig23", "fig24")
 OTHERS = ("fig04", "fig05_06", "fig08", "fig09", "fig10", "fig12", "fig17", "fig19", "fig20", "fig25")

@@ -11,12 +11,12 @@ from made_up_readings import BITS, clustered, measured_of, of_rates, paper_exper
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.curve import Row
 from vocc_torch.measure.estimate import Estimate
-from vocc_torch.studies.paper.claims import CLAIMS, claims_of
+from vocc_torch.studies.paper.figures import LOCATION_COLUMNS, location_split
 from vocc_torch.studies.paper.judgement import VERDICTS, Judgement
-from vocc_torch.studies.paper.location import COLUMNS as LOCATION_COLUMNS
-from vocc_torch.studies.paper.location import location_split
 from vocc_torch.studies.paper.scorecard import (
+    CLAIMS,
     COLUMNS,
+    claims_of,
     decades_apart,
     fit_of,
     fits,

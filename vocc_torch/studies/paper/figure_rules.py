@@ -143,7 +143,7 @@ def time(
 
 
 def time_ratio(reading: PaperReading, ratio: str, quoted: float, digits: int) -> Judgement:
-    """Judge a ratio of processing times by its quartiles; larger batches, which the paper has not, are told."""
+    """Judge a ratio of processing times by its quartiles; in batches it is only told."""
     found = _quartiles(reading, ratio)
     start = f"{ratio}_whole_frames_batch_"
     batches = {

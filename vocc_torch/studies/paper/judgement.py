@@ -100,16 +100,19 @@ class Judgement:
     causes: tuple[str, ...] = ()
 
     @classmethod
-    def of(cls, holds: bool, measured: str, reason: str, *ends: float) -> Judgement:
+    def of(
+        cls, holds: bool, measured: str, reason: str, low: float | None = None, high: float | None = None
+    ) -> Judgement:
         """Judge by yes or no.
 
         Args:
             holds: whether the claim is true of what was measured.
             measured: what that is, in words.
             reason: why it does not hold, where it does not.
-            ends: of the interval, where there is one.
+            low: lower end of the interval, where there is one.
+            high: its upper end.
         """
-        return cls("agree", measured, "", *ends) if holds else cls("differ", measured, reason, *ends)
+        return cls("agree" if holds else "differ", measured, "" if holds else reason, low, high)
 
 
 @dataclass(frozen=True)
