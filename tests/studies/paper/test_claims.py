@@ -106,7 +106,7 @@ ENTRY = {"claim": "a.b", "where": "IV", "text": "text", "paper": "paper"}
         ([{**ENTRY, "time": {}, "order": {}}], "claim a.b has time, order: it needs one of"),
         ([{**ENTRY, "order": {}}], "claim a.b: order missing a required argument: 'experiments'"),
         ([{"claim": "a.b", "time": {}}], "claim a.b has claim, time: it needs claim, where, text and paper"),
-        ([{**ENTRY, "time": {}}] * 2, "claim a.b stands 2 times: each must come once"),
+        ([{**ENTRY, "time": {}}] * 2, "claim a.b stands twice: each must come once"),
     ],
 )
 def test_an_entry_that_is_no_claim_is_refused_by_name(entries, complaint):

@@ -18,6 +18,7 @@ from made_up_readings import (
 )
 
 from vocc_torch.measure.counts import Counts
+from vocc_torch.measure.curves import Curves
 from vocc_torch.measure.intervals import design_effect
 from vocc_torch.studies.paper.curve_rules import clustered_like, factor_text, paper_frames, weigh
 from vocc_torch.studies.paper.figure_rules import candidates
@@ -306,8 +307,11 @@ def test_a_valley(rates, verdict):
 
 def comparison(above, below):
     """Two rates of one receiver, from their numbers of wrong bits, two a wrong frame."""
-    counts = tuple(Counts(2000, 128_000, 2 * n, 4 * n, n) for n in (above, below))
-    return RateComparison("distance_m", ("flda_3", 1.0), ("flda_3", 2.0), counts)
+    first, second = ("flda_3", 1.0), ("flda_3", 2.0)
+    both = {first: above, second: below}
+    counts = {at: Counts(2000, 128_000, 2 * n, 4 * n, n) for at, n in both.items()}
+    curves = Curves("distance", "distance_m", "truth", ("flda_3",), (1.0, 2.0), counts, {}, {})
+    return RateComparison(curves, first, second)
 
 
 def test_comparisons_together_err_no_more_than_one():

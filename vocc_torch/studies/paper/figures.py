@@ -159,15 +159,15 @@ def location_split(experiments: Mapping[str, Measured]) -> tuple[LocationSplit, 
         truth, located = measured.curves["truth"], measured.curves["paper"]
         for receiver in located.receivers:
             read: dict[float | None, tuple[Counts, Counts, PairedCounts]] = {
-                at: (located.counts[receiver, at], truth.counts[receiver, at], paired)
+                at: (located.counts[receiver, at], truth.counts[receiver, at], both)
                 for at in located.values
-                if (paired := measured.location.get((receiver, at)))
+                if (both := measured.location.get((receiver, at)))
             }
             if read:
                 wrong, right, paired = zip(*read.values(), strict=True)
                 read[None] = sum(wrong, Counts()), sum(right, Counts()), sum(paired, PairedCounts())
-            for value, (a, b, both) in read.items():
-                share = relative_gain(a, b, both)
+            for value, (a, b, pair) in read.items():
+                share = relative_gain(a, b, pair)
                 rates = ber_interval(a), ber_interval(b)
                 found.append(LocationSplit(name, located.axis, value, receiver, a.frames, *rates, share))
     return tuple(found)
@@ -264,8 +264,10 @@ def _draw_splits(axes: Axes, group: Sequence[LocationSplit], ends: tuple[float, 
             axes.add_line(_marker(style.colour, face, style.marker, [at], [row]))
         if split.share is not None:
             share = f"{100 * split.share.value:.0f} %".replace("-", "\N{MINUS SIGN}")
-            at, look = max(rate.high for rate in both.values()), {"fontsize": 10, "color": canvas.INK}
-            axes.annotate(share, (at, row), (9, 0), textcoords="offset points", va="center", **look)
+            where = max(rate.high for rate in both.values()), row
+            axes.annotate(
+                share, where, (9, 0), textcoords="offset points", va="center", fontsize=10, color=canvas.INK
+            )
 
 
 def _marker(

@@ -189,17 +189,15 @@ class Found:
             table = FIGURES / "dimming.csv"
             grid_files.write_grid(self.folder / table, self.grids)
             title = "Dimming: the best luminance for each ambient light"
-            caption = (
-                "Bit error rates over ambient light and LED luminance, with the best luminance of each row."
-            )
+            over = "ambient light and LED luminance, with the best luminance of each row"
             captions = {f"{experiments.DIMMING}{end}": text for end, text in grid_files.CAPTIONS.items()}
             drawn = grid_files.grid_figures(self.grids, locator, experiments.PAPER_RECEIVERS)
-            self._show(experiments.DIMMING, title, caption, drawn, table, captions)
+            self._show(experiments.DIMMING, title, f"Bit error rates over {over}.", drawn, table, captions)
         self.location = figures.location_split(self.measured[own_mm])
         if any(split.receiver in experiments.PAPER_RECEIVERS for split in self.location):
             title, table = f"Location error and decision error, {own_mm:g} mm lens", Path("location.csv")
-            rows = [figures.LOCATION_COLUMNS, *(split.row() for split in self.location)]
-            write_short(self.folder / table, rows)
+            lines = [figures.LOCATION_COLUMNS, *(split.row() for split in self.location)]
+            write_short(self.folder / table, lines)
             drawn = {"location": figures.location_figure(self.location, title)}
             self._show("location", title, figures.LOCATION_CAPTION, drawn, table, {})
         curves = [one for of in self.measured[own_mm].values() for one in of.curves.values()]
