@@ -20,7 +20,7 @@ from vocc_torch.studies.paper.experiments import PAPER_RECEIVERS
 from vocc_torch.studies.paper.figures import LocationSplit, location_figure, location_split
 from vocc_torch.studies.paper.report import ReportFigure, RunFacts, causes, write_report
 from vocc_torch.studies.paper.scorecard import CLAIMS, PARTS, STATEMENTS, outcome, part_of, tally
-from vocc_torch.studies.paper.words import RECEIVERS, named, number_table, plain
+from vocc_torch.studies.paper.words import RECEIVERS, number_table, plain
 
 RATES = ("fig21", "fig22", "fig23", "fig24")
 OTHERS = ("fig04", "fig05_06", "fig08", "fig09", "fig10", "fig12", "fig17", "fig19", "fig20", "fig25")
@@ -228,20 +228,6 @@ def test_every_reading_has_its_column_and_its_fit(page, contents):
     assert re.search(nearest, page.section("readings"))
 
 
-def test_causes_are_counted_among_the_claims_that_differ(contents):
-    card = contents["card"]
-    found = dict(causes(card, card.judged()))
-    at_truth = {claim.claim: judged.verdict for claim, judged in card.judged(reading=card.at_truth())}
-    differing = [
-        claim for claim, judged in card.judged() if judged.verdict == "differ" and claim.basis == "curves"
-    ]
-    assert found["with true corners it agrees"] == sum(
-        at_truth[claim.claim] == "agree" for claim in differing
-    )
-    between = "the quoted rate lies between those with the panel located and with true corners"
-    assert found.get(between, 0) == sum("between" in judged.causes for _, judged in card.judged())
-
-
 def test_figures_say_how_the_claims_that_name_them_were_judged(page, contents):
     ambient = tally(one for one in contents["card"].judged() if one[0].claim.startswith("ambient."))
     told = f"Measured here: {ambient['agree']} of {sum(ambient.values())} claims agree"
@@ -266,15 +252,6 @@ def test_numbers_are_those_of_the_findings(page):
                 continue
             shown = float(re.match(r"-?[\d.e]+", text)[0]) / (100 if "%" in text else 1)
             assert shown == pytest.approx(value, rel=5e-3), name
-
-
-def test_numbers_that_nobody_foresaw_keep_their_words():
-    assert named("new_number", 2.0) == ("new number", "2")
-    assert named("auc_agr+gri", 0.9999885)[1] == "0.9999885"
-    assert named("wrong_share_agr+gri", 0.1)[0].startswith(
-        "AGR + GRI: LEDs on the wrong side of the best line"
-    )
-    assert named("contrast_in_picture_true_30", 0.28)[0].startswith("a scene of truly 30")
 
 
 def test_times_are_laid_out_by_stage():
@@ -440,9 +417,3 @@ def test_one_reading_is_compared_with_none(tmp_path, locator):
     assert "Of the other" not in page.text
     assert "Every other reading" not in page.text
     assert not [text for text, _ in causes(card, card.judged()) if "true corners" in text]
-
-
-def test_a_scorecard_without_any_measurement(tmp_path):
-    page = Page(tmp_path, card=card_of({25.0: {}}))
-    assert "No quoted error rate was measured under any reading." in page.text
-    assert "Cannot be decided:" in page.section("summary")
