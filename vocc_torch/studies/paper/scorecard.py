@@ -197,8 +197,9 @@ class Scorecard:
 
     def at_truth(self) -> PaperReading | None:
         """The own reading with true corners; None where that is it, or was not measured."""
-        known = {reading.name: reading for reading in self.readings}
-        return known.get(replace(self.own, locator="truth").name) if self.own.locator != "truth" else None
+        known = {(reading.focal_length_mm, reading.locator): reading for reading in self.readings}
+        truth = known.get((self.own.focal_length_mm, "truth"))
+        return None if truth is self.own else truth
 
     def rows(self) -> list[tuple[str | float | None, ...]]:
         """The lines of ``scorecard.csv``, its head first.
