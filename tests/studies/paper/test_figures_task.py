@@ -67,29 +67,6 @@ def test_everything_is_written(whole):
     }
 
 
-def test_rates_have_a_row_for_every_reading_receiver_and_point(whole):
-    folder, _ = whole
-    assert head_of(folder / "figures" / "fig22.csv") == ["focal_length_mm", *COLUMNS]
-    rows = rows_of(folder / "figures" / "fig22.csv")
-    receivers = yaml.safe_load((folder / "config.yaml").read_text())["receiver"]["names"]
-    values = ["4000", "8000", "32000"]
-    found = [(row["focal_length_mm"], row["locator"], row["receiver"], row["value"]) for row in rows]
-    assert found == [
-        (mm, locator, receiver, value)
-        for mm in ("25", "18")
-        for locator in ("paper", "truth")
-        for receiver in receivers
-        for value in values
-    ]
-    assert {(row["experiment"], row["axis"], row["frames"], row["bits"]) for row in rows} == {
-        ("ambient", "ambient_lx", "8", "512")
-    }
-    contrast = rows_of(folder / "figures" / "fig21.csv")
-    # Eight frames for each of the three bins, sorted into them by their contrast.
-    per_reading = [row for row in contrast if (row["focal_length_mm"], row["locator"]) == ("18", "truth")]
-    assert sum(int(row["frames"]) for row in per_reading if row["receiver"] == "flda_3") == 24
-
-
 def test_rates_are_those_of_the_experiment_alone(whole, place):
     """task=test measures the same frames with the same receivers."""
     ran = run_in(

@@ -275,12 +275,9 @@ def half_exposure(reading: PaperReading) -> Judgement:
 
 def gains_follow(reading: PaperReading) -> Judgement:
     """Judge whether the paper's numbers fit each other: to a point, for they are rounded."""
-    follow = (
-        (0.24, 1 - 5.0 / 6.6, 0.01),
-        (0.26, 1 - 3.9 / 5.3, 0.01),
-        (0.17, 14 / 12 - 1, 0.01),
-        (0.0178, (14 - 12) / (100 + 12), 0.001),
-    )
+    gains = (0.24, 1 - 5.0 / 6.6, 0.01), (0.26, 1 - 3.9 / 5.3, 0.01)
+    times = (0.17, 14 / 12 - 1, 0.01), (0.0178, (14 - 12) / (100 + 12), 0.001)
+    follow = (*gains, *times)
     fit = all(abs(stated - found) <= rounding for stated, found, rounding in follow)
     measured = ", ".join(percent(found, 1) for _, found, _ in follow)
     return Judgement.of(fit, measured, "they do not fit each other")

@@ -170,12 +170,10 @@ class PaperReading:
         if experiment not in self.experiments:
             raise NotMeasuredError(f"experiment {experiment}")
         curves = self.experiments[experiment].curves[self.locator]
-        for receiver in receivers:
-            if receiver not in curves.receivers:
-                raise NotMeasuredError(f"receiver {receiver} of experiment {experiment}")
-        for value in values:
-            if value not in curves.values:
-                raise NotMeasuredError(f"{place(curves.axis, value)} of experiment {experiment}")
+        missing = [f"receiver {name}" for name in receivers if name not in curves.receivers]
+        missing += [place(curves.axis, value) for value in values if value not in curves.values]
+        if missing:
+            raise NotMeasuredError(f"{missing[0]} of experiment {experiment}")
         return curves
 
     def row(self, experiment: str, receiver: str, value: float) -> Row:
