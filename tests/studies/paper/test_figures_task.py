@@ -1,19 +1,14 @@
 """task=figures at a tiny budget: what it writes, that it goes on, and what it refuses."""
 
-import errno
-import re
-from pathlib import Path
-
 import pytest
 import yaml
 from paper_runs import contents_of, files_in, head_of, rows_of, run_in
 
 from vocc_torch import Receiver
 from vocc_torch.measure.curve import COLUMNS
-from vocc_torch.studies.paper.claims import CLAIMS
 from vocc_torch.studies.paper.judgement import VERDICTS
+from vocc_torch.studies.paper.scorecard import CLAIMS
 from vocc_torch.studies.paper.scorecard import COLUMNS as SCORE_COLUMNS
-from vocc_torch.studies.paper.scorecard import FIT_COLUMNS
 
 TINY = ("budget.frames=8", "budget.training_frames=64", "workers=1")
 VALUES = {
@@ -72,29 +67,6 @@ def test_everything_is_written(whole):
     }
 
 
-def test_rates_have_a_row_for_every_reading_receiver_and_point(whole):
-    folder, _ = whole
-    assert head_of(folder / "figures" / "fig22.csv") == ["focal_length_mm", *COLUMNS]
-    rows = rows_of(folder / "figures" / "fig22.csv")
-    receivers = yaml.safe_load((folder / "config.yaml").read_text())["receiver"]["names"]
-    values = ["4000", "8000", "32000"]
-    found = [(row["focal_length_mm"], row["locator"], row["receiver"], row["value"]) for row in rows]
-    assert found == [
-        (mm, locator, receiver, value)
-        for mm in ("25", "18")
-        for locator in ("paper", "truth")
-        for receiver in receivers
-        for value in values
-    ]
-    assert {(row["experiment"], row["axis"], row["frames"], row["bits"]) for row in rows} == {
-        ("ambient", "ambient_lx", "8", "512")
-    }
-    contrast = rows_of(folder / "figures" / "fig21.csv")
-    # Eight frames for each of the three bins, sorted into them by their contrast.
-    per_reading = [row for row in contrast if (row["focal_length_mm"], row["locator"]) == ("18", "truth")]
-    assert sum(int(row["frames"]) for row in per_reading if row["receiver"] == "flda_3") == 24
-
-
 def test_rates_are_those_of_the_experiment_alone(whole, place):
     """task=test measures the same frames with the same receivers."""
     ran = run_in(
@@ -131,47 +103,6 @@ def test_the_scorecard_judges_every_claim_under_every_reading(whole):
     assert verdicts["figures.dull_after_gamma"] == "agree"
     assert verdicts["figures.grey_overlap"] == "cannot say"
     assert verdicts["discussion.dimming.flda_3"] == "cannot say"
-
-
-def test_fits_location_and_pairs_have_their_columns(whole):
-    folder, _ = whole
-    assert head_of(folder / "fits.csv") == list(FIT_COLUMNS)
-    assert [row["reading"] for row in rows_of(folder / "fits.csv")] == [
-        *("18 mm, paper", "18 mm, truth", "25 mm, paper", "25 mm, truth"),
-    ]
-    location = rows_of(folder / "location.csv")
-    assert head_of(folder / "location.csv")[:5] == ["experiment", "axis", "value", "receiver", "frames"]
-    totals = [row for row in location if row["value"] == ""]
-    assert {row["experiment"] for row in totals} == {"contrast", "ambient", "luminance", "distance"}
-    pairs = rows_of(folder / "paired.csv")
-    assert {row["locator"] for row in pairs} == {"paper", "truth"}
-
-
-def test_the_report_shows_every_picture_and_says_what_made_it(whole):
-    folder, _ = whole
-    page, markdown = ((folder / f"report.{kind}").read_text(encoding="utf-8") for kind in ("html", "md"))
-    pictures = {path.relative_to(folder).as_posix() for path in folder.rglob("*.png")}
-    assert page.count("data:image/png;base64,") == len(pictures)
-    assert {path for path in pictures if f"]({path})" in markdown} == pictures
-    for anchor in (
-        "summary",
-        "scorecard",
-        "score-ambient",
-        "readings",
-        "location",
-        "fig22",
-        "fig17",
-        "making",
-    ):
-        assert f'id="{anchor}"' in page
-    for anchor in ("dimming", "fig04"):
-        assert f'id="{anchor}"' not in page
-    assert "vocc-torch task=figures name=whole" in markdown
-    assert "64 training frames, 8 test frames a point (24 for contrast, over all its bins)" in markdown
-    assert "going on from what an earlier run" not in markdown
-    for name in ("paired.csv", "scorecard.csv", "fits.csv", "location.csv"):
-        assert f"]({name})" in markdown
-    assert not re.search(r"https?://(?!doi\.org)", page)
 
 
 # Parts
@@ -265,19 +196,11 @@ def test_contrast_bins_without_frames_are_refused_by_their_key(tmp_path):
     )
 
 
-SETTINGS = {
-    "seed=1": "seed",
-    "camera.gamma=2": "camera.gamma",
-    "figures.locators=[truth]": "receiver.locator",
-}
-
-
-@pytest.mark.parametrize(("change", "key"), SETTINGS.items())
-def test_a_ledger_of_other_settings_is_refused_by_their_key(near, place, change, key):
+def test_a_ledger_of_other_settings_is_refused_by_their_key(near, place):
     before = contents_of(near, ".csv", ".sqlite", ".yaml", ".png", ".md", ".html", ".pt")
-    complaint = run_in(place, *ONE, "figures.names=[fig24]", "name=near", change).complaint
+    complaint = run_in(place, *ONE, "figures.names=[fig24]", "name=near", "seed=1").complaint
     assert "distance-25mm.sqlite" in complaint
-    assert key in complaint
+    assert "seed" in complaint
     assert "give another name=" in complaint
     assert contents_of(near, ".csv", ".sqlite", ".yaml", ".png", ".md", ".html", ".pt") == before
 
@@ -285,55 +208,3 @@ def test_a_ledger_of_other_settings_is_refused_by_their_key(near, place, change,
 def test_a_report_of_other_figures_is_not_written_over(near, place):
     complaint = run_in(place, *ONE, "figures.names=[fig17,fig24]", "name=near").complaint
     assert complaint.endswith("holds a report of other figures: give another name=")
-
-
-def test_one_locator_and_more_frames_added_to_what_is_there(place):
-    """A ledger belongs to settings that the budget of frames is not among; location needs both locators."""
-    arguments = (*ONE, "figures.names=[fig24]", "figures.locators=[truth]", "~figures.experiments.dimming")
-    assert run_in(place, *arguments, "name=more", "budget.frames=64").status == 0
-    folder = place / "runs" / "more"
-    ledger = folder / "ledgers" / "distance-25mm.sqlite"
-    assert ledger.exists()
-    ran = run_in(place, *arguments, "name=more", "budget.frames=72")
-    assert ran.status == 0
-    assert "going on from 3 blocks" in ran.out
-    assert {(row["frames"], row["locator"]) for row in rows_of(folder / "figures" / "fig24.csv")} == {
-        ("72", "truth")
-    }
-    assert "location.csv" not in files_in(folder)
-    assert files_in(folder / "figures") == {"fig24.csv", "fig24.png"}
-    assert 'id="location"' not in (folder / "report.html").read_text(encoding="utf-8")
-
-
-# A full disk
-
-
-def test_a_full_disk_leaves_ledgers_that_a_later_run_goes_on_from(near, tmp_path, monkeypatch):
-    """One line says what does not fit, nothing half written stays, and nothing is lost."""
-    file = "report.html"
-    mine = tmp_path / "runs" / "full"
-    mine.mkdir(parents=True)
-    (mine / "ledgers").mkdir()
-    ledger = mine / "ledgers" / "distance-25mm.sqlite"
-    ledger.write_bytes((near / "ledgers" / "distance-25mm.sqlite").read_bytes())
-    arguments = (*ONE, "figures.names=[fig24]", "name=full")
-    rename = Path.replace
-
-    def full(path, target):
-        if Path(target).name == file:
-            raise OSError(errno.ENOSPC, "No space left on device", str(target))
-        return rename(path, target)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(Path, "replace", full)
-        complaint = run_in(tmp_path, *arguments).complaint
-    assert file in complaint
-    assert "No space left on device" in complaint
-    assert ledger.read_bytes() == (near / "ledgers" / "distance-25mm.sqlite").read_bytes()
-    assert not (mine / file).exists()
-    left = files_in(mine)
-    assert all(Path(name).suffix in (".png", ".csv", ".sqlite", ".yaml", ".pt", ".md") for name in left), left
-    with monkeypatch.context() as patch:
-        patch.setattr("vocc_torch.measure.counter.PointJob.__call__", lambda *_: pytest.fail("counted again"))
-        assert run_in(tmp_path, *arguments).status == 0
-    assert contents_of(mine, ".csv") == contents_of(near, ".csv")

@@ -1,7 +1,6 @@
 """What task=figures measures: which figures and readings, how results are sorted, what it refuses."""
 
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 from hydra import compose, initialize_config_module
@@ -12,9 +11,7 @@ from vocc_torch.app.config import register_schema
 from vocc_torch.app.resolve import resolved
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.build import build_plan
-from vocc_torch.measure.curves import Measured
-from vocc_torch.studies.paper.experiments import FIGURES, paper_plan, wanted_figures
-from vocc_torch.studies.paper.figures import PAPER_RECEIVERS
+from vocc_torch.studies.paper.experiments import FIGURES, PAPER_RECEIVERS, paper_plan, wanted_figures
 
 
 def plan_of(*overrides):
@@ -63,11 +60,6 @@ def test_mistakes_are_refused_in_one_line_by_their_key(change, complaint):
     assert "\n" not in str(refused.value)
 
 
-def test_a_lens_of_no_length_is_refused():
-    with pytest.raises(VoccError, match=r"camera\.focal_length_mm is 0"):
-        plan_of("figures.focal_lengths_mm=[0]").studies()
-
-
 ROWS = "figures.experiments.dimming.rows=[1000,32000]"
 
 
@@ -87,23 +79,3 @@ def test_studies_of_every_lens_and_the_grid_of_the_first():
         plan_of("figures.names=[fig04]", "receiver.names=[flda_agr]", "receiver.save=flda_agr").studies()
         == []
     )
-
-
-def test_results_are_sorted_by_lens_and_experiment(monkeypatch):
-    """A campaign of the studies that were laid out is enough."""
-    monkeypatch.setattr("vocc_torch.studies.paper.experiments.Grid", lambda *parts: parts)
-    plan = plan_of("figures.names=[fig22,dimming]", "figures.focal_lengths_mm=[25,18]", ROWS)
-    names = ("paper", "truth")
-    campaign = SimpleNamespace(
-        measured={s.key: Measured({name: f"{s.key}/{name}" for name in names}, {}) for s in plan.studies()}
-    )
-    found = {
-        mm: {name: one.curves["paper"] for name, one in by.items()}
-        for mm, by in plan.measured(campaign).items()
-    }
-    assert found == {25.0: {"ambient": "ambient-25mm/paper"}, 18.0: {"ambient": "ambient-18mm/paper"}}
-    assert plan.grids(campaign) == {
-        name: ("ambient_lx", (1000.0, 32000.0), tuple(f"dimming-25mm-{row}/{name}" for row in (1000, 32000)))
-        for name in names
-    }
-    assert plan_of("figures.names=[fig22]").grids(campaign) == {}

@@ -72,22 +72,14 @@ def order(
         descending: receivers each of which has a higher rate than the next.
         factors: whether to add by what factor rates are higher.
     """
-    pairs = [*product(above, below), *pairwise(descending)]
-    found = []
-    for name in experiments:
-        for a, b in pairs:
-            curves = reading.curves(name, (a, b))
-            found += [
-                RateComparison(
-                    curves.axis,
-                    (a, value),
-                    (b, value),
-                    (curves.counts[a, value], curves.counts[b, value]),
-                    curves.pair(a, b, value),
-                )
-                for value in curves.values
-                if (a, value) in curves.counts and (b, value) in curves.counts
-            ]
+    found = [
+        RateComparison(curves, (a, value), (b, value))
+        for name in experiments
+        for a, b in [*product(above, below), *pairwise(descending)]
+        for curves in [reading.curves(name, (a, b))]
+        for value in curves.values
+        if (a, value) in curves.counts and (b, value) in curves.counts
+    ]
     judged, by = weigh(found), factor_text(found) if factors else ""
     judged = replace(judged, measured=f"{judged.measured}; {by}") if by else judged
     return with_causes(reading, judged)
@@ -112,13 +104,12 @@ def trend(
         first: the value where it begins; every pair of values between is compared. Without it, the lowest
             value of the axis is compared with ``last`` alone.
     """
-    ends = (last,) if first is None else (first, last)
-    curves = reading.curves(experiment, tuple(receivers), *ends)
-    values = [value for value in curves.values if (first is None or value >= first) and value <= last]
-    if first is None:
-        values = [values[0], last] if values[0] != last else []
+    curves = reading.curves(experiment, receivers, *((last,) if first is None else (first, last)))
+    values = {curves.values[0], last}
+    if first is not None:
+        values = {value for value in curves.values if first <= value <= last}
     pairs = list(combinations(sorted(values, reverse=rises), 2))
-    return weigh([of_values(curves, name, *pair) for name in receivers for pair in pairs])
+    return weigh([RateComparison(curves, (name, a), (name, b)) for name in receivers for a, b in pairs])
 
 
 def minimum(
@@ -135,68 +126,61 @@ def minimum(
     curves = reading.curves(experiment, (receiver,), *(() if at == "inside" else (at,)))
     values = curves.values
 
-    def difference(a: int, b: int, confidence: float) -> Estimate:
-        return of_values(curves, receiver, values[a], values[b]).difference(confidence)
+    def compared(a: float, b: float) -> RateComparison:
+        return RateComparison(curves, (receiver, a), (receiver, b))
 
-    rates = [curves.counts[receiver, value].ber for value in values]
-    seen = [value for value, ber in zip(values, rates, strict=True) if ber == min(rates)]
-    candidates = [values[place] for place in may_be_least(len(values), difference)]
+    rates = {value: curves.counts[receiver, value].ber for value in values}
+    seen = [value for value, ber in rates.items() if ber == min(rates.values())]
+    places = may_be_least(
+        len(values), lambda a, b, confidence: compared(values[a], values[b]).difference(confidence)
+    )
+    candidates = [values[place] for place in places]
     measured = f"lowest at {place(curves.axis, *seen)}{' (equals)' if len(seen) > 1 else ''}, " + (
         f"candidates {place(curves.axis, *candidates)}" if len(candidates) > 1 else "beyond doubt"
     )
     if at == "inside":
-        return valley(curves, receiver, measured)
+        return valley(curves, compared, measured)
     ends = candidates[0], candidates[-1]
     if at not in candidates:
-        confidence = joint_confidence(len(values) - 1)
-        rivals = [of_values(curves, receiver, other, at) for other in values if other != at]
-        lower = sorted(((one.difference(confidence).high, n) for n, one in enumerate(rivals)))
-        against = tuple(rivals[n] for high, n in lower if high < 0)
-        reason = f"beyond doubt lower elsewhere: {against[0].text()}"
-        return Judgement("differ", measured, reason, *ends, against)
+        against = weigh([compared(other, at) for other in values if other != at]).against
+        return Judgement(
+            "differ", measured, f"beyond doubt lower elsewhere: {against[0].text()}", *ends, against
+        )
+    here, silent = values.index(at), sum(not rates[value] for value in candidates)
     if len(candidates) == len(values):
-        return Judgement("cannot say", measured, "no value is told apart from the others", *ends)
-    silent = sum(not curves.counts[receiver, value].half_errors for value in candidates)
-    if silent > 1:
+        reason = "no value is told apart from the others"
+    elif silent > 1:
         reason = f"no error was seen at {silent} of the {len(candidates)} candidates"
-        return Judgement("cannot say", measured, reason, *ends)
-    here = values.index(at)
-    if not set(seen) & set(values[max(0, here - 1) : here + 2]):
+    elif not set(seen) & set(values[max(0, here - 1) : here + 2]):
         reason = f"{place(curves.axis, at)} is a candidate, but not next to the lowest rate measured"
-        return Judgement("cannot say", measured, reason, *ends)
-    return Judgement("agree", measured, "", *ends)
+    else:
+        return Judgement("agree", measured, "", *ends)
+    return Judgement("cannot say", measured, reason, *ends)
 
 
-def valley(curves: Curves, receiver: str, measured: str) -> Judgement:
+def valley(curves: Curves, compared: Callable[[float, float], RateComparison], measured: str) -> Judgement:
     """Judge whether the rate falls, is lowest inside the axis, and rises again."""
     values = curves.values
     if len(values) < 3:
         raise NotMeasuredError(f"an inner value of {curves.axis}")
     confidence = joint_confidence(all_pairs(len(values)))
-    pairs = [of_values(curves, receiver, *pair) for pair in combinations(values, 2)]
+    pairs = {pair: compared(*pair) for pair in combinations(values, 2)}
     surely = set()
-    for one in pairs:
+    for (a, b), one in pairs.items():
         difference = one.difference(confidence)
         if difference.real:
-            higher, lower = one.above[1], one.below[1]
-            surely.add((higher, lower) if difference.low > 0 else (lower, higher))
+            surely.add((a, b) if difference.low > 0 else (b, a))
     inside = values[1:-1]
     for end in (values[0], values[-1]):
         if all((value, end) in surely for value in inside):
-            against = tuple(of_values(curves, receiver, end, value) for value in inside)
+            against = tuple(compared(end, value) for value in inside)
             return Judgement("differ", measured, f"lowest at an end: {against[0].text()}", against=against)
     for at, value in enumerate(inside, start=1):
         sides = values[:at], values[at + 1 :]
         if all(any((other, value) in surely for other in side) for side in sides):
             return Judgement("agree", measured)
-    reason = "a rise on both sides is not beyond chance" if surely else _nothing_told(pairs)
+    reason = "a rise on both sides is not beyond chance" if surely else _nothing_told(pairs.values())
     return Judgement("cannot say", measured, reason)
-
-
-def of_values(curves: Curves, receiver: str, above: float, below: float) -> RateComparison:
-    """Compare one receiver at two values of the axis."""
-    counts = curves.counts[receiver, above], curves.counts[receiver, below]
-    return RateComparison(curves.axis, (receiver, above), (receiver, below), counts)
 
 
 def weigh(comparisons: Sequence[RateComparison]) -> Judgement:
@@ -206,20 +190,22 @@ def weigh(comparisons: Sequence[RateComparison]) -> Judgement:
         NotMeasuredError: there is none.
 
     Example:
-        >>> few, many = Counts(2000, 128_000, 40, 80, 20), Counts(2000, 128_000, 800, 1600, 400)
-        >>> near, far = ("flda_2", 30.0), ("flda_2", 70.0)
-        >>> weigh([RateComparison("distance_m", far, near, (many, few))]).verdict
+        >>> counts = {("flda_2", 30.0): Counts(2000, 128_000, 40, 80, 20)}
+        >>> counts["flda_2", 70.0] = Counts(2000, 128_000, 800, 1600, 400)
+        >>> curves = Curves("d", "distance_m", "truth", ("flda_2",), (30.0, 70.0), counts, {}, {})
+        >>> near, far = counts
+        >>> weigh([RateComparison(curves, far, near)]).verdict
         'agree'
-        >>> print(weigh([RateComparison("distance_m", near, far, (few, many))]).reason)
+        >>> print(weigh([RateComparison(curves, near, far)]).reason)
         beyond doubt the other way round: 1.6e-4 at 30 m against 3.1e-3 at 70 m
     """
     if not comparisons:
         raise NotMeasuredError("the experiment")
-    confidence = joint_confidence(len(comparisons))
+    total, confidence = len(comparisons), joint_confidence(len(comparisons))
     differences = [one.difference(confidence) for one in comparisons]
-    highs = sorted((found.high, number) for number, found in enumerate(differences) if found.high < 0)
-    against = tuple(comparisons[number] for _, number in highs)
-    supporting, total = sum(found.low > 0 for found in differences), len(comparisons)
+    surest = sorted((found.high, number) for number, found in enumerate(differences) if found.high < 0)
+    against = tuple(comparisons[number] for _, number in surest)
+    supporting = sum(found.low > 0 for found in differences)
     open_ones = total - supporting - len(against)
     measured = f"{supporting} of {total} comparisons for it, {len(against)} against"
     measured += f", {open_ones} not told apart" if open_ones else ""
@@ -233,7 +219,7 @@ def weigh(comparisons: Sequence[RateComparison]) -> Judgement:
 
 
 def factor_text(comparisons: Iterable[RateComparison]) -> str:
-    """Write by what factor the rates that a claim puts above others exceed them.
+    """By what factor the rates that a claim puts above others exceed them, in words.
 
     A ratio needs errors on both sides; comparisons without are left out and counted.
     """
@@ -241,18 +227,15 @@ def factor_text(comparisons: Iterable[RateComparison]) -> str:
     ratios = [above / below for above, below in sides if above and below]
     if not ratios:
         return ""
-    mean = math.exp(sum(map(math.log, ratios)) / len(ratios))
-    text = (
-        f"rates {mean:.2g} times as high in the geometric mean, {min(ratios):.2g} to {max(ratios):.2g} times"
-    )
-    left_out = len(sides) - len(ratios)
-    if not left_out:
-        return text
-    return f"{text} ({left_out} comparison{'s' if left_out > 1 else ''} without errors on a side left out)"
+    mean, left_out = math.exp(sum(map(math.log, ratios)) / len(ratios)), len(sides) - len(ratios)
+    text = f"rates {mean:.2g} times as high in the geometric mean"
+    text += f", {min(ratios):.2g} to {max(ratios):.2g} times"
+    comparison = "comparison" if left_out == 1 else "comparisons"
+    return text + (f" ({left_out} {comparison} without errors on a side left out)" if left_out else "")
 
 
 def _nothing_told(comparisons: Iterable[RateComparison]) -> str:
-    """Say why no comparison was decided."""
+    """Why no comparison was decided."""
     if any(counts.half_errors for one in comparisons for counts in one.counts):
         return "no difference is beyond chance"
     return "no error was seen at any of these points"
@@ -260,46 +243,42 @@ def _nothing_told(comparisons: Iterable[RateComparison]) -> str:
 
 def with_causes(reading: PaperReading, judged: Judgement) -> Judgement:
     """Add the known causes that hold for the comparisons against an order."""
-    reasons, causes = [judged.reason], []
-    centre = {
-        (one.axis, one.above[1])
-        for one in judged.against
-        if one.above[0] == "center_greyscale" != one.below[0]
-    }
-    if centre:
+    reasons, causes, centre = [judged.reason], [], "center_greyscale"
+    # Axis, value and both receivers of each comparison that is lost.
+    against = [(one.curves.axis, one.above[1], one.above[0], one.below[0]) for one in judged.against]
+    points = {(axis, value) for axis, value, above, below in against if above == centre != below}
+    if points:
         causes.append("preambles")
         text = "the centre receiver's threshold comes from preambles of the very same scene"
-        reasons.append(text + _spotless(reading, "center_greyscale", centre))
+        known = [
+            measured.curves["truth"]
+            for measured in reading.experiments.values()
+            if "truth" in measured.curves
+        ]
+        errors = [
+            curves.counts[centre, value].half_errors
+            for curves in known
+            for axis, value in points
+            if axis == curves.axis and (centre, value) in curves.counts
+        ]
+        if silent := errors.count(0):
+            some = f"{silent} of these {len(errors)} points"
+            where = some if silent < len(errors) else "any of these points"
+            text += f", and with true corners it makes no error at {where}"
+        reasons.append(text)
     lost = [
-        one
-        for one in judged.against
-        if one.above[0].endswith("_greyscale") and one.below[0].startswith("flda")
+        axis in LOW_CONTRAST and LOW_CONTRAST[axis](value)
+        for axis, value, above, below in against
+        if above.endswith("_greyscale") and below.startswith("flda")
     ]
-    low = [one for one in lost if one.axis in LOW_CONTRAST and LOW_CONTRAST[one.axis](one.above[1])]
-    if low and 2 * len(low) >= len(lost):
+    if any(lost) and 2 * sum(lost) >= len(lost):
         causes.append("one rule")
-        share = "all" if len(low) == len(lost) else f"{len(low)} of {len(lost)}"
+        share = "all" if all(lost) else f"{sum(lost)} of {len(lost)}"
         reasons.append(
             f"where FLDA loses to a greyscale receiver, {share} of the points are at low contrast: one "
             "linear rule for all scenes has no preamble to tell it how dark this scene's On is"
         )
     return replace(judged, reason="; ".join(reasons), causes=tuple(causes))
-
-
-def _spotless(reading: PaperReading, receiver: str, points: set[tuple[str, float]]) -> str:
-    """Say at how many of some points a receiver makes no error with true corners."""
-    known = (m.curves["truth"] for m in reading.experiments.values() if "truth" in m.curves)
-    errors = [
-        curves.counts[receiver, value].half_errors
-        for curves in known
-        for value in curves.values
-        if (curves.axis, value) in points and (receiver, value) in curves.counts
-    ]
-    silent = errors.count(0)
-    if not silent:
-        return ""
-    where = f"{silent} of these {len(errors)} points" if silent < len(errors) else "any of these points"
-    return f", and with true corners it makes no error at {where}"
 
 
 def quoted(
@@ -320,12 +299,11 @@ def quoted(
         ber: the quoted bit error rate.
         gain: the quoted share of the errors of two features that three do not make.
     """
-    if gain is not None:
-        judged = quoted_gain(reading, experiment, at, gain)
-    else:
-        assert at is not None
-        assert ber is not None
+    if at is not None and ber is not None:
         judged = quoted_rate(reading, experiment, receiver, at, ber)
+    else:
+        assert gain is not None
+        judged = quoted_gain(reading, experiment, at, gain)
     if judged.verdict != "differ" or at is None:
         return judged
     return with_location(reading, judged, experiment, receiver, at, ber)
@@ -336,8 +314,7 @@ def quoted_rate(reading: PaperReading, experiment: str, receiver: str, at: float
     row = reading.row(experiment, receiver, at)
     ours = reading.curves(experiment).counts[receiver, at]
     measured, ends = point(row), (row.ber_low, row.ber_high)
-    theirs = paper_counts(reading, experiment, receiver, at, ber)
-    if difference_independent(ours, theirs).real:
+    if difference_independent(ours, paper_counts(reading, experiment, receiver, at, ber)).real:
         gap = f"{row.ber / ber:.2g} times the quoted rate"
         if row.error_free:
             gap = f"the limit is {ber / row.ber_high:.2g} times below the quoted rate"
@@ -352,7 +329,7 @@ def quoted_rate(reading: PaperReading, experiment: str, receiver: str, at: float
 
 
 def paper_frames(curves: Curves, at: float | None) -> float:
-    """Give how many frames the paper had at a value of the axis, or over all of it.
+    """How many frames the paper had at a value of the axis, or over all of it.
 
     Of its 20000 contrast frames a bin is taken to have had the share that it has here.
     """
@@ -363,7 +340,7 @@ def paper_frames(curves: Curves, at: float | None) -> float:
 
 
 def paper_counts(reading: PaperReading, experiment: str, receiver: str, at: float, ber: float) -> Counts:
-    """Give the counts that a quoted rate stands for, had its errors clustered by frame as ours do there.
+    """The counts that a quoted rate stands for, had its errors clustered by frame as ours do there.
 
     Raises:
         NotMeasuredError: the reading has nothing to go by.
@@ -374,7 +351,7 @@ def paper_counts(reading: PaperReading, experiment: str, receiver: str, at: floa
 
 
 def clustered_like(like: Counts, ber: float, frames: float) -> Counts:
-    """Give the counts of a rate whose errors are clustered by frame as those of other counts.
+    """The counts of a rate whose errors are clustered by frame as those of other counts.
 
     Args:
         like: counts whose errors cluster alike; without errors, one wrong bit a wrong frame is taken.
@@ -399,14 +376,14 @@ def clustered_like(like: Counts, ber: float, frames: float) -> Counts:
 
 
 def gain_of(curves: Curves, at: float | None) -> Estimate | None:
-    """Give the gain of three features over two, at one value or averaged; None where two made no error."""
+    """The gain of three features over two, at one value or averaged; None where two made no error."""
     if at is not None:
         return relative_gain(*_two_and_three(curves, at))
     return mean_gain(_two_and_three(curves, value) for value in curves.values)
 
 
 def _two_and_three(curves: Curves, at: float | None) -> tuple[Counts, Counts, PairedCounts]:
-    """Give what a gain is computed from, at one value or over all together."""
+    """What a gain is computed from, at one value or over all together."""
     two, three = (curves.total(n) if at is None else curves.counts[n, at] for n in ("flda_2", "flda_3"))
     return two, three, curves.pair("flda_2", "flda_3", at)
 
@@ -417,38 +394,32 @@ def quoted_gain(reading: PaperReading, experiment: str, at: float | None, stated
     gain = gain_of(curves, at)
     if gain is None:
         return Judgement("cannot say", "no gain", "two features made no error")
-    ends = gain.low, gain.high
-    measured = share_interval(gain.value, *ends)
-    if at is None and (pooled := relative_gain(*_two_and_three(curves, None))):
+    ends, wide = (gain.low, gain.high), gain.high - gain.low > WIDEST_SHARE
+    two, three, pair = _two_and_three(curves, at)
+    measured = share_interval(gain)
+    if at is None and (pooled := relative_gain(two, three, pair)):
         # The paper means one of the two averages.
-        measured += f"; of all errors {share_interval(pooled.value, pooled.low, pooled.high)}"
-    ours = sum(curves.counts["flda_2", value].frames for value in (curves.values if at is None else (at,)))
+        measured += f"; of all errors {share_interval(pooled)}"
     # The paper's interval is ours, scaled by the numbers of frames.
-    scale = math.sqrt(ours / paper_frames(curves, at))
+    scale = math.sqrt(two.frames / paper_frames(curves, at))
     below, above = gain.value - gain.low, gain.high - gain.value
     apart = gain.value - stated
     low, high = apart - math.hypot(below, scale * above), apart + math.hypot(above, scale * below)
-    wide = gain.high - gain.low > WIDEST_SHARE
-    if low > 0 or high < 0:
-        if wide:
-            bound = f"at least {percent(gain.low)}" if low > 0 else f"at most {percent(gain.high)}"
-            measured = f"{bound}; {measured}"
-        return Judgement("differ", measured, behind_gain(curves, at), *ends)
+    if low <= 0 <= high:
+        reason = "the interval is wider than 100 percentage points" if wide else ""
+        return Judgement("cannot say" if wide else "agree", measured, reason, *ends)
     if wide:
-        reason = "the interval is wider than 100 percentage points"
-        return Judgement("cannot say", measured, reason, *ends)
-    return Judgement("agree", measured, "", *ends)
-
-
-def behind_gain(curves: Curves, at: float | None) -> str:
-    """Write the rates behind a gain, or where three features gain least and most."""
+        bound = f"at least {percent(gain.low)}" if low > 0 else f"at most {percent(gain.high)}"
+        measured = f"{bound}; {measured}"
     if at is not None:
-        two, three = (rate_text(curves.counts[name, at].ber) for name in ("flda_2", "flda_3"))
-        return f"{two} with two features, {three} with three at {place(curves.axis, at)}"
-    found = {value: gain_of(curves, value) for value in curves.values}
-    stated = sorted((gain.value, value) for value, gain in found.items() if gain is not None)
-    ends = [f"{percent(gain)} at {place(curves.axis, value)}" for gain, value in (stated[0], stated[-1])]
-    return f"from {' to '.join(ends)}"
+        rates = f"{rate_text(two.ber)} with two features, {rate_text(three.ber)} with three"
+        return Judgement("differ", measured, f"{rates} at {place(curves.axis, at)}", *ends)
+    found = ((gain_of(curves, value), value) for value in curves.values)
+    known = sorted((one.value, value) for one, value in found if one is not None)
+    least_and_most = (
+        f"{percent(one)} at {place(curves.axis, value)}" for one, value in (known[0], known[-1])
+    )
+    return Judgement("differ", measured, f"from {' to '.join(least_and_most)}", *ends)
 
 
 def with_location(
@@ -458,19 +429,17 @@ def with_location(
     measured = reading.experiments[experiment]
     if (receiver, at) not in measured.location:
         return judged
-    located, truth = (reading.located_by(name).row(experiment, receiver, at) for name in ("paper", "truth"))
+    readings = [replace(reading, locator=name) for name in ("paper", "truth")]
+    located, truth = (one.row(experiment, receiver, at) for one in readings)
+    wrong, right = (one.curves(experiment).counts[receiver, at] for one in readings)
     between = ber is not None and truth.ber < ber < located.ber
-    counts = [measured.curves[name].counts[receiver, at] for name in ("paper", "truth")]
-    share = relative_gain(counts[0], counts[1], measured.location[receiver, at])
     causes = ("between",) if between else ()
+    share = relative_gain(wrong, right, measured.location[receiver, at])
     if share is None or share.low <= 0:
         return replace(judged, causes=causes)
-    if reading.locator == "truth":
-        text = f"with the panel located here the rate is {point(located)}"
-    else:
-        text = (
-            f"location: of {receiver}'s {rate_text(located.ber)}, {rate_text(located.ber - truth.ber)} "
-            f"({percent(share.value)}) vanish with true corners"
-        )
+    text = f"with the panel located here the rate is {point(located)}"
+    if reading.locator != "truth":
+        vanished = f"{rate_text(located.ber - truth.ber)} ({percent(share.value)})"
+        text = f"location: of {receiver}'s {rate_text(located.ber)}, {vanished} vanish with true corners"
     text += "; the quoted rate lies between the two" if between else ""
     return replace(judged, reason=f"{judged.reason}; {text}", causes=causes)

@@ -13,8 +13,43 @@ from vocc_torch.measure.grid import Grid
 from vocc_torch.measure.plan import Locator, Plan
 from vocc_torch.studies.paper.config import FiguresConfig
 from vocc_torch.studies.paper.evidence import EVIDENCE
-from vocc_torch.studies.paper.figures import PAPER_RECEIVERS, RATE_FIGURES
+from vocc_torch.studies.paper.words import EXPERIMENTS
 
+PAPER_RECEIVERS = ("center_greyscale", "average_greyscale", "flda_2", "flda_3")
+"""The receivers of the paper's figures."""
+
+
+@dataclass(frozen=True)
+class RateFigure:
+    """One of the paper's figures of bit error rates.
+
+    Args:
+        name: its name.
+        experiment: the experiment behind it.
+        caption: what the paper shows in it.
+    """
+
+    name: str
+    experiment: str
+    caption: str
+
+    @property
+    def title(self) -> str:
+        """Its headline."""
+        return f"Fig. {self.name[3:]}: bit error rate against {EXPERIMENTS[self.experiment]}"
+
+
+RATE_FIGURES = (
+    RateFigure("fig21", "contrast", "Rates fall with rising contrast to a best level and rise beyond it."),
+    RateFigure(
+        "fig22",
+        "ambient",
+        "Lowest near 4000 lx for the greyscale receivers, at 8000 lx for the proposed ones.",
+    ),
+    RateFigure("fig23", "luminance", "Lowest at 4000 cd/m\u00b2 for all receivers."),
+    RateFigure("fig24", "distance", "Rates of all receivers rise with distance."),
+)
+"""The figures, in the paper's order."""
 DIMMING = "dimming"
 """The experiment, and the figure, that is a grid: measured with the report's own focal length only."""
 FIGURES = (*sorted({*EVIDENCE, *(figure.name for figure in RATE_FIGURES)}), DIMMING)
@@ -22,7 +57,7 @@ FIGURES = (*sorted({*EVIDENCE, *(figure.name for figure in RATE_FIGURES)}), DIMM
 
 
 def wanted_figures(names: Sequence[str]) -> tuple[str, ...]:
-    """Give the figures to make, in the paper's order; no name means all.
+    """The figures to make, in the paper's order; no name means all.
 
     Raises:
         VoccError: an unknown name.
@@ -61,7 +96,7 @@ class PaperPlan:
         return self.focal_lengths_mm[0], self.locators[0]
 
     def studies(self) -> list[Study]:
-        """Give the studies, those of the report's own focal length first."""
+        """The studies, those of the report's own focal length first."""
         return [
             Study(_key(name, focal_mm, row), at_focal_length(plan, focal_mm), self.locators)
             for focal_mm in self.focal_lengths_mm
@@ -71,18 +106,15 @@ class PaperPlan:
         ]
 
     def measured(self, campaign: Campaign) -> dict[float, dict[str, Measured]]:
-        """Sort a campaign's results by focal length and experiment; the grid is left out."""
+        """A campaign's results by focal length and experiment; the grid is left out."""
+        names = [name for name in self.experiments if name != DIMMING]
         return {
-            focal_mm: {
-                name: campaign.measured[_key(name, focal_mm, 0.0)]
-                for name in self.experiments
-                if name != DIMMING
-            }
+            focal_mm: {name: campaign.measured[_key(name, focal_mm, 0.0)] for name in names}
             for focal_mm in self.focal_lengths_mm
         }
 
     def grids(self, campaign: Campaign) -> dict[str, Grid]:
-        """Put the grid together for each locator; empty where it was not measured."""
+        """The grid for each locator; empty where it was not measured."""
         rows = tuple(self.experiments.get(DIMMING, {}))
         of_row = [campaign.measured[_key(DIMMING, self.focal_lengths_mm[0], row)] for row in rows]
         return {
@@ -103,11 +135,8 @@ def paper_plan(config: FiguresConfig, plan: Plan) -> PaperPlan:
         VoccError: an unknown figure or locator, no focal length or locator or one given twice, an experiment
             with a value outside its range, or none of the receivers that the figures show.
     """
-    lists: dict[str, Sequence[object]] = {
-        "focal_lengths_mm": config.focal_lengths_mm,
-        "locators": config.locators,
-    }
-    for name, given in lists.items():
+    given: Sequence[object]
+    for name, given in (("focal_lengths_mm", config.focal_lengths_mm), ("locators", config.locators)):
         if not given or len(set(given)) != len(given):
             raise VoccError(f"figures.{name} is {list(given)}: it must hold at least one, each once")
     for locator in config.locators:

@@ -19,6 +19,7 @@ none; *differ* where all have the same single one; else *cannot say*.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Sequence
 from itertools import combinations, pairwise
 
@@ -83,7 +84,6 @@ def number(
         pairs = [(less, largest) for less in of] if largest else list(pairwise(ascending))
         return compared(reading, [largest, *of] if largest else ascending, pairs, ties=bool(largest))
     found, figure = reading.number(value), value.partition(".")[0]
-    holds = above < found < below and least <= found <= most
     known: dict[str, float | str] = {
         name: ("a" if one else "no") if name.startswith("separable_") else one
         for name, one in reading.numbers[figure].items()
@@ -92,7 +92,7 @@ def number(
         measured = shows.format_map(known)
     except KeyError as missing:
         raise NotMeasuredError(f"{missing.args[0]} of {figure}") from None
-    return Judgement("agree" if holds else "differ", measured, "" if holds else otherwise)
+    return Judgement.of(above < found < below and least <= found <= most, measured, otherwise)
 
 
 def compared(
@@ -143,22 +143,29 @@ def time(
 
 
 def time_ratio(reading: PaperReading, ratio: str, quoted: float, digits: int) -> Judgement:
-    """Judge a ratio of processing times by its quartiles."""
+    """Judge a ratio of processing times by its quartiles; in batches it is only told."""
     found = _quartiles(reading, ratio)
-    measured = f"{_shown(found, digits)} one frame at a time{_in_batches(reading, ratio, digits)}"
+    start = f"{ratio}_whole_frames_batch_"
+    batches = {
+        int(name.removeprefix(start)): value
+        for name, value in reading.numbers["fig25"].items()
+        if re.fullmatch(rf"{start}(?!1$)\d+", name)
+    }
+    measured = f"{_shown(found, digits)} one frame at a time"
+    for size in sorted(batches):
+        measured += f"; {percent(batches[size], digits)} in batches of {size}"
     ends = found.low, found.high
     if found.low <= 0 or found.high > WIDEST_FACTOR * found.low:
         reason = "too noisy: the quartiles are farther apart than a factor of 2"
         return Judgement("cannot say", measured, reason, *ends)
-    if found.value / TIME_FACTOR <= quoted <= found.value * TIME_FACTOR:
-        return Judgement("agree", measured, "", *ends)
     reason = "other software on another machine"
     try:
         panel, three = (_quartiles(reading, f"ms_{stage}").value for stage in ("panel_detection", "flda_3"))
         reason += f": panel detection takes {panel:.2g} ms a frame here, three features {three:.2g} ms"
     except NotMeasuredError:
         pass
-    return Judgement("differ", measured, reason, *ends)
+    near = found.value / TIME_FACTOR <= quoted <= found.value * TIME_FACTOR
+    return Judgement.of(near, measured, reason, *ends)
 
 
 def all_much_shorter(reading: PaperReading, detectors: Sequence[str]) -> Judgement:
@@ -183,30 +190,17 @@ def times_rise(reading: PaperReading, detectors: Sequence[str]) -> Judgement:
         for less, more in pairwise(detectors)
     }
     gaps[" and ".join(detectors[-2:])] = extra.low, extra.high
-    against = [pair for pair, (_, high) in gaps.items() if high < 0]
-    if against:
+    if against := [pair for pair, (_, high) in gaps.items() if high < 0]:
         return Judgement("differ", measured, f"the other way round: {listed(against)}")
-    open_ones = [pair for pair, (low, _) in gaps.items() if low <= 0]
-    if open_ones:
+    if open_ones := [pair for pair, (low, _) in gaps.items() if low <= 0]:
         return Judgement("cannot say", measured, f"quartiles overlap: {listed(open_ones)}")
     return Judgement("agree", measured)
 
 
 def _quartiles(reading: PaperReading, name: str) -> Estimate:
-    """Give a time, or a ratio of times, on whole frames one at a time: the median with the quartiles."""
+    """A time, or a ratio of times, on whole frames one at a time: the median with the quartiles."""
     at = f"fig25.{name}_whole_frames_batch_1"
-    return Estimate(reading.number(at), reading.number(f"{at}_low"), reading.number(f"{at}_high"))
-
-
-def _in_batches(reading: PaperReading, name: str, digits: int) -> str:
-    """Add the ratio in larger batches, by which nothing is judged: the paper has no batches."""
-    start = f"{name}_whole_frames_batch_"
-    found = {
-        int(size): value
-        for key, value in reading.numbers["fig25"].items()
-        if key.startswith(start) and (size := key.removeprefix(start)).isdigit() and size != "1"
-    }
-    return "".join(f"; {percent(found[size], digits)} in batches of {size}" for size in sorted(found))
+    return Estimate(*(reading.number(f"{at}{end}") for end in ("", "_low", "_high")))
 
 
 def _shown(found: Estimate, digits: int) -> str:
@@ -237,7 +231,7 @@ def best_luminance(reading: PaperReading, receiver: str) -> Judgement:
 
 
 def candidates(grid: Grid, receiver: str) -> list[set[float]]:
-    """Give the luminances that may be the best under each ambient light; all sets hold in 95 % of studies."""
+    """The luminances that may be the best under each ambient light; all sets hold in 95 % of studies."""
     tail = (1 - CONFIDENCE) / max(1, len(grid.columns) - 1) / len(grid.rows)
     held = not_worse(grid.ber(receiver), *grid.one_sided(receiver, tail))
     return [{float(value) for value in np.array(grid.columns)[row]} for row in held]
@@ -256,38 +250,37 @@ def equation(reading: PaperReading, name: str, **arguments: float) -> Judgement:
 
 def net_data_rate(reading: PaperReading, kbps: float, frames_per_s: float) -> Judgement:
     """Judge whether the bits of a frame at the camera's frame rate give the net data rate."""
-    every = (reading.curves(name) for name in reading.experiments)
-    counts = next((one for curves in every for one in curves.counts.values() if one.frames), None)
+    every = (reading.curves(name).counts.values() for name in reading.experiments)
+    counts = next((one for counts in every for one in counts if one.frames), None)
     if counts is None:
         raise NotMeasuredError("a frame")
     bits = counts.bits / counts.frames
     found = bits * frames_per_s / 1000
     measured = f"{found:g} kbps: {bits:g} bits a frame, {frames_per_s:g} frames a second"
-    return _holds(math.isclose(found, kbps), measured, "the panel has another number of LEDs")
+    return Judgement.of(math.isclose(found, kbps), measured, "the panel has another number of LEDs")
 
 
 def transmission(reading: PaperReading, quoted: float, distance_m: float, visibility_m: float) -> Judgement:
     """Judge the air's transmission at a distance, to four digits (Eq. 20)."""
     found = float(photometry.transmission(torch.tensor(distance_m, dtype=torch.float64), visibility_m))
-    return _holds(round(found, 4) == quoted, f"{found:.5f}", "by Eq. 20")
+    return Judgement.of(round(found, 4) == quoted, f"{found:.5f}", "by Eq. 20")
 
 
 def half_exposure(reading: PaperReading) -> Judgement:
     """Judge whether a grey of 86 has half the exposure of middle grey, 118 (Eq. 1)."""
     value = photometry.MIDDLE_GREY * 0.5 ** (1 / GAMMA)
-    return _holds(round(value) == BACKGROUND_GREYS[0], f"118 x 0.5^(1/2.2) = {value:.1f}", "by Eq. 1")
+    measured = f"118 x 0.5^(1/2.2) = {value:.1f}"
+    return Judgement.of(round(value) == BACKGROUND_GREYS[0], measured, "by Eq. 1")
 
 
 def gains_follow(reading: PaperReading) -> Judgement:
     """Judge whether the paper's numbers fit each other: to a point, for they are rounded."""
-    follow = (
-        (0.24, 1 - 5.0 / 6.6, 0.01),
-        (0.26, 1 - 3.9 / 5.3, 0.01),
-        (0.17, 14 / 12 - 1, 0.01),
-        (0.0178, (14 - 12) / (100 + 12), 0.001),
-    )
+    gains = (0.24, 1 - 5.0 / 6.6, 0.01), (0.26, 1 - 3.9 / 5.3, 0.01)
+    times = (0.17, 14 / 12 - 1, 0.01), (0.0178, (14 - 12) / (100 + 12), 0.001)
+    follow = (*gains, *times)
     fit = all(abs(stated - found) <= rounding for stated, found, rounding in follow)
-    return _holds(fit, ", ".join(percent(found, 1) for _, found, _ in follow), "they do not fit each other")
+    measured = ", ".join(percent(found, 1) for _, found, _ in follow)
+    return Judgement.of(fit, measured, "they do not fit each other")
 
 
 def iso_range(reading: PaperReading) -> Judgement:
@@ -298,7 +291,8 @@ def iso_range(reading: PaperReading) -> Judgement:
     dark, bright = BACKGROUND_GREYS
     needed, there = 32000 / 1000 * (bright / dark) ** GAMMA, 3200 / 100
     measured = f"ISO speeds of {needed:.0f} to 1 are needed, 100 to 3200 is {there:.0f} to 1"
-    return _holds(needed <= there * (1 + 1e-9), measured, "by Eq. 1, whatever the f-number and K")
+    holds = needed <= there * (1 + 1e-9)
+    return Judgement.of(holds, measured, "by Eq. 1, whatever the f-number and K")
 
 
 def contrast_by_equations(ambient_lx: float, luminance_cd_m2: float, background_grey: float) -> float:
@@ -329,19 +323,16 @@ def contrast(
     its range; it agrees if the stated one, which is rounded, lies between.
     """
     scene = f"paper_scene_{stated_percent:g}"
-    seen = reading.number(f"fig20.contrast_{scene}")
-    grey = reading.number(f"fig20.background_grey_{scene}")
+    seen, grey = (reading.number(f"fig20.{what}_{scene}") for what in ("contrast", "background_grey"))
     here = contrast_by_equations(ambient_lx, luminance_cd_m2, grey)
     ends = [contrast_by_equations(ambient_lx, luminance_cd_m2, one) for one in BACKGROUND_GREYS]
     low, high = (seen * end / here for end in sorted(ends))
-    measured = (
-        f"{percent(seen, 1)} at background grey {grey:g}, "
-        f"{percent(low, 1)} to {percent(high, 1)} over greys 86 to 118"
-    )
+    measured = f"{percent(seen, 1)} at background grey {grey:g}, "
+    measured += f"{percent(low, 1)} to {percent(high, 1)} over greys 86 to 118"
     reason = f"Eqs 1 to 3 give {ambient_lx:g} lx with {luminance_cd_m2:g} cd/m2 {percent(here, 1)}"
     reason += "; On LEDs are white (255) there" if ends[0] > ends[1] else ""
     holds = low - ROUNDING <= stated_percent / 100 <= high + ROUNDING
-    return _holds(holds, measured, reason, low, high)
+    return Judgement.of(holds, measured, reason, low, high)
 
 
 def contrast_range(
@@ -353,55 +344,43 @@ def contrast_range(
     filled = [at for at, count in frames.items() if count]
     if not filled:
         raise NotMeasuredError("experiment contrast")
-    pick, which, end, light = min, ("lowest", "least"), lowest, (32000.0, 500.0)
-    if highest is not None:
+    if highest is None:
+        assert lowest is not None
+        pick, which, end, light = min, ("lowest", "least"), lowest, (32000.0, 500.0)
+        outside = [count for at, count in frames.items() if at < end]
+    else:
         pick, which, end, light = max, ("highest", "most"), highest, (1000.0, 8000.0)
-    assert end is not None
+        outside = [count for at, count in frames.items() if at > end]
     low, high = pick(filled) - BIN / 2, pick(filled) + BIN / 2
     extreme = pick(contrast_by_equations(*light, grey) for grey in BACKGROUND_GREYS)
-    measured = (
-        f"the {which[0]} bin with frames is {100 * low:.0f} to {percent(high)}; "
-        f"by Eqs 1 to 3 the {which[1]} is {percent(extreme, 1)}"
-    )
-    beyond = sum(count for at, count in frames.items() if (at < end if highest is None else at > end))
-    reason = f"{percent(beyond / sum(frames.values()), 1)} of the frames lie beyond it"
+    measured = f"the {which[0]} bin with frames is {100 * low:.0f} to {percent(high)}; "
+    measured += f"by Eqs 1 to 3 the {which[1]} is {percent(extreme, 1)}"
+    share = percent(sum(outside) / sum(frames.values()), 1)
+    reason = f"{share} of the frames lie beyond it" if any(outside) else "no frame reaches it"
     holds = low - 1e-9 <= end < high - 1e-9 or (highest is not None and abs(end - high) < 1e-9)
-    return _holds(holds, measured, reason if beyond else "no frame reaches it", low, high)
+    return Judgement.of(holds, measured, reason, low, high)
 
 
 def interference(reading: PaperReading) -> Judgement:
     """Judge whether blooming takes more away the higher the contrast is that scenes truly have (Fig. 20)."""
-    scenes = ("true_6", "true_30", "true_50")
-    before = [reading.number(f"fig20.contrast_{scene}") for scene in scenes]
-    lost = [
-        whole - reading.number(f"fig20.contrast_in_picture_{scene}")
-        for whole, scene in zip(before, scenes, strict=True)
-    ]
-    shares = [
-        f"{100 * loss / contrast:.0f}" if contrast else "0"
-        for loss, contrast in zip(lost, before, strict=True)
-    ]
-    measured = (
-        f"blur takes {', '.join(f'{100 * loss:.0f}' for loss in lost)} points from contrasts of 6, 30 and "
-        f"50 %; relative to the contrast that is {', '.join(shares)} %"
+    before, after = (
+        [reading.number(f"fig20.{what}_true_{scene}") for scene in (6, 30, 50)]
+        for what in ("contrast", "contrast_in_picture")
     )
-    return _holds(lost[0] < lost[1] < lost[2], measured, "the points lost do not grow with the contrast")
+    lost = [whole - left for whole, left in zip(before, after, strict=True)]
+    shares = [loss / whole if whole else 0.0 for loss, whole in zip(lost, before, strict=True)]
+    points, relative = (", ".join(f"{100 * one:.0f}" for one in each) for each in (lost, shares))
+    measured = f"blur takes {points} points from contrasts of 6, 30 and 50 %; "
+    measured += f"relative to the contrast that is {relative} %"
+    reason = "the points lost do not grow with the contrast"
+    return Judgement.of(lost[0] < lost[1] < lost[2], measured, reason)
 
 
-def _holds(
-    holds: bool, measured: str, reason: str, low: float | None = None, high: float | None = None
-) -> Judgement:
-    """Judge by yes or no."""
-    return (
-        Judgement("agree", measured, "", low, high)
-        if holds
-        else Judgement("differ", measured, reason, low, high)
-    )
-
-
-_OF_FIGURE_20 = (contrast, contrast_range, interference)
-_OF_SECTION_IV_C = (net_data_rate, transmission, half_exposure, gains_follow, iso_range)
 EQUATIONS: dict[str, Callable[..., Judgement]] = {
-    rule.__name__: rule for rule in (*_OF_SECTION_IV_C, *_OF_FIGURE_20)
+    rule.__name__: rule
+    for rule in (
+        *(net_data_rate, transmission, half_exposure, gains_follow, iso_range),
+        *(contrast, contrast_range, interference),
+    )
 }
 """Every equation by its name in ``claims.yaml``."""

@@ -11,17 +11,19 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator
 
 from vocc_torch.errors import VoccError
+from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.curve import COLUMNS, BerTable
 from vocc_torch.measure.curves import Measured
 from vocc_torch.measure.estimate import Estimate
-from vocc_torch.show.canvas import FINE_GRID, GRID, INK, QUIET, new_figure, quiet_axes, write_title
+from vocc_torch.measure.intervals import ber_interval
+from vocc_torch.measure.paired import PairedCounts
+from vocc_torch.measure.relative import relative_gain
+from vocc_torch.show import canvas
 from vocc_torch.show.plots import ber_figure, facet_figure
-from vocc_torch.show.styles import LOCATED, Style, axis_label, receiver_styles
-from vocc_torch.studies.paper.location import LocationSplit
-from vocc_torch.studies.paper.words import EXPERIMENTS
+from vocc_torch.show.styles import axis_label, receiver_styles
+from vocc_torch.studies.paper.experiments import PAPER_RECEIVERS, RateFigure
+from vocc_torch.studies.paper.words import EXPERIMENTS, reading_text
 
-PAPER_RECEIVERS = ("center_greyscale", "average_greyscale", "flda_2", "flda_3")
-"""The receivers of the paper's figures."""
 READINGS_CAPTION = "The same under every reading, side by side and on one scale."
 """Caption of a figure's picture of all readings."""
 LOCATION_CAPTION = (
@@ -32,41 +34,8 @@ LOCATION_CAPTION = (
 _INTERVALS = "Bars: 95 % intervals, frames as the independent units \N{MIDDLE DOT}"
 
 
-@dataclass(frozen=True)
-class RateFigure:
-    """One of the paper's figures of bit error rates.
-
-    Args:
-        name: its name.
-        experiment: the experiment behind it.
-        caption: what the paper shows in it.
-    """
-
-    name: str
-    experiment: str
-    caption: str
-
-    @property
-    def title(self) -> str:
-        """Its headline."""
-        return f"Fig. {self.name[3:]}: bit error rate against {EXPERIMENTS[self.experiment]}"
-
-
-RATE_FIGURES = (
-    RateFigure("fig21", "contrast", "Rates fall with rising contrast to a best level and rise beyond it."),
-    RateFigure(
-        "fig22",
-        "ambient",
-        "Lowest near 4000 lx for the greyscale receivers, at 8000 lx for the proposed ones.",
-    ),
-    RateFigure("fig23", "luminance", "Lowest at 4000 cd/m\u00b2 for all receivers."),
-    RateFigure("fig24", "distance", "Rates of all receivers rise with distance."),
-)
-"""The figures, in the paper's order."""
-
-
 def only(table: BerTable, receivers: Sequence[str] = PAPER_RECEIVERS) -> BerTable:
-    """Give a table's rows of some receivers.
+    """A table's rows of some receivers.
 
     Example:
         >>> len(only(BerTable()))
@@ -90,30 +59,25 @@ def draw_rates(
     """
     focal_mm, locator = own
     table = only(by_focal_mm[focal_mm].curves[locator].table())
-    title = f"{figure.title} ({focal_mm:g} mm lens, {LOCATED[locator]})"
+    title = f"{figure.title} ({reading_text(focal_mm, locator)})"
     drawn = {figure.name: ber_figure(table, axis_label(table.axis), title)}
-    locators = tuple(by_focal_mm[focal_mm].curves)
-    readings = len(locators) * len(by_focal_mm)
-    if readings > 1:
-        rows = [
-            {
-                f"{lens_mm:g} mm lens, {LOCATED[name]}": only(measured.curves[name].table())
-                for lens_mm, measured in sorted(by_focal_mm.items())
-            }
-            for name in locators
-        ]
-        footnote = (
-            f"{_INTERVALS} arrows: no errors; one-sided 95 % limit \N{MIDDLE DOT} "
-            "the same bits and scenes in every facet"
-        )
-        drawn[f"{figure.name}_readings"] = facet_figure(
-            rows, f"{figure.title}, {readings} readings", footnote
-        )
+    rows = [
+        {
+            reading_text(lens_mm, name): only(measured.curves[name].table())
+            for lens_mm, measured in sorted(by_focal_mm.items())
+        }
+        for name in by_focal_mm[focal_mm].curves
+    ]
+    if (readings := sum(map(len, rows))) > 1:
+        footnote = f"{_INTERVALS} arrows: no errors; one-sided 95 % limit \N{MIDDLE DOT} "
+        footnote += "the same bits and scenes in every facet"
+        title = f"{figure.title}, {readings} readings"
+        drawn[f"{figure.name}_readings"] = facet_figure(rows, title, footnote)
     return drawn
 
 
 def rate_rows(by_focal_mm: Mapping[float, Measured]) -> list[tuple[str | int | float, ...]]:
-    """Give an experiment's points of all receivers under every reading, the head first.
+    """An experiment's points of all receivers under every reading, the head first.
 
     Example:
         >>> rate_rows({})[0][:3]
@@ -126,6 +90,86 @@ def rate_rows(by_focal_mm: Mapping[float, Measured]) -> list[tuple[str | int | f
             for receiver in table.receivers:
                 rows += [(focal_mm, *astuple(row)) for row in table.of(receiver)]
     return rows
+
+
+LOCATION_COLUMNS = (
+    *("experiment", "axis", "value", "receiver", "frames"),
+    *("ber_located", "ber_located_low", "ber_located_high"),
+    *("ber_true_corners", "ber_true_corners_low", "ber_true_corners_high"),
+    *("location_share", "location_share_low", "location_share_high"),
+)
+"""Columns of ``location.csv``."""
+
+
+@dataclass(frozen=True)
+class LocationSplit:
+    """One receiver with the panel located and with its true corners, on the same frames.
+
+    Args:
+        experiment: its name.
+        axis: quantity that varies.
+        value: the quantity's value; None for the whole experiment, every value's frames together.
+        receiver: its name.
+        frames: frames read both ways.
+        located: bit error rate with the panel located.
+        truth: bit error rate with its true corners.
+        share: share of the located errors that true corners save, ``(located - truth) / located``; below 0
+            where location helps; None where the located panel gave no error.
+    """
+
+    experiment: str
+    axis: str
+    value: float | None
+    receiver: str
+    frames: int
+    located: Estimate
+    truth: Estimate
+    share: Estimate | None
+
+    def row(self) -> tuple[str | float | None, ...]:
+        """The line of ``location.csv``; a total has no value."""
+        share = astuple(self.share) if self.share else (None, None, None)
+        what = (self.experiment, self.axis, self.value, self.receiver, self.frames)
+        return (*what, *astuple(self.located), *astuple(self.truth), *share)
+
+
+def location_split(experiments: Mapping[str, Measured]) -> tuple[LocationSplit, ...]:
+    """Split every receiver's errors at every value, each experiment's total after its values.
+
+    Args:
+        experiments: by name; those without both locators are left out.
+
+    Example:
+        >>> from vocc_torch.measure.curves import Curves
+        >>> def curve(locator, counts):
+        ...     at = {("flda_3", 50.0): counts}
+        ...     return Curves("d", "distance_m", locator, ("flda_3",), (50.0,), at, {}, {50.0: "frames"})
+        >>> located, truth = Counts(2000, 128_000, 400, 8000, 60), Counts(2000, 128_000, 40, 80, 20)
+        >>> both = PairedCounts(2000, 128_000, 360, 7000, 60)
+        >>> curves = {"paper": curve("paper", located), "truth": curve("truth", truth)}
+        >>> split = location_split({"d": Measured(curves, {("flda_3", 50.0): both})})
+        >>> [(one.value, round(one.share.value, 3)) for one in split]
+        [(50.0, 0.9), (None, 0.9)]
+    """
+    found = []
+    for name, measured in experiments.items():
+        if not measured.location:
+            continue
+        truth, located = measured.curves["truth"], measured.curves["paper"]
+        for receiver in located.receivers:
+            read: dict[float | None, tuple[Counts, Counts, PairedCounts]] = {
+                at: (located.counts[receiver, at], truth.counts[receiver, at], both)
+                for at in located.values
+                if (both := measured.location.get((receiver, at)))
+            }
+            if read:
+                wrong, right, paired = zip(*read.values(), strict=True)
+                read[None] = sum(wrong, Counts()), sum(right, Counts()), sum(paired, PairedCounts())
+            for value, (a, b, pair) in read.items():
+                share = relative_gain(a, b, pair)
+                rates = ber_interval(a), ber_interval(b)
+                found.append(LocationSplit(name, located.axis, value, receiver, a.frames, *rates, share))
+    return tuple(found)
 
 
 _ROW_IN, _HEAD_IN, _TOP_IN, _BOTTOM_IN = 0.35, 0.42, 0.72, 1.02
@@ -157,48 +201,36 @@ def location_figure(splits: Sequence[LocationSplit], title: str) -> Figure:
     if not totals:
         raise VoccError("splits has no total of any of the paper's receivers: it needs at least one")
     columns = min(2, len(totals))
-    rows_in = max(map(len, totals.values())) * _ROW_IN + _HEAD_IN
-    figure = new_figure(_WIDTH_IN, _TOP_IN + -(-len(totals) // columns) * rows_in + _BOTTOM_IN)
-    panels = figure.subplots(-(-len(totals) // columns), columns, sharex=True, squeeze=False).ravel()
+    rows = -(-len(totals) // columns)
+    row_in = max(map(len, totals.values())) * _ROW_IN + _HEAD_IN
+    height_in = _TOP_IN + rows * row_in + _BOTTOM_IN
+    figure = canvas.new_figure(_WIDTH_IN, height_in)
+    panels = figure.subplots(rows, columns, sharex=True, squeeze=False).ravel()
     rates = [rate for group in totals.values() for split in group for rate in (split.located, split.truth)]
     ends = min(rate.value or rate.high for rate in rates) / 3, max(rate.high for rate in rates) * _ROOM
-    for number, axes in enumerate(panels):
-        if number >= len(totals):
-            axes.remove()
-            continue
-        experiment, group = list(totals.items())[number]
+    for number, (axes, (experiment, group)) in enumerate(zip(panels, totals.items(), strict=False)):
         _draw_splits(axes, group, ends)
         name = EXPERIMENTS.get(experiment, experiment)
         heading = name[:1].upper() + name[1:]
-        axes.set_title(heading, fontsize=11.5, fontweight="bold", color=INK, loc="left", pad=4)
+        axes.set_title(heading, fontsize=11.5, fontweight="bold", color=canvas.INK, loc="left", pad=4)
         last = number + columns >= len(totals)
         axes.tick_params(axis="y", labelleft=number % columns == 0)
         axes.tick_params(axis="x", labelbottom=last)
         axes.set_xlabel("Bit error rate" if last else "")
-    height = figure.get_figheight()
-    figure.subplots_adjust(
-        left=2.2 / _WIDTH_IN,
-        right=0.97,
-        top=1 - (_TOP_IN + _HEAD_IN) / height,
-        bottom=_BOTTOM_IN / height,
-        hspace=_HEAD_IN / (rows_in - _HEAD_IN),
-        wspace=0.15,
-    )
-    write_title(figure, title, f"{_INTERVALS} arrow: no error, one-sided 95 % limit")
-    figure.legend(
-        handles=[
-            _marker(QUIET, QUIET, "o", "panel located"),
-            _marker(QUIET, "white", "o", "true corners: decision error"),
-            Line2D([], [], color=QUIET, linewidth=6, alpha=0.35, label="location error, and its share"),
-        ],
-        loc="upper left",
-        bbox_to_anchor=(0.01, 1 - 0.44 / figure.get_figheight()),
-        ncols=3,
-        frameon=False,
-        fontsize=10.5,
-        labelcolor=INK,
-        columnspacing=2.2,
-    )
+    for axes in panels[len(totals) :]:
+        axes.remove()
+    top, bottom = 1 - (_TOP_IN + _HEAD_IN) / height_in, _BOTTOM_IN / height_in
+    gap = _HEAD_IN / (row_in - _HEAD_IN)
+    figure.subplots_adjust(2.2 / _WIDTH_IN, bottom, 0.97, top, wspace=0.15, hspace=gap)
+    canvas.write_title(figure, title, f"{_INTERVALS} arrow: no error, one-sided 95 % limit")
+    quiet = canvas.QUIET
+    handles = [
+        _marker(quiet, quiet, "o", label="panel located"),
+        _marker(quiet, "white", "o", label="true corners: decision error"),
+        Line2D([], [], color=quiet, linewidth=6, alpha=0.35, label="location error, and its share"),
+    ]
+    look = {"fontsize": 10.5, "handlelength": 2.0, "columnspacing": 2.2}
+    canvas.write_legend(figure, handles, (0.01, 1 - 0.44 / height_in), 3, **look)
     return figure
 
 
@@ -207,70 +239,40 @@ def _draw_splits(axes: Axes, group: Sequence[LocationSplit], ends: tuple[float, 
     axes.set_xscale("log")
     axes.set_xlim(*ends)
     axes.set_ylim(len(group) - 0.3, -0.7)
-    quiet_axes(axes)
+    canvas.quiet_axes(axes)
     axes.spines["left"].set_visible(False)
     axes.xaxis.set_major_locator(LogLocator(10, numticks=30))
     axes.xaxis.set_minor_locator(LogLocator(10, subs=tuple(range(2, 10)), numticks=300))
-    axes.grid(axis="x", which="major", color=GRID, linewidth=1.0)
-    axes.grid(axis="x", which="minor", color=FINE_GRID, linewidth=0.6)
+    axes.grid(axis="x", which="major", color=canvas.GRID, linewidth=1.0)
+    axes.grid(axis="x", which="minor", color=canvas.FINE_GRID, linewidth=0.6)
     styles = receiver_styles(PAPER_RECEIVERS)
     axes.set_yticks(range(len(group)), [styles[split.receiver].label for split in group])
     axes.tick_params(axis="y", length=0)
     for row, split in enumerate(group):
         style = styles[split.receiver]
-        both = split.located, split.truth
-        band = [rate.value or rate.high for rate in both]
+        both = {"white": split.truth, style.colour: split.located}
+        band = [rate.value or rate.high for rate in both.values()]
         axes.plot(band, [row, row], color=style.colour, linewidth=6, alpha=0.28, solid_capstyle="butt")
-        _draw_rate(axes, row, split.truth, style, filled=False)
-        _draw_rate(axes, row, split.located, style, filled=True)
+        for (face, rate), at in zip(both.items(), band, strict=True):
+            if rate.value > 0:
+                axes.hlines(row, max(rate.low, ends[0]), rate.high, color=style.colour, linewidth=1.6)
+            else:
+                arrow = {"arrowstyle": "<|-", "color": style.colour, "linewidth": 1.4}
+                arrow |= {"shrinkA": 4, "shrinkB": 4}
+                axes.annotate("", (at, row), (-26, 0), textcoords="offset points", arrowprops=arrow)
+            axes.add_line(_marker(style.colour, face, style.marker, [at], [row]))
         if split.share is not None:
+            share = f"{100 * split.share.value:.0f} %".replace("-", "\N{MINUS SIGN}")
+            where = max(rate.high for rate in both.values()), row
             axes.annotate(
-                f"{100 * split.share.value:.0f} %".replace("-", "\N{MINUS SIGN}"),
-                (max(rate.high for rate in both), row),
-                xytext=(9, 0),
-                textcoords="offset points",
-                va="center",
-                fontsize=10,
-                color=INK,
+                share, where, (9, 0), textcoords="offset points", va="center", fontsize=10, color=canvas.INK
             )
 
 
-def _draw_rate(axes: Axes, row: int, rate: Estimate, style: Style, *, filled: bool) -> None:
-    """Draw one rate with its interval, or an arrow down from its limit."""
-    at = rate.value or rate.high
-    if rate.value > 0:
-        axes.hlines(row, max(rate.low, axes.get_xlim()[0]), rate.high, color=style.colour, linewidth=1.6)
-    else:
-        axes.annotate(
-            "",
-            (at, row),
-            xytext=(-26, 0),
-            textcoords="offset points",
-            arrowprops={
-                "arrowstyle": "<|-",
-                "color": style.colour,
-                "linewidth": 1.4,
-                "shrinkA": 4,
-                "shrinkB": 0,
-            },
-        )
-    marker = _marker(style.colour, style.colour if filled else "white", style.marker)
-    marker.set_data([at], [row])
-    axes.add_line(marker)
-
-
-def _marker(colour: str, face: str, shape: str, label: str = "") -> Line2D:
-    """Make a marker without a line."""
-    return Line2D(
-        [],
-        [],
-        linestyle="none",
-        marker=shape,
-        markersize=8,
-        color=colour,
-        markerfacecolor=face,
-        markeredgecolor=colour,
-        markeredgewidth=1.4,
-        zorder=4,
-        label=label,
-    )
+def _marker(
+    colour: str, face: str, shape: str, xs: Sequence[float] = (), ys: Sequence[float] = (), label: str = ""
+) -> Line2D:
+    """Make markers without a line."""
+    line = Line2D(xs, ys, linestyle="none", color=colour, zorder=4, label=label)
+    line.set(marker=shape, markersize=8, markerfacecolor=face, markeredgewidth=1.4)
+    return line

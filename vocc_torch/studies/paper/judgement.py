@@ -10,8 +10,8 @@ into *differ* only at that rate.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
 from vocc_torch.errors import VoccError
@@ -20,7 +20,7 @@ from vocc_torch.measure.curve import BerTable, Row
 from vocc_torch.measure.curves import Curves, Measured
 from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.grid import Grid
-from vocc_torch.measure.paired import PairedCounts, paired_interval
+from vocc_torch.measure.paired import paired_interval
 from vocc_torch.measure.relative import difference_independent
 from vocc_torch.show.text_table import rate_text
 from vocc_torch.studies.paper.words import place
@@ -40,33 +40,37 @@ class NotMeasuredError(Exception):
 class RateComparison:
     """Two bit error rates of which a claim says that the first is higher.
 
+    Two receivers at one value are compared on the same frames; two values hold frames of their own.
+
     Args:
-        axis: quantity that varies.
+        curves: the experiment.
         above: receiver and value of the axis with the higher rate, as the claim has it.
         below: the same of the lower rate.
-        counts: the errors of both, in this order.
-        paired: the two on the same frames, in this order; None for independent frames.
     """
 
-    axis: str
+    curves: Curves
     above: tuple[str, float]
     below: tuple[str, float]
-    counts: tuple[Counts, Counts]
-    paired: PairedCounts | None = None
+
+    @property
+    def counts(self) -> tuple[Counts, Counts]:
+        """The errors of both."""
+        return self.curves.counts[self.above], self.curves.counts[self.below]
 
     def difference(self, confidence: float) -> Estimate:
-        """Give the first rate less the second one."""
-        if self.paired is not None:
-            return paired_interval(self.paired, confidence)
+        """The first rate less the second one."""
+        (first, at), (second, other) = self.above, self.below
+        if at == other:
+            return paired_interval(self.curves.pair(first, second, at), confidence)
         return difference_independent(*self.counts, confidence)
 
     def text(self) -> str:
-        """Write the two rates and where they were measured."""
-        (first, at), (second, other) = self.above, self.below
+        """The two rates and where they were measured."""
+        (first, at), (second, other), axis = self.above, self.below, self.curves.axis
         high, low = (rate_text(counts.ber) for counts in self.counts)
         if first == second:
-            return f"{high} at {place(self.axis, at)} against {low} at {place(self.axis, other)}"
-        return f"{first} {high} and {second} {low} at {place(self.axis, at)}"
+            return f"{high} at {place(axis, at)} against {low} at {place(axis, other)}"
+        return f"{first} {high} and {second} {low} at {place(axis, at)}"
 
 
 @dataclass(frozen=True)
@@ -94,6 +98,21 @@ class Judgement:
     high: float | None = None
     against: tuple[RateComparison, ...] = ()
     causes: tuple[str, ...] = ()
+
+    @classmethod
+    def of(
+        cls, holds: bool, measured: str, reason: str, low: float | None = None, high: float | None = None
+    ) -> Judgement:
+        """Judge by yes or no.
+
+        Args:
+            holds: whether the claim is true of what was measured.
+            measured: what that is, in words.
+            reason: why it does not hold, where it does not.
+            low: lower end of the interval, where there is one.
+            high: its upper end.
+        """
+        return cls("agree" if holds else "differ", measured, "" if holds else reason, low, high)
 
 
 @dataclass(frozen=True)
@@ -137,12 +156,8 @@ class PaperReading:
         """The reading in words."""
         return f"{self.focal_length_mm:g} mm, {self.locator}"
 
-    def located_by(self, locator: str) -> PaperReading:
-        """Give the reading with the same focal length and another locator."""
-        return replace(self, locator=locator)
-
-    def curves(self, experiment: str, receivers: tuple[str, ...] = (), *values: float) -> Curves:
-        """Give an experiment's curves with this reading's locator.
+    def curves(self, experiment: str, receivers: Sequence[str] = (), *values: float) -> Curves:
+        """An experiment's curves with this reading's locator.
 
         Args:
             experiment: its name.
@@ -155,16 +170,14 @@ class PaperReading:
         if experiment not in self.experiments:
             raise NotMeasuredError(f"experiment {experiment}")
         curves = self.experiments[experiment].curves[self.locator]
-        for receiver in receivers:
-            if receiver not in curves.receivers:
-                raise NotMeasuredError(f"receiver {receiver} of experiment {experiment}")
-        for value in values:
-            if value not in curves.values:
-                raise NotMeasuredError(f"{place(curves.axis, value)} of experiment {experiment}")
+        missing = [f"receiver {name}" for name in receivers if name not in curves.receivers]
+        missing += [place(curves.axis, value) for value in values if value not in curves.values]
+        if missing:
+            raise NotMeasuredError(f"{missing[0]} of experiment {experiment}")
         return curves
 
     def row(self, experiment: str, receiver: str, value: float) -> Row:
-        """Give a point with its interval.
+        """A point with its interval.
 
         Raises:
             NotMeasuredError: there is no such point.
@@ -172,13 +185,13 @@ class PaperReading:
         curves = self.curves(experiment, (receiver,), value)
         # The limit of a point without errors looks at the receiver's other points.
         table = BerTable(point for point in curves.points() if point.receiver == receiver)
-        for row in table:
-            if row.value == value:
-                return row
-        raise NotMeasuredError(f"{receiver} at {place(curves.axis, value)} of experiment {experiment}")
+        row = next((row for row in table if row.value == value), None)
+        if row is None:
+            raise NotMeasuredError(f"{receiver} at {place(curves.axis, value)} of experiment {experiment}")
+        return row
 
     def number(self, name: str) -> float:
-        """Give a figure's number, such as ``fig12.auc_ngr``.
+        """A figure's number, such as ``fig12.auc_ngr``.
 
         Raises:
             NotMeasuredError: it was not computed or is no finite number.

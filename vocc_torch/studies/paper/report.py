@@ -6,27 +6,18 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from vocc_torch.files import atomic_file, write_atomically
 from vocc_torch.measure.grid import Grid, best_luminance
 from vocc_torch.show.page import SIGNS, html, render
 from vocc_torch.show.styles import LOCATED, receiver_styles
-from vocc_torch.studies.paper.claims import CAUSES, PARTS, STATEMENTS, ClaimGroup, part_of
-from vocc_torch.studies.paper.figures import PAPER_RECEIVERS, RATE_FIGURES
-from vocc_torch.studies.paper.judgement import VERDICTS, PaperReading
-from vocc_torch.studies.paper.location import LocationSplit
-from vocc_torch.studies.paper.numbers import number_table
-from vocc_torch.studies.paper.scorecard import DEFAULT, FIT_COLUMNS, Judged, Scorecard, fits, outcome, tally
-from vocc_torch.studies.paper.words import (
-    EXPERIMENTS,
-    RECEIVERS,
-    joined,
-    percent,
-    place,
-    plain,
-    reading_text,
-    sentence,
+from vocc_torch.studies.paper import scorecard, words
+from vocc_torch.studies.paper.experiments import DIMMING, PAPER_RECEIVERS, RATE_FIGURES
+from vocc_torch.studies.paper.figures import LocationSplit
+from vocc_torch.studies.paper.judgement import VERDICTS
+from vocc_torch.studies.paper.scorecard import (
+    Judged,
+    Scorecard,
 )
 
 TITLE = "The paper's whole evidence, reproduced and scored"
@@ -115,32 +106,35 @@ def write_report(
     Raises:
         VoccError: a picture is missing, or a file cannot be written.
     """
-    rates = [figure for figure in figures if figure.name in {one.name for one in RATE_FIGURES}]
-    by_name = {figure.name: figure for figure in figures if figure.name in ("dimming", "location")}
-    shares = [split for split in location if split.value is None and split.receiver == "flda_3"]
+    shown = {figure.name: _figure(figure, card) for figure in figures}
+    rates = [one for name, one in shown.items() if name in {figure.name for figure in RATE_FIGURES}]
+    beyond = {name: shown.get(name) for name in (DIMMING, "location")}
+    shares = [one for one in location if one.value is None and one.receiver == "flda_3" and one.share]
+    helpers = (
+        *(words.plain, words.place, words.percent, words.sentence, words.reading_text),
+        *(scorecard.tally, scorecard.outcome, scorecard.part_of, scorecard.fits, causes, why),
+    )
     text = render(
         __package__,
         "report.md.j2",
         title=TITLE,
         facts=facts,
         minutes=sum(facts.seconds.values()) / 60,
-        card=None if card is None else _card(card),
+        card=card,
+        verdicts=VERDICTS,
+        **({} if card is None else _of_card(card)),
         location=[split for split in location if split.receiver in PAPER_RECEIVERS],
-        location_shares=[split for split in shares if split.share],
-        rates=[_figure(figure, card) for figure in rates],
-        figures=[_figure(one, card) for one in figures if one not in rates and one.name not in by_name],
-        dimming=_figure(by_name["dimming"], None) | {"tables": _dimming(grids or {})}
-        if "dimming" in by_name
-        else None,
-        location_figure=_figure(by_name["location"], None) if "location" in by_name else None,
+        location_shares=shares,
+        rates=rates,
+        figures=[one for name, one in shown.items() if one not in rates and name not in beyond],
+        dimming=beyond[DIMMING],
+        best_luminances=_dimming(grids or {}),
+        location_figure=beyond["location"],
         others=others or {},
-        plain=plain,
-        place=place,
-        experiment=lambda name: EXPERIMENTS.get(name, name),
-        receivers=RECEIVERS,
-        percent=percent,
-        sentence=sentence,
+        experiment=lambda name: words.EXPERIMENTS.get(name, name),
+        receivers=words.RECEIVERS,
         signed=lambda word, text=None: f"{_SIGN[word]} {word if text is None else text}".lstrip(),
+        **{helper.__name__: helper for helper in helpers},
     )
     page = html(text, TITLE, folder)
     with atomic_file(folder / "report.md") as temporary:
@@ -148,91 +142,45 @@ def write_report(
         write_atomically(folder / "report.html", page.encode("utf-8", "replace"))
 
 
-def _card(card: Scorecard) -> dict[str, object]:
-    """Give what the report shows of the scorecard."""
-    every, truth, found = card.judged(), card.at_truth(), fits(card)
-    parts: dict[ClaimGroup, list[Judged]] = {part: [] for part in PARTS}
-    for judged in every:
-        parts[part_of(judged[0])].append(judged)
-    statements = [_statement(card, group, truth) for group in STATEMENTS if card.judged(group)]
+def _of_card(card: Scorecard) -> dict[str, object]:
+    """What the report shows of the scorecard beyond its own lists."""
+    parts: dict[scorecard.ClaimGroup, list[Judged]] = {part: [] for part in scorecard.PARTS}
+    for judged in card.judged():
+        parts[scorecard.part_of(judged[0])].append(judged)
+    statements = {group: card.judged(group) for group in scorecard.STATEMENTS if card.judged(group)}
     outcomes: dict[str, list[str]] = {heading: [] for heading in _HEADINGS.values()}
-    for one in statements:
-        some = one["agree"] < one["total"] and one["outcome"] in ("holds", "holds in part")
-        share = f" ({one['agree']} of {one['total']} claims)" if some else ""
-        outcomes[_HEADINGS[one["outcome"]]].append(f"{one['text']}{share}")
+    for group, claims in statements.items():
+        agree, outcome = scorecard.tally(claims)["agree"], scorecard.outcome(claims)
+        some = agree < len(claims) and outcome in ("holds", "holds in part")
+        share = f" ({agree} of {len(claims)} claims)" if some else ""
+        outcomes[_HEADINGS[outcome]].append(f"{group.text}{share}")
     return {
-        "verdicts": VERDICTS,
-        "tally": tally(every),
-        "total": len(every),
-        "own": _name(card.own),
-        "is_default": (card.own.focal_length_mm, card.own.locator) == DEFAULT,
-        "with_truth": truth is not None,
+        "is_default": (card.own.focal_length_mm, card.own.locator) == scorecard.DEFAULT,
         "statements": statements,
         "outcomes": {heading: "; ".join(texts) for heading, texts in outcomes.items() if texts},
-        "causes": causes(card, every),
-        "parts": [
-            {
-                "title": part.text,
-                "anchor": part.anchor,
-                "claims": claims,
-                "tally": tally(claims),
-            }
-            for part, claims in parts.items()
-            if claims
-        ],
-        "readings": [_name(reading) for reading in card.readings],
-        "fit_head": ("reading", *FIT_COLUMNS[1:]),
-        "fits": [(_name(fit.reading), *fit.row()[1:]) for fit in found],
+        "parts": {part: claims for part, claims in parts.items() if claims},
+        "fit_head": ("reading", *scorecard.FIT_COLUMNS[1:]),
         "best": _best(card),
-        "matrix": [
-            (claim, [card.judgements[claim.claim, reading.name].verdict for reading in card.readings])
-            for claim in card.claims
-            if claim.basis == "curves"
-        ],
-    }
-
-
-def _name(reading: PaperReading) -> str:
-    """Name a reading for people."""
-    return reading_text(reading.focal_length_mm, reading.locator)
-
-
-def _statement(card: Scorecard, group: ClaimGroup, truth: PaperReading | None) -> dict[str, Any]:
-    """Give a main statement with the verdicts that it stands on, and why it fails."""
-    claims = card.judged(group)
-    depends = any(claim.basis == "curves" for claim, _ in claims)
-    at_truth = card.judged(group, truth) if truth is not None and depends else []
-    by_reading = [card.judged(group, reading) for reading in card.readings] if depends else []
-    return {
-        "text": group.text,
-        "anchor": part_of(claims[0][0]).anchor,
-        "outcome": outcome(claims),
-        "agree": tally(claims)["agree"],
-        "total": len(claims),
-        "tally": tally(claims),
-        "at_truth": tally(at_truth) if at_truth else None,
-        "why": why(card, claims),
-        "by_reading": [(outcome(one), tally(one)["agree"]) for one in by_reading],
     }
 
 
 def causes(card: Scorecard, claims: Sequence[Judged]) -> list[tuple[str, int]]:
-    """Give the known causes of claims that differ, each with how many of them it holds for.
+    """The known causes of claims that differ, each with how many of them it holds for.
 
     Args:
         card: the scorecard.
         claims: any claims; those that do not differ are passed over.
     """
     truth = card.at_truth()
-    counts = dict.fromkeys(CAUSES, 0)
+    counts = dict.fromkeys(scorecard.CAUSES, 0)
     for claim, judged in claims:
         if judged.verdict == "differ":
             held = set(judged.causes)
             if truth is not None and claim.basis == "curves":
                 held.add(card.judgements[claim.claim, truth.name].verdict)
-            for name in held & set(CAUSES):
+            for name in held & set(counts):
                 counts[name] += 1
-    return [(CAUSES[name], count) for name, count in counts.items() if count]
+    return [(scorecard.CAUSES[name], count) for name, count in counts.items() if count]
 
 
 def why(card: Scorecard, claims: Sequence[Judged]) -> str:
@@ -257,41 +205,41 @@ def why(card: Scorecard, claims: Sequence[Judged]) -> str:
 
 
 def _best(card: Scorecard) -> dict[str, object] | None:
-    """Give the reading that is nearest to the quoted rates and how surely; None where none was measured."""
-    found = fits(card)
+    """The reading that is nearest to the quoted rates and how surely; None where none was measured."""
+    found = scorecard.fits(card)
     known = [(fit, fit.decades) for fit in found if fit.decades is not None]
     if not known:
         return None
     best, decades = min(known, key=lambda one: one[1].value)
     most = max(fit.tally["agree"] for fit in found)
+    leaders = [fit.reading for fit in found if fit.tally["agree"] == most]
     return {
-        "name": _name(best.reading),
+        "reading": best.reading,
         "factor": 10**decades.value,
         "others": len(found) - 1,
         "near": sum(other.low <= decades.high for fit, other in known if fit is not best),
         "most": most,
         "total": sum(best.tally.values()),
-        "leaders": joined([_name(fit.reading) for fit in found if fit.tally["agree"] == most]),
+        "leaders": words.joined([words.reading_text(one.focal_length_mm, one.locator) for one in leaders]),
     }
 
 
 def _figure(figure: ReportFigure, card: Scorecard | None) -> dict[str, object]:
-    """Give a figure's pictures, what the scorecard says of it, and its numbers."""
-    numbers = {int(number) for number in re.findall(r"\d+", figure.name)}
+    """A figure's pictures, what the scorecard says of it, and its numbers."""
+    numbers = set(map(int, re.findall(r"\d+", figure.name)))
     claims = [
         one
         for one in (card.judged() if card is not None else [])
-        if numbers & {int(number) for number in re.findall(r"Fig\. (\d+)", one[0].where)}
+        if numbers & set(map(int, re.findall(r"Fig\. (\d+)", one[0].where)))
     ]
     differing = [one for one in claims if one[1].verdict == "differ"]
-    head, rows = number_table(figure.findings)
+    head, rows = words.number_table(figure.findings)
     own = f"The paper: {figure.caption}" if figure.name.startswith("fig") else figure.caption
     return {
         "figure": figure,
         "pictures": [(path.as_posix(), caption or own) for path, caption in figure.pictures],
-        "table": figure.table.as_posix(),
-        "tally": tally(claims) if claims else None,
-        "parts": list(dict.fromkeys(part_of(claim) for claim, _ in claims)),
+        "tally": scorecard.tally(claims) if claims else None,
+        "parts": list(dict.fromkeys(scorecard.part_of(claim) for claim, _ in claims)),
         "differing": differing if len(differing) <= _FEW else [],
         "head": head,
         "rows": rows,
@@ -299,7 +247,7 @@ def _figure(figure: ReportFigure, card: Scorecard | None) -> dict[str, object]:
 
 
 def _dimming(grids: Mapping[str, Grid]) -> list[dict[str, object]]:
-    """Give the best luminance for each ambient light, a table a locator."""
+    """The best luminance for each ambient light, a table a locator."""
     tables: list[dict[str, object]] = []
     for locator, grid in grids.items():
         names = [name for name in PAPER_RECEIVERS if name in grid.receivers]
@@ -307,6 +255,6 @@ def _dimming(grids: Mapping[str, Grid]) -> list[dict[str, object]]:
             (style.label, *(best.candidates_text for best in best_luminance(grid, name)))
             for name, style in receiver_styles(names).items()
         ]
-        head = ("receiver", *(place(grid.row_axis, level) for level in grid.rows))
+        head = ("receiver", *(words.place(grid.row_axis, level) for level in grid.rows))
         tables.append({"located": LOCATED[locator], "head": head, "rows": rows})
     return tables

@@ -1,12 +1,17 @@
-"""The scorecard: every claim under every reading, and which reading fits the quoted numbers best."""
+"""The scorecard: the paper's claims (``claims.yaml``) under every reading, and which reading fits best."""
 
 from __future__ import annotations
 
+import inspect
 import math
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import TypeAlias
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
+from importlib.resources import files
+from typing import Any, Literal, TypeAlias
+
+import yaml
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.curve import Row
@@ -14,18 +19,148 @@ from vocc_torch.measure.curves import Measured
 from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.grid import Grid
 from vocc_torch.measure.intervals import ber_interval
-from vocc_torch.studies.paper.claims import CLAIMS, Claim, ClaimGroup
-from vocc_torch.studies.paper.curve_rules import gain_of, paper_counts
-from vocc_torch.studies.paper.judgement import (
-    VERDICTS,
-    Judgement,
-    NotMeasuredError,
-    Numbers,
-    PaperReading,
-    Verdict,
-)
+from vocc_torch.studies.paper import curve_rules, figure_rules, judgement
+from vocc_torch.studies.paper.judgement import VERDICTS, Judgement, NotMeasuredError, PaperReading, Verdict
 
-Cell: TypeAlias = str | float | None
+Basis: TypeAlias = Literal["curves", "figures", "arithmetic"]
+RULES: dict[str, Callable[..., Judgement]] = {
+    "order": curve_rules.order,
+    "trend": curve_rules.trend,
+    "minimum": curve_rules.minimum,
+    "quoted": curve_rules.quoted,
+    "number": figure_rules.number,
+    "time": figure_rules.time,
+    "best_luminance": figure_rules.best_luminance,
+    "equation": figure_rules.equation,
+}
+"""Every rule by its name in ``claims.yaml``."""
+_OF_CURVES = ("order", "trend", "minimum", "quoted")
+
+
+@dataclass(frozen=True)
+class Claim:
+    """Something that the paper says and that can be checked.
+
+    Args:
+        claim: its name, such as ``ambient.lowest.flda_3``.
+        where: section and figure of the paper.
+        text: what is claimed, in our words.
+        paper: what the paper quotes or says.
+        rule: a name in ``RULES``.
+        arguments: of the rule.
+        basis: what it is judged by: ``curves`` of bit error rates, which depend on the reading; ``figures``
+            of one sample, with the study's own settings; ``arithmetic`` with the paper's own numbers.
+
+    Example:
+        >>> claim = Claim("a.b", "IV-C", "text", "6 %", "equation", {"name": "half_exposure"}, "arithmetic")
+        >>> claim.judge(PaperReading(25.0, "paper", {}, {})).verdict
+        'agree'
+    """
+
+    claim: str
+    where: str
+    text: str
+    paper: str
+    rule: str
+    arguments: Mapping[str, Any]
+    basis: Basis
+
+    def judge(self, reading: PaperReading, at_truth: Judgement | None = None) -> Judgement:
+        """Judge the claim; where it differs, with what becomes of it with true corners.
+
+        Args:
+            reading: what was measured.
+            at_truth: how the claim is judged with true corners, if those are not this reading's.
+        """
+        try:
+            judged = RULES[self.rule](reading, **self.arguments)
+        except NotMeasuredError as missing:
+            return Judgement("cannot say", "not measured", f"{missing} was not measured")
+        if judged.verdict != "differ" or at_truth is None or self.basis != "curves":
+            return judged
+        then = {"agree": "with true corners it agrees", "differ": "it differs with true corners too"}
+        unsaid = f"with true corners it cannot be said: {at_truth.reason}"
+        return replace(judged, reason=f"{judged.reason}; {then.get(at_truth.verdict, unsaid)}")
+
+
+def claims_of(entries: Iterable[Mapping[str, Any]]) -> tuple[Claim, ...]:
+    """Read claims from the entries of ``claims.yaml``.
+
+    Raises:
+        VoccError: an entry that has no name, place, text, words of the paper or rule, or arguments that the
+            rule does not take; or a name that comes twice.
+
+    Example:
+        >>> entry = {"claim": "a.b", "where": "IV", "text": "t", "paper": "p"}
+        >>> claims_of([entry | {"number": {"highest": "fig04.x"}}])
+        Traceback (most recent call last):
+        ...
+        vocc_torch.errors.VoccError: claim a.b: number got an unexpected keyword argument 'highest'
+    """
+    claims: dict[str, Claim] = {}
+    for entry in entries:
+        name = str(entry.get("claim", "without a name"))
+        texts = {key: str(entry[key]) for key in ("claim", "where", "text", "paper") if entry.get(key)}
+        if len(texts) < 4:
+            raise VoccError(f"claim {name} has {', '.join(entry)}: it needs claim, where, text and paper")
+        rules = [key for key in entry if key not in (*texts, "basis")]
+        if len(rules) != 1 or rules[0] not in RULES:
+            given = ", ".join(rules) or "no rule"
+            raise VoccError(f"claim {name} has {given}: it needs one of {', '.join(RULES)}")
+        [rule] = rules
+        try:
+            inspect.signature(RULES[rule]).bind(None, **entry[rule])
+        except TypeError as error:
+            raise VoccError(f"claim {name}: {rule} {error}") from None
+        if name in claims:
+            raise VoccError(f"claim {name} stands twice: each must come once")
+        basis: Basis = entry.get("basis", "curves" if rule in _OF_CURVES else "figures")
+        claims[name] = Claim(**texts, rule=rule, arguments=entry[rule], basis=basis)
+    return tuple(claims.values())
+
+
+@dataclass(frozen=True)
+class ClaimGroup:
+    """Claims that are told of together: a part of the scorecard, or a main statement of the paper.
+
+    Args:
+        text: the part's heading, or what the paper states in sum.
+        patterns: of the names of its claims.
+        anchor: the part's name in links; empty for a statement.
+    """
+
+    text: str
+    patterns: tuple[str, ...]
+    anchor: str = ""
+
+    def holds(self, claim: Claim) -> bool:
+        """Whether a claim belongs to it."""
+        return any(fnmatchcase(claim.claim, pattern) for pattern in self.patterns)
+
+
+_FILE: dict[str, list[dict[str, Any]]] = yaml.safe_load(
+    files(__package__).joinpath("claims.yaml").read_text("utf-8")
+)
+CLAIMS = claims_of(_FILE["claims"])
+"""Every claim, in the paper's order of sections."""
+PARTS = tuple(ClaimGroup(one["title"], tuple(one["claims"]), one["anchor"]) for one in _FILE["groups"])
+"""The scorecard's parts, in the paper's order; a claim stands in the first one that holds it."""
+CAUSES: Mapping[str, str] = {one["cause"]: one["text"] for one in _FILE["causes"]}
+"""What is known of why claims differ, by the name that a rule or a verdict gives it."""
+STATEMENTS = tuple(ClaimGroup(one["text"], tuple(one["claims"])) for one in _FILE["statements"])
+"""The paper's main statements, in the order of its sections."""
+
+
+def part_of(claim: Claim) -> ClaimGroup:
+    """The scorecard's part that a claim stands in.
+
+    Example:
+        >>> part_of(CLAIMS[0]).anchor
+        'score-pictures'
+    """
+    return next(part for part in PARTS if part.holds(claim))
+
+
 Judged: TypeAlias = tuple[Claim, Judgement]
 COLUMNS = (
     *("claim", "where", "text", "paper", "focal_length_mm", "locator"),
@@ -55,36 +190,27 @@ class Scorecard:
     judgements: Mapping[tuple[str, str], Judgement]
 
     def judged(self, group: ClaimGroup | None = None, reading: PaperReading | None = None) -> list[Judged]:
-        """Give the claims of a group, by default all, as judged under a reading, by default the own one."""
+        """The claims of a group, by default all, as judged under a reading, by default the own one."""
         name = (reading or self.own).name
-        return [
-            (claim, self.judgements[claim.claim, name])
-            for claim in self.claims
-            if group is None or group.holds(claim)
-        ]
+        claims = [claim for claim in self.claims if group is None or group.holds(claim)]
+        return [(claim, self.judgements[claim.claim, name]) for claim in claims]
 
     def at_truth(self) -> PaperReading | None:
-        """Give the own reading with true corners; None where that is it, or was not measured."""
-        return next(
-            (
-                one
-                for one in self.readings
-                if one.focal_length_mm == self.own.focal_length_mm
-                and one.locator == "truth" != self.own.locator
-            ),
-            None,
-        )
+        """The own reading with true corners; None where that is it, or was not measured."""
+        known = {(reading.focal_length_mm, reading.locator): reading for reading in self.readings}
+        truth = known.get((self.own.focal_length_mm, "truth"))
+        return None if truth is self.own else truth
 
-    def rows(self) -> list[tuple[Cell, ...]]:
-        """Give the lines of ``scorecard.csv``, its head first.
+    def rows(self) -> list[tuple[str | float | None, ...]]:
+        """The lines of ``scorecard.csv``, its head first.
 
         A claim that does not depend on the reading has one line, without focal length and locator.
         """
-        lines: list[tuple[Cell, ...]] = [COLUMNS]
+        lines: list[tuple[str | float | None, ...]] = [COLUMNS]
         for claim in self.claims:
             for reading in self.readings if claim.basis == "curves" else (None,):
                 one = self.judgements[claim.claim, (reading or self.own).name]
-                where = (None, None) if reading is None else (reading.focal_length_mm, reading.locator)
+                where = (reading.focal_length_mm, reading.locator) if reading else (None, None)
                 what = (claim.claim, claim.where, claim.text, claim.paper, *where)
                 lines.append((*what, one.measured, one.low, one.high, one.verdict, one.reason, claim.basis))
         return lines
@@ -111,11 +237,11 @@ def outcome(judged: Iterable[Judged]) -> str:
 
 def readings_of(
     measured: Mapping[float, Mapping[str, Measured]],
-    numbers: Numbers,
+    numbers: judgement.Numbers,
     locators: Sequence[str] = ("truth", "paper"),
     grids: Mapping[str, Grid] | None = None,
 ) -> tuple[PaperReading, ...]:
-    """Give a reading for each focal length and locator.
+    """A reading for each focal length and locator.
 
     Args:
         measured: the experiments by focal length (mm) and name, each with every locator.
@@ -159,16 +285,17 @@ def score(
     if len(set(names)) < len(names):
         raise VoccError(f"readings are {'; '.join(names)}: each must come once")
     judgements: dict[tuple[str, str], Judgement] = {}
+    at_truth: dict[tuple[str, float], Judgement] = {}
     for claim in claims:
         if claim.basis != "curves":
             judgements |= dict.fromkeys(((claim.claim, name) for name in names), claim.judge(chosen[0]))
             continue
-        at_truth: dict[float, Judgement] = {}
+        # True corners come first: what they make of a claim is told with the other readings.
         for one in sorted(readings, key=lambda reading: reading.locator != "truth"):
-            judged = claim.judge(one, at_truth.get(one.focal_length_mm))
+            lens = claim.claim, one.focal_length_mm
+            judgements[claim.claim, one.name] = judged = claim.judge(one, at_truth.get(lens))
             if one.locator == "truth":
-                at_truth[one.focal_length_mm] = judged
-            judgements[claim.claim, one.name] = judged
+                at_truth[lens] = judged
     return Scorecard(tuple(claims), tuple(readings), chosen[0], judgements)
 
 
@@ -200,56 +327,47 @@ class Fit:
     gains: int
 
     def row(self) -> tuple[str, ...]:
-        """Give the line of ``fits.csv``."""
+        """The line of ``fits.csv``."""
         rates, gains = "not measured", "none defined"
         if self.decades is not None:
             rates = f"{self.decades.value:.2f} decades [{self.decades.low:.2f}, {self.decades.high:.2f}]"
             rates += f", {self.error_free} of {self.rates} without errors" if self.error_free else ""
         if self.gain_points is not None:
             gains = f"{self.gain_points:.0f} points over {self.gains}"
-        return (self.reading.name, *(str(self.tally[verdict]) for verdict in VERDICTS), rates, gains)
+        return (self.reading.name, *map(str, self.tally.values()), rates, gains)
 
 
 def fits(card: Scorecard) -> list[Fit]:
-    """Give how well each reading fits, in the scorecard's order."""
+    """How well each reading fits, in the scorecard's order."""
     return [fit_of(card, reading) for reading in card.readings]
 
 
 def fit_of(card: Scorecard, reading: PaperReading) -> Fit:
     """Measure how far a reading's rates and gains are from the quoted ones."""
     apart, points, error_free = [], [], 0
-    for claim in card.claims:
-        if claim.rule != "quoted":
-            continue
-        wanted = dict(claim.arguments)
+    for wanted in (claim.arguments for claim in card.claims if claim.rule == "quoted"):
+        experiment, at = wanted["experiment"], wanted.get("at")
         try:
             if "ber" in wanted:
-                row = reading.row(wanted["experiment"], wanted["receiver"], wanted["at"])
-                theirs = ber_interval(paper_counts(reading, **wanted))
+                row = reading.row(experiment, wanted["receiver"], wanted["at"])
+                theirs = ber_interval(curve_rules.paper_counts(reading, **wanted))
                 apart.append(decades_apart(row, wanted["ber"], theirs))
                 error_free += row.error_free
-            else:
-                at = wanted.get("at")
-                known = () if at is None else (at,)
-                gain = gain_of(reading.curves(wanted["experiment"], ("flda_2", "flda_3"), *known), at)
-                points += [] if gain is None else [100 * abs(gain.value - wanted["gain"])]
+                continue
+            curves = reading.curves(experiment, ("flda_2", "flda_3"), *(() if at is None else (at,)))
+            if (gain := curve_rules.gain_of(curves, at)) is not None:
+                points.append(100 * abs(gain.value - wanted["gain"]))
         except NotMeasuredError:
             continue
     means = [math.fsum(column) / len(apart) for column in zip(*apart, strict=True)]
     counts = tally(one for one in card.judged(reading=reading) if one[0].basis == "curves")
-    return Fit(
-        reading,
-        counts,
-        Estimate(*means) if means else None,
-        len(apart),
-        error_free,
-        math.fsum(points) / len(points) if points else None,
-        len(points),
-    )
+    decades = Estimate(*means) if means else None
+    mean = math.fsum(points) / len(points) if points else None
+    return Fit(reading, counts, decades, len(apart), error_free, mean, len(points))
 
 
 def decades_apart(row: Row, quoted: float, theirs: Estimate) -> tuple[float, float, float]:
-    """Give ``|log10 (measured / quoted)|`` and its ends, as :class:`Fit` takes it.
+    """``|log10 (measured / quoted)|`` and its ends, as :class:`Fit` takes it.
 
     Args:
         row: the measured point.

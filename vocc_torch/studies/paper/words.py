@@ -1,11 +1,16 @@
-"""How the scorecard and the report write numbers, units, receivers and readings."""
+"""How the scorecard and the report write numbers, units, receivers and readings, in words for people."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache
+from importlib.resources import files
+
+import yaml
 
 from vocc_torch.measure.curve import Row
+from vocc_torch.measure.estimate import Estimate
 from vocc_torch.show.styles import LOCATED
 from vocc_torch.show.text_table import rate_text
 
@@ -23,10 +28,8 @@ RECEIVERS = {
 }
 """Receivers within a sentence: those of FLDA by their features, as in the figures' legends."""
 EXPERIMENTS = {
-    "contrast": "contrast",
-    "ambient": "ambient light",
-    "luminance": "LED luminance",
-    "distance": "distance",
+    **{"contrast": "contrast", "ambient": "ambient light"},
+    **{"luminance": "LED luminance", "distance": "distance"},
 }
 """What the experiments vary."""
 WIDEST_SHARE = 1.0
@@ -47,6 +50,16 @@ _TYPOGRAPHY = (
     (re.compile(r"\b(Figs?\.?|Eqs?\.?|Table|job|batch) (?=\d)"), rf"\1{_NBSP}"),
     (re.compile(r"(?<=\de-)(?=\d)|(?<=\b[IVX]-)(?=[A-D])|(?<=-[A-D]-)(?=\d)"), _WORD_JOINER),
 )
+
+_WRITERS: dict[str, Callable[[float], str]] = {
+    "number": lambda value: f"{value:.4g}",
+    "share": lambda value: f"{100 * value:.3g} %",
+    "area": lambda value: f"{value:.7g}",
+    "luminance": lambda value: f"{value:.4g} cd/m2",
+    "yes_no": lambda value: "yes" if value else "no",
+}
+_TIME = re.compile(r"(ms|share)_(\w+?)_(whole_frames|crops)_batch_(\d+)")
+_COST = re.compile(r"extra_(total_)?cost_of_ngr_(whole_frames|crops)_batch_(\d+)")
 
 
 def plain(text: str) -> str:
@@ -97,16 +110,18 @@ def percent(share: float, digits: int = 0) -> str:
     return f"{100 * share:.{digits}f} %"
 
 
-def share_interval(share: float, low: float, high: float) -> str:
+def share_interval(share: Estimate) -> str:
     """Write a share with its interval, in per cent; no number where that is wider than 100 points.
 
     Example:
-        >>> share_interval(0.24, 0.1, 0.35), share_interval(1.0, -126.63, 1.0)
-        ('24 % [10, 35]', 'not known (95 % interval wider than 100 percentage points)')
+        >>> share_interval(Estimate(0.24, 0.1, 0.35))
+        '24 % [10, 35]'
+        >>> share_interval(Estimate(1.0, -126.63, 1.0))
+        'not known (95 % interval wider than 100 percentage points)'
     """
-    if high - low > WIDEST_SHARE:
+    if share.high - share.low > WIDEST_SHARE:
         return "not known (95 % interval wider than 100 percentage points)"
-    return f"{percent(share)} [{100 * low:.0f}, {100 * high:.0f}]"
+    return f"{percent(share.value)} [{100 * share.low:.0f}, {100 * share.high:.0f}]"
 
 
 def place(axis: str, *values: float) -> str:
@@ -131,16 +146,15 @@ def joined(parts: Sequence[str]) -> str:
     return f"{', '.join(first)} and {last}" if first else last
 
 
-def listed(names: Iterable[str], most: int = 4) -> str:
+def listed(names: Sequence[str], most: int = 4) -> str:
     """Write the first of many names.
 
     Example:
         >>> listed(["a", "b", "c"], 2), listed(["a", "b"])
         ('a, b and 1 more', 'a, b')
     """
-    every = list(names)
-    rest = len(every) - most
-    return ", ".join(every[:most]) + (f" and {rest} more" if rest > 0 else "")
+    rest = len(names) - most
+    return ", ".join(names[:most]) + (f" and {rest} more" if rest > 0 else "")
 
 
 def reading_text(focal_length_mm: float, locator: str) -> str:
@@ -151,3 +165,58 @@ def reading_text(focal_length_mm: float, locator: str) -> str:
         '25 mm lens, panel located'
     """
     return f"{focal_length_mm:g}{_NBSP}mm lens, {LOCATED.get(locator, locator)}"
+
+
+@cache
+def _names() -> list[tuple[re.Pattern[str], str, str]]:
+    """Patterns of names: ``numbers.yaml``."""
+    text = files(__package__).joinpath("numbers.yaml").read_text("utf-8")
+    return [(re.compile(pattern), *written) for pattern, written in yaml.safe_load(text).items()]
+
+
+def named(name: str, value: float) -> tuple[str, str]:
+    r"""A number's name and the number, both for people; an unknown name keeps its words.
+
+    Example:
+        >>> named("auc_agr+ngr", 0.9999999), named("wrong_share_gri", 0.0875)[1].replace("\xa0", " ")
+        (('AGR + NGR: area under the ROC curve', '0.9999999'), '8.75 %')
+    """
+    for pattern, label, writer in _names():
+        if match := pattern.fullmatch(name):
+            parts = {key: part.replace("_", " ") for key, part in match.groupdict().items()}
+            number = _WRITERS[writer](value)
+            return plain(label.format(**parts)), number if writer == "area" else plain(number)
+    return name.replace("_", " "), plain(_WRITERS["number"](value))
+
+
+def number_table(findings: Mapping[str, float]) -> tuple[list[str], list[tuple[str, ...]]]:
+    """Head and rows of a table of a figure's numbers; processing times are laid out by stage.
+
+    Args:
+        findings: its numbers by name.
+    """
+    cells: dict[str, dict[tuple[str, str], str]] = {}
+    others = {}
+    for name, value in findings.items():
+        if match := _TIME.fullmatch(name):
+            what, stage, *size = match.groups()
+            stage = RECEIVERS.get(stage, stage.replace("_", " "))
+            written = f"{value:.3g} ms" if what == "ms" else _WRITERS["share"](value)
+        elif match := _COST.fullmatch(name):
+            total, *size = match.groups()
+            stage = "NGR adds to all image processing" if total else "NGR adds to two features"
+            written = _WRITERS["share"](value)
+        else:
+            others[name] = value
+            continue
+        row, (frames, batch) = cells.setdefault(stage, {}), size
+        row[frames, batch] = ", ".join(filter(None, (row.get((frames, batch)), written)))
+    if not cells:
+        return ["number", "value"], [named(name, value) for name, value in findings.items()]
+    columns = list(dict.fromkeys(at for row in cells.values() for at in row))
+    sizes = {"1": "one at a time"}
+    head = ["time a frame, and share of panel detection's"]
+    head += [f"{at.replace('_', ' ')}, {sizes.get(batch, f'{batch} at once')}" for at, batch in columns]
+    rows = [(stage, *(plain(row.get(at, "")) for at in columns)) for stage, row in cells.items()]
+    rest = (named(name, value) for name, value in others.items() if not name.endswith(("_low", "_high")))
+    return head, [*rows, *((*one, *[""] * (len(columns) - 1)) for one in rest)]
