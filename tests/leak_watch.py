@@ -6,7 +6,6 @@ from pathlib import Path
 
 import torch
 
-from vocc_torch.measure import plug_in_training as classifiers_module
 from vocc_torch.measure import train as train_module
 from vocc_torch.receiver.classifiers.protocol import Guarded
 from vocc_torch.receiver.flda import FLDA
@@ -67,8 +66,13 @@ class Watch:
         self.pupils, self.examined = set(), set()
         self._on_simulator(monkeypatch)
         self._on_receivers(monkeypatch)
-        for module in (train_module, classifiers_module, scenes_module):
-            monkeypatch.setattr(module, "_trained", self._as_training(module._trained))
+        training = (
+            (train_module, "train_each"),
+            (train_module, "train_classifiers"),
+            (scenes_module, "_trained"),
+        )
+        for module, name in training:
+            monkeypatch.setattr(module, name, self._as_training(getattr(module, name)))
 
     def leaks(self):
         """Kinds of things that training and tests have in common; there must be none."""

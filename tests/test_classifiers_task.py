@@ -175,7 +175,7 @@ def test_parts_can_be_left_out(place):
 
 
 def test_without_scikit_learn_its_classifiers_are_left_out_and_named(place, monkeypatch):
-    monkeypatch.setattr("vocc_torch.measure.optional.find_spec", lambda _: None)
+    monkeypatch.setattr("vocc_torch.measure.build.find_spec", lambda _: None)
     ran = run_in(
         place, "experiment=classifiers", *TINY[:3], "receiver.names=[flda_3]", "classifier=[panel_otsu,svm]",
         "name=without", "workers=1", "tensorboard=false", "rivals.genie_frames=0", "rivals.scene_frames=40",

@@ -9,11 +9,18 @@ from one_point import banks
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure import train as train_module
-from vocc_torch.measure.campaign import Study, at_focal_length, run_campaign, train_all
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.ledger import Ledger
 from vocc_torch.measure.plan import Experiment
-from vocc_torch.measure.sweep import Sweep, measured, run_sweeps
+from vocc_torch.measure.sweep import (
+    Study,
+    Sweep,
+    at_focal_length,
+    measured,
+    run_campaign,
+    run_sweeps,
+    train_all,
+)
 from vocc_torch.measure.train import train
 from vocc_torch.measure.workers import Workers
 from vocc_torch.simulation import Distribution
@@ -164,9 +171,7 @@ def test_an_interrupted_campaign_goes_on(whole, plans, tmp_path):
 
 
 def test_a_finished_campaign_counts_nothing_again(whole, plans, monkeypatch):
-    monkeypatch.setattr(
-        "vocc_torch.measure.counter.PointJob.__call__", lambda *_: pytest.fail("counted again")
-    )
+    monkeypatch.setattr("vocc_torch.measure.sweep.PointJob.__call__", lambda *_: pytest.fail("counted again"))
     before = {path.name: path.read_bytes() for path in whole.folder.iterdir()}
     again = run(studies_of(plans), whole.folder)
     assert again.measured == whole.campaign.measured

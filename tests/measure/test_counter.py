@@ -6,13 +6,12 @@ import pickle
 import pytest
 from one_point import banks, counter
 
-from vocc_torch.measure.counter import PointJob
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.link import Link
-from vocc_torch.measure.montecarlo import Outcome, Part
 from vocc_torch.measure.paired import PairedCounts
 from vocc_torch.measure.plan import Experiment
-from vocc_torch.measure.sweep import Sweep, measured, run_sweeps
+from vocc_torch.measure.schedule import Outcome, Part
+from vocc_torch.measure.sweep import PointJob, Sweep, measured, run_sweeps
 from vocc_torch.measure.train import train, train_each
 from vocc_torch.measure.workers import Workers
 from vocc_torch.simulation import Distribution

@@ -26,9 +26,8 @@ from vocc_torch.errors import VoccError
 from vocc_torch.measure import ledger as module
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.ledger import Ledger, canonical, what_changed
-from vocc_torch.measure.montecarlo import StopRule
 from vocc_torch.measure.paired import PairedCounts
-from vocc_torch.measure.schedule import PointWork, run_point, run_points
+from vocc_torch.measure.schedule import PointWork, StopRule, run_point, run_points
 from vocc_torch.rng import BlockKey
 
 SETTINGS = {

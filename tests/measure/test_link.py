@@ -3,8 +3,8 @@
 import torch
 from one_point import sweep_point
 
-from vocc_torch.measure.counter import point_name
 from vocc_torch.measure.link import Link, block_keys
+from vocc_torch.measure.sweep import point_name
 from vocc_torch.measure.train import train
 from vocc_torch.receiver.location import PaperLocator
 from vocc_torch.receiver.reader import Reader

@@ -9,9 +9,8 @@ from hypothesis import strategies as st
 
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.intervals import ber_interval
-from vocc_torch.measure.montecarlo import StopRule
 from vocc_torch.measure.paired import PairedCounts
-from vocc_torch.measure.schedule import run_point
+from vocc_torch.measure.schedule import StopRule, run_point
 from vocc_torch.rng import BLOCK_FRAMES
 
 

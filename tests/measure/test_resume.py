@@ -17,9 +17,9 @@ from hydra.core.global_hydra import GlobalHydra
 from vocc_torch.app import cli
 from vocc_torch.measure import ledger as ledger_module
 from vocc_torch.measure import workers
-from vocc_torch.measure.counter import PointJob
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.ledger import Ledger
+from vocc_torch.measure.sweep import PointJob
 from vocc_torch.studies.curve import run as testing
 
 BLOCKS = 8

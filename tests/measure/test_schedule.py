@@ -16,8 +16,7 @@ from vocc_torch.errors import VoccError
 from vocc_torch.measure import schedule
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.ledger import Ledger
-from vocc_torch.measure.montecarlo import Outcome, Part, StopRule
-from vocc_torch.measure.schedule import PointWork, run_points
+from vocc_torch.measure.schedule import Outcome, Part, PointWork, StopRule, run_points
 from vocc_torch.rng import BLOCK_FRAMES
 
 

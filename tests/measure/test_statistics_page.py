@@ -11,7 +11,7 @@ import pytest
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.intervals import ber_interval
-from vocc_torch.measure.montecarlo import StopRule
+from vocc_torch.measure.schedule import StopRule
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs" / "statistics.md"

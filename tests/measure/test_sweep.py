@@ -7,13 +7,12 @@ import pytest
 import torch
 from one_point import counter, sweep_point
 
-from vocc_torch.measure.counter import group_of, point_name
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.intervals import ber_interval
 from vocc_torch.measure.link import Link, Observation
-from vocc_torch.measure.montecarlo import Part
 from vocc_torch.measure.plan import Experiment
-from vocc_torch.measure.sweep import axis_values, monte_carlo_values
+from vocc_torch.measure.schedule import Part
+from vocc_torch.measure.sweep import axis_values, group_of, monte_carlo_values, point_name
 from vocc_torch.measure.train import train
 from vocc_torch.receiver.bank import ReceiverBank
 from vocc_torch.receiver.otsu import otsu_threshold, sensor_histogram

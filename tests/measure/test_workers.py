@@ -13,7 +13,7 @@ from one_point import banks
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure import workers as workers_module
-from vocc_torch.measure.curves import Measured
+from vocc_torch.measure.curve import Measured
 from vocc_torch.measure.ledger import Ledger
 from vocc_torch.measure.plan import Experiment, resolve_device
 from vocc_torch.measure.sweep import Sweep, measured, run_sweeps

@@ -11,18 +11,17 @@ from hard_cases import Breakage, HardCases
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from made_up_tallies import tallies
+from one_point import run_point
 from scipy.stats import binom, binomtest
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.counts import Counts
-from vocc_torch.measure.curve import BerTable, Point
-from vocc_torch.measure.curves import Curves
+from vocc_torch.measure.curve import BerTable, Curves, Point
 from vocc_torch.measure.grid import Grid, best_luminance
 from vocc_torch.measure.intervals import ber_interval, clopper_pearson, design_effect
-from vocc_torch.measure.montecarlo import StopRule
 from vocc_torch.measure.paired import PairedCounts, paired_interval, sign_test
 from vocc_torch.measure.relative import difference_independent, mean_gain, relative_gain
-from vocc_torch.measure.schedule import run_point
+from vocc_torch.measure.schedule import StopRule
 
 hard = HardCases("Evaluation")
 
@@ -112,8 +111,8 @@ def a_rate_of_no_frames():
     "would wrap around",
     Breakage(
         f"{FOLDER}/frame_errors.py",
-        "if half_errors.shape[1] * (2 * int(bits_per_frame)) ** 2 >",
-        "if 2 * int(bits_per_frame) >",
+        "if halves.shape[1] * (2 * int(bits)) ** 2 >",
+        "if 2 * int(bits) >",
     ),
 )
 def squared_errors_that_64_bits_do_not_hold():
@@ -548,7 +547,7 @@ def luminances_at_the_ends_of_the_range():
     "a stop rule and a receiver without errors",
     "the budget ends the point: neither wrong frames nor a precision of a rate of 0 can be waited for",
     Breakage(
-        f"{FOLDER}/montecarlo.py",
+        f"{FOLDER}/schedule.py",
         "return counts.half_errors > 0 and interval.high - ber <= reach",
         "return interval.high - ber <= 1e-2 or interval.high - ber <= reach",
     ),

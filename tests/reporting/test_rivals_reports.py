@@ -10,7 +10,7 @@ from rich.console import Console
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from vocc_torch.measure.counts import Counts
-from vocc_torch.measure.curves import Curves
+from vocc_torch.measure.curve import Curves
 from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.paired import PairedCounts
 from vocc_torch.studies.classifiers.rivals import GENIE, Mark, Rivals, Transfer, rate_ratio

@@ -13,8 +13,8 @@ from vocc_torch.measure.genie.genie import Genie
 from vocc_torch.measure.genie.genie_light import overlap
 from vocc_torch.measure.genie.genie_mark import genie_knows, genie_mark
 from vocc_torch.measure.link import Link
-from vocc_torch.measure.montecarlo import Part
 from vocc_torch.measure.plan import Experiment, World
+from vocc_torch.measure.schedule import Part
 from vocc_torch.measure.workers import Workers
 from vocc_torch.rng import BlockKey
 from vocc_torch.simulation import Distribution, LedPanel, SceneModel, Simulator

@@ -7,14 +7,12 @@ import pytest
 import torch
 
 from vocc_torch.errors import VoccError
-from vocc_torch.measure.counter import PointJob
 from vocc_torch.measure.genie.genie_likelihood import UnknownLikelihoodError
-from vocc_torch.measure.identity import identity
 from vocc_torch.measure.ledger import Ledger
 from vocc_torch.measure.link import Link
-from vocc_torch.measure.montecarlo import Part
-from vocc_torch.measure.plan import Experiment, World
-from vocc_torch.measure.plug_in import ClassifierPlan
+from vocc_torch.measure.plan import ClassifierPlan, Experiment, World, identity
+from vocc_torch.measure.schedule import Part
+from vocc_torch.measure.sweep import count_parts
 from vocc_torch.measure.train import train
 from vocc_torch.measure.workers import Workers
 from vocc_torch.receiver.classifiers.inputs import Inputs, Patch
@@ -131,8 +129,8 @@ def test_the_genies_rivals_are_the_receivers_on_its_own_frames(plan, whole):
     """Counted anew on the first frames: what a study of so few frames counts."""
     mark = whole.marks["far"][70.0]
     assert mark.counts.frames == 66
-    few = PointJob(plan, ("truth",), {"truth": train(plan).bank(NAMES)}, 70.0)
-    block, rest = few([Part(0, 64), Part(1, 2)])
+    banks = {"truth": train(plan).bank(NAMES)}
+    block, rest = count_parts(plan, ("truth",), banks, 70.0, [Part(0, 64), Part(1, 2)])
     assert mark.receivers == {name: block["truth", name, 0] + rest["truth", name, 0] for name in NAMES}
     assert mark.lowest
     assert mark.counts.half_errors == 0

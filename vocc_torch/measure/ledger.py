@@ -17,13 +17,19 @@ from contextlib import contextmanager, suppress
 from dataclasses import astuple
 from pathlib import Path
 from types import TracebackType
+from typing import TypeAlias
 
 from vocc_torch import __version__
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.counts import Counts
-from vocc_torch.measure.montecarlo import Label, Tally
 from vocc_torch.measure.paired import PairedCounts
 from vocc_torch.rng import BLOCK_FRAMES
+
+Label: TypeAlias = tuple[str | int, ...]
+"""What is counted: its last part is the group of frames (a contrast bin; 0 where frames are not sorted)."""
+
+Tally: TypeAlias = Counts | PairedCounts
+"""What is counted under a label: one receiver's errors, or two receivers compared."""
 
 SUFFIX = ".sqlite"
 """How a ledger's name ends."""

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 from itertools import combinations
 from pathlib import Path
 
-from vocc_torch.measure.curves import Curves
+from vocc_torch.measure.curve import Curves
 from vocc_torch.measure.paired import paired_interval, sign_test
 from vocc_torch.show.csv_file import cell_text, write_rows
 from vocc_torch.show.styles import receiver_styles, value_text

@@ -12,7 +12,7 @@ from vocc_torch.app.config import register_schema
 from vocc_torch.app.resolve import resolved
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.build import build_plan
-from vocc_torch.measure.curves import Measured
+from vocc_torch.measure.curve import Measured
 from vocc_torch.studies.paper.experiments import FIGURES, paper_plan, wanted_figures
 from vocc_torch.studies.paper.figures import PAPER_RECEIVERS
 

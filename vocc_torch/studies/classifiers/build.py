@@ -6,9 +6,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from vocc_torch.errors import VoccError, section
-from vocc_torch.measure.build import build_plan
+from vocc_torch.measure.build import build_plan, without_absent
 from vocc_torch.measure.config import SceneSettings, Settings
-from vocc_torch.measure.optional import without_absent
 from vocc_torch.measure.plan import Plan
 from vocc_torch.studies.classifiers.config import RivalsConfig
 from vocc_torch.studies.classifiers.plan import RivalStudy

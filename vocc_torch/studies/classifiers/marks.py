@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
-from vocc_torch.measure.counter import point_name
 from vocc_torch.measure.frame_errors import Banks, FrameErrors, FrameJob
 from vocc_torch.measure.genie.genie_likelihood import UnknownLikelihoodError
 from vocc_torch.measure.genie.genie_mark import genie_knows, genie_mark
 from vocc_torch.measure.plan import Plan
+from vocc_torch.measure.sweep import point_name
 from vocc_torch.measure.workers import Workers, worker_losses_told
 from vocc_torch.receiver.bank import ReceiverBank
 from vocc_torch.rng import BLOCK_FRAMES

@@ -6,8 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 from vocc_torch.errors import VoccError
-from vocc_torch.measure.plan import Experiment, Locator, Plan
-from vocc_torch.measure.plug_in import ClassifierPlan
+from vocc_torch.measure.plan import ClassifierPlan, Experiment, Locator, Plan
 from vocc_torch.receiver.bank import FLDA_FEATURES
 
 

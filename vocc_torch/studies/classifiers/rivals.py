@@ -6,12 +6,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from vocc_torch.measure.counts import Counts
-from vocc_torch.measure.curve import BerTable, Point
-from vocc_torch.measure.curves import Curves
+from vocc_torch.measure.curve import BerTable, Curves, Point
 from vocc_torch.measure.estimate import Estimate, joint_confidence
 from vocc_torch.measure.paired import PairedCounts, paired_interval
-from vocc_torch.measure.plug_in_training import Making
 from vocc_torch.measure.relative import rate_ratio as rate_ratio
+from vocc_torch.measure.train import Making
 
 GENIE = "genie"
 """The mark's name among receivers."""

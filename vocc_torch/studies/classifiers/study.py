@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from vocc_torch.measure.curves import Curves
-from vocc_torch.measure.ledger import Ledger
-from vocc_torch.measure.montecarlo import Label, Outcome, Tally
-from vocc_torch.measure.plug_in_training import Making, built
-from vocc_torch.measure.sweep import Sweep, measured, run_sweeps
-from vocc_torch.measure.train import Training
+from vocc_torch.measure.build import built
+from vocc_torch.measure.curve import Curves
+from vocc_torch.measure.ledger import Label, Ledger, Tally
+from vocc_torch.measure.schedule import Outcome
+from vocc_torch.measure.sweep import Study, measured, run_studies
+from vocc_torch.measure.train import Making, Training
 from vocc_torch.measure.workers import Workers
 from vocc_torch.receiver.bank import ReceiverBank
 from vocc_torch.studies.classifiers.marks import genie_marks
@@ -106,20 +106,14 @@ def _curves(
     told: Told,
 ) -> dict[str, Curves]:
     """Measure every experiment."""
-    sweeps = {
-        name: Sweep(plan, study.locators, dict.fromkeys(study.locators, banks[name]), ledgers[name])
-        for name, plan in study.plans.items()
-    }
-    names = {id(sweep): name for name, sweep in sweeps.items()}
-    outcomes: dict[str, dict[float, Outcome]] = {name: {} for name in sweeps}
+    studies = [Study(name, plan, study.locators) for name, plan in study.plans.items()]
+    of_locators = {name: dict.fromkeys(study.locators, bank) for name, bank in banks.items()}
+    outcomes: dict[str, dict[float, Outcome]] = {name: {} for name in study.plans}
 
-    def counted(sweep: Sweep, value: float, frames: int, _: Mapping[Label, Tally]) -> None:
-        told.advance(f"{names[id(sweep)]} {value:g}", frames)
+    def counted(one: Study, value: float, frames: int, _: Mapping[Label, Tally]) -> None:
+        told.advance(f"{one.key} {value:g}", frames)
 
-    for sweep, value, outcome in run_sweeps(list(sweeps.values()), workers, counted):
-        outcomes[names[id(sweep)]][value] = outcome
+    for one, value, outcome in run_studies(studies, of_locators, ledgers, workers, counted):
+        outcomes[one.key][value] = outcome
     (locator,) = study.locators
-    return {
-        name: measured(plan, study.locators, outcomes[name]).curves[locator]
-        for name, plan in study.plans.items()
-    }
+    return {one.key: measured(one, outcomes[one.key]).curves[locator] for one in studies}

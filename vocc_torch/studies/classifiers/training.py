@@ -6,8 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from vocc_torch.measure.plan import Plan
-from vocc_torch.measure.plug_in_training import Making
-from vocc_torch.measure.train import Training, train_alone
+from vocc_torch.measure.train import Making, Training, train_alone
 from vocc_torch.measure.workers import Workers
 from vocc_torch.receiver.bank import FLDA_FEATURES
 

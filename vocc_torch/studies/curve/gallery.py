@@ -7,10 +7,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from vocc_torch.measure.counter import point_name
 from vocc_torch.measure.link import Link, block_keys
 from vocc_torch.measure.plan import Plan
-from vocc_torch.measure.sweep import monte_carlo_values
+from vocc_torch.measure.sweep import monte_carlo_values, point_name
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.show.annotated import annotated, enlarged
 from vocc_torch.simulation.framing import crop_origins_px

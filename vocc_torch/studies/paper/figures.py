@@ -11,8 +11,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator
 
 from vocc_torch.errors import VoccError
-from vocc_torch.measure.curve import COLUMNS, BerTable
-from vocc_torch.measure.curves import Measured
+from vocc_torch.measure.curve import COLUMNS, BerTable, Measured
 from vocc_torch.measure.estimate import Estimate
 from vocc_torch.show.canvas import FINE_GRID, GRID, INK, QUIET, new_figure, quiet_axes, write_title
 from vocc_torch.show.facets import facet_figure

@@ -12,12 +12,11 @@ from numpy.typing import NDArray
 
 from vocc_torch import __version__
 from vocc_torch.errors import VoccError
-from vocc_torch.measure.campaign import Campaign
 from vocc_torch.measure.config import Settings, as_yaml
-from vocc_torch.measure.curve import BerTable
-from vocc_torch.measure.curves import Measured
+from vocc_torch.measure.curve import BerTable, Measured
 from vocc_torch.measure.grid import Grid
 from vocc_torch.measure.plan import Plan, resolve_device
+from vocc_torch.measure.sweep import Campaign
 from vocc_torch.measure.timing import describe_machine
 from vocc_torch.show.canvas import save_figure
 from vocc_torch.show.csv_file import cell_text, write_rows

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from vocc_torch.measure.counts import Counts
-from vocc_torch.measure.curves import Measured
+from vocc_torch.measure.curve import Measured
 from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.intervals import ber_interval
 from vocc_torch.measure.paired import PairedCounts
@@ -61,7 +61,7 @@ def location_split(experiments: Mapping[str, Measured]) -> tuple[LocationSplit, 
         experiments: by name; those without both locators are left out.
 
     Example:
-        >>> from vocc_torch.measure.curves import Curves
+        >>> from vocc_torch.measure.curve import Curves
         >>> def curve(locator, counts):
         ...     at = {("flda_3", 50.0): counts}
         ...     return Curves("d", "distance_m", locator, ("flda_3",), (50.0,), at, {}, {50.0: "frames"})

@@ -10,10 +10,10 @@ from rich.console import Console
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.build import build_plan
-from vocc_torch.measure.campaign import Campaign, Study, run_campaign
 from vocc_torch.measure.config import Settings, read_flat
-from vocc_torch.measure.curves import Measured
+from vocc_torch.measure.curve import Measured
 from vocc_torch.measure.ledger import Ledger
+from vocc_torch.measure.sweep import Campaign, Study, run_campaign
 from vocc_torch.measure.workers import Workers
 from vocc_torch.show.folder import (
     CONFIG,

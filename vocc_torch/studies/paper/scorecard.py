@@ -9,8 +9,7 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 from vocc_torch.errors import VoccError
-from vocc_torch.measure.curve import Row
-from vocc_torch.measure.curves import Measured
+from vocc_torch.measure.curve import Measured, Row
 from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.grid import Grid
 from vocc_torch.measure.intervals import ber_interval

@@ -10,9 +10,9 @@ from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.frame_errors import FrameErrors
 from vocc_torch.measure.genie.genie_mark import GenieMark
 from vocc_torch.measure.intervals import ber_interval
-from vocc_torch.measure.plug_in_training import Making
 from vocc_torch.measure.prices import OperatingPoint
 from vocc_torch.measure.stage_times import StageTimes
+from vocc_torch.measure.train import Making
 from vocc_torch.studies.tradeoff.plan import Setting
 
 
