@@ -27,11 +27,6 @@ def test_the_row_states_the_counts_and_their_interval():
     assert (row["frame_errors"], row["panels_missed"], row["stopped_by"]) == (2, 1, "frames")
 
 
-def test_a_point_without_errors_is_told_from_one_with():
-    assert point(counts=CLEAN).stated().error_free
-    assert not point().stated().error_free
-
-
 def test_a_table_orders_values_and_keeps_the_receivers_order():
     places = [(70.0, "flda_3"), (30.0, "center_greyscale"), (30.0, "flda_3"), (50.0, "flda_3")]
     table = BerTable([point(value, receiver) for value, receiver in places])
@@ -41,15 +36,6 @@ def test_a_table_orders_values_and_keeps_the_receivers_order():
     assert table.of("nobody") == ()
     assert [(row.value, row.receiver) for row in table] == places
     assert (table.experiment, table.axis, table.locators, len(table)) == ("d", "distance_m", ("truth",), 4)
-
-
-def test_an_empty_table_is_a_table():
-    table = BerTable()
-    assert (len(table), table.receivers, table.values, table.axis, table.experiment) == (0, (), (), "", "")
-
-
-def test_rows_make_the_same_table_as_points():
-    assert BerTable([point().stated()]).rows == BerTable([point()]).rows
 
 
 @pytest.mark.parametrize(

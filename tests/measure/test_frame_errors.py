@@ -8,9 +8,8 @@ import torch
 from made_up_tallies import tallies
 
 from vocc_torch.errors import VoccError
-from vocc_torch.measure import frame_errors as frame_errors_module
 from vocc_torch.measure.counts import Counts, half_errors
-from vocc_torch.measure.estimate import Estimate, all_pairs, joint_confidence, may_be_least
+from vocc_torch.measure.estimate import Estimate, may_be_least
 from vocc_torch.measure.frame_errors import Banks, FrameErrors, FrameJob
 from vocc_torch.measure.paired import PairedCounts
 from vocc_torch.measure.workers import Workers
@@ -42,12 +41,6 @@ def test_among_equals_few_pictures_have_a_false_claim(receivers, pictures):
     assert pictures_with_a_false_claim(receivers, pictures) <= 0.05
 
 
-def test_intervals_of_single_pairs_would_not_do(monkeypatch):
-    """The simulation can tell: with 95 % for each pair, many pictures have a false claim."""
-    monkeypatch.setattr(frame_errors_module, "joint_confidence", lambda comparisons: 0.95)
-    assert pictures_with_a_false_claim(12, 30) > 0.2
-
-
 def test_the_best_is_hardly_ever_ruled_out_and_worse_ones_are():
     """Equal receivers and one with a third of their errors, over and over."""
     rng, kept, left = np.random.default_rng(3), 0, 0
@@ -65,20 +58,6 @@ def test_an_estimate_leaves_out_what_is_outside_its_interval():
         assert Estimate(0.1, *ends).real is real
         assert Estimate(1.1, ends[0] + 1, ends[1] + 1).leaves_out(1.0) is real
     assert may_be_least(1, lambda *_: pytest.fail("nothing to compare")) == [0]
-
-
-def test_a_real_difference_is_still_found():
-    errors = equals(np.random.default_rng(2), 30, 4096, 0.02, 0.5)
-    worse = errors.half_errors.copy()
-    worse[0, ::16] = 2
-    errors = FrameErrors(worse, errors.found, LEDS)
-    assert all(errors.surely_worse(0, other) for other in range(1, 30))
-    assert not any(errors.surely_worse(other, 0) for other in range(1, 30))
-
-
-def test_all_pairs_share_the_chance_of_a_miss():
-    assert joint_confidence(all_pairs(1)) == joint_confidence(all_pairs(2)) == 0.95
-    assert joint_confidence(all_pairs(42)) == pytest.approx(1 - 0.05 / 861)
 
 
 def test_the_first_frames_are_counted_alone():

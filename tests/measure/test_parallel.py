@@ -6,7 +6,6 @@ import os
 import signal
 import subprocess
 import sys
-from concurrent.futures.process import BrokenProcessPool
 
 import pytest
 from hypothesis import given
@@ -173,21 +172,6 @@ def test_missing_launcher_names_the_extra(command, tmp_path):
 # One after the other: the same care
 
 
-def test_serial_jobs_go_on_after_a_fault(app, monkeypatch, tmp_path):
-    def run_task(settings, folder):
-        if settings.seed == 1:
-            raise ValueError("a bug")
-        (folder / "result.txt").write_text("")
-
-    monkeypatch.setattr(cli, "run_task", run_task)
-    ran = app("-m", "seed=1,2", "name=two")
-    assert ran.status == 1
-    assert "Traceback (most recent call last)" in ran.err
-    assert ran.err.endswith("vocc-torch: error: job 0: ValueError: a bug\n")
-    assert (tmp_path / "runs" / "two" / "1" / "result.txt").exists()
-    assert (tmp_path / "runs" / "two" / "0" / FAILED).read_text().startswith("ValueError: a bug\n\nTraceback")
-
-
 def test_a_failed_job_is_run_again_under_the_same_name(app, monkeypatch, tmp_path):
     """Its complaint goes when it succeeds, and is a new one when it fails for another reason."""
     causes = iter(["the disk is full", "the disk is still full", None])
@@ -205,18 +189,6 @@ def test_a_failed_job_is_run_again_under_the_same_name(app, monkeypatch, tmp_pat
         assert (folder / FAILED).read_text() == f"{complaint}\n"
     assert app("-m", "seed=1", "name=two").status == 0
     assert [path.name for path in folder.iterdir()] == ["result.txt"]
-
-
-def test_a_refused_job_leaves_nothing_beside_other_results(app, monkeypatch, tmp_path):
-    def run_task(settings, folder):
-        raise VoccError("already holds mine.txt")
-
-    monkeypatch.setattr(cli, "run_task", run_task)
-    folder = tmp_path / "runs" / "two" / "0"
-    folder.mkdir(parents=True)
-    (folder / "mine.txt").write_text("mine")
-    assert app("-m", "seed=1", "name=two").complaint == "already holds mine.txt"
-    assert [path.name for path in folder.iterdir()] == ["mine.txt"]
 
 
 MISTAKES = {
@@ -238,21 +210,6 @@ def test_mistakes_of_the_launcher_are_one_line(app, arguments, parts):
     complaint = app(*arguments).complaint
     for part in parts:
         assert part in complaint
-
-
-@pytest.mark.parametrize("module", ["concurrent.futures.process", "joblib"])
-def test_a_lost_worker_is_explained(module):
-    if module == "joblib":
-        from joblib.externals.loky.process_executor import TerminatedWorkerError as Lost
-    else:
-        Lost = BrokenProcessPool  # noqa: N806
-    assert "keep their results" in cli._refusal(Lost("gone"))
-
-
-def test_a_job_that_takes_too_long_is_explained():
-    from multiprocessing import TimeoutError as TooLong
-
-    assert "hydra.launcher.timeout" in cli._refusal(TooLong())
 
 
 # What jobs leave
@@ -282,13 +239,6 @@ def test_only_a_failed_attempt_is_taken_away(tmp_path, monkeypatch, held, left, 
         (folder / name).write_text("")
     assert begin_again(folder) is mine
     assert {path.name for path in folder.iterdir()} == set(left)
-
-
-def test_a_configuration_that_is_there_is_not_replaced(tmp_path):
-    (tmp_path / CONFIG).write_text("seed: 1\n")
-    write_down(Failure(0, "no", "Traceback"), tmp_path, "seed: 2\n")
-    assert (tmp_path / CONFIG).read_text() == "seed: 1\n"
-    assert (tmp_path / FAILED).read_text() == "no\n\nTraceback"
 
 
 def test_a_failure_that_cannot_be_told_is_raised(tmp_path):

@@ -8,16 +8,13 @@ import subprocess
 import sys
 import time
 from contextlib import closing
-from pathlib import Path
 
 import pytest
 import yaml
 from hydra.core.global_hydra import GlobalHydra
 
 from vocc_torch.app import cli
-from vocc_torch.measure import ledger as ledger_module
 from vocc_torch.measure import workers
-from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.ledger import Ledger
 from vocc_torch.measure.sweep import PointJob
 from vocc_torch.studies.curve import run as testing
@@ -214,21 +211,6 @@ def test_what_was_counted_is_not_counted_again(app, ended_after, folder, undistu
     assert len(asked) == BLOCKS - blocks
 
 
-def test_a_finished_run_is_told_again_without_counting(app, undisturbed, folder, asked):
-    """Reports that somebody has deleted come back from the ledger."""
-    shutil.copytree(undisturbed, folder)
-    (folder / "ber.csv").unlink()
-    assert app(*RUN).status == 0
-    assert_as(folder, undisturbed)
-    assert asked == []
-
-
-def test_how_it_is_computed_may_change_in_the_middle(app, ended_after, folder, undisturbed):
-    ended_after(3)
-    assert app(*RUN, "batch_frames=100", "receiver.save=flda_2").status == 0
-    assert_as(folder, undisturbed)
-
-
 @pytest.mark.parametrize(
     ("longer", "new"),
     [
@@ -278,103 +260,7 @@ def test_other_settings_are_refused(app, ended_after, folder, asked, changes, sa
     assert (ran.out, asked, files_in(folder)) == ("", [], before)
 
 
-def test_other_bins_are_refused(app, tmp_path):
-    """They decide which frames are counted together, unlike the values of other axes."""
-    contrast = ("experiment=contrast", "budget.frames=8", "budget.training_frames=16", "tensorboard=false")
-    assert app(*contrast, "name=c", "experiment.values=[0.1,0.2,0.5]").status == 0
-    complaint = app(*contrast, "name=c", "experiment.values=[0.1,0.3,0.5]").complaint
-    assert "experiment.bins was [0.1, 0.2, 0.5], is [0.1, 0.3, 0.5]" in complaint
-
-
-def test_a_second_run_at_the_same_time_is_refused(app, ended_after, folder, asked):
-    ended_after(3)
-    before = files_in(folder)
-    with closing(sqlite3.connect(folder / "ledger.sqlite", isolation_level=None)) as other:
-        other.execute("BEGIN EXCLUSIVE")
-        ran = app(*RUN)
-        assert "runs/x/ledger.sqlite is in use by another run" in ran.complaint
-        assert "give another name=" in ran.complaint
-        assert (ran.out, asked) == ("", [])
-    assert files_in(folder) == before
-    assert app(*RUN).status == 0
-
-
-@pytest.mark.parametrize(
-    ("statement", "said"),
-    [
-        ("UPDATE blocks SET block = 9 WHERE block = 1", "is damaged: bring back a copy"),
-        ("PRAGMA application_id = 1", "is no ledger of vocc-torch"),
-    ],
-)
-def test_a_ledger_that_is_foreign_or_damaged_is_refused(app, ended_after, folder, asked, statement, said):
-    ended_after(3)
-    with closing(sqlite3.connect(folder / "ledger.sqlite")) as connection, connection:
-        connection.execute(statement)
-    before = files_in(folder)
-    ran = app(*RUN)
-    assert said in ran.complaint
-    assert "ledger.sqlite" in ran.complaint
-    assert (ran.out, asked, files_in(folder)) == ("", [], before)
-
-
-def test_a_ledger_of_an_older_version_is_refused(app, folder):
-    folder.mkdir(parents=True)
-    (folder / "ledger.jsonl").write_text("{}")
-    assert "ledger.jsonl of an older version: give another name=" in app(*RUN).complaint
-    assert files_in(folder) == {Path("ledger.jsonl"): b"{}"}
-
-
-def test_a_ledger_of_another_release_is_refused(app, ended_after, folder, monkeypatch):
-    ended_after(3)
-    before = files_in(folder)
-    monkeypatch.setattr(ledger_module, "__version__", "9.9.9")
-    complaint = app(*RUN).complaint
-    assert "9.9.9: continue it with the release that began it, or give another name=" in complaint
-    assert files_in(folder) == before
-
-
-def test_a_folder_that_holds_something_else_is_refused(app, folder):
-    folder.mkdir(parents=True)
-    (folder / "mine.txt").write_text("mine")
-    assert "runs/x already holds mine.txt" in app(*RUN).complaint
-    assert files_in(folder) == {Path("mine.txt"): b"mine"}
-
-
 # A system that refuses
-
-
-@pytest.mark.skipif(getattr(os, "geteuid", lambda: 0)() == 0, reason="permissions do not bind root")
-def test_a_read_only_folder_is_refused(app, folder):
-    folder.mkdir(parents=True)
-    folder.chmod(0o500)
-    assert "Permission denied" in app(*RUN).complaint
-
-
-@pytest.mark.parametrize("rows", [5])
-def test_a_disk_that_is_full_in_the_middle_loses_nothing(app, folder, undisturbed, asked, rows):
-    """SQLite's own limit on a file's pages says what a full disk says."""
-    append = Ledger.append
-
-    def filling(self, *row):
-        if len(self) == rows:
-            self._run(f"PRAGMA max_page_count={self._run('PRAGMA page_count').fetchone()[0]}")
-            row = (*row[:3], {("filler", n): Counts() for n in range(2000)})
-        append(self, *row)
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Ledger, "append", filling)
-        complaint = app(*RUN).complaint
-    assert complaint == (
-        "cannot write runs/x/ledger.sqlite: database or disk is full: "
-        "make room, then start the same run again"
-    )
-    assert len(rows_in(folder / "ledger.sqlite")) == rows
-    known = set(asked[:rows])
-    asked.clear()
-    assert app(*RUN).status == 0
-    assert_as(folder, undisturbed)
-    assert not set(asked) & known
-    assert len(asked) == BLOCKS - rows
 
 
 # Interrupted before and after the first block

@@ -209,13 +209,6 @@ def test_one_worker_starts_nothing():
             workers.submit(int, "x")
 
 
-def test_one_worker_keeps_this_process_as_it_was():
-    before = torch.get_num_threads(), signal.getsignal(signal.SIGINT)
-    with Workers(1) as workers:
-        workers.submit(abs, -1)
-    assert (torch.get_num_threads(), signal.getsignal(signal.SIGINT)) == before
-
-
 @pytest.mark.parametrize("count", [-1, 257])
 def test_impossible_numbers_are_refused(count):
     with pytest.raises(VoccError, match=rf"^workers is {count}: it must be from 0 \(one a core\) to 256$"):

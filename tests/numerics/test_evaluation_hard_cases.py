@@ -110,9 +110,7 @@ def a_rate_of_no_frames():
     "refused by name where frames are counted as 64-bit integers: a frame of 2^30 bits and eight of them "
     "would wrap around",
     Breakage(
-        f"{FOLDER}/frame_errors.py",
-        "if halves.shape[1] * (2 * int(bits)) ** 2 >",
-        "if 2 * int(bits) >",
+        f"{FOLDER}/frame_errors.py", "if halves.shape[1] * (2 * int(bits)) ** 2 >", "if 2 * int(bits) >"
     ),
 )
 def squared_errors_that_64_bits_do_not_hold():

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, fields
 
 from vocc_torch.errors import VoccError
@@ -92,7 +92,7 @@ class Point:
     Example:
         >>> counts = Counts(frames=64, bits=4096, half_errors=4, half_errors_squared=8, frame_errors=2)
         >>> point = Point("distance", "distance_m", 50.0, "flda_3", "truth", counts, "frame_errors")
-        >>> point.row()["bit_errors"], point.row()["ber"]
+        >>> point.stated().bit_errors, point.stated().ber
         (2.0, 0.00048828125)
     """
 
@@ -118,40 +118,9 @@ class Point:
         # The size comes from points whose panels may have more LEDs.
         size = min(errors_per_frame_error, counts.bits / max(1, counts.frames))
         interval = ber_interval(counts, errors_per_frame_error=size)
-        return Row(
-            experiment=self.experiment,
-            axis=self.axis,
-            value=float(self.value),
-            receiver=self.receiver,
-            locator=self.locator,
-            frames=counts.frames,
-            bits=counts.bits,
-            bit_errors=counts.bit_errors,
-            ber=counts.ber,
-            ber_low=interval.low,
-            ber_high=interval.high,
-            frame_errors=counts.frame_errors,
-            panels_missed=counts.panels_missed,
-            stopped_by=self.stopped_by,
-        )
-
-    def row(self) -> dict[str, str | int | float]:
-        """Give the point's line of ``ber.csv``: the value of each column, in order."""
-        stated = self.stated()
-        return {name: getattr(stated, name) for name in COLUMNS}
-
-
-def _errors_per_frame_error(points: Sequence[Point]) -> dict[str, float]:
-    """Mean wrong bits in a wrong frame of each receiver over all its points, at least 1.
-
-    An error-free point cannot tell how many bits a wrong frame would have; the receiver's other points can,
-    and where location fails it is a dozen and more.
-    """
-    typical: dict[str, float] = {}
-    for name in {point.receiver for point in points}:
-        total = sum((point.counts for point in points if point.receiver == name), Counts())
-        typical[name] = max(1.0, total.bit_errors / max(1, total.frame_errors))
-    return typical
+        named = (self.experiment, self.axis, float(self.value), self.receiver, self.locator)
+        counted = (counts.frames, counts.bits, counts.bit_errors, counts.ber, interval.low, interval.high)
+        return Row(*named, *counted, counts.frame_errors, counts.panels_missed, self.stopped_by)
 
 
 class BerTable:
@@ -182,7 +151,13 @@ class BerTable:
     def __init__(self, points: Iterable[Point | Row] = ()) -> None:
         """State every point and refuse what does not belong in one table."""
         given = tuple(points)
-        typical = _errors_per_frame_error([point for point in given if isinstance(point, Point)])
+        # An error-free point cannot tell how many bits a wrong frame would have; the receiver's other points
+        # can, and where location fails it is a dozen and more.
+        totals: dict[str, Counts] = {}
+        for point in given:
+            if isinstance(point, Point):
+                totals[point.receiver] = totals.get(point.receiver, Counts()) + point.counts
+        typical = {name: max(1.0, n.bit_errors / max(1, n.frame_errors)) for name, n in totals.items()}
         self.rows = tuple(
             point.stated(typical[point.receiver]) if isinstance(point, Point) else point for point in given
         )
@@ -274,18 +249,10 @@ class Curves:
     def points(self) -> list[Point]:
         """Give the points by value, then by receiver."""
         return [
-            Point(
-                self.experiment,
-                self.axis,
-                value,
-                receiver,
-                self.locator,
-                self.counts[receiver, value],
-                self.stopped_by[value],
-            )
+            Point(self.experiment, self.axis, value, receiver, self.locator, counts, self.stopped_by[value])
             for value in self.values
             for receiver in self.receivers
-            if (receiver, value) in self.counts
+            if (counts := self.counts.get((receiver, value))) is not None
         ]
 
     def table(self) -> BerTable:

@@ -16,7 +16,6 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import astuple
 from pathlib import Path
-from types import TracebackType
 from typing import TypeAlias
 
 from vocc_torch import __version__
@@ -161,12 +160,10 @@ class Ledger:
         return VoccError(start + _cut(told, room) + end)
 
     def __enter__(self) -> Ledger:
-        """Give the ledger itself."""
+        """Return the ledger itself."""
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Close."""
         self.close()
 
@@ -266,10 +263,8 @@ def _told(path: Path) -> Iterator[None]:
             raise VoccError(f"{_shown(path)} {told}") from None
         if not isinstance(error, OSError) and kind not in _UNWRITABLE:
             raise VoccError(f"ledger {_shown(path)} {_DAMAGED}") from None
-        reason, help_ = (
-            getattr(error, "strerror", None) or error,
-            _UNWRITABLE.get(kind, _UNWRITABLE[sqlite3.SQLITE_READONLY]),
-        )
+        reason = getattr(error, "strerror", None) or error
+        help_ = _UNWRITABLE.get(kind, _UNWRITABLE[sqlite3.SQLITE_READONLY])
         raise VoccError(f"cannot write {_shown(path)}: {reason}: {help_}") from error
 
 

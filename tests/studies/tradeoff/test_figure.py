@@ -22,7 +22,7 @@ from made_up_prices import (
 )
 from matplotlib.text import Text
 
-from vocc_torch.measure.prices import pareto_frontier
+from vocc_torch.studies.tradeoff.prices import pareto_frontier
 from vocc_torch.show.canvas import figure_pixels
 from vocc_torch.show.styles import receiver_styles
 from vocc_torch.studies.tradeoff.figure import shares_figure, tradeoff_figure

@@ -10,7 +10,7 @@ from vocc_torch.errors import VoccError
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.intervals import ber_interval
-from vocc_torch.measure.prices import (
+from vocc_torch.studies.tradeoff.prices import (
     OperatingPoint,
     most_accurate_within,
     pareto_frontier,
