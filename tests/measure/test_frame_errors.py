@@ -77,17 +77,28 @@ def test_the_first_frames_are_counted_alone():
 
 
 def test_counts_and_pairs_are_those_of_the_decided_bits():
-    """The fast way over all pairs against one receiver, and two, at a time."""
+    """The definition, a frame at a time, in plain Python: half a missed panel's bits are wrong."""
     rng = torch.Generator().manual_seed(0)
     sent = torch.rand((90, 3, 3), generator=rng) < 0.5
     decided = [sent ^ (torch.rand((90, 3, 3), generator=rng) < rate) for rate in (0.0, 0.1, 0.5)]
     found = [torch.rand(90, generator=rng) < rate for rate in (1.0, 0.9, 0.5)]
     halves = torch.stack([half_errors(*one) for one in zip(decided, [sent] * 3, found, strict=True)])
+    wrong = [
+        [2 * int((bits[i] != sent[i]).sum()) if where[i] else 9 for i in range(90)]
+        for bits, where in zip(decided, found, strict=True)
+    ]
+    assert halves.tolist() == wrong
     counts, pairs = tallies(halves.numpy(), 9, torch.stack(found).numpy())
     assert counts == [Counts.of(*one) for one in zip(decided, [sent] * 3, found, strict=True)]
-    for (a, b), pair in pairs.items():
-        assert pair == PairedCounts.of(decided[a], decided[b], sent, found[a], found[b])
     assert list(pairs) == [(0, 1), (0, 2), (1, 2)]
+    for (a, b), pair in pairs.items():
+        apart = [x - y for x, y in zip(wrong[a], wrong[b], strict=True)]
+        sides = [[max(d, 0) for d in apart], [max(-d, 0) for d in apart]]
+        sums = [(sum(s), sum(d * d for d in s), sum(d > 0 for d in s)) for s in sides]
+        assert pair == PairedCounts(90, 810, *sums[0], *sums[1])
+    assert sum((pairs[0, 1], pairs[0, 1]), PairedCounts()).half_difference == 2 * pairs[0, 1].half_difference
+    with pytest.raises(TypeError):
+        _ = PairedCounts() + Counts()
 
 
 ONES, HALVES = np.ones((2, 3), dtype=bool), np.full((2, 3), 2)

@@ -5,10 +5,11 @@ from itertools import pairwise
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from one_point import run_point
 
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.intervals import ber_interval
-from vocc_torch.measure.schedule import StopRule, run_point
+from vocc_torch.measure.schedule import StopRule
 from vocc_torch.rng import BLOCK_FRAMES
 
 

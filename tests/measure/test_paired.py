@@ -140,8 +140,6 @@ CASES = [
     (same_causes, (1e-2, 0.3)),
     (same_causes, (1e-1, 0.01)),
     (same_causes, (1e-1, 0.1)),
-    (skewed_sizes, (5, 0)),
-    (skewed_sizes, (20, 5)),
     (bad_locations, (0.02,)),
     (bad_locations, (0.5,)),
 ]

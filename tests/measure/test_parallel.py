@@ -35,6 +35,7 @@ PARALLEL = ("-m", "hydra/launcher=joblib", "hydra.launcher.n_jobs=2")
 # The whole way, in processes of their own
 
 
+@pytest.mark.slow
 def test_parallel_jobs_give_what_serial_jobs_give(app, command, tmp_path):
     """Three jobs, one of which is a mistake, at the same time and one after the other."""
     sweep = (*QUICK, "seed=3,-1,4")
@@ -134,6 +135,7 @@ main()
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="signals to a group of processes")
 def test_interrupted_jobs_end_with_their_parent(stand_in):
     """Ctrl-C reaches every process of the terminal: one line is said, and no empty folder stays."""

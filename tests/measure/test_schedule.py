@@ -116,7 +116,7 @@ def blocks_of(ledger, point):
     return dict(ledger._run("SELECT block, frames FROM blocks WHERE point=?", (point,)).fetchall())
 
 
-FREE = settings(deadline=None, max_examples=30)
+FREE = settings(deadline=None, max_examples=12)
 RNG = st.randoms(use_true_random=False)
 WINDOW = {"window": st.integers(1, 6), "blocks_at_once": st.integers(1, 5)}
 

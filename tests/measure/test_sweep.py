@@ -1,4 +1,4 @@
-"""Receivers along an axis: each counts as it does alone, whatever is shared, batched, sorted or interrupted."""
+"""Receivers along an axis: each counts as it does alone, whatever is shared, batched or interrupted."""
 
 import dataclasses
 import pickle

@@ -10,7 +10,7 @@ import torch
 from hard_cases import Breakage, HardCases
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from made_up_tallies import tallies
+from made_up_tallies import paired_of, tallies
 from one_point import run_point
 from scipy.stats import binom, binomtest
 
@@ -307,11 +307,9 @@ def every_panel_missed():
     row = BerTable([Point("d", "distance_m", 70.0, "x", "paper", counts, "frames")]).rows[0]
     assert ordered(row.ber_low, row.ber, row.ber_high)
     assert not row.error_free
-    same = PairedCounts.of(bits, ~bits, bits, torch.zeros(50, dtype=torch.bool))
+    same = paired_of(bits, ~bits, bits, torch.zeros(50, dtype=torch.bool))
     assert same.discordant == 0
-    located = PairedCounts.of(
-        bits, bits, bits, torch.zeros(50, dtype=torch.bool), torch.ones(50, dtype=torch.bool)
-    )
+    located = paired_of(bits, bits, bits, torch.zeros(50, dtype=torch.bool), torch.ones(50, dtype=torch.bool))
     difference = paired_interval(located)
     assert difference.real
     assert ordered(difference.low, 0.5, difference.high)

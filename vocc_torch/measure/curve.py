@@ -119,8 +119,9 @@ class Point:
         size = min(errors_per_frame_error, counts.bits / max(1, counts.frames))
         interval = ber_interval(counts, errors_per_frame_error=size)
         named = (self.experiment, self.axis, float(self.value), self.receiver, self.locator)
-        counted = (counts.frames, counts.bits, counts.bit_errors, counts.ber, interval.low, interval.high)
-        return Row(*named, *counted, counts.frame_errors, counts.panels_missed, self.stopped_by)
+        counted = (counts.frames, counts.bits, counts.bit_errors)
+        rates = (interval.value, interval.low, interval.high)
+        return Row(*named, *counted, *rates, counts.frame_errors, counts.panels_missed, self.stopped_by)
 
 
 class BerTable:
