@@ -438,7 +438,7 @@ def fire(tmp_path_factory):
     single = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")}
     done = subprocess.run(
         [sys.executable, __file__, tmp_path_factory.mktemp("fire")],
-        env={**os.environ, **single},
+        env={**os.environ, **single, "PYTHONPATH": str(Path(__file__).parents[1])},
         capture_output=True,
         text=True,
         check=False,
@@ -449,6 +449,7 @@ def fire(tmp_path_factory):
     return json.loads(done.stdout)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "lost"), [("3 at once", 3), ("threads", 2 * THREADS)])
 def test_a_run_killed_at_random_moments_ends_as_an_undisturbed_one(fire, name, lost):
     """A life counts nothing that is recorded, and loses only what was under way; one file is left."""

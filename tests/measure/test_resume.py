@@ -263,17 +263,6 @@ def test_other_settings_are_refused(app, ended_after, folder, asked, changes, sa
 # Interrupted before and after the first block
 
 
-def test_interrupted_before_the_first_block_leaves_nothing(app, monkeypatch, tmp_path):
-    def interrupted(*_):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(testing, "train_shown", interrupted)
-    ran = app(*RUN)
-    assert (ran.status, ran.err) == (130, "vocc-torch: interrupted\n")
-    assert "goes on" not in ran.out
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_a_lost_worker_keeps_what_was_counted(app, folder, undisturbed, monkeypatch):
     """As the system does that is short of memory; with the complaint of the engine's own."""
     monkeypatch.setattr(Ledger, "append", lost_after(3, Ledger.append))

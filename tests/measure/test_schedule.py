@@ -4,7 +4,7 @@ import concurrent.futures
 import itertools
 import random
 import tempfile
-from concurrent.futures import CancelledError, Future
+from concurrent.futures import Future
 from dataclasses import replace
 from pathlib import Path
 
@@ -263,37 +263,6 @@ def test_a_ledger_that_cannot_be_written_ends_the_run(ledger, monkeypatch):
     with pytest.raises(VoccError, match="cannot write"):
         hands.run([work], window=4)
     assert sorted(blocks_of(ledger, "p")) == [0, 1, 2]
-    assert all(future.cancelled() for future, *_ in hands.pending)
-
-
-def test_a_call_that_somebody_else_cancels_ends_the_run_and_does_not_hang_it(ledger):
-    """An executor that is shut down cancels what it was given; the point can then never be finished."""
-    work = PointWork("p", Counter([1]), StopRule(640), ledger)
-    hands = in_order()
-    hands.rng.random = lambda: 1.0
-
-    def shut_down(futures, return_when, wait=hands.wait):
-        if len(ledger) == 3:
-            for future, *_ in hands.pending:
-                future.cancel()
-        return wait(futures, return_when)
-
-    hands.wait = shut_down
-    with pytest.raises(CancelledError):
-        hands.run([work], window=2)
-    assert sorted(blocks_of(ledger, "p")) == [0, 1, 2]
-
-
-def test_who_takes_no_more_outcomes_calls_the_rest_off():
-    hands = in_order()
-    hands.rng.random = lambda: 1.0
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(schedule, "wait", hands.wait)
-        works = [PointWork(f"{n}", Counter([1]), StopRule(64)) for n in range(9)]
-        outcomes = run_points(works, hands.submit, window=4)
-        next(outcomes)
-        outcomes.close()
-    assert len(hands.pending) == 3
     assert all(future.cancelled() for future, *_ in hands.pending)
 
 

@@ -20,7 +20,6 @@ from vocc_torch.app.jobs import (
     JobLines,
     Jobs,
     begin_again,
-    beside_others,
     write_down,
 )
 from vocc_torch.errors import VoccError
@@ -163,14 +162,6 @@ def test_interrupted_jobs_end_with_their_parent(stand_in):
     assert left == {"two", "two/multirun.yaml", "two/1", "two/1/ledger.sqlite"}
 
 
-def test_missing_launcher_names_the_extra(command, tmp_path):
-    without = "import sys\nsys.modules['hydra_plugins'] = None\nfrom vocc_torch.app.cli import main\nmain()"
-    complaint = command(*PARALLEL, "seed=1,2", cwd=tmp_path, code=without).complaint
-    assert complaint == (
-        "hydra/launcher is 'joblib': jobs at the same time need pip install 'vocc-torch[parallel]'"
-    )
-
-
 # One after the other: the same care
 
 
@@ -275,19 +266,3 @@ def test_lines_are_numbered_however_they_are_written(pieces):
     text = "".join(pieces)
     wanted = text.split("\n") if text and not text.endswith("\n") else text.split("\n")[:-1]
     assert under.getvalue().splitlines() == [f"job 3 | {line}".rstrip() for line in wanted]
-
-
-def test_a_job_beside_others_is_no_terminal_and_leaves_no_trace(capsys, monkeypatch):
-    monkeypatch.setenv("COLUMNS", "100")
-    monkeypatch.setattr("multiprocessing.set_start_method", lambda *_, **__: None)
-    before = signal.getsignal(signal.SIGINT)
-    try:
-        with beside_others(12):
-            assert not sys.stdout.isatty()
-            assert os.environ["COLUMNS"] == str(100 - len("job 12 | "))
-            assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
-            print("half", end="")
-    finally:
-        signal.signal(signal.SIGINT, before)
-    assert capsys.readouterr().out == "job 12 | half\n"
-    assert os.environ["COLUMNS"] == "100"
