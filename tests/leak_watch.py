@@ -6,7 +6,6 @@ from pathlib import Path
 
 import torch
 
-from vocc_torch.measure import plug_in_training as classifiers_module
 from vocc_torch.measure import train as train_module
 from vocc_torch.receiver.classifiers.protocol import Guarded
 from vocc_torch.receiver.flda import FLDA
@@ -67,12 +66,12 @@ class Watch:
         self.pupils, self.examined = set(), set()
         self._on_simulator(monkeypatch)
         self._on_receivers(monkeypatch)
-        trains = (
-            (train_module, "_trained"),
-            (classifiers_module, "_trained"),
+        training = (
+            (train_module, "train_each"),
+            (train_module, "train_classifiers"),
             (study_module, "train_or_say_why"),
         )
-        for module, name in trains:
+        for module, name in training:
             monkeypatch.setattr(module, name, self._as_training(getattr(module, name)))
 
     def leaks(self):

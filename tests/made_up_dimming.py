@@ -3,7 +3,7 @@
 import numpy as np
 
 from vocc_torch.measure.counts import Counts
-from vocc_torch.measure.curves import Curves
+from vocc_torch.measure.curve import Curves
 from vocc_torch.measure.grid import Grid
 
 AMBIENT = tuple(1000.0 * 2**i for i in range(6))

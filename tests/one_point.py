@@ -2,9 +2,9 @@
 
 from functools import partial
 
-from vocc_torch.measure.counter import PointJob
-from vocc_torch.measure.schedule import run_point
-from vocc_torch.measure.sweep import points_of, stop_rule
+from vocc_torch.measure.schedule import PointWork, run_points
+from vocc_torch.measure.sweep import count_parts, points_of, stop_rule
+from vocc_torch.measure.workers import Workers
 from vocc_torch.receiver.bank import ReceiverBank
 
 
@@ -16,23 +16,19 @@ def banks(plan, fldas):
 def counter(plan, link, flda, value):
     """What counts the blocks of a point; the link's own locator stands in for the plan's."""
     locator = plan.receiver.locator
-    return partial(PointJob(plan, (locator,), banks(plan, {locator: flda}), value).counted, link=link)
+    return partial(count_parts, plan, (locator,), banks(plan, {locator: flda}), value, link=link)
 
 
-def sweep_point(plan, link, flda, value, progress=None, show=None):
+def run_point(count, rule, *, blocks_at_once=1, progress=None):
+    """Add blocks of one point in index order until the rule holds."""
+    told = None if progress is None else lambda _, frames, counts: progress(frames, counts)
+    works = [PointWork("", count, rule)]
+    return next(run_points(works, Workers(1).submit, blocks_at_once=blocks_at_once, progress=told))
+
+
+def sweep_point(plan, link, flda, value):
     """Count a point and give its results, one for each receiver."""
-    locator = plan.receiver.locator
-
-    def told(frames, counts):
-        if progress is not None:
-            progress(frames)
-        if show is not None:
-            show(points_of(plan, locator, value, counts, "running"))
-
     outcome = run_point(
-        counter(plan, link, flda, value),
-        stop_rule(plan),
-        blocks_at_once=max(1, plan.batch_frames // 64),
-        progress=told,
+        counter(plan, link, flda, value), stop_rule(plan), blocks_at_once=max(1, plan.batch_frames // 64)
     )
-    return points_of(plan, locator, value, outcome.counts, outcome.stopped_by)
+    return points_of(plan, plan.receiver.locator, value, outcome.counts, outcome.stopped_by)

@@ -12,9 +12,9 @@ import torch
 from leak_watch import LITTLE, ONE, SHIPPED, Watch, digest
 from paper_runs import white
 
-from vocc_torch.measure import counter as counter_module
 from vocc_torch.measure import frame_errors as errors_module
-from vocc_torch.measure import plug_in_training as classifiers_module
+from vocc_torch.measure import sweep as sweep_module
+from vocc_torch.measure import train as train_module
 from vocc_torch.measure.plan import Experiment
 from vocc_torch.receiver.classifiers.torch_classifier import TorchClassifier
 from vocc_torch.receiver.classifiers.training import TrainingRecipe
@@ -89,13 +89,13 @@ def test_seeds_have_no_frame_in_common(undrawn, monkeypatch):
 
 
 def names_of_training(monkeypatch):
-    monkeypatch.setattr(counter_module, "point_name", lambda *_: "train")
+    monkeypatch.setattr(sweep_module, "point_name", lambda *_: "train")
 
 
 def names_of_tests(monkeypatch):
-    """One classifier's stream is that of the tests; FLDA's training is as ever."""
+    """What is trained on has the names of test frames."""
     monkeypatch.setattr(
-        classifiers_module,
+        train_module,
         "block_keys",
         lambda seed, _, frames: [
             BlockKey(seed, "ambient/ambient_lx=4000", i) for i in range(-(-frames // 64))

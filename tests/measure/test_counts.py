@@ -60,38 +60,6 @@ def test_counts_of_the_parts_add_up_to_the_whole(seed, first, second):
     assert head + tail == tail + head == sum([head, tail]) == sum([head, tail], Counts()) == whole
 
 
-def test_a_missed_panel_counts_half_its_bits_whatever_was_decided():
-    sent = torch.ones(2, 3, 3, dtype=torch.bool)
-    counts = Counts.of(~sent, sent, torch.tensor([False, False]))
-    assert (counts.bit_errors, counts.ber, counts.frame_errors, counts.panels_missed) == (9.0, 0.5, 2, 2)
-    assert counts.half_errors_squared == 2 * 9**2
-
-
-def test_integers_stay_exact_where_floats_would_not():
-    big = Counts(frames=10**20, bits=64 * 10**20, half_errors=3, half_errors_squared=9, frame_errors=1)
-    total = big + Counts(frames=1, bits=64)
-    assert total.frames == 10**20 + 1
-    assert total.bits - big.bits == 64
-
-
-def test_counts_are_python_integers_not_tensors():
-    sent = torch.zeros(1, 2, 2, dtype=torch.bool)
-    counts = Counts.of(sent, sent, torch.tensor([True]))
-    assert all(type(getattr(counts, name)) is int for name in Counts.__slots__)
-
-
-def test_no_bits_has_no_rate():
-    with pytest.raises(VoccError, match=r"^counts.bits is 0: "):
-        _ = Counts().ber
-
-
-def test_adding_something_else_is_a_type_error():
-    with pytest.raises(TypeError):
-        _ = Counts() + 1
-    with pytest.raises(TypeError):
-        _ = Counts() + 2.0
-
-
 @pytest.mark.parametrize(
     ("numbers", "name"),
     [

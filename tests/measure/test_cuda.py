@@ -126,18 +126,3 @@ def test_autocast_around_the_link_changes_nothing():
                 given, _ = run("cuda", None, torch.float32, flda)
             for name, tensor in given.items():
                 assert torch.equal(tensor, wanted[name]), (dtype, name)
-
-
-def test_frames_do_not_depend_on_their_batch():
-    """A frame alone and in a batch of 64: the same pixels and features."""
-    with deterministic():
-        seen = {}
-        for batch in (1, 64):
-            link = Link(Simulator(device="cuda"), None, Reader(), batch_frames=batch)
-            views = list(link.observe(SceneModel(), block_keys(0, "cuda", 64), preambles=False))
-            seen[batch] = [
-                torch.cat([one.frames.grey for one in views]),
-                torch.cat([one.readings.features for one in views]),
-            ]
-    assert torch.equal(seen[1][0], seen[64][0])
-    assert float((seen[1][1] - seen[64][1]).abs().max()) < 1e-3

@@ -6,14 +6,14 @@ import pytest
 import torch
 
 from vocc_torch.errors import VoccError
-from vocc_torch.measure.counter import PointJob, point_name
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.genie import genie as genie_module
 from vocc_torch.measure.genie.forward import overlap
 from vocc_torch.measure.genie.genie import Genie, genie_reference
 from vocc_torch.measure.genie.likelihood import UnknownLikelihoodError
-from vocc_torch.measure.montecarlo import Part
 from vocc_torch.measure.plan import Experiment
+from vocc_torch.measure.schedule import Part
+from vocc_torch.measure.sweep import count_parts, point_name
 from vocc_torch.measure.workers import Workers
 from vocc_torch.receiver.bank import ReceiverBank
 from vocc_torch.receiver.reader import Reader
@@ -77,8 +77,8 @@ def test_its_frames_are_those_that_the_receivers_meet(make_plan, trained, render
     plan = make_plan(
         locator=locator, experiment=experiment, seed=5, effects=effects, names=("flda_3",), batch_frames=7
     )
-    job = PointJob(plan, (locator,), {locator: ReceiverBank(("flda_3",), trained)}, 70.0)
-    job([Part(0, 64), Part(1, 2)] if locator == "truth" else [Part(0, 3)])
+    parts = [Part(0, 64), Part(1, 2)] if locator == "truth" else [Part(0, 3)]
+    count_parts(plan, (locator,), {locator: ReceiverBank(("flda_3",), trained)}, 70.0, parts)
     theirs = list(rendered)
     rendered.clear()
     model = experiment.model_at(plan.world, 70.0)

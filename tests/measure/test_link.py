@@ -3,9 +3,7 @@
 import torch
 from one_point import sweep_point
 
-from vocc_torch.measure.counter import point_name
-from vocc_torch.measure.link import Link, block_keys
-from vocc_torch.measure.train import train
+from vocc_torch.measure.link import Link
 from vocc_torch.receiver.location import PaperLocator
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.rng import BLOCK_FRAMES, BlockKey
@@ -84,36 +82,3 @@ def test_preambles_are_rendered_for_greyscale_receivers_only(make_plan, trained,
         both = make_plan(names=("flda_3", greyscale), frames=70)
         sweep_point(both, Link.of(both), trained, 66.0)
         assert frames == {"data": 70, "preamble": 140}
-
-
-def test_training_renders_no_preambles(make_plan, monkeypatch):
-    frames = count_renders(monkeypatch)
-    train(make_plan(training_frames=40))
-    assert frames == {"data": 40, "preamble": 0}
-
-
-def test_training_and_test_frames_have_no_key_in_common(make_plan):
-    plan = make_plan()
-    training = block_keys(plan.seed, "train", 10_000)
-    tests = block_keys(plan.seed, point_name(plan.experiment, 66.0), 10_000)
-    assert not set(training) & set(tests)
-
-
-def test_training_and_test_frames_differ(make_plan, trained, monkeypatch):
-    """By what is rendered: no panel of bits is in both."""
-    rendered = []
-    render = Simulator.render
-
-    def kept(self, scene, bits, **options):
-        rendered.append(bits)
-        return render(self, scene, bits, **options)
-
-    monkeypatch.setattr(Simulator, "render", kept)
-    plan = make_plan(training_frames=320, frames=320, names=("flda_3",))
-    train(plan)
-    training = {bytes(row) for row in torch.cat(rendered).flatten(1).numpy()}
-    rendered.clear()
-    sweep_point(plan, Link.of(plan), trained, 66.0)
-    tests = {bytes(row) for row in torch.cat(rendered).flatten(1).numpy()}
-    assert len(training) == len(tests) == 320
-    assert not training & tests

@@ -3,15 +3,13 @@
 from itertools import pairwise
 
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from one_point import run_point
 
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.intervals import ber_interval
-from vocc_torch.measure.montecarlo import StopRule
-from vocc_torch.measure.paired import PairedCounts
-from vocc_torch.measure.schedule import run_point
+from vocc_torch.measure.schedule import StopRule
 from vocc_torch.rng import BLOCK_FRAMES
 
 
@@ -39,12 +37,6 @@ def test_parts_cover_the_budget_once():
         assert all(part.frames == BLOCK_FRAMES for part in parts[:-1])
 
 
-def test_a_budget_without_end_is_not_laid_out():
-    """A target with a huge budget is how one says: until there are enough errors."""
-    outcome = run_point(made_up({"a": [5]}), StopRule(10**15, 12), blocks_at_once=4)
-    assert (outcome.counts["a", 0].frames, outcome.stopped_by) == (192, "frame_errors")
-
-
 blocks = st.lists(st.integers(0, BLOCK_FRAMES), min_size=1, max_size=6)
 
 
@@ -67,28 +59,6 @@ def test_stops_at_the_first_block_that_is_enough(wrong, frames, target):
     assert outcome.stopped_by == expected
     assert {count.frames for count in outcome.counts.values()} == {used}
     assert {name: count.frame_errors for (name, _), count in outcome.counts.items()} == running
-
-
-def test_errors_of_all_groups_count_towards_the_target():
-    """Frames sorted into bins stop on their sum: a bin that never fills does not hold the others up."""
-
-    def count(parts):
-        return [{("a", part.block % 2): Counts(part.frames, part.frames, 2, 4, 1)} for part in parts]
-
-    outcome = run_point(count, StopRule(6400, 3))
-    assert outcome.stopped_by == "frame_errors"
-    assert {label: counts.frames for label, counts in outcome.counts.items()} == {("a", 0): 128, ("a", 1): 64}
-
-
-def test_progress_tells_of_every_block_that_counts():
-    seen = []
-    run_point(
-        made_up({"a": [1]}),
-        StopRule(1000, 3),
-        blocks_at_once=5,
-        progress=lambda frames, counts: seen.append((frames, counts["a", 0].frames)),
-    )
-    assert seen == [(64, 64), (64, 128), (64, 192)]
 
 
 # Precision
@@ -186,34 +156,3 @@ def test_every_group_must_be_precise_though_frame_errors_add_over_them():
     assert StopRule(10**9, precision=0.1).reached(counts, 16) is None
     assert StopRule(10**9, target_frame_errors=10**5 + 1).reached(counts, 16) == "frame_errors"
     assert StopRule(10**9, target_frame_errors=10**5 + 2).reached(counts, 16) is None
-
-
-@pytest.mark.parametrize("rule", [StopRule(10**9, 10), StopRule(10**9, precision=0.1)])
-def test_comparisons_hold_nothing_up_and_end_nothing(rule):
-    pair = {("a", "b", 0): PairedCounts(64, 4096), ("a", 0): PairedCounts(64, 4096)}
-    assert rule.reached(pair, 16) is None
-    assert rule.reached({("t", *label): one for label, one in SURE.items()} | pair, 16) is not None
-
-
-def test_a_point_without_frames_is_not_precise():
-    assert StopRule(10**9, precision=0.1, least_ber=1.0).reached({("a", 0): Counts()}, 16) is None
-
-
-def test_intervals_of_points_that_stopped_by_precision_cover_the_truth():
-    """Stopping where the interval happens to be narrow could make it miss more often than 1 in 20."""
-    rate, covered, blocks = 0.05, 0, set()
-    for seed in range(400):
-        outcome = run_point(drawn(seed, {"a": rate}), StopRule(64 * 1000, precision=0.3))
-        interval = ber_interval(outcome.counts["a", 0])
-        covered += interval.low <= rate * 2.5 / 64 <= interval.high  # the geometric's mean is 1 / 0.4
-        blocks.add(outcome.counts["a", 0].frames // 64)
-    assert len(blocks) > 1
-    assert 0.93 <= covered / 400 <= 0.99
-
-
-def test_tallies_of_two_kinds_do_not_add():
-    def count(parts):
-        return [{("a", 0): (Counts, PairedCounts)[part.block](64, 4096)} for part in parts]
-
-    with pytest.raises(TypeError):
-        run_point(count, StopRule(128))

@@ -8,10 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vocc_torch.errors import VoccError
 from vocc_torch.measure.counts import Counts
-from vocc_torch.measure.intervals import ber_interval
-from vocc_torch.measure.montecarlo import StopRule
+from vocc_torch.measure.schedule import StopRule
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs" / "statistics.md"
@@ -76,29 +74,6 @@ def test_the_page_says_that_the_intervals_cover(benchmark):
     assert all(covered < 50.0 for row, covered in bits.items() if row[1] != "none")
 
 
-def test_blocks_are_filled_in_order_and_the_rest_is_kept(benchmark):
-    begin, end = benchmark.BEGIN, benchmark.END
-    page = f"a\n{begin}\nold\n{end}\nb\n{begin}\n{end}\nc\n"
-    once = benchmark.filled(page, ["one", "two"])
-    assert once == f"a\n{begin}\n\none\n\n{end}\nb\n{begin}\n\ntwo\n\n{end}\nc\n"
-    assert benchmark.filled(once, ["one", "two"]) == once
-    with pytest.raises(VoccError, match=r"^the page has 2 generated blocks: it must have 3"):
-        benchmark.filled(page, ["one", "two", "three"])
-
-
-def test_a_page_that_is_not_there_is_made_of_the_tables_alone(benchmark, tmp_path, monkeypatch, capsys):
-    out = tmp_path / "new" / "page.md"
-    monkeypatch.setattr(sys, "argv", ["coverage.py", "--trials", "8", "--seed", "3", "--out", str(out)])
-    monkeypatch.setattr(benchmark, "TABLES", benchmark.TABLES[2:3])
-    benchmark.main()
-    page = out.read_text()
-    assert page.startswith(benchmark.BEGIN)
-    assert "8 studies a row, seed 3." in page
-    assert "no_errors" in capsys.readouterr().out
-    benchmark.main()
-    assert out.read_text() == page
-
-
 def test_a_laws_truth_is_that_of_its_closed_form(laws):
     law = laws.clustered(0.01, 0.05)
     wrong = law.halves[:, 0] / 2
@@ -111,15 +86,6 @@ def test_a_laws_truth_is_that_of_its_closed_form(laws):
     assert laws.mended(law, 0.24, 0.001).ber == pytest.approx([0.01, 0.0076 + 0.99 * 0.001], rel=1e-4)
     assert laws.missed_by_first(laws.alike(law), 0.1).ber == pytest.approx([0.059, 0.01])
     assert laws.apart(law, laws.independent(0.02)).ber == pytest.approx([0.01, 0.02], rel=1e-4)
-
-
-def test_counts_and_comparisons_drawn_from_a_law_belong_together(laws):
-    law = laws.missed_by_first(laws.mended(laws.clustered(0.01, 0.1), 0.3, 1e-3), 0.05)
-    seen = law.seen(np.random.default_rng(0), 500, 20)
-    for a, b, paired in zip(law.counts(seen, 0), law.counts(seen, 1), law.paired(seen), strict=True):
-        assert a.frames == b.frames == paired.frames == 500
-        assert a.panels_missed > b.panels_missed == 0
-        assert paired.half_difference == a.half_errors - b.half_errors
 
 
 def test_a_stop_at_frame_errors_is_the_first_block_that_has_them(laws, stopping):
@@ -138,10 +104,3 @@ def test_precision_is_looked_at_where_the_stop_rule_looks(stopping):
     known = {("a", 0): Counts(10**6, 64 * 10**6, 2 * 10**6, 4 * 10**6, 10**6)}
     looked = [blocks for blocks in range(1, 3000) if rule.reached(known, blocks)]
     assert list(takewhile(lambda blocks: blocks < 3000, stopping.looks())) == looked
-
-
-def test_a_stop_at_a_precision_has_it(laws, stopping):
-    for counts in stopping.at_precision(laws.independent(1e-2), np.random.default_rng(0), 10, 0.1):
-        interval = ber_interval(counts)
-        assert max(interval.high - counts.ber, counts.ber - interval.low) <= 0.1 * counts.ber
-        assert counts.frames == 16 * 64

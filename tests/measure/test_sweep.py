@@ -1,25 +1,37 @@
-"""Bit error rates along an axis: what may not change the counts, what must, and the paper's trends."""
+"""Receivers along an axis: each counts as it does alone, whatever is shared, batched or interrupted."""
 
 import dataclasses
+import pickle
+from contextlib import ExitStack
+from dataclasses import replace
+from functools import partial
 from itertools import pairwise
 
 import pytest
 import torch
-from one_point import counter, sweep_point
+from one_point import banks, counter, sweep_point
 
-from vocc_torch.measure.counter import group_of, point_name
+from vocc_torch.errors import VoccError
+from vocc_torch.measure import sweep
+from vocc_torch.measure import train as train_module
 from vocc_torch.measure.counts import Counts
-from vocc_torch.measure.intervals import ber_interval
+from vocc_torch.measure.ledger import Ledger
 from vocc_torch.measure.link import Link, Observation
-from vocc_torch.measure.montecarlo import Part
+from vocc_torch.measure.paired import PairedCounts
 from vocc_torch.measure.plan import Experiment
-from vocc_torch.measure.sweep import axis_values, monte_carlo_values
-from vocc_torch.measure.train import train
+from vocc_torch.measure.schedule import Outcome, Part
+from vocc_torch.measure.sweep import Study, count_parts
+from vocc_torch.measure.train import train, train_each
+from vocc_torch.measure.workers import Workers
 from vocc_torch.receiver.bank import ReceiverBank
 from vocc_torch.receiver.otsu import otsu_threshold, sensor_histogram
 from vocc_torch.rng import BlockKey
 from vocc_torch.simulation import Distribution, SceneModel, Simulator
 from vocc_torch.types import Panels, Scene
+
+BOTH = ("truth", "paper")
+PARTS = [Part(0, 64), Part(1, 30)]
+DARK = {"ambient_lx": Distribution("constant", (1000.0,))}
 
 
 def counts_of(plan, flda, value=None):
@@ -28,49 +40,106 @@ def counts_of(plan, flda, value=None):
     return {point.receiver: point.counts for point in sweep_point(plan, Link.of(plan), flda, at)}
 
 
-def whole_sweep(plan, flda):
-    """Counts by receiver and value."""
-    link = Link.of(plan)
-    points = [p for value in monte_carlo_values(plan) for p in sweep_point(plan, link, flda, value)]
-    return {(point.receiver, point.value): point for point in points}
+# One pass over the frames for every receiver and locator
+
+
+@pytest.fixture(scope="module")
+def plan(make_plan):
+    """A far panel in low light and a strict locator: errors are many, and some panels are missed."""
+    scene = {**DARK, "distance_m": Distribution("uniform", (50.0, 72.0))}
+    made = make_plan(experiment=Experiment("both", "led_luminance_cd_m2", (600.0, 3000.0), scene), frames=94)
+    strict = replace(made.receiver.location, min_rectangularity=0.8)
+    return replace(made, receiver=replace(made.receiver, location=strict))
+
+
+@pytest.fixture(scope="module")
+def fldas(plan):
+    return {name: training.flda for name, training in train_each(plan, BOTH).items()}
+
+
+@pytest.fixture(scope="module")
+def together(plan, fldas):
+    """Both locators in one pass, block by block."""
+    return count_parts(plan, BOTH, banks(plan, fldas), 600.0, PARTS)
+
+
+def at(plan, locator):
+    return replace(plan, receiver=replace(plan.receiver, locator=locator))
+
+
+def test_two_locators_in_one_pass_count_what_each_alone_counts(plan, fldas, together):
+    """Tallies of receivers and of their pairs; and the two locators do not see the same panels."""
+    for locator in BOTH:
+        trained = train(at(plan, locator)).flda
+        for name, tensor in fldas[locator].state_dict().items():
+            assert tensor.equal(trained.state_dict()[name]), (locator, name)
+        own = banks(plan, {locator: fldas[locator]})
+        alone = count_parts(at(plan, locator), (locator,), own, 600.0, PARTS)
+        for block, mine in zip(together, alone, strict=True):
+            assert {label: one for label, one in block.items() if label[0] == locator} == mine
+    located, true = together[0]["paper", "flda_3", 0], together[0]["truth", "flda_3", 0]
+    assert (0 < located.panels_missed < 32, true.panels_missed) == (True, 0)
+    assert count_parts(plan, BOTH[::-1], banks(plan, fldas), 600.0, PARTS) == together
+
+
+def test_every_comparison_is_the_difference_of_two_counts(plan, together):
+    names = plan.receiver.names
+    pairs = {(locator, a, b, 0) for locator in BOTH for i, a in enumerate(names) for b in names[i + 1 :]}
+    for block, part in zip(together, PARTS, strict=True):
+        assert {label for label in block if len(label) == 4} == pairs
+        assert {label for label in block if len(label) == 2} == {(name, 0) for name in names}
+        for label, pair in block.items():
+            if len(label) == 3:
+                continue
+            first, second = (
+                ((label[0], label[1], 0), (label[0], label[2], 0))
+                if len(label) == 4
+                else (("paper", *label), ("truth", *label))
+            )
+            assert isinstance(pair, PairedCounts)
+            assert (pair.frames, pair.bits) == (part.frames, 64 * part.frames)
+            assert pair.half_difference == block[first].half_errors - block[second].half_errors
+            assert pair.a_worse >= block[first].frame_errors - block[second].frame_errors
+    # A lost panel costs a frame nearly half its bits, 64 half errors.
+    lost = together[0]["paper", "flda_3", 0].panels_missed
+    assert together[0]["flda_3", 0].a_excess > 40 * lost > 0
+
+
+def test_a_count_is_the_same_after_a_journey_to_another_process(plan, fldas):
+    count = partial(count_parts, plan, BOTH, banks(plan, fldas), 600.0)
+    assert pickle.loads(pickle.dumps(count))([Part(3, 20)]) == count([Part(3, 20)])
 
 
 # What changes nothing
 
 
-@pytest.mark.parametrize("locator", ["truth", "paper"])
+@pytest.mark.parametrize("locator", BOTH)
 def test_batch_size_changes_no_count(make_plan, trained, locator):
     """100 frames: a whole block and a part of one; 128 frames at a time are two blocks at once."""
     counted = {
-        size: counts_of(make_plan(locator=locator, batch_frames=size), trained) for size in (64, 7, 1, 128)
+        size: counts_of(make_plan(locator=locator, batch_frames=size), trained) for size in (64, 7, 128)
     }
     assert all(count.frames == 100 for count in counted[64].values())
     # Equal counts of nothing would say little.
     assert all(count.half_errors > 0 for count in counted[64].values())
-    for size in (7, 1, 128):
-        assert counted[size] == counted[64], size
+    assert counted[7] == counted[64] == counted[128]
 
 
 def test_batch_size_does_not_move_the_stop(make_plan, trained):
     """A target reached in the first of four blocks drops the three that were counted with it."""
-    plans = [make_plan(frames=256, target=3, batch_frames=size) for size in (16, 64, 256)]
+    plans = [make_plan(frames=256, target=3, batch_frames=size) for size in (16, 256)]
     points = [sweep_point(plan, Link.of(plan), trained, 66.0) for plan in plans]
-    assert points[0] == points[1] == points[2]
+    assert points[0] == points[1]
     assert {point.stopped_by for point in points[0]} == {"frame_errors"}
     assert points[0][0].counts.frames < 256
     assert min(point.counts.frame_errors for point in points[0]) >= 3
 
 
-def test_same_seed_same_counts_other_seed_other_counts(make_plan, trained):
-    first, again = counts_of(make_plan(), trained), counts_of(make_plan(), trained)
-    assert first == again
-    assert counts_of(make_plan(seed=1), trained) != first
-
-
-def test_receivers_run_alone_or_together_see_the_same_frames(make_plan, trained):
+def test_receivers_alone_or_together_see_the_same_frames_and_another_seed_others(make_plan, trained):
     together = counts_of(make_plan(), trained)
     for name in ("flda_3", "average_greyscale"):
         assert counts_of(make_plan(names=(name,)), trained) == {name: together[name]}
+    assert counts_of(make_plan(seed=1), trained) != together
 
 
 def test_a_longer_budget_begins_with_the_shorter_one(make_plan, trained):
@@ -83,12 +152,17 @@ def test_a_longer_budget_begins_with_the_shorter_one(make_plan, trained):
     assert count([Part(0, 10)])[0]["truth", "flda_3", 0].frames == 10
 
 
+def test_close_values_do_not_share_their_draws():
+    experiment = Experiment("close", "ambient_lx", (1000000.0, 1000001.0))
+    assert len({sweep.point_name(experiment, value) for value in experiment.values}) == 2
+
+
 # Crop and full frame
 
 
 def test_crops_decide_as_full_frames(make_plan, trained):
     """Thresholds, corners, scores and bits of 200 scenes; every full frame is truly rendered."""
-    scenes = 200
+    scenes = 64
     model, shape = SceneModel(), make_plan().world.panel.shape
     keys = [BlockKey(0, "crop", block) for block in range(-(-scenes // 64))]
     drawn = [model.draw(key, shape) for key in keys]
@@ -125,47 +199,6 @@ def test_filled_framing_counts_as_crop(make_plan, trained):
         for framing in ("crop", "filled")
     )
     assert crop == filled
-
-
-# Budget and stop
-
-
-def test_budget_that_is_no_multiple_of_a_block(make_plan, trained):
-    for frames in (1, 63, 65, 100):
-        counts = counts_of(make_plan(frames=frames, names=("flda_3",)), trained)["flda_3"]
-        assert (counts.frames, counts.bits) == (frames, frames * 64)
-
-
-def test_stop_waits_for_every_receiver(make_plan, trained):
-    """The better receivers need more frames than the worst: all are given them."""
-    points = sweep_point(
-        plan := make_plan(frames=2048, target=100, names=("average_greyscale", "flda_3")),
-        Link.of(plan),
-        trained,
-        66.0,
-    )
-    worst, best = points
-    assert worst.counts.frames == best.counts.frames
-    assert best.counts.frame_errors >= 100
-    assert best.counts.frames % 64 == 0
-    # One block less would not have been enough.
-    shorter = counts_of(make_plan(frames=best.counts.frames - 64, names=("flda_3",)), trained)["flda_3"]
-    assert shorter.frame_errors < 100
-
-
-def test_without_target_the_budget_is_spent(make_plan, trained):
-    plan = make_plan(frames=70, names=("average_greyscale",))
-    (point,) = sweep_point(plan, Link.of(plan), trained, 66.0)
-    assert (point.counts.frames, point.stopped_by) == (70, "frames")
-
-
-def test_progress_and_interim_points_reach_the_end(make_plan, trained):
-    plan = make_plan(frames=100, names=("flda_3",))
-    steps, shown = [], []
-    points = sweep_point(plan, Link.of(plan), trained, 66.0, steps.append, shown.append)
-    assert steps == [64, 36]
-    assert [p.stopped_by for p in shown[-1]] == ["running"]
-    assert [p.counts for p in shown[-1]] == [p.counts for p in points]
 
 
 # Missed panels
@@ -220,13 +253,13 @@ def contrast_plan(make_plan, edges=(0.0, 0.12, 0.24, 0.36, 0.54), **options):
 def test_frames_of_all_bins_are_the_budget_times_the_bins(make_plan, trained):
     plan = contrast_plan(make_plan, frames=30, names=("average_greyscale", "flda_3"))
     assert plan.frames_in_point == 120
-    assert monte_carlo_values(plan) == (0.0,)
+    assert sweep.monte_carlo_values(plan) == (0.0,)
     points = sweep_point(plan, Link.of(plan), trained, 0.0)
     for name in plan.receiver.names:
         mine = [point for point in points if point.receiver == name]
         assert sum(point.counts.frames for point in mine) == 120
         assert [point.value for point in mine] == [0.06, 0.18, 0.3, 0.45]
-    assert {point.value for point in points} <= set(axis_values(plan.experiment))
+    assert {point.value for point in points} <= set(sweep.axis_values(plan.experiment))
 
 
 def test_bins_hold_the_frames_of_their_contrast(make_plan, trained):
@@ -256,7 +289,7 @@ def test_edges_of_bins(make_plan):
     link = Link(Known(), None, plan.receiver.reader)
     scene = Scene.of(frames=7)
     seen = Observation(scene, torch.zeros(7, 8, 8), None, None, None, None)
-    assert group_of(plan.experiment, link, seen).tolist() == [-1, 0, 0, 1, 1, 1, -1]
+    assert sweep.group_of(plan.experiment, link, seen).tolist() == [-1, 0, 0, 1, 1, 1, -1]
 
 
 def test_frames_outside_all_bins_count_nowhere(make_plan, trained):
@@ -267,81 +300,130 @@ def test_frames_outside_all_bins_count_nowhere(make_plan, trained):
     assert sweep_point(nowhere, Link.of(nowhere), trained, 0.9) == []
 
 
-# The paper's trends, with the panel's corners known
+# Many studies in one run
 
-
-def interval(point):
-    """The 95 % interval of a point, its upper end a limit where there were no errors."""
-    return ber_interval(point.counts)
-
-
-def assert_worse(worse, better):
-    """The two 95 % intervals do not touch: a stricter test at the 5 % level than one on the difference."""
-    assert interval(worse).low > interval(better).high, (worse, better)
+STUDIES = {
+    "far": Experiment("far", "distance_m", (60.0, 66.0), DARK),
+    "bins": Experiment("bins", "contrast", (0.0, 0.1, 0.6)),
+    "near": Experiment(
+        "near", "distance_m", (40.0,), training={"distance_m": Distribution("uniform", (30.0, 50.0))}
+    ),
+}
 
 
 @pytest.fixture(scope="module")
-def paper_trained(make_plan):
-    """Trained as the paper says: 1000 frames of Table 1."""
-    return train(make_plan(training_frames=1000)).flda
+def studies(make_plan):
+    """Three experiments, the last with training scenes of its own, and the first through another lens."""
+    names = ("average_greyscale", "flda_3")
+    plans = {
+        key: make_plan(names=names, experiment=one, frames=64, training_frames=64)
+        for key, one in STUDIES.items()
+    }
+    plans["short"] = sweep.at_focal_length(plans["far"], 18.0)
+    return [Study(key, plan, BOTH) for key, plan in plans.items()]
 
 
-BETWEEN = {"distance_m": Distribution("uniform", (40.0, 60.0))}
-LEDS = {"led_luminance_cd_m2": Distribution("uniform", (2000.0, 4000.0))}
-DUSK = {"ambient_lx": Distribution("uniform", (4000.0, 8000.0))}
+def run(studies, folder, **told):
+    """Run studies with a ledger each in a folder."""
+    with ExitStack() as opened, Workers(1) as workers:
+
+        def ledger(study):
+            return opened.enter_context(Ledger.open(folder / f"{study.key}.sqlite", study.identity))
+
+        return sweep.run_campaign(studies, workers, ledger, **told)
 
 
-def test_ambient_light_has_a_best_level(make_plan, paper_trained):
-    """Fig. 22: both ends are worse than 8000 lx, and three features beat the average greyscale everywhere."""
-    values = (1000.0, 2000.0, 4000.0, 8000.0, 16000.0, 32000.0)
-    names = ("average_greyscale", "flda_2", "flda_3")
-    plan = make_plan(
-        experiment=Experiment("ambient", "ambient_lx", values, BETWEEN | LEDS), frames=384, names=names
+@pytest.fixture(scope="module")
+def whole(studies, tmp_path_factory):
+    """All studies together, undisturbed: the results, what was told, and the folder of ledgers."""
+    folder, told = tmp_path_factory.mktemp("ledgers"), []
+    campaign = run(
+        studies,
+        folder,
+        trained=lambda: told.append("trained"),
+        advance=lambda study, frames: told.append((study.key, frames)),
+        finished=lambda study, one: told.append((study.key, one)),
     )
-    at = whole_sweep(plan, paper_trained)
-    for name in ("average_greyscale", "flda_2"):
-        assert_worse(at[name, 1000.0], at[name, 8000.0])
-        assert_worse(at[name, 32000.0], at[name, 8000.0])
-    assert_worse(at["flda_3", 1000.0], at["flda_3", 8000.0])
-    for value in values:
-        assert_worse(at["average_greyscale", value], at["flda_3", value])
+    return campaign.measured, told, folder
 
 
-def test_ambient_light_has_a_best_level_for_three_features(make_plan, paper_trained):
-    """Fig. 22 for flda_3, whose errors at 32000 lx are too few for a short run."""
-    values = (1000.0, 4000.0, 8000.0, 16000.0, 32000.0)
-    experiment = Experiment("ambient", "ambient_lx", values, BETWEEN | LEDS)
-    at = whole_sweep(make_plan(experiment=experiment, frames=4096, names=("flda_3",)), paper_trained)
-    middle = sum((at["flda_3", value].counts for value in (4000.0, 8000.0, 16000.0)), Counts())
-    for end in (1000.0, 32000.0):
-        assert interval(at["flda_3", end]).low > ber_interval(middle).high
+@pytest.mark.parametrize("index", [0, 1, 3])
+def test_a_study_gives_what_it_gives_alone(whole, studies, index):
+    study = studies[index]
+    own = at(study.plan, "paper")
+    flda = train(own).flda
+    points = [
+        point
+        for value in sweep.monte_carlo_values(own)
+        for point in sweep_point(own, Link.of(own), flda, value)
+    ]
+    curves = whole[0][study.key].curves["paper"]
+    assert {(one.receiver, one.value): one.counts for one in points} == curves.counts
+    assert sum(counts.half_errors for counts in curves.counts.values()) > 0
+    for (receiver, value), pair in whole[0][study.key].location.items():
+        located, truth = (whole[0][study.key].curves[name].counts[receiver, value] for name in BOTH[::-1])
+        assert pair.half_difference == located.half_errors - truth.half_errors
 
 
-def test_luminance_has_a_best_level(make_plan, paper_trained):
-    """Fig. 23: the average greyscale is worse at 500 and at 8000 cd/m2 than in between."""
-    values = (500.0, 1500.0, 8000.0)
-    experiment = Experiment("luminance", "led_luminance_cd_m2", values, BETWEEN | DUSK)
-    at = whole_sweep(
-        make_plan(experiment=experiment, frames=384, names=("average_greyscale",)), paper_trained
+def test_what_is_told_on_the_way(whole, studies):
+    """Training first, then every block, then each study as soon as its last point is there."""
+    results, told, _ = whole
+    blocks = {"far": [64, 64], "bins": [64, 64], "near": [64], "short": [64, 64]}
+    steps = [[*((key, frames) for frames in each), (key, results[key])] for key, each in blocks.items()]
+    assert told == ["trained", *(one for each in steps for one in each)]
+    assert [study.frames for study in studies] == [128, 128, 64, 128]
+
+
+def test_studies_that_train_on_the_same_scenes_share_it(studies, monkeypatch):
+    far = studies[0].plan
+    central = replace(far.receiver, reader=replace(far.receiver.reader, gradient="central"))
+    others = [
+        replace(far, seed=1),
+        replace(far, budget=replace(far.budget, training_frames=65)),
+        replace(far, receiver=central),
+    ]
+    trained = []
+    monkeypatch.setattr(
+        train_module, "train_each", lambda plan, locators: trained.append(plan) or {"truth": plan}
     )
-    for end in (500.0, 8000.0):
-        assert_worse(at["average_greyscale", end], at["average_greyscale", 1500.0])
+    plans = [*(study.plan for study in studies), *others]
+    with Workers(1) as workers:
+        found = train_module.train_plans(plans, [BOTH] * len(plans), workers)
+    # Test scenes, axis and name do not matter for training; lens, training scenes, seed and reader do.
+    assert trained == [plan for plan in plans if plan is not studies[1].plan]
+    assert found[1] is found[0]
 
 
-def test_errors_rise_with_distance(make_plan, paper_trained):
-    """Fig. 24: every receiver is worse at 70 m than at 60 m, and none does better farther away."""
-    values = (30.0, 50.0, 60.0, 70.0)
-    names = ("average_greyscale", "flda_2", "flda_3")
-    experiment = Experiment("distance", "distance_m", values, DUSK | LEDS)
-    at = whole_sweep(make_plan(experiment=experiment, frames=384, names=names), paper_trained)
-    for name in names:
-        assert_worse(at[name, 70.0], at[name, 60.0])
-        bers = [at[name, value].counts.ber for value in values]
-        assert bers == sorted(bers)
-    for value in (60.0, 70.0):
-        assert_worse(at["average_greyscale", value], at["flda_3", value])
+def test_an_interrupted_campaign_goes_on(whole, studies, tmp_path, monkeypatch):
+    """Interrupted in the third study: what was counted is not counted again, and the end is the same."""
+
+    def interrupt(study, frames):
+        if study.key == "near":
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run(studies, tmp_path, advance=interrupt)
+    left = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    assert run(studies, tmp_path).measured == whole[0]
+    unchanged = {name for name, before in left.items() if (tmp_path / name).read_bytes() == before}
+    assert unchanged == {"far.sqlite", "bins.sqlite", "near.sqlite"}
+    with pytest.raises(VoccError, match="experiment"):
+        Ledger.open(tmp_path / "far.sqlite", studies[1].identity)
+    monkeypatch.setattr(sweep, "count_parts", lambda *_: pytest.fail("counted again"))
+    assert run(studies, tmp_path).measured == whole[0]
 
 
-def test_close_values_do_not_share_their_draws():
-    experiment = Experiment("close", "ambient_lx", (1000000.0, 1000001.0))
-    assert len({point_name(experiment, value) for value in experiment.values}) == 2
+def test_groups_are_values_and_empty_ones_are_left_out(make_plan):
+    """In the contrast experiment one outcome holds the tallies of all values."""
+    plan = make_plan(experiment=Experiment("c", "contrast", (0.0, 0.2, 0.4, 0.6)), names=("flda_2", "flda_3"))
+    errors = {group: Counts(10, 640, 2 * group, 4 * group, group) for group in (0, 2)}
+    pairs = {group: PairedCounts(10, 640, 2 * group, 4 * group, group) for group in (0, 2)}
+    tallies = {("paper", *plan.receiver.names, group): pair for group, pair in pairs.items()}
+    tallies |= {("paper", name, group): errors[group] for name in plan.receiver.names for group in (0, 2)}
+    found = sweep.measured(Study("c", plan, ("paper",)), {0.0: Outcome(tallies, "frames")})
+    curves = found.curves["paper"]
+    assert (curves.values, curves.stopped_by) == ((0.1, 0.5), {0.1: "frames", 0.5: "frames"})
+    places = ((0, 0.1), (2, 0.5))
+    assert curves.counts == {(name, at): errors[g] for name in curves.receivers for g, at in places}
+    assert curves.paired == {(*curves.receivers, at): pairs[g] for g, at in places}
+    assert found.location == {}

@@ -50,13 +50,6 @@ def test_batch_size_does_not_change_what_is_learnt(make_plan):
         torch.testing.assert_close(other.threshold, trained[-1].threshold, rtol=1e-6, atol=0.0)
 
 
-def test_uses_exactly_the_frames_of_the_budget(make_plan):
-    for frames in (2, 64, 65, 100):
-        trained = train(make_plan(training_frames=frames))
-        assert trained.frames == frames
-        assert int(trained.flda.count.sum()) == 64 * frames
-
-
 def test_missed_panels_are_left_out(make_plan, monkeypatch):
     """Every third panel is missed: the statistics are those of the others."""
     plan = make_plan(locator="paper", training_frames=60)
@@ -100,12 +93,6 @@ def test_training_scenes_are_the_worlds_with_the_experiments_changes(make_plan):
     features, _ = features_of(plan, dataclasses.replace(SceneModel(), **near))
     assert torch.equal(train(plan).features, features)
     assert not torch.equal(train(plan).features, usual.features)
-
-
-def test_samples_for_the_figures_are_bounded(make_plan):
-    trained = train(make_plan(training_frames=400))
-    assert trained.features.shape == (20_000, 3)
-    assert trained.bits.shape == (20_000,)
 
 
 def test_kept_receiver_decides_as_the_trained_one(make_plan, tmp_path):

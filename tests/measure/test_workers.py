@@ -13,10 +13,10 @@ from one_point import banks
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure import workers as workers_module
-from vocc_torch.measure.curves import Measured
+from vocc_torch.measure.curve import Measured
 from vocc_torch.measure.ledger import Ledger
 from vocc_torch.measure.plan import Experiment, resolve_device
-from vocc_torch.measure.sweep import Sweep, measured, run_sweeps
+from vocc_torch.measure.sweep import Study, measured, run_studies
 from vocc_torch.measure.train import train_each
 from vocc_torch.measure.workers import Workers
 from vocc_torch.simulation import Distribution
@@ -39,18 +39,18 @@ def sweeps(make_plan):
         batch_frames=16,
     )
     fldas = {name: training.flda for name, training in train_each(stopping, LOCATORS).items()}
-    return [Sweep(plan, LOCATORS, banks(plan, fldas)) for plan in (stopping, spending)]
+    studies = [Study(plan.experiment.name, plan, LOCATORS) for plan in (stopping, spending)]
+    return studies, {study.key: banks(study.plan, fldas) for study in studies}
 
 
-def results(sweeps, workers, progress=None):
+def results(sweeps, workers, progress=lambda *_: None, ledger=None):
     """What each experiment came to, by its name."""
-    outcomes = {sweep.plan.experiment.name: {} for sweep in sweeps}
-    for sweep, value, outcome in run_sweeps(sweeps, workers, progress):
-        outcomes[sweep.plan.experiment.name][value] = outcome
-    return {
-        sweep.plan.experiment.name: measured(sweep.plan, LOCATORS, outcomes[sweep.plan.experiment.name])
-        for sweep in sweeps
-    }
+    studies, of_studies = sweeps
+    outcomes = {study.key: {} for study in studies}
+    ledgers = {} if ledger is None else dict.fromkeys(outcomes, ledger)
+    for study, value, outcome in run_studies(studies, of_studies, ledgers, workers, progress):
+        outcomes[study.key][value] = outcome
+    return {study.key: measured(study, outcomes[study.key]) for study in studies}
 
 
 @dataclass
@@ -86,8 +86,8 @@ def story(sweeps, tmp_path_factory):
     """One start of two processes serves all that is asked of them; the last thing ends them."""
     path, told = tmp_path_factory.mktemp("workers") / "ledger", []
 
-    def tell(sweep, value, frames, _):
-        told.append((sweep.plan.experiment.name, value, frames))
+    def tell(study, value, frames, _):
+        told.append((study.key, value, frames))
 
     with pytest.MonkeyPatch.context() as patch, Workers(2) as workers:
         patch.setenv("OMP_NUM_THREADS", "2")
@@ -105,8 +105,7 @@ def story(sweeps, tmp_path_factory):
             os.kill(next(iter(workers._pool._processes)), signal.SIGKILL)
 
         with Ledger.open(path, {}) as ledger:
-            recording = [replace(sweep, ledger=ledger) for sweep in sweeps]
-            story.killed = caught(lambda: results(recording, workers, kill))
+            story.killed = caught(lambda: results(sweeps, workers, kill, ledger))
             story.known = len(ledger)
         story.after = caught(lambda: workers.submit(abs, -1))
     story.path = path
@@ -159,8 +158,7 @@ def test_what_was_counted_before_a_worker_was_killed_is_known(sweeps, story):
     assert story.known > 0
     with Ledger.open(story.path, {}) as ledger, Workers(1) as workers:
         assert len(ledger) == story.known
-        again = [replace(sweep, ledger=ledger) for sweep in sweeps]
-        assert results(again, workers) == story.results
+        assert results(sweeps, workers, ledger=ledger) == story.results
         assert len(ledger) > story.known
 
 
@@ -182,6 +180,7 @@ with Workers(2) as workers:
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals to a group of processes")
+@pytest.mark.slow
 @pytest.mark.parametrize("seconds", [0.0, 0.5])
 def test_processes_that_are_starting_do_not_hear_ctrl_c(tmp_path, seconds):
     """It reaches them in their first moments, when they cannot have chosen yet not to listen."""
@@ -209,13 +208,6 @@ def test_one_worker_starts_nothing():
             workers.submit(int, "x")
 
 
-def test_one_worker_keeps_this_process_as_it_was():
-    before = torch.get_num_threads(), signal.getsignal(signal.SIGINT)
-    with Workers(1) as workers:
-        workers.submit(abs, -1)
-    assert (torch.get_num_threads(), signal.getsignal(signal.SIGINT)) == before
-
-
 @pytest.mark.parametrize("count", [-1, 257])
 def test_impossible_numbers_are_refused(count):
     with pytest.raises(VoccError, match=rf"^workers is {count}: it must be from 0 \(one a core\) to 256$"):
@@ -223,6 +215,6 @@ def test_impossible_numbers_are_refused(count):
 
 
 def test_no_number_is_one_a_core(monkeypatch):
-    monkeypatch.setattr(workers_module, "_cores", lambda: 3)
+    monkeypatch.setattr(workers_module, "usable_cores", lambda: 3)
     assert (Workers(0).count, Workers(0).window) == (3, 6)
     assert (Workers(1).window, Workers(2).window) == (1, 4)

@@ -24,8 +24,8 @@ from vocc_torch.app.config import AppConfig, keys_of, register_schema
 from vocc_torch.app.resolve import resolved
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.build import build_plan
-from vocc_torch.measure.counter import group_of
 from vocc_torch.measure.link import Link, block_keys
+from vocc_torch.measure.sweep import group_of
 from vocc_torch.measure.train import train
 from vocc_torch.receiver.bank import ReceiverBank, needs_preambles
 from vocc_torch.receiver.flda import FLDAWarning

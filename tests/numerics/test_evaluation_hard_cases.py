@@ -10,19 +10,18 @@ import torch
 from hard_cases import Breakage, HardCases
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from made_up_tallies import tallies
+from made_up_tallies import paired_of, tallies
+from one_point import run_point
 from scipy.stats import binom, binomtest
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.counts import Counts
-from vocc_torch.measure.curve import BerTable, Point
-from vocc_torch.measure.curves import Curves
+from vocc_torch.measure.curve import BerTable, Curves, Point
 from vocc_torch.measure.grid import Grid, best_luminance
 from vocc_torch.measure.intervals import ber_interval, clopper_pearson, design_effect
-from vocc_torch.measure.montecarlo import StopRule
 from vocc_torch.measure.paired import PairedCounts, paired_interval, sign_test
 from vocc_torch.measure.relative import difference_independent, mean_gain, relative_gain
-from vocc_torch.measure.schedule import run_point
+from vocc_torch.measure.schedule import StopRule
 
 hard = HardCases("Evaluation")
 
@@ -111,9 +110,7 @@ def a_rate_of_no_frames():
     "refused by name where frames are counted as 64-bit integers: a frame of 2^30 bits and eight of them "
     "would wrap around",
     Breakage(
-        f"{FOLDER}/frame_errors.py",
-        "if half_errors.shape[1] * (2 * int(bits_per_frame)) ** 2 >",
-        "if 2 * int(bits_per_frame) >",
+        f"{FOLDER}/frame_errors.py", "if halves.shape[1] * (2 * int(bits)) ** 2 >", "if 2 * int(bits) >"
     ),
 )
 def squared_errors_that_64_bits_do_not_hold():
@@ -310,11 +307,9 @@ def every_panel_missed():
     row = BerTable([Point("d", "distance_m", 70.0, "x", "paper", counts, "frames")]).rows[0]
     assert ordered(row.ber_low, row.ber, row.ber_high)
     assert not row.error_free
-    same = PairedCounts.of(bits, ~bits, bits, torch.zeros(50, dtype=torch.bool))
+    same = paired_of(bits, ~bits, bits, torch.zeros(50, dtype=torch.bool))
     assert same.discordant == 0
-    located = PairedCounts.of(
-        bits, bits, bits, torch.zeros(50, dtype=torch.bool), torch.ones(50, dtype=torch.bool)
-    )
+    located = paired_of(bits, bits, bits, torch.zeros(50, dtype=torch.bool), torch.ones(50, dtype=torch.bool))
     difference = paired_interval(located)
     assert difference.real
     assert ordered(difference.low, 0.5, difference.high)
@@ -548,7 +543,7 @@ def luminances_at_the_ends_of_the_range():
     "a stop rule and a receiver without errors",
     "the budget ends the point: neither wrong frames nor a precision of a rate of 0 can be waited for",
     Breakage(
-        f"{FOLDER}/montecarlo.py",
+        f"{FOLDER}/schedule.py",
         "return counts.half_errors > 0 and interval.high - ber <= reach",
         "return interval.high - ber <= 1e-2 or interval.high - ber <= reach",
     ),

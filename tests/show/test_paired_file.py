@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.counts import Counts
-from vocc_torch.measure.curves import Curves
+from vocc_torch.measure.curve import Curves
 from vocc_torch.measure.paired import PairedCounts, paired_interval, sign_test
 from vocc_torch.show.csv_file import PAIRED_COLUMNS as COLUMNS
 from vocc_torch.show.csv_file import write_paired

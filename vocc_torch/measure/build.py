@@ -1,20 +1,39 @@
-"""From the settings to a study's plan."""
+"""From the settings to a study's plan, and from a classifier's settings to the classifier."""
 
 from __future__ import annotations
 
+import inspect
+import random
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import asdict, fields, replace
+from importlib.util import find_spec
 from pathlib import Path
+from typing import cast
 
+import numpy as np
 import torch
+from hydra.utils import get_object, instantiate
+from torch import nn
 
 from vocc_torch.errors import VoccError, section
 from vocc_torch.hardware import Camera, LedPanel, PanelShape
 from vocc_torch.measure.config import ClassifierSettings, Settings, effect_settings
-from vocc_torch.measure.plan import SCENE_FIELDS, Plan, ReceiverPlan, World, parsed_scene
-from vocc_torch.measure.plug_in import ClassifierPlan
+from vocc_torch.measure.plan import (
+    SCENE_FIELDS,
+    TARGET,
+    ClassifierPlan,
+    Plan,
+    ReceiverPlan,
+    World,
+    parsed_scene,
+)
 from vocc_torch.receiver.bank import RECEIVER_NAMES
 from vocc_torch.receiver.classifiers.inputs import Inputs
 from vocc_torch.receiver.classifiers.module_file import ModuleFile
+from vocc_torch.receiver.classifiers.protocol import Guarded
+from vocc_torch.receiver.classifiers.sklearn_adapter import SklearnClassifier, is_estimator
+from vocc_torch.receiver.classifiers.torch_classifier import TorchClassifier
 from vocc_torch.receiver.classifiers.training import TrainingRecipe
 from vocc_torch.receiver.location import PaperLocator
 from vocc_torch.receiver.reader import Reader
@@ -102,3 +121,101 @@ def _classifier(name: str, config: ClassifierSettings) -> ClassifierPlan:
             frames=config.frames,
             scene=parsed_scene(config.scene),
         )
+
+
+def built(plan: ClassifierPlan) -> Guarded:
+    """Build a classifier, untrained.
+
+    A scikit-learn estimator and a torch module are taken for what they are; a module whose class takes
+    ``n_inputs`` is told how many numbers it sees of an LED. Anything else must follow the protocol itself.
+
+    Raises:
+        VoccError: a class that does not exist or cannot be built, or that does not follow the protocol.
+
+    Example:
+        >>> plan = ClassifierPlan("bayes", {"_target_": "sklearn.naive_bayes.GaussianNB"})
+        >>> type(built(plan).classifier).__name__
+        'SklearnClassifier'
+    """
+    settings = dict(plan.build)
+    target = str(settings.pop(TARGET))
+    home = None if plan.file is None else ModuleFile(plan.file)
+    try:
+        kind = get_object(target) if home is None else home.named(target)
+        of_torch = isinstance(kind, type) and issubclass(kind, nn.Module)
+        if of_torch and "n_inputs" in inspect.signature(cast("type", kind)).parameters:
+            settings.setdefault("n_inputs", plan.inputs.size)
+        # A module draws its first weights when it is made.
+        with seeded(plan.training.seed):
+            given = instantiate(settings, _convert_="all")
+            made = kind(**given)  # type: ignore[operator]  # refused just below
+        if isinstance(made, nn.Module):
+            made = TorchClassifier(made, plan.training)
+        elif is_estimator(made):
+            made = SklearnClassifier(made)
+    except VoccError as error:
+        raise VoccError(f"classifiers.{plan.name}: {error}") from error
+    except (Exception, SystemExit) as error:
+        reason = " ".join(str(error.__cause__ or error).split())
+        raise VoccError(f"classifiers.{plan.name}.build: {target} cannot be built ({reason})") from error
+    return Guarded(plan.name, made, plan.inputs, home)
+
+
+@contextmanager
+def seeded(seed: int) -> Iterator[None]:
+    """Let Python, NumPy and torch draw from a seed, and go on afterwards as if nobody had drawn.
+
+    Args:
+        seed: at least 0.
+
+    Example:
+        >>> with seeded(0):
+        ...     first = torch.rand(1)
+        >>> with seeded(0):
+        ...     torch.equal(torch.rand(1), first)
+        True
+    """
+    # Estimators without a random_state draw from NumPy's global generator: there is no other to give them.
+    kept, state = np.random.get_state(), random.getstate()  # noqa: NPY002
+    try:
+        with torch.random.fork_rng():
+            random.seed(seed)
+            np.random.seed(seed % 2**32)  # noqa: NPY002
+            torch.manual_seed(seed)
+            yield
+    finally:
+        np.random.set_state(kept)  # noqa: NPY002
+        random.setstate(state)
+
+
+EXTRAS = {"sklearn": "scikit-learn"}
+"""Packages that classifiers of the package's own configuration need, by the name that is imported."""
+
+
+def without_absent(receiver: ReceiverPlan) -> tuple[ReceiverPlan, dict[str, str]]:
+    """Leave out the classifiers whose package is an extra that is not installed, and say why.
+
+    Args:
+        receiver: the receivers.
+
+    Returns:
+        The receivers that can be built, and the reason for each other one by its name.
+    """
+    left_out = {}
+    for one in receiver.classifiers:
+        for package in sorted(set(EXTRAS) & set(_packages(one.build))):
+            if find_spec(package) is None:
+                name = EXTRAS[package]
+                left_out[one.name] = f"{name} is not installed; pip install {name} adds it"
+    kept = tuple(one for one in receiver.classifiers if one.name not in left_out)
+    names = tuple(name for name in receiver.names if name not in left_out)
+    return replace(receiver, names=names, classifiers=kept), left_out
+
+
+def _packages(build: Mapping[str, object]) -> Iterator[str]:
+    """Yield the packages of a configuration's classes, those within others too."""
+    for key, value in build.items():
+        if isinstance(value, Mapping):
+            yield from _packages(value)
+        elif key == TARGET:
+            yield str(value).partition(".")[0]

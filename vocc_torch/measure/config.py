@@ -283,7 +283,7 @@ class ReceiverSettings:
 
 @dataclass
 class ClassifierSettings:
-    """A classifier that plugs in; see :class:`vocc_torch.measure.plug_in.ClassifierPlan`.
+    """A classifier that plugs in; see :class:`vocc_torch.measure.plan.ClassifierPlan`.
 
     Args:
         build: ``_target_`` names its class; the other keys are its arguments.

@@ -121,9 +121,7 @@ class Counts:
         return self.half_errors / (2 * self.bits)
 
 
-def half_errors(
-    decided: Tensor, sent: Tensor, found: Tensor, names: tuple[str, str] = ("decided", "found")
-) -> Tensor:
+def half_errors(decided: Tensor, sent: Tensor, found: Tensor) -> Tensor:
     """Count each frame's wrong bits in halves, as :class:`Counts` does.
 
     Nothing is moved off the device.
@@ -132,7 +130,6 @@ def half_errors(
         decided: (B,R,C) bool, a receiver's bits; ignored where no panel was found.
         sent: (B,R,C) bool, the bits sent.
         found: (B,) bool, whether the panel was found.
-        names: what a complaint calls ``decided`` and ``found``.
 
     Returns:
         (B,) int64, wrong bits times two; where no panel was found, R times C.
@@ -150,7 +147,7 @@ def half_errors(
             f"sent is {sent.dtype} of shape {tuple(sent.shape)}: "
             "it must be torch.bool of shape (B,R,C) with at least one LED"
         )
-    for name, bits, shape in ((names[0], decided, sent.shape), (names[1], found, sent.shape[:1])):
+    for name, bits, shape in (("decided", decided, sent.shape), ("found", found, sent.shape[:1])):
         if bits.dtype != torch.bool or bits.shape != shape:
             raise VoccError(
                 f"{name} is {bits.dtype} of shape {tuple(bits.shape)}: "

@@ -1,14 +1,15 @@
-"""Measured points of bit error rate curves, and the table they form."""
+"""Measured points of bit error rate curves, the tables they form, and what every two receivers differ in."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, fields
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.intervals import ber_interval
+from vocc_torch.measure.paired import PairedCounts
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +92,7 @@ class Point:
     Example:
         >>> counts = Counts(frames=64, bits=4096, half_errors=4, half_errors_squared=8, frame_errors=2)
         >>> point = Point("distance", "distance_m", 50.0, "flda_3", "truth", counts, "frame_errors")
-        >>> point.row()["bit_errors"], point.row()["ber"]
+        >>> point.stated().bit_errors, point.stated().ber
         (2.0, 0.00048828125)
     """
 
@@ -117,40 +118,10 @@ class Point:
         # The size comes from points whose panels may have more LEDs.
         size = min(errors_per_frame_error, counts.bits / max(1, counts.frames))
         interval = ber_interval(counts, errors_per_frame_error=size)
-        return Row(
-            experiment=self.experiment,
-            axis=self.axis,
-            value=float(self.value),
-            receiver=self.receiver,
-            locator=self.locator,
-            frames=counts.frames,
-            bits=counts.bits,
-            bit_errors=counts.bit_errors,
-            ber=counts.ber,
-            ber_low=interval.low,
-            ber_high=interval.high,
-            frame_errors=counts.frame_errors,
-            panels_missed=counts.panels_missed,
-            stopped_by=self.stopped_by,
-        )
-
-    def row(self) -> dict[str, str | int | float]:
-        """Give the point's line of ``ber.csv``: the value of each column, in order."""
-        stated = self.stated()
-        return {name: getattr(stated, name) for name in COLUMNS}
-
-
-def _errors_per_frame_error(points: Sequence[Point]) -> dict[str, float]:
-    """Mean wrong bits in a wrong frame of each receiver over all its points, at least 1.
-
-    An error-free point cannot tell how many bits a wrong frame would have; the receiver's other points can,
-    and where location fails it is a dozen and more.
-    """
-    typical: dict[str, float] = {}
-    for name in {point.receiver for point in points}:
-        total = sum((point.counts for point in points if point.receiver == name), Counts())
-        typical[name] = max(1.0, total.bit_errors / max(1, total.frame_errors))
-    return typical
+        named = (self.experiment, self.axis, float(self.value), self.receiver, self.locator)
+        counted = (counts.frames, counts.bits, counts.bit_errors)
+        rates = (interval.value, interval.low, interval.high)
+        return Row(*named, *counted, *rates, counts.frame_errors, counts.panels_missed, self.stopped_by)
 
 
 class BerTable:
@@ -181,7 +152,13 @@ class BerTable:
     def __init__(self, points: Iterable[Point | Row] = ()) -> None:
         """State every point and refuse what does not belong in one table."""
         given = tuple(points)
-        typical = _errors_per_frame_error([point for point in given if isinstance(point, Point)])
+        # An error-free point cannot tell how many bits a wrong frame would have; the receiver's other points
+        # can, and where location fails it is a dozen and more.
+        totals: dict[str, Counts] = {}
+        for point in given:
+            if isinstance(point, Point):
+                totals[point.receiver] = totals.get(point.receiver, Counts()) + point.counts
+        typical = {name: max(1.0, n.bit_errors / max(1, n.frame_errors)) for name, n in totals.items()}
         self.rows = tuple(
             point.stated(typical[point.receiver]) if isinstance(point, Point) else point for point in given
         )
@@ -236,3 +213,81 @@ class BerTable:
         return tuple(
             sorted((row for row in self.rows if row.receiver == receiver), key=lambda row: row.value)
         )
+
+
+@dataclass(frozen=True)
+class Curves:
+    """Every receiver along one axis, with the panel's corners from one locator.
+
+    Args:
+        experiment: name of the experiment.
+        axis: quantity that varies, with its unit, such as ``distance_m``.
+        locator: where the panel's corners came from.
+        receivers: names, in the order of the results.
+        values: values of the axis that hold frames, ascending.
+        counts: errors by (receiver, value).
+        paired: comparisons by (a, b, value), where a stands before b in ``receivers``.
+        stopped_by: why each value got no more frames.
+
+    Example:
+        >>> counts = {("flda_2", 50.0): Counts(64, 4096, 4, 8, 2), ("flda_3", 50.0): Counts(64, 4096)}
+        >>> paired = {("flda_2", "flda_3", 50.0): PairedCounts(64, 4096, 4, 8, 2)}
+        >>> receivers = ("flda_2", "flda_3")
+        >>> curves = Curves("d", "distance_m", "truth", receivers, (50.0,), counts, paired, {50.0: "frames"})
+        >>> len(curves.table()), curves.pair("flda_3", "flda_2", 50.0).half_difference
+        (2, -4)
+    """
+
+    experiment: str
+    axis: str
+    locator: str
+    receivers: tuple[str, ...]
+    values: tuple[float, ...]
+    counts: Mapping[tuple[str, float], Counts]
+    paired: Mapping[tuple[str, str, float], PairedCounts]
+    stopped_by: Mapping[float, str]
+
+    def points(self) -> list[Point]:
+        """Give the points by value, then by receiver."""
+        return [
+            Point(self.experiment, self.axis, value, receiver, self.locator, counts, self.stopped_by[value])
+            for value in self.values
+            for receiver in self.receivers
+            if (counts := self.counts.get((receiver, value))) is not None
+        ]
+
+    def table(self) -> BerTable:
+        """Give the points with their intervals."""
+        return BerTable(self.points())
+
+    def total(self, receiver: str) -> Counts:
+        """Give one receiver's counts over all values."""
+        return sum((self.counts[receiver, value] for value in self.values), Counts())
+
+    def pair(self, a: str, b: str, value: float | None = None) -> PairedCounts:
+        """Compare receiver a with receiver b, at one value or over all of them.
+
+        Raises:
+            VoccError: two receivers that were not compared.
+        """
+        if value is None:
+            return sum((self.pair(a, b, at) for at in self.values), PairedCounts())
+        if (a, b, value) in self.paired:
+            return self.paired[a, b, value]
+        if (b, a, value) in self.paired:
+            return self.paired[b, a, value].swapped()
+        raise VoccError(f"{a} and {b} were not compared at {self.axis}={value:g}")
+
+
+@dataclass(frozen=True)
+class Measured:
+    """One experiment with one or more locators, all on the same frames.
+
+    Args:
+        curves: by locator.
+        location: with ``truth`` and ``paper``, each receiver with the located panel (a) compared with itself
+            at the true corners (b), by (receiver, value); empty otherwise.
+    """
+
+    curves: Mapping[str, Curves]
+    location: Mapping[tuple[str, float], PairedCounts]

@@ -11,7 +11,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import Protocol
 
 import numpy as np
 import torch
@@ -110,7 +109,7 @@ class FrameErrors:
 
     @cached_property
     def pairs(self) -> dict[tuple[int, int], PairedCounts]:
-        """Comparisons by the places (a, b), a before b, as :meth:`PairedCounts.of` counts them.
+        """Comparisons by the places (a, b), a before b.
 
         All in one pass, at a small part of the time: 16 receivers make 120 pairs.
         """
@@ -153,24 +152,16 @@ class FrameErrors:
             raise VoccError(f"leds is {bits}: it must be at least 1")
         for name, array, kind in (("half_errors", halves, np.int64), ("found", self.found, np.bool_)):
             if array.dtype != kind or array.ndim != 2 or array.shape != halves.shape:
-                raise VoccError(
-                    f"{name} is {array.dtype} of shape {array.shape}: it must be {kind.__name__} of shape "
-                    "(L,N), the same for half_errors and found"
-                )
-        if not halves.size:
-            return
+                rule = f"{kind.__name__} of shape (L,N), the same for half_errors and found"
+                raise VoccError(f"{name} is {array.dtype} of shape {array.shape}: it must be {rule}")
         if halves.shape[1] * (2 * int(bits)) ** 2 > np.iinfo(np.int64).max:
-            raise VoccError(
-                f"leds is {bits}: the squared errors of {halves.shape[1]} frames must fit into 64 bits; "
-                "count fewer frames at a time"
-            )
-        if halves.min() < 0 or halves.max() > 2 * bits:
+            rule = f"the squared errors of {halves.shape[1]} frames must fit into 64 bits"
+            raise VoccError(f"leds is {bits}: {rule}; count fewer frames at a time")
+        if halves.size and not 0 <= halves.min() <= halves.max() <= 2 * bits:
             raise VoccError(f"half_errors holds {halves.min()} to {halves.max()}: it must be 0 to {2 * bits}")
         if not (halves[~self.found] == bits).all():
-            raise VoccError(
-                f"half_errors of a frame without a panel is not {bits}: "
-                "such a frame counts half its bits wrong"
-            )
+            rule = "such a frame counts half its bits wrong"
+            raise VoccError(f"half_errors of a frame without a panel is not {bits}: {rule}")
 
 
 def _sums(errors: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -180,19 +171,12 @@ def _sums(errors: NDArray[np.int64]) -> NDArray[np.int64]:
     )
 
 
-class Receivers(Protocol):
-    """What decides, receiver by receiver; picklable where workers do it."""
+Receivers = Callable[[Mapping[str, Observation]], Iterable[tuple[Tensor, Tensor]]]
+"""What decides one batch, given what was observed of its frames by locator; picklable where workers do it.
 
-    def __call__(self, views: Mapping[str, Observation], /) -> Iterable[tuple[Tensor, Tensor]]:
-        """Decide one batch.
-
-        Args:
-            views: by locator, what was observed of the same frames.
-
-        Returns:
-            For each receiver, always in the same order: its bits (B,R,C), and whether its panel was found
-            (B,), where it was not the bits are ignored.
-        """
+It yields for each receiver, in the same order every time, its bits (B,R,C) bool and where its panels were
+found, (B,) bool.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,7 +191,7 @@ class Banks:
     banks: Sequence[tuple[str, ReceiverBank]]
 
     def __call__(self, views: Mapping[str, Observation], /) -> Iterator[tuple[Tensor, Tensor]]:
-        """Decide one batch, as :class:`Receivers` says."""
+        """Decide one batch, as ``Receivers`` says."""
         for locator, bank in self.banks:
             seen = views[locator]
             for scores in bank.scores(seen.readings, seen.preambles).values():
@@ -341,15 +325,9 @@ class FrameJob:
             told: called with the frames of each call when it is done.
         """
         parts = [range(first, min(first + at_once, frames)) for first in range(0, frames, at_once)]
+        tell = told or (lambda frames: None)
         calls = []
         for part in parts:
-            call = workers.submit(self, part)
-            calls.append(call)
-            if told is not None:
-                call.add_done_callback(partial(_tell, told, len(part)))
+            calls.append(workers.submit(self, part))
+            calls[-1].add_done_callback(partial(lambda frames, _: tell(frames), len(part)))
         return calls
-
-
-def _tell(told: Callable[[int], None], frames: int, _call: Future[FrameErrors]) -> None:
-    """Tell of the frames of a call that is done."""
-    told(frames)

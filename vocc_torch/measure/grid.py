@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.counts import Counts
-from vocc_torch.measure.curves import Curves
+from vocc_torch.measure.curve import Curves
 from vocc_torch.measure.estimate import CONFIDENCE, joint_confidence
 from vocc_torch.measure.intervals import ber_interval
 

@@ -16,14 +16,19 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import astuple
 from pathlib import Path
-from types import TracebackType
+from typing import TypeAlias
 
 from vocc_torch import __version__
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.counts import Counts
-from vocc_torch.measure.montecarlo import Label, Tally
 from vocc_torch.measure.paired import PairedCounts
 from vocc_torch.rng import BLOCK_FRAMES
+
+Label: TypeAlias = tuple[str | int, ...]
+"""What is counted: its last part is the group of frames (a contrast bin; 0 where frames are not sorted)."""
+
+Tally: TypeAlias = Counts | PairedCounts
+"""What is counted under a label: one receiver's errors, or two receivers compared."""
 
 SUFFIX = ".sqlite"
 """How a ledger's name ends."""
@@ -155,12 +160,10 @@ class Ledger:
         return VoccError(start + _cut(told, room) + end)
 
     def __enter__(self) -> Ledger:
-        """Give the ledger itself."""
+        """Return the ledger itself."""
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Close."""
         self.close()
 
@@ -260,10 +263,8 @@ def _told(path: Path) -> Iterator[None]:
             raise VoccError(f"{_shown(path)} {told}") from None
         if not isinstance(error, OSError) and kind not in _UNWRITABLE:
             raise VoccError(f"ledger {_shown(path)} {_DAMAGED}") from None
-        reason, help_ = (
-            getattr(error, "strerror", None) or error,
-            _UNWRITABLE.get(kind, _UNWRITABLE[sqlite3.SQLITE_READONLY]),
-        )
+        reason = getattr(error, "strerror", None) or error
+        help_ = _UNWRITABLE.get(kind, _UNWRITABLE[sqlite3.SQLITE_READONLY])
         raise VoccError(f"cannot write {_shown(path)}: {reason}: {help_}") from error
 
 

@@ -1,25 +1,31 @@
-"""What a study is made of: what is simulated, what receives, and how much is measured."""
+"""What a study is made of: what is simulated, what receives, how much is measured, and its identity."""
 
 from __future__ import annotations
 
 import dataclasses
+import importlib
+import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal, get_args
 
+import numpy as np
 import torch
+from hydra.utils import get_object
 
 from vocc_torch.errors import VoccError, section
 from vocc_torch.measure.config import Budget as Budget
 from vocc_torch.measure.config import Experiment as Experiment
-from vocc_torch.measure.plug_in import ClassifierPlan
 from vocc_torch.receiver.bank import FLDA_FEATURES, check_receivers
+from vocc_torch.receiver.classifiers.inputs import Inputs
+from vocc_torch.receiver.classifiers.module_file import ModuleFile
+from vocc_torch.receiver.classifiers.training import TrainingRecipe
 from vocc_torch.receiver.location import PaperLocator
 from vocc_torch.receiver.locators import LocatorName, PanelLocator, locator_named
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.simulation import Camera, Distribution, LedPanel, SceneModel, Simulator
-from vocc_torch.simulation.effects import Parameters
+from vocc_torch.simulation.effects import Parameters, build_effects
 from vocc_torch.simulation.simulator import PAPER_EFFECTS, Framing
 from vocc_torch.types import resolve_device as resolve_device
 
@@ -44,7 +50,7 @@ def narrowed(model: SceneModel, changes: Mapping[str, Any], key: str = "experime
     """
     read = parsed_scene(changes, key)
     with section(key, before="scene"):
-        return dataclasses.replace(model, **read)
+        return replace(model, **read)
 
 
 def parsed_scene(specs: Mapping[str, Any], key: str = "scene") -> dict[str, Distribution]:
@@ -102,6 +108,46 @@ class World:
             device=resolve_device(self.device),
             dtype=self.dtype,
         )
+
+
+TARGET = "_target_"
+"""The key that names a class."""
+
+
+@dataclass(frozen=True)
+class ClassifierPlan:
+    """A classifier as a configuration describes it.
+
+    Args:
+        name: its name in the results.
+        build: ``_target_`` names a class, or a class of ``file``; the other keys are its arguments.
+        inputs: what it sees of each LED.
+        file: a Python file outside the package that defines the class, or None.
+        digest: what tells the file's text from another.
+        training: the recipe for a torch module.
+        frames: training panels, or None for the study's budget; a recipe has a number of its own.
+        scene: distributions of its training scenes that replace those of the study.
+
+    Raises:
+        VoccError: no ``_target_``, or fewer than one training frame.
+    """
+
+    name: str
+    build: Mapping[str, object]
+    inputs: Inputs = field(default_factory=Inputs)
+    file: str | None = None
+    digest: str = ""
+    training: TrainingRecipe = field(default_factory=TrainingRecipe)
+    frames: int | None = None
+    scene: Mapping[str, Distribution] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Check what can be checked without building."""
+        if not isinstance(self.build.get(TARGET), str):
+            raise VoccError(f"classifiers.{self.name}.build has no {TARGET}: it must name a class")
+        if self.frames is not None and self.frames < 1:
+            section = f"classifiers.{self.name}.frames"
+            raise VoccError(f"{section} is {self.frames}: it must be at least 1, or null")
 
 
 @dataclass(frozen=True)
@@ -199,9 +245,93 @@ class Plan:
 
     def rows(self) -> dict[float, Plan]:
         """Give a plan for each row of the experiment's grid, by its value; one curve is its own at 0."""
-        return {at: dataclasses.replace(self, experiment=one) for at, one in self.experiment.by_row().items()}
+        return {at: replace(self, experiment=one) for at, one in self.experiment.by_row().items()}
 
     @property
     def frames_in_point(self) -> int:
         """Frames that one Monte Carlo point draws at most: the budget, times the bins if there are any."""
         return self.budget.frames * self.experiment.bins
+
+
+def identity(plan: Plan, locators: Sequence[Locator]) -> dict[str, object]:
+    """Name what the counts of a plan depend on.
+
+    Left out is what changes only how long they take or how far they go: batch size, workers, folder, the
+    frames of the budget and the stop rule, and the values of the axis, each of which is a point with a name
+    of its own. The edges of contrast bins stay: they decide which frames are counted together. So does the
+    kind of device, between which rounding may move a pixel by one grey level, and the releases of what draws
+    and computes. Effects are named as they are built, so a default that is written out changes nothing.
+
+    Args:
+        plan: the study.
+        locators: names of the locators.
+
+    Example:
+        >>> experiment = Experiment("d", "distance_m", (50.0,))
+        >>> plans = [
+        ...     Plan(World(), ReceiverPlan(), experiment, Budget(frames), Path("runs"), batch_frames=frames)
+        ...     for frames in (64, 128)
+        ... ]
+        >>> identity(plans[0], ["truth"]) == identity(plans[1], ["truth"])
+        True
+    """
+    experiment = plan.experiment
+    world = {name: value for name, value in _fields(plan.world).items() if name not in ("device", "effects")}
+    world["effects"] = {one.name: _plain(one) for one in build_effects(plan.world.effects)}
+    # Where a training's checkpoints are changes no weight.
+    places = [
+        replace(one, training=replace(one.training, checkpoints=None)) for one in plan.receiver.classifiers
+    ]
+    fields = _fields(replace(plan.receiver, classifiers=tuple(places)))
+    receiver = {name: value for name, value in fields.items() if name != "save"}
+    return {
+        "seed": plan.seed,
+        "world": world,
+        "receiver": {**receiver, "locator": list(locators)},
+        "experiment": {
+            "name": experiment.name,
+            "axis": experiment.axis,
+            "bins": list(experiment.values) if experiment.axis == "contrast" else None,
+            "scene": _plain(experiment.scene),
+            "training": _plain(experiment.training),
+        },
+        "training_frames": plan.budget.training_frames,
+        "made_with": {
+            "device": resolve_device(plan.world.device).type,
+            "torch": ".".join(torch.__version__.split(".")[:2]),
+            "numpy": ".".join(np.__version__.split(".")[:2]),
+            **{f"classifiers.{one.name}": _maker(one) for one in plan.receiver.classifiers},
+        },
+    }
+
+
+def _maker(one: ClassifierPlan) -> str:
+    """Tell the code of a classifier's class from another: a package's release, or the digest of a file."""
+    if one.file is not None:
+        return one.digest
+    try:
+        module = importlib.import_module(get_object(str(one.build[TARGET])).__module__)
+    except Exception:
+        return ""  # it cannot be built, which is told when it is
+    if module.__name__.startswith("vocc_torch."):
+        return ""
+    version = getattr(sys.modules[module.__name__.split(".")[0]], "__version__", None)
+    return str(version) if version else ModuleFile(str(module.__file__)).digest
+
+
+def _fields(value: object) -> dict[str, object]:
+    """Give a dataclass's fields as plain values."""
+    fields = dataclasses.fields(value)  # type: ignore[arg-type]  # called with instances of dataclasses only
+    # What cannot be given cannot tell two studies apart: it is what an instance keeps for itself.
+    return {field.name: _plain(getattr(value, field.name)) for field in fields if field.init}
+
+
+def _plain(value: object) -> object:
+    """Turn dataclasses into mappings, and torch's types into their names."""
+    if dataclasses.is_dataclass(value):
+        return _fields(value)
+    if isinstance(value, Mapping):
+        return {str(key): _plain(one) for key, one in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(one) for one in value]
+    return str(value) if isinstance(value, torch.dtype) else value

@@ -1,7 +1,8 @@
-"""Count the blocks of many points, here or in other processes; the result is the same in any order.
+"""Monte Carlo at the points of an axis: blocks in index order until a stop rule holds.
 
-Blocks are handed out in the order of points and blocks, a few ahead, and come back as they are ready. Each is
-written to its point's ledger at once and added to its point in index order.
+Blocks are handed out in the order of points and blocks, a few ahead, here or to other processes, and come
+back as they are ready. Each is written to its point's ledger at once and added to its point in index order,
+so that the result is the same whoever counts.
 """
 
 from __future__ import annotations
@@ -12,22 +13,126 @@ from concurrent.futures import FIRST_COMPLETED, Future, wait
 from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import islice
-from typing import Protocol, TypeAlias
+from typing import NamedTuple, TypeAlias
 
 from vocc_torch.errors import VoccError
-from vocc_torch.measure.ledger import Ledger
-from vocc_torch.measure.montecarlo import Label, Outcome, Part, StopRule, Tally
+from vocc_torch.measure.counts import Counts
+from vocc_torch.measure.intervals import ber_interval
+from vocc_torch.measure.ledger import Label, Ledger, Tally
+from vocc_torch.rng import BLOCK_FRAMES
+
+_FIRST_CHECK = 16
+"""Blocks between looks at the precision, at first; later a sixteenth of the blocks so far."""
+
+
+class Part(NamedTuple):
+    """A block, or the first frames of it.
+
+    Args:
+        block: index of the block.
+        frames: how many of its frames are used, from the first on, 1 to 64.
+    """
+
+    block: int
+    frames: int
+
+
+@dataclass(frozen=True, slots=True)
+class StopRule:
+    """When a point has enough frames.
+
+    Args:
+        frames: the budget, at least 1.
+        target_frame_errors: stop once every receiver has this many frames in error, at least 1, or None.
+        precision: stop once every receiver's 95 % interval reaches at most this share of its bit error rate
+            to either side, above 0, or None. A receiver without errors never gets there.
+        least_ber: a receiver whose interval lies below this rate, 0 to 1, needs no more precision. One
+            without errors goes on until even wrong frames with half their bits wrong would lie below it.
+
+    Raises:
+        VoccError: a number outside its range. A rule that can never hold is none: the budget ends the point.
+    """
+
+    frames: int
+    target_frame_errors: int | None = None
+    precision: float | None = None
+    least_ber: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Refuse a rule under which a point would never end, or would end before it began."""
+        for name, value in (("frames", self.frames), ("target_frame_errors", self.target_frame_errors)):
+            if value is not None and not value >= 1:
+                raise VoccError(f"rule.{name} is {value}: it must be at least 1")
+        if self.precision is not None and not self.precision > 0:
+            raise VoccError(f"rule.precision is {self.precision}: it must be above 0")
+        if not 0 <= self.least_ber <= 1:
+            raise VoccError(f"rule.least_ber is {self.least_ber}: it must be 0 to 1")
+
+    def parts(self) -> Iterator[Part]:
+        """Name the blocks of the whole budget, in order.
+
+        Example:
+            >>> list(StopRule(frames=100).parts())
+            [Part(block=0, frames=64), Part(block=1, frames=36)]
+        """
+        for start in range(0, self.frames, BLOCK_FRAMES):
+            yield Part(start // BLOCK_FRAMES, min(BLOCK_FRAMES, self.frames - start))
+
+    def reached(self, tallies: Mapping[Label, Tally], blocks: int) -> str | None:
+        """Say why a point needs no more frames: ``frame_errors`` or ``precision``; None if it does.
+
+        Args:
+            tallies: what was counted so far; comparisons do not matter here.
+            blocks: blocks counted so far, at least 1. The precision is looked at after 16, 32, ... blocks and
+                later at steps of about a sixteenth: each look is a chance to stop by luck.
+
+        Example:
+            >>> StopRule(6400, target_frame_errors=2).reached({("a", 0): Counts(64, 64, 6, 12, 3)}, 1)
+            'frame_errors'
+        """
+        counts = {label: one for label, one in tallies.items() if isinstance(one, Counts)}
+        if not counts:
+            return None
+        if self.target_frame_errors is not None:
+            errors: dict[Label, int] = {}
+            for label, one in counts.items():
+                errors[label[:-1]] = errors.get(label[:-1], 0) + one.frame_errors
+            if min(errors.values()) >= self.target_frame_errors:
+                return "frame_errors"
+        power_of_two = 1 << (blocks.bit_length() - 1)
+        if self.precision is None or blocks % max(_FIRST_CHECK, power_of_two // 16):
+            return None
+        return "precision" if all(map(self._precise, counts.values())) else None
+
+    def _precise(self, counts: Counts) -> bool:
+        """Whether a rate is known well enough, or is too low to matter."""
+        if self.precision is None or not counts.frames:
+            return False
+        # Without errors nothing tells how many bits a wrong frame would have: half, as in a lost panel.
+        lost = counts.bits / counts.frames / 2
+        interval, ber = ber_interval(counts, errors_per_frame_error=lost), counts.ber
+        if interval.high <= self.least_ber:
+            return True
+        reach = self.precision * ber
+        return counts.half_errors > 0 and interval.high - ber <= reach and ber - interval.low <= reach
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What a point gave: tallies by label, and why it stopped.
+
+    ``stopped_by`` is ``frame_errors``, ``precision`` or ``frames``.
+    """
+
+    counts: dict[Label, Tally]
+    stopped_by: str
+
 
 Counted: TypeAlias = Sequence[Mapping[Label, Tally]]
 Count: TypeAlias = Callable[[Sequence[Part]], Counted]
+Submit: TypeAlias = Callable[[Count, Sequence[Part]], Future[Counted]]
+"""Hands a call to whoever is to do it, and returns its future result."""
 Progress: TypeAlias = Callable[[int, int, Mapping[Label, Tally]], None]
-
-
-class Submit(Protocol):
-    """Hands a call to whoever is to do it."""
-
-    def __call__(self, count: Count, parts: Sequence[Part], /) -> Future[Counted]:
-        """Give the call's future result."""
 
 
 @dataclass(frozen=True)
@@ -46,13 +151,6 @@ class PointWork:
     count: Count
     rule: StopRule
     ledger: Ledger | None = None
-
-
-def submit_here(count: Count, parts: Sequence[Part]) -> Future[Counted]:
-    """Count in this process, at once; an error is raised here and now."""
-    future: Future[Counted] = Future()
-    future.set_result(count(parts))
-    return future
 
 
 @dataclass(eq=False)
@@ -104,7 +202,7 @@ class _Point:
 
 def run_points(
     works: Iterable[PointWork],
-    submit: Submit = submit_here,
+    submit: Submit,
     *,
     window: int = 1,
     blocks_at_once: int = 1,
@@ -131,11 +229,11 @@ def run_points(
         VoccError: a window or a call without room for a block.
 
     Example:
-        >>> from vocc_torch.measure.counts import Counts
+        >>> from vocc_torch.measure.workers import Workers
         >>> def count(parts):
         ...     return [{("a", 0): Counts(part.frames, part.frames)} for part in parts]
         >>> works = [PointWork(name, count, StopRule(frames)) for name, frames in (("x", 64), ("y", 100))]
-        >>> [outcome.counts["a", 0].frames for outcome in run_points(works)]
+        >>> [outcome.counts["a", 0].frames for outcome in run_points(works, Workers(1).submit)]
         [64, 100]
     """
     for name, value in (("window", window), ("blocks_at_once", blocks_at_once)):
@@ -167,7 +265,11 @@ def run_points(
                 first = points.popleft()
                 yield Outcome(first.counts, str(first.stopped_by))
             elif under_way:
-                _collect(under_way)
+                # What came back is recorded before the error of another call is raised.
+                done, _ = wait(under_way, return_when=FIRST_COMPLETED)
+                calls = [(future, *under_way.pop(future)) for future in done]
+                for future, point, parts in sorted(calls, key=lambda call: _failed(call[0])):
+                    point.record(parts, future.result())
                 for point in points:
                     add_known(point)
             else:
@@ -181,41 +283,6 @@ def run_points(
                     point.record(parts, future.result())
 
 
-def _collect(under_way: dict[Future[Counted], tuple[_Point, tuple[Part, ...]]]) -> None:
-    """Wait for calls to come back and record them; what came back well before the error of another."""
-    done, _ = wait(under_way, return_when=FIRST_COMPLETED)
-    calls = [(future, *under_way.pop(future)) for future in done]
-    for future, point, parts in sorted(calls, key=lambda call: _failed(call[0])):
-        point.record(parts, future.result())
-
-
 def _failed(future: Future[Counted]) -> bool:
     """Whether a call that is done has no result."""
     return future.cancelled() or future.exception() is not None
-
-
-def run_point(
-    count: Count,
-    rule: StopRule,
-    *,
-    blocks_at_once: int = 1,
-    progress: Callable[[int, Mapping[Label, Tally]], None] | None = None,
-) -> Outcome:
-    """Add blocks of one point in index order until the rule holds.
-
-    Args:
-        count: counts each of the parts, giving a list of as many mappings.
-        rule: when to stop.
-        blocks_at_once: blocks counted in one call, at least 1.
-        progress: called after each block with its frames and the counts so far.
-
-    Example:
-        >>> from vocc_torch.measure.counts import Counts
-        >>> def one_error(parts):
-        ...     return [{("a", 0): Counts(p.frames, p.frames, 2, 4, 1)} for p in parts]
-        >>> outcome = run_point(one_error, StopRule(frames=640, target_frame_errors=3), blocks_at_once=2)
-        >>> outcome.counts["a", 0].frames, outcome.stopped_by
-        (192, 'frame_errors')
-    """
-    told = None if progress is None else lambda _, frames, counts: progress(frames, counts)
-    return next(run_points([PointWork("", count, rule)], blocks_at_once=blocks_at_once, progress=told))

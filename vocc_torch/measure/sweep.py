@@ -1,89 +1,257 @@
-"""Measure bit error rates along experiments' axes, with a ledger for each and many workers for all."""
+"""Measure bit error rates along the axes of one or many experiments, with a ledger for each.
+
+Every receiver decides on the same frames, with one or more locators, and every two receivers are compared.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 
-from vocc_torch.measure.counter import PointJob
+import numpy as np
+import torch
+from torch import Tensor
+
+from vocc_torch.measure import schedule
 from vocc_torch.measure.counts import Counts
-from vocc_torch.measure.curve import Point
-from vocc_torch.measure.curves import Curves, Measured
-from vocc_torch.measure.ledger import Ledger
-from vocc_torch.measure.montecarlo import Label, Outcome, StopRule, Tally
+from vocc_torch.measure.curve import Curves, Measured, Point
+from vocc_torch.measure.frame_errors import Banks, count_errors
+from vocc_torch.measure.ledger import Label, Ledger, Tally
+from vocc_torch.measure.link import Link, Observation
 from vocc_torch.measure.paired import PairedCounts
-from vocc_torch.measure.plan import Experiment, Locator, Plan
-from vocc_torch.measure.schedule import PointWork, run_points
+from vocc_torch.measure.plan import Experiment, Locator, Plan, identity
+from vocc_torch.measure.schedule import Outcome, Part
+from vocc_torch.measure.train import Training, train_plans
 from vocc_torch.measure.workers import Workers, worker_losses_told
 from vocc_torch.receiver.bank import ReceiverBank
-from vocc_torch.rng import BLOCK_FRAMES
+from vocc_torch.rng import BLOCK_FRAMES, BlockKey
 
 
 @dataclass(frozen=True)
-class Sweep:
-    """An experiment that is to be measured.
+class Study:
+    """One experiment that is to be measured.
+
+    Args:
+        key: its name among others, fit for a file's name.
+        plan: what is measured.
+        locators: names of the locators, all run on the same frames.
+    """
+
+    key: str
+    plan: Plan
+    locators: tuple[Locator, ...]
+
+    @property
+    def frames(self) -> int:
+        """Test frames that it takes at most."""
+        return self.plan.frames_in_point * len(monte_carlo_values(self.plan))
+
+    @property
+    def identity(self) -> dict[str, object]:
+        """What its numbers depend on."""
+        return identity(self.plan, self.locators)
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """What came of many studies, by the study's key.
+
+    Args:
+        measured: what was measured.
+        trainings: the trained receivers, by the locator's name.
+    """
+
+    measured: Mapping[str, Measured]
+    trainings: Mapping[str, Mapping[Locator, Training]]
+
+
+def run_campaign(
+    studies: Sequence[Study],
+    workers: Workers,
+    open_ledger: Callable[[Study], Ledger],
+    *,
+    trained: Callable[[], None] = lambda: None,
+    advance: Callable[[Study, int], None] = lambda study, frames: None,
+    finished: Callable[[Study, Measured], None] = lambda study, measured: None,
+) -> Campaign:
+    """Train for every study and measure it, in order; studies that train on the same scenes share them.
+
+    Args:
+        studies: the studies, of different keys.
+        workers: who does it.
+        open_ledger: opens a study's ledger, which the caller closes; all are opened before any work is done.
+        trained: called when training is done.
+        advance: called for each block as it is added, with its frames.
+        finished: called with each study when its last point is there.
+
+    Raises:
+        VoccError: a ledger that cannot be used, no panel in any training frame, or a worker that was ended
+            from outside.
+    """
+    ledgers = {study.key: open_ledger(study) for study in studies}
+    every = train_plans([study.plan for study in studies], [study.locators for study in studies], workers)
+    trainings = {study.key: one for study, one in zip(studies, every, strict=True)}
+    trained()
+    banks = {
+        study.key: {name: one.bank(study.plan.receiver.names) for name, one in trainings[study.key].items()}
+        for study in studies
+    }
+    outcomes: dict[str, dict[float, Outcome]] = {study.key: {} for study in studies}
+    results: dict[str, Measured] = {}
+    points = run_studies(
+        studies, banks, ledgers, workers, lambda study, _value, frames, _tallies: advance(study, frames)
+    )
+    for study, value, outcome in points:
+        outcomes[study.key][value] = outcome
+        if len(outcomes[study.key]) == len(monte_carlo_values(study.plan)):
+            results[study.key] = measured(study, outcomes[study.key])
+            finished(study, results[study.key])
+    return Campaign(results, trainings)
+
+
+Progress = Callable[[Study, float, int, Mapping[Label, Tally]], None]
+"""Called with the study, the point's value, frames since the last call, and the tallies so far."""
+
+
+def run_studies(
+    studies: Sequence[Study],
+    banks: Mapping[str, Mapping[Locator, ReceiverBank]],
+    ledgers: Mapping[str, Ledger],
+    workers: Workers,
+    progress: Progress = lambda study, value, frames, tallies: None,
+) -> Iterator[tuple[Study, float, Outcome]]:
+    """Measure the points of many studies, one after the other.
+
+    Args:
+        studies: the studies, in order.
+        banks: the receivers, trained with each of the locators, by the study's key.
+        ledgers: where blocks are recorded, by the study's key; none for a study that is not there.
+        workers: who does it.
+        progress: called for each block as it is added.
+
+    Yields:
+        Each point once it is finished: its study, its value and its outcome.
+
+    Raises:
+        VoccError: a ledger that cannot be written, or a worker that was ended from outside.
+    """
+    points = [(study, value) for study in studies for value in monte_carlo_values(study.plan)]
+    works = [
+        schedule.PointWork(
+            point_name(study.plan.experiment, value),
+            partial(count_parts, study.plan, study.locators, banks[study.key], value),
+            stop_rule(study.plan),
+            ledgers.get(study.key),
+        )
+        for study, value in points
+    ]
+    blocks = max(1, max((study.plan.batch_frames for study in studies), default=1) // BLOCK_FRAMES)
+    with worker_losses_told():
+        outcomes = schedule.run_points(
+            works,
+            workers.submit,
+            window=workers.window,
+            blocks_at_once=blocks,
+            progress=lambda index, frames, tallies: progress(*points[index], frames, tallies),
+        )
+        for point, outcome in zip(points, outcomes, strict=True):
+            yield *point, outcome
+
+
+def stop_rule(plan: Plan) -> schedule.StopRule:
+    """Return the rule by which a plan's points stop."""
+    budget = plan.budget
+    return schedule.StopRule(
+        plan.frames_in_point, budget.target_frame_errors, budget.precision, budget.least_ber
+    )
+
+
+def count_parts(
+    plan: Plan,
+    locators: Sequence[Locator],
+    banks: Mapping[Locator, ReceiverBank],
+    value: float,
+    parts: Sequence[Part],
+    link: Link | None = None,
+) -> list[dict[Label, Tally]]:
+    """Count the errors of every receiver on blocks of one point, and compare every two of them.
+
+    Errors are labelled (locator, receiver, group), comparisons of two receivers (locator, a, b, group), and
+    with the locators ``paper`` and ``truth`` each receiver is compared with itself: (receiver, group).
 
     Args:
         plan: the study.
         locators: names of the locators.
         banks: the receivers, trained with each of the locators.
-        ledger: where its blocks are recorded, or None.
+        value: the axis value; without meaning for ``contrast``.
+        parts: the blocks; only the last one may be used in part.
+        link: simulation and front end, whose own locator stands for the plan's; the plan's by default.
     """
+    # Blocks known already may be missing between others, but only a budget's last one is used in part.
+    assert all(part.frames == BLOCK_FRAMES for part in parts[:-1]), parts
+    link, receivers = link or Link.of(plan), Banks([(name, banks[name]) for name in locators])
+    finders = plan.receiver.finders(locators)
+    if plan.receiver.locator in finders:
+        finders[plan.receiver.locator] = link.locator
+    point, names = point_name(plan.experiment, value), plan.receiver.names
+    errors = count_errors(
+        link,
+        finders,
+        plan.experiment.model_at(plan.world, value),
+        [BlockKey(plan.seed, point, part.block) for part in parts],
+        receivers,
+        preambles=receivers.needs_preambles,
+        frames=sum(part.frames for part in parts),
+        sorter=partial(group_of, plan.experiment),
+    )
+    rows = {name: range(first * len(names), (first + 1) * len(names)) for first, name in enumerate(locators)}
+    counted = []
+    for start in range(0, len(parts) * BLOCK_FRAMES, BLOCK_FRAMES):
+        block = errors.of(frames=slice(start, start + BLOCK_FRAMES))
+        counts: dict[Label, Tally] = {}
+        groups = block.groups
+        assert groups is not None
+        for group in np.unique(groups[groups >= 0]).tolist():
+            here = block.of(frames=groups == group)
+            for locator, places in rows.items():
+                own = here.of(places)
+                counts |= {(locator, name, group): one for name, one in zip(names, own.counts, strict=True)}
+                counts |= {(locator, names[a], names[b], group): pair for (a, b), pair in own.pairs.items()}
+            if "paper" in rows and "truth" in rows:
+                for name, located, true in zip(names, rows["paper"], rows["truth"], strict=True):
+                    counts[name, group] = here.of([located, true]).pairs[0, 1]
+        counted.append(counts)
+    return counted
 
-    plan: Plan
-    locators: tuple[Locator, ...]
-    banks: Mapping[str, ReceiverBank]
-    ledger: Ledger | None = None
 
-    def jobs(self) -> list[PointJob]:
-        """Give the points in the order in which they are run."""
-        return [
-            PointJob(self.plan, self.locators, self.banks, value) for value in monte_carlo_values(self.plan)
-        ]
+def group_of(experiment: Experiment, link: Link, seen: Observation) -> Tensor:
+    """Return the group that each frame counts in, (B,) int64: its contrast bin, -1 outside all bins; else 0.
 
-
-Progress = Callable[[Sweep, float, int, Mapping[Label, Tally]], None]
-"""Called with the experiment, the point's value, frames since the last call, and the tallies so far."""
-
-
-def run_sweeps(
-    sweeps: Sequence[Sweep], workers: Workers, progress: Progress | None = None
-) -> Iterator[tuple[Sweep, float, Outcome]]:
-    """Measure the points of many experiments, one after the other.
-
-    Args:
-        sweeps: the experiments, in order.
-        workers: who does it.
-        progress: called for each block as it is added.
-
-    Yields:
-        Each point once it is finished: its experiment, its value and its outcome.
-
-    Raises:
-        VoccError: a ledger that cannot be written, or a worker that was ended from outside.
+    A contrast on an edge between two bins belongs to the upper one; the last bin holds its upper edge too.
     """
-    jobs = [(sweep, job) for sweep in sweeps for job in sweep.jobs()]
-    works = [PointWork(job.point, job, stop_rule(sweep.plan), sweep.ledger) for sweep, job in jobs]
-    blocks = max(1, max((sweep.plan.batch_frames for sweep in sweeps), default=1) // BLOCK_FRAMES)
-
-    def told(index: int, frames: int, tallies: Mapping[Label, Tally]) -> None:
-        if progress is not None:
-            sweep, job = jobs[index]
-            progress(sweep, job.value, frames, tallies)
-
-    with worker_losses_told():
-        outcomes = run_points(
-            works, workers.submit, window=workers.window, blocks_at_once=blocks, progress=told
-        )
-        for (sweep, job), outcome in zip(jobs, outcomes, strict=True):
-            yield sweep, job.value, outcome
+    if experiment.axis != "contrast":
+        return torch.zeros(len(seen.bits), dtype=torch.int64, device=seen.bits.device)
+    contrast = link.simulator.contrast(seen.scene)
+    edges = torch.tensor(experiment.values, dtype=contrast.dtype, device=contrast.device)
+    groups = torch.bucketize(contrast, edges, right=True) - 1
+    groups = torch.where(contrast == edges[-1], experiment.bins - 1, groups)
+    return torch.where(groups < experiment.bins, groups, -1)
 
 
-def stop_rule(plan: Plan) -> StopRule:
-    """Give the rule by which a plan's points stop."""
-    budget = plan.budget
-    return StopRule(plan.frames_in_point, budget.target_frame_errors, budget.precision, budget.least_ber)
+def point_name(experiment: Experiment, value: float) -> str:
+    """Name a point; the name keys its random draws.
+
+    Example:
+        >>> point_name(Experiment("near", "distance_m", (5.0,)), 5.0)
+        'near/distance_m=5'
+    """
+    if experiment.axis == "contrast":
+        return experiment.name
+    # Six digits may stand for two values, which would then share their draws.
+    digits = f"{value:g}" if float(f"{value:g}") == value else repr(value)
+    return f"{experiment.name}/{experiment.axis}={digits}"
 
 
 def points_of(
@@ -100,18 +268,17 @@ def points_of(
     ]
 
 
-def measured(plan: Plan, locators: Sequence[Locator], outcomes: Mapping[float, Outcome]) -> Measured:
-    """Put an experiment's outcomes together.
+def measured(study: Study, outcomes: Mapping[float, Outcome]) -> Measured:
+    """Put a study's outcomes together.
 
     Args:
-        plan: the study.
-        locators: names of the locators.
+        study: the study.
         outcomes: by the value that was simulated.
     """
-    experiment, names = plan.experiment, plan.receiver.names
+    experiment, names = study.plan.experiment, study.plan.receiver.names
     values = axis_values(experiment)
-    counts: dict[str, dict[tuple[str, float], Counts]] = {name: {} for name in locators}
-    pairs: dict[str, dict[tuple[str, str, float], PairedCounts]] = {name: {} for name in locators}
+    counts: dict[str, dict[tuple[str, float], Counts]] = {name: {} for name in study.locators}
+    pairs: dict[str, dict[tuple[str, str, float], PairedCounts]] = {name: {} for name in study.locators}
     location: dict[tuple[str, float], PairedCounts] = {}
     stopped: dict[float, str] = {}
     for value, outcome in outcomes.items():
@@ -129,7 +296,7 @@ def measured(plan: Plan, locators: Sequence[Locator], outcomes: Mapping[float, O
     held = tuple(at for at in values if at in stopped)
     curves: dict[str, Curves] = {
         name: Curves(experiment.name, experiment.axis, name, names, held, counts[name], pairs[name], stopped)
-        for name in locators
+        for name in study.locators
     }
     return Measured(curves, location)
 
@@ -150,3 +317,13 @@ def axis_values(experiment: Experiment) -> tuple[float, ...]:
 def monte_carlo_values(plan: Plan) -> tuple[float, ...]:
     """The axis values that are simulated one by one; a single stand-in where frames are sorted afterwards."""
     return (plan.experiment.values[0],) if plan.experiment.axis == "contrast" else plan.experiment.values
+
+
+def at_focal_length(plan: Plan, focal_length_mm: float) -> Plan:
+    """Return a plan with another lens.
+
+    Raises:
+        VoccError: a focal length outside its range.
+    """
+    camera = replace(plan.world.camera, focal_length_mm=focal_length_mm)
+    return replace(plan, world=replace(plan.world, camera=camera))

@@ -176,15 +176,11 @@ def describe_machine(device: torch.device) -> str:
         >>> describe_machine(torch.device("cpu"))  # doctest: +ELLIPSIS
         '..., torch ...'
     """
-    threads = torch.get_num_threads()
-    cpu = f"{_cpu_name()} with {_counted(_usable_cores(), 'core')}, {_counted(threads, 'thread')}"
+    counts = {"core": usable_cores(), "thread": torch.get_num_threads()}
+    counted = ", ".join(f"{count} {name}{'s' * (count != 1)}" for name, count in counts.items())
+    cpu = f"{_cpu_name()} with {counted}"
     where = f"{torch.cuda.get_device_name(device)}, " if device.type == "cuda" else ""
     return f"{where}{cpu}, torch {torch.__version__}"
-
-
-def _counted(count: int, name: str) -> str:
-    """Write a number of things."""
-    return f"{count} {name}" if count == 1 else f"{count} {name}s"
 
 
 def _cpu_name() -> str:
@@ -197,7 +193,7 @@ def _cpu_name() -> str:
     return next(models, "") or platform.processor() or platform.machine() or "unknown processor"
 
 
-def _usable_cores() -> int:
+def usable_cores() -> int:
     """Count the cores that this process may run on; a container may allow fewer than there are."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))

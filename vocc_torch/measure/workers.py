@@ -12,13 +12,12 @@ from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from multiprocessing.connection import wait
-from types import TracebackType
 from typing import Self, TypeVar, cast
 
 import torch
 
 from vocc_torch.errors import VoccError
-from vocc_torch.measure.timing import settle_memory
+from vocc_torch.measure.timing import settle_memory, usable_cores
 
 A = TypeVar("A")
 R = TypeVar("R")
@@ -46,7 +45,7 @@ class Workers:
     def __init__(self, count: int = 1) -> None:
         if not 0 <= count <= MOST_WORKERS:
             raise VoccError(f"workers is {count}: it must be from 0 (one a core) to {MOST_WORKERS}")
-        self.count = count or _cores()
+        self.count = count or usable_cores()
         self._pool: ProcessPoolExecutor | None = None
 
     @property
@@ -65,10 +64,13 @@ class Workers:
             done.set_result(call(argument))
             return done
         # First, because with the pool comes Python's resource tracker, whose start lets Ctrl-C in again.
-        pool = self._started()
+        if self._pool is None:
+            # Forking a process in which torch has started threads can hang the child.
+            context = multiprocessing.get_context("spawn")
+            self._pool = ProcessPoolExecutor(self.count, context, initializer=_begin)
         with worker_losses_told(), _deaf_to_interrupts():
             # Both ways a _Whole arrives as what it holds.
-            return cast("Future[R]", pool.submit(_called, _Whole((call, argument))))
+            return cast("Future[R]", self._pool.submit(_called, _Whole((call, argument))))
 
     def __enter__(self) -> Self:
         """Give itself; no process is started yet."""
@@ -76,9 +78,7 @@ class Workers:
             settle_memory()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         """End the processes; after an error without waiting for what they are doing."""
         if self._pool is None:
             return
@@ -88,14 +88,6 @@ class Workers:
             for process in processes:
                 process.terminate()
         self._pool.shutdown(wait=True, cancel_futures=True)
-
-    def _started(self) -> ProcessPoolExecutor:
-        """Start the processes, once."""
-        if self._pool is None:
-            # Forking a process in which torch has started threads can hang the child.
-            context = multiprocessing.get_context("spawn")
-            self._pool = ProcessPoolExecutor(self.count, context, initializer=_begin)
-        return self._pool
 
 
 @contextmanager
@@ -145,13 +137,6 @@ def _called(work: object) -> _Whole:
     """Make a call in a worker."""
     call, argument = cast("tuple[Callable[[object], object], object]", work)
     return _Whole(call(argument))
-
-
-def _cores() -> int:
-    """Count the cores that this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
 
 
 def _begin() -> None:

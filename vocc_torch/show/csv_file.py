@@ -11,8 +11,7 @@ from typing import TypeAlias
 
 from vocc_torch.errors import VoccError
 from vocc_torch.files import atomic_file
-from vocc_torch.measure.curve import COLUMNS, BerTable, Row
-from vocc_torch.measure.curves import Curves
+from vocc_torch.measure.curve import COLUMNS, BerTable, Curves, Row
 from vocc_torch.measure.grid import Grid, best_luminance
 from vocc_torch.measure.paired import paired_interval, sign_test
 

@@ -77,7 +77,7 @@ def dimming_figure(
 
     Example:
         >>> from vocc_torch.measure.counts import Counts
-        >>> from vocc_torch.measure.curves import Curves
+        >>> from vocc_torch.measure.curve import Curves
         >>> counts = {("flda_3", 500): Counts(64, 4096, 4, 8, 2), ("flda_3", 2000): Counts(64, 4096)}
         >>> axis, stopped = "led_luminance_cd_m2", {500: "frames", 2000: "frames"}
         >>> curves = Curves("dimming", axis, "truth", ("flda_3",), (500, 2000), counts, {}, stopped)
@@ -248,7 +248,7 @@ def best_luminance_figure(
 
     Example:
         >>> from vocc_torch.measure.counts import Counts
-        >>> from vocc_torch.measure.curves import Curves
+        >>> from vocc_torch.measure.curve import Curves
         >>> counts = {("flda_3", 500): Counts(64, 4096, 4, 8, 2), ("flda_3", 2000): Counts(64, 4096)}
         >>> axis, stopped = "led_luminance_cd_m2", {500: "frames", 2000: "frames"}
         >>> curves = Curves("dimming", axis, "truth", ("flda_3",), (500, 2000), counts, {}, stopped)

@@ -14,14 +14,12 @@ from vocc_torch.errors import VoccError
 from vocc_torch.measure import sweep
 from vocc_torch.measure.build import build_plan
 from vocc_torch.measure.config import Settings
-from vocc_torch.measure.counter import point_name
-from vocc_torch.measure.curves import Curves
-from vocc_torch.measure.identity import identity
-from vocc_torch.measure.ledger import Ledger
+from vocc_torch.measure.curve import Curves
+from vocc_torch.measure.ledger import Label, Ledger, Tally
 from vocc_torch.measure.link import Link, block_keys
-from vocc_torch.measure.montecarlo import Label, Tally
 from vocc_torch.measure.paired import paired_interval
-from vocc_torch.measure.plan import SCENE_FIELDS, Plan
+from vocc_torch.measure.plan import SCENE_FIELDS, Plan, identity
+from vocc_torch.measure.sweep import point_name
 from vocc_torch.measure.train import Training, trained_receiver
 from vocc_torch.measure.workers import Workers
 from vocc_torch.receiver.features import FEATURE_NAMES
@@ -105,19 +103,20 @@ def _note_strangers(plan: Plan, console: Console) -> None:
 def _sweep(plan: Plan, training: Training, ledger: Ledger, workers: Workers, console: Console) -> Curves:
     """Measure every point under a live view."""
     locator, outcomes = plan.receiver.locator, {}
-    measuring = sweep.Sweep(plan, (locator,), {locator: training.bank(plan.receiver.names)}, ledger)
+    study = sweep.Study(plan.experiment.name, plan, (locator,))
+    banks = {study.key: {locator: training.bank(plan.receiver.names)}}
     axis, values, names = plan.experiment.axis, sweep.axis_values(plan.experiment), plan.receiver.names
     runs = len(sweep.monte_carlo_values(plan))
     with StudyView(axis, values, names, plan.frames_in_point, console, runs) as view:
 
-        def show(_: sweep.Sweep, value: float, frames: int, tallies: Mapping[Label, Tally]) -> None:
+        def show(_: sweep.Study, value: float, frames: int, tallies: Mapping[Label, Tally]) -> None:
             view.count(frames)
             view.show(sweep.points_of(plan, locator, value, tallies, "running"))
 
-        for _, value, outcome in sweep.run_sweeps([measuring], workers, show):
+        for _, value, outcome in sweep.run_studies([study], banks, {study.key: ledger}, workers, show):
             outcomes[value] = outcome
             view.finish(sweep.points_of(plan, locator, value, outcome.counts, outcome.stopped_by))
-    return sweep.measured(plan, [locator], outcomes).curves[locator]
+    return sweep.measured(study, outcomes).curves[locator]
 
 
 def _print(settings: Settings, plan: Plan, curves: Curves, folder: Path, console: Console) -> None:

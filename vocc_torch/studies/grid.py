@@ -8,10 +8,10 @@ from pathlib import Path
 from rich.console import Console
 
 from vocc_torch.measure.build import build_plan
-from vocc_torch.measure.campaign import Study, run_campaign
 from vocc_torch.measure.config import Settings
 from vocc_torch.measure.grid import Grid
 from vocc_torch.measure.ledger import Ledger
+from vocc_torch.measure.sweep import Study, run_campaign
 from vocc_torch.measure.workers import Workers
 from vocc_torch.show import folder as run_folder
 from vocc_torch.show.canvas import save_figure

@@ -10,11 +10,11 @@ from rich.console import Console
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from vocc_torch.measure.counts import Counts
-from vocc_torch.measure.curves import Curves
+from vocc_torch.measure.curve import Curves
 from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.genie.genie import GenieReference
 from vocc_torch.measure.paired import PairedCounts
-from vocc_torch.measure.plug_in_training import Making
+from vocc_torch.measure.train import Making
 from vocc_torch.studies.classifiers.figures import curves_figure, scenes_figure
 from vocc_torch.studies.classifiers.results import GENIE, Comparison, GeniePoint, Transfer
 from vocc_torch.studies.classifiers.tables import print_table, write_board, write_tables

@@ -86,7 +86,7 @@ def test_a_run_goes_on_where_it_was_interrupted_and_workers_change_nothing(place
 
 
 def test_without_scikit_learn_its_classifiers_are_left_out_and_named(place, monkeypatch):
-    monkeypatch.setattr("vocc_torch.measure.optional.find_spec", lambda _: None)
+    monkeypatch.setattr("vocc_torch.measure.build.find_spec", lambda _: None)
     ran = run_in(
         place, "experiment=classifiers", *TINY[:3], "receiver.names=[flda_3]", "classifier=[panel_otsu,svm]",
         "name=without", "workers=1", "tensorboard=false", "rivals.genie_frames=0", "rivals.scene_frames=0",

@@ -7,14 +7,12 @@ import pytest
 import torch
 
 from vocc_torch.errors import VoccError
-from vocc_torch.measure.counter import PointJob
 from vocc_torch.measure.genie.likelihood import UnknownLikelihoodError
-from vocc_torch.measure.identity import identity
 from vocc_torch.measure.ledger import Ledger
 from vocc_torch.measure.link import Link
-from vocc_torch.measure.montecarlo import Part
-from vocc_torch.measure.plan import Experiment, World
-from vocc_torch.measure.plug_in import ClassifierPlan
+from vocc_torch.measure.plan import ClassifierPlan, Experiment, World, identity
+from vocc_torch.measure.schedule import Part
+from vocc_torch.measure.sweep import count_parts
 from vocc_torch.measure.train import train
 from vocc_torch.measure.workers import Workers
 from vocc_torch.receiver.classifiers.inputs import Inputs, Patch
@@ -131,8 +129,8 @@ def test_costs_and_times_are_stated(whole):
 def test_beside_the_genie_are_the_receivers_on_its_own_frames(plan, whole, kept):
     """Counted anew on the first frames: what a study of so few frames counts."""
     point = whole.genie["far"][70.0]
-    few = PointJob(plan, ("truth",), {"truth": kept.bank(NAMES)}, 70.0)
-    block, rest = few([Part(0, 64), Part(1, 2)])
+    parts = [Part(0, 64), Part(1, 2)]
+    block, rest = count_parts(plan, ("truth",), {"truth": kept.bank(NAMES)}, 70.0, parts)
     assert point.receivers == {name: block["truth", name, 0] + rest["truth", name, 0] for name in NAMES}
     assert point.unbeaten
     assert (point.genie.counts.frames, point.genie.counts.half_errors, point.genie.proven) == (66, 0, 66)

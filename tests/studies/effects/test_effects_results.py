@@ -5,11 +5,12 @@ from pathlib import Path
 
 import pytest
 import torch
+from made_up_tallies import paired_of
 from omegaconf import OmegaConf
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.link import Link, block_keys
-from vocc_torch.measure.paired import PairedCounts, paired_interval
+from vocc_torch.measure.paired import paired_interval
 from vocc_torch.measure.plan import Budget, Experiment, Plan, ReceiverPlan, World
 from vocc_torch.measure.timing import Timing
 from vocc_torch.measure.train import train
@@ -276,7 +277,7 @@ def test_a_change_is_that_of_the_same_frames_decided_twice(results, locator, rea
         Simulator(CAMERA, effects=PAPER_EFFECTS), plain, FRAMES, finder
     )
     assert torch.equal(sent, sent_plain)
-    expected = PairedCounts.of(bits, bits_plain, sent, found, found_plain)
+    expected = paired_of(bits, bits_plain, sent, found, found_plain)
     change = row_of(results, "defocus").change(reading, "flda_3")
     assert change.errors.pairs[0, 1] == expected
     assert change.estimate == paired_interval(expected)

@@ -81,9 +81,7 @@ def test_the_best_of_each_receiver_is_a_row(grid):
 def test_a_finished_grid_counts_nothing_again(grid, place, monkeypatch):
     folder, _ = grid
     before = contents_of(folder, ".csv", ".sqlite", ".yaml")
-    monkeypatch.setattr(
-        "vocc_torch.measure.counter.PointJob.__call__", lambda *_: pytest.fail("counted again")
-    )
+    monkeypatch.setattr("vocc_torch.measure.sweep.count_parts", lambda *_: pytest.fail("counted again"))
     ran = run_in(place, *GRID, "name=grid")
     assert (ran.status, ran.err) == (0, "")
     assert "going on from 3 blocks" in ran.out

@@ -3,7 +3,7 @@
 import numpy as np
 from made_up_tallies import tallies
 
-from vocc_torch.measure.curves import Curves, Measured
+from vocc_torch.measure.curve import Curves, Measured
 from vocc_torch.measure.grid import Grid
 from vocc_torch.studies.paper.judgement import PaperReading
 from vocc_torch.studies.paper.scorecard import Claim, readings_of, score

@@ -18,7 +18,7 @@ from made_up_readings import (
 )
 
 from vocc_torch.measure.counts import Counts
-from vocc_torch.measure.curves import Curves
+from vocc_torch.measure.curve import Curves
 from vocc_torch.studies.paper.curve_rules import clustered_like, paper_frames, weigh
 from vocc_torch.studies.paper.figure_rules import candidates
 from vocc_torch.studies.paper.judgement import NotMeasuredError, RateComparison

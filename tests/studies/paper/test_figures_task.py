@@ -129,9 +129,7 @@ def test_a_finished_run_counts_nothing_again(near, place, monkeypatch):
     """Started again, it reads its ledgers: the same bytes, and the report says that it went on."""
     before = contents_of(near, ".csv", ".sqlite", ".yaml")
     first = (near / "report.md").read_text(encoding="utf-8")
-    monkeypatch.setattr(
-        "vocc_torch.measure.counter.PointJob.__call__", lambda *_: pytest.fail("counted again")
-    )
+    monkeypatch.setattr("vocc_torch.measure.sweep.count_parts", lambda *_: pytest.fail("counted again"))
     ran = run_in(place, *ONE, "figures.names=[fig24]", "name=near")
     assert (ran.status, ran.err) == (0, "")
     assert contents_of(near, ".csv", ".sqlite", ".yaml") == before

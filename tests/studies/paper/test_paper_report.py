@@ -12,7 +12,7 @@ from matplotlib.colors import to_hex
 from PIL import Image
 
 from vocc_torch.errors import VoccError
-from vocc_torch.measure.curves import Measured
+from vocc_torch.measure.curve import Measured
 from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.grid import best_luminance
 from vocc_torch.show.styles import receiver_styles

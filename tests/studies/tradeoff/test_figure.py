@@ -22,12 +22,12 @@ from made_up_prices import (
 )
 from matplotlib.text import Text
 
-from vocc_torch.measure.prices import pareto_frontier
 from vocc_torch.show.canvas import figure_pixels, text_renderer
 from vocc_torch.show.styles import receiver_styles
 from vocc_torch.studies.tradeoff.figure import shares_figure, tradeoff_figure
 from vocc_torch.studies.tradeoff.layout import STRENGTH, heights, span, spread, stacked
 from vocc_torch.studies.tradeoff.plan import Setting
+from vocc_torch.studies.tradeoff.prices import pareto_frontier
 from vocc_torch.studies.tradeoff.words import recommendation
 
 STYLES = receiver_styles(one.receiver for one in SETTINGS)

@@ -10,9 +10,14 @@ from vocc_torch.errors import VoccError
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.intervals import ber_interval
-from vocc_torch.measure.prices import OperatingPoint, most_accurate_within, pareto_frontier, quickest_below
 from vocc_torch.measure.stage_times import STAGES, StageTimes
 from vocc_torch.studies.tradeoff.price_list import Place
+from vocc_torch.studies.tradeoff.prices import (
+    OperatingPoint,
+    most_accurate_within,
+    pareto_frontier,
+    quickest_below,
+)
 
 
 def point(name, low_ms, ms, high_ms, ber, ber_low, ber_high):

@@ -7,12 +7,12 @@ import pytest
 import torch
 
 from vocc_torch.errors import VoccError
-from vocc_torch.measure import optional as optional_module
+from vocc_torch.measure import build as build_module
+from vocc_torch.measure.build import without_absent
 from vocc_torch.measure.frame_errors import Banks, FrameJob
 from vocc_torch.measure.genie.likelihood import UnknownLikelihoodError
 from vocc_torch.measure.link import block_keys
-from vocc_torch.measure.optional import without_absent
-from vocc_torch.measure.plug_in import ClassifierPlan
+from vocc_torch.measure.plan import ClassifierPlan
 from vocc_torch.measure.stage_times import Exposure, on_device
 from vocc_torch.measure.train import train
 from vocc_torch.measure.workers import Workers
@@ -252,7 +252,7 @@ def test_without_scikit_learn_its_classifiers_are_left_out_and_named(study, monk
         study.plan.receiver, names=(*EVERY, "trees", "svm"), classifiers=(*PLUGGED_IN, trees, nested)
     )
     assert without_absent(receiver) == (receiver, {})
-    monkeypatch.setattr(optional_module, "find_spec", lambda name: None)
+    monkeypatch.setattr(build_module, "find_spec", lambda name: None)
     kept, left_out = without_absent(receiver)
     assert (kept.names, kept.classifiers) == (EVERY, PLUGGED_IN)
     said = "scikit-learn is not installed; pip install scikit-learn adds it"

@@ -7,9 +7,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from vocc_torch.errors import VoccError, section
-from vocc_torch.measure.build import build_plan
+from vocc_torch.measure.build import build_plan, without_absent
 from vocc_torch.measure.config import Settings
-from vocc_torch.measure.optional import without_absent
 from vocc_torch.measure.plan import Experiment, Locator, Plan
 from vocc_torch.receiver.bank import FLDA_FEATURES
 from vocc_torch.studies.classifiers.config import RivalsConfig

@@ -12,7 +12,7 @@ from rich.text import Text
 
 from vocc_torch.files import write_atomically
 from vocc_torch.measure.config import Settings
-from vocc_torch.measure.identity import identity
+from vocc_torch.measure.plan import identity
 from vocc_torch.measure.train import Training
 from vocc_torch.measure.workers import Workers
 from vocc_torch.show.canvas import save_figure

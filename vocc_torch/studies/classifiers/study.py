@@ -8,18 +8,17 @@ from dataclasses import replace
 from itertools import product
 
 from vocc_torch.errors import VoccError
-from vocc_torch.measure.counter import point_name
-from vocc_torch.measure.curves import Curves
+from vocc_torch.measure.build import built
+from vocc_torch.measure.curve import Curves
 from vocc_torch.measure.frame_errors import Banks, FrameErrors, FrameJob
 from vocc_torch.measure.genie.genie import genie_reference
 from vocc_torch.measure.genie.likelihood import UnknownLikelihoodError
 from vocc_torch.measure.ledger import Ledger
 from vocc_torch.measure.link import Link
-from vocc_torch.measure.montecarlo import Outcome
 from vocc_torch.measure.plan import Plan
-from vocc_torch.measure.plug_in_training import built
+from vocc_torch.measure.schedule import Outcome
 from vocc_torch.measure.stage_times import Exposure, median_of, time_stages
-from vocc_torch.measure.sweep import Sweep, measured, run_sweeps
+from vocc_torch.measure.sweep import Study, measured, point_name, run_studies
 from vocc_torch.measure.timing import threads
 from vocc_torch.measure.train import Training, train, train_alone
 from vocc_torch.measure.workers import Workers, worker_losses_told
@@ -113,18 +112,16 @@ def _curves(
 ) -> dict[str, Curves]:
     """Measure every experiment."""
     at = study.locator
-    sweeps = {
-        name: Sweep(plan, (at,), {at: banks[name]}, ledgers[name]) for name, plan in study.plans.items()
-    }
-    names = {id(sweep): name for name, sweep in sweeps.items()}
-    outcomes: dict[str, dict[float, Outcome]] = {name: {} for name in sweeps}
+    studies = [Study(name, plan, (at,)) for name, plan in study.plans.items()]
+    outcomes: dict[str, dict[float, Outcome]] = {name: {} for name in study.plans}
 
-    def counted(sweep: Sweep, value: float, frames: int, _: object) -> None:
-        advance(f"{names[id(sweep)]} {value:g}", frames)
+    def counted(one: Study, value: float, frames: int, _: object) -> None:
+        advance(f"{one.key} {value:g}", frames)
 
-    for sweep, value, outcome in run_sweeps(list(sweeps.values()), workers, counted):
-        outcomes[names[id(sweep)]][value] = outcome
-    return {name: measured(plan, (at,), outcomes[name]).curves[at] for name, plan in study.plans.items()}
+    of_locators = {name: {at: bank} for name, bank in banks.items()}
+    for one, value, outcome in run_studies(studies, of_locators, ledgers, workers, counted):
+        outcomes[one.key][value] = outcome
+    return {one.key: measured(one, outcomes[one.key]).curves[at] for one in studies}
 
 
 def genie_points(

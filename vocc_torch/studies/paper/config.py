@@ -9,7 +9,7 @@ from vocc_torch.measure.config import Experiment, demand_word
 
 @dataclass
 class FiguresConfig:
-    """What ``task=figures`` makes: see :class:`vocc_torch.measure.campaign.Campaign`."""
+    """What ``task=figures`` makes: see :class:`vocc_torch.measure.sweep.Campaign`."""
 
     names: list[str] = field(default_factory=list)
     focal_lengths_mm: list[float] = field(default_factory=list)

@@ -30,7 +30,7 @@ from itertools import combinations, pairwise, product
 from typing import Literal
 
 from vocc_torch.measure.counts import Counts
-from vocc_torch.measure.curves import Curves
+from vocc_torch.measure.curve import Curves
 from vocc_torch.measure.estimate import Estimate, all_pairs, joint_confidence, may_be_least
 from vocc_torch.measure.paired import PairedCounts
 from vocc_torch.measure.relative import difference_independent, mean_gain, relative_gain

@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 from typing import cast, get_args
 
 from vocc_torch.errors import VoccError, section
-from vocc_torch.measure.campaign import Campaign, Study, at_focal_length
-from vocc_torch.measure.curves import Measured
+from vocc_torch.measure.curve import Measured
 from vocc_torch.measure.grid import Grid
 from vocc_torch.measure.plan import Locator, Plan
+from vocc_torch.measure.sweep import Campaign, Study, at_focal_length
 from vocc_torch.studies.paper.config import FiguresConfig
 from vocc_torch.studies.paper.evidence import EVIDENCE
 from vocc_torch.studies.paper.words import EXPERIMENTS

@@ -12,8 +12,7 @@ from matplotlib.ticker import LogLocator
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.counts import Counts
-from vocc_torch.measure.curve import COLUMNS, BerTable
-from vocc_torch.measure.curves import Measured
+from vocc_torch.measure.curve import COLUMNS, BerTable, Measured
 from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.intervals import ber_interval
 from vocc_torch.measure.paired import PairedCounts

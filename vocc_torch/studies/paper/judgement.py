@@ -16,8 +16,7 @@ from typing import Literal, TypeAlias
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.counts import Counts
-from vocc_torch.measure.curve import BerTable, Row
-from vocc_torch.measure.curves import Curves, Measured
+from vocc_torch.measure.curve import BerTable, Curves, Measured, Row
 from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.grid import Grid
 from vocc_torch.measure.paired import paired_interval

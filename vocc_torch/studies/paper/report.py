@@ -15,10 +15,7 @@ from vocc_torch.studies.paper import scorecard, words
 from vocc_torch.studies.paper.experiments import DIMMING, PAPER_RECEIVERS, RATE_FIGURES
 from vocc_torch.studies.paper.figures import LocationSplit
 from vocc_torch.studies.paper.judgement import VERDICTS
-from vocc_torch.studies.paper.scorecard import (
-    Judged,
-    Scorecard,
-)
+from vocc_torch.studies.paper.scorecard import Judged, Scorecard
 
 TITLE = "The paper's whole evidence, reproduced and scored"
 _SIGN = {

@@ -16,22 +16,19 @@ from rich.console import Console
 from vocc_torch import __version__
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.build import build_plan
-from vocc_torch.measure.campaign import Campaign, Study, run_campaign
 from vocc_torch.measure.config import Settings, as_yaml, read_flat
-from vocc_torch.measure.curve import BerTable
-from vocc_torch.measure.curves import Measured
+from vocc_torch.measure.curve import BerTable, Measured
 from vocc_torch.measure.grid import Grid
 from vocc_torch.measure.ledger import Ledger
 from vocc_torch.measure.plan import resolve_device
+from vocc_torch.measure.sweep import Campaign, Study, run_campaign
 from vocc_torch.measure.timing import describe_machine
 from vocc_torch.measure.workers import Workers
 from vocc_torch.show import csv_file, heatmap
 from vocc_torch.show import folder as run_folder
 from vocc_torch.show.canvas import save_figure
 from vocc_torch.show.csv_file import cell_text, write_paired, write_rows
-from vocc_torch.show.folder import (
-    board_hint,
-)
+from vocc_torch.show.folder import board_hint
 from vocc_torch.show.tensorboard import write_boards
 from vocc_torch.show.terminal import ProgressView, Stopwatch
 from vocc_torch.studies.paper import experiments, figures, scorecard

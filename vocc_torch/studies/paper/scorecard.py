@@ -14,8 +14,7 @@ from typing import Any, Literal, TypeAlias
 import yaml
 
 from vocc_torch.errors import VoccError
-from vocc_torch.measure.curve import Row
-from vocc_torch.measure.curves import Measured
+from vocc_torch.measure.curve import Measured, Row
 from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.grid import Grid
 from vocc_torch.measure.intervals import ber_interval

@@ -15,11 +15,11 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullForma
 from matplotlib.transforms import blended_transform_factory
 from scipy.optimize import isotonic_regression
 
-from vocc_torch.measure.prices import OperatingPoint, pareto_frontier
 from vocc_torch.show.canvas import GRID, INK, QUIET, quiet_axes
 from vocc_torch.show.styles import Style, receiver_styles
 from vocc_torch.studies.tradeoff.plan import Setting
 from vocc_torch.studies.tradeoff.price_list import PriceList
+from vocc_torch.studies.tradeoff.prices import OperatingPoint, pareto_frontier
 from vocc_torch.studies.tradeoff.words import FRAMES_PER_S, ms_text, recommend, varied_text
 
 FillStyle = Literal["full", "none", "left", "bottom"]

@@ -11,9 +11,8 @@ from typing import TypeVar, cast, get_args
 import torch
 
 from vocc_torch.errors import VoccError, section
-from vocc_torch.measure.build import build_plan
+from vocc_torch.measure.build import build_plan, without_absent
 from vocc_torch.measure.config import Settings
-from vocc_torch.measure.optional import without_absent
 from vocc_torch.measure.plan import Experiment, Locator, Plan, narrowed, parsed_scene, resolve_device
 from vocc_torch.receiver.bank import FLDA_FEATURES
 from vocc_torch.receiver.features import Gradient

@@ -10,10 +10,10 @@ from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.frame_errors import FrameErrors
 from vocc_torch.measure.genie.genie import GenieReference
 from vocc_torch.measure.intervals import ber_interval
-from vocc_torch.measure.plug_in_training import Making
-from vocc_torch.measure.prices import OperatingPoint
 from vocc_torch.measure.stage_times import StageTimes
+from vocc_torch.measure.train import Making
 from vocc_torch.studies.tradeoff.plan import Setting
+from vocc_torch.studies.tradeoff.prices import OperatingPoint
 
 
 @dataclass(frozen=True, slots=True)

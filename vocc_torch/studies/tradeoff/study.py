@@ -14,10 +14,9 @@ from vocc_torch.measure.genie.genie import GenieReference, genie_reference
 from vocc_torch.measure.genie.likelihood import UnknownLikelihoodError
 from vocc_torch.measure.link import Observation, block_keys
 from vocc_torch.measure.plan import resolve_device
-from vocc_torch.measure.plug_in_training import Making
 from vocc_torch.measure.stage_times import Exposure, StageTimes, time_stages
 from vocc_torch.measure.timing import describe_machine, threads
-from vocc_torch.measure.train import train_alone
+from vocc_torch.measure.train import Making, train_alone
 from vocc_torch.measure.workers import Workers, worker_losses_told
 from vocc_torch.receiver.bank import needs_preambles
 from vocc_torch.receiver.receiver import StagedReceiver

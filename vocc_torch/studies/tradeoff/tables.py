@@ -14,12 +14,12 @@ from torch.utils.tensorboard import SummaryWriter
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.estimate import Estimate
-from vocc_torch.measure.prices import most_accurate, pareto_frontier
 from vocc_torch.measure.stage_times import STAGES
 from vocc_torch.show.csv_file import write_rows
 from vocc_torch.show.text_table import ends_text, plain_table, rate_text
 from vocc_torch.studies.tradeoff.plan import Setting
 from vocc_torch.studies.tradeoff.price_list import Place, PriceList
+from vocc_torch.studies.tradeoff.prices import most_accurate, pareto_frontier
 from vocc_torch.studies.tradeoff.words import frames_text, ms_text, receiver_text, scenes_text, varied_text
 
 Cells = dict[str, str | int | float | None]

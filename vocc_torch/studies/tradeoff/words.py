@@ -8,12 +8,17 @@ from dataclasses import dataclass
 
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.estimate import Estimate, all_pairs
-from vocc_torch.measure.prices import OperatingPoint, most_accurate, most_accurate_within, quickest_below
 from vocc_torch.receiver.bank import GREYSCALE_RECEIVERS
 from vocc_torch.show.page import render
 from vocc_torch.show.styles import receiver_styles
 from vocc_torch.studies.tradeoff.plan import Setting
 from vocc_torch.studies.tradeoff.price_list import PriceList
+from vocc_torch.studies.tradeoff.prices import (
+    OperatingPoint,
+    most_accurate,
+    most_accurate_within,
+    quickest_below,
+)
 
 FRAMES_PER_S = (1000, 100, 60, 30)
 """Rates of cameras, and of an industrial one that is fast: the time limits."""

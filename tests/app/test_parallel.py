@@ -6,7 +6,6 @@ import os
 import signal
 import subprocess
 import sys
-from concurrent.futures.process import BrokenProcessPool
 
 import pytest
 from hypothesis import given
@@ -14,16 +13,7 @@ from hypothesis import strategies as st
 from joblib import cpu_count
 
 from vocc_torch.app import cli
-from vocc_torch.app.jobs import (
-    CONFIG,
-    FAILED,
-    Failure,
-    JobLines,
-    Jobs,
-    begin_again,
-    beside_others,
-    write_down,
-)
+from vocc_torch.app.jobs import CONFIG, FAILED, Failure, JobLines, Jobs, begin_again, write_down
 from vocc_torch.errors import VoccError
 
 QUICK = (
@@ -36,6 +26,7 @@ PARALLEL = ("-m", "hydra/launcher=joblib", "hydra.launcher.n_jobs=2")
 # The whole way, in processes of their own
 
 
+@pytest.mark.slow
 def test_parallel_jobs_give_what_serial_jobs_give(app, command, tmp_path):
     """Three jobs, one of which is a mistake, at the same time and one after the other."""
     sweep = (*QUICK, "seed=3,-1,4")
@@ -135,6 +126,7 @@ main()
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="signals to a group of processes")
 def test_interrupted_jobs_end_with_their_parent(stand_in):
     """Ctrl-C reaches every process of the terminal: one line is said, and no empty folder stays."""
@@ -162,30 +154,7 @@ def test_interrupted_jobs_end_with_their_parent(stand_in):
     assert left == {"two", "two/multirun.yaml", "two/1", "two/1/ledger.sqlite"}
 
 
-def test_missing_launcher_names_the_extra(command, tmp_path):
-    without = "import sys\nsys.modules['hydra_plugins'] = None\nfrom vocc_torch.app.cli import main\nmain()"
-    complaint = command(*PARALLEL, "seed=1,2", cwd=tmp_path, code=without).complaint
-    assert complaint == (
-        "hydra/launcher is 'joblib': jobs at the same time need pip install 'vocc-torch[parallel]'"
-    )
-
-
 # One after the other: the same care
-
-
-def test_serial_jobs_go_on_after_a_fault(app, monkeypatch, tmp_path):
-    def run_task(settings, folder):
-        if settings.seed == 1:
-            raise ValueError("a bug")
-        (folder / "result.txt").write_text("")
-
-    monkeypatch.setattr(cli, "run_task", run_task)
-    ran = app("-m", "seed=1,2", "name=two")
-    assert ran.status == 1
-    assert "Traceback (most recent call last)" in ran.err
-    assert ran.err.endswith("vocc-torch: error: job 0: ValueError: a bug\n")
-    assert (tmp_path / "runs" / "two" / "1" / "result.txt").exists()
-    assert (tmp_path / "runs" / "two" / "0" / FAILED).read_text().startswith("ValueError: a bug\n\nTraceback")
 
 
 def test_a_failed_job_is_run_again_under_the_same_name(app, monkeypatch, tmp_path):
@@ -207,18 +176,6 @@ def test_a_failed_job_is_run_again_under_the_same_name(app, monkeypatch, tmp_pat
     assert [path.name for path in folder.iterdir()] == ["result.txt"]
 
 
-def test_a_refused_job_leaves_nothing_beside_other_results(app, monkeypatch, tmp_path):
-    def run_task(settings, folder):
-        raise VoccError("already holds mine.txt")
-
-    monkeypatch.setattr(cli, "run_task", run_task)
-    folder = tmp_path / "runs" / "two" / "0"
-    folder.mkdir(parents=True)
-    (folder / "mine.txt").write_text("mine")
-    assert app("-m", "seed=1", "name=two").complaint == "already holds mine.txt"
-    assert [path.name for path in folder.iterdir()] == ["mine.txt"]
-
-
 MISTAKES = {
     "launcher": (("-m", "hydra/launcher=jolib", "seed=1,2"), ["hydra/launcher is 'jolib'", "basic, joblib"]),
     "no launcher": (("-m", "hydra.launcher.n_jobs=2", "seed=1,2"), ["hydra.launcher.n_jobs", "=joblib"]),
@@ -238,21 +195,6 @@ def test_mistakes_of_the_launcher_are_one_line(app, arguments, parts):
     complaint = app(*arguments).complaint
     for part in parts:
         assert part in complaint
-
-
-@pytest.mark.parametrize("module", ["concurrent.futures.process", "joblib"])
-def test_a_lost_worker_is_explained(module):
-    if module == "joblib":
-        from joblib.externals.loky.process_executor import TerminatedWorkerError as Lost
-    else:
-        Lost = BrokenProcessPool  # noqa: N806
-    assert "keep their results" in cli._refusal(Lost("gone"))
-
-
-def test_a_job_that_takes_too_long_is_explained():
-    from multiprocessing import TimeoutError as TooLong
-
-    assert "hydra.launcher.timeout" in cli._refusal(TooLong())
 
 
 # What jobs leave
@@ -282,13 +224,6 @@ def test_only_a_failed_attempt_is_taken_away(tmp_path, monkeypatch, held, left, 
         (folder / name).write_text("")
     assert begin_again(folder) is mine
     assert {path.name for path in folder.iterdir()} == set(left)
-
-
-def test_a_configuration_that_is_there_is_not_replaced(tmp_path):
-    (tmp_path / CONFIG).write_text("seed: 1\n")
-    write_down(Failure(0, "no", "Traceback"), tmp_path, "seed: 2\n")
-    assert (tmp_path / CONFIG).read_text() == "seed: 1\n"
-    assert (tmp_path / FAILED).read_text() == "no\n\nTraceback"
 
 
 def test_a_failure_that_cannot_be_told_is_raised(tmp_path):
@@ -323,19 +258,3 @@ def test_lines_are_numbered_however_they_are_written(pieces):
     text = "".join(pieces)
     wanted = text.split("\n") if text and not text.endswith("\n") else text.split("\n")[:-1]
     assert under.getvalue().splitlines() == [f"job 3 | {line}".rstrip() for line in wanted]
-
-
-def test_a_job_beside_others_is_no_terminal_and_leaves_no_trace(capsys, monkeypatch):
-    monkeypatch.setenv("COLUMNS", "100")
-    monkeypatch.setattr("multiprocessing.set_start_method", lambda *_, **__: None)
-    before = signal.getsignal(signal.SIGINT)
-    try:
-        with beside_others(12):
-            assert not sys.stdout.isatty()
-            assert os.environ["COLUMNS"] == str(100 - len("job 12 | "))
-            assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
-            print("half", end="")
-    finally:
-        signal.signal(signal.SIGINT, before)
-    assert capsys.readouterr().out == "job 12 | half\n"
-    assert os.environ["COLUMNS"] == "100"
