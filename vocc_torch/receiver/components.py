@@ -52,7 +52,7 @@ def close_mask(mask: Tensor, size_px: int) -> Tensor:
     # precision, which holds 0 and 1, moves half the memory.
     few = mask.numel() <= _FEW_PX
     engine, dtype = ("unfold", torch.float32) if few else ("auto", torch.float16)
-    with torch.inference_mode():
+    with torch.inference_mode(), torch.autocast(mask.device.type, enabled=False):
         # What the strokes do wrong at the outer edge of the margin is cut off with it.
         plane = F.pad(mask, [reach] * 4).to(dtype)
         row = plane.new_ones(1, size_px)
