@@ -39,8 +39,6 @@ def demand_in_sight(scene: Scene, camera: Camera, panel: LedPanel) -> None:
     Raises:
         VoccError: an LED's image wider than 100000 px, or a panel's that reaches farther than 1e12 px.
     """
-    if not len(scene):
-        return
     half_m = panel.pitch_m * max(panel.shape.rows, panel.shape.columns) / 2
     scale = camera.pixels_per_metre(scene.distance_m)
     widest = panel.led_diameter_m * scale

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from vocc_torch.errors import VoccError
-from vocc_torch.simulation.effects.base import BRIGHTEST, Context, Effect, Quantity
+from vocc_torch.simulation.effects.base import BRIGHTEST, Context, Effect, Quantity, whole, within
 from vocc_torch.simulation.effects.light import dimmed_once
 from vocc_torch.simulation.effects.view import CLOCKWISE, LensDistortion, View, led_centres_m, view_of
 from vocc_torch.simulation.photometry import reflected_luminance_cd_m2
@@ -88,17 +88,12 @@ class BackgroundTexture(Effect):
         2.0
     """
 
-    contrast: float
-    beta: float = 2.0
+    contrast: float = within(0, 1, above=True, hint="leave the effect out for a uniform background")
+    beta: float = within(0, 4, default=2.0)
 
     name = "background_texture"
     takes = gives = Quantity.BACKGROUND
     sampled = fills_sensor = True
-
-    def __post_init__(self) -> None:
-        """Check the ranges."""
-        self.demand("contrast", 0, 1, above=True, hint="leave the effect out for a uniform background")
-        self.demand("beta", 0, 4)
 
     def texture(self, generator: np.random.Generator, sensor_px: tuple[int, int]) -> NDArray[np.float32]:
         """Draw one frame's texture on the whole sensor, (height, width), mean 1."""
@@ -144,19 +139,13 @@ class Lamps(Effect):
         True
     """
 
-    count: int
-    luminance_cd_m2: float
-    diameter_m: float
+    count: int = whole(1, MOST_LAMPS)
+    luminance_cd_m2: float = within(0, BRIGHTEST, above=True)
+    diameter_m: float = within(0, 10, above=True)
 
     name = "lamps"
     takes = gives = Quantity.BACKGROUND
     sampled = fills_sensor = True
-
-    def __post_init__(self) -> None:
-        """Check the ranges."""
-        self.demand_whole("count", 1, MOST_LAMPS)
-        self.demand("luminance_cd_m2", 0, BRIGHTEST, above=True)
-        self.demand("diameter_m", 0, 10, above=True)
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Paint each frame's lamps onto its (B,1,H,W) background luminance."""
@@ -229,19 +218,15 @@ class SecondPanel(Effect):
         True
     """
 
-    offset_x_m: float
-    offset_y_m: float = 0.0
-    luminance_share: float = 1.0
+    offset_x_m: float = within(-FARTHEST_M, FARTHEST_M)
+    offset_y_m: float = within(-FARTHEST_M, FARTHEST_M, default=0.0)
+    luminance_share: float = within(
+        0, 10, default=1.0, above=True, hint="leave the effect out for no second panel"
+    )
 
     name = "second_panel"
     takes = gives = Quantity.BACKGROUND
     sampled = fills_sensor = True
-
-    def __post_init__(self) -> None:
-        """Check the ranges that do not need the panel."""
-        for parameter in ("offset_x_m", "offset_y_m"):
-            self.demand(parameter, -FARTHEST_M, FARTHEST_M)
-        self.demand("luminance_share", 0, 10, above=True, hint="leave the effect out for no second panel")
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Draw the panel onto each frame's (B,1,H,W) background luminance."""

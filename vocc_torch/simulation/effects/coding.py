@@ -13,7 +13,7 @@ from kornia.enhance import jpeg_codec_differentiable
 from torch import Tensor
 
 from vocc_torch.errors import VoccError
-from vocc_torch.simulation.effects.base import Context, Effect, Quantity
+from vocc_torch.simulation.effects.base import Context, Effect, Quantity, whole
 from vocc_torch.simulation.effects.sensor import Bayer
 
 PATTERNS = {(0, 0): CFA.BG, (1, 0): CFA.GB, (0, 1): CFA.GR, (1, 1): CFA.RG}
@@ -144,15 +144,11 @@ class Quantization(Effect):
         256
     """
 
-    bits: int = 8
+    bits: int = whole(1, 16, default=8)
 
     name = "quantization"
     takes = Quantity.BOUNDED_GREY
     gives = Quantity.DIGITAL
-
-    def __post_init__(self) -> None:
-        """Check the range."""
-        self.demand_whole("bits", 1, 16)
 
     @property
     def levels(self) -> int:
@@ -196,15 +192,11 @@ class Jpeg(Effect):
         'digital number'
     """
 
-    quality: int
+    quality: int = whole(1, 100)
 
     name = "jpeg"
     takes = gives = Quantity.DIGITAL
     fills_sensor = True
-
-    def __post_init__(self) -> None:
-        """Check the range."""
-        self.demand_whole("quality", 1, 100)
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Code (B,1,H,W) uint8 frames.

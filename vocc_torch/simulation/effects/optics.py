@@ -15,7 +15,7 @@ from torch import Tensor
 
 from vocc_torch.errors import VoccError
 from vocc_torch.hardware import Camera
-from vocc_torch.simulation.effects.base import Context, Effect, Quantity
+from vocc_torch.simulation.effects.base import Context, Effect, Quantity, within
 from vocc_torch.simulation.raster import disc_quadrant_area, per_pixel
 
 FASTEST_M_S = 200.0
@@ -316,14 +316,10 @@ class Blooming(Effect):
         6
     """
 
-    sigma_px: float
+    sigma_px: float = within(0, MOST_SIGMA_PX, above=True, hint="leave the effect out for no blooming")
 
     name = "blooming"
     takes = gives = Quantity.EXPOSURE
-
-    def __post_init__(self) -> None:
-        """Check the range."""
-        self.demand("sigma_px", 0, MOST_SIGMA_PX, above=True, hint="leave the effect out for no blooming")
 
     @property
     def reach_px(self) -> int:
