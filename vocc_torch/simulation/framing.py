@@ -350,8 +350,6 @@ def lay_alike(value: Tensor, surround: Tensor, size_px: Size) -> Tensor:
         [[[[3.0, 5.0, 5.0, 3.0]]]]
     """
     height, width = value.shape[-2:]
-    if (height, width) == size_px:
-        return value
     top, left = size_px[0] // 2 - height // 2, size_px[1] // 2 - width // 2
     larger = surround.view(-1, 1, 1, 1).expand(-1, 1, *size_px).contiguous()
     larger[:, :, top : top + height, left : left + width] = value

@@ -104,7 +104,7 @@ class BackgroundTexture(Effect):
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Multiply (B,1,H,W) background luminance by each frame's texture."""
         height, width = value.shape[-2:]
-        frames = zip(context.generators(self.name, of_scene=True), context.origins(), strict=True)
+        frames = zip(context.generators(self.name, of_scene=True), context.first_px.tolist(), strict=True)
         parts = [
             torch.from_numpy(self.texture(generator, context.camera.sensor_px))[y : y + height, x : x + width]
             for generator, (x, y) in frames
@@ -154,7 +154,7 @@ class Lamps(Effect):
         shining = torch.full_like(context.scene.distance_m, self.luminance_cd_m2).view(-1, 1, 1)
         light = dimmed_once(shining, context).flatten().tolist()
         generators = context.generators(self.name, of_scene=True)
-        frames = zip(radii, context.origins(), light, generators, strict=True)
+        frames = zip(radii, context.first_px.tolist(), light, generators, strict=True)
         for frame, (radius, origin, light_cd_m2, generator) in enumerate(frames):
             for across, down in generator.random((self.count, 2)).tolist():
                 centre = (across * camera.width_px, down * camera.height_px)
@@ -316,7 +316,8 @@ def _leds_in_view(leds_m: Tensor, value: Tensor, context: Context) -> _Shapes:
     """Find the LEDs (N,2) that each frame shows, and their cover."""
     view, radius_m = view_of(context), context.panel.led_diameter_m / 2
     has_image = _has_image(view, leds_m, radius_m, context)
-    centre, spread = view.discs_px(_or_ours(leds_m, has_image), radius_m)
+    # Our panel's centre, which has an image, stands in the place of points that have none.
+    centre, spread = view.discs_px(torch.where(has_image.unsqueeze(-1), leds_m, 0.0), radius_m)
     reach = spread.diagonal(dim1=-2, dim2=-1).sqrt()
     centres, spreads = centre.flatten(0, 1), spread.flatten(0, 1)
 
@@ -332,7 +333,8 @@ def _boards_in_view(leds_m: Tensor, value: Tensor, context: Context) -> _Shapes:
     cells_m = (leds_m.unsqueeze(1) + leds_m.new_tensor(CLOCKWISE) * (context.panel.pitch_m / 2)).flatten(0, 1)
     view = view_of(context)
     has_image = _has_image(view, cells_m, 0.0, context)
-    corners = view.points_px(_or_ours(cells_m, has_image)).view(len(value), -1, 4, 2)
+    held_m = torch.where(has_image.unsqueeze(-1), cells_m, 0.0)
+    corners = view.points_px(held_m).view(len(value), -1, 4, 2)
     whole = has_image.view(len(value), -1, 4).all(dim=2)
 
     def cover(which: Tensor, side: int) -> tuple[Tensor, Tensor, Tensor]:
@@ -352,11 +354,6 @@ def _has_image(view: View, points_m: Tensor, radius_m: float, context: Context) 
     depth, off_axis = points[..., 2], points[..., :2].square().sum(dim=-1).sqrt()
     # A disc that touches the plane of the camera has no ellipse for its image.
     return (depth > radius_m) & (off_axis < depth * min(limits, default=math.inf))
-
-
-def _or_ours(points_m: Tensor, has_image: Tensor) -> Tensor:
-    """Put our panel's centre, which has an image, in the place of points that have none, (B,N,2)."""
-    return torch.where(has_image.unsqueeze(-1), points_m, 0.0)
 
 
 def _in_view(

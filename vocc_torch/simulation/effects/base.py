@@ -100,10 +100,6 @@ class Context:
             return torch.zeros(len(self.scene), 2, dtype=torch.int64, device=device)
         return self.origin_px.to(device)
 
-    def origins(self) -> list[tuple[int, int]]:
-        """``first_px`` as plain numbers."""
-        return [(x, y) for x, y in self.first_px.tolist()]
-
 
 def within(low: float, high: float = math.inf, *, default: object = MISSING, **rule: object) -> Any:
     """Declare a parameter from ``low`` to ``high``; ``rule`` is that of :meth:`Effect.demand`."""

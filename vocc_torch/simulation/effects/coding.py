@@ -76,7 +76,7 @@ class Demosaicing(Effect):
         for effect in context.effects:
             if isinstance(effect, Bayer):
                 raw = raw / effect.filters(raw, context)
-        phases = [(x % 2, y % 2) for x, y in context.origins()]
+        phases = [(x % 2, y % 2) for x, y in context.first_px.tolist()]
         if len(set(phases)) == 1:
             return _luma(raw, PATTERNS[phases[0]]).to(value.dtype)
         order = sorted(range(len(phases)), key=phases.__getitem__)
@@ -202,12 +202,9 @@ class Jpeg(Effect):
         """Code (B,1,H,W) uint8 frames.
 
         Raises:
-            VoccError: frames that are not uint8, or crops off the grid of blocks.
+            VoccError: crops off the grid of blocks.
         """
-        if value.dtype != torch.uint8:
-            rule = "codes 8-bit frames: scene.effects.quantization.bits must be 8"
-            raise VoccError(f"scene.effects.jpeg {rule}")
-        for at in context.origins():
+        for at in context.first_px.tolist():
             if at[0] % JPEG_BLOCK_PX or at[1] % JPEG_BLOCK_PX:
                 rule = f"it must lie on the grid of {JPEG_BLOCK_PX} px"
                 raise VoccError(f"scene.effects.jpeg got a crop at {at}: {rule}")

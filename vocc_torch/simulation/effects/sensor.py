@@ -75,7 +75,7 @@ class Bayer(Effect):
         """
         height, width = like.shape[-2:]
         cell = torch.tensor([[self.red, self.green], [self.green, self.blue]], dtype=like.dtype)
-        places = [(x % 2, y % 2) for x, y in context.origins()]
+        places = [(x % 2, y % 2) for x, y in context.first_px.tolist()]
         planes = {}
         for x, y in set(places):
             cells = cell.roll((-y, -x), (0, 1)).repeat(height // 2 + 1, width // 2 + 1)
@@ -422,7 +422,9 @@ class RowNoise(AddedNoise):
         height, sensor_rows = value.shape[-2], context.camera.height_px
         rows = [
             torch.from_numpy(generator.standard_normal(sensor_rows, dtype=np.float32)[y : y + height])
-            for generator, (_, y) in zip(context.generators(self.name), context.origins(), strict=True)
+            for generator, (_, y) in zip(
+                context.generators(self.name), context.first_px.tolist(), strict=True
+            )
         ]
         return self.electrons * torch.stack(rows).view(-1, 1, height, 1).to(value)
 
@@ -479,10 +481,8 @@ class Gain(Effect):
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Turn (B,1,H,W) electrons into luminous exposure."""
-        makers = [effect for effect in context.effects if isinstance(effect, Photoelectrons)]
-        if len(makers) != 1:
-            raise VoccError("scene.effects.gain undoes scene.effects.photoelectrons: name that too")
-        return value.clamp(min=0) / makers[0].electrons_per_lx_s(context.camera)
+        maker = next(effect for effect in context.effects if isinstance(effect, Photoelectrons))
+        return value.clamp(min=0) / maker.electrons_per_lx_s(context.camera)
 
 
 ELECTRONS = (Photoelectrons, Prnu, DarkCurrent, HotPixels, ShotNoise, FullWell, Dsnu, RowNoise, ReadNoise)
