@@ -41,10 +41,10 @@ occlusion.width_share is 0: it must be above 0 and at most 2 (leave the effect o
 occlusion.height_share is 2.1: it must be above 0 and at most 2
 occlusion.reflectance is 1.5: it must be at least 0 and at most 1
 veiling_glare.luminance_cd_m2 is 0: it must be above 0 and at most 1e+12 (leave the effect out for no glare)
-motion_blur.velocity_x_m_s is -201: it must be from -200 to 200
-motion_blur.velocity_y_m_s is nan: it must be from -200 to 200
+motion_blur.velocity_x_m_s is -201: it must be at least -200 and at most 200
+motion_blur.velocity_y_m_s is nan: it must be at least -200 and at most 200
 defocus.focus_distance_m is 0: it must be above 0 (.inf for focus at infinity)
-diffraction.wavelength_nm is 299.9: it must be from 300 to 1100
+diffraction.wavelength_nm is 299.9: it must be at least 300 and at most 1100
 blooming.sigma_px is 0: it must be above 0 and at most 32 (leave the effect out for no blooming)
 blooming.sigma_px is 32.1: it must be above 0 and at most 32
 vignetting.corner_loss is 1: it must be from 0 to below 1

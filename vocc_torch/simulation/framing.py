@@ -39,8 +39,6 @@ def demand_in_sight(scene: Scene, camera: Camera, panel: LedPanel) -> None:
     Raises:
         VoccError: an LED's image wider than 100000 px, or a panel's that reaches farther than 1e12 px.
     """
-    if not len(scene):
-        return
     half_m = panel.pitch_m * max(panel.shape.rows, panel.shape.columns) / 2
     scale = camera.pixels_per_metre(scene.distance_m)
     widest = panel.led_diameter_m * scale
@@ -352,8 +350,6 @@ def lay_alike(value: Tensor, surround: Tensor, size_px: Size) -> Tensor:
         [[[[3.0, 5.0, 5.0, 3.0]]]]
     """
     height, width = value.shape[-2:]
-    if (height, width) == size_px:
-        return value
     top, left = size_px[0] // 2 - height // 2, size_px[1] // 2 - width // 2
     larger = surround.view(-1, 1, 1, 1).expand(-1, 1, *size_px).contiguous()
     larger[:, :, top : top + height, left : left + width] = value

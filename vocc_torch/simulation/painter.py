@@ -158,8 +158,8 @@ def led_stamps(context: Context, size: framing.Size) -> Iterator[Stamps]:
         at = view.led_centres_m(panel).to(scene.distance_m)
         centre, spread = view.view_of(context).discs_px(at, panel.led_diameter_m / 2)
         centre, spread = (centre - origin.unsqueeze(1)).flatten(0, 1), spread.flatten(0, 1)
-        (x, y), (wide, high) = centre.T, spread.diagonal(dim1=-2, dim2=-1).sqrt().T
-        discs = _Discs(x, y, wide, high, spread)
+        half = spread.diagonal(dim1=-2, dim2=-1).sqrt()
+        discs = _Discs(centre[:, 0], centre[:, 1], half[:, 0], half[:, 1], spread)
     else:
         x, y = framing.led_centres_px(scene, camera, panel)
         radius = panel.led_diameter_m / 2 * camera.pixels_per_metre(scene.distance_m)

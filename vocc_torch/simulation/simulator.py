@@ -15,16 +15,9 @@ from vocc_torch.hardware import Camera, LedPanel
 from vocc_torch.rng import FrameKey
 from vocc_torch.simulation import framing as crops
 from vocc_torch.simulation import photometry
-from vocc_torch.simulation.effects import (
-    CAMERA_STEPS,
-    Context,
-    Effect,
-    Parameters,
-    Quantity,
-    build_effects,
-    check_chain,
-)
+from vocc_torch.simulation.effects import Context, Effect, Parameters, Quantity, build_effects
 from vocc_torch.simulation.effects.light import RollingShutter
+from vocc_torch.simulation.effects.registry import CAMERA_STEPS, check_chain
 from vocc_torch.simulation.effects.view import panel_corners_m, view_of
 from vocc_torch.simulation.painter import in_perspective, paint, taking
 from vocc_torch.simulation.photometry import grey_value, through_lens
@@ -171,7 +164,12 @@ class Simulator:
         if nearest_m is not None and nearest_m > nearest * (1 + 1e-9):
             raise VoccError(f"nearest_m is {nearest_m:g}: it must be at most the nearest scene's {nearest:g}")
         window = panel_only and self._filling is not None
-        size = self._size(nearest if nearest_m is None else nearest_m, window)
+        drawn_full = self._filling is not None and self._filling.takes in DRAWN
+        if not window and (self.framing == "full" or drawn_full):
+            size = sensor
+        else:
+            size = self.crop_px(nearest if nearest_m is None else nearest_m)
+            size = crops.window_size_px(size, sensor) if window else size
         if in_perspective(self.effects):
             view = view_of(self._context(scene, keys))
             centre = view.points_px(scene.distance_m.new_zeros(1, 2))[:, 0]
@@ -225,14 +223,6 @@ class Simulator:
     def _context(self, scene: Scene, keys: Sequence[FrameKey] = (), origin: Tensor | None = None) -> Context:
         """What effects may know about frames."""
         return Context(scene, self.camera, keys, origin, self.effects, self.panel)
-
-    def _size(self, nearest_m: float, window: bool) -> tuple[int, int]:
-        """Height and width of what is drawn."""
-        if window:
-            return crops.window_size_px(self.crop_px(nearest_m), self.camera.sensor_px)
-        if self.framing == "full" or (self._filling is not None and self._filling.takes in DRAWN):
-            return self.camera.sensor_px
-        return self.crop_px(nearest_m)
 
     def _expose(self, batch: crops.Batch, window: bool) -> list[Tensor]:
         """Carry the LEDs' light through the camera, laying crops on the sensor once an effect fills it."""

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from vocc_torch.errors import VoccError
-from vocc_torch.simulation.effects.base import BRIGHTEST, Context, Effect, Quantity
+from vocc_torch.simulation.effects.base import BRIGHTEST, Context, Effect, Quantity, whole, within
 from vocc_torch.simulation.effects.light import dimmed_once
 from vocc_torch.simulation.effects.view import CLOCKWISE, LensDistortion, View, led_centres_m, view_of
 from vocc_torch.simulation.photometry import reflected_luminance_cd_m2
@@ -88,17 +88,12 @@ class BackgroundTexture(Effect):
         2.0
     """
 
-    contrast: float
-    beta: float = 2.0
+    contrast: float = within(0, 1, above=True, hint="leave the effect out for a uniform background")
+    beta: float = within(0, 4, default=2.0)
 
     name = "background_texture"
     takes = gives = Quantity.BACKGROUND
     sampled = fills_sensor = True
-
-    def __post_init__(self) -> None:
-        """Check the ranges."""
-        self.demand("contrast", 0, 1, above=True, hint="leave the effect out for a uniform background")
-        self.demand("beta", 0, 4)
 
     def texture(self, generator: np.random.Generator, sensor_px: tuple[int, int]) -> NDArray[np.float32]:
         """Draw one frame's texture on the whole sensor, (height, width), mean 1."""
@@ -109,7 +104,7 @@ class BackgroundTexture(Effect):
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Multiply (B,1,H,W) background luminance by each frame's texture."""
         height, width = value.shape[-2:]
-        frames = zip(context.generators(self.name, of_scene=True), context.origins(), strict=True)
+        frames = zip(context.generators(self.name, of_scene=True), context.first_px.tolist(), strict=True)
         parts = [
             torch.from_numpy(self.texture(generator, context.camera.sensor_px))[y : y + height, x : x + width]
             for generator, (x, y) in frames
@@ -144,19 +139,13 @@ class Lamps(Effect):
         True
     """
 
-    count: int
-    luminance_cd_m2: float
-    diameter_m: float
+    count: int = whole(1, MOST_LAMPS)
+    luminance_cd_m2: float = within(0, BRIGHTEST, above=True)
+    diameter_m: float = within(0, 10, above=True)
 
     name = "lamps"
     takes = gives = Quantity.BACKGROUND
     sampled = fills_sensor = True
-
-    def __post_init__(self) -> None:
-        """Check the ranges."""
-        self.demand_whole("count", 1, MOST_LAMPS)
-        self.demand("luminance_cd_m2", 0, BRIGHTEST, above=True)
-        self.demand("diameter_m", 0, 10, above=True)
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Paint each frame's lamps onto its (B,1,H,W) background luminance."""
@@ -165,7 +154,7 @@ class Lamps(Effect):
         shining = torch.full_like(context.scene.distance_m, self.luminance_cd_m2).view(-1, 1, 1)
         light = dimmed_once(shining, context).flatten().tolist()
         generators = context.generators(self.name, of_scene=True)
-        frames = zip(radii, context.origins(), light, generators, strict=True)
+        frames = zip(radii, context.first_px.tolist(), light, generators, strict=True)
         for frame, (radius, origin, light_cd_m2, generator) in enumerate(frames):
             for across, down in generator.random((self.count, 2)).tolist():
                 centre = (across * camera.width_px, down * camera.height_px)
@@ -229,19 +218,15 @@ class SecondPanel(Effect):
         True
     """
 
-    offset_x_m: float
-    offset_y_m: float = 0.0
-    luminance_share: float = 1.0
+    offset_x_m: float = within(-FARTHEST_M, FARTHEST_M)
+    offset_y_m: float = within(-FARTHEST_M, FARTHEST_M, default=0.0)
+    luminance_share: float = within(
+        0, 10, default=1.0, above=True, hint="leave the effect out for no second panel"
+    )
 
     name = "second_panel"
     takes = gives = Quantity.BACKGROUND
     sampled = fills_sensor = True
-
-    def __post_init__(self) -> None:
-        """Check the ranges that do not need the panel."""
-        for parameter in ("offset_x_m", "offset_y_m"):
-            self.demand(parameter, -FARTHEST_M, FARTHEST_M)
-        self.demand("luminance_share", 0, 10, above=True, hint="leave the effect out for no second panel")
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Draw the panel onto each frame's (B,1,H,W) background luminance."""
@@ -331,7 +316,8 @@ def _leds_in_view(leds_m: Tensor, value: Tensor, context: Context) -> _Shapes:
     """Find the LEDs (N,2) that each frame shows, and their cover."""
     view, radius_m = view_of(context), context.panel.led_diameter_m / 2
     has_image = _has_image(view, leds_m, radius_m, context)
-    centre, spread = view.discs_px(_or_ours(leds_m, has_image), radius_m)
+    # Our panel's centre, which has an image, stands in the place of points that have none.
+    centre, spread = view.discs_px(torch.where(has_image.unsqueeze(-1), leds_m, 0.0), radius_m)
     reach = spread.diagonal(dim1=-2, dim2=-1).sqrt()
     centres, spreads = centre.flatten(0, 1), spread.flatten(0, 1)
 
@@ -347,7 +333,8 @@ def _boards_in_view(leds_m: Tensor, value: Tensor, context: Context) -> _Shapes:
     cells_m = (leds_m.unsqueeze(1) + leds_m.new_tensor(CLOCKWISE) * (context.panel.pitch_m / 2)).flatten(0, 1)
     view = view_of(context)
     has_image = _has_image(view, cells_m, 0.0, context)
-    corners = view.points_px(_or_ours(cells_m, has_image)).view(len(value), -1, 4, 2)
+    held_m = torch.where(has_image.unsqueeze(-1), cells_m, 0.0)
+    corners = view.points_px(held_m).view(len(value), -1, 4, 2)
     whole = has_image.view(len(value), -1, 4).all(dim=2)
 
     def cover(which: Tensor, side: int) -> tuple[Tensor, Tensor, Tensor]:
@@ -367,11 +354,6 @@ def _has_image(view: View, points_m: Tensor, radius_m: float, context: Context) 
     depth, off_axis = points[..., 2], points[..., :2].square().sum(dim=-1).sqrt()
     # A disc that touches the plane of the camera has no ellipse for its image.
     return (depth > radius_m) & (off_axis < depth * min(limits, default=math.inf))
-
-
-def _or_ours(points_m: Tensor, has_image: Tensor) -> Tensor:
-    """Put our panel's centre, which has an image, in the place of points that have none, (B,N,2)."""
-    return torch.where(has_image.unsqueeze(-1), points_m, 0.0)
 
 
 def _in_view(

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import MISSING, dataclass, field, fields
 from enum import StrEnum
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import torch
@@ -100,11 +100,18 @@ class Context:
             return torch.zeros(len(self.scene), 2, dtype=torch.int64, device=device)
         return self.origin_px.to(device)
 
-    def origins(self) -> list[tuple[int, int]]:
-        """``first_px`` as plain numbers."""
-        return [(x, y) for x, y in self.first_px.tolist()]
+
+def within(low: float, high: float = math.inf, *, default: object = MISSING, **rule: object) -> Any:
+    """Declare a parameter from ``low`` to ``high``; ``rule`` is that of :meth:`Effect.demand`."""
+    return field(default=default, metadata={"range": (low, high), "rule": rule})
 
 
+def whole(low: int, high: int, *, default: object = MISSING) -> Any:
+    """Declare a parameter that is a whole number from ``low`` to ``high``."""
+    return field(default=default, metadata={"whole": (low, high)})
+
+
+@dataclass(frozen=True)
 class Effect(ABC):
     """One physical effect: a frozen dataclass of its parameters, called on the quantity that it takes."""
 
@@ -117,6 +124,15 @@ class Effect(ABC):
     """True where the effect changes the whole picture's luminance alike, so that auto-ISO meters it."""
     sampled: ClassVar[bool] = False
     """True where the effect draws random numbers."""
+
+    def __post_init__(self) -> None:
+        """Refuse by name a parameter outside its range."""
+        for parameter in fields(self):
+            declared = parameter.metadata
+            if "range" in declared:
+                self.demand(parameter.name, *declared["range"], **declared["rule"])
+            elif "whole" in declared:
+                self.demand_whole(parameter.name, *declared["whole"])
 
     @property
     def reach_px(self) -> int:

@@ -13,7 +13,7 @@ from kornia.enhance import jpeg_codec_differentiable
 from torch import Tensor
 
 from vocc_torch.errors import VoccError
-from vocc_torch.simulation.effects.base import Context, Effect, Quantity
+from vocc_torch.simulation.effects.base import Context, Effect, Quantity, whole
 from vocc_torch.simulation.effects.sensor import Bayer
 
 PATTERNS = {(0, 0): CFA.BG, (1, 0): CFA.GB, (0, 1): CFA.GR, (1, 1): CFA.RG}
@@ -76,7 +76,7 @@ class Demosaicing(Effect):
         for effect in context.effects:
             if isinstance(effect, Bayer):
                 raw = raw / effect.filters(raw, context)
-        phases = [(x % 2, y % 2) for x, y in context.origins()]
+        phases = [(x % 2, y % 2) for x, y in context.first_px.tolist()]
         if len(set(phases)) == 1:
             return _luma(raw, PATTERNS[phases[0]]).to(value.dtype)
         order = sorted(range(len(phases)), key=phases.__getitem__)
@@ -144,15 +144,11 @@ class Quantization(Effect):
         256
     """
 
-    bits: int = 8
+    bits: int = whole(1, 16, default=8)
 
     name = "quantization"
     takes = Quantity.BOUNDED_GREY
     gives = Quantity.DIGITAL
-
-    def __post_init__(self) -> None:
-        """Check the range."""
-        self.demand_whole("bits", 1, 16)
 
     @property
     def levels(self) -> int:
@@ -196,26 +192,19 @@ class Jpeg(Effect):
         'digital number'
     """
 
-    quality: int
+    quality: int = whole(1, 100)
 
     name = "jpeg"
     takes = gives = Quantity.DIGITAL
     fills_sensor = True
 
-    def __post_init__(self) -> None:
-        """Check the range."""
-        self.demand_whole("quality", 1, 100)
-
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Code (B,1,H,W) uint8 frames.
 
         Raises:
-            VoccError: frames that are not uint8, or crops off the grid of blocks.
+            VoccError: crops off the grid of blocks.
         """
-        if value.dtype != torch.uint8:
-            rule = "codes 8-bit frames: scene.effects.quantization.bits must be 8"
-            raise VoccError(f"scene.effects.jpeg {rule}")
-        for at in context.origins():
+        for at in context.first_px.tolist():
             if at[0] % JPEG_BLOCK_PX or at[1] % JPEG_BLOCK_PX:
                 rule = f"it must lie on the grid of {JPEG_BLOCK_PX} px"
                 raise VoccError(f"scene.effects.jpeg got a crop at {at}: {rule}")

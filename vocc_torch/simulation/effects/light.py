@@ -11,7 +11,7 @@ from torch import Tensor
 
 from vocc_torch.errors import VoccError
 from vocc_torch.hardware import Camera
-from vocc_torch.simulation.effects.base import BRIGHTEST, Context, Effect, Extent, Quantity
+from vocc_torch.simulation.effects.base import BRIGHTEST, Context, Effect, Extent, Quantity, within
 from vocc_torch.simulation.effects.view import led_centres_m, panel_corners_m, view_of
 from vocc_torch.simulation.photometry import reflected_luminance_cd_m2, transmission
 from vocc_torch.simulation.raster import interval_cover
@@ -27,6 +27,7 @@ CONTRAST_AT_VISIBILITY = 0.02
 """Share of a contrast that is left at the visibility distance, by that distance's definition."""
 
 NO_GLARE = "leave the effect out for no glare"
+FREE_VIEW = "leave the effect out for a free view"
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,17 +64,12 @@ class RollingShutter(Effect):
         0.016
     """
 
-    readout_s: float
-    symbol_s: float
+    readout_s: float = within(0, LONGEST_S, above=True, hint="leave the effect out for a global shutter")
+    symbol_s: float = within(0, LONGEST_S, above=True)
 
     name = "rolling_shutter"
     takes = gives = Quantity.SYMBOLS
     sampled = True
-
-    def __post_init__(self) -> None:
-        """Check the ranges that do not need the camera."""
-        self.demand("readout_s", 0, LONGEST_S, above=True, hint="leave the effect out for a global shutter")
-        self.demand("symbol_s", 0, LONGEST_S, above=True)
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Put each frame's (B,R,C) bits amid the symbols that show during the panel's readout.
@@ -185,8 +181,8 @@ class StuckLeds(Effect):
         0.0
     """
 
-    off_share: float = 0.0
-    on_share: float = 0.0
+    off_share: float = within(0, 1, default=0.0)
+    on_share: float = within(0, 1, default=0.0)
 
     name = "stuck_leds"
     takes = gives = Quantity.LED_LUMINANCE
@@ -194,8 +190,7 @@ class StuckLeds(Effect):
 
     def __post_init__(self) -> None:
         """Check the shares."""
-        for parameter in ("off_share", "on_share"):
-            self.demand(parameter, 0, 1)
+        Effect.__post_init__(self)
         together = self.off_share + self.on_share
         if not 0 < together <= 1:
             rule = "at most 1" if together else "above 0 (leave the effect out for no stuck LEDs)"
@@ -237,15 +232,11 @@ class LedScatter(Effect):
         0.09975
     """
 
-    coefficient_of_variation: float
+    coefficient_of_variation: float = within(0, 2, above=True, hint="leave the effect out for no scatter")
 
     name = "led_scatter"
     takes = gives = Quantity.LED_LUMINANCE
     sampled = True
-
-    def __post_init__(self) -> None:
-        """Check the range."""
-        self.demand("coefficient_of_variation", 0, 2, above=True, hint="leave the effect out for no scatter")
 
     @property
     def log_sigma(self) -> float:
@@ -279,14 +270,10 @@ class Attenuation(Effect):
         40000.0
     """
 
-    visibility_m: float
+    visibility_m: float = within(0, above=True)
 
     name = "attenuation"
     takes = gives = Quantity.LED_LUMINANCE
-
-    def __post_init__(self) -> None:
-        """Check the range."""
-        self.demand("visibility_m", 0, above=True)
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Dim (B,R,C) LED luminance by the transmission at each frame's distance."""
@@ -346,17 +333,12 @@ class Airlight(Effect):
         1.0
     """
 
-    visibility_m: float
-    horizon_factor: float = 1.0
+    visibility_m: float = within(0, above=True)
+    horizon_factor: float = within(0, 10, default=1.0)
 
     name = "airlight"
     takes = gives = Quantity.UNLIT
     metered = True
-
-    def __post_init__(self) -> None:
-        """Check the ranges."""
-        self.demand("visibility_m", 0, above=True)
-        self.demand("horizon_factor", 0, 10)
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Lay each frame's path of air before its (B,1,H,W) luminance without the LEDs' own light."""
@@ -392,19 +374,13 @@ class Occlusion(Effect):
         (96.0, 40.0)
     """
 
-    width_share: float
-    height_share: float
-    reflectance: float = 0.04
+    width_share: float = within(0, 2, above=True, hint=FREE_VIEW)
+    height_share: float = within(0, 2, above=True, hint=FREE_VIEW)
+    reflectance: float = within(0, 1, default=0.04)
 
     name = "occlusion"
     takes = gives = Quantity.LUMINANCE
     sampled = True
-
-    def __post_init__(self) -> None:
-        """Check the ranges."""
-        for parameter in ("width_share", "height_share"):
-            self.demand(parameter, 0, 2, above=True, hint="leave the effect out for a free view")
-        self.demand("reflectance", 0, 1)
 
     def size_in_px(self, size_px: Extent, camera: Camera, nearest_m: float) -> Extent:
         """Height and width of the panel's image with half of the rectangle beyond it on every side."""
@@ -506,9 +482,7 @@ class VeilingGlare(Effect):
         """The luminance that is added."""
         if self.luminance_cd_m2 is not None:
             return self.luminance_cd_m2
-        assert self.glare_illuminance_lx is not None
-        assert self.angle_deg is not None
-        return disability_glare_cd_m2(self.glare_illuminance_lx, self.angle_deg)
+        return disability_glare_cd_m2(self.glare_illuminance_lx or 0.0, self.angle_deg or 1.0)
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Add the veil to (B,1,H,W) luminance."""

@@ -82,7 +82,7 @@ def picture_tiles(
     Raises:
         VoccError: frames without keys.
     """
-    for key, origin in zip(context.keys_for(stream), context.origins(), strict=True):
+    for key, origin in zip(context.keys_for(stream), context.first_px.tolist(), strict=True):
         generator = key.tiles(f"effect.{stream}")
         # All before the first is drawn from: taking turns costs a tenth of the drawing.
         yield [(part, generator(part.row, part.column)) for part in tile_parts(origin, size)]
@@ -152,7 +152,7 @@ class SensorPattern:
         """
         height, width = value.shape[-2:]
         keys = context.keys_for(stream)
-        places = [(key.block.seed, *at) for key, at in zip(keys, context.origins(), strict=True)]
+        places = [(key.block.seed, *at) for key, at in zip(keys, context.first_px.tolist(), strict=True)]
         planes: dict[tuple[int, int, int], Tensor] = {}
         for seed, left, top in sorted(set(places)):
             ends = zip(context.camera.sensor_px, (top + height, left + width), strict=True)

@@ -15,7 +15,7 @@ from torch import Tensor
 
 from vocc_torch.errors import VoccError
 from vocc_torch.hardware import Camera
-from vocc_torch.simulation.effects.base import Context, Effect, Quantity
+from vocc_torch.simulation.effects.base import Context, Effect, Quantity, within
 from vocc_torch.simulation.raster import disc_quadrant_area, per_pixel
 
 FASTEST_M_S = 200.0
@@ -66,17 +66,15 @@ class MotionBlur(Effect):
         ([0.97, 0.48], [0.0, 0.0])
     """
 
-    velocity_x_m_s: float = 0.0
-    velocity_y_m_s: float = 0.0
+    velocity_x_m_s: float = within(-FASTEST_M_S, FASTEST_M_S, default=0.0)
+    velocity_y_m_s: float = within(-FASTEST_M_S, FASTEST_M_S, default=0.0)
 
     name = "motion_blur"
     takes = gives = Quantity.EXPOSURE
 
     def __post_init__(self) -> None:
         """Check the ranges."""
-        for axis in ("velocity_x_m_s", "velocity_y_m_s"):
-            if not abs(getattr(self, axis)) <= FASTEST_M_S:
-                raise self.refusal(axis, f"from -{FASTEST_M_S:g} to {FASTEST_M_S:g}")
+        Effect.__post_init__(self)
         if self.velocity_x_m_s == self.velocity_y_m_s == 0:
             rest = "one of the two must not be 0 (leave the effect out for no motion)"
             raise VoccError(f"scene.effects.motion_blur.velocity_x_m_s and velocity_y_m_s are 0: {rest}")
@@ -261,15 +259,10 @@ class Diffraction(Effect):
         13
     """
 
-    wavelength_nm: float = 555.0
+    wavelength_nm: float = within(300, 1100, default=555.0)
 
     name = "diffraction"
     takes = gives = Quantity.EXPOSURE
-
-    def __post_init__(self) -> None:
-        """Check the range."""
-        if not 300 <= self.wavelength_nm <= 1100:
-            raise self.refusal("wavelength_nm", "from 300 to 1100")
 
     def _lambda_n_px(self, camera: Camera) -> float:
         """Wavelength times f-number in pixels."""
@@ -316,14 +309,10 @@ class Blooming(Effect):
         6
     """
 
-    sigma_px: float
+    sigma_px: float = within(0, MOST_SIGMA_PX, above=True, hint="leave the effect out for no blooming")
 
     name = "blooming"
     takes = gives = Quantity.EXPOSURE
-
-    def __post_init__(self) -> None:
-        """Check the range."""
-        self.demand("sigma_px", 0, MOST_SIGMA_PX, above=True, hint="leave the effect out for no blooming")
 
     @property
     def reach_px(self) -> int:

@@ -12,7 +12,7 @@ from torch import Tensor
 from vocc_torch.errors import VoccError
 from vocc_torch.hardware import Camera
 from vocc_torch.simulation.effects import noise
-from vocc_torch.simulation.effects.base import Context, Effect, Quantity
+from vocc_torch.simulation.effects.base import Context, Effect, Quantity, within
 from vocc_torch.simulation.effects.noise import SensorPattern, poisson_quantile
 
 PLANCK_J_S = 6.62607015e-34
@@ -55,18 +55,13 @@ class Bayer(Effect):
         [[0.5, 1.0, 0.5, 1.0], [1.0, 0.625, 1.0, 0.625]]
     """
 
-    red: float = 0.5
-    green: float = 1.0
-    blue: float = 0.625
+    red: float = within(0.001, 1, default=0.5)
+    green: float = within(0.001, 1, default=1.0)
+    blue: float = within(0.001, 1, default=0.625)
 
     name = "bayer"
     takes = gives = Quantity.EXPOSURE
     fills_sensor = True
-
-    def __post_init__(self) -> None:
-        """Check the ranges."""
-        for colour in ("red", "green", "blue"):
-            self.demand(colour, 0.001, 1)
 
     def filters(self, like: Tensor, context: Context) -> Tensor:
         """The share that each pixel's filter lets through.
@@ -80,7 +75,7 @@ class Bayer(Effect):
         """
         height, width = like.shape[-2:]
         cell = torch.tensor([[self.red, self.green], [self.green, self.blue]], dtype=like.dtype)
-        places = [(x % 2, y % 2) for x, y in context.origins()]
+        places = [(x % 2, y % 2) for x, y in context.first_px.tolist()]
         planes = {}
         for x, y in set(places):
             cells = cell.roll((-y, -x), (0, 1)).repeat(height // 2 + 1, width // 2 + 1)
@@ -121,19 +116,13 @@ class Photoelectrons(Effect):
         116009
     """
 
-    quantum_efficiency: float
-    wavelength_nm: float = 555.0
-    luminous_efficacy_lm_w: float = LUMENS_PER_WATT
+    quantum_efficiency: float = within(0, 1, above=True)
+    wavelength_nm: float = within(380, 780, default=555.0)
+    luminous_efficacy_lm_w: float = within(0, LUMENS_PER_WATT, default=LUMENS_PER_WATT, above=True)
 
     name = "photoelectrons"
     takes = Quantity.EXPOSURE
     gives = Quantity.ELECTRONS
-
-    def __post_init__(self) -> None:
-        """Check the ranges."""
-        self.demand("quantum_efficiency", 0, 1, above=True)
-        self.demand("wavelength_nm", 380, 780)
-        self.demand("luminous_efficacy_lm_w", 0, LUMENS_PER_WATT, above=True)
 
     def electrons_per_lx_s(self, camera: Camera) -> float:
         """Electrons that one lx s of luminous exposure yields in a pixel of this camera.
@@ -175,11 +164,7 @@ class AddedNoise(ElectronNoise):
         electrons: standard deviation, above 0 and at most 100,000.
     """
 
-    electrons: float
-
-    def __post_init__(self) -> None:
-        """Check the range."""
-        self.demand("electrons", 0, 100_000, above=True, hint=NO_NOISE)
+    electrons: float = within(0, 100_000, above=True, hint=NO_NOISE)
 
     @abstractmethod
     def noise(self, value: Tensor, context: Context) -> Tensor:
@@ -214,14 +199,10 @@ class Prnu(ElectronNoise):
         True
     """
 
-    share: float
+    share: float = within(0, 0.2, above=True, hint=NO_NOISE)
     _pattern: SensorPattern = field(default_factory=SensorPattern, init=False, repr=False, compare=False)
 
     name = "prnu"
-
-    def __post_init__(self) -> None:
-        """Check the range."""
-        self.demand("share", 0, 0.2, above=True, hint=NO_NOISE)
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Multiply (B,1,H,W) electrons by each pixel's response."""
@@ -255,13 +236,9 @@ class DarkCurrent(ElectronEffect):
         'dark_current'
     """
 
-    electrons_per_s: float
+    electrons_per_s: float = within(0, 1e9, above=True, hint=NO_NOISE)
 
     name = "dark_current"
-
-    def __post_init__(self) -> None:
-        """Check the range."""
-        self.demand("electrons_per_s", 0, 1e9, above=True, hint=NO_NOISE)
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Add the mean dark signal to (B,1,H,W) electrons."""
@@ -292,16 +269,11 @@ class HotPixels(ElectronNoise):
         True
     """
 
-    share: float
-    electrons_per_s: float
+    share: float = within(0, 1, above=True, hint=NO_NOISE)
+    electrons_per_s: float = within(0, 1e9, above=True, hint=NO_NOISE)
     _pattern: SensorPattern = field(default_factory=SensorPattern, init=False, repr=False, compare=False)
 
     name = "hot_pixels"
-
-    def __post_init__(self) -> None:
-        """Check the ranges."""
-        self.demand("share", 0, 1, above=True, hint=NO_NOISE)
-        self.demand("electrons_per_s", 0, 1e9, above=True, hint=NO_NOISE)
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Add the hot pixels' charge to (B,1,H,W) electrons."""
@@ -379,13 +351,9 @@ class FullWell(ElectronEffect):
         'full_well'
     """
 
-    electrons: float
+    electrons: float = within(1, 1e9)
 
     name = "full_well"
-
-    def __post_init__(self) -> None:
-        """Check the range."""
-        self.demand("electrons", 1, 1e9)
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Clip (B,1,H,W) electrons."""
@@ -454,7 +422,9 @@ class RowNoise(AddedNoise):
         height, sensor_rows = value.shape[-2], context.camera.height_px
         rows = [
             torch.from_numpy(generator.standard_normal(sensor_rows, dtype=np.float32)[y : y + height])
-            for generator, (_, y) in zip(context.generators(self.name), context.origins(), strict=True)
+            for generator, (_, y) in zip(
+                context.generators(self.name), context.first_px.tolist(), strict=True
+            )
         ]
         return self.electrons * torch.stack(rows).view(-1, 1, height, 1).to(value)
 
@@ -511,10 +481,8 @@ class Gain(Effect):
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Turn (B,1,H,W) electrons into luminous exposure."""
-        makers = [effect for effect in context.effects if isinstance(effect, Photoelectrons)]
-        if len(makers) != 1:
-            raise VoccError("scene.effects.gain undoes scene.effects.photoelectrons: name that too")
-        return value.clamp(min=0) / makers[0].electrons_per_lx_s(context.camera)
+        maker = next(effect for effect in context.effects if isinstance(effect, Photoelectrons))
+        return value.clamp(min=0) / maker.electrons_per_lx_s(context.camera)
 
 
 ELECTRONS = (Photoelectrons, Prnu, DarkCurrent, HotPixels, ShotNoise, FullWell, Dsnu, RowNoise, ReadNoise)

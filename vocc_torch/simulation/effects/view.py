@@ -11,7 +11,7 @@ from torch import Tensor
 
 from vocc_torch.errors import VoccError
 from vocc_torch.hardware import Camera, LedPanel
-from vocc_torch.simulation.effects.base import Context, Effect, Extent, PointEffect, Quantity
+from vocc_torch.simulation.effects.base import Context, Effect, Extent, PointEffect, Quantity, within
 from vocc_torch.simulation.scene import Distribution
 from vocc_torch.types import Scene
 
@@ -195,16 +195,16 @@ class LensDistortion(PointEffect):
         [1893.6, 1065.1]
     """
 
-    k1: float = 0.0
-    k2: float = 0.0
-    k3: float = 0.0
+    k1: float = within(-LARGEST, LARGEST, default=0.0)
+    k2: float = within(-LARGEST, LARGEST, default=0.0)
+    k3: float = within(-LARGEST, LARGEST, default=0.0)
 
     name = "lens_distortion"
 
     def __post_init__(self) -> None:
         """Check the ranges."""
+        Effect.__post_init__(self)
         for name in ("k1", "k2", "k3"):
-            self.demand(name, -LARGEST, LARGEST)
             if 0 < abs(getattr(self, name)) < SMALLEST:
                 raise self.refusal(name, f"0, or at least {SMALLEST:g} either way")
         if self.k1 == self.k2 == self.k3 == 0:
