@@ -243,33 +243,6 @@ def test_more_receivers_than_there_is_room_for_name_the_frontier():
     assert 0 < bold <= len(labels(figure)) < 60
 
 
-def test_what_it_rests_on_is_said(figure):
-    said = plain(figure)
-    for part in (
-        "What accuracy costs in time",
-        "1920 x 1080",
-        "1000 frames",
-        "a machine with 2 cores",
-        "5 interleaved",
-        "two frames of known bits for every one of data",
-        "lower rate, by paired intervals of all pairs that hold together at 95 % (Bonferroni)",
-        "paper's locator",
-    ):
-        assert part in said
-    assert "with care" not in said
-    busy = drawn(made_up_prices(times=timed(waited_share=0.4)), "far", "crops")
-    assert "for 40 % of it other work had the processor" in plain(busy)
-    check_footnote(busy)
-    # These scenes' crops were not made: neither their size nor their times are known.
-    assert "89 x 89" not in words(busy)
-    assert "right after an untimed one; times are those of mixture." in plain(busy)
-    crops = drawn(made_up_prices(), "mixture", "crops")
-    assert "89 x 89" in words(crops)
-    assert "times are those of" not in plain(crops)
-    none = drawn(made_up_prices(SETTINGS[1:3], BIT_ERRORS[1:3], ALONE_MS[1:3]))
-    assert "known bits" not in plain(none)
-
-
 def check_footnote(figure):
     """All texts are on the picture, and the footnote does not reach the legend."""
     renderer = figure.canvas.get_renderer()
@@ -278,15 +251,6 @@ def check_footnote(figure):
         assert part.get_window_extent(renderer).x1 < figure.bbox.width
     (footnote,) = (one for one in figure.texts if "Frontier (bold)" in one.get_text())
     assert footnote.get_window_extent(renderer).y1 < legend.get_window_extent(renderer).y0
-
-
-def test_the_footnote_and_the_legend_fit(figure):
-    check_footnote(figure)
-
-
-def test_one_receiver_alone_is_drawn():
-    alone = made_up_prices(SETTINGS[:1], BIT_ERRORS[:1], ALONE_MS[:1])
-    assert figure_pixels(tradeoff_figure(alone, "mixture", "cpu", "crops")).std() > 0
 
 
 @given(st.lists(st.floats(0, 500), min_size=1, max_size=20).map(sorted), st.floats(1, 20))
@@ -324,3 +288,25 @@ def test_the_papers_figure_comes_of_the_same_data():
             assert len(texts) == 5
             assert all(one.get_window_extent(renderer).x1 <= box.x1 for one in texts)
     assert shares_figure(made_up_prices()) is None
+
+
+def test_what_it_rests_on_is_said_where_it_holds_and_fits_the_page(figure):
+    check_footnote(figure)
+    for part in (
+        "1920 x 1080",
+        "1000 frames",
+        "a machine with 2 cores",
+        "5 interleaved",
+        "two frames of known bits",
+    ):
+        assert part in plain(figure)
+    assert "with care" not in plain(figure)
+    busy = drawn(made_up_prices(times=timed(waited_share=0.4)), "far", "crops")
+    assert "for 40 % of it other work had the processor" in plain(busy)
+    check_footnote(busy)
+    # These scenes' crops were not made: neither their size nor their times are known.
+    assert "89 x 89" not in plain(busy)
+    assert "times are those of mixture." in plain(busy)
+    none = drawn(made_up_prices(SETTINGS[1:3], BIT_ERRORS[1:3], ALONE_MS[1:3]), "mixture", "crops")
+    assert "known bits" not in plain(none)
+    assert "89 x 89" in plain(none)
