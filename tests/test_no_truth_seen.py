@@ -24,7 +24,7 @@ from vocc_torch.receiver.reader import Reader
 from vocc_torch.receiver.receiver import StagedReceiver
 from vocc_torch.rng import BlockKey
 from vocc_torch.simulation import Distribution, Simulator
-from vocc_torch.studies.tradeoff.study import Apart
+from vocc_torch.studies.tradeoff.run import Apart
 from vocc_torch.types import Frames
 
 

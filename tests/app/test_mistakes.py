@@ -8,6 +8,15 @@ MISTAKES = [
     # Each: the words of a command line, and parts of its complaint.
     ("experiment=ambeint", "experiment is 'ambeint'", "ambient, classifiers, contrast, dimming, distance"),
     ("task=tset", "task is 'tset'", "classifiers, collect, decode, effects, figures, test, tradeoff, train"),
+    ("task=tradeoff tradeoff.devices=[tpu]", "tradeoff.devices has 'tpu'", "auto, cpu or cuda"),
+    ("task=tradeoff tradeoff.devices=[cuda:77]", "tradeoff.devices has 'cuda:77'", "this machine has"),
+    (
+        "task=tradeoff +tradeoff.scenes.odd={distance:5}",
+        "tradeoff.scenes.odd.distance",
+        "not a value of a scene",
+    ),
+    ("task=tradeoff +tradeoff.scenes.odd=5", "tradeoff.scenes.odd is 5: it must be"),
+    ("task=tradeoff budget.precision=0.1", "budget.precision is 0.1", "must be null for task=tradeoff"),
     ("classifier=[lmmse,mpl]", "classifier has 'mpl'", "it must be of boosted_trees, cnn, ", "lmmse"),
     ("scene=moon", "scene is 'moon'", "paper"),
     ("sede=1", "sede is not a known key", "did you mean seed?"),

@@ -17,7 +17,7 @@ from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.simulation import Camera
 from vocc_torch.simulation.effects import Context
 from vocc_torch.simulation.effects.view import LensDistortion, Pose, View, placement_m, view_of
-from vocc_torch.simulation.raster import ellipse_cover, ellipse_patch_px, polygon_cover
+from vocc_torch.simulation.raster import ellipse_cover, polygon_cover
 from vocc_torch.simulation.scene import Distribution
 from vocc_torch.types import Scene
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from made_up_prices import ALONE_MS, FRAMES, LEDS, REFERENCES, SETTINGS, made_up_prices, spent
+from made_up_prices import ALONE_MS, FRAMES, LEDS, REFERENCES, SETTINGS, made_up_prices
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.counts import Counts
@@ -54,13 +54,6 @@ def test_the_frontier_is_what_nothing_beats(points):
     assert [one.time_ms.value for one in kept] == sorted(one.time_ms.value for one in kept)
     assert [one.ber.value for one in kept] == sorted((one.ber.value for one in kept), reverse=True)
     assert bool(kept) == bool(points)
-
-
-@given(point_lists())
-def test_no_two_beat_each_other_and_none_beats_itself(points):
-    for a in points:
-        for b in points:
-            assert not (a.beats(b) and b.beats(a))
 
 
 @given(point_lists(), st.floats(0.5, 9), st.floats(1e-3, 0.2))
@@ -124,10 +117,6 @@ def test_without_locating_there_is_no_share():
     assert StageTimes({stage: (0.0 if stage == "locate" else 1.0,) for stage in STAGES}).share is None
 
 
-def test_shares_are_the_papers_normalisation():
-    assert spent(6.0).share.value == pytest.approx(0.5)
-
-
 def test_points_have_the_counts_interval_and_the_best_batch():
     prices = made_up_prices()
     points = prices.points("mixture", "cpu", "whole")
@@ -187,12 +176,6 @@ def test_what_is_possible_has_the_counts_interval():
     assert (free.value, free.low) == (0.0, 0.0)
     assert free.high == pytest.approx(-np.expm1(np.log(0.05) / 500) / LEDS)
     assert made_up_prices().reference("far") is None
-
-
-def test_rates_that_chance_explains_are_not_sure():
-    prices = made_up_prices(SETTINGS[:2], (302, 300), (4.0, 2.0))
-    points = prices.points("mixture", "cpu", "whole")
-    assert prices.beaten_by("mixture", points) == [(SETTINGS[1].name, False), ("", False)]
 
 
 def test_rates_that_frames_do_not_tell_apart_are_alike():

@@ -19,10 +19,10 @@ from vocc_torch.measure.workers import Workers
 from vocc_torch.receiver.classifiers import Inputs, Patch
 from vocc_torch.receiver.classifiers.training import TrainingRecipe
 from vocc_torch.simulation import Camera, Distribution, SceneModel
-from vocc_torch.studies.tradeoff import study as study_module
+from vocc_torch.studies.tradeoff import run as study_module
 from vocc_torch.studies.tradeoff.config import TradeoffConfig
 from vocc_torch.studies.tradeoff.plan import TradeoffStudy
-from vocc_torch.studies.tradeoff.study import count_receivers, price_receivers, train_receivers
+from vocc_torch.studies.tradeoff.run import count_receivers, price_receivers, train_receivers
 
 HERE = "vocc_torch.receiver.classifiers"
 NAMES = ("center_greyscale", "average_greyscale", "flda_ngr", "flda_2", "flda_3")

@@ -2,7 +2,6 @@
 
 import pytest
 from paper_runs import files_in, rows_of, run_in, white
-from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from vocc_torch.studies.tradeoff import plan as plan_module
 from vocc_torch.studies.tradeoff import run as task_module
@@ -104,58 +103,6 @@ def test_the_table_has_every_configuration_everywhere(whole):
         assert (float(row["preambles_ms"]) > 0) == (row["receiver"] == "average_greyscale")
         assert row["mixture_possible_test_frames"] == "2"
         assert float(row["mixture_possible_ber"]) <= float(row["mixture_possible_ber_high"]) < 1
-
-
-def test_the_words_are_the_tables(whole):
-    folder, _ = whole
-    words = " ".join((folder / "recommendation.txt").read_text().split())
-    rows = [row for row in measured(folder) if row["frames"] == "whole" and row["best_batch"] == "1"]
-    within = [row for row in rows if float(row["total_high_ms"]) <= 1e3 / 30]
-    assert within, "no receiver of small frames takes 33 ms"
-    best = min(within, key=lambda row: (float(row["mixture_ber"]), float(row["total_ms"])))
-    assert f"take {best['receiver']}" in words
-    assert "8 frames of each kind of scenes" in words
-
-
-def test_the_board_has_pictures_and_rows_of_the_hparams_tab(whole):
-    board = whole[0] / "tensorboard"
-    summary = EventAccumulator(str(board / "_summary")).Reload()
-    pictures = summary.Tags()["images"]
-    assert len(pictures) == 4
-    (main,) = (tag for tag in pictures if tag.rpartition("/")[2] == "tradeoff")
-    (image,) = summary.Images(main)
-    assert (image.width, image.height) == (1488, 1008)
-    own = EventAccumulator(str(board / "flda_3-truth-K4-sobel-float32")).Reload()
-    assert {"_hparams_/experiment", "_hparams_/session_start_info"} & set(own.summary_metadata)
-    (row,) = (
-        row
-        for row in measured(whole[0])
-        if tuple(row[name] for name in SETTING) == ("flda_3", "truth", "4", "sobel", "float32")
-        and (row["frames"], row["best_batch"]) == ("whole", "1")
-    )
-    numbers = {tag: own.Scalars(tag)[0].value for tag in own.Tags()["scalars"]}
-    assert numbers["ber/mixture"] == pytest.approx(float(row["mixture_ber"]), rel=1e-4)
-    assert numbers["ms/whole"] == pytest.approx(float(row["total_ms"]), rel=1e-4)
-
-
-@pytest.mark.parametrize(
-    ("word", "said"),
-    [
-        ("tradeoff.devices=[tpu]", "tradeoff.devices has 'tpu': it must be auto, cpu or cuda"),
-        ("tradeoff.devices=[cuda:7]", "tradeoff.devices has 'cuda:7', and this machine has"),
-        ("device=cuda:7", "device is 'cuda:7', and this machine has"),
-        ("+tradeoff.scenes.odd={distance: 5}", "tradeoff.scenes.odd.distance is not a value of a scene"),
-        ("+tradeoff.scenes.odd=5", "tradeoff.scenes.odd is 5: it must be"),
-        ("tradeoff.simulation.frames=0", "tradeoff.simulation is not a known key"),
-        ("tradeoff.repeat=3", "tradeoff.repeat is not a known key: did you mean tradeoff.repeats?"),
-        ("budget.precision=0.1", "budget.precision is 0.1: it must be null for task=tradeoff"),
-        ("input=a.png", "input is 'a.png': it must be null for task=tradeoff"),
-    ],
-)
-def test_mistakes_are_told_in_one_line(place, word, said):
-    ran = run_in(place, *BASE, "name=refused", "workers=1", word)
-    assert ran.complaint.startswith(said)
-    assert not (place / "runs" / "refused").exists()
 
 
 def test_a_folder_with_results_is_refused(place, whole):

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import itertools
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TypeVar, cast, get_args
+from typing import Any, cast, get_args
 
 import torch
 
@@ -36,7 +37,8 @@ MOST_BATCH = 1024
 VARIED = ("flda_3", "lmmse")
 """Receivers that are measured at further values, unless others are named: those of them that are compared."""
 
-T = TypeVar("T")
+LISTS = ("locators", "samples_per_led", "gradients", "dtypes", "devices", "batch_sizes", "frames")
+"""Lists of the configuration that hold at least one value, and each value once."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,35 +95,42 @@ class TradeoffStudy:
 
     def __post_init__(self) -> None:
         """Check every list and every number, before any work is done."""
-        config, receivers = self.config, self.plan.receiver.names
-        known: dict[str, Sequence[str] | None] = {
-            **{"locators": get_args(Locator), "dtypes": tuple(DTYPES), "frames": tuple(FRAMINGS)},
-            **dict.fromkeys(("samples_per_led", "gradients", "devices", "batch_sizes")),
-        }
-        for name, allowed in known.items():
-            values = getattr(config, name)
-            if not values:
+        config = self.config
+        for name in (*LISTS, "scenes"):
+            if not getattr(self if name == "scenes" else config, name):
                 raise VoccError(f"tradeoff.{name} is empty: it must hold at least one value")
-            _check_known(name, values if allowed else (), allowed or ())
-        _check_known("combine", [config.combine], ("one_at_a_time", "all"))
-        _check_known("varied", self.varied, receivers)
+        for name, values, known in (
+            ("locators", config.locators, get_args(Locator)),
+            ("dtypes", config.dtypes, tuple(DTYPES)),
+            ("frames", config.frames, tuple(FRAMINGS)),
+            ("combine", [config.combine], ("one_at_a_time", "all")),
+            ("varied", self.varied, self.plan.receiver.names),
+        ):
+            for value in values:
+                if value not in known:
+                    raise VoccError(f"tradeoff.{name} has {value!r}: it must be of {', '.join(known)}")
         for batch in config.batch_sizes:
             if not 1 <= batch <= MOST_BATCH:
                 raise VoccError(f"tradeoff.batch_sizes has {batch}: it must be from 1 to {MOST_BATCH}")
         for name, least in (("repeats", 1), ("threads", 0), ("frames_a_preamble", 1), ("genie_frames", 0)):
             if getattr(config, name) < least:
                 raise VoccError(f"tradeoff.{name} is {getattr(config, name)}: it must be at least {least}")
-        if not self.scenes:
-            raise VoccError("tradeoff.scenes is empty: it must name at least one kind of scenes")
         for name in self.scenes:
             self.model(name)
         for name in ("target_frame_errors", "precision"):
             if (value := getattr(self.plan.budget, name)) is not None:
                 rule = "it must be null for task=tradeoff, which compares receivers on the same frames"
                 raise VoccError(f"budget.{name} is {value}: {rule}")
+        patches = {one.name: one.inputs.patch for one in self.plan.receiver.classifiers}
         for setting in self.settings:
             self.reader(setting)
-            self._check_patch(setting)
+            patch = patches.get(setting.receiver)
+            if patch and setting.samples_per_led % patch.samples:
+                key = f"classifiers.{setting.receiver}.inputs.patch.samples"
+                raise VoccError(
+                    f"tradeoff.samples_per_led has {setting.samples_per_led}: "
+                    f"it must be a multiple of {key}, {patch.samples}"
+                )
 
     @property
     def varied(self) -> tuple[str, ...]:
@@ -132,33 +141,32 @@ class TradeoffStudy:
 
     @cached_property
     def settings(self) -> tuple[Setting, ...]:
-        """The configurations: every receiver with every locator, then the varied ones."""
-        config = self.config
-        every = [(k, g, d) for k in config.samples_per_led for g in config.gradients for d in config.dtypes]
-        base, *_ = every
+        """The configurations: every receiver with every locator, then the varied ones.
+
+        What a receiver does not look at is as the others have it, so that no two of them are the same.
+        """
+        config, receiver = self.config, self.plan.receiver
+        every = list(itertools.product(config.samples_per_led, config.gradients, config.dtypes))
+        base = every[0]
         if config.combine == "one_at_a_time":
             every = [one for one in every if sum(a != b for a, b in zip(one, base, strict=True)) <= 1]
-        wanted = [
-            (name, locator, base) for locator in config.locators for name in self.plan.receiver.names
-        ] + [
-            (name, locator, values) for locator in config.locators for name in self.varied for values in every
-        ]
-        settings = (self._told_apart(name, locator, *values) for name, locator, values in wanted)
+        features = FLDA_FEATURES | {one.name: one.inputs.features for one in receiver.classifiers}
+        settings = []
+        for names, values in ((receiver.names, [base]), (self.varied, every)):
+            for locator, name, (samples, gradient, dtype) in itertools.product(
+                config.locators, names, values
+            ):
+                if "gri" not in features.get(name, ()):
+                    gradient = base[1]
+                if name == "center_greyscale":
+                    samples, dtype = base[0], base[2]
+                # Both are checked by name: locators first of all, gradients by the reader.
+                found, kernel = cast("Locator", locator), cast("Gradient", gradient)
+                settings.append(Setting(name, found, samples, kernel, dtype))
         return tuple(dict.fromkeys(settings))
 
-    def _told_apart(self, name: str, locator: str, samples: int, gradient: str, dtype: str) -> Setting:
-        """Put what a receiver does not look at where the others have it."""
-        config = self.config
-        plugged_in = {one.name: one.inputs.features for one in self.plan.receiver.classifiers}
-        if "gri" not in (*FLDA_FEATURES.get(name, ()), *plugged_in.get(name, ())):
-            gradient = config.gradients[0]
-        if name == "center_greyscale":
-            samples, dtype = config.samples_per_led[0], config.dtypes[0]
-        # Both are checked by name: locators first of all, gradients by the reader.
-        return Setting(name, cast("Locator", locator), samples, cast("Gradient", gradient), dtype)
-
     def reader(self, setting: Setting) -> Reader:
-        """Give a setting's rectification and features.
+        """A setting's rectification and features.
 
         Raises:
             VoccError: a value that no reader has.
@@ -172,30 +180,27 @@ class TradeoffStudy:
     @cached_property
     def trainings(self) -> dict[Setting, Plan]:
         """A plan for each training, by its settings' locator, K and gradient; precision has no part in it."""
-        together: dict[Setting, list[str]] = {}
+        names: dict[Setting, dict[str, None]] = {}
         for setting in self.settings:
-            names = together.setdefault(self.training_of(setting), [])
-            if setting.receiver not in names:
-                names.append(setting.receiver)
+            names.setdefault(self.training_of(setting), {})[setting.receiver] = None
         plans = {}
-        for key, names in together.items():
-            classifiers = tuple(one for one in self.plan.receiver.classifiers if one.name in names)
+        for key, some in names.items():
             receiver = replace(
                 self.plan.receiver,
-                names=tuple(names),
+                names=tuple(some),
                 locator=key.locator,
                 reader=self.reader(key),
-                classifiers=classifiers,
+                classifiers=tuple(one for one in self.plan.receiver.classifiers if one.name in some),
             )
             plans[key] = replace(self.plan, receiver=receiver)
         return plans
 
     def training_of(self, setting: Setting) -> Setting:
-        """Give the key of the training that serves a setting."""
+        """The key of the training that serves a setting."""
         return replace(setting, receiver="", dtype="float32")
 
     def model(self, scenes: str) -> SceneModel:
-        """Give the scenes of a kind.
+        """The scenes of a kind.
 
         Raises:
             VoccError: a value outside its range.
@@ -203,7 +208,7 @@ class TradeoffStudy:
         return narrowed(self.plan.world.scene, self.scenes[scenes], f"tradeoff.scenes.{scenes}")
 
     def point(self, scenes: str) -> str:
-        """Name the point that keys the draws of a kind of scenes."""
+        """The point that keys the draws of a kind of scenes."""
         return f"tradeoff/{scenes}"
 
     def rounds(self, batch: int) -> int:
@@ -214,17 +219,6 @@ class TradeoffStudy:
     def timed_frames(self) -> int:
         """Frames that times are taken on: whole batches of every size."""
         return max(LEAST_FRAMES, *self.config.batch_sizes)
-
-    def _check_patch(self, setting: Setting) -> None:
-        """Refuse a K that a classifier's patch does not go into."""
-        for one in self.plan.receiver.classifiers:
-            patch = one.inputs.patch
-            if one.name == setting.receiver and patch and setting.samples_per_led % patch.samples:
-                key = f"classifiers.{one.name}.inputs.patch.samples"
-                raise VoccError(
-                    f"tradeoff.samples_per_led has {setting.samples_per_led}: "
-                    f"it must be a multiple of {key}, {patch.samples}"
-                )
 
 
 def build_tradeoff_study(settings: Settings, config: TradeoffConfig, folder: Path) -> TradeoffStudy:
@@ -242,47 +236,17 @@ def build_tradeoff_study(settings: Settings, config: TradeoffConfig, folder: Pat
         if not name.isidentifier() or not isinstance(scene, dict):
             raise VoccError(f"tradeoff.scenes.{name} is {scene!r}: it must be a word with values of scenes")
         scenes[name] = parsed_scene(scene, f"tradeoff.scenes.{name}")
-    devices, missing = _devices(config.devices)
-    config = replace(
-        config,
-        locators=_once(config.locators),
-        samples_per_led=_once(config.samples_per_led),
-        gradients=_once(config.gradients),
-        dtypes=_once(config.dtypes),
-        devices=devices,
-        batch_sizes=sorted(_once(config.batch_sizes)),
-        frames=_once(config.frames),
-    )
-    plan = replace(plan, receiver=receiver, experiment=experiment)
-    return TradeoffStudy(plan, config, scenes, settings.scene.name, missing, left_out)
-
-
-def _once(values: Sequence[T]) -> list[T]:
-    """Give values in their order, each once."""
-    return list(dict.fromkeys(values))
-
-
-def _devices(names: Sequence[str]) -> tuple[list[str], dict[str, str]]:
-    """Give devices by their own names, and those that this machine does not have with the reason.
-
-    Raises:
-        VoccError: no device's name, or none that is there.
-    """
-    found: list[str] = []
+    once: dict[str, Any] = {name: list(dict.fromkeys(getattr(config, name))) for name in LISTS}
+    devices: list[str] = []
     missing: dict[str, str] = {}
-    for name in _once(names):
+    for name in once["devices"]:
         try:
             with section("tradeoff.devices has", before="device is"):
-                found.append(str(resolve_device(name)))
+                devices.append(str(resolve_device(name)))
         except VoccError as error:
-            if not name.startswith("cuda") or len(names) == 1:
+            if not name.startswith("cuda") or len(config.devices) == 1:
                 raise
             missing[name] = str(error).partition(", and ")[2].partition(":")[0]
-    return _once(found), missing
-
-
-def _check_known(name: str, values: Sequence[str], known: Sequence[str]) -> None:
-    """Refuse a value that is not known."""
-    for value in values:
-        if value not in known:
-            raise VoccError(f"tradeoff.{name} has {value!r}: it must be of {', '.join(known)}")
+    once |= {"devices": list(dict.fromkeys(devices)), "batch_sizes": sorted(once["batch_sizes"])}
+    plan = replace(plan, receiver=receiver, experiment=experiment)
+    return TradeoffStudy(plan, replace(config, **once), scenes, settings.scene.name, missing, left_out)

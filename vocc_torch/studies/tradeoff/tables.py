@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import asdict
-from itertools import compress
 from pathlib import Path
 
 from rich.console import Console
@@ -17,36 +16,41 @@ from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.stage_times import STAGES
 from vocc_torch.show.csv_file import write_rows
 from vocc_torch.show.text_table import ends_text, plain_table, rate_text
-from vocc_torch.studies.tradeoff.plan import Setting
 from vocc_torch.studies.tradeoff.price_list import Place, PriceList
 from vocc_torch.studies.tradeoff.prices import most_accurate, pareto_frontier
 from vocc_torch.studies.tradeoff.words import frames_text, ms_text, receiver_text, scenes_text, varied_text
 
 Cells = dict[str, str | int | float | None]
 
-_WITH_INTERVALS = 96
-"""Least terminal width at which intervals stand in the table."""
+LEAST_WIDTH = {
+    **{"": 0, "receiver": 0, "locator": 0, "other": 0, "ms": 0, "alone\nms": 0, "BER": 0, "95 %": 96},
+    **{"batch": 112, "training\ns": 112, "weights": 112},
+}
+"""Columns on the terminal, and the least width at which they stand there."""
 
-_WIDE = 112
-"""Least terminal width at which batch and training do too."""
-
-_WIDEST = 146
-"""Least terminal width at which receivers' titles do too."""
+WIDTH_WITH_TITLES = 146
+"""Least terminal width at which receivers have their titles too."""
 
 
 def write_prices(path: str | Path, prices: PriceList) -> None:
     """Write a line for each setting and place, and blank ones for devices that are not there.
 
+    Numbers have five digits, more than any time or rate has.
+
     Raises:
         VoccError: the file cannot be written.
     """
+
+    def cell(value: str | int | float | None) -> str | int | float | None:
+        return f"{float(f'{value:.5g}'):.15g}" if isinstance(value, float) else value
+
     rows = list(price_rows(prices))
     head = list(rows[0])
-    write_rows(path, [head, *([row.get(name) for name in head] for row in rows)])
+    write_rows(path, [head, *([cell(row.get(name)) for name in head] for row in rows)])
 
 
 def price_rows(prices: PriceList) -> Iterator[Cells]:
-    """Give the lines of ``tradeoff.csv`` by column, some columns for each kind of scenes.
+    """Lines of ``tradeoff.csv`` by column, some columns for each kind of scenes.
 
     Times are ms a frame, medians over the rounds with lower and upper quartile, on frames of
     ``timed_scenes``. Stages are added round by round: their medians make up the total's but for chance.
@@ -60,102 +64,79 @@ def price_rows(prices: PriceList) -> Iterator[Cells]:
     ``possible_proven_frames`` of them no bits can be likelier than those that the decoder gave.
     ``end_to_end`` is the time of ``end_to_end_of`` in one go over the sum of its stages.
     """
-    references = {scenes: list(_reference_cells(prices, scenes)) for scenes in prices.errors}
     for place in prices.places:
-        rates = {scenes: list(_rate_cells(prices, scenes, place)) for scenes in prices.errors}
+        rates = {scenes: _rate_cells(prices, scenes, place) for scenes in prices.errors}
         for row, setting in enumerate(prices.settings):
-            times = prices.times.by_place[setting, place]
-            best = prices.best_place(setting, place.device, place.frames) == place
-            cells: Cells = {
+            times, cost = prices.times.by_place[setting, place], prices.costs[setting]
+            cells = _ends("total{}_ms", times.total)
+            for stage in STAGES:
+                cells |= _ends(f"{stage}{{}}_ms", times.stage(stage))
+            cells |= {"frames_per_s": 1e3 / times.total.value, **_ends("share_of_detection{}", times.share)}
+            for scenes, every in rates.items():
+                cells |= {f"{scenes}_{name}": value for name, value in every[row].items()}
+            yield {
                 **asdict(setting),
                 **asdict(place),
                 "rounds": times.rounds,
-                "best_batch": int(best),
-            }
-            cells |= _ends("total{}_ms", times.total)
-            for stage in STAGES:
-                cells |= _ends(f"{stage}{{}}_ms", times.stage(stage))
-            cells["frames_per_s"] = _short(1e3 / times.total.value)
-            cells |= _ends("share_of_detection{}", times.share)
-            for scenes, kind in rates.items():
-                kind[row]["frontier_of_best_batches"] = (
-                    kind[row]["frontier_of_best_batches"] if best else None
-                )
-                own = {**kind[row], **references[scenes][row]}
-                cells |= {f"{scenes}_{name}": value for name, value in own.items()}
-            cost = prices.costs[setting]
-            yield {
+                "best_batch": int(place == prices.best_place(setting, place.device, place.frames)),
                 **cells,
-                "training_s": _short(cost.training_s),
-                "training_simulated_s": None if cost.simulated_s is None else _short(cost.simulated_s),
+                "training_s": cost.training_s,
+                "training_simulated_s": cost.simulated_s,
                 "training_frames": cost.frames,
                 "parameters": cost.parameters,
                 "size_bytes": cost.size_bytes,
                 "timed_scenes": prices.timed_scenes,
                 "error_device": prices.error_device,
-                "end_to_end": _short(prices.times.end_to_end[place]),
+                "end_to_end": prices.times.end_to_end[place],
                 "end_to_end_of": prices.times.in_one_go,
                 "threads": prices.times.threads,
-                "waited_share": _plain(round(prices.times.waited_share, 4)),
+                "waited_share": round(prices.times.waited_share, 4),
                 "machine": prices.times.machines[place.device],
             }
-    timed = dict.fromkeys((place.frames, place.batch) for place in prices.places)
     for device in prices.missing:
-        for frames, batch in timed:
+        for frames, batch in dict.fromkeys((place.frames, place.batch) for place in prices.places):
             for setting in prices.settings:
-                place = Place(device, frames, batch)
-                yield {**asdict(setting), **asdict(place), "machine": "not measured"}
+                absent = Place(device, frames, batch)
+                yield {**asdict(setting), **asdict(absent), "machine": "not measured"}
 
 
-def _rate_cells(prices: PriceList, scenes: str, place: Place) -> Iterator[Cells]:
-    """Give the cells of one kind of scenes for every setting."""
+def _rate_cells(prices: PriceList, scenes: str, place: Place) -> list[Cells]:
+    """Cells of one kind of scenes for every setting, and of what is possible on the same frames."""
     points = prices.points(scenes, place.device, place.frames, place.batch)
     kept = {one.name for one in pareto_frontier(points)}
     best = {one.name for one in pareto_frontier(prices.points(scenes, place.device, place.frames))}
-    beaten = prices.beaten_by(scenes, points)
-    for setting, point, (rival, sure) in zip(prices.settings, points, beaten, strict=True):
+    own, mark = prices.where_referenced(scenes), prices.references.get(scenes)
+    rows: list[Cells] = []
+    for setting, point, (rival, sure) in zip(
+        prices.settings, points, prices.beaten_by(scenes, points), strict=True
+    ):
         counts = prices.counts(scenes)[setting]
-        yield {
-            "test_frames": counts.frames,
-            "bit_errors": _plain(counts.bit_errors),
-            "frame_errors": counts.frame_errors,
-            "panels_missed": counts.panels_missed,
-            **_ends("ber{}", point.ber),
-            "frontier": int(point.name in kept),
-            "beaten_by": rival,
-            "surely_beaten": int(sure),
-            "frontier_of_best_batches": int(point.name in best),
-        }
-
-
-def _reference_cells(prices: PriceList, scenes: str) -> Iterator[Cells]:
-    """Give the cells of what is possible, and of what each setting does on the same frames."""
-    rate, own = prices.reference(scenes), prices.where_referenced(scenes)
-    made = prices.references.get(scenes)
-    for setting in prices.settings:
-        yield {
-            "possible_test_frames": None if made is None else made.counts.frames,
-            "possible_proven_frames": None if made is None else made.proven,
-            "possible_frame_ms": None if made is None else _short(1e3 * made.seconds_a_frame),
-            **_ends("possible_ber{}", rate),
-            "ber_on_possible_frames": None if made is None else _short(own[setting].ber),
-        }
+        in_best = place == prices.best_place(setting, place.device, place.frames)
+        rows.append(
+            {
+                "test_frames": counts.frames,
+                "bit_errors": f"{counts.bit_errors:.15g}",
+                "frame_errors": counts.frame_errors,
+                "panels_missed": counts.panels_missed,
+                **_ends("ber{}", point.ber),
+                "frontier": int(point.name in kept),
+                "beaten_by": rival,
+                "surely_beaten": int(sure),
+                "frontier_of_best_batches": int(point.name in best) if in_best else None,
+                "possible_test_frames": mark.counts.frames if mark else None,
+                "possible_proven_frames": mark.proven if mark else None,
+                "possible_frame_ms": 1e3 * mark.seconds_a_frame if mark else None,
+                **_ends("possible_ber{}", prices.reference(scenes)),
+                "ber_on_possible_frames": own[setting].ber if own else None,
+            }
+        )
+    return rows
 
 
 def _ends(name: str, one: Estimate | None) -> Cells:
     """Name a number and the ends of its interval."""
-    values = (None, None, None) if one is None else tuple(map(_short, (one.value, one.low, one.high)))
+    values = (None, None, None) if one is None else (one.value, one.low, one.high)
     return {name.format(part): value for part, value in zip(("", "_low", "_high"), values, strict=True)}
-
-
-def _short(value: float) -> int | float:
-    """Keep five digits: no time has more, and no rate."""
-    return _plain(float(f"{value:.5g}"))
-
-
-def _plain(value: float) -> int | float:
-    """Write whole numbers without a point."""
-    return int(value) if float(value).is_integer() else value
 
 
 def print_prices(prices: PriceList, words: str, console: Console) -> None:
@@ -180,63 +161,50 @@ def print_prices(prices: PriceList, words: str, console: Console) -> None:
 
 def _table(prices: PriceList, scenes: str, kind: tuple[str, str], mark: str, width: int) -> Table:
     """Lay out a line for each receiver, the quickest first, then what is possible."""
-    points = prices.points(scenes, *kind)
+    points, single = prices.points(scenes, *kind), prices.batches(*kind)[0] == 1
     kept = {one.name for one in pareto_frontier(points)}
-    intervals, wide, widest = (width >= least for least in (_WITH_INTERVALS, _WIDE, _WIDEST))
-    single = prices.batches(*kind)[0] == 1
-    heads = (
-        "",
-        "receiver",
-        "locator",
-        "",
-        "ms",
-        "alone\nms",
-        "BER",
-        "95 %",
-        "batch",
-        "training\ns",
-        "weights",
-    )
-    shown = (*[True] * 5, single, True, intervals, wide, wide, wide)
-    table = plain_table()
-    for place, head in enumerate(heads):
-        if shown[place]:
-            table.add_column(head, justify="left" if place < 4 else "right", no_wrap=True)
+    rows: list[tuple[Cells, str]] = []
     for setting, point in sorted(
         zip(prices.settings, points, strict=True), key=lambda pair: pair[1].time_ms.value
     ):
-        cost = prices.costs[setting]
-        cells = [
-            mark if point.name in kept else "",
-            receiver_text(setting.receiver) if widest else setting.receiver,
-            setting.locator,
-            ", ".join(varied_text(setting, prices.settings[0])).replace(" gradient", ""),
-            ms_text(point.time_ms.value),
-            ms_text(prices.times.by_place[setting, Place(*kind, 1)].total.value) if single else "",
-            *_rate(point.ber),
-            str(prices.best_place(setting, *kind).batch),
-            f"{cost.training_s:.1f}" if cost.frames else "",
-            "" if cost.parameters is None else str(cost.parameters),
-        ]
-        table.add_row(*map(Text, compress(cells, shown)), style="" if point.name in kept else "dim")
+        cost, first = prices.costs[setting], point.name in kept
+        cells: Cells = {
+            "": mark if first else "",
+            "receiver": receiver_text(setting.receiver) if width >= WIDTH_WITH_TITLES else setting.receiver,
+            "locator": setting.locator,
+            "other": ", ".join(varied_text(setting, prices.settings[0])).replace(" gradient", ""),
+            "ms": ms_text(point.time_ms.value),
+            **_rate(point.ber),
+            "batch": prices.best_place(setting, *kind).batch,
+            "training\ns": f"{cost.training_s:.1f}" if cost.frames else None,
+            "weights": cost.parameters,
+        }
+        if single:
+            cells["alone\nms"] = ms_text(prices.times.by_place[setting, Place(*kind, 1)].total.value)
+        rows.append((cells, "" if first else "dim"))
     rate, own = prices.reference(scenes), prices.where_referenced(scenes)
     if rate is not None:
         frames = f"{prices.references[scenes].counts.frames} frames"
         best = next(setting for setting in own if setting.name == most_accurate(points).name)
         told = rate_text(own[best].ber) if own[best].bit_errors else "no error"
-        for cells in (
-            ["", "knows the scene", "", frames, "", "", *_rate(rate), "", "", ""],
-            ["", best.receiver, best.locator, f"same {frames}", "", "", told, "", "", "", ""],
-        ):
-            table.add_row(*map(Text, compress(cells, shown)))
+        same = {"receiver": best.receiver, "locator": best.locator, "other": f"same {frames}", "BER": told}
+        rows += [({"receiver": "knows the scene", "other": frames, **_rate(rate)}, ""), ({**same}, "")]
+    table = plain_table()
+    shown = [head for head, least in LEAST_WIDTH.items() if width >= least and head in rows[0][0]]
+    for head in shown:
+        left = head in ("", "receiver", "locator", "other")
+        table.add_column(head.replace("other", ""), justify="left" if left else "right", no_wrap=True)
+    for cells, style in rows:
+        texts = ("" if cells.get(head) is None else str(cells[head]) for head in shown)
+        table.add_row(*map(Text, texts), style=style)
     return table
 
 
-def _rate(ber: Estimate) -> tuple[str, str]:
-    """Write a rate and its interval."""
+def _rate(ber: Estimate) -> Cells:
+    """Write a rate and its interval, or its limit."""
     if ber.value == 0:
-        return f"< {rate_text(ber.high)}", ""
-    return rate_text(ber.value), ends_text(ber.low, ber.high)
+        return {"BER": f"< {rate_text(ber.high)}", "95 %": ""}
+    return {"BER": rate_text(ber.value), "95 %": ends_text(ber.low, ber.high)}
 
 
 def write_price_board(folder: str | Path, prices: PriceList) -> None:
@@ -247,22 +215,18 @@ def write_price_board(folder: str | Path, prices: PriceList) -> None:
     """
     try:
         for setting in prices.settings:
+            numbers = {f"ber/{scenes}": prices.counts(scenes)[setting].ber for scenes in prices.errors}
+            for device, frames in prices.kinds:
+                where = frames if len(prices.times.machines) == 1 else f"{device}_{frames}"
+                best, alone = prices.best_place(setting, device, frames), Place(device, frames, 1)
+                numbers[f"ms/{where}"] = prices.times.by_place[setting, best].total.value
+                if alone in prices.places:
+                    numbers[f"latency_ms/{where}"] = prices.times.by_place[setting, alone].total.value
+            for name in ("training_s", "parameters", "size_bytes"):
+                if (value := getattr(prices.costs[setting], name)) is not None:
+                    numbers[f"making/{name}"] = float(value)
             with SummaryWriter(str(Path(folder) / setting.name)) as writer:
                 # The run's own folder: any other would make a run more.
-                writer.add_hparams(asdict(setting), _board_numbers(prices, setting), run_name=".")
+                writer.add_hparams(asdict(setting), numbers, run_name=".")
     except OSError as error:
         raise VoccError(f"cannot write {folder}: {error.strerror or error}") from error
-
-
-def _board_numbers(prices: PriceList, setting: Setting) -> dict[str, float]:
-    """Give what was measured of a setting."""
-    numbers = {f"ber/{scenes}": prices.counts(scenes)[setting].ber for scenes in prices.errors}
-    for device, frames in prices.kinds:
-        where = frames if len(prices.times.machines) == 1 else f"{device}_{frames}"
-        best = prices.best_place(setting, device, frames)
-        numbers[f"ms/{where}"] = prices.times.by_place[setting, best].total.value
-        if (alone := (setting, Place(device, frames, 1))) in prices.times.by_place:
-            numbers[f"latency_ms/{where}"] = prices.times.by_place[alone].total.value
-    cost = prices.costs[setting]
-    making = {"training_s": cost.training_s, "parameters": cost.parameters, "size_bytes": cost.size_bytes}
-    return numbers | {f"making/{name}": float(value) for name, value in making.items() if value is not None}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from vocc_torch.measure.counts import Counts
@@ -33,40 +33,21 @@ BUSY_SHARE = 0.05
 
 
 @dataclass(frozen=True)
-class NamedPoint:
-    """An operating point to name.
-
-    Args:
-        point: the time and the rate.
-        receiver: its receiver, locator and what it varies, in words.
-    """
-
-    point: OperatingPoint
-    receiver: str
-
-
-@dataclass(frozen=True)
 class Answer:
     """Which receiver to take within some limits that have the same answer.
 
     Args:
         limits: frames a second, or bit error rates.
+        timed: whether they are frames a second.
         taken: the receiver to take, or None.
         other: without a receiver to take the nearest one; with one, a quicker one whose rate these frames do
             not tell from it, or None.
     """
 
     limits: Sequence[float]
-    taken: NamedPoint | None
-    other: NamedPoint | None
-
-
-@dataclass(frozen=True)
-class Answers:
-    """Which receiver to take within each time and below each rate."""
-
-    within: Sequence[Answer]
-    below: Sequence[Answer]
+    timed: bool
+    taken: OperatingPoint | None
+    other: OperatingPoint | None
 
 
 @dataclass(frozen=True)
@@ -74,15 +55,13 @@ class Reference:
     """How far the most accurate receiver is from a decoder that knows the scene, on the same frames.
 
     Args:
-        frames: how many.
         ber: the decoder's rate.
         best: the most accurate receiver.
         counts: its errors on these frames.
     """
 
-    frames: int
     ber: Estimate
-    best: NamedPoint
+    best: OperatingPoint
     counts: Counts
 
 
@@ -95,91 +74,65 @@ class Recommendation:
         device: the device.
         frames: ``whole`` or ``crops``.
         batched: with each receiver's best batch size.
-        single: a frame at a time, where that was timed among others.
+        single: a frame at a time, where that was timed among others; else empty.
         reference: what is possible, where it was measured.
     """
 
     scenes: str
     device: str
     frames: str
-    batched: Answers
-    single: Answers | None
+    batched: Sequence[Answer]
+    single: Sequence[Answer]
     reference: Reference | None
 
     @property
     def named(self) -> set[str]:
         """Names of all settings that the words name."""
-        answers = [self.batched, *([self.single] if self.single else [])]
-        every = [one for some in answers for one in (*some.within, *some.below)]
-        names = {choice.point.name for one in every for choice in (one.taken, one.other) if choice}
-        return names | ({self.reference.best.point.name} if self.reference else set())
+        choices = [choice for one in (*self.batched, *self.single) for choice in (one.taken, one.other)]
+        choices += [self.reference.best] if self.reference else []
+        return {choice.name for choice in choices if choice}
 
 
 def recommend(prices: PriceList, scenes: str, device: str, frames: str) -> Recommendation:
-    """Say what to take on one device, for one kind of frames and scenes."""
+    """Choose what to take on one device, for one kind of frames and scenes."""
     points, batches = prices.points(scenes, device, frames), prices.batches(device, frames)
-    single = None
+    single: list[Answer] = []
     if batches[0] == 1 and len(batches) > 1:
         single = _answers(prices, scenes, prices.points(scenes, device, frames, 1))
     reference, rate = None, prices.reference(scenes)
     if rate is not None:
         best = most_accurate(points)
         counts = dict(zip(points, prices.where_referenced(scenes).values(), strict=True))[best]
-        reference = Reference(counts.frames, rate, _named(prices, best), counts)
+        reference = Reference(rate, best, counts)
     return Recommendation(scenes, device, frames, _answers(prices, scenes, points), single, reference)
 
 
-def _answers(prices: PriceList, scenes: str, points: Sequence[OperatingPoint]) -> Answers:
-    """Choose within each time and below each rate."""
-
-    def quicker(taken: OperatingPoint) -> OperatingPoint | None:
-        alike = (points[i] for i in prices.alike(scenes, points.index(taken)))
-        least = (one for one in alike if one.time_ms.high < taken.time_ms.low)
-        return min(least, key=lambda one: one.time_ms.value, default=None)
-
+def _answers(prices: PriceList, scenes: str, points: Sequence[OperatingPoint]) -> list[Answer]:
+    """Choose within each time and below each rate; limits with the same answer are together."""
     quickest = min(points, key=lambda one: one.time_ms.value)
     nearest = min(points, key=lambda one: (one.ber.high, one.time_ms.value))
-    within: dict[float, OperatingPoint | None] = {
-        speed: most_accurate_within(points, 1e3 / speed) for speed in FRAMES_PER_S
-    }
-    below = {rate: quickest_below(points, rate) for rate in RATES}
-    return Answers(
-        _together(prices, within, lambda taken: quicker(taken) if taken else quickest),
-        _together(prices, below, lambda taken: None if taken else nearest),
-    )
-
-
-def _together(
-    prices: PriceList,
-    taken: Mapping[float, OperatingPoint | None],
-    other: Callable[[OperatingPoint | None], OperatingPoint | None],
-) -> list[Answer]:
-    """Put limits with the same answer together."""
-    answers: dict[tuple[str, bool], Answer] = {}
-    for limit, point in taken.items():
-        beside = other(point)
+    answers: dict[tuple[bool, str, bool], Answer] = {}
+    for limit in (*FRAMES_PER_S, *RATES):
+        timed = limit in FRAMES_PER_S
+        taken = most_accurate_within(points, 1e3 / limit) if timed else quickest_below(points, limit)
+        other = None
+        if taken is None:
+            other = quickest if timed else nearest
+        elif timed:
+            alike = (points[place] for place in prices.alike(scenes, points.index(taken)))
+            quicker = (one for one in alike if one.time_ms.high < taken.time_ms.low)
+            other = min(quicker, key=lambda one: one.time_ms.value, default=None)
         # Too few frames to show a rate are another answer than a rate that is too high.
-        likely = point is None and beside is not None and beside.ber.value < limit
-        key = "" if point is None else point.name, likely
+        likely = taken is None and other is not None and other.ber.value < limit
+        key = timed, "" if taken is None else taken.name, likely
         limits = [*(answers[key].limits if key in answers else []), limit]
-        named = [None if one is None else _named(prices, one) for one in (point, beside)]
-        answers[key] = Answer(limits, *named)
+        answers[key] = Answer(limits, timed, taken, other)
     return list(answers.values())
-
-
-def _named(prices: PriceList, point: OperatingPoint) -> NamedPoint:
-    """Name an operating point's setting."""
-    setting = next(one for one in prices.settings if one.name == point.name)
-    varied = varied_text(setting, prices.settings[0])
-    parts = (receiver_text(setting.receiver), LOCATED_BY[setting.locator], *varied)
-    return NamedPoint(point, ", ".join(parts))
 
 
 def recommendation(prices: PriceList) -> str:
     """Write what to take: in short, then what it rests on, then for each kind of scenes and frames."""
-    pairs = all_pairs(len(prices.settings))
-    apart = max(abs(ratio - 1) for ratio in prices.times.end_to_end.values())
-    receivers = dict.fromkeys(setting.receiver for setting in prices.settings)
+    receivers = list(dict.fromkeys(setting.receiver for setting in prices.settings))
     reasons: dict[str, list[str]] = {}
     for scenes, why in prices.no_references.items():
         reasons.setdefault(why, []).append(told_text(scenes))
@@ -188,14 +141,15 @@ def recommendation(prices: PriceList) -> str:
         "recommendation.txt.j2",
         prices=prices,
         every=[recommend(prices, scenes, *kind) for scenes in prices.errors for kind in prices.kinds],
-        receivers=list(receivers),
+        receivers=receivers,
         locators={setting.locator for setting in prices.settings},
         greyscale=[name for name in receivers if name in GREYSCALE_RECEIVERS],
-        pairs=pairs,
-        apart=apart,
+        pairs=all_pairs(len(prices.settings)),
+        apart=max(abs(ratio - 1) for ratio in prices.times.end_to_end.values()),
         reasons=reasons,
         busy=prices.times.waited_share >= BUSY_SHARE,
         ms=ms_text,
+        setting_text=setting_text,
         upper_first=upper_first,
         preamble_text=preamble_text,
         frames_text=frames_text,
@@ -203,18 +157,12 @@ def recommendation(prices: PriceList) -> str:
         timed_text=timed_text,
         told_text=told_text,
     )
-    return "\n".join(map(wrapped, words.splitlines())).rstrip() + "\n"
-
-
-def wrapped(line: str) -> str:
-    r"""Break a line at 110 characters, with what follows under its text.
-
-    Example:
-        >>> [len(part) <= 110 for part in wrapped("  " + 40 * "word ").split("\n")]
-        [True, True]
-    """
-    indent = " " * (len(line) - len(line.lstrip()))
-    return textwrap.fill(line, 110, subsequent_indent=f"{indent}  ", break_on_hyphens=False)
+    lines = []
+    for line in words.splitlines():
+        # What follows stands under a line's text.
+        indent = " " * (len(line) - len(line.lstrip()) + 2)
+        lines.append(textwrap.fill(line, 110, subsequent_indent=indent, break_on_hyphens=False))
+    return "\n".join(lines).rstrip() + "\n"
 
 
 def receiver_text(name: str) -> str:
@@ -226,6 +174,13 @@ def receiver_text(name: str) -> str:
     """
     title = receiver_styles([name])[name].label
     return name if title.lower() == name.replace("_", " ").lower() else f"{name} ({title})"
+
+
+def setting_text(prices: PriceList, name: str) -> str:
+    """Write a setting's receiver, its locator and what it varies."""
+    setting = next(one for one in prices.settings if one.name == name)
+    varied = varied_text(setting, prices.settings[0])
+    return ", ".join([receiver_text(setting.receiver), LOCATED_BY[setting.locator], *varied])
 
 
 def varied_text(setting: Setting, base: Setting) -> list[str]:
