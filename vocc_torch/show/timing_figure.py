@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.stage_times import BIT_DETECTION, StageTimes, median_of
-from vocc_torch.show.canvas import GRID, INK, head, new_figure, quiet_axes, write_title
+from vocc_torch.show.canvas import GRID, INK, head, new_figure, quiet_axes, write_legend, write_title
 from vocc_torch.show.styles import receiver_styles
 
 Floats = NDArray[np.float64]
@@ -32,6 +32,10 @@ PAPER_SHARES = {
 """Section IV-D-5 and Fig. 25: time of each stage over that of panel detection."""
 
 _PANEL = ("Panel detection", "#A9AFB6")
+_PAPER_MARK: dict[str, Any] = {
+    **{"linestyle": "none", "marker": "D", "markersize": 7.5, "zorder": 5},
+    **{"markerfacecolor": "white", "markeredgecolor": INK},
+}
 _BUSY = 0.05
 """From this share of waiting on, times are those of a machine that did other work too."""
 _KINDS = {"whole_frames": "whole frames", "crops": "crops of the panel's surroundings"}
@@ -78,11 +82,9 @@ class DetectionTimes:
     def _spent_ms(self, place: FramesAndBatch) -> dict[str, Floats]:
         """Give the times round by round."""
         times = self.by_place[place]
-        return {
-            stage: times["flda_3"].summed(["locate"])
-            if stage == PANEL_DETECTION
-            else times[stage].summed(BIT_DETECTION)
-            for stage in PAPER_SHARES
+        panel = {PANEL_DETECTION: times["flda_3"].summed(["locate"])}
+        return panel | {
+            stage: times[stage].summed(BIT_DETECTION) for stage in PAPER_SHARES if stage != PANEL_DETECTION
         }
 
     def draw(self, title: str) -> Figure:
@@ -107,21 +109,23 @@ class DetectionTimes:
             # The longest label takes less than two fifths of the width.
             axes.set_xlim(0, 1.65 * longest)
             axes.xaxis.set_major_locator(MaxNLocator(7, steps=[2, 5, 10]))
-        _write_legend(figure)
+        quartiles = Line2D([], [], color=INK, marker="|", markersize=7, linewidth=1.2, label="quartiles")
+        signs = [Line2D([], [], label="the paper", **_PAPER_MARK), quartiles]
+        look: dict[str, Any] = {"loc": "upper right", "fontsize": 10.5, "handlelength": 2.0}
+        at = (0.99, 1 - 0.06 / figure.get_figheight())
+        write_legend(figure, signs, at, columns=2, columnspacing=1.4, **look)
         return self._footnote()
 
     def _footnote(self) -> str:
         """Say what the figure rests on, and in medians what NGR adds in each of its parts."""
-        costs = [self.ngr_costs(place) for place in self.by_place]
         of_two, of_all = (
             [f"{100 * one.value:z.1f}".replace("-", "\N{MINUS SIGN}") for one in part]
-            for part in zip(*costs, strict=True)
+            for part in zip(*(self.ngr_costs(place) for place in self.by_place), strict=True)
         )
         lettered = ", ".join(f"({letter}) {cost}" for letter, cost in zip("abcd", of_two, strict=False))
         timed = {f"{self.rounds(place)} rounds {_at_a_time(place[1])}": None for place in self.by_place}
-        busy = (
-            f"Take with care: for {100 * self.waited_share:.0f} % of the time other work had the processor.\n"
-        )
+        share = f"{100 * self.waited_share:.0f} %"
+        busy = f"Take with care: for {share} of the time other work had the processor.\n"
         return (
             f"{busy if self.waited_share > _BUSY else ''}"
             f"NGR adds {lettered} % to two features' time (the paper: 17 %), "
@@ -140,13 +144,13 @@ class DetectionTimes:
         axes.barh(rows, median, height=0.62, color=[colour for _, colour in looks])
         spread = np.stack([median - low, high - median])[:, 1:]
         axes.errorbar(median[1:], rows[1:], xerr=spread, fmt="none", ecolor=INK, elinewidth=1.2, capsize=2.5)
-        axes.add_line(_paper_mark(paper[1:], rows[1:]))
+        axes.plot(paper[1:], rows[1:], label="the paper", **_PAPER_MARK)
         ends = np.maximum(high, paper).tolist()
         for row, (spent, share, end) in enumerate(zip(times.values(), median, ends, strict=True)):
             time = f"{number_text(spent.value)} ms"
             said = f"{number_text(share)} %  ({time})" if row else time
-            look: dict[str, Any] = {"textcoords": "offset points", "va": "center", "color": INK}
-            axes.annotate(said, (end, row), (9, 0), fontsize=10, **look)
+            look: dict[str, Any] = {"va": "center", "color": INK, "fontsize": 10}
+            axes.annotate(said, (end, row), (9, 0), textcoords="offset points", **look)
         quiet_axes(axes)
         axes.grid(axis="x", color=GRID, linewidth=0.8)
         axes.set_yticks(rows, [label for label, _ in looks])
@@ -169,20 +173,3 @@ def number_text(value: float) -> str:
     rounded = float(f"{value:.3g}")
     digits = max(0, 2 - int(np.floor(np.log10(max(rounded, 1e-9)))))
     return f"{value:.{digits}f}"
-
-
-def _paper_mark(x: Floats, y: Floats) -> Line2D:
-    """Make the marks of the paper's values."""
-    marks = Line2D(x, y, linestyle="none", marker="D", markersize=7.5, zorder=5, label="the paper")
-    marks.set(markerfacecolor="white", markeredgecolor=INK)
-    return marks
-
-
-def _write_legend(figure: Figure) -> None:
-    """Explain the marks at the figure's top right."""
-    handles = [
-        _paper_mark(np.empty(0), np.empty(0)),
-        Line2D([], [], color=INK, marker="|", markersize=7, linewidth=1.2, label="quartiles"),
-    ]
-    top: dict[str, Any] = {"loc": "upper right", "bbox_to_anchor": (0.99, 1 - 0.06 / figure.get_figheight())}
-    figure.legend(handles=handles, ncols=2, frameon=False, fontsize=10.5, columnspacing=1.4, **top)
