@@ -32,10 +32,6 @@ PAPER_SHARES = {
 """Section IV-D-5 and Fig. 25: time of each stage over that of panel detection."""
 
 _PANEL = ("Panel detection", "#A9AFB6")
-_PAPER_MARK: dict[str, Any] = {
-    **{"linestyle": "none", "marker": "D", "markersize": 7.5, "zorder": 5},
-    **{"markerfacecolor": "white", "markeredgecolor": INK},
-}
 _BUSY = 0.05
 """From this share of waiting on, times are those of a machine that did other work too."""
 _KINDS = {"whole_frames": "whole frames", "crops": "crops of the panel's surroundings"}
@@ -110,10 +106,9 @@ class DetectionTimes:
             axes.set_xlim(0, 1.65 * longest)
             axes.xaxis.set_major_locator(MaxNLocator(7, steps=[2, 5, 10]))
         quartiles = Line2D([], [], color=INK, marker="|", markersize=7, linewidth=1.2, label="quartiles")
-        signs = [Line2D([], [], label="the paper", **_PAPER_MARK), quartiles]
         look: dict[str, Any] = {"loc": "upper right", "fontsize": 10.5, "handlelength": 2.0}
         at = (0.99, 1 - 0.06 / figure.get_figheight())
-        write_legend(figure, signs, at, columns=2, columnspacing=1.4, **look)
+        write_legend(figure, [axes.lines[-1], quartiles], at, columns=2, columnspacing=1.4, **look)
         return self._footnote()
 
     def _footnote(self) -> str:
@@ -124,8 +119,9 @@ class DetectionTimes:
         )
         lettered = ", ".join(f"({letter}) {cost}" for letter, cost in zip("abcd", of_two, strict=False))
         timed = {f"{self.rounds(place)} rounds {_at_a_time(place[1])}": None for place in self.by_place}
-        share = f"{100 * self.waited_share:.0f} %"
-        busy = f"Take with care: for {share} of the time other work had the processor.\n"
+        busy = (
+            f"Take with care: for {100 * self.waited_share:.0f} % of the time other work had the processor.\n"
+        )
         return (
             f"{busy if self.waited_share > _BUSY else ''}"
             f"NGR adds {lettered} % to two features' time (the paper: 17 %), "
@@ -144,13 +140,13 @@ class DetectionTimes:
         axes.barh(rows, median, height=0.62, color=[colour for _, colour in looks])
         spread = np.stack([median - low, high - median])[:, 1:]
         axes.errorbar(median[1:], rows[1:], xerr=spread, fmt="none", ecolor=INK, elinewidth=1.2, capsize=2.5)
-        axes.plot(paper[1:], rows[1:], label="the paper", **_PAPER_MARK)
+        mark: dict[str, Any] = {"markersize": 7.5, "markeredgecolor": INK, "color": "white", "zorder": 5}
+        axes.plot(paper[1:], rows[1:], "D", label="the paper", **mark)
         ends = np.maximum(high, paper).tolist()
         for row, (spent, share, end) in enumerate(zip(times.values(), median, ends, strict=True)):
             time = f"{number_text(spent.value)} ms"
-            said = f"{number_text(share)} %  ({time})" if row else time
-            look: dict[str, Any] = {"va": "center", "color": INK, "fontsize": 10}
-            axes.annotate(said, (end, row), (9, 0), textcoords="offset points", **look)
+            said, beside = f"{number_text(share)} %  ({time})" if row else time, "offset points"
+            axes.annotate(said, (end, row), (9, 0), textcoords=beside, fontsize=10, color=INK, va="center")
         quiet_axes(axes)
         axes.grid(axis="x", color=GRID, linewidth=0.8)
         axes.set_yticks(rows, [label for label, _ in looks])

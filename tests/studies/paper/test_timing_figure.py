@@ -7,15 +7,13 @@ import numpy as np
 import pytest
 import torch
 from evidence_plans import make_plan
-from matplotlib.colors import to_hex
 from matplotlib.patches import Rectangle
 from matplotlib.text import Text
 
 from vocc_torch.measure.plan import World
 from vocc_torch.measure.stage_times import STAGES, StageTimes, StageTimings
 from vocc_torch.show.canvas import figure_pixels
-from vocc_torch.show.styles import receiver_styles
-from vocc_torch.show.timing_figure import PAPER_SHARES, DetectionTimes, number_text
+from vocc_torch.show.timing_figure import PAPER_SHARES, DetectionTimes
 from vocc_torch.simulation import Camera
 from vocc_torch.studies.paper.evidence import timing
 from vocc_torch.studies.paper.evidence.base import Source
@@ -139,22 +137,6 @@ def test_bars_are_the_median_shares_with_the_papers_marks_and_quartiles(figure, 
         segments = next(part for part in axes.collections if hasattr(part, "get_segments")).get_segments()
         ends = [(100 * share.low, 100 * share.high) for share in shares[1:]]
         np.testing.assert_allclose([(first[0], last[0]) for first, last in segments], ends)
-
-
-def test_bars_have_the_receivers_colours_names_and_numbers(figure, measured):
-    styles = receiver_styles(RECEIVERS)
-    for axes, place in zip(figure.axes, PLACES, strict=True):
-        _, *colours = (to_hex(bar.get_facecolor()).upper() for bar in bars(axes))
-        assert colours == [style.colour for style in styles.values()]
-        written = [text.get_text() for text in axes.texts]
-        time = measured.times_ms(place)
-        assert f"{number_text(time['panel_detection'].value)} ms" in written
-        assert f"32.0 %  ({number_text(time['flda_3'].value)} ms)" in written
-    names = [label.get_text() for label in figure.axes[0].get_yticklabels()]
-    assert names == ["Panel detection", *(style.label for style in styles.values())]
-    # The first stage is the uppermost.
-    low, high = figure.axes[0].get_ylim()
-    assert low > high
 
 
 @pytest.mark.parametrize("factor", [1.0, 12.0])

@@ -88,6 +88,8 @@ class Source:
         seen = list(link.observe(plan.world.scene, keys, preambles=True, frames=self.sample_frames))
         readings = [piece.readings for piece in seen]
         preambles = [piece.preambles for piece in seen if piece.preambles is not None]
+        shape = plan.world.panel.shape
+        pictures = [cut_out(piece.frames, piece.panels.corners_px, shape) for piece in seen]
         thresholds = [preamble_threshold(one.on.average, one.off.average) for one in preambles]
 
         def joined(parts: Iterable[Tensor]) -> Tensor:
@@ -100,11 +102,7 @@ class Source:
             thresholds=joined(thresholds).double().flatten().numpy(),
             features=joined(one.features for one in readings).numpy(),
             patches=joined(one.patches for one in readings),
-            pictures=tuple(
-                picture
-                for piece in seen
-                for picture in cut_out(piece.frames, piece.panels.corners_px, plan.world.panel.shape)
-            ),
+            pictures=tuple(picture for part in pictures for picture in part),
         )
 
     def bits(self, name: str) -> Tensor:

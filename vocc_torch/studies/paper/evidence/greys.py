@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 import torch
@@ -75,9 +75,10 @@ class GreyOverlap(base.PaperFigure):
             text = f"({letter}) {name} LEDs: {shown.min():.0f} to {shown.max():.0f}"
             below = drawing.condition_text(self.sample.conditions[frame])
             drawing.add_panel(figure, corner, 0.19, self.sample.pictures[frame], text, below, colour)
-            place, bold = int(np.flatnonzero(order == frame)[0]), {"fontsize": 11.5, "fontweight": "bold"}
+            place = int(np.flatnonzero(order == frame)[0])
             axes.axvspan(place - 0.5, place + 0.5, color=QUIET, alpha=0.22, linewidth=0)
-            drawing.note(axes, letter, (place, 1.01), xycoords=("data", "axes fraction"), ha="center", **bold)
+            above: dict[str, Any] = {"xycoords": ("data", "axes fraction"), "ha": "center"}
+            drawing.note(axes, letter, (place, 1.01), fontsize=11.5, fontweight="bold", **above)
         found = self.findings()
         threshold = found["best_fixed_threshold_grey"]
         wrong = drawing.percent_text(found["best_fixed_threshold_wrong_share"])
