@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.stage_times import BIT_DETECTION, StageTimes, median_of
-from vocc_torch.show.canvas import GRID, INK, head, new_figure, quiet_axes, write_title
+from vocc_torch.show.canvas import GRID, INK, head, new_figure, quiet_axes, write_legend, write_title
 from vocc_torch.show.styles import receiver_styles
 
 Floats = NDArray[np.float64]
@@ -78,9 +78,10 @@ class DetectionTimes:
     def _spent_ms(self, place: FramesAndBatch) -> dict[str, Floats]:
         """Give the times round by round."""
         times = self.by_place[place]
-        detectors = [stage for stage in PAPER_SHARES if stage != PANEL_DETECTION]
-        bits = {stage: times[stage].summed(BIT_DETECTION) for stage in detectors}
-        return {PANEL_DETECTION: times["flda_3"].summed(["locate"]), **bits}
+        panel = {PANEL_DETECTION: times["flda_3"].summed(["locate"])}
+        return panel | {
+            stage: times[stage].summed(BIT_DETECTION) for stage in PAPER_SHARES if stage != PANEL_DETECTION
+        }
 
     def draw(self, title: str) -> Figure:
         """Draw the figure, with its title and what it rests on."""
@@ -104,18 +105,23 @@ class DetectionTimes:
             # The longest label takes less than two fifths of the width.
             axes.set_xlim(0, 1.65 * longest)
             axes.xaxis.set_major_locator(MaxNLocator(7, steps=[2, 5, 10]))
-        _write_legend(figure)
+        quartiles = Line2D([], [], color=INK, marker="|", markersize=7, linewidth=1.2, label="quartiles")
+        look: dict[str, Any] = {"loc": "upper right", "fontsize": 10.5, "handlelength": 2.0}
+        at = (0.99, 1 - 0.06 / figure.get_figheight())
+        write_legend(figure, [axes.lines[-1], quartiles], at, columns=2, columnspacing=1.4, **look)
         return self._footnote()
 
     def _footnote(self) -> str:
         """Say what the figure rests on, and in medians what NGR adds in each of its parts."""
-        costs = [self.ngr_costs(place) for place in self.by_place]
-        texts = [[f"{100 * one.value:z.1f}".replace("-", "\N{MINUS SIGN}") for one in both] for both in costs]
-        of_two, of_all = zip(*texts, strict=True)
+        of_two, of_all = (
+            [f"{100 * one.value:z.1f}".replace("-", "\N{MINUS SIGN}") for one in part]
+            for part in zip(*(self.ngr_costs(place) for place in self.by_place), strict=True)
+        )
         lettered = ", ".join(f"({letter}) {cost}" for letter, cost in zip("abcd", of_two, strict=False))
         timed = {f"{self.rounds(place)} rounds {_at_a_time(place[1])}": None for place in self.by_place}
-        share = f"{100 * self.waited_share:.0f} %"
-        busy = f"Take with care: for {share} of the time other work had the processor.\n"
+        busy = (
+            f"Take with care: for {100 * self.waited_share:.0f} % of the time other work had the processor.\n"
+        )
         return (
             f"{busy if self.waited_share > _BUSY else ''}"
             f"NGR adds {lettered} % to two features' time (the paper: 17 %), "
@@ -127,20 +133,20 @@ class DetectionTimes:
     def _draw_bars(self, axes: Axes, place: FramesAndBatch) -> float:
         """Draw the bars, the detectors' quartiles and the paper's marks; give the last label's begin."""
         times, shares = self.times_ms(place), self.shares(place)
-        styles = receiver_styles([stage for stage in shares if stage != PANEL_DETECTION])
+        styles = receiver_styles([stage for stage in PAPER_SHARES if stage != PANEL_DETECTION])
         looks = [_PANEL, *((style.label, style.colour) for style in styles.values())]
         low, median, high = 100 * np.array([(one.low, one.value, one.high) for one in shares.values()]).T
         paper, rows = 100 * np.array(list(PAPER_SHARES.values())), np.arange(float(len(PAPER_SHARES)))
         axes.barh(rows, median, height=0.62, color=[colour for _, colour in looks])
         spread = np.stack([median - low, high - median])[:, 1:]
         axes.errorbar(median[1:], rows[1:], xerr=spread, fmt="none", ecolor=INK, elinewidth=1.2, capsize=2.5)
-        axes.add_line(_paper_mark(paper[1:], rows[1:]))
+        mark: dict[str, Any] = {"markersize": 7.5, "markeredgecolor": INK, "color": "white", "zorder": 5}
+        axes.plot(paper[1:], rows[1:], "D", label="the paper", **mark)
         ends = np.maximum(high, paper).tolist()
         for row, (spent, share, end) in enumerate(zip(times.values(), median, ends, strict=True)):
             time = f"{number_text(spent.value)} ms"
-            said = f"{number_text(share)} %  ({time})" if row else time
-            look: dict[str, Any] = {"textcoords": "offset points", "va": "center", "color": INK}
-            axes.annotate(said, (end, row), (9, 0), fontsize=10, **look)
+            said, beside = f"{number_text(share)} %  ({time})" if row else time, "offset points"
+            axes.annotate(said, (end, row), (9, 0), textcoords=beside, fontsize=10, color=INK, va="center")
         quiet_axes(axes)
         axes.grid(axis="x", color=GRID, linewidth=0.8)
         axes.set_yticks(rows, [label for label, _ in looks])
@@ -163,20 +169,3 @@ def number_text(value: float) -> str:
     rounded = float(f"{value:.3g}")
     digits = max(0, 2 - int(np.floor(np.log10(max(rounded, 1e-9)))))
     return f"{value:.{digits}f}"
-
-
-def _paper_mark(x: Floats, y: Floats) -> Line2D:
-    """Make the marks of the paper's values."""
-    marks = Line2D(x, y, linestyle="none", marker="D", markersize=7.5, zorder=5, label="the paper")
-    marks.set(markerfacecolor="white", markeredgecolor=INK)
-    return marks
-
-
-def _write_legend(figure: Figure) -> None:
-    """Explain the marks at the figure's top right."""
-    handles = [
-        _paper_mark(np.empty(0), np.empty(0)),
-        Line2D([], [], color=INK, marker="|", markersize=7, linewidth=1.2, label="quartiles"),
-    ]
-    top: dict[str, Any] = {"loc": "upper right", "bbox_to_anchor": (0.99, 1 - 0.06 / figure.get_figheight())}
-    figure.legend(handles=handles, ncols=2, frameon=False, fontsize=10.5, columnspacing=1.4, **top)

@@ -2,22 +2,21 @@
 
 import dataclasses
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
-from matplotlib.colors import to_hex
+from evidence_plans import make_plan
 from matplotlib.patches import Rectangle
 from matplotlib.text import Text
 
-from vocc_torch.measure.plan import Budget, Experiment, Plan, ReceiverPlan, World
+from vocc_torch.measure.plan import World
 from vocc_torch.measure.stage_times import STAGES, StageTimes, StageTimings
 from vocc_torch.show.canvas import figure_pixels
-from vocc_torch.show.styles import receiver_styles
-from vocc_torch.show.timing_figure import PAPER_SHARES, DetectionTimes, number_text
+from vocc_torch.show.timing_figure import PAPER_SHARES, DetectionTimes
 from vocc_torch.simulation import Camera
 from vocc_torch.studies.paper.evidence import timing
+from vocc_torch.studies.paper.evidence.base import Source
 from vocc_torch.studies.paper.evidence.timing import ProcessingTime
 
 RECEIVERS = [stage for stage in PAPER_SHARES if stage != "panel_detection"]
@@ -26,13 +25,8 @@ PLACES = [(kind, batch) for kind in ("whole_frames", "crops") for batch in (1, 6
 
 @pytest.fixture(scope="module")
 def plan():
-    return Plan(
-        world=World(device="cpu", camera=Camera(width_px=480, height_px=270, sensor_width_mm=3.3)),
-        receiver=ReceiverPlan(),
-        experiment=Experiment("ambient", "ambient_lx", (8000.0,)),
-        budget=Budget(training_frames=64),
-        folder=Path("unused"),
-    )
+    camera = Camera(width_px=480, height_px=270, sensor_width_mm=3.3)
+    return make_plan(world=World(device="cpu", camera=camera))
 
 
 def stage_times(detection, panel=(1.0,)):
@@ -72,7 +66,7 @@ def test_ratios_are_of_the_same_round():
 
 
 def test_lines_and_findings_of_a_measurement(plan):
-    data = ProcessingTime.compute(plan, 3, 2)
+    data = ProcessingTime.compute(Source(plan), 3, 2)
     head, *lines = data.rows()
     found = data.findings()
     assert [line[:3] for line in lines] == [(*place, stage) for place in PLACES for stage in PAPER_SHARES]
@@ -102,7 +96,7 @@ def test_the_papers_receivers_are_timed_on_whole_frames_and_crops(plan, monkeypa
 
     monkeypatch.setattr(timing, "time_stages", timed)
     monkeypatch.setattr(timing.Exposure, "of", lambda world, model, keys, preambles: world.framing)
-    data = ProcessingTime.compute(dataclasses.replace(plan, batch_frames=batch_frames), 5, 3)
+    data = ProcessingTime.compute(Source(dataclasses.replace(plan, batch_frames=batch_frames)), 5, 3)
     assert list(data.measured.by_place) == [(kind, n) for kind in ("whole_frames", "crops") for n in batches]
     assert asked == [(f, n, 5 if n == 1 else 3) for f in ("filled", "crop") for n in batches]
     assert data.findings()["waited_share"] == pytest.approx(0.6)
@@ -145,22 +139,6 @@ def test_bars_are_the_median_shares_with_the_papers_marks_and_quartiles(figure, 
         np.testing.assert_allclose([(first[0], last[0]) for first, last in segments], ends)
 
 
-def test_bars_have_the_receivers_colours_names_and_numbers(figure, measured):
-    styles = receiver_styles(RECEIVERS)
-    for axes, place in zip(figure.axes, PLACES, strict=True):
-        _, *colours = (to_hex(bar.get_facecolor()).upper() for bar in bars(axes))
-        assert colours == [style.colour for style in styles.values()]
-        written = [text.get_text() for text in axes.texts]
-        time = measured.times_ms(place)
-        assert f"{number_text(time['panel_detection'].value)} ms" in written
-        assert f"32.0 %  ({number_text(time['flda_3'].value)} ms)" in written
-    names = [label.get_text() for label in figure.axes[0].get_yticklabels()]
-    assert names == ["Panel detection", *(style.label for style in styles.values())]
-    # The first stage is the uppermost.
-    low, high = figure.axes[0].get_ylim()
-    assert low > high
-
-
 @pytest.mark.parametrize("factor", [1.0, 12.0])
 def test_no_words_leave_their_axes_or_meet_the_next(factor):
     figure = made_up({name: factor * share for name, share in PAPER_SHARES.items()}).draw("Title")
@@ -180,9 +158,3 @@ def test_what_it_rests_on_is_said(figure):
     assert "a machine" in said
     assert "for 37 % of the time other work had the processor" in said
     assert "other work" not in text_of(made_up().draw("Title"))
-
-
-def test_a_plan_of_single_frames_has_one_column():
-    figure = made_up(places=PLACES[::2]).draw("Title")
-    assert len(figure.axes) == 2
-    assert "64 at a time" not in text_of(figure)

@@ -13,18 +13,12 @@ from vocc_torch.errors import VoccError
 from vocc_torch.measure.plan import Plan
 from vocc_torch.show.canvas import figure_pixels, save_figure
 from vocc_torch.show.csv_file import write_rows
-from vocc_torch.studies.paper.evidence.features import GreyAndAgr, GriAndAgr, NgrAndOthers
-from vocc_torch.studies.paper.evidence.figure import PaperFigure
-from vocc_torch.studies.paper.evidence.gradients import InwardGradients
-from vocc_torch.studies.paper.evidence.greys import BloomingInterference, GreyOverlap
-from vocc_torch.studies.paper.evidence.histogram import FrameHistogram
-from vocc_torch.studies.paper.evidence.projection import Projection
-from vocc_torch.studies.paper.evidence.scenes import BlurOrder, ContrastPanels
-from vocc_torch.studies.paper.evidence.timing import ProcessingTime
+from vocc_torch.studies.paper.evidence import base, features, greys, scenes, timing, vectors
 
-_FIGURES: tuple[type[PaperFigure], ...] = (
-    *(GreyOverlap, BloomingInterference, GreyAndAgr, InwardGradients, GriAndAgr, NgrAndOthers),
-    *(Projection, BlurOrder, FrameHistogram, ContrastPanels, ProcessingTime),
+_FIGURES: tuple[type[base.PaperFigure], ...] = (
+    *(greys.GreyOverlap, greys.BloomingInterference, features.GreyAndAgr, vectors.InwardGradients),
+    *(features.GriAndAgr, features.NgrAndOthers, vectors.Projection, scenes.BlurOrder),
+    *(scenes.FrameHistogram, scenes.ContrastPanels, timing.ProcessingTime),
 )
 EVIDENCE = {figure.name: figure for figure in _FIGURES}
 """The figures by name, in the paper's order."""
@@ -42,7 +36,7 @@ class WrittenFigure:
         pixels: (H,W,3) uint8 the picture, red, green, blue.
     """
 
-    evidence: type[PaperFigure]
+    evidence: type[base.PaperFigure]
     findings: dict[str, float]
     picture: Path
     table: Path
@@ -66,12 +60,13 @@ def make_evidence(plan: Plan, folder: Path, names: Sequence[str] = ()) -> Iterat
     for name in names:
         if name not in EVIDENCE:
             raise VoccError(f"{name!r} is not a figure: known are {', '.join(EVIDENCE)}")
-    return (_written(kind, plan, folder) for name, kind in EVIDENCE.items() if not names or name in names)
+    source = base.Source(plan)
+    return (_written(kind, source, folder) for name, kind in EVIDENCE.items() if not names or name in names)
 
 
-def _written(kind: type[PaperFigure], plan: Plan, folder: Path) -> WrittenFigure:
+def _written(kind: type[base.PaperFigure], source: base.Source, folder: Path) -> WrittenFigure:
     """Compute, draw and write one figure."""
-    one = kind.compute(plan)
+    one = kind.compute(source)
     picture, table = (folder / f"{kind.name}.{suffix}" for suffix in ("png", "csv"))
     figure = one.draw()
     save_figure(figure, picture)

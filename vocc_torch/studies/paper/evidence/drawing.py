@@ -9,8 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from vocc_torch.show.canvas import GRID, INK, QUIET, quiet_axes
-from vocc_torch.studies.paper.evidence.figure import Bools, Floats, Picture
+from vocc_torch.show.canvas import GRID, INK, QUIET, quiet_axes, write_legend
+from vocc_torch.studies.paper.evidence.base import Bools, Floats, Picture
 
 OFF, ON, MARK = "#0072B2", "#D55E00", "#009E73"
 STATUS = ((False, "Off", OFF), (True, "On", ON))
@@ -19,36 +19,50 @@ DASHED: dict[str, Any] = {"color": INK, "linewidth": 1.3, "linestyle": "--"}
 
 
 def add_panel(
-    figure: Figure, left: float, bottom: float, width: float, picture: Picture, *, frame: bool = True
+    figure: Figure, corner: tuple[float, float], width: float, picture: Picture, *words: str
 ) -> Axes:
     """Show a panel's pixels as the camera wrote them, black at 0 and white at 255, in a square.
 
     Args:
         figure: the figure.
-        left: of the square, as a share of the figure's width.
-        bottom: of the square, as a share of the figure's height.
+        corner: the square's left and bottom, as shares of the figure's width and height.
         width: as a share of the figure's width.
         picture: the pixels and where they lie.
-        frame: whether to outline them.
+        words: see :func:`heading`; a panel without any is not outlined.
 
     Returns:
         Axes without ticks; their coordinates are LED columns and rows, from 0.
     """
-    height = width * figure.get_figwidth() / figure.get_figheight()
-    axes = figure.add_axes((left, bottom, width, height))
+    axes = figure.add_axes((*corner, width, width * figure.get_figwidth() / figure.get_figheight()))
     grey, extent = picture
     axes.imshow(grey, cmap="gray", vmin=0, vmax=255, extent=extent, interpolation="nearest")
     axes.set_anchor("NW")
     axes.set(xticks=[], yticks=[])
-    axes.spines[:].set_visible(frame)
+    axes.spines[:].set_visible(bool(words))
     axes.spines[:].set_color(GRID)
+    heading(axes, *words)
     return axes
 
 
-def heading(axes: Axes, text: str, below: str = "", colour: str = INK) -> None:
+def heading(axes: Axes, text: str = "", below: str = "", colour: str = INK) -> None:
     """Write above the axes, in bold, and a line in grey between the two."""
     axes.set_title(text, fontsize=11.5, color=colour, loc="left", pad=20 if below else 5, fontweight="bold")
     axes.text(0, 1.025, below, transform=axes.transAxes, fontsize=9, color=QUIET)
+
+
+def note(
+    axes: Axes, text: str, at: tuple[float, float], aside_pt: tuple[float, float] = (0, 0), **look: Any
+) -> None:
+    """Write a note.
+
+    Args:
+        axes: where to write.
+        text: what to write.
+        at: the place.
+        aside_pt: how far beside it, to the right and up, points.
+        look: what else Matplotlib's annotation takes.
+    """
+    axes.annotate(text, at, aside_pt, textcoords="offset points", **{"color": INK, **look})
 
 
 def plain_axes(axes: Axes, x_label: str, y_label: str, grid: Literal["x", "y", "both"] = "y") -> None:
@@ -68,13 +82,12 @@ def status_histogram(axes: Axes, values: Floats, bits: Bools, label: str, *, log
         label: of the horizontal axis, with its unit.
         log: whether shares are on a logarithmic axis, so that few LEDs show too.
     """
-    edges = np.histogram_bin_edges(values, bins=60)
-    least = 0.5 / bits.size
+    edges, least = np.histogram_bin_edges(values, bins=60), 0.5 / bits.size if log else 0.0
     for status, name, colour in STATUS:
         chosen = values[bits == status]
         shares = np.histogram(chosen, edges)[0] / max(1, chosen.size)
-        axes.stairs(shares, edges, fill=True, color=colour, alpha=0.25, baseline=least if log else 0)
-        axes.stairs(shares, edges, color=colour, linewidth=1.6, label=name, baseline=least if log else 0)
+        axes.stairs(shares, edges, fill=True, color=colour, alpha=0.25, baseline=least)
+        axes.stairs(shares, edges, color=colour, linewidth=1.6, label=name, baseline=least)
     axes.margins(x=0.02)
     axes.set_ylim(bottom=0)
     if log:
@@ -94,8 +107,8 @@ def status_cloud(axes: Axes, x: Floats, y: Floats, bits: Bools, labels: tuple[st
     """
     colours = np.where(bits.ravel(), ON, OFF)
     mixed = np.random.default_rng(0).permutation(colours.size)
-    drawn: dict[str, Any] = {"s": 7, "alpha": 0.35, "linewidths": 0, "rasterized": True}
-    axes.scatter(x.ravel()[mixed], y.ravel()[mixed], c=colours[mixed], **drawn)
+    places = x.ravel()[mixed], y.ravel()[mixed]
+    axes.scatter(*places, s=7, c=colours[mixed], alpha=0.35, linewidths=0, rasterized=True)
     axes.margins(0.03)
     plain_axes(axes, *labels, grid="both")
 
@@ -104,10 +117,9 @@ def status_legend(figure: Figure) -> None:
     """Name the statuses at the figure's top right."""
     look: dict[str, Any] = {"linestyle": "none", "marker": "o", "markersize": 7}
     dots = [Line2D([], [], color=colour, label=f"{name} LEDs", **look) for _, name, colour in STATUS]
-    top: dict[str, Any] = {"loc": "upper right", "bbox_to_anchor": (0.99, 1 - 0.06 / figure.get_figheight())}
-    figure.legend(
-        handles=dots, ncols=2, frameon=False, fontsize=10.5, handletextpad=0.1, columnspacing=1.4, **top
-    )
+    place: dict[str, Any] = {"loc": "upper right", "handlelength": 2.0, "handletextpad": 0.1}
+    at = (0.99, 1 - 0.06 / figure.get_figheight())
+    write_legend(figure, dots, at, columns=2, fontsize=10.5, columnspacing=1.4, **place)
 
 
 def legend_above(axes: Axes, columns: int) -> None:

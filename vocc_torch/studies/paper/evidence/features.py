@@ -2,25 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Self
+from typing import ClassVar, Self
 
 import numpy as np
 import torch
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.optimize import linprog
-from scipy.stats import rankdata
+from scipy.stats import mannwhitneyu
 
 from vocc_torch.errors import VoccError
-from vocc_torch.measure.plan import Plan
 from vocc_torch.receiver.features import FEATURE_NAMES
 from vocc_torch.receiver.flda import FLDA
 from vocc_torch.show.canvas import INK, QUIET, head
-from vocc_torch.studies.paper.evidence import drawing
-from vocc_torch.studies.paper.evidence.figure import Bools, Cell, Floats, PaperFigure, led_rows
-from vocc_torch.studies.paper.evidence.sample import Sample, draw_sample
+from vocc_torch.studies.paper.evidence import base, drawing
+from vocc_torch.studies.paper.evidence.base import Bools, Floats
 
 GALLERY = 20
 """Frames of the sample that Fig. 8a shows."""
@@ -30,11 +28,12 @@ LABELS = {
     "agr": "AGR (ratio)",
     "gri": "GRI (grey values a pixel)",
     "ngr": "NGR (ratio)",
+    "agr+gri+ngr": "FLDA score of AGR, GRI and NGR",
 }
 
 
 @dataclass(frozen=True)
-class FeatureSpread(PaperFigure):
+class FeatureSpread(base.PaperFigure):
     """Numbers of each LED of the sample by its status.
 
     Args:
@@ -43,32 +42,34 @@ class FeatureSpread(PaperFigure):
         lines: for a pair of features, FLDA fitted on these LEDs: (w_1, w_2, threshold).
     """
 
-    sample: Sample
+    alone: ClassVar[tuple[str, ...]]
+    together: ClassVar[tuple[str, ...]] = ()
+
+    sample: base.Sample
     values: Mapping[str, Floats]
     lines: Mapping[str, tuple[float, float, float]]
 
     @classmethod
-    def of(cls, plan: Plan, alone: Sequence[str], together: Sequence[str] = ()) -> Self:
+    def compute(cls, source: base.Source) -> Self:
         """Score features of the sample alone, and by FLDA together."""
-        sample, lines = draw_sample(plan), {}
-        values = {name: sample.greys if name == "average_grey" else sample.feature(name) for name in alone}
+        sample, lines = source.sample, {}
+        values = {one: sample.greys if one == "average_grey" else sample.feature(one) for one in cls.alone}
         features, bits = torch.from_numpy(sample.features), torch.from_numpy(sample.bits)
-        whole = FLDA(len(FEATURE_NAMES)).fit(features, bits)
-        for name in together:
+        for name in cls.together:
             chosen = [FEATURE_NAMES.index(part) for part in name.split("+")]
-            flda = whole.select(chosen)
+            flda = FLDA(len(FEATURE_NAMES)).fit(features, bits).select(chosen)
             values[name] = flda.decision_function(features[..., chosen]).numpy()
             if len(chosen) == 2:
                 first, second = flda.direction.tolist()
                 lines[name] = (first, second, float(flda.threshold))
         return cls(sample, values, lines)
 
-    def rows(self) -> list[tuple[Cell, ...]]:
-        """Give a line an LED."""
-        return led_rows(self.sample.bits, self.values)
+    def rows(self) -> base.Rows:
+        """A line an LED."""
+        return base.led_rows(self.sample.bits, self.values)
 
     def findings(self) -> dict[str, float]:
-        """Give the discriminability of each number, and how often GRI is negative.
+        """How well each number tells On from Off, and how often GRI is negative.
 
         ``auc_`` is the area under the ROC curve, ``wrong_share_`` the share of wrong decisions at the best
         fixed threshold. ``separable_`` is 1 where some straight line or plane, FLDA's or another, parts all
@@ -77,48 +78,47 @@ class FeatureSpread(PaperFigure):
         bits = self.sample.bits
         found = {f"auc_{name}": roc_area(value, bits) for name, value in self.values.items()}
         found |= {f"wrong_share_{name}": least_error(value, bits)[0] for name, value in self.values.items()}
-        for name in (name for name in self.values if "+" in name):
+        for name in self.together:
             together = np.stack([self.values[part].ravel() for part in name.split("+")], axis=1)
             found[f"separable_{name}"] = float(separable(together, bits.ravel()))
         if "gri" in self.values:
-            negative = self.values["gri"] < 0
-            found["gri_negative_share_off"] = float(negative[~bits].mean())
-            found["gri_negative_share_on"] = float(negative[bits].mean())
+            found["gri_negative_share_off"] = float(np.mean(self.values["gri"][~bits] < 0))
+            found["gri_negative_share_on"] = float(np.mean(self.values["gri"][bits] < 0))
         return found
 
     def footnote(self, figure: Figure, said: str = "") -> str:
         """Name the statuses, and say what the numbers mean and rest on."""
         drawing.status_legend(figure)
-        frames, leds = len(self.sample.bits), self.sample.bits.size
         return (
             "AUC: area under the ROC curve, the chance that an On LED reads higher than an Off LED. "
             "Best threshold: the one fixed\nthreshold with the fewest wrong LEDs. "
-            f"{frames} sample frames, {leds} LEDs, true corners.{said}"
+            f"{len(self.sample.bits)} sample frames, {self.sample.bits.size} LEDs, true corners.{said}"
         )
 
     def draw_alone(self, axes: Axes, letter: str, name: str) -> None:
         """Draw one feature's distribution."""
         drawing.status_histogram(axes, self.values[name], self.sample.bits, LABELS[name])
-        self.state(axes, letter, name)
+        self._state(axes, letter, name)
 
     def draw_pair(self, axes: Axes, letter: str, name: str) -> None:
-        """Draw two features against each other, and FLDA's decision between On and Off."""
-        first, second = name.split("+")
+        """Draw two features, or the score of three and NGR, and FLDA's decision between On and Off."""
+        first, second = name.split("+") if name in self.lines else (name, "ngr")
         labels = LABELS[first], LABELS[second]
         drawing.status_cloud(axes, self.values[first], self.values[second], self.sample.bits, labels)
         x, y = np.array(axes.get_xlim()), axes.get_ylim()
-        along, across, threshold = self.lines[name]
+        along, across, threshold = self.lines.get(name, (0.0, 0.0, 0.0))
         if across:
             axes.plot(x, (threshold - along * x) / across, **drawing.DASHED)
+        elif name not in self.lines:
+            axes.axvline(0, **drawing.DASHED)  # where the score changes its sign
         axes.set(xlim=x, ylim=y)
-        self.state(axes, letter, name)
+        self._state(axes, letter, name)
 
-    def state(self, axes: Axes, letter: str, name: str) -> None:
+    def _state(self, axes: Axes, letter: str, name: str) -> None:
         """Say above the axes how well a number tells On from Off."""
         area = roc_area(self.values[name], self.sample.bits)
         wrong = drawing.percent_text(least_error(self.values[name], self.sample.bits)[0])
-        text = f"AUC {area_text(area)} \N{MIDDLE DOT} best threshold wrong: {wrong}"
-        head(axes, f"({letter})", text)
+        head(axes, f"({letter})", f"AUC {area_text(area)} \N{MIDDLE DOT} best threshold wrong: {wrong}")
 
 
 class GreyAndAgr(FeatureSpread):
@@ -126,21 +126,15 @@ class GreyAndAgr(FeatureSpread):
 
     name = "fig08"
     title = "Fig. 8: average grey against average greyscale ratio (AGR)"
-    caption = (
-        "Twenty of 100 sample frames; over the 100, average greys of On and Off overlap and AGR parts them."
-    )
+    caption = "Twenty of 100 sample frames; average greys of On and Off overlap over all, AGR parts them."
     height_in = 6.9
-
-    @classmethod
-    def compute(cls, plan: Plan) -> Self:
-        """Measure the sample."""
-        return cls.of(plan, ("average_grey", "agr"))
+    alone = ("average_grey", "agr")
 
     def draw_on(self, figure: Figure) -> str:
         """Draw panels in two rows, and two histograms."""
         for index, picture in enumerate(self.sample.pictures[:GALLERY]):
             row, column = divmod(index, GALLERY // 2)
-            drawing.add_panel(figure, 0.02 + 0.097 * column, 0.745 - row * 0.142, 0.09, picture, frame=False)
+            drawing.add_panel(figure, (0.02 + 0.097 * column, 0.745 - row * 0.142), 0.09, picture)
         text = f"(a) {GALLERY} of the frames"
         figure.text(0.02, 0.895, text, fontsize=11.5, color=INK, fontweight="bold")
         self.draw_alone(figure.add_axes((0.075, 0.175, 0.41, 0.355)), "b", "average_grey")
@@ -155,11 +149,7 @@ class GriAndAgr(FeatureSpread):
     title = "Fig. 10: gradient radial inwardness (GRI), alone and with AGR"
     caption = "GRI alone parts most LEDs; AGR and GRI together part all of them."
     height_in = 5.6
-
-    @classmethod
-    def compute(cls, plan: Plan) -> Self:
-        """Measure the sample."""
-        return cls.of(plan, ("agr", "gri"), ("agr+gri",))
+    alone, together = ("agr", "gri"), ("agr+gri",)
 
     def draw_on(self, figure: Figure) -> str:
         """Draw a histogram and a cloud."""
@@ -167,7 +157,7 @@ class GriAndAgr(FeatureSpread):
         self.draw_alone(axes, "a", "gri")
         axes.axvline(0, color=QUIET, linewidth=1.0)
         text = drawing.negative_text(self.values["gri"], self.sample.bits)
-        axes.text(0.98, 0.95, text, transform=axes.transAxes, ha="right", va="top", color=INK)
+        drawing.note(axes, text, (0.98, 0.95), xycoords="axes fraction", ha="right", va="top")
         self.draw_pair(figure.add_axes((0.575, 0.2, 0.41, 0.635)), "b", "agr+gri")
         return self.footnote(figure, " Line: FLDA fitted on these LEDs.")
 
@@ -177,30 +167,17 @@ class NgrAndOthers(FeatureSpread):
 
     name = "fig12"
     title = "Fig. 12: neighbour greyscale ratio (NGR) and the others"
-    caption = (
-        "NGR alone overlaps completely, but it helps AGR and it helps GRI; the three together part best."
-    )
+    caption = "NGR alone overlaps completely, but helps AGR and helps GRI; the three together part best."
     height_in = 9.2
-
-    @classmethod
-    def compute(cls, plan: Plan) -> Self:
-        """Measure the sample."""
-        return cls.of(plan, FEATURE_NAMES, ("agr+gri", "agr+ngr", "gri+ngr", "agr+gri+ngr"))
+    alone, together = FEATURE_NAMES, ("agr+gri", "agr+ngr", "gri+ngr", "agr+gri+ngr")
 
     def draw_on(self, figure: Figure) -> str:
         """Draw a histogram and three clouds."""
-        first, second, third, fourth = (
-            figure.add_axes((left, bottom, 0.41, 0.325)) for bottom in (0.57, 0.14) for left in (0.075, 0.575)
-        )
-        self.draw_alone(first, "a", "ngr")
-        self.draw_pair(second, "b", "agr+ngr")
-        self.draw_pair(third, "c", "gri+ngr")
-        score, ngr = self.values["agr+gri+ngr"], self.values["ngr"]
-        drawing.status_cloud(
-            fourth, score, ngr, self.sample.bits, ("FLDA score of AGR, GRI and NGR", LABELS["ngr"])
-        )
-        fourth.axvline(0, **drawing.DASHED)
-        self.state(fourth, "d", "agr+gri+ngr")
+        axes = [figure.add_axes((x, y, 0.41, 0.325)) for y in (0.57, 0.14) for x in (0.075, 0.575)]
+        self.draw_alone(axes[0], "a", "ngr")
+        self.draw_pair(axes[1], "b", "agr+ngr")
+        self.draw_pair(axes[2], "c", "gri+ngr")
+        self.draw_pair(axes[3], "d", "agr+gri+ngr")
         said = (
             " Lines: FLDA fitted on these LEDs.\n(d) is a projection of the three features on the "
             "plane of w, on which the score (a log-likelihood ratio) lies, and NGR."
@@ -226,7 +203,7 @@ def area_text(auc: float) -> str:
 def roc_area(values: Floats, bits: Bools) -> float:
     """Area under the ROC curve: the chance that an On LED reads higher than an Off LED, ties counted half.
 
-    It is the Mann-Whitney statistic of the ranks over the number of pairs (Hanley and McNeil 1982).
+    It is the Mann-Whitney statistic over the number of pairs (Hanley and McNeil 1982).
 
     Args:
         values: of any shape, finite.
@@ -243,8 +220,7 @@ def roc_area(values: Floats, bits: Bools) -> float:
         0.875
     """
     on, off = _counts(bits)
-    rank_sum = float(rankdata(values.ravel())[bits.ravel()].sum())
-    return (rank_sum - on * (on + 1) / 2) / (on * off)
+    return float(mannwhitneyu(values[bits], values[~bits], method="asymptotic").statistic) / (on * off)
 
 
 def least_error(values: Floats, bits: Bools) -> tuple[float, float]:
@@ -265,15 +241,14 @@ def least_error(values: Floats, bits: Bools) -> tuple[float, float]:
         >>> least_error(np.array([1.0, 2.0, 4.0, 3.0]), np.array([False, False, True, True]))
         (0.0, 2.5)
     """
-    on, off = _counts(bits)
-    levels, place = np.unique(values.ravel(), return_inverse=True)
-    on_at = np.bincount(place, weights=bits.ravel(), minlength=len(levels))
-    off_at = np.bincount(place, minlength=len(levels)) - on_at
-    # With k levels below the threshold, their On LEDs and the Off LEDs of the others are wrong.
-    wrong = np.concatenate([[0.0], np.cumsum(on_at)]) + off - np.concatenate([[0.0], np.cumsum(off_at)])
-    best = int(wrong.argmin())
+    _, off = _counts(bits)
+    levels = np.unique(values)
     between = np.concatenate([levels[:1], (levels[1:] + levels[:-1]) / 2, np.nextafter(levels[-1:], np.inf)])
-    return float(wrong[best]) / (on + off), float(between[best])
+    # On LEDs below the threshold and Off LEDs from it on are wrong.
+    below_on, below_off = (np.searchsorted(np.sort(values[side]), between) for side in (bits, ~bits))
+    wrong = below_on + off - below_off
+    best = int(wrong.argmin())
+    return float(wrong[best]) / bits.size, float(between[best])
 
 
 def separable(values: Floats, bits: Bools) -> bool:
@@ -298,16 +273,13 @@ def separable(values: Floats, bits: Bools) -> bool:
         False
     """
     _counts(bits)
-    deviation = values.std(axis=0)
+    deviation, columns = values.std(axis=0), values.shape[1]
     scaled = (values - values.mean(axis=0)) / np.where(deviation > 0, deviation, 1.0)
     sides = np.where(bits, 1.0, -1.0)[:, None] * np.column_stack([scaled, np.ones(len(scaled))])
-    columns = values.shape[1]
-    found = linprog(
-        np.append(np.zeros(columns + 1), -1.0),
-        A_ub=np.column_stack([-sides, np.ones(len(sides))]),
-        b_ub=np.zeros(len(sides)),
-        bounds=[(-1.0, 1.0)] * columns + [(None, None)] * 2,
-    )
+    # Unknown are the weights, the offset and the margin, which is made large.
+    cost, ranges = np.append(np.zeros(columns + 1), -1.0), [(-1.0, 1.0)] * columns + [(None, None)] * 2
+    constraints = np.column_stack([-sides, np.ones(len(sides))])
+    found = linprog(cost, A_ub=constraints, b_ub=np.zeros(len(sides)), bounds=ranges)
     return bool(found.success and (sides @ found.x[:-1]).min() > 0)
 
 

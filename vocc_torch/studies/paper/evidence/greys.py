@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Self
 
 import numpy as np
@@ -13,65 +13,55 @@ from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
 from vocc_torch.errors import VoccError
-from vocc_torch.measure.plan import Plan
 from vocc_torch.show.canvas import INK, QUIET
-from vocc_torch.simulation import Simulator
-from vocc_torch.studies.paper.evidence import drawing
+from vocc_torch.studies.paper.evidence import base, drawing
 from vocc_torch.studies.paper.evidence.features import least_error, roc_area
-from vocc_torch.studies.paper.evidence.figure import Bools, Cell, Floats, PaperFigure, Picture, led_rows
-from vocc_torch.studies.paper.evidence.sample import Sample, cut_out, draw_sample
 
 
 @dataclass(frozen=True)
-class GreyOverlap(PaperFigure):
+class GreyOverlap(base.PaperFigure):
     """Average greys of the sample's LEDs, and the two frames that contradict each other most.
 
     Args:
         sample: the sample.
         pair: the frame with dark On LEDs and the frame with bright Off LEDs.
-        threshold: the best fixed threshold for all frames.
-        wrong: share of LEDs that it gets wrong.
     """
 
     name = "fig04"
     title = "Fig. 4: greys of On and Off LEDs overlap between frames"
-    caption = (
-        "On LEDs of one frame are darker than Off LEDs of another, so no fixed threshold serves every frame."
-    )
+    caption = "On LEDs of one frame are darker than Off LEDs of another: no threshold serves every frame."
     height_in = 6.3
 
-    sample: Sample
+    sample: base.Sample
     pair: tuple[int, int]
-    threshold: float
-    wrong: float
 
     @classmethod
-    def compute(cls, plan: Plan) -> Self:
+    def compute(cls, source: base.Source) -> Self:
         """Find the frame whose every On LED is farthest below every Off LED of another.
 
         Raises:
             VoccError: no frame has both On and Off LEDs.
         """
-        sample = draw_sample(plan)
-        wrong, threshold = least_error(sample.greys, sample.bits)
-        return cls(sample, most_contradicting(sample.greys, sample.bits), threshold, wrong)
+        return cls(source.sample, most_contradicting(source.sample.greys, source.sample.bits))
 
-    def rows(self) -> list[tuple[Cell, ...]]:
-        """Give a line an LED."""
-        return led_rows(self.sample.bits, {"average_grey": self.sample.greys})
+    def rows(self) -> base.Rows:
+        """A line an LED."""
+        return base.led_rows(self.sample.bits, {"average_grey": self.sample.greys})
 
     def findings(self) -> dict[str, float]:
-        """Give the pair's greys, how often frames overlap, and what a fixed threshold costs."""
+        """The pair's greys, how often frames overlap, and what the best threshold for all frames costs."""
         (dark, bright), greys, bits = self.pair, self.sample.greys, self.sample.bits
-        mean_on, mean_off = class_means(greys, bits), class_means(greys, ~bits)
+        # A mean without LEDs is NaN, and so lies above and below nothing.
+        mean_on, mean_off = (np.ma.array(greys, mask=m).mean((1, 2)).filled(np.nan) for m in (~bits, bits))
+        wrong, threshold = least_error(greys, bits)
         return {
             "dark_frame_highest_on_grey": float(greys[dark][bits[dark]].max()),
             "dark_frame_mean_on_grey": float(mean_on[dark]),
             "bright_frame_lowest_off_grey": float(greys[bright][~bits[bright]].min()),
             "bright_frame_mean_off_grey": float(mean_off[bright]),
             "contradicting_pairs_share": float(np.mean(mean_on[:, None] < mean_off[None, :])),
-            "best_fixed_threshold_grey": self.threshold,
-            "best_fixed_threshold_wrong_share": self.wrong,
+            "best_fixed_threshold_grey": threshold,
+            "best_fixed_threshold_wrong_share": wrong,
             "average_grey_auc": roc_area(greys, bits),
         }
 
@@ -80,18 +70,21 @@ class GreyOverlap(PaperFigure):
         axes = figure.add_axes((0.325, 0.165, 0.66, 0.68))
         order = self._draw_ranges(axes)
         for index, (status, name, colour) in enumerate(drawing.STATUS[::-1]):
-            frame, letter = self.pair[index], "ab"[index]
-            panel = drawing.add_panel(figure, 0.02, 0.51 - 0.41 * index, 0.19, self.sample.pictures[frame])
+            frame, letter, corner = self.pair[index], "ab"[index], (0.02, 0.51 - 0.41 * index)
             shown = self.sample.greys[frame][self.sample.bits[frame] == status]
             text = f"({letter}) {name} LEDs: {shown.min():.0f} to {shown.max():.0f}"
-            drawing.heading(panel, text, drawing.condition_text(self.sample.conditions[frame]), colour)
+            below = drawing.condition_text(self.sample.conditions[frame])
+            drawing.add_panel(figure, corner, 0.19, self.sample.pictures[frame], text, below, colour)
             place = int(np.flatnonzero(order == frame)[0])
             axes.axvspan(place - 0.5, place + 0.5, color=QUIET, alpha=0.22, linewidth=0)
-            above: dict[str, Any] = {"transform": axes.get_xaxis_transform(), "ha": "center"}
-            axes.text(place, 1.01, letter, fontsize=11.5, fontweight="bold", color=INK, **above)
-        axes.axhline(self.threshold, **drawing.DASHED)
-        text = f"best fixed threshold {self.threshold:.0f}:\n{drawing.percent_text(self.wrong)} of LEDs wrong"
-        axes.annotate(text, (-1.4, self.threshold), (0, 5), textcoords="offset points", color=INK)
+            above: dict[str, Any] = {"xycoords": ("data", "axes fraction"), "ha": "center"}
+            drawing.note(axes, letter, (place, 1.01), fontsize=11.5, fontweight="bold", **above)
+        found = self.findings()
+        threshold = found["best_fixed_threshold_grey"]
+        wrong = drawing.percent_text(found["best_fixed_threshold_wrong_share"])
+        axes.axhline(threshold, **drawing.DASHED)
+        text = f"best fixed threshold {threshold:.0f}:\n{wrong} of LEDs wrong"
+        drawing.note(axes, text, (-1.4, threshold), (0, 5))
         drawing.status_legend(figure)
         return (
             "Bars: from the darkest to the brightest LED of a frame; dots: mean of its On and of its Off "
@@ -99,15 +92,15 @@ class GreyOverlap(PaperFigure):
         )
 
     def _draw_ranges(self, axes: Axes) -> NDArray[np.int64]:
-        """Draw the range and the mean of each frame's LEDs by status; give the frames in their order."""
+        """Draw the range and the mean of each frame's LEDs by status; return the frames in their order."""
         greys, bits = self.sample.greys, self.sample.bits
         order = np.argsort(greys.mean(axis=(1, 2)), kind="stable")
         for status, _, colour in drawing.STATUS:
             chosen = {place: greys[frame][bits[frame] == status] for place, frame in enumerate(order)}
             chosen = {place: values for place, values in chosen.items() if values.size}
-            ends = [v.min() for v in chosen.values()], [v.max() for v in chosen.values()]
-            axes.vlines(list(chosen), *ends, color=colour, alpha=0.45, linewidth=2.6)
-            axes.plot(list(chosen), [v.mean() for v in chosen.values()], ".", color=colour, markersize=5.5)
+            low, mean, high = np.array([(v.min(), v.mean(), v.max()) for v in chosen.values()]).T
+            axes.vlines(list(chosen), low, high, color=colour, alpha=0.45, linewidth=2.6)
+            axes.plot(list(chosen), mean, ".", color=colour, markersize=5.5)
         label = f"{len(order)} sample frames, sorted by the mean grey of the panel"
         drawing.plain_axes(axes, label, "Average grey of an LED (0 to 255)")
         axes.set_xlim(-2, len(order) + 1)
@@ -115,7 +108,7 @@ class GreyOverlap(PaperFigure):
         return order
 
 
-def most_contradicting(greys: Floats, bits: Bools) -> tuple[int, int]:
+def most_contradicting(greys: base.Floats, bits: base.Bools) -> tuple[int, int]:
     """Index the frame with the lowest brightest On LED, and the one with the highest darkest Off LED.
 
     Example:
@@ -132,19 +125,8 @@ def most_contradicting(greys: Floats, bits: Bools) -> tuple[int, int]:
     return dark, int(np.where(both, lowest_off, -np.inf).argmax())
 
 
-def class_means(greys: Floats, chosen: Bools) -> Floats:
-    """Mean of each frame's chosen LEDs, (B,R,C) both to (B,); NaN where a frame has none.
-
-    Example:
-        >>> class_means(np.array([[[1.0, 3.0]], [[5.0, 6.0]]]), np.array([[[True, True]], [[False, False]]]))
-        array([ 2., nan])
-    """
-    count, total = chosen.sum(axis=(1, 2)), np.where(chosen, greys, 0.0).sum(axis=(1, 2))
-    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
-
-
 @dataclass(frozen=True)
-class BloomingInterference(PaperFigure):
+class BloomingInterference(base.PaperFigure):
     """The panel with the most misleading Off LED, without and with blooming.
 
     Args:
@@ -159,20 +141,20 @@ class BloomingInterference(PaperFigure):
     title = "Figs 5 and 6: blooming turns an Off LED's grey into that of an On LED"
     caption = "A panel without and with blooming; an Off LED among bright neighbours can be mistaken for On."
 
-    sample: Sample
+    sample: base.Sample
     frame: int
     led: tuple[int, int]
-    sharp: Picture
-    sharp_greys: Floats
+    sharp: base.Picture
+    sharp_greys: base.Floats
 
     @classmethod
-    def compute(cls, plan: Plan) -> Self:
+    def compute(cls, source: base.Source) -> Self:
         """Find, in the sample frames, the Off LED whose average grey lies farthest above its threshold.
 
         Raises:
             VoccError: the scenes have no blooming, or the sample has no Off LED.
         """
-        clear, sample = without_blooming(plan), draw_sample(plan)
+        clear, sample, plan = source.without_blooming(), source.sample, source.plan
         if sample.bits.all():
             raise VoccError("the sample frames have no Off LED: the figure needs one")
         margins = off_margins(sample)
@@ -180,20 +162,20 @@ class BloomingInterference(PaperFigure):
         scene, bits = sample.scene[frame : frame + 1], torch.from_numpy(sample.bits[frame : frame + 1])
         rendered, panels = clear.render(scene, bits), clear.true_panels(scene)
         greys = plan.receiver.reader.read_greys(rendered, panels).average[0].double().cpu().numpy()
-        sharp = cut_out(rendered, panels.corners_px[0], plan.world.panel.shape)
+        (sharp,) = base.cut_out(rendered, panels.corners_px, plan.world.panel.shape)
         return cls(sample, frame, (row, column), sharp, greys)
 
-    def rows(self) -> list[tuple[Cell, ...]]:
-        """Give a line an LED of the panel."""
+    def rows(self) -> base.Rows:
+        """A line an LED of the panel."""
         values = {
             "average_grey_without_blooming": self.sharp_greys[None],
             "average_grey_with_blooming": self.sample.greys[self.frame][None],
             "gri_with_blooming": self.sample.feature("gri")[self.frame][None],
         }
-        return [line[1:] for line in led_rows(self.sample.bits[self.frame][None], values)]
+        return [line[1:] for line in base.led_rows(self.sample.bits[self.frame][None], values)]
 
     def findings(self) -> dict[str, float]:
-        """Give the LED's greys against its threshold, and how often this happens."""
+        """The LED's greys against its threshold, and how often this happens."""
         (row, column), bloomed = self.led, self.sample.greys[self.frame]
         around = (slice(max(0, row - 1), row + 2), slice(max(0, column - 1), column + 2))
         neighbours = bloomed[around].size - 1
@@ -215,12 +197,10 @@ class BloomingInterference(PaperFigure):
         """Draw the panel without and with blooming, and the greys along the LED's row."""
         (row, column), found = self.led, self.findings()
         pictures = (self.sharp, self.sample.pictures[self.frame])
-        for index, (picture, text) in enumerate(zip(pictures, ("(a) without", "(b) with"), strict=True)):
-            panel = drawing.add_panel(figure, 0.02 + 0.265 * index, 0.42, 0.25, picture)
-            drawing.heading(panel, f"{text} blooming")
+        for left, picture, text in zip((0.02, 0.285), pictures, ("(a) without", "(b) with"), strict=True):
+            panel = drawing.add_panel(figure, (left, 0.42), 0.25, picture, f"{text} blooming")
             for edge, width in (("white", 3.4), (drawing.MARK, 2.0)):
-                look: dict[str, Any] = {"edgecolor": edge, "linewidth": width, "zorder": 4}
-                panel.add_patch(Rectangle((column, row), 1, 1, fill=False, **look))
+                panel.add_patch(Rectangle((column, row), 1, 1, fill=False, ec=edge, lw=width, zorder=4))
         bloomed, threshold, gri = found["grey_with_blooming"], found["threshold"], found["gri"]
         reads, says = "On" if bloomed >= threshold else "Off", "Off" if gri < 0 else "On"
         text = (
@@ -235,8 +215,8 @@ class BloomingInterference(PaperFigure):
         self._draw_row(axes, pictures)
         axes.axhline(threshold, **drawing.DASHED)
         box = {"facecolor": "white", "alpha": 0.85, "edgecolor": "none", "pad": 1.5}
-        place: dict[str, Any] = {"transform": axes.get_yaxis_transform(), "ha": "right", "va": "bottom"}
-        axes.text(0.99, threshold + 1, "threshold", color=INK, bbox=box, **place)
+        at, within = (0.99, threshold + 1), ("axes fraction", "data")
+        drawing.note(axes, "threshold", at, xycoords=within, bbox=box, ha="right", va="bottom")
         axes.axvspan(column, column + 1, color=drawing.MARK, alpha=0.16, linewidth=0)
         condition, off_leds = self.sample.conditions[self.frame], int((~self.sample.bits).sum())
         share = drawing.percent_text(found["misread_off_share"])
@@ -247,14 +227,14 @@ class BloomingInterference(PaperFigure):
             "Threshold: halfway between the all-On and the all-Off preamble."
         )
 
-    def _draw_row(self, axes: Axes, pictures: tuple[Picture, Picture]) -> None:
+    def _draw_row(self, axes: Axes, pictures: tuple[base.Picture, base.Picture]) -> None:
         """Draw the pixels through the middle of the LED's row, and the average grey of each of its cells."""
         row, bits, greys = self.led[0], self.sample.bits[self.frame], self.sample.greys[self.frame]
         looks = (("pixels without", QUIET, 1.0), ("pixels with blooming", INK, 1.4))
         for (grey, (left, right, bottom, top)), (name, colour, width) in zip(pictures, looks, strict=True):
             line = grey[int((row + 0.5 - top) / (bottom - top) * len(grey))]
-            look: dict[str, Any] = {"color": colour, "linewidth": width, "alpha": 0.75, "label": name}
-            axes.stairs(line, np.linspace(left, right, len(line) + 1), baseline=None, **look)
+            edges = np.linspace(left, right, len(line) + 1)
+            axes.stairs(line, edges, baseline=None, color=colour, linewidth=width, alpha=0.75, label=name)
         for status, name, colour in drawing.STATUS[::-1]:
             at, label = np.flatnonzero(bits[row] == status), f"{name} cell, average"
             axes.hlines(greys[row, at], at, at + 1, color=colour, linewidth=4, label=label)
@@ -264,18 +244,6 @@ class BloomingInterference(PaperFigure):
         drawing.legend_above(axes, 2)
 
 
-def off_margins(sample: Sample) -> Floats:
+def off_margins(sample: base.Sample) -> base.Floats:
     """How far the average grey of each Off LED lies above its frame's threshold; minus infinity for On."""
     return np.where(sample.bits, -np.inf, sample.greys - sample.thresholds[:, None, None])
-
-
-def without_blooming(plan: Plan) -> Simulator:
-    """Build the plan's simulator without the blooming effect.
-
-    Raises:
-        VoccError: the scenes have none.
-    """
-    effects = dict(plan.world.effects)
-    if effects.pop("blooming", None) is None:
-        raise VoccError("scene.effects has no blooming: this figure shows what it does")
-    return replace(plan.world, effects=effects).simulator()
