@@ -13,6 +13,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
+from vocc_torch.measure import plan as identity_module
 from vocc_torch.measure.ledger import canonical
 from vocc_torch.measure.plan import Budget, ClassifierPlan, Experiment, Plan, ReceiverPlan, World, identity
 from vocc_torch.measure.plan import identity as identity_module

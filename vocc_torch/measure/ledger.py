@@ -315,7 +315,7 @@ def what_changed(there: object, here: object) -> list[str]:
 
     Example:
         >>> what_changed({"seed": 0, "world": {"dtype": "a"}}, {"seed": 1, "world": {"dtype": "b"}})
-        ['dtype was a, is b', 'seed was 0, is 1']
+        ['seed was 0, is 1', 'dtype was a, is b']
     """
     old, new = dict(_leaves(there)), dict(_leaves(here))
     differing = {name for name in {*old, *new} if old.get(name) != new.get(name)}
