@@ -59,7 +59,7 @@ class Hands:
         future = Future()
         self.pending.append((future, count, parts))
         self.handed += [(count, part) for part in parts]
-        self.most = max(self.most, len(self.pending))
+        self.most = max(self.most, sum(not call[0].cancelled() for call in self.pending))
         if self.rng.random() < 0.5:
             future.set_running_or_notify_cancel()
         return future

@@ -8,7 +8,6 @@ import torch
 from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
 
 from vocc_torch.errors import VoccError
-from vocc_torch.measure import train as train_module
 from vocc_torch.measure.link import Link
 from vocc_torch.measure.plan import Experiment
 from vocc_torch.measure.train import train, trained_receiver
@@ -60,10 +59,7 @@ def test_missed_panels_are_left_out(make_plan, monkeypatch):
             found = panels.found & (torch.arange(len(frames)) % 3 > 0)
             return Panels(panels.corners_px, found, panels.score, panels.candidates)
 
-    made = Link.of
-    link = made(plan)
-    link.locator = Blinking()
-    monkeypatch.setattr(train_module.Link, "of", classmethod(lambda cls, plan: link))
+    monkeypatch.setattr(type(plan.receiver), "finders", lambda _, names: dict.fromkeys(names, Blinking()))
     trained = train(plan)
     assert trained.missed >= 20
     features, bits = features_of(plan)

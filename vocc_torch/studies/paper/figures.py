@@ -139,7 +139,7 @@ def location_split(experiments: Mapping[str, Measured]) -> tuple[LocationSplit, 
         experiments: by name; those without both locators are left out.
 
     Example:
-        >>> from vocc_torch.measure.curves import Curves
+        >>> from vocc_torch.measure.curve import Curves
         >>> def curve(locator, counts):
         ...     at = {("flda_3", 50.0): counts}
         ...     return Curves("d", "distance_m", locator, ("flda_3",), (50.0,), at, {}, {50.0: "frames"})
