@@ -38,18 +38,14 @@ FLDA_TESTS = (
     "tests/numerics/test_flda_hard_cases.py",
 )
 TESTS = {
-    "vocc_torch/simulation/photometry.py": (
-        "tests/simulation/test_photometry.py",
-        "tests/simulation/test_photometry_edges.py",
-    ),
+    "vocc_torch/simulation/photometry.py": ("tests/simulation/test_photometry.py",),
     "vocc_torch/receiver/features.py": (
         "tests/receiver/test_features.py",
         "tests/receiver/test_features_edges.py",
         "tests/numerics/test_features_hard_cases.py",
     ),
     "vocc_torch/measure/intervals.py": (
-        "tests/evaluation/test_intervals.py",
-        "tests/evaluation/test_intervals_edges.py",
+        "tests/measure/test_intervals.py",
         "tests/numerics/test_evaluation_hard_cases.py",
     ),
     "vocc_torch/receiver/flda.py": FLDA_TESTS,

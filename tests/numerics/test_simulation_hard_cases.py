@@ -31,6 +31,7 @@ PAINTER = "vocc_torch/simulation/painter.py"
 SIMULATOR = "vocc_torch/simulation/simulator.py"
 FRAMING = "vocc_torch/simulation/framing.py"
 DRAWS = "vocc_torch/simulation/scene.py"
+ERRORS = "vocc_torch/errors.py"
 TYPES = "vocc_torch/types.py"
 OPTICS = "vocc_torch/simulation/effects/optics.py"
 
@@ -527,7 +528,7 @@ def extreme_counts():
     "scenes, cameras and panels of no numbers",
     '`"50"`, true, null, NaN and `10**400` are refused from Python too, by the argument\'s name in one short'
     " line, for true as 1 m would be a silent mistake; NumPy's numbers are numbers",
-    Breakage(TYPES, "isinstance(value, Real) and not isinstance(value, bool)", "isinstance(value, Real)"),
+    Breakage(ERRORS, "isinstance(value, Real) and not isinstance(value, bool)", "isinstance(value, Real)"),
 )
 def plain_arguments():
     made = {
