@@ -4,7 +4,9 @@ import dataclasses
 import hashlib
 import io
 import json
+import os
 import pickle
+from pathlib import Path
 
 import av
 import numpy as np
@@ -230,6 +232,11 @@ def test_grey_of_colours():
         ("text.png", b"this is no picture", "not a known picture format"),
         ("empty.png", b"", "not a known picture format"),
         ("cut.png", None, "cannot be read as a picture"),
+        (
+            "evil.png",
+            b"%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 9 9\n",
+            "not a known picture",
+        ),
     ],
 )
 def test_unreadable_pictures(near, tmp_path, name, content, says):
@@ -259,6 +266,15 @@ def test_missing_and_empty_inputs(tmp_path):
     (tmp_path / "folder").mkdir()
     with pytest.raises(VoccError, match=r"folder holds no picture: known endings are \.png"):
         list(read_recording(tmp_path / "folder", "luma"))
+
+
+def test_a_pipe_is_no_recording(near, tmp_path):
+    """Reading one would wait for ever."""
+    os.mkfifo(tmp_path / "pipe.png")
+    with pytest.raises(VoccError, match=r"pipe.png is a pipe or a device: give a picture"):
+        list(read_recording(tmp_path / "pipe.png", "luma"))
+    save(tmp_path / "near.png", near[0][0])
+    assert [frame.source for frame in read_recording(tmp_path, "luma")] == ["near.png"]
 
 
 # Videos
@@ -292,6 +308,15 @@ def test_video_longer_than_a_batch(receiver, near, tmp_path, monkeypatch):
     frames, bits = near
     readings = list(decode(receiver, read_recording(write_video(tmp_path / "long.mp4", frames), "luma")))
     assert [reading.text for reading in readings] == [text_of(frame) for frame in bits]
+
+
+@pytest.mark.parametrize("name", ["12:30:05.mp4", "http:/127.0.0.1:8765/a.mp4", "pipe:0.mp4"])
+def test_a_name_that_reads_as_an_address_is_a_file(near, tmp_path, monkeypatch, name):
+    monkeypatch.chdir(tmp_path)
+    path = Path(name)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_video(tmp_path / "drive.mp4", near[0]).rename(path)
+    assert len(list(read_recording(path, "luma"))) == 8
 
 
 def test_broken_videos(near, tmp_path):

@@ -14,6 +14,8 @@ from PIL import Image, ImageOps, UnidentifiedImageError
 from vocc_torch.errors import VoccError
 
 PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".pgm", ".ppm")
+PICTURE_FORMATS = ("PNG", "JPEG", "BMP", "TIFF", "WEBP", "PPM")
+"""What a picture may be, whatever its name says: others of Pillow's readers run programs."""
 VIDEO_SUFFIXES = (".mp4", ".mkv", ".avi", ".mov", ".webm", ".m4v", ".mpg", ".mpeg", ".mjpeg")
 
 
@@ -64,10 +66,14 @@ def read_recording(path: Path, channel: str) -> Iterator[RecordedFrame]:
     if not path.exists():
         raise VoccError(f"input {path} does not exist: give a picture, a folder of pictures or a video")
     if path.is_dir():
-        pictures = sorted(p for p in path.iterdir() if p.suffix.lower() in PICTURE_SUFFIXES)
+        pictures = sorted(p for p in path.iterdir() if p.suffix.lower() in PICTURE_SUFFIXES and p.is_file())
         if not pictures:
             raise VoccError(f"input {path} holds no picture: known endings are {' '.join(PICTURE_SUFFIXES)}")
         return (_picture(picture, channel) for picture in pictures)
+    if not path.is_file():
+        raise VoccError(
+            f"input {path} is a pipe or a device: give a picture, a folder of pictures or a video"
+        )
     if path.suffix.lower() in VIDEO_SUFFIXES:
         return _video(path, channel)
     return iter([_picture(path, channel)])
@@ -83,7 +89,7 @@ def _picture(path: Path, channel: str) -> RecordedFrame:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # about a file that is odd but readable
             warnings.simplefilter("error", Image.DecompressionBombWarning)
-            with Image.open(path) as image:
+            with Image.open(path, formats=PICTURE_FORMATS) as image:
                 shown: Image.Image = ImageOps.exif_transpose(image)
                 if image.mode == "F":
                     raise VoccError(f"input {path} holds floating grey values: it must have 8 or 16 bits")
@@ -115,7 +121,8 @@ def _video(path: Path, channel: str) -> Iterator[RecordedFrame]:
         ) from None
     done = 0
     try:
-        with av.open(str(path)) as container:
+        # A file even where its name reads as an address: FFmpeg would send a request.
+        with av.open(f"file:{path.absolute()}") as container:
             for frame in container.decode(video=0):
                 colour = np.asarray(frame.to_ndarray(format="rgb24"), dtype=np.uint8)
                 yield RecordedFrame(path.name, done, frame.time, colour, to_grey(colour, channel))
