@@ -19,7 +19,7 @@ from torch import Tensor
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.counts import Counts, half_errors
-from vocc_torch.measure.estimate import CONFIDENCE, Estimate, all_pairs, joint_confidence, may_be_least
+from vocc_torch.measure.estimate import CONFIDENCE, Estimate, all_pairs, joint_confidence
 from vocc_torch.measure.link import Link, Observation
 from vocc_torch.measure.paired import PairedCounts, paired_interval
 from vocc_torch.measure.plan import Locator, Plan
@@ -140,10 +140,6 @@ class FrameErrors:
     def surely_worse(self, a: int, b: int) -> bool:
         """Whether a's rate is above b's by intervals of all pairs that hold together at 95 %."""
         return self.compared(a, b, joint_confidence(all_pairs(len(self.half_errors)))).low > 0
-
-    def may_be_best(self) -> list[int]:
-        """Give the places of the receivers that no other surely beats: the best is among them at 95 %."""
-        return may_be_least(len(self.half_errors), self.compared)
 
     def _check(self) -> None:
         """Refuse errors that no frames can have."""
