@@ -1,18 +1,20 @@
-"""The paper scene rendered by this tree against another commit, in one run: did a change slow it down?
+"""HEAD against another commit, in one run: did a change slow it down?
 
-Each side is a process of its own that imports its own sources and renders the same 64 scenes when it is told
-to; the sides take turns, every other round the other way about, so that a busy spell hits both. The ratio of
-each round is taken before the median. The frames' sum is compared too.
+Each side is a process of its own that imports its own sources. Without ``--command`` it renders the same 64
+scenes of the paper when it is told to, and the frames' sum is compared too; with it, it is a whole command in
+an empty folder. The sides take turns, every other round the other way about, so that a busy spell hits both.
+The ratio of each round is taken before the median.
 
     python benchmarks/against_commit.py HEAD~5 --rounds 60
+    python benchmarks/against_commit.py HEAD~5 --rounds 5 --command 'task=figures budget.frames=256'
 """
 
-from __future__ import annotations
-
 import argparse
+import shlex
 import subprocess
 import sys
 import tempfile
+import time
 from pathlib import Path
 
 import numpy as np
@@ -36,14 +38,21 @@ for line in sys.stdin:
 """
 
 
-class Side:
+def environment(tree: Path) -> dict[str, str]:
+    """Give what makes Python import the package of a tree."""
+    return {"PYTHONPATH": str(tree), "OMP_NUM_THREADS": "1", "PATH": "/usr/bin:/bin"}
+
+
+class Renderer:
     """One tree, rendering in a process of its own."""
+
+    frames, warm_up = 64, 5
 
     def __init__(self, tree: Path) -> None:
         self.process = subprocess.Popen(
             [sys.executable, "-c", CHILD],
             cwd=tree,
-            env={"PYTHONPATH": str(tree), "OMP_NUM_THREADS": "1", "PATH": "/usr/bin:/bin"},
+            env=environment(tree),
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,
@@ -60,7 +69,7 @@ class Side:
             raise SystemExit("a side ended early")
         return line.strip()
 
-    def render(self) -> tuple[float, int]:
+    def turn(self) -> tuple[float, int]:
         """Give the seconds of one batch and the sum of its pixels."""
         assert self.process.stdin is not None
         self.process.stdin.write("go\n")
@@ -69,33 +78,69 @@ class Side:
         return float(seconds), int(total)
 
 
+class Command:
+    """One tree, running a command line from start to end."""
+
+    frames, warm_up = 1, 0
+
+    def __init__(self, tree: Path, words: str) -> None:
+        self.tree, self.words = tree, shlex.split(words)
+        # Installed, the configuration is a part of the package.
+        if not (tree / "vocc_torch" / "conf").exists():
+            (tree / "vocc_torch" / "conf").symlink_to(tree / "conf")
+
+    def turn(self) -> tuple[float, int]:
+        """Give the seconds of one run, and 0."""
+        with tempfile.TemporaryDirectory() as folder:
+            begin = time.perf_counter()
+            subprocess.run(
+                [sys.executable, "-m", "vocc_torch", *self.words],
+                cwd=folder,
+                env=environment(self.tree),
+                stdout=subprocess.DEVNULL,
+                check=True,
+            )
+            return time.perf_counter() - begin, 0
+
+
 def main() -> None:
     """Compare and print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("commit")
     parser.add_argument("--rounds", type=int, default=60)
+    parser.add_argument("--command", help="the words after vocc-torch; '' for the default run")
     given = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        tree = Path(folder) / "before"
-        subprocess.run(["git", "worktree", "add", "-q", "--detach", tree, given.commit], cwd=ROOT, check=True)
+        trees = {"HEAD": Path(folder) / "now", given.commit: Path(folder) / "before"}
         try:
-            sides = {"this tree": Side(ROOT), given.commit: Side(tree)}
+            for commit, tree in trees.items():
+                subprocess.run(
+                    ["git", "worktree", "add", "-q", "--detach", tree, commit], cwd=ROOT, check=True
+                )
+            sides = {
+                name: Renderer(tree) if given.command is None else Command(tree, given.command)
+                for name, tree in trees.items()
+            }
             spent: dict[str, list[float]] = {name: [] for name in sides}
             sums: dict[str, int] = {}
-            for turn in range(5 + given.rounds):
+            kind = next(iter(sides.values()))
+            for turn in range(kind.warm_up + given.rounds):
                 for name in list(sides)[:: -1 if turn % 2 else 1]:
-                    seconds, sums[name] = sides[name].render()
-                    if turn >= 5:
+                    seconds, sums[name] = sides[name].turn()
+                    if turn >= kind.warm_up:
                         spent[name].append(seconds)
         finally:
-            subprocess.run(["git", "worktree", "remove", "--force", tree], cwd=ROOT, check=True)
-    ours, theirs = (np.array(seconds) / 64 * 1e3 for seconds in spent.values())
-    for name, values in zip(spent, (ours, theirs), strict=True):
+            for tree in trees.values():
+                subprocess.run(["git", "worktree", "remove", "--force", tree], cwd=ROOT, check=False)
+    ours, theirs = (np.array(seconds) / kind.frames for seconds in spent.values())
+    unit, scale = ("ms a frame", 1e3) if given.command is None else ("s", 1.0)
+    for name, values in zip(spent, (ours * scale, theirs * scale), strict=True):
         low, middle, high = np.percentile(values, (25, 50, 75))
-        print(f"{name:>12}: {middle:.4f} ms a frame [{low:.4f}, {high:.4f}]")
+        print(f"{name:>12}: {middle:.4f} {unit} [{low:.4f}, {high:.4f}]")
     low, middle, high = np.percentile(ours / theirs, (25, 50, 75))
     print(f"ratio of each round: {middle:.3f} [{low:.3f}, {high:.3f}] over {given.rounds} rounds, one thread")
-    print(f"same frames: {'yes' if len(set(sums.values())) == 1 else 'NO'}")
+    if given.command is None:
+        print(f"same frames: {'yes' if len(set(sums.values())) == 1 else 'NO'}")
 
 
 if __name__ == "__main__":
