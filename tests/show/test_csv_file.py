@@ -11,7 +11,7 @@ from made_up_points import table as table
 from vocc_torch.errors import VoccError
 from vocc_torch.files import atomic_file
 from vocc_torch.measure.curve import COLUMNS, BerTable, Row
-from vocc_torch.show.csv_file import ber_rows, read_tables, write_rows
+from vocc_torch.show.folder import ber_rows, read_tables, write_rows
 
 
 def write_table(path, table):

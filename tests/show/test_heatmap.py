@@ -16,10 +16,9 @@ from vocc_torch.errors import VoccError
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.grid import best_luminance
 from vocc_torch.show.canvas import figure_pixels
-from vocc_torch.show.csv_file import write_grid
+from vocc_torch.show.folder import write_grid
 from vocc_torch.show.heatmap import best_luminance_figure, cell_edges, dimming_figure, grid_figures
-from vocc_torch.show.styles import receiver_styles
-from vocc_torch.show.text_table import rate_text
+from vocc_torch.show.styles import rate_text, receiver_styles
 from vocc_torch.simulation.photometry import luminous_exposure_lx_s, reflected_luminance_cd_m2
 
 FOUR = ("center_greyscale", "average_greyscale", "flda_2", "flda_3")

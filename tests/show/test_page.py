@@ -179,8 +179,7 @@ def test_a_page_holds_everything(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "reason"),
-    [("no.png", "write it before"), ("../a.png", "leads out"), ("text.png", "not a PNG")],
+    ("name", "reason"), [("no.png", "write it before"), ("../a.png", "leads out"), ("text.png", "not a PNG")]
 )
 def test_a_picture_that_cannot_be_shown_is_refused(tmp_path, name, reason):
     (tmp_path / "text.png").write_text("no picture")

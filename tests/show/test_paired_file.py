@@ -11,8 +11,8 @@ from vocc_torch.errors import VoccError
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.curve import Curves
 from vocc_torch.measure.paired import PairedCounts, paired_interval, sign_test
-from vocc_torch.show.csv_file import PAIRED_COLUMNS as COLUMNS
-from vocc_torch.show.csv_file import write_paired
+from vocc_torch.show.folder import PAIRED_COLUMNS as COLUMNS
+from vocc_torch.show.folder import write_paired
 from vocc_torch.studies.curve import compared
 
 NAMES = ("average_greyscale", "flda_2", "flda_3")

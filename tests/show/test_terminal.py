@@ -13,8 +13,8 @@ from rich.console import Console
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.curve import BerTable, Point
 from vocc_torch.measure.train import Making
+from vocc_torch.show.styles import ends_text, rate_text
 from vocc_torch.show.terminal import StudyView, print_table, train_shown
-from vocc_torch.show.text_table import ends_text, rate_text
 
 OURS = ["center_greyscale", "average_greyscale", "flda_agr", "flda_gri", "flda_2", "flda_3"]
 

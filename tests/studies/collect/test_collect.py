@@ -16,7 +16,7 @@ from vocc_torch.errors import VoccError
 from vocc_torch.measure.config import read_flat
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.curve import COLUMNS, BerTable, Point
-from vocc_torch.show.csv_file import ber_rows, write_rows
+from vocc_torch.show.folder import ber_rows, write_rows
 from vocc_torch.show.styles import receiver_styles
 from vocc_torch.studies.collect import (
     MOST_FACETS,

@@ -232,11 +232,7 @@ def test_grey_of_colours():
         ("text.png", b"this is no picture", "not a known picture format"),
         ("empty.png", b"", "not a known picture format"),
         ("cut.png", None, "cannot be read as a picture"),
-        (
-            "evil.png",
-            b"%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 9 9\n",
-            "not a known picture",
-        ),
+        ("evil.png", b"%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 9 9\n", "not a known picture"),
     ],
 )
 def test_unreadable_pictures(near, tmp_path, name, content, says):

@@ -1,7 +1,5 @@
 """What ``task=classifiers`` compares, checked before any work is done."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -9,9 +7,9 @@ from pathlib import Path
 from vocc_torch.errors import VoccError, section
 from vocc_torch.measure.build import build_plan, without_absent
 from vocc_torch.measure.config import Settings
-from vocc_torch.measure.plan import Experiment, Locator, Plan
+from vocc_torch.measure.plan import Budget, Experiment, Locator, Plan
 from vocc_torch.receiver.bank import FLDA_FEATURES
-from vocc_torch.studies.classifiers.config import RivalsConfig
+from vocc_torch.studies.classifiers import RivalsConfig
 
 
 @dataclass(frozen=True)
@@ -49,8 +47,7 @@ class ClassifierStudy:
             raise VoccError("rivals.experiments is empty: it must hold at least one experiment")
         for name, plan in self.plans.items():
             if plan.experiment.axis == "contrast":
-                rule = "it must be over a value of a scene"
-                raise VoccError(f"rivals.experiments.{name} is over contrast: {rule}")
+                raise VoccError.of(f"rivals.experiments.{name}", "over contrast", "over a value of a scene")
         if self.reference not in self.base.receiver.names:
             known = ", ".join(self.base.receiver.names)
             raise VoccError.of("rivals.reference", repr(self.reference), f"one of {known}")
@@ -78,42 +75,35 @@ class ClassifierStudy:
 
     @property
     def scene_plans(self) -> dict[str, Plan]:
-        """By name, plans that train and test in one kind of scenes, the home first; empty without pairs."""
+        """By name, plans of one kind of scenes, the home first; empty without pairs.
+
+        Each trains on few frames of its scenes, and has test frames of its own name.
+        """
         if not self.scenes or not self.scene_frames:
             return {}
-        given = {self.home: self.base, **self.scenes}
-        return {name: self._in_scenes(name, plan) for name, plan in given.items()}
-
-    def _in_scenes(self, name: str, plan: Plan) -> Plan:
-        """Give a plan that trains on few frames of its scenes, with test frames of its own name."""
-        most, learners = self.scene_training_frames, plan.receiver.classifiers
-        capped = [
-            replace(
-                one,
-                training=replace(one.training, frames=min(most, one.training.frames)),
-                frames=None if one.frames is None else min(most, one.frames),
-                # A classifier's own mix of scenes is of those at home.
-                scene=one.scene if name == self.home else {},
+        most, plans = self.scene_training_frames, {}
+        for name, plan in {self.home: self.base, **self.scenes}.items():
+            learners = tuple(
+                replace(
+                    one,
+                    training=replace(one.training, frames=min(most, one.training.frames)),
+                    frames=None if one.frames is None else min(most, one.frames),
+                    # A classifier's own mix of scenes is of those at home.
+                    scene=one.scene if name == self.home else {},
+                )
+                for one in plan.receiver.classifiers
             )
-            for one in learners
-        ]
-        # Receivers that need preambles learn nothing.
-        learn = {*FLDA_FEATURES, *(one.name for one in learners)}
-        names = tuple(one for one in plan.receiver.names if one in learn)
-        budget = replace(
-            plan.budget,
-            frames=self.scene_frames,
-            training_frames=min(most, plan.budget.training_frames),
-            target_frame_errors=None,
-            precision=None,
-            least_ber=0.0,
-        )
-        return replace(
-            plan,
-            receiver=replace(plan.receiver, names=names, classifiers=tuple(capped)),
-            budget=budget,
-            experiment=Experiment(f"scenes/{name}", "distance_m", (plan.world.scene.nearest_m,)),
-        )
+            # Receivers that need preambles learn nothing.
+            learn = {*FLDA_FEATURES, *(one.name for one in learners)}
+            names = tuple(one for one in plan.receiver.names if one in learn)
+            frames = min(most, plan.budget.training_frames)
+            plans[name] = replace(
+                plan,
+                receiver=replace(plan.receiver, names=names, classifiers=learners),
+                budget=Budget(self.scene_frames, frames),
+                experiment=Experiment(f"scenes/{name}", "distance_m", (plan.world.scene.nearest_m,)),
+            )
+        return plans
 
 
 def build_classifier_study(settings: Settings, config: RivalsConfig, folder: Path) -> ClassifierStudy:

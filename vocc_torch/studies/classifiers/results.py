@@ -1,10 +1,11 @@
-"""What a comparison of many receivers measured: error rates, the genie's, costs, and other scenes."""
+"""What a comparison of many receivers measured: rates, the genie's, costs, other scenes; and its summary."""
 
-from __future__ import annotations
-
+import math
+import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from statistics import median_high
 
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.curve import BerTable, Curves, Point, Row
@@ -13,9 +14,14 @@ from vocc_torch.measure.genie.genie import GenieReference
 from vocc_torch.measure.paired import PairedCounts, paired_interval
 from vocc_torch.measure.relative import rate_ratio
 from vocc_torch.measure.train import Making
+from vocc_torch.show.page import render
+from vocc_torch.show.styles import axis_label, value_text
 
 GENIE = "genie"
 """The genie's name among receivers."""
+
+KNOWS = "knows the scene"
+"""What the genie is called in pictures and tables."""
 
 
 @dataclass(frozen=True)
@@ -67,6 +73,11 @@ class Transfer:
         """Its rate over that of the receiver trained there; None where that one made no error."""
         return rate_ratio(self.at_home, self.counts, self.paired)
 
+    @property
+    def factor(self) -> float:
+        """Value of the ratio; infinite where the one trained there made no error."""
+        return math.inf if self.ratio is None else self.ratio.value
+
     def surely_worse(self, comparisons: int = 1) -> bool:
         """Whether it is worse than the one trained there, by intervals that hold together at 95 %.
 
@@ -82,10 +93,10 @@ class Comparison:
 
     Args:
         reference: the receiver that the others are compared with.
-        curves: by experiment.
         costs: what training took, by receiver.
-        decision_ms: time of a frame from the rectified panel to its bits, by receiver.
         points: of each experiment the value that the summary states.
+        curves: by experiment.
+        decision_ms: time of a frame from the rectified panel to its bits, by receiver.
         genie: by experiment and value; empty without it.
         no_genie: why there is none, by experiment.
         transfers: across scenes, all of them with ``home`` on one side.
@@ -96,10 +107,10 @@ class Comparison:
     """
 
     reference: str
-    curves: Mapping[str, Curves]
     costs: Mapping[str, Making]
-    decision_ms: Mapping[str, float]
     points: Mapping[str, float]
+    curves: Mapping[str, Curves] = field(default_factory=dict)
+    decision_ms: Mapping[str, float] = field(default_factory=dict)
     genie: Mapping[str, Mapping[float, GeniePoint]] = field(default_factory=dict)
     no_genie: Mapping[str, str] = field(default_factory=dict)
     transfers: Sequence[Transfer] = ()
@@ -111,18 +122,14 @@ class Comparison:
     @cached_property
     def tables(self) -> dict[str, BerTable]:
         """Each experiment's points, the genie's last."""
-        return {
-            name: BerTable(
-                [
-                    *curves.points(),
-                    *(
-                        Point(name, curves.axis, value, GENIE, curves.locator, one.genie.counts, "frames")
-                        for value, one in sorted(self.genie.get(name, {}).items())
-                    ),
-                ]
-            )
-            for name, curves in self.curves.items()
-        }
+        tables = {}
+        for name, curves in self.curves.items():
+            genies = [
+                Point(name, curves.axis, value, GENIE, curves.locator, one.genie.counts, "frames")
+                for value, one in sorted(self.genie.get(name, {}).items())
+            ]
+            tables[name] = BerTable([*curves.points(), *genies])
+        return tables
 
     def row(self, experiment: str, receiver: str, value: float) -> Row | None:
         """Find a point."""
@@ -147,3 +154,64 @@ class Comparison:
     def ranked(self) -> tuple[str, ...]:
         """Receivers by their wrong bits over all points, the fewest first."""
         return tuple(self.half_errors)
+
+    def point_label(self, experiment: str) -> str:
+        """Write the value that the summary states, with its unit, such as "70 m"."""
+        unit = axis_label(self.curves[experiment].axis).partition("(")[2].rstrip(")")
+        return f"{value_text(self.points[experiment])} {unit}".rstrip()
+
+
+def ratio_text(ratio: Estimate, most: bool = False) -> str:
+    """Write a ratio as a fraction or a multiple; a limit where the receiver made no error.
+
+    Args:
+        ratio: the ratio and its interval.
+        most: write the high end alone.
+
+    Example:
+        >>> [ratio_text(Estimate(*one)) for one in ((0, 0, 0.0027), (0.031, 0.02, 0.05), (4.2, 3.0, 6.0))]
+        ['< 1/370', '1/32', '4.2 x']
+    """
+    limit = "< " if ratio.value == 0 and not most else ""
+    value = ratio.high if limit or most else ratio.value
+    if value > 0.95:
+        return f"{limit}{value:.2g} x" if value < 99.5 else f"{limit}{value:.0f} x"
+    part = 1 / value
+    return f"{limit}1/{part:.2g}" if part < 9.95 else f"{limit}1/{float(f'{part:.2g}'):.0f}"
+
+
+def summary(comparison: Comparison, width: int = 100) -> str:
+    """Say which receiver is best, what it costs, how far it is from what is possible, and where it fails.
+
+    Args:
+        comparison: what was measured.
+        width: columns that a line may take.
+    """
+    ranked, reference, wrong = comparison.ranked, comparison.reference, comparison.half_errors
+    learners = [name for name in ranked if comparison.costs[name].frames and name != reference]
+    best = learners[0] if learners and comparison.points else None
+    apart = [one for one in comparison.transfers if one.trained_on != one.tested_on]
+    moved = [name for name in ranked if any(one.receiver == name for one in apart)]
+    stated = list(dict.fromkeys([*moved[:1], *(name for name in moved if name == reference)]))
+    apart = sorted((one for one in apart if one.receiver in stated), key=lambda one: -one.factor)
+    points = [(name, value, one) for name, some in comparison.genie.items() for value, one in some.items()]
+    text = render(
+        __package__,
+        "summary.txt.j2",
+        comparison=comparison,
+        locator=next(iter(comparison.curves.values())).locator,
+        best=best,
+        tied=[name for name in learners[1:] if best and wrong[name] == wrong[best]],
+        genie=sum((one.genie.counts for *_, one in points), Counts()),
+        genie_points=points,
+        genie_ms=1e3 * median_high([one.genie.seconds_a_frame for *_, one in points] or [0.0]),
+        on_its_frames={name: sum(one.receivers[name].bit_errors for *_, one in points) for name in ranked},
+        stated=stated,
+        worse=[one for one in apart if one.surely_worse(len(apart))],
+        comparisons=len(apart),
+        knows=KNOWS,
+        ratio_text=ratio_text,
+        value_text=value_text,
+    )
+    parts = text.strip().split("\n\n")
+    return "\n\n".join(textwrap.fill(part, width, break_on_hyphens=False) for part in parts) + "\n"
