@@ -110,23 +110,6 @@ def test_no_label_hides_another(figure):
     assert all(frame.x0 <= box.x0 and box.x1 <= frame.x1 for box in boxes)
 
 
-def test_one_reading_is_one_facet():
-    figure = facet_figure([{"25 mm lens, panel located": table_of()}], "Fig. 23", "Bars: 95 % intervals")
-    (axes,) = figure.axes
-    assert axes.get_xlabel() == "LED luminance (cd/m²)"
-    assert axes.get_ylabel() == "Bit error rate"
-    title = figure.texts[0].get_window_extent(laid_out(figure))
-    assert title.x1 <= figure.bbox.x1
-
-
-def test_a_receiver_that_is_missing_somewhere_keeps_its_colour():
-    few = table_of(receivers=("flda_3",))
-    figure = facet_figure([{"a": table_of(), "b": few}], "t", "f")
-    style = receiver_styles(["flda_3"])["flda_3"]
-    line = next(line for line in figure.axes[1].lines if line.get_label() == style.label)
-    assert to_hex(line.get_color()).upper() == style.colour
-
-
 def test_rows_of_unequal_length():
     figure = facet_figure([{"a": table_of(), "b": table_of()}, {"c": table_of()}], "t", "f")
     assert [axes.get_title(loc="left") for axes in figure.axes] == ["a", "b", "c"]

@@ -102,13 +102,6 @@ def test_filters_write_rates_and_links(package):
     assert render(package.name, "a.md.j2", of=interval) == "6.6e-4 (1.5e-5 to 1.2e-2) [x](#fig-22)\n"
 
 
-def test_separators_keep_their_blanks(package):
-    (package / "a.md.j2").write_text(
-        "{% for name in names %}{{ ', ' if not loop.first }}{{ name }}{% endfor %}"
-    )
-    assert render(package.name, "a.md.j2", names=["a", "b", "c"]) == "a, b, c"
-
-
 def test_plain_templates_escape_nothing(package):
     (package / "a.txt.j2").write_text("{{ words }}")
     assert render(package.name, "a.txt.j2", words="<a_> & `b`") == "<a_> & `b`"

@@ -12,7 +12,7 @@ from PIL import Image
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.curve import BerTable
-from vocc_torch.show.canvas import figure_pixels, new_figure, save_figure
+from vocc_torch.show.canvas import figure_pixels, save_figure
 from vocc_torch.show.plots import ber_figure, feature_histograms
 from vocc_torch.show.styles import receiver_styles
 
@@ -55,12 +55,6 @@ def test_a_point_without_errors_is_an_arrow_from_its_limit_and_no_line(table):
     assert arrows[0].get_position()[1] < 0  # drawn downwards
     low, high = axes.get_ylim()
     assert low < clean.ber_high < high
-
-
-def test_ticks_stand_at_the_measured_values_and_are_named(table):
-    axes = ber_figure(table, "x", "t").axes[0]
-    assert axes.get_xticks().tolist() == [1000, 8000, 32000]
-    assert [label.get_text() for label in axes.get_xticklabels()] == ["1000", "8000", "32000"]
 
 
 @pytest.mark.parametrize(
@@ -115,12 +109,6 @@ def test_a_saved_figure_has_its_pixels(tmp_path, table):
     assert [path.name for path in (tmp_path / "new").iterdir()] == ["ber.png"]
 
 
-@pytest.mark.parametrize("suffix", ["pdf", "svg"])
-def test_vector_formats_are_written(tmp_path, suffix):
-    save_figure(new_figure(2, 1), tmp_path / f"figure.{suffix}")
-    assert (tmp_path / f"figure.{suffix}").stat().st_size > 100
-
-
 def test_every_part_stays_on_the_page(table):
     # Six receivers with long names, narrow rates: the legend and labels must not run out.
     names = ["center_greyscale", "average_greyscale", "flda_agr", "flda_gri", "flda_2", "flda_3"]
@@ -128,11 +116,8 @@ def test_every_part_stays_on_the_page(table):
         [made_up_point(value, name, 30 + 3 * n) for n, name in enumerate(names) for value in (3, 51)]
     )
     for figure in (ber_figure(table, "x", "t"), ber_figure(crowd, "Contrast", "A title")):
-        box, size = figure.get_tightbbox(), figure.get_size_inches()
-        assert box.x0 >= 0
-        assert box.y0 >= 0
-        assert box.x1 <= size[0]
-        assert box.y1 <= size[1]
+        box, (width, height) = figure.get_tightbbox(), figure.get_size_inches()
+        assert min(box.x0, box.y0, width - box.x1, height - box.y1) >= 0
 
 
 def test_histograms_are_shares_of_each_kind_of_led():

@@ -16,7 +16,6 @@ from tensorboard.plugins.hparams import plugin_data_pb2
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.curve import BerTable
 from vocc_torch.show.canvas import figure_pixels
-from vocc_torch.show.folder import board_hint
 from vocc_torch.show.plots import ber_figure
 from vocc_torch.show.tensorboard import SUMMARY_RUN, axis_steps, write_boards
 
@@ -87,35 +86,16 @@ def test_each_receiver_is_a_run_with_the_curve_in_ascending_steps(tmp_path, tabl
             "log10_BER_hi": [(row.value, np.log10(row.ber_high)) for row in wrong],
             "log10_BER_upper95": [(row.value, np.log10(row.ber_high)) for row in clean],
         }
+        rates = [row.ber for row in rows]
+        pooled = sum(row.bit_errors for row in rows) / sum(row.bits for row in rows)
+        ends = (("BER", pooled), ("lowest_BER", min(rates)), ("highest_BER", max(rates)))
+        for name, rate in ends:
+            assert events.Scalars(f"all_points/{name}")[0].value == pytest.approx(rate)
         for name, points in wanted.items():
             tag = f"{name}/ambient_lx"
             assert (tag in events.Tags()["scalars"]) == bool(points)
             if points:
                 np.testing.assert_allclose(series(events, tag), points, rtol=1e-6)
-
-
-def test_each_receiver_is_one_hparams_row(tmp_path, table):
-    write_board(tmp_path, table)
-    for receiver in table.receivers:
-        events = read(tmp_path, receiver)
-        start = start_of(events)
-        assert start.hparams["receiver"].string_value == receiver
-        assert start.hparams["locator"].string_value == "truth"
-        rows = table.of(receiver)
-        pooled = sum(row.bit_errors for row in rows) / sum(row.bits for row in rows)
-        assert events.Scalars("all_points/BER")[0].value == pytest.approx(pooled)
-
-
-def test_the_summary_run_lays_the_charts_out(tmp_path, table):
-    write_board(tmp_path, table)
-    (category,) = categories(read(tmp_path, SUMMARY_RUN))
-    curves, intervals, limits = category.chart
-    assert "sun" in category.title
-    assert list(curves.multiline.tag) == ["^log10_BER/ambient_lx$"]
-    margin = intervals.margin.series[0]
-    tags = ("log10_BER/ambient_lx", "log10_BER_lo/ambient_lx", "log10_BER_hi/ambient_lx")
-    assert (margin.value, margin.lower, margin.upper) == tags
-    assert list(limits.multiline.tag) == ["^log10_BER_upper95/ambient_lx$"]
 
 
 def test_figures_pictures_and_texts_arrive_as_they_were(tmp_path, table):
@@ -250,9 +230,3 @@ def test_a_folder_that_cannot_be_written_is_one_line(tmp_path, table):
     (tmp_path / "file").write_text("")
     with pytest.raises(VoccError, match=r"^cannot write "):
         write_board(tmp_path / "file", table)
-
-
-def test_the_hint_quotes_the_folder_and_turns_smoothing_off():
-    command, link = board_hint("my runs/board").splitlines()
-    assert command == "tensorboard --logdir 'my runs/board'"
-    assert link == "http://127.0.0.1:6006/?smoothing=0#custom_scalars&_smoothingWeight=0"

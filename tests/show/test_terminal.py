@@ -13,7 +13,7 @@ from rich.console import Console
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.curve import BerTable, Point
 from vocc_torch.measure.train import Making
-from vocc_torch.show.styles import ends_text, rate_text
+from vocc_torch.show.styles import rate_text
 from vocc_torch.show.terminal import StudyView, print_table, train_shown
 
 OURS = ["center_greyscale", "average_greyscale", "flda_agr", "flda_gri", "flda_2", "flda_3"]
@@ -42,15 +42,6 @@ def test_numbers_are_never_cut_and_no_line_is_too_long(width):
         rate = f"< {rate_text(row.ber_high)}" if row.error_free else rate_text(row.ber)
         assert len(re.findall(rf"(?<![\d.]){re.escape(rate)}\b", text())) >= 6
     assert "\N{HORIZONTAL ELLIPSIS}" not in text()
-
-
-def test_intervals_of_six_receivers_fit_eighty_columns_on_two_lines():
-    row = crowd().of("flda_agr")[0]
-    for width, joint in ((110, " to "), (80, " to")):
-        screen, text = console(width)
-        print_table(crowd(), screen)
-        assert text().count(f"{rate_text(row.ber_low)}{joint}") == 6
-    assert ends_text(1.5e-5, 1.2e-2) == "1.5e-5 to 1.2e-2"
 
 
 def test_the_finished_table_is_plain_and_says_how_to_read_it(table):
@@ -188,9 +179,3 @@ def test_a_dumb_terminal_gets_plain_lines():
         view.finish([made_up_point(1, "a", 5, axis="x")])
     assert file.getvalue() == "x=1: 2000 frames, the whole budget\n"
     assert "\x1b" not in file.getvalue()
-
-
-def test_no_points_is_said():
-    screen, text = console()
-    print_table(BerTable(), screen)
-    assert text() == "No points were measured.\n"
