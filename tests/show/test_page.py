@@ -102,11 +102,6 @@ def test_filters_write_rates_and_links(package):
     assert render(package.name, "a.md.j2", of=interval) == "6.6e-4 (1.5e-5 to 1.2e-2) [x](#fig-22)\n"
 
 
-def test_plain_templates_escape_nothing(package):
-    (package / "a.txt.j2").write_text("{{ words }}")
-    assert render(package.name, "a.txt.j2", words="<a_> & `b`") == "<a_> & `b`"
-
-
 def test_a_value_that_is_not_given_is_an_error(package):
     (package / "a.md.j2").write_text("{{ nothing }}")
     with pytest.raises(UndefinedError):

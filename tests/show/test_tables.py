@@ -21,13 +21,6 @@ def read_table(path):
     return table
 
 
-def test_a_table_reads_back_to_the_same_rows(tmp_path, table):
-    write_table(tmp_path / "ber.csv", table)
-    again = read_table(tmp_path / "ber.csv")
-    assert set(again.rows) == set(table.rows)
-    assert again.receivers == table.receivers
-
-
 def test_lines_stand_by_receiver_and_ascending_value(tmp_path, table):
     write_table(tmp_path / "ber.csv", table)
     with (tmp_path / "ber.csv").open(newline="") as file:

@@ -110,22 +110,6 @@ def test_figures_pictures_and_texts_arrive_as_they_were(tmp_path, table):
     assert text_of(events, "config") == "seed: 0"
 
 
-def test_a_receivers_run_has_its_curves_of_every_group_and_axis(tmp_path):
-    tables = campaign()
-    write_boards(tmp_path, tables)
-    assert {path.name for path in tmp_path.iterdir()} == {*RECEIVERS, SUMMARY_RUN}
-    factors = {"distance_m": 10, "contrast": 1000}
-    for receiver in RECEIVERS:
-        events = read(tmp_path, receiver)
-        for group, members in tables.items():
-            for one in members:
-                rows = one.of(receiver)
-                steps = [round(row.value * factors.get(one.axis, 1)) for row in rows]
-                points = list(zip(steps, (row.ber for row in rows), strict=True))
-                read_back = series(events, f"{group}/BER/{one.axis}")
-                np.testing.assert_allclose(read_back, points, rtol=1e-6)
-
-
 def test_every_group_and_experiment_has_charts_of_its_own_curves_only(tmp_path):
     tables = campaign()
     write_boards(tmp_path, tables)
@@ -165,14 +149,6 @@ def test_a_receiver_is_one_hparams_row_with_its_rate_in_each_table(tmp_path):
                 pooled = sum(row.bit_errors for row in rows) / sum(row.bits for row in rows)
                 rate = events.Scalars(f"all_points/{group}/BER/{one.axis}")
                 assert [event.value for event in rate] == pytest.approx([pooled])
-
-
-def test_a_receiver_that_one_group_lacks_has_the_curves_of_the_other(tmp_path):
-    tables = {"a": campaign(("flda_2", "flda_3"))["25mm-paper"], "b": campaign(("flda_3",))["25mm-truth"]}
-    write_boards(tmp_path, tables)
-    groups = {tag.split("/")[0] for tag in read(tmp_path, "flda_2").Tags()["scalars"]}
-    assert groups == {"a", "all_points"}
-    assert start_of(read(tmp_path, "flda_2")).hparams["group"].string_value == "a"
 
 
 def test_runs_begin_in_the_order_that_gives_receivers_their_colours(tmp_path):

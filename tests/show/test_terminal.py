@@ -10,8 +10,7 @@ from made_up_points import made_up_point
 from made_up_points import table as table
 from rich.console import Console
 
-from vocc_torch.measure.counts import Counts
-from vocc_torch.measure.curve import BerTable, Point
+from vocc_torch.measure.curve import BerTable
 from vocc_torch.measure.train import Making
 from vocc_torch.show.styles import rate_text
 from vocc_torch.show.terminal import StudyView, print_table, train_shown
@@ -162,14 +161,6 @@ def test_values_that_are_run_together_are_one_run():
     view.count(1000)
     view.finish([made_up_point(value, "flda_3", 5, axis="contrast") for value in (0.1, 0.2)])
     assert (task.description, task.completed, task.total) == ("contrast", 1000, 1000)
-
-
-def test_interim_points_without_frames_are_passed_over():
-    screen, text = console(terminal=True)
-    with StudyView("x", [1.0], ["a"], 64, screen) as view:
-        view.show([Point("d", "x", 1.0, "a", "truth", Counts(), "")])
-        view._bar.refresh()
-    assert "\N{HORIZONTAL ELLIPSIS}" in text()
 
 
 def test_a_dumb_terminal_gets_plain_lines():

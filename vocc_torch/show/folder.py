@@ -14,13 +14,11 @@ from rich.console import Console
 
 from vocc_torch.errors import VoccError
 from vocc_torch.files import atomic_file, write_atomically
-from vocc_torch.measure.config import Settings, as_yaml
-from vocc_torch.measure.curve import COLUMNS, BerTable, Curves, Row
+from vocc_torch.measure import config, curve, train
 from vocc_torch.measure.grid import Grid, best_luminance
 from vocc_torch.measure.ledger import SUFFIX, Ledger
 from vocc_torch.measure.paired import paired_interval, sign_test
 from vocc_torch.measure.plan import Plan
-from vocc_torch.measure.train import Training, trained_receiver
 
 Cells: TypeAlias = Sequence[str | int | float | None]
 """What a line of a CSV file holds."""
@@ -35,7 +33,7 @@ LEDGERS = "ledgers"
 """Folder of the ledgers of a run with many."""
 
 
-def refuse_unused(settings: Settings, used: tuple[str, ...] = ()) -> None:
+def refuse_unused(settings: config.Settings, used: tuple[str, ...] = ()) -> None:
     """Refuse keys that are set and that the task would pass over."""
     for name in ("input", "model"):
         value = getattr(settings, name)
@@ -80,7 +78,7 @@ def open_ledger(path: Path, settings: Mapping[str, object], console: Console) ->
 
 
 @contextmanager
-def resumable(settings: Settings, folder: Path, console: Console) -> Iterator[None]:
+def resumable(settings: config.Settings, folder: Path, console: Console) -> Iterator[None]:
     """Say how to go on when a run is interrupted that has counted something; leave nothing of another."""
     try:
         yield
@@ -94,20 +92,20 @@ def resumable(settings: Settings, folder: Path, console: Console) -> Iterator[No
         raise
 
 
-def write_config(settings: Settings, folder: Path) -> None:
+def write_config(settings: config.Settings, folder: Path) -> None:
     """Write the resolved configuration; a run that can be resumed does so once its ledger is its own."""
-    write_atomically(folder / CONFIG, as_yaml(settings).encode())
+    write_atomically(folder / CONFIG, config.as_yaml(settings).encode())
 
 
-def write_training(settings: Settings, plan: Plan, training: Training, folder: Path) -> None:
+def write_training(settings: config.Settings, plan: Plan, training: train.Training, folder: Path) -> None:
     """Write the receiver and the configuration it came from."""
-    trained_receiver(plan, training).save(folder / "receiver.pt")
+    train.trained_receiver(plan, training).save(folder / "receiver.pt")
     write_config(settings, folder)
 
 
-def as_markdown(settings: Settings) -> str:
+def as_markdown(settings: config.Settings) -> str:
     """The configuration as TensorBoard shows text."""
-    return "```yaml\n" + as_yaml(settings) + "\n```"
+    return "```yaml\n" + config.as_yaml(settings) + "\n```"
 
 
 def print_places(
@@ -170,27 +168,27 @@ def cell_text(value: str | int | float) -> str:
     return repr(value).removesuffix(".0") if isinstance(value, float) else str(value)
 
 
-def cells(row: Row) -> list[str]:
+def cells(row: curve.Row) -> list[str]:
     """Write a point's cells, in the order of the columns of ``ber.csv``.
 
     Example:
         >>> cells(Row("s", "contrast", 0.1, "flda_3", "truth", 1, 64, 0.0, 0.0, 0.0, 1.0, 0, 0, "x"))[2:8]
         ['0.1', 'flda_3', 'truth', '1', '64', '0']
     """
-    return [cell_text(getattr(row, name)) for name in COLUMNS]
+    return [cell_text(getattr(row, name)) for name in curve.COLUMNS]
 
 
-def ber_rows(table: BerTable) -> list[Sequence[str]]:
+def ber_rows(table: curve.BerTable) -> list[Sequence[str]]:
     """Give the lines of ``ber.csv`` with their head: by receiver as they came, by ascending value.
 
     Example:
         >>> len(ber_rows(BerTable()))
         1
     """
-    return [COLUMNS, *(cells(row) for receiver in table.receivers for row in table.of(receiver))]
+    return [curve.COLUMNS, *(cells(row) for receiver in table.receivers for row in table.of(receiver))]
 
 
-def read_tables(path: str | Path) -> dict[tuple[str, str], BerTable]:
+def read_tables(path: str | Path) -> dict[tuple[str, str], curve.BerTable]:
     """Read ``ber.csv``, or that of a grid of two quantities, which has the second one in its first column.
 
     Further columns are passed over.
@@ -211,29 +209,29 @@ def read_tables(path: str | Path) -> dict[tuple[str, str], BerTable]:
         ...     len(read_tables(Path(folder) / "ber.csv"))
         0
     """
-    groups: dict[tuple[str, str], list[Row]] = {}
-    kinds = get_type_hints(Row)
+    groups: dict[tuple[str, str], list[curve.Row]] = {}
+    kinds = get_type_hints(curve.Row)
     try:
         with Path(path).open(newline="", encoding="utf-8") as file:
             reader = csv.DictReader(file)
             names = list(reader.fieldnames or ())
-            if missing := [name for name in COLUMNS if name not in names]:
-                raise VoccError(f"{path} has no column {missing[0]}: it needs {', '.join(COLUMNS)}")
-            grid = "" if names[0] == COLUMNS[0] else names[0]
+            if missing := [name for name in curve.COLUMNS if name not in names]:
+                raise VoccError(f"{path} has no column {missing[0]}: it needs {', '.join(curve.COLUMNS)}")
+            grid = "" if names[0] == curve.COLUMNS[0] else names[0]
             for line in reader:
                 cells, parsed = {"": "", **line}, {}
-                for name in COLUMNS:
+                for name in curve.COLUMNS:
                     try:
                         parsed[name] = kinds[name](cells[name] or "")
                     except ValueError:
                         wrong = f"{name} is {cells[name]!r}: it must be a number"
                         raise VoccError(f"{path}, line {reader.line_num}: {wrong}") from None
-                groups.setdefault((grid, cells[grid] or ""), []).append(Row(**parsed))
+                groups.setdefault((grid, cells[grid] or ""), []).append(curve.Row(**parsed))
     except OSError as error:
         raise VoccError(f"cannot read {path}: {error.strerror or error}") from error
     except (csv.Error, UnicodeDecodeError) as error:
         raise VoccError(f"{path} is not a CSV text file: {error}") from error
-    return {group: BerTable(rows) for group, rows in groups.items()}
+    return {group: curve.BerTable(rows) for group, rows in groups.items()}
 
 
 PAIRED_COLUMNS = (
@@ -244,7 +242,7 @@ PAIRED_COLUMNS = (
 its 95 % interval leaves out 0; ``a_worse`` and ``b_worse`` count frames."""
 
 
-def write_paired(path: str | Path, all_curves: Iterable[Curves]) -> None:
+def write_paired(path: str | Path, all_curves: Iterable[curve.Curves]) -> None:
     """Write a line for every two receivers at every value.
 
     Args:
@@ -292,7 +290,7 @@ def write_grid(path: Path, grids: Mapping[str, Grid]) -> None:
     axis = next(iter(grids.values())).row_axis
     names = ("best_from_cd_m2", "best_to_cd_m2", "range_from_cd_m2", "range_to_cd_m2")
     beyond = ("may_lie_below_grid", "may_lie_above_grid")
-    points: list[Cells] = [(axis, *COLUMNS)]
+    points: list[Cells] = [(axis, *curve.COLUMNS)]
     bests: list[Cells] = [("receiver", "locator", axis, *names, "ber", "ber_low", "ber_high", *beyond)]
     for grid in grids.values():
         sides = {name: grid.intervals(name) for name in grid.receivers}

@@ -12,9 +12,8 @@ from matplotlib.patches import Patch, Rectangle
 from matplotlib.patheffects import withStroke
 
 from vocc_torch.measure.grid import Best, Floats, Grid, best_luminance
-from vocc_torch.show import canvas, styles
+from vocc_torch.show import canvas, plots, styles
 from vocc_torch.show.canvas import GRID, INK, QUIET
-from vocc_torch.show.plots import receiver_line
 
 NO_ERRORS = "#F4F4F2"
 """Colour of a cell without errors."""
@@ -157,8 +156,8 @@ def dimming_figure(
     for number, (axes, name) in enumerate(zip(panels, names, strict=True)):
         style, best = looks[name], best_luminance(grid, name)
         plateau |= any(len(one.least_cd_m2) > 1 for one in best)
-        _draw_map(axes, grid, name, norm, best)
-        sign = receiver_line(style, [0.065 / side], [1 + 0.16 / side])
+        draw_map(axes, grid, name, norm, best)
+        sign = plots.receiver_line(style, [0.065 / side], [1 + 0.16 / side])
         sign.set(transform=axes.transAxes, clip_on=False, linestyle="none", markersize=7)
         axes.add_line(sign)
         heading = axes.text(0.2 / side, 1 + 0.16 / side, style.label, transform=axes.transAxes, color=INK)
@@ -188,8 +187,16 @@ def dimming_figure(
     return figure
 
 
-def _draw_map(axes: Axes, grid: Grid, receiver: str, norm: colors.LogNorm, best: Sequence[Best]) -> None:
-    """Draw one receiver's map: colours, hatched cells without errors, numbers and the best luminances."""
+def draw_map(axes: Axes, grid: Grid, receiver: str, norm: colors.LogNorm, best: Sequence[Best]) -> None:
+    """Draw one receiver's map: colours, hatched cells without errors, numbers and the best luminances.
+
+    Args:
+        axes: where to draw.
+        grid: the grid.
+        receiver: its name.
+        norm: scale of the colours.
+        best: the best luminance for each ambient light.
+    """
     across, up = cell_edges(grid.rows), cell_edges(grid.columns)
     ber, limits = grid.ber(receiver).T, grid.intervals(receiver)[1].T
     draw_cells(axes, across, up, ber, norm)
@@ -233,7 +240,7 @@ def _draw_best(
         drawn = axes.vlines(x[some], foot[some], top[some], colors=colour, linewidth=width, zorder=4)
         drawn.set(alpha=0.7 if style else None, path_effects=edge)
     middles = [math.log2(best.middle_cd_m2) for best in bests]
-    signs = [receiver_line(style or styles.Style("best", INK, "o", "-"), x.tolist(), middles)]
+    signs = [plots.receiver_line(style or styles.Style("best", INK, "o", "-"), x.tolist(), middles)]
     for marker, at, ends in zip("v^", outside, ranges, strict=True):
         signs.append(Line2D(x[at], ends[at], linestyle="none", color=colour, marker=marker, markersize=5.5))
     for sign in signs:
@@ -300,23 +307,14 @@ def best_luminance_figure(
     axes.set_xlabel(styles.axis_label(grid.row_axis), labelpad=6)
     axes.set_ylabel(styles.axis_label(grid.column_axis))
     canvas.write_title(figure, title, _frames_text(grid))
-    lines = [receiver_line(style) for style in looks.values()]
+    lines = [plots.receiver_line(style) for style in looks.values()]
     canvas.write_legend(figure, lines, (0.705, 1 - 0.62 / height), fontsize=10.5)
-    notes = (
-        "Thin bar: cannot be told from the best (95 %)\n"
-        "Thick bar: equally few errors, mostly none\n"
-        "Triangle: the best may lie beyond the grid\n"
-        "Dashed: On LEDs' exposure over Off LEDs'"
-    )
+    notes = styles.LOOKS["dimming_signs"].rstrip()
     figure.text(0.714, 0.98 / height, notes, fontsize=9, color=QUIET, va="bottom", linespacing=1.5)
     return figure
 
 
-CAPTIONS = {
-    "_paper": "With the panel located as the paper does. The line: the best luminance by ambient light.",
-    "_truth": "With the panel's true corners: what bit decision alone makes of it.",
-    "_best": "The best luminance against ambient light, on lines of constant contrast.",
-}
+CAPTIONS: dict[str, str] = styles.LOOKS["dimming_captions"]
 """Captions by the end of the picture's name."""
 
 

@@ -14,7 +14,6 @@ from torch import Tensor
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.curve import BerTable, Row
 from vocc_torch.show import canvas
-from vocc_torch.show.canvas import GRID, INK
 from vocc_torch.show.styles import Style, axis_label, count_text, range_text, receiver_styles, value_text
 
 _SHARES = ("contrast",)
@@ -78,9 +77,9 @@ def draw_rates(
     # Where hardly more than a decade is shown, values within it are named too.
     axes.yaxis.set_minor_formatter(ticker.LogFormatterSciNotation(minor_thresholds=(1.5, 0.6)))
     canvas.quiet_axes(axes)
-    axes.grid(axis="y", which="major", color=GRID, linewidth=1.1)
+    axes.grid(axis="y", which="major", color=canvas.GRID, linewidth=1.1)
     axes.grid(axis="y", which="minor", color=canvas.FINE_GRID, linewidth=0.6)
-    axes.grid(axis="x", which="major", color=GRID, linewidth=0.8)
+    axes.grid(axis="x", which="major", color=canvas.GRID, linewidth=0.8)
     axes.tick_params(which="both", labelsize=10.5 * size)
     axes.tick_params(axis="y", which="minor", labelsize=8.5 * size)
     most = max(_SPREAD, _MOST_SPREAD / max(1, len(styles) - 1))
@@ -127,20 +126,6 @@ def receiver_line(
     line.set(marker=style.marker, markersize=7.5 * size, markeredgecolor="white")
     line.set(markeredgewidth=0.7 * size, zorder=3)
     return line
-
-
-def name_receivers(figure: Figure, styles: Iterable[Style], columns: int, size: float = 1.0) -> None:
-    """Name receivers in rows under the title.
-
-    Args:
-        figure: the figure to write on.
-        styles: of the receivers, in order.
-        columns: most names in a row.
-        size: of the signs, against those of a figure of its own.
-    """
-    look = {"fontsize": 10.5, "handlelength": 3.2, "columnspacing": 2.4} if size == 1 else {}
-    lines = [receiver_line(style, size=size) for style in styles]
-    canvas.write_legend(figure, lines, (0.01, 1 - 0.46 / figure.get_figheight()), columns, **look)
 
 
 def interval_note(rows: Iterable[Row]) -> str:
@@ -195,7 +180,9 @@ def ber_figure(table: BerTable, axis_label: str, title: str) -> Figure:
     basis = f"{range_text(row.frames for row in table)} frames a point"
     where = f"locator: {', '.join(table.locators)}"
     canvas.write_title(figure, title, f"{basis} \N{MIDDLE DOT} {where}\n{interval_note(table)}")
-    name_receivers(figure, styles.values(), _LEGEND_COLUMNS)
+    lines = [receiver_line(style) for style in styles.values()]
+    look = {"fontsize": 10.5, "handlelength": 3.2, "columnspacing": 2.4}
+    canvas.write_legend(figure, lines, (0.01, 1 - 0.46 / figure.get_figheight()), _LEGEND_COLUMNS, **look)
     return figure
 
 
@@ -227,7 +214,7 @@ def feature_histograms(features: Tensor, bits: Tensor, names: Sequence[str]) -> 
         axes.set_ylim(bottom=0)
         axes.margins(x=0.02)
         canvas.quiet_axes(axes)
-        axes.grid(axis="y", color=GRID, linewidth=0.8)
+        axes.grid(axis="y", color=canvas.GRID, linewidth=0.8)
         axes.set_xlabel(name)
         axes.set_ylabel("Share of LEDs" if number % columns == 0 else "")
     canvas.write_title(figure, f"Features of {count_text(len(values))} LEDs")
@@ -307,13 +294,14 @@ def facet_figure(
             axes.tick_params(axis="x", labelbottom=last)
         else:
             axes.set(xticks=[], yticks=[])
-            axes.spines[:].set_color(GRID)
+            axes.spines[:].set_color(canvas.GRID)
             reason = "\n".join(textwrap.wrap(one, letters - 6, max_lines=8))
             text = axes.text(0.5, 0.5, reason, transform=axes.transAxes, fontsize=9, color=canvas.QUIET)
             text.set(ha="center", va="center")
-        named = axes.set_title("\n".join(heads[name]), loc="left", pad=5, fontsize=10.5, color=INK)
+        named = axes.set_title("\n".join(heads[name]), loc="left", pad=5, fontsize=10.5, color=canvas.INK)
         named.set_fontweight("bold")
     canvas.write_title(figure, title, footnote)
     if styles:
-        name_receivers(figure, styles.values(), legend_columns, size=0.9)
+        lines = [receiver_line(style, size=0.9) for style in styles.values()]
+        canvas.write_legend(figure, lines, (0.01, 1 - 0.46 / figure.get_figheight()), legend_columns)
     return figure

@@ -20,9 +20,7 @@ from torch.utils.tensorboard import SummaryWriter
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.curve import BerTable
-from vocc_torch.show.canvas import figure_pixels
-from vocc_torch.show.page import render
-from vocc_torch.show.styles import LOOKS, axis_label
+from vocc_torch.show import canvas, page, styles
 
 Picture = NDArray[np.uint8]
 
@@ -44,7 +42,7 @@ def axis_steps(axis: str, values: Sequence[float]) -> dict[float, int]:
         >>> axis_steps("distance_m", [30.0, 32.5]), axis_steps("ambient_lx", [1000.0])
         ({30.0: 300, 32.5: 325}, {1000.0: 1000})
     """
-    factor, _ = LOOKS["steps"].get(axis, (1, ""))
+    factor, _ = styles.LOOKS["steps"].get(axis, (1, ""))
     steps = {value: round(value * factor) for value in sorted(values)}
     for value, other in pairwise(steps):
         if steps[value] == steps[other]:
@@ -100,7 +98,7 @@ def write_boards(
     ]
     receivers = list(dict.fromkeys(name for part in parts for name in part.table.receivers))
     # The sort is stable: those without a place keep their order.
-    receivers.sort(key=lambda name: [*LOOKS["written_first"], name].index(name))
+    receivers.sort(key=lambda name: [*styles.LOOKS["written_first"], name].index(name))
     pictures = {f"figures/{name}": figure for name, figure in (figures or {}).items()}
     pictures |= {f"images/{name}": image for name, image in (images or {}).items()}
     try:
@@ -122,12 +120,12 @@ def write_boards(
                         groups.setdefault(_listed(name for names in mine for name in names), []).append(group)
                     told = {"units": list(dict.fromkeys(part.unit for part in parts)), "groups": groups}
                     grouped = any(part.group for part in parts)
-                    said = render(__package__, "board.md.j2", grouped=grouped, **told).rstrip()
+                    said = page.render(__package__, "board.md.j2", grouped=grouped, **told).rstrip()
                     writer.add_text("how to read", said)
                 for name, text in (texts or {}).items():
                     writer.add_text(name, text)
                 for tag, picture in pictures.items():
-                    pixels = figure_pixels(picture) if isinstance(picture, Figure) else picture
+                    pixels = canvas.figure_pixels(picture) if isinstance(picture, Figure) else picture
                     writer.add_image(tag, pixels, dataformats="HWC")
     except OSError as error:
         raise VoccError(f"cannot write {folder}: {error.strerror or error}") from error
@@ -154,7 +152,7 @@ class BoardPart:
     @property
     def unit(self) -> str:
         """Say what a step is."""
-        return str(LOOKS["steps"].get(self.table.axis, (1, axis_label(self.table.axis)))[1])
+        return str(styles.LOOKS["steps"].get(self.table.axis, (1, styles.axis_label(self.table.axis)))[1])
 
     def charts(self) -> tuple[str, dict[str, list[str | list[str]]]]:
         """Lay out curves, curves with intervals, and limits where a point has no errors, with their heading.

@@ -14,15 +14,10 @@ from rich.text import Text
 from vocc_torch.measure.curve import BerTable, Point, Row
 from vocc_torch.measure.plan import Plan
 from vocc_torch.measure.train import Training, train
-from vocc_torch.show.styles import axis_label, point_text, rate_text, value_text
+from vocc_torch.show.styles import LOOKS, axis_label, point_text, rate_text, value_text
 
 _FRAME_LINES = 8
 """Lines around the table's rows in the live view: header, rules and progress."""
-_STOPPED = {
-    "frames": "the whole budget",
-    "frame_errors": "stopped at enough wrong frames",
-    "precision": "stopped at the precision asked for",
-}
 
 
 def plain_table(*heads: str, **look: Any) -> Table:
@@ -270,7 +265,7 @@ class StudyView(ProgressView):
         self.advance(self._doing(), 0)
         if self._bar.disable:
             for point in {point.value: point for point in points}.values():
-                why = _STOPPED.get(point.stopped_by, point.stopped_by)
+                why = LOOKS["stopped"].get(point.stopped_by, point.stopped_by)
                 self.say(f"{self._axis}={value_text(point.value)}: {point.counts.frames} frames, {why}")
 
     def _doing(self) -> str:

@@ -11,11 +11,9 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from vocc_torch.measure.estimate import Estimate
-from vocc_torch.measure.stage_times import BIT_DETECTION, StageTimes, median_of
-from vocc_torch.show import canvas
+from vocc_torch.measure import estimate, stage_times
+from vocc_torch.show import canvas, page
 from vocc_torch.show.canvas import GRID, INK
-from vocc_torch.show.page import render
 from vocc_torch.show.styles import receiver_styles
 
 Place = tuple[str, int]
@@ -50,7 +48,7 @@ class DetectionTimes:
             thread it is a lower limit.
     """
 
-    by_place: Mapping[Place, Mapping[str, StageTimes]]
+    by_place: Mapping[Place, Mapping[str, stage_times.StageTimes]]
     sensor_px: tuple[int, int]
     machine: str
     threads: int
@@ -60,25 +58,25 @@ class DetectionTimes:
         """How many rounds were timed."""
         return next(iter(self.by_place[place].values())).rounds
 
-    def times_ms(self, place: Place) -> dict[str, Estimate]:
+    def times_ms(self, place: Place) -> dict[str, estimate.Estimate]:
         """Give panel detection's and each bit detector's time, ms a frame."""
-        return {stage: median_of(spent) for stage, spent in self._spent_ms(place).items()}
+        return {stage: stage_times.median_of(spent) for stage, spent in self._spent_ms(place).items()}
 
-    def shares(self, place: Place) -> dict[str, Estimate]:
+    def shares(self, place: Place) -> dict[str, estimate.Estimate]:
         """Give the same over panel detection's time in the same round."""
         spent = self._spent_ms(place)
-        return {stage: median_of(one / spent[PANEL_DETECTION]) for stage, one in spent.items()}
+        return {stage: stage_times.median_of(one / spent[PANEL_DETECTION]) for stage, one in spent.items()}
 
-    def ngr_costs(self, place: Place) -> tuple[Estimate, Estimate]:
+    def ngr_costs(self, place: Place) -> tuple[estimate.Estimate, estimate.Estimate]:
         """Give what a third feature adds to the time of two, and to that of panel detection and two."""
         spent = self._spent_ms(place)
         panel, two, three = (spent[stage] for stage in (PANEL_DETECTION, "flda_2", "flda_3"))
-        return median_of(three / two - 1), median_of((three - two) / (panel + two))
+        return stage_times.median_of(three / two - 1), stage_times.median_of((three - two) / (panel + two))
 
     def _spent_ms(self, place: Place) -> dict[str, NDArray[np.float64]]:
         """Give the times round by round."""
         times = self.by_place[place]
-        bits = {name: times[name].summed(BIT_DETECTION) for name in PAPER_SHARES if name in times}
+        bits = {name: times[name].summed(stage_times.BIT_DETECTION) for name in PAPER_SHARES if name in times}
         return {PANEL_DETECTION: times["flda_3"].summed(["locate"]), **bits}
 
     def draw(self, title: str) -> Figure:
@@ -94,7 +92,7 @@ class DetectionTimes:
         for letter, place in zip("abcd", self.by_place, strict=False):
             f, n = kinds.index(place[0]), batches.index(place[1])
             axes = figure.add_axes((0.205 + column * n, 0.588 - 0.368 * f, column - 0.025, 0.285))
-            longest = max(longest, self._draw_bars(axes, place))
+            longest = max(longest, self.draw_bars(axes, place))
             axes.tick_params(axis="y", length=0, labelleft=n == 0)
             canvas.head(axes, f"({letter})", f"{_KINDS.get(place[0], place[0])}, {_at_a_time(place[1])}")
             if f == len(kinds) - 1:
@@ -115,9 +113,9 @@ class DetectionTimes:
             f"{self.rounds(place)} rounds {_at_a_time(place[1])}" for place in self.by_place
         )
         told = {"of_two": list(zip("abcd", of_two, strict=False)), "of_all": of_all, "timed": timed}
-        return render(__package__, "times.txt.j2", times=self, busy=_BUSY, **told).rstrip()
+        return page.render(__package__, "times.txt.j2", times=self, busy=_BUSY, **told).rstrip()
 
-    def _draw_bars(self, axes: Axes, place: Place) -> float:
+    def draw_bars(self, axes: Axes, place: Place) -> float:
         """Draw the bars, the detectors' quartiles and the paper's marks; give the last label's begin."""
         times, shares = self.times_ms(place), self.shares(place)
         styles = receiver_styles(name for name in PAPER_SHARES if name != PANEL_DETECTION).values()

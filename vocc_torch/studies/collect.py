@@ -14,13 +14,11 @@ from rich.console import Console
 from rich.text import Text
 
 from vocc_torch.errors import VoccError
-from vocc_torch.measure.config import Settings, read_flat
-from vocc_torch.measure.curve import COLUMNS, BerTable
+from vocc_torch.measure import config, curve
 from vocc_torch.show import folder as run_folder
+from vocc_torch.show import styles, terminal
 from vocc_torch.show.canvas import save_figure
 from vocc_torch.show.plots import facet_figure, interval_note
-from vocc_torch.show.styles import point_text, value_text
-from vocc_torch.show.terminal import plain_table
 
 INTO_INPUT = "collect"
 """The name under which results go into the input folder, as conf/task/collect.yaml has it."""
@@ -57,11 +55,11 @@ class Job:
     name: str
     status: Status
     complaint: str = ""
-    table: BerTable | None = None
+    table: curve.BerTable | None = None
     settings: Mapping[str, object] = field(default_factory=dict)
 
 
-def run_collect(settings: Settings, folder: Path) -> None:
+def run_collect(settings: config.Settings, folder: Path) -> None:
     """Join the jobs of a multirun into ``collected.csv`` and ``collected.png``.
 
     Raises:
@@ -144,11 +142,11 @@ def read_jobs(place: Path, name: str) -> list[Job]:
         name: the job's.
     """
     settings: Mapping[str, object] = {}
-    tables: Mapping[tuple[str, str], BerTable | None] = {("", ""): None}
+    tables: Mapping[tuple[str, str], curve.BerTable | None] = {("", ""): None}
     status: Status = "done"
     complaint = ""
     try:
-        settings = read_flat(place / run_folder.CONFIG)
+        settings = config.read_flat(place / run_folder.CONFIG)
     except VoccError as error:
         complaint = str(error)
     if (place / TABLE).exists():
@@ -214,7 +212,7 @@ def setting_text(value: object) -> str:
         return json.dumps(value)
     if isinstance(value, list):
         return f"[{','.join(map(setting_text, value))}]"
-    return value_text(value) if isinstance(value, float) else str(value)
+    return styles.value_text(value) if isinstance(value, float) else str(value)
 
 
 def label(job: Job, keys: Sequence[str]) -> str:
@@ -245,10 +243,10 @@ def collected_rows(jobs: Sequence[Job], keys: Sequence[str]) -> Iterator[run_fol
         >>> list(collected_rows([Job("0", "failed", "no panel")], ["seed"]))[1][:4]
         ['0', 'failed', '', '']
     """
-    yield ["job", "status", *keys, *COLUMNS, "complaint"]
+    yield ["job", "status", *keys, *curve.COLUMNS, "complaint"]
     for job in jobs:
         values = [setting_text(job.settings.get(key)) if job.settings else "" for key in keys]
-        for written in run_folder.ber_rows(job.table)[1:] if job.table else [[""] * len(COLUMNS)]:
+        for written in run_folder.ber_rows(job.table)[1:] if job.table else [[""] * len(curve.COLUMNS)]:
             yield [job.name, job.status, *values, *written, job.complaint]
 
 
@@ -299,7 +297,7 @@ def jobs_figure(jobs: Sequence[Job], keys: Sequence[str], title: str) -> Figure:
         >>> len(jobs_figure([Job("0", "failed", "no panel")], [], "Jobs").axes)
         1
     """
-    facets: dict[str, BerTable | str] = {}
+    facets: dict[str, curve.BerTable | str] = {}
     for job in jobs:
         about = [label(job, keys), "" if job.status == "done" else job.status]
         name = f"job {job.name}: {', '.join(filter(None, about))}".removesuffix(": ")
@@ -343,7 +341,7 @@ def print_jobs(jobs: Sequence[Job], keys: Sequence[str], console: Console) -> No
     taken += sum(max(_RATE, *map(len, name.split("_"))) + _GAP for name in receivers)
     # Terminals too narrow for a column a receiver get a line for each job and receiver.
     wide = taken + _LEAST_LABEL <= console.width
-    shown = plain_table()
+    shown = terminal.plain_table()
     shown.add_column("job", overflow="fold")
     shown.add_column("what differs", overflow="fold", max_width=_MOST_LABEL)
     for head in receivers if wide else ("receiver", "lowest", "highest"):
@@ -354,7 +352,7 @@ def print_jobs(jobs: Sequence[Job], keys: Sequence[str], console: Console) -> No
         ranges = {}
         for name in job.table.receivers if job.table else ():
             rows = sorted(job.table.of(name) if job.table else (), key=lambda row: (row.ber, row.ber_high))
-            ranges[name] = point_text(rows[0]), point_text(rows[-1])
+            ranges[name] = styles.point_text(rows[0]), styles.point_text(rows[-1])
         lowest, highest = ([ends[place] for ends in ranges.values()] for place in (0, 1))
         cells = [ranges.get(name, ()) for name in receivers] if wide else [ranges, lowest, highest]
         shown.add_row(Text(job.name), Text(label(job, keys)), *map("\n".join, cells), job.status)

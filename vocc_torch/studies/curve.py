@@ -10,39 +10,32 @@ from numpy.typing import NDArray
 from rich.console import Console
 
 from vocc_torch.errors import VoccError
-from vocc_torch.measure import sweep
-from vocc_torch.measure.build import build_plan
-from vocc_torch.measure.config import Settings
-from vocc_torch.measure.curve import Curves
+from vocc_torch.measure import build, config, curve, paired, sweep, train
 from vocc_torch.measure.grid import Grid
 from vocc_torch.measure.ledger import Label, Ledger, Tally
 from vocc_torch.measure.link import Link, block_keys
-from vocc_torch.measure.paired import paired_interval
 from vocc_torch.measure.plan import SCENE_FIELDS, Plan
-from vocc_torch.measure.train import Training, trained_receiver
 from vocc_torch.measure.workers import Workers
 from vocc_torch.receiver.features import FEATURE_NAMES
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.show import folder as run_folder
-from vocc_torch.show import plots
+from vocc_torch.show import heatmap, plots, tensorboard
 from vocc_torch.show.canvas import annotated, enlarged, save_figure
-from vocc_torch.show.heatmap import grid_figures
 from vocc_torch.show.styles import axis_label, receiver_styles, value_text
-from vocc_torch.show.tensorboard import axis_steps, write_boards
 from vocc_torch.show.terminal import ProgressView, StudyView, print_table, train_shown
 from vocc_torch.simulation.framing import crop_origins_px, panel_centre_px
 
 
-def run_train(settings: Settings, folder: Path) -> None:
+def run_train(settings: config.Settings, folder: Path) -> None:
     """Train FLDA and write the receiver."""
     run_folder.refuse_unused(settings)
     run_folder.refuse_results(folder)
-    plan, console = build_plan(settings, folder), Console()
+    plan, console = build.build_plan(settings, folder), Console()
     run_folder.write_training(settings, plan, train_shown(plan, console), folder)
     run_folder.print_place(console, "receiver", folder / "receiver.pt")
 
 
-def run_test(settings: Settings, folder: Path) -> None:
+def run_test(settings: config.Settings, folder: Path) -> None:
     """Train, measure bit error rates along the experiment's axis, and report them.
 
     Raises:
@@ -50,7 +43,7 @@ def run_test(settings: Settings, folder: Path) -> None:
     """
     run_folder.refuse_unused(settings)
     run_folder.refuse_results(folder, run_folder.LEDGER)
-    plan, console = build_plan(settings, folder), Console()
+    plan, console = build.build_plan(settings, folder), Console()
     # Made before the training, so that a wrong number is refused at once; it starts nothing yet.
     workers = Workers(settings.workers)
     for line in strangers(plan):
@@ -59,7 +52,7 @@ def run_test(settings: Settings, folder: Path) -> None:
     values, simulated = sweep.axis_values(experiment), sweep.monte_carlo_values(plan)
     if settings.tensorboard:
         try:
-            axis_steps(experiment.axis, values)
+            tensorboard.axis_steps(experiment.axis, values)
         except VoccError as error:
             hint = "give values further apart, or tensorboard=false"
             raise VoccError(f"experiment.values: {error}; {hint}") from None
@@ -108,7 +101,9 @@ def strangers(plan: Plan) -> list[str]:
     return lines
 
 
-def write_results(settings: Settings, plan: Plan, training: Training, curves: Curves, folder: Path) -> None:
+def write_results(
+    settings: config.Settings, plan: Plan, training: train.Training, curves: curve.Curves, folder: Path
+) -> None:
     """Write tables, pictures, receiver and board of one curve.
 
     Args:
@@ -131,13 +126,13 @@ def write_results(settings: Settings, plan: Plan, training: Training, curves: Cu
     histograms = plots.feature_histograms(training.features, training.bits, names)
     save_figure(histograms, folder / "features.png")
     if settings.tensorboard:
-        pictures = sample_frames(plan, trained_receiver(plan, training))
+        pictures = sample_frames(plan, train.trained_receiver(plan, training))
         figures = {"BER": figure, "features by status": histograms}
         texts = {"configuration": run_folder.as_markdown(settings)}
-        write_boards(folder / "tensorboard", {"": [table]}, figures, pictures, texts)
+        tensorboard.write_boards(folder / "tensorboard", {"": [table]}, figures, pictures, texts)
 
 
-def left_out(plan: Plan, curves: Curves) -> list[str]:
+def left_out(plan: Plan, curves: curve.Curves) -> list[str]:
     """Say which frames and contrast bins are not in the results."""
     table, lines = curves.table(), []
     rows = table.of(table.receivers[0])
@@ -198,7 +193,7 @@ def sample_frames(plan: Plan, receiver: Receiver) -> dict[str, NDArray[np.uint8]
     return pictures
 
 
-def compared(curves: Curves, reference: str) -> list[str]:
+def compared(curves: curve.Curves, reference: str) -> list[str]:
     """Say in a line for each other receiver where it differs from a reference for certain, below a heading.
 
     Args:
@@ -215,7 +210,7 @@ def compared(curves: Curves, reference: str) -> list[str]:
             continue
         places: dict[str, list[str]] = {"worse": [], "better": []}
         for value in curves.values:
-            found = paired_interval(curves.pair(name, reference, value))
+            found = paired.paired_interval(curves.pair(name, reference, value))
             if found.real:
                 places["worse" if found.value > 0 else "better"].append(value_text(value))
         parts = [f"{word} at {', '.join(values)}" for word, values in places.items() if values]
@@ -224,7 +219,7 @@ def compared(curves: Curves, reference: str) -> list[str]:
     return [heading, *lines] if lines else []
 
 
-def run_grid(settings: Settings, folder: Path) -> None:
+def run_grid(settings: config.Settings, folder: Path) -> None:
     """Train, measure bit error rates on the experiment's grid, and report them.
 
     Raises:
@@ -232,7 +227,7 @@ def run_grid(settings: Settings, folder: Path) -> None:
     """
     run_folder.refuse_unused(settings)
     run_folder.refuse_results(folder, run_folder.LEDGERS)
-    plan, console = build_plan(settings, folder), Console()
+    plan, console = build.build_plan(settings, folder), Console()
     locator, axis = plan.receiver.locator, settings.experiment.row_axis or ""
     rows = plan.rows()
     studies = [sweep.Study(f"{at:g}", row, (locator,)) for at, row in rows.items()]
@@ -257,13 +252,13 @@ def run_grid(settings: Settings, folder: Path) -> None:
         run_folder.write_training(settings, plan, campaign.trainings[studies[0].key][locator], folder)
         run_folder.write_grid(folder / "ber.csv", {locator: grid})
         run_folder.write_paired(folder / "paired.csv", curves)
-        figures = grid_figures({locator: grid}, locator, plan.receiver.names)
+        figures = heatmap.grid_figures({locator: grid}, locator, plan.receiver.names)
         for name, figure in figures.items():
             save_figure(figure, folder / f"{name}.png")
         if settings.tensorboard:
             tables = {f"{axis}={at:g}": [one.table()] for at, one in zip(grid.rows, curves, strict=True)}
             texts = {"configuration": run_folder.as_markdown(settings)}
-            write_boards(folder / "tensorboard", tables, figures, {}, texts)
+            tensorboard.write_boards(folder / "tensorboard", tables, figures, {}, texts)
     for one in curves:
         console.print(f"\n{one.experiment}", highlight=False)
         print_table(one.table(), console)

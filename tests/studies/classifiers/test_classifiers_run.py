@@ -97,25 +97,10 @@ def test_without_scikit_learn_its_classifiers_are_left_out(place, monkeypatch):
     monkeypatch.setattr("vocc_torch.studies.classifiers.run.compare_classifiers", told)
     receivers = ("receiver.names=[flda_3]", "classifier=[panel_otsu,svm]")
     ran = run_in(place, "experiment=classifiers", *receivers, "name=without", *QUICK)
-    assert ran.complaint == "('flda_3', 'panel_otsu') without {'svm': 'scikit-learn is not installed'}"
+    assert ran.complaint.startswith("('flda_3', 'panel_otsu') without {'svm': 'scikit-learn is not installed")
 
 
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (
-            "+experiment@rivals.experiments.dimming=dimming",
-            "rivals.experiments.dimming is a grid over ambient_lx",
-        ),
-        ("input=a.png", "input is 'a.png': it must be null for task=classifiers"),
-    ],
-)
-def test_mistakes_are_told_in_one_line(place, words, said):
-    ran = run_in(place, *BASE, "name=refused", *QUICK, words)
-    assert ran.complaint.startswith(said)
+def test_a_grid_is_refused(place):
+    ran = run_in(place, *BASE, "name=refused", *QUICK, "+experiment@rivals.experiments.dimming=dimming")
+    assert ran.complaint.startswith("rivals.experiments.dimming is a grid over ambient_lx")
     assert not (place / "runs" / "refused").exists()
-
-
-def test_a_folder_of_other_settings_is_refused(place, whole):
-    ran = run_in(place, *BASE, "name=whole", "workers=1", "seed=5")
-    assert "give another name=" in ran.complaint

@@ -21,7 +21,6 @@ from vocc_torch.rng import BlockKey
 from vocc_torch.simulation import Distribution
 from vocc_torch.studies.classifiers import study as study_module
 from vocc_torch.studies.classifiers.plan import ClassifierStudy
-from vocc_torch.studies.classifiers.results import GENIE
 from vocc_torch.studies.classifiers.study import (
     across_scenes,
     compare_classifiers,
@@ -153,13 +152,6 @@ def test_only_what_the_genie_cannot_know_is_no_result(study, monkeypatch):
     monkeypatch.setattr(study_module, "genie_reference", raising(VoccError("the genie at its worst")))
     with pytest.raises(VoccError, match="at its worst"):
         asked()
-
-
-def test_tables_hold_the_genie_beside_the_receivers(whole):
-    table = whole.tables["far"]
-    assert table.receivers == (*NAMES, GENIE)
-    assert {row.frames for row in table.of(GENIE)} == {8}
-    assert {row.frames for row in table.of("lmmse")} == {100}
 
 
 def test_pairs_of_scenes_are_what_a_link_of_their_own_counts(study, whole):

@@ -2,7 +2,6 @@
 
 import csv
 import io
-import os
 
 import pytest
 import yaml
@@ -12,7 +11,6 @@ from matplotlib.colors import to_hex
 from PIL import Image
 from rich.console import Console
 
-from vocc_torch.errors import VoccError
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.curve import COLUMNS, BerTable, Point
 from vocc_torch.show.folder import ber_rows, write_rows
@@ -117,14 +115,6 @@ def test_more_jobs_than_a_figure_takes_are_paged(app, tmp_path):
     assert all(name in ran.out for name in pictures)
 
 
-def test_one_run_is_one_job(app, tmp_path):
-    write_job(tmp_path / "runs" / "alone", {"seed": 1}, made_up_table())
-    assert app("task=collect", "input=runs/alone").status == 0
-    rows = rows_of(tmp_path / "runs" / "alone" / "collected.csv")
-    assert {row["job"] for row in rows} == {"alone"}
-    assert list(rows[0]) == ["job", "status", *COLUMNS, "complaint"]
-
-
 MISTAKES = {
     "no input": ((), ["input is null", "input=runs/NAME"]),
     "missing": (("input=runs/no",), ["input runs/no does not exist", "a multirun wrote"]),
@@ -214,13 +204,6 @@ def test_a_damaged_configuration_costs_no_result(tmp_path, text):
     assert "config.yaml" in job.complaint
     assert "\n" not in job.complaint
     assert label(job, ["seed"]) == "settings not known"
-
-
-@pytest.mark.skipif(os.geteuid() == 0, reason="permissions do not bind root")
-def test_a_folder_that_cannot_be_read_is_not_passed_over(tmp_path):
-    (tmp_path / "0").mkdir(mode=0o000)
-    with pytest.raises(VoccError, match="cannot read"):
-        find_jobs(tmp_path)
 
 
 # What differs

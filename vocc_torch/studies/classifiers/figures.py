@@ -8,11 +8,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import NullLocator
 
-from vocc_torch.measure.curve import BerTable
-from vocc_torch.measure.intervals import ber_interval
-from vocc_torch.show import canvas, heatmap, plots
-from vocc_torch.show.canvas import INK
-from vocc_torch.show.page import render
+from vocc_torch.measure import curve, intervals
+from vocc_torch.show import canvas, heatmap, page, plots
 from vocc_torch.show.styles import Style, axis_label, range_text, rate_text, receiver_styles, value_text
 from vocc_torch.studies.classifiers.results import GENIE, KNOWS, Comparison, Transfer, ratio_text
 
@@ -44,7 +41,7 @@ def curves_figure(comparison: Comparison, experiment: str) -> Figure:
     rows, genie = [row for row in table if row.receiver != GENIE], table.of(GENIE)
     for place, (axes, name) in enumerate(zip(grid, names, strict=True)):
         own = Style(name, _REFERENCE if name == comparison.reference else _OWN, "o", "-")
-        mine = BerTable(table.of(name))
+        mine = curve.BerTable(table.of(name))
         plots.draw_rates(axes, mine, {name: own}, rows, size=_SIZE, width_in=_CELLS_IN[0])
         axes.yaxis.set_minor_locator(NullLocator())
         # A rate that is not a number breaks the line. The genie's without errors lies at the foot: its limit
@@ -54,23 +51,23 @@ def curves_figure(comparison: Comparison, experiment: str) -> Figure:
             if other == comparison.reference:
                 line.set(color=_REFERENCE, linewidth=1.3, zorder=2.5)
             if other == GENIE:
-                line.set(color=INK, linewidth=1.5, zorder=2.6, linestyle="--", clip_on=False)
+                line.set(color=canvas.INK, linewidth=1.5, zorder=2.6, linestyle="--", clip_on=False)
             zero = axes.get_ylim()[0] if other == GENIE else math.nan
             points = [(row.value, row.ber or zero) for row in table.of(other)]
             line.set_data([value for value, _ in points], [rate for _, rate in points])
             axes.add_line(line)
         title = f"{place + 1}. {styles[name].label}"
         size = 10.5 * min(1.0, _TITLE_LETTERS / len(title))
-        axes.set_title(title, fontsize=size, color=INK, loc="left", pad=18)
+        axes.set_title(title, fontsize=size, color=canvas.INK, loc="left", pad=18)
         if at is not None and (ratio := comparison.ratio(experiment, name, at)) is not None:
             text = f"{ratio_text(ratio).replace('x', chr(0xD7))} at {value_text(at)}"
-            axes.text(0, 1.03, text, transform=axes.transAxes, va="bottom", fontsize=8.8, color=INK)
+            axes.text(0, 1.03, text, transform=axes.transAxes, va="bottom", fontsize=8.8, color=canvas.INK)
         axes.tick_params(axis="y", which="both", labelleft=place % columns == 0)
         axes.tick_params(axis="x", labelbottom=place + columns >= len(names))
     label, reference = axis_label(table.axis), styles[comparison.reference].label
     width, height = figure.get_size_inches()
-    figure.supxlabel(label, y=0.74 / height, fontsize=11.5, color=INK, va="center")
-    figure.supylabel("Bit error rate", x=0.14 / width, fontsize=11.5, color=INK)
+    figure.supxlabel(label, y=0.74 / height, fontsize=11.5, color=canvas.INK, va="center")
+    figure.supylabel("Bit error rate", x=0.14 / width, fontsize=11.5, color=canvas.INK)
     signs = [
         plots.receiver_line(Style("the receiver named above", _OWN, "o", "-"), size=_SIZE),
         Line2D([], [], color=_REFERENCE, linewidth=1.4, label=reference),
@@ -79,7 +76,7 @@ def curves_figure(comparison: Comparison, experiment: str) -> Figure:
     if genie:
         foot = ", at the foot without errors" if any(row.error_free for row in genie) else ""
         text = f"{KNOWS} ({range_text(row.frames for row in genie)} frames a point{foot})"
-        signs.append(Line2D([], [], color=INK, linewidth=1.5, linestyle="--", label=text))
+        signs.append(Line2D([], [], color=canvas.INK, linewidth=1.5, linestyle="--", label=text))
     place_of_signs = (0.01, 1 - 0.42 / height)
     canvas.write_legend(figure, signs, place_of_signs, len(signs), fontsize=9.8, handlelength=2.2)
     frames = f"{range_text(row.frames for row in rows)} frames a point"
@@ -108,7 +105,7 @@ def scenes_figure(comparison: Comparison) -> Figure:
     left = 0.3 + _LETTER_IN * max(map(len, labels))
     width = left + _CELL_IN * (len(out) + len(back)) + 1.47
     frames, most = transfers[0].counts.frames, comparison.most_training_frames
-    note = render(__package__, "scenes.txt.j2", frames=frames, most_training_frames=most, home=home)
+    note = page.render(__package__, "scenes.txt.j2", frames=frames, most_training_frames=most, home=home)
     lines = textwrap.wrap(note, int(width * _FOOTNOTE_LETTERS_IN))
     below = 0.5 + 0.2 * len(lines)
     height = 1.3 + _LINE_IN * len(names) + below
@@ -123,14 +120,14 @@ def scenes_figure(comparison: Comparison) -> Figure:
         for line, row in enumerate(rows):
             for column, one in enumerate(row):
                 rate, under = one.counts.ber, against_home(one)
-                text = rate_text(rate) if rate else f"< {rate_text(ber_interval(one.counts).high)}"
+                text = rate_text(rate) if rate else f"< {rate_text(intervals.ber_interval(one.counts).high)}"
                 for words, down, size in ((text, 0.32 if under else 0.5, 9), (under, 0.71, 7.8)):
                     heatmap.write_rate(axes, (column + 0.5, line + down), words, size, norm, rate)
         axes.invert_yaxis()
         axes.set_yticks([])
         axes.set_xticks(edges[0][:-1] + 0.5, [pair[side].replace("_", " ") for pair in pairs])
-        axes.tick_params(length=0, labelsize=10, labelcolor=INK, labeltop=True, labelbottom=False)
-        axes.set_title(title, fontsize=11.5, fontweight="bold", color=INK, loc="left", pad=26)
+        axes.tick_params(length=0, labelsize=10, labelcolor=canvas.INK, labeltop=True, labelbottom=False)
+        axes.set_title(title, fontsize=11.5, fontweight="bold", color=canvas.INK, loc="left", pad=26)
         left += _CELL_IN * len(pairs) + 0.42
     figure.axes[0].set_yticks(np.arange(len(names)) + 0.5, labels)
     heatmap.draw_scale(figure, ((left - 0.2) / width, bottom, 0.15 / width, tall), norm)

@@ -7,15 +7,11 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from statistics import median_high
 
+from vocc_torch.measure import curve, estimate, relative, train
 from vocc_torch.measure.counts import Counts
-from vocc_torch.measure.curve import BerTable, Curves, Point, Row
-from vocc_torch.measure.estimate import Estimate, joint_confidence
 from vocc_torch.measure.genie.genie import GenieReference
 from vocc_torch.measure.paired import PairedCounts, paired_interval
-from vocc_torch.measure.relative import rate_ratio
-from vocc_torch.measure.train import Making
-from vocc_torch.show.page import render
-from vocc_torch.show.styles import axis_label, value_text
+from vocc_torch.show import page, styles
 
 GENIE = "genie"
 """The genie's name among receivers."""
@@ -69,9 +65,9 @@ class Transfer:
     paired: PairedCounts
 
     @property
-    def ratio(self) -> Estimate | None:
+    def ratio(self) -> estimate.Estimate | None:
         """Its rate over that of the receiver trained there; None where that one made no error."""
-        return rate_ratio(self.at_home, self.counts, self.paired)
+        return relative.rate_ratio(self.at_home, self.counts, self.paired)
 
     @property
     def factor(self) -> float:
@@ -84,7 +80,7 @@ class Transfer:
         Args:
             comparisons: how many are stated together, at least 1.
         """
-        return paired_interval(self.paired, joint_confidence(comparisons)).high < 0
+        return paired_interval(self.paired, estimate.joint_confidence(comparisons)).high < 0
 
 
 @dataclass(frozen=True)
@@ -107,9 +103,9 @@ class Comparison:
     """
 
     reference: str
-    costs: Mapping[str, Making]
+    costs: Mapping[str, train.Making]
     points: Mapping[str, float]
-    curves: Mapping[str, Curves] = field(default_factory=dict)
+    curves: Mapping[str, curve.Curves] = field(default_factory=dict)
     decision_ms: Mapping[str, float] = field(default_factory=dict)
     genie: Mapping[str, Mapping[float, GeniePoint]] = field(default_factory=dict)
     no_genie: Mapping[str, str] = field(default_factory=dict)
@@ -120,28 +116,28 @@ class Comparison:
     left_out: Mapping[str, str] = field(default_factory=dict)
 
     @cached_property
-    def tables(self) -> dict[str, BerTable]:
+    def tables(self) -> dict[str, curve.BerTable]:
         """Each experiment's points, the genie's last."""
         tables = {}
         for name, curves in self.curves.items():
             genies = [
-                Point(name, curves.axis, value, GENIE, curves.locator, one.genie.counts, "frames")
+                curve.Point(name, curves.axis, value, GENIE, curves.locator, one.genie.counts, "frames")
                 for value, one in sorted(self.genie.get(name, {}).items())
             ]
-            tables[name] = BerTable([*curves.points(), *genies])
+            tables[name] = curve.BerTable([*curves.points(), *genies])
         return tables
 
-    def row(self, experiment: str, receiver: str, value: float) -> Row | None:
+    def row(self, experiment: str, receiver: str, value: float) -> curve.Row | None:
         """Find a point."""
         return next((row for row in self.tables[experiment].of(receiver) if row.value == value), None)
 
-    def ratio(self, experiment: str, receiver: str, value: float) -> Estimate | None:
+    def ratio(self, experiment: str, receiver: str, value: float) -> estimate.Estimate | None:
         """Give a receiver's rate over the reference's at a point; None where that one made no error."""
         if receiver in (self.reference, GENIE):
             return None
         curves = self.curves[experiment]
         own, reference = (curves.counts[name, value] for name in (receiver, self.reference))
-        return rate_ratio(reference, own, curves.pair(self.reference, receiver, value))
+        return relative.rate_ratio(reference, own, curves.pair(self.reference, receiver, value))
 
     @cached_property
     def half_errors(self) -> dict[str, int]:
@@ -157,11 +153,11 @@ class Comparison:
 
     def point_label(self, experiment: str) -> str:
         """Write the value that the summary states, with its unit, such as "70 m"."""
-        unit = axis_label(self.curves[experiment].axis).partition("(")[2].rstrip(")")
-        return f"{value_text(self.points[experiment])} {unit}".rstrip()
+        unit = styles.axis_label(self.curves[experiment].axis).partition("(")[2].rstrip(")")
+        return f"{styles.value_text(self.points[experiment])} {unit}".rstrip()
 
 
-def ratio_text(ratio: Estimate, most: bool = False) -> str:
+def ratio_text(ratio: estimate.Estimate, most: bool = False) -> str:
     """Write a ratio as a fraction or a multiple; a limit where the receiver made no error.
 
     Args:
@@ -195,7 +191,7 @@ def summary(comparison: Comparison, width: int = 100) -> str:
     stated = list(dict.fromkeys([*moved[:1], *(name for name in moved if name == reference)]))
     apart = sorted((one for one in apart if one.receiver in stated), key=lambda one: -one.factor)
     points = [(name, value, one) for name, some in comparison.genie.items() for value, one in some.items()]
-    text = render(
+    text = page.render(
         __package__,
         "summary.txt.j2",
         comparison=comparison,
@@ -211,7 +207,7 @@ def summary(comparison: Comparison, width: int = 100) -> str:
         comparisons=len(apart),
         knows=KNOWS,
         ratio_text=ratio_text,
-        value_text=value_text,
+        value_text=styles.value_text,
     )
     parts = text.strip().split("\n\n")
     return "\n\n".join(textwrap.fill(part, width, break_on_hyphens=False) for part in parts) + "\n"

@@ -10,18 +10,15 @@ from rich.console import Console
 from rich.text import Text
 
 from vocc_torch.files import write_atomically
+from vocc_torch.measure import curve, intervals
 from vocc_torch.measure.config import Settings
-from vocc_torch.measure.curve import COLUMNS
 from vocc_torch.measure.estimate import Estimate
-from vocc_torch.measure.intervals import ber_interval
 from vocc_torch.measure.paired import paired_interval, sign_test
 from vocc_torch.measure.plan import identity
 from vocc_torch.measure.workers import Workers
 from vocc_torch.show import folder as run_folder
+from vocc_torch.show import styles, tensorboard, terminal
 from vocc_torch.show.canvas import save_figure
-from vocc_torch.show.styles import ends_text, point_text, value_text
-from vocc_torch.show.tensorboard import write_boards
-from vocc_torch.show.terminal import ProgressView, plain_table
 from vocc_torch.studies.classifiers import RivalsConfig
 from vocc_torch.studies.classifiers.figures import curves_figure, scenes_figure
 from vocc_torch.studies.classifiers.plan import build_classifier_study
@@ -52,7 +49,7 @@ def run_classifiers(settings: Settings, config: RivalsConfig, folder: Path) -> N
             ledger = run_folder.open_ledger(path, identity(plan, (study.locator,)), console)
             ledgers[name] = held.enter_context(ledger)
         run_folder.write_config(settings, folder)
-        view = held.enter_context(ProgressView(frames, console))
+        view = held.enter_context(terminal.ProgressView(frames, console))
         workers = held.enter_context(Workers(settings.workers))
 
         @contextmanager
@@ -95,7 +92,7 @@ def write_tables(folder: Path, comparison: Comparison) -> None:
         VoccError: a file cannot be written.
     """
     rows = [row for table in comparison.tables.values() for row in run_folder.ber_rows(table)[1:]]
-    run_folder.write_rows(folder / "ber.csv", [COLUMNS, *rows])
+    run_folder.write_rows(folder / "ber.csv", [curve.COLUMNS, *rows])
     files = {"paired": paired_lines, "classifiers": classifier_lines}
     files |= {"genie": genie_lines} if comparison.genie else {}
     files |= {"robustness": scene_lines} if comparison.transfers else {}
@@ -164,7 +161,7 @@ def genie_lines(comparison: Comparison) -> Iterator[run_folder.Cells]:
             counts, best = one.genie.counts, one.best
             place = (name, comparison.curves[name].axis, value)
             least = one.receivers[best[0]].bit_errors if best else None
-            found = (counts.frames, counts.bits, counts.bit_errors, *_cells(ber_interval(counts)))
+            found = (counts.frames, counts.bits, counts.bit_errors, *_cells(intervals.ber_interval(counts)))
             yield (*place, *found, one.genie.proven, one.genie.seconds_a_frame, " ".join(best), least)
 
 
@@ -177,7 +174,7 @@ def scene_lines(comparison: Comparison) -> Iterator[run_folder.Cells]:
     yield (*head, "frame_errors", "panels_missed", *_RATIO)
     for one in comparison.transfers:
         counts = one.counts
-        found = (counts.frames, counts.bits, counts.bit_errors, *_cells(ber_interval(counts)))
+        found = (counts.frames, counts.bits, counts.bit_errors, *_cells(intervals.ber_interval(counts)))
         wrong = (counts.frame_errors, counts.panels_missed, *_cells(one.ratio))
         yield (one.trained_on, one.tested_on, one.receiver, *found, *wrong)
 
@@ -202,7 +199,7 @@ def write_board(
     for receiver in [*comparison.ranked, *([GENIE] if comparison.genie else [])]:
         told: dict[str, float | None] = {}
         for experiment, value in comparison.points.items():
-            point = f"{experiment}_{value_text(value)}"
+            point = f"{experiment}_{styles.value_text(value)}"
             row = comparison.row(experiment, receiver, value)
             ratio = comparison.ratio(experiment, receiver, value)
             told[f"BER/{point}"] = None if row is None else row.ber
@@ -212,7 +209,7 @@ def write_board(
             told |= {"making/parameters": made.parameters, "making/size_bytes": made.size_bytes}
         told["bits_ms"] = comparison.decision_ms.get(receiver)
         numbers[receiver] = {what: float(given) for what, given in told.items() if given is not None}
-    write_boards(folder, {"": list(comparison.tables.values())}, figures, {}, texts, numbers)
+    tensorboard.write_boards(folder, {"": list(comparison.tables.values())}, figures, {}, texts, numbers)
 
 
 def print_table(comparison: Comparison, console: Console) -> None:
@@ -227,15 +224,15 @@ def print_table(comparison: Comparison, console: Console) -> None:
     wide, of = console.width >= _WIDE, f"of\n{comparison.reference}"
     heads = [head for name in comparison.points for head in (f"BER at\n{comparison.point_label(name)}", of)]
     costs = ["training\ns", *(["frames", "para-\nmeters", "kB"] if wide else []), "bits\nms"]
-    table = plain_table("receiver", *heads, *costs)
+    table = terminal.plain_table("receiver", *heads, *costs)
     table.columns[0].justify, table.columns[0].no_wrap, table.columns[0].overflow = "left", False, "fold"
     for receiver in [*([GENIE] if comparison.genie else []), *comparison.ranked]:
         line = [KNOWS if receiver == GENIE else receiver]
         for name, value in comparison.points.items():
             row, ratio = comparison.row(name, receiver, value), comparison.ratio(name, receiver, value)
-            text = "" if row is None else point_text(row)
+            text = "" if row is None else styles.point_text(row)
             if row is not None and not row.error_free:
-                text += f"\n{ends_text(row.ber_low, row.ber_high)}"
+                text += f"\n{styles.ends_text(row.ber_low, row.ber_high)}"
             elif row is not None and receiver == GENIE:
                 # A limit would tell of the genie's few frames alone.
                 text = f"0 of\n{row.bits} bits"

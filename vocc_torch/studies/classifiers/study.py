@@ -6,16 +6,11 @@ from dataclasses import replace
 from itertools import product
 
 from vocc_torch.errors import VoccError
-from vocc_torch.measure import stage_times, sweep
-from vocc_torch.measure.build import built
-from vocc_torch.measure.frame_errors import Banks, FrameErrors, FrameJob
+from vocc_torch.measure import build, frame_errors, ledger, schedule, stage_times, sweep, timing
 from vocc_torch.measure.genie.genie import genie_reference
 from vocc_torch.measure.genie.likelihood import UnknownLikelihoodError
-from vocc_torch.measure.ledger import Ledger
 from vocc_torch.measure.link import Link
 from vocc_torch.measure.plan import Plan
-from vocc_torch.measure.schedule import Outcome
-from vocc_torch.measure.timing import threads
 from vocc_torch.measure.train import Training, train, train_alone
 from vocc_torch.measure.workers import Workers, worker_losses_told
 from vocc_torch.receiver.bank import FLDA_FEATURES, ReceiverBank, needs_preambles
@@ -37,7 +32,7 @@ Advance = Callable[[str, int], None]
 
 def compare_classifiers(
     study: ClassifierStudy,
-    ledgers: Mapping[str, Ledger],
+    ledgers: Mapping[str, ledger.Ledger],
     workers: Workers,
     stage: Stage = nullcontext,
     advance: Advance = lambda what, frames: None,
@@ -60,7 +55,7 @@ def compare_classifiers(
     names, plans = study.base.receiver.names, study.plans
     for one in study.base.receiver.classifiers:
         # What cannot be built is refused now, and not when its turn comes.
-        built(one)
+        build.built(one)
     with stage("training"):
         # FLDA is always trained: the receiver that is kept is one.
         wanted = tuple(dict.fromkeys((*names, *FLDA_FEATURES)))
@@ -77,7 +72,7 @@ def compare_classifiers(
     )
     with stage("bit error rates"):
         at = study.locator
-        outcomes: dict[str, dict[float, Outcome]] = {name: {} for name in plans}
+        outcomes: dict[str, dict[float, schedule.Outcome]] = {name: {} for name in plans}
         studies = [sweep.Study(name, plan, (at,)) for name, plan in plans.items()]
         here = {name: {at: bank} for name, bank in banks.items()}
 
@@ -138,13 +133,13 @@ def genie_points(
 
 def counted(
     plan: Plan, model: SceneModel, point: str, banks: Sequence[ReceiverBank], frames: int, workers: Workers
-) -> Callable[[], FrameErrors]:
+) -> Callable[[], frame_errors.FrameErrors]:
     """Hand out a point's frames; what is returned waits for the errors, a row for each bank's receivers."""
     locator = plan.receiver.locator
-    receivers = Banks([(locator, bank) for bank in banks])
-    job = FrameJob(plan, model, point, (locator,), receivers, receivers.needs_preambles)
+    receivers = frame_errors.Banks([(locator, bank) for bank in banks])
+    job = frame_errors.FrameJob(plan, model, point, (locator,), receivers, receivers.needs_preambles)
     calls = job.handed_out(frames, workers)
-    return lambda: FrameErrors.joined(call.result() for call in calls)
+    return lambda: frame_errors.FrameErrors.joined(call.result() for call in calls)
 
 
 def across_scenes(
@@ -193,7 +188,7 @@ def across_scenes(
 def train_or_say_why(plan: Plan) -> ReceiverBank | str:
     """Train every receiver of a plan that learns, or say why that cannot be."""
     try:
-        with threads(1):
+        with timing.threads(1):
             training = train(plan, keep=True)
     except VoccError as error:
         return str(error)
@@ -215,7 +210,7 @@ def decision_times(plan: Plan, training: Training) -> dict[str, float]:
     names, link = plan.receiver.names, Link.of(plan)
     model, key = plan.experiment.training_model(plan.world), BlockKey(plan.seed, "times", 0)
     receivers = {name: StagedReceiver(training.bank([name]), link.reader, link.locator) for name in names}
-    with threads(1):
+    with timing.threads(1):
         exposure = stage_times.Exposure.of(plan.world, model, [key], preambles=needs_preambles(names))
         device = link.simulator.device
         timed = stage_times.time_stages(receivers, exposure, BLOCK_FRAMES, TIMED_REPEATS, device)
