@@ -172,7 +172,8 @@ def cells(row: curve.Row) -> list[str]:
     """Write a point's cells, in the order of the columns of ``ber.csv``.
 
     Example:
-        >>> cells(Row("s", "contrast", 0.1, "flda_3", "truth", 1, 64, 0.0, 0.0, 0.0, 1.0, 0, 0, "x"))[2:8]
+        >>> row = curve.Row("s", "contrast", 0.1, "flda_3", "truth", 1, 64, 0.0, 0.0, 0.0, 1.0, 0, 0, "x")
+        >>> cells(row)[2:8]
         ['0.1', 'flda_3', 'truth', '1', '64', '0']
     """
     return [cell_text(getattr(row, name)) for name in curve.COLUMNS]
@@ -182,7 +183,7 @@ def ber_rows(table: curve.BerTable) -> list[Sequence[str]]:
     """Give the lines of ``ber.csv`` with their head: by receiver as they came, by ascending value.
 
     Example:
-        >>> len(ber_rows(BerTable()))
+        >>> len(ber_rows(curve.BerTable()))
         1
     """
     return [curve.COLUMNS, *(cells(row) for receiver in table.receivers for row in table.of(receiver))]
@@ -205,7 +206,7 @@ def read_tables(path: str | Path) -> dict[tuple[str, str], curve.BerTable]:
     Example:
         >>> import tempfile
         >>> with tempfile.TemporaryDirectory() as folder:
-        ...     write_rows(Path(folder) / "ber.csv", ber_rows(BerTable()))
+        ...     write_rows(Path(folder) / "ber.csv", ber_rows(curve.BerTable()))
         ...     len(read_tables(Path(folder) / "ber.csv"))
         0
     """

@@ -5,15 +5,12 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 from matplotlib import cm, colormaps, colors, ticker
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 from matplotlib.patheffects import withStroke
 
 from vocc_torch.measure.grid import Best, Floats, Grid, best_luminance
 from vocc_torch.show import canvas, plots, styles
-from vocc_torch.show.canvas import GRID, INK, QUIET
+from vocc_torch.show.canvas import GRID, INK, QUIET, Axes, Figure, Line2D
 
 NO_ERRORS = "#F4F4F2"
 """Colour of a cell without errors."""

@@ -6,14 +6,12 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 from matplotlib import ticker
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from torch import Tensor
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.curve import BerTable, Row
 from vocc_torch.show import canvas
+from vocc_torch.show.canvas import Axes, Figure, Line2D
 from vocc_torch.show.styles import Style, axis_label, count_text, range_text, receiver_styles, value_text
 
 _SHARES = ("contrast",)

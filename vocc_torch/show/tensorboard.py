@@ -14,13 +14,13 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from torch.utils.tensorboard import SummaryWriter
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.curve import BerTable
 from vocc_torch.show import canvas, page, styles
+from vocc_torch.show.canvas import Figure
 
 Picture = NDArray[np.uint8]
 

@@ -6,10 +6,11 @@ from contextlib import contextmanager
 from typing import Any, Self
 
 from rich import box, progress
-from rich.console import Console, RenderableType
+from rich.console import Console as Console
+from rich.console import RenderableType
 from rich.measure import Measurement
 from rich.table import Table
-from rich.text import Text
+from rich.text import Text as Text
 
 from vocc_torch.measure.curve import BerTable, Point, Row
 from vocc_torch.measure.plan import Plan

@@ -5,15 +5,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from vocc_torch.measure import estimate, stage_times
 from vocc_torch.show import canvas, page
-from vocc_torch.show.canvas import GRID, INK
+from vocc_torch.show.canvas import GRID, INK, Axes, Figure, Line2D
 from vocc_torch.show.styles import receiver_styles
 
 Place = tuple[str, int]

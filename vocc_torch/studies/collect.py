@@ -9,16 +9,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal, NoReturn
 
-from matplotlib.figure import Figure
-from rich.console import Console
-from rich.text import Text
-
 from vocc_torch.errors import VoccError
 from vocc_torch.measure import config, curve
 from vocc_torch.show import folder as run_folder
-from vocc_torch.show import styles, terminal
-from vocc_torch.show.canvas import save_figure
+from vocc_torch.show import styles
+from vocc_torch.show.canvas import Figure, save_figure
 from vocc_torch.show.plots import facet_figure, interval_note
+from vocc_torch.show.terminal import Console, Text, plain_table
 
 INTO_INPUT = "collect"
 """The name under which results go into the input folder, as conf/task/collect.yaml has it."""
@@ -341,7 +338,7 @@ def print_jobs(jobs: Sequence[Job], keys: Sequence[str], console: Console) -> No
     taken += sum(max(_RATE, *map(len, name.split("_"))) + _GAP for name in receivers)
     # Terminals too narrow for a column a receiver get a line for each job and receiver.
     wide = taken + _LEAST_LABEL <= console.width
-    shown = terminal.plain_table()
+    shown = plain_table()
     shown.add_column("job", overflow="fold")
     shown.add_column("what differs", overflow="fold", max_width=_MOST_LABEL)
     for head in receivers if wide else ("receiver", "lowest", "highest"):

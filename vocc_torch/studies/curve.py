@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from rich.console import Console
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure import build, config, curve, paired, sweep, train
@@ -22,7 +21,7 @@ from vocc_torch.show import folder as run_folder
 from vocc_torch.show import heatmap, plots, tensorboard
 from vocc_torch.show.canvas import annotated, enlarged, save_figure
 from vocc_torch.show.styles import axis_label, receiver_styles, value_text
-from vocc_torch.show.terminal import ProgressView, StudyView, print_table, train_shown
+from vocc_torch.show.terminal import Console, ProgressView, StudyView, print_table, train_shown
 from vocc_torch.simulation.framing import crop_origins_px, panel_centre_px
 
 
@@ -201,7 +200,7 @@ def compared(curves: curve.Curves, reference: str) -> list[str]:
         reference: a receiver; nothing is said if it is not in the experiment, or alone.
 
     Example:
-        >>> compared(Curves("d", "distance_m", "truth", ("flda_3",), (), {}, {}, {}), "flda_3")
+        >>> compared(curve.Curves("d", "distance_m", "truth", ("flda_3",), (), {}, {}, {}), "flda_3")
         []
     """
     styles, lines = receiver_styles([*curves.receivers, reference]), []

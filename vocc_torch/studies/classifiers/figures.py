@@ -4,12 +4,11 @@ import math
 import textwrap
 
 import numpy as np
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from matplotlib.ticker import NullLocator
 
 from vocc_torch.measure import curve, intervals
 from vocc_torch.show import canvas, heatmap, page, plots
+from vocc_torch.show.canvas import Figure, Line2D
 from vocc_torch.show.styles import Style, axis_label, range_text, rate_text, receiver_styles, value_text
 from vocc_torch.studies.classifiers.results import GENIE, KNOWS, Comparison, Transfer, ratio_text
 

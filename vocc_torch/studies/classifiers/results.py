@@ -165,7 +165,8 @@ def ratio_text(ratio: estimate.Estimate, most: bool = False) -> str:
         most: write the high end alone.
 
     Example:
-        >>> [ratio_text(Estimate(*one)) for one in ((0, 0, 0.0027), (0.031, 0.02, 0.05), (4.2, 3.0, 6.0))]
+        >>> ratios = (0, 0, 0.0027), (0.031, 0.02, 0.05), (4.2, 3.0, 6.0)
+        >>> [ratio_text(estimate.Estimate(*one)) for one in ratios]
         ['< 1/370', '1/32', '4.2 x']
     """
     limit = "< " if ratio.value == 0 and not most else ""

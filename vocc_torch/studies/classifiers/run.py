@@ -5,10 +5,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
-from matplotlib.figure import Figure
-from rich.console import Console
-from rich.text import Text
-
 from vocc_torch.files import write_atomically
 from vocc_torch.measure import curve, intervals
 from vocc_torch.measure.config import Settings
@@ -17,8 +13,9 @@ from vocc_torch.measure.paired import paired_interval, sign_test
 from vocc_torch.measure.plan import identity
 from vocc_torch.measure.workers import Workers
 from vocc_torch.show import folder as run_folder
-from vocc_torch.show import styles, tensorboard, terminal
-from vocc_torch.show.canvas import save_figure
+from vocc_torch.show import styles, tensorboard
+from vocc_torch.show.canvas import Figure, save_figure
+from vocc_torch.show.terminal import Console, ProgressView, Text, plain_table
 from vocc_torch.studies.classifiers import RivalsConfig
 from vocc_torch.studies.classifiers.figures import curves_figure, scenes_figure
 from vocc_torch.studies.classifiers.plan import build_classifier_study
@@ -49,7 +46,7 @@ def run_classifiers(settings: Settings, config: RivalsConfig, folder: Path) -> N
             ledger = run_folder.open_ledger(path, identity(plan, (study.locator,)), console)
             ledgers[name] = held.enter_context(ledger)
         run_folder.write_config(settings, folder)
-        view = held.enter_context(terminal.ProgressView(frames, console))
+        view = held.enter_context(ProgressView(frames, console))
         workers = held.enter_context(Workers(settings.workers))
 
         @contextmanager
@@ -224,7 +221,7 @@ def print_table(comparison: Comparison, console: Console) -> None:
     wide, of = console.width >= _WIDE, f"of\n{comparison.reference}"
     heads = [head for name in comparison.points for head in (f"BER at\n{comparison.point_label(name)}", of)]
     costs = ["training\ns", *(["frames", "para-\nmeters", "kB"] if wide else []), "bits\nms"]
-    table = terminal.plain_table("receiver", *heads, *costs)
+    table = plain_table("receiver", *heads, *costs)
     table.columns[0].justify, table.columns[0].no_wrap, table.columns[0].overflow = "left", False, "fold"
     for receiver in [*([GENIE] if comparison.genie else []), *comparison.ranked]:
         line = [KNOWS if receiver == GENIE else receiver]

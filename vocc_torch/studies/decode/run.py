@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from rich.console import Console
 
 from vocc_torch.errors import VoccError
 from vocc_torch.files import atomic_file
@@ -20,6 +19,7 @@ from vocc_torch.measure.train import train, trained_receiver
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.show import folder as run_folder
 from vocc_torch.show.canvas import annotated
+from vocc_torch.show.terminal import Console
 from vocc_torch.studies.decode import DecodeConfig
 from vocc_torch.studies.decode.recording import RecordedFrame, read_recording
 
