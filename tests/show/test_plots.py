@@ -1,6 +1,5 @@
 """Figures show every point, at its place, and nothing that was not measured."""
 
-
 import numpy as np
 import pytest
 import torch

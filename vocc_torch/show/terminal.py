@@ -277,15 +277,10 @@ class StudyView(ProgressView):
 
     def _table(self) -> RenderableType:
         """Draw the table so far."""
-        return ber_table(
-            BerTable((*self._rows, *self._interim)),
-            self.console,
-            sorted(self._values),
-            self._receivers,
-            axis=self._axis,
-            interim={point.value for point in self._interim},
-            lines=self.console.height - _FRAME_LINES,
-        )
+        table, values = BerTable((*self._rows, *self._interim)), sorted(self._values)
+        interim, lines = {point.value for point in self._interim}, self.console.height - _FRAME_LINES
+        look: dict[str, Any] = {"axis": self._axis, "interim": interim, "lines": lines}
+        return ber_table(table, self.console, values, self._receivers, **look)
 
 
 def train_shown(plan: Plan, console: Console) -> Training:

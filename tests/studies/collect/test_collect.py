@@ -7,14 +7,13 @@ import pytest
 import yaml
 from hypothesis import given
 from hypothesis import strategies as st
-from matplotlib.colors import to_hex
+from paper_runs import white
 from PIL import Image
 from rich.console import Console
 
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.curve import COLUMNS, BerTable, Point
 from vocc_torch.show.folder import ber_rows, write_rows
-from vocc_torch.show.styles import receiver_styles
 from vocc_torch.studies.collect import (
     MOST_FACETS,
     Job,
@@ -67,8 +66,9 @@ def rows_of(path):
 # The whole way
 
 
-def test_a_multirun_is_collected(app, tmp_path):
+def test_a_multirun_is_collected(app, tmp_path, monkeypatch):
     """One job and one mistake: every point is there once, beside what tells the jobs apart."""
+    monkeypatch.setattr("vocc_torch.studies.curve.save_figure", white)
     assert app(*QUICK, "name=two", "-m", "experiment.values=[4000,8000]", "seed=1,-1").status == 2
     folder = tmp_path / "runs" / "two"
     ran = app("task=collect", "input=runs/two")
@@ -290,37 +290,15 @@ def jobs():
     ]
 
 
-def test_facets_share_the_scale_of_rates_and_the_colours():
+def test_facets_share_the_scale_of_rates_and_say_what_is_missing():
     figure = jobs_figure(jobs(), ["seed"], "Three")
     first, failed, last = figure.axes
     assert first.get_ylim() == last.get_ylim()
-    styles = receiver_styles(["flda_agr", "flda_2", "flda_3"])
-    for axes, receivers in ((first, ("flda_2", "flda_3")), (last, tuple(styles))):
-        drawn = {line.get_label(): to_hex(line.get_color()).upper() for line in axes.lines}
-        for receiver in receivers:
-            assert drawn[styles[receiver].label] == styles[receiver].colour
     assert (first.get_xlabel(), last.get_xlabel()) == ("Distance (m)", "Ambient light (lx)")
     assert [axes.get_title("left") for axes in figure.axes] == [
         *("job 0: seed=1", "job 1: seed=2, failed", "job 2: seed=3")
     ]
     assert "seed is 2" in "".join(text.get_text() for text in failed.texts)
-    (legend,) = figure.legends
-    assert [text.get_text() for text in legend.get_texts()] == [style.label for style in styles.values()]
-
-
-@pytest.mark.parametrize("count", [1, 7, MOST_FACETS])
-def test_facets_never_overlap_or_leave_the_figure(count):
-    many = [Job(str(n), "failed", settings={"long": "x" * 300}) for n in range(count)]
-    figure = jobs_figure(many, ["long"], "Many")
-    boxes = [axes.get_position() for axes in figure.axes]
-    assert len(boxes) == count
-    figure.draw_without_rendering()
-    for number, box in enumerate(boxes):
-        assert 0 < box.x0 < box.x1 < 1
-        assert 0 < box.y0 < box.y1 < 1
-        head = figure.axes[number]._left_title.get_window_extent()
-        assert head.y1 < figure.bbox.y1
-        assert not any(head.overlaps(other.bbox) for other in figure.axes)
 
 
 @pytest.mark.parametrize("width", [60, 160])

@@ -145,15 +145,6 @@ def test_a_picture_of_one_pixel_or_one_grey_holds_no_panel(receiver, tmp_path, s
     assert (reading.text, reading.row()[12]) == ("", "")
 
 
-def test_transparency_is_left_out(near, tmp_path):
-    frames, _ = near
-    pictures = {"grey.png": np.stack([frames[0], 0 * frames[0]], axis=2)}
-    pictures["colour.png"] = np.stack([frames[0]] * 3 + [0 * frames[0]], axis=2)
-    for name, picture in pictures.items():
-        (frame,) = read_recording(save(tmp_path / name, picture), "luma")
-        assert np.array_equal(frame.grey, frames[0])
-
-
 def test_grey_values_of_other_than_eight_or_sixteen_bits_are_refused(near, tmp_path):
     """They would all be white."""
     for value in (65536, -1):
