@@ -18,8 +18,9 @@ from vocc_torch.measure.workers import Workers
 from vocc_torch.receiver.features import FEATURE_NAMES
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.show import folder as run_folder
-from vocc_torch.show import heatmap, plots, tensorboard
+from vocc_torch.show import heatmap, tensorboard
 from vocc_torch.show.canvas import annotated, enlarged, save_figure
+from vocc_torch.show.plots import ber_figure, feature_histograms
 from vocc_torch.show.styles import axis_label, receiver_styles, value_text
 from vocc_torch.show.terminal import Console, ProgressView, StudyView, print_table, train_shown
 from vocc_torch.simulation.framing import crop_origins_px, panel_centre_px
@@ -119,10 +120,10 @@ def write_results(
     camera, panel = plan.world.camera, plan.world.panel.shape
     seen = f"{panel.rows} x {panel.columns} LEDs, {camera.focal_length_mm:g} mm lens"
     title = f"Bit error rate, experiment “{plan.experiment.name}”: {seen}"
-    figure = plots.ber_figure(table, axis_label(table.axis), title)
+    figure = ber_figure(table, axis_label(table.axis), title)
     save_figure(figure, folder / "ber.png")
     names = [name.upper() for name in FEATURE_NAMES]
-    histograms = plots.feature_histograms(training.features, training.bits, names)
+    histograms = feature_histograms(training.features, training.bits, names)
     save_figure(histograms, folder / "features.png")
     if settings.tensorboard:
         pictures = sample_frames(plan, train.trained_receiver(plan, training))

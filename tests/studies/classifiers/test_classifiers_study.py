@@ -19,6 +19,7 @@ from vocc_torch.receiver.classifiers.inputs import Inputs, Patch
 from vocc_torch.receiver.classifiers.training import TrainingRecipe
 from vocc_torch.rng import BlockKey
 from vocc_torch.simulation import Distribution
+from vocc_torch.studies.classifiers import RivalsConfig
 from vocc_torch.studies.classifiers import study as study_module
 from vocc_torch.studies.classifiers.plan import ClassifierStudy
 from vocc_torch.studies.classifiers.study import (
@@ -68,14 +69,14 @@ def plan(make_plan):
 def study(plan):
     """One experiment, the genie on eight frames, and fog beside."""
     fog = replace(plan, world=World(device="cpu", effects=FOG))
-    return ClassifierStudy(
-        {"far": plan},
+    config = RivalsConfig(
+        reference="flda_3",
         points={"far": 70.0},
         genie_frames=8,
-        scenes={"fog": fog},
         scene_frames=70,
         scene_training_frames=64,
     )
+    return ClassifierStudy({"far": plan}, config, scenes={"fog": fog})
 
 
 def compared(study, folder):
@@ -198,7 +199,7 @@ def test_a_mix_of_scenes_is_of_those_of_its_home(study):
 def test_scenes_that_the_genie_does_not_know_are_named(study):
     plan = study.base
     world = replace(plan.world, effects={**plan.world.effects, "jpeg": {"quality": 90}})
-    other = replace(study, plans={"far": replace(plan, world=world)}, scenes={}, genie_frames=4)
+    other = replace(study, plans={"far": replace(plan, world=world)}, scenes={})
     with Workers(1) as alone:
         points, refused = genie_points(other, {"far": None}, alone, lambda what, frames: None)
     assert points == {}
@@ -234,12 +235,14 @@ def test_a_scene_without_panels_is_left_out_and_named(study, monkeypatch):
     ],
 )
 def test_mistakes_are_named(study, changes, said):
+    if not changes.keys() <= {"plans", "home"}:
+        changes = {"config": replace(study.config, **changes)}
     with pytest.raises(VoccError) as caught:
         replace(study, **changes)
     assert said in str(caught.value)
 
 
-def test_contrast_is_no_axis_of_the_comparison(plan):
+def test_contrast_is_no_axis_of_the_comparison(study, plan):
     bins = replace(plan, experiment=Experiment("bins", "contrast", (0.0, 0.1, 0.6)))
     with pytest.raises(VoccError, match=r"rivals\.experiments\.bins is over contrast"):
-        ClassifierStudy({"bins": bins})
+        replace(study, plans={"bins": bins})

@@ -63,11 +63,11 @@ def compare_classifiers(
         trained = train_alone(every, workers)
     banks = {name: one.bank(names) for name, one in zip(plans, trained, strict=True)}
     measured = Comparison(
-        reference=study.reference,
+        reference=study.config.reference,
         costs={name: trained[0].making(name) for name in names},
-        points=study.points,
+        points=study.config.points,
         home=study.home,
-        most_training_frames=study.scene_training_frames,
+        most_training_frames=study.config.scene_training_frames,
         left_out=study.left_out,
     )
     with stage("bit error rates"):
@@ -83,7 +83,7 @@ def compare_classifiers(
             outcomes[experiment.key][value] = outcome
         curves = {each.key: sweep.measured(each, outcomes[each.key]).curves[at] for each in studies}
         measured = replace(measured, curves=curves)
-    if study.genie_frames:
+    if study.config.genie_frames:
         with stage("the genie"):
             genie, no_genie = genie_points(study, banks, workers, advance)
             measured = replace(measured, genie=genie, no_genie=no_genie)
@@ -114,7 +114,7 @@ def genie_points(
     refused: dict[str, str] = {}
     for name, plan in study.plans.items():
         points: dict[float, GeniePoint] = {}
-        frames = min(study.genie_frames, plan.budget.frames)
+        frames = min(study.config.genie_frames, plan.budget.frames)
         try:
             for value in plan.experiment.values:
                 advance(f"the genie at {name} {value:g}", 0)
