@@ -148,8 +148,8 @@ def dimming_figure(
     side = _SIDE_IN if len(names) > 1 else _SINGLE_SIDE_IN
     shape, margins = (math.ceil(len(names) / columns), columns), (_LEFT_IN, _LEFT_IN + _GAP_IN, 1.05, 0.9)
     figure, panels = canvas.new_grid(shape, (side, side), (_GAP_IN, 0.45), margins, len(names))
-    plateau = False
-    looks = styles.receiver_styles(names)
+    across, up = styles.axis_label(grid.row_axis), styles.axis_label(grid.column_axis)
+    looks, plateau = styles.receiver_styles(names), False
     for number, (axes, name) in enumerate(zip(panels, names, strict=True)):
         style, best = looks[name], best_luminance(grid, name)
         plateau |= any(len(one.least_cd_m2) > 1 for one in best)
@@ -161,10 +161,8 @@ def dimming_figure(
         heading.set(va="center", size=11.5, weight="bold")
         lowest, leftmost = number + columns >= len(names), number % columns == 0
         axes.tick_params(labelbottom=lowest, labelleft=leftmost)
-        axes.set_xlabel(
-            styles.axis_label(grid.row_axis) if lowest else "", fontsize=11, color=INK, labelpad=5
-        )
-        axes.set_ylabel(styles.axis_label(grid.column_axis) if leftmost else "", fontsize=11, color=INK)
+        axes.set_xlabel(across if lowest else "", fontsize=11, color=INK, labelpad=5)
+        axes.set_ylabel(up if leftmost else "", fontsize=11, color=INK)
     width, height = figure.get_size_inches()
     below, top = 0.9 / height, 1 - 1.05 / height
     draw_scale(figure, (1 - 0.89 / width, below, 0.15 / width, top - below), norm)
@@ -201,10 +199,8 @@ def draw_map(axes: Axes, grid: Grid, receiver: str, norm: colors.LogNorm, best: 
     numbered = ber.size <= _MOST_NUMBERS
     for (i, j), rate in np.ndenumerate(ber):
         if not rate:
-            cell = Rectangle(
-                (float(across[j]), float(up[i])), widths[j], heights[i], hatch="////", linewidth=0
-            )
-            cell.set(facecolor=NO_ERRORS, edgecolor=_HATCH)
+            cell = Rectangle((float(across[j]), float(up[i])), widths[j], heights[i], linewidth=0)
+            cell.set(facecolor=NO_ERRORS, edgecolor=_HATCH, hatch="////")
             axes.add_patch(cell)
         if numbered:
             at = math.log2(grid.rows[j]) + 0.06 * widths[j], math.log2(grid.columns[i]) - 0.2 * heights[i]

@@ -93,7 +93,8 @@ def run_decode(settings: Settings, config: DecodeConfig, folder: Path) -> None:
         raise VoccError("input is null: task=decode needs input=PICTURE, a folder of pictures or a video")
     source, console = Path(settings.input), Console()
     recording = read_recording(source, config.channel)
-    receiver = receiver_for(build_plan(settings, folder), Path(settings.model) if settings.model else None)
+    model = None if settings.model is None else Path(settings.model)
+    receiver = receiver_for(build_plan(settings, folder), model)
     rows, best, names = [], None, set[str]()
     try:
         for reading in decode(receiver, recording):
@@ -117,7 +118,7 @@ def run_decode(settings: Settings, config: DecodeConfig, folder: Path) -> None:
         raise VoccError(f"input {source} shows no panel in {len(rows)} of {len(rows)} frames: {hint}")
     run_folder.write_rows(folder / "bits.csv", [COLUMNS, *rows])
     run_folder.write_config(settings, folder)
-    if settings.model is None:
+    if model is None:
         receiver.save(folder / "receiver.pt")
     # The bits as they sit on the panel.
     on, off = ("#", ".") if console.options.ascii_only else ("●", "·")
