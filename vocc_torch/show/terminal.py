@@ -166,16 +166,11 @@ class ProgressView:
     ) -> None:
         """Prepare the view; nothing is drawn before the context is entered."""
         self.console = console or Console()
-        self._bar = _Bar(
-            *(progress.TextColumn("{task.description}"), progress.BarColumn(bar_width=None)),
-            *(progress.TextColumn("{task.percentage:>3.0f} %"), _Speed()),
-            *(progress.TimeRemainingColumn(), progress.TextColumn("left")),
-            console=self.console,
-            refresh_per_second=4,
-            transient=True,
-            expand=True,
-            disable=not self.console.is_terminal or self.console.is_dumb_terminal,
-        )
+        drawn = self.console.is_terminal and not self.console.is_dumb_terminal
+        columns = ("{task.description}", progress.BarColumn(None), "{task.percentage:>3.0f} %", _Speed())
+        look: dict[str, Any] = {"refresh_per_second": 4, "transient": True, "expand": True}
+        left = (progress.TimeRemainingColumn(), "left")
+        self._bar = _Bar(*columns, *left, console=self.console, disable=not drawn, **look)
         self._bar.below = below
         self._task = self._bar.add_task(doing, total=frames)
 

@@ -27,6 +27,7 @@ _WIDE = 110
 
 _ENDS = ("ber", "ber_low", "ber_high")
 _RATIO = ("ratio", "ratio_low", "ratio_high")
+_WORSE = ("receiver_worse", "reference_worse")
 
 
 def run_classifiers(settings: Settings, config: RivalsConfig, folder: Path) -> None:
@@ -106,11 +107,8 @@ def paired_lines(comparison: Comparison) -> Iterator[run_folder.Cells]:
     ``difference`` is the receiver's rate less the reference's, ``ratio`` the one over the other: empty where
     the reference made no error; ``receiver_worse`` and ``reference_worse`` count frames.
     """
-    yield (
-        *("experiment", "axis", "value", "locator", "receiver", "reference", "frames"),
-        *("difference", "difference_low", "difference_high", "real"),
-        *(*_RATIO, "receiver_worse", "reference_worse", "sign_test_p"),
-    )
+    head = ("experiment", "axis", "value", "locator", "receiver", "reference", "frames", "difference")
+    yield (*head, "difference_low", "difference_high", "real", *_RATIO, *_WORSE, "sign_test_p")
     reference = comparison.reference
     for name, curves in comparison.curves.items():
         for value in curves.values:
