@@ -10,8 +10,8 @@ from PIL import Image
 
 from vocc_torch.errors import VoccError
 from vocc_torch.receiver.receiver import Receiver
+from vocc_torch.studies.curve import run_train
 from vocc_torch.studies.decode.run import run_decode
-from vocc_torch.studies.training import run_train
 
 
 @pytest.fixture(scope="module")

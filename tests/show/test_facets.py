@@ -65,24 +65,19 @@ def test_both_axes_are_the_same_everywhere(figure):
     assert low < min(row.ber for row in rows if row.ber) < max(row.ber_high for row in rows) < high
 
 
-def test_receivers_look_as_everywhere(figure):
+def test_receivers_look_as_everywhere_and_stand_at_their_rates(figure):
     styles = receiver_styles(RECEIVERS)
-    for axes in figure.axes:
+    for axes, table in zip(figure.axes, (t for row in six() for t in row.values()), strict=True):
         lines = {line.get_label(): line for line in axes.lines}
-        for style in styles.values():
+        for receiver, style in styles.items():
             line = lines[style.label]
+            assert [y for y in line.get_ydata() if y == y] == [
+                row.ber for row in table.of(receiver) if row.ber
+            ]
             assert to_hex(line.get_color()).upper() == style.colour
             assert (line.get_marker(), line.get_linestyle()) == (style.marker, style.line)
     (legend,) = figure.legends
     assert [text.get_text() for text in legend.get_texts()] == [style.label for style in styles.values()]
-
-
-def test_rates_are_those_of_the_tables(figure):
-    for axes, table in zip(figure.axes, (t for row in six() for t in row.values()), strict=True):
-        for receiver, style in receiver_styles(RECEIVERS).items():
-            line = next(line for line in axes.lines if line.get_label() == style.label)
-            expected = [row.ber for row in table.of(receiver) if row.ber]
-            assert [y for y in line.get_ydata() if y == y] == expected
 
 
 def test_labels_stand_at_the_edges_only(figure):
@@ -108,23 +103,6 @@ def test_no_label_hides_another(figure):
     assert not any(a.overlaps(b) for a, b in itertools.combinations(boxes, 2))
     frame = figure.bbox
     assert all(frame.x0 <= box.x0 and box.x1 <= frame.x1 for box in boxes)
-
-
-def test_one_reading_is_one_facet():
-    figure = facet_figure([{"25 mm lens, panel located": table_of()}], "Fig. 23", "Bars: 95 % intervals")
-    (axes,) = figure.axes
-    assert axes.get_xlabel() == "LED luminance (cd/m²)"
-    assert axes.get_ylabel() == "Bit error rate"
-    title = figure.texts[0].get_window_extent(laid_out(figure))
-    assert title.x1 <= figure.bbox.x1
-
-
-def test_a_receiver_that_is_missing_somewhere_keeps_its_colour():
-    few = table_of(receivers=("flda_3",))
-    figure = facet_figure([{"a": table_of(), "b": few}], "t", "f")
-    style = receiver_styles(["flda_3"])["flda_3"]
-    line = next(line for line in figure.axes[1].lines if line.get_label() == style.label)
-    assert to_hex(line.get_color()).upper() == style.colour
 
 
 def test_rows_of_unequal_length():

@@ -102,18 +102,6 @@ def test_filters_write_rates_and_links(package):
     assert render(package.name, "a.md.j2", of=interval) == "6.6e-4 (1.5e-5 to 1.2e-2) [x](#fig-22)\n"
 
 
-def test_separators_keep_their_blanks(package):
-    (package / "a.md.j2").write_text(
-        "{% for name in names %}{{ ', ' if not loop.first }}{{ name }}{% endfor %}"
-    )
-    assert render(package.name, "a.md.j2", names=["a", "b", "c"]) == "a, b, c"
-
-
-def test_plain_templates_escape_nothing(package):
-    (package / "a.txt.j2").write_text("{{ words }}")
-    assert render(package.name, "a.txt.j2", words="<a_> & `b`") == "<a_> & `b`"
-
-
 def test_a_value_that_is_not_given_is_an_error(package):
     (package / "a.md.j2").write_text("{{ nothing }}")
     with pytest.raises(UndefinedError):
@@ -179,8 +167,7 @@ def test_a_page_holds_everything(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "reason"),
-    [("no.png", "write it before"), ("../a.png", "leads out"), ("text.png", "not a PNG")],
+    ("name", "reason"), [("no.png", "write it before"), ("../a.png", "leads out"), ("text.png", "not a PNG")]
 )
 def test_a_picture_that_cannot_be_shown_is_refused(tmp_path, name, reason):
     (tmp_path / "text.png").write_text("no picture")

@@ -1,7 +1,5 @@
 """Figures show every point, at its place, and nothing that was not measured."""
 
-import sys
-
 import numpy as np
 import pytest
 import torch
@@ -12,7 +10,7 @@ from PIL import Image
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.curve import BerTable
-from vocc_torch.show.canvas import figure_pixels, new_figure, save_figure
+from vocc_torch.show.canvas import figure_pixels, save_figure
 from vocc_torch.show.plots import ber_figure, feature_histograms
 from vocc_torch.show.styles import receiver_styles
 
@@ -30,11 +28,6 @@ def test_curves_stand_at_their_rates_and_close_to_their_values(table):
         rows = table.of(receiver)
         np.testing.assert_allclose(x, [row.value for row in rows], rtol=0.03)
         np.testing.assert_array_equal(y, [np.nan if row.error_free else row.ber for row in rows])
-
-
-def test_receivers_do_not_hide_each_other(table):
-    first, second = (line.get_xdata() for line in curves(ber_figure(table, "x", "t")).values())
-    assert np.all(np.asarray(first) < np.asarray(second))
 
 
 def test_intervals_reach_their_ends(table):
@@ -57,12 +50,6 @@ def test_a_point_without_errors_is_an_arrow_from_its_limit_and_no_line(table):
     assert low < clean.ber_high < high
 
 
-def test_ticks_stand_at_the_measured_values_and_are_named(table):
-    axes = ber_figure(table, "x", "t").axes[0]
-    assert axes.get_xticks().tolist() == [1000, 8000, 32000]
-    assert [label.get_text() for label in axes.get_xticklabels()] == ["1000", "8000", "32000"]
-
-
 @pytest.mark.parametrize(
     ("values", "scale"), [((1000, 32000), "log"), ((30, 70), "linear"), ((-5, 500), "linear")]
 )
@@ -81,12 +68,6 @@ def test_crowded_values_keep_their_ticks_and_lose_names_but_not_at_the_ends():
     assert 5 < sum(name != "" for name in names) < 40
 
 
-def test_the_footnote_says_what_the_points_rest_on(table):
-    texts = " ".join(text.get_text() for text in ber_figure(table, "x", "t").texts)
-    for part in ("2\N{THIN SPACE}000 frames a point", "locator: truth", "95 % intervals", "no errors"):
-        assert part in texts
-
-
 @pytest.mark.parametrize("wrong", [0, 1, 2000])
 def test_a_single_point_of_any_rate_is_drawn_inside_the_axes(wrong):
     axes = ber_figure(BerTable([made_up_point(0.0, "flda_3", wrong, axis="distance_m")]), "x", "t").axes[0]
@@ -101,11 +82,6 @@ def test_an_empty_table_is_refused():
         ber_figure(BerTable(), "x", "t")
 
 
-def test_pyplot_stays_out(table):
-    ber_figure(table, "x", "t")
-    assert "matplotlib.pyplot" not in sys.modules or not sys.modules["matplotlib.pyplot"].get_fignums()
-
-
 def test_a_saved_figure_has_its_pixels(tmp_path, table):
     figure = ber_figure(table, "x", "t")
     save_figure(figure, tmp_path / "new" / "ber.png")
@@ -115,12 +91,6 @@ def test_a_saved_figure_has_its_pixels(tmp_path, table):
     assert [path.name for path in (tmp_path / "new").iterdir()] == ["ber.png"]
 
 
-@pytest.mark.parametrize("suffix", ["pdf", "svg"])
-def test_vector_formats_are_written(tmp_path, suffix):
-    save_figure(new_figure(2, 1), tmp_path / f"figure.{suffix}")
-    assert (tmp_path / f"figure.{suffix}").stat().st_size > 100
-
-
 def test_every_part_stays_on_the_page(table):
     # Six receivers with long names, narrow rates: the legend and labels must not run out.
     names = ["center_greyscale", "average_greyscale", "flda_agr", "flda_gri", "flda_2", "flda_3"]
@@ -128,11 +98,8 @@ def test_every_part_stays_on_the_page(table):
         [made_up_point(value, name, 30 + 3 * n) for n, name in enumerate(names) for value in (3, 51)]
     )
     for figure in (ber_figure(table, "x", "t"), ber_figure(crowd, "Contrast", "A title")):
-        box, size = figure.get_tightbbox(), figure.get_size_inches()
-        assert box.x0 >= 0
-        assert box.y0 >= 0
-        assert box.x1 <= size[0]
-        assert box.y1 <= size[1]
+        box, (width, height) = figure.get_tightbbox(), figure.get_size_inches()
+        assert min(box.x0, box.y0, width - box.x1, height - box.y1) >= 0
 
 
 def test_histograms_are_shares_of_each_kind_of_led():

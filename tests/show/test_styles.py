@@ -6,7 +6,7 @@ from pathlib import Path
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vocc_torch.show.styles import axis_label, receiver_styles
+from vocc_torch.show.styles import receiver_styles
 
 OURS = ["center_greyscale", "average_greyscale", "flda_agr", "flda_gri", "flda_2", "flda_3"]
 
@@ -59,10 +59,3 @@ def _seen(colour, matrix):
     linear = [(int(colour[i : i + 2], 16) / 255) ** 2.2 for i in (1, 3, 5)]
     mixed = [sum(weight * part for weight, part in zip(row, linear, strict=True)) for row in matrix]
     return [min(1.0, max(0.0, part)) ** (1 / 2.2) for part in mixed]
-
-
-def test_axes_have_their_units():
-    assert axis_label("ambient_lx") == "Ambient light (lx)"
-    assert axis_label("led_luminance_cd_m2") == "LED luminance (cd/m²)"
-    assert axis_label("distance_m") == "Distance (m)"
-    assert axis_label("contrast") == "Contrast (G_on \N{MINUS SIGN} G_off)/255"

@@ -29,7 +29,7 @@ from vocc_torch.app.resolve import resolved
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.config import as_yaml
 
-GRID = "grid:run_grid"
+GRID = "curve:run_grid"
 """What runs ``task=test`` where the experiment has rows."""
 
 MULTIRUN = ("-m", "--multirun")

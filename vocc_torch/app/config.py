@@ -15,14 +15,14 @@ from omegaconf import DictConfig, OmegaConf
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.config import ARGUMENT, Settings
-from vocc_torch.studies.classifiers.config import RivalsConfig
+from vocc_torch.studies.classifiers import RivalsConfig
 from vocc_torch.studies.decode import DecodeConfig
 from vocc_torch.studies.effects import EffectsConfig
 from vocc_torch.studies.paper.config import FiguresConfig
 from vocc_torch.studies.tradeoff.config import TradeoffConfig
 
 TASKS = {
-    "train": ("training:run_train", None),
+    "train": ("curve:run_train", None),
     "test": ("curve:run_test", None),
     "decode": ("decode.run:run_decode", "decode"),
     "figures": ("paper.run:run_figures", "figures"),

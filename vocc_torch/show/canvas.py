@@ -1,7 +1,5 @@
 """What pictures share: size, colours, quiet axes, titles, marks and pixels; no pyplot, no global state."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Sequence
 from pathlib import Path
@@ -9,10 +7,11 @@ from typing import Any
 
 import numpy as np
 from matplotlib.artist import Artist
-from matplotlib.axes import Axes
+from matplotlib.axes import Axes as Axes
 from matplotlib.backend_bases import RendererBase
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure as Figure
+from matplotlib.lines import Line2D as Line2D
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
@@ -20,7 +19,6 @@ from vocc_torch.errors import VoccError
 from vocc_torch.files import atomic_file
 
 INK, QUIET, GRID, FINE_GRID = "#222222", "#5F6368", "#E3E6EA", "#F1F3F5"
-_DPI = 120
 
 
 def new_figure(width_in: float, height_in: float) -> Figure:
@@ -34,7 +32,43 @@ def new_figure(width_in: float, height_in: float) -> Figure:
         >>> new_figure(10, 5).get_dpi()
         120
     """
-    return Figure(figsize=(width_in, height_in), dpi=_DPI, facecolor="white")
+    return Figure(figsize=(width_in, height_in), dpi=120, facecolor="white")
+
+
+def new_grid(
+    shape: tuple[int, int],
+    cell_in: tuple[float, float],
+    gap_in: tuple[float, float],
+    margins_in: tuple[float, float, float, float],
+    filled: int | None = None,
+) -> tuple[Figure, list[Axes]]:
+    """Make a figure with axes of one size in rows and columns.
+
+    Args:
+        shape: rows and columns.
+        cell_in: width and height of the axes, inches.
+        gap_in: between neighbours, across and down, inches.
+        margins_in: left, right, above and below, inches.
+        filled: how many axes there are; the last row need not be full.
+
+    Returns:
+        The figure, and its axes row by row.
+
+    Example:
+        >>> figure, axes = new_grid((2, 3), (2.0, 1.0), (0.5, 0.5), (1.0, 1.0, 0.5, 1.0), filled=4)
+        >>> figure.get_size_inches().tolist(), len(figure.axes)
+        ([9.0, 4.0], 4)
+    """
+    (left, right, above, below), (rows, columns) = margins_in, shape
+    width = left + columns * (cell_in[0] + gap_in[0]) - gap_in[0] + right
+    height = above + rows * (cell_in[1] + gap_in[1]) - gap_in[1] + below
+    figure = new_figure(width, height)
+    room = {"left": left / width, "right": 1 - right / width, "top": 1 - above / height}
+    room |= {"bottom": below / height, "wspace": gap_in[0] / cell_in[0], "hspace": gap_in[1] / cell_in[1]}
+    axes = figure.subplots(rows, columns, squeeze=False, gridspec_kw=room).flatten().tolist()
+    for empty in axes[filled:] if filled is not None else ():
+        empty.remove()
+    return figure, axes[:filled]
 
 
 def quiet_axes(axes: Axes) -> None:
@@ -161,19 +195,16 @@ def annotated(
         scale: the picture is enlarged by this whole number before.
     """
     picture = enlarged(colour, scale)
-    draw = ImageDraw.Draw(picture)
-    corners = corners_px * scale
-    rows, columns = bits.shape
-    across, down = (float(np.linalg.norm(corners[i] - corners[0])) for i in (1, 3))
-    cell_px = min(across / columns, down / rows)
-    outline = [(float(x), float(y)) for x, y in [*corners, corners[0]]]
+    draw, corners = ImageDraw.Draw(picture), corners_px * scale
+    sides = np.linalg.norm(corners[[1, 3]] - corners[0], axis=1)
+    cell_px = float(min(sides / bits.shape[::-1]))
+    outline = list(map(tuple, corners[[0, 1, 2, 3, 0]].tolist()))
     draw.line(outline, fill=(0, 158, 115), width=max(1, round(cell_px / 12)))
     radius = max(0.6, 0.16 * cell_px)
-    for (row, column), bit in np.ndenumerate(bits):
+    for place, bit in np.ndenumerate(bits):
         # Bilinear in the quadrilateral is close enough to draw a mark at.
-        u, v = (column + 0.5) / columns, (row + 0.5) / rows
-        top, bottom = (1 - u) * corners[0] + u * corners[1], (1 - u) * corners[3] + u * corners[2]
-        x, y = ((1 - v) * top + v * bottom).tolist()
+        v, u = (np.array(place) + 0.5) / bits.shape
+        x, y = np.array([(1 - v) * (1 - u), (1 - v) * u, v * u, v * (1 - u)]) @ corners
         box = (x - radius, y - radius, x + radius, y + radius)
         draw.ellipse(box, fill=(0, 114, 178) if bit else None, outline=(86, 180, 233))
     return picture

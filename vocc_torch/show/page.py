@@ -1,12 +1,10 @@
 """A report's words from a Jinja2 template, and its Markdown as one HTML page."""
 
-from __future__ import annotations
-
 import base64
 import io
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import lru_cache
 from importlib.resources import files
 from pathlib import Path
@@ -15,14 +13,12 @@ from urllib.parse import unquote
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined, pass_context
 from jinja2.runtime import Context
 from markdown_it import MarkdownIt
-from markdown_it.renderer import RendererHTML
 from markdown_it.token import Token
-from markdown_it.utils import EnvType, OptionsDict
 from markupsafe import Markup
 from PIL import Image, UnidentifiedImageError
 
 from vocc_torch.errors import VoccError
-from vocc_torch.show.text_table import ends_text, rate_text
+from vocc_torch.show.styles import ends_text, rate_text
 
 SIGNS = {"agree": "\N{CHECK MARK}", "differ": "\N{BALLOT X}", "unsure": "?"}
 """What stands before a toned text, so that no verdict is told by colour alone."""
@@ -33,7 +29,7 @@ _LINE_START = re.compile(r"^( ?(?:\d{1,9}(?=[.)](?: |$))|(?=(?:[+=-]+|#{1,6})(?:
 """What means something to Markdown at the start of a line: headings, lists and rules."""
 _NOT_WORDS = re.compile(r"(?:[^\S\N{NO-BREAK SPACE}]|[\x00-\x1f\x7f-\x9f])+")
 _ANCHOR = re.compile(r'<a id="([a-z0-9-]+)"></a>')
-_FOLD = re.compile(r"<details>\n<summary>([^<>]*)</summary>")
+_FOLD = re.compile(r"</details>|<details>\n<summary>[^<>]*</summary>")
 
 
 def render(package: str, template: str, **values: object) -> str:
@@ -51,33 +47,32 @@ def render(package: str, template: str, **values: object) -> str:
     Raises:
         jinja2.TemplateError: no such template, or it names a value that is not given.
     """
-    return _environment(package).get_template(template).render(values)
+    return environment(package).get_template(template).render(values)
 
 
 @lru_cache
-def _environment(package: str) -> Environment:
-    """Set Jinja up for the templates of a package."""
-    environment = Environment(
+def environment(package: str) -> Environment:
+    """Set Jinja up for the templates of a package, as :func:`render` says."""
+
+    @pass_context
+    def escaped(context: Context, value: object) -> object:
+        markdown = context.name is not None and context.name.endswith(".md.j2")
+        return md(value) if markdown and not hasattr(value, "__html__") else value
+
+    made = Environment(
         loader=ChoiceLoader([PackageLoader(name, "") for name in (package, __package__)]),
         # Values of ``*.md.j2`` come here as Markdown already, and stay what they are.
         autoescape=lambda name: name is not None and name.endswith((".md.j2", ".html.j2")),
-        finalize=_finalize,
+        finalize=escaped,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    environment.filters |= {"md": md, "code": code, "fence": fence, "slug": slug, "rate": rate_text}
-    environment.filters["interval"] = lambda of: ends_text(of.low, of.high)
-    environment.globals["SIGNS"] = SIGNS
-    return environment
-
-
-@pass_context
-def _finalize(context: Context, value: object) -> object:
-    """Escape a value that a Markdown template writes."""
-    markdown = context.name is not None and context.name.endswith(".md.j2")
-    return md(value) if markdown and not hasattr(value, "__html__") else value
+    made.filters |= {"md": md, "code": code, "fence": fence, "slug": slug, "rate": rate_text}
+    made.filters["interval"] = lambda of: ends_text(of.low, of.high)
+    made.globals["SIGNS"] = SIGNS
+    return made
 
 
 def md(value: object) -> Markup:
@@ -156,8 +151,8 @@ def html(markdown: str, title: str, folder: str | Path) -> str:
         >>> '<h2 id="results">Results</h2>' in page, "<p>a &lt; b &lt;script&gt;</p>" in page
         (True, True)
     """
-    reader = MarkdownIt("commonmark", {"html": False}, renderer_cls=_Page).enable("table")
-    tokens = reader.parse(markdown)
+    reader = MarkdownIt("commonmark", {"html": False}).enable("table")
+    tokens = list(dressed(reader.parse(markdown), Path(folder)))
     kinds = [(token.type, token.tag) for token in tokens]
     heads = kinds.count(("heading_open", "h2"))
     first = end = kinds.index(("heading_open", "h2")) if heads else len(tokens)
@@ -168,8 +163,7 @@ def html(markdown: str, title: str, folder: str | Path) -> str:
     elif first >= 3 and _ANCHOR.fullmatch(tokens[first - 2].content):
         first = end = first - 3
     parts = {"header": tokens[:first], "contents": tokens[first + 3 : end], "body": tokens[end:]}
-    env = {"folder": Path(folder)}
-    texts = {name: Markup(reader.renderer.render(part, reader.options, env)) for name, part in parts.items()}
+    texts = {name: Markup(reader.renderer.render(part, reader.options, {})) for name, part in parts.items()}
     style = Markup(files(__package__).joinpath("page.css").read_text("utf-8"))
     return render(__package__, "page.html.j2", title=_one_line(title), style=style, **texts)
 
@@ -185,89 +179,65 @@ def _tone(line: Token) -> dict[str, str]:
     return next(({"class": tone} for tone, sign in SIGNS.items() if words.startswith(f"{sign} ")), {})
 
 
-class _Page(RendererHTML):
-    """Writes a report's Markdown as HTML; the methods' names are those of markdown-it's tokens."""
+def dressed(tokens: Sequence[Token], folder: Path) -> Iterator[Token]:
+    """Dress a report's tokens for its page: anchors, folds, figures with captions, links, tones, wide tables.
 
-    def __init__(self, parser: object = None) -> None:
-        super().__init__(parser)
-        self.named: Counter[str] = Counter()
+    Args:
+        tokens: of the Markdown text; they are changed.
+        folder: where its pictures are.
 
-    def paragraph_open(self, tokens: Sequence[Token], idx: int, options: OptionsDict, env: EnvType) -> str:
-        """Let lines through that are an anchor or begin or end what is folded; make pictures figures."""
-        line = tokens[idx + 1]
-        if _ANCHOR.fullmatch(line.content) or line.content == "</details>":
-            allowed = line.content
-        elif folded := _FOLD.fullmatch(line.content):
-            allowed = f'<details class="folded">\n<summary>{folded[1]}</summary>'
-        else:
-            if line.children and line.children[0].type == "image":
-                tokens[idx].tag = tokens[idx + 2].tag = "figure"
-            return self.renderToken(tokens, idx, options, env)
-        tokens[idx + 2].hidden = True
-        line.children = [Token("html_inline", "", 0, content=f"{allowed}\n")]
-        return ""
+    Raises:
+        VoccError: as :func:`embed`.
+    """
+    named: Counter[str] = Counter()
+    for at, token in enumerate(tokens):
+        kind, line = token.type, tokens[min(at + 1, len(tokens) - 1)]
+        for picture in (child for child in token.children or () if child.type == "image"):
+            embed(picture, folder)
+        if kind == "paragraph_open" and (_ANCHOR.fullmatch(line.content) or _FOLD.fullmatch(line.content)):
+            token.hidden = tokens[at + 2].hidden = True
+            allowed = line.content.replace("<details>", '<details class="folded">')
+            line.children = [Token("html_inline", "", 0, content=f"{allowed}\n")]
+        elif kind == "paragraph_open" and line.children and line.children[0].type == "image":
+            token.tag = tokens[at + 2].tag = "figure"
+            line.children.insert(1, Token("html_inline", "", 0, content="\n<figcaption>"))
+            line.children.append(Token("html_inline", "", 0, content="</figcaption>"))
+        elif kind == "heading_open" and (at < 3 or not _ANCHOR.fullmatch(tokens[at - 2].content)):
+            name = slug(_words(line))
+            token.attrSet("id", f"{name}-{named[name]}" if named[name] else name)
+            named[name] += 1
+        elif kind == "bullet_list_open" and token.markup == "*":
+            token.attrSet("class", "highlights")
+        elif kind == "list_item_open" and token.markup == "*":
+            token.attrs |= _tone(tokens[at + 2])
+        elif kind == "td_open":
+            token.attrs |= _tone(line)
+        elif kind == "tr_open" and line.type == "td_open":
+            line.tag = tokens[at + 3].tag = "th"
+            line.attrSet("scope", "row")
+        elif kind == "table_open":
+            yield Token("html_block", "", 0, content='<div class="table" tabindex="0">\n')
+        yield token
+        if kind == "table_close":
+            yield Token("html_block", "", 0, content="</div>\n")
 
-    def paragraph_close(self, tokens: Sequence[Token], idx: int, options: OptionsDict, env: EnvType) -> str:
-        """Close the caption of a figure."""
-        caption = "</figcaption>" if tokens[idx].tag == "figure" else ""
-        return caption + self.renderToken(tokens, idx, options, env)
 
-    def image(self, tokens: Sequence[Token], idx: int, options: OptionsDict, env: EnvType) -> str:
-        """Put a PNG file's content in the place of its name; what follows it in a figure is its caption."""
-        name = unquote(str(tokens[idx].attrs["src"]))
-        path = env["folder"] / name
-        if Path(name).is_absolute() or ".." in Path(name).parts:
-            rule = "give a path inside it, such as fig22.png"
-            raise VoccError(f"{name} leads out of the report's folder: {rule}")
-        try:
-            content = path.read_bytes()
-            with Image.open(io.BytesIO(content), formats=["PNG"]) as picture:
-                size = {"width": picture.width, "height": picture.height}
-        except UnidentifiedImageError as error:
-            raise VoccError(f"{name} is not a PNG picture: {error}") from error
-        except OSError as error:
-            reason = error.strerror or error
-            raise VoccError(f"cannot read {path}: {reason}: write it before the report") from error
-        tokens[idx].attrs |= {"src": f"data:image/png;base64,{base64.b64encode(content).decode()}", **size}
-        return super().image(tokens, idx, options, env) + ("\n<figcaption>" if idx == 0 else "")
+def embed(picture: Token, folder: Path) -> None:
+    """Put a PNG file's content in the place of its name.
 
-    def heading_open(self, tokens: Sequence[Token], idx: int, options: OptionsDict, env: EnvType) -> str:
-        """Name a heading in links, where no anchor stands before it; names that came before get a number."""
-        if idx < 3 or not _ANCHOR.fullmatch(tokens[idx - 2].content):
-            name = slug(_words(tokens[idx + 1]))
-            again = f"-{self.named[name]}" if self.named[name] else ""
-            self.named[name] += 1
-            tokens[idx].attrSet("id", name + again)
-        return self.renderToken(tokens, idx, options, env)
-
-    def bullet_list_open(self, tokens: Sequence[Token], idx: int, options: OptionsDict, env: EnvType) -> str:
-        """Show a list of asterisks as a summary's numbers; lists of hyphens stay lists."""
-        if tokens[idx].markup == "*":
-            tokens[idx].attrSet("class", "highlights")
-        return self.renderToken(tokens, idx, options, env)
-
-    def list_item_open(self, tokens: Sequence[Token], idx: int, options: OptionsDict, env: EnvType) -> str:
-        """Colour a summary's number by its sign."""
-        if tokens[idx].markup == "*":
-            tokens[idx].attrs |= _tone(tokens[idx + 2])
-        return self.renderToken(tokens, idx, options, env)
-
-    def table_open(self, tokens: Sequence[Token], idx: int, options: OptionsDict, env: EnvType) -> str:
-        """Put a table into a box that scrolls where the screen is narrow."""
-        return f'<div class="table" tabindex="0">\n{self.renderToken(tokens, idx, options, env)}'
-
-    def table_close(self, tokens: Sequence[Token], idx: int, options: OptionsDict, env: EnvType) -> str:
-        """Close the box."""
-        return f"{self.renderToken(tokens, idx, options, env)}</div>\n"
-
-    def tr_open(self, tokens: Sequence[Token], idx: int, options: OptionsDict, env: EnvType) -> str:
-        """Let a row's first cell name it."""
-        if tokens[idx + 1].type == "td_open":
-            tokens[idx + 1].tag = tokens[idx + 3].tag = "th"
-            tokens[idx + 1].attrSet("scope", "row")
-        return self.renderToken(tokens, idx, options, env)
-
-    def td_open(self, tokens: Sequence[Token], idx: int, options: OptionsDict, env: EnvType) -> str:
-        """Colour a cell by its sign."""
-        tokens[idx].attrs |= _tone(tokens[idx + 1])
-        return self.renderToken(tokens, idx, options, env)
+    Raises:
+        VoccError: the picture is not in the folder or is no PNG file.
+    """
+    name = unquote(str(picture.attrs["src"]))
+    if Path(name).is_absolute() or ".." in Path(name).parts:
+        raise VoccError(f"{name} leads out of the report's folder: give a path inside it, such as fig22.png")
+    try:
+        content = (folder / name).read_bytes()
+        with Image.open(io.BytesIO(content), formats=["PNG"]) as shown:
+            size = {"width": shown.width, "height": shown.height}
+    except UnidentifiedImageError as error:
+        raise VoccError(f"{name} is not a PNG picture: {error}") from error
+    except OSError as error:
+        reason = error.strerror or error
+        raise VoccError(f"cannot read {folder / name}: {reason}: write it before the report") from error
+    picture.attrs |= {"src": f"data:image/png;base64,{base64.b64encode(content).decode()}", **size}

@@ -1,23 +1,18 @@
 """Bit error rate curves, alone and in small pictures beside each other, and feature histograms."""
 
-from __future__ import annotations
-
 import math
 import textwrap
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
-from matplotlib.ticker import LogFormatterSciNotation, LogLocator
+from matplotlib import ticker
 from torch import Tensor
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.curve import BerTable, Row
 from vocc_torch.show import canvas
-from vocc_torch.show.styles import Style, axis_label, count_text, receiver_styles, value_text
+from vocc_torch.show.canvas import Axes, Figure, Line2D
+from vocc_torch.show.styles import Style, axis_label, count_text, range_text, receiver_styles, value_text
 
 _SHARES = ("contrast",)
 """Quantities that are shares of a whole: their axis is linear."""
@@ -50,80 +45,75 @@ def draw_rates(
         width_in: width of the axes, inches: names of values and receivers are set further apart on narrow
             ones.
     """
-    crowding = _WIDTH_IN / width_in
-    shares, at = _horizontal_axis(axes, table.values, table.axis in _SHARES, crowding)
-    _vertical_axis(axes, table.rows if rows is None else rows)
-    canvas.quiet_axes(axes)
-    axes.tick_params(which="both", labelsize=10.5 * size)
-    axes.tick_params(axis="y", which="minor", labelsize=8.5 * size)
-    most = max(_SPREAD, _MOST_SPREAD / max(1, len(styles) - 1))
-    gap = min(np.diff(list(shares.values())), default=1.0)
-    spread = min(_SPREAD * crowding, 0.5 * gap / len(styles), most)
-    for number, (receiver, style) in enumerate(styles.items()):
-        shift = spread * (number - (len(styles) - 1) / 2)
-        mine = table.of(receiver)
-        _draw_receiver(axes, [at(shares[row.value] + shift) for row in mine], mine, style, size)
-
-
-def _horizontal_axis(
-    axes: Axes, values: Sequence[float], linear: bool, crowding: float
-) -> tuple[dict[float, float], Callable[[float], float]]:
-    """Put ticks at the measured values, and names at as many of them as have room, the ends first.
-
-    Returns:
-        Where each value stands, as a share of the axis, and what gives the value at a share.
-    """
-    log = not linear and values[0] > 0 and values[-1] > 10 * values[0]
-    axes.set_xscale("log" if log else "linear")
+    crowding, values = _WIDTH_IN / width_in, table.values
+    linear = table.axis in _SHARES or values[0] <= 0 or values[-1] <= 10 * values[0]
+    axes.set_xscale("linear" if linear else "log")
     scale = axes.xaxis.get_transform()
-    low, *_, high = along = scale.transform([values[0], *values, values[-1]])
-    margin = 0.06 * (high - low) or 1e-3 * abs(high) or 1.0
-    width = high - low + 2 * margin
-
-    def at(share: float) -> float:
-        return float(scale.inverted().transform([low - margin + share * width])[0])
-
-    shares = dict(zip(values, ((along[1:-1] - low + margin) / width).tolist(), strict=True))
-    axes.set_xlim(at(0), at(1))
+    at = scale.transform(np.array(values))
+    margin = 0.06 * float(at[-1] - at[0]) or 1e-3 * abs(float(at[0])) or 1.0
+    width = float(at[-1] - at[0]) + 2 * margin
+    axes.set_xlim(*scale.inverted().transform(np.array([at[0] - margin, at[-1] + margin])))
+    places = dict(zip(values, at.tolist(), strict=True))
+    # Ticks stand at the measured values, and names at as many of them as have room, the ends first.
     named: dict[float, float] = {}
     for value in dict.fromkeys([values[0], values[-1], *values]):
-        half_width = crowding * (0.005 + 0.004 * len(value_text(value)))
-        if all(abs(shares[value] - shares[other]) > half_width + named[other] for other in named):
-            named[value] = half_width
+        room = crowding * width * (0.005 + 0.004 * len(value_text(value)))
+        if all(abs(places[value] - places[other]) > room + named[other] for other in named):
+            named[value] = room
     axes.set_xticks(values, [value_text(value) if value in named else "" for value in values])
     axes.set_xticks([], minor=True)
-    return shares, at
-
-
-def _vertical_axis(axes: Axes, rows: Sequence[Row]) -> None:
-    """Show every rate and limit; a lower end far below every rate may run out of the picture."""
+    # Every rate and limit is shown; a lower end far below every rate may run out of the picture.
+    rows = table.rows if rows is None else rows
     lowest = min(row.ber_high if row.error_free else row.ber for row in rows)
     # An arrow needs about two thirds of a decade below its limit.
     bottom = min(row.ber_high / 5 if row.error_free else max(row.ber_low, lowest / 10) / 1.3 for row in rows)
     top = min(1.0, max(row.ber_high for row in rows) * 1.6)
     axes.set_yscale("log")
     axes.set_ylim(bottom, max(top, bottom * 20))
-    axes.yaxis.set_major_locator(LogLocator(10, numticks=30))
-    axes.yaxis.set_minor_locator(LogLocator(10, subs=tuple(range(2, 10)), numticks=300))
+    axes.yaxis.set_major_locator(ticker.LogLocator(10, numticks=30))
+    axes.yaxis.set_minor_locator(ticker.LogLocator(10, subs=tuple(range(2, 10)), numticks=300))
     # Where hardly more than a decade is shown, values within it are named too.
-    axes.yaxis.set_minor_formatter(LogFormatterSciNotation(minor_thresholds=(1.5, 0.6)))
+    axes.yaxis.set_minor_formatter(ticker.LogFormatterSciNotation(minor_thresholds=(1.5, 0.6)))
+    canvas.quiet_axes(axes)
     axes.grid(axis="y", which="major", color=canvas.GRID, linewidth=1.1)
     axes.grid(axis="y", which="minor", color=canvas.FINE_GRID, linewidth=0.6)
     axes.grid(axis="x", which="major", color=canvas.GRID, linewidth=0.8)
+    axes.tick_params(which="both", labelsize=10.5 * size)
+    axes.tick_params(axis="y", which="minor", labelsize=8.5 * size)
+    most = max(_SPREAD, _MOST_SPREAD / max(1, len(styles) - 1))
+    gap = min(np.diff(at) / width, default=1.0)
+    spread = width * min(_SPREAD * crowding, 0.5 * gap / len(styles), most)
+    for number, (receiver, style) in enumerate(styles.items()):
+        mine, shift = table.of(receiver), spread * (number - (len(styles) - 1) / 2)
+        shifted = np.array([places[row.value] + shift for row in mine])
+        draw_receiver(axes, scale.inverted().transform(shifted).tolist(), mine, style, size)
 
 
-def _draw_receiver(axes: Axes, x: Sequence[float], rows: Sequence[Row], style: Style, size: float) -> None:
-    """Draw one receiver: line, markers and intervals, and arrows where there were no errors."""
+def draw_receiver(axes: Axes, x: Sequence[float], rows: Sequence[Row], style: Style, size: float) -> None:
+    """Draw one receiver: line, markers and intervals, and an arrow down from each limit without errors.
+
+    Args:
+        axes: where to draw.
+        x: where each point stands.
+        rows: the points.
+        style: how the receiver looks.
+        size: of markers and lines, against those of a figure of its own.
+    """
     # A rate that is not a number breaks the line and leaves the point out.
     rate = [math.nan if row.error_free else row.ber for row in rows]
     ends = [[row.ber - row.ber_low for row in rows], [row.ber_high - row.ber for row in rows]]
-    bar = 1.3 * size
-    look: dict[str, Any] = {"elinewidth": bar, "capsize": 2 * bar, "capthick": bar}
-    axes.errorbar(x, rate, ends, fmt="none", ecolor=style.colour, **look)
+    bar, colour = 1.3 * size, style.colour
+    axes.errorbar(x, rate, ends, fmt="none", ecolor=colour, elinewidth=bar, capsize=2 * bar, capthick=bar)
     axes.add_line(receiver_line(style, x, rate, size))
-    for at, row in zip(x, rows, strict=True):
-        if row.error_free:
-            _draw_limit(axes, at, row.ber_high, style, size)
+    # The arrow runs from its text, below it, to the limit: its head is at the start.
+    arrow = {"arrowstyle": "<|-", "color": colour, "linewidth": 1.4 * size, "mutation_scale": 9 * size}
+    arrow |= {"shrinkA": 0, "shrinkB": 3 * size}
+    for at, limit in ((at, row.ber_high) for at, row in zip(x, rows, strict=True) if row.error_free):
+        axes.annotate("", (at, limit), (0, -27 * size), textcoords="offset points", arrowprops=arrow)
+        hollow = receiver_line(style, [at], [limit], size)
+        hollow.set(label="_limit", linestyle="none", markersize=6 * size, markerfacecolor="white", zorder=4)
+        hollow.set(markeredgecolor=colour, markeredgewidth=1.4 * size)
+        axes.add_line(hollow)
 
 
 def receiver_line(
@@ -134,32 +124,6 @@ def receiver_line(
     line.set(marker=style.marker, markersize=7.5 * size, markeredgecolor="white")
     line.set(markeredgewidth=0.7 * size, zorder=3)
     return line
-
-
-def _draw_limit(axes: Axes, x: float, limit: float, style: Style, size: float) -> None:
-    """Draw an upper limit: the receiver's marker, hollow, with an arrow down from it."""
-    line = {"arrowstyle": "<|-", "color": style.colour, "linewidth": 1.4 * size, "mutation_scale": 9 * size}
-    # The arrow runs from its text, below it, to the limit: its head is at the start.
-    arrow = {**line, "shrinkA": 0, "shrinkB": 3 * size}
-    axes.annotate("", (x, limit), (0, -27 * size), textcoords="offset points", arrowprops=arrow)
-    hollow = receiver_line(style, [x], [limit], size)
-    hollow.set(label="_limit", linestyle="none", markersize=6 * size, markerfacecolor="white", zorder=4)
-    hollow.set(markeredgecolor=style.colour, markeredgewidth=1.4 * size)
-    axes.add_line(hollow)
-
-
-def name_receivers(figure: Figure, styles: Iterable[Style], columns: int, size: float = 1.0) -> None:
-    """Name receivers in rows under the title.
-
-    Args:
-        figure: the figure to write on.
-        styles: of the receivers, in order.
-        columns: most names in a row.
-        size: of the signs, against those of a figure of its own.
-    """
-    look = {"fontsize": 10.5, "handlelength": 3.2, "columnspacing": 2.4} if size == 1 else {}
-    lines = [receiver_line(style, size=size) for style in styles]
-    canvas.write_legend(figure, lines, (0.01, 1 - 0.46 / figure.get_figheight()), columns, **look)
 
 
 def interval_note(rows: Iterable[Row]) -> str:
@@ -175,7 +139,6 @@ def interval_note(rows: Iterable[Row]) -> str:
     return note
 
 
-_PAGE_WIDTH_IN, _PAGE_HEIGHT_IN = 10.0, 6.4
 _LEGEND_COLUMNS = 3
 _OFF, _ON = "#0072B2", "#D55E00"
 
@@ -205,19 +168,19 @@ def ber_figure(table: BerTable, axis_label: str, title: str) -> Figure:
     if not len(table):
         raise VoccError("table is empty: a figure needs at least one point")
     styles = receiver_styles(table.receivers)
-    figure = canvas.new_figure(_PAGE_WIDTH_IN, _PAGE_HEIGHT_IN)
     above_in = 0.62 + 0.225 * math.ceil(len(styles) / _LEGEND_COLUMNS)
-    bottom, top = 1.12 / _PAGE_HEIGHT_IN, 1 - above_in / _PAGE_HEIGHT_IN
-    axes = figure.add_axes((0.092, bottom, 0.888, top - bottom))
+    cell_in = (_WIDTH_IN, 6.4 - above_in - 1.12)
+    figure, (axes,) = canvas.new_grid((1, 1), cell_in, (0, 0), (0.92, 0.2, above_in, 1.12))
     draw_rates(axes, table, styles)
     axes.set_xlabel(axis_label, labelpad=8)
     axes.set_ylabel("Bit error rate")
     axes.yaxis.set_label_coords(-0.066, 0.5)
-    frames = [count_text(number) for number in sorted({row.frames for row in table})]
-    count = frames[0] if len(frames) == 1 else f"{frames[0]} to {frames[-1]}"
-    basis = f"{count} frames a point \N{MIDDLE DOT} locator: {', '.join(table.locators)}"
-    canvas.write_title(figure, title, f"{basis}\n{interval_note(table)}")
-    name_receivers(figure, styles.values(), _LEGEND_COLUMNS)
+    basis = f"{range_text(row.frames for row in table)} frames a point"
+    where = f"locator: {', '.join(table.locators)}"
+    canvas.write_title(figure, title, f"{basis} \N{MIDDLE DOT} {where}\n{interval_note(table)}")
+    lines = [receiver_line(style) for style in styles.values()]
+    look = {"fontsize": 10.5, "handlelength": 3.2, "columnspacing": 2.4}
+    canvas.write_legend(figure, lines, (0.01, 1 - 0.46 / figure.get_figheight()), _LEGEND_COLUMNS, **look)
     return figure
 
 
@@ -237,13 +200,10 @@ def feature_histograms(features: Tensor, bits: Tensor, names: Sequence[str]) -> 
     """
     values, on = features.detach().cpu().double().numpy(), bits.cpu().numpy()
     columns = min(3, len(names))
-    rows = math.ceil(len(names) / columns)
-    width, height = max(5.0, 0.7 + 3.1 * columns), 1.2 + 2.6 * rows
-    figure = canvas.new_figure(width, height)
-    left, bottom, top = 0.78 / width, 0.55 / height, 1 - 0.7 / height
-    figure.subplots_adjust(left, bottom, 0.98, top, wspace=0.24, hspace=0.45)
-    for number, name in enumerate(names):
-        axes = figure.add_subplot(rows, columns, number + 1)
+    shape, wide = (math.ceil(len(names) / columns), columns), 4.1 if columns == 1 else 2.6
+    cells, gap_in, margins_in = (wide, 2.4), (0.62, 0.95), (0.78, 0.15, 0.7, 0.55)
+    figure, grid = canvas.new_grid(shape, cells, gap_in, margins_in, len(names))
+    for number, (axes, name) in enumerate(zip(grid, names, strict=True)):
         edges = np.histogram_bin_edges(values[:, number], bins=60)
         for status, label, colour in ((~on, "Off", _OFF), (on, "On", _ON)):
             shares = np.histogram(values[status, number], edges)[0] / int(status.sum())
@@ -258,7 +218,7 @@ def feature_histograms(features: Tensor, bits: Tensor, names: Sequence[str]) -> 
     canvas.write_title(figure, f"Features of {count_text(len(values))} LEDs")
     handles, _ = figure.axes[0].get_legend_handles_labels()
     look = {"handlelength": 2.0, "loc": "upper right", "fontsize": 10.5}
-    canvas.write_legend(figure, handles, (0.99, 1 - 0.08 / height), 2, **look)
+    canvas.write_legend(figure, handles, (0.99, 1 - 0.08 / figure.get_figheight()), 2, **look)
     return figure
 
 
@@ -306,42 +266,40 @@ def facet_figure(
     styles = styles or receiver_styles(dict.fromkeys(name for table in tables for name in table.receivers))
     shown = [point for table in tables for point in table.rows]
     columns = max(len(row) for row in rows)
-    width = max(_LEFT_IN + columns * (_FACET_WIDTH_IN + _GAP_IN) - _GAP_IN + _RIGHT_IN, _LEAST_WIDTH_IN)
-    wide = (width - _LEFT_IN - _RIGHT_IN - (columns - 1) * _GAP_IN) / columns
-    legend_columns = max(1, int(width / 2.5))
-    above_in = 0.62 + 0.24 * -(-len(styles) // legend_columns)
-    letters = int(wide / _LETTER_IN)
-    heads = [
-        [textwrap.wrap(name, letters, max_lines=3, placeholder=" \N{HORIZONTAL ELLIPSIS}") for name in row]
-        for row in rows
-    ]
-    gap_in = _GAP_IN + _LINE_IN * (max(len(head) for row in heads for head in row) - 1)
-    gap_in += 0.0 if axes_alike else 0.28
-    height = above_in + len(rows) * (_FACET_HEIGHT_IN + gap_in) + _BOTTOM_IN
-    figure = canvas.new_figure(width, height)
-    for i, row in enumerate(rows):
-        below_in = above_in + (i + 1) * (_FACET_HEIGHT_IN + gap_in)
-        for j, (head, one) in enumerate(zip(heads[i], row.values(), strict=True)):
-            left_in = _LEFT_IN + j * (wide + _GAP_IN)
-            place = (left_in / width, 1 - below_in / height, wide / width, _FACET_HEIGHT_IN / height)
-            axes = figure.add_axes(place)
-            if isinstance(one, BerTable):
-                draw_rates(axes, one, styles, shown, size=_SIZE, width_in=wide)
-                last = not axes_alike or i == len(rows) - 1
-                axes.set_ylabel("Bit error rate" if j == 0 else "", fontsize=10.5)
-                axes.tick_params(axis="y", which="both", labelleft=j == 0)
-                axes.set_xlabel(axis_label(one.axis) if last else "", labelpad=3, fontsize=10.5)
-                axes.tick_params(axis="x", labelbottom=last)
-            else:
-                axes.set_xticks([])
-                axes.set_yticks([])
-                axes.spines[:].set_color(canvas.GRID)
-                reason = "\n".join(textwrap.wrap(one, letters - 6, max_lines=8))
-                text = axes.text(0.5, 0.5, reason, transform=axes.transAxes, fontsize=9, color=canvas.QUIET)
-                text.set(ha="center", va="center")
-            named = axes.set_title("\n".join(head), loc="left", pad=5, fontsize=10.5, color=canvas.INK)
-            named.set_fontweight("bold")
+    rest_in = _LEFT_IN + (columns - 1) * _GAP_IN + _RIGHT_IN
+    wide = max(_FACET_WIDTH_IN, (_LEAST_WIDTH_IN - rest_in) / columns)
+    letters, legend_columns = int(wide / _LETTER_IN), int((rest_in + columns * wide) / 2.5)
+    dots = " \N{HORIZONTAL ELLIPSIS}"
+    heads = {
+        name: textwrap.wrap(name, letters, max_lines=3, placeholder=dots) for row in rows for name in row
+    }
+    gap_in = _GAP_IN + _LINE_IN * (max(map(len, heads.values())) - 1) + (0.0 if axes_alike else 0.28)
+    above_in = 0.62 + 0.24 * math.ceil(len(styles) / legend_columns) + gap_in
+    cells, margins_in = (wide, _FACET_HEIGHT_IN), (_LEFT_IN, _RIGHT_IN, above_in, _BOTTOM_IN)
+    figure, grid = canvas.new_grid((len(rows), columns), cells, (_GAP_IN, gap_in), margins_in)
+    for place, axes in enumerate(grid):
+        i, j = divmod(place, columns)
+        if j >= len(rows[i]):
+            axes.remove()
+            continue
+        name, one = list(rows[i].items())[j]
+        if isinstance(one, BerTable):
+            draw_rates(axes, one, styles, shown, size=_SIZE, width_in=wide)
+            last = not axes_alike or i == len(rows) - 1
+            axes.set_ylabel("Bit error rate" if j == 0 else "", fontsize=10.5)
+            axes.tick_params(axis="y", which="both", labelleft=j == 0)
+            axes.set_xlabel(axis_label(one.axis) if last else "", labelpad=3, fontsize=10.5)
+            axes.tick_params(axis="x", labelbottom=last)
+        else:
+            axes.set(xticks=[], yticks=[])
+            axes.spines[:].set_color(canvas.GRID)
+            reason = "\n".join(textwrap.wrap(one, letters - 6, max_lines=8))
+            text = axes.text(0.5, 0.5, reason, transform=axes.transAxes, fontsize=9, color=canvas.QUIET)
+            text.set(ha="center", va="center")
+        named = axes.set_title("\n".join(heads[name]), loc="left", pad=5, fontsize=10.5, color=canvas.INK)
+        named.set_fontweight("bold")
     canvas.write_title(figure, title, footnote)
     if styles:
-        name_receivers(figure, styles.values(), legend_columns, size=0.9)
+        lines = [receiver_line(style, size=0.9) for style in styles.values()]
+        canvas.write_legend(figure, lines, (0.01, 1 - 0.46 / figure.get_figheight()), legend_columns)
     return figure

@@ -1,10 +1,14 @@
-"""One name, colour, marker and line for each receiver and axis, wherever results are shown."""
-
-from __future__ import annotations
+"""How results look and read wherever they are shown: names, colours, markers, lines, and numbers as text."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Literal
+from importlib.resources import files
+from itertools import cycle
+from typing import Any, Literal
+
+import yaml
+
+from vocc_torch.measure.curve import Row
 
 LineStyle = Literal["-", "--", "-.", ":"]
 
@@ -27,41 +31,11 @@ class Style:
     line: LineStyle
 
 
-_KNOWN = {
-    "center_greyscale": Style("Center greyscale", "#000000", "v", ":"),
-    "average_greyscale": Style("Average greyscale", "#E69F00", "^", ":"),
-    "flda_agr": Style("FLDA: AGR", "#56B4E9", "<", "--"),
-    "flda_gri": Style("FLDA: GRI", "#CC79A7", ">", "--"),
-    "flda_ngr": Style("FLDA: NGR", "#7A7A7A", "d", "--"),
-    "flda_agr_ngr": Style("FLDA: AGR + NGR", "#009E73", "D", "-."),
-    "flda_2": Style("FLDA: AGR + GRI", "#0072B2", "s", "-"),
-    "flda_3": Style("FLDA: AGR + GRI + NGR", "#D55E00", "o", "-"),
-    # The classifiers of conf/classifier: colours after Paul Tol's muted ones, and markers of their own.
-    "flda_3_mix": Style("FLDA 3, networks' mix", "#A64A1E", "*", "--"),
-    "flda_patch": Style("FLDA on 3 x 3 cells", "#117733", "X", "-"),
-    "flda_patch_exposure": Style("FLDA on 3 x 3 cells, exposure", "#44AA99", "p", "--"),
-    "lmmse": Style("LMMSE equaliser", "#882255", "h", "-"),
-    "mlp_features": Style("MLP on features", "#AA4499", "*", "--"),
-    "mlp": Style("MLP on 3 x 3 cells", "#332288", "P", "-"),
-    "cnn": Style("CNN on 3 x 3 cells", "#CC6677", "8", "-"),
-    "tag_planes": Style("AprilTag's planes", "#8A8A1F", "D", "-."),
-    "panel_otsu": Style("Otsu per panel", "#5FB3DD", "H", ":"),
-    "panel_kmeans": Style("k-means per panel", "#9C6B2F", "d", ":"),
-    "logistic": Style("Logistic regression", "#7A7A7A", "<", "-."),
-    "svm": Style("Linear SVM", "#661100", ">", "-."),
-    "boosted_trees": Style("Boosted trees", "#C4A63B", "s", "-."),
-}
-# The palettes have no colour left for others: marker and line tell repeated colours apart.
-_FREE_COLOURS = ("#009E73", "#7A7A7A", "#CC79A7", "#000000", "#56B4E9", "#E69F00", "#0072B2", "#D55E00")
-_FREE_MARKERS = ("X", "p", "h", "P", "*", "8", "H")
-_FREE_LINES: tuple[LineStyle, ...] = ("-.", "--", ":")
-
-_AXIS_LABELS = {
-    "ambient_lx": "Ambient light (lx)",
-    "led_luminance_cd_m2": "LED luminance (cd/m²)",
-    "distance_m": "Distance (m)",
-    "contrast": "Contrast (G_on \N{MINUS SIGN} G_off)/255",
-}
+LOOKS: Any = yaml.safe_load(files(__package__).joinpath("styles.yaml").read_text("utf-8"))
+"""The tables of ``styles.yaml``."""
+_KNOWN = {name: Style(*look) for name, look in LOOKS["receivers"].items()}
+LOCATED: dict[str, str] = LOOKS["located"]
+"""Where the panel's corners come from, in words."""
 
 
 def receiver_styles(receivers: Iterable[str]) -> dict[str, Style]:
@@ -79,12 +53,10 @@ def receiver_styles(receivers: Iterable[str]) -> dict[str, Style]:
         ('FLDA: AGR + GRI + NGR', 'small cnn', '#009E73')
     """
     names = list(dict.fromkeys(receivers))
-    free = {}
-    for place, name in enumerate(sorted(set(names) - set(_KNOWN))):
-        colour, line = _FREE_COLOURS[place % len(_FREE_COLOURS)], _FREE_LINES[place % len(_FREE_LINES)]
-        marker = _FREE_MARKERS[place % len(_FREE_MARKERS)]
-        free[name] = Style(name.replace("_", " "), colour, marker, line)
-    return {name: _KNOWN.get(name) or free[name] for name in names}
+    looks = zip(*(cycle(LOOKS[part]) for part in ("colours", "markers", "lines")), strict=True)
+    others = zip(sorted(set(names) - set(_KNOWN)), looks, strict=False)
+    known = _KNOWN | {name: Style(name.replace("_", " "), *look) for name, look in others}
+    return {name: known[name] for name in names}
 
 
 def axis_label(axis: str) -> str:
@@ -94,7 +66,7 @@ def axis_label(axis: str) -> str:
         >>> axis_label("distance_m"), axis_label("blooming.sigma_px")
         ('Distance (m)', 'blooming.sigma_px')
     """
-    return _AXIS_LABELS.get(axis, axis)
+    return str(LOOKS["axes"].get(axis, axis))
 
 
 def value_text(value: float) -> str:
@@ -117,5 +89,45 @@ def count_text(number: int) -> str:
     return f"{number:,}".replace(",", "\N{THIN SPACE}")
 
 
-LOCATED = {"paper": "panel located", "truth": "true corners", "refined": "panel located, refined"}
-"""Where the panel's corners come from, in words."""
+def range_text(numbers: Iterable[int]) -> str:
+    r"""Write a whole number, or the least and the most of several.
+
+    Example:
+        >>> range_text([64, 64]), range_text([64, 1000, 512]), range_text([])
+        ('64', '64 to 1\u2009000', 'no')
+    """
+    ends = sorted(set(numbers))
+    return " to ".join(map(count_text, [*ends[:1], *ends[1:][-1:]])) or "no"
+
+
+def rate_text(rate: float) -> str:
+    """Write a rate with two digits.
+
+    Example:
+        >>> rate_text(6.6e-4), rate_text(0.0)
+        ('6.6e-4', '0')
+    """
+    if rate == 0:
+        return "0"
+    mantissa, exponent = f"{rate:.1e}".split("e")
+    return f"{mantissa}e{int(exponent)}"
+
+
+def ends_text(low: float, high: float) -> str:
+    """Write an interval of rates.
+
+    Example:
+        >>> ends_text(1.5e-5, 1.2e-2)
+        '1.5e-5 to 1.2e-2'
+    """
+    return f"{rate_text(low)} to {rate_text(high)}"
+
+
+def point_text(row: Row) -> str:
+    """Write a point's rate, or its limit where there were no errors.
+
+    Example:
+        >>> point_text(Row("s", "contrast", 0.1, "flda_3", "truth", 1, 64, 0.0, 0.0, 0.0, 0.04, 0, 0, "x"))
+        '< 4.0e-2'
+    """
+    return f"< {rate_text(row.ber_high)}" if row.error_free else rate_text(row.ber)

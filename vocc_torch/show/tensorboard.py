@@ -4,8 +4,6 @@ TensorBoard draws scalars against an integer step and has no logarithmic axis. S
 value in a unit that makes it whole, and the logarithm of the rate is what is logged.
 """
 
-from __future__ import annotations
-
 import math
 import re
 import threading
@@ -16,35 +14,18 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from torch.utils.tensorboard import SummaryWriter
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.curve import BerTable
-from vocc_torch.show.canvas import figure_pixels
-from vocc_torch.show.page import render
-from vocc_torch.show.styles import axis_label
+from vocc_torch.show import canvas, page, styles
+from vocc_torch.show.canvas import Figure
 
 Picture = NDArray[np.uint8]
 
 SUMMARY_RUN = "_summary"
 """Name of the run that holds what belongs to no single receiver."""
-
-_STEPS = {
-    "distance_m": (10, "Distance in dm"),
-    "contrast": (1000, "Contrast in thousandths"),
-    "offset_x_m": (1000, "offset_x_m in mm"),
-    "offset_y_m": (1000, "offset_y_m in mm"),
-}
-"""What an axis value is multiplied by to be a step, and what the step then is."""
-# TensorBoard's charts colour runs by the order of their first events: orange, blue, red, light blue, pink,
-# green, grey, orange again. In this order most receivers come close to their colours in the figures, and the
-# two that share one are far apart.
-_WRITTEN_FIRST = (
-    *("average_greyscale", "flda_2", "flda_3", "flda_agr", "flda_gri", "flda_agr_ngr"),
-    *("center_greyscale", "flda_ngr"),
-)
 
 
 def axis_steps(axis: str, values: Sequence[float]) -> dict[float, int]:
@@ -61,14 +42,12 @@ def axis_steps(axis: str, values: Sequence[float]) -> dict[float, int]:
         >>> axis_steps("distance_m", [30.0, 32.5]), axis_steps("ambient_lx", [1000.0])
         ({30.0: 300, 32.5: 325}, {1000.0: 1000})
     """
-    factor, _ = _STEPS.get(axis, (1, ""))
+    factor, _ = styles.LOOKS["steps"].get(axis, (1, ""))
     steps = {value: round(value * factor) for value in sorted(values)}
     for value, other in pairwise(steps):
         if steps[value] == steps[other]:
-            raise VoccError(
-                f"{axis} is {value:g} and {other:g}: "
-                f"TensorBoard's steps are integers and both give {steps[value]}"
-            )
+            rule = f"TensorBoard's steps are integers and both give {steps[value]}"
+            raise VoccError(f"{axis} is {value:g} and {other:g}: {rule}")
     return steps
 
 
@@ -111,36 +90,56 @@ def write_boards(
         ...     sorted(run.name for run in Path(folder).iterdir())
         ['_summary', 'flda_3']
     """
-    filled = [(group, table) for group, some in tables.items() for table in some if len(table)]
-    parts = [_Part(group, table, axis_steps(table.axis, table.values)) for group, table in filled]
+    parts = [
+        BoardPart(group, table, axis_steps(table.axis, table.values))
+        for group, some in tables.items()
+        for table in some
+        if len(table)
+    ]
     receivers = list(dict.fromkeys(name for part in parts for name in part.table.receivers))
     # The sort is stable: those without a place keep their order.
-    receivers.sort(key=lambda name: (*_WRITTEN_FIRST, name).index(name))
+    receivers.sort(key=lambda name: [*styles.LOOKS["written_first"], name].index(name))
     pictures = {f"figures/{name}": figure for name, figure in (figures or {}).items()}
     pictures |= {f"images/{name}": image for name, image in (images or {}).items()}
     try:
         with quiet_threads():
             for receiver in receivers:
-                with SummaryWriter(str(_cleared(Path(folder) / receiver))) as writer:
+                with SummaryWriter(_cleared(Path(folder) / receiver)) as writer:
                     for part in parts:
                         part.write(writer, receiver)
-                    _write_settings(writer, parts, receiver, (numbers or {}).get(receiver, {}))
-            with SummaryWriter(str(_cleared(Path(folder) / SUMMARY_RUN))) as writer:
+                    settings, rates = hparams(parts, receiver)
+                    # The run's own folder: any other would make a run more.
+                    more = (numbers or {}).get(receiver, {})
+                    writer.add_hparams(settings, {**rates, **more}, run_name=".")
+            with SummaryWriter(_cleared(Path(folder) / SUMMARY_RUN)) as writer:
                 if parts:
-                    writer.add_custom_scalars({part.title: part.charts() for part in parts})
-                    writer.add_text("how to read", _how_to_read(parts))
+                    writer.add_custom_scalars(dict(part.charts() for part in parts))
+                    groups: dict[str, list[str]] = {}
+                    for group in dict.fromkeys(part.group for part in parts):
+                        mine = (part.table.locators for part in parts if part.group == group)
+                        groups.setdefault(_listed(name for names in mine for name in names), []).append(group)
+                    told = {"units": list(dict.fromkeys(part.unit for part in parts)), "groups": groups}
+                    grouped = any(part.group for part in parts)
+                    said = page.render(__package__, "board.md.j2", grouped=grouped, **told).rstrip()
+                    writer.add_text("how to read", said)
                 for name, text in (texts or {}).items():
                     writer.add_text(name, text)
                 for tag, picture in pictures.items():
-                    pixels = figure_pixels(picture) if isinstance(picture, Figure) else picture
+                    pixels = canvas.figure_pixels(picture) if isinstance(picture, Figure) else picture
                     writer.add_image(tag, pixels, dataformats="HWC")
     except OSError as error:
         raise VoccError(f"cannot write {folder}: {error.strerror or error}") from error
 
 
 @dataclass(frozen=True, slots=True)
-class _Part:
-    """One table's part of the board: the group that its tags begin with, and each value's step."""
+class BoardPart:
+    """One table's part of the board.
+
+    Args:
+        group: what its tags begin with; may be empty.
+        table: the points.
+        steps: each value's step.
+    """
 
     group: str
     table: BerTable
@@ -153,17 +152,10 @@ class _Part:
     @property
     def unit(self) -> str:
         """Say what a step is."""
-        axis = self.table.axis
-        return _STEPS[axis][1] if axis in _STEPS else axis_label(axis)
+        return str(styles.LOOKS["steps"].get(self.table.axis, (1, styles.axis_label(self.table.axis)))[1])
 
-    @property
-    def title(self) -> str:
-        """Heading of the charts: group, experiment and what a step is."""
-        name = " ".join(filter(None, (self.group, self.table.experiment)))
-        return f"{name}: bit error rate (step: {self.unit})"
-
-    def charts(self) -> dict[str, list[str | list[str]]]:
-        """Lay out curves, curves with intervals, and limits where a point has no errors.
+    def charts(self) -> tuple[str, dict[str, list[str | list[str]]]]:
+        """Lay out curves, curves with intervals, and limits where a point has no errors, with their heading.
 
         Tags of lines are regular expressions, those of bands are literal.
         """
@@ -175,68 +167,49 @@ class _Part:
         if any(row.error_free for row in self.table):
             limits = f"^{re.escape(self.tag('log10_BER_upper95'))}$"
             charts["no errors: log10 of the 95 % upper limit"] = ["Multiline", [limits]]
-        return charts
+        name = " ".join(filter(None, (self.group, self.table.experiment)))
+        return f"{name}: bit error rate (step: {self.unit})", charts
 
     def write(self, writer: SummaryWriter, receiver: str) -> None:
         """Write one receiver's curve in ascending order; steps out of order would vanish."""
         for row in self.table.of(receiver):
-            shown = {"BER": row.ber}
+            rates = {"": row.ber, "_lo": row.ber_low, "_hi": row.ber_high}
             if row.error_free:
-                shown["log10_BER_upper95"] = math.log10(row.ber_high)
-            else:
-                rates = {"": row.ber, "_lo": row.ber_low, "_hi": row.ber_high}
-                shown |= {f"log10_BER{end}": math.log10(rate) for end, rate in rates.items()}
-            for quantity, value in shown.items():
+                rates = {"_upper95": row.ber_high}
+            shown = {f"log10_BER{end}": math.log10(rate) for end, rate in rates.items()}
+            for quantity, value in {"BER": row.ber, **shown}.items():
                 writer.add_scalar(self.tag(quantity), value, self.steps[row.value])
 
 
-def _cleared(run: Path) -> Path:
+def _cleared(run: Path) -> str:
     """Make a run's folder and remove its old events: read together with new ones, points would vanish."""
     run.mkdir(parents=True, exist_ok=True)
     for events in run.glob("events.out.tfevents.*"):
         events.unlink()
-    return run
+    return str(run)
 
 
-def _write_settings(
-    writer: SummaryWriter, parts: Sequence[_Part], receiver: str, numbers: Mapping[str, float]
-) -> None:
-    """Write a receiver's row of the HPARAMS tab."""
+def hparams(parts: Sequence[BoardPart], receiver: str) -> tuple[dict[str, str], dict[str, float]]:
+    """Give a receiver's row of the HPARAMS tab: its settings, and its rates over all points of each table."""
     mine = [(part, rows) for part in parts if (rows := part.table.of(receiver))]
     each = [row for _, rows in mine for row in rows]
-    settings = {
-        "receiver": receiver,
-        "locator": _listed(row.locator for row in each),
-        "experiment": _listed(row.experiment for row in each),
-    }
+    settings = {"receiver": receiver, "locator": _listed(row.locator for row in each)}
+    settings["experiment"] = _listed(row.experiment for row in each)
     if groups := _listed(part.group for part, _ in mine):
         settings["group"] = groups
-    rates = {
-        f"all_points/{'BER' if len(parts) == 1 else part.tag('BER')}": sum(row.bit_errors for row in rows)
-        / sum(row.bits for row in rows)
-        for part, rows in mine
-    }
+    rates = {}
+    for part, rows in mine:
+        name = "BER" if len(parts) == 1 else part.tag("BER")
+        rates[f"all_points/{name}"] = sum(row.bit_errors for row in rows) / sum(row.bits for row in rows)
     if len(parts) == 1:
         rates["all_points/lowest_BER"] = min(row.ber for row in each)
         rates["all_points/highest_BER"] = max(row.ber for row in each)
-    # The run's own folder: any other would make a run more.
-    writer.add_hparams(settings, {**rates, **numbers}, run_name=".")
+    return settings, rates
 
 
 def _listed(names: Iterable[str]) -> str:
     """List different names in the order in which they first come."""
-    return ", ".join(dict.fromkeys(name for name in names if name))
-
-
-def _how_to_read(parts: Sequence[_Part]) -> str:
-    """Explain the board in Markdown."""
-    groups: dict[str, list[str]] = {}
-    for group in dict.fromkeys(part.group for part in parts):
-        corners = _listed(name for part in parts if part.group == group for name in part.table.locators)
-        groups.setdefault(corners, []).append(group)
-    units = list(dict.fromkeys(part.unit for part in parts))
-    grouped = any(part.group for part in parts)
-    return render(__package__, "board.md.j2", units=units, groups=groups, grouped=grouped).rstrip()
+    return ", ".join(dict.fromkeys(filter(None, names)))
 
 
 @contextmanager

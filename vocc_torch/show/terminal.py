@@ -1,29 +1,120 @@
 """What the terminal shows: progress while a run goes on, and the table of its rates at the end."""
 
-from __future__ import annotations
-
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Self
+from typing import Any, Self
 
-from rich.console import Console, RenderableType
-from rich.progress import BarColumn, Progress, ProgressColumn, Task, TextColumn, TimeRemainingColumn
-from rich.text import Text
+from rich import box, progress
+from rich.console import Console as Console
+from rich.console import RenderableType
+from rich.measure import Measurement
+from rich.table import Table
+from rich.text import Text as Text
 
 from vocc_torch.measure.curve import BerTable, Point, Row
 from vocc_torch.measure.plan import Plan
 from vocc_torch.measure.train import Training, train
-from vocc_torch.show.styles import value_text
-from vocc_torch.show.text_table import ber_table
+from vocc_torch.show.styles import LOOKS, axis_label, point_text, rate_text, value_text
 
 _FRAME_LINES = 8
 """Lines around the table's rows in the live view: header, rules and progress."""
-_STOPPED = {
-    "frames": "the whole budget",
-    "frame_errors": "stopped at enough wrong frames",
-    "precision": "stopped at the precision asked for",
-}
+
+
+def plain_table(*heads: str, **look: Any) -> Table:
+    """Make an empty table with one rule under its head and two blanks between columns.
+
+    Args:
+        heads: of columns with numbers, which stand at the right and are not broken.
+        look: what else rich takes for these columns.
+    """
+    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False, show_edge=False)
+    for head in heads:
+        table.add_column(Text(head), **{"justify": "right", "no_wrap": True, **look})
+    return table
+
+
+def ber_table(
+    table: BerTable,
+    console: Console,
+    values: Sequence[float] = (),
+    receivers: Sequence[str] = (),
+    *,
+    axis: str = "",
+    interim: Container[float] = (),
+    lines: int | None = None,
+) -> Table:
+    """Lay the rates out: a row for each value of the axis, a column for each receiver.
+
+    Where the intervals do not fit the width they take two lines, and a terminal too narrow for a column a
+    receiver gets a line for each point.
+
+    Args:
+        table: any number of points.
+        console: where the table is to be printed.
+        values: rows; those of the table by default. A point that is missing is an ellipsis.
+        receivers: columns; those of the table by default.
+        axis: quantity that varies; that of the table by default.
+        interim: values whose points are still running: they are dim.
+        lines: lines that the rows may take; without room for it there are no intervals.
+
+    Example:
+        >>> ber_table(BerTable(), Console(), [30.0, 70.0], ["flda_3"], axis="distance_m").row_count
+        2
+    """
+    values, receivers = values or table.values, receivers or table.receivers
+    rows, ascii_only = {(row.value, row.receiver): row for row in table}, console.options.ascii_only
+    # The axis's name in a narrow column; a long unit is left to the figure.
+    name, _, unit = axis_label(axis or table.axis).partition(" (")
+    heading = "\n".join([*name.split(), *([f"({unit}"] if 0 < len(unit) < 9 else [])])
+    if ascii_only:
+        heading = heading.replace("\N{SUPERSCRIPT TWO}", "2")
+
+    def cell(value: float, receiver: str, joint: str | None) -> Text:
+        """Write a point's rate, with its interval after a line end where there is a joint for its ends."""
+        row = rows.get((value, receiver))
+        if row is None:
+            return Text("..." if ascii_only else "\N{HORIZONTAL ELLIPSIS}", style="dim")
+        text = Text(point_text(row), style="dim" if value in interim else "")
+        if joint is not None and not row.error_free:
+            text.append(f"\n{rate_text(row.ber_low)}{joint}{rate_text(row.ber_high)}", style="dim")
+        return text
+
+    joints = [" to ", " to\n", None]
+    if lines is not None:
+        joints = [joint for joint, each in zip(joints, (2, 3, 1), strict=True) if each * len(values) <= lines]
+    for joint in joints or [None]:
+        made = plain_table(heading, *(receiver.replace("_", "\n") for receiver in receivers))
+        for value in values:
+            made.add_row(value_text(value), *(cell(value, receiver, joint) for receiver in receivers))
+        if Measurement.get(console, console.options.update(width=10_000), made).maximum <= console.width:
+            return made
+    made = plain_table(heading, "receiver", "BER", "95 %", no_wrap=False, overflow="fold")
+    made.columns[1].justify = "left"
+    for value in values:
+        for receiver in receivers:
+            rate, *ends = cell(value, receiver, " to ").split()
+            made.add_row(value_text(value), Text(receiver), rate, *ends)
+    return made
+
+
+class _Bar(progress.Progress):
+    """A bar over what stands under it: a terminal too low for all loses the end."""
+
+    below: Callable[[], RenderableType] | None = None
+
+    def get_renderables(self) -> Iterator[RenderableType]:
+        yield from super().get_renderables()
+        if self.below is not None:
+            yield self.below()
+
+
+class _Speed(progress.ProgressColumn):
+    """Frames a second over the last while."""
+
+    def render(self, task: progress.Task) -> Text:
+        speed = task.finished_speed or task.speed
+        return Text("" if speed is None else f"{speed:,.0f} frames/s", style="progress.data.speed")
 
 
 def print_table(table: BerTable, console: Console | None = None) -> None:
@@ -42,9 +133,8 @@ def print_table(table: BerTable, console: Console | None = None) -> None:
         console.print("No points were measured.")
         return
     console.print(ber_table(table, console))
-    frames = sorted({row.frames for row in table})
-    count = f"{frames[0]}" if len(frames) == 1 else f"{frames[0]} to {frames[-1]}"
-    locators = ", ".join(table.locators)
+    frames, locators = [row.frames for row in table], ", ".join(table.locators)
+    count = " to ".join(dict.fromkeys(map(str, (min(frames), max(frames)))))
     text = f"{count} frames a point; locator: {locators}; 95 % intervals, frames as the units"
     if any(row.error_free for row in table):
         text += "; <: no errors, one-sided 95 % limit, wrong frames as at the other points"
@@ -76,15 +166,11 @@ class ProgressView:
     ) -> None:
         """Prepare the view; nothing is drawn before the context is entered."""
         self.console = console or Console()
-        self._bar = _Bar(
-            *(TextColumn("{task.description}"), BarColumn(bar_width=None)),
-            *(TextColumn("{task.percentage:>3.0f} %"), _Speed(), TimeRemainingColumn(), TextColumn("left")),
-            console=self.console,
-            refresh_per_second=4,
-            transient=True,
-            expand=True,
-            disable=not self.console.is_terminal or self.console.is_dumb_terminal,
-        )
+        drawn = self.console.is_terminal and not self.console.is_dumb_terminal
+        columns = ("{task.description}", progress.BarColumn(None), "{task.percentage:>3.0f} %", _Speed())
+        look: dict[str, Any] = {"refresh_per_second": 4, "transient": True, "expand": True}
+        left = (progress.TimeRemainingColumn(), "left")
+        self._bar = _Bar(*columns, *left, console=self.console, disable=not drawn, **look)
         self._bar.below = below
         self._task = self._bar.add_task(doing, total=frames)
 
@@ -175,7 +261,7 @@ class StudyView(ProgressView):
         self.advance(self._doing(), 0)
         if self._bar.disable:
             for point in {point.value: point for point in points}.values():
-                why = _STOPPED.get(point.stopped_by, point.stopped_by)
+                why = LOOKS["stopped"].get(point.stopped_by, point.stopped_by)
                 self.say(f"{self._axis}={value_text(point.value)}: {point.counts.frames} frames, {why}")
 
     def _doing(self) -> str:
@@ -186,15 +272,10 @@ class StudyView(ProgressView):
 
     def _table(self) -> RenderableType:
         """Draw the table so far."""
-        return ber_table(
-            BerTable((*self._rows, *self._interim)),
-            self.console,
-            sorted(self._values),
-            self._receivers,
-            axis=self._axis,
-            interim={point.value for point in self._interim},
-            lines=self.console.height - _FRAME_LINES,
-        )
+        table, values = BerTable((*self._rows, *self._interim)), sorted(self._values)
+        interim, lines = {point.value for point in self._interim}, self.console.height - _FRAME_LINES
+        look: dict[str, Any] = {"axis": self._axis, "interim": interim, "lines": lines}
+        return ber_table(table, self.console, values, self._receivers, **look)
 
 
 def train_shown(plan: Plan, console: Console) -> Training:
@@ -203,39 +284,20 @@ def train_shown(plan: Plan, console: Console) -> Training:
     with ProgressView(frames, console, f"training on {frames} frames") as view:
         seen = 0
 
-        def progress(more: int) -> None:
+        def learnt(more: int) -> None:
             nonlocal seen
             seen += more
             # The classifiers learn once FLDA has seen its frames.
             last = seen >= frames and plan.receiver.classifiers
             view.advance("training classifiers" if last else f"training on {frames} frames", more)
 
-        training = train(plan, progress)
+        training = train(plan, learnt)
     missed = f", {training.missed} without a located panel left out" if training.missed else ""
     view.say(f"trained on {training.frames} frames{missed}")
     for name, one in training.made.items():
         if one.frames:
             view.say(f"trained {name} on {one.frames} frames in {one.training_s:.0f} s")
     return training
-
-
-class _Bar(Progress):
-    """A bar over what stands under it: a terminal too low for all loses the end."""
-
-    below: Callable[[], RenderableType] | None = None
-
-    def get_renderables(self) -> Iterator[RenderableType]:
-        yield from super().get_renderables()
-        if self.below is not None:
-            yield self.below()
-
-
-class _Speed(ProgressColumn):
-    """Frames a second over the last while."""
-
-    def render(self, task: Task) -> Text:
-        speed = task.finished_speed or task.speed
-        return Text("" if speed is None else f"{speed:,.0f} frames/s", style="progress.data.speed")
 
 
 class Stopwatch:

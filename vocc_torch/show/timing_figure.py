@@ -1,25 +1,20 @@
 """Drawing of Fig. 25: the time of each bit detector over that of panel detection."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from vocc_torch.measure.estimate import Estimate
-from vocc_torch.measure.stage_times import BIT_DETECTION, StageTimes, median_of
-from vocc_torch.show.canvas import GRID, INK, head, new_figure, quiet_axes, write_legend, write_title
+from vocc_torch.measure import estimate, stage_times
+from vocc_torch.show import canvas, page
+from vocc_torch.show.canvas import GRID, INK, Axes, Figure, Line2D
 from vocc_torch.show.styles import receiver_styles
 
-Floats = NDArray[np.float64]
-FramesAndBatch = tuple[str, int]
+Place = tuple[str, int]
+"""Kind of frames and batch size."""
 
 PANEL_DETECTION = "panel_detection"
 PAPER_SHARES = {
@@ -50,43 +45,41 @@ class DetectionTimes:
             thread it is a lower limit.
     """
 
-    by_place: Mapping[FramesAndBatch, Mapping[str, StageTimes]]
+    by_place: Mapping[Place, Mapping[str, stage_times.StageTimes]]
     sensor_px: tuple[int, int]
     machine: str
     threads: int
     waited_share: float
 
-    def rounds(self, place: FramesAndBatch) -> int:
+    def rounds(self, place: Place) -> int:
         """How many rounds were timed."""
         return next(iter(self.by_place[place].values())).rounds
 
-    def times_ms(self, place: FramesAndBatch) -> dict[str, Estimate]:
+    def times_ms(self, place: Place) -> dict[str, estimate.Estimate]:
         """Give panel detection's and each bit detector's time, ms a frame."""
-        return {stage: median_of(spent) for stage, spent in self._spent_ms(place).items()}
+        return {stage: stage_times.median_of(spent) for stage, spent in self._spent_ms(place).items()}
 
-    def shares(self, place: FramesAndBatch) -> dict[str, Estimate]:
+    def shares(self, place: Place) -> dict[str, estimate.Estimate]:
         """Give the same over panel detection's time in the same round."""
         spent = self._spent_ms(place)
-        return {stage: median_of(one / spent[PANEL_DETECTION]) for stage, one in spent.items()}
+        return {stage: stage_times.median_of(one / spent[PANEL_DETECTION]) for stage, one in spent.items()}
 
-    def ngr_costs(self, place: FramesAndBatch) -> tuple[Estimate, Estimate]:
+    def ngr_costs(self, place: Place) -> tuple[estimate.Estimate, estimate.Estimate]:
         """Give what a third feature adds to the time of two, and to that of panel detection and two."""
         spent = self._spent_ms(place)
         panel, two, three = (spent[stage] for stage in (PANEL_DETECTION, "flda_2", "flda_3"))
-        return median_of(three / two - 1), median_of((three - two) / (panel + two))
+        return stage_times.median_of(three / two - 1), stage_times.median_of((three - two) / (panel + two))
 
-    def _spent_ms(self, place: FramesAndBatch) -> dict[str, Floats]:
+    def _spent_ms(self, place: Place) -> dict[str, NDArray[np.float64]]:
         """Give the times round by round."""
         times = self.by_place[place]
-        panel = {PANEL_DETECTION: times["flda_3"].summed(["locate"])}
-        return panel | {
-            stage: times[stage].summed(BIT_DETECTION) for stage in PAPER_SHARES if stage != PANEL_DETECTION
-        }
+        bits = {name: times[name].summed(stage_times.BIT_DETECTION) for name in PAPER_SHARES if name in times}
+        return {PANEL_DETECTION: times["flda_3"].summed(["locate"]), **bits}
 
     def draw(self, title: str) -> Figure:
         """Draw the figure, with its title and what it rests on."""
-        figure = new_figure(10, 6.8)
-        write_title(figure, title, self.draw_on(figure))
+        figure = canvas.new_figure(10, 6.8)
+        canvas.write_title(figure, title, self.draw_on(figure))
         return figure
 
     def draw_on(self, figure: Figure) -> str:
@@ -96,9 +89,9 @@ class DetectionTimes:
         for letter, place in zip("abcd", self.by_place, strict=False):
             f, n = kinds.index(place[0]), batches.index(place[1])
             axes = figure.add_axes((0.205 + column * n, 0.588 - 0.368 * f, column - 0.025, 0.285))
-            longest = max(longest, self._draw_bars(axes, place))
+            longest = max(longest, self.draw_bars(axes, place))
             axes.tick_params(axis="y", length=0, labelleft=n == 0)
-            head(axes, f"({letter})", f"{_KINDS.get(place[0], place[0])}, {_at_a_time(place[1])}")
+            canvas.head(axes, f"({letter})", f"{_KINDS.get(place[0], place[0])}, {_at_a_time(place[1])}")
             if f == len(kinds) - 1:
                 axes.set_xlabel("Time over that of panel detection (%)", fontsize=11)
         for axes in figure.axes:
@@ -108,36 +101,25 @@ class DetectionTimes:
         quartiles = Line2D([], [], color=INK, marker="|", markersize=7, linewidth=1.2, label="quartiles")
         look: dict[str, Any] = {"loc": "upper right", "fontsize": 10.5, "handlelength": 2.0}
         at = (0.99, 1 - 0.06 / figure.get_figheight())
-        write_legend(figure, [axes.lines[-1], quartiles], at, columns=2, columnspacing=1.4, **look)
-        return self._footnote()
-
-    def _footnote(self) -> str:
-        """Say what the figure rests on, and in medians what NGR adds in each of its parts."""
+        canvas.write_legend(figure, [axes.lines[-1], quartiles], at, columns=2, columnspacing=1.4, **look)
+        costs = zip(*(self.ngr_costs(place) for place in self.by_place), strict=True)
         of_two, of_all = (
-            [f"{100 * one.value:z.1f}".replace("-", "\N{MINUS SIGN}") for one in part]
-            for part in zip(*(self.ngr_costs(place) for place in self.by_place), strict=True)
+            [f"{100 * one.value:z.1f}".replace("-", "\N{MINUS SIGN}") for one in part] for part in costs
         )
-        lettered = ", ".join(f"({letter}) {cost}" for letter, cost in zip("abcd", of_two, strict=False))
-        timed = {f"{self.rounds(place)} rounds {_at_a_time(place[1])}": None for place in self.by_place}
-        busy = (
-            f"Take with care: for {100 * self.waited_share:.0f} % of the time other work had the processor.\n"
+        timed = dict.fromkeys(
+            f"{self.rounds(place)} rounds {_at_a_time(place[1])}" for place in self.by_place
         )
-        return (
-            f"{busy if self.waited_share > _BUSY else ''}"
-            f"NGR adds {lettered} % to two features' time (the paper: 17 %), "
-            f"and to the whole {', '.join(of_all)} % (1.78 %).\n"
-            f"Medians of {' and '.join(timed)}; whole frames of {self.sensor_px[1]} x {self.sensor_px[0]} px."
-            f" Preambles are not counted. The paper: Matlab.\nOurs: {self.machine}."
-        )
+        told = {"of_two": list(zip("abcd", of_two, strict=False)), "of_all": of_all, "timed": timed}
+        return page.render(__package__, "times.txt.j2", times=self, busy=_BUSY, **told).rstrip()
 
-    def _draw_bars(self, axes: Axes, place: FramesAndBatch) -> float:
+    def draw_bars(self, axes: Axes, place: Place) -> float:
         """Draw the bars, the detectors' quartiles and the paper's marks; give the last label's begin."""
         times, shares = self.times_ms(place), self.shares(place)
-        styles = receiver_styles([stage for stage in PAPER_SHARES if stage != PANEL_DETECTION])
-        looks = [_PANEL, *((style.label, style.colour) for style in styles.values())]
+        styles = receiver_styles(name for name in PAPER_SHARES if name != PANEL_DETECTION).values()
+        labels, colours = zip(_PANEL, *((style.label, style.colour) for style in styles), strict=True)
         low, median, high = 100 * np.array([(one.low, one.value, one.high) for one in shares.values()]).T
         paper, rows = 100 * np.array(list(PAPER_SHARES.values())), np.arange(float(len(PAPER_SHARES)))
-        axes.barh(rows, median, height=0.62, color=[colour for _, colour in looks])
+        axes.barh(rows, median, height=0.62, color=colours)
         spread = np.stack([median - low, high - median])[:, 1:]
         axes.errorbar(median[1:], rows[1:], xerr=spread, fmt="none", ecolor=INK, elinewidth=1.2, capsize=2.5)
         mark: dict[str, Any] = {"markersize": 7.5, "markeredgecolor": INK, "color": "white", "zorder": 5}
@@ -145,11 +127,12 @@ class DetectionTimes:
         ends = np.maximum(high, paper).tolist()
         for row, (spent, share, end) in enumerate(zip(times.values(), median, ends, strict=True)):
             time = f"{number_text(spent.value)} ms"
-            said, beside = f"{number_text(share)} %  ({time})" if row else time, "offset points"
-            axes.annotate(said, (end, row), (9, 0), textcoords=beside, fontsize=10, color=INK, va="center")
-        quiet_axes(axes)
+            said = f"{number_text(share)} %  ({time})" if row else time
+            axes.annotate(said, (end, row), (9, 0), textcoords="offset points", va="center")
+            axes.texts[-1].set(fontsize=10, color=INK)
+        canvas.quiet_axes(axes)
         axes.grid(axis="x", color=GRID, linewidth=0.8)
-        axes.set_yticks(rows, [label for label, _ in looks])
+        axes.set_yticks(rows, labels)
         axes.invert_yaxis()
         return float(max(ends))
 

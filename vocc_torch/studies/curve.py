@@ -1,76 +1,122 @@
-"""``task=test``: train, measure bit error rates along an experiment's axis, and report them."""
-
-from __future__ import annotations
+"""``task=train``, and ``task=test``: bit error rates along an axis or on a grid, and their report."""
 
 from collections.abc import Mapping
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from rich.console import Console
 
 from vocc_torch.errors import VoccError
-from vocc_torch.measure import sweep
-from vocc_torch.measure.build import build_plan
-from vocc_torch.measure.config import Settings
-from vocc_torch.measure.curve import Curves
+from vocc_torch.measure import build, config, curve, paired, sweep, train
+from vocc_torch.measure.grid import Grid
 from vocc_torch.measure.ledger import Label, Ledger, Tally
 from vocc_torch.measure.link import Link, block_keys
-from vocc_torch.measure.paired import paired_interval
-from vocc_torch.measure.plan import SCENE_FIELDS, Plan, identity
-from vocc_torch.measure.sweep import point_name
-from vocc_torch.measure.train import Training, trained_receiver
+from vocc_torch.measure.plan import SCENE_FIELDS, Plan
 from vocc_torch.measure.workers import Workers
 from vocc_torch.receiver.features import FEATURE_NAMES
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.show import folder as run_folder
+from vocc_torch.show import heatmap, tensorboard
 from vocc_torch.show.canvas import annotated, enlarged, save_figure
-from vocc_torch.show.csv_file import ber_rows, write_paired, write_rows
 from vocc_torch.show.plots import ber_figure, feature_histograms
 from vocc_torch.show.styles import axis_label, receiver_styles, value_text
-from vocc_torch.show.tensorboard import axis_steps, write_boards
-from vocc_torch.show.terminal import StudyView, print_table, train_shown
+from vocc_torch.show.terminal import Console, ProgressView, StudyView, print_table, train_shown
 from vocc_torch.simulation.framing import crop_origins_px, panel_centre_px
 
 
-def run_test(settings: Settings, folder: Path) -> None:
-    """Train, measure bit error rates along the experiment's axis or on its grid, and report them."""
+def run_train(settings: config.Settings, folder: Path) -> None:
+    """Train FLDA and write the receiver."""
+    run_folder.refuse_unused(settings)
+    run_folder.refuse_results(folder)
+    plan, console = build.build_plan(settings, folder), Console()
+    run_folder.write_training(settings, plan, train_shown(plan, console), folder)
+    run_folder.print_place(console, "receiver", folder / "receiver.pt")
+
+
+def run_test(settings: config.Settings, folder: Path) -> None:
+    """Train, measure bit error rates along the experiment's axis, and report them.
+
+    Raises:
+        VoccError: values that TensorBoard cannot tell apart, or whatever a stage refuses.
+    """
     run_folder.refuse_unused(settings)
     run_folder.refuse_results(folder, run_folder.LEDGER)
-    plan, console = build_plan(settings, folder), Console()
+    plan, console = build.build_plan(settings, folder), Console()
     # Made before the training, so that a wrong number is refused at once; it starts nothing yet.
     workers = Workers(settings.workers)
-    _note_strangers(plan, console)
+    for line in strangers(plan):
+        console.print(line, highlight=False, soft_wrap=True)
+    experiment, locator, names = plan.experiment, plan.receiver.locator, plan.receiver.names
+    values, simulated = sweep.axis_values(experiment), sweep.monte_carlo_values(plan)
     if settings.tensorboard:
         try:
-            axis_steps(plan.experiment.axis, sweep.axis_values(plan.experiment))
+            tensorboard.axis_steps(experiment.axis, values)
         except VoccError as error:
             hint = "give values further apart, or tensorboard=false"
             raise VoccError(f"experiment.values: {error}; {hint}") from None
-    locator = plan.receiver.locator
+    study = sweep.Study(experiment.name, plan, (locator,))
     with (
         run_folder.resumable(settings, folder, console),
         # Held to the end: a second run would write over the same results.
-        run_folder.open_ledger(folder / run_folder.LEDGER, identity(plan, [locator]), console) as ledger,
+        run_folder.open_ledger(folder / run_folder.LEDGER, study.identity, console) as ledger,
     ):
         run_folder.write_config(settings, folder)
         training = train_shown(plan, console)
-        with workers:
-            curves = _sweep(plan, training, ledger, workers, console)
+        banks, outcomes = {study.key: {locator: training.bank(names)}}, {}
+        view = StudyView(experiment.axis, values, names, plan.frames_in_point, console, len(simulated))
+        with workers, view:
+
+            def show(_: sweep.Study, value: float, frames: int, tallies: Mapping[Label, Tally]) -> None:
+                view.count(frames)
+                view.show(sweep.points_of(plan, locator, value, tallies, "running"))
+
+            for _, value, outcome in sweep.run_studies([study], banks, {study.key: ledger}, workers, show):
+                outcomes[value] = outcome
+                view.finish(sweep.points_of(plan, locator, value, outcome.counts, outcome.stopped_by))
+        curves = sweep.measured(study, outcomes).curves[locator]
         if not curves.values:
             fault = "no frame fell into any contrast bin"
             raise VoccError(f"experiment.values: {fault}: widen the bins or the scenes")
-        _write(settings, plan, training, curves, folder)
-    _print(settings, plan, curves, folder, console)
+        write_results(settings, plan, training, curves, folder)
+    print_table(curves.table(), console)
+    for line in (*left_out(plan, curves), *compared(curves, plan.receiver.save)):
+        console.print(line, soft_wrap=True, highlight=False)
+    places = {"table": "ber.csv", "pairs": "paired.csv", "figure": "ber.png", "receiver": "receiver.pt"}
+    run_folder.print_places(console, folder, places.items(), settings.tensorboard)
 
 
-def _write(settings: Settings, plan: Plan, training: Training, curves: Curves, folder: Path) -> None:
-    """Write tables, pictures, receiver and board."""
+def strangers(plan: Plan) -> list[str]:
+    """Say where the test goes beyond the scenes that the receiver trains on, a line for each quantity."""
+    trained, lines = plan.experiment.training_model(plan.world), []
+    tested = [plan.experiment.model_at(plan.world, value) for value in sweep.monte_carlo_values(plan)]
+    for name in SCENE_FIELDS:
+        low = min(getattr(model, name).bounds[0] for model in tested)
+        high = max(getattr(model, name).bounds[1] for model in tested)
+        least, most = getattr(trained, name).bounds
+        if low < least or high > most:
+            beyond = f"{name} from {low:g} to {high:g}, and the receiver trains on {least:g} to {most:g}"
+            lines.append(f"note: this tests {beyond}; experiment=scenes keeps the scene's own")
+    return lines
+
+
+def write_results(
+    settings: config.Settings, plan: Plan, training: train.Training, curves: curve.Curves, folder: Path
+) -> None:
+    """Write tables, pictures, receiver and board of one curve.
+
+    Args:
+        settings: the run's.
+        plan: the study.
+        training: the trained receivers.
+        curves: what was measured.
+        folder: where they go.
+    """
     table = curves.table()
     run_folder.write_training(settings, plan, training, folder)
-    write_rows(folder / "ber.csv", ber_rows(table))
-    write_paired(folder / "paired.csv", [curves])
+    run_folder.write_rows(folder / "ber.csv", run_folder.ber_rows(table))
+    run_folder.write_paired(folder / "paired.csv", [curves])
     camera, panel = plan.world.camera, plan.world.panel.shape
     seen = f"{panel.rows} x {panel.columns} LEDs, {camera.focal_length_mm:g} mm lens"
     title = f"Bit error rate, experiment “{plan.experiment.name}”: {seen}"
@@ -80,50 +126,15 @@ def _write(settings: Settings, plan: Plan, training: Training, curves: Curves, f
     histograms = feature_histograms(training.features, training.bits, names)
     save_figure(histograms, folder / "features.png")
     if settings.tensorboard:
-        pictures = sample_frames(plan, trained_receiver(plan, training))
+        pictures = sample_frames(plan, train.trained_receiver(plan, training))
         figures = {"BER": figure, "features by status": histograms}
         texts = {"configuration": run_folder.as_markdown(settings)}
-        write_boards(folder / "tensorboard", {"": [table]}, figures, pictures, texts)
+        tensorboard.write_boards(folder / "tensorboard", {"": [table]}, figures, pictures, texts)
 
 
-def _note_strangers(plan: Plan, console: Console) -> None:
-    """Say where the test goes beyond the scenes that the receiver trains on."""
-    trained = plan.experiment.training_model(plan.world)
-    tested = [plan.experiment.model_at(plan.world, value) for value in sweep.monte_carlo_values(plan)]
-    for name in SCENE_FIELDS:
-        low = min(getattr(model, name).bounds[0] for model in tested)
-        high = max(getattr(model, name).bounds[1] for model in tested)
-        least, most = getattr(trained, name).bounds
-        if low < least or high > most:
-            beyond = f"{name} from {low:g} to {high:g}, and the receiver trains on {least:g} to {most:g}"
-            note = f"note: this tests {beyond}; experiment=scenes keeps the scene's own"
-            console.print(note, highlight=False, soft_wrap=True)
-
-
-def _sweep(plan: Plan, training: Training, ledger: Ledger, workers: Workers, console: Console) -> Curves:
-    """Measure every point under a live view."""
-    locator, outcomes = plan.receiver.locator, {}
-    study = sweep.Study(plan.experiment.name, plan, (locator,))
-    banks = {study.key: {locator: training.bank(plan.receiver.names)}}
-    axis, values, names = plan.experiment.axis, sweep.axis_values(plan.experiment), plan.receiver.names
-    runs = len(sweep.monte_carlo_values(plan))
-    with StudyView(axis, values, names, plan.frames_in_point, console, runs) as view:
-
-        def show(_: sweep.Study, value: float, frames: int, tallies: Mapping[Label, Tally]) -> None:
-            view.count(frames)
-            view.show(sweep.points_of(plan, locator, value, tallies, "running"))
-
-        for _, value, outcome in sweep.run_studies([study], banks, {study.key: ledger}, workers, show):
-            outcomes[value] = outcome
-            view.finish(sweep.points_of(plan, locator, value, outcome.counts, outcome.stopped_by))
-    return sweep.measured(study, outcomes).curves[locator]
-
-
-def _print(settings: Settings, plan: Plan, curves: Curves, folder: Path, console: Console) -> None:
-    """Print the table, what was left out, where receivers differ for certain, and where the results are."""
-    table = curves.table()
-    print_table(table, console)
-    lines = []
+def left_out(plan: Plan, curves: curve.Curves) -> list[str]:
+    """Say which frames and contrast bins are not in the results."""
+    table, lines = curves.table(), []
     rows = table.of(table.receivers[0])
     drawn, counted = plan.frames_in_point, sum(row.frames for row in rows)
     whole = all(row.stopped_by == "frames" for row in rows)
@@ -132,14 +143,7 @@ def _print(settings: Settings, plan: Plan, curves: Curves, folder: Path, console
         lines.append(f"{outside} have a contrast outside the bins and are not counted")
     if empty := [f"{value:g}" for value in sweep.axis_values(plan.experiment) if value not in table.values]:
         lines.append(f"no frame fell into the bins about {', '.join(empty)}: they are not in the results")
-    reference = plan.receiver.save
-    if reference in curves.receivers and (told := compared(curves, reference)):
-        label = receiver_styles([reference])[reference].label
-        lines += [f"\nOn the same frames, against {label} (95 %, paired):", *(f"  {line}" for line in told)]
-    for line in lines:
-        console.print(line, soft_wrap=True, highlight=False)
-    places = {"table": "ber.csv", "pairs": "paired.csv", "figure": "ber.png", "receiver": "receiver.pt"}
-    run_folder.print_places(console, folder, places.items(), settings.tensorboard)
+    return lines
 
 
 SAMPLES = 4
@@ -165,7 +169,7 @@ def sample_frames(plan: Plan, receiver: Receiver) -> dict[str, NDArray[np.uint8]
     link, pictures = Link.of(plan), {}
     receiver = receiver.to(link.simulator.device)
     for value in sweep.monte_carlo_values(plan):
-        name, model = point_name(plan.experiment, value), plan.experiment.model_at(plan.world, value)
+        name, model = sweep.point_name(plan.experiment, value), plan.experiment.model_at(plan.world, value)
         seen = next(link.observe(model, block_keys(plan.seed, name, SAMPLES), preambles=False))
         read = receiver(seen.frames, seen.panels)
         shown = link.simulator.crop_px(model.nearest_m)
@@ -189,26 +193,75 @@ def sample_frames(plan: Plan, receiver: Receiver) -> dict[str, NDArray[np.uint8]
     return pictures
 
 
-def compared(curves: Curves, reference: str) -> list[str]:
-    """Say in a line for each other receiver where it differs from a reference for certain.
+def compared(curves: curve.Curves, reference: str) -> list[str]:
+    """Say in a line for each other receiver where it differs from a reference for certain, below a heading.
 
     Args:
         curves: an experiment.
-        reference: a receiver in it.
+        reference: a receiver; nothing is said if it is not in the experiment, or alone.
 
     Example:
-        >>> compared(Curves("d", "distance_m", "truth", ("flda_3",), (), {}, {}, {}), "flda_3")
+        >>> compared(curve.Curves("d", "distance_m", "truth", ("flda_3",), (), {}, {}, {}), "flda_3")
         []
     """
-    lines = []
-    for name, style in receiver_styles(curves.receivers).items():
+    styles, lines = receiver_styles([*curves.receivers, reference]), []
+    for name in curves.receivers if reference in curves.receivers else ():
         if name == reference:
             continue
         places: dict[str, list[str]] = {"worse": [], "better": []}
         for value in curves.values:
-            found = paired_interval(curves.pair(name, reference, value))
+            found = paired.paired_interval(curves.pair(name, reference, value))
             if found.real:
                 places["worse" if found.value > 0 else "better"].append(value_text(value))
         parts = [f"{word} at {', '.join(values)}" for word, values in places.items() if values]
-        lines.append(f"{style.label}: {'; '.join(parts) or 'no difference shown'}")
-    return lines
+        lines.append(f"  {styles[name].label}: {'; '.join(parts) or 'no difference shown'}")
+    heading = f"\nOn the same frames, against {styles[reference].label} (95 %, paired):"
+    return [heading, *lines] if lines else []
+
+
+def run_grid(settings: config.Settings, folder: Path) -> None:
+    """Train, measure bit error rates on the experiment's grid, and report them.
+
+    Raises:
+        VoccError: rows that form no grid, or whatever a stage refuses.
+    """
+    run_folder.refuse_unused(settings)
+    run_folder.refuse_results(folder, run_folder.LEDGERS)
+    plan, console = build.build_plan(settings, folder), Console()
+    locator, axis = plan.receiver.locator, settings.experiment.row_axis or ""
+    rows = plan.rows()
+    studies = [sweep.Study(f"{at:g}", row, (locator,)) for at, row in rows.items()]
+    frames = sum(study.frames for study in studies)
+    with run_folder.resumable(settings, folder, console), ExitStack() as held:
+
+        def ledger(study: sweep.Study) -> Ledger:
+            path = folder / run_folder.LEDGERS / f"{study.key}.sqlite"
+            return held.enter_context(run_folder.open_ledger(path, study.identity, console))
+
+        with Workers(settings.workers) as workers, ProgressView(frames, console) as view:
+            campaign = sweep.run_campaign(
+                studies,
+                workers,
+                ledger,
+                trained=lambda: run_folder.write_config(settings, folder),
+                advance=lambda study, more: view.advance(study.plan.experiment.name, more),
+                finished=lambda study, _: view.say(f"{study.plan.experiment.name} is measured"),
+            )
+        curves = tuple(campaign.measured[study.key].curves[locator] for study in studies)
+        grid = Grid(axis, tuple(rows), curves)
+        run_folder.write_training(settings, plan, campaign.trainings[studies[0].key][locator], folder)
+        run_folder.write_grid(folder / "ber.csv", {locator: grid})
+        run_folder.write_paired(folder / "paired.csv", curves)
+        figures = heatmap.grid_figures({locator: grid}, locator, plan.receiver.names)
+        for name, figure in figures.items():
+            save_figure(figure, folder / f"{name}.png")
+        if settings.tensorboard:
+            tables = {f"{axis}={at:g}": [one.table()] for at, one in zip(grid.rows, curves, strict=True)}
+            texts = {"configuration": run_folder.as_markdown(settings)}
+            tensorboard.write_boards(folder / "tensorboard", tables, figures, {}, texts)
+    for one in curves:
+        console.print(f"\n{one.experiment}", highlight=False)
+        print_table(one.table(), console)
+    places = [("table", "ber.csv"), ("pairs", "paired.csv"), ("receiver", "receiver.pt")]
+    places += [("figure", f"{name}.png") for name in figures]
+    run_folder.print_places(console, folder, places, settings.tensorboard)

@@ -60,24 +60,6 @@ def test_every_cell_of_every_receiver_has_a_row(grid):
     assert len({row["bit_errors"] for row in rows}) > 2
 
 
-def test_the_best_of_each_receiver_is_a_row(grid):
-    folder, _ = grid
-    rows = rows_of(folder / "ber_best.csv")
-    assert [(row["receiver"], float(row["ambient_lx"])) for row in rows] == [
-        (name, at) for name in ("average_greyscale", "flda_3") for at in AMBIENT
-    ]
-    rates = {
-        (row["receiver"], row["ambient_lx"], float(row["value"])): float(row["ber"])
-        for row in rows_of(folder / "ber.csv")
-    }
-    for row in rows:
-        of_row = {value: rates[row["receiver"], row["ambient_lx"], value] for value in LUMINANCE}
-        least = [value for value, ber in of_row.items() if ber == min(of_row.values())]
-        assert float(row["ber"]) == min(of_row.values())
-        assert [float(row["best_from_cd_m2"]), float(row["best_to_cd_m2"])] == [least[0], least[-1]]
-        assert float(row["range_from_cd_m2"]) <= least[0] <= least[-1] <= float(row["range_to_cd_m2"])
-
-
 def test_a_finished_grid_counts_nothing_again(grid, place, monkeypatch):
     folder, _ = grid
     before = contents_of(folder, ".csv", ".sqlite", ".yaml")

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from vocc_torch.show.csv_file import write_rows
+from vocc_torch.show.folder import write_rows
 from vocc_torch.studies.paper.scorecard import COLUMNS, FIT_COLUMNS
 
 pytestmark = pytest.mark.breakage

@@ -1,7 +1,5 @@
 """What ``task=classifiers`` compares, checked before any work is done."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -9,9 +7,9 @@ from pathlib import Path
 from vocc_torch.errors import VoccError, section
 from vocc_torch.measure.build import build_plan, without_absent
 from vocc_torch.measure.config import Settings
-from vocc_torch.measure.plan import Experiment, Locator, Plan
+from vocc_torch.measure.plan import Budget, Experiment, Locator, Plan
 from vocc_torch.receiver.bank import FLDA_FEATURES
-from vocc_torch.studies.classifiers.config import RivalsConfig
+from vocc_torch.studies.classifiers import RivalsConfig
 
 
 @dataclass(frozen=True)
@@ -20,13 +18,9 @@ class ClassifierStudy:
 
     Args:
         plans: by experiment's name; they share world, receivers and budget.
-        reference: the receiver that the others are compared with.
-        points: a value of an experiment's axis that the summary states, by experiment.
-        genie_frames: frames a point that the genie decides; 0 for none.
+        config: the section of the configuration.
         home: name of the scenes of ``plans``.
         scenes: plans of other scenes by name; empty for none.
-        scene_frames: test frames for each pair of scenes; 0 for no pairs.
-        scene_training_frames: most frames that a receiver learns from there, at least 2.
         left_out: receivers that were asked for and cannot be built here, and why.
 
     Raises:
@@ -34,13 +28,9 @@ class ClassifierStudy:
     """
 
     plans: Mapping[str, Plan]
-    reference: str = "flda_3"
-    points: Mapping[str, float] = field(default_factory=dict)
-    genie_frames: int = 0
+    config: RivalsConfig
     home: str = "paper"
     scenes: Mapping[str, Plan] = field(default_factory=dict)
-    scene_frames: int = 0
-    scene_training_frames: int = 1000
     left_out: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -49,19 +39,18 @@ class ClassifierStudy:
             raise VoccError("rivals.experiments is empty: it must hold at least one experiment")
         for name, plan in self.plans.items():
             if plan.experiment.axis == "contrast":
-                rule = "it must be over a value of a scene"
-                raise VoccError(f"rivals.experiments.{name} is over contrast: {rule}")
-        if self.reference not in self.base.receiver.names:
+                raise VoccError.of(f"rivals.experiments.{name}", "over contrast", "over a value of a scene")
+        if self.config.reference not in self.base.receiver.names:
             known = ", ".join(self.base.receiver.names)
-            raise VoccError.of("rivals.reference", repr(self.reference), f"one of {known}")
-        for name, value in self.points.items():
+            raise VoccError.of("rivals.reference", repr(self.config.reference), f"one of {known}")
+        for name, value in self.config.points.items():
             if name not in self.plans:
                 raise VoccError(f"rivals.points.{name} is no experiment: known are {', '.join(self.plans)}")
             if value not in (values := self.plans[name].experiment.values):
                 allowed = ", ".join(f"{one:g}" for one in values)
                 raise VoccError.of(f"rivals.points.{name}", f"{value:g}", f"one of {allowed}")
         for key, least in (("genie_frames", 0), ("scene_frames", 0), ("scene_training_frames", 2)):
-            if (given := getattr(self, key)) < least:
+            if (given := getattr(self.config, key)) < least:
                 raise VoccError.of(f"rivals.{key}", given, f"at least {least}")
         if self.home in self.scenes:
             raise VoccError(f"rivals.scenes.{self.home} is the scene of the experiments: leave it out")
@@ -78,42 +67,35 @@ class ClassifierStudy:
 
     @property
     def scene_plans(self) -> dict[str, Plan]:
-        """By name, plans that train and test in one kind of scenes, the home first; empty without pairs."""
-        if not self.scenes or not self.scene_frames:
-            return {}
-        given = {self.home: self.base, **self.scenes}
-        return {name: self._in_scenes(name, plan) for name, plan in given.items()}
+        """By name, plans of one kind of scenes, the home first; empty without pairs.
 
-    def _in_scenes(self, name: str, plan: Plan) -> Plan:
-        """Give a plan that trains on few frames of its scenes, with test frames of its own name."""
-        most, learners = self.scene_training_frames, plan.receiver.classifiers
-        capped = [
-            replace(
-                one,
-                training=replace(one.training, frames=min(most, one.training.frames)),
-                frames=None if one.frames is None else min(most, one.frames),
-                # A classifier's own mix of scenes is of those at home.
-                scene=one.scene if name == self.home else {},
+        Each trains on few frames of its scenes, and has test frames of its own name.
+        """
+        if not self.scenes or not self.config.scene_frames:
+            return {}
+        most, plans = self.config.scene_training_frames, {}
+        for name, plan in {self.home: self.base, **self.scenes}.items():
+            learners = tuple(
+                replace(
+                    one,
+                    training=replace(one.training, frames=min(most, one.training.frames)),
+                    frames=None if one.frames is None else min(most, one.frames),
+                    # A classifier's own mix of scenes is of those at home.
+                    scene=one.scene if name == self.home else {},
+                )
+                for one in plan.receiver.classifiers
             )
-            for one in learners
-        ]
-        # Receivers that need preambles learn nothing.
-        learn = {*FLDA_FEATURES, *(one.name for one in learners)}
-        names = tuple(one for one in plan.receiver.names if one in learn)
-        budget = replace(
-            plan.budget,
-            frames=self.scene_frames,
-            training_frames=min(most, plan.budget.training_frames),
-            target_frame_errors=None,
-            precision=None,
-            least_ber=0.0,
-        )
-        return replace(
-            plan,
-            receiver=replace(plan.receiver, names=names, classifiers=tuple(capped)),
-            budget=budget,
-            experiment=Experiment(f"scenes/{name}", "distance_m", (plan.world.scene.nearest_m,)),
-        )
+            # Receivers that need preambles learn nothing.
+            learn = {*FLDA_FEATURES, *(one.name for one in learners)}
+            names = tuple(one for one in plan.receiver.names if one in learn)
+            frames = min(most, plan.budget.training_frames)
+            plans[name] = replace(
+                plan,
+                receiver=replace(plan.receiver, names=names, classifiers=learners),
+                budget=Budget(self.config.scene_frames, frames),
+                experiment=Experiment(f"scenes/{name}", "distance_m", (plan.world.scene.nearest_m,)),
+            )
+        return plans
 
 
 def build_classifier_study(settings: Settings, config: RivalsConfig, folder: Path) -> ClassifierStudy:
@@ -136,6 +118,4 @@ def build_classifier_study(settings: Settings, config: RivalsConfig, folder: Pat
         if name != settings.scene.name:
             with section(f"rivals.scenes.{name}", before="scene"):
                 scenes[name] = replace(build_plan(replace(settings, scene=scene), folder), receiver=receiver)
-    # The other keys of the section are the study's own.
-    rest = {key: value for key, value in vars(config).items() if key not in ("experiments", "scenes")}
-    return ClassifierStudy(plans, home=settings.scene.name, scenes=scenes, left_out=left_out, **rest)
+    return ClassifierStudy(plans, config, settings.scene.name, scenes, left_out)

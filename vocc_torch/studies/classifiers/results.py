@@ -1,21 +1,23 @@
-"""What a comparison of many receivers measured: error rates, the genie's, costs, and other scenes."""
+"""What a comparison of many receivers measured: rates, the genie's, costs, other scenes; and its summary."""
 
-from __future__ import annotations
-
+import math
+import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from statistics import median_high
 
+from vocc_torch.measure import curve, estimate, relative, train
 from vocc_torch.measure.counts import Counts
-from vocc_torch.measure.curve import BerTable, Curves, Point, Row
-from vocc_torch.measure.estimate import Estimate, joint_confidence
 from vocc_torch.measure.genie.genie import GenieReference
 from vocc_torch.measure.paired import PairedCounts, paired_interval
-from vocc_torch.measure.relative import rate_ratio
-from vocc_torch.measure.train import Making
+from vocc_torch.show import page, styles
 
 GENIE = "genie"
 """The genie's name among receivers."""
+
+KNOWS = "knows the scene"
+"""What the genie is called in pictures and tables."""
 
 
 @dataclass(frozen=True)
@@ -63,9 +65,14 @@ class Transfer:
     paired: PairedCounts
 
     @property
-    def ratio(self) -> Estimate | None:
+    def ratio(self) -> estimate.Estimate | None:
         """Its rate over that of the receiver trained there; None where that one made no error."""
-        return rate_ratio(self.at_home, self.counts, self.paired)
+        return relative.rate_ratio(self.at_home, self.counts, self.paired)
+
+    @property
+    def factor(self) -> float:
+        """Value of the ratio; infinite where the one trained there made no error."""
+        return math.inf if self.ratio is None else self.ratio.value
 
     def surely_worse(self, comparisons: int = 1) -> bool:
         """Whether it is worse than the one trained there, by intervals that hold together at 95 %.
@@ -73,7 +80,7 @@ class Transfer:
         Args:
             comparisons: how many are stated together, at least 1.
         """
-        return paired_interval(self.paired, joint_confidence(comparisons)).high < 0
+        return paired_interval(self.paired, estimate.joint_confidence(comparisons)).high < 0
 
 
 @dataclass(frozen=True)
@@ -82,10 +89,10 @@ class Comparison:
 
     Args:
         reference: the receiver that the others are compared with.
-        curves: by experiment.
         costs: what training took, by receiver.
-        decision_ms: time of a frame from the rectified panel to its bits, by receiver.
         points: of each experiment the value that the summary states.
+        curves: by experiment.
+        decision_ms: time of a frame from the rectified panel to its bits, by receiver.
         genie: by experiment and value; empty without it.
         no_genie: why there is none, by experiment.
         transfers: across scenes, all of them with ``home`` on one side.
@@ -96,10 +103,10 @@ class Comparison:
     """
 
     reference: str
-    curves: Mapping[str, Curves]
-    costs: Mapping[str, Making]
-    decision_ms: Mapping[str, float]
+    costs: Mapping[str, train.Making]
     points: Mapping[str, float]
+    curves: Mapping[str, curve.Curves] = field(default_factory=dict)
+    decision_ms: Mapping[str, float] = field(default_factory=dict)
     genie: Mapping[str, Mapping[float, GeniePoint]] = field(default_factory=dict)
     no_genie: Mapping[str, str] = field(default_factory=dict)
     transfers: Sequence[Transfer] = ()
@@ -109,32 +116,28 @@ class Comparison:
     left_out: Mapping[str, str] = field(default_factory=dict)
 
     @cached_property
-    def tables(self) -> dict[str, BerTable]:
+    def tables(self) -> dict[str, curve.BerTable]:
         """Each experiment's points, the genie's last."""
-        return {
-            name: BerTable(
-                [
-                    *curves.points(),
-                    *(
-                        Point(name, curves.axis, value, GENIE, curves.locator, one.genie.counts, "frames")
-                        for value, one in sorted(self.genie.get(name, {}).items())
-                    ),
-                ]
-            )
-            for name, curves in self.curves.items()
-        }
+        tables = {}
+        for name, curves in self.curves.items():
+            genies = [
+                curve.Point(name, curves.axis, value, GENIE, curves.locator, one.genie.counts, "frames")
+                for value, one in sorted(self.genie.get(name, {}).items())
+            ]
+            tables[name] = curve.BerTable([*curves.points(), *genies])
+        return tables
 
-    def row(self, experiment: str, receiver: str, value: float) -> Row | None:
+    def row(self, experiment: str, receiver: str, value: float) -> curve.Row | None:
         """Find a point."""
         return next((row for row in self.tables[experiment].of(receiver) if row.value == value), None)
 
-    def ratio(self, experiment: str, receiver: str, value: float) -> Estimate | None:
+    def ratio(self, experiment: str, receiver: str, value: float) -> estimate.Estimate | None:
         """Give a receiver's rate over the reference's at a point; None where that one made no error."""
         if receiver in (self.reference, GENIE):
             return None
         curves = self.curves[experiment]
         own, reference = (curves.counts[name, value] for name in (receiver, self.reference))
-        return rate_ratio(reference, own, curves.pair(self.reference, receiver, value))
+        return relative.rate_ratio(reference, own, curves.pair(self.reference, receiver, value))
 
     @cached_property
     def half_errors(self) -> dict[str, int]:
@@ -147,3 +150,58 @@ class Comparison:
     def ranked(self) -> tuple[str, ...]:
         """Receivers by their wrong bits over all points, the fewest first."""
         return tuple(self.half_errors)
+
+    def point_label(self, experiment: str) -> str:
+        """Write the value that the summary states, with its unit, such as "70 m"."""
+        unit = styles.axis_label(self.curves[experiment].axis).partition("(")[2].rstrip(")")
+        return f"{styles.value_text(self.points[experiment])} {unit}".rstrip()
+
+
+def ratio_text(ratio: estimate.Estimate, most: bool = False) -> str:
+    """Write a ratio as a fraction or a multiple; a limit where the receiver made no error.
+
+    Args:
+        ratio: the ratio and its interval.
+        most: write the high end alone.
+
+    Example:
+        >>> ratios = (0, 0, 0.0027), (0.031, 0.02, 0.05), (4.2, 3.0, 6.0)
+        >>> [ratio_text(estimate.Estimate(*one)) for one in ratios]
+        ['< 1/370', '1/32', '4.2 x']
+    """
+    limit = "< " if ratio.value == 0 and not most else ""
+    value = ratio.high if limit or most else ratio.value
+    if value > 0.95:
+        return f"{limit}{value:.2g} x" if value < 99.5 else f"{limit}{value:.0f} x"
+    part = 1 / value
+    return f"{limit}1/{part:.2g}" if part < 9.95 else f"{limit}1/{float(f'{part:.2g}'):.0f}"
+
+
+def summary(comparison: Comparison, width: int = 100) -> str:
+    """Say which receiver is best, what it costs, how far it is from what is possible, and where it fails.
+
+    Args:
+        comparison: what was measured.
+        width: columns that a line may take.
+    """
+    ranked, reference, wrong = comparison.ranked, comparison.reference, comparison.half_errors
+    learners = [name for name in ranked if comparison.costs[name].frames and name != reference]
+    best = learners[0] if learners and comparison.points else None
+    apart = [one for one in comparison.transfers if one.trained_on != one.tested_on]
+    moved = [name for name in ranked if any(one.receiver == name for one in apart)]
+    stated = list(dict.fromkeys([*moved[:1], *(name for name in moved if name == reference)]))
+    apart = sorted((one for one in apart if one.receiver in stated), key=lambda one: -one.factor)
+    points = [(name, value, one) for name, some in comparison.genie.items() for value, one in some.items()]
+    told: dict[str, object] = {"best": best, "stated": stated, "knows": KNOWS, "comparisons": len(apart)}
+    told["locator"] = next(iter(comparison.curves.values())).locator
+    told["tied"] = [name for name in learners[1:] if best and wrong[name] == wrong[best]]
+    told["worse"] = [one for one in apart if one.surely_worse(len(apart))]
+    genie: dict[str, object] = {"genie": sum((one.genie.counts for *_, one in points), Counts())}
+    genie["genie_ms"] = 1e3 * median_high([one.genie.seconds_a_frame for *_, one in points] or [0.0])
+    genie["on_its_frames"] = {
+        name: sum(one.receivers[name].bit_errors for *_, one in points) for name in ranked
+    }
+    words = {"ratio_text": ratio_text, "value_text": styles.value_text, "comparison": comparison}
+    text = page.render(__package__, "summary.txt.j2", genie_points=points, **told, **genie, **words)
+    parts = text.strip().split("\n\n")
+    return "\n\n".join(textwrap.fill(part, width, break_on_hyphens=False) for part in parts) + "\n"

@@ -1,25 +1,16 @@
 """Everything that ``task=classifiers`` measures, in order."""
 
-from __future__ import annotations
-
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from itertools import product
 
 from vocc_torch.errors import VoccError
-from vocc_torch.measure.build import built
-from vocc_torch.measure.curve import Curves
-from vocc_torch.measure.frame_errors import Banks, FrameErrors, FrameJob
+from vocc_torch.measure import build, frame_errors, ledger, schedule, stage_times, sweep, timing
 from vocc_torch.measure.genie.genie import genie_reference
 from vocc_torch.measure.genie.likelihood import UnknownLikelihoodError
-from vocc_torch.measure.ledger import Ledger
 from vocc_torch.measure.link import Link
 from vocc_torch.measure.plan import Plan
-from vocc_torch.measure.schedule import Outcome
-from vocc_torch.measure.stage_times import Exposure, median_of, time_stages
-from vocc_torch.measure.sweep import Study, measured, point_name, run_studies
-from vocc_torch.measure.timing import threads
 from vocc_torch.measure.train import Training, train, train_alone
 from vocc_torch.measure.workers import Workers, worker_losses_told
 from vocc_torch.receiver.bank import FLDA_FEATURES, ReceiverBank, needs_preambles
@@ -41,7 +32,7 @@ Advance = Callable[[str, int], None]
 
 def compare_classifiers(
     study: ClassifierStudy,
-    ledgers: Mapping[str, Ledger],
+    ledgers: Mapping[str, ledger.Ledger],
     workers: Workers,
     stage: Stage = nullcontext,
     advance: Advance = lambda what, frames: None,
@@ -61,67 +52,48 @@ def compare_classifiers(
     Raises:
         VoccError: what cannot be trained, or a worker that was ended from outside.
     """
-    names = study.base.receiver.names
+    names, plans = study.base.receiver.names, study.plans
     for one in study.base.receiver.classifiers:
         # What cannot be built is refused now, and not when its turn comes.
-        built(one)
+        build.built(one)
     with stage("training"):
         # FLDA is always trained: the receiver that is kept is one.
         wanted = tuple(dict.fromkeys((*names, *FLDA_FEATURES)))
-        widened = [
-            replace(plan, receiver=replace(plan.receiver, names=wanted)) for plan in study.plans.values()
-        ]
-        trained = train_alone(widened, workers)
-    banks = {name: one.bank(names) for name, one in zip(study.plans, trained, strict=True)}
+        every = [replace(plan, receiver=replace(plan.receiver, names=wanted)) for plan in plans.values()]
+        trained = train_alone(every, workers)
+    banks = {name: one.bank(names) for name, one in zip(plans, trained, strict=True)}
+    measured = Comparison(
+        reference=study.config.reference,
+        costs={name: trained[0].making(name) for name in names},
+        points=study.config.points,
+        home=study.home,
+        most_training_frames=study.config.scene_training_frames,
+        left_out=study.left_out,
+    )
     with stage("bit error rates"):
-        curves = _curves(study, banks, ledgers, workers, advance)
-    genie: dict[str, dict[float, GeniePoint]] = {}
-    transfers: list[Transfer] = []
-    no_genie: dict[str, str] = {}
-    lost: dict[str, str] = {}
-    if study.genie_frames:
+        at = study.locator
+        outcomes: dict[str, dict[float, schedule.Outcome]] = {name: {} for name in plans}
+        studies = [sweep.Study(name, plan, (at,)) for name, plan in plans.items()]
+        here = {name: {at: bank} for name, bank in banks.items()}
+
+        def told(one: sweep.Study, value: float, frames: int, _: object) -> None:
+            advance(f"{one.key} {value:g}", frames)
+
+        for experiment, value, outcome in sweep.run_studies(studies, here, ledgers, workers, told):
+            outcomes[experiment.key][value] = outcome
+        curves = {each.key: sweep.measured(each, outcomes[each.key]).curves[at] for each in studies}
+        measured = replace(measured, curves=curves)
+    if study.config.genie_frames:
         with stage("the genie"):
             genie, no_genie = genie_points(study, banks, workers, advance)
-    if plans := study.scene_plans:
+            measured = replace(measured, genie=genie, no_genie=no_genie)
+    if scene_plans := study.scene_plans:
         with stage("other scenes"):
-            transfers, lost = across_scenes(plans, workers, advance)
+            transfers, lost = across_scenes(scene_plans, workers, advance)
+            measured = replace(measured, transfers=transfers, lost_scenes=lost)
     with stage("times"):
-        decision_ms = decision_times(study.base, trained[0])
-    return Comparison(
-        reference=study.reference,
-        curves=curves,
-        costs={name: trained[0].making(name) for name in names},
-        decision_ms=decision_ms,
-        points=study.points,
-        genie=genie,
-        no_genie=no_genie,
-        transfers=transfers,
-        lost_scenes=lost,
-        home=study.home,
-        most_training_frames=study.scene_training_frames,
-        left_out=study.left_out,
-    ), trained[0]
-
-
-def _curves(
-    study: ClassifierStudy,
-    banks: Mapping[str, ReceiverBank],
-    ledgers: Mapping[str, Ledger],
-    workers: Workers,
-    advance: Advance,
-) -> dict[str, Curves]:
-    """Measure every experiment."""
-    at = study.locator
-    studies = [Study(name, plan, (at,)) for name, plan in study.plans.items()]
-    outcomes: dict[str, dict[float, Outcome]] = {name: {} for name in study.plans}
-
-    def counted(one: Study, value: float, frames: int, _: object) -> None:
-        advance(f"{one.key} {value:g}", frames)
-
-    of_locators = {name: {at: bank} for name, bank in banks.items()}
-    for one, value, outcome in run_studies(studies, of_locators, ledgers, workers, counted):
-        outcomes[one.key][value] = outcome
-    return {one.key: measured(one, outcomes[one.key]).curves[at] for one in studies}
+        measured = replace(measured, decision_ms=decision_times(study.base, trained[0]))
+    return measured, trained[0]
 
 
 def genie_points(
@@ -142,14 +114,15 @@ def genie_points(
     refused: dict[str, str] = {}
     for name, plan in study.plans.items():
         points: dict[float, GeniePoint] = {}
-        frames = min(study.genie_frames, plan.budget.frames)
+        frames = min(study.config.genie_frames, plan.budget.frames)
         try:
             for value in plan.experiment.values:
                 advance(f"the genie at {name} {value:g}", 0)
-                model, point = plan.experiment.model_at(plan.world, value), point_name(plan.experiment, value)
+                model = plan.experiment.model_at(plan.world, value)
+                point = sweep.point_name(plan.experiment, value)
                 genie = genie_reference(plan, model, point, frames, workers)
                 with worker_losses_told():
-                    errors = _count(plan, model, point, [banks[name]], frames, workers)()
+                    errors = counted(plan, model, point, [banks[name]], frames, workers)()
                 points[value] = GeniePoint(genie, dict(zip(banks[name].names, errors.counts, strict=True)))
             found[name] = points
         except UnknownLikelihoodError as error:
@@ -158,15 +131,15 @@ def genie_points(
     return found, refused
 
 
-def _count(
+def counted(
     plan: Plan, model: SceneModel, point: str, banks: Sequence[ReceiverBank], frames: int, workers: Workers
-) -> Callable[[], FrameErrors]:
+) -> Callable[[], frame_errors.FrameErrors]:
     """Hand out a point's frames; what is returned waits for the errors, a row for each bank's receivers."""
     locator = plan.receiver.locator
-    receivers = Banks([(locator, bank) for bank in banks])
-    job = FrameJob(plan, model, point, (locator,), receivers, receivers.needs_preambles)
+    receivers = frame_errors.Banks([(locator, bank) for bank in banks])
+    job = frame_errors.FrameJob(plan, model, point, (locator,), receivers, receivers.needs_preambles)
     calls = job.handed_out(frames, workers)
-    return lambda: FrameErrors.joined(call.result() for call in calls)
+    return lambda: frame_errors.FrameErrors.joined(call.result() for call in calls)
 
 
 def across_scenes(
@@ -194,36 +167,32 @@ def across_scenes(
         if home in lost or len(banks) == 1:
             return [], lost
         advance("testing across scenes", 0)
-        rows = {name: [home, name] if name != home else list(banks) for name in banks}
+        sources = {name: [home, name] if name != home else list(banks) for name in banks}
         calls = {}
-        for name, sources in rows.items():
-            plan, compared = plans[name], [banks[one] for one in sources]
+        for name, places in sources.items():
+            plan, compared = plans[name], [banks[one] for one in places]
             model = plan.experiment.training_model(plan.world)
-            calls[name] = _count(plan, model, plan.experiment.name, compared, plan.budget.frames, workers)
+            calls[name] = counted(plan, model, plan.experiment.name, compared, plan.budget.frames, workers)
         errors = {name: wait() for name, wait in calls.items()}
-    names = banks[home].names
-    return [one for name in banks for one in _transfers(names, name, rows[name], errors[name])], lost
+    names, transfers = banks[home].names, []
+    for tested_on, places in sources.items():
+        # On the frames of one kind of scenes, the receivers trained there are compared with the others.
+        own = places.index(tested_on) * len(names)
+        for (place, scenes), (row, name) in product(enumerate(places), enumerate(names)):
+            two = errors[tested_on].of([own + row, place * len(names) + row])
+            at_home, counts = two.counts
+            transfers.append(Transfer(name, scenes, tested_on, counts, at_home, two.pairs[0, 1]))
+    return transfers, lost
 
 
 def train_or_say_why(plan: Plan) -> ReceiverBank | str:
     """Train every receiver of a plan that learns, or say why that cannot be."""
     try:
-        with threads(1):
+        with timing.threads(1):
             training = train(plan, keep=True)
     except VoccError as error:
         return str(error)
     return training.bank([name for name in plan.receiver.names if training.making(name).frames])
-
-
-def _transfers(
-    names: Sequence[str], tested_on: str, trained_on: Sequence[str], errors: FrameErrors
-) -> Iterator[Transfer]:
-    """Compare, on the frames of one kind of scenes, the receivers trained there with the others."""
-    own = trained_on.index(tested_on) * len(names)
-    for (place, scenes), (row, name) in product(enumerate(trained_on), enumerate(names)):
-        two = errors.of([own + row, place * len(names) + row])
-        at_home, counts = two.counts
-        yield Transfer(name, scenes, tested_on, counts, at_home, two.pairs[0, 1])
 
 
 def decision_times(plan: Plan, training: Training) -> dict[str, float]:
@@ -241,8 +210,9 @@ def decision_times(plan: Plan, training: Training) -> dict[str, float]:
     names, link = plan.receiver.names, Link.of(plan)
     model, key = plan.experiment.training_model(plan.world), BlockKey(plan.seed, "times", 0)
     receivers = {name: StagedReceiver(training.bank([name]), link.reader, link.locator) for name in names}
-    with threads(1):
-        exposure = Exposure.of(plan.world, model, [key], preambles=needs_preambles(names))
+    with timing.threads(1):
+        exposure = stage_times.Exposure.of(plan.world, model, [key], preambles=needs_preambles(names))
         device = link.simulator.device
-        times = time_stages(receivers, exposure, BLOCK_FRAMES, TIMED_REPEATS, device).by_receiver
-    return {name: median_of(one.summed(("features", "classify"))).value for name, one in times.items()}
+        timed = stage_times.time_stages(receivers, exposure, BLOCK_FRAMES, TIMED_REPEATS, device)
+    spent = {name: one.summed(("features", "classify")) for name, one in timed.by_receiver.items()}
+    return {name: stage_times.median_of(one).value for name, one in spent.items()}

@@ -1,7 +1,5 @@
 """``task=decode``: its section of the configuration; nothing here needs torch."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from vocc_torch.errors import VoccError

@@ -1,7 +1,5 @@
 """Recordings as grey frames: a picture, a folder of pictures or a video."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -63,27 +61,29 @@ def read_recording(path: Path, channel: str) -> Iterator[RecordedFrame]:
     Raises:
         VoccError: an input that is missing, empty or cannot be read.
     """
+    wanted = "give a picture, a folder of pictures or a video"
     if not path.exists():
-        raise VoccError(f"input {path} does not exist: give a picture, a folder of pictures or a video")
+        raise VoccError(f"input {path} does not exist: {wanted}")
     if path.is_dir():
         pictures = sorted(p for p in path.iterdir() if p.suffix.lower() in PICTURE_SUFFIXES and p.is_file())
         if not pictures:
             raise VoccError(f"input {path} holds no picture: known endings are {' '.join(PICTURE_SUFFIXES)}")
-        return (_picture(picture, channel) for picture in pictures)
+        return (read_picture(picture, channel) for picture in pictures)
     if not path.is_file():
-        raise VoccError(
-            f"input {path} is a pipe or a device: give a picture, a folder of pictures or a video"
-        )
+        raise VoccError(f"input {path} is a pipe or a device: {wanted}")
     if path.suffix.lower() in VIDEO_SUFFIXES:
-        return _video(path, channel)
-    return iter([_picture(path, channel)])
+        return read_video(path, channel)
+    return iter([read_picture(path, channel)])
 
 
-def _picture(path: Path, channel: str) -> RecordedFrame:
+def read_picture(path: Path, channel: str) -> RecordedFrame:
     """Read one picture the way up that it is shown.
 
     16-bit greys are scaled to 8 bits; of transparent pixels the colour is taken, and how transparent they are
     does not matter.
+
+    Raises:
+        VoccError: a file that is no picture, is damaged, or has greys of other than 8 or 16 bits.
     """
     try:
         with warnings.catch_warnings():
@@ -91,34 +91,36 @@ def _picture(path: Path, channel: str) -> RecordedFrame:
             warnings.simplefilter("error", Image.DecompressionBombWarning)
             with Image.open(path, formats=PICTURE_FORMATS) as image:
                 shown: Image.Image = ImageOps.exif_transpose(image)
-                if image.mode == "F":
-                    raise VoccError(f"input {path} holds floating grey values: it must have 8 or 16 bits")
+                held = "floating grey values" if image.mode == "F" else ""
                 if image.mode.startswith("I"):  # 16 bits, in 32 where Pillow has no better mode
                     deep = np.asarray(shown)
                     if deep.min() < 0 or deep.max() > 65535:
                         held = f"grey values from {deep.min()} to {deep.max()}"
-                        raise VoccError(f"input {path} holds {held}: it must have 8 or 16 bits")
-                    scaled = (deep / 257.0).round()
-                    shown = Image.fromarray(scaled.astype(np.uint8))
+                    shown = Image.fromarray((deep / 257.0).round().astype(np.uint8))
+                if held:
+                    raise VoccError(f"input {path} holds {held}: it must have 8 or 16 bits")
                 colour = np.asarray(shown.convert("RGB"), dtype=np.uint8)
     except VoccError:
         raise
-    except UnidentifiedImageError:
-        raise VoccError(f"input {path} cannot be read as a picture (not a known picture format)") from None
     except Exception as error:  # Pillow's readers let many kinds through when a file is damaged
         reason = " ".join(str(error).split()) or type(error).__name__
+        if isinstance(error, UnidentifiedImageError):
+            reason = "not a known picture format"
         raise VoccError(f"input {path} cannot be read as a picture ({reason})") from None
     return RecordedFrame(path.name, 0, None, colour, to_grey(colour, channel))
 
 
-def _video(path: Path, channel: str) -> Iterator[RecordedFrame]:
-    """Read a video's frames through PyAV."""
+def read_video(path: Path, channel: str) -> Iterator[RecordedFrame]:
+    """Read a video's frames through PyAV.
+
+    Raises:
+        VoccError: PyAV is not installed, or a file that is no video or is damaged.
+    """
     try:
         import av
     except ImportError:
-        raise VoccError(
-            f"input {path} is a video: install the extra with pip install 'vocc-torch[video]'"
-        ) from None
+        extra = "install the extra with pip install 'vocc-torch[video]'"
+        raise VoccError(f"input {path} is a video: {extra}") from None
     done = 0
     try:
         # A file even where its name reads as an address: FFmpeg would send a request.

@@ -1,8 +1,5 @@
 """``task=decode``: images or a video in, bits out."""
 
-from __future__ import annotations
-
-import io
 import shutil
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -12,90 +9,22 @@ from pathlib import Path
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from rich.console import Console
 
 from vocc_torch.errors import VoccError
-from vocc_torch.files import write_atomically
+from vocc_torch.files import atomic_file
 from vocc_torch.measure.build import build_plan
 from vocc_torch.measure.config import Settings
 from vocc_torch.measure.plan import Plan, resolve_device
 from vocc_torch.measure.train import train, trained_receiver
 from vocc_torch.receiver.receiver import Receiver
+from vocc_torch.show import folder as run_folder
 from vocc_torch.show.canvas import annotated
-from vocc_torch.show.csv_file import write_rows
-from vocc_torch.show.folder import print_place, refuse_results, write_config
+from vocc_torch.show.terminal import Console
 from vocc_torch.studies.decode import DecodeConfig
 from vocc_torch.studies.decode.recording import RecordedFrame, read_recording
 
 DOUBTFUL_SCORE = 0.6
 """Noise that fills a 4:3 picture scores 0.56; of the paper's scenes one in fifty scores less than this."""
-
-
-def run_decode(settings: Settings, config: DecodeConfig, folder: Path) -> None:
-    """Decode a recording and write its bits and annotated pictures.
-
-    Raises:
-        VoccError: no input, or an input without a panel.
-    """
-    refuse_results(folder)
-    if settings.input is None:
-        raise VoccError("input is null: task=decode needs input=PICTURE, a folder of pictures or a video")
-    source, console = Path(settings.input), Console()
-    recording = read_recording(source, config.channel)
-    plan = build_plan(settings, folder)
-    receiver = receiver_for(plan, None if settings.model is None else Path(settings.model))
-    try:
-        rows, best = _read(config, decode(receiver, recording), folder)
-    except BaseException:
-        shutil.rmtree(folder / "annotated", ignore_errors=True)
-        raise
-    if best is None:
-        hint = "see receiver.location for the locator's limits, and decode.channel for coloured LEDs"
-        raise VoccError(f"input {source} shows no panel in {len(rows)} of {len(rows)} frames: {hint}")
-    write_rows(folder / "bits.csv", [COLUMNS, *rows])
-    write_config(settings, folder)
-    if settings.model is None:
-        receiver.save(folder / "receiver.pt")
-    found = sum(bool(row[COLUMNS.index("bits")]) for row in rows)
-    _show_bits(console, best, f"{found} of {len(rows)} frames show a panel")
-    print_place(console, "bits", folder / "bits.csv")
-
-
-def _read(
-    config: DecodeConfig, readings: Iterator[Reading], folder: Path
-) -> tuple[list[list[str]], Reading | None]:
-    """Decode every frame and write the annotated pictures; give the rows and the reading of most margin."""
-    rows, best, names = [], None, set[str]()
-    for reading in readings:
-        rows.append(reading.row())
-        if not reading.found:
-            continue
-        if config.annotate and reading.frame.time_s is None:
-            stem = Path(reading.frame.source).stem
-            # a.png and a.jpg of one folder are two pictures
-            name = reading.frame.source if stem in names else stem
-            names.add(stem)
-            picture = io.BytesIO()
-            drawn = annotated(reading.frame.colour, reading.corners_px, reading.bits, config.scale)
-            drawn.save(picture, format="PNG")
-            write_atomically(folder / "annotated" / f"{name}.png", picture.getvalue())
-        best = reading if best is None or reading.margin > best.margin else best
-    return rows, best
-
-
-def _show_bits(console: Console, reading: Reading, summary: str) -> None:
-    """Print the bits as they sit on the panel."""
-    plain = console.options.ascii_only
-    on, off = ("#", ".") if plain else ("●", "·")
-    for row in reading.bits:
-        console.print("  " + " ".join(on if bit else off for bit in row), highlight=False)
-    console.print(reading.text, soft_wrap=True, highlight=False)
-    others = f"; {reading.candidates} blobs could have been the panel" if reading.candidates > 1 else ""
-    doubt = ", which may be no panel" if reading.panel_score < DOUBTFUL_SCORE else ""
-    score = f"panel score {reading.panel_score:.2f}{doubt}"
-    where = reading.frame.source + ("" if reading.frame.time_s is None else f", frame {reading.frame.index}")
-    judged = f"{where}: least margin {reading.margin:.3g}, {score}{others}; {summary}"
-    console.print(judged, soft_wrap=True, highlight=False)
 
 
 COLUMNS = (
@@ -135,6 +64,14 @@ class Reading:
         """The bits as 0 and 1 in raster order; empty where no panel was found."""
         return "".join("1" if bit else "0" for bit in self.bits.ravel()) if self.found else ""
 
+    @property
+    def judged(self) -> str:
+        """How sure the reading is, in words."""
+        where = self.frame.source + ("" if self.frame.time_s is None else f", frame {self.frame.index}")
+        doubt = ", which may be no panel" if self.panel_score < DOUBTFUL_SCORE else ""
+        others = f"; {self.candidates} blobs could have been the panel" if self.candidates > 1 else ""
+        return f"{where}: least margin {self.margin:.3g}, panel score {self.panel_score:.2f}{doubt}{others}"
+
     def row(self) -> list[str]:
         """The frame's row of ``bits.csv``."""
         frame = self.frame
@@ -143,6 +80,54 @@ class Reading:
         judged = [f"{self.margin:.4g}", f"{self.panel_score:.3f}"] if self.found else ["", ""]
         head = [frame.source, str(frame.index), time_s, str(int(self.found))]
         return [*head, *corners, self.text, *judged, str(self.candidates)]
+
+
+def run_decode(settings: Settings, config: DecodeConfig, folder: Path) -> None:
+    """Decode a recording and write its bits and annotated pictures.
+
+    Raises:
+        VoccError: no input, or an input without a panel.
+    """
+    run_folder.refuse_results(folder)
+    if settings.input is None:
+        raise VoccError("input is null: task=decode needs input=PICTURE, a folder of pictures or a video")
+    source, console = Path(settings.input), Console()
+    recording = read_recording(source, config.channel)
+    model = None if settings.model is None else Path(settings.model)
+    receiver = receiver_for(build_plan(settings, folder), model)
+    rows, best, names = [], None, set[str]()
+    try:
+        for reading in decode(receiver, recording):
+            rows.append(reading.row())
+            if not reading.found:
+                continue
+            if config.annotate and reading.frame.time_s is None:
+                stem = Path(reading.frame.source).stem
+                # a.png and a.jpg of one folder are two pictures
+                name = reading.frame.source if stem in names else stem
+                names.add(stem)
+                drawn = annotated(reading.frame.colour, reading.corners_px, reading.bits, config.scale)
+                with atomic_file(folder / "annotated" / f"{name}.png") as temporary:
+                    drawn.save(temporary, format="PNG")
+            best = reading if best is None or reading.margin > best.margin else best
+    except BaseException:
+        shutil.rmtree(folder / "annotated", ignore_errors=True)
+        raise
+    if best is None:
+        hint = "see receiver.location for the locator's limits, and decode.channel for coloured LEDs"
+        raise VoccError(f"input {source} shows no panel in {len(rows)} of {len(rows)} frames: {hint}")
+    run_folder.write_rows(folder / "bits.csv", [COLUMNS, *rows])
+    run_folder.write_config(settings, folder)
+    if model is None:
+        receiver.save(folder / "receiver.pt")
+    # The bits as they sit on the panel.
+    on, off = ("#", ".") if console.options.ascii_only else ("●", "·")
+    for bits in best.bits:
+        console.print("  " + " ".join(on if bit else off for bit in bits), highlight=False)
+    found = sum(bool(row[COLUMNS.index("bits")]) for row in rows)
+    for text in (best.text, f"{best.judged}; {found} of {len(rows)} frames show a panel"):
+        console.print(text, soft_wrap=True, highlight=False)
+    run_folder.print_place(console, "bits", folder / "bits.csv")
 
 
 def receiver_for(plan: Plan, model: Path | None) -> Receiver:
@@ -158,9 +143,8 @@ def receiver_for(plan: Plan, model: Path | None) -> Receiver:
     wanted, has = plan.receiver.reader.shape, receiver.shape
     if wanted != has:
         given = f"model {model} reads a panel of {has.rows} x {has.columns} LEDs"
-        raise VoccError(
-            f"{given}, and panel.rows x panel.columns is {wanted.rows} x {wanted.columns}: make them agree"
-        )
+        other = f"panel.rows x panel.columns is {wanted.rows} x {wanted.columns}"
+        raise VoccError(f"{given}, and {other}: make them agree")
     return receiver
 
 
@@ -177,21 +161,11 @@ def decode(receiver: Receiver, recording: Iterator[RecordedFrame]) -> Iterator[R
     for shape, run in groupby(recording, key=lambda frame: frame.grey.shape):
         size = max(1, min(64, BATCH_PIXELS // (shape[0] * shape[1])))
         while batch := list(islice(run, size)):
-            yield from _decode_batch(receiver, batch)
-
-
-def _decode_batch(receiver: Receiver, batch: list[RecordedFrame]) -> Iterator[Reading]:
-    """Decode frames of one size."""
-    greys = torch.from_numpy(np.stack([frame.grey for frame in batch]))
-    read = receiver.decode(greys.to(receiver.classifier.mean.device))
-    margins = read.scores.abs().amin(dim=(1, 2))
-    for i, frame in enumerate(batch):
-        yield Reading(
-            frame=frame,
-            found=bool(read.found[i]),
-            corners_px=read.corners_px[i].cpu().numpy(),
-            bits=read.bits[i].cpu().numpy(),
-            margin=float(margins[i]),
-            panel_score=float(read.panel_score[i]),
-            candidates=int(read.candidates[i]),
-        )
+            greys = torch.from_numpy(np.stack([frame.grey for frame in batch]))
+            read = receiver.decode(greys.to(receiver.classifier.mean.device))
+            margins = read.scores.abs().amin(dim=(1, 2)).tolist()
+            corners, bits = read.corners_px.cpu().numpy(), read.bits.cpu().numpy()
+            given = (read.found, read.panel_score, read.candidates)
+            for i, (frame, margin) in enumerate(zip(batch, margins, strict=True)):
+                found, score, candidates = (one[i].item() for one in given)
+                yield Reading(frame, bool(found), corners[i], bits[i], margin, score, int(candidates))

@@ -10,9 +10,9 @@ from rich.text import Text
 
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.intervals import ber_interval
-from vocc_torch.show.csv_file import cell_text, write_rows
+from vocc_torch.show.folder import cell_text, write_rows
 from vocc_torch.show.styles import receiver_styles
-from vocc_torch.show.text_table import plain_table
+from vocc_torch.show.terminal import plain_table
 from vocc_torch.studies.effects.results import READINGS, Change, Cost, EffectResults, EffectRow
 
 _CHANGES = ("frames", "ber_without", "ber_with", "change", "low", "high", "real", "missed_with")

@@ -21,7 +21,7 @@ from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.grid import Grid
 from vocc_torch.measure.paired import paired_interval
 from vocc_torch.measure.relative import difference_independent
-from vocc_torch.show.text_table import rate_text
+from vocc_torch.show.styles import rate_text
 from vocc_torch.studies.paper.words import place
 
 Verdict: TypeAlias = Literal["agree", "differ", "cannot say"]

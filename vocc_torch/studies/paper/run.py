@@ -24,11 +24,10 @@ from vocc_torch.measure.plan import resolve_device
 from vocc_torch.measure.sweep import Campaign, Study, run_campaign
 from vocc_torch.measure.timing import describe_machine
 from vocc_torch.measure.workers import Workers
-from vocc_torch.show import csv_file, heatmap
 from vocc_torch.show import folder as run_folder
+from vocc_torch.show import heatmap
 from vocc_torch.show.canvas import save_figure
-from vocc_torch.show.csv_file import cell_text, write_paired, write_rows
-from vocc_torch.show.folder import board_hint
+from vocc_torch.show.folder import board_hint, cell_text, write_paired, write_rows
 from vocc_torch.show.tensorboard import write_boards
 from vocc_torch.show.terminal import ProgressView, Stopwatch
 from vocc_torch.studies.paper import experiments, figures, scorecard
@@ -185,7 +184,7 @@ class Found:
             self._show(one.name, one.title, one.caption, drawn, table, captions)
         if self.grids:
             table = FIGURES / "dimming.csv"
-            csv_file.write_grid(self.folder / table, self.grids)
+            run_folder.write_grid(self.folder / table, self.grids)
             title = "Dimming: the best luminance for each ambient light"
             over = "ambient light and LED luminance, with the best luminance of each row"
             captions = {f"{experiments.DIMMING}{end}": text for end, text in heatmap.CAPTIONS.items()}

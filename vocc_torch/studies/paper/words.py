@@ -11,8 +11,7 @@ import yaml
 
 from vocc_torch.measure.curve import Row
 from vocc_torch.measure.estimate import Estimate
-from vocc_torch.show.styles import LOCATED
-from vocc_torch.show.text_table import rate_text
+from vocc_torch.show.styles import LOCATED, rate_text
 
 UNITS = {"ambient_lx": "lx", "led_luminance_cd_m2": "cd/m2", "distance_m": "m"}
 """Units of the axes' values; a contrast is written in per cent."""

@@ -19,8 +19,7 @@ from scipy.optimize import isotonic_regression
 from vocc_torch.receiver.bank import needs_preambles
 from vocc_torch.show import canvas, timing_figure
 from vocc_torch.show.canvas import INK, QUIET
-from vocc_torch.show.styles import Style, receiver_styles
-from vocc_torch.show.text_table import ends_text, rate_text
+from vocc_torch.show.styles import Style, ends_text, rate_text, receiver_styles
 from vocc_torch.studies.tradeoff import words
 from vocc_torch.studies.tradeoff.plan import Setting
 from vocc_torch.studies.tradeoff.price_list import Place, PriceList

@@ -14,8 +14,9 @@ from torch.utils.tensorboard import SummaryWriter
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.stage_times import STAGES
-from vocc_torch.show.csv_file import write_rows
-from vocc_torch.show.text_table import ends_text, plain_table, rate_text
+from vocc_torch.show.folder import write_rows
+from vocc_torch.show.styles import ends_text, rate_text
+from vocc_torch.show.terminal import plain_table
 from vocc_torch.studies.tradeoff.price_list import Place, PriceList
 from vocc_torch.studies.tradeoff.prices import most_accurate, pareto_frontier
 from vocc_torch.studies.tradeoff.words import frames_text, ms_text, receiver_text, scenes_text, varied_text

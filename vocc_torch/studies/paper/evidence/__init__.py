@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.plan import Plan
 from vocc_torch.show.canvas import figure_pixels, save_figure
-from vocc_torch.show.csv_file import write_rows
+from vocc_torch.show.folder import write_rows
 from vocc_torch.studies.paper.evidence import base, features, greys, scenes, timing, vectors
 
 _FIGURES: tuple[type[base.PaperFigure], ...] = (
