@@ -15,7 +15,7 @@ from frame_laws import BITS, Law
 from numpy.typing import NDArray
 
 from vocc_torch.measure.counts import Counts
-from vocc_torch.measure.schedule import StopRule
+from vocc_torch.measure.workers import StopRule
 from vocc_torch.rng import BLOCK_FRAMES
 
 ENDLESS = 10**12

@@ -2,9 +2,8 @@
 
 from functools import partial
 
-from vocc_torch.measure.schedule import PointWork, run_points
 from vocc_torch.measure.sweep import count_parts, points_of, stop_rule
-from vocc_torch.measure.workers import Workers
+from vocc_torch.measure.workers import PointWork, Workers, run_points
 from vocc_torch.receiver.bank import ReceiverBank
 
 

@@ -12,10 +12,8 @@ from scipy.optimize import lsq_linear
 from scipy.stats import norm
 
 from vocc_torch.errors import VoccError
-from vocc_torch.measure.genie.forward import AFFINE, CODING, NOISE, ForwardModel
-from vocc_torch.measure.genie.genie import Genie
-from vocc_torch.measure.genie.likelihood import log_interval_probability
-from vocc_torch.measure.genie.search import likely_bits, relaxed_shares
+from vocc_torch.measure.genie import Genie, likely_bits, relaxed_shares
+from vocc_torch.measure.likelihood import AFFINE, CODING, NOISE, ForwardModel, log_interval_probability
 from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.simulation import Camera, Distribution, LedPanel, SceneModel, Simulator
 from vocc_torch.simulation.effects.registry import PHYSICAL_ORDER

@@ -7,14 +7,12 @@ import torch
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.counts import Counts
+from vocc_torch.measure.genie import Genie, genie_reference
 from vocc_torch.measure.genie import genie as genie_module
-from vocc_torch.measure.genie.forward import overlap
-from vocc_torch.measure.genie.genie import Genie, genie_reference
-from vocc_torch.measure.genie.likelihood import UnknownLikelihoodError
+from vocc_torch.measure.likelihood import UnknownLikelihoodError, overlap
 from vocc_torch.measure.plan import Experiment
-from vocc_torch.measure.schedule import Part
 from vocc_torch.measure.sweep import count_parts, point_name
-from vocc_torch.measure.workers import Workers
+from vocc_torch.measure.workers import Part, Workers
 from vocc_torch.receiver.bank import ReceiverBank
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.rng import BlockKey

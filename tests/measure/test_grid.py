@@ -12,7 +12,7 @@ from vocc_torch.errors import VoccError
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.grid import Grid, best_luminance, not_worse
 from vocc_torch.measure.intervals import ber_interval
-from vocc_torch.measure.relative import difference_independent
+from vocc_torch.measure.paired import difference_independent
 
 FEW = AMBIENT[1:4]
 

@@ -28,8 +28,7 @@ from vocc_torch.measure import ledger as module
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.ledger import Ledger, canonical
 from vocc_torch.measure.paired import PairedCounts
-from vocc_torch.measure.schedule import PointWork, StopRule, run_points
-from vocc_torch.measure.workers import Workers
+from vocc_torch.measure.workers import PointWork, StopRule, Workers, run_points
 from vocc_torch.rng import BlockKey
 
 SETTINGS = {

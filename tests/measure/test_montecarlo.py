@@ -9,7 +9,7 @@ from one_point import run_point
 
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.intervals import ber_interval
-from vocc_torch.measure.schedule import StopRule
+from vocc_torch.measure.workers import StopRule
 from vocc_torch.rng import BLOCK_FRAMES
 
 

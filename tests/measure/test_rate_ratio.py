@@ -11,8 +11,7 @@ from scipy.stats import binomtest
 
 from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.intervals import ber_interval
-from vocc_torch.measure.paired import paired_interval
-from vocc_torch.measure.relative import mover_ratio, rate_ratio, relative_gain
+from vocc_torch.measure.paired import mover_ratio, paired_interval, rate_ratio, relative_gain
 
 BITS = 64
 

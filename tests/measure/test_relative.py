@@ -12,8 +12,13 @@ from scipy.stats import binomtest
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.intervals import ber_interval
-from vocc_torch.measure.paired import PairedCounts, paired_interval
-from vocc_torch.measure.relative import difference_independent, mean_gain, relative_gain
+from vocc_torch.measure.paired import (
+    PairedCounts,
+    difference_independent,
+    mean_gain,
+    paired_interval,
+    relative_gain,
+)
 
 BITS = 64
 

@@ -16,7 +16,7 @@ from vocc_torch.errors import VoccError
 from vocc_torch.measure import schedule
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.ledger import Ledger
-from vocc_torch.measure.schedule import Outcome, Part, PointWork, StopRule, run_points
+from vocc_torch.measure.workers import Outcome, Part, PointWork, StopRule, run_points
 from vocc_torch.rng import BLOCK_FRAMES
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from vocc_torch.measure.counts import Counts
-from vocc_torch.measure.schedule import StopRule
+from vocc_torch.measure.workers import StopRule
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs" / "statistics.md"

@@ -19,10 +19,9 @@ from vocc_torch.measure.ledger import Ledger
 from vocc_torch.measure.link import Link, Observation
 from vocc_torch.measure.paired import PairedCounts
 from vocc_torch.measure.plan import Experiment
-from vocc_torch.measure.schedule import Outcome, Part
 from vocc_torch.measure.sweep import Study, count_parts
 from vocc_torch.measure.train import train, train_each
-from vocc_torch.measure.workers import Workers
+from vocc_torch.measure.workers import Outcome, Part, Workers
 from vocc_torch.receiver.bank import ReceiverBank
 from vocc_torch.receiver.otsu import otsu_threshold, sensor_histogram
 from vocc_torch.rng import BlockKey

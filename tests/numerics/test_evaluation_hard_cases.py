@@ -19,9 +19,15 @@ from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.curve import BerTable, Curves, Point
 from vocc_torch.measure.grid import Grid, best_luminance
 from vocc_torch.measure.intervals import ber_interval, clopper_pearson, design_effect
-from vocc_torch.measure.paired import PairedCounts, paired_interval, sign_test
-from vocc_torch.measure.relative import difference_independent, mean_gain, relative_gain
-from vocc_torch.measure.schedule import StopRule
+from vocc_torch.measure.paired import (
+    PairedCounts,
+    difference_independent,
+    mean_gain,
+    paired_interval,
+    relative_gain,
+    sign_test,
+)
+from vocc_torch.measure.workers import StopRule
 
 hard = HardCases("Evaluation")
 

@@ -1,8 +1,7 @@
 """Measured points of bit error rate curves, the tables they form, and what every two receivers differ in."""
 
-from __future__ import annotations
-
 import math
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, fields
 
@@ -150,7 +149,6 @@ class BerTable:
     """
 
     def __init__(self, points: Iterable[Point | Row] = ()) -> None:
-        """State every point and refuse what does not belong in one table."""
         given = tuple(points)
         # An error-free point cannot tell how many bits a wrong frame would have; the receiver's other points
         # can, and where location fails it is a dozen and more.
@@ -166,14 +164,10 @@ class BerTable:
             names = sorted({getattr(row, name) for row in self.rows})
             if len(names) > 1:
                 raise VoccError(f"{name} is {' and '.join(names)}: a table holds one {name}")
-        seen: set[tuple[str, float]] = set()
-        for row in self.rows:
-            if (row.receiver, row.value) in seen:
-                raise VoccError(
-                    f"receiver {row.receiver} has two points at {row.axis}={row.value:g}: "
-                    "a table holds one; give each locator a table of its own"
-                )
-            seen.add((row.receiver, row.value))
+        for (name, value), count in Counter((row.receiver, row.value) for row in self.rows).items():
+            if count > 1:
+                why = "a table holds one; give each locator a table of its own"
+                raise VoccError(f"receiver {name} has two points at {self.axis}={value:g}: {why}")
 
     def __len__(self) -> int:
         """Count the points."""
@@ -210,9 +204,8 @@ class BerTable:
 
     def of(self, receiver: str) -> tuple[Row, ...]:
         """Give one receiver's points by ascending value; none for a receiver that is not there."""
-        return tuple(
-            sorted((row for row in self.rows if row.receiver == receiver), key=lambda row: row.value)
-        )
+        own = [row for row in self.rows if row.receiver == receiver]
+        return tuple(sorted(own, key=lambda row: row.value))
 
 
 @dataclass(frozen=True)

@@ -9,9 +9,8 @@ from functools import cached_property
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.curve import BerTable, Curves, Point, Row
 from vocc_torch.measure.estimate import Estimate, joint_confidence
-from vocc_torch.measure.genie.genie import GenieReference
-from vocc_torch.measure.paired import PairedCounts, paired_interval
-from vocc_torch.measure.relative import rate_ratio
+from vocc_torch.measure.genie import GenieReference
+from vocc_torch.measure.paired import PairedCounts, paired_interval, rate_ratio
 from vocc_torch.measure.train import Making
 
 GENIE = "genie"

@@ -11,17 +11,16 @@ from vocc_torch.errors import VoccError
 from vocc_torch.measure.build import built
 from vocc_torch.measure.curve import Curves
 from vocc_torch.measure.frame_errors import Banks, FrameErrors, FrameJob
-from vocc_torch.measure.genie.genie import genie_reference
-from vocc_torch.measure.genie.likelihood import UnknownLikelihoodError
+from vocc_torch.measure.genie import genie_reference
 from vocc_torch.measure.ledger import Ledger
+from vocc_torch.measure.likelihood import UnknownLikelihoodError
 from vocc_torch.measure.link import Link
 from vocc_torch.measure.plan import Plan
-from vocc_torch.measure.schedule import Outcome
 from vocc_torch.measure.stage_times import Exposure, median_of, time_stages
 from vocc_torch.measure.sweep import Study, measured, point_name, run_studies
 from vocc_torch.measure.timing import threads
 from vocc_torch.measure.train import Training, train, train_alone
-from vocc_torch.measure.workers import Workers, worker_losses_told
+from vocc_torch.measure.workers import Outcome, Workers, worker_losses_told
 from vocc_torch.receiver.bank import FLDA_FEATURES, ReceiverBank, needs_preambles
 from vocc_torch.receiver.receiver import StagedReceiver
 from vocc_torch.rng import BLOCK_FRAMES, BlockKey
