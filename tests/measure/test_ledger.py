@@ -28,12 +28,12 @@ from vocc_torch.measure import ledger as module
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.ledger import Ledger, canonical
 from vocc_torch.measure.paired import PairedCounts
-from vocc_torch.measure.workers import PointWork, StopRule, Workers, run_points
+from vocc_torch.measure.workers import Budget, PointWork, Workers, run_points
 from vocc_torch.rng import BlockKey
 
 SETTINGS = {
     "seed": 7,
-    "world": {"camera": {"focal_length_mm": 25.0, "iso_limits": None}, "effects": {"saturation": {}}},
+    "world": {"camera": {"focal_length_mm": 25, "iso_limits": None}, "effects": {"saturation": {}}},
     "receiver": {"names": ["a", "b"], "classifiers": [{"name": "b", "file": "mine/qda.py", "digest": "1f"}]},
     "made_with": {"torch": "2.4", "classifiers.b": "1f"},
 }
@@ -90,7 +90,7 @@ def path(tmp_path, monkeypatch):
 def filled(path, blocks=4, config=SETTINGS):
     """A ledger file of some whole blocks; its bytes."""
     with Ledger.open(path, config) as ledger:
-        outcome_of(ledger, StopRule(64 * blocks))
+        outcome_of(ledger, Budget(64 * blocks))
     return path.read_bytes()
 
 
@@ -145,7 +145,7 @@ def test_rows_come_back_as_they_were_written_from_one_file(path):
 def test_the_same_row_twice_is_written_once_and_another_is_refused(path):
     before = filled(path, blocks=2)
     with Ledger.open(path, SETTINGS) as ledger:
-        (first, second) = StopRule(128).parts()
+        (first, second) = parts_of(128)
         ledger.append(POINT, 1, 64, counted(second))
         refusal(lambda: ledger.append(POINT, 1, 64, counted(first)), "other counts", "block 1", POINT)
     assert path.read_bytes() == before
@@ -175,11 +175,11 @@ def test_impossible_rows_are_refused_and_not_written(path, block, frames, counts
 @pytest.mark.parametrize("blocks_at_once", [1, 3, 8])
 def test_a_resumed_run_ends_as_an_undisturbed_one(path, target, blocks_at_once):
     """Known blocks lie before, between and behind those that are missing."""
-    rule = StopRule(1000, target)
+    rule = Budget(1000, target_frame_errors=target)
     undisturbed = run_point(count, rule)
     assert undisturbed.stopped_by == ("frames" if target is None else "frame_errors")
     filled(path, blocks=2)
-    calls, parts = Calls(), list(rule.parts())
+    calls, parts = Calls(), list(parts_of(1000))
     with Ledger.open(path, SETTINGS) as ledger:
         for block in (9, 6, 4):
             ledger.append(POINT, block, 64, counted(parts[block]))
@@ -197,7 +197,7 @@ def test_a_block_used_in_part_is_counted_again_when_more_of_it_is_needed_and_bot
     with Ledger.open(path, SETTINGS) as ledger:
         for frames, expected in ((100, [0, 1]), (128, [1]), (100, []), (128, []), (90, [1]), (200, [2, 3])):
             calls = Calls()
-            assert outcome_of(ledger, StopRule(frames), calls) == run_point(count, StopRule(frames))
+            assert outcome_of(ledger, Budget(frames), calls) == run_point(count, Budget(frames))
             assert calls.blocks == expected
         assert len(ledger) == 6
 
@@ -215,7 +215,7 @@ def three_blocks(tmp_path_factory):
 @settings(deadline=None, max_examples=80)
 def test_a_changed_byte_is_refused_or_changes_no_number(three_blocks, data):
     """Some bytes of a database are unused; a row that is lost is counted again."""
-    whole, rule = bytearray(three_blocks), StopRule(192)
+    whole, rule = bytearray(three_blocks), Budget(192)
     at = data.draw(st.integers(0, len(whole) - 1).filter(lambda at: any(three_blocks[at - 8 : at + 8])))
     whole[at] ^= data.draw(st.integers(1, 255))
     with tempfile.TemporaryDirectory() as folder:
@@ -385,7 +385,7 @@ def live(folder, blocks_at_once, threads):
 
     with Ledger.open(folder / "ledger", SETTINGS) as ledger, ThreadPoolExecutor(threads) as pool:
         hands = {"submit": pool.submit, "window": 2 * threads} if threads > 1 else {}
-        rule = StopRule(KILLED_BLOCKS * 64 - 10)
+        rule = Budget(KILLED_BLOCKS * 64 - 10)
         outcome = outcome_of(ledger, rule, slow, blocks_at_once=blocks_at_once, **hands)
     (folder / "result").write_text(repr(outcome))
 
@@ -454,7 +454,7 @@ def test_a_run_killed_at_random_moments_ends_as_an_undisturbed_one(fire, name, l
     """A life counts nothing that is recorded, and loses only what was under way; one file is left."""
     report = fire[name]
     *killed, (*_, ended) = report["lives"]
-    assert report["result"] == repr(run_point(count, StopRule(KILLED_BLOCKS * 64 - 10)))
+    assert report["result"] == repr(run_point(count, Budget(KILLED_BLOCKS * 64 - 10)))
     assert report["left"] == ["calls", "ledger", "result"]
     assert ended == 0
     assert len(killed) >= 5

@@ -75,10 +75,10 @@ def count_renders(monkeypatch):
 def test_preambles_are_rendered_for_greyscale_receivers_only(make_plan, trained, monkeypatch):
     frames = count_renders(monkeypatch)
     fisher = make_plan(names=("flda_agr", "flda_gri", "flda_2", "flda_3"), frames=64)
-    sweep_point(fisher, Link.of(fisher), trained, 66.0)
+    sweep_point(fisher, trained, 66.0)
     assert frames == {"data": 64, "preamble": 0}
     for greyscale in ("center_greyscale", "average_greyscale"):
         frames.update(data=0, preamble=0)
         both = make_plan(names=("flda_3", greyscale), frames=70)
-        sweep_point(both, Link.of(both), trained, 66.0)
+        sweep_point(both, trained, 66.0)
         assert frames == {"data": 70, "preamble": 140}

@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from vocc_torch.measure.config import Budget
 from vocc_torch.measure.counts import Counts
-from vocc_torch.measure.workers import StopRule
+from vocc_torch.measure.workers import stop_reason
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs" / "statistics.md"
@@ -88,19 +89,8 @@ def test_a_laws_truth_is_that_of_its_closed_form(laws):
     assert laws.apart(law, laws.independent(0.02)).ber == pytest.approx([0.01, 0.02], rel=1e-4)
 
 
-def test_a_stop_at_frame_errors_is_the_first_block_that_has_them(laws, stopping):
-    # Every frame is in error: 64 a block, so 100 are there after two.
-    stopped = stopping.at_frame_errors(
-        laws.mixed(laws.exactly(1), 1 - 1e-12, laws.exactly(0)), np.random.default_rng(0), 5, 100
-    )
-    assert {one.frames for one in stopped} == {128}
-    rare = stopping.at_frame_errors(laws.clustered(1e-3, 0.05), np.random.default_rng(1), 200, 10)
-    assert all(10 <= one.frame_errors < 10 + 64 and one.frames % 64 == 0 for one in rare)
-    assert np.mean([one.frame_errors for one in rare]) < 12
-
-
 def test_precision_is_looked_at_where_the_stop_rule_looks(stopping):
-    rule = StopRule(frames=10**9, precision=0.1)
+    rule = Budget(frames=10**9, precision=0.1)
     known = {("a", 0): Counts(10**6, 64 * 10**6, 2 * 10**6, 4 * 10**6, 10**6)}
-    looked = [blocks for blocks in range(1, 3000) if rule.reached(known, blocks)]
+    looked = [blocks for blocks in range(1, 3000) if stop_reason(rule, known, blocks)]
     assert list(takewhile(lambda blocks: blocks < 3000, stopping.looks())) == looked

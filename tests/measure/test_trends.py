@@ -5,7 +5,6 @@ from one_point import sweep_point
 
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.intervals import ber_interval
-from vocc_torch.measure.link import Link
 from vocc_torch.measure.plan import Experiment
 from vocc_torch.measure.train import train
 from vocc_torch.simulation import Distribution
@@ -15,8 +14,7 @@ pytestmark = pytest.mark.slow
 
 def whole_sweep(plan, flda):
     """Points by receiver and value."""
-    link = Link.of(plan)
-    points = [p for value in plan.experiment.values for p in sweep_point(plan, link, flda, value)]
+    points = [p for value in plan.experiment.values for p in sweep_point(plan, flda, value)]
     return {(point.receiver, point.value): point for point in points}
 
 

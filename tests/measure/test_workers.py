@@ -30,12 +30,12 @@ def sweeps(make_plan):
     dusk = {"ambient_lx": Distribution("constant", (1000.0,))}
     stopping = make_plan(
         experiment=Experiment("stopping", "distance_m", (60.0, 66.0), dusk),
-        frames=384,
-        target=60,
+        frames=256,
+        target=40,
         names=("average_greyscale", "flda_2", "flda_3"),
     )
     spending = replace(
-        make_plan(experiment=Experiment("spending", "distance_m", (50.0, 70.0), dusk), frames=150),
+        make_plan(experiment=Experiment("spending", "distance_m", (50.0, 70.0), dusk), frames=100),
         batch_frames=16,
     )
     fldas = {name: training.flda for name, training in train_each(stopping, LOCATORS).items()}

@@ -16,6 +16,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from vocc_torch.errors import VoccError
 from vocc_torch.measure.counts import Counts, half_errors
 from vocc_torch.measure.estimate import CONFIDENCE, Estimate, all_pairs, joint_confidence
 from vocc_torch.measure.link import Link, Observation
@@ -38,6 +39,9 @@ class FrameErrors:
         leds: bits in a frame, at least 1.
         groups: (N,) int64, what the frames were sorted by, or None.
 
+    Raises:
+        VoccError: frames of so many bits that 64 bits do not hold the sum of squared errors.
+
     Example:
         >>> half = np.array([[4, 0, 64], [0, 2, 64]])
         >>> errors = FrameErrors(half, np.array([[True, True, False]] * 2), leds=64)
@@ -51,6 +55,13 @@ class FrameErrors:
     found: NDArray[np.bool_]
     leds: int
     groups: NDArray[np.int64] | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse more than 64 bits can count."""
+        frames = self.half_errors.shape[1]
+        if frames * (2 * int(self.leds)) ** 2 > np.iinfo(np.int64).max:
+            rule = f"the squared errors of {frames} frames must fit into 64 bits"
+            raise VoccError(f"leds is {self.leds}: {rule}; count fewer frames at a time")
 
     @classmethod
     def joined(cls, parts: Iterable[Self]) -> Self:

@@ -194,11 +194,9 @@ def paired_interval(
     def joined(first: float, second: float) -> float:
         return math.sqrt(first**2 + second**2 - 2 * correlation * first * second)
 
-    return Estimate(
-        difference,
-        low=max(-1.0, difference - joined(sides[0].ber - a.low, b.high - sides[1].ber)),
-        high=min(1.0, difference + joined(a.high - sides[0].ber, sides[1].ber - b.low)),
-    )
+    low = difference - joined(a.value - a.low, b.high - b.value)
+    high = difference + joined(a.high - a.value, b.value - b.low)
+    return Estimate(difference, max(-1.0, low), min(1.0, high))
 
 
 def sign_test(paired: PairedCounts) -> float:
@@ -296,37 +294,13 @@ def relative_gain(
     if not a.half_errors:
         return None
     rate, gain = ber_interval(a, confidence), difference.value / a.ber
-    spreads = a.spread, b.spread, paired.spread
-    shared = _correlation(spreads[2], spreads[0], spreads[1])
-    low = _low_ratio(difference.value, difference.low, a.ber, rate, shared)
-    high = -_low_ratio(-difference.value, -difference.high, a.ber, rate, -shared)
+    ends = mover_ratio(difference, rate, _correlation(paired.spread, a.spread, b.spread))
+    low = ends.low
     if low > 0:
-        most = b.ber + _reach(b, a, confidence)[1]
-        left = -_low_ratio(-b.ber, -most, a.ber, rate, -_correlation(*spreads))
+        most = Estimate(b.ber, b.ber, b.ber + _reach(b, a, confidence)[1])
+        left = mover_ratio(most, rate, _correlation(a.spread, b.spread, paired.spread)).high
         low = min(low, max(1 - left, difference.low / rate.high))
-    return Estimate(gain, min(low, gain), min(1.0, max(high, gain)))
-
-
-def _low_ratio(value: float, low: float, rate: float, interval: Estimate, correlation: float) -> float:
-    """Give the least g for which ``value - g * rate`` has 0 within its limits, by MOVER.
-
-    Args:
-        value: the numerator.
-        low: its low end.
-        rate: the denominator, above 0, its low end too.
-        interval: the denominator's interval.
-        correlation: of numerator and denominator.
-    """
-    below = value - low
-    # A positive g subtracts the rate, which is then feared at its high end; a negative one adds it.
-    aside = interval.high - rate if low > 0 else rate - interval.low
-    # Squared, the condition is a g^2 - 2 b g + c = 0; wanted is the root below value / rate. The differences
-    # of squares are products, or a rate that is known badly would lose its low end to rounding.
-    near = 2 * rate - interval.high if low > 0 else interval.low
-    a, c = near * (rate + aside), low * (value + below)
-    b = value * rate - correlation * below * aside
-    root = math.sqrt(max(0.0, b * b - a * c))
-    return c / (b + root) if b > 0 or a <= 0 else (b - root) / a
+    return Estimate(gain, min(low, gain), min(1.0, max(ends.high, gain)))
 
 
 def _correlation(first: int, second: int, difference: int) -> float:
@@ -398,15 +372,10 @@ def difference_independent(a: Counts, b: Counts, confidence: float = 0.95) -> Es
         >>> f"{interval.value:.1e} in [{interval.low:.1e}, {interval.high:.1e}]", interval.real
         ('4.7e-04 in [2.5e-04, 7.0e-04]', True)
     """
-    (a_below, a_above), (b_below, b_above) = (
-        _reach(one, other, confidence) for one, other in ((a, b), (b, a))
-    )
+    (a_below, a_above), (b_below, b_above) = _reach(a, b, confidence), _reach(b, a, confidence)
     difference = a.ber - b.ber
-    return Estimate(
-        difference,
-        low=max(-1.0, difference - math.hypot(a_below, b_above)),
-        high=min(1.0, difference + math.hypot(a_above, b_below)),
-    )
+    low, high = difference - math.hypot(a_below, b_above), difference + math.hypot(a_above, b_below)
+    return Estimate(difference, max(-1.0, low), min(1.0, high))
 
 
 def _reach(counts: Counts, other: Counts, confidence: float) -> tuple[float, float]:
@@ -420,39 +389,43 @@ def _reach(counts: Counts, other: Counts, confidence: float) -> tuple[float, flo
     return counts.ber - interval.low, interval.high - counts.ber
 
 
-def mover_ratio(over: Estimate, under: Estimate) -> Estimate:
-    """Join the intervals of two rates to that of their ratio, by variance estimates recovery.
+def mover_ratio(over: Estimate, under: Estimate, correlation: float = 0.0) -> Estimate:
+    """Join the intervals of two numbers to that of their ratio, by variance estimates recovery.
 
     Donner and Zou (Statistical Methods in Medical Research 21, 2012, "Closed-form confidence intervals for
-    functions of the normal mean and standard deviation"), without correlation: where the two rates go
-    together the interval is wider than need be.
+    functions of the normal mean and standard deviation"): g lies in the interval if ``over - g * under`` may
+    be 0. Without the correlation, where the two go together, it is wider than need be.
 
     Args:
-        over: the rate above the line, at least 0.
+        over: the number above the line.
         under: the rate below the line, above 0, its low end too.
+        correlation: of the two, -1 to 1.
 
     Returns:
         ``low`` to ``high``, which may be above 1. Where ``over`` is 0, low is 0 and high a limit of the same
-        confidence as the rate's own high end. A rate below the line whose high end is more than twice the
-        rate leaves low above 0 as long as that of the rate above the line is.
+        confidence as its own high end. A rate below the line whose high end is more than twice the rate
+        leaves low above 0 as long as that of the number above the line is.
 
     Example:
         >>> ends = mover_ratio(Estimate(0.02, 0.01, 0.04), Estimate(0.2, 0.19, 0.21))
         >>> f"{ends.low:.3f} to {ends.high:.3f}"
         '0.050 to 0.201'
     """
-    product = over.value * under.value
-    # Both roots without the difference of two alike; what is below the roots cannot be negative but by
-    # rounding, since u (2 p - u) is greatest at u = p.
-    low = over.low * (2 * over.value - over.low)
-    far = product**2 - low * under.high * (2 * under.value - under.high)
-    near = under.low * (2 * under.value - under.low)
-    high = product**2 - over.high * (2 * over.value - over.high) * near
-    return Estimate(
-        over.value / under.value,
-        low / (product + math.sqrt(max(0.0, far))) if low > 0 else 0.0,
-        (product + math.sqrt(max(0.0, high))) / near,
-    )
+    rate = under.value
+
+    def least(value: float, low: float, shared: float) -> float:
+        # A positive g subtracts the rate, which is then feared at its high end; a negative one adds it.
+        below, aside = value - low, under.high - rate if low > 0 else rate - under.low
+        # Squared, the condition is a g^2 - 2 b g + c = 0; wanted is the root below value / rate. Differences
+        # of squares are products, or a rate that is known badly would lose its low end to rounding.
+        near = 2 * rate - under.high if low > 0 else under.low
+        a, c = near * (rate + aside), low * (value + below)
+        b = value * rate - shared * below * aside
+        root = math.sqrt(max(0.0, b * b - a * c))
+        return c / (b + root) if b > 0 or a <= 0 else (b - root) / a
+
+    high = -least(-over.value, -over.high, -correlation)
+    return Estimate(over.value / rate, least(over.value, over.low, correlation), high)
 
 
 def rate_ratio(reference: Counts, receiver: Counts, paired: PairedCounts) -> Estimate | None:
