@@ -116,13 +116,3 @@ def test_two_runs_agree_to_the_last_bit_in_deterministic_mode(dtype, locator, re
     record_property("share of bits that differs", bits)
     assert pixels < 1e-6
     assert bits < 1e-4
-
-
-def test_autocast_around_the_link_changes_nothing():
-    with deterministic():
-        wanted, flda = run("cuda", None, torch.float32)
-        for dtype in (torch.bfloat16, torch.float16):
-            with torch.autocast("cuda", dtype):
-                given, _ = run("cuda", None, torch.float32, flda)
-            for name, tensor in given.items():
-                assert torch.equal(tensor, wanted[name]), (dtype, name)

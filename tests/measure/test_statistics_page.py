@@ -63,18 +63,6 @@ def test_the_page_has_every_table_as_the_command_writes_it(benchmark):
         assert not any(cell in ("nan", "") for row in fresh for cell in row)
 
 
-def test_the_page_says_that_the_intervals_cover(benchmark):
-    # The first table: coverage of ours and of bits taken as independent, by errors and missed panels.
-    rows = [[cell.strip(" |") for cell in row] for row in tables(PAGE.read_text(), benchmark)[0][2:]]
-    ours = {(row[0], row[1]): float(row[4].split()[0]) for row in rows}
-    bits = {(row[0], row[1]): float(row[7].split()[0]) for row in rows}
-    rare = {("single bits", "0.1 %"), ("correlation 0.05", "0.1 %")}
-    assert len(ours) == 16
-    assert all(covered > 94.0 for row, covered in ours.items() if row not in rare)
-    assert all(ours[row] < 94.0 for row in rare)
-    assert all(covered < 50.0 for row, covered in bits.items() if row[1] != "none")
-
-
 def test_a_laws_truth_is_that_of_its_closed_form(laws):
     law = laws.clustered(0.01, 0.05)
     wrong = law.halves[:, 0] / 2
