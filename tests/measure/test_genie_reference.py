@@ -121,7 +121,7 @@ def test_the_genie_is_given_frames_and_scenes_and_no_key(make_plan, monkeypatch)
     monkeypatch.setattr(Genie, "decide", asked)
     referenced(make_plan(effects=NOISY, seed=77), held(distance_m=30), "a point", 2)
     simulator, *asked_with = given
-    assert asked_with == [["Frames", "Scene"]] * 2
+    assert asked_with == [["Frames", "Scene"]]
     assert "a point" not in repr(simulator)
     assert 77 not in simulator.values()
 

@@ -19,7 +19,7 @@ from vocc_torch.measure.link import Link, Observation
 from vocc_torch.measure.paired import PairedCounts
 from vocc_torch.measure.plan import Experiment
 from vocc_torch.measure.sweep import Study, count_parts
-from vocc_torch.measure.train import train, train_each
+from vocc_torch.measure.train import Training, train, train_each
 from vocc_torch.measure.workers import Outcome, Part, Workers
 from vocc_torch.rng import BlockKey
 from vocc_torch.simulation import Distribution
@@ -319,15 +319,19 @@ def test_studies_that_train_on_the_same_scenes_share_it(studies, monkeypatch):
         replace(far, receiver=central),
     ]
     trained = []
-    monkeypatch.setattr(
-        train_module, "train_each", lambda plan, locators: trained.append(plan) or {"truth": plan}
-    )
+
+    def noted(plan, locators):
+        trained.append(plan)
+        return dict.fromkeys(locators, Training(frames=len(trained)))
+
+    monkeypatch.setattr(train_module, "train_each", noted)
     plans = [*(study.plan for study in studies), *others]
     with Workers(1) as workers:
         found = train_module.train_plans(plans, [BOTH] * len(plans), workers)
     # Test scenes, axis and name do not matter for training; lens, training scenes, seed and reader do.
-    assert trained == [plan for plan in plans if plan is not studies[1].plan]
-    assert found[1] is found[0]
+    names = [plan.experiment.name for plan in plans]
+    assert [plan.experiment.name for plan in trained] == ["bins", *names[2:]]
+    assert found[1]["truth"].flda is found[0]["truth"].flda is not found[2]["truth"].flda
 
 
 def test_an_interrupted_campaign_goes_on(whole, studies, tmp_path, monkeypatch):

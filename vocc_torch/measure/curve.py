@@ -60,10 +60,11 @@ class Row:
         if not math.isfinite(self.value):
             raise VoccError(f"{self.axis} is {self.value}: it must be finite")
         if not 0 <= self.ber_low <= self.ber <= self.ber_high <= 1:
-            raise VoccError(
-                f"ber of {self.receiver} at {self.axis}={self.value:g} is {self.ber} in [{self.ber_low}, "
-                f"{self.ber_high}]: it must be 0 <= ber_low <= ber <= ber_high <= 1"
+            key, rule = (
+                f"ber of {self.receiver} at {self.axis}={self.value:g}",
+                "0 <= ber_low <= ber <= ber_high <= 1",
             )
+            raise VoccError.of(key, f"{self.ber} in [{self.ber_low}, {self.ber_high}]", rule)
 
     @property
     def error_free(self) -> bool:
@@ -158,7 +159,7 @@ class BerTable:
                 totals[point.receiver] = totals.get(point.receiver, Counts()) + point.counts
         typical = {name: max(1.0, n.bit_errors / max(1, n.frame_errors)) for name, n in totals.items()}
         self.rows = tuple(
-            point.stated(typical[point.receiver]) if isinstance(point, Point) else point for point in given
+            one.stated(typical[one.receiver]) if isinstance(one, Point) else one for one in given
         )
         for name in ("experiment", "axis"):
             names = sorted({getattr(row, name) for row in self.rows})

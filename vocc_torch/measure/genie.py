@@ -14,7 +14,6 @@ from statistics import median
 import torch
 from torch import Tensor
 
-from vocc_torch.errors import VoccError
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.frame_errors import FrameErrors, FrameJob
 from vocc_torch.measure.likelihood import ForwardModel, PixelModel, overlap
@@ -210,11 +209,13 @@ class GenieDecision:
             logarithm of how many times likelier On is.
         proven: (B,) bool, the bits give the very frame that was seen, so none are likelier. Always False
             under noise.
+        seconds: CPU time of this thread that each frame took, s.
     """
 
     bits: Tensor
     scores: Tensor
     proven: Tensor
+    seconds: tuple[float, ...]
 
 
 class Genie:
@@ -261,21 +262,21 @@ class Genie:
             The decision, on the simulator's device.
 
         Raises:
-            VoccError: another number of scenes than of frames.
-            UnknownLikelihoodError: pixels that are full before they are white.
+                UnknownLikelihoodError: pixels that are full before they are white.
         """
-        if len(scene) != len(frames):
-            raise VoccError(f"scene has {len(scene)} frames: it must have {len(frames)}, as frames has")
         device, shape = self._simulator.device, self._simulator.panel.shape
         scene = scene.checked().to(device)
         bits = torch.zeros(len(frames), shape.rows, shape.columns, dtype=torch.bool)
         scores = torch.zeros(bits.shape, dtype=torch.float64)
         proven = torch.zeros(len(frames), dtype=torch.bool)
+        seconds = []
         for i in range(len(frames)):
+            begun = time.thread_time()
             found, costs, proven[i] = self.decide_one(frames[i : i + 1], scene[i : i + 1])
+            seconds.append(time.thread_time() - begun)
             bits[i] = found.view_as(bits[i])
             scores[i] = torch.where(found, costs, -costs).view_as(scores[i])
-        return GenieDecision(*(part.to(device) for part in (bits, scores, proven)))
+        return GenieDecision(bits.to(device), scores.to(device), proven.to(device), tuple(seconds))
 
     def decide_one(self, frame: Frames, scene: Scene) -> tuple[Tensor, Tensor, bool]:
         """Decide one frame: bits (N,), what each flip would cost (N,), and whether they are proven."""
@@ -329,37 +330,29 @@ def genie_reference(
     Raises:
         UnknownLikelihoodError: effects whose likelihood the genie does not know, or pixels that are full
             before they are white.
-        VoccError: too few frames, or a worker that was ended from outside.
+        VoccError: a worker that was ended from outside.
     """
-    if frames < 1:
-        raise VoccError(f"frames is {frames}: it must be at least 1")
     parts = [range(first, min(first + FRAMES_AT_ONCE, frames)) for first in range(0, frames, FRAMES_AT_ONCE)]
     with worker_losses_told():
         calls = [workers.submit(partial(decide_part, plan, model, point), part) for part in parts]
-        errors, proven, seconds = zip(*(call.result() for call in calls), strict=True)
+        errors, decisions = zip(*(call.result() for call in calls), strict=True)
     (counts,) = FrameErrors.joined(errors).counts
-    return GenieReference(counts, sum(proven), median(chain.from_iterable(seconds)))
+    every = list(chain.from_iterable(decisions))
+    seconds = median(chain.from_iterable(one.seconds for one in every))
+    return GenieReference(counts, sum(int(one.proven.sum()) for one in every), seconds)
 
 
 def decide_part(
     plan: Plan, model: SceneModel, point: str, frames: range
-) -> tuple[FrameErrors, int, list[float]]:
-    """Decide some of a point's frames: errors, how many are proven, and the seconds of each."""
-    genie = Genie(plan.world.simulator())
-    proven: list[bool] = []
-    seconds: list[float] = []
+) -> tuple[FrameErrors, list[GenieDecision]]:
+    """Decide some of a point's frames."""
+    genie, decisions = Genie(plan.world.simulator()), []
 
     def decide(views: Mapping[str, Observation], /) -> Iterator[tuple[Tensor, Tensor]]:
         (seen,) = views.values()
-        decided = torch.empty_like(seen.bits)
         # One thread, whose clock then knows of all the work, and whose sums have one order.
-        with threads(1), torch.autocast(decided.device.type, enabled=False):
-            for i in range(len(decided)):
-                begun = time.thread_time()
-                decision = genie.decide(seen.frames[i : i + 1], seen.scene[i : i + 1])
-                seconds.append(time.thread_time() - begun)
-                proven.append(bool(decision.proven))
-                decided[i] = decision.bits[0]
-        yield decided, seen.panels.found
+        with threads(1), torch.autocast(seen.bits.device.type, enabled=False):
+            decisions.append(genie.decide(seen.frames, seen.scene))
+        yield decisions[-1].bits, seen.panels.found
 
-    return FrameJob(plan, model, point, ("truth",), decide)(frames), sum(proven), seconds
+    return FrameJob(plan, model, point, ("truth",), decide)(frames), decisions

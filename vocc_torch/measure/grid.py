@@ -60,14 +60,11 @@ class Grid:
         self.receivers, self.locator = curves[0].receivers, curves[0].locator
         self._known: dict[tuple[str, float, float], tuple[Floats, Floats]] = {}
         for axis, values in ((self.row_axis, self.rows), (self.column_axis, self.columns)):
-            positive = all(0 < value < math.inf for value in values)
             # Closer ones have the same logarithm, and no octave between them.
             ascending = all(one * (1 + 1e-6) <= after for one, after in pairwise(values))
-            if not values or not positive or not ascending:
-                raise VoccError(
-                    f"{axis} is {list(values)}: it must be ascending by at least a millionth and above 0, "
-                    "at least one value"
-                )
+            if not values or not ascending or not all(0 < value < math.inf for value in values):
+                rule = "ascending by at least a millionth and above 0, at least one value"
+                raise VoccError.of(axis, list(values), rule)
 
     def counts(self, receiver: str) -> list[list[Counts]]:
         """Give a receiver's counts by row and column.
@@ -117,9 +114,7 @@ class Grid:
         # Kept because most of the time of every view would go into the same quantiles.
         if key not in self._known:
             counts = self.counts(receiver)
-            sizes = np.array(
-                [[cell.bit_errors / max(1, cell.frame_errors) for cell in row] for row in counts]
-            )
+            sizes = np.array([[one.bit_errors / max(1, one.frame_errors) for one in row] for row in counts])
 
             def wrong_bits(i: int, j: int) -> float:
                 """What a wrong frame of a cell is taken to have, from the nearest with errors each way."""
@@ -226,19 +221,13 @@ def best_luminance(grid: Grid, receiver: str) -> list[Best]:
     candidates = not_worse(ber, *grid.one_sided(receiver, 1 - joint_confidence(len(luminances) - 1)))
     low = grid.one_sided(receiver, (1 - CONFIDENCE) / 2)[0].min(1)
     high = grid.one_sided(receiver, (1 - joint_confidence(len(luminances))) / 2)[1].min(1)
-    return [
-        Best(
-            receiver,
-            grid.rows[i],
-            tuple(luminances[row == row.min()].tolist()),
-            tuple(luminances[candidates[i]].tolist()),
-            (grid.columns[0], grid.columns[-1]),
-            float(row.min()),
-            float(min(low[i], row.min())),
-            float(max(high[i], row.min())),
-        )
-        for i, row in enumerate(ber)
-    ]
+    ends, bests = (grid.columns[0], grid.columns[-1]), []
+    for i, (at, row) in enumerate(zip(grid.rows, ber, strict=True)):
+        rate = float(row.min())
+        least, may_be = (tuple(luminances[which].tolist()) for which in (row == rate, candidates[i]))
+        interval = rate, min(float(low[i]), rate), max(float(high[i]), rate)
+        bests.append(Best(receiver, at, least, may_be, ends, *interval))
+    return bests
 
 
 def not_worse(rate: Floats, low: Floats, high: Floats) -> Bools:

@@ -242,7 +242,7 @@ class Plan:
         return self.budget.frames * self.experiment.bins
 
 
-def identity(plan: Plan, locators: Sequence[Locator]) -> dict[str, object]:
+def identity(plan: Plan, locators: Sequence[Locator]) -> dict[str, Any]:
     """Name what the counts of a plan depend on.
 
     Left out is what changes only how long they take or how far they go: batch size, workers, folder, the

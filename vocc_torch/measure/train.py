@@ -4,11 +4,9 @@ import json
 import pickle
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import Future
 from dataclasses import dataclass, field, replace
-from functools import partial
 from itertools import chain
-from typing import TypeAlias, TypeVar
+from typing import Self, TypeAlias
 
 import torch
 from torch import Tensor
@@ -35,7 +33,6 @@ FIGURE_SAMPLES = 20_000
 """LEDs kept for the feature histograms."""
 
 Told = Callable[[int], None]
-T = TypeVar("T")
 _N_FEATURES = len(FEATURE_NAMES)
 
 
@@ -85,6 +82,14 @@ class Training:
     def bank(self, names: Sequence[str]) -> ReceiverBank:
         """Give the named receivers, ready to decide."""
         return ReceiverBank(names, self.flda, self.classifiers)
+
+    def joined(self, others: Iterable[Self]) -> Self:
+        """Give this training with the classifiers of others too."""
+        classifiers, made = dict(self.classifiers), dict(self.made)
+        for one in others:
+            classifiers |= one.classifiers
+            made |= one.made
+        return replace(self, classifiers=classifiers, made=made)
 
     def making(self, name: str) -> Making:
         """Say what it took to make a receiver; one that learns nothing has no parameters."""
@@ -166,93 +171,68 @@ def train_each(
 def train_plans(
     plans: Sequence[Plan], locators: Sequence[Sequence[Locator]], workers: Workers
 ) -> list[dict[Locator, Training]]:
-    """Train every plan with each of its locators; plans that train on the same scenes share them.
+    """Train every plan with each of its locators, each receiver by itself on one thread.
+
+    So many train at the same time and each has a price. Receivers that train alike are trained once: FLDA on
+    the same scenes through the same reader is one pass over the frames for all its features.
 
     Args:
         plans: the studies.
         locators: of each plan.
-        workers: who does it.
-
-    Raises:
-        VoccError: as :func:`train_each`, or a worker that was ended from outside.
-    """
-    jobs = [
-        (_training_key(plan, named), partial(train_each, locators=tuple(named)), plan)
-        for plan, named in zip(plans, locators, strict=True)
-    ]
-    trained = _each_once(jobs, workers)
-    return [trained[key] for key, *_ in jobs]
-
-
-def _each_once(jobs: Iterable[tuple[str, Callable[[Plan], T], Plan]], workers: Workers) -> dict[str, T]:
-    """Make what is asked for under each key, once."""
-    with worker_losses_told():
-        calls: dict[str, Future[T]] = {}
-        for key, make, plan in jobs:
-            if key not in calls:
-                calls[key] = workers.submit(make, plan)
-        return {key: call.result() for key, call in calls.items()}
-
-
-def train_alone(plans: Sequence[Plan], workers: Workers) -> list[Training]:
-    """Train each receiver by itself on one thread, so that many train at the same time and each has a price.
-
-    Plans whose receivers train alike share them: FLDA on the same scenes through the same reader is one pass
-    over the frames for all its features.
-
-    Args:
-        plans: the studies, each with its own locator; of FLDA is trained what a plan names.
         workers: who does it; here too on one thread.
 
     Returns:
-        For each plan the training of its receivers. ``making`` says what each took.
+        For each plan the training of its receivers by locator. ``making`` says what each took.
 
     Raises:
         VoccError: as :func:`train_each`, or a worker that was ended from outside.
     """
     wanted: list[list[str]] = []
-    parts: dict[str, Plan] = {}
-    for plan in plans:
-        receiver, alone = plan.receiver, []
-        if any(name in FLDA_FEATURES for name in receiver.names):
-            alone.append(replace(receiver, names=tuple(FLDA_FEATURES), classifiers=()))
+    parts: dict[str, tuple[Plan, tuple[Locator, ...]]] = {}
+    for plan, named in zip(plans, locators, strict=True):
+        receiver, own = plan.receiver, []
+        alone = [replace(receiver, names=tuple(FLDA_FEATURES), classifiers=())]
         alone += [replace(receiver, names=(one.name,), classifiers=(one,)) for one in receiver.classifiers]
-        own = [replace(plan, receiver=one) for one in alone]
-        wanted.append([_training_key(part, (receiver.locator,)) for part in own])
-        parts |= zip(wanted[-1], own, strict=True)
+        for part in (replace(plan, receiver=one) for one in alone):
+            settings = identity(part, named)
+            # Of the experiment only its training scenes matter.
+            own.append(json.dumps({**settings, "experiment": settings["experiment"]["training"]}))
+            parts[own[-1]] = part, tuple(named)
+        wanted.append(own)
 
     def panels(key: str) -> int:
-        return sum(one.frames or one.training.frames for one in parts[key].receiver.classifiers)
+        return sum(one.frames or one.training.frames for one in parts[key][0].receiver.classifiers)
 
-    # The longest training begins first.
-    longest = sorted(parts, key=panels, reverse=True)
-    trained = _each_once([(key, on_one_thread, parts[key]) for key in longest], workers)
+    with worker_losses_told():
+        # The longest training begins first.
+        longest = sorted(parts, key=panels, reverse=True)
+        calls = {key: workers.submit(train_part, parts[key]) for key in longest}
+        trained = {key: call.result() for key, call in calls.items()}
     together = []
-    for keys in wanted:
-        each = [trained[key] for key in keys]
-        fisher = next((one for one in each if one.frames), Training())
-        classifiers = {name: guarded for one in each for name, guarded in one.classifiers.items()}
-        made = {name: cost for one in each for name, cost in one.made.items()}
-        together.append(replace(fisher, classifiers=classifiers, made=made))
+    for keys, named in zip(wanted, locators, strict=True):
+        fisher, *others = (trained[key] for key in keys)
+        together.append({name: fisher[name].joined([one[name] for one in others]) for name in named})
     return together
 
 
-def on_one_thread(plan: Plan) -> Training:
-    """Train a receiver by itself: FLDA, or the only classifier of a plan."""
+def train_alone(plans: Sequence[Plan], workers: Workers) -> list[Training]:
+    """Train every plan with its own locator, as :func:`train_plans`."""
+    locators = [plan.receiver.locator for plan in plans]
+    trained = train_plans(plans, [[name] for name in locators], workers)
+    return [one[name] for one, name in zip(trained, locators, strict=True)]
+
+
+def train_part(part: tuple[Plan, Sequence[Locator]]) -> dict[Locator, Training]:
+    """Train a receiver by itself on one thread with each of some locators: FLDA, or a plan's classifier."""
+    plan, locators = part
     with threads(1):
         if not plan.receiver.classifiers:
-            return train(plan)
-        link = Link.of(plan)
-        classifiers, made = train_classifiers(plan, link, link.locator)
-        return Training(classifiers=classifiers, made=made)
-
-
-def _training_key(plan: Plan, locators: Sequence[Locator]) -> str:
-    """Name the scenes that a plan trains on, and everything else that training depends on."""
-    settings = identity(plan, locators)
-    experiment = settings["experiment"]
-    training = experiment["training"] if isinstance(experiment, Mapping) else None
-    return json.dumps({**settings, "experiment": training}, sort_keys=True)
+            return train_each(plan, locators)
+        link, trained, finders = Link.of(plan), {}, plan.receiver.finders(locators)
+        for name in locators:
+            classifiers, made = train_classifiers(plan, link, finders[name])
+            trained[name] = Training(classifiers=classifiers, made=made)
+    return trained
 
 
 def trained_receiver(plan: Plan, training: Training) -> Receiver:
