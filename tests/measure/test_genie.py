@@ -263,29 +263,6 @@ def test_covered_effects_are_all_tested():
     assert tested == {*AFFINE, *NOISE, *CODING}
 
 
-@pytest.mark.parametrize(("framing", "dtype"), [("filled", torch.float32), ("full", torch.float64)])
-def test_any_framing_and_precision_says_the_same(framing, dtype):
-    camera = Camera(width_px=320, height_px=240, sensor_width_mm=2.2)
-    panel = replace(LedPanel(), board_reflectance=0.05)
-    scene, bits, _ = drawn("framing", 2, offset_x_m=0.3, offset_y_m=-0.2)
-    simulator = Simulator(camera, panel, framing=framing, dtype=dtype)
-    decision = Genie(simulator).decide(simulator.render(scene, bits), scene)
-    assert torch.equal(decision.bits, bits)
-    assert decision.proven.all()
-
-
-def test_what_lies_off_the_sensor_is_on_and_the_rest_is_read():
-    simulator = Simulator()
-    scene = Scene.of(distance_m=30.0, offset_x_m=960 / (Camera().focal_length_px / 30.0))
-    bits = torch.zeros(1, 8, 8, dtype=torch.bool)
-    bits[0, ::2, ::2] = True
-    decision = Genie(simulator).decide(simulator.render(scene, bits), scene)
-    assert torch.equal(decision.bits[..., :4], bits[..., :4])
-    assert decision.bits[..., 6:].all()
-    assert (decision.scores[..., 6:] == 0).all()
-    assert decision.proven.all()
-
-
 def test_a_frame_of_other_making_is_not_proven():
     """Proof is by rendering: one pixel that no bits can give is enough."""
     simulator = Simulator(panel=panel_of(2, 2))

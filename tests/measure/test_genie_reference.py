@@ -8,7 +8,7 @@ import torch
 from vocc_torch.measure import genie as genie_module
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.genie import Genie, genie_reference
-from vocc_torch.measure.likelihood import UnknownLikelihoodError, overlap
+from vocc_torch.measure.likelihood import overlap
 from vocc_torch.measure.plan import Experiment
 from vocc_torch.measure.sweep import count_parts, point_name
 from vocc_torch.measure.workers import Part, Workers
@@ -124,13 +124,3 @@ def test_the_genie_is_given_frames_and_scenes_and_no_key(make_plan, monkeypatch)
     assert asked_with == [["Frames", "Scene"]]
     assert "a point" not in repr(simulator)
     assert 77 not in simulator.values()
-
-
-@pytest.mark.parametrize(("name", "parameters"), [("pose", {"yaw_deg": 10.0}), ("jpeg", {"quality": 85})])
-def test_an_unknown_effect_is_refused_before_anything_is_rendered(make_plan, rendered, name, parameters):
-    plan = make_plan(effects={**PAPER_EFFECTS, name: parameters})
-    with pytest.raises(
-        UnknownLikelihoodError, match=rf"knows no likelihood for scene\.effects\.{name}: known"
-    ):
-        referenced(plan, plan.world.scene, "refused", 4)
-    assert not rendered

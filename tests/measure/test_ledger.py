@@ -14,7 +14,8 @@ import tempfile
 import time
 import traceback
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
+from contextlib import closing, suppress
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -55,19 +56,11 @@ def counted(part):
     return found
 
 
-def count(parts):
+def count(parts, asked=None):
+    """Counts, and notes which blocks it was asked for."""
+    if asked is not None:
+        asked.extend(part.block for part in parts)
     return [counted(part) for part in parts]
-
-
-class Calls:
-    """Counts, and remembers which blocks it was asked for."""
-
-    def __init__(self):
-        self.blocks = []
-
-    def __call__(self, parts):
-        self.blocks += [part.block for part in parts]
-        return count(parts)
 
 
 def refusal(call, *parts):
@@ -103,24 +96,18 @@ def outcome_of(ledger, rule, function=count, submit=None, **options):
 
 def change(path, *statements):
     """Let SQLite itself change a ledger that is closed."""
-    connection = sqlite3.connect(path)
-    with connection:
+    with closing(sqlite3.connect(path)) as connection, connection:
         for statement in statements:
             connection.execute(*statement) if isinstance(statement, tuple) else connection.execute(statement)
-    connection.close()
 
 
 def rows_in(path):
     """Blocks that have a row, read without the code under test."""
     if not path.exists() or not path.stat().st_size:
         return set()
-    connection = sqlite3.connect(path)
-    try:
+    with suppress(sqlite3.OperationalError), closing(sqlite3.connect(path)) as connection:
         return {block for (block,) in connection.execute("SELECT block FROM blocks")}
-    except sqlite3.OperationalError:
-        return set()
-    finally:
-        connection.close()
+    return set()
 
 
 # What is written is what is read.
@@ -179,26 +166,23 @@ def test_a_resumed_run_ends_as_an_undisturbed_one(path, target, blocks_at_once):
     undisturbed = run_point(count, rule)
     assert undisturbed.stopped_by == ("frames" if target is None else "frame_errors")
     filled(path, blocks=2)
-    calls, parts = Calls(), list(parts_of(1000))
+    asked, parts = [], list(parts_of(1000))
     with Ledger.open(path, SETTINGS) as ledger:
         for block in (9, 6, 4):
             ledger.append(POINT, block, 64, counted(parts[block]))
-        outcome = outcome_of(ledger, rule, calls, blocks_at_once=blocks_at_once)
-        assert list(outcome.counts.items()) == list(undisturbed.counts.items())
+        outcome = outcome_of(ledger, rule, partial(count, asked=asked), blocks_at_once=blocks_at_once)
         assert outcome == undisturbed
-        assert not {0, 1, 4, 6, 9} & set(calls.blocks)
-        assert len(set(calls.blocks)) == len(calls.blocks)
-        again = Calls()
-        assert outcome_of(ledger, rule, again, blocks_at_once=blocks_at_once) == undisturbed
-        assert again.blocks == []
+        assert not {0, 1, 4, 6, 9} & set(asked)
+        assert len(set(asked)) == len(asked)
+        assert outcome_of(ledger, rule, lambda _: pytest.fail("counted again")) == undisturbed
 
 
 def test_a_block_used_in_part_is_counted_again_when_more_of_it_is_needed_and_both_rows_stay(path):
     with Ledger.open(path, SETTINGS) as ledger:
         for frames, expected in ((100, [0, 1]), (128, [1]), (100, []), (128, []), (90, [1]), (200, [2, 3])):
-            calls = Calls()
-            assert outcome_of(ledger, Budget(frames), calls) == run_point(count, Budget(frames))
-            assert calls.blocks == expected
+            asked = []
+            outcome = outcome_of(ledger, Budget(frames), partial(count, asked=asked))
+            assert (outcome, asked) == (run_point(count, Budget(frames)), expected)
         assert len(ledger) == 6
 
 
@@ -421,14 +405,9 @@ def under_fire(folder):
 def test_a_run_killed_at_random_moments_ends_as_an_undisturbed_one(tmp_path):
     """A life counts nothing that is recorded, and loses only what was under way; one file is left."""
     single = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")}
-    done = subprocess.run(
-        [sys.executable, __file__, tmp_path],
-        env={**os.environ, **single, "PYTHONPATH": str(Path(__file__).parents[1])},
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=300,
-    )
+    environment = {**os.environ, **single, "PYTHONPATH": str(Path(__file__).parents[1])}
+    options = {"env": environment, "capture_output": True, "text": True, "check": False, "timeout": 300}
+    done = subprocess.run([sys.executable, __file__, tmp_path], **options)
     assert (done.returncode, "Traceback" in done.stderr) == (0, False), done.stderr
     report = json.loads(done.stdout)
     *killed, (*_, ended) = report["lives"]

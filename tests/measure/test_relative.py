@@ -102,18 +102,6 @@ def test_independent_differences_are_newcombes_square_and_add():
     assert (back.low, back.high) == pytest.approx((-ours.high, -ours.low))
 
 
-def test_a_point_without_errors_is_feared_at_the_size_of_the_others_errors():
-    clean, single, dozens = Counts(2000, 128_000), padded((8, 1, 0))[0], padded((8, 20, 0))[0]
-    limit = 1 - 0.025 ** (1 / 2000)
-    for other, size in ((single, 1), (dozens, 20), (clean, 1)):
-        ours = compare.difference_independent(clean, other)
-        up = -ours.low if other is clean else None
-        high = math.hypot(limit * size / BITS, other.ber - ber_interval(other).low)
-        assert ours.high == pytest.approx(high - other.ber)
-        assert up is None or up == pytest.approx(ours.high)
-    assert compare.difference_independent(single, clean).real
-
-
 # Coverage, on frames of beta-binomial errors; b shares a's errors and mends some, or has its own.
 
 
@@ -215,14 +203,6 @@ def test_a_share_of_single_errors_is_about_binomial(wrong, of):
     exact = binomtest(wrong, of).proportion_ci(method="exact")
     assert 0.7 * exact.low < ratio.low <= exact.low
     assert exact.high <= ratio.high < 1.6 * exact.high
-
-
-def test_shared_errors_narrow_it():
-    reference, receiver, paired = singles(4096, 400, 360)
-    ratio = compare.rate_ratio(reference, receiver, paired)
-    apart = compare.mover_ratio(ber_interval(receiver), ber_interval(reference))
-    assert apart.low < 0.8 < ratio.low < 0.9 < ratio.high < 1 < apart.high
-    assert ratio.leaves_out(1)
 
 
 @given(st.lists(st.tuples(st.integers(0, BITS), st.integers(0, BITS)), min_size=2, max_size=40))

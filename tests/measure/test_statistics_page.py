@@ -8,10 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vocc_torch.measure.config import Budget
-from vocc_torch.measure.counts import Counts
-from vocc_torch.measure.workers import stop_reason
-
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs" / "statistics.md"
 
@@ -33,13 +29,6 @@ def laws(benchmark):
     import frame_laws
 
     return frame_laws
-
-
-@pytest.fixture(scope="module")
-def stopping(benchmark):
-    import stopping
-
-    return stopping
 
 
 def tables(page, benchmark):
@@ -75,10 +64,3 @@ def test_a_laws_truth_is_that_of_its_closed_form(laws):
     assert laws.mended(law, 0.24, 0.001).ber == pytest.approx([0.01, 0.0076 + 0.99 * 0.001], rel=1e-4)
     assert laws.missed_by_first(laws.alike(law), 0.1).ber == pytest.approx([0.059, 0.01])
     assert laws.apart(law, laws.independent(0.02)).ber == pytest.approx([0.01, 0.02], rel=1e-4)
-
-
-def test_precision_is_looked_at_where_the_stop_rule_looks(stopping):
-    rule = Budget(frames=10**9, precision=0.1)
-    known = {("a", 0): Counts(10**6, 64 * 10**6, 2 * 10**6, 4 * 10**6, 10**6)}
-    looked = [blocks for blocks in range(1, 3000) if stop_reason(rule, known, blocks)]
-    assert list(takewhile(lambda blocks: blocks < 3000, stopping.looks())) == looked

@@ -14,7 +14,6 @@ from typing import Self
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.counts import Counts, half_errors
@@ -131,7 +130,7 @@ def _sums(errors: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.stack([errors.sum(axis=1), squared, np.count_nonzero(errors, axis=1)], axis=1)
 
 
-Receivers = Callable[[Mapping[str, Observation]], Iterable[tuple[Tensor, Tensor]]]
+Receivers = Callable[[Mapping[str, Observation]], Iterable[tuple[torch.Tensor, torch.Tensor]]]
 """What decides one batch, given what was observed of its frames by locator; picklable where workers do it.
 
 It yields for each receiver, in the same order every time, its bits (B,R,C) bool and where its panels were
@@ -150,7 +149,7 @@ class Banks:
 
     banks: Sequence[tuple[str, ReceiverBank]]
 
-    def __call__(self, views: Mapping[str, Observation], /) -> Iterator[tuple[Tensor, Tensor]]:
+    def __call__(self, views: Mapping[str, Observation], /) -> Iterator[tuple[torch.Tensor, torch.Tensor]]:
         """Decide one batch, as ``Receivers`` says."""
         for locator, bank in self.banks:
             seen = views[locator]
@@ -166,7 +165,7 @@ class Banks:
 Told = Callable[[int], None]
 """Called with the frames done since the last call."""
 
-Sorter = Callable[[Link, Observation], Tensor]
+Sorter = Callable[[Link, Observation], torch.Tensor]
 """Gives the group (B,) int64 of each frame of a batch."""
 
 

@@ -10,7 +10,7 @@ import os
 import re
 import sqlite3
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import astuple
 from pathlib import Path
 from typing import Self, TypeAlias
@@ -44,7 +44,7 @@ _FULL = (sqlite3.SQLITE_FULL, sqlite3.SQLITE_IOERR)
 _REFUSED = (sqlite3.SQLITE_READONLY, sqlite3.SQLITE_CANTOPEN)
 
 
-class Ledger:
+class Ledger(AbstractContextManager["Ledger"]):
     """An open ledger, which nobody else can open until it is closed.
 
     A row belongs to a point, a block and the number of the block's frames that were used: where a budget
@@ -158,10 +158,6 @@ class Ledger:
         start, end = f"ledger {_shown(self.path)}: ", f": {help_}"
         room = max(20, _LONGEST - len(start) - len(end))
         return VoccError(start + _cut(told, room) + end)
-
-    def __enter__(self) -> Self:
-        """Return the ledger itself."""
-        return self
 
     def __exit__(self, *_: object) -> None:
         """Close."""

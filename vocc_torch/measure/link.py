@@ -6,7 +6,6 @@ from functools import cached_property
 from typing import Self, TypeVar, cast
 
 import torch
-from torch import Tensor
 
 from vocc_torch.measure.plan import Plan
 from vocc_torch.receiver.bank import Preambles
@@ -39,7 +38,7 @@ class Observation:
     """
 
     scene: Scene
-    bits: Tensor
+    bits: torch.Tensor
     panels: Panels
     takes: tuple[Frames, ...]
     reader: Reader
@@ -159,7 +158,7 @@ class Link:
             yield seen
 
 
-Batch = tuple[Scene, Tensor, list[FrameKey], tuple[Frames, ...]]
+Batch = tuple[Scene, torch.Tensor, list[FrameKey], tuple[Frames, ...]]
 """Scenes, the bits (B,R,C) bool sent in them, the names of their frames, and these."""
 
 

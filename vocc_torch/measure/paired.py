@@ -2,6 +2,10 @@
 
 Most frames are as hard for one receiver as for the other. Compared frame by frame, what they share cancels,
 and far smaller differences can be told from chance than from two curves with an interval each.
+
+A t interval of the mean difference would be symmetric. Where few frames differ, the differences are a
+handful of events in a sea of zeros, the sum is skewed, and the sample often shows too little of its spread:
+with three discordant frames expected, all one way, the t interval covers about 80 % instead of 95 %.
 """
 
 import math
@@ -112,29 +116,14 @@ def paired_interval(
 ) -> Estimate:
     """The interval of the difference of two bit error rates, with frames as the independent units.
 
-    **Why not a t interval.** The mean of the differences between frames has one, but it is symmetric. Where
-    few frames differ, the differences are a handful of events in a sea of zeros, the sum is skewed, and the
-    sample often shows too little of its spread: with three discordant frames expected, all one way, the t
-    interval covers about 80 % instead of 95 %. More t quantile, for fewer degrees of freedom, widens both
-    ends alike, the wrong one too.
-
     **Some frames differ.** The difference is that of two rates: of a's errors beyond b's, and of b's beyond
-    a's. Each is a rate of errors that come a frame at a time and has an interval as in
-    :func:`~vocc_torch.measure.intervals.ber_interval`: Clopper and Pearson's with an effective number of
-    trials, a t quantile that pays for estimating it, and the limits that the binomial number of frames sets.
-    How large a difference is where there is one shows on both sides, and a side with few frames borrows from
-    the other: its spread is taken with one more frame of the common size, ``sum d^2 / sum |d|`` over the
-    frames' differences d, and the degrees of freedom are those of both sides together. For a side that never
-    was the worse, that frame's size is all there is. Without the loan, a single frame in which b was worse
-    would make 20 in which a was look like chance.
-
-    The two are joined by the method of variance estimates recovery (Zou and Donner, Statistics in Medicine
-    27, 2008, "Construction of confidence limits about effect measures: a general approach"; for two
-    proportions it is Newcombe's square-and-add): the distance of the low end from the difference is the root
-    of the summed squares of the first rate's distance to its low end and the second's to its high end, and
-    the other way round for the high end. Within a frame the two exclude each other, so they are correlated by
-    -(product of means) / (product of standard deviations). That is next to nothing where few frames differ;
-    where most do, leaving it out would cost up to 6 points of coverage.
+    a's, each with its :func:`excess_interval`. They are joined by the method of variance estimates recovery
+    (Zou and Donner, Statistics in Medicine 27, 2008, "Construction of confidence limits about effect
+    measures: a general approach"; for two proportions it is Newcombe's square-and-add): the distance of the
+    low end from the difference is the root of the summed squares of the first rate's distance to its low end
+    and the second's to its high end, and the other way round for the high end. Within a frame the two exclude
+    each other, so they are correlated by -(product of means) / (product of standard deviations). That is next
+    to nothing where few frames differ; where most do, leaving it out would cost up to 6 points of coverage.
 
     **No frame differs.** ``low`` and ``high`` are then limits of the size of the difference: a frame differs
     with a probability of at most ``1 - (1 - confidence)^(1 / frames)``, and no more than
@@ -169,23 +158,7 @@ def paired_interval(
         return Estimate(0.0, -limit, limit)
     if paired.bits > MOST_TRIALS:
         raise VoccError(f"paired.bits is {paired.bits}: an interval takes at most {MOST_TRIALS:g} bits")
-    # How large a difference is where there is one, shown by both sides together.
-    summed = paired.a_excess + paired.b_excess
-    common = paired.half_difference_squared / summed
-    # A frame's difference is one bit at least and all its bits at most. Only the half that a missed panel of
-    # an odd number of LEDs counts can be half a bit from what the other receiver got wrong.
-    fewest = 1.0 if leds % 2 == 0 else 0.5
-
-    def excess(side: Counts) -> Estimate:
-        size = (side.half_errors_squared + common**2) / (side.half_errors + common) / 2
-        effect = leds
-        if paired.frames > 1:
-            # The variance of a frame's errors over that of as many independent bits of the same rate.
-            variance_ratio = (size - leds * side.ber) / (1 - side.ber) if side.ber < 1 else 1.0
-            effect = max(1.0, variance_ratio * paired.frames / (paired.frames - 1))
-        return clustered_interval(side, effect, summed / common, fewest, confidence)
-
-    a, b = map(excess, sides)
+    a, b = (excess_interval(side, paired, confidence) for side in sides)
     # The product of the two sides' excess is 0 in every frame.
     correlation, product = 0.0, paired.a_excess * paired.b_excess
     if product:
@@ -197,6 +170,36 @@ def paired_interval(
     low = difference - joined(a.value - a.low, b.high - b.value)
     high = difference + joined(a.high - a.value, b.value - b.low)
     return Estimate(difference, max(-1.0, low), min(1.0, high))
+
+
+def excess_interval(side: Counts, paired: PairedCounts, confidence: float) -> Estimate:
+    """The interval of one side's rate of errors beyond the other's, which come a frame at a time.
+
+    As in :func:`~vocc_torch.measure.intervals.ber_interval` it is Clopper and Pearson's with an effective
+    number of trials, a t quantile that pays for estimating it, and the limits that the binomial number of
+    frames sets. How large a difference is where there is one shows on both sides, and a side with few frames
+    borrows from the other: its spread is taken with one more frame of the common size, ``sum d^2 / sum |d|``
+    over the frames' differences d, and the degrees of freedom are those of both sides together. Otherwise a
+    single frame in which b was worse would hide that a was in 20.
+
+    Args:
+        side: the excess of one receiver.
+        paired: the comparison, at least one frame of which differs.
+        confidence: above 0, below 1.
+    """
+    leds, rate = paired.bits / paired.frames, side.ber
+    summed = paired.a_excess + paired.b_excess
+    common = paired.half_difference_squared / summed
+    size = (side.half_errors_squared + common**2) / (side.half_errors + common) / 2
+    effect = leds
+    if paired.frames > 1:
+        # The variance of a frame's errors over that of as many independent bits of the same rate.
+        variance_ratio = (size - leds * rate) / (1 - rate) if rate < 1 else 1.0
+        effect = max(1.0, variance_ratio * paired.frames / (paired.frames - 1))
+    # A frame's difference is one bit at least and all its bits at most. Only the half that a missed panel of
+    # an odd number of LEDs counts can be half a bit from what the other receiver got wrong.
+    fewest = 1.0 if leds % 2 == 0 else 0.5
+    return clustered_interval(side, effect, summed / common, fewest, confidence)
 
 
 def sign_test(paired: PairedCounts) -> float:

@@ -12,7 +12,6 @@ from typing import Any, Self, TypeAlias
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor
 
 from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.link import rendered
@@ -240,7 +239,7 @@ def prepared(chains: Iterable[Chain], exposure: Exposure, rows: slice, device: t
     return made
 
 
-def _bits(scores: Mapping[str, Tensor]) -> list[Tensor]:
+def _bits(scores: Mapping[str, torch.Tensor]) -> list[torch.Tensor]:
     """Decide, (B,R,C) bool for each receiver."""
     return [one >= 0 for one in scores.values()]
 

@@ -10,7 +10,6 @@ from itertools import pairwise
 
 import numpy as np
 import torch
-from torch import Tensor
 
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.curve import Curves, Measured, Point
@@ -201,7 +200,7 @@ def count_parts(
     return counted
 
 
-def group_of(experiment: Experiment, link: Link, seen: Observation) -> Tensor:
+def group_of(experiment: Experiment, link: Link, seen: Observation) -> torch.Tensor:
     """Return the group that each frame counts in, (B,) int64: its contrast bin, -1 outside all bins; else 0.
 
     A contrast on an edge between two bins belongs to the upper one; the last bin holds its upper edge too.

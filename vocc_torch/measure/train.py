@@ -18,8 +18,7 @@ from vocc_torch.measure.plan import Locator, Plan, identity, narrowed
 from vocc_torch.measure.timing import threads
 from vocc_torch.measure.workers import Workers, worker_losses_told
 from vocc_torch.receiver.bank import FLDA_FEATURES, ReceiverBank, feature_indices
-from vocc_torch.receiver.classifiers.inputs import Inputs
-from vocc_torch.receiver.classifiers.protocol import Guarded
+from vocc_torch.receiver.classifiers import Guarded, Inputs
 from vocc_torch.receiver.discriminant import Discriminant
 from vocc_torch.receiver.features import FEATURE_NAMES
 from vocc_torch.receiver.flda import FLDA
