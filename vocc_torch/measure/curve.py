@@ -1,5 +1,7 @@
 """Measured points of bit error rate curves, the tables they form, and what every two receivers differ in."""
 
+from __future__ import annotations  # the reader of ber.csv goes by the columns' types as they are written
+
 import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
