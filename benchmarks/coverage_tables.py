@@ -29,8 +29,7 @@ from stopping import at_frame_errors, at_precision
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.intervals import ber_interval, clopper_pearson
-from vocc_torch.measure.paired import paired_interval
-from vocc_torch.measure.relative import difference_independent, mean_gain, relative_gain
+from vocc_torch.measure.paired import difference_independent, mean_gain, paired_interval, relative_gain
 
 FRAMES = 2000
 """Frames in a study, the paper's number for a point."""

@@ -14,8 +14,9 @@ import numpy as np
 from frame_laws import BITS, Law
 from numpy.typing import NDArray
 
+from vocc_torch.measure.config import Budget
 from vocc_torch.measure.counts import Counts
-from vocc_torch.measure.schedule import StopRule
+from vocc_torch.measure.workers import stop_reason
 from vocc_torch.rng import BLOCK_FRAMES
 
 ENDLESS = 10**12
@@ -46,7 +47,7 @@ def at_frame_errors(law: Law, rng: np.random.Generator, studies: int, target: in
 
 
 def looks() -> Iterator[int]:
-    """Name the numbers of blocks at which :class:`StopRule` looks at the precision, without end."""
+    """Name the numbers of blocks at which :func:`stop_reason` looks at the precision, without end."""
     for blocks in itertools.count(16, 16):
         if blocks % max(16, (1 << (blocks.bit_length() - 1)) // 16) == 0:
             yield blocks
@@ -54,7 +55,7 @@ def looks() -> Iterator[int]:
 
 def at_precision(law: Law, rng: np.random.Generator, studies: int, precision: float) -> list[Counts]:
     """Stop each study at the first look at which both arms of its interval are short enough."""
-    rule = StopRule(frames=ENDLESS, precision=precision)
+    rule = Budget(frames=ENDLESS, precision=precision)
     seen = np.zeros((studies, len(law.share)), dtype=np.int64)
     going, done = np.arange(studies), 0
     for blocks in looks():
@@ -64,7 +65,7 @@ def at_precision(law: Law, rng: np.random.Generator, studies: int, precision: fl
         precise = [
             study
             for study, counts in zip(near, law.counts(seen[near]), strict=True)
-            if rule.reached({("receiver", 0): counts}, blocks)
+            if stop_reason(rule, {("receiver", 0): counts}, blocks)
         ]
         going = np.setdiff1d(going, precise, assume_unique=True)
         if not going.size:

@@ -21,3 +21,10 @@ def paired_of(decided_a, decided_b, sent, found, found_b=None):
     return FrameErrors(np.stack(wrong), np.stack([one.numpy() for one in places]), sent[0].numel()).pairs[
         0, 1
     ]
+
+
+def compared(a_bits, b_bits, bits=64):
+    """Counts of two receivers, and their comparison, from each frame's wrong bits."""
+    halves = 2 * np.stack([a_bits, b_bits]).astype(np.int64)
+    counts, paired = tallies(halves, bits, np.ones(halves.shape, dtype=bool))
+    return *counts, paired[0, 1]

@@ -1,10 +1,9 @@
-"""One point of a plan, counted in this process on a link of the test's own."""
+"""One point of a plan, counted in this process."""
 
 from functools import partial
 
-from vocc_torch.measure.schedule import PointWork, run_points
 from vocc_torch.measure.sweep import count_parts, points_of, stop_rule
-from vocc_torch.measure.workers import Workers
+from vocc_torch.measure.workers import PointWork, Workers, run_points
 from vocc_torch.receiver.bank import ReceiverBank
 
 
@@ -13,22 +12,20 @@ def banks(plan, fldas):
     return {name: ReceiverBank(plan.receiver.names, flda) for name, flda in fldas.items()}
 
 
-def counter(plan, link, flda, value):
-    """What counts the blocks of a point; the link's own locator stands in for the plan's."""
+def counter(plan, flda, value):
+    """What counts the blocks of a point."""
     locator = plan.receiver.locator
-    return partial(count_parts, plan, (locator,), banks(plan, {locator: flda}), value, link=link)
+    return partial(count_parts, plan, (locator,), banks(plan, {locator: flda}), value)
 
 
-def run_point(count, rule, *, blocks_at_once=1, progress=None):
+def run_point(count, rule, *, blocks_at_once=1, told=lambda frames, counts: None):
     """Add blocks of one point in index order until the rule holds."""
-    told = None if progress is None else lambda _, frames, counts: progress(frames, counts)
-    works = [PointWork("", count, rule)]
-    return next(run_points(works, Workers(1).submit, blocks_at_once=blocks_at_once, progress=told))
+    works = [PointWork("", count, rule, told=told)]
+    return next(run_points(works, Workers(1).submit, blocks_at_once=blocks_at_once))
 
 
-def sweep_point(plan, link, flda, value):
+def sweep_point(plan, flda, value):
     """Count a point and give its results, one for each receiver."""
-    outcome = run_point(
-        counter(plan, link, flda, value), stop_rule(plan), blocks_at_once=max(1, plan.batch_frames // 64)
-    )
+    at_once = max(1, plan.batch_frames // 64)
+    outcome = run_point(counter(plan, flda, value), stop_rule(plan), blocks_at_once=at_once)
     return points_of(plan, plan.receiver.locator, value, outcome.counts, outcome.stopped_by)

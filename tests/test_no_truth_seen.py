@@ -15,6 +15,7 @@ from leak_watch import LITTLE, NETWORKS, SHIPPED
 
 from vocc_torch.app.config import register_schema
 from vocc_torch.app.resolve import resolved
+from vocc_torch.measure import link as link_module
 from vocc_torch.measure.build import build_plan
 from vocc_torch.measure.frame_errors import FrameJob
 from vocc_torch.measure.link import Link
@@ -115,9 +116,9 @@ def test_other_corners_are_seen_by_every_receiver_that_is_given_them(plan, bank,
 
 def reads_the_bits(monkeypatch):
     """A reader whose features carry what was sent, too faint to see."""
-    observe, read = Link._observe, Reader.read_takes
+    made, read = link_module.Observation, Reader.read_takes
 
-    def observed(link, locators, scene, bits, *rest):
+    def observed(scene, bits, *rest):
         def leaky(reader, takes, panels):
             readings, levels = read(reader, takes, panels)
             faint = readings.features + 1e-6 * bits[..., None]
@@ -125,9 +126,9 @@ def reads_the_bits(monkeypatch):
             return dataclasses.replace(readings, features=faint, patches=patches), levels
 
         monkeypatch.setattr(Reader, "read_takes", leaky)
-        return observe(link, locators, scene, bits, *rest)
+        return made(scene, bits, *rest)
 
-    monkeypatch.setattr(Link, "_observe", observed)
+    monkeypatch.setattr(link_module, "Observation", observed)
 
 
 def test_bits_hidden_in_what_a_receiver_sees_are_found(plan, bank, tape, monkeypatch):

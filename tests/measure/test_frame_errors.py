@@ -7,7 +7,6 @@ import pytest
 import torch
 from made_up_tallies import tallies
 
-from vocc_torch.errors import VoccError
 from vocc_torch.measure.counts import Counts, half_errors
 from vocc_torch.measure.estimate import Estimate, may_be_least
 from vocc_torch.measure.frame_errors import Banks, FrameErrors, FrameJob
@@ -26,31 +25,27 @@ def equals(rng, receivers, frames, rate, shared):
     return FrameErrors(half.astype(np.int64), half >= 0, LEDS)
 
 
-def pictures_with_a_false_claim(receivers, pictures):
-    """Share of lists of equal receivers in which any is called surely worse than another."""
+@pytest.mark.parametrize(("receivers", "pictures"), [(2, 200), (12, 60), (30, 20)])
+def test_among_equals_few_pictures_have_a_false_claim(receivers, pictures):
+    """Of lists of equal receivers: is any called surely worse than another?"""
     rng, false = np.random.default_rng(1), 0
     for _ in range(pictures):
         errors = equals(rng, receivers, 1024, 0.02, 0.5)
         totals = errors.half_errors.sum(axis=1)
         false += errors.surely_worse(int(totals.argmax()), int(totals.argmin()))
-    return false / pictures
-
-
-@pytest.mark.parametrize(("receivers", "pictures"), [(2, 200), (12, 100), (30, 50)])
-def test_among_equals_few_pictures_have_a_false_claim(receivers, pictures):
-    assert pictures_with_a_false_claim(receivers, pictures) <= 0.05
+    assert false <= 0.05 * pictures
 
 
 def test_the_best_is_hardly_ever_ruled_out_and_worse_ones_are():
     """Equal receivers and one with a third of their errors, over and over."""
     rng, kept, left = np.random.default_rng(3), 0, 0
-    for _ in range(100):
+    for _ in range(60):
         halves = equals(rng, 6, 2048, 0.03, 0.3).half_errors
         halves[2] *= rng.random(2048) < 1 / 3
         places = may_be_least(len(halves), FrameErrors(halves, halves >= 0, LEDS).compared)
         kept, left = kept + (2 in places), left + len(places)
-    assert kept >= 95
-    assert left / 100 < 2
+    assert kept >= 57
+    assert left / 60 < 2
 
 
 def test_an_estimate_leaves_out_what_is_outside_its_interval():
@@ -68,9 +63,6 @@ def test_the_first_frames_are_counted_alone():
         (2, 66, 1), (2, 64, 1),
     ]  # fmt: skip
     assert first.compared(1, 0).value == -2 / (2 * 2 * LEDS)
-    for frames in (0, 5):
-        with pytest.raises(VoccError, match=f"frames is {frames}: it must be from 1 to 4"):
-            FrameErrors(half, found, LEDS).first(frames)
 
 
 # Counts
@@ -101,28 +93,6 @@ def test_counts_and_pairs_are_those_of_the_decided_bits():
         _ = PairedCounts() + Counts()
 
 
-ONES, HALVES = np.ones((2, 3), dtype=bool), np.full((2, 3), 2)
-
-
-@pytest.mark.parametrize(
-    ("halves", "bits", "found", "message"),
-    [
-        (HALVES.astype(float), 64, ONES, r"half_errors is float64 of shape \(2, 3\)"),
-        (HALVES[0], 64, ONES[0], r"half_errors is int64 of shape \(3,\)"),
-        (HALVES, 64, ONES[:1], r"found is bool of shape \(1, 3\)"),
-        (HALVES, 64, HALVES, r"found is int64"),
-        (HALVES, 0, ONES, r"leds is 0"),
-        (HALVES, 2**31, ONES, r"leds is 2147483648: the squared errors of 3 frames"),
-        (-HALVES, 64, ONES, r"half_errors holds -2 to -2: it must be 0 to 128"),
-        (64 * HALVES + 1, 64, ONES, r"half_errors holds 129 to 129"),
-        (HALVES, 64, ~ONES, r"half_errors of a frame without a panel is not 64"),
-    ],
-)
-def test_errors_that_no_frames_have_are_refused_by_name(halves, bits, found, message):
-    with pytest.raises(VoccError, match=f"^{message}"):
-        tallies(halves, bits, found)
-
-
 # The loop
 
 
@@ -141,16 +111,14 @@ def job(make_plan, trained):
 def test_parts_of_a_job_are_the_whole_whoever_does_them(job):
     whole, told = job(range(150)), []
     assert whole.half_errors.shape == (4, 150)
-    for at_once in (40, 64, 128):
+    for at_once in (40, 128):
         with Workers(1) as alone:
             calls = job.handed_out(150, alone, at_once=at_once, told=told.append)
         parts = FrameErrors.joined(call.result() for call in calls)
         assert np.array_equal(parts.half_errors, whole.half_errors)
         assert np.array_equal(parts.found, whole.found)
-    assert sum(told) == 450
+    assert sum(told) == 300
     assert np.array_equal(job(range(70, 80)).half_errors, whole.half_errors[:, 70:80])
-    with pytest.raises(VoccError, match="no parts"):
-        FrameErrors.joined([])
 
 
 def test_rows_are_in_the_order_of_the_banks_each_with_its_own_locator(job):

@@ -12,10 +12,8 @@ from scipy.optimize import lsq_linear
 from scipy.stats import norm
 
 from vocc_torch.errors import VoccError
-from vocc_torch.measure.genie.forward import AFFINE, CODING, NOISE, ForwardModel
-from vocc_torch.measure.genie.genie import Genie
-from vocc_torch.measure.genie.likelihood import log_interval_probability
-from vocc_torch.measure.genie.search import likely_bits, relaxed_shares
+from vocc_torch.measure.genie import Genie, likely_bits, relaxed_shares
+from vocc_torch.measure.likelihood import AFFINE, CODING, NOISE, ForwardModel, log_interval_probability
 from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.simulation import Camera, Distribution, LedPanel, SceneModel, Simulator
 from vocc_torch.simulation.effects.registry import PHYSICAL_ORDER
@@ -66,10 +64,9 @@ def met(simulator, frame, scene, shape):
     return {tuple(row) for row in bits[same].tolist()}
 
 
-@pytest.mark.parametrize("ambient_lx", [1000, 32000])
-def test_paper_scenes_are_read_without_error_and_proven(ambient_lx):
+def test_paper_scenes_are_read_without_error_and_proven():
     simulator = Simulator()
-    scene, bits, _ = drawn("paper", 6, ambient_lx=ambient_lx)
+    scene, bits, _ = drawn("paper", 6, ambient_lx=1000)
     decision = Genie(simulator).decide(simulator.render(scene, bits, nearest_m=30.0), scene)
     assert torch.equal(decision.bits, bits)
     assert decision.proven.all()
@@ -93,7 +90,6 @@ def test_far_beyond_the_paper_it_takes_more_than_rounding():
     "values",
     [
         {},
-        {"distance_m": 250},
         {"distance_m": 500, "ambient_lx": 20000},
         {"led_luminance_cd_m2": 5, "ambient_lx": 20000},
         {"led_luminance_cd_m2": 0.3},
@@ -118,22 +114,6 @@ def test_exhaustive_search_finds_no_likelier_bits(shape, values):
             # A pixel at the very edge of its grey value may be told apart by no more than rounding.
             assert abs(score) < 1e-7 if alike else score
             assert score or answer[led]
-
-
-def test_under_white_on_is_at_least_as_likely_as_off():
-    simulator = Simulator(panel=panel_of(3, 3))
-    scene, bits, _ = drawn("white", 8, (3, 3), ambient_lx=5, distance_m=40)
-    undetermined = 0
-    decision = Genie(simulator).decide(simulator.render(scene, bits), scene)
-    for i in range(len(scene)):
-        own = scene[i : i + 1]
-        likeliest = met(simulator, simulator.render(own, bits[i : i + 1]), own, (3, 3))
-        share_on = np.mean(sorted(likeliest), axis=0)
-        free = (decision.scores[i] == 0).flatten().numpy()
-        undetermined += free.sum()
-        assert (share_on[free] >= 0.5).all()
-        assert len(likeliest) > 1 or not free.any()
-    assert undetermined >= 3
 
 
 def scipy_misfits(simulator, frame, scene, bits):
@@ -283,42 +263,6 @@ def test_covered_effects_are_all_tested():
     assert tested == {*AFFINE, *NOISE, *CODING}
 
 
-@pytest.mark.parametrize("framing", ["crop", "filled", "full"])
-@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
-def test_any_framing_and_precision_says_the_same(framing, dtype):
-    camera = Camera(width_px=320, height_px=240, sensor_width_mm=2.2)
-    panel = replace(LedPanel(), board_reflectance=0.05)
-    scene, bits, _ = drawn("framing", 2, offset_x_m=0.3, offset_y_m=-0.2)
-    simulator = Simulator(camera, panel, framing=framing, dtype=dtype)
-    decision = Genie(simulator).decide(simulator.render(scene, bits), scene)
-    assert torch.equal(decision.bits, bits)
-    assert decision.proven.all()
-
-
-def test_what_lies_off_the_sensor_is_on_and_the_rest_is_read():
-    simulator = Simulator()
-    scene = Scene.of(distance_m=30.0, offset_x_m=960 / (Camera().focal_length_px / 30.0))
-    bits = torch.zeros(1, 8, 8, dtype=torch.bool)
-    bits[0, ::2, ::2] = True
-    decision = Genie(simulator).decide(simulator.render(scene, bits), scene)
-    assert torch.equal(decision.bits[..., :4], bits[..., :4])
-    assert decision.bits[..., 6:].all()
-    assert (decision.scores[..., 6:] == 0).all()
-    assert decision.proven.all()
-
-
-def test_no_batch_and_no_repetition_changes_an_answer():
-    simulator = Simulator()
-    scene, bits, _ = drawn("batch", 3)
-    frames, genie = simulator.render(scene, bits), Genie(simulator)
-    together = genie.decide(frames, scene)
-    for i in (2, 0, 2):
-        alone = genie.decide(frames[i : i + 1], scene[i : i + 1])
-        assert torch.equal(alone.bits[0], together.bits[i])
-        assert torch.equal(alone.scores[0], together.scores[i])
-    assert tuple(genie.decide(frames[:0], scene[:0]).bits.shape) == (0, 8, 8)
-
-
 def test_a_frame_of_other_making_is_not_proven():
     """Proof is by rendering: one pixel that no bits can give is enough."""
     simulator = Simulator(panel=panel_of(2, 2))
@@ -347,24 +291,17 @@ REFUSED = {
 }
 
 
-@pytest.mark.parametrize("name", REFUSED)
-def test_an_effect_that_is_not_covered_is_refused_by_name(name):
-    effects = {**NOISY, **({"bayer": {}} if name == "demosaicing" else {}), name: REFUSED[name]}
-    with pytest.raises(VoccError, match=rf"the genie knows no likelihood for scene\.effects\.{name}: "):
-        Genie(Simulator(effects=effects))
+def test_an_effect_that_is_not_covered_is_refused_by_name():
+    for name, parameters in REFUSED.items():
+        effects = {**NOISY, **({"bayer": {}} if name == "demosaicing" else {}), name: parameters}
+        with pytest.raises(VoccError, match=rf"the genie knows no likelihood for scene\.effects\.{name}: "):
+            Genie(Simulator(effects=effects))
+    with pytest.raises(VoccError, match=r"scene\.effects\.quantization"):
+        Genie(Simulator(effects={"saturation": {}}))
 
 
 def test_every_effect_is_either_covered_or_refused():
     assert {kind.name for kind in PHYSICAL_ORDER} == {*AFFINE, *NOISE, *CODING, *REFUSED}
-
-
-def test_other_mistakes_are_refused():
-    with pytest.raises(VoccError, match=r"scene\.effects\.quantization"):
-        Genie(Simulator(effects={"saturation": {}}))
-    simulator = Simulator()
-    frames = simulator.render(Scene.of(2), torch.ones(2, 8, 8, dtype=torch.bool))
-    with pytest.raises(VoccError, match="scene has 1 frames"):
-        Genie(simulator).decide(frames, Scene.of(1))
 
 
 def test_pixels_that_are_full_before_they_are_white_are_refused():

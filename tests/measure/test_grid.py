@@ -12,7 +12,6 @@ from vocc_torch.errors import VoccError
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.grid import Grid, best_luminance, not_worse
 from vocc_torch.measure.intervals import ber_interval
-from vocc_torch.measure.relative import difference_independent
 
 FEW = AMBIENT[1:4]
 
@@ -118,17 +117,6 @@ def test_the_least_is_never_ruled_out_and_each_ruling_is_a_difference_beyond_its
             for k in range(len(cells))
         ]
         assert keep == (max(lowest) <= 0) or abs(max(lowest)) < 1e-12
-
-
-@pytest.mark.parametrize("few", [0, 1, 4, 40])
-def test_with_two_luminances_a_ruling_is_the_difference_of_two_independent_rates(few):
-    kept = []
-    for many in range(few, few + 40, 3):
-        [best] = best_luminance(plain_grid([many, few]), "a")
-        interval = difference_independent(one_bit_frames(many), one_bit_frames(few), confidence=0.9)
-        assert (250 in best.candidates_cd_m2) == (interval.low <= 0)
-        kept.append(interval.low <= 0)
-    assert set(kept) == {True, False}
 
 
 # Coverage, on grids whose truth is known.

@@ -14,7 +14,8 @@ import tempfile
 import time
 import traceback
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
+from contextlib import closing, suppress
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -25,16 +26,16 @@ from one_point import run_point
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure import ledger as module
+from vocc_torch.measure.config import Budget
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.ledger import Ledger, canonical
 from vocc_torch.measure.paired import PairedCounts
-from vocc_torch.measure.schedule import PointWork, StopRule, run_points
-from vocc_torch.measure.workers import Workers
+from vocc_torch.measure.workers import PointWork, Workers, parts_of, run_points
 from vocc_torch.rng import BlockKey
 
 SETTINGS = {
     "seed": 7,
-    "world": {"camera": {"focal_length_mm": 25.0, "iso_limits": None}, "effects": {"saturation": {}}},
+    "world": {"camera": {"focal_length_mm": 25, "iso_limits": None}, "effects": {"saturation": {}}},
     "receiver": {"names": ["a", "b"], "classifiers": [{"name": "b", "file": "mine/qda.py", "digest": "1f"}]},
     "made_with": {"torch": "2.4", "classifiers.b": "1f"},
 }
@@ -55,19 +56,11 @@ def counted(part):
     return found
 
 
-def count(parts):
+def count(parts, asked=None):
+    """Counts, and notes which blocks it was asked for."""
+    if asked is not None:
+        asked.extend(part.block for part in parts)
     return [counted(part) for part in parts]
-
-
-class Calls:
-    """Counts, and remembers which blocks it was asked for."""
-
-    def __init__(self):
-        self.blocks = []
-
-    def __call__(self, parts):
-        self.blocks += [part.block for part in parts]
-        return count(parts)
 
 
 def refusal(call, *parts):
@@ -91,7 +84,7 @@ def path(tmp_path, monkeypatch):
 def filled(path, blocks=4, config=SETTINGS):
     """A ledger file of some whole blocks; its bytes."""
     with Ledger.open(path, config) as ledger:
-        outcome_of(ledger, StopRule(64 * blocks))
+        outcome_of(ledger, Budget(64 * blocks))
     return path.read_bytes()
 
 
@@ -103,24 +96,18 @@ def outcome_of(ledger, rule, function=count, submit=None, **options):
 
 def change(path, *statements):
     """Let SQLite itself change a ledger that is closed."""
-    connection = sqlite3.connect(path)
-    with connection:
+    with closing(sqlite3.connect(path)) as connection, connection:
         for statement in statements:
             connection.execute(*statement) if isinstance(statement, tuple) else connection.execute(statement)
-    connection.close()
 
 
 def rows_in(path):
     """Blocks that have a row, read without the code under test."""
     if not path.exists() or not path.stat().st_size:
         return set()
-    connection = sqlite3.connect(path)
-    try:
+    with suppress(sqlite3.OperationalError), closing(sqlite3.connect(path)) as connection:
         return {block for (block,) in connection.execute("SELECT block FROM blocks")}
-    except sqlite3.OperationalError:
-        return set()
-    finally:
-        connection.close()
+    return set()
 
 
 # What is written is what is read.
@@ -146,7 +133,7 @@ def test_rows_come_back_as_they_were_written_from_one_file(path):
 def test_the_same_row_twice_is_written_once_and_another_is_refused(path):
     before = filled(path, blocks=2)
     with Ledger.open(path, SETTINGS) as ledger:
-        (first, second) = StopRule(128).parts()
+        (first, second) = parts_of(128)
         ledger.append(POINT, 1, 64, counted(second))
         refusal(lambda: ledger.append(POINT, 1, 64, counted(first)), "other counts", "block 1", POINT)
     assert path.read_bytes() == before
@@ -156,7 +143,6 @@ def test_the_same_row_twice_is_written_once_and_another_is_refused(path):
     ("block", "frames", "counts", "named"),
     [
         (-1, 64, {}, "block is -1"),
-        (True, 64, {}, "block is True"),
         (0, 0, {}, "frames is 0"),
         (0, 65, {}, "frames is 65"),
         (0, 10, {("a", 0): Counts(11, 704)}, "11 frames"),
@@ -173,33 +159,30 @@ def test_impossible_rows_are_refused_and_not_written(path, block, frames, counts
 
 
 @pytest.mark.parametrize("target", [None, 150])
-@pytest.mark.parametrize("blocks_at_once", [1, 3, 8])
+@pytest.mark.parametrize("blocks_at_once", [1, 3])
 def test_a_resumed_run_ends_as_an_undisturbed_one(path, target, blocks_at_once):
     """Known blocks lie before, between and behind those that are missing."""
-    rule = StopRule(1000, target)
+    rule = Budget(1000, target_frame_errors=target)
     undisturbed = run_point(count, rule)
     assert undisturbed.stopped_by == ("frames" if target is None else "frame_errors")
     filled(path, blocks=2)
-    calls, parts = Calls(), list(rule.parts())
+    asked, parts = [], list(parts_of(1000))
     with Ledger.open(path, SETTINGS) as ledger:
         for block in (9, 6, 4):
             ledger.append(POINT, block, 64, counted(parts[block]))
-        outcome = outcome_of(ledger, rule, calls, blocks_at_once=blocks_at_once)
-        assert list(outcome.counts.items()) == list(undisturbed.counts.items())
+        outcome = outcome_of(ledger, rule, partial(count, asked=asked), blocks_at_once=blocks_at_once)
         assert outcome == undisturbed
-        assert not {0, 1, 4, 6, 9} & set(calls.blocks)
-        assert len(set(calls.blocks)) == len(calls.blocks)
-        again = Calls()
-        assert outcome_of(ledger, rule, again, blocks_at_once=blocks_at_once) == undisturbed
-        assert again.blocks == []
+        assert not {0, 1, 4, 6, 9} & set(asked)
+        assert len(set(asked)) == len(asked)
+        assert outcome_of(ledger, rule, lambda _: pytest.fail("counted again")) == undisturbed
 
 
 def test_a_block_used_in_part_is_counted_again_when_more_of_it_is_needed_and_both_rows_stay(path):
     with Ledger.open(path, SETTINGS) as ledger:
         for frames, expected in ((100, [0, 1]), (128, [1]), (100, []), (128, []), (90, [1]), (200, [2, 3])):
-            calls = Calls()
-            assert outcome_of(ledger, StopRule(frames), calls) == run_point(count, StopRule(frames))
-            assert calls.blocks == expected
+            asked = []
+            outcome = outcome_of(ledger, Budget(frames), partial(count, asked=asked))
+            assert (outcome, asked) == (run_point(count, Budget(frames)), expected)
         assert len(ledger) == 6
 
 
@@ -216,7 +199,7 @@ def three_blocks(tmp_path_factory):
 @settings(deadline=None, max_examples=80)
 def test_a_changed_byte_is_refused_or_changes_no_number(three_blocks, data):
     """Some bytes of a database are unused; a row that is lost is counted again."""
-    whole, rule = bytearray(three_blocks), StopRule(192)
+    whole, rule = bytearray(three_blocks), Budget(192)
     at = data.draw(st.integers(0, len(whole) - 1).filter(lambda at: any(three_blocks[at - 8 : at + 8])))
     whole[at] ^= data.draw(st.integers(1, 255))
     with tempfile.TemporaryDirectory() as folder:
@@ -250,11 +233,8 @@ def test_a_changed_row_is_damage(path, statement):
     "row",
     [
         ("p", 77, 65, "[]"),
-        ("p", -1, 64, "[]"),
         ("p", 77, 64, '[["counts", ["a", 0], [1, 2]]]'),
-        ("p", 77, 64, '[["counts", ["a", 0], [65, 4160, 0, 0, 0, 0]]]'),
         ("p", 77, 64, '[["another", ["a", 0], []]]'),
-        ("p", 77, 64, "3"),
         ("p", 77, 64, "not JSON"),
         ("p", 77, 64, "[" * 100_000),
         ("p", 77, 64, '[["counts", ["a", 0], [' + "9" * 5000 + "]]]"),
@@ -268,7 +248,7 @@ def test_a_forged_row_is_refused_though_its_checksum_is_right(path, row):
     refusal(lambda: Ledger.open(path, SETTINGS))
 
 
-@pytest.mark.parametrize("content", [b"my notes", b"experiment,axis\n" * 100, b"\n", bytes(range(256)) * 10])
+@pytest.mark.parametrize("content", [b"my notes", b"experiment,axis\n" * 100])
 def test_a_strangers_file_is_refused_and_left_alone(path, content):
     path.parent.mkdir()
     path.write_bytes(content)
@@ -310,7 +290,6 @@ QDA = [{"name": "b", "file": "mine/qda.py", "digest": "2e"}]
             ": camera.focal_length_mm was 25, is 18; camera.iso_limits was null, is [100, 3200]: go back",
         ),
         ({"world": {**CAMERA, "effects": {}}}, "effects was not set, is {}; effects.saturation was {}"),
-        ({"receiver": {**RECEIVER, "names": ["b"]}}, "receiver.names was [a, b], is [b]"),
         (
             {
                 "receiver": {**RECEIVER, "classifiers": QDA},
@@ -320,7 +299,6 @@ QDA = [{"name": "b", "file": "mine/qda.py", "digest": "2e"}]
         ),
         ({"made_with": {"torch": "2.5", "classifiers.b": "1f"}}, ": torch was 2.4, is 2.5: go back"),
         ({"seed": True}, "seed was 7, is true"),
-        ({"more": list(range(500))}, "more was not set, is [0, 1, 2"),
         ({f"k{n:03}": n for n in range(99)}, "k000 was not set, is 0; k001"),
     ],
 )
@@ -373,7 +351,7 @@ def test_what_cannot_be_written_is_refused(path, monkeypatch):
 KILLED_BLOCKS, THREADS = 20, 3
 
 
-def live(folder, blocks_at_once, threads):
+def live(folder):
     """One life of a run: it says which blocks it counts, and writes its result if it gets so far."""
     said = os.open(folder / "calls", os.O_WRONLY | os.O_CREAT | os.O_APPEND)
 
@@ -384,10 +362,9 @@ def live(folder, blocks_at_once, threads):
         time.sleep(0.001 * sum(1 + part.block % 3 for part in parts) / 2)
         return count(parts)
 
-    with Ledger.open(folder / "ledger", SETTINGS) as ledger, ThreadPoolExecutor(threads) as pool:
-        hands = {"submit": pool.submit, "window": 2 * threads} if threads > 1 else {}
-        rule = StopRule(KILLED_BLOCKS * 64 - 10)
-        outcome = outcome_of(ledger, rule, slow, blocks_at_once=blocks_at_once, **hands)
+    with Ledger.open(folder / "ledger", SETTINGS) as ledger, ThreadPoolExecutor(THREADS) as pool:
+        rule = Budget(KILLED_BLOCKS * 64 - 10)
+        outcome = outcome_of(ledger, rule, slow, pool.submit, window=2 * THREADS)
     (folder / "result").write_text(repr(outcome))
 
 
@@ -404,14 +381,13 @@ def forked(function, *arguments):
         os._exit(1)
 
 
-def lives(folder, blocks_at_once, seed, threads=1):
-    """Fork lives, each killed after a random time, until one ends well."""
-    folder.mkdir()
-    told, draw = [], random.Random(seed)
+def under_fire(folder):
+    """Fork lives, each killed after a random time, until one ends well; told as JSON."""
+    told, draw = [], random.Random(2)
     for number in range(2000):
         (folder / "calls").write_text("")
         known = rows_in(folder / "ledger")
-        child = forked(live, folder, blocks_at_once, threads)
+        child = forked(live, folder)
         # Ever longer, so that the run comes to its end on a machine of any speed.
         time.sleep(draw.uniform(0, 0.01 + 0.006 * number))
         os.kill(child, signal.SIGKILL)
@@ -421,41 +397,21 @@ def lives(folder, blocks_at_once, seed, threads=1):
         if not os.WIFSIGNALED(status):
             break
     left = sorted(one.name for one in folder.iterdir())
-    return {"lives": told, "result": (folder / "result").read_text(), "left": left}
-
-
-def under_fire(folder):
-    """Everything that needs forks, told as JSON."""
-    report = {"3 at once": lives(folder / "three", 3, 3)}
-    report["threads"] = lives(folder / "threads", 1, 2, THREADS)
-    print(json.dumps(report))
-
-
-@pytest.fixture(scope="module")
-def fire(tmp_path_factory):
-    if not hasattr(os, "fork"):
-        pytest.skip("needs fork")
-    single = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")}
-    done = subprocess.run(
-        [sys.executable, __file__, tmp_path_factory.mktemp("fire")],
-        env={**os.environ, **single, "PYTHONPATH": str(Path(__file__).parents[1])},
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=300,
-    )
-    assert done.returncode == 0, done.stderr
-    assert "Traceback" not in done.stderr
-    return json.loads(done.stdout)
+    print(json.dumps({"lives": told, "result": (folder / "result").read_text(), "left": left}))
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "lost"), [("3 at once", 3), ("threads", 2 * THREADS)])
-def test_a_run_killed_at_random_moments_ends_as_an_undisturbed_one(fire, name, lost):
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
+def test_a_run_killed_at_random_moments_ends_as_an_undisturbed_one(tmp_path):
     """A life counts nothing that is recorded, and loses only what was under way; one file is left."""
-    report = fire[name]
+    single = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")}
+    environment = {**os.environ, **single, "PYTHONPATH": str(Path(__file__).parents[1])}
+    options = {"env": environment, "capture_output": True, "text": True, "check": False, "timeout": 300}
+    done = subprocess.run([sys.executable, __file__, tmp_path], **options)
+    assert (done.returncode, "Traceback" in done.stderr) == (0, False), done.stderr
+    report = json.loads(done.stdout)
     *killed, (*_, ended) = report["lives"]
-    assert report["result"] == repr(run_point(count, StopRule(KILLED_BLOCKS * 64 - 10)))
+    assert report["result"] == repr(run_point(count, Budget(KILLED_BLOCKS * 64 - 10)))
     assert report["left"] == ["calls", "ledger", "result"]
     assert ended == 0
     assert len(killed) >= 5
@@ -463,7 +419,7 @@ def test_a_run_killed_at_random_moments_ends_as_an_undisturbed_one(fire, name, l
         assert not set(calls) & set(known)
         assert len(calls) == len(set(calls))
         assert set(known) <= set(after)
-        assert len(set(calls) - set(after)) <= lost
+        assert len(set(calls) - set(after)) <= 2 * THREADS
 
 
 if __name__ == "__main__":

@@ -6,7 +6,7 @@ from one_point import sweep_point
 from vocc_torch.measure.link import Link
 from vocc_torch.receiver.location import PaperLocator
 from vocc_torch.receiver.reader import Reader
-from vocc_torch.rng import BLOCK_FRAMES, BlockKey
+from vocc_torch.rng import BlockKey
 from vocc_torch.simulation import SceneModel, Simulator
 
 KEY = BlockKey(0, "link", 0)
@@ -26,17 +26,6 @@ def test_batches_join_to_the_same_readings():
     for field in ("average", "centre"):
         greys = torch.cat([getattr(part.readings.greys, field) for part in parts])
         torch.testing.assert_close(greys, getattr(whole[0].readings.greys, field), rtol=1e-6, atol=1e-5)
-
-
-def test_blocks_follow_one_another():
-    keys = [BlockKey(0, "link", block) for block in range(2)]
-    both = torch.cat([part.bits for part in observed(Link(Simulator(), None, Reader()), None, keys=keys)])
-    assert len(both) == 2 * BLOCK_FRAMES
-    alone = torch.cat(
-        [part.bits for key in keys for part in observed(Link(Simulator(), None, Reader()), 64, keys=[key])]
-    )
-    assert torch.equal(both, alone)
-    assert not torch.equal(both[:64], both[64:])
 
 
 def test_the_truth_is_used_without_a_locator_and_only_then():
@@ -75,10 +64,10 @@ def count_renders(monkeypatch):
 def test_preambles_are_rendered_for_greyscale_receivers_only(make_plan, trained, monkeypatch):
     frames = count_renders(monkeypatch)
     fisher = make_plan(names=("flda_agr", "flda_gri", "flda_2", "flda_3"), frames=64)
-    sweep_point(fisher, Link.of(fisher), trained, 66.0)
+    sweep_point(fisher, trained, 66.0)
     assert frames == {"data": 64, "preamble": 0}
     for greyscale in ("center_greyscale", "average_greyscale"):
         frames.update(data=0, preamble=0)
         both = make_plan(names=("flda_3", greyscale), frames=70)
-        sweep_point(both, Link.of(both), trained, 66.0)
+        sweep_point(both, trained, 66.0)
         assert frames == {"data": 70, "preamble": 140}

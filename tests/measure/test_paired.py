@@ -4,12 +4,11 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import binomtest, ttest_1samp
 
 from vocc_torch.errors import VoccError
-from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.paired import PairedCounts, paired_interval, sign_test
 
 BITS = 64
@@ -47,48 +46,17 @@ def test_swapping_is_the_other_receivers_view(apart, more):
 @pytest.mark.parametrize(
     ("numbers", "named"),
     [
-        ({"frames": -1}, r"frames is -1"),
-        ({"frames": 2, "bits": 128.0}, r"bits is 128.0"),
-        ({"frames": 1, "bits": 64, "a_excess": 2, "a_worse": 1}, r"a worse: counts.half_errors_squared is 0"),
-        ({"frames": 1, "bits": 64, "b_worse": 1}, r"b worse: counts.frame_errors is 1"),
-        ({"frames": 1, "bits": 4, "b_excess": 9, "b_excess_squared": 81, "b_worse": 1}, r"half_errors is 9"),
-        (
-            {
-                "frames": 1,
-                "bits": 64,
-                "a_excess": 2,
-                "a_excess_squared": 4,
-                "a_worse": 1,
-                "b_excess": 2,
-                "b_excess_squared": 4,
-                "b_worse": 1,
-            },
-            r"a_worse \+ b_worse is 2",
-        ),
+        ((-1,), r"frames is -1"),
+        ((2, 128.0), r"bits is 128.0"),
+        ((1, 64, 2, 0, 1), r"a worse: counts.half_errors_squared is 0"),
+        ((1, 64, 0, 0, 0, 0, 0, 1), r"b worse: counts.frame_errors is 1"),
+        ((1, 4, 0, 0, 0, 9, 81, 1), r"half_errors is 9"),
+        ((1, 64, 2, 4, 1, 2, 4, 1), r"a_worse \+ b_worse is 2"),
     ],
 )
 def test_impossible_counts_are_refused_by_name(numbers, named):
     with pytest.raises(VoccError, match=rf"^paired.*{named}"):
-        PairedCounts(**numbers)
-
-
-one_side = st.just((0, 0, 0)) | st.tuples(st.integers(-1, 6), st.integers(-1, 36), st.integers(-1, 3))
-
-
-@settings(max_examples=400)
-@given(st.integers(-1, 4), st.integers(-1, 6), one_side, one_side)
-def test_what_is_refused_is_what_the_sides_alone_would_be(frame_count, bits, a_side, b_side):
-    numbers = (frame_count, bits, *a_side, *b_side)
-    try:
-        a, b = (Counts(frame_count, bits, *side) for side in (a_side, b_side))
-        possible = a.frame_errors + b.frame_errors <= frame_count
-    except VoccError:
-        possible = False
-    if possible:
-        assert PairedCounts(*numbers).a_worse == a_side[2]
-    else:
-        with pytest.raises(VoccError, match=r"^paired"):
-            PairedCounts(*numbers)
+        PairedCounts(*numbers)
 
 
 # Coverage. Each case draws (studies, frames) differences in bits and has the mean it was made for.
@@ -127,17 +95,13 @@ def bad_locations(rng, shape, share):
 
 CASES = [
     (single_bits, (3, 0)),
-    (single_bits, (6, 0)),
     (single_bits, (6, 2)),
-    (single_bits, (20, 20)),
     (single_bits, (60, 20)),
     (own_causes, (1e-3, 0.01)),
     (own_causes, (1e-2, 0.1)),
-    (own_causes, (1e-2, 0.3)),
     (own_causes, (1e-1, 0.1)),
     (same_causes, (1e-3, 0.01)),
     (same_causes, (1e-2, 0.3)),
-    (same_causes, (1e-1, 0.01)),
     (same_causes, (1e-1, 0.1)),
     (bad_locations, (0.02,)),
     (bad_locations, (0.5,)),

@@ -1,6 +1,8 @@
-"""Blocks of many points in many hands: whatever comes back when, the numbers are those of one at a time."""
+"""Blocks of many points in many hands: whatever comes back when, the numbers are those of one at a time.
 
-import concurrent.futures
+And the stop rule, on counts that are made up.
+"""
+
 import itertools
 import random
 import tempfile
@@ -8,15 +10,18 @@ from concurrent.futures import Future
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from one_point import run_point
 
-from vocc_torch.errors import VoccError
-from vocc_torch.measure import schedule
+from vocc_torch.measure import workers
+from vocc_torch.measure.config import Budget
 from vocc_torch.measure.counts import Counts
+from vocc_torch.measure.intervals import ber_interval
 from vocc_torch.measure.ledger import Ledger
-from vocc_torch.measure.schedule import Outcome, Part, PointWork, StopRule, run_points
+from vocc_torch.measure.workers import Outcome, Part, PointWork, parts_of, run_points, stop_reason
 from vocc_torch.rng import BLOCK_FRAMES
 
 
@@ -40,7 +45,7 @@ class Counter:
 def by_hand(work):
     """What a point must come to, and how many blocks that takes."""
     total = Counts()
-    for blocks, part in enumerate(work.rule.parts(), start=1):
+    for blocks, part in enumerate(parts_of(work.rule.frames), start=1):
         total += work.count.of(part)["a", 0]
         target = work.rule.target_frame_errors
         if target is not None and total.frame_errors >= target:
@@ -52,8 +57,7 @@ class Hands:
     """An executor whose calls come back in an order that ``rng`` draws, when somebody waits for them."""
 
     def __init__(self, rng):
-        self.rng, self.pending, self.handed, self.told = rng, [], [], []
-        self.most = self.cancelled = 0
+        self.rng, self.pending, self.handed, self.most = rng, [], [], 0
 
     def submit(self, count, parts):
         future = Future()
@@ -65,20 +69,15 @@ class Hands:
         return future
 
     def wait(self, futures, return_when):
-        dropped = [call for call in self.pending if call[0].cancelled() and call[0] not in futures]
-        self.cancelled += len(dropped)
-        self.pending = [call for call in self.pending if call not in dropped]
+        self.pending = [call for call in self.pending if call[0] in futures or not call[0].cancelled()]
         assert set(futures) == {future for future, *_ in self.pending}
-        assert return_when == concurrent.futures.FIRST_COMPLETED
-        self.told.append(len(futures))
         for chosen in self.rng.sample(self.pending, self.rng.randint(1, len(self.pending))):
             self.pending.remove(chosen)
             self.finish(*chosen)
-        return concurrent.futures.wait(futures, timeout=0)
+        return {one for one in futures if one.done()}, None
 
     def finish(self, future, count, parts):
         if not future.running() and not future.set_running_or_notify_cancel():
-            self.cancelled += 1
             return
         try:
             future.set_result(count(parts))
@@ -88,7 +87,7 @@ class Hands:
     def run(self, works, **options):
         """All outcomes, with every wait in these hands."""
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(schedule, "wait", self.wait)
+            patch.setattr(workers.futures, "wait", self.wait)
             return list(run_points(works, self.submit, **options))
 
 
@@ -117,7 +116,7 @@ def blocks_of(ledger, point):
 
 
 FREE = settings(deadline=None, max_examples=12)
-RNG = st.randoms(use_true_random=False)
+RNG = st.integers(0, 2**32).map(random.Random)
 WINDOW = {"window": st.integers(1, 6), "blocks_at_once": st.integers(1, 5)}
 
 
@@ -128,7 +127,7 @@ def many_points(draw, target=True):
     points = []
     for index in range(draw(st.integers(1, 5))):
         wrong = draw(st.lists(st.integers(0, BLOCK_FRAMES), min_size=1, max_size=5))
-        rule = StopRule(draw(st.integers(1, 700)), draw(targets))
+        rule = Budget(draw(st.integers(1, 700)), target_frame_errors=draw(targets))
         points.append(PointWork(f"point {index}", Counter(wrong), rule))
     return points
 
@@ -140,20 +139,14 @@ def many_points(draw, target=True):
 @FREE
 def test_no_order_window_or_batch_changes_an_outcome(works, rng, window, blocks_at_once):
     """Each stops at the first block that is enough, however many blocks ahead were in flight."""
-    hands, told = Hands(rng), []
-    outcomes = hands.run(
-        works,
-        window=window,
-        blocks_at_once=blocks_at_once,
-        progress=lambda *news: told.append((*news[:2], news[2]["a", 0])),
-    )
-    assert outcomes == [by_hand(work)[0] for work in works]
+    hands, told = Hands(rng), [[] for _ in works]
+    for work, mine in zip(works, told, strict=True):
+        work.told = lambda frames, counts, mine=mine: mine.append((frames, counts["a", 0].frames))
+    assert hands.run(works, window=window, blocks_at_once=blocks_at_once) == [by_hand(w)[0] for w in works]
     assert hands.most <= window
-    for index, work in enumerate(works):
-        mine = [(frames, so_far) for at, frames, so_far in told if at == index]
-        parts = list(itertools.islice(work.rule.parts(), by_hand(work)[1]))
-        assert [frames for frames, _ in mine] == [part.frames for part in parts]
-        assert [so_far.frames for _, so_far in mine] == list(itertools.accumulate(p.frames for p in parts))
+    for work, mine in zip(works, told, strict=True):
+        frames = [part.frames for part in itertools.islice(parts_of(work.rule.frames), by_hand(work)[1])]
+        assert mine == list(zip(frames, itertools.accumulate(frames), strict=True))
         assert len(work.count.asked) == len(set(work.count.asked))
 
 
@@ -167,7 +160,7 @@ def test_with_a_ledger_known_blocks_are_not_counted_and_all_others_are_recorded(
         works = [replace(work, ledger=ledger) for work in works]
         known = {work.point: set() for work in works}
         for work in works:
-            for part in work.rule.parts():
+            for part in parts_of(work.rule.frames):
                 if data.draw(st.booleans()):
                     ledger.append(work.point, part.block, part.frames, work.count.of(part))
                     known[work.point].add(part.block)
@@ -176,14 +169,12 @@ def test_with_a_ledger_known_blocks_are_not_counted_and_all_others_are_recorded(
         for work in works:
             asked, rows = set(work.count.asked), blocks_of(ledger, work.point)
             assert not asked & known[work.point]
-            assert len(work.count.asked) == len(asked)
             assert set(range(by_hand(work)[1])) <= set(rows)
             for block, frames in rows.items():
                 assert ledger.find(work.point, block, frames) == work.count.of(Part(block, frames))
         # What was asked is what was recorded, but for the last point's calls that nobody waits for.
         for work in works[:-1]:
-            asked, rows = set(work.count.asked), set(blocks_of(ledger, work.point))
-            assert rows >= known[work.point] | asked
+            assert set(blocks_of(ledger, work.point)) >= known[work.point] | set(work.count.asked)
         again = [replace(work, count=Counter(work.count.wrong)) for work in works]
         assert Hands(rng).run(again, window=window, blocks_at_once=blocks_at_once) == outcomes
         for work, before in zip(again, works, strict=True):
@@ -197,7 +188,7 @@ def test_with_a_ledger_known_blocks_are_not_counted_and_all_others_are_recorded(
 @given(works=many_points(target=False), rng=RNG, **WINDOW)
 @FREE
 def test_nobody_waits_while_there_is_a_block_left_to_hand_out(works, rng, window, blocks_at_once):
-    hands, blocks = Hands(rng), sum(len(list(work.rule.parts())) for work in works)
+    hands, blocks = Hands(rng), sum(len(list(parts_of(work.rule.frames))) for work in works)
     waits, wait = [], hands.wait
 
     def watched(futures, return_when):
@@ -220,7 +211,7 @@ def test_an_error_in_a_call_ends_the_run_and_loses_nothing_that_came_back(
     works, rng, data, window, blocks_at_once
 ):
     at = data.draw(st.integers(0, len(works) - 1))
-    bad = data.draw(st.integers(0, len(list(works[at].rule.parts())) - 1))
+    bad = data.draw(st.integers(0, len(list(parts_of(works[at].rule.frames))) - 1))
     with tempfile.TemporaryDirectory() as folder, Ledger.open(Path(folder) / "ledger", {}) as ledger:
         works = [replace(work, ledger=ledger) for work in works]
         broken = list(works)
@@ -248,24 +239,6 @@ def test_an_error_in_a_call_ends_the_run_and_loses_nothing_that_came_back(
         assert all(not done & set(work.count.asked) for done, work in zip(finished, fresh, strict=True))
 
 
-def test_a_ledger_that_cannot_be_written_ends_the_run(ledger, monkeypatch):
-    append, rows = Ledger.append, []
-
-    def full(self, *row):
-        if len(rows) == 3:
-            raise VoccError("cannot write")
-        rows.append(append(self, *row))
-
-    monkeypatch.setattr(Ledger, "append", full)
-    work = PointWork("p", Counter([1]), StopRule(640), ledger)
-    hands = in_order()
-    hands.rng.random = lambda: 1.0
-    with pytest.raises(VoccError, match="cannot write"):
-        hands.run([work], window=4)
-    assert sorted(blocks_of(ledger, "p")) == [0, 1, 2]
-    assert all(future.cancelled() for future, *_ in hands.pending)
-
-
 @pytest.mark.parametrize("error", [KeyboardInterrupt, RuntimeError])
 def test_what_is_done_when_something_else_ends_the_run_is_recorded(ledger, error):
     """Two calls have come back; the first is being added when the run is interrupted."""
@@ -275,8 +248,105 @@ def test_what_is_done_when_something_else_ends_the_run_is_recorded(ledger, error
         hands.finish(*hands.pending.pop())
         raise error
 
-    work = PointWork("p", Counter([1]), StopRule(640), ledger)
+    work = PointWork("p", Counter([1]), Budget(640), ledger, interrupted)
     with pytest.raises(error):
-        hands.run([work], window=4, progress=interrupted)
+        hands.run([work], window=4)
     assert sorted(blocks_of(ledger, "p")) == [0, 3]
     assert all(future.cancelled() or future.running() for future, *_ in hands.pending)
+
+
+# Precision
+
+
+def drawn(seed, rates, groups=1, bits=64):
+    """A counter of receivers whose frames are in error at these rates, each with one wrong bit or more."""
+    rng = np.random.default_rng(seed)
+
+    def count(parts):
+        blocks = []
+        for part in parts:
+            group, tallies = rng.integers(0, groups, part.frames), {}
+            for name, rate in rates.items():
+                halves = 2 * rng.geometric(0.4, part.frames).clip(max=bits) * (rng.random(part.frames) < rate)
+                for index in range(groups):
+                    mine = halves[group == index]
+                    sums = (int(mine.sum()), int((mine**2).sum()), int((mine > 0).sum()))
+                    tallies[name, index] = Counts(len(mine), bits * len(mine), *sums)
+            blocks.append(tallies)
+        return blocks
+
+    return count
+
+
+def narrow(counts, precision, least_ber=0.0):
+    """What the rule asks of one receiver, in other words."""
+    interval, ber = ber_interval(counts, errors_per_frame_error=counts.bits / counts.frames / 2), counts.ber
+    reach = max(interval.high - ber, ber - interval.low)
+    return interval.high <= least_ber or (ber > 0 and reach <= precision * ber)
+
+
+SURE = {("a", 0): Counts(10**6, 64 * 10**6, 2 * 10**5, 4 * 10**5, 10**5)}
+
+
+def test_precision_is_looked_at_in_steps_of_at_least_16_blocks_and_of_a_sixteenth():
+    """Looks at every block would stop a point by luck; too few would waste frames."""
+    rule = Budget(10**9, precision=0.1)
+    looks = [blocks for blocks in range(1, 4097) if stop_reason(rule, SURE, blocks) == "precision"]
+    assert looks[:20] == list(range(16, 321, 16))
+    steps = {b: b - a for a, b in itertools.pairwise(looks)}
+    assert min(steps.values()) == 16
+    assert all(step == 16 or blocks / 32 <= step <= blocks / 16 for blocks, step in steps.items())
+    assert looks[-1] == 4096
+
+
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    rates=st.fixed_dictionaries({"a": st.sampled_from([0.0, 0.02, 0.2]), "b": st.sampled_from([0.05, 0.5])}),
+    groups=st.integers(1, 2),
+    precision=st.sampled_from([0.05, 0.15, 0.3]),
+    least_ber=st.sampled_from([0.0, 1e-4, 1e-2]),
+    at_once=st.integers(1, 20),
+)
+@settings(max_examples=30, deadline=None)
+def test_a_precise_point_stops_at_the_first_look_at_which_everyone_is(
+    seed, rates, groups, precision, least_ber, at_once
+):
+    rule, seen = Budget(64 * 130, precision=precision, least_ber=least_ber), []
+    outcome = run_point(
+        drawn(seed, rates, groups),
+        rule,
+        blocks_at_once=at_once,
+        told=lambda _, tallies: seen.append(dict(tallies)),
+    )
+    enough = [
+        blocks
+        for blocks in range(16, 131, 16)
+        if blocks <= len(seen)
+        and all(narrow(counts, precision, least_ber) for counts in seen[blocks - 1].values())
+    ]
+    if outcome.stopped_by == "precision":
+        assert enough == [len(seen)]
+        assert all(narrow(counts, precision, least_ber) for counts in outcome.counts.values())
+    else:
+        assert (outcome.stopped_by, enough, len(seen)) == ("frames", [], 130)
+
+
+def test_without_errors_a_point_is_precise_only_below_the_least_rate():
+    free = drawn(0, {"a": 0.0})
+    assert run_point(free, Budget(64 * 40, precision=0.9)).stopped_by == "frames"
+    # The upper limit of n error-free frames is about 3 / n frames in error, each a lost panel: 32 of 64 bits.
+    for least_ber, frames in ((3e-4, 5000), (1e-4, 15000)):
+        outcome = run_point(free, Budget(10**6, precision=0.1, least_ber=least_ber))
+        assert outcome.stopped_by == "precision"
+        assert ber_interval(outcome.counts["a", 0], errors_per_frame_error=32).high <= least_ber
+        assert frames <= outcome.counts["a", 0].frames <= 1.3 * frames
+    with_errors = drawn(0, {"a": 0.0, "b": 0.001})
+    outcome = run_point(with_errors, Budget(64 * 40, precision=0.1, least_ber=1e-5))
+    assert outcome.stopped_by == "frames"
+
+
+def test_every_group_must_be_precise_though_frame_errors_add_over_them():
+    counts = {("a", 0): SURE["a", 0], ("a", 1): Counts(64, 4096, 2, 4, 1)}
+    assert stop_reason(Budget(10**9, precision=0.1), counts, 16) is None
+    assert stop_reason(Budget(10**9, target_frame_errors=10**5 + 1), counts, 16) == "frame_errors"
+    assert stop_reason(Budget(10**9, target_frame_errors=10**5 + 2), counts, 16) is None

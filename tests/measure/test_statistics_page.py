@@ -8,9 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vocc_torch.measure.counts import Counts
-from vocc_torch.measure.schedule import StopRule
-
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs" / "statistics.md"
 
@@ -34,13 +31,6 @@ def laws(benchmark):
     return frame_laws
 
 
-@pytest.fixture(scope="module")
-def stopping(benchmark):
-    import stopping
-
-    return stopping
-
-
 def tables(page, benchmark):
     """The lines of each generated table, without what follows it."""
     blocks = [part.split(benchmark.END)[0].strip() for part in page.split(benchmark.BEGIN)[1:]]
@@ -62,18 +52,6 @@ def test_the_page_has_every_table_as_the_command_writes_it(benchmark):
         assert not any(cell in ("nan", "") for row in fresh for cell in row)
 
 
-def test_the_page_says_that_the_intervals_cover(benchmark):
-    # The first table: coverage of ours and of bits taken as independent, by errors and missed panels.
-    rows = [[cell.strip(" |") for cell in row] for row in tables(PAGE.read_text(), benchmark)[0][2:]]
-    ours = {(row[0], row[1]): float(row[4].split()[0]) for row in rows}
-    bits = {(row[0], row[1]): float(row[7].split()[0]) for row in rows}
-    rare = {("single bits", "0.1 %"), ("correlation 0.05", "0.1 %")}
-    assert len(ours) == 16
-    assert all(covered > 94.0 for row, covered in ours.items() if row not in rare)
-    assert all(ours[row] < 94.0 for row in rare)
-    assert all(covered < 50.0 for row, covered in bits.items() if row[1] != "none")
-
-
 def test_a_laws_truth_is_that_of_its_closed_form(laws):
     law = laws.clustered(0.01, 0.05)
     wrong = law.halves[:, 0] / 2
@@ -86,21 +64,3 @@ def test_a_laws_truth_is_that_of_its_closed_form(laws):
     assert laws.mended(law, 0.24, 0.001).ber == pytest.approx([0.01, 0.0076 + 0.99 * 0.001], rel=1e-4)
     assert laws.missed_by_first(laws.alike(law), 0.1).ber == pytest.approx([0.059, 0.01])
     assert laws.apart(law, laws.independent(0.02)).ber == pytest.approx([0.01, 0.02], rel=1e-4)
-
-
-def test_a_stop_at_frame_errors_is_the_first_block_that_has_them(laws, stopping):
-    # Every frame is in error: 64 a block, so 100 are there after two.
-    stopped = stopping.at_frame_errors(
-        laws.mixed(laws.exactly(1), 1 - 1e-12, laws.exactly(0)), np.random.default_rng(0), 5, 100
-    )
-    assert {one.frames for one in stopped} == {128}
-    rare = stopping.at_frame_errors(laws.clustered(1e-3, 0.05), np.random.default_rng(1), 200, 10)
-    assert all(10 <= one.frame_errors < 10 + 64 and one.frames % 64 == 0 for one in rare)
-    assert np.mean([one.frame_errors for one in rare]) < 12
-
-
-def test_precision_is_looked_at_where_the_stop_rule_looks(stopping):
-    rule = StopRule(frames=10**9, precision=0.1)
-    known = {("a", 0): Counts(10**6, 64 * 10**6, 2 * 10**6, 4 * 10**6, 10**6)}
-    looked = [blocks for blocks in range(1, 3000) if rule.reached(known, blocks)]
-    assert list(takewhile(lambda blocks: blocks < 3000, stopping.looks())) == looked

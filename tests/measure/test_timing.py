@@ -56,14 +56,6 @@ def world():
     return World()
 
 
-def test_a_calls_own_time_is_counted_and_no_others(world):
-    calls = {"a": world.work("a", 1.0), "b": world.work("b", 10.0), "c": world.work("c", 100.0)}
-    timed = interleaved(calls, 3, CPU, clock=world.clock)
-    assert {name: value.median_s for name, value in timed.items()} == {"a": 1, "b": 10, "c": 100}
-    assert list(timed) == ["a", "b", "c"]
-    assert all(value.repeats == 3 for value in timed.values())
-
-
 def test_rounds_are_interleaved_and_turn_back(world):
     calls = {name: world.work(name, 1.0) for name in "abc"}
     interleaved(calls, 4, CPU, warm_up=0, clock=world.clock)
@@ -119,20 +111,3 @@ def test_the_machine_is_named_by_what_times_depend_on(monkeypatch, tmp_path):
     assert said == f"Example CPU: 9000 with 1 core, 3 threads, torch {torch.__version__}"
     monkeypatch.setattr(torch.cuda, "get_device_name", lambda device: "Example GPU")
     assert describe_machine(CUDA) == f"Example GPU, {said}"
-
-
-FAULTS = """
-import resource, torch
-from vocc_torch.measure.timing import settle_memory
-
-def faults(mebibytes):
-    before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
-    parts = [torch.full((mebibytes << 20,), 1, dtype=torch.uint8) for _ in range(6)]
-    del parts
-    return resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before
-
-settle_memory()
-rounds = [sum(faults(mebibytes) for mebibytes in (9, 1, 5, 2, 7, 3)) for _ in range(6)]
-# The heap finds its size in the first of them.
-print(min(rounds[2:]))
-"""

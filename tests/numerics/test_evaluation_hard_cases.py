@@ -10,18 +10,22 @@ import torch
 from hard_cases import Breakage, HardCases
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from made_up_dimming import grid_of
 from made_up_tallies import paired_of, tallies
-from one_point import run_point
 from scipy.stats import binom, binomtest
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.counts import Counts
-from vocc_torch.measure.curve import BerTable, Curves, Point
-from vocc_torch.measure.grid import Grid, best_luminance
+from vocc_torch.measure.curve import BerTable, Point
+from vocc_torch.measure.grid import best_luminance
 from vocc_torch.measure.intervals import ber_interval, clopper_pearson, design_effect
-from vocc_torch.measure.paired import PairedCounts, paired_interval, sign_test
-from vocc_torch.measure.relative import difference_independent, mean_gain, relative_gain
-from vocc_torch.measure.schedule import StopRule
+from vocc_torch.measure.paired import (
+    PairedCounts,
+    difference_independent,
+    paired_interval,
+    relative_gain,
+    sign_test,
+)
 
 hard = HardCases("Evaluation")
 
@@ -70,39 +74,7 @@ def binomial_tail(successes, trials, share, upper):
         return float(mpmath.quad(density, sorted(inside)))
 
 
-def grid(wrong, columns=None, leds=64, frames=1000):
-    """A grid of one receiver, from the number of frames with one wrong bit in each cell."""
-    columns = columns or tuple(1000.0 * 2**i for i in range(len(wrong[0])))
-    rows = tuple(2000.0 * 2**i for i in range(len(wrong)))
-    axis, stopped = "led_luminance_cd_m2", dict.fromkeys(columns, "frames")
-
-    def curves(line):
-        cells = {("x", at): wrong_frames(frames, leds, {2: n}) for at, n in zip(columns, line, strict=True)}
-        return Curves("dimming", axis, "truth", ("x",), columns, cells, {}, stopped)
-
-    return Grid("ambient_lx", rows, tuple(curves(line) for line in wrong))
-
-
 # Counts
-
-
-@hard(
-    "a rate of no frames",
-    "refused by name: no frames have no rate, no interval and no comparison",
-    Breakage(
-        f"{FOLDER}/counts.py",
-        "        if self.bits == 0:\n            raise",
-        "        if False:\n            raise",
-    ),
-)
-def a_rate_of_no_frames():
-    for ask in (lambda: Counts().ber, lambda: ber_interval(Counts()), lambda: design_effect(Counts())):
-        with pytest.raises(VoccError, match=r"^counts\.bits is 0: "):
-            ask()
-    with pytest.raises(VoccError, match=r"^paired\.bits is 0: "):
-        paired_interval(PairedCounts())
-    with pytest.raises(VoccError, match=r"^counts\.bits is 0: "):
-        difference_independent(Counts(64, 64), Counts())
 
 
 @hard(
@@ -110,7 +82,7 @@ def a_rate_of_no_frames():
     "refused by name where frames are counted as 64-bit integers: a frame of 2^30 bits and eight of them "
     "would wrap around",
     Breakage(
-        f"{FOLDER}/frame_errors.py", "if halves.shape[1] * (2 * int(bits)) ** 2 >", "if 2 * int(bits) >"
+        f"{FOLDER}/frame_errors.py", "if frames * (2 * int(self.leds)) ** 2 >", "if 2 * int(self.leds) >"
     ),
 )
 def squared_errors_that_64_bits_do_not_hold():
@@ -196,27 +168,13 @@ def confidence_near_0_and_1():
         assert ordered(apart.low, apart.value, apart.high, -1.0)
         gain = relative_gain(a, b, paired, confidence)
         assert -math.inf < gain.low <= gain.value <= gain.high <= 1
+    # What an estimated design effect costs grows without limit: what is left is the wrong frames' interval.
+    clustered, frames = wrong_frames(10**6, 64, {64: 3}), clopper_pearson(3, 10**6, CONFIDENCES[-1])
+    interval = ber_interval(clustered, CONFIDENCES[-1])
+    assert (interval.low, interval.high) == pytest.approx((frames.low / 64, frames.high), rel=1e-9, abs=0)
     for confidence in (0.0, 1.0, -1.0, math.nan, math.inf):
         with pytest.raises(VoccError, match=r"^confidence is "):
             clopper_pearson(3, 50, confidence)
-
-
-@hard(
-    "clustered errors at a confidence next to 1",
-    "what an estimated design effect costs grows without limit, so the interval is that of the wrong frames"
-    " alone: from the low end of their rate, a bit each, to its high end, a whole frame each",
-    Breakage(
-        f"{FOLDER}/intervals.py",
-        "min((1 - confidence) / 2, 0.5 - 5e-7)",
-        "min(1 - (1 + confidence) / 2, 0.5 - 5e-7)",
-    ),
-)
-def clustered_errors_at_a_confidence_next_to_1():
-    confidence = 1 - 2.0**-53
-    clustered = wrong_frames(10**6, 64, {64: 3})
-    frames = clopper_pearson(3, 10**6, confidence)
-    interval = ber_interval(clustered, confidence)
-    assert (interval.low, interval.high) == pytest.approx((frames.low / 64, frames.high), rel=1e-9, abs=0)
 
 
 @hard(
@@ -272,8 +230,8 @@ def more_than_1e13_bits():
     "exact: it is a ratio of integers, so that 1 minus a rate that rounds to 1 is not 0",
     Breakage(
         f"{FOLDER}/intervals.py",
-        "return max(1.0, spread * counts.bits / ((frames - 1) * halves * right))",
-        "return max(1.0, spread / (frames - 1) / (4 * counts.bits * counts.ber * (1 - counts.ber)))",
+        "return max(1.0, counts.spread * counts.bits / ((counts.frames - 1) * halves * right))",
+        "return max(1.0, counts.spread / counts.frames / 4 / counts.bits / counts.ber / (1 - counts.ber))",
     ),
 )
 def a_design_effect_at_a_rate_next_to_1():
@@ -294,7 +252,9 @@ def a_design_effect_at_a_rate_next_to_1():
     "the rate is one half, as for a coin toss, and its interval lies around it; the frames do not differ, "
     "so the design effect is 1",
     Breakage(
-        f"{FOLDER}/intervals.py", "return max(1.0, spread * counts.bits", "return (spread * counts.bits"
+        f"{FOLDER}/intervals.py",
+        "return max(1.0, counts.spread * counts.bits",
+        "return (counts.spread * counts.bits",
     ),
 )
 def every_panel_missed():
@@ -342,8 +302,8 @@ def an_error_free_point_beside_larger_panels():
     "to 1, gains at most 1",
     Breakage(
         f"{FOLDER}/intervals.py",
-        "return Estimate(ber, min(low, ber), max(min(clustered.high, frame_error.high), ber))",
-        "return Estimate(ber, low, min(clustered.high, frame_error.high))",
+        "return Estimate(rate, min(low, rate), max(min(clustered.high, frame_error.high), rate))",
+        "return Estimate(rate, low, min(clustered.high, frame_error.high))",
     ),
 )
 def any_counts_at_all():
@@ -382,56 +342,11 @@ def any_counts_at_all():
 
 
 @hard(
-    "no errors on either side",
-    "no gain can be stated (there is nothing to gain a share of), the difference is 0 within the limits, "
-    "and an average of such points is none",
-    Breakage(
-        f"{FOLDER}/relative.py",
-        "    if not a.half_errors:\n",
-        "    if not (a.half_errors or b.half_errors or a.frames):\n",
-    ),
-)
-def no_errors_on_either_side():
-    a, b, paired = compared(2000, 64, {}, {})
-    assert relative_gain(a, b, paired) is None
-    assert mean_gain([(a, b, paired)] * 3) is None
-    assert mean_gain([]) is None
-    apart = difference_independent(a, b)
-    assert apart.value == 0
-    assert apart.high == -apart.low == pytest.approx(-math.expm1(math.log(0.025) / 2000) / 64)
-
-
-@hard(
-    "no errors on one side",
-    "a receiver without errors has gained 1 over one with errors, and the other way round no gain can be "
-    "stated; one point without errors is left out of an average and counted",
-    Breakage(
-        f"{FOLDER}/relative.py",
-        "len(gains), len(stated) - len(gains))",
-        "len(stated), len(stated) - len(gains))",
-    ),
-)
-def no_errors_on_one_side():
-    a, b, paired = compared(2000, 64, {2: 40}, {})
-    gain = relative_gain(a, b, paired)
-    assert gain.value == gain.high == 1.0
-    assert 0 < gain.low < 1
-    assert relative_gain(b, a, paired.swapped()) is None
-    for one, other in ((a, b), (b, a)):
-        apart = difference_independent(one, other)
-        assert apart.real
-        assert ordered(apart.low, apart.value, apart.high, -1.0)
-    neither = compared(2000, 64, {}, {})
-    mean = mean_gain([(a, b, paired), neither])
-    assert (mean.points, mean.left_out, mean.value) == (1, 1, 1.0)
-
-
-@hard(
     "a gain over a rate that is hardly known",
     "finite: the low end of the gain is far below -1 where the rate's low end is next to 0, and is no "
     "division by a difference of squares that has rounded to 0",
     Breakage(
-        f"{FOLDER}/relative.py",
+        f"{FOLDER}/paired.py",
         "a, c = near * (rate + aside), low * (value + below)",
         "a, c = rate**2 - aside**2, value**2 - below**2",
     ),
@@ -484,8 +399,8 @@ def a_sign_test_of_1e12_frames():
     "bits, their excesses exclude each other completely, and the correlation is -1 and not below",
     Breakage(
         f"{FOLDER}/paired.py",
-        "return max(-1.0, -product / math.sqrt(spread_a) / math.sqrt(spread_b))",
-        "return -product / math.sqrt(spread_a - product)",
+        "max(-1.0, -product / math.sqrt(sides[0].spread) / math.sqrt(sides[1].spread))",
+        "-product / math.sqrt(sides[0].spread - product)",
     ),
 )
 def every_frame_against_every_frame():
@@ -505,20 +420,6 @@ def every_frame_against_every_frame():
 
 
 @hard(
-    "a grid without errors",
-    "every luminance is a candidate and the middle of the plateau stands for the best, below a limit",
-    Breakage(f"{FOLDER}/grid.py", "return max(1.0, *(", "return max(0.0, *("),
-)
-def a_grid_without_errors():
-    for shape in ((1, 1), (1, 3), (3, 1), (3, 4)):
-        cells = grid([[0] * shape[1]] * shape[0])
-        for best in best_luminance(cells, "x"):
-            assert best.candidates_cd_m2 == best.least_cd_m2 == cells.columns
-            assert best.middle_cd_m2 == pytest.approx(math.sqrt(cells.columns[0] * cells.columns[-1]))
-            assert 0 == best.ber_low == best.ber < best.ber_high < 1e-3
-
-
-@hard(
     "luminances at the ends of the floating point range",
     "finite: no product of two luminances overflows; values that share a logarithm are refused by name",
     Breakage(
@@ -528,37 +429,11 @@ def a_grid_without_errors():
     ),
 )
 def luminances_at_the_ends_of_the_range():
-    cells = grid([[0, 0, 0]] * 3, columns=(1e-300, 1.0, 1e300))
-    assert best_luminance(cells, "x")[0].middle_cd_m2 == pytest.approx(1.0)
-    cells = grid([[0, 0]], columns=(1e200, 1e300))
-    assert best_luminance(cells, "x")[0].middle_cd_m2 == pytest.approx(1e250)
+    for columns, middle in (((1e-300, 1.0, 1e300), 1.0), ((1e200, 1e300), 1e250)):
+        cells = grid_of({"x": [[Counts(1000, 64_000)] * len(columns)]}, (2000.0,), columns)
+        assert best_luminance(cells, "x")[0].middle_cd_m2 == pytest.approx(middle)
     with pytest.raises(VoccError, match=r"^led_luminance_cd_m2 is .*ascending by at least a millionth"):
-        grid([[0, 0]], columns=(1000.0, math.nextafter(1000.0, 2000.0)))
-
-
-# Stop rules
-
-
-@hard(
-    "a stop rule and a receiver without errors",
-    "the budget ends the point: neither wrong frames nor a precision of a rate of 0 can be waited for",
-    Breakage(
-        f"{FOLDER}/schedule.py",
-        "return counts.half_errors > 0 and interval.high - ber <= reach",
-        "return interval.high - ber <= 1e-2 or interval.high - ber <= reach",
-    ),
-)
-def a_stop_rule_and_a_receiver_without_errors():
-    def count(parts):
-        return [{("x", 0): Counts(part.frames, 64 * part.frames)} for part in parts]
-
-    for rule in (StopRule(64 * 100, target_frame_errors=1), StopRule(64 * 100, precision=0.5)):
-        outcome = run_point(count, rule)
-        assert (outcome.stopped_by, outcome.counts["x", 0].frames) == ("frames", 6400)
-    # A rate that does not matter does end it, once even lost panels would lie below.
-    outcome = run_point(count, StopRule(64 * 100, precision=0.5, least_ber=1e-2))
-    assert outcome.stopped_by == "precision"
-    assert -math.expm1(math.log(0.05) / outcome.counts["x", 0].frames) / 2 <= 1e-2
+        grid_of({"x": [[Counts(1, 64)] * 2]}, (2000.0,), (1000.0, math.nextafter(1000.0, 2000.0)))
 
 
 @hard.each

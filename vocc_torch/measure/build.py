@@ -1,7 +1,5 @@
 """From the settings to a study's plan, and from a classifier's settings to the classifier."""
 
-from __future__ import annotations
-
 import inspect
 import random
 from collections.abc import Iterator, Mapping
@@ -17,23 +15,13 @@ from hydra.utils import get_object, instantiate
 from torch import nn
 
 from vocc_torch.errors import VoccError, section
-from vocc_torch.hardware import Camera, LedPanel, PanelShape
+from vocc_torch.hardware import LedPanel, PanelShape
+from vocc_torch.measure import plan as plans
 from vocc_torch.measure.config import ClassifierSettings, Settings, effect_settings
-from vocc_torch.measure.plan import (
-    SCENE_FIELDS,
-    TARGET,
-    ClassifierPlan,
-    Plan,
-    ReceiverPlan,
-    World,
-    parsed_scene,
-)
 from vocc_torch.receiver.bank import RECEIVER_NAMES
-from vocc_torch.receiver.classifiers.inputs import Inputs
+from vocc_torch.receiver.classifiers import Guarded, Inputs, SklearnClassifier, TorchClassifier
 from vocc_torch.receiver.classifiers.module_file import ModuleFile
-from vocc_torch.receiver.classifiers.protocol import Guarded
-from vocc_torch.receiver.classifiers.sklearn_adapter import SklearnClassifier, is_estimator
-from vocc_torch.receiver.classifiers.torch_classifier import TorchClassifier
+from vocc_torch.receiver.classifiers.sklearn_adapter import is_estimator
 from vocc_torch.receiver.classifiers.training import TrainingRecipe
 from vocc_torch.receiver.location import PaperLocator
 from vocc_torch.receiver.reader import Reader
@@ -49,7 +37,7 @@ RESERVED = (*RECEIVER_NAMES, "_summary")
 """Names that no classifier may have: those of receivers, and of the board that compares them."""
 
 
-def build_plan(settings: Settings, folder: Path) -> Plan:
+def build_plan(settings: Settings, folder: Path) -> plans.Plan:
     """Build the plan that a configuration describes, checking every value on the way.
 
     Args:
@@ -64,18 +52,21 @@ def build_plan(settings: Settings, folder: Path) -> Plan:
         raise VoccError.of("precision", repr(settings.precision), " or ".join(PRECISIONS) + why)
     resolve_device(settings.device)
     panel, receiver, scene = asdict(settings.panel), settings.receiver, settings.scene
+    with section("scene.camera", before="camera"):
+        own = {name: value for name, value in vars(scene.camera).items() if value is not None}
+        camera = replace(settings.camera, **own)
     shape = PanelShape(panel.pop("rows"), panel.pop("columns"))
-    classifiers = tuple(_classifier(name, one) for name, one in settings.classifiers.items())
-    world = World(
-        camera=_camera(settings),
+    classifiers = tuple(classifier_plan(name, one) for name, one in settings.classifiers.items())
+    world = plans.World(
+        camera=camera,
         panel=LedPanel(shape=shape, **panel),
-        scene=SceneModel(**parsed_scene({name: getattr(scene, name) for name in SCENE_FIELDS})),
+        scene=SceneModel(**plans.parsed_scene({name: getattr(scene, name) for name in plans.SCENE_FIELDS})),
         effects=effect_settings(scene.effects),
         framing=settings.framing,  # type: ignore[arg-type]  # checked by name in Simulator
         device=settings.device,
         dtype=PRECISIONS[settings.precision],
     )
-    receivers = ReceiverPlan(
+    receivers = plans.ReceiverPlan(
         names=(*receiver.names, *settings.classifiers),
         classifiers=classifiers,
         locator=receiver.locator,  # type: ignore[arg-type]  # checked by name in ReceiverPlan
@@ -83,26 +74,20 @@ def build_plan(settings: Settings, folder: Path) -> Plan:
         reader=Reader(shape, receiver.samples_per_led, receiver.gradient),  # type: ignore[arg-type]  # checked there
         save=receiver.save,
     )
-    return Plan(
-        world=world,
-        receiver=receivers,
-        experiment=settings.experiment,
-        budget=settings.budget,
-        folder=folder,
-        seed=settings.seed,
-        batch_frames=settings.batch_frames,
-    )
+    experiment, seed, batch = settings.experiment, settings.seed, settings.batch_frames
+    return plans.Plan(world, receivers, experiment, settings.budget, folder, seed, batch)
 
 
-def _camera(settings: Settings) -> Camera:
-    """The camera with the scene's settings of it; refusals name the key that the value came from."""
-    own = {name: value for name, value in vars(settings.scene.camera).items() if value is not None}
-    with section("scene.camera", before="camera"):
-        return replace(settings.camera, **own)
+def classifier_plan(name: str, config: ClassifierSettings) -> plans.ClassifierPlan:
+    """Build the plan of a classifier that plugs in, checking its settings.
 
+    Args:
+        name: its name in the results, a word.
+        config: its settings.
 
-def _classifier(name: str, config: ClassifierSettings) -> ClassifierPlan:
-    """A classifier that plugs in; its refusals name the configuration's key."""
+    Raises:
+        VoccError: a value outside its range, named by its key.
+    """
     key = f"classifiers.{name}"
     if not name.isidentifier() or name in RESERVED:
         raise VoccError(f"{key}: a classifier's name must be a word, and none of {', '.join(RESERVED)}")
@@ -111,7 +96,7 @@ def _classifier(name: str, config: ClassifierSettings) -> ClassifierPlan:
         for word in config.training:
             if word not in keys:
                 raise VoccError(f"training.{word} is not a known key: known are {', '.join(sorted(keys))}")
-        return ClassifierPlan(
+        return plans.ClassifierPlan(
             name=name,
             build=config.build,
             inputs=Inputs.parse(config.inputs),
@@ -119,11 +104,11 @@ def _classifier(name: str, config: ClassifierSettings) -> ClassifierPlan:
             digest="" if config.file is None else ModuleFile(config.file).digest,
             training=TrainingRecipe(**config.training),
             frames=config.frames,
-            scene=parsed_scene(config.scene),
+            scene=plans.parsed_scene(config.scene),
         )
 
 
-def built(plan: ClassifierPlan) -> Guarded:
+def built(plan: plans.ClassifierPlan) -> Guarded:
     """Build a classifier, untrained.
 
     A scikit-learn estimator and a torch module are taken for what they are; a module whose class takes
@@ -133,12 +118,12 @@ def built(plan: ClassifierPlan) -> Guarded:
         VoccError: a class that does not exist or cannot be built, or that does not follow the protocol.
 
     Example:
-        >>> plan = ClassifierPlan("bayes", {"_target_": "sklearn.naive_bayes.GaussianNB"})
+        >>> plan = plans.ClassifierPlan("bayes", {"_target_": "sklearn.naive_bayes.GaussianNB"})
         >>> type(built(plan).classifier).__name__
         'SklearnClassifier'
     """
     settings = dict(plan.build)
-    target = str(settings.pop(TARGET))
+    target = str(settings.pop(plans.TARGET))
     home = None if plan.file is None else ModuleFile(plan.file)
     try:
         kind = get_object(target) if home is None else home.named(target)
@@ -192,7 +177,7 @@ EXTRAS = {"sklearn": "scikit-learn"}
 """Packages that classifiers of the package's own configuration need, by the name that is imported."""
 
 
-def without_absent(receiver: ReceiverPlan) -> tuple[ReceiverPlan, dict[str, str]]:
+def without_absent(receiver: plans.ReceiverPlan) -> tuple[plans.ReceiverPlan, dict[str, str]]:
     """Leave out the classifiers whose package is an extra that is not installed, and say why.
 
     Args:
@@ -217,5 +202,5 @@ def _packages(build: Mapping[str, object]) -> Iterator[str]:
     for key, value in build.items():
         if isinstance(value, Mapping):
             yield from _packages(value)
-        elif key == TARGET:
+        elif key == plans.TARGET:
             yield str(value).partition(".")[0]

@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, is_dataclass, make_dataclass, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, get_type_hints
+from typing import TYPE_CHECKING, Any, Self, get_type_hints
 
 from omegaconf import MISSING, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
@@ -73,8 +73,7 @@ class Budget:
     def __post_init__(self) -> None:
         """Check every range."""
         for name, least in (("frames", 1), ("training_frames", 2), ("target_frame_errors", 1)):
-            value = getattr(self, name)
-            if value is not None and value < least:
+            if (value := getattr(self, name)) is not None and value < least:
                 raise VoccError.of(f"budget.{name}", value, f"at least {least}")
         share, target = self.precision, self.target_frame_errors
         if share is not None and not 0 < share < 1:
@@ -126,50 +125,42 @@ class Experiment:
             raise VoccError.of("experiment.axis", repr(self.axis), f"one of {', '.join(axes)}")
         if self.name in ("", "train"):
             raise VoccError.of("experiment.name", repr(self.name), "a name, and train is training's own")
-        binned = self.axis == "contrast"
-        least = 2 if binned else 1
-        if len(self.values) < least or not _ascending(self.values):
-            rule = f"finite numbers in ascending order, at least {least} of them"
-            raise VoccError.of("experiment.values", list(self.values), rule)
+        binned, is_grid = self.axis == "contrast", self.row_axis is not None or bool(self.rows)
+        known = [name for name in SCENE_FIELDS if name != self.axis]
+        if is_grid and self.row_axis not in known:
+            raise VoccError.of("experiment.row_axis", repr(self.row_axis), f"one of {', '.join(known)}")
+        for name, least in (("values", 1 + binned), ("rows", int(is_grid))):
+            numbers = getattr(self, name)
+            ascending = all(map(math.isfinite, numbers)) and all(a < b for a, b in pairwise(numbers))
+            if len(numbers) < least or not ascending:
+                rule = f"finite numbers in ascending order, at least {least} of them"
+                raise VoccError.of(f"experiment.{name}", list(numbers), rule)
+            if is_grid and numbers[0] <= 0:
+                why = "a grid takes logarithms, it must be above 0"
+                raise VoccError(f"experiment.{name} has {numbers[0]:g}: {why}")
         if binned and self.values[0] < 0:
             why = "contrast, (G_on - G_off) / 255, is at least 0"
             raise VoccError(f"experiment.values has {self.values[0]:g}: {why}")
-        if self.row_axis is not None or self.rows:
-            self._check_rows([name for name in SCENE_FIELDS if name != self.axis])
-
-    def _check_rows(self, known: list[str]) -> None:
-        """Check what makes a grid."""
-        if self.row_axis not in known:
-            raise VoccError.of("experiment.row_axis", repr(self.row_axis), f"one of {', '.join(known)}")
-        if not self.rows or not _ascending(self.rows):
-            raise VoccError.of("experiment.rows", list(self.rows), "finite numbers in ascending order")
-        for name in ("values", "rows"):
-            if (least := min(getattr(self, name))) <= 0:
-                raise VoccError(
-                    f"experiment.{name} has {least:g}: a grid takes logarithms, it must be above 0"
-                )
 
     @property
     def bins(self) -> int:
         """How many points share the frames of one run: the bins of contrast, otherwise 1."""
         return len(self.values) - 1 if self.axis == "contrast" else 1
 
-    def at_row(self, axis: str, value: float) -> Experiment:
-        """Give one row of a grid: this experiment with one more value of its scenes held.
+    def by_row(self) -> dict[float, Self]:
+        """Give the rows of a grid by their value, held in the scenes; one curve is its own only row, at 0.
 
         Example:
-            >>> row = Experiment("dimming", "led_luminance_cd_m2", (250.0,)).at_row("ambient_lx", 1000.0)
+            >>> grid = Experiment("dim", "distance_m", (25.0,), row_axis="ambient_lx", rows=(1000.0,))
+            >>> row = grid.by_row()[1000.0]
             >>> row.name, row.scene["ambient_lx"].bounds
-            ('dimming/ambient_lx=1000', (1000.0, 1000.0))
+            ('dim/ambient_lx=1000', (1000.0, 1000.0))
         """
-        name, held = f"{self.name}/{axis}={value:g}", {**self.scene, axis: value}
-        return replace(self, name=name, scene=held, row_axis=None, rows=())
-
-    def by_row(self) -> dict[float, Experiment]:
-        """Give the rows of a grid by their value; one curve is its own only row, at 0."""
-        if self.row_axis is None:
-            return {0.0: self}
-        return {value: self.at_row(self.row_axis, value) for value in self.rows}
+        rows, axis = {} if self.rows else {0.0: self}, self.row_axis
+        for value in self.rows:
+            name, held = f"{self.name}/{axis}={value:g}", {**self.scene, str(axis): value}
+            rows[value] = replace(self, name=name, scene=held, row_axis=None, rows=())
+        return rows
 
     def model_at(self, world: World, value: float) -> SceneModel:
         """The scenes of one point of the axis."""
@@ -190,25 +181,18 @@ class Experiment:
         return narrowed(world.scene, self.training, "experiment.training")
 
 
-def _ascending(values: tuple[float, ...]) -> bool:
-    """Say whether values are finite and each is above the one before."""
-    return all(map(math.isfinite, values)) and all(a < b for a, b in pairwise(values))
-
-
 def _schema(name: str, *domains: type, without: str, unset: bool = False) -> type:
     """Make a section of the schema from the fields of domain classes; ``unset`` makes all of them null."""
-    made = []
+    made, described = [], [name, "", "Args:"]
     for domain in domains:
+        described += re.findall(ARGUMENT, inspect.getdoc(domain) or "", re.MULTILINE)
         hints = get_type_hints(domain)
         for one in fields(domain):
+            kind, default = hints[one.name], one.default
             if one.name != without:
-                kind, default = hints[one.name], one.default
-                made.append(
-                    (one.name, kind | None, field(default=None)) if unset else (one.name, kind, default)
-                )
+                made.append((one.name, kind | None if unset else kind, None if unset else default))
     schema = make_dataclass(name, made)
-    described = [re.findall(ARGUMENT, inspect.getdoc(domain) or "", re.MULTILINE) for domain in domains]
-    schema.__doc__ = "\n".join([name, "", "Args:", *(line for lines in described for line in lines)])
+    schema.__doc__ = "\n".join(described)
     schema.__module__ = __name__  # where it is found when settings are pickled
     return schema
 

@@ -1,8 +1,7 @@
 """What a receiver got wrong: exact integers that add over blocks of frames, in any order."""
 
-from __future__ import annotations
-
-from dataclasses import dataclass, fields
+from dataclasses import astuple, dataclass
+from typing import Self
 
 import torch
 from torch import Tensor
@@ -11,7 +10,30 @@ from vocc_torch.errors import VoccError
 
 
 @dataclass(frozen=True, slots=True)
-class Counts:
+class Tally:
+    """Whole numbers that were counted over some frames; those of disjoint frames add, field by field.
+
+    Args:
+        frames: frames looked at.
+        bits: bits sent in them.
+    """
+
+    frames: int = 0
+    bits: int = 0
+
+    def __add__(self, other: Self | int) -> Self:
+        """Join what was counted on disjoint frames; the 0 that ``sum`` starts from is let through."""
+        if isinstance(other, int) and other == 0:
+            return self
+        if not isinstance(other, type(self)):
+            return NotImplemented
+        return type(self)(*(one + more for one, more in zip(astuple(self), astuple(other), strict=True)))
+
+    __radd__ = __add__
+
+
+@dataclass(frozen=True, slots=True)
+class Counts(Tally):
     """Errors of one receiver over some frames, as Python integers.
 
     Errors are kept in halves of a bit error: in a frame whose panel was not found every bit is a coin toss,
@@ -38,8 +60,6 @@ class Counts:
         (8192, 6.0, 0.000732421875)
     """
 
-    frames: int = 0
-    bits: int = 0
     half_errors: int = 0
     half_errors_squared: int = 0
     frame_errors: int = 0
@@ -47,13 +67,11 @@ class Counts:
 
     def __post_init__(self) -> None:
         """Refuse numbers that no set of frames can give, such as a damaged ledger row."""
-        for field in fields(self):
-            value = getattr(self, field.name)
+        for name, value in zip(self.__match_args__, astuple(self), strict=True):
             if type(value) is not int or value < 0:
-                raise VoccError(f"counts.{field.name} is {value!r}: it must be an integer of at least 0")
-        if self.bits and not self.frames:
-            raise VoccError(f"counts.bits is {self.bits}: it must be 0 where there are no frames")
+                raise VoccError(f"counts.{name} is {value!r}: it must be an integer of at least 0")
         limits = (
+            ("bits", self.bits if self.frames else 0, "no frames"),
             ("frames", self.bits, "bits"),
             ("half_errors", 2 * self.bits, "twice bits"),
             ("half_errors_squared", self.half_errors**2, "half_errors squared"),
@@ -72,7 +90,7 @@ class Counts:
             )
 
     @classmethod
-    def of(cls, decided: Tensor, sent: Tensor, found: Tensor) -> Counts:
+    def of(cls, decided: Tensor, sent: Tensor, found: Tensor) -> Self:
         """Compare decided bits with sent ones.
 
         Args:
@@ -90,19 +108,13 @@ class Counts:
             (9, 4.5, 1)
         """
         half = half_errors(decided, sent, found)
-        leds = sent.shape[1] * sent.shape[2]
         sums = torch.stack([half.sum(), (half * half).sum(), (half > 0).sum(), (~found).sum()])
-        return cls(len(sent), len(sent) * leds, *(int(value) for value in sums.tolist()))
+        return cls(len(sent), sent.numel(), *sums.tolist())
 
-    def __add__(self, other: Counts | int) -> Counts:
-        """Join the counts of disjoint frames; the 0 that ``sum`` starts from is let through."""
-        if isinstance(other, int) and other == 0:
-            return self
-        if not isinstance(other, Counts):
-            return NotImplemented
-        return Counts(*(getattr(self, field.name) + getattr(other, field.name) for field in fields(self)))
-
-    __radd__ = __add__
+    @property
+    def spread(self) -> int:
+        """Variance of half errors between frames, times the square of the frames: whole, so exact."""
+        return self.frames * self.half_errors_squared - self.half_errors**2
 
     @property
     def bit_errors(self) -> float:
@@ -142,15 +154,11 @@ def half_errors(decided: Tensor, sent: Tensor, found: Tensor) -> Tensor:
         >>> half_errors(~sent, sent, torch.tensor([True, False])).tolist()
         [18, 9]
     """
-    if sent.dtype != torch.bool or sent.ndim != 3 or sent.shape[1] * sent.shape[2] == 0:
-        raise VoccError(
-            f"sent is {sent.dtype} of shape {tuple(sent.shape)}: "
-            "it must be torch.bool of shape (B,R,C) with at least one LED"
-        )
-    for name, bits, shape in (("decided", decided, sent.shape), ("found", found, sent.shape[:1])):
+    leds = sent.shape[1:].numel()
+    shapes = {"sent": sent.shape if sent.ndim == 3 and leds else "(B,R,C) with at least one LED"}
+    shapes |= {"decided": sent.shape, "found": sent.shape[:1]}
+    for (name, shape), bits in zip(shapes.items(), (sent, decided, found), strict=True):
         if bits.dtype != torch.bool or bits.shape != shape:
-            raise VoccError(
-                f"{name} is {bits.dtype} of shape {tuple(bits.shape)}: "
-                f"it must be torch.bool of shape {tuple(shape)}"
-            )
-    return torch.where(found, 2 * (decided != sent).flatten(1).sum(1), sent.shape[1] * sent.shape[2])
+            rule = f"torch.bool of shape {tuple(shape) if isinstance(shape, torch.Size) else shape}"
+            raise VoccError.of(name, f"{bits.dtype} of shape {tuple(bits.shape)}", rule)
+    return torch.where(found, 2 * (decided != sent).flatten(1).sum(1), leds)

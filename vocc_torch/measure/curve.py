@@ -1,8 +1,9 @@
 """Measured points of bit error rate curves, the tables they form, and what every two receivers differ in."""
 
-from __future__ import annotations
+from __future__ import annotations  # the reader of ber.csv goes by the columns' types as they are written
 
 import math
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, fields
 
@@ -61,10 +62,11 @@ class Row:
         if not math.isfinite(self.value):
             raise VoccError(f"{self.axis} is {self.value}: it must be finite")
         if not 0 <= self.ber_low <= self.ber <= self.ber_high <= 1:
-            raise VoccError(
-                f"ber of {self.receiver} at {self.axis}={self.value:g} is {self.ber} in [{self.ber_low}, "
-                f"{self.ber_high}]: it must be 0 <= ber_low <= ber <= ber_high <= 1"
+            key, rule = (
+                f"ber of {self.receiver} at {self.axis}={self.value:g}",
+                "0 <= ber_low <= ber <= ber_high <= 1",
             )
+            raise VoccError.of(key, f"{self.ber} in [{self.ber_low}, {self.ber_high}]", rule)
 
     @property
     def error_free(self) -> bool:
@@ -150,7 +152,6 @@ class BerTable:
     """
 
     def __init__(self, points: Iterable[Point | Row] = ()) -> None:
-        """State every point and refuse what does not belong in one table."""
         given = tuple(points)
         # An error-free point cannot tell how many bits a wrong frame would have; the receiver's other points
         # can, and where location fails it is a dozen and more.
@@ -160,20 +161,16 @@ class BerTable:
                 totals[point.receiver] = totals.get(point.receiver, Counts()) + point.counts
         typical = {name: max(1.0, n.bit_errors / max(1, n.frame_errors)) for name, n in totals.items()}
         self.rows = tuple(
-            point.stated(typical[point.receiver]) if isinstance(point, Point) else point for point in given
+            one.stated(typical[one.receiver]) if isinstance(one, Point) else one for one in given
         )
         for name in ("experiment", "axis"):
             names = sorted({getattr(row, name) for row in self.rows})
             if len(names) > 1:
                 raise VoccError(f"{name} is {' and '.join(names)}: a table holds one {name}")
-        seen: set[tuple[str, float]] = set()
-        for row in self.rows:
-            if (row.receiver, row.value) in seen:
-                raise VoccError(
-                    f"receiver {row.receiver} has two points at {row.axis}={row.value:g}: "
-                    "a table holds one; give each locator a table of its own"
-                )
-            seen.add((row.receiver, row.value))
+        for (name, value), count in Counter((row.receiver, row.value) for row in self.rows).items():
+            if count > 1:
+                why = "a table holds one; give each locator a table of its own"
+                raise VoccError(f"receiver {name} has two points at {self.axis}={value:g}: {why}")
 
     def __len__(self) -> int:
         """Count the points."""
@@ -210,9 +207,8 @@ class BerTable:
 
     def of(self, receiver: str) -> tuple[Row, ...]:
         """Give one receiver's points by ascending value; none for a receiver that is not there."""
-        return tuple(
-            sorted((row for row in self.rows if row.receiver == receiver), key=lambda row: row.value)
-        )
+        own = [row for row in self.rows if row.receiver == receiver]
+        return tuple(sorted(own, key=lambda row: row.value))
 
 
 @dataclass(frozen=True)

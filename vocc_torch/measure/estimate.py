@@ -1,7 +1,5 @@
 """A number with its confidence interval, and intervals that hold for many numbers together."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

@@ -1,21 +1,19 @@
 """What every receiver of a list got wrong in each of the same frames: simulated, counted and compared.
 
-The one loop that simulates, locates and reads frames and counts errors by frame. A study says which scenes
-(``model``, ``point``), where panels are looked for (``locators``) and what decides (``receivers``); it gets
+:meth:`FrameJob.count` is the one loop that counts errors by frame. A study says which scenes (``model``,
+``point``), where panels are looked for (``locators``) and what decides (``receivers``); it gets
 :class:`FrameErrors`, a row for each receiver, from which counts, comparisons and intervals follow.
 """
-
-from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass
 from functools import cached_property, partial
+from typing import Self
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.counts import Counts, half_errors
@@ -25,7 +23,6 @@ from vocc_torch.measure.paired import PairedCounts, paired_interval
 from vocc_torch.measure.plan import Locator, Plan
 from vocc_torch.measure.workers import Workers
 from vocc_torch.receiver.bank import ReceiverBank, needs_preambles
-from vocc_torch.receiver.locators import PanelLocator
 from vocc_torch.rng import BLOCK_FRAMES, BlockKey
 from vocc_torch.simulation import SceneModel
 
@@ -42,8 +39,7 @@ class FrameErrors:
         groups: (N,) int64, what the frames were sorted by, or None.
 
     Raises:
-        VoccError: when they are counted: arrays of another shape or type, errors that no frame can have, or
-            frames of so many bits that 64 bits do not hold the sum of squared errors.
+        VoccError: frames of so many bits that 64 bits do not hold the sum of squared errors.
 
     Example:
         >>> half = np.array([[4, 0, 64], [0, 2, 64]])
@@ -59,49 +55,36 @@ class FrameErrors:
     leds: int
     groups: NDArray[np.int64] | None = None
 
+    def __post_init__(self) -> None:
+        """Refuse more than 64 bits can count."""
+        frames = self.half_errors.shape[1]
+        if frames * (2 * int(self.leds)) ** 2 > np.iinfo(np.int64).max:
+            rule = f"the squared errors of {frames} frames must fit into 64 bits"
+            raise VoccError(f"leds is {self.leds}: {rule}; count fewer frames at a time")
+
     @classmethod
-    def joined(cls, parts: Iterable[FrameErrors]) -> FrameErrors:
-        """Join parts with the same receivers: the frames of the first, then those of the second, and so on.
-
-        Raises:
-            VoccError: no parts.
-        """
+    def joined(cls, parts: Iterable[Self]) -> Self:
+        """Join parts with the same receivers, at least one: the frames of the first, then of the second."""
         every = list(parts)
-        if not every:
-            raise VoccError("no parts were given: errors by frame need at least one")
+        halves, found = ([getattr(one, name) for one in every] for name in ("half_errors", "found"))
         groups = [one.groups for one in every if one.groups is not None]
-        return cls(
-            np.concatenate([one.half_errors for one in every], axis=1),
-            np.concatenate([one.found for one in every], axis=1),
-            every[0].leds,
-            np.concatenate(groups) if groups else None,
-        )
+        sorted_by = np.concatenate(groups) if groups else None
+        return cls(np.concatenate(halves, axis=1), np.concatenate(found, axis=1), every[0].leds, sorted_by)
 
-    def first(self, frames: int) -> FrameErrors:
-        """Give the same of the first frames alone.
-
-        Args:
-            frames: 1 to N.
-
-        Raises:
-            VoccError: a number outside its range.
-        """
-        if not 1 <= frames <= self.half_errors.shape[1]:
-            raise VoccError(f"frames is {frames}: it must be from 1 to {self.half_errors.shape[1]}")
+    def first(self, frames: int) -> Self:
+        """Give the same of the first frames alone, 1 to N of them."""
         return self.of(frames=slice(frames))
 
     def of(
         self, receivers: slice | Sequence[int] = slice(None), frames: slice | NDArray[np.bool_] = slice(None)
-    ) -> FrameErrors:
+    ) -> Self:
         """Give the same of some receivers, by their places, and of some frames, by place or where True."""
-        groups = None if self.groups is None else self.groups[frames]
-        rows = self.half_errors[receivers], self.found[receivers]
-        return FrameErrors(rows[0][:, frames], rows[1][:, frames], self.leds, groups)
+        halves, found = self.half_errors[receivers][:, frames], self.found[receivers][:, frames]
+        return type(self)(halves, found, self.leds, None if self.groups is None else self.groups[frames])
 
     @cached_property
     def counts(self) -> list[Counts]:
         """Errors of each receiver, as :meth:`Counts.of` counts them."""
-        self._check()
         frames = self.half_errors.shape[1]
         missed = frames - self.found.sum(axis=1, keepdims=True)
         rows = np.hstack([_sums(self.half_errors), missed]).tolist()
@@ -113,7 +96,6 @@ class FrameErrors:
 
         All in one pass, at a small part of the time: 16 receivers make 120 pairs.
         """
-        self._check()
         receivers, frames = self.half_errors.shape
         first, second = np.triu_indices(receivers, k=1)
         apart = self.half_errors[first] - self.half_errors[second]
@@ -141,33 +123,14 @@ class FrameErrors:
         """Whether a's rate is above b's by intervals of all pairs that hold together at 95 %."""
         return self.compared(a, b, joint_confidence(all_pairs(len(self.half_errors)))).low > 0
 
-    def _check(self) -> None:
-        """Refuse errors that no frames can have."""
-        halves, bits = self.half_errors, self.leds
-        if bits < 1:
-            raise VoccError(f"leds is {bits}: it must be at least 1")
-        for name, array, kind in (("half_errors", halves, np.int64), ("found", self.found, np.bool_)):
-            if array.dtype != kind or array.ndim != 2 or array.shape != halves.shape:
-                rule = f"{kind.__name__} of shape (L,N), the same for half_errors and found"
-                raise VoccError(f"{name} is {array.dtype} of shape {array.shape}: it must be {rule}")
-        if halves.shape[1] * (2 * int(bits)) ** 2 > np.iinfo(np.int64).max:
-            rule = f"the squared errors of {halves.shape[1]} frames must fit into 64 bits"
-            raise VoccError(f"leds is {bits}: {rule}; count fewer frames at a time")
-        if halves.size and not 0 <= halves.min() <= halves.max() <= 2 * bits:
-            raise VoccError(f"half_errors holds {halves.min()} to {halves.max()}: it must be 0 to {2 * bits}")
-        if not (halves[~self.found] == bits).all():
-            rule = "such a frame counts half its bits wrong"
-            raise VoccError(f"half_errors of a frame without a panel is not {bits}: {rule}")
-
 
 def _sums(errors: NDArray[np.int64]) -> NDArray[np.int64]:
     """Give the sum, the sum of squares and the number above 0 of each row, (L,3)."""
-    return np.stack(
-        [errors.sum(axis=1), np.einsum("ln,ln->l", errors, errors), np.count_nonzero(errors, axis=1)], axis=1
-    )
+    squared = np.einsum("ln,ln->l", errors, errors)
+    return np.stack([errors.sum(axis=1), squared, np.count_nonzero(errors, axis=1)], axis=1)
 
 
-Receivers = Callable[[Mapping[str, Observation]], Iterable[tuple[Tensor, Tensor]]]
+Receivers = Callable[[Mapping[str, Observation]], Iterable[tuple[torch.Tensor, torch.Tensor]]]
 """What decides one batch, given what was observed of its frames by locator; picklable where workers do it.
 
 It yields for each receiver, in the same order every time, its bits (B,R,C) bool and where its panels were
@@ -186,7 +149,7 @@ class Banks:
 
     banks: Sequence[tuple[str, ReceiverBank]]
 
-    def __call__(self, views: Mapping[str, Observation], /) -> Iterator[tuple[Tensor, Tensor]]:
+    def __call__(self, views: Mapping[str, Observation], /) -> Iterator[tuple[torch.Tensor, torch.Tensor]]:
         """Decide one batch, as ``Receivers`` says."""
         for locator, bank in self.banks:
             seen = views[locator]
@@ -199,60 +162,11 @@ class Banks:
         return any(needs_preambles(bank.names) for _, bank in self.banks)
 
 
-Sorter = Callable[[Link, Observation], Tensor]
+Told = Callable[[int], None]
+"""Called with the frames done since the last call."""
+
+Sorter = Callable[[Link, Observation], torch.Tensor]
 """Gives the group (B,) int64 of each frame of a batch."""
-
-
-def count_errors(
-    link: Link,
-    locators: Mapping[str, PanelLocator | None],
-    model: SceneModel,
-    keys: Sequence[BlockKey],
-    receivers: Receivers,
-    *,
-    preambles: bool = False,
-    frames: int | None = None,
-    first: int = 0,
-    sorter: Sorter | None = None,
-) -> FrameErrors:
-    """Simulate blocks, look for the panel with each locator, let every receiver decide, and count.
-
-    Args:
-        link: simulation and front end.
-        locators: by name; None takes the simulator's true corners.
-        model: the scenes' distributions.
-        keys: the blocks.
-        receivers: what decides.
-        preambles: whether a receiver needs the all-On and all-Off frames of each scene.
-        frames: how many frames of the blocks to use, from the first on; all by default.
-        first: how many of these to pass over.
-        sorter: sorts the frames into groups.
-
-    Example:
-        >>> from vocc_torch.receiver.reader import Reader
-        >>> from vocc_torch.simulation import Simulator
-        >>> def all_on(views):
-        ...     seen = views["truth"]
-        ...     yield torch.ones_like(seen.bits), seen.panels.found
-        >>> link, keys = Link(Simulator(), None, Reader()), [BlockKey(0, "doc", 0)]
-        >>> errors = count_errors(link, {"truth": None}, SceneModel(), keys, all_on, frames=2)
-        >>> errors.half_errors.shape, errors.counts[0].bits
-        ((1, 2), 128)
-    """
-    wrong, found, groups = [], [], []
-    for views in link.observe_each(locators, model, keys, preambles=preambles, frames=frames, first=first):
-        seen = next(iter(views.values()))
-        decided = list(receivers(views))
-        wrong.append(torch.stack([half_errors(bits, seen.bits, where) for bits, where in decided]))
-        found.append(torch.stack([where for _, where in decided]))
-        if sorter is not None:
-            groups.append(sorter(link, seen))
-    return FrameErrors(
-        torch.cat(wrong, dim=1).cpu().numpy(),
-        torch.cat(found, dim=1).cpu().numpy(),
-        link.reader.shape.leds,
-        torch.cat(groups).cpu().numpy() if groups else None,
-    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -266,6 +180,7 @@ class FrameJob:
         locators: names of the locators.
         receivers: what decides.
         preambles: whether a receiver needs the all-On and all-Off frames of each scene.
+        sorter: sorts the frames into groups, or None.
 
     Example:
         >>> from pathlib import Path
@@ -288,29 +203,39 @@ class FrameJob:
     locators: tuple[Locator, ...]
     receivers: Receivers
     preambles: bool = False
+    sorter: Sorter | None = None
+
+    def count(self, blocks: Iterable[int], frames: int, first: int = 0) -> FrameErrors:
+        """Simulate blocks, look for the panel with each locator, let every receiver decide, and count.
+
+        Args:
+            blocks: indices of the point's blocks.
+            frames: how many frames of these to use, from the first on.
+            first: how many of them to pass over.
+        """
+        link, keys = Link.of(self.plan), [BlockKey(self.plan.seed, self.point, block) for block in blocks]
+        finders, preambles = self.plan.receiver.finders(self.locators), self.preambles
+        wrong, found, groups = [], [], []
+        every = link.observe_each(finders, self.model, keys, preambles=preambles, frames=frames, first=first)
+        for views in every:
+            seen = next(iter(views.values()))
+            decided = list(self.receivers(views))
+            wrong.append(torch.stack([half_errors(bits, seen.bits, where) for bits, where in decided]))
+            found.append(torch.stack([where for _, where in decided]))
+            if self.sorter is not None:
+                groups.append(self.sorter(link, seen))
+        halves, located = torch.cat(wrong, dim=1).cpu().numpy(), torch.cat(found, dim=1).cpu().numpy()
+        sorted_by = torch.cat(groups).cpu().numpy() if groups else None
+        return FrameErrors(halves, located, link.reader.shape.leds, sorted_by)
 
     def __call__(self, frames: range) -> FrameErrors:
         """Count some of the point's frames, which are named by their indices, from 0 on."""
         blocks = range(frames.start // BLOCK_FRAMES, -(-frames.stop // BLOCK_FRAMES))
         before = blocks.start * BLOCK_FRAMES
-        return count_errors(
-            Link.of(self.plan),
-            self.plan.receiver.finders(self.locators),
-            self.model,
-            [BlockKey(self.plan.seed, self.point, block) for block in blocks],
-            self.receivers,
-            preambles=self.preambles,
-            frames=frames.stop - before,
-            first=frames.start - before,
-        )
+        return self.count(blocks, frames.stop - before, frames.start - before)
 
     def handed_out(
-        self,
-        frames: int,
-        workers: Workers,
-        *,
-        at_once: int = 4 * BLOCK_FRAMES,
-        told: Callable[[int], None] | None = None,
+        self, frames: int, workers: Workers, *, at_once: int = 4 * BLOCK_FRAMES, told: Told | None = None
     ) -> list[Future[FrameErrors]]:
         """Hand out the point's first frames; ``FrameErrors.joined`` of the results is what came of them.
 
@@ -321,9 +246,9 @@ class FrameJob:
             told: called with the frames of each call when it is done.
         """
         parts = [range(first, min(first + at_once, frames)) for first in range(0, frames, at_once)]
-        tell = told or (lambda frames: None)
         calls = []
         for part in parts:
             calls.append(workers.submit(self, part))
-            calls[-1].add_done_callback(partial(lambda frames, _: tell(frames), len(part)))
+            if told is not None:
+                calls[-1].add_done_callback(partial(lambda done, _: told(done), len(part)))
         return calls

@@ -1,11 +1,9 @@
 """Bit error rates over ambient light and LED luminance, and the best luminance for each ambient light."""
 
-from __future__ import annotations
-
 import math
-from dataclasses import dataclass, field
-from itertools import chain, pairwise
-from typing import TypeAlias
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,11 +14,10 @@ from vocc_torch.measure.curve import Curves
 from vocc_torch.measure.estimate import CONFIDENCE, joint_confidence
 from vocc_torch.measure.intervals import ber_interval
 
-Floats: TypeAlias = NDArray[np.float64]
-Bools: TypeAlias = NDArray[np.bool_]
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
 
 
-@dataclass(frozen=True)
 class Grid:
     """Bit error rates over two quantities: one ``Curves`` for each value of the row axis.
 
@@ -48,40 +45,25 @@ class Grid:
         ([[0.00048828125, 0.0]], [[False, True]])
     """
 
-    row_axis: str
-    rows: tuple[float, ...]
-    curves: tuple[Curves, ...]
-    column_axis: str = field(init=False)
-    columns: tuple[float, ...] = field(init=False)
-    receivers: tuple[str, ...] = field(init=False)
-    locator: str = field(init=False)
-    _known: dict[tuple[str, float, float], tuple[Floats, Floats]] = field(
-        default_factory=dict, init=False, repr=False, compare=False
-    )
-
-    def __post_init__(self) -> None:
-        """Refuse what does not form one grid of positive values."""
-        if not self.rows or len(self.rows) != len(self.curves):
-            raise VoccError(
-                f"curves has {len(self.curves)} rows: it must have one for each of the {len(self.rows)} "
-                f"values of {self.row_axis}, at least one"
-            )
+    def __init__(self, row_axis: str, rows: Sequence[float], curves: Sequence[Curves]) -> None:
+        if not rows or len(rows) != len(curves):
+            one_each = f"one for each of the {len(rows)} values of {row_axis}, at least one"
+            raise VoccError(f"curves has {len(curves)} rows: it must have {one_each}")
         for name in ("axis", "values", "receivers", "locator"):
-            given = list(dict.fromkeys(getattr(curve, name) for curve in self.curves))
+            given = list(dict.fromkeys(getattr(curve, name) for curve in curves))
             if len(given) > 1:
-                raise VoccError(
-                    f"{name} is {given[0]} and {given[1]}: every row of a grid must have the same"
-                )
-            object.__setattr__(self, {"axis": "column_axis", "values": "columns"}.get(name, name), given[0])
+                rule = "every row of a grid must have the same"
+                raise VoccError(f"{name} is {given[0]} and {given[1]}: {rule}")
+        self.row_axis, self.rows, self.curves = row_axis, tuple(rows), tuple(curves)
+        self.column_axis, self.columns = curves[0].axis, curves[0].values
+        self.receivers, self.locator = curves[0].receivers, curves[0].locator
+        self._known: dict[tuple[str, float, float], tuple[Floats, Floats]] = {}
         for axis, values in ((self.row_axis, self.rows), (self.column_axis, self.columns)):
-            positive = all(0 < value < math.inf for value in values)
             # Closer ones have the same logarithm, and no octave between them.
             ascending = all(one * (1 + 1e-6) <= after for one, after in pairwise(values))
-            if not values or not positive or not ascending:
-                raise VoccError(
-                    f"{axis} is {list(values)}: it must be ascending by at least a millionth and above 0, "
-                    "at least one value"
-                )
+            if not values or not ascending or not all(0 < value < math.inf for value in values):
+                rule = "ascending by at least a millionth and above 0, at least one value"
+                raise VoccError.of(axis, list(values), rule)
 
     def counts(self, receiver: str) -> list[list[Counts]]:
         """Give a receiver's counts by row and column.
@@ -131,22 +113,21 @@ class Grid:
         # Kept because most of the time of every view would go into the same quantiles.
         if key not in self._known:
             counts = self.counts(receiver)
-            cells = zip(chain(*counts), chain(*_wrong_bits_near(counts)), strict=True)
-            found = [ber_interval(c, confidence if c.half_errors else of_limits, size) for c, size in cells]
+            sizes = np.array([[one.bit_errors / max(1, one.frame_errors) for one in row] for row in counts])
+
+            def wrong_bits(i: int, j: int) -> float:
+                """What a wrong frame of a cell is taken to have, from the nearest with errors each way."""
+                ways = (sizes[i, j::-1], sizes[i, j:], sizes[i::-1, j], sizes[i:, j])
+                return max(1.0, *(float(next((size for size in way if size > 0), 0.0)) for way in ways))
+
+            found = [
+                ber_interval(cell, confidence if cell.half_errors else of_limits, wrong_bits(i, j))
+                for i, row in enumerate(counts)
+                for j, cell in enumerate(row)
+            ]
             ends = np.array([(end.low, end.high) for end in found]).reshape(len(self.rows), -1, 2)
             self._known[key] = ends[..., 0], ends[..., 1]
         return self._known[key]
-
-
-def _wrong_bits_near(counts: list[list[Counts]]) -> list[list[float]]:
-    """Give the wrong bits that a wrong frame of each cell is taken to have, at least 1."""
-    sizes = np.array([[cell.bit_errors / max(1, cell.frame_errors) for cell in row] for row in counts])
-
-    def largest(i: int, j: int) -> float:
-        ways = (sizes[i, j::-1], sizes[i, j:], sizes[i::-1, j], sizes[i:, j])
-        return max(1.0, *(float(next((size for size in way if size > 0), 0.0)) for way in ways))
-
-    return [[largest(i, j) for j in range(sizes.shape[1])] for i in range(sizes.shape[0])]
 
 
 @dataclass(frozen=True, slots=True)
@@ -239,19 +220,13 @@ def best_luminance(grid: Grid, receiver: str) -> list[Best]:
     candidates = not_worse(ber, *grid.one_sided(receiver, 1 - joint_confidence(len(luminances) - 1)))
     low = grid.one_sided(receiver, (1 - CONFIDENCE) / 2)[0].min(1)
     high = grid.one_sided(receiver, (1 - joint_confidence(len(luminances))) / 2)[1].min(1)
-    return [
-        Best(
-            receiver,
-            grid.rows[i],
-            tuple(luminances[row == row.min()].tolist()),
-            tuple(luminances[candidates[i]].tolist()),
-            (grid.columns[0], grid.columns[-1]),
-            float(row.min()),
-            float(min(low[i], row.min())),
-            float(max(high[i], row.min())),
-        )
-        for i, row in enumerate(ber)
-    ]
+    ends, bests = (grid.columns[0], grid.columns[-1]), []
+    for i, (at, row) in enumerate(zip(grid.rows, ber, strict=True)):
+        rate = float(row.min())
+        least, may_be = (tuple(luminances[which].tolist()) for which in (row == rate, candidates[i]))
+        interval = rate, min(float(low[i]), rate), max(float(high[i]), rate)
+        bests.append(Best(receiver, at, least, may_be, ends, *interval))
+    return bests
 
 
 def not_worse(rate: Floats, low: Floats, high: Floats) -> Bools:

@@ -6,8 +6,6 @@ expected number of positive counts estimated from survey data") give the way to 
 exact interval over to clusters: with an effective number of trials.
 """
 
-from __future__ import annotations
-
 import math
 import sys
 from collections.abc import Callable
@@ -106,14 +104,13 @@ def design_effect(counts: Counts) -> float:
     """
     if counts.bits == 0:
         raise VoccError("counts.bits is 0: a design effect needs at least one frame")
-    frames, halves, right = counts.frames, counts.half_errors, 2 * counts.bits - counts.half_errors
-    if frames == 1:
+    halves, right = counts.half_errors, 2 * counts.bits - counts.half_errors
+    if counts.frames == 1:
         return float(counts.bits)
     if halves == 0 or right == 0:
         return 1.0
     # In integers up to the division, so that nothing cancels: 1 - ber does at rates near 1.
-    spread = frames * counts.half_errors_squared - halves**2
-    return max(1.0, spread * counts.bits / ((frames - 1) * halves * right))
+    return max(1.0, counts.spread * counts.bits / ((counts.frames - 1) * halves * right))
 
 
 def ber_interval(counts: Counts, confidence: float = 0.95, errors_per_frame_error: float = 1.0) -> Estimate:
@@ -161,7 +158,7 @@ def ber_interval(counts: Counts, confidence: float = 0.95, errors_per_frame_erro
         (0.0, 2.34e-05)
     """
     _check_confidence(confidence)
-    ber, bits_per_frame = counts.ber, counts.bits / counts.frames
+    ber, bits_per_frame = counts.ber, counts.bits / max(1, counts.frames)
     if not 0 < errors_per_frame_error <= bits_per_frame:
         raise VoccError(
             f"errors_per_frame_error is {errors_per_frame_error}: "
@@ -170,23 +167,36 @@ def ber_interval(counts: Counts, confidence: float = 0.95, errors_per_frame_erro
     if counts.half_errors == 0:
         # 1 - (1 - confidence)^(1 / frames), without its cancellation at many frames.
         frame_error_limit = -math.expm1(math.log1p(-confidence) / counts.frames)
-        return Estimate(0.0, 0.0, frame_error_limit * errors_per_frame_error / bits_per_frame)
+        return Estimate(ber, 0.0, frame_error_limit * errors_per_frame_error / bits_per_frame)
     if counts.bits > MOST_TRIALS:
         raise VoccError(f"counts.bits is {counts.bits}: an interval takes at most {MOST_TRIALS:g} bits")
-    trials = _effective_trials(counts, confidence)
-    clustered = clopper_pearson(ber * trials, trials, confidence)
-    frame_error = clopper_pearson(counts.frame_errors, counts.frames, confidence)
     # A missed panel of a single LED is half a bit error: the only wrong frame with less than one.
     fewest = min(1.0, bits_per_frame / 2)
-    low = max(clustered.low, frame_error.low * fewest / bits_per_frame)
-    return Estimate(ber, min(low, ber), max(min(clustered.high, frame_error.high), ber))
-
-
-def _effective_trials(counts: Counts, confidence: float) -> float:
-    """Give Korn and Graubard's effective number of independent bits; there is at least one error."""
     frames_in_error = counts.half_errors**2 / counts.half_errors_squared
-    freedom = max(1.0, min(counts.frames - 1, frames_in_error + 1))
-    return counts.bits / design_effect(counts) * t_correction(counts.bits, freedom, confidence)
+    return clustered_interval(counts, design_effect(counts), frames_in_error, fewest, confidence)
+
+
+def clustered_interval(
+    counts: Counts, effect: float, frames_in_error: float, fewest: float, confidence: float
+) -> Estimate:
+    """Korn and Graubard's interval of a rate, cut to what holds however errors cluster.
+
+    Args:
+        counts: at least one frame, at most ``MOST_TRIALS`` bits.
+        effect: the design effect, at least 1.
+        frames_in_error: effective number of frames that the effect was estimated from; not used without
+            errors.
+        fewest: wrong bits that a wrong frame has at least, above 0.
+        confidence: above 0, below 1.
+    """
+    trials, rate = counts.bits / effect, counts.ber
+    if counts.half_errors:
+        freedom = max(1.0, min(counts.frames - 1, frames_in_error + 1))
+        trials *= t_correction(counts.bits, freedom, confidence)
+    clustered = clopper_pearson(rate * trials, trials, confidence)
+    frame_error = clopper_pearson(counts.frame_errors, counts.frames, confidence)
+    low = max(clustered.low, frame_error.low * fewest / (counts.bits / counts.frames))
+    return Estimate(rate, min(low, rate), max(min(clustered.high, frame_error.high), rate))
 
 
 def t_correction(bits: float, freedom: float, confidence: float) -> float:

@@ -4,31 +4,26 @@ A run that is killed at any moment and started again takes the blocks that it ha
 counts the others. It ends with the numbers of a run that nobody disturbed.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os
 import re
 import sqlite3
-import stat
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import astuple
 from pathlib import Path
-from typing import TypeAlias
+from typing import Self, TypeAlias
 
 from vocc_torch import __version__
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.counts import Counts
+from vocc_torch.measure.counts import Tally as Tally
 from vocc_torch.measure.paired import PairedCounts
 from vocc_torch.rng import BLOCK_FRAMES
 
 Label: TypeAlias = tuple[str | int, ...]
 """What is counted: its last part is the group of frames (a contrast bin; 0 where frames are not sorted)."""
-
-Tally: TypeAlias = Counts | PairedCounts
-"""What is counted under a label: one receiver's errors, or two receivers compared."""
 
 SUFFIX = ".sqlite"
 """How a ledger's name ends."""
@@ -40,20 +35,16 @@ _SCHEMA = (
     "CREATE TABLE blocks (point TEXT, block INTEGER, frames INTEGER, counts TEXT, digest TEXT, "
     "PRIMARY KEY (point, block, frames)) WITHOUT ROWID",
 )
-_KINDS: dict[str, type[Counts] | type[PairedCounts]] = {"counts": Counts, "paired": PairedCounts}
+_KINDS: dict[str, type[Tally]] = {"counts": Counts, "paired": PairedCounts}
 _ANOTHER = "choose another ledger"
 _DAMAGED = ("is damaged", "bring back a copy, or delete it to count everything again")
 _LONGEST = 200
 """Most characters of a refusal, unless the path is very long."""
-_ROOM = "make room, then start the same run again"
-_UNWRITABLE = {
-    **dict.fromkeys((sqlite3.SQLITE_FULL, sqlite3.SQLITE_IOERR), _ROOM),
-    **dict.fromkeys((sqlite3.SQLITE_READONLY, sqlite3.SQLITE_CANTOPEN), f"make it writable, or {_ANOTHER}"),
-}
-"""What helps against what SQLite says."""
+_FULL = (sqlite3.SQLITE_FULL, sqlite3.SQLITE_IOERR)
+_REFUSED = (sqlite3.SQLITE_READONLY, sqlite3.SQLITE_CANTOPEN)
 
 
-class Ledger:
+class Ledger(AbstractContextManager["Ledger"]):
     """An open ledger, which nobody else can open until it is closed.
 
     A row belongs to a point, a block and the number of the block's frames that were used: where a budget
@@ -85,7 +76,7 @@ class Ledger:
         self._settings, self._inode = settings, -1
 
     @classmethod
-    def open(cls, path: str | Path, settings: Mapping[str, object]) -> Ledger:
+    def open(cls, path: str | Path, settings: Mapping[str, object]) -> Self:
         """Open a ledger, or begin one where there is no file.
 
         Args:
@@ -100,7 +91,16 @@ class Ledger:
         """
         path, text = Path(path), canonical(settings)
         with _told(path):
-            _refuse_strangers(path)
+            older, there = path.with_suffix(".jsonl"), path.exists()
+            if older.exists() and not there:
+                raise VoccError(f"{_shown(older)} is a ledger of an older version of vocc-torch: {_ANOTHER}")
+            if path.is_symlink() or (there and not path.is_file()):
+                no = "is a link, a folder, a device or a pipe: it must be an ordinary file"
+                raise VoccError(f"{_shown(path)} {no}")
+            if there and 0 < path.stat().st_size < _LEAST_BYTES:
+                raise VoccError(f"{_shown(path)} is no ledger of vocc-torch: {_ANOTHER}")
+            if there and not os.access(path, os.W_OK):  # SQLite would open it for reading alone
+                raise PermissionError(None, "it is read-only")
             path.parent.mkdir(parents=True, exist_ok=True)
             connection = sqlite3.connect(path, timeout=0, isolation_level=None)
         ledger = cls(path, connection, text)
@@ -159,10 +159,6 @@ class Ledger:
         room = max(20, _LONGEST - len(start) - len(end))
         return VoccError(start + _cut(told, room) + end)
 
-    def __enter__(self) -> Ledger:
-        """Return the ledger itself."""
-        return self
-
     def __exit__(self, *_: object) -> None:
         """Close."""
         self.close()
@@ -211,21 +207,6 @@ class Ledger:
             raise self._refusal(told, f"its settings miss what they depend on, {_ANOTHER}")
 
 
-def _refuse_strangers(path: Path) -> None:
-    """Refuse what no ledger can be, before SQLite has it."""
-    older = path.with_suffix(".jsonl")
-    if older.exists() and not path.exists():
-        raise VoccError(f"{_shown(older)} is a ledger of an older version of vocc-torch: {_ANOTHER}")
-    if path.is_symlink() or (path.exists() and not stat.S_ISREG(path.stat().st_mode)):
-        raise VoccError(
-            f"{_shown(path)} is a link, a folder, a device or a pipe: it must be an ordinary file"
-        )
-    if path.exists() and 0 < path.stat().st_size < _LEAST_BYTES:
-        raise VoccError(f"{_shown(path)} is no ledger of vocc-torch: {_ANOTHER}")
-    if path.exists() and not os.access(path, os.W_OK):  # SQLite would open it for reading alone
-        raise PermissionError(None, "it is read-only")
-
-
 def _read(point: object, block: object, frames: object, text: str) -> dict[Label, Tally]:
     """Read the counts of a row, or refuse what no run can have counted."""
     if type(block) is not int or block < 0:
@@ -261,10 +242,11 @@ def _told(path: Path) -> Iterator[None]:
         if kind in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED):
             told = f"is in use by another run: wait until that one ends, or {_ANOTHER}"
             raise VoccError(f"{_shown(path)} {told}") from None
-        if not isinstance(error, OSError) and kind not in _UNWRITABLE:
+        if not isinstance(error, OSError) and kind not in (*_FULL, *_REFUSED):
             raise VoccError(f"ledger {_shown(path)} {_DAMAGED}") from None
         reason = getattr(error, "strerror", None) or error
-        help_ = _UNWRITABLE.get(kind, _UNWRITABLE[sqlite3.SQLITE_READONLY])
+        room = "make room, then start the same run again"
+        help_ = room if kind in _FULL else f"make it writable, or {_ANOTHER}"
         raise VoccError(f"cannot write {_shown(path)}: {reason}: {help_}") from error
 
 
@@ -286,28 +268,17 @@ def _digest(*values: object) -> str:
 def canonical(settings: Mapping[str, object]) -> str:
     """Write settings as JSON with sorted keys, so that what is equal is written the same.
 
-    Whole floats become integers and tuples become lists: 25, 25.0 and a value read back are one.
-
     Raises:
         VoccError: a value that JSON does not have.
 
     Example:
-        >>> canonical({"seed": 0, "camera": {"focal_length_mm": 25.0, "iso_limits": (100, 3200)}})
+        >>> canonical({"seed": 0, "camera": {"focal_length_mm": 25, "iso_limits": (100, 3200)}})
         '{"camera": {"focal_length_mm": 25, "iso_limits": [100, 3200]}, "seed": 0}'
     """
     try:
-        return json.dumps(_plain(settings), sort_keys=True, allow_nan=False)
+        return json.dumps(settings, sort_keys=True, allow_nan=False)
     except (TypeError, ValueError) as error:
         raise VoccError(f"settings cannot be written: {error}") from None
-
-
-def _plain(value: object) -> object:
-    """Turn whole floats into integers, at any depth."""
-    if isinstance(value, float) and value.is_integer():
-        return int(value)
-    if isinstance(value, (list, tuple)):
-        return [_plain(one) for one in value]
-    return {name: _plain(one) for name, one in value.items()} if isinstance(value, Mapping) else value
 
 
 def what_changed(there: object, here: object) -> list[str]:

@@ -1,14 +1,11 @@
 """The whole link on blocks of frames: simulate, locate, read; one observation for every receiver."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TypeVar, cast
+from typing import Self, TypeVar, cast
 
 import torch
-from torch import Tensor
 
 from vocc_torch.measure.plan import Plan
 from vocc_torch.receiver.bank import Preambles
@@ -41,7 +38,7 @@ class Observation:
     """
 
     scene: Scene
-    bits: Tensor
+    bits: torch.Tensor
     panels: Panels
     takes: tuple[Frames, ...]
     reader: Reader
@@ -103,7 +100,7 @@ class Link:
         self.batch_frames = max(1, min(batch_frames, MOST_SAMPLES // samples))
 
     @classmethod
-    def of(cls, plan: Plan) -> Link:
+    def of(cls, plan: Plan) -> Self:
         """Build the link that a plan describes."""
         (locator,) = plan.receiver.finders([plan.receiver.locator]).values()
         return cls(plan.world.simulator(), locator, plan.receiver.reader, plan.batch_frames)
@@ -143,50 +140,60 @@ class Link:
             frames: how many frames of the blocks to use, from the first on; all by default.
             first: how many of these to pass over.
         """
-        drawn = [model.draw(key, self.simulator.panel.shape) for key in keys]
-        scene, bits = Scene.cat([s for s, _ in drawn]), torch.cat([b for _, b in drawn])
-        names = [FrameKey(key, frame) for key in keys for frame in range(BLOCK_FRAMES)]
-        total = min(len(scene), len(scene) if frames is None else frames)
-        for start in range(first, total, self.batch_frames):
-            rows = slice(start, min(start + self.batch_frames, total))
-            batch = scene[rows].to(self.simulator.device), bits[rows].to(self.simulator.device)
-            with torch.autocast(self.simulator.device.type, enabled=False):
-                seen = self._observe(locators, *batch, names[rows], model.nearest_m, preambles)
-            yield seen
-
-    def _render(
-        self, scene: Scene, bits: Tensor, keys: Sequence[FrameKey], nearest_m: float, panel_only: bool
-    ) -> Frames:
-        """Render one take of a batch."""
-        return self.simulator.render(scene, bits, nearest_m=nearest_m, keys=keys, panel_only=panel_only)
-
-    def _observe(
-        self,
-        locators: Mapping[str, PanelLocator | None],
-        scene: Scene,
-        bits: Tensor,
-        keys: Sequence[FrameKey],
-        nearest_m: float,
-        preambles: bool,
-    ) -> dict[str, Observation]:
-        """Run one batch."""
+        drawn = len(keys) * BLOCK_FRAMES
+        total, simulator = drawn if frames is None else min(frames, drawn), self.simulator
+        every = range(first, total, self.batch_frames)
         # Nobody who knows the corners looks anywhere else.
         panel_only = all(locator is None for locator in locators.values())
-        frames = self._render(scene, bits, keys, nearest_m, panel_only)
-        takes = [frames]
+        for scene, bits, names, takes in rendered(simulator, model, keys, every, preambles, panel_only):
+            seen = {}
+            for name, locator in locators.items():
+                with torch.autocast(simulator.device.type, enabled=False):
+                    panels = (
+                        simulator.true_panels(scene, names, rendered=True)
+                        if locator is None
+                        else locator(takes[0], self.reader.shape)
+                    )
+                seen[name] = Observation(scene, bits, panels, takes, self.reader)
+            yield seen
+
+
+Batch = tuple[Scene, torch.Tensor, list[FrameKey], tuple[Frames, ...]]
+"""Scenes, the bits (B,R,C) bool sent in them, the names of their frames, and these."""
+
+
+def rendered(
+    simulator: Simulator,
+    model: SceneModel,
+    keys: Sequence[BlockKey],
+    frames: range,
+    preambles: bool,
+    panel_only: bool = False,
+) -> Iterator[Batch]:
+    """Draw the scenes of blocks and render them.
+
+    Args:
+        simulator: renders them.
+        model: the scenes' distributions.
+        keys: the blocks.
+        frames: which of their frames; its step is the size of a batch.
+        preambles: whether the all-On and the all-Off frame of each scene follow it.
+        panel_only: whether the panel's corners are known to all that look.
+    """
+    drawn, device = [model.draw(key, simulator.panel.shape) for key in keys], simulator.device
+    scenes, sent = Scene.cat([scene for scene, _ in drawn]), torch.cat([bits for _, bits in drawn])
+    names = [FrameKey(key, frame) for key in keys for frame in range(BLOCK_FRAMES)]
+    for start in frames:
+        rows, takes = slice(start, min(start + frames.step, frames.stop)), []
+        scene, bits = scenes[rows].to(device), sent[rows].to(device)
+        shown = {"frame": bits}
         if preambles:
-            for take, sent in (("on", torch.ones_like(bits)), ("off", torch.zeros_like(bits))):
-                own = [replace(key, take=take) for key in keys]
-                takes.append(self._render(scene, sent, own, nearest_m, panel_only))
-        seen = {}
-        for name, locator in locators.items():
-            panels = (
-                self.simulator.true_panels(scene, keys, rendered=True)
-                if locator is None
-                else locator(frames, self.reader.shape)
-            )
-            seen[name] = Observation(scene, bits, panels, tuple(takes), self.reader)
-        return seen
+            shown |= {"on": torch.ones_like(bits), "off": torch.zeros_like(bits)}
+        for take, lit in shown.items():
+            own, near = [replace(name, take=take) for name in names[rows]], model.nearest_m
+            with torch.autocast(device.type, enabled=False):
+                takes.append(simulator.render(scene, lit, nearest_m=near, keys=own, panel_only=panel_only))
+        yield scene, bits, names[rows], tuple(takes)
 
 
 def block_keys(seed: int, point: str, frames: int) -> list[BlockKey]:

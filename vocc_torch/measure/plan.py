@@ -1,14 +1,12 @@
 """What a study is made of: what is simulated, what receives, how much is measured, and its identity."""
 
-from __future__ import annotations
-
 import dataclasses
 import importlib
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, Literal, Self, get_args
 
 import numpy as np
 import torch
@@ -100,13 +98,9 @@ class World:
 
     def simulator(self) -> Simulator:
         """Build the simulator of this world."""
+        device, dtype = resolve_device(self.device), self.dtype
         return Simulator(
-            self.camera,
-            self.panel,
-            self.effects,
-            framing=self.framing,
-            device=resolve_device(self.device),
-            dtype=self.dtype,
+            self.camera, self.panel, self.effects, framing=self.framing, device=device, dtype=dtype
         )
 
 
@@ -146,8 +140,7 @@ class ClassifierPlan:
         if not isinstance(self.build.get(TARGET), str):
             raise VoccError(f"classifiers.{self.name}.build has no {TARGET}: it must name a class")
         if self.frames is not None and self.frames < 1:
-            section = f"classifiers.{self.name}.frames"
-            raise VoccError(f"{section} is {self.frames}: it must be at least 1, or null")
+            raise VoccError.of(f"classifiers.{self.name}.frames", self.frames, "at least 1, or null")
 
 
 @dataclass(frozen=True)
@@ -224,18 +217,14 @@ class Plan:
         self._demand_exposure(self.experiment.training_model(self.world))
         frames, target = self.frames_in_point, self.budget.target_frame_errors
         if target is not None and target > frames:
-            raise VoccError(
-                f"budget.target_frame_errors is {target}: a point of {frames} frames cannot have as many; "
-                "raise budget.frames or lower the target"
-            )
-        if self.seed < 0:
-            raise VoccError(f"seed is {self.seed}: it must be at least 0")
-        if self.batch_frames < 1:
-            raise VoccError(f"batch_frames is {self.batch_frames}: it must be at least 1")
+            few = f"a point of {frames} frames cannot have as many; raise budget.frames or lower the target"
+            raise VoccError(f"budget.target_frame_errors is {target}: {few}")
+        for name, least in (("seed", 0), ("batch_frames", 1)):
+            if (value := getattr(self, name)) < least:
+                raise VoccError.of(name, value, f"at least {least}")
         if self.world.panel.shape != self.receiver.reader.shape:
-            raise VoccError(
-                "the receiver and the panel have different shapes: give panel.rows and panel.columns once"
-            )
+            once = "give panel.rows and panel.columns once"
+            raise VoccError(f"the receiver and the panel have different shapes: {once}")
 
     def _demand_exposure(self, model: SceneModel, said: str | None = None) -> None:
         """Refuse scenes without ambient light where auto-ISO has no limit, before any work is done."""
@@ -243,7 +232,7 @@ class Plan:
             rule = "it must be above 0, or give camera.iso_limits: auto-ISO has no answer to no light"
             raise VoccError(f"{said or 'scene.ambient_lx is 0'}: {rule}")
 
-    def rows(self) -> dict[float, Plan]:
+    def rows(self) -> dict[float, Self]:
         """Give a plan for each row of the experiment's grid, by its value; one curve is its own at 0."""
         return {at: replace(self, experiment=one) for at, one in self.experiment.by_row().items()}
 
@@ -253,7 +242,7 @@ class Plan:
         return self.budget.frames * self.experiment.bins
 
 
-def identity(plan: Plan, locators: Sequence[Locator]) -> dict[str, object]:
+def identity(plan: Plan, locators: Sequence[Locator]) -> dict[str, Any]:
     """Name what the counts of a plan depend on.
 
     Left out is what changes only how long they take or how far they go: batch size, workers, folder, the
@@ -276,14 +265,15 @@ def identity(plan: Plan, locators: Sequence[Locator]) -> dict[str, object]:
         True
     """
     experiment = plan.experiment
-    world = {name: value for name, value in _fields(plan.world).items() if name not in ("device", "effects")}
+    world = _plain(plan.world)
+    del world["device"]
     world["effects"] = {one.name: _plain(one) for one in build_effects(plan.world.effects)}
     # Where a training's checkpoints are changes no weight.
     places = [
         replace(one, training=replace(one.training, checkpoints=None)) for one in plan.receiver.classifiers
     ]
-    fields = _fields(replace(plan.receiver, classifiers=tuple(places)))
-    receiver = {name: value for name, value in fields.items() if name != "save"}
+    receiver = _plain(replace(plan.receiver, classifiers=tuple(places)))
+    del receiver["save"]
     return {
         "seed": plan.seed,
         "world": world,
@@ -291,7 +281,7 @@ def identity(plan: Plan, locators: Sequence[Locator]) -> dict[str, object]:
         "experiment": {
             "name": experiment.name,
             "axis": experiment.axis,
-            "bins": list(experiment.values) if experiment.axis == "contrast" else None,
+            "bins": _plain(experiment.values) if experiment.axis == "contrast" else None,
             "scene": _plain(experiment.scene),
             "training": _plain(experiment.training),
         },
@@ -319,19 +309,16 @@ def _maker(one: ClassifierPlan) -> str:
     return str(version) if version else ModuleFile(str(module.__file__)).digest
 
 
-def _fields(value: object) -> dict[str, object]:
-    """Give a dataclass's fields as plain values."""
-    fields = dataclasses.fields(value)  # type: ignore[arg-type]  # called with instances of dataclasses only
-    # What cannot be given cannot tell two studies apart: it is what an instance keeps for itself.
-    return {field.name: _plain(getattr(value, field.name)) for field in fields if field.init}
-
-
-def _plain(value: object) -> object:
-    """Turn dataclasses into mappings, and torch's types into their names."""
+def _plain(value: object) -> Any:
+    """Turn dataclasses into mappings, torch's types into their names, and whole floats into integers."""
     if dataclasses.is_dataclass(value):
-        return _fields(value)
+        # What cannot be given cannot tell two studies apart: it is what an instance keeps for itself.
+        given = [one.name for one in dataclasses.fields(value) if one.init]
+        return {name: _plain(getattr(value, name)) for name in given}
     if isinstance(value, Mapping):
         return {str(key): _plain(one) for key, one in value.items()}
     if isinstance(value, (list, tuple)):
         return [_plain(one) for one in value]
+    if isinstance(value, float) and value.is_integer():
+        return int(value)  # 25 and 25.0 are one
     return str(value) if isinstance(value, torch.dtype) else value

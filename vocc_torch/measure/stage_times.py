@@ -1,29 +1,28 @@
 """How long each stage of a receiver takes a frame; several receivers are timed in the same rounds."""
 
-from __future__ import annotations
-
 import copy
 import io
 import itertools
 import time
-from collections.abc import Callable, Hashable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any, Self, TypeAlias
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor
 
 from vocc_torch.measure.estimate import Estimate
+from vocc_torch.measure.link import rendered
 from vocc_torch.measure.plan import World
-from vocc_torch.measure.timing import Timing, interleaved, quartiles
-from vocc_torch.receiver.bank import Preambles, needs_preambles
+from vocc_torch.measure.timing import interleaved, quartiles
+from vocc_torch.receiver.bank import needs_preambles
 from vocc_torch.receiver.classifiers.protocol import Guarded
-from vocc_torch.receiver.reader import Readings
 from vocc_torch.receiver.receiver import StagedReceiver
-from vocc_torch.rng import BLOCK_FRAMES, BlockKey, FrameKey
+from vocc_torch.rng import BLOCK_FRAMES, BlockKey
 from vocc_torch.simulation import SceneModel
-from vocc_torch.types import Frames, Panels, Scene
+from vocc_torch.types import Frames, Panels
 
 STAGES = ("read", "locate", "rectify", "features", "classify", "preambles")
 """What a receiver does with a frame, in order, and its share in reading and measuring the frames of known
@@ -103,7 +102,7 @@ class Exposure:
     preambles: tuple[Frames, ...] = ()
 
     @classmethod
-    def of(cls, world: World, model: SceneModel, keys: Sequence[BlockKey], *, preambles: bool) -> Exposure:
+    def of(cls, world: World, model: SceneModel, keys: Sequence[BlockKey], *, preambles: bool) -> Self:
         """Render blocks of scenes.
 
         Args:
@@ -112,22 +111,9 @@ class Exposure:
             keys: the blocks.
             preambles: whether frames of known bits are needed too.
         """
-        simulator = world.simulator()
-        drawn = [model.draw(key, simulator.panel.shape) for key in keys]
-        scene = Scene.cat([one for one, _ in drawn]).to(simulator.device)
-        bits = torch.cat([sent for _, sent in drawn]).to(simulator.device)
-        names = [FrameKey(key, frame) for key in keys for frame in range(BLOCK_FRAMES)]
-        sent = {"": bits, "on": torch.ones_like(bits), "off": torch.zeros_like(bits)}
-        takes = [
-            simulator.render(
-                scene,
-                shown,
-                nearest_m=model.nearest_m,
-                keys=[replace(name, take=take) if take else name for name in names],
-            )
-            for take, shown in sent.items()
-            if preambles or not take
-        ]
+        simulator, frames = world.simulator(), len(keys) * BLOCK_FRAMES
+        every = range(0, frames, frames)
+        ((scene, _, names, takes),) = rendered(simulator, model, keys, every, preambles)
         first, *rest = (_on(take, torch.device("cpu")) for take in takes)
         return cls(first, simulator.true_panels(scene, names), tuple(rest))
 
@@ -175,131 +161,87 @@ def time_stages(
         frames_a_preamble: frames of data that a pair of frames of known bits serves.
         in_one_go: names of receivers that are timed in one go too.
     """
-    bench = _Bench({name: on_device(one, device) for name, one in receivers.items()}, exposure, batch, device)
-    for name in in_one_go:
-        bench.add_whole(name)
+    chains = {name: Chain(name, on_device(one, device), device) for name, one in receivers.items()}
+    starts = range(0, len(exposure.frames) - batch + 1, batch)
+    batches = [prepared(chains.values(), exposure, slice(start, start + batch), device) for start in starts]
+    # Each call takes the batch before, untimed, and then a batch.
+    turns = [one for pair in zip(batches[-1:] + batches[:-1], batches, strict=True) for one in pair]
+    stages = {key: stage for chain in chains.values() for key, stage in chain.stages.values()}
+    stages |= {("whole", name): chains[name].whole for name in in_one_go}
+    calls = {str(key): partial(next, map(one, itertools.cycle(turns))) for key, one in stages.items()}
     wall, processor = time.perf_counter(), time.thread_time()
-    timing = interleaved(bench.calls, repeats, device, warm_up=1, primed=True)
+    timing = interleaved(calls, repeats, device, warm_up=1, primed=True)
     wall, processor = time.perf_counter() - wall, time.thread_time() - processor
-    times = {name: bench.times(name, timing, frames_a_preamble) for name in receivers}
-    ratios = [
-        whole / sum(stages)
-        for name in in_one_go
-        for whole, *stages in zip(
-            timing[f"whole {name}"].seconds,
-            *(timing[call].seconds for call in bench.stages[name].values()),
-            strict=True,
-        )
-    ]
+    seconds = {key: np.array(timing[str(key)].seconds) for key in stages}
+    times, ratios = {}, []
+    for name, chain in chains.items():
+        spent = {stage: seconds[key] for stage, (key, _) in chain.stages.items()}
+        if name in in_one_go:
+            ratios += list(seconds["whole", name] / sum(spent.values()))
+        more = 2 / frames_a_preamble if chain.needs_preambles else 0.0
+        spent["preambles"] = more * np.sum([spent[stage] for stage in _MEASURING if stage in spent], axis=0)
+        rounds = {stage: 1e3 / batch * spent.get(stage, np.zeros(repeats)) for stage in STAGES}
+        times[name] = StageTimes({stage: tuple(each.tolist()) for stage, each in rounds.items()})
     return StageTimings(times, median_of(ratios).value if ratios else 1.0, wall, processor)
 
 
-@dataclass
-class _Batch:
-    """A batch as it comes from the camera, and as each stage leaves it on the device."""
+Made: TypeAlias = dict[Hashable, Any]
+"""What the stages have made of a batch, by key; a key names what receivers share."""
 
-    host: Frames
-    frames: Frames
-    panels: dict[Hashable, Panels] = field(default_factory=dict)
-    patches: dict[Hashable, Tensor | None] = field(default_factory=dict)
-    readings: dict[str, Readings] = field(default_factory=dict)
-    preambles: dict[str, Preambles | None] = field(default_factory=dict)
+Stage: TypeAlias = Callable[[Made], object]
+"""Makes what follows from a batch's parts."""
 
 
-class _Bench:
-    """The calls that are timed, each stage once however many receivers share it."""
+class Chain:
+    """A receiver's stages on prepared batches, in order, each with the key of what it makes.
 
-    def __init__(
-        self, receivers: Mapping[str, StagedReceiver], exposure: Exposure, batch: int, device: torch.device
-    ) -> None:
-        self.calls: dict[str, Callable[[], object]] = {}
-        self._receivers, self._batch, self._device = receivers, batch, device
-        starts = range(0, len(exposure.frames) - batch + 1, batch)
-        self._batches = [self._prepared(exposure, slice(start, start + batch)) for start in starts]
-        self.stages = {name: self._add_stages(name, one) for name, one in receivers.items()}
+    Args:
+        name: the receiver's name.
+        one: the receiver.
+        device: where it works.
+    """
 
-    def times(self, name: str, timing: Mapping[str, Timing], frames_a_preamble: int) -> StageTimes:
-        """Give a receiver's times, ms a frame."""
-        calls = self.stages[name]
-        nothing = (0.0,) * next(iter(timing.values())).repeats
-        rounds = {
-            stage: tuple(1e3 * s / self._batch for s in timing[calls[stage]].seconds)
-            if stage in calls
-            else nothing
-            for stage in STAGES
-        }
-        more = 2 / frames_a_preamble if needs_preambles(self._receivers[name].bank.names) else 0.0
-        measured = zip(*(rounds[stage] for stage in _MEASURING), strict=True)
-        return StageTimes({**rounds, "preambles": tuple(more * sum(each) for each in measured)})
-
-    def add_whole(self, name: str) -> None:
-        """Time all stages of a receiver in one go too."""
-        one = self._receivers[name]
-
-        def whole(part: _Batch) -> object:
-            frames = read(part.host, self._device)
-            panels = part.panels[one.locator] if one.locator is None else None
-            return _bits(one(frames, panels, part.preambles[name]))
-
-        self._add(f"whole {name}", whole)
-
-    def _prepared(self, exposure: Exposure, rows: slice) -> _Batch:
-        """Make what each stage starts from."""
-        host, device = exposure.frames[rows], self._device
-        part = _Batch(host, read(host, device))
-        takes = [_on(take[rows], device) for take in exposure.preambles]
-        for name, one in self._receivers.items():
-            finder, key = one.locator, _rectified(one)
-            if finder not in part.panels:
-                known = one.locator is None
-                part.panels[finder] = (
-                    _rows(exposure.truth, rows, device) if known else one.locate(part.frames)
-                )
-            panels = part.panels[finder]
-            if key not in part.patches:
-                part.patches[key] = one.rectify(part.frames, panels)
-            part.readings[name] = one.measure(part.frames, panels, part.patches[key])
-            needed = needs_preambles(one.bank.names)
-            part.preambles[name] = one.preambles(takes[0], takes[1], panels) if needed else None
-        return part
-
-    def _add_stages(self, name: str, one: StagedReceiver) -> dict[str, str]:
-        """Name the calls of a receiver's stages, and add those that no other has brought."""
-        finder, key = one.locator, _rectified(one)
-        calls = {"read": self._add("read", lambda part: read(part.host, self._device))}
+    def __init__(self, name: str, one: StagedReceiver, device: torch.device) -> None:
+        self.one, self.device, self.needs_preambles = one, device, needs_preambles(one.bank.names)
+        self.where, self.known = ("locate", one.locator), ("preambles", name)
+        patches = ("rectify", one.locator, one.reader.samples_per_led, one.dtype)
+        measured = ("features", name)
+        self.stages: dict[str, tuple[tuple[Hashable, ...], Stage]] = {}
+        self.stages["read"] = ("read",), lambda made: read(made["host"], device)
         if one.locator is not None:
-            calls["locate"] = self._add(f"locate {finder}", lambda part: one.locate(part.frames))
+            self.stages["locate"] = self.where, lambda made: one.locate(made["read",])
         if one.bank.needs_patches:
-            calls["rectify"] = self._add(
-                f"rectify {key}", lambda part: one.rectify(part.frames, part.panels[finder])
-            )
-        calls["features"] = self._add(
-            f"features {name}", lambda part: one.measure(part.frames, part.panels[finder], part.patches[key])
-        )
-        calls["classify"] = self._add(
-            f"classify {name}", lambda part: _bits(one.decide(part.readings[name], part.preambles[name]))
-        )
-        return calls
+            self.stages["rectify"] = patches, lambda made: one.rectify(made["read",], made[self.where])
+        self.stages["features"] = measured, lambda m: one.measure(m["read",], m[self.where], m.get(patches))
+        decide = "classify", name
+        self.stages["classify"] = decide, lambda made: _bits(one.decide(made[measured], made[self.known]))
 
-    def _add(self, name: str, stage: Callable[[_Batch], object]) -> str:
-        """Add a call under a name, unless it is there; it takes the batch before, untimed, then a batch."""
-        if name not in self.calls:
-            before = [*self._batches[-1:], *self._batches[:-1]]
-            following = itertools.cycle(itertools.chain(*zip(before, self._batches, strict=True)))
-            self.calls[name] = lambda: stage(next(following))
-        return name
+    def whole(self, made: Made) -> object:
+        """Do all stages in one go."""
+        panels = made[self.where] if self.one.locator is None else None
+        return _bits(self.one(read(made["host"], self.device), panels, made[self.known]))
 
 
-def _bits(scores: Mapping[str, Tensor]) -> list[Tensor]:
+def prepared(chains: Iterable[Chain], exposure: Exposure, rows: slice, device: torch.device) -> Made:
+    """Make what each stage starts from, of some of the frames."""
+    truth = exposure.truth
+    parts = (truth.corners_px, truth.found, truth.score, truth.candidates)
+    made: Made = {"host": exposure.frames[rows]}
+    made["locate", None] = Panels(*(one[rows].to(device) for one in parts))
+    on_off = [_on(take[rows], device) for take in exposure.preambles]
+    for chain in chains:
+        for key, stage in chain.stages.values():
+            if key[0] == "classify":  # whose threshold comes from frames of known bits
+                needed, where = chain.needs_preambles, made[chain.where]
+                made[chain.known] = chain.one.preambles(on_off[0], on_off[1], where) if needed else None
+            if key not in made:
+                made[key] = stage(made)
+    return made
+
+
+def _bits(scores: Mapping[str, torch.Tensor]) -> list[torch.Tensor]:
     """Decide, (B,R,C) bool for each receiver."""
     return [one >= 0 for one in scores.values()]
-
-
-def _rectified(one: StagedReceiver) -> Hashable:
-    """Tell rectified panels apart."""
-    if not one.bank.needs_patches:
-        return None
-    return one.locator, one.reader.samples_per_led, one.dtype
 
 
 def read(host: Frames, device: torch.device) -> Frames:
@@ -317,25 +259,16 @@ def _on(frames: Frames, device: torch.device) -> Frames:
     return Frames(frames.grey.to(device), frames.origin_px.to(device), frames.sensor_px, surround)
 
 
-def _rows(panels: Panels, rows: slice, device: torch.device) -> Panels:
-    """Give some of the panels on a device."""
-    parts = (panels.corners_px, panels.found, panels.score, panels.candidates)
-    return Panels(*(one[rows].to(device) for one in parts))
-
-
 def on_device(receiver: StagedReceiver, device: torch.device) -> StagedReceiver:
     """Copy a receiver to a device, with every tensor that its classifiers hold."""
     bank = copy.copy(receiver.bank)
     bank.classifiers = {name: copy.deepcopy(one).to(device) for name, one in bank.classifiers.items()}
-    bank.plugged_in = {name: _moved(one, device) for name, one in bank.plugged_in.items()}
+    bank.plugged_in = {}
+    for name, one in receiver.bank.plugged_in.items():
+        packed = io.BytesIO()
+        torch.save(one.classifier, packed)
+        packed.seek(0)
+        # Packed two lines above, so there is nothing in it that was not here.
+        classifier = torch.load(packed, map_location=device, weights_only=False)
+        bank.plugged_in[name] = Guarded(name, classifier, one.inputs, one.home)
     return replace(receiver, bank=bank)
-
-
-def _moved(guarded: Guarded, device: torch.device) -> Guarded:
-    """Copy a classifier whose tensors, wherever it holds them, are then on a device."""
-    packed = io.BytesIO()
-    torch.save(guarded.classifier, packed)
-    packed.seek(0)
-    # Packed two lines above, so there is nothing in it that was not here.
-    classifier = torch.load(packed, map_location=device, weights_only=False)
-    return Guarded(guarded.name, classifier, guarded.inputs, guarded.home)

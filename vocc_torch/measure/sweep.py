@@ -3,8 +3,6 @@
 Every receiver decides on the same frames, with one or more locators, and every two receivers are compared.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -12,21 +10,18 @@ from itertools import pairwise
 
 import numpy as np
 import torch
-from torch import Tensor
 
-from vocc_torch.measure import schedule
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.curve import Curves, Measured, Point
-from vocc_torch.measure.frame_errors import Banks, count_errors
+from vocc_torch.measure.frame_errors import Banks, FrameJob
 from vocc_torch.measure.ledger import Label, Ledger, Tally
 from vocc_torch.measure.link import Link, Observation
 from vocc_torch.measure.paired import PairedCounts
-from vocc_torch.measure.plan import Experiment, Locator, Plan, identity
-from vocc_torch.measure.schedule import Outcome, Part
+from vocc_torch.measure.plan import Budget, Experiment, Locator, Plan, identity
 from vocc_torch.measure.train import Training, train_plans
-from vocc_torch.measure.workers import Workers, worker_losses_told
+from vocc_torch.measure.workers import Outcome, Part, PointWork, Workers, run_points, worker_losses_told
 from vocc_torch.receiver.bank import ReceiverBank
-from vocc_torch.rng import BLOCK_FRAMES, BlockKey
+from vocc_torch.rng import BLOCK_FRAMES
 
 
 @dataclass(frozen=True)
@@ -94,16 +89,16 @@ def run_campaign(
     every = train_plans([study.plan for study in studies], [study.locators for study in studies], workers)
     trainings = {study.key: one for study, one in zip(studies, every, strict=True)}
     trained()
-    banks = {
-        study.key: {name: one.bank(study.plan.receiver.names) for name, one in trainings[study.key].items()}
-        for study in studies
-    }
-    outcomes: dict[str, dict[float, Outcome]] = {study.key: {} for study in studies}
-    results: dict[str, Measured] = {}
-    points = run_studies(
-        studies, banks, ledgers, workers, lambda study, _value, frames, _tallies: advance(study, frames)
-    )
-    for study, value, outcome in points:
+    banks, results = {}, {}
+    outcomes: dict[str, dict[float, Outcome]] = {}
+    for study in studies:
+        names, outcomes[study.key] = study.plan.receiver.names, {}
+        banks[study.key] = {locator: one.bank(names) for locator, one in trainings[study.key].items()}
+
+    def told(study: Study, _value: float, frames: int, _tallies: object) -> None:
+        advance(study, frames)
+
+    for study, value, outcome in run_studies(studies, banks, ledgers, workers, told):
         outcomes[study.key][value] = outcome
         if len(outcomes[study.key]) == len(monte_carlo_values(study.plan)):
             results[study.key] = measured(study, outcomes[study.key])
@@ -139,33 +134,25 @@ def run_studies(
     """
     points = [(study, value) for study in studies for value in monte_carlo_values(study.plan)]
     works = [
-        schedule.PointWork(
+        PointWork(
             point_name(study.plan.experiment, value),
             partial(count_parts, study.plan, study.locators, banks[study.key], value),
             stop_rule(study.plan),
             ledgers.get(study.key),
+            partial(progress, study, value),
         )
         for study, value in points
     ]
     blocks = max(1, max((study.plan.batch_frames for study in studies), default=1) // BLOCK_FRAMES)
     with worker_losses_told():
-        outcomes = schedule.run_points(
-            works,
-            workers.submit,
-            window=workers.window,
-            blocks_at_once=blocks,
-            progress=lambda index, frames, tallies: progress(*points[index], frames, tallies),
-        )
+        outcomes = run_points(works, workers.submit, window=workers.window, blocks_at_once=blocks)
         for point, outcome in zip(points, outcomes, strict=True):
             yield *point, outcome
 
 
-def stop_rule(plan: Plan) -> schedule.StopRule:
-    """Return the rule by which a plan's points stop."""
-    budget = plan.budget
-    return schedule.StopRule(
-        plan.frames_in_point, budget.target_frame_errors, budget.precision, budget.least_ber
-    )
+def stop_rule(plan: Plan) -> Budget:
+    """Return the rule by which a plan's points stop: its budget, for the frames of all bins."""
+    return replace(plan.budget, frames=plan.frames_in_point)
 
 
 def count_parts(
@@ -174,7 +161,6 @@ def count_parts(
     banks: Mapping[Locator, ReceiverBank],
     value: float,
     parts: Sequence[Part],
-    link: Link | None = None,
 ) -> list[dict[Label, Tally]]:
     """Count the errors of every receiver on blocks of one point, and compare every two of them.
 
@@ -187,46 +173,34 @@ def count_parts(
         banks: the receivers, trained with each of the locators.
         value: the axis value; without meaning for ``contrast``.
         parts: the blocks; only the last one may be used in part.
-        link: simulation and front end, whose own locator stands for the plan's; the plan's by default.
     """
     # Blocks known already may be missing between others, but only a budget's last one is used in part.
     assert all(part.frames == BLOCK_FRAMES for part in parts[:-1]), parts
-    link, receivers = link or Link.of(plan), Banks([(name, banks[name]) for name in locators])
-    finders = plan.receiver.finders(locators)
-    if plan.receiver.locator in finders:
-        finders[plan.receiver.locator] = link.locator
-    point, names = point_name(plan.experiment, value), plan.receiver.names
-    errors = count_errors(
-        link,
-        finders,
-        plan.experiment.model_at(plan.world, value),
-        [BlockKey(plan.seed, point, part.block) for part in parts],
-        receivers,
-        preambles=receivers.needs_preambles,
-        frames=sum(part.frames for part in parts),
-        sorter=partial(group_of, plan.experiment),
-    )
+    receivers, names = Banks([(name, banks[name]) for name in locators]), plan.receiver.names
+    model, point = plan.experiment.model_at(plan.world, value), point_name(plan.experiment, value)
+    sorter, preambles = partial(group_of, plan.experiment), receivers.needs_preambles
+    job = FrameJob(plan, model, point, tuple(locators), receivers, preambles, sorter)
+    errors = job.count([part.block for part in parts], sum(part.frames for part in parts))
     rows = {name: range(first * len(names), (first + 1) * len(names)) for first, name in enumerate(locators)}
     counted = []
     for start in range(0, len(parts) * BLOCK_FRAMES, BLOCK_FRAMES):
         block = errors.of(frames=slice(start, start + BLOCK_FRAMES))
         counts: dict[Label, Tally] = {}
-        groups = block.groups
-        assert groups is not None
-        for group in np.unique(groups[groups >= 0]).tolist():
-            here = block.of(frames=groups == group)
+        assert block.groups is not None
+        for group in np.unique(block.groups[block.groups >= 0]).tolist():
+            here = block.of(frames=block.groups == group)
             for locator, places in rows.items():
                 own = here.of(places)
                 counts |= {(locator, name, group): one for name, one in zip(names, own.counts, strict=True)}
                 counts |= {(locator, names[a], names[b], group): pair for (a, b), pair in own.pairs.items()}
             if "paper" in rows and "truth" in rows:
-                for name, located, true in zip(names, rows["paper"], rows["truth"], strict=True):
-                    counts[name, group] = here.of([located, true]).pairs[0, 1]
+                for name, *both in zip(names, rows["paper"], rows["truth"], strict=True):
+                    counts[name, group] = here.of(both).pairs[0, 1]
         counted.append(counts)
     return counted
 
 
-def group_of(experiment: Experiment, link: Link, seen: Observation) -> Tensor:
+def group_of(experiment: Experiment, link: Link, seen: Observation) -> torch.Tensor:
     """Return the group that each frame counts in, (B,) int64: its contrast bin, -1 outside all bins; else 0.
 
     A contrast on an edge between two bins belongs to the upper one; the last bin holds its upper edge too.
@@ -255,17 +229,11 @@ def point_name(experiment: Experiment, value: float) -> str:
 
 
 def points_of(
-    plan: Plan, locator: str, value: float, tallies: Mapping[Label, Tally], stopped_by: str
+    plan: Plan, locator: Locator, value: float, tallies: Mapping[Label, Tally], stopped_by: str
 ) -> list[Point]:
     """Name one locator's counts by receiver and by axis value, or by the middle of their contrast bin."""
-    axis, name = plan.experiment.axis, plan.experiment.name
-    values = axis_values(plan.experiment) if axis == "contrast" else (value,)
-    return [
-        Point(name, axis, at, receiver, locator, counts, stopped_by)
-        for group, at in enumerate(values)
-        for receiver in plan.receiver.names
-        if isinstance(counts := tallies.get((locator, receiver, group)), Counts)
-    ]
+    outcomes = {value: Outcome(dict(tallies), stopped_by)}
+    return measured(Study("", plan, (locator,)), outcomes).curves[locator].points()
 
 
 def measured(study: Study, outcomes: Mapping[float, Outcome]) -> Measured:
@@ -289,15 +257,14 @@ def measured(study: Study, outcomes: Mapping[float, Outcome]) -> Measured:
             parts = [str(part) for part in label]
             if isinstance(tally, Counts):
                 counts[parts[0]][parts[1], at] = tally
-            elif len(parts) == 1:
+            elif isinstance(tally, PairedCounts) and len(parts) == 1:
                 location[parts[0], at] = tally
-            else:
+            elif isinstance(tally, PairedCounts):
                 pairs[parts[0]][parts[1], parts[2], at] = tally
-    held = tuple(at for at in values if at in stopped)
-    curves: dict[str, Curves] = {
-        name: Curves(experiment.name, experiment.axis, name, names, held, counts[name], pairs[name], stopped)
-        for name in study.locators
-    }
+    held, curves = tuple(at for at in values if at in stopped), {}
+    for name in study.locators:
+        own = counts[name], pairs[name], stopped
+        curves[str(name)] = Curves(experiment.name, experiment.axis, name, names, held, *own)
     return Measured(curves, location)
 
 

@@ -1,14 +1,13 @@
 """How long calls take: warmed up, in turns, the device done before the clock is read; and on what machine."""
 
-from __future__ import annotations
-
 import ctypes
 import os
 import platform
+import re
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
@@ -178,19 +177,13 @@ def describe_machine(device: torch.device) -> str:
     """
     counts = {"core": usable_cores(), "thread": torch.get_num_threads()}
     counted = ", ".join(f"{count} {name}{'s' * (count != 1)}" for name, count in counts.items())
-    cpu = f"{_cpu_name()} with {counted}"
     where = f"{torch.cuda.get_device_name(device)}, " if device.type == "cuda" else ""
-    return f"{where}{cpu}, torch {torch.__version__}"
-
-
-def _cpu_name() -> str:
-    """Give the processor's model as the system names it, at least its architecture."""
-    try:
-        lines = _CPU_FILE.read_text(encoding="utf-8", errors="replace").splitlines()
-    except OSError:
-        lines = []
-    models = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
-    return next(models, "") or platform.processor() or platform.machine() or "unknown processor"
+    named = None
+    with suppress(OSError):
+        named = re.search(r"^model name\s*:(.*)", _CPU_FILE.read_text("utf-8", "replace"), re.MULTILINE)
+    model = named[1].strip() if named else ""
+    cpu = model or platform.processor() or platform.machine() or "unknown processor"
+    return f"{where}{cpu} with {counted}, torch {torch.__version__}"
 
 
 def usable_cores() -> int:

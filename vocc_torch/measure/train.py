@@ -1,28 +1,24 @@
 """Train receivers on simulated frames: FLDA and the classifiers that plug in, with what each took."""
 
-from __future__ import annotations
-
 import json
 import pickle
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import Future
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
-from typing import TypeAlias
+from itertools import chain
+from typing import Self, TypeAlias
 
 import torch
 from torch import Tensor
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.build import built, seeded
-from vocc_torch.measure.link import Link, Observation, block_keys
+from vocc_torch.measure.link import Link, block_keys
 from vocc_torch.measure.plan import Locator, Plan, identity, narrowed
 from vocc_torch.measure.timing import threads
 from vocc_torch.measure.workers import Workers, worker_losses_told
 from vocc_torch.receiver.bank import FLDA_FEATURES, ReceiverBank, feature_indices
-from vocc_torch.receiver.classifiers.inputs import Inputs
-from vocc_torch.receiver.classifiers.protocol import Guarded
+from vocc_torch.receiver.classifiers import Guarded, Inputs
 from vocc_torch.receiver.discriminant import Discriminant
 from vocc_torch.receiver.features import FEATURE_NAMES
 from vocc_torch.receiver.flda import FLDA
@@ -35,6 +31,7 @@ from vocc_torch.simulation import SceneModel
 FIGURE_SAMPLES = 20_000
 """LEDs kept for the feature histograms."""
 
+Told = Callable[[int], None]
 _N_FEATURES = len(FEATURE_NAMES)
 
 
@@ -85,6 +82,14 @@ class Training:
         """Give the named receivers, ready to decide."""
         return ReceiverBank(names, self.flda, self.classifiers)
 
+    def joined(self, others: Iterable[Self]) -> Self:
+        """Give this training with the classifiers of others too."""
+        classifiers, made = dict(self.classifiers), dict(self.made)
+        for one in others:
+            classifiers |= one.classifiers
+            made |= one.made
+        return replace(self, classifiers=classifiers, made=made)
+
     def making(self, name: str) -> Making:
         """Say what it took to make a receiver; one that learns nothing has no parameters."""
         if name in self.made:
@@ -97,17 +102,13 @@ class Training:
         return Making(self.seconds, None, self.frames, parameters, len(pickle.dumps(rule)))
 
 
-def train(plan: Plan, progress: Callable[[int], None] | None = None, *, keep: bool = False) -> Training:
+def train(plan: Plan, progress: Told | None = None, *, keep: bool = False) -> Training:
     """Train on the plan's training scenes with its own locator, as :func:`train_each`."""
     return train_each(plan, [plan.receiver.locator], progress, keep=keep)[plan.receiver.locator]
 
 
 def train_each(
-    plan: Plan,
-    locators: Sequence[Locator],
-    progress: Callable[[int], None] | None = None,
-    *,
-    keep: bool = False,
+    plan: Plan, locators: Sequence[Locator], progress: Told | None = None, *, keep: bool = False
 ) -> dict[Locator, Training]:
     """Train on the plan's training scenes once with each of several locators, all on the same frames.
 
@@ -125,149 +126,112 @@ def train_each(
     """
     begun, link, frames = time.perf_counter(), Link.of(plan), plan.budget.training_frames
     finders = plan.receiver.finders(locators)
-    gathered = {name: _Gathering(link.simulator.device) for name in locators}
+    fldas = {name: FLDA(_N_FEATURES).to(link.simulator.device) for name in locators}
+    kept: dict[str, list[tuple[Tensor, Tensor]]] = {name: [] for name in locators}
+    missed = dict.fromkeys(locators, 0)
     model, keys = plan.experiment.training_model(plan.world), block_keys(plan.seed, "train", frames)
-    for views in link.observe_each(finders, model, keys, preambles=False, frames=frames):
-        for name, one in gathered.items():
-            one.add(views[name])
+    views = link.observe_each(finders, model, keys, preambles=False, frames=frames)
+    seen = (
+        (
+            torch.stack([of[name].readings.features for name in locators], dim=1),
+            torch.stack([of[name].panels.found for name in locators], dim=1),
+            of[locators[0]].bits,
+        )
+        for of in views
+    )
+    # A block at a time: sums then do not depend on the batch's size.
+    for features, found, bits in in_blocks(seen):
+        for place, name in enumerate(locators):
+            here = found[:, place]
+            leds = features[here, place], bits[here]
+            fldas[name].update(*leds)
+            missed[name] += int((~here).sum())
+            if sum(len(one) for _, one in kept[name]) < FIGURE_SAMPLES:
+                kept[name].append((leds[0].reshape(-1, _N_FEATURES).cpu(), leds[1].reshape(-1).cpu()))
         if progress is not None:
-            progress(len(next(iter(views.values())).bits))
+            progress(len(bits))
     trained = {}
-    for name, one in gathered.items():
-        fisher = one.training(frames, begun)
+    for name, flda in fldas.items():
+        if missed[name] == frames:
+            where = "check scene, camera and receiver.location"
+            raise VoccError(f"training found no panel in any of {frames} frames: {where}")
+        for status, leds in zip(("Off", "On"), flda.count.tolist(), strict=True):
+            if not leds:
+                told = f"{frames - missed[name]} with a located panel held no {status} LED"
+                rule = "raise it, or take receiver.locator=truth for panels too small to be found"
+                raise VoccError(f"budget.training_frames is {frames}: {told}: {rule}")
+        x, bits = (torch.cat(parts)[:FIGURE_SAMPLES] for parts in zip(*kept[name], strict=True))
+        seconds = time.perf_counter() - begun
         classifiers, made = train_classifiers(plan, link, finders[name], keep=keep)
-        trained[name] = replace(fisher, classifiers=classifiers, made=made)
+        trained[name] = Training(flda, frames, missed[name], x, bits, seconds, classifiers, made)
     return trained
 
 
 def train_plans(
     plans: Sequence[Plan], locators: Sequence[Sequence[Locator]], workers: Workers
 ) -> list[dict[Locator, Training]]:
-    """Train every plan with each of its locators; plans that train on the same scenes share them.
+    """Train every plan with each of its locators, each receiver by itself on one thread.
+
+    So many train at the same time and each has a price. Receivers that train alike are trained once: FLDA on
+    the same scenes through the same reader is one pass over the frames for all its features.
 
     Args:
         plans: the studies.
         locators: of each plan.
-        workers: who does it.
-
-    Raises:
-        VoccError: as :func:`train_each`, or a worker that was ended from outside.
-    """
-    keys = [_training_key(plan, named) for plan, named in zip(plans, locators, strict=True)]
-    calls: dict[str, Future[dict[Locator, Training]]] = {}
-    with worker_losses_told():
-        for key, plan, named in zip(keys, plans, locators, strict=True):
-            if key not in calls:
-                calls[key] = workers.submit(partial(train_each, locators=tuple(named)), plan)
-        trained = {key: call.result() for key, call in calls.items()}
-    return [trained[key] for key in keys]
-
-
-def train_alone(plans: Sequence[Plan], workers: Workers) -> list[Training]:
-    """Train each receiver by itself on one thread, so that many train at the same time and each has a price.
-
-    Plans whose receivers train alike share them: FLDA on the same scenes through the same reader is one pass
-    over the frames for all its features.
-
-    Args:
-        plans: the studies, each with its own locator; of FLDA is trained what a plan names.
         workers: who does it; here too on one thread.
 
     Returns:
-        For each plan the training of its receivers. ``making`` says what each took.
+        For each plan the training of its receivers by locator. ``making`` says what each took.
 
     Raises:
         VoccError: as :func:`train_each`, or a worker that was ended from outside.
     """
-    parts: list[list[str]] = []
-    wanted: dict[str, Plan] = {}
-    for plan in plans:
-        receiver, alone = plan.receiver, []
-        if any(name in FLDA_FEATURES for name in receiver.names):
-            alone.append(replace(receiver, names=tuple(FLDA_FEATURES), classifiers=()))
+    wanted: list[list[str]] = []
+    parts: dict[str, tuple[Plan, tuple[Locator, ...]]] = {}
+    for plan, named in zip(plans, locators, strict=True):
+        receiver, own = plan.receiver, []
+        alone = [replace(receiver, names=tuple(FLDA_FEATURES), classifiers=())]
         alone += [replace(receiver, names=(one.name,), classifiers=(one,)) for one in receiver.classifiers]
-        every = [replace(plan, receiver=one) for one in alone]
-        own = {_training_key(part, (part.receiver.locator,)): part for part in every}
-        parts.append(list(own))
-        wanted |= own
+        for part in (replace(plan, receiver=one) for one in alone):
+            settings = identity(part, named)
+            # Of the experiment only its training scenes matter.
+            own.append(json.dumps({**settings, "experiment": settings["experiment"]["training"]}))
+            parts[own[-1]] = part, tuple(named)
+        wanted.append(own)
 
     def panels(key: str) -> int:
-        return sum(one.frames or one.training.frames for one in wanted[key].receiver.classifiers)
+        return sum(one.frames or one.training.frames for one in parts[key][0].receiver.classifiers)
 
     with worker_losses_told():
         # The longest training begins first.
-        longest = sorted(wanted, key=panels, reverse=True)
-        calls = {key: workers.submit(_on_one_thread, wanted[key]) for key in longest}
+        longest = sorted(parts, key=panels, reverse=True)
+        calls = {key: workers.submit(train_part, parts[key]) for key in longest}
         trained = {key: call.result() for key, call in calls.items()}
     together = []
-    for keys in parts:
-        each = [trained[key] for key in keys]
-        fisher = next((one for one in each if one.frames), Training())
-        classifiers = {name: guarded for one in each for name, guarded in one.classifiers.items()}
-        made = {name: cost for one in each for name, cost in one.made.items()}
-        together.append(replace(fisher, classifiers=classifiers, made=made))
+    for keys, named in zip(wanted, locators, strict=True):
+        fisher, *others = (trained[key] for key in keys)
+        together.append({name: fisher[name].joined([one[name] for one in others]) for name in named})
     return together
 
 
-def _on_one_thread(plan: Plan) -> Training:
-    """Train a receiver by itself: FLDA, or the only classifier of a plan."""
+def train_alone(plans: Sequence[Plan], workers: Workers) -> list[Training]:
+    """Train every plan with its own locator, as :func:`train_plans`."""
+    locators = [plan.receiver.locator for plan in plans]
+    trained = train_plans(plans, [[name] for name in locators], workers)
+    return [one[name] for one, name in zip(trained, locators, strict=True)]
+
+
+def train_part(part: tuple[Plan, Sequence[Locator]]) -> dict[Locator, Training]:
+    """Train a receiver by itself on one thread with each of some locators: FLDA, or a plan's classifier."""
+    plan, locators = part
     with threads(1):
         if not plan.receiver.classifiers:
-            return train(plan)
-        link = Link.of(plan)
-        classifiers, made = train_classifiers(plan, link, link.locator)
-        return Training(classifiers=classifiers, made=made)
-
-
-def _training_key(plan: Plan, locators: Sequence[Locator]) -> str:
-    """Name the scenes that a plan trains on, and everything else that training depends on."""
-    settings = identity(plan, locators)
-    experiment = settings["experiment"]
-    training = experiment["training"] if isinstance(experiment, Mapping) else None
-    return json.dumps({**settings, "experiment": training}, sort_keys=True)
-
-
-class _Gathering:
-    """What one locator's views of the training frames teach FLDA."""
-
-    def __init__(self, device: torch.device) -> None:
-        self.flda = FLDA(_N_FEATURES).to(device)
-        self.blocks = Blocks()
-        self.kept: list[tuple[Tensor, Tensor]] = []
-        self.leds = self.missed = 0
-
-    def add(self, seen: Observation) -> None:
-        """Learn from one batch, a block at a time: sums then do not depend on the batch's size."""
-        for block in self.blocks.add(seen.readings.features, seen.bits, seen.panels.found):
-            self._learn(*block)
-
-    def _learn(self, features: Tensor, bits: Tensor, found: Tensor) -> None:
-        """Learn from a block, or from what there is of the last one."""
-        features, bits = features[found], bits[found]
-        self.flda.update(features, bits)
-        self.missed += int((~found).sum())
-        if self.leds < FIGURE_SAMPLES:
-            self.kept.append((features.reshape(-1, _N_FEATURES).cpu(), bits.reshape(-1).cpu()))
-            self.leds += bits.numel()
-
-    def training(self, frames: int, begun: float) -> Training:
-        """Return what was learnt from all frames."""
-        for block in self.blocks.rest():
-            self._learn(*block)
-        if self.missed == frames:
-            raise VoccError(
-                f"training found no panel in any of {frames} frames: "
-                "check scene, camera and receiver.location"
-            )
-        off, on = self.flda.count.tolist()
-        if not off or not on:
-            status = "Off" if not off else "On"
-            raise VoccError(
-                f"budget.training_frames is {frames}: {frames - self.missed} with a located panel held no "
-                f"{status} LED: raise it, or take receiver.locator=truth for panels too small to be found"
-            )
-        features, bits = (torch.cat(parts)[:FIGURE_SAMPLES] for parts in zip(*self.kept, strict=True))
-        return Training(self.flda, frames, self.missed, features, bits, time.perf_counter() - begun)
+            return train_each(plan, locators)
+        link, trained, finders = Link.of(plan), {}, plan.receiver.finders(locators)
+        for name in locators:
+            classifiers, made = train_classifiers(plan, link, finders[name])
+            trained[name] = Training(classifiers=classifiers, made=made)
+    return trained
 
 
 def trained_receiver(plan: Plan, training: Training) -> Receiver:
@@ -279,25 +243,28 @@ def trained_receiver(plan: Plan, training: Training) -> Receiver:
     return Receiver(name, locator, plan.receiver.reader, classifier)
 
 
-class Blocks:
-    """Collects frames into blocks, so that sums over a block do not depend on the batches of a simulation."""
+def in_blocks(batches: Iterable[tuple[Tensor, ...]]) -> Iterator[tuple[Tensor, ...]]:
+    """Collect batches of frames into blocks, so that sums do not depend on a simulation's batches.
 
-    def __init__(self) -> None:
-        self._waiting: list[tuple[Tensor, ...]] = []
+    Args:
+        batches: tensors of equal length each.
 
-    def add(self, *tensors: Tensor) -> Iterator[tuple[Tensor, ...]]:
-        """Take the next frames, tensors of equal length, and give the blocks that are now whole."""
-        self._waiting.append(tensors)
-        while sum(len(parts[0]) for parts in self._waiting) >= BLOCK_FRAMES:
-            whole = [torch.cat(parts) for parts in zip(*self._waiting, strict=True)]
-            self._waiting = [tuple(part[BLOCK_FRAMES:] for part in whole)]
+    Yields:
+        The same frames, 64 at a time; what there is of the last block at the end.
+
+    Example:
+        >>> [len(block) for block, in in_blocks((torch.zeros(50),) for _ in range(3))]
+        [64, 64, 22]
+    """
+    waiting: list[tuple[Tensor, ...]] = []
+    for batch in batches:
+        waiting.append(batch)
+        while sum(len(parts[0]) for parts in waiting) >= BLOCK_FRAMES:
+            whole = [torch.cat(parts) for parts in zip(*waiting, strict=True)]
+            waiting = [tuple(part[BLOCK_FRAMES:] for part in whole)]
             yield tuple(part[:BLOCK_FRAMES] for part in whole)
-
-    def rest(self) -> Iterator[tuple[Tensor, ...]]:
-        """Give what there is of the last block, if anything."""
-        if any(len(parts[0]) for parts in self._waiting):
-            yield tuple(torch.cat(parts) for parts in zip(*self._waiting, strict=True))
-        self._waiting = []
+    if any(len(parts[0]) for parts in waiting):
+        yield tuple(torch.cat(parts) for parts in zip(*waiting, strict=True))
 
 
 Read: TypeAlias = tuple[Readings, Tensor, Tensor]
@@ -337,33 +304,29 @@ class PanelStream:
         if first % BLOCK_FRAMES:
             raise VoccError(f"first is {first}: it must be a multiple of {BLOCK_FRAMES}")
         begun = time.perf_counter()
-        for x, bits, found in self._blocks(first, count):
+        for x, bits, found in in_blocks(self._seen(first, count)):
             self.frames += int(found.sum())
             self.seconds += time.perf_counter() - begun
             yield x[found], bits[found]
             begun = time.perf_counter()
         self.seconds += time.perf_counter() - begun
 
-    def _blocks(self, first: int, count: int) -> Iterator[tuple[Tensor, ...]]:
-        """Yield what the classifier sees, bits, and whether the panel was found, by block."""
-        blocks, shape = Blocks(), self.link.reader.shape
-        for readings, bits, found in self._read(first, count):
+    def _seen(self, first: int, count: int) -> Iterator[tuple[Tensor, ...]]:
+        """Yield what the classifier sees, bits, and whether the panel was found, batch by batch."""
+        keys = block_keys(self.seed, "train", first + count)[first // BLOCK_FRAMES :]
+        parts = [self._simulated(keys, count)] if self.kept is None else map(self._known, keys)
+        for readings, bits, found in chain.from_iterable(parts):
             used = min(len(bits), count)
             count -= used
-            x = self.inputs.of(readings, readings.cell_px, shape)
-            yield from blocks.add(x[:used], bits[:used], found[:used])
-        yield from blocks.rest()
+            x = self.inputs.of(readings, readings.cell_px, self.link.reader.shape)
+            yield x[:used], bits[:used], found[:used]
 
-    def _read(self, first: int, count: int) -> Iterator[Read]:
-        """Yield what is read of at least ``count`` frames, batch by batch."""
-        keys = block_keys(self.seed, "train", first + count)[first // BLOCK_FRAMES :]
-        if self.kept is None:
-            yield from self._simulated(keys, count)
-            return
-        for key in keys:
-            if key.block not in self.kept:
-                self.kept[key.block] = list(self._simulated([key], BLOCK_FRAMES))
-            yield from self.kept[key.block]
+    def _known(self, key: BlockKey) -> list[Read]:
+        """Give what is read of a block, which is kept."""
+        assert self.kept is not None
+        if key.block not in self.kept:
+            self.kept[key.block] = list(self._simulated([key], BLOCK_FRAMES))
+        return self.kept[key.block]
 
     def _simulated(self, keys: Sequence[BlockKey], frames: int) -> Iterator[Read]:
         """Yield what is read of the first frames of some blocks."""
@@ -405,7 +368,6 @@ def train_classifiers(
         # An interrupted training that went on has a price too.
         seconds = time.perf_counter() - begun + float(getattr(guarded.classifier, "earlier_s", 0.0))
         counted = getattr(guarded.classifier, "parameters_count", None)
-        parameters = int(counted) if counted is not None else None
         try:
             size = len(pickle.dumps(guarded))
         except Exception as error:
@@ -413,5 +375,7 @@ def train_classifiers(
             rule = "it must be possible to pickle it, for other processes"
             raise VoccError(f"classifier {one.name}: {rule} ({reason})") from error
         classifiers[one.name] = guarded
-        made[one.name] = Making(seconds, stream.seconds, stream.frames, parameters, size)
+        made[one.name] = Making(
+            seconds, stream.seconds, stream.frames, None if counted is None else int(counted), size
+        )
     return classifiers, made

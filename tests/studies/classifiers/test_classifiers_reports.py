@@ -12,7 +12,7 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.curve import Curves
 from vocc_torch.measure.estimate import Estimate
-from vocc_torch.measure.genie.genie import GenieReference
+from vocc_torch.measure.genie import GenieReference
 from vocc_torch.measure.paired import PairedCounts
 from vocc_torch.measure.train import Making
 from vocc_torch.studies.classifiers.figures import curves_figure, scenes_figure

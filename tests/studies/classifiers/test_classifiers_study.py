@@ -7,14 +7,13 @@ import pytest
 import torch
 
 from vocc_torch.errors import VoccError
-from vocc_torch.measure.genie.likelihood import UnknownLikelihoodError
 from vocc_torch.measure.ledger import Ledger
+from vocc_torch.measure.likelihood import UnknownLikelihoodError
 from vocc_torch.measure.link import Link
 from vocc_torch.measure.plan import ClassifierPlan, Experiment, World, identity
-from vocc_torch.measure.schedule import Part
 from vocc_torch.measure.sweep import count_parts
 from vocc_torch.measure.train import train
-from vocc_torch.measure.workers import Workers
+from vocc_torch.measure.workers import Part, Workers
 from vocc_torch.receiver.classifiers.inputs import Inputs, Patch
 from vocc_torch.receiver.classifiers.training import TrainingRecipe
 from vocc_torch.rng import BlockKey

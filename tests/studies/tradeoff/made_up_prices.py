@@ -4,7 +4,7 @@ import numpy as np
 
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.frame_errors import FrameErrors
-from vocc_torch.measure.genie.genie import GenieReference
+from vocc_torch.measure.genie import GenieReference
 from vocc_torch.measure.stage_times import STAGES, StageTimes
 from vocc_torch.measure.train import Making
 from vocc_torch.studies.tradeoff.plan import Setting

@@ -21,7 +21,7 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.frame_errors import FrameErrors
-from vocc_torch.measure.genie.genie import GenieReference
+from vocc_torch.measure.genie import GenieReference
 from vocc_torch.studies.tradeoff.tables import print_prices, write_price_board, write_prices
 from vocc_torch.studies.tradeoff.words import recommendation
 

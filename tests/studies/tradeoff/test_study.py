@@ -10,7 +10,7 @@ from vocc_torch.errors import VoccError
 from vocc_torch.measure import build as build_module
 from vocc_torch.measure.build import without_absent
 from vocc_torch.measure.frame_errors import Banks, FrameJob
-from vocc_torch.measure.genie.likelihood import UnknownLikelihoodError
+from vocc_torch.measure.likelihood import UnknownLikelihoodError
 from vocc_torch.measure.link import block_keys
 from vocc_torch.measure.plan import ClassifierPlan
 from vocc_torch.measure.stage_times import Exposure, on_device

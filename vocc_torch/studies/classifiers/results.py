@@ -7,10 +7,10 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from statistics import median_high
 
-from vocc_torch.measure import curve, estimate, relative, train
+from vocc_torch.measure import curve, estimate, train
 from vocc_torch.measure.counts import Counts
-from vocc_torch.measure.genie.genie import GenieReference
-from vocc_torch.measure.paired import PairedCounts, paired_interval
+from vocc_torch.measure.genie import GenieReference
+from vocc_torch.measure.paired import PairedCounts, paired_interval, rate_ratio
 from vocc_torch.show import page, styles
 
 GENIE = "genie"
@@ -67,7 +67,7 @@ class Transfer:
     @property
     def ratio(self) -> estimate.Estimate | None:
         """Its rate over that of the receiver trained there; None where that one made no error."""
-        return relative.rate_ratio(self.at_home, self.counts, self.paired)
+        return rate_ratio(self.at_home, self.counts, self.paired)
 
     @property
     def factor(self) -> float:
@@ -137,7 +137,7 @@ class Comparison:
             return None
         curves = self.curves[experiment]
         own, reference = (curves.counts[name, value] for name in (receiver, self.reference))
-        return relative.rate_ratio(reference, own, curves.pair(self.reference, receiver, value))
+        return rate_ratio(reference, own, curves.pair(self.reference, receiver, value))
 
     @cached_property
     def half_errors(self) -> dict[str, int]:

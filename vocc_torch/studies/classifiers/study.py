@@ -6,13 +6,13 @@ from dataclasses import replace
 from itertools import product
 
 from vocc_torch.errors import VoccError
-from vocc_torch.measure import build, frame_errors, ledger, schedule, stage_times, sweep, timing
-from vocc_torch.measure.genie.genie import genie_reference
-from vocc_torch.measure.genie.likelihood import UnknownLikelihoodError
+from vocc_torch.measure import build, frame_errors, ledger, stage_times, sweep, timing
+from vocc_torch.measure.genie import genie_reference
+from vocc_torch.measure.likelihood import UnknownLikelihoodError
 from vocc_torch.measure.link import Link
 from vocc_torch.measure.plan import Plan
 from vocc_torch.measure.train import Training, train, train_alone
-from vocc_torch.measure.workers import Workers, worker_losses_told
+from vocc_torch.measure.workers import Outcome, Workers, worker_losses_told
 from vocc_torch.receiver.bank import FLDA_FEATURES, ReceiverBank, needs_preambles
 from vocc_torch.receiver.receiver import StagedReceiver
 from vocc_torch.rng import BLOCK_FRAMES, BlockKey
@@ -72,7 +72,7 @@ def compare_classifiers(
     )
     with stage("bit error rates"):
         at = study.locator
-        outcomes: dict[str, dict[float, schedule.Outcome]] = {name: {} for name in plans}
+        outcomes: dict[str, dict[float, Outcome]] = {name: {} for name in plans}
         studies = [sweep.Study(name, plan, (at,)) for name, plan in plans.items()]
         here = {name: {at: bank} for name, bank in banks.items()}
 

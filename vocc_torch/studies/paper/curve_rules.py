@@ -32,8 +32,7 @@ from typing import Literal
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.curve import Curves
 from vocc_torch.measure.estimate import Estimate, all_pairs, joint_confidence, may_be_least
-from vocc_torch.measure.paired import PairedCounts
-from vocc_torch.measure.relative import difference_independent, mean_gain, relative_gain
+from vocc_torch.measure.paired import PairedCounts, difference_independent, mean_gain, relative_gain
 from vocc_torch.show.styles import rate_text
 from vocc_torch.studies.paper.judgement import Judgement, NotMeasuredError, PaperReading, RateComparison
 from vocc_torch.studies.paper.words import WIDEST_SHARE, listed, percent, place, point, share_interval

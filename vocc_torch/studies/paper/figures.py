@@ -15,8 +15,7 @@ from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.curve import COLUMNS, BerTable, Measured
 from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.intervals import ber_interval
-from vocc_torch.measure.paired import PairedCounts
-from vocc_torch.measure.relative import relative_gain
+from vocc_torch.measure.paired import PairedCounts, relative_gain
 from vocc_torch.show import canvas
 from vocc_torch.show.plots import ber_figure, facet_figure
 from vocc_torch.show.styles import axis_label, receiver_styles

@@ -19,8 +19,7 @@ from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.curve import BerTable, Curves, Measured, Row
 from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.grid import Grid
-from vocc_torch.measure.paired import paired_interval
-from vocc_torch.measure.relative import difference_independent
+from vocc_torch.measure.paired import difference_independent, paired_interval
 from vocc_torch.show.styles import rate_text
 from vocc_torch.studies.paper.words import place
 

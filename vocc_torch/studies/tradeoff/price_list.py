@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.frame_errors import FrameErrors
-from vocc_torch.measure.genie.genie import GenieReference
+from vocc_torch.measure.genie import GenieReference
 from vocc_torch.measure.intervals import ber_interval
 from vocc_torch.measure.stage_times import StageTimes
 from vocc_torch.measure.train import Making

@@ -16,8 +16,8 @@ from torch import Tensor
 from vocc_torch.files import write_atomically
 from vocc_torch.measure.config import Settings
 from vocc_torch.measure.frame_errors import FrameErrors, FrameJob
-from vocc_torch.measure.genie.genie import GenieReference, genie_reference
-from vocc_torch.measure.genie.likelihood import UnknownLikelihoodError
+from vocc_torch.measure.genie import GenieReference, genie_reference
+from vocc_torch.measure.likelihood import UnknownLikelihoodError
 from vocc_torch.measure.link import Observation, block_keys
 from vocc_torch.measure.plan import resolve_device
 from vocc_torch.measure.stage_times import Exposure, StageTimes, time_stages
