@@ -7,9 +7,8 @@ from hydra.core.global_hydra import GlobalHydra
 from hydra.errors import HydraException
 from omegaconf.errors import OmegaConfBaseException
 
-from vocc_torch.app.complaints import one_line
 from vocc_torch.app.config import register_schema
-from vocc_torch.app.resolve import resolved
+from vocc_torch.app.resolve import one_line, resolved
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.build import build_plan
 from vocc_torch.studies.classifiers.plan import build_classifier_study
