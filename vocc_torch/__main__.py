@@ -1,6 +1,5 @@
 """``vocc-torch`` and ``python -m vocc_torch``: the command line."""
 
-import multiprocessing
 import os
 import signal
 import sys
@@ -9,8 +8,9 @@ import sys
 def stop(*_: object) -> None:
     """End at once with status 130, where no work is under way that could end in order."""
     os.write(2, b"vocc-torch: interrupted\n")
-    for worker in multiprocessing.active_children():
-        worker.kill()
+    if "multiprocessing" in sys.modules:  # else nothing was started
+        for worker in sys.modules["multiprocessing"].active_children():
+            worker.terminate()
     os._exit(130)
 
 

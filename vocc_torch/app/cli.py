@@ -20,7 +20,7 @@ from vocc_torch.__main__ import main as main  # where scripts that were installe
 from vocc_torch.app.config import TASKS, AppConfig, inside_runs, register_schema
 from vocc_torch.app.jobs import Jobs, begin_again, beside_others, write_down
 from vocc_torch.app.resolve import refusal, resolved
-from vocc_torch.errors import VoccError, printable
+from vocc_torch.errors import VoccError, printable, shown
 from vocc_torch.measure.config import as_yaml
 
 GRID = "grid:run_grid"
@@ -89,7 +89,7 @@ def complaint_of(error: Exception, folder: Path) -> str | None:
     if isinstance(error, OSError):
         return f"{error.filename or folder}: {error.strerror or error}"
     if isinstance(error, UnicodeEncodeError):
-        return f"{error.object!r} cannot be written as UTF-8: give another name"
+        return f"{shown(error.object)} cannot be written as {error.encoding}: give the file another name"
     if isinstance(error, MemoryError) or (isinstance(error, RuntimeError) and "memory" in str(error)):
         return OUT_OF_MEMORY
     return str(error) if isinstance(error, VoccError) else None
@@ -136,8 +136,8 @@ def run_jobs(jobs: Jobs) -> int:
     def job(config: DictConfig) -> None:
         with contextlib.ExitStack() as stack:
             if jobs.elsewhere:
-                stack.enter_context(beside_others(int(HydraConfig.get().job.num)))
                 stack.enter_context(terminal_lines())
+                stack.enter_context(beside_others(int(HydraConfig.get().job.num)))
             run_job(config, jobs)
 
     try:

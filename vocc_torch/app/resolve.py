@@ -169,7 +169,7 @@ def one_line(error: BaseException, arguments: Sequence[str] = ()) -> str:
         'sede is not a known key: did you mean seed?'
     """
     text = "\n".join(str(e) for e in (error, error.__cause__) if e is not None)
-    longest = max(arguments, key=len, default="a value").partition("=")[0]
+    longest = max(arguments, key=len, default="a value").lstrip("+~").partition("=")[0]
     if isinstance(error, RecursionError):
         return f"{longest} has brackets in brackets, too many of them"
     if "integer string conversion" in text:

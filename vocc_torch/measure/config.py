@@ -390,8 +390,8 @@ def read_flat(path: str | Path) -> dict[str, object]:
         path: the file.
 
     Raises:
-        VoccError: no such file, or one that is no configuration, or not of a run: with aliases, which multiply,
-            or interpolations, which read the environment.
+        VoccError: no such file, or one that is no configuration of a run, with aliases, which multiply, or
+            interpolations, which read the environment.
 
     Example:
         >>> import tempfile
