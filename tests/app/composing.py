@@ -17,24 +17,27 @@ from vocc_torch.studies.paper.experiments import paper_plan
 from vocc_torch.studies.tradeoff.plan import build_tradeoff_study
 
 NOWHERE = Path("runs/none")
+ours = None
 
 
 def composed(*words):
-    """The settings of a command line."""
-    GlobalHydra.instance().clear()
-    register_schema()
-    with initialize_config_module("vocc_torch.conf", version_base="1.3"):
-        return resolved(compose("config", overrides=list(words)), words)
-
-
-def plan_of(*words):
-    """The plan of a command line."""
-    return build_plan(composed(*words), NOWHERE)
+    """The settings of a command line; Hydra reads its files once."""
+    global ours
+    if ours is None or GlobalHydra.instance().hydra is not ours:
+        GlobalHydra.instance().clear()
+        register_schema()
+        initialize_config_module("vocc_torch.conf", version_base="1.3")
+        ours = GlobalHydra.instance().hydra
+    return resolved(compose("config", overrides=list(words)), words)
 
 
 def study_of(*words):
     """All that a task builds before it does any work."""
-    settings = composed(*words)
+    return built(composed(*words))
+
+
+def built(settings):
+    """All that a task builds before it does any work, from its settings."""
     plan = build_plan(settings, NOWHERE)
     plan.world.simulator()
     if settings.task == "classifiers":
@@ -54,8 +57,15 @@ def complaint_of(*words):
         study_of(*words)
     except VoccError as error:
         said = str(error)
-    except (HydraException, OmegaConfBaseException, ValueError, TypeError, OverflowError) as error:
-        said = one_line(error, words)
+    except (
+        HydraException,
+        OmegaConfBaseException,
+        ValueError,
+        TypeError,
+        OverflowError,
+        RecursionError,
+    ) as error:
+        said = one_line(e, words)
     else:
         raise AssertionError(f"{words} are accepted")
     assert "\n" not in said
