@@ -77,28 +77,6 @@ def test_a_scene_touches_only_the_effects_that_it_names(scene, monkeypatch):
 
 
 @pytest.mark.parametrize("scene", SCENES)
-def test_the_order_of_the_names_means_nothing(scene):
-    plan = plan_of(f"scene={scene}")
-    named = list(plan.world.effects.items())
-    frames = [shot(plan, dict(order)) for order in (named, named[::-1], named[3:] + named[:3])]
-    assert torch.equal(frames[0], frames[1])
-    assert torch.equal(frames[0], frames[2])
-
-
-@pytest.mark.parametrize("scene", SCENES)
-def test_frames_do_not_depend_on_the_batch(scene):
-    plan = plan_of(f"scene={scene}")
-    together = shot(plan)
-    scenes, bits = plan.world.scene.draw(KEYS[0].block, PanelShape())
-    for i, alone in enumerate(together):
-        row = slice(i, i + 1)
-        frames = plan.world.simulator().render(
-            scenes[row], bits[row], nearest_m=plan.world.scene.nearest_m, keys=KEYS[row], panel_only=True
-        )
-        assert torch.equal(frames.grey[0], alone)
-
-
-@pytest.mark.parametrize("scene", SCENES)
 def test_a_window_has_the_whole_frames_pixels(scene):
     """In the panel's cells and a cell about them; a blur that meets a border differs at the very edge."""
     plan = plan_of(f"scene={scene}")

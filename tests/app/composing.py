@@ -17,6 +17,7 @@ from vocc_torch.studies.paper.experiments import paper_plan
 from vocc_torch.studies.tradeoff.plan import build_tradeoff_study
 
 NOWHERE = Path("runs/none")
+REFUSALS = (HydraException, OmegaConfBaseException, ValueError, TypeError, OverflowError, RecursionError)
 ours = None
 
 
@@ -57,15 +58,8 @@ def complaint_of(*words):
         study_of(*words)
     except VoccError as error:
         said = str(error)
-    except (
-        HydraException,
-        OmegaConfBaseException,
-        ValueError,
-        TypeError,
-        OverflowError,
-        RecursionError,
-    ) as error:
-        said = one_line(e, words)
+    except REFUSALS as error:
+        said = one_line(error, words)
     else:
         raise AssertionError(f"{words} are accepted")
     assert "\n" not in said
