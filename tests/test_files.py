@@ -14,13 +14,6 @@ def names(folder):
     return sorted(entry.name for entry in folder.iterdir())
 
 
-def test_bytes_arrive_whole_and_alone(tmp_path):
-    content = bytes(range(256)) * 4096
-    write_atomically(tmp_path / "data.bin", content)
-    assert (tmp_path / "data.bin").read_bytes() == content
-    assert names(tmp_path) == ["data.bin"]
-
-
 def test_missing_folders_are_made_and_an_old_file_is_replaced(tmp_path):
     path = tmp_path / "a" / "b" / "c.txt"
     for content in (b"first, and longer", b"second", b""):
@@ -82,18 +75,13 @@ def test_an_interruption_leaves_the_old_file_and_no_other(tmp_path, interruption
     assert names(tmp_path) == ["model.pt"]
 
 
-def test_a_folder_in_the_files_place_is_refused_by_name(tmp_path):
-    (tmp_path / "taken").mkdir()
-    with pytest.raises(VoccError, match=r"^cannot write .*taken"):
-        write_atomically(tmp_path / "taken", b"")
-    assert names(tmp_path) == ["taken"]
-
-
-def test_a_file_in_the_folders_place_is_refused_by_name(tmp_path):
+def test_what_stands_in_the_place_is_refused_by_name(tmp_path):
+    (tmp_path / "folder").mkdir()
     (tmp_path / "file").write_bytes(b"")
-    with pytest.raises(VoccError, match=r"^cannot write .*file.*inside"):
-        write_atomically(tmp_path / "file" / "inside", b"")
-    assert names(tmp_path) == ["file"]
+    for place in ("folder", "file/inside"):
+        with pytest.raises(VoccError, match=rf"^cannot write .*{place}"):
+            write_atomically(tmp_path / place, b"")
+    assert names(tmp_path) == ["file", "folder"]
 
 
 def test_nothing_written_is_an_error_and_not_an_empty_file(tmp_path):
@@ -103,13 +91,13 @@ def test_nothing_written_is_an_error_and_not_an_empty_file(tmp_path):
 
 
 def test_a_reader_never_meets_half_a_file(tmp_path):
-    """One thread rewrites the file 200 times, with one letter throughout; the reader sees one letter."""
+    """One thread rewrites the file 40 times, with one letter throughout; the reader sees one letter."""
     path, size, seen = tmp_path / "state", 20_000, set()
     write_atomically(path, b"a" * size)
     done = threading.Event()
 
     def write():
-        for turn in range(200):
+        for turn in range(40):
             write_atomically(path, bytes([ord("a") + turn % 26]) * size)
         done.set()
 

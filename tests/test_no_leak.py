@@ -12,7 +12,6 @@ import torch
 from leak_watch import LITTLE, ONE, SHIPPED, Watch, digest
 from paper_runs import white
 
-from vocc_torch.measure import frame_errors as errors_module
 from vocc_torch.measure import sweep as sweep_module
 from vocc_torch.measure import train as train_module
 from vocc_torch.measure.plan import Experiment
@@ -32,10 +31,6 @@ TRADEOFF = (
 )
 COMMANDS = {
     "test": (*LITTLE, "receiver.locator=paper"),
-    "contrast": (
-        *("experiment=contrast", *LITTLE[:5], "experiment.values=[0,0.2,0.6]"),
-        *("receiver.names=[flda_3]", "classifier=[lmmse,logistic]"),
-    ),
     "tradeoff": TRADEOFF,
     "classifiers": (
         *("experiment=classifiers", "device=cpu", "workers=1", "budget.frames=32", "tensorboard=false"),
@@ -77,15 +72,15 @@ def test_training_and_tests_have_no_frame_in_common(undrawn, monkeypatch, name):
 
 
 def test_seeds_have_no_frame_in_common(undrawn, monkeypatch):
-    """Trained with one seed, tested with another: as disjoint as within one, over three seeds."""
+    """Trained with one seed, tested with another: as disjoint as within one."""
     watch = Watch(monkeypatch)
     few = ("budget.frames=64", "budget.training_frames=128", "experiment.values=[4000]", "classifier=lmmse")
-    for seed in (0, 1, 2):
+    for seed in (0, 1):
         assert undrawn(*LITTLE[:3], *few, f"seed={seed}", f"name=x{seed}").status == 0
     assert watch.leaks() == set()
-    assert [len(watch.keys[phase]) for phase in ("train", "test")] == [3 * 128, 3 * 64]
+    assert [len(watch.keys[phase]) for phase in ("train", "test")] == [2 * 128, 2 * 64]
     # Within a phase too: two seeds of one frame would be one frame twice.
-    assert [len(watch.bits[phase]) for phase in ("train", "test")] == [3 * 128, 3 * 64]
+    assert [len(watch.bits[phase]) for phase in ("train", "test")] == [2 * 128, 2 * 64]
 
 
 def names_of_training(monkeypatch):
@@ -183,13 +178,8 @@ def test_a_receiver_that_only_remembers_tosses_coins(undrawn, tmp_path):
     assert memory_ber(undrawn, tmp_path, "x") == pytest.approx(0.5, abs=0.05)
 
 
-@pytest.mark.parametrize(
-    "leak", [names_of_training, names_of_tests, draws_without_names], ids=lambda leak: leak.__name__
-)
-def test_a_receiver_that_only_remembers_makes_no_error_where_frames_leak(
-    undrawn, tmp_path, monkeypatch, leak
-):
-    leak(monkeypatch)
+def test_a_receiver_that_only_remembers_makes_no_error_where_frames_leak(undrawn, tmp_path, monkeypatch):
+    draws_without_names(monkeypatch)
     assert memory_ber(undrawn, tmp_path, "x") < 0.01
 
 
@@ -235,20 +225,6 @@ def test_a_classifier_that_keeps_all_it_is_handed_holds_no_test_bits(undrawn, tm
     assert sum(len(given[0]) for _, given, _ in kept[1:]) == 64
 
 
-def test_a_test_bit_in_the_hands_of_a_classifier_is_found(undrawn, tmp_path, monkeypatch):
-    """The leak on purpose: ``fit`` is called again with what was just decided."""
-    count = errors_module.half_errors
-
-    def taught(scores, sent, found):
-        kept = next(m.KEPT for n, m in list(sys.modules.items()) if n.startswith("vocc_torch_file_hoarder"))
-        kept.append(("fit", (scores, sent), {}))
-        return count(scores, sent, found)
-
-    monkeypatch.setattr(errors_module, "half_errors", taught)
-    kept, watch = hoarded(undrawn, tmp_path, monkeypatch)
-    assert {digest(one) for _, (_, bits), _ in kept[2:3] for one in bits} == watch.bits["test"]
-
-
 # Validation
 
 
@@ -270,11 +246,3 @@ def test_validation_is_of_other_panels_than_training_and_sets_no_scale():
     scaled = (whole - of_training.mean()) / of_training.std()
     torch.testing.assert_close(learnt, scaled[: 15 * 9].sort().values)
     torch.testing.assert_close(judged, scaled[15 * 9 :].sort().values)
-
-
-@pytest.mark.parametrize("locator", ["truth", "paper", "refined"])
-def test_results_say_who_located_the_panel(undrawn, tmp_path, locator):
-    few = ("classifier=lmmse", f"receiver.locator={locator}", "name=x", "receiver.names=[flda_3]")
-    assert undrawn(*ONE, *few).status == 0
-    rows = rows_of(tmp_path / "runs" / "x" / "ber.csv")
-    assert {name: row["locator"] for name, row in rows.items()} == {"flda_3": locator, "lmmse": locator}

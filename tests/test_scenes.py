@@ -8,15 +8,14 @@ import torch
 import yaml
 from hydra import compose, initialize_config_module
 from hydra.core.global_hydra import GlobalHydra
-from torch.profiler import ProfilerActivity, profile
 
 from vocc_torch.app.config import register_schema
 from vocc_torch.app.resolve import resolved
 from vocc_torch.measure.build import build_plan
 from vocc_torch.measure.link import Link, block_keys
 from vocc_torch.rng import BlockKey, FrameKey
-from vocc_torch.simulation.effects import PHYSICAL_ORDER, Context, Quantity
-from vocc_torch.types import PanelShape, Scene
+from vocc_torch.simulation.effects import PHYSICAL_ORDER
+from vocc_torch.types import PanelShape
 
 SCENES = sorted(path.stem for path in (Path(__file__).parents[1] / "conf" / "scene").glob("*.yaml"))
 KEYS = [FrameKey(BlockKey(0, "scenes", 0), frame) for frame in range(3)]
@@ -77,28 +76,6 @@ def test_a_scene_touches_only_the_effects_that_it_names(scene, monkeypatch):
 
 
 @pytest.mark.parametrize("scene", SCENES)
-def test_the_order_of_the_names_means_nothing(scene):
-    plan = plan_of(f"scene={scene}")
-    named = list(plan.world.effects.items())
-    frames = [shot(plan, dict(order)) for order in (named, named[::-1], named[3:] + named[:3])]
-    assert torch.equal(frames[0], frames[1])
-    assert torch.equal(frames[0], frames[2])
-
-
-@pytest.mark.parametrize("scene", SCENES)
-def test_frames_do_not_depend_on_the_batch(scene):
-    plan = plan_of(f"scene={scene}")
-    together = shot(plan)
-    scenes, bits = plan.world.scene.draw(KEYS[0].block, PanelShape())
-    for i, alone in enumerate(together):
-        row = slice(i, i + 1)
-        frames = plan.world.simulator().render(
-            scenes[row], bits[row], nearest_m=plan.world.scene.nearest_m, keys=KEYS[row], panel_only=True
-        )
-        assert torch.equal(frames.grey[0], alone)
-
-
-@pytest.mark.parametrize("scene", SCENES)
 def test_a_window_has_the_whole_frames_pixels(scene):
     """In the panel's cells and a cell about them; a blur that meets a border differs at the very edge."""
     plan = plan_of(f"scene={scene}")
@@ -117,36 +94,6 @@ def test_a_window_has_the_whole_frames_pixels(scene):
         gap = (part - near.grey[i, 0, edge:-edge, edge:-edge].int()).abs()
         assert int(gap.max()) <= 1
         assert float((gap > 0).float().mean()) < 1e-3
-
-
-def test_a_scene_without_effects_hands_the_same_tensor_through(monkeypatch):
-    """Nothing is built, and between the camera's own steps nothing clips, rounds or copies."""
-    plan = plan_of()
-    assert shot(plan, {}).dtype == torch.float32
-    simulator = plan.world.simulator()
-    assert simulator.effects == ()
-    light, context = torch.rand(1, 1, 4, 4), Context(Scene.of(), simulator.camera)
-    monkeypatch.setattr("vocc_torch.simulation.simulator.through_lens", lambda value, _: value)
-    monkeypatch.setattr("vocc_torch.simulation.simulator.grey_value", lambda value, _, gamma: value)
-    seen = light, Quantity.LUMINANCE
-    assert simulator._run(seen, [], context, to_end=True)[0] is light
-    blurring = plan_of().world.simulator()
-    assert blurring._run(seen, blurring.effects[1:2], context, to_end=True)[0] is not light
-
-
-def operators(plan):
-    """What PyTorch's profiler saw while frames were rendered."""
-    shot(plan)
-    with profile(activities=[ProfilerActivity.CPU]) as trace:
-        shot(plan)
-    return {event.key for event in trace.key_averages()}
-
-
-def test_the_paper_scene_without_blooming_convolves_nothing():
-    """Seen by PyTorch's profiler, which does see the shifted planes that Kornia adds for blooming."""
-    assert "aten::addcmul_" in operators(plan_of())
-    spared = operators(plan_of("~scene.effects.blooming"))
-    assert not [name for name in spared if "conv" in name or "addcmul" in name or name.endswith("mm")]
 
 
 def test_the_paper_scene_draws_no_random_numbers(monkeypatch):

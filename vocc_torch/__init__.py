@@ -4,8 +4,6 @@ The names below are imported when they are first used, so that the command line 
 loading torch.
 """
 
-from __future__ import annotations
-
 from importlib import import_module
 from typing import TYPE_CHECKING
 

@@ -1,6 +1,34 @@
-"""``python -m vocc_torch``: the command line."""
+"""``vocc-torch`` and ``python -m vocc_torch``: the command line."""
 
-from vocc_torch.app.cli import main
+import os
+import signal
+import sys
+
+
+def stop(*_: object) -> None:
+    """End at once with status 130, where no work is under way that could end in order."""
+    os.write(2, b"vocc-torch: interrupted\n")
+    if "multiprocessing" in sys.modules:  # else nothing was started
+        for worker in sys.modules["multiprocessing"].active_children():
+            worker.terminate()
+    os._exit(130)
+
+
+def main() -> None:
+    """Run the command line; Ctrl-C ends it in one line, also while it loads and while it ends."""
+    usual = signal.getsignal(signal.SIGINT)
+    if usual is signal.default_int_handler:  # a shell's background job hears nothing
+        signal.signal(signal.SIGINT, stop)
+    from vocc_torch.app.cli import run  # which takes a second
+
+    loading = signal.signal(signal.SIGINT, usual)
+    try:
+        status = run()
+    except KeyboardInterrupt:
+        stop()
+    signal.signal(signal.SIGINT, loading)
+    sys.exit(status)
+
 
 if __name__ == "__main__":
     main()

@@ -1,11 +1,10 @@
 """What the package raises when the user asks for something it cannot do, and the checks that raise it."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from numbers import Integral, Real
+from typing import Self
 
 
 class VoccError(ValueError):
@@ -25,7 +24,7 @@ class VoccError(ValueError):
     rule: str = ""
 
     @classmethod
-    def of(cls, key: str, value: object, rule: str, verb: str = "is") -> VoccError:
+    def of(cls, key: str, value: object, rule: str, verb: str = "is") -> Self:
         """Make the error of a key, its value and the rule that the value breaks.
 
         Args:
@@ -82,6 +81,16 @@ def shown(value: object) -> str:
     except Exception:  # an object may refuse to be written, as whole numbers of over 4300 digits do
         return f"of the type {type(value).__name__}"
     return text if len(text) <= 41 else f"{text[:19]}...{text[-19:]}"
+
+
+def printable(text: str) -> str:
+    r"""Write as escapes what is no printable character: a terminal's codes, and bytes that are no UTF-8.
+
+    Example:
+        >>> print(printable("red\x1b[31m.png"))
+        red\x1b[31m.png
+    """
+    return "".join(one if one.isprintable() else ascii(one)[1:-1] for one in text)
 
 
 def finite_number(name: str, value: object, allowed: str = "a finite number") -> float:

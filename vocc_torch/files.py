@@ -1,10 +1,8 @@
 """Writing files whole or not at all."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from vocc_torch.errors import VoccError
@@ -45,15 +43,8 @@ def atomic_file(path: str | Path) -> Iterator[Path]:
     except OSError as error:
         raise VoccError(f"cannot write {target}: {error.strerror or error}") from error
     finally:
-        _remove(temporary)
-
-
-def _remove(path: Path) -> None:
-    """Delete a file if it is there; that it cannot be deleted is not the error to tell of."""
-    try:
-        path.unlink(missing_ok=True)
-    except OSError:
-        return
+        with suppress(OSError):  # that it cannot be deleted is not the error to tell of
+            temporary.unlink(missing_ok=True)
 
 
 def write_atomically(path: str | Path, content: bytes) -> None:

@@ -3,8 +3,6 @@
 The fields are the keys of the configuration's sections ``camera`` and ``panel``.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
@@ -34,31 +32,29 @@ ISO_RANGE = (1e-30, 1e20)
 """Lowest and highest ISO speed."""
 
 
-def _demand(owner: object, section: str, ranges: Mapping[str, tuple[float, float]]) -> None:
-    """Refuse by name the first attribute that is outside its range, and make floats of the others."""
+def demand_ranges(
+    owner: object, section: str, whole: Mapping[str, int], ranges: Mapping[str, tuple[float, float]]
+) -> None:
+    """Refuse by name the first attribute that is outside its range, and make ints and floats of them.
+
+    Args:
+        owner: a frozen dataclass.
+        section: what its keys begin with.
+        whole: the highest allowed of each whole number, whose lowest is 1.
+        ranges: the lowest and the highest allowed of each number.
+
+    Raises:
+        VoccError: an attribute that is no such number.
+    """
+    for name, most in whole.items():
+        object.__setattr__(owner, name, whole_number(f"{section}.{name}", getattr(owner, name), 1, most))
     for name, (low, high) in ranges.items():
         rule = f"at least {low:g} and at most {high:g}"
         value = finite_number(f"{section}.{name}", getattr(owner, name), f"a number, {rule}")
         if not low <= value <= high:
-            allowed = "above 0" if value <= 0 < low else rule
-            raise VoccError.of(f"{section}.{name}", f"{value:g}", allowed)
+            rule = "above 0" if value <= 0 < low else rule
+            raise VoccError.of(f"{section}.{name}", f"{value:g}", rule)
         object.__setattr__(owner, name, value)
-
-
-def _iso_limits(given: tuple[float, float]) -> tuple[float, float]:
-    """Give ISO limits as floats, or refuse them by name."""
-    least, most = ISO_RANGE
-    try:
-        low, high = (finite_number("camera.iso_limits", end) for end in given)
-        held = least <= low <= high <= most
-    except (TypeError, ValueError):
-        held = False
-    if not held:
-        rule = f"[low, high] with 0 < low <= high, from {least:g} to {most:g}"
-        raise VoccError.of(
-            "camera.iso_limits", shown(list(given) if isinstance(given, tuple) else given), rule
-        )
-    return low, high
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,12 +93,20 @@ class Camera:
 
     def __post_init__(self) -> None:
         """Check every range."""
-        for name in ("width_px", "height_px"):
-            value = whole_number(f"camera.{name}", getattr(self, name), 1, MOST_SIDE_PX)
-            object.__setattr__(self, name, value)
-        _demand(self, "camera", CAMERA_RANGES)
-        if self.iso_limits is not None:
-            object.__setattr__(self, "iso_limits", _iso_limits(self.iso_limits))
+        sides = dict.fromkeys(("width_px", "height_px"), MOST_SIDE_PX)
+        demand_ranges(self, "camera", sides, CAMERA_RANGES)
+        if self.iso_limits is None:
+            return
+        least, most = ISO_RANGE
+        try:
+            low, high = (finite_number("camera.iso_limits", end) for end in self.iso_limits)
+            if not least <= low <= high <= most:
+                raise ValueError
+        except (TypeError, ValueError):
+            given = list(self.iso_limits) if isinstance(self.iso_limits, tuple) else self.iso_limits
+            rule = f"[low, high] with 0 < low <= high, from {least:g} to {most:g}"
+            raise VoccError.of("camera.iso_limits", shown(given), rule) from None
+        object.__setattr__(self, "iso_limits", (low, high))
 
     @property
     def focal_length_px(self) -> float:
@@ -114,7 +118,7 @@ class Camera:
         """Sensor ``(height, width)`` in pixels."""
         return self.height_px, self.width_px
 
-    def pixels_per_metre(self, distance_m: Tensor) -> Tensor:
+    def pixels_per_metre(self, distance_m: "Tensor") -> "Tensor":
         """Image scale at a distance, px/m, shape of ``distance_m`` (m, above 0)."""
         return self.focal_length_px / distance_m
 
@@ -140,9 +144,7 @@ class PanelShape:
 
     def __post_init__(self) -> None:
         """Refuse an empty panel and one that no camera resolves."""
-        for name in ("rows", "columns"):
-            value = whole_number(f"panel.{name}", getattr(self, name), 1, MOST_LEDS)
-            object.__setattr__(self, name, value)
+        demand_ranges(self, "panel", {"rows": MOST_LEDS, "columns": MOST_LEDS}, {})
 
     @property
     def leds(self) -> int:
@@ -185,7 +187,7 @@ class LedPanel:
         ranges |= {"led_reflectance": (0, 1), "background_reflectance": (0, 1)}
         if self.board_reflectance is not None:
             ranges["board_reflectance"] = (0, 1)
-        _demand(self, "panel", ranges)
+        demand_ranges(self, "panel", {}, ranges)
         if self.background_reflectance == 0:
             raise VoccError.of("panel.background_reflectance", 0, "above 0, because auto-ISO meters it")
 

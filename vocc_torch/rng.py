@@ -1,7 +1,5 @@
 """Keyed random streams: every draw is a function of (seed, point, block, stream), and of nothing else."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -16,8 +14,7 @@ BLOCK_FRAMES = 64
 
 def _words(text: str) -> list[int]:
     """Hash a name to four 32-bit words that do not depend on Python's hash seed."""
-    digest = hashlib.sha256(text.encode()).digest()
-    return [int.from_bytes(digest[i : i + 4], "little") for i in range(0, 16, 4)]
+    return [int(word) for word in np.frombuffer(hashlib.sha256(text.encode()).digest(), "<u4", 4)]
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,8 +4,6 @@ Image coordinates are continuous, ``(x, y)`` in px: pixel (row i, column j) cove
 its centre lies at ``(j + 0.5, i + 0.5)`` and ``(0, 0)`` is the sensor's top left corner.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
@@ -13,10 +11,7 @@ from dataclasses import dataclass, fields
 import torch
 from torch import Tensor
 
-from vocc_torch.errors import VoccError
-from vocc_torch.errors import finite_number as finite_number
-from vocc_torch.errors import shown as shown
-from vocc_torch.errors import whole_number as whole_number
+from vocc_torch.errors import VoccError, finite_number, shown, whole_number
 from vocc_torch.hardware import PanelShape as PanelShape
 
 SCENE_RANGES: Mapping[str, tuple[float, float]] = {
@@ -89,7 +84,7 @@ class Scene:
         background_grey: float = 102.0,
         offset_x_m: float = 0.0,
         offset_y_m: float = 0.0,
-    ) -> Scene:
+    ) -> "Scene":
         """Make a batch of ``frames`` equal scenes from plain numbers, in the units of the fields.
 
         Raises:
@@ -101,7 +96,7 @@ class Scene:
         values = [finite_number(f"scene.{name}", one) for name, one in zip(SCENE_RANGES, given, strict=True)]
         return cls(*(torch.full((frames,), value, dtype=torch.float64) for value in values)).checked()
 
-    def checked(self) -> Scene:
+    def checked(self) -> "Scene":
         """Give back this scene, in float64, or refuse it by the name of the first field that is out of range.
 
         Raises:
@@ -130,16 +125,16 @@ class Scene:
         """Count the frames."""
         return int(self.ambient_lx.shape[0])
 
-    def __getitem__(self, rows: slice | Tensor) -> Scene:
+    def __getitem__(self, rows: slice | Tensor) -> "Scene":
         """Take some of the frames, by a slice or by their numbers (n,) int64."""
         return Scene(*(getattr(self, field.name)[rows] for field in fields(self)))
 
-    def to(self, device: torch.device | str) -> Scene:
+    def to(self, device: torch.device | str) -> "Scene":
         """Move every field to ``device``."""
         return Scene(*(getattr(self, field.name).to(device) for field in fields(self)))
 
     @staticmethod
-    def cat(scenes: Sequence[Scene]) -> Scene:
+    def cat(scenes: Sequence["Scene"]) -> "Scene":
         """Join batches in order."""
         return Scene(*(torch.cat([getattr(s, field.name) for s in scenes]) for field in fields(Scene)))
 
@@ -167,7 +162,7 @@ class Frames:
     surround: Tensor | None = None
 
     @classmethod
-    def whole(cls, grey: Tensor) -> Frames:
+    def whole(cls, grey: Tensor) -> "Frames":
         """Wrap full frames (B,1,H,W) or (B,H,W) that are not crops.
 
         Raises:
@@ -183,7 +178,7 @@ class Frames:
         """Count the frames."""
         return int(self.grey.shape[0])
 
-    def __getitem__(self, rows: slice | Tensor) -> Frames:
+    def __getitem__(self, rows: slice | Tensor) -> "Frames":
         """Take a slice of the frames, or those of an index or a bool mask."""
         surround = None if self.surround is None else self.surround[rows]
         return Frames(self.grey[rows], self.origin_px[rows], self.sensor_px, surround)
@@ -211,7 +206,7 @@ class Panels:
     candidates: Tensor
 
     @classmethod
-    def known(cls, corners_px: Tensor) -> Panels:
+    def known(cls, corners_px: Tensor) -> "Panels":
         """Wrap corners that are known, not located."""
         ones = torch.ones(corners_px.shape[0], device=corners_px.device)
         return cls(corners_px.to(torch.float64), ones.bool(), ones.double(), ones.long())

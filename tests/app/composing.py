@@ -7,9 +7,8 @@ from hydra.core.global_hydra import GlobalHydra
 from hydra.errors import HydraException
 from omegaconf.errors import OmegaConfBaseException
 
-from vocc_torch.app.complaints import one_line
 from vocc_torch.app.config import register_schema
-from vocc_torch.app.resolve import resolved
+from vocc_torch.app.resolve import one_line, resolved
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.build import build_plan
 from vocc_torch.studies.classifiers.plan import build_classifier_study
@@ -18,24 +17,28 @@ from vocc_torch.studies.paper.experiments import paper_plan
 from vocc_torch.studies.tradeoff.plan import build_tradeoff_study
 
 NOWHERE = Path("runs/none")
+REFUSALS = (HydraException, OmegaConfBaseException, ValueError, TypeError, OverflowError, RecursionError)
+ours = None
 
 
 def composed(*words):
-    """The settings of a command line."""
-    GlobalHydra.instance().clear()
-    register_schema()
-    with initialize_config_module("vocc_torch.conf", version_base="1.3"):
-        return resolved(compose("config", overrides=list(words)), words)
-
-
-def plan_of(*words):
-    """The plan of a command line."""
-    return build_plan(composed(*words), NOWHERE)
+    """The settings of a command line; Hydra reads its files once."""
+    global ours
+    if ours is None or GlobalHydra.instance().hydra is not ours:
+        GlobalHydra.instance().clear()
+        register_schema()
+        initialize_config_module("vocc_torch.conf", version_base="1.3")
+        ours = GlobalHydra.instance().hydra
+    return resolved(compose("config", overrides=list(words)), words)
 
 
 def study_of(*words):
     """All that a task builds before it does any work."""
-    settings = composed(*words)
+    return built(composed(*words))
+
+
+def built(settings):
+    """All that a task builds before it does any work, from its settings."""
     plan = build_plan(settings, NOWHERE)
     plan.world.simulator()
     if settings.task == "classifiers":
@@ -55,7 +58,7 @@ def complaint_of(*words):
         study_of(*words)
     except VoccError as error:
         said = str(error)
-    except (HydraException, OmegaConfBaseException, ValueError, TypeError, OverflowError) as error:
+    except REFUSALS as error:
         said = one_line(error, words)
     else:
         raise AssertionError(f"{words} are accepted")

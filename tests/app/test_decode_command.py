@@ -8,17 +8,16 @@ import torch
 from composing import composed
 from PIL import Image
 
+from vocc_torch.app.cli import run_task
 from vocc_torch.errors import VoccError
 from vocc_torch.receiver.receiver import Receiver
-from vocc_torch.studies.curve import run_train
-from vocc_torch.studies.decode.run import run_decode
 
 
 @pytest.fixture(scope="module")
 def model(tmp_path_factory):
     """A receiver that task=train wrote."""
     folder = tmp_path_factory.mktemp("model")
-    run_train(composed("task=train", "budget.training_frames=64", "receiver.save=flda_3", "name=x"), folder)
+    run_task(composed("task=train", "budget.training_frames=64", "receiver.save=flda_3", "name=x"), folder)
     return folder / "receiver.pt"
 
 
@@ -29,7 +28,7 @@ def decode(tmp_path, monkeypatch):
 
     def run(recording, *words):
         settings = composed("task=decode", f"input='{recording}'", "name=x", *words)
-        run_decode(settings, settings.decode, tmp_path / "out")
+        run_task(settings, tmp_path / "out")
         with (tmp_path / "out" / "bits.csv").open(newline="") as file:
             return list(csv.DictReader(file))
 
@@ -50,11 +49,13 @@ def test_a_folder_with_and_without_panels(decode, model, photo, tmp_path, capsys
     (pictures / "b.png").write_bytes(photo.read_bytes())
     with Image.open(photo) as image:
         image.convert("RGB").save(pictures / "b.bmp")
-    rows = decode(pictures, f"model={model}")
+    rows = decode(pictures, f"model={model}", "decode.scale=2")
     assert [(row["source"], row["found"]) for row in rows] == [("a.png", "0"), ("b.bmp", "1"), ("b.png", "1")]
     assert "2 of 3 frames show a panel" in capsys.readouterr().out
     # Two pictures of one name do not overwrite one another.
-    assert len(list((tmp_path / "out" / "annotated").iterdir())) == 2
+    drawn = list((tmp_path / "out" / "annotated").iterdir())
+    with Image.open(photo) as given, Image.open(drawn[0]) as one, Image.open(drawn[1]) as other:
+        assert one.size == other.size == (given.width * 2, given.height * 2)
 
 
 def test_noise_is_called_doubtful(decode, model, tmp_path, capsys):

@@ -1,199 +1,61 @@
 """Every mistake on the command line is said in one line that names the key; found before any work is done."""
 
+from pathlib import Path
+
 import pytest
 import torch
 from composing import complaint_of, composed, study_of
 
-MISTAKES = [
-    # Each: the words of a command line, and parts of its complaint.
-    ("experiment=ambeint", "experiment is 'ambeint'", "ambient, classifiers, contrast, dimming, distance"),
-    ("task=tset", "task is 'tset'", "classifiers, collect, decode, effects, figures, test, tradeoff, train"),
-    ("task=tradeoff tradeoff.devices=[tpu]", "tradeoff.devices has 'tpu'", "auto, cpu or cuda"),
-    ("task=tradeoff tradeoff.devices=[cuda:77]", "tradeoff.devices has 'cuda:77'", "this machine has"),
-    (
-        "task=tradeoff +tradeoff.scenes.odd={distance:5}",
-        "tradeoff.scenes.odd.distance",
-        "not a value of a scene",
-    ),
-    ("task=tradeoff +tradeoff.scenes.odd=5", "tradeoff.scenes.odd is 5: it must be"),
-    ("task=tradeoff budget.precision=0.1", "budget.precision is 0.1", "must be null for task=tradeoff"),
-    ("classifier=[lmmse,mpl]", "classifier has 'mpl'", "it must be of boosted_trees, cnn, ", "lmmse"),
-    ("scene=moon", "scene is 'moon'", "paper"),
-    ("sede=1", "sede is not a known key", "did you mean seed?"),
-    ("camera.gama=2", "camera.gama", "did you mean camera.gamma?"),
-    ("zzz=1", "zzz is not a known key", "--help"),
-    ("+foo=1", "foo is not a known key"),
-    ("++foo=1", "foo is not a known key"),
-    ("+camera.gama=2", "camera.gama", "did you mean camera.gamma?"),
-    ("+scene.distance=5", "scene.distance ", "did you mean scene.distance_m?"),
-    ("~seed", "seed is missing"),
-    ("~scene.distance_m", "scene.distance_m cannot be removed"),
-    ("~scene.effects.fog", "scene.effects.fog is not set"),
-    ("~experiment", "experiment is missing"),
-    ("+experiment=distance", "experiment is chosen twice"),
-    ("scene=null", "scene is null", "--help"),
-    ("panel.rows=null", "panel.rows is null"),
-    ("scene.distance_m=-5", "scene.distance_m is -5", "above 0"),
-    ("experiment.scene.distance_m=[uniform,-5,5]", "experiment.scene.distance_m is -5", "above 0"),
-    ("+experiment.training.distance_m=-5", "experiment.training.distance_m is -5", "above 0"),
-    ("experiment.values=[-5,5]", "experiment.values has -5", "at least 0"),
-    (
-        "experiment.axis=background_grey experiment.values=[100,300]",
-        "experiment.values has 300",
-        "at most 255",
-    ),
-    ("scene.ambient_lx=[uniform,1]", "scene.ambient_lx is", "[uniform, low, high]"),
-    ("scene.ambient_lx=[uniform,5,1]", "scene.ambient_lx", "low must not exceed"),
-    ("experiment.scene.distance_m=near", "experiment.scene.distance_m is 'near'", "[uniform, low, high]"),
-    ("+experiment.scene.fog=1", "experiment.scene.fog is not a value of a scene", "ambient_lx"),
-    ("experiment.scene.background_grey=1", "+experiment.scene.background_grey="),
-    ("scene.effects.blooming.sigma_px=-1", "scene.effects.blooming.sigma_px is -1", "above 0"),
-    ("+scene.effects.blomming.sigma_px=1", "scene.effects.blomming", "did you mean blooming?"),
-    ("+scene.effects.blooming.sigma=1", "scene.effects.blooming.sigma", "sigma_px"),
-    ("~scene.effects.blooming.sigma_px", "scene.effects.blooming.sigma_px is missing"),
-    ("scene.effects.blooming=null", "scene.effects.blooming is null", "~scene.effects.blooming"),
-    ("scene.effects.blooming=2", "scene.effects.blooming is 2", "mapping"),
-    ("scene.effects=2", "scene.effects is '2'", "mapping"),
-    ("~scene.effects.saturation", "scene.effects.quantization", "saturation"),
-    ("budget.frames=0", "budget.frames is 0", "at least 1"),
-    ("budget.training_frames=1", "budget.training_frames is 1", "at least 2"),
-    ("budget.target_frame_errors=0", "budget.target_frame_errors is 0", "at least 1"),
-    ("panel.rows=0", "panel.rows is 0", "at least 1"),
-    ("panel.led_gap_m=-1", "panel.led_gap_m is -1", "at least 0"),
-    ("budget.frames=many", "budget.frames is 'many'", "a whole number"),
-    ("panel.rows=1.5", "panel.rows is '1.5'", "a whole number"),
-    ("camera.gamma=bright", "camera.gamma is 'bright'", "a number"),
-    ("camera.gamma=[1]", "camera.gamma is '[1]'", "a number"),
-    ("tensorboard=maybe", "tensorboard is 'maybe'", "true or false"),
-    ("camera.iso_limits=100", "camera.iso_limits is '100'", "a list"),
-    ("receiver.names=flda_3", "receiver.names is 'flda_3'", "a list"),
-    ("experiment.values=[low]", "experiment.values[0] is 'low'", "a number"),
-    ("input=[a,b]", "input is '[a,b]'", "text"),
-    ("camera=[1,2]", "camera is [1,2]", "one of the options"),
-    ("experiment.values=${seed}", "experiment.values is 0", "a list"),
-    ("~scene.effects.blooming=0", "not 0", "write ~scene.effects.blooming"),
-    ("camera.gamma=nan", "camera.gamma is nan", "at least 0.1"),
-    ("camera.iso_limits=[1]", "camera.iso_limits is [1.0]", "[low, high]"),
-    ("camera.iso_limits=[200,100]", "camera.iso_limits is [200.0, 100.0]", "low <= high"),
-    (
-        "experiment=contrast experiment.values=[-1,0,0.4]",
-        "experiment.values has -1",
-        "contrast",
-        "at least 0",
-    ),
-    ("experiment.values=[2,1]", "experiment.values is [2.0, 1.0]", "ascending"),
-    ("experiment.values=[]", "experiment.values is []", "at least 1"),
-    ("experiment=contrast experiment.values=[0.1]", "experiment.values is [0.1]", "at least 2"),
-    ("experiment.axis=fog", "experiment.axis is 'fog'", "ambient_lx"),
-    ("experiment.name=train", "experiment.name is 'train'"),
-    ("receiver.names=[flda_9]", "receiver.names has 'flda_9'", "flda_3"),
-    ("receiver.names=[flda_3,flda_3]", "receiver.names is ['flda_3', 'flda_3']", "once"),
-    ("receiver.locator=guess", "receiver.locator is 'guess'", "truth or paper"),
-    ("receiver.save=center_greyscale", "receiver.save is 'center_greyscale'", "flda_3"),
-    ("receiver.location.closing_px=2", "receiver.location.closing_px is 2", "odd"),
-    ("receiver.gradient=steep", "receiver.gradient is 'steep'", "sobel or central"),
-    ("seed=-1", "seed is -1", "at least 0"),
-    ("batch_frames=0", "batch_frames is 0", "at least 1"),
-    ("precision=float16", "precision is 'float16'", "float32 or float64"),
-    ("framing=wide", "framing is 'wide'", "crop"),
-    ("device=abacus", "device is 'abacus'", "auto, cpu or cuda"),
-    ("device=meta", "device is 'meta'", "auto, cpu or cuda"),
-    ("name=", "name is ''", "below runs/"),
-    ("name=../away", "name is '../away'", "below runs/"),
-    ("name=${nothing}", "nothing", "known key"),
-    (
-        "task=decode decode.channel=infrared",
-        "decode.channel is 'infrared'",
-        "one of luma, max, red, green, blue",
-    ),
-    ("task=decode input=no.png decode.scale=0", "decode.scale is 0", "from 1 to 16"),
-    ("seed", "seed cannot be read", "key=value"),
-    ("experiment.values=[1", "experiment.values=[1 cannot be read"),
-    ("name=${seed", "name=${seed cannot be read"),
-    ("seed=1,2", "seed is 1,2", "-m"),
-    ("task=decode receiver.locator=truth", "receiver.locator is 'truth'", "paper or refined for task=decode"),
-    ("receiver=rivals task=decode", "receiver.locator is 'truth'", "a recording does not tell its corners"),
-    ("device=cpu:7", "device is 'cpu:7'", "auto, cpu or cuda"),
-    ("experiment.rows=[1,2]", "experiment.row_axis is None", "led_luminance_cd_m2"),
-    ("experiment=dimming experiment.rows=[2,1]", "experiment.rows is [2.0, 1.0]", "ascending"),
-    ("experiment=dimming experiment.rows=[0,1]", "experiment.rows has 0", "above 0"),
-    ("experiment=dimming experiment.row_axis=led_luminance_cd_m2", "experiment.row_axis is 'led_lum"),
-    # Sections replaced by what is no section.
-    ("decode=${seed}", "decode", "a mapping"),
-    ("scene.camera=${panel}", "scene.camera.rows is not a known key"),
-    ("panel=${seed}", "panel is ${seed}", "one of the options"),
-    ("receiver.names=${seed}", "receiver.names is 0", "a list"),
-    ("experiment.values=${receiver.names}", "experiment.values[0] is 'center_greyscale'", "a number"),
-    ("seed=${camera}", "seed", "a whole number"),
-    # Scenes.
-    ("scene=night +scene.effects.shot_nois={}", "did you mean shot_noise?"),
-    ("scene=night +scene.effects.full_well.electron=1", "did you mean electrons?"),
-    ("scene=night scene.effects.photoelectrons.quantum_efficiency=1.2", "at most 1"),
-    ("scene=night ~scene.effects.photoelectrons", "which scene.effects.photoelectrons makes"),
-    ("scene=night ~scene.effects.gain", "which scene.effects.gain makes"),
-    ("scene=night scene.effects.shot_noise=null", "~scene.effects.shot_noise"),
-    ("scene=night +scene.camera.lens=1", "scene.camera.lens"),
-    ("scene=night scene.camera.f_number=0", "scene.camera.f_number is 0: it must be above 0"),
-    ("scene=night +scene.effects.pose={yaw_deg:[normal,0,1]}", "effects.pose.yaw_deg is"),
-    ("scene=night +scene.effects.pose={yaw_deg:100}", "scene.effects.pose.yaw_deg"),
-    ("scene=night +scene.effects={jpeg:{quality:80},quantization:{bits:10}}", "jpeg codes 8-bit"),
-    # What would be passed over.
-    (
-        "scene=dashcam camera.focal_length_mm=18",
-        "camera.focal_length_mm is set by the scene dashcam: give scene.camera.focal_length_mm=18",
-    ),
-    ("scene.effects={}", "scene.effects={} takes none away"),
-    ("scene=[night,fog]", "scene is [night,fog]: it must be one option"),
-    ("decode.scale=2", "decode.scale is 2: only task=decode uses it, and the task is test"),
-    ("task=train rivals.genie_frames=3", "rivals.genie_frames is 3: only task=classifiers uses it"),
-    ("task=decode model=r.pt receiver.locator=paper", "receiver.locator is paper: the model brings its own"),
-    ("task=decode model=r.pt receiver.samples_per_led=4", "receiver.samples_per_led is 4: the model brings"),
-    ("task=decode model=r.pt panel.led_gap_m=0.1", "panel.led_gap_m is 0.1: the model brings its own"),
-    ("task=decode model=r.pt classifier=lmmse", "classifier is lmmse: the model brings its own"),
-    # Names that become names of files.
-    ("name=x experiment.name=../../x", "experiment.name is '../../x'", "a word of letters, digits"),
-    ("name=x experiment.name=a/b", "experiment.name is 'a/b'", "a word"),
-    ("+classifiers={_summary:{build:{_target_:x.Y}}}", "classifiers._summary", "none of", "flda_3"),
-    ("+classifiers={flda_3:{build:{_target_:x.Y}}}", "classifiers.flda_3", "must be a word"),
-    ("+classifiers={../x:{build:{_target_:x.Y}}}", "classifiers.../x: a classifier's name must be a word"),
-    (
-        "task=figures +figures.experiments={../../x:{name:x,axis:distance_m,values:[1]}}",
-        "figures.experiments is '../../x'",
-        "a word",
-    ),
-    (
-        "task=classifiers +rivals.experiments={a/b:{name:x,axis:distance_m,values:[1]}}",
-        "rivals.experiments is 'a/b'",
-        "a word",
-    ),
-    # A refusal names the section that the user wrote.
-    (
-        "task=figures figures.experiments.distance.values=[2,1]",
-        "figures.experiments.distance.values is [2.0, 1.0]",
-    ),
-    ("task=classifiers rivals.experiments.ambient.values=[-1]", "rivals.experiments.ambient.values has -1"),
-    ("task=classifiers rivals.scenes.fog.distance_m=-3", "rivals.scenes.fog.distance_m is -3", "above 0"),
-    (
-        "task=figures figures.experiments.ambient.scene.distance_m=-3",
-        "figures.experiments.ambient.scene.distance_m is",
-    ),
-    ("classifier=lmmse +classifiers.lmmse.inputs.patch.colour=1", "classifiers.lmmse.inputs.patch.colour"),
-    ("classifier=mlp +classifiers.mlp.training.epoch=1", "classifiers.mlp.training.epoch", "epochs"),
-    (
-        "classifier=mlp classifiers.mlp.training.epochs=0",
-        "classifiers.mlp.training.epochs is 0",
-        "at least 1",
-    ),
-    ("classifier=cnn classifiers.cnn.scene.ambient_lx=dark", "classifiers.cnn.scene.ambient_lx is 'dark'"),
-    ("classifier=sklearn", "classifiers.sklearn.build._target_"),
-]
+from vocc_torch.errors import VoccError
+from vocc_torch.measure.config import read_flat
+from vocc_torch.measure.train import train
+
+TABLE = Path(__file__).with_name("mistakes.txt").read_text().splitlines()[1:]
 
 
-@pytest.mark.parametrize(("words", "parts"), [(words, parts) for words, *parts in MISTAKES])
-def test_a_mistake_is_one_line_that_names_the_key(words, parts):
+@pytest.mark.parametrize("line", TABLE, ids=lambda line: line.partition(" => ")[0])
+def test_a_mistake_is_one_line_that_names_the_key(line):
+    words, _, parts = line.partition(" => ")
     said = complaint_of(*words.split())
-    for part in parts:
+    for part in parts.split(" | "):
         assert part in said
+
+
+DEEP = {"lists": "[" * 500 + "]" * 500, "mappings": "{a:" * 80 + "1" + "}" * 80, "digits": "9" * 5000}
+
+
+@pytest.mark.parametrize("value", DEEP.values(), ids=DEEP.keys())
+def test_what_no_parser_bears_is_one_line_that_names_the_key(value):
+    words = (f"+scene.effects.x={value}", "seed=1")
+    assert complaint_of(*words).startswith("scene.effects.x ")
+
+
+@pytest.mark.parametrize("name", ["red\x1b[31m", "two\nlines", "zero\0", "bytes\udcff"])
+def test_a_name_that_a_terminal_reads_is_refused(name):
+    settings = composed("name=x")
+    settings.name = name
+    with pytest.raises(VoccError, match=r"^name is '[ -~]+': it must be printable") as refusal:
+        settings.__post_init__()
+    assert refusal.value.value.isprintable()
+
+
+STRANGE = {
+    "secret": "seed: ${oc.env:HOME}",
+    "alias": "a: &a [1,1]\nb: &b [*a,*a]\nc: [*b,*b]",
+    "deep": "a: " + "[" * 5000,
+    "digits": f"seed: {'9' * 5000}",
+    "call": "seed: !!python/object/apply:os.system [ls]",
+    "binary": "seed: \0",
+}
+
+
+@pytest.mark.parametrize("text", STRANGE.values(), ids=STRANGE.keys())
+def test_a_configuration_of_a_stranger_is_not_resolved_or_expanded(tmp_path, text):
+    path = tmp_path / "config.yaml"
+    path.write_text(text)
+    with pytest.raises(VoccError, match=r"config\.yaml is not a configuration") as refusal:
+        read_flat(path)
+    assert "\n" not in str(refusal.value)
 
 
 @pytest.mark.skipif(torch.cuda.is_available(), reason="this machine has CUDA: device=cuda is no mistake here")
@@ -214,3 +76,152 @@ def test_the_scene_changes_the_camera_and_the_experiment_the_scene():
     assert plan.world.camera.focal_length_mm != 25
     assert plan.experiment.scene["distance_m"].bounds == (33, 33)
     assert plan.experiment.model_at(plan.world, 4000.0).ambient_lx.bounds == (4000, 4000)
+
+
+# Classes and files that do not serve as classifiers
+
+TINY = (
+    *("experiment.values=[4000]", "budget.frames=64", "budget.training_frames=64", "tensorboard=false"),
+    *("receiver.names=[flda_3]", "receiver.locator=truth", "device=cpu", "name=x"),
+)
+BROKEN = """
+import torch
+
+class Plain:
+    def fit(self, x, bits):
+        return self
+
+    def decision_function(self, x):
+        return x[..., 0] - 1
+
+class Asks(Plain):
+    def __init__(self, colour):
+        pass
+
+class Ends(Plain):
+    def __init__(self):
+        raise SystemExit(0)
+
+class Unpicklable(Plain):
+    def __init__(self):
+        self.kept = lambda: 1
+
+class Raises(Plain):
+    def fit(self, x, bits):
+        raise RuntimeError("two\\nlines")
+
+class NoFit:
+    def decision_function(self, x):
+        return x[..., 0]
+
+class NoScores:
+    def get_params(self, deep=True):
+        return {}
+
+    def fit(self, x, y):
+        return self
+
+class NoForward(torch.nn.Module):
+    def __init__(self, n_inputs):
+        super().__init__()
+        self.layer = torch.nn.Linear(n_inputs, 2)
+
+class TwoScores(NoForward):
+    def forward(self, x):
+        return self.layer(x)
+
+class NotANumber(NoForward):
+    def forward(self, x):
+        return self.layer(x)[:, 0] * float("nan")
+
+class NothingToLearn(torch.nn.Module):
+    def forward(self, x):
+        return x[:, 0]
+
+NUMBER = 3
+"""
+
+
+def refused(*words):
+    """The complaint that ends a plan and its training."""
+    with pytest.raises(VoccError) as refusal:
+        train(study_of(*TINY, *words))
+    assert "\n" not in str(refusal.value)
+    return str(refusal.value)
+
+
+def own(file, target):
+    return ("classifier=own", f"classifiers.own.file={file}", f"classifiers.own.build._target_={target}")
+
+
+@pytest.mark.parametrize(
+    ("target", "words"),
+    [
+        ("Asks", "classifiers.own.build: Asks cannot be built ("),
+        ("Ends", "classifiers.own.build: Ends cannot be built ("),
+        ("NUMBER", "classifiers.own.build: NUMBER cannot be built ('int' object is not callable)"),
+        ("Missing", "classifiers.own: file "),
+        ("Unpicklable", "classifier own: it must be possible to pickle it"),
+        ("Raises", "classifier own: fit failed (RuntimeError: two lines)"),
+        ("NoFit", "classifier own is of type NoFit without fit"),
+        ("NoScores", "classifiers.own: NoScores must have decision_function, predict_proba or predict"),
+        ("NoForward", "classifier own: forward failed on (1024, 3) (NotImplementedError"),
+        ("TwoScores", "classifier own: the module gave (1024, 2) for 1024 LEDs: it must give one score each"),
+        ("NotANumber", "classifier own: the validation loss is not finite"),
+        ("NothingToLearn", "classifier own: the module has no parameters that learn: use a class"),
+    ],
+)
+def test_a_class_that_does_not_serve(tmp_path, target, words):
+    (tmp_path / "broken.py").write_text(BROKEN)
+    brief = "+classifiers.own.training={frames: 64, epochs: 1}"
+    assert refused(*own(tmp_path / "broken.py", target), brief).startswith(words)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "words"),
+    [
+        (
+            "missing.py",
+            "import nothing_there",
+            "cannot be run (ModuleNotFoundError: No module named ",
+        ),
+        ("syntax.py", "def f(:", "cannot be run (SyntaxError: "),
+        ("ends.py", "raise SystemExit(0)", "cannot be run (SystemExit: 0)"),
+        ("mine.txt", "class A: pass", "is no Python file"),
+        ("empty.py", "", "has no A"),
+        ("nowhere.py", None, "cannot be read"),
+    ],
+)
+def test_a_file_that_does_not_serve(tmp_path, monkeypatch, name, text, words):
+    monkeypatch.chdir(tmp_path)
+    if text is not None:
+        (tmp_path / name).write_text(text)
+    said = refused(*own(name, "A"))
+    assert said.startswith("classifiers.own")
+    assert f"{name} {words}" in said
+
+
+@pytest.mark.parametrize(
+    ("words", "part"),
+    [
+        (
+            "sklearn.cluster.KMeans",
+            "KMeans finds clusters",
+        ),
+        (
+            "sklearn.nothing.Here",
+            "Here cannot be built (",
+        ),
+        (
+            "nothing_there.Mine",
+            "(No module named ",
+        ),
+    ],
+)
+def test_an_estimator_that_does_not_serve(target, part):
+    assert part in refused("classifier=sklearn", f"classifiers.sklearn.build._target_={target}")
+
+
+@pytest.mark.parametrize("word", ["classifiers.lmmse.build.classes=0", "+classifiers.lmmse.build.colour=0"])
+def test_an_argument_that_a_class_does_not_take(word):
+    assert word.partition("=")[0].rpartition(".")[2] in refused("classifier=lmmse", word)

@@ -19,9 +19,8 @@ from hydra.errors import HydraException
 from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from vocc_torch.app.complaints import one_line
 from vocc_torch.app.config import AppConfig, keys_of, register_schema
-from vocc_torch.app.resolve import resolved
+from vocc_torch.app.resolve import one_line, resolved
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.build import build_plan
 from vocc_torch.measure.link import Link, block_keys

@@ -1,32 +1,26 @@
 """The command line: one Hydra application, errors in one line, status 2 for a user's mistake."""
 
-from __future__ import annotations
-
 import contextlib
-import multiprocessing
+import io
 import os
 import sys
 import tempfile
 import traceback
 import warnings
 from collections.abc import Iterator
-from concurrent.futures.process import BrokenProcessPool
 from importlib import import_module
 from pathlib import Path
 
 import hydra
 from hydra.core.hydra_config import HydraConfig
-from hydra.errors import HydraException
 from hydra.types import RunMode
 from omegaconf import DictConfig
-from omegaconf.errors import OmegaConfBaseException
-from yaml import MarkedYAMLError
 
-from vocc_torch.app.complaints import one_line
+from vocc_torch.__main__ import main as main  # where scripts that were installed earlier look for it
 from vocc_torch.app.config import TASKS, AppConfig, inside_runs, register_schema
-from vocc_torch.app.jobs import Failure, Jobs, begin_again, beside_others, write_down
-from vocc_torch.app.resolve import resolved
-from vocc_torch.errors import VoccError
+from vocc_torch.app.jobs import Jobs, begin_again, beside_others, write_down
+from vocc_torch.app.resolve import refusal, resolved
+from vocc_torch.errors import VoccError, printable, shown
 from vocc_torch.measure.config import as_yaml
 
 GRID = "curve:run_grid"
@@ -37,29 +31,26 @@ OUT_OF_MEMORY = (
     "not enough memory: give a smaller batch_frames, or a camera and distances that show smaller LEDs"
 )
 
-LOST_WORKER = (
-    "a worker process was ended from outside, perhaps for lack of memory: the jobs that had ended keep their "
-    "results; run the others with a smaller hydra.launcher.n_jobs or batch_frames"
-)
-
 
 def complain(message: str) -> None:
-    """Print a user's mistake."""
+    """Print a user's mistake in one line."""
     # In one piece, for jobs that complain at the same time.
-    sys.stderr.write(f"vocc-torch: error: {' '.join(message.splitlines())}\n")
+    sys.stderr.write(f"vocc-torch: error: {printable(' '.join(message.splitlines()))}\n")
 
 
 @contextlib.contextmanager
-def one_line_warnings() -> Iterator[None]:
-    """Print each warning in one line, once."""
+def terminal_lines() -> Iterator[None]:
+    """Print each warning in one line, once, and escape what the terminal has no characters for."""
     said: set[str] = set()
 
     def show(message: Warning | str, *_: object, **__: object) -> None:
-        text = " ".join(str(message).split())
+        text = printable(" ".join(str(message).split()))
         if text not in said:
             print("vocc-torch: warning:", text, file=sys.stderr)
         said.add(text)
 
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")
     with warnings.catch_warnings():
         warnings.showwarning = show
         yield
@@ -80,7 +71,7 @@ def run_task(settings: AppConfig, folder: Path) -> None:
     run_it(settings, *([] if part is None else [getattr(settings, part)]), folder)
 
 
-def _discard_if_empty(folder: Path) -> None:
+def discard_if_empty(folder: Path) -> None:
     """Remove a run's folder that holds nothing, and the folders up to ``runs`` that it leaves empty.
 
     One outside ``runs/``, where hydra.run.dir may lead, may have been there before and stays.
@@ -93,112 +84,66 @@ def _discard_if_empty(folder: Path) -> None:
             empty.rmdir()
 
 
-def _complaint(config: DictConfig, folder: Path) -> str | None:
-    """Run one job and give the complaint that ended it."""
-    try:
-        run_task(resolved(config, HydraConfig.get().overrides.task), folder)
-    except BrokenPipeError:
-        raise
-    except VoccError as error:
-        return str(error)
-    except OSError as error:
+def complaint_of(error: Exception, folder: Path) -> str | None:
+    """Say what ended a job, if it is the user's or the machine's."""
+    if isinstance(error, OSError):
         return f"{error.filename or folder}: {error.strerror or error}"
-    except (MemoryError, RuntimeError) as error:
-        if not isinstance(error, MemoryError) and "memory" not in str(error):
-            raise
+    if isinstance(error, UnicodeEncodeError):
+        return f"{shown(error.object)} cannot be written as {error.encoding}: give the file another name"
+    if isinstance(error, MemoryError) or (isinstance(error, RuntimeError) and "memory" in str(error)):
         return OUT_OF_MEMORY
-    return None
+    return str(error) if isinstance(error, VoccError) else None
 
 
-def _run_one_of_many(config: DictConfig, jobs: Jobs) -> None:
-    """Run one job of a multirun; what ends it is a result too, and the other jobs are run.
-
-    Raising would end the multirun after this batch of jobs.
-    """
-    hydra_config = HydraConfig.get()
-    number, folder = int(hydra_config.job.num), Path(hydra_config.runtime.output_dir)
+def run_job(config: DictConfig, jobs: Jobs) -> None:
+    """Run one job; what ends it is a result too, because raising would end a multirun with it."""
+    about = HydraConfig.get()
+    one_of_many = about.mode == RunMode.MULTIRUN
+    number, folder = int(about.job.num) if one_of_many else 0, Path(about.runtime.output_dir)
     jobs.begun(number, folder)
-    heading = " ".join(hydra_config.overrides.task)
-    print(heading if jobs.elsewhere else f"\njob {number}: {heading}", flush=True)
-    trace, mine = "", begin_again(folder)
+    if one_of_many:
+        heading = " ".join(about.overrides.task)
+        print(heading if jobs.elsewhere else f"\njob {number}: {heading}", flush=True)
+    trace, mine = "", False
     try:
-        complaint = _complaint(config, folder)
+        mine = begin_again(folder) and one_of_many
+        run_task(resolved(config, about.overrides.task), folder)
+        return
     except BrokenPipeError:
         raise
     except Exception as error:
-        trace = traceback.format_exc()
-        complaint = " ".join(f"{type(error).__name__}: {error}".split())
-        sys.stderr.write(trace)
-    if complaint is None:
-        return
-    complain(f"job {number}: {complaint}" if jobs.elsewhere or trace else complaint)
-    failure = Failure(number, complaint, trace)
+        complaint = complaint_of(error, folder) or ""
+        if not complaint:
+            trace, complaint = traceback.format_exc(), " ".join(f"{type(error).__name__}: {error}".split())
+            sys.stderr.write(trace)
+    complain(f"job {number}: {complaint}" if jobs.elsewhere or (trace and one_of_many) else complaint)
     if mine:
         configuration = ""
         with contextlib.suppress(VoccError):  # it may be what failed
             configuration = as_yaml(resolved(config))
-        write_down(failure, folder, configuration)
-    jobs.failed(failure)
+        write_down(folder, complaint, trace, configuration)
+    jobs.failed(number, complaint, trace)
 
 
-def _refusal(error: Exception) -> str | None:
-    """Say what Hydra refused before or between the jobs; None for an error that is not the user's."""
-    if isinstance(error, BrokenProcessPool):
-        return LOST_WORKER
-    if isinstance(error, multiprocessing.TimeoutError):
-        return "hydra.launcher.timeout is shorter than a job: give more seconds, or null"
-    if isinstance(error, MarkedYAMLError):
-        mark = error.problem_mark
-        return f"{mark.name} is not YAML at line {mark.line + 1}: {error.problem}" if mark else str(error)
-    # Hydra trips over a group whose option is a list of numbers, and over a number that no float holds.
-    if isinstance(error, HydraException | OmegaConfBaseException | ValueError | TypeError | OverflowError):
-        return one_line(error, sys.argv[1:])
-    if isinstance(error, OSError):
-        where = f" {error.filename}" if error.filename else ""
-        return f"cannot make the run's folder{where} ({error.strerror}): choose another with name="
-    return None
+def run_jobs(jobs: Jobs) -> int:
+    """Run the application, all its jobs, and give its exit status.
 
-
-def _status(jobs: Jobs) -> int:
-    """Sum up how the jobs ended: 0 for well, 2 for a user's mistake, 1 for a fault that is not the user's."""
-    failures, count = jobs.failures(), len(jobs.folders())
-    if failures and jobs.parallel:
-        numbers = ", ".join(str(failure.job) for failure in failures)
-        complain(f"{len(failures)} of {count} jobs failed ({numbers}): failed.txt in their folders says why")
-    if any(failure.trace for failure in failures):
-        return 1
-    return 2 if failures else 0
-
-
-def _run_jobs(jobs: Jobs) -> int:
-    """Run the application, all its jobs, and give its exit status."""
-    unforeseen: list[Exception] = []
+    Returns:
+        0 for well, 2 for a user's mistake, 1 for a fault that is not the user's, 130 for Ctrl-C.
+    """
 
     @hydra.main(version_base="1.3", config_path="pkg://vocc_torch.conf", config_name="config")
     def job(config: DictConfig) -> None:
-        if HydraConfig.get().mode != RunMode.MULTIRUN:
-            folder = Path(HydraConfig.get().runtime.output_dir)
-            try:
-                begin_again(folder)
-                complaint = _complaint(config, folder)
-            except Exception as error:
-                unforeseen.append(error)
-                raise
-            finally:
-                _discard_if_empty(folder)
-            if complaint is not None:
-                complain(complaint)
-                jobs.failed(Failure(0, complaint))
-        elif jobs.elsewhere:
-            with beside_others(int(HydraConfig.get().job.num)), one_line_warnings():
-                _run_one_of_many(config, jobs)
-        else:
-            _run_one_of_many(config, jobs)
+        with contextlib.ExitStack() as stack:
+            if jobs.elsewhere:
+                stack.enter_context(terminal_lines())
+                stack.enter_context(beside_others(int(HydraConfig.get().job.num)))
+            run_job(config, jobs)
 
     try:
-        with one_line_warnings():
+        with terminal_lines():
             job()
-        return _status(jobs)
+            sys.stdout.flush()
     except BrokenPipeError:
         # Whoever read the output has gone, which is no mistake; nothing is flushed to them at the end.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -209,14 +154,21 @@ def _run_jobs(jobs: Jobs) -> int:
         print("vocc-torch: interrupted", file=sys.stderr)
         return 130
     except Exception as error:
-        complaint = None if error in unforeseen else _refusal(error)
+        complaint = refusal(error, sys.argv[1:])
         if complaint is None:
             raise
         complain(complaint)
         return 2
     finally:
         for folder in jobs.folders():
-            _discard_if_empty(folder)
+            discard_if_empty(folder)
+    failures = jobs.told("failed")
+    if failures and jobs.parallel:
+        numbers, count = ", ".join(str(one["job"]) for one in failures), len(jobs.folders())
+        complain(f"{len(failures)} of {count} jobs failed ({numbers}): failed.txt in their folders says why")
+    if any(one["trace"] for one in failures):
+        return 1
+    return 2 if failures else 0
 
 
 def run() -> int:
@@ -227,9 +179,4 @@ def run() -> int:
     os.environ["HYDRA_FULL_ERROR"] = "1"
     register_schema()
     with tempfile.TemporaryDirectory(prefix="vocc-torch-", ignore_cleanup_errors=True) as mailbox:
-        return _run_jobs(Jobs(Path(mailbox), os.getpid()))
-
-
-def main() -> None:
-    """Entry point of ``vocc-torch`` and of ``python -m vocc_torch``."""
-    sys.exit(run())
+        return run_jobs(Jobs(Path(mailbox), os.getpid()))

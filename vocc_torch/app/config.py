@@ -1,12 +1,9 @@
 """The whole configuration: all sections, their descriptions for ``--help``, and the run's folder."""
 
-from __future__ import annotations
-
-import dataclasses
 import inspect
 import os
 import re
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, is_dataclass
 from pathlib import Path
 from typing import Any, get_type_hints
 
@@ -78,13 +75,16 @@ def run_folder(name: str) -> str:
     """Give the folder of a run, in which Hydra makes it, or refuse one that is not below ``runs/``.
 
     Raises:
-        VoccError: the name leads out of ``runs/``, by itself or through a link.
+        VoccError: the name leads out of ``runs/``, by itself or through a link, or has characters that mean
+            something to a terminal, to Rich's markup or to Markdown.
 
     Example:
         >>> run_folder("two/words")
         'runs/two/words'
     """
     path = Path(name)
+    if not name.isprintable() or set("`[]") & set(name):
+        raise VoccError.of("name", ascii(name), "printable, without `, [ and ]")
     if not path.parts or ".." in path.parts or not inside_runs("runs" / path):
         raise VoccError.of("name", repr(name), "a folder below runs/, without .. or links out")
     return str("runs" / path)
@@ -141,9 +141,9 @@ def keys_of(schema: type, prefix: str = "") -> dict[str, Any]:
     """
     keys: dict[str, Any] = {}
     hints = get_type_hints(schema)
-    for one in dataclasses.fields(schema):
+    for one in fields(schema):
         kind = keys[prefix + one.name] = hints[one.name]
-        if isinstance(kind, type) and dataclasses.is_dataclass(kind):
+        if isinstance(kind, type) and is_dataclass(kind):
             keys |= keys_of(kind, f"{prefix}{one.name}.")
     return keys
 
@@ -158,7 +158,7 @@ def descriptions(schema: type) -> dict[str, str]:
     """
     said: dict[str, str] = {}
     for key, kind in {"": schema, **keys_of(schema)}.items():
-        known = isinstance(kind, type) and dataclasses.is_dataclass(kind)
+        known = isinstance(kind, type) and is_dataclass(kind)
         for base in reversed(kind.__mro__) if known else ():
             for argument in re.findall(ARGUMENT, inspect.cleandoc(base.__doc__ or ""), re.MULTILINE):
                 name, _, words = " ".join(argument.replace("``", "").split()).rstrip(".").partition(": ")
@@ -170,15 +170,6 @@ def descriptions(schema: type) -> dict[str, str]:
 OmegaConf.register_new_resolver("run_folder", run_folder, replace=True)
 OmegaConf.register_new_resolver("job_folder", job_folder, replace=True)
 OmegaConf.register_new_resolver("described", lambda _root_: described(_root_, AppConfig), replace=True)
-
-
-def is_written_configuration(path: Path) -> bool:
-    """Whether a file has all keys of a ``config.yaml`` that a run wrote; one that is not there has none."""
-    try:
-        lines = path.read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError):
-        return False
-    return {line.partition(":")[0] for line in lines} >= {key.name for key in fields(AppConfig)}
 
 
 def schema() -> DictConfig:

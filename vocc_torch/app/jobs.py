@@ -1,7 +1,5 @@
 """A job among others: its lines on the terminal, and the word it leaves of how it ended."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import json
@@ -12,31 +10,15 @@ import signal
 import sys
 import threading
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TextIO
+from typing import Any, TextIO
 
-from vocc_torch.app.config import inside_runs, is_written_configuration
+from vocc_torch.app.config import AppConfig, inside_runs
 from vocc_torch.errors import VoccError
 from vocc_torch.files import write_atomically
 
 FAILED, CONFIG = "failed.txt", "config.yaml"
-_RESULTS, _LEDGERS = "ber.csv", {"ledger.sqlite", "ledgers"}
-
-
-@dataclass(frozen=True, slots=True)
-class Failure:
-    """Why a job has no results.
-
-    Args:
-        job: the job's number.
-        complaint: one line.
-        trace: the traceback of an error that is not the user's, else empty.
-    """
-
-    job: int
-    complaint: str
-    trace: str = ""
 
 
 @dataclass(frozen=True)
@@ -55,9 +37,9 @@ class Jobs:
         >>> with tempfile.TemporaryDirectory() as mailbox:
         ...     jobs = Jobs(Path(mailbox), os.getpid())
         ...     jobs.begun(3, Path("runs/two/3"))
-        ...     jobs.failed(Failure(3, "panel.rows is 0: it must be at least 1"))
-        ...     [one.job for one in jobs.failures()], [str(one) for one in jobs.folders()], jobs.parallel
-        ([3], ['runs/two/3'], False)
+        ...     jobs.failed(3, "panel.rows is 0: it must be at least 1")
+        ...     [(one["job"], one["complaint"]) for one in jobs.told("failed")], jobs.parallel
+        ([(3, 'panel.rows is 0: it must be at least 1')], False)
     """
 
     mailbox: Path
@@ -69,34 +51,41 @@ class Jobs:
         return os.getpid() != self.parent
 
     def begun(self, job: int, folder: Path) -> None:
-        """Tell that a job has begun, and in which folder."""
-        kind = "there" if self.elsewhere else "here"
-        (self.mailbox / f"{job}.begun_{kind}").write_text(str(folder), encoding="utf-8")
+        """Tell that a job has begun, and in which folder.
 
-    def failed(self, failure: Failure) -> None:
-        """Tell that a job has failed.
+        Raises:
+            VoccError: there is no telling.
+        """
+        self._tell("begun", job=job, folder=str(folder), elsewhere=self.elsewhere)
+
+    def failed(self, job: int, complaint: str, trace: str = "") -> None:
+        """Tell that a job has no results, in one line why, and the traceback of an error not the user's.
 
         Raises:
             VoccError: there is no telling; Hydra takes the complaint to the parent once all jobs are done.
         """
         try:
-            write_atomically(self.mailbox / f"{failure.job}.failed", json.dumps(asdict(failure)).encode())
+            self._tell("failed", job=job, complaint=complaint, trace=trace)
         except VoccError:
-            raise VoccError(failure.complaint) from None
+            raise VoccError(complaint) from None
 
-    def failures(self) -> list[Failure]:
-        """Give the failures by the number of the job."""
-        texts = [path.read_text(encoding="utf-8") for path in self.mailbox.glob("*.failed")]
-        return sorted((Failure(**json.loads(text)) for text in texts), key=lambda failure: failure.job)
+    def _tell(self, what: str, **about: Any) -> None:
+        """Leave a word of a job."""
+        write_atomically(self.mailbox / f"{about['job']}.{what}", json.dumps(about).encode())
+
+    def told(self, what: str) -> list[dict[str, Any]]:
+        """Give what the jobs have told, ``begun`` or ``failed``, by the number of the job."""
+        words = [json.loads(path.read_bytes()) for path in self.mailbox.glob(f"*.{what}")]
+        return sorted(words, key=lambda word: int(word["job"]))
 
     def folders(self) -> list[Path]:
         """Give the folders of all jobs that have begun."""
-        return [Path(path.read_text(encoding="utf-8")) for path in self.mailbox.glob("*.begun_*")]
+        return [Path(word["folder"]) for word in self.told("begun")]
 
     @property
     def parallel(self) -> bool:
         """Whether jobs have begun in other processes than the one that started them."""
-        return any(self.mailbox.glob("*.begun_there"))
+        return any(word["elsewhere"] for word in self.told("begun"))
 
     def to_go_on(self) -> str | None:
         """Give the name under which jobs of other processes go on that had counted something, or None."""
@@ -123,29 +112,34 @@ def begin_again(folder: Path) -> bool:
         True
     """
     names = {entry.name for entry in folder.iterdir()} if folder.is_dir() else set()
-    if not inside_runs(folder) and not is_written_configuration(folder / CONFIG):
-        return not names
+    if not inside_runs(folder):
+        try:
+            lines = (folder / CONFIG).read_text(encoding="utf-8").splitlines()
+        except (OSError, UnicodeDecodeError):
+            lines = []
+        if not {line.partition(":")[0] for line in lines} >= {key.name for key in fields(AppConfig)}:
+            return not names
     attempted = FAILED in names and names <= {FAILED, CONFIG}
-    resumable = bool(_LEDGERS & names)
-    under_way = resumable and _RESULTS not in names
+    resumable = bool({"ledger.sqlite", "ledgers"} & names)
     if attempted:
         (folder / CONFIG).unlink(missing_ok=True)
     if attempted or resumable:
         (folder / FAILED).unlink(missing_ok=True)
-    return not names or attempted or under_way
+    return not names or attempted or (resumable and "ber.csv" not in names)
 
 
-def write_down(failure: Failure, folder: Path, configuration: str) -> None:
+def write_down(folder: Path, complaint: str, trace: str, configuration: str) -> None:
     """Leave ``failed.txt`` in a job's folder, as far as that can be written.
 
     Args:
-        failure: its complaint is the first line.
         folder: the job's folder.
+        complaint: its first line.
+        trace: the traceback of an error that is not the user's, else empty.
         configuration: the job's ``config.yaml``, where it came so far; an empty text is not written.
     """
-    text = f"{failure.complaint}\n" + (f"\n{failure.trace}" if failure.trace else "")
+    text = f"{complaint}\n" + (f"\n{trace}" if trace else "")
     with contextlib.suppress(VoccError):  # a full disk may be what the job failed of
-        write_atomically(folder / FAILED, text.encode())
+        write_atomically(folder / FAILED, text.encode(errors="backslashreplace"))
         if configuration and not (folder / CONFIG).exists():
             write_atomically(folder / CONFIG, configuration.encode())
 
@@ -176,10 +170,6 @@ class JobLines(io.TextIOBase):
     def encoding(self) -> str:  # type: ignore[override]  # read-only, as io.TextIOWrapper has it
         """The encoding of what lies under it."""
         return self._under.encoding
-
-    def writable(self) -> bool:
-        """Say that it can be written to."""
-        return True
 
     def write(self, text: str) -> int:
         """Pass on the lines that are whole."""

@@ -1,16 +1,21 @@
-"""From what Hydra composed to the settings: resolved, typed, checked, and nothing passed over in silence."""
+"""From what Hydra composed to the settings, checked; and what Hydra refuses, said in one line."""
 
-from __future__ import annotations
-
-from collections.abc import Sequence
+import difflib
+import multiprocessing
+import re
+import sys
+from collections.abc import Iterator, Sequence
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import is_dataclass
 from functools import reduce
+from importlib import resources
 from typing import Any, get_args, get_origin
 
+from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
+from yaml import MarkedYAMLError
 
-from vocc_torch.app.complaints import GROUPS, one_line
 from vocc_torch.app.config import TASKS, AppConfig, keys_of, schema
 from vocc_torch.errors import VoccError, section, shown
 
@@ -19,6 +24,13 @@ OWNERS = {part: task for task, (_, part) in TASKS.items() if part is not None}
 
 OF_MODEL = ("receiver", "panel", "classifier", "classifiers")
 """What a model brings itself, but for the panel's rows and columns, which must agree."""
+
+GROUPS = ("task", "scene", "camera", "panel", "receiver", "experiment", "budget")
+
+LOST_WORKER = (
+    "a worker process was ended from outside, perhaps for lack of memory: the jobs that had ended keep their "
+    "results; run the others with a smaller hydra.launcher.n_jobs or batch_frames"
+)
 
 
 def resolved(config: DictConfig, words: Sequence[str] = ()) -> AppConfig:
@@ -32,8 +44,15 @@ def resolved(config: DictConfig, words: Sequence[str] = ()) -> AppConfig:
         VoccError: a value that is missing, does not resolve, is of another type or breaks a rule.
     """
     try:
-        plain = OmegaConf.to_container(config, resolve=True, throw_on_missing=True)
-        _demand_kinds(plain)
+        plain: Any = OmegaConf.to_container(config, resolve=True, throw_on_missing=True)
+        for key, kind in keys_of(AppConfig).items():  # an interpolation can bring what is no section or list
+            value = reduce(lambda held, name: held.get(name), key.split("."), plain)
+            if (is_dataclass(kind) or get_origin(kind) is dict) and not isinstance(value, dict):
+                raise VoccError.of(key, shown(value), "a mapping, as in {key:value}")
+            if get_origin(kind) in (list, tuple) and not isinstance(value, list):
+                texts = get_args(kind)[0] is str
+                rule = "a list of texts, as in [a,b]" if texts else "a list of numbers, as in [1,2]"
+                raise VoccError.of(key, shown(value), rule)
         typed = OmegaConf.merge(schema(), plain)  # what interpolations brought has a type too
         for place in ("rivals.experiments", "figures.experiments"):
             for name, one in OmegaConf.select(typed, place).items():
@@ -43,23 +62,16 @@ def resolved(config: DictConfig, words: Sequence[str] = ()) -> AppConfig:
             settings = OmegaConf.to_object(typed)
     except MissingMandatoryValue as error:
         raise VoccError(f"{error.full_key} is missing: it must have a value") from None
-    except OmegaConfBaseException as error:
-        raise VoccError(one_line(error)) from None
+    except (OmegaConfBaseException, RecursionError) as error:
+        raise VoccError(one_line(error, words)) from None
     assert isinstance(settings, AppConfig)
     refuse_ignored(settings, words)
+    for name, classifier in settings.classifiers.items():
+        for target in targets(classifier.build):
+            if target.partition(".")[0] in sys.stdlib_module_names and classifier.file is None:
+                rule = "a class that classifies, and nothing of Python's own library"
+                raise VoccError.of(f"classifiers.{name}.build._target_", shown(target), rule)
     return settings
-
-
-def _demand_kinds(plain: Any) -> None:
-    """Refuse a section that is none and a list that is none, which only an interpolation can bring."""
-    for key, kind in keys_of(AppConfig).items():
-        value = reduce(lambda held, name: held.get(name), key.split("."), plain)
-        if (is_dataclass(kind) or get_origin(kind) is dict) and not isinstance(value, dict):
-            raise VoccError.of(key, shown(value), "a mapping, as in {key:value}")
-        if get_origin(kind) in (list, tuple) and not isinstance(value, list):
-            texts = get_args(kind)[0] is str
-            rule = "a list of texts, as in [a,b]" if texts else "a list of numbers, as in [1,2]"
-            raise VoccError.of(key, shown(value), rule)
 
 
 def refuse_ignored(settings: AppConfig, words: Sequence[str]) -> None:
@@ -95,3 +107,120 @@ def refuse_ignored(settings: AppConfig, words: Sequence[str]) -> None:
             raise VoccError(f"{key} is {value}: only task={owner} uses it, and the task is {settings.task}")
         if settings.model is not None and group in OF_MODEL and name not in ("rows", "columns"):
             raise VoccError(f"{key} is {value}: the model brings its own; leave {key} or model out")
+
+
+def targets(build: Any) -> Iterator[str]:
+    """Give what is called to build a value, and the values within it.
+
+    Example:
+        >>> list(targets({"_target_": "a.B", "inner": [{"_target_": "c.d"}]}))
+        ['a.B', 'c.d']
+    """
+    for key, value in build.items() if isinstance(build, dict) else enumerate(build):
+        if key == "_target_":
+            yield str(value)
+        elif isinstance(value, dict | list):
+            yield from targets(value)
+
+
+def unknown_key(key: str) -> str:
+    """Say what is wrong with a key that is not there.
+
+    Example:
+        >>> unknown_key("camera.gama")
+        'camera.gama is not a known key: did you mean camera.gamma?'
+    """
+    keys = keys_of(AppConfig)
+    mappings = [name for name, kind in keys.items() if get_origin(kind) is dict]
+    if parent := next((name for name in mappings if key.startswith(f"{name}.")), None):
+        return f"{key} is not set here: + adds to {parent}, as in +{key}=..."
+    if key == "hydra.launcher.n_jobs":
+        return f"{key} is not a known key of this launcher: it belongs to hydra/launcher=joblib"
+    near = difflib.get_close_matches(key, keys, n=1, cutoff=0.6)
+    hint = f"did you mean {near[0]}?" if near else "vocc-torch --help lists the keys"
+    return f"{key} is not a known key: {hint}"
+
+
+NO_OPTION = re.compile(
+    r"null|true|false|[-+]?([.\d_]+(e[-+]?\d+)?|\.?inf|\.?nan)|(int|float|bool)\(.*|[\[{$].*", re.I | re.S
+)
+"""What the command line's grammar reads as another thing than a name."""
+
+KINDS = {
+    "Integer": "a whole number",
+    "Float": "a number",
+    "Boolean": "true or false",
+    "bool": "true or false",
+}
+
+SAID = resources.files("vocc_torch.app").joinpath("complaints.txt").read_text(encoding="utf-8")
+"""What is said instead of what Hydra says."""
+
+
+def one_line(error: BaseException, arguments: Sequence[str] = ()) -> str:
+    r"""Say in one line what Hydra refused.
+
+    Args:
+        error: an error of Hydra or OmegaConf; its cause is read too.
+        arguments: the command line, which names the key where the error does not.
+
+    Example:
+        >>> one_line(ValueError("Could not override 'sede'.\nKey 'sede' is not in struct"))
+        'sede is not a known key: did you mean seed?'
+    """
+    text = "\n".join(str(e) for e in (error, error.__cause__) if e is not None)
+    longest = max(arguments, key=len, default="a value").lstrip("+~").partition("=")[0]
+    if isinstance(error, RecursionError):
+        return f"{longest} has brackets in brackets, too many of them"
+    if "integer string conversion" in text:
+        return f"{longest} is a number of thousands of digits: it must have at most 4300"
+    override = getattr(error, "override", None)
+    if override is not None:
+        given = " ".join(str(override).split())
+        return f"{given} cannot be read: write key=value, a list as [a,b], and quote what is special"
+    group = "Config group override must be", "possible interpolation keys"
+    if any(words in text for words in group) or isinstance(error, TypeError):
+        for key, _, value in (word.lstrip("+").partition("=") for word in arguments):
+            if key in ("", *GROUPS) and NO_OPTION.fullmatch(value):
+                return f"{key} is {value}: it must be one of the options that vocc-torch --help lists"
+    lines = [line for line in SAID.splitlines() if not line.startswith("#")]
+    for pattern, words in zip(lines[::2], lines[1::2], strict=True):
+        if match := re.search(pattern.replace("FULL_KEY", r"full_key: (?P<key>[\w.\[\]]+)"), text):
+            found = {"key": "", "kind": "", **match.groupdict(default="")}
+            found["kind"] = KINDS.get(found["kind"], found["kind"])
+            if "{unknown}" in words:
+                found["unknown"] = unknown_key(found["key"])
+            if "{options}" in words:
+                listed = re.search(r"Available options in '.*':\s*\n((?:\s+.+\n?)+?)Config search path", text)
+                files = resources.files("vocc_torch.conf").joinpath(found["key"])
+                there = files.iterdir() if files.is_dir() else ()
+                names = (
+                    listed[1].split() if listed else sorted(one.name.removesuffix(".yaml") for one in there)
+                )
+                found["options"] = ", ".join(names) or "none"
+            return words.strip().format_map(found)
+    return " ".join(text.split("Set the environment variable")[0].split())
+
+
+def refusal(error: Exception, arguments: Sequence[str]) -> str | None:
+    """Say what was refused before or between the jobs; None for an error that is not the user's.
+
+    Args:
+        error: what ended the application, outside its jobs.
+        arguments: the command line.
+    """
+    if isinstance(error, BrokenProcessPool):
+        return LOST_WORKER
+    if isinstance(error, multiprocessing.TimeoutError):
+        return "hydra.launcher.timeout is shorter than a job: give more seconds, or null"
+    if isinstance(error, MarkedYAMLError):
+        mark = error.problem_mark
+        return f"{mark.name} is not YAML at line {mark.line + 1}: {error.problem}" if mark else str(error)
+    # Hydra trips over a group whose option is a list of numbers, and over a number that no float holds.
+    hydras = HydraException | OmegaConfBaseException | ValueError | TypeError | OverflowError | RecursionError
+    if isinstance(error, hydras):
+        return one_line(error, arguments)
+    if isinstance(error, OSError):
+        where = f" {error.filename}" if error.filename else ""
+        return f"cannot make the run's folder{where} ({error.strerror}): choose another with name="
+    return None

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, Self, get_type_hints
 
 from omegaconf import MISSING, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
-from yaml import YAMLError
+from yaml import AliasEvent, CollectionEndEvent, CollectionStartEvent, YAMLError, parse
 
 from vocc_torch.errors import VoccError
 from vocc_torch.hardware import Camera, LedPanel, PanelShape
@@ -374,7 +374,8 @@ def read_flat(path: str | Path) -> dict[str, object]:
         path: the file.
 
     Raises:
-        VoccError: no such file, or one that is no configuration.
+        VoccError: no such file, or one that is no configuration of a run, with aliases, which multiply, or
+            interpolations, which read the environment.
 
     Example:
         >>> import tempfile
@@ -385,10 +386,15 @@ def read_flat(path: str | Path) -> dict[str, object]:
         {'seed': 1, 'panel.rows': 8, 'experiment.values': [30.0, 70.0]}
     """
     try:
-        read = OmegaConf.to_container(OmegaConf.load(path), resolve=True)
+        text, depth = Path(path).read_text(encoding="utf-8"), 0
+        for event in parse(text):
+            depth += isinstance(event, CollectionStartEvent) - isinstance(event, CollectionEndEvent)
+            if isinstance(event, AliasEvent) or depth > 20 or "${" in text:
+                raise ValueError("it has an alias, an interpolation, or mappings 20 deep")
+        read = OmegaConf.to_container(OmegaConf.load(path))
     except OSError as error:
         raise VoccError(f"cannot read {path}: {error.strerror or error}") from None
-    except (YAMLError, OmegaConfBaseException, UnicodeDecodeError) as error:
+    except (YAMLError, OmegaConfBaseException, ValueError) as error:
         raise VoccError(f"{path} is not a configuration: {' '.join(str(error).split())}") from None
     if not isinstance(read, dict) or not read:
         raise VoccError(f"{path} is not a configuration: it must be a mapping of keys")
