@@ -1,43 +1,36 @@
 """``task=figures``: the paper's figures and claims, measured, drawn, scored and written as one report."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
-import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 from rich.console import Console
 
-from vocc_torch import __version__
+import vocc_torch
 from vocc_torch.errors import VoccError
+from vocc_torch.files import atomic_file, write_atomically
+from vocc_torch.measure import grid, sweep
 from vocc_torch.measure.build import build_plan
 from vocc_torch.measure.config import Settings, as_yaml, read_flat
 from vocc_torch.measure.curve import BerTable, Measured
-from vocc_torch.measure.grid import Grid
 from vocc_torch.measure.ledger import Ledger
 from vocc_torch.measure.plan import resolve_device
-from vocc_torch.measure.sweep import Campaign, Study, run_campaign
 from vocc_torch.measure.timing import describe_machine
 from vocc_torch.measure.workers import Workers
-from vocc_torch.show import csv_file, heatmap
+from vocc_torch.show import csv_file, heatmap, page, styles
 from vocc_torch.show import folder as run_folder
 from vocc_torch.show.canvas import save_figure
-from vocc_torch.show.csv_file import cell_text, write_paired, write_rows
-from vocc_torch.show.folder import board_hint
 from vocc_torch.show.tensorboard import write_boards
 from vocc_torch.show.terminal import ProgressView, Stopwatch
-from vocc_torch.studies.paper import experiments, figures, scorecard
-from vocc_torch.studies.paper.config import FiguresConfig
-from vocc_torch.studies.paper.evidence import EVIDENCE, make_evidence
-from vocc_torch.studies.paper.report import ReportFigure, RunFacts, write_report
+from vocc_torch.studies.paper import FiguresConfig, evidence, experiments, figures, scorecard, words
 
 FIGURES = Path("figures")
 """Folder of pictures and their data, in the run's folder."""
+TITLE = "The paper's whole evidence, reproduced and scored"
 
 
 def run_figures(settings: Settings, config: FiguresConfig, folder: Path) -> None:
@@ -60,60 +53,59 @@ def run_figures(settings: Settings, config: FiguresConfig, folder: Path) -> None
             raise VoccError(f"name: {folder} holds a report of other figures: give another name=")
     plan, console, watch = build_plan(settings, folder), Console(), Stopwatch()
     wanted = experiments.paper_plan(config, plan)
-    ordered, found = wanted.studies(), Found(folder, wanted)
-    resumed = (folder / run_folder.LEDGERS).is_dir()
+    found, resumed = Found(folder, wanted), (folder / run_folder.LEDGERS).is_dir()
     # The ledgers are held to the end: a second run would write over the same report.
     with run_folder.resumable(settings, folder, console), ExitStack() as ledgers:
-        if ordered:
-            campaign = _measure(settings, ordered, ledgers, folder, console, watch)
+        if ordered := wanted.studies():
+            campaign = measure(settings, ordered, ledgers, folder, console, watch)
             found.write_rates(campaign)
-            own = ordered[0]
-            training = campaign.trainings[own.key][wanted.locators[0]]
-            run_folder.write_training(settings, own.plan, training, folder)
+            training = campaign.trainings[ordered[0].key][wanted.locators[0]]
+            run_folder.write_training(settings, ordered[0].plan, training, folder)
         else:
             run_folder.write_config(settings, folder)
         # After the workers have ended: one of these figures is a measurement of time.
         with watch.stage("other figures"):
-            names = [name for name in wanted.figures if name in EVIDENCE]
-            for made in make_evidence(plan, folder / FIGURES, names) if names else ():
-                picture, table = (path.relative_to(folder) for path in (made.picture, made.table))
-                one = made.evidence
-                words = one.name, one.title, one.caption
-                found.shown[one.name] = ReportFigure(*words, ((picture, ""),), table, made.findings)
-                found.board[one.name] = made.pixels
+            source = evidence.Source(plan)
+            for name in (name for name in wanted.figures if name in experiments.EVIDENCE):
+                one = experiments.EVIDENCE[name](source)
+                csv_file.write_rows(folder / FIGURES / f"{name}.csv", one.rows)
+                found.show(name, {name: one.draw()}, findings=one.findings)
         with watch.stage("report"):
             card, others = found.score()
             if settings.tensorboard:
                 with watch.stage("board"):
                     texts = {"configuration": run_folder.as_markdown(settings)}
                     write_boards(folder / "tensorboard", found.tables(), found.board, texts=texts)
+            contrast = wanted.experiments.get("contrast", {}).get(0.0)
+            facts = {
+                **{"settings": settings, "configuration": as_yaml(settings), "resumed": resumed},
+                "machine": describe_machine(resolve_device(settings.device)),
+                "contrast_frames": contrast.frames_in_point if contrast else 0,
+                "seconds": dict(watch.seconds),
+            }
             # As the paper has them, with what goes beyond it at the end.
-            order = sorted(found.shown, key=lambda name: (not name.startswith("fig"), name))
-            shown = [found.shown[name] for name in order]
-            facts = _facts(settings, wanted, watch, resumed)
+            shown = sorted(found.shown, key=lambda one: (not one.name.startswith("fig"), one.name))
             write_report(folder, facts, shown, card, found.location, found.grids, others)
     for stage, seconds in watch.seconds.items():
         console.print(f"{stage:<20} {seconds:6.1f} s", highlight=False)
-    for what, name in (("report", "report.html"), ("", "report.md")):
-        run_folder.print_place(console, what, folder / name)
-    if settings.tensorboard:
-        run_folder.print_place(console, "board", board_hint(folder / "tensorboard"))
+    places = [("report", "report.html"), ("", "report.md")]
+    run_folder.print_places(console, folder, places, settings.tensorboard)
 
 
-def _measure(
+def measure(
     settings: Settings,
-    ordered: Sequence[Study],
+    ordered: Sequence[sweep.Study],
     ledgers: ExitStack,
     folder: Path,
     console: Console,
     watch: Stopwatch,
-) -> Campaign:
+) -> sweep.Campaign:
     """Run every study, each with a ledger, under a live view."""
     begun = time.perf_counter()
     frames = sum(study.frames for study in ordered)
     with Workers(settings.workers) as workers, ProgressView(frames, console) as view:
 
-        def ledger(study: Study) -> Ledger:
+        def ledger(study: sweep.Study) -> Ledger:
             path = folder / run_folder.LEDGERS / f"{study.key}.sqlite"
             return ledgers.enter_context(run_folder.open_ledger(path, study.identity, console))
 
@@ -126,10 +118,10 @@ def _measure(
             run_folder.write_config(settings, folder)
             say("training", "training")
 
-        def finished(study: Study, _: Measured) -> None:
+        def finished(study: sweep.Study, _: Measured) -> None:
             say(study.key, study.plan.experiment.name.partition("/")[0], f"{study.frames} frames")
 
-        return run_campaign(
+        return sweep.run_campaign(
             ordered,
             workers,
             ledger,
@@ -139,6 +131,28 @@ def _measure(
         )
 
 
+@dataclass(frozen=True)
+class ReportFigure:
+    """A figure that has been written.
+
+    Args:
+        name: its name, such as ``fig22``.
+        title: its headline.
+        caption: what it shows.
+        pictures: PNG files, relative to the report's folder, with a caption each; the figure's own where that
+            is empty.
+        table: CSV file with its data, relative to the report's folder.
+        findings: its numbers by name.
+    """
+
+    name: str
+    title: str
+    caption: str
+    pictures: Sequence[tuple[Path, str]]
+    table: Path
+    findings: Mapping[str, float] = field(default_factory=dict)
+
+
 @dataclass
 class Found:
     """What was measured and drawn: its files are written as it comes, the report shows it at the end.
@@ -146,7 +160,7 @@ class Found:
     Args:
         folder: the run's folder.
         plan: what is measured.
-        shown: the figures by name.
+        shown: the figures.
         board: the pictures for the board, by file name without suffix.
         measured: the experiments by focal length (mm) and name.
         grids: ambient light by luminance, by locator.
@@ -155,13 +169,13 @@ class Found:
 
     folder: Path
     plan: experiments.PaperPlan
-    shown: dict[str, ReportFigure] = field(default_factory=dict)
-    board: dict[str, Figure | NDArray[np.uint8]] = field(default_factory=dict)
+    shown: list[ReportFigure] = field(default_factory=list)
+    board: dict[str, Figure] = field(default_factory=dict)
     measured: dict[float, dict[str, Measured]] = field(default_factory=dict)
-    grids: dict[str, Grid] = field(default_factory=dict)
+    grids: dict[str, grid.Grid] = field(default_factory=dict)
     location: tuple[figures.LocationSplit, ...] = ()
 
-    def write_rates(self, campaign: Campaign) -> None:
+    def write_rates(self, campaign: sweep.Campaign) -> None:
         """Write the figures of bit error rates, and the comparisons of receivers.
 
         Raises:
@@ -169,69 +183,60 @@ class Found:
         """
         self.measured, self.grids = self.plan.measured(campaign), self.plan.grids(campaign)
         own_mm, locator = self.plan.own
-        for one in experiments.RATE_FIGURES:
-            if one.experiment not in self.plan.experiments:
-                continue
-            by_focal_mm = {mm: measured[one.experiment] for mm, measured in self.measured.items()}
+        for name in (name for name in experiments.RATE_FIGURES if name in self.plan.experiments):
+            by_focal_mm = {mm: measured[name] for mm, measured in self.measured.items()}
             if not all(curves.values for of in by_focal_mm.values() for curves in of.curves.values()):
                 raise VoccError(
-                    f"figures.experiments.{one.experiment}.values: no frame fell into any contrast bin: "
+                    f"figures.experiments.{name}.values: no frame fell into any contrast bin: "
                     "widen the bins or the scenes"
                 )
-            table = FIGURES / f"{one.name}.csv"
-            write_short(self.folder / table, figures.rate_rows(by_focal_mm))
-            drawn = figures.draw_rates(one, by_focal_mm, self.plan.own)
-            captions = {f"{one.name}_readings": figures.READINGS_CAPTION}
-            self._show(one.name, one.title, one.caption, drawn, table, captions)
+            figure = experiments.RATE_FIGURES[name]
+            write_short(self.folder / FIGURES / f"{figure}.csv", figures.rate_rows(by_focal_mm))
+            self.show(figure, figures.draw_rates(name, by_focal_mm, self.plan.own))
         if self.grids:
-            table = FIGURES / "dimming.csv"
-            csv_file.write_grid(self.folder / table, self.grids)
-            title = "Dimming: the best luminance for each ambient light"
-            over = "ambient light and LED luminance, with the best luminance of each row"
-            captions = {f"{experiments.DIMMING}{end}": text for end, text in heatmap.CAPTIONS.items()}
+            csv_file.write_grid(self.folder / FIGURES / "dimming.csv", self.grids)
             drawn = heatmap.grid_figures(self.grids, locator, experiments.PAPER_RECEIVERS)
-            self._show(experiments.DIMMING, title, f"Bit error rates over {over}.", drawn, table, captions)
+            self.show(experiments.DIMMING, drawn, heatmap.CAPTIONS)
         self.location = figures.location_split(self.measured[own_mm])
         if any(split.receiver in experiments.PAPER_RECEIVERS for split in self.location):
-            title, table = f"Location error and decision error, {own_mm:g} mm lens", Path("location.csv")
             lines = [figures.LOCATION_COLUMNS, *(split.row() for split in self.location)]
-            write_short(self.folder / table, lines)
-            drawn = {"location": figures.location_figure(self.location, title)}
-            self._show("location", title, figures.LOCATION_CAPTION, drawn, table, {})
+            write_short(self.folder / "location.csv", lines)
+            title = words.FIGURES["location"]["title"].format(lens_mm=own_mm)
+            self.show("location", {"location": figures.location_figure(self.location, title)})
         curves = [one for of in self.measured[own_mm].values() for one in of.curves.values()]
-        write_paired(self.folder / "paired.csv", curves)
+        csv_file.write_paired(self.folder / "paired.csv", curves)
 
-    def _show(
+    def show(
         self,
         name: str,
-        title: str,
-        caption: str,
         drawn: Mapping[str, Figure],
-        table: Path,
-        captions: Mapping[str, str],
+        captions: Mapping[str, str] | None = None,
+        findings: Mapping[str, float] | None = None,
     ) -> None:
-        """Save pictures and remember them for the report and the board."""
+        """Save a figure's pictures and remember them for the report and the board."""
         for stem, figure in drawn.items():
             save_figure(figure, self.folder / FIGURES / f"{stem}.png")
-        pictures = tuple((FIGURES / f"{stem}.png", captions.get(stem, "")) for stem in drawn)
-        self.shown[name] = ReportFigure(name, title, caption, pictures, table)
+        about = words.FIGURES[name]
+        captions = captions or about.get("captions", {})
+        pictures = [(FIGURES / f"{stem}.png", captions.get(stem.removeprefix(name), "")) for stem in drawn]
+        table = FIGURES / f"{name}.csv" if name != "location" else Path("location.csv")
+        title = about["title"].format(lens_mm=self.plan.own[0])
+        self.shown.append(ReportFigure(name, title, about["caption"], pictures, table, findings or {}))
         self.board |= drawn
 
     def score(self) -> tuple[scorecard.Scorecard | None, dict[str, Path]]:
         """Judge the claims, if every experiment that they need was measured; with all further files."""
         others = {"comparisons of receivers on the same frames": Path("paired.csv")} if self.measured else {}
-        (own_mm, _), card = self.plan.own, None
-        if {one.experiment for one in experiments.RATE_FIGURES} <= set(self.measured.get(own_mm, {})):
-            numbers = {name: shown.findings for name, shown in self.shown.items()}
+        card = None
+        if set(experiments.RATE_FIGURES) <= set(self.measured.get(self.plan.own[0], {})):
+            numbers = {one.name: one.findings for one in self.shown}
             readings = scorecard.readings_of(self.measured, numbers, self.plan.locators, self.grids)
             card = scorecard.score(readings, self.plan.own)
             fits = [scorecard.FIT_COLUMNS, *(fit.row() for fit in scorecard.fits(card))]
-            for what, name, rows in (
-                ("the scorecard", "scorecard.csv", card.rows()),
-                ("how well each reading fits", "fits.csv", fits),
-            ):
-                write_short(self.folder / name, rows)
-                others[what] = Path(name)
+            write_short(self.folder / "scorecard.csv", card.rows())
+            write_short(self.folder / "fits.csv", fits)
+            others["the scorecard"] = Path("scorecard.csv")
+            others["how well each reading fits"] = Path("fits.csv")
         if self.location:
             others["location against decision"] = Path("location.csv")
         return card, others
@@ -248,23 +253,55 @@ class Found:
         return tables
 
 
-def _facts(settings: Settings, wanted: experiments.PaperPlan, watch: Stopwatch, resumed: bool) -> RunFacts:
-    """How the numbers were made."""
-    budget = settings.budget
-    stops = budget.precision is not None or budget.target_frame_errors is not None
-    frames = f"{'up to ' if stops else ''}{budget.frames} test frames a point"
-    contrast = wanted.experiments.get("contrast", {}).get(0.0)
-    if contrast is not None:
-        frames += f" ({contrast.frames_in_point} for contrast, over all its bins)"
-    text = (
-        f"{budget.training_frames} training frames, {frames}, all-On and all-Off preambles of every test "
-        f"frame, seed {settings.seed}, vocc_torch {__version__}"
-    )
-    machine = describe_machine(resolve_device(settings.device))
-    command = f"vocc-torch task=figures name={settings.name}"
-    return RunFacts(command, text, machine, dict(watch.seconds), as_yaml(settings), resumed)
-
-
 def write_short(path: Path, rows: Iterable[Sequence[str | int | float | None]]) -> None:
     """Write a CSV file; whole numbers have no point, as in ``ber.csv``, and None is an empty cell."""
-    write_rows(path, (["" if cell is None else cell_text(cell) for cell in row] for row in rows))
+    cells = ([None if cell is None else csv_file.cell_text(cell) for cell in row] for row in rows)
+    csv_file.write_rows(path, cells)
+
+
+def write_report(
+    folder: Path,
+    facts: dict[str, Any],
+    shown: Sequence[ReportFigure] = (),
+    card: scorecard.Scorecard | None = None,
+    location: Sequence[figures.LocationSplit] = (),
+    grids: Mapping[str, grid.Grid] | None = None,
+    others: Mapping[str, Path] | None = None,
+) -> None:
+    """Write ``report.md`` and ``report.html``, both or neither; what was not measured is left out.
+
+    The template may name whatever :mod:`words` and :mod:`scorecard` hold.
+
+    Args:
+        folder: where the two go, with the report's pictures and data in it.
+        facts: how the numbers were made: ``settings`` and ``configuration`` (the same as YAML), ``resumed``,
+            ``machine``, ``contrast_frames``, and ``seconds`` by stage.
+        shown: the figures, in order.
+        card: the claims, or None where an experiment was left out.
+        location: what location costs, with the report's own focal length.
+        grids: bit error rates over ambient light and luminance by locator.
+        others: further files by what they hold, relative to the folder.
+
+    Raises:
+        VoccError: a picture is missing, or a file cannot be written.
+    """
+    receivers = experiments.PAPER_RECEIVERS
+    text = page.render(
+        __package__,
+        "report.md.j2",
+        **(vars(words) | vars(scorecard) | facts),
+        title=TITLE,
+        version=vocc_torch.__version__,
+        card=card,
+        shown={one.name: one for one in shown},
+        rate_names=list(experiments.RATE_FIGURES.values()),
+        location=[split for split in location if split.receiver in receivers],
+        grids=grids or {},
+        best_luminance=grid.best_luminance,
+        receiver_styles=styles.receiver_styles(receivers),
+        others=others or {},
+    )
+    html = page.html(text, TITLE, folder)
+    with atomic_file(folder / "report.md") as temporary:
+        temporary.write_bytes(text.encode("utf-8", "replace"))
+        write_atomically(folder / "report.html", html.encode("utf-8", "replace"))
