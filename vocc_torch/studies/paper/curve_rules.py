@@ -34,13 +34,7 @@ from vocc_torch.measure.paired import PairedCounts
 from vocc_torch.measure.relative import difference_independent, mean_gain, relative_gain
 from vocc_torch.show.text_table import rate_text
 from vocc_torch.studies.paper import words
-from vocc_torch.studies.paper.judgement import (
-    Judgement,
-    NotMeasuredError,
-    PaperReading,
-    RateComparison,
-    Verdict,
-)
+from vocc_torch.studies.paper.judgement import Judgement, NotMeasuredError, PaperReading, RateComparison
 from vocc_torch.studies.paper.words import percent, place
 
 LEAST_SUPPORT = 0.5
@@ -51,10 +45,7 @@ PAPER_CONTRAST_FRAMES = 20000
 """Section IV-D-1: frames over all contrasts together."""
 WIDEST_RATIO = 10.0
 """Beyond this ratio of its ends an interval of a rate is too wide to agree with anything."""
-LOW_CONTRAST = {
-    **{"contrast": (0.0, 0.12), "led_luminance_cd_m2": (0.0, 1000.0)},
-    "ambient_lx": (16000.0, math.inf),
-}
+LOW_CONTRAST = {"contrast": (0, 0.12), "led_luminance_cd_m2": (0, 1000), "ambient_lx": (16000, math.inf)}
 """From where to where an axis means little contrast between On and Off."""
 
 
@@ -146,9 +137,8 @@ def minimum(
     ends = candidates[0], candidates[-1]
     if at not in candidates:
         against = weigh([compared(other, at) for other in values if other != at]).against
-        return Judgement(
-            "differ", measured, f"beyond doubt lower elsewhere: {against[0].text()}", *ends, against
-        )
+        reason = f"beyond doubt lower elsewhere: {against[0].text()}"
+        return Judgement("differ", measured, reason, *ends, against)
     here, silent, reason = values.index(at), sum(not rates[value] for value in candidates), ""
     if len(candidates) == len(values):
         reason = "no value is told apart from the others"
@@ -281,25 +271,21 @@ def quoted_ber(reading: PaperReading, experiment: str, at: float, receiver: str,
         receiver: whose rate.
         ber: the quoted rate.
     """
-    row, (ours, theirs) = (
-        reading.row(experiment, receiver, at),
-        paper_counts(reading, experiment, at, receiver, ber),
-    )
-    verdict: Verdict = "cannot say"
-    if difference_independent(ours, theirs).real:
-        verdict, reason = "differ", f"{row.ber / ber:.2g} times the quoted rate"
+    row, both = reading.row(experiment, receiver, at), paper_counts(reading, experiment, at, receiver, ber)
+    judged = Judgement("cannot say", words.point(row), "", row.ber_low, row.ber_high)
+    if difference_independent(*both).real:
+        gap = f"{row.ber / ber:.2g} times the quoted rate"
         if row.error_free:
-            reason = f"the limit is {ber / row.ber_high:.2g} times below the quoted rate"
+            gap = f"the limit is {ber / row.ber_high:.2g} times below the quoted rate"
         elif row.ber <= ber:
-            reason = f"the quoted rate is {ber / row.ber:.2g} times as high"
-    elif row.error_free:
-        reason = "no error was seen, and too few frames"
-    elif row.ber_high > WIDEST_RATIO * row.ber_low:
-        reason = "the interval is wider than a factor of 10"
-    else:
-        verdict, reason = "agree", ""
-    judged = Judgement(verdict, words.point(row), reason, row.ber_low, row.ber_high)
-    return with_location(reading, judged, experiment, at, receiver, ber)
+            gap = f"the quoted rate is {ber / row.ber:.2g} times as high"
+        judged = replace(judged, verdict="differ", reason=gap)
+        return with_location(reading, judged, experiment, at, receiver, ber)
+    if row.error_free:
+        return replace(judged, reason="no error was seen, and too few frames")
+    if row.ber_high > WIDEST_RATIO * row.ber_low:
+        return replace(judged, reason="the interval is wider than a factor of 10")
+    return replace(judged, verdict="agree")
 
 
 def quoted_gain(reading: PaperReading, experiment: str, gain: float, at: float | None = None) -> Judgement:
@@ -333,7 +319,7 @@ def quoted_gain(reading: PaperReading, experiment: str, gain: float, at: float |
     if at is not None:
         reason = f"{rate_text(two.ber)} with two features, {rate_text(three.ber)} with three"
         judged = Judgement("differ", measured, f"{reason} at {place(curves.axis, at)}", *ends)
-        return with_location(reading, judged, experiment, at)
+        return with_location(reading, judged, experiment, at, "flda_3", math.nan)
     each = [(relative_gain(*two_and_three(curves, value)), value) for value in curves.values]
     known = sorted((one.value, value) for one, value in each if one is not None)
     least, most = (f"{percent(one)} at {place(curves.axis, value)}" for one, value in (known[0], known[-1]))
@@ -413,29 +399,21 @@ def gains_of(
 
 
 def with_location(
-    reading: PaperReading,
-    judged: Judgement,
-    experiment: str,
-    at: float,
-    receiver: str = "flda_3",
-    ber: float | None = None,
+    reading: PaperReading, judged: Judgement, experiment: str, at: float, receiver: str, ber: float
 ) -> Judgement:
     """Add to what differs how much of a rate comes from the panel's location, where that is beyond chance."""
-    measured = reading.experiments[experiment]
-    if judged.verdict != "differ" or (receiver, at) not in measured.location:
+    measured, text = reading.experiments[experiment], ""
+    if (receiver, at) not in measured.location:
         return judged
-    located, truth = (
-        replace(reading, locator=name).row(experiment, receiver, at) for name in ("paper", "truth")
-    )
-    wrong, right = (measured.curves[name].counts[receiver, at] for name in ("paper", "truth"))
-    between, text = ber is not None and truth.ber < ber < located.ber, ""
+    readings = [replace(reading, locator=name) for name in ("paper", "truth")]
+    located, truth = (one.row(experiment, receiver, at) for one in readings)
+    wrong, right = (one.curves(experiment).counts[receiver, at] for one in readings)
+    between = truth.ber < ber < located.ber
     share = relative_gain(wrong, right, measured.location[receiver, at])
     if share is not None and share.low > 0:
         text = f"; with the panel located here the rate is {words.point(located)}"
         if reading.locator != "truth":
-            vanished = f"{rate_text(located.ber - truth.ber)} ({percent(share.value)})"
-            text = (
-                f"; location: of {receiver}'s {rate_text(located.ber)}, {vanished} vanish with true corners"
-            )
+            vanished = f"{rate_text(located.ber - truth.ber)} ({percent(share.value)}) vanish"
+            text = f"; location: of {receiver}'s {rate_text(located.ber)}, {vanished} with true corners"
         text += "; the quoted rate lies between the two" if between else ""
     return replace(judged, reason=judged.reason + text, causes=("between",) if between else ())

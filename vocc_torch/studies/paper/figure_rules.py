@@ -28,6 +28,7 @@ import torch
 from vocc_torch.measure.estimate import CONFIDENCE, Estimate
 from vocc_torch.measure.grid import Grid, not_worse
 from vocc_torch.simulation import photometry
+from vocc_torch.studies.paper.evidence.panels import PAPER_SCENES
 from vocc_torch.studies.paper.judgement import Judgement, NotMeasuredError, PaperReading
 from vocc_torch.studies.paper.words import listed, percent, place
 
@@ -51,8 +52,6 @@ EXTREMES = ((32000.0, 500.0), (1000.0, 8000.0))
 """Ambient light (lx) and LED luminance (cd/m2) of the least and of the most contrast, section IV-C."""
 OUTSIDE = ((0.0, 0.06), (0.54, 1.0))
 """Contrasts that no frame has by section IV-D-1."""
-SCENES = {6: (32000.0, 500.0), 30: (4000.0, 3500.0), 50: (1000.0, 4000.0)}
-"""Section IV-D-1: ambient light (lx) and LED luminance (cd/m2) by the contrast stated, in per cent."""
 
 
 def number(
@@ -97,7 +96,7 @@ def number(
         measured, reason = (re.sub(r"(?<=\d)%", " %", text) for text in texts)
         holds = above < at < below and least <= at <= most
         low, high = (found[end] for end in ends) if ends else (None, None)
-        return Judgement.of(holds, measured, reason, low, high)
+        return Judgement("agree" if holds else "differ", measured, "" if holds else reason, low, high)
     names = [largest, *of] if largest else list(ascending)
     words = {name: name.partition(".")[2].replace("auc_", "area of ").replace("_", " ") for name in names}
     values = {name: reading.number(name) for name in names}
@@ -138,32 +137,26 @@ def derived(reading: PaperReading, figure: str) -> Mapping[str, float]:
         frames = {value: curves.counts[curves.receivers[0], value].frames for value in curves.values}
         least, most, total = min(frames), max(frames), sum(frames.values())
         below, above = (sum(n for value, n in frames.items() if a < value < b) for a, b in OUTSIDE)
-        by_equations = [
-            contrast_by_equations(*light, grey) for light in EXTREMES for grey in BACKGROUND_GREYS
-        ]
+        extremes = [contrast_by_equations(*light, grey) for light in EXTREMES for grey in BACKGROUND_GREYS]
         return {
-            **{"lowest_from": least - BIN / 2, "lowest_to": least + BIN / 2, "least": min(by_equations)},
-            **{"highest_from": most - BIN / 2, "highest_to": most + BIN / 2, "most": max(by_equations)},
+            **{"lowest_from": least - BIN / 2, "lowest_to": least + BIN / 2, "least": min(extremes)},
+            **{"highest_from": most - BIN / 2, "highest_to": most + BIN / 2, "most": max(extremes)},
             **{"below": below / total, "above": above / total},
         }
     if figure.startswith("scene_"):
         stated = int(figure.removeprefix("scene_"))
-        seen, grey = (
-            reading.number(f"fig20.{what}_paper_{figure}") for what in ("contrast", "background_grey")
-        )
-        here = contrast_by_equations(*SCENES[stated], grey)
-        ends = (contrast_by_equations(*SCENES[stated], one) for one in BACKGROUND_GREYS)
+        seen, grey = (reading.number(f"fig20.{n}_paper_{figure}") for n in ("contrast", "background_grey"))
+        here = contrast_by_equations(*PAPER_SCENES[stated], grey)
+        ends = (contrast_by_equations(*PAPER_SCENES[stated], one) for one in BACKGROUND_GREYS)
         low, high = sorted(seen * end / here for end in ends)
         apart = max(low - stated / 100, stated / 100 - high)
         return {"seen": seen, "grey": grey, "low": low, "high": high, "here": here, "apart": apart}
     if figure == "blur":
         found: dict[str, float] = {}
-        for stated in SCENES:
-            true, left = (
-                reading.number(f"fig20.contrast_{kind}true_{stated}") for kind in ("", "in_picture_")
-            )
+        for stated in PAPER_SCENES:
+            true, left = (reading.number(f"fig20.contrast_{n}true_{stated}") for n in ("", "in_picture_"))
             found |= {f"points_{stated}": 100 * (true - left), f"share_{stated}": 1 - left / true}
-        points = (found[f"points_{stated}"] for stated in SCENES)
+        points = (found[f"points_{stated}"] for stated in PAPER_SCENES)
         return found | {"growth": min(more - less for less, more in itertools.pairwise(points))}
     return reading.numbers.get(figure, {})
 
@@ -230,9 +223,8 @@ def time(
     elif much_shorter:
         found = {name: quartiles(reading, f"share_{name}") for name in much_shorter}
         longest = max(found, key=lambda name: found[name].value)
-        measured = (
-            f"the longest bit detection is {quartiles_text(found[longest])} of panel detection ({longest})"
-        )
+        share = quartiles_text(found[longest])
+        measured = f"the longest bit detection is {share} of panel detection ({longest})"
         gaps = {name: (MUCH_SHORTER - one.high, MUCH_SHORTER - one.low) for name, one in found.items()}
         judged = parted(gaps, measured, "more than half as long:", "too noisy, the quartiles hold a half:")
     else:
@@ -243,9 +235,8 @@ def time(
         }
         extra = quartiles(reading, "extra_cost_of_ngr")
         gaps[" and ".join(ascending[-2:])] = extra.low, extra.high
-        measured = ", ".join(
-            f"{name} {t.value:.2g} ms [{t.low:.2g}, {t.high:.2g}]" for name, t in found.items()
-        )
+        texts = (f"{name} {t.value:.2g} ms [{t.low:.2g}, {t.high:.2g}]" for name, t in found.items())
+        measured = ", ".join(texts)
         judged = parted(gaps, measured, "the other way round:", "quartiles overlap:")
     waited = reading.numbers["fig25"].get("waited_share", 0.0)
     if not waited > MOST_WAITED:
@@ -256,27 +247,21 @@ def time(
 
 def time_ratio(reading: PaperReading, ratio: str, quoted: float, digits: int) -> Judgement:
     """Judge a ratio of processing times by its quartiles; in batches it is only told."""
-    found, start = quartiles(reading, ratio), f"{ratio}_whole_frames_batch_"
-    batches = {
-        int(name.removeprefix(start)): value
-        for name, value in reading.numbers["fig25"].items()
-        if re.fullmatch(rf"{start}(?!1$)\d+", name)
-    }
+    found, fig25, at = quartiles(reading, ratio), reading.numbers["fig25"], "whole_frames_batch"
     measured = f"{quartiles_text(found, digits)} one frame at a time"
-    for size, share in sorted(batches.items()):
-        measured += f"; {percent(share, digits)} in batches of {size}"
+    for name, share in fig25.items():
+        if (size := re.fullmatch(rf"{ratio}_{at}_(\d+)", name)) and size[1] != "1":
+            measured += f"; {percent(share, digits)} in batches of {size[1]}"
     if found.low <= 0 or found.high > WIDEST_FACTOR * found.low:
         reason = "too noisy: the quartiles are farther apart than a factor of 2"
         return Judgement("cannot say", measured, reason, found.low, found.high)
+    if found.value / TIME_FACTOR <= quoted <= found.value * TIME_FACTOR:
+        return Judgement("agree", measured, "", found.low, found.high)
     reason = "other software on another machine"
-    panel, three = (
-        reading.numbers["fig25"].get(f"ms_{stage}_whole_frames_batch_1")
-        for stage in ("panel_detection", "flda_3")
-    )
+    panel, three = (fig25.get(f"ms_{stage}_{at}_1") for stage in ("panel_detection", "flda_3"))
     if panel and three:
         reason += f": panel detection takes {panel:.2g} ms a frame here, three features {three:.2g} ms"
-    near = found.value / TIME_FACTOR <= quoted <= found.value * TIME_FACTOR
-    return Judgement.of(near, measured, reason, found.low, found.high)
+    return Judgement("differ", measured, reason, found.low, found.high)
 
 
 def parted(gaps: Mapping[str, tuple[float, float]], measured: str, against: str, overlap: str) -> Judgement:

@@ -9,7 +9,6 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator
 
-from vocc_torch.errors import VoccError
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.curve import COLUMNS, BerTable, Measured
 from vocc_torch.measure.estimate import Estimate
@@ -158,28 +157,23 @@ _ROOM = 7.0
 """Factor of the rate's axis that is left for the shares, right of the highest rate."""
 
 
-def location_figure(splits: Sequence[LocationSplit], title: str) -> Figure:
+def location_figure(splits: Sequence[LocationSplit], lens_mm: float) -> Figure:
     """Draw each experiment's rates with the panel located and with its true corners.
 
     Args:
-        splits: any; drawn are the totals of the paper's receivers.
-        title: what the figure shows.
-
-    Raises:
-        VoccError: no total of any of the paper's receivers.
+        splits: any with totals of the paper's receivers, which are drawn.
+        lens_mm: focal length, for the title.
 
     Example:
         >>> rate = Estimate(1e-3, 8e-4, 1.2e-3)
         >>> split = LocationSplit("distance", "distance_m", None, "flda_3", 2000, rate, rate, None)
-        >>> location_figure([split], "Location").axes[0].get_xscale()
+        >>> location_figure([split], 25.0).axes[0].get_xscale()
         'log'
     """
     totals: dict[str, list[LocationSplit]] = {}
     for split in splits:
         if split.value is None and split.receiver in PAPER_RECEIVERS:
             totals.setdefault(split.experiment, []).append(split)
-    if not totals:
-        raise VoccError("splits has no total of any of the paper's receivers: it needs at least one")
     columns = min(2, len(totals))
     rows = -(-len(totals) // columns)
     row_in = max(map(len, totals.values())) * _ROW_IN + _HEAD_IN
@@ -188,13 +182,11 @@ def location_figure(splits: Sequence[LocationSplit], title: str) -> Figure:
     panels = figure.subplots(rows, columns, sharex=True, squeeze=False).ravel()
     rates = [rate for group in totals.values() for split in group for rate in (split.located, split.truth)]
     panels[0].set_xscale("log")
-    panels[0].set_xlim(
-        min(one.value or one.high for one in rates) / 3, _ROOM * max(one.high for one in rates)
-    )
+    least = min(one.value or one.high for one in rates)
+    panels[0].set_xlim(least / 3, _ROOM * max(one.high for one in rates))
     for number, (axes, (experiment, group)) in enumerate(zip(panels, totals.items(), strict=False)):
         draw_splits(axes, group)
-        name = EXPERIMENTS.get(experiment, experiment)
-        heading = name[:1].upper() + name[1:]
+        heading = EXPERIMENTS[experiment][:1].upper() + EXPERIMENTS[experiment][1:]
         axes.set_title(heading, fontsize=11.5, fontweight="bold", color=canvas.INK, loc="left", pad=4)
         last = number + columns >= len(totals)
         axes.tick_params(axis="y", labelleft=number % columns == 0)
@@ -205,6 +197,7 @@ def location_figure(splits: Sequence[LocationSplit], title: str) -> Figure:
     top, bottom = 1 - (_TOP_IN + _HEAD_IN) / height_in, _BOTTOM_IN / height_in
     gap = _HEAD_IN / (row_in - _HEAD_IN)
     figure.subplots_adjust(2.2 / _WIDTH_IN, bottom, 0.97, top, wspace=0.15, hspace=gap)
+    title = FIGURES["location"]["title"].format(lens_mm=lens_mm)
     canvas.write_title(figure, title, f"{_INTERVALS} arrow: no error, one-sided 95 % limit")
     handles = [
         marker(canvas.QUIET, canvas.QUIET, "o", label="panel located"),
@@ -242,13 +235,9 @@ def draw_splits(axes: Axes, group: Sequence[LocationSplit]) -> None:
             axes.add_line(marker(colour, face, style.marker, [at], [row]))
         if split.share is not None:
             share = f"{100 * split.share.value:.0f} %".replace("-", "\N{MINUS SIGN}")
-            look: dict[str, Any] = {
-                "textcoords": "offset points",
-                "va": "center",
-                "fontsize": 10,
-                "color": canvas.INK,
-            }
-            axes.annotate(share, (max(rate.high for rate in rates), row), (9, 0), **look)
+            look: dict[str, Any] = {"va": "center", "fontsize": 10, "color": canvas.INK}
+            at = max(rate.high for rate in rates)
+            axes.annotate(share, (at, row), (9, 0), textcoords="offset points", **look)
 
 
 def marker(

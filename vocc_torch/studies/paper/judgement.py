@@ -10,7 +10,7 @@ into *differ* only at that rate.
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal, Self, TypeAlias
+from typing import Literal, TypeAlias
 
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.curve import BerTable, Curves, Measured, Row
@@ -94,13 +94,6 @@ class Judgement:
     high: float | None = None
     against: tuple[RateComparison, ...] = ()
     causes: tuple[str, ...] = ()
-
-    @classmethod
-    def of(
-        cls, holds: bool, measured: str, reason: str, low: float | None = None, high: float | None = None
-    ) -> Self:
-        """Judge by yes or no; the reason counts where the claim does not hold."""
-        return cls("agree" if holds else "differ", measured, "" if holds else reason, low, high)
 
 
 @dataclass(frozen=True)

@@ -181,12 +181,10 @@ class Scorecard:
         claims = [claim for claim in self.claims if group is None or group.holds(claim)]
         return [(claim, self.judgements[claim.claim, name]) for claim in claims]
 
-    def grouped(
-        self, groups: Sequence[ClaimGroup], judged: Iterable[Judged] | None = None
-    ) -> dict[ClaimGroup, list[Judged]]:
-        """Claims, by default all as judged under the own reading, each in the first group that holds it."""
+    def grouped(self, groups: Sequence[ClaimGroup]) -> dict[ClaimGroup, list[Judged]]:
+        """The claims as judged under the own reading, each in the first group that holds it."""
         found: dict[ClaimGroup, list[Judged]] = {group: [] for group in groups}
-        for one in self.judged() if judged is None else judged:
+        for one in self.judged():
             for group in [group for group in groups if group.holds(one[0])][:1]:
                 found[group].append(one)
         return {group: claims for group, claims in found.items() if claims}

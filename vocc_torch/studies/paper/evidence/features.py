@@ -266,18 +266,14 @@ def negative_share(axes: Axes, values: Floats, bits: Bools, at: tuple[float, flo
 
 
 def area_text(auc: float) -> str:
-    """Write an area in three digits, near 1 in up to five; 1 only where it is.
+    """Write an area; as 1 only where it is.
 
     Example:
         >>> area_text(0.53577), area_text(0.99956), area_text(0.9999999), area_text(1.0)
-        ('= 0.536', '= 0.9996', '> 0.99999', '= 1')
+        ('= 0.536', '= 0.9996', '> 0.9999', '= 1')
     """
-    if auc == 1:
-        return "= 1"
-    for digits in (3, 4, 5):
-        if float(text := f"{auc:.{digits}f}") <= 1 - 3 * 10**-digits:
-            return f"= {text}"
-    return f"= {text}" if float(text) < 1 else "> 0.99999"
+    text = f"{auc:.3f}" if auc < 0.999 else f"{auc:.4f}" if auc < 0.9999 else ""
+    return f"= {text}" if text else "= 1" if auc == 1 else "> 0.9999"
 
 
 def roc_area(values: Floats, bits: Bools) -> float:

@@ -13,14 +13,10 @@ from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 from torch import Tensor
 
-from vocc_torch.measure import stage_times
-from vocc_torch.measure.plan import Plan, resolve_device
-from vocc_torch.measure.timing import describe_machine
-from vocc_torch.measure.train import train
-from vocc_torch.receiver import location, otsu
-from vocc_torch.receiver.bank import ReceiverBank
+from vocc_torch.measure import plan as plans
+from vocc_torch.measure import stage_times, timing, train
+from vocc_torch.receiver import bank, location, otsu, receiver
 from vocc_torch.receiver.features import image_gradient, radial_inward_field
-from vocc_torch.receiver.receiver import StagedReceiver
 from vocc_torch.rng import BLOCK_FRAMES, BlockKey
 from vocc_torch.show import timing_figure
 from vocc_torch.show.canvas import GRID, INK, QUIET
@@ -95,16 +91,15 @@ class InwardGradients(evidence.PaperFigure):
     def draw_on(self, figure: Figure) -> Mapping[str, object]:
         """Draw the vectors in an On and in an Off LED, and the GRI of all LEDs by distance."""
         gradients = np.stack([self.cell(self.slopes, led) for led in (0, 1)])
-        strongest, width = float(np.hypot(gradients[:, 0], gradients[:, 1]).max()), 0.2
+        strongest = float(np.hypot(gradients[:, 0], gradients[:, 1]).max())
+        width, height = 0.2, 0.2 * figure.get_figwidth() / figure.get_figheight()
         inward = 0.7 * self.inward, evidence.MARK
         for led, (_, name, colour) in enumerate(evidence.STATUS[::-1]):
             slopes = gradients[led] / max(strongest, 1e-12), colour
             parts = {"(a) gradient": [slopes], "(b) radial inward": [inward], "(c) both": [inward, slopes]}
             for index, (text, fields) in enumerate(parts.items()):
                 corner = 0.045 + 0.207 * index, 0.525 - 0.35 * led
-                axes = figure.add_axes(
-                    (*corner, width, width * figure.get_figwidth() / figure.get_figheight())
-                )
+                axes = figure.add_axes((*corner, width, height))
                 self.draw_cell(axes, led, fields)
                 evidence.heading(axes, "" if led else text)
                 if index == 0:
@@ -265,21 +260,18 @@ def cell_status(frames: Frames, corners_px: Tensor, bits: Tensor) -> NDArray[np.
     return np.pad(bits.cpu().numpy().astype(int), 1, constant_values=-1)[np.ix_(row, column)]
 
 
-def grey_levels(plan: Plan, scene: Scene) -> Floats:
+def grey_levels(plan: plans.Plan, scene: Scene) -> Floats:
     """Grey of the background, of an Off and of an On LED of one scene before any blur, by Eqs 1 to 3; (3,).
 
     Clipped at white where the scenes name saturation. The air's loss, under 1 % at 70 m, is left out.
     """
     camera, panel = plan.world.camera, plan.world.panel
-    background, off = (
-        photometry.reflected_luminance_cd_m2(scene.ambient_lx, reflectance)
-        for reflectance in (panel.background_reflectance, panel.led_reflectance)
-    )
+    surfaces = panel.background_reflectance, panel.led_reflectance
+    background, off = (photometry.reflected_luminance_cd_m2(scene.ambient_lx, one) for one in surfaces)
     seen = torch.cat([background, off, off + scene.led_luminance_cd_m2])
     iso = photometry.auto_iso(Context(scene, camera, panel=panel))
-    greys = (
-        photometry.grey_value(photometry.through_lens(seen, camera), iso, gamma=camera.gamma).double().cpu()
-    )
+    exposures = photometry.through_lens(seen, camera)
+    greys = photometry.grey_value(exposures, iso, gamma=camera.gamma).double().cpu()
     return (greys.clamp(max=255.0) if "saturation" in plan.world.effects else greys).numpy()
 
 
@@ -308,11 +300,11 @@ class ProcessingTime(evidence.PaperFigure):
             batch_rounds: timed rounds with a batch, at least 1.
         """
         plan, of, timed = source.plan, source.plan.receiver, {}
-        device, keys = resolve_device(plan.world.device), [BlockKey(plan.seed, "figures/timing", 0)]
+        device, keys = plans.resolve_device(plan.world.device), [BlockKey(plan.seed, "figures/timing", 0)]
         budget = replace(plan.budget, training_frames=min(TRAINING_FRAMES, plan.budget.training_frames))
-        flda = train(replace(plan, budget=budget)).flda
+        flda = train.train(replace(plan, budget=budget)).flda
         receivers = {
-            name: StagedReceiver(ReceiverBank([name], flda), of.reader, of.location)
+            name: receiver.StagedReceiver(bank.ReceiverBank([name], flda), of.reader, of.location)
             for name in timing_figure.PAPER_SHARES
             if name != timing_figure.PANEL_DETECTION
         }
@@ -326,7 +318,7 @@ class ProcessingTime(evidence.PaperFigure):
         self.measured = timing_figure.DetectionTimes(
             by_place={place: one.by_receiver for place, one in timed.items()},
             sensor_px=plan.world.camera.sensor_px,
-            machine=describe_machine(device),
+            machine=timing.describe_machine(device),
             threads=torch.get_num_threads(),
             waited_share=max(0.0, 1 - worked) if device.type == "cpu" else 0.0,
         )

@@ -18,8 +18,8 @@ from vocc_torch.studies.paper import evidence, words
 from vocc_torch.studies.paper.evidence import features
 from vocc_torch.types import Frames, Scene
 
-PAPER_SCENES = ((0.06, 32000.0, 500.0), (0.30, 4000.0, 3500.0), (0.50, 1000.0, 4000.0))
-"""Section IV-D-1: the contrast that the text states, its ambient light (lx) and LED luminance (cd/m2)."""
+PAPER_SCENES = {6: (32000.0, 500.0), 30: (4000.0, 3500.0), 50: (1000.0, 4000.0)}
+"""Section IV-D-1: ambient light (lx) and LED luminance (cd/m2) by the contrast stated, in per cent."""
 BRIGHTEST_CD_M2 = 1e6
 """No LED is looked for beyond this luminance."""
 
@@ -63,8 +63,8 @@ class GreyOverlap(evidence.PaperFigure):
         axes, greys, bits = figure.add_axes((0.325, 0.165, 0.66, 0.68)), self.sample.greys, self.sample.bits
         order = np.argsort(greys.mean(axis=(1, 2)), kind="stable")
         for status, _, colour in evidence.STATUS:
-            chosen = {place: greys[frame][bits[frame] == status] for place, frame in enumerate(order)}
-            chosen = {place: values for place, values in chosen.items() if values.size}
+            ranges = ((place, greys[frame][bits[frame] == status]) for place, frame in enumerate(order))
+            chosen = {place: values for place, values in ranges if values.size}
             low, mean, high = np.array([(v.min(), v.mean(), v.max()) for v in chosen.values()]).T
             axes.vlines(list(chosen), low, high, color=colour, alpha=0.45, linewidth=2.6)
             axes.plot(list(chosen), mean, ".", color=colour, markersize=5.5)
@@ -80,12 +80,8 @@ class GreyOverlap(evidence.PaperFigure):
             evidence.add_panel(figure, corner, 0.19, self.sample.pictures[frame], text, below, colour)
             place = int(np.flatnonzero(order == frame)[0])
             axes.axvspan(place - 0.5, place + 0.5, color=QUIET, alpha=0.22, linewidth=0)
-            above: dict[str, Any] = {
-                "xycoords": ("data", "axes fraction"),
-                "ha": "center",
-                "fontweight": "bold",
-            }
-            evidence.note(axes, letter, (place, 1.01), fontsize=11.5, **above)
+            bold: dict[str, Any] = {"fontsize": 11.5, "ha": "center", "fontweight": "bold"}
+            evidence.note(axes, letter, (place, 1.01), xycoords=("data", "axes fraction"), **bold)
         threshold = self.findings["best_fixed_threshold_grey"]
         wrong = evidence.percent_text(self.findings["best_fixed_threshold_wrong_share"])
         axes.axhline(threshold, **evidence.DASHED)
@@ -179,13 +175,8 @@ class BloomingInterference(evidence.PaperFigure):
         self.draw_row(axes)
         axes.axhline(threshold, **evidence.DASHED)
         box = {"facecolor": "white", "alpha": 0.85, "edgecolor": "none", "pad": 1.5}
-        look: dict[str, Any] = {
-            "xycoords": ("axes fraction", "data"),
-            "bbox": box,
-            "ha": "right",
-            "va": "bottom",
-        }
-        evidence.note(axes, "threshold", (0.99, threshold + 1), **look)
+        look: dict[str, Any] = {"bbox": box, "ha": "right", "va": "bottom"}
+        evidence.note(axes, "threshold", (0.99, threshold + 1), xycoords=("axes fraction", "data"), **look)
         axes.axvspan(column, column + 1, color=evidence.MARK, alpha=0.16, linewidth=0)
         return {
             "off_leds": int((~self.sample.bits).sum()),
@@ -197,9 +188,8 @@ class BloomingInterference(evidence.PaperFigure):
         """Draw the pixels through the middle of the LED's row, and the average grey of each of its cells."""
         row, bits, greys = self.led[0], self.sample.bits[self.frame], self.sample.greys[self.frame]
         looks = ("pixels without", QUIET, 1.0), ("pixels with blooming", INK, 1.4)
-        for (grey, (left, right, bottom, top)), (name, colour, width) in zip(
-            self.pictures, looks, strict=True
-        ):
+        for (grey, extent), (name, colour, width) in zip(self.pictures, looks, strict=True):
+            left, right, bottom, top = extent
             line = grey[int((row + 0.5 - top) / (bottom - top) * len(grey))]
             edges = np.linspace(left, right, len(line) + 1)
             axes.stairs(line, edges, baseline=None, color=colour, linewidth=width, alpha=0.75, label=name)
@@ -229,16 +219,15 @@ class BlurOrder(evidence.PaperFigure):
             VoccError: the scenes have no blooming.
         """
         world, clear, scene = source.plan.world, source.without_blooming(), evidence.paper_scene()
-        bits, corners_px = source.bits("blur_order"), clear.true_panels(scene).corners_px
+        bits = source.bits("blur_order")
         before, sharp = (one.render(scene, bits) for one in (world.simulator(), clear))
         (blur,) = effects.build_effects({"blooming": world.effects["blooming"]})
         grey = blur(sharp.grey.to(torch.float64), effects.Context(scene, world.camera))
         whole = before.grey.dtype == torch.uint8
         after = Frames(grey.round() if whole else grey, sharp.origin_px, sharp.sensor_px)
         self.sigma_px = float(world.effects["blooming"]["sigma_px"])  # type: ignore[arg-type]
-        self.pictures = [
-            evidence.cut_out(one, corners_px, world.panel.shape)[0] for one in (after, before, sharp)
-        ]
+        place, frames = (clear.true_panels(scene).corners_px, world.panel.shape), (after, before, sharp)
+        self.pictures = [evidence.cut_out(one, *place)[0] for one in frames]
         names = ("gaussian_after_gamma", "gaussian_before_gamma", "no_blooming")
         self.rows = evidence.pixel_rows(dict(zip(names, self.pictures, strict=True)))
         dull, bright, clean = (picture for picture, _ in self.pictures)
@@ -259,13 +248,8 @@ class BlurOrder(evidence.PaperFigure):
         looks = ("after gamma", "#CC79A7", 2.1), ("before gamma", evidence.MARK, 2.1), ("no blur", QUIET, 1.0)
         for index, (name, colour, linewidth) in enumerate(looks):
             grey, (left, right, bottom, top) = self.pictures[index]
-            look: dict[str, Any] = {
-                "color": colour,
-                "linewidth": linewidth,
-                "label": name,
-                "zorder": 2 - index / 9,
-            }
-            profile.stairs(grey[row], baseline=None, **look)
+            look: dict[str, Any] = {"color": colour, "linewidth": linewidth, "zorder": 2 - index / 9}
+            profile.stairs(grey[row], baseline=None, label=name, **look)
             if index < 2:
                 text = f"({'ab'[index]}) Gaussian {name}"
                 below = f"brightest {grey.max():.0f}, mean {grey.mean():.1f}"
@@ -297,9 +281,9 @@ class ContrastPanels(evidence.PaperFigure):
         """Render the paper's scenes, and the same with the LED luminance that the stated contrast needs."""
         world, bits = source.plan.world, source.bits("contrast")
         simulator, darkest = world.simulator(), world.scene.background_grey.bounds[0]
-        scenes = {f"paper_scene_{100 * c:.0f}": evidence.paper_scene(*light) for c, *light in PAPER_SCENES}
-        for (stated, *_), scene in zip(PAPER_SCENES, tuple(scenes.values()), strict=True):
-            scenes[f"true_{100 * stated:.0f}"] = scene_of_contrast(simulator, scene, stated, darkest)
+        scenes = {f"paper_scene_{c}": evidence.paper_scene(*light) for c, light in PAPER_SCENES.items()}
+        for stated, scene in zip(PAPER_SCENES, tuple(scenes.values()), strict=True):
+            scenes[f"true_{stated}"] = scene_of_contrast(simulator, scene, stated / 100, darkest)
         both = Scene.cat(list(scenes.values()))
         frames, panels = simulator.render(both, bits.repeat(len(both), 1, 1)), simulator.true_panels(both)
         centres = source.plan.receiver.reader.read_greys(frames, panels).centre.double().cpu()
@@ -319,16 +303,14 @@ class ContrastPanels(evidence.PaperFigure):
         """Draw the paper's scenes above, and scenes that have the contrast it states below."""
         for index, contrast in enumerate(self.contrasts):
             row, column = divmod(index, 3)
-            wanted, *_ = PAPER_SCENES[column]
+            wanted = list(PAPER_SCENES)[column]
             # The same in whole percents is not said twice.
-            stated = f" (paper: {100 * wanted:.0f} %)" if abs(contrast - wanted) > 0.005 else ""
+            stated = f" (paper: {wanted} %)" if abs(contrast - wanted / 100) > 0.005 else ""
             ambient, luminance, _, background = self.conditions[index]
             parts = (f"{ambient:,.0f} lx", f"{luminance:,.0f} cd/m²", f"background {background:.0f}")
             below = " \N{MIDDLE DOT} ".join(parts).replace(",", "\N{THIN SPACE}")
-            text, corner = (
-                f"contrast {100 * contrast:.1f} %{stated}",
-                (0.075 + 0.31 * column, 0.55 - 0.44 * row),
-            )
+            text = f"contrast {100 * contrast:.1f} %{stated}"
+            corner = 0.075 + 0.31 * column, 0.55 - 0.44 * row
             axes = evidence.add_panel(figure, corner, 0.28, self.pictures[index], text, below)
             axes.set_xlabel(f"in the picture {100 * self.seen[index]:.1f} %", color=INK)
             if column == 0:
