@@ -15,6 +15,7 @@ from vocc_torch.measure.curve import Measured
 from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.grid import best_luminance
 from vocc_torch.show.styles import receiver_styles
+from vocc_torch.studies.paper import FiguresConfig
 from vocc_torch.studies.paper.experiments import PAPER_RECEIVERS, PaperPlan
 from vocc_torch.studies.paper.figures import LocationSplit, location_figure, location_split
 from vocc_torch.studies.paper.run import Report, ReportFigure
@@ -46,7 +47,7 @@ class Page:
     """A written report, as a reader sees it."""
 
     def __init__(self, folder, resumed=False, **parts):
-        plan = PaperPlan(("fig22",), (25.0,), ("paper",), {})
+        plan = PaperPlan(FiguresConfig([], [25.0], ["paper"], {}), ("fig22",), {})
         rest = {"experiment": Experiment("ambient", "ambient_lx", (8000.0,))}
         settings = Settings("figures", "whole", 7, "cpu", "float32", "crop", 64, 0, False, **rest)
         Report(folder, plan, **parts).write(settings, {"training": 61.5, "report": 1.5}, resumed)

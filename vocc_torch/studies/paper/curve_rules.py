@@ -234,21 +234,18 @@ def with_causes(reading: PaperReading, judged: Judgement) -> Judgement:
     against = [(one.curves.axis, one.above[1], one.above[0], one.below[0]) for one in judged.against]
     if points := {(axis, value) for axis, value, above, below in against if above == centre != below}:
         causes.append("preambles")
-        text = "the centre receiver's threshold comes from preambles of the very same scene"
+        reasons.append("the centre receiver's threshold comes from preambles of the very same scene")
+        known = [one.curves["truth"] for one in reading.experiments.values() if "truth" in one.curves]
         errors = [
-            measured.curves["truth"].counts[centre, value].half_errors
-            for axis, value in points
-            for measured in reading.experiments.values()
-            if "truth" in measured.curves and measured.curves["truth"].axis == axis
+            one.counts[centre, at].half_errors for one in known for axis, at in points if axis == one.axis
         ]
         if silent := errors.count(0):
-            where = "any of these points"
-            where = where if silent == len(errors) else f"{silent} of these {len(errors)} points"
-            text += f", and with true corners it makes no error at {where}"
-        reasons.append(text)
+            where = f"{silent} of these {len(errors)}" if silent < len(errors) else "any of these"
+            reasons[-1] += f", and with true corners it makes no error at {where} points"
     lost = [
-        axis in LOW_CONTRAST and LOW_CONTRAST[axis][0] <= value <= LOW_CONTRAST[axis][1]
+        low <= value <= high
         for axis, value, above, below in against
+        for low, high in [LOW_CONTRAST.get(axis, (math.inf, -math.inf))]
         if above.endswith("_greyscale") and below.startswith("flda")
     ]
     if any(lost) and 2 * sum(lost) >= len(lost):

@@ -50,32 +50,33 @@ class PaperPlan:
     """The studies behind the wanted figures.
 
     Args:
+        config: the study's section of the configuration; the first lens and locator are the report's own.
         figures: names of the wanted figures, in the paper's order.
-        focal_lengths_mm: the lenses; the first is the report's own.
-        locators: the locators; the first is the report's own.
         experiments: plans by experiment and row (0 where there is no grid), at any focal length.
-        row_axis: quantity that varies from row to row of the grid.
     """
 
+    config: FiguresConfig
     figures: tuple[str, ...]
-    focal_lengths_mm: tuple[float, ...]
-    locators: tuple[Locator, ...]
     experiments: Mapping[str, Mapping[float, Plan]]
-    row_axis: str = "ambient_lx"
+
+    @property
+    def locators(self) -> tuple[Locator, ...]:
+        """The locators; the first is the report's own."""
+        return cast("tuple[Locator, ...]", tuple(self.config.locators))
 
     @property
     def own(self) -> tuple[float, Locator]:
         """The report's own focal length and locator."""
-        return self.focal_lengths_mm[0], self.locators[0]
+        return self.config.focal_lengths_mm[0], self.locators[0]
 
     def studies(self) -> list[Study]:
         """The studies, those of the report's own focal length first."""
         return [
             Study(study_key(name, focal_mm, row), at_focal_length(plan, focal_mm), self.locators)
-            for focal_mm in self.focal_lengths_mm
+            for focal_mm in self.config.focal_lengths_mm
             for name, rows in self.experiments.items()
             for row, plan in rows.items()
-            if name != DIMMING or focal_mm == self.focal_lengths_mm[0]
+            if name != DIMMING or focal_mm == self.own[0]
         ]
 
     def measured(self, campaign: Campaign) -> dict[float, dict[str, Measured]]:
@@ -83,15 +84,16 @@ class PaperPlan:
         names = [name for name in self.experiments if name != DIMMING]
         return {
             focal_mm: {name: campaign.measured[study_key(name, focal_mm)] for name in names}
-            for focal_mm in self.focal_lengths_mm
+            for focal_mm in self.config.focal_lengths_mm
         }
 
     def grids(self, campaign: Campaign) -> dict[str, Grid]:
         """The grid for each locator; empty where it was not measured."""
         rows = tuple(self.experiments.get(DIMMING, {}))
-        of_row = [campaign.measured[study_key(DIMMING, self.focal_lengths_mm[0], row)] for row in rows]
+        axis = (self.config.experiments[DIMMING].row_axis if rows else None) or "ambient_lx"
+        of_row = [campaign.measured[study_key(DIMMING, self.own[0], row)] for row in rows]
         return {
-            name: Grid(self.row_axis, rows, tuple(measured.curves[name] for measured in of_row))
+            name: Grid(axis, rows, tuple(measured.curves[name] for measured in of_row))
             for name in self.locators
             if rows
         }
@@ -125,14 +127,7 @@ def paper_plan(config: FiguresConfig, plan: Plan) -> PaperPlan:
     if built and not set(names) & set(PAPER_RECEIVERS):
         known = ", ".join(PAPER_RECEIVERS)
         raise VoccError(f"receiver.names is {list(names)}: figures of bit error rates need one of {known}")
-    grid = config.experiments.get(DIMMING)
-    return PaperPlan(
-        figures,
-        tuple(config.focal_lengths_mm),
-        cast("tuple[Locator, ...]", tuple(config.locators)),
-        built,
-        (grid.row_axis if grid else None) or "ambient_lx",
-    )
+    return PaperPlan(config, figures, built)
 
 
 def study_key(experiment: str, focal_length_mm: float, row: float = 0.0) -> str:

@@ -190,12 +190,9 @@ def contrast_by_equations(ambient_lx: float, luminance_cd_m2: float, background_
         >>> round(contrast_by_equations(32000.0, 500.0, 102.0), 3)
         0.031
     """
-    ambient = torch.tensor(ambient_lx, dtype=torch.float64)
-    background, off = (photometry.reflected_luminance_cd_m2(ambient, share) for share in REFLECTANCES)
-    grey = torch.tensor(background_grey, dtype=torch.float64)
-    iso = photometry.auto_iso_speed(background, grey, gamma=GAMMA)
-    greys = [photometry.grey_value(seen, iso, gamma=GAMMA) for seen in (off, off + luminance_cd_m2)]
-    dark, bright = (min(255.0, float(grey)) for grey in greys)
+    background, off = (ambient_lx * share / math.pi for share in REFLECTANCES)
+    seen = (off / background, (off + luminance_cd_m2) / background)
+    dark, bright = (min(255.0, background_grey * math.pow(ratio, 1 / GAMMA)) for ratio in seen)
     return (bright - dark) / 255
 
 

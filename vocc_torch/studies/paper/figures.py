@@ -109,9 +109,8 @@ class LocationSplit:
 
     def row(self) -> tuple[str | float | None, ...]:
         """The line of ``location.csv``; a total has no value."""
-        share = astuple(self.share) if self.share else (None, None, None)
-        what = (self.experiment, self.axis, self.value, self.receiver, self.frames)
-        return (*what, *astuple(self.located), *astuple(self.truth), *share)
+        *what, located, truth, share = astuple(self)
+        return (*what, *located, *truth, *(share or (None, None, None)))
 
 
 def location_split(experiments: Mapping[str, Measured]) -> tuple[LocationSplit, ...]:

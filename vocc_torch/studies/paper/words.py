@@ -12,48 +12,6 @@ from vocc_torch.measure.estimate import Estimate
 from vocc_torch.show.styles import LOCATED
 from vocc_torch.show.text_table import rate_text
 
-UNITS = {"ambient_lx": "lx", "led_luminance_cd_m2": "cd/m2", "distance_m": "m"}
-"""Units of the axes' values; a contrast is written in per cent."""
-RECEIVERS = {
-    **{"center_greyscale": "centre greyscale", "average_greyscale": "average greyscale"},
-    **{"flda_agr_ngr": "AGR + NGR", "flda_agr": "AGR", "flda_gri": "GRI", "flda_ngr": "NGR"},
-    **{"flda_2": "AGR + GRI", "flda_3": "AGR + GRI + NGR"},
-}
-"""Receivers within a sentence: those of FLDA by their features, as in the figures' legends."""
-EXPERIMENTS = {
-    **{"contrast": "contrast", "ambient": "ambient light"},
-    **{"luminance": "LED luminance", "distance": "distance"},
-}
-"""What the experiments vary."""
-WIDEST_SHARE = 1.0
-"""Beyond this width the interval of a share tells nothing of its size."""
-_NBSP = "\N{NO-BREAK SPACE}"
-_TYPOGRAPHY: tuple[tuple[re.Pattern[str], str | Callable[[re.Match[str]], str]], ...] = (
-    (re.compile(rf"\b({'|'.join(RECEIVERS)})\b"), lambda match: RECEIVERS[match[0]]),
-    (
-        re.compile(r"\b(?:agr|gri|ngr)(?:\+(?:agr|gri|ngr))*\b"),
-        lambda match: match[0].upper().replace("+", " + "),
-    ),
-    (re.compile(r"\b\d{2,}\.\d{3,}\b"), lambda match: f"{float(match[0]):.1f}"),
-    (re.compile(r"(?<=\d)%"), " %"),
-    (re.compile(r"cd/m2"), "cd/m\N{SUPERSCRIPT TWO}"),
-    (re.compile(r"(?<![\w.)])-(?=\d)"), "\N{MINUS SIGN}"),
-    (re.compile("\N{MINUS SIGN}0(?![.\\d])"), "0"),
-    (re.compile(r"\binf\b"), "\N{INFINITY}"),
-    # A number stays in one line with its unit, a figure with its number, and a power of ten in one piece.
-    (re.compile(r"(?<=\d) (?=(?:%|lx|cd/m|mm|min|ms|m|kbps)(?![a-z]))"), _NBSP),
-    (re.compile(r"\b(Figs?\.?|Eqs?\.?|Table|job|batch) (?=\d)"), rf"\1{_NBSP}"),
-    (re.compile(r"(?<=\de-)(?=\d)|(?<=\b[IVX]-)(?=[A-D])|(?<=-[A-D]-)(?=\d)"), "\N{WORD JOINER}"),
-)
-_WRITERS: dict[str, Callable[[float], str]] = {
-    "number": lambda value: plain(f"{value:.4g}"),
-    "share": lambda value: plain(f"{100 * value:.3g} %"),
-    "area": lambda value: f"{value:.7g}",
-    "luminance": lambda value: plain(f"{value:.4g} cd/m2"),
-    "ms": lambda value: plain(f"{value:.3g} ms"),
-    "yes_no": lambda value: "yes" if value else "no",
-}
-
 
 def read_yaml(name: str) -> dict[str, Any]:
     """A YAML file of this folder."""
@@ -66,6 +24,23 @@ def read_yaml(name: str) -> dict[str, Any]:
 _NUMBERS: dict[str, tuple[str, ...]] = read_yaml("numbers.yaml")
 FIGURES: dict[str, dict[str, Any]] = read_yaml("figures.yaml")
 """What each figure says, by name, in the paper's order; what goes beyond the paper comes last."""
+_WORDS = read_yaml("words.yaml")
+RECEIVERS: dict[str, str] = _WORDS["receivers"]
+EXPERIMENTS: dict[str, str] = _WORDS["experiments"]
+LABELS: dict[str, str] = _WORDS["labels"]
+WIDEST_SHARE = 1.0
+"""Beyond this width the interval of a share tells nothing of its size."""
+_NAMES = re.compile(rf"\b(?:{'|'.join(RECEIVERS)}|(?:agr|gri|ngr)(?:\+(?:agr|gri|ngr))*)\b")
+_LONG = re.compile(r"\b\d{2,}\.\d{3,}\b")
+_TYPOGRAPHY = [(re.compile(pattern), written) for pattern, written in _WORDS["typography"]]
+_WRITERS: dict[str, Callable[[float], str]] = {
+    "number": lambda value: plain(f"{value:.4g}"),
+    "share": lambda value: plain(f"{100 * value:.3g} %"),
+    "area": lambda value: f"{value:.7g}",
+    "luminance": lambda value: plain(f"{value:.4g} cd/m2"),
+    "ms": lambda value: plain(f"{value:.3g} ms"),
+    "yes_no": lambda value: "yes" if value else "no",
+}
 
 
 def plain(text: str) -> str:
@@ -75,6 +50,8 @@ def plain(text: str) -> str:
         >>> plain("flda_3 0.3 at 3% contrast and 8000 cd/m2").replace("\xa0", "~")
         'AGR + GRI + NGR 0.3 at 3~% contrast and 8000~cd/m²'
     """
+    text = _NAMES.sub(lambda one: RECEIVERS.get(one[0]) or one[0].upper().replace("+", " + "), text)
+    text = _LONG.sub(lambda one: f"{float(one[0]):.1f}", text)
     for pattern, written in _TYPOGRAPHY:
         text = pattern.sub(written, text)
     return text
@@ -134,7 +111,7 @@ def place(axis: str, *values: float) -> str:
         >>> place("ambient_lx", 8000.0), place("contrast", 0.27, 0.33, 0.39)
         ('8000 lx', '27, 33 and 39 % contrast')
     """
-    unit = "% contrast" if axis == "contrast" else UNITS.get(axis, axis)
+    unit = "% contrast" if axis == "contrast" else _WORDS["units"].get(axis, axis)
     *first, last = (f"{100 * v:.0f}" if axis == "contrast" else f"{v:g}" for v in values)
     return f"{', '.join(first)} and {last} {unit}" if first else f"{last} {unit}"
 
@@ -157,7 +134,7 @@ def reading_text(focal_length_mm: float, locator: str) -> str:
         >>> reading_text(25.0, "paper").replace("\xa0", " ")
         '25 mm lens, panel located'
     """
-    return f"{focal_length_mm:g}{_NBSP}mm lens, {LOCATED.get(locator, locator)}"
+    return f"{focal_length_mm:g}\N{NO-BREAK SPACE}mm lens, {LOCATED.get(locator, locator)}"
 
 
 def named(name: str, value: float) -> tuple[str, str, str]:

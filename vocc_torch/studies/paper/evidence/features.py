@@ -1,8 +1,7 @@
 """Figs 8, 10, 12, 13 and 14: how grey values and features tell On LEDs from Off LEDs, alone and together."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
-from typing import ClassVar
 
 import numpy as np
 import torch
@@ -19,13 +18,6 @@ from vocc_torch.show import canvas
 from vocc_torch.studies.paper import evidence, words
 from vocc_torch.studies.paper.evidence import Bools, Floats
 
-LABELS = {
-    "average_grey": "Average grey of an LED (0 to 255)",
-    "agr": "AGR (ratio)",
-    "gri": "GRI (grey values a pixel)",
-    "ngr": "NGR (ratio)",
-    "agr+gri+ngr": "FLDA score of AGR, GRI and NGR",
-}
 SHOWN = 4000
 """LEDs in the cloud of Fig. 13; more hide each other."""
 
@@ -33,18 +25,14 @@ SHOWN = 4000
 class FeatureSpread(evidence.PaperFigure):
     """Numbers of each LED of the sample by its status, a panel each: of one a histogram, of two a cloud.
 
+    ``figures.yaml`` says which: features ``alone`` and, with a ``+`` between them, ``together``; ``panels``
+    with their left, bottom, width and height, as shares of the figure; and a ``gallery`` of some frames.
+
     Attributes:
         sample: the sample.
         values: (B,R,C) each, by name; a name with ``+`` is the FLDA score of those features.
         lines: for a pair of features, FLDA fitted on these LEDs: (w_1, w_2, threshold).
     """
-
-    alone: ClassVar[Sequence[str]]
-    together: ClassVar[Sequence[str]] = ()
-    panels: ClassVar[Mapping[str, tuple[float, float, float, float]]]
-    """Left, bottom, width and height, as shares of the figure, by what is drawn."""
-    gallery: ClassVar[int] = 0
-    """Frames of the sample that are shown above."""
 
     def __init__(self, source: evidence.Source) -> None:
         """Score features of the sample alone, and by FLDA together.
@@ -53,13 +41,14 @@ class FeatureSpread(evidence.PaperFigure):
         decisions at the best fixed threshold. ``separable_`` is 1 where some straight line or plane, FLDA's
         or another, parts all On LEDs from all Off LEDs.
         """
-        self.sample = sample = source.sample
+        self.sample, about = source.sample, words.FIGURES[self.name]
+        sample = self.sample
         self.lines: dict[str, tuple[float, float, float]] = {}
         bits, sent, features = sample.bits, torch.from_numpy(sample.bits), torch.from_numpy(sample.features)
         named = {"average_grey": sample.greys} | {name: sample.feature(name) for name in FEATURE_NAMES}
-        self.values = values = {name: named[name] for name in self.alone}
+        self.values = values = {name: named[name] for name in about["alone"]}
         parted = {}
-        for name in self.together:
+        for name in about.get("together", ()):
             chosen = [FEATURE_NAMES.index(part) for part in name.split("+")]
             flda = FLDA(len(FEATURE_NAMES)).fit(features, sent).select(chosen)
             values[name] = flda.decision_function(features[..., chosen]).numpy()
@@ -78,19 +67,19 @@ class FeatureSpread(evidence.PaperFigure):
 
     def draw_on(self, figure: Figure) -> Mapping[str, object]:
         """Draw some of the frames, and each panel with how well it tells On from Off."""
-        letters = "abcd"
-        if self.gallery:
-            for index, picture in enumerate(self.sample.pictures[: self.gallery]):
-                row, column = divmod(index, self.gallery // 2)
+        about, letters = words.FIGURES[self.name], "abcd"
+        if gallery := about.get("gallery", 0):
+            for index, picture in enumerate(self.sample.pictures[:gallery]):
+                row, column = divmod(index, gallery // 2)
                 evidence.add_panel(figure, (0.02 + 0.097 * column, 0.745 - row * 0.142), 0.09, picture)
-            text, letters = f"(a) {self.gallery} of the frames", letters[1:]
+            text, letters = f"(a) {gallery} of the frames", letters[1:]
             figure.text(0.02, 0.895, text, fontsize=11.5, color=canvas.INK, fontweight="bold")
-        for letter, (name, place) in zip(letters, self.panels.items(), strict=False):
+        for letter, (name, place) in zip(letters, about["panels"].items(), strict=False):
             axes = figure.add_axes(place)
-            if name in self.together:
+            if "+" in name:
                 self.draw_pair(axes, name)
             else:
-                status_histogram(axes, self.values[name], self.sample.bits, LABELS[name])
+                status_histogram(axes, self.values[name], self.sample.bits, words.LABELS[name])
             if name == "gri":
                 axes.axvline(0, color=canvas.QUIET, linewidth=1.0)
                 negative_share(axes, self.values[name], self.sample.bits, (0.98, 0.95))
@@ -98,14 +87,14 @@ class FeatureSpread(evidence.PaperFigure):
             area = area_text(self.findings[f"auc_{name}"])
             canvas.head(axes, f"({letter})", f"AUC {area} \N{MIDDLE DOT} best threshold wrong: {wrong}")
         evidence.status_legend(figure)
-        lines = words.FIGURES[self.name].get("lines", "")
-        return {"frames": len(self.sample.bits), "leds": self.sample.bits.size, "lines": lines}
+        counts = {"frames": len(self.sample.bits), "leds": self.sample.bits.size}
+        return {**counts, "lines": about.get("lines", "")}
 
     def draw_pair(self, axes: Axes, name: str) -> None:
         """Draw two features, or the score of three and NGR, and FLDA's decision between On and Off."""
         first, second = name.split("+") if name in self.lines else (name, "ngr")
         x, y = self.values[first], self.values[second]
-        status_cloud(axes, x, y, self.sample.bits, (LABELS[first], LABELS[second]))
+        status_cloud(axes, x, y, self.sample.bits, (words.LABELS[first], words.LABELS[second]))
         ends, limits = np.array(axes.get_xlim()), axes.get_ylim()
         along, across, threshold = self.lines.get(name, (0.0, 0.0, 0.0))
         if across:
@@ -119,28 +108,18 @@ class GreyAndAgr(FeatureSpread):
     """Fig. 8: some of the frames, and the distributions of average grey and of AGR."""
 
     name = "fig08"
-    gallery = 20
-    alone = ("average_grey", "agr")
-    panels: ClassVar = {"average_grey": (0.075, 0.175, 0.41, 0.355), "agr": (0.575, 0.175, 0.41, 0.355)}
 
 
 class GriAndAgr(FeatureSpread):
     """Fig. 10: the distribution of GRI, and GRI against AGR."""
 
     name = "fig10"
-    alone, together = ("agr", "gri"), ("agr+gri",)
-    panels: ClassVar = {"gri": (0.075, 0.2, 0.41, 0.635), "agr+gri": (0.575, 0.2, 0.41, 0.635)}
 
 
 class NgrAndOthers(FeatureSpread):
     """Fig. 12: the distribution of NGR, NGR against each of the others, and all three."""
 
     name = "fig12"
-    alone, together = FEATURE_NAMES, ("agr+gri", "agr+ngr", "gri+ngr", "agr+gri+ngr")
-    panels: ClassVar = {
-        **{"ngr": (0.075, 0.57, 0.41, 0.325), "agr+ngr": (0.575, 0.57, 0.41, 0.325)},
-        **{"gri+ngr": (0.075, 0.14, 0.41, 0.325), "agr+gri+ngr": (0.575, 0.14, 0.41, 0.325)},
-    }
 
 
 class Projection(evidence.PaperFigure):
