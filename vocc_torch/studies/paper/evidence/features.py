@@ -150,10 +150,8 @@ class Projection(evidence.PaperFigure):
         self.rows = [("led", "bit", *FEATURE_NAMES, "projection"), *lines]
         self.findings = {}
         for name, weight, deviation in zip(FEATURE_NAMES, weights, self.deviation, strict=True):
-            self.findings |= {
-                f"w_{name}": float(weight),
-                f"w_{name}_per_deviation": float(weight * deviation),
-            }
+            self.findings[f"w_{name}"] = float(weight)
+            self.findings[f"w_{name}_per_deviation"] = float(weight * deviation)
         wrong = (self.projections >= threshold) != self.bits
         self.findings |= {"threshold": threshold, "auc_projection": roc_area(self.projections, self.bits)}
         self.findings |= {"wrong_share_on": float(wrong[self.bits].mean())}

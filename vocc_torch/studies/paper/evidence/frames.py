@@ -92,15 +92,18 @@ class InwardGradients(evidence.PaperFigure):
         """Draw the vectors in an On and in an Off LED, and the GRI of all LEDs by distance."""
         gradients = np.stack([self.cell(self.slopes, led) for led in (0, 1)])
         strongest = float(np.hypot(gradients[:, 0], gradients[:, 1]).max())
-        width, height = 0.2, 0.2 * figure.get_figwidth() / figure.get_figheight()
-        inward = 0.7 * self.inward, evidence.MARK
+        k, inward = self.inward.shape[-1], (0.7 * self.inward, evidence.MARK)
+        rim = max(1, k // 4)
+        reach = self.cell_px * (0.5 + rim / k)
         for led, (_, name, colour) in enumerate(evidence.STATUS[::-1]):
             slopes = gradients[led] / max(strongest, 1e-12), colour
             parts = {"(a) gradient": [slopes], "(b) radial inward": [inward], "(c) both": [inward, slopes]}
+            # A cell with a quarter of a cell around it.
+            shown = self.cell(self.grey, led, rim), (-reach, reach, reach, -reach)
             for index, (text, fields) in enumerate(parts.items()):
                 corner = 0.045 + 0.207 * index, 0.525 - 0.35 * led
-                axes = figure.add_axes((*corner, width, height))
-                self.draw_cell(axes, led, fields)
+                axes = evidence.add_panel(figure, corner, 0.2, shown)
+                self.draw_vectors(axes, fields)
                 evidence.heading(axes, "" if led else text)
                 if index == 0:
                     row, column = self.leds[led]
@@ -122,25 +125,18 @@ class InwardGradients(evidence.PaperFigure):
             evidence.note(axes, name, (0.97, height), **look)
         features.negative_share(axes, gri, self.sample.bits, (0.98, 0.98))
         condition = evidence.condition_text(self.sample.conditions[self.frame])
-        said = {"condition": condition, "strongest": strongest, "k": self.inward.shape[-1]}
-        return {**said, "cell_px": self.cell_px}
+        return {"condition": condition, "strongest": strongest, "k": k, "cell_px": self.cell_px}
 
-    def draw_cell(self, axes: Axes, led: int, fields: list[tuple[Floats, str]]) -> None:
-        """Show a cell with a quarter of a cell around it, and vectors (2,K,K) of a colour at its samples."""
-        k = self.inward.shape[-1]
-        rim = max(1, k // 4)
-        reach, edge = self.cell_px * (0.5 + rim / k), self.cell_px / 2
-        grey, extent = self.cell(self.grey, led, rim), (-reach, reach, reach, -reach)
-        axes.imshow(grey, cmap="gray", vmin=0, vmax=255, interpolation="nearest", extent=extent)
+    def draw_vectors(self, axes: Axes, fields: list[tuple[Floats, str]]) -> None:
+        """Outline a cell, and draw vectors (2,K,K) of a colour at its samples."""
+        edge = self.cell_px / 2
         axes.add_patch(Rectangle((-edge, -edge), 2 * edge, 2 * edge, fill=False, edgecolor="white"))
-        axes.set(xticks=[], yticks=[])
-        axes.spines[:].set_visible(False)
         heads = {"headwidth": 3.6, "headlength": 3.8, "headaxislength": 3.4, "minlength": 0.3, "width": 0.011}
         # y points down in the image's coordinates; angles="xy" follows the axes.
         look: dict[str, Any] = {"angles": "xy", "scale_units": "xy", "scale": 1, "pivot": "mid", **heads}
         for vectors, colour in fields:
             # Length 1 spans one and a half samples.
-            arrows = *self.places_px, *(vectors * (1.5 * self.cell_px / k))
+            arrows = *self.places_px, *(vectors * (1.5 * self.cell_px / self.inward.shape[-1]))
             axes.quiver(*arrows, color=colour, edgecolor="white", linewidth=0.35, **look)
 
 
