@@ -15,7 +15,7 @@ from vocc_torch.measure.config import ARGUMENT, Settings
 from vocc_torch.studies.classifiers import RivalsConfig
 from vocc_torch.studies.decode import DecodeConfig
 from vocc_torch.studies.effects import EffectsConfig
-from vocc_torch.studies.paper.config import FiguresConfig
+from vocc_torch.studies.paper import FiguresConfig
 from vocc_torch.studies.tradeoff.config import TradeoffConfig
 
 TASKS = {

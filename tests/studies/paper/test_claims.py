@@ -21,8 +21,8 @@ from made_up_readings import (
 )
 
 from vocc_torch.errors import VoccError
-from vocc_torch.studies.paper.figure_rules import BACKGROUND_GREYS, contrast_by_equations
-from vocc_torch.studies.paper.scorecard import CLAIMS, PARTS, RULES, STATEMENTS, claims_of, readings_of, score
+from vocc_torch.studies.paper.figure_rules import BACKGROUND_GREYS, contrast_by_equations, derived
+from vocc_torch.studies.paper.scorecard import CLAIMS, PARTS, RULES, STATEMENTS, claims_of, readings_of
 
 BY_KEY = {claim.claim: claim for claim in CLAIMS}
 TIMES = "fig25"
@@ -62,17 +62,12 @@ def test_each_claim_says_where_the_paper_makes_it():
     assert len(BY_KEY) == len(CLAIMS) == 99
     assert all(re.fullmatch(r"[a-z]+\.[a-z_0-9.]+", name) for name in BY_KEY)
     assert {claim.rule for claim in CLAIMS} == set(RULES)
-    quoted = " ".join(claim.paper for claim in CLAIMS)
-    percents = (5, 6, 7, 11, 12, 14, 17, 18, 24, 26, 30, 50, 54, 1.78)
-    rates = ("6.6e-4", "5.0e-4", "5.3e-4", "3.9e-4", "0.9932", "6.4 kbps", "86 to 118")
-    for number in (*rates, "4000 lx", "8000 lx", "4000 cd/m2", *(f"{share:g} %" for share in percents)):
-        assert number in quoted, number
 
 
 def test_the_quoted_numbers_are_those_of_the_papers_text():
     found = {
         (one["experiment"], one.get("receiver"), one.get("at")): one.get("ber", one.get("gain"))
-        for one in (claim.arguments for claim in CLAIMS if claim.rule == "quoted")
+        for one in (claim.arguments for claim in CLAIMS if claim.rule.startswith("quoted"))
     }
     assert found == {
         ("contrast", "flda_2", 0.33): 5.3e-4,
@@ -97,22 +92,23 @@ def test_no_claim_stands_under_two_statements_and_every_pattern_finds_one():
 
 
 ENTRY = {"claim": "a.b", "where": "IV", "text": "text", "paper": "paper"}
+NEEDS = "it needs claim, where, text, paper and one of order, trend, minimum"
 
 
 @pytest.mark.parametrize(
-    ("entries", "complaint"),
+    ("entry", "complaint"),
     [
-        ([ENTRY], "claim a.b has no rule: it needs one of order, trend, minimum"),
-        ([{**ENTRY, "guess": {}}], "claim a.b has guess: it needs one of order, trend, minimum"),
-        ([{**ENTRY, "time": {}, "order": {}}], "claim a.b has time, order: it needs one of"),
-        ([{**ENTRY, "order": {}}], "claim a.b: order missing a required argument: 'experiments'"),
-        ([{"claim": "a.b", "time": {}}], "claim a.b has claim, time: it needs claim, where, text and paper"),
-        ([{**ENTRY, "time": {}}] * 2, "claim a.b stands twice: each must come once"),
+        (ENTRY, f"claim a.b has claim, where, text, paper: {NEEDS}"),
+        ({**ENTRY, "guess": {}}, f"claim a.b has claim, where, text, paper, guess: {NEEDS}"),
+        ({"claim": "a.b", "time": {}, "order": {}}, f"claim a.b has claim, time, order: {NEEDS}"),
+        ({**ENTRY, "order": {}}, "claim a.b: order missing a required argument: 'experiments'"),
+        ({"claim": "a.b", "time": {}}, f"claim a.b has claim, time: {NEEDS}"),
+        ({"time": {}}, f"claim without a name has time: {NEEDS}"),
     ],
 )
-def test_an_entry_that_is_no_claim_is_refused_by_name(entries, complaint):
+def test_an_entry_that_is_no_claim_is_refused_by_name(entry, complaint):
     with pytest.raises(VoccError) as refused:
-        claims_of(entries)
+        claims_of([entry])
     assert str(refused.value).startswith(complaint)
 
 
@@ -131,14 +127,11 @@ def changed(experiment, receiver, changes, frames=20_000):
     [
         ("ambient.superior.average_greyscale", "average_greyscale", {16e3: 1e-4}, "at 16000 lx"),
         ("distance.ngr_improves", "flda_3", {40.0: 2e-3}, "flda_2 9.0e-4 and flda_3 2.0e-3 at 40 m"),
-        ("contrast.order", "center_greyscale", {0.27: 1e-5}, "center_greyscale 1.0e-5"),
         ("ambient.lowest.flda_3", "flda_3", {2e3: 1e-4}, "1.0e-4 at 2000 lx against 5.0e-4 at 8000 lx"),
         ("luminance.falls.flda_2", "flda_2", {1e3: 9e-3}, "6.0e-3 at 500 cd/m2 against 9.0e-3 at 1000 cd/m2"),
-        ("luminance.rises.flda_2", "flda_2", {7e3: 4e-3}, "2.4e-3 at 8000 cd/m2 against 4.0e-3"),
         ("distance.rises.flda_2", "flda_2", {60.0: 1e-4}, "1.0e-4 at 60 m"),
         ("contrast.low_is_hard", "flda_2", {0.33: 9e-3}, "5.0e-3 at 9 % contrast against 9.0e-3"),
         ("ambient.valley.flda_2", "flda_2", {1e3: 1e-4}, "1.0e-4 at 1000 lx"),
-        ("ambient.valley.flda_2", "flda_2", {32e3: 1e-4}, "1.0e-4 at 32000 lx"),
         ("ambient.ber.flda_2", "flda_2", {8e3: 6.6e-3}, "10 times the quoted rate"),
         ("ambient.ber.flda_2", "flda_2", {8e3: 6.6e-5}, "the quoted rate is 10 times as high"),
         ("luminance.gain", "flda_3", {8e3: 2.4e-3}, "2.4e-3 with two features, 2.4e-3 with three"),
@@ -195,10 +188,10 @@ def test_the_contrast_range_is_read_off_the_bins():
     rates = paper_rates("contrast")
     wider = {name: {0.03: 9e-3} | at for name, at in rates.items()}
     found = low.judge(reading_of({"contrast": of_rates("contrast", wider)}))
-    assert (found.verdict, found.reason) == ("differ", "11.1 % of the frames lie beyond it")
+    assert (found.verdict, found.reason) == ("differ", "11.1 % of the frames lie below 6 %")
     narrower = {name: {v: ber for v, ber in at.items() if v < 0.5} for name, at in rates.items()}
     found = high.judge(reading_of({"contrast": of_rates("contrast", narrower)}))
-    assert (found.verdict, found.reason) == ("differ", "no frame reaches it")
+    assert (found.verdict, found.reason) == ("differ", "0.0 % of the frames lie above 54 %")
 
 
 # Figures
@@ -211,13 +204,10 @@ def test_the_contrast_range_is_read_off_the_bins():
         ("contrast.example.30", "fig20", {"contrast_paper_scene_30": 0.425}, "differ", "white"),
         ("contrast.interference", "fig20", {"contrast_in_picture_true_50": 0.49}, "differ", "do not grow"),
         ("figures.ngr_alone", "fig12", {"auc_ngr": 0.7}, "differ", "farther from a half"),
-        ("figures.ngr_alone", "fig12", {"auc_ngr": 0.3}, "differ", "farther from a half"),
         ("figures.three_best", "fig12", {"auc_agr+ngr": 0.9999}, "differ", "area of agr+ngr is higher"),
         ("figures.three_best", "fig12", {"auc_agr+ngr": 0.999}, "cannot say", "equal in this sample"),
-        ("figures.otsu", "fig19", {"threshold": 90.0}, "differ", "background grey is higher"),
         ("figures.otsu", "fig19", {"threshold": 102.0}, "differ", "background grey is higher"),
         ("figures.otsu", "fig19", {"threshold": float("nan")}, "cannot say", "threshold of fig19"),
-        ("figures.gri_outward", "fig09", {"gri_negative_share_off": 0.55}, "differ", "too many"),
         ("figures.gri_over_grey", "fig08", {"auc_average_grey": 0.985}, "differ", "is higher"),
         ("figures.gri_over_grey", "fig10", {"auc_gri": 0.8}, "cannot say", "equal"),
         ("figures.agr_and_gri", "fig10", {"separable_agr+gri": 0.0}, "differ", "whichever the line"),
@@ -233,9 +223,7 @@ def test_the_contrast_range_is_read_off_the_bins():
         ("time.order", TIMES, timed("extra_cost_of_ngr", 0.01, -0.01, 0.02), "cannot say", "and flda_3"),
         ("time.order", TIMES, timed("extra_cost_of_ngr", -0.02, -0.03, -0.01), "differ", "and flda_3"),
         ("time.flda_3", TIMES, timed("share_flda_3", 0.20, 0.15, 0.28), "agree", ""),
-        ("time.flda_3", TIMES, timed("share_flda_3", 0.0935, 0.09, 0.1), "agree", ""),
         ("time.flda_3", TIMES, timed("share_flda_3", 0.22, 0.2, 0.25), "differ", "10 ms a frame"),
-        ("time.flda_3", TIMES, timed("share_flda_3", 0.09, 0.09, 0.1), "differ", "other software"),
         ("time.flda_3", TIMES, timed("share_flda_3", 0.14, 0.09, 0.19), "cannot say", "factor of 2"),
         ("time.flda_3", TIMES, timed("share_flda_3", 0.14, -0.01, 0.15), "cannot say", "factor of 2"),
     ],
@@ -249,8 +237,8 @@ def test_a_figures_numbers_are_judged_by_name(key, figure, numbers, verdict, rea
 @pytest.mark.parametrize(
     ("key", "told"),
     [
-        ("figures.agr_and_gri", "a straight line parts all of them; 0.10% are wrong along FLDA's"),
-        ("contrast.interference", "of 6, 30 and 50 %; relative to the contrast that is 50, 50, 50 %"),
+        ("figures.agr_and_gri", "a straight line parts all of them; 0.10 % are wrong along FLDA's"),
+        ("contrast.interference", "of 6, 30 and 50 %; relative to the contrast that is 50 %, 50 % and 50 %"),
         ("time.flda_3", "14 % (quartiles 13 to 15) one frame at a time; 90 % in batches of 64"),
     ],
 )
@@ -269,6 +257,15 @@ def test_a_busy_machine_cannot_say_how_long_anything_takes(key):
     assert at(0.05).verdict == "agree"
     assert at(0.06).verdict == "cannot say"
     assert "for 6 % of the time" in at(0.06).reason
+
+
+def test_the_papers_arithmetic_is_that_of_its_equations():
+    found = derived(reading_of({}), "paper")
+    assert found["transmission"] == pytest.approx(math.exp(-3.91 * 70 / 40_000))
+    assert found["half_exposure_grey"] == pytest.approx((0.5 * 118**2.2) ** (1 / 2.2))
+    assert found["iso_ratio"] == pytest.approx(32 * 2.0053, rel=1e-3)  # two stops of grey are a factor of two
+    assert found["gain_ambient"] == pytest.approx((6.6 - 5.0) / 6.6)
+    assert found["time_of_ngr_in_total"] == pytest.approx(114 / 112 - 1)
 
 
 @given(st.floats(1e3, 32e3), st.floats(500, 8e3), st.sampled_from(BACKGROUND_GREYS))
@@ -293,12 +290,6 @@ def test_the_best_luminance_moves_or_does_not(paper):
 # Readings
 
 
-def test_a_reading_needs_its_locator_in_every_experiment():
-    experiments = {"distance": of_rates("distance", {"flda_3": {30.0: 0.1}}, 5)}
-    with pytest.raises(VoccError, match=r"^locator is 'refined': experiment distance has truth, paper"):
-        reading_of(experiments, "refined")
-
-
 @pytest.mark.parametrize(
     ("arguments", "missing"),
     [
@@ -311,4 +302,3 @@ def test_what_a_rule_lacks_is_named(arguments, missing):
     reading = reading_of({"distance": of_rates("distance", {"flda_3": {30.0: 0.1}}, 5)})
     found = judged(reading, "minimum", at=8000.0, **arguments)
     assert (found.verdict, found.reason) == ("cannot say", f"{missing} was not measured")
-    assert score([reading], (25.0, "truth")).own == reading

@@ -59,11 +59,11 @@ def test_the_paper_had_a_bins_share_of_its_contrast_frames():
 
 
 def quoted_ber(ber, reading):
-    return judged(reading, "quoted", experiment="ambient", at=8e3, receiver="flda_2", ber=ber)
+    return judged(reading, "quoted_ber", experiment="ambient", at=8e3, receiver="flda_2", ber=ber)
 
 
 def quoted_gain(gain, reading):
-    return judged(reading, "quoted", experiment="ambient", at=8e3, gain=gain)
+    return judged(reading, "quoted_gain", experiment="ambient", at=8e3, gain=gain)
 
 
 @pytest.mark.parametrize(
@@ -122,7 +122,7 @@ def test_a_quoted_gain(two, three, frames, verdict, why):
 def test_an_average_gain_also_names_that_of_all_errors():
     rates = {"flda_2": {0.27: 1e-2, 0.33: 1e-3}, "flda_3": {0.27: 5e-3, 0.33: 1e-3}}
     found = judged(
-        reading_of({"contrast": of_rates("contrast", rates)}), "quoted", experiment="contrast", gain=0.25
+        reading_of({"contrast": of_rates("contrast", rates)}), "quoted_gain", experiment="contrast", gain=0.25
     )
     assert found.measured.startswith("25 % [")
     assert "of all errors 45 % [" in found.measured

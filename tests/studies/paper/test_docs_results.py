@@ -2,15 +2,13 @@
 
 import re
 import runpy
-import shutil
-import sys
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 
 from vocc_torch.show.folder import write_rows
-from vocc_torch.studies.paper.scorecard import COLUMNS, FIT_COLUMNS
+from vocc_torch.studies.paper.scorecard import COLUMNS
 
 pytestmark = pytest.mark.breakage
 
@@ -36,7 +34,6 @@ CARD = [
     line("c.silent", "cannot say", "25", "paper", text="no error"),
     line("c.silent", "differ", "25", "truth"),
 ]
-FITS = [FIT_COLUMNS, ("25 mm, paper", "1", "1", "1", "0.82 decades [0.31, 1.47]", "22 points over 5")]
 
 
 @pytest.fixture
@@ -45,39 +42,7 @@ def run(tmp_path):
     folder = tmp_path / "runs" / "figures"
     folder.mkdir(parents=True)
     write_rows(folder / "scorecard.csv", CARD)
-    write_rows(folder / "fits.csv", FITS)
-    write_rows(folder / "location.csv", [("experiment", "axis"), ("distance", "distance_m")])
-    (folder / "report.html").write_text("not taken")
     return folder
-
-
-@pytest.fixture
-def checkout(tmp_path):
-    """A project with a page of results and the script."""
-    root = tmp_path / "project"
-    (root / "docs").mkdir(parents=True)
-    shutil.copy(SCRIPT, root / "docs")
-    (root / "docs" / "results.md").write_text(
-        f"# Before\n\n{script.BEGIN}\nold\n{script.END}\n\nAfter ünïcode.\n", encoding="utf-8"
-    )
-    return root
-
-
-def update(checkout, run, monkeypatch):
-    monkeypatch.setattr(sys, "argv", ["update_results.py", str(run)])
-    runpy.run_path(str(checkout / "docs" / "update_results.py"), run_name="__main__")
-    return (checkout / "docs" / "results.md").read_text(encoding="utf-8")
-
-
-def test_the_section_between_the_markers_is_replaced_and_nothing_else(checkout, run, monkeypatch):
-    text = update(checkout, run, monkeypatch)
-    for path in (checkout / "docs" / "results").iterdir():
-        assert path.read_bytes() == (run / path.name).read_bytes()
-    before, _, rest = text.partition(script.BEGIN)
-    made, _, after = rest.partition(script.END)
-    assert (before, after) == ("# Before\n\n", "\n\nAfter ünïcode.\n")
-    assert "old" not in made
-    assert update(checkout, run, monkeypatch) == text
 
 
 def test_every_claim_of_the_own_reading_has_a_line(run):

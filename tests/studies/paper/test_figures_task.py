@@ -10,20 +10,19 @@ from vocc_torch.studies.paper.judgement import VERDICTS
 from vocc_torch.studies.paper.scorecard import CLAIMS
 from vocc_torch.studies.paper.scorecard import COLUMNS as SCORE_COLUMNS
 
-TINY = ("budget.frames=8", "budget.training_frames=64", "workers=1")
-VALUES = {
-    "contrast": "[0,0.3,0.36,0.6]",
-    "ambient": "[4000,8000,32000]",
-    "luminance": "[500,4000,8000]",
-    "distance": "[30,60,70]",
-}
+TINY = ("budget.frames=8", "budget.training_frames=64", "workers=1", "tensorboard=false")
+VALUES = {"contrast": "[0,0.3,0.36,0.6]", "ambient": "[4000,8000]", "luminance": "[500,4000]"}
+VALUES |= {"distance": "[30,60,70]"}
 BASE = (
-    *("task=figures", *TINY, "tensorboard=false"),
+    *("task=figures", *TINY),
     *(f"figures.experiments.{name}.values={values}" for name, values in VALUES.items()),
 )
 SCORED = ("fig21", "fig22", "fig23", "fig24")
-WHOLE = (*BASE, "figures.focal_lengths_mm=[25,18]", "figures.names=[fig17,fig21,fig22,fig23,fig24]")
-ONE = (*BASE, "figures.focal_lengths_mm=[25]")
+WHOLE = ("figures.focal_lengths_mm=[25,18]", "figures.names=[fig17,fig21,fig22,fig23,fig24]")
+GRID = (
+    *("task=figures", *TINY, "figures.names=[dimming]", "name=grid"),
+    *("figures.experiments.dimming.rows=[1000,32000]", "figures.experiments.dimming.values=[500,8000]"),
+)
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +34,7 @@ def place(tmp_path_factory):
 @pytest.fixture(scope="module")
 def whole(place):
     """Two lenses, two locators, the four experiments of the scorecard and one other figure."""
-    ran = run_in(place, *WHOLE, "name=whole")
+    ran = run_in(place, *BASE, *WHOLE, "name=whole")
     assert (ran.status, ran.err) == (0, "")
     return place / "runs" / "whole", ran.out
 
@@ -47,33 +46,22 @@ def test_everything_is_written(whole):
         *("scorecard.csv", "fits.csv", "location.csv", "paired.csv", "figures/location.png"),
         *(f"figures/{name}.{kind}" for name in ("fig17", *SCORED) for kind in ("png", "csv")),
         *(f"figures/{name}_readings.png" for name in SCORED),
-        *(
-            f"ledgers/{name}-{mm}mm.sqlite"
-            for name in ("contrast", "ambient", "luminance", "distance")
-            for mm in (25, 18)
-        ),
+        *(f"ledgers/{name}-{mm}mm.sqlite" for name in VALUES for mm in (25, 18)),
     }
     for told in ("training", "contrast-25mm", "distance-18mm", "other figures", "report.html"):
         assert told in out
     assert Receiver.load(folder / "receiver.pt").name == "flda_3"
     settings = yaml.safe_load((folder / "config.yaml").read_text())
     assert settings["figures"]["focal_lengths_mm"] == [25.0, 18.0]
-    assert set(settings["figures"]["experiments"]) >= {
-        "contrast",
-        "ambient",
-        "luminance",
-        "distance",
-        "dimming",
-    }
+    assert set(settings["figures"]["experiments"]) >= {*VALUES, "dimming"}
 
 
 def test_rates_are_those_of_the_experiment_alone(whole, place):
     """task=test measures the same frames with the same receivers."""
     ran = run_in(
         place,
-        *("experiment=ambient", *TINY, "tensorboard=false", "receiver=every"),
+        *("experiment=ambient", *TINY, "receiver=every", f"experiment.values={VALUES['ambient']}"),
         *("receiver.locator=paper", "camera.focal_length_mm=18", "name=same"),
-        f"experiment.values={VALUES['ambient']}",
     )
     assert ran.status == 0, ran.err
     alone = rows_of(place / "runs" / "same" / "ber.csv")
@@ -108,101 +96,70 @@ def test_the_scorecard_judges_every_claim_under_every_reading(whole):
 # Parts
 
 
-@pytest.fixture(scope="module")
-def near(place):
-    """One experiment with one lens."""
-    ran = run_in(place, *ONE, "figures.names=[fig24]", "name=near")
-    assert (ran.status, ran.err) == (0, "")
-    return place / "runs" / "near"
-
-
-def test_one_experiment_alone(near):
-    """No scorecard without all four; location with both locators."""
-    assert files_in(near) == {
-        *("config.yaml", "receiver.pt", "report.md", "report.html", "location.csv", "paired.csv"),
-        *("figures/fig24.csv", "figures/fig24.png", "figures/fig24_readings.png", "figures/location.png"),
-        "ledgers/distance-25mm.sqlite",
-    }
-
-
-def test_a_finished_run_counts_nothing_again(near, place, monkeypatch):
-    """Started again, it reads its ledgers: the same bytes, and the report says that it went on."""
-    before = contents_of(near, ".csv", ".sqlite", ".yaml")
-    first = (near / "report.md").read_text(encoding="utf-8")
-    monkeypatch.setattr("vocc_torch.measure.sweep.count_parts", lambda *_: pytest.fail("counted again"))
-    ran = run_in(place, *ONE, "figures.names=[fig24]", "name=near")
-    assert (ran.status, ran.err) == (0, "")
-    assert contents_of(near, ".csv", ".sqlite", ".yaml") == before
-    assert "going on from 3 blocks" in ran.out
-    again = (near / "report.md").read_text(encoding="utf-8")
-    told = "going on from what an earlier run had counted"
-    assert (told in first, told in again) == (False, True)
-
-
 def test_no_figure_of_error_rates(place):
     """Nothing is trained or counted, and so nothing can be resumed."""
-    arguments = (*ONE, "figures.names=[fig17]", "receiver.names=[flda_agr]", "name=alone")
+    arguments = (*BASE, "figures.names=[fig17]", "receiver.names=[flda_agr]", "name=alone")
     ran = run_in(place, *arguments)
     assert (ran.status, ran.err) == (0, "")
-    folder = place / "runs" / "alone"
-    assert files_in(folder) == {
-        *("config.yaml", "report.md", "report.html", "figures/fig17.csv", "figures/fig17.png"),
-    }
+    pictures = {"figures/fig17.csv", "figures/fig17.png"}
+    assert files_in(place / "runs" / "alone") == {"config.yaml", "report.md", "report.html", *pictures}
     assert "training" not in ran.out
     assert "already holds" in run_in(place, *arguments).complaint
 
 
-GRID = ("figures.experiments.dimming.rows=[1000,32000]", "figures.experiments.dimming.values=[500,2000,8000]")
-
-
-def test_the_grid_alone_with_a_board(place):
-    ran = run_in(
-        place, "task=figures", *TINY, "figures.names=[dimming]", *GRID, "name=grid", "tensorboard=true"
-    )
+@pytest.fixture(scope="module")
+def grid(place):
+    """The grid alone, with a board."""
+    ran = run_in(place, *GRID, "tensorboard=true")
     assert (ran.status, ran.err) == (0, "")
-    folder = place / "runs" / "grid"
-    names = files_in(folder)
-    assert {name for name in names if name.startswith("ledgers")} == {
-        "ledgers/dimming-25mm-1000.sqlite",
-        "ledgers/dimming-25mm-32000.sqlite",
+    return place / "runs" / "grid"
+
+
+def test_the_grid_alone_has_no_scorecard(grid):
+    names = {name for name in files_in(grid) if not name.startswith("tensorboard")}
+    assert names == {
+        *("config.yaml", "receiver.pt", "report.md", "report.html", "paired.csv"),
+        *("ledgers/dimming-25mm-1000.sqlite", "ledgers/dimming-25mm-32000.sqlite"),
+        *(f"figures/dimming{end}" for end in (".csv", "_best.csv", "_best.png", "_paper.png", "_truth.png")),
     }
-    assert {f"figures/dimming{end}" for end in (".csv", "_best.csv", "_paper.png", "_truth.png")} <= names
-    assert head_of(folder / "figures" / "dimming.csv") == ["ambient_lx", *COLUMNS]
-    rows = rows_of(folder / "figures" / "dimming.csv")
-    assert {(row["ambient_lx"], row["locator"]) for row in rows} == {
+    assert head_of(grid / "figures" / "dimming.csv") == ["ambient_lx", *COLUMNS]
+    assert {(row["ambient_lx"], row["locator"]) for row in rows_of(grid / "figures" / "dimming.csv")} == {
         (at, locator) for at in ("1000.0", "32000.0") for locator in ("paper", "truth")
     }
-    assert list((folder / "tensorboard").rglob("events.out.tfevents.*"))
-    assert 'id="dimming"' in (folder / "report.html").read_text(encoding="utf-8")
+    assert list((grid / "tensorboard").rglob("events.out.tfevents.*"))
+    assert 'id="dimming"' in (grid / "report.html").read_text(encoding="utf-8")
+
+
+def test_a_finished_run_counts_nothing_again(grid, place, monkeypatch):
+    """Started again, it reads its ledgers: the same bytes, and the report says that it went on."""
+    before = contents_of(grid, ".csv", ".sqlite")
+    first = (grid / "report.md").read_text(encoding="utf-8")
+    monkeypatch.setattr("vocc_torch.measure.sweep.count_parts", lambda *_: pytest.fail("counted again"))
+    ran = run_in(place, *GRID)
+    assert (ran.status, ran.err) == (0, "")
+    assert contents_of(grid, ".csv", ".sqlite") == before
+    assert "going on from 2 blocks" in ran.out
+    again = (grid / "report.md").read_text(encoding="utf-8")
+    told = "going on from what an earlier run had counted"
+    assert (told in first, told in again) == (False, True)
 
 
 # Mistakes
 
 
-def test_a_mistake_is_refused_in_one_line_before_any_work(tmp_path):
-    ran = run_in(tmp_path, *BASE, "name=wrong", "figures.names=[fig99]")
-    assert ran.complaint.startswith("figures.names has 'fig99': known are fig04, ")
-    assert "training" not in ran.out
-    assert not (tmp_path / "runs").exists()
-
-
 def test_contrast_bins_without_frames_are_refused_by_their_key(tmp_path):
     bins = "figures.experiments.contrast.values=[0.9,0.95]"
-    ran = run_in(tmp_path, *ONE, "figures.names=[fig21]", bins)
-    assert ran.complaint.startswith(
-        "figures.experiments.contrast.values: no frame fell into any contrast bin"
-    )
+    ran = run_in(tmp_path, *BASE, "figures.focal_lengths_mm=[25]", "figures.names=[fig21]", bins)
+    told = "figures.experiments.contrast.values: no frame fell into any contrast bin"
+    assert ran.complaint.startswith(told)
 
 
-def test_a_ledger_of_other_settings_is_refused_by_their_key(near, place):
-    before = contents_of(near, ".csv", ".sqlite", ".yaml", ".png", ".md", ".html", ".pt")
-    complaint = run_in(place, *ONE, "figures.names=[fig24]", "name=near", "seed=1").complaint
-    assert "distance-25mm.sqlite" in complaint
+def test_a_run_of_other_settings_or_figures_is_refused_and_stays_as_it_is(grid, place):
+    before = contents_of(grid, ".csv", ".sqlite", ".yaml", ".png", ".md", ".html", ".pt")
+    complaint = run_in(place, *GRID, "seed=1").complaint
+    assert "dimming-25mm-1000.sqlite" in complaint
     assert "seed" in complaint
     assert "give another name=" in complaint
-    assert contents_of(near, ".csv", ".sqlite", ".yaml", ".png", ".md", ".html", ".pt") == before
-
-
-def test_a_report_of_other_figures_is_not_written_over(near, place):
-    complaint = run_in(place, *ONE, "figures.names=[fig17,fig24]", "name=near").complaint
+    complaint = run_in(place, *GRID, "figures.names=[fig17]").complaint
     assert complaint.endswith("holds a report of other figures: give another name=")
+    assert contents_of(grid, ".csv", ".sqlite", ".yaml", ".png", ".md", ".html", ".pt") == before

@@ -10,14 +10,14 @@ from evidence_plans import make_plan
 from matplotlib.patches import Rectangle
 from matplotlib.text import Text
 
+from vocc_torch.measure import stage_times
 from vocc_torch.measure.plan import World
 from vocc_torch.measure.stage_times import STAGES, StageTimes, StageTimings
 from vocc_torch.show.canvas import figure_pixels
 from vocc_torch.show.timing_figure import PAPER_SHARES, DetectionTimes
 from vocc_torch.simulation import Camera
-from vocc_torch.studies.paper.evidence import timing
-from vocc_torch.studies.paper.evidence.base import Source
-from vocc_torch.studies.paper.evidence.timing import ProcessingTime
+from vocc_torch.studies.paper.evidence import Source
+from vocc_torch.studies.paper.evidence.frames import ProcessingTime, lay_out
 
 RECEIVERS = [stage for stage in PAPER_SHARES if stage != "panel_detection"]
 PLACES = [(kind, batch) for kind in ("whole_frames", "crops") for batch in (1, 64)]
@@ -29,7 +29,7 @@ def plan():
     return make_plan(world=World(device="cpu", camera=camera))
 
 
-def stage_times(detection, panel=(1.0,)):
+def times_of(detection, panel=(1.0,)):
     """Times of a receiver whose bit detection takes so long, in three stages, round by round."""
     rounds = dict.fromkeys(STAGES, (0.0,) * len(panel))
     thirds = tuple(value / 3 for value in detection)
@@ -39,7 +39,7 @@ def stage_times(detection, panel=(1.0,)):
 def made_up(shares=PAPER_SHARES, slow=(1.0,), places=PLACES, **changes):
     """Times with these shares, in rounds of which each is so many times slower."""
     panel = tuple(2.0 * factor for factor in slow)
-    receivers = {name: stage_times([2.0 * shares[name] * f for f in slow], panel) for name in RECEIVERS}
+    receivers = {name: times_of([2.0 * shares[name] * f for f in slow], panel) for name in RECEIVERS}
     rest = {"sensor_px": (1080, 1920), "machine": "a machine", "threads": 1, "waited_share": 0.0}
     return DetectionTimes(dict.fromkeys(places, receivers), **(rest | changes))
 
@@ -48,7 +48,7 @@ def made_up(shares=PAPER_SHARES, slow=(1.0,), places=PLACES, **changes):
 
 
 def test_the_papers_shares_give_the_papers_extra_costs():
-    found = ProcessingTime(made_up()).findings()
+    _, found = lay_out(made_up())
     assert round(100 * found["extra_cost_of_ngr_whole_frames_batch_1"]) == 17
     # The paper states 1.78, cut off; 2 / 112 is 1.786.
     assert found["extra_total_cost_of_ngr_whole_frames_batch_1"] == pytest.approx(0.0178, abs=1e-4)
@@ -65,11 +65,17 @@ def test_ratios_are_of_the_same_round():
     assert (panel.low, panel.value, panel.high) == pytest.approx((2.0, 2.0, 10.0))
 
 
-def test_lines_and_findings_of_a_measurement(plan):
-    data = ProcessingTime.compute(Source(plan), 3, 2)
-    head, *lines = data.rows()
-    found = data.findings()
-    assert [line[:3] for line in lines] == [(*place, stage) for place in PLACES for stage in PAPER_SHARES]
+def test_lines_and_findings_of_a_measurement(plan, monkeypatch):
+    def few(*arguments, made=stage_times.Exposure.of, **more):
+        exposure = made(*arguments, **more)
+        takes = tuple(take[:8] for take in exposure.preambles)
+        return dataclasses.replace(exposure, frames=exposure.frames[:8], preambles=takes)
+
+    monkeypatch.setattr(stage_times.Exposure, "of", few)
+    data = ProcessingTime(Source(dataclasses.replace(plan, batch_frames=4)), 3, 2)
+    (head, *lines), found = data.rows, data.findings
+    places = [(kind, batch) for kind in ("whole_frames", "crops") for batch in (1, 4)]
+    assert [line[:3] for line in lines] == [(*place, stage) for place in places for stage in PAPER_SHARES]
     assert len(found) == 3 * 4 * (5 + 4 + 2) + 2
     assert all(isinstance(value, int | float) and math.isfinite(value) for value in found.values())
     for line in lines:
@@ -94,12 +100,12 @@ def test_the_papers_receivers_are_timed_on_whole_frames_and_crops(plan, monkeypa
         assert {one.locator for one in receivers.values()} == {plan.receiver.location}
         return StageTimings(made_up().by_place[PLACES[0]], 1.0, wall_s=10.0, processor_s=4.0)
 
-    monkeypatch.setattr(timing, "time_stages", timed)
-    monkeypatch.setattr(timing.Exposure, "of", lambda world, model, keys, preambles: world.framing)
-    data = ProcessingTime.compute(Source(dataclasses.replace(plan, batch_frames=batch_frames)), 5, 3)
+    monkeypatch.setattr(stage_times, "time_stages", timed)
+    monkeypatch.setattr(stage_times.Exposure, "of", lambda world, model, keys, preambles: world.framing)
+    data = ProcessingTime(Source(dataclasses.replace(plan, batch_frames=batch_frames)), 5, 3)
     assert list(data.measured.by_place) == [(kind, n) for kind in ("whole_frames", "crops") for n in batches]
     assert asked == [(f, n, 5 if n == 1 else 3) for f in ("filled", "crop") for n in batches]
-    assert data.findings()["waited_share"] == pytest.approx(0.6)
+    assert data.findings["waited_share"] == pytest.approx(0.6)
 
 
 # --- the drawing

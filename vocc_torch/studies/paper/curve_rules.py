@@ -11,31 +11,30 @@ the set, is the lowest value measured or next to it on the axis; else *cannot sa
 valley: *agree* where some value inside the axis has surely more errors on both sides; *differ* where an end
 of the axis is surely below everything between the ends; else *cannot say*.
 
-**quoted** ber. The paper's number has a sampling error of its own, which it does not state. It is taken to be
+**quoted_ber**. The paper's number has a sampling error of its own, which it does not state. It is taken to be
 that of as many errors as the number stands for in the paper's frames (2000 a point; for a contrast bin the
 bin's share of 20000), clustered by frame as ours are at that point. *Differ* where the 95 % interval of the
 difference of the two rates leaves out 0; *agree* where it holds 0 and our interval spans no more than a
-factor of 10; else *cannot say*. **quoted** gain, the share of two features' errors that three do not make:
+factor of 10; else *cannot say*. **quoted_gain**, the share of two features' errors that three do not make:
 its sampling error is taken to be ours, scaled from our number of frames to the paper's. *Differ* where the
 interval of the difference leaves out 0; *agree* where it holds 0 and our interval is no wider than 100
 percentage points; else *cannot say*, as where no error was seen.
 """
 
-from __future__ import annotations
-
+import itertools
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
-from itertools import combinations, pairwise, product
 from typing import Literal
 
+from vocc_torch.measure import estimate
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.curve import Curves
-from vocc_torch.measure.estimate import Estimate, all_pairs, joint_confidence, may_be_least
 from vocc_torch.measure.paired import PairedCounts, difference_independent, mean_gain, relative_gain
 from vocc_torch.show.styles import rate_text
+from vocc_torch.studies.paper import words
 from vocc_torch.studies.paper.judgement import Judgement, NotMeasuredError, PaperReading, RateComparison
-from vocc_torch.studies.paper.words import WIDEST_SHARE, listed, percent, place, point, share_interval
+from vocc_torch.studies.paper.words import percent, place
 
 LEAST_SUPPORT = 0.5
 """Least share of a claim's comparisons that must support it beyond doubt for it to agree."""
@@ -45,12 +44,8 @@ PAPER_CONTRAST_FRAMES = 20000
 """Section IV-D-1: frames over all contrasts together."""
 WIDEST_RATIO = 10.0
 """Beyond this ratio of its ends an interval of a rate is too wide to agree with anything."""
-LOW_CONTRAST: dict[str, Callable[[float], bool]] = {
-    "contrast": lambda value: value < 0.12,
-    "led_luminance_cd_m2": lambda value: value <= 1000,
-    "ambient_lx": lambda value: value >= 16000,
-}
-"""Where an axis means little contrast between On and Off."""
+LOW_CONTRAST = {"contrast": (0, 0.12), "led_luminance_cd_m2": (0, 1000), "ambient_lx": (16000, math.inf)}
+"""From where to where an axis means little contrast between On and Off."""
 
 
 def order(
@@ -74,10 +69,9 @@ def order(
     found = [
         RateComparison(curves, (a, value), (b, value))
         for name in experiments
-        for a, b in [*product(above, below), *pairwise(descending)]
+        for a, b in [*itertools.product(above, below), *itertools.pairwise(descending)]
         for curves in [reading.curves(name, (a, b))]
         for value in curves.values
-        if (a, value) in curves.counts and (b, value) in curves.counts
     ]
     judged, by = weigh(found), factor_text(found) if factors else ""
     judged = replace(judged, measured=f"{judged.measured}; {by}") if by else judged
@@ -107,7 +101,7 @@ def trend(
     values = {curves.values[0], last}
     if first is not None:
         values = {value for value in curves.values if first <= value <= last}
-    pairs = list(combinations(sorted(values, reverse=rises), 2))
+    pairs = list(itertools.combinations(sorted(values, reverse=rises), 2))
     return weigh([RateComparison(curves, (name, a), (name, b)) for name in receivers for a, b in pairs])
 
 
@@ -130,7 +124,7 @@ def minimum(
 
     rates = {value: curves.counts[receiver, value].ber for value in values}
     seen = [value for value, ber in rates.items() if ber == min(rates.values())]
-    places = may_be_least(
+    places = estimate.may_be_least(
         len(values), lambda a, b, confidence: compared(values[a], values[b]).difference(confidence)
     )
     candidates = [values[place] for place in places]
@@ -142,19 +136,16 @@ def minimum(
     ends = candidates[0], candidates[-1]
     if at not in candidates:
         against = weigh([compared(other, at) for other in values if other != at]).against
-        return Judgement(
-            "differ", measured, f"beyond doubt lower elsewhere: {against[0].text()}", *ends, against
-        )
-    here, silent = values.index(at), sum(not rates[value] for value in candidates)
+        reason = f"beyond doubt lower elsewhere: {against[0].text()}"
+        return Judgement("differ", measured, reason, *ends, against)
+    here, silent, reason = values.index(at), sum(not rates[value] for value in candidates), ""
     if len(candidates) == len(values):
         reason = "no value is told apart from the others"
     elif silent > 1:
         reason = f"no error was seen at {silent} of the {len(candidates)} candidates"
     elif not set(seen) & set(values[max(0, here - 1) : here + 2]):
         reason = f"{place(curves.axis, at)} is a candidate, but not next to the lowest rate measured"
-    else:
-        return Judgement("agree", measured, "", *ends)
-    return Judgement("cannot say", measured, reason, *ends)
+    return Judgement("cannot say" if reason else "agree", measured, reason, *ends)
 
 
 def valley(curves: Curves, compared: Callable[[float, float], RateComparison], measured: str) -> Judgement:
@@ -162,23 +153,18 @@ def valley(curves: Curves, compared: Callable[[float, float], RateComparison], m
     values = curves.values
     if len(values) < 3:
         raise NotMeasuredError(f"an inner value of {curves.axis}")
-    confidence = joint_confidence(all_pairs(len(values)))
-    pairs = {pair: compared(*pair) for pair in combinations(values, 2)}
-    surely = set()
-    for (a, b), one in pairs.items():
-        difference = one.difference(confidence)
-        if difference.real:
-            surely.add((a, b) if difference.low > 0 else (b, a))
-    inside = values[1:-1]
-    for end in (values[0], values[-1]):
+    pairs = {pair: compared(*pair) for pair in itertools.permutations(values, 2)}
+    confidence = estimate.joint_confidence(estimate.all_pairs(len(values)))
+    surely = {pair for pair, one in pairs.items() if one.difference(confidence).low > 0}
+    first, *inside, last = values
+    for end in (first, last):
         if all((value, end) in surely for value in inside):
-            against = tuple(compared(end, value) for value in inside)
+            against = tuple(pairs[end, value] for value in inside)
             return Judgement("differ", measured, f"lowest at an end: {against[0].text()}", against=against)
     for at, value in enumerate(inside, start=1):
-        sides = values[:at], values[at + 1 :]
-        if all(any((other, value) in surely for other in side) for side in sides):
+        if all(any((other, value) in surely for other in side) for side in (values[:at], values[at + 1 :])):
             return Judgement("agree", measured)
-    reason = "a rise on both sides is not beyond chance" if surely else _nothing_told(pairs.values())
+    reason = "a rise on both sides is not beyond chance" if surely else nothing_told(pairs.values())
     return Judgement("cannot say", measured, reason)
 
 
@@ -200,7 +186,7 @@ def weigh(comparisons: Sequence[RateComparison]) -> Judgement:
     """
     if not comparisons:
         raise NotMeasuredError("the experiment")
-    total, confidence = len(comparisons), joint_confidence(len(comparisons))
+    total, confidence = len(comparisons), estimate.joint_confidence(len(comparisons))
     differences = [one.difference(confidence) for one in comparisons]
     surest = sorted((found.high, number) for number, found in enumerate(differences) if found.high < 0)
     against = tuple(comparisons[number] for _, number in surest)
@@ -209,12 +195,12 @@ def weigh(comparisons: Sequence[RateComparison]) -> Judgement:
     measured = f"{supporting} of {total} comparisons for it, {len(against)} against"
     measured += f", {open_ones} not told apart" if open_ones else ""
     if against:
-        reason = f"beyond doubt the other way round: {listed([one.text() for one in against], 3)}"
-        return Judgement("differ", measured, reason, against=against)
+        named = words.listed([one.text() for one in against], 3)
+        return Judgement("differ", measured, f"beyond doubt the other way round: {named}", against=against)
     if supporting >= LEAST_SUPPORT * total:
         return Judgement("agree", measured)
     few = f"beyond chance in only {supporting} of {total} comparisons"
-    return Judgement("cannot say", measured, few if supporting else _nothing_told(comparisons))
+    return Judgement("cannot say", measured, few if supporting else nothing_told(comparisons))
 
 
 def factor_text(comparisons: Iterable[RateComparison]) -> str:
@@ -233,7 +219,7 @@ def factor_text(comparisons: Iterable[RateComparison]) -> str:
     return text + (f" ({left_out} {comparison} without errors on a side left out)" if left_out else "")
 
 
-def _nothing_told(comparisons: Iterable[RateComparison]) -> str:
+def nothing_told(comparisons: Iterable[RateComparison]) -> str:
     """Why no comparison was decided."""
     if any(counts.half_errors for one in comparisons for counts in one.counts):
         return "no difference is beyond chance"
@@ -245,29 +231,20 @@ def with_causes(reading: PaperReading, judged: Judgement) -> Judgement:
     reasons, causes, centre = [judged.reason], [], "center_greyscale"
     # Axis, value and both receivers of each comparison that is lost.
     against = [(one.curves.axis, one.above[1], one.above[0], one.below[0]) for one in judged.against]
-    points = {(axis, value) for axis, value, above, below in against if above == centre != below}
-    if points:
+    if points := {(axis, value) for axis, value, above, below in against if above == centre != below}:
         causes.append("preambles")
-        text = "the centre receiver's threshold comes from preambles of the very same scene"
-        known = [
-            measured.curves["truth"]
-            for measured in reading.experiments.values()
-            if "truth" in measured.curves
-        ]
+        reasons.append("the centre receiver's threshold comes from preambles of the very same scene")
+        known = [one.curves["truth"] for one in reading.experiments.values() if "truth" in one.curves]
         errors = [
-            curves.counts[centre, value].half_errors
-            for curves in known
-            for axis, value in points
-            if axis == curves.axis and (centre, value) in curves.counts
+            one.counts[centre, at].half_errors for one in known for axis, at in points if axis == one.axis
         ]
         if silent := errors.count(0):
-            some = f"{silent} of these {len(errors)} points"
-            where = some if silent < len(errors) else "any of these points"
-            text += f", and with true corners it makes no error at {where}"
-        reasons.append(text)
+            where = f"{silent} of these {len(errors)}" if silent < len(errors) else "any of these"
+            reasons[-1] += f", and with true corners it makes no error at {where} points"
     lost = [
-        axis in LOW_CONTRAST and LOW_CONTRAST[axis](value)
+        low <= value <= high
         for axis, value, above, below in against
+        for low, high in [LOW_CONTRAST.get(axis, (math.inf, -math.inf))]
         if above.endswith("_greyscale") and below.startswith("flda")
     ]
     if any(lost) and 2 * sum(lost) >= len(lost):
@@ -280,51 +257,69 @@ def with_causes(reading: PaperReading, judged: Judgement) -> Judgement:
     return replace(judged, reason="; ".join(reasons), causes=tuple(causes))
 
 
-def quoted(
-    reading: PaperReading,
-    experiment: str,
-    at: float | None = None,
-    receiver: str = "flda_3",
-    ber: float | None = None,
-    gain: float | None = None,
-) -> Judgement:
-    """Judge a bit error rate or a gain that the paper's text states.
+def quoted_ber(reading: PaperReading, experiment: str, at: float, receiver: str, ber: float) -> Judgement:
+    """Judge a bit error rate that the paper's text states.
 
     Args:
         reading: what was measured.
         experiment: its name.
-        at: value of the axis; None for a gain's average over all values.
+        at: value of the axis.
         receiver: whose rate.
-        ber: the quoted bit error rate.
-        gain: the quoted share of the errors of two features that three do not make.
+        ber: the quoted rate.
     """
-    if at is not None and ber is not None:
-        judged = quoted_rate(reading, experiment, receiver, at, ber)
-    else:
-        assert gain is not None
-        judged = quoted_gain(reading, experiment, at, gain)
-    if judged.verdict != "differ" or at is None:
-        return judged
-    return with_location(reading, judged, experiment, receiver, at, ber)
-
-
-def quoted_rate(reading: PaperReading, experiment: str, receiver: str, at: float, ber: float) -> Judgement:
-    """Judge a quoted bit error rate."""
-    row = reading.row(experiment, receiver, at)
-    ours = reading.curves(experiment).counts[receiver, at]
-    measured, ends = point(row), (row.ber_low, row.ber_high)
-    if difference_independent(ours, paper_counts(reading, experiment, receiver, at, ber)).real:
+    row, both = reading.row(experiment, receiver, at), paper_counts(reading, experiment, at, receiver, ber)
+    judged = Judgement("cannot say", words.point(row), "", row.ber_low, row.ber_high)
+    if difference_independent(*both).real:
         gap = f"{row.ber / ber:.2g} times the quoted rate"
         if row.error_free:
             gap = f"the limit is {ber / row.ber_high:.2g} times below the quoted rate"
         elif row.ber <= ber:
             gap = f"the quoted rate is {ber / row.ber:.2g} times as high"
-        return Judgement("differ", measured, gap, *ends)
+        judged = replace(judged, verdict="differ", reason=gap)
+        return with_location(reading, judged, experiment, at, receiver, ber)
     if row.error_free:
-        return Judgement("cannot say", measured, "no error was seen, and too few frames", *ends)
+        return replace(judged, reason="no error was seen, and too few frames")
     if row.ber_high > WIDEST_RATIO * row.ber_low:
-        return Judgement("cannot say", measured, "the interval is wider than a factor of 10", *ends)
-    return Judgement("agree", measured, "", *ends)
+        return replace(judged, reason="the interval is wider than a factor of 10")
+    return replace(judged, verdict="agree")
+
+
+def quoted_gain(reading: PaperReading, experiment: str, gain: float, at: float | None = None) -> Judgement:
+    """Judge a share of the errors of two features that three do not make, as the paper's text states it.
+
+    Args:
+        reading: what was measured.
+        experiment: its name.
+        gain: the quoted share.
+        at: value of the axis; None for the average over all values.
+    """
+    curves, found = gains_of(reading, experiment, at)
+    if found is None:
+        return Judgement("cannot say", "no gain", "two features made no error")
+    ends, wide = (found.low, found.high), found.high - found.low > words.WIDEST_SHARE
+    two, three, pair = two_and_three(curves, at)
+    measured = words.share_interval(found)
+    if at is None and (pooled := relative_gain(two, three, pair)):
+        # The paper means one of the two averages.
+        measured += f"; of all errors {words.share_interval(pooled)}"
+    # The paper's interval is ours, scaled by the numbers of frames.
+    scale = math.sqrt(two.frames / paper_frames(curves, at))
+    below, above, apart = found.value - found.low, found.high - found.value, found.value - gain
+    low, high = apart - math.hypot(below, scale * above), apart + math.hypot(above, scale * below)
+    if low <= 0 <= high:
+        reason = "the interval is wider than 100 percentage points" if wide else ""
+        return Judgement("cannot say" if wide else "agree", measured, reason, *ends)
+    if wide:
+        bound = f"at least {percent(found.low)}" if low > 0 else f"at most {percent(found.high)}"
+        measured = f"{bound}; {measured}"
+    if at is not None:
+        reason = f"{rate_text(two.ber)} with two features, {rate_text(three.ber)} with three"
+        judged = Judgement("differ", measured, f"{reason} at {place(curves.axis, at)}", *ends)
+        return with_location(reading, judged, experiment, at, "flda_3", math.nan)
+    each = [(relative_gain(*two_and_three(curves, value)), value) for value in curves.values]
+    known = sorted((one.value, value) for one, value in each if one is not None)
+    least, most = (f"{percent(one)} at {place(curves.axis, value)}" for one, value in (known[0], known[-1]))
+    return Judgement("differ", measured, f"from {least} to {most}", *ends)
 
 
 def paper_frames(curves: Curves, at: float | None) -> float:
@@ -338,15 +333,18 @@ def paper_frames(curves: Curves, at: float | None) -> float:
     return PAPER_CONTRAST_FRAMES * (1.0 if at is None else counted[at] / sum(counted.values()))
 
 
-def paper_counts(reading: PaperReading, experiment: str, receiver: str, at: float, ber: float) -> Counts:
-    """The counts that a quoted rate stands for, had its errors clustered by frame as ours do there.
+def paper_counts(
+    reading: PaperReading, experiment: str, at: float, receiver: str, ber: float
+) -> tuple[Counts, Counts]:
+    """Our counts, and those that a quoted rate stands for, had its errors clustered by frame as ours there.
 
     Raises:
         NotMeasuredError: the reading has nothing to go by.
     """
     curves = reading.curves(experiment, (receiver,), at)
-    here = curves.counts[receiver, at]
-    return clustered_like(here if here.half_errors else curves.total(receiver), ber, paper_frames(curves, at))
+    ours = curves.counts[receiver, at]
+    like = ours if ours.half_errors else curves.total(receiver)
+    return ours, clustered_like(like, ber, paper_frames(curves, at))
 
 
 def clustered_like(like: Counts, ber: float, frames: float) -> Counts:
@@ -374,71 +372,44 @@ def clustered_like(like: Counts, ber: float, frames: float) -> Counts:
     return Counts(whole, bits, half_errors, min(squared, half_errors**2), wrong)
 
 
-def gain_of(curves: Curves, at: float | None) -> Estimate | None:
-    """The gain of three features over two, at one value or averaged; None where two made no error."""
-    if at is not None:
-        return relative_gain(*_two_and_three(curves, at))
-    return mean_gain(_two_and_three(curves, value) for value in curves.values)
-
-
-def _two_and_three(curves: Curves, at: float | None) -> tuple[Counts, Counts, PairedCounts]:
-    """What a gain is computed from, at one value or over all together."""
+def two_and_three(curves: Curves, at: float | None) -> tuple[Counts, Counts, PairedCounts]:
+    """What the gain of three features over two is computed from, at one value or over all together."""
     two, three = (curves.total(n) if at is None else curves.counts[n, at] for n in ("flda_2", "flda_3"))
     return two, three, curves.pair("flda_2", "flda_3", at)
 
 
-def quoted_gain(reading: PaperReading, experiment: str, at: float | None, stated: float) -> Judgement:
-    """Judge a quoted gain."""
+def gains_of(
+    reading: PaperReading, experiment: str, at: float | None
+) -> tuple[Curves, estimate.Estimate | None]:
+    """An experiment's curves, and the gain of three features over two, at one value or averaged.
+
+    The gain is None where two features made no error.
+
+    Raises:
+        NotMeasuredError: the experiment, the value, or two or three features are missing.
+    """
     curves = reading.curves(experiment, ("flda_2", "flda_3"), *(() if at is None else (at,)))
-    gain = gain_of(curves, at)
-    if gain is None:
-        return Judgement("cannot say", "no gain", "two features made no error")
-    ends, wide = (gain.low, gain.high), gain.high - gain.low > WIDEST_SHARE
-    two, three, pair = _two_and_three(curves, at)
-    measured = share_interval(gain)
-    if at is None and (pooled := relative_gain(two, three, pair)):
-        # The paper means one of the two averages.
-        measured += f"; of all errors {share_interval(pooled)}"
-    # The paper's interval is ours, scaled by the numbers of frames.
-    scale = math.sqrt(two.frames / paper_frames(curves, at))
-    below, above = gain.value - gain.low, gain.high - gain.value
-    apart = gain.value - stated
-    low, high = apart - math.hypot(below, scale * above), apart + math.hypot(above, scale * below)
-    if low <= 0 <= high:
-        reason = "the interval is wider than 100 percentage points" if wide else ""
-        return Judgement("cannot say" if wide else "agree", measured, reason, *ends)
-    if wide:
-        bound = f"at least {percent(gain.low)}" if low > 0 else f"at most {percent(gain.high)}"
-        measured = f"{bound}; {measured}"
     if at is not None:
-        rates = f"{rate_text(two.ber)} with two features, {rate_text(three.ber)} with three"
-        return Judgement("differ", measured, f"{rates} at {place(curves.axis, at)}", *ends)
-    found = ((gain_of(curves, value), value) for value in curves.values)
-    known = sorted((one.value, value) for one, value in found if one is not None)
-    least_and_most = (
-        f"{percent(one)} at {place(curves.axis, value)}" for one, value in (known[0], known[-1])
-    )
-    return Judgement("differ", measured, f"from {' to '.join(least_and_most)}", *ends)
+        return curves, relative_gain(*two_and_three(curves, at))
+    return curves, mean_gain(two_and_three(curves, value) for value in curves.values)
 
 
 def with_location(
-    reading: PaperReading, judged: Judgement, experiment: str, receiver: str, at: float, ber: float | None
+    reading: PaperReading, judged: Judgement, experiment: str, at: float, receiver: str, ber: float
 ) -> Judgement:
-    """Add how much of a rate comes from the panel's location, where that is beyond chance."""
-    measured = reading.experiments[experiment]
+    """Add to what differs how much of a rate comes from the panel's location, where that is beyond chance."""
+    measured, text = reading.experiments[experiment], ""
     if (receiver, at) not in measured.location:
         return judged
     readings = [replace(reading, locator=name) for name in ("paper", "truth")]
     located, truth = (one.row(experiment, receiver, at) for one in readings)
     wrong, right = (one.curves(experiment).counts[receiver, at] for one in readings)
-    between = ber is not None and truth.ber < ber < located.ber
-    causes = ("between",) if between else ()
+    between = truth.ber < ber < located.ber
     share = relative_gain(wrong, right, measured.location[receiver, at])
-    if share is None or share.low <= 0:
-        return replace(judged, causes=causes)
-    text = f"with the panel located here the rate is {point(located)}"
-    if reading.locator != "truth":
-        vanished = f"{rate_text(located.ber - truth.ber)} ({percent(share.value)})"
-        text = f"location: of {receiver}'s {rate_text(located.ber)}, {vanished} vanish with true corners"
-    text += "; the quoted rate lies between the two" if between else ""
-    return replace(judged, reason=f"{judged.reason}; {text}", causes=causes)
+    if share is not None and share.low > 0:
+        text = f"; with the panel located here the rate is {words.point(located)}"
+        if reading.locator != "truth":
+            vanished = f"{rate_text(located.ber - truth.ber)} ({percent(share.value)}) vanish"
+            text = f"; location: of {receiver}'s {rate_text(located.ber)}, {vanished} with true corners"
+        text += "; the quoted rate lies between the two" if between else ""
+    return replace(judged, reason=judged.reason + text, causes=("between",) if between else ())

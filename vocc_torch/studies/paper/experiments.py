@@ -1,7 +1,5 @@
 """What ``task=figures`` measures: the paper's experiments under every reading of what it leaves open."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import cast, get_args
@@ -11,49 +9,24 @@ from vocc_torch.measure.curve import Measured
 from vocc_torch.measure.grid import Grid
 from vocc_torch.measure.plan import Locator, Plan
 from vocc_torch.measure.sweep import Campaign, Study, at_focal_length
-from vocc_torch.studies.paper.config import FiguresConfig
-from vocc_torch.studies.paper.evidence import EVIDENCE
-from vocc_torch.studies.paper.words import EXPERIMENTS
+from vocc_torch.studies.paper import FiguresConfig, evidence, words
+from vocc_torch.studies.paper.evidence import features, frames, panels
 
 PAPER_RECEIVERS = ("center_greyscale", "average_greyscale", "flda_2", "flda_3")
 """The receivers of the paper's figures."""
-
-
-@dataclass(frozen=True)
-class RateFigure:
-    """One of the paper's figures of bit error rates.
-
-    Args:
-        name: its name.
-        experiment: the experiment behind it.
-        caption: what the paper shows in it.
-    """
-
-    name: str
-    experiment: str
-    caption: str
-
-    @property
-    def title(self) -> str:
-        """Its headline."""
-        return f"Fig. {self.name[3:]}: bit error rate against {EXPERIMENTS[self.experiment]}"
-
-
-RATE_FIGURES = (
-    RateFigure("fig21", "contrast", "Rates fall with rising contrast to a best level and rise beyond it."),
-    RateFigure(
-        "fig22",
-        "ambient",
-        "Lowest near 4000 lx for the greyscale receivers, at 8000 lx for the proposed ones.",
-    ),
-    RateFigure("fig23", "luminance", "Lowest at 4000 cd/m\u00b2 for all receivers."),
-    RateFigure("fig24", "distance", "Rates of all receivers rise with distance."),
-)
-"""The figures, in the paper's order."""
+RATE_FIGURES = {"contrast": "fig21", "ambient": "fig22", "luminance": "fig23", "distance": "fig24"}
+"""The figures of bit error rates by experiment."""
 DIMMING = "dimming"
 """The experiment, and the figure, that is a grid: measured with the report's own focal length only."""
-FIGURES = (*sorted({*EVIDENCE, *(figure.name for figure in RATE_FIGURES)}), DIMMING)
-"""Every figure by name, in the paper's order; what goes beyond the paper comes last."""
+FIGURES = tuple(name for name in words.FIGURES if name != "location")
+"""Every figure that may be asked for by name, in the paper's order."""
+_DRAWN: tuple[type[evidence.PaperFigure], ...] = (
+    *(panels.GreyOverlap, panels.BloomingInterference, panels.BlurOrder, panels.ContrastPanels),
+    *(features.GreyAndAgr, features.GriAndAgr, features.NgrAndOthers, features.Projection),
+    *(frames.InwardGradients, frames.FrameHistogram, frames.ProcessingTime),
+)
+EVIDENCE = {figure.name: figure for figure in _DRAWN}
+"""The figures other than bit error rates by name."""
 
 
 def wanted_figures(names: Sequence[str]) -> tuple[str, ...]:
@@ -77,48 +50,50 @@ class PaperPlan:
     """The studies behind the wanted figures.
 
     Args:
+        config: the study's section of the configuration; the first lens and locator are the report's own.
         figures: names of the wanted figures, in the paper's order.
-        focal_lengths_mm: the lenses; the first is the report's own.
-        locators: the locators; the first is the report's own.
         experiments: plans by experiment and row (0 where there is no grid), at any focal length.
-        row_axis: quantity that varies from row to row of the grid.
     """
 
+    config: FiguresConfig
     figures: tuple[str, ...]
-    focal_lengths_mm: tuple[float, ...]
-    locators: tuple[Locator, ...]
     experiments: Mapping[str, Mapping[float, Plan]]
-    row_axis: str = "ambient_lx"
+
+    @property
+    def locators(self) -> tuple[Locator, ...]:
+        """The locators; the first is the report's own."""
+        return cast("tuple[Locator, ...]", tuple(self.config.locators))
 
     @property
     def own(self) -> tuple[float, Locator]:
         """The report's own focal length and locator."""
-        return self.focal_lengths_mm[0], self.locators[0]
+        return self.config.focal_lengths_mm[0], self.locators[0]
 
     def studies(self) -> list[Study]:
         """The studies, those of the report's own focal length first."""
         return [
-            Study(_key(name, focal_mm, row), at_focal_length(plan, focal_mm), self.locators)
-            for focal_mm in self.focal_lengths_mm
+            Study(study_key(name, focal_mm, row), at_focal_length(plan, focal_mm), self.locators)
+            for focal_mm in self.config.focal_lengths_mm
             for name, rows in self.experiments.items()
             for row, plan in rows.items()
-            if name != DIMMING or focal_mm == self.focal_lengths_mm[0]
+            if name != DIMMING or focal_mm == self.own[0]
         ]
 
     def measured(self, campaign: Campaign) -> dict[float, dict[str, Measured]]:
         """A campaign's results by focal length and experiment; the grid is left out."""
         names = [name for name in self.experiments if name != DIMMING]
         return {
-            focal_mm: {name: campaign.measured[_key(name, focal_mm, 0.0)] for name in names}
-            for focal_mm in self.focal_lengths_mm
+            focal_mm: {name: campaign.measured[study_key(name, focal_mm)] for name in names}
+            for focal_mm in self.config.focal_lengths_mm
         }
 
     def grids(self, campaign: Campaign) -> dict[str, Grid]:
         """The grid for each locator; empty where it was not measured."""
         rows = tuple(self.experiments.get(DIMMING, {}))
-        of_row = [campaign.measured[_key(DIMMING, self.focal_lengths_mm[0], row)] for row in rows]
+        axis = (self.config.experiments[DIMMING].row_axis if rows else None) or "ambient_lx"
+        of_row = [campaign.measured[study_key(DIMMING, self.own[0], row)] for row in rows]
         return {
-            name: Grid(self.row_axis, rows, tuple(measured.curves[name] for measured in of_row))
+            name: Grid(axis, rows, tuple(measured.curves[name] for measured in of_row))
             for name in self.locators
             if rows
         }
@@ -143,7 +118,7 @@ def paper_plan(config: FiguresConfig, plan: Plan) -> PaperPlan:
         if locator not in get_args(Locator):
             raise VoccError(f"figures.locators has {locator!r}: it must be {' or '.join(get_args(Locator))}")
     figures, built = wanted_figures(config.names), {}
-    wanted = {figure.experiment for figure in RATE_FIGURES if figure.name in figures} | {*figures} & {DIMMING}
+    wanted = {name for name, figure in RATE_FIGURES.items() if figure in figures} | {*figures} & {DIMMING}
     for name, one in config.experiments.items():
         if name in wanted:
             with section(f"figures.experiments.{name}", before="experiment"):
@@ -152,21 +127,14 @@ def paper_plan(config: FiguresConfig, plan: Plan) -> PaperPlan:
     if built and not set(names) & set(PAPER_RECEIVERS):
         known = ", ".join(PAPER_RECEIVERS)
         raise VoccError(f"receiver.names is {list(names)}: figures of bit error rates need one of {known}")
-    grid = config.experiments.get(DIMMING)
-    return PaperPlan(
-        figures,
-        tuple(config.focal_lengths_mm),
-        cast("tuple[Locator, ...]", tuple(config.locators)),
-        built,
-        (grid.row_axis if grid else None) or "ambient_lx",
-    )
+    return PaperPlan(config, figures, built)
 
 
-def _key(experiment: str, focal_length_mm: float, row: float) -> str:
+def study_key(experiment: str, focal_length_mm: float, row: float = 0.0) -> str:
     """Name a study.
 
     Example:
-        >>> _key("ambient", 25.0, 0.0), _key("dimming", 25.0, 1000.0)
+        >>> study_key("ambient", 25.0), study_key("dimming", 25.0, 1000.0)
         ('ambient-25mm', 'dimming-25mm-1000')
     """
     return f"{experiment}-{focal_length_mm:g}mm" + (f"-{row:g}" if row else "")

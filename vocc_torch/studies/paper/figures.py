@@ -1,35 +1,30 @@
 """Figs 21 to 24, bit error rates under one reading and under all, and how much of them is location error."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import astuple, dataclass
+from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator
 
-from vocc_torch.errors import VoccError
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.curve import COLUMNS, BerTable, Measured
 from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.intervals import ber_interval
 from vocc_torch.measure.paired import PairedCounts, relative_gain
-from vocc_torch.show import canvas
-from vocc_torch.show.plots import ber_figure, facet_figure
-from vocc_torch.show.styles import axis_label, receiver_styles
-from vocc_torch.studies.paper.experiments import PAPER_RECEIVERS, RateFigure
-from vocc_torch.studies.paper.words import EXPERIMENTS, reading_text
+from vocc_torch.show import canvas, plots, styles
+from vocc_torch.studies.paper.experiments import PAPER_RECEIVERS, RATE_FIGURES
+from vocc_torch.studies.paper.words import EXPERIMENTS, FIGURES, reading_text
 
-READINGS_CAPTION = "The same under every reading, side by side and on one scale."
-"""Caption of a figure's picture of all readings."""
-LOCATION_CAPTION = (
-    "Measured over all points of each experiment, on the same frames: filled with the panel located, hollow "
-    "with its true corners. The band between the two is location error; the hollow marker is decision error. "
-    "The number is the share of the located panel's errors that is location."
-)
 _INTERVALS = "Bars: 95 % intervals, frames as the independent units \N{MIDDLE DOT}"
+_RATES = ("ber_located", "ber_true_corners", "location_share")
+LOCATION_COLUMNS = (
+    *("experiment", "axis", "value", "receiver", "frames"),
+    *(f"{rate}{end}" for rate in _RATES for end in ("", "_low", "_high")),
+)
+"""Columns of ``location.csv``."""
 
 
 def only(table: BerTable, receivers: Sequence[str] = PAPER_RECEIVERS) -> BerTable:
@@ -43,34 +38,32 @@ def only(table: BerTable, receivers: Sequence[str] = PAPER_RECEIVERS) -> BerTabl
 
 
 def draw_rates(
-    figure: RateFigure, by_focal_mm: Mapping[float, Measured], own: tuple[float, str]
+    experiment: str, by_focal_mm: Mapping[float, Measured], own: tuple[float, str]
 ) -> dict[str, Figure]:
-    """Draw a figure under the report's own reading, and under all readings side by side.
+    """Draw an experiment's figure under the report's own reading, and under all readings side by side.
 
     Args:
-        figure: which one.
-        by_focal_mm: its experiment by focal length, mm, with the same locators in each.
+        experiment: which one.
+        by_focal_mm: what was measured by focal length, mm, with the same locators in each.
         own: focal length, mm, and locator of the report's own reading.
 
     Returns:
         By file name without suffix: ``NAME``, and ``NAME_readings`` where there are several.
     """
-    focal_mm, locator = own
-    table = only(by_focal_mm[focal_mm].curves[locator].table())
-    title = f"{figure.title} ({reading_text(focal_mm, locator)})"
-    drawn = {figure.name: ber_figure(table, axis_label(table.axis), title)}
+    stem, table = RATE_FIGURES[experiment], only(by_focal_mm[own[0]].curves[own[1]].table())
+    title, axis = FIGURES[stem]["title"], styles.axis_label(table.axis)
+    drawn = {stem: plots.ber_figure(table, axis, f"{title} ({reading_text(*own)})")}
     rows = [
         {
             reading_text(lens_mm, name): only(measured.curves[name].table())
             for lens_mm, measured in sorted(by_focal_mm.items())
         }
-        for name in by_focal_mm[focal_mm].curves
+        for name in by_focal_mm[own[0]].curves
     ]
     if (readings := sum(map(len, rows))) > 1:
         footnote = f"{_INTERVALS} arrows: no errors; one-sided 95 % limit \N{MIDDLE DOT} "
         footnote += "the same bits and scenes in every facet"
-        title = f"{figure.title}, {readings} readings"
-        drawn[f"{figure.name}_readings"] = facet_figure(rows, title, footnote)
+        drawn[f"{stem}_readings"] = plots.facet_figure(rows, f"{title}, {readings} readings", footnote)
     return drawn
 
 
@@ -83,20 +76,9 @@ def rate_rows(by_focal_mm: Mapping[float, Measured]) -> list[tuple[str | int | f
     """
     rows: list[tuple[str | int | float, ...]] = [("focal_length_mm", *COLUMNS)]
     for focal_mm, measured in by_focal_mm.items():
-        for curves in measured.curves.values():
-            table = curves.table()
-            for receiver in table.receivers:
-                rows += [(focal_mm, *astuple(row)) for row in table.of(receiver)]
+        for table in (curves.table() for curves in measured.curves.values()):
+            rows += [(focal_mm, *astuple(row)) for name in table.receivers for row in table.of(name)]
     return rows
-
-
-LOCATION_COLUMNS = (
-    *("experiment", "axis", "value", "receiver", "frames"),
-    *("ber_located", "ber_located_low", "ber_located_high"),
-    *("ber_true_corners", "ber_true_corners_low", "ber_true_corners_high"),
-    *("location_share", "location_share_low", "location_share_high"),
-)
-"""Columns of ``location.csv``."""
 
 
 @dataclass(frozen=True)
@@ -126,9 +108,8 @@ class LocationSplit:
 
     def row(self) -> tuple[str | float | None, ...]:
         """The line of ``location.csv``; a total has no value."""
-        share = astuple(self.share) if self.share else (None, None, None)
-        what = (self.experiment, self.axis, self.value, self.receiver, self.frames)
-        return (*what, *astuple(self.located), *astuple(self.truth), *share)
+        *what, located, truth, share = astuple(self)
+        return (*what, *located, *truth, *(share or (None, None, None)))
 
 
 def location_split(experiments: Mapping[str, Measured]) -> tuple[LocationSplit, ...]:
@@ -160,12 +141,10 @@ def location_split(experiments: Mapping[str, Measured]) -> tuple[LocationSplit, 
                 for at in located.values
                 if (both := measured.location.get((receiver, at)))
             }
-            if read:
-                wrong, right, paired = zip(*read.values(), strict=True)
-                read[None] = sum(wrong, Counts()), sum(right, Counts()), sum(paired, PairedCounts())
+            wrong, right, paired = zip(*read.values(), strict=True)
+            read[None] = sum(wrong, Counts()), sum(right, Counts()), sum(paired, PairedCounts())
             for value, (a, b, pair) in read.items():
-                share = relative_gain(a, b, pair)
-                rates = ber_interval(a), ber_interval(b)
+                share, rates = relative_gain(a, b, pair), (ber_interval(a), ber_interval(b))
                 found.append(LocationSplit(name, located.axis, value, receiver, a.frames, *rates, share))
     return tuple(found)
 
@@ -176,28 +155,23 @@ _ROOM = 7.0
 """Factor of the rate's axis that is left for the shares, right of the highest rate."""
 
 
-def location_figure(splits: Sequence[LocationSplit], title: str) -> Figure:
+def location_figure(splits: Sequence[LocationSplit], lens_mm: float) -> Figure:
     """Draw each experiment's rates with the panel located and with its true corners.
 
     Args:
-        splits: any; drawn are the totals of the paper's receivers.
-        title: what the figure shows.
-
-    Raises:
-        VoccError: no total of any of the paper's receivers.
+        splits: any with totals of the paper's receivers, which are drawn.
+        lens_mm: focal length, for the title.
 
     Example:
         >>> rate = Estimate(1e-3, 8e-4, 1.2e-3)
         >>> split = LocationSplit("distance", "distance_m", None, "flda_3", 2000, rate, rate, None)
-        >>> location_figure([split], "Location").axes[0].get_xscale()
+        >>> location_figure([split], 25.0).axes[0].get_xscale()
         'log'
     """
     totals: dict[str, list[LocationSplit]] = {}
     for split in splits:
         if split.value is None and split.receiver in PAPER_RECEIVERS:
             totals.setdefault(split.experiment, []).append(split)
-    if not totals:
-        raise VoccError("splits has no total of any of the paper's receivers: it needs at least one")
     columns = min(2, len(totals))
     rows = -(-len(totals) // columns)
     row_in = max(map(len, totals.values())) * _ROW_IN + _HEAD_IN
@@ -205,11 +179,12 @@ def location_figure(splits: Sequence[LocationSplit], title: str) -> Figure:
     figure = canvas.new_figure(_WIDTH_IN, height_in)
     panels = figure.subplots(rows, columns, sharex=True, squeeze=False).ravel()
     rates = [rate for group in totals.values() for split in group for rate in (split.located, split.truth)]
-    ends = min(rate.value or rate.high for rate in rates) / 3, max(rate.high for rate in rates) * _ROOM
+    panels[0].set_xscale("log")
+    least = min(one.value or one.high for one in rates)
+    panels[0].set_xlim(least / 3, _ROOM * max(one.high for one in rates))
     for number, (axes, (experiment, group)) in enumerate(zip(panels, totals.items(), strict=False)):
-        _draw_splits(axes, group, ends)
-        name = EXPERIMENTS.get(experiment, experiment)
-        heading = name[:1].upper() + name[1:]
+        draw_splits(axes, group)
+        heading = EXPERIMENTS[experiment][:1].upper() + EXPERIMENTS[experiment][1:]
         axes.set_title(heading, fontsize=11.5, fontweight="bold", color=canvas.INK, loc="left", pad=4)
         last = number + columns >= len(totals)
         axes.tick_params(axis="y", labelleft=number % columns == 0)
@@ -220,22 +195,20 @@ def location_figure(splits: Sequence[LocationSplit], title: str) -> Figure:
     top, bottom = 1 - (_TOP_IN + _HEAD_IN) / height_in, _BOTTOM_IN / height_in
     gap = _HEAD_IN / (row_in - _HEAD_IN)
     figure.subplots_adjust(2.2 / _WIDTH_IN, bottom, 0.97, top, wspace=0.15, hspace=gap)
+    title = FIGURES["location"]["title"].format(lens_mm=lens_mm)
     canvas.write_title(figure, title, f"{_INTERVALS} arrow: no error, one-sided 95 % limit")
-    quiet = canvas.QUIET
     handles = [
-        _marker(quiet, quiet, "o", label="panel located"),
-        _marker(quiet, "white", "o", label="true corners: decision error"),
-        Line2D([], [], color=quiet, linewidth=6, alpha=0.35, label="location error, and its share"),
+        marker(canvas.QUIET, canvas.QUIET, "o", label="panel located"),
+        marker(canvas.QUIET, "white", "o", label="true corners: decision error"),
+        Line2D([], [], color=canvas.QUIET, linewidth=6, alpha=0.35, label="location error, and its share"),
     ]
     look = {"fontsize": 10.5, "handlelength": 2.0, "columnspacing": 2.2}
     canvas.write_legend(figure, handles, (0.01, 1 - 0.44 / height_in), 3, **look)
     return figure
 
 
-def _draw_splits(axes: Axes, group: Sequence[LocationSplit], ends: tuple[float, float]) -> None:
+def draw_splits(axes: Axes, group: Sequence[LocationSplit]) -> None:
     """Draw one experiment, a row a receiver, the first at the top: both rates, and the band between."""
-    axes.set_xscale("log")
-    axes.set_xlim(*ends)
     axes.set_ylim(len(group) - 0.3, -0.7)
     canvas.quiet_axes(axes)
     axes.spines["left"].set_visible(False)
@@ -243,31 +216,29 @@ def _draw_splits(axes: Axes, group: Sequence[LocationSplit], ends: tuple[float, 
     axes.xaxis.set_minor_locator(LogLocator(10, subs=tuple(range(2, 10)), numticks=300))
     axes.grid(axis="x", which="major", color=canvas.GRID, linewidth=1.0)
     axes.grid(axis="x", which="minor", color=canvas.FINE_GRID, linewidth=0.6)
-    styles = receiver_styles(PAPER_RECEIVERS)
-    axes.set_yticks(range(len(group)), [styles[split.receiver].label for split in group])
+    known = styles.receiver_styles(PAPER_RECEIVERS)
+    axes.set_yticks(range(len(group)), [known[split.receiver].label for split in group])
     axes.tick_params(axis="y", length=0)
     for row, split in enumerate(group):
-        style = styles[split.receiver]
-        both = {"white": split.truth, style.colour: split.located}
-        band = [rate.value or rate.high for rate in both.values()]
-        axes.plot(band, [row, row], color=style.colour, linewidth=6, alpha=0.28, solid_capstyle="butt")
-        for (face, rate), at in zip(both.items(), band, strict=True):
+        style, rates = known[split.receiver], (split.truth, split.located)
+        colour, band = style.colour, [rate.value or rate.high for rate in rates]
+        axes.plot(band, [row, row], color=colour, linewidth=6, alpha=0.28, solid_capstyle="butt")
+        for face, rate, at in zip(("white", colour), rates, band, strict=True):
             if rate.value > 0:
-                axes.hlines(row, max(rate.low, ends[0]), rate.high, color=style.colour, linewidth=1.6)
+                least = max(rate.low, axes.get_xlim()[0])
+                axes.hlines(row, least, rate.high, color=colour, linewidth=1.6)
             else:
-                arrow = {"arrowstyle": "<|-", "color": style.colour, "linewidth": 1.4}
-                arrow |= {"shrinkA": 4, "shrinkB": 4}
+                arrow = {"arrowstyle": "<|-", "color": colour, "linewidth": 1.4, "shrinkA": 4, "shrinkB": 4}
                 axes.annotate("", (at, row), (-26, 0), textcoords="offset points", arrowprops=arrow)
-            axes.add_line(_marker(style.colour, face, style.marker, [at], [row]))
+            axes.add_line(marker(colour, face, style.marker, [at], [row]))
         if split.share is not None:
             share = f"{100 * split.share.value:.0f} %".replace("-", "\N{MINUS SIGN}")
-            where = max(rate.high for rate in both.values()), row
-            axes.annotate(
-                share, where, (9, 0), textcoords="offset points", va="center", fontsize=10, color=canvas.INK
-            )
+            look: dict[str, Any] = {"va": "center", "fontsize": 10, "color": canvas.INK}
+            at = max(rate.high for rate in rates)
+            axes.annotate(share, (at, row), (9, 0), textcoords="offset points", **look)
 
 
-def _marker(
+def marker(
     colour: str, face: str, shape: str, xs: Sequence[float] = (), ys: Sequence[float] = (), label: str = ""
 ) -> Line2D:
     """Make markers without a line."""

@@ -7,14 +7,11 @@ there are. A finer measurement therefore turns *cannot say* into one of the othe
 into *differ* only at that rate.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
-from vocc_torch.errors import VoccError
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.curve import BerTable, Curves, Measured, Row
 from vocc_torch.measure.estimate import Estimate
@@ -97,21 +94,6 @@ class Judgement:
     against: tuple[RateComparison, ...] = ()
     causes: tuple[str, ...] = ()
 
-    @classmethod
-    def of(
-        cls, holds: bool, measured: str, reason: str, low: float | None = None, high: float | None = None
-    ) -> Judgement:
-        """Judge by yes or no.
-
-        Args:
-            holds: whether the claim is true of what was measured.
-            measured: what that is, in words.
-            reason: why it does not hold, where it does not.
-            low: lower end of the interval, where there is one.
-            high: its upper end.
-        """
-        return cls("agree" if holds else "differ", measured, "" if holds else reason, low, high)
-
 
 @dataclass(frozen=True)
 class PaperReading:
@@ -122,13 +104,11 @@ class PaperReading:
     Args:
         focal_length_mm: of the lens.
         locator: where the panel's corners come from, such as ``truth`` or ``paper``.
-        experiments: by name: ``contrast``, ``ambient``, ``luminance``, ``distance``; some may be missing.
+        experiments: by name: ``contrast``, ``ambient``, ``luminance``, ``distance``, each with this locator;
+            some may be missing.
         numbers: of the figures that are no error rates; they do not depend on the reading.
         dimming: ambient light by LED luminance, with this locator and the report's own focal length; None
             where it was not measured.
-
-    Raises:
-        VoccError: an experiment without this locator.
 
     Example:
         >>> reading = PaperReading(25.0, "paper", {}, {"fig20": {"contrast_paper_scene_6": 0.031}})
@@ -141,13 +121,6 @@ class PaperReading:
     experiments: Mapping[str, Measured]
     numbers: Numbers
     dimming: Grid | None = None
-
-    def __post_init__(self) -> None:
-        """Refuse a locator that was not measured."""
-        for name, measured in self.experiments.items():
-            if self.locator not in measured.curves:
-                known = ", ".join(measured.curves)
-                raise VoccError(f"locator is {self.locator!r}: experiment {name} has {known}")
 
     @property
     def name(self) -> str:
@@ -183,10 +156,7 @@ class PaperReading:
         curves = self.curves(experiment, (receiver,), value)
         # The limit of a point without errors looks at the receiver's other points.
         table = BerTable(point for point in curves.points() if point.receiver == receiver)
-        row = next((row for row in table if row.value == value), None)
-        if row is None:
-            raise NotMeasuredError(f"{receiver} at {place(curves.axis, value)} of experiment {experiment}")
-        return row
+        return next(row for row in table if row.value == value)
 
     def number(self, name: str) -> float:
         """A figure's number, such as ``fig12.auc_ngr``.

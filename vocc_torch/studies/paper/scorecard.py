@@ -1,17 +1,14 @@
 """The scorecard: the paper's claims (``claims.yaml``) under every reading, and which reading fits best."""
 
-from __future__ import annotations
-
+import contextlib
 import inspect
 import math
+import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
-from importlib.resources import files
 from typing import Any, Literal, TypeAlias
-
-import yaml
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.curve import Measured, Row
@@ -20,20 +17,16 @@ from vocc_torch.measure.grid import Grid
 from vocc_torch.measure.intervals import ber_interval
 from vocc_torch.studies.paper import curve_rules, figure_rules, judgement
 from vocc_torch.studies.paper.judgement import VERDICTS, Judgement, NotMeasuredError, PaperReading, Verdict
+from vocc_torch.studies.paper.words import read_yaml
 
 Basis: TypeAlias = Literal["curves", "figures", "arithmetic"]
+_OF_CURVES = ("order", "trend", "minimum", "quoted_ber", "quoted_gain")
 RULES: dict[str, Callable[..., Judgement]] = {
-    "order": curve_rules.order,
-    "trend": curve_rules.trend,
-    "minimum": curve_rules.minimum,
-    "quoted": curve_rules.quoted,
-    "number": figure_rules.number,
-    "time": figure_rules.time,
-    "best_luminance": figure_rules.best_luminance,
-    "equation": figure_rules.equation,
+    **{name: getattr(curve_rules, name) for name in _OF_CURVES},
+    **{name: getattr(figure_rules, name) for name in ("number", "time", "best_luminance")},
 }
 """Every rule by its name in ``claims.yaml``."""
-_OF_CURVES = ("order", "trend", "minimum", "quoted")
+_TEXTS = ("claim", "where", "text", "paper")
 
 
 @dataclass(frozen=True)
@@ -51,7 +44,8 @@ class Claim:
             of one sample, with the study's own settings; ``arithmetic`` with the paper's own numbers.
 
     Example:
-        >>> claim = Claim("a.b", "IV-C", "text", "6 %", "equation", {"name": "half_exposure"}, "arithmetic")
+        >>> half = {"value": "paper.half_exposure_grey", "most": 100.0}
+        >>> claim = Claim("a.b", "IV-C", "text", "6 %", "number", half, "arithmetic")
         >>> claim.judge(PaperReading(25.0, "paper", {}, {})).verdict
         'agree'
     """
@@ -87,7 +81,7 @@ def claims_of(entries: Iterable[Mapping[str, Any]]) -> tuple[Claim, ...]:
 
     Raises:
         VoccError: an entry that has no name, place, text, words of the paper or rule, or arguments that the
-            rule does not take; or a name that comes twice.
+            rule does not take.
 
     Example:
         >>> entry = {"claim": "a.b", "where": "IV", "text": "t", "paper": "p"}
@@ -96,26 +90,21 @@ def claims_of(entries: Iterable[Mapping[str, Any]]) -> tuple[Claim, ...]:
         ...
         vocc_torch.errors.VoccError: claim a.b: number got an unexpected keyword argument 'highest'
     """
-    claims: dict[str, Claim] = {}
+    claims: list[Claim] = []
     for entry in entries:
-        name = str(entry.get("claim", "without a name"))
-        texts = {key: str(entry[key]) for key in ("claim", "where", "text", "paper") if entry.get(key)}
-        if len(texts) < 4:
-            raise VoccError(f"claim {name} has {', '.join(entry)}: it needs claim, where, text and paper")
-        rules = [key for key in entry if key not in (*texts, "basis")]
-        if len(rules) != 1 or rules[0] not in RULES:
-            given = ", ".join(rules) or "no rule"
-            raise VoccError(f"claim {name} has {given}: it needs one of {', '.join(RULES)}")
+        name, rules = entry.get("claim", "without a name"), [*({*entry} - {*_TEXTS, "basis"})]
+        if not {*_TEXTS} <= {*entry} or len(rules) != 1 or rules[0] not in RULES:
+            needs = f"it needs {', '.join(_TEXTS)} and one of {', '.join(RULES)}"
+            raise VoccError(f"claim {name} has {', '.join(entry)}: {needs}")
         [rule] = rules
         try:
             inspect.signature(RULES[rule]).bind(None, **entry[rule])
         except TypeError as error:
             raise VoccError(f"claim {name}: {rule} {error}") from None
-        if name in claims:
-            raise VoccError(f"claim {name} stands twice: each must come once")
         basis: Basis = entry.get("basis", "curves" if rule in _OF_CURVES else "figures")
-        claims[name] = Claim(**texts, rule=rule, arguments=entry[rule], basis=basis)
-    return tuple(claims.values())
+        texts = {key: str(entry[key]) for key in _TEXTS}
+        claims.append(Claim(**texts, rule=rule, arguments=entry[rule], basis=basis))
+    return tuple(claims)
 
 
 @dataclass(frozen=True)
@@ -137,9 +126,7 @@ class ClaimGroup:
         return any(fnmatchcase(claim.claim, pattern) for pattern in self.patterns)
 
 
-_FILE: dict[str, list[dict[str, Any]]] = yaml.safe_load(
-    files(__package__).joinpath("claims.yaml").read_text("utf-8")
-)
+_FILE: dict[str, list[dict[str, Any]]] = read_yaml("claims.yaml")
 CLAIMS = claims_of(_FILE["claims"])
 """Every claim, in the paper's order of sections."""
 PARTS = tuple(ClaimGroup(one["title"], tuple(one["claims"]), one["anchor"]) for one in _FILE["groups"])
@@ -194,6 +181,20 @@ class Scorecard:
         claims = [claim for claim in self.claims if group is None or group.holds(claim)]
         return [(claim, self.judgements[claim.claim, name]) for claim in claims]
 
+    def grouped(self, groups: Sequence[ClaimGroup]) -> dict[ClaimGroup, list[Judged]]:
+        """The claims as judged under the own reading, each in the first group that holds it."""
+        found: dict[ClaimGroup, list[Judged]] = {group: [] for group in groups}
+        for one in self.judged():
+            for group in [group for group in groups if group.holds(one[0])][:1]:
+                found[group].append(one)
+        return {group: claims for group, claims in found.items() if claims}
+
+    def on_figure(self, name: str) -> list[Judged]:
+        """The claims that name a figure, such as ``fig05_06``, as judged under the own reading."""
+        numbers = {int(number) for number in re.findall(r"\d+", name)}
+        found = ((one, re.findall(r"Fig\. (\d+)", one[0].where)) for one in self.judged())
+        return [one for one, named in found if numbers & set(map(int, named))]
+
     def at_truth(self) -> PaperReading | None:
         """The own reading with true corners; None where that is it, or was not measured."""
         known = {(reading.focal_length_mm, reading.locator): reading for reading in self.readings}
@@ -234,6 +235,41 @@ def outcome(judged: Iterable[Judged]) -> str:
     return "holds" if found["agree"] > found["cannot say"] else "cannot say"
 
 
+def causes(card: Scorecard, claims: Sequence[Judged]) -> list[tuple[str, int]]:
+    """The known causes of claims that differ, each with how many of them it holds for.
+
+    Args:
+        card: the scorecard.
+        claims: any claims; those that do not differ are passed over.
+    """
+    truth, counts = card.at_truth(), Counter[str]()
+    for claim, judged in claims:
+        if judged.verdict == "differ":
+            counts.update(judged.causes)
+            if truth is not None and claim.basis == "curves":
+                counts[card.judgements[claim.claim, truth.name].verdict] += 1
+    return [(text, counts[name]) for name, text in CAUSES.items() if counts[name]]
+
+
+def why(card: Scorecard, claims: Sequence[Judged]) -> str:
+    """Say why a statement does not hold in every claim: the known causes, and the surest contradiction.
+
+    Where nothing contradicts it, say what kept a claim from being decided.
+    """
+    differing = [one for one in claims if one[1].verdict == "differ"]
+    if not differing:
+        silent = [judged.reason for _, judged in claims if judged.verdict == "cannot say" and judged.reason]
+        return f"not decided: {silent[0]}" if silent else ""
+    claim, judged = differing[0]
+    example = f"{claim.text}: {judged.measured}, where the paper has {claim.paper}"
+    if judged.against:
+        one = judged.against[0]
+        example = (f"{one.above[0]}: " if one.above[0] == one.below[0] else "") + one.text()
+    of = f" of {len(differing)})"
+    known = [text + (f" ({count}{of}" if len(differing) > 1 else "") for text, count in causes(card, claims)]
+    return "; ".join([*known, f"for example, {example}"])
+
+
 def readings_of(
     measured: Mapping[float, Mapping[str, Measured]],
     numbers: judgement.Numbers,
@@ -265,37 +301,30 @@ def score(
     """Judge every claim under every reading; one that does not depend on it once, under the own one.
 
     Args:
-        readings: at least one, none twice.
+        readings: of different names, with the own one.
         own: focal length (mm) and locator of the reading that is reported in full.
         claims: the claims.
-
-    Raises:
-        VoccError: the own reading is not among the others, or one comes twice.
 
     Example:
         >>> card = score(readings_of({25.0: {}}, {}))
         >>> tally(card.judged())["differ"], card.judgements["setup.iso_range", "25 mm, paper"].verdict
         (1, 'differ')
     """
-    names = [one.name for one in readings]
-    chosen = [one for one in readings if (one.focal_length_mm, one.locator) == own]
-    if not chosen:
-        raise VoccError(f"own is {own[0]:g} mm, {own[1]}: the readings are {'; '.join(names) or 'none'}")
-    if len(set(names)) < len(names):
-        raise VoccError(f"readings are {'; '.join(names)}: each must come once")
+    [chosen] = [one for one in readings if (one.focal_length_mm, one.locator) == own]
     judgements: dict[tuple[str, str], Judgement] = {}
-    at_truth: dict[tuple[str, float], Judgement] = {}
     for claim in claims:
         if claim.basis != "curves":
-            judgements |= dict.fromkeys(((claim.claim, name) for name in names), claim.judge(chosen[0]))
+            judged = claim.judge(chosen)
+            judgements |= {(claim.claim, one.name): judged for one in readings}
             continue
+        at_truth: dict[float, Judgement] = {}
         # True corners come first: what they make of a claim is told with the other readings.
         for one in sorted(readings, key=lambda reading: reading.locator != "truth"):
-            lens = claim.claim, one.focal_length_mm
-            judgements[claim.claim, one.name] = judged = claim.judge(one, at_truth.get(lens))
+            judged = claim.judge(one, at_truth.get(one.focal_length_mm))
+            judgements[claim.claim, one.name] = judged
             if one.locator == "truth":
-                at_truth[lens] = judged
-    return Scorecard(tuple(claims), tuple(readings), chosen[0], judgements)
+                at_truth[one.focal_length_mm] = judged
+    return Scorecard(tuple(claims), tuple(readings), chosen, judgements)
 
 
 @dataclass(frozen=True, slots=True)
@@ -337,32 +366,27 @@ class Fit:
 
 
 def fits(card: Scorecard) -> list[Fit]:
-    """How well each reading fits, in the scorecard's order."""
-    return [fit_of(card, reading) for reading in card.readings]
-
-
-def fit_of(card: Scorecard, reading: PaperReading) -> Fit:
-    """Measure how far a reading's rates and gains are from the quoted ones."""
-    apart, points, error_free = [], [], 0
-    for wanted in (claim.arguments for claim in card.claims if claim.rule == "quoted"):
-        experiment, at = wanted["experiment"], wanted.get("at")
-        try:
-            if "ber" in wanted:
-                row = reading.row(experiment, wanted["receiver"], wanted["at"])
-                theirs = ber_interval(curve_rules.paper_counts(reading, **wanted))
-                apart.append(decades_apart(row, wanted["ber"], theirs))
+    """How far each reading's rates and gains are from the quoted ones, in the card's order."""
+    found = []
+    quoted = {rule: [claim.arguments for claim in card.claims if claim.rule == rule] for rule in RULES}
+    for reading in card.readings:
+        apart, points, error_free = [], [], 0
+        for rate in quoted["quoted_ber"]:
+            with contextlib.suppress(NotMeasuredError):
+                row = reading.row(rate["experiment"], rate["receiver"], rate["at"])
+                _, theirs = curve_rules.paper_counts(reading, **rate)
+                apart.append(decades_apart(row, rate["ber"], ber_interval(theirs)))
                 error_free += row.error_free
-                continue
-            curves = reading.curves(experiment, ("flda_2", "flda_3"), *(() if at is None else (at,)))
-            if (gain := curve_rules.gain_of(curves, at)) is not None:
-                points.append(100 * abs(gain.value - wanted["gain"]))
-        except NotMeasuredError:
-            continue
-    means = [math.fsum(column) / len(apart) for column in zip(*apart, strict=True)]
-    counts = tally(one for one in card.judged(reading=reading) if one[0].basis == "curves")
-    decades = Estimate(*means) if means else None
-    mean = math.fsum(points) / len(points) if points else None
-    return Fit(reading, counts, decades, len(apart), error_free, mean, len(points))
+        for one in quoted["quoted_gain"]:
+            with contextlib.suppress(NotMeasuredError):
+                _, gain = curve_rules.gains_of(reading, one["experiment"], one.get("at"))
+                points += [100 * abs(gain.value - one["gain"])] if gain else []
+        counts = tally(one for one in card.judged(reading=reading) if one[0].basis == "curves")
+        means = [math.fsum(column) / len(apart) for column in zip(*apart, strict=True)]
+        mean = math.fsum(points) / len(points) if points else None
+        decades = Estimate(*means) if means else None
+        found.append(Fit(reading, counts, decades, len(apart), error_free, mean, len(points)))
+    return found
 
 
 def decades_apart(row: Row, quoted: float, theirs: Estimate) -> tuple[float, float, float]:

@@ -1,11 +1,9 @@
 """How the scorecard and the report write numbers, units, receivers and readings, in words for people."""
 
-from __future__ import annotations
-
+import importlib.resources
 import re
 from collections.abc import Callable, Mapping, Sequence
-from functools import cache
-from importlib.resources import files
+from typing import Any
 
 import yaml
 
@@ -13,52 +11,35 @@ from vocc_torch.measure.curve import Row
 from vocc_torch.measure.estimate import Estimate
 from vocc_torch.show.styles import LOCATED, rate_text
 
-UNITS = {"ambient_lx": "lx", "led_luminance_cd_m2": "cd/m2", "distance_m": "m"}
-"""Units of the axes' values; a contrast is written in per cent."""
-RECEIVERS = {
-    "center_greyscale": "centre greyscale",
-    "average_greyscale": "average greyscale",
-    "flda_agr_ngr": "AGR + NGR",
-    "flda_agr": "AGR",
-    "flda_gri": "GRI",
-    "flda_ngr": "NGR",
-    "flda_2": "AGR + GRI",
-    "flda_3": "AGR + GRI + NGR",
-}
-"""Receivers within a sentence: those of FLDA by their features, as in the figures' legends."""
-EXPERIMENTS = {
-    **{"contrast": "contrast", "ambient": "ambient light"},
-    **{"luminance": "LED luminance", "distance": "distance"},
-}
-"""What the experiments vary."""
+
+def read_yaml(name: str) -> dict[str, Any]:
+    """A YAML file of this folder."""
+    found: dict[str, Any] = yaml.safe_load(
+        importlib.resources.files(__package__).joinpath(name).read_text("utf-8")
+    )
+    return found
+
+
+_NUMBERS: dict[str, tuple[str, ...]] = read_yaml("numbers.yaml")
+FIGURES: dict[str, dict[str, Any]] = read_yaml("figures.yaml")
+"""What each figure says, by name, in the paper's order; what goes beyond the paper comes last."""
+_WORDS = read_yaml("words.yaml")
+RECEIVERS: dict[str, str] = _WORDS["receivers"]
+EXPERIMENTS: dict[str, str] = _WORDS["experiments"]
+LABELS: dict[str, str] = _WORDS["labels"]
 WIDEST_SHARE = 1.0
 """Beyond this width the interval of a share tells nothing of its size."""
-
-_NBSP, _WORD_JOINER = "\N{NO-BREAK SPACE}", "\N{WORD JOINER}"
-_RECEIVER = re.compile(r"\b(" + "|".join(sorted(RECEIVERS, key=len, reverse=True)) + r")\b")
-_FEATURES = re.compile(r"\b(?:agr|gri|ngr)(?:\+(?:agr|gri|ngr))*\b")
+_NAMES = re.compile(rf"\b(?:{'|'.join(RECEIVERS)}|(?:agr|gri|ngr)(?:\+(?:agr|gri|ngr))*)\b")
 _LONG = re.compile(r"\b\d{2,}\.\d{3,}\b")
-_TYPOGRAPHY = (
-    (re.compile(r"(?<=\d)%"), " %"),
-    (re.compile(r"cd/m2"), "cd/m\N{SUPERSCRIPT TWO}"),
-    (re.compile(r"(?<![\w.)])-(?=\d)"), "\N{MINUS SIGN}"),
-    (re.compile("\N{MINUS SIGN}0(?![.\\d])"), "0"),
-    (re.compile(r"\binf\b"), "\N{INFINITY}"),
-    # A number stays in one line with its unit, a figure with its number, and a power of ten in one piece.
-    (re.compile(r"(?<=\d) (?=(?:%|lx|cd/m|mm|min|ms|m|kbps)(?![a-z]))"), _NBSP),
-    (re.compile(r"\b(Figs?\.?|Eqs?\.?|Table|job|batch) (?=\d)"), rf"\1{_NBSP}"),
-    (re.compile(r"(?<=\de-)(?=\d)|(?<=\b[IVX]-)(?=[A-D])|(?<=-[A-D]-)(?=\d)"), _WORD_JOINER),
-)
-
+_TYPOGRAPHY = [(re.compile(pattern), written) for pattern, written in _WORDS["typography"]]
 _WRITERS: dict[str, Callable[[float], str]] = {
-    "number": lambda value: f"{value:.4g}",
-    "share": lambda value: f"{100 * value:.3g} %",
+    "number": lambda value: plain(f"{value:.4g}"),
+    "share": lambda value: plain(f"{100 * value:.3g} %"),
     "area": lambda value: f"{value:.7g}",
-    "luminance": lambda value: f"{value:.4g} cd/m2",
+    "luminance": lambda value: plain(f"{value:.4g} cd/m2"),
+    "ms": lambda value: plain(f"{value:.3g} ms"),
     "yes_no": lambda value: "yes" if value else "no",
 }
-_TIME = re.compile(r"(ms|share)_(\w+?)_(whole_frames|crops)_batch_(\d+)")
-_COST = re.compile(r"extra_(total_)?cost_of_ngr_(whole_frames|crops)_batch_(\d+)")
 
 
 def plain(text: str) -> str:
@@ -68,9 +49,8 @@ def plain(text: str) -> str:
         >>> plain("flda_3 0.3 at 3% contrast and 8000 cd/m2").replace("\xa0", "~")
         'AGR + GRI + NGR 0.3 at 3~% contrast and 8000~cd/m²'
     """
-    text = _RECEIVER.sub(lambda match: RECEIVERS[match[0]], text)
-    text = _FEATURES.sub(lambda match: match[0].upper().replace("+", " + "), text)
-    text = _LONG.sub(lambda match: f"{float(match[0]):.1f}", text)
+    text = _NAMES.sub(lambda one: RECEIVERS.get(one[0]) or one[0].upper().replace("+", " + "), text)
+    text = _LONG.sub(lambda one: f"{float(one[0]):.1f}", text)
     for pattern, written in _TYPOGRAPHY:
         text = pattern.sub(written, text)
     return text
@@ -130,19 +110,9 @@ def place(axis: str, *values: float) -> str:
         >>> place("ambient_lx", 8000.0), place("contrast", 0.27, 0.33, 0.39)
         ('8000 lx', '27, 33 and 39 % contrast')
     """
-    unit = "% contrast" if axis == "contrast" else UNITS.get(axis, axis)
-    return f"{joined([f'{100 * v:.0f}' if axis == 'contrast' else f'{v:g}' for v in values])} {unit}"
-
-
-def joined(parts: Sequence[str]) -> str:
-    """Join words as a sentence does.
-
-    Example:
-        >>> joined(["a", "b", "c"]), joined(["a"])
-        ('a, b and c', 'a')
-    """
-    *first, last = parts
-    return f"{', '.join(first)} and {last}" if first else last
+    unit = "% contrast" if axis == "contrast" else _WORDS["units"].get(axis, axis)
+    *first, last = (f"{100 * v:.0f}" if axis == "contrast" else f"{v:g}" for v in values)
+    return f"{', '.join(first)} and {last} {unit}" if first else f"{last} {unit}"
 
 
 def listed(names: Sequence[str], most: int = 4) -> str:
@@ -163,29 +133,25 @@ def reading_text(focal_length_mm: float, locator: str) -> str:
         >>> reading_text(25.0, "paper").replace("\xa0", " ")
         '25 mm lens, panel located'
     """
-    return f"{focal_length_mm:g}{_NBSP}mm lens, {LOCATED.get(locator, locator)}"
+    return f"{focal_length_mm:g}\N{NO-BREAK SPACE}mm lens, {LOCATED.get(locator, locator)}"
 
 
-@cache
-def _names() -> list[tuple[re.Pattern[str], str, str]]:
-    """Patterns of names: ``numbers.yaml``."""
-    text = files(__package__).joinpath("numbers.yaml").read_text("utf-8")
-    return [(re.compile(pattern), *written) for pattern, written in yaml.safe_load(text).items()]
+def named(name: str, value: float) -> tuple[str, str, str]:
+    r"""A number's name and the number, both for people, and its column in a table; see ``numbers.yaml``.
 
-
-def named(name: str, value: float) -> tuple[str, str]:
-    r"""A number's name and the number, both for people; an unknown name keeps its words.
+    An unknown name keeps its words. The column is empty where the figure's numbers stand in one column; the
+    name is empty where the number is not shown.
 
     Example:
         >>> named("auc_agr+ngr", 0.9999999), named("wrong_share_gri", 0.0875)[1].replace("\xa0", " ")
-        (('AGR + NGR: area under the ROC curve', '0.9999999'), '8.75 %')
+        (('AGR + NGR: area under the ROC curve', '0.9999999', ''), '8.75 %')
     """
-    for pattern, label, writer in _names():
-        if match := pattern.fullmatch(name):
-            parts = {key: part.replace("_", " ") for key, part in match.groupdict().items()}
-            number = _WRITERS[writer](value)
-            return plain(label.format(**parts)), number if writer == "area" else plain(number)
-    return name.replace("_", " "), plain(_WRITERS["number"](value))
+    for pattern, (label, writer, *column) in _NUMBERS.items():
+        if match := re.fullmatch(pattern, name):
+            texts = (text.format(**match.groupdict()) for text in (label, *column, ""))
+            label, at, *_ = (plain(text).replace("_", " ") for text in texts)
+            return label, _WRITERS[writer](value), at
+    return name.replace("_", " "), _WRITERS["number"](value), ""
 
 
 def number_table(findings: Mapping[str, float]) -> tuple[list[str], list[tuple[str, ...]]]:
@@ -194,28 +160,15 @@ def number_table(findings: Mapping[str, float]) -> tuple[list[str], list[tuple[s
     Args:
         findings: its numbers by name.
     """
-    cells: dict[str, dict[tuple[str, str], str]] = {}
-    others = {}
+    rows: dict[str, dict[str, str]] = {}
     for name, value in findings.items():
-        if match := _TIME.fullmatch(name):
-            what, stage, *size = match.groups()
-            stage = RECEIVERS.get(stage, stage.replace("_", " "))
-            written = f"{value:.3g} ms" if what == "ms" else _WRITERS["share"](value)
-        elif match := _COST.fullmatch(name):
-            total, *size = match.groups()
-            stage = "NGR adds to all image processing" if total else "NGR adds to two features"
-            written = _WRITERS["share"](value)
-        else:
-            others[name] = value
-            continue
-        row, (frames, batch) = cells.setdefault(stage, {}), size
-        row[frames, batch] = ", ".join(filter(None, (row.get((frames, batch)), written)))
-    if not cells:
-        return ["number", "value"], [named(name, value) for name, value in findings.items()]
-    columns = list(dict.fromkeys(at for row in cells.values() for at in row))
-    sizes = {"1": "one at a time"}
-    head = ["time a frame, and share of panel detection's"]
-    head += [f"{at.replace('_', ' ')}, {sizes.get(batch, f'{batch} at once')}" for at, batch in columns]
-    rows = [(stage, *(plain(row.get(at, "")) for at in columns)) for stage, row in cells.items()]
-    rest = (named(name, value) for name, value in others.items() if not name.endswith(("_low", "_high")))
-    return head, [*rows, *((*one, *[""] * (len(columns) - 1)) for one in rest)]
+        label, number, column = named(name, value)
+        if label:
+            row = rows.setdefault(label, {})
+            row[column] = ", ".join(filter(None, (row.get(column), number)))
+    columns = list(dict.fromkeys(column for row in rows.values() for column in row if column))
+    if not columns:
+        return ["number", "value"], [(label, *row.values()) for label, row in rows.items()]
+    cells = {label: {columns[0]: row.pop("", ""), **row} for label, row in rows.items()}
+    head = ["time a frame, and share of panel detection's", *columns]
+    return head, [(label, *(row.get(at, "") for at in columns)) for label, row in cells.items()]
