@@ -24,7 +24,7 @@ from vocc_torch.measure.sweep import Study, count_parts
 from vocc_torch.measure.train import train, train_each
 from vocc_torch.measure.workers import Workers
 from vocc_torch.receiver.bank import ReceiverBank
-from vocc_torch.receiver.otsu import otsu_threshold, sensor_histogram
+from vocc_torch.receiver.foreground import otsu_threshold, sensor_histogram
 from vocc_torch.rng import BlockKey
 from vocc_torch.simulation import Distribution, SceneModel, Simulator
 from vocc_torch.types import Panels, Scene

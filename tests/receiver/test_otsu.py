@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vocc_torch.errors import VoccError
-from vocc_torch.receiver.otsu import histogram256, otsu_threshold, sensor_histogram
+from vocc_torch.receiver.foreground import histogram256, otsu_threshold, sensor_histogram
 from vocc_torch.types import Frames
 
 

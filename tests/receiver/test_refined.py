@@ -13,7 +13,7 @@ from vocc_torch.receiver.lattice_model import Lattice, corner_cells, search_latt
 from vocc_torch.receiver.location import PaperLocator
 from vocc_torch.receiver.locators import RefinedLocator
 from vocc_torch.receiver.rectification import map_points
-from vocc_torch.receiver.regions import bright_regions, local_background, ring_statistics
+from vocc_torch.receiver.foreground import bright_regions, local_background, ring_statistics
 from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.simulation import Camera, SceneModel, Simulator
 from vocc_torch.simulation.simulator import PAPER_EFFECTS

@@ -7,8 +7,6 @@ arithmetic held in float64, so that a blob's result does not depend on its place
 batch. NumPy does it, on whatever device the masks are: these are few numbers.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

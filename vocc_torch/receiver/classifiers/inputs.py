@@ -1,10 +1,8 @@
 """What a classifier sees of each LED: the paper's features, grey values about its cell, or both."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from typing import Literal, get_args
+from typing import Literal, Self, get_args
 
 import torch
 import torch.nn.functional as F
@@ -124,7 +122,7 @@ class Inputs:
             raise VoccError("inputs names no features and no patch: a classifier must see something")
 
     @classmethod
-    def parse(cls, settings: Mapping[str, object]) -> Inputs:
+    def parse(cls, settings: Mapping[str, object]) -> Self:
         """Read them as a configuration writes them.
 
         Raises:

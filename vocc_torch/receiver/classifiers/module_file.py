@@ -1,7 +1,5 @@
 """A Python file outside the package, from which a classifier comes."""
 
-from __future__ import annotations
-
 import ast
 import hashlib
 import importlib.util

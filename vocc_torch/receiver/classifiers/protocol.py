@@ -1,7 +1,5 @@
 """The one small protocol by which classifiers plug in, and the guard that names the one that breaks it."""
 
-from __future__ import annotations
-
 import pickle
 from collections.abc import Callable, Iterator
 from typing import Protocol, TypeVar, runtime_checkable
@@ -145,7 +143,7 @@ class Guarded:
             )
         return answer
 
-    def __reduce__(self) -> tuple[Callable[..., Guarded], tuple[object, ...]]:
+    def __reduce__(self) -> tuple[Callable[..., "Guarded"], tuple[object, ...]]:
         """Pickle it with the file that its class comes from."""
         return _unpacked, (self.name, pickle.dumps(self.classifier), self.inputs, self.home)
 

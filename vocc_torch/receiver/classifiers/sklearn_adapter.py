@@ -1,7 +1,5 @@
 """Any scikit-learn classifier as a classifier of LEDs."""
 
-from __future__ import annotations
-
 import sys
 from typing import Any, Self
 

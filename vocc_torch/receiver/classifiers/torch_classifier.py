@@ -1,7 +1,5 @@
 """A torch module as a classifier of LEDs, and two small networks: on any numbers, and on the patch."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """How a module is trained: the recipe, its passes over the panels, and checkpoints from which it goes on."""
 
-from __future__ import annotations
-
 import contextlib
 import copy
 import dataclasses

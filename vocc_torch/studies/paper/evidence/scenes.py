@@ -14,8 +14,8 @@ from scipy.optimize import brentq
 from torch import Tensor
 
 from vocc_torch.measure.plan import Plan
+from vocc_torch.receiver.foreground import sensor_histogram
 from vocc_torch.receiver.location import paper_stages, quantised
-from vocc_torch.receiver.otsu import sensor_histogram
 from vocc_torch.show.canvas import GRID, INK, QUIET
 from vocc_torch.simulation import Simulator, photometry
 from vocc_torch.simulation.effects import Context, build_effects
