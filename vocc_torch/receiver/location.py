@@ -12,7 +12,7 @@ from vocc_torch.errors import VoccError
 from vocc_torch.receiver import components
 from vocc_torch.receiver.foreground import otsu_threshold, sensor_histogram, trimmed
 from vocc_torch.receiver.limits import LocatorLimits
-from vocc_torch.receiver.quadrilateral import Measures, measure_blobs
+from vocc_torch.receiver.quadrilateral import measure_blobs
 from vocc_torch.types import Frames, Panels, PanelShape
 
 # Most pixels in one pass, to bound the memory; passes below the small size are not worth parting further.
@@ -339,27 +339,29 @@ def _level_choice(
     blobs: components.Blobs, masks: int, shape: PanelShape, search: LocatorLimits
 ) -> tuple[Choice, Tensor, Tensor]:
     """Choose at one level: the best blobs within limits, the pitch of the best of all, the labels."""
-    measures = measure_blobs(blobs, shape, search.quadrilateral)
-    passed = _within(measures, search)
+    blobs_of = (blobs.first, blobs.last, blobs.area_px, blobs.left_px, blobs.first_px[:, 1])
+    first, last, area_px, left, top = (one.cpu().numpy() for one in blobs_of)
+    measures = measure_blobs(first, last, area_px, np.stack([left, top], 1), shape, search)
+    parts = (measures.corners_px, measures.within, measures.score, measures.pitch_px)
+    corners_px, passed, score, pitch_px = (torch.from_numpy(one).to(blobs.frame.device) for one in parts)
     chosen = []
     # Each mask's allowed blob of highest score, the first of equals, M if there is none.
     for allowed in (passed, torch.ones_like(passed)):
         frame = blobs.frame[allowed]
-        highest = measures.score.new_zeros(masks)
-        highest = highest.scatter_reduce(0, frame, measures.score[allowed], "amax", include_self=False)
-        top = (allowed & (measures.score == highest[blobs.frame])).nonzero()[:, 0]
+        highest = score.new_zeros(masks)
+        highest = highest.scatter_reduce(0, frame, score[allowed], "amax", include_self=False)
+        top_blob = (allowed & (score == highest[blobs.frame])).nonzero()[:, 0]
         none = torch.full_like(blobs.components, len(blobs))
-        chosen.append(none.scatter_reduce(0, blobs.frame[top], top, "amin"))
+        chosen.append(none.scatter_reduce(0, blobs.frame[top_blob], top_blob, "amin"))
     best, likely = chosen
     found = (best < len(blobs)).nonzero()[:, 0]
-    blob, score = best[found], measures.score[best[found]]
-    choice = Choice.none(masks, best.device)
+    blob = best[found]
     candidates = torch.bincount(blobs.frame[passed], minlength=masks)[found]
-    panels = Panels(measures.corners_px[blob], score > 0, score, candidates)
-    choice.put(found, panels)
-    choice.first_px[found], choice.mask_px[found] = blobs.first_px[blob], blobs.mask_px[blob]
+    values = (corners_px[blob], score[blob] > 0, score[blob], candidates, blobs.first_px[blob])
+    choice = Choice.none(masks, best.device)
+    choice.put(found, Choice(*values, blobs.mask_px[blob]))
     label = torch.zeros_like(best).index_copy(0, found, blobs.label[blob])
-    return choice, torch.cat([measures.pitch_px, measures.pitch_px.new_zeros(1)])[likely], label
+    return choice, torch.cat([pitch_px, pitch_px.new_zeros(1)])[likely], label
 
 
 def choose_single(mask: Tensor, shape: PanelShape, search: LocatorLimits) -> tuple[Tensor, Choice]:
@@ -388,21 +390,14 @@ def choose_single(mask: Tensor, shape: PanelShape, search: LocatorLimits) -> tup
     single = [row for row in single if np.count_nonzero(closed[row]) >= search.min_area_px]
     if not single:
         return torch.zeros(0, dtype=torch.int64), Choice.none(0, mask.device)
-    lit, area_px = mask[single].numpy(), torch.from_numpy(closed[single].sum((1, 2)))
+    lit, area_px = mask.numpy()[single], closed[single].sum((1, 2))
     some = lit.any(2)
-    first = torch.from_numpy(np.where(some, lit.argmax(2), 0))
-    last = torch.from_numpy(np.where(some, lit.shape[2] - 1 - lit[..., ::-1].argmax(2), -1))
-    one, mask_px = torch.ones_like(area_px), torch.from_numpy(lit.sum((1, 2)))
-    seed = torch.stack([first[:, 0], 0 * one], 1)
-    order = one.cumsum(0)
-    blobs = components.Blobs(order - 1, order, seed, 0 * one, area_px, mask_px, first, last, one)
-    measures = measure_blobs(blobs, shape, search.quadrilateral)
-    sure = _within(measures, search) & (search.closing_px >= _REACH_PITCHES * measures.pitch_px)
-    choice = Choice(measures.corners_px, measures.score > 0, measures.score, one, seed, mask_px)
-    return torch.tensor(single)[sure], choice[sure]
-
-
-def _within(measures: Measures, search: LocatorLimits) -> Tensor:
-    """Whether each blob (M,) is within the limits."""
-    passed = measures.rectangularity >= search.min_rectangularity
-    return passed & (measures.compactness >= search.min_compactness)
+    first = np.where(some, lit.argmax(2), 0)
+    last = np.where(some, lit.shape[2] - 1 - lit[..., ::-1].argmax(2), -1)
+    one, seed = np.ones_like(area_px), np.stack([first[:, 0], 0 * area_px], 1)
+    measures = measure_blobs(first, last, area_px, 0 * seed, shape, search)
+    sure = measures.within & (search.closing_px >= _REACH_PITCHES * measures.pitch_px)
+    score = measures.score
+    parts = (measures.corners_px, score > 0, score, one, seed, lit.sum((1, 2)))
+    choice = Choice(*(torch.from_numpy(part[sure]) for part in parts))
+    return torch.from_numpy(np.array(single)[sure]), choice
