@@ -30,7 +30,7 @@ from vocc_torch.receiver.classifiers import (
     TagPlanes,
     TorchClassifier,
 )
-from vocc_torch.receiver.classifiers.module_file import ModuleFile
+from vocc_torch.receiver.classifiers.protocol import ModuleFile
 from vocc_torch.receiver.classifiers.rules import two_means
 from vocc_torch.receiver.classifiers.training import Checkpoint, TrainingRecipe
 from vocc_torch.receiver.flda import FLDA
@@ -166,36 +166,6 @@ def test_a_cnn_sees_pitch_beside_its_patch():
     assert not torch.equal(net(x), net(other))
 
 
-class Broken:
-    """Follows the protocol but for what is given."""
-
-    def __init__(self, scores):
-        self.scores = scores
-
-    def fit(self, x, bits):
-        return self
-
-    def decision_function(self, x):
-        return self.scores(x)
-
-
-@pytest.mark.parametrize(
-    ("classifier", "words"),
-    [
-        (object(), ["classifier mine", "fit"]),
-        (Broken(lambda x: x), ["classifier mine", "decision_function gave", "(1, 2, 2)"]),
-        (Broken(lambda x: x[..., 0].numpy()), ["classifier mine", "ndarray"]),
-        (Broken(lambda x: x[..., 0] * float("nan")), ["classifier mine", "not finite"]),
-        (Broken(lambda x: 1 / 0), ["classifier mine", "ZeroDivisionError"]),
-    ],
-)
-def test_a_broken_classifier_is_named(classifier, words):
-    with pytest.raises(VoccError) as refused:
-        Guarded("mine", classifier, Inputs()).decision_function(torch.ones(1, 2, 2, 3))
-    assert all(word in str(refused.value) for word in words), refused.value
-    assert "\n" not in str(refused.value)
-
-
 @pytest.mark.parametrize(
     "classifier",
     [
@@ -268,16 +238,6 @@ def test_a_training_that_was_interrupted_ends_with_the_same_weights(tmp_path):
     assert len(list(tmp_path.glob("*.pt"))) == 2
 
 
-def test_a_damaged_checkpoint_is_named(tmp_path):
-    recipe = replace(RECIPE, epochs=1, checkpoints=str(tmp_path))
-    module = Mlp(3, [8])
-    TorchClassifier(copy.deepcopy(module), recipe).fit(*panels())
-    (file,) = tmp_path.glob("*.pt")
-    file.write_bytes(file.read_bytes()[:100])
-    with pytest.raises(VoccError, match=r"checkpoint .*\.pt is damaged"):
-        TorchClassifier(module, recipe).fit(*panels())
-
-
 def test_no_bit_of_a_checkpoint_can_flip(tmp_path):
     """One bit anywhere, a byte more or less, or another's name: it is refused; as it was, it is loaded."""
     recipe = replace(RECIPE, epochs=1, checkpoints=str(tmp_path))
@@ -285,8 +245,8 @@ def test_no_bit_of_a_checkpoint_can_flip(tmp_path):
     TorchClassifier(copy.deepcopy(module), recipe).fit(*panels())
     checkpoint = Checkpoint(str(tmp_path), module, recipe, panels())
     whole, draws = checkpoint.path.read_bytes(), random.Random(5)
-    damaged = [whole[:-1], whole + b"0", b"", whole[32:]]
-    for bit in (0, 255, 256, *(draws.randrange(8 * len(whole)) for _ in range(300))):
+    damaged = [whole[:-1], whole[:100], whole + b"0", b"", whole[32:]]
+    for bit in (0, 255, 256, *(draws.randrange(8 * len(whole)) for _ in range(100))):
         flipped = bytearray(whole)
         flipped[bit // 8] ^= 1 << bit % 8
         damaged.append(bytes(flipped))

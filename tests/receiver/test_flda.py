@@ -143,14 +143,6 @@ def test_changes_of_dtype_leave_the_statistics_alone():
         assert torch.equal(flda.direction, direction)
 
 
-def test_autocast_does_not_reach_the_scores():
-    x, y = clouds(12)
-    flda = FLDA(3).fit(x, y)
-    with torch.autocast("cpu", dtype=torch.bfloat16):
-        inside = FLDA(3).fit(x, y)(x)
-    assert torch.equal(inside, flda(x))
-
-
 @pytest.mark.parametrize("assign", [False, True])
 def test_state_dict_round_trip_through_a_file(assign: bool):
     x, y = clouds(13)
@@ -168,16 +160,6 @@ def test_state_dict_round_trip_through_a_file(assign: bool):
     fresh.update(x + 1, y)
     same(fresh, flda.update(x + 1, y), rtol=0)  # goes on where the saved one stood
     assert torch.equal(used.count, state["count"])
-
-
-def test_a_solution_found_in_inference_mode_serves_autograd_later():
-    with torch.inference_mode():
-        flda = FLDA(2).fit(HAND_X, HAND_Y)
-        flda.predict(HAND_X)
-    points = HAND_X.clone().requires_grad_()
-    flda(points).sum().backward()
-    torch.testing.assert_close(points.grad, flda.direction.expand_as(points), rtol=0, atol=0)
-    assert FLDA(2).fit(points, HAND_Y).direction.requires_grad is False
 
 
 @pytest.mark.cuda

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -10,9 +8,9 @@ import pytest
 import torch
 
 from vocc_torch.errors import VoccError
-from vocc_torch.receiver import ladder
+from vocc_torch.receiver import location
 from vocc_torch.receiver.components import Components, Runs
-from vocc_torch.receiver.location import PaperLocator, paper_stages, quantised
+from vocc_torch.receiver.location import PaperLocator, paper_stages
 from vocc_torch.types import Frames, Panels, PanelShape
 
 SHAPE = PanelShape(8, 8)
@@ -88,13 +86,13 @@ def assert_same(ours: Panels, theirs: Panels) -> None:
 def levels_run(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """Note the level of each frame each time one is run."""
     levels: list[int] = []
-    collect = ladder.collect_blobs
+    collect = location.components.collect_blobs
 
     def spy(runs: Runs, *args: Components, min_area_px: int, level: int) -> object:
         levels.extend([level] * runs.size[0])
         return collect(runs, *args, min_area_px=min_area_px, level=level)
 
-    monkeypatch.setattr(ladder, "collect_blobs", spy)
+    monkeypatch.setattr(location.components, "collect_blobs", spy)
     return levels
 
 
@@ -213,11 +211,6 @@ def test_fragments_that_look_like_panels_give_way_to_the_whole() -> None:
     panels = PaperLocator(closing_px=13, quadrilateral="upright")(whole(grey), PanelShape(2, 2))
     assert panels.candidates.tolist() == [1]
     assert panels.corners_px[0].tolist() == [[30, 10], [90, 10], [90, 70], [30, 70]]
-
-
-def test_floating_values_are_rounded_to_the_nearest() -> None:
-    values = torch.tensor([-7.0, 0.49, 0.51, 99.6, 254.6, 1e6, 3e38])
-    assert quantised(values).tolist() == [0, 0, 1, 100, 255, 255, 255]
 
 
 @pytest.mark.parametrize(

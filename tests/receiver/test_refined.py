@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -8,12 +6,12 @@ import torch
 from torch import Tensor
 
 from vocc_torch.errors import VoccError
+from vocc_torch.receiver.foreground import bright_regions, local_background, ring_statistics
 from vocc_torch.receiver.lattice_fit import fit_lattice
 from vocc_torch.receiver.lattice_model import Lattice, corner_cells, search_lattice
 from vocc_torch.receiver.location import PaperLocator
 from vocc_torch.receiver.locators import RefinedLocator
 from vocc_torch.receiver.rectification import map_points
-from vocc_torch.receiver.foreground import bright_regions, local_background, ring_statistics
 from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.simulation import Camera, SceneModel, Simulator
 from vocc_torch.simulation.simulator import PAPER_EFFECTS
@@ -103,13 +101,6 @@ def test_what_no_lattice_explains_is_left_to_the_papers_locator() -> None:
     assert papers.found.tolist() == [True, True, False]
     for name in Panels.__slots__:
         assert torch.equal(getattr(ours, name), getattr(papers, name)), name
-
-
-def test_large_panels_are_left_to_the_papers_locator(
-    paper_scenes: tuple[Frames, Panels, torch.Tensor],
-) -> None:
-    frames, shape = paper_scenes[0][:3], PanelShape(17, 17)
-    assert torch.equal(RefinedLocator()(frames, shape).corners_px, PaperLocator()(frames, shape).corners_px)
 
 
 @pytest.mark.parametrize("share", [-0.1, 1.1])

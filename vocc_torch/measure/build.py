@@ -29,11 +29,9 @@ from vocc_torch.measure.plan import (
     parsed_scene,
 )
 from vocc_torch.receiver.bank import RECEIVER_NAMES
+from vocc_torch.receiver.classifiers.adapters import SklearnClassifier, TorchClassifier, is_estimator
 from vocc_torch.receiver.classifiers.inputs import Inputs
-from vocc_torch.receiver.classifiers.module_file import ModuleFile
-from vocc_torch.receiver.classifiers.protocol import Guarded
-from vocc_torch.receiver.classifiers.sklearn_adapter import SklearnClassifier, is_estimator
-from vocc_torch.receiver.classifiers.torch_classifier import TorchClassifier
+from vocc_torch.receiver.classifiers.protocol import Guarded, ModuleFile
 from vocc_torch.receiver.classifiers.training import TrainingRecipe
 from vocc_torch.receiver.location import PaperLocator
 from vocc_torch.receiver.reader import Reader

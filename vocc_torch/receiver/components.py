@@ -111,9 +111,9 @@ class Runs:
         if bool(chosen.all()):
             return self
         kept = chosen[self.frame]
-        rows = (one[kept] for one in (self.row, self.start, self.end, self.pixels))
         frame = (chosen.cumsum(0) - 1)[self.frame[kept]]
-        return type(self)(frame, *rows, (int(chosen.sum()), *self.size[1:]))
+        row, start, end, pixels = (one[kept] for one in (self.row, self.start, self.end, self.pixels))
+        return type(self)(frame, row, start, end, pixels, (int(chosen.sum()), *self.size[1:]))
 
 
 @dataclass(frozen=True, slots=True)

@@ -177,7 +177,7 @@ def _amplitudes(light: Tensor, model: Model) -> Tensor:
         products.diagonal(dim1=1, dim2=2).add_(1e-6)
         inverses.append(torch.linalg.solve(products, value.mT).to(torch.float32))
     down, across = inverses
-    found = down @ light @ across.mT
+    found: Tensor = down @ light @ across.mT
     white = model.grey >= _SATURATED_DN
     some = white.flatten(1).any(1).nonzero()[:, 0]
     if len(some):

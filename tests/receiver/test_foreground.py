@@ -1,4 +1,4 @@
-from __future__ import annotations
+"""Otsu's threshold against OpenCV and exact arithmetic, histograms of crops, frames cut to what is uneven."""
 
 from fractions import Fraction
 
@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vocc_torch.errors import VoccError
-from vocc_torch.receiver.foreground import histogram256, otsu_threshold, sensor_histogram
+from vocc_torch.receiver.foreground import histogram256, otsu_threshold, sensor_histogram, trimmed
 from vocc_torch.types import Frames
 
 
@@ -101,3 +101,25 @@ def test_a_crop_larger_than_its_sensor_is_refused() -> None:
 def test_other_types_than_uint8_are_refused() -> None:
     with pytest.raises(VoccError, match="float32"):
         histogram256(torch.zeros(1, 1, 2, 2))
+
+
+def test_a_trimmed_frame_is_the_frame_on_one_grey_value():
+    rng, full = np.random.default_rng(6), np.full((4, 301, 400), 30, dtype=np.uint8)
+    full[1] += 9
+    for frame, (y, x) in zip(full, ((0, 0), (290, 380), (100, 17), (40, 40)), strict=True):
+        frame[y + 1 : y + 6, x + 2 : x + 9] = rng.integers(0, 256, (5, 7))
+    whole = Frames.whole(torch.from_numpy(full))
+    crop = trimmed(whole)
+    height, width = crop.grey.shape[-2:]
+    assert (height, width) < (24, 24)
+    for frame, grey, (x, y), level in zip(
+        full, crop.grey, crop.origin_px.tolist(), crop.surround, strict=True
+    ):
+        again = np.full_like(frame, int(level))
+        again[y : y + height, x : x + width] = grey[0]
+        np.testing.assert_array_equal(again, frame)
+    assert torch.equal(sensor_histogram(crop), sensor_histogram(whole))
+    for place in ((0, 3), (300, 399)):  # uneven in the first row; in a block that the border cuts
+        full[2][place] ^= 1
+        assert trimmed(whole) is whole
+        full[2][place] ^= 1
