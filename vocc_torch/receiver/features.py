@@ -120,12 +120,12 @@ def neighbour_greyscale_ratio(means: Tensor) -> Tensor:
 
 
 @lru_cache(maxsize=16)
+@torch.inference_mode(False)
 def _ring(dtype: torch.dtype, device: torch.device) -> Tensor:
     """Kernel (1,1,3,3) that takes the mean of a cell's eight neighbours."""
-    with torch.inference_mode(False):
-        ring = torch.full((1, 1, 3, 3), 1 / 8, dtype=dtype, device=device)
-        ring[..., 1, 1] = 0.0
-        return ring
+    ring = torch.full((1, 1, 3, 3), 1 / 8, dtype=dtype, device=device)
+    ring[..., 1, 1] = 0.0
+    return ring
 
 
 def radial_inward_field(samples_per_led: int, dtype: torch.dtype, device: torch.device) -> Tensor:
@@ -144,10 +144,10 @@ def radial_inward_field(samples_per_led: int, dtype: torch.dtype, device: torch.
 
 
 @lru_cache(maxsize=16)
+@torch.inference_mode(False)
 def _inward_fields(samples: int, shape: PanelShape, dtype: torch.dtype, device: torch.device) -> Tensor:
     """The inward field repeated for every LED of a panel, (2,R*K,C*K)."""
-    with torch.inference_mode(False):
-        return radial_inward_field(samples, dtype, device).repeat(1, shape.rows, shape.columns)
+    return radial_inward_field(samples, dtype, device).repeat(1, shape.rows, shape.columns)
 
 
 def image_gradient(patches: Tensor, kernel: Gradient) -> Tensor:

@@ -2,7 +2,7 @@
 
 import warnings
 from collections.abc import Callable, Sequence
-from typing import Self
+from typing import Any, Self
 
 import torch
 from torch import Tensor, nn
@@ -62,9 +62,6 @@ class FLDA(nn.Module):
         for name in _PARTS:
             self.register_buffer(name, getattr(start, name))
         self._solution: Discriminant | None = None
-        # Both hooks are functions of this module, so that copies and pickles keep them; torch has no hints.
-        self.register_load_state_dict_pre_hook(_before_load)  # type: ignore[no-untyped-call]
-        self.register_load_state_dict_post_hook(_after_load)  # type: ignore[no-untyped-call]
 
     @property
     def n_features(self) -> int:
@@ -214,6 +211,15 @@ class FLDA(nn.Module):
         self._solution = None
         return self
 
+    def _load_from_state_dict(self, state: dict[str, Tensor], prefix: str, *rest: Any) -> None:
+        """Take over statistics, in their dtypes; an older version wrote sums as two numbers each."""
+        for name in ("mean", "scatter"):
+            if (smaller := state.pop(f"{prefix}{name}_rest", None)) is not None:
+                state[f"{prefix}{name}"] = state[f"{prefix}{name}"] + smaller
+        super()._load_from_state_dict(state, prefix, *rest)  # type: ignore[no-untyped-call]
+        self.count, self.mean = self.count.to(torch.int64), self.mean.to(torch.float64)
+        self.scatter, self._solution = self.scatter.to(torch.float64), None
+
 
 def _require_both(seen: ClassScatter) -> None:
     """Refuse statistics in which a class has no samples, by its name."""
@@ -223,19 +229,3 @@ def _require_both(seen: ClassScatter) -> None:
     if not off or not on:
         seen_none = f"FLDA has seen no {'On (bit 1)' if off else 'Off (bit 0)'} sample"
         raise VoccError(f"{seen_none}, only {off + on} of the other class: it needs both")
-
-
-def _before_load(_module: nn.Module, state: dict[str, Tensor], prefix: str, *_rest: object) -> None:
-    """Add up means and scatters that an older version wrote as sums of two numbers each."""
-    for name in ("mean", "scatter"):
-        if (rest := state.pop(f"{prefix}{name}_rest", None)) is not None:
-            state[f"{prefix}{name}"] = state[f"{prefix}{name}"] + rest
-
-
-def _after_load(module: nn.Module, _incompatible: object) -> None:
-    """Drop the solution of the statistics that ``load_state_dict`` has just replaced, and hold the dtypes."""
-    if isinstance(module, FLDA):
-        for name in _PARTS:
-            dtype = torch.int64 if name == "count" else torch.float64
-            setattr(module, name, getattr(module, name).to(dtype))
-        module._solution = None

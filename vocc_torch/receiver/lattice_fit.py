@@ -103,19 +103,22 @@ def _improved(frames: Frames, lattice: Lattice, number: int) -> tuple[Lattice, L
     jacobian = _changes(model, lattice) * (slope * root)[:, None]
     variance = (rest.square().mean(1) + lattice_model.ROUNDING_DN**2).to(torch.float64)[:, None]
     curvature = (jacobian @ jacobian.mT).to(torch.float64) / variance[..., None]
-    curvature += _damping(_STIFF if number < _STIFF_STEPS else _EXPECTED, curvature.device)
+    expected = torch.tensor(_STIFF if number < _STIFF_STEPS else _EXPECTED, dtype=torch.float64)
+    curvature += torch.diag(expected**-2).to(curvature.device)
     slopes = (jacobian @ rest[..., None])[..., 0].to(torch.float64) / variance
     step = torch.linalg.solve(curvature, slopes)
     greatest = step[:, :8].abs().amax(1)
-    after = _applied(step * (_MOST_CELLS / greatest.clamp(min=_MOST_CELLS))[:, None], lattice)
+    step = step * (_MOST_CELLS / greatest.clamp(min=_MOST_CELLS))[:, None]
+    cells, fields = _fields(lattice.shape, step.device)
+    moves = torch.stack([step[:, :4] @ fields, step[:, 4:8] @ fields], 2)
+    after = replace(
+        lattice,
+        corners_px=map_points(lattice.corners_px, cells + moves, lattice.shape),
+        blur=(lattice.blur + step[:, 8:10]).clamp(*_BLUR_CELLS),
+        levels=lattice.levels + step[:, 10:12],
+        background=(lattice.background + step[:, 12]).clamp(0, 1),
+    )
     return before, after, unsettled | (greatest >= _STILL_CELLS)
-
-
-@lru_cache(maxsize=8)
-def _damping(expected: tuple[float, ...], device: torch.device) -> Tensor:
-    """Return the curvature that stands for what is expected of each value, as a diagonal matrix."""
-    with torch.inference_mode(False):
-        return torch.diag(torch.tensor(expected, dtype=torch.float64) ** -2).to(device)
 
 
 def _changes(model: Model, lattice: Lattice) -> Tensor:
@@ -131,38 +134,18 @@ def _changes(model: Model, lattice: Lattice) -> Tensor:
     lit = torch.bmm(torch.cat([across, down], 1), amplitude)
     by_x = torch.bmm(lit[:, : 2 * high], sideways.mT).view(batch, 2, high, 3, wide).transpose(2, 3)
     by_y = torch.bmm(lit[:, 2 * high :], straight.mT).view(batch, 3, high, 2, wide).transpose(2, 3)
-    changes = [
-        by_x[:, :, :2].reshape(batch, 4, -1),
-        by_y[:, :2].reshape(batch, 4, -1),
-        by_x[:, 0, 2].reshape(batch, 1, -1),
-        by_y[:, 2, 0].reshape(batch, 1, -1),
-        model.parts.flatten(2),
-        torch.ones_like(model.grey).flatten(1)[:, None],
-    ]
-    return torch.cat(changes, 1)
-
-
-def _applied(step: Tensor, lattice: Lattice) -> Lattice:
-    """Move corners by their fields, and the other values by their steps."""
-    shape = lattice.shape
-    cells, fields = _fields(shape, step.device)
-    moves = torch.stack([step[:, :4] @ fields, step[:, 4:8] @ fields], 2)
-    return replace(
-        lattice,
-        corners_px=map_points(lattice.corners_px, cells + moves, shape),
-        blur=(lattice.blur + step[:, 8:10]).clamp(*_BLUR_CELLS),
-        levels=lattice.levels + step[:, 10:12],
-        background=(lattice.background + step[:, 12]).clamp(0, 1),
-    )
+    changes = [by_x[:, :, :2], by_y[:, :2], by_x[:, 0, 2], by_y[:, 2, 0]]
+    changes += [model.parts, torch.ones_like(model.grey)]
+    return torch.cat([one.reshape(batch, -1, high * wide) for one in changes], 1)
 
 
 @lru_cache(maxsize=32)
+@torch.inference_mode(False)
 def _fields(shape: PanelShape, device: torch.device) -> tuple[Tensor, Tensor]:
     """Return the corners' cells (4,2), and the fields 1, u, v and uv at them, (4,4)."""
-    with torch.inference_mode(False):
-        cells = corner_cells(shape)
-        u, v = (2 * cells / cells.amax(0) - 1).unbind(1)
-        return cells.to(device), torch.stack([torch.ones_like(u), u, v, u * v]).to(device)
+    cells = corner_cells(shape)
+    u, v = (2 * cells / cells.amax(0) - 1).unbind(1)
+    return cells.to(device), torch.stack([torch.ones_like(u), u, v, u * v]).to(device)
 
 
 def _amplitudes(light: Tensor, model: Model) -> Tensor:

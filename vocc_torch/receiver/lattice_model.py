@@ -102,6 +102,7 @@ def grey_values(light: Tensor) -> Tensor:
 
 
 @lru_cache(maxsize=64)
+@torch.inference_mode(False)
 def corner_cells(shape: PanelShape, beyond: float = 0.0) -> Tensor:
     """Return the cell coordinates of the corners, (4,2) float64, or of points ``beyond`` cells outside them.
 
@@ -111,9 +112,7 @@ def corner_cells(shape: PanelShape, beyond: float = 0.0) -> Tensor:
     """
     least, right, low = 0 - beyond, shape.columns + beyond, shape.rows + beyond
     ends = [[least, least], [right, least], [right, low], [least, low]]
-    # A normal tensor even inside inference_mode, for it is kept.
-    with torch.inference_mode(False):
-        return torch.tensor(ends, dtype=torch.float64)
+    return torch.tensor(ends, dtype=torch.float64)
 
 
 def sample_cells(leds: int, margin: int) -> Tensor:
@@ -167,12 +166,12 @@ class Spots:
 
 
 @lru_cache(maxsize=32)
+@torch.inference_mode(False)
 def _axis(leds: int, device: torch.device) -> tuple[Tensor, Tensor]:
     """Return samples less the middles of an axis's spots, (N,n) cells, and the levers (n,)."""
-    with torch.inference_mode(False):
-        centre = torch.arange(leds, dtype=torch.float32) + 0.5
-        apart = sample_cells(leds, MARGIN).to(centre)[:, None] - centre
-        return apart.to(device), (2 * centre / leds - 1).to(device)
+    centre = torch.arange(leds, dtype=torch.float32) + 0.5
+    apart = sample_cells(leds, MARGIN).to(centre)[:, None] - centre
+    return apart.to(device), (2 * centre / leds - 1).to(device)
 
 
 @dataclass(frozen=True, slots=True)

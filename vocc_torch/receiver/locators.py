@@ -70,7 +70,7 @@ class RefinedLocator:
     def __post_init__(self) -> None:
         """Refuse a share out of its range."""
         if not 0 <= self.min_share <= 1:
-            raise VoccError(f"location.min_share is {self.min_share}: it must be 0 to 1")
+            raise VoccError.of("location.min_share", self.min_share, "0 to 1")
 
     def __call__(self, frames: Frames, shape: PanelShape) -> Panels:
         """Locate the panel of ``shape`` in each frame; zero corners and score where there is none.
@@ -228,7 +228,7 @@ def locator_named(name: LocatorName, paper: PaperLocator) -> PanelLocator:
         9
     """
     if name not in get_args(LocatorName):
-        raise VoccError(f"receiver.locator is {name!r}: it must be {' or '.join(get_args(LocatorName))}")
+        raise VoccError.of("receiver.locator", repr(name), " or ".join(get_args(LocatorName)))
     return RefinedLocator(paper) if name == "refined" else paper
 
 
@@ -239,9 +239,8 @@ def locator_settings(locator: PanelLocator) -> dict[str, object]:
         >>> locator_settings(RefinedLocator())["name"]
         'refined'
     """
-    if isinstance(locator, PaperLocator):
-        return asdict(locator)
-    return {"name": "refined", **asdict(locator)}
+    name = {} if isinstance(locator, PaperLocator) else {"name": "refined"}
+    return {**name, **asdict(locator)}
 
 
 def locator_from(settings: Mapping[str, Any]) -> PanelLocator:
@@ -257,8 +256,8 @@ def locator_from(settings: Mapping[str, Any]) -> PanelLocator:
     """
     rest = dict(settings)
     name = rest.pop("name", "paper")
-    if name == "paper":
-        return PaperLocator(**rest)
-    if name != "refined":
+    if name not in get_args(LocatorName):
         raise ValueError(f"its locator is {name!r}")
-    return RefinedLocator(**{**rest, "paper": PaperLocator(**rest["paper"])})
+    return (
+        PaperLocator(**rest) if name == "paper" else RefinedLocator(PaperLocator(**rest.pop("paper")), **rest)
+    )
