@@ -98,17 +98,6 @@ def test_sobel_is_opencvs_normalised_by_8(dtype):
         )
 
 
-def test_central_is_eq_6_to_the_letter():
-    image = random_patches(3, PanelShape(1, 2), 6)
-    padded = np.pad(image[0, 0].numpy(), 1, mode="edge")
-    ours = image_gradient(image, "central")[0].numpy()
-    rows, columns = image.shape[-2:]
-    for y in range(rows):
-        for x in range(columns):
-            assert ours[0, y, x] == padded[y + 1, x + 2] - padded[y + 1, x]
-            assert ours[1, y, x] == padded[y + 2, x + 1] - padded[y, x + 1]
-
-
 def test_an_unknown_gradient_is_refused_by_name():
     with pytest.raises(
         VoccError, match=r"^receiver.gradient is 'prewitt': it must be one of sobel, central$"
@@ -165,7 +154,7 @@ greys = st.integers(0, 10_000)
 
 
 @given(greys, st.floats(1e-3, 1e3))
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=20, deadline=None)
 def test_agr_and_ngr_do_not_see_the_gain_and_gri_is_proportional_to_it(seed, gain):
     shape = PanelShape(3, 4)
     patches = random_patches(seed, shape, 4) + 1

@@ -83,16 +83,6 @@ def test_patches_are_scipys_bilinear_reading_at_opencvs_points(name, dtype):
     np.testing.assert_allclose(patch[0, 0].numpy(), expected, rtol=0, atol=1e-3)
 
 
-def test_uint8_frames_are_read_as_float32():
-    image = picture(4).round()
-    panels = Panels.known(corners_of(QUADRILATERALS["rotated"]))
-    bytes_, floats = (
-        rectify(Frames.whole(image[None].to(t)), panels, SHAPE, 8) for t in (torch.uint8, torch.float32)
-    )
-    assert bytes_.dtype == torch.float32
-    assert torch.equal(bytes_, floats)
-
-
 def test_beyond_the_border_the_border_pixels_go_on():
     """A panel that fills the frame: its margin of one cell reads replicated border pixels."""
     image = picture(5, 40, 50)
@@ -144,14 +134,6 @@ def test_samples_of_a_near_panel_are_area_means_of_the_pixels():
     patch = rectify(Frames.whole(image[None]), panels, SHAPE, 8)[0, 0]
     blocks = image[5:245, 10:290].reshape(48, 5, 56, 5).mean(dim=(1, 3))
     torch.testing.assert_close(patch, blocks, rtol=0, atol=1e-9)
-
-
-def test_fine_stripes_on_a_near_panel_are_averaged_and_not_aliased():
-    stripes = torch.zeros(1, 240, 300, dtype=torch.uint8)
-    stripes[..., ::2] = 200
-    panels = Panels.known(corners_of([(60.3, 50), (220.3, 50), (220.3, 178), (60.3, 178)]))
-    patch = rectify(Frames.whole(stripes), panels, SHAPE, 8)
-    torch.testing.assert_close(patch, torch.full_like(patch, 100.0), rtol=0, atol=1e-3)
 
 
 # Sizes, centres, batches, wild corners
