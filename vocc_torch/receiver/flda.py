@@ -216,7 +216,7 @@ class FLDA(nn.Module):
         for name in ("mean", "scatter"):
             if (smaller := state.pop(f"{prefix}{name}_rest", None)) is not None:
                 state[f"{prefix}{name}"] = state[f"{prefix}{name}"] + smaller
-        super()._load_from_state_dict(state, prefix, *rest)  # type: ignore[no-untyped-call]
+        super()._load_from_state_dict(state, prefix, *rest)
         self.count, self.mean = self.count.to(torch.int64), self.mean.to(torch.float64)
         self.scatter, self._solution = self.scatter.to(torch.float64), None
 
