@@ -41,7 +41,6 @@ TESTS = {
     "vocc_torch/simulation/photometry.py": ("tests/simulation/test_photometry.py",),
     "vocc_torch/receiver/features.py": (
         "tests/receiver/test_features.py",
-        "tests/receiver/test_features_edges.py",
         "tests/numerics/test_features_hard_cases.py",
     ),
     "vocc_torch/measure/intervals.py": (

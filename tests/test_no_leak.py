@@ -15,7 +15,7 @@ from paper_runs import white
 from vocc_torch.measure import sweep as sweep_module
 from vocc_torch.measure import train as train_module
 from vocc_torch.measure.plan import Experiment
-from vocc_torch.receiver.classifiers.torch_classifier import TorchClassifier
+from vocc_torch.receiver.classifiers.adapters import TorchClassifier
 from vocc_torch.receiver.classifiers.training import TrainingRecipe
 from vocc_torch.rng import BlockKey
 from vocc_torch.studies.tradeoff import plan as tradeoff_module

@@ -14,7 +14,7 @@ import torch
 from vocc_torch.measure import plan as identity_module
 from vocc_torch.measure.ledger import canonical
 from vocc_torch.measure.plan import Budget, ClassifierPlan, Experiment, Plan, ReceiverPlan, World, identity
-from vocc_torch.receiver.classifiers.module_file import ModuleFile
+from vocc_torch.receiver.classifiers.protocol import ModuleFile
 from vocc_torch.receiver.classifiers.training import TrainingRecipe
 from vocc_torch.simulation import Distribution
 from vocc_torch.simulation.effects.registry import PHYSICAL_ORDER

@@ -54,6 +54,7 @@ class Plain:
         (Plain(decide=lambda s: [True]), "predict gave list"),
         (Plain(decide=lambda s: 1 / 0), "predict failed (ZeroDivisionError"),
         (Plain(lambda s: exit(0)), "decision_function failed (SystemExit: 0)"),
+        (Plain(lambda s: s * float("nan")), "decision_function gave scores that are not finite"),
     ],
 )
 def test_what_is_no_score_and_no_decision_is_refused_in_one_line(plain, words):

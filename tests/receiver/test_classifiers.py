@@ -17,20 +17,8 @@ from sklearn.linear_model import LogisticRegression
 from torch import nn
 
 from vocc_torch.errors import VoccError
-from vocc_torch.receiver.classifiers import (
-    FldaClassifier,
-    Guarded,
-    Inputs,
-    LmmseEqualizer,
-    Mlp,
-    PanelKMeans,
-    PanelOtsu,
-    PatchCnn,
-    SklearnClassifier,
-    TagPlanes,
-    TorchClassifier,
-)
-from vocc_torch.receiver.classifiers.module_file import ModuleFile
+from vocc_torch.receiver import classifiers
+from vocc_torch.receiver.classifiers.protocol import ModuleFile
 from vocc_torch.receiver.classifiers.rules import two_means
 from vocc_torch.receiver.classifiers.training import Checkpoint, TrainingRecipe
 from vocc_torch.receiver.flda import FLDA
@@ -45,7 +33,7 @@ def panels(frames=40, rows=4, columns=4, features=3, seed=0):
 
 def test_flda_on_any_inputs_is_scikit_learns():
     x, bits = panels()
-    mine = FldaClassifier().fit(x, bits)
+    mine = classifiers.FldaClassifier().fit(x, bits)
     theirs = LinearDiscriminantAnalysis(priors=[0.5, 0.5]).fit(
         x.reshape(-1, 3).numpy(), bits.reshape(-1).numpy()
     )
@@ -53,20 +41,10 @@ def test_flda_on_any_inputs_is_scikit_learns():
     np.testing.assert_allclose(mine.decision_function(x).numpy(), scores, rtol=2e-3, atol=1e-3)
 
 
-def test_streamed_flda_is_fitted_flda():
-    x, bits = panels()
-    streamed = FldaClassifier().fit_stream(
-        lambda first, count: zip(x.split(7), bits.split(7), strict=True), 40
-    )
-    torch.testing.assert_close(
-        streamed.decision_function(x), FldaClassifier().fit(x, bits).decision_function(x)
-    )
-
-
 def test_a_trained_flda_is_what_decides_and_no_more():
     """Its scores are FLDA's to the last bit, and pickled it has two numbers an input, not their square."""
     x, bits = panels(features=145)
-    flda, mine = FLDA(145).fit(x, bits), FldaClassifier().fit(x, bits)
+    flda, mine = FLDA(145).fit(x, bits), classifiers.FldaClassifier().fit(x, bits)
     assert torch.equal(mine.decision_function(x), flda.decision_function(x))
     assert mine.parameters_count == 146
     assert len(pickle.dumps(mine)) < 2 * 8 * 145 + 2000 < len(pickle.dumps(flda)) / 50
@@ -83,7 +61,7 @@ def test_the_equalizer_undoes_a_blur_that_grows_with_distance():
     windows = wide.unfold(1, 3, 1).unfold(2, 3, 1).flatten(3)
     x = torch.cat([windows, spread[..., None].expand(*bits.shape, 1)], dim=-1)
     plain = (own - two_means(own.flatten(1)).view(-1, 1, 1) >= 0) != bits
-    equalized = LmmseEqualizer(classes=6).fit(x, bits).predict(x) != bits
+    equalized = classifiers.LmmseEqualizer(classes=6).fit(x, bits).predict(x) != bits
     assert int(equalized.sum()) < int(plain.sum()) / 2
 
 
@@ -107,7 +85,7 @@ def test_two_means_has_the_least_sum_of_squares(values):
 def test_panel_otsu_has_opencvs_threshold():
     generator = torch.Generator().manual_seed(1)
     x = torch.randint(0, 256, (5, 4, 4, 4), generator=generator).float() / 255
-    for panel, scores in zip(x, PanelOtsu().decision_function(x), strict=True):
+    for panel, scores in zip(x, classifiers.PanelOtsu().decision_function(x), strict=True):
         greys = (panel * 255).round().to(torch.uint8).reshape(-1, 1).numpy()
         threshold = cv2.threshold(greys, 0, 255, cv2.THRESH_BINARY + cv2.THRESH_OTSU)[0]
         expected = panel.double().mean(dim=-1) * 255 - (threshold + 0.5)
@@ -123,8 +101,8 @@ def test_tag_planes_follow_a_slope_that_one_threshold_cannot():
     errors = {
         kind: int((one.predict(x[..., which]) != bits).sum())
         for kind, one, which in (
-            ("planes", TagPlanes(0.0, 4), slice(None)),
-            ("means", PanelKMeans(), slice(4, 5)),
+            ("planes", classifiers.TagPlanes(0.0, 4), slice(None)),
+            ("means", classifiers.PanelKMeans(), slice(4, 5)),
         )
     }
     assert errors["planes"] < errors["means"] / 5
@@ -136,7 +114,7 @@ RECIPE = TrainingRecipe(frames=40, epochs=6, batch_leds=64, learning_rate=0.02)
 def trained(seed=0, **changes):
     torch.manual_seed(seed)
     recipe = TrainingRecipe(**{name: getattr(RECIPE, name) for name in RECIPE.__slots__} | changes)
-    return TorchClassifier(Mlp(3, [8]), recipe).fit(*panels())
+    return classifiers.TorchClassifier(classifiers.Mlp(3, [8]), recipe).fit(*panels())
 
 
 def test_a_network_learns_and_its_seed_says_all():
@@ -148,7 +126,7 @@ def test_a_network_learns_and_its_seed_says_all():
 
 
 def test_the_best_pass_is_kept():
-    one = trained(epochs=30, patience=30, learning_rate=0.3)
+    one = trained(epochs=12, patience=12, learning_rate=0.3)
     held = round(0.1 * 40)
     x, bits = panels()
     scores = one.decision_function(x[-held:]).reshape(-1)
@@ -158,7 +136,7 @@ def test_the_best_pass_is_kept():
 
 def test_a_cnn_sees_pitch_beside_its_patch():
     torch.manual_seed(0)
-    net = PatchCnn(n_inputs=65)
+    net = classifiers.PatchCnn(n_inputs=65)
     x = torch.rand(2, 3, 3, 65)
     other = x.clone()
     other[..., -1] += 1
@@ -166,56 +144,33 @@ def test_a_cnn_sees_pitch_beside_its_patch():
     assert not torch.equal(net(x), net(other))
 
 
-class Broken:
-    """Follows the protocol but for what is given."""
-
-    def __init__(self, scores):
-        self.scores = scores
-
-    def fit(self, x, bits):
-        return self
-
-    def decision_function(self, x):
-        return self.scores(x)
-
-
-@pytest.mark.parametrize(
-    ("classifier", "words"),
-    [
-        (object(), ["classifier mine", "fit"]),
-        (Broken(lambda x: x), ["classifier mine", "decision_function gave", "(1, 2, 2)"]),
-        (Broken(lambda x: x[..., 0].numpy()), ["classifier mine", "ndarray"]),
-        (Broken(lambda x: x[..., 0] * float("nan")), ["classifier mine", "not finite"]),
-        (Broken(lambda x: 1 / 0), ["classifier mine", "ZeroDivisionError"]),
-    ],
-)
-def test_a_broken_classifier_is_named(classifier, words):
-    with pytest.raises(VoccError) as refused:
-        Guarded("mine", classifier, Inputs()).decision_function(torch.ones(1, 2, 2, 3))
-    assert all(word in str(refused.value) for word in words), refused.value
-    assert "\n" not in str(refused.value)
-
-
 @pytest.mark.parametrize(
     "classifier",
     [
-        FldaClassifier(),
-        LmmseEqualizer(2),
-        SklearnClassifier(LogisticRegression()),
-        TorchClassifier(Mlp(3, [4]), RECIPE),
-        PanelKMeans(),
+        classifiers.FldaClassifier(),
+        classifiers.LmmseEqualizer(2),
+        classifiers.SklearnClassifier(LogisticRegression()),
+        classifiers.TorchClassifier(classifiers.Mlp(3, [4]), RECIPE),
+        classifiers.PanelKMeans(),
     ],
     ids=lambda one: type(one).__name__,
 )
 def test_a_pickled_classifier_decides_the_same(classifier):
     x, bits = panels()
-    guarded = Guarded("mine", classifier, Inputs())
+    guarded = classifiers.Guarded("mine", classifier, classifiers.Inputs())
     guarded.fit(x, bits)
     again = pickle.loads(pickle.dumps(guarded))
     assert torch.equal(again.decision_function(x), guarded.decision_function(x))
 
 
-@pytest.mark.parametrize("classifier", [FldaClassifier(), LmmseEqualizer(), TorchClassifier(Mlp(3))])
+@pytest.mark.parametrize(
+    "classifier",
+    [
+        classifiers.FldaClassifier(),
+        classifiers.LmmseEqualizer(),
+        classifiers.TorchClassifier(classifiers.Mlp(3)),
+    ],
+)
 def test_an_untrained_one_says_so(classifier):
     with pytest.raises(VoccError, match="fit first"):
         classifier.decision_function(torch.zeros(1, 2, 2, 3))
@@ -223,8 +178,13 @@ def test_an_untrained_one_says_so(classifier):
 
 def test_scores_do_not_depend_on_the_batch():
     x, bits = panels()
-    for one in (FldaClassifier(), LmmseEqualizer(3), PanelKMeans(), SklearnClassifier(LogisticRegression())):
-        guarded = Guarded("mine", one, Inputs())
+    for one in (
+        classifiers.FldaClassifier(),
+        classifiers.LmmseEqualizer(3),
+        classifiers.PanelKMeans(),
+        classifiers.SklearnClassifier(LogisticRegression()),
+    ):
+        guarded = classifiers.Guarded("mine", one, classifiers.Inputs())
         guarded.fit(x, bits)
         whole = guarded.decision_function(x)
         alone = torch.cat([guarded.decision_function(part) for part in itertools.chain(x.split(1))])
@@ -236,7 +196,7 @@ class Interrupted(nn.Module):
 
     def __init__(self, last):
         super().__init__()
-        self.inner, self.passes, self.last = Mlp(3, [8]), 0, last
+        self.inner, self.passes, self.last = classifiers.Mlp(3, [8]), 0, last
 
     def train(self, mode=True):
         self.passes += mode
@@ -254,39 +214,31 @@ def test_a_training_that_was_interrupted_ends_with_the_same_weights(tmp_path):
     torch.manual_seed(1)
     first, again = Interrupted(3), Interrupted(100)
     again.load_state_dict(first.state_dict())
-    undisturbed = TorchClassifier(copy.deepcopy(again), replace(recipe, checkpoints=None)).fit(*panels())
+    undisturbed = classifiers.TorchClassifier(copy.deepcopy(again), replace(recipe, checkpoints=None)).fit(
+        *panels()
+    )
     with pytest.raises(KeyboardInterrupt):
-        TorchClassifier(first, recipe).fit(*panels())
+        classifiers.TorchClassifier(first, recipe).fit(*panels())
     assert len(list(tmp_path.glob("*.pt"))) == 1
-    resumed = TorchClassifier(again, recipe).fit(*panels())
+    resumed = classifiers.TorchClassifier(again, recipe).fit(*panels())
     assert (again.passes, undisturbed.module.passes) == (3, 6)
     assert resumed.losses == undisturbed.losses
     assert resumed.earlier_s > 0
     for name, tensor in undisturbed.module.state_dict().items():
         assert torch.equal(again.state_dict()[name], tensor), name
-    TorchClassifier(Interrupted(100), replace(recipe, learning_rate=1e-3)).fit(*panels())
+    classifiers.TorchClassifier(Interrupted(100), replace(recipe, learning_rate=1e-3)).fit(*panels())
     assert len(list(tmp_path.glob("*.pt"))) == 2
-
-
-def test_a_damaged_checkpoint_is_named(tmp_path):
-    recipe = replace(RECIPE, epochs=1, checkpoints=str(tmp_path))
-    module = Mlp(3, [8])
-    TorchClassifier(copy.deepcopy(module), recipe).fit(*panels())
-    (file,) = tmp_path.glob("*.pt")
-    file.write_bytes(file.read_bytes()[:100])
-    with pytest.raises(VoccError, match=r"checkpoint .*\.pt is damaged"):
-        TorchClassifier(module, recipe).fit(*panels())
 
 
 def test_no_bit_of_a_checkpoint_can_flip(tmp_path):
     """One bit anywhere, a byte more or less, or another's name: it is refused; as it was, it is loaded."""
     recipe = replace(RECIPE, epochs=1, checkpoints=str(tmp_path))
-    module, cpu = Mlp(3, [8]), torch.device("cpu")
-    TorchClassifier(copy.deepcopy(module), recipe).fit(*panels())
+    module, cpu = classifiers.Mlp(3, [8]), torch.device("cpu")
+    classifiers.TorchClassifier(copy.deepcopy(module), recipe).fit(*panels())
     checkpoint = Checkpoint(str(tmp_path), module, recipe, panels())
     whole, draws = checkpoint.path.read_bytes(), random.Random(5)
-    damaged = [whole[:-1], whole + b"0", b"", whole[32:]]
-    for bit in (0, 255, 256, *(draws.randrange(8 * len(whole)) for _ in range(300))):
+    damaged = [whole[:-1], whole[:100], whole + b"0", b"", whole[32:]]
+    for bit in (0, 255, 256, *(draws.randrange(8 * len(whole)) for _ in range(100))):
         flipped = bytearray(whole)
         flipped[bit // 8] ^= 1 << bit % 8
         damaged.append(bytes(flipped))
@@ -296,7 +248,7 @@ def test_no_bit_of_a_checkpoint_can_flip(tmp_path):
             checkpoint.load(cpu)
     checkpoint.path.write_bytes(whole)
     assert len(checkpoint.load(cpu)["losses"]) == 1
-    other = Checkpoint(str(tmp_path), Mlp(3, [8]), recipe, panels())
+    other = Checkpoint(str(tmp_path), classifiers.Mlp(3, [8]), recipe, panels())
     checkpoint.path.rename(other.path)
     with pytest.raises(VoccError, match="is damaged"):
         other.load(cpu)
@@ -308,7 +260,9 @@ def test_a_module_of_other_code_begins_anew(tmp_path):
     for text in (code, code.replace("relu", "cos")):
         (tmp_path / "net.py").write_text(text)
         torch.manual_seed(0)
-        TorchClassifier(ModuleFile(str(tmp_path / "net.py")).named("Net")(), recipe).fit(*panels())
+        classifiers.TorchClassifier(ModuleFile(str(tmp_path / "net.py")).named("Net")(), recipe).fit(
+            *panels()
+        )
     assert len(list((tmp_path / "kept").glob("*.pt"))) == 2
 
 
@@ -335,7 +289,7 @@ def test_a_stream_is_kept_once(monkeypatch):
             yield x[start:stop], bits[start:stop]
 
     torch.manual_seed(2)
-    module = Mlp(3, [8])
-    at_once = TorchClassifier(copy.deepcopy(module), RECIPE).fit(x, bits)
-    streamed = TorchClassifier(module, replace(RECIPE, frames=64)).fit_stream(batches, 5)
+    module = classifiers.Mlp(3, [8])
+    at_once = classifiers.TorchClassifier(copy.deepcopy(module), RECIPE).fit(x, bits)
+    streamed = classifiers.TorchClassifier(module, replace(RECIPE, frames=64)).fit_stream(batches, 5)
     assert torch.equal(streamed.decision_function(x), at_once.decision_function(x))

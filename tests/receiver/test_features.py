@@ -1,6 +1,7 @@
 """AGR, GRI and NGR against Eqs 4 to 9 worked out by hand and against OpenCV's gradient."""
 
 import math
+import re
 
 import cv2
 import numpy as np
@@ -11,11 +12,14 @@ from hypothesis import strategies as st
 
 from vocc_torch.errors import VoccError
 from vocc_torch.receiver.features import (
+    MOST_GREY,
     average_greyscale_ratio,
     cell_means,
+    checked_greys,
     gradient_radial_inwardness,
     image_gradient,
     neighbour_greyscale_ratio,
+    preamble_threshold,
     radial_inward_field,
 )
 from vocc_torch.types import PanelShape
@@ -94,17 +98,6 @@ def test_sobel_is_opencvs_normalised_by_8(dtype):
         )
 
 
-def test_central_is_eq_6_to_the_letter():
-    image = random_patches(3, PanelShape(1, 2), 6)
-    padded = np.pad(image[0, 0].numpy(), 1, mode="edge")
-    ours = image_gradient(image, "central")[0].numpy()
-    rows, columns = image.shape[-2:]
-    for y in range(rows):
-        for x in range(columns):
-            assert ours[0, y, x] == padded[y + 1, x + 2] - padded[y + 1, x]
-            assert ours[1, y, x] == padded[y + 2, x + 1] - padded[y, x + 1]
-
-
 def test_an_unknown_gradient_is_refused_by_name():
     with pytest.raises(
         VoccError, match=r"^receiver.gradient is 'prewitt': it must be one of sobel, central$"
@@ -155,16 +148,13 @@ def test_gri_is_eq_7_sample_by_sample(kernel, shape, samples):
             assert ours[row, column] == pytest.approx(total / samples**2, rel=1e-11, abs=1e-11)
 
 
-# What the features mean
-
-
 # Invariants
 
 greys = st.integers(0, 10_000)
 
 
 @given(greys, st.floats(1e-3, 1e3))
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=20, deadline=None)
 def test_agr_and_ngr_do_not_see_the_gain_and_gri_is_proportional_to_it(seed, gain):
     shape = PanelShape(3, 4)
     patches = random_patches(seed, shape, 4) + 1
@@ -177,3 +167,77 @@ def test_agr_and_ngr_do_not_see_the_gain_and_gri_is_proportional_to_it(seed, gai
     torch.testing.assert_close(
         gri(gain * patches, shape, 4), gain * gri(patches, shape, 4), rtol=1e-9, atol=1e-13 * scale
     )
+
+
+# Edges
+
+
+def test_the_greatest_grey_value_is_taken_and_the_next_is_not():
+    most = torch.tensor([0.0, MOST_GREY], dtype=torch.float64)
+    assert torch.equal(checked_greys(most, "greys"), most)
+    with pytest.raises(VoccError, match=r"^greys holds values from "):
+        checked_greys(torch.nextafter(most, torch.tensor(math.inf, dtype=torch.float64)), "greys")
+
+
+@pytest.mark.parametrize(
+    ("values", "held"),
+    [
+        ([0.0, math.nan], "NaN"),
+        ([math.inf, math.inf], "values from inf to inf"),
+        ([-3.0, 7.0], "values from -3 to 7"),
+        ([1.0, 2e9], "values from 1 to 2e+09"),
+    ],
+)
+def test_a_refusal_says_what_was_there(values, held):
+    with pytest.raises(VoccError, match=rf"^greys holds {re.escape(held)}: .*0 to 1e\+09$"):
+        checked_greys(torch.tensor(values), "greys")
+
+
+@pytest.mark.parametrize("feature", [average_greyscale_ratio, neighbour_greyscale_ratio])
+def test_a_black_panel_has_a_slope_of_zero_and_not_nan(feature):
+    """Of two panels only the black one is a constant; the other's slope is that of a ratio."""
+    means = torch.zeros(2, 4, 4, dtype=torch.float64)
+    means[1] = torch.rand(4, 4, generator=torch.Generator().manual_seed(1)) * 100 + 20
+    means.requires_grad_()
+    (slopes,) = torch.autograd.grad(feature(means).square().sum(), means)
+    assert slopes[0].count_nonzero() == 0
+    assert torch.autograd.gradcheck(lambda m: feature(m), means[1:].detach().requires_grad_())
+    assert slopes[1].isfinite().all()
+    assert slopes[1].count_nonzero() > 0
+
+
+@pytest.mark.parametrize(
+    "size", [(1, 20, 15), (1, 1, 1, 20, 15), (20, 15), (1, 1, 20, 10), (1, 1, 15, 20), (1, 1, 3, 2)]
+)
+def test_patches_that_are_not_the_panels_are_refused_with_the_shape_they_must_have(size):
+    """A panel of 2 x 1 LEDs has 4 x 3 cells with its margin."""
+    patches = torch.zeros(size)
+    cell = torch.tensor([5.0])
+    wanted = re.escape(
+        f"patches has shape {size}: for a panel of 2 x 1 LEDs it must be (B,1,4K,3K), K at least 1"
+    )
+    for refuse in (
+        lambda: cell_means(patches, PanelShape(2, 1)),
+        lambda: gradient_radial_inwardness(patches, PanelShape(2, 1), cell, cell),
+    ):
+        with pytest.raises(VoccError, match=f"^{wanted}$"):
+            refuse()
+
+
+# The baselines' threshold
+
+
+def test_the_threshold_is_the_midpoint_of_the_mean_levels():
+    """On LEDs at 190, 210, 200, 240 average 210, Off LEDs at 100, 90, 110, 120 average 105: halfway 157.5."""
+    on = torch.tensor([[[190.0, 210.0], [200.0, 240.0]]])
+    off = torch.tensor([[[100.0, 90.0], [110.0, 120.0]]])
+    assert preamble_threshold(on, off).tolist() == [[[157.5]]]
+
+
+def test_each_frame_has_its_own_threshold():
+    rng = np.random.default_rng(0)
+    on, off = rng.random((5, 3, 4)) * 255, rng.random((5, 3, 4)) * 255
+    threshold = preamble_threshold(torch.from_numpy(on), torch.from_numpy(off))
+    assert threshold.shape == (5, 1, 1)
+    expected = [(a.mean() + b.mean()) / 2 for a, b in zip(on, off, strict=True)]
+    np.testing.assert_allclose(threshold.flatten().numpy(), expected, rtol=1e-13)

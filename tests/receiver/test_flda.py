@@ -30,9 +30,7 @@ HAND_X = torch.tensor(HAND_OFF + HAND_ON, dtype=torch.float64)
 HAND_Y = torch.tensor([False] * 4 + [True] * 4)
 
 
-def clouds(
-    seed: int, samples: int = 200, features: int = 3, share_on: float = 0.4
-) -> tuple[torch.Tensor, torch.Tensor]:
+def clouds(seed, samples=200, features=3, share_on=0.4):
     """Two overlapping Gaussian clouds with correlated features of different spreads."""
     rng = np.random.default_rng(seed)
     bits = rng.random(samples) < share_on
@@ -52,7 +50,7 @@ def class_pairs():
     return pairs
 
 
-def same(actual: FLDA, expected: FLDA, rtol: float = 1e-12):
+def same(actual, expected, rtol=1e-12):
     """Hold two discriminants' statistics and solutions equal, each relative to its own largest entry."""
     assert torch.equal(actual.count, expected.count)
     for name in ("mean", "scatter", "direction", "threshold"):
@@ -64,7 +62,7 @@ def same(actual: FLDA, expected: FLDA, rtol: float = 1e-12):
 
 @pytest.mark.parametrize("solver", ["lsqr", "eigen"])
 @pytest.mark.parametrize(("x", "on"), class_pairs())
-def test_direction_and_scores_are_scikit_learns(x: np.ndarray, on: np.ndarray, solver: str):
+def test_direction_and_scores_are_scikit_learns(x, on, solver):
     flda = FLDA(x.shape[1]).fit(torch.from_numpy(x), torch.from_numpy(on))
     oracle = LinearDiscriminantAnalysis(solver=solver).fit(x, on)
     w, w_oracle = flda.direction.numpy(), oracle.coef_[0]
@@ -106,7 +104,7 @@ def test_fit_forgets_and_update_refreshes_the_solution():
 
 
 @pytest.mark.parametrize("chosen", [[0], [0, 1], [2, 0], [3, 1, 0, 2]])
-def test_select_equals_fitting_on_the_columns(chosen: list[int]):
+def test_select_equals_fitting_on_the_columns(chosen):
     x, y = clouds(7, features=4)
     flda = FLDA(4).fit(x, y)
     part = flda.select(chosen)
@@ -143,16 +141,8 @@ def test_changes_of_dtype_leave_the_statistics_alone():
         assert torch.equal(flda.direction, direction)
 
 
-def test_autocast_does_not_reach_the_scores():
-    x, y = clouds(12)
-    flda = FLDA(3).fit(x, y)
-    with torch.autocast("cpu", dtype=torch.bfloat16):
-        inside = FLDA(3).fit(x, y)(x)
-    assert torch.equal(inside, flda(x))
-
-
 @pytest.mark.parametrize("assign", [False, True])
-def test_state_dict_round_trip_through_a_file(assign: bool):
+def test_state_dict_round_trip_through_a_file(assign):
     x, y = clouds(13)
     flda = FLDA(3).fit(x, y)
     file = io.BytesIO()
@@ -168,16 +158,6 @@ def test_state_dict_round_trip_through_a_file(assign: bool):
     fresh.update(x + 1, y)
     same(fresh, flda.update(x + 1, y), rtol=0)  # goes on where the saved one stood
     assert torch.equal(used.count, state["count"])
-
-
-def test_a_solution_found_in_inference_mode_serves_autograd_later():
-    with torch.inference_mode():
-        flda = FLDA(2).fit(HAND_X, HAND_Y)
-        flda.predict(HAND_X)
-    points = HAND_X.clone().requires_grad_()
-    flda(points).sum().backward()
-    torch.testing.assert_close(points.grad, flda.direction.expand_as(points), rtol=0, atol=0)
-    assert FLDA(2).fit(points, HAND_Y).direction.requires_grad is False
 
 
 @pytest.mark.cuda
@@ -237,7 +217,7 @@ BAD_PIECES = {
 
 @pytest.mark.parametrize("method", ["fit", "update"])
 @pytest.mark.parametrize("case", BAD_PIECES)
-def test_a_bad_piece_is_refused_before_the_statistics_are_touched(case: str, method: str):
+def test_a_bad_piece_is_refused_before_the_statistics_are_touched(case, method):
     features, bits, message = BAD_PIECES[case]
     flda = FLDA(2).fit(HAND_X, HAND_Y)
     with pytest.raises(VoccError, match=re.escape(message)):

@@ -8,13 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from sklearn.base import clone
 from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
-from sklearn.exceptions import NotFittedError
-from sklearn.feature_selection import SelectKBest
-from sklearn.model_selection import GridSearchCV, cross_val_score
-from sklearn.pipeline import make_pipeline
-from sklearn.preprocessing import StandardScaler
 from sklearn.utils.estimator_checks import parametrize_with_checks
 
 from vocc_torch.errors import VoccError
@@ -93,32 +87,6 @@ def test_a_piece_may_have_one_class_and_a_refused_one_changes_nothing():
     assert np.array_equal(flda.decision_function(x), before)
     with pytest.raises(ValueError, match="classes must be given"):
         FldaEstimator().partial_fit(x, y)
-
-
-def test_what_it_cannot_learn_is_refused():
-    x, y = samples()
-    with pytest.raises(ValueError, match="Only binary classification"):
-        FldaEstimator().fit(x, np.arange(len(x)) % 3)
-    with pytest.raises(ValueError, match="1 class"):
-        FldaEstimator().fit(x, np.zeros(len(x), dtype=int))
-    with pytest.raises(TypeError, match="sample_weight"):
-        FldaEstimator().fit(x, y, sample_weight=np.ones(len(x)))
-    with pytest.raises(NotFittedError):
-        FldaEstimator().decision_function(x)
-
-
-def test_it_works_in_pipelines_searches_and_cross_validation():
-    x, y = samples(features=6)
-    mine, theirs = (
-        make_pipeline(StandardScaler(), SelectKBest(k=3), kind)
-        for kind in (FldaEstimator(), LinearDiscriminantAnalysis(solver="lsqr", priors=[0.5, 0.5]))
-    )
-    grid = {"selectkbest__k": [1, 3, 6]}
-    found = [GridSearchCV(one, grid, cv=4, scoring="roc_auc").fit(x, y) for one in (mine, theirs)]
-    assert found[0].best_params_ == found[1].best_params_
-    for name in ("mean_test_score", "std_test_score"):
-        np.testing.assert_allclose(*(one.cv_results_[name] for one in found), rtol=1e-9)
-    np.testing.assert_array_equal(*(cross_val_score(clone(one), x, y, cv=5) for one in (mine, theirs)))
 
 
 def test_without_scikit_learn_it_says_what_it_needs_and_the_rest_does_not_need_it():

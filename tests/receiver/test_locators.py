@@ -1,8 +1,5 @@
-from __future__ import annotations
-
 import dataclasses
 import json
-from pathlib import Path
 
 import pytest
 import torch
@@ -10,14 +7,14 @@ import torch
 from vocc_torch.errors import VoccError
 from vocc_torch.receiver.flda import FLDA
 from vocc_torch.receiver.location import PaperLocator
-from vocc_torch.receiver.locators import PanelLocator, RefinedLocator, locator_named
+from vocc_torch.receiver.locators import RefinedLocator, locator_named
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.receiver.receiver import Receiver, read_model, write_model
 from vocc_torch.rng import BlockKey
 from vocc_torch.simulation import SceneModel, Simulator
 
 
-def fitted(locator: PanelLocator) -> Receiver:
+def fitted(locator):
     generator = torch.Generator().manual_seed(0)
     bits = torch.rand(200, generator=generator) < 0.5
     features = torch.rand(200, 3, generator=generator, dtype=torch.float64) + bits[:, None]
@@ -29,7 +26,7 @@ def fitted(locator: PanelLocator) -> Receiver:
 @pytest.mark.parametrize(
     "locator", [PaperLocator(closing_px=9), RefinedLocator(PaperLocator(min_area_px=50), min_share=0.9)]
 )
-def test_a_saved_receiver_keeps_its_locator(locator: PanelLocator, tmp_path: Path) -> None:
+def test_a_saved_receiver_keeps_its_locator(locator, tmp_path):
     receiver = fitted(locator)
     receiver.save(tmp_path / "receiver.pt")
     loaded = Receiver.load(tmp_path / "receiver.pt")
@@ -41,18 +38,18 @@ def test_a_saved_receiver_keeps_its_locator(locator: PanelLocator, tmp_path: Pat
     assert torch.equal(first.scores, second.scores)
 
 
-def test_the_model_file_names_the_refined_locator(tmp_path: Path) -> None:
+def test_the_model_file_names_the_refined_locator(tmp_path):
     fitted(RefinedLocator()).save(tmp_path / "receiver.pt")
     written = json.loads((tmp_path / "receiver.pt").read_bytes())["settings"]["locator"]
     assert (written["name"], written["paper"]["closing_px"]) == ("refined", 11)
 
 
-def test_files_without_a_name_hold_the_papers_locator(tmp_path: Path) -> None:
+def test_files_without_a_name_hold_the_papers_locator(tmp_path):
     fitted(PaperLocator()).save(tmp_path / "receiver.pt")
     assert read_model(tmp_path / "receiver.pt")[0]["locator"] == dataclasses.asdict(PaperLocator())
 
 
-def test_an_unknown_locator_in_a_file_is_refused(tmp_path: Path) -> None:
+def test_an_unknown_locator_in_a_file_is_refused(tmp_path):
     fitted(RefinedLocator()).save(tmp_path / "receiver.pt")
     settings, state = read_model(tmp_path / "receiver.pt")
     settings["locator"] = {"name": "oracle"}
@@ -61,6 +58,6 @@ def test_an_unknown_locator_in_a_file_is_refused(tmp_path: Path) -> None:
         Receiver.load(tmp_path / "receiver.pt")
 
 
-def test_an_unknown_name_is_refused() -> None:
+def test_an_unknown_name_is_refused():
     with pytest.raises(VoccError, match=r"receiver.locator is 'refind': it must be paper or refined"):
-        locator_named("refind", PaperLocator())  # type: ignore[arg-type]
+        locator_named("refind", PaperLocator())

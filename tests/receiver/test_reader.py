@@ -14,7 +14,7 @@ from vocc_torch.receiver.reader import Reader
 from vocc_torch.receiver.rectification import cell_size_px, centre_greys, rectify
 from vocc_torch.rng import BlockKey
 from vocc_torch.simulation import SceneModel, Simulator
-from vocc_torch.types import Frames, Panels, PanelShape
+from vocc_torch.types import Panels, PanelShape
 
 SHAPE = PanelShape(8, 8)
 
@@ -73,29 +73,6 @@ def test_readings_do_not_depend_on_the_batch(observed, batch):
         assert torch.equal(part.patches, together.patches[rows])
         assert torch.equal(part.greys.average, together.greys.average[rows])
         assert torch.equal(part.greys.centre, together.greys.centre[rows])
-
-
-def test_float_frames_keep_their_precision(observed):
-    frames, panels, _ = observed
-    rows = slice(0, 3)
-    double = Frames(
-        frames.grey[rows].double(), frames.origin_px[rows], frames.sensor_px, frames.surround[rows]
-    )
-    readings = Reader(SHAPE).read(double, known(panels, rows))
-    assert readings.patches.dtype == torch.float64
-    bytes_ = Reader(SHAPE).read(frames[rows], known(panels, rows))
-    torch.testing.assert_close(readings.features, bytes_.features, rtol=1e-4, atol=2e-3)
-
-
-def test_a_panel_that_was_not_found_reads_finite_and_leaves_the_others_alone(observed):
-    frames, panels, _ = observed
-    corners = panels.corners_px[:3].clone()
-    corners[1] = 0
-    readings = Reader(SHAPE).read(frames[:3], Panels.known(corners))
-    for values in (readings.features, readings.greys.average, readings.greys.centre, readings.patches):
-        assert bool(torch.isfinite(values).all())
-    alone = Reader(SHAPE).read(frames[2:3], known(panels, slice(2, 3)))
-    assert torch.equal(readings.features[2:], alone.features)
 
 
 @pytest.mark.parametrize(

@@ -18,20 +18,6 @@ QUADRILATERALS = {
     "perspective": [(22.0, 14.0), (66.0, 19.5), (60.3, 50.2), (25.1, 57.9)],
     "upside down": [(62.8, 49.7), (20.3, 49.7), (20.3, 15.7), (62.8, 15.7)],
 }
-WILD = {
-    "all one point": [(0, 0)] * 4,
-    "corners on a line": [(10, 10), (20, 10), (30, 10), (40, 10)],
-    "three corners on a line": [(10, 10), (20, 10), (30, 10), (10, 40)],
-    "middle corner on the diagonal": [(10, 10), (40, 10), (25, 25), (10, 40)],
-    "first corner twice": [(10, 10), (10, 10), (30, 40), (10, 40)],
-    "last corner twice": [(10, 10), (40, 10), (40, 40), (40, 40)],
-    "concave": [(10, 10), (40, 10), (24.9, 24.9), (10, 40)],
-    "bow tie": [(10, 10), (40, 40), (45, 10), (10, 40)],
-    "tiny": [(10, 10), (10 + 1e-5, 10), (10 + 1e-5, 10 + 1e-5), (10, 10 + 1e-5)],
-    "horizon in the margin": [(24, 10), (26, 10), (55, 50), (5, 50)],
-    "outside the frame": [(-500, -400), (-450, -400), (-450, -340), (-500, -340)],
-    "far larger than the frame": [(-9e7, -8e7), (9e7, -8e7), (9e7, 8e7), (-9e7, 8e7)],
-}
 
 
 def corners_of(*quadrilaterals):
@@ -97,16 +83,6 @@ def test_patches_are_scipys_bilinear_reading_at_opencvs_points(name, dtype):
     np.testing.assert_allclose(patch[0, 0].numpy(), expected, rtol=0, atol=1e-3)
 
 
-def test_uint8_frames_are_read_as_float32():
-    image = picture(4).round()
-    panels = Panels.known(corners_of(QUADRILATERALS["rotated"]))
-    bytes_, floats = (
-        rectify(Frames.whole(image[None].to(t)), panels, SHAPE, 8) for t in (torch.uint8, torch.float32)
-    )
-    assert bytes_.dtype == torch.float32
-    assert torch.equal(bytes_, floats)
-
-
 def test_beyond_the_border_the_border_pixels_go_on():
     """A panel that fills the frame: its margin of one cell reads replicated border pixels."""
     image = picture(5, 40, 50)
@@ -158,14 +134,6 @@ def test_samples_of_a_near_panel_are_area_means_of_the_pixels():
     patch = rectify(Frames.whole(image[None]), panels, SHAPE, 8)[0, 0]
     blocks = image[5:245, 10:290].reshape(48, 5, 56, 5).mean(dim=(1, 3))
     torch.testing.assert_close(patch, blocks, rtol=0, atol=1e-9)
-
-
-def test_fine_stripes_on_a_near_panel_are_averaged_and_not_aliased():
-    stripes = torch.zeros(1, 240, 300, dtype=torch.uint8)
-    stripes[..., ::2] = 200
-    panels = Panels.known(corners_of([(60.3, 50), (220.3, 50), (220.3, 178), (60.3, 178)]))
-    patch = rectify(Frames.whole(stripes), panels, SHAPE, 8)
-    torch.testing.assert_close(patch, torch.full_like(patch, 100.0), rtol=0, atol=1e-3)
 
 
 # Sizes, centres, batches, wild corners

@@ -19,9 +19,9 @@ from vocc_torch.hardware import LedPanel, PanelShape
 from vocc_torch.measure import plan as plans
 from vocc_torch.measure.config import ClassifierSettings, Settings, effect_settings
 from vocc_torch.receiver.bank import RECEIVER_NAMES
-from vocc_torch.receiver.classifiers import Guarded, Inputs, SklearnClassifier, TorchClassifier
-from vocc_torch.receiver.classifiers.module_file import ModuleFile
-from vocc_torch.receiver.classifiers.sklearn_adapter import is_estimator
+from vocc_torch.receiver.classifiers.adapters import SklearnClassifier, TorchClassifier, is_estimator
+from vocc_torch.receiver.classifiers.inputs import Inputs
+from vocc_torch.receiver.classifiers.protocol import Guarded, ModuleFile
 from vocc_torch.receiver.classifiers.training import TrainingRecipe
 from vocc_torch.receiver.location import PaperLocator
 from vocc_torch.receiver.reader import Reader

@@ -1,7 +1,5 @@
 """The receivers by name, all deciding on the same readings."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -45,10 +43,10 @@ def check_receivers(names: Sequence[str], plugged_in: Sequence[str] = ()) -> tup
         >>> check_receivers(["flda_3", "average_greyscale"])
         ('flda_3', 'average_greyscale')
     """
+    known = (*RECEIVER_NAMES, *plugged_in)
     for name in names:
-        if name not in (*RECEIVER_NAMES, *plugged_in):
-            known = ", ".join((*RECEIVER_NAMES, *plugged_in))
-            raise VoccError(f"receiver.names has {name!r}: known receivers are {known}")
+        if name not in known:
+            raise VoccError(f"receiver.names has {name!r}: known receivers are {', '.join(known)}")
     if not names or len(set(names)) != len(names):
         raise VoccError(f"receiver.names is {list(names)}: it must hold at least one name, each once")
     return tuple(names)
@@ -125,19 +123,21 @@ class ReceiverBank:
         Raises:
             VoccError: a greyscale receiver without preambles.
         """
-        return {name: self._score(name, readings, preambles) for name in self.names}
-
-    def _score(self, name: str, readings: Readings, preambles: Preambles | None) -> Tensor:
-        """Score with one receiver."""
-        if name in FLDA_FEATURES:
-            return self.classifiers[name].decision_function(readings.features[..., feature_indices(name)])
-        if name in self.plugged_in:
-            classifier, grid = self.plugged_in[name], readings.features.shape
-            shape = PanelShape(rows=grid[1], columns=grid[2])
-            return classifier.decision_function(classifier.inputs.of(readings, readings.cell_px, shape))
-        if preambles is None:
-            raise VoccError(f"receiver {name} needs preamble frames, and none were given")
-        on, off, greys = preambles.on, preambles.off, readings.greys
-        if name == "center_greyscale":
-            return greyscale_scores(greys.centre, preamble_threshold(on.centre, off.centre))
-        return greyscale_scores(greys.average, preamble_threshold(on.average, off.average))
+        found: dict[str, Tensor] = {}
+        shape = PanelShape(*readings.features.shape[1:3])
+        for name in self.names:
+            if name in FLDA_FEATURES:
+                features = readings.features[..., feature_indices(name)]
+                found[name] = self.classifiers[name].decision_function(features)
+            elif name in self.plugged_in:
+                classifier = self.plugged_in[name]
+                seen = classifier.inputs.of(readings, readings.cell_px, shape)
+                found[name] = classifier.decision_function(seen)
+            elif preambles is None:
+                raise VoccError(f"receiver {name} needs preamble frames, and none were given")
+            else:
+                level = "centre" if name == "center_greyscale" else "average"
+                takes = (preambles.on, preambles.off, readings.greys)
+                on, off, greys = (getattr(take, level) for take in takes)
+                found[name] = greyscale_scores(greys, preamble_threshold(on, off))
+        return found

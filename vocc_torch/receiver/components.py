@@ -4,9 +4,8 @@ Components are found by horizontal runs (Chen et al. 2007), as quick on a noisy 
 closing is Kornia's (Serra 1983).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
+from typing import Self
 
 import torch
 import torch.nn.functional as F
@@ -107,14 +106,14 @@ class Runs:
         """Count the stretches."""
         return int(self.row.shape[0])
 
-    def of(self, chosen: Tensor) -> Runs:
+    def of(self, chosen: Tensor) -> Self:
         """Return the runs of the masks chosen by a bool (B,); the masks are renumbered from 0."""
         if bool(chosen.all()):
             return self
         kept = chosen[self.frame]
         frame = (chosen.cumsum(0) - 1)[self.frame[kept]]
-        rest = (self.row[kept], self.start[kept], self.end[kept], self.pixels[kept])
-        return Runs(frame, *rest, (int(chosen.sum()), *self.size[1:]))
+        row, start, end, pixels = (one[kept] for one in (self.row, self.start, self.end, self.pixels))
+        return type(self)(frame, row, start, end, pixels, (int(chosen.sum()), *self.size[1:]))
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,11 +161,10 @@ def runs_of(mask: Tensor) -> Runs:
     masks, height, width = mask.shape
     # Background on both sides parts the rows: along the flat plane, each change begins or ends a run.
     plane = F.pad(mask, [1, 1]).flatten()
-    changes = (plane[1:] ^ plane[:-1]).nonzero()[:, 0].view(-1, 2)
-    line = changes[:, 0] // (width + 2)
-    ends = changes - (line * (width + 2))[:, None]
-    start, beyond = ends.unbind(1)
-    frame = line // height if height else line
+    start, beyond = (plane[1:] ^ plane[:-1]).nonzero()[:, 0].view(-1, 2).unbind(1)
+    line = start // (width + 2)
+    start, beyond = start - line * (width + 2), beyond - line * (width + 2)
+    frame = line // max(1, height)
     return Runs(frame, line - frame * height, start, beyond - 1, beyond - start, (masks, height, width))
 
 
@@ -210,9 +208,8 @@ def label_components(mask: Tensor) -> Components:
         [0, 3]
     """
     runs = runs_of(mask)
-    root = _roots(*_touching(runs), len(runs))
-    _, height, width = runs.size
-    blocks_high, blocks_wide = -(-height // 2), -(-width // 2)
+    root = _roots(runs)
+    blocks_high, blocks_wide = (-(-side // 2) for side in runs.size[1:])
     block = ((runs.frame * blocks_high) + (runs.row >> 1)) * blocks_wide + (runs.start >> 1)
     first = block.scatter_reduce(0, root, block, "amin")
     own = (root == torch.arange(len(runs), device=root.device)).nonzero()[:, 0]
@@ -224,35 +221,26 @@ def label_components(mask: Tensor) -> Components:
     return Components(runs, label, area, frame)
 
 
-def _touching(runs: Runs) -> tuple[Tensor, Tensor]:
-    """List the pairs of runs in adjacent rows that touch, corners included: the lower and the upper one."""
+def _roots(runs: Runs) -> Tensor:
+    """Return each run the least index of its component: roots are hooked, pointers jumped."""
     _, height, width = runs.size
     # Two columns more than there are, so that no run reaches into the row before or after; a row more, so
     # that none touches another mask.
     line = (runs.frame * (height + 1) + runs.row) * (width + 2)
     start, end = line + runs.start, line + runs.end
-    above = width + 2
-    low = torch.searchsorted(end, start - above - 1)
-    high = torch.searchsorted(start, end - above + 1, right=True)
-    count = high - low
-    lower = torch.arange(len(runs), device=line.device).repeat_interleave(count)
-    offset = torch.arange(len(lower), device=line.device) - (count.cumsum(0) - count)[lower]
-    return lower, low[lower] + offset
-
-
-def _roots(lower: Tensor, upper: Tensor, count: int) -> Tensor:
-    """Return each of ``count`` nodes the least index of its component: roots are hooked, pointers jumped."""
-    parent = torch.arange(count, device=lower.device)
+    # The pairs of runs in adjacent rows that touch, corners included.
+    low = torch.searchsorted(end, start - width - 3)
+    count = torch.searchsorted(start, end - width - 1, right=True) - low
+    parent = torch.arange(len(runs), device=line.device)
+    lower = parent.repeat_interleave(count)
+    upper = (low - count.cumsum(0) + count)[lower] + torch.arange(len(lower), device=line.device)
     while True:
         a, b = parent[lower], parent[upper]
         if torch.equal(a, b):
             return parent
         # Only roots are hooked, and every parent decreases: no cycle can form.
         parent = parent.scatter_reduce(0, torch.maximum(a, b), torch.minimum(a, b), "amin")
-        while True:
-            further = parent[parent]
-            if torch.equal(further, parent):
-                break
+        while not torch.equal(further := parent[parent], parent):
             parent = further
 
 
@@ -294,18 +282,26 @@ class Blobs:
         return int(self.frame.shape[0])
 
 
-def _largest(keep: Tensor, components: Components) -> Tensor:
-    """Keep only the ``MOST_BLOBS`` largest labels of each frame; ties go to the lower label."""
-    label = keep.nonzero()[:, 0]
-    if int(label.numel()) <= MOST_BLOBS:
-        return keep
-    label = label[components.area_px[label].argsort(descending=True, stable=True)]
-    label = label[components.frame[label].argsort(stable=True)]
-    frame = components.frame[label]
-    rank = torch.arange(len(label), device=label.device) - torch.searchsorted(frame, frame)
-    kept = torch.zeros_like(keep)
-    kept[label[rank < MOST_BLOBS]] = True
-    return kept
+def largest(value: Tensor, frame: Tensor, most: int) -> Tensor:
+    """Return the labels of the ``most`` highest values of each frame; ties go to the lower label.
+
+    Args:
+        value: (N+1,) by label; 0 is no label.
+        frame: (N+1,) int64, index of the frame.
+        most: how many.
+
+    Returns:
+        (n,) int64, by frame and then descending.
+
+    Example:
+        >>> largest(torch.tensor([0, 5, 7, 6]), torch.tensor([0, 0, 0, 1]), 1).tolist()
+        [2, 3]
+    """
+    label = value[1:].argsort(descending=True, stable=True) + 1
+    label = label[frame[label].argsort(stable=True)]
+    own = frame[label]
+    rank = torch.arange(len(label), device=label.device) - torch.searchsorted(own, own)
+    return label[rank < most]
 
 
 def collect_blobs(runs: Runs, components: Components, *, min_area_px: int = 1, level: int = 0) -> Blobs:
@@ -329,7 +325,10 @@ def collect_blobs(runs: Runs, components: Components, *, min_area_px: int = 1, l
     """
     closed_px = components.area_px << (2 * level)
     count = torch.bincount(components.frame[1:], minlength=runs.size[0])
-    keep = _largest((closed_px >= min_area_px).index_fill(0, closed_px.new_zeros(1), False), components)
+    keep = (closed_px >= min_area_px).index_fill(0, closed_px.new_zeros(1), False)
+    if len(keep) > MOST_BLOBS:
+        few = largest(components.area_px.where(keep, -1), components.frame, MOST_BLOBS)
+        keep &= torch.zeros_like(keep).index_fill(0, few, True)
     run_label = components.at(runs.frame, runs.row >> level, runs.start >> level)
     kept = keep[run_label]
     row, start, end, pixels = (one[kept] for one in (runs.row, runs.start, runs.end, runs.pixels))
@@ -337,10 +336,10 @@ def collect_blobs(runs: Runs, components: Components, *, min_area_px: int = 1, l
     label = keep.nonzero()[:, 0]
     compact = (keep.cumsum(0) - 1)[run_label[kept]]
     index = torch.arange(len(compact), device=compact.device)
-    begin = torch.zeros_like(label).scatter_reduce(0, compact, index, "amin", include_self=False)
+    zeros = torch.zeros_like(label)
+    begin = zeros.scatter_reduce(0, compact, index, "amin", include_self=False)
     order = begin.argsort()
     label, begin, number = label[order], begin[order], order.argsort()[compact]
-    zeros = torch.zeros_like(label)
     left = zeros.scatter_reduce(0, number, start, "amin", include_self=False)
     mask_px = zeros.scatter_add(0, number, pixels)
     seed = torch.stack([start[begin], row[begin]], 1)
@@ -352,5 +351,4 @@ def collect_blobs(runs: Runs, components: Components, *, min_area_px: int = 1, l
     empty = torch.zeros(len(label) * height, dtype=torch.int16, device=row.device)
     first = empty.scatter_reduce(0, cell, ends[0], "amin", include_self=False).view(-1, height)
     last = (empty - 1).scatter_reduce(0, cell, ends[1], "amax", include_self=False).view(-1, height)
-    area = closed_px[label]
-    return Blobs(components.frame[label], label, seed, left, area, mask_px, first, last, count)
+    return Blobs(components.frame[label], label, seed, left, closed_px[label], mask_px, first, last, count)

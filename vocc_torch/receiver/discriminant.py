@@ -1,11 +1,9 @@
 """Fisher's linear discriminant in closed form: statistics of training sets that add, and their solution."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
-from typing import NamedTuple
+from dataclasses import dataclass
+from typing import NamedTuple, Self
 
 import torch
 from torch import Tensor
@@ -57,8 +55,8 @@ def checked_features(features: Tensor, n_features: int) -> Tensor:
     if features.is_complex():
         raise VoccError(f"features is {features.dtype}: it must be real")
     if features.ndim < 1 or features.shape[-1] != n_features:
-        shape = tuple(features.shape)
-        raise VoccError(f"features has shape {shape}: the last dimension must be n_features = {n_features}")
+        rule = f"the last dimension must be n_features = {n_features}"
+        raise VoccError(f"features has shape {tuple(features.shape)}: {rule}")
     return features.to(torch.float64)
 
 
@@ -91,12 +89,11 @@ def checked_samples(features: Tensor, bits: Tensor, n_features: int) -> tuple[Te
     stray = bits[(bits != 0) & (bits != 1)]
     if stray.numel():
         raise VoccError(f"bits holds {stray[0].item():g}: each must be 0 (Off) or 1 (On)")
-    held = rows.abs() <= LARGEST
-    if not bool(held.all()):
-        sample, column = (int(i) for i in (~held).reshape(-1, n_features).nonzero()[0])
-        value = float(rows.reshape(-1, n_features)[sample, column])
-        rule = f"it must be finite, at most {LARGEST:g} in size"
-        raise VoccError(f"features holds {value:g} in feature {column} (sample {sample}): {rule}")
+    flat = rows.detach().reshape(-1, n_features)
+    if len(beyond := (~(flat.abs() <= LARGEST)).nonzero()):
+        sample, column = beyond[0].tolist()
+        given = f"features holds {flat[sample, column]:g} in feature {column} (sample {sample})"
+        raise VoccError(f"{given}: it must be finite, at most {LARGEST:g} in size")
     return rows, bits == 1
 
 
@@ -121,13 +118,13 @@ class ClassScatter:
     scatter: Tensor
 
     @classmethod
-    def empty(cls, n_features: int) -> ClassScatter:
+    def empty(cls, n_features: int) -> Self:
         """Statistics of no samples of ``n_features`` features."""
         count, mean = torch.zeros(2, dtype=torch.int64), torch.zeros(2, n_features, dtype=torch.float64)
         return cls(count, mean, mean.new_zeros(2, n_features, n_features))
 
     @classmethod
-    def of(cls, features: Tensor, bits: Tensor, n_features: int) -> ClassScatter:
+    def of(cls, features: Tensor, bits: Tensor, n_features: int) -> Self:
         """Sum up one piece of a training set, on the device of ``features``; as :func:`checked_samples`.
 
         Raises:
@@ -137,15 +134,15 @@ class ClassScatter:
         return cls.of_rows(rows.reshape(-1, n_features), on.reshape(-1))
 
     @classmethod
-    def of_rows(cls, rows: Tensor, on: Tensor) -> ClassScatter:
+    def of_rows(cls, rows: Tensor, on: Tensor) -> Self:
         """Sum up samples (N,F) with their bits (N,), as of :func:`checked_samples`; differentiable."""
         means, scatters = zip(*(_moments(rows[chosen]) for chosen in (~on, on)), strict=True)
         return cls(torch.stack([(~on).sum(), on.sum()]), torch.stack(means), torch.stack(scatters))
 
     @classmethod
-    def stacked(cls, sets: Sequence[ClassScatter], batch: Sequence[int]) -> ClassScatter:
+    def stacked(cls, sets: Sequence[Self], batch: Sequence[int]) -> Self:
         """Stack the statistics of several training sets into one batch of shape ``batch``."""
-        parts = ([getattr(one, field.name) for one in sets] for field in fields(cls))
+        parts = ([getattr(one, name) for one in sets] for name in cls.__slots__)
         return cls(*(torch.stack(part).reshape(*batch, *part[0].shape) for part in parts))
 
     @property
@@ -158,7 +155,7 @@ class ClassScatter:
         """(...,F) the difference of the class means, On minus Off."""
         return self.mean.diff(dim=-2).squeeze(-2)
 
-    def merged(self, other: ClassScatter) -> ClassScatter:
+    def merged(self, other: Self) -> Self:
         """Join the statistics of two disjoint sets of samples, on this one's device.
 
         The pairwise update of Chan, Golub and LeVeque ("Updating formulae and a pairwise algorithm for
@@ -169,9 +166,9 @@ class ClassScatter:
         share = (theirs.count / count.clamp(min=1).to(torch.float64)).unsqueeze(-1)
         step = theirs.mean - self.mean
         spread = step.unsqueeze(-1) * step.unsqueeze(-2) * (self.count.unsqueeze(-1) * share).unsqueeze(-1)
-        return ClassScatter(count, self.mean + step * share, self.scatter + theirs.scatter + spread)
+        return type(self)(count, self.mean + step * share, self.scatter + theirs.scatter + spread)
 
-    def select(self, features: Sequence[int]) -> ClassScatter:
+    def select(self, features: Sequence[int]) -> Self:
         """Keep some features, in the order given.
 
         Args:
@@ -185,13 +182,13 @@ class ClassScatter:
             raise VoccError(f"features is {chosen}: it must name distinct features from 0 to {known - 1}")
         index = torch.tensor(chosen, device=self.mean.device)
         scatter = self.scatter[..., index, :][..., index]
-        return ClassScatter(self.count.clone(), self.mean[..., index], scatter)
+        return type(self)(self.count.clone(), self.mean[..., index], scatter)
 
-    def to(self, device: torch.device) -> ClassScatter:
+    def to(self, device: torch.device) -> Self:
         """Move every field to ``device``."""
-        return ClassScatter(*(getattr(self, field.name).to(device) for field in fields(self)))
+        return type(self)(*(getattr(self, name).to(device) for name in self.__slots__))
 
-    def checked(self) -> ClassScatter:
+    def checked(self) -> Self:
         """Return these statistics, or refuse them where they are out of range.
 
         Raises:
@@ -214,14 +211,14 @@ def _moments(rows: Tensor) -> tuple[Tensor, Tensor]:
     scatter at all, and a common offset costs no digits.
     """
     features = rows.shape[1]
-    if rows.shape[0] == 0:
+    if not len(rows):
         return rows.new_zeros(features), rows.new_zeros(features, features)
     first = rows[0].detach()
     relative = rows - first
     centred = relative - relative.mean(dim=0)
     # What is left of the mean is rounding, and refines it.
     mean = first + (relative.mean(dim=0) + centred.mean(dim=0))
-    whole = centred.shape[0] // _BLOCK * _BLOCK
+    whole = len(rows) // _BLOCK * _BLOCK
     blocks, tail = centred[:whole].reshape(-1, _BLOCK, features), centred[whole:]
     return mean, (blocks.mT @ blocks).sum(dim=0) + tail.mT @ tail
 
@@ -241,7 +238,7 @@ class Discriminant(NamedTuple):
     centre: Tensor
 
     @classmethod
-    def of(cls, seen: ClassScatter) -> tuple[Discriminant, str]:
+    def of(cls, seen: ClassScatter) -> tuple[Self, str]:
         """Solve for statistics of both classes; the text complains where they do not determine the rule.
 
         Features are scaled to unit deviation within the classes. A feature that varies within neither class
@@ -302,19 +299,20 @@ def _complaint(gap: Tensor, flat: Tensor, null: Tensor, separated: Tensor) -> st
     if not len(troubled):
         return ""
     place = tuple(troubled[0].tolist())
+    gap, flat, null = gap[place], flat[place], null[place]
     parts = [f"set {', '.join(map(str, place))}"] if place else []
     if bool(coincide[place]):
         parts.append("the class means coincide, so every score is 0, that is On")
-    if bool(null[place].any()):
+    if bool(null.any()):
         reasons = []
-        if which := (flat & (gap == 0))[place].nonzero().flatten().tolist():
+        if which := (flat & (gap == 0)).nonzero().flatten().tolist():
             reasons.append(f"constant features {which} get weight 0")
-        if which := (flat & (gap != 0))[place].nonzero().flatten().tolist():
+        if which := (flat & (gap != 0)).nonzero().flatten().tolist():
             reasons.append(f"features {which} differ between the classes but not within them")
-        if int(null[place].sum()) > int(flat[place].sum()):
+        if int(null.sum()) > int(flat.sum()):
             reasons.append(f"the features are collinear, condition number above {CONDITION_LIMIT:g}")
-        outcome = "the classes separate without variance, scores are huge"
-        outcome = outcome if bool(separated[place]) else "least-norm solution"
+        huge = "the classes separate without variance, scores are huge"
+        outcome = huge if bool(separated[place]) else "least-norm solution"
         why = "; ".join(reasons)
         parts.append(f"the within-class scatter is singular or ill-conditioned ({why}): {outcome}")
     return "; ".join(parts)
@@ -349,13 +347,10 @@ def discriminant(features: Tensor, bits: Tensor) -> Discriminant:
         >>> torch.autograd.grad(rule.threshold, x)[0].shape
         torch.Size([4, 2])
     """
-    given = tuple(features.shape) if isinstance(features, Tensor) else type(features).__name__
-    if (
-        not isinstance(features, Tensor)
-        or features.ndim < 2
-        or 0 in (*features.shape[:-2], features.shape[-1])
-    ):
-        raise VoccError(f"features is {given}: it must be a tensor of shape (..., samples, features)")
+    shape = tuple(features.shape) if isinstance(features, Tensor) else None
+    if shape is None or len(shape) < 2 or 0 in (*shape[:-2], shape[-1]):
+        given = shape or type(features).__name__
+        raise VoccError.of("features", given, "a tensor of shape (..., samples, features)")
     rows, on = checked_samples(features, bits, features.shape[-1])
     for name, there in (("Off (bit 0)", ~on), ("On (bit 1)", on)):
         if missing := (~there.any(dim=-1)).nonzero().tolist():

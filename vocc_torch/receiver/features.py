@@ -1,7 +1,5 @@
 """What is measured of an LED: AGR (Eq. 4), GRI (Eqs 5 to 8), NGR (Eq. 9); grey values for the baselines."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Collection
 from functools import lru_cache
@@ -70,9 +68,9 @@ def cell_means(patches: Tensor, shape: PanelShape) -> Tensor:
     return checked_greys(F.avg_pool2d(patches, _samples_per_led(patches, shape))[:, 0], "cell means")
 
 
-def _ratio_to_panel(greys: Tensor, panel_mean: Tensor) -> Tensor:
+def _ratio_to_panel(greys: Tensor, panel: Tensor) -> Tensor:
     """Ratio to the panel's mean; on an all-black panel every LED equals the mean, so 0/0 is 1."""
-    mean = panel_mean.view(-1, 1, 1)
+    mean = panel.mean(dim=(1, 2)).view(-1, 1, 1)
     ratio = torch.where(mean > 0, greys / torch.where(mean > 0, mean, 1.0), 1.0)
     return ratio.clamp(max=torch.finfo(ratio.dtype).max)
 
@@ -95,13 +93,8 @@ def average_greyscale_ratio(means: Tensor) -> Tensor:
         >>> average_greyscale_ratio(means)[0].tolist()
         [[1.5, 0.5], [1.0, 1.0]]
     """
-    return _average_ratio(checked_greys(means, "means"))
-
-
-def _average_ratio(means: Tensor) -> Tensor:
-    """Return the AGR of means that are checked."""
-    inner = means[:, 1:-1, 1:-1]
-    return _ratio_to_panel(inner, inner.mean(dim=(1, 2)))
+    inner = checked_greys(means, "means")[:, 1:-1, 1:-1]
+    return _ratio_to_panel(inner, inner)
 
 
 def neighbour_greyscale_ratio(means: Tensor) -> Tensor:
@@ -121,22 +114,18 @@ def neighbour_greyscale_ratio(means: Tensor) -> Tensor:
         >>> neighbour_greyscale_ratio(torch.full((1, 3, 3), 5.0)).tolist()
         [[[1.0]]]
     """
-    return _neighbour_ratio(checked_greys(means, "means"))
-
-
-def _neighbour_ratio(means: Tensor) -> Tensor:
-    """Return the NGR of means that are checked."""
+    checked_greys(means, "means")
     neighbours = F.conv2d(means.unsqueeze(1), _ring(means.dtype, means.device))[:, 0]
-    return _ratio_to_panel(neighbours, means[:, 1:-1, 1:-1].mean(dim=(1, 2)))
+    return _ratio_to_panel(neighbours, means[:, 1:-1, 1:-1])
 
 
 @lru_cache(maxsize=16)
+@torch.inference_mode(False)
 def _ring(dtype: torch.dtype, device: torch.device) -> Tensor:
     """Kernel (1,1,3,3) that takes the mean of a cell's eight neighbours."""
-    with torch.inference_mode(False):
-        ring = torch.full((1, 1, 3, 3), 1 / 8, dtype=dtype, device=device)
-        ring[..., 1, 1] = 0.0
-        return ring
+    ring = torch.full((1, 1, 3, 3), 1 / 8, dtype=dtype, device=device)
+    ring[..., 1, 1] = 0.0
+    return ring
 
 
 def radial_inward_field(samples_per_led: int, dtype: torch.dtype, device: torch.device) -> Tensor:
@@ -155,10 +144,10 @@ def radial_inward_field(samples_per_led: int, dtype: torch.dtype, device: torch.
 
 
 @lru_cache(maxsize=16)
+@torch.inference_mode(False)
 def _inward_fields(samples: int, shape: PanelShape, dtype: torch.dtype, device: torch.device) -> Tensor:
     """The inward field repeated for every LED of a panel, (2,R*K,C*K)."""
-    with torch.inference_mode(False):
-        return radial_inward_field(samples, dtype, device).repeat(1, shape.rows, shape.columns)
+    return radial_inward_field(samples, dtype, device).repeat(1, shape.rows, shape.columns)
 
 
 def image_gradient(patches: Tensor, kernel: Gradient) -> Tensor:
@@ -180,7 +169,7 @@ def image_gradient(patches: Tensor, kernel: Gradient) -> Tensor:
     if kernel == "sobel":
         return kornia.filters.spatial_gradient(patches, mode="sobel")[:, 0]
     if kernel != "central":
-        raise VoccError(f"receiver.gradient is {kernel!r}: it must be one of {', '.join(get_args(Gradient))}")
+        raise VoccError.of("receiver.gradient", repr(kernel), f"one of {', '.join(get_args(Gradient))}")
     padded = F.pad(patches, (1, 1, 1, 1), mode="replicate")
     dx = padded[..., 1:-1, 2:] - padded[..., 1:-1, :-2]
     dy = padded[..., 2:, 1:-1] - padded[..., :-2, 1:-1]
@@ -269,8 +258,8 @@ def led_features(
     if "gri" in needed:
         gri = gradient_radial_inwardness(patches, shape, cell_width_px, cell_height_px, kernel)
     if means is not None:
-        agr = _average_ratio(means) if "agr" in needed else agr
-        ngr = _neighbour_ratio(means) if "ngr" in needed else ngr
+        agr = average_greyscale_ratio(means) if "agr" in needed else agr
+        ngr = neighbour_greyscale_ratio(means) if "ngr" in needed else ngr
     return torch.stack([agr, gri, ngr], dim=-1)
 
 

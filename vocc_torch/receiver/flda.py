@@ -1,10 +1,8 @@
 """Fisher's linear discriminant: from LED features to bits, in closed form (the paper's section III-C)."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Callable, Sequence
-from typing import Self
+from typing import Any, Self
 
 import torch
 from torch import Tensor, nn
@@ -64,9 +62,6 @@ class FLDA(nn.Module):
         for name in _PARTS:
             self.register_buffer(name, getattr(start, name))
         self._solution: Discriminant | None = None
-        # Both hooks are functions of this module, so that copies and pickles keep them; torch has no hints.
-        self.register_load_state_dict_pre_hook(_before_load)  # type: ignore[no-untyped-call]
-        self.register_load_state_dict_post_hook(_after_load)  # type: ignore[no-untyped-call]
 
     @property
     def n_features(self) -> int:
@@ -117,21 +112,20 @@ class FLDA(nn.Module):
             self._store(self.statistics.merged(piece).checked())
         return self
 
-    def merge(self, other: FLDA) -> Self:
+    def merge(self, other: "FLDA") -> Self:
         """Add the samples that another discriminant has seen; ``other`` is left as it is.
 
         Raises:
             VoccError: ``other`` has another number of features.
         """
         if other.n_features != self.n_features:
-            raise VoccError(
-                f"other has n_features = {other.n_features}: it must be {self.n_features} to merge"
-            )
+            rule = f"it must be {self.n_features} to merge"
+            raise VoccError(f"other has n_features = {other.n_features}: {rule}")
         with torch.inference_mode(False), torch.no_grad():
             self._store(self.statistics.merged(other.statistics).checked())
         return self
 
-    def select(self, features: Sequence[int]) -> FLDA:
+    def select(self, features: Sequence[int]) -> "FLDA":
         """Return a new discriminant on some of the features, in the order given, from the same statistics.
 
         Args:
@@ -177,12 +171,9 @@ class FLDA(nn.Module):
             VoccError: as ``decision_function``; also where a score is not finite.
         """
         scores = self.decision_function(features)
-        if not bool(scores.isfinite().all()):
-            value = scores[~scores.isfinite()][0].item()
-            raise VoccError(
-                f"features holds a value that is not finite, or too far from the training set: its score is "
-                f"{value:g}, neither On nor Off"
-            )
+        if (stray := scores[~scores.isfinite()]).numel():
+            given = "features holds a value that is not finite, or too far from the training set"
+            raise VoccError(f"{given}: its score is {stray[0].item():g}, neither On nor Off")
         return scores >= 0
 
     def extra_repr(self) -> str:
@@ -220,30 +211,21 @@ class FLDA(nn.Module):
         self._solution = None
         return self
 
+    def _load_from_state_dict(self, state: dict[str, Tensor], prefix: str, *rest: Any) -> None:
+        """Take over statistics, in their dtypes; an older version wrote sums as two numbers each."""
+        for name in ("mean", "scatter"):
+            if (smaller := state.pop(f"{prefix}{name}_rest", None)) is not None:
+                state[f"{prefix}{name}"] = state[f"{prefix}{name}"] + smaller
+        super()._load_from_state_dict(state, prefix, *rest)
+        self.count, self.mean = self.count.to(torch.int64), self.mean.to(torch.float64)
+        self.scatter, self._solution = self.scatter.to(torch.float64), None
+
 
 def _require_both(seen: ClassScatter) -> None:
     """Refuse statistics in which a class has no samples, by its name."""
     off, on = seen.count.tolist()
-    if off == 0 and on == 0:
+    if not off + on:
         raise VoccError("FLDA has seen no samples: call fit or update with both Off and On samples first")
-    if off == 0 or on == 0:
-        missing = "Off (bit 0)" if off == 0 else "On (bit 1)"
-        raise VoccError(
-            f"FLDA has seen no {missing} sample, only {off + on} of the other class: it needs both"
-        )
-
-
-def _before_load(_module: nn.Module, state: dict[str, Tensor], prefix: str, *_rest: object) -> None:
-    """Add up means and scatters that an older version wrote as sums of two numbers each."""
-    for name in ("mean", "scatter"):
-        if (rest := state.pop(f"{prefix}{name}_rest", None)) is not None:
-            state[f"{prefix}{name}"] = state[f"{prefix}{name}"] + rest
-
-
-def _after_load(module: nn.Module, _incompatible: object) -> None:
-    """Drop the solution of the statistics that ``load_state_dict`` has just replaced, and hold the dtypes."""
-    if isinstance(module, FLDA):
-        for name in _PARTS:
-            dtype = torch.int64 if name == "count" else torch.float64
-            setattr(module, name, getattr(module, name).to(dtype))
-        module._solution = None
+    if not off or not on:
+        seen_none = f"FLDA has seen no {'On (bit 1)' if off else 'Off (bit 0)'} sample"
+        raise VoccError(f"{seen_none}, only {off + on} of the other class: it needs both")

@@ -1,7 +1,5 @@
 """The LED lattice fitted to the picture, in sub-pixels: Gauss-Newton steps, bits, missed lines of LEDs."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import lru_cache
 
@@ -9,20 +7,8 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from vocc_torch.receiver.lattice_model import (
-    GAMMA,
-    MARGIN,
-    ROUNDING_DN,
-    SAMPLES,
-    Lattice,
-    Model,
-    Spots,
-    corner_cells,
-    grey_values,
-    linear_light,
-    read_patches,
-    sample_cells,
-)
+from vocc_torch.receiver import lattice_model
+from vocc_torch.receiver.lattice_model import MARGIN, SAMPLES, Lattice, Model, corner_cells, grey_values
 from vocc_torch.receiver.rectification import map_points
 from vocc_torch.types import Frames, PanelShape
 
@@ -60,12 +46,13 @@ def fit_lattice(frames: Frames, start: Lattice) -> Lattice:
         The lattices, finite; ``rms_dn`` and ``share`` say how well they explain the pictures, and only they
         tell where there is no lattice to fit.
     """
-    # One frame goes twice: products of one matrix may be summed otherwise than those of several, and a fit
-    # of what is no lattice can go either way.
     active = torch.arange(len(frames), device=start.blur.device)
-    best, own, seen = start[active], start[_paired(active)], frames
+    best, own, seen = start[active], start[active], frames
     for number in range(_STEPS):
-        before, after, unsettled = _improved(seen, own, number)
+        # One frame goes twice: products of one matrix may be summed otherwise than those of several, and a
+        # fit of what is no lattice can go either way.
+        twice = active.new_zeros(2) if len(active) == 1 else slice(None)
+        before, after, unsettled = _improved(seen, own[twice], number)
         before, unsettled = before[: len(active)], unsettled[: len(active)]
         better = before.rms_dn < best.rms_dn[active] if number else torch.ones_like(unsettled)
         best.put(active[better], before[better])
@@ -73,18 +60,14 @@ def fit_lattice(frames: Frames, start: Lattice) -> Lattice:
         if not len(rows):
             break
         seen = seen[rows] if len(rows) < len(seen) else seen
-        active, own = active[rows], after[_paired(rows)]
+        active, own = active[rows], after[rows]
     return best
-
-
-def _paired(rows: Tensor) -> Tensor:
-    """Repeat a single row, so that there are two."""
-    return rows.repeat(2) if len(rows) == 1 else rows
 
 
 def _read(frames: Frames, lattice: Lattice) -> Tensor:
     """Read the pictures around the lattices; that of one frame that goes twice is read once."""
-    patches = read_patches(frames, lattice.corners_px[: len(frames)], lattice.shape, MARGIN)
+    corners_px = lattice.corners_px[: len(frames)]
+    patches = lattice_model.read_patches(frames, corners_px, lattice.shape, MARGIN)
     return patches.expand(len(lattice.blur), -1, -1)
 
 
@@ -93,7 +76,11 @@ def _improved(frames: Frames, lattice: Lattice, number: int) -> tuple[Lattice, L
     model = Model.of(_read(frames, lattice), lattice)
     unsettled = torch.full_like(lattice.background, number <= _LINE_STEPS[0], dtype=torch.bool)
     if number < _FREE_STEPS:
-        lattice = _with_free_bits(model, lattice, levels=number == 0)
+        background = lattice.background.to(model.grey.dtype)[:, None, None]
+        light = lattice_model.linear_light(model.grey) - background
+        bits, found = _two_levels(_amplitudes(light, model))
+        levels = lattice.levels if number else found.to(torch.float64)
+        lattice = replace(lattice, bits=bits, levels=levels)
         model = model.again(lattice)
     else:
         lattice, turned = _with_turned_bits(model, lattice)
@@ -107,34 +94,31 @@ def _improved(frames: Frames, lattice: Lattice, number: int) -> tuple[Lattice, L
                 model = Model.of(_read(frames, lattice), lattice)
     trust = model.trust()
     before = model.scored(lattice, trust)
-    after, moves = _stepped(model, lattice, trust, _STIFF if number < _STIFF_STEPS else _EXPECTED)
-    return before, after, unsettled | (moves >= _STILL_CELLS)
-
-
-def _stepped(
-    model: Model, lattice: Lattice, trust: Tensor, expected: tuple[float, ...]
-) -> tuple[Lattice, Tensor]:
-    """Return lattices after a Gauss-Newton step damped by ``expected``, and its greatest move (B,), cells."""
+    # A Gauss-Newton step, damped by what is expected of each value.
     predicted = model.predicted
-    slope = torch.where(model.light < 1, predicted / (GAMMA * model.light.clamp(min=1e-5)), 0.0).flatten(1)
-    rest = (model.grey - predicted).flatten(1)
+    slope = predicted / (lattice_model.GAMMA * model.light.clamp(min=1e-5))
+    slope = torch.where(model.light < 1, slope, 0.0).flatten(1)
     root = trust.sqrt().flatten(1)
-    rest = rest * root
+    rest = (model.grey - predicted).flatten(1) * root
     jacobian = _changes(model, lattice) * (slope * root)[:, None]
-    variance = (rest.square().mean(1) + ROUNDING_DN**2).to(torch.float64)[:, None]
+    variance = (rest.square().mean(1) + lattice_model.ROUNDING_DN**2).to(torch.float64)[:, None]
     curvature = (jacobian @ jacobian.mT).to(torch.float64) / variance[..., None]
-    curvature += _damping(expected, curvature.device)
+    expected = torch.tensor(_STIFF if number < _STIFF_STEPS else _EXPECTED, dtype=torch.float64)
+    curvature += torch.diag(expected**-2).to(curvature.device)
     slopes = (jacobian @ rest[..., None])[..., 0].to(torch.float64) / variance
     step = torch.linalg.solve(curvature, slopes)
     greatest = step[:, :8].abs().amax(1)
-    return _applied(step * (_MOST_CELLS / greatest.clamp(min=_MOST_CELLS))[:, None], lattice), greatest
-
-
-@lru_cache(maxsize=8)
-def _damping(expected: tuple[float, ...], device: torch.device) -> Tensor:
-    """Return the curvature that stands for what is expected of each value, as a diagonal matrix."""
-    with torch.inference_mode(False):
-        return torch.diag(torch.tensor(expected, dtype=torch.float64) ** -2).to(device)
+    step = step * (_MOST_CELLS / greatest.clamp(min=_MOST_CELLS))[:, None]
+    cells, fields = _fields(lattice.shape, step.device)
+    moves = torch.stack([step[:, :4] @ fields, step[:, 4:8] @ fields], 2)
+    after = replace(
+        lattice,
+        corners_px=map_points(lattice.corners_px, cells + moves, lattice.shape),
+        blur=(lattice.blur + step[:, 8:10]).clamp(*_BLUR_CELLS),
+        levels=lattice.levels + step[:, 10:12],
+        background=(lattice.background + step[:, 12]).clamp(0, 1),
+    )
+    return before, after, unsettled | (greatest >= _STILL_CELLS)
 
 
 def _changes(model: Model, lattice: Lattice) -> Tensor:
@@ -150,45 +134,18 @@ def _changes(model: Model, lattice: Lattice) -> Tensor:
     lit = torch.bmm(torch.cat([across, down], 1), amplitude)
     by_x = torch.bmm(lit[:, : 2 * high], sideways.mT).view(batch, 2, high, 3, wide).transpose(2, 3)
     by_y = torch.bmm(lit[:, 2 * high :], straight.mT).view(batch, 3, high, 2, wide).transpose(2, 3)
-    changes = [
-        by_x[:, :, :2].reshape(batch, 4, -1),
-        by_y[:, :2].reshape(batch, 4, -1),
-        by_x[:, 0, 2].reshape(batch, 1, -1),
-        by_y[:, 2, 0].reshape(batch, 1, -1),
-        model.parts.flatten(2),
-        torch.ones_like(model.grey).flatten(1)[:, None],
-    ]
-    return torch.cat(changes, 1)
-
-
-def _applied(step: Tensor, lattice: Lattice) -> Lattice:
-    """Move corners by their fields, and the other values by their steps."""
-    shape = lattice.shape
-    cells, fields = _fields(shape, step.device)
-    moves = torch.stack([step[:, :4] @ fields, step[:, 4:8] @ fields], 2)
-    return replace(
-        lattice,
-        corners_px=map_points(lattice.corners_px, cells + moves, shape),
-        blur=(lattice.blur + step[:, 8:10]).clamp(*_BLUR_CELLS),
-        levels=lattice.levels + step[:, 10:12],
-        background=(lattice.background + step[:, 12]).clamp(0, 1),
-    )
+    changes = [by_x[:, :, :2], by_y[:, :2], by_x[:, 0, 2], by_y[:, 2, 0]]
+    changes += [model.parts, torch.ones_like(model.grey)]
+    return torch.cat([one.reshape(batch, -1, high * wide) for one in changes], 1)
 
 
 @lru_cache(maxsize=32)
+@torch.inference_mode(False)
 def _fields(shape: PanelShape, device: torch.device) -> tuple[Tensor, Tensor]:
     """Return the corners' cells (4,2), and the fields 1, u, v and uv at them, (4,4)."""
-    with torch.inference_mode(False):
-        cells = corner_cells(shape)
-        u, v = (2 * cells / cells.amax(0) - 1).unbind(1)
-        return cells.to(device), torch.stack([torch.ones_like(u), u, v, u * v]).to(device)
-
-
-def _with_free_bits(model: Model, lattice: Lattice, *, levels: bool) -> Lattice:
-    """Return lattices with bits, and levels if wanted, from amplitudes fitted to each LED."""
-    light = linear_light(model.grey) - lattice.background.to(model.grey.dtype)[:, None, None]
-    bits, found = _two_levels(_amplitudes(light, model))
-    return replace(lattice, bits=bits, levels=found.to(torch.float64) if levels else lattice.levels)
+    cells = corner_cells(shape)
+    u, v = (2 * cells / cells.amax(0) - 1).unbind(1)
+    return cells.to(device), torch.stack([torch.ones_like(u), u, v, u * v]).to(device)
 
 
 def _amplitudes(light: Tensor, model: Model) -> Tensor:
@@ -196,8 +153,14 @@ def _amplitudes(light: Tensor, model: Model) -> Tensor:
 
     They are taken to be as bright as the fit says, and fitted again (Dempster, Laird and Rubin 1977).
     """
-    down, across = _inverse(model.rows), _inverse(model.columns)
-    found = down @ light @ across.mT
+    # Pseudo-inverses of the spots' profiles, near singular where spots melt together.
+    inverses = []
+    for value in (model.rows.value.to(torch.float64), model.columns.value.to(torch.float64)):
+        products = value.mT @ value
+        products.diagonal(dim1=1, dim2=2).add_(1e-6)
+        inverses.append(torch.linalg.solve(products, value.mT).to(torch.float32))
+    down, across = inverses
+    found: Tensor = down @ light @ across.mT
     white = model.grey >= _SATURATED_DN
     some = white.flatten(1).any(1).nonzero()[:, 0]
     if len(some):
@@ -208,15 +171,6 @@ def _amplitudes(light: Tensor, model: Model) -> Tensor:
             own = down @ torch.where(white, guess, light) @ across.mT
         found[some] = own
     return found
-
-
-def _inverse(spots: Spots) -> Tensor:
-    """Return the pseudo-inverse (B,n,N) of an axis's spots, near singular where these melt together."""
-    value = spots.value.to(torch.float64)
-    products = value.mT @ value
-    products.diagonal(dim1=1, dim2=2).add_(1e-6)
-    inverse: Tensor = torch.linalg.solve(products, value.mT)
-    return inverse.to(torch.float32)
 
 
 def _two_levels(amplitude: Tensor) -> tuple[Tensor, Tensor]:
@@ -268,7 +222,10 @@ def _with_missed_lines(model: Model, lattice: Lattice) -> tuple[Lattice, Tensor]
     options = []
     for axis, spots, others in ((1, model.rows, model.columns), (2, model.columns, model.rows)):
         leds = int(amplitude.shape[axis])
-        samples, blur = sample_cells(leds, MARGIN).to(amplitude), lattice.blur[:, 2 - axis, None].float()
+        samples, blur = (
+            lattice_model.sample_cells(leds, MARGIN).to(amplitude),
+            lattice.blur[:, 2 - axis, None].float(),
+        )
         off = lattice.levels[:, :1].float() * others.value.sum(2)
         for far, near, by in ((leds - 1, -0.5, -1), (0, leds + 0.5, 1)):
             new = torch.exp(-(((samples - near) / blur) ** 2) / 2)

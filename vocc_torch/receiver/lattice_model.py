@@ -3,11 +3,9 @@
 :func:`search_lattice` finds where the lattice may lie near a quadrilateral, over pitch, place and blur.
 """
 
-from __future__ import annotations
-
-import functools
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import Self
 
 import torch
 from torch import Tensor
@@ -56,41 +54,31 @@ class Lattice:
     share_of_all: Tensor
 
     @classmethod
-    def at(cls, corners_px: Tensor, blur: Tensor, background_dn: Tensor, shape: PanelShape) -> Lattice:
+    def at(cls, corners_px: Tensor, blur: Tensor, background_dn: Tensor, shape: PanelShape) -> Self:
         """Start with corners (B,4,2), a blur (B,) and a background (B,), DN; without light."""
-        none = background_dn.new_zeros(len(corners_px), dtype=torch.float64)
-        bits = torch.zeros(len(none), shape.rows, shape.columns, dtype=torch.bool, device=none.device)
+        none = background_dn.new_zeros(3, len(corners_px), dtype=torch.float64)
+        bits = none.new_zeros(len(corners_px), shape.rows, shape.columns, dtype=torch.bool)
         light = linear_light(background_dn.to(torch.float64))
-        pairs = blur[:, None].repeat(1, 2), torch.stack([none, none], 1)
-        return cls(corners_px.clone(), *pairs, light, bits, none, none.clone(), none.clone())
+        return cls(corners_px.clone(), blur[:, None].repeat(1, 2), none[:2].mT.clone(), light, bits, *none)
 
     @property
     def shape(self) -> PanelShape:
         """Rows and columns."""
-        return _shape(*self.bits.shape[1:])
+        return PanelShape(*self.bits.shape[1:])
 
     def amplitudes(self) -> Tensor:
         """(B,R,C) float32 light of each LED."""
         levels = self.levels.to(torch.float32)
         return torch.where(self.bits, levels[:, 1:, None], levels[:, :1, None])
 
-    def __getitem__(self, rows: Tensor | slice) -> Lattice:
+    def __getitem__(self, rows: Tensor | slice) -> Self:
         """Return the lattices of an index, a bool mask or a slice."""
-        return Lattice(*(getattr(self, name)[rows] for name in _FIELDS))
+        return type(self)(*(getattr(self, name)[rows] for name in self.__slots__))
 
-    def put(self, rows: Tensor, other: Lattice) -> None:
+    def put(self, rows: Tensor, other: Self) -> None:
         """Overwrite the lattices ``rows``."""
-        for name in _FIELDS:
+        for name in self.__slots__:
             getattr(self, name)[rows] = getattr(other, name)
-
-
-@lru_cache(maxsize=64)
-def _shape(rows: int, columns: int) -> PanelShape:
-    """Return a panel's shape, checked once."""
-    return PanelShape(rows, columns)
-
-
-_FIELDS = tuple(field.name for field in fields(Lattice))
 
 
 def linear_light(grey: Tensor) -> Tensor:
@@ -114,6 +102,7 @@ def grey_values(light: Tensor) -> Tensor:
 
 
 @lru_cache(maxsize=64)
+@torch.inference_mode(False)
 def corner_cells(shape: PanelShape, beyond: float = 0.0) -> Tensor:
     """Return the cell coordinates of the corners, (4,2) float64, or of points ``beyond`` cells outside them.
 
@@ -123,9 +112,7 @@ def corner_cells(shape: PanelShape, beyond: float = 0.0) -> Tensor:
     """
     least, right, low = 0 - beyond, shape.columns + beyond, shape.rows + beyond
     ends = [[least, least], [right, least], [right, low], [least, low]]
-    # A normal tensor even inside inference_mode, for it is kept.
-    with torch.inference_mode(False):
-        return torch.tensor(ends, dtype=torch.float64)
+    return torch.tensor(ends, dtype=torch.float64)
 
 
 def sample_cells(leds: int, margin: int) -> Tensor:
@@ -144,7 +131,7 @@ def read_patches(frames: Frames, corners_px: Tensor, shape: PanelShape, margin: 
     if beyond:
         cells = corner_cells(shape, beyond).to(corners_px.device).expand(len(corners_px), 4, 2)
         corners_px = map_points(corners_px, cells, shape)
-    wide = _shape(shape.rows + 2 * beyond, shape.columns + 2 * beyond)
+    wide = PanelShape(shape.rows + 2 * beyond, shape.columns + 2 * beyond)
     return rectify(frames, Panels.known(corners_px), wide, SAMPLES)[:, 0].to(torch.float32)
 
 
@@ -165,7 +152,7 @@ class Spots:
     lever: Tensor
 
     @classmethod
-    def of(cls, leds: int, blur: Tensor) -> Spots:
+    def of(cls, leds: int, blur: Tensor) -> Self:
         """Compute the profiles of ``leds`` spots along an axis from their standard deviations (B,), cells."""
         apart, lever = _axis(leds, blur.device)
         width = blur.to(torch.float32)[:, None, None]
@@ -179,12 +166,12 @@ class Spots:
 
 
 @lru_cache(maxsize=32)
+@torch.inference_mode(False)
 def _axis(leds: int, device: torch.device) -> tuple[Tensor, Tensor]:
     """Return samples less the middles of an axis's spots, (N,n) cells, and the levers (n,)."""
-    with torch.inference_mode(False):
-        centre = torch.arange(leds, dtype=torch.float32) + 0.5
-        apart = sample_cells(leds, MARGIN).to(centre)[:, None] - centre
-        return apart.to(device), (2 * centre / leds - 1).to(device)
+    centre = torch.arange(leds, dtype=torch.float32) + 0.5
+    apart = sample_cells(leds, MARGIN).to(centre)[:, None] - centre
+    return apart.to(device), (2 * centre / leds - 1).to(device)
 
 
 @dataclass(frozen=True, slots=True)
@@ -208,24 +195,19 @@ class Model:
     predicted: Tensor
 
     @classmethod
-    def of(cls, grey: Tensor, lattice: Lattice) -> Model:
-        """Predict pictures that are resampled about the lattices."""
-        columns = Spots.of(lattice.shape.columns, lattice.blur[:, 0])
-        rows = Spots.of(lattice.shape.rows, lattice.blur[:, 1])
-        return cls._seen(grey, rows, columns, lattice)
-
-    @classmethod
-    def _seen(cls, grey: Tensor, rows: Spots, columns: Spots, lattice: Lattice) -> Model:
-        """Predict pictures by spots that are laid already."""
+    def of(cls, grey: Tensor, lattice: Lattice, spots: tuple[Spots, Spots] | None = None) -> Self:
+        """Predict pictures that are resampled about the lattices; ``spots`` if rows and columns are known."""
+        high, wide = lattice.bits.shape[1:]
+        rows, columns = spots or (Spots.of(high, lattice.blur[:, 1]), Spots.of(wide, lattice.blur[:, 0]))
         both = torch.stack([~lattice.bits, lattice.bits], 1).to(grey.dtype)
         parts = rows.value[:, None] @ both @ columns.value[:, None].mT
         levels, background = lattice.levels.to(grey.dtype), lattice.background.to(grey.dtype)
         light = (parts * levels[:, :, None, None]).sum(1) + background[:, None, None]
         return cls(grey, rows, columns, parts, light, grey_values(light))
 
-    def again(self, lattice: Lattice) -> Model:
+    def again(self, lattice: Lattice) -> Self:
         """Predict anew after a change of bits, levels and background only."""
-        return self._seen(self.grey, self.rows, self.columns, lattice)
+        return type(self).of(self.grey, lattice, (self.rows, self.columns))
 
     def trust(self) -> Tensor:
         """Weigh pixels (B,H,W): what the lattice cannot explain, such as what hides the panel, counts little.
@@ -255,26 +237,15 @@ _EXTENT, _SHIFT = 3.0, 1.5
 _MOST_APART = 1
 
 
-@dataclass(frozen=True, slots=True)
-class _Bank:
-    """Candidates for one axis.
+@lru_cache(maxsize=8)
+@torch.inference_mode(False)
+def _bank(leds: int, most: int, device: torch.device) -> tuple[Tensor, ...]:
+    """Span of ``leds`` spots at each candidate's places on an axis, ``most`` being that of both axes.
 
-    Args:
-        pitch: (P,) cells.
-        shift: (S,) cells.
-        projectors: (N*(N+1)/2,P*S*G), their upper triangles; what is beside the diagonal counts twice.
-        upper: (N*(N+1)/2,) where in N x N numbers the upper triangle lies.
+    Returns:
+        (P,) pitches and (S,) shifts, cells; (N*(N+1)/2,P*S*G) upper triangles of projectors, in which what is
+        beside the diagonal counts twice; (N*(N+1)/2,) where in N x N numbers the upper triangle lies.
     """
-
-    pitch: Tensor
-    shift: Tensor
-    projectors: Tensor
-    upper: Tensor
-
-
-@functools.lru_cache(maxsize=8)
-def _bank(leds: int, most: int, device: torch.device) -> _Bank:
-    """Span of ``leds`` spots at each candidate's places, as projectors on an axis; ``most`` of both axes."""
     pitch = 1 + torch.linspace(-_EXTENT, _EXTENT, _PITCHES, dtype=torch.float64) / max(most, 8)
     shift = torch.linspace(-_SHIFT, _SHIFT, _SHIFTS, dtype=torch.float64)
     blur = torch.tensor(_BLURS, dtype=torch.float64)
@@ -286,7 +257,7 @@ def _bank(leds: int, most: int, device: torch.device) -> _Bank:
     halves = (basis @ basis.mT)[:, row, column] * torch.where(row == column, 1.0, 2.0)
     projectors = halves.mT.to(torch.float32).contiguous()
     upper = row * spots.shape[1] + column
-    return _Bank(pitch.to(device), shift.to(device), projectors.to(device), upper.to(device))
+    return tuple(one.to(device) for one in (pitch, shift, projectors, upper))
 
 
 def search_lattice(
@@ -322,38 +293,27 @@ def search_lattice(
     corners_px = _with_square_cells(corners_px, shape) if square else corners_px
     grey = read_patches(frames, corners_px, shape, _MARGIN)
     light = linear_light(grey) - linear_light(background.to(grey.dtype))[:, None, None]
-    most, banks, bests = max(shape.rows, shape.columns), [], []
-    products = [light.mT @ light, light @ light.mT]
+    sides, products = (shape.columns, shape.rows), [light.mT @ light, light @ light.mT]
+    banks = [_bank(leds, max(sides), light.device) for leds in sides]
     # Axes of equally many LEDs are searched as one batch.
-    alike = shape.columns == shape.rows
-    axes = (
-        [(shape.rows, torch.cat(products))]
-        if alike
-        else [(shape.columns, products[0]), (shape.rows, products[1])]
-    )
-    for leds, product in axes:
-        with torch.inference_mode(False):
-            bank = _bank(leds, most, light.device)
-        energy = product.flatten(1)[:, bank.upper] @ bank.projectors
-        for one in energy.view(-1, len(light), _PITCHES, _SHIFTS, len(_BLURS)):
-            bests.append(one.max(2))
-            banks.append(bank)
+    products = [torch.cat(products)] if sides[0] == sides[1] else products
+    pairs = zip(products, banks, strict=False)
+    energy = torch.cat([product.flatten(1)[:, upper] @ spans for product, (_, _, spans, upper) in pairs])
+    bests = [one.max(2) for one in energy.view(2, len(light), _PITCHES, _SHIFTS, len(_BLURS))]
     # Energy by pitch along the rows, pitch down the columns and blur.
     pitches = torch.arange(_PITCHES, device=light.device)
-    pairs = bests[0].values[:, :, None] + bests[1].values[:, None]
+    both = bests[0].values[:, :, None] + bests[1].values[:, None]
     apart = (pitches[:, None] - pitches).abs() > _MOST_APART
-    chosen = pairs.masked_fill(apart[..., None], -torch.inf).flatten(1).argmax(1)
+    chosen = both.masked_fill(apart[..., None], -torch.inf).flatten(1).argmax(1)
     blur, pair = chosen % len(_BLURS), chosen // len(_BLURS)
     half, middle = [], []
-    for leds, bank, best, pitch in (
-        (shape.columns, banks[0], bests[0], pair // _PITCHES),
-        (shape.rows, banks[1], bests[1], pair % _PITCHES),
-    ):
-        place = best.indices[torch.arange(len(pitch), device=pitch.device), pitch, blur]
-        half.append(bank.pitch[pitch] * leds / 2)
-        middle.append(bank.shift[place] + leds / 2)
-    sides = corner_cells(PanelShape(2, 2)).to(light.device) - 1
-    cells = torch.stack(middle, 1)[:, None] + sides * torch.stack(half, 1)[:, None]
+    frame = torch.arange(len(light), device=light.device)
+    pair_pitches = (pair // _PITCHES, pair % _PITCHES)
+    for leds, bank, best, pitch in zip(sides, banks, bests, pair_pitches, strict=True):
+        half.append(bank[0][pitch] * leds / 2)
+        middle.append(bank[1][best.indices[frame, pitch, blur]] + leds / 2)
+    corners = corner_cells(PanelShape(2, 2)).to(light.device) - 1
+    cells = torch.stack(middle, 1)[:, None] + corners * torch.stack(half, 1)[:, None]
     blurs = torch.tensor(_BLURS, dtype=torch.float64, device=light.device)
     return map_points(corners_px, cells, shape), blurs[blur]
 

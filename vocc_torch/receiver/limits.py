@@ -1,7 +1,5 @@
 """What the paper's locator takes for a panel, as plain values; this module needs no torch."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from vocc_torch.errors import VoccError

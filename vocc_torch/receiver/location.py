@@ -1,17 +1,18 @@
 """Where the panel is in each frame: the paper's locator (section IV-B-2, Fig. 18) at every scale."""
 
-from __future__ import annotations
+from dataclasses import dataclass, fields, replace
+from typing import Self
 
-from dataclasses import dataclass
-
+import numpy as np
+import scipy.ndimage
 import torch
 from torch import Tensor
 
 from vocc_torch.errors import VoccError
-from vocc_torch.receiver.components import close_mask
-from vocc_torch.receiver.ladder import Choice, choose_single, climb
+from vocc_torch.receiver import components
+from vocc_torch.receiver.foreground import otsu_threshold, sensor_histogram, trimmed
 from vocc_torch.receiver.limits import LocatorLimits
-from vocc_torch.receiver.otsu import UnevenParts, otsu_threshold, sensor_histogram, uneven_parts
+from vocc_torch.receiver.quadrilateral import measure_blobs
 from vocc_torch.types import Frames, Panels, PanelShape
 
 # Most pixels in one pass, to bound the memory; passes below the small size are not worth parting further.
@@ -23,6 +24,14 @@ _SMALL_MASK_PX = 1 << 15
 _MOST_ALONE = 4
 # Columns of a blob are counted in 16 bits.
 _MOST_SIDE_PX = 1 << 15
+# A merged blob replaces one of its parts from this share of the best score so far on, for it explains more.
+_MERGE_RATIO = 0.75
+# A blob with this share of the frame's foreground leaves nothing worth merging.
+_WHOLE_SHARE = 0.99
+# From this many LED pitches on a closing spans one Off LED between two On ones.
+_REACH_PITCHES = 1.4
+# From this many on it has filled all but the widest gaps: no blob will look more like a panel later.
+_LAST_PITCHES = 3.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +79,37 @@ def paper_stages(frames: Frames, closing_px: int = 11) -> Stages:
     exact = exact_frames(frames)
     threshold = otsu_threshold(sensor_histogram(exact))
     mask = exact.grey > threshold.view(-1, 1, 1, 1)
-    return Stages(threshold, mask, close_mask(mask, closing_px))
+    return Stages(threshold, mask, components.close_mask(mask, closing_px))
+
+
+@dataclass(frozen=True, slots=True)
+class Choice(Panels):
+    """The panels chosen so far, of which some can be taken and overwritten; zeros where there is none.
+
+    Args:
+        first_px: (B,2) int64, column and row of the first pixel of the chosen blob, in its mask.
+        mask_px: (B,) int64, number of the blob's mask pixels.
+    """
+
+    first_px: Tensor
+    mask_px: Tensor
+
+    @classmethod
+    def none(cls, masks: int, device: torch.device) -> Self:
+        """Start with nothing chosen."""
+        count = torch.zeros(masks, dtype=torch.int64, device=device)
+        corners = count.new_zeros(masks, 4, 2, dtype=torch.float64)
+        score = corners[:, 0, 0].clone()
+        return cls(corners, score > 0, score, count, count.new_zeros(masks, 2), count.clone())
+
+    def __getitem__(self, rows: Tensor) -> Self:
+        """Return the choices of an index or a bool mask."""
+        return type(self)(*(getattr(self, field.name)[rows] for field in fields(self)))
+
+    def put(self, rows: Tensor, others: Panels) -> None:
+        """Overwrite the panels ``rows`` by others; what these do not tell stays."""
+        for field in fields(others):
+            getattr(self, field.name)[rows] = getattr(others, field.name)
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,36 +170,25 @@ class PaperLocator(LocatorLimits):
         Raises:
             VoccError: what :func:`exact_frames` refuses.
         """
-        exact = exact_frames(frames)
-        parts = uneven_parts(exact.grey)
-        threshold = otsu_threshold(sensor_histogram(exact, parts))
-        dark = threshold
-        bright: list[int] = []
-        if exact.surround is not None:
+        exact = trimmed(exact_frames(frames))
+        threshold = otsu_threshold(sensor_histogram(exact))
+        if exact.surround is None:
+            choice = self.choose(exact, threshold, shape)
+        else:
             lit = exact.surround.round() > threshold
-            dark, bright = threshold.masked_fill(lit, 255), lit.nonzero()[:, 0].tolist()
-        choice = self.choose(exact, dark, shape, parts)
-        for index in bright:
-            one = slice(index, index + 1)
-            choice.put(torch.tensor([index]), self.choose(_on_sensor(exact[one]), threshold[one], shape))
-        return Panels(choice.corners_px, choice.score > 0, choice.score, choice.candidates)
+            choice = self.choose(exact, threshold.masked_fill(lit, 255), shape)
+            for row in lit.nonzero():
+                choice.put(row, self.choose(_on_sensor(exact[row]), threshold[row], shape))
+        return Panels(*(getattr(choice, name) for name in Panels.__slots__))
 
-    def choose(
-        self, frames: Frames, threshold: Tensor, shape: PanelShape, parts: UnevenParts | None = None
-    ) -> Choice:
+    def choose(self, frames: Frames, threshold: Tensor, shape: PanelShape) -> Choice:
         """Choose the blobs above thresholds (B,) in uint8 frames whose surround is background.
-
-        Args:
-            frames: B frames.
-            threshold: (B,) int64.
-            shape: the panel looked for.
-            parts: what :func:`vocc_torch.receiver.otsu.uneven_parts` says of the frames, where it is known.
 
         Returns:
             The choice, with corners on the sensor.
         """
-        boxes = _foreground_boxes(frames.grey, threshold, parts)
-        corner = boxes[:, :2]
+        boxes = _foreground_boxes(frames.grey, threshold)
+        corner = boxes[:, :2] + frames.origin_px.to(boxes)
         choice = Choice.none(len(frames), frames.grey.device)
         if boxes.device.type == "cpu" and len(boxes) <= _MOST_ALONE:
             small = boxes[:, 2] * boxes[:, 3] <= _SMALL_MASK_PX
@@ -168,13 +196,12 @@ class PaperLocator(LocatorLimits):
                 mask = _cut(frames.grey, threshold, boxes, rows, width, height)
                 made, part = choose_single(mask, shape, self)
                 choice.put(rows[made], part)
-            boxes = boxes.index_fill(0, choice.score.nonzero()[:, 0], 0)
+            boxes = boxes.index_fill(0, choice.found.nonzero()[:, 0], 0)
         for rows, width, height in _passes(boxes):
             mask = _cut(frames.grey, threshold, boxes, rows, width, height)
             choice.put(rows, climb(mask, shape, self))
-        place = (corner + frames.origin_px.to(corner))[:, None]
-        choice.corners_px = torch.where((choice.score > 0)[:, None, None], choice.corners_px + place, 0.0)
-        return choice
+        corners = torch.where(choice.found[:, None, None], choice.corners_px + corner[:, None], 0.0)
+        return replace(choice, corners_px=corners)
 
 
 def exact_frames(frames: Frames) -> Frames:
@@ -215,13 +242,10 @@ def _on_sensor(crop: Frames) -> Frames:
     return Frames.whole(grey)
 
 
-def _foreground_boxes(grey: Tensor, threshold: Tensor, parts: UnevenParts | None = None) -> Tensor:
+def _foreground_boxes(grey: Tensor, threshold: Tensor) -> Tensor:
     """Bound the pixels above the thresholds: (B,4) left, top, width, height; zeros where there are none."""
     if not grey.numel():
         return torch.zeros(grey.shape[0], 4, dtype=torch.int64, device=grey.device)
-    if parts and any(map(parts.outside_px, range(len(grey)))):
-        limits = threshold.tolist()
-        return torch.tensor([_foreground_box(grey, limit, parts, one) for one, limit in enumerate(limits)])
     ends = []
     for axis in (-2, -1):
         # Maxima of bytes first: comparing them all would write a mask as large as the frames.
@@ -230,20 +254,6 @@ def _foreground_boxes(grey: Tensor, threshold: Tensor, parts: UnevenParts | None
         ends.append((first, (length - lit.flip(1).argmax(1) - first) * lit.amax(1)))
     (left, width), (top, height) = ends
     return torch.stack([left, top, width, height], 1)
-
-
-def _foreground_box(grey: Tensor, limit: int, parts: UnevenParts, index: int) -> tuple[int, int, int, int]:
-    """Bound the pixels above ``limit``, in a frame's uneven part alone where the rest is dark."""
-    left = top = 0
-    plane = grey[index, 0].numpy()
-    if parts.levels[index] <= limit:
-        (left, top, _, _), plane = parts.boxes[index], parts.cut(grey, index).numpy()
-    if not plane.size:
-        return 0, 0, 0, 0
-    x, y = ((plane.max(axis) > limit).nonzero()[0] for axis in (0, 1))
-    if not len(x):
-        return 0, 0, 0, 0
-    return left + int(x[0]), top + int(y[0]), int(x[-1] - x[0]) + 1, int(y[-1] - y[0]) + 1
 
 
 def _passes(boxes: Tensor) -> list[tuple[Tensor, int, int]]:
@@ -278,3 +288,116 @@ def _cut(grey: Tensor, threshold: Tensor, boxes: Tensor, rows: Tensor, width: in
     y, x = y.clamp(max=grey.shape[-2] - 1), x.clamp(max=grey.shape[-1] - 1)
     values = grey[rows[:, None, None], 0, y[:, :, None], x[:, None, :]]
     return (values > threshold[rows, None, None]) & inside_y[:, :, None] & inside_x[:, None, :]
+
+
+def climb(mask: Tensor, shape: PanelShape, search: LocatorLimits) -> Choice:
+    """Choose the panel's blob in each mask by the rule in :class:`PaperLocator`: the ladder of closings.
+
+    Args:
+        mask: (B,H,W) bool, each mask's foreground starting in its first row and first column.
+        shape: the panel looked for.
+        search: limits and settings.
+
+    Returns:
+        The choice, of length B, in the masks' coordinates.
+
+    Example:
+        >>> mask = torch.zeros(1, 9, 40, dtype=torch.bool)
+        >>> mask[0, :, :9] = mask[0, :5, 30:] = True
+        >>> climb(mask, PanelShape(1, 1), LocatorLimits(3, 1, 0.0, 0.0, "upright")).candidates.tolist()
+        [2]
+    """
+    choice = Choice.none(len(mask), mask.device)
+    peak, foreground = choice.score.clone(), mask.sum((1, 2))
+    active = torch.arange(len(mask), device=mask.device)
+    coarse, level, runs = mask, 0, None
+    while True:
+        closed = components.close_mask(coarse[:, None], search.closing_px)[:, 0]
+        labelled = components.label_components(closed)
+        runs = components.joined(mask, labelled.runs) if runs is None else runs
+        blobs = components.collect_blobs(runs, labelled, min_area_px=search.min_area_px, level=level)
+        now, pitch, label = _level_choice(blobs, len(active), shape, search)
+        before = choice[active]
+        column, row = (before.first_px >> level).unbind(1)
+        holds = labelled.at(torch.arange(len(active), device=mask.device), row, column) == label
+        # A blob that holds the chosen one and more may score a little less; the same blob may not.
+        bar = torch.where(now.mask_px > before.mask_px, _MERGE_RATIO * peak[active], before.score)
+        better = torch.where(holds, now.score >= bar, now.score > before.score) | ~before.found
+        better &= now.found
+        choice.put(active[better], now[better])
+        peak[active[better]] = torch.where(holds, torch.maximum(peak[active], now.score), now.score)[better]
+        whole = choice.mask_px[active] >= _WHOLE_SHARE * foreground[active]
+        pitches = torch.where(whole, _REACH_PITCHES, _LAST_PITCHES)
+        on = ((blobs.components > 1) & ~whole) | ((search.closing_px << level) < pitches * pitch)
+        if not bool(on.any()):
+            return choice
+        active, runs, coarse = active[on], runs.of(on), components.halve_mask(coarse[on][:, None])[:, 0]
+        level += 1
+
+
+def _level_choice(
+    blobs: components.Blobs, masks: int, shape: PanelShape, search: LocatorLimits
+) -> tuple[Choice, Tensor, Tensor]:
+    """Choose at one level: the best blobs within limits, the pitch of the best of all, the labels."""
+    blobs_of = (blobs.first, blobs.last, blobs.area_px, blobs.left_px, blobs.first_px[:, 1])
+    first, last, area_px, left, top = (one.cpu().numpy() for one in blobs_of)
+    measures = measure_blobs(first, last, area_px, np.stack([left, top], 1), shape, search)
+    parts = (measures.corners_px, measures.within, measures.score, measures.pitch_px)
+    corners_px, passed, score, pitch_px = (torch.from_numpy(one).to(blobs.frame.device) for one in parts)
+    chosen = []
+    # Each mask's allowed blob of highest score, the first of equals, M if there is none.
+    for allowed in (passed, torch.ones_like(passed)):
+        frame = blobs.frame[allowed]
+        highest = score.new_zeros(masks)
+        highest = highest.scatter_reduce(0, frame, score[allowed], "amax", include_self=False)
+        top_blob = (allowed & (score == highest[blobs.frame])).nonzero()[:, 0]
+        none = torch.full_like(blobs.components, len(blobs))
+        chosen.append(none.scatter_reduce(0, blobs.frame[top_blob], top_blob, "amin"))
+    best, likely = chosen
+    found = (best < len(blobs)).nonzero()[:, 0]
+    blob = best[found]
+    candidates = torch.bincount(blobs.frame[passed], minlength=masks)[found]
+    values = (corners_px[blob], score[blob] > 0, score[blob], candidates, blobs.first_px[blob])
+    choice = Choice.none(masks, best.device)
+    choice.put(found, Choice(*values, blobs.mask_px[blob]))
+    label = torch.zeros_like(best).index_copy(0, found, blobs.label[blob])
+    return choice, torch.cat([pitch_px, pitch_px.new_zeros(1)])[likely], label
+
+
+def choose_single(mask: Tensor, shape: PanelShape, search: LocatorLimits) -> tuple[Tensor, Choice]:
+    """Choose as :func:`climb` does where one closing makes a mask a single blob, the most common case.
+
+    In the CPU's memory a call on a tensor costs more than the arithmetic of a small mask; SciPy labels there.
+
+    Args:
+        mask: (B,H,W) bool in the CPU's memory, each mask's foreground starting in its first row and column.
+        shape: the panel looked for.
+        search: limits and settings.
+
+    Returns:
+        The indices (n,) of the masks whose choice is made, and the choice; the ladder is left those whose
+        closed mask has several blobs, whose blob is outside the limits, and those that it would climb for.
+
+    Example:
+        >>> mask = torch.ones(1, 20, 20, dtype=torch.bool)
+        >>> mask[0, 5, 5] = False
+        >>> chosen, choice = choose_single(mask, PanelShape(8, 8), LocatorLimits())
+        >>> chosen.tolist(), choice.corners_px[0, 2].tolist()
+        ([0], [20.0, 20.0])
+    """
+    closed = components.close_mask(mask[:, None], search.closing_px)[:, 0].numpy()
+    single = [row for row, one in enumerate(closed) if scipy.ndimage.label(one, np.ones((3, 3)))[1] == 1]
+    single = [row for row in single if np.count_nonzero(closed[row]) >= search.min_area_px]
+    if not single:
+        return torch.zeros(0, dtype=torch.int64), Choice.none(0, mask.device)
+    lit, area_px = mask.numpy()[single], closed[single].sum((1, 2))
+    some = lit.any(2)
+    first = np.where(some, lit.argmax(2), 0)
+    last = np.where(some, lit.shape[2] - 1 - lit[..., ::-1].argmax(2), -1)
+    one, seed = np.ones_like(area_px), np.stack([first[:, 0], 0 * area_px], 1)
+    measures = measure_blobs(first, last, area_px, 0 * seed, shape, search)
+    sure = measures.within & (search.closing_px >= _REACH_PITCHES * measures.pitch_px)
+    score = measures.score
+    parts = (measures.corners_px, score > 0, score, one, seed, lit.sum((1, 2)))
+    choice = Choice(*(torch.from_numpy(part[sure]) for part in parts))
+    return torch.from_numpy(np.array(single)[sure]), choice

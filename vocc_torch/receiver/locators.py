@@ -1,7 +1,5 @@
 """The locators by name: the paper's, and ours, which fits the lattice of LEDs to sub-pixels and in noise."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Literal, get_args
@@ -10,11 +8,11 @@ import torch
 from torch import Tensor
 
 from vocc_torch.errors import VoccError
+from vocc_torch.receiver.foreground import bright_regions, cut_windows, ring_statistics
 from vocc_torch.receiver.lattice_fit import fit_lattice
 from vocc_torch.receiver.lattice_model import Lattice, corner_cells, search_lattice
-from vocc_torch.receiver.location import PaperLocator, exact_frames
+from vocc_torch.receiver.location import Choice, PaperLocator, exact_frames
 from vocc_torch.receiver.rectification import cell_size_px, map_points
-from vocc_torch.receiver.regions import bright_regions, cut_windows, ring_statistics
 from vocc_torch.types import Frames, Panels, PanelShape
 
 # Most LEDs in a row or a column that are searched for; larger panels are left to the paper's locator.
@@ -72,7 +70,7 @@ class RefinedLocator:
     def __post_init__(self) -> None:
         """Refuse a share out of its range."""
         if not 0 <= self.min_share <= 1:
-            raise VoccError(f"location.min_share is {self.min_share}: it must be 0 to 1")
+            raise VoccError.of("location.min_share", self.min_share, "0 to 1")
 
     def __call__(self, frames: Frames, shape: PanelShape) -> Panels:
         """Locate the panel of ``shape`` in each frame; zero corners and score where there is none.
@@ -82,72 +80,79 @@ class RefinedLocator:
         """
         # In half precision a fit would find no lattice.
         with torch.inference_mode(), torch.autocast(frames.grey.device.type, enabled=False):
-            panels = self._located(frames, shape)
+            exact = exact_frames(frames)
+            panels: Panels
+            if max(shape.rows, shape.columns) > _MOST_LEDS or not exact.grey.numel():
+                panels = self.paper(exact, shape)
+            else:
+                choice = (self._in_whole if exact.surround is None else self._in_crops)(exact, shape)
+                left = (~choice.found).nonzero()[:, 0]
+                self._left_to_paper(choice, left, exact[left], shape)
+                panels = choice
         # Copies, for tensors made in inference mode take no part in autograd.
         return Panels(*(getattr(panels, name).clone() for name in Panels.__slots__))
 
-    def _located(self, frames: Frames, shape: PanelShape) -> Panels:
-        """Locate the panels."""
-        exact = exact_frames(frames)
-        if max(shape.rows, shape.columns) > _MOST_LEDS or not exact.grey.numel():
-            return self.paper(exact, shape)
-        panels = self._in_crops(exact, shape) if exact.surround is not None else self._in_whole(exact, shape)
-        left = (~panels.found).nonzero()[:, 0]
-        if len(left):
-            _put(panels, left, self.paper(exact[left], shape))
-        return panels
-
-    def _in_crops(self, crops: Frames, shape: PanelShape) -> Panels:
+    def _in_crops(self, crops: Frames, shape: PanelShape) -> Choice:
         """Find panels in crops with a known surround."""
         assert crops.surround is not None
         background = crops.surround.to(torch.float32)
-        panels = self._chosen(crops, background, torch.zeros_like(background), shape)
+        noise = torch.zeros_like(background)
+        panels = self._chosen(crops, background, noise, shape)
         seen = panels.found.nonzero()[:, 0]
         if len(seen):
-            level = background[seen]
-            fit = _fitted(crops[seen], panels.corners_px[seen], level, torch.zeros_like(level), shape)
-            poor = self._accept(fit, torch.zeros_like(level), panels, seen)
-            _put(panels, poor, self.paper(crops[poor], shape))
+            poor = self._refit(panels, seen, crops[seen], background, noise, shape)
+            self._left_to_paper(panels, poor, crops[poor], shape)
         return panels
 
-    def _in_whole(self, frames: Frames, shape: PanelShape) -> Panels:
+    def _in_whole(self, frames: Frames, shape: PanelShape) -> Choice:
         """Find panels in the bright regions of whole frames; of several in a frame, the likeliest."""
         regions = bright_regions(frames.grey)
-        found = _nowhere(len(regions.frame), frames)
-        background, noise = (torch.zeros_like(found.score, dtype=torch.float32) for _ in range(2))
-        sides = regions.side_px.tolist()
-        for side, rows in _alike(sides, frames.grey.device):
+        found = Choice.none(len(regions.frame), frames.grey.device)
+        background, noise = torch.zeros(2, len(regions.frame), device=frames.grey.device)
+        for side, rows in _alike(regions.side_px):
             windows = cut_windows(frames, regions, rows, side)
             background[rows], noise[rows] = ring_statistics(windows.grey)
-            _put(found, rows, self._chosen(windows, background[rows], noise[rows], shape))
+            found.put(rows, self._chosen(windows, background[rows], noise[rows], shape))
         likeness, poor = found.score.clone(), torch.zeros_like(found.found)
         # Small windows are fitted together: what lies between the panel and the border does not matter.
-        for side, rows in _alike([max(side, _FIT_PX) for side in sides], frames.grey.device):
+        for side, rows in _alike(regions.side_px.clamp(min=_FIT_PX)):
             seen = rows[found.found[rows]]
             if len(seen):
                 windows = cut_windows(frames, regions, seen, side)
-                fit = _fitted(windows, found.corners_px[seen], background[seen], noise[seen], shape)
-                poor[self._accept(fit, noise[seen], found, seen)] = True
-        for side, rows in _alike(sides, frames.grey.device):
+                poor[self._refit(found, seen, windows, background, noise, shape)] = True
+        for side, rows in _alike(regions.side_px):
             rest = rows[poor[rows]]
-            if len(rest):
-                windows = replace(cut_windows(frames, regions, rest, side), surround=background[rest])
-                _put(found, rest, self.paper(windows, shape))
-        return _likeliest(found, likeness * found.score**2, regions.frame, frames)
+            windows = replace(cut_windows(frames, regions, rest, side), surround=background[rest])
+            self._left_to_paper(found, rest, windows, shape)
+        # The panel of most merit in each frame, the first of equals.
+        merit = (likeness * found.score**2).masked_fill(~found.found, 0.0)
+        most = merit.new_zeros(len(frames)).scatter_reduce(0, regions.frame, merit, "amax")
+        panels = Choice.none(len(frames), frames.grey.device)
+        for row in (found.found & (merit == most[regions.frame])).nonzero().flip(0):
+            panels.put(regions.frame[row], found[row])
+        return panels
 
-    def _chosen(self, crops: Frames, background: Tensor, noise: Tensor, shape: PanelShape) -> Panels:
+    def _left_to_paper(self, panels: Choice, rows: Tensor, frames: Frames, shape: PanelShape) -> None:
+        """Give some panels the paper's places, in frames of theirs."""
+        if len(rows):
+            panels.put(rows, self.paper(frames, shape))
+
+    def _chosen(self, crops: Frames, background: Tensor, noise: Tensor, shape: PanelShape) -> Choice:
         """Choose the paper's blobs among the pixels that are brighter than the background."""
         rise = (_RISE_SIGMAS * noise).clamp(min=_LEAST_RISE_DN).where(noise > 0, _CLEAN_RISE_DN)
-        choice = self.paper.choose(crops, (background + rise).floor().long(), shape)
-        return Panels(choice.corners_px, choice.score > 0, choice.score, choice.candidates)
+        return self.paper.choose(crops, (background + rise).floor().long(), shape)
 
-    def _accept(self, lattice: Lattice, noise: Tensor, panels: Panels, rows: Tensor) -> Tensor:
-        """Write good fits into ``rows`` of the panels; return the rows whose fit is not good."""
+    def _refit(
+        self, panels: Choice, rows: Tensor, frames: Frames, level: Tensor, noise: Tensor, shape: PanelShape
+    ) -> Tensor:
+        """Fit lattices to ``rows`` of the panels, keep the good ones, and return the rows of the others."""
+        corners_px, noise = panels.corners_px[rows], noise[rows]
+        lattice = _fitted(frames, corners_px, level[rows], noise, shape)
         good = lattice.share + _noise_share(lattice, noise) >= self.min_share
-        good &= _is_sane(lattice, panels.corners_px[rows])
-        corners = _upright(lattice.corners_px[good], lattice.shape)
-        corners = (corners * _PARTS_PER_PX).round() / _PARTS_PER_PX
-        panels.corners_px[rows[good]], panels.score[rows[good]] = corners, lattice.share[good].clamp(0, 1)
+        good &= _is_sane(lattice, corners_px)
+        corners = _upright(lattice.corners_px[good], shape)
+        panels.corners_px[rows[good]] = (corners * _PARTS_PER_PX).round() / _PARTS_PER_PX
+        panels.score[rows[good]] = lattice.share[good].clamp(0, 1)
         return rows[~good]
 
 
@@ -203,38 +208,9 @@ def _upright(corners_px: Tensor, shape: PanelShape) -> Tensor:
     return corners_px.gather(1, index[..., None].expand(-1, -1, 2))
 
 
-def _alike(sides: list[int], device: torch.device) -> list[tuple[int, Tensor]]:
-    """Group windows by their sides: each side, px, and the indices of its windows."""
-    every = torch.tensor(sides, dtype=torch.int64, device=device)
-    return [(side, (every == side).nonzero()[:, 0]) for side in sorted(set(sides))]
-
-
-def _likeliest(found: Panels, merit: Tensor, frame: Tensor, frames: Frames) -> Panels:
-    """Return the panel of most merit in each frame, the first of equals."""
-    panels = _nowhere(len(frames), frames)
-    merit = merit.masked_fill(~found.found, 0.0)
-    most = merit.new_zeros(len(frames)).scatter_reduce(0, frame, merit, "amax")
-    rows = (found.found & (merit == most[frame])).nonzero()[:, 0].flip(0)
-    for row in rows:
-        _put(panels, frame[row][None], _of(found, row[None]))
-    return panels
-
-
-def _nowhere(count: int, frames: Frames) -> Panels:
-    """Return panels that are not found."""
-    panels = Panels.known(torch.zeros(count, 4, 2, dtype=torch.float64, device=frames.grey.device))
-    return Panels(panels.corners_px, ~panels.found, panels.score * 0, panels.candidates * 0)
-
-
-def _of(panels: Panels, rows: Tensor) -> Panels:
-    """Return the panels of an index."""
-    return Panels(*(getattr(panels, name)[rows] for name in Panels.__slots__))
-
-
-def _put(panels: Panels, rows: Tensor, others: Panels) -> None:
-    """Overwrite some of the panels."""
-    for name in Panels.__slots__:
-        getattr(panels, name)[rows] = getattr(others, name).to(getattr(panels, name).dtype)
+def _alike(side_px: Tensor) -> list[tuple[int, Tensor]]:
+    """Group windows by their sides (W,): each side, px, and the indices of its windows."""
+    return [(side, (side_px == side).nonzero()[:, 0]) for side in sorted(set(side_px.tolist()))]
 
 
 LocatorName = Literal["paper", "refined"]
@@ -252,7 +228,7 @@ def locator_named(name: LocatorName, paper: PaperLocator) -> PanelLocator:
         9
     """
     if name not in get_args(LocatorName):
-        raise VoccError(f"receiver.locator is {name!r}: it must be {' or '.join(get_args(LocatorName))}")
+        raise VoccError.of("receiver.locator", repr(name), " or ".join(get_args(LocatorName)))
     return RefinedLocator(paper) if name == "refined" else paper
 
 
@@ -263,9 +239,8 @@ def locator_settings(locator: PanelLocator) -> dict[str, object]:
         >>> locator_settings(RefinedLocator())["name"]
         'refined'
     """
-    if isinstance(locator, PaperLocator):
-        return asdict(locator)
-    return {"name": "refined", **asdict(locator)}
+    name = {} if isinstance(locator, PaperLocator) else {"name": "refined"}
+    return {**name, **asdict(locator)}
 
 
 def locator_from(settings: Mapping[str, Any]) -> PanelLocator:
@@ -281,8 +256,8 @@ def locator_from(settings: Mapping[str, Any]) -> PanelLocator:
     """
     rest = dict(settings)
     name = rest.pop("name", "paper")
-    if name == "paper":
-        return PaperLocator(**rest)
-    if name != "refined":
+    if name not in get_args(LocatorName):
         raise ValueError(f"its locator is {name!r}")
-    return RefinedLocator(**{**rest, "paper": PaperLocator(**rest["paper"])})
+    return (
+        PaperLocator(**rest) if name == "paper" else RefinedLocator(PaperLocator(**rest.pop("paper")), **rest)
+    )

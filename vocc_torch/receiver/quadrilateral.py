@@ -7,17 +7,13 @@ arithmetic held in float64, so that a blob's result does not depend on its place
 batch. NumPy does it, on whatever device the masks are: these are few numbers.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
-from torch import Tensor
 
-from vocc_torch.receiver.components import Blobs
+from vocc_torch.receiver.limits import LocatorLimits
 from vocc_torch.types import PanelShape
 
 Floats = NDArray[np.float64]
@@ -250,67 +246,64 @@ def proportion(width: Floats, height: Floats, shape: PanelShape) -> Floats:
 class Measures:
     """How panel-like each blob is; ``score`` is rectangularity x compactness x proportion^2.
 
-    Proportion counts twice, for it is what suffers first when a panel is merged with something beside it.
+    Rectangularity is the share of its minimum-area rectangle that a closed blob fills, 0 to 1: 1 for a
+    rectangle, pi / 4 for a disc; see :func:`compactness` and :func:`proportion` for the others. Proportion
+    counts twice, for it is what suffers first when a panel is merged with something beside it.
 
     Args:
-        rectangularity: (M,) float64, share of its minimum-area rectangle that a closed blob fills, 0 to 1: 1
-            for a rectangle, pi / 4 for a disc.
-        compactness: (M,) float64.
-        score: (M,) float64, 0 to 1.
-        corners_px: (M,4,2) float64, in the mask's coordinates.
-        pitch_px: (M,) float64, LED pitch if the blob were the panel: the root of the rectangle's area by LED.
+        corners_px: (M,4,2) in the mask's coordinates.
+        within: (M,) whether rectangularity and compactness are within the limits.
+        score: (M,) 0 to 1.
+        pitch_px: (M,) LED pitch if the blob were the panel: the root of the rectangle's area by LED.
     """
 
-    rectangularity: Tensor
-    compactness: Tensor
-    score: Tensor
-    corners_px: Tensor
-    pitch_px: Tensor
+    corners_px: Floats
+    within: NDArray[np.bool_]
+    score: Floats
+    pitch_px: Floats
 
 
-def measure_blobs(blobs: Blobs, shape: PanelShape, quadrilateral: str = "min_area") -> Measures:
-    """Measure each blob against the panel looked for.
+def measure_blobs(
+    first: Whole, last: Whole, area_px: Whole, place_px: Whole, shape: PanelShape, limits: LocatorLimits
+) -> Measures:
+    """Measure blobs against the panel looked for.
 
     Args:
-        blobs: M blobs.
+        first: see :func:`convex_hull`.
+        last: likewise.
+        area_px: (M,) area of the closed blob, px^2.
+        place_px: (M,2) mask coordinates (x, y) from which columns and rows count.
         shape: the panel looked for.
-        quadrilateral: which rectangle to give; the measures are always those of the minimum-area one.
+        limits: what a panel is; they also say which rectangle to give, while the measures are always those of
+            the minimum-area one.
 
     Example:
-        >>> from vocc_torch.receiver.components import collect_blobs, label_components
-        >>> components = label_components(torch.ones(1, 6, 6, dtype=torch.bool))
-        >>> measures = measure_blobs(collect_blobs(components.runs, components), PanelShape(2, 2))
-        >>> measures.score.item(), measures.pitch_px.item()
+        >>> first, last = np.zeros((1, 6), dtype=int), np.full((1, 6), 5)
+        >>> place = np.zeros((1, 2), dtype=int)
+        >>> found = measure_blobs(first, last, np.array([36]), place, PanelShape(2, 2), LocatorLimits())
+        >>> found.score.item(), found.pitch_px.item()
         (1.0, 3.0)
     """
-    parts = (blobs.first, blobs.last, blobs.area_px, blobs.left_px, blobs.first_px[:, 1])
-    first, last, closed_px, left, top = (part.cpu().numpy() for part in parts)
-    filled, compact, score, pitch = np.zeros((4, len(blobs)))
-    corners = np.zeros((len(blobs), 4, 2))
-    for rows, height in _steps((np.arange(1, first.shape[1] + 1) * (first <= last)).max(1)):
+    filled, compact, score, pitch = np.zeros((4, len(first)))
+    corners = np.zeros((len(first), 4, 2))
+    heights = (np.arange(1, first.shape[1] + 1) * (first <= last)).max(1)
+    order = np.argsort(heights, kind="stable")
+    # By height, in steps of bounded memory.
+    begin, tall = 0, heights[order].tolist()
+    for end, height in enumerate(tall, start=1):
+        if end < len(tall) and (end + 1 - begin) * tall[end] ** 2 <= _STEP_PAIRS:
+            continue
+        rows, begin = order[begin:end], end
         hull = convex_hull(first[rows, :height], last[rows, :height])
         area, perimeter = hull_area_and_perimeter(hull)
         least = minimum_area_rectangle(hull)
-        around = least if quadrilateral == "min_area" else upright_rectangle(hull)
+        around = least if limits.quadrilateral == "min_area" else upright_rectangle(hull)
         rectangle = least.width_px * least.height_px
         # Cells of a coarse level overlap the blob's edge: a true closing stays within the hull.
-        filled[rows] = (np.minimum(closed_px[rows], area) / rectangle).clip(max=1.0)
+        filled[rows] = (np.minimum(area_px[rows], area) / rectangle).clip(max=1.0)
         compact[rows] = compactness(area, perimeter, shape)
         score[rows] = filled[rows] * compact[rows] * proportion(least.width_px, least.height_px, shape) ** 2
-        corners[rows] = around.corners_px + np.stack([left[rows], top[rows]], 1)[:, None]
+        corners[rows] = around.corners_px + place_px[rows, None]
         pitch[rows] = np.sqrt(rectangle / shape.leds)
-    device = blobs.frame.device
-    return Measures(*(torch.from_numpy(one).to(device) for one in (filled, compact, score, corners, pitch)))
-
-
-def _steps(heights: Whole) -> list[tuple[Whole, int]]:
-    """Split blobs, sorted by height, into steps of bounded memory: indices and greatest height of each."""
-    order = np.argsort(heights, kind="stable")
-    steps: list[tuple[Whole, int]] = []
-    begin, tall = 0, heights[order].tolist()
-    for index, height in enumerate(tall):
-        last = index + 1 == len(tall)
-        if last or (index + 2 - begin) * tall[index + 1] ** 2 > _STEP_PAIRS:
-            steps.append((order[begin : index + 1], height))
-            begin = index + 1
-    return steps
+    within = (filled >= limits.min_rectangularity) & (compact >= limits.min_compactness)
+    return Measures(corners, within, score, pitch)

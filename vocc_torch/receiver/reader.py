@@ -1,7 +1,5 @@
 """From located panels to what every classifier decides on: grey levels and features of each LED."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from typing import get_args
@@ -14,7 +12,8 @@ from vocc_torch.receiver.features import FEATURE_NAMES, Gradient, cell_means, ch
 from vocc_torch.receiver.rectification import cell_size_px, centre_greys, rectify_takes
 from vocc_torch.types import Frames, Panels, PanelShape
 
-MEASURED = (*FEATURE_NAMES, "average", "centre")
+_GREYS = ("average", "centre")
+MEASURED = (*FEATURE_NAMES, *_GREYS)
 """What can be measured of an LED: the paper's features, its cell's mean grey and its centre pixel's."""
 
 # An eighth of a gigabyte in float32, and a whole one while they are measured.
@@ -74,17 +73,14 @@ class Reader:
     def __post_init__(self) -> None:
         """Check every range."""
         if type(self.samples_per_led) is not int or not 2 <= self.samples_per_led <= 64:
-            raise VoccError(f"receiver.samples_per_led is {self.samples_per_led}: it must be from 2 to 64")
+            raise VoccError.of("receiver.samples_per_led", self.samples_per_led, "from 2 to 64")
         samples = (self.shape.rows + 2) * (self.shape.columns + 2) * self.samples_per_led**2
         if samples > _MOST_SAMPLES:
+            panel = f"a panel of {self.shape.rows} x {self.shape.columns} LEDs would have {samples} samples"
             given = f"receiver.samples_per_led is {self.samples_per_led}"
-            leds = f"{self.shape.rows} x {self.shape.columns} LEDs"
-            raise VoccError(
-                f"{given}: a panel of {leds} would have {samples} samples, at most 2^25 are allowed"
-            )
+            raise VoccError(f"{given}: {panel}, at most 2^25 are allowed")
         if self.gradient not in get_args(Gradient):
-            allowed = " or ".join(get_args(Gradient))
-            raise VoccError(f"receiver.gradient is {self.gradient!r}: it must be {allowed}")
+            raise VoccError.of("receiver.gradient", repr(self.gradient), " or ".join(get_args(Gradient)))
 
     def read(self, frames: Frames, panels: Panels) -> Readings:
         """Measure every LED of B frames with located panels; one not found reads finite, without meaning.
@@ -105,14 +101,10 @@ class Reader:
             VoccError: takes that do not fit each other or the panels, corners that are not finite, or at a
                 panel in floating frames what is no grey value, NaN or negative.
         """
-        patches = self.rectify(takes, panels)
-        first, *rest = (
-            self.measure(take, panels, patch, needed)
-            for take, patch, needed in zip(
-                takes, patches, [MEASURED, *[("average", "centre")] * (len(takes) - 1)], strict=True
-            )
-        )
-        return first, [one.greys for one in rest]
+        first, *rest = self.rectify(takes, panels)
+        others = zip(takes[1:], rest, strict=True)
+        greys = [self.measure(take, panels, patch, _GREYS).greys for take, patch in others]
+        return self.measure(takes[0], panels, first), greys
 
     def read_features(self, frames: Frames, panels: Panels, names: Sequence[str] = FEATURE_NAMES) -> Tensor:
         """Measure named features only, (B,R,C,N) float64, to the last bit as :meth:`read` does.
@@ -126,7 +118,7 @@ class Reader:
     def read_greys(self, frames: Frames, panels: Panels) -> Greys:
         """Measure grey levels only."""
         (patches,) = self.rectify([frames], panels)
-        return self.measure(frames, panels, patches, ("average", "centre")).greys
+        return self.measure(frames, panels, patches, _GREYS).greys
 
     def rectify(
         self, takes: Sequence[Frames], panels: Panels, dtype: torch.dtype | None = None

@@ -4,14 +4,12 @@ The file is JSON text with a checksum, which no reader can be tricked into execu
 decimal form of a float64 keeps every number exactly.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import torch
 from torch import Tensor, nn
@@ -54,12 +52,8 @@ def write_model(path: Path, settings: Settings, state: Mapping[str, Tensor]) -> 
     for name, value in state.items():
         dtype, shape = str(value.dtype).removeprefix("torch."), list(value.shape)
         numbers[name] = {"dtype": dtype, "shape": shape, "values": value.cpu().flatten().tolist()}
-    content: Settings = {
-        "format": FORMAT,
-        "version": FORMAT_VERSION,
-        "settings": settings,
-        "classifier": numbers,
-    }
+    content: Settings = {"format": FORMAT, "version": FORMAT_VERSION}
+    content |= {"settings": settings, "classifier": numbers}
     content["sha256"] = _checksum(content)
     write_atomically(path, (json.dumps(content, indent=1) + "\n").encode())
 
@@ -75,21 +69,21 @@ def read_model(path: Path) -> tuple[Settings, dict[str, Tensor]]:
     except FileNotFoundError:
         raise VoccError(f"model {path} does not exist: give the receiver.pt that task=train wrote") from None
     except (OSError, ValueError, RecursionError):
-        rule = "it is damaged or of another kind"
-        raise VoccError(f"model {path} cannot be read as a receiver: {rule}") from None
+        told = f"model {path} cannot be read as a receiver"
+        raise VoccError(f"{told}: it is damaged or of another kind") from None
     if not isinstance(content, dict) or content.get("format") != FORMAT:
-        rule = "give the receiver.pt that task=train wrote"
-        raise VoccError(f"model {path} is not a vocc_torch receiver: {rule}")
+        told = f"model {path} is not a vocc_torch receiver"
+        raise VoccError(f"{told}: give the receiver.pt that task=train wrote")
     if (version := content.get("version")) not in _READABLE:
         allowed = " and ".join(map(str, _READABLE))
         raise VoccError(f"model {path} has format version {version}: this package reads versions {allowed}")
     if content.get("sha256") != _checksum(content):
         raise VoccError(f"model {path} is damaged (its checksum does not fit): train it again")
     try:
-        state = {
-            key: torch.tensor(value["values"], dtype=_DTYPES[value["dtype"]]).reshape(value["shape"])
-            for key, value in content["classifier"].items()
-        }
+        state = {}
+        for key, value in content["classifier"].items():
+            numbers = torch.tensor(value["values"], dtype=_DTYPES[value["dtype"]])
+            state[key] = numbers.reshape(value["shape"])
         return dict(content["settings"]), state
     except (AttributeError, KeyError, RuntimeError, TypeError, ValueError) as error:
         raise VoccError(f"model {path} is damaged ({type(error).__name__}): train it again") from None
@@ -210,14 +204,11 @@ class Receiver(nn.Module):
     def __init__(self, name: str, locator: PanelLocator, reader: Reader, classifier: FLDA) -> None:
         super().__init__()
         if name not in FLDA_FEATURES:
-            raise VoccError(f"receiver name is {name!r}: it must be one of {', '.join(FLDA_FEATURES)}")
-        self.name = name
+            raise VoccError.of("receiver name", repr(name), f"one of {', '.join(FLDA_FEATURES)}")
         if classifier.n_features != (needed := len(FLDA_FEATURES[name])):
             has = f"the classifier has {classifier.n_features} features"
             raise VoccError(f"{has}: receiver {name} needs {needed}")
-        self.locator = locator
-        self.reader = reader
-        self.classifier = classifier
+        self.name, self.locator, self.reader, self.classifier = name, locator, reader, classifier
 
     @property
     def shape(self) -> PanelShape:
@@ -235,8 +226,8 @@ class Receiver(nn.Module):
         """
         planes = images.unsqueeze(1) if images.ndim == 3 else images
         if planes.dtype != torch.uint8 or planes.ndim != 4 or planes.shape[1] != 1 or 0 in planes.shape:
-            given = f"images has dtype {images.dtype} and shape {tuple(images.shape)}"
-            raise VoccError(f"{given}: it must be uint8 of shape (B,H,W) or (B,1,H,W), not empty")
+            given = f"dtype {images.dtype} and shape {tuple(images.shape)}"
+            raise VoccError.of("images", given, "uint8 of shape (B,H,W) or (B,1,H,W), not empty", "has")
         with torch.inference_mode():
             decoded = self.forward(Frames.whole(planes))
         # Copies, for tensors made in inference mode take no part in autograd.
@@ -272,7 +263,7 @@ class Receiver(nn.Module):
         write_model(Path(path), settings, self.classifier.state_dict())
 
     @classmethod
-    def load(cls, path: str | Path) -> Receiver:
+    def load(cls, path: str | Path) -> Self:
         """Read a receiver that :meth:`save` wrote; nothing in the file is executed.
 
         Raises:

@@ -3,11 +3,8 @@
 The projective maps between cells and pixels are those of Heckbert (1989).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 
 import torch
@@ -112,32 +109,18 @@ def _map_grid(homography: Tensor, x: Tensor, y: Tensor) -> Tensor:
     return mapped[:, :2] / mapped[:, 2:].clamp(min=torch.finfo(mapped.dtype).tiny)
 
 
-@dataclass(frozen=True, slots=True)
-class _Window:
-    """Where n panels are read.
+def _sample(
+    takes: Sequence[Frames], chosen: Tensor, homography: Tensor, x: Tensor, y: Tensor, dtype: torch.dtype
+) -> list[Tensor]:
+    """Read n chosen frames bilinearly at cell coordinates x (w,) by y (h,), giving (n,h,w) for each take.
 
-    Args:
-        origin: (n,2) int64, first pixel (x, y) of the window that is cut out, on the sensor.
-        size: its height and width.
-        homography: (n,3,3), from cells to pixels, counted from a whole pixel beside the panel.
-        first: (n,2,1,1) the window's first pixel (x, y), so counted.
-        last: (n,2,1,1) the last position that is read, so counted.
+    Positions count from a whole sensor pixel beside the panel, so a crop and the full frame give the same
+    values to the last bit; ``grid_sample`` normalises by the image's size and does not. Samples beyond the
+    horizon are pixels on the border.
     """
-
-    origin: Tensor
-    size: tuple[int, int]
-    homography: Tensor
-    first: Tensor
-    last: Tensor
-
-
-def _window(
-    frames: Frames, chosen: Tensor, homography: Tensor, x: Tensor, y: Tensor, dtype: torch.dtype
-) -> _Window:
-    """Bound what is read of n chosen frames at cell coordinates x (w,) by y (h,)."""
-    height, width = frames.grey.shape[-2:]
-    place = frames.origin_px[chosen]
-    extent, sensor = place.new_tensor([width, height]), place.new_tensor(frames.sensor_px[::-1])
+    place = takes[0].origin_px[chosen]
+    extent = place.new_tensor(takes[0].grey.shape[:1:-1])
+    sensor = place.new_tensor(takes[0].sensor_px[::-1])
     # On the sensor, to a crop's size around it: farther out the border pixels go on, so a wild quadrilateral
     # of a false panel needs no larger window.
     least = (place - extent).clamp(min=0).double()
@@ -150,55 +133,40 @@ def _window(
     low, high = torch.where(endless, least, low), torch.where(endless, most, high)
     begin = torch.floor(low - 0.5)
     corner = torch.minimum(torch.maximum(torch.floor(homography[:, :2, 2]), begin), high.floor())
+    # The whole pixel from which positions count, and of these the window's first and the last that is read.
     origin = torch.where(endless, corner, begin)
     first, last = begin - origin, torch.ceil(high - origin)
     wide, tall = (int(side) + 2 for side in (last - first).amax(0).tolist())
+    first, last = (end.to(dtype).view(-1, 2, 1, 1) for end in (first, last))
     # Half a pixel off, so that whole numbers are pixel centres.
     moved = homography[:, :2] - (origin + 0.5)[..., None] * homography[:, 2:]
     moved = torch.cat([moved, homography[:, 2:]], 1).to(dtype)
-    bounds = (end.to(dtype).view(-1, 2, 1, 1) for end in (first, last))
-    return _Window(begin.long(), (tall, wide), moved, *bounds)
-
-
-def _cut(frames: Frames, chosen: Tensor, seen: _Window, dtype: torch.dtype) -> Tensor:
-    """Cut the window out of n frames, (n,h*w); border pixels go on."""
-    (high, wide), (height, width) = seen.size, frames.grey.shape[-2:]
-    place = seen.origin - frames.origin_px[chosen]
-    if len(chosen) == 1 and place.device.type == "cpu":
-        left, top = place[0].tolist()
-        if min(left, top) >= 0 and left + wide <= width and top + high <= height:
-            part = frames.grey[int(chosen), :, top : top + high, left : left + wide]
-            return part.to(dtype).flatten(1)
-    rows = (place[:, 1:] + torch.arange(high, device=place.device)).clamp(0, height - 1)
-    columns = (place[:, :1] + torch.arange(wide, device=place.device)).clamp(0, width - 1)
-    return frames.grey[chosen.view(-1, 1, 1), 0, rows[:, :, None], columns[:, None]].to(dtype).flatten(1)
-
-
-def _sample(
-    takes: Sequence[Frames], chosen: Tensor, homography: Tensor, x: Tensor, y: Tensor, dtype: torch.dtype
-) -> list[Tensor]:
-    """Read n chosen frames bilinearly at cell coordinates x (w,) by y (h,), giving (n,h,w) for each take.
-
-    Positions count from a whole sensor pixel beside the panel, so a crop and the full frame give the same
-    values to the last bit; ``grid_sample`` normalises by the image's size and does not. Samples beyond the
-    horizon are pixels on the border.
-    """
-    seen = _window(takes[0], chosen, homography, x, y, dtype)
-    place = _map_grid(seen.homography, x.to(dtype), y.to(dtype))
-    place = torch.minimum(torch.maximum(place, seen.first), seen.last)
-    whole = torch.floor(place)
-    right_share, lower_share = place.sub_(whole).flatten(2).unbind(1)
-    left, top = whole.sub_(seen.first).long().flatten(2).unbind(1)
-    width = seen.size[1]
-    index = left.add_(top, alpha=width)
+    at = _map_grid(moved, x.to(dtype), y.to(dtype))
+    at = torch.minimum(torch.maximum(at, first), last)
+    whole = torch.floor(at)
+    right_share, lower_share = at.sub_(whole).flatten(2).unbind(1)
+    left, top = whole.sub_(first).long().flatten(2).unbind(1)
+    index = left.add_(top, alpha=wide)
     read = []
     for take in takes:
-        grey = _cut(take, chosen, seen, dtype)
-        near = [grey[:, by:].gather(1, index) for by in (0, 1, width, width + 1)]
+        grey = _cut(take, chosen, begin.long() - place, (tall, wide)).to(dtype).flatten(1)
+        near = [grey[:, by:].gather(1, index) for by in (0, 1, wide, wide + 1)]
         upper = torch.lerp(near[0], near[1], right_share)
         lower = torch.lerp(near[2], near[3], right_share)
         read.append(torch.lerp(upper, lower, lower_share).view(len(chosen), len(y), len(x)))
     return read
+
+
+def _cut(frames: Frames, chosen: Tensor, place: Tensor, size: tuple[int, int]) -> Tensor:
+    """Cut windows out of n frames, from whose first pixels their places (n,2) count; border pixels go on."""
+    (high, wide), (height, width) = size, frames.grey.shape[-2:]
+    if len(chosen) == 1 and place.device.type == "cpu":
+        left, top = place[0].tolist()
+        if min(left, top) >= 0 and left + wide <= width and top + high <= height:
+            return frames.grey[int(chosen), :, top : top + high, left : left + wide]
+    rows = (place[:, 1:] + torch.arange(high, device=place.device)).clamp(0, height - 1)
+    columns = (place[:, :1] + torch.arange(wide, device=place.device)).clamp(0, width - 1)
+    return frames.grey[chosen.view(-1, 1, 1), 0, rows[:, :, None], columns[:, None]]
 
 
 def rectify(
@@ -294,15 +262,15 @@ def _grid(shape: PanelShape, fine: int, device: torch.device) -> tuple[Tensor, T
 
 def _check_takes(takes: Sequence[Frames], panels: Panels) -> None:
     """Refuse takes that cannot be read at the panels."""
-    size = takes[0].grey.shape
-    if any(take.grey.shape != size for take in takes):
-        sizes = ", ".join(str(tuple(take.grey.shape)) for take in takes)
-        raise VoccError(f"takes have shapes {sizes}: they must be of one shape")
+    shapes = [tuple(take.grey.shape) for take in takes]
+    size, corners = shapes[0], tuple(panels.corners_px.shape)
+    if any(shape != size for shape in shapes):
+        raise VoccError(f"takes have shapes {', '.join(map(str, shapes))}: they must be of one shape")
     if len(size) != 4 or size[1] != 1 or 0 in size[2:]:
-        raise VoccError(f"frames.grey has shape {tuple(size)}: it must be (B,1,H,W), not empty")
-    if panels.corners_px.shape != (size[0], 4, 2):
-        given = f"panels.corners_px has shape {tuple(panels.corners_px.shape)}"
-        raise VoccError(f"{given}: for {size[0]} frames it must be ({size[0]},4,2)")
+        raise VoccError(f"frames.grey has shape {size}: it must be (B,1,H,W), not empty")
+    if corners != (size[0], 4, 2):
+        rule = f"for {size[0]} frames it must be ({size[0]},4,2)"
+        raise VoccError(f"panels.corners_px has shape {corners}: {rule}")
 
 
 def centre_greys(frames: Frames, panels: Panels, shape: PanelShape) -> Tensor:

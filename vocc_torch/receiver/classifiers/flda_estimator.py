@@ -1,7 +1,5 @@
 """FLDA as a scikit-learn estimator, for pipelines, searches and cross-validation. Needs scikit-learn 1.6."""
 
-from __future__ import annotations
-
 from typing import Self
 
 import numpy as np

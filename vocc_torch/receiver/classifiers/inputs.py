@@ -1,10 +1,8 @@
 """What a classifier sees of each LED: the paper's features, grey values about its cell, or both."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from typing import Literal, get_args
+from typing import Literal, Self, get_args
 
 import torch
 import torch.nn.functional as F
@@ -52,14 +50,14 @@ class Patch:
     def __post_init__(self) -> None:
         """Check every range."""
         if self.cells not in (1, 3):
-            raise VoccError(f"inputs.patch.cells is {self.cells}: it must be 1 or 3")
+            raise VoccError.of("inputs.patch.cells", self.cells, "1 or 3")
         if type(self.samples) is not int or not 1 <= self.samples <= 64:
-            raise VoccError(f"inputs.patch.samples is {self.samples}: it must be from 1 to 64")
+            raise VoccError.of("inputs.patch.samples", self.samples, "from 1 to 64")
         for name, known in (("domain", Domain), ("relative", Relative)):
             if (value := getattr(self, name)) not in get_args(known):
                 raise VoccError.of(f"inputs.patch.{name}", repr(value), " or ".join(get_args(known)))
         if not 0.1 <= self.gamma <= 10:
-            raise VoccError(f"inputs.patch.gamma is {self.gamma}: it must be from 0.1 to 10")
+            raise VoccError.of("inputs.patch.gamma", self.gamma, "from 0.1 to 10")
 
     @property
     def side(self) -> int:
@@ -88,11 +86,10 @@ class Patch:
             seen = torch.where(mean > 0, seen / torch.where(mean > 0, mean, 1.0), 1.0)
         windows = seen[:, 0].unfold(1, self.side, self.samples).unfold(2, self.side, self.samples)
         values = windows.flatten(start_dim=3)
-        beside = [mean.flatten(1)] if self.level else []
-        if self.pitch:
-            beside.append(cell_px.to(torch.float32).mean(dim=1, keepdim=True))
-        wide = [one.view(-1, 1, 1, 1).expand(*values.shape[:3], 1) for one in beside]
-        return torch.cat([values, *wide], dim=-1)
+        for wanted, one in ((self.level, mean), (self.pitch, cell_px.to(torch.float32).mean(dim=1))):
+            if wanted:
+                values = torch.cat([values, one.view(-1, 1, 1, 1).expand(*values.shape[:3], 1)], dim=-1)
+        return values
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,15 +113,14 @@ class Inputs:
 
     def __post_init__(self) -> None:
         """Refuse what is no choice."""
-        chosen = set(self.features)
-        if len(chosen) != len(self.features) or not chosen <= {*FEATURE_NAMES}:
+        if sorted({*self.features} & {*FEATURE_NAMES}) != sorted(self.features):
             rule = f"it must name some of {', '.join(FEATURE_NAMES)}, each once"
             raise VoccError(f"inputs.features is {list(self.features)}: {rule}")
-        if not chosen and self.patch is None:
+        if not self.features and self.patch is None:
             raise VoccError("inputs names no features and no patch: a classifier must see something")
 
     @classmethod
-    def parse(cls, settings: Mapping[str, object]) -> Inputs:
+    def parse(cls, settings: Mapping[str, object]) -> Self:
         """Read them as a configuration writes them.
 
         Raises:
@@ -134,18 +130,18 @@ class Inputs:
             >>> Inputs.parse({"features": ["agr"], "patch": {"cells": 1, "samples": 2}}).size
             5
         """
-        _known(settings, cls, "inputs")
         features, patch = settings.get("features"), settings.get("patch")
         if features is not None and not isinstance(features, list | tuple):
-            raise VoccError(f"inputs.features is {features!r}: it must be a list")
+            raise VoccError.of("inputs.features", repr(features), "a list")
         if patch is not None and not isinstance(patch, Mapping):
-            raise VoccError(f"inputs.patch is {patch!r}: it must be a mapping of its settings")
+            raise VoccError.of("inputs.patch", repr(patch), "a mapping of its settings")
+        for section, kind, given in (("inputs", cls, settings), ("inputs.patch", Patch, patch or {})):
+            known = [one.name for one in fields(kind)]
+            if stray := [name for name in given if name not in known]:
+                raise VoccError(f"{section}.{stray[0]} is not a known key: known are {', '.join(known)}")
         # Whoever names a patch alone sees that alone.
         names = FEATURE_NAMES if features is None and patch is None else tuple(map(str, features or ()))
-        if patch is None:
-            return cls(names)
-        _known(patch, Patch, "inputs.patch")
-        return cls(names, Patch(**patch))
+        return cls(names, None if patch is None else Patch(**patch))
 
     @property
     def size(self) -> int:
@@ -171,11 +167,3 @@ class Inputs:
         if self.patch is None:
             return features
         return torch.cat([features, self.patch.of(readings, cell_px, shape)], dim=-1)
-
-
-def _known(settings: Mapping[str, object], kind: type, section: str) -> None:
-    """Refuse a key that the kind does not have."""
-    known = [one.name for one in fields(kind)]
-    for name in settings:
-        if name not in known:
-            raise VoccError(f"{section}.{name} is not a known key: known are {', '.join(known)}")

@@ -1,9 +1,14 @@
-"""The one small protocol by which classifiers plug in, and the guard that names the one that breaks it."""
+"""What a classifier is, the Python file from which one may come, and the guard that names one that errs."""
 
-from __future__ import annotations
-
+import ast
+import hashlib
+import importlib.util
 import pickle
+import sys
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
 from typing import Protocol, TypeVar, runtime_checkable
 
 import torch
@@ -11,7 +16,6 @@ from torch import Tensor
 
 from vocc_torch.errors import VoccError
 from vocc_torch.receiver.classifiers.inputs import Inputs
-from vocc_torch.receiver.classifiers.module_file import ModuleFile, one_line
 
 R = TypeVar("R")
 
@@ -45,6 +49,95 @@ class Streaming(Protocol):
 
     def fit_stream(self, batches: Batches, frames: int) -> object:
         """Learn from a stream; ``frames`` is the training budget of the study."""
+
+
+@dataclass(frozen=True, slots=True)
+class ModuleFile:
+    """A file of Python, read once in each process.
+
+    Args:
+        path: where it is.
+
+    Example:
+        >>> import tempfile
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = Path(folder) / "mine.py"
+        ...     _ = path.write_text("ANSWER = 42")
+        ...     ModuleFile(str(path)).named("ANSWER")
+        42
+    """
+
+    path: str
+
+    @property
+    def digest(self) -> str:
+        """What tells this text, and those that it imports from its own folder, from others.
+
+        It is the start of their SHA-256, in hexadecimal.
+
+        Raises:
+            VoccError: the file cannot be read.
+        """
+        told, files = hashlib.sha256(), [Path(self.path)]
+        # In the order in which they are met.
+        for path in files:
+            try:
+                text = path.read_bytes()
+                nodes = list(ast.walk(ast.parse(text)))
+            except OSError as error:
+                raise VoccError(f"file {self.path} cannot be read: {error.strerror or error}") from None
+            except (SyntaxError, ValueError):
+                nodes = []  # told of when the file is run
+            told.update(text)
+            names = [alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names]
+            names += [node.module for node in nodes if isinstance(node, ast.ImportFrom) and node.module]
+            beside = [files[0].parent / f"{name.split('.')[0]}.py" for name in names]
+            files += [one for one in dict.fromkeys(beside) if one.is_file() and one not in files]
+        return told.hexdigest()[:16]
+
+    def module(self) -> ModuleType:
+        """Run the file as a module; what it raises is told in one line.
+
+        Raises:
+            VoccError: the file cannot be read or run.
+        """
+        name = f"vocc_torch_file_{Path(self.path).stem}_{self.digest}"
+        if name in sys.modules:
+            return sys.modules[name]
+        spec = importlib.util.spec_from_file_location(name, self.path)
+        if spec is None or spec.loader is None:
+            raise VoccError(f"file {self.path} is no Python file: its name must end in .py")
+        made = importlib.util.module_from_spec(spec)
+        # Before it runs, because dataclasses and pickles look their module up.
+        sys.modules[name] = made
+        try:
+            spec.loader.exec_module(made)
+        # A file that would end the program is no exception.
+        except (Exception, SystemExit) as error:
+            del sys.modules[name]
+            raise VoccError(f"file {self.path} cannot be run ({one_line(error)})") from error
+        return made
+
+    def named(self, name: str) -> object:
+        """Return what the file calls ``name``.
+
+        Raises:
+            VoccError: it has nothing of that name.
+        """
+        found: object = getattr(self.module(), name, None)
+        if found is None:
+            raise VoccError(f"file {self.path} has no {name}")
+        return found
+
+
+def one_line(error: BaseException) -> str:
+    """Return the kind and the words of an error of someone else's code, in one line.
+
+    Example:
+        >>> one_line(KeyError("a"))
+        "KeyError: 'a'"
+    """
+    return " ".join(f"{type(error).__name__}: {error}".split())
 
 
 class Guarded:
@@ -105,10 +198,16 @@ class Guarded:
             VoccError: the classifier raised an error, gave another shape or scores that are not finite, or
                 ``predict`` says otherwise than its scores.
         """
-        scores = self._scores(x)
-        if not self._agreed:
-            self._check_predict(x[:AGREEING_PANELS])
-            self._agreed = True
+        scores, predict = self._scores(x), getattr(self.classifier, "predict", None)
+        if not self._agreed and callable(predict):
+            some = x[:AGREEING_PANELS]
+            decided, own = self._answer("predict", predict, some), self._scores(some)
+            # A score of 0 may be both.
+            if apart := int((((decided != 0) != (own >= 0)) & (own != 0)).sum()):
+                told = f"classifier {self.name}: predict says otherwise at {apart} of {own.numel()} LEDs"
+                rule = "it must be On where decision_function is at least 0, and Off elsewhere"
+                raise VoccError(f"{told}: {rule}")
+        self._agreed = True
         return scores
 
     def _scores(self, x: Tensor) -> Tensor:
@@ -122,30 +221,17 @@ class Guarded:
             raise VoccError(f"{given} scores that are not finite")
         return scores.detach().to(torch.float64)
 
-    def _check_predict(self, x: Tensor) -> None:
-        """Refuse a ``predict`` that says otherwise than the scores, which alone decide; a 0 may be both."""
-        predict = getattr(self.classifier, "predict", None)
-        if not callable(predict):
-            return
-        decided, scores = self._answer("predict", predict, x), self._scores(x)
-        apart = int((((decided != 0) != (scores >= 0)) & (scores != 0)).sum())
-        if apart:
-            given = f"predict says otherwise at {apart} of {scores.numel()} LEDs"
-            rule = "it must be On where decision_function is at least 0, and Off elsewhere"
-            raise VoccError(f"classifier {self.name}: {given}: {rule}")
-
     def _answer(self, what: str, call: Callable[[Tensor], Tensor], x: Tensor) -> Tensor:
         """Call a method on ``x``; refuse what is not one number an LED."""
         answer: object = self._guarded(what, lambda: call(x))
         wanted = tuple(x.shape[:-1])
-        if not isinstance(answer, Tensor) or tuple(answer.shape) != wanted:
-            given = tuple(answer.shape) if isinstance(answer, Tensor) else type(answer).__name__
-            raise VoccError(
-                f"classifier {self.name}: {what} gave {given}, it must give a tensor of shape {wanted}"
-            )
+        given = tuple(answer.shape) if isinstance(answer, Tensor) else type(answer).__name__
+        if not isinstance(answer, Tensor) or given != wanted:
+            told = f"classifier {self.name}: {what} gave {given}"
+            raise VoccError(f"{told}, it must give a tensor of shape {wanted}")
         return answer
 
-    def __reduce__(self) -> tuple[Callable[..., Guarded], tuple[object, ...]]:
+    def __reduce__(self) -> tuple[Callable[..., "Guarded"], tuple[object, ...]]:
         """Pickle it with the file that its class comes from."""
         return _unpacked, (self.name, pickle.dumps(self.classifier), self.inputs, self.home)
 

@@ -1,7 +1,5 @@
 """Rules in closed form: Fisher's, the least-squares equaliser, and rules that part each panel by itself."""
 
-from __future__ import annotations
-
 from typing import Self
 
 import torch
@@ -11,7 +9,7 @@ from vocc_torch.errors import VoccError
 from vocc_torch.receiver.classifiers.protocol import Batches
 from vocc_torch.receiver.discriminant import Discriminant
 from vocc_torch.receiver.flda import FLDA
-from vocc_torch.receiver.otsu import histogram256, otsu_threshold
+from vocc_torch.receiver.foreground import histogram256, otsu_threshold
 
 
 class _Scored:

@@ -1,17 +1,15 @@
-"""How a module is trained: the recipe, its passes over the panels, and checkpoints from which it goes on."""
-
-from __future__ import annotations
+"""How a module is trained: recipe, passes over the panels, checkpoints to go on from; two small networks."""
 
 import contextlib
 import copy
-import dataclasses
 import hashlib
 import inspect
 import io
+import itertools
 import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -61,13 +59,14 @@ class TrainingRecipe:
         """Check every range."""
         for name, least in (("frames", 2), ("epochs", 1), ("patience", 1), ("batch_leds", 1), ("seed", 0)):
             if type(value := getattr(self, name)) is not int or value < least:
-                raise VoccError(f"training.{name} is {value}: it must be a whole number, at least {least}")
-        if not 0 < self.validation < 1:
-            raise VoccError(f"training.validation is {self.validation}: it must be above 0 and below 1")
-        if not 0 < self.learning_rate < math.inf:
-            raise VoccError(f"training.learning_rate is {self.learning_rate}: it must be above 0")
-        if not 0 <= self.weight_decay < math.inf:
-            raise VoccError(f"training.weight_decay is {self.weight_decay}: it must be at least 0")
+                raise VoccError.of(f"training.{name}", value, f"a whole number, at least {least}")
+        for name, fits, rule in (
+            ("validation", 0 < self.validation < 1, "above 0 and below 1"),
+            ("learning_rate", 0 < self.learning_rate < math.inf, "above 0"),
+            ("weight_decay", 0 <= self.weight_decay < math.inf, "at least 0"),
+        ):
+            if not fits:
+                raise VoccError.of(f"training.{name}", getattr(self, name), rule)
 
 
 class Checkpoint:
@@ -93,7 +92,7 @@ class Checkpoint:
     def __init__(
         self, folder: str, module: nn.Module, recipe: TrainingRecipe, data: Sequence[Tensor]
     ) -> None:
-        settings, place = dataclasses.replace(recipe, checkpoints=None), data[0].device.type
+        settings, place = replace(recipe, checkpoints=None), data[0].device.type
         told = hashlib.sha256(f"{module!r} {settings!r} {place} {torch.__version__}".encode())
         for kind in dict.fromkeys(type(part) for part in module.modules()):
             source = ""
@@ -113,19 +112,18 @@ class Checkpoint:
         """
         if not self.path.exists():
             return None
+        reason = "its checksum does not fit"
         try:
             whole = self.path.read_bytes()
             kept = whole[_CHECKSUM_BYTES:]
-            if whole[:_CHECKSUM_BYTES] != self._checksum(kept):
-                raise VoccError(f"checkpoint {self.path} is damaged (its checksum does not fit): delete it")
-            # The states of an optimizer and of a schedule have no narrower type.
-            state: dict[str, Any] = torch.load(io.BytesIO(kept), map_location=device, weights_only=True)
-        except VoccError:
-            raise
+            if whole[:_CHECKSUM_BYTES] == self._checksum(kept):
+                # The states of an optimizer and of a schedule have no narrower type.
+                state: dict[str, Any]
+                state = torch.load(io.BytesIO(kept), map_location=device, weights_only=True)
+                return state
         except Exception as error:
             reason = f"{type(error).__name__}: it cannot be read"
-            raise VoccError(f"checkpoint {self.path} is damaged ({reason}): delete it") from error
-        return state
+        raise VoccError(f"checkpoint {self.path} is damaged ({reason}): delete it")
 
     def save(self, state: dict[str, Any]) -> None:
         """Write how far it came, whole or not at all.
@@ -166,10 +164,8 @@ def train_module(
     """
     rows, target, held, held_target = panels
     on_cuda = rows.device.type == "cuda"
-    optimizer = torch.optim.AdamW(
-        module.parameters(), lr=recipe.learning_rate, weight_decay=recipe.weight_decay
-    )
-    steps = recipe.epochs * -(-len(rows) // recipe.batch_leds)
+    rate, steps = recipe.learning_rate, recipe.epochs * -(-len(rows) // recipe.batch_leds)
+    optimizer = torch.optim.AdamW(module.parameters(), lr=rate, weight_decay=recipe.weight_decay)
     schedule = torch.optim.lr_scheduler.LambdaLR(
         optimizer, lambda step: 0.5 * (1 + math.cos(math.pi * min(1.0, step / steps)))
     )
@@ -197,7 +193,16 @@ def train_module(
             scaler.step(optimizer)
             scaler.update()
             schedule.step()
-        losses.append(_validation_loss(module, score, held, held_target))
+        module.eval()
+        pairs = zip(torch.split(held, 1 << 16), torch.split(held_target, 1 << 16), strict=True)
+        with torch.inference_mode():
+            sums = [
+                F.binary_cross_entropy_with_logits(score(part), wanted, reduction="sum")
+                for part, wanted in pairs
+            ]
+        losses.append(float(torch.stack(sums).sum()) / len(held))
+        if not math.isfinite(losses[-1]):
+            raise VoccError("the validation loss is not finite: try a smaller training.learning_rate")
         since += 1
         if losses[-1] < min(losses[:-1], default=math.inf):
             best, since = copy.deepcopy(module.state_dict()), 0
@@ -210,18 +215,64 @@ def train_module(
     return losses, earlier_s
 
 
-def _validation_loss(module: nn.Module, score: Score, rows: Tensor, target: Tensor) -> float:
-    """Mean logistic loss on rows that are held back, in batches.
+class Mlp(nn.Module):
+    """Layers of neurons with ReLU between them, (...,F) to (...).
+
+    Args:
+        n_inputs: F.
+        hidden: neurons of each hidden layer.
+
+    Example:
+        >>> Mlp(n_inputs=3, hidden=[8])(torch.zeros(2, 8, 8, 3)).shape
+        torch.Size([2, 8, 8])
+    """
+
+    def __init__(self, n_inputs: int, hidden: Sequence[int] = (64, 64)) -> None:
+        super().__init__()
+        sizes = [n_inputs, *hidden]
+        layers: list[nn.Module] = []
+        for before, after in itertools.pairwise(sizes):
+            layers += [nn.Linear(before, after), nn.ReLU()]
+        self.layers = nn.Sequential(*layers, nn.Linear(sizes[-1], 1))
+
+    def forward(self, x: Tensor) -> Tensor:
+        """Score."""
+        scores: Tensor = self.layers(x)
+        return scores.squeeze(-1)
+
+
+class PatchCnn(nn.Module):
+    """Two convolutions over the patch of an LED, then neurons that see the cell's pitch too.
+
+    Args:
+        n_inputs: F: a square patch, row by row, and perhaps one more number, the pitch.
+        channels: of each convolution.
+        hidden: neurons of the last layer but one.
 
     Raises:
-        VoccError: it is not finite.
+        VoccError: ``n_inputs`` is no square and no square plus one, or the patch is under 4 x 4.
+
+    Example:
+        >>> PatchCnn(n_inputs=145)(torch.zeros(2, 8, 8, 145)).shape
+        torch.Size([2, 8, 8])
     """
-    module.eval()
-    pairs = zip(torch.split(rows, 1 << 16), torch.split(target, 1 << 16), strict=True)
-    with torch.inference_mode():
-        losses = [
-            F.binary_cross_entropy_with_logits(score(part), wanted, reduction="sum") for part, wanted in pairs
-        ]
-    if not math.isfinite(loss := float(torch.stack(losses).sum()) / len(rows)):
-        raise VoccError("the validation loss is not finite: try a smaller training.learning_rate")
-    return loss
+
+    def __init__(self, n_inputs: int, channels: int = 12, hidden: int = 32) -> None:
+        super().__init__()
+        self.side = math.isqrt(n_inputs)
+        self.extra = n_inputs - self.side**2
+        if self.extra not in (0, 1) or self.side < 4:
+            rule = "a patch of at least 4 x 4 numbers is needed, with or without pitch"
+            raise VoccError(f"n_inputs is {n_inputs}: {rule}")
+        first, second = nn.Conv2d(1, channels, 3, padding=1), nn.Conv2d(channels, 2 * channels, 3)
+        self.convolutions = nn.Sequential(first, nn.ReLU(), nn.MaxPool2d(2), second, nn.ReLU())
+        flat = 2 * channels * (self.side // 2 - 2) ** 2
+        self.decide = nn.Sequential(nn.Linear(flat + self.extra, hidden), nn.ReLU(), nn.Linear(hidden, 1))
+
+    def forward(self, x: Tensor) -> Tensor:
+        """Score."""
+        rows = x.reshape(-1, x.shape[-1])
+        picture = rows[:, : self.side**2].reshape(-1, 1, self.side, self.side)
+        seen = torch.cat([self.convolutions(picture).flatten(1), rows[:, self.side**2 :]], dim=1)
+        scores: Tensor = self.decide(seen)
+        return scores.reshape(x.shape[:-1])

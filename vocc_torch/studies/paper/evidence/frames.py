@@ -15,7 +15,7 @@ from torch import Tensor
 
 from vocc_torch.measure import plan as plans
 from vocc_torch.measure import stage_times, timing, train
-from vocc_torch.receiver import bank, location, otsu, receiver
+from vocc_torch.receiver import bank, foreground, location, receiver
 from vocc_torch.receiver.features import image_gradient, radial_inward_field
 from vocc_torch.rng import BLOCK_FRAMES, BlockKey
 from vocc_torch.show import timing_figure
@@ -179,7 +179,7 @@ class FrameHistogram(evidence.PaperFigure):
         self.off_counts, self.on_counts = (
             np.bincount(grey[status == bit], minlength=256).astype(float) for bit in (0, 1)
         )
-        self.counts = otsu.sensor_histogram(frames)[0].double().cpu().numpy()
+        self.counts = foreground.sensor_histogram(frames)[0].double().cpu().numpy()
         self.threshold = int(location.paper_stages(frames, locate.closing_px).threshold[0])
         self.levels = grey_levels(plan, scene)
         (self.picture,) = evidence.cut_out(frames, corners, shape, margin_cells=2.0)

@@ -1,4 +1,4 @@
-from __future__ import annotations
+"""Otsu's threshold against OpenCV and exact arithmetic, histograms of crops, frames cut to what is uneven."""
 
 from fractions import Fraction
 
@@ -10,19 +10,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vocc_torch.errors import VoccError
-from vocc_torch.receiver.otsu import histogram256, otsu_threshold, sensor_histogram
+from vocc_torch.receiver.foreground import histogram256, otsu_threshold, sensor_histogram, trimmed
 from vocc_torch.types import Frames
 
 
-def opencv_threshold(grey: np.ndarray) -> int:
+def opencv_threshold(grey):
     return int(cv2.threshold(grey, 0, 255, cv2.THRESH_BINARY + cv2.THRESH_OTSU)[0])
 
 
-def thresholds(grey: np.ndarray) -> list[int]:
+def thresholds(grey):
     return otsu_threshold(histogram256(torch.from_numpy(grey)[:, None])).tolist()
 
 
-def exact_threshold(counts: list[int]) -> int:
+def exact_threshold(counts):
     """Otsu's criterion in rational arithmetic; the lowest of the best."""
     total, mass = sum(counts), sum(i * n for i, n in enumerate(counts))
     best, best_value = 0, Fraction(-1)
@@ -37,7 +37,7 @@ def exact_threshold(counts: list[int]) -> int:
 
 
 @pytest.mark.parametrize("size", [(40, 50), (300, 300)])
-def test_histogram_equals_numpys_on_both_paths(size: tuple[int, int]) -> None:
+def test_histogram_equals_numpys_on_both_paths(size):
     rng = np.random.default_rng(1)
     grey = rng.integers(0, 256, (3, *size), dtype=np.uint8)
     grey[1] //= 3
@@ -45,7 +45,7 @@ def test_histogram_equals_numpys_on_both_paths(size: tuple[int, int]) -> None:
     assert histogram256(torch.from_numpy(grey)[:, None]).tolist() == expected
 
 
-def test_thresholds_equal_opencvs_on_dense_histograms() -> None:
+def test_thresholds_equal_opencvs_on_dense_histograms():
     rng = np.random.default_rng(2)
     grey = np.stack(
         [
@@ -66,16 +66,16 @@ def test_thresholds_equal_opencvs_on_dense_histograms() -> None:
 
 @settings(max_examples=60, deadline=None)
 @given(st.dictionaries(st.integers(0, 255), st.integers(1, 50), min_size=2, max_size=12))
-def test_threshold_is_the_lowest_exact_optimum(bins: dict[int, int]) -> None:
+def test_threshold_is_the_lowest_exact_optimum(bins):
     counts = [bins.get(level, 0) for level in range(256)]
     assert otsu_threshold(torch.tensor([counts])).item() == exact_threshold(counts)
 
 
-def test_empty_histogram_gives_zero() -> None:
+def test_empty_histogram_gives_zero():
     assert otsu_threshold(torch.zeros(1, 256, dtype=torch.int64)).tolist() == [0]
 
 
-def test_surround_counts_as_the_rest_of_the_sensor() -> None:
+def test_surround_counts_as_the_rest_of_the_sensor():
     rng = np.random.default_rng(4)
     full = np.full((3, 60, 80), 0, dtype=np.uint8)
     surround = np.array([100, 7, 255])
@@ -91,13 +91,35 @@ def test_surround_counts_as_the_rest_of_the_sensor() -> None:
     torch.testing.assert_close(sensor_histogram(crop), sensor_histogram(whole), rtol=0, atol=0)
 
 
-def test_a_crop_larger_than_its_sensor_is_refused() -> None:
+def test_a_crop_larger_than_its_sensor_is_refused():
     grey = torch.zeros(1, 1, 5, 5, dtype=torch.uint8)
     frames = Frames(grey, torch.zeros(1, 2, dtype=torch.int64), (4, 4), torch.tensor([3]))
     with pytest.raises(VoccError, match="must fit the sensor"):
         sensor_histogram(frames)
 
 
-def test_other_types_than_uint8_are_refused() -> None:
+def test_other_types_than_uint8_are_refused():
     with pytest.raises(VoccError, match="float32"):
         histogram256(torch.zeros(1, 1, 2, 2))
+
+
+def test_a_trimmed_frame_is_the_frame_on_one_grey_value():
+    rng, full = np.random.default_rng(6), np.full((4, 301, 400), 30, dtype=np.uint8)
+    full[1] += 9
+    for frame, (y, x) in zip(full, ((0, 0), (290, 380), (100, 17), (40, 40)), strict=True):
+        frame[y + 1 : y + 6, x + 2 : x + 9] = rng.integers(0, 256, (5, 7))
+    whole = Frames.whole(torch.from_numpy(full))
+    crop = trimmed(whole)
+    height, width = crop.grey.shape[-2:]
+    assert (height, width) < (24, 24)
+    for frame, grey, (x, y), level in zip(
+        full, crop.grey, crop.origin_px.tolist(), crop.surround, strict=True
+    ):
+        again = np.full_like(frame, int(level))
+        again[y : y + height, x : x + width] = grey[0]
+        np.testing.assert_array_equal(again, frame)
+    assert torch.equal(sensor_histogram(crop), sensor_histogram(whole))
+    for place in ((0, 3), (300, 399)):  # uneven in the first row; in a block that the border cuts
+        full[2][place] ^= 1
+        assert trimmed(whole) is whole
+        full[2][place] ^= 1

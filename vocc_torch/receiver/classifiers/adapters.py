@@ -1,18 +1,15 @@
-"""A torch module as a classifier of LEDs, and two small networks: on any numbers, and on the patch."""
+"""What others wrote as a classifier of LEDs: a torch module, or a scikit-learn estimator."""
 
-from __future__ import annotations
+import sys
+from typing import Any, Self
 
-import math
-from collections.abc import Sequence
-from itertools import pairwise
-from typing import Self
-
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from vocc_torch.errors import VoccError
-from vocc_torch.receiver.classifiers.module_file import one_line
-from vocc_torch.receiver.classifiers.protocol import Batches
+from vocc_torch.receiver.classifiers.protocol import Batches, one_line
 from vocc_torch.receiver.classifiers.training import Checkpoint, TrainingRecipe, train_module
 
 
@@ -131,69 +128,107 @@ def _leds(x: Tensor) -> Tensor:
     return x.reshape(-1, x.shape[-1]).to(torch.float32)
 
 
-class Mlp(nn.Module):
-    """Layers of neurons with ReLU between them, (...,F) to (...).
-
-    Args:
-        n_inputs: F.
-        hidden: neurons of each hidden layer.
+def is_estimator(value: object) -> bool:
+    """Whether something is a scikit-learn estimator, by what it offers; scikit-learn is not imported.
 
     Example:
-        >>> Mlp(n_inputs=3, hidden=[8])(torch.zeros(2, 8, 8, 3)).shape
-        torch.Size([2, 8, 8])
+        >>> is_estimator(torch.nn.Linear(1, 1))
+        False
     """
-
-    def __init__(self, n_inputs: int, hidden: Sequence[int] = (64, 64)) -> None:
-        super().__init__()
-        sizes = [n_inputs, *hidden]
-        layers: list[nn.Module] = []
-        for before, after in pairwise(sizes):
-            layers += [nn.Linear(before, after), nn.ReLU()]
-        self.layers = nn.Sequential(*layers, nn.Linear(sizes[-1], 1))
-
-    def forward(self, x: Tensor) -> Tensor:
-        """Score."""
-        scores: Tensor = self.layers(x)
-        return scores.squeeze(-1)
+    return callable(getattr(value, "get_params", None)) and callable(getattr(value, "fit", None))
 
 
-class PatchCnn(nn.Module):
-    """Two convolutions over the patch of an LED, then neurons that see the cell's pitch too.
+class SklearnClassifier:
+    """A scikit-learn estimator, a pipeline too; the LEDs of all panels are its samples.
 
     Args:
-        n_inputs: F: a square patch, row by row, and perhaps one more number, the pitch.
-        channels: of each convolution.
-        hidden: neurons of the last layer but one.
+        estimator: has ``fit`` and one of ``decision_function``, ``predict_proba`` and ``predict``, taken in
+            that order.
 
     Raises:
-        VoccError: ``n_inputs`` is no square and no square plus one, or the patch is under 4 x 4.
+        VoccError: it has none of the three, or finds clusters or outliers and no classes.
 
     Example:
-        >>> PatchCnn(n_inputs=145)(torch.zeros(2, 8, 8, 145)).shape
-        torch.Size([2, 8, 8])
+        >>> from sklearn.naive_bayes import GaussianNB
+        >>> x = torch.tensor([[[[0.0], [0.1]], [[1.0], [1.2]]]])
+        >>> bits = torch.tensor([[[False, False], [True, True]]])
+        >>> SklearnClassifier(GaussianNB()).fit(x, bits).predict(x).tolist()
+        [[[False, False], [True, True]]]
     """
 
-    def __init__(self, n_inputs: int, channels: int = 12, hidden: int = 32) -> None:
-        super().__init__()
-        self.side = math.isqrt(n_inputs)
-        self.extra = n_inputs - self.side**2
-        if self.extra not in (0, 1) or self.side < 4:
-            rule = "a patch of at least 4 x 4 numbers is needed, with or without pitch"
-            raise VoccError(f"n_inputs is {n_inputs}: {rule}")
-        self.convolutions = nn.Sequential(
-            nn.Conv2d(1, channels, 3, padding=1),
-            nn.ReLU(),
-            nn.MaxPool2d(2),
-            nn.Conv2d(channels, 2 * channels, 3),
-            nn.ReLU(),
-        )
-        flat = 2 * channels * (self.side // 2 - 2) ** 2
-        self.decide = nn.Sequential(nn.Linear(flat + self.extra, hidden), nn.ReLU(), nn.Linear(hidden, 1))
+    def __init__(self, estimator: Any) -> None:  # any class that follows scikit-learn's conventions
+        ways = ("decision_function", "predict_proba", "predict")
+        if not any(hasattr(estimator, way) for way in ways):
+            raise VoccError(f"{type(estimator).__name__} must have {', '.join(ways[:2])} or {ways[2]}")
+        if _is_no_classifier(estimator):
+            raise VoccError(f"{type(estimator).__name__} finds clusters or outliers: it must be a classifier")
+        self.estimator = estimator
 
-    def forward(self, x: Tensor) -> Tensor:
-        """Score."""
-        rows = x.reshape(-1, x.shape[-1])
-        picture = rows[:, : self.side**2].reshape(-1, 1, self.side, self.side)
-        seen = torch.cat([self.convolutions(picture).flatten(1), rows[:, self.side**2 :]], dim=1)
-        scores: Tensor = self.decide(seen)
-        return scores.reshape(x.shape[:-1])
+    def fit(self, x: Tensor, bits: Tensor) -> Self:
+        """Fit the estimator on all LEDs."""
+        self.estimator.fit(_leds(x).cpu().numpy(), bits.reshape(-1).cpu().numpy().astype(np.int64))
+        return self
+
+    def decision_function(self, x: Tensor) -> Tensor:
+        """Score every LED: the estimator's score, or its probability of On or its prediction less a half.
+
+        Raises:
+            VoccError: probabilities that are not those of Off and On.
+        """
+        rows = _leds(x).cpu().numpy()
+        if hasattr(self.estimator, "decision_function"):
+            scores = self.estimator.decision_function(rows)
+        elif hasattr(self.estimator, "predict_proba"):
+            shares = np.asarray(self.estimator.predict_proba(rows))
+            if shares.shape != (len(rows), 2):
+                raise VoccError(f"predict_proba gave {shares.shape}, it must give {(len(rows), 2)}")
+            scores = shares[:, 1] - 0.5
+        else:
+            scores = np.asarray(self.estimator.predict(rows)) - 0.5
+        return _as_leds(np.asarray(scores, dtype=np.float64), x)
+
+    def predict(self, x: Tensor) -> Tensor:
+        """Decide every LED, as the estimator itself does."""
+        if not hasattr(self.estimator, "predict"):
+            return self.decision_function(x) >= 0
+        return _as_leds(np.asarray(self.estimator.predict(_leds(x).cpu().numpy())) > 0.5, x)
+
+    @property
+    def parameters_count(self) -> int | None:
+        """How many numbers decide: a linear estimator's weights and intercepts; None of another."""
+        # A pipeline decides by its last step; a scaler before it makes no more decisions.
+        last = self.estimator.steps[-1][1] if hasattr(self.estimator, "steps") else self.estimator
+        if not hasattr(last, "coef_"):
+            return None
+        return int(np.size(last.coef_) + np.size(last.intercept_))
+
+
+def _as_leds(given: NDArray[Any], x: Tensor) -> Tensor:
+    """Return an estimator's answers as (B,R,C); the guard refuses another number of them, by name."""
+    answers = torch.as_tensor(given)
+    fits = answers.numel() == x.shape[:-1].numel()
+    return answers.reshape(x.shape[:-1]).to(x.device) if fits else answers
+
+
+def _is_no_classifier(estimator: Any) -> bool:
+    """Whether scikit-learn knows an estimator to be something else; it is not imported for that."""
+    base = sys.modules.get("sklearn.base")
+    if base is None or not isinstance(estimator, base.BaseEstimator):
+        return False
+    kinds = (getattr(base, name, None) for name in ("is_clusterer", "is_outlier_detector"))
+    return any(is_kind(estimator) for is_kind in kinds if is_kind is not None)
+
+
+def scaled(estimator: Any) -> Any:
+    """Put a scikit-learn estimator behind a scaler to mean 0 and spread 1, in one pipeline.
+
+    Example:
+        >>> from sklearn.svm import LinearSVC
+        >>> [name for name, _ in scaled(LinearSVC()).steps]
+        ['standardscaler', 'linearsvc']
+    """
+    # Imported here, because scikit-learn is an extra.
+    from sklearn.pipeline import make_pipeline
+    from sklearn.preprocessing import StandardScaler
+
+    return make_pipeline(StandardScaler(), estimator)
