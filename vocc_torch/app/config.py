@@ -19,7 +19,7 @@ from vocc_torch.studies.classifiers.config import RivalsConfig
 from vocc_torch.studies.decode import DecodeConfig
 from vocc_torch.studies.effects import EffectsConfig
 from vocc_torch.studies.paper.config import FiguresConfig
-from vocc_torch.studies.tradeoff.config import TradeoffConfig
+from vocc_torch.studies.tradeoff import TradeoffConfig
 
 TASKS = {
     "train": ("training:run_train", None),
