@@ -1,10 +1,13 @@
 """A price list with numbers that are easy to check."""
 
+from types import SimpleNamespace
+
 import numpy as np
 
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.frame_errors import FrameErrors
 from vocc_torch.measure.genie.genie import GenieReference
+from vocc_torch.measure.plan import World
 from vocc_torch.measure.stage_times import STAGES, StageTimes
 from vocc_torch.measure.train import Making
 from vocc_torch.studies.tradeoff.plan import Setting
@@ -67,11 +70,22 @@ def times_of(settings=SETTINGS, alone_ms=ALONE_MS):
 
 
 def made_up_prices(settings=SETTINGS, wrong=BIT_ERRORS, alone_ms=ALONE_MS, **changes):
-    """Give the list."""
+    """Give the list; of its study it has what is told of it."""
+    told = {"missing": {}, "left_out": {}, "frames_a_preamble": 1}
+    told |= {name: changes.pop(name) for name in list(changes) if name in told}
+    study = SimpleNamespace(
+        settings=settings,
+        scene_name="paper",
+        plan=SimpleNamespace(world=World(device="cpu")),
+        config=SimpleNamespace(frames_a_preamble=told.pop("frames_a_preamble")),
+        **told,
+    )
     given = {
-        "settings": settings,
+        "study": study,
         "costs": dict.fromkeys(settings, Making(1.5, 1.0, 1000, 80, 1700)),
         "errors": {"mixture": errors(wrong), "far": errors(tuple(min(FRAMES, 2 * n) for n in wrong))},
+        "references": {},
+        "no_references": {},
         "times": times_of(settings, alone_ms),
         "end_to_end": dict.fromkeys(PLACES, 1.03),
         "in_one_go": "flda_3",
@@ -79,8 +93,5 @@ def made_up_prices(settings=SETTINGS, wrong=BIT_ERRORS, alone_ms=ALONE_MS, **cha
         "threads": 1,
         "waited_share": 0.0,
         "crop_px": (89, 89),
-        "error_device": "cpu",
-        "sensor_px": (1080, 1920),
-        "scene": "paper",
     }
     return PriceList(**{**given, **changes})

@@ -2,8 +2,9 @@
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import torch
@@ -22,7 +23,7 @@ from vocc_torch.show.styles import Style
 from vocc_torch.simulation.framing import panel_corners_px
 from vocc_torch.studies.effects import tables
 from vocc_torch.studies.effects.plan import Effects, EffectStudy
-from vocc_torch.studies.effects.results import EffectResults, EffectRow, Kind, SeverityCurve
+from vocc_torch.studies.effects.results import EffectResults, EffectRow, SeverityCurve
 from vocc_torch.types import Scene
 
 _ROW_IN, _ABOVE_IN, _BELOW_IN = 0.262, 1.18, 1.36
@@ -33,18 +34,19 @@ _FACETS_A_ROW, _TILES_A_ROW, _TILE_IN = 5, 6, 1.75
 _SHOWN_SHARE = 1.5
 """Side of a picture of the gallery in sides of the panel."""
 
-COSTS: dict[Kind, tuple[Style, float]] = {
+_COSTS = {
     "near": (Style("near the panel", "#009E73", "o", "-"), -0.16),
     "located": (Style("for a locator, if more", "#E69F00", "s", "-"), 0.16),
 }
-CHANGES = {
-    "true_corners": (Style("trained without the effect", "#D55E00", "o", "-"), -0.16),
-    "retrained": (Style("trained with it", "#0072B2", "D", "-"), 0.16),
-    "located": (Style("trained without the effect", "#D55E00", "o", "-"), 0.0),
+_WITHOUT = Style("trained without the effect", "#D55E00", "o", "-")
+_WITH = Style("trained with it", "#0072B2", "D", "--")
+_PARTS = {
+    "Cost": _COSTS,
+    "Change of BER, true corners": {"true_corners": (_WITHOUT, -0.16), "retrained": (_WITH, 0.16)},
+    "Change of BER, paper's locator": {"located": (_WITHOUT, 0.0)},
 }
-"""How each series is drawn, and how many rows below the middle of its row."""
+"""The parts of the figure of effects: how each series is drawn, and how many rows below the middle of its row."""
 
-_RETRAINED = Style("trained with it, as the table of effects has it", "#0072B2", "D", "--")
 _UNITS = {"_deg": "°", "_m": "m", "_s": "s", "_px": "px", "_nm": "nm", "_lx": "lx", "_cd_m2": "cd/m²"}
 _UNITS |= {"_m_s": "m/s", "electrons_per_s": "electrons/s", "electrons": "electrons"}
 """Units by the end of a parameter's name; the longest end that fits counts."""
@@ -56,32 +58,26 @@ def effects_figure(results: EffectResults) -> Figure:
     Costs are on a logarithmic axis. Changes are on one that is linear within a thousandth and logarithmic
     beyond; a sign is full where its 95 % interval leaves out 0.
     """
-    rows = results.every_row
-    heads = {
-        "Cost": COSTS,
-        "Change of BER, true corners": {one: CHANGES[one] for one in ("true_corners", "retrained")},
-    }
-    if "located" in results.readings:
-        heads["Change of BER, paper's locator"] = {"located": CHANGES["located"]}
-    width = _LEFT_IN + (_WIDE_IN + _GAP_IN) * len(heads) - _GAP_IN + _RIGHT_IN
-    height = _ABOVE_IN + _ROW_IN * len(rows) + _BELOW_IN
+    rows, parts = results.every_row, dict(_PARTS)
+    if "located" not in results.readings:
+        parts.popitem()
+    width = _LEFT_IN + (_WIDE_IN + _GAP_IN) * len(parts) - _GAP_IN + _RIGHT_IN
+    tall = _ROW_IN * len(rows)
+    height = _ABOVE_IN + tall + _BELOW_IN
     figure = canvas.new_figure(width, height)
-    for number, (head, series) in enumerate(heads.items()):
-        left, tall = _LEFT_IN + number * (_WIDE_IN + _GAP_IN), _ROW_IN * len(rows)
-        axes = figure.add_axes((left / width, _BELOW_IN / height, _WIDE_IN / width, tall / height))
+    look: dict[str, Any] = {"loc": "lower left", "fontsize": 8.3, "borderaxespad": 0.15, "handlelength": 1.6}
+    for number, (head, series) in enumerate(parts.items()):
+        left = (_LEFT_IN + number * (_WIDE_IN + _GAP_IN)) / width
+        axes = figure.add_axes((left, _BELOW_IN / height, _WIDE_IN / width, tall / height))
         canvas.quiet_axes(axes)
-        if number == 0:
+        if head == "Cost":
             _draw_costs(axes, results)
         else:
-            _draw_changes(axes, results, list(series))
-        _set_rows(axes, rows, named=number == 0)
+            _draw_changes(axes, results, series)
+        _set_rows(axes, rows, named=head == "Cost")
         axes.set_title(head, fontsize=10.5, fontweight="bold", color=INK, loc="left", pad=26)
-        signs, top = (
-            [plots.receiver_line(style, size=0.7) for style, _ in series.values()],
-            1 - _ABOVE_IN / height,
-        )
-        look = {"loc": "lower left", "fontsize": 8.3, "borderaxespad": 0.15, "handlelength": 1.6}
-        at = (left - 0.02 * _WIDE_IN) / width, top
+        signs = [plots.receiver_line(replace(style, line="-"), size=0.7) for style, _ in series.values()]
+        at = left - 0.02 * _WIDE_IN / width, 1 - _ABOVE_IN / height
         canvas.write_legend(figure, signs, at, 2, handletextpad=0.5, columnspacing=1.0, **look)
     title, *notes = tables.written("effects.txt.j2", results, linear=_LINEAR).splitlines()
     canvas.write_title(figure, title, "\n".join(notes))
@@ -92,7 +88,7 @@ def _draw_costs(axes: Axes, results: EffectResults) -> None:
     """Draw what each effect adds to the time of a frame, or a note where it cannot be told from nothing."""
     rows = results.every_row
     sums = {kind: median_of(rounds) for kind, rounds in results.sums.items()}
-    costs = [{kind: median_of(row.costs[kind]) for kind in COSTS} for row in rows]
+    costs = [{kind: median_of(row.costs[kind]) for kind in _COSTS} for row in rows]
     shown = [one for row in (*costs, sums) for one in row.values() if one.low > 0]
     shown.append(median_of(results.base_costs["near"]))
     axes.set_xscale("log")
@@ -102,39 +98,38 @@ def _draw_costs(axes: Axes, results: EffectResults) -> None:
     axes.xaxis.set(major_formatter="{x:g}", minor_formatter=ticker.NullFormatter())
     axes.set_xlabel("ms a frame, added")
     for number, (row, own) in enumerate(zip(rows, costs, strict=True)):
-        for kind, (style, shift) in COSTS.items():
-            y = number + shift if row.fills_sensor else number
-            if own[kind].low > 0 and (row.fills_sensor or kind == "near"):
-                _bar(axes, own[kind], y, style)
-            elif row.fills_sensor or kind == "near":
-                note = axes.text(
-                    0.012, y, "<0" if own[kind].real else "~0", transform=axes.get_yaxis_transform()
-                )
+        for kind, (style, shift) in (
+            _COSTS.items() if row.fills_sensor else [("near", (_COSTS["near"][0], 0.0))]
+        ):
+            if own[kind].low > 0:
+                _bar(axes, own[kind], number + shift, style)
+            else:
+                said = "<0" if own[kind].real else "~0"
+                note = axes.text(0.012, number + shift, said, transform=axes.get_yaxis_transform())
                 note.set(color=style.colour, fontsize=8, va="center")
     for kind, total in sums.items():
         if total.low > 0:
-            style, shift = COSTS[kind]
+            style, shift = _COSTS[kind]
             (mark,) = axes.plot([total.value], [len(rows) - 1 + shift], "|", color=style.colour, zorder=4)
             mark.set(markersize=11, markeredgewidth=2.2)
 
 
-def _draw_changes(axes: Axes, results: EffectResults, readings: Sequence[str]) -> None:
+def _draw_changes(axes: Axes, results: EffectResults, series: Mapping[str, tuple[Style, float]]) -> None:
     """Draw the change of the bit error rate with its interval; all axes of changes have the same limits."""
     rows, shown = results.every_row, results.study.shown
     every = [change.estimate for row in rows for (_, name), change in row.changes.items() if name == shown]
     low, high = min((one.low for one in every), default=0.0), max((one.high for one in every), default=0.0)
-    axes.set_xscale("symlog", linthresh=_LINEAR, linscale=0.55)
-    axes.set_xlim(min(-1.5 * _LINEAR, low * 1.4), max(high * 1.4, 12 * _LINEAR))
-    limits, ticks = axes.get_xlim(), (-0.1, -0.01, -0.001, 0.0, 0.001, 0.01, 0.1)
+    ticks = (-0.1, -0.01, -0.001, 0.0, 0.001, 0.01, 0.1)
     names = [f"{tick:+g}".replace("-", "\N{MINUS SIGN}") if tick else "0" for tick in ticks]
+    axes.set_xscale("symlog", linthresh=_LINEAR, linscale=0.55)
     axes.set_xticks(ticks, names)
-    axes.set_xlim(limits)
+    axes.set_xlim(min(-1.5 * _LINEAR, low * 1.4), max(high * 1.4, 12 * _LINEAR))
     axes.xaxis.set_minor_locator(ticker.NullLocator())
     axes.axvline(0, color=QUIET, linewidth=1.0, zorder=1)
     axes.set_xlabel("bit error rate with it less that without it")
     for number, row in enumerate(rows):
-        for style, shift, change in ((*CHANGES[one], row.changes.get((one, shown))) for one in readings):
-            if change is not None:
+        for reading, (style, shift) in series.items():
+            if change := row.changes.get((reading, shown)):
                 _bar(axes, change.estimate, number + shift, style, full=change.estimate.real)
 
 
@@ -174,7 +169,10 @@ def severity_figure(results: EffectResults) -> Figure:
     facets = [(curve.name, _table(curve, receiver)) for curve in curves]
     rows = [dict(facets[first : first + _FACETS_A_ROW]) for first in range(0, len(facets), _FACETS_A_ROW)]
     title, *notes = tables.written("severity.txt.j2", results).splitlines()
-    styles = {"true_corners": CHANGES["true_corners"][0], "retrained": _RETRAINED}
+    styles = {
+        "true_corners": _WITHOUT,
+        "retrained": replace(_WITH, label=f"{_WITH.label}, as the table of effects has it"),
+    }
     figure = plots.facet_figure(rows, title, "\n".join(notes), axes_alike=False, styles=styles)
     base = results.base.get(("truth", receiver))
     for axes, curve in zip(figure.axes, curves, strict=True):
@@ -251,7 +249,7 @@ def gallery_pictures(study: EffectStudy) -> dict[str, NDArray[np.uint8]]:
         cases[one.name] = study.at(one.name, severity.values[-1]) if severity else one.present
     world, model = study.plan.world, study.model
     light = ("ambient_lx", "led_luminance_cd_m2")
-    middle = {name: math.sqrt(math.prod(getattr(model, name).bounds)) for name in light}
+    middle: dict[str, Any] = {name: math.sqrt(math.prod(getattr(model, name).bounds)) for name in light}
     scene = Scene.of(distance_m=model.nearest_m, **middle)
     key = FrameKey(BlockKey(study.plan.seed, "gallery", 0), 0)
     shape = world.panel.shape.rows, world.panel.shape.columns

@@ -4,35 +4,28 @@ import functools
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Literal, NamedTuple, get_args
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vocc_torch.measure import timing
+from vocc_torch.measure import frame_errors, link, paired, stage_times, timing, train
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.estimate import Estimate
-from vocc_torch.measure.frame_errors import Banks, FrameErrors, FrameJob
-from vocc_torch.measure.link import block_keys
-from vocc_torch.measure.paired import paired_interval
-from vocc_torch.measure.plan import Locator, Plan, resolve_device
-from vocc_torch.measure.stage_times import median_of
-from vocc_torch.measure.train import train
+from vocc_torch.measure.plan import Locator, Plan
 from vocc_torch.measure.workers import Workers, worker_losses_told
 from vocc_torch.receiver.bank import ReceiverBank
 from vocc_torch.receiver.flda import FLDA
 from vocc_torch.rng import BLOCK_FRAMES, FrameKey
 from vocc_torch.simulation.effects import build_effects
 from vocc_torch.studies.effects.plan import POINT, Effects, EffectStudy, Key, ScenePair, fills, group_of
-from vocc_torch.types import Frames
+from vocc_torch.types import Frames, resolve_device
 
 NEAR_FRAMES, WHOLE_FRAMES = 32, 1
 """Frames rendered in a timed call: the panel's surroundings, and whole frames."""
 
-Kind = Literal["near", "located", "whole"]
+KINDS = ("near", "located", "whole")
 """What is rendered: the panel's surroundings, what a locator needs, or whole frames from the start."""
-
-KINDS: tuple[Kind, ...] = get_args(Kind)
 
 READINGS: dict[str, Locator] = {"true_corners": "truth", "retrained": "truth", "located": "paper"}
 """How the bits are read, and the locator: at the true corners by a receiver that never met the effect; the
@@ -55,11 +48,11 @@ class Costs:
         waited_share: share of the timing during which this process did not have the processor, 0 to 1.
     """
 
-    times: Mapping[tuple[Kind, Key], Rounds]
+    times: Mapping[tuple[str, Key], Rounds]
     machine: str
     waited_share: float
 
-    def added(self, kind: Kind, pair: ScenePair) -> Rounds:
+    def added(self, kind: str, pair: ScenePair) -> Rounds:
         """Return what an effect adds, within each round, since a busy spell of the machine meets both."""
         present, absent = build_effects(pair.present), build_effects(pair.absent)
         # Without an effect that fills the sensor a locator gets the very crops.
@@ -92,7 +85,7 @@ class EffectRow:
     """
 
     pair: ScenePair
-    costs: Mapping[Kind, Rounds]
+    costs: Mapping[str, Rounds]
     changes: Mapping[tuple[str, str], Change]
 
     @property
@@ -190,12 +183,12 @@ class EffectResults:
         return {reading: counts for reading, counts in found.items() if counts is not None}
 
     @functools.cached_property
-    def base_costs(self) -> dict[Kind, Rounds]:
+    def base_costs(self) -> dict[str, Rounds]:
         """The scene itself, ms a frame, by kind."""
         return {kind: self.costs.times[kind, build_effects(self.study.scene)] for kind in KINDS}
 
     @functools.cached_property
-    def sums(self) -> dict[Kind, Rounds]:
+    def sums(self) -> dict[str, Rounds]:
         """What the added effects cost alone, near the panel and for a locator, summed; empty without any.
 
         Frames become whole once, whatever the number of effects that fill the sensor. With all effects they
@@ -216,11 +209,13 @@ class EffectResults:
 
         None where there are no two, or where a sum cannot be told from nothing.
         """
-        sums = {kind: median_of(rounds) for kind, rounds in self.sums.items()}
+        sums = {kind: stage_times.median_of(rounds) for kind, rounds in self.sums.items()}
         added = sum(not row.pair.in_scene for row in self.rows)
         if self.together is None or added < 2 or min(one.low for one in sums.values()) <= 0:
             return None
-        near, located = (median_of(self.together.costs[kind]).value / sums[kind].value for kind in sums)
+        near, located = (
+            stage_times.median_of(self.together.costs[kind]).value / sums[kind].value for kind in sums
+        )
         return near, located
 
 
@@ -234,9 +229,9 @@ def measure_costs(study: EffectStudy) -> Costs:
     scenes: dict[Key, Effects] = {build_effects(study.scene): study.scene}
     for pair in study.every_pair:
         scenes |= {build_effects(effects): effects for effects in (pair.absent, pair.present)}
-    key = block_keys(study.plan.seed, POINT, 1)[0]
+    key = link.block_keys(study.plan.seed, POINT, 1)[0]
     scene, bits = model.draw(key, study.plan.world.panel.shape)
-    frames: dict[tuple[Kind, Key], int] = {}
+    frames: dict[tuple[str, Key], int] = {}
     calls: dict[str, Callable[[], Frames]] = {}
     for kind in KINDS:
         for built, effects in scenes.items():
@@ -323,7 +318,7 @@ def frames_to_do(study: EffectStudy) -> int:
 
 def _trained(plan: Plan) -> FLDA:
     """Train on a plan's scenes."""
-    return train(plan).flda.cpu()
+    return train.train(plan).flda.cpu()
 
 
 def run_effects(
@@ -349,14 +344,19 @@ def run_effects(
             calls[place].add_done_callback(lambda _: told("training", study.plan.budget.training_frames))
         fldas = {place: call.result() for place, call in calls.items()}
         for (key, locator), one in wanted.items():
-            banks = Banks([(locator, ReceiverBank(names, fldas[scene, locator])) for scene in one.trained_on])
+            banks = frame_errors.Banks(
+                [(locator, ReceiverBank(names, fldas[scene, locator])) for scene in one.trained_on]
+            )
             plan = study.plan_of(one.effects, locator)
-            job = FrameJob(plan, study.model, POINT, (locator,), banks, banks.needs_preambles)
+            job = frame_errors.FrameJob(plan, study.model, POINT, (locator,), banks, banks.needs_preambles)
             reading = functools.partial(told, "reading")
             parts[key, locator] = job.handed_out(one.frames, workers, at_once=step, told=reading)
-        read = {place: FrameErrors.joined(call.result() for call in some) for place, some in parts.items()}
+        read = {
+            place: frame_errors.FrameErrors.joined(call.result() for call in some)
+            for place, some in parts.items()
+        }
 
-    def errors(scene: Key, locator: Locator, trained_on: Key, frames: int) -> FrameErrors:
+    def errors(scene: Key, locator: Locator, trained_on: Key, frames: int) -> frame_errors.FrameErrors:
         """Give the errors in the first frames, a row a receiver."""
         first = list(wanted[scene, locator].trained_on).index(trained_on) * len(names)
         return read[scene, locator].of(slice(first, first + len(names)), slice(frames))
@@ -375,17 +375,17 @@ def run_effects(
             halves, found = (
                 np.concatenate([getattr(one, part) for one in both]) for part in ("half_errors", "found")
             )
-            together = FrameErrors(halves, found, both[0].leds)
+            together = frame_errors.FrameErrors(halves, found, both[0].leds)
             for place, name in enumerate(names):
-                paired = together.paired(place, place + len(names))
-                estimate = paired_interval(paired, errors_per_discordant_frame=lost)
+                both_wrong = together.paired(place, place + len(names))
+                estimate = paired.paired_interval(both_wrong, errors_per_discordant_frame=lost)
                 counts = together.counts
                 changes[reading, name] = Change(counts[place], counts[place + len(names)], estimate)
         return EffectRow(pair, {kind: costs.added(kind, pair) for kind in KINDS}, changes)
 
     def curve(name: str) -> SeverityCurve:
         """Put one effect's severities together."""
-        pair, rates = study.pair(name), {}
+        pair, rates = study.pair(name), dict[tuple[float, str, str], Counts]()
         for value in study.severities[name]:
             scene = build_effects(study.at(name, value))
             for reading, effects in (("true_corners", pair.absent), ("retrained", pair.present)):
@@ -395,7 +395,7 @@ def run_effects(
                 }
         return SeverityCurve(name, study.config.severity[name].parameter, rates, study.usual(name))
 
-    own, base = build_effects(study.scene), {}
+    own, base = build_effects(study.scene), dict[tuple[str, str], Counts]()
     for locator in dict.fromkeys(READINGS.values()):
         if (own, locator) in read:
             counts = errors(own, locator, own, study.frames_with(locator, study.scene)).counts

@@ -1,7 +1,8 @@
 """What each effect costs and does: as CSV files, on the terminal and in the report."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
+from typing import Any
 
 from rich.console import Console
 from rich.text import Text
@@ -10,7 +11,7 @@ from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.intervals import ber_interval
 from vocc_torch.measure.stage_times import median_of
 from vocc_torch.show import csv_file, page, styles, text_table
-from vocc_torch.studies.effects.results import KINDS, READINGS, EffectResults, EffectRow, Kind, Rounds
+from vocc_torch.studies.effects.results import KINDS, READINGS, EffectResults, EffectRow, Rounds
 
 _CHANGES = ("frames", "ber_without", "ber_with", "change", "low", "high", "real", "missed_with")
 COLUMNS = (
@@ -38,7 +39,7 @@ ASCII_SIGNS = {"fills": "#", "in_scene": "*"}
 _ONE_LINE, _INTERVAL = 96, 9
 """Least terminal width at which an interval stands beside its change, and the width of most intervals."""
 
-Cells = Mapping[str, str | int | float]
+Cells = dict[str, str | int | float]
 """Cells by their columns; what is missing is blank."""
 
 
@@ -49,11 +50,11 @@ def write_effects(path: Path, results: EffectResults) -> None:
         VoccError: the file cannot be written.
     """
     study, names = results.study, results.study.plan.receiver.names
-    facts = {"training_frames": study.plan.budget.training_frames, "scene": study.scene_name}
+    facts: Cells = {"training_frames": study.plan.budget.training_frames, "scene": study.scene_name}
     facts |= {"waited_share": round(results.costs.waited_share, 4), "machine": results.costs.machine}
     lines: list[Cells] = []
     for name in names:
-        line = {"row": "scene", "receiver": name, **_cost_cells(results.base_costs)}
+        line: Cells = {"row": "scene", "receiver": name, **_cost_cells(results.base_costs)}
         for reading, counts in results.base_counts(name).items():
             rates = {"frames": counts.frames, "ber_with": counts.ber, "missed_with": counts.panels_missed}
             line |= {f"{reading}_{head}": cell for head, cell in rates.items()}
@@ -66,7 +67,7 @@ def write_effects(path: Path, results: EffectResults) -> None:
     _write(path, COLUMNS, ({**line, **facts} for line in lines))
 
 
-def _write(path: Path, columns: tuple[str, ...], lines: Iterator[Cells]) -> None:
+def _write(path: Path, columns: tuple[str, ...], lines: Iterable[Cells]) -> None:
     """Write lines by their columns."""
     cells = ([csv_file.cell_text(line.get(head, "")) for head in columns] for line in lines)
     csv_file.write_rows(path, [columns, *cells])
@@ -75,7 +76,7 @@ def _write(path: Path, columns: tuple[str, ...], lines: Iterator[Cells]) -> None
 def _row_cells(kind: str, row: EffectRow, receiver: str) -> Cells:
     """Return the cells of one effect."""
     pair = row.pair
-    line = {"row": kind, "effect": pair.name, "group": row.group, "settings": row.settings}
+    line: Cells = {"row": kind, "effect": pair.name, "group": row.group, "settings": row.settings}
     line |= {"differs_in": " + ".join(pair.own), "companions": " + ".join(pair.companions)}
     line |= {"in_scene": int(pair.in_scene), "fills_sensor": int(row.fills_sensor), "receiver": receiver}
     for reading in READINGS:
@@ -87,9 +88,9 @@ def _row_cells(kind: str, row: EffectRow, receiver: str) -> Cells:
     return {**line, **_cost_cells(row.costs)}
 
 
-def _cost_cells(costs: Mapping[Kind, Rounds]) -> dict[str, float]:
+def _cost_cells(costs: Mapping[str, Rounds]) -> Cells:
     """Return medians and quartiles, to a tenth of a microsecond."""
-    cells = {}
+    cells: dict[str, float] = {}
     for kind, rounds in costs.items():
         one = median_of(rounds)
         cells |= {f"{kind}_ms": one.value, f"{kind}_low_ms": one.low, f"{kind}_high_ms": one.high}
@@ -102,7 +103,7 @@ def write_severities(path: Path, results: EffectResults) -> None:
     Raises:
         VoccError: the file cannot be written.
     """
-    trained, lines = {"true_corners": "without", "retrained": "with"}, []
+    trained, lines = {"true_corners": "without", "retrained": "with"}, list[Cells]()
     for curve in results.severities:
         for (value, reading, receiver), counts in curve.errors.items():
             about = (curve.name, curve.parameter, value, curve.values.index(value), int(value == curve.usual))
@@ -110,7 +111,7 @@ def write_severities(path: Path, results: EffectResults) -> None:
             interval = ber_interval(counts)
             cells = (*about, *read, interval.low, interval.high, counts.frame_errors)
             lines.append(dict(zip(SEVERITY_COLUMNS, cells, strict=True)))
-    _write(path, SEVERITY_COLUMNS, iter(lines))
+    _write(path, SEVERITY_COLUMNS, lines)
 
 
 def ms_text(rounds: Rounds) -> str:
@@ -180,7 +181,7 @@ def base_texts(results: EffectResults) -> list[str]:
 def report(results: EffectResults) -> str:
     """Write the table and the pictures as Markdown, for a reader who was not there."""
     notes = written("notes.txt.j2", results).splitlines()
-    texts = {"thousandths": thousandths, "interval": interval_text, "signs_of": signs_of}
+    texts: dict[str, Any] = {"thousandths": thousandths, "interval": interval_text, "signs_of": signs_of}
     return written("effects.md.j2", results, base=base_texts(results), notes=notes, **texts)
 
 
@@ -192,7 +193,7 @@ def print_effects(results: EffectResults, console: Console) -> None:
     for head in ("effect", "near\nms", "locator\nms", *rates):
         drawn.add_column(head, justify="left" if head == "effect" else "right", no_wrap=True)
 
-    def costs(of: Mapping[Kind, Rounds]) -> list[str]:
+    def costs(of: Mapping[str, Rounds]) -> list[str]:
         return [ms_text(of["near"]), ms_text(of["located"])]
 
     drawn.add_row("the scene itself", *costs(results.base_costs), *base_texts(results))

@@ -15,6 +15,7 @@ from matplotlib.text import Text
 from scipy.optimize import isotonic_regression
 
 from vocc_torch.measure.estimate import Estimate
+from vocc_torch.measure.plan import Locator
 from vocc_torch.show import canvas, timing_figure
 from vocc_torch.show.canvas import INK, QUIET
 from vocc_torch.show.styles import Style, receiver_styles
@@ -145,21 +146,14 @@ def tradeoff_figure(prices: PriceList, scenes: str, device: str, frames: str) ->
     _axes(axes, [point.ms for point in points], ends)
     y = {point.setting: rows[place % ROWS] for place, point in enumerate(free)}
     styles = receiver_styles(setting.receiver for setting in prices.settings)
-    faces: dict[str, str] = dict(
-        zip(dict.fromkeys(setting.locator for setting in prices.settings), FACES, strict=False)
-    )
-    told = _told(prices, scenes, device, frames)
-    dots = [
-        Dot(
-            point,
-            y.get(point.setting, point.ber.value),
-            styles[point.setting.receiver],
-            faces[point.setting.locator],
-            report.varied_text(point.setting, prices.settings[0]),
-            point.setting in told,
-        )
-        for point in points
-    ]
+    locators = dict.fromkeys(setting.locator for setting in prices.settings)
+    faces = dict(zip(locators, FACES, strict=False))
+    told, dots = _told(prices, scenes, device, frames), []
+    for point in points:
+        setting = point.setting
+        varied = report.varied_text(setting, prices.settings[0])
+        look = styles[setting.receiver], faces[setting.locator], varied, setting in told
+        dots.append(Dot(point, y.get(setting, point.ber.value), *look))
     _labels(figure, axes, dots)
     if reference is not None:
         _reference(axes, reference, prices.references[scenes].counts.frames, rows)
@@ -172,10 +166,8 @@ def tradeoff_figure(prices: PriceList, scenes: str, device: str, frames: str) ->
         _dot(axes, dot, ends[1])
     _legend(figure, dots, faces)
     rounds = sorted(times.rounds for times in prices.times.values())
-    said = report.written(
-        "figure.txt.j2", prices, scenes=scenes, device=device, frames=frames, rounds=[rounds[0], rounds[-1]],
-        error_free=bool(free),
-    ).splitlines()  # fmt: skip
+    about = {"scenes": scenes, "device": device, "frames": frames, "error_free": bool(free)}
+    said = report.written("figure.txt.j2", prices, rounds=[rounds[0], rounds[-1]], **about).splitlines()
     footnote = textwrap.fill(" ".join(said[1:]), 172, break_on_hyphens=False)
     canvas.write_title(figure, "What accuracy costs in time", footnote)
     figure.text(0.018, 1 - 0.47 / figure.get_figheight(), said[0], fontsize=11.5, color=QUIET, va="top")
@@ -235,7 +227,7 @@ def _labels(figure: Figure, axes: Axes, dots: Sequence[Dot]) -> None:
     for dot, place_px in zip(named, places, strict=True):
         first, place = dot.point.rank == "frontier", place_px / axes.bbox.height
         located = report.LOCATED_BY[dot.point.setting.locator].removesuffix(" locator")
-        words = f"{', '.join([dot.style.label, *dot.varied, located])}   {report.ms_text(dot.point.ms)} ms"
+        words = f"{', '.join([dot.style.label, *dot.varied, located])}   {timing_figure.number_text(dot.point.ms)} ms"
         line = {"arrowstyle": "-", "color": QUIET, "linewidth": 0.7, "alpha": 0.8 if first else 0.35}
         # From the dot to its marker, which stands before the words.
         line |= {"shrinkA": 0.028 * 0.6 * axes.bbox.width, "shrinkB": 0, "relpos": (0, 0.56)}
@@ -251,15 +243,14 @@ def _labels(figure: Figure, axes: Axes, dots: Sequence[Dot]) -> None:
 
 def _reference(axes: Axes, rate: Estimate, frames: int, rows: Sequence[float]) -> None:
     """Draw what is possible: the rate of a decoder that knows the scene."""
-    y, said = rows[-1] if rows else 0.0, f"no error in {frames} frames, too few to say more"
     if rate.value > 0:
-        y, said = (
-            rate.value,
-            f"BER {rate_text(rate.value)} ({ends_text(rate.low, rate.high)}) in {frames} frames",
-        )
+        y, said = rate.value, f"BER {rate_text(rate.value)} ({ends_text(rate.low, rate.high)}) in"
         axes.axhspan(rate.low, rate.high, color=_REFERENCE_COLOUR, alpha=0.07, linewidth=0, zorder=0.7)
+    else:
+        y, said = rows[-1], "no error in"
+    few = "" if rate.value > 0 else ", too few to say more"
     axes.axhline(y, color=_REFERENCE_COLOUR, linewidth=1.4, linestyle=(0, (6, 3)), zorder=1.6)
-    words = f"What is possible, by a decoder that knows the scene: {said}"
+    words = f"What is possible, by a decoder that knows the scene: {said} {frames} frames{few}"
     text = axes.text(0.012, y, words, transform=axes.get_yaxis_transform(), fontsize=_FONT)
     text.set(va="bottom", color=_REFERENCE_COLOUR, zorder=6.5)
 
@@ -277,7 +268,7 @@ def _dot(axes: Axes, dot: Dot, least: float) -> None:
     dot.mark(axes, *dot.place)
 
 
-def _legend(figure: Figure, dots: Sequence[Dot], faces: Mapping[str, str]) -> None:
+def _legend(figure: Figure, dots: Sequence[Dot], faces: Mapping[Locator, str]) -> None:
     """Say in a row what fillings, sizes and strengths mean."""
     ranks = {dot.point.rank for dot in dots}
     handles = [_sign("o", 9.0, face, QUIET, label=report.LOCATED_BY[name]) for name, face in faces.items()]
@@ -298,16 +289,13 @@ def shares_figure(prices: PriceList) -> Figure | None:
     if not by_name.keys() >= timing_figure.PAPER_SHARES.keys() - {timing_figure.PANEL_DETECTION}:
         return None
     device = prices.places[0].device
-    kinds = [frames for name, frames in prices.kinds if name == device]
-    every = prices.batches(device, kinds[0])
-    by_place = {
-        (f"{kind}_frames" if kind == "whole" else kind, batch): {
-            name: prices.times[one, Place(device, kind, batch)] for name, one in by_name.items()
-        }
-        for kind in kinds
-        for batch in dict.fromkeys((every[0], every[-1]))
-    }
-    measured = timing_figure.DetectionTimes(
-        by_place, prices.sensor_px, prices.machines[device], prices.threads, prices.waited_share
-    )
+    by_place = {}
+    for kind in [frames for name, frames in prices.kinds if name == device]:
+        sizes = prices.batches(device, kind)
+        for batch in dict.fromkeys((sizes[0], sizes[-1])):
+            times = {name: prices.times[one, Place(device, kind, batch)] for name, one in by_name.items()}
+            by_place[f"{kind}_frames" if kind == "whole" else kind, batch] = times
+    sensor_px, machine = prices.study.plan.world.camera.sensor_px, prices.machines[device]
+    about = sensor_px, machine, prices.threads, prices.waited_share
+    measured = timing_figure.DetectionTimes(by_place, *about)
     return measured.draw("Time of the paper's receivers (Fig. 25)")

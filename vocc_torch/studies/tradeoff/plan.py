@@ -10,11 +10,11 @@ from typing import Any, get_args
 from vocc_torch.errors import VoccError, section
 from vocc_torch.measure.build import PRECISIONS, build_plan, without_absent
 from vocc_torch.measure.config import Settings
-from vocc_torch.measure.plan import Experiment, Locator, Plan, narrowed, parsed_scene, resolve_device
+from vocc_torch.measure.plan import Experiment, Locator, Plan, narrowed, resolve_device
 from vocc_torch.receiver.bank import FLDA_FEATURES
 from vocc_torch.receiver.features import Gradient
 from vocc_torch.receiver.reader import Reader
-from vocc_torch.simulation import Distribution, SceneModel
+from vocc_torch.simulation import SceneModel
 from vocc_torch.simulation.simulator import Framing
 from vocc_torch.studies.tradeoff import TradeoffConfig
 
@@ -70,7 +70,6 @@ class TradeoffStudy:
         plan: the world, the receivers and the budget, whose frames are counted for each kind of scenes; its
             experiment and the settings of its reader have no part in it.
         config: the study's section of the configuration.
-        scenes: kinds of scenes by name: what they narrow.
         scene_name: what results call the scene.
         missing: devices that were asked for and are not there, and why.
         left_out: receivers that were asked for and cannot be built here, and why.
@@ -81,7 +80,6 @@ class TradeoffStudy:
 
     plan: Plan
     config: TradeoffConfig
-    scenes: Mapping[str, Mapping[str, Distribution]] = field(default_factory=lambda: {"mixture": {}})
     scene_name: str = ""
     missing: Mapping[str, str] = field(default_factory=dict)
     left_out: Mapping[str, str] = field(default_factory=dict)
@@ -90,7 +88,7 @@ class TradeoffStudy:
         """Check every list and every number, before any work is done."""
         config, budget = self.config, self.plan.budget
         for name in (*LISTS, "scenes"):
-            if not getattr(self if name == "scenes" else config, name):
+            if not getattr(config, name):
                 raise VoccError(f"tradeoff.{name} is empty: it must hold at least one value")
         allowed: dict[str, tuple[list[Any] | tuple[str, ...], tuple[str, ...]]] = {
             "locators": (config.locators, get_args(Locator)),
@@ -109,7 +107,9 @@ class TradeoffStudy:
         for name, least in (("repeats", 1), ("threads", 0), ("frames_a_preamble", 1), ("genie_frames", 0)):
             if getattr(config, name) < least:
                 raise VoccError.of(f"tradeoff.{name}", getattr(config, name), f"at least {least}")
-        for name in self.scenes:
+        for name, scene in config.scenes.items():
+            if not name.isidentifier() or not isinstance(scene, dict):
+                raise VoccError.of(f"tradeoff.scenes.{name}", repr(scene), "a word with values of scenes")
             self.model(name)
         for name in ("target_frame_errors", "precision"):
             if (value := getattr(budget, name)) is not None:
@@ -166,22 +166,12 @@ class TradeoffStudy:
         ):
             return Reader(self.plan.world.panel.shape, setting.samples_per_led, setting.gradient)
 
-    @cached_property
-    def trainings(self) -> dict[Setting, Plan]:
-        """A plan for each training, by its settings' locator, K and gradient; precision has no part in it."""
-        plans = {}
-        for key in dict.fromkeys(map(self.training_of, self.settings)):
-            served = [setting.receiver for setting in self.settings if self.training_of(setting) == key]
-            names = tuple(dict.fromkeys(served))
-            classifiers = tuple(one for one in self.plan.receiver.classifiers if one.name in names)
-            own: dict[str, Any] = {"names": names, "locator": key.locator, "classifiers": classifiers}
-            receiver = replace(self.plan.receiver, reader=self.reader(key), **own)
-            plans[key] = replace(self.plan, receiver=receiver)
-        return plans
-
-    def training_of(self, setting: Setting) -> Setting:
-        """The key of the training that serves a setting."""
-        return replace(setting, receiver="", dtype="float32")
+    def training(self, setting: Setting) -> Plan:
+        """The plan by which a setting's receiver is trained; precision has no part in it."""
+        own = tuple(one for one in self.plan.receiver.classifiers if one.name == setting.receiver)
+        names, reader = (setting.receiver,), self.reader(setting)
+        receiver = replace(self.plan.receiver, names=names, classifiers=own, reader=reader)
+        return replace(self.plan, receiver=replace(receiver, locator=setting.locator))
 
     def model(self, scenes: str) -> SceneModel:
         """The scenes of a kind.
@@ -189,7 +179,7 @@ class TradeoffStudy:
         Raises:
             VoccError: a value outside its range.
         """
-        return narrowed(self.plan.world.scene, self.scenes[scenes], f"tradeoff.scenes.{scenes}")
+        return narrowed(self.plan.world.scene, self.config.scenes[scenes], f"tradeoff.scenes.{scenes}")
 
     def point(self, scenes: str) -> str:
         """The point that keys the draws of a kind of scenes."""
@@ -215,11 +205,6 @@ def build_tradeoff_study(settings: Settings, config: TradeoffConfig, folder: Pat
     receiver, left_out = without_absent(plan.receiver)
     # All frames are of the study's own scenes: no experiment narrows them.
     experiment = Experiment("tradeoff", "distance_m", (plan.world.scene.nearest_m,))
-    scenes = {}
-    for name, scene in config.scenes.items():
-        if not name.isidentifier() or not isinstance(scene, dict):
-            raise VoccError(f"tradeoff.scenes.{name} is {scene!r}: it must be a word with values of scenes")
-        scenes[name] = parsed_scene(scene, f"tradeoff.scenes.{name}")
     once: dict[str, Any] = {name: list(dict.fromkeys(getattr(config, name))) for name in LISTS}
     devices: list[str] = []
     missing: dict[str, str] = {}
@@ -233,4 +218,4 @@ def build_tradeoff_study(settings: Settings, config: TradeoffConfig, folder: Pat
             missing[name] = str(error).partition(", and ")[2].partition(":")[0]
     once |= {"devices": list(dict.fromkeys(devices)), "batch_sizes": sorted(once["batch_sizes"])}
     plan = replace(plan, receiver=receiver, experiment=experiment)
-    return TradeoffStudy(plan, replace(config, **once), scenes, settings.scene.name, missing, left_out)
+    return TradeoffStudy(plan, replace(config, **once), settings.scene.name, missing, left_out)

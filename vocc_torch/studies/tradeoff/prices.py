@@ -4,14 +4,11 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal, NamedTuple
 
+from vocc_torch.measure import frame_errors, intervals, stage_times, train
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.estimate import Estimate
-from vocc_torch.measure.frame_errors import FrameErrors
 from vocc_torch.measure.genie.genie import GenieReference
-from vocc_torch.measure.intervals import ber_interval
-from vocc_torch.measure.stage_times import StageTimes
-from vocc_torch.measure.train import Making
-from vocc_torch.studies.tradeoff.plan import Setting
+from vocc_torch.studies.tradeoff.plan import Setting, TradeoffStudy
 
 FRAMES_PER_S = (1000, 100, 60, 30)
 """Rates of cameras, and of an industrial one that is fast: the time limits."""
@@ -158,9 +155,12 @@ class PriceList:
     """All that was measured.
 
     Args:
-        settings: the configurations, in the order of the results.
-        costs: what it took to train each.
+        study: what was compared.
+        costs: what it took to train each setting.
         errors: by kind of scenes, in the order of the settings.
+        references: what a decoder that knows the scene does on the first of the same frames, by kind of
+            scenes; empty where it was not measured.
+        no_references: why not, by kind of scenes.
         times: of each setting, by place, on frames of the first kind of scenes.
         end_to_end: by place, time of a receiver in one go over the sum of its stages.
         in_one_go: the receiver that ``end_to_end`` is of.
@@ -168,35 +168,25 @@ class PriceList:
         threads: threads that torch used within an operation.
         waited_share: share of the time in which other work had the processor, 0 to 1.
         crop_px: height and width of a crop, of the first kind of scenes.
-        error_device: where errors were counted.
-        sensor_px: height and width of a whole frame.
-        scene: name of the scenes.
-        frames_a_preamble: frames of data that a pair of frames of known bits serves, where one is needed.
-        references: what a decoder that knows the scene does on the first of the same frames, by kind of
-            scenes; empty where it was not measured.
-        no_references: why not, by kind of scenes.
-        missing: devices that were asked for and are not there, and why.
-        left_out: receivers that were asked for and could not be built, and why.
     """
 
-    settings: tuple[Setting, ...]
-    costs: Mapping[Setting, Making]
-    errors: Mapping[str, FrameErrors]
-    times: Mapping[tuple[Setting, Place], StageTimes]
+    study: TradeoffStudy
+    costs: Mapping[Setting, train.Making]
+    errors: Mapping[str, frame_errors.FrameErrors]
+    references: Mapping[str, GenieReference]
+    no_references: Mapping[str, str]
+    times: Mapping[tuple[Setting, Place], stage_times.StageTimes]
     end_to_end: Mapping[Place, float]
     in_one_go: str
     machines: Mapping[str, str]
     threads: int
     waited_share: float
     crop_px: tuple[int, int]
-    error_device: str
-    sensor_px: tuple[int, int]
-    scene: str = ""
-    frames_a_preamble: int = 1
-    references: Mapping[str, GenieReference] = field(default_factory=dict)
-    no_references: Mapping[str, str] = field(default_factory=dict)
-    missing: Mapping[str, str] = field(default_factory=dict)
-    left_out: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def settings(self) -> tuple[Setting, ...]:
+        """The configurations, in the order of the results."""
+        return self.study.settings
 
     @property
     def places(self) -> tuple[Place, ...]:
@@ -259,4 +249,4 @@ def _rate(counts: Counts, every: Sequence[Counts]) -> Estimate:
     """Estimate a rate; ``every`` says how many wrong bits a wrong frame has."""
     total = sum(every, Counts())
     typical = max(1.0, total.bit_errors / max(1, total.frame_errors))
-    return ber_interval(counts, errors_per_frame_error=typical)
+    return intervals.ber_interval(counts, errors_per_frame_error=typical)

@@ -2,7 +2,7 @@
 
 import textwrap
 from collections.abc import Iterator
-from dataclasses import asdict
+from dataclasses import asdict, astuple
 from pathlib import Path
 
 from rich.console import Console
@@ -11,16 +11,13 @@ from torch.utils.tensorboard import SummaryWriter
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.estimate import Estimate, all_pairs
+from vocc_torch.measure.plan import resolve_device
 from vocc_torch.measure.stage_times import STAGES
-from vocc_torch.receiver.bank import GREYSCALE_RECEIVERS
-from vocc_torch.show import csv_file, page, styles, text_table
+from vocc_torch.show import csv_file, page, styles, text_table, timing_figure
 from vocc_torch.studies.tradeoff.plan import Setting
 from vocc_torch.studies.tradeoff.prices import Place, PriceList, most_accurate
 
 LOCATED_BY = {"truth": "true corners", "paper": "paper's locator", "refined": "refined locator"}
-
-BUSY_SHARE = 0.05
-"""From this share of waiting on, times are those of a machine that did other work too."""
 
 Line = dict[str, str | int | float | None]
 """Cells by their columns."""
@@ -43,34 +40,18 @@ def written(template: str, prices: PriceList, **values: object) -> str:
         prices: what was measured.
         values: what it names besides.
     """
-    receivers = list(dict.fromkeys(setting.receiver for setting in prices.settings))
-    greyscale = [name for name in receivers if name in GREYSCALE_RECEIVERS]
-    busy = prices.waited_share >= BUSY_SHARE
-    return page.render(
-        __package__, template, prices=prices, receivers=receivers, greyscale=greyscale, busy=busy, **values
-    )
+    return page.render(__package__, template, prices=prices, study=prices.study, **values)
 
 
 def recommendation(prices: PriceList) -> str:
     """Write what to take: in short, then what it rests on, then for each kind of scenes and frames."""
-    base = prices.settings[0]
-
-    def name_of(setting: Setting) -> str:
-        words = [receiver_text(setting.receiver), LOCATED_BY[setting.locator], *varied_text(setting, base)]
-        return ", ".join(words)
-
-    words = written(
-        "recommendation.txt.j2",
-        prices,
-        locators={setting.locator for setting in prices.settings},
-        pairs=all_pairs(len(prices.settings)),
-        apart=max(abs(ratio - 1) for ratio in prices.end_to_end.values()),
-        ms=ms_text,
-        name_of=name_of,
-        most_accurate=most_accurate,
-    )
+    texts = {"receiver_text": receiver_text, "varied_text": varied_text, "ms": timing_figure.number_text}
+    apart = max(abs(ratio - 1) for ratio in prices.end_to_end.values())
+    pairs, given = all_pairs(len(prices.settings)), {"located_by": LOCATED_BY, "most_accurate": most_accurate}
     lines = []
-    for line in words.splitlines():
+    for line in written(
+        "recommendation.txt.j2", prices, apart=apart, pairs=pairs, **texts, **given
+    ).splitlines():
         # What follows stands under a line's text.
         indent = " " * (len(line) - len(line.lstrip()) + 2)
         lines.append(textwrap.fill(line, 110, subsequent_indent=indent, break_on_hyphens=False))
@@ -99,17 +80,6 @@ def varied_text(setting: Setting, base: Setting) -> list[str]:
     written = {"samples_per_led": "K {}", "gradient": "{} gradient", "dtype": "{}"}
     own = {name: getattr(setting, name) for name in written}
     return [written[name].format(value) for name, value in own.items() if value != getattr(base, name)]
-
-
-def ms_text(ms: float) -> str:
-    """Write a time in three digits.
-
-    Example:
-        >>> [ms_text(value) for value in (0.03333, 0.5, 1.0, 33.333, 142.2)]
-        ['0.0333', '0.500', '1.00', '33.3', '142']
-    """
-    digits = 0 if ms >= 99.95 else 1 if ms >= 9.995 else 2 if ms >= 0.9995 else 3 if ms >= 0.09995 else 4
-    return f"{ms:.{digits}f}"
 
 
 def write_prices(path: str | Path, prices: PriceList) -> None:
@@ -143,11 +113,12 @@ def price_rows(prices: PriceList) -> Iterator[Line]:
     ``possible_proven_frames`` of them no bits can be likelier than those that the decoder gave.
     ``end_to_end`` is the time of ``end_to_end_of`` in one go over the sum of its stages.
     """
+    error_device = str(resolve_device(prices.study.plan.world.device))
     for place in prices.places:
         points = {scenes: prices.points(scenes, *place) for scenes in prices.errors}
         best = {scenes: prices.points(scenes, place.device, place.frames) for scenes in prices.errors}
         for row, setting in enumerate(prices.settings):
-            times, cost = prices.times[setting, place], prices.costs[setting]
+            times = prices.times[setting, place]
             in_best = best[prices.timed_scenes][row].place == place
             line: Line = {**asdict(setting), **place._asdict(), "rounds": times.rounds}
             line |= {"best_batch": int(in_best), **_ends("total{}_ms", times.total)}
@@ -174,21 +145,13 @@ def price_rows(prices: PriceList) -> Iterator[Line]:
                     "ber_on_possible_frames": same.ber if same else None,
                 }
                 line |= {f"{scenes}_{name}": cell for name, cell in cells.items()}
-            yield line | {
-                "training_s": cost.training_s,
-                "training_simulated_s": cost.simulated_s,
-                "training_frames": cost.frames,
-                "parameters": cost.parameters,
-                "size_bytes": cost.size_bytes,
-                "timed_scenes": prices.timed_scenes,
-                "error_device": prices.error_device,
-                "end_to_end": prices.end_to_end[place],
-                "end_to_end_of": prices.in_one_go,
-                "threads": prices.threads,
-                "waited_share": round(prices.waited_share, 4),
-                "machine": prices.machines[place.device],
-            }
-    for device in prices.missing:
+            made = ("training_s", "training_simulated_s", "training_frames", "parameters", "size_bytes")
+            line |= zip(made, astuple(prices.costs[setting]), strict=True)
+            line |= {"timed_scenes": prices.timed_scenes, "error_device": error_device}
+            line |= {"end_to_end": prices.end_to_end[place], "end_to_end_of": prices.in_one_go}
+            line |= {"threads": prices.threads, "waited_share": round(prices.waited_share, 4)}
+            yield line | {"machine": prices.machines[place.device]}
+    for device in prices.study.missing:
         for place in dict.fromkeys(place._replace(device=device) for place in prices.places):
             for setting in prices.settings:
                 yield {**asdict(setting), **place._asdict(), "machine": "not measured"}
@@ -219,14 +182,14 @@ def print_prices(prices: PriceList, words: str, console: Console) -> None:
             "receiver": receiver_text(setting.receiver) if width >= WIDTH_WITH_TITLES else setting.receiver,
             "locator": setting.locator,
             "other": ", ".join(varied_text(setting, prices.settings[0])).replace(" gradient", ""),
-            "ms": ms_text(point.ms),
+            "ms": timing_figure.number_text(point.ms),
             **_rate(point.ber),
             "batch": point.place.batch,
             "training\ns": f"{cost.training_s:.1f}" if cost.frames else None,
             "weights": cost.parameters,
         }
         if alone := prices.times.get((setting, Place(device, frames, 1))):
-            line["alone\nms"] = ms_text(alone.total.value)
+            line["alone\nms"] = timing_figure.number_text(alone.total.value)
         rows.append((line, "" if first else "dim"))
     best = most_accurate(points)
     if rate is not None and best is not None and best.referenced is not None:

@@ -13,25 +13,18 @@ from rich.console import Console
 from torch import Tensor
 
 from vocc_torch.files import write_atomically
-from vocc_torch.measure import stage_times, timing
-from vocc_torch.measure.build import PRECISIONS
+from vocc_torch.measure import build, frame_errors, link, stage_times, timing, train
 from vocc_torch.measure.config import Settings
-from vocc_torch.measure.frame_errors import FrameErrors, FrameJob
-from vocc_torch.measure.genie.genie import GenieReference, genie_reference
-from vocc_torch.measure.genie.likelihood import UnknownLikelihoodError
-from vocc_torch.measure.link import Observation, block_keys
-from vocc_torch.measure.plan import resolve_device
-from vocc_torch.measure.train import Making, train_alone
+from vocc_torch.measure.genie import genie, likelihood
 from vocc_torch.measure.workers import Workers, worker_losses_told
 from vocc_torch.receiver.bank import needs_preambles
 from vocc_torch.receiver.receiver import StagedReceiver
 from vocc_torch.show import folder as run_folder
+from vocc_torch.show import tensorboard, terminal
 from vocc_torch.show.canvas import save_figure
-from vocc_torch.show.tensorboard import quiet_threads, write_boards
-from vocc_torch.show.terminal import Stopwatch
-from vocc_torch.studies.tradeoff import TradeoffConfig, plan, report
-from vocc_torch.studies.tradeoff.figure import shares_figure, tradeoff_figure
+from vocc_torch.studies.tradeoff import TradeoffConfig, figure, plan, report
 from vocc_torch.studies.tradeoff.prices import Place, PriceList
+from vocc_torch.types import resolve_device
 
 END_TO_END = "flda_3"
 """The receiver that is timed in one go too, as a check on the sum of its stages; else the first one."""
@@ -45,7 +38,8 @@ def run_tradeoff(settings: Settings, config: TradeoffConfig, folder: Path) -> No
     """
     run_folder.refuse_unused(settings)
     run_folder.refuse_results(folder)
-    study, console, watch = plan.build_tradeoff_study(settings, config, folder), Console(), Stopwatch()
+    study = plan.build_tradeoff_study(settings, config, folder)
+    console, watch = Console(), terminal.Stopwatch()
     with console.status("starting") as status, watch.stage("receivers"):
         prices = price_receivers(study, Workers(settings.workers), status.update)
     console.print(f"receivers    {watch.seconds['receivers']:6.1f} s", highlight=False)
@@ -54,18 +48,18 @@ def run_tradeoff(settings: Settings, config: TradeoffConfig, folder: Path) -> No
     for scenes, (device, frames) in itertools.product(prices.errors, prices.kinds):
         where = [device.replace(":", "")] if len(prices.machines) > 1 else []
         name = "-".join(["tradeoff", frames, scenes, *where]) if figures else "tradeoff"
-        figures[name] = tradeoff_figure(prices, scenes, device, frames)
-    if (shares := shares_figure(prices)) is not None:
+        figures[name] = figure.tradeoff_figure(prices, scenes, device, frames)
+    if (shares := figure.shares_figure(prices)) is not None:
         figures["fig25"] = shares
     run_folder.write_config(settings, folder)
     report.write_prices(folder / "tradeoff.csv", prices)
-    for name, figure in figures.items():
-        save_figure(figure, folder / f"{name}.png")
+    for name, drawn in figures.items():
+        save_figure(drawn, folder / f"{name}.png")
     write_atomically(folder / "recommendation.txt", words.encode())
     if settings.tensorboard:
         texts = {"configuration": run_folder.as_markdown(settings), "recommendation": f"```\n{words}\n```"}
-        with quiet_threads():
-            write_boards(folder / "tensorboard", {}, figures, {}, texts)
+        with tensorboard.quiet_threads():
+            tensorboard.write_boards(folder / "tensorboard", {}, figures, {}, texts)
             report.write_price_board(folder / "tensorboard", prices)
     report.print_prices(prices, words, console)
     places = {"picture": "tradeoff.png", "table": "tradeoff.csv", "words": "recommendation.txt"}
@@ -93,38 +87,23 @@ def price_receivers(
         told("what is possible")
         references, no_references = measure_references(study, workers)
     told("times")
-    return PriceList(
-        settings=study.settings,
-        costs=costs,
-        errors=errors,
-        **measure_times(study, receivers),
-        error_device=str(resolve_device(study.plan.world.device)),
-        sensor_px=study.plan.world.camera.sensor_px,
-        scene=study.scene_name,
-        frames_a_preamble=study.config.frames_a_preamble,
-        references=references,
-        no_references=no_references,
-        missing=study.missing,
-        left_out=study.left_out,
-    )
+    return PriceList(study, costs, errors, references, no_references, **measure_times(study, receivers))
 
 
 def train_receivers(
     study: plan.TradeoffStudy, workers: Workers
-) -> tuple[dict[plan.Setting, StagedReceiver], dict[plan.Setting, Making]]:
+) -> tuple[dict[plan.Setting, StagedReceiver], dict[plan.Setting, train.Making]]:
     """Train the receiver of every setting; settings that differ in precision alone share their training.
 
     Raises:
         VoccError: no panel in any training frame, or a classifier that cannot be built or trained.
     """
-    plans = study.trainings
-    trained = dict(zip(plans, train_alone(list(plans.values()), workers), strict=True))
+    trained = train.train_alone([study.training(setting) for setting in study.settings], workers)
     finders = study.plan.receiver.finders([setting.locator for setting in study.settings])
     receivers, costs = {}, {}
-    for setting in study.settings:
-        training, finder = trained[study.training_of(setting)], finders[setting.locator]
-        bank, reader = training.bank([setting.receiver]), study.reader(setting)
-        receivers[setting] = StagedReceiver(bank, reader, finder, PRECISIONS[setting.dtype])
+    for setting, training in zip(study.settings, trained, strict=True):
+        bank, dtype = training.bank([setting.receiver]), build.PRECISIONS[setting.dtype]
+        receivers[setting] = StagedReceiver(bank, study.reader(setting), finders[setting.locator], dtype)
         costs[setting] = training.making(setting.receiver)
     return receivers, costs
 
@@ -139,7 +118,7 @@ class Apart:
 
     receivers: Sequence[tuple[str, StagedReceiver]]
 
-    def __call__(self, views: Mapping[str, Observation], /) -> Iterator[tuple[Tensor, Tensor]]:
+    def __call__(self, views: Mapping[str, link.Observation], /) -> Iterator[tuple[Tensor, Tensor]]:
         """Decide one batch; receivers that rectify alike share it."""
         for locator, one in self.receivers:
             seen, patches, preambles = views[locator], None, None
@@ -154,16 +133,18 @@ class Apart:
 
 def count_receivers(
     study: plan.TradeoffStudy, receivers: Mapping[plan.Setting, StagedReceiver], workers: Workers
-) -> dict[str, FrameErrors]:
+) -> dict[str, frame_errors.FrameErrors]:
     """Count every receiver's errors on the budget's frames of each kind of scenes."""
     apart = Apart([(setting.locator, one) for setting, one in receivers.items()])
     preambles = needs_preambles([setting.receiver for setting in receivers])
     locators = tuple(dict.fromkeys(setting.locator for setting in receivers))
     calls = {}
-    for name in study.scenes:
-        job = FrameJob(study.plan, study.model(name), study.point(name), locators, apart, preambles)
+    for name in study.config.scenes:
+        kind = study.plan, study.model(name), study.point(name)
+        job = frame_errors.FrameJob(*kind, locators, apart, preambles)
         calls[name] = job.handed_out(study.plan.budget.frames, workers)
-    return {name: FrameErrors.joined(call.result() for call in some) for name, some in calls.items()}
+    joined = frame_errors.FrameErrors.joined
+    return {name: joined(call.result() for call in some) for name, some in calls.items()}
 
 
 def measure_times(
@@ -176,8 +157,8 @@ def measure_times(
     Returns:
         What a price list says of times, by its arguments' names.
     """
-    config, scenes = study.config, next(iter(study.scenes))
-    keys = block_keys(study.plan.seed, study.point(scenes), study.timed_frames)
+    config, scenes = study.config, next(iter(study.config.scenes))
+    keys = link.block_keys(study.plan.seed, study.point(scenes), study.timed_frames)
     names = {setting.name: one for setting, one in receivers.items()}
     preambles = needs_preambles([setting.receiver for setting in receivers])
     devices = {name: resolve_device(name) for name in config.devices}
@@ -215,16 +196,17 @@ def measure_times(
 
 def measure_references(
     study: plan.TradeoffStudy, workers: Workers
-) -> tuple[dict[str, GenieReference], dict[str, str]]:
+) -> tuple[dict[str, genie.GenieReference], dict[str, str]]:
     """Let a decoder that knows the scene have the first of each kind's frames, or say why it has none."""
     if not study.config.genie_frames:
-        return {}, dict.fromkeys(study.scenes, "tradeoff.genie_frames is 0")
-    own, frames = study.plan, min(study.config.genie_frames, study.plan.budget.frames)
+        return {}, dict.fromkeys(study.config.scenes, "tradeoff.genie_frames is 0")
+    frames = min(study.config.genie_frames, study.plan.budget.frames)
     references, refused = {}, {}
-    for name in study.scenes:
+    for name in study.config.scenes:
         try:
-            references[name] = genie_reference(own, study.model(name), study.point(name), frames, workers)
-        except UnknownLikelihoodError as error:
+            kind = study.plan, study.model(name), study.point(name)
+            references[name] = genie.genie_reference(*kind, frames, workers)
+        except likelihood.UnknownLikelihoodError as error:
             # Pixels full before they are white show only once scenes are drawn, and perhaps in one kind.
             refused[name] = str(error)
     return references, refused
