@@ -45,7 +45,7 @@ _PARTS = {
     "Change of BER, true corners": {"true_corners": (_WITHOUT, -0.16), "retrained": (_WITH, 0.16)},
     "Change of BER, paper's locator": {"located": (_WITHOUT, 0.0)},
 }
-"""The parts of the figure of effects: how each series is drawn, and how many rows below the middle of its row."""
+"""The figure's parts: how each series is drawn, and how many rows below the middle of its row."""
 
 _UNITS = {"_deg": "°", "_m": "m", "_s": "s", "_px": "px", "_nm": "nm", "_lx": "lx", "_cd_m2": "cd/m²"}
 _UNITS |= {"_m_s": "m/s", "electrons_per_s": "electrons/s", "electrons": "electrons"}
@@ -91,21 +91,19 @@ def _draw_costs(axes: Axes, results: EffectResults) -> None:
     costs = [{kind: median_of(row.costs[kind]) for kind in _COSTS} for row in rows]
     shown = [one for row in (*costs, sums) for one in row.values() if one.low > 0]
     shown.append(median_of(results.base_costs["near"]))
+    across = axes.get_yaxis_transform()
     axes.set_xscale("log")
     axes.set_xlim(min(one.value for one in shown) / 2.2, max(one.high for one in shown) * 1.6)
-    axes.xaxis.set_major_locator(ticker.LogLocator(10, numticks=20))
-    axes.xaxis.set_minor_locator(ticker.LogLocator(10, subs=tuple(range(2, 10)), numticks=200))
     axes.xaxis.set(major_formatter="{x:g}", minor_formatter=ticker.NullFormatter())
     axes.set_xlabel("ms a frame, added")
     for number, (row, own) in enumerate(zip(rows, costs, strict=True)):
-        for kind, (style, shift) in (
-            _COSTS.items() if row.fills_sensor else [("near", (_COSTS["near"][0], 0.0))]
-        ):
-            if own[kind].low > 0:
-                _bar(axes, own[kind], number + shift, style)
-            else:
-                said = "<0" if own[kind].real else "~0"
-                note = axes.text(0.012, number + shift, said, transform=axes.get_yaxis_transform())
+        for kind, (style, shift) in _COSTS.items():
+            # What does not fill the sensor costs a locator as much as near the panel.
+            y = number + shift if row.fills_sensor else number
+            if own[kind].low > 0 and (row.fills_sensor or kind == "near"):
+                _bar(axes, own[kind], y, style)
+            elif row.fills_sensor or kind == "near":
+                note = axes.text(0.012, y, "<0" if own[kind].real else "~0", transform=across)
                 note.set(color=style.colour, fontsize=8, va="center")
     for kind, total in sums.items():
         if total.low > 0:

@@ -1,23 +1,26 @@
 """What each effect costs in time and does to the bit error rate: measured, and put together."""
 
 import functools
+import itertools
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vocc_torch.measure import frame_errors, link, paired, stage_times, timing, train
+from vocc_torch.measure import link, paired, stage_times, timing, train
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.estimate import Estimate
+from vocc_torch.measure.frame_errors import Banks, FrameErrors, FrameJob
 from vocc_torch.measure.plan import Locator, Plan
 from vocc_torch.measure.workers import Workers, worker_losses_told
 from vocc_torch.receiver.bank import ReceiverBank
 from vocc_torch.receiver.flda import FLDA
 from vocc_torch.rng import BLOCK_FRAMES, FrameKey
 from vocc_torch.simulation.effects import build_effects
+from vocc_torch.simulation.simulator import Framing
 from vocc_torch.studies.effects.plan import POINT, Effects, EffectStudy, Key, ScenePair, fills, group_of
 from vocc_torch.types import Frames, resolve_device
 
@@ -157,7 +160,7 @@ class EffectResults:
     rows: tuple[EffectRow, ...]
     together: EffectRow | None
     costs: Costs
-    base: Mapping[tuple[str, str], Counts]
+    base: Mapping[tuple[Locator, str], Counts]
     severities: tuple[SeverityCurve, ...] = ()
 
     @property
@@ -204,19 +207,19 @@ class EffectResults:
         return {"near": np.sum([row.costs["near"] for row in added], 0), "located": np.sum(located, 0)}
 
     @property
-    def ratios(self) -> tuple[float, float] | None:
+    def ratios(self) -> list[float] | None:
         """The cost of all together over the sum of the single costs, near the panel and for a locator.
 
         None where there are no two, or where a sum cannot be told from nothing.
         """
-        sums = {kind: stage_times.median_of(rounds) for kind, rounds in self.sums.items()}
         added = sum(not row.pair.in_scene for row in self.rows)
-        if self.together is None or added < 2 or min(one.low for one in sums.values()) <= 0:
+        if self.together is None or added < 2:
             return None
-        near, located = (
-            stage_times.median_of(self.together.costs[kind]).value / sums[kind].value for kind in sums
-        )
-        return near, located
+        alone = {kind: stage_times.median_of(rounds) for kind, rounds in self.sums.items()}
+        both = {kind: stage_times.median_of(self.together.costs[kind]) for kind in alone}
+        if min(one.low for one in alone.values()) <= 0:
+            return None
+        return [both[kind].value / one.value for kind, one in alone.items()]
 
 
 def measure_costs(study: EffectStudy) -> Costs:
@@ -225,40 +228,31 @@ def measure_costs(study: EffectStudy) -> Costs:
     On the CPU with one thread, as each worker has: times then say what a core does, and other work on the
     machine does not make threads wait for each other.
     """
-    device, model = resolve_device(study.plan.world.device), study.model
+    world, device = study.plan.world, resolve_device(study.plan.world.device)
     scenes: dict[Key, Effects] = {build_effects(study.scene): study.scene}
     for pair in study.every_pair:
         scenes |= {build_effects(effects): effects for effects in (pair.absent, pair.present)}
     key = link.block_keys(study.plan.seed, POINT, 1)[0]
-    scene, bits = model.draw(key, study.plan.world.panel.shape)
+    scene, bits = study.model.draw(key, world.panel.shape)
     frames: dict[tuple[str, Key], int] = {}
     calls: dict[str, Callable[[], Frames]] = {}
-    for kind in KINDS:
-        for built, effects in scenes.items():
-            cropped = kind == "near" or (kind == "located" and not fills(built))
-            count = frames[kind, built] = (
-                min(study.plan.batch_frames, NEAR_FRAMES) if cropped else WHOLE_FRAMES
-            )
-            world = replace(study.plan.world, effects=effects, framing="full" if kind == "whole" else "crop")
-            simulator = world.simulator()
-            # The same frames at each call.
-            calls[str(len(calls))] = functools.partial(
-                simulator.render,
-                scene[:count].to(simulator.device),
-                bits[:count].to(simulator.device),
-                nearest_m=model.nearest_m,
-                keys=[FrameKey(key, frame) for frame in range(count)],
-                panel_only=kind == "near",
-            )
+    for kind, (built, effects) in itertools.product(KINDS, scenes.items()):
+        cropped = kind == "near" or (kind == "located" and not fills(built))
+        count = frames[kind, built] = min(study.plan.batch_frames, NEAR_FRAMES) if cropped else WHOLE_FRAMES
+        framing: Framing = "full" if kind == "whole" else "crop"
+        render = replace(world, effects=effects, framing=framing).simulator().render
+        # The same frames at each call.
+        drawn = scene[:count].to(device), bits[:count].to(device)
+        names: dict[str, Any] = {"keys": [FrameKey(key, frame) for frame in range(count)]}
+        names |= {"nearest_m": study.model.nearest_m, "panel_only": kind == "near"}
+        calls[str(len(calls))] = functools.partial(render, *drawn, **names)
     with timing.threads(1):
         clock, processor = time.perf_counter(), time.thread_time()
         timed = timing.interleaved(calls, study.config.repeats, device, warm_up=1)
         waited = 1 - (time.thread_time() - processor) / (time.perf_counter() - clock)
         machine = timing.describe_machine(device)
-    times = {
-        place: 1000 * np.array(one.seconds) / count
-        for (place, count), one in zip(frames.items(), timed.values(), strict=True)
-    }
+    spent = [1000 * np.array(one.seconds) for one in timed.values()]
+    times = {place: one / count for (place, count), one in zip(frames.items(), spent, strict=True)}
     return Costs(times, machine, max(0.0, waited))
 
 
@@ -295,18 +289,13 @@ def wanted_of(study: EffectStudy) -> Places:
         pair, frames = study.pair(name), study.config.severity_frames
         for value in values:
             want(study.at(name, value), "truth", frames, pair.absent, pair.present)
-    return dict(sorted(wanted.items(), key=lambda one: _slow(one[0]), reverse=True))
-
-
-def _slow(place: tuple[Key, Locator]) -> bool:
-    """Whether frames are rendered whole."""
-    return place[1] == "paper" and fills(place[0])
+    slow = {place: place[1] == "paper" and fills(place[0]) for place in wanted}
+    return {place: wanted[place] for place in sorted(wanted, key=slow.__getitem__, reverse=True)}
 
 
 def _trainings(wanted: Places) -> dict[tuple[Key, Locator], Effects]:
-    """List the scenes that some reading needs training on, with its locator; slow ones first."""
-    every = {(key, at): of for (_, at), one in wanted.items() for key, of in one.trained_on.items()}
-    return dict(sorted(every.items(), key=lambda one: _slow(one[0]), reverse=True))
+    """List the scenes that some reading needs training on, with its locator, in the order of the readings."""
+    return {(key, at): of for (_, at), one in wanted.items() for key, of in one.trained_on.items()}
 
 
 def frames_to_do(study: EffectStudy) -> int:
@@ -337,74 +326,61 @@ def run_effects(
     """
     wanted, names = wanted_of(study), study.plan.receiver.names
     step = max(1, study.plan.batch_frames // BLOCK_FRAMES) * BLOCK_FRAMES
+    reading = functools.partial(told, "reading")
     calls, parts = {}, {}
     with worker_losses_told():
         for place, effects in _trainings(wanted).items():
             calls[place] = workers.submit(_trained, study.plan_of(effects, place[1]))
             calls[place].add_done_callback(lambda _: told("training", study.plan.budget.training_frames))
         fldas = {place: call.result() for place, call in calls.items()}
-        for (key, locator), one in wanted.items():
-            banks = frame_errors.Banks(
-                [(locator, ReceiverBank(names, fldas[scene, locator])) for scene in one.trained_on]
-            )
-            plan = study.plan_of(one.effects, locator)
-            job = frame_errors.FrameJob(plan, study.model, POINT, (locator,), banks, banks.needs_preambles)
-            reading = functools.partial(told, "reading")
-            parts[key, locator] = job.handed_out(one.frames, workers, at_once=step, told=reading)
-        read = {
-            place: frame_errors.FrameErrors.joined(call.result() for call in some)
-            for place, some in parts.items()
-        }
+        for (key, at), one in wanted.items():
+            banks = Banks([(at, ReceiverBank(names, fldas[scene, at])) for scene in one.trained_on])
+            plan = study.plan_of(one.effects, at)
+            job = FrameJob(plan, study.model, POINT, (at,), banks, banks.needs_preambles)
+            parts[key, at] = job.handed_out(one.frames, workers, at_once=step, told=reading)
+        read = {place: FrameErrors.joined(call.result() for call in some) for place, some in parts.items()}
 
-    def errors(scene: Key, locator: Locator, trained_on: Key, frames: int) -> frame_errors.FrameErrors:
+    def errors(scene: Effects, locator: Locator, trained_on: Effects, frames: int) -> FrameErrors:
         """Give the errors in the first frames, a row a receiver."""
-        first = list(wanted[scene, locator].trained_on).index(trained_on) * len(names)
-        return read[scene, locator].of(slice(first, first + len(names)), slice(frames))
+        place = build_effects(scene), locator
+        first = list(wanted[place].trained_on).index(build_effects(trained_on)) * len(names)
+        return read[place].of(slice(first, first + len(names)), slice(frames))
 
     def row(pair: ScenePair) -> EffectRow:
         """Compare a scene with the one without the effect, as far as frames were read."""
-        present, absent, changes = build_effects(pair.present), build_effects(pair.absent), {}
+        changes = {}
         for reading, locator in READINGS.items():
-            if (present, locator) not in read:
-                continue
             frames = min(study.frames_with(locator, effects) for effects in (pair.present, pair.absent))
-            trained_on = present if reading == "retrained" else absent
-            both = errors(present, locator, trained_on, frames), errors(absent, locator, absent, frames)
+            if not frames:
+                continue
+            trained_on = pair.present if reading == "retrained" else pair.absent
+            present = errors(pair.present, locator, trained_on, frames)
+            absent = errors(pair.absent, locator, pair.absent, frames)
+            halves = np.concatenate([present.half_errors, absent.half_errors])
+            both = FrameErrors(halves, np.concatenate([present.found, absent.found]), present.leds)
             # Where panels are located, the frame that has not come yet may be one whose panel is lost.
-            lost = 1.0 if locator == "truth" else both[0].leds / 2
-            halves, found = (
-                np.concatenate([getattr(one, part) for one in both]) for part in ("half_errors", "found")
-            )
-            together = frame_errors.FrameErrors(halves, found, both[0].leds)
-            for place, name in enumerate(names):
-                both_wrong = together.paired(place, place + len(names))
-                estimate = paired.paired_interval(both_wrong, errors_per_discordant_frame=lost)
-                counts = together.counts
-                changes[reading, name] = Change(counts[place], counts[place + len(names)], estimate)
+            lost = 1.0 if locator == "truth" else both.leds / 2
+            for own, name in enumerate(names):
+                wrong, other = both.paired(own, own + len(names)), both.counts[own + len(names)]
+                estimate = paired.paired_interval(wrong, errors_per_discordant_frame=lost)
+                changes[reading, name] = Change(both.counts[own], other, estimate)
         return EffectRow(pair, {kind: costs.added(kind, pair) for kind in KINDS}, changes)
 
     def curve(name: str) -> SeverityCurve:
         """Put one effect's severities together."""
-        pair, rates = study.pair(name), dict[tuple[float, str, str], Counts]()
+        pair, rates, frames = study.pair(name), {}, study.config.severity_frames
         for value in study.severities[name]:
-            scene = build_effects(study.at(name, value))
-            for reading, effects in (("true_corners", pair.absent), ("retrained", pair.present)):
-                own = errors(scene, "truth", build_effects(effects), study.config.severity_frames)
-                rates |= {
-                    (float(value), reading, name): one for name, one in zip(names, own.counts, strict=True)
-                }
+            for reading, trained_on in (("true_corners", pair.absent), ("retrained", pair.present)):
+                counts = errors(study.at(name, value), "truth", trained_on, frames).counts
+                for receiver, one in zip(names, counts, strict=True):
+                    rates[float(value), reading, receiver] = one
         return SeverityCurve(name, study.config.severity[name].parameter, rates, study.usual(name))
 
-    own, base = build_effects(study.scene), dict[tuple[str, str], Counts]()
-    for locator in dict.fromkeys(READINGS.values()):
-        if (own, locator) in read:
-            counts = errors(own, locator, own, study.frames_with(locator, study.scene)).counts
-            base |= {(locator, name): one for name, one in zip(names, counts, strict=True)}
-    return EffectResults(
-        study=study,
-        rows=tuple(map(row, study.pairs)),
-        together=row(study.together) if study.together else None,
-        costs=costs,
-        base=base,
-        severities=tuple(map(curve, study.severities)),
-    )
+    base, own = {}, study.scene
+    for at in dict.fromkeys(READINGS.values()):
+        if frames := study.frames_with(at, own):
+            for name, counts in zip(names, errors(own, at, own, frames).counts, strict=True):
+                base[at, name] = counts
+    together = row(study.together) if study.together else None
+    severities = tuple(map(curve, study.severities))
+    return EffectResults(study, tuple(map(row, study.pairs)), together, costs, base, severities)

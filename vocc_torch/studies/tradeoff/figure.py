@@ -219,15 +219,16 @@ def _labels(figure: Figure, axes: Axes, dots: Sequence[Dot]) -> None:
     """Name dots in a column beside the axes, at their heights as far as there is room."""
     wanted = [dot for dot in dots if not dot.varied or dot.told or dot.point.rank == "frontier"]
     wanted.sort(key=lambda dot: (dot.point.rank != "frontier", not dot.told, dot.point.rank == "beaten"))
-    named = sorted(wanted[: int(axes.bbox.height / _LINE_PX)], key=lambda dot: (dot.y, -dot.point.ms))
+    chosen = sorted(wanted[: int(axes.bbox.height / _LINE_PX)], key=lambda dot: (dot.y, -dot.point.ms))
     least, most = np.log10(axes.get_ylim())
-    heights_px = (np.log10([dot.y for dot in named]) - least) / (most - least) * axes.bbox.height
+    heights_px = (np.log10([dot.y for dot in chosen]) - least) / (most - least) * axes.bbox.height
     places = spread(heights_px.tolist(), _LINE_PX, 0, axes.bbox.height)
     widths = []
-    for dot, place_px in zip(named, places, strict=True):
+    for dot, place_px in zip(chosen, places, strict=True):
         first, place = dot.point.rank == "frontier", place_px / axes.bbox.height
         located = report.LOCATED_BY[dot.point.setting.locator].removesuffix(" locator")
-        words = f"{', '.join([dot.style.label, *dot.varied, located])}   {timing_figure.number_text(dot.point.ms)} ms"
+        named = ", ".join([dot.style.label, *dot.varied, located])
+        words = f"{named}   {timing_figure.number_text(dot.point.ms)} ms"
         line = {"arrowstyle": "-", "color": QUIET, "linewidth": 0.7, "alpha": 0.8 if first else 0.35}
         # From the dot to its marker, which stands before the words.
         line |= {"shrinkA": 0.028 * 0.6 * axes.bbox.width, "shrinkB": 0, "relpos": (0, 0.56)}
@@ -243,14 +244,12 @@ def _labels(figure: Figure, axes: Axes, dots: Sequence[Dot]) -> None:
 
 def _reference(axes: Axes, rate: Estimate, frames: int, rows: Sequence[float]) -> None:
     """Draw what is possible: the rate of a decoder that knows the scene."""
+    y, said = rate.value or rows[-1], f"no error in {frames} frames, too few to say more"
     if rate.value > 0:
-        y, said = rate.value, f"BER {rate_text(rate.value)} ({ends_text(rate.low, rate.high)}) in"
+        said = f"BER {rate_text(rate.value)} ({ends_text(rate.low, rate.high)}) in {frames} frames"
         axes.axhspan(rate.low, rate.high, color=_REFERENCE_COLOUR, alpha=0.07, linewidth=0, zorder=0.7)
-    else:
-        y, said = rows[-1], "no error in"
-    few = "" if rate.value > 0 else ", too few to say more"
     axes.axhline(y, color=_REFERENCE_COLOUR, linewidth=1.4, linestyle=(0, (6, 3)), zorder=1.6)
-    words = f"What is possible, by a decoder that knows the scene: {said} {frames} frames{few}"
+    words = f"What is possible, by a decoder that knows the scene: {said}"
     text = axes.text(0.012, y, words, transform=axes.get_yaxis_transform(), fontsize=_FONT)
     text.set(va="bottom", color=_REFERENCE_COLOUR, zorder=6.5)
 
