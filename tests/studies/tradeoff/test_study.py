@@ -19,10 +19,15 @@ from vocc_torch.measure.workers import Workers
 from vocc_torch.receiver.classifiers import Inputs, Patch
 from vocc_torch.receiver.classifiers.training import TrainingRecipe
 from vocc_torch.simulation import Camera, Distribution, SceneModel
+from vocc_torch.studies.tradeoff import TradeoffConfig
 from vocc_torch.studies.tradeoff import run as study_module
-from vocc_torch.studies.tradeoff.config import TradeoffConfig
 from vocc_torch.studies.tradeoff.plan import TradeoffStudy
-from vocc_torch.studies.tradeoff.run import count_receivers, price_receivers, train_receivers
+from vocc_torch.studies.tradeoff.run import (
+    count_receivers,
+    measure_references,
+    price_receivers,
+    train_receivers,
+)
 
 HERE = "vocc_torch.receiver.classifiers"
 NAMES = ("center_greyscale", "average_greyscale", "flda_ngr", "flda_2", "flda_3")
@@ -51,7 +56,7 @@ MORE = {
 def make_study(make_plan):
     """Make a study of far panels in low light, where receivers disagree."""
 
-    def make(names=EVERY, test_frames=100, scenes=None, **changes):
+    def make(names=EVERY, test_frames=100, **changes):
         # The middle of the paper's sensor: whole frames are a sixteenth of the work.
         camera = Camera(width_px=480, height_px=272, sensor_width_mm=3.3)
         plan = make_plan(
@@ -62,11 +67,10 @@ def make_study(make_plan):
         usual = {
             **{"locators": ["paper", "truth"], "samples_per_led": [8], "gradients": ["sobel"]},
             **{"dtypes": ["float32"], "varied": [], "devices": ["cpu"], "batch_sizes": [1, 16]},
-            **{"frames": ["crops"], "repeats": 1, "threads": 1},
+            **{"frames": ["crops"], "repeats": 1, "threads": 1, "scenes": {"mixture": {}}},
         }
         config = TradeoffConfig(**{**usual, **changes})
-        kinds = {"mixture": {}} if scenes is None else scenes
-        return TradeoffStudy(dataclasses.replace(plan, receiver=receiver), config, kinds, "made up")
+        return TradeoffStudy(dataclasses.replace(plan, receiver=receiver), config, "made up")
 
     return make
 
@@ -206,17 +210,16 @@ def test_a_whole_price_list_with_what_is_possible_on_the_very_frames(make_study)
     study = make_study(names=("flda_3", "otsu"), test_frames=20, locators=["truth"], genie_frames=64)
     prices = price_receivers(study, Workers(1), told.append)
     assert told == ["training", "bit errors", "what is possible", "times"]
-    assert (prices.timed_scenes, prices.times.in_one_go) == ("mixture", "flda_3")
-    assert (prices.times.threads, prices.scene, prices.error_device) == (1, "made up", "cpu")
+    assert (prices.timed_scenes, prices.in_one_go, prices.threads) == ("mixture", "flda_3", 1)
     for batch in (1, 16):
         for one in prices.points("mixture", "cpu", "crops", batch):
             assert 0 < one.time_ms.value < 1e4
     # No timing is asserted: only that it is the ratio of like to like.
-    assert all(0.05 < ratio < 20 for ratio in prices.times.end_to_end.values())
+    assert all(0.05 < ratio < 20 for ratio in prices.end_to_end.values())
     reference = prices.references["mixture"]
     # No more frames than the receivers have.
     assert reference.counts.frames == 20
-    assert reference.counts.bit_errors <= prices.counts("mixture")[study.settings[0]].bit_errors
+    assert reference.counts.bit_errors <= prices.errors["mixture"].counts[0].bit_errors
 
 
 def test_a_kind_of_scenes_that_the_genie_refuses_costs_no_other_its_reference(make_study, monkeypatch):
@@ -228,19 +231,19 @@ def test_a_kind_of_scenes_that_the_genie_refuses_costs_no_other_its_reference(ma
             raise UnknownLikelihoodError("the genie knows no likelihood")
         return point
 
-    monkeypatch.setattr(study_module, "genie_reference", refusing)
-    references, refused = study_module._references(study, Workers(1))
+    monkeypatch.setattr(study_module.genie, "genie_reference", refusing)
+    references, refused = measure_references(study, Workers(1))
     assert (list(references), refused) == (["a", "c"], {"b": "the genie knows no likelihood"})
     none = dataclasses.replace(study, config=dataclasses.replace(study.config, genie_frames=0))
-    assert study_module._references(none, Workers(1))[1]["a"] == "tradeoff.genie_frames is 0"
+    assert measure_references(none, Workers(1))[1]["a"] == "tradeoff.genie_frames is 0"
 
     def failing(*given):
         raise VoccError("a worker was ended from outside")
 
     # No other mistake is taken for a refusal.
-    monkeypatch.setattr(study_module, "genie_reference", failing)
+    monkeypatch.setattr(study_module.genie, "genie_reference", failing)
     with pytest.raises(VoccError, match="ended from outside"):
-        study_module._references(study, Workers(1))
+        measure_references(study, Workers(1))
 
 
 def test_without_scikit_learn_its_classifiers_are_left_out_and_named(study, monkeypatch):
