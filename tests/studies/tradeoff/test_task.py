@@ -28,24 +28,13 @@ RECEIVERS = ("average_greyscale", "flda_3", "mlp_features", "panel_otsu")
 
 
 @pytest.fixture(scope="module")
-def place(tmp_path_factory):
-    """A folder for the runs of these tests."""
-    return tmp_path_factory.mktemp("tradeoff")
-
-
-@pytest.fixture(scope="module", autouse=True)
-def hasty():
-    """Few timed rounds, and files of pictures that are one white pixel: those of the board are drawn."""
+def whole(tmp_path_factory):
+    """Four receivers in this process, with a board, but few timed rounds and no pictures in files."""
+    place = tmp_path_factory.mktemp("tradeoff")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(plan_module, "LEAST_FRAMES", 4)
         patch.setattr(task_module, "save_figure", white)
-        yield
-
-
-@pytest.fixture(scope="module")
-def whole(place):
-    """Four receivers in this process, with a board."""
-    ran = run_in(place, *BASE, "name=whole", "workers=1")
+        ran = run_in(place, *BASE, "name=whole", "workers=1")
     assert (ran.status, ran.err) == (0, "")
     return place / "runs" / "whole", ran.out
 
@@ -74,28 +63,19 @@ def test_everything_is_written(whole):
         assert told in out
 
 
-def measured(folder):
-    """Lines of the table with numbers."""
-    return [row for row in rows_of(folder / "tradeoff.csv") if row["machine"] != "not measured"]
-
-
 def test_the_table_has_every_configuration_everywhere(whole):
     every = rows_of(whole[0] / "tradeoff.csv")
-    rows = measured(whole[0])
+    rows = [row for row in every if row["machine"] != "not measured"]
     absent = [row for row in every if row not in rows]
     assert {row["device"] for row in absent} == {"cuda:7"}
-    assert len(absent) == len(rows)
     at = {(row["frames"], row["batch"], row["device"]) for row in rows}
     assert at == {(frames, batch, "cpu") for frames in ("whole", "crops") for batch in ("1", "24")}
+    base = [(name, "8", "sobel", "float32") for name in RECEIVERS]
+    base += [("flda_3", "4", "sobel", "float32"), ("flda_3", "8", "central", "float32")]
+    base += [("flda_3", "8", "sobel", "float64")]
     settings = {tuple(row[name] for name in SETTING) for row in rows}
-    base = {(name, where, "8", "sobel", "float32") for name in RECEIVERS for where in ("paper", "truth")}
-    varied = {
-        ("flda_3", where, *values)
-        for where in ("paper", "truth")
-        for values in (("4", "sobel", "float32"), ("8", "central", "float32"), ("8", "sobel", "float64"))
-    }
-    assert settings == base | varied
-    assert len(rows) == 4 * len(settings)
+    assert settings == {(name, where, *more) for name, *more in base for where in ("paper", "truth")}
+    assert len(rows) == len(absent) == 4 * len(settings)
     for row in rows:
         assert float(row["total_ms"]) > 0
         assert (row["locate_ms"] == "0") == (row["locator"] == "truth")
@@ -105,6 +85,6 @@ def test_the_table_has_every_configuration_everywhere(whole):
         assert float(row["mixture_possible_ber"]) <= float(row["mixture_possible_ber_high"]) < 1
 
 
-def test_a_folder_with_results_is_refused(place, whole):
-    ran = run_in(place, *BASE, "name=whole", "workers=1")
+def test_a_folder_with_results_is_refused(whole):
+    ran = run_in(whole[0].parents[1], *BASE, "name=whole", "workers=1")
     assert ran.complaint.startswith(f"name: {whole[0]} already holds")
