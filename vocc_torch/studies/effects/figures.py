@@ -71,10 +71,10 @@ def effects_figure(results: EffectResults) -> Figure:
         axes = figure.add_axes((left, _BELOW_IN / height, _WIDE_IN / width, tall / height))
         canvas.quiet_axes(axes)
         if head == "Cost":
-            _draw_costs(axes, results)
+            draw_costs(axes, results)
         else:
-            _draw_changes(axes, results, series)
-        _set_rows(axes, rows, named=head == "Cost")
+            draw_changes(axes, results, series)
+        set_rows(axes, rows, named=head == "Cost")
         axes.set_title(head, fontsize=10.5, fontweight="bold", color=INK, loc="left", pad=26)
         signs = [plots.receiver_line(replace(style, line="-"), size=0.7) for style, _ in series.values()]
         at = left - 0.02 * _WIDE_IN / width, 1 - _ABOVE_IN / height
@@ -84,7 +84,7 @@ def effects_figure(results: EffectResults) -> Figure:
     return figure
 
 
-def _draw_costs(axes: Axes, results: EffectResults) -> None:
+def draw_costs(axes: Axes, results: EffectResults) -> None:
     """Draw what each effect adds to the time of a frame, or a note where it cannot be told from nothing."""
     rows = results.every_row
     sums = {kind: median_of(rounds) for kind, rounds in results.sums.items()}
@@ -112,7 +112,7 @@ def _draw_costs(axes: Axes, results: EffectResults) -> None:
             mark.set(markersize=11, markeredgewidth=2.2)
 
 
-def _draw_changes(axes: Axes, results: EffectResults, series: Mapping[str, tuple[Style, float]]) -> None:
+def draw_changes(axes: Axes, results: EffectResults, series: Mapping[str, tuple[Style, float]]) -> None:
     """Draw the change of the bit error rate with its interval; all axes of changes have the same limits."""
     rows, shown = results.every_row, results.study.shown
     every = [change.estimate for row in rows for (_, name), change in row.changes.items() if name == shown]
@@ -138,7 +138,7 @@ def _bar(axes: Axes, one: Estimate, y: float, style: Style, *, full: bool = True
     mark.set(markerfacecolor=style.colour if full else "white", markeredgewidth=1.2)
 
 
-def _set_rows(axes: Axes, rows: Sequence[EffectRow], *, named: bool) -> None:
+def set_rows(axes: Axes, rows: Sequence[EffectRow], *, named: bool) -> None:
     """Set the rows up: bands for every other group, names of effects and groups at the left."""
     axes.tick_params(axis="x", labelsize=8.5)
     axes.xaxis.label.set_fontsize(9.5)

@@ -173,7 +173,7 @@ class EffectStudy:
         where it cannot stand without the other either, the two differ in both.
         """
         scene = self._with_part(name)
-        taken = _needing(scene, name)
+        taken = needing(scene, name)
         absent = {key: value for key, value in scene.items() if key not in taken}
         alone = {key: value for key, value in scene.items() if key == name or key not in taken}
         present = alone if _buildable(alone) else scene
@@ -295,7 +295,7 @@ def _buildable(effects: Effects) -> bool:
     return True
 
 
-def _needing(scene: Effects, name: str) -> set[str]:
+def needing(scene: Effects, name: str) -> set[str]:
     """Name an effect and those of the scene that cannot stand without it."""
     kinds = [kind for kind in PHYSICAL_ORDER if kind.name in scene]
     taken = {name}

@@ -305,7 +305,7 @@ def frames_to_do(study: EffectStudy) -> int:
     return trained + sum(one.frames for one in wanted.values())
 
 
-def _trained(plan: Plan) -> FLDA:
+def trained_flda(plan: Plan) -> FLDA:
     """Train on a plan's scenes."""
     return train.train(plan).flda.cpu()
 
@@ -330,7 +330,7 @@ def run_effects(
     calls, parts = {}, {}
     with worker_losses_told():
         for place, effects in _trainings(wanted).items():
-            calls[place] = workers.submit(_trained, study.plan_of(effects, place[1]))
+            calls[place] = workers.submit(trained_flda, study.plan_of(effects, place[1]))
             calls[place].add_done_callback(lambda _: told("training", study.plan.budget.training_frames))
         fldas = {place: call.result() for place, call in calls.items()}
         for (key, at), one in wanted.items():

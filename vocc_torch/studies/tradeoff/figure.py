@@ -70,6 +70,18 @@ class Dot:
             line = axes.add_line(_sign(self.style.marker, size, fill, colour, alpha, **look))
             line.set(data=([x], [y]), zorder=4.5 + shown)
 
+    def draw(self, axes: Axes, least: float) -> None:
+        """Draw it with its quartiles and its interval, down to the rows without errors below ``least``."""
+        time, rate, shown = self.point.time_ms, self.point.ber, STRENGTH[self.point.rank]
+        look: dict[str, Any] = {"color": self.style.colour, "alpha": shown, "linewidth": 1.0}
+        axes.plot([time.low, time.high], [self.y, self.y], zorder=4 + shown, **look)
+        order, low = 4 + shown, max(rate.low, least)
+        if self.point.error_free:  # the interval begins at 0, which is down there
+            order, low = 3 + shown, self.y
+            look |= {"alpha": 0.6 * shown, "linewidth": 0.8, "marker": "_", "markevery": [1], "markersize": 7}
+        axes.plot([time.value, time.value], [low, rate.high], zorder=order, **look)
+        self.mark(axes, *self.place)
+
 
 def _sign(marker: str, size: float, fill: str, colour: str, alpha: float = 1.0, **look: Any) -> Line2D:
     """Make a marker without a place."""
@@ -143,7 +155,7 @@ def tradeoff_figure(prices: PriceList, scenes: str, device: str, frames: str) ->
         shown += [reference.value] if reference.value else []
         count += not reference.value
     ends, rows = heights(shown, count, axes.bbox.height)
-    _axes(axes, [point.ms for point in points], ends)
+    draw_axes(axes, [point.ms for point in points], ends)
     y = {point.setting: rows[place % ROWS] for place, point in enumerate(free)}
     styles = receiver_styles(setting.receiver for setting in prices.settings)
     locators = dict.fromkeys(setting.locator for setting in prices.settings)
@@ -154,17 +166,17 @@ def tradeoff_figure(prices: PriceList, scenes: str, device: str, frames: str) ->
         varied = report.varied_text(setting, prices.settings[0])
         look = styles[setting.receiver], faces[setting.locator], varied, setting in told
         dots.append(Dot(point, y.get(setting, point.ber.value), *look))
-    _labels(figure, axes, dots)
+    draw_labels(figure, axes, dots)
     if reference is not None:
-        _reference(axes, reference, prices.references[scenes].counts.frames, rows)
+        draw_possible(axes, reference, prices.references[scenes].counts.frames, rows)
     kept = sorted(dot.place for dot in dots if dot.point.rank == "frontier")
     x = [kept[0][0], *(ms for ms, _ in kept), axes.get_xlim()[1]]
     falls = [ends[2], *(height for _, height in kept), kept[-1][1]]
     axes.plot(x[:-1], falls[:-1], drawstyle="steps-post", color=INK, linewidth=1.5, zorder=2.2, alpha=0.85)
     axes.fill_between(x, falls, ends[2], step="post", color="#EEF3F8", alpha=0.7, zorder=0.5, linewidth=0)
     for dot in dots:
-        _dot(axes, dot, ends[1])
-    _legend(figure, dots, faces)
+        dot.draw(axes, ends[1])
+    draw_legend(figure, dots, faces)
     rounds = sorted(times.rounds for times in prices.times.values())
     about = {"scenes": scenes, "device": device, "frames": frames, "error_free": bool(free)}
     said = report.written("figure.txt.j2", prices, rounds=[rounds[0], rounds[-1]], **about).splitlines()
@@ -174,7 +186,7 @@ def tradeoff_figure(prices: PriceList, scenes: str, device: str, frames: str) ->
     return figure
 
 
-def _axes(axes: Axes, times_ms: Sequence[float], ends: Sequence[float]) -> None:
+def draw_axes(axes: Axes, times_ms: Sequence[float], ends: Sequence[float]) -> None:
     """Draw both axes, the rows without errors and the time a frame that cameras leave."""
     canvas.quiet_axes(axes)
     bottom, least, top = ends
@@ -215,7 +227,7 @@ def _told(prices: PriceList, scenes: str, device: str, frames: str) -> set[Setti
     return {point.setting for point in named if point}
 
 
-def _labels(figure: Figure, axes: Axes, dots: Sequence[Dot]) -> None:
+def draw_labels(figure: Figure, axes: Axes, dots: Sequence[Dot]) -> None:
     """Name dots in a column beside the axes, at their heights as far as there is room."""
     wanted = [dot for dot in dots if not dot.varied or dot.told or dot.point.rank == "frontier"]
     wanted.sort(key=lambda dot: (dot.point.rank != "frontier", not dot.told, dot.point.rank == "beaten"))
@@ -242,7 +254,7 @@ def _labels(figure: Figure, axes: Axes, dots: Sequence[Dot]) -> None:
     axes.set_position((left, bottom, room / 1.05, up))
 
 
-def _reference(axes: Axes, rate: Estimate, frames: int, rows: Sequence[float]) -> None:
+def draw_possible(axes: Axes, rate: Estimate, frames: int, rows: Sequence[float]) -> None:
     """Draw what is possible: the rate of a decoder that knows the scene."""
     y, said = rate.value or rows[-1], f"no error in {frames} frames, too few to say more"
     if rate.value > 0:
@@ -254,20 +266,7 @@ def _reference(axes: Axes, rate: Estimate, frames: int, rows: Sequence[float]) -
     text.set(va="bottom", color=_REFERENCE_COLOUR, zorder=6.5)
 
 
-def _dot(axes: Axes, dot: Dot, least: float) -> None:
-    """Draw a dot with its quartiles and its interval, down to the rows without errors."""
-    time, rate, free = dot.point.time_ms, dot.point.ber, dot.point.error_free
-    alpha, order = STRENGTH[dot.point.rank], 4.0 + STRENGTH[dot.point.rank]
-    look: dict[str, Any] = {"color": dot.style.colour, "alpha": alpha, "linewidth": 1.0, "zorder": order}
-    axes.plot([time.low, time.high], [dot.y, dot.y], **look)
-    if free:  # the interval begins at 0, which is down there
-        look |= {"alpha": 0.6 * alpha, "linewidth": 0.8, "zorder": order - 1}
-        look |= {"marker": "_", "markevery": [1], "markersize": 7}
-    axes.plot([time.value, time.value], [dot.y if free else max(rate.low, least), rate.high], **look)
-    dot.mark(axes, *dot.place)
-
-
-def _legend(figure: Figure, dots: Sequence[Dot], faces: Mapping[Locator, str]) -> None:
+def draw_legend(figure: Figure, dots: Sequence[Dot], faces: Mapping[Locator, str]) -> None:
     """Say in a row what fillings, sizes and strengths mean."""
     ranks = {dot.point.rank for dot in dots}
     handles = [_sign("o", 9.0, face, QUIET, label=report.LOCATED_BY[name]) for name, face in faces.items()]

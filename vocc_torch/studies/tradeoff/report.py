@@ -46,12 +46,11 @@ def written(template: str, prices: PriceList, **values: object) -> str:
 def recommendation(prices: PriceList) -> str:
     """Write what to take: in short, then what it rests on, then for each kind of scenes and frames."""
     texts = {"receiver_text": receiver_text, "varied_text": varied_text, "ms": timing_figure.number_text}
-    apart = max(abs(ratio - 1) for ratio in prices.end_to_end.values())
-    pairs, given = all_pairs(len(prices.settings)), {"located_by": LOCATED_BY, "most_accurate": most_accurate}
+    given: dict[str, object] = {"located_by": LOCATED_BY, "most_accurate": most_accurate}
+    given["apart"] = max(abs(ratio - 1) for ratio in prices.end_to_end.values())
+    given["pairs"] = all_pairs(len(prices.settings))
     lines = []
-    for line in written(
-        "recommendation.txt.j2", prices, apart=apart, pairs=pairs, **texts, **given
-    ).splitlines():
+    for line in written("recommendation.txt.j2", prices, **texts, **given).splitlines():
         # What follows stands under a line's text.
         indent = " " * (len(line) - len(line.lstrip()) + 2)
         lines.append(textwrap.fill(line, 110, subsequent_indent=indent, break_on_hyphens=False))
