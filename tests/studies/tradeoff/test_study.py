@@ -253,10 +253,8 @@ def test_without_scikit_learn_its_classifiers_are_left_out_and_named(study, monk
         ({"frames_a_preamble": 0}, "tradeoff.frames_a_preamble is 0: it must be at least 1"),
         ({"genie_frames": -1}, "tradeoff.genie_frames is -1: it must be at least 0"),
         ({"scenes": {}}, "tradeoff.scenes is empty"),
-        (
-            {"scenes": {"odd": {"distance_m": Distribution("constant", (-1.0,))}}},
-            "tradeoff.scenes.odd.distance_m",
-        ),
+        ({"scenes": {"odd": {"distance_m": -1.0}}}, "tradeoff.scenes.odd.distance_m"),
+        ({"scenes": {"odd": 5}}, "tradeoff.scenes.odd is 5: it must be a word with values of scenes"),
     ],
 )
 def test_impossible_studies_are_refused(make_study, changes, said):

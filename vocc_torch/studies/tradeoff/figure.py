@@ -243,7 +243,7 @@ def draw_labels(figure: Figure, axes: Axes, dots: Sequence[Dot]) -> None:
         words = f"{named}   {timing_figure.number_text(dot.point.ms)} ms"
         line = {"arrowstyle": "-", "color": QUIET, "linewidth": 0.7, "alpha": 0.8 if first else 0.35}
         # From the dot to its marker, which stands before the words.
-        line |= {"shrinkA": 0.028 * 0.6 * axes.bbox.width, "shrinkB": 0, "relpos": (0, 0.56)}
+        line |= {"shrinkA": 0.028 * 0.6 * axes.bbox.width, "shrinkB": 0, "relpos": (0, 0.62)}
         label = axes.annotate(words, dot.place, (1.05, place), textcoords="axes fraction", arrowprops=line)
         label.set(va="center_baseline", fontsize=_FONT, fontweight="bold" if first else "normal", zorder=2.1)
         label.set_color(QUIET if dot.point.rank == "beaten" else INK)
