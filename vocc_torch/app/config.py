@@ -16,7 +16,7 @@ from vocc_torch.studies.classifiers import RivalsConfig
 from vocc_torch.studies.decode import DecodeConfig
 from vocc_torch.studies.effects import EffectsConfig
 from vocc_torch.studies.paper import FiguresConfig
-from vocc_torch.studies.tradeoff.config import TradeoffConfig
+from vocc_torch.studies.tradeoff import TradeoffConfig
 
 TASKS = {
     "train": ("curve:run_train", None),

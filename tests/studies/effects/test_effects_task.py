@@ -4,6 +4,7 @@ import csv
 import io
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hydra import compose, initialize_config_module
 from rich.console import Console
@@ -14,24 +15,9 @@ from vocc_torch.errors import VoccError
 from vocc_torch.measure.intervals import ber_interval
 from vocc_torch.measure.workers import Workers
 from vocc_torch.show.page import html
-from vocc_torch.studies.effects.figures import effects_figure
-from vocc_torch.studies.effects.gallery import (
-    gallery_figure,
-    gallery_pictures,
-    parameter_label,
-    severity_figure,
-)
+from vocc_torch.studies.effects import figures, tables
 from vocc_torch.studies.effects.plan import build_effect_study
 from vocc_torch.studies.effects.results import READINGS, measure_costs, run_effects
-from vocc_torch.studies.effects.run import report
-from vocc_torch.studies.effects.tables import (
-    COLUMNS,
-    SEVERITY_COLUMNS,
-    cost_ratios,
-    print_effects,
-    write_effects,
-    write_severities,
-)
 
 TINY = (
     *("camera.width_px=480", "camera.height_px=272", "camera.sensor_width_mm=3.3"),
@@ -62,9 +48,9 @@ def read(path):
 
 
 def test_every_number_is_in_the_file(results, tmp_path):
-    write_effects(tmp_path / "effects.csv", results)
+    tables.write_effects(tmp_path / "effects.csv", results)
     rows = read(tmp_path / "effects.csv")
-    assert tuple(rows[0]) == COLUMNS
+    assert tuple(rows[0]) == tables.COLUMNS
     assert [row["row"] for row in rows] == ["scene"] * 2 + ["effect"] * 6 + ["sum"] * 2 + ["together"] * 2
     given = {
         (row.pair.name, name): row for row in results.every_row for name in ("center_greyscale", "flda_3")
@@ -74,23 +60,23 @@ def test_every_number_is_in_the_file(results, tmp_path):
             continue
         one = given.pop((row["effect"], row["receiver"]))
         assert row["differs_in"].split(" + ") == list(one.pair.own)
-        assert float(row["near_ms"]) == pytest.approx(one.costs["near"].median_ms, abs=1e-4)
+        assert float(row["near_ms"]) == pytest.approx(np.median(one.costs["near"]), abs=1e-4)
         for reading in READINGS:
-            found = one.change(reading, row["receiver"])
+            found = one.changes[reading, row["receiver"]]
             assert float(row[f"{reading}_change"]) == found.estimate.value
             assert float(row[f"{reading}_low"]) == found.estimate.low
             difference = float(row[f"{reading}_ber_with"]) - float(row[f"{reading}_ber_without"])
             assert difference == pytest.approx(found.estimate.value)
     assert not given
     base = float(rows[1]["true_corners_ber_with"])
-    assert base == results.base["truth"]["flda_3"].ber
+    assert base == results.base["truth", "flda_3"].ber
     assert rows[0]["retrained_ber_with"] == ""
 
 
 def test_severities_are_in_the_file(results, tmp_path):
-    write_severities(tmp_path / "severity.csv", results)
+    tables.write_severities(tmp_path / "severity.csv", results)
     rows = read(tmp_path / "severity.csv")
-    assert tuple(rows[0]) == SEVERITY_COLUMNS
+    assert tuple(rows[0]) == tables.SEVERITY_COLUMNS
     blooming = [row for row in rows if row["effect"] == "blooming" and row["receiver"] == "flda_3"]
     without = [row for row in blooming if row["trained"] == "without"]
     assert [(row["value"], row["order"], row["in_table"]) for row in without] == [
@@ -98,14 +84,14 @@ def test_severities_are_in_the_file(results, tmp_path):
         ("3", "1", "0"),
     ]
     curve = next(curve for curve in results.severities if curve.name == "blooming")
-    found = ber_interval(curve.errors[3.0]["true_corners"]["flda_3"])
+    found = ber_interval(curve.errors[3.0, "true_corners", "flda_3"])
     assert (float(without[1]["ber_low"]), float(without[1]["ber_high"])) == (found.low, found.high)
 
 
 @pytest.mark.parametrize(("width", "encoding"), [(80, "utf-8"), (140, "ascii")])
 def test_the_table_fits_the_terminal(results, width, encoding):
     stream = io.TextIOWrapper(io.BytesIO(), encoding=encoding, write_through=True)
-    print_effects(results, Console(file=stream, width=width, legacy_windows=False))
+    tables.print_effects(results, Console(file=stream, width=width, legacy_windows=False))
     text = stream.buffer.getvalue().decode(encoding)
     drawn = text[: text.index("Receiver:")].splitlines()
     assert max(map(len, drawn)) <= width
@@ -114,7 +100,7 @@ def test_the_table_fits_the_terminal(results, width, encoding):
 
 
 def test_the_report_has_a_row_for_each_effect(results):
-    page = report(results)
+    page = tables.report(results)
     rows = [line for line in page.splitlines() if line.startswith("| ")]
     assert len(rows) == 1 + 1 + 3 + 2
     assert all(line.count("|") == rows[0].count("|") for line in rows)
@@ -124,43 +110,33 @@ def test_the_report_has_a_row_for_each_effect(results):
 
 
 def test_pictures_draw_what_was_measured(results):
-    axes = effects_figure(results).axes
-    defocus = results.rows[0].change("true_corners", "flda_3").estimate
+    axes = figures.effects_figure(results).axes
+    defocus = results.rows[0].changes["true_corners", "flda_3"].estimate
     ends = [tuple(line.get_xdata()) for line in axes[1].lines]
     assert (defocus.low, defocus.high) in ends
     assert len(axes) == 3
-    assert [one.get_title("left") for one in severity_figure(results).axes] == [
-        "defocus",
-        "blooming",
-        "shot_noise",
-    ]
-    pictures = gallery_pictures(results.study)
-    assert list(pictures) == ["the scene itself", "defocus", "blooming", "shot_noise"]
-    gallery_figure(pictures, "title", "about").canvas.draw()
+    names = ["defocus", "blooming", "shot_noise"]
+    assert [one.get_title("left") for one in figures.severity_figure(results).axes] == names
+    pictures = figures.gallery_figure(results.study)
+    pictures.canvas.draw()
+    assert [one.get_title() for one in pictures.axes] == ["the scene itself", *names]
 
 
 def test_ratios_are_of_medians(results):
-    near, _ = cost_ratios(results) or (None, None)
-    if near is not None:  # a machine so busy that a sum cannot be told from nothing has none
-        assert near == results.together.costs["near"].median_ms / results.sums["near"].median_ms
+    if results.ratios is not None:  # a machine so busy that a sum cannot be told from nothing has none
+        both, alone = results.together.costs["near"], results.sums["near"]
+        assert results.ratios[0] == np.median(both) / np.median(alone)
 
 
 def test_units_are_in_brackets():
-    assert parameter_label("motion_blur.velocity_x_m_s") == "velocity x (m/s)"
+    assert figures.parameter_label("motion_blur.velocity_x_m_s") == "velocity x (m/s)"
 
 
 MISTAKES = {
-    "effects.names=[blomming]": "effects.names has 'blomming': did you mean blooming?",
-    "+effects.parts.fogg={airlight:{visibility_m:9}}": "effects.parts has 'fogg'",
     "effects.parts.jpeg=3": "effects.parts.jpeg is 3: it must be a mapping of effects",
     "effects.parts.jpeg.jpeg=3": "effects.parts.jpeg.jpeg is 3",
     "effects.parts.jpeg.jpeg=null": "effects.parts.jpeg.jpeg is null",
-    "effects.parts.jpeg.jpeg.quality=0": "effects.parts.jpeg.jpeg.quality is 0",
     "effects.severity.jpeg.values=[90,0]": "effects.severity.jpeg.values has 0",
-    "effects.severity.jpeg.values=[90,low]": "effects.severity.jpeg.values has 'low'",
-    "effects.severity.jpeg.parameter=defocus.focus_distance_m": "effects.severity.jpeg.parameter",
-    "effects.repeats=0": "effects.repeats is 0",
-    "budget.precision=0.1": "budget.precision is 0.1",
 }
 
 

@@ -1,14 +1,17 @@
 """A price list with numbers that are easy to check."""
 
+from types import SimpleNamespace
+
 import numpy as np
 
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.frame_errors import FrameErrors
 from vocc_torch.measure.genie import GenieReference
+from vocc_torch.measure.plan import World
 from vocc_torch.measure.stage_times import STAGES, StageTimes
 from vocc_torch.measure.train import Making
 from vocc_torch.studies.tradeoff.plan import Setting
-from vocc_torch.studies.tradeoff.price_list import Place, PriceList, ReceiverTimes
+from vocc_torch.studies.tradeoff.prices import Place, PriceList
 
 LEDS = 64
 FRAMES = 1000
@@ -56,31 +59,39 @@ REFERENCES = {
 """No error in the mixture, a wrong bit in each of 10 frames far away."""
 
 
-def timed(settings=SETTINGS, alone_ms=ALONE_MS, **changes):
-    """Times at every place."""
+def times_of(settings=SETTINGS, alone_ms=ALONE_MS):
+    """Times of each at every place."""
     factor = {("whole", 1): 1.0, ("whole", 32): 0.5, ("crops", 1): 0.5, ("crops", 32): 0.1}
-    by_place = {
+    return {
         (one, place): spent(ms * factor[place.frames, place.batch])
         for one, ms in zip(settings, alone_ms, strict=True)
         for place in PLACES
     }
-    given = {
-        "by_place": by_place, "end_to_end": dict.fromkeys(PLACES, 1.03), "in_one_go": "flda_3",
-        "machines": {"cpu": "a machine with 2 cores, 1 thread, torch 2"}, "threads": 1, "waited_share": 0.0,
-        "crop_px": (89, 89),
-    }  # fmt: skip
-    return ReceiverTimes(**{**given, **changes})
 
 
 def made_up_prices(settings=SETTINGS, wrong=BIT_ERRORS, alone_ms=ALONE_MS, **changes):
-    """Give the list."""
+    """Give the list; of its study it has what is told of it."""
+    told = {"missing": {}, "left_out": {}, "frames_a_preamble": 1}
+    told |= {name: changes.pop(name) for name in list(changes) if name in told}
+    study = SimpleNamespace(
+        settings=settings,
+        scene_name="paper",
+        plan=SimpleNamespace(world=World(device="cpu")),
+        config=SimpleNamespace(frames_a_preamble=told.pop("frames_a_preamble")),
+        **told,
+    )
     given = {
-        "settings": settings,
+        "study": study,
         "costs": dict.fromkeys(settings, Making(1.5, 1.0, 1000, 80, 1700)),
         "errors": {"mixture": errors(wrong), "far": errors(tuple(min(FRAMES, 2 * n) for n in wrong))},
-        "times": timed(settings, alone_ms),
-        "error_device": "cpu",
-        "sensor_px": (1080, 1920),
-        "scene": "paper",
+        "references": {},
+        "no_references": {},
+        "times": times_of(settings, alone_ms),
+        "end_to_end": dict.fromkeys(PLACES, 1.03),
+        "in_one_go": "flda_3",
+        "machines": {"cpu": "a machine with 2 cores, 1 thread, torch 2"},
+        "threads": 1,
+        "waited_share": 0.0,
+        "crop_px": (89, 89),
     }
     return PriceList(**{**given, **changes})

@@ -6,24 +6,14 @@ import io
 
 import numpy as np
 import pytest
-from made_up_prices import (
-    ALONE_MS,
-    BIT_ERRORS,
-    FRAMES,
-    LEDS,
-    REFERENCES,
-    SETTINGS,
-    made_up_prices,
-    timed,
-)
+from made_up_prices import ALONE_MS, BIT_ERRORS, FRAMES, LEDS, REFERENCES, SETTINGS, made_up_prices
 from rich.console import Console
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.frame_errors import FrameErrors
 from vocc_torch.measure.genie import GenieReference
-from vocc_torch.studies.tradeoff.tables import print_prices, write_price_board, write_prices
-from vocc_torch.studies.tradeoff.words import recommendation
+from vocc_torch.studies.tradeoff.report import print_prices, recommendation, write_price_board, write_prices
 
 
 @pytest.fixture(scope="module")
@@ -31,22 +21,23 @@ def prices():
     return made_up_prices()
 
 
-@pytest.fixture(scope="module")
-def rows(prices, tmp_path_factory):
-    path = tmp_path_factory.mktemp("tradeoff") / "tradeoff.csv"
-    write_prices(path, prices)
-    with path.open(newline="", encoding="utf-8") as file:
+def lines(prices, folder):
+    """The lines of the table."""
+    write_prices(folder / "tradeoff.csv", prices)
+    with (folder / "tradeoff.csv").open(newline="", encoding="utf-8") as file:
         return list(csv.DictReader(file))
 
 
-def test_there_is_a_row_for_each_setting_and_place(rows):
-    places = [(row["receiver"], row["locator"], row["samples_per_led"], row["gradient"], row["dtype"],
-               row["frames"], row["batch"]) for row in rows]  # fmt: skip
+@pytest.fixture(scope="module")
+def rows(prices, tmp_path_factory):
+    return lines(prices, tmp_path_factory.mktemp("tradeoff"))
+
+
+def test_each_setting_and_place_has_a_row_whose_stages_and_shares_add_up(rows):
+    names = ("receiver", "locator", "samples_per_led", "gradient", "dtype", "frames", "batch")
+    places = [tuple(row[name] for name in names) for row in rows]
     assert len(set(places)) == len(places) == 4 * len(SETTINGS)
     assert all(None not in row.values() for row in rows)
-
-
-def test_stages_and_shares_add_up(rows):
     for row in rows:
         names = ("read", "locate", "rectify", "features", "classify", "preambles")
         stages = sum(float(row[f"{name}_ms"]) for name in names)
@@ -104,8 +95,8 @@ def test_words_name_what_the_data_say(prices):
     assert max(map(len, recommendation(prices).splitlines())) <= 110
 
 
-def test_frames_that_cannot_be_cut_are_called_so(prices):
-    noisy = dataclasses.replace(prices, times=timed(crop_px=prices.sensor_px))
+def test_frames_that_cannot_be_cut_are_called_so():
+    noisy = made_up_prices(crop_px=(1080, 1920))
     assert "which here are whole: an effect fills the sensor; paper scenes" in plain(recommendation(noisy))
 
 
@@ -117,11 +108,10 @@ def test_a_quicker_one_that_frames_do_not_tell_apart_is_named():
         "(3.92-4.08). "
         "These frames do not tell its rate from that of a quicker one, average_greyscale, paper's locator:"
     ) in said
-    apart = plain(recommendation(made_up_prices(SETTINGS[:2], (300, 200), (4.0, 8.0))))
-    assert "do not tell its rate" not in apart
-    # Nobody asks for what is slower and no better.
-    slower = plain(recommendation(made_up_prices(SETTINGS[:2], (300, 299), (8.0, 4.0))))
-    assert "do not tell its rate" not in slower
+    # Nobody asks for what is slower and no better, and rates that are apart are no chance.
+    for wrong, alone_ms in (((300, 200), (4.0, 8.0)), ((300, 299), (8.0, 4.0))):
+        said = plain(recommendation(made_up_prices(SETTINGS[:2], wrong, alone_ms)))
+        assert "do not tell its rate" not in said
 
 
 def test_what_is_possible_is_told(prices, tmp_path):
@@ -139,21 +129,19 @@ def test_what_is_possible_is_told(prices, tmp_path):
     assert "has 40 times that on the same frames." in plain(recommendation(worse))
     # No error is possible in the mixture, and there are 200 in the first 500 frames.
     assert "has BER 6.3e-3 on the same frames." in plain(recommendation(worse))
-    write_prices(tmp_path / "marked.csv", marked)
-    with (tmp_path / "marked.csv").open(newline="", encoding="utf-8") as file:
-        for place, row in enumerate(csv.DictReader(file)):
-            wrong = BIT_ERRORS[place % len(BIT_ERRORS)]
-            assert float(row["mixture_ber_on_possible_frames"]) == min(wrong, 500) / 500 / LEDS
-            assert (row["mixture_possible_test_frames"], row["mixture_possible_ber"]) == ("500", "0")
-            assert (row["far_possible_proven_frames"], row["far_possible_frame_ms"]) == ("490", "40")
-            assert float(row["far_possible_ber"]) == pytest.approx(10 / 500 / LEDS)
-            assert 0 < float(row["far_possible_ber_low"]) < float(row["far_possible_ber"])
+    for place, row in enumerate(lines(marked, tmp_path)):
+        wrong = BIT_ERRORS[place % len(BIT_ERRORS)]
+        assert float(row["mixture_ber_on_possible_frames"]) == min(wrong, 500) / 500 / LEDS
+        assert (row["mixture_possible_test_frames"], row["mixture_possible_ber"]) == ("500", "0")
+        assert (row["far_possible_proven_frames"], row["far_possible_frame_ms"]) == ("490", "40")
+        assert float(row["far_possible_ber"]) == pytest.approx(10 / 500 / LEDS)
+        assert 0 < float(row["far_possible_ber_low"]) < float(row["far_possible_ber"])
     console = Console(width=100, record=True, file=io.StringIO())
     print_prices(marked, recommendation(marked), console)
-    lines = console.export_text().splitlines()
-    (row,) = (place for place, one in enumerate(lines) if "knows the scene  " in one)
-    assert lines[row].split()[-4:] == ["500", "frames", "<", "9.3e-5"]
-    assert lines[row + 1].split() == ["mlp", "refined", "same", "500", "frames", "no", "error"]
+    said = console.export_text().splitlines()
+    (row,) = (place for place, one in enumerate(said) if "knows the scene  " in one)
+    assert said[row].split()[-4:] == ["500", "frames", "<", "9.3e-5"]
+    assert said[row + 1].split() == ["mlp", "refined", "same", "500", "frames", "no", "error"]
 
 
 def test_a_receiver_that_decides_as_the_possible_one_has_once_its_rate(prices):
@@ -161,26 +149,24 @@ def test_a_receiver_that_decides_as_the_possible_one_has_once_its_rate(prices):
     half = np.zeros((1, FRAMES), dtype=np.int64)
     half[0, :3] = half[0, 500:600] = 2
     mark = GenieReference(Counts(500, 500 * LEDS, 6, 12, 3, 0), 500, 0.03)
-    same = made_up_prices(
-        SETTINGS[:1], alone_ms=(4.0,), errors={"mixture": FrameErrors(half, half >= 0, LEDS)},
-        references={"mixture": mark},
-    )  # fmt: skip
+    errors = {"mixture": FrameErrors(half, half >= 0, LEDS)}
+    same = made_up_prices(SETTINGS[:1], alone_ms=(4.0,), errors=errors, references={"mixture": mark})
     assert "has 1 times that on the same frames." in plain(recommendation(same))
 
 
-def test_a_device_that_is_not_there_is_named(prices, tmp_path):
-    asked = dataclasses.replace(prices, missing={"cuda": "this machine has 0 CUDA devices"})
-    assert "Not measured on cuda: this machine has 0 CUDA devices." in plain(recommendation(asked))
-    write_prices(tmp_path / "asked.csv", asked)
-    with (tmp_path / "asked.csv").open(newline="", encoding="utf-8") as file:
-        rows = list(csv.DictReader(file))
-    without = dataclasses.replace(prices, left_out={"svm": "scikit-learn is not installed"})
-    assert "Left out: svm, since scikit-learn is not installed." in plain(recommendation(without))
+def test_what_was_left_out_is_named(tmp_path):
+    absent = {"missing": {"cuda": "this machine has 0 CUDA devices"}}
+    asked = made_up_prices(**absent, left_out={"svm": "scikit-learn is not installed"})
+    said = plain(recommendation(asked))
+    assert "Not measured on cuda: this machine has 0 CUDA devices." in said
+    assert "Left out: svm, since scikit-learn is not installed." in said
+    rows = lines(asked, tmp_path)
     absent = [row for row in rows if row["device"] == "cuda"]
     assert len(absent) == len(rows) / 2 == 4 * len(SETTINGS)
-    assert {(row["machine"], row["total_ms"], row["mixture_ber"]) for row in absent} == {
-        ("not measured", "", "")
-    }
+    blank = {(row["machine"], row["total_ms"], row["mixture_ber"]) for row in absent}
+    assert blank == {("not measured", "", "")}
+    why = made_up_prices(no_references={"mixture": "no likelihood", "far": "no likelihood"})
+    assert "What is possible was not measured (mixture, far): no likelihood." in plain(recommendation(why))
 
 
 @pytest.mark.parametrize("width", [60, 80, 140])

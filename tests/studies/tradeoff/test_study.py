@@ -7,51 +7,39 @@ import pytest
 import torch
 
 from vocc_torch.errors import VoccError
-from vocc_torch.measure import build as build_module
-from vocc_torch.measure.build import without_absent
-from vocc_torch.measure.frame_errors import Banks, FrameJob
+from vocc_torch.measure import build, frame_errors, link, stage_times
 from vocc_torch.measure.likelihood import UnknownLikelihoodError
-from vocc_torch.measure.link import block_keys
 from vocc_torch.measure.plan import ClassifierPlan
-from vocc_torch.measure.stage_times import Exposure, on_device
 from vocc_torch.measure.train import train
 from vocc_torch.measure.workers import Workers
 from vocc_torch.receiver.classifiers import Inputs, Patch
 from vocc_torch.receiver.classifiers.training import TrainingRecipe
 from vocc_torch.simulation import Camera, Distribution, SceneModel
-from vocc_torch.studies.tradeoff import run as study_module
-from vocc_torch.studies.tradeoff.config import TradeoffConfig
+from vocc_torch.studies.tradeoff import TradeoffConfig, run
 from vocc_torch.studies.tradeoff.plan import TradeoffStudy
-from vocc_torch.studies.tradeoff.run import count_receivers, price_receivers, train_receivers
 
 HERE = "vocc_torch.receiver.classifiers"
 NAMES = ("center_greyscale", "average_greyscale", "flda_ngr", "flda_2", "flda_3")
-PLUGGED_IN = (
-    ClassifierPlan(
-        "patch", {"_target_": f"{HERE}.FldaClassifier"}, Inputs(("gri",), Patch(3, 4, pitch=True))
-    ),
-    ClassifierPlan("otsu", {"_target_": f"{HERE}.PanelOtsu"}, Inputs((), Patch(1, 4, relative="white"))),
-    ClassifierPlan(
-        "net",
-        {"_target_": f"{HERE}.Mlp", "hidden": [4]},
-        Inputs(("agr", "ngr")),
-        training=TrainingRecipe(frames=64, epochs=2),
-    ),
+SEEN = {
+    "patch": ("FldaClassifier", Inputs(("gri",), Patch(3, 4, pitch=True)), {}),
+    "otsu": ("PanelOtsu", Inputs((), Patch(1, 4, relative="white")), {}),
+    "net": ("Mlp", Inputs(("agr", "ngr")), {"hidden": [4]}),
+}
+RECIPE = TrainingRecipe(frames=64, epochs=2)
+PLUGGED_IN = tuple(
+    ClassifierPlan(name, {"_target_": f"{HERE}.{kind}", **more}, inputs, training=RECIPE)
+    for name, (kind, inputs, more) in SEEN.items()
 )
 EVERY = (*NAMES, *(one.name for one in PLUGGED_IN))
 FAR = {"ambient_lx": Distribution("constant", (1000.0,)), "distance_m": Distribution("uniform", (60.0, 70.0))}
-MORE = {
-    "samples_per_led": [8, 4],
-    "gradients": ["sobel", "central"],
-    "dtypes": ["float32", "float64"],
-}
+MORE = {"samples_per_led": [8, 4], "gradients": ["sobel", "central"], "dtypes": ["float32", "float64"]}
 
 
 @pytest.fixture(scope="module")
 def make_study(make_plan):
     """Make a study of far panels in low light, where receivers disagree."""
 
-    def make(names=EVERY, test_frames=100, scenes=None, **changes):
+    def make(names=EVERY, test_frames=100, **changes):
         # The middle of the paper's sensor: whole frames are a sixteenth of the work.
         camera = Camera(width_px=480, height_px=272, sensor_width_mm=3.3)
         plan = make_plan(
@@ -62,11 +50,10 @@ def make_study(make_plan):
         usual = {
             **{"locators": ["paper", "truth"], "samples_per_led": [8], "gradients": ["sobel"]},
             **{"dtypes": ["float32"], "varied": [], "devices": ["cpu"], "batch_sizes": [1, 16]},
-            **{"frames": ["crops"], "repeats": 1, "threads": 1},
+            **{"frames": ["crops"], "repeats": 1, "threads": 1, "scenes": {"mixture": {}}},
         }
         config = TradeoffConfig(**{**usual, **changes})
-        kinds = {"mixture": {}} if scenes is None else scenes
-        return TradeoffStudy(dataclasses.replace(plan, receiver=receiver), config, kinds, "made up")
+        return TradeoffStudy(dataclasses.replace(plan, receiver=receiver), config, "made up")
 
     return make
 
@@ -79,12 +66,12 @@ def study(make_study):
 
 @pytest.fixture(scope="module")
 def trained(study):
-    return train_receivers(study, Workers(1))
+    return run.train_receivers(study, Workers(1))
 
 
 @pytest.fixture(scope="module")
 def counted(study, trained):
-    return count_receivers(study, trained[0], Workers(1))
+    return run.count_receivers(study, trained[0], Workers(1))
 
 
 def test_every_receiver_is_measured_with_every_locator_and_the_varied_ones_at_more(study):
@@ -100,26 +87,20 @@ def test_every_receiver_is_measured_with_every_locator_and_the_varied_ones_at_mo
     assert len({one.name for one in study.settings}) == len(study.settings)
 
 
-def test_all_combinations_on_demand(make_study):
-    study = make_study(names=("flda_3",), locators=["truth"], **MORE, varied=["flda_3"], combine="all")
-    assert len(study.settings) == 8
-
-
-@pytest.mark.parametrize("names", [("flda_3", "patch"), ("patch",)])
-def test_receivers_that_are_not_compared_are_not_varied_unless_they_are_named(make_study, names):
-    varied = {one.receiver for one in make_study(names=names, **MORE, varied=None).settings if
-              one.samples_per_led == 4}  # fmt: skip
-    assert varied == {"flda_3"} & {*names}
-
-
-def test_what_a_receiver_does_not_look_at_makes_no_setting(make_study):
+def test_what_is_varied_is_as_it_is_asked_for(make_study):
+    every = make_study(names=("flda_3",), locators=["truth"], **MORE, varied=["flda_3"], combine="all")
+    assert len(every.settings) == 8
+    # Not those that are not compared, unless they are named.
+    for names in (("flda_3", "patch"), ("patch",)):
+        usual = make_study(names=names, **MORE, varied=None).settings
+        assert {one.receiver for one in usual if one.samples_per_led == 4} == {"flda_3"} & {*names}
+    # What a receiver does not look at makes no setting.
     names = ("center_greyscale", "flda_ngr", "otsu")
     study = make_study(names=names, locators=["truth"], **MORE, varied=list(names))
     found = [(one.receiver, one.samples_per_led, one.gradient, one.dtype) for one in study.settings]
-    assert found == [
-        *((name, 8, "sobel", "float32") for name in names),
-        *((name, *more) for name in names[1:] for more in ((8, "sobel", "float64"), (4, "sobel", "float32"))),
-    ]
+    more = ((8, "sobel", "float64"), (4, "sobel", "float32"))
+    others = [(name, *values) for name in names[1:] for values in more]
+    assert found == [*((name, 8, "sobel", "float32") for name in names), *others]
 
 
 def test_errors_are_those_of_the_sweep(study, trained, counted):
@@ -132,10 +113,9 @@ def test_errors_are_those_of_the_sweep(study, trained, counted):
         for setting in base:
             # Trained by the very same recipe.
             bank.plugged_in |= receivers[setting].bank.plugged_in
-        deciding = Banks([(locator, bank)])
-        job = FrameJob(
-            plan, study.model("far"), study.point("far"), (locator,), deciding, deciding.needs_preambles
-        )
+        deciding = frame_errors.Banks([(locator, bank)])
+        kind = study.model("far"), study.point("far"), (locator,)
+        job = frame_errors.FrameJob(plan, *kind, deciding, deciding.needs_preambles)
         for wanted, setting in zip(job(range(plan.budget.frames)).counts, base, strict=True):
             assert counted["far"].counts[study.settings.index(setting)] == wanted, setting
     rates = [one.ber for one in counted["far"].counts]
@@ -148,7 +128,6 @@ def test_the_kinds_of_scenes_are_scenes_of_their_own(study, counted):
     assert not np.array_equal(counted["far"].half_errors, counted["near"].half_errors)
     assert counted["far"].half_errors.shape[1] == 100
     # Nor are they those of training, whatever a kind of scenes is called.
-    assert {key.point for key in block_keys(0, "train", 64)} == {"train"}
     assert study.point("train") == "tradeoff/train"
 
 
@@ -156,7 +135,7 @@ def test_neither_batches_nor_rivals_change_a_count(study, trained, counted):
     other = dataclasses.replace(study, plan=dataclasses.replace(study.plan, batch_frames=24))
     # Every third is enough: all kinds are among them, and neither do the others change a count.
     some = dict(list(trained[0].items())[::3])
-    again = count_receivers(other, some, Workers(1))
+    again = run.count_receivers(other, some, Workers(1))
     for name, errors in counted.items():
         assert np.array_equal(errors.half_errors[::3], again[name].half_errors)
         assert np.array_equal(errors.found[::3], again[name].found)
@@ -187,10 +166,10 @@ def test_what_training_took_is_told(trained):
 
 
 def test_a_receiver_moved_elsewhere_decides_the_same(study, trained):
-    keys = block_keys(0, "moved", 64)
-    seen = Exposure.of(study.plan.world, study.model("far"), keys, preambles=True)
+    keys = link.block_keys(0, "moved", 64)
+    seen = stage_times.Exposure.of(study.plan.world, study.model("far"), keys, preambles=True)
     for one in list(trained[0].values())[len(EVERY) : 2 * len(EVERY)]:
-        moved = on_device(one, torch.device("cpu"))
+        moved = stage_times.on_device(one, torch.device("cpu"))
         ends = []
         for receiver in (one, moved):
             preambles = receiver.preambles(*seen.preambles, seen.truth)
@@ -204,19 +183,18 @@ def test_a_receiver_moved_elsewhere_decides_the_same(study, trained):
 def test_a_whole_price_list_with_what_is_possible_on_the_very_frames(make_study):
     told = []
     study = make_study(names=("flda_3", "otsu"), test_frames=20, locators=["truth"], genie_frames=64)
-    prices = price_receivers(study, Workers(1), told.append)
+    prices = run.price_receivers(study, Workers(1), told.append)
     assert told == ["training", "bit errors", "what is possible", "times"]
-    assert (prices.timed_scenes, prices.times.in_one_go) == ("mixture", "flda_3")
-    assert (prices.times.threads, prices.scene, prices.error_device) == (1, "made up", "cpu")
+    assert (prices.timed_scenes, prices.in_one_go, prices.threads) == ("mixture", "flda_3", 1)
     for batch in (1, 16):
         for one in prices.points("mixture", "cpu", "crops", batch):
             assert 0 < one.time_ms.value < 1e4
     # No timing is asserted: only that it is the ratio of like to like.
-    assert all(0.05 < ratio < 20 for ratio in prices.times.end_to_end.values())
+    assert all(0.05 < ratio < 20 for ratio in prices.end_to_end.values())
     reference = prices.references["mixture"]
     # No more frames than the receivers have.
     assert reference.counts.frames == 20
-    assert reference.counts.bit_errors <= prices.counts("mixture")[study.settings[0]].bit_errors
+    assert reference.counts.bit_errors <= prices.errors["mixture"].counts[0].bit_errors
 
 
 def test_a_kind_of_scenes_that_the_genie_refuses_costs_no_other_its_reference(make_study, monkeypatch):
@@ -228,32 +206,30 @@ def test_a_kind_of_scenes_that_the_genie_refuses_costs_no_other_its_reference(ma
             raise UnknownLikelihoodError("the genie knows no likelihood")
         return point
 
-    monkeypatch.setattr(study_module, "genie_reference", refusing)
-    references, refused = study_module._references(study, Workers(1))
+    monkeypatch.setattr(run.genie, "genie_reference", refusing)
+    references, refused = run.measure_references(study, Workers(1))
     assert (list(references), refused) == (["a", "c"], {"b": "the genie knows no likelihood"})
     none = dataclasses.replace(study, config=dataclasses.replace(study.config, genie_frames=0))
-    assert study_module._references(none, Workers(1))[1]["a"] == "tradeoff.genie_frames is 0"
+    assert run.measure_references(none, Workers(1))[1]["a"] == "tradeoff.genie_frames is 0"
 
     def failing(*given):
         raise VoccError("a worker was ended from outside")
 
     # No other mistake is taken for a refusal.
-    monkeypatch.setattr(study_module, "genie_reference", failing)
+    monkeypatch.setattr(run.genie, "genie_reference", failing)
     with pytest.raises(VoccError, match="ended from outside"):
-        study_module._references(study, Workers(1))
+        run.measure_references(study, Workers(1))
 
 
 def test_without_scikit_learn_its_classifiers_are_left_out_and_named(study, monkeypatch):
-    trees = ClassifierPlan("trees", {"_target_": "sklearn.ensemble.HistGradientBoostingClassifier"})
-    nested = ClassifierPlan(
-        "svm", {"_target_": f"{HERE}.scaled", "estimator": {"_target_": "sklearn.svm.LinearSVC"}}
-    )
-    receiver = dataclasses.replace(
-        study.plan.receiver, names=(*EVERY, "trees", "svm"), classifiers=(*PLUGGED_IN, trees, nested)
-    )
-    assert without_absent(receiver) == (receiver, {})
-    monkeypatch.setattr(build_module, "find_spec", lambda name: None)
-    kept, left_out = without_absent(receiver)
+    trees = {"_target_": "sklearn.ensemble.HistGradientBoostingClassifier"}
+    nested = {"_target_": f"{HERE}.scaled", "estimator": {"_target_": "sklearn.svm.LinearSVC"}}
+    absent = ClassifierPlan("trees", trees), ClassifierPlan("svm", nested)
+    names = (*EVERY, "trees", "svm")
+    receiver = dataclasses.replace(study.plan.receiver, names=names, classifiers=(*PLUGGED_IN, *absent))
+    assert build.without_absent(receiver) == (receiver, {})
+    monkeypatch.setattr(build, "find_spec", lambda name: None)
+    kept, left_out = build.without_absent(receiver)
     assert (kept.names, kept.classifiers) == (EVERY, PLUGGED_IN)
     said = "scikit-learn is not installed; pip install scikit-learn adds it"
     assert left_out == {"trees": said, "svm": said}
@@ -277,10 +253,8 @@ def test_without_scikit_learn_its_classifiers_are_left_out_and_named(study, monk
         ({"frames_a_preamble": 0}, "tradeoff.frames_a_preamble is 0: it must be at least 1"),
         ({"genie_frames": -1}, "tradeoff.genie_frames is -1: it must be at least 0"),
         ({"scenes": {}}, "tradeoff.scenes is empty"),
-        (
-            {"scenes": {"odd": {"distance_m": Distribution("constant", (-1.0,))}}},
-            "tradeoff.scenes.odd.distance_m",
-        ),
+        ({"scenes": {"odd": {"distance_m": -1.0}}}, "tradeoff.scenes.odd.distance_m"),
+        ({"scenes": {"odd": 5}}, "tradeoff.scenes.odd is 5: it must be a word with values of scenes"),
     ],
 )
 def test_impossible_studies_are_refused(make_study, changes, said):

@@ -1,6 +1,4 @@
-"""``task=effects``: its section of the configuration; nothing here needs torch."""
-
-from __future__ import annotations
+"""``task=effects``, what each effect costs and does: its section of the configuration, without torch."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -21,7 +19,7 @@ class Severity:
 
 @dataclass
 class EffectsConfig:
-    """What ``task=effects`` looks at: see :class:`vocc_torch.studies.effects.EffectStudy`."""
+    """What ``task=effects`` looks at: see :class:`vocc_torch.studies.effects.plan.EffectStudy`."""
 
     names: list[str] = field(default_factory=list)
     located_frames: int = 0

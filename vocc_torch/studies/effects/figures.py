@@ -1,55 +1,55 @@
-"""What each effect costs and does, as a figure: a row an effect, in physical order."""
+"""Costs and changes a row an effect, rates over severity, and one panel as the camera sees it under each."""
 
-from __future__ import annotations
-
-from collections.abc import Sequence
-from dataclasses import dataclass
-from itertools import groupby
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
+import numpy as np
+import torch
+from matplotlib import ticker
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
-from matplotlib.ticker import FixedFormatter, FixedLocator, LogLocator, NullFormatter, NullLocator
+from numpy.typing import NDArray
 
-from vocc_torch.show.canvas import GRID, INK, QUIET, new_figure, quiet_axes, write_title
-from vocc_torch.show.styles import receiver_styles
-from vocc_torch.studies.effects.results import Cost, EffectResults, EffectRow, Kind
-from vocc_torch.studies.effects.tables import cost_ratios, ms_text, scene_text, times_text
+from vocc_torch.measure.curve import BerTable, Point
+from vocc_torch.measure.estimate import Estimate
+from vocc_torch.measure.stage_times import median_of
+from vocc_torch.rng import BlockKey, FrameKey
+from vocc_torch.show import canvas, plots
+from vocc_torch.show.canvas import INK, QUIET
+from vocc_torch.show.styles import Style
+from vocc_torch.simulation.framing import panel_corners_px
+from vocc_torch.studies.effects import tables
+from vocc_torch.studies.effects.plan import Effects, EffectStudy
+from vocc_torch.studies.effects.results import EffectResults, EffectRow, SeverityCurve
+from vocc_torch.types import Scene
 
 _ROW_IN, _ABOVE_IN, _BELOW_IN = 0.262, 1.18, 1.36
 _LEFT_IN, _NAME_IN, _GAP_IN, _RIGHT_IN, _WIDE_IN = 3.07, 2.93, 0.3, 0.22, 3.3
-_BAND = "#F6F7F9"
 _LINEAR = 1e-3
 """Changes below this are drawn to a linear scale."""
-_TICKS = (-0.1, -0.01, -0.001, 0.0, 0.001, 0.01, 0.1)
+_FACETS_A_ROW, _TILES_A_ROW, _TILE_IN = 5, 6, 1.75
+_SHOWN_SHARE = 1.5
+"""Side of a picture of the gallery in sides of the panel."""
 
-
-@dataclass(frozen=True, slots=True)
-class _Series:
-    """How one series is drawn: its marker stands ``shift`` rows below the middle of its row."""
-
-    label: str
-    colour: str
-    marker: str
-    shift: float
-
-    @property
-    def line(self) -> Line2D:
-        """Its sign in a legend."""
-        look: dict[str, Any] = {"color": self.colour, "marker": self.marker, "label": self.label}
-        return Line2D([], [], markersize=5, linewidth=1.5, **look)
-
-
-_COSTS: dict[Kind, _Series] = {
-    "near": _Series("near the panel", "#009E73", "o", -0.16),
-    "located": _Series("for a locator, if more", "#E69F00", "s", 0.16),
+_COSTS = {
+    "near": (Style("near the panel", "#009E73", "o", "-"), -0.16),
+    "located": (Style("for a locator, if more", "#E69F00", "s", "-"), 0.16),
 }
-_CHANGES = {
-    "true_corners": _Series("trained without the effect", "#D55E00", "o", -0.16),
-    "retrained": _Series("trained with it", "#0072B2", "D", 0.16),
-    "located": _Series("trained without the effect", "#D55E00", "o", 0.0),
+_WITHOUT = Style("trained without the effect", "#D55E00", "o", "-")
+_WITH = Style("trained with it", "#0072B2", "D", "--")
+_PARTS = {
+    "Cost": _COSTS,
+    "Change of BER, true corners": {"true_corners": (_WITHOUT, -0.16), "retrained": (_WITH, 0.16)},
+    "Change of BER, paper's locator": {"located": (_WITHOUT, 0.0)},
 }
+"""The figure's parts: how each series is drawn, and how many rows below the middle of its row."""
+
+_UNITS = {"_deg": "°", "_m": "m", "_s": "s", "_px": "px", "_nm": "nm", "_lx": "lx", "_cd_m2": "cd/m²"}
+_UNITS |= {"_m_s": "m/s", "electrons_per_s": "electrons/s", "electrons": "electrons"}
+"""Units by the end of a parameter's name; the longest end that fits counts."""
 
 
 def effects_figure(results: EffectResults) -> Figure:
@@ -58,158 +58,207 @@ def effects_figure(results: EffectResults) -> Figure:
     Costs are on a logarithmic axis. Changes are on one that is linear within a thousandth and logarithmic
     beyond; a sign is full where its 95 % interval leaves out 0.
     """
-    rows, shown = results.every_row, results.study.shown
-    columns: dict[str, tuple[str, ...]] = {
-        "Cost": ("near", "located"),
-        "Change of BER, true corners": ("true_corners", "retrained"),
-    }
-    if any(row.change("located", shown) for row in rows):
-        columns["Change of BER, paper's locator"] = ("located",)
-    width = _LEFT_IN + _WIDE_IN * len(columns) + _GAP_IN * (len(columns) - 1) + _RIGHT_IN
-    height = _ABOVE_IN + _ROW_IN * len(rows) + _BELOW_IN
-    figure = new_figure(width, height)
-    for number, (head, names) in enumerate(columns.items()):
-        left = _LEFT_IN + number * (_WIDE_IN + _GAP_IN)
-        place = (left / width, _BELOW_IN / height, _WIDE_IN / width, _ROW_IN * len(rows) / height)
-        axes = figure.add_axes(place)
-        if number == 0:
-            _draw_costs(axes, results)
-            _name_rows(axes, rows)
+    rows, parts = results.every_row, dict(_PARTS)
+    if "located" not in results.readings:
+        parts.popitem()
+    width = _LEFT_IN + (_WIDE_IN + _GAP_IN) * len(parts) - _GAP_IN + _RIGHT_IN
+    tall = _ROW_IN * len(rows)
+    height = _ABOVE_IN + tall + _BELOW_IN
+    figure = canvas.new_figure(width, height)
+    look: dict[str, Any] = {"loc": "lower left", "fontsize": 8.3, "borderaxespad": 0.15, "handlelength": 1.6}
+    for number, (head, series) in enumerate(parts.items()):
+        left = (_LEFT_IN + number * (_WIDE_IN + _GAP_IN)) / width
+        axes = figure.add_axes((left, _BELOW_IN / height, _WIDE_IN / width, tall / height))
+        canvas.quiet_axes(axes)
+        if head == "Cost":
+            draw_costs(axes, results)
         else:
-            _draw_changes(axes, rows, shown, names)
-        _set_rows(axes, rows)
+            draw_changes(axes, results, series)
+        set_rows(axes, rows, named=head == "Cost")
         axes.set_title(head, fontsize=10.5, fontweight="bold", color=INK, loc="left", pad=26)
-        signs = [(_CHANGES | _COSTS if number == 0 else _CHANGES)[name].line for name in names]
-        look: dict[str, Any] = {"loc": "lower left", "bbox_to_anchor": (-0.02, 1.0), "borderaxespad": 0.15}
-        look |= {"ncols": 2, "frameon": False, "labelcolor": INK, "handlelength": 1.6, "handletextpad": 0.5}
-        axes.legend(handles=signs, fontsize=8.3, columnspacing=1.0, **look)
-    label = receiver_styles([shown])[shown].label
-    title = f"What each effect costs and does{scene_text(results)} ({label})"
-    write_title(figure, title, _footnote(results))
+        signs = [plots.receiver_line(replace(style, line="-"), size=0.7) for style, _ in series.values()]
+        at = left - 0.02 * _WIDE_IN / width, 1 - _ABOVE_IN / height
+        canvas.write_legend(figure, signs, at, 2, handletextpad=0.5, columnspacing=1.0, **look)
+    title, *notes = tables.written("effects.txt.j2", results, linear=_LINEAR).splitlines()
+    canvas.write_title(figure, title, "\n".join(notes))
     return figure
 
 
-def _draw_costs(axes: Axes, results: EffectResults) -> None:
-    """Draw what each effect adds to the time of a frame."""
-    rows, sums = results.every_row, results.sums
-    shown = [row.costs[kind] for row in rows for kind in _COSTS] + list(sums.values())
-    shown = [results.base_costs["near"], *(cost for cost in shown if cost.quartiles_ms[0] > 0)]
-    low, high = min(cost.median_ms for cost in shown), max(cost.quartiles_ms[2] for cost in shown)
+def draw_costs(axes: Axes, results: EffectResults) -> None:
+    """Draw what each effect adds to the time of a frame, or a note where it cannot be told from nothing."""
+    rows = results.every_row
+    sums = {kind: median_of(rounds) for kind, rounds in results.sums.items()}
+    costs = [{kind: median_of(row.costs[kind]) for kind in _COSTS} for row in rows]
+    shown = [one for row in (*costs, sums) for one in row.values() if one.low > 0]
+    shown.append(median_of(results.base_costs["near"]))
+    across = axes.get_yaxis_transform()
     axes.set_xscale("log")
-    axes.set_xlim(low / 2.2, high * 1.6)
-    axes.xaxis.set_major_locator(LogLocator(10, numticks=20))
-    axes.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
-    axes.xaxis.set_minor_locator(LogLocator(10, subs=tuple(range(2, 10)), numticks=200))
-    axes.xaxis.set_minor_formatter(NullFormatter())
+    axes.set_xlim(min(one.value for one in shown) / 2.2, max(one.high for one in shown) * 1.6)
+    axes.xaxis.set(major_formatter="{x:g}", minor_formatter=ticker.NullFormatter())
     axes.set_xlabel("ms a frame, added")
-    for number, row in enumerate(rows):
-        if row.fills_sensor:
-            for kind, series in _COSTS.items():
-                _draw_cost(axes, number + series.shift, row.costs[kind], series)
-        else:
-            _draw_cost(axes, number, row.costs["near"], _COSTS["near"])
-    for kind, total in sums.items() if results.together else ():
-        if total.quartiles_ms[0] > 0:
-            at = len(rows) - 1 + _COSTS[kind].shift
-            (mark,) = axes.plot([total.median_ms], [at], "|", color=_COSTS[kind].colour, zorder=4)
+    for number, (row, own) in enumerate(zip(rows, costs, strict=True)):
+        for kind, (style, shift) in _COSTS.items():
+            # What does not fill the sensor costs a locator as much as near the panel.
+            y = number + shift if row.fills_sensor else number
+            if own[kind].low > 0 and (row.fills_sensor or kind == "near"):
+                _bar(axes, own[kind], y, style)
+            elif row.fills_sensor or kind == "near":
+                note = axes.text(0.012, y, "<0" if own[kind].real else "~0", transform=across)
+                note.set(color=style.colour, fontsize=8, va="center")
+    for kind, total in sums.items():
+        if total.low > 0:
+            style, shift = _COSTS[kind]
+            (mark,) = axes.plot([total.value], [len(rows) - 1 + shift], "|", color=style.colour, zorder=4)
             mark.set(markersize=11, markeredgewidth=2.2)
 
 
-def _draw_cost(axes: Axes, y: float, cost: Cost, series: _Series) -> None:
-    """Draw one cost with its quartiles, or a note at the edge where it cannot be told from nothing."""
-    low, median, high = cost.quartiles_ms
-    if low > 0:
-        axes.plot([low, high], [y, y], color=series.colour, linewidth=1.5, solid_capstyle="butt")
-        axes.plot([median], [y], series.marker, color=series.colour, markersize=5, zorder=3)
-    else:
-        note, across = "<0" if cost.shown else "~0", axes.get_yaxis_transform()
-        axes.text(0.012, y, note, color=series.colour, fontsize=8, va="center", transform=across)
-
-
-def _draw_changes(axes: Axes, rows: Sequence[EffectRow], receiver: str, readings: Sequence[str]) -> None:
+def draw_changes(axes: Axes, results: EffectResults, series: Mapping[str, tuple[Style, float]]) -> None:
     """Draw the change of the bit error rate with its interval; all axes of changes have the same limits."""
-    every = [
-        change.estimate for row in rows for some in row.changes.values() if (change := some.get(receiver))
-    ]
+    rows, shown = results.every_row, results.study.shown
+    every = [change.estimate for row in rows for (_, name), change in row.changes.items() if name == shown]
     low, high = min((one.low for one in every), default=0.0), max((one.high for one in every), default=0.0)
+    ticks = (-0.1, -0.01, -0.001, 0.0, 0.001, 0.01, 0.1)
+    names = [f"{tick:+g}".replace("-", "\N{MINUS SIGN}") if tick else "0" for tick in ticks]
     axes.set_xscale("symlog", linthresh=_LINEAR, linscale=0.55)
+    axes.set_xticks(ticks, names)
     axes.set_xlim(min(-1.5 * _LINEAR, low * 1.4), max(high * 1.4, 12 * _LINEAR))
-    axes.xaxis.set_major_locator(FixedLocator(list(_TICKS)))
-    ticks = [f"{tick:+g}".replace("-", "\N{MINUS SIGN}") if tick else "0" for tick in _TICKS]
-    axes.xaxis.set_major_formatter(FixedFormatter(ticks))
-    axes.xaxis.set_minor_locator(NullLocator())
+    axes.xaxis.set_minor_locator(ticker.NullLocator())
     axes.axvline(0, color=QUIET, linewidth=1.0, zorder=1)
     axes.set_xlabel("bit error rate with it less that without it")
     for number, row in enumerate(rows):
-        for reading in readings:
-            if (change := row.change(reading, receiver)) is None:
-                continue
-            series, found = _CHANGES[reading], change.estimate
-            y, fill = number + series.shift, series.colour if found.real else "white"
-            axes.plot([found.low, found.high], [y, y], color=series.colour, linewidth=1.5, zorder=2)
-            (mark,) = axes.plot([found.value], [y], series.marker, color=series.colour, zorder=3)
-            mark.set(markerfacecolor=fill, markeredgewidth=1.2, markersize=5)
+        for reading, (style, shift) in series.items():
+            if change := row.changes.get((reading, shown)):
+                _bar(axes, change.estimate, number + shift, style, full=change.estimate.real)
 
 
-def _set_rows(axes: Axes, rows: Sequence[EffectRow]) -> None:
-    """Set the rows up: bands for every other group, no names."""
-    quiet_axes(axes)
+def _bar(axes: Axes, one: Estimate, y: float, style: Style, *, full: bool = True) -> None:
+    """Draw a number with its interval."""
+    axes.plot([one.low, one.high], [y, y], color=style.colour, linewidth=1.5, zorder=2)
+    (mark,) = axes.plot([one.value], [y], style.marker, color=style.colour, markersize=5, zorder=3)
+    mark.set(markerfacecolor=style.colour if full else "white", markeredgewidth=1.2)
+
+
+def set_rows(axes: Axes, rows: Sequence[EffectRow], *, named: bool) -> None:
+    """Set the rows up: bands for every other group, names of effects and groups at the left."""
     axes.tick_params(axis="x", labelsize=8.5)
     axes.xaxis.label.set_fontsize(9.5)
     axes.set_ylim(len(rows) - 0.5, -0.5)
-    axes.yaxis.set_major_locator(NullLocator())
+    axes.set_yticks([])
     axes.spines["left"].set_visible(False)
-    axes.grid(axis="x", which="major", color=GRID, linewidth=0.8)
-    for _, first, last in _groups(rows)[::2]:
-        axes.axhspan(first - 0.5, last + 0.5, color=_BAND, zorder=0, linewidth=0)
+    axes.grid(axis="x", which="major", color=canvas.GRID, linewidth=0.8)
+    across, first = axes.get_yaxis_transform(), 0
+    for number, (group, some) in enumerate(itertools.groupby(rows, key=lambda row: row.group)):
+        last = first + len(members := list(some)) - 1
+        if number % 2 == 0:
+            axes.axhspan(first - 0.5, last + 0.5, color="#F6F7F9", zorder=0, linewidth=0)
+        if named:
+            head = axes.text(-_NAME_IN / _WIDE_IN, (first + last) / 2, group, transform=across, va="center")
+            head.set(fontsize=9.5, fontweight="bold", color=QUIET)
+        for place, row in enumerate(members if named else (), first):
+            words = row.label + " \N{BLACK SQUARE}" * row.fills_sensor + " *" * row.pair.in_scene
+            name = axes.text(-0.1 / _WIDE_IN, place, words, transform=across, ha="right", va="center")
+            name.set(fontsize=9, color=INK, fontweight="normal" if row.group else "bold")
+        first = last + 1
 
 
-def _groups(rows: Sequence[EffectRow]) -> list[tuple[str, int, int]]:
-    """Return the runs of rows of one group: name, first and last row."""
-    runs, start = [], 0
-    for group, members in groupby(row.group for row in rows):
-        count = len(list(members))
-        runs.append((group, start, start + count - 1))
-        start += count
-    return runs
+def severity_figure(results: EffectResults) -> Figure:
+    """Draw one small axes for each effect with severities, from harmless at the left to harsh."""
+    curves, receiver = results.severities, results.study.shown
+    facets = [(curve.name, _table(curve, receiver)) for curve in curves]
+    rows = [dict(facets[first : first + _FACETS_A_ROW]) for first in range(0, len(facets), _FACETS_A_ROW)]
+    title, *notes = tables.written("severity.txt.j2", results).splitlines()
+    styles = {
+        "true_corners": _WITHOUT,
+        "retrained": replace(_WITH, label=f"{_WITH.label}, as the table of effects has it"),
+    }
+    figure = plots.facet_figure(rows, title, "\n".join(notes), axes_alike=False, styles=styles)
+    base = results.base.get(("truth", receiver))
+    for axes, curve in zip(figure.axes, curves, strict=True):
+        values = curve.values
+        if values[0] > values[-1]:
+            axes.set_xlim(*reversed(axes.get_xlim()))
+        if base is not None and base.half_errors:
+            axes.axhline(base.ber, color=QUIET, linewidth=1.0, alpha=0.55, zorder=1)
+        if curve.usual is not None and min(values) <= curve.usual <= max(values):
+            axes.axvline(curve.usual, color=QUIET, linewidth=0.9, linestyle=(0, (2, 2)), zorder=1)
+    return figure
 
 
-def _name_rows(axes: Axes, rows: Sequence[EffectRow]) -> None:
-    """Write the effects' names and their groups' at the left."""
-    across = axes.get_yaxis_transform()
-    for number, row in enumerate(rows):
-        signs = " \N{BLACK SQUARE}" * row.fills_sensor + " *" * row.pair.in_scene
-        name = axes.text(
-            -0.1 / _WIDE_IN, number, row.label + signs, transform=across, ha="right", va="center"
-        )
-        name.set(fontsize=9, color=INK, fontweight="normal" if row.group else "bold")
-    for group, first, last in _groups(rows):
-        head = axes.text(-_NAME_IN / _WIDE_IN, (first + last) / 2, group, transform=across, va="center")
-        head.set(fontsize=9.5, fontweight="bold", color=QUIET)
+def parameter_label(parameter: str) -> str:
+    """Write a parameter's name with its unit in brackets.
+
+    Args:
+        parameter: ``effect.parameter``.
+
+    Example:
+        >>> parameter_label("defocus.focus_distance_m"), parameter_label("prnu.share")
+        ('focus distance (m)', 'share')
+    """
+    name = parameter.partition(".")[2]
+    end = max((end for end in _UNITS if name.endswith(end)), key=len, default="")
+    words = name.removesuffix(end).replace("_", " ").strip()
+    return f"{words} ({_UNITS[end]})" if words and end else words or _UNITS[end]
 
 
-def _footnote(results: EffectResults) -> str:
-    """Say what the figure rests on."""
-    dot, rows, shown = " \N{MIDDLE DOT} ", results.every_row, results.study.shown
+def _table(curve: SeverityCurve, receiver: str) -> BerTable:
+    """Put one effect's points into a table: a curve for each training."""
+    effect, label = curve.parameter.partition(".")[0], parameter_label(curve.parameter)
+    axis = label if effect == curve.name else f"{effect}: {label}"
+    return BerTable(
+        Point(curve.name, axis, value, reading, "truth", counts, "frames")
+        for (value, reading, name), counts in curve.errors.items()
+        if name == receiver
+    )
 
-    def frames(reading: str) -> str:
-        counted = {change.present.frames for row in rows if (change := row.change(reading, shown))}
-        return " or ".join(map(str, sorted(counted)))
 
-    crop_ms, whole_ms = ms_text(results.base_costs["located"]), ms_text(results.base_costs["whole"])
-    searched = frames("located")
-    lines = [
-        "\N{BLACK SQUARE} fills the sensor: a locator needs whole frames, once, whatever else fills it too "
-        f"({crop_ms} ms as crops, {whole_ms} ms whole){dot}* the scene has it: against the scene without it",
-        f"Same frames with and without: {frames('true_corners')} at true corners"
-        + (f", {searched} located" if searched else "")
-        + f"{dot}bars: 95 % intervals, full where they leave out 0; one in 20 misses{dot}"
-        f"linear within {_LINEAR:g}",
-        f"Times: {times_text(results)}, with quartiles{dot}~0: not told from nothing",
-    ]
-    if (ratios := cost_ratios(results)) is not None:
-        lines.append(
-            f"Upright bars at all together: sums of the single costs; together they cost {ratios[0]:.2f} "
-            f"times as much near the panel and {ratios[1]:.2f} times for a locator"
-        )
-    return "\n".join(lines)
+def gallery_figure(study: EffectStudy) -> Figure:
+    """Show the grey pictures of :func:`gallery_pictures` in rows, each with its name, pixels as squares."""
+    pictures = gallery_pictures(study)
+    columns = min(_TILES_A_ROW, len(pictures))
+    rows = math.ceil(len(pictures) / columns)
+    width, head = max(5.0, columns * _TILE_IN + 0.3), 0.62
+    height = rows * (_TILE_IN + 0.3) + head + 0.34
+    figure, side = canvas.new_figure(width, height), _TILE_IN - 0.08
+    for index, (name, picture) in enumerate(pictures.items()):
+        row, column = divmod(index, columns)
+        below = head + 0.24 + row * (_TILE_IN + 0.3) + side
+        place = (0.18 + column * _TILE_IN) / width, 1 - below / height
+        axes = figure.add_axes((*place, side / width, side / height))
+        axes.imshow(picture, cmap="gray", vmin=0, vmax=255, interpolation="nearest")
+        axes.set_title(name, fontsize=9.5, color=INK, pad=3)
+        axes.set_axis_off()
+    about = f"{study.model.nearest_m:g} m; the middle of the scene's ambient light and LED luminance"
+    canvas.write_title(figure, "One panel under each effect, at its harshest", about)
+    return figure
+
+
+def gallery_pictures(study: EffectStudy) -> dict[str, NDArray[np.uint8]]:
+    """Render the study's scene and its bits once, and with each effect at its harshest.
+
+    The panel is at the nearest distance; ambient light and LED luminance are those in the middle of the
+    scene's ranges, on a logarithmic scale.
+
+    Returns:
+        By name, the square about the panel's place, (H,W) uint8; grey values beyond 255 are white.
+    """
+    cases: dict[str, Effects] = {"the scene itself": study.scene}
+    for one in study.pairs:
+        severity = study.config.severity.get(one.name)
+        cases[one.name] = study.at(one.name, severity.values[-1]) if severity else one.present
+    world, model = study.plan.world, study.model
+    light = ("ambient_lx", "led_luminance_cd_m2")
+    middle: dict[str, Any] = {name: math.sqrt(math.prod(getattr(model, name).bounds)) for name in light}
+    scene = Scene.of(distance_m=model.nearest_m, **middle)
+    key = FrameKey(BlockKey(study.plan.seed, "gallery", 0), 0)
+    shape = world.panel.shape.rows, world.panel.shape.columns
+    bits = torch.from_numpy(key.block.generator("bits").random(shape) < 0.5).unsqueeze(0)
+    corners = panel_corners_px(scene, world.camera, world.panel)[0]
+    side = round(_SHOWN_SHARE * float((corners.amax(0) - corners.amin(0)).max()))
+    left, top = (int(c) for c in (corners.mean(0) - side / 2).round().tolist())
+    pictures = {}
+    for name, effects in cases.items():
+        simulator = replace(world, effects=effects, framing="full").simulator()
+        frame = simulator.render(scene, bits, keys=[key]).grey[0, 0]
+        shown = frame[max(0, top) : top + side, max(0, left) : left + side]
+        pictures[name] = shown.double().clamp(0, 255).round().byte().cpu().numpy()
+    return pictures

@@ -1,36 +1,25 @@
 """Which scenes are compared: with and without each effect, one at a time, all together, and over severity."""
 
-from __future__ import annotations
-
 import difflib
-import itertools
-import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import cast
 
-from vocc_torch.errors import VoccError, section
+from vocc_torch.errors import VoccError, finite_number, section
 from vocc_torch.measure.build import build_plan
 from vocc_torch.measure.config import Settings, effect_settings
 from vocc_torch.measure.plan import Experiment, Locator, Plan
 from vocc_torch.receiver.bank import check_receivers
 from vocc_torch.simulation import SceneModel
-from vocc_torch.simulation.effects import (
-    CAMERA_STEPS,
-    PHYSICAL_ORDER,
-    Effect,
-    Parameters,
-    Quantity,
-    build_effects,
-)
-from vocc_torch.studies.effects import EffectsConfig, Severity
+from vocc_torch.simulation import effects as chain
+from vocc_torch.simulation.effects import PHYSICAL_ORDER, Parameters, Quantity, build_effects
+from vocc_torch.studies.effects import EffectsConfig
 
 Effects = Mapping[str, Parameters]
 """Effect name to parameters, as a scene names them."""
 
-Key = tuple[Effect, ...]
+Key = tuple[chain.Effect, ...]
 """A scene's effects as they are built: what tells scenes apart."""
 
 ORDER = tuple(kind.name for kind in PHYSICAL_ORDER)
@@ -41,17 +30,9 @@ POINT = "effects"
 
 TOGETHER = "all together"
 
-_GROUPS = {
-    "view": (Quantity.PLACEMENT, Quantity.IMAGE_POINTS, Quantity.SYMBOLS),
-    "LEDs": (Quantity.LED_LUMINANCE,),
-    "surroundings": (Quantity.BACKGROUND, Quantity.UNLIT, Quantity.LUMINANCE),
-    "optics": (Quantity.EXPOSURE,),
-    "sensor": (Quantity.ELECTRONS,),
-    "encoding": (Quantity.GREY, Quantity.BOUNDED_GREY, Quantity.DIGITAL),
-}
-_ELSEWHERE = {"attenuation": "surroundings", "bayer": "sensor"}
-_ELSEWHERE |= {"photoelectrons": "sensor", "demosaicing": "sensor"}
-"""Effects that take a quantity at another place than where they arise."""
+_FIRST = {"view": "pose", "LEDs": "stuck_leds", "surroundings": "attenuation", "optics": "motion_blur"}
+_FIRST |= {"sensor": "bayer", "encoding": "saturation"}
+"""The first effect of each part of the chain."""
 
 
 def group_of(name: str) -> str:
@@ -61,8 +42,7 @@ def group_of(name: str) -> str:
         >>> group_of("defocus"), group_of("bayer"), group_of("jpeg")
         ('optics', 'sensor', 'encoding')
     """
-    takes = PHYSICAL_ORDER[ORDER.index(name)].takes
-    return _ELSEWHERE.get(name) or next(group for group, members in _GROUPS.items() if takes in members)
+    return [group for group, first in _FIRST.items() if ORDER.index(first) <= ORDER.index(name)][-1]
 
 
 def fills(effects: Key) -> bool:
@@ -95,62 +75,96 @@ class ScenePair:
 
 
 @dataclass(frozen=True)
-class Catalogue:
-    """The study's scene and the effects that are added to it or taken away from it.
+class EffectStudy:
+    """A study of what effects cost and do.
 
     Args:
-        scene: the effects that the scene names.
-        parts: by an effect's name, that effect and what it needs besides. Where the scene names an effect,
-            the scene's own parameters hold.
-        severities: by an effect's name, how it becomes harsher.
-        names: the effects to look at; all those of the scene and the parts by default.
+        plan: the world with the scene's own effects, the receivers and the budget; its budget's frames are
+            those at the true corners, and its experiment and its locator have no part in it.
+        config: the study's section of the configuration. ``parts`` has by an effect's name that effect and
+            what it needs besides; where the scene names an effect, the scene's own parameters hold.
+            ``severity`` says how an effect becomes harsher. ``names`` are the effects to look at; all those
+            of the scene and the parts by default. ``located_frames`` are read with the paper's locator where
+            an effect fills the sensor, which makes them slow; 0 leaves the locator out. ``severity_frames``
+            are read at each severity; 0 leaves the severities out. ``repeats`` are timed rounds, at least 1.
+        scene_name: what results call the scene.
 
     Raises:
-        VoccError: an unknown effect or parameter, a part without its own effect, two parts that disagree, or
-            a chain that does not fit, named by its key.
+        VoccError: a number outside its range, a stop rule, an unknown effect or parameter, a part without its
+            own effect, two parts that disagree, a chain that does not fit, or an effect that this camera
+            cannot render, named by its key.
 
     Example:
-        >>> parts = {"defocus": {"defocus": {"focus_distance_m": 9.0}}}
-        >>> catalogue = Catalogue({"blooming": {"sigma_px": 1.5}}, parts)
-        >>> [(one.name, one.own, one.in_scene) for one in catalogue.pairs()]
+        >>> from vocc_torch.measure.plan import Budget, ReceiverPlan, World
+        >>> world = World(effects={"blooming": {"sigma_px": 1.5}}, device="cpu")
+        >>> receivers = ReceiverPlan(names=("flda_3",))
+        >>> plan = Plan(world, receivers, Experiment("e", "distance_m", (50.0,)), Budget(64), Path("runs"))
+        >>> config = EffectsConfig(parts={"defocus": {"defocus": {"focus_distance_m": 9.0}}}, repeats=1)
+        >>> [(one.name, one.own, one.in_scene) for one in EffectStudy(plan, config).pairs]
         [('defocus', ('defocus',), False), ('blooming', ('blooming',), True)]
     """
 
-    scene: Effects
-    parts: Mapping[str, Effects] = field(default_factory=dict)
-    severities: Mapping[str, Severity] = field(default_factory=dict)
-    names: tuple[str, ...] = ()
+    plan: Plan
+    config: EffectsConfig
+    scene_name: str = ""
 
     def __post_init__(self) -> None:
-        """Build every scene once, so that a misfit is refused before any work is done."""
+        """Check every range, and build every scene once, so that a misfit is refused before any work."""
+        config, parts = self.config, self.config.parts
+        for name, least in (("located_frames", 0), ("severity_frames", 0), ("repeats", 1)):
+            if getattr(config, name) < least:
+                raise VoccError.of(f"effects.{name}", getattr(config, name), f"at least {least}")
+        for name in ("target_frame_errors", "precision"):
+            if (value := getattr(self.plan.budget, name)) is not None:
+                rule = "null for task=effects, which compares scenes on equally many frames"
+                raise VoccError.of(f"budget.{name}", value, rule)
+        check_receivers(self.plan.receiver.names)
         build_effects(self.scene)
-        for name, part in self.parts.items():
+        for name, part in parts.items():
             _check_name(name, ORDER, "effects.parts has")
             if name not in part:
                 raise VoccError(f"effects.parts.{name} has no {name}: it must name the effect itself")
-            with section(f"effects.parts.{name}", before="scene.effects"):
-                build_effects(self._with_part(name))
-        for name in self.names:
-            _check_name(name, self.known, "effects.names has")
-        if len(set(self.names)) != len(self.names):
-            raise VoccError(f"effects.names is {list(self.names)}: it must hold each name once")
-        self.together()
-        for name in self.severities:
-            self._check_severity(name)
+            self._check(self._with_part(name), f"effects.parts.{name}")
+        known = tuple(name for name in ORDER if name in self.scene or name in parts)
+        for name in config.names:
+            _check_name(name, known, "effects.names has")
+        if len(set(config.names)) != len(config.names):
+            raise VoccError.of("effects.names", list(config.names), "each name once")
+        for one in self.every_pair:
+            self._check(one.present, f"effects.parts.{one.name}", shown=True)
+        for name, severity in config.severity.items():
+            _check_name(name, known, "effects.severity has")
+            key, values, scene = f"effects.severity.{name}", list(severity.values), self.pair(name).present
+            effect, dot, _ = severity.parameter.partition(".")
+            if not dot or effect not in scene:
+                rule = f"effect.parameter of one of {', '.join(scene)}"
+                raise VoccError.of(f"{key}.parameter", repr(severity.parameter), rule)
+            rule = "finite numbers from harmless to harsh, all rising or all falling"
+            for value in values:
+                finite_number(f"{key}.values", value, rule)
+            if not values or sorted(set(values)) not in (values, values[::-1]):
+                raise VoccError.of(f"{key}.values", values, rule)
+            for value in values:
+                said = f"{key}.values has {value}: scene.effects"
+                self._check(self.at(name, value), said, shown=name in self.severities)
+
+    def _check(self, effects: Effects, key: str, *, shown: bool = False) -> None:
+        """Refuse effects that make no chain, and where they are shown, those that this camera cannot show."""
+        with section(key, before="scene.effects"):
+            build_effects(effects)
+            if shown:
+                self.plan_of(effects, "truth").world.simulator().crop_px(self.model.nearest_m)
 
     @property
-    def known(self) -> tuple[str, ...]:
-        """Names of the effects of the scene and of the parts, in physical order."""
-        return tuple(name for name in ORDER if name in self.scene or name in self.parts)
+    def scene(self) -> Effects:
+        """The effects that the scene names."""
+        return self.plan.world.effects
 
-    @property
-    def chosen(self) -> tuple[str, ...]:
-        """Names of the effects to look at, in physical order."""
-        return tuple(name for name in self.known if not self.names or name in self.names)
-
+    @cached_property
     def pairs(self) -> tuple[ScenePair, ...]:
-        """Return the scenes with and without each effect, in physical order."""
-        return tuple(self.pair(name) for name in self.chosen)
+        """The scenes with and without each effect to look at, in physical order."""
+        chosen = [name for name in ORDER if name in self.scene or name in self.config.parts]
+        return tuple(self.pair(name) for name in chosen if name in (self.config.names or chosen))
 
     def pair(self, name: str) -> ScenePair:
         """Return the scenes with and without one effect.
@@ -159,16 +173,17 @@ class Catalogue:
         where it cannot stand without the other either, the two differ in both.
         """
         scene = self._with_part(name)
-        taken = _needing(scene, name)
+        taken = needing(scene, name)
         absent = {key: value for key, value in scene.items() if key not in taken}
         alone = {key: value for key, value in scene.items() if key == name or key not in taken}
         present = alone if _buildable(alone) else scene
         companions = tuple(key for key in ORDER if key in present and key not in self.scene and key != name)
         return ScenePair(name, present, absent, name in self.scene, companions)
 
+    @cached_property
     def together(self) -> ScenePair | None:
-        """Return the scene with all chosen effects at once, and without them; None where it has them all."""
-        added = [one for one in self.pairs() if not one.in_scene]
+        """The scene with all chosen effects at once, and without them; None where it has them all."""
+        added = [one for one in self.pairs if not one.in_scene]
         if not added:
             return None
         scene: dict[str, Parameters] = dict(self.scene)
@@ -187,9 +202,20 @@ class Catalogue:
         rest = tuple(name for name in absent if name not in self.scene)
         return ScenePair(TOGETHER, present, absent, companions=rest)
 
+    @property
+    def every_pair(self) -> tuple[ScenePair, ...]:
+        """One at a time, and all together."""
+        return (*self.pairs, self.together) if self.together else self.pairs
+
+    @property
+    def severities(self) -> dict[str, list[float]]:
+        """The severities to measure, by effect in physical order."""
+        known = self.config.severity if self.config.severity_frames else {}
+        return {one.name: known[one.name].values for one in self.pairs if one.name in known}
+
     def at(self, name: str, value: float) -> Effects:
         """Return the scene with one effect at a severity."""
-        effect, _, parameter = self.severities[name].parameter.partition(".")
+        effect, _, parameter = self.config.severity[name].parameter.partition(".")
         scene = dict(self.pair(name).present)
         scene[effect] = {**scene[effect], parameter: value}
         if not _buildable(scene):
@@ -198,106 +224,18 @@ class Catalogue:
             scene |= {other: {**scene[other], parameter: value} for other in same}
         return scene
 
-    def usual(self, name: str) -> object:
-        """Return the value that a severity's parameter has in the table of effects, or None."""
-        effect, _, parameter = self.severities[name].parameter.partition(".")
+    def usual(self, name: str) -> float | None:
+        """Return the value that a severity's parameter has in the table of effects; None if no number."""
+        effect, _, parameter = self.config.severity[name].parameter.partition(".")
         built = {one.name: one for one in build_effects(self.pair(name).present)}
-        return getattr(built[effect], parameter, None)
+        value = getattr(built[effect], parameter, None)
+        return float(value) if isinstance(value, int | float) else None
 
     def _with_part(self, name: str) -> dict[str, Parameters]:
         """Return the scene with an effect and what it needs; its own parameters hold where they fit."""
-        part = self.parts.get(name, {})
+        part = self.config.parts.get(name, {})
         scene = {**part, **self.scene}
         return scene if name in self.scene or _buildable(scene) else {**self.scene, **part}
-
-    def _check_severity(self, name: str) -> None:
-        """Refuse a parameter that is not there, and values that it does not take."""
-        _check_name(name, self.known, "effects.severity has")
-        severity, key = self.severities[name], f"effects.severity.{name}"
-        effect, dot, _ = severity.parameter.partition(".")
-        scene = self.pair(name).present
-        if not dot or effect not in scene:
-            rule = f"it must be effect.parameter of one of {', '.join(scene)}"
-            raise VoccError(f"{key}.parameter is {severity.parameter!r}: {rule}")
-        pairs = list(itertools.pairwise(severity.values))
-        if not severity.values or not (all(a < b for a, b in pairs) or all(a > b for a, b in pairs)):
-            rule = "numbers from harmless to harsh, all rising or all falling"
-            raise VoccError.of(f"{key}.values", list(severity.values), rule)
-        for value in severity.values:
-            try:
-                build_effects(self.at(name, value))
-            except VoccError as error:
-                raise VoccError(f"{key}.values has {value}: {error}") from None
-
-
-@dataclass(frozen=True)
-class EffectStudy:
-    """A study of what effects cost and do.
-
-    Args:
-        plan: the world, the receivers and the budget; its budget's frames are those at the true corners, and
-            its experiment and its locator have no part in it.
-        catalogue: the scenes that are compared.
-        located_frames: frames with the paper's locator where an effect fills the sensor, which makes them
-            slow, at least 0; 0 leaves the locator out.
-        severity_frames: frames at each severity, at least 0; 0 leaves the severities out.
-        repeats: timed rounds, at least 1.
-        scene_name: what results call the scene.
-
-    Raises:
-        VoccError: a number outside its range, a stop rule, or an effect that this camera cannot render.
-    """
-
-    plan: Plan
-    catalogue: Catalogue
-    located_frames: int = 32
-    severity_frames: int = 256
-    repeats: int = 5
-    scene_name: str = ""
-
-    def __post_init__(self) -> None:
-        """Check every range, and that each scene can be rendered."""
-        for name, least in (("located_frames", 0), ("severity_frames", 0), ("repeats", 1)):
-            if getattr(self, name) < least:
-                raise VoccError(f"effects.{name} is {getattr(self, name)}: it must be at least {least}")
-        for name in ("target_frame_errors", "precision"):
-            value = getattr(self.plan.budget, name)
-            if value is not None:
-                rule = "it must be null for task=effects, which compares scenes on equally many frames"
-                raise VoccError(f"budget.{name} is {value}: {rule}")
-        check_receivers(self.plan.receiver.names)
-        for one in self.every_pair:
-            self._check_camera(one.present, f"effects.parts.{one.name}")
-        for name, severity in self.severities.items():
-            for value in severity:
-                key = f"effects.severity.{name}.values has {value}: scene.effects"
-                self._check_camera(self.catalogue.at(name, value), key)
-
-    def _check_camera(self, effects: Effects, key: str) -> None:
-        """Refuse an effect that this camera cannot show, before any work is done."""
-        with section(key, before="scene.effects"):
-            self.plan_of(effects, "truth").world.simulator().crop_px(self.model.nearest_m)
-
-    @cached_property
-    def pairs(self) -> tuple[ScenePair, ...]:
-        """The scenes with and without each effect, in physical order."""
-        return self.catalogue.pairs()
-
-    @cached_property
-    def together(self) -> ScenePair | None:
-        """The scene with all effects at once, and without them."""
-        return self.catalogue.together()
-
-    @property
-    def every_pair(self) -> tuple[ScenePair, ...]:
-        """One at a time, and all together."""
-        return (*self.pairs, self.together) if self.together else self.pairs
-
-    @property
-    def severities(self) -> dict[str, Sequence[float]]:
-        """The severities to measure, by effect in physical order."""
-        known = self.catalogue.severities if self.severity_frames else {}
-        return {name: known[name].values for name in self.catalogue.chosen if name in known}
 
     @property
     def model(self) -> SceneModel:
@@ -312,15 +250,15 @@ class EffectStudy:
 
     def plan_of(self, effects: Effects, locator: Locator) -> Plan:
         """Return the plan of one scene, read with one locator."""
-        # The world's own type names numbers only; the registry reads distributions too.
-        world = replace(self.plan.world, effects=cast("Mapping[str, Mapping[str, float]]", effects))
+        world = replace(self.plan.world, effects=effects)
         return replace(self.plan, world=world, receiver=replace(self.plan.receiver, locator=locator))
 
     def frames_with(self, locator: Locator, effects: Effects) -> int:
         """Count the test frames of a scene that are read with a locator."""
+        located, frames = self.config.located_frames, self.plan.budget.frames
         if locator == "paper" and fills(build_effects(effects)):
-            return min(self.located_frames, self.plan.budget.frames)
-        return self.plan.budget.frames if locator == "truth" or self.located_frames else 0
+            return min(located, frames)
+        return frames if locator == "truth" or located else 0
 
 
 def build_effect_study(settings: Settings, config: EffectsConfig, folder: Path) -> EffectStudy:
@@ -333,18 +271,11 @@ def build_effect_study(settings: Settings, config: EffectsConfig, folder: Path) 
     for name, part in config.parts.items():
         key = f"effects.parts.{name}"
         if not isinstance(part, dict):
-            raise VoccError(f"{key} is {part!r}: it must be a mapping of effects, each with its parameters")
+            raise VoccError.of(key, repr(part), "a mapping of effects, each with its parameters")
         effect_settings(part, key)
-    for name, one in config.severity.items():
-        for value in one.values:
-            if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-                key = f"effects.severity.{name}.values"
-                raise VoccError(f"{key} has {value!r}: it must be finite numbers from harmless to harsh")
-    catalogue = Catalogue(plan.world.effects, config.parts, config.severity, tuple(config.names))
     # All frames are of the scene itself: no experiment narrows them.
-    own = replace(plan, experiment=Experiment("effects", "distance_m", (plan.world.scene.nearest_m,)))
-    frames = (config.located_frames, config.severity_frames, config.repeats)
-    return EffectStudy(own, catalogue, *frames, settings.scene.name)
+    experiment = Experiment("effects", "distance_m", (plan.world.scene.nearest_m,))
+    return EffectStudy(replace(plan, experiment=experiment), config, settings.scene.name)
 
 
 def _check_name(name: str, known: tuple[str, ...], complaint: str) -> None:
@@ -364,7 +295,7 @@ def _buildable(effects: Effects) -> bool:
     return True
 
 
-def _needing(scene: Effects, name: str) -> set[str]:
+def needing(scene: Effects, name: str) -> set[str]:
     """Name an effect and those of the scene that cannot stand without it."""
     kinds = [kind for kind in PHYSICAL_ORDER if kind.name in scene]
     taken = {name}
@@ -372,7 +303,7 @@ def _needing(scene: Effects, name: str) -> set[str]:
         rest = [kind for kind in kinds if kind.name not in taken]
         made = {kind.gives for kind in rest if kind.gives != kind.takes}
         left = {kind.takes for kind in rest if kind.gives != kind.takes}
-        stuck = [kind for kind in rest if kind.takes not in (*CAMERA_STEPS, *made)]
+        stuck = [kind for kind in rest if kind.takes not in (*chain.CAMERA_STEPS, *made)]
         if Quantity.ELECTRONS not in left:
             # Electrons that nothing reads out are no picture.
             stuck += [kind for kind in rest if kind.gives == Quantity.ELECTRONS]

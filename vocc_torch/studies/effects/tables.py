@@ -1,25 +1,24 @@
 """What each effect costs and does: as CSV files, on the terminal and in the report."""
 
-from __future__ import annotations
-
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Mapping
 from pathlib import Path
+from typing import Any
 
 from rich.console import Console
 from rich.text import Text
 
-from vocc_torch.measure.counts import Counts
+from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.intervals import ber_interval
+from vocc_torch.measure.stage_times import median_of
+from vocc_torch.show import page, styles, terminal
 from vocc_torch.show.folder import cell_text, write_rows
-from vocc_torch.show.styles import receiver_styles
-from vocc_torch.show.terminal import plain_table
-from vocc_torch.studies.effects.results import READINGS, Change, Cost, EffectResults, EffectRow
+from vocc_torch.studies.effects.results import KINDS, READINGS, EffectResults, EffectRow, Rounds
 
 _CHANGES = ("frames", "ber_without", "ber_with", "change", "low", "high", "real", "missed_with")
 COLUMNS = (
     *("row", "effect", "group", "differs_in", "companions", "settings", "in_scene", "fills_sensor"),
     "receiver",
-    *(f"{kind}_{part}ms" for kind in ("near", "located", "whole") for part in ("", "low_", "high_")),
+    *(f"{kind}_{part}ms" for kind in KINDS for part in ("", "low_", "high_")),
     *(f"{reading}_{name}" for reading in READINGS for name in _CHANGES),
     *("training_frames", "scene", "waited_share", "machine"),
 )
@@ -34,12 +33,15 @@ SEVERITY_COLUMNS = (
 """Columns of ``severity.csv``. ``trained``: whether the receiver trained ``without`` the effect or ``with``
 it, as the table of effects has it; ``in_table`` marks the value there; ``order`` counts from harmless."""
 
-FILLS, IN_SCENE = ("\N{BLACK SQUARE}", "#"), ("\N{CIRCLED MINUS}", "*")
+SIGNS = {"fills": "\N{BLACK SQUARE}", "in_scene": "\N{CIRCLED MINUS}"}
+ASCII_SIGNS = {"fills": "#", "in_scene": "*"}
 """Signs after an effect's name, and what stands for them where there is no Unicode."""
+
 _ONE_LINE, _INTERVAL = 96, 9
 """Least terminal width at which an interval stands beside its change, and the width of most intervals."""
 
-_Cell = str | int | float
+Cells = dict[str, str | int | float]
+"""Cells by their columns; what is missing is blank."""
 
 
 def write_effects(path: Path, results: EffectResults) -> None:
@@ -48,21 +50,52 @@ def write_effects(path: Path, results: EffectResults) -> None:
     Raises:
         VoccError: the file cannot be written.
     """
-    study = results.study
-    waited = round(results.waited_share, 4)
-    facts: list[_Cell] = [study.plan.budget.training_frames, study.scene_name, waited, results.machine]
-    names, unnamed = study.plan.receiver.names, [""] * 7
-    lines: list[list[_Cell]] = []
+    study, names = results.study, results.study.plan.receiver.names
+    facts: Cells = {"training_frames": study.plan.budget.training_frames, "scene": study.scene_name}
+    facts |= {"waited_share": round(results.costs.waited_share, 4), "machine": results.costs.machine}
+    lines: list[Cells] = []
     for name in names:
-        rates = [cell for reading in READINGS for cell in _rate_cells(base_counts(results, reading, name))]
-        lines.append(["scene", *unnamed, name, *_cost_cells(results.base_costs.values()), *rates])
+        line: Cells = {"row": "scene", "receiver": name, **_cost_cells(results.base_costs)}
+        for reading, counts in results.base_counts(name).items():
+            rates = {"frames": counts.frames, "ber_with": counts.ber, "missed_with": counts.panels_missed}
+            line |= {f"{reading}_{head}": cell for head, cell in rates.items()}
+        lines.append(line)
     lines += [_row_cells("effect", row, name) for name in names for row in results.rows]
     if results.sums:
-        costs = _cost_cells((*results.sums.values(), None))
-        lines += [["sum", *unnamed, name, *costs, *[""] * (len(_CHANGES) * len(READINGS))] for name in names]
+        lines += [{"row": "sum", "receiver": name, **_cost_cells(results.sums)} for name in names]
     if results.together is not None:
         lines += [_row_cells("together", results.together, name) for name in names]
-    write_rows(path, [COLUMNS, *([cell_text(cell) for cell in (*line, *facts)] for line in lines)])
+    _write(path, COLUMNS, ({**line, **facts} for line in lines))
+
+
+def _write(path: Path, columns: tuple[str, ...], lines: Iterable[Cells]) -> None:
+    """Write lines by their columns."""
+    cells = ([cell_text(line.get(head, "")) for head in columns] for line in lines)
+    write_rows(path, [columns, *cells])
+
+
+def _row_cells(kind: str, row: EffectRow, receiver: str) -> Cells:
+    """Return the cells of one effect."""
+    pair = row.pair
+    line: Cells = {"row": kind, "effect": pair.name, "group": row.group, "settings": row.settings}
+    line |= {"differs_in": " + ".join(pair.own), "companions": " + ".join(pair.companions)}
+    line |= {"in_scene": int(pair.in_scene), "fills_sensor": int(row.fills_sensor), "receiver": receiver}
+    for reading in READINGS:
+        if change := row.changes.get((reading, receiver)):
+            (present, absent, found), real = change, int(change.estimate.real)
+            rates = (present.frames, absent.ber, present.ber, found.value, found.low, found.high, real)
+            cells = zip(_CHANGES, (*rates, present.panels_missed), strict=True)
+            line |= {f"{reading}_{head}": cell for head, cell in cells}
+    return {**line, **_cost_cells(row.costs)}
+
+
+def _cost_cells(costs: Mapping[str, Rounds]) -> Cells:
+    """Return medians and quartiles, to a tenth of a microsecond."""
+    cells: dict[str, float] = {}
+    for kind, rounds in costs.items():
+        one = median_of(rounds)
+        cells |= {f"{kind}_ms": one.value, f"{kind}_low_ms": one.low, f"{kind}_high_ms": one.high}
+    return {head: round(cell, 4) for head, cell in cells.items()}
 
 
 def write_severities(path: Path, results: EffectResults) -> None:
@@ -71,78 +104,34 @@ def write_severities(path: Path, results: EffectResults) -> None:
     Raises:
         VoccError: the file cannot be written.
     """
-    lines = ([cell_text(cell) for cell in line] for line in _severity_lines(results))
-    write_rows(path, [SEVERITY_COLUMNS, *lines])
-
-
-def _row_cells(kind: str, row: EffectRow, receiver: str) -> list[_Cell]:
-    """Return the cells of one effect, up to the facts that all lines share."""
-    own, companions = " + ".join(row.pair.own), " + ".join(row.pair.companions)
-    changes = [cell for reading in READINGS for cell in _change_cells(row.change(reading, receiver))]
-    about: list[_Cell] = [kind, row.pair.name, row.group, own, companions, row.settings]
-    flags = [int(row.pair.in_scene), int(row.fills_sensor)]
-    return [*about, *flags, receiver, *_cost_cells(row.costs.values()), *changes]
-
-
-def _cost_cells(costs: Iterable[Cost | None]) -> list[_Cell]:
-    """Return medians and quartiles, to a tenth of a microsecond."""
-    cells: list[_Cell] = []
-    for cost in costs:
-        if cost is None:
-            cells += [""] * 3
-        else:
-            low, median, high = cost.quartiles_ms
-            cells += [round(median, 4), round(low, 4), round(high, 4)]
-    return cells
-
-
-def _rate_cells(counts: Counts | None) -> list[_Cell]:
-    """Return the cells of the scene itself, which has no change."""
-    if counts is None:
-        return [""] * len(_CHANGES)
-    return [counts.frames, "", counts.ber, "", "", "", "", counts.panels_missed]
-
-
-def _change_cells(change: Change | None) -> list[_Cell]:
-    """Return the cells of a change; blank where it was not measured."""
-    if change is None:
-        return [""] * len(_CHANGES)
-    found, present = change.estimate, change.present
-    ends = [found.value, found.low, found.high, int(found.real)]
-    return [present.frames, change.absent.ber, present.ber, *ends, present.panels_missed]
-
-
-def _severity_lines(results: EffectResults) -> Iterator[list[_Cell]]:
-    """Return the lines of ``severity.csv``."""
-    trained = {"true_corners": "without", "retrained": "with"}
+    trained, lines = {"true_corners": "without", "retrained": "with"}, list[Cells]()
     for curve in results.severities:
-        for order, (value, readings) in enumerate(curve.errors.items()):
-            for reading, errors in readings.items():
-                for receiver, counts in errors.items():
-                    interval = ber_interval(counts)
-                    about: list[_Cell] = [curve.name, curve.parameter, value, order]
-                    about += [int(value == curve.usual), receiver]
-                    rates = [counts.ber, interval.low, interval.high, counts.frame_errors]
-                    yield [*about, trained[reading], counts.frames, counts.bits, counts.bit_errors, *rates]
+        for (value, reading, receiver), counts in curve.errors.items():
+            about = (curve.name, curve.parameter, value, curve.values.index(value), int(value == curve.usual))
+            read = (receiver, trained[reading], counts.frames, counts.bits, counts.bit_errors, counts.ber)
+            interval = ber_interval(counts)
+            cells = (*about, *read, interval.low, interval.high, counts.frame_errors)
+            lines.append(dict(zip(SEVERITY_COLUMNS, cells, strict=True)))
+    _write(path, SEVERITY_COLUMNS, lines)
 
 
-def base_counts(results: EffectResults, reading: str, receiver: str) -> Counts | None:
-    """Return errors in the scene itself; training with the effect has no meaning there."""
-    return None if reading == "retrained" else results.base.get(READINGS[reading], {}).get(receiver)
-
-
-def ms_text(cost: Cost | None) -> str:
+def ms_text(rounds: Rounds) -> str:
     """Write a time a frame, ms; what cannot be told from nothing is so written.
 
+    Args:
+        rounds: the time round by round, ms.
+
     Example:
-        >>> [ms_text(Cost(rounds)) for rounds in ((0.0123,), (1.234,), (123.4,), (-1.0, 2.0), (-0.25,))]
+        >>> import numpy as np
+        >>> times = ((0.0123,), (1.234,), (123.4,), (-1.0, 2.0), (-0.25,))
+        >>> [ms_text(np.array(rounds)) for rounds in times]
         ['0.012', '1.2', '123', '~0', '-0.25']
     """
-    if cost is None or not cost.shown:
-        return "" if cost is None else "~0"
-    value = cost.median_ms
-    size = abs(value)
-    return f"{value:.0f}" if size >= 9.95 else f"{value:.1f}" if size >= 0.995 else f"{value:.2g}"
+    one = median_of(rounds)
+    if not one.real:
+        return "~0"
+    size = abs(one.value)
+    return f"{one.value:.0f}" if size >= 9.95 else f"{one.value:.1f}" if size >= 0.995 else f"{one.value:.2g}"
 
 
 def thousandths(rate: float, *, sign: bool = True) -> str:
@@ -159,102 +148,71 @@ def thousandths(rate: float, *, sign: bool = True) -> str:
     return f"{value:{plus}.0f}" if abs(value) >= 9.95 else f"{value:{plus}.1f}"
 
 
-def interval_text(change: Change) -> str:
+def interval_text(found: Estimate) -> str:
     """Write the 95 % interval of a change in thousandths."""
-    return " to ".join(thousandths(end, sign=False) for end in (change.estimate.low, change.estimate.high))
+    return f"{thousandths(found.low, sign=False)} to {thousandths(found.high, sign=False)}"
 
 
-def readings_of(results: EffectResults) -> list[str]:
-    """List the readings that any effect has."""
-    shown = results.study.shown
-    return [one for one in READINGS if any(row.change(one, shown) for row in results.every_row)]
-
-
-def signs_of(row: EffectRow, *, ascii_only: bool = False) -> str:
+def signs_of(row: EffectRow, signs: Mapping[str, str] = SIGNS) -> str:
     """Write the signs after an effect's name."""
-    signs = FILLS[ascii_only] * row.fills_sensor + IN_SCENE[ascii_only] * row.pair.in_scene
-    return f" {signs}" if signs else ""
+    shown = signs["fills"] * row.fills_sensor + signs["in_scene"] * row.pair.in_scene
+    return f" {shown}" if shown else ""
+
+
+def written(template: str, results: EffectResults, signs: Mapping[str, str] = SIGNS, **values: object) -> str:
+    """Fill in one of the study's templates.
+
+    Args:
+        template: its file.
+        results: what was measured.
+        signs: what marks effects.
+        values: what it names besides.
+    """
+    shown = results.study.shown
+    label = styles.receiver_styles([shown])[shown].label
+    return page.render(__package__, template, results=results, label=label, signs=signs, ms=ms_text, **values)
+
+
+def base_texts(results: EffectResults) -> list[str]:
+    """Write the rates of the scene itself, by reading; training with the effect has no meaning there."""
+    counts = results.base_counts(results.study.shown)
+    return [thousandths(counts[one].ber, sign=False) if one in counts else "" for one in results.readings]
+
+
+def report(results: EffectResults) -> str:
+    """Write the table and the pictures as Markdown, for a reader who was not there."""
+    notes = written("notes.txt.j2", results).splitlines()
+    texts: dict[str, Any] = {"thousandths": thousandths, "interval": interval_text, "signs_of": signs_of}
+    return written("effects.md.j2", results, base=base_texts(results), notes=notes, **texts)
 
 
 def print_effects(results: EffectResults, console: Console) -> None:
     """Print the table of effects for the receiver that it shows."""
-    ascii_only, readings, shown = console.options.ascii_only, readings_of(results), results.study.shown
-    drawn = plain_table()
-    drawn.add_column("effect", no_wrap=True)
-    heads = ["near\nms", "locator\nms", *(f"{reading.replace('_', ' ')}\nBER x 1000" for reading in readings)]
-    for head in heads:
-        drawn.add_column(head, justify="right", no_wrap=True)
-    rates = [base_counts(results, reading, shown) for reading in readings]
-    base = ["" if counts is None else thousandths(counts.ber, sign=False) for counts in rates]
-    drawn.add_row(
-        "the scene itself", *(ms_text(results.base_costs[kind]) for kind in ("near", "located")), *base
-    )
-    before = ""
+    signs = ASCII_SIGNS if console.options.ascii_only else SIGNS
+    drawn, before = terminal.plain_table(), ""
+    rates = [f"{reading.replace('_', ' ')}\nBER x 1000" for reading in results.readings]
+    for head in ("effect", "near\nms", "locator\nms", *rates):
+        drawn.add_column(head, justify="left" if head == "effect" else "right", no_wrap=True)
+
+    def costs(of: Mapping[str, Rounds]) -> list[str]:
+        return [ms_text(of["near"]), ms_text(of["located"])]
+
+    drawn.add_row("the scene itself", *costs(results.base_costs), *base_texts(results))
     for row in results.every_row:
-        if row is results.together:
-            drawn.add_section()
-            drawn.add_row("sum of these costs", *map(ms_text, results.sums.values()), *[""] * len(readings))
-        elif row.group != before:
+        if row.group != before or row is results.together:
             before = row.group
             drawn.add_section()
-        cells = [_change_text(row.change(one, shown), console.width >= _ONE_LINE) for one in readings]
-        costs = [ms_text(row.costs[kind]) for kind in ("near", "located")]
-        drawn.add_row(row.label + signs_of(row, ascii_only=ascii_only), *costs, *cells)
+        if row is results.together:
+            drawn.add_row("sum of these costs", *costs(results.sums))
+        cells = []
+        for reading in results.readings:
+            cells.append(Text())
+            if change := row.changes.get((reading, results.study.shown)):
+                found, ends = change.estimate, interval_text(change.estimate)
+                ends = f" {ends:>{_INTERVAL}}" if console.width >= _ONE_LINE else f"\n{ends}"
+                cells[-1] = Text(thousandths(found.value), style="bold" if found.real else "dim")
+                cells[-1].append(ends, style="not bold dim")
+        drawn.add_row(row.label + signs_of(row, signs), *costs(row.costs), *cells)
     console.print(drawn)
-    for line in notes(results, ascii_only=ascii_only):
+    for line in written("notes.txt.j2", results, signs).splitlines():
         console.print(Text(line, style="dim"), soft_wrap=True)
-
-
-def _change_text(change: Change | None, one_line: bool) -> Text:
-    """Write a change: those that are real stand out from the others."""
-    if change is None:
-        return Text("")
-    cell = Text(thousandths(change.estimate.value), style="bold" if change.estimate.real else "dim")
-    ends = interval_text(change)
-    return cell.append(f" {ends:>{_INTERVAL}}" if one_line else f"\n{ends}", style="not bold dim")
-
-
-def notes(results: EffectResults, *, ascii_only: bool = False) -> list[str]:
-    """Say how to read the table, a sentence or two each."""
-    base, label = results.base_costs, receiver_styles([results.study.shown])[results.study.shown].label
-    lines = [
-        f"Receiver: {label}{scene_text(results)}. Times and errors are what the effect adds to the scene; "
-        f"{IN_SCENE[ascii_only]}: the scene has it, and is compared with itself without it.",
-        f"{FILLS[ascii_only]} fills the sensor: with it a locator needs whole frames, once, whatever else "
-        f"fills it too: it takes {ms_text(base['located'])} ms as crops, {ms_text(base['whole'])} ms whole.",
-        "Changes of the bit error rate are in thousandths with 95 % intervals, on the same frames with and "
-        "without; one interval in 20 misses. The receiver trained without the effect; retrained: with it.",
-        f"Times: {times_text(results)}; ~0 cannot be told from nothing.",
-    ]
-    if (ratios := cost_ratios(results)) is not None:
-        lines.append(
-            f"All together cost {ratios[0]:.2f} times the sum of the single costs near the panel, and "
-            f"{ratios[1]:.2f} times with a locator."
-        )
-    return lines
-
-
-def scene_text(results: EffectResults) -> str:
-    """Name the scene, where it has a name."""
-    return f", scene {results.study.scene_name}" if results.study.scene_name else ""
-
-
-def times_text(results: EffectResults) -> str:
-    """Say what the times rest on, and how much of it other work had the processor, if more than a little."""
-    share = 100 * results.waited_share
-    waited = f", {share:.0f} % of their time without the processor" if share >= 5 else ""
-    rounds = len(results.base_costs["near"].rounds_ms)
-    return f"{results.machine}; medians of {rounds} rounds{waited}"
-
-
-def cost_ratios(results: EffectResults) -> tuple[float, float] | None:
-    """Return the cost of all together over the sum of the single costs, near the panel and for a locator.
-
-    None where there are no two, or where a sum cannot be told from nothing.
-    """
-    together, sums = results.together, results.sums
-    added = sum(not row.pair.in_scene for row in results.rows)
-    if together is None or added < 2 or min(cost.quartiles_ms[0] for cost in sums.values()) <= 0:
-        return None
-    near, located = (together.costs[kind].median_ms / cost.median_ms for kind, cost in sums.items())
-    return near, located

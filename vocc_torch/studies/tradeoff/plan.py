@@ -1,29 +1,22 @@
 """What a price list is made of: the configurations, the scenes and how times are taken."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, cast, get_args
-
-import torch
+from typing import Any, get_args
 
 from vocc_torch.errors import VoccError, section
-from vocc_torch.measure.build import build_plan, without_absent
+from vocc_torch.measure.build import PRECISIONS, build_plan, without_absent
 from vocc_torch.measure.config import Settings
-from vocc_torch.measure.plan import Experiment, Locator, Plan, narrowed, parsed_scene, resolve_device
+from vocc_torch.measure.plan import Experiment, Locator, Plan, narrowed, resolve_device
 from vocc_torch.receiver.bank import FLDA_FEATURES
 from vocc_torch.receiver.features import Gradient
 from vocc_torch.receiver.reader import Reader
-from vocc_torch.simulation import Distribution, SceneModel
+from vocc_torch.simulation import SceneModel
 from vocc_torch.simulation.simulator import Framing
-from vocc_torch.studies.tradeoff.config import TradeoffConfig
-
-DTYPES = {"float32": torch.float32, "float64": torch.float64}
-"""Working precisions of rectification and features."""
+from vocc_torch.studies.tradeoff import TradeoffConfig
 
 FRAMINGS: Mapping[str, Framing] = {"whole": "filled", "crops": "crop"}
 """How frames are rendered that a receiver gets whole, or cut to the panel's surroundings."""
@@ -77,7 +70,6 @@ class TradeoffStudy:
         plan: the world, the receivers and the budget, whose frames are counted for each kind of scenes; its
             experiment and the settings of its reader have no part in it.
         config: the study's section of the configuration.
-        scenes: kinds of scenes by name: what they narrow.
         scene_name: what results call the scene.
         missing: devices that were asked for and are not there, and why.
         left_out: receivers that were asked for and cannot be built here, and why.
@@ -88,49 +80,48 @@ class TradeoffStudy:
 
     plan: Plan
     config: TradeoffConfig
-    scenes: Mapping[str, Mapping[str, Distribution]] = field(default_factory=lambda: {"mixture": {}})
     scene_name: str = ""
     missing: Mapping[str, str] = field(default_factory=dict)
     left_out: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Check every list and every number, before any work is done."""
-        config = self.config
+        config, budget = self.config, self.plan.budget
         for name in (*LISTS, "scenes"):
-            if not getattr(self if name == "scenes" else config, name):
+            if not getattr(config, name):
                 raise VoccError(f"tradeoff.{name} is empty: it must hold at least one value")
-        for name, values, known in (
-            ("locators", config.locators, get_args(Locator)),
-            ("dtypes", config.dtypes, tuple(DTYPES)),
-            ("frames", config.frames, tuple(FRAMINGS)),
-            ("combine", [config.combine], ("one_at_a_time", "all")),
-            ("varied", self.varied, self.plan.receiver.names),
-        ):
+        allowed: dict[str, tuple[list[Any] | tuple[str, ...], tuple[str, ...]]] = {
+            "locators": (config.locators, get_args(Locator)),
+            "dtypes": (config.dtypes, tuple(PRECISIONS)),
+            "frames": (config.frames, tuple(FRAMINGS)),
+            "combine": ([config.combine], ("one_at_a_time", "all")),
+            "varied": (self.varied, self.plan.receiver.names),
+        }
+        for name, (values, known) in allowed.items():
             for value in values:
                 if value not in known:
-                    raise VoccError(f"tradeoff.{name} has {value!r}: it must be of {', '.join(known)}")
+                    raise VoccError.of(f"tradeoff.{name}", repr(value), f"of {', '.join(known)}", "has")
         for batch in config.batch_sizes:
             if not 1 <= batch <= MOST_BATCH:
-                raise VoccError(f"tradeoff.batch_sizes has {batch}: it must be from 1 to {MOST_BATCH}")
+                raise VoccError.of("tradeoff.batch_sizes", batch, f"from 1 to {MOST_BATCH}", "has")
         for name, least in (("repeats", 1), ("threads", 0), ("frames_a_preamble", 1), ("genie_frames", 0)):
             if getattr(config, name) < least:
-                raise VoccError(f"tradeoff.{name} is {getattr(config, name)}: it must be at least {least}")
-        for name in self.scenes:
+                raise VoccError.of(f"tradeoff.{name}", getattr(config, name), f"at least {least}")
+        for name, scene in config.scenes.items():
+            if not name.isidentifier() or not isinstance(scene, dict):
+                raise VoccError.of(f"tradeoff.scenes.{name}", repr(scene), "a word with values of scenes")
             self.model(name)
         for name in ("target_frame_errors", "precision"):
-            if (value := getattr(self.plan.budget, name)) is not None:
-                rule = "it must be null for task=tradeoff, which compares receivers on the same frames"
-                raise VoccError(f"budget.{name} is {value}: {rule}")
+            if (value := getattr(budget, name)) is not None:
+                rule = "null for task=tradeoff, which compares receivers on the same frames"
+                raise VoccError.of(f"budget.{name}", value, rule)
         patches = {one.name: one.inputs.patch for one in self.plan.receiver.classifiers}
         for setting in self.settings:
             self.reader(setting)
             patch = patches.get(setting.receiver)
             if patch and setting.samples_per_led % patch.samples:
-                key = f"classifiers.{setting.receiver}.inputs.patch.samples"
-                raise VoccError(
-                    f"tradeoff.samples_per_led has {setting.samples_per_led}: "
-                    f"it must be a multiple of {key}, {patch.samples}"
-                )
+                rule = f"a multiple of classifiers.{setting.receiver}.inputs.patch.samples, {patch.samples}"
+                raise VoccError.of("tradeoff.samples_per_led", setting.samples_per_led, rule, "has")
 
     @property
     def varied(self) -> tuple[str, ...]:
@@ -146,24 +137,22 @@ class TradeoffStudy:
         What a receiver does not look at is as the others have it, so that no two of them are the same.
         """
         config, receiver = self.config, self.plan.receiver
+        every: list[tuple[Any, ...]]
         every = list(itertools.product(config.samples_per_led, config.gradients, config.dtypes))
         base = every[0]
         if config.combine == "one_at_a_time":
             every = [one for one in every if sum(a != b for a, b in zip(one, base, strict=True)) <= 1]
         features = FLDA_FEATURES | {one.name: one.inputs.features for one in receiver.classifiers}
-        settings = []
+        # Checked by name: locators in the constructor, gradients by the reader.
+        locators: list[Any] = config.locators
+        settings: dict[Setting, None] = {}
         for names, values in ((receiver.names, [base]), (self.varied, every)):
-            for locator, name, (samples, gradient, dtype) in itertools.product(
-                config.locators, names, values
-            ):
+            for locator, name, value in itertools.product(locators, names, values):
+                samples, gradient, dtype = base if name == "center_greyscale" else value
                 if "gri" not in features.get(name, ()):
                     gradient = base[1]
-                if name == "center_greyscale":
-                    samples, dtype = base[0], base[2]
-                # Both are checked by name: locators first of all, gradients by the reader.
-                found, kernel = cast("Locator", locator), cast("Gradient", gradient)
-                settings.append(Setting(name, found, samples, kernel, dtype))
-        return tuple(dict.fromkeys(settings))
+                settings[Setting(name, locator, samples, gradient, dtype)] = None
+        return tuple(settings)
 
     def reader(self, setting: Setting) -> Reader:
         """A setting's rectification and features.
@@ -177,27 +166,12 @@ class TradeoffStudy:
         ):
             return Reader(self.plan.world.panel.shape, setting.samples_per_led, setting.gradient)
 
-    @cached_property
-    def trainings(self) -> dict[Setting, Plan]:
-        """A plan for each training, by its settings' locator, K and gradient; precision has no part in it."""
-        names: dict[Setting, dict[str, None]] = {}
-        for setting in self.settings:
-            names.setdefault(self.training_of(setting), {})[setting.receiver] = None
-        plans = {}
-        for key, some in names.items():
-            receiver = replace(
-                self.plan.receiver,
-                names=tuple(some),
-                locator=key.locator,
-                reader=self.reader(key),
-                classifiers=tuple(one for one in self.plan.receiver.classifiers if one.name in some),
-            )
-            plans[key] = replace(self.plan, receiver=receiver)
-        return plans
-
-    def training_of(self, setting: Setting) -> Setting:
-        """The key of the training that serves a setting."""
-        return replace(setting, receiver="", dtype="float32")
+    def training(self, setting: Setting) -> Plan:
+        """The plan by which a setting's receiver is trained; precision has no part in it."""
+        own = tuple(one for one in self.plan.receiver.classifiers if one.name == setting.receiver)
+        names, reader = (setting.receiver,), self.reader(setting)
+        receiver = replace(self.plan.receiver, names=names, classifiers=own, reader=reader)
+        return replace(self.plan, receiver=replace(receiver, locator=setting.locator))
 
     def model(self, scenes: str) -> SceneModel:
         """The scenes of a kind.
@@ -205,7 +179,7 @@ class TradeoffStudy:
         Raises:
             VoccError: a value outside its range.
         """
-        return narrowed(self.plan.world.scene, self.scenes[scenes], f"tradeoff.scenes.{scenes}")
+        return narrowed(self.plan.world.scene, self.config.scenes[scenes], f"tradeoff.scenes.{scenes}")
 
     def point(self, scenes: str) -> str:
         """The point that keys the draws of a kind of scenes."""
@@ -231,11 +205,6 @@ def build_tradeoff_study(settings: Settings, config: TradeoffConfig, folder: Pat
     receiver, left_out = without_absent(plan.receiver)
     # All frames are of the study's own scenes: no experiment narrows them.
     experiment = Experiment("tradeoff", "distance_m", (plan.world.scene.nearest_m,))
-    scenes = {}
-    for name, scene in config.scenes.items():
-        if not name.isidentifier() or not isinstance(scene, dict):
-            raise VoccError(f"tradeoff.scenes.{name} is {scene!r}: it must be a word with values of scenes")
-        scenes[name] = parsed_scene(scene, f"tradeoff.scenes.{name}")
     once: dict[str, Any] = {name: list(dict.fromkeys(getattr(config, name))) for name in LISTS}
     devices: list[str] = []
     missing: dict[str, str] = {}
@@ -249,4 +218,4 @@ def build_tradeoff_study(settings: Settings, config: TradeoffConfig, folder: Pat
             missing[name] = str(error).partition(", and ")[2].partition(":")[0]
     once |= {"devices": list(dict.fromkeys(devices)), "batch_sizes": sorted(once["batch_sizes"])}
     plan = replace(plan, receiver=receiver, experiment=experiment)
-    return TradeoffStudy(plan, replace(config, **once), scenes, settings.scene.name, missing, left_out)
+    return TradeoffStudy(plan, replace(config, **once), settings.scene.name, missing, left_out)

@@ -1,97 +1,252 @@
-"""Operating points of error rate against time, which of them nothing beats, and which to take."""
+"""What each receiver costs in time and makes in errors on the same frames, and which to take."""
 
-from __future__ import annotations
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Literal, NamedTuple
 
-import math
-from collections.abc import Sequence
-from dataclasses import dataclass
-
-from vocc_torch.errors import VoccError
+from vocc_torch.measure import frame_errors, intervals, stage_times, train
+from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.estimate import Estimate
+from vocc_torch.measure.genie import GenieReference
+from vocc_torch.studies.tradeoff.plan import Setting, TradeoffStudy
+
+FRAMES_PER_S = (1000, 100, 60, 30)
+"""Rates of cameras, and of an industrial one that is fast: the time limits."""
+
+RATES = (1e-2, 1e-3, 1e-4, 1e-5)
+"""Limits of the bit error rate."""
 
 
-@dataclass(frozen=True, slots=True)
-class OperatingPoint:
-    """The time that a receiver takes and the errors that it makes.
+class Place(NamedTuple):
+    """Where and on what was timed.
 
     Args:
-        name: the receiver.
-        time_ms: median time a frame with its quartiles, ms, above 0.
-        ber: bit error rate with its 95 % interval; without errors its upper end is a limit.
-
-    Raises:
-        VoccError: numbers that are not in ascending order or outside their range.
-
-    Example:
-        >>> OperatingPoint("a", Estimate(1.0, 0.9, 1.2), Estimate(0.0, 0.0, 1e-5)).error_free
-        True
+        device: a torch device's name.
+        frames: ``whole`` frames of the sensor, or ``crops`` of the panel's surroundings.
+        batch: frames at a time.
     """
 
-    name: str
+    device: str
+    frames: str
+    batch: int
+
+
+@dataclass(frozen=True)
+class OperatingPoint:
+    """The time that a receiver takes, the errors that it makes, and what beats it.
+
+    Args:
+        setting: the receiver.
+        place: where it was timed.
+        time_ms: median time a frame with its quartiles, ms, above 0.
+        ber: bit error rate with its 95 % interval; without errors its upper end is a limit.
+        counts: its errors.
+        referenced: its errors on the frames that a decoder that knows the scene had too, where it had any.
+        beaten_by: the most accurate one that beats it, one that does so surely before others; or None.
+        surely: whether that one's rate is lower beyond chance.
+    """
+
+    setting: Setting
+    place: Place
     time_ms: Estimate
     ber: Estimate
+    counts: Counts = field(default_factory=Counts)
+    referenced: Counts | None = None
+    beaten_by: Setting | None = None
+    surely: bool = False
 
-    def __post_init__(self) -> None:
-        """Check both orders."""
-        for what, one, allowed, rule in (
-            ("time_ms", self.time_ms, self.time_ms.low > 0 and self.time_ms.high < math.inf, "above 0"),
-            ("ber", self.ber, self.ber.low >= 0 and self.ber.high <= 1, "from 0 to 1"),
-        ):
-            if not (allowed and one.low <= one.value <= one.high):
-                numbers = f"{one.low:g}, {one.value:g}, {one.high:g}"
-                raise VoccError(
-                    f"{what} of {self.name} is {numbers}: it must be ascending, finite and {rule}"
-                )
+    @property
+    def ms(self) -> float:
+        """Median time a frame, ms."""
+        return self.time_ms.value
+
+    @property
+    def rank(self) -> Literal["frontier", "perhaps", "beaten"]:
+        """Whether nothing beats it; or something does, perhaps by chance; or surely."""
+        return "frontier" if self.beaten_by is None else "beaten" if self.surely else "perhaps"
 
     @property
     def error_free(self) -> bool:
         """Whether no error was seen, so that only a limit is known."""
         return self.ber.value == 0
 
-    def beats(self, other: OperatingPoint) -> bool:
-        """Whether it is no slower and no worse, and one of both better, by medians and measured rates.
-
-        Example:
-            >>> quick, slow = (OperatingPoint(f"{t}", Estimate(t, t, t), Estimate(0, 0, 1)) for t in (1, 2))
-            >>> quick.beats(slow), slow.beats(quick), slow.beats(slow)
-            (True, False, False)
-        """
-        own, others = (self.time_ms.value, self.ber.value), (other.time_ms.value, other.ber.value)
+    def beats(self, other: "OperatingPoint") -> bool:
+        """Whether it is no slower and no worse, and one of both better, by medians and measured rates."""
+        own, others = (self.ms, self.ber.value), (other.ms, other.ber.value)
         return own != others and own[0] <= others[0] and own[1] <= others[1]
 
 
-def pareto_frontier(points: Sequence[OperatingPoint]) -> list[OperatingPoint]:
-    """List the points that no other beats, from the quickest to the most accurate; equal ones are all kept.
+def ranked(
+    points: Sequence[OperatingPoint], surely_worse: Callable[[int, int], bool]
+) -> list[OperatingPoint]:
+    """Say for each point which one beats it, and how surely; those that none beats are the frontier.
 
-    Example:
-        >>> rates = {1.0: 1e-2, 2.0: 2e-2, 3.0: 0.0}
-        >>> points = [OperatingPoint(f"{t}", Estimate(t, t, t), Estimate(r, r, r)) for t, r in rates.items()]
-        >>> [point.name for point in pareto_frontier(points)]
-        ['1.0', '3.0']
+    Args:
+        points: in any order.
+        surely_worse: whether the rate of one is above that of another beyond chance, by their places.
     """
-    kept: list[OperatingPoint] = []
-    for point in sorted(points, key=lambda one: (one.time_ms.value, one.ber.value)):
-        if not any(other.beats(point) for other in kept):
-            kept.append(point)
-    return kept
+    found = []
+    for own, point in enumerate(points):
+        rivals = [place for place, other in enumerate(points) if other.beats(point)]
+        sure = [place for place in rivals if surely_worse(own, place)]
+        best = most_accurate([points[place] for place in sure or rivals])
+        found.append(replace(point, beaten_by=best.setting if best else None, surely=bool(sure)))
+    return found
 
 
-def most_accurate(points: Sequence[OperatingPoint]) -> OperatingPoint:
-    """Choose the lowest rate of at least one; of equal rates the interval's end decides, then the time."""
-    return min(points, key=lambda one: (one.ber.value, one.ber.high, one.time_ms.value))
+def most_accurate(points: Sequence[OperatingPoint]) -> OperatingPoint | None:
+    """Choose the lowest rate; of equal rates the interval's end decides, then the time."""
+    return min(points, key=lambda one: (one.ber.value, one.ber.high, one.ms), default=None)
 
 
-def most_accurate_within(points: Sequence[OperatingPoint], limit_ms: float) -> OperatingPoint | None:
-    """Choose the most accurate of those whose upper quartile keeps within a time, ms a frame.
+class Answer(NamedTuple):
+    """Which receiver to take within some limits that have the same answer.
 
-    Example:
-        >>> most_accurate_within([OperatingPoint("a", Estimate(2, 1, 3), Estimate(0.1, 0.1, 0.1))], 2.5)
+    Args:
+        timed: whether the limits are frames a second, not bit error rates.
+        limits: at least one.
+        taken: the receiver to take, or None.
+        other: without a receiver to take the nearest one; with one, a quicker one whose rate these frames do
+            not tell from it, or None.
     """
-    within = [point for point in points if point.time_ms.high <= limit_ms]
-    return most_accurate(within) if within else None
+
+    timed: bool
+    limits: tuple[float, ...]
+    taken: OperatingPoint | None
+    other: OperatingPoint | None
 
 
-def quickest_below(points: Sequence[OperatingPoint], limit_ber: float) -> OperatingPoint | None:
-    """Choose the quickest of those whose whole interval lies below a bit error rate."""
-    below = [point for point in points if point.ber.high < limit_ber]
-    return min(below, key=lambda one: (one.time_ms.value, one.ber.value), default=None)
+def answers(points: Sequence[OperatingPoint], alike: Callable[[int, int], bool]) -> list[Answer]:
+    """Choose within each time and below each rate; limits with the same answer are together.
+
+    A receiver keeps within a time where its upper quartile does, and below a rate where its whole interval
+    does.
+
+    Args:
+        points: at least one.
+        alike: whether the frames do not tell the rates of two apart, by their places.
+    """
+    quickest = min(points, key=lambda one: one.ms)
+    nearest = min(points, key=lambda one: (one.ber.high, one.ms))
+    found: dict[tuple[bool, Setting | None, bool], Answer] = {}
+    for timed, limit in [(True, speed) for speed in FRAMES_PER_S] + [(False, rate) for rate in RATES]:
+        if timed:
+            taken = most_accurate([one for one in points if one.time_ms.high <= 1e3 / limit])
+            other = None if taken else quickest
+        else:
+            below = [one for one in points if one.ber.high < limit]
+            taken = min(below, key=lambda one: (one.ms, one.ber.value), default=None)
+            other = None if taken else nearest
+        if timed and taken:
+            own = points.index(taken)
+            same = [one for place, one in enumerate(points) if place != own and alike(own, place)]
+            quicker = [one for one in same if one.time_ms.high < taken.time_ms.low]
+            other = min(quicker, key=lambda one: one.ms, default=None)
+        # Too few frames to show a rate are another answer than a rate that is too high.
+        likely = taken is None and other is not None and other.ber.value < limit
+        key = timed, taken.setting if taken else None, likely
+        limits = (*found[key].limits, limit) if key in found else (limit,)
+        found[key] = Answer(timed, limits, taken, other)
+    return list(found.values())
+
+
+@dataclass(frozen=True)
+class PriceList:
+    """All that was measured.
+
+    Args:
+        study: what was compared.
+        costs: what it took to train each setting.
+        errors: by kind of scenes, in the order of the settings.
+        references: what a decoder that knows the scene does on the first of the same frames, by kind of
+            scenes; empty where it was not measured.
+        no_references: why not, by kind of scenes.
+        times: of each setting, by place, on frames of the first kind of scenes.
+        end_to_end: by place, time of a receiver in one go over the sum of its stages.
+        in_one_go: the receiver that ``end_to_end`` is of.
+        machines: what was measured on, by device.
+        threads: threads that torch used within an operation.
+        waited_share: share of the time in which other work had the processor, 0 to 1.
+        crop_px: height and width of a crop, of the first kind of scenes.
+    """
+
+    study: TradeoffStudy
+    costs: Mapping[Setting, train.Making]
+    errors: Mapping[str, frame_errors.FrameErrors]
+    references: Mapping[str, GenieReference]
+    no_references: Mapping[str, str]
+    times: Mapping[tuple[Setting, Place], stage_times.StageTimes]
+    end_to_end: Mapping[Place, float]
+    in_one_go: str
+    machines: Mapping[str, str]
+    threads: int
+    waited_share: float
+    crop_px: tuple[int, int]
+
+    @property
+    def settings(self) -> tuple[Setting, ...]:
+        """The configurations, in the order of the results."""
+        return self.study.settings
+
+    @property
+    def places(self) -> tuple[Place, ...]:
+        """Where was timed, in order."""
+        return tuple(dict.fromkeys(place for _, place in self.times))
+
+    @property
+    def timed_scenes(self) -> str:
+        """The kind of scenes whose frames were timed; their times stand for the other kinds too."""
+        return next(iter(self.errors))
+
+    @property
+    def kinds(self) -> tuple[tuple[str, str], ...]:
+        """Devices with kinds of frames, in order."""
+        return tuple(dict.fromkeys((place.device, place.frames) for place in self.places))
+
+    @property
+    def counted_frames(self) -> int:
+        """Frames of each kind of scenes that errors were counted on."""
+        return self.errors[self.timed_scenes].counts[0].frames
+
+    def batches(self, device: str, frames: str) -> list[int]:
+        """Batch sizes that were timed, ascending."""
+        return sorted(one.batch for one in self.places if one[:2] == (device, frames))
+
+    def points(self, scenes: str, device: str, frames: str, batch: int | None = None) -> list[OperatingPoint]:
+        """Give every setting's operating point with batches of a size, or with its own quickest ones.
+
+        Without errors, a wrong frame is taken to have as many wrong bits as in the other kinds of scenes.
+        Times, all taken in the same rounds, are compared by their medians; rates on the same frames, by
+        intervals of all pairs that hold together at 95 % (Bonferroni).
+        """
+        errors, mark = self.errors[scenes], self.references.get(scenes)
+        referenced = errors.first(mark.counts.frames).counts if mark else [None] * len(self.settings)
+        points = []
+        for row, (setting, same) in enumerate(zip(self.settings, referenced, strict=True)):
+            sizes = [batch] if batch else self.batches(device, frames)
+            places = [Place(device, frames, size) for size in sizes]
+            timed = [(self.times[setting, place].total, place) for place in places]
+            time_ms, best = min(timed, key=lambda one: one[0].value)
+            rate = _rate(errors.counts[row], [one.counts[row] for one in self.errors.values()])
+            points.append(OperatingPoint(setting, best, time_ms, rate, errors.counts[row], same))
+        return ranked(points, errors.surely_worse)
+
+    def answers(self, scenes: str, device: str, frames: str, batch: int | None = None) -> list[Answer]:
+        """Say which receiver to take, as :func:`answers`, for points as :meth:`points` gives them."""
+        errors = self.errors[scenes]
+        return answers(
+            self.points(scenes, device, frames, batch), lambda a, b: not errors.compared(a, b).real
+        )
+
+    def reference(self, scenes: str) -> Estimate | None:
+        """Give the rate of a decoder that knows the scene; None where it was not measured."""
+        if scenes not in self.references:
+            return None
+        return _rate(self.references[scenes].counts, [one.counts for one in self.references.values()])
+
+
+def _rate(counts: Counts, every: Sequence[Counts]) -> Estimate:
+    """Estimate a rate; ``every`` says how many wrong bits a wrong frame has."""
+    total = sum(every, Counts())
+    typical = max(1.0, total.bit_errors / max(1, total.frame_errors))
+    return intervals.ber_interval(counts, errors_per_frame_error=typical)
