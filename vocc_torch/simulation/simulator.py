@@ -15,9 +15,16 @@ from vocc_torch.hardware import Camera, LedPanel
 from vocc_torch.rng import FrameKey
 from vocc_torch.simulation import framing as crops
 from vocc_torch.simulation import photometry
-from vocc_torch.simulation.effects import Context, Effect, Parameters, Quantity, build_effects
+from vocc_torch.simulation.effects import (
+    CAMERA_STEPS,
+    Context,
+    Effect,
+    Parameters,
+    Quantity,
+    build_effects,
+    check_chain,
+)
 from vocc_torch.simulation.effects.light import RollingShutter
-from vocc_torch.simulation.effects.registry import CAMERA_STEPS, check_chain
 from vocc_torch.simulation.effects.view import panel_corners_m, view_of
 from vocc_torch.simulation.painter import in_perspective, paint, taking
 from vocc_torch.simulation.photometry import grey_value, through_lens

@@ -1,7 +1,5 @@
 """From the sensor's readings to the picture that is written: demosaicing, clipping, rounding and JPEG."""
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import dataclass
 
@@ -13,7 +11,8 @@ from kornia.enhance import jpeg_codec_differentiable
 from torch import Tensor
 
 from vocc_torch.errors import VoccError
-from vocc_torch.simulation.effects.base import Context, Effect, Quantity, whole
+from vocc_torch.hardware import Camera
+from vocc_torch.simulation.effects.base import Context, Effect, Quantity, within
 from vocc_torch.simulation.effects.sensor import Bayer
 
 PATTERNS = {(0, 0): CFA.BG, (1, 0): CFA.GB, (0, 1): CFA.GR, (1, 1): CFA.RG}
@@ -35,7 +34,7 @@ NEUTRAL = 128 / 255
 
 
 @dataclass(frozen=True, slots=True)
-class Demosaicing(Effect):
+class Demosaicing(Effect, on=Quantity.EXPOSURE):
     """White balance, bilinear interpolation of each colour, and luma ``0.299 R + 0.587 G + 0.114 B``.
 
     The balance divides each pixel by the share that its filter of the scene's own ``bayer`` lets through,
@@ -50,15 +49,11 @@ class Demosaicing(Effect):
     grey is too.
 
     Example:
-        >>> Demosaicing().reach_px
+        >>> Demosaicing().reach_in_px(Camera(), 50.0)
         1
     """
 
-    name = "demosaicing"
-    takes = gives = Quantity.EXPOSURE
-
-    @property
-    def reach_px(self) -> int:
+    def reach_in_px(self, camera: Camera, nearest_m: float) -> int:
         """Neighbours at one pixel's distance are averaged."""
         return 1
 
@@ -102,7 +97,7 @@ def _luma(raw: Tensor, pattern: CFA) -> Tensor:
 
 
 @dataclass(frozen=True, slots=True)
-class Saturation(Effect):
+class Saturation(Effect, on=Quantity.GREY, to=Quantity.BOUNDED_GREY):
     """Clip grey values at 255, the white of 8 bits.
 
     Differentiable; what is clipped carries no gradient.
@@ -114,17 +109,13 @@ class Saturation(Effect):
         'grey value, 0 to 255'
     """
 
-    name = "saturation"
-    takes = Quantity.GREY
-    gives = Quantity.BOUNDED_GREY
-
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Clip (B,1,H,W) grey values."""
         return value.clamp(max=255.0)
 
 
 @dataclass(frozen=True, slots=True)
-class Quantization(Effect):
+class Quantization(Effect, on=Quantity.BOUNDED_GREY, to=Quantity.DIGITAL):
     """Round grey values of 0 to 255 to ``2^bits`` levels, the nearest, ties to even.
 
     Black stays 0 and white 255, to the last bit. Not differentiable: the numbers are whole, and carry no
@@ -144,11 +135,7 @@ class Quantization(Effect):
         256
     """
 
-    bits: int = whole(1, 16, default=8)
-
-    name = "quantization"
-    takes = Quantity.BOUNDED_GREY
-    gives = Quantity.DIGITAL
+    bits: int = within(1, 16, default=8, whole=True)
 
     @property
     def levels(self) -> int:
@@ -165,7 +152,7 @@ class Quantization(Effect):
 
 
 @dataclass(frozen=True, slots=True)
-class Jpeg(Effect):
+class Jpeg(Effect, on=Quantity.DIGITAL):
     """Encode and decode 8-bit frames by Kornia's differentiable JPEG codec.
 
     Blocks of 8 x 8 pixels are cosine transformed, divided by the standard's luminance table scaled by the
@@ -192,10 +179,7 @@ class Jpeg(Effect):
         'digital number'
     """
 
-    quality: int = whole(1, 100)
-
-    name = "jpeg"
-    takes = gives = Quantity.DIGITAL
+    quality: int = within(1, 100, whole=True)
     fills_sensor = True
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
