@@ -18,17 +18,12 @@ SMALL_PATCH_PX = 8
 
 Stamp = tuple[Tensor, Tensor, Tensor, Tensor]
 """The cover (M,h,w) of some of a batch's LEDs, each in a patch of pixels of its frame; the patches' left
-columns and top rows (M,), and the LEDs' numbers (M,) of the batch's B * R * C, frame by frame in raster order."""
+columns and top rows (M,), and the LEDs' numbers (M,) of the batch's, frame by frame in raster order."""
 
 
 def taking(effects: Sequence[Effect], quantity: Quantity) -> tuple[Effect, ...]:
     """Pick the effects that take a quantity."""
     return tuple(effect for effect in effects if effect.takes == quantity)
-
-
-def in_perspective(effects: Sequence[Effect]) -> bool:
-    """Whether LEDs are more than discs of one size on an upright grid."""
-    return any(effect.takes in (Quantity.PLACEMENT, Quantity.IMAGE_POINTS) for effect in effects)
 
 
 def paint(
@@ -93,7 +88,7 @@ def paint(
 def board_cover(context: Context, size: framing.Size) -> Tensor:
     """Share of each pixel that the board covers, (B,H,W)."""
     origin = context.first_px.unsqueeze(1)
-    if not in_perspective(context.effects):
+    if not view.in_perspective(context.effects):
         corners = framing.panel_corners_px(context.scene, context.camera, context.panel) - origin
         across = raster.interval_cover(corners[:, 0, 0], corners[:, 2, 0], size[1]).unsqueeze(-2)
         return raster.interval_cover(corners[:, 0, 1], corners[:, 2, 1], size[0]).unsqueeze(-1) * across
@@ -115,7 +110,7 @@ def led_stamps(context: Context, size: framing.Size) -> Iterator[Stamp]:
         VoccError: an LED whose image is wider than 100000 px.
     """
     scene, panel, leds, origin = context.scene, context.panel, context.panel.shape.leds, context.first_px
-    upright = not in_perspective(context.effects)
+    upright = not view.in_perspective(context.effects)
     if upright:
         columns, rows = framing.led_centres_px(scene, context.camera, panel)
         columns, rows = columns - origin[:, :1], rows - origin[:, 1:]

@@ -1,12 +1,10 @@
 """Scenes drawn from distributions, each value from a keyed stream of its own name."""
 
-from __future__ import annotations
-
 import math
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from typing import Literal
+from typing import Literal, Self
 
 import numpy as np
 import torch
@@ -65,7 +63,7 @@ class Distribution:
             raise VoccError(f"{shown}: high must not exceed low by more than {LARGEST:g}")
 
     @classmethod
-    def parse(cls, spec: float | Sequence[object], name: str) -> Distribution:
+    def parse(cls, spec: float | Sequence[object], name: str) -> Self:
         """Read a number (constant) or a list such as ``[uniform, 40, 60]``; a refusal names ``name``."""
         allowed = "a number, [uniform, low, high], [log_uniform, low, high] or [choice, a, b, ...]"
         refused = f"scene.{name} is {spec!r}: it must be {allowed}"

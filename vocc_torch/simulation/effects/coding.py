@@ -1,9 +1,7 @@
 """From the sensor's readings to the picture that is written: demosaicing, clipping, rounding and JPEG."""
 
-import itertools
 from dataclasses import dataclass
 
-import numpy as np
 import torch
 import torch.nn.functional as F
 from kornia.color import CFA, raw_to_rgb, rgb_to_grayscale, ycbcr_to_rgb
@@ -71,16 +69,16 @@ class Demosaicing(Effect, on=Quantity.EXPOSURE):
         for effect in context.effects:
             if isinstance(effect, Bayer):
                 raw = raw / effect.filters(raw, context)
-        phases = [(x % 2, y % 2) for x, y in context.first_px.tolist()]
-        if len(set(phases)) == 1:
-            return _luma(raw, PATTERNS[phases[0]]).to(value.dtype)
-        order = sorted(range(len(phases)), key=phases.__getitem__)
-        groups = itertools.groupby(order, key=phases.__getitem__)
-        parts = [_luma(raw[list(rows)], PATTERNS[phase]) for phase, rows in groups]
-        return torch.cat(parts)[np.argsort(order)].to(value.dtype)
+        phases = [(x % CELL_PX, y % CELL_PX) for x, y in context.first_px.tolist()]
+        luma = torch.empty_like(raw)
+        for phase in set(phases):
+            alike = [frame for frame, its in enumerate(phases) if its == phase]
+            rows = slice(None) if len(alike) == len(raw) else alike
+            luma[rows] = luma_of(raw[rows], PATTERNS[phase])
+        return luma.to(value.dtype)
 
 
-def _luma(raw: Tensor, pattern: CFA) -> Tensor:
+def luma_of(raw: Tensor, pattern: CFA) -> Tensor:
     """Demosaic (B,1,H,W) frames of one pattern, strip by strip, each with the rows that its border needs.
 
     Odd sides are continued by reflection, which keeps the pattern.
@@ -193,28 +191,21 @@ class Jpeg(Effect, on=Quantity.DIGITAL):
                 rule = f"it must lie on the grid of {JPEG_BLOCK_PX} px"
                 raise VoccError(f"scene.effects.jpeg got a crop at {at}: {rule}")
         height, width = value.shape[-2:]
-        coded = torch.empty_like(value)
+        coded, quality = torch.empty_like(value), torch.tensor([float(self.quality)], device=value.device)
+        # Grey RGB would have a chroma of 127.5, whose rounding errors depend on the strip's size and reach
+        # the luma. So the strips are tinted to the chroma that the codec takes for none.
+        neutral = torch.tensor([0.5, NEUTRAL, NEUTRAL], device=value.device)
+        tint = ycbcr_to_rgb(neutral.view(3, 1, 1)) - 0.5
         several = max(1, JPEG_PIXELS // (min(height, JPEG_ROWS) * width))
         for first in range(0, len(value), several):
             for top in range(0, height, JPEG_ROWS):
                 part = slice(first, first + several), slice(None), slice(top, top + JPEG_ROWS)
-                coded[part] = self._coded(value[part])
+                rgb = jpeg_codec_differentiable(value[part].to(torch.float32) / 255.0 + tint, quality)
+                # The codec clips its colours: red, brighter, is whole down to black, and green up to white.
+                red, green = rgb[:, :1] - tint[0], rgb[:, 1:2] - tint[1]
+                luma = torch.where(green > 0.5, green, red) * 255.0
+                coded[part] = torch.round(luma).clamp(0, 255).to(torch.uint8)
         return coded
-
-    def _coded(self, strips: Tensor) -> Tensor:
-        """Code strips, (B,1,rows,W) uint8.
-
-        Grey RGB would have a chroma of 127.5, whose rounding errors depend on the strip's size and reach the
-        luma. So the strips are tinted to the chroma that the codec takes for none.
-        """
-        neutral = torch.tensor([0.5, NEUTRAL, NEUTRAL], device=strips.device)
-        tint = ycbcr_to_rgb(neutral.view(3, 1, 1)) - 0.5
-        quality = torch.full((1,), float(self.quality), device=strips.device)
-        rgb = jpeg_codec_differentiable(strips.to(torch.float32) / 255.0 + tint, quality)
-        # The codec clips its colours: red, which is brighter, is whole down to black, and green up to white.
-        red, green = rgb[:, :1] - tint[0], rgb[:, 1:2] - tint[1]
-        luma = torch.where(green > 0.5, green, red) * 255.0
-        return torch.round(luma).clamp(0, 255).to(torch.uint8)
 
 
 EFFECTS = (Demosaicing, Saturation, Quantization, Jpeg)

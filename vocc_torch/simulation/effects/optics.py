@@ -167,23 +167,22 @@ class Defocus(Effect, on=Quantity.EXPOSURE):
             VoccError: a half width above 128 px.
         """
         ends = torch.tensor([nearest_m, float("inf")], dtype=torch.float64)
-        return self._reach_px(self._radii_px(camera, ends))
+        return max(0, math.ceil(float(self.radii_px(camera, ends).max()) - 0.5))
 
-    def _radii_px(self, camera: Camera, distance_m: Tensor) -> Tensor:
-        """Radius of each frame's kernel, on the CPU, where the frames' kernel sizes are wanted."""
+    def radii_px(self, camera: Camera, distance_m: Tensor) -> Tensor:
+        """Radius of each frame's kernel, px, on the CPU, where the frames' kernel sizes are wanted.
+
+        Raises:
+            VoccError: a disc over 257 px wide.
+        """
         diameter = self.diameter_px(camera, distance_m.cpu())
-        self._reach_px(diameter / 2)
-        return disc_radius_px(diameter)
-
-    def _reach_px(self, radius_px: Tensor) -> int:
-        """Half width of the kernel of the largest radius."""
-        widest = max(0.0, float(torch.ceil(radius_px - 0.5).max()))
         cause = f"scene.effects.defocus.focus_distance_m is {self.focus_distance_m:g}"
-        return checked_reach(widest, cause)
+        checked_reach(max(0.0, float(diameter.max()) / 2 - 0.5), cause)
+        return disc_radius_px(diameter)
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Spread (B,1,H,W) exposure; the light outside the frame is taken to be that at its border."""
-        quarters = disc_quarters(self._radii_px(context.camera, context.scene.distance_m))
+        quarters = disc_quarters(self.radii_px(context.camera, context.scene.distance_m))
         frames = zip(value[:, 0].to(torch.float64), quarters, strict=True)
         blurred = [convolve_symmetric(plane, quarter.to(plane.device)) for plane, quarter in frames]
         return torch.stack(blurred).unsqueeze(1).to(value.dtype)
@@ -461,11 +460,11 @@ def convolve_symmetric(plane: Tensor, quarter: Tensor) -> Tensor:
     for top in range(0, plane.shape[0], rows):
         strip = padded[top : top + rows + 2 * reach]
         blocks = (strip[:, left : left + columns + 2 * reach] for left in range(0, plane.shape[1], columns))
-        strips.append(torch.cat([_convolve_strip(block, quarter, reach) for block in blocks], dim=1))
+        strips.append(torch.cat([convolve_strip(block, quarter, reach) for block in blocks], dim=1))
     return torch.cat(strips)
 
 
-def _convolve_strip(padded: Tensor, quarter: Tensor, reach: int) -> Tensor:
+def convolve_strip(padded: Tensor, quarter: Tensor, reach: int) -> Tensor:
     """Convolve rows that bring their own border of ``reach`` pixels on every side.
 
     Mirrored columns are added first, one matrix product makes all rows of the kernel, and mirrored rows are

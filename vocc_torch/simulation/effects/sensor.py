@@ -1,6 +1,6 @@
 """The sensor: colour filters, electrons, their noise and their readout, after EMVA Standard 1288.
 
-NumPy draws random planes on the CPU whatever the device, tile by tile of the sensor, each tile from a stream of
+NumPy draws random planes on the CPU whatever the device, tile by tile of the sensor, each from a stream of
 its own. So neither the batch nor the device nor other effects change them, and a crop has the very numbers
 that the full frame has there, for the price of the tiles that it touches.
 """

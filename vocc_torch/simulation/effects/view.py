@@ -1,6 +1,7 @@
 """Where the panel stands and where the lens puts its points."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import reduce
 
@@ -296,6 +297,11 @@ def _roots(polynomial: Polynomial) -> list[float]:
     """Real roots; the leading coefficients may be 0."""
     roots = (complex(root) for root in polynomial.trim().roots())
     return [root.real for root in roots if abs(root.imag) <= 1e-9 * abs(root)]
+
+
+def in_perspective(effects: Sequence[Effect]) -> bool:
+    """Whether LEDs are more than discs of one size on an upright grid."""
+    return any(effect.takes in (Quantity.PLACEMENT, Quantity.IMAGE_POINTS) for effect in effects)
 
 
 def led_centres_m(panel: LedPanel) -> Tensor:
