@@ -345,7 +345,8 @@ def in_groups(
     Returns:
         (B,1,H,W), in the batch's order.
     """
-    drawn, order = [], []
+    drawn: list[Tensor] = []
+    order: list[int] = []
     for frames, size in groups:
         chunk = max(1, CHUNK_PIXELS // math.prod(size))
         parts = (batch.taken(frames[start : start + chunk], size) for start in range(0, len(frames), chunk))

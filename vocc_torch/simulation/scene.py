@@ -4,7 +4,7 @@ import math
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from typing import Literal, Self
+from typing import Literal, Self, get_args
 
 import numpy as np
 import torch
@@ -16,7 +16,7 @@ from vocc_torch.rng import BLOCK_FRAMES, BlockKey
 from vocc_torch.types import PanelShape, Scene, demand_in_range
 
 Kind = Literal["constant", "uniform", "log_uniform", "choice"]
-KINDS: tuple[Kind, ...] = ("constant", "uniform", "log_uniform", "choice")
+KINDS: tuple[Kind, ...] = get_args(Kind)
 LARGEST = sys.float_info.max
 
 

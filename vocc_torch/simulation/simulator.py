@@ -170,7 +170,7 @@ class Simulator:
             moved = ((origin == 0) | (origin == last)).any(dim=1)
             tight = partial(crops.crop_size_px, self.effects, self.camera, self.panel, margin_cells=0)
             groups = crops.like_sized(scene, moved, size, tight)
-        pictures = crops.in_groups(batch, groups, partial(self._expose, window=window))
+        pictures = crops.in_groups(batch, groups, partial(self.expose, window=window))
         if self.output == Quantity.GREY:
             photometry.demand_greys(pictures)
         if size == sensor or window:
@@ -193,10 +193,10 @@ class Simulator:
         """What effects may know about frames."""
         return Context(scene, self.camera, keys, None, self.effects, self.panel)
 
-    def _expose(self, batch: crops.Batch, window: bool) -> Tensor:
+    def expose(self, batch: crops.Batch, window: bool) -> Tensor:
         """Carry the LEDs' light through the camera, laying crops on the sensor once an effect fills it."""
         context, sensor = batch.context, self.camera.sensor_px
-        seen = self._paint(batch), Quantity.LUMINANCE
+        seen = self.paint(batch), Quantity.LUMINANCE
         after = [effect for effect in self.effects if effect.takes not in DRAWN]
         if self._filling not in after or window or batch.size == sensor:
             return self._run(seen, after, context, to_end=True)[0]
@@ -204,14 +204,14 @@ class Simulator:
         value, current = self._run(seen, after[:filling], context)
         surround = crops.read_surround(value, batch.centre_px, context.first_px)
         pictures = []
-        for i, (crop, rest) in enumerate(zip(value.split(1), surround, strict=True)):
+        for i, (crop, rest) in enumerate(zip(value.unsqueeze(1), surround, strict=True)):
             part = batch.taken([i], batch.size).context
             frame = crops.lay_on_sensor(crop, rest, part.first_px, sensor)
             part = replace(part, origin_px=torch.zeros_like(part.first_px))
             pictures.append(self._run((frame, current), after[filling:], part, to_end=True)[0])
         return torch.cat(pictures)
 
-    def _paint(self, batch: crops.Batch) -> Tensor:
+    def paint(self, batch: crops.Batch) -> Tensor:
         """Draw the picture that the lens sees, (B,1,H,W) cd/m2."""
         context, shares = batch.context, None
         symbols = batch.bits.unsqueeze(1)

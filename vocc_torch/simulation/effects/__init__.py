@@ -60,24 +60,21 @@ def build_effects(named: Mapping[str, Parameters]) -> tuple[Effect, ...]:
             raise VoccError(f"scene.effects.{name} is not a known effect; {_known(name, list(kinds))}")
     effects = []
     for name in sorted(named, key=list(kinds).index):
-        key, given, read = f"scene.effects.{name}", named[name], {}
+        key, given = f"scene.effects.{name}", named[name]
+        read: dict[str, object] = {}
         if given is None:
             raise VoccError(f"{key} is null: give its parameters, {{}} for none, or remove it with ~{key}")
         signature = inspect.signature(kinds[name]).parameters
-        for parameter, value in given.items():
+        for parameter, own in given.items():
             if parameter not in signature:
-                rule = f"is not a known parameter; {_known(parameter, list(signature))}"
-                raise VoccError(f"{key}.{parameter} {rule}")
+                known = _known(parameter, list(signature))
+                raise VoccError(f"{key}.{parameter} is not a known parameter; {known}")
             if "Distribution" in str(signature[parameter].annotation):
-                read[parameter] = Distribution.parse(value, f"effects.{name}.{parameter}")
-            elif (
-                isinstance(value, bool)
-                or not isinstance(value, int | float)
-                or LARGEST < abs(value) < math.inf
-            ):
-                raise VoccError.of(f"{key}.{parameter}", repr(value), "a number")
+                read[parameter] = Distribution.parse(own, f"effects.{name}.{parameter}")
+            elif isinstance(own, bool) or not isinstance(own, int | float) or LARGEST < abs(own) < math.inf:
+                raise VoccError.of(f"{key}.{parameter}", repr(own), "a number")
             else:
-                read[parameter] = value
+                read[parameter] = own
         for parameter, declared in signature.items():
             if declared.default is inspect.Parameter.empty and parameter not in given:
                 raise VoccError(f"{key}.{parameter} is missing: the effect needs it")
@@ -100,12 +97,10 @@ def check_chain(effects: Sequence[Effect]) -> Quantity:
     """
     current = CAMERA_STEPS[0]
     for effect in effects:
-        while current != effect.takes:
-            step = CAMERA_STEPS.index(current) + 1 if current in CAMERA_STEPS else len(CAMERA_STEPS)
-            if step == len(CAMERA_STEPS):
-                wanted = f"scene.effects.{effect.name} needs {effect.takes.value}"
-                raise VoccError(f"{wanted}, which {_leads('makes', effect.takes, current)}")
-            current = CAMERA_STEPS[step]
+        ahead = CAMERA_STEPS[CAMERA_STEPS.index(current) :] if current in CAMERA_STEPS else (current,)
+        if effect.takes not in ahead:
+            wanted = f"scene.effects.{effect.name} needs {effect.takes.value}"
+            raise VoccError(f"{wanted}, which {_leads('makes', effect.takes, current)}")
         current = effect.gives
     if current == Quantity.ELECTRONS:
         ends = _leads("reads out", Quantity.EXPOSURE, current)

@@ -248,14 +248,18 @@ def laid(canvas: Tensor, luminance: Tensor, patches: Patches) -> tuple[Tensor, T
 
 def led_patches(leds_m: Tensor, canvas: Tensor, context: Context) -> Patches:
     """Cover the LEDs (N,2) that each frame shows."""
-    seen, radius_m, size = view.view_of(context), context.panel.led_diameter_m / 2, tuple(canvas.shape[1:])
+    seen, radius_m, (height, width) = (
+        view.view_of(context),
+        context.panel.led_diameter_m / 2,
+        canvas.shape[1:],
+    )
     has_image = seen.has_image(leds_m, radius_m)
     # Our panel's centre, which has an image, stands in the place of points that have none.
     centre, spread = seen.discs_px(torch.where(has_image.unsqueeze(-1), leds_m, 0.0), radius_m)
     centre, spread = (centre - context.first_px.unsqueeze(1)).flatten(0, 1), spread.flatten(0, 1)
     reach = spread.diagonal(dim1=-2, dim2=-1).sqrt()
-    for which, side in raster.alike(centre - reach, centre + reach, size, has_image.flatten()):
-        yield which, *raster.ellipse_cover(centre[which], spread[which], side, canvas_px=size)
+    for which, side in raster.alike(centre - reach, centre + reach, (height, width), has_image.flatten()):
+        yield which, *raster.ellipse_cover(centre[which], spread[which], side, canvas_px=(height, width))
 
 
 def cell_patches(leds_m: Tensor, canvas: Tensor, context: Context) -> Patches:

@@ -263,7 +263,7 @@ class Diffraction(Effect, on=Quantity.EXPOSURE):
         Raises:
             VoccError: a half width above 128 px.
         """
-        reach = max(0.0, float(np.ceil(REACH_IN_LAMBDA_N * self._lambda_n_px(camera) - 0.5)))
+        reach = max(0, math.ceil(REACH_IN_LAMBDA_N * self._lambda_n_px(camera) - 0.5))
         at = f"wavelength_nm is {self.wavelength_nm:g} at camera.f_number {camera.f_number:g}"
         return checked_reach(reach, f"scene.effects.diffraction.{at}")
 

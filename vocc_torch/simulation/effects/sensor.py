@@ -77,14 +77,13 @@ class Bayer(Effect, on=Quantity.EXPOSURE):
         """
         height, width = like.shape[-2:]
         cell = torch.tensor([[self.red, self.green], [self.green, self.blue]], dtype=like.dtype)
-        places = [(x % 2, y % 2) for x, y in context.first_px.tolist()]
-        planes = {}
-        for x, y in set(places):
-            cells = cell.roll((-y, -x), (0, 1)).repeat(height // 2 + 1, width // 2 + 1)
-            planes[x, y] = cells[:height, :width].to(like.device)
-        if len(planes) == 1:
-            return planes[places[0]].expand_as(like)
-        return torch.stack([planes[place] for place in places]).unsqueeze(1)
+        places = context.first_px.tolist()
+        alike = len({(x % 2, y % 2) for x, y in places}) == 1
+        planes = [
+            cell.roll((-y, -x), (0, 1)).repeat(height // 2 + 1, width // 2 + 1)[:height, :width]
+            for x, y in places[: 1 if alike else None]
+        ]
+        return torch.stack(planes).unsqueeze(1).to(like.device).expand_as(like)
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Filter (B,1,H,W) luminous exposure."""
@@ -548,24 +547,22 @@ class Gain(Effect, on=Quantity.ELECTRONS, to=Quantity.EXPOSURE):
         return value.clamp(min=0) / maker.electrons_per_lx_s(context.camera)
 
 
-EFFECTS = (
-    *(Bayer, Photoelectrons, Prnu, DarkCurrent, HotPixels, ShotNoise, FullWell, Dsnu, RowNoise, ReadNoise),
-    Gain,
-)
+ELECTRONS = (Photoelectrons, Prnu, DarkCurrent, HotPixels, ShotNoise, FullWell, Dsnu, RowNoise, ReadNoise)
+EFFECTS = (Bayer, *ELECTRONS, Gain)
 """In physical order."""
 
 
 FEW = 3.0
 """Below this mean the counts are summed up one by one; from it on they are expanded in the normal number."""
 
-FAR = 3.0
-"""An expansion's size ``(1 + z^2/2) / sqrt(mean)`` beyond which its error may exceed one count."""
-
 SECOND_ORDER = 0.045
 """Bound on the expansion's error to second order over its size squared: 0.035 where that stays below 1/2."""
 
 THIRD_ORDER = 0.0125
 """Bound on the error to third order over its size cubed: 0.0081 at every size."""
+
+MOST_STEPS = 64
+"""Counts by which an expansion may be off: at a mean of 3 and 7 standard deviations it is off by 20."""
 
 MOST_OF_FEW = 32
 """A Poisson number with a mean below ``FEW`` exceeds this with a probability of 4e-23."""
@@ -600,13 +597,10 @@ def poisson_quantile(mean: Array, normal: Array) -> Array:
     """
     shape, mean, normal = mean.shape, mean.ravel(), normal.ravel()
     few = mean < FEW
-    if not few.any():
-        return _expanded(mean, normal).reshape(shape)
-    if few.all():
-        return _summed(mean, normal).reshape(shape)
+    if few.all() or not few.any():
+        return (_summed if few.any() else _expanded)(mean, normal).reshape(shape)
     counts = np.empty_like(mean)
-    counts[few] = _summed(mean[few], normal[few])
-    counts[~few] = _expanded(mean[~few], normal[~few])
+    counts[few], counts[~few] = _summed(mean[few], normal[few]), _expanded(mean[~few], normal[~few])
     return counts.reshape(shape)
 
 
@@ -638,11 +632,11 @@ def _expanded(mean: Array, normal: Array) -> Array:
     exact += size
     doubtful = np.flatnonzero(exact > 0.5)
     if doubtful.size:
-        counts[doubtful] = _refined(mean[doubtful], normal[doubtful])
+        counts[doubtful] = refined_quantile(mean[doubtful], normal[doubtful])
     return counts
 
 
-def _refined(mean: Array, normal: Array) -> Array:
+def refined_quantile(mean: Array, normal: Array) -> Array:
     """Quantiles of means from ``FEW`` on to third order, and exactly where that leaves a doubt, (N,)."""
     root = np.sqrt(mean)
     square = normal * normal
@@ -651,25 +645,16 @@ def _refined(mean: Array, normal: Array) -> Array:
     exact += 2.0 / 135.0 * size * size - size / (81.0 * root) - 1.0 / (45.0 * mean)
     counts, nearest = np.floor(exact), np.rint(exact)
     doubtful = np.flatnonzero(np.abs(exact - nearest) < THIRD_ORDER * size**3)
-    if doubtful.size:
-        mean, nearest, far = mean[doubtful], nearest[doubtful], size[doubtful] > FAR
-        target = special.ndtr(normal[doubtful])
-        # Near a whole number the count is that number or the one before.
-        before = special.pdtr(np.maximum(nearest - 1.0, 0.0), mean) >= target
-        settled = np.maximum(nearest - before, 0.0)
-        settled[far] = _walked(settled[far], mean[far], target[far])
-        counts[doubtful] = settled
-    return counts
-
-
-def _walked(counts: Array, mean: Array, target: Array) -> Array:
-    """Walk from a guess to the least count whose distribution function reaches the target."""
-    while True:
-        short = special.pdtr(counts, mean) < target
-        beyond = (counts > 0) & (special.pdtr(np.maximum(counts - 1.0, 0.0), mean) >= target)
+    mean, count, target = mean[doubtful], np.maximum(nearest[doubtful], 0.0), special.ndtr(normal[doubtful])
+    for _ in range(MOST_STEPS if doubtful.size else 0):
+        # Walk to the least count whose distribution function reaches the target.
+        short = special.pdtr(count, mean) < target
+        beyond = (count > 0) & (special.pdtr(np.maximum(count - 1.0, 0.0), mean) >= target)
         if not (short | beyond).any():
-            return counts
-        counts = counts + short - beyond
+            break
+        count = count + short - beyond
+    counts[doubtful] = count
+    return counts
 
 
 def _summed(mean: Array, normal: Array) -> Array:

@@ -445,9 +445,9 @@ class View:
         """
         points = self._in_camera_m(points_m)
         limits = [e.limit(self.context.camera) for e in self.effects if isinstance(e, LensDistortion)]
-        depth, off_axis = points[..., 2], points[..., :2].norm(dim=-1)
+        depth, off_axis = points[..., 2], points[..., :2].square().sum(dim=-1).sqrt()
         # A disc that touches the plane of the camera has no ellipse for its image.
-        return (depth > radius_m) & (off_axis < depth * min(limits, default=math.inf))
+        return torch.logical_and(depth > radius_m, off_axis < depth * min(limits, default=math.inf))
 
     def _in_camera_m(self, points_m: Tensor) -> Tensor:
         """Points of the panel's plane in the camera's coordinates, (B,N,3) m."""
