@@ -18,7 +18,7 @@ from vocc_torch.measure.genie.likelihood import log_interval_probability
 from vocc_torch.measure.genie.search import likely_bits, relaxed_shares
 from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.simulation import Camera, Distribution, LedPanel, SceneModel, Simulator
-from vocc_torch.simulation.effects.registry import PHYSICAL_ORDER
+from vocc_torch.simulation.effects import PHYSICAL_ORDER
 from vocc_torch.simulation.effects.sensor import Photoelectrons
 from vocc_torch.simulation.simulator import PAPER_EFFECTS
 from vocc_torch.types import Frames, PanelShape, Scene

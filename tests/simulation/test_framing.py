@@ -5,13 +5,13 @@ import numpy as np
 import pytest
 import torch
 from kornia.filters import gaussian_blur2d
-from test_every_effect import KINDS, PARAMETERS
+from test_every_effect import KINDS, PARAMETERS, chain
 
 from vocc_torch import Simulator
 from vocc_torch.hardware import Camera, LedPanel
 from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.simulation import SceneModel, framing
-from vocc_torch.simulation.effects import Context, Quantity, build_effects
+from vocc_torch.simulation.effects import Context, build_effects
 from vocc_torch.simulation.effects.optics import Blooming
 from vocc_torch.simulation.framing import (
     crop_origins_px,
@@ -25,17 +25,6 @@ from vocc_torch.types import PanelShape, Scene
 
 SMALL = Camera(width_px=480, height_px=272, sensor_width_mm=13.2 / 4)
 KEYS = [FrameKey(BlockKey(0, "framing", 0), frame) for frame in range(3)]
-ROOM = {"pose": {"yaw_deg": ["uniform", -40, 40], "pitch_deg": 15, "roll_deg": ["uniform", -30, 30]}}
-
-
-def chain(name):
-    """The paper's effects and one more with what it needs."""
-    named = {**PAPER_EFFECTS, name: (PARAMETERS | ROOM)[name]}
-    if KINDS[name].takes == Quantity.ELECTRONS or name == "photoelectrons":
-        named |= {key: PARAMETERS[key] for key in ("photoelectrons", "gain")}
-    if name == "airlight":
-        named["attenuation"] = PARAMETERS["attenuation"]
-    return named
 
 
 def shots(effects, **settings):
@@ -228,7 +217,9 @@ def test_the_blur_of_a_plane_is_that_of_each_frame(size):
     value = torch.rand(3, 1, *size, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
     for sigma in (0.4, 1.5, 6.0):
         effect = Blooming(sigma)
-        wanted = gaussian_blur2d(value, 2 * effect.reach_px + 1, (sigma, sigma), "replicate")
+        wanted = gaussian_blur2d(
+            value, 2 * effect.reach_in_px(Camera(), 1.0) + 1, (sigma, sigma), "replicate"
+        )
         torch.testing.assert_close(effect(value, Context(Scene.of(3), Camera())), wanted, rtol=1e-14, atol=0)
 
 

@@ -211,7 +211,7 @@ def test_frames_do_not_depend_on_the_batch_they_are_rendered_in(batch, tried):
 def test_chunks_are_joined_in_order(monkeypatch):
     scene, bits = block(5)
     whole = Simulator().render(scene, bits)
-    monkeypatch.setattr("vocc_torch.simulation.simulator.CHUNK_PIXELS", 3 * whole.grey[0].numel())
+    monkeypatch.setattr("vocc_torch.simulation.framing.CHUNK_PIXELS", 3 * whole.grey[0].numel())
     assert torch.equal(Simulator().render(scene, bits).grey, whole.grey)
 
 

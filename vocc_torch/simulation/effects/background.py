@@ -144,8 +144,9 @@ class Lamps(Effect, on=Quantity.BACKGROUND):
         shining = torch.full_like(context.scene.distance_m, self.luminance_cd_m2).view(-1, 1, 1)
         luminances = light.dimmed_once(shining, context).flatten().tolist()
         generators = context.generators(self.name, of_scene=True)
-        frames = zip(painted[:, 0], radii, context.first_px.tolist(), luminances, generators, strict=True)
-        for plane, radius, origin, luminance, generator in frames:
+        frames = zip(radii, context.first_px.tolist(), luminances, generators, strict=True)
+        for frame, (radius, origin, luminance, generator) in enumerate(frames):
+            plane = painted[frame, 0]
             for centre in (generator.random((self.count, 2)) * (camera.width_px, camera.height_px)).tolist():
                 # The sensor's coordinates throughout, so that a crop gets the full frame's very numbers.
                 (left, right), (top, bottom) = (
