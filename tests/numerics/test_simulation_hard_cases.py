@@ -9,13 +9,13 @@ import pytest
 import torch
 from hard_cases import Breakage, HardCases
 from scipy import ndimage, stats
+from vocc_torch.simulation.effects.noise import poisson_quantile
 
 from vocc_torch.errors import VoccError
 from vocc_torch.hardware import CAMERA_RANGES
 from vocc_torch.rng import BlockKey
 from vocc_torch.simulation import Camera, Distribution, LedPanel, SceneModel, Simulator
 from vocc_torch.simulation.effects import Context, optics
-from vocc_torch.simulation.effects.noise import poisson_quantile
 from vocc_torch.simulation.effects.optics import Blooming
 from vocc_torch.simulation.framing import demand_pixels
 from vocc_torch.simulation.photometry import grey_value, transmission

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
@@ -74,7 +74,6 @@ def hidden(effect, where, size=SMALL.sensor_px):
 
 
 @given(st.floats(0.01, 0.6), st.floats(0.01, 0.6), st.integers(0, 100))
-@settings(max_examples=12, deadline=None)
 def test_a_rectangle_hides_exactly_its_area(width, height, seed):
     scene, effect = scenes(3, seed), Occlusion(width, height)
     areas = hidden(effect, context(scene)).sum(dim=(1, 2))
@@ -269,7 +268,6 @@ def test_two_per_cent_of_the_contrast_is_left_at_the_visibility_distance(luminan
 
 
 @given(st.floats(1.0, 500.0), st.floats(1.0, 500.0), st.floats(20.0, 5000.0), st.floats(0.0, 1e5))
-@settings(max_examples=20, deadline=None)
 def test_two_stretches_of_the_same_air_are_one_long_stretch(first, second, visibility, luminance):
     effect, value = Airlight(visibility_m=visibility), torch.full((1, 1, 1, 1), luminance, dtype=DOUBLE)
     for distance in (first, second):

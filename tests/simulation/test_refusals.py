@@ -12,8 +12,8 @@ from vocc_torch.simulation.effects import build_effects
 from vocc_torch.types import PanelShape
 
 OF_EFFECTS = """
-pose.yaw_deg is 80.1: it must be from -80 to 80
-pose.roll_deg is -181: it must be from -180 to 180
+pose.yaw_deg is 80.1: it must be at least -80 and at most 80
+pose.roll_deg is -181: it must be at least -180 and at most 180
 lens_distortion.k1 is nan: it must be at least -100 and at most 100
 lens_distortion.k2 is 101: it must be at least -100 and at most 100
 lens_distortion.k3 is 1e-16: it must be 0, or at least 1e-15 either way
@@ -29,8 +29,8 @@ attenuation.visibility_m is 0: it must be above 0
 attenuation.visibility_m is inf: it must be above 0
 background_texture.contrast is 1.1: it must be above 0 and at most 1
 background_texture.beta is 4.5: it must be at least 0 and at most 4
-lamps.count is 0: it must be a whole number from 1 to 1000
-lamps.count is 2.5: it must be a whole number from 1 to 1000
+lamps.count is 0: it must be a whole number, at least 1 and at most 1000
+lamps.count is 2.5: it must be a whole number, at least 1 and at most 1000
 lamps.luminance_cd_m2 is 0: it must be above 0 and at most 1e+12
 lamps.diameter_m is 11: it must be above 0 and at most 10
 second_panel.offset_x_m is 101: it must be at least -100 and at most 100
@@ -60,8 +60,8 @@ full_well.electrons is 0: it must be at least 1 and at most 1e+09
 dsnu.electrons is nan: it must be above 0 and at most 100000
 row_noise.electrons is 0: it must be above 0 and at most 100000 (leave the effect out for none)
 read_noise.electrons is -3: it must be above 0 and at most 100000
-quantization.bits is 17: it must be a whole number from 1 to 16
-jpeg.quality is 75.5: it must be a whole number from 1 to 100
+quantization.bits is 17: it must be a whole number, at least 1 and at most 16
+jpeg.quality is 75.5: it must be a whole number, at least 1 and at most 100
 """
 
 OF_CHAINS = """
@@ -80,7 +80,7 @@ OF_CHAINS = """
 {lens_distortion: {}} -> lens_distortion.k1, k2 and k3 are 0: one of the three must not be 0
 {motion_blur: {}} -> motion_blur.velocity_x_m_s and velocity_y_m_s are 0: one of the two must not be 0
 {stuck_leds: {}} -> stuck_leds.off_share + on_share is 0: it must be above 0 (leave the effect out
-{veiling_glare: {}} -> veiling_glare.luminance_cd_m2 is missing: give it, or glare_illuminance_lx with
+{veiling_glare: {}} -> veiling_glare.luminance_cd_m2 is missing: give luminance_cd_m2, or glare_ill
 {veiling_glare: {luminance_cd_m2: 5, angle_deg: 3}} -> veiling_glare.luminance_cd_m2 is 5: it must be left out
 {veiling_glare: {angle_deg: 3}} -> veiling_glare.glare_illuminance_lx is missing
 {veiling_glare: {glare_illuminance_lx: 9, angle_deg: 31}} -> veiling_glare.angle_deg is 31: it must be

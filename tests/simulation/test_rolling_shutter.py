@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 import torch
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
@@ -112,7 +112,6 @@ def test_the_truth_shows_in_the_middle_of_the_centre_rows_exposure(phase):
     assert int(shares[:, centre].argmax()) == truth or shares[truth, centre] == shares[:, centre].max()
 
 
-@settings(max_examples=24, deadline=None)
 @given(st.floats(1e-6, 2.0), st.floats(1.0, 30.0), st.floats(1e-4, 0.5), st.integers(0, 1000))
 def test_shares_add_to_one_and_go_forward_in_time_down_the_rows(readout, symbols, exposure, seed):
     camera = replace(SMALL, exposure_time_s=exposure)

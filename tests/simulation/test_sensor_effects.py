@@ -120,7 +120,7 @@ def test_poisson_quantiles_are_scipys():
 
 
 @given(st.floats(0.1, 3000), st.floats(-5.5, 4), st.floats(-8, -1), st.sampled_from([-1, 1]))
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=40)
 def test_poisson_quantiles_step_where_scipys_distribution_function_does(mean, normal, apart, side):
     """Near a step, where expansions err: at 1e-8 to 0.1 standard deviations from it, on either side."""
     count = stats.poisson.ppf(stats.norm.cdf(normal), mean)
@@ -310,7 +310,7 @@ def windows(draw):
 
 @pytest.mark.parametrize("effect", [*NEW, *FIXED], ids=lambda effect: effect.name)
 @given(window=windows())
-@settings(max_examples=6, deadline=None)
+@settings(max_examples=6)
 def test_a_window_has_the_noise_of_the_full_frame(effect, window):
     """Means from 0 to 12 electrons and beyond: both of shot noise's ways to count."""
     origin, size = window
@@ -340,7 +340,7 @@ def test_tiles_are_drawn_independently(effect, sigma):
 
 
 @given(x=st.integers(0, 300), y=st.integers(0, 300), height=st.integers(1, 300), width=st.integers(1, 300))
-@settings(max_examples=16, deadline=None)
+@settings(max_examples=16)
 def test_parts_cover_a_window_once_and_lie_where_they_say(x, y, height, width):
     covered = np.zeros((height, width), dtype=int)
     rows, columns = np.mgrid[y : y + height, x : x + width]
@@ -395,7 +395,7 @@ def test_what_is_kept_changes_neither_the_effect_nor_later_frames(effect):
 
 @pytest.mark.parametrize("quality", [10, 75, 100])
 @given(data=st.data())
-@settings(max_examples=4, deadline=None)
+@settings(max_examples=4)
 def test_a_window_of_whole_blocks_is_coded_as_in_the_full_frame(quality, data):
     """Also where the sensor cuts the last block: 300 is no multiple of 8, nor are 420 and 1."""
     full = torch.from_numpy(np.random.default_rng(2).integers(0, 256, (2, 1, 300, 420), dtype=np.uint8))
