@@ -318,9 +318,10 @@ def test_what_the_camera_makes_of_a_value_is_refused_by_name_too():
 # Blooming
 
 
-@pytest.mark.parametrize("sigma", [0.3, 0.8, 1.5, 2.7])
-def test_blooming_is_scipys_gaussian_to_1e_12(sigma):
-    exposure = planes(1, 3, 1, 41, 29)
+@pytest.mark.parametrize("size", [(41, 29), (7, 300), (400, 500)])
+@pytest.mark.parametrize("sigma", [0.3, 1.5, 6.0])
+def test_blooming_is_scipys_gaussian_to_1e_12(sigma, size):
+    exposure = planes(1, 3, 1, *size)
     ours = run(Blooming(sigma), exposure).numpy()
     for frame, plane in zip(ours[:, 0], exposure[:, 0].numpy(), strict=True):
         radius = math.ceil(4 * sigma)

@@ -40,7 +40,7 @@ airlight.horizon_factor is 10.5: it must be at least 0 and at most 10
 occlusion.width_share is 0: it must be above 0 and at most 2 (leave the effect out for a free view)
 occlusion.height_share is 2.1: it must be above 0 and at most 2
 occlusion.reflectance is 1.5: it must be at least 0 and at most 1
-veiling_glare.luminance_cd_m2 is 0: it must be above 0 and at most 1e+12 (leave the effect out for no glare)
+veiling_glare.glare_illuminance_lx is 0: it must be above 0 and at most 1e+12 (leave the effect out for no
 motion_blur.velocity_x_m_s is -201: it must be at least -200 and at most 200
 motion_blur.velocity_y_m_s is nan: it must be at least -200 and at most 200
 defocus.focus_distance_m is 0: it must be above 0 (.inf for focus at infinity)
@@ -81,6 +81,7 @@ OF_CHAINS = """
 {motion_blur: {}} -> motion_blur.velocity_x_m_s and velocity_y_m_s are 0: one of the two must not be 0
 {stuck_leds: {}} -> stuck_leds.off_share + on_share is 0: it must be above 0 (leave the effect out
 {veiling_glare: {}} -> veiling_glare.luminance_cd_m2 is missing: give luminance_cd_m2, or glare_ill
+{veiling_glare: {luminance_cd_m2: 0}} -> veiling_glare.luminance_cd_m2 is 0: it must be above 0
 {veiling_glare: {luminance_cd_m2: 5, angle_deg: 3}} -> veiling_glare.luminance_cd_m2 is 5: it must be left out
 {veiling_glare: {angle_deg: 3}} -> veiling_glare.glare_illuminance_lx is missing
 {veiling_glare: {glare_illuminance_lx: 9, angle_deg: 31}} -> veiling_glare.angle_deg is 31: it must be

@@ -9,7 +9,7 @@ from scipy import ndimage
 
 from vocc_torch.errors import VoccError
 from vocc_torch.rng import BlockKey
-from vocc_torch.simulation import Camera, Distribution, LedPanel, SceneModel, Simulator
+from vocc_torch.simulation import Camera, LedPanel, SceneModel, Simulator
 from vocc_torch.simulation.simulator import PAPER_EFFECTS
 from vocc_torch.types import PanelShape, Scene
 
@@ -25,22 +25,6 @@ def block(index, model=None):
 
 def all_on(scene, shape=SHAPE):
     return torch.ones(len(scene), shape.rows, shape.columns, dtype=torch.bool)
-
-
-def outside(frames, row, full):
-    """The full frame's pixels that the crop leaves out."""
-    height, width = frames.grey.shape[-2:]
-    x, y = frames.origin_px[row].tolist()
-    mask = torch.ones(full.shape[-2:], dtype=torch.bool)
-    mask[y : y + height, x : x + width] = False
-    return full[0][mask]
-
-
-def window(frames, row, full):
-    """The full frame's pixels that the crop shows."""
-    height, width = frames.grey.shape[-2:]
-    x, y = frames.origin_px[row].tolist()
-    return full[:, y : y + height, x : x + width]
 
 
 # An independent rendering
@@ -161,28 +145,6 @@ def test_contrast_of_the_papers_examples_by_hand(ambient, luminance, clipped, un
     assert 100 * float(Simulator(effects=without).contrast(scene)) == pytest.approx(unclipped, abs=0.005)
     assert float(Simulator().contrast(scene)) == pytest.approx((min(on, 255) - off) / 255, rel=1e-9)
     assert 100 * float(Simulator().contrast(scene)) == pytest.approx(clipped, abs=0.005)
-
-
-# Crops and full frames
-
-
-def assert_crop_is_full(camera, scene, bits):
-    framings = ("crop", "filled", "full")
-    cropped, filled, full = (Simulator(camera, framing=f).render(scene, bits) for f in framings)
-    assert full.surround is None is filled.surround
-    assert tuple(full.grey.shape[-2:]) == camera.sensor_px
-    assert torch.equal(filled.grey, full.grey)
-    assert torch.equal(filled.origin_px, full.origin_px)
-    for row in range(len(scene)):
-        assert torch.equal(window(cropped, row, full.grey[row]), cropped.grey[row])
-        rest = outside(cropped, row, full.grey[row])
-        assert rest.numel()
-        assert rest.unique().tolist() == [int(cropped.surround[row])]
-
-
-def test_crops_are_the_full_frames_pixels_on_16_random_scenes():
-    scene, bits = block(7, SceneModel(offset_x_m=Distribution("uniform", (-0.5, 0.5))))
-    assert_crop_is_full(SMALL, scene[:16], bits[:16])
 
 
 def test_a_crop_too_small_for_a_scene_is_refused():
