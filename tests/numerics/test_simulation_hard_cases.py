@@ -9,7 +9,6 @@ import pytest
 import torch
 from hard_cases import Breakage, HardCases
 from scipy import ndimage, stats
-from vocc_torch.simulation.effects.noise import poisson_quantile
 
 from vocc_torch.errors import VoccError
 from vocc_torch.hardware import CAMERA_RANGES
@@ -17,6 +16,7 @@ from vocc_torch.rng import BlockKey
 from vocc_torch.simulation import Camera, Distribution, LedPanel, SceneModel, Simulator
 from vocc_torch.simulation.effects import Context, optics
 from vocc_torch.simulation.effects.optics import Blooming
+from vocc_torch.simulation.effects.sensor import poisson_quantile
 from vocc_torch.simulation.framing import demand_pixels
 from vocc_torch.simulation.photometry import grey_value, transmission
 from vocc_torch.simulation.simulator import PAPER_EFFECTS
@@ -341,8 +341,8 @@ def far_panel():
     "each is drawn as it is alone, to the last bit, and each once: LEDs of like size are drawn together",
     Breakage(
         PAINTER,
-        "like = [frame for frame, its in enumerate(patches) if its == patch]",
-        "like = [frame for frame, its in enumerate(patches) if its <= patch]",
+        "for frame in single if patches[frame] == patch",
+        "for frame in single if patches[frame] <= patch",
     ),
 )
 def near_and_far():
@@ -360,7 +360,7 @@ def near_and_far():
     "a panel on the border, partly and wholly outside the sensor",
     "cut there: the pixels are those of a larger sensor that has all of it; wholly outside leaves background,"
     " and the true corners say where it is",
-    Breakage(PAINTER, "seen = (discs.x + discs.half_width > 0)", "seen = (discs.x > 0)"),
+    Breakage(RASTER, "torch.floor(begin).clamp(0, max(full - size, 0))", "torch.floor(begin).clamp(0, full)"),
 )
 def panel_across_the_border():
     small, large = sensor(96, 64), sensor(288, 192)
@@ -505,7 +505,7 @@ def wide_kernel():
     "means of no electron and of 1e30",
     "no electron gives none; up to 1e6 the count is SciPy's quantile, at 7 standard deviations too; from"
     " 2^53 on it is the mean and its root's multiple, to rounding",
-    Breakage("vocc_torch/simulation/effects/noise.py", "MOST_OF_FEW = 32", "MOST_OF_FEW = 3"),
+    Breakage("vocc_torch/simulation/effects/sensor.py", "MOST_OF_FEW = 32", "MOST_OF_FEW = 3"),
 )
 def extreme_counts():
     normal = np.array([-7.0, -2.5, -0.3, 0.0, 1.1, 3.0, 7.0])
