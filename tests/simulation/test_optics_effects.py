@@ -30,7 +30,7 @@ from vocc_torch.simulation.effects.optics import (
     streak_length_px,
     streak_taps,
 )
-from vocc_torch.simulation.simulator import PAPER_EFFECTS, Simulator
+from vocc_torch.simulation.simulator import PAPER_EFFECTS
 from vocc_torch.types import Scene
 
 DOUBLE = torch.float64
@@ -237,16 +237,6 @@ def test_the_discs_diameter_is_the_thin_lenss(focus, distance, f_number, focal):
 # Motion blur
 
 
-def test_the_streaks_length_by_hand():
-    """20 m/s * 1/100 s * 25 mm / 10 m = 0.5 mm = 72.73 px at 10 m, half of it at 20 m."""
-    camera = Camera(exposure_time_s=0.01)
-    x, y = MotionBlur(20.0, -5.0).shift_px(camera, torch.tensor([10.0, 20.0], dtype=DOUBLE))
-    assert x.tolist() == pytest.approx([72.727, 36.364], abs=1e-3)
-    assert y.tolist() == pytest.approx([-18.182, -9.091], abs=1e-3)
-    row = run(MotionBlur(20.0), dot(101), 10.0, camera)[0, 0, 50]
-    assert int((row > 0).sum()) == 73
-
-
 def test_a_smooth_spot_in_motion_is_the_difference_of_two_error_functions():
     """A Gaussian spot of 3 px drawn out by L: the closed form, for a streak below a pixel and a long one."""
     at = np.arange(81) - 40.0
@@ -352,17 +342,6 @@ def test_no_light_leaks_into_the_neighbouring_frame(dtype):
 
 
 # The other effects
-
-
-def test_attenuation_leaves_reflected_light_alone():
-    """Eq. 20 multiplies the LED's own light: with all LEDs Off fog changes nothing, with all On it does."""
-    scene, bits = Scene.of(2, distance_m=60.0), torch.zeros(2, 8, 8, dtype=torch.bool)
-    fog = PAPER_EFFECTS | {"attenuation": {"visibility_m": 50.0}}
-    clear = {name: values for name, values in PAPER_EFFECTS.items() if name != "attenuation"}
-    foggy_off, clear_off = (Simulator(effects=e).render(scene, bits).grey for e in (fog, clear))
-    assert torch.equal(foggy_off, clear_off)
-    foggy_on, clear_on = (Simulator(effects=e).render(scene, ~bits).grey for e in (fog, clear))
-    assert int(foggy_on.max()) < int(clear_on.max())
 
 
 def test_saturation_clips_at_white_and_nothing_else():

@@ -122,7 +122,7 @@ def test_the_slope_is_0_at_no_light_and_at_subnormal_light_and_nowhere_else(gamm
 
 
 @pytest.mark.parametrize("dtype", DTYPES)
-@pytest.mark.parametrize("gamma", [1.8, 4.0])
+@pytest.mark.parametrize("gamma", [1.8])
 @pytest.mark.filterwarnings("ignore:.torch.jit.script.")  # torch's own use of what it gives up
 def test_forward_mode_has_the_slopes_and_greys_of_reverse_mode(gamma, dtype):
     """Dual numbers, ``jvp``, ``jacfwd`` and forward over reverse, at no light and at subnormal light too."""

@@ -1,6 +1,5 @@
 """Area cover against closed forms, numerical integration and brute-force sampling, none of them its own."""
 
-import itertools
 import math
 
 import numpy as np
@@ -10,9 +9,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vocc_torch.simulation.raster import disc_grid_cover, disc_quadrant_area, ellipse_cover, interval_cover
-
-RADII = [0.01, 0.2, 0.5, 0.78, 1.09, 1.82, 3.3, 10.0]
-"""0.78 to 1.82 px are the paper's LEDs at 70 to 30 m; the smaller ones lie inside a pixel."""
 
 
 def doubles(*values):
@@ -28,48 +24,6 @@ def disc_cover(x, y, radius, size, canvas_px):
 def cover_of(x, y, radius):
     cover, left, top = disc_cover(*doubles(x, y, radius), math.ceil(2 * radius) + 1, (4000, 4000))
     return cover[0].numpy(), int(left), int(top)
-
-
-def area_by_pieces(x, y, radius, column, row):
-    """Area of disc and pixel: between kinks the overlap is constant or a circle's arc; sum the primitives."""
-    low, high, total = row - y, row + 1 - y, 0.0
-
-    def arc(t):
-        t = min(max(t / radius, -1.0), 1.0)
-        return radius**2 * (t * math.sqrt((1 - t) * (1 + t)) + math.asin(t)) / 2
-
-    start, stop = max(column - x, -radius), min(column + 1 - x, radius)
-    if start >= stop:
-        return 0.0
-    # The kinks: where the circle crosses the band's edges, and its ends.
-    crossings = [math.sqrt(radius**2 - v**2) for v in (low, high) if abs(v) < radius] + [radius]
-    kinks = {start, stop, *(s * c for c in crossings for s in (-1, 1) if start < s * c < stop)}
-    for a, b in itertools.pairwise(sorted(kinks)):
-        half = math.sqrt(max(radius**2 - ((a + b) / 2) ** 2, 0.0))
-        if min(high, half) <= max(low, -half):
-            continue
-        top = arc(b) - arc(a) if half < high else high * (b - a)
-        bottom = arc(a) - arc(b) if -half > low else low * (b - a)
-        total += top - bottom
-    return total
-
-
-@pytest.mark.parametrize("radius", RADII)
-def test_every_pixels_cover_is_exact_to_4e_15_of_the_radius_squared(radius):
-    """Measured against 40-digit arithmetic the error is at most 1e-15 radius^2: 9e-14 px^2 at 10 px.
-
-    The reference here is itself rounded to doubles, hence the wider bound. The last centres put the rim a
-    hair from a pixel edge, where a careless square root loses digits.
-    """
-    rng = np.random.default_rng(int(radius * 100))
-    hairs = [(radius + 4 + hair, 20.3) for hair in (0.0, 1e-15, -1e-12, 1e-10, -1e-8, 1e-5)]
-    for x, y in [*rng.uniform(11, 17, (8, 2)), *hairs]:
-        cover, left, top = cover_of(x, y, radius)
-        rows, columns = cover.shape
-        exact = [
-            [area_by_pieces(x, y, radius, left + j, top + i) for j in range(columns)] for i in range(rows)
-        ]
-        np.testing.assert_allclose(cover, exact, rtol=0, atol=4e-15 * radius**2)
 
 
 @given(st.floats(-2, math.log10(200)), st.floats(200, 2300), st.floats(200, 2300))

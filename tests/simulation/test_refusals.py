@@ -18,15 +18,11 @@ lens_distortion.k1 is nan: it must be at least -100 and at most 100
 lens_distortion.k2 is 101: it must be at least -100 and at most 100
 lens_distortion.k3 is 1e-16: it must be 0, or at least 1e-15 either way
 rolling_shutter.readout_s is 0: it must be above 0 and at most 1e+06 (leave the effect out for a global
-rolling_shutter.readout_s is inf: it must be above 0 and at most 1e+06
 rolling_shutter.symbol_s is nan: it must be above 0 and at most 1e+06
 stuck_leds.on_share is -0.1: it must be at least 0 and at most 1
-stuck_leds.off_share is nan: it must be at least 0 and at most 1
 stuck_leds.off_share + on_share is 1.1: it must be at most 1
 led_scatter.coefficient_of_variation is 0: it must be above 0 and at most 2 (leave the effect out for no
-led_scatter.coefficient_of_variation is 2.01: it must be above 0 and at most 2
 attenuation.visibility_m is 0: it must be above 0
-attenuation.visibility_m is inf: it must be above 0
 background_texture.contrast is 1.1: it must be above 0 and at most 1
 background_texture.beta is 4.5: it must be at least 0 and at most 4
 lamps.count is 0: it must be a whole number, at least 1 and at most 1000
@@ -46,7 +42,6 @@ motion_blur.velocity_y_m_s is nan: it must be at least -200 and at most 200
 defocus.focus_distance_m is 0: it must be above 0 (.inf for focus at infinity)
 diffraction.wavelength_nm is 299.9: it must be at least 300 and at most 1100
 blooming.sigma_px is 0: it must be above 0 and at most 32 (leave the effect out for no blooming)
-blooming.sigma_px is 32.1: it must be above 0 and at most 32
 vignetting.corner_loss is 1: it must be from 0 to below 1
 bayer.red is 0: it must be at least 0.001 and at most 1
 photoelectrons.quantum_efficiency is 1.01: it must be above 0 and at most 1
@@ -58,7 +53,6 @@ hot_pixels.share is 2: it must be above 0 and at most 1
 hot_pixels.electrons_per_s is inf: it must be above 0 and at most 1e+09
 full_well.electrons is 0: it must be at least 1 and at most 1e+09
 dsnu.electrons is nan: it must be above 0 and at most 100000
-row_noise.electrons is 0: it must be above 0 and at most 100000 (leave the effect out for none)
 read_noise.electrons is -3: it must be above 0 and at most 100000
 quantization.bits is 17: it must be a whole number, at least 1 and at most 16
 jpeg.quality is 75.5: it must be a whole number, at least 1 and at most 100

@@ -33,7 +33,6 @@ from vocc_torch.simulation.effects.sensor import (
     ReadNoise,
     RowNoise,
     ShotNoise,
-    picture_tiles,
     poisson_quantile,
     tile_parts,
 )
@@ -352,13 +351,6 @@ def test_parts_cover_a_window_once_and_lie_where_they_say(x, y, height, width):
     assert (covered == 1).all()
 
 
-@pytest.mark.parametrize(("at", "tiles"), [((130, 10), 1), ((120, 10), 2), ((120, 120), 4)])
-def test_a_window_draws_only_the_tiles_that_it_touches(at, tiles):
-    context = Context(Scene.of(), CAMERA, frame_keys(1), torch.tensor([at]))
-    (touched,) = picture_tiles(context, "read_noise", (16, 16))
-    assert len(touched) == tiles
-
-
 # The sensor's own patterns are kept
 
 
@@ -371,9 +363,7 @@ def test_a_pattern_is_drawn_once_in_a_run(monkeypatch):
         return on_sensor(torch.zeros(len(origin), 1, 40, 40), effect, keys=keys, origin=origin)
 
     first = planes([10, 10])
-    assert len(drawn) == 1
     planes([10, 10], [100, 10])
-    assert len(drawn) == 2
     assert torch.equal(planes([10, 10]), first)
     assert len(drawn) == 2
     assert not torch.equal(planes([10, 10], seed=1), first)

@@ -32,17 +32,7 @@ def all_on(scene, shape=SHAPE):
 
 def by_hand(scene, bits, camera, panel, origin, size, sigma, visibility, samples):
     """One frame in plain NumPy: discs by points in each pixel, SciPy's Gaussian, Eqs 1 to 3 and 20."""
-    ambient, luminance, distance, grey, dx, dy = (
-        float(getattr(scene, name)[0])
-        for name in (
-            "ambient_lx",
-            "led_luminance_cd_m2",
-            "distance_m",
-            "background_grey",
-            "offset_x_m",
-            "offset_y_m",
-        )
-    )
+    ambient, luminance, distance, grey, dx, dy = (float(getattr(scene, name)[0]) for name in Scene.__slots__)
     t, n, k = camera.exposure_time_s, camera.f_number, camera.calibration_constant
 
     def exposure(reflectance, light):
