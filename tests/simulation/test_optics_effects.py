@@ -12,9 +12,8 @@ from scipy import ndimage, special
 
 from vocc_torch.errors import VoccError
 from vocc_torch.hardware import Camera
-from vocc_torch.simulation.effects import CAMERA_STEPS, PHYSICAL_ORDER, Context, Quantity, build_effects
+from vocc_torch.simulation.effects import CAMERA_STEPS, PHYSICAL_ORDER, Context, Quantity
 from vocc_torch.simulation.effects.coding import Quantization, Saturation
-from vocc_torch.simulation.effects.light import Attenuation
 from vocc_torch.simulation.effects.optics import (
     REACH_IN_LAMBDA_N,
     Blooming,
@@ -30,7 +29,6 @@ from vocc_torch.simulation.effects.optics import (
     streak_length_px,
     streak_taps,
 )
-from vocc_torch.simulation.simulator import PAPER_EFFECTS
 from vocc_torch.types import Scene
 
 DOUBLE = torch.float64
@@ -373,13 +371,6 @@ def test_quantization_to_other_depths_is_the_nearest_of_its_levels(bits):
 
 
 # The registry
-
-
-def test_effects_run_in_physical_order_whatever_the_order_of_the_names():
-    """All 24 orders of the paper's four effects."""
-    for names in itertools.permutations(PAPER_EFFECTS):
-        effects = build_effects({name: PAPER_EFFECTS[name] for name in names})
-        assert [type(effect) for effect in effects] == [Attenuation, Blooming, Saturation, Quantization]
 
 
 def test_physical_order_never_runs_back():

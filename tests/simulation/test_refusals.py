@@ -7,9 +7,7 @@ import yaml
 from test_every_effect import PARAMETERS
 
 from vocc_torch.errors import VoccError
-from vocc_torch.simulation import Camera, Distribution, LedPanel, SceneModel
 from vocc_torch.simulation.effects import build_effects
-from vocc_torch.types import PanelShape
 
 OF_EFFECTS = """
 pose.yaw_deg is 80.1: it must be at least -80 and at most 80
@@ -87,26 +85,6 @@ OF_CHAINS = """
 {saturation: {}, quantization: {bits: 9}, jpeg: {quality: 9}} -> jpeg codes 8-bit frames: scene.effects.
 """
 
-OF_CAMERAS_AND_SCENES = """
-camera.focal_length_mm is 0: it must be above 0
-camera.sensor_width_mm is -1: it must be above 0
-camera.width_px is 0: it must be a whole number, at least 1 and at most 32768
-camera.exposure_time_s is 20000: it must be at least 1e-09 and at most 10000
-camera.gamma is -2.2: it must be above 0
-panel.led_diameter_m is 0: it must be above 0
-panel.led_gap_m is -0.01: it must be at least 0 and at most 1000
-panel.led_reflectance is 1.1: it must be at least 0 and at most 1
-panel.background_reflectance is 0: it must be above 0, because auto-ISO meters it
-panel.board_reflectance is -0.1: it must be at least 0 and at most 1
-shape.rows is 0: it must be a whole number, at least 1 and at most 1024
-scene.ambient_lx is -1: it must be at least 0
-scene.ambient_lx is 2e+12: it must be at most 1e+12
-scene.led_luminance_cd_m2 is -1: it must be at least 0
-scene.distance_m is 0: it must be above 0
-scene.background_grey is 256: it must be at most 255
-scene.offset_x_m is -2e+09: it must be at least -1e+09
-"""
-
 
 def number(text):
     return int(text) if text.lstrip("-").isdigit() else float(text)
@@ -133,19 +111,3 @@ def test_a_scene_whose_effects_do_not_fit(row):
     named, line = row.split(" -> ")
     said = refusal(build_effects, named=yaml.safe_load(named))
     assert said.removeprefix("scene.effects").lstrip(". ").startswith(line)
-
-
-@pytest.mark.parametrize("line", OF_CAMERAS_AND_SCENES.strip().splitlines())
-def test_a_value_of_a_camera_a_panel_or_a_scene(line):
-    section, name, value = re.match(r"(\w+)\.(\w+) is (\S+): ", line).groups()
-    given = number(value)
-    if section == "scene":
-        assert refusal(SceneModel, **{name: Distribution("choice", (given, 40.0))}) == line
-        return
-    make = {"camera": Camera, "panel": LedPanel, "shape": PanelShape}[section]
-    assert refusal(make, **{name: given}) == line.replace("shape.", "panel.")
-
-
-@pytest.mark.parametrize("limits", [(3200, 100), (0, 100), (100, float("nan"))])
-def test_iso_limits_that_are_none(limits):
-    assert refusal(Camera, iso_limits=limits).startswith(f"camera.iso_limits is {list(limits)}: it must be ")

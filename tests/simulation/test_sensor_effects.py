@@ -188,12 +188,6 @@ def test_row_noise_is_one_offset_a_row_anew_in_every_picture():
     assert not torch.equal(run(value, RowNoise(2.0), keys=frame_keys(40, take="on")) - 50, offsets)
 
 
-def test_read_noise_is_new_in_every_picture():
-    one, two = (run(level(0, 3, 1, 200, 300), ReadNoise(3.0), keys=frame_keys(3, take=t)) for t in ("a", "b"))
-    noise = torch.cat([one, two]).flatten(1).numpy()
-    assert abs(np.corrcoef(noise)[np.triu_indices(6, 1)]).max() < 4 / math.sqrt(60_000)
-
-
 def test_a_full_pixel_holds_its_capacity_and_has_no_noise():
     charge = torch.cat([level(900, 1, 1, 50, 50), level(1400, 1, 1, 50, 50)])
     held = run(charge, ShotNoise(), FullWell(1100))

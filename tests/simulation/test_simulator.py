@@ -180,13 +180,6 @@ def test_float32_frames_differ_from_float64_in_at_most_a_few_pixels_of_a_million
     assert int(gaps.sum()) <= 8e-6 * gaps.numel()
 
 
-def test_leds_that_are_off_differ_from_the_background_by_their_reflectance_alone():
-    """With equal reflectances and every LED Off, the panel cannot be seen."""
-    scene = Scene.of(3)
-    simulator = Simulator(panel=LedPanel(led_reflectance=0.18))
-    assert simulator.render(scene, ~all_on(scene)).grey.unique().tolist() == [102]
-
-
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
 def test_black_leds_on_a_dark_board_are_black_and_not_nan(dtype):
     """Rounding once left such pixels a hair below zero, where gamma encoding has no value."""
