@@ -1,4 +1,4 @@
-"""What a scene, a camera or an effect cannot have is refused in one line that names the key and the rule."""
+"""What a scene or an effect cannot have is refused in one line that names the key and the rule."""
 
 import re
 
