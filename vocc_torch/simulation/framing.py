@@ -345,8 +345,7 @@ def in_groups(
     Returns:
         (B,1,H,W), in the batch's order.
     """
-    drawn: list[Tensor] = []
-    order: list[int] = []
+    drawn, order = list[Tensor](), list[int]()
     for frames, size in groups:
         chunk = max(1, CHUNK_PIXELS // math.prod(size))
         parts = (batch.taken(frames[start : start + chunk], size) for start in range(0, len(frames), chunk))
@@ -357,6 +356,8 @@ def in_groups(
             top, left = (whole // 2 - small // 2 for whole, small in zip(batch.size, size, strict=True))
             larger[:, :, top : top + size[0], left : left + size[1]] = pictures
             pictures = larger
+        if frames == list(range(len(batch))):
+            return pictures
         drawn.append(pictures)
         order += frames
     return torch.cat(drawn)[torch.tensor(order, device=batch.bits.device).argsort()]

@@ -159,11 +159,6 @@ class TilePart:
     in_window: tuple[slice, slice]
     in_tile: tuple[slice, slice]
 
-    @property
-    def rows(self) -> int:
-        """How many of the tile's rows must be drawn: numbers come row by row, so those below are left out."""
-        return int(self.in_tile[0].stop)
-
 
 def tile_parts(origin_px: tuple[int, int], size: tuple[int, int]) -> Iterator[TilePart]:
     """Cut a window of the sensor along the tiles.
@@ -385,9 +380,9 @@ class ShotNoise(ElectronNoise):
         counts, normals = np.empty_like(means), np.empty(TILE)
         frames = picture_tiles(context, self.name, means.shape[1:])
         for mean, count, tiles in zip(means, counts, frames, strict=True):
-            # Tile by tile the working arrays stay in the processor's cache.
+            # Tile by tile the working arrays stay in the cache; a tile's rows below the window are not drawn.
             for part, generator in tiles:
-                generator.standard_normal(out=normals[: part.rows])
+                generator.standard_normal(out=normals[: part.in_tile[0].stop])
                 tile = mean[part.in_window].astype(np.float64)
                 # Rounding in an earlier effect may leave a black pixel a hair below zero.
                 np.maximum(tile, 0.0, out=tile)
@@ -517,7 +512,7 @@ class ReadNoise(ElectronNoise):
         normals = np.empty(TILE, dtype=np.float32)
         for plane, tiles in zip(planes, picture_tiles(context, self.name, planes.shape[1:]), strict=True):
             for part, generator in tiles:
-                generator.standard_normal(out=normals[: part.rows], dtype=np.float32)
+                generator.standard_normal(out=normals[: part.in_tile[0].stop], dtype=np.float32)
                 np.multiply(normals[part.in_tile], np.float32(self.electrons), out=plane[part.in_window])
         return value + torch.from_numpy(planes).unsqueeze(1).to(value)
 
