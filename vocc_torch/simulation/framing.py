@@ -274,17 +274,16 @@ class Batch:
         """Count the frames."""
         return len(self.context.scene)
 
-    def taken(self, frames: Sequence[int], size: Size) -> Self:
-        """Take some frames by their numbers; a smaller size keeps the middle."""
-        context, rows = self.context, torch.tensor(frames, device=self.bits.device)
-        inset = [whole // 2 - small // 2 for whole, small in zip(self.size, size, strict=True)]
-        part = replace(
-            context,
-            scene=context.scene[rows],
-            keys=[context.keys[frame] for frame in frames if context.keys],
-            origin_px=context.first_px[rows] + torch.tensor(inset[::-1], device=rows.device),
-            iso=None if context.iso is None else context.iso[rows],
-        )
+    def taken(self, frames: slice | list[int], size: Size) -> Self:
+        """Take some frames, by a slice or by their numbers; a smaller size keeps the middle."""
+        context, keys = self.context, self.context.keys
+        keys = keys[frames] if isinstance(frames, slice) else [keys[frame] for frame in frames if keys]
+        rows = frames if isinstance(frames, slice) else torch.tensor(frames, device=self.bits.device)
+        origin, iso = context.first_px[rows], None if context.iso is None else context.iso[rows]
+        if size != self.size:
+            inset = [whole // 2 - small // 2 for whole, small in zip(self.size, size, strict=True)]
+            origin = origin + torch.tensor(inset[::-1], device=origin.device)
+        part = replace(context, scene=context.scene[rows], keys=keys, origin_px=origin, iso=iso)
         return replace(self, context=part, bits=self.bits[rows], centre_px=self.centre_px[rows], size=size)
 
 
@@ -345,19 +344,21 @@ def in_groups(
     Returns:
         (B,1,H,W), in the batch's order.
     """
-    drawn, order = list[Tensor](), list[int]()
+    order = [frame for frames, _ in groups for frame in frames]
+    in_order = order == list(range(len(batch)))
+    batch = batch if in_order else batch.taken(order, batch.size)
+    drawn, begin = [], 0
     for frames, size in groups:
-        chunk = max(1, CHUNK_PIXELS // math.prod(size))
-        parts = (batch.taken(frames[start : start + chunk], size) for start in range(0, len(frames), chunk))
-        pictures = torch.cat([draw(part) for part in parts])
-        if size != batch.size:
-            # The panel lies in the middle, so that every corner is beyond its light.
-            larger = pictures[:, :, :1, :1].repeat(1, 1, *batch.size)
-            top, left = (whole // 2 - small // 2 for whole, small in zip(batch.size, size, strict=True))
-            larger[:, :, top : top + size[0], left : left + size[1]] = pictures
-            pictures = larger
-        if frames == list(range(len(batch))):
-            return pictures
-        drawn.append(pictures)
-        order += frames
-    return torch.cat(drawn)[torch.tensor(order, device=batch.bits.device).argsort()]
+        chunk, end = max(1, CHUNK_PIXELS // math.prod(size)), begin + len(frames)
+        for start in range(begin, end, chunk):
+            pictures = draw(batch.taken(slice(start, min(start + chunk, end)), size))
+            if size != batch.size:
+                # The panel lies in the middle, so that every corner is beyond its light.
+                larger = pictures[:, :, :1, :1].repeat(1, 1, *batch.size)
+                top, left = (whole // 2 - small // 2 for whole, small in zip(batch.size, size, strict=True))
+                larger[:, :, top : top + size[0], left : left + size[1]] = pictures
+                pictures = larger
+            drawn.append(pictures)
+        begin = end
+    together = drawn[0] if len(drawn) == 1 else torch.cat(drawn)
+    return together if in_order else together[torch.tensor(order, device=together.device).argsort()]
