@@ -98,10 +98,10 @@ class Turned(Simulator):
         height, width = (max(8, min(side + 2 * self.knobs.margin_px, full)) for side, full in sides)
         return height, width
 
-    def _paint(self, batch: Any) -> Tensor:
+    def paint(self, batch: Any) -> Tensor:
         """Draw the picture that the lens sees, (B,1,H,W) cd/m2: squarely faced panels without a board."""
         if not self.knobs.samples:
-            return super()._paint(batch)
+            return super().paint(batch)
         scene, panel, samples = batch.context.scene, self.panel, self.knobs.samples
         light = batch.bits * scene.led_luminance_cd_m2.view(-1, 1, 1)
         for effect in self.effects:
@@ -128,8 +128,11 @@ class Turned(Simulator):
 
 def truncated(blooming: Any, sigmas: float) -> Any:
     """Give blooming whose kernel ends at that many standard deviations."""
-    reach = property(lambda own: max(1, math.ceil(sigmas * own.sigma_px)))
-    return type("Truncated", (type(blooming),), {"reach_px": reach})(blooming.sigma_px)
+
+    def reach(own: Any, camera: Any, nearest_m: float) -> int:
+        return max(1, math.ceil(sigmas * own.sigma_px))
+
+    return type("Truncated", (type(blooming),), {"reach_in_px": reach})(blooming.sigma_px)
 
 
 def sampled_cover(

@@ -9,11 +9,16 @@ from pathlib import Path
 import pytest
 import torch
 from hydra.core.global_hydra import GlobalHydra
+from hypothesis import settings
 
 from vocc_torch.app import cli
 from vocc_torch.measure.plan import Budget, Experiment, Plan, ReceiverPlan, World
 from vocc_torch.measure.train import train
 from vocc_torch.simulation import Distribution
+
+settings.register_profile("quick", max_examples=20, deadline=None)
+settings.register_profile("long", max_examples=1000, deadline=None)
+settings.load_profile("quick")  # pytest --hypothesis-profile=long
 
 
 def pytest_configure(config):

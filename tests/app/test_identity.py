@@ -17,7 +17,7 @@ from vocc_torch.measure.plan import Budget, ClassifierPlan, Experiment, Plan, Re
 from vocc_torch.receiver.classifiers.protocol import ModuleFile
 from vocc_torch.receiver.classifiers.training import TrainingRecipe
 from vocc_torch.simulation import Distribution
-from vocc_torch.simulation.effects.registry import PHYSICAL_ORDER
+from vocc_torch.simulation.effects import PHYSICAL_ORDER
 from vocc_torch.simulation.simulator import PAPER_EFFECTS
 from vocc_torch.types import PanelShape
 

@@ -4,34 +4,25 @@ A case is a seed and an index, and what it draws is plain: keys of the configura
 numbers bring it back, and what they gave can be written down beside them for the day the drawing changes.
 """
 
-from __future__ import annotations
-
 import math
-from dataclasses import dataclass, field
+import re
+from dataclasses import dataclass, field, fields
+from pathlib import Path
 
 import numpy as np
+import yaml
 
 from vocc_torch.rng import BlockKey
+from vocc_torch.simulation.effects import PHYSICAL_ORDER, Quantity
+from vocc_torch.simulation.simulator import PAPER_EFFECTS
+
+ROOT = Path(__file__).resolve().parents[2]
 
 INFINITE = math.inf
 WRONG = ("ten", "", True, None, [], [1.0, 2.0], {"a": 1}, ["uniform", 1.0], ["choice"], 10**400)
 """Values of another type, which Hydra lets through where the schema holds any."""
 
-BEYOND = (
-    0.0,
-    -0.0,
-    -1.0,
-    5e-324,
-    -5e-324,
-    2.2e-308,
-    1e-300,
-    1e300,
-    1.7e308,
-    -1e300,
-    INFINITE,
-    -INFINITE,
-    math.nan,
-)
+BEYOND = (0.0, -0.0, -1.0, 5e-324, -5e-324, 2.2e-308, 1e-300, 1e300, 1.7e308, -1e300, -INFINITE, math.nan)
 """Numbers that few ranges hold."""
 
 
@@ -105,71 +96,38 @@ SCENE = {
     "offset_x_m": Range((-3, 3), -1e9, 1e9, scene=True),
     "offset_y_m": Range((-3, 3), -1e9, 1e9, scene=True),
 }
-ZERO_UP = {"above": True}
-LIGHT = {"most": 1e12, "above": True}
-SECONDS = {"most": 1e6, "above": True}
-ELECTRONS = Range((0.1, 100), 0, 100_000, above=True)
-PER_S = Range((1, 1e7), 0, 1e9, above=True)
+_PARTS = yaml.safe_load((ROOT / "conf/task/effects.yaml").read_text())["effects"]["parts"]
+_TYPICAL = {name: own for part in (PAPER_EFFECTS, *_PARTS.values()) for name, own in part.items()}
+_OWN_RANGES = {
+    "focus_distance_m": Range((1, 300), 0, above=True),
+    "corner_loss": Range((0.01, 0.6), 0, 0.999),
+}
+
+
+def _range(field, typical):
+    """The range that a parameter declares; its usual values lie about its typical one."""
+    rule = field.metadata
+    if not rule:
+        return _OWN_RANGES[field.name]
+    if isinstance(typical, list):
+        usual = tuple(typical[1:])
+    elif typical:
+        usual = tuple(sorted((typical / 4, typical * 4)))
+    else:
+        usual = (1.0, 1e4) if typical is None else (-0.3, 0.3)
+    low, high = (min(max(end, rule["low"]), rule["high"]) for end in usual)
+    least = math.nextafter(rule["low"], INFINITE) if rule["above"] else rule["low"]
+    scene = "Distribution" in str(field.type)
+    return Range((max(low, least), high), rule["low"], rule["high"], rule["above"], rule["whole"], scene)
+
+
 EFFECTS = {
-    "pose": {
-        "yaw_deg": Range((-60, 60), -80, 80, scene=True),
-        "pitch_deg": Range((-60, 60), -80, 80, scene=True),
-        "roll_deg": Range((-180, 180), -180, 180, scene=True),
-    },
-    "lens_distortion": {name: Range((-0.4, 0.4), -100, 100) for name in ("k1", "k2", "k3")},
-    "rolling_shutter": {
-        "readout_s": Range((1e-3, 0.05), **SECONDS),
-        "symbol_s": Range((0.02, 0.3), **SECONDS),
-    },
-    "stuck_leds": {"off_share": Range((0.001, 0.4), 0, 1), "on_share": Range((0.001, 0.4), 0, 1)},
-    "led_scatter": {"coefficient_of_variation": Range((0.01, 0.5), 0, 2, above=True)},
-    "attenuation": {"visibility_m": Range((20, 50_000), **ZERO_UP)},
-    "background_texture": {"contrast": Range((0.05, 0.6), 0, 1, above=True), "beta": Range((0.5, 3), 0, 4)},
-    "lamps": {
-        "count": Range((1, 20), 1, 1000, whole=True),
-        "luminance_cd_m2": Range((100, 1e6), **LIGHT),
-        "diameter_m": Range((0.05, 0.5), 0, 10, above=True),
-    },
-    "second_panel": {
-        "offset_x_m": Range((-3, 3), -100, 100),
-        "offset_y_m": Range((-3, 3), -100, 100),
-        "luminance_share": Range((0.1, 3), 0, 10, above=True),
-    },
-    "airlight": {"visibility_m": Range((20, 50_000), **ZERO_UP), "horizon_factor": Range((0.3, 2), 0, 10)},
-    "occlusion": {
-        "width_share": Range((0.05, 1), 0, 2, above=True),
-        "height_share": Range((0.05, 1), 0, 2, above=True),
-        "reflectance": Range((0.01, 0.9), 0, 1),
-    },
-    "veiling_glare": {
-        "luminance_cd_m2": Range((1, 1e4), **LIGHT),
-        "glare_illuminance_lx": Range((1, 1e5), **LIGHT),
-        "angle_deg": Range((1, 30), 1, 30),
-    },
-    "motion_blur": {name: Range((-30, 30), -200, 200) for name in ("velocity_x_m_s", "velocity_y_m_s")},
-    "defocus": {"focus_distance_m": Range((1, 300), **ZERO_UP)},
-    "diffraction": {"wavelength_nm": Range((380, 780), 300, 1100)},
-    "blooming": {"sigma_px": Range((0.3, 4), 0, 32, above=True)},
-    "vignetting": {"corner_loss": Range((0.01, 0.6), 0, math.nextafter(1, 0))},
-    "bayer": {name: Range((0.2, 1), 0, 1, above=True) for name in ("red", "green", "blue")},
-    "photoelectrons": {
-        "quantum_efficiency": Range((0.2, 0.9), 0, 1, above=True),
-        "wavelength_nm": Range((380, 780), 380, 780),
-        "luminous_efficacy_lm_w": Range((100, 683), 0, 683, above=True),
-    },
-    "prnu": {"share": Range((0.001, 0.05), 0, 0.2, above=True)},
-    "dark_current": {"electrons_per_s": PER_S},
-    "hot_pixels": {"share": Range((1e-4, 0.1), 0, 1, above=True), "electrons_per_s": PER_S},
-    "shot_noise": {},
-    "full_well": {"electrons": Range((1000, 1e5), 1, 1e9)},
-    "dsnu": {"electrons": ELECTRONS},
-    "row_noise": {"electrons": ELECTRONS},
-    "read_noise": {"electrons": ELECTRONS},
-    "gain": {},
-    "demosaicing": {},
-    "saturation": {},
-    "quantization": {"bits": Range((1, 16), 1, 16, whole=True)},
-    "jpeg": {"quality": Range((1, 100), 1, 100, whole=True)},
+    kind.name: {
+        field.name: _range(field, _TYPICAL[kind.name].get(field.name, field.default))
+        for field in fields(kind)
+        if field.init
+    }
+    for kind in PHYSICAL_ORDER
 }
 """Every parameter of every effect."""
 
@@ -181,16 +139,7 @@ LOCATION = {
 }
 FLDAS = ("flda_agr", "flda_gri", "flda_ngr", "flda_agr_ngr", "flda_2", "flda_3")
 RECEIVERS = ("center_greyscale", "average_greyscale", *FLDAS)
-SENSOR_EFFECTS = (
-    "prnu",
-    "dark_current",
-    "hot_pixels",
-    "shot_noise",
-    "full_well",
-    "dsnu",
-    "row_noise",
-    "read_noise",
-)
+SENSOR_EFFECTS = tuple(kind.name for kind in PHYSICAL_ORDER if kind.takes == kind.gives == Quantity.ELECTRONS)
 
 
 @dataclass(frozen=True)
@@ -424,93 +373,16 @@ def _rest(dice):
     return changes
 
 
-WORDS = (
-    *(
-        "",
-        "null",
-        "~",
-        "???",
-        "nan",
-        "inf",
-        "-inf",
-        ".inf",
-        ".nan",
-        "1e999",
-        "-0",
-        "0x10",
-        "1_000",
-        "1:30",
-        "٣",
-        "ten",
-    ),
-    *(
-        "'ten'",
-        '"ten"',
-        "'",
-        "[",
-        "]",
-        "{",
-        "}",
-        "[]",
-        "{}",
-        "[1]",
-        "[1,2]",
-        "[nan,1]",
-        "[uniform]",
-        "[uniform,1]",
-    ),
-    *(
-        "[uniform,1,2]",
-        "[uniform,2,1]",
-        "[uniform,nan,1]",
-        "[uniform,1,inf]",
-        "[uniform,[1],2]",
-        "[[uniform,1,2]]",
-    ),
-    *(
-        "[log_uniform,0,1]",
-        "[log_uniform,-1,1]",
-        "[log_uniform,1e-320,1e308]",
-        "[choice]",
-        "[choice,a]",
-        "[choice,null]",
-    ),
-    *(
-        "[uniform,-1e308,1e308]",
-        "[normal,0,1]",
-        "{uniform:[1,2]}",
-        "{a:{b:[1,{c:2}]}}",
-        "${seed}",
-        "${nothing}",
-        "${",
-    ),
-    *(
-        "${oc.env:NOTHING}",
-        "${scene.distance_m}",
-        "${experiment.values}",
-        "$",
-        "1,2",
-        "null,null",
-        "true",
-        "no",
-        "5 m",
-    ),
-    *(
-        "5\nm",
-        "5\tm",
-        "\\",
-        "a=b",
-        "=",
-        "%",
-        "ä",
-        "range(1,5)",
-        "choice(1,2)",
-        "interval(1,2)",
-        "glob(*)",
-        "sort(3,2)",
-    ),
-    *("float(3)", "int(3.5)", "str(3)", "-1", "0", "1e-320", "1e308", "1" + "0" * 400, "1" * 5000, "scene"),
-)
+_WORDS = r"""
+null  ~  ???  nan  inf  -inf  .inf  .nan  1e999  -0  0x10  1_000  1:30  ٣  ten  'ten'  "ten"  '  [  ]  {
+}  []  {}  [1]  [1,2]  [nan,1]  [uniform]  [uniform,1]  [uniform,1,2]  [uniform,2,1]  [uniform,nan,1]
+[uniform,1,inf]  [uniform,[1],2]  [[uniform,1,2]]  [log_uniform,0,1]  [log_uniform,-1,1]
+[log_uniform,1e-320,1e308]  [choice]  [choice,a]  [choice,null]  [uniform,-1e308,1e308]  [normal,0,1]
+{uniform:[1,2]}  {a:{b:[1,{c:2}]}}  ${seed}  ${nothing}  ${  ${oc.env:NOTHING}  ${scene.distance_m}
+${experiment.values}  $  1,2  null,null  true  no  5 m  \  a=b  =  %  ä  range(1,5)  choice(1,2)
+interval(1,2)  glob(*)  sort(3,2)  float(3)  int(3.5)  str(3)  -1  0  1e-320  1e308  scene
+"""
+WORDS = [*re.split("  |\n", _WORDS.strip()), "", "5\nm", "5\tm", "1" + "0" * 400, "1" * 5000]
 """What may stand behind a key on a command line."""
 
 
@@ -521,21 +393,8 @@ def words_of(seed, index, known):
     effects = [f"scene.effects.{name}" for name in EFFECTS]
     parameters = [f"scene.effects.{name}.{parameter}" for name in EFFECTS for parameter in EFFECTS[name]]
     odd = [
-        "experiment.scene.distance_m",
-        "experiment.training.ambient_lx",
-        "scene.effects.smoke",
-        "scene.distnce_m",
-    ]
-    odd += [
-        "scene.",
-        "scene..distance_m",
-        ".",
-        "scene@here",
-        "scene/camera",
-        "task",
-        "scene",
-        "camera",
-        "budget",
+        *("experiment.scene.distance_m", "experiment.training.ambient_lx", "scene.effects.smoke", "scene."),
+        *("scene.distnce_m", "scene..distance_m", ".", "scene@here", "scene/camera", "task", "budget"),
     ]
     words = []
     for _ in range(dice.one_of([1, 1, 1, 2])):

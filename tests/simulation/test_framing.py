@@ -1,18 +1,17 @@
 """The pinhole against OpenCV; what is rendered of the sensor; frames of like size drawn together."""
 
-import cv2
 import numpy as np
 import pytest
 import torch
-from kornia.filters import gaussian_blur2d
-from test_every_effect import KINDS, PARAMETERS
+from test_every_effect import KINDS, PARAMETERS, chain
 
 from vocc_torch import Simulator
 from vocc_torch.hardware import Camera, LedPanel
 from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.simulation import SceneModel, framing
-from vocc_torch.simulation.effects import Context, Quantity, build_effects
+from vocc_torch.simulation.effects import Context, build_effects
 from vocc_torch.simulation.effects.optics import Blooming
+from vocc_torch.simulation.effects.view import led_centres_m, panel_corners_m, view_of
 from vocc_torch.simulation.framing import (
     crop_origins_px,
     led_centres_px,
@@ -25,17 +24,6 @@ from vocc_torch.types import PanelShape, Scene
 
 SMALL = Camera(width_px=480, height_px=272, sensor_width_mm=13.2 / 4)
 KEYS = [FrameKey(BlockKey(0, "framing", 0), frame) for frame in range(3)]
-ROOM = {"pose": {"yaw_deg": ["uniform", -40, 40], "pitch_deg": 15, "roll_deg": ["uniform", -30, 30]}}
-
-
-def chain(name):
-    """The paper's effects and one more with what it needs."""
-    named = {**PAPER_EFFECTS, name: (PARAMETERS | ROOM)[name]}
-    if KINDS[name].takes == Quantity.ELECTRONS or name == "photoelectrons":
-        named |= {key: PARAMETERS[key] for key in ("photoelectrons", "gain")}
-    if name == "airlight":
-        named["attenuation"] = PARAMETERS["attenuation"]
-    return named
 
 
 def shots(effects, **settings):
@@ -103,7 +91,7 @@ def test_without_an_effect_that_fills_the_sensor_a_window_is_the_crop(name):
     assert torch.equal(near.surround, crop.surround)
 
 
-@pytest.mark.parametrize("side", range(60, 80))
+@pytest.mark.parametrize("side", [60, 65, 72, 79])
 def test_a_window_holds_the_crop_wherever_it_lies(side):
     sensor = (272, 480)
     size = window_size_px((side, side), sensor)
@@ -144,65 +132,20 @@ def test_a_panel_that_is_not_turned_is_drawn_as_without_perspective():
     assert float((ours.grey - plain.grey).abs().max()) < 1e-5
 
 
-PANELS = [
-    LedPanel(),
-    LedPanel(shape=PanelShape(3, 5), led_diameter_m=0.05, led_gap_m=0.01),
-    LedPanel(shape=PanelShape(1, 1), led_gap_m=0.0),
-]
-
-
-def projected(points_m, camera):
-    """OpenCV's pinhole without distortion; the principal point is the middle of the sensor's area."""
-    focal = camera.focal_length_mm / (camera.sensor_width_mm / camera.width_px)
-    intrinsic = np.array([[focal, 0, camera.width_px / 2], [0, focal, camera.height_px / 2], [0, 0, 1.0]])
-    pixels, _ = cv2.projectPoints(np.asarray(points_m, float), np.zeros(3), np.zeros(3), intrinsic, None)
-    return pixels.reshape(-1, 2)
-
-
-def scenes(seed, count=8):
-    rng = np.random.default_rng(seed)
-    return Scene.cat(
-        [
-            Scene.of(
-                distance_m=rng.uniform(1, 90), offset_x_m=rng.uniform(-9, 9), offset_y_m=rng.uniform(-3, 3)
-            )
-            for _ in range(count)
-        ]
-    )
-
-
-@pytest.mark.parametrize("panel", PANELS)
-@pytest.mark.parametrize("camera", [Camera(), Camera(focal_length_mm=18, width_px=640, height_px=481)])
-def test_led_centres_are_opencvs_projection(panel, camera):
-    scene = scenes(1)
-    x, y = led_centres_px(scene, camera, panel)
-    pitch = panel.led_diameter_m + panel.led_gap_m
-    rows, columns = panel.shape.rows, panel.shape.columns
-    for b in range(len(scene)):
-        points = [
-            (
-                float(scene.offset_x_m[b]) + (c - (columns - 1) / 2) * pitch,
-                float(scene.offset_y_m[b]) + (r - (rows - 1) / 2) * pitch,
-                float(scene.distance_m[b]),
-            )
-            for r in range(rows)
-            for c in range(columns)
-        ]
-        ours = torch.stack(torch.meshgrid(x[b], y[b], indexing="xy"), dim=-1).reshape(-1, 2)
-        np.testing.assert_allclose(ours.numpy(), projected(points, camera), rtol=0, atol=1e-9)
-
-
-@pytest.mark.parametrize("panel", PANELS)
-def test_corners_and_centre_are_opencvs_projection(panel):
-    scene, camera = scenes(2), Camera()
-    corners, centres = panel_corners_px(scene, camera, panel), panel_centre_px(scene, camera)
-    half_x, half_y = (n * panel.pitch_m / 2 for n in (panel.shape.columns, panel.shape.rows))
-    for b in range(len(scene)):
-        x, y, z = (float(v[b]) for v in (scene.offset_x_m, scene.offset_y_m, scene.distance_m))
-        clockwise = [(-half_x, -half_y), (half_x, -half_y), (half_x, half_y), (-half_x, half_y)]
-        points = [(x + dx, y + dy, z) for dx, dy in clockwise] + [(x, y, z)]
-        ours = torch.cat([corners[b], centres[b : b + 1]])
-        np.testing.assert_allclose(ours.numpy(), projected(points, camera), rtol=0, atol=1e-9)
+@pytest.mark.parametrize("shape", [(8, 8), (3, 5), (1, 1)])
+def test_an_upright_panel_is_where_the_lens_puts_it(shape):
+    """The direct way of panels that face the camera against that in perspective, which is held by OpenCV."""
+    panel, rng = LedPanel(PanelShape(*shape), led_diameter_m=0.05, led_gap_m=0.01), np.random.default_rng(1)
+    places = {"distance_m": (1, 90), "offset_x_m": (-9, 9), "offset_y_m": (-3, 3)}
+    scene = Scene.cat([Scene.of(**{n: rng.uniform(*ends) for n, ends in places.items()}) for _ in range(8)])
+    for camera in (Camera(), Camera(focal_length_mm=18, width_px=640, height_px=481)):
+        seen = view_of(Context(scene, camera))
+        x, y = led_centres_px(scene, camera, panel)
+        leds = torch.stack([x.repeat(1, shape[0]), y.repeat_interleave(shape[1], dim=1)], dim=-1)
+        corners, middle = panel_corners_px(scene, camera, panel), panel_centre_px(scene, camera)
+        for ours, points_m in ((leds, led_centres_m(panel)), (corners, panel_corners_m(panel))):
+            torch.testing.assert_close(ours, seen.points_px(points_m), rtol=0, atol=1e-9)
+        torch.testing.assert_close(middle, corners.mean(dim=1), rtol=0, atol=1e-9)
 
 
 FAR = Scene.of(distance_m=300.0)
@@ -222,16 +165,6 @@ def test_small_crops_laid_into_large_ones_are_the_large_ones(monkeypatch, worth)
         assert torch.equal(crop, whole.render(scene[i : i + 1], bits[i : i + 1]).grey[0]), i
 
 
-@pytest.mark.parametrize("size", [(61, 30), (7, 300), (400, 500)])
-def test_the_blur_of_a_plane_is_that_of_each_frame(size):
-    """Frames laid in one plane come out as Kornia's filter blurs them one by one."""
-    value = torch.rand(3, 1, *size, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
-    for sigma in (0.4, 1.5, 6.0):
-        effect = Blooming(sigma)
-        wanted = gaussian_blur2d(value, 2 * effect.reach_px + 1, (sigma, sigma), "replicate")
-        torch.testing.assert_close(effect(value, Context(Scene.of(3), Camera())), wanted, rtol=1e-14, atol=0)
-
-
 def test_a_frames_blur_is_the_same_to_the_last_bit_wherever_it_lies():
     """In float32, in batches of every size, and as a part of a larger frame."""
     generator = torch.Generator().manual_seed(1)
@@ -246,16 +179,6 @@ def test_a_frames_blur_is_the_same_to_the_last_bit_wherever_it_lies():
     wide = torch.rand(1, 1, 600, 701, generator=generator)
     wide[0, 0, 301:390, 207:296] = value[0, 0]
     assert torch.equal(effect(wide, context)[0, 0, 307:384, 213:290], together[0, 0, 6:-6, 6:-6])
-
-
-def test_the_blur_has_a_gradient():
-    """Light sent back through the blur is the light blurred: far from the border it is its own adjoint."""
-    value = torch.zeros(2, 1, 30, 30, requires_grad=True)
-    blurred = Blooming(1.5)(value, Context(Scene.of(2), Camera()))
-    (back,) = torch.autograd.grad(blurred[1, 0, 15, 14], value)
-    dot = torch.zeros(2, 1, 30, 30)
-    dot[1, 0, 15, 14] = 1
-    torch.testing.assert_close(back, Blooming(1.5)(dot, Context(Scene.of(2), Camera())), rtol=1e-5, atol=1e-9)
 
 
 @pytest.mark.parametrize("seed", [0, 7, 2**32 - 1, 2**32, 10**30])

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
@@ -71,15 +71,6 @@ def hidden(effect, where, size=SMALL.sensor_px):
     """The share of each pixel that is hidden: what a black rectangle takes of an even light."""
     black = replace(effect, reflectance=0.0)
     return 1 - black(torch.ones(len(where.scene), 1, *size, dtype=DOUBLE), where)[:, 0]
-
-
-@given(st.floats(0.01, 0.6), st.floats(0.01, 0.6), st.integers(0, 100))
-@settings(max_examples=12, deadline=None)
-def test_a_rectangle_hides_exactly_its_area(width, height, seed):
-    scene, effect = scenes(3, seed), Occlusion(width, height)
-    areas = hidden(effect, context(scene)).sum(dim=(1, 2))
-    sides = 0.48 * SMALL.focal_length_px / scene.distance_m
-    torch.testing.assert_close(areas, width * height * sides**2, rtol=1e-10, atol=0)
 
 
 def test_a_rectangle_is_where_its_stream_says_with_sharp_level_sides():
@@ -269,7 +260,6 @@ def test_two_per_cent_of_the_contrast_is_left_at_the_visibility_distance(luminan
 
 
 @given(st.floats(1.0, 500.0), st.floats(1.0, 500.0), st.floats(20.0, 5000.0), st.floats(0.0, 1e5))
-@settings(max_examples=20, deadline=None)
 def test_two_stretches_of_the_same_air_are_one_long_stretch(first, second, visibility, luminance):
     effect, value = Airlight(visibility_m=visibility), torch.full((1, 1, 1, 1), luminance, dtype=DOUBLE)
     for distance in (first, second):

@@ -1,21 +1,19 @@
 """The lens's and the coding's effects against SciPy and closed forms; only what a scene names is built."""
 
-import functools
 import itertools
 import math
 
 import numpy as np
 import pytest
 import torch
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy import ndimage, special
 
 from vocc_torch.errors import VoccError
 from vocc_torch.hardware import Camera
-from vocc_torch.simulation.effects import CAMERA_STEPS, PHYSICAL_ORDER, Context, Quantity, build_effects
+from vocc_torch.simulation.effects import CAMERA_STEPS, PHYSICAL_ORDER, Context, Quantity
 from vocc_torch.simulation.effects.coding import Quantization, Saturation
-from vocc_torch.simulation.effects.light import Attenuation
 from vocc_torch.simulation.effects.optics import (
     REACH_IN_LAMBDA_N,
     Blooming,
@@ -31,7 +29,6 @@ from vocc_torch.simulation.effects.optics import (
     streak_length_px,
     streak_taps,
 )
-from vocc_torch.simulation.simulator import PAPER_EFFECTS, Simulator
 from vocc_torch.types import Scene
 
 DOUBLE = torch.float64
@@ -114,7 +111,6 @@ def test_a_streaks_convolution_is_scipys(shift):
 
 
 @given(st.floats(0.0, 40.0))
-@settings(max_examples=24, deadline=None)
 def test_a_disc_has_its_energy_and_its_second_moment(diameter):
     energy, down, across, both = moments(disc(diameter))
     assert energy == pytest.approx(1, abs=1e-12)
@@ -139,7 +135,6 @@ shifts = st.floats(-30, 30)
 
 
 @given(shifts, shifts)
-@settings(max_examples=40, deadline=None)
 def test_a_streak_has_its_energy_and_its_second_moments(x, y):
     energy, down, across, both = moments(dense(*streak_taps(x, y), 17))
     assert energy == pytest.approx(1, abs=1e-12)
@@ -230,7 +225,6 @@ def thin_lens_diameter_px(focus, distance, camera):
 
 
 @given(st.floats(0.5, 1e4), st.floats(1.0, 500.0), st.floats(1.2, 16.0), st.floats(5.0, 80.0))
-@settings(deadline=None)
 def test_the_discs_diameter_is_the_thin_lenss(focus, distance, f_number, focal):
     camera = Camera(f_number=f_number, focal_length_mm=focal)
     ours = Defocus(focus).diameter_px(camera, torch.tensor([distance], dtype=DOUBLE))
@@ -239,16 +233,6 @@ def test_the_discs_diameter_is_the_thin_lenss(focus, distance, f_number, focal):
 
 
 # Motion blur
-
-
-def test_the_streaks_length_by_hand():
-    """20 m/s * 1/100 s * 25 mm / 10 m = 0.5 mm = 72.73 px at 10 m, half of it at 20 m."""
-    camera = Camera(exposure_time_s=0.01)
-    x, y = MotionBlur(20.0, -5.0).shift_px(camera, torch.tensor([10.0, 20.0], dtype=DOUBLE))
-    assert x.tolist() == pytest.approx([72.727, 36.364], abs=1e-3)
-    assert y.tolist() == pytest.approx([-18.182, -9.091], abs=1e-3)
-    row = run(MotionBlur(20.0), dot(101), 10.0, camera)[0, 0, 50]
-    assert int((row > 0).sum()) == 73
 
 
 def test_a_smooth_spot_in_motion_is_the_difference_of_two_error_functions():
@@ -322,9 +306,10 @@ def test_what_the_camera_makes_of_a_value_is_refused_by_name_too():
 # Blooming
 
 
-@pytest.mark.parametrize("sigma", [0.3, 0.8, 1.5, 2.7])
-def test_blooming_is_scipys_gaussian_to_1e_12(sigma):
-    exposure = planes(1, 3, 1, 41, 29)
+@pytest.mark.parametrize("size", [(41, 29), (7, 300), (400, 500)])
+@pytest.mark.parametrize("sigma", [0.3, 1.5, 6.0])
+def test_blooming_is_scipys_gaussian_to_1e_12(sigma, size):
+    exposure = planes(1, 3, 1, *size)
     ours = run(Blooming(sigma), exposure).numpy()
     for frame, plane in zip(ours[:, 0], exposure[:, 0].numpy(), strict=True):
         radius = math.ceil(4 * sigma)
@@ -355,17 +340,6 @@ def test_no_light_leaks_into_the_neighbouring_frame(dtype):
 
 
 # The other effects
-
-
-def test_attenuation_leaves_reflected_light_alone():
-    """Eq. 20 multiplies the LED's own light: with all LEDs Off fog changes nothing, with all On it does."""
-    scene, bits = Scene.of(2, distance_m=60.0), torch.zeros(2, 8, 8, dtype=torch.bool)
-    fog = PAPER_EFFECTS | {"attenuation": {"visibility_m": 50.0}}
-    clear = {name: values for name, values in PAPER_EFFECTS.items() if name != "attenuation"}
-    foggy_off, clear_off = (Simulator(effects=e).render(scene, bits).grey for e in (fog, clear))
-    assert torch.equal(foggy_off, clear_off)
-    foggy_on, clear_on = (Simulator(effects=e).render(scene, ~bits).grey for e in (fog, clear))
-    assert int(foggy_on.max()) < int(clear_on.max())
 
 
 def test_saturation_clips_at_white_and_nothing_else():
@@ -399,13 +373,6 @@ def test_quantization_to_other_depths_is_the_nearest_of_its_levels(bits):
 # The registry
 
 
-def test_effects_run_in_physical_order_whatever_the_order_of_the_names():
-    """All 24 orders of the paper's four effects."""
-    for names in itertools.permutations(PAPER_EFFECTS):
-        effects = build_effects({name: PAPER_EFFECTS[name] for name in names})
-        assert [type(effect) for effect in effects] == [Attenuation, Blooming, Saturation, Quantization]
-
-
 def test_physical_order_never_runs_back():
     """Light at the LED, air, optics, sensor, encoding: no effect takes what lies before what another gave."""
     order = list(Quantity)
@@ -413,31 +380,3 @@ def test_physical_order_never_runs_back():
         assert order.index(earlier.gives) <= order.index(later.takes)
     camera = [quantity for quantity in order if quantity != Quantity.ELECTRONS]
     assert list(CAMERA_STEPS) == camera[: len(CAMERA_STEPS)]
-
-
-def alarm(method):
-    """Stand in for a method, with its signature, and raise when it is called."""
-
-    @functools.wraps(method)
-    def touched(*_, **__):
-        raise AssertionError("an effect that the scene does not name was touched")
-
-    return touched
-
-
-@pytest.mark.parametrize("left_out", list(PAPER_EFFECTS))
-def test_an_effect_that_is_not_named_is_never_constructed_nor_called(monkeypatch, left_out):
-    kind = {effect.name: effect for effect in PHYSICAL_ORDER}[left_out]
-    unwanted = [kind, Quantization] if left_out == "saturation" else [kind]
-    for effect in unwanted:
-        for method in ("__init__", "__call__"):
-            monkeypatch.setattr(effect, method, alarm(getattr(effect, method)))
-        monkeypatch.setattr(effect, "reach_px", property(alarm(effect.reach_px.fget)))
-    names = {effect.name for effect in unwanted}
-    simulator = Simulator(effects={n: v for n, v in PAPER_EFFECTS.items() if n not in names})
-    scene = Scene.of(2)
-    assert len(simulator.render(scene, torch.ones(2, 8, 8, dtype=torch.bool))) == 2
-    assert simulator.contrast(scene).shape == (2,)
-    # The alarm itself works: naming the effect sets it off.
-    with pytest.raises(AssertionError, match="was touched"):
-        Simulator(effects=PAPER_EFFECTS)

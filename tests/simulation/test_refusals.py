@@ -1,4 +1,4 @@
-"""What a scene, a camera or an effect cannot have is refused in one line that names the key and the rule."""
+"""What a scene or an effect cannot have is refused in one line that names the key and the rule."""
 
 import re
 
@@ -7,30 +7,24 @@ import yaml
 from test_every_effect import PARAMETERS
 
 from vocc_torch.errors import VoccError
-from vocc_torch.simulation import Camera, Distribution, LedPanel, SceneModel
 from vocc_torch.simulation.effects import build_effects
-from vocc_torch.types import PanelShape
 
 OF_EFFECTS = """
-pose.yaw_deg is 80.1: it must be from -80 to 80
-pose.roll_deg is -181: it must be from -180 to 180
+pose.yaw_deg is 80.1: it must be at least -80 and at most 80
+pose.roll_deg is -181: it must be at least -180 and at most 180
 lens_distortion.k1 is nan: it must be at least -100 and at most 100
 lens_distortion.k2 is 101: it must be at least -100 and at most 100
 lens_distortion.k3 is 1e-16: it must be 0, or at least 1e-15 either way
 rolling_shutter.readout_s is 0: it must be above 0 and at most 1e+06 (leave the effect out for a global
-rolling_shutter.readout_s is inf: it must be above 0 and at most 1e+06
 rolling_shutter.symbol_s is nan: it must be above 0 and at most 1e+06
 stuck_leds.on_share is -0.1: it must be at least 0 and at most 1
-stuck_leds.off_share is nan: it must be at least 0 and at most 1
 stuck_leds.off_share + on_share is 1.1: it must be at most 1
 led_scatter.coefficient_of_variation is 0: it must be above 0 and at most 2 (leave the effect out for no
-led_scatter.coefficient_of_variation is 2.01: it must be above 0 and at most 2
 attenuation.visibility_m is 0: it must be above 0
-attenuation.visibility_m is inf: it must be above 0
 background_texture.contrast is 1.1: it must be above 0 and at most 1
 background_texture.beta is 4.5: it must be at least 0 and at most 4
-lamps.count is 0: it must be a whole number from 1 to 1000
-lamps.count is 2.5: it must be a whole number from 1 to 1000
+lamps.count is 0: it must be a whole number, at least 1 and at most 1000
+lamps.count is 2.5: it must be a whole number, at least 1 and at most 1000
 lamps.luminance_cd_m2 is 0: it must be above 0 and at most 1e+12
 lamps.diameter_m is 11: it must be above 0 and at most 10
 second_panel.offset_x_m is 101: it must be at least -100 and at most 100
@@ -40,13 +34,12 @@ airlight.horizon_factor is 10.5: it must be at least 0 and at most 10
 occlusion.width_share is 0: it must be above 0 and at most 2 (leave the effect out for a free view)
 occlusion.height_share is 2.1: it must be above 0 and at most 2
 occlusion.reflectance is 1.5: it must be at least 0 and at most 1
-veiling_glare.luminance_cd_m2 is 0: it must be above 0 and at most 1e+12 (leave the effect out for no glare)
+veiling_glare.glare_illuminance_lx is 0: it must be above 0 and at most 1e+12 (leave the effect out for no
 motion_blur.velocity_x_m_s is -201: it must be at least -200 and at most 200
 motion_blur.velocity_y_m_s is nan: it must be at least -200 and at most 200
 defocus.focus_distance_m is 0: it must be above 0 (.inf for focus at infinity)
 diffraction.wavelength_nm is 299.9: it must be at least 300 and at most 1100
 blooming.sigma_px is 0: it must be above 0 and at most 32 (leave the effect out for no blooming)
-blooming.sigma_px is 32.1: it must be above 0 and at most 32
 vignetting.corner_loss is 1: it must be from 0 to below 1
 bayer.red is 0: it must be at least 0.001 and at most 1
 photoelectrons.quantum_efficiency is 1.01: it must be above 0 and at most 1
@@ -58,10 +51,9 @@ hot_pixels.share is 2: it must be above 0 and at most 1
 hot_pixels.electrons_per_s is inf: it must be above 0 and at most 1e+09
 full_well.electrons is 0: it must be at least 1 and at most 1e+09
 dsnu.electrons is nan: it must be above 0 and at most 100000
-row_noise.electrons is 0: it must be above 0 and at most 100000 (leave the effect out for none)
 read_noise.electrons is -3: it must be above 0 and at most 100000
-quantization.bits is 17: it must be a whole number from 1 to 16
-jpeg.quality is 75.5: it must be a whole number from 1 to 100
+quantization.bits is 17: it must be a whole number, at least 1 and at most 16
+jpeg.quality is 75.5: it must be a whole number, at least 1 and at most 100
 """
 
 OF_CHAINS = """
@@ -80,7 +72,8 @@ OF_CHAINS = """
 {lens_distortion: {}} -> lens_distortion.k1, k2 and k3 are 0: one of the three must not be 0
 {motion_blur: {}} -> motion_blur.velocity_x_m_s and velocity_y_m_s are 0: one of the two must not be 0
 {stuck_leds: {}} -> stuck_leds.off_share + on_share is 0: it must be above 0 (leave the effect out
-{veiling_glare: {}} -> veiling_glare.luminance_cd_m2 is missing: give it, or glare_illuminance_lx with
+{veiling_glare: {}} -> veiling_glare.luminance_cd_m2 is missing: give luminance_cd_m2, or glare_ill
+{veiling_glare: {luminance_cd_m2: 0}} -> veiling_glare.luminance_cd_m2 is 0: it must be above 0
 {veiling_glare: {luminance_cd_m2: 5, angle_deg: 3}} -> veiling_glare.luminance_cd_m2 is 5: it must be left out
 {veiling_glare: {angle_deg: 3}} -> veiling_glare.glare_illuminance_lx is missing
 {veiling_glare: {glare_illuminance_lx: 9, angle_deg: 31}} -> veiling_glare.angle_deg is 31: it must be
@@ -90,26 +83,6 @@ OF_CHAINS = """
 {read_noise: {electrons: 1}} -> read_noise needs electrons, which scene.effects.photoelectrons makes
 {photoelectrons: {quantum_efficiency: 1}} -> ends at electrons, and scene.effects.gain reads out: name it
 {saturation: {}, quantization: {bits: 9}, jpeg: {quality: 9}} -> jpeg codes 8-bit frames: scene.effects.
-"""
-
-OF_CAMERAS_AND_SCENES = """
-camera.focal_length_mm is 0: it must be above 0
-camera.sensor_width_mm is -1: it must be above 0
-camera.width_px is 0: it must be a whole number, at least 1 and at most 32768
-camera.exposure_time_s is 20000: it must be at least 1e-09 and at most 10000
-camera.gamma is -2.2: it must be above 0
-panel.led_diameter_m is 0: it must be above 0
-panel.led_gap_m is -0.01: it must be at least 0 and at most 1000
-panel.led_reflectance is 1.1: it must be at least 0 and at most 1
-panel.background_reflectance is 0: it must be above 0, because auto-ISO meters it
-panel.board_reflectance is -0.1: it must be at least 0 and at most 1
-shape.rows is 0: it must be a whole number, at least 1 and at most 1024
-scene.ambient_lx is -1: it must be at least 0
-scene.ambient_lx is 2e+12: it must be at most 1e+12
-scene.led_luminance_cd_m2 is -1: it must be at least 0
-scene.distance_m is 0: it must be above 0
-scene.background_grey is 256: it must be at most 255
-scene.offset_x_m is -2e+09: it must be at least -1e+09
 """
 
 
@@ -138,19 +111,3 @@ def test_a_scene_whose_effects_do_not_fit(row):
     named, line = row.split(" -> ")
     said = refusal(build_effects, named=yaml.safe_load(named))
     assert said.removeprefix("scene.effects").lstrip(". ").startswith(line)
-
-
-@pytest.mark.parametrize("line", OF_CAMERAS_AND_SCENES.strip().splitlines())
-def test_a_value_of_a_camera_a_panel_or_a_scene(line):
-    section, name, value = re.match(r"(\w+)\.(\w+) is (\S+): ", line).groups()
-    given = number(value)
-    if section == "scene":
-        assert refusal(SceneModel, **{name: Distribution("choice", (given, 40.0))}) == line
-        return
-    make = {"camera": Camera, "panel": LedPanel, "shape": PanelShape}[section]
-    assert refusal(make, **{name: given}) == line.replace("shape.", "panel.")
-
-
-@pytest.mark.parametrize("limits", [(3200, 100), (0, 100), (100, float("nan"))])
-def test_iso_limits_that_are_none(limits):
-    assert refusal(Camera, iso_limits=limits).startswith(f"camera.iso_limits is {list(limits)}: it must be ")

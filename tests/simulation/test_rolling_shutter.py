@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 import torch
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
@@ -86,33 +86,14 @@ def test_the_hand_made_phase_has_the_overlaps_worked_out_by_hand():
     assert len(shares) == 7
     before, truth, after = shares[2], shares[3], shares[4]
     # Row 50 is exposed from -0.05 to 0.05, row 60 from 0.05 to 0.15: half in the truth, half after it.
-    for row, wanted in {
-        40: (0.5, 0.5, 0),
-        43: (0.2, 0.8, 0),
-        45: (0, 1, 0),
-        50: (0, 1, 0),
-        55: (0, 1, 0),
-    }.items():
-        assert [float(s[row]) for s in (before, truth, after)] == pytest.approx(wanted, abs=1e-12)
-    for row, wanted in {57: (0, 0.8, 0.2), 60: (0, 0.5, 0.5), 62: (0, 0.3, 0.7), 65: (0, 0, 1)}.items():
-        assert [float(s[row]) for s in (before, truth, after)] == pytest.approx(wanted, abs=1e-12)
+    wanted = {row: (0, 1, 0) for row in (45, 50, 55)} | {40: (0.5, 0.5, 0), 43: (0.2, 0.8, 0)}
+    wanted |= {57: (0, 0.8, 0.2), 60: (0, 0.5, 0.5), 62: (0, 0.3, 0.7), 65: (0, 0, 1)}
+    for row, overlaps in wanted.items():
+        assert [float(s[row]) for s in (before, truth, after)] == pytest.approx(overlaps, abs=1e-12)
     # A period of 20 rows later all is as before, one symbol on.
     torch.testing.assert_close(shares[3, 40:71], shares[4, 60:91], rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize("phase", [0.0, 0.3, 0.999999])
-def test_the_truth_shows_in_the_middle_of_the_centre_rows_exposure(phase):
-    """Whatever the phase it has at least half of that row, and at least what another symbol has."""
-    effect = RollingShutter(readout_s=FULL_READOUT, symbol_s=0.1)
-    where = Context(Scene.of(distance_m=40.0, offset_y_m=0.2), SMALL, [FixedPhase(phase)])
-    shares = effect.row_shares(where, 101)[0]
-    centre = math.floor(50.5 + 0.2 * SMALL.focal_length_px / 40.0)
-    truth = len(shares) // 2
-    assert float(shares[truth, centre]) == pytest.approx(0.5 + min(phase, 1 - phase), abs=1e-9)
-    assert int(shares[:, centre].argmax()) == truth or shares[truth, centre] == shares[:, centre].max()
-
-
-@settings(max_examples=24, deadline=None)
 @given(st.floats(1e-6, 2.0), st.floats(1.0, 30.0), st.floats(1e-4, 0.5), st.integers(0, 1000))
 def test_shares_add_to_one_and_go_forward_in_time_down_the_rows(readout, symbols, exposure, seed):
     camera = replace(SMALL, exposure_time_s=exposure)

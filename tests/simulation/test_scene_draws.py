@@ -33,16 +33,9 @@ def blocks(model, count, seed=0, point="test"):
 
 def test_every_part_of_the_key_changes_the_numbers():
     keys = [
-        (0, "p", 0, "bits"),
-        (1, "p", 0, "bits"),
-        (0, "q", 0, "bits"),
-        (0, "p", 1, "bits"),
-        (0, "p", 0, "noise"),
-        (2**32, "p", 0, "bits"),
-        (2**32 + 1, "p", 0, "bits"),
-        (0, "p", 2**32, "bits"),
-        (0, "bits", 0, "p"),
-        (0, "", 0, "pbits"),
+        *((seed, "p", 0, "bits") for seed in (0, 1, 2**32, 2**32 + 1)),
+        *((0, "q", 0, "bits"), (0, "p", 1, "bits"), (0, "p", 0, "noise"), (0, "p", 2**32, "bits")),
+        *((0, "bits", 0, "p"), (0, "", 0, "pbits")),
     ]
     firsts = {float(BlockKey(s, p, b).generator(stream).random()) for s, p, b, stream in keys}
     assert len(firsts) == len(keys)

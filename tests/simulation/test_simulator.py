@@ -9,7 +9,7 @@ from scipy import ndimage
 
 from vocc_torch.errors import VoccError
 from vocc_torch.rng import BlockKey
-from vocc_torch.simulation import Camera, Distribution, LedPanel, SceneModel, Simulator
+from vocc_torch.simulation import Camera, LedPanel, SceneModel, Simulator
 from vocc_torch.simulation.simulator import PAPER_EFFECTS
 from vocc_torch.types import PanelShape, Scene
 
@@ -27,38 +27,12 @@ def all_on(scene, shape=SHAPE):
     return torch.ones(len(scene), shape.rows, shape.columns, dtype=torch.bool)
 
 
-def outside(frames, row, full):
-    """The full frame's pixels that the crop leaves out."""
-    height, width = frames.grey.shape[-2:]
-    x, y = frames.origin_px[row].tolist()
-    mask = torch.ones(full.shape[-2:], dtype=torch.bool)
-    mask[y : y + height, x : x + width] = False
-    return full[0][mask]
-
-
-def window(frames, row, full):
-    """The full frame's pixels that the crop shows."""
-    height, width = frames.grey.shape[-2:]
-    x, y = frames.origin_px[row].tolist()
-    return full[:, y : y + height, x : x + width]
-
-
 # An independent rendering
 
 
 def by_hand(scene, bits, camera, panel, origin, size, sigma, visibility, samples):
     """One frame in plain NumPy: discs by points in each pixel, SciPy's Gaussian, Eqs 1 to 3 and 20."""
-    ambient, luminance, distance, grey, dx, dy = (
-        float(getattr(scene, name)[0])
-        for name in (
-            "ambient_lx",
-            "led_luminance_cd_m2",
-            "distance_m",
-            "background_grey",
-            "offset_x_m",
-            "offset_y_m",
-        )
-    )
+    ambient, luminance, distance, grey, dx, dy = (float(getattr(scene, name)[0]) for name in Scene.__slots__)
     t, n, k = camera.exposure_time_s, camera.f_number, camera.calibration_constant
 
     def exposure(reflectance, light):
@@ -163,28 +137,6 @@ def test_contrast_of_the_papers_examples_by_hand(ambient, luminance, clipped, un
     assert 100 * float(Simulator().contrast(scene)) == pytest.approx(clipped, abs=0.005)
 
 
-# Crops and full frames
-
-
-def assert_crop_is_full(camera, scene, bits):
-    framings = ("crop", "filled", "full")
-    cropped, filled, full = (Simulator(camera, framing=f).render(scene, bits) for f in framings)
-    assert full.surround is None is filled.surround
-    assert tuple(full.grey.shape[-2:]) == camera.sensor_px
-    assert torch.equal(filled.grey, full.grey)
-    assert torch.equal(filled.origin_px, full.origin_px)
-    for row in range(len(scene)):
-        assert torch.equal(window(cropped, row, full.grey[row]), cropped.grey[row])
-        rest = outside(cropped, row, full.grey[row])
-        assert rest.numel()
-        assert rest.unique().tolist() == [int(cropped.surround[row])]
-
-
-def test_crops_are_the_full_frames_pixels_on_16_random_scenes():
-    scene, bits = block(7, SceneModel(offset_x_m=Distribution("uniform", (-0.5, 0.5))))
-    assert_crop_is_full(SMALL, scene[:16], bits[:16])
-
-
 def test_a_crop_too_small_for_a_scene_is_refused():
     scene = Scene.cat([Scene.of(distance_m=d) for d in (50.0, 30.0)])
     with pytest.raises(VoccError, match=r"^nearest_m is 40: it must be at most the nearest scene's 30$"):
@@ -211,7 +163,7 @@ def test_frames_do_not_depend_on_the_batch_they_are_rendered_in(batch, tried):
 def test_chunks_are_joined_in_order(monkeypatch):
     scene, bits = block(5)
     whole = Simulator().render(scene, bits)
-    monkeypatch.setattr("vocc_torch.simulation.simulator.CHUNK_PIXELS", 3 * whole.grey[0].numel())
+    monkeypatch.setattr("vocc_torch.simulation.framing.CHUNK_PIXELS", 3 * whole.grey[0].numel())
     assert torch.equal(Simulator().render(scene, bits).grey, whole.grey)
 
 
@@ -226,13 +178,6 @@ def test_float32_frames_differ_from_float64_in_at_most_a_few_pixels_of_a_million
     gaps = torch.cat([(pair[0] - pair[1]).abs().flatten() for pair in pairs])
     assert int(gaps.max()) <= 1
     assert int(gaps.sum()) <= 8e-6 * gaps.numel()
-
-
-def test_leds_that_are_off_differ_from_the_background_by_their_reflectance_alone():
-    """With equal reflectances and every LED Off, the panel cannot be seen."""
-    scene = Scene.of(3)
-    simulator = Simulator(panel=LedPanel(led_reflectance=0.18))
-    assert simulator.render(scene, ~all_on(scene)).grey.unique().tolist() == [102]
 
 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])

@@ -94,21 +94,3 @@ def test_lamps_shine_less_through_fog():
     air, clear = 8000 / math.pi * (1 - kept), 8000 * 0.18 / math.pi
     expected = 102 * ((2e4 * kept + air) / (clear * kept + air)) ** (1 / 2.2)
     assert float(shot(lamps | FOG, scene=scene).grey.max()) == pytest.approx(expected, rel=1e-5)
-
-
-def test_at_the_visibility_distance_two_per_cent_of_the_contrast_is_left():
-    """Koschmieder's definition: of a black board against the horizon, with auto-ISO on its target."""
-    panel = LedPanel(led_reflectance=0.0, board_reflectance=0.0)
-    scene, off = Scene.of(distance_m=20.0), torch.zeros(1, 8, 8, dtype=torch.bool)
-
-    def contrast(effects):
-        frames = Simulator(SMALL, panel, effects=effects, dtype=torch.float64).render(scene, off)
-        assert float(frames.surround) == pytest.approx(102.0, rel=1e-9)
-        light = (frames.grey[0, 0] / 102.0) ** SMALL.gamma
-        return 1 - float(light[light.shape[0] // 2, light.shape[1] // 2])
-
-    # The horizon as bright as the background, so that the background stays what it is.
-    visibility = {"visibility_m": 20.0}
-    assert contrast({}) == pytest.approx(1.0)
-    seen = contrast({"attenuation": visibility, "airlight": {**visibility, "horizon_factor": 0.18}})
-    assert seen == pytest.approx(0.02, rel=1e-6)

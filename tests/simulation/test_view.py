@@ -8,7 +8,7 @@ import mpmath
 import numpy as np
 import pytest
 import torch
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -149,8 +149,8 @@ def spread_of(major, minor, turn):
 
 def cover_of(centre, spread):
     spread = torch.from_numpy(np.array(spread)).view(1, 2, 2)
-    size = ellipse_patch_px(spread)
-    cover, left, top = ellipse_cover(torch.tensor([centre], dtype=torch.float64), spread, size)
+    centre = torch.tensor([centre], dtype=torch.float64)
+    cover, left, top = ellipse_cover(centre, spread, ellipse_patch_px(spread), canvas_px=(64, 64))
     return cover[0].numpy(), int(left), int(top)
 
 
@@ -211,7 +211,9 @@ def test_every_pixels_share_of_an_ellipse_is_exact(ellipse):
         1e-15 / (1 - spread[0, 1] ** 2 / (spread[0, 0] * spread[1, 1])) * math.pi * ellipse[0] * ellipse[1]
     )
     assert allowed < 1e-12 * math.pi * ellipse[0] * ellipse[1]
-    for centre in ((0.0, 0.0), (7.31, -4.82), (0.5, 3.0)):
+    # The last ones put the rim of a disc a hair from a pixel edge, where a careless square root loses digits.
+    hairs = [(20.5 + hair, 20.3) for hair in (0.0, 1e-14, -1e-12, 1e-10, -1e-8, 1e-5)]
+    for centre in [(20.0, 20.0), (27.31, 15.18), (20.5, 23.0), *hairs]:
         cover, left, top = cover_of(centre, spread)
         exact = exact_cover(centre, spread, left, top, len(cover))
         np.testing.assert_allclose(cover, exact, rtol=0, atol=allowed + 2e-16)
@@ -224,7 +226,7 @@ def test_an_ellipse_seen_edge_on_covers_nothing(excess):
     along = torch.rand(2000, 1, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
     # The line runs through lattice points, so that rounding decides on which side of it they lie.
     centres = along + torch.tensor([0.0, 1.0])
-    cover, _, _ = ellipse_cover(centres, spread, ellipse_patch_px(spread))
+    cover, _, _ = ellipse_cover(centres + 9, spread, ellipse_patch_px(spread), canvas_px=(32, 32))
     assert torch.isfinite(cover).all()
     assert cover.sum(dim=(1, 2)).max() <= math.pi * 4 * math.sqrt(max(excess, 0)) * 1.1
 
@@ -270,6 +272,8 @@ SHAPES = {
     "not convex": ARROW,
     "rectangle on the lattice": [[2.0, 1.0], [7.0, 1.0], [7.0, 5.0], [2.0, 5.0]],
     "sliver": [[1.0, 1.0], [9.0, 8.0], [9.0, 8.0 + 1e-9]],
+    "off the frame": [[-40.0, 3.0], [-30.0, 4.0], [-35.0, 9.0]],
+    "a point": [[3.5, 3.5]] * 3,
     "inside one pixel": [[4.1, 4.2], [4.8, 4.3], [4.5, 4.9]],
     "star": [
         [5 + r * math.cos(t), 5 + r * math.sin(t)]
@@ -298,13 +302,6 @@ def test_a_polygons_cover_does_not_depend_on_its_batch():
         assert torch.equal(polygon_cover(batch[frame : frame + 1], 16, 4)[0], whole[frame])
 
 
-@pytest.mark.parametrize("place", [(-40.0, 3.0), (3.0, 40.0), (20.0, -30.0)])
-def test_a_polygon_off_the_frame_covers_nothing(place):
-    corners = torch.tensor([QUADRILATERAL]) + torch.tensor(place)
-    assert not polygon_cover(corners, 10, 11).any()
-    assert not polygon_cover(torch.full((1, 4, 2), 3.5), 10, 11).any()
-
-
 TURNS = Distribution("uniform", (-30.0, 40.0))
 
 
@@ -315,7 +312,6 @@ def drawn(pose, frames=64, take="frame", seed=0):
 
 
 @given(st.floats(-80, 80), st.floats(-80, 80), st.floats(-180, 180))
-@settings(max_examples=24, deadline=None)
 def test_the_rotation_is_scipys_and_keeps_the_panels_centre(yaw, pitch, roll):
     """Intrinsic turns about y, x and z; SciPy counts the first two the other way round."""
     if yaw == pitch == roll == 0:
@@ -375,7 +371,7 @@ def test_size_in_px_bounds_every_image_of_the_panel(pose, camera, nearest_m):
         [across / 2, down / 2], dtype=torch.float64
     )
     ratio = 0.0
-    for trial in range(40):
+    for trial in range(16):
         distance = nearest_m * (1 + max(0.0, rng.uniform(-1, 1)))
         place = rng.uniform(-1, 1, 2) if trial % 2 else rng.choice([-1, 1], 2)
         half = np.array([camera.width_px, camera.height_px]) / 2 * distance / camera.focal_length_px

@@ -1,18 +1,17 @@
 """Which part of the sensor is rendered, what stands for the rest, and how frames of like size go together."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Self
 
 import torch
 from torch import Tensor
 
 from vocc_torch.errors import VoccError
 from vocc_torch.hardware import Camera, LedPanel
-from vocc_torch.simulation.effects.base import Context, Effect
-from vocc_torch.simulation.effects.view import CLOCKWISE
+from vocc_torch.simulation import photometry
+from vocc_torch.simulation.effects import Context, Effect, view
 from vocc_torch.types import Scene
 
 LARGEST_LED_PX = 100_000
@@ -75,11 +74,11 @@ def led_centres_px(scene: Scene, camera: Camera, panel: LedPanel) -> tuple[Tenso
     """
     centre = panel_centre_px(scene, camera)
     pitch_px = (panel.pitch_m * camera.pixels_per_metre(scene.distance_m)).unsqueeze(-1)
-    columns = torch.arange(panel.shape.columns, dtype=centre.dtype, device=centre.device)
-    rows = torch.arange(panel.shape.rows, dtype=centre.dtype, device=centre.device)
-    x = centre[:, :1] + (columns - (panel.shape.columns - 1) / 2) * pitch_px
-    y = centre[:, 1:] + (rows - (panel.shape.rows - 1) / 2) * pitch_px
-    return x, y
+    columns, rows = (
+        torch.arange(leds, dtype=centre.dtype, device=centre.device) - (leds - 1) / 2
+        for leds in (panel.shape.columns, panel.shape.rows)
+    )
+    return centre[:, :1] + columns * pitch_px, centre[:, 1:] + rows * pitch_px
 
 
 def panel_corners_px(scene: Scene, camera: Camera, panel: LedPanel) -> Tensor:
@@ -93,7 +92,7 @@ def panel_corners_px(scene: Scene, camera: Camera, panel: LedPanel) -> Tensor:
     centre = panel_centre_px(scene, camera)
     half_px = panel.pitch_m * camera.pixels_per_metre(scene.distance_m).view(-1, 1, 1) / 2
     cells = centre.new_tensor([panel.shape.columns, panel.shape.rows])
-    return centre.unsqueeze(1) + centre.new_tensor(CLOCKWISE) * cells * half_px
+    return centre.unsqueeze(1) + centre.new_tensor(view.CLOCKWISE) * cells * half_px
 
 
 Size = tuple[int, int]
@@ -109,6 +108,9 @@ Frames of such a size are drawn one at a time; each pixel takes 50 to 100 bytes,
 
 SIZE_STEP = 1.2
 """Ratio of the distances between which panels are drawn in crops of one size."""
+
+CHUNK_PIXELS = 600_000
+"""Pixels rendered at a time: planes that outgrow the cache are slower, from 32 MiB on several times."""
 
 GROUP_PIXELS, GROUP_PIXELS_ELSEWHERE = 40_000, 10_000_000
 """Pixels in whose time a CPU begins another group of frames, and an accelerator does."""
@@ -253,20 +255,36 @@ class Batch:
     centre_px: Tensor
     size: Size
 
+    @classmethod
+    def around(cls, context: Context, bits: Tensor, size: Size, *, grid_px: int = 1) -> Self:
+        """Place pictures of one size around their panels, and meter them; see :func:`crop_origins_px`.
+
+        Raises:
+            VoccError: scenes whose light has no ISO speed.
+        """
+        if view.in_perspective(context.effects):
+            centre = view.view_of(context).points_px(context.scene.distance_m.new_zeros(1, 2))[:, 0]
+        else:
+            centre = panel_centre_px(context.scene, context.camera)
+        origin = crop_origins_px(centre, size, context.camera.sensor_px, grid_px=grid_px)
+        placed = replace(context, origin_px=origin, iso=photometry.auto_iso(context))
+        return cls(placed, bits, centre, size)
+
     def __len__(self) -> int:
         """Count the frames."""
         return len(self.context.scene)
 
-    def taken(self, rows: slice | Tensor, size: Size | None = None) -> Batch:
-        """Take some frames, by a slice or by their numbers (n,) int64; a smaller size keeps the middle."""
-        context, keys, origin = self.context, self.context.keys, self.context.first_px[rows]
-        keys = keys[rows] if isinstance(rows, slice) else [keys[row] for row in rows.tolist() if keys]
-        if size is not None and size != self.size:
+    def taken(self, frames: slice | list[int], size: Size) -> Self:
+        """Take some frames, by a slice or by their numbers; a smaller size keeps the middle."""
+        context, keys = self.context, self.context.keys
+        keys = keys[frames] if isinstance(frames, slice) else [keys[frame] for frame in frames if keys]
+        rows = frames if isinstance(frames, slice) else torch.tensor(frames, device=self.bits.device)
+        origin, iso = context.first_px[rows], None if context.iso is None else context.iso[rows]
+        if size != self.size:
             inset = [whole // 2 - small // 2 for whole, small in zip(self.size, size, strict=True)]
             origin = origin + torch.tensor(inset[::-1], device=origin.device)
-        iso = None if context.iso is None else context.iso[rows]
         part = replace(context, scene=context.scene[rows], keys=keys, origin_px=origin, iso=iso)
-        return Batch(part, self.bits[rows], self.centre_px[rows], size or self.size)
+        return replace(self, context=part, bits=self.bits[rows], centre_px=self.centre_px[rows], size=size)
 
 
 def like_sized(
@@ -321,36 +339,26 @@ def in_groups(
     Args:
         batch: frames whose panels lie in the middle of their pictures, or that are in a group of full size.
         groups: frames' numbers, each in one group, and the size in which a panel's light has room.
-        draw: gives the pictures (n,1,h,w) of a batch.
+        draw: gives the pictures (n,1,h,w) of a batch, which is as large as the cache holds.
 
     Returns:
         (B,1,H,W), in the batch's order.
     """
-    order = [row for rows, _ in groups for row in rows]
-    together = len(groups) == 1
-    if not together:
-        batch = batch.taken(torch.tensor(order, device=batch.bits.device))
-    laid, begin = [], 0
-    for rows, size in groups:
-        drawn = draw(batch.taken(slice(begin, begin + len(rows)), size))
-        # The panel lies in the middle, so that every corner is beyond its light.
-        laid.append(drawn if size == batch.size else lay_alike(drawn, drawn[:, 0, 0, 0], batch.size))
-        begin += len(rows)
-    pictures = torch.cat(laid)
-    if together:
-        return pictures
-    return pictures.index_select(0, torch.tensor(order, device=pictures.device).argsort())
-
-
-def lay_alike(value: Tensor, surround: Tensor, size_px: Size) -> Tensor:
-    """Lay crops into larger ones of their surround that have the same middle, (B,1,h,w) to (B,1,H,W).
-
-    Example:
-        >>> lay_alike(torch.full((1, 1, 1, 2), 5.0), torch.tensor([3.0]), (1, 4)).tolist()
-        [[[[3.0, 5.0, 5.0, 3.0]]]]
-    """
-    height, width = value.shape[-2:]
-    top, left = size_px[0] // 2 - height // 2, size_px[1] // 2 - width // 2
-    larger = surround.view(-1, 1, 1, 1).expand(-1, 1, *size_px).contiguous()
-    larger[:, :, top : top + height, left : left + width] = value
-    return larger
+    order = [frame for frames, _ in groups for frame in frames]
+    in_order = order == list(range(len(batch)))
+    batch = batch if in_order else batch.taken(order, batch.size)
+    drawn, begin = [], 0
+    for frames, size in groups:
+        chunk, end = max(1, CHUNK_PIXELS // math.prod(size)), begin + len(frames)
+        for start in range(begin, end, chunk):
+            pictures = draw(batch.taken(slice(start, min(start + chunk, end)), size))
+            if size != batch.size:
+                # The panel lies in the middle, so that every corner is beyond its light.
+                larger = pictures[:, :, :1, :1].repeat(1, 1, *batch.size)
+                top, left = (whole // 2 - small // 2 for whole, small in zip(batch.size, size, strict=True))
+                larger[:, :, top : top + size[0], left : left + size[1]] = pictures
+                pictures = larger
+            drawn.append(pictures)
+        begin = end
+    together = drawn[0] if len(drawn) == 1 else torch.cat(drawn)
+    return together if in_order else together[torch.tensor(order, device=together.device).argsort()]

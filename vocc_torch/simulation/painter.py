@@ -5,33 +5,25 @@ one that crosses the border is cut there, so a panel that is near, or has thousa
 the pixels of its frames do.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
-from vocc_torch.simulation import framing, raster
+from vocc_torch.simulation import framing, photometry, raster
 from vocc_torch.simulation.effects import Context, Effect, Quantity, view
-from vocc_torch.simulation.photometry import reflected_luminance_cd_m2
 
 SMALL_PATCH_PX = 8
 """Patches up to this side are one group; larger ones are grouped by powers of two."""
 
-GROUP_VALUES = 1_000_000
-"""Numbers in a working array."""
+Stamp = tuple[Tensor, Tensor, Tensor, Tensor]
+"""The cover (M,h,w) of some of a batch's LEDs, each in a patch of pixels of its frame; the patches' left
+columns and top rows (M,), and the LEDs' numbers (M,) of the batch's, frame by frame in raster order."""
 
 
 def taking(effects: Sequence[Effect], quantity: Quantity) -> tuple[Effect, ...]:
     """Pick the effects that take a quantity."""
     return tuple(effect for effect in effects if effect.takes == quantity)
-
-
-def in_perspective(effects: Sequence[Effect]) -> bool:
-    """Whether LEDs are more than discs of one size on an upright grid."""
-    return any(effect.takes in (Quantity.PLACEMENT, Quantity.IMAGE_POINTS) for effect in effects)
 
 
 def paint(
@@ -52,54 +44,51 @@ def paint(
     Raises:
         VoccError: an LED whose image is wider than 100000 px.
     """
-    scene, panel = context.scene, context.panel
+    scene, panel, leds = context.scene, context.panel, context.panel.shape.leds
     behind, before = (taking(context.effects, q) for q in (Quantity.BACKGROUND, Quantity.UNLIT))
-    background = reflected_luminance_cd_m2(scene.ambient_lx, panel.background_reflectance)
+    background, surface, board = (
+        photometry.reflected_luminance_cd_m2(scene.ambient_lx, 0.0 if share is None else share)
+        for share in (panel.background_reflectance, panel.led_reflectance, panel.board_reflectance)
+    )
     canvas = background.view(-1, 1, 1).expand(len(scene), *size).contiguous()
     for effect in behind:
         canvas = effect(canvas.unsqueeze(1), context).squeeze(1)
-    between = background
-    if panel.board_reflectance is not None:
-        between = reflected_luminance_cd_m2(scene.ambient_lx, panel.board_reflectance)
+    if panel.board_reflectance is None:
+        board = background
+    else:
         under = canvas if behind else background.view(-1, 1, 1)
-        canvas = canvas + _board_cover(context, size) * (between.view(-1, 1, 1) - under)
-    reflected = reflected_luminance_cd_m2(scene.ambient_lx, panel.led_reflectance)
+        canvas = canvas + board_cover(context, size) * (board.view(-1, 1, 1) - under)
     stamps = list(led_stamps(context, size))
-    added = torch.zeros_like(reflected)
+    added = surface - board
     if behind or before:
         covered = torch.zeros_like(canvas)
-        for stamp in stamps:
-            frame = stamp.led // panel.shape.leds
-            raster.add_patches(covered, stamp.cover, frame, stamp.left, stamp.top, whole=True)
+        for cover, left, top, led in stamps:
+            raster.add_patches(covered, cover, led // leds, left, top)
         # An LED hides what lies behind it: the board, wherever there is one.
-        hidden = canvas if panel.board_reflectance is None else between.view(-1, 1, 1)
-        canvas = canvas + covered * (reflected.view(-1, 1, 1) - hidden)
+        hidden = canvas if panel.board_reflectance is None else board.view(-1, 1, 1)
+        canvas = canvas + covered * (surface.view(-1, 1, 1) - hidden)
         for effect in before:
             canvas = effect(canvas.unsqueeze(1), context).squeeze(1).contiguous()
-    else:
-        added = reflected - between
-    for stamp in stamps:
-        frame = stamp.led // panel.shape.leds
-        light = _own_light(lights, shares, stamp, frame) + added[frame].view(-1, 1, 1)
-        raster.add_patches(canvas, stamp.cover * light, frame, stamp.left, stamp.top, whole=True)
+        added = torch.zeros_like(surface)
+    for cover, left, top, led in stamps:
+        frame = led // leds
+        if shares is None:
+            light = lights[:, 0].reshape(-1)[led].view(-1, 1, 1)
+        else:
+            # Each row of a patch has its own share of each symbol's light.
+            rows = top.unsqueeze(-1) + torch.arange(cover.shape[-2], device=frame.device)
+            held = shares[frame.unsqueeze(-1), :, rows].transpose(1, 2)
+            shown = lights.transpose(0, 1).reshape(lights.shape[1], -1)[:, led].T
+            light = (shown.unsqueeze(-1) * held).sum(1).unsqueeze(-1)
+        raster.add_patches(canvas, cover * (light + added[frame].view(-1, 1, 1)), frame, left, top)
     # Rounding can leave a black LED a hair below zero, where gamma encoding has no value.
     return canvas.clamp_(min=0).unsqueeze(1).to(dtype)
 
 
-def _own_light(lights: Tensor, shares: Tensor | None, stamp: Stamps, frame: Tensor) -> Tensor:
-    """Luminance of each LED's own light on each row of its patch, (M,1,1) or (M,h,1) cd/m2."""
-    if shares is None:
-        return lights[:, 0].reshape(-1)[stamp.led].view(-1, 1, 1)
-    rows = stamp.top.unsqueeze(-1) + torch.arange(stamp.cover.shape[-2], device=frame.device)
-    held = shares[frame.unsqueeze(-1), :, rows].transpose(1, 2)
-    leds = lights.transpose(0, 1).reshape(lights.shape[1], -1)[:, stamp.led].T
-    return (leds.unsqueeze(-1) * held).sum(1).unsqueeze(-1)
-
-
-def _board_cover(context: Context, size: framing.Size) -> Tensor:
+def board_cover(context: Context, size: framing.Size) -> Tensor:
     """Share of each pixel that the board covers, (B,H,W)."""
     origin = context.first_px.unsqueeze(1)
-    if not in_perspective(context.effects):
+    if not view.in_perspective(context.effects):
         corners = framing.panel_corners_px(context.scene, context.camera, context.panel) - origin
         across = raster.interval_cover(corners[:, 0, 0], corners[:, 2, 0], size[1]).unsqueeze(-2)
         return raster.interval_cover(corners[:, 0, 1], corners[:, 2, 1], size[0]).unsqueeze(-1) * across
@@ -110,40 +99,8 @@ def _board_cover(context: Context, size: framing.Size) -> Tensor:
     return raster.polygon_cover(view.view_of(context).points_px(outline.view(-1, 2)) - origin, *size)
 
 
-@dataclass(frozen=True, slots=True)
-class Stamps:
-    """The cover of some of a batch's LEDs, each in a patch of pixels inside its frame."""
-
-    cover: Tensor
-    """(M,h,w)."""
-    left: Tensor
-    """(M,) int64 column of the patch's left edge."""
-    top: Tensor
-    """(M,) int64 row of the patch's top edge."""
-    led: Tensor
-    """(M,) int64: of the batch's B * R * C LEDs, frame by frame in raster order."""
-
-
-@dataclass(frozen=True, slots=True)
-class _Discs:
-    """Images of all LEDs, (N,) each: discs by their radii, in perspective ellipses by their spreads."""
-
-    x: Tensor
-    y: Tensor
-    half_width: Tensor
-    half_height: Tensor
-    spread: Tensor | None = None
-
-    def cover(self, rows: Tensor | slice, side: int, size: framing.Size) -> tuple[Tensor, Tensor, Tensor]:
-        """Cover some of them: patches (M,h,w), their left columns and top rows (M,)."""
-        x, y = self.x[rows], self.y[rows]
-        if self.spread is None:
-            return raster.disc_cover(x, y, self.half_width[rows], side, canvas_px=size)
-        return raster.ellipse_cover(torch.stack([x, y], dim=-1), self.spread[rows], side, canvas_px=size)
-
-
-def led_stamps(context: Context, size: framing.Size) -> Iterator[Stamps]:
-    """Cover the LEDs of each frame, those of a frame in raster order and in one group or in adjoining ones.
+def led_stamps(context: Context, size: framing.Size) -> Iterator[Stamp]:
+    """Cover the LEDs of each frame, those of a frame in an order that its batch does not change.
 
     Args:
         context: scenes, camera, panel and, in perspective, the effects that place and move points.
@@ -152,64 +109,48 @@ def led_stamps(context: Context, size: framing.Size) -> Iterator[Stamps]:
     Raises:
         VoccError: an LED whose image is wider than 100000 px.
     """
-    scene, camera, panel, origin = context.scene, context.camera, context.panel, context.first_px
-    grids = None
-    if in_perspective(context.effects):
+    scene, panel, leds, origin = context.scene, context.panel, context.panel.shape.leds, context.first_px
+    upright = not view.in_perspective(context.effects)
+    if upright:
+        columns, rows = framing.led_centres_px(scene, context.camera, panel)
+        columns, rows = columns - origin[:, :1], rows - origin[:, 1:]
+        radius = panel.led_diameter_m / 2 * context.camera.pixels_per_metre(scene.distance_m)
+        widest = 2 * radius
+    else:
         at = view.led_centres_m(panel).to(scene.distance_m)
         centre, spread = view.view_of(context).discs_px(at, panel.led_diameter_m / 2)
-        centre, spread = (centre - origin.unsqueeze(1)).flatten(0, 1), spread.flatten(0, 1)
-        half = spread.diagonal(dim1=-2, dim2=-1).sqrt()
-        discs = _Discs(centre[:, 0], centre[:, 1], half[:, 0], half[:, 1], spread)
-    else:
-        x, y = framing.led_centres_px(scene, camera, panel)
-        radius = panel.led_diameter_m / 2 * camera.pixels_per_metre(scene.distance_m)
-        grids = x - origin[:, :1], y - origin[:, 1:], radius
-        radii = radius.repeat_interleave(panel.shape.leds)
-        discs = _Discs(*_each(*grids[:2]), radii, radii)
-    reach = torch.maximum(discs.half_width, discs.half_height).view(len(context.scene), -1)
-    sides = (2 * reach.amax(dim=1)).ceil().tolist()
-    widest = max(sides)
-    framing.demand_led_px(widest, float(context.scene.distance_m[sides.index(widest)]))
-    patches = [max(SMALL_PATCH_PX, 1 << int(side).bit_length()) for side in sides]
-    leds = panel.shape.leds
-    for patch in sorted(set(patches)):
-        like = [frame for frame, its in enumerate(patches) if its == patch]
-        side = int(max(sides[frame] for frame in like)) + 1
-        if grids is not None and patch == SMALL_PATCH_PX and leds * SMALL_PATCH_PX**2 <= GROUP_VALUES:
-            yield from _grid_stamps(grids, like, side, size)
-        else:
-            chosen = torch.zeros(len(sides), dtype=torch.bool)
-            chosen[like] = True
-            yield from _single_stamps(discs, chosen.to(discs.x.device).repeat_interleave(leds), side, size)
-
-
-def _single_stamps(discs: _Discs, chosen: Tensor, side: int, size: framing.Size) -> Iterator[Stamps]:
-    """Cover those of the chosen LEDs that are in sight, each by itself."""
-    height, width = size
-    seen = (discs.x + discs.half_width > 0) & (discs.x - discs.half_width < width)
-    seen &= (discs.y + discs.half_height > 0) & (discs.y - discs.half_height < height)
-    group = max(1, GROUP_VALUES // (min(side, height) * min(side, width)))
-    drawn = (seen & chosen).nonzero().squeeze(1)
-    for start in range(0, len(drawn), group):
-        which = drawn[start : start + group]
+        centre, half = centre - origin.unsqueeze(1), spread.diagonal(dim1=-2, dim2=-1).sqrt()
+        widest = 2 * half.amax(dim=(1, 2))
+    sides = widest.ceil().tolist()
+    framing.demand_led_px(max(sides), float(scene.distance_m[sides.index(max(sides))]))
+    single = list(range(len(sides)))
+    if upright:
+        # By powers of two, so that a near panel does not make all patches large.
+        patches = [max(SMALL_PATCH_PX, 1 << int(side).bit_length()) for side in sides]
+        for patch in sorted({patch for patch in patches if leds * patch**2 <= raster.GROUP_VALUES}):
+            like = [frame for frame in single if patches[frame] == patch]
+            side = int(max(sides[frame] for frame in like)) + 1
+            most = max(1, raster.GROUP_VALUES // (leds * side**2))
+            for start in range(0, len(like), most):
+                chosen = torch.tensor(like[start : start + most], device=origin.device)
+                whole = slice(None) if len(chosen) == len(sides) else chosen
+                grid = columns[whole], rows[whole], radius[whole]
+                cover, left, top = raster.disc_grid_cover(*grid, side, canvas_px=size)
+                led = chosen.unsqueeze(1) * leds + torch.arange(leds, device=origin.device)
+                yield cover.flatten(0, 2), *_each(left, top), led.view(-1)
+        single = [frame for frame in single if leds * patches[frame] ** 2 > raster.GROUP_VALUES]
+        if not single:
+            return
+        centre = torch.stack(_each(columns, rows), dim=-1).view(len(scene), -1, 2)
+        half = radius.view(-1, 1, 1).expand_as(centre)
+        spread = torch.diag_embed(half.square())
+    drawn = torch.zeros(len(sides), dtype=torch.bool, device=origin.device)
+    drawn[single] = True
+    centre, half, spread = (each.flatten(0, 1) for each in (centre, half, spread))
+    for which, side in raster.alike(centre - half, centre + half, size, drawn.repeat_interleave(leds)):
         # A view, where a batch's LEDs are all in sight and alike, spares their copies.
-        rows = slice(None) if len(which) == len(chosen) else which
-        yield Stamps(*discs.cover(rows, side, size), which)
-
-
-def _grid_stamps(
-    grids: tuple[Tensor, Tensor, Tensor], like: list[int], side: int, size: framing.Size
-) -> Iterator[Stamps]:
-    """Cover all LEDs of frames whose panels face the camera squarely and far away."""
-    x, y, radius = grids
-    leds = x.shape[1] * y.shape[1]
-    group = max(1, GROUP_VALUES // (leds * side**2))
-    for start in range(0, len(like), group):
-        frames = torch.tensor(like[start : start + group], device=x.device)
-        rows = slice(None) if len(frames) == len(x) else frames
-        cover, left, top = raster.disc_grid_cover(x[rows], y[rows], radius[rows], side, canvas_px=size)
-        led = frames.unsqueeze(1) * leds + torch.arange(leds, device=x.device)
-        yield Stamps(cover.flatten(0, 2), *_each(left, top), led.view(-1))
+        whole = slice(None) if len(which) == len(centre) else which
+        yield *raster.ellipse_cover(centre[whole], spread[whole], side, canvas_px=size), which
 
 
 def _each(of_columns: Tensor, of_rows: Tensor) -> tuple[Tensor, Tensor]:

@@ -4,8 +4,6 @@ A surface under ambient light sends out the luminance ``E R / pi`` (cd/m2); an O
 Eqs 2 and 3 are one map, ``10 L t / (K N^2)``, applied to those two luminances, so the map stands here once.
 """
 
-from __future__ import annotations
-
 import math
 
 import torch
@@ -230,7 +228,7 @@ def auto_iso(context: Context) -> Tensor:
         most = min(most, (MOST_GREY / MIDDLE_GREY) ** camera.gamma)
     held = (iso >= ISO_RANGE[0]) & (iso <= ISO_RANGE[1]) & (brightest * iso / 10 <= most)
     if not bool(held.all()):
-        _refuse(context, int(held.int().argmin()), iso)
+        raise light_refusal(context, int(held.int().argmin()), iso)
     return iso
 
 
@@ -250,18 +248,18 @@ def demand_greys(grey: Tensor) -> None:
         raise VoccError(f"scene.effects is without saturation, and grey values reach {most:g}: {rule}")
 
 
-def _refuse(context: Context, frame: int, iso: Tensor) -> None:
-    """Say why a frame has no ISO speed, or no grey values."""
+def light_refusal(context: Context, frame: int, iso: Tensor) -> VoccError:
+    """The error that says why a frame has no ISO speed, or no grey values."""
     scene, camera = context.scene, context.camera
     lux, speed = float(scene.ambient_lx[frame]), float(iso[frame])
     ambient = f"scene.ambient_lx is {lux:g}"
     if lux == 0 and camera.iso_limits is None:
         rule = "it must be above 0, or give camera.iso_limits, for auto-ISO without limits meters this light"
-        raise VoccError(f"{ambient}: {rule}")
+        return VoccError(f"{ambient}: {rule}")
     if not ISO_RANGE[0] <= speed <= ISO_RANGE[1]:
         target = f"scene.background_grey is {float(scene.background_grey[frame]):g}"
         rule = f"it must lead to an ISO speed from {ISO_RANGE[0]:g} to {ISO_RANGE[1]:g}"
-        raise VoccError(f"{ambient} and {target}: {rule}, and this is {speed:g} (or give camera.iso_limits)")
+        return VoccError(f"{ambient} and {target}: {rule}, and this is {speed:g} (or give camera.iso_limits)")
     led = f"scene.led_luminance_cd_m2 is {float(scene.led_luminance_cd_m2[frame]):g}"
     rule = f"it must lead to grey values of at most {MOST_GREY:g}, or {BRIGHTEST:g} where saturation is named"
-    raise VoccError(f"{led}, with {ambient} and ISO {speed:g}: {rule}")
+    return VoccError(f"{led}, with {ambient} and ISO {speed:g}: {rule}")

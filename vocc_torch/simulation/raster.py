@@ -10,12 +10,14 @@ integral. With the sign of the edge's direction, summed over the edges, these sh
 The integral is taken column by column and differenced by row, so that no large areas are subtracted.
 """
 
-from __future__ import annotations
-
 import math
+from collections.abc import Iterator
 
 import torch
 from torch import Tensor
+
+GROUP_VALUES = 1_000_000
+"""Numbers in a working array."""
 
 
 def _half_segment(u: Tensor) -> Tensor:
@@ -23,82 +25,15 @@ def _half_segment(u: Tensor) -> Tensor:
     return 0.5 * (u * torch.sqrt((1 - u) * (1 + u)) + torch.asin(u))
 
 
-def disc_quadrant_area(x: Tensor, y: Tensor) -> Tensor:
-    """Area of the unit disc left of each x and above each y.
-
-    Args:
-        x: (...,P) vertical edges, in radii from the disc's centre.
-        y: (...,Q) horizontal edges, likewise, y pointing down.
-
-    Returns:
-        (...,Q,P) area, 0 to pi; the closed form of the circle's integral.
-
-    Example:
-        >>> area = disc_quadrant_area(torch.tensor([0.0, 2.0]), torch.tensor([0.0]))
-        >>> [round(float(a) / math.pi, 6) for a in area[0]]
-        [0.25, 0.5]
-    """
-    x, y = x.clamp(-1, 1), y.clamp(-1, 1)
-    gx, gy = _half_segment(x).unsqueeze(-2), _half_segment(y).unsqueeze(-1)
-    x, y = x.unsqueeze(-2), y.unsqueeze(-1)
-    inside = x * y + gx + gy + math.pi / 4
-    left_of_x, above_y = math.pi / 2 + 2 * gx, math.pi / 2 + 2 * gy
-    beyond = torch.where(
-        x < 0,
-        torch.where(y < 0, torch.zeros_like(inside), left_of_x.expand_as(inside)),
-        torch.where(y < 0, above_y.expand_as(inside), 2 * gx + 2 * gy),
-    )
-    return torch.where(x * x + y * y < 1, inside, beyond)
-
-
 def per_pixel(area: Tensor) -> Tensor:
     """Area in each pixel, (N,h,w), from that left of and above each corner of the pixels, (N,h+1,w+1)."""
     return area[:, 1:, 1:] - area[:, :-1, 1:] - area[:, 1:, :-1] + area[:, :-1, :-1]
 
 
-def disc_cover(
-    centre_x: Tensor,
-    centre_y: Tensor,
-    radius: Tensor,
-    size: int,
-    *,
-    canvas_px: tuple[int, int] | None = None,
-) -> tuple[Tensor, Tensor, Tensor]:
-    """Share of each pixel that a disc covers, in a patch of pixels around each disc.
-
-    Args:
-        centre_x: (N,) px, float64.
-        centre_y: (N,) px, float64.
-        radius: (N,) px, above 0.
-        size: patch side in px, at least ``ceil(2 radius) + 1``.
-        canvas_px: height and width of what the discs are drawn on, from the origin on: each patch then lies
-            on it, and is no larger.
-
-    Returns:
-        cover (N,size,size), or smaller on a canvas, in 0 to 1, exact to rounding (in float64 within 2e-15 of
-        the radius squared), and the patches' left columns (N,) and top rows (N,), int64.
-
-    Example:
-        >>> one = torch.ones(1, dtype=torch.float64)
-        >>> cover, left, top = disc_cover(5.3 * one, 2.1 * one, 1.5 * one, size=4)
-        >>> round(float(cover.sum() / (math.pi * 1.5**2)), 9), int(left), int(top)
-        (1.0, 3, 0)
-    """
-    rows, columns = canvas_px or (None, None)
-    left, width = _patch(centre_x - radius, size, columns)
-    top, height = _patch(centre_y - radius, size, rows)
-    edges = torch.arange(size + 1, dtype=centre_x.dtype, device=centre_x.device)
-    scale = 1.0 / radius.unsqueeze(-1)
-    x = (left.unsqueeze(-1) + edges[: width + 1] - centre_x.unsqueeze(-1)) * scale
-    y = (top.unsqueeze(-1) + edges[: height + 1] - centre_y.unsqueeze(-1)) * scale
-    cover = per_pixel(disc_quadrant_area(x, y))
-    return (cover * (radius * radius).view(-1, 1, 1)).clamp_(0, 1), left.long(), top.long()
-
-
 def disc_grid_cover(
     columns_x: Tensor, rows_y: Tensor, radius: Tensor, size: int, *, canvas_px: tuple[int, int]
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """Share of each pixel that the discs of upright grids cover: :func:`disc_cover`, some four times faster.
+    """Share of each pixel that the discs of upright grids cover: :func:`ellipse_cover`, many times faster.
 
     The discs of a column share their vertical edges and those of a row the horizontal ones, so that all that
     costs is done once for each.
@@ -139,12 +74,42 @@ def disc_grid_cover(
     return cover.clamp_(0, 1), left.long(), top.long()
 
 
-def _patch(begin: Tensor, size: int, full: int | None) -> tuple[Tensor, int]:
+def _patch(begin: Tensor, size: int, full: int) -> tuple[Tensor, int]:
     """First pixel (N,) and number of pixels of patches along an axis, on a canvas of ``full`` pixels."""
-    first = torch.floor(begin)
-    if full is None:
-        return first, size
-    return first.clamp(0, max(full - size, 0)), min(size, full)
+    return torch.floor(begin).clamp(0, max(full - size, 0)), min(size, full)
+
+
+def alike(
+    low_px: Tensor, high_px: Tensor, canvas_px: tuple[int, int], chosen: Tensor
+) -> Iterator[tuple[Tensor, int]]:
+    """Group shapes of about one size, so that each group's patches fit into the processor's memory.
+
+    Args:
+        low_px: (N,2) left and upper bound of each shape, px.
+        high_px: (N,2) right and lower bound.
+        canvas_px: height and width of what they are drawn on; those that do not touch it are left out.
+        chosen: (N,) bool, the shapes to draw.
+
+    Yields:
+        Numbers (M,) of shapes, int64, in order, and the side of a square that holds what the canvas shows of
+        each of them, px. Sizes are told apart by powers of two from 8 px on: one large image among many
+        small ones does not make them all large.
+
+    Example:
+        >>> low, side = torch.tensor([[1.0, 1], [2, 2], [99, 0]]), torch.tensor([[3.0], [30], [3]])
+        >>> [(rows.tolist(), side) for rows, side in alike(low, low + side, (40, 40), torch.ones(3).bool())]
+        [([0], 4), ([1], 31)]
+    """
+    canvas = low_px.new_tensor(canvas_px[::-1])
+    which = (((high_px > 0) & (low_px < canvas)).all(dim=-1) & chosen).nonzero().squeeze(1)
+    seen = torch.minimum(high_px[which], canvas) - low_px[which].clamp(min=0)
+    sides = torch.minimum(torch.ceil(seen.amax(dim=-1)) + 1, canvas.max()).long()
+    sizes = torch.ceil(torch.log2(sides.clamp(min=8).double()))
+    for size in torch.unique(sizes).tolist():
+        group = (sizes == size).nonzero().squeeze(1)
+        side = int(sides[group].max())
+        for rows in group.split(max(1, GROUP_VALUES // (min(side, canvas_px[0]) * min(side, canvas_px[1])))):
+            yield which[rows], side
 
 
 def disc_wedge_area(u: Tensor, v: Tensor, cosine: Tensor, sine: Tensor) -> Tensor:
@@ -155,13 +120,13 @@ def disc_wedge_area(u: Tensor, v: Tensor, cosine: Tensor, sine: Tensor) -> Tenso
     whole disc's.
 
     Args:
-        u: (N,P) signed distances of lines with the normal m.
-        v: (N,Q) signed distances of lines with the normal n.
-        cosine: (N,) of the angle between m and n.
-        sine: (N,) of that angle, above 0.
+        u: (...,P) signed distances of lines with the normal m.
+        v: (...,Q) signed distances of lines with the normal n.
+        cosine: (...) of the angle between m and n.
+        sine: (...) of that angle, above 0.
 
     Returns:
-        (N,Q,P) area, 0 to pi.
+        (...,Q,P) area, 0 to pi.
 
     Example:
         >>> u, v, cosine = torch.zeros(1, 1), torch.zeros(1, 1), torch.tensor([-0.5])
@@ -169,8 +134,8 @@ def disc_wedge_area(u: Tensor, v: Tensor, cosine: Tensor, sine: Tensor) -> Tenso
         >>> round(float(area) / math.pi, 6)  # the lines through the centre are 60 degrees apart
         0.166667
     """
-    angle = torch.atan2(sine, -cosine).view(-1, 1, 1)
-    cosine, sine = cosine.view(-1, 1, 1), sine.view(-1, 1, 1)
+    cosine, sine = cosine[..., None, None], sine[..., None, None]
+    angle = torch.atan2(sine, -cosine)
     gu, gv = (_half_segment(line.clamp(-1, 1)) for line in (u, v))
     halves = gu.unsqueeze(-2) + gv.unsqueeze(-1)
     u, v = u.unsqueeze(-2), v.unsqueeze(-1)
@@ -183,8 +148,26 @@ def disc_wedge_area(u: Tensor, v: Tensor, cosine: Tensor, sine: Tensor) -> Tenso
     return torch.where(squares - 2 * cosine * product < sine * sine, inside, beyond)
 
 
+def disc_quadrant_area(x: Tensor, y: Tensor) -> Tensor:
+    """Area of the unit disc left of each x and above each y.
+
+    Args:
+        x: (...,P) vertical edges, in radii from the disc's centre.
+        y: (...,Q) horizontal edges, likewise, y pointing down.
+
+    Returns:
+        (...,Q,P) area, 0 to pi; the closed form of the circle's integral.
+
+    Example:
+        >>> area = disc_quadrant_area(torch.tensor([0.0, 2.0]), torch.tensor([0.0]))
+        >>> [round(float(a) / math.pi, 6) for a in area[0]]
+        [0.25, 0.5]
+    """
+    return disc_wedge_area(x, y, x.new_zeros(()), x.new_ones(()))
+
+
 def ellipse_cover(
-    centre_px: Tensor, spread_px2: Tensor, size: int, *, canvas_px: tuple[int, int] | None = None
+    centre_px: Tensor, spread_px2: Tensor, size: int, *, canvas_px: tuple[int, int]
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Share of each pixel that an ellipse covers, in a patch of pixels around each ellipse.
 
@@ -192,18 +175,18 @@ def ellipse_cover(
         centre_px: (N,2) ``(x, y)`` in px, float64.
         spread_px2: (N,2,2) px^2, float64, positive definite, of the ellipse
             ``(p - centre)^T spread^-1 (p - centre) <= 1``; the disc's is ``radius^2`` times the unit matrix.
-        size: patch side in px, at least the widest ellipse's extent and one.
-        canvas_px: as in :func:`disc_cover`.
+        size: patch side in px, at least the widest ellipse's extent on the canvas and one.
+        canvas_px: height and width of what they are drawn on, from the origin on: each patch lies on it.
 
     Returns:
-        cover (N,size,size), or smaller on a canvas, in 0 to 1, exact to rounding (in float64 within
+        cover (N,size,size), or smaller on a smaller canvas, in 0 to 1, exact to rounding (in float64 within
         ``1e-15 / (1 - rho^2)`` of the ellipse's area, rho being the spread's correlation), and the patches'
         left columns (N,) and top rows (N,), int64.
 
     Example:
         >>> spread = torch.tensor([[[4.0, 1.2], [1.2, 1.0]]], dtype=torch.float64)
         >>> centre = torch.tensor([[5.3, 2.1]], dtype=torch.float64)
-        >>> cover, left, top = ellipse_cover(centre, spread, size=5)
+        >>> cover, left, top = ellipse_cover(centre, spread, size=5, canvas_px=(9, 9))
         >>> round(float(cover.sum() / math.pi), 9), int(left), int(top)  # the root of the determinant is 1.6
         (1.6, 3, 1)
     """
@@ -213,9 +196,8 @@ def ellipse_cover(
     # Seen edge-on an ellipse has no area, and rounding would leave a root of less than none.
     root = (bounds * bounds - covariance * covariance).clamp(min=0).sqrt()
     sine = (root / bounds).clamp(min=1e-9)
-    rows, columns = canvas_px or (None, None)
-    left, width = _patch(centre_px[:, 0] - half[:, 0], size, columns)
-    top, height = _patch(centre_px[:, 1] - half[:, 1], size, rows)
+    left, width = _patch(centre_px[:, 0] - half[:, 0], size, canvas_px[1])
+    top, height = _patch(centre_px[:, 1] - half[:, 1], size, canvas_px[0])
     edges = torch.arange(size + 1, dtype=centre_px.dtype, device=centre_px.device)
     u = ((left - centre_px[:, 0]).unsqueeze(-1) + edges[: width + 1]) / half[:, :1]
     v = ((top - centre_px[:, 1]).unsqueeze(-1) + edges[: height + 1]) / half[:, 1:]
@@ -260,10 +242,23 @@ def polygon_cover(corners_px: Tensor, height: int, width: int) -> Tensor:
     stop = start.roll(-1, dims=1)
     cover = start.new_zeros(len(start), height, width)
     top, bottom = _range(start[..., 1], height)
+    lines = torch.arange(top, bottom + 1, dtype=start.dtype, device=start.device).view(-1, 1)
     for edge in range(start.shape[1]):
-        ends = torch.stack([start[:, edge], stop[:, edge]])
-        left, right = _range(ends[..., 0], width)
-        cover[:, top:bottom, left:right] += _under_edge(ends, (top, bottom), (left, right))
+        (x0, y0), (x1, y1) = (end[:, edge].unsqueeze(-1).unbind(dim=1) for end in (start, stop))
+        left, right = _range(torch.stack([x0, x1]), width)
+        edges = torch.arange(left, right + 1, dtype=x0.dtype, device=x0.device)
+        x = torch.minimum(torch.maximum(edges, torch.minimum(x0, x1)), torch.maximum(x0, x1))
+        run = torch.where(x1 == x0, torch.ones_like(x0), x1 - x0)
+        y = y0 + (x - x0) / run * (y1 - y0)
+        low = torch.minimum(y[:, :-1], y[:, 1:]).unsqueeze(1)
+        span = y.diff(dim=1).abs().unsqueeze(1)
+        # Mean over the column of min(y, line) - low, for y that runs evenly from low to low + span.
+        above = lines - low
+        within = torch.minimum(above.clamp(min=0), span)
+        mean = above.clamp_(max=0) + within - within.square() / (2 * span.clamp(min=1e-300))
+        # The signed area of each pixel above the edge, positive for one that runs to the left.
+        step = torch.where(x1 > x0, -1.0, 1.0) * x.diff(dim=1)
+        cover[:, top:bottom, left:right] += mean.diff(dim=1) * step.unsqueeze(1)
     # Positive for corners that run clockwise, as the sum above is: y points down.
     arm = start - start[:, :1]
     twice_area = (arm[:, :-1, 0] * arm[:, 1:, 1] - arm[:, :-1, 1] * arm[:, 1:, 0]).sum(dim=-1)
@@ -283,66 +278,24 @@ def _range(along: Tensor, size: int) -> tuple[int, int]:
     return first, max(first, math.ceil(min(max(high, 0), size)))
 
 
-def _under_edge(ends: Tensor, rows: tuple[int, int], columns: tuple[int, int]) -> Tensor:
-    """Signed area of each pixel that lies above a directed edge, in the columns that the edge crosses.
-
-    Args:
-        ends: (2,B,2) start and stop in px.
-        rows: first row and last plus one.
-        columns: first column and last plus one.
-
-    Returns:
-        (B,rows,columns), positive for an edge that runs to the left.
-    """
-    (x0, y0), (x1, y1) = (end.unsqueeze(-1).unbind(dim=1) for end in ends)
-    edges = torch.arange(columns[0], columns[1] + 1, dtype=ends.dtype, device=ends.device)
-    x = torch.minimum(torch.maximum(edges, torch.minimum(x0, x1)), torch.maximum(x0, x1))
-    run = torch.where(x1 == x0, torch.ones_like(x0), x1 - x0)
-    y = y0 + (x - x0) / run * (y1 - y0)
-    low = torch.minimum(y[:, :-1], y[:, 1:]).unsqueeze(1)
-    span = (y[:, 1:] - y[:, :-1]).abs().unsqueeze(1)
-    lines = torch.arange(rows[0], rows[1] + 1, dtype=ends.dtype, device=ends.device).view(-1, 1)
-    # Mean over the column of min(y, line) - low, for y that runs evenly from low to low + span.
-    above = lines - low
-    within = torch.minimum(above.clamp(min=0), span)
-    mean = above.clamp_(max=0) + within - within.square() / (2 * span.clamp(min=1e-300))
-    step = torch.where(x1 > x0, -1.0, 1.0) * (x[:, 1:] - x[:, :-1])
-    area: Tensor = mean.diff(dim=1) * step.unsqueeze(1)
-    return area
-
-
-def add_patches(
-    canvas: Tensor, patches: Tensor, frame: Tensor, left: Tensor, top: Tensor, *, whole: bool = False
-) -> None:
-    """Add patches onto a batch of canvases in place; what falls outside a canvas is cut off.
+def add_patches(canvas: Tensor, patches: Tensor, frame: Tensor, left: Tensor, top: Tensor) -> None:
+    """Add patches onto a batch of canvases in place.
 
     Args:
         canvas: (B,H,W), contiguous, changed in place.
-        patches: (N,h,w) values to add.
+        patches: (N,h,w) values to add, each wholly on its canvas.
         frame: (N,) int64, the canvas that each patch belongs to.
         left: (N,) int64 column of each patch's left edge.
         top: (N,) int64 row of each patch's top edge.
-        whole: True where all patches are known to lie on their canvases.
 
     Example:
-        >>> canvas = torch.zeros(1, 2, 2)
-        >>> zero = torch.zeros(1, dtype=torch.int64)
-        >>> add_patches(canvas, torch.ones(1, 2, 2), zero, zero + 1, zero - 1)
+        >>> canvas, one = torch.zeros(1, 2, 3), torch.ones(1, dtype=torch.int64)
+        >>> add_patches(canvas, torch.ones(1, 2, 2), 0 * one, one, 0 * one)
         >>> canvas.tolist()
-        [[[0.0, 1.0], [0.0, 0.0]]]
+        [[[0.0, 1.0, 1.0], [0.0, 1.0, 1.0]]]
     """
     height, width = canvas.shape[-2:]
     across, down = (torch.arange(patches.shape[axis], device=canvas.device) for axis in (-1, -2))
-    last_left, last_top = width - len(across), height - len(down)
-    if whole or bool(((left >= 0) & (left <= last_left) & (top >= 0) & (top <= last_top)).all()):
-        first = (frame * height + top) * width + left
-        index = first.view(-1, 1, 1) + (down.unsqueeze(-1) * width + across)
-        canvas.view(-1).index_add_(0, index.view(-1), patches.to(canvas.dtype).reshape(-1))
-        return
-    columns = (left.unsqueeze(-1) + across).unsqueeze(-2)
-    rows = (top.unsqueeze(-1) + down).unsqueeze(-1)
-    inside = (columns >= 0) & (columns < width) & (rows >= 0) & (rows < height)
-    index = (frame.view(-1, 1, 1) * height + rows) * width + columns
-    index = torch.where(inside, index, 0)
-    values = torch.where(inside, patches, 0)
-    canvas.view(-1).index_add_(0, index.view(-1), values.to(canvas.dtype).view(-1))
+    first = (frame * height + top) * width + left
+    index = first.view(-1, 1, 1) + (down.unsqueeze(-1) * width + across)
+    canvas.view(-1).index_add_(0, index.view(-1), patches.to(canvas.dtype).reshape(-1))

@@ -1,12 +1,10 @@
 """Scenes drawn from distributions, each value from a keyed stream of its own name."""
 
-from __future__ import annotations
-
 import math
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from typing import Literal
+from typing import Literal, Self, get_args
 
 import numpy as np
 import torch
@@ -18,7 +16,7 @@ from vocc_torch.rng import BLOCK_FRAMES, BlockKey
 from vocc_torch.types import PanelShape, Scene, demand_in_range
 
 Kind = Literal["constant", "uniform", "log_uniform", "choice"]
-KINDS: tuple[Kind, ...] = ("constant", "uniform", "log_uniform", "choice")
+KINDS: tuple[Kind, ...] = get_args(Kind)
 LARGEST = sys.float_info.max
 
 
@@ -65,7 +63,7 @@ class Distribution:
             raise VoccError(f"{shown}: high must not exceed low by more than {LARGEST:g}")
 
     @classmethod
-    def parse(cls, spec: float | Sequence[object], name: str) -> Distribution:
+    def parse(cls, spec: float | Sequence[object], name: str) -> Self:
         """Read a number (constant) or a list such as ``[uniform, 40, 60]``; a refusal names ``name``."""
         allowed = "a number, [uniform, low, high], [log_uniform, low, high] or [choice, a, b, ...]"
         refused = f"scene.{name} is {spec!r}: it must be {allowed}"

@@ -1,9 +1,7 @@
 """What stands behind the panel: texture, lamps and the panel of another vehicle."""
 
-from __future__ import annotations
-
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,11 +11,9 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from vocc_torch.errors import VoccError
-from vocc_torch.simulation.effects.base import BRIGHTEST, Context, Effect, Quantity, whole, within
-from vocc_torch.simulation.effects.light import dimmed_once
-from vocc_torch.simulation.effects.view import CLOCKWISE, LensDistortion, View, led_centres_m, view_of
-from vocc_torch.simulation.photometry import reflected_luminance_cd_m2
-from vocc_torch.simulation.raster import add_patches, disc_quadrant_area, ellipse_cover, polygon_cover
+from vocc_torch.simulation import photometry, raster
+from vocc_torch.simulation.effects import light, view
+from vocc_torch.simulation.effects.base import BRIGHTEST, Context, Effect, Quantity, within
 
 MOST_LAMPS = 1000
 """Most lamps in a frame."""
@@ -61,7 +57,7 @@ def power_law_noise(
 
 
 @dataclass(frozen=True, slots=True)
-class BackgroundTexture(Effect):
+class BackgroundTexture(Effect, on=Quantity.BACKGROUND):
     """Background luminance times a texture of mean 1, ``exp(s g) / mean(exp(s g))``, ``s^2 = ln(1 + c^2)``.
 
     g is :func:`power_law_noise` over the whole sensor and c the contrast. The texture is log-normal, as the
@@ -90,9 +86,6 @@ class BackgroundTexture(Effect):
 
     contrast: float = within(0, 1, above=True, hint="leave the effect out for a uniform background")
     beta: float = within(0, 4, default=2.0)
-
-    name = "background_texture"
-    takes = gives = Quantity.BACKGROUND
     sampled = fills_sensor = True
 
     def texture(self, generator: np.random.Generator, sensor_px: tuple[int, int]) -> NDArray[np.float32]:
@@ -113,7 +106,7 @@ class BackgroundTexture(Effect):
 
 
 @dataclass(frozen=True, slots=True)
-class Lamps(Effect):
+class Lamps(Effect, on=Quantity.BACKGROUND):
     """Round lamps at random places behind the panel, each covering the exact area of its disc.
 
     The centres are uniform over the sensor, so a border may cut a lamp. A lamp's image has the diameter that
@@ -139,12 +132,9 @@ class Lamps(Effect):
         True
     """
 
-    count: int = whole(1, MOST_LAMPS)
+    count: int = within(1, MOST_LAMPS, whole=True)
     luminance_cd_m2: float = within(0, BRIGHTEST, above=True)
     diameter_m: float = within(0, 10, above=True)
-
-    name = "lamps"
-    takes = gives = Quantity.BACKGROUND
     sampled = fills_sensor = True
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
@@ -152,46 +142,36 @@ class Lamps(Effect):
         camera, painted = context.camera, value.clone()
         radii = (self.diameter_m / 2 * camera.pixels_per_metre(context.scene.distance_m)).tolist()
         shining = torch.full_like(context.scene.distance_m, self.luminance_cd_m2).view(-1, 1, 1)
-        light = dimmed_once(shining, context).flatten().tolist()
+        luminances = light.dimmed_once(shining, context).flatten().tolist()
         generators = context.generators(self.name, of_scene=True)
-        frames = zip(radii, context.first_px.tolist(), light, generators, strict=True)
-        for frame, (radius, origin, light_cd_m2, generator) in enumerate(frames):
-            for across, down in generator.random((self.count, 2)).tolist():
-                centre = (across * camera.width_px, down * camera.height_px)
-                _paint(painted[frame, 0], centre, radius, origin, light_cd_m2)
+        frames = zip(radii, context.first_px.tolist(), luminances, generators, strict=True)
+        for frame, (radius, origin, luminance, generator) in enumerate(frames):
+            plane = painted[frame, 0]
+            for centre in (generator.random((self.count, 2)) * (camera.width_px, camera.height_px)).tolist():
+                # The sensor's coordinates throughout, so that a crop gets the full frame's very numbers.
+                (left, right), (top, bottom) = (
+                    (max(math.floor(c - radius), first), min(math.ceil(c + radius), first + side))
+                    for c, first, side in zip(centre, origin, plane.shape[::-1], strict=True)
+                )
+                if left >= right or top >= bottom:
+                    continue
+                x, y = (
+                    (torch.arange(low, high + 1, dtype=torch.float64, device=plane.device) - c) / radius
+                    for low, high, c in ((left, right, centre[0]), (top, bottom, centre[1]))
+                )
+                area = raster.disc_quadrant_area(x, y).diff(dim=0).diff(dim=1) * radius**2
+                cover = area.clamp(0, 1).to(plane.dtype)
+                window = plane[top - origin[1] : bottom - origin[1], left - origin[0] : right - origin[0]]
+                window.mul_(1 - cover).add_(cover * luminance)
         return painted
-
-
-def _paint(
-    plane: Tensor, centre: tuple[float, float], radius: float, origin: tuple[int, int], light_cd_m2: float
-) -> None:
-    """Paint one lamp onto the part of the sensor that ``plane`` shows, (H,W), in place."""
-    height, width = plane.shape
-    # The sensor's coordinates throughout, so that a crop gets the full frame's very numbers.
-    left, top = (max(math.floor(c - radius), o) for c, o in zip(centre, origin, strict=True))
-    right = min(math.ceil(centre[0] + radius), origin[0] + width)
-    bottom = min(math.ceil(centre[1] + radius), origin[1] + height)
-    if left >= right or top >= bottom:
-        return
-    x, y = (
-        (torch.arange(low, high + 1, dtype=torch.float64, device=plane.device) - middle) / radius
-        for low, high, middle in ((left, right, centre[0]), (top, bottom, centre[1]))
-    )
-    area = disc_quadrant_area(x, y).diff(dim=0).diff(dim=1) * radius**2
-    cover = area.clamp(0, 1).to(plane.dtype)
-    window = plane[top - origin[1] : bottom - origin[1], left - origin[0] : right - origin[0]]
-    window.mul_(1 - cover).add_(cover * light_cd_m2)
 
 
 FARTHEST_M = 100.0
 """Largest offset on offer along an axis."""
 
-GROUP_VALUES = 1_000_000
-"""Numbers in a working array."""
-
 
 @dataclass(frozen=True, slots=True)
-class SecondPanel(Effect):
+class SecondPanel(Effect, on=Quantity.BACKGROUND):
     """A panel of the same make in the plane of ours, which sends data of its own.
 
     Its LEDs are those of our panel, moved by the offset: they reflect daylight alike, stand on a board where
@@ -223,9 +203,6 @@ class SecondPanel(Effect):
     luminance_share: float = within(
         0, 10, default=1.0, above=True, hint="leave the effect out for no second panel"
     )
-
-    name = "second_panel"
-    takes = gives = Quantity.BACKGROUND
     sampled = fills_sensor = True
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
@@ -238,135 +215,69 @@ class SecondPanel(Effect):
             rule = f"one of the two must be at least {width_m:g} across or {height_m:g} down"
             raise VoccError(f"scene.effects.{self.name}.{shown}: the panels overlap, {rule}")
         offset_m = torch.tensor([self.offset_x_m, self.offset_y_m], dtype=torch.float64)
-        painted, leds_m = value.clone(), (offset_m + led_centres_m(panel)).to(scene.distance_m.device)
-        surface = reflected_luminance_cd_m2(scene.ambient_lx, panel.led_reflectance)
+        leds_m = (offset_m + view.led_centres_m(panel)).to(scene.distance_m.device)
         size = panel.shape.rows, panel.shape.columns
         bits = np.stack([g.integers(2, size=size, dtype=np.uint8) for g in context.generators(self.name)])
         full = scene.led_luminance_cd_m2.view(-1, 1, 1) * self.luminance_share
-        light = dimmed_once(torch.from_numpy(bits).to(full) * full, context)
-        seen = (surface.view(-1, 1, 1) + light).flatten()
-        leds = _leds_in_view(leds_m, value, context)
-        if panel.board_reflectance is None:
-            leds.lay(painted, seen, opaque=True)
-            return painted
-        board = reflected_luminance_cd_m2(scene.ambient_lx, panel.board_reflectance)
-        boards = board.repeat_interleave(panel.shape.leds)
-        _boards_in_view(leds_m, value, context).lay(painted, boards, opaque=True)
-        # What an LED covers is board, also in a pixel that the board's edge crosses.
-        leds.lay(painted, seen - boards, opaque=False)
-        return painted
+        own = light.dimmed_once(torch.from_numpy(bits).to(full) * full, context)
+        surface = photometry.reflected_luminance_cd_m2(scene.ambient_lx, panel.led_reflectance)
+        shining, canvas = surface.view(-1, 1, 1) + own, value.squeeze(1)
+        if panel.board_reflectance is not None:
+            board = photometry.reflected_luminance_cd_m2(scene.ambient_lx, panel.board_reflectance)
+            boards = board.repeat_interleave(panel.shape.leds)
+            covered, added = laid(canvas, boards, cell_patches(leds_m, canvas, context))
+            # What an LED covers is board, also in a pixel that the board's edge crosses.
+            canvas, shining = canvas * (1 - covered) + added, shining - board.view(-1, 1, 1)
+        covered, added = laid(canvas, shining.flatten(), led_patches(leds_m, canvas, context))
+        hidden = covered if panel.board_reflectance is None else 0.0
+        return (canvas * (1 - hidden) + added).unsqueeze(1)
 
 
-Cover = Callable[[Tensor, int], tuple[Tensor, Tensor, Tensor]]
-"""Numbers (K,) of shapes and a side to patches (K,h,w), their left columns and top rows (K,), sensor px."""
+Patches = Iterator[tuple[Tensor, Tensor, Tensor, Tensor]]
+"""Numbers (M,) of shapes among the batch's, their cover (M,h,w), left columns and top rows."""
 
 
-@dataclass(frozen=True, slots=True)
-class _Shapes:
-    """Those of N shapes a frame that the frames show: their numbers, bounds and cover, in sensor px."""
-
-    which: Tensor
-    """(M,): of the batch's B * N shapes, frame by frame."""
-    low: Tensor
-    """(M,2)."""
-    high: Tensor
-    """(M,2)."""
-    cover: Cover
-    context: Context
-
-    def groups(self) -> Iterator[tuple[Tensor, int]]:
-        """Rows (K,) of shapes of about one size, and the side of a square that holds each of them.
-
-        A shape near the plane of the lens has an image without bounds, so the sensor's bound them.
-        """
-        sensor = self.low.new_tensor(self.context.camera.sensor_px[::-1])
-        seen = torch.minimum(self.high, sensor) - self.low.clamp(min=0)
-        sides = torch.minimum(torch.ceil(seen.amax(dim=-1)) + 1, sensor.max()).long()
-        # By powers of two: one large image among many small ones does not make them all large.
-        size = torch.ceil(torch.log2(sides.clamp(min=8).double()))
-        for one in torch.unique(size).tolist():
-            alike = (size == one).nonzero().squeeze(1)
-            side = int(sides[alike].max())
-            for rows in alike.split(max(1, GROUP_VALUES // side**2)):
-                yield rows, side
-
-    def lay(self, painted: Tensor, luminance: Tensor, *, opaque: bool) -> None:
-        """Lay (B*N,) luminance over (B,1,H,W) in place, or add it where the shapes are not opaque."""
-        if len(self.which) == 0:
-            return
-        frame, origin = self.which // (len(luminance) // len(painted)), self.context.first_px
-        first, last = (bound - origin[frame] for bound in (self.low, self.high))
-        bounds = zip(first.amin(dim=0).tolist(), last.amax(dim=0).tolist(), painted.shape[:1:-1], strict=True)
-        columns, rows = (
-            slice(max(math.floor(low), 0), min(math.ceil(high) + 1, end)) for low, high, end in bounds
-        )
-        window = painted[:, 0, rows, columns]
-        covered, added = torch.zeros_like(window), torch.zeros_like(window)
-        for group, side in self.groups():
-            cover, left, top = self.cover(self.which[group], side)
-            x, y = origin[frame[group]].unbind(dim=-1)
-            places = frame[group], left - x - columns.start, top - y - rows.start
-            add_patches(added, cover * luminance[self.which[group]].view(-1, 1, 1), *places)
-            if opaque:
-                add_patches(covered, cover, *places)
-        painted[:, 0, rows, columns] = window * (1 - covered) + added
+def laid(canvas: Tensor, luminance: Tensor, patches: Patches) -> tuple[Tensor, Tensor]:
+    """Share of each pixel (B,H,W) that N shapes a frame cover, and their light there, of (B*N,) cd/m2."""
+    covered, added = torch.zeros_like(canvas), torch.zeros_like(canvas)
+    for which, cover, left, top in patches:
+        frame = which // (len(luminance) // len(canvas))
+        raster.add_patches(covered, cover, frame, left, top)
+        raster.add_patches(added, cover * luminance[which].view(-1, 1, 1), frame, left, top)
+    return covered, added
 
 
-def _leds_in_view(leds_m: Tensor, value: Tensor, context: Context) -> _Shapes:
-    """Find the LEDs (N,2) that each frame shows, and their cover."""
-    view, radius_m = view_of(context), context.panel.led_diameter_m / 2
-    has_image = _has_image(view, leds_m, radius_m, context)
+def led_patches(leds_m: Tensor, canvas: Tensor, context: Context) -> Patches:
+    """Cover the LEDs (N,2) that each frame shows."""
+    seen, radius_m, (height, width) = (
+        view.view_of(context),
+        context.panel.led_diameter_m / 2,
+        canvas.shape[1:],
+    )
+    has_image = seen.has_image(leds_m, radius_m)
     # Our panel's centre, which has an image, stands in the place of points that have none.
-    centre, spread = view.discs_px(torch.where(has_image.unsqueeze(-1), leds_m, 0.0), radius_m)
+    centre, spread = seen.discs_px(torch.where(has_image.unsqueeze(-1), leds_m, 0.0), radius_m)
+    centre, spread = (centre - context.first_px.unsqueeze(1)).flatten(0, 1), spread.flatten(0, 1)
     reach = spread.diagonal(dim1=-2, dim2=-1).sqrt()
-    centres, spreads = centre.flatten(0, 1), spread.flatten(0, 1)
-
-    def cover(which: Tensor, side: int) -> tuple[Tensor, Tensor, Tensor]:
-        # In the sensor's coordinates, so that a crop gets the full frame's very numbers.
-        return ellipse_cover(centres[which], spreads[which], side, canvas_px=context.camera.sensor_px)
-
-    return _in_view(centre - reach, centre + reach, has_image, cover, value, context)
+    for which, side in raster.alike(centre - reach, centre + reach, (height, width), has_image.flatten()):
+        yield which, *raster.ellipse_cover(centre[which], spread[which], side, canvas_px=(height, width))
 
 
-def _boards_in_view(leds_m: Tensor, value: Tensor, context: Context) -> _Shapes:
-    """Find the LEDs' cells (N,2), of which the board is made, and their cover: its edges may be curved."""
-    cells_m = (leds_m.unsqueeze(1) + leds_m.new_tensor(CLOCKWISE) * (context.panel.pitch_m / 2)).flatten(0, 1)
-    view = view_of(context)
-    has_image = _has_image(view, cells_m, 0.0, context)
-    held_m = torch.where(has_image.unsqueeze(-1), cells_m, 0.0)
-    corners = view.points_px(held_m).view(len(value), -1, 4, 2)
-    whole = has_image.view(len(value), -1, 4).all(dim=2)
-
-    def cover(which: Tensor, side: int) -> tuple[Tensor, Tensor, Tensor]:
-        its = corners.flatten(0, 1)[which]
-        begin = torch.floor(its.amin(dim=1)).clamp(min=0)
+def cell_patches(leds_m: Tensor, canvas: Tensor, context: Context) -> Patches:
+    """Cover the cells of LEDs (N,2) that each frame shows, the board's parts: its edges may be curved."""
+    seen, (height, width) = view.view_of(context), canvas.shape[1:]
+    arms_m = leds_m.new_tensor(view.CLOCKWISE) * (context.panel.pitch_m / 2)
+    cells_m = (leds_m.unsqueeze(1) + arms_m).flatten(0, 1)
+    has_image = seen.has_image(cells_m, 0.0)
+    corners = seen.points_px(torch.where(has_image.unsqueeze(-1), cells_m, 0.0))
+    corners = (corners - context.first_px.unsqueeze(1)).view(-1, 4, 2)
+    low, high = corners.amin(dim=1), corners.amax(dim=1)
+    for which, side in raster.alike(low, high, (height, width), has_image.view(-1, 4).all(dim=1)):
+        down, across = min(side, height), min(side, width)
+        last = low.new_tensor([width - across, height - down])
+        begin = torch.minimum(torch.floor(low[which]).clamp(min=0), last)
         left, top = begin.long().unbind(dim=-1)
-        return polygon_cover(its - begin.unsqueeze(1), side, side), left, top
-
-    return _in_view(corners.amin(dim=2), corners.amax(dim=2), whole, cover, value, context)
-
-
-def _has_image(view: View, points_m: Tensor, radius_m: float, context: Context) -> Tensor:
-    """Which of (N,2) points lie before the camera and where the lens has an image of them, (B,N)."""
-    right, down, centre = view.placement.unsqueeze(1).unbind(dim=-1)
-    points = centre + points_m[:, :1] * right + points_m[:, 1:] * down
-    limits = [e.limit(context.camera) for e in view.effects if isinstance(e, LensDistortion)]
-    depth, off_axis = points[..., 2], points[..., :2].square().sum(dim=-1).sqrt()
-    # A disc that touches the plane of the camera has no ellipse for its image.
-    return (depth > radius_m) & (off_axis < depth * min(limits, default=math.inf))
-
-
-def _in_view(
-    low_px: Tensor, high_px: Tensor, has_image: Tensor, cover: Cover, value: Tensor, context: Context
-) -> _Shapes:
-    """Pick the shapes whose bounds (B,N,2), sensor px, touch their frames."""
-    height, width = value.shape[-2:]
-    begin = context.first_px.to(low_px).unsqueeze(1)
-    end = begin + torch.tensor([width, height]).to(low_px)
-    touch = ((high_px > begin) & (low_px < end)).all(dim=-1) & has_image
-    which = touch.flatten().nonzero().squeeze(1)
-    low, high = (bound.flatten(0, 1)[which] for bound in (low_px, high_px))
-    return _Shapes(which, low, high, cover, context)
+        yield which, raster.polygon_cover(corners[which] - begin.unsqueeze(1), down, across), left, top
 
 
 EFFECTS = (BackgroundTexture, Lamps, SecondPanel)

@@ -1,8 +1,7 @@
 """What an effect is, and how a chain of effects is put into physical order."""
 
-from __future__ import annotations
-
 import math
+import re
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import MISSING, dataclass, field, fields
@@ -13,9 +12,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from vocc_torch.errors import VoccError
+from vocc_torch.errors import VoccError, whole_number
 from vocc_torch.hardware import Camera, LedPanel
 from vocc_torch.rng import FrameKey
+from vocc_torch.simulation.scene import Distribution
 from vocc_torch.types import Scene
 
 Extent = tuple[float, float]
@@ -63,7 +63,7 @@ class Context:
     keys: Sequence[FrameKey] = ()
     origin_px: Tensor | None = None
     """(B,2) int64, the sensor column and row of each crop's first pixel; None at the sensor's own."""
-    effects: Sequence[Effect] = ()
+    effects: "Sequence[Effect]" = ()
     """All effects of the scene, for one that undoes or continues what another did."""
     panel: LedPanel = field(default_factory=LedPanel)
     iso: Tensor | None = None
@@ -101,19 +101,41 @@ class Context:
         return self.origin_px.to(device)
 
 
-def within(low: float, high: float = math.inf, *, default: object = MISSING, **rule: object) -> Any:
-    """Declare a parameter from ``low`` to ``high``; ``rule`` is that of :meth:`Effect.demand`."""
-    return field(default=default, metadata={"range": (low, high), "rule": rule})
+def within(
+    low: float,
+    high: float = math.inf,
+    *,
+    default: object = MISSING,
+    above: bool = False,
+    hint: str = "",
+    whole: bool = False,
+) -> Any:
+    """Declare a parameter of an effect with its range; values outside it are refused by name.
 
-
-def whole(low: int, high: int, *, default: object = MISSING) -> Any:
-    """Declare a parameter that is a whole number from ``low`` to ``high``."""
-    return field(default=default, metadata={"whole": (low, high)})
+    Args:
+        low: the least value allowed, or with ``above`` the bound that it must exceed.
+        high: the greatest value allowed; infinity itself is not a value.
+        default: what holds where the parameter is left out; without one it must be given. None may stand for
+            nothing given.
+        above: whether ``low`` itself is refused.
+        hint: what to do instead, said where the value is ``low``.
+        whole: whether it is a whole number.
+    """
+    rule = {"low": low, "high": high, "above": above, "hint": hint, "whole": whole}
+    return field(default=default, metadata=rule)
 
 
 @dataclass(frozen=True)
 class Effect(ABC):
-    """One physical effect: a frozen dataclass of its parameters, called on the quantity that it takes."""
+    """One physical effect: a frozen dataclass of its parameters, called on the quantity that it takes.
+
+    A subclass says in its head which quantity it takes, ``class Blooming(Effect, on=Quantity.EXPOSURE)``, and
+    with ``to`` which it gives where that is another. Its name in a scene is the class's, ``led_scatter`` for
+    ``LedScatter``.
+
+    Raises:
+        VoccError: a parameter outside the range that :func:`within` declares for it.
+    """
 
     name: ClassVar[str]
     takes: ClassVar[Quantity]
@@ -125,79 +147,53 @@ class Effect(ABC):
     sampled: ClassVar[bool] = False
     """True where the effect draws random numbers."""
 
-    def __post_init__(self) -> None:
-        """Refuse by name a parameter outside its range."""
-        for parameter in fields(self):
-            declared = parameter.metadata
-            if "range" in declared:
-                self.demand(parameter.name, *declared["range"], **declared["rule"])
-            elif "whole" in declared:
-                self.demand_whole(parameter.name, *declared["whole"])
+    def __init_subclass__(cls, on: Quantity | None = None, to: Quantity | None = None) -> None:
+        """Take the name from the class, and the quantities from its head where it states them."""
+        cls.name = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", cls.__name__).lower()
+        if on is not None:
+            cls.takes, cls.gives = on, to or on
 
-    @property
-    def reach_px(self) -> int:
-        """How far the effect carries light across the image, where that depends on its parameters alone."""
-        return 0
+    def __post_init__(self) -> None:
+        """Refuse by name a parameter outside its range; of a distribution, a bound that is."""
+        for parameter in fields(self):
+            rule, given = parameter.metadata, getattr(self, parameter.name)
+            if not rule or given is None:
+                continue
+            low, high, above = rule["low"], rule["high"], rule["above"]
+            for value in given.bounds if isinstance(given, Distribution) else (given,):
+                if rule["whole"]:
+                    whole_number(f"scene.effects.{self.name}.{parameter.name}", value, low, high)
+                elif not (
+                    math.isfinite(value) and (low < value if above else low <= value) and value <= high
+                ):
+                    allowed = f"{'above' if above else 'at least'} {low:g}"
+                    allowed += "" if math.isinf(high) else f" and at most {high:g}"
+                    hint = f" ({rule['hint']})" if rule["hint"] and value == low else ""
+                    raise self.refusal(parameter.name, allowed + hint, value)
 
     def reach_in_px(self, camera: Camera, nearest_m: float) -> int:
         """How far the effect carries light in frames of this camera, of panels at ``nearest_m`` or farther.
 
         A crop grows by this on every side.
         """
-        return self.reach_px
+        return 0
 
     def size_in_px(self, size_px: Extent, camera: Camera, nearest_m: float) -> Extent:
         """How large an image of ``size_px`` (height, width) can become; a crop has room for it."""
         return size_px
 
-    def demand(
-        self, parameter: str, low: float, high: float = math.inf, *, above: bool = False, hint: str = ""
-    ) -> None:
-        """Refuse by name a parameter that is not finite or not from ``low`` to ``high``.
-
-        Args:
-            parameter: name of the effect's attribute.
-            low: the least value allowed, or with ``above`` the bound that it must exceed.
-            high: the greatest value allowed.
-            above: whether ``low`` itself is refused.
-            hint: what to do instead, said where the value is ``low``.
-
-        Raises:
-            VoccError: the value is outside.
-        """
-        value = float(getattr(self, parameter))
-        if math.isfinite(value) and (low < value if above else low <= value) and value <= high:
-            return
-        allowed = f"{'above' if above else 'at least'} {low:g}"
-        allowed += "" if math.isinf(high) else f" and at most {high:g}"
-        raise self.refusal(parameter, allowed + (f" ({hint})" if hint and value == low else ""))
-
-    def demand_whole(self, parameter: str, low: int, high: int) -> None:
-        """Refuse by name a parameter that is not a whole number from ``low`` to ``high``.
-
-        Raises:
-            VoccError: anything else.
-        """
-        value = getattr(self, parameter)
-        if type(value) is not int or not low <= value <= high:
-            rule = f"it must be a whole number from {low} to {high}"
-            raise VoccError(f"scene.effects.{self.name}.{parameter} is {value}: {rule}")
-
-    def refusal(self, parameter: str, rule: str) -> VoccError:
+    def refusal(self, parameter: str, rule: str, value: float | None = None) -> VoccError:
         """The error that names a parameter, its value and what it must be."""
-        shown = f"scene.effects.{self.name}.{parameter} is {getattr(self, parameter):g}"
-        return VoccError(f"{shown}: it must be {rule}")
+        shown = getattr(self, parameter) if value is None else value
+        return VoccError.of(f"scene.effects.{self.name}.{parameter}", f"{shown:g}", rule)
 
     @abstractmethod
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Apply the effect to a batch."""
 
 
-class PointEffect(Effect):
+class PointEffect(Effect, on=Quantity.IMAGE_POINTS):
     """An effect that moves points on the sensor, (B,N,2) px, and says how it stretches their surroundings."""
-
-    takes: ClassVar[Quantity] = Quantity.IMAGE_POINTS
-    gives: ClassVar[Quantity] = Quantity.IMAGE_POINTS
 
     @abstractmethod
     def jacobian(self, value: Tensor, context: Context) -> Tensor:

@@ -1,11 +1,7 @@
 """From the sensor's readings to the picture that is written: demosaicing, clipping, rounding and JPEG."""
 
-from __future__ import annotations
-
-import itertools
 from dataclasses import dataclass
 
-import numpy as np
 import torch
 import torch.nn.functional as F
 from kornia.color import CFA, raw_to_rgb, rgb_to_grayscale, ycbcr_to_rgb
@@ -13,7 +9,8 @@ from kornia.enhance import jpeg_codec_differentiable
 from torch import Tensor
 
 from vocc_torch.errors import VoccError
-from vocc_torch.simulation.effects.base import Context, Effect, Quantity, whole
+from vocc_torch.hardware import Camera
+from vocc_torch.simulation.effects.base import Context, Effect, Quantity, within
 from vocc_torch.simulation.effects.sensor import Bayer
 
 PATTERNS = {(0, 0): CFA.BG, (1, 0): CFA.GB, (0, 1): CFA.GR, (1, 1): CFA.RG}
@@ -35,7 +32,7 @@ NEUTRAL = 128 / 255
 
 
 @dataclass(frozen=True, slots=True)
-class Demosaicing(Effect):
+class Demosaicing(Effect, on=Quantity.EXPOSURE):
     """White balance, bilinear interpolation of each colour, and luma ``0.299 R + 0.587 G + 0.114 B``.
 
     The balance divides each pixel by the share that its filter of the scene's own ``bayer`` lets through,
@@ -50,15 +47,11 @@ class Demosaicing(Effect):
     grey is too.
 
     Example:
-        >>> Demosaicing().reach_px
+        >>> Demosaicing().reach_in_px(Camera(), 50.0)
         1
     """
 
-    name = "demosaicing"
-    takes = gives = Quantity.EXPOSURE
-
-    @property
-    def reach_px(self) -> int:
+    def reach_in_px(self, camera: Camera, nearest_m: float) -> int:
         """Neighbours at one pixel's distance are averaged."""
         return 1
 
@@ -76,16 +69,16 @@ class Demosaicing(Effect):
         for effect in context.effects:
             if isinstance(effect, Bayer):
                 raw = raw / effect.filters(raw, context)
-        phases = [(x % 2, y % 2) for x, y in context.first_px.tolist()]
-        if len(set(phases)) == 1:
-            return _luma(raw, PATTERNS[phases[0]]).to(value.dtype)
-        order = sorted(range(len(phases)), key=phases.__getitem__)
-        groups = itertools.groupby(order, key=phases.__getitem__)
-        parts = [_luma(raw[list(rows)], PATTERNS[phase]) for phase, rows in groups]
-        return torch.cat(parts)[np.argsort(order)].to(value.dtype)
+        phases = [(x % CELL_PX, y % CELL_PX) for x, y in context.first_px.tolist()]
+        luma = torch.empty_like(raw)
+        for phase in set(phases):
+            alike = [frame for frame, its in enumerate(phases) if its == phase]
+            rows = slice(None) if len(alike) == len(raw) else alike
+            luma[rows] = luma_of(raw[rows], PATTERNS[phase])
+        return luma.to(value.dtype)
 
 
-def _luma(raw: Tensor, pattern: CFA) -> Tensor:
+def luma_of(raw: Tensor, pattern: CFA) -> Tensor:
     """Demosaic (B,1,H,W) frames of one pattern, strip by strip, each with the rows that its border needs.
 
     Odd sides are continued by reflection, which keeps the pattern.
@@ -102,7 +95,7 @@ def _luma(raw: Tensor, pattern: CFA) -> Tensor:
 
 
 @dataclass(frozen=True, slots=True)
-class Saturation(Effect):
+class Saturation(Effect, on=Quantity.GREY, to=Quantity.BOUNDED_GREY):
     """Clip grey values at 255, the white of 8 bits.
 
     Differentiable; what is clipped carries no gradient.
@@ -114,17 +107,13 @@ class Saturation(Effect):
         'grey value, 0 to 255'
     """
 
-    name = "saturation"
-    takes = Quantity.GREY
-    gives = Quantity.BOUNDED_GREY
-
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Clip (B,1,H,W) grey values."""
         return value.clamp(max=255.0)
 
 
 @dataclass(frozen=True, slots=True)
-class Quantization(Effect):
+class Quantization(Effect, on=Quantity.BOUNDED_GREY, to=Quantity.DIGITAL):
     """Round grey values of 0 to 255 to ``2^bits`` levels, the nearest, ties to even.
 
     Black stays 0 and white 255, to the last bit. Not differentiable: the numbers are whole, and carry no
@@ -144,11 +133,7 @@ class Quantization(Effect):
         256
     """
 
-    bits: int = whole(1, 16, default=8)
-
-    name = "quantization"
-    takes = Quantity.BOUNDED_GREY
-    gives = Quantity.DIGITAL
+    bits: int = within(1, 16, default=8, whole=True)
 
     @property
     def levels(self) -> int:
@@ -165,7 +150,7 @@ class Quantization(Effect):
 
 
 @dataclass(frozen=True, slots=True)
-class Jpeg(Effect):
+class Jpeg(Effect, on=Quantity.DIGITAL):
     """Encode and decode 8-bit frames by Kornia's differentiable JPEG codec.
 
     Blocks of 8 x 8 pixels are cosine transformed, divided by the standard's luminance table scaled by the
@@ -192,10 +177,7 @@ class Jpeg(Effect):
         'digital number'
     """
 
-    quality: int = whole(1, 100)
-
-    name = "jpeg"
-    takes = gives = Quantity.DIGITAL
+    quality: int = within(1, 100, whole=True)
     fills_sensor = True
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
@@ -209,28 +191,21 @@ class Jpeg(Effect):
                 rule = f"it must lie on the grid of {JPEG_BLOCK_PX} px"
                 raise VoccError(f"scene.effects.jpeg got a crop at {at}: {rule}")
         height, width = value.shape[-2:]
-        coded = torch.empty_like(value)
+        coded, quality = torch.empty_like(value), torch.tensor([float(self.quality)], device=value.device)
+        # Grey RGB would have a chroma of 127.5, whose rounding errors depend on the strip's size and reach
+        # the luma. So the strips are tinted to the chroma that the codec takes for none.
+        neutral = torch.tensor([0.5, NEUTRAL, NEUTRAL], device=value.device)
+        tint = ycbcr_to_rgb(neutral.view(3, 1, 1)) - 0.5
         several = max(1, JPEG_PIXELS // (min(height, JPEG_ROWS) * width))
         for first in range(0, len(value), several):
             for top in range(0, height, JPEG_ROWS):
                 part = slice(first, first + several), slice(None), slice(top, top + JPEG_ROWS)
-                coded[part] = self._coded(value[part])
+                rgb = jpeg_codec_differentiable(value[part].to(torch.float32) / 255.0 + tint, quality)
+                # The codec clips its colours: red, brighter, is whole down to black, and green up to white.
+                red, green = rgb[:, :1] - tint[0], rgb[:, 1:2] - tint[1]
+                luma = torch.where(green > 0.5, green, red) * 255.0
+                coded[part] = torch.round(luma).clamp(0, 255).to(torch.uint8)
         return coded
-
-    def _coded(self, strips: Tensor) -> Tensor:
-        """Code strips, (B,1,rows,W) uint8.
-
-        Grey RGB would have a chroma of 127.5, whose rounding errors depend on the strip's size and reach the
-        luma. So the strips are tinted to the chroma that the codec takes for none.
-        """
-        neutral = torch.tensor([0.5, NEUTRAL, NEUTRAL], device=strips.device)
-        tint = ycbcr_to_rgb(neutral.view(3, 1, 1)) - 0.5
-        quality = torch.full((1,), float(self.quality), device=strips.device)
-        rgb = jpeg_codec_differentiable(strips.to(torch.float32) / 255.0 + tint, quality)
-        # The codec clips its colours: red, which is brighter, is whole down to black, and green up to white.
-        red, green = rgb[:, :1] - tint[0], rgb[:, 1:2] - tint[1]
-        luma = torch.where(green > 0.5, green, red) * 255.0
-        return torch.round(luma).clamp(0, 255).to(torch.uint8)
 
 
 EFFECTS = (Demosaicing, Saturation, Quantization, Jpeg)

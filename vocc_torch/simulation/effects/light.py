@@ -1,7 +1,5 @@
 """The LEDs' own light and what lies on its way: symbols, faults, scatter, air, obstacles and glare."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 
@@ -11,10 +9,9 @@ from torch import Tensor
 
 from vocc_torch.errors import VoccError
 from vocc_torch.hardware import Camera
+from vocc_torch.simulation import photometry, raster
+from vocc_torch.simulation.effects import view
 from vocc_torch.simulation.effects.base import BRIGHTEST, Context, Effect, Extent, Quantity, within
-from vocc_torch.simulation.effects.view import led_centres_m, panel_corners_m, view_of
-from vocc_torch.simulation.photometry import reflected_luminance_cd_m2, transmission
-from vocc_torch.simulation.raster import interval_cover
 
 MOST_SYMBOLS = 1001
 """Most symbols that a panel may show during its readout."""
@@ -31,7 +28,7 @@ FREE_VIEW = "leave the effect out for a free view"
 
 
 @dataclass(frozen=True, slots=True)
-class RollingShutter(Effect):
+class RollingShutter(Effect, on=Quantity.SYMBOLS):
     """Row i of the sensor is exposed over ``[t_i, t_i + T]``, ``t_i = i readout_s / (height - 1)``.
 
     The panel shows symbol after symbol, each for ``symbol_s``. The symbol that was sent with the frame, the
@@ -66,9 +63,6 @@ class RollingShutter(Effect):
 
     readout_s: float = within(0, LONGEST_S, above=True, hint="leave the effect out for a global shutter")
     symbol_s: float = within(0, LONGEST_S, above=True)
-
-    name = "rolling_shutter"
-    takes = gives = Quantity.SYMBOLS
     sampled = True
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
@@ -77,11 +71,11 @@ class RollingShutter(Effect):
         Returns:
             (B,K,R,C) bool, K odd, in the order in which they show; the truth is number ``K // 2``.
         """
-        timing = self._timing(context)
-        before_and_after = np.empty((len(value), timing.around, 2, *value.shape[1:]), dtype=np.uint8)
-        for symbols, generator in zip(before_and_after, timing.generators, strict=True):
+        edges_s, _, generators = self._timing(context)
+        drawn = np.empty((len(value), edges_s.shape[1] // 2 - 1, 2, *value.shape[1:]), dtype=np.uint8)
+        for symbols, generator in zip(drawn, generators, strict=True):
             symbols[:] = generator.integers(2, size=symbols.shape, dtype=np.uint8)
-        data = torch.from_numpy(before_and_after).to(value.device).bool()
+        data = torch.from_numpy(drawn).to(value.device).bool()
         return torch.cat([data[:, :, 0].flip(1), value.unsqueeze(1), data[:, :, 1]], dim=1)
 
     def row_shares(self, context: Context, height: int) -> Tensor:
@@ -94,11 +88,11 @@ class RollingShutter(Effect):
         Returns:
             (B,K,height) float64, 0 to 1; they add to 1 in each row. The symbols are those of a call.
         """
-        timing = self._timing(context)
-        rows = torch.arange(height, device=timing.edges_s.device) + context.first_px[:, 1:].double()
-        begins = self._begins_s(rows - timing.centre_row.unsqueeze(-1), context)
+        edges_s, centre_row, _ = self._timing(context)
+        rows = torch.arange(height, device=edges_s.device) + context.first_px[:, 1:].double()
+        begins = self._begins_s(rows - centre_row.unsqueeze(-1), context)
         # The share of the exposure that is over when a symbol begins: telescopes to 1 over all symbols.
-        over = (timing.edges_s.unsqueeze(-1) - begins.unsqueeze(1)) / context.camera.exposure_time_s
+        over = (edges_s.unsqueeze(-1) - begins.unsqueeze(1)) / context.camera.exposure_time_s
         return over.clamp_(0, 1).diff(dim=1)
 
     def _begins_s(self, rows: Tensor, context: Context) -> Tensor:
@@ -106,19 +100,29 @@ class RollingShutter(Effect):
         camera = context.camera
         return rows * (self.readout_s / max(camera.height_px - 1, 1)) - camera.exposure_time_s / 2
 
-    def _timing(self, context: Context) -> _Timing:
-        """Draw each frame's phase, and find the symbols that show during the readout of its panel."""
-        if self.symbol_s < context.camera.exposure_time_s:
-            exposure_s = context.camera.exposure_time_s
-            raise self.refusal("symbol_s", f"at least camera.exposure_time_s, which is {exposure_s:g}")
-        top, centre, bottom = _panel_rows(context)
+    def _timing(self, context: Context) -> tuple[Tensor, Tensor, list[np.random.Generator]]:
+        """Draw each frame's phase, and find the symbols that show during the readout of its panel.
+
+        Returns:
+            (B,K+1) where one symbol follows the other, s from the middle of the centre row's exposure; (B,)
+            the sensor's row that the panel's centre lies in; each frame's stream, its phase drawn.
+        """
+        scene, camera, leds = context.scene, context.camera, view.led_centres_m(context.panel)
+        if self.symbol_s < camera.exposure_time_s:
+            rule = f"at least camera.exposure_time_s, which is {camera.exposure_time_s:g}"
+            raise self.refusal("symbol_s", rule)
+        points = torch.cat([torch.zeros_like(leds[:1]), leds]).to(scene.distance_m.device)
+        y = view.view_of(context).points_px(points)[..., 1]
+        cell = context.panel.pitch_m * camera.pixels_per_metre(scene.distance_m)
+        # The panel with a cell around it.
+        rows = torch.stack([y.amin(dim=1) - cell, y[:, 0], y.amax(dim=1) + cell])
+        top, centre, bottom = torch.floor(rows).clamp(0, camera.height_px - 1)
         generators = context.generators(self.name)
         draws = torch.tensor([g.random() for g in generators], dtype=torch.float64, device=top.device)
         truth_s = -draws * self.symbol_s
         begins, ends = self._begins_s(top - centre, context), self._begins_s(bottom - centre, context)
-        ends = ends + context.camera.exposure_time_s
         first = torch.floor((begins - truth_s) / self.symbol_s)
-        last = torch.ceil((ends - truth_s) / self.symbol_s) - 1
+        last = torch.ceil((ends + camera.exposure_time_s - truth_s) / self.symbol_s) - 1
         around = int(torch.maximum(-first, last).max())
         if 2 * around + 1 > MOST_SYMBOLS:
             shown = f"the panel shows {2 * around + 1} symbols during its readout, at most {MOST_SYMBOLS}"
@@ -127,37 +131,11 @@ class RollingShutter(Effect):
         edges = truth_s.unsqueeze(-1) + steps * self.symbol_s
         # A frame's own symbols end its timeline, not the batch's: so the batch cannot change a frame.
         edges = edges.masked_fill(steps <= first.unsqueeze(-1), -torch.inf)
-        edges = edges.masked_fill(steps > last.unsqueeze(-1), torch.inf)
-        return _Timing(edges, centre, around, generators)
+        return edges.masked_fill(steps > last.unsqueeze(-1), torch.inf), centre, generators
 
 
 @dataclass(frozen=True, slots=True)
-class _Timing:
-    """When the symbols of each frame begin and end."""
-
-    edges_s: Tensor
-    """(B,K+1): where one symbol follows the other; 0 is the middle of the centre row's exposure."""
-    centre_row: Tensor
-    """(B,): the sensor's row that the panel's centre lies in."""
-    around: int
-    """Symbols before the truth, and as many after it."""
-    generators: list[np.random.Generator]
-    """Each frame's stream, its phase drawn."""
-
-
-def _panel_rows(context: Context) -> tuple[Tensor, Tensor, Tensor]:
-    """Sensor rows of a panel with a cell around it: first, centre's and last, (B,) each, on the sensor."""
-    scene, leds = context.scene, led_centres_m(context.panel)
-    points = torch.cat([torch.zeros_like(leds[:1]), leds]).to(scene.distance_m.device)
-    y = view_of(context).points_px(points)[..., 1]
-    cell = context.panel.pitch_m * context.camera.pixels_per_metre(scene.distance_m)
-    rows = torch.stack([y.amin(dim=1) - cell, y[:, 0], y.amax(dim=1) + cell])
-    top, centre, bottom = torch.floor(rows).clamp(0, context.camera.height_px - 1)
-    return top, centre, bottom
-
-
-@dataclass(frozen=True, slots=True)
-class StuckLeds(Effect):
+class StuckLeds(Effect, on=Quantity.LED_LUMINANCE):
     """Each LED independently is stuck Off or stuck On, whatever its bit.
 
     A stuck-On LED shines at the scene's LED luminance. Every frame of a block is another panel, with stuck
@@ -183,9 +161,6 @@ class StuckLeds(Effect):
 
     off_share: float = within(0, 1, default=0.0)
     on_share: float = within(0, 1, default=0.0)
-
-    name = "stuck_leds"
-    takes = gives = Quantity.LED_LUMINANCE
     sampled = True
 
     def __post_init__(self) -> None:
@@ -208,7 +183,7 @@ class StuckLeds(Effect):
 
 
 @dataclass(frozen=True, slots=True)
-class LedScatter(Effect):
+class LedScatter(Effect, on=Quantity.LED_LUMINANCE):
     """A factor for each LED's own light: ``exp(s z - s^2 / 2)`` with ``s^2 = ln(1 + v^2)``.
 
     The factor is log-normal with mean 1, v is its coefficient of variation and z is standard normal.
@@ -228,31 +203,23 @@ class LedScatter(Effect):
         VoccError: a value outside its range.
 
     Example:
-        >>> round(LedScatter(coefficient_of_variation=0.1).log_sigma, 5)
-        0.09975
+        >>> LedScatter(coefficient_of_variation=0.1).name
+        'led_scatter'
     """
 
     coefficient_of_variation: float = within(0, 2, above=True, hint="leave the effect out for no scatter")
-
-    name = "led_scatter"
-    takes = gives = Quantity.LED_LUMINANCE
     sampled = True
-
-    @property
-    def log_sigma(self) -> float:
-        """Standard deviation s of the factors' logarithm."""
-        return math.sqrt(math.log1p(self.coefficient_of_variation**2))
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Multiply (B,R,C) LED luminance by each LED's factor."""
-        sigma = self.log_sigma
+        sigma = math.sqrt(math.log1p(self.coefficient_of_variation**2))
         generators = context.generators(self.name, of_scene=True)
         draws = np.stack([generator.standard_normal(tuple(value.shape[1:])) for generator in generators])
         return value * torch.from_numpy(np.exp(sigma * draws - sigma**2 / 2)).to(value)
 
 
 @dataclass(frozen=True, slots=True)
-class Attenuation(Effect):
+class Attenuation(Effect, on=Quantity.LED_LUMINANCE):
     """The air's transmission coefficient on the LEDs' own light (Eq. 20), ``T = exp(-3.91 d / V)``.
 
     Linear in the light, and differentiable in it and in the distance.
@@ -272,12 +239,9 @@ class Attenuation(Effect):
 
     visibility_m: float = within(0, above=True)
 
-    name = "attenuation"
-    takes = gives = Quantity.LED_LUMINANCE
-
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Dim (B,R,C) LED luminance by the transmission at each frame's distance."""
-        return value * transmission(context.scene.distance_m, self.visibility_m).view(-1, 1, 1)
+        return value * photometry.transmission(context.scene.distance_m, self.visibility_m).view(-1, 1, 1)
 
 
 def dimmed_once(light_cd_m2: Tensor, context: Context) -> Tensor:
@@ -304,7 +268,7 @@ def dimmed_once(light_cd_m2: Tensor, context: Context) -> Tensor:
 
 
 @dataclass(frozen=True, slots=True)
-class Airlight(Effect):
+class Airlight(Effect, on=Quantity.UNLIT):
     """Koschmieder's law, ``L_seen = L T + L_air (1 - T)`` with ``T = exp(-3.912 d / V)``.
 
     The path of length d takes its share of what lies behind it and adds daylight that it scatters towards the
@@ -335,22 +299,19 @@ class Airlight(Effect):
 
     visibility_m: float = within(0, above=True)
     horizon_factor: float = within(0, 10, default=1.0)
-
-    name = "airlight"
-    takes = gives = Quantity.UNLIT
     metered = True
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Lay each frame's path of air before its (B,1,H,W) luminance without the LEDs' own light."""
         scene = context.scene
         depth = scene.distance_m * (math.log(CONTRAST_AT_VISIBILITY) / self.visibility_m)
-        horizon = reflected_luminance_cd_m2(scene.ambient_lx, self.horizon_factor)
+        horizon = photometry.reflected_luminance_cd_m2(scene.ambient_lx, self.horizon_factor)
         kept, added = torch.exp(depth), horizon * -torch.expm1(depth)
         return value * kept.to(value.dtype).view(-1, 1, 1, 1) + added.to(value.dtype).view(-1, 1, 1, 1)
 
 
 @dataclass(frozen=True, slots=True)
-class Occlusion(Effect):
+class Occlusion(Effect, on=Quantity.LUMINANCE):
     """A matt rectangle near the camera, such as a post, a wiper or dirt, that covers what lies behind it.
 
     Its sides are level and upright, sharp, and shares of the panel's image, the least upright rectangle
@@ -377,9 +338,6 @@ class Occlusion(Effect):
     width_share: float = within(0, 2, above=True, hint=FREE_VIEW)
     height_share: float = within(0, 2, above=True, hint=FREE_VIEW)
     reflectance: float = within(0, 1, default=0.04)
-
-    name = "occlusion"
-    takes = gives = Quantity.LUMINANCE
     sampled = True
 
     def size_in_px(self, size_px: Extent, camera: Camera, nearest_m: float) -> Extent:
@@ -389,8 +347,8 @@ class Occlusion(Effect):
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Hide a part of each frame's (B,1,H,W) luminance."""
-        corners_m = panel_corners_m(context.panel).to(context.scene.distance_m.device)
-        corners = view_of(context).points_px(corners_m)
+        corners_m = view.panel_corners_m(context.panel).to(context.scene.distance_m.device)
+        corners = view.view_of(context).points_px(corners_m)
         low, high = corners.amin(dim=1), corners.amax(dim=1)
         draws = np.stack([g.random(2) for g in context.generators(self.name, of_scene=True)])
         centre = low + torch.from_numpy(draws).to(low) * (high - low)
@@ -401,41 +359,25 @@ class Occlusion(Effect):
         for axis, side in enumerate((context.camera.width_px, context.camera.height_px)):
             # Cut from the whole sensor, so that a crop gets the full frame's very numbers.
             steps = torch.arange(value.shape[3 - axis], device=low.device)
-            whole = interval_cover(low[:, axis], high[:, axis], side)
+            whole = raster.interval_cover(low[:, axis], high[:, axis], side)
             covers.append(whole.gather(1, context.first_px[:, axis : axis + 1] + steps))
         across, down = covers
         cover = (down.unsqueeze(-1) * across.unsqueeze(-2)).unsqueeze(1).to(value.dtype)
-        surface = reflected_luminance_cd_m2(context.scene.ambient_lx, self.reflectance)
+        surface = photometry.reflected_luminance_cd_m2(context.scene.ambient_lx, self.reflectance)
         return value * (1 - cover) + cover * surface.to(value.dtype).view(-1, 1, 1, 1)
 
 
-def disability_glare_cd_m2(illuminance_lx: float, angle_deg: float) -> float:
-    """Veiling luminance of a glare source by Stiles and Holladay, ``L_v = 10 E / theta^2``.
-
-    Args:
-        illuminance_lx: illuminance E by the source on the plane of the lens, lx, at least 0.
-        angle_deg: angle theta between the source and the line of sight, degrees, 1 to 30.
-
-    Returns:
-        Veiling luminance, cd/m2. Source: CIE 146:2002, the equation without its term for age.
-
-    Example:
-        >>> disability_glare_cd_m2(40_000.0, 10.0)
-        4000.0
-    """
-    return 10.0 * illuminance_lx / angle_deg**2
-
-
 @dataclass(frozen=True, slots=True)
-class VeilingGlare(Effect):
+class VeilingGlare(Effect, on=Quantity.LUMINANCE):
     """Light of the sun or of a lamp, scattered in windscreen and lens: one luminance added to every pixel.
 
-    Give either the veil itself, where it is known, or the source's illuminance and angle, from which it
-    follows by :func:`disability_glare_cd_m2`. That equation was measured on young human eyes and stands in
-    for a dusty windscreen and lens; a clean lens scatters less. The angle to the panel stands for the whole
-    frame, so the veil is uniform. The source itself is outside the view. Differentiable in the light.
+    Give either the veil itself, where it is known, or the source's illuminance E on the plane of the lens and
+    its angle theta to the line of sight: the veil is then ``10 E / theta^2`` (Stiles and Holladay), theta in
+    degrees. That was measured on young human eyes and stands in for a dusty windscreen and lens; a clean lens
+    scatters less. The angle to the panel stands for the whole frame, so the veil is uniform. The source
+    itself is outside the view. Differentiable in the light.
 
-    Source: CIE 146:2002, where the veil follows from its source.
+    Source: CIE 146:2002, its disability glare equation without the term for age.
 
     Args:
         luminance_cd_m2: the veil, cd/m2, above 0 and at most 1e12.
@@ -451,38 +393,29 @@ class VeilingGlare(Effect):
         4000.0
     """
 
-    luminance_cd_m2: float | None = None
-    glare_illuminance_lx: float | None = None
-    angle_deg: float | None = None
+    luminance_cd_m2: float | None = within(0, BRIGHTEST, default=None, above=True, hint=NO_GLARE)
+    glare_illuminance_lx: float | None = within(0, BRIGHTEST, default=None, above=True, hint=NO_GLARE)
+    angle_deg: float | None = within(1, 30, default=None)
 
-    name = "veiling_glare"
-    takes = gives = Quantity.LUMINANCE
     metered = True
 
     def __post_init__(self) -> None:
         """Check that the veil is given in one way, and the ranges."""
-        key, source = f"scene.effects.{self.name}", (self.glare_illuminance_lx, self.angle_deg)
-        if self.luminance_cd_m2 is not None:
-            if source != (None, None):
-                rule = "it must be left out where glare_illuminance_lx or angle_deg is given"
-                raise VoccError(f"{key}.luminance_cd_m2 is {self.luminance_cd_m2:g}: {rule}")
-            self.demand("luminance_cd_m2", 0, BRIGHTEST, above=True, hint=NO_GLARE)
-            return
-        if source == (None, None):
-            rule = "give it, or glare_illuminance_lx with angle_deg"
-            raise VoccError(f"{key}.luminance_cd_m2 is missing: {rule}")
-        for name, value in zip(("glare_illuminance_lx", "angle_deg"), source, strict=True):
-            if value is None:
-                raise VoccError(f"{key}.{name} is missing: glare_illuminance_lx and angle_deg go together")
-        self.demand("glare_illuminance_lx", 0, BRIGHTEST, above=True, hint=NO_GLARE)
-        self.demand("angle_deg", 1, 30)
+        missing = [name for name in ("glare_illuminance_lx", "angle_deg") if getattr(self, name) is None]
+        if self.luminance_cd_m2 is not None and len(missing) < 2:
+            raise self.refusal("luminance_cd_m2", "left out where glare_illuminance_lx or angle_deg is given")
+        if self.luminance_cd_m2 is None and missing:
+            first = missing[0] if len(missing) == 1 else "luminance_cd_m2"
+            rule = "give luminance_cd_m2, or glare_illuminance_lx with angle_deg"
+            raise VoccError(f"scene.effects.{self.name}.{first} is missing: {rule}")
+        Effect.__post_init__(self)
 
     @property
     def veil_cd_m2(self) -> float:
-        """The luminance that is added."""
+        """The luminance that is added, cd/m2."""
         if self.luminance_cd_m2 is not None:
             return self.luminance_cd_m2
-        return disability_glare_cd_m2(self.glare_illuminance_lx or 0.0, self.angle_deg or 1.0)
+        return 10.0 * (self.glare_illuminance_lx or 0.0) / (self.angle_deg or 1.0) ** 2
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Add the veil to (B,1,H,W) luminance."""

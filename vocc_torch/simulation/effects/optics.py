@@ -1,7 +1,5 @@
 """What the lens does to the light: motion, focus, diffraction and vignetting."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Sequence
@@ -15,8 +13,8 @@ from torch import Tensor
 
 from vocc_torch.errors import VoccError
 from vocc_torch.hardware import Camera
+from vocc_torch.simulation import raster
 from vocc_torch.simulation.effects.base import Context, Effect, Quantity, within
-from vocc_torch.simulation.raster import disc_quadrant_area, per_pixel
 
 FASTEST_M_S = 200.0
 """Highest speed on offer along an axis: two vehicles at 360 km/h each."""
@@ -38,7 +36,7 @@ PLANE_PX = 1 << 17
 
 
 @dataclass(frozen=True, slots=True)
-class MotionBlur(Effect):
+class MotionBlur(Effect, on=Quantity.EXPOSURE):
     """Uniform straight motion across the view, on luminous exposure: a streak of ``v t F / d`` pixels.
 
     v is the panel's velocity relative to the camera, across the line of sight; t the exposure time, F the
@@ -68,9 +66,6 @@ class MotionBlur(Effect):
 
     velocity_x_m_s: float = within(-FASTEST_M_S, FASTEST_M_S, default=0.0)
     velocity_y_m_s: float = within(-FASTEST_M_S, FASTEST_M_S, default=0.0)
-
-    name = "motion_blur"
-    takes = gives = Quantity.EXPOSURE
 
     def __post_init__(self) -> None:
         """Check the ranges."""
@@ -112,7 +107,7 @@ class MotionBlur(Effect):
 
 
 @dataclass(frozen=True, slots=True)
-class Defocus(Effect):
+class Defocus(Effect, on=Quantity.EXPOSURE):
     """The thin lens's blur disc on luminous exposure, of the diameter ``c = f^2 / (N (s - f)) |d - s| / d``.
 
     f is the focal length, N the f-number, s the distance in focus and d each frame's distance to the panel.
@@ -143,9 +138,6 @@ class Defocus(Effect):
 
     focus_distance_m: float
 
-    name = "defocus"
-    takes = gives = Quantity.EXPOSURE
-
     def __post_init__(self) -> None:
         """Check the range."""
         if not self.focus_distance_m > 0:
@@ -175,23 +167,22 @@ class Defocus(Effect):
             VoccError: a half width above 128 px.
         """
         ends = torch.tensor([nearest_m, float("inf")], dtype=torch.float64)
-        return self._reach_px(self._radii_px(camera, ends))
+        return max(0, math.ceil(float(self.radii_px(camera, ends).max()) - 0.5))
 
-    def _radii_px(self, camera: Camera, distance_m: Tensor) -> Tensor:
-        """Radius of each frame's kernel, on the CPU, where the frames' kernel sizes are wanted."""
+    def radii_px(self, camera: Camera, distance_m: Tensor) -> Tensor:
+        """Radius of each frame's kernel, px, on the CPU, where the frames' kernel sizes are wanted.
+
+        Raises:
+            VoccError: a disc over 257 px wide.
+        """
         diameter = self.diameter_px(camera, distance_m.cpu())
-        self._reach_px(diameter / 2)
-        return disc_radius_px(diameter)
-
-    def _reach_px(self, radius_px: Tensor) -> int:
-        """Half width of the kernel of the largest radius."""
-        widest = max(0.0, float(torch.ceil(radius_px - 0.5).max()))
         cause = f"scene.effects.defocus.focus_distance_m is {self.focus_distance_m:g}"
-        return checked_reach(widest, cause)
+        checked_reach(max(0.0, float(diameter.max()) / 2 - 0.5), cause)
+        return disc_radius_px(diameter)
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Spread (B,1,H,W) exposure; the light outside the frame is taken to be that at its border."""
-        quarters = disc_quarters(self._radii_px(context.camera, context.scene.distance_m))
+        quarters = disc_quarters(self.radii_px(context.camera, context.scene.distance_m))
         frames = zip(value[:, 0].to(torch.float64), quarters, strict=True)
         blurred = [convolve_symmetric(plane, quarter.to(plane.device)) for plane, quarter in frames]
         return torch.stack(blurred).unsqueeze(1).to(value.dtype)
@@ -230,7 +221,7 @@ def airy_quarter(lambda_n_px: float, reach_px: int) -> Tensor:
 
 
 @dataclass(frozen=True, slots=True)
-class Diffraction(Effect):
+class Diffraction(Effect, on=Quantity.EXPOSURE):
     """The Airy pattern of a circular aperture on luminous exposure: ``(2 J1(v) / v)^2``.
 
     ``v = pi r / (lambda N)`` at the distance r from the middle, for a wavelength lambda and an f-number N;
@@ -261,9 +252,6 @@ class Diffraction(Effect):
 
     wavelength_nm: float = within(300, 1100, default=555.0)
 
-    name = "diffraction"
-    takes = gives = Quantity.EXPOSURE
-
     def _lambda_n_px(self, camera: Camera) -> float:
         """Wavelength times f-number in pixels."""
         pitch_nm = camera.sensor_width_mm / camera.width_px * 1e6
@@ -275,7 +263,7 @@ class Diffraction(Effect):
         Raises:
             VoccError: a half width above 128 px.
         """
-        reach = max(0.0, float(np.ceil(REACH_IN_LAMBDA_N * self._lambda_n_px(camera) - 0.5)))
+        reach = max(0, math.ceil(REACH_IN_LAMBDA_N * self._lambda_n_px(camera) - 0.5))
         at = f"wavelength_nm is {self.wavelength_nm:g} at camera.f_number {camera.f_number:g}"
         return checked_reach(reach, f"scene.effects.diffraction.{at}")
 
@@ -290,7 +278,7 @@ class Diffraction(Effect):
 
 
 @dataclass(frozen=True, slots=True)
-class Blooming(Effect):
+class Blooming(Effect, on=Quantity.EXPOSURE):
     """Kornia's Gaussian blur of luminous exposure, before gamma (section IV-B-1).
 
     All weights and all light are positive, so no digits cancel: float32 keeps each pixel within 1e-6 of its
@@ -305,23 +293,19 @@ class Blooming(Effect):
         VoccError: a standard deviation outside its range.
 
     Example:
-        >>> Blooming(sigma_px=1.5).reach_px
+        >>> Blooming(sigma_px=1.5).reach_in_px(Camera(), 50.0)
         6
     """
 
     sigma_px: float = within(0, MOST_SIGMA_PX, above=True, hint="leave the effect out for no blooming")
 
-    name = "blooming"
-    takes = gives = Quantity.EXPOSURE
-
-    @property
-    def reach_px(self) -> int:
-        """Half width of the kernel."""
+    def reach_in_px(self, camera: Camera, nearest_m: float) -> int:
+        """Half width of the kernel, px; any distance has the same."""
         return math.ceil(TRUNCATION_SIGMAS * self.sigma_px)
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Blur (B,1,H,W) exposure; the light outside the frame is taken to be that at its border."""
-        return blurred(value, max(self.sigma_px, LEAST_SIGMA_PX), self.reach_px)
+        return blurred(value, max(self.sigma_px, LEAST_SIGMA_PX), self.reach_in_px(context.camera, 1.0))
 
 
 def blurred(value: Tensor, sigma_px: float, reach_px: int) -> Tensor:
@@ -358,7 +342,7 @@ def blurred(value: Tensor, sigma_px: float, reach_px: int) -> Tensor:
 
 
 @dataclass(frozen=True, slots=True)
-class Vignetting(Effect):
+class Vignetting(Effect, on=Quantity.EXPOSURE):
     """Natural vignetting on luminous exposure, ``cos^4`` of the field angle; the lens barrel's on request.
 
     A pixel at the distance r from the optical axis, for a focal length F in pixels, sees the field angle
@@ -388,9 +372,6 @@ class Vignetting(Effect):
     """
 
     corner_loss: float = 0.0
-
-    name = "vignetting"
-    takes = gives = Quantity.EXPOSURE
     fills_sensor = True
 
     def __post_init__(self) -> None:
@@ -479,11 +460,11 @@ def convolve_symmetric(plane: Tensor, quarter: Tensor) -> Tensor:
     for top in range(0, plane.shape[0], rows):
         strip = padded[top : top + rows + 2 * reach]
         blocks = (strip[:, left : left + columns + 2 * reach] for left in range(0, plane.shape[1], columns))
-        strips.append(torch.cat([_convolve_strip(block, quarter, reach) for block in blocks], dim=1))
+        strips.append(torch.cat([convolve_strip(block, quarter, reach) for block in blocks], dim=1))
     return torch.cat(strips)
 
 
-def _convolve_strip(padded: Tensor, quarter: Tensor, reach: int) -> Tensor:
+def convolve_strip(padded: Tensor, quarter: Tensor, reach: int) -> Tensor:
     """Convolve rows that bring their own border of ``reach`` pixels on every side.
 
     Mirrored columns are added first, one matrix product makes all rows of the kernel, and mirrored rows are
@@ -580,8 +561,8 @@ def disc_quarters(radius_px: Tensor) -> list[Tensor]:
     reaches = torch.ceil(radius_px - 0.5).long().tolist()
     steps = torch.arange(max(reaches) + 2, dtype=torch.float64, device=radius_px.device) - 0.5
     edges = steps / radius_px.unsqueeze(-1)
-    area = disc_quadrant_area(edges, edges)
-    shares = per_pixel(area).clamp(min=0) / math.pi
+    area = raster.disc_quadrant_area(edges, edges)
+    shares = raster.per_pixel(area).clamp(min=0) / math.pi
     return [share[: reach + 1, : reach + 1] for share, reach in zip(shares, reaches, strict=True)]
 
 

@@ -1,10 +1,11 @@
 """Where the panel stands and where the lens puts its points."""
 
-from __future__ import annotations
-
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import reduce
 
+import numpy as np
 import torch
 from numpy.polynomial import Polynomial
 from torch import Tensor
@@ -15,8 +16,8 @@ from vocc_torch.simulation.effects.base import Context, Effect, Extent, PointEff
 from vocc_torch.simulation.scene import Distribution
 from vocc_torch.types import Scene
 
-LARGEST_DEG = {"yaw_deg": 80.0, "pitch_deg": 80.0, "roll_deg": 180.0}
-"""How far each angle may go either way; from 90 degrees on a panel shows its edge or its back."""
+STEEPEST_DEG = 80.0
+"""How far a panel may turn either way; from 90 degrees on it shows its edge or its back."""
 
 LARGEST = 100.0
 """How large a coefficient may be, either way."""
@@ -30,7 +31,7 @@ CLOCKWISE = ((-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0))
 
 
 @dataclass(frozen=True, slots=True)
-class Pose(Effect):
+class Pose(Effect, on=Quantity.PLACEMENT):
     """The panel's rotation about its own centre: ``R = R_y(yaw) R_x(pitch) R_z(roll)``.
 
     The angles are those of a pan, tilt and roll mount. Roll turns the panel in its own plane, clockwise as
@@ -66,57 +67,47 @@ class Pose(Effect):
         [0.866, 0.0, 1.0]
     """
 
-    yaw_deg: Distribution | float = 0.0
-    pitch_deg: Distribution | float = 0.0
-    roll_deg: Distribution | float = 0.0
+    yaw_deg: Distribution | float = within(-STEEPEST_DEG, STEEPEST_DEG, default=0.0)
+    pitch_deg: Distribution | float = within(-STEEPEST_DEG, STEEPEST_DEG, default=0.0)
+    roll_deg: Distribution | float = within(-180.0, 180.0, default=0.0)
 
-    name = "pose"
-    takes = gives = Quantity.PLACEMENT
     sampled = True
 
     def __post_init__(self) -> None:
-        """Check the ranges, and make every angle a distribution."""
-        for name, most in LARGEST_DEG.items():
-            given = getattr(self, name)
-            if not isinstance(given, Distribution):
-                given = Distribution.parse(given, f"effects.pose.{name}")
-                object.__setattr__(self, name, given)
-            for bound in given.bounds:
-                if not abs(bound) <= most:
-                    rule = f"it must be from -{most:g} to {most:g}"
-                    raise VoccError(f"scene.effects.pose.{name} is {bound:g}: {rule}")
+        """Make every angle a distribution, and check the ranges."""
+        for name in ("yaw_deg", "pitch_deg", "roll_deg"):
+            if not isinstance(given := getattr(self, name), Distribution):
+                object.__setattr__(self, name, Distribution.parse(given, f"effects.pose.{name}"))
+        Effect.__post_init__(self)
         if all(angle.bounds == (0.0, 0.0) for angle in self._angles_deg()):
             rest = "one of the three must not be 0 (leave the effect out for a panel that faces the camera)"
             raise VoccError(f"scene.effects.pose.yaw_deg, pitch_deg and roll_deg are 0: {rest}")
 
     def _angles_deg(self) -> list[Distribution]:
         """Yaw, pitch and roll."""
-        angles = (getattr(self, name) for name in LARGEST_DEG)
+        angles = (self.yaw_deg, self.pitch_deg, self.roll_deg)
         return [angle for angle in angles if isinstance(angle, Distribution)]
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Turn the panels of (B,3,3) placements about their centres."""
-        degrees = self._drawn_deg(context).to(value)
-        (cy, cp, cr), (sy, sp, sr) = (f(torch.deg2rad(degrees)) for f in (torch.cos, torch.sin))
-        one, zero = torch.ones_like(cy), torch.zeros_like(cy)
-        yaw = _matrices([[cy, zero, -sy], [zero, one, zero], [sy, zero, cy]])
-        pitch = _matrices([[one, zero, zero], [zero, cp, sp], [zero, -sp, cp]])
-        roll = _matrices([[cr, -sr, zero], [sr, cr, zero], [zero, zero, one]])
-        axes = yaw @ pitch @ roll @ value[..., :2]
-        return torch.cat([axes, value[..., 2:]], dim=-1)
-
-    def _drawn_deg(self, context: Context) -> Tensor:
-        """Each frame's yaw, pitch and roll, (3,B) float64."""
         angles = self._angles_deg()
         if all(angle.kind == "constant" for angle in angles):
-            values = torch.tensor([angle.values for angle in angles], dtype=torch.float64)
-            return values.expand(3, len(context.scene))
-        drawn = []
-        for generator in context.generators(self.name, of_scene=True):
+            degrees = torch.tensor([angle.values for angle in angles], dtype=torch.float64)
+            degrees = degrees.expand(3, len(value))
+        else:
             # A stream an angle: how one is drawn does not change the others' draws.
-            streams = zip(angles, generator.spawn(3), strict=True)
-            drawn.append([float(angle.draw(stream, 1)[0]) for angle, stream in streams])
-        return torch.tensor(drawn, dtype=torch.float64).mT
+            streams = (generator.spawn(3) for generator in context.generators(self.name, of_scene=True))
+            drawn = [[one.draw(own, 1) for one, own in zip(angles, three, strict=True)] for three in streams]
+            degrees = torch.from_numpy(np.array(drawn))[..., 0].mT
+        (cy, cp, cr), (sy, sp, sr) = (f(torch.deg2rad(degrees.to(value))) for f in (torch.cos, torch.sin))
+        one, zero = torch.ones_like(cy), torch.zeros_like(cy)
+        yaw = [[cy, zero, -sy], [zero, one, zero], [sy, zero, cy]]
+        pitch = [[one, zero, zero], [zero, cp, sp], [zero, -sp, cp]]
+        roll = [[cr, -sr, zero], [sr, cr, zero], [zero, zero, one]]
+        turns = (
+            torch.stack([torch.stack(row, dim=-1) for row in rows], dim=-2) for rows in (yaw, pitch, roll)
+        )
+        return torch.cat([reduce(torch.matmul, turns) @ value[..., :2], value[..., 2:]], dim=-1)
 
     def size_in_px(self, size_px: Extent, camera: Camera, nearest_m: float) -> Extent:
         """Bound the image of what is ``size_px`` when it faces the camera, its centre being on the sensor.
@@ -146,11 +137,6 @@ class Pose(Effect):
             for reach, side in zip((down, across), camera.sensor_px, strict=True)
         )
         return height, width
-
-
-def _matrices(rows: list[list[Tensor]]) -> Tensor:
-    """Stack rows of (B,) elements to (B,3,3) matrices."""
-    return torch.stack([torch.stack(row, dim=-1) for row in rows], dim=-2)
 
 
 def _farthest(along: float, beside: float, angle: list[float]) -> float:
@@ -198,8 +184,6 @@ class LensDistortion(PointEffect):
     k1: float = within(-LARGEST, LARGEST, default=0.0)
     k2: float = within(-LARGEST, LARGEST, default=0.0)
     k3: float = within(-LARGEST, LARGEST, default=0.0)
-
-    name = "lens_distortion"
 
     def __post_init__(self) -> None:
         """Check the ranges."""
@@ -267,10 +251,13 @@ class LensDistortion(PointEffect):
         """
         edge, diagonal = self.corner_radius(camera) ** 2, math.hypot(*size_px)
         mean, half = (self._along + self._around) / 2, (self._along - self._around) / 2
-        height, width = (
-            max(_extreme(mean * side + half * sign * diagonal, edge) for sign in (-1, 1)) for side in size_px
-        )
-        return height, width
+        bounds = []
+        for side in size_px:
+            stretches = [mean * side + half * sign * diagonal for sign in (-1, 1)]
+            turns = (root for stretch in stretches for root in _roots(stretch.deriv()) if 0 < root < edge)
+            places = np.array([0.0, edge, *turns])
+            bounds.append(float(max(stretch(places).max() for stretch in stretches)))
+        return bounds[0], bounds[1]
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Move (B,N,2) points."""
@@ -312,10 +299,9 @@ def _roots(polynomial: Polynomial) -> list[float]:
     return [root.real for root in roots if abs(root.imag) <= 1e-9 * abs(root)]
 
 
-def _extreme(polynomial: Polynomial, edge: float) -> float:
-    """Greatest value between 0 and ``edge``."""
-    turns = (root for root in _roots(polynomial.deriv()) if 0 < root < edge)
-    return max(float(polynomial(at)) for at in (0.0, edge, *turns))
+def in_perspective(effects: Sequence[Effect]) -> bool:
+    """Whether LEDs are more than discs of one size on an upright grid."""
+    return any(effect.takes in (Quantity.PLACEMENT, Quantity.IMAGE_POINTS) for effect in effects)
 
 
 def led_centres_m(panel: LedPanel) -> Tensor:
@@ -446,6 +432,22 @@ class View:
             spread = jacobian @ spread @ jacobian.mT
             centre = effect(centre, self.context)
         return centre, spread
+
+    def has_image(self, points_m: Tensor, radius_m: float) -> Tensor:
+        """Which discs of the panel's plane lie before the camera and where the lens has an image of them.
+
+        Args:
+            points_m: (N,2) their centres, as in :meth:`points_px`.
+            radius_m: their radius, m; 0 for points.
+
+        Returns:
+            (B,N) bool.
+        """
+        points = self._in_camera_m(points_m)
+        limits = [e.limit(self.context.camera) for e in self.effects if isinstance(e, LensDistortion)]
+        depth, off_axis = points[..., 2], points[..., :2].square().sum(dim=-1).sqrt()
+        # A disc that touches the plane of the camera has no ellipse for its image.
+        return torch.logical_and(depth > radius_m, off_axis < depth * min(limits, default=math.inf))
 
     def _in_camera_m(self, points_m: Tensor) -> Tensor:
         """Points of the panel's plane in the camera's coordinates, (B,N,3) m."""
