@@ -202,7 +202,7 @@ def test_a_file_that_does_not_serve(tmp_path, monkeypatch, name, text, words):
 
 
 @pytest.mark.parametrize(
-    ("words", "part"),
+    ("target", "part"),
     [
         (
             "sklearn.cluster.KMeans",
