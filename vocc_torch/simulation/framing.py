@@ -207,9 +207,7 @@ def crop_origins_px(
     """
     extent = torch.tensor([size_px[1], size_px[0]], device=centre_px.device)
     sensor = torch.tensor([sensor_px[1], sensor_px[0]], device=centre_px.device)
-    # Beyond the sensor the distance does not matter, and may be more than whole numbers hold.
-    near = torch.minimum(torch.maximum(centre_px, -extent), sensor + extent)
-    centred = torch.round(near).long() - extent // 2
+    centred = torch.round(centre_px).long() - extent // 2
     # The crop that this holds begins up to a grid's step later.
     centred = centred + grid_px // 2
     return torch.minimum((centred - centred % grid_px).clamp(min=0), sensor - extent)
