@@ -1,6 +1,7 @@
 """What a scene or an effect cannot have is refused in one line that names the key and the rule."""
 
 import re
+from dataclasses import dataclass
 
 import pytest
 import yaml
@@ -8,6 +9,8 @@ from test_every_effect import PARAMETERS
 
 from vocc_torch.errors import VoccError
 from vocc_torch.simulation.effects import build_effects
+from vocc_torch.simulation.effects.base import Effect, Quantity
+from vocc_torch.simulation.effects.optics import Blooming
 
 OF_EFFECTS = """
 pose.yaw_deg is 80.1: it must be at least -80 and at most 80
@@ -111,3 +114,19 @@ def test_a_scene_whose_effects_do_not_fit(row):
     named, line = row.split(" -> ")
     said = refusal(build_effects, named=yaml.safe_load(named))
     assert said.removeprefix("scene.effects").lstrip(". ").startswith(line)
+
+
+def test_a_parameter_without_a_default_must_be_given():
+    with pytest.raises(VoccError, match=r"^scene\.effects\.blooming\.sigma_px is None: it must be a number$"):
+        Blooming(sigma_px=None)
+
+
+def test_an_effect_may_state_its_name():
+    @dataclass(frozen=True, slots=True)
+    class Haze(Effect, on=Quantity.LED_LUMINANCE):
+        name = "mist"
+
+        def __call__(self, value, context):
+            return value
+
+    assert (Haze.name, Haze().takes) == ("mist", Quantity.LED_LUMINANCE)

@@ -1,5 +1,6 @@
 """Sensor and encoding effects against EMVA 1288, SciPy, OpenCV and Pillow; windows against full frames."""
 
+import copy
 import io
 import itertools
 import math
@@ -361,6 +362,8 @@ def test_a_pattern_is_drawn_once_in_a_run(monkeypatch):
     assert torch.equal(planes([10, 10]), first)
     assert len(drawn) == 2
     assert not torch.equal(planes([10, 10], seed=1), first)
+    assert torch.equal(planes([10, 10]), first)
+    assert len(drawn) == 4, "another run's pattern takes the place of the first one's"
 
 
 @pytest.mark.parametrize("effect", FIXED, ids=lambda effect: effect.name)
@@ -370,7 +373,8 @@ def test_what_is_kept_changes_neither_the_effect_nor_later_frames(effect):
     first = on_sensor(value, fresh)
     assert (fresh, hash(fresh)) == (effect, hash(effect))
     assert "tiles" not in repr(fresh)
-    for again in (fresh, pickle.loads(pickle.dumps(fresh))):
+    assert len(pickle.dumps(fresh)) < 1000
+    for again in (fresh, pickle.loads(pickle.dumps(fresh)), copy.deepcopy(fresh)):
         assert torch.equal(on_sensor(value, again), first)
 
 

@@ -131,7 +131,7 @@ class Effect(ABC):
 
     A subclass says in its head which quantity it takes, ``class Blooming(Effect, on=Quantity.EXPOSURE)``, and
     with ``to`` which it gives where that is another. Its name in a scene is the class's, ``led_scatter`` for
-    ``LedScatter``.
+    ``LedScatter``, unless it states a ``name``.
 
     Raises:
         VoccError: a parameter outside the range that :func:`within` declares for it.
@@ -148,8 +148,9 @@ class Effect(ABC):
     """True where the effect draws random numbers."""
 
     def __init_subclass__(cls, on: Quantity | None = None, to: Quantity | None = None) -> None:
-        """Take the name from the class, and the quantities from its head where it states them."""
-        cls.name = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", cls.__name__).lower()
+        """Take the name from the class where it states none, and the quantities from its head."""
+        if "name" not in cls.__dict__:
+            cls.name = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", cls.__name__).lower()
         if on is not None:
             cls.takes, cls.gives = on, to or on
 
@@ -157,12 +158,15 @@ class Effect(ABC):
         """Refuse by name a parameter outside its range; of a distribution, a bound that is."""
         for parameter in fields(self):
             rule, given = parameter.metadata, getattr(self, parameter.name)
-            if not rule or given is None:
+            if not rule or (given is None and parameter.default is None):
                 continue
             low, high, above = rule["low"], rule["high"], rule["above"]
             for value in given.bounds if isinstance(given, Distribution) else (given,):
+                key = f"scene.effects.{self.name}.{parameter.name}"
+                if value is None:
+                    raise VoccError.of(key, "None", "a number")
                 if rule["whole"]:
-                    whole_number(f"scene.effects.{self.name}.{parameter.name}", value, low, high)
+                    whole_number(key, value, low, high)
                 elif not (
                     math.isfinite(value) and (low < value if above else low <= value) and value <= high
                 ):

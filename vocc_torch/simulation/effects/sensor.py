@@ -7,7 +7,8 @@ that the full frame has there, for the price of the tiles that it touches.
 
 from abc import abstractmethod
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
+from typing import Self
 
 import numpy as np
 import torch
@@ -214,12 +215,17 @@ class ElectronNoise(Effect, on=Quantity.ELECTRONS):
 class SensorPattern(ElectronNoise):
     """A pattern of the sensor itself: keyed by the run's seed and the pixel's place, by nothing else.
 
-    What has been drawn is kept, since it never changes in a run.
+    What has been drawn is kept until another run's frames come, since it never changes in a run. Copies, and
+    those sent to other processes, begin empty: they would draw the same.
     """
 
     _tiles: dict[tuple[int, int, int], Plane] = field(
         default_factory=dict, init=False, repr=False, compare=False
     )
+
+    def __reduce__(self) -> tuple[type[Self], tuple[object, ...]]:
+        """Leave what has been drawn behind."""
+        return type(self), tuple(getattr(self, one.name) for one in fields(self) if one.init)
 
     @abstractmethod
     def tile(self, generator: np.random.Generator) -> Plane:
@@ -237,6 +243,8 @@ class SensorPattern(ElectronNoise):
             for part in tile_parts(origin, plane.shape):
                 place = key.block.seed, part.row, part.column
                 if place not in self._tiles:
+                    if self._tiles and next(iter(self._tiles))[0] != key.block.seed:
+                        self._tiles.clear()
                     stream = f"effect.{self.name}/{part.row}/{part.column}"
                     self._tiles[place] = self.tile(sensor_generator(key.block.seed, stream))
                 plane[part.in_window] = self._tiles[place][part.in_tile]
