@@ -121,26 +121,8 @@ def _text(value: object) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-@dataclass(frozen=True)
-class SeverityCurve:
-    """Bit error rate over the severity of one effect, true corners.
-
-    Args:
-        name: the effect.
-        parameter: what varies, as ``effect.parameter``.
-        errors: by value from harmless to harsh, reading (``true_corners`` or ``retrained``) and receiver.
-        usual: the parameter's value in the table of effects, where it is a number.
-    """
-
-    name: str
-    parameter: str
-    errors: Mapping[tuple[float, str, str], Counts]
-    usual: float | None
-
-    @property
-    def values(self) -> list[float]:
-        """The severities, from harmless to harsh."""
-        return list(dict.fromkeys(value for value, _, _ in self.errors))
+SeverityErrors = Mapping[tuple[float, str, str], Counts]
+"""Errors at the true corners, by severity, reading (``true_corners`` or ``retrained``) and receiver."""
 
 
 @dataclass(frozen=True)
@@ -153,7 +135,7 @@ class EffectResults:
         together: all those that the scene does not name, at once.
         costs: the times.
         base: errors in the scene itself, by locator and receiver.
-        severities: in physical order.
+        severities: over the severity of each effect that has one, from harmless to harsh, in physical order.
     """
 
     study: EffectStudy
@@ -161,7 +143,7 @@ class EffectResults:
     together: EffectRow | None
     costs: Costs
     base: Mapping[tuple[Locator, str], Counts]
-    severities: tuple[SeverityCurve, ...] = ()
+    severities: Mapping[str, SeverityErrors] = field(default_factory=dict)
 
     @property
     def every_row(self) -> tuple[EffectRow, ...]:
@@ -212,14 +194,12 @@ class EffectResults:
 
         None where there are no two, or where a sum cannot be told from nothing.
         """
-        added = sum(not row.pair.in_scene for row in self.rows)
-        if self.together is None or added < 2:
-            return None
         alone = {kind: stage_times.median_of(rounds) for kind, rounds in self.sums.items()}
-        both = {kind: stage_times.median_of(self.together.costs[kind]) for kind in alone}
-        if min(one.low for one in alone.values()) <= 0:
+        single = sum(not row.pair.in_scene for row in self.rows) < 2
+        if self.together is None or single or min(one.low for one in alone.values()) <= 0:
             return None
-        return [both[kind].value / one.value for kind, one in alone.items()]
+        both = self.together.costs
+        return [stage_times.median_of(both[kind]).value / one.value for kind, one in alone.items()]
 
 
 def measure_costs(study: EffectStudy) -> Costs:
@@ -366,15 +346,18 @@ def run_effects(
                 changes[reading, name] = Change(both.counts[own], other, estimate)
         return EffectRow(pair, {kind: costs.added(kind, pair) for kind in KINDS}, changes)
 
-    def curve(name: str) -> SeverityCurve:
+    def over_severity(name: str) -> SeverityErrors:
         """Put one effect's severities together."""
-        pair, rates, frames = study.pair(name), {}, study.config.severity_frames
-        for value in study.severities[name]:
-            for reading, trained_on in (("true_corners", pair.absent), ("retrained", pair.present)):
-                counts = errors(study.at(name, value), "truth", trained_on, frames).counts
-                for receiver, one in zip(names, counts, strict=True):
-                    rates[float(value), reading, receiver] = one
-        return SeverityCurve(name, study.config.severity[name].parameter, rates, study.usual(name))
+        pair, frames = study.pair(name), study.config.severity_frames
+        trained = {"true_corners": pair.absent, "retrained": pair.present}
+        return {
+            (float(value), reading, receiver): one
+            for value in study.severities[name]
+            for reading, trained_on in trained.items()
+            for receiver, one in zip(
+                names, errors(study.at(name, value), "truth", trained_on, frames).counts, strict=True
+            )
+        }
 
     base, own = {}, study.scene
     for at in dict.fromkeys(READINGS.values()):
@@ -382,5 +365,5 @@ def run_effects(
             for name, counts in zip(names, errors(own, at, own, frames).counts, strict=True):
                 base[at, name] = counts
     together = row(study.together) if study.together else None
-    severities = tuple(map(curve, study.severities))
+    severities = {name: over_severity(name) for name in study.severities}
     return EffectResults(study, tuple(map(row, study.pairs)), together, costs, base, severities)

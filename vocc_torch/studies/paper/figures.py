@@ -4,9 +4,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import astuple, dataclass
 from typing import Any
 
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator
 
 from vocc_torch.measure.counts import Counts
@@ -15,6 +12,7 @@ from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.intervals import ber_interval
 from vocc_torch.measure.paired import PairedCounts, relative_gain
 from vocc_torch.show import canvas, plots, styles
+from vocc_torch.show.canvas import Axes, Figure, Line2D
 from vocc_torch.studies.paper.experiments import PAPER_RECEIVERS, RATE_FIGURES
 from vocc_torch.studies.paper.words import EXPERIMENTS, FIGURES, reading_text
 

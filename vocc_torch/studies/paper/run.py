@@ -6,9 +6,6 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from matplotlib.figure import Figure
-from rich.console import Console
-
 import vocc_torch
 from vocc_torch.errors import VoccError
 from vocc_torch.files import atomic_file, write_atomically
@@ -18,7 +15,7 @@ from vocc_torch.measure.build import build_plan
 from vocc_torch.measure.plan import resolve_device
 from vocc_torch.show import folder as run_folder
 from vocc_torch.show import heatmap, page, styles, tensorboard, terminal
-from vocc_torch.show.canvas import save_figure
+from vocc_torch.show.canvas import Figure, save_figure
 from vocc_torch.studies.paper import FiguresConfig, evidence, experiments, figures, scorecard, words
 
 TITLE = "The paper's whole evidence, reproduced and scored"
@@ -42,7 +39,7 @@ def run_figures(settings: configs.Settings, config: FiguresConfig, folder: Path)
         names = [str(name) for name in there] if isinstance(there, list) else None
         if names is None or experiments.wanted_figures(names) != experiments.wanted_figures(config.names):
             raise VoccError(f"name: {folder} holds a report of other figures: give another name=")
-    plan, console, watch = build_plan(settings, folder), Console(), terminal.Stopwatch()
+    plan, console, watch = build_plan(settings, folder), terminal.Console(), terminal.Stopwatch()
     wanted, resumed = experiments.paper_plan(config, plan), (folder / run_folder.LEDGERS).is_dir()
     report = Report(folder, wanted)
     # The ledgers are held to the end: a second run would write over the same report.
@@ -81,7 +78,7 @@ def measure(
     ordered: Sequence[sweep.Study],
     ledgers: ExitStack,
     folder: Path,
-    console: Console,
+    console: terminal.Console,
     watch: terminal.Stopwatch,
 ) -> sweep.Campaign:
     """Run every study, each with a ledger, under a live view."""

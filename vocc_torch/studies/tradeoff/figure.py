@@ -8,16 +8,13 @@ from typing import Any
 
 import numpy as np
 from matplotlib import ticker
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from matplotlib.text import Text
 from scipy.optimize import isotonic_regression
 
 from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.plan import Locator
 from vocc_torch.show import canvas, timing_figure
-from vocc_torch.show.canvas import INK, QUIET
+from vocc_torch.show.canvas import INK, QUIET, Axes, Figure, Line2D
 from vocc_torch.show.styles import Style, ends_text, rate_text, receiver_styles
 from vocc_torch.studies.tradeoff import report
 from vocc_torch.studies.tradeoff.plan import Setting

@@ -5,8 +5,6 @@ from collections.abc import Iterator
 from dataclasses import asdict, astuple
 from pathlib import Path
 
-from rich.console import Console
-from rich.text import Text
 from torch.utils.tensorboard import SummaryWriter
 
 from vocc_torch.errors import VoccError
@@ -163,7 +161,7 @@ def _ends(name: str, one: Estimate | None) -> Line:
     return {name.format(part): value for part, value in zip(("", "_low", "_high"), values, strict=True)}
 
 
-def print_prices(prices: PriceList, words: str, console: Console) -> None:
+def print_prices(prices: PriceList, words: str, console: terminal.Console) -> None:
     """Print the first kind of frames and scenes, the quickest receiver first, and what to take of it.
 
     Args:
@@ -205,10 +203,12 @@ def print_prices(prices: PriceList, words: str, console: Console) -> None:
         table.add_column(head.replace("other", ""), justify="left" if left else "right", no_wrap=True)
     for line, style in rows:
         texts = ("" if line.get(head) is None else str(line[head]) for head in shown)
-        table.add_row(*map(Text, texts), style=style)
+        table.add_row(*map(terminal.Text, texts), style=style)
     console.print(table)
-    console.print(Text(written("table.txt.j2", prices, mark=mark, scenes=scenes, frames=frames).rstrip()))
-    console.print(Text(words.partition("EVERY KIND OF")[0].rstrip()), soft_wrap=True)
+    console.print(
+        terminal.Text(written("table.txt.j2", prices, mark=mark, scenes=scenes, frames=frames).rstrip())
+    )
+    console.print(terminal.Text(words.partition("EVERY KIND OF")[0].rstrip()), soft_wrap=True)
 
 
 def _rate(ber: Estimate) -> Line:

@@ -9,9 +9,6 @@ from typing import Any, ClassVar, Literal
 
 import numpy as np
 import torch
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 from torch import Tensor
 
@@ -21,6 +18,7 @@ from vocc_torch.measure.plan import Plan
 from vocc_torch.receiver.features import FEATURE_NAMES, preamble_threshold
 from vocc_torch.rng import BlockKey
 from vocc_torch.show import canvas
+from vocc_torch.show.canvas import Axes, Figure, Line2D
 from vocc_torch.simulation import Simulator
 from vocc_torch.studies.paper.words import FIGURES
 from vocc_torch.types import Frames, PanelShape, Scene

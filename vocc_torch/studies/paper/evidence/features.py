@@ -5,8 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import torch
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from scipy.optimize import linprog
 from scipy.stats import mannwhitneyu
 
@@ -15,6 +13,7 @@ from vocc_torch.measure.train import train
 from vocc_torch.receiver.features import FEATURE_NAMES
 from vocc_torch.receiver.flda import FLDA
 from vocc_torch.show import canvas
+from vocc_torch.show.canvas import Axes, Figure
 from vocc_torch.studies.paper import evidence, words
 from vocc_torch.studies.paper.evidence import Bools, Floats
 

@@ -7,8 +7,6 @@ from typing import Any
 
 import numpy as np
 import torch
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 from torch import Tensor
@@ -19,7 +17,7 @@ from vocc_torch.receiver import bank, foreground, location, receiver
 from vocc_torch.receiver.features import image_gradient, radial_inward_field
 from vocc_torch.rng import BLOCK_FRAMES, BlockKey
 from vocc_torch.show import timing_figure
-from vocc_torch.show.canvas import GRID, INK, QUIET
+from vocc_torch.show.canvas import GRID, INK, QUIET, Axes, Figure
 from vocc_torch.simulation import photometry
 from vocc_torch.simulation.effects import Context
 from vocc_torch.simulation.simulator import Framing
