@@ -148,7 +148,7 @@ def location_split(experiments: Mapping[str, Measured]) -> tuple[LocationSplit, 
 
 
 _ROW_IN, _HEAD_IN, _TOP_IN, _BOTTOM_IN = 0.35, 0.42, 0.72, 1.02
-_WIDTH_IN = 10.0
+_WIDTH_IN = 7.5
 _ROOM = 7.0
 """Factor of the rate's axis that is left for the shares, right of the highest rate."""
 
@@ -171,16 +171,14 @@ def location_figure(splits: Sequence[LocationSplit], lens_mm: float) -> Figure:
         if split.value is None and split.receiver in PAPER_RECEIVERS:
             totals.setdefault(split.experiment, []).append(split)
     columns = min(2, len(totals))
-    rows = -(-len(totals) // columns)
-    row_in = max(map(len, totals.values())) * _ROW_IN + _HEAD_IN
-    height_in = _TOP_IN + rows * row_in + _BOTTOM_IN
-    figure = canvas.new_figure(_WIDTH_IN, height_in)
-    panels = figure.subplots(rows, columns, sharex=True, squeeze=False).ravel()
+    shape, gap_in = (-(-len(totals) // columns), columns), (0.52, _HEAD_IN)
+    cell_in = (_WIDTH_IN + gap_in[0]) / columns - gap_in[0], max(map(len, totals.values())) * _ROW_IN
+    margins_in = (2.2, 0.3, _TOP_IN + _HEAD_IN, _BOTTOM_IN)
+    figure, panels = canvas.new_grid(shape, cell_in, gap_in, margins_in, len(totals))
     rates = [rate for group in totals.values() for split in group for rate in (split.located, split.truth)]
-    panels[0].set_xscale("log")
-    least = min(one.value or one.high for one in rates)
-    panels[0].set_xlim(least / 3, _ROOM * max(one.high for one in rates))
-    for number, (axes, (experiment, group)) in enumerate(zip(panels, totals.items(), strict=False)):
+    limits = min(one.value or one.high for one in rates) / 3, _ROOM * max(one.high for one in rates)
+    for number, (axes, (experiment, group)) in enumerate(zip(panels, totals.items(), strict=True)):
+        axes.set(xscale="log", xlim=limits)
         draw_splits(axes, group)
         heading = EXPERIMENTS[experiment][:1].upper() + EXPERIMENTS[experiment][1:]
         axes.set_title(heading, fontsize=11.5, fontweight="bold", color=canvas.INK, loc="left", pad=4)
@@ -188,11 +186,6 @@ def location_figure(splits: Sequence[LocationSplit], lens_mm: float) -> Figure:
         axes.tick_params(axis="y", labelleft=number % columns == 0)
         axes.tick_params(axis="x", labelbottom=last)
         axes.set_xlabel("Bit error rate" if last else "")
-    for axes in panels[len(totals) :]:
-        axes.remove()
-    top, bottom = 1 - (_TOP_IN + _HEAD_IN) / height_in, _BOTTOM_IN / height_in
-    gap = _HEAD_IN / (row_in - _HEAD_IN)
-    figure.subplots_adjust(2.2 / _WIDTH_IN, bottom, 0.97, top, wspace=0.15, hspace=gap)
     title = FIGURES["location"]["title"].format(lens_mm=lens_mm)
     canvas.write_title(figure, title, f"{_INTERVALS} arrow: no error, one-sided 95 % limit")
     handles = [
@@ -201,7 +194,7 @@ def location_figure(splits: Sequence[LocationSplit], lens_mm: float) -> Figure:
         Line2D([], [], color=canvas.QUIET, linewidth=6, alpha=0.35, label="location error, and its share"),
     ]
     look = {"fontsize": 10.5, "handlelength": 2.0, "columnspacing": 2.2}
-    canvas.write_legend(figure, handles, (0.01, 1 - 0.44 / height_in), 3, **look)
+    canvas.write_legend(figure, handles, (0.01, 1 - 0.44 / figure.get_figheight()), 3, **look)
     return figure
 
 

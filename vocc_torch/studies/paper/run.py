@@ -5,6 +5,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import vocc_torch
 from vocc_torch.errors import VoccError
@@ -107,28 +108,6 @@ def measure(
         return sweep.run_campaign(ordered, pool, opened, trained=trained, advance=advance, finished=finished)
 
 
-@dataclass(frozen=True)
-class ReportFigure:
-    """A figure that has been written.
-
-    Args:
-        name: its name, such as ``fig22``.
-        title: its headline.
-        caption: what it shows.
-        pictures: PNG files, relative to the report's folder, with a caption each; the figure's own where that
-            is empty.
-        table: CSV file with its data, relative to the report's folder.
-        findings: its numbers by name.
-    """
-
-    name: str
-    title: str
-    caption: str
-    pictures: Sequence[tuple[str, str]]
-    table: str
-    findings: Mapping[str, float]
-
-
 @dataclass
 class Report:
     """What was measured and drawn: its files are written as it comes, the report shows it at the end.
@@ -136,7 +115,9 @@ class Report:
     Args:
         folder: the run's folder.
         plan: what is measured.
-        shown: the figures by name, in order.
+        shown: the figures by name, in order: each with its ``name``, ``title`` and ``caption``; ``pictures``,
+            PNG files relative to the folder with a caption each, the figure's own where that is empty;
+            ``table``, its data likewise; and ``findings``, its numbers by name.
         drawn: their pictures, by file name without suffix.
         measured: the experiments by focal length (mm) and name.
         grids: ambient light by luminance, by locator.
@@ -146,7 +127,7 @@ class Report:
 
     folder: Path
     plan: experiments.PaperPlan
-    shown: dict[str, ReportFigure] = field(default_factory=dict)
+    shown: dict[str, dict[str, Any]] = field(default_factory=dict)
     drawn: dict[str, Figure] = field(default_factory=dict)
     measured: dict[float, dict[str, curve.Measured]] = field(default_factory=dict)
     grids: dict[str, grid.Grid] = field(default_factory=dict)
@@ -190,15 +171,14 @@ class Report:
         about = words.FIGURES[name]
         captions = heatmap.CAPTIONS | about.get("captions", {})
         pictures = [(f"figures/{stem}.png", captions.get(stem.removeprefix(name), "")) for stem in drawn]
-        title, table = about["title"].format(lens_mm=self.plan.own[0]), f"figures/{name}.csv"
-        told = name, title, about["caption"], pictures, about.get("table", table), findings or {}
-        self.shown[name] = ReportFigure(*told)
+        told = {"table": f"figures/{name}.csv", **about, "pictures": pictures, "findings": findings or {}}
+        self.shown[name] = {**told, "name": name, "title": about["title"].format(lens_mm=self.plan.own[0])}
         self.drawn |= drawn
 
     def score(self) -> None:
         """Judge the claims, if every experiment that they need was measured."""
         if set(experiments.RATE_FIGURES) <= set(self.measured.get(self.plan.own[0], {})):
-            numbers = {name: one.findings for name, one in self.shown.items()}
+            numbers = {name: one["findings"] for name, one in self.shown.items()}
             readings = scorecard.readings_of(self.measured, numbers, self.plan.locators, self.grids)
             self.card = scorecard.score(readings, self.plan.own)
             fits = [scorecard.FIT_COLUMNS, *(fit.row() for fit in scorecard.fits(self.card))]
