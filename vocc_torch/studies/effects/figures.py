@@ -11,9 +11,7 @@ import torch
 from matplotlib import ticker
 from numpy.typing import NDArray
 
-from vocc_torch.measure.curve import BerTable, Point
-from vocc_torch.measure.estimate import Estimate
-from vocc_torch.measure.stage_times import median_of
+from vocc_torch.measure import curve, estimate, stage_times
 from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.show import canvas, page, plots
 from vocc_torch.show.canvas import INK, QUIET, Axes, Figure
@@ -65,7 +63,7 @@ def ms_text(rounds: Rounds) -> str:
         >>> [ms_text(np.array(rounds)) for rounds in times]
         ['0.012', '1.2', '123', '~0', '-0.25']
     """
-    one = median_of(rounds)
+    one = stage_times.median_of(rounds)
     if not one.real:
         return "~0"
     size = abs(one.value)
@@ -118,10 +116,10 @@ def effects_figure(results: EffectResults) -> Figure:
 def draw_costs(axes: Axes, results: EffectResults) -> None:
     """Draw what each effect adds to the time of a frame, or a note where it cannot be told from nothing."""
     rows = results.every_row
-    sums = {kind: median_of(rounds) for kind, rounds in results.sums.items()}
-    costs = [{kind: median_of(row.costs[kind]) for kind in _COSTS} for row in rows]
+    sums = {kind: stage_times.median_of(rounds) for kind, rounds in results.sums.items()}
+    costs = [{kind: stage_times.median_of(row.costs[kind]) for kind in _COSTS} for row in rows]
     shown = [one for row in (*costs, sums) for one in row.values() if one.low > 0]
-    shown.append(median_of(results.base_costs["near"]))
+    shown.append(stage_times.median_of(results.base_costs["near"]))
     across = axes.get_yaxis_transform()
     axes.set_xscale("log")
     axes.set_xlim(min(one.value for one in shown) / 2.2, max(one.high for one in shown) * 1.6)
@@ -162,7 +160,7 @@ def draw_changes(axes: Axes, results: EffectResults, series: Mapping[str, tuple[
                 _bar(axes, change.estimate, number + shift, style, full=change.estimate.real)
 
 
-def _bar(axes: Axes, one: Estimate, y: float, style: Style, *, full: bool = True) -> None:
+def _bar(axes: Axes, one: estimate.Estimate, y: float, style: Style, *, full: bool = True) -> None:
     """Draw a number with its interval."""
     axes.plot([one.low, one.high], [y, y], color=style.colour, linewidth=1.5, zorder=2)
     (mark,) = axes.plot([one.value], [y], style.marker, color=style.colour, markersize=5, zorder=3)
@@ -230,13 +228,13 @@ def parameter_label(parameter: str) -> str:
     return f"{words} ({_UNITS[end]})" if words and end else words or _UNITS[end]
 
 
-def _table(results: EffectResults, name: str) -> BerTable:
+def _table(results: EffectResults, name: str) -> curve.BerTable:
     """Put one effect's points into a table: a curve for each training."""
     parameter = results.study.config.severity[name].parameter
     effect, label = parameter.partition(".")[0], parameter_label(parameter)
     axis = label if effect == name else f"{effect}: {label}"
-    return BerTable(
-        Point(name, axis, value, reading, "truth", counts, "frames")
+    return curve.BerTable(
+        curve.Point(name, axis, value, reading, "truth", counts, "frames")
         for (value, reading, receiver), counts in results.severities[name].items()
         if receiver == results.study.shown
     )

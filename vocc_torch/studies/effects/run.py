@@ -5,10 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from vocc_torch.files import write_atomically
-from vocc_torch.measure import workers
-from vocc_torch.measure.config import Settings
-from vocc_torch.measure.estimate import Estimate
-from vocc_torch.measure.intervals import ber_interval
+from vocc_torch.measure import config, estimate, intervals, workers
 from vocc_torch.measure.stage_times import median_of
 from vocc_torch.show import canvas, tensorboard, terminal
 from vocc_torch.show import folder as run_folder
@@ -45,7 +42,7 @@ Cells = dict[str, str | int | float]
 """Cells by their columns; what is missing is blank."""
 
 
-def run_effects_task(settings: Settings, config: EffectsConfig, folder: Path) -> None:
+def run_effects_task(settings: config.Settings, own: EffectsConfig, folder: Path) -> None:
     """Measure what effects cost and do, and report it.
 
     Raises:
@@ -53,7 +50,7 @@ def run_effects_task(settings: Settings, config: EffectsConfig, folder: Path) ->
     """
     run_folder.refuse_unused(settings)
     run_folder.refuse_results(folder)
-    study, console = build_effect_study(settings, config, folder), terminal.Console()
+    study, console = build_effect_study(settings, own, folder), terminal.Console()
     pool, watch = workers.Workers(settings.workers), terminal.Stopwatch()
     with watch.stage("times"), console.status("timing every scene"):
         costs = results.measure_costs(study)
@@ -144,7 +141,7 @@ def write_severities(path: Path, results: EffectResults) -> None:
         for (value, reading, receiver), counts in errors.items():
             about = name, results.study.config.severity[name].parameter, value, values.index(value)
             read = (receiver, trained[reading], counts.frames, counts.bits, counts.bit_errors, counts.ber)
-            ends = ber_interval(counts)
+            ends = intervals.ber_interval(counts)
             numbers = *about, int(value == usual), *read, ends.low, ends.high, counts.frame_errors
             lines.append([run_folder.cell_text(cell) for cell in numbers])
     run_folder.write_rows(path, lines)
@@ -164,7 +161,7 @@ def thousandths(rate: float, *, sign: bool = True) -> str:
     return f"{value:{plus}.0f}" if abs(value) >= 9.95 else f"{value:{plus}.1f}"
 
 
-def interval_text(found: Estimate) -> str:
+def interval_text(found: estimate.Estimate) -> str:
     """Write the 95 % interval of a change in thousandths."""
     return f"{thousandths(found.low, sign=False)} to {thousandths(found.high, sign=False)}"
 

@@ -5,10 +5,8 @@ from dataclasses import dataclass, replace
 from typing import cast, get_args
 
 from vocc_torch.errors import VoccError, section
-from vocc_torch.measure.curve import Measured
-from vocc_torch.measure.grid import Grid
+from vocc_torch.measure import curve, grid, sweep
 from vocc_torch.measure.plan import Locator, Plan
-from vocc_torch.measure.sweep import Campaign, Study, at_focal_length
 from vocc_torch.studies.paper import FiguresConfig, evidence, words
 from vocc_torch.studies.paper.evidence import features, frames, panels
 
@@ -69,17 +67,17 @@ class PaperPlan:
         """The report's own focal length and locator."""
         return self.config.focal_lengths_mm[0], self.locators[0]
 
-    def studies(self) -> list[Study]:
+    def studies(self) -> list[sweep.Study]:
         """The studies, those of the report's own focal length first."""
         return [
-            Study(study_key(name, focal_mm, row), at_focal_length(plan, focal_mm), self.locators)
+            sweep.Study(study_key(name, focal_mm, row), sweep.at_focal_length(plan, focal_mm), self.locators)
             for focal_mm in self.config.focal_lengths_mm
             for name, rows in self.experiments.items()
             for row, plan in rows.items()
             if name != DIMMING or focal_mm == self.own[0]
         ]
 
-    def measured(self, campaign: Campaign) -> dict[float, dict[str, Measured]]:
+    def measured(self, campaign: sweep.Campaign) -> dict[float, dict[str, curve.Measured]]:
         """A campaign's results by focal length and experiment; the grid is left out."""
         names = [name for name in self.experiments if name != DIMMING]
         return {
@@ -87,13 +85,13 @@ class PaperPlan:
             for focal_mm in self.config.focal_lengths_mm
         }
 
-    def grids(self, campaign: Campaign) -> dict[str, Grid]:
+    def grids(self, campaign: sweep.Campaign) -> dict[str, grid.Grid]:
         """The grid for each locator; empty where it was not measured."""
         rows = tuple(self.experiments.get(DIMMING, {}))
         axis = (self.config.experiments[DIMMING].row_axis if rows else None) or "ambient_lx"
         of_row = [campaign.measured[study_key(DIMMING, self.own[0], row)] for row in rows]
         return {
-            name: Grid(axis, rows, tuple(measured.curves[name] for measured in of_row))
+            name: grid.Grid(axis, rows, tuple(measured.curves[name] for measured in of_row))
             for name in self.locators
             if rows
         }

@@ -6,11 +6,8 @@ from typing import Any
 
 from matplotlib.ticker import LogLocator
 
+from vocc_torch.measure import curve, estimate, intervals, paired
 from vocc_torch.measure.counts import Counts
-from vocc_torch.measure.curve import COLUMNS, BerTable, Measured
-from vocc_torch.measure.estimate import Estimate
-from vocc_torch.measure.intervals import ber_interval
-from vocc_torch.measure.paired import PairedCounts, relative_gain
 from vocc_torch.show import canvas, plots, styles
 from vocc_torch.show.canvas import Axes, Figure, Line2D
 from vocc_torch.studies.paper.experiments import PAPER_RECEIVERS, RATE_FIGURES
@@ -25,18 +22,18 @@ LOCATION_COLUMNS = (
 """Columns of ``location.csv``."""
 
 
-def only(table: BerTable, receivers: Sequence[str] = PAPER_RECEIVERS) -> BerTable:
+def only(table: curve.BerTable, receivers: Sequence[str] = PAPER_RECEIVERS) -> curve.BerTable:
     """A table's rows of some receivers.
 
     Example:
-        >>> len(only(BerTable()))
+        >>> len(only(curve.BerTable()))
         0
     """
-    return BerTable(row for row in table if row.receiver in receivers)
+    return curve.BerTable(row for row in table if row.receiver in receivers)
 
 
 def draw_rates(
-    experiment: str, by_focal_mm: Mapping[float, Measured], own: tuple[float, str]
+    experiment: str, by_focal_mm: Mapping[float, curve.Measured], own: tuple[float, str]
 ) -> dict[str, Figure]:
     """Draw an experiment's figure under the report's own reading, and under all readings side by side.
 
@@ -65,14 +62,14 @@ def draw_rates(
     return drawn
 
 
-def rate_rows(by_focal_mm: Mapping[float, Measured]) -> list[tuple[str | int | float, ...]]:
+def rate_rows(by_focal_mm: Mapping[float, curve.Measured]) -> list[tuple[str | int | float, ...]]:
     """An experiment's points of all receivers under every reading, the head first.
 
     Example:
         >>> rate_rows({})[0][:3]
         ('focal_length_mm', 'experiment', 'axis')
     """
-    rows: list[tuple[str | int | float, ...]] = [("focal_length_mm", *COLUMNS)]
+    rows: list[tuple[str | int | float, ...]] = [("focal_length_mm", *curve.COLUMNS)]
     for focal_mm, measured in by_focal_mm.items():
         for table in (curves.table() for curves in measured.curves.values()):
             rows += [(focal_mm, *astuple(row)) for name in table.receivers for row in table.of(name)]
@@ -100,9 +97,9 @@ class LocationSplit:
     value: float | None
     receiver: str
     frames: int
-    located: Estimate
-    truth: Estimate
-    share: Estimate | None
+    located: estimate.Estimate
+    truth: estimate.Estimate
+    share: estimate.Estimate | None
 
     def row(self) -> tuple[str | float | None, ...]:
         """The line of ``location.csv``; a total has no value."""
@@ -110,7 +107,7 @@ class LocationSplit:
         return (*what, *located, *truth, *(share or (None, None, None)))
 
 
-def location_split(experiments: Mapping[str, Measured]) -> tuple[LocationSplit, ...]:
+def location_split(experiments: Mapping[str, curve.Measured]) -> tuple[LocationSplit, ...]:
     """Split every receiver's errors at every value, each experiment's total after its values.
 
     Args:
@@ -118,13 +115,13 @@ def location_split(experiments: Mapping[str, Measured]) -> tuple[LocationSplit, 
 
     Example:
         >>> from vocc_torch.measure.curve import Curves
-        >>> def curve(locator, counts):
+        >>> def read(locator, counts):
         ...     at = {("flda_3", 50.0): counts}
         ...     return Curves("d", "distance_m", locator, ("flda_3",), (50.0,), at, {}, {50.0: "frames"})
         >>> located, truth = Counts(2000, 128_000, 400, 8000, 60), Counts(2000, 128_000, 40, 80, 20)
-        >>> both = PairedCounts(2000, 128_000, 360, 7000, 60)
-        >>> curves = {"paper": curve("paper", located), "truth": curve("truth", truth)}
-        >>> split = location_split({"d": Measured(curves, {("flda_3", 50.0): both})})
+        >>> both = paired.PairedCounts(2000, 128_000, 360, 7000, 60)
+        >>> curves = {"paper": read("paper", located), "truth": read("truth", truth)}
+        >>> split = location_split({"d": curve.Measured(curves, {("flda_3", 50.0): both})})
         >>> [(one.value, round(one.share.value, 3)) for one in split]
         [(50.0, 0.9), (None, 0.9)]
     """
@@ -134,15 +131,16 @@ def location_split(experiments: Mapping[str, Measured]) -> tuple[LocationSplit, 
             continue
         truth, located = measured.curves["truth"], measured.curves["paper"]
         for receiver in located.receivers:
-            read: dict[float | None, tuple[Counts, Counts, PairedCounts]] = {
+            read: dict[float | None, tuple[Counts, Counts, paired.PairedCounts]] = {
                 at: (located.counts[receiver, at], truth.counts[receiver, at], both)
                 for at in located.values
                 if (both := measured.location.get((receiver, at)))
             }
-            wrong, right, paired = zip(*read.values(), strict=True)
-            read[None] = sum(wrong, Counts()), sum(right, Counts()), sum(paired, PairedCounts())
+            wrong, right, apart = zip(*read.values(), strict=True)
+            read[None] = sum(wrong, Counts()), sum(right, Counts()), sum(apart, paired.PairedCounts())
             for value, (a, b, pair) in read.items():
-                share, rates = relative_gain(a, b, pair), (ber_interval(a), ber_interval(b))
+                share = paired.relative_gain(a, b, pair)
+                rates = intervals.ber_interval(a), intervals.ber_interval(b)
                 found.append(LocationSplit(name, located.axis, value, receiver, a.frames, *rates, share))
     return tuple(found)
 
@@ -161,7 +159,7 @@ def location_figure(splits: Sequence[LocationSplit], lens_mm: float) -> Figure:
         lens_mm: focal length, for the title.
 
     Example:
-        >>> rate = Estimate(1e-3, 8e-4, 1.2e-3)
+        >>> rate = estimate.Estimate(1e-3, 8e-4, 1.2e-3)
         >>> split = LocationSplit("distance", "distance_m", None, "flda_3", 2000, rate, rate, None)
         >>> location_figure([split], 25.0).axes[0].get_xscale()
         'log'

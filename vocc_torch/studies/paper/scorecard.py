@@ -9,10 +9,7 @@ from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from typing import Any, Literal, TypeAlias
 
-from vocc_torch.measure.curve import Measured, Row
-from vocc_torch.measure.estimate import Estimate
-from vocc_torch.measure.grid import Grid
-from vocc_torch.measure.intervals import ber_interval
+from vocc_torch.measure import curve, estimate, grid, intervals
 from vocc_torch.studies.paper import curve_rules, figure_rules, judgement
 from vocc_torch.studies.paper.judgement import VERDICTS, Judgement, NotMeasuredError, PaperReading, Verdict
 from vocc_torch.studies.paper.words import read_yaml
@@ -77,8 +74,8 @@ def claims_of(entries: Iterable[Mapping[str, Any]]) -> tuple[Claim, ...]:
     """Read claims from the entries of ``claims.yaml``.
 
     Args:
-        entries: each with ``claim``, ``where``, ``text`` and ``paper``, perhaps a ``basis``, and one rule with
-            its arguments.
+        entries: each with ``claim``, ``where``, ``text`` and ``paper``, perhaps a ``basis``, and one rule
+            with its arguments.
 
     Example:
         >>> entry = {"claim": "a.b", "where": "IV", "text": "t", "paper": "p"}
@@ -258,10 +255,10 @@ def why(card: Scorecard, claims: Sequence[Judged]) -> str:
 
 
 def readings_of(
-    measured: Mapping[float, Mapping[str, Measured]],
+    measured: Mapping[float, Mapping[str, curve.Measured]],
     numbers: judgement.Numbers,
     locators: Sequence[str] = ("truth", "paper"),
-    grids: Mapping[str, Grid] | None = None,
+    grids: Mapping[str, grid.Grid] | None = None,
 ) -> tuple[PaperReading, ...]:
     """A reading for each focal length and locator.
 
@@ -329,7 +326,7 @@ class Fit:
 
     reading: PaperReading
     tally: dict[Verdict, int]
-    decades: Estimate | None
+    decades: estimate.Estimate | None
     rates: int
     error_free: int
     gain_points: float | None
@@ -356,7 +353,7 @@ def fits(card: Scorecard) -> list[Fit]:
             with contextlib.suppress(NotMeasuredError):
                 row = reading.row(rate["experiment"], rate["receiver"], rate["at"])
                 _, theirs = curve_rules.paper_counts(reading, **rate)
-                apart.append(decades_apart(row, rate["ber"], ber_interval(theirs)))
+                apart.append(decades_apart(row, rate["ber"], intervals.ber_interval(theirs)))
                 error_free += row.error_free
         for one in quoted["quoted_gain"]:
             with contextlib.suppress(NotMeasuredError):
@@ -365,12 +362,12 @@ def fits(card: Scorecard) -> list[Fit]:
         counts = tally(one for one in card.judged(reading=reading) if one[0].basis == "curves")
         means = [math.fsum(column) / len(apart) for column in zip(*apart, strict=True)]
         mean = math.fsum(points) / len(points) if points else None
-        decades = Estimate(*means) if means else None
+        decades = estimate.Estimate(*means) if means else None
         found.append(Fit(reading, counts, decades, len(apart), error_free, mean, len(points)))
     return found
 
 
-def decades_apart(row: Row, quoted: float, theirs: Estimate) -> tuple[float, float, float]:
+def decades_apart(row: curve.Row, quoted: float, theirs: estimate.Estimate) -> tuple[float, float, float]:
     """``|log10 (measured / quoted)|`` and its ends, as :class:`Fit` takes it.
 
     Args:
@@ -379,8 +376,8 @@ def decades_apart(row: Row, quoted: float, theirs: Estimate) -> tuple[float, flo
         theirs: the rate behind it, with its interval.
 
     Example:
-        >>> row = Row("s", "x", 1.0, "r", "truth", 9, 576, 1.0, 1e-2, 9e-3, 2e-2, 1, 0, "frames")
-        >>> [round(number, 2) for number in decades_apart(row, 1e-3, Estimate(1e-3, 9e-4, 2e-3))]
+        >>> row = curve.Row("s", "x", 1.0, "r", "truth", 9, 576, 1.0, 1e-2, 9e-3, 2e-2, 1, 0, "frames")
+        >>> [round(number, 2) for number in decades_apart(row, 1e-3, estimate.Estimate(1e-3, 9e-4, 2e-3))]
         [1.0, 0.65, 1.35]
     """
     least = math.log10(row.ber_low / theirs.high) if row.ber_low > 0 else -math.inf

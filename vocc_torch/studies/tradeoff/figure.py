@@ -11,8 +11,7 @@ from matplotlib import ticker
 from matplotlib.text import Text
 from scipy.optimize import isotonic_regression
 
-from vocc_torch.measure.estimate import Estimate
-from vocc_torch.measure.plan import Locator
+from vocc_torch.measure import estimate, plan
 from vocc_torch.show import canvas, timing_figure
 from vocc_torch.show.canvas import INK, QUIET, Axes, Figure, Line2D
 from vocc_torch.show.styles import Style, ends_text, rate_text, receiver_styles
@@ -250,7 +249,7 @@ def draw_labels(figure: Figure, axes: Axes, dots: Sequence[Dot]) -> None:
     axes.set_position((left, bottom, room / 1.05, up))
 
 
-def draw_possible(axes: Axes, rate: Estimate, frames: int, rows: Sequence[float]) -> None:
+def draw_possible(axes: Axes, rate: estimate.Estimate, frames: int, rows: Sequence[float]) -> None:
     """Draw what is possible: the rate of a decoder that knows the scene."""
     y, said = rate.value or rows[-1], f"no error in {frames} frames, too few to say more"
     if rate.value > 0:
@@ -262,7 +261,7 @@ def draw_possible(axes: Axes, rate: Estimate, frames: int, rows: Sequence[float]
     text.set(va="bottom", color=_REFERENCE_COLOUR, zorder=6.5)
 
 
-def draw_legend(figure: Figure, dots: Sequence[Dot], faces: Mapping[Locator, str]) -> None:
+def draw_legend(figure: Figure, dots: Sequence[Dot], faces: Mapping[plan.Locator, str]) -> None:
     """Say in a row what fillings, sizes and strengths mean."""
     ranks = {dot.point.rank for dot in dots}
     handles = [_sign("o", 9.0, face, QUIET, label=report.LOCATED_BY[name]) for name, face in faces.items()]

@@ -4,10 +4,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal, NamedTuple
 
-from vocc_torch.measure import frame_errors, intervals, stage_times, train
+from vocc_torch.measure import estimate, frame_errors, genie, intervals, stage_times, train
 from vocc_torch.measure.counts import Counts
-from vocc_torch.measure.estimate import Estimate
-from vocc_torch.measure.genie import GenieReference
 from vocc_torch.studies.tradeoff.plan import Setting, TradeoffStudy
 
 FRAMES_PER_S = (1000, 100, 60, 30)
@@ -48,8 +46,8 @@ class OperatingPoint:
 
     setting: Setting
     place: Place
-    time_ms: Estimate
-    ber: Estimate
+    time_ms: estimate.Estimate
+    ber: estimate.Estimate
     counts: Counts = field(default_factory=Counts)
     referenced: Counts | None = None
     beaten_by: Setting | None = None
@@ -173,7 +171,7 @@ class PriceList:
     study: TradeoffStudy
     costs: Mapping[Setting, train.Making]
     errors: Mapping[str, frame_errors.FrameErrors]
-    references: Mapping[str, GenieReference]
+    references: Mapping[str, genie.GenieReference]
     no_references: Mapping[str, str]
     times: Mapping[tuple[Setting, Place], stage_times.StageTimes]
     end_to_end: Mapping[Place, float]
@@ -238,14 +236,14 @@ class PriceList:
             self.points(scenes, device, frames, batch), lambda a, b: not errors.compared(a, b).real
         )
 
-    def reference(self, scenes: str) -> Estimate | None:
+    def reference(self, scenes: str) -> estimate.Estimate | None:
         """Give the rate of a decoder that knows the scene; None where it was not measured."""
         if scenes not in self.references:
             return None
         return _rate(self.references[scenes].counts, [one.counts for one in self.references.values()])
 
 
-def _rate(counts: Counts, every: Sequence[Counts]) -> Estimate:
+def _rate(counts: Counts, every: Sequence[Counts]) -> estimate.Estimate:
     """Estimate a rate; ``every`` says how many wrong bits a wrong frame has."""
     total = sum(every, Counts())
     typical = max(1.0, total.bit_errors / max(1, total.frame_errors))

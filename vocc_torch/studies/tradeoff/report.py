@@ -8,9 +8,7 @@ from pathlib import Path
 from torch.utils.tensorboard import SummaryWriter
 
 from vocc_torch.errors import VoccError
-from vocc_torch.measure.estimate import Estimate, all_pairs
-from vocc_torch.measure.plan import resolve_device
-from vocc_torch.measure.stage_times import STAGES
+from vocc_torch.measure import estimate, plan, stage_times
 from vocc_torch.show import page, styles, terminal, timing_figure
 from vocc_torch.show.folder import write_rows
 from vocc_torch.studies.tradeoff.plan import Setting
@@ -26,6 +24,9 @@ COLUMNS = {
     **{"batch": 112, "training\ns": 112, "weights": 112},
 }
 """Columns on the terminal, and the least width at which they stand there."""
+
+BOARD_COSTS = ("training_s", "parameters", "size_bytes")
+"""What TensorBoard shows of the making of a receiver."""
 
 WIDTH_WITH_TITLES = 146
 """Least terminal width at which receivers have their titles too."""
@@ -47,7 +48,7 @@ def recommendation(prices: PriceList) -> str:
     texts = {"receiver_text": receiver_text, "varied_text": varied_text, "ms": timing_figure.number_text}
     given: dict[str, object] = {"located_by": LOCATED_BY, "most_accurate": most_accurate}
     given["apart"] = max(abs(ratio - 1) for ratio in prices.end_to_end.values())
-    given["pairs"] = all_pairs(len(prices.settings))
+    given["pairs"] = estimate.all_pairs(len(prices.settings))
     lines = []
     for line in written("recommendation.txt.j2", prices, **texts, **given).splitlines():
         # What follows stands under a line's text.
@@ -111,7 +112,7 @@ def price_rows(prices: PriceList) -> Iterator[Line]:
     ``possible_proven_frames`` of them no bits can be likelier than those that the decoder gave.
     ``end_to_end`` is the time of ``end_to_end_of`` in one go over the sum of its stages.
     """
-    error_device = str(resolve_device(prices.study.plan.world.device))
+    error_device = str(plan.resolve_device(prices.study.plan.world.device))
     for place in prices.places:
         points = {scenes: prices.points(scenes, *place) for scenes in prices.errors}
         best = {scenes: prices.points(scenes, place.device, place.frames) for scenes in prices.errors}
@@ -120,7 +121,7 @@ def price_rows(prices: PriceList) -> Iterator[Line]:
             in_best = best[prices.timed_scenes][row].place == place
             line: Line = {**asdict(setting), **place._asdict(), "rounds": times.rounds}
             line |= {"best_batch": int(in_best), **_ends("total{}_ms", times.total)}
-            for stage in STAGES:
+            for stage in stage_times.STAGES:
                 line |= _ends(f"{stage}{{}}_ms", times.stage(stage))
             line |= {"frames_per_s": 1e3 / times.total.value, **_ends("share_of_detection{}", times.share)}
             for scenes, own in points.items():
@@ -155,7 +156,7 @@ def price_rows(prices: PriceList) -> Iterator[Line]:
                 yield {**asdict(setting), **place._asdict(), "machine": "not measured"}
 
 
-def _ends(name: str, one: Estimate | None) -> Line:
+def _ends(name: str, one: estimate.Estimate | None) -> Line:
     """Name a number and the ends of its interval."""
     values = (None, None, None) if one is None else (one.value, one.low, one.high)
     return {name.format(part): value for part, value in zip(("", "_low", "_high"), values, strict=True)}
@@ -196,22 +197,20 @@ def print_prices(prices: PriceList, words: str, console: terminal.Console) -> No
         rows.append(({"receiver": "knows the scene", "other": same, **_rate(rate)}, ""))
         named = {"receiver": best.setting.receiver, "locator": best.setting.locator}
         rows.append(({**named, "other": f"same {same}", "BER": told}, ""))
-    table = terminal.plain_table()
     shown = [head for head, least in COLUMNS.items() if width >= least and head in rows[0][0]]
-    for head in shown:
-        left = head in ("", "receiver", "locator", "other")
-        table.add_column(head.replace("other", ""), justify="left" if left else "right", no_wrap=True)
+    table = terminal.plain_table(*(head.replace("other", "") for head in shown))
+    for column in table.columns[:4]:
+        column.justify = "left"
     for line, style in rows:
         texts = ("" if line.get(head) is None else str(line[head]) for head in shown)
         table.add_row(*map(terminal.Text, texts), style=style)
     console.print(table)
-    console.print(
-        terminal.Text(written("table.txt.j2", prices, mark=mark, scenes=scenes, frames=frames).rstrip())
-    )
+    below = written("table.txt.j2", prices, mark=mark, scenes=scenes, frames=frames)
+    console.print(terminal.Text(below.rstrip()))
     console.print(terminal.Text(words.partition("EVERY KIND OF")[0].rstrip()), soft_wrap=True)
 
 
-def _rate(ber: Estimate) -> Line:
+def _rate(ber: estimate.Estimate) -> Line:
     """Write a rate and its interval, or its limit."""
     if ber.value == 0:
         return {"BER": f"< {styles.rate_text(ber.high)}", "95 %": ""}
@@ -235,10 +234,8 @@ def write_price_board(folder: str | Path, prices: PriceList) -> None:
                     own[f"latency_ms/{where}"] = alone.total.value
     try:
         for setting, own in numbers.items():
-            cost = prices.costs[setting]
-            own["making/training_s"] = cost.training_s
-            made = {"making/parameters": cost.parameters, "making/size_bytes": cost.size_bytes}
-            own |= {name: float(number) for name, number in made.items() if number is not None}
+            made = {name: getattr(prices.costs[setting], name) for name in BOARD_COSTS}
+            own |= {f"making/{name}": float(one) for name, one in made.items() if one is not None}
             with SummaryWriter(str(Path(folder) / setting.name)) as writer:
                 # The run's own folder: any other would make a run more.
                 writer.add_hparams(asdict(setting), own, run_name=".")

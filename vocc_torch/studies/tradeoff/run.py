@@ -161,9 +161,8 @@ def measure_times(
     preambles = needs_preambles([setting.receiver for setting in receivers])
     devices = {name: resolve_device(name) for name in config.devices}
     # The same receiver with each locator is timed in one go too.
-    checked: dict[str, plan.Setting] = {}
-    for setting in sorted(receivers, key=lambda one: one.receiver != END_TO_END):
-        checked.setdefault(setting.locator, setting)
+    last_counts = sorted(reversed(list(receivers)), key=lambda one: one.receiver == END_TO_END)
+    checked = {one.locator: one for one in last_counts}
     in_one_go = [setting.name for setting in checked.values()]
     times: dict[tuple[plan.Setting, Place], stage_times.StageTimes] = {}
     end_to_end: dict[Place, float] = {}

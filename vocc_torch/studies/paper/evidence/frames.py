@@ -18,14 +18,12 @@ from vocc_torch.receiver.features import image_gradient, radial_inward_field
 from vocc_torch.rng import BLOCK_FRAMES, BlockKey
 from vocc_torch.show import timing_figure
 from vocc_torch.show.canvas import GRID, INK, QUIET, Axes, Figure
-from vocc_torch.simulation import photometry
-from vocc_torch.simulation.effects import Context
-from vocc_torch.simulation.simulator import Framing
+from vocc_torch.simulation import effects, photometry, simulator
 from vocc_torch.studies.paper import evidence
 from vocc_torch.studies.paper.evidence import Bools, Floats, features
 from vocc_torch.types import Frames, Scene
 
-FRAMINGS: Mapping[str, Framing] = {"whole_frames": "filled", "crops": "crop"}
+FRAMINGS: Mapping[str, simulator.Framing] = {"whole_frames": "filled", "crops": "crop"}
 """What is handed to the stages: frames of the whole sensor, as in the paper, or what the simulator crops."""
 SINGLE_ROUNDS, BATCH_ROUNDS = 48, 11
 """Timed rounds with one frame at a time, each round with another frame; and with a whole batch."""
@@ -263,7 +261,7 @@ def grey_levels(plan: plans.Plan, scene: Scene) -> Floats:
     surfaces = panel.background_reflectance, panel.led_reflectance
     background, off = (photometry.reflected_luminance_cd_m2(scene.ambient_lx, one) for one in surfaces)
     seen = torch.cat([background, off, off + scene.led_luminance_cd_m2])
-    iso = photometry.auto_iso(Context(scene, camera, panel=panel))
+    iso = photometry.auto_iso(effects.Context(scene, camera, panel=panel))
     exposures = photometry.through_lens(seen, camera)
     greys = photometry.grey_value(exposures, iso, gamma=camera.gamma).double().cpu()
     return (greys.clamp(max=255.0) if "saturation" in plan.world.effects else greys).numpy()
