@@ -195,10 +195,8 @@ def severity_figure(results: EffectResults) -> Figure:
     study, facets = results.study, [(name, _table(results, name)) for name in results.severities]
     rows = [dict(facets[first : first + _FACETS_A_ROW]) for first in range(0, len(facets), _FACETS_A_ROW)]
     title, *notes = written("severity.txt.j2", results).splitlines()
-    styles = {
-        "true_corners": _WITHOUT,
-        "retrained": replace(_WITH, label=f"{_WITH.label}, as the table of effects has it"),
-    }
+    retrained = replace(_WITH, label=f"{_WITH.label}, as the table of effects has it")
+    styles = {"true_corners": _WITHOUT, "retrained": retrained}
     figure = plots.facet_figure(rows, title, "\n".join(notes), axes_alike=False, styles=styles)
     base = results.base.get(("truth", study.shown))
     for axes, name in zip(figure.axes, results.severities, strict=True):

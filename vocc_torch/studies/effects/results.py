@@ -350,20 +350,17 @@ def run_effects(
         """Put one effect's severities together."""
         pair, frames = study.pair(name), study.config.severity_frames
         trained = {"true_corners": pair.absent, "retrained": pair.present}
-        return {
-            (float(value), reading, receiver): one
-            for value in study.severities[name]
-            for reading, trained_on in trained.items()
-            for receiver, one in zip(
-                names, errors(study.at(name, value), "truth", trained_on, frames).counts, strict=True
-            )
-        }
+        found = {}
+        for value, (reading, scene) in itertools.product(study.severities[name], trained.items()):
+            counts = errors(study.at(name, value), "truth", scene, frames).counts
+            found |= {(float(value), reading, who): one for who, one in zip(names, counts, strict=True)}
+        return found
 
     base, own = {}, study.scene
     for at in dict.fromkeys(READINGS.values()):
         if frames := study.frames_with(at, own):
-            for name, counts in zip(names, errors(own, at, own, frames).counts, strict=True):
-                base[at, name] = counts
+            counts = errors(own, at, own, frames).counts
+            base |= {(at, name): one for name, one in zip(names, counts, strict=True)}
     together = row(study.together) if study.together else None
     severities = {name: over_severity(name) for name in study.severities}
     return EffectResults(study, tuple(map(row, study.pairs)), together, costs, base, severities)

@@ -36,9 +36,9 @@ def run_figures(settings: configs.Settings, config: FiguresConfig, folder: Path)
     run_folder.refuse_unused(settings)
     run_folder.refuse_results(folder, run_folder.LEDGERS)
     if (folder / "report.html").exists():
-        there = configs.read_flat(folder / run_folder.CONFIG).get("figures.names")
-        names = [str(name) for name in there] if isinstance(there, list) else None
-        if names is None or experiments.wanted_figures(names) != experiments.wanted_figures(config.names):
+        there, named = configs.read_flat(folder / run_folder.CONFIG), experiments.wanted_figures
+        names = there.get("figures.names")
+        if not isinstance(names, list) or named(names) != named(config.names):
             raise VoccError(f"name: {folder} holds a report of other figures: give another name=")
     plan, console, watch = build_plan(settings, folder), terminal.Console(), terminal.Stopwatch()
     wanted, resumed = experiments.paper_plan(config, plan), (folder / run_folder.LEDGERS).is_dir()
@@ -210,19 +210,14 @@ class Report:
             VoccError: a picture is missing, or a file cannot be written.
         """
         contrast = self.plan.experiments.get("contrast", {}).get(0.0)
-        names = vars(words) | vars(scorecard) | vars(self)
-        text = page.render(
-            __package__,
-            "report.md.j2",
-            **(names | {"title": TITLE, "settings": settings, "seconds": seconds, "resumed": resumed}),
-            configuration=configs.as_yaml(settings),
-            machine=timing.describe_machine(resolve_device(settings.device)),
-            version=vocc_torch.__version__,
-            contrast_frames=contrast.frames_in_point if contrast else 0,
-            rate_names=list(experiments.RATE_FIGURES.values()),
-            receivers=styles.receiver_styles(experiments.PAPER_RECEIVERS),
-            best_luminance=grid.best_luminance,
-        )
+        told = {"title": TITLE, "settings": settings, "seconds": seconds, "resumed": resumed}
+        told |= {"configuration": configs.as_yaml(settings), "version": vocc_torch.__version__}
+        told |= {"machine": timing.describe_machine(resolve_device(settings.device))}
+        told |= {"contrast_frames": contrast.frames_in_point if contrast else 0}
+        told |= {"rate_names": list(experiments.RATE_FIGURES.values()), "best_luminance": grid.best_luminance}
+        told |= {"receivers": styles.receiver_styles(experiments.PAPER_RECEIVERS)}
+        names = vars(words) | vars(scorecard) | vars(self) | told
+        text = page.render(__package__, "report.md.j2", **names)
         html = page.html(text, TITLE, self.folder)
         with atomic_file(self.folder / "report.md") as temporary:
             temporary.write_bytes(text.encode("utf-8", "replace"))

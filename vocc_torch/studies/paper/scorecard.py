@@ -16,10 +16,8 @@ from vocc_torch.studies.paper.words import read_yaml
 
 Basis: TypeAlias = Literal["curves", "figures", "arithmetic"]
 _OF_CURVES = ("order", "trend", "minimum", "quoted_ber", "quoted_gain")
-RULES: dict[str, Callable[..., Judgement]] = {
-    **{name: getattr(curve_rules, name) for name in _OF_CURVES},
-    **{name: getattr(figure_rules, name) for name in ("number", "time", "best_luminance")},
-}
+RULES: dict[str, Callable[..., Judgement]] = {name: getattr(curve_rules, name) for name in _OF_CURVES}
+RULES |= {name: getattr(figure_rules, name) for name in ("number", "time", "best_luminance")}
 """Every rule by its name in ``claims.yaml``."""
 
 

@@ -130,11 +130,10 @@ def answers(points: Sequence[OperatingPoint], alike: Callable[[int, int], bool])
     for timed, limit in [(True, speed) for speed in FRAMES_PER_S] + [(False, rate) for rate in RATES]:
         if timed:
             taken = most_accurate([one for one in points if one.time_ms.high <= 1e3 / limit])
-            other = None if taken else quickest
         else:
             below = [one for one in points if one.ber.high < limit]
             taken = min(below, key=lambda one: (one.ms, one.ber.value), default=None)
-            other = None if taken else nearest
+        other = None if taken else quickest if timed else nearest
         if timed and taken:
             own = points.index(taken)
             same = [one for place, one in enumerate(points) if place != own and alike(own, place)]
@@ -231,10 +230,8 @@ class PriceList:
 
     def answers(self, scenes: str, device: str, frames: str, batch: int | None = None) -> list[Answer]:
         """Say which receiver to take, as :func:`answers`, for points as :meth:`points` gives them."""
-        errors = self.errors[scenes]
-        return answers(
-            self.points(scenes, device, frames, batch), lambda a, b: not errors.compared(a, b).real
-        )
+        points, errors = self.points(scenes, device, frames, batch), self.errors[scenes]
+        return answers(points, lambda a, b: not errors.compared(a, b).real)
 
     def reference(self, scenes: str) -> estimate.Estimate | None:
         """Give the rate of a decoder that knows the scene; None where it was not measured."""

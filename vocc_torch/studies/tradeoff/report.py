@@ -126,23 +126,18 @@ def price_rows(prices: PriceList) -> Iterator[Line]:
             line |= {"frames_per_s": 1e3 / times.total.value, **_ends("share_of_detection{}", times.share)}
             for scenes, own in points.items():
                 point, mark, same = own[row], prices.references.get(scenes), own[row].referenced
-                kept = best[scenes][row].rank == "frontier"
-                cells: Line = {
-                    "test_frames": point.counts.frames,
-                    "bit_errors": f"{point.counts.bit_errors:.15g}",
-                    "frame_errors": point.counts.frame_errors,
-                    "panels_missed": point.counts.panels_missed,
-                    **_ends("ber{}", point.ber),
-                    "frontier": int(point.rank == "frontier"),
-                    "beaten_by": point.beaten_by.name if point.beaten_by else "",
-                    "surely_beaten": int(point.surely),
-                    "frontier_of_best_batches": int(kept) if in_best else None,
-                    "possible_test_frames": mark.counts.frames if mark else None,
-                    "possible_proven_frames": mark.proven if mark else None,
-                    "possible_frame_ms": 1e3 * mark.seconds_a_frame if mark else None,
-                    **_ends("possible_ber{}", prices.reference(scenes)),
-                    "ber_on_possible_frames": same.ber if same else None,
-                }
+                counts, kept = point.counts, best[scenes][row].rank == "frontier"
+                cells: Line = {"test_frames": counts.frames, "bit_errors": f"{counts.bit_errors:.15g}"}
+                cells |= {"frame_errors": counts.frame_errors, "panels_missed": counts.panels_missed}
+                cells |= {**_ends("ber{}", point.ber), "frontier": int(point.rank == "frontier")}
+                beaten_by = point.beaten_by.name if point.beaten_by else ""
+                cells |= {"beaten_by": beaten_by, "surely_beaten": int(point.surely)}
+                cells |= {"frontier_of_best_batches": int(kept) if in_best else None}
+                known = (mark.counts.frames, mark.proven, 1e3 * mark.seconds_a_frame) if mark else (None,) * 3
+                names = "possible_test_frames", "possible_proven_frames", "possible_frame_ms"
+                cells |= zip(names, known, strict=True)
+                cells |= _ends("possible_ber{}", prices.reference(scenes))
+                cells["ber_on_possible_frames"] = same.ber if same else None
                 line |= {f"{scenes}_{name}": cell for name, cell in cells.items()}
             made = ("training_s", "training_simulated_s", "training_frames", "parameters", "size_bytes")
             line |= zip(made, astuple(prices.costs[setting]), strict=True)
@@ -176,17 +171,12 @@ def print_prices(prices: PriceList, words: str, console: terminal.Console) -> No
     rows: list[tuple[Line, str]] = []
     for point in sorted(points, key=lambda one: one.ms):
         setting, first, cost = point.setting, point.rank == "frontier", prices.costs[point.setting]
-        line: Line = {
-            "": mark if first else "",
-            "receiver": receiver_text(setting.receiver) if width >= WIDTH_WITH_TITLES else setting.receiver,
-            "locator": setting.locator,
-            "other": ", ".join(varied_text(setting, prices.settings[0])).replace(" gradient", ""),
-            "ms": timing_figure.number_text(point.ms),
-            **_rate(point.ber),
-            "batch": point.place.batch,
-            "training\ns": f"{cost.training_s:.1f}" if cost.frames else None,
-            "weights": cost.parameters,
-        }
+        named = receiver_text(setting.receiver) if width >= WIDTH_WITH_TITLES else setting.receiver
+        varied = ", ".join(varied_text(setting, prices.settings[0])).replace(" gradient", "")
+        line: Line = {"": mark if first else "", "receiver": named, "locator": setting.locator}
+        line |= {"other": varied, "ms": timing_figure.number_text(point.ms), **_rate(point.ber)}
+        trained = f"{cost.training_s:.1f}" if cost.frames else None
+        line |= {"batch": point.place.batch, "training\ns": trained, "weights": cost.parameters}
         if alone := prices.times.get((setting, Place(device, frames, 1))):
             line["alone\nms"] = timing_figure.number_text(alone.total.value)
         rows.append((line, "" if first else "dim"))
@@ -195,8 +185,8 @@ def print_prices(prices: PriceList, words: str, console: terminal.Console) -> No
         same = f"{best.referenced.frames} frames"
         told = styles.rate_text(best.referenced.ber) if best.referenced.bit_errors else "no error"
         rows.append(({"receiver": "knows the scene", "other": same, **_rate(rate)}, ""))
-        named = {"receiver": best.setting.receiver, "locator": best.setting.locator}
-        rows.append(({**named, "other": f"same {same}", "BER": told}, ""))
+        who: Line = {"receiver": best.setting.receiver, "locator": best.setting.locator}
+        rows.append(({**who, "other": f"same {same}", "BER": told}, ""))
     shown = [head for head, least in COLUMNS.items() if width >= least and head in rows[0][0]]
     table = terminal.plain_table(*(head.replace("other", "") for head in shown))
     for column in table.columns[:4]:

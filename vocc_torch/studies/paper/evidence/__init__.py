@@ -9,10 +9,11 @@ from typing import Any, ClassVar, Literal
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
 from vocc_torch.errors import VoccError
+from vocc_torch.measure.grid import Bools as Bools
+from vocc_torch.measure.grid import Floats as Floats
 from vocc_torch.measure.link import Link, block_keys
 from vocc_torch.measure.plan import Plan
 from vocc_torch.receiver.features import FEATURE_NAMES, preamble_threshold
@@ -30,8 +31,6 @@ STATUS = ((False, "Off", OFF), (True, "On", ON))
 DASHED: dict[str, Any] = {"color": canvas.INK, "linewidth": 1.3, "linestyle": "--"}
 """How thresholds are drawn."""
 
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 Rows = list[tuple[str | int | float, ...]]
 """Lines of a CSV file, its head first."""
 Picture = tuple[Floats, tuple[float, float, float, float]]

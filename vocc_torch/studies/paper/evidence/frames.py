@@ -307,13 +307,10 @@ class ProcessingTime(evidence.PaperFigure):
             for batch, count in sorted(rounds.items()):
                 timed[kind, batch] = stage_times.time_stages(receivers, exposure, batch, count, device)
         worked = sum(one.processor_s for one in timed.values()) / sum(one.wall_s for one in timed.values())
-        self.measured = timing_figure.DetectionTimes(
-            by_place={place: one.by_receiver for place, one in timed.items()},
-            sensor_px=plan.world.camera.sensor_px,
-            machine=timing.describe_machine(device),
-            threads=torch.get_num_threads(),
-            waited_share=max(0.0, 1 - worked) if device.type == "cpu" else 0.0,
-        )
+        waited = max(0.0, 1 - worked) if device.type == "cpu" else 0.0
+        about = plan.world.camera.sensor_px, timing.describe_machine(device), torch.get_num_threads(), waited
+        by_place = {place: one.by_receiver for place, one in timed.items()}
+        self.measured = timing_figure.DetectionTimes(by_place, *about)
         self.rows, self.findings = lay_out(self.measured)
 
     def draw_on(self, figure: Figure) -> Mapping[str, object]:

@@ -138,23 +138,18 @@ class BloomingInterference(evidence.PaperFigure):
         (picture,) = evidence.cut_out(rendered, panels.corners_px, plan.world.panel.shape)
         self.pictures = picture, sample.pictures[frame]
         bloomed, gri = sample.greys[frame], sample.feature("gri")[one]
-        values = {"without_blooming": sharp, "with_blooming": bloomed[None]}
-        greys = {f"average_grey_{name}": grey for name, grey in values.items()}
+        greys = {"average_grey_without_blooming": sharp, "average_grey_with_blooming": bloomed[None]}
         self.rows = [line[1:] for line in evidence.led_rows(bits, greys | {"gri_with_blooming": gri})]
         around = slice(max(0, row - 1), row + 2), slice(max(0, column - 1), column + 2)
         cells, misread = bloomed[around], int((margins >= 0).sum())
-        self.findings = {
-            "led_row": row + 1,
-            "led_column": column + 1,
-            "grey_without_blooming": float(sharp[0, row, column]),
-            "grey_with_blooming": float(bloomed[self.led]),
-            "threshold": float(sample.thresholds[frame]),
-            "on_neighbours": int(bits[0][around].sum()),
-            "neighbours_mean_grey": float((cells.sum() - bloomed[self.led]) / max(1, cells.size - 1)),
-            "gri": float(gri[0, row, column]),
-            "misread_off_leds": misread,
-            "misread_off_share": misread / int((~sample.bits).sum()),
-        }
+        self.findings = {"led_row": row + 1, "led_column": column + 1}
+        before, after = float(sharp[0, row, column]), float(bloomed[self.led])
+        self.findings |= {"grey_without_blooming": before, "grey_with_blooming": after}
+        self.findings |= {"threshold": float(sample.thresholds[frame])}
+        self.findings |= {"on_neighbours": int(bits[0][around].sum())}
+        self.findings |= {"neighbours_mean_grey": (float(cells.sum()) - after) / max(1, cells.size - 1)}
+        self.findings |= {"gri": float(gri[0, row, column]), "misread_off_leds": misread}
+        self.findings |= {"misread_off_share": misread / int((~sample.bits).sum())}
 
     def draw_on(self, figure: Figure) -> Mapping[str, object]:
         """Draw the panel without and with blooming, and the greys along the LED's row."""
@@ -304,9 +299,7 @@ class ContrastPanels(evidence.PaperFigure):
             wanted = list(PAPER_SCENES)[column]
             # The same in whole percents is not said twice.
             stated = f" (paper: {wanted} %)" if abs(contrast - wanted / 100) > 0.005 else ""
-            ambient, luminance, _, background = self.conditions[index]
-            parts = (f"{ambient:,.0f} lx", f"{luminance:,.0f} cd/m²", f"background {background:.0f}")
-            below = " \N{MIDDLE DOT} ".join(parts).replace(",", "\N{THIN SPACE}")
+            below = evidence.condition_text(self.conditions[index], background=True)
             text = f"contrast {100 * contrast:.1f} %{stated}"
             corner = 0.075 + 0.31 * column, 0.55 - 0.44 * row
             axes = evidence.add_panel(figure, corner, 0.28, self.pictures[index], text, below)
