@@ -16,8 +16,13 @@ from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.grid import best_luminance
 from vocc_torch.show.styles import receiver_styles
 from vocc_torch.studies.paper import FiguresConfig
-from vocc_torch.studies.paper.experiments import PAPER_RECEIVERS, PaperPlan
-from vocc_torch.studies.paper.figures import LocationSplit, location_figure, location_split
+from vocc_torch.studies.paper.figures import (
+    PAPER_RECEIVERS,
+    LocationSplit,
+    PaperPlan,
+    location_figure,
+    location_split,
+)
 from vocc_torch.studies.paper.run import Report
 from vocc_torch.studies.paper.scorecard import CLAIMS, PARTS, STATEMENTS, causes, outcome, part_of, tally
 from vocc_torch.studies.paper.words import number_table, plain

@@ -350,13 +350,14 @@ def run_effects(
         """Put one effect's severities together."""
         pair, frames = study.pair(name), study.config.severity_frames
         trained = {"true_corners": pair.absent, "retrained": pair.present}
-        found = {}
+        found: dict[tuple[float, str, str], Counts] = {}
         for value, (reading, scene) in itertools.product(study.severities[name], trained.items()):
             counts = errors(study.at(name, value), "truth", scene, frames).counts
             found |= {(float(value), reading, who): one for who, one in zip(names, counts, strict=True)}
         return found
 
-    base, own = {}, study.scene
+    base: dict[tuple[Locator, str], Counts] = {}
+    own = study.scene
     for at in dict.fromkeys(READINGS.values()):
         if frames := study.frames_with(at, own):
             counts = errors(own, at, own, frames).counts

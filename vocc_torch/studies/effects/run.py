@@ -96,10 +96,8 @@ def write_effects(path: Path, results: EffectResults) -> None:
             line |= {f"{reading}_{head}": cell for head, cell in rates.items()}
         lines.append(line)
     lines += [_row_cells("effect", row, name) for name in names for row in results.rows]
-    if results.sums:
-        lines += [{"row": "sum", "receiver": name, **_cost_cells(results.sums)} for name in names]
-    if results.together is not None:
-        lines += [_row_cells("together", results.together, name) for name in names]
+    lines += [{"row": "sum", "receiver": name, **_cost_cells(results.sums)} for name in names if results.sums]
+    lines += [_row_cells("together", results.together, name) for name in names if results.together]
     cells = ([run_folder.cell_text({**line, **facts}.get(head, "")) for head in COLUMNS] for line in lines)
     run_folder.write_rows(path, [COLUMNS, *cells])
 

@@ -401,9 +401,9 @@ def with_location(
     measured, text = reading.experiments[experiment], ""
     if (receiver, at) not in measured.location:
         return judged
-    readings = [replace(reading, locator=name) for name in ("paper", "truth")]
-    located, truth = (one.row(experiment, receiver, at) for one in readings)
-    wrong, right = (one.curves(experiment).counts[receiver, at] for one in readings)
+    both = [replace(reading, locator=name) for name in ("paper", "truth")]
+    located, truth = (one.row(experiment, receiver, at) for one in both)
+    wrong, right = (one.curves(experiment).counts[receiver, at] for one in both)
     between = truth.ber < ber < located.ber
     share = paired.relative_gain(wrong, right, measured.location[receiver, at])
     if share is not None and share.low > 0:

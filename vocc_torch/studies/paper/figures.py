@@ -1,17 +1,144 @@
-"""Figs 21 to 24, bit error rates under one reading and under all, and how much of them is location error."""
+"""What ``task=figures`` measures, under every reading of what the paper leaves open, and Figs 21 to 24 of it."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import astuple, dataclass
-from typing import Any
+from dataclasses import astuple, dataclass, replace
+from typing import Any, cast, get_args
 
 from matplotlib.ticker import LogLocator
 
-from vocc_torch.measure import curve, estimate, intervals, paired
+from vocc_torch.errors import VoccError, section
+from vocc_torch.measure import curve, estimate, grid, intervals, paired, sweep
 from vocc_torch.measure.counts import Counts
+from vocc_torch.measure.plan import Locator, Plan
 from vocc_torch.show import canvas, plots, styles
 from vocc_torch.show.canvas import Axes, Figure, Line2D
-from vocc_torch.studies.paper.experiments import PAPER_RECEIVERS, RATE_FIGURES
-from vocc_torch.studies.paper.words import EXPERIMENTS, FIGURES, reading_text
+from vocc_torch.studies.paper import FiguresConfig, evidence, words
+from vocc_torch.studies.paper.evidence import features, frames, panels
+
+PAPER_RECEIVERS = ("center_greyscale", "average_greyscale", "flda_2", "flda_3")
+"""The receivers of the paper's figures."""
+RATE_FIGURES = {"contrast": "fig21", "ambient": "fig22", "luminance": "fig23", "distance": "fig24"}
+"""The figures of bit error rates by experiment."""
+DIMMING = "dimming"
+"""The experiment, and the figure, that is a grid: measured with the report's own focal length only."""
+FIGURES = tuple(name for name in words.FIGURES if name != "location")
+"""Every figure that may be asked for by name, in the paper's order."""
+_DRAWN: tuple[type[evidence.PaperFigure], ...] = (
+    *(panels.GreyOverlap, panels.BloomingInterference, panels.BlurOrder, panels.ContrastPanels),
+    *(features.GreyAndAgr, features.GriAndAgr, features.NgrAndOthers, features.Projection),
+    *(frames.InwardGradients, frames.FrameHistogram, frames.ProcessingTime),
+)
+EVIDENCE = {figure.name: figure for figure in _DRAWN}
+"""The figures other than bit error rates by name."""
+
+
+def wanted_figures(names: Sequence[str]) -> tuple[str, ...]:
+    """The figures to make, in the paper's order; no name means all.
+
+    Raises:
+        VoccError: an unknown name.
+
+    Example:
+        >>> wanted_figures(["fig22", "fig04"])
+        ('fig04', 'fig22')
+    """
+    for name in names:
+        if name not in FIGURES:
+            raise VoccError(f"figures.names has {name!r}: known are {', '.join(FIGURES)}")
+    return tuple(name for name in FIGURES if not names or name in names)
+
+
+@dataclass(frozen=True)
+class PaperPlan:
+    """The studies behind the wanted figures.
+
+    Args:
+        config: the study's section of the configuration; the first lens and locator are the report's own.
+        figures: names of the wanted figures, in the paper's order.
+        experiments: plans by experiment and row (0 where there is no grid), at any focal length.
+    """
+
+    config: FiguresConfig
+    figures: tuple[str, ...]
+    experiments: Mapping[str, Mapping[float, Plan]]
+
+    @property
+    def locators(self) -> tuple[Locator, ...]:
+        """The locators; the first is the report's own."""
+        return cast("tuple[Locator, ...]", tuple(self.config.locators))
+
+    @property
+    def own(self) -> tuple[float, Locator]:
+        """The report's own focal length and locator."""
+        return self.config.focal_lengths_mm[0], self.locators[0]
+
+    def studies(self) -> list[sweep.Study]:
+        """The studies, those of the report's own focal length first."""
+        return [
+            sweep.Study(study_key(name, focal_mm, row), sweep.at_focal_length(plan, focal_mm), self.locators)
+            for focal_mm in self.config.focal_lengths_mm
+            for name, rows in self.experiments.items()
+            for row, plan in rows.items()
+            if name != DIMMING or focal_mm == self.own[0]
+        ]
+
+    def measured(self, campaign: sweep.Campaign) -> dict[float, dict[str, curve.Measured]]:
+        """A campaign's results by focal length and experiment; the grid is left out."""
+        names = [name for name in self.experiments if name != DIMMING]
+        return {
+            focal_mm: {name: campaign.measured[study_key(name, focal_mm)] for name in names}
+            for focal_mm in self.config.focal_lengths_mm
+        }
+
+    def grids(self, campaign: sweep.Campaign) -> dict[str, grid.Grid]:
+        """The grid for each locator; empty where it was not measured."""
+        rows = tuple(self.experiments.get(DIMMING, {}))
+        axis = (self.config.experiments[DIMMING].row_axis if rows else None) or "ambient_lx"
+        of_row = [campaign.measured[study_key(DIMMING, self.own[0], row)] for row in rows]
+        every = {name: tuple(one.curves[name] for one in of_row) for name in self.locators if rows}
+        return {name: grid.Grid(axis, rows, curves) for name, curves in every.items()}
+
+
+def paper_plan(config: FiguresConfig, plan: Plan) -> PaperPlan:
+    """Build what the wanted figures need.
+
+    Args:
+        config: the study's section of the configuration.
+        plan: the study's camera, receivers and budget.
+
+    Raises:
+        VoccError: an unknown figure or locator, no focal length or locator or one given twice, an experiment
+            with a value outside its range, or none of the receivers that the figures show.
+    """
+    given: Sequence[object]
+    for name, given in (("focal_lengths_mm", config.focal_lengths_mm), ("locators", config.locators)):
+        if not given or len(set(given)) != len(given):
+            raise VoccError(f"figures.{name} is {list(given)}: it must hold at least one, each once")
+    for locator in config.locators:
+        if locator not in get_args(Locator):
+            raise VoccError(f"figures.locators has {locator!r}: it must be {' or '.join(get_args(Locator))}")
+    figures, built = wanted_figures(config.names), {}
+    wanted = {name for name, figure in RATE_FIGURES.items() if figure in figures} | {*figures} & {DIMMING}
+    for name, one in config.experiments.items():
+        if name in wanted:
+            with section(f"figures.experiments.{name}", before="experiment"):
+                built[name] = replace(plan, experiment=one).rows()
+    names = plan.receiver.names
+    if built and not set(names) & set(PAPER_RECEIVERS):
+        known = ", ".join(PAPER_RECEIVERS)
+        raise VoccError(f"receiver.names is {list(names)}: figures of bit error rates need one of {known}")
+    return PaperPlan(config, figures, built)
+
+
+def study_key(experiment: str, focal_length_mm: float, row: float = 0.0) -> str:
+    """Name a study.
+
+    Example:
+        >>> study_key("ambient", 25.0), study_key("dimming", 25.0, 1000.0)
+        ('ambient-25mm', 'dimming-25mm-1000')
+    """
+    return f"{experiment}-{focal_length_mm:g}mm" + (f"-{row:g}" if row else "")
+
 
 _INTERVALS = "Bars: 95 % intervals, frames as the independent units \N{MIDDLE DOT}"
 _RATES = ("ber_located", "ber_true_corners", "location_share")
@@ -46,12 +173,12 @@ def draw_rates(
         By file name without suffix: ``NAME``, and ``NAME_readings`` where there are several.
     """
     stem, table = RATE_FIGURES[experiment], only(by_focal_mm[own[0]].curves[own[1]].table())
-    title, axis = FIGURES[stem]["title"], styles.axis_label(table.axis)
-    drawn = {stem: plots.ber_figure(table, axis, f"{title} ({reading_text(*own)})")}
+    title, axis = words.FIGURES[stem]["title"], styles.axis_label(table.axis)
+    drawn = {stem: plots.ber_figure(table, axis, f"{title} ({words.reading_text(*own)})")}
     rows = [
         {
-            reading_text(lens_mm, name): only(measured.curves[name].table())
-            for lens_mm, measured in sorted(by_focal_mm.items())
+            words.reading_text(mm, name): only(of.curves[name].table())
+            for mm, of in sorted(by_focal_mm.items())
         }
         for name in by_focal_mm[own[0]].curves
     ]
@@ -178,13 +305,13 @@ def location_figure(splits: Sequence[LocationSplit], lens_mm: float) -> Figure:
     for number, (axes, (experiment, group)) in enumerate(zip(panels, totals.items(), strict=True)):
         axes.set(xscale="log", xlim=limits)
         draw_splits(axes, group)
-        heading = EXPERIMENTS[experiment][:1].upper() + EXPERIMENTS[experiment][1:]
+        heading = words.EXPERIMENTS[experiment][:1].upper() + words.EXPERIMENTS[experiment][1:]
         axes.set_title(heading, fontsize=11.5, fontweight="bold", color=canvas.INK, loc="left", pad=4)
         last = number + columns >= len(totals)
         axes.tick_params(axis="y", labelleft=number % columns == 0)
         axes.tick_params(axis="x", labelbottom=last)
         axes.set_xlabel("Bit error rate" if last else "")
-    title = FIGURES["location"]["title"].format(lens_mm=lens_mm)
+    title = words.FIGURES["location"]["title"].format(lens_mm=lens_mm)
     canvas.write_title(figure, title, f"{_INTERVALS} arrow: no error, one-sided 95 % limit")
     handles = [
         marker(canvas.QUIET, canvas.QUIET, "o", label="panel located"),
@@ -214,8 +341,7 @@ def draw_splits(axes: Axes, group: Sequence[LocationSplit]) -> None:
         axes.plot(band, [row, row], color=colour, linewidth=6, alpha=0.28, solid_capstyle="butt")
         for face, rate, at in zip(("white", colour), rates, band, strict=True):
             if rate.value > 0:
-                least = max(rate.low, axes.get_xlim()[0])
-                axes.hlines(row, least, rate.high, color=colour, linewidth=1.6)
+                axes.hlines(row, max(rate.low, axes.get_xlim()[0]), rate.high, color=colour, linewidth=1.6)
             else:
                 arrow = {"arrowstyle": "<|-", "color": colour, "linewidth": 1.4, "shrinkA": 4, "shrinkB": 4}
                 axes.annotate("", (at, row), (-26, 0), textcoords="offset points", arrowprops=arrow)

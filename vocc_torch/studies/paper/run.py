@@ -17,7 +17,7 @@ from vocc_torch.measure.plan import resolve_device
 from vocc_torch.show import folder as run_folder
 from vocc_torch.show import heatmap, page, styles, tensorboard, terminal
 from vocc_torch.show.canvas import Figure, save_figure
-from vocc_torch.studies.paper import FiguresConfig, evidence, experiments, figures, scorecard, words
+from vocc_torch.studies.paper import FiguresConfig, evidence, figures, scorecard, words
 
 TITLE = "The paper's whole evidence, reproduced and scored"
 
@@ -36,27 +36,24 @@ def run_figures(settings: configs.Settings, config: FiguresConfig, folder: Path)
     run_folder.refuse_unused(settings)
     run_folder.refuse_results(folder, run_folder.LEDGERS)
     if (folder / "report.html").exists():
-        there, named = configs.read_flat(folder / run_folder.CONFIG), experiments.wanted_figures
+        there, named = configs.read_flat(folder / run_folder.CONFIG), figures.wanted_figures
         names = there.get("figures.names")
         if not isinstance(names, list) or named(names) != named(config.names):
             raise VoccError(f"name: {folder} holds a report of other figures: give another name=")
     plan, console, watch = build_plan(settings, folder), terminal.Console(), terminal.Stopwatch()
-    wanted, resumed = experiments.paper_plan(config, plan), (folder / run_folder.LEDGERS).is_dir()
+    wanted, resumed = figures.paper_plan(config, plan), (folder / run_folder.LEDGERS).is_dir()
     report = Report(folder, wanted)
     # The ledgers are held to the end: a second run would write over the same report.
     with run_folder.resumable(settings, folder, console), ExitStack() as ledgers:
-        if ordered := wanted.studies():
-            campaign = measure(settings, ordered, ledgers, folder, console, watch)
-            report.add_rates(campaign)
-            training = campaign.trainings[ordered[0].key][wanted.locators[0]]
-            run_folder.write_training(settings, ordered[0].plan, training, folder)
+        if wanted.experiments:
+            report.measure(settings, ledgers, watch)
         else:
             run_folder.write_config(settings, folder)
         # After the workers have ended: one of these figures is a measurement of time.
         with watch.stage("other figures"):
             source = evidence.Source(plan)
-            for name in (name for name in wanted.figures if name in experiments.EVIDENCE):
-                one = experiments.EVIDENCE[name](source)
+            for name in (name for name in wanted.figures if name in figures.EVIDENCE):
+                one = figures.EVIDENCE[name](source)
                 run_folder.write_rows(folder / "figures" / f"{name}.csv", one.rows)
                 report.add(name, {name: one.draw()}, one.findings)
         with watch.stage("report"):
@@ -72,40 +69,6 @@ def run_figures(settings: configs.Settings, config: FiguresConfig, folder: Path)
         console.print(f"{stage:<20} {seconds:6.1f} s", highlight=False)
     places = [("report", "report.html"), ("", "report.md")]
     run_folder.print_places(console, folder, places, settings.tensorboard)
-
-
-def measure(
-    settings: configs.Settings,
-    ordered: Sequence[sweep.Study],
-    ledgers: ExitStack,
-    folder: Path,
-    console: terminal.Console,
-    watch: terminal.Stopwatch,
-) -> sweep.Campaign:
-    """Run every study, each with a ledger, under a live view."""
-    begun, frames = time.perf_counter(), sum(study.frames for study in ordered)
-    with workers.Workers(settings.workers) as pool, terminal.ProgressView(frames, console) as view:
-
-        def opened(study: sweep.Study) -> ledger.Ledger:
-            path = folder / run_folder.LEDGERS / f"{study.key}.sqlite"
-            return ledgers.enter_context(run_folder.open_ledger(path, study.identity, console))
-
-        def say(what: str, stage: str, frames: str = "") -> None:
-            nonlocal begun
-            before, begun = begun, watch.lap(stage, begun)
-            view.say(f"{what:<20} {frames:>13}   {begun - before:6.1f} s")
-
-        def trained() -> None:
-            run_folder.write_config(settings, folder)
-            say("training", "training")
-
-        def advance(study: sweep.Study, more: int) -> None:
-            view.advance(study.key, more)
-
-        def finished(study: sweep.Study, _: curve.Measured) -> None:
-            say(study.key, study.plan.experiment.name.partition("/")[0], f"{study.frames} frames")
-
-        return sweep.run_campaign(ordered, pool, opened, trained=trained, advance=advance, finished=finished)
 
 
 @dataclass
@@ -126,13 +89,54 @@ class Report:
     """
 
     folder: Path
-    plan: experiments.PaperPlan
+    plan: figures.PaperPlan
     shown: dict[str, dict[str, Any]] = field(default_factory=dict)
     drawn: dict[str, Figure] = field(default_factory=dict)
     measured: dict[float, dict[str, curve.Measured]] = field(default_factory=dict)
     grids: dict[str, grid.Grid] = field(default_factory=dict)
     location: tuple[figures.LocationSplit, ...] = ()
     card: scorecard.Scorecard | None = None
+
+    def measure(self, settings: configs.Settings, ledgers: ExitStack, watch: terminal.Stopwatch) -> None:
+        """Run every study, each with a ledger, under a live view, and write its figures.
+
+        Args:
+            settings: the configuration.
+            ledgers: holds the ledgers.
+            watch: counts the time of each stage.
+
+        Raises:
+            VoccError: whatever a stage refuses.
+        """
+        ordered, begun = self.plan.studies(), time.perf_counter()
+        frames, own = sum(study.frames for study in ordered), ordered[0]
+        with workers.Workers(settings.workers) as pool, terminal.ProgressView(frames) as view:
+
+            def opened(study: sweep.Study) -> ledger.Ledger:
+                path = self.folder / run_folder.LEDGERS / f"{study.key}.sqlite"
+                return ledgers.enter_context(run_folder.open_ledger(path, study.identity, view.console))
+
+            def say(what: str, stage: str, frames: str = "") -> None:
+                nonlocal begun
+                before, begun = begun, watch.lap(stage, begun)
+                view.say(f"{what:<20} {frames:>13}   {begun - before:6.1f} s")
+
+            def trained() -> None:
+                run_folder.write_config(settings, self.folder)
+                say("training", "training")
+
+            def advance(study: sweep.Study, more: int) -> None:
+                view.advance(study.key, more)
+
+            def finished(study: sweep.Study, _: curve.Measured) -> None:
+                say(study.key, study.plan.experiment.name.partition("/")[0], f"{study.frames} frames")
+
+            campaign = sweep.run_campaign(
+                ordered, pool, opened, trained=trained, advance=advance, finished=finished
+            )
+        self.add_rates(campaign)
+        training = campaign.trainings[own.key][self.plan.locators[0]]
+        run_folder.write_training(settings, own.plan, training, self.folder)
 
     def add_rates(self, campaign: sweep.Campaign) -> None:
         """Write the figures of bit error rates, and the comparisons of receivers.
@@ -142,7 +146,7 @@ class Report:
         """
         self.measured, self.grids = self.plan.measured(campaign), self.plan.grids(campaign)
         own_mm, locator = self.plan.own
-        for name, figure in experiments.RATE_FIGURES.items():
+        for name, figure in figures.RATE_FIGURES.items():
             if name not in self.plan.experiments:
                 continue
             by_focal_mm = {mm: measured[name] for mm, measured in self.measured.items()}
@@ -153,9 +157,9 @@ class Report:
             self.add(figure, figures.draw_rates(name, by_focal_mm, self.plan.own))
         if self.grids:
             run_folder.write_grid(self.folder / "figures" / "dimming.csv", self.grids)
-            self.add("dimming", heatmap.grid_figures(self.grids, locator, experiments.PAPER_RECEIVERS))
+            self.add("dimming", heatmap.grid_figures(self.grids, locator, figures.PAPER_RECEIVERS))
         self.location = figures.location_split(self.measured[own_mm])
-        if any(split.receiver in experiments.PAPER_RECEIVERS for split in self.location):
+        if any(split.receiver in figures.PAPER_RECEIVERS for split in self.location):
             lines = [figures.LOCATION_COLUMNS, *(split.row() for split in self.location)]
             write_short(self.folder / "location.csv", lines)
             self.add("location", {"location": figures.location_figure(self.location, own_mm)})
@@ -177,7 +181,7 @@ class Report:
 
     def score(self) -> None:
         """Judge the claims, if every experiment that they need was measured."""
-        if set(experiments.RATE_FIGURES) <= set(self.measured.get(self.plan.own[0], {})):
+        if set(figures.RATE_FIGURES) <= set(self.measured.get(self.plan.own[0], {})):
             numbers = {name: one["findings"] for name, one in self.shown.items()}
             readings = scorecard.readings_of(self.measured, numbers, self.plan.locators, self.grids)
             self.card = scorecard.score(readings, self.plan.own)
@@ -214,8 +218,8 @@ class Report:
         told |= {"configuration": configs.as_yaml(settings), "version": vocc_torch.__version__}
         told |= {"machine": timing.describe_machine(resolve_device(settings.device))}
         told |= {"contrast_frames": contrast.frames_in_point if contrast else 0}
-        told |= {"rate_names": list(experiments.RATE_FIGURES.values()), "best_luminance": grid.best_luminance}
-        told |= {"receivers": styles.receiver_styles(experiments.PAPER_RECEIVERS)}
+        told |= {"rate_names": list(figures.RATE_FIGURES.values()), "best_luminance": grid.best_luminance}
+        told |= {"receivers": styles.receiver_styles(figures.PAPER_RECEIVERS)}
         names = vars(words) | vars(scorecard) | vars(self) | told
         text = page.render(__package__, "report.md.j2", **names)
         html = page.html(text, TITLE, self.folder)

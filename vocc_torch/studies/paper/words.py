@@ -13,10 +13,8 @@ from vocc_torch.show.styles import LOCATED, rate_text
 
 def read_yaml(name: str) -> dict[str, Any]:
     """A YAML file of this folder."""
-    found: dict[str, Any] = yaml.safe_load(
-        importlib.resources.files(__package__).joinpath(name).read_text("utf-8")
-    )
-    return found
+    text = importlib.resources.files(__package__).joinpath(name).read_text("utf-8")
+    return dict(yaml.safe_load(text))
 
 
 _NUMBERS: dict[str, tuple[str, ...]] = read_yaml("numbers.yaml")

@@ -8,8 +8,6 @@ from typing import Any
 import numpy as np
 import torch
 from matplotlib.patches import Rectangle
-from numpy.typing import NDArray
-from torch import Tensor
 
 from vocc_torch.measure import plan as plans
 from vocc_torch.measure import stage_times, timing, train
@@ -171,7 +169,13 @@ class FrameHistogram(evidence.PaperFigure):
         seen = simulator.render(scene, bits)
         frames = Frames(location.quantised(seen.grey), seen.origin_px, seen.sensor_px, seen.surround)
         corners, located = simulator.true_panels(scene).corners_px, locate(frames, shape)
-        status, grey = cell_status(frames, corners, bits[0]), frames.grey[0, 0].cpu().numpy()
+        # Whose cell the centre of each pixel lies in: 1 On, 0 Off, -1 none.
+        (left, top), (right, bottom) = (corners[0, [0, 2]] - frames.origin_px[0]).tolist()
+        grey = frames.grey[0, 0].cpu().numpy()
+        row = np.digitize(np.arange(grey.shape[0]) + 0.5, np.linspace(top, bottom, shape.rows + 1))
+        column = np.digitize(np.arange(grey.shape[1]) + 0.5, np.linspace(left, right, shape.columns + 1))
+        cells = np.pad(bits[0].cpu().numpy().astype(int), 1, constant_values=-1)
+        status = cells[np.ix_(row, column)]
         self.off_counts, self.on_counts = (
             np.bincount(grey[status == bit], minlength=256).astype(float) for bit in (0, 1)
         )
@@ -235,21 +239,6 @@ class FrameHistogram(evidence.PaperFigure):
             aside, side = ((-9, 0), "right") if level > 230 else ((9, 0), "left")
             bold: dict[str, Any] = {"fontsize": 10.5, "fontweight": "bold", "ha": side, "va": "center"}
             evidence.note(axes, f"{name}\n{level:.0f}", (level, height), aside, color=colour, **bold)
-
-
-def cell_status(frames: Frames, corners_px: Tensor, bits: Tensor) -> NDArray[np.int64]:
-    """Whose cell the centre of each pixel of a single frame lies in: 1 On, 0 Off, -1 none; (h,w).
-
-    Args:
-        frames: one frame or crop.
-        corners_px: (1,4,2) the grid of cells, upright.
-        bits: (R,C).
-    """
-    (left, top), (right, bottom) = (corners_px[0, [0, 2]] - frames.origin_px[0]).tolist()
-    (height, width), (rows, columns) = frames.grey.shape[-2:], bits.shape
-    row = np.digitize(np.arange(height) + 0.5, np.linspace(top, bottom, rows + 1))
-    column = np.digitize(np.arange(width) + 0.5, np.linspace(left, right, columns + 1))
-    return np.pad(bits.cpu().numpy().astype(int), 1, constant_values=-1)[np.ix_(row, column)]
 
 
 def grey_levels(plan: plans.Plan, scene: Scene) -> Floats:
