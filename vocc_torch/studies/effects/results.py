@@ -16,8 +16,7 @@ from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.frame_errors import Banks, FrameErrors, FrameJob
 from vocc_torch.measure.plan import Locator, Plan
 from vocc_torch.measure.workers import Workers, worker_losses_told
-from vocc_torch.receiver.bank import ReceiverBank
-from vocc_torch.receiver.flda import FLDA
+from vocc_torch.receiver import bank, flda
 from vocc_torch.rng import BLOCK_FRAMES, FrameKey
 from vocc_torch.simulation.effects import build_effects
 from vocc_torch.simulation.simulator import Framing
@@ -285,7 +284,7 @@ def frames_to_do(study: EffectStudy) -> int:
     return trained + sum(one.frames for one in wanted.values())
 
 
-def trained_flda(plan: Plan) -> FLDA:
+def trained_flda(plan: Plan) -> flda.FLDA:
     """Train on a plan's scenes."""
     return train.train(plan).flda.cpu()
 
@@ -314,7 +313,7 @@ def run_effects(
             calls[place].add_done_callback(lambda _: told("training", study.plan.budget.training_frames))
         fldas = {place: call.result() for place, call in calls.items()}
         for (key, at), one in wanted.items():
-            banks = Banks([(at, ReceiverBank(names, fldas[scene, at])) for scene in one.trained_on])
+            banks = Banks([(at, bank.ReceiverBank(names, fldas[scene, at])) for scene in one.trained_on])
             plan = study.plan_of(one.effects, at)
             job = FrameJob(plan, study.model, POINT, (at,), banks, banks.needs_preambles)
             parts[key, at] = job.handed_out(one.frames, workers, at_once=step, told=reading)
@@ -357,10 +356,9 @@ def run_effects(
         return found
 
     base: dict[tuple[Locator, str], Counts] = {}
-    own = study.scene
     for at in dict.fromkeys(READINGS.values()):
-        if frames := study.frames_with(at, own):
-            counts = errors(own, at, own, frames).counts
+        if frames := study.frames_with(at, study.scene):
+            counts = errors(study.scene, at, study.scene, frames).counts
             base |= {(at, name): one for name, one in zip(names, counts, strict=True)}
     together = row(study.together) if study.together else None
     severities = {name: over_severity(name) for name in study.severities}

@@ -34,6 +34,8 @@ from vocc_torch.studies.paper import words
 from vocc_torch.studies.paper.judgement import Judgement, NotMeasuredError, PaperReading, RateComparison
 from vocc_torch.studies.paper.words import percent, place
 
+Compared = Callable[[float, float], RateComparison]
+"""Compares the rates at two values of the axis."""
 LEAST_SUPPORT = 0.5
 """Least share of a claim's comparisons that must support it beyond doubt for it to agree."""
 PAPER_FRAMES = 2000
@@ -146,9 +148,7 @@ def minimum(
     return Judgement("cannot say" if reason else "agree", measured, reason, *ends)
 
 
-def valley(
-    curves: curve.Curves, compared: Callable[[float, float], RateComparison], measured: str
-) -> Judgement:
+def valley(curves: curve.Curves, compared: Compared, measured: str) -> Judgement:
     """Judge whether the rate falls, is lowest inside the axis, and rises again."""
     values = curves.values
     if len(values) < 3:

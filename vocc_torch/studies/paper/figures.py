@@ -1,4 +1,4 @@
-"""What ``task=figures`` measures, under every reading of what the paper leaves open, and Figs 21 to 24 of it."""
+"""What ``task=figures`` measures, under every reading of what the paper leaves open, and Figs 21 to 24."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import astuple, dataclass, replace
@@ -11,7 +11,6 @@ from vocc_torch.measure import curve, estimate, grid, intervals, paired, sweep
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.plan import Locator, Plan
 from vocc_torch.show import canvas, plots, styles
-from vocc_torch.show.canvas import Axes, Figure, Line2D
 from vocc_torch.studies.paper import FiguresConfig, evidence, words
 from vocc_torch.studies.paper.evidence import features, frames, panels
 
@@ -161,7 +160,7 @@ def only(table: curve.BerTable, receivers: Sequence[str] = PAPER_RECEIVERS) -> c
 
 def draw_rates(
     experiment: str, by_focal_mm: Mapping[float, curve.Measured], own: tuple[float, str]
-) -> dict[str, Figure]:
+) -> dict[str, canvas.Figure]:
     """Draw an experiment's figure under the report's own reading, and under all readings side by side.
 
     Args:
@@ -175,11 +174,9 @@ def draw_rates(
     stem, table = RATE_FIGURES[experiment], only(by_focal_mm[own[0]].curves[own[1]].table())
     title, axis = words.FIGURES[stem]["title"], styles.axis_label(table.axis)
     drawn = {stem: plots.ber_figure(table, axis, f"{title} ({words.reading_text(*own)})")}
+    lenses_mm = sorted(by_focal_mm)
     rows = [
-        {
-            words.reading_text(mm, name): only(of.curves[name].table())
-            for mm, of in sorted(by_focal_mm.items())
-        }
+        {words.reading_text(mm, name): only(by_focal_mm[mm].curves[name].table()) for mm in lenses_mm}
         for name in by_focal_mm[own[0]].curves
     ]
     if (readings := sum(map(len, rows))) > 1:
@@ -272,13 +269,12 @@ def location_split(experiments: Mapping[str, curve.Measured]) -> tuple[LocationS
     return tuple(found)
 
 
-_ROW_IN, _HEAD_IN, _TOP_IN, _BOTTOM_IN = 0.35, 0.42, 0.72, 1.02
-_WIDTH_IN = 7.5
+_ROW_IN, _HEAD_IN, _TOP_IN, _BOTTOM_IN, _WIDTH_IN = 0.35, 0.42, 0.72, 1.02, 7.5
 _ROOM = 7.0
 """Factor of the rate's axis that is left for the shares, right of the highest rate."""
 
 
-def location_figure(splits: Sequence[LocationSplit], lens_mm: float) -> Figure:
+def location_figure(splits: Sequence[LocationSplit], lens_mm: float) -> canvas.Figure:
     """Draw each experiment's rates with the panel located and with its true corners.
 
     Args:
@@ -313,17 +309,16 @@ def location_figure(splits: Sequence[LocationSplit], lens_mm: float) -> Figure:
         axes.set_xlabel("Bit error rate" if last else "")
     title = words.FIGURES["location"]["title"].format(lens_mm=lens_mm)
     canvas.write_title(figure, title, f"{_INTERVALS} arrow: no error, one-sided 95 % limit")
-    handles = [
-        marker(canvas.QUIET, canvas.QUIET, "o", label="panel located"),
-        marker(canvas.QUIET, "white", "o", label="true corners: decision error"),
-        Line2D([], [], color=canvas.QUIET, linewidth=6, alpha=0.35, label="location error, and its share"),
-    ]
+    band = canvas.Line2D([], [], color=canvas.QUIET, linewidth=6, alpha=0.35)
+    band.set_label("location error, and its share")
+    located = marker(canvas.QUIET, canvas.QUIET, "o", label="panel located")
+    handles = [located, marker(canvas.QUIET, "white", "o", label="true corners: decision error"), band]
     look = {"fontsize": 10.5, "handlelength": 2.0, "columnspacing": 2.2}
     canvas.write_legend(figure, handles, (0.01, 1 - 0.44 / figure.get_figheight()), 3, **look)
     return figure
 
 
-def draw_splits(axes: Axes, group: Sequence[LocationSplit]) -> None:
+def draw_splits(axes: canvas.Axes, group: Sequence[LocationSplit]) -> None:
     """Draw one experiment, a row a receiver, the first at the top: both rates, and the band between."""
     axes.set_ylim(len(group) - 0.3, -0.7)
     canvas.quiet_axes(axes)
@@ -355,8 +350,8 @@ def draw_splits(axes: Axes, group: Sequence[LocationSplit]) -> None:
 
 def marker(
     colour: str, face: str, shape: str, xs: Sequence[float] = (), ys: Sequence[float] = (), label: str = ""
-) -> Line2D:
+) -> canvas.Line2D:
     """Make markers without a line."""
-    line = Line2D(xs, ys, linestyle="none", color=colour, zorder=4, label=label)
+    line = canvas.Line2D(xs, ys, linestyle="none", color=colour, zorder=4, label=label)
     line.set(marker=shape, markersize=8, markerfacecolor=face, markeredgewidth=1.4)
     return line

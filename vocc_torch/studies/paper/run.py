@@ -10,9 +10,8 @@ from typing import Any
 import vocc_torch
 from vocc_torch.errors import VoccError
 from vocc_torch.files import atomic_file, write_atomically
+from vocc_torch.measure import build, curve, grid, ledger, sweep, timing, workers
 from vocc_torch.measure import config as configs
-from vocc_torch.measure import curve, grid, ledger, sweep, timing, workers
-from vocc_torch.measure.build import build_plan
 from vocc_torch.measure.plan import resolve_device
 from vocc_torch.show import folder as run_folder
 from vocc_torch.show import heatmap, page, styles, tensorboard, terminal
@@ -40,7 +39,7 @@ def run_figures(settings: configs.Settings, config: FiguresConfig, folder: Path)
         names = there.get("figures.names")
         if not isinstance(names, list) or named(names) != named(config.names):
             raise VoccError(f"name: {folder} holds a report of other figures: give another name=")
-    plan, console, watch = build_plan(settings, folder), terminal.Console(), terminal.Stopwatch()
+    plan, console, watch = build.build_plan(settings, folder), terminal.Console(), terminal.Stopwatch()
     wanted, resumed = figures.paper_plan(config, plan), (folder / run_folder.LEDGERS).is_dir()
     report = Report(folder, wanted)
     # The ledgers are held to the end: a second run would write over the same report.
@@ -61,9 +60,8 @@ def run_figures(settings: configs.Settings, config: FiguresConfig, folder: Path)
             if settings.tensorboard:
                 with watch.stage("board"):
                     texts = {"configuration": run_folder.as_markdown(settings)}
-                    tensorboard.write_boards(
-                        folder / "tensorboard", report.tables(), report.drawn, texts=texts
-                    )
+                    board = folder / "tensorboard"
+                    tensorboard.write_boards(board, report.tables(), report.drawn, texts=texts)
             report.write(settings, dict(watch.seconds), resumed)
     for stage, seconds in watch.seconds.items():
         console.print(f"{stage:<20} {seconds:6.1f} s", highlight=False)

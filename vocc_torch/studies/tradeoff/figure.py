@@ -28,8 +28,7 @@ STRENGTH = {"frontier": 1.0, "perhaps": 0.75, "beaten": 0.4}
 ROWS = 4
 """Most rows of dots without errors: neighbours in time are never in the same one."""
 
-_LINE_PX, _ROW_PX = 18.5, 19.0
-_FONT = 10.2
+_LINE_PX, _ROW_PX, _FONT = 18.5, 19.0, 10.2
 _REFERENCE_COLOUR = "#8C5A00"
 
 
@@ -290,5 +289,4 @@ def shares_figure(prices: PriceList) -> Figure | None:
             by_place[f"{kind}_frames" if kind == "whole" else kind, batch] = times
     sensor_px, machine = prices.study.plan.world.camera.sensor_px, prices.machines[device]
     about = sensor_px, machine, prices.threads, prices.waited_share
-    measured = timing_figure.DetectionTimes(by_place, *about)
-    return measured.draw("Time of the paper's receivers (Fig. 25)")
+    return timing_figure.DetectionTimes(by_place, *about).draw("Time of the paper's receivers (Fig. 25)")

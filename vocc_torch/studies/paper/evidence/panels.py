@@ -45,16 +45,13 @@ class GreyOverlap(evidence.PaperFigure):
         mean_on, mean_off = (np.ma.array(greys, mask=m).mean((1, 2)).filled(np.nan) for m in (~bits, bits))
         wrong, threshold = features.least_error(greys, bits)
         self.rows = evidence.led_rows(bits, {"average_grey": greys})
-        self.findings = {
-            "dark_frame_highest_on_grey": float(greys[dark][bits[dark]].max()),
-            "dark_frame_mean_on_grey": float(mean_on[dark]),
-            "bright_frame_lowest_off_grey": float(greys[bright][~bits[bright]].min()),
-            "bright_frame_mean_off_grey": float(mean_off[bright]),
-            "contradicting_pairs_share": float(np.mean(mean_on[:, None] < mean_off[None, :])),
-            "best_fixed_threshold_grey": threshold,
-            "best_fixed_threshold_wrong_share": wrong,
-            "average_grey_auc": features.roc_area(greys, bits),
-        }
+        highest, lowest = float(greys[dark][bits[dark]].max()), float(greys[bright][~bits[bright]].min())
+        found = {"dark_frame_highest_on_grey": highest, "dark_frame_mean_on_grey": float(mean_on[dark])}
+        found |= {"bright_frame_lowest_off_grey": lowest}
+        found |= {"bright_frame_mean_off_grey": float(mean_off[bright])}
+        found |= {"contradicting_pairs_share": float(np.mean(mean_on[:, None] < mean_off[None, :]))}
+        found |= {"best_fixed_threshold_grey": threshold, "best_fixed_threshold_wrong_share": wrong}
+        self.findings = {**found, "average_grey_auc": features.roc_area(greys, bits)}
 
     def draw_on(self, figure: Figure) -> Mapping[str, object]:
         """Draw the two frames, and every frame's range of greys by status."""
@@ -286,11 +283,10 @@ class ContrastPanels(evidence.PaperFigure):
         self.seen, self.conditions = (on - off).numpy() / 255.0, evidence.conditions(both)
         self.rows = evidence.pixel_rows(dict(zip(scenes, self.pictures, strict=True)))
         self.findings = {}
-        for index, name in enumerate(scenes):
-            self.findings[f"contrast_{name}"] = float(self.contrasts[index])
-            self.findings[f"contrast_in_picture_{name}"] = float(self.seen[index])
-            self.findings[f"led_luminance_cd_m2_{name}"] = float(self.conditions[index, 1])
-            self.findings[f"background_grey_{name}"] = float(self.conditions[index, 3])
+        names = ("contrast", "contrast_in_picture", "led_luminance_cd_m2", "background_grey")
+        numbers = np.stack([self.contrasts, self.seen, *self.conditions[:, [1, 3]].T], axis=1).tolist()
+        for scene_name, line in zip(scenes, numbers, strict=True):
+            self.findings |= {f"{name}_{scene_name}": one for name, one in zip(names, line, strict=True)}
 
     def draw_on(self, figure: Figure) -> Mapping[str, object]:
         """Draw the paper's scenes above, and scenes that have the contrast it states below."""
