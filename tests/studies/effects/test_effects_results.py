@@ -305,17 +305,17 @@ def test_what_the_scene_has_is_taken_away(results):
 
 
 def test_severity_at_the_usual_value_is_the_table(costs, results):
-    (curve,) = results.severities
-    assert curve.values == [20.0, 6.0, 3.0]
-    assert (curve.name, curve.parameter, curve.usual) == ("defocus", "defocus.focus_distance_m", 6.0)
+    [(name, curve)] = results.severities.items()
+    values = list(dict.fromkeys(value for value, _, _ in curve))
+    assert (name, values, results.study.usual(name)) == ("defocus", [20.0, 6.0, 3.0], 6.0)
     whole = study_of(names=("defocus",), frames=(0, FRAMES, 1))
     with Workers(1) as workers:
         again = run_effects(whole, costs, workers)
-    errors, row = again.severities[0].errors, row_of(again, "defocus")
+    errors, row = again.severities["defocus"], row_of(again, "defocus")
     for reading in ("true_corners", "retrained"):
         assert errors[6.0, reading, "flda_3"] == row.changes[reading, "flda_3"].present
     assert again.readings == ["true_corners", "retrained"]
-    rates = [curve.errors[value, "true_corners", "flda_3"].ber for value in curve.values]
+    rates = [curve[value, "true_corners", "flda_3"].ber for value in values]
     assert rates == sorted(rates)
 
 

@@ -15,7 +15,7 @@ from vocc_torch.errors import VoccError
 from vocc_torch.measure.intervals import ber_interval
 from vocc_torch.measure.workers import Workers
 from vocc_torch.show.page import html
-from vocc_torch.studies.effects import figures, tables
+from vocc_torch.studies.effects import figures, run
 from vocc_torch.studies.effects.plan import build_effect_study
 from vocc_torch.studies.effects.results import READINGS, measure_costs, run_effects
 
@@ -48,9 +48,9 @@ def read(path):
 
 
 def test_every_number_is_in_the_file(results, tmp_path):
-    tables.write_effects(tmp_path / "effects.csv", results)
+    run.write_effects(tmp_path / "effects.csv", results)
     rows = read(tmp_path / "effects.csv")
-    assert tuple(rows[0]) == tables.COLUMNS
+    assert tuple(rows[0]) == run.COLUMNS
     assert [row["row"] for row in rows] == ["scene"] * 2 + ["effect"] * 6 + ["sum"] * 2 + ["together"] * 2
     given = {
         (row.pair.name, name): row for row in results.every_row for name in ("center_greyscale", "flda_3")
@@ -74,24 +74,23 @@ def test_every_number_is_in_the_file(results, tmp_path):
 
 
 def test_severities_are_in_the_file(results, tmp_path):
-    tables.write_severities(tmp_path / "severity.csv", results)
+    run.write_severities(tmp_path / "severity.csv", results)
     rows = read(tmp_path / "severity.csv")
-    assert tuple(rows[0]) == tables.SEVERITY_COLUMNS
+    assert tuple(rows[0]) == run.SEVERITY_COLUMNS
     blooming = [row for row in rows if row["effect"] == "blooming" and row["receiver"] == "flda_3"]
     without = [row for row in blooming if row["trained"] == "without"]
     assert [(row["value"], row["order"], row["in_table"]) for row in without] == [
         ("1", "0", "0"),
         ("3", "1", "0"),
     ]
-    curve = next(curve for curve in results.severities if curve.name == "blooming")
-    found = ber_interval(curve.errors[3.0, "true_corners", "flda_3"])
+    found = ber_interval(results.severities["blooming"][3.0, "true_corners", "flda_3"])
     assert (float(without[1]["ber_low"]), float(without[1]["ber_high"])) == (found.low, found.high)
 
 
 @pytest.mark.parametrize(("width", "encoding"), [(80, "utf-8"), (140, "ascii")])
 def test_the_table_fits_the_terminal(results, width, encoding):
     stream = io.TextIOWrapper(io.BytesIO(), encoding=encoding, write_through=True)
-    tables.print_effects(results, Console(file=stream, width=width, legacy_windows=False))
+    run.print_effects(results, Console(file=stream, width=width, legacy_windows=False))
     text = stream.buffer.getvalue().decode(encoding)
     drawn = text[: text.index("Receiver:")].splitlines()
     assert max(map(len, drawn)) <= width
@@ -100,7 +99,7 @@ def test_the_table_fits_the_terminal(results, width, encoding):
 
 
 def test_the_report_has_a_row_for_each_effect(results):
-    page = tables.report(results)
+    page = run.report(results)
     rows = [line for line in page.splitlines() if line.startswith("| ")]
     assert len(rows) == 1 + 1 + 3 + 2
     assert all(line.count("|") == rows[0].count("|") for line in rows)

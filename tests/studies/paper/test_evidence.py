@@ -31,7 +31,7 @@ from vocc_torch.studies.paper.evidence.panels import (
     most_contradicting,
     scene_of_contrast,
 )
-from vocc_torch.studies.paper.experiments import EVIDENCE
+from vocc_torch.studies.paper.figures import EVIDENCE
 from vocc_torch.types import PanelShape, Scene
 
 GAMMA, FRAMES = 2.2, 40

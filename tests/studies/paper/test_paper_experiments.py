@@ -9,7 +9,7 @@ from vocc_torch.app.config import register_schema
 from vocc_torch.app.resolve import resolved
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.build import build_plan
-from vocc_torch.studies.paper.experiments import FIGURES, PAPER_RECEIVERS, paper_plan
+from vocc_torch.studies.paper.figures import FIGURES, PAPER_RECEIVERS, paper_plan
 
 
 def plan_of(*overrides):

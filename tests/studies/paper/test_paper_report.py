@@ -16,9 +16,14 @@ from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.grid import best_luminance
 from vocc_torch.show.styles import receiver_styles
 from vocc_torch.studies.paper import FiguresConfig
-from vocc_torch.studies.paper.experiments import PAPER_RECEIVERS, PaperPlan
-from vocc_torch.studies.paper.figures import LocationSplit, location_figure, location_split
-from vocc_torch.studies.paper.run import Report, ReportFigure
+from vocc_torch.studies.paper.figures import (
+    PAPER_RECEIVERS,
+    LocationSplit,
+    PaperPlan,
+    location_figure,
+    location_split,
+)
+from vocc_torch.studies.paper.run import Report
 from vocc_torch.studies.paper.scorecard import CLAIMS, PARTS, STATEMENTS, causes, outcome, part_of, tally
 from vocc_torch.studies.paper.words import number_table, plain
 
@@ -38,8 +43,9 @@ def figures(folder, names=(*RATES, *OTHERS, "dimming", "location")):
             picture.save(folder / "figures" / f"{stem}.png")
         pictures = [(f"figures/{stem}.png", "Side by side." if stem != name else "") for stem in stems]
         title = "A title" if name in ("dimming", "location") else f"Fig. {name[3:].lstrip('0')}: a title"
-        told = name, title, f"Caption of {name}.", pictures, f"figures/{name}.csv", FINDINGS.get(name, {})
-        shown[name] = ReportFigure(*told)
+        table, findings = f"figures/{name}.csv", FINDINGS.get(name, {})
+        shown[name] = {"name": name, "title": title, "caption": f"Caption of {name}.", "pictures": pictures}
+        shown[name] |= {"table": table, "findings": findings}
     return shown
 
 
@@ -119,7 +125,7 @@ def test_sections_come_in_order_with_every_picture(page, contents):
     pictures = re.findall(
         r"^!\[[^]]+\]\(([^)]+)\)\n.* \[Data \(CSV\)\]\([^)]+\)$", page.markdown, re.MULTILINE
     )
-    expected = [path for one in contents["shown"].values() for path, _ in one.pictures]
+    expected = [path for one in contents["shown"].values() for path, _ in one["pictures"]]
     assert sorted(pictures) == sorted(expected)
     assert page.html.count("data:image/png;base64,") == len(expected)
     targets = set(re.findall(r'href="#([\w-]+)"', page.html))

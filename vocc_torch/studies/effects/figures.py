@@ -9,28 +9,23 @@ from typing import Any
 import numpy as np
 import torch
 from matplotlib import ticker
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from vocc_torch.measure.curve import BerTable, Point
-from vocc_torch.measure.estimate import Estimate
-from vocc_torch.measure.stage_times import median_of
+from vocc_torch.measure import curve, estimate, stage_times
 from vocc_torch.rng import BlockKey, FrameKey
-from vocc_torch.show import canvas, plots
-from vocc_torch.show.canvas import INK, QUIET
-from vocc_torch.show.styles import Style
+from vocc_torch.show import canvas, page, plots
+from vocc_torch.show.canvas import INK, QUIET, Axes, Figure
+from vocc_torch.show.styles import Style, receiver_styles
 from vocc_torch.simulation.framing import panel_corners_px
-from vocc_torch.studies.effects import tables
 from vocc_torch.studies.effects.plan import Effects, EffectStudy
-from vocc_torch.studies.effects.results import EffectResults, EffectRow, SeverityCurve
+from vocc_torch.studies.effects.results import EffectResults, EffectRow, Rounds
 from vocc_torch.types import Scene
 
 _ROW_IN, _ABOVE_IN, _BELOW_IN = 0.262, 1.18, 1.36
 _LEFT_IN, _NAME_IN, _GAP_IN, _RIGHT_IN, _WIDE_IN = 3.07, 2.93, 0.3, 0.22, 3.3
 _LINEAR = 1e-3
 """Changes below this are drawn to a linear scale."""
-_FACETS_A_ROW, _TILES_A_ROW, _TILE_IN = 5, 6, 1.75
+_FACETS_A_ROW, _TILES_A_ROW, _TILE_IN = 5, 6, 1.67
 _SHOWN_SHARE = 1.5
 """Side of a picture of the gallery in sides of the panel."""
 
@@ -52,6 +47,43 @@ _UNITS |= {"_m_s": "m/s", "electrons_per_s": "electrons/s", "electrons": "electr
 """Units by the end of a parameter's name; the longest end that fits counts."""
 
 
+SIGNS = {"fills": "\N{BLACK SQUARE}", "in_scene": "\N{CIRCLED MINUS}"}
+"""Signs after an effect's name."""
+
+
+def ms_text(rounds: Rounds) -> str:
+    """Write a time a frame, ms; what cannot be told from nothing is so written.
+
+    Args:
+        rounds: the time round by round, ms.
+
+    Example:
+        >>> import numpy as np
+        >>> times = ((0.0123,), (1.234,), (123.4,), (-1.0, 2.0), (-0.25,))
+        >>> [ms_text(np.array(rounds)) for rounds in times]
+        ['0.012', '1.2', '123', '~0', '-0.25']
+    """
+    one = stage_times.median_of(rounds)
+    if not one.real:
+        return "~0"
+    size = abs(one.value)
+    return f"{one.value:.0f}" if size >= 9.95 else f"{one.value:.1f}" if size >= 0.995 else f"{one.value:.2g}"
+
+
+def written(template: str, results: EffectResults, signs: Mapping[str, str] = SIGNS, **values: object) -> str:
+    """Fill in one of the study's templates.
+
+    Args:
+        template: its file.
+        results: what was measured.
+        signs: what marks effects.
+        values: what it names besides.
+    """
+    shown = results.study.shown
+    label = receiver_styles([shown])[shown].label
+    return page.render(__package__, template, results=results, label=label, signs=signs, ms=ms_text, **values)
+
+
 def effects_figure(results: EffectResults) -> Figure:
     """Draw costs and changes of the bit error rate, one row an effect.
 
@@ -61,14 +93,10 @@ def effects_figure(results: EffectResults) -> Figure:
     rows, parts = results.every_row, dict(_PARTS)
     if "located" not in results.readings:
         parts.popitem()
-    width = _LEFT_IN + (_WIDE_IN + _GAP_IN) * len(parts) - _GAP_IN + _RIGHT_IN
-    tall = _ROW_IN * len(rows)
-    height = _ABOVE_IN + tall + _BELOW_IN
-    figure = canvas.new_figure(width, height)
+    cell_in, margins_in = (_WIDE_IN, _ROW_IN * len(rows)), (_LEFT_IN, _RIGHT_IN, _ABOVE_IN, _BELOW_IN)
+    figure, grid = canvas.new_grid((1, len(parts)), cell_in, (_GAP_IN, 0), margins_in)
     look: dict[str, Any] = {"loc": "lower left", "fontsize": 8.3, "borderaxespad": 0.15, "handlelength": 1.6}
-    for number, (head, series) in enumerate(parts.items()):
-        left = (_LEFT_IN + number * (_WIDE_IN + _GAP_IN)) / width
-        axes = figure.add_axes((left, _BELOW_IN / height, _WIDE_IN / width, tall / height))
+    for axes, (head, series) in zip(grid, parts.items(), strict=True):
         canvas.quiet_axes(axes)
         if head == "Cost":
             draw_costs(axes, results)
@@ -77,9 +105,10 @@ def effects_figure(results: EffectResults) -> Figure:
         set_rows(axes, rows, named=head == "Cost")
         axes.set_title(head, fontsize=10.5, fontweight="bold", color=INK, loc="left", pad=26)
         signs = [plots.receiver_line(replace(style, line="-"), size=0.7) for style, _ in series.values()]
-        at = left - 0.02 * _WIDE_IN / width, 1 - _ABOVE_IN / height
+        box = axes.get_position()
+        at = box.x0 - 0.02 * box.width, box.y1
         canvas.write_legend(figure, signs, at, 2, handletextpad=0.5, columnspacing=1.0, **look)
-    title, *notes = tables.written("effects.txt.j2", results, linear=_LINEAR).splitlines()
+    title, *notes = written("effects.txt.j2", results, linear=_LINEAR).splitlines()
     canvas.write_title(figure, title, "\n".join(notes))
     return figure
 
@@ -87,10 +116,10 @@ def effects_figure(results: EffectResults) -> Figure:
 def draw_costs(axes: Axes, results: EffectResults) -> None:
     """Draw what each effect adds to the time of a frame, or a note where it cannot be told from nothing."""
     rows = results.every_row
-    sums = {kind: median_of(rounds) for kind, rounds in results.sums.items()}
-    costs = [{kind: median_of(row.costs[kind]) for kind in _COSTS} for row in rows]
+    sums = {kind: stage_times.median_of(rounds) for kind, rounds in results.sums.items()}
+    costs = [{kind: stage_times.median_of(row.costs[kind]) for kind in _COSTS} for row in rows]
     shown = [one for row in (*costs, sums) for one in row.values() if one.low > 0]
-    shown.append(median_of(results.base_costs["near"]))
+    shown.append(stage_times.median_of(results.base_costs["near"]))
     across = axes.get_yaxis_transform()
     axes.set_xscale("log")
     axes.set_xlim(min(one.value for one in shown) / 2.2, max(one.high for one in shown) * 1.6)
@@ -131,7 +160,7 @@ def draw_changes(axes: Axes, results: EffectResults, series: Mapping[str, tuple[
                 _bar(axes, change.estimate, number + shift, style, full=change.estimate.real)
 
 
-def _bar(axes: Axes, one: Estimate, y: float, style: Style, *, full: bool = True) -> None:
+def _bar(axes: Axes, one: estimate.Estimate, y: float, style: Style, *, full: bool = True) -> None:
     """Draw a number with its interval."""
     axes.plot([one.low, one.high], [y, y], color=style.colour, linewidth=1.5, zorder=2)
     (mark,) = axes.plot([one.value], [y], style.marker, color=style.colour, markersize=5, zorder=3)
@@ -163,24 +192,21 @@ def set_rows(axes: Axes, rows: Sequence[EffectRow], *, named: bool) -> None:
 
 def severity_figure(results: EffectResults) -> Figure:
     """Draw one small axes for each effect with severities, from harmless at the left to harsh."""
-    curves, receiver = results.severities, results.study.shown
-    facets = [(curve.name, _table(curve, receiver)) for curve in curves]
+    study, facets = results.study, [(name, _table(results, name)) for name in results.severities]
     rows = [dict(facets[first : first + _FACETS_A_ROW]) for first in range(0, len(facets), _FACETS_A_ROW)]
-    title, *notes = tables.written("severity.txt.j2", results).splitlines()
-    styles = {
-        "true_corners": _WITHOUT,
-        "retrained": replace(_WITH, label=f"{_WITH.label}, as the table of effects has it"),
-    }
+    title, *notes = written("severity.txt.j2", results).splitlines()
+    retrained = replace(_WITH, label=f"{_WITH.label}, as the table of effects has it")
+    styles = {"true_corners": _WITHOUT, "retrained": retrained}
     figure = plots.facet_figure(rows, title, "\n".join(notes), axes_alike=False, styles=styles)
-    base = results.base.get(("truth", receiver))
-    for axes, curve in zip(figure.axes, curves, strict=True):
-        values = curve.values
+    base = results.base.get(("truth", study.shown))
+    for axes, name in zip(figure.axes, results.severities, strict=True):
+        values, usual = study.severities[name], study.usual(name)
         if values[0] > values[-1]:
             axes.set_xlim(*reversed(axes.get_xlim()))
         if base is not None and base.half_errors:
             axes.axhline(base.ber, color=QUIET, linewidth=1.0, alpha=0.55, zorder=1)
-        if curve.usual is not None and min(values) <= curve.usual <= max(values):
-            axes.axvline(curve.usual, color=QUIET, linewidth=0.9, linestyle=(0, (2, 2)), zorder=1)
+        if usual is not None and min(values) <= usual <= max(values):
+            axes.axvline(usual, color=QUIET, linewidth=0.9, linestyle=(0, (2, 2)), zorder=1)
     return figure
 
 
@@ -200,14 +226,15 @@ def parameter_label(parameter: str) -> str:
     return f"{words} ({_UNITS[end]})" if words and end else words or _UNITS[end]
 
 
-def _table(curve: SeverityCurve, receiver: str) -> BerTable:
+def _table(results: EffectResults, name: str) -> curve.BerTable:
     """Put one effect's points into a table: a curve for each training."""
-    effect, label = curve.parameter.partition(".")[0], parameter_label(curve.parameter)
-    axis = label if effect == curve.name else f"{effect}: {label}"
-    return BerTable(
-        Point(curve.name, axis, value, reading, "truth", counts, "frames")
-        for (value, reading, name), counts in curve.errors.items()
-        if name == receiver
+    parameter = results.study.config.severity[name].parameter
+    effect, label = parameter.partition(".")[0], parameter_label(parameter)
+    axis = label if effect == name else f"{effect}: {label}"
+    return curve.BerTable(
+        curve.Point(name, axis, value, reading, "truth", counts, "frames")
+        for (value, reading, receiver), counts in results.severities[name].items()
+        if receiver == results.study.shown
     )
 
 
@@ -215,15 +242,11 @@ def gallery_figure(study: EffectStudy) -> Figure:
     """Show the grey pictures of :func:`gallery_pictures` in rows, each with its name, pixels as squares."""
     pictures = gallery_pictures(study)
     columns = min(_TILES_A_ROW, len(pictures))
-    rows = math.ceil(len(pictures) / columns)
-    width, head = max(5.0, columns * _TILE_IN + 0.3), 0.62
-    height = rows * (_TILE_IN + 0.3) + head + 0.34
-    figure, side = canvas.new_figure(width, height), _TILE_IN - 0.08
-    for index, (name, picture) in enumerate(pictures.items()):
-        row, column = divmod(index, columns)
-        below = head + 0.24 + row * (_TILE_IN + 0.3) + side
-        place = (0.18 + column * _TILE_IN) / width, 1 - below / height
-        axes = figure.add_axes((*place, side / width, side / height))
+    shape, gap_in = (math.ceil(len(pictures) / columns), columns), (0.08, 0.38)
+    # The title needs five inches.
+    margins_in = (0.18, max(0.2, 4.9 - columns * (_TILE_IN + 0.08)), 0.86, 0.48)
+    figure, grid = canvas.new_grid(shape, (_TILE_IN, _TILE_IN), gap_in, margins_in, len(pictures))
+    for axes, (name, picture) in zip(grid, pictures.items(), strict=True):
         axes.imshow(picture, cmap="gray", vmin=0, vmax=255, interpolation="nearest")
         axes.set_title(name, fontsize=9.5, color=INK, pad=3)
         axes.set_axis_off()

@@ -13,16 +13,15 @@ from vocc_torch.measure.plan import Experiment, Locator, Plan
 from vocc_torch.receiver.bank import check_receivers
 from vocc_torch.simulation import SceneModel
 from vocc_torch.simulation import effects as chain
-from vocc_torch.simulation.effects import PHYSICAL_ORDER, Parameters, Quantity, build_effects
 from vocc_torch.studies.effects import EffectsConfig
 
-Effects = Mapping[str, Parameters]
+Effects = Mapping[str, chain.Parameters]
 """Effect name to parameters, as a scene names them."""
 
 Key = tuple[chain.Effect, ...]
 """A scene's effects as they are built: what tells scenes apart."""
 
-ORDER = tuple(kind.name for kind in PHYSICAL_ORDER)
+ORDER = tuple(kind.name for kind in chain.PHYSICAL_ORDER)
 """Names of all effects in physical order."""
 
 POINT = "effects"
@@ -119,7 +118,7 @@ class EffectStudy:
                 rule = "null for task=effects, which compares scenes on equally many frames"
                 raise VoccError.of(f"budget.{name}", value, rule)
         check_receivers(self.plan.receiver.names)
-        build_effects(self.scene)
+        chain.build_effects(self.scene)
         for name, part in parts.items():
             _check_name(name, ORDER, "effects.parts has")
             if name not in part:
@@ -151,7 +150,7 @@ class EffectStudy:
     def _check(self, effects: Effects, key: str, *, shown: bool = False) -> None:
         """Refuse effects that make no chain, and where they are shown, those that this camera cannot show."""
         with section(key, before="scene.effects"):
-            build_effects(effects)
+            chain.build_effects(effects)
             if shown:
                 self.plan_of(effects, "truth").world.simulator().crop_px(self.model.nearest_m)
 
@@ -186,7 +185,7 @@ class EffectStudy:
         added = [one for one in self.pairs if not one.in_scene]
         if not added:
             return None
-        scene: dict[str, Parameters] = dict(self.scene)
+        scene: dict[str, chain.Parameters] = dict(self.scene)
         for one in added:
             for name, parameters in self._with_part(one.name).items():
                 if scene.get(name) == self.scene.get(name):
@@ -198,7 +197,7 @@ class EffectStudy:
         present = {name: scene[name] for name in ORDER if name in scene}
         absent = {name: parameters for name, parameters in present.items() if name not in own}
         with section("effects.parts", before="scene.effects"):
-            build_effects(present)
+            chain.build_effects(present)
         rest = tuple(name for name in absent if name not in self.scene)
         return ScenePair(TOGETHER, present, absent, companions=rest)
 
@@ -227,11 +226,11 @@ class EffectStudy:
     def usual(self, name: str) -> float | None:
         """Return the value that a severity's parameter has in the table of effects; None if no number."""
         effect, _, parameter = self.config.severity[name].parameter.partition(".")
-        built = {one.name: one for one in build_effects(self.pair(name).present)}
+        built = {one.name: one for one in chain.build_effects(self.pair(name).present)}
         value = getattr(built[effect], parameter, None)
         return float(value) if isinstance(value, int | float) else None
 
-    def _with_part(self, name: str) -> dict[str, Parameters]:
+    def _with_part(self, name: str) -> dict[str, chain.Parameters]:
         """Return the scene with an effect and what it needs; its own parameters hold where they fit."""
         part = self.config.parts.get(name, {})
         scene = {**part, **self.scene}
@@ -256,7 +255,7 @@ class EffectStudy:
     def frames_with(self, locator: Locator, effects: Effects) -> int:
         """Count the test frames of a scene that are read with a locator."""
         located, frames = self.config.located_frames, self.plan.budget.frames
-        if locator == "paper" and fills(build_effects(effects)):
+        if locator == "paper" and fills(chain.build_effects(effects)):
             return min(located, frames)
         return frames if locator == "truth" or located else 0
 
@@ -289,7 +288,7 @@ def _check_name(name: str, known: tuple[str, ...], complaint: str) -> None:
 def _buildable(effects: Effects) -> bool:
     """Whether these effects make a chain that fits."""
     try:
-        build_effects(effects)
+        chain.build_effects(effects)
     except VoccError:
         return False
     return True
@@ -297,16 +296,16 @@ def _buildable(effects: Effects) -> bool:
 
 def needing(scene: Effects, name: str) -> set[str]:
     """Name an effect and those of the scene that cannot stand without it."""
-    kinds = [kind for kind in PHYSICAL_ORDER if kind.name in scene]
+    kinds = [kind for kind in chain.PHYSICAL_ORDER if kind.name in scene]
     taken = {name}
     while True:
         rest = [kind for kind in kinds if kind.name not in taken]
         made = {kind.gives for kind in rest if kind.gives != kind.takes}
         left = {kind.takes for kind in rest if kind.gives != kind.takes}
         stuck = [kind for kind in rest if kind.takes not in (*chain.CAMERA_STEPS, *made)]
-        if Quantity.ELECTRONS not in left:
+        if chain.Quantity.ELECTRONS not in left:
             # Electrons that nothing reads out are no picture.
-            stuck += [kind for kind in rest if kind.gives == Quantity.ELECTRONS]
+            stuck += [kind for kind in rest if kind.gives == chain.Quantity.ELECTRONS]
         if "attenuation" in taken:
             # One air dims the LEDs and what lies behind them.
             stuck += [kind for kind in rest if kind.name == "airlight"]

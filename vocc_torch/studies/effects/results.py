@@ -16,8 +16,7 @@ from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.frame_errors import Banks, FrameErrors, FrameJob
 from vocc_torch.measure.plan import Locator, Plan
 from vocc_torch.measure.workers import Workers, worker_losses_told
-from vocc_torch.receiver.bank import ReceiverBank
-from vocc_torch.receiver.flda import FLDA
+from vocc_torch.receiver import bank, flda
 from vocc_torch.rng import BLOCK_FRAMES, FrameKey
 from vocc_torch.simulation.effects import build_effects
 from vocc_torch.simulation.simulator import Framing
@@ -121,26 +120,8 @@ def _text(value: object) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-@dataclass(frozen=True)
-class SeverityCurve:
-    """Bit error rate over the severity of one effect, true corners.
-
-    Args:
-        name: the effect.
-        parameter: what varies, as ``effect.parameter``.
-        errors: by value from harmless to harsh, reading (``true_corners`` or ``retrained``) and receiver.
-        usual: the parameter's value in the table of effects, where it is a number.
-    """
-
-    name: str
-    parameter: str
-    errors: Mapping[tuple[float, str, str], Counts]
-    usual: float | None
-
-    @property
-    def values(self) -> list[float]:
-        """The severities, from harmless to harsh."""
-        return list(dict.fromkeys(value for value, _, _ in self.errors))
+SeverityErrors = Mapping[tuple[float, str, str], Counts]
+"""Errors at the true corners, by severity, reading (``true_corners`` or ``retrained``) and receiver."""
 
 
 @dataclass(frozen=True)
@@ -153,7 +134,7 @@ class EffectResults:
         together: all those that the scene does not name, at once.
         costs: the times.
         base: errors in the scene itself, by locator and receiver.
-        severities: in physical order.
+        severities: over the severity of each effect that has one, from harmless to harsh, in physical order.
     """
 
     study: EffectStudy
@@ -161,7 +142,7 @@ class EffectResults:
     together: EffectRow | None
     costs: Costs
     base: Mapping[tuple[Locator, str], Counts]
-    severities: tuple[SeverityCurve, ...] = ()
+    severities: Mapping[str, SeverityErrors] = field(default_factory=dict)
 
     @property
     def every_row(self) -> tuple[EffectRow, ...]:
@@ -212,14 +193,12 @@ class EffectResults:
 
         None where there are no two, or where a sum cannot be told from nothing.
         """
-        added = sum(not row.pair.in_scene for row in self.rows)
-        if self.together is None or added < 2:
-            return None
         alone = {kind: stage_times.median_of(rounds) for kind, rounds in self.sums.items()}
-        both = {kind: stage_times.median_of(self.together.costs[kind]) for kind in alone}
-        if min(one.low for one in alone.values()) <= 0:
+        single = sum(not row.pair.in_scene for row in self.rows) < 2
+        if self.together is None or single or min(one.low for one in alone.values()) <= 0:
             return None
-        return [both[kind].value / one.value for kind, one in alone.items()]
+        both = self.together.costs
+        return [stage_times.median_of(both[kind]).value / one.value for kind, one in alone.items()]
 
 
 def measure_costs(study: EffectStudy) -> Costs:
@@ -305,7 +284,7 @@ def frames_to_do(study: EffectStudy) -> int:
     return trained + sum(one.frames for one in wanted.values())
 
 
-def trained_flda(plan: Plan) -> FLDA:
+def trained_flda(plan: Plan) -> flda.FLDA:
     """Train on a plan's scenes."""
     return train.train(plan).flda.cpu()
 
@@ -334,7 +313,7 @@ def run_effects(
             calls[place].add_done_callback(lambda _: told("training", study.plan.budget.training_frames))
         fldas = {place: call.result() for place, call in calls.items()}
         for (key, at), one in wanted.items():
-            banks = Banks([(at, ReceiverBank(names, fldas[scene, at])) for scene in one.trained_on])
+            banks = Banks([(at, bank.ReceiverBank(names, fldas[scene, at])) for scene in one.trained_on])
             plan = study.plan_of(one.effects, at)
             job = FrameJob(plan, study.model, POINT, (at,), banks, banks.needs_preambles)
             parts[key, at] = job.handed_out(one.frames, workers, at_once=step, told=reading)
@@ -366,21 +345,21 @@ def run_effects(
                 changes[reading, name] = Change(both.counts[own], other, estimate)
         return EffectRow(pair, {kind: costs.added(kind, pair) for kind in KINDS}, changes)
 
-    def curve(name: str) -> SeverityCurve:
+    def over_severity(name: str) -> SeverityErrors:
         """Put one effect's severities together."""
-        pair, rates, frames = study.pair(name), {}, study.config.severity_frames
-        for value in study.severities[name]:
-            for reading, trained_on in (("true_corners", pair.absent), ("retrained", pair.present)):
-                counts = errors(study.at(name, value), "truth", trained_on, frames).counts
-                for receiver, one in zip(names, counts, strict=True):
-                    rates[float(value), reading, receiver] = one
-        return SeverityCurve(name, study.config.severity[name].parameter, rates, study.usual(name))
+        pair, frames = study.pair(name), study.config.severity_frames
+        trained = {"true_corners": pair.absent, "retrained": pair.present}
+        found: dict[tuple[float, str, str], Counts] = {}
+        for value, (reading, scene) in itertools.product(study.severities[name], trained.items()):
+            counts = errors(study.at(name, value), "truth", scene, frames).counts
+            found |= {(float(value), reading, who): one for who, one in zip(names, counts, strict=True)}
+        return found
 
-    base, own = {}, study.scene
+    base: dict[tuple[Locator, str], Counts] = {}
     for at in dict.fromkeys(READINGS.values()):
-        if frames := study.frames_with(at, own):
-            for name, counts in zip(names, errors(own, at, own, frames).counts, strict=True):
-                base[at, name] = counts
+        if frames := study.frames_with(at, study.scene):
+            counts = errors(study.scene, at, study.scene, frames).counts
+            base |= {(at, name): one for name, one in zip(names, counts, strict=True)}
     together = row(study.together) if study.together else None
-    severities = tuple(map(curve, study.severities))
+    severities = {name: over_severity(name) for name in study.severities}
     return EffectResults(study, tuple(map(row, study.pairs)), together, costs, base, severities)

@@ -27,15 +27,15 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from typing import Literal
 
-from vocc_torch.measure import estimate
+from vocc_torch.measure import curve, estimate, paired
 from vocc_torch.measure.counts import Counts
-from vocc_torch.measure.curve import Curves
-from vocc_torch.measure.paired import PairedCounts, difference_independent, mean_gain, relative_gain
 from vocc_torch.show.styles import rate_text
 from vocc_torch.studies.paper import words
 from vocc_torch.studies.paper.judgement import Judgement, NotMeasuredError, PaperReading, RateComparison
 from vocc_torch.studies.paper.words import percent, place
 
+Compared = Callable[[float, float], RateComparison]
+"""Compares the rates at two values of the axis."""
 LEAST_SUPPORT = 0.5
 """Least share of a claim's comparisons that must support it beyond doubt for it to agree."""
 PAPER_FRAMES = 2000
@@ -148,7 +148,7 @@ def minimum(
     return Judgement("cannot say" if reason else "agree", measured, reason, *ends)
 
 
-def valley(curves: Curves, compared: Callable[[float, float], RateComparison], measured: str) -> Judgement:
+def valley(curves: curve.Curves, compared: Compared, measured: str) -> Judgement:
     """Judge whether the rate falls, is lowest inside the axis, and rises again."""
     values = curves.values
     if len(values) < 3:
@@ -177,7 +177,7 @@ def weigh(comparisons: Sequence[RateComparison]) -> Judgement:
     Example:
         >>> counts = {("flda_2", 30.0): Counts(2000, 128_000, 40, 80, 20)}
         >>> counts["flda_2", 70.0] = Counts(2000, 128_000, 800, 1600, 400)
-        >>> curves = Curves("d", "distance_m", "truth", ("flda_2",), (30.0, 70.0), counts, {}, {})
+        >>> curves = curve.Curves("d", "distance_m", "truth", ("flda_2",), (30.0, 70.0), counts, {}, {})
         >>> near, far = counts
         >>> weigh([RateComparison(curves, far, near)]).verdict
         'agree'
@@ -269,7 +269,7 @@ def quoted_ber(reading: PaperReading, experiment: str, at: float, receiver: str,
     """
     row, both = reading.row(experiment, receiver, at), paper_counts(reading, experiment, at, receiver, ber)
     judged = Judgement("cannot say", words.point(row), "", row.ber_low, row.ber_high)
-    if difference_independent(*both).real:
+    if paired.difference_independent(*both).real:
         gap = f"{row.ber / ber:.2g} times the quoted rate"
         if row.error_free:
             gap = f"the limit is {ber / row.ber_high:.2g} times below the quoted rate"
@@ -299,7 +299,7 @@ def quoted_gain(reading: PaperReading, experiment: str, gain: float, at: float |
     ends, wide = (found.low, found.high), found.high - found.low > words.WIDEST_SHARE
     two, three, pair = two_and_three(curves, at)
     measured = words.share_interval(found)
-    if at is None and (pooled := relative_gain(two, three, pair)):
+    if at is None and (pooled := paired.relative_gain(two, three, pair)):
         # The paper means one of the two averages.
         measured += f"; of all errors {words.share_interval(pooled)}"
     # The paper's interval is ours, scaled by the numbers of frames.
@@ -316,13 +316,13 @@ def quoted_gain(reading: PaperReading, experiment: str, gain: float, at: float |
         reason = f"{rate_text(two.ber)} with two features, {rate_text(three.ber)} with three"
         judged = Judgement("differ", measured, f"{reason} at {place(curves.axis, at)}", *ends)
         return with_location(reading, judged, experiment, at, "flda_3", math.nan)
-    each = [(relative_gain(*two_and_three(curves, value)), value) for value in curves.values]
+    each = [(paired.relative_gain(*two_and_three(curves, value)), value) for value in curves.values]
     known = sorted((one.value, value) for one, value in each if one is not None)
     least, most = (f"{percent(one)} at {place(curves.axis, value)}" for one, value in (known[0], known[-1]))
     return Judgement("differ", measured, f"from {least} to {most}", *ends)
 
 
-def paper_frames(curves: Curves, at: float | None) -> float:
+def paper_frames(curves: curve.Curves, at: float | None) -> float:
     """How many frames the paper had at a value of the axis, or over all of it.
 
     Of its 20000 contrast frames a bin is taken to have had the share that it has here.
@@ -372,7 +372,7 @@ def clustered_like(like: Counts, ber: float, frames: float) -> Counts:
     return Counts(whole, bits, half_errors, min(squared, half_errors**2), wrong)
 
 
-def two_and_three(curves: Curves, at: float | None) -> tuple[Counts, Counts, PairedCounts]:
+def two_and_three(curves: curve.Curves, at: float | None) -> tuple[Counts, Counts, paired.PairedCounts]:
     """What the gain of three features over two is computed from, at one value or over all together."""
     two, three = (curves.total(n) if at is None else curves.counts[n, at] for n in ("flda_2", "flda_3"))
     return two, three, curves.pair("flda_2", "flda_3", at)
@@ -380,7 +380,7 @@ def two_and_three(curves: Curves, at: float | None) -> tuple[Counts, Counts, Pai
 
 def gains_of(
     reading: PaperReading, experiment: str, at: float | None
-) -> tuple[Curves, estimate.Estimate | None]:
+) -> tuple[curve.Curves, estimate.Estimate | None]:
     """An experiment's curves, and the gain of three features over two, at one value or averaged.
 
     The gain is None where two features made no error.
@@ -390,8 +390,8 @@ def gains_of(
     """
     curves = reading.curves(experiment, ("flda_2", "flda_3"), *(() if at is None else (at,)))
     if at is not None:
-        return curves, relative_gain(*two_and_three(curves, at))
-    return curves, mean_gain(two_and_three(curves, value) for value in curves.values)
+        return curves, paired.relative_gain(*two_and_three(curves, at))
+    return curves, paired.mean_gain(two_and_three(curves, value) for value in curves.values)
 
 
 def with_location(
@@ -401,11 +401,11 @@ def with_location(
     measured, text = reading.experiments[experiment], ""
     if (receiver, at) not in measured.location:
         return judged
-    readings = [replace(reading, locator=name) for name in ("paper", "truth")]
-    located, truth = (one.row(experiment, receiver, at) for one in readings)
-    wrong, right = (one.curves(experiment).counts[receiver, at] for one in readings)
+    both = [replace(reading, locator=name) for name in ("paper", "truth")]
+    located, truth = (one.row(experiment, receiver, at) for one in both)
+    wrong, right = (one.curves(experiment).counts[receiver, at] for one in both)
     between = truth.ber < ber < located.ber
-    share = relative_gain(wrong, right, measured.location[receiver, at])
+    share = paired.relative_gain(wrong, right, measured.location[receiver, at])
     if share is not None and share.low > 0:
         text = f"; with the panel located here the rate is {words.point(located)}"
         if reading.locator != "truth":

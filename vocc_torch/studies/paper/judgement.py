@@ -12,11 +12,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
+from vocc_torch.measure import curve, estimate, grid, paired
 from vocc_torch.measure.counts import Counts
-from vocc_torch.measure.curve import BerTable, Curves, Measured, Row
-from vocc_torch.measure.estimate import Estimate
-from vocc_torch.measure.grid import Grid
-from vocc_torch.measure.paired import difference_independent, paired_interval
 from vocc_torch.show.styles import rate_text
 from vocc_torch.studies.paper.words import place
 
@@ -43,7 +40,7 @@ class RateComparison:
         below: the same of the lower rate.
     """
 
-    curves: Curves
+    curves: curve.Curves
     above: tuple[str, float]
     below: tuple[str, float]
 
@@ -52,12 +49,12 @@ class RateComparison:
         """The errors of both."""
         return self.curves.counts[self.above], self.curves.counts[self.below]
 
-    def difference(self, confidence: float) -> Estimate:
+    def difference(self, confidence: float) -> estimate.Estimate:
         """The first rate less the second one."""
         (first, at), (second, other) = self.above, self.below
         if at == other:
-            return paired_interval(self.curves.pair(first, second, at), confidence)
-        return difference_independent(*self.counts, confidence)
+            return paired.paired_interval(self.curves.pair(first, second, at), confidence)
+        return paired.difference_independent(*self.counts, confidence)
 
     def text(self) -> str:
         """The two rates and where they were measured."""
@@ -118,16 +115,16 @@ class PaperReading:
 
     focal_length_mm: float
     locator: str
-    experiments: Mapping[str, Measured]
+    experiments: Mapping[str, curve.Measured]
     numbers: Numbers
-    dimming: Grid | None = None
+    dimming: grid.Grid | None = None
 
     @property
     def name(self) -> str:
         """The reading in words."""
         return f"{self.focal_length_mm:g} mm, {self.locator}"
 
-    def curves(self, experiment: str, receivers: Sequence[str] = (), *values: float) -> Curves:
+    def curves(self, experiment: str, receivers: Sequence[str] = (), *values: float) -> curve.Curves:
         """An experiment's curves with this reading's locator.
 
         Args:
@@ -147,7 +144,7 @@ class PaperReading:
             raise NotMeasuredError(f"{missing[0]} of experiment {experiment}")
         return curves
 
-    def row(self, experiment: str, receiver: str, value: float) -> Row:
+    def row(self, experiment: str, receiver: str, value: float) -> curve.Row:
         """A point with its interval.
 
         Raises:
@@ -155,7 +152,7 @@ class PaperReading:
         """
         curves = self.curves(experiment, (receiver,), value)
         # The limit of a point without errors looks at the receiver's other points.
-        table = BerTable(point for point in curves.points() if point.receiver == receiver)
+        table = curve.BerTable(point for point in curves.points() if point.receiver == receiver)
         return next(row for row in table if row.value == value)
 
     def number(self, name: str) -> float:

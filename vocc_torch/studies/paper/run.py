@@ -5,21 +5,18 @@ from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
-
-from matplotlib.figure import Figure
-from rich.console import Console
+from typing import Any
 
 import vocc_torch
 from vocc_torch.errors import VoccError
 from vocc_torch.files import atomic_file, write_atomically
+from vocc_torch.measure import build, curve, grid, ledger, sweep, timing, workers
 from vocc_torch.measure import config as configs
-from vocc_torch.measure import curve, grid, ledger, sweep, timing, workers
-from vocc_torch.measure.build import build_plan
 from vocc_torch.measure.plan import resolve_device
 from vocc_torch.show import folder as run_folder
 from vocc_torch.show import heatmap, page, styles, tensorboard, terminal
-from vocc_torch.show.canvas import save_figure
-from vocc_torch.studies.paper import FiguresConfig, evidence, experiments, figures, scorecard, words
+from vocc_torch.show.canvas import Figure, save_figure
+from vocc_torch.studies.paper import FiguresConfig, evidence, figures, scorecard, words
 
 TITLE = "The paper's whole evidence, reproduced and scored"
 
@@ -38,27 +35,24 @@ def run_figures(settings: configs.Settings, config: FiguresConfig, folder: Path)
     run_folder.refuse_unused(settings)
     run_folder.refuse_results(folder, run_folder.LEDGERS)
     if (folder / "report.html").exists():
-        there = configs.read_flat(folder / run_folder.CONFIG).get("figures.names")
-        names = [str(name) for name in there] if isinstance(there, list) else None
-        if names is None or experiments.wanted_figures(names) != experiments.wanted_figures(config.names):
+        there, named = configs.read_flat(folder / run_folder.CONFIG), figures.wanted_figures
+        names = there.get("figures.names")
+        if not isinstance(names, list) or named(names) != named(config.names):
             raise VoccError(f"name: {folder} holds a report of other figures: give another name=")
-    plan, console, watch = build_plan(settings, folder), Console(), terminal.Stopwatch()
-    wanted, resumed = experiments.paper_plan(config, plan), (folder / run_folder.LEDGERS).is_dir()
+    plan, console, watch = build.build_plan(settings, folder), terminal.Console(), terminal.Stopwatch()
+    wanted, resumed = figures.paper_plan(config, plan), (folder / run_folder.LEDGERS).is_dir()
     report = Report(folder, wanted)
     # The ledgers are held to the end: a second run would write over the same report.
     with run_folder.resumable(settings, folder, console), ExitStack() as ledgers:
-        if ordered := wanted.studies():
-            campaign = measure(settings, ordered, ledgers, folder, console, watch)
-            report.add_rates(campaign)
-            training = campaign.trainings[ordered[0].key][wanted.locators[0]]
-            run_folder.write_training(settings, ordered[0].plan, training, folder)
+        if wanted.experiments:
+            report.measure(settings, ledgers, watch)
         else:
             run_folder.write_config(settings, folder)
         # After the workers have ended: one of these figures is a measurement of time.
         with watch.stage("other figures"):
             source = evidence.Source(plan)
-            for name in (name for name in wanted.figures if name in experiments.EVIDENCE):
-                one = experiments.EVIDENCE[name](source)
+            for name in (name for name in wanted.figures if name in figures.EVIDENCE):
+                one = figures.EVIDENCE[name](source)
                 run_folder.write_rows(folder / "figures" / f"{name}.csv", one.rows)
                 report.add(name, {name: one.draw()}, one.findings)
         with watch.stage("report"):
@@ -66,70 +60,13 @@ def run_figures(settings: configs.Settings, config: FiguresConfig, folder: Path)
             if settings.tensorboard:
                 with watch.stage("board"):
                     texts = {"configuration": run_folder.as_markdown(settings)}
-                    tensorboard.write_boards(
-                        folder / "tensorboard", report.tables(), report.drawn, texts=texts
-                    )
+                    board = folder / "tensorboard"
+                    tensorboard.write_boards(board, report.tables(), report.drawn, texts=texts)
             report.write(settings, dict(watch.seconds), resumed)
     for stage, seconds in watch.seconds.items():
         console.print(f"{stage:<20} {seconds:6.1f} s", highlight=False)
     places = [("report", "report.html"), ("", "report.md")]
     run_folder.print_places(console, folder, places, settings.tensorboard)
-
-
-def measure(
-    settings: configs.Settings,
-    ordered: Sequence[sweep.Study],
-    ledgers: ExitStack,
-    folder: Path,
-    console: Console,
-    watch: terminal.Stopwatch,
-) -> sweep.Campaign:
-    """Run every study, each with a ledger, under a live view."""
-    begun, frames = time.perf_counter(), sum(study.frames for study in ordered)
-    with workers.Workers(settings.workers) as pool, terminal.ProgressView(frames, console) as view:
-
-        def opened(study: sweep.Study) -> ledger.Ledger:
-            path = folder / run_folder.LEDGERS / f"{study.key}.sqlite"
-            return ledgers.enter_context(run_folder.open_ledger(path, study.identity, console))
-
-        def say(what: str, stage: str, frames: str = "") -> None:
-            nonlocal begun
-            before, begun = begun, watch.lap(stage, begun)
-            view.say(f"{what:<20} {frames:>13}   {begun - before:6.1f} s")
-
-        def trained() -> None:
-            run_folder.write_config(settings, folder)
-            say("training", "training")
-
-        def advance(study: sweep.Study, more: int) -> None:
-            view.advance(study.key, more)
-
-        def finished(study: sweep.Study, _: curve.Measured) -> None:
-            say(study.key, study.plan.experiment.name.partition("/")[0], f"{study.frames} frames")
-
-        return sweep.run_campaign(ordered, pool, opened, trained=trained, advance=advance, finished=finished)
-
-
-@dataclass(frozen=True)
-class ReportFigure:
-    """A figure that has been written.
-
-    Args:
-        name: its name, such as ``fig22``.
-        title: its headline.
-        caption: what it shows.
-        pictures: PNG files, relative to the report's folder, with a caption each; the figure's own where that
-            is empty.
-        table: CSV file with its data, relative to the report's folder.
-        findings: its numbers by name.
-    """
-
-    name: str
-    title: str
-    caption: str
-    pictures: Sequence[tuple[str, str]]
-    table: str
-    findings: Mapping[str, float]
 
 
 @dataclass
@@ -139,7 +76,9 @@ class Report:
     Args:
         folder: the run's folder.
         plan: what is measured.
-        shown: the figures by name, in order.
+        shown: the figures by name, in order: each with its ``name``, ``title`` and ``caption``; ``pictures``,
+            PNG files relative to the folder with a caption each, the figure's own where that is empty;
+            ``table``, its data likewise; and ``findings``, its numbers by name.
         drawn: their pictures, by file name without suffix.
         measured: the experiments by focal length (mm) and name.
         grids: ambient light by luminance, by locator.
@@ -148,13 +87,54 @@ class Report:
     """
 
     folder: Path
-    plan: experiments.PaperPlan
-    shown: dict[str, ReportFigure] = field(default_factory=dict)
+    plan: figures.PaperPlan
+    shown: dict[str, dict[str, Any]] = field(default_factory=dict)
     drawn: dict[str, Figure] = field(default_factory=dict)
     measured: dict[float, dict[str, curve.Measured]] = field(default_factory=dict)
     grids: dict[str, grid.Grid] = field(default_factory=dict)
     location: tuple[figures.LocationSplit, ...] = ()
     card: scorecard.Scorecard | None = None
+
+    def measure(self, settings: configs.Settings, ledgers: ExitStack, watch: terminal.Stopwatch) -> None:
+        """Run every study, each with a ledger, under a live view, and write its figures.
+
+        Args:
+            settings: the configuration.
+            ledgers: holds the ledgers.
+            watch: counts the time of each stage.
+
+        Raises:
+            VoccError: whatever a stage refuses.
+        """
+        ordered, begun = self.plan.studies(), time.perf_counter()
+        frames, own = sum(study.frames for study in ordered), ordered[0]
+        with workers.Workers(settings.workers) as pool, terminal.ProgressView(frames) as view:
+
+            def opened(study: sweep.Study) -> ledger.Ledger:
+                path = self.folder / run_folder.LEDGERS / f"{study.key}.sqlite"
+                return ledgers.enter_context(run_folder.open_ledger(path, study.identity, view.console))
+
+            def say(what: str, stage: str, frames: str = "") -> None:
+                nonlocal begun
+                before, begun = begun, watch.lap(stage, begun)
+                view.say(f"{what:<20} {frames:>13}   {begun - before:6.1f} s")
+
+            def trained() -> None:
+                run_folder.write_config(settings, self.folder)
+                say("training", "training")
+
+            def advance(study: sweep.Study, more: int) -> None:
+                view.advance(study.key, more)
+
+            def finished(study: sweep.Study, _: curve.Measured) -> None:
+                say(study.key, study.plan.experiment.name.partition("/")[0], f"{study.frames} frames")
+
+            campaign = sweep.run_campaign(
+                ordered, pool, opened, trained=trained, advance=advance, finished=finished
+            )
+        self.add_rates(campaign)
+        training = campaign.trainings[own.key][self.plan.locators[0]]
+        run_folder.write_training(settings, own.plan, training, self.folder)
 
     def add_rates(self, campaign: sweep.Campaign) -> None:
         """Write the figures of bit error rates, and the comparisons of receivers.
@@ -164,7 +144,7 @@ class Report:
         """
         self.measured, self.grids = self.plan.measured(campaign), self.plan.grids(campaign)
         own_mm, locator = self.plan.own
-        for name, figure in experiments.RATE_FIGURES.items():
+        for name, figure in figures.RATE_FIGURES.items():
             if name not in self.plan.experiments:
                 continue
             by_focal_mm = {mm: measured[name] for mm, measured in self.measured.items()}
@@ -175,9 +155,9 @@ class Report:
             self.add(figure, figures.draw_rates(name, by_focal_mm, self.plan.own))
         if self.grids:
             run_folder.write_grid(self.folder / "figures" / "dimming.csv", self.grids)
-            self.add("dimming", heatmap.grid_figures(self.grids, locator, experiments.PAPER_RECEIVERS))
+            self.add("dimming", heatmap.grid_figures(self.grids, locator, figures.PAPER_RECEIVERS))
         self.location = figures.location_split(self.measured[own_mm])
-        if any(split.receiver in experiments.PAPER_RECEIVERS for split in self.location):
+        if any(split.receiver in figures.PAPER_RECEIVERS for split in self.location):
             lines = [figures.LOCATION_COLUMNS, *(split.row() for split in self.location)]
             write_short(self.folder / "location.csv", lines)
             self.add("location", {"location": figures.location_figure(self.location, own_mm)})
@@ -193,15 +173,14 @@ class Report:
         about = words.FIGURES[name]
         captions = heatmap.CAPTIONS | about.get("captions", {})
         pictures = [(f"figures/{stem}.png", captions.get(stem.removeprefix(name), "")) for stem in drawn]
-        title, table = about["title"].format(lens_mm=self.plan.own[0]), f"figures/{name}.csv"
-        told = name, title, about["caption"], pictures, about.get("table", table), findings or {}
-        self.shown[name] = ReportFigure(*told)
+        told = {"table": f"figures/{name}.csv", **about, "pictures": pictures, "findings": findings or {}}
+        self.shown[name] = {**told, "name": name, "title": about["title"].format(lens_mm=self.plan.own[0])}
         self.drawn |= drawn
 
     def score(self) -> None:
         """Judge the claims, if every experiment that they need was measured."""
-        if set(experiments.RATE_FIGURES) <= set(self.measured.get(self.plan.own[0], {})):
-            numbers = {name: one.findings for name, one in self.shown.items()}
+        if set(figures.RATE_FIGURES) <= set(self.measured.get(self.plan.own[0], {})):
+            numbers = {name: one["findings"] for name, one in self.shown.items()}
             readings = scorecard.readings_of(self.measured, numbers, self.plan.locators, self.grids)
             self.card = scorecard.score(readings, self.plan.own)
             fits = [scorecard.FIT_COLUMNS, *(fit.row() for fit in scorecard.fits(self.card))]
@@ -233,19 +212,14 @@ class Report:
             VoccError: a picture is missing, or a file cannot be written.
         """
         contrast = self.plan.experiments.get("contrast", {}).get(0.0)
-        names = vars(words) | vars(scorecard) | vars(self)
-        text = page.render(
-            __package__,
-            "report.md.j2",
-            **(names | {"title": TITLE, "settings": settings, "seconds": seconds, "resumed": resumed}),
-            configuration=configs.as_yaml(settings),
-            machine=timing.describe_machine(resolve_device(settings.device)),
-            version=vocc_torch.__version__,
-            contrast_frames=contrast.frames_in_point if contrast else 0,
-            rate_names=list(experiments.RATE_FIGURES.values()),
-            receivers=styles.receiver_styles(experiments.PAPER_RECEIVERS),
-            best_luminance=grid.best_luminance,
-        )
+        told = {"title": TITLE, "settings": settings, "seconds": seconds, "resumed": resumed}
+        told |= {"configuration": configs.as_yaml(settings), "version": vocc_torch.__version__}
+        told |= {"machine": timing.describe_machine(resolve_device(settings.device))}
+        told |= {"contrast_frames": contrast.frames_in_point if contrast else 0}
+        told |= {"rate_names": list(figures.RATE_FIGURES.values()), "best_luminance": grid.best_luminance}
+        told |= {"receivers": styles.receiver_styles(figures.PAPER_RECEIVERS)}
+        names = vars(words) | vars(scorecard) | vars(self) | told
+        text = page.render(__package__, "report.md.j2", **names)
         html = page.html(text, TITLE, self.folder)
         with atomic_file(self.folder / "report.md") as temporary:
             temporary.write_bytes(text.encode("utf-8", "replace"))

@@ -7,17 +7,14 @@ from typing import Any
 
 import yaml
 
-from vocc_torch.measure.curve import Row
-from vocc_torch.measure.estimate import Estimate
+from vocc_torch.measure import curve, estimate
 from vocc_torch.show.styles import LOCATED, rate_text
 
 
 def read_yaml(name: str) -> dict[str, Any]:
     """A YAML file of this folder."""
-    found: dict[str, Any] = yaml.safe_load(
-        importlib.resources.files(__package__).joinpath(name).read_text("utf-8")
-    )
-    return found
+    text = importlib.resources.files(__package__).joinpath(name).read_text("utf-8")
+    return dict(yaml.safe_load(text))
 
 
 _NUMBERS: dict[str, tuple[str, ...]] = read_yaml("numbers.yaml")
@@ -67,11 +64,11 @@ def sentence(text: str) -> str:
     return text[:1].upper() + text[1:] + ("" if text.endswith(".") or not text else ".")
 
 
-def point(row: Row) -> str:
+def point(row: curve.Row) -> str:
     """Write a bit error rate with its interval, or its limit where there was no error.
 
     Example:
-        >>> point(Row("s", "distance_m", 30.0, "flda_3", "truth", 1, 64, 0.0, 0.0, 0.0, 0.04, 0, 0, "x"))
+        >>> point(curve.Row("s", "distance_m", 30.0, "flda_3", "", 1, 64, 0.0, 0.0, 0.0, 0.04, 0, 0, ""))
         '< 4.0e-2, no error in 1 frame'
     """
     if row.error_free:
@@ -89,13 +86,13 @@ def percent(share: float, digits: int = 0) -> str:
     return f"{100 * share:.{digits}f} %"
 
 
-def share_interval(share: Estimate) -> str:
+def share_interval(share: estimate.Estimate) -> str:
     """Write a share with its interval, in per cent; no number where that is wider than 100 points.
 
     Example:
-        >>> share_interval(Estimate(0.24, 0.1, 0.35))
+        >>> share_interval(estimate.Estimate(0.24, 0.1, 0.35))
         '24 % [10, 35]'
-        >>> share_interval(Estimate(1.0, -126.63, 1.0))
+        >>> share_interval(estimate.Estimate(1.0, -126.63, 1.0))
         'not known (95 % interval wider than 100 percentage points)'
     """
     if share.high - share.low > WIDEST_SHARE:

@@ -8,16 +8,12 @@ from typing import Any
 
 import numpy as np
 from matplotlib import ticker
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from matplotlib.text import Text
 from scipy.optimize import isotonic_regression
 
-from vocc_torch.measure.estimate import Estimate
-from vocc_torch.measure.plan import Locator
+from vocc_torch.measure import estimate, plan
 from vocc_torch.show import canvas, timing_figure
-from vocc_torch.show.canvas import INK, QUIET
+from vocc_torch.show.canvas import INK, QUIET, Axes, Figure, Line2D
 from vocc_torch.show.styles import Style, ends_text, rate_text, receiver_styles
 from vocc_torch.studies.tradeoff import report
 from vocc_torch.studies.tradeoff.plan import Setting
@@ -32,8 +28,7 @@ STRENGTH = {"frontier": 1.0, "perhaps": 0.75, "beaten": 0.4}
 ROWS = 4
 """Most rows of dots without errors: neighbours in time are never in the same one."""
 
-_LINE_PX, _ROW_PX = 18.5, 19.0
-_FONT = 10.2
+_LINE_PX, _ROW_PX, _FONT = 18.5, 19.0, 10.2
 _REFERENCE_COLOUR = "#8C5A00"
 
 
@@ -253,7 +248,7 @@ def draw_labels(figure: Figure, axes: Axes, dots: Sequence[Dot]) -> None:
     axes.set_position((left, bottom, room / 1.05, up))
 
 
-def draw_possible(axes: Axes, rate: Estimate, frames: int, rows: Sequence[float]) -> None:
+def draw_possible(axes: Axes, rate: estimate.Estimate, frames: int, rows: Sequence[float]) -> None:
     """Draw what is possible: the rate of a decoder that knows the scene."""
     y, said = rate.value or rows[-1], f"no error in {frames} frames, too few to say more"
     if rate.value > 0:
@@ -265,7 +260,7 @@ def draw_possible(axes: Axes, rate: Estimate, frames: int, rows: Sequence[float]
     text.set(va="bottom", color=_REFERENCE_COLOUR, zorder=6.5)
 
 
-def draw_legend(figure: Figure, dots: Sequence[Dot], faces: Mapping[Locator, str]) -> None:
+def draw_legend(figure: Figure, dots: Sequence[Dot], faces: Mapping[plan.Locator, str]) -> None:
     """Say in a row what fillings, sizes and strengths mean."""
     ranks = {dot.point.rank for dot in dots}
     handles = [_sign("o", 9.0, face, QUIET, label=report.LOCATED_BY[name]) for name, face in faces.items()]
@@ -294,5 +289,4 @@ def shares_figure(prices: PriceList) -> Figure | None:
             by_place[f"{kind}_frames" if kind == "whole" else kind, batch] = times
     sensor_px, machine = prices.study.plan.world.camera.sensor_px, prices.machines[device]
     about = sensor_px, machine, prices.threads, prices.waited_share
-    measured = timing_figure.DetectionTimes(by_place, *about)
-    return measured.draw("Time of the paper's receivers (Fig. 25)")
+    return timing_figure.DetectionTimes(by_place, *about).draw("Time of the paper's receivers (Fig. 25)")

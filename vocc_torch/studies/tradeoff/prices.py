@@ -4,10 +4,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal, NamedTuple
 
-from vocc_torch.measure import frame_errors, intervals, stage_times, train
+from vocc_torch.measure import estimate, frame_errors, genie, intervals, stage_times, train
 from vocc_torch.measure.counts import Counts
-from vocc_torch.measure.estimate import Estimate
-from vocc_torch.measure.genie import GenieReference
 from vocc_torch.studies.tradeoff.plan import Setting, TradeoffStudy
 
 FRAMES_PER_S = (1000, 100, 60, 30)
@@ -48,8 +46,8 @@ class OperatingPoint:
 
     setting: Setting
     place: Place
-    time_ms: Estimate
-    ber: Estimate
+    time_ms: estimate.Estimate
+    ber: estimate.Estimate
     counts: Counts = field(default_factory=Counts)
     referenced: Counts | None = None
     beaten_by: Setting | None = None
@@ -132,11 +130,10 @@ def answers(points: Sequence[OperatingPoint], alike: Callable[[int, int], bool])
     for timed, limit in [(True, speed) for speed in FRAMES_PER_S] + [(False, rate) for rate in RATES]:
         if timed:
             taken = most_accurate([one for one in points if one.time_ms.high <= 1e3 / limit])
-            other = None if taken else quickest
         else:
             below = [one for one in points if one.ber.high < limit]
             taken = min(below, key=lambda one: (one.ms, one.ber.value), default=None)
-            other = None if taken else nearest
+        other = None if taken else quickest if timed else nearest
         if timed and taken:
             own = points.index(taken)
             same = [one for place, one in enumerate(points) if place != own and alike(own, place)]
@@ -173,7 +170,7 @@ class PriceList:
     study: TradeoffStudy
     costs: Mapping[Setting, train.Making]
     errors: Mapping[str, frame_errors.FrameErrors]
-    references: Mapping[str, GenieReference]
+    references: Mapping[str, genie.GenieReference]
     no_references: Mapping[str, str]
     times: Mapping[tuple[Setting, Place], stage_times.StageTimes]
     end_to_end: Mapping[Place, float]
@@ -233,19 +230,17 @@ class PriceList:
 
     def answers(self, scenes: str, device: str, frames: str, batch: int | None = None) -> list[Answer]:
         """Say which receiver to take, as :func:`answers`, for points as :meth:`points` gives them."""
-        errors = self.errors[scenes]
-        return answers(
-            self.points(scenes, device, frames, batch), lambda a, b: not errors.compared(a, b).real
-        )
+        points, errors = self.points(scenes, device, frames, batch), self.errors[scenes]
+        return answers(points, lambda a, b: not errors.compared(a, b).real)
 
-    def reference(self, scenes: str) -> Estimate | None:
+    def reference(self, scenes: str) -> estimate.Estimate | None:
         """Give the rate of a decoder that knows the scene; None where it was not measured."""
         if scenes not in self.references:
             return None
         return _rate(self.references[scenes].counts, [one.counts for one in self.references.values()])
 
 
-def _rate(counts: Counts, every: Sequence[Counts]) -> Estimate:
+def _rate(counts: Counts, every: Sequence[Counts]) -> estimate.Estimate:
     """Estimate a rate; ``every`` says how many wrong bits a wrong frame has."""
     total = sum(every, Counts())
     typical = max(1.0, total.bit_errors / max(1, total.frame_errors))

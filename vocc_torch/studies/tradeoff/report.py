@@ -5,14 +5,10 @@ from collections.abc import Iterator
 from dataclasses import asdict, astuple
 from pathlib import Path
 
-from rich.console import Console
-from rich.text import Text
 from torch.utils.tensorboard import SummaryWriter
 
 from vocc_torch.errors import VoccError
-from vocc_torch.measure.estimate import Estimate, all_pairs
-from vocc_torch.measure.plan import resolve_device
-from vocc_torch.measure.stage_times import STAGES
+from vocc_torch.measure import estimate, plan, stage_times
 from vocc_torch.show import page, styles, terminal, timing_figure
 from vocc_torch.show.folder import write_rows
 from vocc_torch.studies.tradeoff.plan import Setting
@@ -28,6 +24,9 @@ COLUMNS = {
     **{"batch": 112, "training\ns": 112, "weights": 112},
 }
 """Columns on the terminal, and the least width at which they stand there."""
+
+BOARD_COSTS = ("training_s", "parameters", "size_bytes")
+"""What TensorBoard shows of the making of a receiver."""
 
 WIDTH_WITH_TITLES = 146
 """Least terminal width at which receivers have their titles too."""
@@ -49,7 +48,7 @@ def recommendation(prices: PriceList) -> str:
     texts = {"receiver_text": receiver_text, "varied_text": varied_text, "ms": timing_figure.number_text}
     given: dict[str, object] = {"located_by": LOCATED_BY, "most_accurate": most_accurate}
     given["apart"] = max(abs(ratio - 1) for ratio in prices.end_to_end.values())
-    given["pairs"] = all_pairs(len(prices.settings))
+    given["pairs"] = estimate.all_pairs(len(prices.settings))
     lines = []
     for line in written("recommendation.txt.j2", prices, **texts, **given).splitlines():
         # What follows stands under a line's text.
@@ -113,7 +112,7 @@ def price_rows(prices: PriceList) -> Iterator[Line]:
     ``possible_proven_frames`` of them no bits can be likelier than those that the decoder gave.
     ``end_to_end`` is the time of ``end_to_end_of`` in one go over the sum of its stages.
     """
-    error_device = str(resolve_device(prices.study.plan.world.device))
+    error_device = str(plan.resolve_device(prices.study.plan.world.device))
     for place in prices.places:
         points = {scenes: prices.points(scenes, *place) for scenes in prices.errors}
         best = {scenes: prices.points(scenes, place.device, place.frames) for scenes in prices.errors}
@@ -122,28 +121,23 @@ def price_rows(prices: PriceList) -> Iterator[Line]:
             in_best = best[prices.timed_scenes][row].place == place
             line: Line = {**asdict(setting), **place._asdict(), "rounds": times.rounds}
             line |= {"best_batch": int(in_best), **_ends("total{}_ms", times.total)}
-            for stage in STAGES:
+            for stage in stage_times.STAGES:
                 line |= _ends(f"{stage}{{}}_ms", times.stage(stage))
             line |= {"frames_per_s": 1e3 / times.total.value, **_ends("share_of_detection{}", times.share)}
             for scenes, own in points.items():
                 point, mark, same = own[row], prices.references.get(scenes), own[row].referenced
-                kept = best[scenes][row].rank == "frontier"
-                cells: Line = {
-                    "test_frames": point.counts.frames,
-                    "bit_errors": f"{point.counts.bit_errors:.15g}",
-                    "frame_errors": point.counts.frame_errors,
-                    "panels_missed": point.counts.panels_missed,
-                    **_ends("ber{}", point.ber),
-                    "frontier": int(point.rank == "frontier"),
-                    "beaten_by": point.beaten_by.name if point.beaten_by else "",
-                    "surely_beaten": int(point.surely),
-                    "frontier_of_best_batches": int(kept) if in_best else None,
-                    "possible_test_frames": mark.counts.frames if mark else None,
-                    "possible_proven_frames": mark.proven if mark else None,
-                    "possible_frame_ms": 1e3 * mark.seconds_a_frame if mark else None,
-                    **_ends("possible_ber{}", prices.reference(scenes)),
-                    "ber_on_possible_frames": same.ber if same else None,
-                }
+                counts, kept = point.counts, best[scenes][row].rank == "frontier"
+                cells: Line = {"test_frames": counts.frames, "bit_errors": f"{counts.bit_errors:.15g}"}
+                cells |= {"frame_errors": counts.frame_errors, "panels_missed": counts.panels_missed}
+                cells |= {**_ends("ber{}", point.ber), "frontier": int(point.rank == "frontier")}
+                beaten_by = point.beaten_by.name if point.beaten_by else ""
+                cells |= {"beaten_by": beaten_by, "surely_beaten": int(point.surely)}
+                cells |= {"frontier_of_best_batches": int(kept) if in_best else None}
+                known = (mark.counts.frames, mark.proven, 1e3 * mark.seconds_a_frame) if mark else (None,) * 3
+                names = "possible_test_frames", "possible_proven_frames", "possible_frame_ms"
+                cells |= zip(names, known, strict=True)
+                cells |= _ends("possible_ber{}", prices.reference(scenes))
+                cells["ber_on_possible_frames"] = same.ber if same else None
                 line |= {f"{scenes}_{name}": cell for name, cell in cells.items()}
             made = ("training_s", "training_simulated_s", "training_frames", "parameters", "size_bytes")
             line |= zip(made, astuple(prices.costs[setting]), strict=True)
@@ -157,13 +151,13 @@ def price_rows(prices: PriceList) -> Iterator[Line]:
                 yield {**asdict(setting), **place._asdict(), "machine": "not measured"}
 
 
-def _ends(name: str, one: Estimate | None) -> Line:
+def _ends(name: str, one: estimate.Estimate | None) -> Line:
     """Name a number and the ends of its interval."""
     values = (None, None, None) if one is None else (one.value, one.low, one.high)
     return {name.format(part): value for part, value in zip(("", "_low", "_high"), values, strict=True)}
 
 
-def print_prices(prices: PriceList, words: str, console: Console) -> None:
+def print_prices(prices: PriceList, words: str, console: terminal.Console) -> None:
     """Print the first kind of frames and scenes, the quickest receiver first, and what to take of it.
 
     Args:
@@ -177,17 +171,12 @@ def print_prices(prices: PriceList, words: str, console: Console) -> None:
     rows: list[tuple[Line, str]] = []
     for point in sorted(points, key=lambda one: one.ms):
         setting, first, cost = point.setting, point.rank == "frontier", prices.costs[point.setting]
-        line: Line = {
-            "": mark if first else "",
-            "receiver": receiver_text(setting.receiver) if width >= WIDTH_WITH_TITLES else setting.receiver,
-            "locator": setting.locator,
-            "other": ", ".join(varied_text(setting, prices.settings[0])).replace(" gradient", ""),
-            "ms": timing_figure.number_text(point.ms),
-            **_rate(point.ber),
-            "batch": point.place.batch,
-            "training\ns": f"{cost.training_s:.1f}" if cost.frames else None,
-            "weights": cost.parameters,
-        }
+        named = receiver_text(setting.receiver) if width >= WIDTH_WITH_TITLES else setting.receiver
+        varied = ", ".join(varied_text(setting, prices.settings[0])).replace(" gradient", "")
+        line: Line = {"": mark if first else "", "receiver": named, "locator": setting.locator}
+        line |= {"other": varied, "ms": timing_figure.number_text(point.ms), **_rate(point.ber)}
+        trained = f"{cost.training_s:.1f}" if cost.frames else None
+        line |= {"batch": point.place.batch, "training\ns": trained, "weights": cost.parameters}
         if alone := prices.times.get((setting, Place(device, frames, 1))):
             line["alone\nms"] = timing_figure.number_text(alone.total.value)
         rows.append((line, "" if first else "dim"))
@@ -196,22 +185,22 @@ def print_prices(prices: PriceList, words: str, console: Console) -> None:
         same = f"{best.referenced.frames} frames"
         told = styles.rate_text(best.referenced.ber) if best.referenced.bit_errors else "no error"
         rows.append(({"receiver": "knows the scene", "other": same, **_rate(rate)}, ""))
-        named = {"receiver": best.setting.receiver, "locator": best.setting.locator}
-        rows.append(({**named, "other": f"same {same}", "BER": told}, ""))
-    table = terminal.plain_table()
+        who: Line = {"receiver": best.setting.receiver, "locator": best.setting.locator}
+        rows.append(({**who, "other": f"same {same}", "BER": told}, ""))
     shown = [head for head, least in COLUMNS.items() if width >= least and head in rows[0][0]]
-    for head in shown:
-        left = head in ("", "receiver", "locator", "other")
-        table.add_column(head.replace("other", ""), justify="left" if left else "right", no_wrap=True)
+    table = terminal.plain_table(*(head.replace("other", "") for head in shown))
+    for column in table.columns[:4]:
+        column.justify = "left"
     for line, style in rows:
         texts = ("" if line.get(head) is None else str(line[head]) for head in shown)
-        table.add_row(*map(Text, texts), style=style)
+        table.add_row(*map(terminal.Text, texts), style=style)
     console.print(table)
-    console.print(Text(written("table.txt.j2", prices, mark=mark, scenes=scenes, frames=frames).rstrip()))
-    console.print(Text(words.partition("EVERY KIND OF")[0].rstrip()), soft_wrap=True)
+    below = written("table.txt.j2", prices, mark=mark, scenes=scenes, frames=frames)
+    console.print(terminal.Text(below.rstrip()))
+    console.print(terminal.Text(words.partition("EVERY KIND OF")[0].rstrip()), soft_wrap=True)
 
 
-def _rate(ber: Estimate) -> Line:
+def _rate(ber: estimate.Estimate) -> Line:
     """Write a rate and its interval, or its limit."""
     if ber.value == 0:
         return {"BER": f"< {styles.rate_text(ber.high)}", "95 %": ""}
@@ -235,10 +224,8 @@ def write_price_board(folder: str | Path, prices: PriceList) -> None:
                     own[f"latency_ms/{where}"] = alone.total.value
     try:
         for setting, own in numbers.items():
-            cost = prices.costs[setting]
-            own["making/training_s"] = cost.training_s
-            made = {"making/parameters": cost.parameters, "making/size_bytes": cost.size_bytes}
-            own |= {name: float(number) for name, number in made.items() if number is not None}
+            made = {name: getattr(prices.costs[setting], name) for name in BOARD_COSTS}
+            own |= {f"making/{name}": float(one) for name, one in made.items() if one is not None}
             with SummaryWriter(str(Path(folder) / setting.name)) as writer:
                 # The run's own folder: any other would make a run more.
                 writer.add_hparams(asdict(setting), own, run_name=".")

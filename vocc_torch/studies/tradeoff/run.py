@@ -8,9 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from matplotlib.figure import Figure
-from rich.console import Console
-from torch import Tensor
 
 from vocc_torch.files import write_atomically
 from vocc_torch.measure import build, frame_errors, genie, likelihood, link, stage_times, timing, train
@@ -20,7 +17,7 @@ from vocc_torch.receiver.bank import needs_preambles
 from vocc_torch.receiver.receiver import StagedReceiver
 from vocc_torch.show import folder as run_folder
 from vocc_torch.show import tensorboard, terminal
-from vocc_torch.show.canvas import save_figure
+from vocc_torch.show.canvas import Figure, save_figure
 from vocc_torch.studies.tradeoff import TradeoffConfig, figure, plan, report
 from vocc_torch.studies.tradeoff.prices import Place, PriceList
 from vocc_torch.types import resolve_device
@@ -38,7 +35,7 @@ def run_tradeoff(settings: Settings, config: TradeoffConfig, folder: Path) -> No
     run_folder.refuse_unused(settings)
     run_folder.refuse_results(folder)
     study = plan.build_tradeoff_study(settings, config, folder)
-    console, watch = Console(), terminal.Stopwatch()
+    console, watch = terminal.Console(), terminal.Stopwatch()
     with console.status("starting") as status, watch.stage("receivers"):
         prices = price_receivers(study, Workers(settings.workers), status.update)
     console.print(f"receivers    {watch.seconds['receivers']:6.1f} s", highlight=False)
@@ -117,7 +114,9 @@ class Apart:
 
     receivers: Sequence[tuple[str, StagedReceiver]]
 
-    def __call__(self, views: Mapping[str, link.Observation], /) -> Iterator[tuple[Tensor, Tensor]]:
+    def __call__(
+        self, views: Mapping[str, link.Observation], /
+    ) -> Iterator[tuple[torch.Tensor, torch.Tensor]]:
         """Decide one batch; receivers that rectify alike share it."""
         for locator, one in self.receivers:
             seen, patches, preambles = views[locator], None, None
@@ -162,9 +161,8 @@ def measure_times(
     preambles = needs_preambles([setting.receiver for setting in receivers])
     devices = {name: resolve_device(name) for name in config.devices}
     # The same receiver with each locator is timed in one go too.
-    checked: dict[str, plan.Setting] = {}
-    for setting in sorted(receivers, key=lambda one: one.receiver != END_TO_END):
-        checked.setdefault(setting.locator, setting)
+    last_counts = sorted(reversed(list(receivers)), key=lambda one: one.receiver == END_TO_END)
+    checked = {one.locator: one for one in last_counts}
     in_one_go = [setting.name for setting in checked.values()]
     times: dict[tuple[plan.Setting, Place], stage_times.StageTimes] = {}
     end_to_end: dict[Place, float] = {}

@@ -9,13 +9,11 @@ from typing import Any, ClassVar, Literal
 
 import numpy as np
 import torch
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
-from numpy.typing import NDArray
 from torch import Tensor
 
 from vocc_torch.errors import VoccError
+from vocc_torch.measure.grid import Bools as Bools
+from vocc_torch.measure.grid import Floats as Floats
 from vocc_torch.measure.link import Link, block_keys
 from vocc_torch.measure.plan import Plan
 from vocc_torch.receiver.features import FEATURE_NAMES, preamble_threshold
@@ -32,8 +30,6 @@ STATUS = ((False, "Off", OFF), (True, "On", ON))
 DASHED: dict[str, Any] = {"color": canvas.INK, "linewidth": 1.3, "linestyle": "--"}
 """How thresholds are drawn."""
 
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 Rows = list[tuple[str | int | float, ...]]
 """Lines of a CSV file, its head first."""
 Picture = tuple[Floats, tuple[float, float, float, float]]
@@ -141,10 +137,10 @@ class PaperFigure(abc.ABC):
         """Simulate and measure what the figure shows; the plan's locator is used where the figure says so."""
 
     @abc.abstractmethod
-    def draw_on(self, figure: Figure) -> Mapping[str, object]:
+    def draw_on(self, figure: canvas.Figure) -> Mapping[str, object]:
         """Draw on an empty figure, and return what the footnote says besides the findings, by name."""
 
-    def draw(self) -> Figure:
+    def draw(self) -> canvas.Figure:
         """Draw the picture, with its title and what it rests on."""
         about = FIGURES[self.name]
         figure = canvas.new_figure(10, about["height_in"])
@@ -245,8 +241,8 @@ def cut_out(
 
 
 def add_panel(
-    figure: Figure, corner: tuple[float, float], width: float, picture: Picture, *words: str
-) -> Axes:
+    figure: canvas.Figure, corner: tuple[float, float], width: float, picture: Picture, *words: str
+) -> canvas.Axes:
     """Show a panel's pixels as the camera wrote them, black at 0 and white at 255, in a square.
 
     Args:
@@ -270,14 +266,14 @@ def add_panel(
     return axes
 
 
-def heading(axes: Axes, text: str = "", below: str = "", colour: str = canvas.INK) -> None:
+def heading(axes: canvas.Axes, text: str = "", below: str = "", colour: str = canvas.INK) -> None:
     """Write above the axes, in bold, and a line in grey between the two."""
     axes.set_title(text, fontsize=11.5, color=colour, loc="left", pad=20 if below else 5, fontweight="bold")
     axes.text(0, 1.025, below, transform=axes.transAxes, fontsize=9, color=canvas.QUIET)
 
 
 def note(
-    axes: Axes, text: str, at: tuple[float, float], aside_pt: tuple[float, float] = (0, 0), **look: Any
+    axes: canvas.Axes, text: str, at: tuple[float, float], aside_pt: tuple[float, float] = (0, 0), **look: Any
 ) -> None:
     """Write beside a place of the axes.
 
@@ -291,23 +287,23 @@ def note(
     axes.annotate(text, at, aside_pt, textcoords="offset points", **{"color": canvas.INK, **look})
 
 
-def plain_axes(axes: Axes, x_label: str, y_label: str, grid: Literal["x", "y", "both"] = "y") -> None:
+def plain_axes(axes: canvas.Axes, x_label: str, y_label: str, grid: Literal["x", "y", "both"] = "y") -> None:
     """Label axes, with a grid behind the data."""
     canvas.quiet_axes(axes)
     axes.grid(axis=grid, color=canvas.GRID, linewidth=0.8)
     axes.set(xlabel=x_label, ylabel=y_label)
 
 
-def status_legend(figure: Figure) -> None:
+def status_legend(figure: canvas.Figure) -> None:
     """Name the statuses at the figure's top right."""
     look: dict[str, Any] = {"linestyle": "none", "marker": "o", "markersize": 7}
-    dots = [Line2D([], [], color=colour, label=f"{name} LEDs", **look) for _, name, colour in STATUS]
+    dots = [canvas.Line2D([], [], color=colour, label=f"{name} LEDs", **look) for _, name, colour in STATUS]
     place: dict[str, Any] = {"loc": "upper right", "handlelength": 2.0, "handletextpad": 0.1}
     at = (0.99, 1 - 0.06 / figure.get_figheight())
     canvas.write_legend(figure, dots, at, columns=2, fontsize=10.5, columnspacing=1.4, **place)
 
 
-def legend_above(axes: Axes, columns: int) -> None:
+def legend_above(axes: canvas.Axes, columns: int) -> None:
     """Explain what is drawn, in rows above the axes."""
     place: dict[str, Any] = {"loc": "lower center", "bbox_to_anchor": (0.5, 1.0), "handlelength": 1.2}
     axes.legend(columnspacing=1.0, ncols=columns, frameon=False, fontsize=10, **place)

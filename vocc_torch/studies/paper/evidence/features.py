@@ -5,8 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import torch
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from scipy.optimize import linprog
 from scipy.stats import mannwhitneyu
 
@@ -65,7 +63,7 @@ class FeatureSpread(evidence.PaperFigure):
             for status, side in (("off", ~bits), ("on", bits)):
                 self.findings[f"gri_negative_share_{status}"] = float(np.mean(values["gri"][side] < 0))
 
-    def draw_on(self, figure: Figure) -> Mapping[str, object]:
+    def draw_on(self, figure: canvas.Figure) -> Mapping[str, object]:
         """Draw some of the frames, and each panel with how well it tells On from Off."""
         about, letters = words.FIGURES[self.name], "abcd"
         if gallery := about.get("gallery", 0):
@@ -90,7 +88,7 @@ class FeatureSpread(evidence.PaperFigure):
         counts = {"frames": len(self.sample.bits), "leds": self.sample.bits.size}
         return {**counts, "lines": about.get("lines", "")}
 
-    def draw_pair(self, axes: Axes, name: str) -> None:
+    def draw_pair(self, axes: canvas.Axes, name: str) -> None:
         """Draw two features, or the score of three and NGR, and FLDA's decision between On and Off."""
         first, second = name.split("+") if name in self.lines else (name, "ngr")
         x, y = self.values[first], self.values[second]
@@ -157,7 +155,7 @@ class Projection(evidence.PaperFigure):
         self.findings |= {"wrong_share_on": float(wrong[self.bits].mean())}
         self.findings |= {"wrong_share_off": float(wrong[~self.bits].mean())}
 
-    def draw_on(self, figure: Figure) -> Mapping[str, object]:
+    def draw_on(self, figure: canvas.Figure) -> Mapping[str, object]:
         """Draw w among the LEDs of two features, and the histogram of the projections of all three."""
         axes = figure.add_axes((0.075, 0.215, 0.41, 0.62))
         self.draw_plane(axes)
@@ -173,7 +171,7 @@ class Projection(evidence.PaperFigure):
         shown = {"frames": self.frames, "leds": len(self.bits), "shown": min(SHOWN, len(self.bits))}
         return {**shown, "weights": ", ".join(weights).replace("-", "\N{MINUS SIGN}")}
 
-    def draw_plane(self, axes: Axes) -> None:
+    def draw_plane(self, axes: canvas.Axes) -> None:
         """Draw two features over their deviations, w as an arrow and the threshold at a right angle to it."""
         deviation, midpoint = self.deviation[:2], self.flda.statistics.mean.mean(dim=0).numpy()[:2]
         scaled = (self.features[:SHOWN, :2] - midpoint) / deviation
@@ -194,7 +192,7 @@ class Projection(evidence.PaperFigure):
         axes.set_xlim(-reach * box.width / box.height, reach * box.width / box.height)
 
 
-def status_histogram(axes: Axes, values: Floats, bits: Bools, label: str, *, log: bool = False) -> None:
+def status_histogram(axes: canvas.Axes, values: Floats, bits: Bools, label: str, log: bool = False) -> None:
     """Draw the histograms of On and of Off LEDs over the same bins, each as shares of its own LEDs.
 
     Args:
@@ -217,7 +215,7 @@ def status_histogram(axes: Axes, values: Floats, bits: Bools, label: str, *, log
     evidence.plain_axes(axes, label, "Share of LEDs")
 
 
-def status_cloud(axes: Axes, x: Floats, y: Floats, bits: Bools, labels: tuple[str, str]) -> None:
+def status_cloud(axes: canvas.Axes, x: Floats, y: Floats, bits: Bools, labels: tuple[str, str]) -> None:
     """Draw a point an LED; On and Off are mixed, so that neither hides the other.
 
     Args:
@@ -235,7 +233,7 @@ def status_cloud(axes: Axes, x: Floats, y: Floats, bits: Bools, labels: tuple[st
     evidence.plain_axes(axes, *labels, grid="both")
 
 
-def negative_share(axes: Axes, values: Floats, bits: Bools, at: tuple[float, float]) -> None:
+def negative_share(axes: canvas.Axes, values: Floats, bits: Bools, at: tuple[float, float]) -> None:
     """Write how many of the Off and of the On LEDs have a negative value, left of a place of the axes."""
     off, on = (evidence.percent_text(float(np.mean(values[side] < 0))) for side in (~bits, bits))
     text = f"negative: {off} of Off,\n{on} of On LEDs"

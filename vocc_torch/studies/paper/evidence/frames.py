@@ -7,11 +7,7 @@ from typing import Any
 
 import numpy as np
 import torch
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
-from numpy.typing import NDArray
-from torch import Tensor
 
 from vocc_torch.measure import plan as plans
 from vocc_torch.measure import stage_times, timing, train
@@ -19,15 +15,13 @@ from vocc_torch.receiver import bank, foreground, location, receiver
 from vocc_torch.receiver.features import image_gradient, radial_inward_field
 from vocc_torch.rng import BLOCK_FRAMES, BlockKey
 from vocc_torch.show import timing_figure
-from vocc_torch.show.canvas import GRID, INK, QUIET
-from vocc_torch.simulation import photometry
-from vocc_torch.simulation.effects import Context
-from vocc_torch.simulation.simulator import Framing
+from vocc_torch.show.canvas import GRID, INK, QUIET, Axes, Figure
+from vocc_torch.simulation import effects, photometry, simulator
 from vocc_torch.studies.paper import evidence
 from vocc_torch.studies.paper.evidence import Bools, Floats, features
 from vocc_torch.types import Frames, Scene
 
-FRAMINGS: Mapping[str, Framing] = {"whole_frames": "filled", "crops": "crop"}
+FRAMINGS: Mapping[str, simulator.Framing] = {"whole_frames": "filled", "crops": "crop"}
 """What is handed to the stages: frames of the whole sensor, as in the paper, or what the simulator crops."""
 SINGLE_ROUNDS, BATCH_ROUNDS = 48, 11
 """Timed rounds with one frame at a time, each round with another frame; and with a whole batch."""
@@ -175,7 +169,13 @@ class FrameHistogram(evidence.PaperFigure):
         seen = simulator.render(scene, bits)
         frames = Frames(location.quantised(seen.grey), seen.origin_px, seen.sensor_px, seen.surround)
         corners, located = simulator.true_panels(scene).corners_px, locate(frames, shape)
-        status, grey = cell_status(frames, corners, bits[0]), frames.grey[0, 0].cpu().numpy()
+        # Whose cell the centre of each pixel lies in: 1 On, 0 Off, -1 none.
+        (left, top), (right, bottom) = (corners[0, [0, 2]] - frames.origin_px[0]).tolist()
+        grey = frames.grey[0, 0].cpu().numpy()
+        row = np.digitize(np.arange(grey.shape[0]) + 0.5, np.linspace(top, bottom, shape.rows + 1))
+        column = np.digitize(np.arange(grey.shape[1]) + 0.5, np.linspace(left, right, shape.columns + 1))
+        cells = np.pad(bits[0].cpu().numpy().astype(int), 1, constant_values=-1)
+        status = cells[np.ix_(row, column)]
         self.off_counts, self.on_counts = (
             np.bincount(grey[status == bit], minlength=256).astype(float) for bit in (0, 1)
         )
@@ -241,21 +241,6 @@ class FrameHistogram(evidence.PaperFigure):
             evidence.note(axes, f"{name}\n{level:.0f}", (level, height), aside, color=colour, **bold)
 
 
-def cell_status(frames: Frames, corners_px: Tensor, bits: Tensor) -> NDArray[np.int64]:
-    """Whose cell the centre of each pixel of a single frame lies in: 1 On, 0 Off, -1 none; (h,w).
-
-    Args:
-        frames: one frame or crop.
-        corners_px: (1,4,2) the grid of cells, upright.
-        bits: (R,C).
-    """
-    (left, top), (right, bottom) = (corners_px[0, [0, 2]] - frames.origin_px[0]).tolist()
-    (height, width), (rows, columns) = frames.grey.shape[-2:], bits.shape
-    row = np.digitize(np.arange(height) + 0.5, np.linspace(top, bottom, rows + 1))
-    column = np.digitize(np.arange(width) + 0.5, np.linspace(left, right, columns + 1))
-    return np.pad(bits.cpu().numpy().astype(int), 1, constant_values=-1)[np.ix_(row, column)]
-
-
 def grey_levels(plan: plans.Plan, scene: Scene) -> Floats:
     """Grey of the background, of an Off and of an On LED of one scene before any blur, by Eqs 1 to 3; (3,).
 
@@ -265,7 +250,7 @@ def grey_levels(plan: plans.Plan, scene: Scene) -> Floats:
     surfaces = panel.background_reflectance, panel.led_reflectance
     background, off = (photometry.reflected_luminance_cd_m2(scene.ambient_lx, one) for one in surfaces)
     seen = torch.cat([background, off, off + scene.led_luminance_cd_m2])
-    iso = photometry.auto_iso(Context(scene, camera, panel=panel))
+    iso = photometry.auto_iso(effects.Context(scene, camera, panel=panel))
     exposures = photometry.through_lens(seen, camera)
     greys = photometry.grey_value(exposures, iso, gamma=camera.gamma).double().cpu()
     return (greys.clamp(max=255.0) if "saturation" in plan.world.effects else greys).numpy()
@@ -311,13 +296,10 @@ class ProcessingTime(evidence.PaperFigure):
             for batch, count in sorted(rounds.items()):
                 timed[kind, batch] = stage_times.time_stages(receivers, exposure, batch, count, device)
         worked = sum(one.processor_s for one in timed.values()) / sum(one.wall_s for one in timed.values())
-        self.measured = timing_figure.DetectionTimes(
-            by_place={place: one.by_receiver for place, one in timed.items()},
-            sensor_px=plan.world.camera.sensor_px,
-            machine=timing.describe_machine(device),
-            threads=torch.get_num_threads(),
-            waited_share=max(0.0, 1 - worked) if device.type == "cpu" else 0.0,
-        )
+        waited = max(0.0, 1 - worked) if device.type == "cpu" else 0.0
+        about = plan.world.camera.sensor_px, timing.describe_machine(device), torch.get_num_threads(), waited
+        by_place = {place: one.by_receiver for place, one in timed.items()}
+        self.measured = timing_figure.DetectionTimes(by_place, *about)
         self.rows, self.findings = lay_out(self.measured)
 
     def draw_on(self, figure: Figure) -> Mapping[str, object]:

@@ -6,13 +6,11 @@ from typing import Any
 
 import numpy as np
 import torch
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from scipy.optimize import brentq
 
 from vocc_torch.errors import VoccError
-from vocc_torch.show.canvas import INK, QUIET
+from vocc_torch.show.canvas import INK, QUIET, Axes, Figure
 from vocc_torch.simulation import Simulator, effects
 from vocc_torch.studies.paper import evidence, words
 from vocc_torch.studies.paper.evidence import features
@@ -47,16 +45,13 @@ class GreyOverlap(evidence.PaperFigure):
         mean_on, mean_off = (np.ma.array(greys, mask=m).mean((1, 2)).filled(np.nan) for m in (~bits, bits))
         wrong, threshold = features.least_error(greys, bits)
         self.rows = evidence.led_rows(bits, {"average_grey": greys})
-        self.findings = {
-            "dark_frame_highest_on_grey": float(greys[dark][bits[dark]].max()),
-            "dark_frame_mean_on_grey": float(mean_on[dark]),
-            "bright_frame_lowest_off_grey": float(greys[bright][~bits[bright]].min()),
-            "bright_frame_mean_off_grey": float(mean_off[bright]),
-            "contradicting_pairs_share": float(np.mean(mean_on[:, None] < mean_off[None, :])),
-            "best_fixed_threshold_grey": threshold,
-            "best_fixed_threshold_wrong_share": wrong,
-            "average_grey_auc": features.roc_area(greys, bits),
-        }
+        highest, lowest = float(greys[dark][bits[dark]].max()), float(greys[bright][~bits[bright]].min())
+        found = {"dark_frame_highest_on_grey": highest, "dark_frame_mean_on_grey": float(mean_on[dark])}
+        found |= {"bright_frame_lowest_off_grey": lowest}
+        found |= {"bright_frame_mean_off_grey": float(mean_off[bright])}
+        found |= {"contradicting_pairs_share": float(np.mean(mean_on[:, None] < mean_off[None, :]))}
+        found |= {"best_fixed_threshold_grey": threshold, "best_fixed_threshold_wrong_share": wrong}
+        self.findings = {**found, "average_grey_auc": features.roc_area(greys, bits)}
 
     def draw_on(self, figure: Figure) -> Mapping[str, object]:
         """Draw the two frames, and every frame's range of greys by status."""
@@ -140,23 +135,18 @@ class BloomingInterference(evidence.PaperFigure):
         (picture,) = evidence.cut_out(rendered, panels.corners_px, plan.world.panel.shape)
         self.pictures = picture, sample.pictures[frame]
         bloomed, gri = sample.greys[frame], sample.feature("gri")[one]
-        values = {"without_blooming": sharp, "with_blooming": bloomed[None]}
-        greys = {f"average_grey_{name}": grey for name, grey in values.items()}
+        greys = {"average_grey_without_blooming": sharp, "average_grey_with_blooming": bloomed[None]}
         self.rows = [line[1:] for line in evidence.led_rows(bits, greys | {"gri_with_blooming": gri})]
         around = slice(max(0, row - 1), row + 2), slice(max(0, column - 1), column + 2)
         cells, misread = bloomed[around], int((margins >= 0).sum())
-        self.findings = {
-            "led_row": row + 1,
-            "led_column": column + 1,
-            "grey_without_blooming": float(sharp[0, row, column]),
-            "grey_with_blooming": float(bloomed[self.led]),
-            "threshold": float(sample.thresholds[frame]),
-            "on_neighbours": int(bits[0][around].sum()),
-            "neighbours_mean_grey": float((cells.sum() - bloomed[self.led]) / max(1, cells.size - 1)),
-            "gri": float(gri[0, row, column]),
-            "misread_off_leds": misread,
-            "misread_off_share": misread / int((~sample.bits).sum()),
-        }
+        self.findings = {"led_row": row + 1, "led_column": column + 1}
+        before, after = float(sharp[0, row, column]), float(bloomed[self.led])
+        self.findings |= {"grey_without_blooming": before, "grey_with_blooming": after}
+        self.findings |= {"threshold": float(sample.thresholds[frame])}
+        self.findings |= {"on_neighbours": int(bits[0][around].sum())}
+        self.findings |= {"neighbours_mean_grey": (float(cells.sum()) - after) / max(1, cells.size - 1)}
+        self.findings |= {"gri": float(gri[0, row, column]), "misread_off_leds": misread}
+        self.findings |= {"misread_off_share": misread / int((~sample.bits).sum())}
 
     def draw_on(self, figure: Figure) -> Mapping[str, object]:
         """Draw the panel without and with blooming, and the greys along the LED's row."""
@@ -293,11 +283,10 @@ class ContrastPanels(evidence.PaperFigure):
         self.seen, self.conditions = (on - off).numpy() / 255.0, evidence.conditions(both)
         self.rows = evidence.pixel_rows(dict(zip(scenes, self.pictures, strict=True)))
         self.findings = {}
-        for index, name in enumerate(scenes):
-            self.findings[f"contrast_{name}"] = float(self.contrasts[index])
-            self.findings[f"contrast_in_picture_{name}"] = float(self.seen[index])
-            self.findings[f"led_luminance_cd_m2_{name}"] = float(self.conditions[index, 1])
-            self.findings[f"background_grey_{name}"] = float(self.conditions[index, 3])
+        names = ("contrast", "contrast_in_picture", "led_luminance_cd_m2", "background_grey")
+        numbers = np.stack([self.contrasts, self.seen, *self.conditions[:, [1, 3]].T], axis=1).tolist()
+        for scene_name, line in zip(scenes, numbers, strict=True):
+            self.findings |= {f"{name}_{scene_name}": one for name, one in zip(names, line, strict=True)}
 
     def draw_on(self, figure: Figure) -> Mapping[str, object]:
         """Draw the paper's scenes above, and scenes that have the contrast it states below."""
@@ -306,9 +295,7 @@ class ContrastPanels(evidence.PaperFigure):
             wanted = list(PAPER_SCENES)[column]
             # The same in whole percents is not said twice.
             stated = f" (paper: {wanted} %)" if abs(contrast - wanted / 100) > 0.005 else ""
-            ambient, luminance, _, background = self.conditions[index]
-            parts = (f"{ambient:,.0f} lx", f"{luminance:,.0f} cd/m²", f"background {background:.0f}")
-            below = " \N{MIDDLE DOT} ".join(parts).replace(",", "\N{THIN SPACE}")
+            below = evidence.condition_text(self.conditions[index], background=True)
             text = f"contrast {100 * contrast:.1f} %{stated}"
             corner = 0.075 + 0.31 * column, 0.55 - 0.44 * row
             axes = evidence.add_panel(figure, corner, 0.28, self.pictures[index], text, below)
