@@ -245,9 +245,9 @@ class FrameJob:
             at_once: frames in a call, at least 1; best a multiple of a block.
             told: called with the frames of each call when it is done.
         """
-        parts = [range(first, min(first + at_once, frames)) for first in range(0, frames, at_once)]
         calls = []
-        for part in parts:
+        for first in range(0, frames, at_once):
+            part = range(first, min(first + at_once, frames))
             calls.append(workers.submit(self, part))
             if told is not None:
                 calls[-1].add_done_callback(partial(lambda done, _: told(done), len(part)))
