@@ -16,7 +16,7 @@ def banks(plan, fldas):
 def counter(plan, flda, value):
     """What counts the blocks of a point."""
     locator = plan.receiver.locator
-    return partial(count_parts, plan, (locator,), banks(plan, {locator: flda}), value)
+    return partial(count_parts, plan, banks(plan, {locator: flda}), value)
 
 
 def run_point(count, rule, *, blocks_at_once=1, told=lambda frames, counts: None):

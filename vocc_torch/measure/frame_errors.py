@@ -59,8 +59,7 @@ class FrameErrors:
         """Refuse more than 64 bits can count."""
         frames = self.half_errors.shape[1]
         if frames * (2 * int(self.leds)) ** 2 > np.iinfo(np.int64).max:
-            rule = f"the squared errors of {frames} frames must fit into 64 bits"
-            raise VoccError(f"leds is {self.leds}: {rule}; count fewer frames at a time")
+            raise VoccError.of("leds", self.leds, f"less: squared errors of {frames} frames overflow 64 bits")
 
     @classmethod
     def joined(cls, parts: Iterable[Self]) -> Self:

@@ -229,7 +229,7 @@ def _told(path: Path) -> Iterator[None]:
     except (sqlite3.Error, OSError, ValueError, TypeError, KeyError, RecursionError) as error:
         kind = getattr(error, "sqlite_errorcode", sqlite3.SQLITE_CORRUPT) & 0xFF
         busy = f"is in use by another run: wait until that one ends, or {_ANOTHER}"
-        told = {sqlite3.SQLITE_NOTADB: _STRANGER, **dict.fromkeys(_BUSY, busy)}.get(kind, "")
+        told = {sqlite3.SQLITE_NOTADB: _STRANGER, **dict.fromkeys(_BUSY, busy)}.get(kind)
         if isinstance(error, sqlite3.ProgrammingError):
             told = "is closed: open it again"
         elif not told and not isinstance(error, OSError) and kind not in (*_FULL, *_REFUSED):

@@ -130,7 +130,7 @@ def run_studies(
     works = []
     for study, value in points:
         name, told = point_name(study.plan.experiment, value), partial(progress, study, value)
-        count = partial(count_parts, study.plan, study.locators, banks[study.key], value)
+        count = partial(count_parts, study.plan, banks[study.key], value)
         rule = replace(study.plan.budget, frames=study.plan.frames_in_point)  # those of all bins
         works.append(PointWork(name, count, rule, ledgers.get(study.key), told))
     blocks = max(1, max((study.plan.batch_frames for study in studies), default=1) // BLOCK_FRAMES)
@@ -141,11 +141,7 @@ def run_studies(
 
 
 def count_parts(
-    plan: Plan,
-    locators: Sequence[Locator],
-    banks: Mapping[Locator, ReceiverBank],
-    value: float,
-    parts: Sequence[Part],
+    plan: Plan, banks: Mapping[Locator, ReceiverBank], value: float, parts: Sequence[Part]
 ) -> list[dict[Label, Tally]]:
     """Count the errors of every receiver on blocks of one point, and compare every two of them.
 
@@ -154,19 +150,18 @@ def count_parts(
 
     Args:
         plan: the study.
-        locators: names of the locators.
-        banks: the receivers, trained with each of the locators.
+        banks: the receivers, trained with each of the locators, by the locator.
         value: the axis value; without meaning for ``contrast``.
         parts: the blocks; only the last one may be used in part.
     """
     # Blocks known already may be missing between others, but only a budget's last one is used in part.
     assert all(part.frames == BLOCK_FRAMES for part in parts[:-1]), parts
-    receivers, names = frame_errors.Banks([(name, banks[name]) for name in locators]), plan.receiver.names
+    receivers, names = frame_errors.Banks(list(banks.items())), plan.receiver.names
     model, point = plan.experiment.model_at(plan.world, value), point_name(plan.experiment, value)
     sorter, preambles = partial(group_of, plan.experiment), receivers.needs_preambles
-    job = frame_errors.FrameJob(plan, model, point, tuple(locators), receivers, preambles, sorter)
+    job = frame_errors.FrameJob(plan, model, point, tuple(banks), receivers, preambles, sorter)
     errors = job.count([part.block for part in parts], sum(part.frames for part in parts))
-    rows = {name: range(first * len(names), (first + 1) * len(names)) for first, name in enumerate(locators)}
+    rows = {name: range(first * len(names), (first + 1) * len(names)) for first, name in enumerate(banks)}
     counted = []
     for start in range(0, len(parts) * BLOCK_FRAMES, BLOCK_FRAMES):
         block = errors.of(frames=slice(start, start + BLOCK_FRAMES))

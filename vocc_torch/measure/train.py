@@ -339,9 +339,8 @@ def train_classifiers(
         VoccError: a classifier that cannot be built or trained, by its name.
     """
     kept: dict[SceneModel, dict[int, list[Read]]] = {}
-    classifiers, made = {}, {}
+    classifiers, made, scenes = {}, {}, plan.experiment.training_model(plan.world)
     for one in plan.receiver.classifiers:
-        scenes = plan.experiment.training_model(plan.world)
         model = narrowed(scenes, one.scene, f"classifiers.{one.name}.scene")
         shared = kept.setdefault(model, {}) if keep else None
         stream = PanelStream(link, locator, model, plan.seed, one.inputs, shared)

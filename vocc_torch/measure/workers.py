@@ -198,8 +198,10 @@ def stop_reason(rule: Budget, tallies: Mapping[Label, Tally], blocks: int) -> st
     """
     counts = {label: one for label, one in tallies.items() if isinstance(one, Counts)}
     if counts and rule.target_frame_errors is not None:
-        of_groups = [[one for own, one in counts.items() if own[:-1] == label[:-1]] for label in counts]
-        if all(sum(one.frame_errors for one in group) >= rule.target_frame_errors for group in of_groups):
+        errors: dict[Label, int] = {}
+        for label, one in counts.items():
+            errors[label[:-1]] = errors.get(label[:-1], 0) + one.frame_errors
+        if min(errors.values()) >= rule.target_frame_errors:
             return "frame_errors"
     power_of_two = 1 << (blocks.bit_length() - 1)
     if not counts or rule.precision is None or blocks % max(FIRST_CHECK, power_of_two // 16):
