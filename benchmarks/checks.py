@@ -28,7 +28,7 @@ from typing import Any
 import torch
 
 from vocc_torch.files import write_atomically
-from vocc_torch.measure.timing import describe_machine, interleaved, quartiles
+from vocc_torch.measure.timing import describe_machine, interleaved, median_of
 
 PACKAGE = Path(__file__).resolve().parents[1] / "vocc_torch"
 WITHOUT, AGAIN = "vocc_torch_without", "vocc_torch_again"
@@ -251,7 +251,7 @@ def compared(rounds: int) -> list[dict[str, object]]:
         base = spent[WITHOUT].seconds
         for what, package in (("checks", "vocc_torch"), ("checks, again", AGAIN)):
             pairs = zip(spent[package].seconds, base, strict=True)
-            low, median, high = quartiles([a / b - 1 for a, b in pairs])
+            share = median_of([a / b - 1 for a, b in pairs])
             # The median's own 95 % interval, from the order statistics of the rounds.
             ratios = sorted(a / b - 1 for a, b in zip(spent[package].seconds, base, strict=True))
             reach = round(0.98 * rounds**0.5)
@@ -260,13 +260,13 @@ def compared(rounds: int) -> list[dict[str, object]]:
                 {
                     "locator": locator,
                     "what": what,
-                    "share": median,
-                    "quartile_low": low,
-                    "quartile_high": high,
+                    "share": share.value,
+                    "quartile_low": share.low,
+                    "quartile_high": share.high,
                     "median_low": sure[0],
                     "median_high": sure[1],
-                    "with_ms": 1e3 * spent[package].median_s,
-                    "without_ms": 1e3 * spent[WITHOUT].median_s,
+                    "with_ms": 1e3 * median_of(spent[package].seconds).value,
+                    "without_ms": 1e3 * median_of(base).value,
                     "rounds": rounds,
                     "checks_met": sum(checks_met(calls["vocc_torch"]).values()),
                     "machine": describe_machine(torch.device("cpu")),

@@ -10,7 +10,7 @@ import argparse
 import torch
 
 from vocc_torch import PanelShape, Simulator
-from vocc_torch.measure.timing import describe_machine, interleaved
+from vocc_torch.measure.timing import describe_machine, interleaved, median_of
 from vocc_torch.receiver.location import PaperLocator
 from vocc_torch.receiver.locators import RefinedLocator
 from vocc_torch.rng import BlockKey, FrameKey
@@ -54,8 +54,8 @@ def main() -> None:
         }
         times = interleaved(calls, given.rounds, torch.device("cpu"))
         cells = [
-            f"{t.median_s / count * 1e3:.2g} [{t.low_s / count * 1e3:.2g}, {t.high_s / count * 1e3:.2g}]"
-            for t in (times["paper"], times["refined"])
+            f"{t.value / count * 1e3:.2g} [{t.low / count * 1e3:.2g}, {t.high / count * 1e3:.2g}]"
+            for t in (median_of(times[name].seconds) for name in ("paper", "refined"))
         ]
         print(f"| {kind} | {cells[0]} | {cells[1]} |", flush=True)
 

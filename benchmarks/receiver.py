@@ -30,7 +30,7 @@ from peer_receiver import PeerReceiver
 from torch import Tensor
 
 from vocc_torch import Simulator
-from vocc_torch.measure.timing import Timing, describe_machine, interleaved, settle_memory
+from vocc_torch.measure.timing import Timing, describe_machine, interleaved, median_of, settle_memory
 from vocc_torch.receiver.flda import FLDA
 from vocc_torch.receiver.location import PaperLocator
 from vocc_torch.receiver.locators import PanelLocator, locator_named
@@ -196,20 +196,21 @@ def agreement(flda: FLDA, count: int) -> str:
 def rows_of(times: dict[Key, Timing], frames: dict[str, int], machine: str) -> list[dict[str, object]]:
     """Write times a frame as rows; of the ways to use two threads the quicker is kept."""
     best: dict[tuple[object, ...], Key] = {}
-    for key, timing in times.items():
+    spent = {key: median_of(timing.seconds) for key, timing in times.items()}
+    for key in times:
         how = key.how if key.device == "cuda" else ""
         place = (key.scene, key.program, key.device, key.threads, key.batch, how, key.stage)
-        if place not in best or timing.median_s < times[best[place]].median_s:
+        if place not in best or spent[key].value < spent[best[place]].value:
             best[place] = key
     rows: list[dict[str, object]] = []
     for key in best.values():
-        timing, count = times[key], frames[key.scene]
+        own, count = spent[key], frames[key.scene]
         rival = best.get((key.scene, STANDARD, "cpu", key.threads, key.batch, "", "all"))
-        ratio = times[rival].median_s / timing.median_s if rival and key.stage == "all" else None
-        ms = [f"{1e3 * value / count:.4g}" for value in (timing.median_s, timing.low_s, timing.high_s)]
+        ratio = spent[rival].value / own.value if rival and key.stage == "all" else None
+        ms = [f"{1e3 * value / count:.4g}" for value in (own.value, own.low, own.high)]
         row: dict[str, object] = dict(zip(FIELDS, (*vars(key).values(), *ms), strict=True))
         row |= {
-            "frames_per_second": f"{count / timing.median_s:.4g}",
+            "frames_per_second": f"{count / own.value:.4g}",
             "times_opencv": "" if ratio is None else f"{ratio:.2f}",
             "machine": machine,
         }
@@ -255,10 +256,11 @@ def show(rows: list[dict[str, object]]) -> None:
 
 def bandwidth(times: dict[Key, Timing], grey: Tensor) -> Iterator[str]:
     """Say what share of the accelerator's bandwidth reading each frame once would be."""
-    copies = [2**31 / timing.median_s for key, timing in times.items() if key.program.startswith("copy")]
-    for key, timing in times.items():
+    spent = {key: median_of(timing.seconds).value for key, timing in times.items()}
+    copies = [2**31 / one for key, one in spent.items() if key.program.startswith("copy")]
+    for key, one in spent.items():
         if key.device == "cuda" and key.how == "resident" and not key.program.startswith("copy"):
-            rate = grey.numel() / timing.median_s
+            rate = grey.numel() / one
             yield f"{key.program}, batch {key.batch}: {rate / 1e9:.1f} GB/s of frames, {rate / copies[0]:.1%}"
 
 

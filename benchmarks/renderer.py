@@ -23,7 +23,7 @@ from torch import Tensor
 
 from vocc_torch import Simulator
 from vocc_torch.measure.link import block_keys
-from vocc_torch.measure.timing import describe_machine, interleaved, threads
+from vocc_torch.measure.timing import describe_machine, interleaved, median_of, threads
 from vocc_torch.rng import FrameKey
 from vocc_torch.show.folder import write_rows
 from vocc_torch.simulation import SceneModel
@@ -237,7 +237,8 @@ def main() -> None:
         rows: list[list[str | int | float]] = []
         for one, (name, timing), frames in zip(every, times.items(), counts, strict=True):
             found = errors(one, drawn, given.device)
-            ms = [1e3 * s / frames for s in (timing.median_s, timing.low_s, timing.high_s)]
+            spent = median_of(timing.seconds)
+            ms = [1e3 * s / frames for s in (spent.value, spent.low, spent.high)]
             print(f"{name:<16} {ms[0]:8.3f} ms, worst error {found[0]:.2g}, {100 * found[2]:.2g} % changed")
             numbers = [float(f"{value:.5g}") for value in (*ms, *found)]
             rows.append([one.knob, one.value, *numbers[:3], given.rounds, frames, *numbers[3:], 1])

@@ -18,7 +18,7 @@ import torch
 import yaml
 
 from vocc_torch import PanelShape, Simulator
-from vocc_torch.measure.timing import describe_machine, interleaved
+from vocc_torch.measure.timing import describe_machine, interleaved, median_of
 from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.simulation import Camera, Distribution, SceneModel
 from vocc_torch.simulation.effects import PHYSICAL_ORDER, Parameters, Quantity
@@ -79,7 +79,7 @@ def measured(path: Path, rounds: int, whole: bool, frames: int) -> tuple[float, 
 
     calls = {name: shot(effects) for name, effects in wanted.items()}
     times = interleaved(calls, rounds, torch.device("cpu"), warm_up=1)  # type: ignore[arg-type]  # all are callable
-    ms = {name: timing.median_s / frames * 1e3 for name, timing in times.items()}
+    ms = {name: median_of(timing.seconds).value / frames * 1e3 for name, timing in times.items()}
     added = sum(ms[f"{name} with"] - ms[f"{name} without"] for name in pairs)
     return ms["scene"], ms["none"], added
 

@@ -1,8 +1,9 @@
 """One point of a plan, counted in this process."""
 
+from dataclasses import replace
 from functools import partial
 
-from vocc_torch.measure.sweep import count_parts, points_of, stop_rule
+from vocc_torch.measure.sweep import count_parts, points_of
 from vocc_torch.measure.workers import PointWork, Workers, run_points
 from vocc_torch.receiver.bank import ReceiverBank
 
@@ -15,7 +16,7 @@ def banks(plan, fldas):
 def counter(plan, flda, value):
     """What counts the blocks of a point."""
     locator = plan.receiver.locator
-    return partial(count_parts, plan, (locator,), banks(plan, {locator: flda}), value)
+    return partial(count_parts, plan, banks(plan, {locator: flda}), value)
 
 
 def run_point(count, rule, *, blocks_at_once=1, told=lambda frames, counts: None):
@@ -27,5 +28,6 @@ def run_point(count, rule, *, blocks_at_once=1, told=lambda frames, counts: None
 def sweep_point(plan, flda, value):
     """Count a point and give its results, one for each receiver."""
     at_once = max(1, plan.batch_frames // 64)
-    outcome = run_point(counter(plan, flda, value), stop_rule(plan), blocks_at_once=at_once)
+    rule = replace(plan.budget, frames=plan.frames_in_point)
+    outcome = run_point(counter(plan, flda, value), rule, blocks_at_once=at_once)
     return points_of(plan, plan.receiver.locator, value, outcome.counts, outcome.stopped_by)

@@ -74,7 +74,7 @@ def test_its_frames_are_those_that_the_receivers_meet(make_plan, trained, render
     plan = make_plan(
         locator=locator, experiment=experiment, seed=5, effects=effects, names=("flda_3",), batch_frames=7
     )
-    count_parts(plan, (locator,), {locator: ReceiverBank(("flda_3",), trained)}, 70.0, [Part(0, 8)])
+    count_parts(plan, {locator: ReceiverBank(("flda_3",), trained)}, 70.0, [Part(0, 8)])
     theirs = list(rendered)
     rendered.clear()
     model = experiment.model_at(plan.world, 70.0)

@@ -73,10 +73,10 @@ def asked(monkeypatch):
     """The blocks that are counted in this process."""
     blocks, count = [], sweep.count_parts
 
-    def watched(plan, locators, banks, value, parts):
+    def watched(plan, banks, value, parts):
         point = sweep.point_name(plan.experiment, value)
         blocks.extend((point, part.block, part.frames) for part in parts)
-        return count(plan, locators, banks, value, parts)
+        return count(plan, banks, value, parts)
 
     monkeypatch.setattr(sweep, "count_parts", watched)
     return blocks

@@ -54,7 +54,7 @@ def fldas(plan):
 @pytest.fixture(scope="module")
 def together(plan, fldas):
     """Both locators in one pass, block by block."""
-    return count_parts(plan, BOTH, banks(plan, fldas), 600.0, PARTS)
+    return count_parts(plan, banks(plan, fldas), 600.0, PARTS)
 
 
 def at(plan, locator):
@@ -68,12 +68,13 @@ def test_two_locators_in_one_pass_count_what_each_alone_counts(plan, fldas, toge
         for name, tensor in fldas[locator].state_dict().items():
             assert tensor.equal(trained.state_dict()[name]), (locator, name)
         own = banks(plan, {locator: fldas[locator]})
-        alone = count_parts(at(plan, locator), (locator,), own, 600.0, PARTS)
+        alone = count_parts(at(plan, locator), own, 600.0, PARTS)
         for block, mine in zip(together, alone, strict=True):
             assert {label: one for label, one in block.items() if label[0] == locator} == mine
     located, true = together[0]["paper", "flda_3", 0], together[0]["truth", "flda_3", 0]
     assert (0 < located.panels_missed < 32, true.panels_missed) == (True, 0)
-    assert count_parts(plan, BOTH[::-1], banks(plan, fldas), 600.0, PARTS) == together
+    turned = dict(reversed(banks(plan, fldas).items()))
+    assert count_parts(plan, turned, 600.0, PARTS) == together
 
 
 def test_every_comparison_is_the_difference_of_two_counts(plan, together):

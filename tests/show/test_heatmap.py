@@ -28,7 +28,7 @@ FOUR = ("center_greyscale", "average_greyscale", "flda_2", "flda_3")
 def grid():
     """Four receivers; flda_3 has cells without errors."""
     made = paper_like_grid(FOUR, frames=512)
-    assert made.errorless("flda_3").any()
+    assert (made.ber("flda_3") == 0).any()
     return made
 
 
@@ -115,7 +115,7 @@ def test_cells_without_errors_are_hatched(grid, heat):
         }
         expected = {
             (round(cell_edges(AMBIENT)[i], 6), round(cell_edges(LUMINANCE)[j], 6))
-            for i, j in np.argwhere(grid.errorless(name))
+            for i, j in np.argwhere(grid.ber(name) == 0)
         }
         assert hatched == expected
 

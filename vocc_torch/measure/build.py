@@ -18,13 +18,8 @@ from vocc_torch.errors import VoccError, section
 from vocc_torch.hardware import LedPanel, PanelShape
 from vocc_torch.measure import plan as plans
 from vocc_torch.measure.config import ClassifierSettings, Settings, effect_settings
-from vocc_torch.receiver.bank import RECEIVER_NAMES
-from vocc_torch.receiver.classifiers.adapters import SklearnClassifier, TorchClassifier, is_estimator
-from vocc_torch.receiver.classifiers.inputs import Inputs
-from vocc_torch.receiver.classifiers.protocol import Guarded, ModuleFile
-from vocc_torch.receiver.classifiers.training import TrainingRecipe
-from vocc_torch.receiver.location import PaperLocator
-from vocc_torch.receiver.reader import Reader
+from vocc_torch.receiver import bank, location, reader
+from vocc_torch.receiver.classifiers import Guarded, Inputs, adapters, protocol, training
 from vocc_torch.simulation import SceneModel
 from vocc_torch.types import resolve_device
 
@@ -33,7 +28,7 @@ PRECISIONS = {"float32": torch.float32, "float64": torch.float64}
 HALF_PRECISIONS = ("bfloat16", "float16", "half")
 """Known to torch and not offered: they change pixels and decided bits (benchmarks/precision.py)."""
 
-RESERVED = (*RECEIVER_NAMES, "_summary")
+RESERVED = (*bank.RECEIVER_NAMES, "_summary")
 """Names that no classifier may have: those of receivers, and of the board that compares them."""
 
 
@@ -56,7 +51,6 @@ def build_plan(settings: Settings, folder: Path) -> plans.Plan:
         own = {name: value for name, value in vars(scene.camera).items() if value is not None}
         camera = replace(settings.camera, **own)
     shape = PanelShape(panel.pop("rows"), panel.pop("columns"))
-    classifiers = tuple(classifier_plan(name, one) for name, one in settings.classifiers.items())
     world = plans.World(
         camera=camera,
         panel=LedPanel(shape=shape, **panel),
@@ -68,10 +62,10 @@ def build_plan(settings: Settings, folder: Path) -> plans.Plan:
     )
     receivers = plans.ReceiverPlan(
         names=(*receiver.names, *settings.classifiers),
-        classifiers=classifiers,
+        classifiers=tuple(classifier_plan(name, one) for name, one in settings.classifiers.items()),
         locator=receiver.locator,  # type: ignore[arg-type]  # checked by name in ReceiverPlan
-        location=PaperLocator(**asdict(receiver.location)),
-        reader=Reader(shape, receiver.samples_per_led, receiver.gradient),  # type: ignore[arg-type]  # checked there
+        location=location.PaperLocator(**asdict(receiver.location)),
+        reader=reader.Reader(shape, receiver.samples_per_led, receiver.gradient),  # type: ignore[arg-type]  # checked there
         save=receiver.save,
     )
     experiment, seed, batch = settings.experiment, settings.seed, settings.batch_frames
@@ -92,7 +86,7 @@ def classifier_plan(name: str, config: ClassifierSettings) -> plans.ClassifierPl
     if not name.isidentifier() or name in RESERVED:
         raise VoccError(f"{key}: a classifier's name must be a word, and none of {', '.join(RESERVED)}")
     with section(key):
-        keys = {one.name for one in fields(TrainingRecipe)}
+        keys = {one.name for one in fields(training.TrainingRecipe)}
         for word in config.training:
             if word not in keys:
                 raise VoccError(f"training.{word} is not a known key: known are {', '.join(sorted(keys))}")
@@ -101,8 +95,8 @@ def classifier_plan(name: str, config: ClassifierSettings) -> plans.ClassifierPl
             build=config.build,
             inputs=Inputs.parse(config.inputs),
             file=config.file,
-            digest="" if config.file is None else ModuleFile(config.file).digest,
-            training=TrainingRecipe(**config.training),
+            digest="" if config.file is None else protocol.ModuleFile(config.file).digest,
+            training=training.TrainingRecipe(**config.training),
             frames=config.frames,
             scene=plans.parsed_scene(config.scene),
         )
@@ -124,7 +118,7 @@ def built(plan: plans.ClassifierPlan) -> Guarded:
     """
     settings = dict(plan.build)
     target = str(settings.pop(plans.TARGET))
-    home = None if plan.file is None else ModuleFile(plan.file)
+    home = None if plan.file is None else protocol.ModuleFile(plan.file)
     try:
         kind = get_object(target) if home is None else home.named(target)
         of_torch = isinstance(kind, type) and issubclass(kind, nn.Module)
@@ -135,9 +129,9 @@ def built(plan: plans.ClassifierPlan) -> Guarded:
             given = instantiate(settings, _convert_="all")
             made = kind(**given)  # type: ignore[operator]  # refused just below
         if isinstance(made, nn.Module):
-            made = TorchClassifier(made, plan.training)
-        elif is_estimator(made):
-            made = SklearnClassifier(made)
+            made = adapters.TorchClassifier(made, plan.training)
+        elif adapters.is_estimator(made):
+            made = adapters.SklearnClassifier(made)
     except VoccError as error:
         raise VoccError(f"classifiers.{plan.name}: {error}") from error
     except (Exception, SystemExit) as error:
@@ -188,9 +182,8 @@ def without_absent(receiver: plans.ReceiverPlan) -> tuple[plans.ReceiverPlan, di
     """
     left_out = {}
     for one in receiver.classifiers:
-        for package in sorted(set(EXTRAS) & set(_packages(one.build))):
-            if find_spec(package) is None:
-                name = EXTRAS[package]
+        for package, name in EXTRAS.items():
+            if package in _packages(one.build) and find_spec(package) is None:
                 left_out[one.name] = f"{name} is not installed; pip install {name} adds it"
     kept = tuple(one for one in receiver.classifiers if one.name not in left_out)
     names = tuple(name for name in receiver.names if name not in left_out)

@@ -4,20 +4,15 @@ The classes of the domain are the schema: OmegaConf builds them, and they check 
 imported here, so that the command line answers ``--help`` and misspelled keys at once.
 """
 
-from __future__ import annotations
-
-import inspect
 import math
 import re
-from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, is_dataclass, make_dataclass, replace
+from dataclasses import asdict, dataclass, field, fields, make_dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self, get_type_hints
+from typing import TYPE_CHECKING, Any
 
-from omegaconf import MISSING, OmegaConf
-from omegaconf.errors import OmegaConfBaseException
-from yaml import AliasEvent, CollectionEndEvent, CollectionStartEvent, YAMLError, parse
+import yaml
+from omegaconf import MISSING, OmegaConf, errors
 
 from vocc_torch.errors import VoccError
 from vocc_torch.hardware import Camera, LedPanel, PanelShape
@@ -26,9 +21,6 @@ from vocc_torch.receiver.limits import LocatorLimits
 if TYPE_CHECKING:
     from vocc_torch.measure.plan import World
     from vocc_torch.simulation import SceneModel
-
-# A distribution is a number or a list such as [uniform, 40, 60]; OmegaConf has no type for that union.
-Spec = Any
 
 ARGUMENT = r"^ {4}\w+: .+(?:\n {8}.+)*"
 """An argument in a docstring, which the help shows."""
@@ -81,8 +73,7 @@ class Budget:
         if not 0 <= self.least_ber < 1:
             raise VoccError.of("budget.least_ber", self.least_ber, "at least 0 and below 1")
         if self.least_ber and share is None:
-            needs = "it needs budget.precision; without it it must be 0"
-            raise VoccError(f"budget.least_ber is {self.least_ber}: {needs}")
+            raise VoccError.of("budget.least_ber", self.least_ber, "0 unless budget.precision is given")
         if share is not None and target is not None:
             both = f"budget.precision is {share} and budget.target_frame_errors is {target}"
             raise VoccError(f"{both}: give one of them, null for the other")
@@ -114,12 +105,12 @@ class Experiment:
     rows: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
-        """Read the distributions, and check the axes and their values."""
+        """Check the distributions, the axes and their values."""
         from vocc_torch.measure.plan import SCENE_FIELDS, parsed_scene  # which needs torch
 
         self.values, self.rows = tuple(self.values), tuple(self.rows)
         for part in ("scene", "training"):
-            setattr(self, part, parsed_scene(getattr(self, part), f"experiment.{part}"))
+            parsed_scene(getattr(self, part), f"experiment.{part}")
         axes = (*SCENE_FIELDS, "contrast")
         if self.axis not in axes:
             raise VoccError.of("experiment.axis", repr(self.axis), f"one of {', '.join(axes)}")
@@ -136,33 +127,18 @@ class Experiment:
                 rule = f"finite numbers in ascending order, at least {least} of them"
                 raise VoccError.of(f"experiment.{name}", list(numbers), rule)
             if is_grid and numbers[0] <= 0:
-                why = "a grid takes logarithms, it must be above 0"
-                raise VoccError(f"experiment.{name} has {numbers[0]:g}: {why}")
+                rule = "above 0: a grid takes logarithms"
+                raise VoccError.of(f"experiment.{name}", f"{numbers[0]:g}", rule, "has")
         if binned and self.values[0] < 0:
-            why = "contrast, (G_on - G_off) / 255, is at least 0"
-            raise VoccError(f"experiment.values has {self.values[0]:g}: {why}")
+            rule = "at least 0, as contrast, (G_on - G_off) / 255, is"
+            raise VoccError.of("experiment.values", f"{self.values[0]:g}", rule, "has")
 
     @property
     def bins(self) -> int:
         """How many points share the frames of one run: the bins of contrast, otherwise 1."""
         return len(self.values) - 1 if self.axis == "contrast" else 1
 
-    def by_row(self) -> dict[float, Self]:
-        """Give the rows of a grid by their value, held in the scenes; one curve is its own only row, at 0.
-
-        Example:
-            >>> grid = Experiment("dim", "distance_m", (25.0,), row_axis="ambient_lx", rows=(1000.0,))
-            >>> row = grid.by_row()[1000.0]
-            >>> row.name, row.scene["ambient_lx"].bounds
-            ('dim/ambient_lx=1000', (1000.0, 1000.0))
-        """
-        rows, axis = {} if self.rows else {0.0: self}, self.row_axis
-        for value in self.rows:
-            name, held = f"{self.name}/{axis}={value:g}", {**self.scene, str(axis): value}
-            rows[value] = replace(self, name=name, scene=held, row_axis=None, rows=())
-        return rows
-
-    def model_at(self, world: World, value: float) -> SceneModel:
+    def model_at(self, world: "World", value: float) -> "SceneModel":
         """The scenes of one point of the axis."""
         from vocc_torch.measure.plan import narrowed
 
@@ -174,7 +150,7 @@ class Experiment:
         except VoccError as error:
             raise VoccError.of("experiment.values", error.value, error.rule, "has") from None
 
-    def training_model(self, world: World) -> SceneModel:
+    def training_model(self, world: "World") -> "SceneModel":
         """The scenes that a receiver trains on."""
         from vocc_torch.measure.plan import narrowed
 
@@ -183,34 +159,17 @@ class Experiment:
 
 def _schema(name: str, *domains: type, without: str, unset: bool = False) -> type:
     """Make a section of the schema from the fields of domain classes; ``unset`` makes all of them null."""
-    made, described = [], [name, "", "Args:"]
-    for domain in domains:
-        described += re.findall(ARGUMENT, inspect.getdoc(domain) or "", re.MULTILINE)
-        hints = get_type_hints(domain)
-        for one in fields(domain):
-            kind, default = hints[one.name], one.default
-            if one.name != without:
-                made.append((one.name, kind | None if unset else kind, None if unset else default))
-    schema = make_dataclass(name, made)
-    schema.__doc__ = "\n".join(described)
-    schema.__module__ = __name__  # where it is found when settings are pickled
-    return schema
+    kept: list[Any] = [one for domain in domains for one in fields(domain) if one.name != without]
+    made = [(one.name, one.type | None, None) if unset else (one.name, one.type, one.default) for one in kept]
+    told = "\n    ".join(str(domain.__doc__) for domain in domains)
+    # The module is where the class is found when settings are pickled.
+    return make_dataclass(name, made, namespace={"__doc__": told, "__module__": __name__})
 
 
 if TYPE_CHECKING:
-    # OmegaConf reads the types of the schema at run time; mypy cannot see classes that are made then.
-
-    @dataclass
-    class CameraChanges:
-        """What a scene sets on the camera; the rest stays the camera section's."""
-
-    @dataclass
-    class PanelSettings:
-        """A panel's shape and the other fields of :class:`vocc_torch.hardware.LedPanel`, side by side."""
-
-        rows: int = 8
-        columns: int = 8
-
+    # OmegaConf reads the types of the schema at run time; mypy takes them for what they are made of.
+    CameraChanges = Camera
+    PanelSettings = LedPanel
 else:
     # The light meter's constant is no matter of the scene.
     CameraChanges = _schema("CameraChanges", Camera, without="calibration_constant", unset=True)
@@ -234,12 +193,13 @@ class SceneSettings:
     """
 
     name: str = ""
-    ambient_lx: Spec = MISSING
-    led_luminance_cd_m2: Spec = MISSING
-    distance_m: Spec = MISSING
-    background_grey: Spec = MISSING
-    offset_x_m: Spec = MISSING
-    offset_y_m: Spec = MISSING
+    # A distribution is a number or a list such as [uniform, 40, 60]; OmegaConf has no type for that union.
+    ambient_lx: Any = MISSING
+    led_luminance_cd_m2: Any = MISSING
+    distance_m: Any = MISSING
+    background_grey: Any = MISSING
+    offset_x_m: Any = MISSING
+    offset_y_m: Any = MISSING
     camera: CameraChanges = field(default_factory=CameraChanges)
     effects: dict[str, Any] = field(default_factory=dict)
 
@@ -338,20 +298,7 @@ class Settings:
 
 def as_yaml(settings: Settings) -> str:
     """Write the configuration as YAML text."""
-    return OmegaConf.to_yaml(OmegaConf.create(_written(settings)))
-
-
-def _written(value: Any) -> Any:
-    """Give what a user would write: plain mappings and lists, and distributions as lists or numbers."""
-    from vocc_torch.simulation import Distribution  # which needs torch
-
-    if isinstance(value, Distribution):
-        return value.values[0] if value.kind == "constant" else [value.kind, *value.values]
-    if is_dataclass(value):
-        return {one.name: _written(getattr(value, one.name)) for one in fields(value)}
-    if isinstance(value, Mapping):
-        return {key: _written(one) for key, one in value.items()}
-    return [_written(one) for one in value] if isinstance(value, list | tuple) else value
+    return OmegaConf.to_yaml(OmegaConf.create(asdict(settings)))
 
 
 def effect_settings(effects: dict[str, Any], key: str = "scene.effects") -> dict[str, Any]:
@@ -387,14 +334,14 @@ def read_flat(path: str | Path) -> dict[str, object]:
     """
     try:
         text, depth = Path(path).read_text(encoding="utf-8"), 0
-        for event in parse(text):
-            depth += isinstance(event, CollectionStartEvent) - isinstance(event, CollectionEndEvent)
-            if isinstance(event, AliasEvent) or depth > 20 or "${" in text:
+        for event in yaml.parse(text):
+            depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+            if isinstance(event, yaml.AliasEvent) or depth > 20 or "${" in text:
                 raise ValueError("it has an alias, an interpolation, or mappings 20 deep")
         read = OmegaConf.to_container(OmegaConf.load(path))
     except OSError as error:
         raise VoccError(f"cannot read {path}: {error.strerror or error}") from None
-    except (YAMLError, OmegaConfBaseException, ValueError) as error:
+    except (yaml.YAMLError, errors.OmegaConfBaseException, ValueError) as error:
         raise VoccError(f"{path} is not a configuration: {' '.join(str(error).split())}") from None
     if not isinstance(read, dict) or not read:
         raise VoccError(f"{path} is not a configuration: it must be a mapping of keys")

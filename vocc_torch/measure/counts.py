@@ -80,14 +80,10 @@ class Counts(Tally):
         )
         for name, limit, reason in limits:
             if getattr(self, name) > limit:
-                raise VoccError(
-                    f"counts.{name} is {getattr(self, name)}: it must be at most {limit} ({reason})"
-                )
+                raise VoccError.of(f"counts.{name}", getattr(self, name), f"at most {limit} ({reason})")
         if self.half_errors_squared * self.frame_errors < self.half_errors**2:
-            raise VoccError(
-                f"counts.half_errors_squared is {self.half_errors_squared}: too small for "
-                f"{self.half_errors} half errors in {self.frame_errors} frames"
-            )
+            rule = f"large enough for {self.half_errors} half errors in {self.frame_errors} frames"
+            raise VoccError.of("counts.half_errors_squared", self.half_errors_squared, rule)
 
     @classmethod
     def of(cls, decided: Tensor, sent: Tensor, found: Tensor) -> Self:

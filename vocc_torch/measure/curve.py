@@ -1,7 +1,5 @@
 """Measured points of bit error rate curves, the tables they form, and what every two receivers differ in."""
 
-from __future__ import annotations  # the reader of ber.csv goes by the columns' types as they are written
-
 import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
@@ -14,15 +12,29 @@ from vocc_torch.measure.paired import PairedCounts
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
-    """A point as ``ber.csv`` states it; the fields are the file's columns, in order.
+class Place:
+    """Where a point lies.
 
     Args:
         experiment: name of the experiment.
         axis: quantity that varies, with its unit, such as ``distance_m``.
-        value: the quantity's value here.
+        value: the quantity's value here, finite, in the axis's unit.
         receiver: name of the receiver.
-        locator: where the panel's corners came from.
+        locator: where the panel's corners came from: ``truth``, ``paper`` or ``refined``.
+    """
+
+    experiment: str
+    axis: str
+    value: float
+    receiver: str
+    locator: str
+
+
+@dataclass(frozen=True, slots=True)
+class Row(Place):
+    """A point as ``ber.csv`` states it; the fields are the file's columns, in order.
+
+    Args:
         frames: frames decoded.
         bits: bits sent in them.
         bit_errors: wrong bits, a multiple of one half.
@@ -42,11 +54,6 @@ class Row:
         True
     """
 
-    experiment: str
-    axis: str
-    value: float
-    receiver: str
-    locator: str
     frames: int
     bits: int
     bit_errors: float
@@ -62,11 +69,8 @@ class Row:
         if not math.isfinite(self.value):
             raise VoccError(f"{self.axis} is {self.value}: it must be finite")
         if not 0 <= self.ber_low <= self.ber <= self.ber_high <= 1:
-            key, rule = (
-                f"ber of {self.receiver} at {self.axis}={self.value:g}",
-                "0 <= ber_low <= ber <= ber_high <= 1",
-            )
-            raise VoccError.of(key, f"{self.ber} in [{self.ber_low}, {self.ber_high}]", rule)
+            key, ends = f"ber of {self.receiver} at {self.axis}={self.value:g}", [self.ber_low, self.ber_high]
+            raise VoccError.of(key, f"{self.ber} in {ends}", "0 <= ber_low <= ber <= ber_high <= 1")
 
     @property
     def error_free(self) -> bool:
@@ -79,15 +83,10 @@ COLUMNS = tuple(field.name for field in fields(Row))
 
 
 @dataclass(frozen=True, slots=True)
-class Point:
+class Point(Place):
     """What one receiver did at one value of the axis.
 
     Args:
-        experiment: name of the experiment.
-        axis: quantity that varies, with its unit, such as ``distance_m``.
-        value: the quantity's value, finite, in the axis's unit.
-        receiver: name of the receiver.
-        locator: where the panel's corners came from: ``truth``, ``paper`` or ``refined``.
         counts: errors, at least one frame.
         stopped_by: why no more frames were run.
 
@@ -98,11 +97,6 @@ class Point:
         (2.0, 0.00048828125)
     """
 
-    experiment: str
-    axis: str
-    value: float
-    receiver: str
-    locator: str
     counts: Counts
     stopped_by: str
 
@@ -121,9 +115,9 @@ class Point:
         size = min(errors_per_frame_error, counts.bits / max(1, counts.frames))
         interval = ber_interval(counts, errors_per_frame_error=size)
         named = (self.experiment, self.axis, float(self.value), self.receiver, self.locator)
-        counted = (counts.frames, counts.bits, counts.bit_errors)
-        rates = (interval.value, interval.low, interval.high)
-        return Row(*named, *counted, *rates, counts.frame_errors, counts.panels_missed, self.stopped_by)
+        rates = (counts.bit_errors, interval.value, interval.low, interval.high)
+        ends = (counts.frame_errors, counts.panels_missed, self.stopped_by)
+        return Row(*named, counts.frames, counts.bits, *rates, *ends)
 
 
 class BerTable:
@@ -139,6 +133,11 @@ class BerTable:
 
     Attributes:
         rows: the points with their intervals, in the order given.
+        experiment: name of the experiment; empty for an empty table.
+        axis: quantity that varies; empty for an empty table.
+        values: values of the axis, ascending.
+        receivers: in the order in which they first came.
+        locators: in the order in which they first came.
 
     Raises:
         VoccError: points of two experiments or axes, or two points of one receiver at one value.
@@ -160,13 +159,16 @@ class BerTable:
             if isinstance(point, Point):
                 totals[point.receiver] = totals.get(point.receiver, Counts()) + point.counts
         typical = {name: max(1.0, n.bit_errors / max(1, n.frame_errors)) for name, n in totals.items()}
-        self.rows = tuple(
-            one.stated(typical[one.receiver]) if isinstance(one, Point) else one for one in given
-        )
-        for name in ("experiment", "axis"):
-            names = sorted({getattr(row, name) for row in self.rows})
+        stated = (one.stated(typical[one.receiver]) if isinstance(one, Point) else one for one in given)
+        self.rows = tuple(stated)
+        experiments, axes = ({getattr(row, name) for row in self.rows} for name in ("experiment", "axis"))
+        for name, names in (("experiment", experiments), ("axis", axes)):
             if len(names) > 1:
-                raise VoccError(f"{name} is {' and '.join(names)}: a table holds one {name}")
+                raise VoccError(f"{name} is {' and '.join(sorted(names))}: a table holds one {name}")
+        self.experiment, self.axis = "".join(experiments), "".join(axes)
+        self.values = tuple(sorted({row.value for row in self.rows}))
+        self.receivers = tuple(dict.fromkeys(row.receiver for row in self.rows))
+        self.locators = tuple(dict.fromkeys(row.locator for row in self.rows))
         for (name, value), count in Counter((row.receiver, row.value) for row in self.rows).items():
             if count > 1:
                 why = "a table holds one; give each locator a table of its own"
@@ -179,31 +181,6 @@ class BerTable:
     def __iter__(self) -> Iterator[Row]:
         """Walk the points in the order given."""
         return iter(self.rows)
-
-    @property
-    def experiment(self) -> str:
-        """Name of the experiment; empty for an empty table."""
-        return self.rows[0].experiment if self.rows else ""
-
-    @property
-    def axis(self) -> str:
-        """Quantity that varies; empty for an empty table."""
-        return self.rows[0].axis if self.rows else ""
-
-    @property
-    def receivers(self) -> tuple[str, ...]:
-        """Receivers in the order in which they first came."""
-        return tuple(dict.fromkeys(row.receiver for row in self.rows))
-
-    @property
-    def values(self) -> tuple[float, ...]:
-        """Values of the axis, ascending."""
-        return tuple(sorted({row.value for row in self.rows}))
-
-    @property
-    def locators(self) -> tuple[str, ...]:
-        """Locators in the order in which they first came."""
-        return tuple(dict.fromkeys(row.locator for row in self.rows))
 
     def of(self, receiver: str) -> tuple[Row, ...]:
         """Give one receiver's points by ascending value; none for a receiver that is not there."""

@@ -76,9 +76,5 @@ def may_be_least(compared: int, difference: Callable[[int, int, float], Estimate
         >>> may_be_least(3, apart)
         [1, 2]
     """
-    confidence = joint_confidence(compared - 1)
-    return [
-        own
-        for own in range(compared)
-        if all(difference(own, other, confidence).low <= 0 for other in range(compared) if other != own)
-    ]
+    level, every = joint_confidence(compared - 1), range(compared)
+    return [a for a in every if all(difference(a, b, level).low <= 0 for b in every if b != a)]

@@ -59,8 +59,7 @@ class FrameErrors:
         """Refuse more than 64 bits can count."""
         frames = self.half_errors.shape[1]
         if frames * (2 * int(self.leds)) ** 2 > np.iinfo(np.int64).max:
-            rule = f"the squared errors of {frames} frames must fit into 64 bits"
-            raise VoccError(f"leds is {self.leds}: {rule}; count fewer frames at a time")
+            raise VoccError.of("leds", self.leds, f"less: squared errors of {frames} frames overflow 64 bits")
 
     @classmethod
     def joined(cls, parts: Iterable[Self]) -> Self:
@@ -245,9 +244,9 @@ class FrameJob:
             at_once: frames in a call, at least 1; best a multiple of a block.
             told: called with the frames of each call when it is done.
         """
-        parts = [range(first, min(first + at_once, frames)) for first in range(0, frames, at_once)]
         calls = []
-        for part in parts:
+        for first in range(0, frames, at_once):
+            part = range(first, min(first + at_once, frames))
             calls.append(workers.submit(self, part))
             if told is not None:
                 calls[-1].add_done_callback(partial(lambda done, _: told(done), len(part)))

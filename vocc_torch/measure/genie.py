@@ -9,17 +9,14 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
 from itertools import chain
-from statistics import median
 
 import torch
 from torch import Tensor
 
+from vocc_torch.measure import frame_errors, link, timing
 from vocc_torch.measure.counts import Counts
-from vocc_torch.measure.frame_errors import FrameErrors, FrameJob
 from vocc_torch.measure.likelihood import ForwardModel, PixelModel, overlap
-from vocc_torch.measure.link import Observation
 from vocc_torch.measure.plan import Plan
-from vocc_torch.measure.timing import threads
 from vocc_torch.measure.workers import Workers, worker_losses_told
 from vocc_torch.simulation import SceneModel, Simulator
 from vocc_torch.types import Frames, Scene
@@ -264,12 +261,10 @@ class Genie:
         Raises:
                 UnknownLikelihoodError: pixels that are full before they are white.
         """
-        device, shape = self._simulator.device, self._simulator.panel.shape
+        device, shape, seconds = self._simulator.device, self._simulator.panel.shape, []
         scene = scene.checked().to(device)
         bits = torch.zeros(len(frames), shape.rows, shape.columns, dtype=torch.bool)
-        scores = torch.zeros(bits.shape, dtype=torch.float64)
-        proven = torch.zeros(len(frames), dtype=torch.bool)
-        seconds = []
+        scores, proven = bits.double(), torch.zeros(len(frames), dtype=torch.bool)
         for i in range(len(frames)):
             begun = time.thread_time()
             found, costs, proven[i] = self.decide_one(frames[i : i + 1], scene[i : i + 1])
@@ -336,23 +331,23 @@ def genie_reference(
     with worker_losses_told():
         calls = [workers.submit(partial(decide_part, plan, model, point), part) for part in parts]
         errors, decisions = zip(*(call.result() for call in calls), strict=True)
-    (counts,) = FrameErrors.joined(errors).counts
+    (counts,) = frame_errors.FrameErrors.joined(errors).counts
     every = list(chain.from_iterable(decisions))
-    seconds = median(chain.from_iterable(one.seconds for one in every))
+    seconds = timing.median_of([spent for one in every for spent in one.seconds]).value
     return GenieReference(counts, sum(int(one.proven.sum()) for one in every), seconds)
 
 
 def decide_part(
     plan: Plan, model: SceneModel, point: str, frames: range
-) -> tuple[FrameErrors, list[GenieDecision]]:
+) -> tuple[frame_errors.FrameErrors, list[GenieDecision]]:
     """Decide some of a point's frames."""
     genie, decisions = Genie(plan.world.simulator()), []
 
-    def decide(views: Mapping[str, Observation], /) -> Iterator[tuple[Tensor, Tensor]]:
+    def decide(views: Mapping[str, link.Observation], /) -> Iterator[tuple[Tensor, Tensor]]:
         (seen,) = views.values()
         # One thread, whose clock then knows of all the work, and whose sums have one order.
-        with threads(1), torch.autocast(seen.bits.device.type, enabled=False):
+        with timing.threads(1), torch.autocast(seen.bits.device.type, enabled=False):
             decisions.append(genie.decide(seen.frames, seen.scene))
         yield decisions[-1].bits, seen.panels.found
 
-    return FrameJob(plan, model, point, ("truth",), decide)(frames), decisions
+    return frame_errors.FrameJob(plan, model, point, ("truth",), decide)(frames), decisions

@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vocc_torch.errors import VoccError
+from vocc_torch.measure import estimate, intervals
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.curve import Curves
-from vocc_torch.measure.estimate import CONFIDENCE, joint_confidence
-from vocc_torch.measure.intervals import ber_interval
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -41,8 +40,8 @@ class Grid:
         >>> axis, stopped = "led_luminance_cd_m2", {500: "frames", 2000: "frames"}
         >>> curves = Curves("dimming", axis, "truth", ("flda_3",), (500, 2000), counts, {}, stopped)
         >>> grid = Grid("ambient_lx", (4000.0,), (curves,))
-        >>> grid.ber("flda_3").tolist(), grid.errorless("flda_3").tolist()
-        ([[0.00048828125, 0.0]], [[False, True]])
+        >>> grid.ber("flda_3").tolist()
+        [[0.00048828125, 0.0]]
     """
 
     def __init__(self, row_axis: str, rows: Sequence[float], curves: Sequence[Curves]) -> None:
@@ -57,7 +56,7 @@ class Grid:
         self.row_axis, self.rows, self.curves = row_axis, tuple(rows), tuple(curves)
         self.column_axis, self.columns = curves[0].axis, curves[0].values
         self.receivers, self.locator = curves[0].receivers, curves[0].locator
-        self._known: dict[tuple[str, float, float], tuple[Floats, Floats]] = {}
+        self._known: dict[tuple[str, float | None], tuple[Floats, Floats]] = {}
         for axis, values in ((self.row_axis, self.rows), (self.column_axis, self.columns)):
             # Closer ones have the same logarithm, and no octave between them.
             ascending = all(one * (1 + 1e-6) <= after for one, after in pairwise(values))
@@ -84,11 +83,7 @@ class Grid:
         """Give the bit error rates, (rows, columns)."""
         return np.array([[cell.ber for cell in row] for row in self.counts(receiver)])
 
-    def errorless(self, receiver: str) -> Bools:
-        """Say which cells saw no error, (rows, columns)."""
-        return np.array([[cell.half_errors == 0 for cell in row] for row in self.counts(receiver)])
-
-    def intervals(self, receiver: str, confidence: float = CONFIDENCE) -> tuple[Floats, Floats]:
+    def intervals(self, receiver: str, tail: float | None = None) -> tuple[Floats, Floats]:
         """Give both ends of each cell's interval, as in ``ber_interval``: a limit where there was no error.
 
         For the limit a wrong frame is taken to have as many wrong bits as at the nearest cells with errors in
@@ -96,22 +91,17 @@ class Grid:
 
         Args:
             receiver: its name.
-            confidence: above 0, below 1.
+            tail: probability with which either limit misses, also that of a cell without errors; by default
+                each interval holds at 95 %, and so does the limit of a cell without errors.
 
         Returns:
             Low and high ends, (rows, columns) each.
         """
-        return self._ends(receiver, confidence, confidence)
-
-    def one_sided(self, receiver: str, tail: float) -> tuple[Floats, Floats]:
-        """Give each cell's lower and upper limit, each missed with a probability of at most ``tail``."""
-        return self._ends(receiver, 1 - 2 * tail, 1 - tail)
-
-    def _ends(self, receiver: str, confidence: float, of_limits: float) -> tuple[Floats, Floats]:
-        """Give the ends with a confidence of their own for the limits of cells without errors."""
-        key = (receiver, confidence, of_limits)
+        confidence, of_limits = (
+            (estimate.CONFIDENCE, estimate.CONFIDENCE) if tail is None else (1 - 2 * tail, 1 - tail)
+        )
         # Kept because most of the time of every view would go into the same quantiles.
-        if key not in self._known:
+        if (receiver, tail) not in self._known:
             counts = self.counts(receiver)
             sizes = np.array([[one.bit_errors / max(1, one.frame_errors) for one in row] for row in counts])
 
@@ -121,13 +111,17 @@ class Grid:
                 return max(1.0, *(float(next((size for size in way if size > 0), 0.0)) for way in ways))
 
             found = [
-                ber_interval(cell, confidence if cell.half_errors else of_limits, wrong_bits(i, j))
+                intervals.ber_interval(cell, confidence if cell.half_errors else of_limits, wrong_bits(i, j))
                 for i, row in enumerate(counts)
                 for j, cell in enumerate(row)
             ]
             ends = np.array([(end.low, end.high) for end in found]).reshape(len(self.rows), -1, 2)
-            self._known[key] = ends[..., 0], ends[..., 1]
-        return self._known[key]
+            self._known[receiver, tail] = ends[..., 0], ends[..., 1]
+        return self._known[receiver, tail]
+
+    def one_sided(self, receiver: str, tail: float) -> tuple[Floats, Floats]:
+        """Give each cell's lower and upper limit, each missed with a probability of at most ``tail``."""
+        return self.intervals(receiver, tail)
 
 
 @dataclass(frozen=True, slots=True)
@@ -217,9 +211,9 @@ def best_luminance(grid: Grid, receiver: str) -> list[Best]:
         ((2000.0,), (2000.0,), True)
     """
     ber, luminances = grid.ber(receiver), np.array(grid.columns, dtype=float)
-    candidates = not_worse(ber, *grid.one_sided(receiver, 1 - joint_confidence(len(luminances) - 1)))
-    low = grid.one_sided(receiver, (1 - CONFIDENCE) / 2)[0].min(1)
-    high = grid.one_sided(receiver, (1 - joint_confidence(len(luminances))) / 2)[1].min(1)
+    candidates = not_worse(ber, *grid.one_sided(receiver, 1 - estimate.joint_confidence(len(luminances) - 1)))
+    low = grid.one_sided(receiver, (1 - estimate.CONFIDENCE) / 2)[0].min(1)
+    high = grid.one_sided(receiver, (1 - estimate.joint_confidence(len(luminances))) / 2)[1].min(1)
     ends, bests = (grid.columns[0], grid.columns[-1]), []
     for i, (at, row) in enumerate(zip(grid.rows, ber, strict=True)):
         rate = float(row.min())

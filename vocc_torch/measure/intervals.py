@@ -160,10 +160,8 @@ def ber_interval(counts: Counts, confidence: float = 0.95, errors_per_frame_erro
     _check_confidence(confidence)
     ber, bits_per_frame = counts.ber, counts.bits / max(1, counts.frames)
     if not 0 < errors_per_frame_error <= bits_per_frame:
-        raise VoccError(
-            f"errors_per_frame_error is {errors_per_frame_error}: "
-            f"it must be above 0 and at most the bits of a frame, {bits_per_frame:g}"
-        )
+        rule = f"above 0 and at most the bits of a frame, {bits_per_frame:g}"
+        raise VoccError.of("errors_per_frame_error", errors_per_frame_error, rule)
     if counts.half_errors == 0:
         # 1 - (1 - confidence)^(1 / frames), without its cancellation at many frames.
         frame_error_limit = -math.expm1(math.log1p(-confidence) / counts.frames)

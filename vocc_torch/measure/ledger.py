@@ -7,7 +7,6 @@ counts the others. It ends with the numbers of a run that nobody disturbed.
 import hashlib
 import json
 import os
-import re
 import sqlite3
 from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, suppress
@@ -16,7 +15,7 @@ from pathlib import Path
 from typing import Self, TypeAlias
 
 from vocc_torch import __version__
-from vocc_torch.errors import VoccError
+from vocc_torch.errors import VoccError, whole_number
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.counts import Tally as Tally
 from vocc_torch.measure.paired import PairedCounts
@@ -37,9 +36,11 @@ _SCHEMA = (
 )
 _KINDS: dict[str, type[Tally]] = {"counts": Counts, "paired": PairedCounts}
 _ANOTHER = "choose another ledger"
+_STRANGER = f"is no ledger of vocc-torch: {_ANOTHER}"
 _DAMAGED = ("is damaged", "bring back a copy, or delete it to count everything again")
 _LONGEST = 200
 """Most characters of a refusal, unless the path is very long."""
+_BUSY = (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED)
 _FULL = (sqlite3.SQLITE_FULL, sqlite3.SQLITE_IOERR)
 _REFUSED = (sqlite3.SQLITE_READONLY, sqlite3.SQLITE_CANTOPEN)
 
@@ -57,6 +58,7 @@ class Ledger(AbstractContextManager["Ledger"]):
 
     Attributes:
         path: the file.
+        close: lets the next run have the file; closing twice is harmless.
 
     Example:
         >>> import tempfile
@@ -72,7 +74,7 @@ class Ledger(AbstractContextManager["Ledger"]):
     def __init__(self, path: Path, connection: sqlite3.Connection, settings: str) -> None:
         """Take what :meth:`open` has opened; use that."""
         self.path = path
-        self._run, self._close = connection.execute, connection.close
+        self._run, self.close = connection.execute, connection.close
         self._settings, self._inode = settings, -1
 
     @classmethod
@@ -98,7 +100,7 @@ class Ledger(AbstractContextManager["Ledger"]):
                 no = "is a link, a folder, a device or a pipe: it must be an ordinary file"
                 raise VoccError(f"{_shown(path)} {no}")
             if there and 0 < path.stat().st_size < _LEAST_BYTES:
-                raise VoccError(f"{_shown(path)} is no ledger of vocc-torch: {_ANOTHER}")
+                raise VoccError(f"{_shown(path)} {_STRANGER}")
             if there and not os.access(path, os.W_OK):  # SQLite would open it for reading alone
                 raise PermissionError(None, "it is read-only")
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -156,16 +158,11 @@ class Ledger(AbstractContextManager["Ledger"]):
     def _refusal(self, told: str, help_: str) -> VoccError:
         """Word a refusal in one line that is not too long."""
         start, end = f"ledger {_shown(self.path)}: ", f": {help_}"
-        room = max(20, _LONGEST - len(start) - len(end))
-        return VoccError(start + _cut(told, room) + end)
+        return VoccError(start + _cut(told, max(20, _LONGEST - len(start) - len(end))) + end)
 
     def __exit__(self, *_: object) -> None:
         """Close."""
         self.close()
-
-    def close(self) -> None:
-        """Let the next run have the file; closing twice is harmless."""
-        self._close()
 
     def __len__(self) -> int:
         """Count the rows."""
@@ -175,10 +172,9 @@ class Ledger(AbstractContextManager["Ledger"]):
     def find(self, point: str, block: int, frames: int) -> dict[Label, Tally] | None:
         """Give what was counted in exactly this many frames of a block, or None."""
         with _told(self.path):
-            key = (point, block, frames)
-            where = "point=? AND block=? AND frames=?"
-            row = self._run(f"SELECT counts FROM blocks WHERE {where}", key).fetchone()
-            return None if row is None else _read(*key, row[0])
+            where = "WHERE point=? AND block=? AND frames=?"
+            row = self._run(f"SELECT counts FROM blocks {where}", (point, block, frames)).fetchone()
+            return None if row is None else _read(point, block, frames, row[0])
 
     def append(self, point: str, block: int, frames: int, counts: Mapping[Label, Tally]) -> None:
         """Add a row; one that is already there is not written twice.
@@ -209,10 +205,8 @@ class Ledger(AbstractContextManager["Ledger"]):
 
 def _read(point: object, block: object, frames: object, text: str) -> dict[Label, Tally]:
     """Read the counts of a row, or refuse what no run can have counted."""
-    if type(block) is not int or block < 0:
-        raise VoccError(f"block is {block!r}: it must be an integer of at least 0")
-    if type(frames) is not int or not 1 <= frames <= BLOCK_FRAMES:
-        raise VoccError(f"frames is {frames!r}: it must be an integer of 1 to {BLOCK_FRAMES}")
+    whole_number("block", block, 0, 2**63 - 1)
+    most = whole_number("frames", frames, 1, BLOCK_FRAMES)
     counts: dict[Label, Tally] = {}
     for name, label, numbers in json.loads(text):
         one = counts[tuple(label)] = _KINDS[name](*numbers)
@@ -220,9 +214,8 @@ def _read(point: object, block: object, frames: object, text: str) -> dict[Label
             raise VoccError(f"counts of {label} are {numbers}: it must be {len(astuple(one))} numbers")
         if not all(type(part) in (str, int) for part in label):
             raise VoccError(f"counts are filed under {label}: it must be text and integers")
-        if one.frames > frames:
-            told = f"counts of {label} have {one.frames} frames"
-            raise VoccError(f"{told}: block {block} of {point} has at most {frames}")
+        if one.frames > most:
+            raise VoccError(f"counts of {label} in {point} have {one.frames} frames: at most {most}")
     return counts
 
 
@@ -233,17 +226,16 @@ def _told(path: Path) -> Iterator[None]:
         yield
     except VoccError:
         raise
-    except sqlite3.ProgrammingError:
-        raise VoccError(f"ledger {_shown(path)} is closed: open it again") from None
     except (sqlite3.Error, OSError, ValueError, TypeError, KeyError, RecursionError) as error:
         kind = getattr(error, "sqlite_errorcode", sqlite3.SQLITE_CORRUPT) & 0xFF
-        if kind == sqlite3.SQLITE_NOTADB:
-            raise VoccError(f"{_shown(path)} is no ledger of vocc-torch: {_ANOTHER}") from None
-        if kind in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED):
-            told = f"is in use by another run: wait until that one ends, or {_ANOTHER}"
+        busy = f"is in use by another run: wait until that one ends, or {_ANOTHER}"
+        told = {sqlite3.SQLITE_NOTADB: _STRANGER, **dict.fromkeys(_BUSY, busy)}.get(kind)
+        if isinstance(error, sqlite3.ProgrammingError):
+            told = "is closed: open it again"
+        elif not told and not isinstance(error, OSError) and kind not in (*_FULL, *_REFUSED):
+            told = ": ".join(_DAMAGED)
+        if told:
             raise VoccError(f"{_shown(path)} {told}") from None
-        if not isinstance(error, OSError) and kind not in (*_FULL, *_REFUSED):
-            raise VoccError(f"ledger {_shown(path)} {_DAMAGED}") from None
         reason = getattr(error, "strerror", None) or error
         room = "make room, then start the same run again"
         help_ = room if kind in _FULL else f"make it writable, or {_ANOTHER}"
@@ -296,7 +288,7 @@ def what_changed(there: object, here: object) -> list[str]:
         # A changed file is told of already.
         if not (digests and name.startswith("made_with.classifiers.")):
             was, now = (_cut(one.get(name, "not set"), 40) for one in (old, new))
-            told.append(f"{re.sub('^(world|made_with)[.]', '', name)} was {was}, is {now}")
+            told.append(f"{name.removeprefix('world.').removeprefix('made_with.')} was {was}, is {now}")
     return told
 
 

@@ -5,19 +5,15 @@ Without noise a grey value is met by every exposure of an interval, which has no
 other. With noise, which is close to normal, it has the probability that the exposure falls in that interval.
 """
 
-import dataclasses
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, is_dataclass, replace
 
 import torch
 from torch import Tensor
 
 from vocc_torch.errors import VoccError
 from vocc_torch.simulation import Simulator
-from vocc_torch.simulation.effects import Context, Effect, Parameters
-from vocc_torch.simulation.effects.coding import Quantization
-from vocc_torch.simulation.effects.sensor import DarkCurrent, Dsnu, FullWell, Photoelectrons, Prnu, ReadNoise
-from vocc_torch.simulation.effects.view import led_centres_m
+from vocc_torch.simulation.effects import Context, Effect, Parameters, coding, sensor, view
 from vocc_torch.simulation.photometry import MIDDLE_GREY, auto_iso
 from vocc_torch.types import Frames, PanelShape, Scene
 
@@ -112,27 +108,26 @@ def sensor_noise(effects: Sequence[Effect], context: Context) -> SensorNoise | N
     """
     named = {effect.name: effect for effect in effects}
     made = named.get("photoelectrons")
-    if not isinstance(made, Photoelectrons):
+    if not isinstance(made, sensor.Photoelectrons):
         return None
     camera, share = context.camera, 0.0
     per_unit = made.electrons_per_lx_s(camera) * 10 / float(auto_iso(context))
     dark = fixed = 0.0
     for effect in effects:
-        if isinstance(effect, Prnu):
+        if isinstance(effect, sensor.Prnu):
             share = effect.share
-        elif isinstance(effect, ReadNoise | Dsnu):
+        elif isinstance(effect, sensor.ReadNoise | sensor.Dsnu):
             fixed += effect.electrons**2
-        elif isinstance(effect, DarkCurrent):
+        elif isinstance(effect, sensor.DarkCurrent):
             dark = effect.electrons_per_s * camera.exposure_time_s
     noise = SensorNoise(per_unit, dark, "shot_noise" in named, share, fixed)
     white = torch.tensor((255 / MIDDLE_GREY) ** camera.gamma, dtype=torch.float64)
     needed = float(white + WELL_SIGMAS * noise.variance(white).sqrt()) * per_unit
     well = named.get("full_well")
-    if isinstance(well, FullWell) and well.electrons < needed:
-        raise UnknownLikelihoodError(
-            "the genie knows no likelihood for pixels full before they are white: "
-            f"scene.effects.full_well.electrons is {well.electrons:g}, white needs {needed:.0f}"
-        )
+    if isinstance(well, sensor.FullWell) and well.electrons < needed:
+        why = f"scene.effects.full_well.electrons is {well.electrons:g}, white needs {needed:.0f}"
+        told = "the genie knows no likelihood for pixels full before they are white"
+        raise UnknownLikelihoodError(f"{told}: {why}")
     return noise if share or fixed or noise.shot else None
 
 
@@ -246,31 +241,26 @@ class ForwardModel:
         self.camera, self.panel, self.effects = simulator.camera, simulator.panel, simulator.effects
         known = (*AFFINE, *NOISE, *CODING)
         if others := [f"scene.effects.{one.name}" for one in self.effects if one.name not in known]:
-            raise UnknownLikelihoodError(
-                f"the genie knows no likelihood for {', '.join(others)}: known are {', '.join(known)}"
-            )
-        coding = next((effect for effect in self.effects if isinstance(effect, Quantization)), None)
-        if coding is None:
+            told = f"the genie knows no likelihood for {', '.join(others)}"
+            raise UnknownLikelihoodError(f"{told}: known are {', '.join(known)}")
+        levels = [one.levels for one in self.effects if isinstance(one, coding.Quantization)]
+        if not levels:
             raise UnknownLikelihoodError("the genie reads digital numbers: name scene.effects.quantization")
-        self._half_step = 127.5 / (coding.levels - 1)
+        self._half_step = 127.5 / (levels[0] - 1)
         kept: dict[str, Parameters] = {}
         for effect in self.effects:
             if effect.name in AFFINE:
-                assert dataclasses.is_dataclass(effect)
-                given = {
-                    one.name: getattr(effect, one.name) for one in dataclasses.fields(effect) if one.init
-                }
+                assert is_dataclass(effect)
+                given = {one.name: getattr(effect, one.name) for one in fields(effect) if one.init}
                 # A parameter that may be left out is None where it was.
                 kept[effect.name] = {name: value for name, value in given.items() if value is not None}
         # Each LED is rendered as a panel of one LED at its place: small pictures, not the whole panel's.
         # Off, it is as grey as what lies behind it.
         grey = simulator.panel.background_reflectance
-        single = dataclasses.replace(
-            simulator.panel, shape=PanelShape(1, 1), led_reflectance=grey, board_reflectance=None
-        )
+        lone = replace(simulator.panel, shape=PanelShape(1, 1), led_reflectance=grey, board_reflectance=None)
         self._whole, self._led = (
             Simulator(self.camera, panel, kept, device=simulator.device, dtype=torch.float64)
-            for panel in (simulator.panel, single)
+            for panel in (simulator.panel, lone)
         )
 
     def pixels(self, frame: Frames, scene: Scene) -> PixelModel:
@@ -307,10 +297,10 @@ class ForwardModel:
 
     def led_light(self, scene: Scene, whole: Frames) -> Tensor:
         """Render what each LED adds to the pixels of a picture, (N,H,W)."""
-        at = led_centres_m(self.panel).to(scene.distance_m)
-        leds = Scene(*(getattr(scene, field.name).expand(len(at)) for field in dataclasses.fields(Scene)))
+        at = view.led_centres_m(self.panel).to(scene.distance_m)
+        leds = Scene(*(getattr(scene, field.name).expand(len(at)) for field in fields(Scene)))
         x, y = (offset + own for offset, own in zip((leds.offset_x_m, leds.offset_y_m), at.T, strict=True))
-        leds = dataclasses.replace(leds, offset_x_m=x, offset_y_m=y)
+        leds = replace(leds, offset_x_m=x, offset_y_m=y)
         on = torch.ones(len(at), 1, 1, dtype=torch.bool)
         lit = self._led.render(leds, on, panel_only=True)
         alike = slice(0, None if any(effect.fills_sensor for effect in self._led.effects) else 1)

@@ -93,9 +93,7 @@ class Link:
     def __init__(
         self, simulator: Simulator, locator: PanelLocator | None, reader: Reader, batch_frames: int = 64
     ) -> None:
-        self.simulator = simulator
-        self.locator = locator
-        self.reader = reader
+        self.simulator, self.locator, self.reader = simulator, locator, reader
         samples = (reader.shape.rows + 2) * (reader.shape.columns + 2) * reader.samples_per_led**2
         self.batch_frames = max(1, min(batch_frames, MOST_SAMPLES // samples))
 
@@ -116,9 +114,8 @@ class Link:
             preambles: whether to render the all-On and all-Off frames of each scene too.
             frames: how many frames of the blocks to use, from the first on; all by default.
         """
-        locators = {"": self.locator}
-        for seen in self.observe_each(locators, model, keys, preambles=preambles, frames=frames):
-            yield seen[""]
+        every = self.observe_each({"": self.locator}, model, keys, preambles=preambles, frames=frames)
+        return (seen[""] for seen in every)
 
     def observe_each(
         self,
@@ -149,11 +146,10 @@ class Link:
             seen = {}
             for name, locator in locators.items():
                 with torch.autocast(simulator.device.type, enabled=False):
-                    panels = (
-                        simulator.true_panels(scene, names, rendered=True)
-                        if locator is None
-                        else locator(takes[0], self.reader.shape)
-                    )
+                    if locator is None:
+                        panels = simulator.true_panels(scene, names, rendered=True)
+                    else:
+                        panels = locator(takes[0], self.reader.shape)
                 seen[name] = Observation(scene, bits, panels, takes, self.reader)
             yield seen
 

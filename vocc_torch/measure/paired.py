@@ -11,7 +11,6 @@ with three discordant frames expected, all one way, the t interval covers about 
 import math
 from collections.abc import Iterable
 from dataclasses import astuple, dataclass
-from typing import Self
 
 from scipy.special import betainc
 
@@ -66,18 +65,17 @@ class PairedCounts(Tally):
             except VoccError as error:
                 raise VoccError(f"paired, {side} worse: {error}") from None
         if self.discordant > self.frames:
-            rule = f"it must be at most {self.frames} (frames)"
-            raise VoccError(f"paired.a_worse + b_worse is {self.discordant}: {rule}")
+            raise VoccError.of("paired.a_worse + b_worse", self.discordant, f"at most {self.frames} (frames)")
 
     def side(self, side: str) -> Counts:
         """The excess of receiver ``a`` or ``b`` as the counts that they are: errors a frame at a time."""
         names = ("excess", "excess_squared", "worse")
         return Counts(self.frames, self.bits, *(getattr(self, f"{side}_{name}") for name in names))
 
-    def swapped(self) -> Self:
+    def swapped(self) -> "PairedCounts":
         """Give the same comparison seen from the other receiver."""
         frames, bits, *sides = astuple(self)
-        return type(self)(frames, bits, *sides[3:], *sides[:3])
+        return PairedCounts(frames, bits, *sides[3:], *sides[:3])
 
     @property
     def half_difference(self) -> int:
@@ -148,10 +146,8 @@ def paired_interval(
     """
     difference, leds = paired.difference, paired.bits / paired.frames
     if not 0 < errors_per_discordant_frame <= leds:
-        raise VoccError(
-            f"errors_per_discordant_frame is {errors_per_discordant_frame}: "
-            f"it must be above 0 and at most the bits of a frame, {leds:g}"
-        )
+        rule = f"above 0 and at most the bits of a frame, {leds:g}"
+        raise VoccError.of("errors_per_discordant_frame", errors_per_discordant_frame, rule)
     sides = [paired.side("a"), paired.side("b")]
     if not paired.discordant:
         limit = ber_interval(sides[0], confidence, errors_per_discordant_frame).high
@@ -224,9 +220,7 @@ def sign_test(paired: PairedCounts) -> float:
         0.03125
     """
     if paired.discordant > MOST_TRIALS:
-        raise VoccError(
-            f"paired.discordant is {paired.discordant}: a test takes at most {MOST_TRIALS:g} frames"
-        )
+        raise VoccError.of("paired.discordant", paired.discordant, f"at most {MOST_TRIALS:g} for a test")
     fewer, more = sorted((paired.a_worse, paired.b_worse))
     # At even odds both tails are alike; where the sides are too, they overlap.
     return min(1.0, 2 * float(betainc(more, fewer + 1, 0.5)))
@@ -245,13 +239,7 @@ class MeanGain(Estimate):
     left_out: int
 
 
-def relative_gain(
-    a: Counts,
-    b: Counts,
-    paired: PairedCounts,
-    confidence: float = 0.95,
-    errors_per_discordant_frame: float = 1.0,
-) -> Estimate | None:
+def relative_gain(a: Counts, b: Counts, paired: PairedCounts, confidence: float = 0.95) -> Estimate | None:
     """Give the relative gain of receiver b over receiver a on the same frames, and its interval.
 
     The gain is the difference of the two rates over the rate of a. Both have intervals that hold with few
@@ -273,7 +261,6 @@ def relative_gain(
         b: counts of the other on the same frames.
         paired: the comparison of a with b.
         confidence: above 0, below 1.
-        errors_per_discordant_frame: as for ``paired_interval``; used only where no frame differs.
 
     Returns:
         The gain, or None where a made no error: nothing can then be said of a share of it.
@@ -291,9 +278,8 @@ def relative_gain(
         frames = f"{a.frames}, {b.frames}, {paired.frames}"
         raise VoccError(f"frames of a, b and paired are {frames}: they must be the same frames")
     if paired.half_difference != (apart := a.half_errors - b.half_errors):
-        told = f"paired.half_difference is {paired.half_difference}"
-        raise VoccError(f"{told}: it must be that of a and b, {apart}")
-    difference = paired_interval(paired, confidence, errors_per_discordant_frame)
+        raise VoccError.of("paired.half_difference", paired.half_difference, f"that of a and b, {apart}")
+    difference = paired_interval(paired, confidence)
     if not a.half_errors:
         return None
     rate, gain = ber_interval(a, confidence), difference.value / a.ber

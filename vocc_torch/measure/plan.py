@@ -1,10 +1,8 @@
 """What a study is made of: what is simulated, what receives, how much is measured, and its identity."""
 
-import dataclasses
 import importlib
-import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, Self, get_args
 
@@ -16,8 +14,7 @@ from vocc_torch.errors import VoccError, section
 from vocc_torch.measure.config import Budget as Budget
 from vocc_torch.measure.config import Experiment as Experiment
 from vocc_torch.receiver.bank import FLDA_FEATURES, check_receivers
-from vocc_torch.receiver.classifiers.inputs import Inputs
-from vocc_torch.receiver.classifiers.protocol import ModuleFile
+from vocc_torch.receiver.classifiers import Inputs, protocol
 from vocc_torch.receiver.classifiers.training import TrainingRecipe
 from vocc_torch.receiver.location import PaperLocator
 from vocc_torch.receiver.locators import LocatorName, PanelLocator, locator_named
@@ -28,7 +25,7 @@ from vocc_torch.simulation.simulator import PAPER_EFFECTS, Framing
 from vocc_torch.types import resolve_device as resolve_device
 
 Locator = Literal["truth", LocatorName]
-SCENE_FIELDS = tuple(f.name for f in dataclasses.fields(SceneModel))
+SCENE_FIELDS = tuple(f.name for f in fields(SceneModel))
 
 
 def narrowed(model: SceneModel, changes: Mapping[str, Any], key: str = "experiment.scene") -> SceneModel:
@@ -98,10 +95,8 @@ class World:
 
     def simulator(self) -> Simulator:
         """Build the simulator of this world."""
-        device, dtype = resolve_device(self.device), self.dtype
-        return Simulator(
-            self.camera, self.panel, self.effects, framing=self.framing, device=device, dtype=dtype
-        )
+        seen, device = (self.camera, self.panel, self.effects), resolve_device(self.device)
+        return Simulator(*seen, framing=self.framing, device=device, dtype=self.dtype)
 
 
 TARGET = "_target_"
@@ -210,15 +205,19 @@ class Plan:
     batch_frames: int = 64
 
     def __post_init__(self) -> None:
-        """Check every range, and that every point and the training have scenes."""
-        for value in self.experiment.values:
-            tested = f"experiment.values has {value:g}" if self.experiment.axis == "ambient_lx" else None
-            self._demand_exposure(self.experiment.model_at(self.world, value), tested)
-        self._demand_exposure(self.experiment.training_model(self.world))
+        """Check every range, and that every point and the training have scenes that auto-ISO can expose."""
+        tested = {f"{at:g}": self.experiment.model_at(self.world, at) for at in self.experiment.values}
+        for value, model in (*tested.items(), ("", self.experiment.training_model(self.world))):
+            if model.ambient_lx.bounds[0] == 0 and self.world.camera.iso_limits is None:
+                of_axis = value and self.experiment.axis == "ambient_lx"
+                said = f"experiment.values has {value}" if of_axis else "scene.ambient_lx is 0"
+                rule = "it must be above 0, or give camera.iso_limits: auto-ISO has no answer to no light"
+                raise VoccError(f"{said}: {rule}")
         frames, target = self.frames_in_point, self.budget.target_frame_errors
         if target is not None and target > frames:
-            few = f"a point of {frames} frames cannot have as many; raise budget.frames or lower the target"
-            raise VoccError(f"budget.target_frame_errors is {target}: {few}")
+            raise VoccError.of(
+                "budget.target_frame_errors", target, f"at most the {frames} frames of a point"
+            )
         for name, least in (("seed", 0), ("batch_frames", 1)):
             if (value := getattr(self, name)) < least:
                 raise VoccError.of(name, value, f"at least {least}")
@@ -226,15 +225,23 @@ class Plan:
             once = "give panel.rows and panel.columns once"
             raise VoccError(f"the receiver and the panel have different shapes: {once}")
 
-    def _demand_exposure(self, model: SceneModel, said: str | None = None) -> None:
-        """Refuse scenes without ambient light where auto-ISO has no limit, before any work is done."""
-        if model.ambient_lx.bounds[0] == 0 and self.world.camera.iso_limits is None:
-            rule = "it must be above 0, or give camera.iso_limits: auto-ISO has no answer to no light"
-            raise VoccError(f"{said or 'scene.ambient_lx is 0'}: {rule}")
-
     def rows(self) -> dict[float, Self]:
-        """Give a plan for each row of the experiment's grid, by its value; one curve is its own at 0."""
-        return {at: replace(self, experiment=one) for at, one in self.experiment.by_row().items()}
+        """Give a plan for each row of the experiment's grid, by its value, held in the scenes.
+
+        One curve is its own only row, at 0.
+
+        Example:
+            >>> grid = Experiment("dim", "distance_m", (25.0,), row_axis="ambient_lx", rows=(1000.0,))
+            >>> row = Plan(World(), ReceiverPlan(), grid, Budget(), Path("runs")).rows()[1000.0].experiment
+            >>> row.name, row.scene
+            ('dim/ambient_lx=1000', {'ambient_lx': 1000.0})
+        """
+        one, rows = self.experiment, {} if self.experiment.rows else {0.0: self}
+        for value in one.rows:
+            name, held = f"{one.name}/{one.row_axis}={value:g}", {**one.scene, str(one.row_axis): value}
+            row = replace(one, name=name, scene=held, row_axis=None, rows=())
+            rows[value] = replace(self, experiment=row)
+        return rows
 
     @property
     def frames_in_point(self) -> int:
@@ -264,26 +271,21 @@ def identity(plan: Plan, locators: Sequence[Locator]) -> dict[str, Any]:
         >>> identity(plans[0], ["truth"]) == identity(plans[1], ["truth"])
         True
     """
-    experiment = plan.experiment
-    world = _plain(plan.world)
-    del world["device"]
-    world["effects"] = {one.name: _plain(one) for one in build_effects(plan.world.effects)}
-    # Where a training's checkpoints are changes no weight.
-    places = [
-        replace(one, training=replace(one.training, checkpoints=None)) for one in plan.receiver.classifiers
-    ]
-    receiver = _plain(replace(plan.receiver, classifiers=tuple(places)))
-    del receiver["save"]
+    told, experiment = _plain(plan), plan.experiment
+    del told["world"]["device"], told["receiver"]["save"]
+    for one in told["receiver"]["classifiers"]:
+        one["training"]["checkpoints"] = None  # where they are changes no weight
+    effects = {one.name: _plain(one) for one in build_effects(plan.world.effects)}
     return {
         "seed": plan.seed,
-        "world": world,
-        "receiver": {**receiver, "locator": list(locators)},
+        "world": {**told["world"], "effects": effects},
+        "receiver": {**told["receiver"], "locator": list(locators)},
         "experiment": {
             "name": experiment.name,
             "axis": experiment.axis,
-            "bins": _plain(experiment.values) if experiment.axis == "contrast" else None,
-            "scene": _plain(experiment.scene),
-            "training": _plain(experiment.training),
+            "bins": told["experiment"]["values"] if experiment.axis == "contrast" else None,
+            "scene": _plain(parsed_scene(experiment.scene)),
+            "training": _plain(parsed_scene(experiment.training)),
         },
         "training_frames": plan.budget.training_frames,
         "made_with": {
@@ -305,15 +307,16 @@ def _maker(one: ClassifierPlan) -> str:
         return ""  # it cannot be built, which is told when it is
     if module.__name__.startswith("vocc_torch."):
         return ""
-    version = getattr(sys.modules[module.__name__.split(".")[0]], "__version__", None)
-    return str(version) if version else ModuleFile(str(module.__file__)).digest
+    package = importlib.import_module(module.__name__.partition(".")[0])
+    version = getattr(package, "__version__", None)
+    return str(version) if version else protocol.ModuleFile(str(module.__file__)).digest
 
 
 def _plain(value: object) -> Any:
     """Turn dataclasses into mappings, torch's types into their names, and whole floats into integers."""
-    if dataclasses.is_dataclass(value):
+    if is_dataclass(value):
         # What cannot be given cannot tell two studies apart: it is what an instance keeps for itself.
-        given = [one.name for one in dataclasses.fields(value) if one.init]
+        given = [one.name for one in fields(value) if one.init]
         return {name: _plain(getattr(value, name)) for name in given}
     if isinstance(value, Mapping):
         return {str(key): _plain(one) for key, one in value.items()}

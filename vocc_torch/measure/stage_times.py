@@ -5,20 +5,16 @@ import io
 import itertools
 import time
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import dataclass, fields, replace
 from typing import Any, Self, TypeAlias
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from vocc_torch.measure.estimate import Estimate
-from vocc_torch.measure.link import rendered
-from vocc_torch.measure.plan import World
-from vocc_torch.measure.timing import interleaved, quartiles
+from vocc_torch.measure import estimate, link, plan, timing
 from vocc_torch.receiver.bank import needs_preambles
-from vocc_torch.receiver.classifiers.protocol import Guarded
+from vocc_torch.receiver.classifiers import Guarded
 from vocc_torch.receiver.receiver import StagedReceiver
 from vocc_torch.rng import BLOCK_FRAMES, BlockKey
 from vocc_torch.simulation import SceneModel
@@ -34,16 +30,7 @@ BIT_DETECTION = ("rectify", "features", "classify")
 _MEASURING = ("read", "rectify", "features")
 """What a frame of known bits goes through."""
 
-
-def median_of(values: Sequence[float] | NDArray[np.float64]) -> Estimate:
-    """Give the median with the lower and the upper quartile as its ends.
-
-    Example:
-        >>> median_of([1.0, 2.0, 3.0])
-        Estimate(value=2.0, low=1.5, high=2.5)
-    """
-    low, median, high = quartiles(values)
-    return Estimate(median, low, high)
+median_of = timing.median_of
 
 
 @dataclass(frozen=True)
@@ -66,22 +53,21 @@ class StageTimes:
         """How many rounds were timed."""
         return len(self.rounds_ms[STAGES[0]])
 
-    def stage(self, name: str) -> Estimate:
+    def stage(self, name: str) -> estimate.Estimate:
         """Median of a stage with its quartiles, ms."""
         return median_of(self.rounds_ms[name])
 
     def summed(self, stages: Sequence[str]) -> NDArray[np.float64]:
         """Add stages round by round, ms."""
-        total: NDArray[np.float64] = np.sum([self.rounds_ms[stage] for stage in stages], axis=0)
-        return total
+        return np.asarray(np.sum([self.rounds_ms[stage] for stage in stages], axis=0))
 
     @property
-    def total(self) -> Estimate:
+    def total(self) -> estimate.Estimate:
         """Median of the whole time with its quartiles, ms: the stages are added round by round."""
         return median_of(self.summed(STAGES))
 
     @property
-    def share(self) -> Estimate | None:
+    def share(self) -> estimate.Estimate | None:
         """Bit detection's time over panel detection's (Fig. 25); None without the latter."""
         panel = np.array(self.rounds_ms["locate"])
         return median_of(self.summed(BIT_DETECTION) / panel) if (panel > 0).all() else None
@@ -102,7 +88,7 @@ class Exposure:
     preambles: tuple[Frames, ...] = ()
 
     @classmethod
-    def of(cls, world: World, model: SceneModel, keys: Sequence[BlockKey], *, preambles: bool) -> Self:
+    def of(cls, world: plan.World, model: SceneModel, keys: Sequence[BlockKey], *, preambles: bool) -> Self:
         """Render blocks of scenes.
 
         Args:
@@ -112,8 +98,9 @@ class Exposure:
             preambles: whether frames of known bits are needed too.
         """
         simulator, frames = world.simulator(), len(keys) * BLOCK_FRAMES
-        every = range(0, frames, frames)
-        ((scene, _, names, takes),) = rendered(simulator, model, keys, every, preambles)
+        ((scene, _, names, takes),) = link.rendered(
+            simulator, model, keys, range(0, frames, frames), preambles
+        )
         first, *rest = (_on(take, torch.device("cpu")) for take in takes)
         return cls(first, simulator.true_panels(scene, names), tuple(rest))
 
@@ -168,11 +155,11 @@ def time_stages(
     turns = [one for pair in zip(batches[-1:] + batches[:-1], batches, strict=True) for one in pair]
     stages = {key: stage for chain in chains.values() for key, stage in chain.stages.values()}
     stages |= {("whole", name): chains[name].whole for name in in_one_go}
-    calls = {str(key): partial(next, map(one, itertools.cycle(turns))) for key, one in stages.items()}
+    calls = {str(key): map(one, itertools.cycle(turns)).__next__ for key, one in stages.items()}
     wall, processor = time.perf_counter(), time.thread_time()
-    timing = interleaved(calls, repeats, device, warm_up=1, primed=True)
+    timed = timing.interleaved(calls, repeats, device, warm_up=1, primed=True)
     wall, processor = time.perf_counter() - wall, time.thread_time() - processor
-    seconds = {key: np.array(timing[str(key)].seconds) for key in stages}
+    seconds = {key: np.array(timed[str(key)].seconds) for key in stages}
     times, ratios = {}, []
     for name, chain in chains.items():
         spent = {stage: seconds[key] for stage, (key, _) in chain.stages.items()}
@@ -213,8 +200,7 @@ class Chain:
         if one.bank.needs_patches:
             self.stages["rectify"] = patches, lambda made: one.rectify(made["read",], made[self.where])
         self.stages["features"] = measured, lambda m: one.measure(m["read",], m[self.where], m.get(patches))
-        decide = "classify", name
-        self.stages["classify"] = decide, lambda made: _bits(one.decide(made[measured], made[self.known]))
+        self.stages["classify"] = ("classify", name), lambda m: _bits(one.decide(m[measured], m[self.known]))
 
     def whole(self, made: Made) -> object:
         """Do all stages in one go."""
@@ -224,10 +210,8 @@ class Chain:
 
 def prepared(chains: Iterable[Chain], exposure: Exposure, rows: slice, device: torch.device) -> Made:
     """Make what each stage starts from, of some of the frames."""
-    truth = exposure.truth
-    parts = (truth.corners_px, truth.found, truth.score, truth.candidates)
-    made: Made = {"host": exposure.frames[rows]}
-    made["locate", None] = Panels(*(one[rows].to(device) for one in parts))
+    truth = (getattr(exposure.truth, one.name)[rows].to(device) for one in fields(Panels))
+    made: Made = {"host": exposure.frames[rows], ("locate", None): Panels(*truth)}
     on_off = [_on(take[rows], device) for take in exposure.preambles]
     for chain in chains:
         for key, stage in chain.stages.values():

@@ -3,22 +3,20 @@
 Every receiver decides on the same frames, with one or more locators, and every two receivers are compared.
 """
 
+import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import pairwise
 
 import numpy as np
 import torch
 
+from vocc_torch.measure import curve, frame_errors, train
 from vocc_torch.measure.counts import Counts
-from vocc_torch.measure.curve import Curves, Measured, Point
-from vocc_torch.measure.frame_errors import Banks, FrameJob
 from vocc_torch.measure.ledger import Label, Ledger, Tally
 from vocc_torch.measure.link import Link, Observation
 from vocc_torch.measure.paired import PairedCounts
-from vocc_torch.measure.plan import Budget, Experiment, Locator, Plan, identity
-from vocc_torch.measure.train import Training, train_plans
+from vocc_torch.measure.plan import Experiment, Locator, Plan, identity
 from vocc_torch.measure.workers import Outcome, Part, PointWork, Workers, run_points, worker_losses_told
 from vocc_torch.receiver.bank import ReceiverBank
 from vocc_torch.rng import BLOCK_FRAMES
@@ -58,8 +56,8 @@ class Campaign:
         trainings: the trained receivers, by the locator's name.
     """
 
-    measured: Mapping[str, Measured]
-    trainings: Mapping[str, Mapping[Locator, Training]]
+    measured: Mapping[str, curve.Measured]
+    trainings: Mapping[str, Mapping[Locator, train.Training]]
 
 
 def run_campaign(
@@ -69,7 +67,7 @@ def run_campaign(
     *,
     trained: Callable[[], None] = lambda: None,
     advance: Callable[[Study, int], None] = lambda study, frames: None,
-    finished: Callable[[Study, Measured], None] = lambda study, measured: None,
+    finished: Callable[[Study, curve.Measured], None] = lambda study, measured: None,
 ) -> Campaign:
     """Train for every study and measure it, in order; studies that train on the same scenes share them.
 
@@ -86,23 +84,19 @@ def run_campaign(
             from outside.
     """
     ledgers = {study.key: open_ledger(study) for study in studies}
-    every = train_plans([study.plan for study in studies], [study.locators for study in studies], workers)
+    every = train.train_plans([one.plan for one in studies], [one.locators for one in studies], workers)
     trainings = {study.key: one for study, one in zip(studies, every, strict=True)}
     trained()
     banks, results = {}, {}
-    outcomes: dict[str, dict[float, Outcome]] = {}
     for study in studies:
-        names, outcomes[study.key] = study.plan.receiver.names, {}
+        names = study.plan.receiver.names
         banks[study.key] = {locator: one.bank(names) for locator, one in trainings[study.key].items()}
 
-    def told(study: Study, _value: float, frames: int, _tallies: object) -> None:
-        advance(study, frames)
-
-    for study, value, outcome in run_studies(studies, banks, ledgers, workers, told):
-        outcomes[study.key][value] = outcome
-        if len(outcomes[study.key]) == len(monte_carlo_values(study.plan)):
-            results[study.key] = measured(study, outcomes[study.key])
-            finished(study, results[study.key])
+    points = run_studies(studies, banks, ledgers, workers, lambda one, _at, frames, _: advance(one, frames))
+    for study in studies:
+        own = itertools.islice(points, len(monte_carlo_values(study.plan)))
+        results[study.key] = measured(study, {value: outcome for _, value, outcome in own})
+        finished(study, results[study.key])
     return Campaign(results, trainings)
 
 
@@ -133,16 +127,12 @@ def run_studies(
         VoccError: a ledger that cannot be written, or a worker that was ended from outside.
     """
     points = [(study, value) for study in studies for value in monte_carlo_values(study.plan)]
-    works = [
-        PointWork(
-            point_name(study.plan.experiment, value),
-            partial(count_parts, study.plan, study.locators, banks[study.key], value),
-            stop_rule(study.plan),
-            ledgers.get(study.key),
-            partial(progress, study, value),
-        )
-        for study, value in points
-    ]
+    works = []
+    for study, value in points:
+        name, told = point_name(study.plan.experiment, value), partial(progress, study, value)
+        count = partial(count_parts, study.plan, banks[study.key], value)
+        rule = replace(study.plan.budget, frames=study.plan.frames_in_point)  # those of all bins
+        works.append(PointWork(name, count, rule, ledgers.get(study.key), told))
     blocks = max(1, max((study.plan.batch_frames for study in studies), default=1) // BLOCK_FRAMES)
     with worker_losses_told():
         outcomes = run_points(works, workers.submit, window=workers.window, blocks_at_once=blocks)
@@ -150,17 +140,8 @@ def run_studies(
             yield *point, outcome
 
 
-def stop_rule(plan: Plan) -> Budget:
-    """Return the rule by which a plan's points stop: its budget, for the frames of all bins."""
-    return replace(plan.budget, frames=plan.frames_in_point)
-
-
 def count_parts(
-    plan: Plan,
-    locators: Sequence[Locator],
-    banks: Mapping[Locator, ReceiverBank],
-    value: float,
-    parts: Sequence[Part],
+    plan: Plan, banks: Mapping[Locator, ReceiverBank], value: float, parts: Sequence[Part]
 ) -> list[dict[Label, Tally]]:
     """Count the errors of every receiver on blocks of one point, and compare every two of them.
 
@@ -169,19 +150,18 @@ def count_parts(
 
     Args:
         plan: the study.
-        locators: names of the locators.
-        banks: the receivers, trained with each of the locators.
+        banks: the receivers, trained with each of the locators, by the locator.
         value: the axis value; without meaning for ``contrast``.
         parts: the blocks; only the last one may be used in part.
     """
     # Blocks known already may be missing between others, but only a budget's last one is used in part.
     assert all(part.frames == BLOCK_FRAMES for part in parts[:-1]), parts
-    receivers, names = Banks([(name, banks[name]) for name in locators]), plan.receiver.names
+    receivers, names = frame_errors.Banks(list(banks.items())), plan.receiver.names
     model, point = plan.experiment.model_at(plan.world, value), point_name(plan.experiment, value)
     sorter, preambles = partial(group_of, plan.experiment), receivers.needs_preambles
-    job = FrameJob(plan, model, point, tuple(locators), receivers, preambles, sorter)
+    job = frame_errors.FrameJob(plan, model, point, tuple(banks), receivers, preambles, sorter)
     errors = job.count([part.block for part in parts], sum(part.frames for part in parts))
-    rows = {name: range(first * len(names), (first + 1) * len(names)) for first, name in enumerate(locators)}
+    rows = {name: range(first * len(names), (first + 1) * len(names)) for first, name in enumerate(banks)}
     counted = []
     for start in range(0, len(parts) * BLOCK_FRAMES, BLOCK_FRAMES):
         block = errors.of(frames=slice(start, start + BLOCK_FRAMES))
@@ -230,13 +210,13 @@ def point_name(experiment: Experiment, value: float) -> str:
 
 def points_of(
     plan: Plan, locator: Locator, value: float, tallies: Mapping[Label, Tally], stopped_by: str
-) -> list[Point]:
+) -> list[curve.Point]:
     """Name one locator's counts by receiver and by axis value, or by the middle of their contrast bin."""
     outcomes = {value: Outcome(dict(tallies), stopped_by)}
     return measured(Study("", plan, (locator,)), outcomes).curves[locator].points()
 
 
-def measured(study: Study, outcomes: Mapping[float, Outcome]) -> Measured:
+def measured(study: Study, outcomes: Mapping[float, Outcome]) -> curve.Measured:
     """Put a study's outcomes together.
 
     Args:
@@ -264,8 +244,8 @@ def measured(study: Study, outcomes: Mapping[float, Outcome]) -> Measured:
     held, curves = tuple(at for at in values if at in stopped), {}
     for name in study.locators:
         own = counts[name], pairs[name], stopped
-        curves[str(name)] = Curves(experiment.name, experiment.axis, name, names, held, *own)
-    return Measured(curves, location)
+        curves[str(name)] = curve.Curves(experiment.name, experiment.axis, name, names, held, *own)
+    return curve.Measured(curves, location)
 
 
 def axis_values(experiment: Experiment) -> tuple[float, ...]:
@@ -275,10 +255,8 @@ def axis_values(experiment: Experiment) -> tuple[float, ...]:
         >>> axis_values(Experiment("c", "contrast", (0.0, 0.06, 0.12)))
         (0.03, 0.09)
     """
-    edges = experiment.values
-    if experiment.axis != "contrast":
-        return edges
-    return tuple(round((low + high) / 2, 12) for low, high in pairwise(edges))
+    middles = tuple(round((low + high) / 2, 12) for low, high in itertools.pairwise(experiment.values))
+    return middles if experiment.axis == "contrast" else experiment.values
 
 
 def monte_carlo_values(plan: Plan) -> tuple[float, ...]:

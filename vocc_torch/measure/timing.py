@@ -9,7 +9,6 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
-from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +16,7 @@ import torch
 from numpy.typing import NDArray
 
 from vocc_torch.errors import VoccError
+from vocc_torch.measure.estimate import Estimate
 
 _TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3  # of malloc.h
 _CPU_FILE = Path("/proc/cpuinfo")
@@ -31,43 +31,22 @@ class Timing:
         seconds: at least one duration, s.
 
     Example:
-        >>> timing = Timing((4.0, 1.0, 2.0, 3.0, 100.0))
-        >>> timing.low_s, timing.median_s, timing.high_s, timing.repeats
-        (2.0, 3.0, 4.0, 5)
+        >>> median_of(Timing((4.0, 1.0, 2.0, 3.0, 100.0)).seconds)
+        Estimate(value=3.0, low=2.0, high=4.0)
     """
 
     seconds: tuple[float, ...]
 
-    @property
-    def median_s(self) -> float:
-        """Median, s."""
-        return quartiles(self.seconds)[1]
 
-    @property
-    def low_s(self) -> float:
-        """Lower quartile, s."""
-        return quartiles(self.seconds)[0]
-
-    @property
-    def high_s(self) -> float:
-        """Upper quartile, s."""
-        return quartiles(self.seconds)[2]
-
-    @property
-    def repeats(self) -> int:
-        """How often the call was timed."""
-        return len(self.seconds)
-
-
-def quartiles(values: Sequence[float] | NDArray[np.float64]) -> tuple[float, float, float]:
-    """Lower quartile, median and upper quartile, between two values where need be.
+def median_of(values: Sequence[float] | NDArray[np.float64]) -> Estimate:
+    """Give the median with the lower and the upper quartile as its ends, between two values where need be.
 
     Example:
-        >>> quartiles([1.0, 2.0, 3.0, 4.0])
-        (1.75, 2.5, 3.25)
+        >>> median_of([1.0, 2.0, 3.0, 4.0])
+        Estimate(value=2.5, low=1.75, high=3.25)
     """
     low, median, high = np.percentile(values, (25, 50, 75)).tolist()
-    return low, median, high
+    return Estimate(median, low, high)
 
 
 def interleaved(
@@ -98,7 +77,7 @@ def interleaved(
 
     Example:
         >>> spent = interleaved({"sum": lambda: sum(range(9)), "none": int}, 5, torch.device("cpu"))
-        >>> list(spent), spent["sum"].repeats, spent["sum"].median_s > 0
+        >>> list(spent), len(spent["sum"].seconds), min(spent["sum"].seconds) > 0
         (['sum', 'none'], 5, True)
     """
     for name, value, least in (("repeats", repeats, 1), ("warm_up", warm_up, 0)):
@@ -132,9 +111,9 @@ def threads(count: int) -> Iterator[None]:
     """
     before = torch.get_num_threads()
     with ExitStack() as stack:
-        if count and "sklearn" in sys.modules:
-            # It comes with scikit-learn, whose threads are not torch's.
-            stack.enter_context(import_module("threadpoolctl").threadpool_limits(count))
+        # It comes with scikit-learn, whose threads are not torch's.
+        if count and (pools := sys.modules.get("threadpoolctl")):
+            stack.enter_context(pools.threadpool_limits(count))
         stack.callback(torch.set_num_threads, before)
         torch.set_num_threads(count or before)
         yield
@@ -181,13 +160,10 @@ def describe_machine(device: torch.device) -> str:
     named = None
     with suppress(OSError):
         named = re.search(r"^model name\s*:(.*)", _CPU_FILE.read_text("utf-8", "replace"), re.MULTILINE)
-    model = named[1].strip() if named else ""
-    cpu = model or platform.processor() or platform.machine() or "unknown processor"
+    cpu = (named and named[1].strip()) or platform.processor() or platform.machine() or "unknown processor"
     return f"{where}{cpu} with {counted}, torch {torch.__version__}"
 
 
 def usable_cores() -> int:
     """Count the cores that this process may run on; a container may allow fewer than there are."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

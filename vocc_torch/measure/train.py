@@ -1,29 +1,25 @@
 """Train receivers on simulated frames: FLDA and the classifiers that plug in, with what each took."""
 
+import itertools
 import json
 import pickle
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import chain
-from typing import Self, TypeAlias
 
 import torch
 from torch import Tensor
 
 from vocc_torch.errors import VoccError
-from vocc_torch.measure.build import built, seeded
+from vocc_torch.measure import build, timing
 from vocc_torch.measure.link import Link, block_keys
 from vocc_torch.measure.plan import Locator, Plan, identity, narrowed
-from vocc_torch.measure.timing import threads
 from vocc_torch.measure.workers import Workers, worker_losses_told
+from vocc_torch.receiver import discriminant, reader
 from vocc_torch.receiver.bank import FLDA_FEATURES, ReceiverBank, feature_indices
 from vocc_torch.receiver.classifiers import Guarded, Inputs
-from vocc_torch.receiver.discriminant import Discriminant
-from vocc_torch.receiver.features import FEATURE_NAMES
 from vocc_torch.receiver.flda import FLDA
 from vocc_torch.receiver.locators import PanelLocator
-from vocc_torch.receiver.reader import Readings
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.rng import BLOCK_FRAMES, BlockKey
 from vocc_torch.simulation import SceneModel
@@ -32,7 +28,7 @@ FIGURE_SAMPLES = 20_000
 """LEDs kept for the feature histograms."""
 
 Told = Callable[[int], None]
-_N_FEATURES = len(FEATURE_NAMES)
+_N_FEATURES = len(FLDA_FEATURES["flda_3"])
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,14 +78,6 @@ class Training:
         """Give the named receivers, ready to decide."""
         return ReceiverBank(names, self.flda, self.classifiers)
 
-    def joined(self, others: Iterable[Self]) -> Self:
-        """Give this training with the classifiers of others too."""
-        classifiers, made = dict(self.classifiers), dict(self.made)
-        for one in others:
-            classifiers |= one.classifiers
-            made |= one.made
-        return replace(self, classifiers=classifiers, made=made)
-
     def making(self, name: str) -> Making:
         """Say what it took to make a receiver; one that learns nothing has no parameters."""
         if name in self.made:
@@ -97,7 +85,7 @@ class Training:
         if name not in FLDA_FEATURES:
             return Making(parameters=0)
         # What decides, without the sums that it was solved from.
-        rule, _ = Discriminant.of(self.flda.select(feature_indices(name)).statistics)
+        rule, _ = discriminant.Discriminant.of(self.flda.select(feature_indices(name)).statistics)
         parameters = len(FLDA_FEATURES[name]) + 1
         return Making(self.seconds, None, self.frames, parameters, len(pickle.dumps(rule)))
 
@@ -132,24 +120,19 @@ def train_each(
     model, keys = plan.experiment.training_model(plan.world), block_keys(plan.seed, "train", frames)
     views = link.observe_each(finders, model, keys, preambles=False, frames=frames)
     seen = (
-        (
-            torch.stack([of[name].readings.features for name in locators], dim=1),
-            torch.stack([of[name].panels.found for name in locators], dim=1),
-            of[locators[0]].bits,
-        )
+        tuple(part for one in of.values() for part in (one.readings.features, one.panels.found, one.bits))
         for of in views
     )
     # A block at a time: sums then do not depend on the batch's size.
-    for features, found, bits in in_blocks(seen):
-        for place, name in enumerate(locators):
-            here = found[:, place]
-            leds = features[here, place], bits[here]
+    for parts in in_blocks(seen):
+        for name, features, found, bits in zip(locators, *(parts[at::3] for at in range(3)), strict=True):
+            leds = features[found], bits[found]
             fldas[name].update(*leds)
-            missed[name] += int((~here).sum())
+            missed[name] += int((~found).sum())
             if sum(len(one) for _, one in kept[name]) < FIGURE_SAMPLES:
                 kept[name].append((leds[0].reshape(-1, _N_FEATURES).cpu(), leds[1].reshape(-1).cpu()))
         if progress is not None:
-            progress(len(bits))
+            progress(len(parts[0]))
     trained = {}
     for name, flda in fldas.items():
         if missed[name] == frames:
@@ -161,9 +144,8 @@ def train_each(
                 rule = "raise it, or take receiver.locator=truth for panels too small to be found"
                 raise VoccError(f"budget.training_frames is {frames}: {told}: {rule}")
         x, bits = (torch.cat(parts)[:FIGURE_SAMPLES] for parts in zip(*kept[name], strict=True))
-        seconds = time.perf_counter() - begun
-        classifiers, made = train_classifiers(plan, link, finders[name], keep=keep)
-        trained[name] = Training(flda, frames, missed[name], x, bits, seconds, classifiers, made)
+        own = Training(flda, frames, missed[name], x, bits, time.perf_counter() - begun)
+        trained[name] = train_classifiers(plan, link, finders[name], own, keep=keep)
     return trained
 
 
@@ -209,8 +191,11 @@ def train_plans(
         trained = {key: call.result() for key, call in calls.items()}
     together = []
     for keys, named in zip(wanted, locators, strict=True):
-        fisher, *others = (trained[key] for key in keys)
-        together.append({name: fisher[name].joined([one[name] for one in others]) for name in named})
+        together.append({name: trained[keys[0]][name] for name in named})
+        for name, key in itertools.product(named, keys[1:]):
+            one, more = together[-1][name], trained[key][name]
+            classifiers, made = {**one.classifiers, **more.classifiers}, {**one.made, **more.made}
+            together[-1][name] = replace(one, classifiers=classifiers, made=made)
     return together
 
 
@@ -224,14 +209,11 @@ def train_alone(plans: Sequence[Plan], workers: Workers) -> list[Training]:
 def train_part(part: tuple[Plan, Sequence[Locator]]) -> dict[Locator, Training]:
     """Train a receiver by itself on one thread with each of some locators: FLDA, or a plan's classifier."""
     plan, locators = part
-    with threads(1):
+    with timing.threads(1):
         if not plan.receiver.classifiers:
             return train_each(plan, locators)
-        link, trained, finders = Link.of(plan), {}, plan.receiver.finders(locators)
-        for name in locators:
-            classifiers, made = train_classifiers(plan, link, finders[name])
-            trained[name] = Training(classifiers=classifiers, made=made)
-    return trained
+        link, finders = Link.of(plan), plan.receiver.finders(locators)
+        return {name: train_classifiers(plan, link, finders[name], Training()) for name in locators}
 
 
 def trained_receiver(plan: Plan, training: Training) -> Receiver:
@@ -267,7 +249,7 @@ def in_blocks(batches: Iterable[tuple[Tensor, ...]]) -> Iterator[tuple[Tensor, .
         yield tuple(torch.cat(parts) for parts in zip(*waiting, strict=True))
 
 
-Read: TypeAlias = tuple[Readings, Tensor, Tensor]
+Read = tuple[reader.Readings, Tensor, Tensor]
 """Readings of some frames, their bits, and whether the panel was found."""
 
 
@@ -315,7 +297,7 @@ class PanelStream:
         """Yield what the classifier sees, bits, and whether the panel was found, batch by batch."""
         keys = block_keys(self.seed, "train", first + count)[first // BLOCK_FRAMES :]
         parts = [self._simulated(keys, count)] if self.kept is None else map(self._known, keys)
-        for readings, bits, found in chain.from_iterable(parts):
+        for readings, bits, found in (read for part in parts for read in part):
             used = min(len(bits), count)
             count -= used
             x = self.inputs.of(readings, readings.cell_px, self.link.reader.shape)
@@ -337,8 +319,8 @@ class PanelStream:
 
 
 def train_classifiers(
-    plan: Plan, link: Link, locator: PanelLocator | None, *, keep: bool = False
-) -> tuple[dict[str, Guarded], dict[str, Making]]:
+    plan: Plan, link: Link, locator: PanelLocator | None, training: Training, *, keep: bool = False
+) -> Training:
     """Train a plan's classifiers one after the other.
 
     Training frames have the same names as those of FLDA; test frames never do.
@@ -347,23 +329,23 @@ def train_classifiers(
         plan: the study.
         link: simulation and reader.
         locator: what finds the panel, or None for the simulator's true corners.
+        training: what is trained already.
         keep: whether to keep simulated frames in memory for the next classifier.
 
     Returns:
-        The classifiers by name, and what each took.
+        The training with the classifiers too, and what each took.
 
     Raises:
         VoccError: a classifier that cannot be built or trained, by its name.
     """
     kept: dict[SceneModel, dict[int, list[Read]]] = {}
-    classifiers, made = {}, {}
+    classifiers, made, scenes = {}, {}, plan.experiment.training_model(plan.world)
     for one in plan.receiver.classifiers:
-        scenes = plan.experiment.training_model(plan.world)
         model = narrowed(scenes, one.scene, f"classifiers.{one.name}.scene")
         shared = kept.setdefault(model, {}) if keep else None
         stream = PanelStream(link, locator, model, plan.seed, one.inputs, shared)
-        guarded, begun = built(one), time.perf_counter()
-        with seeded(one.training.seed):
+        guarded, begun = build.built(one), time.perf_counter()
+        with build.seeded(one.training.seed):
             guarded.fit_stream(stream, one.frames or plan.budget.training_frames)
         # An interrupted training that went on has a price too.
         seconds = time.perf_counter() - begun + float(getattr(guarded.classifier, "earlier_s", 0.0))
@@ -375,7 +357,6 @@ def train_classifiers(
             rule = "it must be possible to pickle it, for other processes"
             raise VoccError(f"classifier {one.name}: {rule} ({reason})") from error
         classifiers[one.name] = guarded
-        made[one.name] = Making(
-            seconds, stream.seconds, stream.frames, None if counted is None else int(counted), size
-        )
-    return classifiers, made
+        parameters = None if counted is None else int(counted)
+        made[one.name] = Making(seconds, stream.seconds, stream.frames, parameters, size)
+    return replace(training, classifiers=classifiers, made=made)

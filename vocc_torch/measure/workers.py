@@ -14,7 +14,6 @@ import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent import futures
-from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from typing import NamedTuple, Self, TypeAlias, TypeVar, cast
@@ -22,11 +21,10 @@ from typing import NamedTuple, Self, TypeAlias, TypeVar, cast
 import torch
 
 from vocc_torch.errors import VoccError
+from vocc_torch.measure import intervals, timing
 from vocc_torch.measure.config import Budget
 from vocc_torch.measure.counts import Counts, Tally
-from vocc_torch.measure.intervals import ber_interval
 from vocc_torch.measure.ledger import Label, Ledger
-from vocc_torch.measure.timing import settle_memory, usable_cores
 from vocc_torch.rng import BLOCK_FRAMES
 
 A = TypeVar("A")
@@ -58,7 +56,7 @@ class Workers:
     def __init__(self, count: int = 1) -> None:
         if not 0 <= count <= MOST_WORKERS:
             raise VoccError(f"workers is {count}: it must be from 0 (one a core) to {MOST_WORKERS}")
-        self.count = count or usable_cores()
+        self.count = count or timing.usable_cores()
         self._pool: futures.ProcessPoolExecutor | None = None
 
     @property
@@ -96,7 +94,7 @@ class Workers:
     def __enter__(self) -> Self:
         """Give itself; no process is started yet."""
         if self.count == 1:
-            settle_memory()
+            timing.settle_memory()
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
@@ -104,9 +102,8 @@ class Workers:
         if self._pool is None:
             return
         # Before Python 3.14 a pool has no other way to end what its processes are doing.
-        processes = list((self._pool._processes or {}).values())
         if kind is not None:
-            for process in processes:
+            for process in list((self._pool._processes or {}).values()):
                 process.terminate()
         self._pool.shutdown(wait=True, cancel_futures=True)
 
@@ -120,11 +117,10 @@ def worker_losses_told() -> Iterator[None]:
     """
     try:
         yield
-    except BrokenProcessPool as error:
-        raise VoccError(
-            "a worker process was ended from outside, perhaps for lack of memory: "
-            "give fewer workers or a smaller batch_frames, and start again to go on"
-        ) from error
+    except futures.BrokenExecutor as error:
+        lost = "a worker process was ended from outside, perhaps for lack of memory"
+        help_ = "give fewer workers or a smaller batch_frames, and start again to go on"
+        raise VoccError(f"{lost}: {help_}") from error
 
 
 class _Whole:
@@ -151,7 +147,7 @@ def _begin() -> None:
     """Set a worker process up."""
     # One thread each: the processes together use the cores.
     torch.set_num_threads(1)
-    settle_memory()
+    timing.settle_memory()
     # Ctrl-C reaches the whole group; the parent ends its workers itself.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
@@ -214,7 +210,7 @@ def stop_reason(rule: Budget, tallies: Mapping[Label, Tally], blocks: int) -> st
         if not one.frames:
             return None
         # Without errors nothing tells how many bits a wrong frame would have: half, as in a lost panel.
-        interval = ber_interval(one, errors_per_frame_error=one.bits / one.frames / 2)
+        interval = intervals.ber_interval(one, errors_per_frame_error=one.bits / one.frames / 2)
         reach = max(interval.high - one.ber, one.ber - interval.low)
         narrow = one.half_errors > 0 and reach <= rule.precision * one.ber
         if not narrow and interval.high > rule.least_ber:
@@ -270,15 +266,14 @@ class PointWork:
         """Lay the blocks out."""
         self._parts = parts_of(self.rule.frames)
         self._known: dict[int, tuple[Part, Mapping[Label, Tally]]] = {}
-        self._blocks = self._frames = 0
+        self._blocks = 0
 
     def take(self, blocks: int) -> list[Part]:
         """Take the next blocks, and give those of them that the ledger does not know."""
         taken, missing = list(itertools.islice(self._parts, blocks)), []
         self.exhausted = not taken
         for part in taken:
-            counts = None if self.ledger is None else self.ledger.find(self.point, *part)
-            if counts is None:
+            if self.ledger is None or (counts := self.ledger.find(self.point, *part)) is None:
                 missing.append(part)
             else:
                 self._known[part.block] = part, counts
@@ -298,8 +293,7 @@ class PointWork:
             for label, one in counts.items():
                 self.counts[label] = self.counts[label] + one if label in self.counts else one
             self._blocks += 1
-            self._frames += part.frames
-            spent = "frames" if self._frames >= self.rule.frames else ""
+            spent = "frames" if self._blocks * BLOCK_FRAMES >= self.rule.frames else ""
             self.stopped_by = stop_reason(self.rule, self.counts, self._blocks) or spent
             self.told(part.frames, self.counts)
 

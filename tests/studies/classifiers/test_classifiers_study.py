@@ -128,7 +128,7 @@ def test_costs_and_times_are_stated(whole):
 def test_beside_the_genie_are_the_receivers_on_its_own_frames(plan, whole, kept):
     """Counted anew on the first frames: what a study of so few frames counts."""
     point = whole.genie["far"][70.0]
-    (block,) = count_parts(plan, ("truth",), {"truth": kept.bank(NAMES)}, 70.0, [Part(0, 8)])
+    (block,) = count_parts(plan, {"truth": kept.bank(NAMES)}, 70.0, [Part(0, 8)])
     assert point.receivers == {name: block["truth", name, 0] for name in NAMES}
     assert point.unbeaten
     assert (point.genie.counts.frames, point.genie.counts.half_errors, point.genie.proven) == (8, 0, 8)
