@@ -16,6 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from one_point import run_point
 
+from vocc_torch.errors import VoccError
 from vocc_torch.measure import workers
 from vocc_torch.measure.config import Budget
 from vocc_torch.measure.counts import Counts
@@ -237,6 +238,21 @@ def test_an_error_in_a_call_ends_the_run_and_loses_nothing_that_came_back(
             by_hand(work)[0] for work in works
         ]
         assert all(not done & set(work.count.asked) for done, work in zip(finished, fresh, strict=True))
+
+
+def test_a_ledger_that_cannot_be_written_ends_the_run(ledger, monkeypatch):
+    append, rows = Ledger.append, []
+
+    def full(self, *row):
+        if len(rows) == 3:
+            raise VoccError("cannot write")
+        rows.append(append(self, *row))
+
+    monkeypatch.setattr(Ledger, "append", full)
+    work = PointWork("p", Counter([1]), Budget(640), ledger)
+    with pytest.raises(VoccError, match="cannot write"):
+        list(run_points([work], workers.Workers(1).submit, window=1))
+    assert sorted(blocks_of(ledger, "p")) == [0, 1, 2]
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, RuntimeError])

@@ -123,3 +123,10 @@ def test_a_trimmed_frame_is_the_frame_on_one_grey_value():
         full[2][place] ^= 1
         assert trimmed(whole) is whole
         full[2][place] ^= 1
+
+
+def test_what_touches_a_border_that_no_block_ends_at_is_kept():
+    grey = torch.full((1, 1, 404, 604), 7, dtype=torch.uint8)
+    grey[..., 380:, 590:] = 200
+    cut = trimmed(Frames.whole(grey))
+    assert int((cut.grey == 200).sum()) == 24 * 14

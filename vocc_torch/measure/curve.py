@@ -12,7 +12,7 @@ from vocc_torch.measure.paired import PairedCounts
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class PointKey:
     """Where a point lies.
 
     Args:
@@ -31,7 +31,7 @@ class Place:
 
 
 @dataclass(frozen=True, slots=True)
-class Row(Place):
+class Row(PointKey):
     """A point as ``ber.csv`` states it; the fields are the file's columns, in order.
 
     Args:
@@ -83,7 +83,7 @@ COLUMNS = tuple(field.name for field in fields(Row))
 
 
 @dataclass(frozen=True, slots=True)
-class Point(Place):
+class Point(PointKey):
     """What one receiver did at one value of the axis.
 
     Args:

@@ -13,6 +13,7 @@ from itertools import chain
 import torch
 from torch import Tensor
 
+from vocc_torch.errors import VoccError
 from vocc_torch.measure import frame_errors, link, timing
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.likelihood import ForwardModel, PixelModel, overlap
@@ -259,8 +260,11 @@ class Genie:
             The decision, on the simulator's device.
 
         Raises:
-                UnknownLikelihoodError: pixels that are full before they are white.
+            VoccError: another number of scenes than of frames.
+            UnknownLikelihoodError: pixels that are full before they are white.
         """
+        if len(scene) != len(frames):
+            raise VoccError.of("scene", f"of {len(scene)} scenes", f"one for each of {len(frames)} frames")
         device, shape, seconds = self._simulator.device, self._simulator.panel.shape, []
         scene = scene.checked().to(device)
         bits = torch.zeros(len(frames), shape.rows, shape.columns, dtype=torch.bool)

@@ -305,10 +305,16 @@ def run_effects(
     """
     wanted, names = wanted_of(study), study.plan.receiver.names
     step = max(1, study.plan.batch_frames // BLOCK_FRAMES) * BLOCK_FRAMES
+
+    def cost_ms(training: tuple[tuple[Key, Locator], Effects]) -> float:
+        (key, locator), _ = training
+        return float(np.median(costs.times["near" if locator == "truth" else "located", key]))
+
     reading = functools.partial(told, "reading")
     calls, parts = {}, {}
     with worker_losses_told():
-        for place, effects in _trainings(wanted).items():
+        # The longest training begins first.
+        for place, effects in sorted(_trainings(wanted).items(), key=cost_ms, reverse=True):
             calls[place] = workers.submit(trained_flda, study.plan_of(effects, place[1]))
             calls[place].add_done_callback(lambda _: told("training", study.plan.budget.training_frames))
         fldas = {place: call.result() for place, call in calls.items()}

@@ -179,6 +179,9 @@ class PriceList:
     threads: int
     waited_share: float
     crop_px: tuple[int, int]
+    _points: dict[tuple[str, str, str, int | None], list[OperatingPoint]] = field(
+        default_factory=dict, init=False, repr=False, compare=False
+    )
 
     @property
     def settings(self) -> tuple[Setting, ...]:
@@ -216,6 +219,9 @@ class PriceList:
         Times, all taken in the same rounds, are compared by their medians; rates on the same frames, by
         intervals of all pairs that hold together at 95 % (Bonferroni).
         """
+        key = scenes, device, frames, batch
+        if key in self._points:  # a comparison of all pairs
+            return self._points[key]
         errors, mark = self.errors[scenes], self.references.get(scenes)
         referenced = errors.first(mark.counts.frames).counts if mark else [None] * len(self.settings)
         points = []
@@ -226,7 +232,8 @@ class PriceList:
             time_ms, best = min(timed, key=lambda one: one[0].value)
             rate = _rate(errors.counts[row], [one.counts[row] for one in self.errors.values()])
             points.append(OperatingPoint(setting, best, time_ms, rate, errors.counts[row], same))
-        return ranked(points, errors.surely_worse)
+        self._points[key] = ranked(points, errors.surely_worse)
+        return self._points[key]
 
     def answers(self, scenes: str, device: str, frames: str, batch: int | None = None) -> list[Answer]:
         """Say which receiver to take, as :func:`answers`, for points as :meth:`points` gives them."""
