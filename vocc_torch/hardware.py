@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from vocc_torch.errors import VoccError, finite_number, shown, whole_number
+from vocc_torch.errors import VoccError, demand_kind, finite_number, shown, whole_number
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -181,8 +181,7 @@ class LedPanel:
 
     def __post_init__(self) -> None:
         """Check every range."""
-        if not isinstance(self.shape, PanelShape):
-            raise VoccError(f"panel.shape is {shown(self.shape)}: it must be a PanelShape")
+        demand_kind("panel.shape", self.shape, PanelShape)
         ranges = {"led_diameter_m": (1e-6, 1e3), "led_gap_m": (0, 1e3)}
         ranges |= {"led_reflectance": (0, 1), "background_reflectance": (0, 1)}
         if self.board_reflectance is not None:

@@ -8,7 +8,9 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from vocc_torch.errors import VoccError, finite_number, shown, whole_number
@@ -139,6 +141,26 @@ class Scene:
         return Scene(*(torch.cat([getattr(s, field.name) for s in scenes]) for field in fields(Scene)))
 
 
+def tensor_of(name: str, value: object) -> Tensor:
+    """Give a tensor as it is and a NumPy array copied to a tensor, or refuse anything else by name.
+
+    Raises:
+        VoccError: anything else, and an array of what is no number.
+
+    Example:
+        >>> tensor_of("images", np.zeros((2, 2), np.uint8)).dtype
+        torch.uint8
+    """
+    if isinstance(value, Tensor):
+        return value
+    try:
+        if isinstance(value, np.ndarray):
+            return torch.from_numpy(np.array(value))
+    except (TypeError, ValueError):  # of objects or text, or of another machine's byte order
+        pass
+    raise VoccError.of(name, shown(value), "a tensor or a NumPy array of numbers")
+
+
 @dataclass(frozen=True, slots=True)
 class Frames:
     """Camera frames, or crops of them.
@@ -163,16 +185,39 @@ class Frames:
 
     @classmethod
     def whole(cls, grey: Tensor) -> "Frames":
-        """Wrap full frames (B,1,H,W) or (B,H,W) that are not crops.
+        """Wrap full frames (B,1,H,W) or (B,H,W), or one (H,W), that are not crops.
 
         Raises:
-            VoccError: another shape.
+            VoccError: no tensor and no NumPy array, or another shape.
         """
-        planes = grey.unsqueeze(1) if grey.ndim == 3 else grey
+        grey = tensor_of("grey", grey)
+        planes = grey[None, None] if grey.ndim == 2 else grey.unsqueeze(1) if grey.ndim == 3 else grey
         if planes.ndim != 4 or planes.shape[1] != 1:
-            raise VoccError(f"grey has shape {tuple(grey.shape)}: it must be (B,H,W) or (B,1,H,W)")
+            raise VoccError(f"grey has shape {tuple(grey.shape)}: it must be (H,W), (B,H,W) or (B,1,H,W)")
         origin = torch.zeros(planes.shape[0], 2, dtype=torch.int64, device=planes.device)
         return cls(planes, origin, (int(planes.shape[-2]), int(planes.shape[-1])))
+
+    @classmethod
+    def of(cls, images: "Images", name: str = "frames") -> "Frames":
+        """Give frames as they are, and wrap plain grey images, a tensor or a NumPy array, as full frames.
+
+        Args:
+            images: frames, or uint8 grey values (H,W), (B,H,W) or (B,1,H,W).
+            name: of the argument, for the refusal.
+
+        Raises:
+            VoccError: anything else, by name.
+        """
+        if isinstance(images, Frames):
+            return images
+        grey = tensor_of(name, images)
+        coloured = grey.ndim == 3 and grey.shape[2] in (3, 4)  # and no frames of so few columns
+        fits = not coloured and (grey.ndim in (2, 3) or (grey.ndim == 4 and grey.shape[1] == 1))
+        if grey.dtype != torch.uint8 or not grey.numel() or not fits:
+            given = f"dtype {grey.dtype} and shape {tuple(grey.shape)}"
+            rule = "uint8 of shape (H,W), (B,H,W) or (B,1,H,W), not empty"
+            raise VoccError.of(name, given, rule, "has")
+        return cls.whole(grey)
 
     def __len__(self) -> int:
         """Count the frames."""
@@ -182,6 +227,10 @@ class Frames:
         """Take a slice of the frames, or those of an index or a bool mask."""
         surround = None if self.surround is None else self.surround[rows]
         return Frames(self.grey[rows], self.origin_px[rows], self.sensor_px, surround)
+
+
+Images = Frames | Tensor | NDArray[np.uint8]
+"""What :meth:`Frames.of` takes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -208,6 +257,7 @@ class Panels:
     @classmethod
     def known(cls, corners_px: Tensor) -> "Panels":
         """Wrap corners that are known, not located."""
+        corners_px = tensor_of("corners_px", corners_px)
         ones = torch.ones(corners_px.shape[0], device=corners_px.device)
         return cls(corners_px.to(torch.float64), ones.bool(), ones.double(), ones.long())
 

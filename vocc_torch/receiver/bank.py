@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from torch import Tensor
 
-from vocc_torch.errors import VoccError
+from vocc_torch.errors import VoccError, demand_kind
 from vocc_torch.receiver.classifiers.protocol import Guarded
 from vocc_torch.receiver.features import FEATURE_NAMES, greyscale_scores, preamble_threshold
 from vocc_torch.receiver.flda import FLDA
@@ -95,6 +95,7 @@ class ReceiverBank:
     def __init__(
         self, names: Sequence[str], flda: FLDA, plugged_in: Mapping[str, Guarded] | None = None
     ) -> None:
+        demand_kind("flda", flda, FLDA)
         self.plugged_in = dict(plugged_in or {})
         self.names = check_receivers(names, tuple(self.plugged_in))
         self.classifiers = {

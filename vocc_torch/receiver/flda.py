@@ -7,7 +7,7 @@ from typing import Any, Self
 import torch
 from torch import Tensor, nn
 
-from vocc_torch.errors import VoccError
+from vocc_torch.errors import VoccError, demand_kind
 from vocc_torch.receiver.discriminant import ClassScatter, Discriminant, checked_features
 from vocc_torch.receiver.discriminant import FLDAWarning as FLDAWarning
 
@@ -118,6 +118,7 @@ class FLDA(nn.Module):
         Raises:
             VoccError: ``other`` has another number of features.
         """
+        demand_kind("other", other, FLDA)
         if other.n_features != self.n_features:
             rule = f"it must be {self.n_features} to merge"
             raise VoccError(f"other has n_features = {other.n_features}: {rule}")
@@ -144,8 +145,6 @@ class FLDA(nn.Module):
         """Score feature vectors: ``w . x - threshold``, at least 0 for On (Eq. 18); differentiable.
 
         A common offset cancels before anything is rounded, and a score does not depend on the batch it is in.
-        A feature that is not finite gives a score that is not, and one far beyond the training set may give
-        an infinite one; no check, which would stall an accelerator, is made here.
 
         Args:
             features: (...,F) real, any floating or integer dtype, on this module's device.
@@ -154,11 +153,16 @@ class FLDA(nn.Module):
             (...) float64 log-likelihood ratios.
 
         Raises:
-            VoccError: no samples of a class yet, or features of the wrong kind or shape.
+            VoccError: no samples of a class yet, features of the wrong kind or shape, or a score that is not
+                finite, for a feature is not or lies too far from the training set.
         """
         points = checked_features(features, self.n_features)
         rule = self._solved()
-        return ((points - rule.centre) * rule.direction).sum(dim=-1)
+        scores: Tensor = ((points - rule.centre) * rule.direction).sum(dim=-1)
+        if (stray := scores[~scores.isfinite()]).numel():
+            given = "features holds a value that is not finite, or too far from the training set"
+            raise VoccError(f"{given}: its score is {stray[0].item():g}, neither On nor Off")
+        return scores
 
     def forward(self, features: Tensor) -> Tensor:
         """Score feature vectors; the same as ``decision_function``."""
@@ -168,13 +172,9 @@ class FLDA(nn.Module):
         """Decide bits (...) bool, True = On, from features (...,F): the score is at least 0 (Eq. 18).
 
         Raises:
-            VoccError: as ``decision_function``; also where a score is not finite.
+            VoccError: as ``decision_function``.
         """
-        scores = self.decision_function(features)
-        if (stray := scores[~scores.isfinite()]).numel():
-            given = "features holds a value that is not finite, or too far from the training set"
-            raise VoccError(f"{given}: its score is {stray[0].item():g}, neither On nor Off")
-        return scores >= 0
+        return self.decision_function(features) >= 0
 
     def extra_repr(self) -> str:
         """Name the sizes in ``repr``."""

@@ -8,12 +8,12 @@ import scipy.ndimage
 import torch
 from torch import Tensor
 
-from vocc_torch.errors import VoccError
+from vocc_torch.errors import VoccError, demand_kind
 from vocc_torch.receiver import components
 from vocc_torch.receiver.foreground import otsu_threshold, sensor_histogram, trimmed
 from vocc_torch.receiver.limits import LocatorLimits
 from vocc_torch.receiver.quadrilateral import measure_blobs
-from vocc_torch.types import Frames, Panels, PanelShape
+from vocc_torch.types import Frames, Images, Panels, PanelShape
 
 # Most pixels in one pass, to bound the memory; passes below the small size are not worth parting further.
 _PASS_PX = 1 << 21
@@ -164,12 +164,13 @@ class PaperLocator(LocatorLimits):
     """
 
     @torch.no_grad()
-    def __call__(self, frames: Frames, shape: PanelShape) -> Panels:
+    def __call__(self, frames: Images, shape: PanelShape) -> Panels:
         """Locate the panel of ``shape`` in each frame; zero corners and score where there is none.
 
         Raises:
             VoccError: what :func:`exact_frames` refuses.
         """
+        demand_kind("shape", shape, PanelShape)
         exact = trimmed(exact_frames(frames))
         threshold = otsu_threshold(sensor_histogram(exact))
         if exact.surround is None:
@@ -204,7 +205,7 @@ class PaperLocator(LocatorLimits):
         return replace(choice, corners_px=corners)
 
 
-def exact_frames(frames: Frames) -> Frames:
+def exact_frames(frames: Images) -> Frames:
     """Return the frames in uint8, or refuse what no locator can read.
 
     Raises:
@@ -215,6 +216,7 @@ def exact_frames(frames: Frames) -> Frames:
         >>> exact_frames(Frames.whole(torch.full((1, 2, 2), 9.4))).grey.unique().tolist()
         [9]
     """
+    frames = Frames.of(frames)
     shape, surround = tuple(frames.grey.shape), frames.surround
     if len(shape) != 4 or shape[1] != 1:
         raise VoccError(f"frames.grey has shape {shape}: it must be (B,1,H,W)")

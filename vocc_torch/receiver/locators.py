@@ -7,13 +7,13 @@ from typing import Any, Literal, get_args
 import torch
 from torch import Tensor
 
-from vocc_torch.errors import VoccError
+from vocc_torch.errors import VoccError, demand_kind, finite_number
 from vocc_torch.receiver.foreground import bright_regions, cut_windows, ring_statistics
 from vocc_torch.receiver.lattice_fit import fit_lattice
 from vocc_torch.receiver.lattice_model import Lattice, corner_cells, search_lattice
 from vocc_torch.receiver.location import Choice, PaperLocator, exact_frames
 from vocc_torch.receiver.rectification import cell_size_px, map_points
-from vocc_torch.types import Frames, Panels, PanelShape
+from vocc_torch.types import Frames, Images, Panels, PanelShape
 
 # Most LEDs in a row or a column that are searched for; larger panels are left to the paper's locator.
 _MOST_LEDS = 16
@@ -69,18 +69,20 @@ class RefinedLocator:
 
     def __post_init__(self) -> None:
         """Refuse a share out of its range."""
-        if not 0 <= self.min_share <= 1:
+        demand_kind("paper", self.paper, PaperLocator)
+        if not 0 <= finite_number("location.min_share", self.min_share) <= 1:
             raise VoccError.of("location.min_share", self.min_share, "0 to 1")
 
-    def __call__(self, frames: Frames, shape: PanelShape) -> Panels:
+    def __call__(self, frames: Images, shape: PanelShape) -> Panels:
         """Locate the panel of ``shape`` in each frame; zero corners and score where there is none.
 
         Raises:
             VoccError: what :func:`vocc_torch.receiver.location.exact_frames` refuses.
         """
         # In half precision a fit would find no lattice.
-        with torch.inference_mode(), torch.autocast(frames.grey.device.type, enabled=False):
-            exact = exact_frames(frames)
+        demand_kind("shape", shape, PanelShape)
+        exact = exact_frames(frames)
+        with torch.inference_mode(), torch.autocast(exact.grey.device.type, enabled=False):
             panels: Panels
             if max(shape.rows, shape.columns) > _MOST_LEDS or not exact.grey.numel():
                 panels = self.paper(exact, shape)

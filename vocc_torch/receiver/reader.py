@@ -7,7 +7,7 @@ from typing import get_args
 import torch
 from torch import Tensor
 
-from vocc_torch.errors import VoccError
+from vocc_torch.errors import VoccError, demand_kind
 from vocc_torch.receiver.features import FEATURE_NAMES, Gradient, cell_means, checked_greys, led_features
 from vocc_torch.receiver.rectification import cell_size_px, centre_greys, rectify_takes
 from vocc_torch.types import Frames, Panels, PanelShape
@@ -72,6 +72,7 @@ class Reader:
 
     def __post_init__(self) -> None:
         """Check every range."""
+        demand_kind("shape", self.shape, PanelShape)
         if type(self.samples_per_led) is not int or not 2 <= self.samples_per_led <= 64:
             raise VoccError.of("receiver.samples_per_led", self.samples_per_led, "from 2 to 64")
         samples = (self.shape.rows + 2) * (self.shape.columns + 2) * self.samples_per_led**2
@@ -128,6 +129,9 @@ class Reader:
         Raises:
             VoccError: what :meth:`read_takes` refuses.
         """
+        for take in takes:
+            demand_kind("frames", take, Frames)
+        demand_kind("panels", panels, Panels)
         with torch.autocast(takes[0].grey.device.type, enabled=False):
             patches = rectify_takes(takes, panels, self.shape, self.samples_per_led, dtype)
         for take, patch in zip(takes, patches, strict=True):

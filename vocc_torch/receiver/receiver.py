@@ -14,13 +14,14 @@ from typing import Any, Self
 import torch
 from torch import Tensor, nn
 
-from vocc_torch.errors import VoccError
+from vocc_torch.errors import VoccError, demand_kind
 from vocc_torch.files import write_atomically
 from vocc_torch.receiver.bank import FLDA_FEATURES, Preambles, ReceiverBank
 from vocc_torch.receiver.flda import FLDA
-from vocc_torch.receiver.locators import PanelLocator, locator_from, locator_settings
+from vocc_torch.receiver.location import PaperLocator
+from vocc_torch.receiver.locators import PanelLocator, RefinedLocator, locator_from, locator_settings
 from vocc_torch.receiver.reader import Reader, Readings
-from vocc_torch.types import Frames, Panels, PanelShape
+from vocc_torch.types import Frames, Images, Panels, PanelShape
 
 FORMAT = "vocc_torch.receiver"
 FORMAT_VERSION = 2
@@ -181,9 +182,10 @@ class StagedReceiver:
         return self.bank.scores(readings, preambles)
 
     def __call__(
-        self, frames: Frames, panels: Panels | None = None, preambles: Preambles | None = None
+        self, frames: Images, panels: Panels | None = None, preambles: Preambles | None = None
     ) -> dict[str, Tensor]:
         """Run all stages; location is left out where the panels are known."""
+        frames = Frames.of(frames)
         where = self.locate(frames) if panels is None else panels
         return self.decide(self.measure(frames, where, self.rectify(frames, where)), preambles)
 
@@ -203,7 +205,10 @@ class Receiver(nn.Module):
 
     def __init__(self, name: str, locator: PanelLocator, reader: Reader, classifier: FLDA) -> None:
         super().__init__()
-        if name not in FLDA_FEATURES:
+        demand_kind("locator", locator, PaperLocator, RefinedLocator)
+        demand_kind("reader", reader, Reader)
+        demand_kind("classifier", classifier, FLDA)
+        if name not in tuple(FLDA_FEATURES):
             raise VoccError.of("receiver name", repr(name), f"one of {', '.join(FLDA_FEATURES)}")
         if classifier.n_features != (needed := len(FLDA_FEATURES[name])):
             has = f"the classifier has {classifier.n_features} features"
@@ -215,30 +220,32 @@ class Receiver(nn.Module):
         """Rows and columns of the panel."""
         return self.reader.shape
 
-    def decode(self, images: Tensor) -> Decoded:
+    def decode(self, images: Images) -> Decoded:
         """Read the bits of B whole images.
 
         Args:
-            images: (B,H,W) or (B,1,H,W) uint8 grey values, on any device.
+            images: (B,H,W) or (B,1,H,W) uint8 grey values, or one image (H,W); a tensor on any device or a
+                NumPy array.
 
         Raises:
             VoccError: another type or shape.
         """
-        planes = images.unsqueeze(1) if images.ndim == 3 else images
-        if planes.dtype != torch.uint8 or planes.ndim != 4 or planes.shape[1] != 1 or 0 in planes.shape:
-            given = f"dtype {images.dtype} and shape {tuple(images.shape)}"
-            raise VoccError.of("images", given, "uint8 of shape (B,H,W) or (B,1,H,W), not empty", "has")
         with torch.inference_mode():
-            decoded = self.forward(Frames.whole(planes))
+            decoded = self.forward(Frames.of(images, "images"))
         # Copies, for tensors made in inference mode take no part in autograd.
         return Decoded(*(getattr(decoded, name).clone() for name in Decoded.__slots__))
 
-    def forward(self, frames: Frames, panels: Panels | None = None) -> Decoded:
+    def forward(self, frames: Images, panels: Panels | None = None) -> Decoded:
         """Read the bits of frames or crops, at known panels where they are given; score 0 is On (Eq. 18).
+
+        Args:
+            frames: B frames or crops, or whole images as :meth:`decode` takes.
+            panels: where the panel is in each, or None to locate it.
 
         Raises:
             VoccError: frames that no locator reads, or floating ones that hold no grey values at a panel.
         """
+        frames = Frames.of(frames)
         where = self.locator(frames, self.shape) if panels is None else panels
         features = self.reader.read_features(frames, where, FLDA_FEATURES[self.name])
         found = where.found.view(-1, 1, 1)
@@ -250,8 +257,9 @@ class Receiver(nn.Module):
         """Write the receiver to one file of text: settings and numbers, no code, and a checksum.
 
         Raises:
-            VoccError: the file cannot be written.
+            VoccError: no path, or the file cannot be written.
         """
+        demand_kind("path", path, str, Path)
         settings: Settings = {
             "name": self.name,
             "rows": self.shape.rows,
@@ -267,8 +275,9 @@ class Receiver(nn.Module):
         """Read a receiver that :meth:`save` wrote; nothing in the file is executed.
 
         Raises:
-            VoccError: a file that is missing, damaged, of another kind or of another version.
+            VoccError: no path, or a file that is missing, damaged, of another kind or of another version.
         """
+        demand_kind("path", path, str, Path)
         settings, state = read_model(Path(path))
         try:
             shape = PanelShape(settings["rows"], settings["columns"])

@@ -8,7 +8,7 @@ from typing import Self
 import torch
 from torch import Tensor
 
-from vocc_torch.errors import VoccError
+from vocc_torch.errors import VoccError, finite_number
 from vocc_torch.hardware import Camera, LedPanel
 from vocc_torch.simulation import photometry
 from vocc_torch.simulation.effects import Context, Effect, view
@@ -141,7 +141,7 @@ def crop_size_px(
         >>> crop_size_px([], Camera(), LedPanel(), 50.0)
         (48, 48)
     """
-    if not nearest_m > 0:
+    if not finite_number("nearest_m", nearest_m) > 0:
         raise VoccError(f"nearest_m is {nearest_m:g}: it must be above 0")
     demand_led_px(panel.led_diameter_m / nearest_m * camera.focal_length_px, nearest_m)
     pitch_px = panel.pitch_m * camera.focal_length_px / nearest_m

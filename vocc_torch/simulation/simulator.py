@@ -8,7 +8,7 @@ from typing import Literal, get_args
 import torch
 from torch import Tensor
 
-from vocc_torch.errors import VoccError
+from vocc_torch.errors import VoccError, demand_kind, finite_number
 from vocc_torch.hardware import Camera, LedPanel
 from vocc_torch.rng import FrameKey
 from vocc_torch.simulation import effects as chain
@@ -16,7 +16,7 @@ from vocc_torch.simulation import framing as crops
 from vocc_torch.simulation import painter, photometry
 from vocc_torch.simulation.effects import Context, Effect, Parameters, Quantity, light, view
 from vocc_torch.simulation.photometry import grey_value, through_lens
-from vocc_torch.types import Frames, Panels, Scene, resolve_device
+from vocc_torch.types import Frames, Panels, Scene, resolve_device, tensor_of
 
 PAPER_EFFECTS: Mapping[str, Mapping[str, float]] = {
     "attenuation": {"visibility_m": 40_000.0},
@@ -77,6 +77,8 @@ class Simulator:
             raise VoccError(f"dtype is {dtype}: it must be torch.float32 or torch.float64")
         self.camera = camera or Camera()
         self.panel = panel or LedPanel()
+        demand_kind("camera", self.camera, Camera)
+        demand_kind("panel", self.panel, LedPanel)
         self.effects: tuple[Effect, ...] = chain.build_effects(PAPER_EFFECTS if effects is None else effects)
         self.output = chain.check_chain(self.effects)
         self.framing: Framing = framing
@@ -142,6 +144,10 @@ class Simulator:
             VoccError: bits of another type or of another shape than the scenes and the panel, scenes out of
                 their range, a crop too small for a panel, a panel too near, or frames of too many pixels.
         """
+        demand_kind("keys", keys, list, tuple)
+        for key in keys:
+            demand_kind("keys", key, FrameKey)
+        scene, bits = self._checked(scene), tensor_of("bits", bits)
         wanted = (len(scene), self.panel.shape.rows, self.panel.shape.columns)
         if tuple(bits.shape) != wanted:
             raise VoccError(f"bits has shape {tuple(bits.shape)}: it must be {wanted}")
@@ -149,9 +155,8 @@ class Simulator:
             raise VoccError(f"bits has the type {bits.dtype}: it must be torch.bool, True = On")
         if not len(scene):
             raise VoccError("scene holds no frames: it must hold at least 1")
-        scene, bits = self._checked(scene), bits.to(self.device)
-        nearest, sensor = float(scene.distance_m.min()), self.camera.sensor_px
-        if nearest_m is not None and nearest_m > nearest * (1 + 1e-9):
+        bits, nearest, sensor = bits.to(self.device), float(scene.distance_m.min()), self.camera.sensor_px
+        if nearest_m is not None and finite_number("nearest_m", nearest_m) > nearest * (1 + 1e-9):
             raise VoccError(f"nearest_m is {nearest_m:g}: it must be at most the nearest scene's {nearest:g}")
         window = panel_only and self._filling is not None
         drawn_full = self._filling is not None and self._filling.takes in DRAWN
@@ -185,6 +190,7 @@ class Simulator:
 
     def _checked(self, scene: Scene) -> Scene:
         """Move scenes to the device, or refuse by name those that cannot be rendered."""
+        demand_kind("scene", scene, Scene)
         scene = scene.checked().to(self.device)
         crops.demand_in_sight(scene, self.camera, self.panel)
         return scene

@@ -5,7 +5,7 @@ import inspect
 import math
 from collections.abc import Mapping, Sequence
 
-from vocc_torch.errors import VoccError
+from vocc_torch.errors import VoccError, demand_kind
 from vocc_torch.simulation.effects import background, coding, light, optics, sensor, view
 from vocc_torch.simulation.effects.base import Context, Effect, Quantity
 from vocc_torch.simulation.scene import LARGEST, Distribution
@@ -34,7 +34,7 @@ Parameters = Mapping[str, float | Sequence[object]]
 
 def _known(given: str, known: list[str]) -> str:
     """Say what is known, nearest name first where there is one."""
-    near = difflib.get_close_matches(given, known, n=1)
+    near = difflib.get_close_matches(str(given), known, n=1)
     return (f"did you mean {near[0]}? " if near else "") + f"known: {', '.join(known) or 'none'}"
 
 
@@ -55,6 +55,7 @@ def build_effects(named: Mapping[str, Parameters]) -> tuple[Effect, ...]:
         ['blooming', 'saturation']
     """
     kinds = {kind.name: kind for kind in PHYSICAL_ORDER}
+    demand_kind("scene.effects", named, Mapping)
     for name in named:
         if name not in kinds:
             raise VoccError(f"scene.effects.{name} is not a known effect; {_known(name, list(kinds))}")
@@ -64,6 +65,7 @@ def build_effects(named: Mapping[str, Parameters]) -> tuple[Effect, ...]:
         read: dict[str, object] = {}
         if given is None:
             raise VoccError(f"{key} is null: give its parameters, {{}} for none, or remove it with ~{key}")
+        demand_kind(key, given, Mapping)
         signature = inspect.signature(kinds[name]).parameters
         for parameter, own in given.items():
             if parameter not in signature:
