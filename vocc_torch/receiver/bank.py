@@ -1,7 +1,7 @@
 """The receivers by name, all deciding on the same readings."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from torch import Tensor
 
@@ -72,8 +72,7 @@ def feature_indices(name: str) -> list[int]:
     return [FEATURE_NAMES.index(feature) for feature in FLDA_FEATURES[name]]
 
 
-@dataclass(frozen=True, slots=True)
-class Preambles:
+class Preambles(NamedTuple):
     """Grey levels of the all-On and the all-Off frame of the same scenes."""
 
     on: Greys

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 from typing import Self
 
 import torch
-import torch.nn.functional as F
 from kornia.morphology import dilation, erosion
-from torch import Tensor
+from torch import Tensor, nn
 
 from vocc_torch.errors import VoccError
 
@@ -53,7 +52,7 @@ def close_mask(mask: Tensor, size_px: int) -> Tensor:
     engine, dtype = ("unfold", torch.float32) if few else ("auto", torch.float16)
     with torch.inference_mode(), torch.autocast(mask.device.type, enabled=False):
         # What the strokes do wrong at the outer edge of the margin is cut off with it.
-        plane = F.pad(mask, [reach] * 4).to(dtype)
+        plane = nn.functional.pad(mask, [reach] * 4).to(dtype)
         row = plane.new_ones(1, size_px)
         for stroke, axis in ((dilation, row), (dilation, row.T), (erosion, row), (erosion, row.T)):
             plane = stroke(plane, axis, engine=engine)
@@ -73,7 +72,7 @@ def halve_mask(mask: Tensor) -> Tensor:
         >>> halve_mask(torch.tensor([[0, 0, 1]], dtype=torch.bool).view(1, 1, 1, 3)).flatten().tolist()
         [False, True]
     """
-    even = F.pad(mask, [0, mask.shape[-1] % 2, 0, mask.shape[-2] % 2])
+    even = nn.functional.pad(mask, [0, mask.shape[-1] % 2, 0, mask.shape[-2] % 2])
     rows = even[..., ::2, :] | even[..., 1::2, :]
     return rows[..., ::2] | rows[..., 1::2]
 
@@ -160,7 +159,7 @@ def runs_of(mask: Tensor) -> Runs:
     """
     masks, height, width = mask.shape
     # Background on both sides parts the rows: along the flat plane, each change begins or ends a run.
-    plane = F.pad(mask, [1, 1]).flatten()
+    plane = nn.functional.pad(mask, [1, 1]).flatten()
     start, beyond = (plane[1:] ^ plane[:-1]).nonzero()[:, 0].view(-1, 2).unbind(1)
     line = start // (width + 2)
     start, beyond = start - line * (width + 2), beyond - line * (width + 2)

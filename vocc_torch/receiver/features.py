@@ -7,8 +7,7 @@ from typing import Literal, get_args
 
 import kornia.filters
 import torch
-import torch.nn.functional as F
-from torch import Tensor
+from torch import Tensor, nn
 
 from vocc_torch.errors import VoccError
 from vocc_torch.types import PanelShape
@@ -65,7 +64,8 @@ def cell_means(patches: Tensor, shape: PanelShape) -> Tensor:
         >>> cell_means(torch.full((1, 1, 12, 12), 7.0), PanelShape(2, 2))[0].unique().tolist()
         [7.0]
     """
-    return checked_greys(F.avg_pool2d(patches, _samples_per_led(patches, shape))[:, 0], "cell means")
+    means = nn.functional.avg_pool2d(patches, _samples_per_led(patches, shape))
+    return checked_greys(means[:, 0], "cell means")
 
 
 def _ratio_to_panel(greys: Tensor, panel: Tensor) -> Tensor:
@@ -115,7 +115,7 @@ def neighbour_greyscale_ratio(means: Tensor) -> Tensor:
         [[[1.0]]]
     """
     checked_greys(means, "means")
-    neighbours = F.conv2d(means.unsqueeze(1), _ring(means.dtype, means.device))[:, 0]
+    neighbours = nn.functional.conv2d(means.unsqueeze(1), _ring(means.dtype, means.device))[:, 0]
     return _ratio_to_panel(neighbours, means[:, 1:-1, 1:-1])
 
 
@@ -170,7 +170,7 @@ def image_gradient(patches: Tensor, kernel: Gradient) -> Tensor:
         return kornia.filters.spatial_gradient(patches, mode="sobel")[:, 0]
     if kernel != "central":
         raise VoccError.of("receiver.gradient", repr(kernel), f"one of {', '.join(get_args(Gradient))}")
-    padded = F.pad(patches, (1, 1, 1, 1), mode="replicate")
+    padded = nn.functional.pad(patches, (1, 1, 1, 1), mode="replicate")
     dx = padded[..., 1:-1, 2:] - padded[..., 1:-1, :-2]
     dy = padded[..., 2:, 1:-1] - padded[..., :-2, 1:-1]
     return torch.cat([dx, dy], dim=1)
@@ -214,7 +214,7 @@ def gradient_radial_inwardness(
     near = slice(samples - 1, (1 - samples) or None)
     gradient = image_gradient(patches[..., near, near], kernel)[:, :, 1:-1, 1:-1]
     field = _inward_fields(samples, shape, patches.dtype, patches.device)
-    towards = F.avg_pool2d(gradient * field, samples)
+    towards = nn.functional.avg_pool2d(gradient * field, samples)
     per_pixel = samples / torch.stack([cell_width_px, cell_height_px], dim=1).clamp(min=1e-6)
     inward = (towards * per_pixel.to(patches.dtype).view(-1, 2, 1, 1)).sum(dim=1)
     if not bool(inward.isfinite().all()):

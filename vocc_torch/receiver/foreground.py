@@ -3,12 +3,11 @@
 Most of a simulated or dark frame is of one grey value: that part is looked at only once.
 """
 
-from dataclasses import dataclass
 from fractions import Fraction
+from typing import NamedTuple
 
 import torch
-import torch.nn.functional as F
-from torch import Tensor
+from torch import Tensor, nn
 
 from vocc_torch.errors import VoccError
 from vocc_torch.receiver.components import close_mask, label_components, largest
@@ -185,8 +184,7 @@ def otsu_threshold(histogram: Tensor) -> Tensor:
     return torch.where(most == total[:, 0], value * (most > 0), threshold)
 
 
-@dataclass(frozen=True, slots=True)
-class Regions:
+class Regions(NamedTuple):
     """Windows of frames in which light stands out; several may lie in one frame, and none.
 
     Args:
@@ -239,7 +237,7 @@ def local_background(means: Tensor) -> Tensor:
     high, wide = means.shape[1:]
     rows, columns = _tiles(high, means.device), _tiles(wide, means.device)
     medians = means[:, rows[:, None, :, None], columns[None, :, None]].flatten(3).median(3).values
-    around = F.pad(medians[:, None], [1] * 4, mode="replicate").unfold(2, 3, 1).unfold(3, 3, 1)
+    around = nn.functional.pad(medians[:, None], [1] * 4, mode="replicate").unfold(2, 3, 1).unfold(3, 3, 1)
     level = around.flatten(4).median(4).values
     # Extrapolated linearly by one tile at both ends.
     for axis in (2, 3):
@@ -248,7 +246,7 @@ def local_background(means: Tensor) -> Tensor:
         level = torch.cat([2 * ends[0] - ends[1], level, 2 * ends[3] - ends[2]], axis)
     size = [round((len(tiles) + 2) * (side / len(tiles))) for tiles, side in ((rows, high), (columns, wide))]
     top, left = ((size[0] - high) // 2, (size[1] - wide) // 2)
-    fine = F.interpolate(level, size=size, mode="bilinear")
+    fine = nn.functional.interpolate(level, size=size, mode="bilinear")
     return fine[:, 0, top : top + high, left : left + wide]
 
 
@@ -302,7 +300,7 @@ def bright_regions(grey: Tensor) -> Regions:
     components = label_components(close_mask(hot[:, None], _CLOSING_BLOCKS)[:, 0])
     runs, labels = components.runs, len(components.frame)
     # The light of a run from sums along the flat plane.
-    total = F.pad(excess.clamp(min=0).to(torch.float64).flatten().cumsum(0), [1, 0])
+    total = nn.functional.pad(excess.clamp(min=0).to(torch.float64).flatten().cumsum(0), [1, 0])
     line = (runs.frame * runs.size[1] + runs.row) * runs.size[2]
     own = total[line + runs.end + 1] - total[line + runs.start]
     energy = own.new_zeros(labels).scatter_add(0, components.label, own)

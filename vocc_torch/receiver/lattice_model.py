@@ -5,7 +5,7 @@
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Self
+from typing import NamedTuple, Self
 
 import torch
 from torch import Tensor
@@ -135,8 +135,7 @@ def read_patches(frames: Frames, corners_px: Tensor, shape: PanelShape, margin: 
     return rectify(frames, Panels.known(corners_px), wide, SAMPLES)[:, 0].to(torch.float32)
 
 
-@dataclass(frozen=True, slots=True)
-class Spots:
+class Spots(NamedTuple):
     """Profiles of the spots along an axis at its samples, (B,N,n) float32.
 
     Args:
@@ -174,8 +173,7 @@ def _axis(leds: int, device: torch.device) -> tuple[Tensor, Tensor]:
     return apart.to(device), (2 * centre / leds - 1).to(device)
 
 
-@dataclass(frozen=True, slots=True)
-class Model:
+class Model(NamedTuple):
     """A lattice's picture beside the one that was taken.
 
     Args:

@@ -1,7 +1,7 @@
 """Where the panel is in each frame: the paper's locator (section IV-B-2, Fig. 18) at every scale."""
 
 from dataclasses import dataclass, fields, replace
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 import scipy.ndimage
@@ -9,8 +9,7 @@ import torch
 from torch import Tensor
 
 from vocc_torch.errors import VoccError, demand_kind
-from vocc_torch.receiver import components
-from vocc_torch.receiver.foreground import otsu_threshold, sensor_histogram, trimmed
+from vocc_torch.receiver import components, foreground
 from vocc_torch.receiver.limits import LocatorLimits
 from vocc_torch.receiver.quadrilateral import measure_blobs
 from vocc_torch.types import Frames, Images, Panels, PanelShape
@@ -34,8 +33,7 @@ _REACH_PITCHES = 1.4
 _LAST_PITCHES = 3.0
 
 
-@dataclass(frozen=True, slots=True)
-class Stages:
+class Stages(NamedTuple):
     """What the locator computes on its way, for figures.
 
     Args:
@@ -77,7 +75,7 @@ def paper_stages(frames: Frames, closing_px: int = 11) -> Stages:
         ([0], [0, 1, 1, 1, 0])
     """
     exact = exact_frames(frames)
-    threshold = otsu_threshold(sensor_histogram(exact))
+    threshold = foreground.otsu_threshold(foreground.sensor_histogram(exact))
     mask = exact.grey > threshold.view(-1, 1, 1, 1)
     return Stages(threshold, mask, components.close_mask(mask, closing_px))
 
@@ -171,8 +169,8 @@ class PaperLocator(LocatorLimits):
             VoccError: what :func:`exact_frames` refuses.
         """
         demand_kind("shape", shape, PanelShape)
-        exact = trimmed(exact_frames(frames))
-        threshold = otsu_threshold(sensor_histogram(exact))
+        exact = foreground.trimmed(exact_frames(frames))
+        threshold = foreground.otsu_threshold(foreground.sensor_histogram(exact))
         if exact.surround is None:
             choice = self.choose(exact, threshold, shape)
         else:

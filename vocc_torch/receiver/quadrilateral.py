@@ -8,7 +8,7 @@ batch. NumPy does it, on whatever device the masks are: these are few numbers.
 """
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,8 +29,7 @@ _PART_ROWS = 32
 _STEP_PAIRS = 1 << 21
 
 
-@dataclass(frozen=True, slots=True)
-class Rectangles:
+class Rectangles(NamedTuple):
     """Rectangles around blobs.
 
     Args:
@@ -242,8 +241,7 @@ def proportion(width: Floats, height: Floats, shape: PanelShape) -> Floats:
     return np.minimum(relative, 1 / relative)
 
 
-@dataclass(frozen=True, slots=True)
-class Measures:
+class Measures(NamedTuple):
     """How panel-like each blob is; ``score`` is rectangularity x compactness x proportion^2.
 
     Rectangularity is the share of its minimum-area rectangle that a closed blob fills, 0 to 1: 1 for a

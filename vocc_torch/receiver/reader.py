@@ -2,7 +2,7 @@
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
-from typing import get_args
+from typing import NamedTuple, get_args
 
 import torch
 from torch import Tensor
@@ -20,16 +20,14 @@ MEASURED = (*FEATURE_NAMES, *_GREYS)
 _MOST_SAMPLES = 1 << 25
 
 
-@dataclass(frozen=True, slots=True)
-class Greys:
+class Greys(NamedTuple):
     """Grey levels of each LED, (B,R,C) both, in digital numbers: its cell's mean and its centre pixel."""
 
     average: Tensor
     centre: Tensor
 
 
-@dataclass(frozen=True, slots=True)
-class Readings:
+class Readings(NamedTuple):
     """What the receiver measures of each LED.
 
     Args:

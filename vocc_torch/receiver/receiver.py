@@ -9,10 +9,9 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import torch
-from torch import Tensor, nn
 
 from vocc_torch.errors import VoccError, demand_kind
 from vocc_torch.files import write_atomically
@@ -38,7 +37,7 @@ def _checksum(content: Mapping[str, object]) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def write_model(path: Path, settings: Settings, state: Mapping[str, Tensor]) -> None:
+def write_model(path: Path, settings: Settings, state: Mapping[str, torch.Tensor]) -> None:
     """Write settings and a classifier's state, whole or not at all.
 
     Args:
@@ -59,7 +58,7 @@ def write_model(path: Path, settings: Settings, state: Mapping[str, Tensor]) -> 
     write_atomically(path, (json.dumps(content, indent=1) + "\n").encode())
 
 
-def read_model(path: Path) -> tuple[Settings, dict[str, Tensor]]:
+def read_model(path: Path) -> tuple[Settings, dict[str, torch.Tensor]]:
     """Read what :func:`write_model` wrote.
 
     Raises:
@@ -90,8 +89,7 @@ def read_model(path: Path) -> tuple[Settings, dict[str, Tensor]]:
         raise VoccError(f"model {path} is damaged ({type(error).__name__}): train it again") from None
 
 
-@dataclass(frozen=True, slots=True)
-class Decoded:
+class Decoded(NamedTuple):
     """What a receiver read from B frames.
 
     Args:
@@ -103,12 +101,12 @@ class Decoded:
         candidates: (B,) int64, how many blobs could have been the panel.
     """
 
-    bits: Tensor
-    scores: Tensor
-    corners_px: Tensor
-    found: Tensor
-    panel_score: Tensor
-    candidates: Tensor
+    bits: torch.Tensor
+    scores: torch.Tensor
+    corners_px: torch.Tensor
+    found: torch.Tensor
+    panel_score: torch.Tensor
+    candidates: torch.Tensor
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,13 +150,13 @@ class StagedReceiver:
             raise VoccError("this receiver has no locator: give it one, or the panels' corners")
         return self.locator(frames, self.reader.shape)
 
-    def rectify(self, frames: Frames, panels: Panels) -> Tensor | None:
+    def rectify(self, frames: Frames, panels: Panels) -> torch.Tensor | None:
         """Resample located panels, (B,1,(R+2)K,(C+2)K); None where only single pixels are read."""
         if not self.bank.needs_patches:
             return None
         return self.reader.rectify([frames], panels, self.dtype)[0]
 
-    def measure(self, frames: Frames, panels: Panels, patches: Tensor | None) -> Readings:
+    def measure(self, frames: Frames, panels: Panels, patches: torch.Tensor | None) -> Readings:
         """Measure what the receivers decide on; features and grey values that none needs are zeros.
 
         Args:
@@ -173,7 +171,7 @@ class StagedReceiver:
         takes = (self.measure(take, panels, self.rectify(take, panels)).greys for take in (on, off))
         return Preambles(*takes)
 
-    def decide(self, readings: Readings, preambles: Preambles | None = None) -> dict[str, Tensor]:
+    def decide(self, readings: Readings, preambles: Preambles | None = None) -> dict[str, torch.Tensor]:
         """Score every LED with every receiver: name to (B,R,C) float64, at least 0 is On (Eq. 18).
 
         Raises:
@@ -183,14 +181,14 @@ class StagedReceiver:
 
     def __call__(
         self, frames: Images, panels: Panels | None = None, preambles: Preambles | None = None
-    ) -> dict[str, Tensor]:
+    ) -> dict[str, torch.Tensor]:
         """Run all stages; location is left out where the panels are known."""
         frames = Frames.of(frames)
         where = self.locate(frames) if panels is None else panels
         return self.decide(self.measure(frames, where, self.rectify(frames, where)), preambles)
 
 
-class Receiver(nn.Module):
+class Receiver(torch.nn.Module):
     """Locate the panel, rectify it, measure its LEDs and decide their bits.
 
     Args:
@@ -233,7 +231,7 @@ class Receiver(nn.Module):
         with torch.inference_mode():
             decoded = self.forward(Frames.of(images, "images"))
         # Copies, for tensors made in inference mode take no part in autograd.
-        return Decoded(*(getattr(decoded, name).clone() for name in Decoded.__slots__))
+        return Decoded(*(one.clone() for one in decoded))
 
     def forward(self, frames: Images, panels: Panels | None = None) -> Decoded:
         """Read the bits of frames or crops, at known panels where they are given; score 0 is On (Eq. 18).
@@ -260,14 +258,9 @@ class Receiver(nn.Module):
             VoccError: no path, or the file cannot be written.
         """
         demand_kind("path", path, str, Path)
-        settings: Settings = {
-            "name": self.name,
-            "rows": self.shape.rows,
-            "columns": self.shape.columns,
-            "samples_per_led": self.reader.samples_per_led,
-            "gradient": self.reader.gradient,
-            "locator": locator_settings(self.locator),
-        }
+        settings: Settings = {"name": self.name, "rows": self.shape.rows, "columns": self.shape.columns}
+        settings |= {"samples_per_led": self.reader.samples_per_led, "gradient": self.reader.gradient}
+        settings["locator"] = locator_settings(self.locator)
         write_model(Path(path), settings, self.classifier.state_dict())
 
     @classmethod

@@ -8,8 +8,7 @@ from collections.abc import Sequence
 from functools import lru_cache
 
 import torch
-import torch.nn.functional as F
-from torch import Tensor
+from torch import Tensor, nn
 
 from vocc_torch.errors import VoccError
 from vocc_torch.receiver.features import checked_greys
@@ -246,7 +245,7 @@ def rectify_takes(
             reads = _sample(takes, rows, homography[rows], x, y, dtype)
             for patch, read in zip(patches, reads, strict=True):
                 whole = read.unsqueeze(1)
-                patch[rows] = F.avg_pool2d(whole, factor) if factor > 1 else whole
+                patch[rows] = nn.functional.avg_pool2d(whole, factor) if factor > 1 else whole
     return patches
 
 

@@ -163,12 +163,9 @@ def through_lens(luminance_cd_m2: Tensor, camera: Camera) -> Tensor:
         >>> round(float(through_lens(torch.tensor(1000.0), Camera())), 4)
         0.0333
     """
-    return luminous_exposure_lx_s(
-        luminance_cd_m2,
-        exposure_time_s=camera.exposure_time_s,
-        f_number=camera.f_number,
-        calibration_constant=camera.calibration_constant,
-    )
+    time_s, stop, constant = camera.exposure_time_s, camera.f_number, camera.calibration_constant
+    lens = {"exposure_time_s": time_s, "f_number": stop, "calibration_constant": constant}
+    return luminous_exposure_lx_s(luminance_cd_m2, **lens)
 
 
 def as_seen(surface_cd_m2: Tensor, context: Context, own_cd_m2: Tensor | None = None) -> Tensor:

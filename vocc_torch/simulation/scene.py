@@ -9,7 +9,6 @@ from typing import Literal, Self, get_args
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor
 
 from vocc_torch.errors import VoccError
 from vocc_torch.rng import BLOCK_FRAMES, BlockKey
@@ -131,7 +130,7 @@ class SceneModel:
         """The smallest distance that can be drawn; it fixes the crop for every block of a point."""
         return self.distance_m.bounds[0]
 
-    def draw(self, key: BlockKey, shape: PanelShape) -> tuple[Scene, Tensor]:
+    def draw(self, key: BlockKey, shape: PanelShape) -> tuple[Scene, torch.Tensor]:
         """Draw a block: 64 scenes and their bits (64,R,C) bool, equally likely On and Off."""
         values = (
             torch.from_numpy(getattr(self, f.name).draw(key.generator(f"scene.{f.name}"), BLOCK_FRAMES))

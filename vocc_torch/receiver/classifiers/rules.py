@@ -6,10 +6,9 @@ import torch
 from torch import Tensor
 
 from vocc_torch.errors import VoccError
+from vocc_torch.receiver import discriminant, foreground
 from vocc_torch.receiver.classifiers.protocol import Batches
-from vocc_torch.receiver.discriminant import Discriminant
 from vocc_torch.receiver.flda import FLDA
-from vocc_torch.receiver.foreground import histogram256, otsu_threshold
 
 
 class _Scored:
@@ -39,7 +38,7 @@ class FldaClassifier(_Scored):
     """
 
     def __init__(self) -> None:
-        self._rule: Discriminant | None = None
+        self._rule: discriminant.Discriminant | None = None
 
     def fit(self, x: Tensor, bits: Tensor) -> Self:
         """Learn from panels held in memory."""
@@ -69,15 +68,15 @@ class FldaClassifier(_Scored):
         return _fitted(self._rule).direction.numel() + 1
 
 
-def _solved(flda: FLDA) -> Discriminant:
+def _solved(flda: FLDA) -> discriminant.Discriminant:
     """Return what decides, which is to the last bit what the discriminant itself would."""
     # Asked for first: it refuses a missing class, and warns where samples do not determine it.
     device = flda.direction.device
-    rule, _ = Discriminant.of(flda.statistics.to(torch.device("cpu")).checked())
-    return Discriminant(*(one.detach().to(device, copy=True) for one in rule))
+    rule, _ = discriminant.Discriminant.of(flda.statistics.to(torch.device("cpu")).checked())
+    return discriminant.Discriminant(*(one.detach().to(device, copy=True) for one in rule))
 
 
-def _fitted(rule: Discriminant | None) -> Discriminant:
+def _fitted(rule: discriminant.Discriminant | None) -> discriminant.Discriminant:
     """Refuse a discriminant without samples."""
     if rule is None:
         raise VoccError("it has seen no samples: call fit first")
@@ -183,7 +182,7 @@ class PanelOtsu(_Untrained):
     def decision_function(self, x: Tensor) -> Tensor:
         """Score every LED by its distance from the threshold, in grey values of 0 to 255."""
         greys = (x * 255.0).round().clamp(0, 255).to(torch.uint8)
-        threshold = otsu_threshold(histogram256(greys.flatten(1).view(len(x), 1, 1, -1)))
+        threshold = foreground.otsu_threshold(foreground.histogram256(greys.flatten(1)[:, None, None]))
         # Otsu's foreground begins above the threshold's whole grey value.
         return (x.to(torch.float64).mean(dim=-1) * 255.0) - (threshold.view(-1, 1, 1) + 0.5)
 

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import torch
-import torch.nn.functional as F
 from torch import Tensor, nn
 
 from vocc_torch.errors import VoccError
@@ -187,7 +186,7 @@ def train_module(
         for chosen in torch.split(torch.randperm(len(rows)).to(rows.device), recipe.batch_leds):
             with torch.autocast("cuda", enabled=on_cuda):
                 scores = score(rows[chosen])
-            loss = F.binary_cross_entropy_with_logits(scores.float(), target[chosen])
+            loss = nn.functional.binary_cross_entropy_with_logits(scores.float(), target[chosen])
             optimizer.zero_grad()
             torch.autograd.backward(scaler.scale(loss))
             scaler.step(optimizer)
@@ -197,7 +196,7 @@ def train_module(
         pairs = zip(torch.split(held, 1 << 16), torch.split(held_target, 1 << 16), strict=True)
         with torch.inference_mode():
             sums = [
-                F.binary_cross_entropy_with_logits(score(part), wanted, reduction="sum")
+                nn.functional.binary_cross_entropy_with_logits(score(part), wanted, reduction="sum")
                 for part, wanted in pairs
             ]
         losses.append(float(torch.stack(sums).sum()) / len(held))

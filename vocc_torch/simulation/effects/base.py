@@ -101,15 +101,7 @@ class Context:
         return self.origin_px.to(device)
 
 
-def within(
-    low: float,
-    high: float = math.inf,
-    *,
-    default: object = MISSING,
-    above: bool = False,
-    hint: str = "",
-    whole: bool = False,
-) -> Any:
+def within(low: float, high: float = math.inf, *, default: object = MISSING, **more: str | bool) -> Any:
     """Declare a parameter of an effect with its range; values outside it are refused by name.
 
     Args:
@@ -117,11 +109,10 @@ def within(
         high: the greatest value allowed; infinity itself is not a value.
         default: what holds where the parameter is left out; without one it must be given. None may stand for
             nothing given.
-        above: whether ``low`` itself is refused.
-        hint: what to do instead, said where the value is ``low``.
-        whole: whether it is a whole number.
+        **more: ``above``, whether ``low`` itself is refused; ``hint``, what to do instead, said where the
+            value is ``low``; ``whole``, whether it is a whole number.
     """
-    rule = {"low": low, "high": high, "above": above, "hint": hint, "whole": whole}
+    rule = {"low": low, "high": high, "above": False, "hint": "", "whole": False, **more}
     return field(default=default, metadata=rule)
 
 

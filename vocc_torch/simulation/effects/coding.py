@@ -3,10 +3,9 @@
 from dataclasses import dataclass
 
 import torch
-import torch.nn.functional as F
 from kornia.color import CFA, raw_to_rgb, rgb_to_grayscale, ycbcr_to_rgb
 from kornia.enhance import jpeg_codec_differentiable
-from torch import Tensor
+from torch import Tensor, nn
 
 from vocc_torch.errors import VoccError
 from vocc_torch.hardware import Camera
@@ -88,7 +87,7 @@ def luma_of(raw: Tensor, pattern: CFA) -> Tensor:
     for top in range(0, height, MOSAIC_ROWS):
         above = min(top, CELL_PX)
         strip = raw[..., top - above : top + MOSAIC_ROWS + CELL_PX, :]
-        even = F.pad(strip, (0, width % CELL_PX, 0, strip.shape[-2] % CELL_PX), mode="reflect")
+        even = nn.functional.pad(strip, (0, width % CELL_PX, 0, strip.shape[-2] % CELL_PX), mode="reflect")
         luma = rgb_to_grayscale(raw_to_rgb(even, pattern))[..., :width]
         strips.append(luma[..., above : above + min(MOSAIC_ROWS, height - top), :])
     return torch.cat(strips, dim=-2)

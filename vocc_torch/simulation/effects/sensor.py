@@ -8,6 +8,7 @@ that the full frame has there, for the price of the tiles that it touches.
 from abc import abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -150,8 +151,7 @@ TILE = TILE_PX, TILE_PX
 Plane = NDArray[np.float32]
 
 
-@dataclass(frozen=True, slots=True)
-class TilePart:
+class TilePart(NamedTuple):
     """The part of a window of the sensor that lies in one tile."""
 
     row: int
@@ -605,27 +605,16 @@ def _expanded(mean: Array, normal: Array) -> Array:
     With the expansion's size ``t = (1 + z^2/2) / sqrt(mean)`` the quantile is the whole part of
     ``mean + z (sqrt(mean) - t/36) + z^2/6 + 1/3``, to an error of ``SECOND_ORDER t^2``.
     """
-    root = np.sqrt(mean)
-    square = normal * normal
-    size = square * 0.5
-    size += 1.0
-    size /= root
-    exact = size * (-1.0 / 36.0)
-    exact += root
-    exact *= normal
-    exact += mean
-    square *= 1.0 / 6.0
-    square += 1.0 / 3.0
-    exact += square
-    counts: Array = np.floor(exact, out=root)
+    # Torch's chains of steps in place need no further arrays, which would not fit the cache.
+    given, normals = torch.tensor(mean), torch.tensor(normal)
+    root, square = given.sqrt(), normals.square()
+    size = square.mul(0.5).add_(1.0).div_(root)
+    exact = size.mul(-1.0 / 36.0).add_(root).mul_(normals).add_(given)
+    exact.add_(square.mul_(1.0 / 6.0).add_(1.0 / 3.0))
+    counts: Array = torch.floor(exact, out=root).numpy()
     # How far from the middle between two whole numbers, and how far that is safe.
-    exact -= counts
-    exact -= 0.5
-    np.abs(exact, out=exact)
-    size *= size
-    size *= SECOND_ORDER
-    exact += size
-    doubtful = np.flatnonzero(exact > 0.5)
+    doubt = exact.sub_(root).sub_(0.5).abs_().add_(size.square_().mul_(SECOND_ORDER))
+    doubtful = np.flatnonzero(doubt.numpy() > 0.5)
     if doubtful.size:
         counts[doubtful] = refined_quantile(mean[doubtful], normal[doubtful])
     return counts
