@@ -605,16 +605,27 @@ def _expanded(mean: Array, normal: Array) -> Array:
     With the expansion's size ``t = (1 + z^2/2) / sqrt(mean)`` the quantile is the whole part of
     ``mean + z (sqrt(mean) - t/36) + z^2/6 + 1/3``, to an error of ``SECOND_ORDER t^2``.
     """
-    # Torch's chains of steps in place need no further arrays, which would not fit the cache.
-    given, normals = torch.tensor(mean), torch.tensor(normal)
-    root, square = given.sqrt(), normals.square()
-    size = square.mul(0.5).add_(1.0).div_(root)
-    exact = size.mul(-1.0 / 36.0).add_(root).mul_(normals).add_(given)
-    exact.add_(square.mul_(1.0 / 6.0).add_(1.0 / 3.0))
-    counts: Array = torch.floor(exact, out=root).numpy()
+    root = np.sqrt(mean)
+    square = normal * normal
+    size = square * 0.5
+    size += 1.0
+    size /= root
+    exact = size * (-1.0 / 36.0)
+    exact += root
+    exact *= normal
+    exact += mean
+    square *= 1.0 / 6.0
+    square += 1.0 / 3.0
+    exact += square
+    counts: Array = np.floor(exact, out=root)
     # How far from the middle between two whole numbers, and how far that is safe.
-    doubt = exact.sub_(root).sub_(0.5).abs_().add_(size.square_().mul_(SECOND_ORDER))
-    doubtful = np.flatnonzero(doubt.numpy() > 0.5)
+    exact -= counts
+    exact -= 0.5
+    np.abs(exact, out=exact)
+    size *= size
+    size *= SECOND_ORDER
+    exact += size
+    doubtful = np.flatnonzero(exact > 0.5)
     if doubtful.size:
         counts[doubtful] = refined_quantile(mean[doubtful], normal[doubtful])
     return counts
