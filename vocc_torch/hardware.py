@@ -15,14 +15,8 @@ if TYPE_CHECKING:
 MOST_LEDS = 1024
 """Most LEDs in a row or a column."""
 
-CAMERA_RANGES: Mapping[str, tuple[float, float]] = {
-    "focal_length_mm": (1e-3, 1e6),
-    "sensor_width_mm": (1e-3, 1e4),
-    "exposure_time_s": (1e-9, 1e4),
-    "f_number": (0.1, 1e3),
-    "calibration_constant": (0.1, 1e3),
-    "gamma": (0.1, 10.0),
-}
+CAMERA_RANGES = {"focal_length_mm": (1e-3, 1e6), "sensor_width_mm": (1e-3, 1e4), "f_number": (0.1, 1e3)}
+CAMERA_RANGES |= {"exposure_time_s": (1e-9, 1e4), "calibration_constant": (0.1, 1e3), "gamma": (0.1, 10.0)}
 """Lowest and highest allowed of each value of a camera: wider than any, and safe in float32 together."""
 
 MOST_SIDE_PX = 32768

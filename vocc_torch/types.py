@@ -5,8 +5,9 @@ its centre lies at ``(j + 0.5, i + 0.5)`` and ``(0, 0)`` is the sensor's top lef
 """
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 import torch
@@ -16,14 +17,8 @@ from torch import Tensor
 from vocc_torch.errors import VoccError, finite_number, shown, whole_number
 from vocc_torch.hardware import PanelShape as PanelShape
 
-SCENE_RANGES: Mapping[str, tuple[float, float]] = {
-    "ambient_lx": (0.0, 1e12),
-    "led_luminance_cd_m2": (0.0, 1e12),
-    "distance_m": (0.0, 1e9),
-    "background_grey": (0.0, 255.0),
-    "offset_x_m": (-1e9, 1e9),
-    "offset_y_m": (-1e9, 1e9),
-}
+SCENE_RANGES = {"ambient_lx": (0.0, 1e12), "led_luminance_cd_m2": (0.0, 1e12), "distance_m": (0.0, 1e9)}
+SCENE_RANGES |= {"background_grey": (0.0, 255.0), "offset_x_m": (-1e9, 1e9), "offset_y_m": (-1e9, 1e9)}
 """Lowest and highest allowed of each value of a scene."""
 
 ABOVE_LOWEST = frozenset({"distance_m", "background_grey"})
@@ -51,7 +46,25 @@ def demand_in_range(name: str, low: float, high: float) -> None:
 
 
 @dataclass(frozen=True, slots=True)
-class Scene:
+class Batched:
+    """A record of tensors with one row a frame, which are taken, moved and overwritten together."""
+
+    def __getitem__(self, rows: slice | Tensor) -> Self:
+        """Take some of the rows, by a slice, a bool mask or their numbers (n,) int64."""
+        return type(self)(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
+
+    def to(self, device: torch.device | str) -> Self:
+        """Move every field to ``device``."""
+        return type(self)(*(getattr(self, name).to(device) for name in self.__dataclass_fields__))
+
+    def put(self, rows: Tensor, others: "Batched") -> None:
+        """Overwrite the chosen rows in place, of the fields that ``others`` has too."""
+        for name in others.__dataclass_fields__:
+            getattr(self, name)[rows] = getattr(others, name)
+
+
+@dataclass(frozen=True, slots=True)
+class Scene(Batched):
     """The physical scene of each frame in a batch; every field is a (B,) tensor.
 
     Args:
@@ -109,8 +122,7 @@ class Scene:
             if not isinstance(value, Tensor) or value.is_complex():
                 raise VoccError(f"scene.{name} is {shown(value)}: it must be a tensor (B,) of real numbers")
             if value.ndim != 1 or value.shape != values[0].shape:
-                rule = "each field must be (B,), one value a frame"
-                raise VoccError(f"scene.{name} has shape {tuple(value.shape)}: {rule}")
+                raise VoccError(f"scene.{name} has shape {tuple(value.shape)}: each field must be (B,)")
         if len(self):
             # All bounds at once: on an accelerator each look at a number waits for all the work before it.
             table = torch.stack([value.detach().to(values[0].device, torch.float64) for value in values])
@@ -127,18 +139,10 @@ class Scene:
         """Count the frames."""
         return int(self.ambient_lx.shape[0])
 
-    def __getitem__(self, rows: slice | Tensor) -> "Scene":
-        """Take some of the frames, by a slice or by their numbers (n,) int64."""
-        return Scene(*(getattr(self, field.name)[rows] for field in fields(self)))
-
-    def to(self, device: torch.device | str) -> "Scene":
-        """Move every field to ``device``."""
-        return Scene(*(getattr(self, field.name).to(device) for field in fields(self)))
-
     @staticmethod
     def cat(scenes: Sequence["Scene"]) -> "Scene":
         """Join batches in order."""
-        return Scene(*(torch.cat([getattr(s, field.name) for s in scenes]) for field in fields(Scene)))
+        return Scene(*(torch.cat([getattr(scene, name) for scene in scenes]) for name in SCENE_RANGES))
 
 
 def tensor_of(name: str, value: object) -> Tensor:
@@ -215,8 +219,7 @@ class Frames:
         fits = not coloured and (grey.ndim in (2, 3) or (grey.ndim == 4 and grey.shape[1] == 1))
         if grey.dtype != torch.uint8 or not grey.numel() or not fits:
             given = f"dtype {grey.dtype} and shape {tuple(grey.shape)}"
-            rule = "uint8 of shape (H,W), (B,H,W) or (B,1,H,W), not empty"
-            raise VoccError.of(name, given, rule, "has")
+            raise VoccError.of(name, given, "uint8 of shape (H,W), (B,H,W) or (B,1,H,W), not empty", "has")
         return cls.whole(grey)
 
     def __len__(self) -> int:
@@ -234,7 +237,7 @@ Images = Frames | Tensor | NDArray[np.uint8]
 
 
 @dataclass(frozen=True, slots=True)
-class Panels:
+class Panels(Batched):
     """Where the panel is in each frame.
 
     Args:

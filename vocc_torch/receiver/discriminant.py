@@ -8,8 +8,8 @@ from typing import NamedTuple, Self
 import torch
 from torch import Tensor
 
-from vocc_torch.errors import VoccError, demand_kind
-from vocc_torch.types import tensor_of
+from vocc_torch.errors import VoccError, demand_kind, shown
+from vocc_torch.types import Batched, tensor_of
 
 LARGEST = 1e140
 """Largest feature: the squares of 9e18 of them, as many as can be counted, add up within float64."""
@@ -97,7 +97,7 @@ def checked_samples(features: Tensor, bits: Tensor, n_features: int) -> tuple[Te
 
 
 @dataclass(frozen=True, slots=True)
-class ClassScatter:
+class ClassScatter(Batched):
     """Sufficient statistics of two classes of feature vectors; index 0 is Off, 1 is On.
 
     Args:
@@ -183,10 +183,6 @@ class ClassScatter:
         index = torch.tensor(chosen, dtype=torch.int64, device=self.mean.device)
         scatter = self.scatter[..., index, :][..., index]
         return type(self)(self.count.clone(), self.mean[..., index], scatter)
-
-    def to(self, device: torch.device) -> Self:
-        """Move every field to ``device``."""
-        return type(self)(*(getattr(self, name).to(device) for name in self.__slots__))
 
     def checked(self) -> Self:
         """Return these statistics, or refuse them where they are out of range.
@@ -349,8 +345,7 @@ def discriminant(features: Tensor, bits: Tensor) -> Discriminant:
     """
     shape = tuple(features.shape) if isinstance(features, Tensor) else None
     if shape is None or len(shape) < 2 or 0 in (*shape[:-2], shape[-1]):
-        given = shape or type(features).__name__
-        raise VoccError.of("features", given, "a tensor of shape (..., samples, features)")
+        raise VoccError.of("features", shape or shown(features), "a tensor of shape (..., samples, features)")
     rows, on = checked_samples(features, bits, features.shape[-1])
     for name, there in (("Off (bit 0)", ~on), ("On (bit 1)", on)):
         if missing := (~there.any(dim=-1)).nonzero().tolist():

@@ -17,18 +17,13 @@ _LEVELS = 256
 # In smaller frames looking for what is uneven costs more than it saves, and so does counting one by one.
 _LARGE_FRAME_PX = 1 << 16
 # Up to so many pixels whole numbers of 64 bits hold every difference, and variances are right to 1e-15.
-_MOST_EXACT_PX = 1 << 28
-_TIE_SHARE = 1e-12
+_MOST_EXACT_PX, _TIE_SHARE = 1 << 28, 1e-12
 
 _BLOCK_PX = 8
 # Blocks along the side of a tile, whose median is taken for background.
 _TILE_BLOCKS = 15
-_SIGMAS = 8.0
-_LEAST_DN = 0.75
-_CLOSING_BLOCKS = 3
-_MOST_REGIONS = 16
-_SIGMA_PER_MAD = 1.4826
-_RING_PX = 3
+_SIGMAS, _SIGMA_PER_MAD, _LEAST_DN = 8.0, 1.4826, 0.75
+_CLOSING_BLOCKS, _MOST_REGIONS, _RING_PX = 3, 16, 3
 
 
 def trimmed(frames: Frames) -> Frames:
@@ -73,10 +68,9 @@ def trimmed(frames: Frames) -> Frames:
     wide, high = (max(sides) for sides in list(zip(*boxes, strict=True))[2:])
     place = [(min(x, width // _BLOCK_PX - wide), min(y, height // _BLOCK_PX - high)) for x, y, _, _ in boxes]
     origin = torch.tensor(place) * _BLOCK_PX
-    parts = [
-        one[:, y : y + high * _BLOCK_PX, x : x + wide * _BLOCK_PX]
-        for one, (x, y) in zip(grey, origin.tolist(), strict=True)
-    ]
+    down, across = high * _BLOCK_PX, wide * _BLOCK_PX
+    places = zip(grey, origin.tolist(), strict=True)
+    parts = [one[:, y : y + down, x : x + across] for one, (x, y) in places]
     return Frames(torch.stack(parts), frames.origin_px + origin, frames.sensor_px, grey[:, 0, 0, 0])
 
 
@@ -175,11 +169,10 @@ def otsu_threshold(histogram: Tensor) -> Tensor:
     threshold = best.int().argmax(1)
     for row in (best.sum(1) > 1).nonzero()[:, 0].tolist():
         n, s = below[row].tolist(), mass[row].tolist()
-        exact = {
-            level: Fraction((s[-1] * n[level] - s[level] * n[-1]) ** 2, n[level] * (n[-1] - n[level]))
-            for level in best[row].nonzero()[:, 0].tolist()
-        }
-        threshold[row] = max(exact, key=exact.__getitem__)
+        levels = best[row].nonzero()[:, 0].tolist()
+        apart_squared = [(s[-1] * n[level] - s[level] * n[-1]) ** 2 for level in levels]
+        exact = map(Fraction, apart_squared, (n[level] * (n[-1] - n[level]) for level in levels))
+        threshold[row] = max(zip(exact, levels, strict=True), key=lambda pair: pair[0])[1]
     most, value = counts.max(1)
     return torch.where(most == total[:, 0], value * (most > 0), threshold)
 
@@ -269,10 +262,8 @@ def _excess(grey: Tensor) -> tuple[Tensor, Tensor]:
         for one, part, (x, y) in zip(means, inside, (crop.origin_px // _BLOCK_PX).tolist(), strict=True):
             one[y : y + size[0], x : x + size[1]] = part
         # Too little differs to move any median.
-        if (
-            2 * size[0] * size[1]
-            < _tiles(high, grey.device).shape[1] * _tiles(wide, grey.device).shape[1] - 1
-        ):
+        tall, broad = (_tiles(blocks, grey.device).shape[1] for blocks in (high, wide))
+        if 2 * size[0] * size[1] < tall * broad - 1:
             return means - level, torch.zeros(len(grey))
     excess = means - local_background(means)
     return excess, excess.flatten(1).abs().median(1).values * _SIGMA_PER_MAD

@@ -9,23 +9,18 @@ from vocc_torch.receiver import lattice_model, rectification
 from vocc_torch.receiver.lattice_model import MARGIN, SAMPLES, Lattice, Model, corner_cells, grey_values
 from vocc_torch.types import Frames, PanelShape
 
-_STEPS = 12
-# Steps that begin with bits from amplitudes of the LEDs' own; those after turn single bits.
-_FREE_STEPS = 2
-# Steps before which a missed line is looked for.
-_LINE_STEPS = (3, 6)
-# A step below this, in cells, is the last.
-_STILL_CELLS = 4e-3
-_MOST_CELLS = 0.4
+# Steps in all; those that begin with bits from amplitudes of the LEDs' own, while those after turn single
+# bits; and those before which a missed line is looked for.
+_STEPS, _FREE_STEPS, _LINE_STEPS = 12, 2, (3, 6)
+# A step below the first, in cells, is the last; none is above the second.
+_STILL_CELLS, _MOST_CELLS = 4e-3, 0.4
 # How far a step may go where the picture does not say, as standard deviations: of the corner fields 1, u, v
 # and uv in x and in y and of the blur in cells; of the levels and the background in light, white being 1.
 _EXPECTED = (1.0, 0.5, 0.5, 0.1, 1.0, 0.5, 0.5, 0.1, 0.2, 0.2, 0.3, 1.0, 0.02)
 # The same for the first steps, while bits are still wrong: hardly any turn, shear and perspective.
 _STIFF_STEPS = 3
 _STIFF = (1.0, 0.5, 0.05, 0.02, 1.0, 0.05, 0.5, 0.02, *_EXPECTED[8:])
-_BLUR_CELLS = (0.1, 0.75)
-_SATURATED_DN = 254.5
-_IMPUTATIONS = 8
+_BLUR_CELLS, _SATURATED_DN, _IMPUTATIONS = (0.1, 0.75), 254.5, 8
 
 
 def fit_lattice(frames: Frames, start: Lattice) -> Lattice:
@@ -108,13 +103,10 @@ def _improved(frames: Frames, lattice: Lattice, number: int) -> tuple[Lattice, L
     step = step * (_MOST_CELLS / greatest.clamp(min=_MOST_CELLS))[:, None]
     cells, fields = _fields(lattice.shape, step.device)
     moves = torch.stack([step[:, :4] @ fields, step[:, 4:8] @ fields], 2)
-    after = replace(
-        lattice,
-        corners_px=rectification.map_points(lattice.corners_px, cells + moves, lattice.shape),
-        blur=(lattice.blur + step[:, 8:10]).clamp(*_BLUR_CELLS),
-        levels=lattice.levels + step[:, 10:12],
-        background=(lattice.background + step[:, 12]).clamp(0, 1),
-    )
+    corners_px = rectification.map_points(lattice.corners_px, cells + moves, lattice.shape)
+    blur, levels = (lattice.blur + step[:, 8:10]).clamp(*_BLUR_CELLS), lattice.levels + step[:, 10:12]
+    background = (lattice.background + step[:, 12]).clamp(0, 1)
+    after = replace(lattice, corners_px=corners_px, blur=blur, levels=levels, background=background)
     return before, after, unsettled | (greatest >= _STILL_CELLS)
 
 
@@ -219,10 +211,8 @@ def _with_missed_lines(model: Model, lattice: Lattice) -> tuple[Lattice, torch.T
     options = []
     for axis, spots, others in ((1, model.rows, model.columns), (2, model.columns, model.rows)):
         leds = int(amplitude.shape[axis])
-        samples, blur = (
-            lattice_model.sample_cells(leds, MARGIN).to(amplitude),
-            lattice.blur[:, 2 - axis, None].float(),
-        )
+        samples = lattice_model.sample_cells(leds, MARGIN).to(amplitude)
+        blur = lattice.blur[:, 2 - axis, None].float()
         off = lattice.levels[:, :1].float() * others.value.sum(2)
         for far, near, by in ((leds - 1, -0.5, -1), (0, leds + 0.5, 1)):
             new = torch.exp(-(((samples - near) / blur) ** 2) / 2)
@@ -235,7 +225,7 @@ def _with_missed_lines(model: Model, lattice: Lattice) -> tuple[Lattice, torch.T
     shifted = chosen > 0
     if not bool(shifted.any()):
         return lattice, shifted
-    found = replace(lattice)
+    found = lattice
     for option, (axis, by) in enumerate(options, start=1):
         bits = lattice.bits.roll(-by, axis)
         bits.select(axis, -1 if by > 0 else 0).fill_(False)
@@ -243,5 +233,6 @@ def _with_missed_lines(model: Model, lattice: Lattice) -> tuple[Lattice, torch.T
         cells[:, 2 - axis] += by
         corners = rectification.map_points(lattice.corners_px, cells.expand(len(bits), 4, 2), lattice.shape)
         there = (chosen == option)[:, None, None]
-        found.bits, found.corners_px = found.bits.where(~there, bits), found.corners_px.where(~there, corners)
+        bits, corners = found.bits.where(~there, bits), found.corners_px.where(~there, corners)
+        found = replace(found, bits=bits, corners_px=corners)
     return found, shifted

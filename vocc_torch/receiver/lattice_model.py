@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from vocc_torch.receiver.rectification import map_points, rectify
-from vocc_torch.types import Frames, Panels, PanelShape
+from vocc_torch.types import Batched, Frames, Panels, PanelShape
 
 GAMMA = 2.2
 """Exponent of common cameras, between linear light and grey values."""
@@ -27,8 +27,8 @@ ROUNDING_DN = 0.29
 _OUTLIER = 3.0
 
 
-@dataclass(slots=True)
-class Lattice:
+@dataclass(frozen=True, slots=True)
+class Lattice(Batched):
     """LED lattices as fitted to B pictures.
 
     Args:
@@ -70,15 +70,6 @@ class Lattice:
         """(B,R,C) float32 light of each LED."""
         levels = self.levels.to(torch.float32)
         return torch.where(self.bits, levels[:, 1:, None], levels[:, :1, None])
-
-    def __getitem__(self, rows: Tensor | slice) -> Self:
-        """Return the lattices of an index, a bool mask or a slice."""
-        return type(self)(*(getattr(self, name)[rows] for name in self.__slots__))
-
-    def put(self, rows: Tensor, other: Self) -> None:
-        """Overwrite the lattices ``rows``."""
-        for name in self.__slots__:
-            getattr(self, name)[rows] = getattr(other, name)
 
 
 def linear_light(grey: Tensor) -> Tensor:
@@ -228,11 +219,11 @@ class Model(NamedTuple):
 
 
 _MARGIN = 2
-_PITCHES, _SHIFTS, _BLURS = 20, 21, (0.16, 0.26, 0.42)
+# Steps of pitch, of shift, and by which the axes' pitches may differ, 4 % in a panel of 8; the fit stretches
+# what is seen aslant.
+_PITCHES, _SHIFTS, _MOST_APART, _BLURS = 20, 21, 1, (0.16, 0.26, 0.42)
 # Cells by which a panel's extent, and its middle, may differ from the quadrilateral's.
 _EXTENT, _SHIFT = 3.0, 1.5
-# Steps of pitch by which the axes may differ, 4 % in a panel of 8; the fit stretches what is seen aslant.
-_MOST_APART = 1
 
 
 @lru_cache(maxsize=8)

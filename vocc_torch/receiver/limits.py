@@ -42,5 +42,4 @@ class LocatorLimits:
             if not 0 <= finite_number(f"location.{name}", getattr(self, name)) <= 1:
                 raise VoccError.of(f"location.{name}", getattr(self, name), "0 to 1")
         if self.quadrilateral not in QUADRILATERALS:
-            allowed = " or ".join(QUADRILATERALS)
-            raise VoccError.of("location.quadrilateral", repr(self.quadrilateral), allowed)
+            raise VoccError.of("location.quadrilateral", repr(self.quadrilateral), "min_area or upright")

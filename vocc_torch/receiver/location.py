@@ -1,6 +1,6 @@
 """Where the panel is in each frame: the paper's locator (section IV-B-2, Fig. 18) at every scale."""
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -15,22 +15,17 @@ from vocc_torch.receiver.quadrilateral import measure_blobs
 from vocc_torch.types import Frames, Images, Panels, PanelShape
 
 # Most pixels in one pass, to bound the memory; passes below the small size are not worth parting further.
-_PASS_PX = 1 << 21
-_SMALL_PASS_PX = 1 << 18
-# Up to this size masks are tried one by one before they are laid in passes.
-_SMALL_MASK_PX = 1 << 15
-# More frames than these are quicker together.
-_MOST_ALONE = 4
+_PASS_PX, _SMALL_PASS_PX = 1 << 21, 1 << 18
+# Up to this size masks are tried one by one before they are laid in passes; more frames are quicker together.
+_SMALL_MASK_PX, _MOST_ALONE = 1 << 15, 4
 # Columns of a blob are counted in 16 bits.
 _MOST_SIDE_PX = 1 << 15
-# A merged blob replaces one of its parts from this share of the best score so far on, for it explains more.
-_MERGE_RATIO = 0.75
-# A blob with this share of the frame's foreground leaves nothing worth merging.
-_WHOLE_SHARE = 0.99
-# From this many LED pitches on a closing spans one Off LED between two On ones.
-_REACH_PITCHES = 1.4
-# From this many on it has filled all but the widest gaps: no blob will look more like a panel later.
-_LAST_PITCHES = 3.0
+# A merged blob replaces one of its parts from the first share of the best score so far on, for it explains
+# more; a blob with the second share of the frame's foreground leaves nothing worth merging.
+_MERGE_RATIO, _WHOLE_SHARE = 0.75, 0.99
+# LED pitches: from these on a closing spans one Off LED between two On ones, or has filled all but the widest
+# gaps, and no blob will look more like a panel later.
+_REACH_PITCHES, _LAST_PITCHES = 1.4, 3.0
 
 
 class Stages(NamedTuple):
@@ -99,15 +94,6 @@ class Choice(Panels):
         corners = count.new_zeros(masks, 4, 2, dtype=torch.float64)
         score = corners[:, 0, 0].clone()
         return cls(corners, score > 0, score, count, count.new_zeros(masks, 2), count.clone())
-
-    def __getitem__(self, rows: Tensor) -> Self:
-        """Return the choices of an index or a bool mask."""
-        return type(self)(*(getattr(self, field.name)[rows] for field in fields(self)))
-
-    def put(self, rows: Tensor, others: Panels) -> None:
-        """Overwrite the panels ``rows`` by others; what these do not tell stays."""
-        for field in fields(others):
-            getattr(self, field.name)[rows] = getattr(others, field.name)
 
 
 @dataclass(frozen=True, slots=True)
@@ -219,15 +205,13 @@ def exact_frames(frames: Images) -> Frames:
     if len(shape) != 4 or shape[1] != 1:
         raise VoccError(f"frames.grey has shape {shape}: it must be (B,1,H,W)")
     if max(shape[2:]) > _MOST_SIDE_PX:
-        given = f"frames.grey is {shape[2]} x {shape[3]} px"
-        raise VoccError(f"{given}: it must be at most {_MOST_SIDE_PX} px a side")
+        raise VoccError.of("frames.grey", f"{shape[2]} x {shape[3]} px", f"at most {_MOST_SIDE_PX} px a side")
     if surround is not None:
         if not bool(surround.isfinite().all()):
             raise VoccError("frames.surround holds NaN or infinity: it must be grey values, 0 to 255")
         room = frames.origin_px.new_tensor(frames.sensor_px[::-1]) - frames.origin_px.new_tensor(shape[:1:-1])
         if not bool(((frames.origin_px >= 0) & (frames.origin_px <= room)).all()):
-            size = f"{shape[2]} x {shape[3]} px"
-            raise VoccError(f"frames.origin_px lays a crop of {size} off its sensor, {frames.sensor_px}")
+            raise VoccError(f"frames.origin_px lays a crop, {shape[2:]}, off its sensor, {frames.sensor_px}")
     return Frames(quantised(frames.grey), frames.origin_px, frames.sensor_px, surround)
 
 

@@ -18,11 +18,8 @@ _MOST_LEDS = 16
 _CLEAN_RISE_DN, _LEAST_RISE_DN, _RISE_SIGMAS = 1.5, 3.0, 5.0
 # Below this share a fit is tried again from lattices of these sizes.
 _GOOD_SHARE, _SIZES = 0.992, (0.89, 1.12)
-# A fit that leaves its start farther behind, in cells, is none.
-_FARTHEST_CELLS = 3.5
-# Finer lattices are noise: LEDs melt together.
-_LEAST_PITCH_PX = 1.5
-_FIT_PX = 192
+# A fit that leaves its start farther behind, in cells, is none; finer lattices are noise: LEDs melt together.
+_FARTHEST_CELLS, _LEAST_PITCH_PX, _FIT_PX = 3.5, 1.5, 192
 # Corners are given in whole parts of a pixel: sums may be ordered otherwise in other batches.
 _PARTS_PER_PX = 1024.0
 # A panel turned by 45 degrees begins like the paper's, whichever way its fit errs by less than this, degrees.
@@ -180,8 +177,7 @@ def _fitted(
 def _noise_share(lattice: lattice_model.Lattice, noise: Tensor) -> Tensor:
     """Return the share (B,) of a picture's variation that is noise, which no lattice explains."""
     spread = lattice.rms_dn.square() / (1 - lattice.share).clamp(min=1e-9)
-    share: Tensor = noise.square() / spread.clamp(min=1e-9)
-    return share
+    return torch.div(noise.square(), spread.clamp(min=1e-9))
 
 
 def _is_sane(lattice: lattice_model.Lattice, corners_px: Tensor) -> Tensor:
@@ -238,8 +234,7 @@ def locator_settings(locator: PanelLocator) -> dict[str, object]:
         >>> locator_settings(RefinedLocator())["name"]
         'refined'
     """
-    name = {} if isinstance(locator, PaperLocator) else {"name": "refined"}
-    return {**name, **asdict(locator)}
+    return {**({} if isinstance(locator, PaperLocator) else {"name": "refined"}), **asdict(locator)}
 
 
 def locator_from(settings: Mapping[str, Any]) -> PanelLocator:
@@ -257,6 +252,5 @@ def locator_from(settings: Mapping[str, Any]) -> PanelLocator:
     name = rest.pop("name", "paper")
     if name not in get_args(LocatorName):
         raise ValueError(f"its locator is {name!r}")
-    return (
-        PaperLocator(**rest) if name == "paper" else RefinedLocator(PaperLocator(**rest.pop("paper")), **rest)
-    )
+    paper = PaperLocator(**(rest if name == "paper" else rest.pop("paper")))
+    return paper if name == "paper" else RefinedLocator(paper, **rest)

@@ -23,10 +23,8 @@ Whole = NDArray[np.int64]
 _LENGTH_UNIT = 2.0**-32
 # Areas of rectangles that differ by less than this share are equal.
 _TIE = 1e-9
-# Rows in a part of a tall blob.
-_PART_ROWS = 32
-# Most pairs of rows or of vertices in one step, to bound the memory.
-_STEP_PAIRS = 1 << 21
+# Rows in a part of a tall blob, and most pairs of rows or of vertices in one step, to bound the memory.
+_PART_ROWS, _STEP_PAIRS = 32, 1 << 21
 
 
 class Rectangles(NamedTuple):

@@ -9,7 +9,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple, Self, get_args
 
 import torch
 
@@ -17,8 +17,7 @@ from vocc_torch.errors import VoccError, demand_kind
 from vocc_torch.files import write_atomically
 from vocc_torch.receiver.bank import FLDA_FEATURES, Preambles, ReceiverBank
 from vocc_torch.receiver.flda import FLDA
-from vocc_torch.receiver.location import PaperLocator
-from vocc_torch.receiver.locators import PanelLocator, RefinedLocator, locator_from, locator_settings
+from vocc_torch.receiver.locators import PanelLocator, locator_from, locator_settings
 from vocc_torch.receiver.reader import Reader, Readings
 from vocc_torch.types import Frames, Images, Panels, PanelShape
 
@@ -69,11 +68,9 @@ def read_model(path: Path) -> tuple[Settings, dict[str, torch.Tensor]]:
     except FileNotFoundError:
         raise VoccError(f"model {path} does not exist: give the receiver.pt that task=train wrote") from None
     except (OSError, ValueError, RecursionError):
-        told = f"model {path} cannot be read as a receiver"
-        raise VoccError(f"{told}: it is damaged or of another kind") from None
+        raise VoccError(f"model {path} is no receiver: it is damaged or of another kind") from None
     if not isinstance(content, dict) or content.get("format") != FORMAT:
-        told = f"model {path} is not a vocc_torch receiver"
-        raise VoccError(f"{told}: give the receiver.pt that task=train wrote")
+        raise VoccError(f"model {path} is not a vocc_torch receiver: give the one that task=train wrote")
     if (version := content.get("version")) not in _READABLE:
         allowed = " and ".join(map(str, _READABLE))
         raise VoccError(f"model {path} has format version {version}: this package reads versions {allowed}")
@@ -203,14 +200,13 @@ class Receiver(torch.nn.Module):
 
     def __init__(self, name: str, locator: PanelLocator, reader: Reader, classifier: FLDA) -> None:
         super().__init__()
-        demand_kind("locator", locator, PaperLocator, RefinedLocator)
+        demand_kind("locator", locator, *get_args(PanelLocator))
         demand_kind("reader", reader, Reader)
         demand_kind("classifier", classifier, FLDA)
         if name not in tuple(FLDA_FEATURES):
             raise VoccError.of("receiver name", repr(name), f"one of {', '.join(FLDA_FEATURES)}")
         if classifier.n_features != (needed := len(FLDA_FEATURES[name])):
-            has = f"the classifier has {classifier.n_features} features"
-            raise VoccError(f"{has}: receiver {name} needs {needed}")
+            raise VoccError(f"classifier has {classifier.n_features} features: {name} needs {needed}")
         self.name, self.locator, self.reader, self.classifier = name, locator, reader, classifier
 
     @property

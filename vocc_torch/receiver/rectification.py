@@ -268,8 +268,7 @@ def _check_takes(takes: Sequence[Frames], panels: Panels) -> None:
     if len(size) != 4 or size[1] != 1 or 0 in size[2:]:
         raise VoccError(f"frames.grey has shape {size}: it must be (B,1,H,W), not empty")
     if corners != (size[0], 4, 2):
-        rule = f"for {size[0]} frames it must be ({size[0]},4,2)"
-        raise VoccError(f"panels.corners_px has shape {corners}: {rule}")
+        raise VoccError.of("panels.corners_px", f"shape {corners}", f"({size[0]},4,2), as frames are", "has")
 
 
 def centre_greys(frames: Frames, panels: Panels, shape: PanelShape) -> Tensor:

@@ -74,10 +74,8 @@ def led_centres_px(scene: Scene, camera: Camera, panel: LedPanel) -> tuple[Tenso
     """
     centre = panel_centre_px(scene, camera)
     pitch_px = (panel.pitch_m * camera.pixels_per_metre(scene.distance_m)).unsqueeze(-1)
-    columns, rows = (
-        torch.arange(leds, dtype=centre.dtype, device=centre.device) - (leds - 1) / 2
-        for leds in (panel.shape.columns, panel.shape.rows)
-    )
+    sides = panel.shape.columns, panel.shape.rows
+    columns, rows = (torch.arange(leds).to(centre) - (leds - 1) / 2 for leds in sides)
     return centre[:, :1] + columns * pitch_px, centre[:, 1:] + rows * pitch_px
 
 
@@ -150,10 +148,8 @@ def crop_size_px(
     for effect in effects:
         size = effect.size_in_px(size, camera, nearest_m)
     margin = 2 * (sum(effect.reach_in_px(camera, nearest_m) for effect in effects) + 2)
-    height, width = (
-        min(math.ceil(min(side, full)) + margin, full)
-        for side, full in zip(size, camera.sensor_px, strict=True)
-    )
+    sides = zip(size, camera.sensor_px, strict=True)
+    height, width = (min(math.ceil(min(side, full)) + margin, full) for side, full in sides)
     return height, width
 
 
@@ -180,9 +176,9 @@ def window_size_px(crop_px: Size, sensor_px: Size) -> Size:
         >>> window_size_px((71, 71), (1080, 1920)), window_size_px((71, 71), (1080, 1919))
         ((80, 80), (80, 1919))
     """
+    grid, sides = WINDOW_GRID_PX, zip(crop_px, sensor_px, strict=True)
     height, width = (
-        full if full % WINDOW_GRID_PX else min(full, WINDOW_GRID_PX * (-(-side // WINDOW_GRID_PX) + 1))
-        for side, full in zip(crop_px, sensor_px, strict=True)
+        full if full % grid else min(full, grid * (-(-side // grid) + 1)) for side, full in sides
     )
     return height, width
 

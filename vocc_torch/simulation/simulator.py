@@ -15,12 +15,8 @@ from vocc_torch.simulation import framing, painter, photometry
 from vocc_torch.simulation.effects import Context, Effect, Parameters, Quantity, light, view
 from vocc_torch.types import Frames, Panels, Scene, resolve_device, tensor_of
 
-PAPER_EFFECTS: Mapping[str, Mapping[str, float]] = {
-    "attenuation": {"visibility_m": 40_000.0},
-    "blooming": {"sigma_px": 1.5},
-    "saturation": {},
-    "quantization": {"bits": 8},
-}
+PAPER_EFFECTS: dict[str, Mapping[str, float]] = {"attenuation": {"visibility_m": 40_000.0}}
+PAPER_EFFECTS |= {"blooming": {"sigma_px": 1.5}, "saturation": {}, "quantization": {"bits": 8}}
 """The effects of the paper's scenes."""
 
 Framing = Literal["crop", "filled", "full"]
@@ -172,7 +168,7 @@ class Simulator:
             moved = ((origin == 0) | (origin == last)).any(dim=1)
             tight = partial(framing.crop_size_px, self.effects, self.camera, self.panel, margin_cells=0)
             groups = framing.like_sized(scene, moved, size, tight)
-        pictures = framing.in_groups(batch, groups, partial(self.expose, window=window))
+        pictures = framing.in_groups(batch, groups, lambda part: self.expose(part, window))
         if self.output == Quantity.GREY:
             photometry.demand_greys(pictures)
         if size == sensor or window:

@@ -112,8 +112,9 @@ class Inputs:
     def __post_init__(self) -> None:
         """Refuse what is no choice."""
         if sorted({*self.features} & {*FEATURE_NAMES}) != sorted(self.features):
-            rule = f"it must name some of {', '.join(FEATURE_NAMES)}, each once"
-            raise VoccError(f"inputs.features is {list(self.features)}: {rule}")
+            raise VoccError.of(
+                "inputs.features", [*self.features], f"of {', '.join(FEATURE_NAMES)}, each once"
+            )
         if not self.features and self.patch is None:
             raise VoccError("inputs names no features and no patch: a classifier must see something")
 

@@ -187,8 +187,7 @@ class Jpeg(Effect, on=Quantity.DIGITAL):
         """
         for at in context.first_px.tolist():
             if at[0] % JPEG_BLOCK_PX or at[1] % JPEG_BLOCK_PX:
-                rule = f"it must lie on the grid of {JPEG_BLOCK_PX} px"
-                raise VoccError(f"scene.effects.jpeg got a crop at {at}: {rule}")
+                raise VoccError(f"scene.effects.jpeg got a crop at {at}, off the grid of {JPEG_BLOCK_PX} px")
         height, width = value.shape[-2:]
         coded, quality = torch.empty_like(value), torch.tensor([float(self.quality)], device=value.device)
         # Grey RGB would have a chroma of 127.5, whose rounding errors depend on the strip's size and reach
