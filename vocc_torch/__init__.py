@@ -20,14 +20,9 @@ __version__ = "0.1.0"
 __all__ = ["FLDA", "Camera", "Frames", "LedPanel", "PanelShape", "Panels", "Receiver", "Scene"]
 __all__ += ["Simulator", "VoccError"]
 
-_HOMES = {
-    "errors": ["VoccError"],
-    "receiver.flda": ["FLDA"],
-    "receiver.receiver": ["Receiver"],
-    "hardware": ["Camera", "LedPanel"],
-    "simulation.simulator": ["Simulator"],
-    "types": ["Frames", "PanelShape", "Panels", "Scene"],
-}
+_HOMES = {"errors": ["VoccError"], "receiver.flda": ["FLDA"], "receiver.receiver": ["Receiver"]}
+_HOMES |= {"hardware": ["Camera", "LedPanel"], "simulation.simulator": ["Simulator"]}
+_HOMES |= {"types": ["Frames", "PanelShape", "Panels", "Scene"]}
 
 
 def __getattr__(name: str) -> object:

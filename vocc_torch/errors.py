@@ -93,6 +93,19 @@ def printable(text: str) -> str:
     return "".join(one if one.isprintable() else ascii(one)[1:-1] for one in text)
 
 
+def demand_kind(name: str, value: object, *kinds: type) -> None:
+    """Refuse by name what is of none of some classes.
+
+    Raises:
+        VoccError: with the value and what it may be.
+
+    Example:
+        >>> demand_kind("scene", 3, int)
+    """
+    if not isinstance(value, kinds):
+        raise VoccError.of(name, shown(value), f"of type {' or '.join(kind.__name__ for kind in kinds)}")
+
+
 def finite_number(name: str, value: object, allowed: str = "a finite number") -> float:
     """Give a finite real number, also one of NumPy, as a float, or refuse it by name.
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from vocc_torch.errors import VoccError, finite_number, shown, whole_number
+from vocc_torch.errors import VoccError, demand_kind, finite_number, shown, whole_number
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -15,14 +15,8 @@ if TYPE_CHECKING:
 MOST_LEDS = 1024
 """Most LEDs in a row or a column."""
 
-CAMERA_RANGES: Mapping[str, tuple[float, float]] = {
-    "focal_length_mm": (1e-3, 1e6),
-    "sensor_width_mm": (1e-3, 1e4),
-    "exposure_time_s": (1e-9, 1e4),
-    "f_number": (0.1, 1e3),
-    "calibration_constant": (0.1, 1e3),
-    "gamma": (0.1, 10.0),
-}
+CAMERA_RANGES = {"focal_length_mm": (1e-3, 1e6), "sensor_width_mm": (1e-3, 1e4), "f_number": (0.1, 1e3)}
+CAMERA_RANGES |= {"exposure_time_s": (1e-9, 1e4), "calibration_constant": (0.1, 1e3), "gamma": (0.1, 10.0)}
 """Lowest and highest allowed of each value of a camera: wider than any, and safe in float32 together."""
 
 MOST_SIDE_PX = 32768
@@ -181,8 +175,7 @@ class LedPanel:
 
     def __post_init__(self) -> None:
         """Check every range."""
-        if not isinstance(self.shape, PanelShape):
-            raise VoccError(f"panel.shape is {shown(self.shape)}: it must be a PanelShape")
+        demand_kind("panel.shape", self.shape, PanelShape)
         ranges = {"led_diameter_m": (1e-6, 1e3), "led_gap_m": (0, 1e3)}
         ranges |= {"led_reflectance": (0, 1), "background_reflectance": (0, 1)}
         if self.board_reflectance is not None:

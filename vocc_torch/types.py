@@ -5,23 +5,20 @@ its centre lies at ``(j + 0.5, i + 0.5)`` and ``(0, 0)`` is the sensor's top lef
 """
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Self
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from vocc_torch.errors import VoccError, finite_number, shown, whole_number
 from vocc_torch.hardware import PanelShape as PanelShape
 
-SCENE_RANGES: Mapping[str, tuple[float, float]] = {
-    "ambient_lx": (0.0, 1e12),
-    "led_luminance_cd_m2": (0.0, 1e12),
-    "distance_m": (0.0, 1e9),
-    "background_grey": (0.0, 255.0),
-    "offset_x_m": (-1e9, 1e9),
-    "offset_y_m": (-1e9, 1e9),
-}
+SCENE_RANGES = {"ambient_lx": (0.0, 1e12), "led_luminance_cd_m2": (0.0, 1e12), "distance_m": (0.0, 1e9)}
+SCENE_RANGES |= {"background_grey": (0.0, 255.0), "offset_x_m": (-1e9, 1e9), "offset_y_m": (-1e9, 1e9)}
 """Lowest and highest allowed of each value of a scene."""
 
 ABOVE_LOWEST = frozenset({"distance_m", "background_grey"})
@@ -49,7 +46,25 @@ def demand_in_range(name: str, low: float, high: float) -> None:
 
 
 @dataclass(frozen=True, slots=True)
-class Scene:
+class Batched:
+    """A record of tensors with one row a frame, which are taken, moved and overwritten together."""
+
+    def __getitem__(self, rows: slice | Tensor) -> Self:
+        """Take some of the rows, by a slice, a bool mask or their numbers (n,) int64."""
+        return type(self)(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
+
+    def to(self, device: torch.device | str) -> Self:
+        """Move every field to ``device``."""
+        return type(self)(*(getattr(self, name).to(device) for name in self.__dataclass_fields__))
+
+    def put(self, rows: Tensor, others: "Batched") -> None:
+        """Overwrite the chosen rows in place, of the fields that ``others`` has too."""
+        for name in others.__dataclass_fields__:
+            getattr(self, name)[rows] = getattr(others, name)
+
+
+@dataclass(frozen=True, slots=True)
+class Scene(Batched):
     """The physical scene of each frame in a batch; every field is a (B,) tensor.
 
     Args:
@@ -107,8 +122,7 @@ class Scene:
             if not isinstance(value, Tensor) or value.is_complex():
                 raise VoccError(f"scene.{name} is {shown(value)}: it must be a tensor (B,) of real numbers")
             if value.ndim != 1 or value.shape != values[0].shape:
-                rule = "each field must be (B,), one value a frame"
-                raise VoccError(f"scene.{name} has shape {tuple(value.shape)}: {rule}")
+                raise VoccError(f"scene.{name} has shape {tuple(value.shape)}: each field must be (B,)")
         if len(self):
             # All bounds at once: on an accelerator each look at a number waits for all the work before it.
             table = torch.stack([value.detach().to(values[0].device, torch.float64) for value in values])
@@ -125,18 +139,30 @@ class Scene:
         """Count the frames."""
         return int(self.ambient_lx.shape[0])
 
-    def __getitem__(self, rows: slice | Tensor) -> "Scene":
-        """Take some of the frames, by a slice or by their numbers (n,) int64."""
-        return Scene(*(getattr(self, field.name)[rows] for field in fields(self)))
-
-    def to(self, device: torch.device | str) -> "Scene":
-        """Move every field to ``device``."""
-        return Scene(*(getattr(self, field.name).to(device) for field in fields(self)))
-
     @staticmethod
     def cat(scenes: Sequence["Scene"]) -> "Scene":
         """Join batches in order."""
-        return Scene(*(torch.cat([getattr(s, field.name) for s in scenes]) for field in fields(Scene)))
+        return Scene(*(torch.cat([getattr(scene, name) for scene in scenes]) for name in SCENE_RANGES))
+
+
+def tensor_of(name: str, value: object) -> Tensor:
+    """Give a tensor as it is and a NumPy array copied to a tensor, or refuse anything else by name.
+
+    Raises:
+        VoccError: anything else, and an array of what is no number.
+
+    Example:
+        >>> tensor_of("images", np.zeros((2, 2), np.uint8)).dtype
+        torch.uint8
+    """
+    if isinstance(value, Tensor):
+        return value
+    try:
+        if isinstance(value, np.ndarray):
+            return torch.from_numpy(np.array(value))
+    except (TypeError, ValueError):  # of objects or text, or of another machine's byte order
+        pass
+    raise VoccError.of(name, shown(value), "a tensor or a NumPy array of numbers")
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,16 +189,38 @@ class Frames:
 
     @classmethod
     def whole(cls, grey: Tensor) -> "Frames":
-        """Wrap full frames (B,1,H,W) or (B,H,W) that are not crops.
+        """Wrap full frames (B,1,H,W) or (B,H,W), or one (H,W), that are not crops.
 
         Raises:
-            VoccError: another shape.
+            VoccError: no tensor and no NumPy array, or another shape.
         """
-        planes = grey.unsqueeze(1) if grey.ndim == 3 else grey
+        grey = tensor_of("grey", grey)
+        planes = grey[None, None] if grey.ndim == 2 else grey.unsqueeze(1) if grey.ndim == 3 else grey
         if planes.ndim != 4 or planes.shape[1] != 1:
-            raise VoccError(f"grey has shape {tuple(grey.shape)}: it must be (B,H,W) or (B,1,H,W)")
+            raise VoccError(f"grey has shape {tuple(grey.shape)}: it must be (H,W), (B,H,W) or (B,1,H,W)")
         origin = torch.zeros(planes.shape[0], 2, dtype=torch.int64, device=planes.device)
         return cls(planes, origin, (int(planes.shape[-2]), int(planes.shape[-1])))
+
+    @classmethod
+    def of(cls, images: "Images", name: str = "frames") -> "Frames":
+        """Give frames as they are, and wrap plain grey images, a tensor or a NumPy array, as full frames.
+
+        Args:
+            images: frames, or uint8 grey values (H,W), (B,H,W) or (B,1,H,W).
+            name: of the argument, for the refusal.
+
+        Raises:
+            VoccError: anything else, by name.
+        """
+        if isinstance(images, Frames):
+            return images
+        grey = tensor_of(name, images)
+        coloured = grey.ndim == 3 and grey.shape[2] in (3, 4)  # and no frames of so few columns
+        fits = not coloured and (grey.ndim in (2, 3) or (grey.ndim == 4 and grey.shape[1] == 1))
+        if grey.dtype != torch.uint8 or not grey.numel() or not fits:
+            given = f"dtype {grey.dtype} and shape {tuple(grey.shape)}"
+            raise VoccError.of(name, given, "uint8 of shape (H,W), (B,H,W) or (B,1,H,W), not empty", "has")
+        return cls.whole(grey)
 
     def __len__(self) -> int:
         """Count the frames."""
@@ -184,8 +232,12 @@ class Frames:
         return Frames(self.grey[rows], self.origin_px[rows], self.sensor_px, surround)
 
 
+Images = Frames | Tensor | NDArray[np.uint8]
+"""What :meth:`Frames.of` takes."""
+
+
 @dataclass(frozen=True, slots=True)
-class Panels:
+class Panels(Batched):
     """Where the panel is in each frame.
 
     Args:
@@ -208,6 +260,7 @@ class Panels:
     @classmethod
     def known(cls, corners_px: Tensor) -> "Panels":
         """Wrap corners that are known, not located."""
+        corners_px = tensor_of("corners_px", corners_px)
         ones = torch.ones(corners_px.shape[0], device=corners_px.device)
         return cls(corners_px.to(torch.float64), ones.bool(), ones.double(), ones.long())
 

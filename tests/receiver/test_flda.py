@@ -208,8 +208,8 @@ BAD_PIECES = {
     "three features": (torch.zeros(4, 3), torch.zeros(4), "features has shape (4, 3)"),
     "no dimension": (torch.tensor(1.0), torch.tensor(1), "features has shape ()"),
     "complex": (torch.zeros(4, 2, dtype=torch.complex64), torch.zeros(4), "must be real"),
-    "array": (np.zeros((4, 2)), torch.zeros(4), "features is of type ndarray"),
-    "bits array": (torch.zeros(4, 2), np.zeros(4), "bits is of type ndarray"),
+    "text array": (np.full((4, 2), "a"), torch.zeros(4), "features is array([['a', 'a'],"),
+    "bits list": (torch.zeros(4, 2), [0, 0, 0, 0], "bits is [0, 0, 0, 0]: it must be a tensor or a NumPy"),
     "too few bits": (torch.zeros(4, 2), torch.zeros(3), "bits has shape (3,): it must be (4,)"),
     "column of bits": (torch.zeros(4, 2), torch.zeros(4, 1), "bits has shape (4, 1)"),
 }

@@ -13,13 +13,14 @@ from matplotlib.patches import Rectangle
 from matplotlib.text import Annotation, Text
 
 from vocc_torch.errors import VoccError
+from vocc_torch.hardware import Camera
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.grid import best_luminance
 from vocc_torch.show.canvas import figure_pixels
 from vocc_torch.show.folder import write_grid
 from vocc_torch.show.heatmap import best_luminance_figure, cell_edges, dimming_figure, grid_figures
 from vocc_torch.show.styles import rate_text, receiver_styles
-from vocc_torch.simulation.photometry import luminous_exposure_lx_s, reflected_luminance_cd_m2
+from vocc_torch.simulation.photometry import reflected_luminance_cd_m2, through_lens
 
 FOUR = ("center_greyscale", "average_greyscale", "flda_2", "flda_3")
 
@@ -210,11 +211,11 @@ def test_the_dashed_lines_have_the_contrast_that_they_state(best):
     (axes,) = best.axes
     stated = [text for text in axes.texts if text.get_text().strip().startswith("\N{MULTIPLICATION SIGN}")]
     assert len(stated) > 5
-    camera = {"exposure_time_s": 1 / 1500, "f_number": 4.0, "calibration_constant": 12.5}
+    camera = Camera(exposure_time_s=1 / 1500, f_number=4.0, calibration_constant=12.5)
     for text in stated:
         ambient, luminance = (2.0**at for at in text.get_position())
         reflected = reflected_luminance_cd_m2(torch.tensor(ambient, dtype=torch.float64), 0.4)
-        off, on = (luminous_exposure_lx_s(reflected + led, **camera) for led in (0.0, luminance))
+        off, on = (through_lens(reflected + led, camera) for led in (0.0, luminance))
         assert float(on / off) == pytest.approx(float(text.get_text().strip()[1:]), rel=0.01)
 
 

@@ -7,16 +7,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 from torch.autograd import forward_ad
 
+from vocc_torch.hardware import Camera
 from vocc_torch.simulation.photometry import (
     BLOCK_VALUES,
     auto_iso_speed,
     grey_value,
-    luminous_exposure_lx_s,
     reflected_luminance_cd_m2,
+    through_lens,
     transmission,
 )
 
-PAPER_CAMERA = {"exposure_time_s": 1 / 1500, "f_number": 4.0, "calibration_constant": 12.5}
+PAPER_CAMERA = Camera(exposure_time_s=1 / 1500, f_number=4.0, calibration_constant=12.5)
 exposures = st.floats(1e-6, 1e3)
 gammas = st.floats(0.5, 4.0)
 speeds = st.floats(1.0, 1e6)
@@ -45,8 +46,8 @@ def test_eqs_2_and_3_by_hand():
     H_on  = H_off + 10 * 3000 / 1500 / (12.5 * 16)    = H_off + 20 / 200   = 0.13395305
     """
     off = reflected_luminance_cd_m2(number(8000.0), 0.4)
-    assert float(luminous_exposure_lx_s(off, **PAPER_CAMERA)) == pytest.approx(0.03395305, abs=5e-9)
-    assert float(luminous_exposure_lx_s(off + 3000.0, **PAPER_CAMERA)) == pytest.approx(0.13395305, abs=5e-9)
+    assert float(through_lens(off, PAPER_CAMERA)) == pytest.approx(0.03395305, abs=5e-9)
+    assert float(through_lens(off + 3000.0, PAPER_CAMERA)) == pytest.approx(0.13395305, abs=5e-9)
 
 
 @given(exposures, st.floats(0.1, 255.0), gammas)

@@ -1,11 +1,11 @@
 """The receivers by name, all deciding on the same readings."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from torch import Tensor
 
-from vocc_torch.errors import VoccError
+from vocc_torch.errors import VoccError, demand_kind
 from vocc_torch.receiver.classifiers.protocol import Guarded
 from vocc_torch.receiver.features import FEATURE_NAMES, greyscale_scores, preamble_threshold
 from vocc_torch.receiver.flda import FLDA
@@ -22,7 +22,7 @@ FLDA_FEATURES: dict[str, tuple[str, ...]] = {
 }
 """Features of each FLDA receiver."""
 
-GREYSCALE_RECEIVERS = ("center_greyscale", "average_greyscale")
+GREYSCALE_RECEIVERS = {"center_greyscale": "centre", "average_greyscale": "average"}
 """The paper's baselines, which need preambles."""
 
 RECEIVER_NAMES = (*GREYSCALE_RECEIVERS, *FLDA_FEATURES)
@@ -72,8 +72,7 @@ def feature_indices(name: str) -> list[int]:
     return [FEATURE_NAMES.index(feature) for feature in FLDA_FEATURES[name]]
 
 
-@dataclass(frozen=True, slots=True)
-class Preambles:
+class Preambles(NamedTuple):
     """Grey levels of the all-On and the all-Off frame of the same scenes."""
 
     on: Greys
@@ -95,22 +94,18 @@ class ReceiverBank:
     def __init__(
         self, names: Sequence[str], flda: FLDA, plugged_in: Mapping[str, Guarded] | None = None
     ) -> None:
+        demand_kind("flda", flda, FLDA)
         self.plugged_in = dict(plugged_in or {})
         self.names = check_receivers(names, tuple(self.plugged_in))
-        self.classifiers = {
-            name: flda.select(feature_indices(name)) for name in self.names if name in FLDA_FEATURES
-        }
+        chosen = [name for name in self.names if name in FLDA_FEATURES]
+        self.classifiers = {name: flda.select(feature_indices(name)) for name in chosen}
 
     @property
     def needed(self) -> frozenset[str]:
         """What is measured for them: some of ``agr``, ``gri``, ``ngr``, ``average``, ``centre``."""
-        needed: set[str] = set()
-        for name in self.names:
-            if name in GREYSCALE_RECEIVERS:
-                needed.add("centre" if name == "center_greyscale" else "average")
-            else:
-                needed.update(FLDA_FEATURES.get(name) or self.plugged_in[name].inputs.features)
-        return frozenset(needed)
+        read = {**FLDA_FEATURES, **{name: (level,) for name, level in GREYSCALE_RECEIVERS.items()}}
+        parts = (read.get(name) or self.plugged_in[name].inputs.features for name in self.names)
+        return frozenset(what for part in parts for what in part)
 
     @property
     def needs_patches(self) -> bool:
@@ -136,8 +131,7 @@ class ReceiverBank:
             elif preambles is None:
                 raise VoccError(f"receiver {name} needs preamble frames, and none were given")
             else:
-                level = "centre" if name == "center_greyscale" else "average"
                 takes = (preambles.on, preambles.off, readings.greys)
-                on, off, greys = (getattr(take, level) for take in takes)
+                on, off, greys = (getattr(take, GREYSCALE_RECEIVERS[name]) for take in takes)
                 found[name] = greyscale_scores(greys, preamble_threshold(on, off))
         return found

@@ -8,16 +8,14 @@ from dataclasses import dataclass
 from typing import Self
 
 import torch
-import torch.nn.functional as F
 from kornia.morphology import dilation, erosion
-from torch import Tensor
 
 from vocc_torch.errors import VoccError
 
 _FEW_PX = 1 << 12
 
 
-def close_mask(mask: Tensor, size_px: int) -> Tensor:
+def close_mask(mask: torch.Tensor, size_px: int) -> torch.Tensor:
     """Close a mask with a flat ``size_px`` x ``size_px`` square: Kornia's dilation, then its erosion.
 
     A row and then a column do what the square does. The plane goes on as background beyond the border. So a
@@ -53,14 +51,14 @@ def close_mask(mask: Tensor, size_px: int) -> Tensor:
     engine, dtype = ("unfold", torch.float32) if few else ("auto", torch.float16)
     with torch.inference_mode(), torch.autocast(mask.device.type, enabled=False):
         # What the strokes do wrong at the outer edge of the margin is cut off with it.
-        plane = F.pad(mask, [reach] * 4).to(dtype)
+        plane = torch.nn.functional.pad(mask, [reach] * 4).to(dtype)
         row = plane.new_ones(1, size_px)
         for stroke, axis in ((dilation, row), (dilation, row.T), (erosion, row), (erosion, row.T)):
             plane = stroke(plane, axis, engine=engine)
     return plane[..., reach:-reach, reach:-reach] > 0
 
 
-def halve_mask(mask: Tensor) -> Tensor:
+def halve_mask(mask: torch.Tensor) -> torch.Tensor:
     """Join each 2 x 2 block of pixels into one, foreground where any of them is.
 
     Args:
@@ -73,7 +71,7 @@ def halve_mask(mask: Tensor) -> Tensor:
         >>> halve_mask(torch.tensor([[0, 0, 1]], dtype=torch.bool).view(1, 1, 1, 3)).flatten().tolist()
         [False, True]
     """
-    even = F.pad(mask, [0, mask.shape[-1] % 2, 0, mask.shape[-2] % 2])
+    even = torch.nn.functional.pad(mask, [0, mask.shape[-1] % 2, 0, mask.shape[-2] % 2])
     rows = even[..., ::2, :] | even[..., 1::2, :]
     return rows[..., ::2] | rows[..., 1::2]
 
@@ -95,18 +93,18 @@ class Runs:
         size: masks, height and width.
     """
 
-    frame: Tensor
-    row: Tensor
-    start: Tensor
-    end: Tensor
-    pixels: Tensor
+    frame: torch.Tensor
+    row: torch.Tensor
+    start: torch.Tensor
+    end: torch.Tensor
+    pixels: torch.Tensor
     size: tuple[int, int, int]
 
     def __len__(self) -> int:
         """Count the stretches."""
         return int(self.row.shape[0])
 
-    def of(self, chosen: Tensor) -> Self:
+    def of(self, chosen: torch.Tensor) -> Self:
         """Return the runs of the masks chosen by a bool (B,); the masks are renumbered from 0."""
         if bool(chosen.all()):
             return self
@@ -128,11 +126,11 @@ class Components:
     """
 
     runs: Runs
-    label: Tensor
-    area_px: Tensor
-    frame: Tensor
+    label: torch.Tensor
+    area_px: torch.Tensor
+    frame: torch.Tensor
 
-    def at(self, frame: Tensor, row: Tensor, column: Tensor) -> Tensor:
+    def at(self, frame: torch.Tensor, row: torch.Tensor, column: torch.Tensor) -> torch.Tensor:
         """Return the labels of pixels, 0 for background.
 
         Example:
@@ -150,7 +148,7 @@ class Components:
         return torch.where(inside, self.label[index], 0)
 
 
-def runs_of(mask: Tensor) -> Runs:
+def runs_of(mask: torch.Tensor) -> Runs:
     """Find the runs of each mask (B,H,W).
 
     Example:
@@ -160,7 +158,7 @@ def runs_of(mask: Tensor) -> Runs:
     """
     masks, height, width = mask.shape
     # Background on both sides parts the rows: along the flat plane, each change begins or ends a run.
-    plane = F.pad(mask, [1, 1]).flatten()
+    plane = torch.nn.functional.pad(mask, [1, 1]).flatten()
     start, beyond = (plane[1:] ^ plane[:-1]).nonzero()[:, 0].view(-1, 2).unbind(1)
     line = start // (width + 2)
     start, beyond = start - line * (width + 2), beyond - line * (width + 2)
@@ -168,7 +166,7 @@ def runs_of(mask: Tensor) -> Runs:
     return Runs(frame, line - frame * height, start, beyond - 1, beyond - start, (masks, height, width))
 
 
-def joined(mask: Tensor, closed: Runs) -> Runs:
+def joined(mask: torch.Tensor, closed: Runs) -> Runs:
     """Bound the foreground in each run of the closed masks; runs that hold none are left out.
 
     Each stretch lies in one component of the closed masks, and of any coarser closing of them.
@@ -194,7 +192,7 @@ def joined(mask: Tensor, closed: Runs) -> Runs:
     return Runs(closed.frame[held], closed.row[held], *ends, high - low, closed.size)
 
 
-def label_components(mask: Tensor) -> Components:
+def label_components(mask: torch.Tensor) -> Components:
     """Label the 8-connected components of each mask, exactly.
 
     Labels ascend by the first 2 x 2 block, in raster order, that a component reaches. A mask without
@@ -221,7 +219,7 @@ def label_components(mask: Tensor) -> Components:
     return Components(runs, label, area, frame)
 
 
-def _roots(runs: Runs) -> Tensor:
+def _roots(runs: Runs) -> torch.Tensor:
     """Return each run the least index of its component: roots are hooked, pointers jumped."""
     _, height, width = runs.size
     # Two columns more than there are, so that no run reaches into the row before or after; a row more, so
@@ -267,22 +265,22 @@ class Blobs:
         (2, [3, 1], [[1, 0], [0, 2]], [1, 1])
     """
 
-    frame: Tensor
-    label: Tensor
-    first_px: Tensor
-    left_px: Tensor
-    area_px: Tensor
-    mask_px: Tensor
-    first: Tensor
-    last: Tensor
-    components: Tensor
+    frame: torch.Tensor
+    label: torch.Tensor
+    first_px: torch.Tensor
+    left_px: torch.Tensor
+    area_px: torch.Tensor
+    mask_px: torch.Tensor
+    first: torch.Tensor
+    last: torch.Tensor
+    components: torch.Tensor
 
     def __len__(self) -> int:
         """Count the blobs."""
         return int(self.frame.shape[0])
 
 
-def largest(value: Tensor, frame: Tensor, most: int) -> Tensor:
+def largest(value: torch.Tensor, frame: torch.Tensor, most: int) -> torch.Tensor:
     """Return the labels of the ``most`` highest values of each frame; ties go to the lower label.
 
     Args:

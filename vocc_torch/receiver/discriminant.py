@@ -1,14 +1,15 @@
 """Fisher's linear discriminant in closed form: statistics of training sets that add, and their solution."""
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, Self
 
 import torch
 from torch import Tensor
 
-from vocc_torch.errors import VoccError
+from vocc_torch.errors import VoccError, demand_kind, shown
+from vocc_torch.types import Batched, tensor_of
 
 LARGEST = 1e140
 """Largest feature: the squares of 9e18 of them, as many as can be counted, add up within float64."""
@@ -50,8 +51,7 @@ def checked_features(features: Tensor, n_features: int) -> Tensor:
         >>> checked_features(torch.ones(4, 3, dtype=torch.float16), n_features=3).dtype
         torch.float64
     """
-    if not isinstance(features, Tensor):
-        raise VoccError(f"features is of type {type(features).__name__}: it must be a torch tensor")
+    features = tensor_of("features", features)
     if features.is_complex():
         raise VoccError(f"features is {features.dtype}: it must be real")
     if features.ndim < 1 or features.shape[-1] != n_features:
@@ -80,8 +80,7 @@ def checked_samples(features: Tensor, bits: Tensor, n_features: int) -> tuple[Te
         [True]
     """
     rows = checked_features(features, n_features)
-    if not isinstance(bits, Tensor):
-        raise VoccError(f"bits is of type {type(bits).__name__}: it must be a torch tensor")
+    bits = tensor_of("bits", bits)
     if bits.shape != rows.shape[:-1]:
         allowed = f"{tuple(rows.shape[:-1])}, that of features without its last dimension"
         raise VoccError(f"bits has shape {tuple(bits.shape)}: it must be {allowed}")
@@ -98,7 +97,7 @@ def checked_samples(features: Tensor, bits: Tensor, n_features: int) -> tuple[Te
 
 
 @dataclass(frozen=True, slots=True)
-class ClassScatter:
+class ClassScatter(Batched):
     """Sufficient statistics of two classes of feature vectors; index 0 is Off, 1 is On.
 
     Args:
@@ -177,16 +176,13 @@ class ClassScatter:
         Raises:
             VoccError: no index, an index twice, or one out of range.
         """
+        demand_kind("features", features, Iterable)
         chosen, known = list(features), self.mean.shape[-1]
         if not chosen or len(set(chosen)) != len(chosen) or not set(chosen) <= set(range(known)):
             raise VoccError(f"features is {chosen}: it must name distinct features from 0 to {known - 1}")
-        index = torch.tensor(chosen, device=self.mean.device)
+        index = torch.tensor(chosen, dtype=torch.int64, device=self.mean.device)
         scatter = self.scatter[..., index, :][..., index]
         return type(self)(self.count.clone(), self.mean[..., index], scatter)
-
-    def to(self, device: torch.device) -> Self:
-        """Move every field to ``device``."""
-        return type(self)(*(getattr(self, name).to(device) for name in self.__slots__))
 
     def checked(self) -> Self:
         """Return these statistics, or refuse them where they are out of range.
@@ -349,8 +345,7 @@ def discriminant(features: Tensor, bits: Tensor) -> Discriminant:
     """
     shape = tuple(features.shape) if isinstance(features, Tensor) else None
     if shape is None or len(shape) < 2 or 0 in (*shape[:-2], shape[-1]):
-        given = shape or type(features).__name__
-        raise VoccError.of("features", given, "a tensor of shape (..., samples, features)")
+        raise VoccError.of("features", shape or shown(features), "a tensor of shape (..., samples, features)")
     rows, on = checked_samples(features, bits, features.shape[-1])
     for name, there in (("Off (bit 0)", ~on), ("On (bit 1)", on)):
         if missing := (~there.any(dim=-1)).nonzero().tolist():

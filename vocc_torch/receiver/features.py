@@ -7,8 +7,6 @@ from typing import Literal, get_args
 
 import kornia.filters
 import torch
-import torch.nn.functional as F
-from torch import Tensor
 
 from vocc_torch.errors import VoccError
 from vocc_torch.types import PanelShape
@@ -22,20 +20,19 @@ MOST_GREY = 1e9
 """Grey values beyond this are no grey values: sums of them might not fit float32."""
 
 
-def _samples_per_led(patches: Tensor, shape: PanelShape) -> int:
+def _samples_per_led(patches: torch.Tensor, shape: PanelShape) -> int:
     """Return K of patches (B,1,(R+2)K,(C+2)K), or refuse those that are not of ``shape`` or not floating."""
     samples = patches.shape[-1] // (shape.columns + 2)
     wanted = ((shape.rows + 2) * samples, (shape.columns + 2) * samples)
     if patches.ndim != 4 or samples < 1 or tuple(patches.shape[-2:]) != wanted:
-        given = f"patches has shape {tuple(patches.shape)}"
         rule = f"(B,1,{shape.rows + 2}K,{shape.columns + 2}K), K at least 1"
-        raise VoccError(f"{given}: for a panel of {shape.rows} x {shape.columns} LEDs it must be {rule}")
+        raise VoccError.of("patches", f"shape {tuple(patches.shape)}", f"{rule}, for this panel", "has")
     if not patches.is_floating_point():
         raise VoccError(f"patches has dtype {patches.dtype}: it must be floating")
     return samples
 
 
-def checked_greys(greys: Tensor, name: str) -> Tensor:
+def checked_greys(greys: torch.Tensor, name: str) -> torch.Tensor:
     """Return floating grey values, or refuse what is none.
 
     Raises:
@@ -55,7 +52,7 @@ def checked_greys(greys: Tensor, name: str) -> Tensor:
     return greys
 
 
-def cell_means(patches: Tensor, shape: PanelShape) -> Tensor:
+def cell_means(patches: torch.Tensor, shape: PanelShape) -> torch.Tensor:
     """Mean grey value of every cell, the margin's included: (B,1,(R+2)K,(C+2)K) to (B,R+2,C+2).
 
     Raises:
@@ -65,17 +62,18 @@ def cell_means(patches: Tensor, shape: PanelShape) -> Tensor:
         >>> cell_means(torch.full((1, 1, 12, 12), 7.0), PanelShape(2, 2))[0].unique().tolist()
         [7.0]
     """
-    return checked_greys(F.avg_pool2d(patches, _samples_per_led(patches, shape))[:, 0], "cell means")
+    means = torch.nn.functional.avg_pool2d(patches, _samples_per_led(patches, shape))
+    return checked_greys(means[:, 0], "cell means")
 
 
-def _ratio_to_panel(greys: Tensor, panel: Tensor) -> Tensor:
+def _ratio_to_panel(greys: torch.Tensor, panel: torch.Tensor) -> torch.Tensor:
     """Ratio to the panel's mean; on an all-black panel every LED equals the mean, so 0/0 is 1."""
     mean = panel.mean(dim=(1, 2)).view(-1, 1, 1)
     ratio = torch.where(mean > 0, greys / torch.where(mean > 0, mean, 1.0), 1.0)
     return ratio.clamp(max=torch.finfo(ratio.dtype).max)
 
 
-def average_greyscale_ratio(means: Tensor) -> Tensor:
+def average_greyscale_ratio(means: torch.Tensor) -> torch.Tensor:
     """AGR: an LED's mean grey over the panel's mean grey (Eq. 4).
 
     Args:
@@ -97,7 +95,7 @@ def average_greyscale_ratio(means: Tensor) -> Tensor:
     return _ratio_to_panel(inner, inner)
 
 
-def neighbour_greyscale_ratio(means: Tensor) -> Tensor:
+def neighbour_greyscale_ratio(means: torch.Tensor) -> torch.Tensor:
     """NGR: the mean grey of the eight neighbouring cells, background included, over the panel's mean (Eq. 9).
 
     Args:
@@ -115,20 +113,20 @@ def neighbour_greyscale_ratio(means: Tensor) -> Tensor:
         [[[1.0]]]
     """
     checked_greys(means, "means")
-    neighbours = F.conv2d(means.unsqueeze(1), _ring(means.dtype, means.device))[:, 0]
+    neighbours = torch.nn.functional.conv2d(means.unsqueeze(1), _ring(means.dtype, means.device))[:, 0]
     return _ratio_to_panel(neighbours, means[:, 1:-1, 1:-1])
 
 
 @lru_cache(maxsize=16)
 @torch.inference_mode(False)
-def _ring(dtype: torch.dtype, device: torch.device) -> Tensor:
+def _ring(dtype: torch.dtype, device: torch.device) -> torch.Tensor:
     """Kernel (1,1,3,3) that takes the mean of a cell's eight neighbours."""
     ring = torch.full((1, 1, 3, 3), 1 / 8, dtype=dtype, device=device)
     ring[..., 1, 1] = 0.0
     return ring
 
 
-def radial_inward_field(samples_per_led: int, dtype: torch.dtype, device: torch.device) -> Tensor:
+def radial_inward_field(samples_per_led: int, dtype: torch.dtype, device: torch.device) -> torch.Tensor:
     """Unit vectors towards the cell's centre at its K x K samples (Eq. 8), (2,K,K) as (x, y).
 
     At the centre itself, which is a sample for odd K, the direction is undefined and the vector is zero.
@@ -145,12 +143,12 @@ def radial_inward_field(samples_per_led: int, dtype: torch.dtype, device: torch.
 
 @lru_cache(maxsize=16)
 @torch.inference_mode(False)
-def _inward_fields(samples: int, shape: PanelShape, dtype: torch.dtype, device: torch.device) -> Tensor:
+def _inward_fields(samples: int, shape: PanelShape, dtype: torch.dtype, device: torch.device) -> torch.Tensor:
     """The inward field repeated for every LED of a panel, (2,R*K,C*K)."""
     return radial_inward_field(samples, dtype, device).repeat(1, shape.rows, shape.columns)
 
 
-def image_gradient(patches: Tensor, kernel: Gradient) -> Tensor:
+def image_gradient(patches: torch.Tensor, kernel: Gradient) -> torch.Tensor:
     """Gradient (Eq. 5) in grey values a sample, (B,1,h,w) to (B,2,h,w) as (DX, DY), from dark to bright.
 
     Args:
@@ -170,19 +168,19 @@ def image_gradient(patches: Tensor, kernel: Gradient) -> Tensor:
         return kornia.filters.spatial_gradient(patches, mode="sobel")[:, 0]
     if kernel != "central":
         raise VoccError.of("receiver.gradient", repr(kernel), f"one of {', '.join(get_args(Gradient))}")
-    padded = F.pad(patches, (1, 1, 1, 1), mode="replicate")
+    padded = torch.nn.functional.pad(patches, (1, 1, 1, 1), mode="replicate")
     dx = padded[..., 1:-1, 2:] - padded[..., 1:-1, :-2]
     dy = padded[..., 2:, 1:-1] - padded[..., :-2, 1:-1]
     return torch.cat([dx, dy], dim=1)
 
 
 def gradient_radial_inwardness(
-    patches: Tensor,
+    patches: torch.Tensor,
     shape: PanelShape,
-    cell_width_px: Tensor,
-    cell_height_px: Tensor,
+    cell_width_px: torch.Tensor,
+    cell_height_px: torch.Tensor,
     kernel: Gradient = "sobel",
-) -> Tensor:
+) -> torch.Tensor:
     """GRI: the mean over an LED's cell of the gradient's component towards its centre (Eq. 7).
 
     Args:
@@ -214,7 +212,7 @@ def gradient_radial_inwardness(
     near = slice(samples - 1, (1 - samples) or None)
     gradient = image_gradient(patches[..., near, near], kernel)[:, :, 1:-1, 1:-1]
     field = _inward_fields(samples, shape, patches.dtype, patches.device)
-    towards = F.avg_pool2d(gradient * field, samples)
+    towards = torch.nn.functional.avg_pool2d(gradient * field, samples)
     per_pixel = samples / torch.stack([cell_width_px, cell_height_px], dim=1).clamp(min=1e-6)
     inward = (towards * per_pixel.to(patches.dtype).view(-1, 2, 1, 1)).sum(dim=1)
     if not bool(inward.isfinite().all()):
@@ -223,14 +221,14 @@ def gradient_radial_inwardness(
 
 
 def led_features(
-    patches: Tensor,
-    means: Tensor | None,
+    patches: torch.Tensor,
+    means: torch.Tensor | None,
     shape: PanelShape,
-    cell_width_px: Tensor,
-    cell_height_px: Tensor,
+    cell_width_px: torch.Tensor,
+    cell_height_px: torch.Tensor,
     kernel: Gradient = "sobel",
     needed: Collection[str] = FEATURE_NAMES,
-) -> Tensor:
+) -> torch.Tensor:
     """Features of each LED, in the order of ``FEATURE_NAMES``; zeros for those that are not needed.
 
     Args:
@@ -263,7 +261,7 @@ def led_features(
     return torch.stack([agr, gri, ngr], dim=-1)
 
 
-def preamble_threshold(on_greys: Tensor, off_greys: Tensor) -> Tensor:
+def preamble_threshold(on_greys: torch.Tensor, off_greys: torch.Tensor) -> torch.Tensor:
     """Threshold halfway between the mean grey of an all-On and of an all-Off preamble.
 
     Args:
@@ -289,7 +287,7 @@ def preamble_threshold(on_greys: Tensor, off_greys: Tensor) -> Tensor:
     return threshold
 
 
-def greyscale_scores(greys: Tensor, threshold: Tensor) -> Tensor:
+def greyscale_scores(greys: torch.Tensor, threshold: torch.Tensor) -> torch.Tensor:
     """Grey values above the threshold, (B,R,C) and (B,1,1) to (B,R,C) float64; at least 0, so 0 too, is On.
 
     Raises:

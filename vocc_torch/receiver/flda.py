@@ -5,9 +5,8 @@ from collections.abc import Callable, Sequence
 from typing import Any, Self
 
 import torch
-from torch import Tensor, nn
 
-from vocc_torch.errors import VoccError
+from vocc_torch.errors import VoccError, demand_kind
 from vocc_torch.receiver.discriminant import ClassScatter, Discriminant, checked_features
 from vocc_torch.receiver.discriminant import FLDAWarning as FLDAWarning
 
@@ -15,7 +14,7 @@ _PARTS = ("count", "mean", "scatter")
 """The statistics' buffers, in the order of the fields of :class:`ClassScatter`."""
 
 
-class FLDA(nn.Module):
+class FLDA(torch.nn.Module):
     """Fisher's linear discriminant of two classes of feature vectors, Off and On (Eqs. 10 to 19).
 
     The within-class scatter is that of Eq. 15, pooled over samples, divided by their number N. Only the
@@ -49,9 +48,9 @@ class FLDA(nn.Module):
         [False, True]
     """
 
-    count: Tensor
-    mean: Tensor
-    scatter: Tensor
+    count: torch.Tensor
+    mean: torch.Tensor
+    scatter: torch.Tensor
 
     def __init__(self, n_features: int) -> None:
         """Start without samples."""
@@ -74,16 +73,16 @@ class FLDA(nn.Module):
         return ClassScatter(*(getattr(self, name) for name in _PARTS))
 
     @property
-    def direction(self) -> Tensor:
+    def direction(self) -> torch.Tensor:
         """(F,) float64 discriminant vector w of Eq. 14; it points from Off to On."""
         return self._solved().direction
 
     @property
-    def threshold(self) -> Tensor:
+    def threshold(self) -> torch.Tensor:
         """Float64 scalar tensor: the midpoint of the projected class means, Eq. 19."""
         return self._solved().threshold
 
-    def fit(self, features: Tensor, bits: Tensor) -> Self:
+    def fit(self, features: torch.Tensor, bits: torch.Tensor) -> Self:
         """Forget all earlier samples and learn from these.
 
         Args:
@@ -101,7 +100,7 @@ class FLDA(nn.Module):
         self._solved()
         return self
 
-    def update(self, features: Tensor, bits: Tensor) -> Self:
+    def update(self, features: torch.Tensor, bits: torch.Tensor) -> Self:
         """Add samples, in pieces of any size and order; arguments as in ``fit``, one class or none will do.
 
         Raises:
@@ -118,9 +117,9 @@ class FLDA(nn.Module):
         Raises:
             VoccError: ``other`` has another number of features.
         """
+        demand_kind("other", other, FLDA)
         if other.n_features != self.n_features:
-            rule = f"it must be {self.n_features} to merge"
-            raise VoccError(f"other has n_features = {other.n_features}: {rule}")
+            raise VoccError(f"other has n_features = {other.n_features}: it must be {self.n_features}")
         with torch.inference_mode(False), torch.no_grad():
             self._store(self.statistics.merged(other.statistics).checked())
         return self
@@ -140,12 +139,10 @@ class FLDA(nn.Module):
         part._store(chosen)
         return part
 
-    def decision_function(self, features: Tensor) -> Tensor:
+    def decision_function(self, features: torch.Tensor) -> torch.Tensor:
         """Score feature vectors: ``w . x - threshold``, at least 0 for On (Eq. 18); differentiable.
 
         A common offset cancels before anything is rounded, and a score does not depend on the batch it is in.
-        A feature that is not finite gives a score that is not, and one far beyond the training set may give
-        an infinite one; no check, which would stall an accelerator, is made here.
 
         Args:
             features: (...,F) real, any floating or integer dtype, on this module's device.
@@ -154,27 +151,28 @@ class FLDA(nn.Module):
             (...) float64 log-likelihood ratios.
 
         Raises:
-            VoccError: no samples of a class yet, or features of the wrong kind or shape.
+            VoccError: no samples of a class yet, features of the wrong kind or shape, or a score that is not
+                finite, for a feature is not or lies too far from the training set.
         """
         points = checked_features(features, self.n_features)
         rule = self._solved()
-        return ((points - rule.centre) * rule.direction).sum(dim=-1)
-
-    def forward(self, features: Tensor) -> Tensor:
-        """Score feature vectors; the same as ``decision_function``."""
-        return self.decision_function(features)
-
-    def predict(self, features: Tensor) -> Tensor:
-        """Decide bits (...) bool, True = On, from features (...,F): the score is at least 0 (Eq. 18).
-
-        Raises:
-            VoccError: as ``decision_function``; also where a score is not finite.
-        """
-        scores = self.decision_function(features)
+        scores: torch.Tensor = ((points - rule.centre) * rule.direction).sum(dim=-1)
         if (stray := scores[~scores.isfinite()]).numel():
             given = "features holds a value that is not finite, or too far from the training set"
             raise VoccError(f"{given}: its score is {stray[0].item():g}, neither On nor Off")
-        return scores >= 0
+        return scores
+
+    def forward(self, features: torch.Tensor) -> torch.Tensor:
+        """Score feature vectors; the same as ``decision_function``."""
+        return self.decision_function(features)
+
+    def predict(self, features: torch.Tensor) -> torch.Tensor:
+        """Decide bits (...) bool, True = On, from features (...,F): the score is at least 0 (Eq. 18).
+
+        Raises:
+            VoccError: as ``decision_function``.
+        """
+        return self.decision_function(features) >= 0
 
     def extra_repr(self) -> str:
         """Name the sizes in ``repr``."""
@@ -202,7 +200,7 @@ class FLDA(nn.Module):
             self._solution = Discriminant(*(value.to(self.mean.device) for value in solution))
         return self._solution
 
-    def _apply(self, fn: Callable[[Tensor], Tensor], recurse: bool = True) -> Self:
+    def _apply(self, fn: Callable[[torch.Tensor], torch.Tensor], recurse: bool = True) -> Self:
         """Follow moves between devices, but not changes of dtype: the statistics stay float64 and int64."""
         kept = self.statistics
         super()._apply(fn, recurse)  # type: ignore[no-untyped-call]  # torch has no hints here
@@ -211,7 +209,7 @@ class FLDA(nn.Module):
         self._solution = None
         return self
 
-    def _load_from_state_dict(self, state: dict[str, Tensor], prefix: str, *rest: Any) -> None:
+    def _load_from_state_dict(self, state: dict[str, torch.Tensor], prefix: str, *rest: Any) -> None:
         """Take over statistics, in their dtypes; an older version wrote sums as two numbers each."""
         for name in ("mean", "scatter"):
             if (smaller := state.pop(f"{prefix}{name}_rest", None)) is not None:

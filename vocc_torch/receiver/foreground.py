@@ -3,12 +3,11 @@
 Most of a simulated or dark frame is of one grey value: that part is looked at only once.
 """
 
-from dataclasses import dataclass
 from fractions import Fraction
+from typing import NamedTuple
 
 import torch
-import torch.nn.functional as F
-from torch import Tensor
+from torch import Tensor, nn
 
 from vocc_torch.errors import VoccError
 from vocc_torch.receiver.components import close_mask, label_components, largest
@@ -18,18 +17,13 @@ _LEVELS = 256
 # In smaller frames looking for what is uneven costs more than it saves, and so does counting one by one.
 _LARGE_FRAME_PX = 1 << 16
 # Up to so many pixels whole numbers of 64 bits hold every difference, and variances are right to 1e-15.
-_MOST_EXACT_PX = 1 << 28
-_TIE_SHARE = 1e-12
+_MOST_EXACT_PX, _TIE_SHARE = 1 << 28, 1e-12
 
 _BLOCK_PX = 8
 # Blocks along the side of a tile, whose median is taken for background.
 _TILE_BLOCKS = 15
-_SIGMAS = 8.0
-_LEAST_DN = 0.75
-_CLOSING_BLOCKS = 3
-_MOST_REGIONS = 16
-_SIGMA_PER_MAD = 1.4826
-_RING_PX = 3
+_SIGMAS, _SIGMA_PER_MAD, _LEAST_DN = 8.0, 1.4826, 0.75
+_CLOSING_BLOCKS, _MOST_REGIONS, _RING_PX = 3, 16, 3
 
 
 def trimmed(frames: Frames) -> Frames:
@@ -74,10 +68,9 @@ def trimmed(frames: Frames) -> Frames:
     wide, high = (max(sides) for sides in list(zip(*boxes, strict=True))[2:])
     place = [(min(x, width // _BLOCK_PX - wide), min(y, height // _BLOCK_PX - high)) for x, y, _, _ in boxes]
     origin = torch.tensor(place) * _BLOCK_PX
-    parts = [
-        one[:, y : y + high * _BLOCK_PX, x : x + wide * _BLOCK_PX]
-        for one, (x, y) in zip(grey, origin.tolist(), strict=True)
-    ]
+    down, across = high * _BLOCK_PX, wide * _BLOCK_PX
+    places = zip(grey, origin.tolist(), strict=True)
+    parts = [one[:, y : y + down, x : x + across] for one, (x, y) in places]
     return Frames(torch.stack(parts), frames.origin_px + origin, frames.sensor_px, grey[:, 0, 0, 0])
 
 
@@ -176,17 +169,15 @@ def otsu_threshold(histogram: Tensor) -> Tensor:
     threshold = best.int().argmax(1)
     for row in (best.sum(1) > 1).nonzero()[:, 0].tolist():
         n, s = below[row].tolist(), mass[row].tolist()
-        exact = {
-            level: Fraction((s[-1] * n[level] - s[level] * n[-1]) ** 2, n[level] * (n[-1] - n[level]))
-            for level in best[row].nonzero()[:, 0].tolist()
-        }
-        threshold[row] = max(exact, key=exact.__getitem__)
+        levels = best[row].nonzero()[:, 0].tolist()
+        apart_squared = [(s[-1] * n[level] - s[level] * n[-1]) ** 2 for level in levels]
+        exact = map(Fraction, apart_squared, (n[level] * (n[-1] - n[level]) for level in levels))
+        threshold[row] = max(zip(exact, levels, strict=True), key=lambda pair: pair[0])[1]
     most, value = counts.max(1)
     return torch.where(most == total[:, 0], value * (most > 0), threshold)
 
 
-@dataclass(frozen=True, slots=True)
-class Regions:
+class Regions(NamedTuple):
     """Windows of frames in which light stands out; several may lie in one frame, and none.
 
     Args:
@@ -239,7 +230,7 @@ def local_background(means: Tensor) -> Tensor:
     high, wide = means.shape[1:]
     rows, columns = _tiles(high, means.device), _tiles(wide, means.device)
     medians = means[:, rows[:, None, :, None], columns[None, :, None]].flatten(3).median(3).values
-    around = F.pad(medians[:, None], [1] * 4, mode="replicate").unfold(2, 3, 1).unfold(3, 3, 1)
+    around = nn.functional.pad(medians[:, None], [1] * 4, mode="replicate").unfold(2, 3, 1).unfold(3, 3, 1)
     level = around.flatten(4).median(4).values
     # Extrapolated linearly by one tile at both ends.
     for axis in (2, 3):
@@ -248,7 +239,7 @@ def local_background(means: Tensor) -> Tensor:
         level = torch.cat([2 * ends[0] - ends[1], level, 2 * ends[3] - ends[2]], axis)
     size = [round((len(tiles) + 2) * (side / len(tiles))) for tiles, side in ((rows, high), (columns, wide))]
     top, left = ((size[0] - high) // 2, (size[1] - wide) // 2)
-    fine = F.interpolate(level, size=size, mode="bilinear")
+    fine = nn.functional.interpolate(level, size=size, mode="bilinear")
     return fine[:, 0, top : top + high, left : left + wide]
 
 
@@ -271,10 +262,8 @@ def _excess(grey: Tensor) -> tuple[Tensor, Tensor]:
         for one, part, (x, y) in zip(means, inside, (crop.origin_px // _BLOCK_PX).tolist(), strict=True):
             one[y : y + size[0], x : x + size[1]] = part
         # Too little differs to move any median.
-        if (
-            2 * size[0] * size[1]
-            < _tiles(high, grey.device).shape[1] * _tiles(wide, grey.device).shape[1] - 1
-        ):
+        tall, broad = (_tiles(blocks, grey.device).shape[1] for blocks in (high, wide))
+        if 2 * size[0] * size[1] < tall * broad - 1:
             return means - level, torch.zeros(len(grey))
     excess = means - local_background(means)
     return excess, excess.flatten(1).abs().median(1).values * _SIGMA_PER_MAD
@@ -302,7 +291,7 @@ def bright_regions(grey: Tensor) -> Regions:
     components = label_components(close_mask(hot[:, None], _CLOSING_BLOCKS)[:, 0])
     runs, labels = components.runs, len(components.frame)
     # The light of a run from sums along the flat plane.
-    total = F.pad(excess.clamp(min=0).to(torch.float64).flatten().cumsum(0), [1, 0])
+    total = nn.functional.pad(excess.clamp(min=0).to(torch.float64).flatten().cumsum(0), [1, 0])
     line = (runs.frame * runs.size[1] + runs.row) * runs.size[2]
     own = total[line + runs.end + 1] - total[line + runs.start]
     energy = own.new_zeros(labels).scatter_add(0, components.label, own)

@@ -4,31 +4,23 @@ from dataclasses import replace
 from functools import lru_cache
 
 import torch
-import torch.nn.functional as F
-from torch import Tensor
 
-from vocc_torch.receiver import lattice_model
+from vocc_torch.receiver import lattice_model, rectification
 from vocc_torch.receiver.lattice_model import MARGIN, SAMPLES, Lattice, Model, corner_cells, grey_values
-from vocc_torch.receiver.rectification import map_points
 from vocc_torch.types import Frames, PanelShape
 
-_STEPS = 12
-# Steps that begin with bits from amplitudes of the LEDs' own; those after turn single bits.
-_FREE_STEPS = 2
-# Steps before which a missed line is looked for.
-_LINE_STEPS = (3, 6)
-# A step below this, in cells, is the last.
-_STILL_CELLS = 4e-3
-_MOST_CELLS = 0.4
+# Steps in all; those that begin with bits from amplitudes of the LEDs' own, while those after turn single
+# bits; and those before which a missed line is looked for.
+_STEPS, _FREE_STEPS, _LINE_STEPS = 12, 2, (3, 6)
+# A step below the first, in cells, is the last; none is above the second.
+_STILL_CELLS, _MOST_CELLS = 4e-3, 0.4
 # How far a step may go where the picture does not say, as standard deviations: of the corner fields 1, u, v
 # and uv in x and in y and of the blur in cells; of the levels and the background in light, white being 1.
 _EXPECTED = (1.0, 0.5, 0.5, 0.1, 1.0, 0.5, 0.5, 0.1, 0.2, 0.2, 0.3, 1.0, 0.02)
 # The same for the first steps, while bits are still wrong: hardly any turn, shear and perspective.
 _STIFF_STEPS = 3
 _STIFF = (1.0, 0.5, 0.05, 0.02, 1.0, 0.05, 0.5, 0.02, *_EXPECTED[8:])
-_BLUR_CELLS = (0.1, 0.75)
-_SATURATED_DN = 254.5
-_IMPUTATIONS = 8
+_BLUR_CELLS, _SATURATED_DN, _IMPUTATIONS = (0.1, 0.75), 254.5, 8
 
 
 def fit_lattice(frames: Frames, start: Lattice) -> Lattice:
@@ -64,14 +56,14 @@ def fit_lattice(frames: Frames, start: Lattice) -> Lattice:
     return best
 
 
-def _read(frames: Frames, lattice: Lattice) -> Tensor:
+def _read(frames: Frames, lattice: Lattice) -> torch.Tensor:
     """Read the pictures around the lattices; that of one frame that goes twice is read once."""
     corners_px = lattice.corners_px[: len(frames)]
     patches = lattice_model.read_patches(frames, corners_px, lattice.shape, MARGIN)
     return patches.expand(len(lattice.blur), -1, -1)
 
 
-def _improved(frames: Frames, lattice: Lattice, number: int) -> tuple[Lattice, Lattice, Tensor]:
+def _improved(frames: Frames, lattice: Lattice, number: int) -> tuple[Lattice, Lattice, torch.Tensor]:
     """Run step ``number``: lattices scored before it, lattices after it, and which (B,) need another step."""
     model = Model.of(_read(frames, lattice), lattice)
     unsettled = torch.full_like(lattice.background, number <= _LINE_STEPS[0], dtype=torch.bool)
@@ -111,17 +103,14 @@ def _improved(frames: Frames, lattice: Lattice, number: int) -> tuple[Lattice, L
     step = step * (_MOST_CELLS / greatest.clamp(min=_MOST_CELLS))[:, None]
     cells, fields = _fields(lattice.shape, step.device)
     moves = torch.stack([step[:, :4] @ fields, step[:, 4:8] @ fields], 2)
-    after = replace(
-        lattice,
-        corners_px=map_points(lattice.corners_px, cells + moves, lattice.shape),
-        blur=(lattice.blur + step[:, 8:10]).clamp(*_BLUR_CELLS),
-        levels=lattice.levels + step[:, 10:12],
-        background=(lattice.background + step[:, 12]).clamp(0, 1),
-    )
+    corners_px = rectification.map_points(lattice.corners_px, cells + moves, lattice.shape)
+    blur, levels = (lattice.blur + step[:, 8:10]).clamp(*_BLUR_CELLS), lattice.levels + step[:, 10:12]
+    background = (lattice.background + step[:, 12]).clamp(0, 1)
+    after = replace(lattice, corners_px=corners_px, blur=blur, levels=levels, background=background)
     return before, after, unsettled | (greatest >= _STILL_CELLS)
 
 
-def _changes(model: Model, lattice: Lattice) -> Tensor:
+def _changes(model: Model, lattice: Lattice) -> torch.Tensor:
     """Return the light's derivatives (B,13,H*W) by what :data:`_EXPECTED` lists."""
     rows, columns, amplitude = model.rows, model.columns, lattice.amplitudes()
     (row_place, row_blur), (column_place, column_blur) = rows.changes(), columns.changes()
@@ -141,14 +130,14 @@ def _changes(model: Model, lattice: Lattice) -> Tensor:
 
 @lru_cache(maxsize=32)
 @torch.inference_mode(False)
-def _fields(shape: PanelShape, device: torch.device) -> tuple[Tensor, Tensor]:
+def _fields(shape: PanelShape, device: torch.device) -> tuple[torch.Tensor, torch.Tensor]:
     """Return the corners' cells (4,2), and the fields 1, u, v and uv at them, (4,4)."""
     cells = corner_cells(shape)
     u, v = (2 * cells / cells.amax(0) - 1).unbind(1)
     return cells.to(device), torch.stack([torch.ones_like(u), u, v, u * v]).to(device)
 
 
-def _amplitudes(light: Tensor, model: Model) -> Tensor:
+def _amplitudes(light: torch.Tensor, model: Model) -> torch.Tensor:
     """Fit an amplitude to each LED, (B,R,C), by least squares; white pixels may be any brighter.
 
     They are taken to be as bright as the fit says, and fitted again (Dempster, Laird and Rubin 1977).
@@ -160,7 +149,7 @@ def _amplitudes(light: Tensor, model: Model) -> Tensor:
         products.diagonal(dim1=1, dim2=2).add_(1e-6)
         inverses.append(torch.linalg.solve(products, value.mT).to(torch.float32))
     down, across = inverses
-    found: Tensor = down @ light @ across.mT
+    found: torch.Tensor = down @ light @ across.mT
     white = model.grey >= _SATURATED_DN
     some = white.flatten(1).any(1).nonzero()[:, 0]
     if len(some):
@@ -173,7 +162,7 @@ def _amplitudes(light: Tensor, model: Model) -> Tensor:
     return found
 
 
-def _two_levels(amplitude: Tensor) -> tuple[Tensor, Tensor]:
+def _two_levels(amplitude: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
     """Split amplitudes (B,R,C) at the greatest variance between classes: bits, and class means (B,2)."""
     value = amplitude.flatten(1).sort(1).values
     leds = value.shape[1]
@@ -187,7 +176,7 @@ def _two_levels(amplitude: Tensor) -> tuple[Tensor, Tensor]:
     return amplitude > limit[..., None], torch.cat([mean.gather(1, best) for mean in means], 1)
 
 
-def _with_turned_bits(model: Model, lattice: Lattice) -> tuple[Lattice, Tensor]:
+def _with_turned_bits(model: Model, lattice: Lattice) -> tuple[Lattice, torch.Tensor]:
     """Return lattices with bits flipped where that fits the picture better, and which frames (B,) changed."""
     width = 3 * SAMPLES
     place = (torch.arange(width, device=model.grey.device) + 0.5) / SAMPLES - 1.5
@@ -200,18 +189,18 @@ def _with_turned_bits(model: Model, lattice: Lattice) -> tuple[Lattice, Tensor]:
     gain = _around(rest).sum((3, 4))
     gain = gain - (grey_values(light + spot) - grey).square().sum((3, 4))
     # Neighbours share their light: of them only the one that gains most is turned.
-    best = gain == F.max_pool2d(gain, 3, 1, 1)
+    best = gain == torch.nn.functional.max_pool2d(gain, 3, 1, 1)
     turned = best & (gain > rest.mean((1, 2)).clamp(min=1.0)[:, None, None])
     return replace(lattice, bits=lattice.bits ^ turned), turned.flatten(1).any(1)
 
 
-def _around(plane: Tensor) -> Tensor:
+def _around(plane: torch.Tensor) -> torch.Tensor:
     """Cut the 3 x 3 cells around each LED out of (B,H,W): (B,R,C,3K,3K)."""
     width = 3 * SAMPLES
     return plane.unfold(1, width, SAMPLES).unfold(2, width, SAMPLES)
 
 
-def _with_missed_lines(model: Model, lattice: Lattice) -> tuple[Lattice, Tensor]:
+def _with_missed_lines(model: Model, lattice: Lattice) -> tuple[Lattice, torch.Tensor]:
     """Return lattices moved by a cell where an outer line of Off LEDs was missed, and which (B,) moved.
 
     Such a line gives little light, so a fit may rest a line too far to the other side. Each side is tried:
@@ -222,10 +211,8 @@ def _with_missed_lines(model: Model, lattice: Lattice) -> tuple[Lattice, Tensor]
     options = []
     for axis, spots, others in ((1, model.rows, model.columns), (2, model.columns, model.rows)):
         leds = int(amplitude.shape[axis])
-        samples, blur = (
-            lattice_model.sample_cells(leds, MARGIN).to(amplitude),
-            lattice.blur[:, 2 - axis, None].float(),
-        )
+        samples = lattice_model.sample_cells(leds, MARGIN).to(amplitude)
+        blur = lattice.blur[:, 2 - axis, None].float()
         off = lattice.levels[:, :1].float() * others.value.sum(2)
         for far, near, by in ((leds - 1, -0.5, -1), (0, leds + 0.5, 1)):
             new = torch.exp(-(((samples - near) / blur) ** 2) / 2)
@@ -238,13 +225,14 @@ def _with_missed_lines(model: Model, lattice: Lattice) -> tuple[Lattice, Tensor]
     shifted = chosen > 0
     if not bool(shifted.any()):
         return lattice, shifted
-    found = replace(lattice)
+    found = lattice
     for option, (axis, by) in enumerate(options, start=1):
         bits = lattice.bits.roll(-by, axis)
         bits.select(axis, -1 if by > 0 else 0).fill_(False)
         cells = corner_cells(lattice.shape).to(bits.device, copy=True)
         cells[:, 2 - axis] += by
-        corners = map_points(lattice.corners_px, cells.expand(len(bits), 4, 2), lattice.shape)
+        corners = rectification.map_points(lattice.corners_px, cells.expand(len(bits), 4, 2), lattice.shape)
         there = (chosen == option)[:, None, None]
-        found.bits, found.corners_px = found.bits.where(~there, bits), found.corners_px.where(~there, corners)
+        bits, corners = found.bits.where(~there, bits), found.corners_px.where(~there, corners)
+        found = replace(found, bits=bits, corners_px=corners)
     return found, shifted

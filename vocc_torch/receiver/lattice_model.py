@@ -5,13 +5,13 @@
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Self
+from typing import NamedTuple, Self
 
 import torch
 from torch import Tensor
 
 from vocc_torch.receiver.rectification import map_points, rectify
-from vocc_torch.types import Frames, Panels, PanelShape
+from vocc_torch.types import Batched, Frames, Panels, PanelShape
 
 GAMMA = 2.2
 """Exponent of common cameras, between linear light and grey values."""
@@ -27,8 +27,8 @@ ROUNDING_DN = 0.29
 _OUTLIER = 3.0
 
 
-@dataclass(slots=True)
-class Lattice:
+@dataclass(frozen=True, slots=True)
+class Lattice(Batched):
     """LED lattices as fitted to B pictures.
 
     Args:
@@ -70,15 +70,6 @@ class Lattice:
         """(B,R,C) float32 light of each LED."""
         levels = self.levels.to(torch.float32)
         return torch.where(self.bits, levels[:, 1:, None], levels[:, :1, None])
-
-    def __getitem__(self, rows: Tensor | slice) -> Self:
-        """Return the lattices of an index, a bool mask or a slice."""
-        return type(self)(*(getattr(self, name)[rows] for name in self.__slots__))
-
-    def put(self, rows: Tensor, other: Self) -> None:
-        """Overwrite the lattices ``rows``."""
-        for name in self.__slots__:
-            getattr(self, name)[rows] = getattr(other, name)
 
 
 def linear_light(grey: Tensor) -> Tensor:
@@ -135,8 +126,7 @@ def read_patches(frames: Frames, corners_px: Tensor, shape: PanelShape, margin: 
     return rectify(frames, Panels.known(corners_px), wide, SAMPLES)[:, 0].to(torch.float32)
 
 
-@dataclass(frozen=True, slots=True)
-class Spots:
+class Spots(NamedTuple):
     """Profiles of the spots along an axis at its samples, (B,N,n) float32.
 
     Args:
@@ -174,8 +164,7 @@ def _axis(leds: int, device: torch.device) -> tuple[Tensor, Tensor]:
     return apart.to(device), (2 * centre / leds - 1).to(device)
 
 
-@dataclass(frozen=True, slots=True)
-class Model:
+class Model(NamedTuple):
     """A lattice's picture beside the one that was taken.
 
     Args:
@@ -230,11 +219,11 @@ class Model:
 
 
 _MARGIN = 2
-_PITCHES, _SHIFTS, _BLURS = 20, 21, (0.16, 0.26, 0.42)
+# Steps of pitch, of shift, and by which the axes' pitches may differ, 4 % in a panel of 8; the fit stretches
+# what is seen aslant.
+_PITCHES, _SHIFTS, _MOST_APART, _BLURS = 20, 21, 1, (0.16, 0.26, 0.42)
 # Cells by which a panel's extent, and its middle, may differ from the quadrilateral's.
 _EXTENT, _SHIFT = 3.0, 1.5
-# Steps of pitch by which the axes may differ, 4 % in a panel of 8; the fit stretches what is seen aslant.
-_MOST_APART = 1
 
 
 @lru_cache(maxsize=8)

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from vocc_torch.errors import VoccError
+from vocc_torch.errors import VoccError, finite_number, whole_number
 
 MOST_CLOSING_PX = (1 << 16) - 1
 MOST_AREA_PX = 1 << 40
@@ -37,12 +37,9 @@ class LocatorLimits:
         side = self.closing_px
         if type(side) is not int or not 1 <= side <= MOST_CLOSING_PX or side % 2 == 0:
             raise VoccError.of("location.closing_px", side, f"odd, at least 1 and at most {MOST_CLOSING_PX}")
-        if not 1 <= self.min_area_px <= MOST_AREA_PX:
-            rule = f"at least 1 and at most {MOST_AREA_PX}"
-            raise VoccError.of("location.min_area_px", self.min_area_px, rule)
+        whole_number("location.min_area_px", self.min_area_px, 1, MOST_AREA_PX)
         for name in ("min_rectangularity", "min_compactness"):
-            if not 0 <= getattr(self, name) <= 1:
+            if not 0 <= finite_number(f"location.{name}", getattr(self, name)) <= 1:
                 raise VoccError.of(f"location.{name}", getattr(self, name), "0 to 1")
         if self.quadrilateral not in QUADRILATERALS:
-            allowed = " or ".join(QUADRILATERALS)
-            raise VoccError.of("location.quadrilateral", repr(self.quadrilateral), allowed)
+            raise VoccError.of("location.quadrilateral", repr(self.quadrilateral), "min_area or upright")

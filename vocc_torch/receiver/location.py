@@ -1,41 +1,34 @@
 """Where the panel is in each frame: the paper's locator (section IV-B-2, Fig. 18) at every scale."""
 
-from dataclasses import dataclass, fields, replace
-from typing import Self
+from dataclasses import dataclass, replace
+from typing import NamedTuple, Self
 
 import numpy as np
 import scipy.ndimage
 import torch
 from torch import Tensor
 
-from vocc_torch.errors import VoccError
-from vocc_torch.receiver import components
-from vocc_torch.receiver.foreground import otsu_threshold, sensor_histogram, trimmed
+from vocc_torch.errors import VoccError, demand_kind
+from vocc_torch.receiver import components, foreground
 from vocc_torch.receiver.limits import LocatorLimits
 from vocc_torch.receiver.quadrilateral import measure_blobs
-from vocc_torch.types import Frames, Panels, PanelShape
+from vocc_torch.types import Frames, Images, Panels, PanelShape
 
 # Most pixels in one pass, to bound the memory; passes below the small size are not worth parting further.
-_PASS_PX = 1 << 21
-_SMALL_PASS_PX = 1 << 18
-# Up to this size masks are tried one by one before they are laid in passes.
-_SMALL_MASK_PX = 1 << 15
-# More frames than these are quicker together.
-_MOST_ALONE = 4
+_PASS_PX, _SMALL_PASS_PX = 1 << 21, 1 << 18
+# Up to this size masks are tried one by one before they are laid in passes; more frames are quicker together.
+_SMALL_MASK_PX, _MOST_ALONE = 1 << 15, 4
 # Columns of a blob are counted in 16 bits.
 _MOST_SIDE_PX = 1 << 15
-# A merged blob replaces one of its parts from this share of the best score so far on, for it explains more.
-_MERGE_RATIO = 0.75
-# A blob with this share of the frame's foreground leaves nothing worth merging.
-_WHOLE_SHARE = 0.99
-# From this many LED pitches on a closing spans one Off LED between two On ones.
-_REACH_PITCHES = 1.4
-# From this many on it has filled all but the widest gaps: no blob will look more like a panel later.
-_LAST_PITCHES = 3.0
+# A merged blob replaces one of its parts from the first share of the best score so far on, for it explains
+# more; a blob with the second share of the frame's foreground leaves nothing worth merging.
+_MERGE_RATIO, _WHOLE_SHARE = 0.75, 0.99
+# LED pitches: from these on a closing spans one Off LED between two On ones, or has filled all but the widest
+# gaps, and no blob will look more like a panel later.
+_REACH_PITCHES, _LAST_PITCHES = 1.4, 3.0
 
 
-@dataclass(frozen=True, slots=True)
-class Stages:
+class Stages(NamedTuple):
     """What the locator computes on its way, for figures.
 
     Args:
@@ -77,7 +70,7 @@ def paper_stages(frames: Frames, closing_px: int = 11) -> Stages:
         ([0], [0, 1, 1, 1, 0])
     """
     exact = exact_frames(frames)
-    threshold = otsu_threshold(sensor_histogram(exact))
+    threshold = foreground.otsu_threshold(foreground.sensor_histogram(exact))
     mask = exact.grey > threshold.view(-1, 1, 1, 1)
     return Stages(threshold, mask, components.close_mask(mask, closing_px))
 
@@ -101,15 +94,6 @@ class Choice(Panels):
         corners = count.new_zeros(masks, 4, 2, dtype=torch.float64)
         score = corners[:, 0, 0].clone()
         return cls(corners, score > 0, score, count, count.new_zeros(masks, 2), count.clone())
-
-    def __getitem__(self, rows: Tensor) -> Self:
-        """Return the choices of an index or a bool mask."""
-        return type(self)(*(getattr(self, field.name)[rows] for field in fields(self)))
-
-    def put(self, rows: Tensor, others: Panels) -> None:
-        """Overwrite the panels ``rows`` by others; what these do not tell stays."""
-        for field in fields(others):
-            getattr(self, field.name)[rows] = getattr(others, field.name)
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,14 +148,15 @@ class PaperLocator(LocatorLimits):
     """
 
     @torch.no_grad()
-    def __call__(self, frames: Frames, shape: PanelShape) -> Panels:
+    def __call__(self, frames: Images, shape: PanelShape) -> Panels:
         """Locate the panel of ``shape`` in each frame; zero corners and score where there is none.
 
         Raises:
             VoccError: what :func:`exact_frames` refuses.
         """
-        exact = trimmed(exact_frames(frames))
-        threshold = otsu_threshold(sensor_histogram(exact))
+        demand_kind("shape", shape, PanelShape)
+        exact = foreground.trimmed(exact_frames(frames))
+        threshold = foreground.otsu_threshold(foreground.sensor_histogram(exact))
         if exact.surround is None:
             choice = self.choose(exact, threshold, shape)
         else:
@@ -204,7 +189,7 @@ class PaperLocator(LocatorLimits):
         return replace(choice, corners_px=corners)
 
 
-def exact_frames(frames: Frames) -> Frames:
+def exact_frames(frames: Images) -> Frames:
     """Return the frames in uint8, or refuse what no locator can read.
 
     Raises:
@@ -215,19 +200,18 @@ def exact_frames(frames: Frames) -> Frames:
         >>> exact_frames(Frames.whole(torch.full((1, 2, 2), 9.4))).grey.unique().tolist()
         [9]
     """
+    frames = Frames.of(frames)
     shape, surround = tuple(frames.grey.shape), frames.surround
     if len(shape) != 4 or shape[1] != 1:
         raise VoccError(f"frames.grey has shape {shape}: it must be (B,1,H,W)")
     if max(shape[2:]) > _MOST_SIDE_PX:
-        given = f"frames.grey is {shape[2]} x {shape[3]} px"
-        raise VoccError(f"{given}: it must be at most {_MOST_SIDE_PX} px a side")
+        raise VoccError.of("frames.grey", f"{shape[2]} x {shape[3]} px", f"at most {_MOST_SIDE_PX} px a side")
     if surround is not None:
         if not bool(surround.isfinite().all()):
             raise VoccError("frames.surround holds NaN or infinity: it must be grey values, 0 to 255")
         room = frames.origin_px.new_tensor(frames.sensor_px[::-1]) - frames.origin_px.new_tensor(shape[:1:-1])
         if not bool(((frames.origin_px >= 0) & (frames.origin_px <= room)).all()):
-            size = f"{shape[2]} x {shape[3]} px"
-            raise VoccError(f"frames.origin_px lays a crop of {size} off its sensor, {frames.sensor_px}")
+            raise VoccError(f"frames.origin_px lays a crop, {shape[2:]}, off its sensor, {frames.sensor_px}")
     return Frames(quantised(frames.grey), frames.origin_px, frames.sensor_px, surround)
 
 

@@ -7,13 +7,10 @@ from typing import Any, Literal, get_args
 import torch
 from torch import Tensor
 
-from vocc_torch.errors import VoccError
-from vocc_torch.receiver.foreground import bright_regions, cut_windows, ring_statistics
-from vocc_torch.receiver.lattice_fit import fit_lattice
-from vocc_torch.receiver.lattice_model import Lattice, corner_cells, search_lattice
+from vocc_torch.errors import VoccError, demand_kind, finite_number
+from vocc_torch.receiver import foreground, lattice_fit, lattice_model, rectification
 from vocc_torch.receiver.location import Choice, PaperLocator, exact_frames
-from vocc_torch.receiver.rectification import cell_size_px, map_points
-from vocc_torch.types import Frames, Panels, PanelShape
+from vocc_torch.types import Frames, Images, Panels, PanelShape
 
 # Most LEDs in a row or a column that are searched for; larger panels are left to the paper's locator.
 _MOST_LEDS = 16
@@ -21,11 +18,8 @@ _MOST_LEDS = 16
 _CLEAN_RISE_DN, _LEAST_RISE_DN, _RISE_SIGMAS = 1.5, 3.0, 5.0
 # Below this share a fit is tried again from lattices of these sizes.
 _GOOD_SHARE, _SIZES = 0.992, (0.89, 1.12)
-# A fit that leaves its start farther behind, in cells, is none.
-_FARTHEST_CELLS = 3.5
-# Finer lattices are noise: LEDs melt together.
-_LEAST_PITCH_PX = 1.5
-_FIT_PX = 192
+# A fit that leaves its start farther behind, in cells, is none; finer lattices are noise: LEDs melt together.
+_FARTHEST_CELLS, _LEAST_PITCH_PX, _FIT_PX = 3.5, 1.5, 192
 # Corners are given in whole parts of a pixel: sums may be ordered otherwise in other batches.
 _PARTS_PER_PX = 1024.0
 # A panel turned by 45 degrees begins like the paper's, whichever way its fit errs by less than this, degrees.
@@ -69,18 +63,20 @@ class RefinedLocator:
 
     def __post_init__(self) -> None:
         """Refuse a share out of its range."""
-        if not 0 <= self.min_share <= 1:
+        demand_kind("paper", self.paper, PaperLocator)
+        if not 0 <= finite_number("location.min_share", self.min_share) <= 1:
             raise VoccError.of("location.min_share", self.min_share, "0 to 1")
 
-    def __call__(self, frames: Frames, shape: PanelShape) -> Panels:
+    def __call__(self, frames: Images, shape: PanelShape) -> Panels:
         """Locate the panel of ``shape`` in each frame; zero corners and score where there is none.
 
         Raises:
             VoccError: what :func:`vocc_torch.receiver.location.exact_frames` refuses.
         """
         # In half precision a fit would find no lattice.
-        with torch.inference_mode(), torch.autocast(frames.grey.device.type, enabled=False):
-            exact = exact_frames(frames)
+        demand_kind("shape", shape, PanelShape)
+        exact = exact_frames(frames)
+        with torch.inference_mode(), torch.autocast(exact.grey.device.type, enabled=False):
             panels: Panels
             if max(shape.rows, shape.columns) > _MOST_LEDS or not exact.grey.numel():
                 panels = self.paper(exact, shape)
@@ -106,23 +102,23 @@ class RefinedLocator:
 
     def _in_whole(self, frames: Frames, shape: PanelShape) -> Choice:
         """Find panels in the bright regions of whole frames; of several in a frame, the likeliest."""
-        regions = bright_regions(frames.grey)
+        regions = foreground.bright_regions(frames.grey)
         found = Choice.none(len(regions.frame), frames.grey.device)
         background, noise = torch.zeros(2, len(regions.frame), device=frames.grey.device)
         for side, rows in _alike(regions.side_px):
-            windows = cut_windows(frames, regions, rows, side)
-            background[rows], noise[rows] = ring_statistics(windows.grey)
+            windows = foreground.cut_windows(frames, regions, rows, side)
+            background[rows], noise[rows] = foreground.ring_statistics(windows.grey)
             found.put(rows, self._chosen(windows, background[rows], noise[rows], shape))
         likeness, poor = found.score.clone(), torch.zeros_like(found.found)
         # Small windows are fitted together: what lies between the panel and the border does not matter.
         for side, rows in _alike(regions.side_px.clamp(min=_FIT_PX)):
             seen = rows[found.found[rows]]
             if len(seen):
-                windows = cut_windows(frames, regions, seen, side)
+                windows = foreground.cut_windows(frames, regions, seen, side)
                 poor[self._refit(found, seen, windows, background, noise, shape)] = True
         for side, rows in _alike(regions.side_px):
             rest = rows[poor[rows]]
-            windows = replace(cut_windows(frames, regions, rest, side), surround=background[rest])
+            windows = replace(foreground.cut_windows(frames, regions, rest, side), surround=background[rest])
             self._left_to_paper(found, rest, windows, shape)
         # The panel of most merit in each frame, the first of equals.
         merit = (likeness * found.score**2).masked_fill(~found.found, 0.0)
@@ -158,38 +154,37 @@ class RefinedLocator:
 
 def _fitted(
     frames: Frames, corners_px: Tensor, background: Tensor, noise: Tensor, shape: PanelShape
-) -> Lattice:
+) -> lattice_model.Lattice:
     """Fit lattices from quadrilaterals; where little is explained, again from other starts."""
-    start, blur = search_lattice(frames, corners_px, background, shape)
-    lattice = fit_lattice(frames, Lattice.at(start, blur, background, shape))
+    start, blur = lattice_model.search_lattice(frames, corners_px, background, shape)
+    lattice = lattice_fit.fit_lattice(frames, lattice_model.Lattice.at(start, blur, background, shape))
     poor = (lattice.share_of_all + _noise_share(lattice, noise) < _GOOD_SHARE).nonzero()[:, 0]
     if not len(poor):
         return lattice
     seen, level = frames[poor], background[poor]
-    cells = corner_cells(shape).to(start.device)
+    cells = lattice_model.corner_cells(shape).to(start.device)
     middle = cells.mean(0)
     sized = [(middle + size * (cells - middle)).expand(len(poor), 4, 2) for size in _SIZES]
-    others = [(map_points(start[poor], to, shape), blur[poor]) for to in sized]
-    others.append(search_lattice(seen, corners_px[poor], level, shape, square=False))
+    others = [(rectification.map_points(start[poor], to, shape), blur[poor]) for to in sized]
+    others.append(lattice_model.search_lattice(seen, corners_px[poor], level, shape, square=False))
     for again, width in others:
-        found = fit_lattice(seen, Lattice.at(again, width, level, shape))
+        found = lattice_fit.fit_lattice(seen, lattice_model.Lattice.at(again, width, level, shape))
         better = found.rms_dn < lattice.rms_dn[poor]
         lattice.put(poor[better], found[better])
     return lattice
 
 
-def _noise_share(lattice: Lattice, noise: Tensor) -> Tensor:
+def _noise_share(lattice: lattice_model.Lattice, noise: Tensor) -> Tensor:
     """Return the share (B,) of a picture's variation that is noise, which no lattice explains."""
     spread = lattice.rms_dn.square() / (1 - lattice.share).clamp(min=1e-9)
-    share: Tensor = noise.square() / spread.clamp(min=1e-9)
-    return share
+    return torch.div(noise.square(), spread.clamp(min=1e-9))
 
 
-def _is_sane(lattice: Lattice, corners_px: Tensor) -> Tensor:
+def _is_sane(lattice: lattice_model.Lattice, corners_px: Tensor) -> Tensor:
     """Whether lattices (B,) are finite, not too fine, and near the corners that they began with."""
-    cell = torch.maximum(*cell_size_px(corners_px, lattice.shape))
+    cell = torch.maximum(*rectification.cell_size_px(corners_px, lattice.shape))
     strayed = (lattice.corners_px - corners_px).norm(dim=2).amax(1) > _FARTHEST_CELLS * cell
-    pitch = torch.minimum(*cell_size_px(lattice.corners_px, lattice.shape))
+    pitch = torch.minimum(*rectification.cell_size_px(lattice.corners_px, lattice.shape))
     sane: Tensor = lattice.corners_px.isfinite().flatten(1).all(1) & ~strayed & (pitch >= _LEAST_PITCH_PX)
     return sane
 
@@ -239,8 +234,7 @@ def locator_settings(locator: PanelLocator) -> dict[str, object]:
         >>> locator_settings(RefinedLocator())["name"]
         'refined'
     """
-    name = {} if isinstance(locator, PaperLocator) else {"name": "refined"}
-    return {**name, **asdict(locator)}
+    return {**({} if isinstance(locator, PaperLocator) else {"name": "refined"}), **asdict(locator)}
 
 
 def locator_from(settings: Mapping[str, Any]) -> PanelLocator:
@@ -258,6 +252,5 @@ def locator_from(settings: Mapping[str, Any]) -> PanelLocator:
     name = rest.pop("name", "paper")
     if name not in get_args(LocatorName):
         raise ValueError(f"its locator is {name!r}")
-    return (
-        PaperLocator(**rest) if name == "paper" else RefinedLocator(PaperLocator(**rest.pop("paper")), **rest)
-    )
+    paper = PaperLocator(**(rest if name == "paper" else rest.pop("paper")))
+    return paper if name == "paper" else RefinedLocator(paper, **rest)

@@ -8,7 +8,7 @@ batch. NumPy does it, on whatever device the masks are: these are few numbers.
 """
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,14 +23,11 @@ Whole = NDArray[np.int64]
 _LENGTH_UNIT = 2.0**-32
 # Areas of rectangles that differ by less than this share are equal.
 _TIE = 1e-9
-# Rows in a part of a tall blob.
-_PART_ROWS = 32
-# Most pairs of rows or of vertices in one step, to bound the memory.
-_STEP_PAIRS = 1 << 21
+# Rows in a part of a tall blob, and most pairs of rows or of vertices in one step, to bound the memory.
+_PART_ROWS, _STEP_PAIRS = 32, 1 << 21
 
 
-@dataclass(frozen=True, slots=True)
-class Rectangles:
+class Rectangles(NamedTuple):
     """Rectangles around blobs.
 
     Args:
@@ -242,8 +239,7 @@ def proportion(width: Floats, height: Floats, shape: PanelShape) -> Floats:
     return np.minimum(relative, 1 / relative)
 
 
-@dataclass(frozen=True, slots=True)
-class Measures:
+class Measures(NamedTuple):
     """How panel-like each blob is; ``score`` is rectangularity x compactness x proportion^2.
 
     Rectangularity is the share of its minimum-area rectangle that a closed blob fills, 0 to 1: 1 for a

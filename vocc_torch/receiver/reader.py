@@ -2,12 +2,12 @@
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
-from typing import get_args
+from typing import NamedTuple, get_args
 
 import torch
 from torch import Tensor
 
-from vocc_torch.errors import VoccError
+from vocc_torch.errors import VoccError, demand_kind
 from vocc_torch.receiver.features import FEATURE_NAMES, Gradient, cell_means, checked_greys, led_features
 from vocc_torch.receiver.rectification import cell_size_px, centre_greys, rectify_takes
 from vocc_torch.types import Frames, Panels, PanelShape
@@ -20,16 +20,14 @@ MEASURED = (*FEATURE_NAMES, *_GREYS)
 _MOST_SAMPLES = 1 << 25
 
 
-@dataclass(frozen=True, slots=True)
-class Greys:
+class Greys(NamedTuple):
     """Grey levels of each LED, (B,R,C) both, in digital numbers: its cell's mean and its centre pixel."""
 
     average: Tensor
     centre: Tensor
 
 
-@dataclass(frozen=True, slots=True)
-class Readings:
+class Readings(NamedTuple):
     """What the receiver measures of each LED.
 
     Args:
@@ -72,13 +70,13 @@ class Reader:
 
     def __post_init__(self) -> None:
         """Check every range."""
+        demand_kind("shape", self.shape, PanelShape)
         if type(self.samples_per_led) is not int or not 2 <= self.samples_per_led <= 64:
             raise VoccError.of("receiver.samples_per_led", self.samples_per_led, "from 2 to 64")
         samples = (self.shape.rows + 2) * (self.shape.columns + 2) * self.samples_per_led**2
         if samples > _MOST_SAMPLES:
-            panel = f"a panel of {self.shape.rows} x {self.shape.columns} LEDs would have {samples} samples"
-            given = f"receiver.samples_per_led is {self.samples_per_led}"
-            raise VoccError(f"{given}: {panel}, at most 2^25 are allowed")
+            rule = f"less: a panel of {samples} samples would come of it, at most 2^25 are allowed"
+            raise VoccError.of("receiver.samples_per_led", self.samples_per_led, rule)
         if self.gradient not in get_args(Gradient):
             raise VoccError.of("receiver.gradient", repr(self.gradient), " or ".join(get_args(Gradient)))
 
@@ -117,8 +115,7 @@ class Reader:
 
     def read_greys(self, frames: Frames, panels: Panels) -> Greys:
         """Measure grey levels only."""
-        (patches,) = self.rectify([frames], panels)
-        return self.measure(frames, panels, patches, _GREYS).greys
+        return self.measure(frames, panels, self.rectify([frames], panels)[0], _GREYS).greys
 
     def rectify(
         self, takes: Sequence[Frames], panels: Panels, dtype: torch.dtype | None = None
@@ -128,6 +125,9 @@ class Reader:
         Raises:
             VoccError: what :meth:`read_takes` refuses.
         """
+        for take in takes:
+            demand_kind("frames", take, Frames)
+        demand_kind("panels", panels, Panels)
         with torch.autocast(takes[0].grey.device.type, enabled=False):
             patches = rectify_takes(takes, panels, self.shape, self.samples_per_led, dtype)
         for take, patch in zip(takes, patches, strict=True):

@@ -9,18 +9,17 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, NamedTuple, Self, get_args
 
 import torch
-from torch import Tensor, nn
 
-from vocc_torch.errors import VoccError
+from vocc_torch.errors import VoccError, demand_kind
 from vocc_torch.files import write_atomically
 from vocc_torch.receiver.bank import FLDA_FEATURES, Preambles, ReceiverBank
 from vocc_torch.receiver.flda import FLDA
 from vocc_torch.receiver.locators import PanelLocator, locator_from, locator_settings
 from vocc_torch.receiver.reader import Reader, Readings
-from vocc_torch.types import Frames, Panels, PanelShape
+from vocc_torch.types import Frames, Images, Panels, PanelShape
 
 FORMAT = "vocc_torch.receiver"
 FORMAT_VERSION = 2
@@ -37,7 +36,7 @@ def _checksum(content: Mapping[str, object]) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def write_model(path: Path, settings: Settings, state: Mapping[str, Tensor]) -> None:
+def write_model(path: Path, settings: Settings, state: Mapping[str, torch.Tensor]) -> None:
     """Write settings and a classifier's state, whole or not at all.
 
     Args:
@@ -58,7 +57,7 @@ def write_model(path: Path, settings: Settings, state: Mapping[str, Tensor]) -> 
     write_atomically(path, (json.dumps(content, indent=1) + "\n").encode())
 
 
-def read_model(path: Path) -> tuple[Settings, dict[str, Tensor]]:
+def read_model(path: Path) -> tuple[Settings, dict[str, torch.Tensor]]:
     """Read what :func:`write_model` wrote.
 
     Raises:
@@ -69,11 +68,9 @@ def read_model(path: Path) -> tuple[Settings, dict[str, Tensor]]:
     except FileNotFoundError:
         raise VoccError(f"model {path} does not exist: give the receiver.pt that task=train wrote") from None
     except (OSError, ValueError, RecursionError):
-        told = f"model {path} cannot be read as a receiver"
-        raise VoccError(f"{told}: it is damaged or of another kind") from None
+        raise VoccError(f"model {path} is no receiver: it is damaged or of another kind") from None
     if not isinstance(content, dict) or content.get("format") != FORMAT:
-        told = f"model {path} is not a vocc_torch receiver"
-        raise VoccError(f"{told}: give the receiver.pt that task=train wrote")
+        raise VoccError(f"model {path} is not a vocc_torch receiver: give the one that task=train wrote")
     if (version := content.get("version")) not in _READABLE:
         allowed = " and ".join(map(str, _READABLE))
         raise VoccError(f"model {path} has format version {version}: this package reads versions {allowed}")
@@ -89,8 +86,7 @@ def read_model(path: Path) -> tuple[Settings, dict[str, Tensor]]:
         raise VoccError(f"model {path} is damaged ({type(error).__name__}): train it again") from None
 
 
-@dataclass(frozen=True, slots=True)
-class Decoded:
+class Decoded(NamedTuple):
     """What a receiver read from B frames.
 
     Args:
@@ -102,12 +98,12 @@ class Decoded:
         candidates: (B,) int64, how many blobs could have been the panel.
     """
 
-    bits: Tensor
-    scores: Tensor
-    corners_px: Tensor
-    found: Tensor
-    panel_score: Tensor
-    candidates: Tensor
+    bits: torch.Tensor
+    scores: torch.Tensor
+    corners_px: torch.Tensor
+    found: torch.Tensor
+    panel_score: torch.Tensor
+    candidates: torch.Tensor
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,13 +147,13 @@ class StagedReceiver:
             raise VoccError("this receiver has no locator: give it one, or the panels' corners")
         return self.locator(frames, self.reader.shape)
 
-    def rectify(self, frames: Frames, panels: Panels) -> Tensor | None:
+    def rectify(self, frames: Frames, panels: Panels) -> torch.Tensor | None:
         """Resample located panels, (B,1,(R+2)K,(C+2)K); None where only single pixels are read."""
         if not self.bank.needs_patches:
             return None
         return self.reader.rectify([frames], panels, self.dtype)[0]
 
-    def measure(self, frames: Frames, panels: Panels, patches: Tensor | None) -> Readings:
+    def measure(self, frames: Frames, panels: Panels, patches: torch.Tensor | None) -> Readings:
         """Measure what the receivers decide on; features and grey values that none needs are zeros.
 
         Args:
@@ -172,7 +168,7 @@ class StagedReceiver:
         takes = (self.measure(take, panels, self.rectify(take, panels)).greys for take in (on, off))
         return Preambles(*takes)
 
-    def decide(self, readings: Readings, preambles: Preambles | None = None) -> dict[str, Tensor]:
+    def decide(self, readings: Readings, preambles: Preambles | None = None) -> dict[str, torch.Tensor]:
         """Score every LED with every receiver: name to (B,R,C) float64, at least 0 is On (Eq. 18).
 
         Raises:
@@ -181,14 +177,15 @@ class StagedReceiver:
         return self.bank.scores(readings, preambles)
 
     def __call__(
-        self, frames: Frames, panels: Panels | None = None, preambles: Preambles | None = None
-    ) -> dict[str, Tensor]:
+        self, frames: Images, panels: Panels | None = None, preambles: Preambles | None = None
+    ) -> dict[str, torch.Tensor]:
         """Run all stages; location is left out where the panels are known."""
+        frames = Frames.of(frames)
         where = self.locate(frames) if panels is None else panels
         return self.decide(self.measure(frames, where, self.rectify(frames, where)), preambles)
 
 
-class Receiver(nn.Module):
+class Receiver(torch.nn.Module):
     """Locate the panel, rectify it, measure its LEDs and decide their bits.
 
     Args:
@@ -203,11 +200,13 @@ class Receiver(nn.Module):
 
     def __init__(self, name: str, locator: PanelLocator, reader: Reader, classifier: FLDA) -> None:
         super().__init__()
-        if name not in FLDA_FEATURES:
+        demand_kind("locator", locator, *get_args(PanelLocator))
+        demand_kind("reader", reader, Reader)
+        demand_kind("classifier", classifier, FLDA)
+        if name not in tuple(FLDA_FEATURES):
             raise VoccError.of("receiver name", repr(name), f"one of {', '.join(FLDA_FEATURES)}")
         if classifier.n_features != (needed := len(FLDA_FEATURES[name])):
-            has = f"the classifier has {classifier.n_features} features"
-            raise VoccError(f"{has}: receiver {name} needs {needed}")
+            raise VoccError(f"classifier has {classifier.n_features} features: {name} needs {needed}")
         self.name, self.locator, self.reader, self.classifier = name, locator, reader, classifier
 
     @property
@@ -215,30 +214,32 @@ class Receiver(nn.Module):
         """Rows and columns of the panel."""
         return self.reader.shape
 
-    def decode(self, images: Tensor) -> Decoded:
+    def decode(self, images: Images) -> Decoded:
         """Read the bits of B whole images.
 
         Args:
-            images: (B,H,W) or (B,1,H,W) uint8 grey values, on any device.
+            images: (B,H,W) or (B,1,H,W) uint8 grey values, or one image (H,W); a tensor on any device or a
+                NumPy array.
 
         Raises:
             VoccError: another type or shape.
         """
-        planes = images.unsqueeze(1) if images.ndim == 3 else images
-        if planes.dtype != torch.uint8 or planes.ndim != 4 or planes.shape[1] != 1 or 0 in planes.shape:
-            given = f"dtype {images.dtype} and shape {tuple(images.shape)}"
-            raise VoccError.of("images", given, "uint8 of shape (B,H,W) or (B,1,H,W), not empty", "has")
         with torch.inference_mode():
-            decoded = self.forward(Frames.whole(planes))
+            decoded = self.forward(Frames.of(images, "images"))
         # Copies, for tensors made in inference mode take no part in autograd.
-        return Decoded(*(getattr(decoded, name).clone() for name in Decoded.__slots__))
+        return Decoded(*(one.clone() for one in decoded))
 
-    def forward(self, frames: Frames, panels: Panels | None = None) -> Decoded:
+    def forward(self, frames: Images, panels: Panels | None = None) -> Decoded:
         """Read the bits of frames or crops, at known panels where they are given; score 0 is On (Eq. 18).
+
+        Args:
+            frames: B frames or crops, or whole images as :meth:`decode` takes.
+            panels: where the panel is in each, or None to locate it.
 
         Raises:
             VoccError: frames that no locator reads, or floating ones that hold no grey values at a panel.
         """
+        frames = Frames.of(frames)
         where = self.locator(frames, self.shape) if panels is None else panels
         features = self.reader.read_features(frames, where, FLDA_FEATURES[self.name])
         found = where.found.view(-1, 1, 1)
@@ -250,16 +251,12 @@ class Receiver(nn.Module):
         """Write the receiver to one file of text: settings and numbers, no code, and a checksum.
 
         Raises:
-            VoccError: the file cannot be written.
+            VoccError: no path, or the file cannot be written.
         """
-        settings: Settings = {
-            "name": self.name,
-            "rows": self.shape.rows,
-            "columns": self.shape.columns,
-            "samples_per_led": self.reader.samples_per_led,
-            "gradient": self.reader.gradient,
-            "locator": locator_settings(self.locator),
-        }
+        demand_kind("path", path, str, Path)
+        settings: Settings = {"name": self.name, "rows": self.shape.rows, "columns": self.shape.columns}
+        settings |= {"samples_per_led": self.reader.samples_per_led, "gradient": self.reader.gradient}
+        settings["locator"] = locator_settings(self.locator)
         write_model(Path(path), settings, self.classifier.state_dict())
 
     @classmethod
@@ -267,8 +264,9 @@ class Receiver(nn.Module):
         """Read a receiver that :meth:`save` wrote; nothing in the file is executed.
 
         Raises:
-            VoccError: a file that is missing, damaged, of another kind or of another version.
+            VoccError: no path, or a file that is missing, damaged, of another kind or of another version.
         """
+        demand_kind("path", path, str, Path)
         settings, state = read_model(Path(path))
         try:
             shape = PanelShape(settings["rows"], settings["columns"])

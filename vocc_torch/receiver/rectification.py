@@ -8,8 +8,7 @@ from collections.abc import Sequence
 from functools import lru_cache
 
 import torch
-import torch.nn.functional as F
-from torch import Tensor
+from torch import Tensor, nn
 
 from vocc_torch.errors import VoccError
 from vocc_torch.receiver.features import checked_greys
@@ -246,7 +245,7 @@ def rectify_takes(
             reads = _sample(takes, rows, homography[rows], x, y, dtype)
             for patch, read in zip(patches, reads, strict=True):
                 whole = read.unsqueeze(1)
-                patch[rows] = F.avg_pool2d(whole, factor) if factor > 1 else whole
+                patch[rows] = nn.functional.avg_pool2d(whole, factor) if factor > 1 else whole
     return patches
 
 
@@ -269,8 +268,7 @@ def _check_takes(takes: Sequence[Frames], panels: Panels) -> None:
     if len(size) != 4 or size[1] != 1 or 0 in size[2:]:
         raise VoccError(f"frames.grey has shape {size}: it must be (B,1,H,W), not empty")
     if corners != (size[0], 4, 2):
-        rule = f"for {size[0]} frames it must be ({size[0]},4,2)"
-        raise VoccError(f"panels.corners_px has shape {corners}: {rule}")
+        raise VoccError.of("panels.corners_px", f"shape {corners}", f"({size[0]},4,2), as frames are", "has")
 
 
 def centre_greys(frames: Frames, panels: Panels, shape: PanelShape) -> Tensor:

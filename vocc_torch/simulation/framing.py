@@ -8,7 +8,7 @@ from typing import Self
 import torch
 from torch import Tensor
 
-from vocc_torch.errors import VoccError
+from vocc_torch.errors import VoccError, finite_number
 from vocc_torch.hardware import Camera, LedPanel
 from vocc_torch.simulation import photometry
 from vocc_torch.simulation.effects import Context, Effect, view
@@ -74,10 +74,8 @@ def led_centres_px(scene: Scene, camera: Camera, panel: LedPanel) -> tuple[Tenso
     """
     centre = panel_centre_px(scene, camera)
     pitch_px = (panel.pitch_m * camera.pixels_per_metre(scene.distance_m)).unsqueeze(-1)
-    columns, rows = (
-        torch.arange(leds, dtype=centre.dtype, device=centre.device) - (leds - 1) / 2
-        for leds in (panel.shape.columns, panel.shape.rows)
-    )
+    sides = panel.shape.columns, panel.shape.rows
+    columns, rows = (torch.arange(leds).to(centre) - (leds - 1) / 2 for leds in sides)
     return centre[:, :1] + columns * pitch_px, centre[:, 1:] + rows * pitch_px
 
 
@@ -141,7 +139,7 @@ def crop_size_px(
         >>> crop_size_px([], Camera(), LedPanel(), 50.0)
         (48, 48)
     """
-    if not nearest_m > 0:
+    if not finite_number("nearest_m", nearest_m) > 0:
         raise VoccError(f"nearest_m is {nearest_m:g}: it must be above 0")
     demand_led_px(panel.led_diameter_m / nearest_m * camera.focal_length_px, nearest_m)
     pitch_px = panel.pitch_m * camera.focal_length_px / nearest_m
@@ -150,10 +148,8 @@ def crop_size_px(
     for effect in effects:
         size = effect.size_in_px(size, camera, nearest_m)
     margin = 2 * (sum(effect.reach_in_px(camera, nearest_m) for effect in effects) + 2)
-    height, width = (
-        min(math.ceil(min(side, full)) + margin, full)
-        for side, full in zip(size, camera.sensor_px, strict=True)
-    )
+    sides = zip(size, camera.sensor_px, strict=True)
+    height, width = (min(math.ceil(min(side, full)) + margin, full) for side, full in sides)
     return height, width
 
 
@@ -180,9 +176,9 @@ def window_size_px(crop_px: Size, sensor_px: Size) -> Size:
         >>> window_size_px((71, 71), (1080, 1920)), window_size_px((71, 71), (1080, 1919))
         ((80, 80), (80, 1919))
     """
+    grid, sides = WINDOW_GRID_PX, zip(crop_px, sensor_px, strict=True)
     height, width = (
-        full if full % WINDOW_GRID_PX else min(full, WINDOW_GRID_PX * (-(-side // WINDOW_GRID_PX) + 1))
-        for side, full in zip(crop_px, sensor_px, strict=True)
+        full if full % grid else min(full, grid * (-(-side // grid) + 1)) for side, full in sides
     )
     return height, width
 

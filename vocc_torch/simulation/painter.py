@@ -46,10 +46,9 @@ def paint(
     """
     scene, panel, leds = context.scene, context.panel, context.panel.shape.leds
     behind, before = (taking(context.effects, q) for q in (Quantity.BACKGROUND, Quantity.UNLIT))
-    background, surface, board = (
-        photometry.reflected_luminance_cd_m2(scene.ambient_lx, 0.0 if share is None else share)
-        for share in (panel.background_reflectance, panel.led_reflectance, panel.board_reflectance)
-    )
+    reflectances = (panel.background_reflectance, panel.led_reflectance, panel.board_reflectance or 0.0)
+    lit = (photometry.reflected_luminance_cd_m2(scene.ambient_lx, share) for share in reflectances)
+    background, surface, board = lit
     canvas = background.view(-1, 1, 1).expand(len(scene), *size).contiguous()
     for effect in behind:
         canvas = effect(canvas.unsqueeze(1), context).squeeze(1)

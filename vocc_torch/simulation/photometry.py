@@ -40,32 +40,6 @@ def reflected_luminance_cd_m2(illuminance_lx: Tensor, reflectance: float) -> Ten
     return illuminance_lx * (reflectance / math.pi)
 
 
-def luminous_exposure_lx_s(
-    luminance_cd_m2: Tensor, *, exposure_time_s: float, f_number: float, calibration_constant: float
-) -> Tensor:
-    """Luminous exposure of a pixel that sees a luminance, ``H = 10 L t / (K N^2)`` (Eqs 2 and 3).
-
-    Linear: no luminance gives no exposure.
-
-    Args:
-        luminance_cd_m2: any shape, cd/m2, at least 0.
-        exposure_time_s: exposure time t, s, above 0.
-        f_number: f-number N of the lens, above 0.
-        calibration_constant: reflected-light meter constant K, above 0 (ISO 2720 has 10.6 to 13.4).
-
-    Returns:
-        Luminous exposure in lx s, shape of ``luminance_cd_m2``.
-
-    Example:
-        >>> h = luminous_exposure_lx_s(
-        ...     torch.tensor(60.0), exposure_time_s=1 / 1500, f_number=4.0, calibration_constant=12.5
-        ... )
-        >>> round(float(h), 6)
-        0.002
-    """
-    return luminance_cd_m2 * (10.0 * exposure_time_s / (calibration_constant * f_number**2))
-
-
 def auto_iso_speed(background_exposure_lx_s: Tensor, target_grey: Tensor, *, gamma: float) -> Tensor:
     """ISO speed S at which the background gets the grey value asked for: Eq. 1 solved for ``S = 10 / H_SOS``.
 
@@ -156,19 +130,23 @@ def transmission(distance_m: Tensor, visibility_m: float) -> Tensor:
 
 
 def through_lens(luminance_cd_m2: Tensor, camera: Camera) -> Tensor:
-    """Luminous exposure of a luminance with the settings of a camera (Eqs 2 and 3), lx s, in any shape.
+    """Luminous exposure of a pixel that sees a luminance, ``H = 10 L t / (K N^2)`` (Eqs 2 and 3).
+
+    Linear: no luminance gives no exposure.
+
+    Args:
+        luminance_cd_m2: any shape, cd/m2, at least 0.
+        camera: its exposure time t, s, its f-number N and its meter constant K (ISO 2720 has 10.6 to 13.4).
+
+    Returns:
+        Luminous exposure in lx s, shape of ``luminance_cd_m2``.
 
     Example:
-        >>> import torch
-        >>> round(float(through_lens(torch.tensor(1000.0), Camera())), 4)
-        0.0333
+        >>> round(float(through_lens(torch.tensor(60.0), Camera())), 6)
+        0.002
     """
-    return luminous_exposure_lx_s(
-        luminance_cd_m2,
-        exposure_time_s=camera.exposure_time_s,
-        f_number=camera.f_number,
-        calibration_constant=camera.calibration_constant,
-    )
+    per_cd_m2 = 10.0 * camera.exposure_time_s / (camera.calibration_constant * camera.f_number**2)
+    return luminance_cd_m2 * per_cd_m2
 
 
 def as_seen(surface_cd_m2: Tensor, context: Context, own_cd_m2: Tensor | None = None) -> Tensor:

@@ -264,9 +264,8 @@ def polygon_cover(corners_px: Tensor, height: int, width: int) -> Tensor:
     twice_area = (arm[:, :-1, 0] * arm[:, 1:, 1] - arm[:, :-1, 1] * arm[:, 1:, 0]).sum(dim=-1)
     rows = torch.arange(height, device=start.device)
     # Rounding leaves 1e-16 beyond a polygon's rows, and how far that is computed depends on the batch.
-    within = (rows < start[..., 1].amax(dim=1, keepdim=True)) & (
-        rows + 1 > start[..., 1].amin(dim=1, keepdim=True)
-    )
+    low, high = start[..., 1].aminmax(dim=1, keepdim=True)
+    within = (rows < high) & (rows + 1 > low)
     cover *= (within * twice_area.sign().unsqueeze(-1)).unsqueeze(-1)
     return cover.clamp_(0, 1)
 

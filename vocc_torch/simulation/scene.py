@@ -1,7 +1,6 @@
 """Scenes drawn from distributions, each value from a keyed stream of its own name."""
 
 import math
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import Literal, Self, get_args
@@ -9,7 +8,6 @@ from typing import Literal, Self, get_args
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor
 
 from vocc_torch.errors import VoccError
 from vocc_torch.rng import BLOCK_FRAMES, BlockKey
@@ -17,7 +15,7 @@ from vocc_torch.types import PanelShape, Scene, demand_in_range
 
 Kind = Literal["constant", "uniform", "log_uniform", "choice"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
-LARGEST = sys.float_info.max
+LARGEST = float(np.finfo(np.float64).max)
 
 
 def _is_finite(value: object) -> bool:
@@ -131,12 +129,10 @@ class SceneModel:
         """The smallest distance that can be drawn; it fixes the crop for every block of a point."""
         return self.distance_m.bounds[0]
 
-    def draw(self, key: BlockKey, shape: PanelShape) -> tuple[Scene, Tensor]:
+    def draw(self, key: BlockKey, shape: PanelShape) -> tuple[Scene, torch.Tensor]:
         """Draw a block: 64 scenes and their bits (64,R,C) bool, equally likely On and Off."""
-        values = (
-            torch.from_numpy(getattr(self, f.name).draw(key.generator(f"scene.{f.name}"), BLOCK_FRAMES))
-            for f in fields(self)
-        )
+        draws = ((getattr(self, f.name), key.generator(f"scene.{f.name}")) for f in fields(self))
+        values = (torch.from_numpy(one.draw(generator, BLOCK_FRAMES)) for one, generator in draws)
         size = (BLOCK_FRAMES, shape.rows, shape.columns)
         bits = torch.from_numpy(key.generator("bits").integers(2, size=size, dtype=np.uint8))
         return Scene(*values), bits.bool()

@@ -6,24 +6,17 @@ from functools import partial
 from typing import Literal, get_args
 
 import torch
-from torch import Tensor
 
-from vocc_torch.errors import VoccError
+from vocc_torch.errors import VoccError, demand_kind, finite_number
 from vocc_torch.hardware import Camera, LedPanel
 from vocc_torch.rng import FrameKey
 from vocc_torch.simulation import effects as chain
-from vocc_torch.simulation import framing as crops
-from vocc_torch.simulation import painter, photometry
+from vocc_torch.simulation import framing, painter, photometry
 from vocc_torch.simulation.effects import Context, Effect, Parameters, Quantity, light, view
-from vocc_torch.simulation.photometry import grey_value, through_lens
-from vocc_torch.types import Frames, Panels, Scene, resolve_device
+from vocc_torch.types import Frames, Panels, Scene, resolve_device, tensor_of
 
-PAPER_EFFECTS: Mapping[str, Mapping[str, float]] = {
-    "attenuation": {"visibility_m": 40_000.0},
-    "blooming": {"sigma_px": 1.5},
-    "saturation": {},
-    "quantization": {"bits": 8},
-}
+PAPER_EFFECTS: dict[str, Mapping[str, float]] = {"attenuation": {"visibility_m": 40_000.0}}
+PAPER_EFFECTS |= {"blooming": {"sigma_px": 1.5}, "saturation": {}, "quantization": {"bits": 8}}
 """The effects of the paper's scenes."""
 
 Framing = Literal["crop", "filled", "full"]
@@ -31,7 +24,7 @@ Framing = Literal["crop", "filled", "full"]
 DRAWN = chain.CAMERA_STEPS[: chain.CAMERA_STEPS.index(Quantity.LUMINANCE)]
 """What effects change while the picture is drawn, before luminance reaches the lens."""
 
-Seen = tuple[Tensor, Quantity]
+Seen = tuple[torch.Tensor, Quantity]
 """Pictures on their way through the camera, (B,1,H,W), and what their numbers mean."""
 
 
@@ -77,6 +70,8 @@ class Simulator:
             raise VoccError(f"dtype is {dtype}: it must be torch.float32 or torch.float64")
         self.camera = camera or Camera()
         self.panel = panel or LedPanel()
+        demand_kind("camera", self.camera, Camera)
+        demand_kind("panel", self.panel, LedPanel)
         self.effects: tuple[Effect, ...] = chain.build_effects(PAPER_EFFECTS if effects is None else effects)
         self.output = chain.check_chain(self.effects)
         self.framing: Framing = framing
@@ -88,11 +83,11 @@ class Simulator:
         """Where panels truly are, for evaluation; ``keys`` as for render, which checked if ``rendered``."""
         scene = scene.to(self.device) if rendered else self._checked(scene)
         if not view.in_perspective(self.effects):
-            return Panels.known(crops.panel_corners_px(scene, self.camera, self.panel))
+            return Panels.known(framing.panel_corners_px(scene, self.camera, self.panel))
         seen = view.view_of(self._context(scene, keys))
         return Panels.known(seen.points_px(view.panel_corners_m(self.panel)))
 
-    def contrast(self, scene: Scene) -> Tensor:
+    def contrast(self, scene: Scene) -> torch.Tensor:
         """Contrast ``(G_on - G_off) / 255`` of the LEDs before any blur (section IV-D-1), (B,) float64.
 
         Both greys are clipped at white where the scene names saturation. What a sensor clips or adds
@@ -105,20 +100,20 @@ class Simulator:
         off = photometry.reflected_luminance_cd_m2(scene.ambient_lx, self.panel.led_reflectance)
         iso, dark = photometry.auto_iso(context), torch.zeros_like(off)
         seen = (photometry.as_seen(off, context, shining) for shining in (own.view(-1), dark))
-        exposures = (through_lens(luminance, self.camera) for luminance in seen)
-        greys = [grey_value(exposure, iso, gamma=self.camera.gamma) for exposure in exposures]
+        exposures = (photometry.through_lens(luminance, self.camera) for luminance in seen)
+        greys = [photometry.grey_value(exposure, iso, gamma=self.camera.gamma) for exposure in exposures]
         if self.output in (Quantity.BOUNDED_GREY, Quantity.DIGITAL):
             greys = [grey.clamp(max=255.0) for grey in greys]
         return (greys[0] - greys[1]) / 255.0
 
     def crop_px(self, nearest_m: float) -> tuple[int, int]:
         """Height and width of the crop for panels at ``nearest_m`` or farther."""
-        return crops.crop_size_px(self.effects, self.camera, self.panel, nearest_m)
+        return framing.crop_size_px(self.effects, self.camera, self.panel, nearest_m)
 
     def render(
         self,
         scene: Scene,
-        bits: Tensor,
+        bits: torch.Tensor,
         *,
         nearest_m: float | None = None,
         keys: Sequence[FrameKey] = (),
@@ -142,6 +137,10 @@ class Simulator:
             VoccError: bits of another type or of another shape than the scenes and the panel, scenes out of
                 their range, a crop too small for a panel, a panel too near, or frames of too many pixels.
         """
+        demand_kind("keys", keys, list, tuple)
+        for key in keys:
+            demand_kind("keys", key, FrameKey)
+        scene, bits = self._checked(scene), tensor_of("bits", bits)
         wanted = (len(scene), self.panel.shape.rows, self.panel.shape.columns)
         if tuple(bits.shape) != wanted:
             raise VoccError(f"bits has shape {tuple(bits.shape)}: it must be {wanted}")
@@ -149,9 +148,8 @@ class Simulator:
             raise VoccError(f"bits has the type {bits.dtype}: it must be torch.bool, True = On")
         if not len(scene):
             raise VoccError("scene holds no frames: it must hold at least 1")
-        scene, bits = self._checked(scene), bits.to(self.device)
-        nearest, sensor = float(scene.distance_m.min()), self.camera.sensor_px
-        if nearest_m is not None and nearest_m > nearest * (1 + 1e-9):
+        bits, nearest, sensor = bits.to(self.device), float(scene.distance_m.min()), self.camera.sensor_px
+        if nearest_m is not None and finite_number("nearest_m", nearest_m) > nearest * (1 + 1e-9):
             raise VoccError(f"nearest_m is {nearest_m:g}: it must be at most the nearest scene's {nearest:g}")
         window = panel_only and self._filling is not None
         drawn_full = self._filling is not None and self._filling.takes in DRAWN
@@ -159,41 +157,42 @@ class Simulator:
         size = sensor
         if window or not (self.framing == "full" or drawn_full):
             size = self.crop_px(nearest if nearest_m is None else nearest_m)
-            size = crops.window_size_px(size, sensor) if window else size
-        crops.demand_pixels(sensor if whole else size)
-        grid_px = crops.WINDOW_GRID_PX if window else 1
-        batch = crops.Batch.around(self._context(scene, keys), bits, size, grid_px=grid_px)
+            size = framing.window_size_px(size, sensor) if window else size
+        framing.demand_pixels(sensor if whole else size)
+        grid_px = framing.WINDOW_GRID_PX if window else 1
+        batch = framing.Batch.around(self._context(scene, keys), bits, size, grid_px=grid_px)
         origin, groups = batch.context.first_px, [(list(range(len(batch))), size)]
         if self._filling is None and size != sensor:
             # A crop at the sensor's border need not lie about its panel's middle.
             last = origin.new_tensor([sensor[1] - size[1], sensor[0] - size[0]])
             moved = ((origin == 0) | (origin == last)).any(dim=1)
-            tight = partial(crops.crop_size_px, self.effects, self.camera, self.panel, margin_cells=0)
-            groups = crops.like_sized(scene, moved, size, tight)
-        pictures = crops.in_groups(batch, groups, partial(self.expose, window=window))
+            tight = partial(framing.crop_size_px, self.effects, self.camera, self.panel, margin_cells=0)
+            groups = framing.like_sized(scene, moved, size, tight)
+        pictures = framing.in_groups(batch, groups, lambda part: self.expose(part, window))
         if self.output == Quantity.GREY:
             photometry.demand_greys(pictures)
         if size == sensor or window:
             return Frames(pictures, origin, sensor)
         if tuple(pictures.shape[-2:]) == sensor:
             return Frames(pictures, torch.zeros_like(origin), sensor)
-        surround = crops.read_surround(pictures, batch.centre_px, origin)
+        surround = framing.read_surround(pictures, batch.centre_px, origin)
         if self.framing == "crop":
             return Frames(pictures, origin, sensor, surround)
-        laid = crops.lay_on_sensor(pictures, surround, origin, sensor)
+        laid = framing.lay_on_sensor(pictures, surround, origin, sensor)
         return Frames(laid, torch.zeros_like(origin), sensor)
 
     def _checked(self, scene: Scene) -> Scene:
         """Move scenes to the device, or refuse by name those that cannot be rendered."""
+        demand_kind("scene", scene, Scene)
         scene = scene.checked().to(self.device)
-        crops.demand_in_sight(scene, self.camera, self.panel)
+        framing.demand_in_sight(scene, self.camera, self.panel)
         return scene
 
     def _context(self, scene: Scene, keys: Sequence[FrameKey] = ()) -> Context:
         """What effects may know about frames."""
         return Context(scene, self.camera, keys, None, self.effects, self.panel)
 
-    def expose(self, batch: crops.Batch, window: bool) -> Tensor:
+    def expose(self, batch: framing.Batch, window: bool) -> torch.Tensor:
         """Carry the LEDs' light through the camera, laying crops on the sensor once an effect fills it."""
         context, sensor = batch.context, self.camera.sensor_px
         seen = self.paint(batch), Quantity.LUMINANCE
@@ -202,16 +201,16 @@ class Simulator:
             return self._run(seen, after, context, to_end=True)[0]
         filling = after.index(self._filling)
         value, current = self._run(seen, after[:filling], context)
-        surround = crops.read_surround(value, batch.centre_px, context.first_px)
+        surround = framing.read_surround(value, batch.centre_px, context.first_px)
         pictures = []
         for i, (crop, rest) in enumerate(zip(value.unsqueeze(1), surround, strict=True)):
             part = batch.taken([i], batch.size).context
-            frame = crops.lay_on_sensor(crop, rest, part.first_px, sensor)
+            frame = framing.lay_on_sensor(crop, rest, part.first_px, sensor)
             part = replace(part, origin_px=torch.zeros_like(part.first_px))
             pictures.append(self._run((frame, current), after[filling:], part, to_end=True)[0])
         return torch.cat(pictures)
 
-    def paint(self, batch: crops.Batch) -> Tensor:
+    def paint(self, batch: framing.Batch) -> torch.Tensor:
         """Draw the picture that the lens sees, (B,1,H,W) cd/m2."""
         context, shares = batch.context, None
         symbols = batch.bits.unsqueeze(1)
@@ -230,10 +229,10 @@ class Simulator:
         for effect in [*effects, None] if to_end else effects:
             while current in chain.CAMERA_STEPS[:-1] and (effect is None or current != effect.takes):
                 if current == Quantity.LUMINANCE:
-                    value, current = through_lens(value, self.camera), Quantity.EXPOSURE
+                    value, current = photometry.through_lens(value, self.camera), Quantity.EXPOSURE
                 else:
                     iso = photometry.auto_iso(context).to(self.dtype).view(-1, 1, 1, 1)
-                    value, current = grey_value(value, iso, gamma=self.camera.gamma), Quantity.GREY
+                    value, current = photometry.grey_value(value, iso, gamma=self.camera.gamma), Quantity.GREY
             if effect is not None:
                 value, current = effect(value, context), effect.gives
         return value, current

@@ -6,7 +6,6 @@ from typing import Any, Self
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor, nn
 
 from vocc_torch.errors import VoccError
 from vocc_torch.receiver.classifiers.protocol import Batches, one_line
@@ -23,24 +22,24 @@ class TorchClassifier:
     ends with the very weights of one that nobody disturbed; ``earlier_s`` says how long it had taken.
 
     Args:
-        module: an ``nn.Module``.
+        module: an ``torch.nn.Module``.
         recipe: how it is trained.
 
     Example:
         >>> x = torch.linspace(0, 1, 64).view(16, 4).T.reshape(4, 4, 4, 1)
         >>> recipe = TrainingRecipe(frames=4, epochs=200, patience=200, validation=0.25, learning_rate=0.5)
-        >>> net = TorchClassifier(nn.Linear(1, 1), recipe).fit(x, x[..., 0] > 0.5)
+        >>> net = TorchClassifier(torch.nn.Linear(1, 1), recipe).fit(x, x[..., 0] > 0.5)
         >>> net.predict(torch.tensor([0.1, 0.9]).view(1, 1, 2, 1)).tolist()
         [[[False, True]]]
     """
 
-    def __init__(self, module: nn.Module, recipe: TrainingRecipe | None = None) -> None:
+    def __init__(self, module: torch.nn.Module, recipe: TrainingRecipe | None = None) -> None:
         self.module = module
         self.recipe = recipe or TrainingRecipe()
         self.losses: list[float] = []
         self.earlier_s = 0.0
-        self._mean: Tensor | None = None
-        self._spread: Tensor | None = None
+        self._mean: torch.Tensor | None = None
+        self._spread: torch.Tensor | None = None
 
     def fit_stream(self, batches: Batches, frames: int) -> Self:
         """Train on ``recipe.frames`` panels of the stream, whatever the study's budget is."""
@@ -53,7 +52,7 @@ class TorchClassifier:
             count += len(part)
         return self.fit(x[:count], bits[:count])
 
-    def fit(self, x: Tensor, bits: Tensor) -> Self:
+    def fit(self, x: torch.Tensor, bits: torch.Tensor) -> Self:
         """Learn from panels (B,R,C,F); the last of them are held back for validation.
 
         Raises:
@@ -61,8 +60,7 @@ class TorchClassifier:
                 loss that is not finite.
         """
         if not any(one.requires_grad for one in self.module.parameters()):
-            rule = "use a class with fit and decision_function"
-            raise VoccError(f"the module has no parameters that learn: {rule}")
+            raise VoccError("the module has nothing that learns: use a class with fit and decision_function")
         held = max(1, round(self.recipe.validation * len(x)))
         if len(x) <= held:
             raise VoccError(f"{len(x)} training panels are too few to hold {held} back for validation")
@@ -81,7 +79,7 @@ class TorchClassifier:
             )
         return self
 
-    def decision_function(self, x: Tensor) -> Tensor:
+    def decision_function(self, x: torch.Tensor) -> torch.Tensor:
         """Score every LED by the logarithm of the odds of On.
 
         Raises:
@@ -94,7 +92,7 @@ class TorchClassifier:
             scores = self._score(self._scaled(_leds(x)))
         return scores.reshape(x.shape[:-1]).to(torch.float64)
 
-    def predict(self, x: Tensor) -> Tensor:
+    def predict(self, x: torch.Tensor) -> torch.Tensor:
         """Decide every LED."""
         return self.decision_function(x) >= 0
 
@@ -103,13 +101,13 @@ class TorchClassifier:
         """How many numbers decide."""
         return sum(one.numel() for one in self.module.parameters())
 
-    def _scaled(self, rows: Tensor) -> Tensor:
+    def _scaled(self, rows: torch.Tensor) -> torch.Tensor:
         """Bring inputs to mean 0 and spread 1."""
         assert self._mean is not None
         assert self._spread is not None
         return (rows - self._mean) / self._spread
 
-    def _score(self, rows: Tensor) -> Tensor:
+    def _score(self, rows: torch.Tensor) -> torch.Tensor:
         """Return the module's score of each row, (N,), or refuse another number of them."""
         try:
             scores = self.module(rows)
@@ -117,13 +115,13 @@ class TorchClassifier:
             raise
         except Exception as error:
             raise VoccError(f"forward failed on {tuple(rows.shape)} ({one_line(error)})") from error
-        if not isinstance(scores, Tensor) or scores.numel() != len(rows):
-            given = tuple(scores.shape) if isinstance(scores, Tensor) else type(scores).__name__
+        if not isinstance(scores, torch.Tensor) or scores.numel() != len(rows):
+            given = tuple(scores.shape) if isinstance(scores, torch.Tensor) else type(scores).__name__
             raise VoccError(f"the module gave {given} for {len(rows)} LEDs: it must give one score each")
         return scores.reshape(-1)
 
 
-def _leds(x: Tensor) -> Tensor:
+def _leds(x: torch.Tensor) -> torch.Tensor:
     """Flatten the LEDs of all panels to rows, (N,F) float32."""
     return x.reshape(-1, x.shape[-1]).to(torch.float32)
 
@@ -164,12 +162,12 @@ class SklearnClassifier:
             raise VoccError(f"{type(estimator).__name__} finds clusters or outliers: it must be a classifier")
         self.estimator = estimator
 
-    def fit(self, x: Tensor, bits: Tensor) -> Self:
+    def fit(self, x: torch.Tensor, bits: torch.Tensor) -> Self:
         """Fit the estimator on all LEDs."""
         self.estimator.fit(_leds(x).cpu().numpy(), bits.reshape(-1).cpu().numpy().astype(np.int64))
         return self
 
-    def decision_function(self, x: Tensor) -> Tensor:
+    def decision_function(self, x: torch.Tensor) -> torch.Tensor:
         """Score every LED: the estimator's score, or its probability of On or its prediction less a half.
 
         Raises:
@@ -187,7 +185,7 @@ class SklearnClassifier:
             scores = np.asarray(self.estimator.predict(rows)) - 0.5
         return _as_leds(np.asarray(scores, dtype=np.float64), x)
 
-    def predict(self, x: Tensor) -> Tensor:
+    def predict(self, x: torch.Tensor) -> torch.Tensor:
         """Decide every LED, as the estimator itself does."""
         if not hasattr(self.estimator, "predict"):
             return self.decision_function(x) >= 0
@@ -203,7 +201,7 @@ class SklearnClassifier:
         return int(np.size(last.coef_) + np.size(last.intercept_))
 
 
-def _as_leds(given: NDArray[Any], x: Tensor) -> Tensor:
+def _as_leds(given: NDArray[Any], x: torch.Tensor) -> torch.Tensor:
     """Return an estimator's answers as (B,R,C); the guard refuses another number of them, by name."""
     answers = torch.as_tensor(given)
     fits = answers.numel() == x.shape[:-1].numel()

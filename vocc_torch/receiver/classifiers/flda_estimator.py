@@ -87,8 +87,7 @@ class FldaEstimator(ClassifierMixin, BaseEstimator):  # type: ignore[misc]  # sc
         """Score samples, (N,): the log-likelihood ratio of On over Off (Eq. 18)."""
         check_is_fitted(self)
         samples = validate_data(self, X, dtype=np.float64, reset=False)
-        scores: NDArray[np.float64] = self.flda_.decision_function(torch.tensor(samples)).numpy()
-        return scores
+        return self.flda_.decision_function(torch.tensor(samples)).numpy()
 
     def predict(self, X: ArrayLike) -> NDArray[np.generic]:  # noqa: N803
         """Decide samples, (N,) of the two labels; a score of at least 0 is On."""
@@ -104,14 +103,12 @@ class FldaEstimator(ClassifierMixin, BaseEstimator):  # type: ignore[misc]  # sc
     @property
     def coef_(self) -> NDArray[np.float64]:
         """(1,F) direction, Eq. 14."""
-        direction: NDArray[np.float64] = self.flda_.direction.numpy()[None]
-        return direction
+        return self.flda_.direction[None].numpy()
 
     @property
     def intercept_(self) -> NDArray[np.float64]:
         """(1,) minus the threshold of Eq. 19."""
-        threshold: NDArray[np.float64] = self.flda_.threshold.numpy()[None]
-        return -threshold
+        return -self.flda_.threshold[None].numpy()
 
     def __sklearn_tags__(self) -> Tags:
         """Return scikit-learn's tags: two classes only."""

@@ -5,8 +5,6 @@ from dataclasses import dataclass, fields
 from typing import Literal, Self, get_args
 
 import torch
-import torch.nn.functional as F
-from torch import Tensor
 
 from vocc_torch.errors import VoccError
 from vocc_torch.receiver.features import FEATURE_NAMES
@@ -69,7 +67,7 @@ class Patch:
         """How many numbers an LED has."""
         return self.side**2 + int(self.level) + int(self.pitch)
 
-    def of(self, readings: Readings, cell_px: Tensor, shape: PanelShape) -> Tensor:
+    def of(self, readings: Readings, cell_px: torch.Tensor, shape: PanelShape) -> torch.Tensor:
         """Cut the patches out, (B,R,C,size) float32: row by row from the top left, then level and pitch."""
         per_cell = readings.patches.shape[-1] // (shape.columns + 2)
         if per_cell % self.samples:
@@ -77,7 +75,7 @@ class Patch:
             raise VoccError(f"inputs.patch.samples is {self.samples}: {rule}")
         light = readings.patches.to(torch.float32) / WHITE
         light = light**self.gamma if self.domain == "exposure" else light
-        light = F.avg_pool2d(light, per_cell // self.samples)
+        light = torch.nn.functional.avg_pool2d(light, per_cell // self.samples)
         inner = light[..., self.samples : -self.samples, self.samples : -self.samples]
         mean = inner.mean(dim=(1, 2, 3), keepdim=True)
         seen = inner if self.cells == 1 else light
@@ -114,8 +112,9 @@ class Inputs:
     def __post_init__(self) -> None:
         """Refuse what is no choice."""
         if sorted({*self.features} & {*FEATURE_NAMES}) != sorted(self.features):
-            rule = f"it must name some of {', '.join(FEATURE_NAMES)}, each once"
-            raise VoccError(f"inputs.features is {list(self.features)}: {rule}")
+            raise VoccError.of(
+                "inputs.features", [*self.features], f"of {', '.join(FEATURE_NAMES)}, each once"
+            )
         if not self.features and self.patch is None:
             raise VoccError("inputs names no features and no patch: a classifier must see something")
 
@@ -148,7 +147,7 @@ class Inputs:
         """How many numbers an LED has."""
         return len(self.features) + (0 if self.patch is None else self.patch.size)
 
-    def of(self, readings: Readings, cell_px: Tensor, shape: PanelShape) -> Tensor:
+    def of(self, readings: Readings, cell_px: torch.Tensor, shape: PanelShape) -> torch.Tensor:
         """Return what is seen of every LED.
 
         Args:

@@ -8,7 +8,6 @@ import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from types import ModuleType
 from typing import Protocol, TypeVar, runtime_checkable
 
 import torch
@@ -95,7 +94,7 @@ class ModuleFile:
             files += [one for one in dict.fromkeys(beside) if one.is_file() and one not in files]
         return told.hexdigest()[:16]
 
-    def module(self) -> ModuleType:
+    def module(self) -> object:
         """Run the file as a module; what it raises is told in one line.
 
         Raises:
@@ -205,8 +204,7 @@ class Guarded:
             # A score of 0 may be both.
             if apart := int((((decided != 0) != (own >= 0)) & (own != 0)).sum()):
                 told = f"classifier {self.name}: predict says otherwise at {apart} of {own.numel()} LEDs"
-                rule = "it must be On where decision_function is at least 0, and Off elsewhere"
-                raise VoccError(f"{told}: {rule}")
+                raise VoccError(f"{told}: it must be On where decision_function is at least 0, else Off")
         self._agreed = True
         return scores
 
@@ -227,8 +225,7 @@ class Guarded:
         wanted = tuple(x.shape[:-1])
         given = tuple(answer.shape) if isinstance(answer, Tensor) else type(answer).__name__
         if not isinstance(answer, Tensor) or given != wanted:
-            told = f"classifier {self.name}: {what} gave {given}"
-            raise VoccError(f"{told}, it must give a tensor of shape {wanted}")
+            raise VoccError(f"classifier {self.name}: {what} gave {given}, not a tensor of shape {wanted}")
         return answer
 
     def __reduce__(self) -> tuple[Callable[..., "Guarded"], tuple[object, ...]]:

@@ -3,19 +3,17 @@
 from typing import Self
 
 import torch
-from torch import Tensor
 
 from vocc_torch.errors import VoccError
+from vocc_torch.receiver import discriminant, foreground
 from vocc_torch.receiver.classifiers.protocol import Batches
-from vocc_torch.receiver.discriminant import Discriminant
 from vocc_torch.receiver.flda import FLDA
-from vocc_torch.receiver.foreground import histogram256, otsu_threshold
 
 
 class _Scored:
     """What decides by its scores alone."""
 
-    def decision_function(self, x: Tensor) -> Tensor:
+    def decision_function(self, x: torch.Tensor) -> torch.Tensor:
         """Score every LED, (B,R,C); at least 0 is On.
 
         Raises:
@@ -23,7 +21,7 @@ class _Scored:
         """
         raise NotImplementedError
 
-    def predict(self, x: Tensor) -> Tensor:
+    def predict(self, x: torch.Tensor) -> torch.Tensor:
         """Decide every LED."""
         return self.decision_function(x) >= 0
 
@@ -39,9 +37,9 @@ class FldaClassifier(_Scored):
     """
 
     def __init__(self) -> None:
-        self._rule: Discriminant | None = None
+        self._rule: discriminant.Discriminant | None = None
 
-    def fit(self, x: Tensor, bits: Tensor) -> Self:
+    def fit(self, x: torch.Tensor, bits: torch.Tensor) -> Self:
         """Learn from panels held in memory."""
         self._rule = _solved(FLDA(x.shape[-1]).to(x.device).fit(x, bits))
         return self
@@ -55,7 +53,7 @@ class FldaClassifier(_Scored):
         self._rule = None if flda is None else _solved(flda)
         return self
 
-    def decision_function(self, x: Tensor) -> Tensor:
+    def decision_function(self, x: torch.Tensor) -> torch.Tensor:
         """Score every LED; Eq. 18.
 
         Raises:
@@ -69,15 +67,15 @@ class FldaClassifier(_Scored):
         return _fitted(self._rule).direction.numel() + 1
 
 
-def _solved(flda: FLDA) -> Discriminant:
+def _solved(flda: FLDA) -> discriminant.Discriminant:
     """Return what decides, which is to the last bit what the discriminant itself would."""
     # Asked for first: it refuses a missing class, and warns where samples do not determine it.
     device = flda.direction.device
-    rule, _ = Discriminant.of(flda.statistics.to(torch.device("cpu")).checked())
-    return Discriminant(*(one.detach().to(device, copy=True) for one in rule))
+    rule, _ = discriminant.Discriminant.of(flda.statistics.to(torch.device("cpu")).checked())
+    return discriminant.Discriminant(*(one.detach().to(device, copy=True) for one in rule))
 
 
-def _fitted(rule: Discriminant | None) -> Discriminant:
+def _fitted(rule: discriminant.Discriminant | None) -> discriminant.Discriminant:
     """Refuse a discriminant without samples."""
     if rule is None:
         raise VoccError("it has seen no samples: call fit first")
@@ -103,13 +101,12 @@ class LmmseEqualizer(_Scored):
 
     def __init__(self, classes: int = 8, ridge: float = 1e-8) -> None:
         if classes < 1 or ridge < 0:
-            rule = "they must be at least 1 and at least 0"
-            raise VoccError(f"classes is {classes}, ridge is {ridge:g}: {rule}")
+            raise VoccError(f"classes is {classes}, ridge is {ridge:g}: at least 1 and 0 are allowed")
         self.classes, self.ridge = classes, ridge
-        self._centres: Tensor | None = None
-        self._weights: Tensor | None = None
+        self._centres: torch.Tensor | None = None
+        self._weights: torch.Tensor | None = None
 
-    def fit(self, x: Tensor, bits: Tensor) -> Self:
+    def fit(self, x: torch.Tensor, bits: torch.Tensor) -> Self:
         """Solve the normal equations of each class in float64."""
         rows, size = self._split(x)
         target = bits.double() * 2 - 1
@@ -127,7 +124,7 @@ class LmmseEqualizer(_Scored):
         self._centres, self._weights = edges[1::2].contiguous(), torch.stack(weights)
         return self
 
-    def decision_function(self, x: Tensor) -> Tensor:
+    def decision_function(self, x: torch.Tensor) -> torch.Tensor:
         """Estimate every bit as a number about -1 or +1.
 
         Raises:
@@ -149,7 +146,7 @@ class LmmseEqualizer(_Scored):
         """How many numbers decide."""
         return 0 if self._weights is None else self._weights.numel()
 
-    def _split(self, x: Tensor) -> tuple[Tensor, Tensor]:
+    def _split(self, x: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Split inputs into light and a constant 1, (B,R,C,F) float64, and the panels' cell sizes (B,)."""
         light, size = (x[..., :-1], x[:, 0, 0, -1]) if self.classes > 1 else (x, x.new_zeros(len(x)))
         return torch.cat([light, torch.ones_like(x[..., :1])], dim=-1).double(), size
@@ -160,7 +157,7 @@ class _Untrained(_Scored):
 
     parameters_count = 0
 
-    def fit(self, x: Tensor, bits: Tensor) -> Self:
+    def fit(self, x: torch.Tensor, bits: torch.Tensor) -> Self:
         """Learn nothing."""
         return self
 
@@ -180,15 +177,15 @@ class PanelOtsu(_Untrained):
         [[[False, False], [True, True]]]
     """
 
-    def decision_function(self, x: Tensor) -> Tensor:
+    def decision_function(self, x: torch.Tensor) -> torch.Tensor:
         """Score every LED by its distance from the threshold, in grey values of 0 to 255."""
         greys = (x * 255.0).round().clamp(0, 255).to(torch.uint8)
-        threshold = otsu_threshold(histogram256(greys.flatten(1).view(len(x), 1, 1, -1)))
+        threshold = foreground.otsu_threshold(foreground.histogram256(greys.flatten(1)[:, None, None]))
         # Otsu's foreground begins above the threshold's whole grey value.
         return (x.to(torch.float64).mean(dim=-1) * 255.0) - (threshold.view(-1, 1, 1) + 0.5)
 
 
-def two_means(values: Tensor) -> Tensor:
+def two_means(values: torch.Tensor) -> torch.Tensor:
     """Find the limit between two clusters of least within sum of squares: k-means in one dimension, exact.
 
     Args:
@@ -223,7 +220,7 @@ class PanelKMeans(_Untrained):
         [[[False, False], [True, True]]]
     """
 
-    def decision_function(self, x: Tensor) -> Tensor:
+    def decision_function(self, x: torch.Tensor) -> torch.Tensor:
         """Score every LED by its distance from the middle between the clusters."""
         means = x.to(torch.float64).mean(dim=-1)
         return means - two_means(means.flatten(1)).view(-1, 1, 1)
@@ -252,7 +249,7 @@ class TagPlanes(_Untrained):
     def __init__(self, sharpening: float = 0.25, rounds: int = 2) -> None:
         self.sharpening, self.rounds = sharpening, rounds
 
-    def decision_function(self, x: Tensor) -> Tensor:
+    def decision_function(self, x: torch.Tensor) -> torch.Tensor:
         """Score every LED by its distance from the plane between black and white."""
         cells = x.to(torch.float64)
         beside = cells[..., [1, 3, 5, 7]].mean(dim=-1)
@@ -265,7 +262,7 @@ class TagPlanes(_Untrained):
         return scores
 
 
-def _plane(values: Tensor, chosen: Tensor) -> Tensor:
+def _plane(values: torch.Tensor, chosen: torch.Tensor) -> torch.Tensor:
     """Fit a plane over rows and columns to the chosen cells, (B,R,C) both; few give about their mean."""
     down, across = torch.meshgrid(*(_steps(values, size) for size in values.shape[1:]), indexing="ij")
     terms = torch.stack([torch.ones_like(down), down, across], dim=-1).flatten(0, 1)
@@ -280,7 +277,7 @@ def _plane(values: Tensor, chosen: Tensor) -> Tensor:
     return torch.where(lacking, values.mean(dim=(1, 2), keepdim=True), level)
 
 
-def _steps(values: Tensor, size: int) -> Tensor:
+def _steps(values: torch.Tensor, size: int) -> torch.Tensor:
     """Return ``size`` places from -1 to 1; a single one lies at 0."""
     ends = (-1, 1) if size > 1 else (0, 0)
     return torch.linspace(*ends, size, dtype=values.dtype, device=values.device)

@@ -5,7 +5,6 @@ import copy
 import hashlib
 import inspect
 import io
-import itertools
 import math
 import time
 from collections.abc import Callable, Sequence
@@ -14,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import torch
-import torch.nn.functional as F
 from torch import Tensor, nn
 
 from vocc_torch.errors import VoccError
@@ -187,7 +185,7 @@ def train_module(
         for chosen in torch.split(torch.randperm(len(rows)).to(rows.device), recipe.batch_leds):
             with torch.autocast("cuda", enabled=on_cuda):
                 scores = score(rows[chosen])
-            loss = F.binary_cross_entropy_with_logits(scores.float(), target[chosen])
+            loss = nn.functional.binary_cross_entropy_with_logits(scores.float(), target[chosen])
             optimizer.zero_grad()
             torch.autograd.backward(scaler.scale(loss))
             scaler.step(optimizer)
@@ -197,7 +195,7 @@ def train_module(
         pairs = zip(torch.split(held, 1 << 16), torch.split(held_target, 1 << 16), strict=True)
         with torch.inference_mode():
             sums = [
-                F.binary_cross_entropy_with_logits(score(part), wanted, reduction="sum")
+                nn.functional.binary_cross_entropy_with_logits(score(part), wanted, reduction="sum")
                 for part, wanted in pairs
             ]
         losses.append(float(torch.stack(sums).sum()) / len(held))
@@ -229,11 +227,11 @@ class Mlp(nn.Module):
 
     def __init__(self, n_inputs: int, hidden: Sequence[int] = (64, 64)) -> None:
         super().__init__()
-        sizes = [n_inputs, *hidden]
         layers: list[nn.Module] = []
-        for before, after in itertools.pairwise(sizes):
-            layers += [nn.Linear(before, after), nn.ReLU()]
-        self.layers = nn.Sequential(*layers, nn.Linear(sizes[-1], 1))
+        for size in hidden:
+            layers += [nn.Linear(n_inputs, size), nn.ReLU()]
+            n_inputs = size
+        self.layers = nn.Sequential(*layers, nn.Linear(n_inputs, 1))
 
     def forward(self, x: Tensor) -> Tensor:
         """Score."""
@@ -262,8 +260,7 @@ class PatchCnn(nn.Module):
         self.side = math.isqrt(n_inputs)
         self.extra = n_inputs - self.side**2
         if self.extra not in (0, 1) or self.side < 4:
-            rule = "a patch of at least 4 x 4 numbers is needed, with or without pitch"
-            raise VoccError(f"n_inputs is {n_inputs}: {rule}")
+            raise VoccError.of("n_inputs", n_inputs, "the size of a patch from 4 x 4 on, or one more")
         first, second = nn.Conv2d(1, channels, 3, padding=1), nn.Conv2d(channels, 2 * channels, 3)
         self.convolutions = nn.Sequential(first, nn.ReLU(), nn.MaxPool2d(2), second, nn.ReLU())
         flat = 2 * channels * (self.side // 2 - 2) ** 2

@@ -5,7 +5,7 @@ import inspect
 import math
 from collections.abc import Mapping, Sequence
 
-from vocc_torch.errors import VoccError
+from vocc_torch.errors import VoccError, demand_kind
 from vocc_torch.simulation.effects import background, coding, light, optics, sensor, view
 from vocc_torch.simulation.effects.base import Context, Effect, Quantity
 from vocc_torch.simulation.scene import LARGEST, Distribution
@@ -13,15 +13,8 @@ from vocc_torch.simulation.scene import LARGEST, Distribution
 __all__ = ["CAMERA_STEPS", "PHYSICAL_ORDER", "Context", "Effect", "Parameters", "Quantity"]
 __all__ += ["build_effects", "check_chain"]
 
-PHYSICAL_ORDER: tuple[type[Effect], ...] = (
-    *view.EFFECTS,
-    *light.AT_THE_LEDS,
-    *background.EFFECTS,
-    *light.ON_THE_WAY,
-    *optics.EFFECTS,
-    *sensor.EFFECTS,
-    *coding.EFFECTS,
-)
+PHYSICAL_ORDER: tuple[type[Effect], ...] = (*view.EFFECTS, *light.AT_THE_LEDS, *background.EFFECTS)
+PHYSICAL_ORDER += (*light.ON_THE_WAY, *optics.EFFECTS, *sensor.EFFECTS, *coding.EFFECTS)
 """Light at the LED, air, optics, sensor, encoding: the order of effects, whatever order names them."""
 
 BY_EFFECTS = (Quantity.ELECTRONS, Quantity.BOUNDED_GREY, Quantity.DIGITAL)
@@ -34,7 +27,7 @@ Parameters = Mapping[str, float | Sequence[object]]
 
 def _known(given: str, known: list[str]) -> str:
     """Say what is known, nearest name first where there is one."""
-    near = difflib.get_close_matches(given, known, n=1)
+    near = difflib.get_close_matches(str(given), known, n=1)
     return (f"did you mean {near[0]}? " if near else "") + f"known: {', '.join(known) or 'none'}"
 
 
@@ -55,6 +48,7 @@ def build_effects(named: Mapping[str, Parameters]) -> tuple[Effect, ...]:
         ['blooming', 'saturation']
     """
     kinds = {kind.name: kind for kind in PHYSICAL_ORDER}
+    demand_kind("scene.effects", named, Mapping)
     for name in named:
         if name not in kinds:
             raise VoccError(f"scene.effects.{name} is not a known effect; {_known(name, list(kinds))}")
@@ -64,6 +58,7 @@ def build_effects(named: Mapping[str, Parameters]) -> tuple[Effect, ...]:
         read: dict[str, object] = {}
         if given is None:
             raise VoccError(f"{key} is null: give its parameters, {{}} for none, or remove it with ~{key}")
+        demand_kind(key, given, Mapping)
         signature = inspect.signature(kinds[name]).parameters
         for parameter, own in given.items():
             if parameter not in signature:
@@ -71,7 +66,9 @@ def build_effects(named: Mapping[str, Parameters]) -> tuple[Effect, ...]:
                 raise VoccError(f"{key}.{parameter} is not a known parameter; {known}")
             if "Distribution" in str(signature[parameter].annotation):
                 read[parameter] = Distribution.parse(own, f"effects.{name}.{parameter}")
-            elif isinstance(own, bool) or not isinstance(own, int | float) or LARGEST < abs(own) < math.inf:
+            elif (
+                isinstance(own, bool) or not isinstance(own, int | float) or LARGEST < abs(own) < float("inf")
+            ):
                 raise VoccError.of(f"{key}.{parameter}", repr(own), "a number")
             else:
                 read[parameter] = own
@@ -112,11 +109,9 @@ def check_chain(effects: Sequence[Effect]) -> Quantity:
             rule = "which dims the LEDs' own light in the same air: name it too"
             raise VoccError(f"scene.effects.airlight needs scene.effects.attenuation, {rule}")
         if fog.visibility_m != dims.visibility_m:
-            same = f"{dims.visibility_m:g} as scene.effects.attenuation has it, for there is one air"
-            raise fog.refusal("visibility_m", same)
+            raise fog.refusal("visibility_m", f"{dims.visibility_m:g} as in scene.effects.attenuation")
     if isinstance(depth, coding.Quantization) and depth.bits != 8 and "jpeg" in named:
-        rule = f"scene.effects.quantization.bits is {depth.bits}"
-        raise VoccError(f"scene.effects.jpeg codes 8-bit frames: {rule}")
+        raise VoccError(f"scene.effects.jpeg codes 8 bits: scene.effects.quantization.bits is {depth.bits}")
     return current if current not in CAMERA_STEPS else Quantity.GREY
 
 

@@ -98,10 +98,10 @@ class BackgroundTexture(Effect, on=Quantity.BACKGROUND):
         """Multiply (B,1,H,W) background luminance by each frame's texture."""
         height, width = value.shape[-2:]
         frames = zip(context.generators(self.name, of_scene=True), context.first_px.tolist(), strict=True)
-        parts = [
-            torch.from_numpy(self.texture(generator, context.camera.sensor_px))[y : y + height, x : x + width]
-            for generator, (x, y) in frames
-        ]
+        parts = []
+        for generator, (x, y) in frames:
+            texture = torch.from_numpy(self.texture(generator, context.camera.sensor_px))
+            parts.append(texture[y : y + height, x : x + width])
         return value * torch.stack(parts).unsqueeze(1).to(value)
 
 
@@ -149,16 +149,16 @@ class Lamps(Effect, on=Quantity.BACKGROUND):
             plane = painted[frame, 0]
             for centre in (generator.random((self.count, 2)) * (camera.width_px, camera.height_px)).tolist():
                 # The sensor's coordinates throughout, so that a crop gets the full frame's very numbers.
-                (left, right), (top, bottom) = (
-                    (max(math.floor(c - radius), first), min(math.ceil(c + radius), first + side))
-                    for c, first, side in zip(centre, origin, plane.shape[::-1], strict=True)
-                )
+                ends = []
+                for c, first, side in zip(centre, origin, plane.shape[::-1], strict=True):
+                    ends.append(
+                        (max(math.floor(c - radius), first), min(math.ceil(c + radius), first + side))
+                    )
+                (left, right), (top, bottom) = ends
                 if left >= right or top >= bottom:
                     continue
-                x, y = (
-                    (torch.arange(low, high + 1, dtype=torch.float64, device=plane.device) - c) / radius
-                    for low, high, c in ((left, right, centre[0]), (top, bottom, centre[1]))
-                )
+                steps = (torch.arange(low, high + 1, device=plane.device).double() for low, high in ends)
+                x, y = ((step - c) / radius for step, c in zip(steps, centre, strict=True))
                 area = raster.disc_quadrant_area(x, y).diff(dim=0).diff(dim=1) * radius**2
                 cover = area.clamp(0, 1).to(plane.dtype)
                 window = plane[top - origin[1] : bottom - origin[1], left - origin[0] : right - origin[0]]
@@ -200,9 +200,7 @@ class SecondPanel(Effect, on=Quantity.BACKGROUND):
 
     offset_x_m: float = within(-FARTHEST_M, FARTHEST_M)
     offset_y_m: float = within(-FARTHEST_M, FARTHEST_M, default=0.0)
-    luminance_share: float = within(
-        0, 10, default=1.0, above=True, hint="leave the effect out for no second panel"
-    )
+    luminance_share: float = within(0, 10, default=1.0, above=True, hint="leave the effect out for none")
     sampled = fills_sensor = True
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:

@@ -10,7 +10,6 @@ from typing import Any, ClassVar
 
 import numpy as np
 import torch
-from torch import Tensor
 
 from vocc_torch.errors import VoccError, whole_number
 from vocc_torch.hardware import Camera, LedPanel
@@ -61,12 +60,12 @@ class Context:
     scene: Scene
     camera: Camera
     keys: Sequence[FrameKey] = ()
-    origin_px: Tensor | None = None
+    origin_px: torch.Tensor | None = None
     """(B,2) int64, the sensor column and row of each crop's first pixel; None at the sensor's own."""
     effects: "Sequence[Effect]" = ()
     """All effects of the scene, for one that undoes or continues what another did."""
     panel: LedPanel = field(default_factory=LedPanel)
-    iso: Tensor | None = None
+    iso: torch.Tensor | None = None
     """(B,) the ISO speeds, where they are known already."""
 
     def keys_for(self, stream: str) -> Sequence[FrameKey]:
@@ -93,7 +92,7 @@ class Context:
         return [key.generator(f"effect.{stream}", of_scene=of_scene) for key in self.keys_for(stream)]
 
     @property
-    def first_px(self) -> Tensor:
+    def first_px(self) -> torch.Tensor:
         """Sensor column and row of each frame's first pixel, (B,2) int64, where the scenes are."""
         device = self.scene.distance_m.device
         if self.origin_px is None:
@@ -101,15 +100,7 @@ class Context:
         return self.origin_px.to(device)
 
 
-def within(
-    low: float,
-    high: float = math.inf,
-    *,
-    default: object = MISSING,
-    above: bool = False,
-    hint: str = "",
-    whole: bool = False,
-) -> Any:
+def within(low: float, high: float = math.inf, *, default: object = MISSING, **more: str | bool) -> Any:
     """Declare a parameter of an effect with its range; values outside it are refused by name.
 
     Args:
@@ -117,11 +108,10 @@ def within(
         high: the greatest value allowed; infinity itself is not a value.
         default: what holds where the parameter is left out; without one it must be given. None may stand for
             nothing given.
-        above: whether ``low`` itself is refused.
-        hint: what to do instead, said where the value is ``low``.
-        whole: whether it is a whole number.
+        **more: ``above``, whether ``low`` itself is refused; ``hint``, what to do instead, said where the
+            value is ``low``; ``whole``, whether it is a whole number.
     """
-    rule = {"low": low, "high": high, "above": above, "hint": hint, "whole": whole}
+    rule = {"low": low, "high": high, "above": False, "hint": "", "whole": False, **more}
     return field(default=default, metadata=rule)
 
 
@@ -167,9 +157,7 @@ class Effect(ABC):
                     raise VoccError.of(key, "None", "a number")
                 if rule["whole"]:
                     whole_number(key, value, low, high)
-                elif not (
-                    math.isfinite(value) and (low < value if above else low <= value) and value <= high
-                ):
+                elif not (low < value if above else low <= value) or value > high or not math.isfinite(value):
                     allowed = f"{'above' if above else 'at least'} {low:g}"
                     allowed += "" if math.isinf(high) else f" and at most {high:g}"
                     hint = f" ({rule['hint']})" if rule["hint"] and value == low else ""
@@ -192,7 +180,7 @@ class Effect(ABC):
         return VoccError.of(f"scene.effects.{self.name}.{parameter}", f"{shown:g}", rule)
 
     @abstractmethod
-    def __call__(self, value: Tensor, context: Context) -> Tensor:
+    def __call__(self, value: torch.Tensor, context: Context) -> torch.Tensor:
         """Apply the effect to a batch."""
 
 
@@ -200,5 +188,5 @@ class PointEffect(Effect, on=Quantity.IMAGE_POINTS):
     """An effect that moves points on the sensor, (B,N,2) px, and says how it stretches their surroundings."""
 
     @abstractmethod
-    def jacobian(self, value: Tensor, context: Context) -> Tensor:
+    def jacobian(self, value: torch.Tensor, context: Context) -> torch.Tensor:
         """Derivative of the moved points by the given ones, (B,N,2) px to (B,N,2,2)."""

@@ -3,10 +3,9 @@
 from dataclasses import dataclass
 
 import torch
-import torch.nn.functional as F
 from kornia.color import CFA, raw_to_rgb, rgb_to_grayscale, ycbcr_to_rgb
 from kornia.enhance import jpeg_codec_differentiable
-from torch import Tensor
+from torch import Tensor, nn
 
 from vocc_torch.errors import VoccError
 from vocc_torch.hardware import Camera
@@ -88,7 +87,7 @@ def luma_of(raw: Tensor, pattern: CFA) -> Tensor:
     for top in range(0, height, MOSAIC_ROWS):
         above = min(top, CELL_PX)
         strip = raw[..., top - above : top + MOSAIC_ROWS + CELL_PX, :]
-        even = F.pad(strip, (0, width % CELL_PX, 0, strip.shape[-2] % CELL_PX), mode="reflect")
+        even = nn.functional.pad(strip, (0, width % CELL_PX, 0, strip.shape[-2] % CELL_PX), mode="reflect")
         luma = rgb_to_grayscale(raw_to_rgb(even, pattern))[..., :width]
         strips.append(luma[..., above : above + min(MOSAIC_ROWS, height - top), :])
     return torch.cat(strips, dim=-2)
@@ -188,8 +187,7 @@ class Jpeg(Effect, on=Quantity.DIGITAL):
         """
         for at in context.first_px.tolist():
             if at[0] % JPEG_BLOCK_PX or at[1] % JPEG_BLOCK_PX:
-                rule = f"it must lie on the grid of {JPEG_BLOCK_PX} px"
-                raise VoccError(f"scene.effects.jpeg got a crop at {at}: {rule}")
+                raise VoccError(f"scene.effects.jpeg got a crop at {at}, off the grid of {JPEG_BLOCK_PX} px")
         height, width = value.shape[-2:]
         coded, quality = torch.empty_like(value), torch.tensor([float(self.quality)], device=value.device)
         # Grey RGB would have a chroma of 127.5, whose rounding errors depend on the strip's size and reach

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from torch import Tensor
 
 from vocc_torch.errors import VoccError
 from vocc_torch.hardware import Camera
@@ -65,7 +64,7 @@ class RollingShutter(Effect, on=Quantity.SYMBOLS):
     symbol_s: float = within(0, LONGEST_S, above=True)
     sampled = True
 
-    def __call__(self, value: Tensor, context: Context) -> Tensor:
+    def __call__(self, value: torch.Tensor, context: Context) -> torch.Tensor:
         """Put each frame's (B,R,C) bits amid the symbols that show during the panel's readout.
 
         Returns:
@@ -78,7 +77,7 @@ class RollingShutter(Effect, on=Quantity.SYMBOLS):
         data = torch.from_numpy(drawn).to(value.device).bool()
         return torch.cat([data[:, :, 0].flip(1), value.unsqueeze(1), data[:, :, 1]], dim=1)
 
-    def row_shares(self, context: Context, height: int) -> Tensor:
+    def row_shares(self, context: Context, height: int) -> torch.Tensor:
         """The share of each pixel row's exposure during which each symbol shows.
 
         Args:
@@ -95,12 +94,12 @@ class RollingShutter(Effect, on=Quantity.SYMBOLS):
         over = (edges_s.unsqueeze(-1) - begins.unsqueeze(1)) / context.camera.exposure_time_s
         return over.clamp_(0, 1).diff(dim=1)
 
-    def _begins_s(self, rows: Tensor, context: Context) -> Tensor:
+    def _begins_s(self, rows: torch.Tensor, context: Context) -> torch.Tensor:
         """When a row so many below the panel's centre is first exposed; 0 is mid exposure of the centre."""
         camera = context.camera
         return rows * (self.readout_s / max(camera.height_px - 1, 1)) - camera.exposure_time_s / 2
 
-    def _timing(self, context: Context) -> tuple[Tensor, Tensor, list[np.random.Generator]]:
+    def _timing(self, context: Context) -> tuple[torch.Tensor, torch.Tensor, list[np.random.Generator]]:
         """Draw each frame's phase, and find the symbols that show during the readout of its panel.
 
         Returns:
@@ -109,8 +108,7 @@ class RollingShutter(Effect, on=Quantity.SYMBOLS):
         """
         scene, camera, leds = context.scene, context.camera, view.led_centres_m(context.panel)
         if self.symbol_s < camera.exposure_time_s:
-            rule = f"at least camera.exposure_time_s, which is {camera.exposure_time_s:g}"
-            raise self.refusal("symbol_s", rule)
+            raise self.refusal("symbol_s", f"at least camera.exposure_time_s, {camera.exposure_time_s:g}")
         points = torch.cat([torch.zeros_like(leds[:1]), leds]).to(scene.distance_m.device)
         y = view.view_of(context).points_px(points)[..., 1]
         cell = context.panel.pitch_m * camera.pixels_per_metre(scene.distance_m)
@@ -169,10 +167,9 @@ class StuckLeds(Effect, on=Quantity.LED_LUMINANCE):
         together = self.off_share + self.on_share
         if not 0 < together <= 1:
             rule = "at most 1" if together else "above 0 (leave the effect out for no stuck LEDs)"
-            shown = f"scene.effects.{self.name}.off_share + on_share is {together:g}"
-            raise VoccError(f"{shown}: it must be {rule}")
+            raise VoccError.of(f"scene.effects.{self.name}.off_share + on_share", f"{together:g}", rule)
 
-    def __call__(self, value: Tensor, context: Context) -> Tensor:
+    def __call__(self, value: torch.Tensor, context: Context) -> torch.Tensor:
         """Overrule (B,R,C) LED luminance where an LED is stuck."""
         draws = [g.random(tuple(value.shape[1:])) for g in context.generators(self.name, of_scene=True)]
         # One draw decides both, from its two ends, so that neither share moves the other's LEDs.
@@ -210,7 +207,7 @@ class LedScatter(Effect, on=Quantity.LED_LUMINANCE):
     coefficient_of_variation: float = within(0, 2, above=True, hint="leave the effect out for no scatter")
     sampled = True
 
-    def __call__(self, value: Tensor, context: Context) -> Tensor:
+    def __call__(self, value: torch.Tensor, context: Context) -> torch.Tensor:
         """Multiply (B,R,C) LED luminance by each LED's factor."""
         sigma = math.sqrt(math.log1p(self.coefficient_of_variation**2))
         generators = context.generators(self.name, of_scene=True)
@@ -239,12 +236,12 @@ class Attenuation(Effect, on=Quantity.LED_LUMINANCE):
 
     visibility_m: float = within(0, above=True)
 
-    def __call__(self, value: Tensor, context: Context) -> Tensor:
+    def __call__(self, value: torch.Tensor, context: Context) -> torch.Tensor:
         """Dim (B,R,C) LED luminance by the transmission at each frame's distance."""
         return value * photometry.transmission(context.scene.distance_m, self.visibility_m).view(-1, 1, 1)
 
 
-def dimmed_once(light_cd_m2: Tensor, context: Context) -> Tensor:
+def dimmed_once(light_cd_m2: torch.Tensor, context: Context) -> torch.Tensor:
     """Dim the own light of what stands in the background as our LEDs' is (Eq. 20), (B,R,C) cd/m2.
 
     Where ``airlight`` is named nothing is done here: it dims the whole background with all that shines in it.
@@ -301,7 +298,7 @@ class Airlight(Effect, on=Quantity.UNLIT):
     horizon_factor: float = within(0, 10, default=1.0)
     metered = True
 
-    def __call__(self, value: Tensor, context: Context) -> Tensor:
+    def __call__(self, value: torch.Tensor, context: Context) -> torch.Tensor:
         """Lay each frame's path of air before its (B,1,H,W) luminance without the LEDs' own light."""
         scene = context.scene
         depth = scene.distance_m * (math.log(CONTRAST_AT_VISIBILITY) / self.visibility_m)
@@ -345,7 +342,7 @@ class Occlusion(Effect, on=Quantity.LUMINANCE):
         height, width = size_px
         return height * (1 + self.height_share), width * (1 + self.width_share)
 
-    def __call__(self, value: Tensor, context: Context) -> Tensor:
+    def __call__(self, value: torch.Tensor, context: Context) -> torch.Tensor:
         """Hide a part of each frame's (B,1,H,W) luminance."""
         corners_m = view.panel_corners_m(context.panel).to(context.scene.distance_m.device)
         corners = view.view_of(context).points_px(corners_m)
@@ -417,7 +414,7 @@ class VeilingGlare(Effect, on=Quantity.LUMINANCE):
             return self.luminance_cd_m2
         return 10.0 * (self.glare_illuminance_lx or 0.0) / (self.angle_deg or 1.0) ** 2
 
-    def __call__(self, value: Tensor, context: Context) -> Tensor:
+    def __call__(self, value: torch.Tensor, context: Context) -> torch.Tensor:
         """Add the veil to (B,1,H,W) luminance."""
         return value + self.veil_cd_m2
 

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-import torch.nn.functional as F
 from kornia.filters import gaussian_blur2d
-from torch import Tensor
+from torch import Tensor, nn
 
 from vocc_torch.errors import VoccError
 from vocc_torch.hardware import Camera
@@ -333,8 +332,8 @@ def blurred(value: Tensor, sigma_px: float, reach_px: int) -> Tensor:
     missing = max(0, -(-PLANE_PX // (height * wide)) - len(value))
     # cuDNN would round the factors of float32 convolutions to 10 bits.
     working = value if value.device.type == "cpu" else value.to(torch.float64)
-    margined = F.pad(working.squeeze(1), (reach_px, reach_px, 0, 0), mode="replicate")
-    plane = F.pad(margined, (0, 0, 0, 0, 0, missing)).transpose(0, 1).reshape(1, 1, height, -1)
+    margined = nn.functional.pad(working.squeeze(1), (reach_px, reach_px, 0, 0), mode="replicate")
+    plane = nn.functional.pad(margined, (0, 0, 0, 0, 0, missing)).transpose(0, 1).reshape(1, 1, height, -1)
     with torch.autocast(value.device.type, enabled=False):
         done = gaussian_blur2d(plane, 2 * reach_px + 1, (sigma_px, sigma_px), "replicate")
     frames = done.view(height, -1, 1, wide)[:, : len(value), :, reach_px : reach_px + width]
@@ -452,7 +451,7 @@ def convolve_symmetric(plane: Tensor, quarter: Tensor) -> Tensor:
     reach = quarter.shape[-1] - 1
     if reach == 0:
         return plane * quarter[0, 0]
-    padded = F.pad(plane[None, None], (reach, reach, reach, reach), mode="replicate")[0, 0]
+    padded = nn.functional.pad(plane[None, None], (reach, reach, reach, reach), mode="replicate")[0, 0]
     fit = STRIP_VALUES // ((reach + 1) * plane.shape[1]) - 2 * reach
     rows = max(fit, 2 * reach + 1)
     columns = max(MOST_STRIP_VALUES // ((reach + 1) * (min(rows, plane.shape[0]) + 2 * reach)), 1)
@@ -503,7 +502,7 @@ def convolve_taps(plane: Tensor, middle: float, taps: Sequence[Tap]) -> Tensor:
     height, width = plane.shape
     down = max((abs(row) for row, _, _ in taps), default=0)
     across = max((abs(column) for _, column, _ in taps), default=0)
-    padded = F.pad(plane[None, None], (across, across, down, down), mode="replicate")[0, 0]
+    padded = nn.functional.pad(plane[None, None], (across, across, down, down), mode="replicate")[0, 0]
     total = plane * middle
     for row, column, weight in taps:
         ahead = padded[down + row : down + row + height, across + column : across + column + width]

@@ -8,13 +8,12 @@ that the full frame has there, for the price of the tiles that it touches.
 from abc import abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass, field, fields
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from scipy import special
-from torch import Tensor
 
 from vocc_torch.errors import VoccError
 from vocc_torch.hardware import Camera
@@ -66,7 +65,7 @@ class Bayer(Effect, on=Quantity.EXPOSURE):
     blue: float = within(0.001, 1, default=0.625)
     fills_sensor = True
 
-    def filters(self, like: Tensor, context: Context) -> Tensor:
+    def filters(self, like: torch.Tensor, context: Context) -> torch.Tensor:
         """The share that each pixel's filter lets through.
 
         Args:
@@ -80,13 +79,11 @@ class Bayer(Effect, on=Quantity.EXPOSURE):
         cell = torch.tensor([[self.red, self.green], [self.green, self.blue]], dtype=like.dtype)
         places = context.first_px.tolist()
         alike = len({(x % 2, y % 2) for x, y in places}) == 1
-        planes = [
-            cell.roll((-y, -x), (0, 1)).repeat(height // 2 + 1, width // 2 + 1)[:height, :width]
-            for x, y in places[: 1 if alike else None]
-        ]
+        cells = (cell.roll((-y, -x), (0, 1)) for x, y in places[: 1 if alike else None])
+        planes = [one.repeat(height // 2 + 1, width // 2 + 1)[:height, :width] for one in cells]
         return torch.stack(planes).unsqueeze(1).to(like.device).expand_as(like)
 
-    def __call__(self, value: Tensor, context: Context) -> Tensor:
+    def __call__(self, value: torch.Tensor, context: Context) -> torch.Tensor:
         """Filter (B,1,H,W) luminous exposure."""
         return value * self.filters(value, context)
 
@@ -137,7 +134,7 @@ class Photoelectrons(Effect, on=Quantity.EXPOSURE, to=Quantity.ELECTRONS):
             raise VoccError(f"scene.effects.photoelectrons {made}: it must be {fewest:g} to {most:g}")
         return electrons
 
-    def __call__(self, value: Tensor, context: Context) -> Tensor:
+    def __call__(self, value: torch.Tensor, context: Context) -> torch.Tensor:
         """Turn (B,1,H,W) luminous exposure into mean electrons."""
         return value * self.electrons_per_lx_s(context.camera)
 
@@ -149,10 +146,10 @@ TILE = TILE_PX, TILE_PX
 """Shape of such a square."""
 
 Plane = NDArray[np.float32]
+Tiles = dict[tuple[int, int, int], Plane]
 
 
-@dataclass(frozen=True, slots=True)
-class TilePart:
+class TilePart(NamedTuple):
     """The part of a window of the sensor that lies in one tile."""
 
     row: int
@@ -219,9 +216,7 @@ class SensorPattern(ElectronNoise):
     those sent to other processes, begin empty: they would draw the same.
     """
 
-    _tiles: dict[tuple[int, int, int], Plane] = field(
-        default_factory=dict, init=False, repr=False, compare=False
-    )
+    _tiles: Tiles = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def __reduce__(self) -> tuple[type[Self], tuple[object, ...]]:
         """Leave what has been drawn behind."""
@@ -231,7 +226,7 @@ class SensorPattern(ElectronNoise):
     def tile(self, generator: np.random.Generator) -> Plane:
         """Draw one tile; always the same from the same numbers."""
 
-    def pattern(self, value: Tensor, context: Context) -> Tensor:
+    def pattern(self, value: torch.Tensor, context: Context) -> torch.Tensor:
         """Each frame's part of the pattern, (B,1,H,W) in shape, type and device of ``value``.
 
         Raises:
@@ -282,7 +277,7 @@ class Prnu(SensorPattern):
         normals = generator.standard_normal(TILE, dtype=np.float32)
         return (1 + np.float32(self.share) * normals).clip(min=0)
 
-    def __call__(self, value: Tensor, context: Context) -> Tensor:
+    def __call__(self, value: torch.Tensor, context: Context) -> torch.Tensor:
         """Multiply (B,1,H,W) electrons by each pixel's response."""
         return value * self.pattern(value, context)
 
@@ -313,7 +308,7 @@ class DarkCurrent(Effect, on=Quantity.ELECTRONS):
 
     electrons_per_s: float = within(0, 1e9, above=True, hint=NO_NOISE)
 
-    def __call__(self, value: Tensor, context: Context) -> Tensor:
+    def __call__(self, value: torch.Tensor, context: Context) -> torch.Tensor:
         """Add the mean dark signal to (B,1,H,W) electrons."""
         return value + self.electrons_per_s * context.camera.exposure_time_s
 
@@ -349,7 +344,7 @@ class HotPixels(SensorPattern):
         """Draw which pixels are hot, 0 or 1."""
         return (generator.random(TILE) < self.share).astype(np.float32)
 
-    def __call__(self, value: Tensor, context: Context) -> Tensor:
+    def __call__(self, value: torch.Tensor, context: Context) -> torch.Tensor:
         """Add the hot pixels' charge to (B,1,H,W) electrons."""
         charge = self.electrons_per_s * context.camera.exposure_time_s
         return torch.add(value, self.pattern(value, context), alpha=charge)
@@ -378,7 +373,7 @@ class ShotNoise(ElectronNoise):
         (50.0, 50)
     """
 
-    def __call__(self, value: Tensor, context: Context) -> Tensor:
+    def __call__(self, value: torch.Tensor, context: Context) -> torch.Tensor:
         """Draw counts of the mean (B,1,H,W) electrons.
 
         Raises:
@@ -395,8 +390,7 @@ class ShotNoise(ElectronNoise):
                 # Rounding in an earlier effect may leave a black pixel a hair below zero.
                 np.maximum(tile, 0.0, out=tile)
                 if np.isnan(tile).any():
-                    got = "a mean number of electrons that is not a number"
-                    raise VoccError(f"scene.effects.{self.name} got {got}")
+                    raise VoccError(f"scene.effects.{self.name} got a mean of electrons that is not a number")
                 count[part.in_window] = poisson_quantile(tile, normals[part.in_tile])
         return torch.from_numpy(counts).unsqueeze(1).to(value)
 
@@ -423,7 +417,7 @@ class FullWell(Effect, on=Quantity.ELECTRONS):
 
     electrons: float = within(1, 1e9)
 
-    def __call__(self, value: Tensor, context: Context) -> Tensor:
+    def __call__(self, value: torch.Tensor, context: Context) -> torch.Tensor:
         """Clip (B,1,H,W) electrons."""
         return value.clamp(max=self.electrons)
 
@@ -457,7 +451,7 @@ class Dsnu(SensorPattern):
         """Draw each pixel's offset, electrons."""
         return np.float32(self.electrons) * generator.standard_normal(TILE, dtype=np.float32)
 
-    def __call__(self, value: Tensor, context: Context) -> Tensor:
+    def __call__(self, value: torch.Tensor, context: Context) -> torch.Tensor:
         """Add each pixel's offset to (B,1,H,W) electrons."""
         return value + self.pattern(value, context)
 
@@ -484,7 +478,7 @@ class RowNoise(ElectronNoise):
 
     electrons: float = within(0, 100_000, above=True, hint=NO_NOISE)
 
-    def __call__(self, value: Tensor, context: Context) -> Tensor:
+    def __call__(self, value: torch.Tensor, context: Context) -> torch.Tensor:
         """Add to (B,1,H,W) electrons the offsets of the rows that each frame shows."""
         height, sensor_rows = value.shape[-2], context.camera.height_px
         frames = zip(context.generators(self.name), context.first_px.tolist(), strict=True)
@@ -514,7 +508,7 @@ class ReadNoise(ElectronNoise):
 
     electrons: float = within(0, 100_000, above=True, hint=NO_NOISE)
 
-    def __call__(self, value: Tensor, context: Context) -> Tensor:
+    def __call__(self, value: torch.Tensor, context: Context) -> torch.Tensor:
         """Add noise, drawn in float32, to (B,1,H,W) electrons."""
         planes = np.empty((len(value), *value.shape[-2:]), dtype=np.float32)
         normals = np.empty(TILE, dtype=np.float32)
@@ -544,7 +538,7 @@ class Gain(Effect, on=Quantity.ELECTRONS, to=Quantity.EXPOSURE):
         ('electrons', 'luminous exposure (lx s)')
     """
 
-    def __call__(self, value: Tensor, context: Context) -> Tensor:
+    def __call__(self, value: torch.Tensor, context: Context) -> torch.Tensor:
         """Turn (B,1,H,W) electrons into luminous exposure."""
         maker = next(effect for effect in context.effects if isinstance(effect, Photoelectrons))
         return value.clamp(min=0) / maker.electrons_per_lx_s(context.camera)

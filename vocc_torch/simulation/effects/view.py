@@ -3,12 +3,10 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import reduce
 
 import numpy as np
 import torch
 from numpy.polynomial import Polynomial
-from torch import Tensor
 
 from vocc_torch.errors import VoccError
 from vocc_torch.hardware import Camera, LedPanel
@@ -88,7 +86,7 @@ class Pose(Effect, on=Quantity.PLACEMENT):
         angles = (self.yaw_deg, self.pitch_deg, self.roll_deg)
         return [angle for angle in angles if isinstance(angle, Distribution)]
 
-    def __call__(self, value: Tensor, context: Context) -> Tensor:
+    def __call__(self, value: torch.Tensor, context: Context) -> torch.Tensor:
         """Turn the panels of (B,3,3) placements about their centres."""
         angles = self._angles_deg()
         if all(angle.kind == "constant" for angle in angles):
@@ -104,10 +102,9 @@ class Pose(Effect, on=Quantity.PLACEMENT):
         yaw = [[cy, zero, -sy], [zero, one, zero], [sy, zero, cy]]
         pitch = [[one, zero, zero], [zero, cp, sp], [zero, -sp, cp]]
         roll = [[cr, -sr, zero], [sr, cr, zero], [zero, zero, one]]
-        turns = (
-            torch.stack([torch.stack(row, dim=-1) for row in rows], dim=-2) for rows in (yaw, pitch, roll)
-        )
-        return torch.cat([reduce(torch.matmul, turns) @ value[..., :2], value[..., 2:]], dim=-1)
+        about = (torch.stack([torch.stack(row, -1) for row in rows], -2) for rows in (yaw, pitch, roll))
+        turned, raised, rolled = about
+        return torch.cat([turned @ raised @ rolled @ value[..., :2], value[..., 2:]], dim=-1)
 
     def size_in_px(self, size_px: Extent, camera: Camera, nearest_m: float) -> Extent:
         """Bound the image of what is ``size_px`` when it faces the camera, its centre being on the sensor.
@@ -132,10 +129,8 @@ class Pose(Effect, on=Quantity.PLACEMENT):
             reach = f"scene.effects.pose can bring the panel's edge {depth:.3g} m nearer to the camera"
             raise VoccError(f"{reach}: scene.distance_m is {nearest_m:g} and must stay above that")
         scale = 2 * camera.focal_length_px / (nearest_m - depth)
-        height, width = (
-            scale * (reach + side / 2 / camera.focal_length_px * depth)
-            for reach, side in zip((down, across), camera.sensor_px, strict=True)
-        )
+        pairs = zip((down, across), camera.sensor_px, strict=True)
+        height, width = (scale * (reach + side / 2 / camera.focal_length_px * depth) for reach, side in pairs)
         return height, width
 
 
@@ -259,19 +254,19 @@ class LensDistortion(PointEffect):
             bounds.append(float(max(stretch(places).max() for stretch in stretches)))
         return bounds[0], bounds[1]
 
-    def __call__(self, value: Tensor, context: Context) -> Tensor:
+    def __call__(self, value: torch.Tensor, context: Context) -> torch.Tensor:
         """Move (B,N,2) points."""
         arm, square = self._arm(value, context)
         return value + arm * context.camera.focal_length_px * self._excess(square)
 
-    def jacobian(self, value: Tensor, context: Context) -> Tensor:
+    def jacobian(self, value: torch.Tensor, context: Context) -> torch.Tensor:
         """Derivative of the moved points by the given ones, (B,N,2) px to (B,N,2,2), in closed form."""
         arm, square = self._arm(value, context)
         slope = 2 * (self.k1 + square * (2 * self.k2 + square * 3 * self.k3))
         outer = arm.unsqueeze(-1) * (arm * slope).unsqueeze(-2)
         return outer + torch.diag_embed((1 + self._excess(square)).expand_as(arm))
 
-    def _arm(self, value: Tensor, context: Context) -> tuple[Tensor, Tensor]:
+    def _arm(self, value: torch.Tensor, context: Context) -> tuple[torch.Tensor, torch.Tensor]:
         """Points relative to the middle in focal lengths, (B,N,2), and their squared length, (B,N,1)."""
         camera = context.camera
         middle = torch.tensor([camera.width_px / 2, camera.height_px / 2]).to(value)
@@ -283,7 +278,7 @@ class LensDistortion(PointEffect):
             raise VoccError(f"{self._given}: {place}, beyond {limit:.3g}, where the image turns back")
         return arm, square
 
-    def _excess(self, square: Tensor) -> Tensor:
+    def _excess(self, square: torch.Tensor) -> torch.Tensor:
         """The stretch less one, ``k1 r^2 + k2 r^4 + k3 r^6``, shape of r^2."""
         return (self.k1 + (self.k2 + self.k3 * square) * square) * square
 
@@ -304,21 +299,19 @@ def in_perspective(effects: Sequence[Effect]) -> bool:
     return any(effect.takes in (Quantity.PLACEMENT, Quantity.IMAGE_POINTS) for effect in effects)
 
 
-def led_centres_m(panel: LedPanel) -> Tensor:
+def led_centres_m(panel: LedPanel) -> torch.Tensor:
     """Centres of the LEDs on the panel, (R*C,2) m from its centre, x right and y down, in raster order.
 
     Example:
         >>> led_centres_m(LedPanel())[:2].tolist()
         [[-0.21, -0.21], [-0.15, -0.21]]
     """
-    rows, columns = (
-        (torch.arange(n, dtype=torch.float64) - (n - 1) / 2) * panel.pitch_m
-        for n in (panel.shape.rows, panel.shape.columns)
-    )
+    sides = (panel.shape.rows, panel.shape.columns)
+    rows, columns = ((torch.arange(n, dtype=torch.float64) - (n - 1) / 2) * panel.pitch_m for n in sides)
     return torch.stack(torch.meshgrid(columns, rows, indexing="xy"), dim=-1).view(-1, 2)
 
 
-def panel_corners_m(panel: LedPanel) -> Tensor:
+def panel_corners_m(panel: LedPanel) -> torch.Tensor:
     """Corners of the grid of LED cells on the panel, (4,2) m from its centre, clockwise from the top left.
 
     Example:
@@ -329,7 +322,7 @@ def panel_corners_m(panel: LedPanel) -> Tensor:
     return torch.tensor(CLOCKWISE, dtype=torch.float64) * cells * (panel.pitch_m / 2)
 
 
-def placement_m(scene: Scene) -> Tensor:
+def placement_m(scene: Scene) -> torch.Tensor:
     """Place panels that face the camera squarely, (B,3,3) float64.
 
     The columns are the panel's x axis, its y axis and its centre in m, in the camera's coordinates: x right,
@@ -360,11 +353,11 @@ class View:
         [[[960.0, 540.0], [977.0, 540.0]]]
     """
 
-    placement: Tensor
+    placement: torch.Tensor
     context: Context
     effects: tuple[PointEffect, ...] = ()
 
-    def points_px(self, points_m: Tensor) -> Tensor:
+    def points_px(self, points_m: torch.Tensor) -> torch.Tensor:
         """Image points of the panel's plane.
 
         Differentiable in the points and in the placement.
@@ -385,7 +378,7 @@ class View:
             image = effect(image, self.context)
         return image
 
-    def discs_px(self, centres_m: Tensor, radius_m: float) -> tuple[Tensor, Tensor]:
+    def discs_px(self, centres_m: torch.Tensor, radius_m: float) -> tuple[torch.Tensor, torch.Tensor]:
         """Image the discs of the panel's plane, each an ellipse.
 
         With the disc's centre moved to the origin of the image, the columns of the plane's homography are
@@ -420,9 +413,8 @@ class View:
         slant = rise.square().sum(dim=-1)
         self._demand_before_camera(depth - radius_m * slant.sqrt().unsqueeze(-1))
         # (B,N,2,2): image px per m along the panel's axes, times the depth.
-        across = focal * (
-            self.placement[:, None, :2, :2] - (points[..., :2] / depth).unsqueeze(-1) * rise.unsqueeze(1)
-        )
+        leaning = (points[..., :2] / depth).unsqueeze(-1) * rise.unsqueeze(1)
+        across = focal * (self.placement[:, None, :2, :2] - leaning)
         strength = radius_m**2 / (depth.square() - radius_m**2 * slant.unsqueeze(-1))
         shift = -strength * (across * rise.unsqueeze(1)).sum(dim=-1)
         spread = strength.unsqueeze(-1) * (across @ across.mT) + shift.unsqueeze(-1) * shift.unsqueeze(-2)
@@ -433,7 +425,7 @@ class View:
             centre = effect(centre, self.context)
         return centre, spread
 
-    def has_image(self, points_m: Tensor, radius_m: float) -> Tensor:
+    def has_image(self, points_m: torch.Tensor, radius_m: float) -> torch.Tensor:
         """Which discs of the panel's plane lie before the camera and where the lens has an image of them.
 
         Args:
@@ -449,19 +441,19 @@ class View:
         # A disc that touches the plane of the camera has no ellipse for its image.
         return torch.logical_and(depth > radius_m, off_axis < depth * min(limits, default=math.inf))
 
-    def _in_camera_m(self, points_m: Tensor) -> Tensor:
+    def _in_camera_m(self, points_m: torch.Tensor) -> torch.Tensor:
         """Points of the panel's plane in the camera's coordinates, (B,N,3) m."""
         points = points_m.to(self.placement)
         return points @ self.placement[..., :2].mT + self.placement[..., 2].unsqueeze(-2)
 
-    def _pinhole_px(self, points: Tensor) -> Tensor:
+    def _pinhole_px(self, points: torch.Tensor) -> torch.Tensor:
         """Project points in the camera's coordinates, (B,N,3) m to (B,N,2) px."""
         camera = self.context.camera
         self._demand_before_camera(points[..., 2])
         middle = torch.tensor([camera.width_px / 2, camera.height_px / 2]).to(points)
         return middle + camera.focal_length_px * points[..., :2] / points[..., 2:]
 
-    def _demand_before_camera(self, depth_m: Tensor) -> None:
+    def _demand_before_camera(self, depth_m: torch.Tensor) -> None:
         """Refuse what has no image."""
         if depth_m.numel() and not bool((depth_m > 0).all()):
             value = f"scene.effects.pose tilts a part of the panel to a depth of {float(depth_m.min()):g} m"
