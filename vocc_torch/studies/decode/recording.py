@@ -4,6 +4,7 @@ import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import count
 from pathlib import Path
 
 import numpy as np
@@ -109,15 +110,17 @@ def read_picture(path: Path, channel: str) -> Iterator[RecordedFrame]:
     """
     with told(path):
         image = Image.open(path, formats=PICTURE_FORMATS)
-        frames = getattr(image, "n_frames", 1) if image.format != "MPO" else 1
     with image:
-        for index in range(frames):
+        for index in range(1) if image.format == "MPO" else count():
             with told(path, f" after {index} frames" if index else ""):
-                image.seek(index)
+                try:
+                    image.seek(index)
+                except EOFError:
+                    break
                 colour = to_colour(image)
             yield RecordedFrame(printable(path.name), index, None, colour, to_grey(colour, channel))
     if image.format == "GIF" and not path.read_bytes().rstrip(b"\0").endswith(b";"):
-        warnings.warn(f"input {path} has no end: frames after the {frames} read may be missing", stacklevel=2)
+        warnings.warn(f"input {path} has no end: frames after the {index} read may be missing", stacklevel=2)
 
 
 @contextmanager
