@@ -2,12 +2,14 @@
 
 import errno
 import os
+import subprocess
+import sys
 import threading
 
 import pytest
 
 from vocc_torch.errors import VoccError
-from vocc_torch.files import atomic_file, write_atomically
+from vocc_torch.files import atomic_file, locked, sweep, write_atomically
 
 
 def names(folder):
@@ -108,3 +110,49 @@ def test_a_reader_never_meets_half_a_file(tmp_path):
         seen.add((len(content), len(set(content))))
     writer.join()
     assert seen == {(size, 1)}
+
+
+@pytest.mark.parametrize("planted", ["folder", "link", "dangling"])
+def test_a_planted_temporary_name_is_neither_used_nor_in_the_way(tmp_path, planted):
+    (tmp_path / "victim").write_bytes(b"mine")
+    for number in (0, 1):
+        place = tmp_path / f".a.{os.getpid()}-{number}.tmp.txt"
+        place.mkdir() if planted == "folder" else place.symlink_to(
+            tmp_path / ("victim" if planted == "link" else "new")
+        )
+    before = names(tmp_path)
+    write_atomically(tmp_path / "a.txt", b"whole")
+    assert (tmp_path / "a.txt").read_bytes() == b"whole"
+    assert (tmp_path / "victim").read_bytes() == b"mine"
+    assert names(tmp_path) == sorted([*before, "a.txt"])
+
+
+def killed(code):
+    """Run a program that kills itself, and give its number."""
+    end = "import os; os.kill(os.getpid(), 9)"
+    process = subprocess.Popen([sys.executable, "-c", f"{code}\n    {end}"])
+    assert process.wait() == -9
+    return process.pid
+
+
+def test_what_a_killed_process_left_is_swept_and_nothing_else(tmp_path):
+    where = repr(str(tmp_path / "a.csv"))
+    write = f"from vocc_torch.files import atomic_file\nwith atomic_file({where}) as temporary:"
+    killed(f"{write}\n    temporary.write_bytes(b'half')")
+    assert [name.startswith(".a.") for name in names(tmp_path)] == [True]
+    kept = {f".b.{os.getpid()}-0.tmp.csv", ".tmp", ".x.tmp", "a.1.tmp", ".mine.tmp.csv"}
+    for name in kept:
+        (tmp_path / name).write_bytes(b"")
+    sweep(tmp_path)
+    assert set(names(tmp_path)) == kept
+
+
+def test_a_folder_is_held_by_one_process_until_it_ends_or_is_killed(tmp_path):
+    hold = f"from vocc_torch.files import locked\nwith locked({str(tmp_path)!r}):"
+    killed(f"{hold}\n    pass")
+    with locked(tmp_path):
+        code = f"{hold}\n    pass"
+        second = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+        assert "is in use by another run: wait until that one ends" in second.stderr
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+    assert names(tmp_path) == []

@@ -1,6 +1,9 @@
-"""Writing files whole or not at all."""
+"""Writing files whole or not at all, and holding a folder that is written to."""
 
+import itertools
 import os
+import re
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -33,7 +36,10 @@ def atomic_file(path: str | Path) -> Iterator[Path]:
         ['a.txt']
     """
     target = Path(path)
-    temporary = target.with_name(f".{target.stem}.{os.getpid()}.tmp{target.suffix}")
+    mine = f".{target.stem}.{os.getpid()}"
+    names = (target.with_name(f"{mine}-{number}.tmp{target.suffix}") for number in itertools.count())
+    # Whatever has such a name already, a folder or a link, is not ours.
+    temporary = next(path for path in names if not os.path.lexists(path))
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         yield temporary
@@ -62,3 +68,56 @@ def write_atomically(path: str | Path, content: bytes) -> None:
     """
     with atomic_file(path) as temporary:
         temporary.write_bytes(content)
+
+
+def sweep(folder: Path) -> None:
+    """Remove the temporary files below a folder that :func:`atomic_file` left where its process was killed.
+
+    Example:
+        >>> import tempfile
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     _ = (Path(folder) / ".curve.999999999-0.tmp.png").write_bytes(b"half")
+        ...     sweep(Path(folder))
+        ...     list(Path(folder).iterdir())
+        []
+    """
+    for path in folder.rglob(".*.tmp*") if sys.platform != "win32" else ():
+        if made := re.fullmatch(r"\..+\.(\d{1,9})(-\d+)?\.tmp(\..+)?", path.name):
+            with suppress(OSError):  # the process is another user's, or the path is no file
+                try:
+                    os.kill(int(made[1]), 0)
+                except ProcessLookupError:
+                    path.unlink()
+
+
+@contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Hold a folder that one process may use at a time; however the process ends, the system lets go of it.
+
+    Raises:
+        VoccError: another process holds it.
+        OSError: no such folder.
+
+    Example:
+        >>> import tempfile
+        >>> with tempfile.TemporaryDirectory() as folder, locked(Path(folder)), locked(Path(folder)):
+        ...     pass  # doctest: +ELLIPSIS
+        Traceback (most recent call last):
+        ...
+        vocc_torch.errors.VoccError: ... is in use by another run: wait until that one ends, or give ...
+    """
+    if sys.platform == "win32":  # which has no locks of folders
+        yield
+        return
+    import fcntl
+
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            help_ = "wait until that one ends, or give another name="
+            raise VoccError(f"{folder} is in use by another run: {help_}") from None
+        yield
+    finally:
+        os.close(handle)

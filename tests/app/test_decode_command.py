@@ -7,10 +7,12 @@ import pytest
 import torch
 from composing import composed
 from PIL import Image
+from skimage import data
 
 from vocc_torch.app.cli import run_task
 from vocc_torch.errors import VoccError
 from vocc_torch.receiver.receiver import Receiver
+from vocc_torch.studies.decode.run import DOUBTFUL_SCORE
 
 
 @pytest.fixture(scope="module")
@@ -58,12 +60,32 @@ def test_a_folder_with_and_without_panels(decode, model, photo, tmp_path, capsys
         assert one.size == other.size == (given.width * 2, given.height * 2)
 
 
-def test_noise_is_called_doubtful(decode, model, tmp_path, capsys):
-    """The locator gives the best blob there is; where that is hardly a panel, the command says so."""
+def test_what_is_no_panel_is_called_doubtful(decode, model, tmp_path, capsys):
+    """The locator gives the best blob there is: noise scores low, a wall high but without two levels."""
     noise = np.random.default_rng(0).integers(0, 256, (120, 160)).astype(np.uint8)
-    Image.fromarray(noise).save(tmp_path / "noise.png")
-    decode("noise.png", f"model={model}")
+    (tmp_path / "pictures").mkdir()
+    for name, grey in (("a", noise), ("b", data.brick()), ("c", data.gravel())):
+        Image.fromarray(grey).save(tmp_path / "pictures" / f"{name}.png")
+    with pytest.warns(UserWarning, match="3 of 3 frames may show no panel"):
+        rows = decode("pictures", f"model={model}")
+    low, *high = (float(row["panel_score"]) for row in rows)
+    assert low < DOUBTFUL_SCORE < min(high)
     assert "may be no panel" in capsys.readouterr().out
+
+
+def test_one_bad_picture_is_named_and_the_others_are_kept(decode, model, photo, photo_bits, tmp_path):
+    (tmp_path / "pictures").mkdir()
+    for name, size in (("[red]a.png", -1), ("b.png", 1000), ("c.png", -1)):
+        (tmp_path / "pictures" / name).write_bytes(photo.read_bytes()[:size])
+    with pytest.raises(VoccError, match=r"b.png cannot be read .*; bits.csv has the 2 frames"):
+        decode("pictures", f"model={model}")
+    with (tmp_path / "out" / "bits.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [(row["source"], row["bits"]) for row in rows] == [
+        ("[red]a.png", photo_bits),
+        ("c.png", photo_bits),
+    ]
+    assert len(list((tmp_path / "out" / "annotated").iterdir())) == 2
 
 
 RECORDINGS = {
@@ -72,7 +94,7 @@ RECORDINGS = {
     "film.mp4": "film.mp4 cannot be read as a video",
     "empty": "empty holds no picture",
     "flat.png": "shows no panel in 1 of 1 frames: see receiver.location",
-    "cut": "cut.png cannot be read",
+    "cut": "has 2 pictures that cannot be read: a.png, b.png",
 }
 
 
@@ -83,13 +105,12 @@ def test_a_recording_that_cannot_be_used_leaves_nothing(decode, model, photo, tm
     (tmp_path / "empty").mkdir()
     Image.new("L", (60, 80), 90).save(tmp_path / "flat.png")
     (tmp_path / "cut").mkdir()
-    (tmp_path / "cut" / "a.png").write_bytes(photo.read_bytes())
-    (tmp_path / "cut" / "cut.png").write_bytes(photo.read_bytes()[:1000])
+    for cut in ("a.png", "b.png"):
+        (tmp_path / "cut" / cut).write_bytes(photo.read_bytes()[:1000])
     with pytest.raises(VoccError) as refusal:
         decode(name, f"model={model}")
     assert RECORDINGS[name] in str(refusal.value)
     assert "\n" not in str(refusal.value)
-    # The pictures that were annotated before the bad one do not stay behind.
     assert not (tmp_path / "out").exists() or not any((tmp_path / "out").rglob("*.*"))
 
 

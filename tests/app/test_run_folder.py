@@ -1,5 +1,7 @@
 """A run's folder is below ``runs/``: whatever its name, nothing outside is made, changed or removed."""
 
+import os
+import tempfile
 from dataclasses import fields
 from pathlib import Path
 
@@ -8,6 +10,7 @@ import pytest
 from vocc_torch.app.config import AppConfig, job_folder, run_folder
 from vocc_torch.app.jobs import begin_again
 from vocc_torch.errors import VoccError
+from vocc_torch.files import locked
 
 SMALL = (
     *("budget.frames=2", "budget.training_frames=16", "experiment.values=[4000]"),
@@ -101,3 +104,34 @@ def test_a_sweep_elsewhere_takes_results_and_begins_a_failed_job_again(app, outs
     assert app("task=train", *SMALL, *sweep, "panel.rows=4").status == 0
     assert (place / "receiver.pt").exists()
     assert not (place / "failed.txt").exists()
+
+
+def test_the_second_of_two_runs_at_once_is_refused_and_deletes_nothing(app, photo, tmp_path):
+    """While the first one decodes; and what it has left by then stays."""
+    drawn = tmp_path / "runs" / "x" / "annotated" / "a.png"
+    drawn.parent.mkdir(parents=True)
+    drawn.write_bytes(b"mine")
+    (tmp_path / "runs" / "new").mkdir()
+    for name in ("x", "new"):
+        with locked(tmp_path / "runs" / name):
+            said = app("task=decode", f"input={photo}", f"name={name}", *SMALL).complaint
+        assert f"{name} is in use by another run: wait until that one ends, or give another name=" in said
+    assert drawn.read_bytes() == b"mine"
+    assert list((tmp_path / "runs" / "new").iterdir()) == []
+
+
+def test_what_killed_runs_left_is_swept_at_the_next_start(app, tmp_path, monkeypatch):
+    """999999999 is the number of no process."""
+    system, kept = tmp_path / "system", tmp_path / "system" / "vocc-torch-mine"
+    left = [
+        system / ".vocc-torch-jobs-abcdefgh" / "0.begun",
+        tmp_path / "runs" / "x" / ".bits.999999999.tmp.csv",
+    ]
+    for path in (*left, kept / "a"):
+        path.parent.mkdir(parents=True)
+        path.write_bytes(b"half")
+    os.utime(left[0].parent, (0, 0))
+    monkeypatch.setattr(tempfile, "tempdir", str(system))
+    assert "panel.rows is 0" in app("panel.rows=0", "name=x").complaint
+    assert list(system.iterdir()) == [kept]
+    assert not left[1].parent.exists()

@@ -3,8 +3,10 @@
 import contextlib
 import io
 import os
+import shutil
 import sys
 import tempfile
+import time
 import traceback
 import warnings
 from collections.abc import Iterator
@@ -21,12 +23,15 @@ from vocc_torch.app.config import TASKS, AppConfig, inside_runs, register_schema
 from vocc_torch.app.jobs import Jobs, begin_again, beside_others, write_down
 from vocc_torch.app.resolve import refusal, resolved
 from vocc_torch.errors import VoccError, printable, shown
+from vocc_torch.files import locked, sweep
 from vocc_torch.measure.config import as_yaml
 
 GRID = "curve:run_grid"
 """What runs ``task=test`` where the experiment has rows."""
 
 MULTIRUN = ("-m", "--multirun")
+MAILBOX = ".vocc-torch-jobs-"
+"""How the folder of :class:`~vocc_torch.app.jobs.Jobs` begins in the system's temporary folder."""
 OUT_OF_MEMORY = (
     "not enough memory: give a smaller batch_frames, or a camera and distances that show smaller LEDs"
 )
@@ -80,7 +85,8 @@ def discard_if_empty(folder: Path) -> None:
         return
     runs = Path.cwd() / "runs"
     for empty in (folder, *(parent for parent in folder.parents if parent.is_relative_to(runs))):
-        with contextlib.suppress(OSError):  # it holds something
+        # It holds something, or another run has begun in it.
+        with contextlib.suppress(OSError, VoccError), locked(empty):
             empty.rmdir()
 
 
@@ -106,8 +112,12 @@ def run_job(config: DictConfig, jobs: Jobs) -> None:
         print(heading if jobs.elsewhere else f"\njob {number}: {heading}", flush=True)
     trace, mine = "", False
     try:
-        mine = begin_again(folder) and one_of_many
-        run_task(resolved(config, about.overrides.task), folder)
+        folder.mkdir(parents=True, exist_ok=True)
+        with locked(folder):
+            if inside_runs(folder):
+                sweep(folder)
+            mine = begin_again(folder) and one_of_many
+            run_task(resolved(config, about.overrides.task), folder)
         return
     except BrokenPipeError:
         raise
@@ -178,5 +188,12 @@ def run() -> int:
     # Hydra prints errors over several lines and exits unless it is told to let them through.
     os.environ["HYDRA_FULL_ERROR"] = "1"
     register_schema()
-    with tempfile.TemporaryDirectory(prefix="vocc-torch-", ignore_cleanup_errors=True) as mailbox:
-        return run_jobs(Jobs(Path(mailbox), os.getpid()))
+    for left in Path(tempfile.gettempdir()).glob(f"{MAILBOX}*"):
+        with contextlib.suppress(OSError, VoccError), locked(left):  # nobody's any more
+            if time.time() - left.stat().st_mtime > 60:  # else it may have been made this very moment
+                shutil.rmtree(left)
+    with contextlib.ExitStack() as stack:
+        mailbox = tempfile.TemporaryDirectory(prefix=MAILBOX, ignore_cleanup_errors=True)
+        folder = Path(stack.enter_context(mailbox))
+        stack.enter_context(locked(folder))
+        return run_jobs(Jobs(folder, os.getpid()))

@@ -122,9 +122,11 @@ class Experiment:
             raise VoccError.of("experiment.row_axis", repr(self.row_axis), f"one of {', '.join(known)}")
         for name, least in (("values", 1 + binned), ("rows", int(is_grid))):
             numbers = getattr(self, name)
-            ascending = all(map(math.isfinite, numbers)) and all(a < b for a, b in pairwise(numbers))
-            if len(numbers) < least or not ascending:
+            apart = 1 + 1e-5 * is_grid  # rows are named by six digits
+            ascending = all(a < b and a * apart <= b for a, b in pairwise(numbers))
+            if len(numbers) < least or not (ascending and all(map(math.isfinite, numbers))):
                 rule = f"finite numbers in ascending order, at least {least} of them"
+                rule += ", each a hundred-thousandth above the one before" * is_grid
                 raise VoccError.of(f"experiment.{name}", list(numbers), rule)
             if is_grid and numbers[0] <= 0:
                 rule = "above 0: a grid takes logarithms"

@@ -23,6 +23,8 @@ from vocc_torch.types import Frames, Images, Panels, PanelShape
 
 FORMAT = "vocc_torch.receiver"
 FORMAT_VERSION = 2
+MOST_BYTES = 1 << 20
+"""Most bytes of a model's file; a panel's size does not change its few kilobytes."""
 _READABLE = (1, FORMAT_VERSION)  # version 1 has one number for each mean and scatter: the second one is 0
 _DTYPES = {"float64": torch.float64, "int64": torch.int64}
 
@@ -64,7 +66,10 @@ def read_model(path: Path) -> tuple[Settings, dict[str, torch.Tensor]]:
         VoccError: a file that is missing, damaged, of another kind or of another version.
     """
     try:
+        if path.stat().st_size > MOST_BYTES or not path.is_file():  # reading a pipe would wait for ever
+            raise ValueError
         content = json.loads(path.read_bytes())
+        fits = isinstance(content, dict) and content.get("sha256") == _checksum(content)
     except FileNotFoundError:
         raise VoccError(f"model {path} does not exist: give the receiver.pt that task=train wrote") from None
     except (OSError, ValueError, RecursionError):
@@ -74,7 +79,7 @@ def read_model(path: Path) -> tuple[Settings, dict[str, torch.Tensor]]:
     if (version := content.get("version")) not in _READABLE:
         allowed = " and ".join(map(str, _READABLE))
         raise VoccError(f"model {path} has format version {version}: this package reads versions {allowed}")
-    if content.get("sha256") != _checksum(content):
+    if not fits:
         raise VoccError(f"model {path} is damaged (its checksum does not fit): train it again")
     try:
         state = {}

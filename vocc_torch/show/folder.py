@@ -12,7 +12,7 @@ from typing import TypeAlias, get_type_hints
 
 from rich.console import Console
 
-from vocc_torch.errors import VoccError
+from vocc_torch.errors import VoccError, printable
 from vocc_torch.files import atomic_file, write_atomically
 from vocc_torch.measure import config, curve, train
 from vocc_torch.measure.grid import Grid, best_luminance
@@ -66,7 +66,8 @@ def open_ledger(path: Path, settings: Mapping[str, object], console: Console) ->
         raise VoccError(re.sub("choose another (ledger|file)", "give another name=", str(error))) from None
     with ledger:
         if known := len(ledger):
-            console.print(f"going on from {known} blocks in {path}", soft_wrap=True, highlight=False)
+            text = f"going on from {known} blocks in {path}"
+            console.print(text, soft_wrap=True, markup=False, highlight=False)
         try:
             yield ledger
         except BaseException:
@@ -86,7 +87,7 @@ def resumable(settings: config.Settings, folder: Path, console: Console) -> Iter
         if any(folder.rglob(f"*{SUFFIX}")):
             if isinstance(error, KeyboardInterrupt):
                 text = f"interrupted: the same command with name={settings.name} goes on from there"
-                console.print(text, soft_wrap=True, highlight=False)
+                console.print(text, soft_wrap=True, markup=False, highlight=False)
         else:
             (folder / CONFIG).unlink(missing_ok=True)
         raise
@@ -119,7 +120,8 @@ def print_places(
 
 def print_place(console: Console, what: str, where: object) -> None:
     """Say where a result is."""
-    console.print(f"{what:<9} {where}", soft_wrap=True, highlight=False)
+    text = f"{what:<9} {printable(str(where))}"
+    console.print(text, soft_wrap=True, markup=False, highlight=False)
 
 
 def board_hint(folder: str | Path) -> str:
@@ -223,7 +225,7 @@ def read_tables(path: str | Path) -> dict[tuple[str, str], curve.BerTable]:
                 cells, parsed = {"": "", **line}, {}
                 for name in curve.COLUMNS:
                     try:
-                        parsed[name] = kinds[name](cells[name] or "")
+                        parsed[name] = kinds[name](printable(cells[name] or ""))
                     except ValueError:
                         wrong = f"{name} is {cells[name]!r}: it must be a number"
                         raise VoccError(f"{path}, line {reader.line_num}: {wrong}") from None

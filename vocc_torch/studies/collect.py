@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal, NoReturn
 
-from vocc_torch.errors import VoccError
+from vocc_torch.errors import VoccError, printable
 from vocc_torch.measure import config, curve
 from vocc_torch.show import folder as run_folder
 from vocc_torch.show import styles
@@ -55,6 +55,11 @@ class Job:
     table: curve.BerTable | None = None
     settings: Mapping[str, object] = field(default_factory=dict)
 
+    def __post_init__(self) -> None:
+        """Escape what a terminal or a table would not take from the names and files of others."""
+        for part in ("name", "complaint"):
+            object.__setattr__(self, part, printable(getattr(self, part)))
+
 
 def run_collect(settings: config.Settings, folder: Path) -> None:
     """Join the jobs of a multirun into ``collected.csv`` and ``collected.png``.
@@ -80,7 +85,7 @@ def run_collect(settings: config.Settings, folder: Path) -> None:
         old.unlink()
     print_jobs(jobs, keys, console)
     for text in duplicates(jobs):
-        console.print(text, highlight=False, soft_wrap=True)
+        console.print(text, markup=False, highlight=False, soft_wrap=True)
     places = [("table", "collected.csv"), *(("figure", path.name) for path in paths)]
     run_folder.print_places(console, into, places)
 
@@ -209,7 +214,7 @@ def setting_text(value: object) -> str:
         return json.dumps(value)
     if isinstance(value, list):
         return f"[{','.join(map(setting_text, value))}]"
-    return styles.value_text(value) if isinstance(value, float) else str(value)
+    return styles.value_text(value) if isinstance(value, float) else printable(str(value))
 
 
 def label(job: Job, keys: Sequence[str]) -> str:

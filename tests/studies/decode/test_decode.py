@@ -6,6 +6,7 @@ import io
 import json
 import os
 import pickle
+import re
 from pathlib import Path
 
 import av
@@ -19,8 +20,8 @@ from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.rng import BlockKey
 from vocc_torch.show.canvas import annotated
 from vocc_torch.simulation import Distribution, SceneModel, Simulator
-from vocc_torch.studies.decode.recording import read_recording, to_grey
-from vocc_torch.studies.decode.run import COLUMNS, decode, receiver_for
+from vocc_torch.studies.decode.recording import RecordedFrame, read_recording, to_grey
+from vocc_torch.studies.decode.run import COLUMNS, decode, picture_name, receiver_for
 from vocc_torch.types import PanelShape
 
 
@@ -150,9 +151,11 @@ def test_grey_values_of_other_than_eight_or_sixteen_bits_are_refused(near, tmp_p
     for value in (65536, -1):
         deep = near[0][0].astype(np.int32)
         deep[3, 4] = value
-        with pytest.raises(VoccError, match=r"deep.tiff holds grey values from .* it must have 8 or 16 bits"):
+        with pytest.raises(
+            VoccError, match=r"deep.tiff .*holds grey values from .* it must have 8 or 16 bits"
+        ):
             list(read_recording(save(tmp_path / "deep.tiff", deep), "luma"))
-    with pytest.raises(VoccError, match=r"float.tiff holds floating grey values"):
+    with pytest.raises(VoccError, match=r"float.tiff .*holds floating grey values"):
         list(read_recording(save(tmp_path / "float.tiff", near[0][0].astype(np.float32) / 255), "luma"))
 
 
@@ -236,7 +239,62 @@ def test_a_pipe_is_no_recording(near, tmp_path):
     assert [frame.source for frame in read_recording(tmp_path, "luma")] == ["near.png"]
 
 
+@pytest.mark.parametrize("name", ["film.gif", "film.webp", "pages.tiff", "film.png"])
+def test_all_frames_of_a_picture_are_read(receiver, near, tmp_path, name):
+    frames, bits = near
+    first, *rest = (Image.fromarray(frame) for frame in frames)
+    options = {"lossless": True} if name == "film.webp" else {}
+    first.save(tmp_path / name, save_all=True, append_images=rest, **options)
+    readings = list(decode(receiver, read_recording(tmp_path / name, "luma")))
+    assert [(one.frame.source, one.frame.index) for one in readings] == [(name, index) for index in range(8)]
+    assert [one.text for one in readings] == [text_of(frame) for frame in bits]
+
+
+def test_a_film_of_pictures_that_is_cut_says_so(near, tmp_path):
+    path = tmp_path / "film.gif"
+    first, *rest = (Image.fromarray(frame) for frame in near[0])
+    first.save(path, save_all=True, append_images=rest)
+    whole = path.read_bytes()
+    path.write_bytes(whole[: len(whole) * 2 // 3])
+    done, said = read_to_the_end(read_recording(path, "luma"))
+    assert 3 <= done < 8
+    assert f"cannot be read as a picture after {done} frames" in said
+    path.write_bytes(whole[:-1])
+    with pytest.warns(UserWarning, match="film.gif has no end: frames after the 8 read may be missing"):
+        assert read_to_the_end(read_recording(path, "luma")) == (8, "")
+
+
+def test_a_name_that_is_not_text_is_escaped(near, tmp_path):
+    for name in (b"\xff\xfe.png", b"\x1b[31mred.png"):
+        save(tmp_path / os.fsdecode(name), near[0][0])
+    named = [frame.source for frame in read_recording(tmp_path, "luma")]
+    assert named == ["\\x1b[31mred.png", "\\udcff\\udcfe.png"]
+
+
+def test_annotated_pictures_have_names_of_their_own(near):
+    """Two endings, the name that the second of them gets, capitals, several frames, and a long name."""
+    taken, grey = set(), near[0][0]
+    given = [(name, 0) for name in ("a.bmp", "a.jpg", "a.jpg.png", "A.png", "a.png", "é" * 150 + ".png")]
+    given += [("a.gif", 0), ("a.gif", 1), ("a-1.png", 0)]
+    frames = [RecordedFrame(name, index, None, grey, grey) for name, index in given]
+    names = [picture_name(frame, taken) for frame in frames]
+    assert names[:3] == ["a", "a.jpg", "a.jpg.png"]
+    assert len({name.lower() for name in names}) == len(given)
+    assert max(len(name.encode()) for name in names) <= 200
+
+
 # Videos
+
+
+def read_to_the_end(recording):
+    """How many frames there were, and what was said of the others at the end."""
+    done = 0
+    try:
+        for _ in recording:
+            done += 1
+    except VoccError as error:
+        return done, str(error)
+    return done, ""
 
 
 def write_video(path, frames, codec="mpeg4"):
@@ -276,6 +334,29 @@ def test_a_name_that_reads_as_an_address_is_a_file(near, tmp_path, monkeypatch, 
     path.parent.mkdir(parents=True, exist_ok=True)
     write_video(tmp_path / "drive.mp4", near[0]).rename(path)
     assert len(list(read_recording(path, "luma"))) == 8
+
+
+@pytest.mark.parametrize("name", ["drive.mkv", "drive.avi"])
+def test_of_a_video_that_is_cut_the_rest_is_read_and_the_end_is_missed(near, tmp_path, name):
+    path = write_video(tmp_path / name, near[0])
+    path.write_bytes(path.read_bytes()[: path.stat().st_size * 2 // 3])
+    with pytest.warns(UserWarning, match=rf"{name}: \d frames were read where its header speaks of 8"):
+        done, said = read_to_the_end(read_recording(path, "luma"))
+    assert 3 <= done < 8
+    assert not said or f"after {done} frames" in said
+
+
+def test_of_a_damaged_video_what_can_be_read_is_kept(near, tmp_path):
+    """The third frame's head is gone: the others stay, and the refusal comes at the end."""
+    path = write_video(tmp_path / "drive.mkv", near[0])
+    content = bytearray(path.read_bytes())
+    at = [place.start() for place in re.finditer(b"\0\0\1\xb6", content)][2]
+    content[at : at + 4] = bytes(4)
+    path.write_bytes(content)
+    with pytest.warns(UserWarning, match="7 frames were read where its header speaks of 8"):
+        done, said = read_to_the_end(read_recording(path, "luma"))
+    assert done == 7
+    assert "cannot be read as a video after 7 frames" in said
 
 
 def test_broken_videos(near, tmp_path):
@@ -413,6 +494,16 @@ def test_models_of_other_kinds(model, tmp_path):
         assert "is not a vocc_torch receiver" in refused(model)
     torch.save({"weights": torch.zeros(3)}, model)
     assert "damaged or of another kind" in refused(model)
+
+
+def test_models_that_are_too_heavy_or_no_files_are_not_read(tmp_path):
+    """Reading five gigabytes takes seven, and reading a pipe waits for ever."""
+    with (tmp_path / "heavy.pt").open("wb") as file:
+        file.truncate(5 << 30)
+    os.mkfifo(tmp_path / "pipe.pt")
+    (tmp_path / "deep.pt").write_text('{"format": "vocc_torch.receiver", "x": ' + "[" * 900 + "]" * 900 + "}")
+    for name in ("heavy.pt", "pipe.pt", "deep.pt"):
+        refused(tmp_path / name)
 
 
 @pytest.mark.parametrize(

@@ -1,18 +1,20 @@
 """Recordings as grey frames: a picture, a folder of pictures or a video."""
 
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import count
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageOps, UnidentifiedImageError
 
-from vocc_torch.errors import VoccError
+from vocc_torch.errors import VoccError, printable
 
-PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".pgm", ".ppm")
-PICTURE_FORMATS = ("PNG", "JPEG", "BMP", "TIFF", "WEBP", "PPM")
+PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".gif", ".pgm", ".ppm")
+PICTURE_FORMATS = ("PNG", "JPEG", "BMP", "TIFF", "WEBP", "GIF", "PPM")
 """What a picture may be, whatever its name says: others of Pillow's readers run programs."""
 VIDEO_SUFFIXES = (".mp4", ".mkv", ".avi", ".mov", ".webm", ".m4v", ".mpg", ".mpeg", ".mjpeg")
 
@@ -54,12 +56,14 @@ def to_grey(colour: NDArray[np.uint8], channel: str) -> NDArray[np.uint8]:
 def read_recording(path: Path, channel: str) -> Iterator[RecordedFrame]:
     """Read frames one by one, pictures of a folder in the order of their names.
 
+    What cannot be read is passed over and refused at the end, after all the frames that could be.
+
     Args:
-        path: a picture, a folder of pictures or a video.
+        path: a picture, which may have several frames or pages, a folder of pictures or a video.
         channel: how colour becomes grey.
 
     Raises:
-        VoccError: an input that is missing, empty or cannot be read.
+        VoccError: an input that is missing or empty, at once; at the end, what could not be read.
     """
     wanted = "give a picture, a folder of pictures or a video"
     if not path.exists():
@@ -68,69 +72,133 @@ def read_recording(path: Path, channel: str) -> Iterator[RecordedFrame]:
         pictures = sorted(p for p in path.iterdir() if p.suffix.lower() in PICTURE_SUFFIXES and p.is_file())
         if not pictures:
             raise VoccError(f"input {path} holds no picture: known endings are {' '.join(PICTURE_SUFFIXES)}")
-        return (read_picture(picture, channel) for picture in pictures)
+        return read_pictures(pictures, channel)
     if not path.is_file():
         raise VoccError(f"input {path} is a pipe or a device: {wanted}")
     if path.suffix.lower() in VIDEO_SUFFIXES:
         return read_video(path, channel)
-    return iter([read_picture(path, channel)])
+    return read_picture(path, channel)
 
 
-def read_picture(path: Path, channel: str) -> RecordedFrame:
-    """Read one picture the way up that it is shown.
+def read_pictures(paths: Sequence[Path], channel: str) -> Iterator[RecordedFrame]:
+    """Read pictures one after the other.
+
+    Raises:
+        VoccError: at the end, which pictures cannot be read.
+    """
+    bad: dict[str, VoccError] = {}
+    for path in paths:
+        try:
+            yield from read_picture(path, channel)
+        except VoccError as error:
+            bad[path.name] = error
+    if len(bad) == 1:
+        raise next(iter(bad.values()))
+    if bad:
+        named = ", ".join([*list(bad)[:5], *(["..."] if len(bad) > 5 else [])])
+        raise VoccError(f"input {paths[0].parent} has {len(bad)} pictures that cannot be read: {named}")
+
+
+def read_picture(path: Path, channel: str) -> Iterator[RecordedFrame]:
+    """Read a picture the way up that it is shown, and all frames or pages of it.
 
     16-bit greys are scaled to 8 bits; of transparent pixels the colour is taken, and how transparent they are
-    does not matter.
+    does not matter. Of a JPEG only the picture itself is taken, not the previews that cameras put behind it.
 
     Raises:
         VoccError: a file that is no picture, is damaged, or has greys of other than 8 or 16 bits.
+    """
+    with told(path):
+        image = Image.open(path, formats=PICTURE_FORMATS)
+    with image:
+        for index in range(1) if image.format == "MPO" else count():
+            with told(path, f" after {index} frames" if index else ""):
+                try:
+                    image.seek(index)
+                except EOFError:
+                    break
+                colour = to_colour(image)
+            yield RecordedFrame(printable(path.name), index, None, colour, to_grey(colour, channel))
+    if image.format == "GIF" and not path.read_bytes().rstrip(b"\0").endswith(b";"):
+        warnings.warn(f"input {path} has no end: frames after the {index} read may be missing", stacklevel=2)
+
+
+@contextmanager
+def told(path: Path, after: str = "") -> Iterator[None]:
+    """Refuse in one line what Pillow cannot read.
+
+    Args:
+        path: the picture.
+        after: what has been read before.
     """
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # about a file that is odd but readable
             warnings.simplefilter("error", Image.DecompressionBombWarning)
-            with Image.open(path, formats=PICTURE_FORMATS) as image:
-                shown: Image.Image = ImageOps.exif_transpose(image)
-                held = "floating grey values" if image.mode == "F" else ""
-                if image.mode.startswith("I"):  # 16 bits, in 32 where Pillow has no better mode
-                    deep = np.asarray(shown)
-                    if deep.min() < 0 or deep.max() > 65535:
-                        held = f"grey values from {deep.min()} to {deep.max()}"
-                    shown = Image.fromarray((deep / 257.0).round().astype(np.uint8))
-                if held:
-                    raise VoccError(f"input {path} holds {held}: it must have 8 or 16 bits")
-                colour = np.asarray(shown.convert("RGB"), dtype=np.uint8)
-    except VoccError:
-        raise
+            yield
     except Exception as error:  # Pillow's readers let many kinds through when a file is damaged
         reason = " ".join(str(error).split()) or type(error).__name__
         if isinstance(error, UnidentifiedImageError):
             reason = "not a known picture format"
-        raise VoccError(f"input {path} cannot be read as a picture ({reason})") from None
-    return RecordedFrame(path.name, 0, None, colour, to_grey(colour, channel))
+        raise VoccError(f"input {path} cannot be read as a picture{after} ({reason})") from None
+
+
+def to_colour(image: Image.Image) -> NDArray[np.uint8]:
+    """Give the picture that an opened file shows now, (H,W,3) uint8.
+
+    Raises:
+        ValueError: greys of other than 8 or 16 bits.
+    """
+    shown: Image.Image = ImageOps.exif_transpose(image)
+    if image.mode == "F":
+        raise ValueError("it holds floating grey values: it must have 8 or 16 bits")
+    if image.mode.startswith("I"):  # 16 bits, in 32 where Pillow has no better mode
+        deep = np.asarray(shown)
+        if deep.min() < 0 or deep.max() > 65535:
+            held = f"it holds grey values from {deep.min()} to {deep.max()}"
+            raise ValueError(f"{held}: it must have 8 or 16 bits")
+        shown = Image.fromarray((deep / 257.0).round().astype(np.uint8))
+    return np.asarray(shown.convert("RGB"), dtype=np.uint8)
 
 
 def read_video(path: Path, channel: str) -> Iterator[RecordedFrame]:
-    """Read a video's frames through PyAV.
+    """Read a video's frames through PyAV; a warning tells of damaged frames and of missing ones.
 
     Raises:
-        VoccError: PyAV is not installed, or a file that is no video or is damaged.
+        VoccError: PyAV is not installed, or a file that is no video; at the end, frames that cannot be read.
     """
     try:
         import av
     except ImportError:
         extra = "install the extra with pip install 'vocc-torch[video]'"
         raise VoccError(f"input {path} is a video: {extra}") from None
-    done = 0
+    done = declared = damaged = 0
+    reason = ""
     try:
         # A file even where its name reads as an address: FFmpeg would send a request.
         with av.open(f"file:{path.absolute()}") as container:
-            for frame in container.decode(video=0):
-                colour = np.asarray(frame.to_ndarray(format="rgb24"), dtype=np.uint8)
-                yield RecordedFrame(path.name, done, frame.time, colour, to_grey(colour, channel))
-                done += 1
+            stream = container.streams.video[0]
+            length_s = (stream.duration or 0) * float(stream.time_base or 0)
+            length_s = length_s or (container.duration or 0) / av.time_base
+            declared = stream.frames or round(length_s * float(stream.average_rate or 0))
+            for packet in container.demux(stream):
+                try:
+                    frames = packet.decode()
+                except av.error.FFmpegError as error:  # others of its frames may be whole
+                    frames, reason = [], str(error)
+                for frame in frames:
+                    colour = np.asarray(frame.to_ndarray(format="rgb24"), dtype=np.uint8)
+                    grey = to_grey(colour, channel)
+                    yield RecordedFrame(printable(path.name), done, frame.time, colour, grey)
+                    done, damaged = done + 1, damaged + frame.is_corrupt
     except (av.error.FFmpegError, IndexError, ValueError) as error:
-        reason = " ".join(str(error).split())
-        raise VoccError(f"input {path} cannot be read as a video after {done} frames ({reason})") from None
+        reason = str(error)
+    few = f"{done} frames were read where its header speaks of {declared}" if done < declared else ""
+    if done and (few or damaged):
+        odd = f"{damaged} of {done} frames are damaged" if damaged else ""
+        warnings.warn(f"input {path}: {'; '.join(filter(None, [few, odd]))}", stacklevel=2)
+    if reason:
+        reason = " ".join(reason.split())
+        raise VoccError(f"input {path} cannot be read as a video after {done} frames ({reason})")
     if done == 0:
         raise VoccError(f"input {path} is a video without frames")

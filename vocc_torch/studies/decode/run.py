@@ -1,9 +1,10 @@
 """``task=decode``: images or a video in, bits out."""
 
 import shutil
+import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from itertools import groupby, islice
+from itertools import chain, count, groupby, islice
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +26,8 @@ from vocc_torch.studies.decode.recording import RecordedFrame, read_recording
 
 DOUBTFUL_SCORE = 0.6
 """Noise that fills a 4:3 picture scores 0.56; of the paper's scenes one in fifty scores less than this."""
-
+DOUBTFUL_MARGIN = 0.1
+"""Of the mean margin: two grey levels of LEDs leave a gap between them, what is no panel hardly ever does."""
 
 COLUMNS = (
     *("source", "frame", "time_s", "found", "x_top_left", "y_top_left", "x_top_right", "y_top_right"),
@@ -49,6 +51,7 @@ class Reading:
         margin: the smallest distance of a score from the threshold.
         panel_score: how panel-like the chosen blob is, 0 to 1.
         candidates: how many blobs could have been the panel.
+        is_doubtful: whether it may be no panel: a low score, or an LED that is neither On nor Off.
     """
 
     frame: RecordedFrame
@@ -58,6 +61,7 @@ class Reading:
     margin: float
     panel_score: float
     candidates: int
+    is_doubtful: bool
 
     @property
     def text(self) -> str:
@@ -67,8 +71,9 @@ class Reading:
     @property
     def judged(self) -> str:
         """How sure the reading is, in words."""
-        where = self.frame.source + ("" if self.frame.time_s is None else f", frame {self.frame.index}")
-        doubt = ", which may be no panel" if self.panel_score < DOUBTFUL_SCORE else ""
+        still = self.frame.time_s is None and not self.frame.index
+        where = self.frame.source + ("" if still else f", frame {self.frame.index}")
+        doubt = ", which may be no panel" if self.is_doubtful else ""
         others = f"; {self.candidates} blobs could have been the panel" if self.candidates > 1 else ""
         return f"{where}: least margin {self.margin:.3g}, panel score {self.panel_score:.2f}{doubt}{others}"
 
@@ -92,22 +97,24 @@ def run_decode(settings: Settings, config: DecodeConfig, folder: Path) -> None:
     if settings.input is None:
         raise VoccError("input is null: task=decode needs input=PICTURE, a folder of pictures or a video")
     source, console = Path(settings.input), Console()
-    recording = read_recording(source, config.channel)
+    failures: list[str] = []
+    recording = readable(read_recording(source, config.channel), failures)
+    first = list(islice(recording, 1))  # before a receiver is trained
+    if not first:
+        raise VoccError(failures[0])
     model = None if settings.model is None else Path(settings.model)
     receiver = receiver_for(build_plan(settings, folder), model)
-    rows, best, names = [], None, set[str]()
+    rows, best, doubtful, names = [], None, 0, set[str]()
     try:
-        for reading in decode(receiver, recording):
+        for reading in decode(receiver, chain(first, recording)):
             rows.append(reading.row())
             if not reading.found:
                 continue
+            doubtful += reading.is_doubtful
             if config.annotate and reading.frame.time_s is None:
-                stem = Path(reading.frame.source).stem
-                # a.png and a.jpg of one folder are two pictures
-                name = reading.frame.source if stem in names else stem
-                names.add(stem)
                 drawn = annotated(reading.frame.colour, reading.corners_px, reading.bits, config.scale)
-                with atomic_file(folder / "annotated" / f"{name}.png") as temporary:
+                path = folder / "annotated" / f"{picture_name(reading.frame, names)}.png"
+                with atomic_file(path) as temporary:
                     drawn.save(temporary, format="PNG")
             best = reading if best is None or reading.margin > best.margin else best
     except BaseException:
@@ -115,7 +122,8 @@ def run_decode(settings: Settings, config: DecodeConfig, folder: Path) -> None:
         raise
     if best is None:
         hint = "see receiver.location for the locator's limits, and decode.channel for coloured LEDs"
-        raise VoccError(f"input {source} shows no panel in {len(rows)} of {len(rows)} frames: {hint}")
+        nothing = f"input {source} shows no panel in {len(rows)} of {len(rows)} frames: {hint}"
+        raise VoccError("; ".join([nothing, *failures]))
     run_folder.write_rows(folder / "bits.csv", [COLUMNS, *rows])
     run_folder.write_config(settings, folder)
     if model is None:
@@ -126,8 +134,40 @@ def run_decode(settings: Settings, config: DecodeConfig, folder: Path) -> None:
         console.print("  " + " ".join(on if bit else off for bit in bits), highlight=False)
     found = sum(bool(row[COLUMNS.index("bits")]) for row in rows)
     for text in (best.text, f"{best.judged}; {found} of {len(rows)} frames show a panel"):
-        console.print(text, soft_wrap=True, highlight=False)
+        console.print(text, soft_wrap=True, markup=False, highlight=False)
     run_folder.print_place(console, "bits", folder / "bits.csv")
+    if doubtful:
+        look = "look where it was found, at panel_score and at margin before you believe the bits"
+        warnings.warn(f"{doubtful} of {found} frames may show no panel: {look}", stacklevel=2)
+    if failures:
+        raise VoccError(f"{failures[0]}; bits.csv has the {len(rows)} frames that could be read")
+
+
+def readable(recording: Iterator[RecordedFrame], failures: list[str]) -> Iterator[RecordedFrame]:
+    """Pass on what can be read of a recording, and note what cannot."""
+    try:
+        yield from recording
+    except VoccError as error:
+        failures.append(str(error))
+
+
+def picture_name(frame: RecordedFrame, taken: set[str]) -> str:
+    """Name a frame's picture as no other of the folder, also where capitals do not count, and note the name.
+
+    Example:
+        >>> taken, grey = set(), np.zeros((1, 1), np.uint8)
+        >>> frames = [RecordedFrame(name, 0, None, grey, grey) for name in ("a.jpg", "A.png", "A.png.png")]
+        >>> [picture_name(frame, taken) for frame in frames]
+        ['a', 'A.png', 'A.png.png']
+    """
+    part = f"-{frame.index}" if frame.index else ""
+    given = (Path(frame.source).stem, frame.source)
+    # With room for the rest of a name of 255 bytes.
+    whole = [name.encode()[:200].decode(errors="ignore") + part for name in given]
+    names = chain(whole, (f"{whole[1]}-{number}" for number in count(2)))
+    name = next(one for one in names if one.casefold() not in taken)
+    taken.add(name.casefold())
+    return name
 
 
 def receiver_for(plan: Plan, model: Path | None) -> Receiver:
@@ -163,9 +203,11 @@ def decode(receiver: Receiver, recording: Iterator[RecordedFrame]) -> Iterator[R
         while batch := list(islice(run, size)):
             greys = torch.from_numpy(np.stack([frame.grey for frame in batch]))
             read = receiver.decode(greys.to(receiver.classifier.mean.device))
-            margins = read.scores.abs().amin(dim=(1, 2)).tolist()
+            sure = read.scores.abs()
+            least = sure.amin(dim=(1, 2))
+            between = ~(least >= DOUBTFUL_MARGIN * sure.mean(dim=(1, 2)))
+            doubtful = (read.panel_score < DOUBTFUL_SCORE) | between
             corners, bits = read.corners_px.cpu().numpy(), read.bits.cpu().numpy()
-            given = (read.found, read.panel_score, read.candidates)
-            for i, (frame, margin) in enumerate(zip(batch, margins, strict=True)):
-                found, score, candidates = (one[i].item() for one in given)
-                yield Reading(frame, bool(found), corners[i], bits[i], margin, score, int(candidates))
+            given = (read.found, least, read.panel_score, read.candidates, doubtful)
+            for i, (frame, *judged) in enumerate(zip(batch, *(one.tolist() for one in given), strict=True)):
+                yield Reading(frame, judged[0], corners[i], bits[i], *judged[1:])
