@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes as Axes
-from matplotlib.backend_bases import RendererBase
-from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_agg import FigureCanvasAgg, RendererAgg
 from matplotlib.figure import Figure as Figure
 from matplotlib.lines import Line2D as Line2D
 from numpy.typing import NDArray
@@ -17,6 +16,9 @@ from PIL import Image, ImageDraw
 
 from vocc_torch.errors import VoccError
 from vocc_torch.files import atomic_file
+
+Pixels = NDArray[np.uint8]
+"""A picture, (H,W,3): red, green, blue."""
 
 INK, QUIET, GRID, FINE_GRID = "#222222", "#5F6368", "#E3E6EA", "#F1F3F5"
 
@@ -86,6 +88,22 @@ def quiet_axes(axes: Axes) -> None:
     axes.set_axisbelow(True)
 
 
+def label_edges(axes: Axes, lowest: bool, leftmost: bool, across: str = "", up: str = "") -> None:
+    """Name quantities and their values where axes that are alike end: below the lowest, left of the leftmost.
+
+    Args:
+        axes: one of several in rows and columns.
+        lowest: whether none stands below.
+        leftmost: whether none stands to the left.
+        across: the horizontal axis's label.
+        up: the vertical axis's.
+    """
+    axes.tick_params(axis="x", labelbottom=lowest)
+    axes.tick_params(axis="y", which="both", labelleft=leftmost)
+    axes.set_xlabel(across if lowest else "", fontsize=11, color=INK)
+    axes.set_ylabel(up if leftmost else "", fontsize=11, color=INK)
+
+
 def write_title(figure: Figure, title: str, footnote: str = "") -> None:
     """Write the title above and the footnote below, both at the left.
 
@@ -137,11 +155,10 @@ def head(axes: Axes, letter: str, text: str) -> None:
     axes.annotate(text, (0, 1), (24, 9), fontsize=10, color=QUIET, **above)
 
 
-def text_renderer(figure: Figure) -> RendererBase:
+def text_renderer(figure: Figure) -> RendererAgg:
     """Give what measures texts as they will be drawn in pixels."""
     canvas = figure.canvas if isinstance(figure.canvas, FigureCanvasAgg) else FigureCanvasAgg(figure)
-    renderer: RendererBase = canvas.get_renderer()  # type: ignore[no-untyped-call]  # Matplotlib has no hint
-    return renderer
+    return canvas.get_renderer()  # type: ignore[no-untyped-call]  # Matplotlib has no hint
 
 
 def save_figure(figure: Figure, path: str | Path) -> None:
@@ -166,7 +183,7 @@ def save_figure(figure: Figure, path: str | Path) -> None:
         figure.savefig(temporary, dpi=figure.dpi)
 
 
-def figure_pixels(figure: Figure) -> NDArray[np.uint8]:
+def figure_pixels(figure: Figure) -> Pixels:
     """Draw a figure into memory.
 
     Returns:
@@ -184,7 +201,7 @@ def figure_pixels(figure: Figure) -> NDArray[np.uint8]:
 
 
 def annotated(
-    colour: NDArray[np.uint8], corners_px: NDArray[np.float64], bits: NDArray[np.bool_], scale: int = 1
+    colour: Pixels, corners_px: NDArray[np.float64], bits: NDArray[np.bool_], scale: int = 1
 ) -> Image.Image:
     """Draw the panel's outline and a mark a bit onto a picture: filled for On, hollow for Off.
 
@@ -210,7 +227,7 @@ def annotated(
     return picture
 
 
-def enlarged(colour: NDArray[np.uint8], scale: int) -> Image.Image:
+def enlarged(colour: Pixels, scale: int) -> Image.Image:
     """Show each pixel as a square of ``scale`` by ``scale``."""
     picture = Image.fromarray(colour)
     size = (picture.width * scale, picture.height * scale)

@@ -20,8 +20,8 @@ from vocc_torch.rng import BlockKey
 from vocc_torch.simulation import Distribution
 from vocc_torch.studies.classifiers import RivalsConfig
 from vocc_torch.studies.classifiers import study as study_module
-from vocc_torch.studies.classifiers.plan import ClassifierStudy
 from vocc_torch.studies.classifiers.study import (
+    ClassifierStudy,
     across_scenes,
     compare_classifiers,
     genie_points,

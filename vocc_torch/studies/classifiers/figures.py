@@ -41,7 +41,7 @@ def curves_figure(comparison: Comparison, experiment: str) -> Figure:
     for place, (axes, name) in enumerate(zip(grid, names, strict=True)):
         own = Style(name, _REFERENCE if name == comparison.reference else _OWN, "o", "-")
         mine = curve.BerTable(table.of(name))
-        plots.draw_rates(axes, mine, {name: own}, rows, size=_SIZE, width_in=_CELLS_IN[0])
+        plots.draw_rates(axes, mine, {name: own}, rows, _SIZE)
         axes.yaxis.set_minor_locator(NullLocator())
         # A rate that is not a number breaks the line. The genie's without errors lies at the foot: its limit
         # would tell of its few frames, not of what is possible.

@@ -193,15 +193,14 @@ def summary(comparison: Comparison, width: int = 100) -> str:
     apart = sorted((one for one in apart if one.receiver in stated), key=lambda one: -one.factor)
     points = [(name, value, one) for name, some in comparison.genie.items() for value, one in some.items()]
     told: dict[str, object] = {"best": best, "stated": stated, "knows": KNOWS, "comparisons": len(apart)}
-    told["locator"] = next(iter(comparison.curves.values())).locator
     told["tied"] = [name for name in learners[1:] if best and wrong[name] == wrong[best]]
     told["worse"] = [one for one in apart if one.surely_worse(len(apart))]
-    genie: dict[str, object] = {"genie": sum((one.genie.counts for *_, one in points), Counts())}
-    genie["genie_ms"] = 1e3 * median_high([one.genie.seconds_a_frame for *_, one in points] or [0.0])
-    genie["on_its_frames"] = {
+    told["genie"] = sum((one.genie.counts for *_, one in points), Counts())
+    told["genie_ms"] = 1e3 * median_high([one.genie.seconds_a_frame for *_, one in points] or [0.0])
+    told["on_its_frames"] = {
         name: sum(one.receivers[name].bit_errors for *_, one in points) for name in ranked
     }
     words = {"ratio_text": ratio_text, "value_text": styles.value_text, "comparison": comparison}
-    text = page.render(__package__, "summary.txt.j2", genie_points=points, **told, **genie, **words)
+    text = page.render(__package__, "summary.txt.j2", genie_points=points, **told, **words)
     parts = text.strip().split("\n\n")
     return "\n\n".join(textwrap.fill(part, width, break_on_hyphens=False) for part in parts) + "\n"
