@@ -3,7 +3,7 @@
 import io
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from matplotlib.artist import Artist
@@ -73,12 +73,15 @@ def new_grid(
     return figure, axes[:filled]
 
 
-def quiet_axes(axes: Axes) -> None:
+def quiet_axes(axes: Axes, grid: Literal["x", "y", "both", ""] = "") -> None:
     """Leave the two lines that carry ticks, in grey, with the data above the grid.
 
     Args:
         axes: the axes to change.
+        grid: which of them get lines at their values.
     """
+    if grid:
+        axes.grid(axis=grid, color=GRID, linewidth=0.8)
     axes.spines[["top", "right"]].set_visible(False)
     axes.spines[["left", "bottom"]].set_color(QUIET)
     axes.tick_params(which="both", color=QUIET, labelcolor=INK, labelsize=10.5)

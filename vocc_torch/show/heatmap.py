@@ -9,7 +9,7 @@ from matplotlib.patheffects import withStroke
 
 from vocc_torch.measure.grid import Best, Floats, Grid, best_luminance
 from vocc_torch.show import canvas, plots, styles
-from vocc_torch.show.canvas import GRID, INK, QUIET, Axes, Figure, Line2D
+from vocc_torch.show.canvas import INK, QUIET, Axes, Figure, Line2D
 
 NO_ERRORS = "#F4F4F2"
 """Colour of a cell without errors."""
@@ -301,8 +301,7 @@ def best_luminance_figure(
         text = f"{' ' * side}\N{MULTIPLICATION SIGN}{1 + 2.0**power:.3g}"
         va, ha = ("center", "left") if side else ("bottom", "center")
         axes.text(*at, text, va=va, ha=ha, fontsize=9, color=QUIET)
-    canvas.quiet_axes(axes)
-    axes.grid(color=GRID, linewidth=0.8)
+    canvas.quiet_axes(axes, "both")
     axes.set_xlabel(styles.axis_label(grid.row_axis), labelpad=6)
     axes.set_ylabel(styles.axis_label(grid.column_axis))
     canvas.write_title(figure, title, _frames_text(grid))
