@@ -20,6 +20,8 @@ from vocc_torch.files import atomic_file
 Pixels = NDArray[np.uint8]
 """A picture, (H,W,3): red, green, blue."""
 
+Inches = Sequence[float]
+
 INK, QUIET, GRID, FINE_GRID = "#222222", "#5F6368", "#E3E6EA", "#F1F3F5"
 
 
@@ -38,11 +40,7 @@ def new_figure(width_in: float, height_in: float) -> Figure:
 
 
 def new_grid(
-    shape: tuple[int, int],
-    cell_in: tuple[float, float],
-    gap_in: tuple[float, float],
-    margins_in: tuple[float, float, float, float],
-    filled: int | None = None,
+    shape: tuple[int, int], cell_in: Inches, gap_in: Inches, margins_in: Inches, filled: int | None = None
 ) -> tuple[Figure, list[Axes]]:
     """Make a figure with axes of one size in rows and columns.
 
@@ -68,7 +66,7 @@ def new_grid(
     room = {"left": left / width, "right": 1 - right / width, "top": 1 - above / height}
     room |= {"bottom": below / height, "wspace": gap_in[0] / cell_in[0], "hspace": gap_in[1] / cell_in[1]}
     axes = figure.subplots(rows, columns, squeeze=False, gridspec_kw=room).flatten().tolist()
-    for empty in axes[filled:] if filled is not None else ():
+    for empty in axes[len(axes) if filled is None else filled :]:
         empty.remove()
     return figure, axes[:filled]
 

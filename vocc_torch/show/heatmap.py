@@ -14,18 +14,11 @@ from vocc_torch.show.canvas import INK, QUIET, Axes, Figure, Line2D
 NO_ERRORS = "#F4F4F2"
 """Colour of a cell without errors."""
 _MAP = colormaps["viridis"].with_extremes(bad=NO_ERRORS)
-_HATCH, _CONTRAST = "#C9CCD1", "#B8BDC4"
+_HATCH = "#C9CCD1"
 _MOST_NUMBERS = 72
 """Cells of a panel that still have room for their numbers."""
-_MOST_NAMED = 8
-"""Values of an axis that all have room for a name."""
 _LEFT_IN, _ABOVE_IN, _BELOW_IN, _GAP_IN = 0.95, 1.05, 0.9, 0.16
-_ASIDE = -0.4
-"""Where the best luminance stands in a cell with a number, in widths of the cell from the middle."""
-_MOST_SPREAD = 0.11
-"""Most octaves between neighbouring receivers under one ambient light."""
-_LED_REFLECTANCE = 0.4
-"""Of the Off LEDs' surface, as in the paper."""
+HEADING = "Bit error rate over ambient light and LED luminance"
 
 
 def rate_norm(rates: Iterable[float]) -> colors.LogNorm:
@@ -111,11 +104,7 @@ def cell_edges(values: Sequence[float]) -> Floats:
     return np.concatenate([[first], (at[1:] + at[:-1]) / 2, [last]])
 
 
-def dimming_figure(
-    grid: Grid,
-    title: str = "Bit error rate over ambient light and LED luminance",
-    receivers: Sequence[str] | None = None,
-) -> Figure:
+def dimming_figure(grid: Grid, title: str = HEADING, receivers: Sequence[str] = ()) -> Figure:
     """Draw each receiver's bit error rates as a heat map with the best luminance for each ambient light.
 
     A cell without errors is hatched and has its limit for a number. Beside the numbers stand the best
@@ -203,7 +192,8 @@ def draw_map(axes: Axes, grid: Grid, receiver: str, norm: colors.LogNorm, best: 
             at = math.log2(grid.rows[j]) + 0.06 * widths[j], math.log2(grid.columns[i]) - 0.2 * heights[i]
             text = styles.rate_text(rate) if rate else f"< {styles.rate_text(float(limits[i, j]))}"
             write_rate(axes, at, text, 8.2 if rate else 7.3, norm, rate)
-    draw_best(axes, grid, best, (_ASIDE if numbered else 0.0) * np.diff(across), None)
+    # Beside a number the best luminance stands 0.4 widths of the cell from the middle.
+    draw_best(axes, grid, best, (-0.4 if numbered else 0.0) * np.diff(across), None)
     axes.tick_params(length=3, color=QUIET, labelcolor=INK, labelsize=9.5)
 
 
@@ -251,7 +241,7 @@ def draw_best(
         sign.set_zorder(5)
         axes.add_line(sign)
     for axis, values in ((axes.xaxis, grid.rows), (axes.yaxis, grid.columns)):
-        step = 1 if len(values) <= _MOST_NAMED else 2
+        step = 1 if len(values) <= 8 else 2  # more do not all have room for a name
         names = [styles.value_text(float(f"{value:.3g}")) for value in values]
         axis.set_ticks(np.log2(values), [name if i % step == 0 else "" for i, name in enumerate(names)])
     axes.set(xlim=ambient[[0, -1]], ylim=luminance[[0, -1]])
@@ -263,11 +253,7 @@ def _frames_text(grid: Grid) -> str:
     return f"{styles.range_text(cells)} frames a cell \N{MIDDLE DOT} locator: {grid.locator}"
 
 
-def best_luminance_figure(
-    grid: Grid,
-    title: str = "Best LED luminance for each ambient light",
-    receivers: Sequence[str] | None = None,
-) -> Figure:
+def best_luminance_figure(grid: Grid, receivers: Sequence[str] = ()) -> Figure:
     """Draw the best luminance of each receiver against the ambient light, on lines of constant contrast.
 
     Along a dashed line the On LEDs get the same multiple of the Off LEDs' exposure, ``1 + pi L / (E R)`` with
@@ -276,7 +262,6 @@ def best_luminance_figure(
 
     Args:
         grid: ambient light by LED luminance.
-        title: what the figure shows.
         receivers: those to draw, in order; all of the grid's by default.
 
     Raises:
@@ -286,17 +271,18 @@ def best_luminance_figure(
     width, height = 10.9, max(6.6, 2.2 + 0.45 * len(names))
     figure = canvas.new_figure(width, height)
     axes = figure.add_axes((0.087, 0.98 / height, 0.565, 1 - 1.68 / height))
-    spread = min(_MOST_SPREAD, 0.8 * float(np.diff(cell_edges(grid.rows)).min()) / len(names))
+    # Octaves between neighbouring receivers under one ambient light.
+    spread = min(0.11, 0.8 * float(np.diff(cell_edges(grid.rows)).min()) / len(names))
     looks = styles.receiver_styles(names)
     for number, (name, style) in enumerate(looks.items()):
         draw_best(axes, grid, best_luminance(grid, name), spread * (number - (len(names) - 1) / 2), style)
     (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
     # Lines of constant exposure ratio of On to Off LEDs: 2, 3, 5, 9, what is above 1 doubling.
-    # Octaves of luminance over ambient light at which the ratio is 2.
-    two = math.log2(_LED_REFLECTANCE / math.pi)
+    # Octaves of luminance over ambient light at which it is 2, where Off LEDs reflect 0.4 as in the paper.
+    two = math.log2(0.4 / math.pi)
     for power in range(math.ceil(bottom - right - two), math.floor(top - left - two) + 1):
         offset = two + power
-        axes.axline((0, offset), slope=1, color=_CONTRAST, linewidth=1.0, linestyle=(0, (5, 4)), zorder=0.5)
+        axes.axline((0, offset), slope=1, color="#B8BDC4", linewidth=1.0, linestyle=(0, (5, 4)), zorder=0.5)
         at, side = ((right, right + offset), True) if right + offset <= top else ((top - offset, top), False)
         text = f"{' ' * side}\N{MULTIPLICATION SIGN}{1 + 2.0**power:.3g}"
         va, ha = ("center", "left") if side else ("bottom", "center")
@@ -304,7 +290,7 @@ def best_luminance_figure(
     canvas.quiet_axes(axes, "both")
     axes.set_xlabel(styles.axis_label(grid.row_axis), labelpad=6)
     axes.set_ylabel(styles.axis_label(grid.column_axis))
-    canvas.write_title(figure, title, _frames_text(grid))
+    canvas.write_title(figure, "Best LED luminance for each ambient light", _frames_text(grid))
     lines = [plots.receiver_line(style) for style in looks.values()]
     canvas.write_legend(figure, lines, (0.705, 1 - 0.62 / height), fontsize=10.5)
     notes = styles.LOOKS["dimming_signs"].rstrip()
@@ -328,9 +314,8 @@ def grid_figures(grids: Mapping[str, Grid], own: str, receivers: Sequence[str]) 
         By file name without suffix.
     """
     names = [name for name in receivers if name in grids[own].receivers]
-    heading = "Bit error rate over ambient light and LED luminance"
-    drawn = {
-        f"dimming_{locator}": dimming_figure(grid, f"{heading} ({styles.LOCATED[locator]})", names)
-        for locator, grid in grids.items()
-    }
-    return {**drawn, "dimming_best": best_luminance_figure(grids[own], receivers=names)}
+    drawn = {}
+    for locator, grid in grids.items():
+        title = f"{HEADING} ({styles.LOCATED[locator]})"
+        drawn[f"dimming_{locator}"] = dimming_figure(grid, title, names)
+    return {**drawn, "dimming_best": best_luminance_figure(grids[own], names)}

@@ -15,6 +15,9 @@ from vocc_torch.show import canvas
 from vocc_torch.show.canvas import Axes, Figure, Line2D
 from vocc_torch.show.styles import Style, axis_label, count_text, range_text, receiver_styles, value_text
 
+Looks = Mapping[str, Style]
+"""Styles by receiver."""
+
 _SPREAD = 0.009
 """Distance between neighbouring receivers at one value, as a share of the axis, where values leave room."""
 _MOST_SPREAD = 0.05
@@ -24,7 +27,7 @@ _WIDTH_IN = 8.88
 
 
 def draw_rates(
-    axes: Axes, table: BerTable, styles: Mapping[str, Style], rows: Sequence[Row] = (), size: float = 1.0
+    axes: Axes, table: BerTable, styles: Looks, rows: Sequence[Row] = (), size: float = 1.0
 ) -> None:
     """Draw every receiver's rates and set both axes up; labels and legend are the caller's.
 
@@ -162,7 +165,6 @@ def interval_note(rows: Iterable[Row]) -> str:
 
 
 _LEGEND_COLUMNS = 3
-_OFF, _ON = "#0072B2", "#D55E00"
 
 
 def ber_figure(table: BerTable, axis_label: str, title: str) -> Figure:
@@ -227,7 +229,7 @@ def feature_histograms(features: Tensor, bits: Tensor, names: Sequence[str]) -> 
     figure, grid = canvas.new_grid(shape, cells, gap_in, margins_in, len(names))
     for number, (axes, name) in enumerate(zip(grid, names, strict=True)):
         edges = np.histogram_bin_edges(values[:, number], bins=60)
-        for status, label, colour in ((~on, "Off", _OFF), (on, "On", _ON)):
+        for status, label, colour in ((~on, "Off", "#0072B2"), (on, "On", "#D55E00")):
             shares = np.histogram(values[status, number], edges)[0] / int(status.sum())
             axes.stairs(shares, edges, fill=True, color=colour, alpha=0.25)
             axes.stairs(shares, edges, color=colour, linewidth=1.6, label=label)
@@ -247,19 +249,16 @@ _FACET_WIDTH_IN, _FACET_HEIGHT_IN = 3.1, 2.45
 _LEFT_IN, _BOTTOM_IN, _GAP_IN, _RIGHT_IN, _LINE_IN = 0.8, 0.95, 0.36, 0.12, 0.17
 _LEAST_WIDTH_IN = 7.0
 """A single facet is drawn as wide as its title, legend and footnote need."""
-_SIZE = 0.82
-"""Of markers, lines and numbers, against a figure of its own."""
 _LETTER_IN, _NAME_IN = 0.077, 2.5
 """Width of a letter of a facet's title, and of a name in its legend."""
 
 
+Facets = Sequence[Mapping[str, BerTable | str]]
+"""Rows of tables, or of why there is none, by the facet's title."""
+
+
 def facet_figure(
-    rows: Sequence[Mapping[str, BerTable | str]],
-    title: str,
-    footnote: str,
-    *,
-    axes_alike: bool = True,
-    styles: Mapping[str, Style] | None = None,
+    rows: Facets, title: str, footnote: str, *, axes_alike: bool = True, styles: Looks | None = None
 ) -> Figure:
     """Draw tables in a grid of facets with one vertical axis for all.
 
@@ -290,7 +289,7 @@ def facet_figure(
     for (i, j), axes in facets.items():
         one = list(rows[i].values())[j]
         if isinstance(one, BerTable):
-            draw_rates(axes, one, styles, shown, _SIZE)
+            draw_rates(axes, one, styles, shown, 0.82)
             lowest = not axes_alike or i == len(rows) - 1
             canvas.label_edges(axes, lowest, j == 0, axis_label(one.axis), "Bit error rate")
         else:

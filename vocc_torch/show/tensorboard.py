@@ -156,9 +156,8 @@ class BoardPart:
     def rates(self, receiver: str) -> Iterator[tuple[str, float, int]]:
         """Give tag, value and step of one receiver's curves, in ascending order; others would vanish."""
         for row in self.table.of(receiver):
-            rates = {"": row.ber, "_lo": row.ber_low, "_hi": row.ber_high}
-            if row.error_free:
-                rates = {"_upper95": row.ber_high}
+            ends = {"": row.ber, "_lo": row.ber_low, "_hi": row.ber_high}
+            rates = {"_upper95": row.ber_high} if row.error_free else ends
             shown = {f"log10_BER{end}": math.log10(rate) for end, rate in rates.items()}
             for quantity, value in {"BER": row.ber, **shown}.items():
                 yield self.tag(quantity), value, self.steps[row.value]

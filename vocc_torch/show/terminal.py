@@ -15,8 +15,8 @@ from vocc_torch.measure import plan, train
 from vocc_torch.measure.curve import BerTable, Point
 from vocc_torch.show.styles import LOOKS, axis_label, point_text, rate_text, value_text
 
-_FRAME_LINES = 8
-"""Lines around the table's rows in the live view: header, rules and progress."""
+Below = Callable[[], RenderableType]
+"""Draws what stands under a bar."""
 
 
 def plain_table(*heads: str, **look: Any) -> Table:
@@ -98,7 +98,7 @@ def ber_table(
 class _Bar(progress.Progress):
     """A bar over what stands under it: a terminal too low for all loses the end."""
 
-    below: Callable[[], RenderableType] | None = None
+    below: Below | None = None
 
     def get_renderables(self) -> Iterator[RenderableType]:
         yield from super().get_renderables()
@@ -155,11 +155,7 @@ class ProgressView:
     """
 
     def __init__(
-        self,
-        frames: int,
-        console: Console | None = None,
-        doing: str = "training",
-        below: Callable[[], RenderableType] | None = None,
+        self, frames: int, console: Console | None = None, doing: str = "training", below: Below | None = None
     ) -> None:
         """Prepare the view; nothing is drawn before the context is entered."""
         self.console = console or Console()
@@ -273,7 +269,8 @@ class StudyView(ProgressView):
     def _table(self) -> RenderableType:
         """Draw the table so far."""
         table, values = BerTable((*self._rows, *self._interim)), sorted(self._values)
-        interim, lines = {point.value for point in self._interim}, self.console.height - _FRAME_LINES
+        # Around the rows stand 8 lines: header, rules and progress.
+        interim, lines = {point.value for point in self._interim}, self.console.height - 8
         look: dict[str, Any] = {"axis": self._axis, "interim": interim, "lines": lines}
         return ber_table(table, self.console, values, self._receivers, **look)
 

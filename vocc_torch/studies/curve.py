@@ -140,14 +140,6 @@ def left_out(plan: Plan, curves: curve.Curves) -> list[str]:
     return lines
 
 
-SAMPLES = 4
-"""Frames drawn for each point."""
-SCALE = 6
-"""Enlargement: a panel is some 30 pixels wide."""
-WIDEST_PX = 1200
-"""Widest enlarged frame: a crop of a near panel is large enough as it is."""
-
-
 def sample_frames(plan: Plan, receiver: Receiver) -> dict[str, canvas.Pixels]:
     """Draw the first frames of each point, plain above and annotated below.
 
@@ -158,19 +150,21 @@ def sample_frames(plan: Plan, receiver: Receiver) -> dict[str, canvas.Pixels]:
     Returns:
         Point name to picture, (H,W,3) uint8.
     """
+    most = 4  # frames for each point
     # Whole frames enlarged would be pictures of gigabytes; the decisions on crops are the same.
-    plan = replace(plan, world=replace(plan.world, framing="crop"), batch_frames=SAMPLES)
+    plan = replace(plan, world=replace(plan.world, framing="crop"), batch_frames=most)
     link, pictures = Link.of(plan), {}
     receiver, camera = receiver.to(link.simulator.device), link.simulator.camera
     for value in sweep.monte_carlo_values(plan):
         name, model = sweep.point_name(plan.experiment, value), plan.experiment.model_at(plan.world, value)
-        seen = next(link.observe(model, block_keys(plan.seed, name, SAMPLES), preambles=False))
+        seen = next(link.observe(model, block_keys(plan.seed, name, most), preambles=False))
         read, frames = receiver(seen.frames, seen.panels), seen.frames.grey[:, 0]
         origins, (height, width) = seen.frames.origin_px, frames.shape[1:]
         if (height, width) == camera.sensor_px:  # a scene that needs the whole sensor
             height, width = shown = link.simulator.crop_px(model.nearest_m)
             origins = crop_origins_px(panel_centre_px(seen.scene, camera), shown, camera.sensor_px)
-        scale, rows = max(1, min(SCALE, WIDEST_PX // width)), []
+        # A panel is some 30 pixels wide; a crop of a near one is large enough as it is.
+        scale, rows = max(1, min(6, 1200 // width)), []
         for i, (left, top) in enumerate((origins - seen.frames.origin_px).tolist()):
             grey = frames[i, top : top + height, left : left + width].round().clamp(0, 255).byte().cpu()
             colour = np.repeat(grey.numpy()[..., None], 3, axis=2)

@@ -2,6 +2,7 @@
 
 import math
 import textwrap
+from typing import Any
 
 import numpy as np
 from matplotlib.ticker import NullLocator
@@ -38,6 +39,8 @@ def curves_figure(comparison: Comparison, experiment: str) -> Figure:
     figure, grid = canvas.new_grid(shape, _CELLS_IN, _GAPS_IN, _MARGINS_IN, len(names))
     styles = receiver_styles([*names, comparison.reference])
     rows, genie = [row for row in table if row.receiver != GENIE], table.of(GENIE)
+    looks: dict[str, Any] = {comparison.reference: {"color": _REFERENCE, "linewidth": 1.3, "zorder": 2.5}}
+    looks[GENIE] = {"color": canvas.INK, "linewidth": 1.5, "zorder": 2.6, "linestyle": "--", "clip_on": False}
     for place, (axes, name) in enumerate(zip(grid, names, strict=True)):
         own = Style(name, _REFERENCE if name == comparison.reference else _OWN, "o", "-")
         mine = curve.BerTable(table.of(name))
@@ -46,23 +49,16 @@ def curves_figure(comparison: Comparison, experiment: str) -> Figure:
         # A rate that is not a number breaks the line. The genie's without errors lies at the foot: its limit
         # would tell of its few frames, not of what is possible.
         for other in (other for other in (*names, GENIE) if other != name):
-            line = Line2D([], [], color=_FAINT, linewidth=0.9, zorder=2)
-            if other == comparison.reference:
-                line.set(color=_REFERENCE, linewidth=1.3, zorder=2.5)
-            if other == GENIE:
-                line.set(color=canvas.INK, linewidth=1.5, zorder=2.6, linestyle="--", clip_on=False)
-            zero = axes.get_ylim()[0] if other == GENIE else math.nan
-            points = [(row.value, row.ber or zero) for row in table.of(other)]
-            line.set_data([value for value, _ in points], [rate for _, rate in points])
-            axes.add_line(line)
+            look = looks.get(other, {"color": _FAINT, "linewidth": 0.9, "zorder": 2})
+            zero, others = axes.get_ylim()[0] if other == GENIE else math.nan, table.of(other)
+            axes.add_line(Line2D([row.value for row in others], [row.ber or zero for row in others], **look))
         title = f"{place + 1}. {styles[name].label}"
         size = 10.5 * min(1.0, _TITLE_LETTERS / len(title))
         axes.set_title(title, fontsize=size, color=canvas.INK, loc="left", pad=18)
         if at is not None and (ratio := comparison.ratio(experiment, name, at)) is not None:
             text = f"{ratio_text(ratio).replace('x', chr(0xD7))} at {value_text(at)}"
             axes.text(0, 1.03, text, transform=axes.transAxes, va="bottom", fontsize=8.8, color=canvas.INK)
-        axes.tick_params(axis="y", which="both", labelleft=place % columns == 0)
-        axes.tick_params(axis="x", labelbottom=place + columns >= len(names))
+        canvas.label_edges(axes, place + columns >= len(names), place % columns == 0)
     label, reference = axis_label(table.axis), styles[comparison.reference].label
     width, height = figure.get_size_inches()
     figure.supxlabel(label, y=0.74 / height, fontsize=11.5, color=canvas.INK, va="center")
@@ -76,8 +72,8 @@ def curves_figure(comparison: Comparison, experiment: str) -> Figure:
         foot = ", at the foot without errors" if any(row.error_free for row in genie) else ""
         text = f"{KNOWS} ({range_text(row.frames for row in genie)} frames a point{foot})"
         signs.append(Line2D([], [], color=canvas.INK, linewidth=1.5, linestyle="--", label=text))
-    place_of_signs = (0.01, 1 - 0.42 / height)
-    canvas.write_legend(figure, signs, place_of_signs, len(signs), fontsize=9.8, handlelength=2.2)
+    at_signs, look = (0.01, 1 - 0.42 / height), {"fontsize": 9.8, "handlelength": 2.2}
+    canvas.write_legend(figure, signs, at_signs, len(signs), **look)
     frames = f"{range_text(row.frames for row in rows)} frames a point"
     note = f"{frames} \N{MIDDLE DOT} locator: {table.locators[0]} \N{MIDDLE DOT} fractions and multiples: "
     note += f"of {reference}, on the same frames\n{plots.interval_note(rows)}"

@@ -69,11 +69,6 @@ class Transfer:
         """Its rate over that of the receiver trained there; None where that one made no error."""
         return rate_ratio(self.at_home, self.counts, self.paired)
 
-    @property
-    def factor(self) -> float:
-        """Value of the ratio; infinite where the one trained there made no error."""
-        return math.inf if self.ratio is None else self.ratio.value
-
     def surely_worse(self, comparisons: int = 1) -> bool:
         """Whether it is worse than the one trained there, by intervals that hold together at 95 %.
 
@@ -190,7 +185,10 @@ def summary(comparison: Comparison, width: int = 100) -> str:
     apart = [one for one in comparison.transfers if one.trained_on != one.tested_on]
     moved = [name for name in ranked if any(one.receiver == name for one in apart)]
     stated = list(dict.fromkeys([*moved[:1], *(name for name in moved if name == reference)]))
-    apart = sorted((one for one in apart if one.receiver in stated), key=lambda one: -one.factor)
+    apart = sorted(
+        (one for one in apart if one.receiver in stated),
+        key=lambda one: -one.ratio.value if one.ratio else -math.inf,
+    )
     points = [(name, value, one) for name, some in comparison.genie.items() for value, one in some.items()]
     told: dict[str, object] = {"best": best, "stated": stated, "knows": KNOWS, "comparisons": len(apart)}
     told["tied"] = [name for name in learners[1:] if best and wrong[name] == wrong[best]]

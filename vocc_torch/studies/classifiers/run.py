@@ -13,9 +13,6 @@ from vocc_torch.studies.classifiers import RivalsConfig, figures
 from vocc_torch.studies.classifiers.results import GENIE, KNOWS, Comparison, ratio_text, summary
 from vocc_torch.studies.classifiers.study import build_classifier_study, compare_classifiers
 
-_WIDE = 110
-"""Columns from which frames, parameters and size stand in the terminal's table too."""
-
 _ENDS = ("ber", "ber_low", "ber_high")
 _COUNTED = ("frames", "bits", "bit_errors", *_ENDS)
 _RATIO = ("ratio", "ratio_low", "ratio_high")
@@ -205,7 +202,8 @@ def print_table(comparison: Comparison, console: terminal.Console) -> None:
         comparison: what was measured.
         console: where to print.
     """
-    wide, of = console.width >= _WIDE, f"of\n{comparison.reference}"
+    # On a wide terminal there are frames, parameters and size too.
+    wide, of = console.width >= 110, f"of\n{comparison.reference}"
     heads = [head for name in comparison.points for head in (f"BER at\n{comparison.point_label(name)}", of)]
     costs = ["training\ns", *(["frames", "para-\nmeters", "kB"] if wide else []), "bits\nms"]
     table = terminal.plain_table("receiver", *heads, *costs)

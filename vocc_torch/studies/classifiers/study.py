@@ -21,9 +21,6 @@ from vocc_torch.simulation import SceneModel
 from vocc_torch.studies.classifiers import RivalsConfig
 from vocc_torch.studies.classifiers.results import Comparison, GeniePoint, Transfer
 
-TIMED_REPEATS = 9
-"""Rounds over which a time is a median."""
-
 Stage = Callable[[str], AbstractContextManager[object]]
 """Entered with the name of a stage as it begins, left when it is done."""
 
@@ -216,14 +213,15 @@ def genie_points(
     for name, plan in study.plans.items():
         points: dict[float, GeniePoint] = {}
         frames = min(study.config.genie_frames, plan.budget.frames)
+        few = replace(plan, budget=replace(plan.budget, frames=frames))
         try:
             for value in plan.experiment.values:
                 advance(f"the genie at {name} {value:g}", 0)
                 model = plan.experiment.model_at(plan.world, value)
                 point = sweep.point_name(plan.experiment, value)
-                genie = genie_reference(plan, model, point, frames, pool)
+                genie = genie_reference(few, model, point, frames, pool)
                 with workers.worker_losses_told():
-                    errors = counted(plan, model, point, [banks[name]], frames, pool)()
+                    errors = counted(few, model, point, [banks[name]], pool)()
                 points[value] = GeniePoint(genie, dict(zip(banks[name].names, errors.counts, strict=True)))
             found[name] = points
         except UnknownLikelihoodError as error:
@@ -233,18 +231,13 @@ def genie_points(
 
 
 def counted(
-    plan: Plan,
-    model: SceneModel,
-    point: str,
-    banks: Sequence[ReceiverBank],
-    frames: int,
-    pool: workers.Workers,
+    plan: Plan, model: SceneModel, point: str, banks: Sequence[ReceiverBank], pool: workers.Workers
 ) -> Callable[[], frame_errors.FrameErrors]:
-    """Hand out a point's frames; what is returned waits for the errors, a row for each bank's receivers."""
+    """Hand a point's frames out; what is returned waits for the errors, a row for each bank's receivers."""
     locator = plan.receiver.locator
     receivers = frame_errors.Banks([(locator, bank) for bank in banks])
     job = frame_errors.FrameJob(plan, model, point, (locator,), receivers, receivers.needs_preambles)
-    calls = job.handed_out(frames, pool)
+    calls = job.handed_out(plan.budget.frames, pool)
     return lambda: frame_errors.FrameErrors.joined(call.result() for call in calls)
 
 
@@ -278,7 +271,7 @@ def across_scenes(
         for name, places in sources.items():
             plan, compared = plans[name], [banks[one] for one in places]
             model = plan.experiment.training_model(plan.world)
-            calls[name] = counted(plan, model, plan.experiment.name, compared, plan.budget.frames, pool)
+            calls[name] = counted(plan, model, plan.experiment.name, compared, pool)
         errors = {name: wait() for name, wait in calls.items()}
     names, transfers = banks[home].names, []
     for tested_on, places in sources.items():
@@ -316,9 +309,10 @@ def decision_times(plan: Plan, training: Training) -> dict[str, float]:
     names, link = plan.receiver.names, Link.of(plan)
     model, key = plan.experiment.training_model(plan.world), BlockKey(plan.seed, "times", 0)
     receivers = {name: StagedReceiver(training.bank([name]), link.reader, link.locator) for name in names}
+    rounds = 9  # over which a time is a median
     with timing.threads(1):
         exposure = stage_times.Exposure.of(plan.world, model, [key], preambles=needs_preambles(names))
         device = link.simulator.device
-        timed = stage_times.time_stages(receivers, exposure, BLOCK_FRAMES, TIMED_REPEATS, device)
+        timed = stage_times.time_stages(receivers, exposure, BLOCK_FRAMES, rounds, device)
     spent = {name: one.summed(("features", "classify")) for name, one in timed.by_receiver.items()}
     return {name: stage_times.median_of(one).value for name, one in spent.items()}
