@@ -1,6 +1,7 @@
 """What pictures share: size, colours, quiet axes, titles, marks and pixels; no pyplot, no global state."""
 
 import io
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal
@@ -40,35 +41,35 @@ def new_figure(width_in: float, height_in: float) -> Figure:
 
 
 def new_grid(
-    shape: tuple[int, int], cell_in: Inches, gap_in: Inches, margins_in: Inches, filled: int | None = None
+    count: int, columns: int, cell_in: Inches, gap_in: Inches, margins_in: Inches
 ) -> tuple[Figure, list[Axes]]:
-    """Make a figure with axes of one size in rows and columns.
+    """Make a figure with axes of one size in rows; the last row need not be full.
 
     Args:
-        shape: rows and columns.
+        count: how many axes there are.
+        columns: how many of them stand beside each other.
         cell_in: width and height of the axes, inches.
         gap_in: between neighbours, across and down, inches.
         margins_in: left, right, above and below, inches.
-        filled: how many axes there are; the last row need not be full.
 
     Returns:
         The figure, and its axes row by row.
 
     Example:
-        >>> figure, axes = new_grid((2, 3), (2.0, 1.0), (0.5, 0.5), (1.0, 1.0, 0.5, 1.0), filled=4)
+        >>> figure, axes = new_grid(4, 3, (2.0, 1.0), (0.5, 0.5), (1.0, 1.0, 0.5, 1.0))
         >>> figure.get_size_inches().tolist(), len(figure.axes)
         ([9.0, 4.0], 4)
     """
-    (left, right, above, below), (rows, columns) = margins_in, shape
+    (left, right, above, below), rows = margins_in, math.ceil(count / columns)
     width = left + columns * (cell_in[0] + gap_in[0]) - gap_in[0] + right
     height = above + rows * (cell_in[1] + gap_in[1]) - gap_in[1] + below
     figure = new_figure(width, height)
     room = {"left": left / width, "right": 1 - right / width, "top": 1 - above / height}
     room |= {"bottom": below / height, "wspace": gap_in[0] / cell_in[0], "hspace": gap_in[1] / cell_in[1]}
     axes = figure.subplots(rows, columns, squeeze=False, gridspec_kw=room).flatten().tolist()
-    for empty in axes[len(axes) if filled is None else filled :]:
+    for empty in axes[count:]:
         empty.remove()
-    return figure, axes[:filled]
+    return figure, axes[:count]
 
 
 def quiet_axes(axes: Axes, grid: Literal["x", "y", "both", ""] = "") -> None:
@@ -151,9 +152,10 @@ def ink_on(colour: tuple[float, float, float]) -> str:
 
 def head(axes: Axes, letter: str, text: str) -> None:
     """Name a part of the figure above its axes, and say a line about it."""
-    above: dict[str, Any] = {"xycoords": "axes fraction", "textcoords": "offset points"}
-    axes.annotate(letter, (0, 1), (0, 9), fontsize=11.5, fontweight="bold", color=INK, **above)
-    axes.annotate(text, (0, 1), (24, 9), fontsize=10, color=QUIET, **above)
+    axes.annotate(
+        letter, (0, 1), (0, 9), "axes fraction", "offset points", size=11.5, weight="bold", color=INK
+    )
+    axes.annotate(text, (0, 1), (24, 9), "axes fraction", "offset points", size=10, color=QUIET)
 
 
 def text_renderer(figure: Figure) -> RendererAgg:
@@ -195,10 +197,8 @@ def figure_pixels(figure: Figure) -> Pixels:
         (120, 240, 3)
     """
     buffer = io.BytesIO()
-    figure.savefig(buffer, format="rgba", dpi=figure.dpi)
-    width, height = figure.canvas.get_width_height()
-    rgba = np.frombuffer(buffer.getvalue(), dtype=np.uint8).reshape(height, width, 4)
-    return np.ascontiguousarray(rgba[..., :3])
+    figure.savefig(buffer, format="png", dpi=figure.dpi)
+    return np.array(Image.open(buffer).convert("RGB"))
 
 
 def annotated(
@@ -231,5 +231,4 @@ def annotated(
 def enlarged(colour: Pixels, scale: int) -> Image.Image:
     """Show each pixel as a square of ``scale`` by ``scale``."""
     picture = Image.fromarray(colour)
-    size = (picture.width * scale, picture.height * scale)
-    return picture if scale == 1 else picture.resize(size, Image.Resampling.NEAREST)
+    return picture.resize((picture.width * scale, picture.height * scale), Image.Resampling.NEAREST)

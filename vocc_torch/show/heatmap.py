@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib import cm, colormaps, colors, patches, ticker
@@ -77,8 +78,6 @@ def draw_scale(figure: Figure, place: tuple[float, float, float, float], norm: c
     """
     bar = figure.add_axes(place)
     figure.colorbar(cm.ScalarMappable(norm, _MAP), cax=bar)
-    bar.yaxis.set_major_locator(ticker.LogLocator(10, numticks=20))
-    bar.yaxis.set_minor_locator(ticker.LogLocator(10, subs=tuple(range(2, 10)), numticks=200))
     bar.yaxis.set_minor_formatter(ticker.NullFormatter())
     bar.tick_params(which="both", length=3, color=QUIET, labelcolor=INK, labelsize=9.5)
     bar.set_ylabel("Bit error rate", fontsize=11, color=INK)
@@ -133,10 +132,8 @@ def dimming_figure(grid: Grid, title: str = HEADING, receivers: Sequence[str] = 
     rates = np.concatenate([grid.ber(name).ravel() for name in names])
     norm, bests = rate_norm(rates), {name: best_luminance(grid, name) for name in names}
     columns, side = {1: 1, 2: 2, 4: 2}.get(len(names), 4 if len(names) > 6 else 3), 3.55 if names[1:] else 6.6
-    shape, margins_in = (math.ceil(len(names) / columns), columns), (_LEFT_IN, _LEFT_IN + _GAP_IN)
-    figure, panels = canvas.new_grid(
-        shape, (side, side), (_GAP_IN, 0.45), (*margins_in, _ABOVE_IN, _BELOW_IN), len(names)
-    )
+    margins_in = (_LEFT_IN, _LEFT_IN + _GAP_IN, _ABOVE_IN, _BELOW_IN)
+    figure, panels = canvas.new_grid(len(names), columns, (side, side), (_GAP_IN, 0.45), margins_in)
     across, up = styles.axis_label(grid.row_axis), styles.axis_label(grid.column_axis)
     looks = styles.receiver_styles(names)
     for number, (axes, name) in enumerate(zip(panels, names, strict=True)):
@@ -158,12 +155,11 @@ def dimming_figure(grid: Grid, title: str = HEADING, receivers: Sequence[str] = 
 def map_signs(errors_everywhere: bool) -> list[Line2D | patches.Patch]:
     """Make the signs of maps for their legend; that of no errors only where there is such a cell."""
     kinds = (("o", 7, 1.4, "best"), ("|", 13, 0, "range that cannot be told from it (95 %)"))
+    white: dict[str, Any] = {"color": INK, "markerfacecolor": "white", "markeredgewidth": 1.1}
     signs: list[Line2D | patches.Patch] = [
-        Line2D([], [], color=INK, marker=marker, markersize=size, linewidth=line, label=label)
+        Line2D([], [], marker=marker, markersize=size, linewidth=line, label=label, **white)
         for marker, size, line, label in (*kinds, ("^", 6, 0, "may lie beyond the grid"))
     ]
-    for one in signs:
-        one.set(markerfacecolor="white", markeredgewidth=1.1)
     none = patches.Patch(facecolor=NO_ERRORS, edgecolor=_HATCH, hatch="////", label="no errors, limit")
     return signs if errors_everywhere else [*signs, none]
 

@@ -194,7 +194,7 @@ def ber_figure(table: BerTable, axis_label: str, title: str) -> Figure:
     styles = receiver_styles(table.receivers)
     above_in = 0.62 + 0.225 * math.ceil(len(styles) / _LEGEND_COLUMNS)
     cell_in = (_WIDTH_IN, 6.4 - above_in - 1.12)
-    figure, (axes,) = canvas.new_grid((1, 1), cell_in, (0, 0), (0.92, 0.2, above_in, 1.12))
+    figure, (axes,) = canvas.new_grid(1, 1, cell_in, (0, 0), (0.92, 0.2, above_in, 1.12))
     draw_rates(axes, table, styles)
     axes.set_xlabel(axis_label, labelpad=8)
     axes.set_ylabel("Bit error rate")
@@ -224,9 +224,8 @@ def feature_histograms(features: Tensor, bits: Tensor, names: Sequence[str]) -> 
     """
     values, on = features.detach().cpu().double().numpy(), bits.cpu().numpy()
     columns = min(3, len(names))
-    shape, wide = (math.ceil(len(names) / columns), columns), 4.1 if columns == 1 else 2.6
-    cells, gap_in, margins_in = (wide, 2.4), (0.62, 0.95), (0.78, 0.15, 0.7, 0.55)
-    figure, grid = canvas.new_grid(shape, cells, gap_in, margins_in, len(names))
+    cell_in, margins_in = (4.1 if columns == 1 else 2.6, 2.4), (0.78, 0.15, 0.7, 0.55)
+    figure, grid = canvas.new_grid(len(names), columns, cell_in, (0.62, 0.95), margins_in)
     for number, (axes, name) in enumerate(zip(grid, names, strict=True)):
         edges = np.histogram_bin_edges(values[:, number], bins=60)
         for status, label, colour in ((~on, "Off", "#0072B2"), (on, "On", "#D55E00")):
@@ -328,7 +327,7 @@ def facet_grid(
     gap_in = _GAP_IN + _LINE_IN * (most_lines - 1) + (0.0 if axes_alike else 0.28)
     above_in = 0.62 + 0.24 * math.ceil(names / int((rest_in + columns * wide) / _NAME_IN)) + gap_in
     cell_in, margins_in = (wide, _FACET_HEIGHT_IN), (_LEFT_IN, _RIGHT_IN, above_in, _BOTTOM_IN)
-    figure, grid = canvas.new_grid((len(rows), columns), cell_in, (_GAP_IN, gap_in), margins_in)
+    figure, grid = canvas.new_grid(len(rows) * columns, columns, cell_in, (_GAP_IN, gap_in), margins_in)
     facets = dict(zip(np.ndindex(len(rows), columns), grid, strict=True))
     for (i, j), axes in list(facets.items()):
         if j < len(heads[i]):

@@ -10,8 +10,6 @@ import yaml
 
 from vocc_torch.measure.curve import Row
 
-LineStyle = Literal["-", "--", "-.", ":"]
-
 
 @dataclass(frozen=True, slots=True)
 class Style:
@@ -28,7 +26,7 @@ class Style:
     label: str
     colour: str
     marker: str
-    line: LineStyle
+    line: Literal["-", "--", "-.", ":"]
 
 
 LOOKS: Any = yaml.safe_load(files(__package__).joinpath("styles.yaml").read_text("utf-8"))

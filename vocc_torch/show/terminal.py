@@ -15,6 +15,8 @@ from vocc_torch.measure import plan, train
 from vocc_torch.measure.curve import BerTable, Point
 from vocc_torch.show.styles import LOOKS, axis_label, point_text, rate_text, value_text
 
+Values = Sequence[float]
+
 Below = Callable[[], RenderableType]
 """Draws what stands under a bar."""
 
@@ -35,7 +37,7 @@ def plain_table(*heads: str, **look: Any) -> Table:
 def ber_table(
     table: BerTable,
     console: Console,
-    values: Sequence[float] = (),
+    values: Values = (),
     receivers: Sequence[str] = (),
     *,
     axis: str = "",
@@ -201,11 +203,10 @@ class StudyView(ProgressView):
     Args:
         axis: quantity that varies.
         values: its values, in the order they are run.
-        receivers: names of the receivers, in the order of the columns.
-        frames_a_point: most frames at one value; what a point did not need leaves the total when it is
-            finished.
-        console: where to draw; standard output by default.
-        runs: how often ``frames_a_point`` are run: once a value by default, once for all where the frames of
+        names: of the receivers, in the order of the columns.
+        frames: most of them at one value; what a point did not need leaves the total when it is finished.
+        console: where to draw.
+        runs: how often ``frames`` are run: once a value by default, once for all where the frames of
             one run are sorted into the values.
 
     Example:
@@ -218,22 +219,16 @@ class StudyView(ProgressView):
     """
 
     def __init__(
-        self,
-        axis: str,
-        values: Sequence[float],
-        receivers: Sequence[str],
-        frames_a_point: int,
-        console: Console | None = None,
-        runs: int | None = None,
+        self, axis: str, values: Values, names: Sequence[str], frames: int, console: Console, runs: int = 0
     ) -> None:
         """Prepare the view; nothing is drawn before the context is entered."""
-        self._axis, self._values, self._receivers = axis, tuple(values), tuple(receivers)
-        self._one_by_one = runs in (None, len(self._values))
+        self._axis, self._values, self._receivers = axis, tuple(values), tuple(names)
+        self._one_by_one = runs in (0, len(self._values))
         self._finished: list[Point] = []
         self._interim: list[Point] = []
         self._rows = BerTable().rows
-        self._frames_a_point, self._frames_here = frames_a_point, 0
-        super().__init__(frames_a_point * (runs or len(self._values)), console, self._doing(), self._table)
+        self._frames_a_point, self._frames_here = frames, 0
+        super().__init__(frames * (runs or len(self._values)), console, self._doing(), self._table)
 
     def count(self, frames: int) -> None:
         """Count frames of the current value that were run now."""

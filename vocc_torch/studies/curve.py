@@ -19,11 +19,16 @@ from vocc_torch.show import folder as run_folder
 from vocc_torch.simulation.framing import crop_origins_px, panel_centre_px
 
 
+def begun(settings: config.Settings, folder: Path, kept: str | None = None) -> tuple[Plan, terminal.Console]:
+    """Give a run's plan and console, or refuse it before any work is done; ``kept`` may be in the folder."""
+    run_folder.refuse_unused(settings)
+    run_folder.refuse_results(folder, kept)
+    return build.build_plan(settings, folder), terminal.Console()
+
+
 def run_train(settings: config.Settings, folder: Path) -> None:
     """Train FLDA and write the receiver."""
-    run_folder.refuse_unused(settings)
-    run_folder.refuse_results(folder)
-    plan, console = build.build_plan(settings, folder), terminal.Console()
+    plan, console = begun(settings, folder)
     run_folder.write_training(settings, plan, terminal.train_shown(plan, console), folder)
     run_folder.print_place(console, "receiver", folder / "receiver.pt")
 
@@ -34,9 +39,7 @@ def run_test(settings: config.Settings, folder: Path) -> None:
     Raises:
         VoccError: values that TensorBoard cannot tell apart, or whatever a stage refuses.
     """
-    run_folder.refuse_unused(settings)
-    run_folder.refuse_results(folder, run_folder.LEDGER)
-    plan, console = build.build_plan(settings, folder), terminal.Console()
+    plan, console = begun(settings, folder, run_folder.LEDGER)
     # Made before the training, so that a wrong number is refused at once; it starts nothing yet.
     pool = workers.Workers(settings.workers)
     for line in strangers(plan):
@@ -62,10 +65,10 @@ def run_test(settings: config.Settings, folder: Path) -> None:
         with pool, view:
 
             def show(
-                _: sweep.Study, at: float, frames: int, tallies: Mapping[ledger.Label, ledger.Tally]
+                _: sweep.Study, at: float, frames: int, told: Mapping[ledger.Label, ledger.Tally]
             ) -> None:
                 view.count(frames)
-                view.show(sweep.points_of(plan, locator, at, tallies, "running"))
+                view.show(sweep.points_of(plan, locator, at, told, "running"))
 
             for _, at, done in sweep.run_studies([study], banks, {study.key: opened}, pool, show):
                 outcomes[at] = done
@@ -114,9 +117,8 @@ def write_results(
     camera, panel = plan.world.camera, plan.world.panel.shape
     seen = f"{panel.rows} x {panel.columns} LEDs, {camera.focal_length_mm:g} mm lens"
     title = f"Bit error rate, experiment “{plan.experiment.name}”: {seen}"
-    histograms = plots.feature_histograms(
-        training.features, training.bits, [name.upper() for name in FEATURE_NAMES]
-    )
+    names = list(map(str.upper, FEATURE_NAMES))
+    histograms = plots.feature_histograms(training.features, training.bits, names)
     figures = {"BER": plots.ber_figure(table, styles.axis_label(table.axis), title)}
     figures |= {"features by status": histograms}
     for name, figure in zip(("ber.png", "features.png"), figures.values(), strict=True):
@@ -209,9 +211,7 @@ def run_grid(settings: config.Settings, folder: Path) -> None:
     Raises:
         VoccError: rows that form no grid, or whatever a stage refuses.
     """
-    run_folder.refuse_unused(settings)
-    run_folder.refuse_results(folder, run_folder.LEDGERS)
-    plan, console = build.build_plan(settings, folder), terminal.Console()
+    plan, console = begun(settings, folder, run_folder.LEDGERS)
     locator, axis = plan.receiver.locator, settings.experiment.row_axis or ""
     rows = plan.rows()
     studies = [sweep.Study(f"{at:g}", row, (locator,)) for at, row in rows.items()]

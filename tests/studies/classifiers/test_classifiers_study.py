@@ -1,6 +1,6 @@
 """Many receivers compared: trained as anywhere else, counted on the same frames, and across scenes."""
 
-from contextlib import ExitStack
+from contextlib import ExitStack, nullcontext
 from dataclasses import replace
 
 import pytest
@@ -85,7 +85,7 @@ def compared(study, folder):
             name: held.enter_context(Ledger.open(folder / f"{name}.sqlite", identity(one, (study.locator,))))
             for name, one in study.plans.items()
         }
-        return compare_classifiers(study, ledgers, alone)
+        return compare_classifiers(study, ledgers, alone, nullcontext, lambda what, frames: None)
 
 
 @pytest.fixture(scope="module")

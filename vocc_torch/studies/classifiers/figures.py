@@ -16,12 +16,7 @@ from vocc_torch.studies.classifiers.results import GENIE, KNOWS, Comparison, Tra
 _OWN, _REFERENCE, _FAINT = "#0072B2", "#D55E00", "#D3D7DC"
 _COLUMNS, _SIZE = 5, 0.72
 _CELLS_IN, _GAPS_IN, _MARGINS_IN = (2.62, 1.72), (0.14, 0.62), (0.82, 0.16, 1.42, 1.16)
-_TITLE_LETTERS = 31
-"""Letters of a title that fit above a picture."""
-
 _CELL_IN, _LINE_IN, _LETTER_IN = 0.86, 0.46, 0.075
-_FOOTNOTE_LETTERS_IN = 14.2
-"""Letters of a footnote in an inch."""
 
 
 def curves_figure(comparison: Comparison, experiment: str) -> Figure:
@@ -35,8 +30,7 @@ def curves_figure(comparison: Comparison, experiment: str) -> Figure:
     """
     table, names = comparison.tables[experiment], comparison.ranked
     columns, at = min(_COLUMNS, len(names)), comparison.points.get(experiment)
-    shape = (math.ceil(len(names) / columns), columns)
-    figure, grid = canvas.new_grid(shape, _CELLS_IN, _GAPS_IN, _MARGINS_IN, len(names))
+    figure, grid = canvas.new_grid(len(names), columns, _CELLS_IN, _GAPS_IN, _MARGINS_IN)
     styles = receiver_styles([*names, comparison.reference])
     rows, genie = [row for row in table if row.receiver != GENIE], table.of(GENIE)
     looks: dict[str, Any] = {comparison.reference: {"color": _REFERENCE, "linewidth": 1.3, "zorder": 2.5}}
@@ -53,7 +47,7 @@ def curves_figure(comparison: Comparison, experiment: str) -> Figure:
             zero, others = axes.get_ylim()[0] if other == GENIE else math.nan, table.of(other)
             axes.add_line(Line2D([row.value for row in others], [row.ber or zero for row in others], **look))
         title = f"{place + 1}. {styles[name].label}"
-        size = 10.5 * min(1.0, _TITLE_LETTERS / len(title))
+        size = 10.5 * min(1.0, 31 / len(title))  # so many letters fit above a picture
         axes.set_title(title, fontsize=size, color=canvas.INK, loc="left", pad=18)
         if at is not None and (ratio := comparison.ratio(experiment, name, at)) is not None:
             text = f"{ratio_text(ratio).replace('x', chr(0xD7))} at {value_text(at)}"
@@ -101,7 +95,7 @@ def scenes_figure(comparison: Comparison) -> Figure:
     width = left + _CELL_IN * (len(out) + len(back)) + 1.47
     frames, most = transfers[0].counts.frames, comparison.most_training_frames
     note = page.render(__package__, "scenes.txt.j2", frames=frames, most_training_frames=most, home=home)
-    lines = textwrap.wrap(note, int(width * _FOOTNOTE_LETTERS_IN))
+    lines = textwrap.wrap(note, int(14.2 * width))  # letters of a footnote in an inch
     below = 0.5 + 0.2 * len(lines)
     height = 1.3 + _LINE_IN * len(names) + below
     figure, norm = canvas.new_figure(width, height), heatmap.rate_norm(one.counts.ber for one in transfers)

@@ -1,7 +1,7 @@
 """What ``task=classifiers`` compares, checked before any work is done, and all that it measures, in order."""
 
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
 from itertools import product
 from pathlib import Path
@@ -20,6 +20,9 @@ from vocc_torch.rng import BLOCK_FRAMES, BlockKey
 from vocc_torch.simulation import SceneModel
 from vocc_torch.studies.classifiers import RivalsConfig
 from vocc_torch.studies.classifiers.results import Comparison, GeniePoint, Transfer
+
+Ledgers = Mapping[str, ledger.Ledger]
+"""By experiment."""
 
 Stage = Callable[[str], AbstractContextManager[object]]
 """Entered with the name of a stage as it begins, left when it is done."""
@@ -138,11 +141,7 @@ def build_classifier_study(settings: config.Settings, rivals: RivalsConfig, fold
 
 
 def compare_classifiers(
-    study: ClassifierStudy,
-    ledgers: Mapping[str, ledger.Ledger],
-    pool: workers.Workers,
-    stage: Stage = nullcontext,
-    advance: Advance = lambda what, frames: None,
+    study: ClassifierStudy, ledgers: Ledgers, pool: workers.Workers, stage: Stage, advance: Advance
 ) -> tuple[Comparison, Training]:
     """Train all receivers, measure them along every axis, and what they cost and can do at best.
 
