@@ -23,6 +23,9 @@ Pixels = NDArray[np.uint8]
 
 Inches = Sequence[float]
 
+DPI = 120
+"""Pixels an inch of every figure."""
+
 INK, QUIET, GRID, FINE_GRID = "#222222", "#5F6368", "#E3E6EA", "#F1F3F5"
 
 
@@ -37,7 +40,7 @@ def new_figure(width_in: float, height_in: float) -> Figure:
         >>> new_figure(10, 5).get_dpi()
         120
     """
-    return Figure(figsize=(width_in, height_in), dpi=120, facecolor="white")
+    return Figure(figsize=(width_in, height_in), dpi=DPI, facecolor="white")
 
 
 def new_grid(
@@ -85,8 +88,7 @@ def quiet_axes(axes: Axes, grid: Literal["x", "y", "both", ""] = "") -> None:
     axes.spines[["left", "bottom"]].set_color(QUIET)
     axes.tick_params(which="both", color=QUIET, labelcolor=INK, labelsize=10.5)
     for axis in (axes.xaxis, axes.yaxis):
-        axis.label.set_color(INK)
-        axis.label.set_fontsize(12)
+        axis.label.set(color=INK, fontsize=12)
     axes.set_axisbelow(True)
 
 
@@ -161,7 +163,8 @@ def head(axes: Axes, letter: str, text: str) -> None:
 def text_renderer(figure: Figure) -> RendererAgg:
     """Give what measures texts as they will be drawn in pixels."""
     canvas = figure.canvas if isinstance(figure.canvas, FigureCanvasAgg) else FigureCanvasAgg(figure)
-    return canvas.get_renderer()  # type: ignore[no-untyped-call]  # Matplotlib has no hint
+    renderer: RendererAgg = canvas.get_renderer()  # type: ignore[no-untyped-call]  # Matplotlib has no hint
+    return renderer
 
 
 def save_figure(figure: Figure, path: str | Path) -> None:

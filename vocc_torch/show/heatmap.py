@@ -195,7 +195,7 @@ def draw_map(axes: Axes, grid: Grid, receiver: str, norm: colors.LogNorm, best: 
 
 def name_map(axes: Axes, style: styles.Style) -> None:
     """Write a receiver's sign and name above its map."""
-    size_in = plots.inches_wide(axes)
+    size_in = axes.bbox.width / canvas.DPI
     sign = plots.receiver_line(style, [0.065 / size_in], [1 + 0.16 / size_in])
     sign.set(transform=axes.transAxes, clip_on=False, linestyle="none", markersize=7)
     axes.add_line(sign)

@@ -4,7 +4,6 @@ import base64
 import re
 from collections.abc import Iterator, Sequence
 from functools import lru_cache
-from importlib.resources import files
 from pathlib import Path
 from urllib.parse import unquote
 
@@ -154,7 +153,7 @@ def html(markdown: str, title: str, folder: str | Path) -> str:
         first = end = first - 3
     parts = {"header": tokens[:first], "contents": tokens[first + 3 : end], "body": tokens[end:]}
     texts = {name: Markup(reader.renderer.render(part, reader.options, {})) for name, part in parts.items()}
-    style = Markup(files(__package__).joinpath("page.css").read_text("utf-8"))
+    style = Markup(Path(__file__).with_name("page.css").read_text("utf-8"))
     return render(__package__, "page.html.j2", title=_one_line(title), style=style, **texts)
 
 

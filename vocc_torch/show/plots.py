@@ -40,7 +40,7 @@ def draw_rates(
         size: of markers, lines and numbers, against those of a figure of its own.
     """
     # Names of values and receivers are set further apart on narrow axes.
-    crowding = _WIDTH_IN / inches_wide(axes)
+    crowding = _WIDTH_IN * canvas.DPI / axes.bbox.width
     places, width = set_values(axes, table, crowding)
     set_rates(axes, rows or table.rows)
     canvas.quiet_axes(axes, "x")
@@ -56,11 +56,6 @@ def draw_rates(
         shifted = np.array([places[row.value] + shift for row in mine])
         x = axes.xaxis.get_transform().inverted().transform(shifted).tolist()
         draw_receiver(axes, x, mine, style, size)
-
-
-def inches_wide(axes: Axes) -> float:
-    """Measure axes."""
-    return axes.bbox.width / axes.get_figure(root=True).dpi
 
 
 def set_values(axes: Axes, table: BerTable, crowding: float) -> tuple[dict[float, float], float]:
@@ -294,7 +289,7 @@ def facet_figure(
         else:
             axes.set(xticks=[], yticks=[])
             axes.spines[:].set_color(canvas.GRID)
-            reason = textwrap.fill(one, int(inches_wide(axes) / _LETTER_IN) - 6, max_lines=8)
+            reason = textwrap.fill(one, int(axes.bbox.width / canvas.DPI / _LETTER_IN) - 6, max_lines=8)
             text = axes.text(0.5, 0.5, reason, transform=axes.transAxes, fontsize=9, color=canvas.QUIET)
             text.set(ha="center", va="center")
     canvas.write_title(figure, title, footnote)

@@ -7,7 +7,6 @@ from typing import Any, Self
 
 from rich import box, progress
 from rich.console import Console as Console
-from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text as Text
 
@@ -17,7 +16,7 @@ from vocc_torch.show.styles import LOOKS, axis_label, point_text, rate_text, val
 
 Values = Sequence[float]
 
-Below = Callable[[], RenderableType]
+Below = Callable[[], Table]
 """Draws what stands under a bar."""
 
 
@@ -102,7 +101,7 @@ class _Bar(progress.Progress):
 
     below: Below | None = None
 
-    def get_renderables(self) -> Iterator[RenderableType]:
+    def get_renderables(self) -> Iterator[Any]:
         yield from super().get_renderables()
         if self.below is not None:
             yield self.below()
@@ -261,7 +260,7 @@ class StudyView(ProgressView):
         left = [value for value in self._values if value not in done]
         return f"{self._axis} {value_text(left[0])}" if left and self._one_by_one else self._axis
 
-    def _table(self) -> RenderableType:
+    def _table(self) -> Table:
         """Draw the table so far."""
         table, values = BerTable((*self._rows, *self._interim)), sorted(self._values)
         # Around the rows stand 8 lines: header, rules and progress.

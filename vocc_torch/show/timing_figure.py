@@ -6,9 +6,8 @@ from typing import Any
 
 import numpy as np
 from matplotlib.ticker import MaxNLocator
-from numpy.typing import NDArray
 
-from vocc_torch.measure import estimate, stage_times
+from vocc_torch.measure import estimate, grid, stage_times
 from vocc_torch.show import canvas, page, styles
 from vocc_torch.show.canvas import INK, Axes, Figure, Line2D
 
@@ -61,7 +60,7 @@ class DetectionTimes:
         panel, two, three = (spent[stage] for stage in (PANEL_DETECTION, "flda_2", "flda_3"))
         return stage_times.median_of(three / two - 1), stage_times.median_of((three - two) / (panel + two))
 
-    def _spent_ms(self, place: Place) -> dict[str, NDArray[np.float64]]:
+    def _spent_ms(self, place: Place) -> dict[str, grid.Floats]:
         """Give the times round by round."""
         times = self.by_place[place]
         bits = {name: times[name].summed(stage_times.BIT_DETECTION) for name in PAPER_SHARES if name in times}

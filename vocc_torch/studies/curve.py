@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from vocc_torch.errors import VoccError
-from vocc_torch.measure import build, config, curve, ledger, paired, sweep, train, workers
-from vocc_torch.measure.grid import Grid
+from vocc_torch.measure import build, config, curve, grid, ledger, paired, sweep, train, workers
 from vocc_torch.measure.link import Link, block_keys
 from vocc_torch.measure.plan import SCENE_FIELDS, Plan
 from vocc_torch.receiver.features import FEATURE_NAMES
@@ -232,15 +231,15 @@ def run_grid(settings: config.Settings, folder: Path) -> None:
                 finished=lambda study, _: view.say(f"{study.plan.experiment.name} is measured"),
             )
         curves = tuple(campaign.measured[study.key].curves[locator] for study in studies)
-        grid = Grid(axis, tuple(rows), curves)
+        cells = grid.Grid(axis, tuple(rows), curves)
         run_folder.write_training(settings, plan, campaign.trainings[studies[0].key][locator], folder)
-        run_folder.write_grid(folder / "ber.csv", {locator: grid})
+        run_folder.write_grid(folder / "ber.csv", {locator: cells})
         run_folder.write_paired(folder / "paired.csv", curves)
-        figures = heatmap.grid_figures({locator: grid}, locator, plan.receiver.names)
+        figures = heatmap.grid_figures({locator: cells}, locator, plan.receiver.names)
         for name, figure in figures.items():
             canvas.save_figure(figure, folder / f"{name}.png")
         if settings.tensorboard:
-            tables = {f"{axis}={at:g}": [one.table()] for at, one in zip(grid.rows, curves, strict=True)}
+            tables = {f"{axis}={at:g}": [one.table()] for at, one in zip(cells.rows, curves, strict=True)}
             texts = {"configuration": run_folder.as_markdown(settings)}
             tensorboard.write_boards(folder / "tensorboard", tables, figures, {}, texts)
     for one in curves:

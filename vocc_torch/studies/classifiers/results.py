@@ -1,6 +1,5 @@
 """What a comparison of many receivers measured: rates, the genie's, costs, other scenes; and its summary."""
 
-import math
 import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -185,10 +184,8 @@ def summary(comparison: Comparison, width: int = 100) -> str:
     apart = [one for one in comparison.transfers if one.trained_on != one.tested_on]
     moved = [name for name in ranked if any(one.receiver == name for one in apart)]
     stated = list(dict.fromkeys([*moved[:1], *(name for name in moved if name == reference)]))
-    apart = sorted(
-        (one for one in apart if one.receiver in stated),
-        key=lambda one: -one.ratio.value if one.ratio else -math.inf,
-    )
+    apart = [one for one in apart if one.receiver in stated]
+    apart.sort(key=lambda one: -one.ratio.value if one.ratio else -float("inf"))
     points = [(name, value, one) for name, some in comparison.genie.items() for value, one in some.items()]
     told: dict[str, object] = {"best": best, "stated": stated, "knows": KNOWS, "comparisons": len(apart)}
     told["tied"] = [name for name in learners[1:] if best and wrong[name] == wrong[best]]
