@@ -162,8 +162,7 @@ def head(axes: Axes, letter: str, text: str) -> None:
 
 def text_renderer(figure: Figure) -> RendererAgg:
     """Give what measures texts as they will be drawn in pixels."""
-    canvas = figure.canvas if isinstance(figure.canvas, FigureCanvasAgg) else FigureCanvasAgg(figure)
-    renderer: RendererAgg = canvas.get_renderer()  # type: ignore[no-untyped-call]  # Matplotlib has no hint
+    renderer: RendererAgg = FigureCanvasAgg(figure).get_renderer()  # type: ignore[no-untyped-call]  # no hint
     return renderer
 
 

@@ -100,9 +100,8 @@ def set_rates(axes: Axes, rows: Sequence[Row]) -> None:
     # A limit's arrow needs about two thirds of a decade below it.
     lowest = min(row.ber_high if row.error_free else row.ber for row in rows)
     bottom = min(row.ber_high / 5 if row.error_free else max(row.ber_low, lowest / 10) / 1.3 for row in rows)
-    top = min(1.0, max(row.ber_high for row in rows) * 1.6)
     axes.set_yscale("log")
-    axes.set_ylim(bottom, max(top, bottom * 20))
+    axes.set_ylim(bottom, max(min(1.0, max(row.ber_high for row in rows) * 1.6), bottom * 20))
     axes.yaxis.set_major_locator(ticker.LogLocator(10, numticks=30))
     axes.yaxis.set_minor_locator(ticker.LogLocator(10, subs=tuple(range(2, 10)), numticks=300))
     # Where hardly more than a decade is shown, values within it are named too.

@@ -179,8 +179,8 @@ def write_receiver(
     if len(parts) == 1:
         rates["all_points/lowest_BER"] = min(row.ber for _, row in rows)
         rates["all_points/highest_BER"] = max(row.ber for _, row in rows)
-    settings = {"receiver": receiver, "locator": listed(row.locator for _, row in rows)}
-    settings |= {"experiment": listed(row.experiment for _, row in rows)}
+    settings = {"receiver": receiver}
+    settings |= {name: listed(getattr(row, name) for _, row in rows) for name in ("locator", "experiment")}
     settings |= {"group": groups} if (groups := listed(group for group, _ in rows)) else {}
     # The run's own folder: any other would make a run more.
     writer.add_hparams(settings, {**rates, **numbers}, run_name=".")

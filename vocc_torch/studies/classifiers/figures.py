@@ -35,8 +35,7 @@ def curves_figure(comparison: Comparison, experiment: str) -> Figure:
     looks[GENIE] = {"color": canvas.INK, "linewidth": 1.5, "zorder": 2.6, "linestyle": "--", "clip_on": False}
     for place, (axes, name) in enumerate(zip(grid, names, strict=True)):
         own = styles.Style(name, _REFERENCE if name == comparison.reference else _OWN, "o", "-")
-        mine = curve.BerTable(table.of(name))
-        plots.draw_rates(axes, mine, {name: own}, rows, _SIZE)
+        plots.draw_rates(axes, curve.BerTable(table.of(name)), {name: own}, rows, _SIZE)
         axes.minorticks_off()
         # A rate that is not a number breaks the line. The genie's without errors lies at the foot: its limit
         # would tell of its few frames, not of what is possible.
@@ -66,11 +65,12 @@ def curves_figure(comparison: Comparison, experiment: str) -> Figure:
         signs.append(Line2D([], [], color=canvas.INK, linewidth=1.5, linestyle="--", label=text))
     at_signs, look = (0.01, 1 - 0.42 / height), {"fontsize": 9.8, "handlelength": 2.2}
     canvas.write_legend(figure, signs, at_signs, len(signs), **look)
-    frames = f"{styles.range_text(row.frames for row in rows)} frames a point"
-    note = f"{frames} \N{MIDDLE DOT} locator: {table.locators[0]} \N{MIDDLE DOT} fractions and multiples: "
-    note += f"of {reference}, on the same frames\n{plots.interval_note(rows)}"
-    over = label.partition(" (")[0].lower()
-    canvas.write_title(figure, f"Bit error rate of {len(names)} receivers over {over}, the best first", note)
+    note = f"{styles.range_text(row.frames for row in rows)} frames a point \N{MIDDLE DOT} locator: "
+    note += (
+        f"{table.locators[0]} \N{MIDDLE DOT} fractions and multiples: of {reference}, on the same frames\n"
+    )
+    heading = f"Bit error rate of {len(names)} receivers over {label.partition(' (')[0].lower()}"
+    canvas.write_title(figure, f"{heading}, the best first", note + plots.interval_note(rows))
     return figure
 
 

@@ -308,10 +308,9 @@ def decision_times(plan: Plan, training: Training) -> dict[str, float]:
     names, link = plan.receiver.names, Link.of(plan)
     model, key = plan.experiment.training_model(plan.world), BlockKey(plan.seed, "times", 0)
     receivers = {name: StagedReceiver(training.bank([name]), link.reader, link.locator) for name in names}
-    rounds = 9  # over which a time is a median
     with timing.threads(1):
         exposure = stage_times.Exposure.of(plan.world, model, [key], preambles=needs_preambles(names))
-        device = link.simulator.device
-        timed = stage_times.time_stages(receivers, exposure, BLOCK_FRAMES, rounds, device)
+        # A time is a median over 9 rounds.
+        timed = stage_times.time_stages(receivers, exposure, BLOCK_FRAMES, 9, link.simulator.device)
     spent = {name: one.summed(("features", "classify")) for name, one in timed.by_receiver.items()}
     return {name: stage_times.median_of(one).value for name, one in spent.items()}
