@@ -146,9 +146,8 @@ def dimming_figure(grid: Grid, title: str = HEADING, receivers: Sequence[str] = 
     plateau = any(len(one.least_cd_m2) > 1 for best in bests.values() for one in best)
     note = " \N{MIDDLE DOT} thick bar: luminances with equally few errors" if plateau else ""
     canvas.write_title(figure, title, _frames_text(grid) + note)
-    signs = map_signs(bool(rates.all()))
-    place = (0.012, 1 - 0.4 / height)
-    canvas.write_legend(figure, signs, place, len(signs), handlelength=1.8, columnspacing=1.6)
+    signs, look = map_signs(bool(rates.all())), {"handlelength": 1.8, "columnspacing": 1.6}
+    canvas.write_legend(figure, signs, (0.012, 1 - 0.4 / height), len(signs), **look)
     return figure
 
 

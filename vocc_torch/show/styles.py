@@ -105,10 +105,8 @@ def rate_text(rate: float) -> str:
         >>> rate_text(6.6e-4), rate_text(0.0)
         ('6.6e-4', '0')
     """
-    if rate == 0:
-        return "0"
     mantissa, exponent = f"{rate:.1e}".split("e")
-    return f"{mantissa}e{int(exponent)}"
+    return f"{mantissa}e{int(exponent)}" if rate else "0"
 
 
 def ends_text(low: float, high: float) -> str:

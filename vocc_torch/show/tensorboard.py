@@ -99,11 +99,10 @@ def write_boards(
                 write_guide(writer, parts)
                 for name, text in texts.items():
                     writer.add_text(name, text)
-                pictures = {f"figures/{name}": shown for name, shown in figures.items()}
-                pictures |= {f"images/{name}": shown for name, shown in images.items()}
-                for tag, shown in pictures.items():
-                    pixels = canvas.figure_pixels(shown) if isinstance(shown, canvas.Figure) else shown
-                    writer.add_image(tag, pixels, dataformats="HWC")
+                for kind, pictures in {"figures": figures, "images": images}.items():
+                    for name, shown in pictures.items():
+                        pixels = canvas.figure_pixels(shown) if isinstance(shown, canvas.Figure) else shown
+                        writer.add_image(f"{kind}/{name}", pixels, dataformats="HWC")
     except OSError as error:
         raise VoccError(f"cannot write {folder}: {error.strerror or error}") from error
 

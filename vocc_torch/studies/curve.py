@@ -190,9 +190,8 @@ def compared(curves: curve.Curves, reference: str) -> list[str]:
         []
     """
     looks, lines = styles.receiver_styles([*curves.receivers, reference]), []
-    for name in curves.receivers if reference in curves.receivers else ():
-        if name == reference:
-            continue
+    others = [name for name in curves.receivers if name != reference]
+    for name in others if reference in curves.receivers else ():
         places: dict[str, list[str]] = {"worse": [], "better": []}
         for value in curves.values:
             found = paired.paired_interval(curves.pair(name, reference, value))
