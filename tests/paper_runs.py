@@ -47,8 +47,8 @@ def run_in(folder, *arguments, drawn=False):
     ):
         patch.chdir(folder)
         patch.setenv("HYDRA_FULL_ERROR", "1")
-        for module in () if drawn else ("paper.run", "classifiers.run", "curve"):
-            patch.setattr(f"vocc_torch.studies.{module}.save_figure", white)
+        for module in () if drawn else ("studies.paper.run", "show.canvas"):
+            patch.setattr(f"vocc_torch.{module}.save_figure", white)
         patch.setattr(sys, "argv", ["vocc-torch", *map(str, arguments)])
         GlobalHydra.instance().clear()
         try:

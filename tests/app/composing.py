@@ -11,7 +11,7 @@ from vocc_torch.app.config import register_schema
 from vocc_torch.app.resolve import one_line, resolved
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.build import build_plan
-from vocc_torch.studies.classifiers.plan import build_classifier_study
+from vocc_torch.studies.classifiers.study import build_classifier_study
 from vocc_torch.studies.effects.plan import build_effect_study
 from vocc_torch.studies.paper.figures import paper_plan
 from vocc_torch.studies.tradeoff.plan import build_tradeoff_study

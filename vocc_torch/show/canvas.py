@@ -1,15 +1,15 @@
 """What pictures share: size, colours, quiet axes, titles, marks and pixels; no pyplot, no global state."""
 
 import io
+import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes as Axes
-from matplotlib.backend_bases import RendererBase
-from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_agg import FigureCanvasAgg, RendererAgg
 from matplotlib.figure import Figure as Figure
 from matplotlib.lines import Line2D as Line2D
 from numpy.typing import NDArray
@@ -17,6 +17,14 @@ from PIL import Image, ImageDraw
 
 from vocc_torch.errors import VoccError
 from vocc_torch.files import atomic_file
+
+Pixels = NDArray[np.uint8]
+"""A picture, (H,W,3): red, green, blue."""
+
+Inches = Sequence[float]
+
+DPI = 120
+"""Pixels an inch of every figure."""
 
 INK, QUIET, GRID, FINE_GRID = "#222222", "#5F6368", "#E3E6EA", "#F1F3F5"
 
@@ -32,58 +40,72 @@ def new_figure(width_in: float, height_in: float) -> Figure:
         >>> new_figure(10, 5).get_dpi()
         120
     """
-    return Figure(figsize=(width_in, height_in), dpi=120, facecolor="white")
+    return Figure(figsize=(width_in, height_in), dpi=DPI, facecolor="white")
 
 
 def new_grid(
-    shape: tuple[int, int],
-    cell_in: tuple[float, float],
-    gap_in: tuple[float, float],
-    margins_in: tuple[float, float, float, float],
-    filled: int | None = None,
+    count: int, columns: int, cell_in: Inches, gap_in: Inches, margins_in: Inches
 ) -> tuple[Figure, list[Axes]]:
-    """Make a figure with axes of one size in rows and columns.
+    """Make a figure with axes of one size in rows; the last row need not be full.
 
     Args:
-        shape: rows and columns.
+        count: how many axes there are.
+        columns: how many of them stand beside each other.
         cell_in: width and height of the axes, inches.
         gap_in: between neighbours, across and down, inches.
         margins_in: left, right, above and below, inches.
-        filled: how many axes there are; the last row need not be full.
 
     Returns:
         The figure, and its axes row by row.
 
     Example:
-        >>> figure, axes = new_grid((2, 3), (2.0, 1.0), (0.5, 0.5), (1.0, 1.0, 0.5, 1.0), filled=4)
+        >>> figure, axes = new_grid(4, 3, (2.0, 1.0), (0.5, 0.5), (1.0, 1.0, 0.5, 1.0))
         >>> figure.get_size_inches().tolist(), len(figure.axes)
         ([9.0, 4.0], 4)
     """
-    (left, right, above, below), (rows, columns) = margins_in, shape
+    (left, right, above, below), rows = margins_in, math.ceil(count / columns)
     width = left + columns * (cell_in[0] + gap_in[0]) - gap_in[0] + right
     height = above + rows * (cell_in[1] + gap_in[1]) - gap_in[1] + below
     figure = new_figure(width, height)
     room = {"left": left / width, "right": 1 - right / width, "top": 1 - above / height}
     room |= {"bottom": below / height, "wspace": gap_in[0] / cell_in[0], "hspace": gap_in[1] / cell_in[1]}
     axes = figure.subplots(rows, columns, squeeze=False, gridspec_kw=room).flatten().tolist()
-    for empty in axes[filled:] if filled is not None else ():
+    for empty in axes[count:]:
         empty.remove()
-    return figure, axes[:filled]
+    return figure, axes[:count]
 
 
-def quiet_axes(axes: Axes) -> None:
+def quiet_axes(axes: Axes, grid: Literal["x", "y", "both", ""] = "") -> None:
     """Leave the two lines that carry ticks, in grey, with the data above the grid.
 
     Args:
         axes: the axes to change.
+        grid: which of them get lines at their values.
     """
+    if grid:
+        axes.grid(axis=grid, color=GRID, linewidth=0.8)
     axes.spines[["top", "right"]].set_visible(False)
     axes.spines[["left", "bottom"]].set_color(QUIET)
     axes.tick_params(which="both", color=QUIET, labelcolor=INK, labelsize=10.5)
     for axis in (axes.xaxis, axes.yaxis):
-        axis.label.set_color(INK)
-        axis.label.set_fontsize(12)
+        axis.label.set(color=INK, fontsize=12)
     axes.set_axisbelow(True)
+
+
+def label_edges(axes: Axes, lowest: bool, leftmost: bool, across: str = "", up: str = "") -> None:
+    """Name quantities and their values where axes that are alike end: below the lowest, left of the leftmost.
+
+    Args:
+        axes: one of several in rows and columns.
+        lowest: whether none stands below.
+        leftmost: whether none stands to the left.
+        across: the horizontal axis's label.
+        up: the vertical axis's.
+    """
+    axes.tick_params(axis="x", labelbottom=lowest)
+    axes.tick_params(axis="y", which="both", labelleft=leftmost)
+    axes.set_xlabel(across if lowest else "", fontsize=11, color=INK)
+    axes.set_ylabel(up if leftmost else "", fontsize=11, color=INK)
 
 
 def write_title(figure: Figure, title: str, footnote: str = "") -> None:
@@ -132,15 +154,15 @@ def ink_on(colour: tuple[float, float, float]) -> str:
 
 def head(axes: Axes, letter: str, text: str) -> None:
     """Name a part of the figure above its axes, and say a line about it."""
-    above: dict[str, Any] = {"xycoords": "axes fraction", "textcoords": "offset points"}
-    axes.annotate(letter, (0, 1), (0, 9), fontsize=11.5, fontweight="bold", color=INK, **above)
-    axes.annotate(text, (0, 1), (24, 9), fontsize=10, color=QUIET, **above)
+    axes.annotate(
+        letter, (0, 1), (0, 9), "axes fraction", "offset points", size=11.5, weight="bold", color=INK
+    )
+    axes.annotate(text, (0, 1), (24, 9), "axes fraction", "offset points", size=10, color=QUIET)
 
 
-def text_renderer(figure: Figure) -> RendererBase:
+def text_renderer(figure: Figure) -> RendererAgg:
     """Give what measures texts as they will be drawn in pixels."""
-    canvas = figure.canvas if isinstance(figure.canvas, FigureCanvasAgg) else FigureCanvasAgg(figure)
-    renderer: RendererBase = canvas.get_renderer()  # type: ignore[no-untyped-call]  # Matplotlib has no hint
+    renderer: RendererAgg = FigureCanvasAgg(figure).get_renderer()  # type: ignore[no-untyped-call]  # no hint
     return renderer
 
 
@@ -166,7 +188,7 @@ def save_figure(figure: Figure, path: str | Path) -> None:
         figure.savefig(temporary, dpi=figure.dpi)
 
 
-def figure_pixels(figure: Figure) -> NDArray[np.uint8]:
+def figure_pixels(figure: Figure) -> Pixels:
     """Draw a figure into memory.
 
     Returns:
@@ -177,14 +199,12 @@ def figure_pixels(figure: Figure) -> NDArray[np.uint8]:
         (120, 240, 3)
     """
     buffer = io.BytesIO()
-    figure.savefig(buffer, format="rgba", dpi=figure.dpi)
-    width, height = figure.canvas.get_width_height()
-    rgba = np.frombuffer(buffer.getvalue(), dtype=np.uint8).reshape(height, width, 4)
-    return np.ascontiguousarray(rgba[..., :3])
+    figure.savefig(buffer, format="png", dpi=figure.dpi)
+    return np.array(Image.open(buffer).convert("RGB"))
 
 
 def annotated(
-    colour: NDArray[np.uint8], corners_px: NDArray[np.float64], bits: NDArray[np.bool_], scale: int = 1
+    colour: Pixels, corners_px: NDArray[np.float64], bits: NDArray[np.bool_], scale: int = 1
 ) -> Image.Image:
     """Draw the panel's outline and a mark a bit onto a picture: filled for On, hollow for Off.
 
@@ -210,8 +230,7 @@ def annotated(
     return picture
 
 
-def enlarged(colour: NDArray[np.uint8], scale: int) -> Image.Image:
+def enlarged(colour: Pixels, scale: int) -> Image.Image:
     """Show each pixel as a square of ``scale`` by ``scale``."""
     picture = Image.fromarray(colour)
-    size = (picture.width * scale, picture.height * scale)
-    return picture if scale == 1 else picture.resize(size, Image.Resampling.NEAREST)
+    return picture.resize((picture.width * scale, picture.height * scale), Image.Resampling.NEAREST)

@@ -2,31 +2,24 @@
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
-from matplotlib import cm, colormaps, colors, ticker
-from matplotlib.patches import Patch, Rectangle
+from matplotlib import cm, colormaps, colors, patches, ticker
 from matplotlib.patheffects import withStroke
 
 from vocc_torch.measure.grid import Best, Floats, Grid, best_luminance
 from vocc_torch.show import canvas, plots, styles
-from vocc_torch.show.canvas import GRID, INK, QUIET, Axes, Figure, Line2D
+from vocc_torch.show.canvas import INK, QUIET, Axes, Figure, Line2D
 
 NO_ERRORS = "#F4F4F2"
 """Colour of a cell without errors."""
 _MAP = colormaps["viridis"].with_extremes(bad=NO_ERRORS)
-_HATCH, _CONTRAST = "#C9CCD1", "#B8BDC4"
+_HATCH = "#C9CCD1"
 _MOST_NUMBERS = 72
 """Cells of a panel that still have room for their numbers."""
-_MOST_NAMED = 8
-"""Values of an axis that all have room for a name."""
-_SIDE_IN, _SINGLE_SIDE_IN, _LEFT_IN, _GAP_IN = 3.55, 6.6, 0.95, 0.16
-_ASIDE = -0.4
-"""Where the best luminance stands in a cell with a number, in widths of the cell from the middle."""
-_MOST_SPREAD = 0.11
-"""Most octaves between neighbouring receivers under one ambient light."""
-_LED_REFLECTANCE = 0.4
-"""Of the Off LEDs' surface, as in the paper."""
+_LEFT_IN, _ABOVE_IN, _BELOW_IN, _GAP_IN = 0.95, 1.05, 0.9, 0.16
+HEADING = "Bit error rate over ambient light and LED luminance"
 
 
 def rate_norm(rates: Iterable[float]) -> colors.LogNorm:
@@ -85,8 +78,6 @@ def draw_scale(figure: Figure, place: tuple[float, float, float, float], norm: c
     """
     bar = figure.add_axes(place)
     figure.colorbar(cm.ScalarMappable(norm, _MAP), cax=bar)
-    bar.yaxis.set_major_locator(ticker.LogLocator(10, numticks=20))
-    bar.yaxis.set_minor_locator(ticker.LogLocator(10, subs=tuple(range(2, 10)), numticks=200))
     bar.yaxis.set_minor_formatter(ticker.NullFormatter())
     bar.tick_params(which="both", length=3, color=QUIET, labelcolor=INK, labelsize=9.5)
     bar.set_ylabel("Bit error rate", fontsize=11, color=INK)
@@ -112,11 +103,7 @@ def cell_edges(values: Sequence[float]) -> Floats:
     return np.concatenate([[first], (at[1:] + at[:-1]) / 2, [last]])
 
 
-def dimming_figure(
-    grid: Grid,
-    title: str = "Bit error rate over ambient light and LED luminance",
-    receivers: Sequence[str] | None = None,
-) -> Figure:
+def dimming_figure(grid: Grid, title: str = HEADING, receivers: Sequence[str] = ()) -> Figure:
     """Draw each receiver's bit error rates as a heat map with the best luminance for each ambient light.
 
     A cell without errors is hatched and has its limit for a number. Beside the numbers stand the best
@@ -143,54 +130,48 @@ def dimming_figure(
     """
     names = tuple(receivers or grid.receivers)
     rates = np.concatenate([grid.ber(name).ravel() for name in names])
-    norm = rate_norm(rates)
-    columns = {1: 1, 2: 2, 4: 2}.get(len(names), 4 if len(names) > 6 else 3)
-    side = _SIDE_IN if len(names) > 1 else _SINGLE_SIDE_IN
-    shape, margins = (math.ceil(len(names) / columns), columns), (_LEFT_IN, _LEFT_IN + _GAP_IN, 1.05, 0.9)
-    figure, panels = canvas.new_grid(shape, (side, side), (_GAP_IN, 0.45), margins, len(names))
+    norm, bests = rate_norm(rates), {name: best_luminance(grid, name) for name in names}
+    columns, side = {1: 1, 2: 2, 4: 2}.get(len(names), 4 if len(names) > 6 else 3), 3.55 if names[1:] else 6.6
+    margins_in = (_LEFT_IN, _LEFT_IN + _GAP_IN, _ABOVE_IN, _BELOW_IN)
+    figure, panels = canvas.new_grid(len(names), columns, (side, side), (_GAP_IN, 0.45), margins_in)
     across, up = styles.axis_label(grid.row_axis), styles.axis_label(grid.column_axis)
-    looks, plateau = styles.receiver_styles(names), False
+    looks = styles.receiver_styles(names)
     for number, (axes, name) in enumerate(zip(panels, names, strict=True)):
-        style, best = looks[name], best_luminance(grid, name)
-        plateau |= any(len(one.least_cd_m2) > 1 for one in best)
-        draw_map(axes, grid, name, norm, best)
-        sign = plots.receiver_line(style, [0.065 / side], [1 + 0.16 / side])
-        sign.set(transform=axes.transAxes, clip_on=False, linestyle="none", markersize=7)
-        axes.add_line(sign)
-        heading = axes.text(0.2 / side, 1 + 0.16 / side, style.label, transform=axes.transAxes, color=INK)
-        heading.set(va="center", size=11.5, weight="bold")
-        lowest, leftmost = number + columns >= len(names), number % columns == 0
-        axes.tick_params(labelbottom=lowest, labelleft=leftmost)
-        axes.set_xlabel(across if lowest else "", fontsize=11, color=INK, labelpad=5)
-        axes.set_ylabel(up if leftmost else "", fontsize=11, color=INK)
+        draw_map(axes, grid, name, norm, bests[name])
+        name_map(axes, looks[name])
+        canvas.label_edges(axes, number + columns >= len(names), number % columns == 0, across, up)
     width, height = figure.get_size_inches()
-    below, top = 0.9 / height, 1 - 1.05 / height
-    draw_scale(figure, (1 - 0.89 / width, below, 0.15 / width, top - below), norm)
+    tall = 1 - (_ABOVE_IN + _BELOW_IN) / height
+    draw_scale(figure, (1 - 0.89 / width, _BELOW_IN / height, 0.15 / width, tall), norm)
+    plateau = any(len(one.least_cd_m2) > 1 for best in bests.values() for one in best)
     note = " \N{MIDDLE DOT} thick bar: luminances with equally few errors" if plateau else ""
     canvas.write_title(figure, title, _frames_text(grid) + note)
-    kinds = (("o", 7, 1.4, "best"), ("|", 13, 0, "range that cannot be told from it (95 %)"))
-    signs: list[Line2D | Patch] = [
-        Line2D([], [], color=INK, marker=marker, markersize=size, linewidth=line, label=label)
-        for marker, size, line, label in (*kinds, ("^", 6, 0, "may lie beyond the grid"))
-    ]
-    for one in signs:
-        one.set(markerfacecolor="white", markeredgewidth=1.1)
-    if not rates.all():
-        signs.append(Patch(facecolor=NO_ERRORS, edgecolor=_HATCH, hatch="////", label="no errors, limit"))
-    place = (0.012, 1 - 0.4 / height)
-    canvas.write_legend(figure, signs, place, len(signs), handlelength=1.8, columnspacing=1.6)
+    signs, look = map_signs(bool(rates.all())), {"handlelength": 1.8, "columnspacing": 1.6}
+    canvas.write_legend(figure, signs, (0.012, 1 - 0.4 / height), len(signs), **look)
     return figure
 
 
+def map_signs(errors_everywhere: bool) -> list[Line2D | patches.Patch]:
+    """Make the signs of maps for their legend; that of no errors only where there is such a cell."""
+    kinds = (("o", 7, 1.4, "best"), ("|", 13, 0, "range that cannot be told from it (95 %)"))
+    white: dict[str, Any] = {"color": INK, "markerfacecolor": "white", "markeredgewidth": 1.1}
+    signs: list[Line2D | patches.Patch] = [
+        Line2D([], [], marker=marker, markersize=size, linewidth=line, label=label, **white)
+        for marker, size, line, label in (*kinds, ("^", 6, 0, "may lie beyond the grid"))
+    ]
+    none = patches.Patch(facecolor=NO_ERRORS, edgecolor=_HATCH, hatch="////", label="no errors, limit")
+    return signs if errors_everywhere else [*signs, none]
+
+
 def draw_map(axes: Axes, grid: Grid, receiver: str, norm: colors.LogNorm, best: Sequence[Best]) -> None:
-    """Draw one receiver's map: colours, hatched cells without errors, numbers and the best luminances.
+    """Draw one receiver's cells with their rates or limits, and its best luminances beside the numbers.
 
     Args:
         axes: where to draw.
         grid: the grid.
-        receiver: its name.
+        receiver: the receiver.
         norm: scale of the colours.
-        best: the best luminance for each ambient light.
+        best: its best luminances.
     """
     across, up = cell_edges(grid.rows), cell_edges(grid.columns)
     ber, limits = grid.ber(receiver).T, grid.intervals(receiver)[1].T
@@ -199,18 +180,29 @@ def draw_map(axes: Axes, grid: Grid, receiver: str, norm: colors.LogNorm, best: 
     numbered = ber.size <= _MOST_NUMBERS
     for (i, j), rate in np.ndenumerate(ber):
         if not rate:
-            cell = Rectangle((float(across[j]), float(up[i])), widths[j], heights[i], linewidth=0)
+            cell = patches.Rectangle((float(across[j]), float(up[i])), widths[j], heights[i], linewidth=0)
             cell.set(facecolor=NO_ERRORS, edgecolor=_HATCH, hatch="////")
             axes.add_patch(cell)
         if numbered:
             at = math.log2(grid.rows[j]) + 0.06 * widths[j], math.log2(grid.columns[i]) - 0.2 * heights[i]
             text = styles.rate_text(rate) if rate else f"< {styles.rate_text(float(limits[i, j]))}"
             write_rate(axes, at, text, 8.2 if rate else 7.3, norm, rate)
-    _draw_best(axes, grid, best, (_ASIDE if numbered else 0.0) * np.diff(across), None)
+    # Beside a number the best luminance stands 0.4 widths of the cell from the middle.
+    draw_best(axes, grid, best, (-0.4 if numbered else 0.0) * np.diff(across), None)
     axes.tick_params(length=3, color=QUIET, labelcolor=INK, labelsize=9.5)
 
 
-def _draw_best(
+def name_map(axes: Axes, style: styles.Style) -> None:
+    """Write a receiver's sign and name above its map."""
+    size_in = axes.bbox.width / canvas.DPI
+    sign = plots.receiver_line(style, [0.065 / size_in], [1 + 0.16 / size_in])
+    sign.set(transform=axes.transAxes, clip_on=False, linestyle="none", markersize=7)
+    axes.add_line(sign)
+    name = axes.text(0.2 / size_in, 1 + 0.16 / size_in, style.label, transform=axes.transAxes, color=INK)
+    name.set(va="center", size=11.5, weight="bold")
+
+
+def draw_best(
     axes: Axes, grid: Grid, bests: Sequence[Best], aside: Floats | float, style: styles.Style | None
 ) -> None:
     """Draw the best luminances, joined, with plateaus, ranges and arrows beyond the grid, and set axes up.
@@ -236,19 +228,18 @@ def _draw_best(
     signs = [plots.receiver_line(style or styles.Style("best", INK, "o", "-"), x.tolist(), middles)]
     for marker, at, ends in zip("v^", outside, ranges, strict=True):
         signs.append(Line2D(x[at], ends[at], linestyle="none", color=colour, marker=marker, markersize=5.5))
+    if not style:
+        signs[0].set_path_effects([withStroke(linewidth=2.8, foreground=INK)])
     for sign in signs:
         if not style:
             sign.set(color="white", linewidth=1.3, markeredgecolor=INK, markeredgewidth=1.1)
         sign.set_zorder(5)
         axes.add_line(sign)
-    if not style:
-        signs[0].set_path_effects([withStroke(linewidth=2.8, foreground=INK)])
     for axis, values in ((axes.xaxis, grid.rows), (axes.yaxis, grid.columns)):
-        step = 1 if len(values) <= _MOST_NAMED else 2
+        step = 1 if len(values) <= 8 else 2  # more do not all have room for a name
         names = [styles.value_text(float(f"{value:.3g}")) for value in values]
         axis.set_ticks(np.log2(values), [name if i % step == 0 else "" for i, name in enumerate(names)])
-    axes.set_xlim(ambient[0], ambient[-1])
-    axes.set_ylim(luminance[0], luminance[-1])
+    axes.set(xlim=ambient[[0, -1]], ylim=luminance[[0, -1]])
 
 
 def _frames_text(grid: Grid) -> str:
@@ -257,11 +248,7 @@ def _frames_text(grid: Grid) -> str:
     return f"{styles.range_text(cells)} frames a cell \N{MIDDLE DOT} locator: {grid.locator}"
 
 
-def best_luminance_figure(
-    grid: Grid,
-    title: str = "Best LED luminance for each ambient light",
-    receivers: Sequence[str] | None = None,
-) -> Figure:
+def best_luminance_figure(grid: Grid, receivers: Sequence[str] = ()) -> Figure:
     """Draw the best luminance of each receiver against the ambient light, on lines of constant contrast.
 
     Along a dashed line the On LEDs get the same multiple of the Off LEDs' exposure, ``1 + pi L / (E R)`` with
@@ -270,7 +257,6 @@ def best_luminance_figure(
 
     Args:
         grid: ambient light by LED luminance.
-        title: what the figure shows.
         receivers: those to draw, in order; all of the grid's by default.
 
     Raises:
@@ -280,26 +266,26 @@ def best_luminance_figure(
     width, height = 10.9, max(6.6, 2.2 + 0.45 * len(names))
     figure = canvas.new_figure(width, height)
     axes = figure.add_axes((0.087, 0.98 / height, 0.565, 1 - 1.68 / height))
-    spread = min(_MOST_SPREAD, 0.8 * float(np.diff(cell_edges(grid.rows)).min()) / len(names))
+    # Octaves between neighbouring receivers under one ambient light.
+    spread = min(0.11, 0.8 * float(np.diff(cell_edges(grid.rows)).min()) / len(names))
     looks = styles.receiver_styles(names)
     for number, (name, style) in enumerate(looks.items()):
-        _draw_best(axes, grid, best_luminance(grid, name), spread * (number - (len(names) - 1) / 2), style)
+        draw_best(axes, grid, best_luminance(grid, name), spread * (number - (len(names) - 1) / 2), style)
     (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
     # Lines of constant exposure ratio of On to Off LEDs: 2, 3, 5, 9, what is above 1 doubling.
-    # Octaves of luminance over ambient light at which the ratio is 2.
-    two = math.log2(_LED_REFLECTANCE / math.pi)
+    # Octaves of luminance over ambient light at which it is 2, where Off LEDs reflect 0.4 as in the paper.
+    two = math.log2(0.4 / math.pi)
     for power in range(math.ceil(bottom - right - two), math.floor(top - left - two) + 1):
         offset = two + power
-        axes.axline((0, offset), slope=1, color=_CONTRAST, linewidth=1.0, linestyle=(0, (5, 4)), zorder=0.5)
+        axes.axline((0, offset), slope=1, color="#B8BDC4", linewidth=1.0, linestyle=(0, (5, 4)), zorder=0.5)
         at, side = ((right, right + offset), True) if right + offset <= top else ((top - offset, top), False)
         text = f"{' ' * side}\N{MULTIPLICATION SIGN}{1 + 2.0**power:.3g}"
         va, ha = ("center", "left") if side else ("bottom", "center")
         axes.text(*at, text, va=va, ha=ha, fontsize=9, color=QUIET)
-    canvas.quiet_axes(axes)
-    axes.grid(color=GRID, linewidth=0.8)
+    canvas.quiet_axes(axes, "both")
     axes.set_xlabel(styles.axis_label(grid.row_axis), labelpad=6)
     axes.set_ylabel(styles.axis_label(grid.column_axis))
-    canvas.write_title(figure, title, _frames_text(grid))
+    canvas.write_title(figure, "Best LED luminance for each ambient light", _frames_text(grid))
     lines = [plots.receiver_line(style) for style in looks.values()]
     canvas.write_legend(figure, lines, (0.705, 1 - 0.62 / height), fontsize=10.5)
     notes = styles.LOOKS["dimming_signs"].rstrip()
@@ -323,9 +309,8 @@ def grid_figures(grids: Mapping[str, Grid], own: str, receivers: Sequence[str]) 
         By file name without suffix.
     """
     names = [name for name in receivers if name in grids[own].receivers]
-    heading = "Bit error rate over ambient light and LED luminance"
-    drawn = {
-        f"dimming_{locator}": dimming_figure(grid, f"{heading} ({styles.LOCATED[locator]})", names)
-        for locator, grid in grids.items()
-    }
-    return {**drawn, "dimming_best": best_luminance_figure(grids[own], receivers=names)}
+    drawn = {}
+    for locator, grid in grids.items():
+        title = f"{HEADING} ({styles.LOCATED[locator]})"
+        drawn[f"dimming_{locator}"] = dimming_figure(grid, title, names)
+    return {**drawn, "dimming_best": best_luminance_figure(grids[own], names)}

@@ -1,17 +1,13 @@
 """A report's words from a Jinja2 template, and its Markdown as one HTML page."""
 
 import base64
-import io
 import re
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from functools import lru_cache
-from importlib.resources import files
 from pathlib import Path
 from urllib.parse import unquote
 
-from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined, pass_context
-from jinja2.runtime import Context
+import jinja2
 from markdown_it import MarkdownIt
 from markdown_it.token import Token
 from markupsafe import Markup
@@ -51,24 +47,19 @@ def render(package: str, template: str, **values: object) -> str:
 
 
 @lru_cache
-def environment(package: str) -> Environment:
+def environment(package: str) -> jinja2.Environment:
     """Set Jinja up for the templates of a package, as :func:`render` says."""
 
-    @pass_context
-    def escaped(context: Context, value: object) -> object:
+    @jinja2.pass_context
+    def escaped(context: jinja2.runtime.Context, value: object) -> object:
         markdown = context.name is not None and context.name.endswith(".md.j2")
         return md(value) if markdown and not hasattr(value, "__html__") else value
 
-    made = Environment(
-        loader=ChoiceLoader([PackageLoader(name, "") for name in (package, __package__)]),
-        # Values of ``*.md.j2`` come here as Markdown already, and stay what they are.
-        autoescape=lambda name: name is not None and name.endswith((".md.j2", ".html.j2")),
-        finalize=escaped,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-    )
+    made = jinja2.Environment(trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True)
+    made.undefined, made.finalize = jinja2.StrictUndefined, escaped
+    made.loader = jinja2.ChoiceLoader([jinja2.PackageLoader(name, "") for name in (package, __package__)])
+    # Values of ``*.md.j2`` come here as Markdown already, and stay what they are.
+    made.autoescape = lambda name: name is not None and name.endswith((".md.j2", ".html.j2"))
     made.filters |= {"md": md, "code": code, "fence": fence, "slug": slug, "rate": rate_text}
     made.filters["interval"] = lambda of: ends_text(of.low, of.high)
     made.globals["SIGNS"] = SIGNS
@@ -97,16 +88,20 @@ def code(value: object) -> Markup:
     text = _one_line(str(value))
     if not text or "|" in text:  # a table is parted at every pipe, and code keeps its backslashes
         return md(text)
-    fence = "`" * (1 + _longest_row(text))
-    blank = " " if text[0] in "` " or text[-1] in "` " else ""
-    return Markup(f"{fence}{blank}{text}{blank}{fence}")
+    marks, blank = _backticks(text, 1), " " if text[0] in "` " or text[-1] in "` " else ""
+    return Markup(f"{marks}{blank}{text}{blank}{marks}")
 
 
 def fence(value: object) -> Markup:
     """Write lines as they are, such as commands, between fences longer than any row of backticks in them."""
     text = str(value).rstrip()
-    marks = "`" * max(3, 1 + _longest_row(text))
+    marks = _backticks(text, 3)
     return Markup(f"{marks}text\n{text}\n{marks}")
+
+
+def _backticks(text: str, least: int) -> str:
+    """Give so many backticks, or one more than the longest row of them in a text."""
+    return max(["`" * least, *(f"{row}`" for row in re.findall("`+", text))], key=len)
 
 
 def slug(heading: str) -> str:
@@ -122,11 +117,6 @@ def slug(heading: str) -> str:
 def _one_line(text: str) -> str:
     """Put text on one line: each run of blanks, line ends and control characters becomes one blank."""
     return _NOT_WORDS.sub(" ", text).strip(" ")
-
-
-def _longest_row(text: str) -> int:
-    """Count the backticks in the longest row of them."""
-    return max(map(len, re.findall("`+", text)), default=0)
 
 
 def html(markdown: str, title: str, folder: str | Path) -> str:
@@ -154,9 +144,8 @@ def html(markdown: str, title: str, folder: str | Path) -> str:
     reader = MarkdownIt("commonmark", {"html": False}).enable("table")
     tokens = list(dressed(reader.parse(markdown), Path(folder)))
     kinds = [(token.type, token.tag) for token in tokens]
-    heads = kinds.count(("heading_open", "h2"))
-    first = end = kinds.index(("heading_open", "h2")) if heads else len(tokens)
-    if heads and _words(tokens[first + 1]) == "Contents":
+    first = end = kinds.index(heading) if (heading := ("heading_open", "h2")) in kinds else len(tokens)
+    if first < len(tokens) and _words(tokens[first + 1]) == "Contents":
         # The heading is three tokens; its list ends where the next heading or its anchor begins.
         ends = (at for at in range(first, len(tokens)) if kinds[at][0] == "bullet_list_close")
         end = 1 + next(at for at in ends if not tokens[at].level)
@@ -164,7 +153,7 @@ def html(markdown: str, title: str, folder: str | Path) -> str:
         first = end = first - 3
     parts = {"header": tokens[:first], "contents": tokens[first + 3 : end], "body": tokens[end:]}
     texts = {name: Markup(reader.renderer.render(part, reader.options, {})) for name, part in parts.items()}
-    style = Markup(files(__package__).joinpath("page.css").read_text("utf-8"))
+    style = Markup(Path(__file__).with_name("page.css").read_text("utf-8"))
     return render(__package__, "page.html.j2", title=_one_line(title), style=style, **texts)
 
 
@@ -189,7 +178,7 @@ def dressed(tokens: Sequence[Token], folder: Path) -> Iterator[Token]:
     Raises:
         VoccError: as :func:`embed`.
     """
-    named: Counter[str] = Counter()
+    slugs: list[str] = []
     for at, token in enumerate(tokens):
         kind, line = token.type, tokens[min(at + 1, len(tokens) - 1)]
         for picture in (child for child in token.children or () if child.type == "image"):
@@ -203,9 +192,8 @@ def dressed(tokens: Sequence[Token], folder: Path) -> Iterator[Token]:
             line.children.insert(1, Token("html_inline", "", 0, content="\n<figcaption>"))
             line.children.append(Token("html_inline", "", 0, content="</figcaption>"))
         elif kind == "heading_open" and (at < 3 or not _ANCHOR.fullmatch(tokens[at - 2].content)):
-            name = slug(_words(line))
-            token.attrSet("id", f"{name}-{named[name]}" if named[name] else name)
-            named[name] += 1
+            slugs.append(name := slug(_words(line)))
+            token.attrSet("id", f"{name}-{slugs.count(name) - 1}" if name in slugs[:-1] else name)
         elif kind == "bullet_list_open" and token.markup == "*":
             token.attrSet("class", "highlights")
         elif kind == "list_item_open" and token.markup == "*":
@@ -233,7 +221,7 @@ def embed(picture: Token, folder: Path) -> None:
         raise VoccError(f"{name} leads out of the report's folder: give a path inside it, such as fig22.png")
     try:
         content = (folder / name).read_bytes()
-        with Image.open(io.BytesIO(content), formats=["PNG"]) as shown:
+        with Image.open(folder / name, formats=["PNG"]) as shown:
             size = {"width": shown.width, "height": shown.height}
     except UnidentifiedImageError as error:
         raise VoccError(f"{name} is not a PNG picture: {error}") from error

@@ -3,6 +3,7 @@
 import math
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib import ticker
@@ -14,8 +15,9 @@ from vocc_torch.show import canvas
 from vocc_torch.show.canvas import Axes, Figure, Line2D
 from vocc_torch.show.styles import Style, axis_label, count_text, range_text, receiver_styles, value_text
 
-_SHARES = ("contrast",)
-"""Quantities that are shares of a whole: their axis is linear."""
+Looks = Mapping[str, Style]
+"""Styles by receiver."""
+
 _SPREAD = 0.009
 """Distance between neighbouring receivers at one value, as a share of the axis, where values leave room."""
 _MOST_SPREAD = 0.05
@@ -25,13 +27,7 @@ _WIDTH_IN = 8.88
 
 
 def draw_rates(
-    axes: Axes,
-    table: BerTable,
-    styles: Mapping[str, Style],
-    rows: Sequence[Row] | None = None,
-    *,
-    size: float = 1.0,
-    width_in: float = _WIDTH_IN,
+    axes: Axes, table: BerTable, styles: Looks, rows: Sequence[Row] = (), size: float = 1.0
 ) -> None:
     """Draw every receiver's rates and set both axes up; labels and legend are the caller's.
 
@@ -42,19 +38,46 @@ def draw_rates(
         rows: all rows that the vertical axis must show, where several axes are to have the same; those of the
             table by default.
         size: of markers, lines and numbers, against those of a figure of its own.
-        width_in: width of the axes, inches: names of values and receivers are set further apart on narrow
-            ones.
     """
-    crowding, values = _WIDTH_IN / width_in, table.values
-    linear = table.axis in _SHARES or values[0] <= 0 or values[-1] <= 10 * values[0]
+    # Names of values and receivers are set further apart on narrow axes.
+    crowding = _WIDTH_IN * canvas.DPI / axes.bbox.width
+    places, width = set_values(axes, table, crowding)
+    set_rates(axes, rows or table.rows)
+    canvas.quiet_axes(axes, "x")
+    axes.grid(axis="y", which="major", color=canvas.GRID, linewidth=1.1)
+    axes.grid(axis="y", which="minor", color=canvas.FINE_GRID, linewidth=0.6)
+    axes.tick_params(which="both", labelsize=10.5 * size)
+    axes.tick_params(axis="y", which="minor", labelsize=8.5 * size)
+    most = max(_SPREAD, _MOST_SPREAD / max(1, len(styles) - 1))
+    gap = min(np.diff(list(places.values())) / width, default=1.0)
+    spread = width * min(_SPREAD * crowding, 0.5 * gap / len(styles), most)
+    for number, (receiver, style) in enumerate(styles.items()):
+        mine, shift = table.of(receiver), spread * (number - (len(styles) - 1) / 2)
+        shifted = np.array([places[row.value] + shift for row in mine])
+        x = axes.xaxis.get_transform().inverted().transform(shifted).tolist()
+        draw_receiver(axes, x, mine, style, size)
+
+
+def set_values(axes: Axes, table: BerTable, crowding: float) -> tuple[dict[float, float], float]:
+    """Set the horizontal axis up: ticks at the measured values, names at as many as have room, ends first.
+
+    Args:
+        axes: empty axes.
+        table: at least one point.
+        crowding: how many times as much of the axis a name takes as on a figure of its own.
+
+    Returns:
+        Where each value stands on the axis's scale, by value, and how wide the axis is there.
+    """
+    values = table.values
+    # A contrast is a share of a whole.
+    linear = table.axis == "contrast" or values[0] <= 0 or values[-1] <= 10 * values[0]
     axes.set_xscale("linear" if linear else "log")
     scale = axes.xaxis.get_transform()
-    at = scale.transform(np.array(values))
-    margin = 0.06 * float(at[-1] - at[0]) or 1e-3 * abs(float(at[0])) or 1.0
-    width = float(at[-1] - at[0]) + 2 * margin
+    at = scale.transform(np.array(values)).tolist()
+    margin = 0.06 * (at[-1] - at[0]) or 1e-3 * abs(at[0]) or 1.0
+    width, places = at[-1] - at[0] + 2 * margin, dict(zip(values, at, strict=True))
     axes.set_xlim(*scale.inverted().transform(np.array([at[0] - margin, at[-1] + margin])))
-    places = dict(zip(values, at.tolist(), strict=True))
-    # Ticks stand at the measured values, and names at as many of them as have room, the ends first.
     named: dict[float, float] = {}
     for value in dict.fromkeys([values[0], values[-1], *values]):
         room = crowding * width * (0.005 + 0.004 * len(value_text(value)))
@@ -62,31 +85,27 @@ def draw_rates(
             named[value] = room
     axes.set_xticks(values, [value_text(value) if value in named else "" for value in values])
     axes.set_xticks([], minor=True)
-    # Every rate and limit is shown; a lower end far below every rate may run out of the picture.
-    rows = table.rows if rows is None else rows
+    return places, width
+
+
+def set_rates(axes: Axes, rows: Sequence[Row]) -> None:
+    """Set the vertical axis up: logarithmic, with room for every rate and limit, and for a limit's arrow.
+
+    A lower end far below every rate may run out of the picture.
+
+    Args:
+        axes: where rates are to be drawn.
+        rows: all that are to be shown.
+    """
+    # A limit's arrow needs about two thirds of a decade below it.
     lowest = min(row.ber_high if row.error_free else row.ber for row in rows)
-    # An arrow needs about two thirds of a decade below its limit.
     bottom = min(row.ber_high / 5 if row.error_free else max(row.ber_low, lowest / 10) / 1.3 for row in rows)
-    top = min(1.0, max(row.ber_high for row in rows) * 1.6)
     axes.set_yscale("log")
-    axes.set_ylim(bottom, max(top, bottom * 20))
+    axes.set_ylim(bottom, max(min(1.0, max(row.ber_high for row in rows) * 1.6), bottom * 20))
     axes.yaxis.set_major_locator(ticker.LogLocator(10, numticks=30))
     axes.yaxis.set_minor_locator(ticker.LogLocator(10, subs=tuple(range(2, 10)), numticks=300))
     # Where hardly more than a decade is shown, values within it are named too.
     axes.yaxis.set_minor_formatter(ticker.LogFormatterSciNotation(minor_thresholds=(1.5, 0.6)))
-    canvas.quiet_axes(axes)
-    axes.grid(axis="y", which="major", color=canvas.GRID, linewidth=1.1)
-    axes.grid(axis="y", which="minor", color=canvas.FINE_GRID, linewidth=0.6)
-    axes.grid(axis="x", which="major", color=canvas.GRID, linewidth=0.8)
-    axes.tick_params(which="both", labelsize=10.5 * size)
-    axes.tick_params(axis="y", which="minor", labelsize=8.5 * size)
-    most = max(_SPREAD, _MOST_SPREAD / max(1, len(styles) - 1))
-    gap = min(np.diff(at) / width, default=1.0)
-    spread = width * min(_SPREAD * crowding, 0.5 * gap / len(styles), most)
-    for number, (receiver, style) in enumerate(styles.items()):
-        mine, shift = table.of(receiver), spread * (number - (len(styles) - 1) / 2)
-        shifted = np.array([places[row.value] + shift for row in mine])
-        draw_receiver(axes, scale.inverted().transform(shifted).tolist(), mine, style, size)
 
 
 def draw_receiver(axes: Axes, x: Sequence[float], rows: Sequence[Row], style: Style, size: float) -> None:
@@ -140,7 +159,6 @@ def interval_note(rows: Iterable[Row]) -> str:
 
 
 _LEGEND_COLUMNS = 3
-_OFF, _ON = "#0072B2", "#D55E00"
 
 
 def ber_figure(table: BerTable, axis_label: str, title: str) -> Figure:
@@ -170,14 +188,14 @@ def ber_figure(table: BerTable, axis_label: str, title: str) -> Figure:
     styles = receiver_styles(table.receivers)
     above_in = 0.62 + 0.225 * math.ceil(len(styles) / _LEGEND_COLUMNS)
     cell_in = (_WIDTH_IN, 6.4 - above_in - 1.12)
-    figure, (axes,) = canvas.new_grid((1, 1), cell_in, (0, 0), (0.92, 0.2, above_in, 1.12))
+    figure, (axes,) = canvas.new_grid(1, 1, cell_in, (0, 0), (0.92, 0.2, above_in, 1.12))
     draw_rates(axes, table, styles)
     axes.set_xlabel(axis_label, labelpad=8)
     axes.set_ylabel("Bit error rate")
     axes.yaxis.set_label_coords(-0.066, 0.5)
-    basis = f"{range_text(row.frames for row in table)} frames a point"
-    where = f"locator: {', '.join(table.locators)}"
-    canvas.write_title(figure, title, f"{basis} \N{MIDDLE DOT} {where}\n{interval_note(table)}")
+    where = f"frames a point \N{MIDDLE DOT} locator: {', '.join(table.locators)}"
+    note = f"{range_text(row.frames for row in table)} {where}\n{interval_note(table)}"
+    canvas.write_title(figure, title, note)
     lines = [receiver_line(style) for style in styles.values()]
     look = {"fontsize": 10.5, "handlelength": 3.2, "columnspacing": 2.4}
     canvas.write_legend(figure, lines, (0.01, 1 - 0.46 / figure.get_figheight()), _LEGEND_COLUMNS, **look)
@@ -200,19 +218,17 @@ def feature_histograms(features: Tensor, bits: Tensor, names: Sequence[str]) -> 
     """
     values, on = features.detach().cpu().double().numpy(), bits.cpu().numpy()
     columns = min(3, len(names))
-    shape, wide = (math.ceil(len(names) / columns), columns), 4.1 if columns == 1 else 2.6
-    cells, gap_in, margins_in = (wide, 2.4), (0.62, 0.95), (0.78, 0.15, 0.7, 0.55)
-    figure, grid = canvas.new_grid(shape, cells, gap_in, margins_in, len(names))
+    cell_in, margins_in = (4.1 if columns == 1 else 2.6, 2.4), (0.78, 0.15, 0.7, 0.55)
+    figure, grid = canvas.new_grid(len(names), columns, cell_in, (0.62, 0.95), margins_in)
     for number, (axes, name) in enumerate(zip(grid, names, strict=True)):
         edges = np.histogram_bin_edges(values[:, number], bins=60)
-        for status, label, colour in ((~on, "Off", _OFF), (on, "On", _ON)):
+        for status, label, colour in ((~on, "Off", "#0072B2"), (on, "On", "#D55E00")):
             shares = np.histogram(values[status, number], edges)[0] / int(status.sum())
             axes.stairs(shares, edges, fill=True, color=colour, alpha=0.25)
             axes.stairs(shares, edges, color=colour, linewidth=1.6, label=label)
         axes.set_ylim(bottom=0)
         axes.margins(x=0.02)
-        canvas.quiet_axes(axes)
-        axes.grid(axis="y", color=canvas.GRID, linewidth=0.8)
+        canvas.quiet_axes(axes, "y")
         axes.set_xlabel(name)
         axes.set_ylabel("Share of LEDs" if number % columns == 0 else "")
     canvas.write_title(figure, f"Features of {count_text(len(values))} LEDs")
@@ -226,19 +242,16 @@ _FACET_WIDTH_IN, _FACET_HEIGHT_IN = 3.1, 2.45
 _LEFT_IN, _BOTTOM_IN, _GAP_IN, _RIGHT_IN, _LINE_IN = 0.8, 0.95, 0.36, 0.12, 0.17
 _LEAST_WIDTH_IN = 7.0
 """A single facet is drawn as wide as its title, legend and footnote need."""
-_SIZE = 0.82
-"""Of markers, lines and numbers, against a figure of its own."""
-_LETTER_IN = 0.077
-"""Width of a letter of a facet's title."""
+_LETTER_IN, _NAME_IN = 0.077, 2.5
+"""Width of a letter of a facet's title, and of a name in its legend."""
+
+
+Facets = Sequence[Mapping[str, BerTable | str]]
+"""Rows of tables, or of why there is none, by the facet's title."""
 
 
 def facet_figure(
-    rows: Sequence[Mapping[str, BerTable | str]],
-    title: str,
-    footnote: str,
-    *,
-    axes_alike: bool = True,
-    styles: Mapping[str, Style] | None = None,
+    rows: Facets, title: str, footnote: str, *, axes_alike: bool = True, styles: Looks | None = None
 ) -> Figure:
     """Draw tables in a grid of facets with one vertical axis for all.
 
@@ -263,43 +276,57 @@ def facet_figure(
     if not given or not all(map(len, given)):
         raise VoccError("rows has no facet, or one without points: each needs at least one point")
     tables = sorted((one for one in given if isinstance(one, BerTable)), key=lambda one: -len(one.receivers))
-    styles = styles or receiver_styles(dict.fromkeys(name for table in tables for name in table.receivers))
-    shown = [point for table in tables for point in table.rows]
-    columns = max(len(row) for row in rows)
-    rest_in = _LEFT_IN + (columns - 1) * _GAP_IN + _RIGHT_IN
-    wide = max(_FACET_WIDTH_IN, (_LEAST_WIDTH_IN - rest_in) / columns)
-    letters, legend_columns = int(wide / _LETTER_IN), int((rest_in + columns * wide) / 2.5)
-    dots = " \N{HORIZONTAL ELLIPSIS}"
-    heads = {
-        name: textwrap.wrap(name, letters, max_lines=3, placeholder=dots) for row in rows for name in row
-    }
-    gap_in = _GAP_IN + _LINE_IN * (max(map(len, heads.values())) - 1) + (0.0 if axes_alike else 0.28)
-    above_in = 0.62 + 0.24 * math.ceil(len(styles) / legend_columns) + gap_in
-    cells, margins_in = (wide, _FACET_HEIGHT_IN), (_LEFT_IN, _RIGHT_IN, above_in, _BOTTOM_IN)
-    figure, grid = canvas.new_grid((len(rows), columns), cells, (_GAP_IN, gap_in), margins_in)
-    for place, axes in enumerate(grid):
-        i, j = divmod(place, columns)
-        if j >= len(rows[i]):
-            axes.remove()
-            continue
-        name, one = list(rows[i].items())[j]
+    styles = styles or receiver_styles(name for table in tables for name in table.receivers)
+    shown = [point for table in tables for point in table]
+    figure, facets = facet_grid(rows, len(styles), axes_alike)
+    for (i, j), axes in facets.items():
+        one = list(rows[i].values())[j]
         if isinstance(one, BerTable):
-            draw_rates(axes, one, styles, shown, size=_SIZE, width_in=wide)
-            last = not axes_alike or i == len(rows) - 1
-            axes.set_ylabel("Bit error rate" if j == 0 else "", fontsize=10.5)
-            axes.tick_params(axis="y", which="both", labelleft=j == 0)
-            axes.set_xlabel(axis_label(one.axis) if last else "", labelpad=3, fontsize=10.5)
-            axes.tick_params(axis="x", labelbottom=last)
+            draw_rates(axes, one, styles, shown, 0.82)
+            lowest = not axes_alike or i == len(rows) - 1
+            canvas.label_edges(axes, lowest, j == 0, axis_label(one.axis), "Bit error rate")
         else:
             axes.set(xticks=[], yticks=[])
             axes.spines[:].set_color(canvas.GRID)
-            reason = "\n".join(textwrap.wrap(one, letters - 6, max_lines=8))
+            reason = textwrap.fill(one, int(axes.bbox.width / canvas.DPI / _LETTER_IN) - 6, max_lines=8)
             text = axes.text(0.5, 0.5, reason, transform=axes.transAxes, fontsize=9, color=canvas.QUIET)
             text.set(ha="center", va="center")
-        named = axes.set_title("\n".join(heads[name]), loc="left", pad=5, fontsize=10.5, color=canvas.INK)
-        named.set_fontweight("bold")
     canvas.write_title(figure, title, footnote)
     if styles:
         lines = [receiver_line(style, size=0.9) for style in styles.values()]
-        canvas.write_legend(figure, lines, (0.01, 1 - 0.46 / figure.get_figheight()), legend_columns)
+        width, height = figure.get_size_inches()
+        canvas.write_legend(figure, lines, (0.01, 1 - 0.46 / height), int(width / _NAME_IN))
     return figure
+
+
+def facet_grid(
+    rows: Sequence[Iterable[str]], names: int, axes_alike: bool
+) -> tuple[Figure, dict[tuple[int, int], Axes]]:
+    """Lay facets out in rows, with their titles.
+
+    Args:
+        rows: rows of titles.
+        names: how many names the legend has.
+        axes_alike: whether only the last row names its values.
+
+    Returns:
+        The figure, and its axes by row and column.
+    """
+    columns = max(len(list(row)) for row in rows)
+    rest_in = _LEFT_IN + (columns - 1) * _GAP_IN + _RIGHT_IN
+    wide = max(_FACET_WIDTH_IN, (_LEAST_WIDTH_IN - rest_in) / columns)
+    cut: dict[str, Any] = {"max_lines": 3, "placeholder": " \N{HORIZONTAL ELLIPSIS}"}
+    heads = [[textwrap.wrap(name, int(wide / _LETTER_IN), **cut) for name in row] for row in rows]
+    most_lines = max(len(head) for row in heads for head in row)
+    gap_in = _GAP_IN + _LINE_IN * (most_lines - 1) + (0.0 if axes_alike else 0.28)
+    above_in = 0.62 + 0.24 * math.ceil(names / int((rest_in + columns * wide) / _NAME_IN)) + gap_in
+    cell_in, margins_in = (wide, _FACET_HEIGHT_IN), (_LEFT_IN, _RIGHT_IN, above_in, _BOTTOM_IN)
+    figure, grid = canvas.new_grid(len(rows) * columns, columns, cell_in, (_GAP_IN, gap_in), margins_in)
+    facets = dict(zip(np.ndindex(len(rows), columns), grid, strict=True))
+    for (i, j), axes in list(facets.items()):
+        if j < len(heads[i]):
+            head = axes.set_title("\n".join(heads[i][j]), loc="left", pad=5, fontsize=10.5)
+            head.set(fontweight="bold", color=canvas.INK)
+        else:
+            facets.pop((i, j)).remove()
+    return figure, facets

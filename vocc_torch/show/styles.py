@@ -10,8 +10,6 @@ import yaml
 
 from vocc_torch.measure.curve import Row
 
-LineStyle = Literal["-", "--", "-.", ":"]
-
 
 @dataclass(frozen=True, slots=True)
 class Style:
@@ -28,7 +26,7 @@ class Style:
     label: str
     colour: str
     marker: str
-    line: LineStyle
+    line: Literal["-", "--", "-.", ":"]
 
 
 LOOKS: Any = yaml.safe_load(files(__package__).joinpath("styles.yaml").read_text("utf-8"))
@@ -107,10 +105,8 @@ def rate_text(rate: float) -> str:
         >>> rate_text(6.6e-4), rate_text(0.0)
         ('6.6e-4', '0')
     """
-    if rate == 0:
-        return "0"
     mantissa, exponent = f"{rate:.1e}".split("e")
-    return f"{mantissa}e{int(exponent)}"
+    return f"{mantissa}e{int(exponent)}" if rate else "0"
 
 
 def ends_text(low: float, high: float) -> str:

@@ -10,19 +10,13 @@ import threading
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
 from torch.utils.tensorboard import SummaryWriter
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.curve import BerTable
 from vocc_torch.show import canvas, page, styles
-from vocc_torch.show.canvas import Figure
-
-Picture = NDArray[np.uint8]
 
 SUMMARY_RUN = "_summary"
 """Name of the run that holds what belongs to no single receiver."""
@@ -43,21 +37,22 @@ def axis_steps(axis: str, values: Sequence[float]) -> dict[float, int]:
         ({30.0: 300, 32.5: 325}, {1000.0: 1000})
     """
     factor, _ = styles.LOOKS["steps"].get(axis, (1, ""))
-    steps = {value: round(value * factor) for value in sorted(values)}
-    for value, other in pairwise(steps):
-        if steps[value] == steps[other]:
-            rule = f"TensorBoard's steps are integers and both give {steps[value]}"
-            raise VoccError(f"{axis} is {value:g} and {other:g}: {rule}")
-    return steps
+    seen: dict[int, float] = {}
+    for value in sorted(values):
+        step = round(value * factor)
+        if (other := seen.setdefault(step, value)) != value:
+            rule = f"TensorBoard's steps are integers and both give {step}"
+            raise VoccError(f"{axis} is {other:g} and {value:g}: {rule}")
+    return {value: step for step, value in seen.items()}
 
 
 def write_boards(
     folder: str | Path,
     tables: Mapping[str, Sequence[BerTable]],
-    figures: Mapping[str, Figure | Picture] | None = None,
-    images: Mapping[str, Picture] | None = None,
-    texts: Mapping[str, str] | None = None,
-    numbers: Mapping[str, Mapping[str, float]] | None = None,
+    figures: Mapping[str, canvas.Figure | canvas.Pixels] = {},
+    images: Mapping[str, canvas.Pixels] = {},
+    texts: Mapping[str, str] = {},
+    numbers: Mapping[str, Mapping[str, float]] = {},
 ) -> None:
     """Write one board of several tables; what an earlier call left in the same runs is replaced.
 
@@ -90,45 +85,33 @@ def write_boards(
         ...     sorted(run.name for run in Path(folder).iterdir())
         ['_summary', 'flda_3']
     """
-    parts = [
-        BoardPart(group, table, axis_steps(table.axis, table.values))
-        for group, some in tables.items()
-        for table in some
-        if len(table)
-    ]
-    receivers = list(dict.fromkeys(name for part in parts for name in part.table.receivers))
+    given = [(group, table) for group, some in tables.items() for table in some if len(table)]
+    parts = [BoardPart(group, table, axis_steps(table.axis, table.values)) for group, table in given]
     # The sort is stable: those without a place keep their order.
+    receivers = list(dict.fromkeys(name for _, table in given for name in table.receivers))
     receivers.sort(key=lambda name: [*styles.LOOKS["written_first"], name].index(name))
-    pictures = {f"figures/{name}": figure for name, figure in (figures or {}).items()}
-    pictures |= {f"images/{name}": image for name, image in (images or {}).items()}
     try:
         with quiet_threads():
             for receiver in receivers:
-                with SummaryWriter(_cleared(Path(folder) / receiver)) as writer:
-                    for part in parts:
-                        part.write(writer, receiver)
-                    settings, rates = hparams(parts, receiver)
-                    # The run's own folder: any other would make a run more.
-                    more = (numbers or {}).get(receiver, {})
-                    writer.add_hparams(settings, {**rates, **more}, run_name=".")
-            with SummaryWriter(_cleared(Path(folder) / SUMMARY_RUN)) as writer:
-                if parts:
-                    writer.add_custom_scalars(dict(part.charts() for part in parts))
-                    groups: dict[str, list[str]] = {}
-                    for group in dict.fromkeys(part.group for part in parts):
-                        mine = (part.table.locators for part in parts if part.group == group)
-                        groups.setdefault(_listed(name for names in mine for name in names), []).append(group)
-                    told = {"units": list(dict.fromkeys(part.unit for part in parts)), "groups": groups}
-                    grouped = any(part.group for part in parts)
-                    said = page.render(__package__, "board.md.j2", grouped=grouped, **told).rstrip()
-                    writer.add_text("how to read", said)
-                for name, text in (texts or {}).items():
+                with cleared_run(Path(folder) / receiver) as writer:
+                    write_receiver(writer, parts, receiver, numbers.get(receiver, {}))
+            with cleared_run(Path(folder) / SUMMARY_RUN) as writer:
+                write_guide(writer, parts)
+                for name, text in texts.items():
                     writer.add_text(name, text)
-                for tag, picture in pictures.items():
-                    pixels = canvas.figure_pixels(picture) if isinstance(picture, Figure) else picture
-                    writer.add_image(tag, pixels, dataformats="HWC")
+                for kind, pictures in {"figures": figures, "images": images}.items():
+                    for name, shown in pictures.items():
+                        pixels = canvas.figure_pixels(shown) if isinstance(shown, canvas.Figure) else shown
+                        writer.add_image(f"{kind}/{name}", pixels, dataformats="HWC")
     except OSError as error:
         raise VoccError(f"cannot write {folder}: {error.strerror or error}") from error
+
+
+def cleared_run(run: Path) -> SummaryWriter:
+    """Begin a run anew: its old events, read together with new ones, would make points vanish."""
+    for events in run.glob("events.out.tfevents.*"):
+        events.unlink()
+    return SummaryWriter(str(run))
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,45 +153,58 @@ class BoardPart:
         name = " ".join(filter(None, (self.group, self.table.experiment)))
         return f"{name}: bit error rate (step: {self.unit})", charts
 
-    def write(self, writer: SummaryWriter, receiver: str) -> None:
-        """Write one receiver's curve in ascending order; steps out of order would vanish."""
+    def rates(self, receiver: str) -> Iterator[tuple[str, float, int]]:
+        """Give tag, value and step of one receiver's curves, in ascending order; others would vanish."""
         for row in self.table.of(receiver):
-            rates = {"": row.ber, "_lo": row.ber_low, "_hi": row.ber_high}
-            if row.error_free:
-                rates = {"_upper95": row.ber_high}
+            ends = {"": row.ber, "_lo": row.ber_low, "_hi": row.ber_high}
+            rates = {"_upper95": row.ber_high} if row.error_free else ends
             shown = {f"log10_BER{end}": math.log10(rate) for end, rate in rates.items()}
             for quantity, value in {"BER": row.ber, **shown}.items():
-                writer.add_scalar(self.tag(quantity), value, self.steps[row.value])
+                yield self.tag(quantity), value, self.steps[row.value]
 
 
-def _cleared(run: Path) -> str:
-    """Make a run's folder and remove its old events: read together with new ones, points would vanish."""
-    run.mkdir(parents=True, exist_ok=True)
-    for events in run.glob("events.out.tfevents.*"):
-        events.unlink()
-    return str(run)
-
-
-def hparams(parts: Sequence[BoardPart], receiver: str) -> tuple[dict[str, str], dict[str, float]]:
-    """Give a receiver's row of the HPARAMS tab: its settings, and its rates over all points of each table."""
-    mine = [(part, rows) for part in parts if (rows := part.table.of(receiver))]
-    each = [row for _, rows in mine for row in rows]
-    settings = {"receiver": receiver, "locator": _listed(row.locator for row in each)}
-    settings["experiment"] = _listed(row.experiment for row in each)
-    if groups := _listed(part.group for part, _ in mine):
-        settings["group"] = groups
-    rates = {}
-    for part, rows in mine:
-        name = "BER" if len(parts) == 1 else part.tag("BER")
-        rates[f"all_points/{name}"] = sum(row.bit_errors for row in rows) / sum(row.bits for row in rows)
+def write_receiver(
+    writer: SummaryWriter, parts: Sequence[BoardPart], receiver: str, numbers: Mapping[str, float]
+) -> None:
+    """Write a receiver's curves, and its row of the HPARAMS tab with its rates over all points of a table."""
+    rates, rows = {}, []
+    for part in parts:
+        for rate in part.rates(receiver):
+            writer.add_scalar(*rate)
+        if mine := part.table.of(receiver):
+            name = "BER" if len(parts) == 1 else part.tag("BER")
+            rates[f"all_points/{name}"] = sum(row.bit_errors for row in mine) / sum(row.bits for row in mine)
+            rows += [(part.group, row) for row in mine]
     if len(parts) == 1:
-        rates["all_points/lowest_BER"] = min(row.ber for row in each)
-        rates["all_points/highest_BER"] = max(row.ber for row in each)
-    return settings, rates
+        rates["all_points/lowest_BER"] = min(row.ber for _, row in rows)
+        rates["all_points/highest_BER"] = max(row.ber for _, row in rows)
+    settings = {"receiver": receiver}
+    settings |= {name: listed(getattr(row, name) for _, row in rows) for name in ("locator", "experiment")}
+    settings |= {"group": groups} if (groups := listed(group for group, _ in rows)) else {}
+    # The run's own folder: any other would make a run more.
+    writer.add_hparams(settings, {**rates, **numbers}, run_name=".")
 
 
-def _listed(names: Iterable[str]) -> str:
-    """List different names in the order in which they first come."""
+def write_guide(writer: SummaryWriter, parts: Sequence[BoardPart]) -> None:
+    """Lay the charts out and say how to read them, where there are curves."""
+    if parts:
+        writer.add_custom_scalars(dict(part.charts() for part in parts))
+        corners: dict[str, list[str]] = {}
+        for group in dict.fromkeys(part.group for part in parts):
+            located = (row.locator for part in parts if part.group == group for row in part.table)
+            corners.setdefault(listed(located), []).append(group)
+        units = list(dict.fromkeys(part.unit for part in parts))
+        said = page.render(__package__, "board.md.j2", groups=corners, units=units)
+        writer.add_text("how to read", said.rstrip())
+
+
+def listed(names: Iterable[str]) -> str:
+    """List different names in the order in which they first come.
+
+    Example:
+        >>> listed(["truth", "", "paper", "truth"])
+        'truth, paper'
+    """
     return ", ".join(dict.fromkeys(filter(None, names)))
 
 

@@ -7,18 +7,17 @@ from typing import Any, Self
 
 from rich import box, progress
 from rich.console import Console as Console
-from rich.console import RenderableType
-from rich.measure import Measurement
 from rich.table import Table
 from rich.text import Text as Text
 
-from vocc_torch.measure.curve import BerTable, Point, Row
-from vocc_torch.measure.plan import Plan
-from vocc_torch.measure.train import Training, train
+from vocc_torch.measure import plan, train
+from vocc_torch.measure.curve import BerTable, Point
 from vocc_torch.show.styles import LOOKS, axis_label, point_text, rate_text, value_text
 
-_FRAME_LINES = 8
-"""Lines around the table's rows in the live view: header, rules and progress."""
+Values = Sequence[float]
+
+Below = Callable[[], Table]
+"""Draws what stands under a bar."""
 
 
 def plain_table(*heads: str, **look: Any) -> Table:
@@ -37,7 +36,7 @@ def plain_table(*heads: str, **look: Any) -> Table:
 def ber_table(
     table: BerTable,
     console: Console,
-    values: Sequence[float] = (),
+    values: Values = (),
     receivers: Sequence[str] = (),
     *,
     axis: str = "",
@@ -80,14 +79,13 @@ def ber_table(
             text.append(f"\n{rate_text(row.ber_low)}{joint}{rate_text(row.ber_high)}", style="dim")
         return text
 
-    joints = [" to ", " to\n", None]
-    if lines is not None:
-        joints = [joint for joint, each in zip(joints, (2, 3, 1), strict=True) if each * len(values) <= lines]
-    for joint in joints or [None]:
+    joints = ((" to ", 2), (" to\n", 3), (None, 1))
+    fitting = [joint for joint, each in joints if lines is None or each * len(values) <= lines]
+    for joint in fitting or [None]:
         made = plain_table(heading, *(receiver.replace("_", "\n") for receiver in receivers))
         for value in values:
             made.add_row(value_text(value), *(cell(value, receiver, joint) for receiver in receivers))
-        if Measurement.get(console, console.options.update(width=10_000), made).maximum <= console.width:
+        if console.measure(made, options=console.options.update(width=10_000)).maximum <= console.width:
             return made
     made = plain_table(heading, "receiver", "BER", "95 %", no_wrap=False, overflow="fold")
     made.columns[1].justify = "left"
@@ -101,9 +99,9 @@ def ber_table(
 class _Bar(progress.Progress):
     """A bar over what stands under it: a terminal too low for all loses the end."""
 
-    below: Callable[[], RenderableType] | None = None
+    below: Below | None = None
 
-    def get_renderables(self) -> Iterator[RenderableType]:
+    def get_renderables(self) -> Iterator[Any]:
         yield from super().get_renderables()
         if self.below is not None:
             yield self.below()
@@ -130,12 +128,12 @@ def print_table(table: BerTable, console: Console | None = None) -> None:
     """
     console = console or Console()
     if not len(table):
-        console.print("No points were measured.")
-        return
+        return console.print("No points were measured.")
     console.print(ber_table(table, console))
-    frames, locators = [row.frames for row in table], ", ".join(table.locators)
-    count = " to ".join(dict.fromkeys(map(str, (min(frames), max(frames)))))
-    text = f"{count} frames a point; locator: {locators}; 95 % intervals, frames as the units"
+    ends = sorted({row.frames for row in table})
+    count = " to ".join(map(str, dict.fromkeys([ends[0], ends[-1]])))
+    where = f"locator: {', '.join(table.locators)}"
+    text = f"{count} frames a point; {where}; 95 % intervals, frames as the units"
     if any(row.error_free for row in table):
         text += "; <: no errors, one-sided 95 % limit, wrong frames as at the other points"
     console.print(Text(text, style="dim"))
@@ -158,11 +156,7 @@ class ProgressView:
     """
 
     def __init__(
-        self,
-        frames: int,
-        console: Console | None = None,
-        doing: str = "training",
-        below: Callable[[], RenderableType] | None = None,
+        self, frames: int, console: Console | None = None, doing: str = "training", below: Below | None = None
     ) -> None:
         """Prepare the view; nothing is drawn before the context is entered."""
         self.console = console or Console()
@@ -172,7 +166,8 @@ class ProgressView:
         left = (progress.TimeRemainingColumn(), "left")
         self._bar = _Bar(*columns, *left, console=self.console, disable=not drawn, **look)
         self._bar.below = below
-        self._task = self._bar.add_task(doing, total=frames)
+        self._bar.add_task(doing, total=frames)
+        (self._task,) = self._bar.tasks
 
     def __enter__(self) -> Self:
         """Start drawing, where there is a terminal to draw on."""
@@ -183,13 +178,18 @@ class ProgressView:
         """Clear the live view; what was printed around it stays."""
         self._bar.stop()
 
+    @property
+    def done(self) -> float:
+        """Frames counted so far."""
+        return self._task.completed
+
     def advance(self, what: str, frames: int) -> None:
         """Count frames that were run now, and name what is under way."""
-        self._bar.update(self._task, advance=frames, description=what)
+        self._bar.update(self._task.id, advance=frames, description=what)
 
     def leave_out(self, frames: int) -> None:
         """Take frames from the total that need not be run."""
-        self._bar.update(self._task, total=(self._bar.tasks[0].total or 0) - frames)
+        self._bar.update(self._task.id, total=(self._task.total or 0) - frames)
 
     def say(self, text: str) -> None:
         """Print a line that stays."""
@@ -202,11 +202,10 @@ class StudyView(ProgressView):
     Args:
         axis: quantity that varies.
         values: its values, in the order they are run.
-        receivers: names of the receivers, in the order of the columns.
-        frames_a_point: most frames at one value; what a point did not need leaves the total when it is
-            finished.
-        console: where to draw; standard output by default.
-        runs: how often ``frames_a_point`` are run: once a value by default, once for all where the frames of
+        names: of the receivers, in the order of the columns.
+        frames: most of them at one value; what a point did not need leaves the total when it is finished.
+        console: where to draw.
+        runs: how often ``frames`` are run: once a value by default, once for all where the frames of
             one run are sorted into the values.
 
     Example:
@@ -219,23 +218,16 @@ class StudyView(ProgressView):
     """
 
     def __init__(
-        self,
-        axis: str,
-        values: Sequence[float],
-        receivers: Sequence[str],
-        frames_a_point: int,
-        console: Console | None = None,
-        runs: int | None = None,
+        self, axis: str, values: Values, names: Sequence[str], frames: int, console: Console, runs: int = 0
     ) -> None:
         """Prepare the view; nothing is drawn before the context is entered."""
-        self._axis, self._values, self._receivers = axis, tuple(values), tuple(receivers)
-        self._one_by_one = runs is None or runs == len(self._values)
-        self._finished: tuple[Point, ...] = ()
-        self._rows: tuple[Row, ...] = ()
-        self._interim: tuple[Point, ...] = ()
-        self._frames_a_point, self._frames_here = frames_a_point, 0
-        total = frames_a_point * (len(self._values) if runs is None else runs)
-        super().__init__(total, console, self._doing(), self._table)
+        self._axis, self._values, self._receivers = axis, tuple(values), tuple(names)
+        self._one_by_one = runs in (0, len(self._values))
+        self._finished: list[Point] = []
+        self._interim: list[Point] = []
+        self._rows = BerTable().rows
+        self._frames_a_point, self._frames_here = frames, 0
+        super().__init__(frames * (runs or len(self._values)), console, self._doing(), self._table)
 
     def count(self, frames: int) -> None:
         """Count frames of the current value that were run now."""
@@ -245,7 +237,7 @@ class StudyView(ProgressView):
     def show(self, points: Iterable[Point]) -> None:
         """Show where the current value's points stand, on a terminal; those without a frame do not."""
         # Intervals are worked out only as often as the view is drawn.
-        self._interim = tuple(point for point in points if point.counts.frames)
+        self._interim = [point for point in points if point.counts.frames]
 
     def finish(self, points: Iterable[Point]) -> None:
         """Enter the finished points of one value, one for each receiver.
@@ -253,16 +245,14 @@ class StudyView(ProgressView):
         Frames of the point's budget that were not run now, because it stopped early or was already in the
         ledger, leave the total. The rates are left to the table: its limits rest on all points.
         """
-        points = tuple(points)
-        self._finished, self._interim = (*self._finished, *points), ()
-        self._rows = BerTable(self._finished).rows
+        self._finished += (points := list(points))
+        self._rows, self._interim = BerTable(self._finished).rows, []
         self.leave_out(self._frames_a_point - self._frames_here)
         self._frames_here = 0
         self.advance(self._doing(), 0)
-        if self._bar.disable:
-            for point in {point.value: point for point in points}.values():
-                why = LOOKS["stopped"].get(point.stopped_by, point.stopped_by)
-                self.say(f"{self._axis}={value_text(point.value)}: {point.counts.frames} frames, {why}")
+        for point in {one.value: one for one in points}.values() if self._bar.disable else ():
+            why = LOOKS["stopped"].get(point.stopped_by, point.stopped_by)
+            self.say(f"{self._axis}={value_text(point.value)}: {point.counts.frames} frames, {why}")
 
     def _doing(self) -> str:
         """Name the value that is being run, or the axis where all are run together."""
@@ -270,28 +260,26 @@ class StudyView(ProgressView):
         left = [value for value in self._values if value not in done]
         return f"{self._axis} {value_text(left[0])}" if left and self._one_by_one else self._axis
 
-    def _table(self) -> RenderableType:
+    def _table(self) -> Table:
         """Draw the table so far."""
         table, values = BerTable((*self._rows, *self._interim)), sorted(self._values)
-        interim, lines = {point.value for point in self._interim}, self.console.height - _FRAME_LINES
+        # Around the rows stand 8 lines: header, rules and progress.
+        interim, lines = {point.value for point in self._interim}, self.console.height - 8
         look: dict[str, Any] = {"axis": self._axis, "interim": interim, "lines": lines}
         return ber_table(table, self.console, values, self._receivers, **look)
 
 
-def train_shown(plan: Plan, console: Console) -> Training:
+def train_shown(study: plan.Plan, console: Console) -> train.Training:
     """Train under a progress bar, and say what was learnt from."""
-    frames = plan.budget.training_frames
+    frames = study.budget.training_frames
     with ProgressView(frames, console, f"training on {frames} frames") as view:
-        seen = 0
 
         def learnt(more: int) -> None:
-            nonlocal seen
-            seen += more
             # The classifiers learn once FLDA has seen its frames.
-            last = seen >= frames and plan.receiver.classifiers
+            last = view.done + more >= frames and study.receiver.classifiers
             view.advance("training classifiers" if last else f"training on {frames} frames", more)
 
-        training = train(plan, learnt)
+        training = train.train(study, learnt)
     missed = f", {training.missed} without a located panel left out" if training.missed else ""
     view.say(f"trained on {training.frames} frames{missed}")
     for name, one in training.made.items():

@@ -6,29 +6,19 @@ from typing import Any
 
 import numpy as np
 from matplotlib.ticker import MaxNLocator
-from numpy.typing import NDArray
 
-from vocc_torch.measure import estimate, stage_times
-from vocc_torch.show import canvas, page
-from vocc_torch.show.canvas import GRID, INK, Axes, Figure, Line2D
-from vocc_torch.show.styles import receiver_styles
+from vocc_torch.measure import estimate, grid, stage_times
+from vocc_torch.show import canvas, page, styles
+from vocc_torch.show.canvas import INK, Axes, Figure, Line2D
 
 Place = tuple[str, int]
 """Kind of frames and batch size."""
 
 PANEL_DETECTION = "panel_detection"
-PAPER_SHARES = {
-    PANEL_DETECTION: 1.0,
-    "center_greyscale": 0.05,
-    "average_greyscale": 0.07,
-    "flda_2": 0.12,
-    "flda_3": 0.14,
-}
+PAPER_SHARES = {PANEL_DETECTION: 1.0, "center_greyscale": 0.05, "average_greyscale": 0.07}
+PAPER_SHARES |= {"flda_2": 0.12, "flda_3": 0.14}
 """Section IV-D-5 and Fig. 25: time of each stage over that of panel detection."""
 
-_PANEL = ("Panel detection", "#A9AFB6")
-_BUSY = 0.05
-"""From this share of waiting on, times are those of a machine that did other work too."""
 _KINDS = {"whole_frames": "whole frames", "crops": "crops of the panel's surroundings"}
 
 
@@ -70,7 +60,7 @@ class DetectionTimes:
         panel, two, three = (spent[stage] for stage in (PANEL_DETECTION, "flda_2", "flda_3"))
         return stage_times.median_of(three / two - 1), stage_times.median_of((three - two) / (panel + two))
 
-    def _spent_ms(self, place: Place) -> dict[str, NDArray[np.float64]]:
+    def _spent_ms(self, place: Place) -> dict[str, grid.Floats]:
         """Give the times round by round."""
         times = self.by_place[place]
         bits = {name: times[name].summed(stage_times.BIT_DETECTION) for name in PAPER_SHARES if name in times}
@@ -98,25 +88,21 @@ class DetectionTimes:
             # The longest label takes less than two fifths of the width.
             axes.set_xlim(0, 1.65 * longest)
             axes.xaxis.set_major_locator(MaxNLocator(7, steps=[2, 5, 10]))
-        quartiles = Line2D([], [], color=INK, marker="|", markersize=7, linewidth=1.2, label="quartiles")
+        signs = [
+            axes.lines[-1],
+            Line2D([], [], color=INK, marker="|", markersize=7, linewidth=1.2, label="quartiles"),
+        ]
         look: dict[str, Any] = {"loc": "upper right", "fontsize": 10.5, "handlelength": 2.0}
         at = (0.99, 1 - 0.06 / figure.get_figheight())
-        canvas.write_legend(figure, [axes.lines[-1], quartiles], at, columns=2, columnspacing=1.4, **look)
-        costs = zip(*(self.ngr_costs(place) for place in self.by_place), strict=True)
-        of_two, of_all = (
-            [f"{100 * one.value:z.1f}".replace("-", "\N{MINUS SIGN}") for one in part] for part in costs
-        )
-        timed = dict.fromkeys(
-            f"{self.rounds(place)} rounds {_at_a_time(place[1])}" for place in self.by_place
-        )
-        told = {"of_two": list(zip("abcd", of_two, strict=False)), "of_all": of_all, "timed": timed}
-        return page.render(__package__, "times.txt.j2", times=self, busy=_BUSY, **told).rstrip()
+        canvas.write_legend(figure, signs, at, columns=2, columnspacing=1.4, **look)
+        return page.render(__package__, "times.txt.j2", times=self, at_a_time=_at_a_time).rstrip()
 
     def draw_bars(self, axes: Axes, place: Place) -> float:
         """Draw the bars, the detectors' quartiles and the paper's marks; give the last label's begin."""
         times, shares = self.times_ms(place), self.shares(place)
-        styles = receiver_styles(name for name in PAPER_SHARES if name != PANEL_DETECTION).values()
-        labels, colours = zip(_PANEL, *((style.label, style.colour) for style in styles), strict=True)
+        looks = styles.receiver_styles(name for name in PAPER_SHARES if name != PANEL_DETECTION).values()
+        panel = ("Panel detection", "#A9AFB6")
+        labels, colours = zip(panel, *((look.label, look.colour) for look in looks), strict=True)
         low, median, high = 100 * np.array([(one.low, one.value, one.high) for one in shares.values()]).T
         paper, rows = 100 * np.array(list(PAPER_SHARES.values())), np.arange(float(len(PAPER_SHARES)))
         axes.barh(rows, median, height=0.62, color=colours)
@@ -130,8 +116,7 @@ class DetectionTimes:
             said = f"{number_text(share)} %  ({time})" if row else time
             axes.annotate(said, (end, row), (9, 0), textcoords="offset points", va="center")
             axes.texts[-1].set(fontsize=10, color=INK)
-        canvas.quiet_axes(axes)
-        axes.grid(axis="x", color=GRID, linewidth=0.8)
+        canvas.quiet_axes(axes, "x")
         axes.set_yticks(rows, labels)
         axes.invert_yaxis()
         return float(max(ends))

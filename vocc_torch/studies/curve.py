@@ -6,32 +6,29 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vocc_torch.errors import VoccError
-from vocc_torch.measure import build, config, curve, paired, sweep, train
-from vocc_torch.measure.grid import Grid
-from vocc_torch.measure.ledger import Label, Ledger, Tally
+from vocc_torch.measure import build, config, curve, grid, ledger, paired, sweep, train, workers
 from vocc_torch.measure.link import Link, block_keys
 from vocc_torch.measure.plan import SCENE_FIELDS, Plan
-from vocc_torch.measure.workers import Workers
 from vocc_torch.receiver.features import FEATURE_NAMES
 from vocc_torch.receiver.receiver import Receiver
+from vocc_torch.show import canvas, heatmap, plots, styles, tensorboard, terminal
 from vocc_torch.show import folder as run_folder
-from vocc_torch.show import heatmap, tensorboard
-from vocc_torch.show.canvas import annotated, enlarged, save_figure
-from vocc_torch.show.plots import ber_figure, feature_histograms
-from vocc_torch.show.styles import axis_label, receiver_styles, value_text
-from vocc_torch.show.terminal import Console, ProgressView, StudyView, print_table, train_shown
 from vocc_torch.simulation.framing import crop_origins_px, panel_centre_px
+
+
+def begun(settings: config.Settings, folder: Path, kept: str | None = None) -> tuple[Plan, terminal.Console]:
+    """Give a run's plan and console, or refuse it before any work is done; ``kept`` may be in the folder."""
+    run_folder.refuse_unused(settings)
+    run_folder.refuse_results(folder, kept)
+    return build.build_plan(settings, folder), terminal.Console()
 
 
 def run_train(settings: config.Settings, folder: Path) -> None:
     """Train FLDA and write the receiver."""
-    run_folder.refuse_unused(settings)
-    run_folder.refuse_results(folder)
-    plan, console = build.build_plan(settings, folder), Console()
-    run_folder.write_training(settings, plan, train_shown(plan, console), folder)
+    plan, console = begun(settings, folder)
+    run_folder.write_training(settings, plan, terminal.train_shown(plan, console), folder)
     run_folder.print_place(console, "receiver", folder / "receiver.pt")
 
 
@@ -41,15 +38,13 @@ def run_test(settings: config.Settings, folder: Path) -> None:
     Raises:
         VoccError: values that TensorBoard cannot tell apart, or whatever a stage refuses.
     """
-    run_folder.refuse_unused(settings)
-    run_folder.refuse_results(folder, run_folder.LEDGER)
-    plan, console = build.build_plan(settings, folder), Console()
+    plan, console = begun(settings, folder, run_folder.LEDGER)
     # Made before the training, so that a wrong number is refused at once; it starts nothing yet.
-    workers = Workers(settings.workers)
+    pool = workers.Workers(settings.workers)
     for line in strangers(plan):
         console.print(line, highlight=False, soft_wrap=True)
     experiment, locator, names = plan.experiment, plan.receiver.locator, plan.receiver.names
-    values, simulated = sweep.axis_values(experiment), sweep.monte_carlo_values(plan)
+    values, runs = sweep.axis_values(experiment), len(sweep.monte_carlo_values(plan))
     if settings.tensorboard:
         try:
             tensorboard.axis_steps(experiment.axis, values)
@@ -60,27 +55,29 @@ def run_test(settings: config.Settings, folder: Path) -> None:
     with (
         run_folder.resumable(settings, folder, console),
         # Held to the end: a second run would write over the same results.
-        run_folder.open_ledger(folder / run_folder.LEDGER, study.identity, console) as ledger,
+        run_folder.open_ledger(folder / run_folder.LEDGER, study.identity, console) as opened,
     ):
         run_folder.write_config(settings, folder)
-        training = train_shown(plan, console)
+        training = terminal.train_shown(plan, console)
         banks, outcomes = {study.key: {locator: training.bank(names)}}, {}
-        view = StudyView(experiment.axis, values, names, plan.frames_in_point, console, len(simulated))
-        with workers, view:
+        view = terminal.StudyView(experiment.axis, values, names, plan.frames_in_point, console, runs)
+        with pool, view:
 
-            def show(_: sweep.Study, value: float, frames: int, tallies: Mapping[Label, Tally]) -> None:
+            def show(
+                _: sweep.Study, at: float, frames: int, told: Mapping[ledger.Label, ledger.Tally]
+            ) -> None:
                 view.count(frames)
-                view.show(sweep.points_of(plan, locator, value, tallies, "running"))
+                view.show(sweep.points_of(plan, locator, at, told, "running"))
 
-            for _, value, outcome in sweep.run_studies([study], banks, {study.key: ledger}, workers, show):
-                outcomes[value] = outcome
-                view.finish(sweep.points_of(plan, locator, value, outcome.counts, outcome.stopped_by))
+            for _, at, done in sweep.run_studies([study], banks, {study.key: opened}, pool, show):
+                outcomes[at] = done
+                view.finish(sweep.points_of(plan, locator, at, done.counts, done.stopped_by))
         curves = sweep.measured(study, outcomes).curves[locator]
         if not curves.values:
             fault = "no frame fell into any contrast bin"
             raise VoccError(f"experiment.values: {fault}: widen the bins or the scenes")
         write_results(settings, plan, training, curves, folder)
-    print_table(curves.table(), console)
+    terminal.print_table(curves.table(), console)
     for line in (*left_out(plan, curves), *compared(curves, plan.receiver.save)):
         console.print(line, soft_wrap=True, highlight=False)
     places = {"table": "ber.csv", "pairs": "paired.csv", "figure": "ber.png", "receiver": "receiver.pt"}
@@ -92,9 +89,8 @@ def strangers(plan: Plan) -> list[str]:
     trained, lines = plan.experiment.training_model(plan.world), []
     tested = [plan.experiment.model_at(plan.world, value) for value in sweep.monte_carlo_values(plan)]
     for name in SCENE_FIELDS:
-        low = min(getattr(model, name).bounds[0] for model in tested)
-        high = max(getattr(model, name).bounds[1] for model in tested)
-        least, most = getattr(trained, name).bounds
+        lows, highs = zip(*(getattr(model, name).bounds for model in tested), strict=True)
+        low, high, (least, most) = min(lows), max(highs), getattr(trained, name).bounds
         if low < least or high > most:
             beyond = f"{name} from {low:g} to {high:g}, and the receiver trains on {least:g} to {most:g}"
             lines.append(f"note: this tests {beyond}; experiment=scenes keeps the scene's own")
@@ -120,14 +116,14 @@ def write_results(
     camera, panel = plan.world.camera, plan.world.panel.shape
     seen = f"{panel.rows} x {panel.columns} LEDs, {camera.focal_length_mm:g} mm lens"
     title = f"Bit error rate, experiment “{plan.experiment.name}”: {seen}"
-    figure = ber_figure(table, axis_label(table.axis), title)
-    save_figure(figure, folder / "ber.png")
-    names = [name.upper() for name in FEATURE_NAMES]
-    histograms = feature_histograms(training.features, training.bits, names)
-    save_figure(histograms, folder / "features.png")
+    names = list(map(str.upper, FEATURE_NAMES))
+    histograms = plots.feature_histograms(training.features, training.bits, names)
+    figures = {"BER": plots.ber_figure(table, styles.axis_label(table.axis), title)}
+    figures |= {"features by status": histograms}
+    for name, figure in zip(("ber.png", "features.png"), figures.values(), strict=True):
+        canvas.save_figure(figure, folder / name)
     if settings.tensorboard:
         pictures = sample_frames(plan, train.trained_receiver(plan, training))
-        figures = {"BER": figure, "features by status": histograms}
         texts = {"configuration": run_folder.as_markdown(settings)}
         tensorboard.write_boards(folder / "tensorboard", {"": [table]}, figures, pictures, texts)
 
@@ -135,9 +131,8 @@ def write_results(
 def left_out(plan: Plan, curves: curve.Curves) -> list[str]:
     """Say which frames and contrast bins are not in the results."""
     table, lines = curves.table(), []
-    rows = table.of(table.receivers[0])
-    drawn, counted = plan.frames_in_point, sum(row.frames for row in rows)
-    whole = all(row.stopped_by == "frames" for row in rows)
+    rows, drawn = table.of(table.receivers[0]), plan.frames_in_point
+    counted, whole = sum(row.frames for row in rows), all(row.stopped_by == "frames" for row in rows)
     if plan.experiment.axis == "contrast" and whole and counted < drawn:
         outside = f"{drawn - counted} of {drawn} frames"
         lines.append(f"{outside} have a contrast outside the bins and are not counted")
@@ -146,15 +141,7 @@ def left_out(plan: Plan, curves: curve.Curves) -> list[str]:
     return lines
 
 
-SAMPLES = 4
-"""Frames drawn for each point."""
-SCALE = 6
-"""Enlargement: a panel is some 30 pixels wide."""
-WIDEST_PX = 1200
-"""Widest enlarged frame: a crop of a near panel is large enough as it is."""
-
-
-def sample_frames(plan: Plan, receiver: Receiver) -> dict[str, NDArray[np.uint8]]:
+def sample_frames(plan: Plan, receiver: Receiver) -> dict[str, canvas.Pixels]:
     """Draw the first frames of each point, plain above and annotated below.
 
     Args:
@@ -164,30 +151,28 @@ def sample_frames(plan: Plan, receiver: Receiver) -> dict[str, NDArray[np.uint8]
     Returns:
         Point name to picture, (H,W,3) uint8.
     """
+    most = 4  # frames for each point
     # Whole frames enlarged would be pictures of gigabytes; the decisions on crops are the same.
-    plan = replace(plan, world=replace(plan.world, framing="crop"), batch_frames=SAMPLES)
+    plan = replace(plan, world=replace(plan.world, framing="crop"), batch_frames=most)
     link, pictures = Link.of(plan), {}
-    receiver = receiver.to(link.simulator.device)
+    receiver, camera = receiver.to(link.simulator.device), link.simulator.camera
     for value in sweep.monte_carlo_values(plan):
         name, model = sweep.point_name(plan.experiment, value), plan.experiment.model_at(plan.world, value)
-        seen = next(link.observe(model, block_keys(plan.seed, name, SAMPLES), preambles=False))
-        read = receiver(seen.frames, seen.panels)
-        shown = link.simulator.crop_px(model.nearest_m)
-        centre = panel_centre_px(seen.scene, link.simulator.camera)
-        places = crop_origins_px(centre, shown, link.simulator.camera.sensor_px)
-        rows = []
-        for i in range(len(seen.frames)):
-            pixels, origin = seen.frames.grey[i, 0], seen.frames.origin_px[i]
-            if tuple(pixels.shape) == seen.frames.sensor_px:  # a scene that needs the whole sensor
-                left, top = places[i].tolist()
-                pixels, origin = pixels[top : top + shown[0], left : left + shown[1]], places[i]
-            grey = pixels.round().clamp(0, 255).byte().cpu().numpy()
-            colour = np.repeat(grey[..., None], 3, axis=2)
-            scale = max(1, min(SCALE, WIDEST_PX // grey.shape[1]))
-            plain = drawn = np.asarray(enlarged(colour, scale))
+        seen = next(link.observe(model, block_keys(plan.seed, name, most), preambles=False))
+        read, frames = receiver(seen.frames, seen.panels), seen.frames.grey[:, 0]
+        origins, (height, width) = seen.frames.origin_px, frames.shape[1:]
+        if (height, width) == camera.sensor_px:  # a scene that needs the whole sensor
+            height, width = shown = link.simulator.crop_px(model.nearest_m)
+            origins = crop_origins_px(panel_centre_px(seen.scene, camera), shown, camera.sensor_px)
+        # A panel is some 30 pixels wide; a crop of a near one is large enough as it is.
+        scale, rows = max(1, min(6, 1200 // width)), []
+        for i, (left, top) in enumerate((origins - seen.frames.origin_px).tolist()):
+            grey = frames[i, top : top + height, left : left + width].round().clamp(0, 255).byte().cpu()
+            colour = np.repeat(grey.numpy()[..., None], 3, axis=2)
+            plain = drawn = np.asarray(canvas.enlarged(colour, scale))
             if read.found[i]:
-                corners = (read.corners_px[i].cpu() - origin.cpu()).numpy()
-                drawn = np.asarray(annotated(colour, corners, read.bits[i].cpu().numpy(), scale))
+                corners = (read.corners_px[i].cpu() - origins[i].cpu()).numpy()
+                drawn = np.asarray(canvas.annotated(colour, corners, read.bits[i].cpu().numpy(), scale))
             rows.append(np.concatenate([plain, drawn]))
         pictures[name] = np.concatenate(rows, axis=1)
     return pictures
@@ -204,18 +189,17 @@ def compared(curves: curve.Curves, reference: str) -> list[str]:
         >>> compared(curve.Curves("d", "distance_m", "truth", ("flda_3",), (), {}, {}, {}), "flda_3")
         []
     """
-    styles, lines = receiver_styles([*curves.receivers, reference]), []
-    for name in curves.receivers if reference in curves.receivers else ():
-        if name == reference:
-            continue
+    looks, lines = styles.receiver_styles([*curves.receivers, reference]), []
+    others = [name for name in curves.receivers if name != reference]
+    for name in others if reference in curves.receivers else ():
         places: dict[str, list[str]] = {"worse": [], "better": []}
         for value in curves.values:
             found = paired.paired_interval(curves.pair(name, reference, value))
             if found.real:
-                places["worse" if found.value > 0 else "better"].append(value_text(value))
+                places["worse" if found.value > 0 else "better"].append(styles.value_text(value))
         parts = [f"{word} at {', '.join(values)}" for word, values in places.items() if values]
-        lines.append(f"  {styles[name].label}: {'; '.join(parts) or 'no difference shown'}")
-    heading = f"\nOn the same frames, against {styles[reference].label} (95 %, paired):"
+        lines.append(f"  {looks[name].label}: {'; '.join(parts) or 'no difference shown'}")
+    heading = f"\nOn the same frames, against {looks[reference].label} (95 %, paired):"
     return [heading, *lines] if lines else []
 
 
@@ -225,43 +209,41 @@ def run_grid(settings: config.Settings, folder: Path) -> None:
     Raises:
         VoccError: rows that form no grid, or whatever a stage refuses.
     """
-    run_folder.refuse_unused(settings)
-    run_folder.refuse_results(folder, run_folder.LEDGERS)
-    plan, console = build.build_plan(settings, folder), Console()
+    plan, console = begun(settings, folder, run_folder.LEDGERS)
     locator, axis = plan.receiver.locator, settings.experiment.row_axis or ""
     rows = plan.rows()
     studies = [sweep.Study(f"{at:g}", row, (locator,)) for at, row in rows.items()]
     frames = sum(study.frames for study in studies)
     with run_folder.resumable(settings, folder, console), ExitStack() as held:
 
-        def ledger(study: sweep.Study) -> Ledger:
+        def opened(study: sweep.Study) -> ledger.Ledger:
             path = folder / run_folder.LEDGERS / f"{study.key}.sqlite"
             return held.enter_context(run_folder.open_ledger(path, study.identity, console))
 
-        with Workers(settings.workers) as workers, ProgressView(frames, console) as view:
+        with workers.Workers(settings.workers) as pool, terminal.ProgressView(frames, console) as view:
             campaign = sweep.run_campaign(
                 studies,
-                workers,
-                ledger,
+                pool,
+                opened,
                 trained=lambda: run_folder.write_config(settings, folder),
                 advance=lambda study, more: view.advance(study.plan.experiment.name, more),
                 finished=lambda study, _: view.say(f"{study.plan.experiment.name} is measured"),
             )
         curves = tuple(campaign.measured[study.key].curves[locator] for study in studies)
-        grid = Grid(axis, tuple(rows), curves)
+        cells = grid.Grid(axis, tuple(rows), curves)
         run_folder.write_training(settings, plan, campaign.trainings[studies[0].key][locator], folder)
-        run_folder.write_grid(folder / "ber.csv", {locator: grid})
+        run_folder.write_grid(folder / "ber.csv", {locator: cells})
         run_folder.write_paired(folder / "paired.csv", curves)
-        figures = heatmap.grid_figures({locator: grid}, locator, plan.receiver.names)
+        figures = heatmap.grid_figures({locator: cells}, locator, plan.receiver.names)
         for name, figure in figures.items():
-            save_figure(figure, folder / f"{name}.png")
+            canvas.save_figure(figure, folder / f"{name}.png")
         if settings.tensorboard:
-            tables = {f"{axis}={at:g}": [one.table()] for at, one in zip(grid.rows, curves, strict=True)}
+            tables = {f"{axis}={at:g}": [one.table()] for at, one in zip(cells.rows, curves, strict=True)}
             texts = {"configuration": run_folder.as_markdown(settings)}
             tensorboard.write_boards(folder / "tensorboard", tables, figures, {}, texts)
     for one in curves:
         console.print(f"\n{one.experiment}", highlight=False)
-        print_table(one.table(), console)
+        terminal.print_table(one.table(), console)
     places = [("table", "ber.csv"), ("pairs", "paired.csv"), ("receiver", "receiver.pt")]
     places += [("figure", f"{name}.png") for name in figures]
     run_folder.print_places(console, folder, places, settings.tensorboard)

@@ -1,6 +1,6 @@
 """Many receivers compared: trained as anywhere else, counted on the same frames, and across scenes."""
 
-from contextlib import ExitStack
+from contextlib import ExitStack, nullcontext
 from dataclasses import replace
 
 import pytest
@@ -20,8 +20,8 @@ from vocc_torch.rng import BlockKey
 from vocc_torch.simulation import Distribution
 from vocc_torch.studies.classifiers import RivalsConfig
 from vocc_torch.studies.classifiers import study as study_module
-from vocc_torch.studies.classifiers.plan import ClassifierStudy
 from vocc_torch.studies.classifiers.study import (
+    ClassifierStudy,
     across_scenes,
     compare_classifiers,
     genie_points,
@@ -85,7 +85,7 @@ def compared(study, folder):
             name: held.enter_context(Ledger.open(folder / f"{name}.sqlite", identity(one, (study.locator,))))
             for name, one in study.plans.items()
         }
-        return compare_classifiers(study, ledgers, alone)
+        return compare_classifiers(study, ledgers, alone, nullcontext, lambda what, frames: None)
 
 
 @pytest.fixture(scope="module")

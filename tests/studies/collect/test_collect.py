@@ -68,7 +68,7 @@ def rows_of(path):
 
 def test_a_multirun_is_collected(app, tmp_path, monkeypatch):
     """One job and one mistake: every point is there once, beside what tells the jobs apart."""
-    monkeypatch.setattr("vocc_torch.studies.curve.save_figure", white)
+    monkeypatch.setattr("vocc_torch.show.canvas.save_figure", white)
     assert app(*QUICK, "name=two", "-m", "experiment.values=[4000,8000]", "seed=1,-1").status == 2
     folder = tmp_path / "runs" / "two"
     ran = app("task=collect", "input=runs/two")

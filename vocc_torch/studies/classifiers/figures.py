@@ -2,25 +2,19 @@
 
 import math
 import textwrap
+from typing import Any
 
 import numpy as np
-from matplotlib.ticker import NullLocator
 
 from vocc_torch.measure import curve, intervals
-from vocc_torch.show import canvas, heatmap, page, plots
+from vocc_torch.show import canvas, heatmap, page, plots, styles
 from vocc_torch.show.canvas import Figure, Line2D
-from vocc_torch.show.styles import Style, axis_label, range_text, rate_text, receiver_styles, value_text
 from vocc_torch.studies.classifiers.results import GENIE, KNOWS, Comparison, Transfer, ratio_text
 
 _OWN, _REFERENCE, _FAINT = "#0072B2", "#D55E00", "#D3D7DC"
 _COLUMNS, _SIZE = 5, 0.72
 _CELLS_IN, _GAPS_IN, _MARGINS_IN = (2.62, 1.72), (0.14, 0.62), (0.82, 0.16, 1.42, 1.16)
-_TITLE_LETTERS = 31
-"""Letters of a title that fit above a picture."""
-
 _CELL_IN, _LINE_IN, _LETTER_IN = 0.86, 0.46, 0.075
-_FOOTNOTE_LETTERS_IN = 14.2
-"""Letters of a footnote in an inch."""
 
 
 def curves_figure(comparison: Comparison, experiment: str) -> Figure:
@@ -34,55 +28,49 @@ def curves_figure(comparison: Comparison, experiment: str) -> Figure:
     """
     table, names = comparison.tables[experiment], comparison.ranked
     columns, at = min(_COLUMNS, len(names)), comparison.points.get(experiment)
-    shape = (math.ceil(len(names) / columns), columns)
-    figure, grid = canvas.new_grid(shape, _CELLS_IN, _GAPS_IN, _MARGINS_IN, len(names))
-    styles = receiver_styles([*names, comparison.reference])
+    figure, grid = canvas.new_grid(len(names), columns, _CELLS_IN, _GAPS_IN, _MARGINS_IN)
+    known = styles.receiver_styles([*names, comparison.reference])
     rows, genie = [row for row in table if row.receiver != GENIE], table.of(GENIE)
+    looks: dict[str, Any] = {comparison.reference: {"color": _REFERENCE, "linewidth": 1.3, "zorder": 2.5}}
+    looks[GENIE] = {"color": canvas.INK, "linewidth": 1.5, "zorder": 2.6, "linestyle": "--", "clip_on": False}
     for place, (axes, name) in enumerate(zip(grid, names, strict=True)):
-        own = Style(name, _REFERENCE if name == comparison.reference else _OWN, "o", "-")
-        mine = curve.BerTable(table.of(name))
-        plots.draw_rates(axes, mine, {name: own}, rows, size=_SIZE, width_in=_CELLS_IN[0])
-        axes.yaxis.set_minor_locator(NullLocator())
+        own = styles.Style(name, _REFERENCE if name == comparison.reference else _OWN, "o", "-")
+        plots.draw_rates(axes, curve.BerTable(table.of(name)), {name: own}, rows, _SIZE)
+        axes.minorticks_off()
         # A rate that is not a number breaks the line. The genie's without errors lies at the foot: its limit
         # would tell of its few frames, not of what is possible.
         for other in (other for other in (*names, GENIE) if other != name):
-            line = Line2D([], [], color=_FAINT, linewidth=0.9, zorder=2)
-            if other == comparison.reference:
-                line.set(color=_REFERENCE, linewidth=1.3, zorder=2.5)
-            if other == GENIE:
-                line.set(color=canvas.INK, linewidth=1.5, zorder=2.6, linestyle="--", clip_on=False)
-            zero = axes.get_ylim()[0] if other == GENIE else math.nan
-            points = [(row.value, row.ber or zero) for row in table.of(other)]
-            line.set_data([value for value, _ in points], [rate for _, rate in points])
-            axes.add_line(line)
-        title = f"{place + 1}. {styles[name].label}"
-        size = 10.5 * min(1.0, _TITLE_LETTERS / len(title))
+            look = looks.get(other, {"color": _FAINT, "linewidth": 0.9, "zorder": 2})
+            zero, others = axes.get_ylim()[0] if other == GENIE else math.nan, table.of(other)
+            axes.add_line(Line2D([row.value for row in others], [row.ber or zero for row in others], **look))
+        title = f"{place + 1}. {known[name].label}"
+        size = 10.5 * min(1.0, 31 / len(title))  # so many letters fit above a picture
         axes.set_title(title, fontsize=size, color=canvas.INK, loc="left", pad=18)
         if at is not None and (ratio := comparison.ratio(experiment, name, at)) is not None:
-            text = f"{ratio_text(ratio).replace('x', chr(0xD7))} at {value_text(at)}"
+            text = f"{ratio_text(ratio).replace('x', chr(0xD7))} at {styles.value_text(at)}"
             axes.text(0, 1.03, text, transform=axes.transAxes, va="bottom", fontsize=8.8, color=canvas.INK)
-        axes.tick_params(axis="y", which="both", labelleft=place % columns == 0)
-        axes.tick_params(axis="x", labelbottom=place + columns >= len(names))
-    label, reference = axis_label(table.axis), styles[comparison.reference].label
+        canvas.label_edges(axes, place + columns >= len(names), place % columns == 0)
+    label, reference = styles.axis_label(table.axis), known[comparison.reference].label
     width, height = figure.get_size_inches()
     figure.supxlabel(label, y=0.74 / height, fontsize=11.5, color=canvas.INK, va="center")
     figure.supylabel("Bit error rate", x=0.14 / width, fontsize=11.5, color=canvas.INK)
     signs = [
-        plots.receiver_line(Style("the receiver named above", _OWN, "o", "-"), size=_SIZE),
+        plots.receiver_line(styles.Style("the receiver named above", _OWN, "o", "-"), size=_SIZE),
         Line2D([], [], color=_REFERENCE, linewidth=1.4, label=reference),
         Line2D([], [], color=_FAINT, linewidth=1.4, label="all others"),
     ]
     if genie:
         foot = ", at the foot without errors" if any(row.error_free for row in genie) else ""
-        text = f"{KNOWS} ({range_text(row.frames for row in genie)} frames a point{foot})"
+        text = f"{KNOWS} ({styles.range_text(row.frames for row in genie)} frames a point{foot})"
         signs.append(Line2D([], [], color=canvas.INK, linewidth=1.5, linestyle="--", label=text))
-    place_of_signs = (0.01, 1 - 0.42 / height)
-    canvas.write_legend(figure, signs, place_of_signs, len(signs), fontsize=9.8, handlelength=2.2)
-    frames = f"{range_text(row.frames for row in rows)} frames a point"
-    note = f"{frames} \N{MIDDLE DOT} locator: {table.locators[0]} \N{MIDDLE DOT} fractions and multiples: "
-    note += f"of {reference}, on the same frames\n{plots.interval_note(rows)}"
-    over = label.partition(" (")[0].lower()
-    canvas.write_title(figure, f"Bit error rate of {len(names)} receivers over {over}, the best first", note)
+    at_signs, look = (0.01, 1 - 0.42 / height), {"fontsize": 9.8, "handlelength": 2.2}
+    canvas.write_legend(figure, signs, at_signs, len(signs), **look)
+    note = f"{styles.range_text(row.frames for row in rows)} frames a point \N{MIDDLE DOT} locator: "
+    note += (
+        f"{table.locators[0]} \N{MIDDLE DOT} fractions and multiples: of {reference}, on the same frames\n"
+    )
+    heading = f"Bit error rate of {len(names)} receivers over {label.partition(' (')[0].lower()}"
+    canvas.write_title(figure, f"{heading}, the best first", note + plots.interval_note(rows))
     return figure
 
 
@@ -100,12 +88,12 @@ def scenes_figure(comparison: Comparison) -> Figure:
     names = [name for name in comparison.ranked if (home, home, name) in found]
     others = [name for name in dict.fromkeys(one.tested_on for one in transfers) if name != home]
     out, back = [(home, home), *((home, name) for name in others)], [(name, home) for name in others]
-    labels = [style.label for style in receiver_styles(names).values()]
+    labels = [style.label for style in styles.receiver_styles(names).values()]
     left = 0.3 + _LETTER_IN * max(map(len, labels))
     width = left + _CELL_IN * (len(out) + len(back)) + 1.47
     frames, most = transfers[0].counts.frames, comparison.most_training_frames
     note = page.render(__package__, "scenes.txt.j2", frames=frames, most_training_frames=most, home=home)
-    lines = textwrap.wrap(note, int(width * _FOOTNOTE_LETTERS_IN))
+    lines = textwrap.wrap(note, int(14.2 * width))  # letters of a footnote in an inch
     below = 0.5 + 0.2 * len(lines)
     height = 1.3 + _LINE_IN * len(names) + below
     figure, norm = canvas.new_figure(width, height), heatmap.rate_norm(one.counts.ber for one in transfers)
@@ -119,7 +107,11 @@ def scenes_figure(comparison: Comparison) -> Figure:
         for line, row in enumerate(rows):
             for column, one in enumerate(row):
                 rate, under = one.counts.ber, against_home(one)
-                text = rate_text(rate) if rate else f"< {rate_text(intervals.ber_interval(one.counts).high)}"
+                text = (
+                    styles.rate_text(rate)
+                    if rate
+                    else f"< {styles.rate_text(intervals.ber_interval(one.counts).high)}"
+                )
                 for words, down, size in ((text, 0.32 if under else 0.5, 9), (under, 0.71, 7.8)):
                     heatmap.write_rate(axes, (column + 0.5, line + down), words, size, norm, rate)
         axes.invert_yaxis()

@@ -1,6 +1,5 @@
 """What a comparison of many receivers measured: rates, the genie's, costs, other scenes; and its summary."""
 
-import math
 import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -68,11 +67,6 @@ class Transfer:
     def ratio(self) -> estimate.Estimate | None:
         """Its rate over that of the receiver trained there; None where that one made no error."""
         return rate_ratio(self.at_home, self.counts, self.paired)
-
-    @property
-    def factor(self) -> float:
-        """Value of the ratio; infinite where the one trained there made no error."""
-        return math.inf if self.ratio is None else self.ratio.value
 
     def surely_worse(self, comparisons: int = 1) -> bool:
         """Whether it is worse than the one trained there, by intervals that hold together at 95 %.
@@ -190,18 +184,18 @@ def summary(comparison: Comparison, width: int = 100) -> str:
     apart = [one for one in comparison.transfers if one.trained_on != one.tested_on]
     moved = [name for name in ranked if any(one.receiver == name for one in apart)]
     stated = list(dict.fromkeys([*moved[:1], *(name for name in moved if name == reference)]))
-    apart = sorted((one for one in apart if one.receiver in stated), key=lambda one: -one.factor)
+    apart = [one for one in apart if one.receiver in stated]
+    apart.sort(key=lambda one: -one.ratio.value if one.ratio else -float("inf"))
     points = [(name, value, one) for name, some in comparison.genie.items() for value, one in some.items()]
     told: dict[str, object] = {"best": best, "stated": stated, "knows": KNOWS, "comparisons": len(apart)}
-    told["locator"] = next(iter(comparison.curves.values())).locator
     told["tied"] = [name for name in learners[1:] if best and wrong[name] == wrong[best]]
     told["worse"] = [one for one in apart if one.surely_worse(len(apart))]
-    genie: dict[str, object] = {"genie": sum((one.genie.counts for *_, one in points), Counts())}
-    genie["genie_ms"] = 1e3 * median_high([one.genie.seconds_a_frame for *_, one in points] or [0.0])
-    genie["on_its_frames"] = {
+    told["genie"] = sum((one.genie.counts for *_, one in points), Counts())
+    told["genie_ms"] = 1e3 * median_high([one.genie.seconds_a_frame for *_, one in points] or [0.0])
+    told["on_its_frames"] = {
         name: sum(one.receivers[name].bit_errors for *_, one in points) for name in ranked
     }
     words = {"ratio_text": ratio_text, "value_text": styles.value_text, "comparison": comparison}
-    text = page.render(__package__, "summary.txt.j2", genie_points=points, **told, **genie, **words)
+    text = page.render(__package__, "summary.txt.j2", genie_points=points, **told, **words)
     parts = text.strip().split("\n\n")
     return "\n\n".join(textwrap.fill(part, width, break_on_hyphens=False) for part in parts) + "\n"

@@ -1,27 +1,28 @@
-"""Everything that ``task=classifiers`` measures, in order."""
+"""What ``task=classifiers`` compares, checked before any work is done, and all that it measures, in order."""
 
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager, nullcontext
-from dataclasses import replace
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, field, replace
 from itertools import product
+from pathlib import Path
+from typing import Any
 
-from vocc_torch.errors import VoccError
-from vocc_torch.measure import build, frame_errors, ledger, stage_times, sweep, timing
+from vocc_torch.errors import VoccError, section
+from vocc_torch.measure import build, config, frame_errors, ledger, stage_times, sweep, timing, workers
 from vocc_torch.measure.genie import genie_reference
 from vocc_torch.measure.likelihood import UnknownLikelihoodError
 from vocc_torch.measure.link import Link
-from vocc_torch.measure.plan import Plan
+from vocc_torch.measure.plan import Budget, Experiment, Locator, Plan
 from vocc_torch.measure.train import Training, train, train_alone
-from vocc_torch.measure.workers import Outcome, Workers, worker_losses_told
 from vocc_torch.receiver.bank import FLDA_FEATURES, ReceiverBank, needs_preambles
 from vocc_torch.receiver.receiver import StagedReceiver
 from vocc_torch.rng import BLOCK_FRAMES, BlockKey
 from vocc_torch.simulation import SceneModel
-from vocc_torch.studies.classifiers.plan import ClassifierStudy
+from vocc_torch.studies.classifiers import RivalsConfig
 from vocc_torch.studies.classifiers.results import Comparison, GeniePoint, Transfer
 
-TIMED_REPEATS = 9
-"""Rounds over which a time is a median."""
+Ledgers = Mapping[str, ledger.Ledger]
+"""By experiment."""
 
 Stage = Callable[[str], AbstractContextManager[object]]
 """Entered with the name of a stage as it begins, left when it is done."""
@@ -30,19 +31,124 @@ Advance = Callable[[str, int], None]
 """Called with what is under way and the frames added to it since the last call."""
 
 
+@dataclass(frozen=True)
+class ClassifierStudy:
+    """Many receivers along several axes, and across scenes.
+
+    Args:
+        plans: by experiment's name; they share world, receivers and budget.
+        config: the section of the configuration.
+        home: name of the scenes of ``plans``.
+        scenes: plans of other scenes by name; empty for none.
+        left_out: receivers that were asked for and cannot be built here, and why.
+
+    Raises:
+        VoccError: no experiment, an unknown name or point, or a number outside its range.
+    """
+
+    plans: Mapping[str, Plan]
+    config: RivalsConfig
+    home: str = "paper"
+    scenes: Mapping[str, Plan] = field(default_factory=dict)
+    left_out: Mapping[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Check names and numbers."""
+        if not self.plans:
+            raise VoccError("rivals.experiments is empty: it must hold at least one experiment")
+        for name, plan in self.plans.items():
+            if plan.experiment.axis == "contrast":
+                raise VoccError.of(f"rivals.experiments.{name}", "over contrast", "over a value of a scene")
+        if self.config.reference not in self.base.receiver.names:
+            known = ", ".join(self.base.receiver.names)
+            raise VoccError.of("rivals.reference", repr(self.config.reference), f"one of {known}")
+        for name, value in self.config.points.items():
+            if name not in self.plans:
+                raise VoccError(f"rivals.points.{name} is no experiment: known are {', '.join(self.plans)}")
+            if value not in (values := self.plans[name].experiment.values):
+                allowed = ", ".join(f"{one:g}" for one in values)
+                raise VoccError.of(f"rivals.points.{name}", f"{value:g}", f"one of {allowed}")
+        for key, least in (("genie_frames", 0), ("scene_frames", 0), ("scene_training_frames", 2)):
+            if (given := getattr(self.config, key)) < least:
+                raise VoccError.of(f"rivals.{key}", given, f"at least {least}")
+        if self.home in self.scenes:
+            raise VoccError(f"rivals.scenes.{self.home} is the scene of the experiments: leave it out")
+
+    @property
+    def base(self) -> Plan:
+        """The first experiment's plan."""
+        return next(iter(self.plans.values()))
+
+    @property
+    def locator(self) -> Locator:
+        """What finds the panel, for every receiver."""
+        return self.base.receiver.locator
+
+    @property
+    def studies(self) -> list[sweep.Study]:
+        """The experiments as they are measured."""
+        return [sweep.Study(name, plan, (self.locator,)) for name, plan in self.plans.items()]
+
+    @property
+    def scene_plans(self) -> dict[str, Plan]:
+        """By name, plans of one kind of scenes, the home first; empty without pairs.
+
+        Each trains on few frames of its scenes, and has test frames of its own name.
+        """
+        if not self.scenes or not self.config.scene_frames:
+            return {}
+        most, plans = self.config.scene_training_frames, {}
+        for name, plan in {self.home: self.base, **self.scenes}.items():
+            learners = []
+            for one in plan.receiver.classifiers:
+                recipe = replace(one.training, frames=min(most, one.training.frames))
+                frames = None if one.frames is None else min(most, one.frames)
+                # A classifier's own mix of scenes is of those at home.
+                scene = one.scene if name == self.home else {}
+                learners.append(replace(one, training=recipe, frames=frames, scene=scene))
+            # Receivers that need preambles learn nothing.
+            learn = {*FLDA_FEATURES, *(one.name for one in learners)}
+            names = tuple(one for one in plan.receiver.names if one in learn)
+            receiver = replace(plan.receiver, names=names, classifiers=tuple(learners))
+            budget = Budget(self.config.scene_frames, min(most, plan.budget.training_frames))
+            experiment = Experiment(f"scenes/{name}", "distance_m", (plan.world.scene.nearest_m,))
+            plans[name] = replace(plan, receiver=receiver, budget=budget, experiment=experiment)
+        return plans
+
+
+def build_classifier_study(settings: config.Settings, rivals: RivalsConfig, folder: Path) -> ClassifierStudy:
+    """Build the study that ``task=classifiers`` makes.
+
+    Raises:
+        VoccError: a value outside its range, named by its key.
+    """
+    plan = build.build_plan(settings, folder)
+    receiver, left_out = build.without_absent(plan.receiver)
+    plans, scenes = {}, {}
+    for name, experiment in rivals.experiments.items():
+        key = f"rivals.experiments.{name}"
+        if experiment.row_axis is not None:
+            raise VoccError(f"{key} is a grid over {experiment.row_axis}: it must have one axis")
+        with section(key, before="experiment"):
+            plans[name] = replace(plan, receiver=receiver, experiment=experiment)
+    for name, scene in rivals.scenes.items():
+        # The scene of the experiments may be among the shipped ones or not.
+        if name != settings.scene.name:
+            with section(f"rivals.scenes.{name}", before="scene"):
+                there = build.build_plan(replace(settings, scene=scene), folder)
+                scenes[name] = replace(there, receiver=receiver)
+    return ClassifierStudy(plans, rivals, settings.scene.name, scenes, left_out)
+
+
 def compare_classifiers(
-    study: ClassifierStudy,
-    ledgers: Mapping[str, ledger.Ledger],
-    workers: Workers,
-    stage: Stage = nullcontext,
-    advance: Advance = lambda what, frames: None,
+    study: ClassifierStudy, ledgers: Ledgers, pool: workers.Workers, stage: Stage, advance: Advance
 ) -> tuple[Comparison, Training]:
     """Train all receivers, measure them along every axis, and what they cost and can do at best.
 
     Args:
         study: the study.
         ledgers: by experiment.
-        workers: who does it.
+        pool: the processes that do it.
         stage: hears which stage begins and ends.
         advance: hears how far it is.
 
@@ -52,59 +158,50 @@ def compare_classifiers(
     Raises:
         VoccError: what cannot be trained, or a worker that was ended from outside.
     """
-    names, plans = study.base.receiver.names, study.plans
+    names, at = study.base.receiver.names, study.locator
     for one in study.base.receiver.classifiers:
         # What cannot be built is refused now, and not when its turn comes.
         build.built(one)
     with stage("training"):
         # FLDA is always trained: the receiver that is kept is one.
         wanted = tuple(dict.fromkeys((*names, *FLDA_FEATURES)))
-        every = [replace(plan, receiver=replace(plan.receiver, names=wanted)) for plan in plans.values()]
-        trained = train_alone(every, workers)
-    banks = {name: one.bank(names) for name, one in zip(plans, trained, strict=True)}
-    measured = Comparison(
-        reference=study.config.reference,
-        costs={name: trained[0].making(name) for name in names},
-        points=study.config.points,
-        home=study.home,
-        most_training_frames=study.config.scene_training_frames,
-        left_out=study.left_out,
-    )
+        every = [replace(one, receiver=replace(one.receiver, names=wanted)) for one in study.plans.values()]
+        trained = train_alone(every, pool)
+    banks = {name: one.bank(names) for name, one in zip(study.plans, trained, strict=True)}
+    found: dict[str, Any] = {}
     with stage("bit error rates"):
-        at = study.locator
-        outcomes: dict[str, dict[float, Outcome]] = {name: {} for name in plans}
-        studies = [sweep.Study(name, plan, (at,)) for name, plan in plans.items()]
+        outcomes: dict[str, dict[float, workers.Outcome]] = {name: {} for name in study.plans}
         here = {name: {at: bank} for name, bank in banks.items()}
 
         def told(one: sweep.Study, value: float, frames: int, _: object) -> None:
             advance(f"{one.key} {value:g}", frames)
 
-        for experiment, value, outcome in sweep.run_studies(studies, here, ledgers, workers, told):
+        for experiment, value, outcome in sweep.run_studies(study.studies, here, ledgers, pool, told):
             outcomes[experiment.key][value] = outcome
-        curves = {each.key: sweep.measured(each, outcomes[each.key]).curves[at] for each in studies}
-        measured = replace(measured, curves=curves)
+        curves = {one.key: sweep.measured(one, outcomes[one.key]).curves[at] for one in study.studies}
     if study.config.genie_frames:
         with stage("the genie"):
-            genie, no_genie = genie_points(study, banks, workers, advance)
-            measured = replace(measured, genie=genie, no_genie=no_genie)
+            found["genie"], found["no_genie"] = genie_points(study, banks, pool, advance)
     if scene_plans := study.scene_plans:
         with stage("other scenes"):
-            transfers, lost = across_scenes(scene_plans, workers, advance)
-            measured = replace(measured, transfers=transfers, lost_scenes=lost)
+            found["transfers"], found["lost_scenes"] = across_scenes(scene_plans, pool, advance)
     with stage("times"):
-        measured = replace(measured, decision_ms=decision_times(study.base, trained[0]))
-    return measured, trained[0]
+        found["decision_ms"] = decision_times(study.base, trained[0])
+    found["costs"] = {name: trained[0].making(name) for name in names}
+    found["most_training_frames"], found["left_out"] = study.config.scene_training_frames, study.left_out
+    points, reference = study.config.points, study.config.reference
+    return Comparison(reference, points=points, curves=curves, home=study.home, **found), trained[0]
 
 
 def genie_points(
-    study: ClassifierStudy, banks: Mapping[str, ReceiverBank], workers: Workers, advance: Advance
+    study: ClassifierStudy, banks: Mapping[str, ReceiverBank], pool: workers.Workers, advance: Advance
 ) -> tuple[dict[str, dict[float, GeniePoint]], dict[str, str]]:
     """Let the genie decide the first frames of every point, and count the receivers' errors on the same.
 
     Args:
         study: the study.
         banks: the trained receivers, by experiment.
-        workers: who does it.
+        pool: the processes that do it.
         advance: hears which point begins.
 
     Returns:
@@ -115,14 +212,15 @@ def genie_points(
     for name, plan in study.plans.items():
         points: dict[float, GeniePoint] = {}
         frames = min(study.config.genie_frames, plan.budget.frames)
+        few = replace(plan, budget=replace(plan.budget, frames=frames))
         try:
             for value in plan.experiment.values:
                 advance(f"the genie at {name} {value:g}", 0)
                 model = plan.experiment.model_at(plan.world, value)
                 point = sweep.point_name(plan.experiment, value)
-                genie = genie_reference(plan, model, point, frames, workers)
-                with worker_losses_told():
-                    errors = counted(plan, model, point, [banks[name]], frames, workers)()
+                genie = genie_reference(few, model, point, frames, pool)
+                with workers.worker_losses_told():
+                    errors = counted(few, model, point, [banks[name]], pool)()
                 points[value] = GeniePoint(genie, dict(zip(banks[name].names, errors.counts, strict=True)))
             found[name] = points
         except UnknownLikelihoodError as error:
@@ -132,24 +230,24 @@ def genie_points(
 
 
 def counted(
-    plan: Plan, model: SceneModel, point: str, banks: Sequence[ReceiverBank], frames: int, workers: Workers
+    plan: Plan, model: SceneModel, point: str, banks: Sequence[ReceiverBank], pool: workers.Workers
 ) -> Callable[[], frame_errors.FrameErrors]:
-    """Hand out a point's frames; what is returned waits for the errors, a row for each bank's receivers."""
+    """Hand a point's frames out; what is returned waits for the errors, a row for each bank's receivers."""
     locator = plan.receiver.locator
     receivers = frame_errors.Banks([(locator, bank) for bank in banks])
     job = frame_errors.FrameJob(plan, model, point, (locator,), receivers, receivers.needs_preambles)
-    calls = job.handed_out(frames, workers)
+    calls = job.handed_out(plan.budget.frames, pool)
     return lambda: frame_errors.FrameErrors.joined(call.result() for call in calls)
 
 
 def across_scenes(
-    plans: Mapping[str, Plan], workers: Workers, advance: Advance
+    plans: Mapping[str, Plan], pool: workers.Workers, advance: Advance
 ) -> tuple[list[Transfer], dict[str, str]]:
     """Train in every kind of scenes; test at home what was trained elsewhere, and elsewhere what was at home.
 
     Args:
         plans: by the scenes' name, the home first; receivers and budget are the same.
-        workers: who does it.
+        pool: the processes that do it.
         advance: hears what begins.
 
     Returns:
@@ -158,9 +256,9 @@ def across_scenes(
         was found there, or a receiver could not learn from so few frames.
     """
     home = next(iter(plans))
-    with worker_losses_told():
+    with workers.worker_losses_told():
         advance("training in other scenes", 0)
-        training = {name: workers.submit(train_or_say_why, plan) for name, plan in plans.items()}
+        training = {name: pool.submit(train_or_say_why, plan) for name, plan in plans.items()}
         trained = {name: call.result() for name, call in training.items()}
         lost = {name: one for name, one in trained.items() if isinstance(one, str)}
         banks = {name: one for name, one in trained.items() if not isinstance(one, str)}
@@ -172,7 +270,7 @@ def across_scenes(
         for name, places in sources.items():
             plan, compared = plans[name], [banks[one] for one in places]
             model = plan.experiment.training_model(plan.world)
-            calls[name] = counted(plan, model, plan.experiment.name, compared, plan.budget.frames, workers)
+            calls[name] = counted(plan, model, plan.experiment.name, compared, pool)
         errors = {name: wait() for name, wait in calls.items()}
     names, transfers = banks[home].names, []
     for tested_on, places in sources.items():
@@ -212,7 +310,7 @@ def decision_times(plan: Plan, training: Training) -> dict[str, float]:
     receivers = {name: StagedReceiver(training.bank([name]), link.reader, link.locator) for name in names}
     with timing.threads(1):
         exposure = stage_times.Exposure.of(plan.world, model, [key], preambles=needs_preambles(names))
-        device = link.simulator.device
-        timed = stage_times.time_stages(receivers, exposure, BLOCK_FRAMES, TIMED_REPEATS, device)
+        # A time is a median over 9 rounds.
+        timed = stage_times.time_stages(receivers, exposure, BLOCK_FRAMES, 9, link.simulator.device)
     spent = {name: one.summed(("features", "classify")) for name, one in timed.by_receiver.items()}
     return {name: stage_times.median_of(one).value for name, one in spent.items()}
