@@ -94,7 +94,7 @@ def effects_figure(results: EffectResults) -> Figure:
     if "located" not in results.readings:
         parts.popitem()
     cell_in, margins_in = (_WIDE_IN, _ROW_IN * len(rows)), (_LEFT_IN, _RIGHT_IN, _ABOVE_IN, _BELOW_IN)
-    figure, grid = canvas.new_grid((1, len(parts)), cell_in, (_GAP_IN, 0), margins_in)
+    figure, grid = canvas.new_grid(len(parts), len(parts), cell_in, (_GAP_IN, 0), margins_in)
     look: dict[str, Any] = {"loc": "lower left", "fontsize": 8.3, "borderaxespad": 0.15, "handlelength": 1.6}
     for axes, (head, series) in zip(grid, parts.items(), strict=True):
         canvas.quiet_axes(axes)
@@ -242,10 +242,10 @@ def gallery_figure(study: EffectStudy) -> Figure:
     """Show the grey pictures of :func:`gallery_pictures` in rows, each with its name, pixels as squares."""
     pictures = gallery_pictures(study)
     columns = min(_TILES_A_ROW, len(pictures))
-    shape, gap_in = (math.ceil(len(pictures) / columns), columns), (0.08, 0.38)
+    gap_in = (0.08, 0.38)
     # The title needs five inches.
     margins_in = (0.18, max(0.2, 4.9 - columns * (_TILE_IN + 0.08)), 0.86, 0.48)
-    figure, grid = canvas.new_grid(shape, (_TILE_IN, _TILE_IN), gap_in, margins_in, len(pictures))
+    figure, grid = canvas.new_grid(len(pictures), columns, (_TILE_IN, _TILE_IN), gap_in, margins_in)
     for axes, (name, picture) in zip(grid, pictures.items(), strict=True):
         axes.imshow(picture, cmap="gray", vmin=0, vmax=255, interpolation="nearest")
         axes.set_title(name, fontsize=9.5, color=INK, pad=3)

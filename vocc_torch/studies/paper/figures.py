@@ -292,10 +292,10 @@ def location_figure(splits: Sequence[LocationSplit], lens_mm: float) -> canvas.F
         if split.value is None and split.receiver in PAPER_RECEIVERS:
             totals.setdefault(split.experiment, []).append(split)
     columns = min(2, len(totals))
-    shape, gap_in = (-(-len(totals) // columns), columns), (0.52, _HEAD_IN)
+    gap_in = (0.52, _HEAD_IN)
     cell_in = (_WIDTH_IN + gap_in[0]) / columns - gap_in[0], max(map(len, totals.values())) * _ROW_IN
     margins_in = (2.2, 0.3, _TOP_IN + _HEAD_IN, _BOTTOM_IN)
-    figure, panels = canvas.new_grid(shape, cell_in, gap_in, margins_in, len(totals))
+    figure, panels = canvas.new_grid(len(totals), columns, cell_in, gap_in, margins_in)
     rates = [rate for group in totals.values() for split in group for rate in (split.located, split.truth)]
     limits = min(one.value or one.high for one in rates) / 3, _ROOM * max(one.high for one in rates)
     for number, (axes, (experiment, group)) in enumerate(zip(panels, totals.items(), strict=True)):
