@@ -143,7 +143,7 @@ def test_what_a_killed_process_left_is_swept_and_nothing_else(tmp_path):
     kept = {f".b.{os.getpid()}-0.tmp.csv", ".tmp", ".x.tmp", "a.1.tmp", ".mine.tmp.csv"}
     for name in kept:
         (tmp_path / name).write_bytes(b"")
-    sweep(tmp_path)
+    sweep(tmp_path.iterdir())
     assert set(names(tmp_path)) == kept
 
 

@@ -3,8 +3,9 @@
 import itertools
 import os
 import re
+import shutil
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -70,24 +71,24 @@ def write_atomically(path: str | Path, content: bytes) -> None:
         temporary.write_bytes(content)
 
 
-def sweep(folder: Path) -> None:
-    """Remove the temporary files below a folder that :func:`atomic_file` left where its process was killed.
+def sweep(paths: Iterable[Path]) -> None:
+    """Remove those paths that have a temporary name, as of :func:`atomic_file`, by a process that is gone.
 
     Example:
         >>> import tempfile
         >>> with tempfile.TemporaryDirectory() as folder:
         ...     _ = (Path(folder) / ".curve.999999999-0.tmp.png").write_bytes(b"half")
-        ...     sweep(Path(folder))
+        ...     sweep(Path(folder).iterdir())
         ...     list(Path(folder).iterdir())
         []
     """
-    for path in folder.rglob(".*.tmp*") if sys.platform != "win32" else ():
+    for path in paths if sys.platform != "win32" else ():
         if made := re.fullmatch(r"\..+\.(\d{1,9})(-\d+)?\.tmp(\..+)?", path.name):
             with suppress(OSError):  # the process is another user's, or the path is no file
                 try:
                     os.kill(int(made[1]), 0)
                 except ProcessLookupError:
-                    path.unlink()
+                    shutil.rmtree(path) if path.is_dir() else path.unlink()
 
 
 @contextmanager

@@ -1,6 +1,7 @@
 """``task=decode`` from settings to files: what is written, and what is refused before anything is."""
 
 import csv
+import os
 
 import numpy as np
 import pytest
@@ -60,6 +61,20 @@ def test_a_folder_with_and_without_panels(decode, model, photo, tmp_path, capsys
         assert one.size == other.size == (given.width * 2, given.height * 2)
 
 
+def test_annotated_pictures_have_names_of_their_own(decode, model, photo, tmp_path):
+    """Two endings, the name that one of them could get, capitals, two pages, a long name and no text."""
+    (tmp_path / "pictures").mkdir()
+    names = ["a.bmp", "a.jpg", "a.jpg.png", "A.png", "a-1.png", "a-2.png", "a-3.png", "é" * 125 + ".png"]
+    for name in [*names, os.fsdecode(b"\xff.png")]:
+        (tmp_path / "pictures" / name).write_bytes(photo.read_bytes())
+    with Image.open(photo) as one:
+        one.save(tmp_path / "pictures" / "a.tiff", save_all=True, append_images=[one.copy()])
+    rows = decode(tmp_path / "pictures", f"model={model}")
+    drawn = [path.stem for path in (tmp_path / "out" / "annotated").iterdir()]
+    assert len(rows) == len({name.lower() for name in drawn}) == len(names) + 3
+    assert {"A", "\\udcff"} < set(drawn)
+
+
 def test_what_is_no_panel_is_called_doubtful(decode, model, tmp_path, capsys):
     """The locator gives the best blob there is: noise scores low, a wall high but without two levels."""
     noise = np.random.default_rng(0).integers(0, 256, (120, 160)).astype(np.uint8)
@@ -94,7 +109,7 @@ RECORDINGS = {
     "film.mp4": "film.mp4 cannot be read as a video",
     "empty": "empty holds no picture",
     "flat.png": "shows no panel in 1 of 1 frames: see receiver.location",
-    "cut": "has 2 pictures that cannot be read: a.png, b.png",
+    "cut": "a.png cannot be read as a picture (image file is truncated); input cut/b.png cannot be read",
 }
 
 

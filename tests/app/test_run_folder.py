@@ -1,6 +1,5 @@
 """A run's folder is below ``runs/``: whatever its name, nothing outside is made, changed or removed."""
 
-import os
 import tempfile
 from dataclasses import fields
 from pathlib import Path
@@ -124,13 +123,12 @@ def test_what_killed_runs_left_is_swept_at_the_next_start(app, tmp_path, monkeyp
     """999999999 is the number of no process."""
     system, kept = tmp_path / "system", tmp_path / "system" / "vocc-torch-mine"
     left = [
-        system / ".vocc-torch-jobs-abcdefgh" / "0.begun",
+        system / ".vocc-torch.999999999.tmp.abcdefgh" / "0.begun",
         tmp_path / "runs" / "x" / ".bits.999999999.tmp.csv",
     ]
     for path in (*left, kept / "a"):
         path.parent.mkdir(parents=True)
         path.write_bytes(b"half")
-    os.utime(left[0].parent, (0, 0))
     monkeypatch.setattr(tempfile, "tempdir", str(system))
     assert "panel.rows is 0" in app("panel.rows=0", "name=x").complaint
     assert list(system.iterdir()) == [kept]

@@ -3,10 +3,8 @@
 import contextlib
 import io
 import os
-import shutil
 import sys
 import tempfile
-import time
 import traceback
 import warnings
 from collections.abc import Iterator
@@ -30,8 +28,6 @@ GRID = "curve:run_grid"
 """What runs ``task=test`` where the experiment has rows."""
 
 MULTIRUN = ("-m", "--multirun")
-MAILBOX = ".vocc-torch-jobs-"
-"""How the folder of :class:`~vocc_torch.app.jobs.Jobs` begins in the system's temporary folder."""
 OUT_OF_MEMORY = (
     "not enough memory: give a smaller batch_frames, or a camera and distances that show smaller LEDs"
 )
@@ -112,10 +108,9 @@ def run_job(config: DictConfig, jobs: Jobs) -> None:
         print(heading if jobs.elsewhere else f"\njob {number}: {heading}", flush=True)
     trace, mine = "", False
     try:
-        folder.mkdir(parents=True, exist_ok=True)
         with locked(folder):
             if inside_runs(folder):
-                sweep(folder)
+                sweep(folder.rglob(".*.tmp*"))
             mine = begin_again(folder) and one_of_many
             run_task(resolved(config, about.overrides.task), folder)
         return
@@ -188,12 +183,7 @@ def run() -> int:
     # Hydra prints errors over several lines and exits unless it is told to let them through.
     os.environ["HYDRA_FULL_ERROR"] = "1"
     register_schema()
-    for left in Path(tempfile.gettempdir()).glob(f"{MAILBOX}*"):
-        with contextlib.suppress(OSError, VoccError), locked(left):  # nobody's any more
-            if time.time() - left.stat().st_mtime > 60:  # else it may have been made this very moment
-                shutil.rmtree(left)
-    with contextlib.ExitStack() as stack:
-        mailbox = tempfile.TemporaryDirectory(prefix=MAILBOX, ignore_cleanup_errors=True)
-        folder = Path(stack.enter_context(mailbox))
-        stack.enter_context(locked(folder))
-        return run_jobs(Jobs(folder, os.getpid()))
+    sweep(Path(tempfile.gettempdir()).glob(".vocc-torch.*"))
+    ours = f".vocc-torch.{os.getpid()}.tmp."
+    with tempfile.TemporaryDirectory(prefix=ours, ignore_cleanup_errors=True) as mailbox:
+        return run_jobs(Jobs(Path(mailbox), os.getpid()))

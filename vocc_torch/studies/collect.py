@@ -55,11 +55,6 @@ class Job:
     table: curve.BerTable | None = None
     settings: Mapping[str, object] = field(default_factory=dict)
 
-    def __post_init__(self) -> None:
-        """Escape what a terminal or a table would not take from the names and files of others."""
-        for part in ("name", "complaint"):
-            object.__setattr__(self, part, printable(getattr(self, part)))
-
 
 def run_collect(settings: config.Settings, folder: Path) -> None:
     """Join the jobs of a multirun into ``collected.csv`` and ``collected.png``.
@@ -132,7 +127,7 @@ def find_jobs(folder: Path) -> list[Job]:
         raise VoccError(f"input {folder} holds no job: {rule}")
     found.sort(key=order)
     whole = folder.resolve().name
-    names = [whole if place == folder else place.relative_to(folder).as_posix() for place in found]
+    names = [printable(whole if at == folder else at.relative_to(folder).as_posix()) for at in found]
     return [job for place, name in zip(found, names, strict=True) for job in read_jobs(place, name)]
 
 
@@ -150,12 +145,12 @@ def read_jobs(place: Path, name: str) -> list[Job]:
     try:
         settings = config.read_flat(place / run_folder.CONFIG)
     except VoccError as error:
-        complaint = str(error)
+        complaint = printable(str(error))
     if (place / TABLE).exists():
         try:
             tables = run_folder.read_tables(place / TABLE)
         except VoccError as error:
-            return [Job(name, "unreadable", str(error), None, settings)]
+            return [Job(name, "unreadable", printable(str(error)), None, settings)]
         if not tables:
             return [Job(name, "unreadable", f"{place / TABLE} has no point in it", None, settings)]
     else:
@@ -165,7 +160,7 @@ def read_jobs(place: Path, name: str) -> list[Job]:
         status, complaint = "failed", f"{FAILED} cannot be read"
         with suppress(OSError, UnicodeDecodeError):
             lines = (place / FAILED).read_text(encoding="utf-8").splitlines()
-            complaint = lines[0] if lines else f"{FAILED} is empty"
+            complaint = printable(lines[0]) if lines else f"{FAILED} is empty"
     return [
         Job(name, status, complaint, table, {**settings, axis: value} if axis and settings else settings)
         for (axis, value), table in tables.items()

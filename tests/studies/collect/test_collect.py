@@ -2,6 +2,7 @@
 
 import csv
 import io
+import os
 
 import pytest
 import yaml
@@ -313,3 +314,16 @@ def test_the_table_says_each_range_and_every_complaint_at_every_width(width):
     assert "< " in text
     assert "job 1 failed: seed is 2: it must be another" in text
     assert all(len(line.rstrip()) <= width or line.startswith("job 1") for line in text.splitlines())
+
+
+def test_escape_codes_in_what_others_wrote_do_not_reach_the_terminal(tmp_path):
+    """Nor do they stop the table: names of folders, settings, complaints and cells, with bytes of no text."""
+    table = made_up_table(receivers=("\x1b[31mred",), axis="[/b]")
+    write_job(tmp_path / os.fsdecode(b"\xff\x1b[2J"), {"seed": "\x1b]0;x"}, table, failed="\x1b[1m[/b]\n")
+    write_job(tmp_path / "1", {"seed": 1}, failed="no")
+    jobs, screen = find_jobs(tmp_path), io.StringIO()
+    print_jobs(jobs, ["seed"], Console(file=screen, width=120))
+    write_rows(tmp_path / "collected.csv", collected_rows(jobs, ["seed"]))
+    for text in (screen.getvalue(), (tmp_path / "collected.csv").read_text()):
+        assert "\x1b" not in text
+        assert "\\x1b[1m[/b]" in text

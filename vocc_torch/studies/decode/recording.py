@@ -2,7 +2,6 @@
 
 import warnings
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
@@ -86,17 +85,14 @@ def read_pictures(paths: Sequence[Path], channel: str) -> Iterator[RecordedFrame
     Raises:
         VoccError: at the end, which pictures cannot be read.
     """
-    bad: dict[str, VoccError] = {}
+    bad: list[str] = []
     for path in paths:
         try:
             yield from read_picture(path, channel)
         except VoccError as error:
-            bad[path.name] = error
-    if len(bad) == 1:
-        raise next(iter(bad.values()))
+            bad.append(str(error))
     if bad:
-        named = ", ".join([*list(bad)[:5], *(["..."] if len(bad) > 5 else [])])
-        raise VoccError(f"input {paths[0].parent} has {len(bad)} pictures that cannot be read: {named}")
+        raise VoccError("; ".join(bad[:5]) + f"; and {len(bad) - 5} more" * (len(bad) > 5))
 
 
 def read_picture(path: Path, channel: str) -> Iterator[RecordedFrame]:
@@ -108,39 +104,29 @@ def read_picture(path: Path, channel: str) -> Iterator[RecordedFrame]:
     Raises:
         VoccError: a file that is no picture, is damaged, or has greys of other than 8 or 16 bits.
     """
-    with told(path):
-        image = Image.open(path, formats=PICTURE_FORMATS)
-    with image:
-        for index in range(1) if image.format == "MPO" else count():
-            with told(path, f" after {index} frames" if index else ""):
-                try:
-                    image.seek(index)
-                except EOFError:
-                    break
+    image = None
+    for index in count():
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # about a file that is odd but readable
+                warnings.simplefilter("error", Image.DecompressionBombWarning)
+                image = image or Image.open(path, formats=PICTURE_FORMATS)
+                image.seek(index)
                 colour = to_colour(image)
-            yield RecordedFrame(printable(path.name), index, None, colour, to_grey(colour, channel))
-    if image.format == "GIF" and not path.read_bytes().rstrip(b"\0").endswith(b";"):
-        warnings.warn(f"input {path} has no end: frames after the {index} read may be missing", stacklevel=2)
-
-
-@contextmanager
-def told(path: Path, after: str = "") -> Iterator[None]:
-    """Refuse in one line what Pillow cannot read.
-
-    Args:
-        path: the picture.
-        after: what has been read before.
-    """
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # about a file that is odd but readable
-            warnings.simplefilter("error", Image.DecompressionBombWarning)
-            yield
-    except Exception as error:  # Pillow's readers let many kinds through when a file is damaged
-        reason = " ".join(str(error).split()) or type(error).__name__
-        if isinstance(error, UnidentifiedImageError):
-            reason = "not a known picture format"
-        raise VoccError(f"input {path} cannot be read as a picture{after} ({reason})") from None
+        except Exception as error:  # Pillow's readers let many kinds through when a file is damaged
+            if image and index and isinstance(error, EOFError):
+                if image.format == "GIF" and not path.read_bytes().rstrip(b"\0").endswith(b";"):
+                    told = f"input {path} has no end: frames after the {index} read may be missing"
+                    warnings.warn(told, stacklevel=2)
+                return
+            reason = " ".join(str(error).split()) or type(error).__name__
+            if isinstance(error, UnidentifiedImageError):
+                reason = "not a known picture format"
+            what = f"a picture after {index} frames" if index else "a picture"
+            raise VoccError(f"input {path} cannot be read as {what} ({reason})") from None
+        yield RecordedFrame(printable(path.name), index, None, colour, to_grey(colour, channel))
+        if image.format == "MPO":
+            return
 
 
 def to_colour(image: Image.Image) -> NDArray[np.uint8]:
@@ -150,12 +136,10 @@ def to_colour(image: Image.Image) -> NDArray[np.uint8]:
         ValueError: greys of other than 8 or 16 bits.
     """
     shown: Image.Image = ImageOps.exif_transpose(image)
-    if image.mode == "F":
-        raise ValueError("it holds floating grey values: it must have 8 or 16 bits")
-    if image.mode.startswith("I"):  # 16 bits, in 32 where Pillow has no better mode
+    if image.mode[0] in "IF":  # 16 bits, in 32 where Pillow has no better mode
         deep = np.asarray(shown)
-        if deep.min() < 0 or deep.max() > 65535:
-            held = f"it holds grey values from {deep.min()} to {deep.max()}"
+        if deep.dtype.kind == "f" or deep.min() < 0 or deep.max() > 65535:
+            held = f"it holds {deep.dtype} grey values from {deep.min()} to {deep.max()}"
             raise ValueError(f"{held}: it must have 8 or 16 bits")
         shown = Image.fromarray((deep / 257.0).round().astype(np.uint8))
     return np.asarray(shown.convert("RGB"), dtype=np.uint8)
@@ -193,12 +177,10 @@ def read_video(path: Path, channel: str) -> Iterator[RecordedFrame]:
                     done, damaged = done + 1, damaged + frame.is_corrupt
     except (av.error.FFmpegError, IndexError, ValueError) as error:
         reason = str(error)
-    few = f"{done} frames were read where its header speaks of {declared}" if done < declared else ""
-    if done and (few or damaged):
-        odd = f"{damaged} of {done} frames are damaged" if damaged else ""
-        warnings.warn(f"input {path}: {'; '.join(filter(None, [few, odd]))}", stacklevel=2)
+    if done and (done < declared or damaged):
+        told = f"{done} frames were read, {damaged} of them damaged, and its header speaks of {declared}"
+        warnings.warn(f"input {path}: {told}", stacklevel=2)
     if reason:
-        reason = " ".join(reason.split())
         raise VoccError(f"input {path} cannot be read as a video after {done} frames ({reason})")
     if done == 0:
         raise VoccError(f"input {path} is a video without frames")

@@ -4,7 +4,7 @@ import shutil
 import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from itertools import chain, count, groupby, islice
+from itertools import chain, groupby, islice
 from pathlib import Path
 
 import numpy as np
@@ -71,8 +71,7 @@ class Reading:
     @property
     def judged(self) -> str:
         """How sure the reading is, in words."""
-        still = self.frame.time_s is None and not self.frame.index
-        where = self.frame.source + ("" if still else f", frame {self.frame.index}")
+        where = self.frame.source + (f", frame {self.frame.index}" if self.frame.index else "")
         doubt = ", which may be no panel" if self.is_doubtful else ""
         others = f"; {self.candidates} blobs could have been the panel" if self.candidates > 1 else ""
         return f"{where}: least margin {self.margin:.3g}, panel score {self.panel_score:.2f}{doubt}{others}"
@@ -113,8 +112,12 @@ def run_decode(settings: Settings, config: DecodeConfig, folder: Path) -> None:
             doubtful += reading.is_doubtful
             if config.annotate and reading.frame.time_s is None:
                 drawn = annotated(reading.frame.colour, reading.corners_px, reading.bits, config.scale)
-                path = folder / "annotated" / f"{picture_name(reading.frame, names)}.png"
-                with atomic_file(path) as temporary:
+                # With room for the rest of a name of 255 bytes.
+                name = Path(reading.frame.source).stem.encode()[:200].decode(errors="ignore")
+                while name.casefold() in names:
+                    name += f"-{len(rows)}"
+                names.add(name.casefold())
+                with atomic_file(folder / "annotated" / f"{name}.png") as temporary:
                     drawn.save(temporary, format="PNG")
             best = reading if best is None or reading.margin > best.margin else best
     except BaseException:
@@ -149,25 +152,6 @@ def readable(recording: Iterator[RecordedFrame], failures: list[str]) -> Iterato
         yield from recording
     except VoccError as error:
         failures.append(str(error))
-
-
-def picture_name(frame: RecordedFrame, taken: set[str]) -> str:
-    """Name a frame's picture as no other of the folder, also where capitals do not count, and note the name.
-
-    Example:
-        >>> taken, grey = set(), np.zeros((1, 1), np.uint8)
-        >>> frames = [RecordedFrame(name, 0, None, grey, grey) for name in ("a.jpg", "A.png", "A.png.png")]
-        >>> [picture_name(frame, taken) for frame in frames]
-        ['a', 'A.png', 'A.png.png']
-    """
-    part = f"-{frame.index}" if frame.index else ""
-    given = (Path(frame.source).stem, frame.source)
-    # With room for the rest of a name of 255 bytes.
-    whole = [name.encode()[:200].decode(errors="ignore") + part for name in given]
-    names = chain(whole, (f"{whole[1]}-{number}" for number in count(2)))
-    name = next(one for one in names if one.casefold() not in taken)
-    taken.add(name.casefold())
-    return name
 
 
 def receiver_for(plan: Plan, model: Path | None) -> Receiver:
@@ -205,9 +189,14 @@ def decode(receiver: Receiver, recording: Iterator[RecordedFrame]) -> Iterator[R
             read = receiver.decode(greys.to(receiver.classifier.mean.device))
             sure = read.scores.abs()
             least = sure.amin(dim=(1, 2))
-            between = ~(least >= DOUBTFUL_MARGIN * sure.mean(dim=(1, 2)))
-            doubtful = (read.panel_score < DOUBTFUL_SCORE) | between
+            clear = least >= DOUBTFUL_MARGIN * sure.mean(dim=(1, 2))
             corners, bits = read.corners_px.cpu().numpy(), read.bits.cpu().numpy()
-            given = (read.found, least, read.panel_score, read.candidates, doubtful)
+            given = (
+                read.found,
+                least,
+                read.panel_score,
+                read.candidates,
+                ~clear | (read.panel_score < DOUBTFUL_SCORE),
+            )
             for i, (frame, *judged) in enumerate(zip(batch, *(one.tolist() for one in given), strict=True)):
                 yield Reading(frame, judged[0], corners[i], bits[i], *judged[1:])
