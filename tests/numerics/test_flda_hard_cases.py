@@ -355,11 +355,10 @@ def scores_not_finite():
     for value, score in ((torch.nan, "nan"), (torch.inf, "inf"), (1e300, "inf"), (-1e300, "-inf")):
         point = x[:2] * 1e-12
         point[1, int(flda.direction.abs().argmax())] = value
-        sign = float(flda.direction[flda.direction.abs().argmax()].sign())
-        assert flda(point).isfinite().tolist() == [True, False]
-        if value == value:
-            assert float(flda(point)[1]) == sign * float(score)
-        refused("neither On nor Off", lambda p=point: flda.predict(p))
+        sign = "-" if flda.direction[flda.direction.abs().argmax()] < 0 else ""
+        said = f"its score is {sign}{score}".replace("--", "").replace("-nan", "nan")
+        for decide in (flda.predict, flda.decision_function, flda):
+            refused(f"{said}, neither On nor Off", lambda p=point, f=decide: f(p))
 
 
 @hard("bits that are neither 0 nor 1")

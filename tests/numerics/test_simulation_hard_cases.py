@@ -92,7 +92,7 @@ def gamma_one():
     "gamma 0.1 and gamma 10",
     "right to 12 digits against 50-digit arithmetic over 60 decades of light, in float32 to 6; the ends"
     " of the range, because beyond them light from any scene overflows or is lost; the rest is refused",
-    Breakage(HARDWARE, '"gamma": (0.1, 10.0),', '"gamma": (1e-6, 1e6),'),
+    Breakage(HARDWARE, '"gamma": (0.1, 10.0)}', '"gamma": (1e-6, 1e6)}'),
 )
 def gamma_extreme():
     for gamma in (0.1, 10.0):
@@ -250,7 +250,7 @@ def everything_saturated():
     "exposure settings at the ends of their ranges",
     "auto-ISO takes every combination of f-number, time and K out again, in float32 too; beyond the ends"
     " (1e-200, 1e200: their squares are 0 and infinite) each is refused by name",
-    Breakage(HARDWARE, '"f_number": (0.1, 1e3),', '"f_number": (1e-300, 1e300),'),
+    Breakage(HARDWARE, '"f_number": (0.1, 1e3)}', '"f_number": (1e-300, 1e300)}'),
 )
 def exposure_settings():
     ranges = {"f_number": (0.1, 1e3), "exposure_time_s": (1e-9, 1e4), "calibration_constant": (0.1, 1e3)}
@@ -609,19 +609,20 @@ def ragged_scene():
     scene = Scene.of(3)
     for wrong in (torch.ones(1).double(), torch.ones(()).double(), torch.ones(3, 1).double()):
         ragged = Scene(*(wrong if n == "distance_m" else getattr(scene, n) for n in Scene.__slots__))
-        line = f"scene.distance_m has shape {tuple(wrong.shape)}: each field must be (B,), one value a frame"
+        line = f"scene.distance_m has shape {tuple(wrong.shape)}: each field must be (B,)"
         assert refusal(ragged.checked) == line
 
 
 @hard(
     "a nearest distance of 0 or below",
     "refused by name, as one beyond the nearest scene is: it would ask for a crop without end",
-    Breakage(FRAMING, "if not nearest_m > 0:", "if nearest_m < 0:"),
+    Breakage(FRAMING, 'if not finite_number("nearest_m", nearest_m) > 0:', "if nearest_m < 0:"),
 )
 def no_nearest_distance():
     scene = Scene.of()
     for nearest in (0.0, -1.0, math.nan):
-        assert refusal(Simulator().crop_px, nearest) == f"nearest_m is {nearest:g}: it must be above 0"
+        rule = "above 0" if nearest <= 0 else "a finite number"
+        assert refusal(Simulator().crop_px, nearest) == f"nearest_m is {nearest:g}: it must be {rule}"
     assert refusal(Simulator().render, scene, all_on(scene), nearest_m=0.0).startswith("nearest_m is 0")
     assert refusal(Simulator().crop_px, 5e-324).startswith(
         "scene.distance_m is 4.94066e-324: it must leave an LED"

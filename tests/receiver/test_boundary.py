@@ -70,7 +70,10 @@ REFUSED: dict[str, tuple[Callable[[], object], str]] = {
     "receiver's name": (lambda: Receiver(["flda_3"], PaperLocator(), Reader(), FLDA_3), "receiver name is ["),
     "receiver's locator": (lambda: Receiver("flda_3", "paper", Reader(), FLDA_3), "locator is 'paper'"),
     "receiver's reader": (lambda: Receiver("flda_3", PaperLocator(), SHAPE, FLDA_3), "reader is PanelShape("),
-    "receiver's classifier": (lambda: Receiver("flda_3", PaperLocator(), Reader(), 3), "classifier is 3"),
+    "receiver's classifier": (
+        lambda: Receiver("flda_3", PaperLocator(), Reader(), 3),
+        "classifier is 3: it",
+    ),
     "bank's classifier": (
         lambda: ReceiverBank(["flda_3"], "flda"),
         "flda is 'flda': it must be of type FLDA",

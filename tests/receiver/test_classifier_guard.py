@@ -48,9 +48,9 @@ class Plain:
         (Plain(decide=lambda s: s >= 0.5), "predict says otherwise at "),
         (
             Plain(decide=lambda s: s.flatten() >= 0),
-            "predict gave (64,), it must give a tensor of shape (4, 4, 4)",
+            "predict gave (64,), not a tensor of shape (4, 4, 4)",
         ),
-        (Plain(lambda s: s.numpy()), "gave ndarray, it must give a tensor of shape (12, 4, 4)"),
+        (Plain(lambda s: s.numpy()), "gave ndarray, not a tensor of shape (12, 4, 4)"),
         (Plain(decide=lambda s: [True]), "predict gave list"),
         (Plain(decide=lambda s: 1 / 0), "predict failed (ZeroDivisionError"),
         (Plain(lambda s: exit(0)), "decision_function failed (SystemExit: 0)"),

@@ -412,7 +412,7 @@ def test_the_warning_names_the_set():
         (torch.zeros(3), torch.zeros(3), r"features is \(3,\): it must be a tensor of shape"),
         (torch.zeros(3, 0), torch.zeros(3), r"features is \(3, 0\): it must be a tensor of shape"),
         (torch.zeros(0, 4, 3), torch.zeros(0, 4), r"features is \(0, 4, 3\): it must be a tensor of shape"),
-        ([[1.0]], torch.zeros(1), "features is list: it must be a tensor of shape"),
+        ([[1.0]], torch.zeros(1), r"features is \[\[1.0\]\]: it must be a tensor of shape"),
         (
             torch.zeros(2, 4, 2),
             torch.tensor([[0, 1, 0, 1], [1, 1, 1, 1]]),

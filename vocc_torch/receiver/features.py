@@ -25,8 +25,9 @@ def _samples_per_led(patches: torch.Tensor, shape: PanelShape) -> int:
     samples = patches.shape[-1] // (shape.columns + 2)
     wanted = ((shape.rows + 2) * samples, (shape.columns + 2) * samples)
     if patches.ndim != 4 or samples < 1 or tuple(patches.shape[-2:]) != wanted:
+        given = f"patches has shape {tuple(patches.shape)}"
         rule = f"(B,1,{shape.rows + 2}K,{shape.columns + 2}K), K at least 1"
-        raise VoccError.of("patches", f"shape {tuple(patches.shape)}", f"{rule}, for this panel", "has")
+        raise VoccError(f"{given}: for a panel of {shape.rows} x {shape.columns} LEDs it must be {rule}")
     if not patches.is_floating_point():
         raise VoccError(f"patches has dtype {patches.dtype}: it must be floating")
     return samples

@@ -75,8 +75,9 @@ class Reader:
             raise VoccError.of("receiver.samples_per_led", self.samples_per_led, "from 2 to 64")
         samples = (self.shape.rows + 2) * (self.shape.columns + 2) * self.samples_per_led**2
         if samples > _MOST_SAMPLES:
-            rule = f"less: a panel of {samples} samples would come of it, at most 2^25 are allowed"
-            raise VoccError.of("receiver.samples_per_led", self.samples_per_led, rule)
+            panel = f"a panel of {self.shape.rows} x {self.shape.columns} LEDs would have {samples} samples"
+            given = f"receiver.samples_per_led is {self.samples_per_led}"
+            raise VoccError(f"{given}: {panel}, at most 2^25 are allowed")
         if self.gradient not in get_args(Gradient):
             raise VoccError.of("receiver.gradient", repr(self.gradient), " or ".join(get_args(Gradient)))
 

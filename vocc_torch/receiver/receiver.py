@@ -207,7 +207,7 @@ class Receiver(torch.nn.Module):
         super().__init__()
         demand_kind("locator", locator, *get_args(PanelLocator))
         demand_kind("reader", reader, Reader)
-        demand_kind("classifier", classifier, FLDA)
+        demand_kind("classifier", classifier, torch.nn.Module)
         if name not in tuple(FLDA_FEATURES):
             raise VoccError.of("receiver name", repr(name), f"one of {', '.join(FLDA_FEATURES)}")
         if classifier.n_features != (needed := len(FLDA_FEATURES[name])):

@@ -268,7 +268,7 @@ def _check_takes(takes: Sequence[Frames], panels: Panels) -> None:
     if len(size) != 4 or size[1] != 1 or 0 in size[2:]:
         raise VoccError(f"frames.grey has shape {size}: it must be (B,1,H,W), not empty")
     if corners != (size[0], 4, 2):
-        raise VoccError.of("panels.corners_px", f"shape {corners}", f"({size[0]},4,2), as frames are", "has")
+        raise VoccError.of("panels.corners_px", f"shape {corners}", f"({size[0]},4,2), one a frame", "has")
 
 
 def centre_greys(frames: Frames, panels: Panels, shape: PanelShape) -> Tensor:

@@ -65,9 +65,7 @@ def build_effects(named: Mapping[str, Parameters]) -> tuple[Effect, ...]:
                 raise VoccError(f"{key}.{parameter} is not a known parameter; {known}")
             if "Distribution" in str(signature[parameter].annotation):
                 read[parameter] = Distribution.parse(own, f"effects.{name}.{parameter}")
-            elif (
-                isinstance(own, bool) or not isinstance(own, int | float) or LARGEST < abs(own) < float("inf")
-            ):
+            elif isinstance(own, bool) or not isinstance(own, int | float) or LARGEST < abs(own) < math.inf:
                 raise VoccError.of(f"{key}.{parameter}", repr(own), "a number")
             else:
                 read[parameter] = own
@@ -110,7 +108,8 @@ def check_chain(effects: Sequence[Effect]) -> Quantity:
         if fog.visibility_m != dims.visibility_m:
             raise fog.refusal("visibility_m", f"{dims.visibility_m:g} as in scene.effects.attenuation")
     if isinstance(depth, coding.Quantization) and depth.bits != 8 and "jpeg" in named:
-        raise VoccError(f"scene.effects.jpeg codes 8 bits: scene.effects.quantization.bits is {depth.bits}")
+        rule = f"scene.effects.quantization.bits is {depth.bits}"
+        raise VoccError(f"scene.effects.jpeg codes 8-bit frames: {rule}")
     return current if current not in CAMERA_STEPS else Quantity.GREY
 
 
