@@ -2,6 +2,7 @@
 
 import difflib
 import inspect
+import math
 from collections.abc import Mapping, Sequence
 
 from vocc_torch.errors import VoccError, demand_kind
