@@ -123,7 +123,7 @@ def reads_the_bits(monkeypatch):
             readings, levels = read(reader, takes, panels)
             faint = readings.features + 1e-6 * bits[..., None]
             patches = readings.patches + 1e-2 * bits.double().mean((1, 2)).view(-1, 1, 1, 1)
-            return dataclasses.replace(readings, features=faint, patches=patches), levels
+            return readings._replace(features=faint, patches=patches), levels
 
         monkeypatch.setattr(Reader, "read_takes", leaky)
         return made(scene, bits, *rest)

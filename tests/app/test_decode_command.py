@@ -134,7 +134,8 @@ def test_models_that_do_not_fit(decode, model, photo, tmp_path):
     (tmp_path / "text.pt").write_text("no model")
     torch.save({"weights": torch.zeros(3)}, tmp_path / "other.pt")
     unread = [
-        (name, (), f"model {name} cannot be read as a receiver") for name in ("cut.pt", "text.pt", "other.pt")
+        (name, (), f"model {name} is no receiver: it is damaged")
+        for name in ("cut.pt", "text.pt", "other.pt")
     ]
     for path, more, part in (
         *unread,

@@ -168,7 +168,7 @@ def own(file, target):
         ("NoForward", "classifier own: forward failed on (1024, 3) (NotImplementedError"),
         ("TwoScores", "classifier own: the module gave (1024, 2) for 1024 LEDs: it must give one score each"),
         ("NotANumber", "classifier own: the validation loss is not finite"),
-        ("NothingToLearn", "classifier own: the module has no parameters that learn: use a class"),
+        ("NothingToLearn", "classifier own: the module has nothing that learns: use a class"),
     ],
 )
 def test_a_class_that_does_not_serve(tmp_path, target, words):

@@ -152,7 +152,7 @@ def test_grey_values_of_other_than_eight_or_sixteen_bits_are_refused(near, tmp_p
         deep = near[0][0].astype(np.int32)
         deep[3, 4] = value
         with pytest.raises(
-            VoccError, match=r"deep.tiff .*holds grey values from .* it must have 8 or 16 bits"
+            VoccError, match=r"deep.tiff .*holds int32 grey values from .* it must have 8 or 16 bits"
         ):
             list(read_recording(save(tmp_path / "deep.tiff", deep), "luma"))
     with pytest.raises(VoccError, match=r"float.tiff .*holds float32 grey values"):
