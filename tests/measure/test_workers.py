@@ -150,6 +150,6 @@ def test_impossible_numbers_are_refused(count):
 
 
 def test_no_number_is_one_a_core(monkeypatch):
-    monkeypatch.setattr(workers_module, "usable_cores", lambda: 3)
+    monkeypatch.setattr(workers_module.timing, "usable_cores", lambda: 3)
     assert (Workers(0).count, Workers(0).window) == (3, 6)
     assert (Workers(1).window, Workers(2).window) == (1, 4)

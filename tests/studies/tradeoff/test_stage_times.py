@@ -74,7 +74,7 @@ def recorded(make_plan):
     with pytest.MonkeyPatch.context() as patch:
         for stage in ("locate", "rectify", "measure", "decide"):
             patch.setattr(StagedReceiver, stage, spied(stage, getattr(StagedReceiver, stage)))
-        patch.setattr(stage_times, "interleaved", numbered)
+        patch.setattr(stage_times.timing, "interleaved", numbered)
         named = {str(key): one for key, one in RECEIVERS.items()}
         wholes = [str((locator, "flda_3")) for locator in LOCATORS]
         options = {"frames_a_preamble": 5, "in_one_go": wholes}
