@@ -38,7 +38,12 @@ FLDA_TESTS = (
     "tests/numerics/test_flda_hard_cases.py",
 )
 TESTS = {
-    "vocc_torch/simulation/photometry.py": ("tests/simulation/test_photometry.py",),
+    "vocc_torch/simulation/photometry.py": (
+        "tests/simulation/test_photometry.py",
+        "tests/simulation/test_light_and_background.py",
+        "tests/simulation/test_optics_effects.py",
+        "tests/simulation/test_simulator.py",
+    ),
     "vocc_torch/receiver/features.py": (
         "tests/receiver/test_features.py",
         "tests/numerics/test_features_hard_cases.py",
