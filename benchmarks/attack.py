@@ -209,7 +209,7 @@ class Attacks:
             "empty.png": b"",
             "text.png": b"hello\n" * 100,
             "page.png": b"<svg xmlns='http://www.w3.org/2000/svg'/>",
-            "evil.png": b"%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 9 9\n(/tmp/evil) (w) file\n",
+            "evil.png": b"%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 9 9\n(../victim/owned) (w) file\n",
             "huge.png": encoded(Image.new("L", (8, 8)), "PNG").replace(
                 b"\0\0\0\x08\0\0\0\x08", b"\x7f\xff\xff\xff" * 2
             ),
@@ -421,7 +421,7 @@ class Attacks:
             "../victim",
             "../../victim",
             "a/../../../victim",
-            "/tmp/owned",
+            "/victim/owned",
             "x[/b]",
             "[red]x",
             "`<b>`",
