@@ -157,10 +157,10 @@ def own(file, target):
 @pytest.mark.parametrize(
     ("target", "words"),
     [
-        ("Asks", "classifiers.own.build: Asks cannot be built ("),
-        ("Ends", "classifiers.own.build: Ends cannot be built ("),
-        ("NUMBER", "classifiers.own.build: NUMBER cannot be built ('int' object is not callable)"),
-        ("Missing", "classifiers.own: file "),
+        ("Asks", "broken.py:Asks cannot be built ("),
+        ("Ends", "broken.py:Ends cannot be built ("),
+        ("NUMBER", "broken.py:NUMBER is neither a class nor a function"),
+        ("Missing", "classifiers.own.build: file "),
         ("Unpicklable", "classifier own: it must be possible to pickle it"),
         ("Raises", "classifier own: fit failed (RuntimeError: two lines)"),
         ("NoFit", "classifier own is of type NoFit without fit"),
@@ -174,7 +174,7 @@ def own(file, target):
 def test_a_class_that_does_not_serve(tmp_path, target, words):
     (tmp_path / "broken.py").write_text(BROKEN)
     brief = "+classifiers.own.training={frames: 64, epochs: 1}"
-    assert refused(*own(tmp_path / "broken.py", target), brief).startswith(words)
+    assert words in refused(*own(tmp_path / "broken.py", target), brief)
 
 
 @pytest.mark.parametrize(
@@ -187,7 +187,7 @@ def test_a_class_that_does_not_serve(tmp_path, target, words):
         ),
         ("syntax.py", "def f(:", "cannot be run (SyntaxError: "),
         ("ends.py", "raise SystemExit(0)", "cannot be run (SystemExit: 0)"),
-        ("mine.txt", "class A: pass", "is no Python file"),
+        ("mine.txt", "class A: pass", "FILE.py:NAME"),
         ("empty.py", "", "has no A"),
         ("nowhere.py", None, "cannot be read"),
     ],
@@ -210,7 +210,7 @@ def test_a_file_that_does_not_serve(tmp_path, monkeypatch, name, text, words):
         ),
         (
             "sklearn.nothing.Here",
-            "Here cannot be built (",
+            "Here cannot be imported (",
         ),
         (
             "nothing_there.Mine",

@@ -17,8 +17,8 @@ from sklearn.linear_model import LogisticRegression
 from torch import nn
 
 from vocc_torch.errors import VoccError
+from vocc_torch.plugins import ModuleFile
 from vocc_torch.receiver import classifiers
-from vocc_torch.receiver.classifiers.protocol import ModuleFile
 from vocc_torch.receiver.classifiers.rules import two_means
 from vocc_torch.receiver.classifiers.training import Checkpoint, TrainingRecipe
 from vocc_torch.receiver.flda import FLDA

@@ -3,8 +3,7 @@
 import difflib
 import multiprocessing
 import re
-import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import is_dataclass
 from functools import reduce
@@ -66,11 +65,6 @@ def resolved(config: DictConfig, words: Sequence[str] = ()) -> AppConfig:
         raise VoccError(one_line(error, words)) from None
     assert isinstance(settings, AppConfig)
     refuse_ignored(settings, words)
-    for name, classifier in settings.classifiers.items():
-        for target in targets(classifier.build):
-            if target.partition(".")[0] in sys.stdlib_module_names and classifier.file is None:
-                rule = "a class that classifies, and nothing of Python's own library"
-                raise VoccError.of(f"classifiers.{name}.build._target_", shown(target), rule)
     return settings
 
 
@@ -107,20 +101,6 @@ def refuse_ignored(settings: AppConfig, words: Sequence[str]) -> None:
             raise VoccError(f"{key} is {value}: only task={owner} uses it, and the task is {settings.task}")
         if settings.model is not None and group in OF_MODEL and name not in ("rows", "columns"):
             raise VoccError(f"{key} is {value}: the model brings its own; leave {key} or model out")
-
-
-def targets(build: Any) -> Iterator[str]:
-    """Give what is called to build a value, and the values within it.
-
-    Example:
-        >>> list(targets({"_target_": "a.B", "inner": [{"_target_": "c.d"}]}))
-        ['a.B', 'c.d']
-    """
-    for key, value in build.items() if isinstance(build, dict) else enumerate(build):
-        if key == "_target_":
-            yield str(value)
-        elif isinstance(value, dict | list):
-            yield from targets(value)
 
 
 def unknown_key(key: str) -> str:

@@ -2,7 +2,7 @@
 
 import inspect
 import random
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, fields, replace
 from importlib.util import find_spec
@@ -11,15 +11,15 @@ from typing import cast
 
 import numpy as np
 import torch
-from hydra.utils import get_object, instantiate
 from torch import nn
 
 from vocc_torch.errors import VoccError, section
 from vocc_torch.hardware import LedPanel, PanelShape
 from vocc_torch.measure import plan as plans
 from vocc_torch.measure.config import ClassifierSettings, Settings, effect_settings
+from vocc_torch.plugins import TARGET, Part
 from vocc_torch.receiver import bank, location, reader
-from vocc_torch.receiver.classifiers import Guarded, Inputs, adapters, protocol, training
+from vocc_torch.receiver.classifiers import Guarded, Inputs, adapters, training
 from vocc_torch.simulation import SceneModel
 from vocc_torch.types import resolve_device
 
@@ -90,12 +90,13 @@ def classifier_plan(name: str, config: ClassifierSettings) -> plans.ClassifierPl
         for word in config.training:
             if word not in keys:
                 raise VoccError(f"training.{word} is not a known key: known are {', '.join(sorted(keys))}")
+        given = dict(config.build)
+        if config.file is not None:
+            given[TARGET] = f"{config.file}:{given.get(TARGET)}"
         return plans.ClassifierPlan(
             name=name,
-            build=config.build,
+            build=Part.of(f"{key}.build", given, name),
             inputs=Inputs.parse(config.inputs),
-            file=config.file,
-            digest="" if config.file is None else protocol.ModuleFile(config.file).digest,
             training=training.TrainingRecipe(**config.training),
             frames=config.frames,
             scene=plans.parsed_scene(config.scene),
@@ -112,32 +113,25 @@ def built(plan: plans.ClassifierPlan) -> Guarded:
         VoccError: a class that does not exist or cannot be built, or that does not follow the protocol.
 
     Example:
-        >>> plan = plans.ClassifierPlan("bayes", {"_target_": "sklearn.naive_bayes.GaussianNB"})
-        >>> type(built(plan).classifier).__name__
+        >>> bayes = Part("classifiers.bayes.build", "bayes", "sklearn.naive_bayes.GaussianNB")
+        >>> type(built(plans.ClassifierPlan("bayes", bayes)).classifier).__name__
         'SklearnClassifier'
     """
-    settings = dict(plan.build)
-    target = str(settings.pop(plans.TARGET))
-    home = None if plan.file is None else protocol.ModuleFile(plan.file)
-    try:
-        kind = get_object(target) if home is None else home.named(target)
-        of_torch = isinstance(kind, type) and issubclass(kind, nn.Module)
-        if of_torch and "n_inputs" in inspect.signature(cast("type", kind)).parameters:
-            settings.setdefault("n_inputs", plan.inputs.size)
-        # A module draws its first weights when it is made.
-        with seeded(plan.training.seed):
-            given = instantiate(settings, _convert_="all")
-            made = kind(**given)  # type: ignore[operator]  # refused just below
-        if isinstance(made, nn.Module):
-            made = adapters.TorchClassifier(made, plan.training)
-        elif adapters.is_estimator(made):
+    kind, arguments = plan.build.found(), dict(plan.build.arguments)
+    of_torch = isinstance(kind, type) and issubclass(kind, nn.Module)
+    if of_torch and "n_inputs" in inspect.signature(cast("type", kind)).parameters:
+        arguments.setdefault("n_inputs", plan.inputs.size)
+    # A module draws its first weights when it is made.
+    with seeded(plan.training.seed):
+        made = plan.build.build(kind, arguments)
+    if isinstance(made, nn.Module):
+        made = adapters.TorchClassifier(made, plan.training)
+    elif adapters.is_estimator(made):
+        try:
             made = adapters.SklearnClassifier(made)
-    except VoccError as error:
-        raise VoccError(f"classifiers.{plan.name}: {error}") from error
-    except (Exception, SystemExit) as error:
-        reason = " ".join(str(error.__cause__ or error).split())
-        raise VoccError(f"classifiers.{plan.name}.build: {target} cannot be built ({reason})") from error
-    return Guarded(plan.name, made, plan.inputs, home)
+        except VoccError as error:
+            raise VoccError(f"classifiers.{plan.name}: {error}") from error
+    return Guarded(plan.name, made, plan.inputs, plan.build.file)
 
 
 @contextmanager
@@ -183,17 +177,8 @@ def without_absent(receiver: plans.ReceiverPlan) -> tuple[plans.ReceiverPlan, di
     left_out = {}
     for one in receiver.classifiers:
         for package, name in EXTRAS.items():
-            if package in _packages(one.build) and find_spec(package) is None:
+            if package in one.build.packages and find_spec(package) is None:
                 left_out[one.name] = f"{name} is not installed; pip install {name} adds it"
     kept = tuple(one for one in receiver.classifiers if one.name not in left_out)
     names = tuple(name for name in receiver.names if name not in left_out)
     return replace(receiver, names=names, classifiers=kept), left_out
-
-
-def _packages(build: Mapping[str, object]) -> Iterator[str]:
-    """Yield the packages of a configuration's classes, those within others too."""
-    for key, value in build.items():
-        if isinstance(value, Mapping):
-            yield from _packages(value)
-        elif key == plans.TARGET:
-            yield str(value).partition(".")[0]

@@ -1,6 +1,5 @@
 """What a study is made of: what is simulated, what receives, how much is measured, and its identity."""
 
-import importlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from pathlib import Path
@@ -8,13 +7,13 @@ from typing import Any, Literal, Self, get_args
 
 import numpy as np
 import torch
-from hydra.utils import get_object
 
 from vocc_torch.errors import VoccError, section
 from vocc_torch.measure.config import Budget as Budget
 from vocc_torch.measure.config import Experiment as Experiment
+from vocc_torch.plugins import Part
 from vocc_torch.receiver.bank import FLDA_FEATURES, check_receivers
-from vocc_torch.receiver.classifiers import Inputs, protocol
+from vocc_torch.receiver.classifiers import Inputs
 from vocc_torch.receiver.classifiers.training import TrainingRecipe
 from vocc_torch.receiver.location import PaperLocator
 from vocc_torch.receiver.locators import LocatorName, PanelLocator, locator_named
@@ -99,41 +98,31 @@ class World:
         return Simulator(*seen, framing=self.framing, device=device, dtype=self.dtype)
 
 
-TARGET = "_target_"
-"""The key that names a class."""
-
-
 @dataclass(frozen=True)
 class ClassifierPlan:
     """A classifier as a configuration describes it.
 
     Args:
         name: its name in the results.
-        build: ``_target_`` names a class, or a class of ``file``; the other keys are its arguments.
+        build: the class and its arguments.
         inputs: what it sees of each LED.
-        file: a Python file outside the package that defines the class, or None.
-        digest: what tells the file's text from another.
         training: the recipe for a torch module.
         frames: training panels, or None for the study's budget; a recipe has a number of its own.
         scene: distributions of its training scenes that replace those of the study.
 
     Raises:
-        VoccError: no ``_target_``, or fewer than one training frame.
+        VoccError: fewer than one training frame.
     """
 
     name: str
-    build: Mapping[str, object]
+    build: Part
     inputs: Inputs = field(default_factory=Inputs)
-    file: str | None = None
-    digest: str = ""
     training: TrainingRecipe = field(default_factory=TrainingRecipe)
     frames: int | None = None
     scene: Mapping[str, Distribution] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Check what can be checked without building."""
-        if not isinstance(self.build.get(TARGET), str):
-            raise VoccError(f"classifiers.{self.name}.build has no {TARGET}: it must name a class")
         if self.frames is not None and self.frames < 1:
             raise VoccError.of(f"classifiers.{self.name}.frames", self.frames, "at least 1, or null")
 
@@ -292,24 +281,9 @@ def identity(plan: Plan, locators: Sequence[Locator]) -> dict[str, Any]:
             "device": resolve_device(plan.world.device).type,
             "torch": ".".join(torch.__version__.split(".")[:2]),
             "numpy": ".".join(np.__version__.split(".")[:2]),
-            **{f"classifiers.{one.name}": _maker(one) for one in plan.receiver.classifiers},
+            **{f"classifiers.{one.name}": one.build.maker for one in plan.receiver.classifiers},
         },
     }
-
-
-def _maker(one: ClassifierPlan) -> str:
-    """Tell the code of a classifier's class from another: a package's release, or the digest of a file."""
-    if one.file is not None:
-        return one.digest
-    try:
-        module = importlib.import_module(get_object(str(one.build[TARGET])).__module__)
-    except Exception:
-        return ""  # it cannot be built, which is told when it is
-    if module.__name__.startswith("vocc_torch."):
-        return ""
-    package = importlib.import_module(module.__name__.partition(".")[0])
-    version = getattr(package, "__version__", None)
-    return str(version) if version else protocol.ModuleFile(str(module.__file__)).digest
 
 
 def _plain(value: object) -> Any:

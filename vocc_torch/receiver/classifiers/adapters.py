@@ -8,7 +8,8 @@ import torch
 from numpy.typing import NDArray
 
 from vocc_torch.errors import VoccError
-from vocc_torch.receiver.classifiers.protocol import Batches, one_line
+from vocc_torch.plugins import one_line
+from vocc_torch.receiver.classifiers.protocol import Batches
 from vocc_torch.receiver.classifiers.training import Checkpoint, TrainingRecipe, train_module
 
 

@@ -1,19 +1,14 @@
-"""What a classifier is, the Python file from which one may come, and the guard that names one that errs."""
+"""What a classifier is, and the guard that names one that errs."""
 
-import ast
-import hashlib
-import importlib.util
 import pickle
-import sys
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
-from pathlib import Path
 from typing import Protocol, TypeVar, runtime_checkable
 
 import torch
 from torch import Tensor
 
 from vocc_torch.errors import VoccError
+from vocc_torch.plugins import ModuleFile, one_line
 from vocc_torch.receiver.classifiers.inputs import Inputs
 
 R = TypeVar("R")
@@ -48,95 +43,6 @@ class Streaming(Protocol):
 
     def fit_stream(self, batches: Batches, frames: int) -> object:
         """Learn from a stream; ``frames`` is the training budget of the study."""
-
-
-@dataclass(frozen=True, slots=True)
-class ModuleFile:
-    """A file of Python, read once in each process.
-
-    Args:
-        path: where it is.
-
-    Example:
-        >>> import tempfile
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     path = Path(folder) / "mine.py"
-        ...     _ = path.write_text("ANSWER = 42")
-        ...     ModuleFile(str(path)).named("ANSWER")
-        42
-    """
-
-    path: str
-
-    @property
-    def digest(self) -> str:
-        """What tells this text, and those that it imports from its own folder, from others.
-
-        It is the start of their SHA-256, in hexadecimal.
-
-        Raises:
-            VoccError: the file cannot be read.
-        """
-        told, files = hashlib.sha256(), [Path(self.path)]
-        # In the order in which they are met.
-        for path in files:
-            try:
-                text = path.read_bytes()
-                nodes = list(ast.walk(ast.parse(text)))
-            except OSError as error:
-                raise VoccError(f"file {self.path} cannot be read: {error.strerror or error}") from None
-            except (SyntaxError, ValueError):
-                nodes = []  # told of when the file is run
-            told.update(text)
-            names = [alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names]
-            names += [node.module for node in nodes if isinstance(node, ast.ImportFrom) and node.module]
-            beside = [files[0].parent / f"{name.split('.')[0]}.py" for name in names]
-            files += [one for one in dict.fromkeys(beside) if one.is_file() and one not in files]
-        return told.hexdigest()[:16]
-
-    def module(self) -> object:
-        """Run the file as a module; what it raises is told in one line.
-
-        Raises:
-            VoccError: the file cannot be read or run.
-        """
-        name = f"vocc_torch_file_{Path(self.path).stem}_{self.digest}"
-        if name in sys.modules:
-            return sys.modules[name]
-        spec = importlib.util.spec_from_file_location(name, self.path)
-        if spec is None or spec.loader is None:
-            raise VoccError(f"file {self.path} is no Python file: its name must end in .py")
-        made = importlib.util.module_from_spec(spec)
-        # Before it runs, because dataclasses and pickles look their module up.
-        sys.modules[name] = made
-        try:
-            spec.loader.exec_module(made)
-        # A file that would end the program is no exception.
-        except (Exception, SystemExit) as error:
-            del sys.modules[name]
-            raise VoccError(f"file {self.path} cannot be run ({one_line(error)})") from error
-        return made
-
-    def named(self, name: str) -> object:
-        """Return what the file calls ``name``.
-
-        Raises:
-            VoccError: it has nothing of that name.
-        """
-        found: object = getattr(self.module(), name, None)
-        if found is None:
-            raise VoccError(f"file {self.path} has no {name}")
-        return found
-
-
-def one_line(error: BaseException) -> str:
-    """Return the kind and the words of an error of someone else's code, in one line.
-
-    Example:
-        >>> one_line(KeyError("a"))
-        "KeyError: 'a'"
-    """
-    return " ".join(f"{type(error).__name__}: {error}".split())
 
 
 class Guarded:

@@ -1,0 +1,269 @@
+"""Parts from outside the package: found by name, built from settings, told apart by their code."""
+
+import ast
+import functools
+import hashlib
+import importlib
+import importlib.util
+import inspect
+import sys
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Self
+
+from hydra.utils import get_object, instantiate
+
+from vocc_torch.errors import VoccError, shown
+
+TARGET = "_target_"
+"""The key that names a class or function."""
+
+
+@dataclass(frozen=True, slots=True)
+class ModuleFile:
+    """A file of Python, read once in each process.
+
+    Args:
+        path: where it is.
+
+    Example:
+        >>> import tempfile
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = Path(folder) / "mine.py"
+        ...     _ = path.write_text("ANSWER = 42")
+        ...     ModuleFile(str(path)).named("ANSWER")
+        42
+    """
+
+    path: str
+
+    @property
+    def digest(self) -> str:
+        """What tells this text, and those that it imports from its own folder, from others.
+
+        It is the start of their SHA-256, in hexadecimal.
+
+        Raises:
+            VoccError: the file cannot be read.
+        """
+        told, files = hashlib.sha256(), [Path(self.path)]
+        # In the order in which they are met.
+        for path in files:
+            try:
+                text = path.read_bytes()
+                nodes = list(ast.walk(ast.parse(text)))
+            except OSError as error:
+                raise VoccError(f"file {self.path} cannot be read: {error.strerror or error}") from None
+            except (SyntaxError, ValueError):
+                nodes = []  # told of when the file is run
+            told.update(text)
+            names = [alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names]
+            names += [node.module for node in nodes if isinstance(node, ast.ImportFrom) and node.module]
+            beside = [files[0].parent / f"{name.split('.')[0]}.py" for name in names]
+            files += [one for one in dict.fromkeys(beside) if one.is_file() and one not in files]
+        return told.hexdigest()[:16]
+
+    def module(self) -> object:
+        """Run the file as a module; what it raises is told in one line.
+
+        Raises:
+            VoccError: the file cannot be read or run.
+        """
+        name = f"vocc_torch_file_{Path(self.path).stem}_{self.digest}"
+        if name in sys.modules:
+            return sys.modules[name]
+        spec = importlib.util.spec_from_file_location(name, self.path)
+        if spec is None or spec.loader is None:
+            raise VoccError(f"file {self.path} is no Python file: its name must end in .py")
+        made = importlib.util.module_from_spec(spec)
+        # Before it runs, because dataclasses and pickles look their module up.
+        sys.modules[name] = made
+        try:
+            spec.loader.exec_module(made)
+        # A file that would end the program is no exception.
+        except (Exception, SystemExit) as error:
+            del sys.modules[name]
+            raise VoccError(f"file {self.path} cannot be run ({one_line(error)})") from error
+        return made
+
+    def named(self, name: str) -> object:
+        """Return what the file calls ``name``.
+
+        Raises:
+            VoccError: it has nothing of that name.
+        """
+        found: object = getattr(self.module(), name, None)
+        if found is None:
+            raise VoccError(f"file {self.path} has no {name}")
+        return found
+
+
+def one_line(error: BaseException) -> str:
+    """Return the kind and the words of an error of someone else's code, in one line.
+
+    Example:
+        >>> one_line(KeyError("a"))
+        "KeyError: 'a'"
+    """
+    return " ".join(f"{type(error).__name__}: {error}".split())
+
+
+@dataclass(frozen=True)
+class Part:
+    """A part from outside as a configuration describes it: found and built where it is used.
+
+    Args:
+        key: where the configuration names it, which refusals begin with.
+        name: its name in results, a word.
+        target: ``PACKAGE.MODULE.NAME``, or ``FILE.py:NAME``.
+        arguments: what a class is built with, or what a function is given beside its own arguments.
+
+    Raises:
+        VoccError: a name that is no word, or a target in Python's own library or of another form.
+
+    Example:
+        >>> Part("receiver.locator", "half", "fractions.Fraction", {"numerator": 1, "denominator": 2})
+        Traceback (most recent call last):
+        ...
+        vocc_torch.errors.VoccError: receiver.locator._target_ is 'fractions.Fraction': it must be ...
+    """
+
+    key: str
+    name: str
+    target: str
+    arguments: Mapping[str, object] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Check the name and the form of the target."""
+        if not self.name.isidentifier():
+            raise VoccError(f"{self.key}: the name of a part must be a word, and {shown(self.name)} is none")
+        for target in (self.target, *targets(self.arguments)):
+            if not is_target(target) or target.partition(".")[0] in sys.stdlib_module_names:
+                rule = "PACKAGE.MODULE.NAME or FILE.py:NAME, and nothing of Python's own library"
+                raise VoccError.of(f"{self.key}.{TARGET}", shown(target), rule)
+
+    @classmethod
+    def of(cls, key: str, given: object, name: str = "") -> Self:
+        """Read a part as a configuration writes it.
+
+        Args:
+            key: its place in the configuration.
+            given: a target, or a mapping of ``_target_`` and arguments.
+            name: what it is called; the target's last word by default.
+
+        Raises:
+            VoccError: a mapping without target, or what the class itself refuses.
+
+        Example:
+            >>> Part.of("receiver.locator", "mine.py:Brightest").name
+            'Brightest'
+        """
+        rest = dict(given) if isinstance(given, Mapping) else {TARGET: given}
+        target = rest.pop(TARGET, None)
+        if not isinstance(target, str):
+            raise VoccError(f"{key} has no {TARGET}: it must name a class or function")
+        return cls(key, name or target.replace(":", ".").rpartition(".")[2], target, rest)
+
+    @property
+    def file(self) -> ModuleFile | None:
+        """The Python file outside the package that it comes from, if any."""
+        path, colon, _ = self.target.rpartition(":")
+        return ModuleFile(path) if colon else None
+
+    def found(self) -> object:
+        """Import the class or function.
+
+        Raises:
+            VoccError: there is none of that name, or its module cannot be imported.
+        """
+        try:
+            if self.file:
+                return self.file.named(self.target.rpartition(":")[2])
+            found: object = get_object(self.target)
+            return found
+        except VoccError as error:
+            raise VoccError(f"{self.key}: {error}") from error
+        except (Exception, SystemExit) as error:
+            reason = " ".join(str(error.__cause__ or error).split())
+            raise VoccError(f"{self.key}: {self.target} cannot be imported ({reason})") from error
+
+    @functools.cached_property
+    def made(self) -> Any:
+        """The object of its class, or the function, built once in each process.
+
+        Raises:
+            VoccError: it cannot be imported or built.
+        """
+        kind = self.found()
+        if inspect.isclass(kind):
+            return self.build(kind, self.arguments)
+        if not callable(kind):
+            raise VoccError(f"{self.key}: {self.target} is neither a class nor a function")
+        return functools.partial(kind, **self.arguments) if self.arguments else kind
+
+    def build(self, kind: object, arguments: Mapping[str, object]) -> Any:
+        """Build an object of a class that was found.
+
+        Raises:
+            VoccError: it cannot be built.
+        """
+        if not callable(kind):
+            raise VoccError(f"{self.key}: {self.target} is neither a class nor a function")
+        try:
+            return kind(**instantiate(dict(arguments), _convert_="all"))
+        except VoccError as error:
+            raise VoccError(f"{self.key}: {error}") from error
+        except (Exception, SystemExit) as error:
+            reason = " ".join(str(error.__cause__ or error).split())
+            raise VoccError(f"{self.key}: {self.target} cannot be built ({reason})") from error
+
+    @property
+    def packages(self) -> set[str]:
+        """The packages of its class, and of those within its arguments."""
+        return {one.partition(".")[0] for one in (self.target, *targets(self.arguments))}
+
+    @property
+    def maker(self) -> str:
+        """What tells its code from another's: a file's digest or a package's release; empty for ours."""
+        if self.file:
+            return self.file.digest
+        try:
+            module = importlib.import_module(get_object(self.target).__module__)
+        except Exception:
+            return ""  # it cannot be built, which is told when it is
+        if module.__name__.startswith("vocc_torch."):
+            return ""
+        package = importlib.import_module(module.__name__.partition(".")[0])
+        version = getattr(package, "__version__", None)
+        return str(version) if version else ModuleFile(str(module.__file__)).digest
+
+    def __reduce__(self) -> tuple[type[Self], tuple[object, ...]]:
+        """Pickle the settings alone: another process builds its own."""
+        return type(self), (self.key, self.name, self.target, dict(self.arguments))
+
+
+def is_target(text: str) -> bool:
+    """Whether a word of a configuration names a class or function from outside, and no part by its name.
+
+    Example:
+        >>> is_target("mine.py:Brightest"), is_target("package.Locator"), is_target("refined")
+        (True, True, False)
+    """
+    path, colon, name = text.rpartition(":")
+    words = [name] if colon else name.split(".")
+    return all(word.isidentifier() for word in words) and (path.endswith(".py") if colon else len(words) > 1)
+
+
+def targets(build: object) -> Iterator[str]:
+    """Yield what is called to build a value, and the values within it.
+
+    Example:
+        >>> list(targets({"_target_": "a.B", "inner": [{"_target_": "c.d"}]}))
+        ['a.B', 'c.d']
+    """
+    for key, value in build.items() if isinstance(build, Mapping) else enumerate(build):  # type: ignore[arg-type]
+        if key == TARGET:
+            yield str(value)
+        elif isinstance(value, Mapping | list | tuple):
+            yield from targets(value)
