@@ -198,7 +198,8 @@ def test_a_file_that_does_not_serve(tmp_path, monkeypatch, name, text, words):
         (tmp_path / name).write_text(text)
     said = refused(*own(name, "A"))
     assert said.startswith("classifiers.own")
-    assert f"{name} {words}" in said
+    assert name in said
+    assert words in said
 
 
 @pytest.mark.parametrize(
