@@ -110,7 +110,7 @@ def one_line(error: BaseException) -> str:
 
 
 @dataclass(frozen=True)
-class Part:
+class PlugIn:
     """A part from outside as a configuration describes it: found and built where it is used.
 
     Args:
@@ -123,7 +123,7 @@ class Part:
         VoccError: a name that is no word, or a target in Python's own library or of another form.
 
     Example:
-        >>> Part("receiver.locator", "half", "fractions.Fraction", {"numerator": 1, "denominator": 2})
+        >>> PlugIn("receiver.locator", "half", "fractions.Fraction", {"numerator": 1, "denominator": 2})
         Traceback (most recent call last):
         ...
         vocc_torch.errors.VoccError: receiver.locator._target_ is 'fractions.Fraction': it must be ...
@@ -156,7 +156,7 @@ class Part:
             VoccError: a mapping without target, or what the class itself refuses.
 
         Example:
-            >>> Part.of("receiver.locator", "mine.py:Brightest").name
+            >>> PlugIn.of("receiver.locator", "mine.py:Brightest").name
             'Brightest'
         """
         rest = dict(given) if isinstance(given, Mapping) else {TARGET: given}

@@ -14,7 +14,7 @@ import torch
 from vocc_torch.measure import plan as identity_module
 from vocc_torch.measure.ledger import canonical
 from vocc_torch.measure.plan import Budget, ClassifierPlan, Experiment, Plan, ReceiverPlan, World, identity
-from vocc_torch.plugins import ModuleFile, Part
+from vocc_torch.plugins import ModuleFile, PlugIn
 from vocc_torch.receiver.classifiers.training import TrainingRecipe
 from vocc_torch.simulation import Distribution
 from vocc_torch.simulation.effects import PHYSICAL_ORDER
@@ -45,7 +45,7 @@ DEPENDS = {
     **under("receiver.location", closing_px=13, min_area_px=50, min_rectangularity=0.6, min_compactness=0.8),
     **under("receiver.location", quadrilateral="upright"),
     **under("receiver.reader", shape=SMALL, samples_per_led=6, gradient="central"),
-    **under("receiver", classifiers=(ClassifierPlan("own", Part("c", "own", "mine.Own")),)),
+    **under("receiver", classifiers=(ClassifierPlan("own", PlugIn("c", "own", "mine.Own")),)),
     **under("experiment", name="another", axis="led_luminance_cd_m2", scene={"distance_m": NEAR}),
     **under("experiment", training={"distance_m": NEAR}),
     "budget.training_frames": 999,
@@ -194,7 +194,7 @@ def told(plan, *classifiers):
 
 
 def test_another_release_of_what_makes_a_classifier_is_another_identity(plan, monkeypatch):
-    bayes = ClassifierPlan("bayes", Part("c", "bayes", "sklearn.naive_bayes.GaussianNB"))
+    bayes = ClassifierPlan("bayes", PlugIn("c", "bayes", "sklearn.naive_bayes.GaussianNB"))
     before = told(plan, bayes)
     monkeypatch.setattr(sklearn, "__version__", "0.1")
     assert told(plan, bayes) != before
@@ -206,7 +206,7 @@ def test_code_that_a_classifier_comes_from_is_part_of_the_identity(plan, tmp_pat
     (tmp_path / "beside.py").write_text("sign = 1\n")
     (tmp_path / "mine_by_name.py").write_text("class Own:\n    pass\n")
     monkeypatch.syspath_prepend(tmp_path)
-    by_name = ClassifierPlan("own", Part("c", "own", "mine_by_name.Own"))
+    by_name = ClassifierPlan("own", PlugIn("c", "own", "mine_by_name.Own"))
 
     def of_file():
         return ModuleFile(str(tmp_path / "own.py")).digest
@@ -224,7 +224,7 @@ def test_code_that_a_classifier_comes_from_is_part_of_the_identity(plan, tmp_pat
 
 def test_where_checkpoints_are_is_no_part_of_it(plan):
     kept, not_kept = (
-        ClassifierPlan("mlp", Part("c", "mlp", "vocc_torch.receiver.classifiers.Mlp"), training=recipe)
+        ClassifierPlan("mlp", PlugIn("c", "mlp", "vocc_torch.receiver.classifiers.Mlp"), training=recipe)
         for recipe in (TrainingRecipe(checkpoints="here"), TrainingRecipe())
     )
     assert told(plan, kept) == told(plan, not_kept)

@@ -17,7 +17,7 @@ from vocc_torch.errors import VoccError, section
 from vocc_torch.hardware import LedPanel, PanelShape
 from vocc_torch.measure import plan as plans
 from vocc_torch.measure.config import ClassifierSettings, Settings, effect_settings
-from vocc_torch.plugins import TARGET, Part
+from vocc_torch.plugins import TARGET, PlugIn
 from vocc_torch.receiver import bank, location, reader
 from vocc_torch.receiver.classifiers import Guarded, Inputs, adapters, training
 from vocc_torch.simulation import SceneModel
@@ -95,7 +95,7 @@ def classifier_plan(name: str, config: ClassifierSettings) -> plans.ClassifierPl
             given[TARGET] = f"{config.file}:{given.get(TARGET)}"
         return plans.ClassifierPlan(
             name=name,
-            build=Part.of(f"{key}.build", given, name),
+            build=PlugIn.of(f"{key}.build", given, name),
             inputs=Inputs.parse(config.inputs),
             training=training.TrainingRecipe(**config.training),
             frames=config.frames,
@@ -113,7 +113,7 @@ def built(plan: plans.ClassifierPlan) -> Guarded:
         VoccError: a class that does not exist or cannot be built, or that does not follow the protocol.
 
     Example:
-        >>> bayes = Part("classifiers.bayes.build", "bayes", "sklearn.naive_bayes.GaussianNB")
+        >>> bayes = PlugIn("classifiers.bayes.build", "bayes", "sklearn.naive_bayes.GaussianNB")
         >>> type(built(plans.ClassifierPlan("bayes", bayes)).classifier).__name__
         'SklearnClassifier'
     """

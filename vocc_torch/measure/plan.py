@@ -11,7 +11,7 @@ import torch
 from vocc_torch.errors import VoccError, section
 from vocc_torch.measure.config import Budget as Budget
 from vocc_torch.measure.config import Experiment as Experiment
-from vocc_torch.plugins import Part
+from vocc_torch.plugins import PlugIn
 from vocc_torch.receiver.bank import FLDA_FEATURES, check_receivers
 from vocc_torch.receiver.classifiers import Inputs
 from vocc_torch.receiver.classifiers.training import TrainingRecipe
@@ -115,7 +115,7 @@ class ClassifierPlan:
     """
 
     name: str
-    build: Part
+    build: PlugIn
     inputs: Inputs = field(default_factory=Inputs)
     training: TrainingRecipe = field(default_factory=TrainingRecipe)
     frames: int | None = None

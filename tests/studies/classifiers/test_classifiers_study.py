@@ -14,7 +14,7 @@ from vocc_torch.measure.plan import ClassifierPlan, Experiment, World, identity
 from vocc_torch.measure.sweep import count_parts
 from vocc_torch.measure.train import train
 from vocc_torch.measure.workers import Part, Workers
-from vocc_torch.plugins import Part
+from vocc_torch.plugins import PlugIn
 from vocc_torch.receiver.classifiers.inputs import Inputs, Patch
 from vocc_torch.receiver.classifiers.training import TrainingRecipe
 from vocc_torch.rng import BlockKey
@@ -31,18 +31,18 @@ from vocc_torch.studies.classifiers.study import (
 
 LMMSE = ClassifierPlan(
     "lmmse",
-    Part("c", "lmmse", "vocc_torch.receiver.classifiers.LmmseEqualizer", {"classes": 4}),
+    PlugIn("c", "lmmse", "vocc_torch.receiver.classifiers.LmmseEqualizer", {"classes": 4}),
     Inputs((), Patch(cells=3, samples=1, domain="exposure", pitch=True)),
 )
 NET = ClassifierPlan(
     "net",
-    Part("c", "net", "vocc_torch.receiver.classifiers.Mlp", {"hidden": [8]}),
+    PlugIn("c", "net", "vocc_torch.receiver.classifiers.Mlp", {"hidden": [8]}),
     training=TrainingRecipe(frames=64, epochs=2),
     scene={"ambient_lx": Distribution("log_uniform", (1000.0, 32000.0))},
 )
 OTSU = ClassifierPlan(
     "otsu",
-    Part("c", "otsu", "vocc_torch.receiver.classifiers.PanelOtsu"),
+    PlugIn("c", "otsu", "vocc_torch.receiver.classifiers.PanelOtsu"),
     Inputs((), Patch(cells=1, samples=4, relative="white")),
 )
 NAMES = ("average_greyscale", "flda_2", "flda_3", "lmmse", "net", "otsu")

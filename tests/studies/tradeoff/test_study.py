@@ -12,7 +12,7 @@ from vocc_torch.measure.likelihood import UnknownLikelihoodError
 from vocc_torch.measure.plan import ClassifierPlan
 from vocc_torch.measure.train import train
 from vocc_torch.measure.workers import Workers
-from vocc_torch.plugins import Part
+from vocc_torch.plugins import PlugIn
 from vocc_torch.receiver.classifiers import Inputs, Patch
 from vocc_torch.receiver.classifiers.training import TrainingRecipe
 from vocc_torch.simulation import Camera, Distribution, SceneModel
@@ -28,7 +28,7 @@ SEEN = {
 }
 RECIPE = TrainingRecipe(frames=64, epochs=2)
 PLUGGED_IN = tuple(
-    ClassifierPlan(name, Part("c", name, f"{HERE}.{kind}", more), inputs, training=RECIPE)
+    ClassifierPlan(name, PlugIn("c", name, f"{HERE}.{kind}", more), inputs, training=RECIPE)
     for name, (kind, inputs, more) in SEEN.items()
 )
 EVERY = (*NAMES, *(one.name for one in PLUGGED_IN))
@@ -225,7 +225,7 @@ def test_a_kind_of_scenes_that_the_genie_refuses_costs_no_other_its_reference(ma
 def test_without_scikit_learn_its_classifiers_are_left_out_and_named(study, monkeypatch):
     trees = {"_target_": "sklearn.ensemble.HistGradientBoostingClassifier"}
     nested = {"_target_": f"{HERE}.scaled", "estimator": {"_target_": "sklearn.svm.LinearSVC"}}
-    absent = ClassifierPlan("trees", Part.of("c", trees)), ClassifierPlan("svm", Part.of("c", nested))
+    absent = ClassifierPlan("trees", PlugIn.of("c", trees)), ClassifierPlan("svm", PlugIn.of("c", nested))
     names = (*EVERY, "trees", "svm")
     receiver = dataclasses.replace(study.plan.receiver, names=names, classifiers=(*PLUGGED_IN, *absent))
     assert build.without_absent(receiver) == (receiver, {})
