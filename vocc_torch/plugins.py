@@ -7,7 +7,7 @@ import importlib
 import importlib.util
 import inspect
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Self
@@ -15,6 +15,9 @@ from typing import Any, Self
 from hydra.utils import get_object, instantiate
 
 from vocc_torch.errors import VoccError, shown
+
+OWN = "vocc_torch.receiver.classifiers."
+"""Where the package's own classifiers are, and nothing else that could be called."""
 
 TARGET = "_target_"
 """The key that names a class or function."""
@@ -64,13 +67,18 @@ class ModuleFile:
             files += [one for one in dict.fromkeys(beside) if one.is_file() and one not in files]
         return told.hexdigest()[:16]
 
+    @property
+    def module_name(self) -> str:
+        """The name of the module that it is read as."""
+        return f"vocc_torch_file_{Path(self.path).stem}_{self.digest}"
+
     def module(self) -> object:
         """Run the file as a module; what it raises is told in one line.
 
         Raises:
             VoccError: the file cannot be read or run.
         """
-        name = f"vocc_torch_file_{Path(self.path).stem}_{self.digest}"
+        name = self.module_name
         if name in sys.modules:
             return sys.modules[name]
         spec = importlib.util.spec_from_file_location(name, self.path)
@@ -166,6 +174,40 @@ class PlugIn:
         return cls(key, name or target.replace(":", ".").rpartition(".")[2], target, rest)
 
     @property
+    def settings(self) -> dict[str, object]:
+        """What a model file keeps of it; :meth:`admitted` reads it back."""
+        made_of = {TARGET: self.target, "arguments": dict(self.arguments)}
+        return {"name": self.name, **made_of, "maker": self.maker}
+
+    @classmethod
+    def admitted(cls, key: str, settings: Mapping[str, Any], admitted: Sequence[str]) -> Self:
+        """Read back what a model file keeps, if the user names where its code comes from.
+
+        A file orders nothing: of the classes that it names only the package's own are built unasked.
+
+        Args:
+            key: for refusals.
+            settings: as the file has them.
+            admitted: Python files and packages that the user names.
+
+        Raises:
+            VoccError: code that nobody named, or that is not what the model was made with.
+        """
+        target, rest = str(settings[TARGET]), dict(settings["arguments"])
+        path, colon, word = target.rpartition(":")
+        files = {Path(one).name: one for one in admitted if one.endswith(".py")}
+        for one in (*targets(rest), *([] if colon and Path(path).name in files else [target])):
+            ours = one.startswith(OWN) and "." not in one.removeprefix(OWN)
+            if not ours and one.partition(".")[0] not in admitted:
+                needed = Path(one.rpartition(":")[0]).name if ":" in one else one.partition(".")[0]
+                raise VoccError(f"{key} comes from {shown(one)}: add plug_ins=[{needed}] to run its code")
+        plug_in = cls(key, settings["name"], f"{files[Path(path).name]}:{word}" if colon else target, rest)
+        if plug_in.maker != settings["maker"]:
+            made = "another text than" if colon else "another release than"
+            raise VoccError(f"{key}: {target} has {made} the model was made with: train it again")
+        return plug_in
+
+    @property
     def file(self) -> ModuleFile | None:
         """The Python file outside the package that it comes from, if any."""
         path, colon, _ = self.target.rpartition(":")
@@ -237,6 +279,10 @@ class PlugIn:
         package = importlib.import_module(module.__name__.partition(".")[0])
         version = getattr(package, "__version__", None)
         return str(version) if version else ModuleFile(str(module.__file__)).digest
+
+    def __hash__(self) -> int:
+        """Hash what tells it from most others; arguments may be lists."""
+        return hash((self.name, self.target))
 
     def __reduce__(self) -> tuple[type[Self], tuple[object, ...]]:
         """Pickle the settings alone: another process builds its own."""

@@ -10,7 +10,6 @@ import subprocess
 import sys
 import time
 from pathlib import Path
-from typing import get_args
 
 import pytest
 import yaml
@@ -19,7 +18,6 @@ from PIL import Image
 
 from vocc_torch.app import cli
 from vocc_torch.app.config import NAMES
-from vocc_torch.measure.plan import Locator
 from vocc_torch.receiver.bank import RECEIVER_NAMES
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.simulation.effects import PHYSICAL_ORDER
@@ -314,7 +312,7 @@ def test_help_describes_keys_and_lists_what_is_there_by_name_and_needs_no_torch(
     assert "# test frames a point at most, at least 1\n  frames: 1024" in text
     assert "# side of the closing's square" in text
     effects = tuple(kind.name for kind in PHYSICAL_ORDER)
-    known = {"Effects": effects, "Receivers": RECEIVER_NAMES, "Locators": get_args(Locator)}
+    known = {"Effects": effects, "Receivers": RECEIVER_NAMES, "Locators": OWN_LOCATORS}
     assert {what: tuple(names.split(", ")) for what, names in NAMES.items()} == known
     for what, names in NAMES.items():
         assert f"{what} by name: {names}" in text

@@ -21,7 +21,7 @@ from vocc_torch.errors import VoccError, section, shown
 OWNERS = {part: task for task, (_, part) in TASKS.items() if part is not None}
 """The task of each section."""
 
-OF_MODEL = ("receiver", "panel", "classifier", "classifiers")
+OF_MODEL = ("receiver", "panel", "classifier", "classifiers", "locators", "features")
 """What a model brings itself, but for the panel's rows and columns, which must agree."""
 
 GROUPS = ("task", "scene", "camera", "panel", "receiver", "experiment", "budget")

@@ -1,25 +1,20 @@
 """From the settings to a study's plan, and from a classifier's settings to the classifier."""
 
-import inspect
-import random
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import asdict, fields, replace
 from importlib.util import find_spec
 from pathlib import Path
-from typing import cast
 
-import numpy as np
 import torch
-from torch import nn
 
 from vocc_torch.errors import VoccError, section
 from vocc_torch.hardware import LedPanel, PanelShape
 from vocc_torch.measure import plan as plans
 from vocc_torch.measure.config import ClassifierSettings, Settings, effect_settings
-from vocc_torch.plugins import TARGET, PlugIn
+from vocc_torch.plugins import TARGET, PlugIn, is_target
 from vocc_torch.receiver import bank, location, reader
-from vocc_torch.receiver.classifiers import Guarded, Inputs, adapters, training
+from vocc_torch.receiver.classifiers import Inputs, training
+from vocc_torch.receiver.features import FEATURE_NAMES
 from vocc_torch.simulation import SceneModel
 from vocc_torch.types import resolve_device
 
@@ -28,7 +23,7 @@ PRECISIONS = {"float32": torch.float32, "float64": torch.float64}
 HALF_PRECISIONS = ("bfloat16", "float16", "half")
 """Known to torch and not offered: they change pixels and decided bits (benchmarks/precision.py)."""
 
-RESERVED = (*bank.RECEIVER_NAMES, "_summary")
+RESERVED = (*bank.RECEIVER_NAMES, "flda", "_summary")
 """Names that no classifier may have: those of receivers, and of the board that compares them."""
 
 
@@ -46,7 +41,7 @@ def build_plan(settings: Settings, folder: Path) -> plans.Plan:
         why = ", half precision changes pixels and bits" if settings.precision in HALF_PRECISIONS else ""
         raise VoccError.of("precision", repr(settings.precision), " or ".join(PRECISIONS) + why)
     resolve_device(settings.device)
-    panel, receiver, scene = asdict(settings.panel), settings.receiver, settings.scene
+    panel, scene = asdict(settings.panel), settings.scene
     with section("scene.camera", before="camera"):
         own = {name: value for name, value in vars(scene.camera).items() if value is not None}
         camera = replace(settings.camera, **own)
@@ -60,24 +55,67 @@ def build_plan(settings: Settings, folder: Path) -> plans.Plan:
         device=settings.device,
         dtype=PRECISIONS[settings.precision],
     )
-    receivers = plans.ReceiverPlan(
-        names=(*receiver.names, *settings.classifiers),
-        classifiers=tuple(classifier_plan(name, one) for name, one in settings.classifiers.items()),
-        locator=receiver.locator,  # type: ignore[arg-type]  # checked by name in ReceiverPlan
-        location=location.PaperLocator(**asdict(receiver.location)),
-        reader=reader.Reader(shape, receiver.samples_per_led, receiver.gradient),  # type: ignore[arg-type]  # checked there
-        save=receiver.save,
-    )
     experiment, seed, batch = settings.experiment, settings.seed, settings.batch_frames
-    return plans.Plan(world, receivers, experiment, settings.budget, folder, seed, batch)
+    return plans.Plan(world, receiver_plan(settings, shape), experiment, settings.budget, folder, seed, batch)
 
 
-def classifier_plan(name: str, config: ClassifierSettings) -> plans.ClassifierPlan:
+def receiver_plan(settings: Settings, shape: PanelShape) -> plans.ReceiverPlan:
+    """Build the plan of the receivers, with every part that plugs in.
+
+    Args:
+        settings: the resolved configuration.
+        shape: of the panel.
+
+    Raises:
+        VoccError: a value outside its range, or a name that nobody knows, by its key.
+    """
+    receiver = settings.receiver
+    locators = {name: PlugIn.of(f"locators.{name}", one, name) for name, one in settings.locators.items()}
+    outside = {name: PlugIn.of(f"features.{name}", one, name) for name, one in settings.features.items()}
+    locator, chosen = receiver.locator, []
+    if is_target(locator):
+        one = PlugIn.of("receiver.locator", locator)
+        locator, locators[one.name] = one.name, one
+    for name in receiver.features:
+        if is_target(name):
+            one = PlugIn.of("receiver.features", name)
+            outside[one.name] = one
+        chosen.append(one.name if is_target(name) else name)
+    kernel = receiver.gradient
+    own = reader.Reader(shape, receiver.samples_per_led, kernel, tuple(outside.values()))  # type: ignore[arg-type]  # checked there
+    if not {*chosen} <= {*own.names} or len({*chosen}) < len(chosen) or not chosen:
+        rule = f"of {', '.join(own.names)}, or FILE.py:NAME, each once"
+        raise VoccError.of("receiver.features", chosen, rule)
+    plugged_in = [classifier_plan(name, one, chosen) for name, one in settings.classifiers.items()]
+    if (*chosen,) != FEATURE_NAMES:
+        flda = PlugIn("receiver.features", "flda", "vocc_torch.receiver.classifiers.FldaClassifier")
+        plugged_in.append(plans.ClassifierPlan("flda", flda, Inputs((*chosen,))))
+    save = receiver.save
+    if save is None and len(plugged_in) > 1 and settings.task in ("train", "decode"):
+        rule = f"one of {', '.join(one.name for one in plugged_in)}, the receiver that is kept"
+        raise VoccError.of("receiver.save", "null", rule)
+    if save is None:
+        save = plugged_in[0].name if len(plugged_in) == 1 else "flda_3"
+    return plans.ReceiverPlan(
+        names=(*receiver.names, *(one.name for one in plugged_in)),
+        classifiers=tuple(plugged_in),
+        locator=locator,
+        location=location.PaperLocator(**asdict(receiver.location)),
+        reader=own,
+        save=save,
+        locators=locators,
+    )
+
+
+def classifier_plan(
+    name: str, config: ClassifierSettings, features: Sequence[str] = FEATURE_NAMES
+) -> plans.ClassifierPlan:
     """Build the plan of a classifier that plugs in, checking its settings.
 
     Args:
         name: its name in the results, a word.
         config: its settings.
+        features: what it sees where its settings say nothing.
 
     Raises:
         VoccError: a value outside its range, named by its key.
@@ -96,69 +134,11 @@ def classifier_plan(name: str, config: ClassifierSettings) -> plans.ClassifierPl
         return plans.ClassifierPlan(
             name=name,
             build=PlugIn.of(f"{key}.build", given, name),
-            inputs=Inputs.parse(config.inputs),
+            inputs=Inputs.parse(config.inputs, features),
             training=training.TrainingRecipe(**config.training),
             frames=config.frames,
             scene=plans.parsed_scene(config.scene),
         )
-
-
-def built(plan: plans.ClassifierPlan) -> Guarded:
-    """Build a classifier, untrained.
-
-    A scikit-learn estimator and a torch module are taken for what they are; a module whose class takes
-    ``n_inputs`` is told how many numbers it sees of an LED. Anything else must follow the protocol itself.
-
-    Raises:
-        VoccError: a class that does not exist or cannot be built, or that does not follow the protocol.
-
-    Example:
-        >>> bayes = PlugIn("classifiers.bayes.build", "bayes", "sklearn.naive_bayes.GaussianNB")
-        >>> type(built(plans.ClassifierPlan("bayes", bayes)).classifier).__name__
-        'SklearnClassifier'
-    """
-    kind, arguments = plan.build.found(), dict(plan.build.arguments)
-    of_torch = isinstance(kind, type) and issubclass(kind, nn.Module)
-    if of_torch and "n_inputs" in inspect.signature(cast("type", kind)).parameters:
-        arguments.setdefault("n_inputs", plan.inputs.size)
-    # A module draws its first weights when it is made.
-    with seeded(plan.training.seed):
-        made = plan.build.build(kind, arguments)
-    if isinstance(made, nn.Module):
-        made = adapters.TorchClassifier(made, plan.training)
-    elif adapters.is_estimator(made):
-        try:
-            made = adapters.SklearnClassifier(made)
-        except VoccError as error:
-            raise VoccError(f"classifiers.{plan.name}: {error}") from error
-    return Guarded(plan.name, made, plan.inputs, plan.build.file)
-
-
-@contextmanager
-def seeded(seed: int) -> Iterator[None]:
-    """Let Python, NumPy and torch draw from a seed, and go on afterwards as if nobody had drawn.
-
-    Args:
-        seed: at least 0.
-
-    Example:
-        >>> with seeded(0):
-        ...     first = torch.rand(1)
-        >>> with seeded(0):
-        ...     torch.equal(torch.rand(1), first)
-        True
-    """
-    # Estimators without a random_state draw from NumPy's global generator: there is no other to give them.
-    kept, state = np.random.get_state(), random.getstate()  # noqa: NPY002
-    try:
-        with torch.random.fork_rng():
-            random.seed(seed)
-            np.random.seed(seed % 2**32)  # noqa: NPY002
-            torch.manual_seed(seed)
-            yield
-    finally:
-        np.random.set_state(kept)  # noqa: NPY002
-        random.setstate(state)
 
 
 EXTRAS = {"sklearn": "scikit-learn"}

@@ -212,18 +212,23 @@ class ReceiverSettings:
 
     Args:
         names: receivers in the order of the results.
-        locator: ``paper`` and ``refined`` locate the panel in the frame; ``truth`` takes the true corners.
+        locator: ``paper``, ``refined``, or one from outside by its name in ``locators`` or FILE.py:NAME,
+            finds the panel in the frame; ``truth`` takes the true corners.
+        features: what the receiver ``flda`` and classifiers without inputs of their own see, where it is not
+            [agr, gri, ngr]; those from outside are named in ``features`` or FILE.py:NAME.
         samples_per_led: samples along an LED cell's side, 2 to 64.
         gradient: ``sobel`` (Kornia's) or ``central`` (Eq. 6).
-        save: the FLDA receiver that is saved and decodes recordings.
+        save: the receiver that is saved and decodes recordings; null takes the classifier where there is one,
+            ``flda`` where there are features of your own, else ``flda_3``.
         location: limits of the locator.
     """
 
     names: list[str] = MISSING
     locator: str = MISSING
+    features: list[str] = MISSING
     samples_per_led: int = MISSING
     gradient: str = MISSING
-    save: str = MISSING
+    save: str | None = None
     location: LocatorLimits = field(default_factory=LocatorLimits)
 
 
@@ -265,6 +270,7 @@ class Settings:
         tensorboard: whether boards are written.
         input: for task=decode a picture, a folder of pictures or a video; for task=collect a sweep's folder.
         model: a receiver.pt for task=decode; null trains one.
+        plug_ins: Python files and packages whose code a model may run, such as [mine.py].
         scene: what is simulated.
         camera: the camera.
         panel: the LED panel.
@@ -272,6 +278,8 @@ class Settings:
         experiment: the BER curve.
         budget: how many frames.
         classifiers: classifiers that plug in, by name.
+        locators: locators from outside, by name, each with ``_target_`` and arguments.
+        features: features from outside, likewise.
     """
 
     task: str = MISSING
@@ -285,6 +293,7 @@ class Settings:
     tensorboard: bool = MISSING
     input: str | None = None
     model: str | None = None
+    plug_ins: list[str] = field(default_factory=list)
     scene: SceneSettings = field(default_factory=SceneSettings)
     camera: Camera = field(default_factory=Camera)
     panel: PanelSettings = field(default_factory=PanelSettings)
@@ -292,6 +301,8 @@ class Settings:
     experiment: Experiment = MISSING
     budget: Budget = field(default_factory=Budget)
     classifiers: dict[str, ClassifierSettings] = field(default_factory=dict)
+    locators: dict[str, Any] = field(default_factory=dict)
+    features: dict[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Check the names."""

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from pathlib import Path
-from typing import Any, Literal, Self, get_args
+from typing import Any, Self
 
 import numpy as np
 import torch
@@ -16,14 +16,16 @@ from vocc_torch.receiver.bank import FLDA_FEATURES, check_receivers
 from vocc_torch.receiver.classifiers import Inputs
 from vocc_torch.receiver.classifiers.training import TrainingRecipe
 from vocc_torch.receiver.location import PaperLocator
-from vocc_torch.receiver.locators import LocatorName, PanelLocator, locator_named
+from vocc_torch.receiver.locators import LOCATORS, OutsideLocator, PanelLocator, locator_named
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.simulation import Camera, Distribution, LedPanel, SceneModel, Simulator
 from vocc_torch.simulation.effects import Parameters, build_effects
 from vocc_torch.simulation.simulator import PAPER_EFFECTS, Framing
 from vocc_torch.types import resolve_device as resolve_device
 
-Locator = Literal["truth", LocatorName]
+Locator = str
+"""A locator's name; ``truth`` takes the simulator's own corners."""
+OWN_LOCATORS = ("truth", *LOCATORS)
 SCENE_FIELDS = tuple(f.name for f in fields(SceneModel))
 
 
@@ -133,11 +135,13 @@ class ReceiverPlan:
 
     Args:
         names: receivers in the order of the results.
-        locator: ``paper`` and ``refined`` locate the panel in the frame; ``truth`` takes the true corners.
+        locator: ``paper``, ``refined`` and those from outside locate the panel in the frame; ``truth`` takes
+            the true corners.
         location: the settings of the paper's locator, which the refined one uses too.
         reader: the settings of rectification and features.
-        save: the FLDA receiver that is written to the model file and decodes recordings.
+        save: the receiver that is written to the model file and decodes recordings.
         classifiers: those that plug in; their names are among ``names``.
+        locators: those from outside by name.
 
     Raises:
         VoccError: an unknown name.
@@ -149,14 +153,35 @@ class ReceiverPlan:
     reader: Reader = field(default_factory=Reader)
     save: str = "flda_3"
     classifiers: tuple[ClassifierPlan, ...] = ()
+    locators: Mapping[str, PlugIn] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Check every name."""
-        check_receivers(self.names, [one.name for one in self.classifiers])
-        if self.locator not in (known := get_args(Locator)):
-            raise VoccError(f"receiver.locator is {self.locator!r}: it must be {' or '.join(known)}")
-        if self.save not in FLDA_FEATURES:
-            raise VoccError(f"receiver.save is {self.save!r}: it must be one of {', '.join(FLDA_FEATURES)}")
+        plugged_in = [one.name for one in self.classifiers]
+        check_receivers(self.names, plugged_in)
+        if stray := [name for name in self.locators if name in OWN_LOCATORS]:
+            raise VoccError(f"locators.{stray[0]} is the name of a locator that ships: choose another")
+        self.demand_locators("receiver.locator", [self.locator])
+        if self.save not in (savable := (*FLDA_FEATURES, *plugged_in)):
+            raise VoccError(f"receiver.save is {self.save!r}: it must be one of {', '.join(savable)}")
+        for one in self.classifiers:
+            with section(f"classifiers.{one.name}"):
+                one.inputs.demand_features(self.reader.names)
+
+    @property
+    def reference(self) -> str:
+        """The FLDA receiver that others are compared with."""
+        return self.save if self.save in FLDA_FEATURES else "flda_3"
+
+    def demand_locators(self, key: str, names: Sequence[str]) -> None:
+        """Refuse a locator that nobody knows.
+
+        Raises:
+            VoccError: with those that are known.
+        """
+        known = (*OWN_LOCATORS, *self.locators)
+        if stray := [name for name in names if name not in known]:
+            raise VoccError(f"{key} is {stray[0]!r}: it must be {' or '.join(known)}")
 
     def finders(self, locators: Sequence[Locator]) -> dict[str, PanelLocator | None]:
         """Give what finds the panel by name, None for the simulator's own corners.
@@ -165,7 +190,11 @@ class ReceiverPlan:
             >>> ReceiverPlan().finders(["truth"])
             {'truth': None}
         """
-        return {name: None if name == "truth" else locator_named(name, self.location) for name in locators}
+        outside = {name: OutsideLocator(one) for name, one in self.locators.items()}
+        return {
+            name: None if name == "truth" else outside.get(name) or locator_named(name, self.location)
+            for name in locators
+        }
 
 
 @dataclass(frozen=True)
@@ -282,6 +311,8 @@ def identity(plan: Plan, locators: Sequence[Locator]) -> dict[str, Any]:
             "torch": ".".join(torch.__version__.split(".")[:2]),
             "numpy": ".".join(np.__version__.split(".")[:2]),
             **{f"classifiers.{one.name}": one.build.maker for one in plan.receiver.classifiers},
+            **{f"locators.{one.name}": one.maker for one in plan.receiver.locators.values()},
+            **{f"features.{one.name}": one.maker for one in plan.receiver.reader.more},
         },
     }
 

@@ -1,7 +1,6 @@
 """How long each stage of a receiver takes a frame; several receivers are timed in the same rounds."""
 
 import copy
-import io
 import itertools
 import time
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
@@ -14,7 +13,6 @@ from numpy.typing import NDArray
 
 from vocc_torch.measure import estimate, link, plan, timing
 from vocc_torch.receiver.bank import needs_preambles
-from vocc_torch.receiver.classifiers import Guarded
 from vocc_torch.receiver.receiver import StagedReceiver
 from vocc_torch.rng import BLOCK_FRAMES, BlockKey
 from vocc_torch.simulation import SceneModel
@@ -247,12 +245,5 @@ def on_device(receiver: StagedReceiver, device: torch.device) -> StagedReceiver:
     """Copy a receiver to a device, with every tensor that its classifiers hold."""
     bank = copy.copy(receiver.bank)
     bank.classifiers = {name: copy.deepcopy(one).to(device) for name, one in bank.classifiers.items()}
-    bank.plugged_in = {}
-    for name, one in receiver.bank.plugged_in.items():
-        packed = io.BytesIO()
-        torch.save(one.classifier, packed)
-        packed.seek(0)
-        # Packed two lines above, so there is nothing in it that was not here.
-        classifier = torch.load(packed, map_location=device, weights_only=False)
-        bank.plugged_in[name] = Guarded(name, classifier, one.inputs, one.home)
+    bank.plugged_in = {name: one.to(device) for name, one in receiver.bank.plugged_in.items()}
     return replace(receiver, bank=bank)

@@ -11,13 +11,13 @@ import torch
 from torch import Tensor
 
 from vocc_torch.errors import VoccError
-from vocc_torch.measure import build, timing
+from vocc_torch.measure import timing
 from vocc_torch.measure.link import Link, block_keys
 from vocc_torch.measure.plan import Locator, Plan, identity, narrowed
 from vocc_torch.measure.workers import Workers, worker_losses_told
 from vocc_torch.receiver import discriminant, reader
 from vocc_torch.receiver.bank import FLDA_FEATURES, ReceiverBank, feature_indices
-from vocc_torch.receiver.classifiers import Guarded, Inputs
+from vocc_torch.receiver.classifiers import Guarded, Inputs, plugged
 from vocc_torch.receiver.flda import FLDA
 from vocc_torch.receiver.locators import PanelLocator
 from vocc_torch.receiver.receiver import Receiver
@@ -127,10 +127,10 @@ def train_each(
     for parts in in_blocks(seen):
         for name, features, found, bits in zip(locators, *(parts[at::3] for at in range(3)), strict=True):
             leds = features[found], bits[found]
-            fldas[name].update(*leds)
+            fldas[name].update(leds[0][..., :_N_FEATURES], leds[1])
             missed[name] += int((~found).sum())
             if sum(len(one) for _, one in kept[name]) < FIGURE_SAMPLES:
-                kept[name].append((leds[0].reshape(-1, _N_FEATURES).cpu(), leds[1].reshape(-1).cpu()))
+                kept[name].append((leds[0].flatten(0, -2).cpu(), leds[1].reshape(-1).cpu()))
         if progress is not None:
             progress(len(parts[0]))
     trained = {}
@@ -217,9 +217,10 @@ def train_part(part: tuple[Plan, Sequence[Locator]]) -> dict[Locator, Training]:
 
 
 def trained_receiver(plan: Plan, training: Training) -> Receiver:
-    """Put the plan's FLDA receiver together, ready to decode recordings and to be saved."""
+    """Put the receiver together that the plan keeps, ready to decode recordings and to be saved."""
     name = plan.receiver.save
-    classifier = training.flda.select(feature_indices(name))
+    own = training.classifiers.get(name)
+    classifier = training.flda.select(feature_indices(name)) if own is None else own
     # Nobody knows the true corners in a recording: there the paper's locator stands in for them.
     locator = plan.receiver.finders([plan.receiver.locator])[plan.receiver.locator] or plan.receiver.location
     return Receiver(name, locator, plan.receiver.reader, classifier)
@@ -344,8 +345,8 @@ def train_classifiers(
         model = narrowed(scenes, one.scene, f"classifiers.{one.name}.scene")
         shared = kept.setdefault(model, {}) if keep else None
         stream = PanelStream(link, locator, model, plan.seed, one.inputs, shared)
-        guarded, begun = build.built(one), time.perf_counter()
-        with build.seeded(one.training.seed):
+        guarded, begun = plugged.classifier_of(one.build, one.inputs, one.training), time.perf_counter()
+        with plugged.seeded(one.training.seed):
             guarded.fit_stream(stream, one.frames or plan.budget.training_frames)
         # An interrupted training that went on has a price too.
         seconds = time.perf_counter() - begun + float(getattr(guarded.classifier, "earlier_s", 0.0))

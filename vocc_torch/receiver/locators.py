@@ -1,13 +1,14 @@
 """The locators by name: the paper's, and ours, which fits the lattice of LEDs to sub-pixels and in noise."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from typing import Any, Literal, get_args
+from typing import Any, Protocol
 
 import torch
 from torch import Tensor
 
-from vocc_torch.errors import VoccError, demand_kind, finite_number
+from vocc_torch.errors import VoccError, demand_kind, finite_number, shown
+from vocc_torch.plugins import TARGET, PlugIn, one_line
 from vocc_torch.receiver import foreground, lattice_fit, lattice_model, rectification
 from vocc_torch.receiver.location import Choice, PaperLocator, exact_frames
 from vocc_torch.types import Frames, Images, Panels, PanelShape
@@ -208,11 +209,60 @@ def _alike(side_px: Tensor) -> list[tuple[int, Tensor]]:
     return [(side, (side_px == side).nonzero()[:, 0]) for side in sorted(set(side_px.tolist()))]
 
 
-LocatorName = Literal["paper", "refined"]
-PanelLocator = PaperLocator | RefinedLocator
+LOCATORS = ("paper", "refined")
+"""The locators that ship, by name."""
 
 
-def locator_named(name: LocatorName, paper: PaperLocator) -> PanelLocator:
+class PanelLocator(Protocol):
+    """What finds panels: any callable of frames and the panel's shape."""
+
+    def __call__(self, frames: Frames, shape: PanelShape, /) -> Panels:
+        """Find the panel of ``shape`` in each frame.
+
+        Args:
+            frames: B frames or crops of them; a crop's ``origin_px`` says where it lies on the sensor, and
+                its ``surround`` is the grey of all that is not in it.
+            shape: rows and columns of the panel.
+
+        Returns:
+            Corners in the sensor's coordinates, and whether each panel was found.
+        """
+
+    def __hash__(self) -> int:
+        """Hash it: receivers that share a locator locate once."""
+
+
+@dataclass(frozen=True)
+class OutsideLocator:
+    """A locator from outside, held to the protocol under its name.
+
+    Args:
+        plug_in: its class or function.
+    """
+
+    plug_in: PlugIn
+
+    def __call__(self, frames: Images, shape: PanelShape) -> Panels:
+        """Find panels as :class:`PanelLocator` says.
+
+        Raises:
+            VoccError: it fails, or gives anything else than panels with finite corners, one a frame.
+        """
+        name, frames = f"locator {self.plug_in.name}", Frames.of(frames)
+        try:
+            panels: Panels = self.plug_in.made(frames, shape)
+        except VoccError:
+            raise
+        except (Exception, SystemExit) as error:
+            raise VoccError(f"{name} failed ({one_line(error)})") from error
+        demand_kind(f"{name}: its answer", panels, Panels)
+        if panels.corners_px.shape != (len(frames), 4, 2) or not bool(panels.corners_px.isfinite().all()):
+            given = tuple(panels.corners_px.shape)
+            raise VoccError(f"{name} gave corners of {given}: they must be finite, {(len(frames), 4, 2)}")
+        return panels
+
+
+def locator_named(name: str, paper: PaperLocator) -> PaperLocator | RefinedLocator:
     """Return the locator of a name, with the settings of the paper's, which both use.
 
     Raises:
@@ -222,35 +272,50 @@ def locator_named(name: LocatorName, paper: PaperLocator) -> PanelLocator:
         >>> locator_named("refined", PaperLocator(closing_px=9)).paper.closing_px
         9
     """
-    if name not in get_args(LocatorName):
-        raise VoccError.of("receiver.locator", repr(name), " or ".join(get_args(LocatorName)))
+    if name not in LOCATORS:
+        raise VoccError.of("receiver.locator", repr(name), " or ".join(LOCATORS))
     return RefinedLocator(paper) if name == "refined" else paper
 
 
 def locator_settings(locator: PanelLocator) -> dict[str, object]:
     """Return a locator's settings for a model file; those of the paper's carry no name.
 
+    Raises:
+        VoccError: a locator from outside that was not built from settings.
+
     Example:
         >>> locator_settings(RefinedLocator())["name"]
         'refined'
     """
+    if isinstance(locator, OutsideLocator):
+        return locator.plug_in.settings
+    if not isinstance(locator, PaperLocator | RefinedLocator):
+        rule = "paper, refined, or one named by FILE.py:NAME or PACKAGE.MODULE.NAME, to be saved"
+        raise VoccError.of("receiver.locator", shown(locator), rule)
     return {**({} if isinstance(locator, PaperLocator) else {"name": "refined"}), **asdict(locator)}
 
 
-def locator_from(settings: Mapping[str, Any]) -> PanelLocator:
+def locator_from(settings: Mapping[str, Any], admitted: Sequence[str] = ()) -> PanelLocator:
     """Build a locator from what :func:`locator_settings` gave.
+
+    Args:
+        settings: of the locator.
+        admitted: Python files and packages that the user names.
 
     Raises:
         TypeError: an unknown setting.
         ValueError: an unknown name.
+        VoccError: one from outside that is not admitted.
 
     Example:
         >>> locator_from(locator_settings(RefinedLocator(min_share=0.9))).min_share
         0.9
     """
+    if TARGET in settings:
+        return OutsideLocator(PlugIn.admitted("receiver.locator", settings, admitted))
     rest = dict(settings)
     name = rest.pop("name", "paper")
-    if name not in get_args(LocatorName):
+    if name not in LOCATORS:
         raise ValueError(f"its locator is {name!r}")
     paper = PaperLocator(**(rest if name == "paper" else rest.pop("paper")))
     return paper if name == "paper" else RefinedLocator(paper, **rest)

@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 from vocc_torch.errors import VoccError, demand_kind
+from vocc_torch.plugins import PlugIn, one_line
 from vocc_torch.receiver.features import FEATURE_NAMES, Gradient, cell_means, checked_greys, led_features
 from vocc_torch.receiver.rectification import cell_size_px, centre_greys, rectify_takes
 from vocc_torch.types import Frames, Panels, PanelShape
@@ -31,16 +32,18 @@ class Readings(NamedTuple):
     """What the receiver measures of each LED.
 
     Args:
-        features: (B,R,C,3) float64 in the order AGR, GRI, NGR.
+        features: (B,R,C,N) float64: AGR, GRI and NGR, then those from outside.
         greys: grey levels of each LED.
         patches: (B,1,(R+2)K,(C+2)K) the rectified panels.
         cell_px: (B,2) mean width and height of a cell in the image, px.
+        names: of the N features.
     """
 
     features: Tensor
     greys: Greys
     patches: Tensor
     cell_px: Tensor
+    names: tuple[str, ...] = FEATURE_NAMES
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,9 +56,11 @@ class Reader:
         shape: rows and columns of the panel.
         samples_per_led: K, samples along an LED cell's side, 2 to 64; a rectified panel has at most 2^25.
         gradient: ``sobel`` (Kornia) or ``central`` (Eq. 6).
+        more: features from outside, functions of the rectified panels (B,1,(R+2)K,(C+2)K) and the panel's
+            shape that give (B,R,C).
 
     Raises:
-        VoccError: a value outside its range.
+        VoccError: a value outside its range, or a feature's name twice.
 
     Example:
         >>> frames = Frames.whole(torch.full((1, 1, 40, 40), 50, dtype=torch.uint8))
@@ -67,6 +72,7 @@ class Reader:
     shape: PanelShape = field(default_factory=PanelShape)
     samples_per_led: int = 8
     gradient: Gradient = "sobel"
+    more: tuple[PlugIn, ...] = ()
 
     def __post_init__(self) -> None:
         """Check every range."""
@@ -80,6 +86,13 @@ class Reader:
             raise VoccError(f"{given}: {panel}, at most 2^25 are allowed")
         if self.gradient not in get_args(Gradient):
             raise VoccError.of("receiver.gradient", repr(self.gradient), " or ".join(get_args(Gradient)))
+        if len({*self.names, *_GREYS}) < len(self.names) + len(_GREYS):
+            raise VoccError.of("receiver.features", [*self.names], f"each once, and none of {_GREYS}")
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The features that it measures, in their order."""
+        return *FEATURE_NAMES, *(one.name for one in self.more)
 
     def read(self, frames: Frames, panels: Panels) -> Readings:
         """Measure every LED of B frames with located panels; one not found reads finite, without meaning.
@@ -112,7 +125,7 @@ class Reader:
             VoccError: what :meth:`read_takes` refuses, greys at the LEDs' centres aside.
         """
         readings = self.measure(frames, panels, self.rectify([frames], panels)[0], names)
-        return readings.features[..., [FEATURE_NAMES.index(name) for name in names]]
+        return readings.features[..., [self.names.index(name) for name in names]]
 
     def read_greys(self, frames: Frames, panels: Panels) -> Greys:
         """Measure grey levels only."""
@@ -138,7 +151,7 @@ class Reader:
         return patches
 
     def measure(
-        self, frames: Frames, panels: Panels, patches: Tensor | None, needed: Collection[str] = MEASURED
+        self, frames: Frames, panels: Panels, patches: Tensor | None, needed: Collection[str] | None = None
     ) -> Readings:
         """Measure located panels, and of them only what is needed; the rest is zeros.
 
@@ -146,20 +159,38 @@ class Reader:
             frames: B frames.
             panels: where the panel is in each.
             patches: what :meth:`rectify` gave of the frames; None will do where ``centre`` alone is needed.
-            needed: some of ``MEASURED``.
+            needed: some of ``MEASURED`` and of the features from outside; None for all.
 
         Raises:
-            VoccError: what :meth:`read_takes` refuses.
+            VoccError: what :meth:`read_takes` refuses, or a feature from outside that fails.
         """
+        needed = {*MEASURED, *self.names} if needed is None else needed
         shape, sizes = self.shape, cell_size_px(panels.corners_px, self.shape)
         with torch.autocast(frames.grey.device.type, enabled=False):
             features = average = centre = sizes[0].new_zeros(len(frames), shape.rows, shape.columns)
             if "centre" in needed:
                 centre = centre_greys(frames, panels, shape)
             if patches is None:
-                features, patches = features[..., None].expand(-1, -1, -1, 3), frames.grey[..., :0, :0]
+                features = features[..., None].expand(-1, -1, -1, len(self.names))
+                patches = frames.grey[..., :0, :0]
             else:
                 means = cell_means(patches, shape) if {"agr", "ngr", "average"} & {*needed} else None
                 features = led_features(patches, means, shape, *sizes, self.gradient, needed).double()
                 average = average if means is None else means[:, 1:-1, 1:-1]
-        return Readings(features, Greys(average, centre), patches, torch.stack(sizes, dim=-1))
+                others = [self._outside(one, patches, one.name in needed) for one in self.more]
+                features = torch.cat([features, *others], dim=-1) if others else features
+        return Readings(features, Greys(average, centre), patches, torch.stack(sizes, dim=-1), self.names)
+
+    def _outside(self, feature: PlugIn, patches: Tensor, wanted: bool) -> Tensor:
+        """Measure a feature from outside, (B,R,C,1) float64; zeros where it is not wanted."""
+        size = (len(patches), self.shape.rows, self.shape.columns)
+        if not wanted:
+            return patches.new_zeros(*size, 1, dtype=torch.float64)
+        try:
+            given = feature.made(patches, self.shape)
+        except (Exception, SystemExit) as error:
+            raise VoccError(f"feature {feature.name} failed ({one_line(error)})") from error
+        if not isinstance(given, Tensor) or given.shape != size or not bool(given.isfinite().all()):
+            got = tuple(given.shape) if isinstance(given, Tensor) else type(given).__name__
+            raise VoccError(f"feature {feature.name} gave {got}: it must give finite numbers of shape {size}")
+        return given.to(torch.float64).unsqueeze(-1)

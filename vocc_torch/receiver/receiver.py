@@ -1,94 +1,21 @@
-"""A receiver by stages: locate, rectify, measure, decide; and the one that a user keeps in a file.
+"""A receiver by stages: locate, rectify, measure, decide; and the one that a user keeps in a file."""
 
-The file is JSON text with a checksum, which no reader can be tricked into executing. Python's shortest
-decimal form of a float64 keeps every number exactly.
-"""
-
-import hashlib
-import json
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, NamedTuple, Self, get_args
+from typing import NamedTuple, Self
 
 import torch
 
-from vocc_torch.errors import VoccError, demand_kind
-from vocc_torch.files import write_atomically
-from vocc_torch.receiver.bank import FLDA_FEATURES, Preambles, ReceiverBank
+from vocc_torch.errors import VoccError, demand_kind, shown
+from vocc_torch.plugins import PlugIn
+from vocc_torch.receiver.bank import FLDA_FEATURES, Preambles, ReceiverBank, feature_indices
+from vocc_torch.receiver.classifiers import Guarded, Inputs, Patch, plugged
 from vocc_torch.receiver.flda import FLDA
 from vocc_torch.receiver.locators import PanelLocator, locator_from, locator_settings
+from vocc_torch.receiver.model_file import Settings, read_model, write_model
 from vocc_torch.receiver.reader import Reader, Readings
 from vocc_torch.types import Frames, Images, Panels, PanelShape
-
-FORMAT = "vocc_torch.receiver"
-FORMAT_VERSION = 2
-MOST_BYTES = 1 << 20
-"""Most bytes of a model's file; a panel's size does not change its few kilobytes."""
-_READABLE = (1, FORMAT_VERSION)  # version 1 has one number for each mean and scatter: the second one is 0
-_DTYPES = {"float64": torch.float64, "int64": torch.int64}
-
-Settings = dict[str, Any]
-
-
-def _checksum(content: Mapping[str, object]) -> str:
-    """Hash everything but the checksum itself, in a canonical form."""
-    rest = {key: value for key, value in content.items() if key != "sha256"}
-    text = json.dumps(rest, sort_keys=True, separators=(",", ":"))
-    return hashlib.sha256(text.encode()).hexdigest()
-
-
-def write_model(path: Path, settings: Settings, state: Mapping[str, torch.Tensor]) -> None:
-    """Write settings and a classifier's state, whole or not at all.
-
-    Args:
-        path: the file, replaced whole.
-        settings: what JSON can hold.
-        state: float64 and int64 tensors by name.
-
-    Raises:
-        VoccError: the file cannot be written.
-    """
-    numbers: Settings = {}
-    for name, value in state.items():
-        dtype, shape = str(value.dtype).removeprefix("torch."), list(value.shape)
-        numbers[name] = {"dtype": dtype, "shape": shape, "values": value.cpu().flatten().tolist()}
-    content: Settings = {"format": FORMAT, "version": FORMAT_VERSION}
-    content |= {"settings": settings, "classifier": numbers}
-    content["sha256"] = _checksum(content)
-    write_atomically(path, (json.dumps(content, indent=1) + "\n").encode())
-
-
-def read_model(path: Path) -> tuple[Settings, dict[str, torch.Tensor]]:
-    """Read what :func:`write_model` wrote.
-
-    Raises:
-        VoccError: a file that is missing, damaged, of another kind or of another version.
-    """
-    try:
-        if path.stat().st_size > MOST_BYTES or not path.is_file():  # reading a pipe would wait for ever
-            raise ValueError
-        content = json.loads(path.read_bytes())
-        fits = isinstance(content, dict) and content.get("sha256") == _checksum(content)
-    except FileNotFoundError:
-        raise VoccError(f"model {path} does not exist: give the receiver.pt that task=train wrote") from None
-    except (OSError, ValueError, RecursionError):
-        raise VoccError(f"model {path} is no receiver: it is damaged or of another kind") from None
-    if not isinstance(content, dict) or content.get("format") != FORMAT:
-        raise VoccError(f"model {path} is not a vocc_torch receiver: give the one that task=train wrote")
-    if (version := content.get("version")) not in _READABLE:
-        allowed = " and ".join(map(str, _READABLE))
-        raise VoccError(f"model {path} has format version {version}: this package reads versions {allowed}")
-    if not fits:
-        raise VoccError(f"model {path} is damaged (its checksum does not fit): train it again")
-    try:
-        state = {}
-        for key, value in content["classifier"].items():
-            numbers = torch.tensor(value["values"], dtype=_DTYPES[value["dtype"]])
-            state[key] = numbers.reshape(value["shape"])
-        return dict(content["settings"]), state
-    except (AttributeError, KeyError, RuntimeError, TypeError, ValueError) as error:
-        raise VoccError(f"model {path} is damaged ({type(error).__name__}): train it again") from None
 
 
 class Decoded(NamedTuple):
@@ -194,25 +121,41 @@ class Receiver(torch.nn.Module):
     """Locate the panel, rectify it, measure its LEDs and decide their bits.
 
     Args:
-        name: the FLDA receiver's name, which says which features it uses.
+        name: of an FLDA receiver, which says which features it uses, or of the classifier.
         locator: the panel locator.
         reader: rectification and features; it holds the panel's shape.
-        classifier: fitted on the named features.
+        classifier: FLDA fitted on the named features, or another trained classifier.
 
     Raises:
-        VoccError: an unknown name, or a classifier of another number of features.
+        VoccError: an unknown name, or a classifier of another number of features or of other ones.
     """
 
-    def __init__(self, name: str, locator: PanelLocator, reader: Reader, classifier: FLDA) -> None:
+    _place: torch.Tensor
+
+    def __init__(self, name: str, locator: PanelLocator, reader: Reader, classifier: FLDA | Guarded) -> None:
         super().__init__()
-        demand_kind("locator", locator, *get_args(PanelLocator))
+        if not callable(locator):
+            raise VoccError.of("locator", shown(locator), "a locator, called with frames and a panel's shape")
         demand_kind("reader", reader, Reader)
-        demand_kind("classifier", classifier, torch.nn.Module)
-        if name not in tuple(FLDA_FEATURES):
-            raise VoccError.of("receiver name", repr(name), f"one of {', '.join(FLDA_FEATURES)}")
-        if classifier.n_features != (needed := len(FLDA_FEATURES[name])):
-            raise VoccError(f"classifier has {classifier.n_features} features: {name} needs {needed}")
+        demand_kind("classifier", classifier, torch.nn.Module, Guarded)
+        if isinstance(classifier, Guarded):
+            if name != classifier.name:
+                raise VoccError.of("receiver name", repr(name), f"its classifier's, {classifier.name!r}")
+            classifier.inputs.demand_features(reader.names)
+            self.inputs = classifier.inputs
+        else:
+            if name not in tuple(FLDA_FEATURES):
+                raise VoccError.of("receiver name", repr(name), f"one of {', '.join(FLDA_FEATURES)}")
+            if classifier.n_features != (needed := len(FLDA_FEATURES[name])):
+                raise VoccError(f"classifier has {classifier.n_features} features: {name} needs {needed}")
+            self.inputs = Inputs(FLDA_FEATURES[name])
         self.name, self.locator, self.reader, self.classifier = name, locator, reader, classifier
+        self.register_buffer("_place", torch.empty(0), persistent=False)
+
+    @property
+    def device(self) -> torch.device:
+        """Where its classifier is."""
+        return self._place.device
 
     @property
     def shape(self) -> PanelShape:
@@ -246,41 +189,82 @@ class Receiver(torch.nn.Module):
         """
         frames = Frames.of(frames)
         where = self.locator(frames, self.shape) if panels is None else panels
-        features = self.reader.read_features(frames, where, FLDA_FEATURES[self.name])
+        patches = self.reader.rectify([frames], where)[0]
+        readings = self.reader.measure(frames, where, patches, self.inputs.features)
         found = where.found.view(-1, 1, 1)
-        scores = torch.where(found, self.classifier.decision_function(features), 0.0)
+        scores = torch.where(found, self.score(readings), 0.0)
         bits = (scores >= 0) & found
         return Decoded(bits, scores, where.corners_px, where.found, where.score, where.candidates)
 
+    def score(self, readings: Readings) -> torch.Tensor:
+        """Score every LED of located panels, (B,R,C) float64; at least 0 is On."""
+        if isinstance(self.classifier, Guarded):
+            return self.classifier.decision_function(self.inputs.of(readings, readings.cell_px, self.shape))
+        features = readings.features[..., feature_indices(self.name)]
+        scores: torch.Tensor = self.classifier.decision_function(features)
+        return scores
+
+    def _apply(self, fn: Callable[[torch.Tensor], torch.Tensor], recurse: bool = True) -> Self:
+        """Follow moves between devices with a classifier that is no module too."""
+        super()._apply(fn, recurse)  # type: ignore[no-untyped-call]  # torch has no hints here
+        if isinstance(self.classifier, Guarded):
+            self.classifier = self.classifier.to(self.device)
+        return self
+
     def save(self, path: str | Path) -> None:
-        """Write the receiver to one file of text: settings and numbers, no code, and a checksum.
+        """Write the receiver to one file of text: settings, arrays and a checksum, and no code.
 
         Raises:
-            VoccError: no path, or the file cannot be written.
+            VoccError: no path, a part that cannot be kept, or the file cannot be written.
         """
         demand_kind("path", path, str, Path)
         settings: Settings = {"name": self.name, "rows": self.shape.rows, "columns": self.shape.columns}
         settings |= {"samples_per_led": self.reader.samples_per_led, "gradient": self.reader.gradient}
+        settings["features"] = [one.settings for one in self.reader.more]
         settings["locator"] = locator_settings(self.locator)
-        write_model(Path(path), settings, self.classifier.state_dict())
+        if not isinstance(self.classifier, Guarded):
+            write_model(Path(path), settings, self.classifier.state_dict())
+            return
+        if self.classifier.plug_in is None:
+            raise VoccError(f"classifier {self.name} was not built from settings: it cannot be saved")
+        values, arrays = plugged.state_of(self.classifier)
+        own = {**self.classifier.plug_in.settings, "inputs": asdict(self.inputs), "values": values}
+        write_model(Path(path), {**settings, "classifier": own}, arrays)
 
     @classmethod
-    def load(cls, path: str | Path) -> Self:
+    def load(cls, path: str | Path, plug_ins: Sequence[str] = ()) -> Self:
         """Read a receiver that :meth:`save` wrote; nothing in the file is executed.
 
+        Args:
+            path: the file.
+            plug_ins: Python files and packages whose code the receiver may run, such as ``mine.py``: those
+                that its parts from outside come from.
+
         Raises:
-            VoccError: no path, or a file that is missing, damaged, of another kind or of another version.
+            VoccError: no path, a file that is missing, damaged, of another kind or of another version, or a
+                part whose code was not named or has changed.
         """
         demand_kind("path", path, str, Path)
         settings, state = read_model(Path(path))
         try:
+            more = [
+                PlugIn.admitted("receiver.features", one, plug_ins) for one in settings.get("features", [])
+            ]
             shape = PanelShape(settings["rows"], settings["columns"])
-            reader = Reader(shape, settings["samples_per_led"], settings["gradient"])
-            classifier = FLDA(n_features=len(FLDA_FEATURES[settings["name"]]))
+            reader = Reader(shape, settings["samples_per_led"], settings["gradient"], tuple(more))
+            locator, name = locator_from(settings["locator"], plug_ins), settings["name"]
+            if (own := settings.get("classifier")) is not None:
+                patch = own["inputs"]["patch"]
+                inputs = Inputs(tuple(own["inputs"]["features"]), None if patch is None else Patch(**patch))
+                plug_in = plugged.admitted(own, state, plug_ins)
+                return cls(name, locator, reader, plugged.restored(plug_in, inputs, own["values"], state))
+            classifier = FLDA(n_features=len(FLDA_FEATURES[name]))
             classifier.load_state_dict(state)
             if not bool(classifier.direction.isfinite().all()):
                 raise VoccError("its statistics are not finite")
-            return cls(settings["name"], locator_from(settings["locator"]), reader, classifier)
+            return cls(name, locator, reader, classifier)
         except (KeyError, TypeError, ValueError, RuntimeError, AttributeError) as error:
+            if isinstance(error, VoccError):
+                raise VoccError(f"model {path}: {error}") from None
             reason = str(error).splitlines()[0] if str(error) else type(error).__name__
             raise VoccError(f"model {path} is damaged ({reason}): train it again") from None

@@ -78,7 +78,7 @@ def run_test(settings: config.Settings, folder: Path) -> None:
             raise VoccError(f"experiment.values: {fault}: widen the bins or the scenes")
         write_results(settings, plan, training, curves, folder)
     terminal.print_table(curves.table(), console)
-    for line in (*left_out(plan, curves), *compared(curves, plan.receiver.save)):
+    for line in (*left_out(plan, curves), *compared(curves, plan.receiver.reference)):
         console.print(line, soft_wrap=True, highlight=False)
     places = {"table": "ber.csv", "pairs": "paired.csv", "figure": "ber.png", "receiver": "receiver.pt"}
     run_folder.print_places(console, folder, places.items(), settings.tensorboard)
@@ -116,7 +116,8 @@ def write_results(
     camera, panel = plan.world.camera, plan.world.panel.shape
     seen = f"{panel.rows} x {panel.columns} LEDs, {camera.focal_length_mm:g} mm lens"
     title = f"Bit error rate, experiment “{plan.experiment.name}”: {seen}"
-    names = list(map(str.upper, FEATURE_NAMES))
+    own = plan.receiver.reader.names
+    names = [one.upper() if one in FEATURE_NAMES else one for one in own]
     histograms = plots.feature_histograms(training.features, training.bits, names)
     figures = {"BER": plots.ber_figure(table, styles.axis_label(table.axis), title)}
     figures |= {"features by status": histograms}

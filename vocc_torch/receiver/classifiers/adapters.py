@@ -1,6 +1,7 @@
 """What others wrote as a classifier of LEDs: a torch module, or a scikit-learn estimator."""
 
 import sys
+from collections.abc import Mapping
 from typing import Any, Self
 
 import numpy as np
@@ -101,6 +102,23 @@ class TorchClassifier:
     def parameters_count(self) -> int:
         """How many numbers decide."""
         return sum(one.numel() for one in self.module.parameters())
+
+    def state_dict(self) -> dict[str, torch.Tensor]:
+        """What it learned: the module's state, and how inputs are scaled.
+
+        Raises:
+            VoccError: not fitted.
+        """
+        if self._mean is None or self._spread is None:
+            raise VoccError("it has seen no samples: call fit first")
+        learned = {f"module.{name}": value for name, value in self.module.state_dict().items()}
+        return {**learned, "mean": self._mean, "spread": self._spread}
+
+    def load_state_dict(self, state: Mapping[str, torch.Tensor]) -> None:
+        """Take up what :meth:`state_dict` gave."""
+        own = {name.partition(".")[2]: value for name, value in state.items() if "." in name}
+        self.module.load_state_dict(own)
+        self._mean, self._spread = state["mean"], state["spread"]
 
     def _scaled(self, rows: torch.Tensor) -> torch.Tensor:
         """Bring inputs to mean 0 and spread 1."""

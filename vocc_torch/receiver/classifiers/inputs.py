@@ -1,6 +1,6 @@
 """What a classifier sees of each LED: the paper's features, grey values about its cell, or both."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Literal, Self, get_args
 
@@ -95,11 +95,11 @@ class Inputs:
     """What a classifier declares that it sees.
 
     Args:
-        features: any of ``agr``, ``gri``, ``ngr``, each once.
+        features: any of ``agr``, ``gri``, ``ngr`` and those from outside, each once.
         patch: grey values beside them, or None.
 
     Raises:
-        VoccError: nothing at all, an unknown feature or a repeated one.
+        VoccError: nothing at all, or a repeated feature.
 
     Example:
         >>> Inputs(("agr", "ngr")).size, Inputs((), Patch(cells=1, samples=1)).size
@@ -111,16 +111,14 @@ class Inputs:
 
     def __post_init__(self) -> None:
         """Refuse what is no choice."""
-        if sorted({*self.features} & {*FEATURE_NAMES}) != sorted(self.features):
-            raise VoccError.of(
-                "inputs.features", [*self.features], f"of {', '.join(FEATURE_NAMES)}, each once"
-            )
+        if len({*self.features}) < len(self.features):
+            raise VoccError.of("inputs.features", [*self.features], "features, each once")
         if not self.features and self.patch is None:
             raise VoccError("inputs names no features and no patch: a classifier must see something")
 
     @classmethod
-    def parse(cls, settings: Mapping[str, object]) -> Self:
-        """Read them as a configuration writes them.
+    def parse(cls, settings: Mapping[str, object], usual: Sequence[str] = FEATURE_NAMES) -> Self:
+        """Read them as a configuration writes them; ``usual`` are the features where it names nothing.
 
         Raises:
             VoccError: an unknown key, or a value outside its range.
@@ -139,8 +137,17 @@ class Inputs:
             if stray := [name for name in given if name not in known]:
                 raise VoccError(f"{section}.{stray[0]} is not a known key: known are {', '.join(known)}")
         # Whoever names a patch alone sees that alone.
-        names = FEATURE_NAMES if features is None and patch is None else tuple(map(str, features or ()))
+        names = tuple(usual if features is None and patch is None else map(str, features or ()))
         return cls(names, None if patch is None else Patch(**patch))
+
+    def demand_features(self, known: Sequence[str]) -> None:
+        """Refuse a feature that is not measured.
+
+        Raises:
+            VoccError: with the features that are.
+        """
+        if not {*self.features} <= {*known}:
+            raise VoccError.of("inputs.features", [*self.features], f"of {', '.join(known)}, each once")
 
     @property
     def size(self) -> int:
@@ -159,9 +166,10 @@ class Inputs:
             (B,R,C,size) float32, the features first.
 
         Raises:
-            VoccError: the readings have too few samples an LED.
+            VoccError: the readings have too few samples an LED, or lack a feature.
         """
-        columns = [FEATURE_NAMES.index(name) for name in self.features]
+        self.demand_features(readings.names)
+        columns = [readings.names.index(name) for name in self.features]
         features = readings.features[..., columns].to(torch.float32)
         if self.patch is None:
             return features

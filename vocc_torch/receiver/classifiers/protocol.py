@@ -1,5 +1,6 @@
 """What a classifier is, and the guard that names one that errs."""
 
+import io
 import pickle
 from collections.abc import Callable, Iterator
 from typing import Protocol, TypeVar, runtime_checkable
@@ -8,7 +9,7 @@ import torch
 from torch import Tensor
 
 from vocc_torch.errors import VoccError
-from vocc_torch.plugins import ModuleFile, one_line
+from vocc_torch.plugins import PlugIn, one_line
 from vocc_torch.receiver.classifiers.inputs import Inputs
 
 R = TypeVar("R")
@@ -52,7 +53,7 @@ class Guarded:
         name: its name in results and refusals.
         classifier: follows :class:`Classifier`.
         inputs: what it sees of each LED.
-        home: the file outside the package that defines it, or None; another process reads it first.
+        plug_in: what it was built from, or None; another process reads its file first.
 
     Raises:
         VoccError: it lacks ``fit`` or ``decision_function``.
@@ -64,14 +65,14 @@ class Guarded:
         vocc_torch.errors.VoccError: classifier mine is of type object without fit, which it must have
     """
 
-    def __init__(self, name: str, classifier: object, inputs: Inputs, home: ModuleFile | None = None) -> None:
+    def __init__(self, name: str, classifier: object, inputs: Inputs, plug_in: PlugIn | None = None) -> None:
         kind = type(classifier).__name__
         for method in ("fit", "decision_function"):
             if not callable(getattr(classifier, method, None)):
                 raise VoccError(f"classifier {name} is of type {kind} without {method}, which it must have")
         self.name = name
         self.inputs = inputs
-        self.home = home
+        self.plug_in = plug_in
         self.classifier: Classifier = classifier  # type: ignore[assignment]  # checked just above
         self._agreed = False
 
@@ -134,9 +135,18 @@ class Guarded:
             raise VoccError(f"classifier {self.name}: {what} gave {given}, not a tensor of shape {wanted}")
         return answer
 
+    def to(self, device: torch.device) -> "Guarded":
+        """Copy it to a device, with every tensor that the classifier holds."""
+        packed = io.BytesIO()
+        torch.save(self.classifier, packed)
+        packed.seek(0)
+        # Packed two lines above, so there is nothing in it that was not here.
+        classifier = torch.load(packed, map_location=device, weights_only=False)
+        return Guarded(self.name, classifier, self.inputs, self.plug_in)
+
     def __reduce__(self) -> tuple[Callable[..., "Guarded"], tuple[object, ...]]:
         """Pickle it with the file that its class comes from."""
-        return _unpacked, (self.name, pickle.dumps(self.classifier), self.inputs, self.home)
+        return _unpacked, (self.name, pickle.dumps(self.classifier), self.inputs, self.plug_in)
 
     def _guarded(self, what: str, call: Callable[[], R]) -> R:
         """Call the classifier; its errors become one line that begins with its name."""
@@ -149,8 +159,8 @@ class Guarded:
             raise VoccError(f"classifier {self.name}: {what} failed ({one_line(error)})") from error
 
 
-def _unpacked(name: str, packed: bytes, inputs: Inputs, home: ModuleFile | None) -> Guarded:
+def _unpacked(name: str, packed: bytes, inputs: Inputs, plug_in: PlugIn | None) -> Guarded:
     """Unpickle a guarded classifier; the file that defines its class is read first."""
-    if home is not None:
-        home.module()
-    return Guarded(name, pickle.loads(packed), inputs, home)
+    if plug_in is not None and plug_in.file is not None:
+        plug_in.file.module()
+    return Guarded(name, pickle.loads(packed), inputs, plug_in)

@@ -1,5 +1,6 @@
 """Rules in closed form: Fisher's, the least-squares equaliser, and rules that part each panel by itself."""
 
+from collections.abc import Mapping
 from typing import Self
 
 import torch
@@ -60,6 +61,14 @@ class FldaClassifier(_Scored):
             VoccError: not fitted.
         """
         return _fitted(self._rule).scores(x)
+
+    def state_dict(self) -> dict[str, torch.Tensor]:
+        """What it learned: direction, threshold and centre."""
+        return _fitted(self._rule)._asdict()
+
+    def load_state_dict(self, state: Mapping[str, torch.Tensor]) -> None:
+        """Take up what :meth:`state_dict` gave."""
+        self._rule = discriminant.Discriminant(**state)
 
     @property
     def parameters_count(self) -> int:

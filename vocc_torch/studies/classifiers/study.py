@@ -15,6 +15,7 @@ from vocc_torch.measure.link import Link
 from vocc_torch.measure.plan import Budget, Experiment, Locator, Plan
 from vocc_torch.measure.train import Training, train, train_alone
 from vocc_torch.receiver.bank import FLDA_FEATURES, ReceiverBank, needs_preambles
+from vocc_torch.receiver.classifiers import plugged
 from vocc_torch.receiver.receiver import StagedReceiver
 from vocc_torch.rng import BLOCK_FRAMES, BlockKey
 from vocc_torch.simulation import SceneModel
@@ -161,7 +162,7 @@ def compare_classifiers(
     names, at = study.base.receiver.names, study.locator
     for one in study.base.receiver.classifiers:
         # What cannot be built is refused now, and not when its turn comes.
-        build.built(one)
+        plugged.classifier_of(one.build, one.inputs)
     with stage("training"):
         # FLDA is always trained: the receiver that is kept is one.
         wanted = tuple(dict.fromkeys((*names, *FLDA_FEATURES)))

@@ -2,7 +2,7 @@
 
 import shutil
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain, groupby, islice
 from pathlib import Path
@@ -95,6 +95,8 @@ def run_decode(settings: Settings, config: DecodeConfig, folder: Path) -> None:
     run_folder.refuse_results(folder)
     if settings.input is None:
         raise VoccError("input is null: task=decode needs input=PICTURE, a folder of pictures or a video")
+    if settings.plug_ins and settings.model is None:
+        raise VoccError.of("plug_ins", settings.plug_ins, "empty without a model: a new one names its parts")
     source, console = Path(settings.input), Console()
     failures: list[str] = []
     recording = readable(read_recording(source, config.channel), failures)
@@ -102,7 +104,7 @@ def run_decode(settings: Settings, config: DecodeConfig, folder: Path) -> None:
     if not first:
         raise VoccError(failures[0])
     model = None if settings.model is None else Path(settings.model)
-    receiver = receiver_for(build_plan(settings, folder), model)
+    receiver = receiver_for(build_plan(settings, folder), model, settings.plug_ins)
     rows, best, doubtful, names = [], None, 0, set[str]()
     try:
         for reading in decode(receiver, chain(first, recording)):
@@ -154,7 +156,7 @@ def readable(recording: Iterator[RecordedFrame], failures: list[str]) -> Iterato
         failures.append(str(error))
 
 
-def receiver_for(plan: Plan, model: Path | None) -> Receiver:
+def receiver_for(plan: Plan, model: Path | None, plug_ins: Sequence[str] = ()) -> Receiver:
     """Load the receiver, or train one on the plan's scenes where no model is given.
 
     Raises:
@@ -163,7 +165,7 @@ def receiver_for(plan: Plan, model: Path | None) -> Receiver:
     if model is None:
         untouched = replace(plan.experiment, training={})
         return trained_receiver(plan, train(replace(plan, experiment=untouched)))
-    receiver = Receiver.load(model).to(resolve_device(plan.world.device))
+    receiver = Receiver.load(model, plug_ins).to(resolve_device(plan.world.device))
     wanted, has = plan.receiver.reader.shape, receiver.shape
     if wanted != has:
         given = f"model {model} reads a panel of {has.rows} x {has.columns} LEDs"
@@ -186,7 +188,7 @@ def decode(receiver: Receiver, recording: Iterator[RecordedFrame]) -> Iterator[R
         size = max(1, min(64, BATCH_PIXELS // (shape[0] * shape[1])))
         while batch := list(islice(run, size)):
             greys = torch.from_numpy(np.stack([frame.grey for frame in batch]))
-            read = receiver.decode(greys.to(receiver.classifier.mean.device))
+            read = receiver.decode(greys.to(receiver.device))
             sure = read.scores.abs()
             least = sure.amin(dim=(1, 2))
             clear = least >= DOUBTFUL_MARGIN * sure.mean(dim=(1, 2))

@@ -245,7 +245,7 @@ class EffectStudy:
     def shown(self) -> str:
         """The receiver that tables and figures show: the saved one where it runs, else the last."""
         names = self.plan.receiver.names
-        return self.plan.receiver.save if self.plan.receiver.save in names else names[-1]
+        return self.plan.receiver.reference if self.plan.receiver.reference in names else names[-1]
 
     def plan_of(self, effects: Effects, locator: Locator) -> Plan:
         """Return the plan of one scene, read with one locator."""

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import astuple, dataclass, replace
-from typing import Any, cast, get_args
+from typing import Any
 
 from matplotlib.ticker import LogLocator
 
@@ -64,7 +64,7 @@ class PaperPlan:
     @property
     def locators(self) -> tuple[Locator, ...]:
         """The locators; the first is the report's own."""
-        return cast("tuple[Locator, ...]", tuple(self.config.locators))
+        return tuple(self.config.locators)
 
     @property
     def own(self) -> tuple[float, Locator]:
@@ -113,9 +113,7 @@ def paper_plan(config: FiguresConfig, plan: Plan) -> PaperPlan:
     for name, given in (("focal_lengths_mm", config.focal_lengths_mm), ("locators", config.locators)):
         if not given or len(set(given)) != len(given):
             raise VoccError(f"figures.{name} is {list(given)}: it must hold at least one, each once")
-    for locator in config.locators:
-        if locator not in get_args(Locator):
-            raise VoccError(f"figures.locators has {locator!r}: it must be {' or '.join(get_args(Locator))}")
+    plan.receiver.demand_locators("figures.locators", config.locators)
     figures, built = wanted_figures(config.names), {}
     wanted = {name for name, figure in RATE_FIGURES.items() if figure in figures} | {*figures} & {DIMMING}
     for name, one in config.experiments.items():

@@ -5,12 +5,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 from vocc_torch.errors import VoccError, section
 from vocc_torch.measure.build import PRECISIONS, build_plan, without_absent
 from vocc_torch.measure.config import Settings
-from vocc_torch.measure.plan import Experiment, Locator, Plan, narrowed, resolve_device
+from vocc_torch.measure.plan import OWN_LOCATORS, Experiment, Locator, Plan, narrowed, resolve_device
 from vocc_torch.receiver.bank import FLDA_FEATURES
 from vocc_torch.receiver.features import Gradient
 from vocc_torch.receiver.reader import Reader
@@ -91,7 +91,7 @@ class TradeoffStudy:
             if not getattr(config, name):
                 raise VoccError(f"tradeoff.{name} is empty: it must hold at least one value")
         allowed: dict[str, tuple[list[Any] | tuple[str, ...], tuple[str, ...]]] = {
-            "locators": (config.locators, get_args(Locator)),
+            "locators": (config.locators, (*OWN_LOCATORS, *self.plan.receiver.locators)),
             "dtypes": (config.dtypes, tuple(PRECISIONS)),
             "frames": (config.frames, tuple(FRAMINGS)),
             "combine": ([config.combine], ("one_at_a_time", "all")),

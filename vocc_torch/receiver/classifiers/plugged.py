@@ -1,0 +1,202 @@
+"""Classifiers from settings, and from the arrays and numbers that a model file keeps of them."""
+
+import inspect
+import random
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import Any, cast
+
+import numpy as np
+import torch
+from torch import nn
+
+from vocc_torch.errors import VoccError
+from vocc_torch.plugins import PlugIn, one_line
+from vocc_torch.receiver.classifiers import adapters
+from vocc_torch.receiver.classifiers.inputs import Inputs
+from vocc_torch.receiver.classifiers.protocol import Guarded
+from vocc_torch.receiver.classifiers.training import TrainingRecipe
+
+SKOPS = "skops"
+"""The name under which an estimator's file, made by skops, stands among the arrays."""
+
+NUMPY = "numpy"
+"""The name under which it is said which arrays are NumPy's."""
+
+
+def classifier_of(plug_in: PlugIn, inputs: Inputs, recipe: TrainingRecipe | None = None) -> Guarded:
+    """Build a classifier, untrained.
+
+    A scikit-learn estimator and a torch module are taken for what they are; a module whose class takes
+    ``n_inputs`` is told how many numbers it sees of an LED. Anything else must follow the protocol itself.
+
+    Args:
+        plug_in: its class and arguments.
+        inputs: what it sees of each LED.
+        recipe: how a torch module is trained.
+
+    Raises:
+        VoccError: a class that does not exist or cannot be built, or that does not follow the protocol.
+
+    Example:
+        >>> bayes = PlugIn("classifiers.bayes.build", "bayes", "sklearn.naive_bayes.GaussianNB")
+        >>> type(classifier_of(bayes, Inputs()).classifier).__name__
+        'SklearnClassifier'
+    """
+    kind, arguments, recipe = plug_in.found(), dict(plug_in.arguments), recipe or TrainingRecipe()
+    of_torch = isinstance(kind, type) and issubclass(kind, nn.Module)
+    if of_torch and "n_inputs" in inspect.signature(cast("type", kind)).parameters:
+        arguments.setdefault("n_inputs", inputs.size)
+    # A module draws its first weights when it is made.
+    with seeded(recipe.seed):
+        made = plug_in.build(kind, arguments)
+    if isinstance(made, nn.Module):
+        made = adapters.TorchClassifier(made, recipe)
+    elif adapters.is_estimator(made):
+        try:
+            made = adapters.SklearnClassifier(made)
+        except VoccError as error:
+            raise VoccError(f"classifiers.{plug_in.name}: {error}") from error
+    return Guarded(plug_in.name, made, inputs, plug_in)
+
+
+@contextmanager
+def seeded(seed: int) -> Iterator[None]:
+    """Let Python, NumPy and torch draw from a seed, and go on afterwards as if nobody had drawn.
+
+    Args:
+        seed: at least 0.
+
+    Example:
+        >>> with seeded(0):
+        ...     first = torch.rand(1)
+        >>> with seeded(0):
+        ...     torch.equal(torch.rand(1), first)
+        True
+    """
+    # Estimators without a random_state draw from NumPy's global generator: there is no other to give them.
+    kept, state = np.random.get_state(), random.getstate()  # noqa: NPY002
+    try:
+        with torch.random.fork_rng():
+            random.seed(seed)
+            np.random.seed(seed % 2**32)  # noqa: NPY002
+            torch.manual_seed(seed)
+            yield
+    finally:
+        np.random.set_state(kept)  # noqa: NPY002
+        random.setstate(state)
+
+
+def state_of(guarded: Guarded) -> tuple[dict[str, Any], dict[str, torch.Tensor]]:
+    """Take what a trained classifier has learned.
+
+    One with ``state_dict`` and ``load_state_dict`` says it itself, an estimator is packed by skops, and of
+    any other the attributes are kept.
+
+    Returns:
+        Numbers and texts by name, and tensors by name.
+
+    Raises:
+        VoccError: an attribute that is no number, text, tensor or array, or skops is not installed.
+
+    Example:
+        >>> from vocc_torch.receiver.classifiers.rules import TagPlanes
+        >>> state_of(Guarded("planes", TagPlanes(), Inputs()))
+        ({'sharpening': 0.25, 'rounds': 2}, {})
+    """
+    classifier: Any = guarded.classifier
+    if isinstance(classifier, adapters.SklearnClassifier):
+        io, release = _skops(guarded.name)
+        packed = io.dumps(classifier.estimator)
+        return {"release": release}, {SKOPS: torch.frombuffer(bytearray(packed), dtype=torch.uint8)}
+    if callable(getattr(classifier, "state_dict", None)):
+        return {}, dict(classifier.state_dict())
+    values: dict[str, Any] = {}
+    arrays: dict[str, torch.Tensor] = {}
+    for name, value in vars(classifier).items():
+        if isinstance(value, torch.Tensor | np.ndarray):
+            arrays[name] = torch.as_tensor(value)
+            values |= {NUMPY: [*values.get(NUMPY, []), name]} if isinstance(value, np.ndarray) else {}
+        elif isinstance(value, bool | int | float | str | None):
+            values[name] = value
+        else:
+            rule = "a number, text, tensor or array, or give it state_dict and load_state_dict"
+            raise VoccError.of(f"classifier {guarded.name}: its {name}", f"a {type(value).__name__}", rule)
+    return values, arrays
+
+
+def admitted(
+    settings: Mapping[str, Any], arrays: Mapping[str, torch.Tensor], plug_ins: Sequence[str]
+) -> PlugIn:
+    """Read a classifier's plug-in from a model file; one whose code was not named is refused.
+
+    Of an estimator of scikit-learn nothing is built: skops reads it, and trusts what it knows.
+
+    Args:
+        settings: as :attr:`PlugIn.settings` has them.
+        arrays: what it learned.
+        plug_ins: Python files and packages that the user names.
+
+    Raises:
+        VoccError: as :meth:`PlugIn.admitted`.
+    """
+    key = f"classifiers.{settings['name']}"
+    if SKOPS in arrays:
+        return PlugIn.admitted(key, settings, (*plug_ins, "sklearn"))
+    return PlugIn.admitted(key, settings, plug_ins)
+
+
+def restored(
+    plug_in: PlugIn, inputs: Inputs, values: Mapping[str, Any], arrays: Mapping[str, torch.Tensor]
+) -> Guarded:
+    """Build a classifier that knows what :func:`state_of` took.
+
+    Args:
+        plug_in: its class, whose code is run; of an estimator only if it comes from a file.
+        inputs: what it sees of each LED.
+        values: numbers and texts.
+        arrays: tensors.
+
+    Raises:
+        VoccError: what does not fit its class, or an estimator with parts that skops does not trust, or of
+            another release of scikit-learn.
+    """
+    try:
+        if SKOPS in arrays:
+            io, release = _skops(plug_in.name)
+            if values["release"] != release:
+                raise VoccError(f"scikit-learn was {values['release']} and is {release}: train it again")
+            packed = arrays[SKOPS].numpy().tobytes()
+            # Of the classes that skops does not know, those of the file that the user named.
+            own = ""
+            if plug_in.file is not None:
+                plug_in.file.module()
+                own = f"{plug_in.file.module_name}."
+            trusted = [one for one in io.get_untrusted_types(data=packed) if own and one.startswith(own)]
+            estimator = adapters.SklearnClassifier(io.loads(packed, trusted=trusted))
+            return Guarded(plug_in.name, estimator, inputs, plug_in)
+        guarded = classifier_of(plug_in, inputs)
+        classifier: Any = guarded.classifier
+        if callable(getattr(classifier, "load_state_dict", None)):
+            classifier.load_state_dict(dict(arrays))
+            return guarded
+        for name, value in {**values, **arrays}.items():
+            if name.startswith("__") or callable(getattr(classifier, name, None)):
+                raise VoccError(f"{name} is no attribute that it learns")
+            if name != NUMPY:
+                setattr(classifier, name, arrays[name].numpy() if name in values.get(NUMPY, []) else value)
+        return guarded
+    except Exception as error:
+        reason = str(error) if isinstance(error, VoccError) else one_line(error)
+        raise VoccError(f"classifier {plug_in.name} cannot take up what it learned ({reason})") from error
+
+
+def _skops(name: str) -> tuple[Any, str]:
+    """Import skops.io, which is an extra, and give scikit-learn's release."""
+    try:
+        import skops.io
+    except ImportError:
+        raise VoccError(f"classifier {name} is an estimator: pip install skops to keep it") from None
+    import sklearn
+
+    return skops.io, str(sklearn.__version__)

@@ -1,0 +1,101 @@
+"""The file that keeps a receiver: settings, arrays and a checksum as JSON text, which executes nothing."""
+
+import base64
+import hashlib
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from vocc_torch.errors import VoccError
+from vocc_torch.files import write_atomically
+
+FORMAT = "vocc_torch.receiver"
+FORMAT_VERSION = 3
+MOST_BYTES = 1 << 26
+"""Most bytes of a model's file; the networks that ship take less than one in a hundred."""
+_READABLE = (1, 2, FORMAT_VERSION)
+"""Versions 1 and 2 wrote arrays as lists of numbers."""
+_DTYPES = ("float64", "float32", "int64", "uint8", "bool")
+
+Settings = dict[str, Any]
+
+
+def _checksum(content: Mapping[str, object]) -> str:
+    """Hash everything but the checksum itself, in a canonical form."""
+    rest = {key: value for key, value in content.items() if key != "sha256"}
+    text = json.dumps(rest, sort_keys=True, separators=(",", ":"))
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def write_model(path: Path, settings: Settings, state: Mapping[str, torch.Tensor]) -> None:
+    """Write settings and a classifier's state, whole or not at all.
+
+    Args:
+        path: the file, replaced whole.
+        settings: what JSON can hold.
+        state: tensors by name.
+
+    Raises:
+        VoccError: a tensor of another type than float64, float32, int64, uint8 and bool, more than 64 MiB, or
+            the file cannot be written.
+    """
+    arrays: Settings = {}
+    for name, value in state.items():
+        given = value.detach().cpu().contiguous().numpy()
+        if str(given.dtype) not in _DTYPES:
+            raise VoccError(f"the classifier's {name} is {given.dtype}: a model holds {', '.join(_DTYPES)}")
+        # Little-endian, whatever the machine.
+        raw = given.astype(given.dtype.newbyteorder("<")).tobytes()
+        data = base64.b64encode(raw).decode()
+        arrays[name] = {"dtype": str(given.dtype), "shape": list(given.shape), "base64": data}
+    content: Settings = {"format": FORMAT, "version": FORMAT_VERSION}
+    content |= {"settings": settings, "classifier": arrays}
+    content["sha256"] = _checksum(content)
+    text = (json.dumps(content, indent=1) + "\n").encode()
+    if len(text) > MOST_BYTES:
+        raise VoccError(f"model {path} would have {len(text)} bytes: at most {MOST_BYTES} are allowed")
+    write_atomically(path, text)
+
+
+def read_model(path: Path) -> tuple[Settings, dict[str, torch.Tensor]]:
+    """Read what :func:`write_model` wrote.
+
+    Raises:
+        VoccError: a file that is missing, damaged, of another kind or of another version.
+    """
+    try:
+        if path.stat().st_size > MOST_BYTES or not path.is_file():  # reading a pipe would wait for ever
+            raise ValueError
+        content = json.loads(path.read_bytes())
+        fits = isinstance(content, dict) and content.get("sha256") == _checksum(content)
+    except FileNotFoundError:
+        raise VoccError(f"model {path} does not exist: give the receiver.pt that task=train wrote") from None
+    except (OSError, ValueError, RecursionError):
+        raise VoccError(f"model {path} is no receiver: it is damaged or of another kind") from None
+    if not isinstance(content, dict) or content.get("format") != FORMAT:
+        raise VoccError(f"model {path} is not a vocc_torch receiver: give the one that task=train wrote")
+    if (version := content.get("version")) not in _READABLE:
+        allowed = " and ".join(map(str, _READABLE))
+        raise VoccError(f"model {path} has format version {version}: this package reads versions {allowed}")
+    if not fits:
+        raise VoccError(f"model {path} is damaged (its checksum does not fit): train it again")
+    try:
+        return dict(content["settings"]), {k: _tensor(value) for k, value in content["classifier"].items()}
+    except (AttributeError, KeyError, RuntimeError, TypeError, ValueError) as error:
+        raise VoccError(f"model {path} is damaged ({type(error).__name__}): train it again") from None
+
+
+def _tensor(array: Mapping[str, Any]) -> torch.Tensor:
+    """Read one array."""
+    if (name := array["dtype"]) not in _DTYPES:
+        raise ValueError
+    kind = np.dtype(name)
+    if "base64" not in array:
+        return torch.from_numpy(np.array(array["values"], dtype=kind).reshape(array["shape"]))
+    raw = base64.b64decode(array["base64"], validate=True)
+    flat = np.frombuffer(raw, dtype=kind.newbyteorder("<")).astype(kind)
+    return torch.from_numpy(flat.reshape(array["shape"]))
