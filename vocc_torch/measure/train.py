@@ -17,12 +17,16 @@ from vocc_torch.measure.plan import Locator, Plan, identity, narrowed
 from vocc_torch.measure.workers import Workers, worker_losses_told
 from vocc_torch.receiver import discriminant, reader
 from vocc_torch.receiver.bank import FLDA_FEATURES, ReceiverBank, feature_indices
+from vocc_torch.receiver.calibration import Calibration, appearance, ranges_of
 from vocc_torch.receiver.classifiers import Guarded, Inputs, plugged
 from vocc_torch.receiver.flda import FLDA
 from vocc_torch.receiver.locators import PanelLocator
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.rng import BLOCK_FRAMES, BlockKey
 from vocc_torch.simulation import SceneModel
+
+CALIBRATION_FRAMES = 512
+"""Frames on which a receiver that is kept learns what its scores are worth."""
 
 FIGURE_SAMPLES = 20_000
 """LEDs kept for the feature histograms."""
@@ -224,6 +228,26 @@ def trained_receiver(plan: Plan, training: Training) -> Receiver:
     # Nobody knows the true corners in a recording: there the paper's locator stands in for them.
     locator = plan.receiver.finders([plan.receiver.locator])[plan.receiver.locator] or plan.receiver.location
     return Receiver(name, locator, plan.receiver.reader, classifier)
+
+
+def calibrated_receiver(plan: Plan, training: Training) -> Receiver:
+    """Put the plan's receiver together with what its scores are worth, found on frames of its scenes.
+
+    These frames are neither trained on nor tested.
+    """
+    receiver, link, frames = trained_receiver(plan, training), Link.of(plan), CALIBRATION_FRAMES
+    model, keys = plan.experiment.training_model(plan.world), block_keys(plan.seed, "calibrate", frames)
+    receiver = receiver.to(link.simulator.device)
+    scores, bits, looks = [], [], []
+    for seen in link.observe(model, keys, preambles=False, frames=frames):
+        found = seen.panels.found
+        scores.append(receiver.score(seen.readings)[found].cpu())
+        bits.append(seen.bits[found].cpu())
+        looks.append(appearance(seen.readings)[found].cpu())
+    if len(look := torch.cat(looks)):
+        receiver.calibration = Calibration.of(torch.cat(scores), torch.cat(bits))
+        receiver.trained_on = ranges_of(look)
+    return receiver
 
 
 def in_blocks(batches: Iterable[tuple[Tensor, ...]]) -> Iterator[tuple[Tensor, ...]]:

@@ -10,6 +10,7 @@ import torch
 from vocc_torch.errors import VoccError, demand_kind, shown
 from vocc_torch.plugins import PlugIn
 from vocc_torch.receiver.bank import FLDA_FEATURES, Preambles, ReceiverBank, feature_indices
+from vocc_torch.receiver.calibration import APPEARANCE, Calibration, Ranges, appearance
 from vocc_torch.receiver.classifiers import Guarded, Inputs, Patch, plugged
 from vocc_torch.receiver.flda import FLDA
 from vocc_torch.receiver.locators import PanelLocator, locator_from, locator_settings
@@ -28,6 +29,9 @@ class Decoded(NamedTuple):
         found: (B,) bool.
         panel_score: (B,) float64, how panel-like the chosen blob is, 0 to 1.
         candidates: (B,) int64, how many blobs could have been the panel.
+        llr: (B,R,C) float64 log-likelihood ratios, log P(On) / P(Off), of the decisions' signs; the scores
+            where the receiver was never calibrated; zeros where no panel was found.
+        appearance: (B,3) float64 pitch (px), level and contrast; see :mod:`vocc_torch.receiver.calibration`.
     """
 
     bits: torch.Tensor
@@ -36,6 +40,8 @@ class Decoded(NamedTuple):
     found: torch.Tensor
     panel_score: torch.Tensor
     candidates: torch.Tensor
+    llr: torch.Tensor
+    appearance: torch.Tensor
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,6 +131,8 @@ class Receiver(torch.nn.Module):
         locator: the panel locator.
         reader: rectification and features; it holds the panel's shape.
         classifier: FLDA fitted on the named features, or another trained classifier.
+        calibration: what its scores are worth, or None.
+        trained_on: the looks of the panels that it learned from; empty where nobody knows.
 
     Raises:
         VoccError: an unknown name, or a classifier of another number of features or of other ones.
@@ -132,8 +140,17 @@ class Receiver(torch.nn.Module):
 
     _place: torch.Tensor
 
-    def __init__(self, name: str, locator: PanelLocator, reader: Reader, classifier: FLDA | Guarded) -> None:
+    def __init__(
+        self,
+        name: str,
+        locator: PanelLocator,
+        reader: Reader,
+        classifier: FLDA | Guarded,
+        calibration: Calibration | None = None,
+        trained_on: Ranges | None = None,
+    ) -> None:
         super().__init__()
+        self.calibration, self.trained_on = calibration, trained_on or {}
         if not callable(locator):
             raise VoccError.of("locator", shown(locator), "a locator, called with frames and a panel's shape")
         demand_kind("reader", reader, Reader)
@@ -194,7 +211,9 @@ class Receiver(torch.nn.Module):
         found = where.found.view(-1, 1, 1)
         scores = torch.where(found, self.score(readings), 0.0)
         bits = (scores >= 0) & found
-        return Decoded(bits, scores, where.corners_px, where.found, where.score, where.candidates)
+        judged = where.corners_px, where.found, where.score, where.candidates
+        llr = scores if self.calibration is None else self.calibration(scores)
+        return Decoded(bits, scores, *judged, llr * found, appearance(readings))
 
     def score(self, readings: Readings) -> torch.Tensor:
         """Score every LED of located panels, (B,R,C) float64; at least 0 is On."""
@@ -222,6 +241,8 @@ class Receiver(torch.nn.Module):
         settings |= {"samples_per_led": self.reader.samples_per_led, "gradient": self.reader.gradient}
         settings["features"] = [one.settings for one in self.reader.more]
         settings["locator"] = locator_settings(self.locator)
+        settings["trained_on"] = self.trained_on
+        settings["calibration"] = None if self.calibration is None else asdict(self.calibration)
         if not isinstance(self.classifier, Guarded):
             write_model(Path(path), settings, self.classifier.state_dict())
             return
@@ -253,16 +274,20 @@ class Receiver(torch.nn.Module):
             shape = PanelShape(settings["rows"], settings["columns"])
             reader = Reader(shape, settings["samples_per_led"], settings["gradient"], tuple(more))
             locator, name = locator_from(settings["locator"], plug_ins), settings["name"]
+            worth, ranges = settings.get("calibration"), settings.get("trained_on") or {}
+            calibration = None if worth is None else Calibration(**worth)
+            trained_on = {one: (float(ranges[one][0]), float(ranges[one][1])) for one in APPEARANCE if ranges}
             if (own := settings.get("classifier")) is not None:
                 patch = own["inputs"]["patch"]
                 inputs = Inputs(tuple(own["inputs"]["features"]), None if patch is None else Patch(**patch))
                 plug_in = plugged.admitted(own, state, plug_ins)
-                return cls(name, locator, reader, plugged.restored(plug_in, inputs, own["values"], state))
+                learned = plugged.restored(plug_in, inputs, own["values"], state)
+                return cls(name, locator, reader, learned, calibration, trained_on)
             classifier = FLDA(n_features=len(FLDA_FEATURES[name]))
             classifier.load_state_dict(state)
             if not bool(classifier.direction.isfinite().all()):
                 raise VoccError("its statistics are not finite")
-            return cls(name, locator, reader, classifier)
+            return cls(name, locator, reader, classifier, calibration, trained_on)
         except (KeyError, TypeError, ValueError, RuntimeError, AttributeError) as error:
             if isinstance(error, VoccError):
                 raise VoccError(f"model {path}: {error}") from None

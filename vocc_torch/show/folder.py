@@ -106,7 +106,7 @@ def write_config(settings: config.Settings, folder: Path) -> None:
 
 def write_training(settings: config.Settings, plan: Plan, training: train.Training, folder: Path) -> None:
     """Write the receiver and the configuration it came from."""
-    train.trained_receiver(plan, training).save(folder / "receiver.pt")
+    train.calibrated_receiver(plan, training).save(folder / "receiver.pt")
     write_config(settings, folder)
 
 

@@ -16,7 +16,7 @@ from vocc_torch.files import atomic_file
 from vocc_torch.measure.build import build_plan
 from vocc_torch.measure.config import Settings
 from vocc_torch.measure.plan import Plan, resolve_device
-from vocc_torch.measure.train import train, trained_receiver
+from vocc_torch.measure.train import calibrated_receiver, train
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.show import folder as run_folder
 from vocc_torch.show.canvas import annotated
@@ -164,7 +164,7 @@ def receiver_for(plan: Plan, model: Path | None, plug_ins: Sequence[str] = ()) -
     """
     if model is None:
         untouched = replace(plan.experiment, training={})
-        return trained_receiver(plan, train(replace(plan, experiment=untouched)))
+        return calibrated_receiver(plan, train(replace(plan, experiment=untouched)))
     receiver = Receiver.load(model, plug_ins).to(resolve_device(plan.world.device))
     wanted, has = plan.receiver.reader.shape, receiver.shape
     if wanted != has:

@@ -1,0 +1,132 @@
+"""What a receiver's scores are worth, and on what panels it learned that."""
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from scipy.optimize import isotonic_regression
+
+from vocc_torch.errors import VoccError
+from vocc_torch.receiver.reader import Readings
+
+APPEARANCE = ("pitch_px", "level", "contrast")
+"""What :func:`appearance` measures of a panel."""
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """From scores to log-likelihood ratios, log P(On) / P(Off), with the sign of the decision.
+
+    On either side of 0 the share of wrong decisions falls with the score's distance from 0, as isotonic
+    regression finds it on panels that the receiver did not learn from. Each step of that holds half an error
+    more than was counted, so that no ratio is larger than the panels can tell.
+
+    Args:
+        off: scores below 0 by their distance from it, and the ratios' sizes, both ascending.
+        on: likewise of scores from 0 on.
+
+    Raises:
+        VoccError: numbers that are not finite, not ascending or not as many of either.
+
+    Source: B. Zadrozny and C. Elkan, "Transforming classifier scores into accurate multiclass probability
+    estimates", KDD 2002.
+
+    Example:
+        >>> scores = torch.tensor([-2.0, -1.0, -0.5, 0.5, 1.0, 2.0])
+        >>> learned = Calibration.of(scores, torch.tensor([0, 0, 1, 0, 1, 1]) == 1)
+        >>> learned(torch.tensor([-3.0, 0.0, 0.25, 3.0])).round(decimals=2).tolist()
+        [-1.61, 0.0, 0.0, 1.61]
+    """
+
+    off: tuple[tuple[float, ...], tuple[float, ...]]
+    on: tuple[tuple[float, ...], tuple[float, ...]]
+
+    def __post_init__(self) -> None:
+        """Check what a file may have brought."""
+        for distances, sizes in (self.off, self.on):
+            values = np.array([distances, sizes], dtype=np.float64)
+            if not len(distances) or not np.isfinite(values).all() or (np.diff(values, axis=1) < 0).any():
+                raise VoccError("calibration is not two rows of finite ascending numbers")
+
+    @classmethod
+    def of(cls, scores: torch.Tensor, bits: torch.Tensor) -> Self:
+        """Learn from scores and the bits that were sent, of any equal shape."""
+        given, sent = scores.flatten().cpu().double().numpy(), bits.flatten().cpu().numpy()
+        on = given >= 0
+        return cls(_learned(-given[~on], sent[~on]), _learned(given[on], ~sent[on]))
+
+    def __call__(self, scores: torch.Tensor) -> torch.Tensor:
+        """Turn scores into log-likelihood ratios, float64, of the scores' shape."""
+        given = scores.detach().cpu().double().numpy()
+        ratios = np.where(given >= 0, np.interp(given, *self.on), -np.interp(-given, *self.off))
+        return torch.from_numpy(ratios).to(scores.device)
+
+
+def _learned(
+    distances: NDArray[np.float64], wrong: NDArray[np.bool_]
+) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Give distances from 0 and the logarithm of right over wrong there, from 0 at 0 on."""
+    order = np.argsort(distances, kind="stable")
+    distances, wrong = distances[order], wrong[order]
+    places, sizes = [0.0], [0.0]
+    if len(wrong):
+        steps = isotonic_regression(wrong.astype(np.float64), increasing=False).blocks
+        for first, last in zip(steps[:-1], steps[1:], strict=True):
+            errors, count = float(wrong[first:last].sum()) + 0.5, last - first + 1.0
+            places.append(float(distances[first:last].mean()))
+            sizes.append(max(sizes[-1], float(np.log((count - errors) / errors))))
+    return tuple(places), tuple(sizes)
+
+
+def calibration_error(ratios: torch.Tensor, bits: torch.Tensor, bins: int = 20) -> float:
+    """Expected calibration error: how far stated probabilities of On are from what was sent, on average.
+
+    Args:
+        ratios: log-likelihood ratios of any shape.
+        bits: the bits sent, bool.
+        bins: as many LEDs in each, by their ratio.
+
+    Example:
+        >>> calibration_error(torch.zeros(100), torch.arange(100) % 2 == 0, bins=1)
+        0.0
+    """
+    order = torch.argsort(ratios.flatten(), stable=True)
+    stated, sent = torch.sigmoid(ratios.flatten()[order].double()), bits.flatten()[order].double()
+    parts = zip(stated.tensor_split(bins), sent.tensor_split(bins), strict=True)
+    apart = [float((a.mean() - b.mean()).abs()) * len(a) for a, b in parts if len(a)]
+    return sum(apart) / max(1, len(stated))
+
+
+def appearance(readings: Readings) -> torch.Tensor:
+    """Measure how panels look, (B,3) float64, in the order of ``APPEARANCE``.
+
+    The pitch is a cell's mean side in the image, the level the mean grey value of the panel, and the contrast
+    the difference of its brightest and its darkest cell, in digital numbers both.
+    """
+    side = readings.patches.shape[-1] // (readings.features.shape[2] + 2)
+    cells = torch.nn.functional.avg_pool2d(readings.patches.double(), side)[:, 0, 1:-1, 1:-1].flatten(1)
+    contrast = cells.amax(dim=1) - cells.amin(dim=1)
+    return torch.stack([readings.cell_px.double().mean(dim=1), cells.mean(dim=1), contrast], dim=1)
+
+
+Ranges = dict[str, tuple[float, float]]
+"""Least and greatest of each of ``APPEARANCE``."""
+
+
+def ranges_of(seen: torch.Tensor) -> Ranges:
+    """Give the ranges of what :func:`appearance` measured of at least one panel."""
+    ends = zip(seen.amin(dim=0).tolist(), seen.amax(dim=0).tolist(), strict=True)
+    return dict(zip(APPEARANCE, ends, strict=True))
+
+
+def outside(seen: torch.Tensor, ranges: Ranges) -> dict[str, torch.Tensor]:
+    """Say which panels (B,) lie outside of each range, where any does."""
+    found = {}
+    for place, name in enumerate(APPEARANCE if ranges else ()):
+        low, high = ranges[name]
+        beyond = (seen[:, place] < low) | (seen[:, place] > high)
+        if bool(beyond.any()):
+            found[name] = beyond
+    return found
