@@ -1,5 +1,6 @@
 """What a receiver's scores are worth, and on what panels it learned that."""
 
+import itertools
 from dataclasses import dataclass
 from typing import Self
 
@@ -73,7 +74,7 @@ def _learned(
     places, sizes = [0.0], [0.0]
     if len(wrong):
         steps = isotonic_regression(wrong.astype(np.float64), increasing=False).blocks
-        for first, last in zip(steps[:-1], steps[1:], strict=True):
+        for first, last in itertools.pairwise(steps):
             errors, count = float(wrong[first:last].sum()) + 0.5, last - first + 1.0
             places.append(float(distances[first:last].mean()))
             sizes.append(max(sizes[-1], float(np.log((count - errors) / errors))))

@@ -2,8 +2,8 @@
 
 import shutil
 import warnings
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from itertools import chain, groupby, islice
 from pathlib import Path
 
@@ -17,6 +17,7 @@ from vocc_torch.measure.build import build_plan
 from vocc_torch.measure.config import Settings
 from vocc_torch.measure.plan import Plan, resolve_device
 from vocc_torch.measure.train import calibrated_receiver, train
+from vocc_torch.receiver.calibration import APPEARANCE, outside
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.show import folder as run_folder
 from vocc_torch.show.canvas import annotated
@@ -32,7 +33,7 @@ DOUBTFUL_MARGIN = 0.1
 COLUMNS = (
     *("source", "frame", "time_s", "found", "x_top_left", "y_top_left", "x_top_right", "y_top_right"),
     *("x_bottom_right", "y_bottom_right", "x_bottom_left", "y_bottom_left", "bits", "margin", "panel_score"),
-    "candidates",
+    *("candidates", "expected_errors"),
 )
 """Columns of ``bits.csv``."""
 BATCH_PIXELS = 32_000_000
@@ -52,6 +53,8 @@ class Reading:
         panel_score: how panel-like the chosen blob is, 0 to 1.
         candidates: how many blobs could have been the panel.
         is_doubtful: whether it may be no panel: a low score, or an LED that is neither On nor Off.
+        expected_errors: wrong bits that the log-likelihood ratios let expect.
+        unlike: what the receiver did not learn from, by name: a pitch, level or contrast.
     """
 
     frame: RecordedFrame
@@ -62,6 +65,8 @@ class Reading:
     panel_score: float
     candidates: int
     is_doubtful: bool
+    expected_errors: float = 0.0
+    unlike: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def text(self) -> str:
@@ -83,7 +88,8 @@ class Reading:
         corners = [f"{c:.2f}" if self.found else "" for c in self.corners_px.ravel()]
         judged = [f"{self.margin:.4g}", f"{self.panel_score:.3f}"] if self.found else ["", ""]
         head = [frame.source, str(frame.index), time_s, str(int(self.found))]
-        return [*head, *corners, self.text, *judged, str(self.candidates)]
+        expected = f"{self.expected_errors:.3g}" if self.found else ""
+        return [*head, *corners, self.text, *judged, str(self.candidates), expected]
 
 
 def run_decode(settings: Settings, config: DecodeConfig, folder: Path) -> None:
@@ -105,13 +111,16 @@ def run_decode(settings: Settings, config: DecodeConfig, folder: Path) -> None:
         raise VoccError(failures[0])
     model = None if settings.model is None else Path(settings.model)
     receiver = receiver_for(build_plan(settings, folder), model, settings.plug_ins)
-    rows, best, doubtful, names = [], None, 0, set[str]()
+    rows, best, doubtful, strange, names = [], None, 0, 0, set[str]()
+    unlike: dict[str, float] = {}
     try:
         for reading in decode(receiver, chain(first, recording)):
             rows.append(reading.row())
             if not reading.found:
                 continue
             doubtful += reading.is_doubtful
+            strange += bool(reading.unlike)
+            unlike |= reading.unlike
             if config.annotate and reading.frame.time_s is None:
                 drawn = annotated(reading.frame.colour, reading.corners_px, reading.bits, config.scale)
                 # With room for the rest of a name of 255 bytes.
@@ -144,6 +153,11 @@ def run_decode(settings: Settings, config: DecodeConfig, folder: Path) -> None:
     if doubtful:
         look = "look where it was found, at panel_score and at margin before you believe the bits"
         warnings.warn(f"{doubtful} of {found} frames may show no panel: {look}", stacklevel=2)
+    if strange:
+        learned = receiver.trained_on
+        parts = [f"{n} {v:.3g}, not {learned[n][0]:.3g} to {learned[n][1]:.3g}" for n, v in unlike.items()]
+        far = f"{strange} of {found} frames are unlike what {receiver.name} learned from"
+        warnings.warn(f"{far} ({'; '.join(parts)}): expected_errors may be too low", stacklevel=2)
     if failures:
         raise VoccError(f"{failures[0]}; bits.csv has the {len(rows)} frames that could be read")
 
@@ -193,12 +207,17 @@ def decode(receiver: Receiver, recording: Iterator[RecordedFrame]) -> Iterator[R
             least = sure.amin(dim=(1, 2))
             clear = least >= DOUBTFUL_MARGIN * sure.mean(dim=(1, 2))
             corners, bits = read.corners_px.cpu().numpy(), read.bits.cpu().numpy()
+            looks, beyond = read.appearance.cpu(), outside(read.appearance, receiver.trained_on)
+            expected = torch.sigmoid(-read.llr.abs()).sum(dim=(1, 2))
             given = (
                 read.found,
                 least,
                 read.panel_score,
                 read.candidates,
                 ~clear | (read.panel_score < DOUBTFUL_SCORE),
+                expected,
             )
             for i, (frame, *judged) in enumerate(zip(batch, *(one.tolist() for one in given), strict=True)):
-                yield Reading(frame, judged[0], corners[i], bits[i], *judged[1:])
+                names = [name for name, far in beyond.items() if far[i] and judged[0]]
+                unlike = {name: float(looks[i, APPEARANCE.index(name)]) for name in names}
+                yield Reading(frame, judged[0], corners[i], bits[i], *judged[1:], unlike=unlike)
