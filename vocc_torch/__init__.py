@@ -8,6 +8,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from vocc_torch.api import Simulated, Table, load_scene, measure, simulate, train
     from vocc_torch.errors import VoccError
     from vocc_torch.hardware import Camera, LedPanel
     from vocc_torch.receiver.flda import FLDA
@@ -18,10 +19,11 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 __all__ = ["FLDA", "Camera", "Frames", "LedPanel", "PanelShape", "Panels", "Receiver", "Scene"]
-__all__ += ["Simulator", "VoccError"]
+__all__ += ["Simulated", "Simulator", "Table", "VoccError", "load_scene", "measure", "simulate", "train"]
 
 _HOMES = {"errors": ["VoccError"], "receiver.flda": ["FLDA"], "receiver.receiver": ["Receiver"]}
 _HOMES |= {"hardware": ["Camera", "LedPanel"], "simulation.simulator": ["Simulator"]}
+_HOMES |= {"api": ["Simulated", "Table", "load_scene", "measure", "simulate", "train"]}
 _HOMES |= {"types": ["Frames", "PanelShape", "Panels", "Scene"]}
 
 
@@ -31,3 +33,8 @@ def __getattr__(name: str) -> object:
         if name in names:
             return getattr(import_module(f"vocc_torch.{home}"), name)
     raise AttributeError(f"module 'vocc_torch' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    """List what is public."""
+    return [*__all__, "__version__"]

@@ -3,7 +3,7 @@
 import shutil
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import chain, groupby, islice
 from pathlib import Path
 
@@ -49,24 +49,24 @@ class Reading:
         found: whether a panel was found.
         corners_px: (4,2) corners, clockwise from the top left.
         bits: (R,C) bool.
+        unlike: what the receiver did not learn from, by name: a pitch, level or contrast.
         margin: the smallest distance of a score from the threshold.
         panel_score: how panel-like the chosen blob is, 0 to 1.
         candidates: how many blobs could have been the panel.
         is_doubtful: whether it may be no panel: a low score, or an LED that is neither On nor Off.
         expected_errors: wrong bits that the log-likelihood ratios let expect.
-        unlike: what the receiver did not learn from, by name: a pitch, level or contrast.
     """
 
     frame: RecordedFrame
     found: bool
     corners_px: NDArray[np.float64]
     bits: NDArray[np.bool_]
+    unlike: Mapping[str, float]
     margin: float
     panel_score: float
     candidates: int
     is_doubtful: bool
-    expected_errors: float = 0.0
-    unlike: Mapping[str, float] = field(default_factory=dict)
+    expected_errors: float
 
     @property
     def text(self) -> str:
@@ -217,7 +217,9 @@ def decode(receiver: Receiver, recording: Iterator[RecordedFrame]) -> Iterator[R
                 ~clear | (read.panel_score < DOUBTFUL_SCORE),
                 expected,
             )
-            for i, (frame, *judged) in enumerate(zip(batch, *(one.tolist() for one in given), strict=True)):
-                names = [name for name, far in beyond.items() if far[i] and judged[0]]
+            for i, (frame, found, *judged) in enumerate(
+                zip(batch, *(one.tolist() for one in given), strict=True)
+            ):
+                names = [name for name, far in beyond.items() if far[i] and found]
                 unlike = {name: float(looks[i, APPEARANCE.index(name)]) for name in names}
-                yield Reading(frame, judged[0], corners[i], bits[i], *judged[1:], unlike=unlike)
+                yield Reading(frame, found, corners[i], bits[i], unlike, *judged)

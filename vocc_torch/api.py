@@ -1,0 +1,268 @@
+"""From Python what the command line does: scenes, trained receivers, frames, and measured bit error rates."""
+
+import io
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from importlib import resources
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import torch
+import yaml
+from hydra import compose, initialize_config_module
+from hydra.errors import HydraException
+from omegaconf.errors import OmegaConfBaseException
+
+from vocc_torch.app.config import AppConfig, register_schema
+from vocc_torch.app.resolve import one_line, resolved
+from vocc_torch.errors import VoccError, demand_kind
+from vocc_torch.measure import curve, frame_errors, sweep
+from vocc_torch.measure import train as training
+from vocc_torch.measure.build import build_plan
+from vocc_torch.measure.counts import Counts, half_errors
+from vocc_torch.measure.link import block_keys, rendered
+from vocc_torch.measure.paired import PairedCounts
+from vocc_torch.measure.plan import Experiment, World
+from vocc_torch.plugins import is_target
+from vocc_torch.receiver.receiver import Receiver
+from vocc_torch.rng import BLOCK_FRAMES
+from vocc_torch.show import folder, plots, styles, terminal
+from vocc_torch.types import Frames, Scene
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+NOWHERE = Path("runs")
+"""The folder of a plan that writes nothing."""
+
+
+def load_scene(scene: str | Path | Mapping[str, object] = "paper", *overrides: str) -> World:
+    """Give the world of a scene: camera, panel, the distributions of its values, and its effects.
+
+    Args:
+        scene: the name of one that ships, such as ``night``; a YAML file as those in ``conf/scene``; or a
+            mapping like one. These say what differs from ``paper``; ``effects`` are all that is named.
+        overrides: as on the command line, such as ``camera.focal_length_mm=25`` and ``panel.rows=16``.
+
+    Raises:
+        VoccError: an unknown scene or key, or a value outside its range.
+
+    Example:
+        >>> world = load_scene({"distance_m": 40, "effects": {"saturation": {}}}, "panel.rows=4")
+        >>> world.scene.distance_m.bounds, world.panel.shape.rows, list(world.effects)
+        ((40.0, 40.0), 4, ['saturation'])
+    """
+    if isinstance(scene, str) and not scene.endswith((".yaml", ".yml")):
+        return build_plan(_composed([f"scene={scene}", *overrides]), NOWHERE).world
+    if isinstance(scene, str | Path):
+        try:
+            scene = yaml.safe_load(Path(scene).read_text(encoding="utf-8"))
+        except (OSError, ValueError, yaml.YAMLError) as error:
+            raise VoccError(f"scene {scene} cannot be read: {' '.join(str(error).split())}") from None
+    demand_kind("scene", scene, Mapping)
+    return build_plan(_composed(overrides, scene), NOWHERE).world  # type: ignore[arg-type]  # a mapping by now
+
+
+def _composed(words: Sequence[str], scene: Mapping[str, object] | None = None) -> AppConfig:
+    """Compose the settings of a command line, with a scene of one's own.
+
+    Raises:
+        VoccError: what the command line refuses.
+    """
+    try:
+        register_schema()
+        with initialize_config_module("vocc_torch.conf", version_base="1.3"):
+            config = compose("config", overrides=list(words))
+        for name, value in {"name": "own", **scene}.items() if scene else ():
+            config.scene[name] = value
+        return resolved(config, words)
+    except (HydraException, OmegaConfBaseException) as error:
+        raise VoccError(one_line(error, words)) from None
+
+
+def train(
+    scene: World | str,
+    *,
+    locator: str = "paper",
+    classifier: str = "flda_3",
+    features: Sequence[str] | None = None,
+    frames: int = 1000,
+    seed: int = 0,
+) -> Receiver:
+    """Train a receiver on simulated frames of a scene, and find out what its scores are worth.
+
+    Args:
+        scene: what :func:`load_scene` gave, or the name of a scene.
+        locator: ``paper``, ``refined``, or one of your own as ``FILE.py:NAME`` or ``PACKAGE.MODULE.NAME``.
+        classifier: an FLDA receiver such as ``flda_3``, a classifier that ships such as ``lmmse`` or
+            ``mlp``, or one of your own as ``FILE.py:NAME`` or ``PACKAGE.MODULE.NAME``.
+        features: what FLDA or a classifier of your own sees, such as ``["agr", "gri", "mine.py:deviation"]``.
+        frames: training frames, at least 2; a network has a number of its own.
+        seed: of every random draw.
+
+    Returns:
+        A receiver that decodes images and can be saved.
+
+    Raises:
+        VoccError: an unknown name, or no panel in any training frame.
+
+    Example:
+        >>> receiver = train("paper", frames=64)
+        >>> receiver.name, receiver.shape.leds
+        ('flda_3', 64)
+    """
+    words = ["task=train", f"budget.training_frames={frames}", f"seed={seed}", f"receiver.locator={locator}"]
+    if features is not None:
+        words.append(f"receiver.features=[{','.join(features)}]")
+    if is_target(classifier):
+        name = classifier.replace(":", ".").rpartition(".")[2]
+        words += [f"+classifiers.{name}.build._target_={classifier}", f"receiver.save={name}"]
+    else:
+        ships = resources.files("vocc_torch.conf").joinpath(f"classifier/{classifier}.yaml").is_file()
+        words += [f"classifier={classifier}"] if ships else []
+        words.append(f"receiver.save={classifier}")
+    world = load_scene(scene) if isinstance(scene, str) else scene
+    demand_kind("scene", world, World)
+    shape = world.panel.shape
+    words += [f"panel.rows={shape.rows}", f"panel.columns={shape.columns}"]
+    plan = replace(build_plan(_composed(words), NOWHERE), world=world)
+    plan = replace(plan, experiment=replace(plan.experiment, training={}))
+    return training.calibrated_receiver(plan, training.train(plan))
+
+
+class Simulated(NamedTuple):
+    """One batch of B simulated frames with their truth.
+
+    Args:
+        frames: uint8 crops about the panel, or whole frames where an effect fills the sensor.
+        bits: (B,R,C) bool, what was sent.
+        corners_px: (B,4,2) float64 true corners on the sensor, clockwise from the top left.
+        scene: the values of each scene.
+    """
+
+    frames: Frames
+    bits: torch.Tensor
+    corners_px: torch.Tensor
+    scene: Scene
+
+
+def simulate(
+    scene: World | str, frames: int, seed: int = 0, *, batch: int = BLOCK_FRAMES, point: str = "frames"
+) -> Iterator[Simulated]:
+    """Simulate frames of a scene; the same ones for every size of a batch.
+
+    Args:
+        scene: what :func:`load_scene` gave, or the name of a scene.
+        frames: how many, at least 1.
+        seed: of every random draw.
+        batch: frames at a time, at least 1.
+        point: names the draws, so that another name gives other frames.
+
+    Raises:
+        VoccError: an unknown scene, or a number outside its range.
+
+    Example:
+        >>> sent = [one.bits for one in simulate("paper", frames=100)]
+        >>> [len(bits) for bits in sent]
+        [64, 36]
+    """
+    for name, value in (("frames", frames), ("batch", batch)):
+        if type(value) is not int or value < 1:
+            raise VoccError.of(name, value, "a whole number of at least 1")
+    world = load_scene(scene) if isinstance(scene, str) else scene
+    simulator, keys = world.simulator(), block_keys(seed, point, frames)
+    for drawn, bits, names, takes in rendered(simulator, world.scene, keys, range(0, frames, batch), False):
+        corners = simulator.true_panels(drawn, names, rendered=True).corners_px
+        yield Simulated(takes[0], bits, corners, drawn)
+
+
+@dataclass(frozen=True)
+class Table:
+    """Measured bit error rates, with intervals.
+
+    Args:
+        curves: every receiver at every value.
+    """
+
+    curves: curve.Curves
+
+    @property
+    def rows(self) -> tuple[curve.Row, ...]:
+        """A row for each receiver and value: bit errors, bit error rate and its 95 % interval."""
+        return self.curves.table().rows
+
+    def plot(self, path: str | Path | None = None) -> "Figure":
+        """Draw the curves; ``path`` saves them as a picture too."""
+        table = self.curves.table()
+        figure = plots.ber_figure(table, styles.axis_label(table.axis), "Bit error rate")
+        if path is not None:
+            figure.savefig(path)
+        return figure
+
+    def to_csv(self, path: str | Path) -> None:
+        """Write the rows, in the columns of ``ber.csv``."""
+        folder.write_rows(path, folder.ber_rows(self.curves.table()))
+
+    def __str__(self) -> str:
+        """Write the table as text."""
+        console = terminal.Console(width=110, file=io.StringIO())
+        terminal.print_table(self.curves.table(), console)
+        return str(console.file.getvalue()).rstrip()  # type: ignore[attr-defined]  # the StringIO above
+
+
+def measure(
+    receivers: Receiver | Mapping[str, Receiver],
+    scene: World | str,
+    axis: str,
+    values: Sequence[float],
+    frames: int = 1024,
+    *,
+    seed: int = 0,
+    experiment: str = "scenes",
+    progress: Callable[[int], None] = lambda frames: None,
+) -> Table:
+    """Measure bit error rates of receivers on the same simulated frames; each looks for the panel itself.
+
+    ``vocc-torch experiment=scenes`` with the same scene, seed, locator and training counts the same errors.
+
+    Args:
+        receivers: one, or several by name.
+        scene: what :func:`load_scene` gave, or the name of a scene.
+        axis: the value of a scene that varies, such as ``distance_m``.
+        values: of the axis, ascending.
+        frames: at each value, at least 1.
+        seed: of every random draw.
+        experiment: names the draws, as ``experiment.name`` does.
+        progress: called with the frames done since the last call.
+
+    Raises:
+        VoccError: an unknown axis or scene, values out of order, or a panel of another shape.
+
+    Example:
+        >>> table = measure(train("paper", frames=64), "paper", "distance_m", [30, 50], frames=64)
+        >>> [(row.value, row.frames) for row in table.rows]
+        [(30.0, 64), (50.0, 64)]
+    """
+    world = load_scene(scene) if isinstance(scene, str) else scene
+    named = {receivers.name: receivers} if isinstance(receivers, Receiver) else dict(receivers)
+    one, simulator = Experiment(experiment, axis, tuple(map(float, values))), world.simulator()
+    counts: dict[tuple[str, float], Counts] = {}
+    pairs: dict[tuple[str, str, float], PairedCounts] = {}
+    for value in one.values:
+        model, keys = one.model_at(world, value), block_keys(seed, sweep.point_name(one, value), frames)
+        batches = rendered(simulator, model, keys, range(0, frames, BLOCK_FRAMES), False)
+        parts = []
+        for _, bits, _, takes in batches:
+            with torch.inference_mode():
+                decided = [receiver(takes[0]) for receiver in named.values()]
+            wrong = torch.stack([half_errors(read.bits, bits, read.found) for read in decided])
+            found = torch.stack([read.found for read in decided])
+            errors = wrong.cpu().numpy(), found.cpu().numpy()
+            parts.append(frame_errors.FrameErrors(*errors, world.panel.shape.leds))
+            progress(len(bits))
+        errors_there, names = frame_errors.FrameErrors.joined(parts), list(named)
+        counts |= {(name, value): own for name, own in zip(named, errors_there.counts, strict=True)}
+        pairs |= {(names[a], names[b], value): pair for (a, b), pair in errors_there.pairs.items()}
+    stopped = dict.fromkeys(one.values, "frames")
+    curves = curve.Curves(experiment, axis, "own", tuple(named), one.values, counts, pairs, stopped)
+    return Table(curves)
