@@ -172,9 +172,16 @@ OmegaConf.register_new_resolver("job_folder", job_folder, replace=True)
 OmegaConf.register_new_resolver("described", lambda _root_: described(_root_, AppConfig), replace=True)
 
 
-def schema() -> DictConfig:
+@dataclass
+class Composed(AppConfig):
+    """The configuration while Hydra puts it together: a classifier may get its first key by a dotted name."""
+
+    classifiers: dict[str, Any] = field(default_factory=dict)
+
+
+def schema(kind: type[AppConfig] = AppConfig) -> DictConfig:
     """Make the schema; its sections take values although some are built as frozen dataclasses."""
-    made: DictConfig = OmegaConf.structured(AppConfig)
+    made: DictConfig = OmegaConf.structured(kind)
     for frozen in (made.camera, made.receiver.location):
         OmegaConf.set_readonly(frozen, None)
     return made
@@ -182,4 +189,4 @@ def schema() -> DictConfig:
 
 def register_schema() -> None:
     """Make the schema known to Hydra; calling it again changes nothing."""
-    ConfigStore.instance().store(name="schema", node=schema())
+    ConfigStore.instance().store(name="schema", node=schema(Composed))

@@ -98,4 +98,6 @@ def _tensor(array: Mapping[str, Any]) -> torch.Tensor:
         return torch.from_numpy(np.array(array["values"], dtype=kind).reshape(array["shape"]))
     raw = base64.b64decode(array["base64"], validate=True)
     flat = np.frombuffer(raw, dtype=kind.newbyteorder("<")).astype(kind)
+    if not np.isfinite(flat).all():
+        raise ValueError
     return torch.from_numpy(flat.reshape(array["shape"]))

@@ -239,7 +239,8 @@ class Receiver(torch.nn.Module):
         demand_kind("path", path, str, Path)
         settings: Settings = {"name": self.name, "rows": self.shape.rows, "columns": self.shape.columns}
         settings |= {"samples_per_led": self.reader.samples_per_led, "gradient": self.reader.gradient}
-        settings["features"] = [one.settings for one in self.reader.more]
+        seen = [one.settings for one in self.reader.more if one.name in self.inputs.features]
+        settings["features"] = seen
         settings["locator"] = locator_settings(self.locator)
         settings["trained_on"] = self.trained_on
         settings["calibration"] = None if self.calibration is None else asdict(self.calibration)

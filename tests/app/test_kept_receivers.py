@@ -1,0 +1,227 @@
+"""Receivers of any parts in a file: the same bits in another process, and nothing run that nobody named."""
+
+import base64
+import json
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from composing import study_of
+from scipy.special import expit
+
+from vocc_torch import Scene, Simulator
+from vocc_torch.errors import VoccError
+from vocc_torch.measure.train import train, trained_receiver
+from vocc_torch.receiver.calibration import Calibration, calibration_error
+from vocc_torch.receiver.classifiers import FldaClassifier, Guarded, Inputs
+from vocc_torch.receiver.locators import PaperLocator
+from vocc_torch.receiver.model_file import read_model, write_model
+from vocc_torch.receiver.reader import Reader
+from vocc_torch.receiver.receiver import Receiver
+
+SHIPPED = sorted(
+    path.stem for path in Path("conf/classifier").glob("*.yaml") if path.stem not in ("own", "sklearn")
+)
+NETWORKS = ("cnn", "mlp", "mlp_features")
+FRAMES = """
+import sys, torch
+from vocc_torch import Receiver, Scene, Simulator
+scene = Scene.of(frames=16, ambient_lx=2000, led_luminance_cd_m2=3000, distance_m=60)
+bits = torch.rand(16, 8, 8, generator=torch.Generator().manual_seed(5)) < 0.5
+frames = Simulator().render(scene, bits)
+for path in sys.argv[2:]:
+    read = Receiver.load(path, [sys.argv[1]])(frames)
+    torch.save([read.bits, read.scores, read.llr, read.corners_px], path + ".read")
+"""
+MINE = """
+import torch
+from vocc_torch.receiver.location import PaperLocator
+
+
+class Level:
+    def fit(self, x, bits):
+        self.level, self.side = x[..., 0].mean(), 1.0
+
+    def decision_function(self, x):
+        return self.side * (x[..., 0] - self.level)
+
+
+class Estimator:
+    pass
+
+
+def spread(patches, shape):
+    side = patches.shape[-1] // (shape.columns + 2)
+    cells = patches[:, 0].unfold(1, side, side).unfold(2, side, side)[:, 1:-1, 1:-1]
+    return cells.flatten(3).std(dim=-1)
+
+
+class Finder(PaperLocator):
+    pass
+"""
+
+
+@pytest.fixture(scope="module")
+def mine(tmp_path_factory):
+    path = tmp_path_factory.mktemp("own") / "mine.py"
+    path.write_text(MINE)
+    return path
+
+
+@pytest.fixture(scope="module")
+def kept(mine, tmp_path_factory):
+    """Every classifier that ships, and one from outside, each with what it reads of the same frames."""
+    brief = [f"++classifiers.{name}.training={{frames: 64, epochs: 1}}" for name in NETWORKS]
+    own = (
+        f"+classifiers.level.build._target_={mine}:Level",
+        f"receiver.features=[agr,gri,ngr,{mine}:spread]",
+    )
+    words = ("task=train", f"classifier=[{','.join(SHIPPED)}]", "receiver.save=level", *brief, *own)
+    plan = study_of(*words, "receiver.locator=truth", "budget.training_frames=64")
+    training, folder = train(plan, keep=True), tmp_path_factory.mktemp("kept")
+    locators = {"level": f"{mine}:Finder", "lmmse": "refined"}
+    scene = Scene.of(frames=16, ambient_lx=2000, led_luminance_cd_m2=3000, distance_m=60)
+    bits = torch.rand(16, 8, 8, generator=torch.Generator().manual_seed(5)) < 0.5
+    frames, read = Simulator().render(scene, bits), {}
+    for name in (*SHIPPED, "level", "flda", "flda_2"):
+        found = study_of("task=train", f"receiver.locator={locators.get(name, 'paper')}").receiver
+        one = replace(plan.receiver, save=name, locator=found.locator, locators=found.locators)
+        receiver = trained_receiver(replace(plan, receiver=one), training)
+        receiver.calibration = Calibration.of(receiver(frames).scores, bits)
+        receiver.save(folder / f"{name}.pt")
+        read[name] = receiver(frames)
+    return folder, read
+
+
+def test_another_process_reads_the_same_bits(kept, mine):
+    folder, read = kept
+    paths = [str(folder / f"{name}.pt") for name in read]
+    subprocess.run([sys.executable, "-c", FRAMES, str(mine), *paths], check=True)
+    assert set(SHIPPED) < set(read)
+    for name, path in zip(read, paths, strict=True):
+        again = torch.load(f"{path}.read", weights_only=True)
+        wanted = (read[name].bits, read[name].scores, read[name].llr, read[name].corners_px)
+        assert all(torch.equal(one, other) for one, other in zip(wanted, again, strict=True)), name
+        assert read[name].found.all(), name
+
+
+def refused(path, *plug_ins):
+    with pytest.raises(VoccError) as error:
+        Receiver.load(path, plug_ins)
+    assert "\n" not in str(error.value)
+    return str(error.value)
+
+
+def test_code_from_outside_runs_only_where_it_is_named_and_unchanged(kept, mine, tmp_path):
+    path = kept[0] / "level.pt"
+    assert "add plug_ins=[mine.py] to run its code" in refused(path)
+    assert "add plug_ins=[mine.py]" in refused(path, "other.py")
+    changed = tmp_path / "mine.py"
+    changed.write_text(f"{MINE}# another\n")
+    assert "has another text than the model was made with: train it again" in refused(path, str(changed))
+    changed.write_text(MINE)  # the same text elsewhere will do
+    assert Receiver.load(path, [str(changed)]).name == "level"
+
+
+FORGED = {
+    "a command": ({"_target_": "os.system", "arguments": {"command": "true"}}, "os.system"),
+    "what could write": (
+        {"_target_": "vocc_torch.receiver.classifiers.training.write_atomically"},
+        "vocc_torch.receiver",
+    ),
+    "another package": ({"_target_": "shutil.rmtree", "arguments": {"path": "x"}}, "shutil"),
+    "a call within": ({"arguments": {"classes": {"_target_": "os.getcwd"}}}, "os.getcwd"),
+    "an attribute": ({"values": {"fit": 1}}, "fit is no attribute that it learns"),
+    "a class's own": ({"values": {"__class__": 1}}, "__class__ is no attribute that it learns"),
+    "unknown inputs": ({"inputs": {"features": ["colour"], "patch": None}}, "inputs.features"),
+    "no mapping": ({"arguments": 3}, "damaged"),
+}
+
+
+@pytest.mark.parametrize("case", FORGED)
+def test_a_forged_model_is_refused_and_runs_nothing(kept, tmp_path, case):
+    changes, says = FORGED[case]
+    settings, state = read_model(kept[0] / "lmmse.pt")
+    settings["classifier"] |= changes
+    write_model(tmp_path / "forged.pt", settings, state)
+    assert says in refused(tmp_path / "forged.pt")
+
+
+def test_numbers_that_are_none_are_refused(kept, tmp_path):
+    settings, state = read_model(kept[0] / "lmmse.pt")
+    state["_weights"][0] = float("nan")
+    write_model(tmp_path / "nan.pt", settings, state)
+    assert "damaged" in refused(tmp_path / "nan.pt")
+
+
+def test_an_estimator_with_a_class_that_skops_does_not_trust(kept, mine, tmp_path):
+    from skops.io import dumps
+
+    from vocc_torch.plugins import ModuleFile
+
+    settings, state = read_model(kept[0] / "logistic.pt")
+    stranger = ModuleFile(str(mine)).named("Estimator")()
+    state["skops"] = torch.frombuffer(bytearray(dumps(stranger)), dtype=torch.uint8)
+    write_model(tmp_path / "forged.pt", settings, state)
+    assert "cannot take up what it learned" in refused(tmp_path / "forged.pt")
+    settings, state = read_model(kept[0] / "logistic.pt")
+    settings["classifier"]["values"]["release"] = "0.1"
+    write_model(tmp_path / "old.pt", settings, state)
+    assert "scikit-learn was 0.1" in refused(tmp_path / "old.pt")
+
+
+def test_a_classifier_that_holds_what_no_file_can():
+    class Odd(FldaClassifier):
+        state_dict = None
+
+    odd = Odd()
+    odd.helper = json
+    plug_in = study_of("classifier=lmmse").receiver.classifiers[0].build
+    receiver = Receiver("odd", PaperLocator(), Reader(), Guarded("odd", odd, Inputs(), plug_in))
+    with pytest.raises(VoccError, match=r"^classifier odd: its helper is a module: it must be a number"):
+        receiver.save("never.pt")
+    assert not Path("never.pt").exists()
+
+
+def test_base64_is_what_the_arrays_say(kept):
+    """Little-endian float64 in the order of rows, as NumPy reads it."""
+    arrays = json.loads((kept[0] / "flda.pt").read_text())["classifier"]["direction"]
+    raw = np.frombuffer(base64.b64decode(arrays["base64"]), dtype="<f8")
+    settings, state = read_model(kept[0] / "flda.pt")
+    assert np.array_equal(raw, state["direction"].numpy())
+    assert settings["classifier"]["inputs"]["features"] == ["agr", "gri", "ngr", "spread"]
+
+
+# What scores are worth
+
+
+def gaussian(seed, count, scale):
+    """Scores whose true log-likelihood ratio is known, times a scale that hides it."""
+    draw = np.random.default_rng(seed)
+    bits = draw.random(count) < 0.5
+    ratio = draw.normal(2.0 * np.where(bits, 1, -1), 2.0)  # N(+-2, 4): the ratio is the value itself
+    return torch.from_numpy(scale * ratio), torch.from_numpy(bits), ratio
+
+
+@pytest.mark.parametrize("scale", [0.1, 30.0])
+def test_ratios_are_those_of_two_gaussians_whatever_the_scale(scale):
+    learned = Calibration.of(*gaussian(0, 200_000, scale)[:2])
+    scores, bits, ratio = gaussian(1, 50_000, scale)
+    ratios = learned(scores)
+    assert bool((ratios * scores >= 0).all())
+    middle = np.abs(ratio) < 4
+    assert np.abs(expit(ratios.numpy()) - expit(ratio))[middle].max() < 0.05
+    assert calibration_error(ratios, bits) < 0.005
+    assert calibration_error(scores, bits) > 0.05
+    ascending = learned(torch.linspace(-20, 20, 401) * scale)
+    assert bool((ascending.diff() >= 0).all())
+
+
+def test_a_ratio_is_no_larger_than_the_panels_can_tell():
+    """Of n right decisions and no wrong one, at most half an error in n + 1."""
+    scores, bits = torch.linspace(-1, 1, 201), torch.linspace(-1, 1, 201) >= 0
+    assert float(Calibration.of(scores, bits)(torch.tensor(9.0))) == pytest.approx(np.log(101.5 / 0.5))
