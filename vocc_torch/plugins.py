@@ -198,6 +198,8 @@ class PlugIn:
         files = {Path(one).name: one for one in admitted if one.endswith(".py")}
         for one in (*targets(rest), *([] if colon and Path(path).name in files else [target])):
             ours = one.startswith(OWN) and "." not in one.removeprefix(OWN)
+            if not ours and one.startswith("vocc_torch."):
+                raise VoccError(f"{key} comes from {shown(one)}, which is no part of a receiver")
             if not ours and one.partition(".")[0] not in admitted:
                 needed = Path(one.rpartition(":")[0]).name if ":" in one else one.partition(".")[0]
                 raise VoccError(f"{key} comes from {shown(one)}: add plug_ins=[{needed}] to run its code")

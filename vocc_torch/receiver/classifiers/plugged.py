@@ -20,6 +20,9 @@ from vocc_torch.receiver.classifiers.training import TrainingRecipe
 SKOPS = "skops"
 """The name under which an estimator's file, made by skops, stands among the arrays."""
 
+TRUSTED = ("sklearn.ensemble._hist_gradient_boosting.predictor.TreePredictor",)
+"""Classes of estimators that ship, arrays alone, which skops does not trust by itself."""
+
 NUMPY = "numpy"
 """The name under which it is said which arrays are NumPy's."""
 
@@ -172,7 +175,11 @@ def restored(
             if plug_in.file is not None:
                 plug_in.file.module()
                 own = f"{plug_in.file.module_name}."
-            trusted = [one for one in io.get_untrusted_types(data=packed) if own and one.startswith(own)]
+            trusted = [
+                one
+                for one in io.get_untrusted_types(data=packed)
+                if one in TRUSTED or (own and one.startswith(own))
+            ]
             estimator = adapters.SklearnClassifier(io.loads(packed, trusted=trusted))
             return Guarded(plug_in.name, estimator, inputs, plug_in)
         guarded = classifier_of(plug_in, inputs)
