@@ -119,8 +119,8 @@ def test_multirun_keeps_every_job_apart_and_goes_on_after_a_failing_one(app, tmp
 @pytest.mark.parametrize(
     ("words", "parts"),
     [
-        ("input=photo.png", ["input is 'photo.png'", "task=decode"]),
-        ("model=receiver.pt", ["model is 'receiver.pt'", "task=decode"]),
+        ("input=photo.png", ["input is photo.png", "only decode, collect"]),
+        ("model=receiver.pt", ["model is receiver.pt", "only decode"]),
         ("task=decode", ["input is null", "input=PICTURE"]),
         (
             "experiment.axis=offset_x_m experiment.values=[0.1,0.1002] tensorboard=true",
