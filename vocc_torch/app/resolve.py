@@ -15,7 +15,7 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
 from yaml import MarkedYAMLError
 
-from vocc_torch.app.config import PARTS, TASKS, AppConfig, keys_of, passes_over, schema
+from vocc_torch.app.config import NAMES, PARTS, TASKS, AppConfig, keys_of, passes_over, schema
 from vocc_torch.errors import VoccError, section, shown
 
 OF_MODEL = ("seed", "precision", "framing", "batch_frames", "scene", "camera", "panel", "receiver", "budget")
@@ -106,6 +106,9 @@ def refuse_ignored(settings: AppConfig, words: Sequence[str]) -> None:
             raise VoccError(f"{said}: it must be empty without a model, a new one names its parts")
         if settings.model and group in (*OF_MODEL, *PARTS) and name not in ("rows", "columns"):
             raise VoccError(f"{said}: the model brings its own; leave {key} or model out")
+        finder, ours = settings.receiver.locator, NAMES["Locators"].split(", ")
+        if name.startswith("location") and not passes_over(task, "receiver.locator") and finder not in ours:
+            raise VoccError(f"{said}: only {NAMES['Locators']} use it, and receiver.locator is {finder}")
         own = name in experiment.training
         tested = name in {*experiment.scene, experiment.axis, experiment.row_axis}
         if group == "scene" and own and (task == "train" or (task == "test" and tested)):
