@@ -13,7 +13,7 @@ from torch import Tensor
 from vocc_torch.errors import VoccError
 from vocc_torch.measure import build, timing
 from vocc_torch.measure.link import Link, block_keys
-from vocc_torch.measure.plan import Locator, Plan, identity, narrowed
+from vocc_torch.measure.plan import Locator, Plan, identity
 from vocc_torch.measure.workers import Workers, worker_losses_told
 from vocc_torch.receiver import discriminant, reader
 from vocc_torch.receiver.bank import FLDA_FEATURES, ReceiverBank, feature_indices
@@ -22,7 +22,7 @@ from vocc_torch.receiver.flda import FLDA
 from vocc_torch.receiver.locators import PanelLocator
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.rng import BLOCK_FRAMES, BlockKey
-from vocc_torch.simulation import SceneModel
+from vocc_torch.simulation.scene import SceneModel, narrowed
 
 FIGURE_SAMPLES = 20_000
 """LEDs kept for the feature histograms."""

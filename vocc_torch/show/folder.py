@@ -66,7 +66,7 @@ def open_ledger(path: Path, settings: Mapping[str, object], console: Console) ->
         raise VoccError(re.sub("choose another (ledger|file)", "give another name=", str(error))) from None
     with ledger:
         if known := len(ledger):
-            text = f"going on from {known} blocks in {path}"
+            text = f"resuming: {known} blocks of frames are already counted in {path}"
             console.print(text, soft_wrap=True, markup=False, highlight=False)
         try:
             yield ledger

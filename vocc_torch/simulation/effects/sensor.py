@@ -594,8 +594,10 @@ def poisson_quantile(mean: Array, normal: Array) -> Array:
     """
     shape, mean, normal = mean.shape, mean.ravel(), normal.ravel()
     few = mean < FEW
-    if few.all() or not few.any():
-        return (_summed if few.any() else _expanded)(mean, normal).reshape(shape)
+    if few.all():
+        return _summed(mean, normal).reshape(shape)
+    if not few.any():
+        return _expanded(mean, normal).reshape(shape)
     counts = np.empty_like(mean)
     counts[few], counts[~few] = _summed(mean[few], normal[few]), _expanded(mean[~few], normal[~few])
     return counts.reshape(shape)

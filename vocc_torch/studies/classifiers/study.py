@@ -1,7 +1,6 @@
 """What ``task=classifiers`` compares, checked before any work is done, and all that it measures, in order."""
 
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
 from itertools import product
 from pathlib import Path
@@ -17,6 +16,7 @@ from vocc_torch.measure.train import Training, train, train_alone
 from vocc_torch.receiver.bank import FLDA_FEATURES, ReceiverBank, needs_preambles
 from vocc_torch.receiver.receiver import StagedReceiver
 from vocc_torch.rng import BLOCK_FRAMES, BlockKey
+from vocc_torch.show.terminal import Stage
 from vocc_torch.simulation import SceneModel
 from vocc_torch.studies.classifiers import RivalsConfig
 from vocc_torch.studies.classifiers.results import Comparison, GeniePoint, Transfer
@@ -24,8 +24,6 @@ from vocc_torch.studies.classifiers.results import Comparison, GeniePoint, Trans
 Ledgers = Mapping[str, ledger.Ledger]
 """By experiment."""
 
-Stage = Callable[[str], AbstractContextManager[object]]
-"""Entered with the name of a stage as it begins, left when it is done."""
 
 Advance = Callable[[str, int], None]
 """Called with what is under way and the frames added to it since the last call."""
@@ -141,7 +139,12 @@ def build_classifier_study(settings: config.Settings, rivals: RivalsConfig, fold
 
 
 def compare_classifiers(
-    study: ClassifierStudy, ledgers: Ledgers, pool: workers.Workers, stage: Stage, advance: Advance
+    study: ClassifierStudy,
+    ledgers: Ledgers,
+    pool: workers.Workers,
+    stage: Stage,
+    advance: Advance,
+    say: Callable[[str], None] = lambda text: None,
 ) -> tuple[Comparison, Training]:
     """Train all receivers, measure them along every axis, and what they cost and can do at best.
 
@@ -151,6 +154,7 @@ def compare_classifiers(
         pool: the processes that do it.
         stage: hears which stage begins and ends.
         advance: hears how far it is.
+        say: hears of each point that is measured.
 
     Returns:
         What was measured, and the first experiment's training.
@@ -178,6 +182,7 @@ def compare_classifiers(
 
         for experiment, value, outcome in sweep.run_studies(study.studies, here, ledgers, pool, told):
             outcomes[experiment.key][value] = outcome
+            say(f"{experiment.key} {value:g} is measured")
         curves = {one.key: sweep.measured(one, outcomes[one.key]).curves[at] for one in study.studies}
     if study.config.genie_frames:
         with stage("the genie"):
