@@ -115,13 +115,8 @@ def print_places(
     """Say where results are, each by what it is and its name in the folder, and how the board is opened."""
     said = [(what, str(folder / name)) for what, name in places]
     for what, where in [*said, *([("board", board_hint(folder / "tensorboard"))] if board else [])]:
-        print_place(console, what, where)
-
-
-def print_place(console: Console, what: str, where: object) -> None:
-    """Say where a result is."""
-    text = f"{what:<9} {printable(str(where))}"
-    console.print(text, soft_wrap=True, markup=False, highlight=False)
+        text = f"{what:<9} {printable(where)}"
+        console.print(text, soft_wrap=True, markup=False, highlight=False)
 
 
 def board_hint(folder: str | Path) -> str:

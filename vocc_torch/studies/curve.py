@@ -30,7 +30,7 @@ def run_train(settings: config.Settings, folder: Path) -> None:
     """Train FLDA and write the receiver."""
     plan, console = begun(settings, folder)
     run_folder.write_training(settings, plan, terminal.train_shown(plan, console), folder)
-    run_folder.print_place(console, "receiver", folder / "receiver.pt")
+    run_folder.print_places(console, folder, [("receiver", "receiver.pt")])
 
 
 def run_test(settings: config.Settings, folder: Path) -> None:

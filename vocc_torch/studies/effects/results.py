@@ -35,7 +35,7 @@ READINGS: dict[str, Locator] = {"true_corners": "truth", "retrained": "truth", "
 """How the bits are read, and the locator: at the true corners by a receiver that never met the effect; the
 same by one that trained with it; and by the first where the paper's locator finds the panel."""
 
-Progress = Callable[[str, int], None]
+Tell = Callable[[str, int], None]
 """Called with what is under way and the frames done since the last call."""
 
 Rounds = NDArray[np.float64]
@@ -292,19 +292,15 @@ def trained_flda(plan: Plan) -> flda.FLDA:
 
 
 def run_effects(
-    study: EffectStudy,
-    costs: Costs,
-    workers: Workers,
-    told: Progress = lambda what, frames: None,
-    stage: Stage = nullcontext,
+    study: EffectStudy, costs: Costs, pool: Workers, tell: Tell = lambda *_: None, stage: Stage = nullcontext
 ) -> EffectResults:
     """Train on every scene, read every scene's test frames, and compare.
 
     Args:
         study: the study.
         costs: the times, measured before, while no worker was at work.
-        workers: who does it.
-        told: hears of frames as they are done.
+        pool: who does it.
+        tell: hears of frames as they are done.
         stage: hears which stage begins and ends.
 
     Raises:
@@ -317,21 +313,21 @@ def run_effects(
         (key, locator), _ = training
         return float(np.median(costs.times["near" if locator == "truth" else "located", key]))
 
-    reading = functools.partial(told, "reading")
+    reading = functools.partial(tell, "reading")
     calls, parts = {}, {}
     with worker_losses_told():
         with stage("training"):
             # The longest training begins first.
             for place, effects in sorted(_trainings(wanted).items(), key=cost_ms, reverse=True):
-                calls[place] = workers.submit(trained_flda, study.plan_of(effects, place[1]))
-                calls[place].add_done_callback(lambda _: told("training", study.plan.budget.training_frames))
+                calls[place] = pool.submit(trained_flda, study.plan_of(effects, place[1]))
+                calls[place].add_done_callback(lambda _: tell("training", study.plan.budget.training_frames))
             fldas = {place: call.result() for place, call in calls.items()}
         with stage("bit errors"):
             for (key, at), one in wanted.items():
                 banks = Banks([(at, bank.ReceiverBank(names, fldas[scene, at])) for scene in one.trained_on])
                 plan = study.plan_of(one.effects, at)
                 job = FrameJob(plan, study.model, POINT, (at,), banks, banks.needs_preambles)
-                parts[key, at] = job.handed_out(one.frames, workers, at_once=step, told=reading)
+                parts[key, at] = job.handed_out(one.frames, pool, at_once=step, told=reading)
             read = {place: FrameErrors.joined(one.result() for one in some) for place, some in parts.items()}
 
     def errors(scene: Effects, locator: Locator, trained_on: Effects, frames: int) -> FrameErrors:

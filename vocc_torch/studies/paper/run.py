@@ -39,9 +39,9 @@ def run_figures(settings: configs.Settings, config: FiguresConfig, folder: Path)
         names = there.get("figures.names")
         if not isinstance(names, list) or named(names) != named(config.names):
             raise VoccError(f"name: {folder} holds a report of other figures: give another name=")
-    plan, console, watch = build.build_plan(settings, folder), terminal.Console(), terminal.Stopwatch()
+    plan, console = build.build_plan(settings, folder), terminal.Console()
     wanted, resumed = figures.paper_plan(config, plan), (folder / run_folder.LEDGERS).is_dir()
-    report = Report(folder, wanted)
+    report, watch = Report(folder, wanted), terminal.Stopwatch(console)
     # The ledgers are held to the end: a second run would write over the same report.
     with run_folder.resumable(settings, folder, console), ExitStack() as ledgers:
         if wanted.experiments:
@@ -63,8 +63,6 @@ def run_figures(settings: configs.Settings, config: FiguresConfig, folder: Path)
                     board = folder / "tensorboard"
                     tensorboard.write_boards(board, report.tables(), report.drawn, texts=texts)
             report.write(settings, dict(watch.seconds), resumed)
-    for stage, seconds in watch.seconds.items():
-        console.print(f"{stage:<20} {seconds:6.1f} s", highlight=False)
     places = [("report", "report.html"), ("", "report.md")]
     run_folder.print_places(console, folder, places, settings.tensorboard)
 

@@ -2,7 +2,7 @@
 
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, nullcontext
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -37,16 +37,9 @@ def run_tradeoff(settings: Settings, config: TradeoffConfig, folder: Path) -> No
     run_folder.refuse_results(folder)
     study = plan.build_tradeoff_study(settings, config, folder)
     console = terminal.Console()
-    watch = terminal.Stopwatch(console)
-
-    @contextmanager
-    def stage(name: str) -> Iterator[None]:
-        with console.status(name), watch.stage(name):
-            yield
-
-    with run_folder.resumable(settings, folder, console):
+    with run_folder.resumable(settings, folder, console), console.status("training, counting, timing"):
         run_folder.write_config(settings, folder)
-        prices = price_receivers(study, Workers(settings.workers), stage)
+        prices = price_receivers(study, Workers(settings.workers), terminal.Stopwatch(console).stage)
     words = report.recommendation(prices)
     figures: dict[str, Figure] = {}
     for scenes, (device, frames) in itertools.product(prices.errors, prices.kinds):
