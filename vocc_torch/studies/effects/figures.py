@@ -252,7 +252,8 @@ def gallery_figure(study: EffectStudy) -> Figure:
         axes.imshow(picture, cmap="gray", vmin=0, vmax=255, interpolation="nearest")
         axes.set_title(name, fontsize=9.5, color=INK, pad=3)
         axes.set_axis_off()
-    about = f"{study.model.nearest_m:g} m; the middle of the scene's ambient light and LED luminance"
+    about = f"{study.model.nearest_m:g} m; the middle of the scene's ambient light and LED luminance; "
+    about += "difference: from the scene itself, enlarged, on middle grey"
     canvas.write_title(figure, "One panel under each effect, at its harshest", about)
     return figure
 
@@ -300,7 +301,6 @@ def gallery_pictures(study: EffectStudy) -> dict[str, NDArray[np.uint8]]:
             name = f"{name}\nno visible change"
         elif near.mean() < _FAINT:
             times = 100 // near.max()
-            shown = (128 + times * apart[place]).clip(0, 255).astype(np.uint8)
-            name = f"{name}\ndifference x {times}"
+            name, shown = f"{name}\ndifference x {times}", (128 + times * apart[place]).astype(np.uint8)
         pictures[name] = shown
     return pictures

@@ -1,11 +1,14 @@
 """``task=figures``: the paper's figures and claims, measured, drawn, scored and written as one report."""
 
+import shlex
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+
+from hydra.core.hydra_config import HydraConfig
 
 import vocc_torch
 from vocc_torch.errors import VoccError
@@ -212,6 +215,8 @@ class Report:
         contrast = self.plan.experiments.get("contrast", {}).get(0.0)
         told = {"title": TITLE, "settings": settings, "seconds": seconds, "resumed": resumed}
         told |= {"configuration": configs.as_yaml(settings), "version": vocc_torch.__version__}
+        given = HydraConfig.get().overrides.task if HydraConfig.initialized() else ["task=figures"]
+        told |= {"overrides": shlex.join(word for word in given if not word.startswith("name="))}
         told |= {"machine": timing.describe_machine(resolve_device(settings.device))}
         told |= {"contrast_frames": contrast.frames_in_point if contrast else 0}
         told |= {"rate_names": list(figures.RATE_FIGURES.values()), "best_luminance": grid.best_luminance}
