@@ -252,8 +252,7 @@ def gallery_figure(study: EffectStudy) -> Figure:
         axes.imshow(picture, cmap="gray", vmin=0, vmax=255, interpolation="nearest")
         axes.set_title(name, fontsize=9.5, color=INK, pad=3)
         axes.set_axis_off()
-    about = f"{study.model.nearest_m:g} m; the middle of the scene's ambient light and LED luminance; "
-    about += "difference: from the scene itself, enlarged, on middle grey"
+    about = f"{study.model.nearest_m:g} m, middle of the scene's light; difference: from the scene, enlarged"
     canvas.write_title(figure, "One panel under each effect, at its harshest", about)
     return figure
 

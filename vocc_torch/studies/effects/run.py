@@ -60,8 +60,7 @@ def run_effects_task(settings: config.Settings, own: EffectsConfig, folder: Path
         with view, pool:
             found = results.run_effects(study, costs, pool, view.advance, watch.stage)
     write_effects(folder / "effects.csv", found)
-    places = {"table": "effects.csv", "figure": "effects.png"}
-    places |= {"report": "effects.md", "pictures": "gallery.png"}
+    places = dict(table="effects.csv", figure="effects.png", report="effects.md", pictures="gallery.png")
     drawn = {"effects": figures.effects_figure(found)}
     if found.severities:
         write_severities(folder / "severity.csv", found)
