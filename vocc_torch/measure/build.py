@@ -15,7 +15,7 @@ from vocc_torch.plugins import TARGET, PlugIn, is_target
 from vocc_torch.receiver import bank, location, reader
 from vocc_torch.receiver.classifiers import Inputs, training
 from vocc_torch.receiver.features import FEATURE_NAMES
-from vocc_torch.simulation import SceneModel
+from vocc_torch.simulation.scene import SCENE_FIELDS, SceneModel, parsed_scene
 from vocc_torch.types import resolve_device
 
 PRECISIONS = {"float32": torch.float32, "float64": torch.float64}
@@ -49,7 +49,7 @@ def build_plan(settings: Settings, folder: Path) -> plans.Plan:
     world = plans.World(
         camera=camera,
         panel=LedPanel(shape=shape, **panel),
-        scene=SceneModel(**plans.parsed_scene({name: getattr(scene, name) for name in plans.SCENE_FIELDS})),
+        scene=SceneModel(**parsed_scene({name: getattr(scene, name) for name in SCENE_FIELDS})),
         effects=effect_settings(scene.effects),
         framing=settings.framing,  # type: ignore[arg-type]  # checked by name in Simulator
         device=settings.device,
@@ -137,7 +137,7 @@ def classifier_plan(
             inputs=Inputs.parse(config.inputs, features),
             training=training.TrainingRecipe(**config.training),
             frames=config.frames,
-            scene=plans.parsed_scene(config.scene),
+            scene=parsed_scene(config.scene),
         )
 
 

@@ -20,53 +20,13 @@ from vocc_torch.receiver.locators import LOCATORS, OutsideLocator, PanelLocator,
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.simulation import Camera, Distribution, LedPanel, SceneModel, Simulator
 from vocc_torch.simulation.effects import Parameters, build_effects
+from vocc_torch.simulation.scene import parsed_scene
 from vocc_torch.simulation.simulator import PAPER_EFFECTS, Framing
 from vocc_torch.types import resolve_device as resolve_device
 
 Locator = str
 """A locator's name; ``truth`` takes the simulator's own corners."""
 OWN_LOCATORS = ("truth", *LOCATORS)
-SCENE_FIELDS = tuple(f.name for f in fields(SceneModel))
-
-
-def narrowed(model: SceneModel, changes: Mapping[str, Any], key: str = "experiment.scene") -> SceneModel:
-    """Give the scene model with some of its distributions replaced.
-
-    Args:
-        model: the scenes.
-        changes: distributions by the name of a value of a scene.
-        key: the key under which a refusal names them.
-
-    Raises:
-        VoccError: an unknown name, or a value outside its physical range.
-
-    Example:
-        >>> narrowed(SceneModel(), {"distance_m": 50}).nearest_m
-        50.0
-    """
-    read = parsed_scene(changes, key)
-    with section(key, before="scene"):
-        return replace(model, **read)
-
-
-def parsed_scene(specs: Mapping[str, Any], key: str = "scene") -> dict[str, Distribution]:
-    """Read distributions by name, as a configuration writes them; ``key`` is theirs in a refusal.
-
-    Raises:
-        VoccError: an unknown name or a specification that cannot be read.
-
-    Example:
-        >>> parsed_scene({"distance_m": ["uniform", 40, 60]})["distance_m"].bounds
-        (40.0, 60.0)
-    """
-    for name in specs:
-        if name not in SCENE_FIELDS:
-            raise VoccError(f"{key}.{name} is not a value of a scene: known are {', '.join(SCENE_FIELDS)}")
-    with section(key, before="scene"):
-        return {
-            name: spec if isinstance(spec, Distribution) else Distribution.parse(spec, name)
-            for name, spec in specs.items()
-        }
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from torch import Tensor
 from vocc_torch.errors import VoccError
 from vocc_torch.measure import timing
 from vocc_torch.measure.link import Link, block_keys
-from vocc_torch.measure.plan import Locator, Plan, identity, narrowed
+from vocc_torch.measure.plan import Locator, Plan, identity
 from vocc_torch.measure.workers import Workers, worker_losses_told
 from vocc_torch.receiver import discriminant, reader
 from vocc_torch.receiver.bank import FLDA_FEATURES, ReceiverBank, feature_indices
@@ -23,7 +23,7 @@ from vocc_torch.receiver.flda import FLDA
 from vocc_torch.receiver.locators import PanelLocator
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.rng import BLOCK_FRAMES, BlockKey
-from vocc_torch.simulation import SceneModel
+from vocc_torch.simulation.scene import SceneModel, narrowed
 
 CALIBRATION_FRAMES = 512
 """Frames on which a receiver that is kept learns what its scores are worth."""

@@ -146,7 +146,7 @@ def led_stamps(context: Context, size: framing.Size) -> Iterator[Stamp]:
     drawn = torch.zeros(len(sides), dtype=torch.bool, device=origin.device)
     drawn[single] = True
     centre, half, spread = (each.flatten(0, 1) for each in (centre, half, spread))
-    for which, side in raster.alike(centre - half, centre + half, size, drawn.repeat_interleave(leds)):
+    for which, side in raster.by_size(centre - half, centre + half, size, drawn.repeat_interleave(leds)):
         # A view, where a batch's LEDs are all in sight and alike, spares their copies.
         whole = slice(None) if len(which) == len(centre) else which
         yield *raster.ellipse_cover(centre[whole], spread[whole], side, canvas_px=size), which

@@ -10,12 +10,13 @@ import numpy as np
 from vocc_torch.errors import VoccError
 from vocc_torch.measure import build, config, curve, grid, ledger, paired, sweep, train, workers
 from vocc_torch.measure.link import Link, block_keys
-from vocc_torch.measure.plan import SCENE_FIELDS, Plan
+from vocc_torch.measure.plan import Plan
 from vocc_torch.receiver.features import FEATURE_NAMES
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.show import canvas, heatmap, plots, styles, tensorboard, terminal
 from vocc_torch.show import folder as run_folder
 from vocc_torch.simulation.framing import crop_origins_px, panel_centre_px
+from vocc_torch.simulation.scene import SCENE_FIELDS
 
 
 def begun(settings: config.Settings, folder: Path, kept: str | None = None) -> tuple[Plan, terminal.Console]:
@@ -29,7 +30,7 @@ def run_train(settings: config.Settings, folder: Path) -> None:
     """Train FLDA and write the receiver."""
     plan, console = begun(settings, folder)
     run_folder.write_training(settings, plan, terminal.train_shown(plan, console), folder)
-    run_folder.print_place(console, "receiver", folder / "receiver.pt")
+    run_folder.print_places(console, folder, [("receiver", "receiver.pt")])
 
 
 def run_test(settings: config.Settings, folder: Path) -> None:
@@ -180,7 +181,7 @@ def sample_frames(plan: Plan, receiver: Receiver) -> dict[str, canvas.Pixels]:
 
 
 def compared(curves: curve.Curves, reference: str) -> list[str]:
-    """Say in a line for each other receiver where it differs from a reference for certain, below a heading.
+    """Say in a line for each other receiver where it surely differs from a reference, below a heading.
 
     Args:
         curves: an experiment.
@@ -190,17 +191,17 @@ def compared(curves: curve.Curves, reference: str) -> list[str]:
         >>> compared(curve.Curves("d", "distance_m", "truth", ("flda_3",), (), {}, {}, {}), "flda_3")
         []
     """
-    looks, lines = styles.receiver_styles([*curves.receivers, reference]), []
+    lines = []
     others = [name for name in curves.receivers if name != reference]
     for name in others if reference in curves.receivers else ():
-        places: dict[str, list[str]] = {"worse": [], "better": []}
+        places: dict[str, list[str]] = {"more errors": [], "fewer errors": []}
         for value in curves.values:
             found = paired.paired_interval(curves.pair(name, reference, value))
             if found.real:
-                places["worse" if found.value > 0 else "better"].append(styles.value_text(value))
+                places["more errors" if found.value > 0 else "fewer errors"].append(styles.value_text(value))
         parts = [f"{word} at {', '.join(values)}" for word, values in places.items() if values]
-        lines.append(f"  {looks[name].label}: {'; '.join(parts) or 'no difference shown'}")
-    heading = f"\nOn the same frames, against {looks[reference].label} (95 %, paired):"
+        lines.append(f"  {name}: {'; '.join(parts) or 'no difference shown'}")
+    heading = f"\nCompared with {reference} on the same frames (95 %), by {curves.axis}:"
     return [heading, *lines] if lines else []
 
 

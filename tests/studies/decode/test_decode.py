@@ -349,6 +349,16 @@ def test_of_a_damaged_video_what_can_be_read_is_kept(near, tmp_path):
     assert "cannot be read as a video after 7 frames" in said
 
 
+def test_video_file_without_pictures(tmp_path):
+    with av.open(str(tmp_path / "sound.mkv"), "w") as container:
+        stream = container.add_stream("pcm_s16le", rate=8000, layout="mono")
+        sound = av.AudioFrame.from_ndarray(np.zeros((1, 800), np.int16), format="s16", layout="mono")
+        sound.sample_rate = 8000
+        container.mux([*stream.encode(sound), *stream.encode()])
+    with pytest.raises(VoccError, match=r"sound.mkv cannot be read as a video after 0 frames"):
+        list(read_recording(tmp_path / "sound.mkv", "luma"))
+
+
 def test_broken_videos(near, tmp_path):
     for name, content in (("noise.mp4", bytes(range(256)) * 20), ("nothing.mp4", b"")):
         (tmp_path / name).write_bytes(content)

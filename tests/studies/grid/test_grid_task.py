@@ -66,7 +66,7 @@ def test_a_finished_grid_counts_nothing_again(grid, place, monkeypatch):
     monkeypatch.setattr("vocc_torch.measure.sweep.count_parts", lambda *_: pytest.fail("counted again"))
     ran = run_in(place, *GRID, "name=grid")
     assert (ran.status, ran.err) == (0, "")
-    assert "going on from 3 blocks" in ran.out
+    assert "resuming: 3 blocks" in ran.out
     assert contents_of(folder, ".csv", ".sqlite", ".yaml") == before
 
 

@@ -147,9 +147,14 @@ def run_decode(settings: Settings, config: DecodeConfig, folder: Path) -> None:
     for bits in best.bits:
         console.print("  " + " ".join(on if bit else off for bit in bits), highlight=False)
     found = sum(bool(row[COLUMNS.index("bits")]) for row in rows)
-    for text in (best.text, f"{best.judged}; {found} of {len(rows)} frames show a panel"):
+    for text in (
+        f"  {on} On, {off} Off",
+        best.text,
+        f"{best.judged}; {found} of {len(rows)} frames show a panel",
+    ):
         console.print(text, soft_wrap=True, markup=False, highlight=False)
-    run_folder.print_place(console, "bits", folder / "bits.csv")
+    places = [("bits", "bits.csv")] + [("pictures", "annotated")] * bool(names)
+    run_folder.print_places(console, folder, places + [("receiver", "receiver.pt")] * (model is None))
     if doubtful:
         look = "look where it was found, at panel_score and at margin before you believe the bits"
         warnings.warn(f"{doubtful} of {found} frames may show no panel: {look}", stacklevel=2)
