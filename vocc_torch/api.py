@@ -205,7 +205,7 @@ class Table:
 
     def __str__(self) -> str:
         """Write the table as text."""
-        console = terminal.Console(width=110, file=io.StringIO())
+        console = terminal.Console(width=110, file=io.StringIO(), force_jupyter=False, force_terminal=False)
         terminal.print_table(self.curves.table(), console)
         return str(console.file.getvalue()).rstrip()  # type: ignore[attr-defined]  # the StringIO above
 
@@ -244,7 +244,12 @@ def measure(
         [(30.0, 64), (50.0, 64)]
     """
     world = load_scene(scene) if isinstance(scene, str) else scene
+    demand_kind("receivers", receivers, Receiver, Mapping)
     named = {receivers.name: receivers} if isinstance(receivers, Receiver) else dict(receivers)
+    if not named:
+        raise VoccError.of("receivers", "{}", "a receiver, or several by name")
+    for name, receiver in named.items():
+        demand_kind(f"receivers.{name}", receiver, Receiver)
     one, simulator = Experiment(experiment, axis, tuple(map(float, values))), world.simulator()
     counts: dict[tuple[str, float], Counts] = {}
     pairs: dict[tuple[str, str, float], PairedCounts] = {}
