@@ -53,14 +53,20 @@ def load_scene(scene: str | Path | Mapping[str, object] = "paper", *overrides: s
         ((40.0, 40.0), 4, ['saturation'])
     """
     if isinstance(scene, str) and not scene.endswith((".yaml", ".yml")):
-        return build_plan(_composed([f"scene={scene}", *overrides]), NOWHERE).world
+        return _checked(build_plan(_composed([f"scene={scene}", *overrides]), NOWHERE).world)
     if isinstance(scene, str | Path):
         try:
             scene = yaml.safe_load(Path(scene).read_text(encoding="utf-8"))
         except (OSError, ValueError, yaml.YAMLError) as error:
             raise VoccError(f"scene {scene} cannot be read: {' '.join(str(error).split())}") from None
     demand_kind("scene", scene, Mapping)
-    return build_plan(_composed(overrides, scene), NOWHERE).world  # type: ignore[arg-type]  # a mapping by now
+    return _checked(build_plan(_composed(overrides, scene), NOWHERE).world)  # type: ignore[arg-type]  # a mapping by now
+
+
+def _checked(world: World) -> World:
+    """Build the world's effects once, so that a wrong one is refused now."""
+    world.simulator()
+    return world
 
 
 def _composed(words: Sequence[str], scene: Mapping[str, object] | None = None) -> AppConfig:

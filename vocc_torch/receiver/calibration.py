@@ -1,6 +1,7 @@
 """What a receiver's scores are worth, and on what panels it learned that."""
 
 import itertools
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Self
 
@@ -57,6 +58,12 @@ class Calibration:
         given, sent = scores.flatten().cpu().double().numpy(), bits.flatten().cpu().numpy()
         on = given >= 0
         return cls(_learned(-given[~on], sent[~on]), _learned(given[on], ~sent[on]))
+
+    @classmethod
+    def read(cls, settings: Mapping[str, Sequence[Sequence[float]]]) -> Self:
+        """Read back what a model file keeps of its fields."""
+        (off, on) = ((tuple(settings[side][0]), tuple(settings[side][1])) for side in ("off", "on"))
+        return cls(off, on)
 
     def __call__(self, scores: torch.Tensor) -> torch.Tensor:
         """Turn scores into log-likelihood ratios, float64, of the scores' shape."""
