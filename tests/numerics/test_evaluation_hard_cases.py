@@ -196,7 +196,7 @@ def a_million_million_bits():
         assert (counts.ber - end.low, end.high - counts.ber) == pytest.approx(
             (half_width, half_width), rel=1e-3
         )
-    rare = ber_interval(wrong_frames(frames, leds, {2: 5}))
+    rare = ber_interval(wrong_frames(10 * frames, leds, {2: 50}))  # the most bits that there may be
     assert rare.low < 5e-12 < rare.high < 2e-11
     paired = paired_interval(compared(frames, leds, {2: 10**6}, {2: 10**6 - 5000})[2])
     assert paired.real
@@ -264,6 +264,9 @@ def every_panel_missed():
     assert design_effect(counts) == 1.0
     interval = ber_interval(counts)
     assert 0.46 < interval.low < 0.5 < interval.high < 0.54
+    # A missed panel of a single LED is half a wrong bit, the least that a wrong frame can have.
+    low = ber_interval(wrong_frames(1000, 1, {1: 1000})).low
+    assert low == pytest.approx(clopper_pearson(1000, 1000).low / 2, rel=1e-12)
     row = BerTable([Point("d", "distance_m", 70.0, "x", "paper", counts, "frames")]).rows[0]
     assert ordered(row.ber_low, row.ber, row.ber_high)
     assert not row.error_free

@@ -202,8 +202,8 @@ class FLDA(torch.nn.Module):
 
     def _apply(self, fn: Callable[[torch.Tensor], torch.Tensor], recurse: bool = True) -> Self:
         """Follow moves between devices, but not changes of dtype: the statistics stay float64 and int64."""
-        kept = self.statistics
-        super()._apply(fn, recurse)  # type: ignore[no-untyped-call]  # torch has no hints here
+        kept = self.statistics  # `recurse` is about modules within, of which there are none
+        super()._apply(fn)  # type: ignore[no-untyped-call]  # torch has no hints here
         if (self.count.dtype, self.mean.dtype) != (kept.count.dtype, kept.mean.dtype):
             self._store(kept)
         self._solution = None
