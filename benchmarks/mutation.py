@@ -43,6 +43,8 @@ TESTS = {
         "tests/simulation/test_light_and_background.py",
         "tests/simulation/test_optics_effects.py",
         "tests/simulation/test_simulator.py",
+        "tests/simulation/test_surroundings.py",
+        "tests/numerics/test_simulation_hard_cases.py",
     ),
     "vocc_torch/receiver/features.py": (
         "tests/receiver/test_features.py",

@@ -26,7 +26,6 @@ from vocc_torch.receiver.rectification import centre_greys
 from vocc_torch.types import Frames, Panels, PanelShape
 
 hard = HardCases("Features and decision")
-FILES = "vocc_torch/receiver/"
 CPU = torch.device("cpu")
 NAN, INF = math.nan, math.inf
 NO_GRI = "patches or cell sizes give a GRI that is not finite: both must be finite"

@@ -18,8 +18,6 @@ from vocc_torch.errors import VoccError
 from vocc_torch.receiver.discriminant import FLDAWarning, discriminant
 from vocc_torch.receiver.flda import FLDA
 
-DISCRIMINANT, MODULE = (f"vocc_torch/receiver/{name}.py" for name in ("discriminant", "flda"))
-
 sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks"))
 exact_flda = importlib.import_module("exact_flda")
 EPS = float(np.finfo(np.float64).eps)
