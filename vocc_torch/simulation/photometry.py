@@ -92,7 +92,7 @@ def _power(base: Tensor, exponent: float) -> Tensor:
         return base
     if not base.requires_grad and _dual(base)[1] is None:
         flat = base.reshape(-1)
-        parts = flat.split(BLOCK_VALUES) if base.is_cpu else [flat]
+        parts = torch.split(flat, BLOCK_VALUES) if base.is_cpu else [flat]
         powers = [part.to(torch.float64).log().mul_(exponent).exp_().to(base.dtype) for part in parts]
         return torch.cat(powers).view(base.shape)
     lit = base >= torch.finfo(base.dtype).tiny
