@@ -210,8 +210,14 @@ def test_mismatched_features_are_refused():
         wanted = f"features is {chosen}: it must name distinct features from 0 to 1"
         with pytest.raises(VoccError, match=f"^{re.escape(wanted)}$"):
             flda.select(chosen)
-    with pytest.raises(VoccError, match=r"^other has n_features = 3: it must be 2$"):
-        flda.merge(FLDA(3))
+    assert torch.equal(flda.select([True, False]).mean, flda.select([1, 0]).mean)  # Python's numbers, no mask
+    for use, wrong, says in (
+        (flda.select, 5, "features is 5: it must be of type Iterable"),
+        (flda.merge, 5, "other is 5: it must be of type FLDA"),
+        (flda.merge, FLDA(3), "other has n_features = 3: it must be 2"),
+    ):
+        with pytest.raises(VoccError, match=f"^{re.escape(says)}$"):
+            use(wrong)
     for wrong in (0, -1, 2.0, "3", True):
         with pytest.raises(VoccError, match=f"n_features is {wrong}: it must be a whole number"):
             FLDA(wrong)
