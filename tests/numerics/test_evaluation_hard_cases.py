@@ -227,7 +227,8 @@ def an_error_free_point_beside_larger_panels():
     ]
     small = BerTable(points).rows[0]
     assert small.ber_high == pytest.approx(-math.expm1(math.log(0.05) / 1000))
-    with pytest.raises(VoccError, match=r"^errors_per_frame_error is 5\.0: "):
+    rule = "it must be above 0 and at most the bits of a frame, 4"
+    with pytest.raises(VoccError, match=rf"^errors_per_frame_error is 5\.0: {rule}$"):
         ber_interval(Counts(1000, 4000), errors_per_frame_error=5.0)
 
 
