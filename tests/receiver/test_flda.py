@@ -199,6 +199,13 @@ def test_the_warning_comes_once_per_change_of_the_statistics():
     assert len(caught) == 1
 
 
+def test_a_warning_points_at_its_caller():
+    with pytest.warns(FLDAWarning) as caught:
+        discriminant(*alike(0.0, 1.0))
+        FLDA(2).fit(*alike(0.0, 1.0))
+    assert [one.filename for one in caught] == [__file__] * 2
+
+
 def test_mismatched_features_are_refused():
     flda = FLDA(2).fit(HAND_X, HAND_Y)
     for use in (flda, flda.predict, flda.decision_function):

@@ -196,7 +196,7 @@ class FLDA(torch.nn.Module):
                 _require_both(seen)
                 solution, complaint = Discriminant.of(seen)
             if complaint:
-                warnings.warn(f"FLDA: {complaint}", FLDAWarning, stacklevel=4)
+                warnings.warn(f"FLDA: {complaint}", FLDAWarning, stacklevel=3)
             self._solution = Discriminant(*(value.to(self.mean.device) for value in solution))
         return self._solution
 
