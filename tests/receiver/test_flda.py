@@ -201,8 +201,7 @@ def test_the_warning_comes_once_per_change_of_the_statistics():
 
 def test_a_warning_points_at_its_caller():
     with pytest.warns(FLDAWarning) as caught:
-        discriminant(*alike(0.0, 1.0))
-        FLDA(2).fit(*alike(0.0, 1.0))
+        _ = discriminant(*alike(0.0, 1.0)), FLDA(2).fit(*alike(0.0, 1.0))
     assert [one.filename for one in caught] == [__file__] * 2
 
 
