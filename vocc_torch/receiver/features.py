@@ -227,8 +227,8 @@ def led_features(
     shape: PanelShape,
     cell_width_px: torch.Tensor,
     cell_height_px: torch.Tensor,
-    kernel: Gradient = "sobel",
-    needed: Collection[str] = FEATURE_NAMES,
+    kernel: Gradient,
+    needed: Collection[str],
 ) -> torch.Tensor:
     """Features of each LED, in the order of ``FEATURE_NAMES``; zeros for those that are not needed.
 
@@ -250,8 +250,8 @@ def led_features(
     Example:
         >>> patches, size = torch.full((1, 1, 6, 6), 7.0), torch.tensor([3.0])
         >>> means = cell_means(patches, PanelShape(1, 1))
-        >>> led_features(patches, means, PanelShape(1, 1), size, size)[0, 0, 0].tolist()
-        [1.0, 0.0, 1.0]
+        >>> led_features(patches, means, PanelShape(1, 1), size, size, "sobel", ["agr", "ngr"]).tolist()
+        [[[[1.0, 0.0, 1.0]]]]
     """
     agr = gri = ngr = patches.new_zeros(len(patches), shape.rows, shape.columns)
     if "gri" in needed:

@@ -196,14 +196,14 @@ class FLDA(torch.nn.Module):
                 _require_both(seen)
                 solution, complaint = Discriminant.of(seen)
             if complaint:
-                warnings.warn(f"FLDA: {complaint}", FLDAWarning, stacklevel=4)
+                warnings.warn(f"FLDA: {complaint}", FLDAWarning, stacklevel=3)
             self._solution = Discriminant(*(value.to(self.mean.device) for value in solution))
         return self._solution
 
     def _apply(self, fn: Callable[[torch.Tensor], torch.Tensor], recurse: bool = True) -> Self:
         """Follow moves between devices, but not changes of dtype: the statistics stay float64 and int64."""
-        kept = self.statistics
-        super()._apply(fn, recurse)  # type: ignore[no-untyped-call]  # torch has no hints here
+        kept = self.statistics  # `recurse` is about modules within, of which there are none
+        super()._apply(fn)  # type: ignore[no-untyped-call]  # torch has no hints here
         if (self.count.dtype, self.mean.dtype) != (kept.count.dtype, kept.mean.dtype):
             self._store(kept)
         self._solution = None
