@@ -8,7 +8,7 @@ from typing import Self
 import torch
 from torch import Tensor
 
-from vocc_torch.errors import VoccError, finite_number
+from vocc_torch.errors import VoccError, finite_number, whole_number
 from vocc_torch.hardware import Camera, LedPanel
 from vocc_torch.simulation import photometry
 from vocc_torch.simulation.effects import Context, Effect, view
@@ -145,11 +145,14 @@ def crop_size_px(
     pitch_px = panel.pitch_m * camera.focal_length_px / nearest_m
     rows, columns = (leds + 2 * margin_cells for leds in (panel.shape.rows, panel.shape.columns))
     size = rows * pitch_px, columns * pitch_px
+    reach = 2
     for effect in effects:
-        size = effect.size_in_px(size, camera, nearest_m)
-    margin = 2 * (sum(effect.reach_in_px(camera, nearest_m) for effect in effects) + 2)
+        with effect.blamed():
+            size = effect.size_in_px(size, camera, nearest_m)
+            own = effect.reach_in_px(camera, nearest_m)
+        reach += whole_number(f"scene.effects.{effect.name}.reach_in_px", own, 0, MOST_PIXELS)
     sides = zip(size, camera.sensor_px, strict=True)
-    height, width = (min(math.ceil(min(side, full)) + margin, full) for side, full in sides)
+    height, width = (min(math.ceil(min(side, full)) + 2 * reach, full) for side, full in sides)
     return height, width
 
 
