@@ -238,6 +238,14 @@ class PlugIn:
         version = getattr(package, "__version__", None)
         return str(version) if version else ModuleFile(str(module.__file__)).digest
 
+    @property
+    def files(self) -> dict[str, str]:
+        """What tells the files that its arguments name from others, by argument."""
+        named = {
+            key: one for key, one in self.arguments.items() if isinstance(one, str) and Path(one).is_file()
+        }
+        return {key: ModuleFile(path).digest for key, path in named.items()}
+
     def __reduce__(self) -> tuple[type[Self], tuple[object, ...]]:
         """Pickle the settings alone: another process builds its own."""
         return type(self), (self.key, self.name, self.target, dict(self.arguments))
