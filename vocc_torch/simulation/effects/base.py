@@ -117,6 +117,11 @@ def within(low: float, high: float = math.inf, *, default: object = MISSING, **m
     return field(default=default, metadata=rule)
 
 
+def _is_ours(kind: type) -> bool:
+    """Whether a class is of the package."""
+    return kind.__module__.startswith("vocc_torch.")
+
+
 @dataclass(frozen=True)
 class Effect(ABC):
     """One physical effect: a frozen dataclass of its parameters, called on the quantity that it takes.
@@ -155,11 +160,13 @@ class Effect(ABC):
             cls.name = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", cls.__name__).lower()
         if on is not None:
             cls.takes, cls.gives = on, to or on
-        if cls.__module__.startswith("vocc_torch.") or "target" in cls.__dict__:
+        if _is_ours(cls) or "target" in cls.__dict__:
             return
         cls.target = f"{cls.__module__}.{cls.__qualname__}"
-        # What is stated for another __call__ need not hold for this one.
         called = next(place for place, base in enumerate(cls.__mro__) if "__call__" in vars(base))
+        if _is_ours(cls.__mro__[called]):
+            return
+        # What is stated for another __call__ need not hold for this one.
         stated = {name for base in cls.__mro__[: called + 1] for name in vars(base)}
         told, takes = "fills_sensor" in stated, getattr(cls, "takes", None)
         bounded = {"reach_in_px", "size_in_px"} & stated or (told and not cls.fills_sensor)

@@ -1,0 +1,103 @@
+"""Effects and backdrops from outside in whole runs: workers, jobs, a kill between, and code that changed."""
+
+import csv
+import os
+import shutil
+import signal
+from pathlib import Path
+
+import pytest
+from test_resume import RUN, assert_as, life
+
+from vocc_torch.studies import curve as testing
+
+ROOT = Path(__file__).parents[2]
+SHORT = (
+    "budget.frames=128",
+    "budget.training_frames=64",
+    "receiver.names=[flda_3]",
+    "receiver.locator=truth",
+)
+SHORT += ("experiment.values=[1000]", "experiment.scene.distance_m=66", "tensorboard=false", "name=x")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def without_pictures():
+    with pytest.MonkeyPatch.context() as patch:
+        for name in ("ber_figure", "feature_histograms", "save_figure"):
+            patch.setattr(testing.canvas if name == "save_figure" else testing.plots, name, lambda *_: None)
+        yield
+
+
+@pytest.fixture
+def mine(tmp_path):
+    """The examples as a user's own files, and the words that name them."""
+    for path in ("examples/effects/streak.py", "examples/backdrops/photograph.py"):
+        shutil.copy(ROOT / path, tmp_path)
+    shutil.copy(ROOT / "tests/data/led-panel-8x8-photo.png", tmp_path / "street.png")
+    streak = ("+scene.effects.smear._target_=streak.py:Streak", "+scene.effects.smear.share=0.4")
+    street = (
+        "+scene.effects.street._target_=photograph.py:Photograph",
+        "+scene.effects.street.file=street.png",
+    )
+    return (*streak, *street)
+
+
+def errors(folder):
+    with (folder / "ber.csv").open(newline="") as file:
+        return [int(row["bit_errors"]) for row in csv.DictReader(file)]
+
+
+def test_jobs_and_workers_count_the_same_and_a_place_in_the_chain_counts(app, mine, tmp_path):
+    """Smeared after the blur, which is where it is put, or behind the mosaic."""
+    runs, places = tmp_path / "runs", "+scene.effects.smear.after=vignetting,bayer"
+    mine = (*mine, "+scene.effects.bayer={}", "+scene.effects.demosaicing={}")
+    assert app("-m", *SHORT, *mine, places).status == 0
+    ran = app(*SHORT, *mine, "workers=2", "name=two")
+    assert (ran.status, ran.err) == (0, "")
+    assert app(*SHORT, "name=plain").status == 0
+    first, second, two, none = (errors(runs / name) for name in ("x/0", "x/1", "two", "plain"))
+    assert first == two != none
+    assert second != first
+
+
+def test_a_ledger_of_other_code_or_of_another_picture_is_refused(app, mine, tmp_path):
+    folder = tmp_path / "runs" / "x"
+    assert app(*SHORT, *mine).status == 0
+    (folder / "ber.csv").rename(tmp_path / "kept.csv")
+    assert app(*SHORT, *mine).out.startswith("going on from 2 blocks")
+    assert (folder / "ber.csv").read_bytes() == (tmp_path / "kept.csv").read_bytes()
+    shutil.copytree(folder, tmp_path / "copy")
+    for name, key in (("streak.py", "effects.smear"), ("street.png", "effects.street.file")):
+        before = (tmp_path / name).read_bytes()
+        (tmp_path / name).write_bytes(before + b"\n")
+        said = app(*SHORT, *mine).complaint
+        assert f"ledger.sqlite: {key} was " in said
+        assert "go back, or give another name=" in said
+        (tmp_path / name).write_bytes(before)
+    said = app(*SHORT, *mine, "+scene.effects.smear.after=blooming").complaint
+    assert "effects.smear.after was null, is blooming" in said
+
+
+@pytest.mark.parametrize(
+    ("word", "said"),
+    [
+        ("smear._target_=streak.py:Smear", "scene.effects.smear: file streak.py has no Smear"),
+        ("smear._target_=no_such.Streak", "scene.effects.smear: no_such.Streak cannot be imported"),
+        ("smear.share=2", "scene.effects.smear.share is 2: it must be above 0 and at most 1"),
+        ("street.file=no.png", "scene.effects.street failed (FileNotFoundError: "),
+    ],
+)
+def test_what_is_broken_is_refused_in_one_line(app, mine, word, said):
+    assert app(*SHORT, *mine, f"scene.effects.{word}").complaint.startswith(said)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(os.name != "posix", reason="sends signals to groups of processes")
+def test_a_run_with_workers_that_is_killed_goes_on_to_the_same_end(app, mine, tmp_path, monkeypatch):
+    words = (*mine, "budget.frames=256", "receiver.locator=truth")
+    killed = life(tmp_path, 2, lambda pid: os.kill(pid, signal.SIGKILL), *words, "workers=2")
+    assert 2 <= len(killed["rows"]) < 8
+    assert app(*RUN, *words).status == 0
+    assert app(*RUN, *words, "name=y").status == 0
+    assert_as(tmp_path / "runs" / "x", tmp_path / "runs" / "y")
