@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
-from vocc_torch.errors import VoccError, finite_number, section
+from vocc_torch.errors import VoccError, finite_number, section, shown
 from vocc_torch.measure.build import build_plan
 from vocc_torch.measure.config import Settings, effect_settings
 from vocc_torch.measure.plan import Experiment, Locator, Plan
@@ -14,7 +14,7 @@ from vocc_torch.plugins import TARGET
 from vocc_torch.receiver.bank import check_receivers
 from vocc_torch.simulation import SceneModel
 from vocc_torch.simulation import effects as chain
-from vocc_torch.studies.effects import EffectsConfig
+from vocc_torch.studies.effects import EffectsConfig, Severity
 
 Effects = Mapping[str, chain.Parameters]
 """Effect name to parameters, as a scene names them."""
@@ -286,9 +286,19 @@ def build_effect_study(settings: Settings, config: EffectsConfig, folder: Path) 
         if not isinstance(part, dict):
             raise VoccError.of(key, repr(part), "a mapping of effects, each with its parameters")
         effect_settings(part, key)
+    severities = {name: _severity(f"effects.severity.{name}", one) for name, one in config.severity.items()}
+    config = replace(config, severity=severities)
     # All frames are of the scene itself: no experiment narrows them.
     experiment = Experiment("effects", "distance_m", (plan.world.scene.nearest_m,))
     return EffectStudy(replace(plan, experiment=experiment), config, settings.scene.name)
+
+
+def _severity(key: str, given: object) -> Severity:
+    """Read one severity of a configuration."""
+    match given:
+        case {"parameter": str(parameter), "values": list(values), **rest} if not rest:
+            return Severity(parameter, values)
+    raise VoccError.of(key, shown(given), "a mapping of parameter, a text, and values, a list")
 
 
 def _check_name(name: str, known: tuple[str, ...], complaint: str) -> None:
