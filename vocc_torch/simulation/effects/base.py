@@ -217,13 +217,17 @@ class Effect(ABC):
         """Apply the effect; what one from outside does wrong is refused by its name.
 
         Raises:
-            VoccError: one from outside that raises, or gives another shape, or numbers that mean nothing.
+            VoccError: one from outside that raises, draws at random from elsewhere, or gives another shape or numbers
+                that mean nothing.
         """
         if not self.target:
             return self(value, context)
+        drawn, said = torch.get_rng_state(), f"scene.effects.{self.name} gave"
         with self.blamed():
             given = self(value.clone(), context)
-        said = f"scene.effects.{self.name} gave"
+        if not torch.equal(drawn, torch.get_rng_state()):
+            rule = "it must draw from context.generators(self.name), which a run that is resumed draws from again"
+            raise VoccError(f"scene.effects.{self.name} drew from torch's own generator: {rule}")
         if not isinstance(given, torch.Tensor) or given.shape != value.shape:
             shown = tuple(given.shape) if isinstance(given, torch.Tensor) else type(given).__name__
             raise VoccError(f"{said} {shown}: it must give a tensor of shape {tuple(value.shape)}")
