@@ -10,7 +10,7 @@ from dataclasses import fields
 from typing import Any
 
 from vocc_torch.errors import VoccError, demand_kind, shown
-from vocc_torch.plugins import TARGET, PlugIn, one_line
+from vocc_torch.plugins import TARGET, PlugIn
 from vocc_torch.simulation.effects import background, coding, light, optics, sensor, view
 from vocc_torch.simulation.effects.base import Backdrop, Context, Effect, PointEffect, Quantity, within
 from vocc_torch.simulation.scene import LARGEST, Distribution
@@ -90,10 +90,8 @@ def kinds_of(named: Mapping[str, object]) -> dict[str, type[Effect]]:
     places, kinds = {name: (index, "") for index, name in enumerate(ours)}, dict(ours)
     outside = plug_ins(named)
     for name, given in named.items():
-        kind = (
-            type(given) if isinstance(given, Effect) else _found(outside[name]) if name in outside else None
-        )
-        if kind is None or kind is ours.get(name):
+        kind = _found(outside[name]) if name in outside else type(given)
+        if not issubclass(kind, Effect) or kind is ours.get(name):
             continue
         key = f"scene.effects.{name}"
         if name in ours:
@@ -185,12 +183,8 @@ def _built(kind: type[Effect], given: object) -> Effect:
     for parameter, declared in signature.items():
         if declared.default is inspect.Parameter.empty and parameter not in given:
             raise VoccError(f"{key}.{parameter} is missing: the effect needs it")
-    try:
+    with kind.blamed():
         return kind(**read)
-    except Exception as error:
-        if isinstance(error, VoccError) or not kind.target:
-            raise
-        raise VoccError(f"{key}: {kind.target} cannot be built ({one_line(error)})") from error
 
 
 def check_chain(effects: Sequence[Effect]) -> Quantity:

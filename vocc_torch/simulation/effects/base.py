@@ -217,8 +217,8 @@ class Effect(ABC):
         """Apply the effect; what one from outside does wrong is refused by its name.
 
         Raises:
-            VoccError: one from outside that raises, draws at random from elsewhere, or gives another shape or numbers
-                that mean nothing.
+            VoccError: one from outside that raises, draws at random from elsewhere, or gives another shape
+                or numbers that mean nothing.
         """
         if not self.target:
             return self(value, context)
@@ -226,7 +226,7 @@ class Effect(ABC):
         with self.blamed():
             given = self(value.clone(), context)
         if not torch.equal(drawn, torch.get_rng_state()):
-            rule = "it must draw from context.generators(self.name), which a run that is resumed draws from again"
+            rule = "it must draw from context.generators(self.name), which is the same in every run"
             raise VoccError(f"scene.effects.{self.name} drew from torch's own generator: {rule}")
         if not isinstance(given, torch.Tensor) or given.shape != value.shape:
             shown = tuple(given.shape) if isinstance(given, torch.Tensor) else type(given).__name__
@@ -242,17 +242,16 @@ class Effect(ABC):
             raise VoccError(f"{said} {low:g}: {self.gives.value} must be at least 0")
         return given.clamp(min=0)  # a filter's rounding
 
+    @classmethod
     @contextmanager
-    def blamed(self) -> Iterator[None]:
+    def blamed(cls) -> Iterator[None]:
         """Refuse by name what a class from outside raises."""
         try:
             yield
-        except VoccError:
-            raise
         except Exception as error:
-            if not self.target:
+            if not cls.target or isinstance(error, VoccError):
                 raise
-            raise VoccError(f"scene.effects.{self.name} failed ({one_line(error)})") from error
+            raise VoccError(f"scene.effects.{cls.name} failed ({one_line(error)})") from error
 
 
 class PointEffect(Effect, on=Quantity.IMAGE_POINTS):
