@@ -83,10 +83,15 @@ def test_every_framing_and_the_window_have_the_same_pixels(name):
             assert torch.equal(part[inner, inner], seen.grey[i, 0, inner, inner])
 
 
-def test_one_that_says_too_little_is_seen_to_be_wrong():
-    """So the test above can fail."""
-    filled, full = (shots([Lying(0.3)], framing=framing) for framing in ("filled", "full"))
-    assert not torch.equal(filled.grey, full.grey)
+@pytest.mark.parametrize("more", [{}, {"vignetting": {}}])
+def test_one_that_says_too_little_is_refused(more):
+    """Its light, or what it takes for dark, meets the border of a crop."""
+    lying = {"far": {**FAR, "_target_": f"{HERE}.Lying", "after": "motion_blur"}}
+    with pytest.raises(
+        VoccError, match=r"^scene\.effects\.far changes the border of a crop of \d+ x \d+ px: reach"
+    ):
+        shots({**lying, **more})
+    assert len(shots(lying, framing="full").grey) == 3
 
 
 def test_the_streak_is_scipys_uniform_filter():

@@ -151,8 +151,8 @@ def crop_size_px(
             size = effect.size_in_px(size, camera, nearest_m)
             own = effect.reach_in_px(camera, nearest_m)
         reach += whole_number(f"scene.effects.{effect.name}.reach_in_px", own, 0, MOST_PIXELS)
-    sides = zip(size, camera.sensor_px, strict=True)
-    height, width = (min(math.ceil(min(side, full)) + 2 * reach, full) for side, full in sides)
+    margin, sides = 2 * reach, zip(size, camera.sensor_px, strict=True)
+    height, width = (min(math.ceil(min(side, full)) + margin, full) for side, full in sides)
     return height, width
 
 
@@ -219,6 +219,27 @@ def read_surround(value: Tensor, centre_px: Tensor, origin_px: Tensor) -> Tensor
     column = torch.where(x < width / 2, width - 1, 0)
     row = torch.where(y < height / 2, height - 1, 0)
     return value[torch.arange(len(value), device=value.device), 0, row, column]
+
+
+def demand_even_border(value: Tensor, batch: "Batch") -> None:
+    """Refuse by name effects from outside whose light reaches a crop's border, or that change with place.
+
+    Raises:
+        VoccError: a side within the sensor that is not one value, but for a hundred-thousandth of the most.
+    """
+    if not (names := [f"scene.effects.{one.name}" for one in batch.context.effects if one.target]):
+        return
+    (x, y), (height, width), plane = batch.context.first_px.unbind(-1), batch.size, value[:, 0].double()
+    camera, corner = batch.context.camera, read_surround(value, batch.centre_px, batch.context.first_px)
+    rows = (plane[:, 0], y > 0), (plane[:, -1], y + height < camera.height_px)
+    columns = (plane[..., 0], x > 0), (plane[..., -1], x + width < camera.width_px)
+    for side, inside in (*rows, *columns):
+        uneven = (side - corner.unsqueeze(-1)).abs().amax(-1) > 1e-5 * plane.amax((1, 2))
+        if bool((uneven & inside).any()):
+            said = f"{' or '.join(names)} changes the border of a crop of {width} x {height} px"
+            raise VoccError(
+                f"{said}: reach_in_px must say how far it carries light, or leave that and fills_sensor out"
+            )
 
 
 def lay_on_sensor(value: Tensor, surround: Tensor, origin_px: Tensor, sensor_px: tuple[int, int]) -> Tensor:

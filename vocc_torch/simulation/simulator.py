@@ -200,17 +200,21 @@ class Simulator:
         seen = self.paint(batch), Quantity.LUMINANCE
         after = [effect for effect in self.effects if effect.takes not in DRAWN]
         if self._filling not in after or window or batch.size == sensor:
-            return self._run(seen, after, context, to_end=True)[0]
+            pictures = self._run(seen, after, context, to_end=True)[0]
+            if self._filling is None and batch.size != sensor:
+                framing.demand_even_border(pictures, batch)
+            return pictures
         filling = after.index(self._filling)
         value, current = self._run(seen, after[:filling], context)
+        framing.demand_even_border(value, batch)
         surround = framing.read_surround(value, batch.centre_px, context.first_px)
-        pictures = []
+        frames = []
         for i, (crop, rest) in enumerate(zip(value.unsqueeze(1), surround, strict=True)):
             part = batch.taken([i], batch.size).context
             frame = framing.lay_on_sensor(crop, rest, part.first_px, sensor)
             part = replace(part, origin_px=torch.zeros_like(part.first_px))
-            pictures.append(self._run((frame, current), after[filling:], part, to_end=True)[0])
-        return torch.cat(pictures)
+            frames.append(self._run((frame, current), after[filling:], part, to_end=True)[0])
+        return torch.cat(frames)
 
     def paint(self, batch: framing.Batch) -> torch.Tensor:
         """Draw the picture that the lens sees, (B,1,H,W) cd/m2."""
