@@ -11,7 +11,7 @@ import torch
 from vocc_torch.errors import VoccError, section
 from vocc_torch.measure.config import Budget as Budget
 from vocc_torch.measure.config import Experiment as Experiment
-from vocc_torch.plugins import PlugIn
+from vocc_torch.plugins import TARGET, PlugIn
 from vocc_torch.receiver.bank import FLDA_FEATURES, check_receivers
 from vocc_torch.receiver.classifiers import Inputs
 from vocc_torch.receiver.classifiers.training import TrainingRecipe
@@ -19,7 +19,7 @@ from vocc_torch.receiver.location import PaperLocator
 from vocc_torch.receiver.locators import LOCATORS, OutsideLocator, PanelLocator, locator_named
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.simulation import Camera, Distribution, LedPanel, SceneModel, Simulator
-from vocc_torch.simulation.effects import Parameters, build_effects
+from vocc_torch.simulation.effects import AFTER, Parameters, build_effects, plug_ins
 from vocc_torch.simulation.scene import parsed_scene
 from vocc_torch.simulation.simulator import PAPER_EFFECTS, Framing
 from vocc_torch.types import resolve_device as resolve_device
@@ -254,6 +254,11 @@ def identity(plan: Plan, locators: Sequence[Locator]) -> dict[str, Any]:
     for one in told["receiver"]["classifiers"]:
         one["training"]["checkpoints"] = None  # where they are changes no weight
     effects = {one.name: _plain(one) for one in build_effects(plan.world.effects)}
+    outside = plug_ins(plan.world.effects)
+    for name, one in outside.items():
+        effects[name] |= {
+            key: one.target if key == TARGET else one.arguments.get(key) for key in (TARGET, AFTER)
+        }
     return {
         "seed": plan.seed,
         "world": {**told["world"], "effects": effects},
@@ -273,6 +278,12 @@ def identity(plan: Plan, locators: Sequence[Locator]) -> dict[str, Any]:
             **{f"classifiers.{one.name}": one.build.maker for one in plan.receiver.classifiers},
             **{f"locators.{one.name}": one.maker for one in plan.receiver.locators.values()},
             **{f"features.{one.name}": one.maker for one in plan.receiver.reader.more},
+            **{f"effects.{name}": one.maker for name, one in outside.items()},
+            **{
+                f"effects.{name}.{key}": digest
+                for name, one in outside.items()
+                for key, digest in one.files.items()
+            },
         },
     }
 

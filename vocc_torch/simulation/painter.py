@@ -51,7 +51,7 @@ def paint(
     background, surface, board = lit
     canvas = background.view(-1, 1, 1).expand(len(scene), *size).contiguous()
     for effect in behind:
-        canvas = effect(canvas.unsqueeze(1), context).squeeze(1)
+        canvas = effect.applied(canvas.unsqueeze(1), context).squeeze(1)
     if panel.board_reflectance is None:
         board = background
     else:
@@ -67,7 +67,7 @@ def paint(
         hidden = canvas if panel.board_reflectance is None else board.view(-1, 1, 1)
         canvas = canvas + covered * (surface.view(-1, 1, 1) - hidden)
         for effect in before:
-            canvas = effect(canvas.unsqueeze(1), context).squeeze(1).contiguous()
+            canvas = effect.applied(canvas.unsqueeze(1), context).squeeze(1).contiguous()
         added = torch.zeros_like(surface)
     for cover, left, top, led in stamps:
         frame = led // leds

@@ -162,7 +162,7 @@ def as_seen(surface_cd_m2: Tensor, context: Context, own_cd_m2: Tensor | None = 
             seen = seen + own_cd_m2[:, None, None, None]
         for effect in context.effects:
             if effect.takes == quantity and effect.metered:
-                seen = effect(seen, context)
+                seen = effect.applied(seen, context)
     return seen.flatten()
 
 

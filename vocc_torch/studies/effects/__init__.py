@@ -35,4 +35,5 @@ class EffectsConfig:
     severity_frames: int = 0
     repeats: int = 0
     parts: dict[str, Any] = field(default_factory=dict)
-    severity: dict[str, Severity] = field(default_factory=dict)
+    # A Severity each; the command line adds none to a mapping of those.
+    severity: dict[str, Any] = field(default_factory=dict)

@@ -95,7 +95,7 @@ class EffectRow:
     @property
     def group(self) -> str:
         """What it belongs to, such as optics; empty for many together."""
-        return group_of(self.pair.name) if self.pair.name in self.pair.own else ""
+        return group_of(self.pair.name, self.pair.order) if self.pair.name in self.pair.own else ""
 
     @property
     def label(self) -> str:
