@@ -54,7 +54,7 @@ def test_default_run_writes_everything(app, tmp_path):
     assert (ran.status, ran.err) == (0, "")
     (folder,) = (tmp_path / "runs" / "test" / "ambient").iterdir()
     written = {path.name for path in folder.iterdir()}
-    pictures = {"ber.png", "features.png"}
+    pictures = {"ber.png", "features.png", "samples.png"}
     tables = {"ber.csv", "paired.csv", "ledger.sqlite"}
     assert written == pictures | tables | {"receiver.pt", "config.yaml", "tensorboard"}
     with (folder / "ber.csv").open(newline="") as file:

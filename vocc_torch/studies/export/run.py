@@ -1,5 +1,6 @@
 """``task=export``: simulated frames as PNG, with their truth as CSV and COCO JSON."""
 
+import shutil
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -41,6 +42,9 @@ def run_export(settings: Settings, config: ExportConfig, folder: Path) -> None:
         run_folder.resumable(settings, folder, console),
         run_folder.open_ledger(folder / run_folder.LEDGER, identity_of(plan, config), console) as ledger,
     ):
+        for one in shards:  # what workers had begun that were killed
+            for left in (folder / one.place(0)).parent.glob(".*.tmp"):
+                shutil.rmtree(left, ignore_errors=True)
         run_folder.write_config(settings, folder)
         trains = config.points == "train"
         samples.write_samples(folder, plan, training=trains, points=not trains)
