@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 import signal
 import sqlite3
 import subprocess
@@ -9,6 +10,7 @@ import sys
 import time
 import tracemalloc
 from contextlib import closing
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -129,7 +131,7 @@ def test_the_outline_is_the_panel_and_the_bits_are_its_leds_row_by_row(app, tmp_
         assert greys[on].min() > greys[~on].max()
 
 
-LONG = "export.frames=500"
+LONG = "export.frames=1000"
 
 
 def test_a_killed_run_of_two_workers_goes_on_in_one_to_the_bytes_of_an_undisturbed_one(app, tmp_path):
@@ -143,14 +145,14 @@ def test_a_killed_run_of_two_workers_goes_on_in_one_to_the_bytes_of_an_undisturb
     process.send_signal(signal.SIGKILL)
     process.wait()
     assert not (folder / "truth.csv").exists()
-    unrecorded, half = folder / "frames/train/0000448", folder / "frames/train/.0000384.999999999-0.tmp"
+    unrecorded, half = folder / "frames/train/0000960", folder / "frames/train/.0000896.999999999-0.tmp"
     for place in (unrecorded, half):  # the second as a worker leaves it
         place.mkdir(exist_ok=True)
-        (place / "0000448.png").write_bytes(b"another")
-    assert len(rows_in(folder / "ledger.sqlite")) < 8
+        (place / "0000960.png").write_bytes(b"another")
+    assert len(rows_in(folder / "ledger.sqlite")) < 16
     assert "going on from" in app(*words_of(LONG)).out
     assert files_in(folder) == files_in(tmp_path / "runs" / "y")
-    assert len(files_in(folder)) == 500 + 8 + len(("truth.csv", "coco.json", "samples.png"))
+    assert len(files_in(folder)) == 1000 + 16 + len(("truth.csv", "coco.json", "samples.png"))
 
 
 def rows_in(ledger):
@@ -211,3 +213,11 @@ def test_the_memory_of_joining_does_not_grow_with_the_frames(app, tmp_path):
     told = json.loads((tmp_path / "coco.json").read_text())
     assert len(told["annotations"]) == len(rows_of(tmp_path / "truth.csv")) == 80 * 16
     assert peaks[1] < 1.2 * peaks[0]
+
+
+def test_every_column_stands_in_the_glossary_and_every_extra_of_the_image():
+    page = (Path(__file__).parents[3] / "docs" / "glossary.md").read_text().partition("## truth.csv")[2]
+    told = re.findall(r"`(\w+)`", page.partition("\n## ")[0])
+    assert {*truth.COLUMNS} <= {*told}
+    row = dict.fromkeys(truth.COLUMNS, 0)
+    assert {*truth.image_of(1, row)} <= {"id", *told}
