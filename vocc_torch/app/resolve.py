@@ -110,9 +110,7 @@ def refuse_ignored(settings: AppConfig, words: Sequence[str]) -> None:
             raise VoccError(f"{key} is {value}: only task={owner} uses it, and the task is {settings.task}")
         if settings.task == "export":
             if group in OF_RECEIVERS:
-                raise VoccError(
-                    f"{key} is {value}: task=export writes frames and uses no {group}; leave it out"
-                )
+                raise VoccError(f"{key} is {value}: task=export has no use for {group}; leave it out")
             trains, points = name.startswith("training"), settings.export.points
             chosen = key == "experiment" and settings.experiment.training
             if group == "experiment" and trains != (points == "train") and not chosen:

@@ -12,11 +12,11 @@ from PIL import Image, ImageDraw, ImageFont
 
 from vocc_torch.files import atomic_file
 from vocc_torch.measure.plan import Plan
-from vocc_torch.measure.sweep import monte_carlo_values, point_name
+from vocc_torch.measure.sweep import Kind, scenes_of
 from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.show.canvas import INK, QUIET, Pixels, enlarged
 from vocc_torch.show.folder import SAMPLES
-from vocc_torch.show.styles import axis_label, count_text, value_text
+from vocc_torch.show.styles import axis_label, count_text
 from vocc_torch.simulation import SceneModel, Simulator
 from vocc_torch.types import Scene
 
@@ -67,42 +67,28 @@ def crops(
         yield Crop(scenes[row], np.repeat(grey[..., None], 3, axis=2), seen.origin_px[0].cpu())
 
 
-def write_samples(folder: Path, plan: Plan, *, training: bool = True, points: bool = True) -> None:
+def write_samples(folder: Path, plan: Plan, kinds: Sequence[Kind] = ("train", "test")) -> None:
     """Draw a dozen scenes, each panel enlarged to one size, with its values below.
 
     Args:
         folder: the run's.
         plan: the study.
-        training: whether scenes are shown that a receiver trains on.
-        points: whether scenes of the experiment's points are.
+        kinds: those that a receiver trains on, those of the experiment's points, or both.
 
     Raises:
         VoccError: the file cannot be written.
     """
-    most = MOST // (training + points)
-    groups: dict[str, list[tuple[str, str, SceneModel, int]]] = {}
-    if training:
-        scenes = plan.experiment.training_model(plan.world)
-        groups["What a receiver trains on"] = [("", "train", scenes, most)]
-    if points:
-        own = plan.experiment
-        every = [(row.experiment, value) for row in plan.rows().values() for value in monte_carlo_values(row)]
-        chosen = [every[i] for i in np.unique(np.linspace(0, len(every) - 1, most).round().astype(int))]
-        each, named = max(1, most // len(chosen)), own.axis != "contrast"
-        labels = [f"{axis_label(own.axis)}: {value_text(value)}" if named else "" for _, value in chosen]
-        groups[f"What is tested: {own.name}"] = [
-            (label, point_name(one, value), one.model_at(plan.world, value), each)
-            for label, (one, value) in zip(labels, chosen, strict=True)
-        ]
-    simulator = replace(plan.world, framing="crop").simulator()
-    drawn = {
-        head: [
-            (label, crop)
-            for label, point, model, frames in some
-            for crop in crops(simulator, plan.seed, point, model, frames)
-        ]
-        for head, some in groups.items()
-    }
+    heads = {"train": "What a receiver trains on", "test": f"What is tested: {plan.experiment.name}"}
+    simulator, most = replace(plan.world, framing="crop").simulator(), MOST // len(kinds)
+    drawn: dict[str, list[tuple[str, Crop]]] = {heads[kind]: [] for kind in kinds}
+    for kind in kinds:
+        points = list(scenes_of(plan, kind).items())
+        places = np.unique(np.linspace(0, len(points) - 1, most).round().astype(int)).tolist()
+        for name, model in (points[place] for place in places):
+            axis, _, value = name.rpartition("/")[2].partition("=")
+            label = f"{axis_label(axis)}: {value}" if value else ""
+            shown = crops(simulator, plan.seed, name, model, most // len(places))
+            drawn[heads[kind]] += [(label, crop) for crop in shown]
     with atomic_file(folder / SAMPLES) as temporary:
         picture_of(drawn).save(temporary, format="PNG")
 

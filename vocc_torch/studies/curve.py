@@ -28,7 +28,7 @@ def run_train(settings: config.Settings, folder: Path) -> None:
     """Train FLDA and write the receiver."""
     plan, console = begun(settings, folder)
     with run_folder.resumable(settings, folder, console):
-        samples.write_samples(folder, plan, points=False)
+        samples.write_samples(folder, plan, ["train"])
         run_folder.write_training(settings, plan, terminal.train_shown(plan, console), folder)
     run_folder.print_place(console, "receiver", folder / "receiver.pt")
 

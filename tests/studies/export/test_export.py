@@ -74,7 +74,7 @@ def test_pictures_are_the_simulators_and_the_truth_is_that_of_its_scenes(app, tm
     images, crop, frames = coco.loadImgs(coco.getImgIds()), plan.world.framing == "crop", 0
     points = "test" if "export.points=test" in words else "train"
     count = int(next(word for word in words if "export.frames" in word).partition("=")[2])
-    for point, model in export.exported(plan, points).items():
+    for point, model in export.sweep.scenes_of(plan, points).items():
         for block in range(-(-count // 64)):
             key, most = BlockKey(plan.seed, point, block), min(64, count - 64 * block)
             scene, bits = (one[:most] for one in model.draw(key, plan.world.panel.shape))

@@ -35,8 +35,9 @@ def run_export(settings: Settings, config: ExportConfig, folder: Path) -> None:
     simulator = plan.world.simulator()
     if not any(isinstance(effect, Quantization) and effect.bits == 8 for effect in simulator.effects):
         raise VoccError("scene.effects.quantization must be {bits: 8}: task=export writes greys of 8 bits")
-    models, pool = exported(plan, config.points), workers.Workers(settings.workers)
-    shards = [Shards(plan, point, model, config) for point, model in models.items()]
+    kind: sweep.Kind = "test" if config.points == "test" else "train"
+    shards = [Shards(plan, point, model, config) for point, model in sweep.scenes_of(plan, kind).items()]
+    pool = workers.Workers(settings.workers)
     at_once = config.shard_frames // BLOCK_FRAMES
     with (
         run_folder.resumable(settings, folder, console),
@@ -46,8 +47,7 @@ def run_export(settings: Settings, config: ExportConfig, folder: Path) -> None:
             for left in (folder / one.place(0)).parent.glob(".*.tmp"):
                 shutil.rmtree(left, ignore_errors=True)
         run_folder.write_config(settings, folder)
-        trains = config.points == "train"
-        samples.write_samples(folder, plan, training=trains, points=not trains)
+        samples.write_samples(folder, plan, [kind])
         frames = config.frames * len(shards)
         with pool, terminal.ProgressView(frames, console, "rendering") as view:
 
@@ -65,17 +65,6 @@ def run_export(settings: Settings, config: ExportConfig, folder: Path) -> None:
     console.print(f"{frames} frames", highlight=False)
     places = {"frames": "frames", "truth": truth.NAME, "COCO": "coco.json", "samples": run_folder.SAMPLES}
     run_folder.print_places(console, folder, places.items())
-
-
-def exported(plan: Plan, points: str) -> dict[str, SceneModel]:
-    """Give the scenes of each point by the name that keys its random draws."""
-    if points == "train":
-        return {points: plan.experiment.training_model(plan.world)}
-    return {
-        sweep.point_name(row.experiment, value): row.experiment.model_at(row.world, value)
-        for row in plan.rows().values()
-        for value in sweep.monte_carlo_values(row)
-    }
 
 
 def identity_of(plan: Plan, config: ExportConfig) -> dict[str, Any]:
