@@ -182,6 +182,16 @@ def test_another_run_in_the_same_folder_is_refused_in_one_line_and_changes_nothi
     assert files_in(tmp_path) == before
 
 
+def test_a_run_that_could_write_nothing_leaves_nothing(app, tmp_path, monkeypatch):
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(export.Image, "fromarray", full)
+    monkeypatch.setattr(export.samples, "write_samples", lambda *_: None)
+    assert app(*words_of()).complaint.endswith("frames/train/0000000: No space left on device")
+    assert not (tmp_path / "runs" / "x").exists()
+
+
 @pytest.mark.parametrize("change", ["~scene.effects.quantization", "scene.effects.quantization.bits=10"])
 def test_frames_of_other_than_8_bits_are_refused(app, tmp_path, change):
     assert "scene.effects.quantization must be {bits: 8}" in app(*words_of(change)).complaint

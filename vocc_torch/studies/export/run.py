@@ -12,7 +12,7 @@ from vocc_torch.errors import VoccError
 from vocc_torch.files import atomic_folder
 from vocc_torch.measure import build, sweep, workers
 from vocc_torch.measure.config import Budget, Settings
-from vocc_torch.measure.ledger import Label, Tally
+from vocc_torch.measure.ledger import Label, Ledger, Tally
 from vocc_torch.measure.link import block_keys, rendered
 from vocc_torch.measure.plan import Plan, identity
 from vocc_torch.rng import BLOCK_FRAMES
@@ -21,6 +21,9 @@ from vocc_torch.show import samples, terminal
 from vocc_torch.simulation import SceneModel
 from vocc_torch.simulation.effects.coding import Quantization
 from vocc_torch.studies.export import ExportConfig, truth
+
+FRAMES = "frames"
+"""The folder of all pictures."""
 
 
 def run_export(settings: Settings, config: ExportConfig, folder: Path) -> None:
@@ -38,7 +41,6 @@ def run_export(settings: Settings, config: ExportConfig, folder: Path) -> None:
     kind: sweep.Kind = "test" if config.points == "test" else "train"
     shards = [Shards(plan, point, model, config) for point, model in sweep.scenes_of(plan, kind).items()]
     pool = workers.Workers(settings.workers)
-    at_once = config.shard_frames // BLOCK_FRAMES
     with (
         run_folder.resumable(settings, folder, console),
         run_folder.open_ledger(folder / run_folder.LEDGER, identity_of(plan, config), console) as ledger,
@@ -49,22 +51,35 @@ def run_export(settings: Settings, config: ExportConfig, folder: Path) -> None:
         run_folder.write_config(settings, folder)
         samples.write_samples(folder, plan, [kind])
         frames = config.frames * len(shards)
-        with pool, terminal.ProgressView(frames, console, "rendering") as view:
-
-            def told(more: int, _: object) -> None:
-                view.advance("rendering", more)
-
-            rule = Budget(config.frames)
-            works = [workers.PointWork(one.point, one, rule, ledger, told) for one in shards]
-            with workers.worker_losses_told():
-                for _ in workers.run_points(works, pool.submit, window=pool.window, blocks_at_once=at_once):
-                    pass
+        try:
+            render(shards, ledger, pool, console)
+        except BaseException:
+            if not len(ledger):  # nothing to go on from
+                shutil.rmtree(folder / FRAMES, ignore_errors=True)
+            raise
         files = [folder / place / truth.NAME for one in shards for place in one.places]
         truth.write_truth(folder / truth.NAME, files)
         truth.write_coco(folder / "coco.json", files, simulator.panel.shape)
     console.print(f"{frames} frames", highlight=False)
-    places = {"frames": "frames", "truth": truth.NAME, "COCO": "coco.json", "samples": run_folder.SAMPLES}
+    places = {"frames": FRAMES, "truth": truth.NAME, "COCO": "coco.json", "samples": run_folder.SAMPLES}
     run_folder.print_places(console, folder, places.items())
+
+
+def render(
+    shards: Sequence["Shards"], ledger: Ledger, pool: workers.Workers, console: terminal.Console
+) -> None:
+    """Write what is not yet written, shared out over workers."""
+    config = shards[0].config
+    at_once, rule = config.shard_frames // BLOCK_FRAMES, Budget(config.frames)
+    with pool, terminal.ProgressView(config.frames * len(shards), console, "rendering") as view:
+
+        def told(more: int, _: object) -> None:
+            view.advance("rendering", more)
+
+        works = [workers.PointWork(one.point, one, rule, ledger, told) for one in shards]
+        with workers.worker_losses_told():
+            for _ in workers.run_points(works, pool.submit, window=pool.window, blocks_at_once=at_once):
+                pass
 
 
 def identity_of(plan: Plan, config: ExportConfig) -> dict[str, Any]:
@@ -101,7 +116,7 @@ class Shards:
 
     def place(self, first: int) -> str:
         """The folder of the shard that begins with a frame."""
-        return f"frames/{self.point}/{first:07d}"
+        return f"{FRAMES}/{self.point}/{first:07d}"
 
     def __call__(self, parts: Sequence[workers.Part]) -> list[dict[Label, Tally]]:
         """Write the shard that some blocks belong to, whole or not at all; nothing is counted."""
