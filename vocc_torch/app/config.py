@@ -15,6 +15,7 @@ from vocc_torch.measure.config import ARGUMENT, Settings
 from vocc_torch.studies.classifiers import RivalsConfig
 from vocc_torch.studies.decode import DecodeConfig
 from vocc_torch.studies.effects import EffectsConfig
+from vocc_torch.studies.export import ExportConfig
 from vocc_torch.studies.paper import FiguresConfig
 from vocc_torch.studies.tradeoff import TradeoffConfig
 
@@ -27,6 +28,7 @@ TASKS = {
     "tradeoff": ("tradeoff.run:run_tradeoff", "tradeoff"),
     "classifiers": ("classifiers.run:run_classifiers", "rivals"),
     "collect": ("collect:run_collect", None),
+    "export": ("export.run:run_export", "export"),
 }
 """What runs each task, below ``vocc_torch.studies``, and the section that is its own."""
 
@@ -41,6 +43,7 @@ class AppConfig(Settings):
         effects: what task=effects looks at.
         tradeoff: what task=tradeoff prices.
         rivals: what task=classifiers compares.
+        export: what task=export writes.
     """
 
     decode: DecodeConfig = field(default_factory=DecodeConfig)
@@ -48,6 +51,7 @@ class AppConfig(Settings):
     effects: EffectsConfig = field(default_factory=EffectsConfig)
     tradeoff: TradeoffConfig = field(default_factory=TradeoffConfig)
     rivals: RivalsConfig = field(default_factory=RivalsConfig)
+    export: ExportConfig = field(default_factory=ExportConfig)
 
     def __post_init__(self) -> None:
         """Check what no section can check alone."""

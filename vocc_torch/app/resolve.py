@@ -24,6 +24,9 @@ OWNERS = {part: task for task, (_, part) in TASKS.items() if part is not None}
 OF_MODEL = ("receiver", "panel", "classifier", "classifiers", "locators", "features")
 """What a model brings itself, but for the panel's rows and columns, which must agree."""
 
+OF_RECEIVERS = ("receiver", "classifier", "classifiers", "budget", "tensorboard")
+"""What says nothing of frames, which task=export writes."""
+
 GROUPS = ("task", "scene", "camera", "panel", "receiver", "experiment", "budget")
 
 LOST_WORKER = (
@@ -99,6 +102,13 @@ def refuse_ignored(settings: AppConfig, words: Sequence[str]) -> None:
             raise VoccError(f"{key} is {value}: it must be one option, several in a multirun (-m {key}=a,b)")
         if (owner := OWNERS.get(group, settings.task)) != settings.task:
             raise VoccError(f"{key} is {value}: only task={owner} uses it, and the task is {settings.task}")
+        if settings.task == "export":
+            if group in OF_RECEIVERS:
+                raise VoccError(f"{key} is {value}: task=export has no use for {group}; leave it out")
+            trains, points = name.startswith("training"), settings.export.points
+            chosen = key == "experiment" and settings.experiment.training
+            if group == "experiment" and trains != (points == "train") and not chosen:
+                raise VoccError(f"{key} is {value}: export.points={points} does not use it; leave it out")
         if settings.model is not None and group in OF_MODEL and name not in ("rows", "columns"):
             raise VoccError(f"{key} is {value}: the model brings its own; leave {key} or model out")
 

@@ -26,6 +26,9 @@ Cells: TypeAlias = Sequence[str | int | float | None]
 CONFIG = "config.yaml"
 """The resolved configuration."""
 
+SAMPLES = "samples.png"
+"""What the scenes look like, written before anything is counted."""
+
 LEDGER = f"ledger{SUFFIX}"
 """The ledger of a run with one experiment."""
 
@@ -95,7 +98,8 @@ def resumable(settings: config.Settings, folder: Path, console: Console) -> Iter
                 text = f"interrupted: the same command with name={settings.name} goes on from there"
                 console.print(text, soft_wrap=True, markup=False, highlight=False)
         else:
-            (folder / CONFIG).unlink(missing_ok=True)
+            for name in (CONFIG, SAMPLES):
+                (folder / name).unlink(missing_ok=True)
         raise
 
 

@@ -13,9 +13,8 @@ from vocc_torch.measure.link import Link, block_keys
 from vocc_torch.measure.plan import Plan
 from vocc_torch.receiver.features import FEATURE_NAMES
 from vocc_torch.receiver.receiver import Receiver
-from vocc_torch.show import canvas, heatmap, plots, styles, tensorboard, terminal
+from vocc_torch.show import canvas, heatmap, plots, samples, styles, tensorboard, terminal
 from vocc_torch.show import folder as run_folder
-from vocc_torch.simulation.framing import crop_origins_px, panel_centre_px
 from vocc_torch.simulation.scene import SCENE_FIELDS
 
 
@@ -29,7 +28,9 @@ def begun(settings: config.Settings, folder: Path, kept: str | None = None) -> t
 def run_train(settings: config.Settings, folder: Path) -> None:
     """Train FLDA and write the receiver."""
     plan, console = begun(settings, folder)
-    run_folder.write_training(settings, plan, terminal.train_shown(plan, console), folder)
+    with run_folder.resumable(settings, folder, console):
+        samples.write_samples(folder, plan, ["train"])
+        run_folder.write_training(settings, plan, terminal.train_shown(plan, console), folder)
     run_folder.print_places(console, folder, [("receiver", "receiver.pt")])
 
 
@@ -59,6 +60,7 @@ def run_test(settings: config.Settings, folder: Path) -> None:
         run_folder.open_ledger(folder / run_folder.LEDGER, study.identity, console) as opened,
     ):
         run_folder.write_config(settings, folder)
+        samples.write_samples(folder, plan)
         training = terminal.train_shown(plan, console)
         banks, outcomes = {study.key: {locator: training.bank(names)}}, {}
         view = terminal.StudyView(experiment.axis, values, names, plan.frames_in_point, console, runs)
@@ -157,26 +159,22 @@ def sample_frames(plan: Plan, receiver: Receiver) -> dict[str, canvas.Pixels]:
     # Whole frames enlarged would be pictures of gigabytes; the decisions on crops are the same.
     plan = replace(plan, world=replace(plan.world, framing="crop"), batch_frames=most)
     link, pictures = Link.of(plan), {}
-    receiver, camera = receiver.to(link.simulator.device), link.simulator.camera
+    receiver = receiver.to(link.simulator.device)
     for value in sweep.monte_carlo_values(plan):
         name, model = sweep.point_name(plan.experiment, value), plan.experiment.model_at(plan.world, value)
         seen = next(link.observe(model, block_keys(plan.seed, name, most), preambles=False))
-        read, frames = receiver(seen.frames, seen.panels), seen.frames.grey[:, 0]
-        origins, (height, width) = seen.frames.origin_px, frames.shape[1:]
-        if (height, width) == camera.sensor_px:  # a scene that needs the whole sensor
-            height, width = shown = link.simulator.crop_px(model.nearest_m)
-            origins = crop_origins_px(panel_centre_px(seen.scene, camera), shown, camera.sensor_px)
-        # A panel is some 30 pixels wide; a crop of a near one is large enough as it is.
-        scale, rows = max(1, min(6, 1200 // width)), []
-        for i, (left, top) in enumerate((origins - seen.frames.origin_px).tolist()):
-            grey = frames[i, top : top + height, left : left + width].round().clamp(0, 255).byte().cpu()
-            colour = np.repeat(grey.numpy()[..., None], 3, axis=2)
-            plain = drawn = np.asarray(canvas.enlarged(colour, scale))
+        read, columns = receiver(seen.frames, seen.panels), []
+        for i, crop in enumerate(
+            samples.crops(link.simulator, plan.seed, name, model, most, model.nearest_m)
+        ):
+            # A panel is some 30 pixels wide; a crop of a near one is large enough as it is.
+            scale = max(1, min(6, 1200 // crop.pixels.shape[1]))
+            plain = drawn = np.asarray(canvas.enlarged(crop.pixels, scale))
             if read.found[i]:
-                corners = (read.corners_px[i].cpu() - origins[i].cpu()).numpy()
-                drawn = np.asarray(canvas.annotated(colour, corners, read.bits[i].cpu().numpy(), scale))
-            rows.append(np.concatenate([plain, drawn]))
-        pictures[name] = np.concatenate(rows, axis=1)
+                corners = (read.corners_px[i].cpu() - crop.origin_px).numpy()
+                drawn = np.asarray(canvas.annotated(crop.pixels, corners, read.bits[i].cpu().numpy(), scale))
+            columns.append(np.concatenate([plain, drawn]))
+        pictures[name] = np.concatenate(columns, axis=1)
     return pictures
 
 
@@ -222,12 +220,16 @@ def run_grid(settings: config.Settings, folder: Path) -> None:
             path = folder / run_folder.LEDGERS / f"{study.key}.sqlite"
             return held.enter_context(run_folder.open_ledger(path, study.identity, console))
 
+        def trained() -> None:
+            run_folder.write_config(settings, folder)
+            samples.write_samples(folder, plan)
+
         with workers.Workers(settings.workers) as pool, terminal.ProgressView(frames, console) as view:
             campaign = sweep.run_campaign(
                 studies,
                 pool,
                 opened,
-                trained=lambda: run_folder.write_config(settings, folder),
+                trained=trained,
                 advance=lambda study, more: view.advance(study.plan.experiment.name, more),
                 finished=lambda study, _: view.say(f"{study.plan.experiment.name} is measured"),
             )

@@ -31,7 +31,14 @@ def grid(place):
 def test_everything_is_written(grid):
     folder, out = grid
     assert files_in(folder) == {
-        *("config.yaml", "receiver.pt", "paired.csv", "ledgers/1000.sqlite", "ledgers/32000.sqlite"),
+        *(
+            "config.yaml",
+            "samples.png",
+            "receiver.pt",
+            "paired.csv",
+            "ledgers/1000.sqlite",
+            "ledgers/32000.sqlite",
+        ),
         *(f"ber{end}.csv" for end in ("", "_best")),
         *(f"dimming_{name}.png" for name in ("paper", "best")),
     }
