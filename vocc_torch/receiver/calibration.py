@@ -3,6 +3,7 @@
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Self
 
 import numpy as np
@@ -67,9 +68,27 @@ class Calibration:
 
     def __call__(self, scores: torch.Tensor) -> torch.Tensor:
         """Turn scores into log-likelihood ratios, float64, of the scores' shape."""
-        given = scores.detach().cpu().double().numpy()
-        ratios = np.where(given >= 0, np.interp(given, *self.on), -np.interp(-given, *self.off))
-        return torch.from_numpy(ratios).to(scores.device)
+        given = scores.detach().double()
+        on, off = self._tables
+        return torch.where(given >= 0, _interpolated(given, on), -_interpolated(-given, off))
+
+    @cached_property
+    def _tables(self) -> tuple[torch.Tensor, torch.Tensor]:
+        """Distances, sizes and the slopes behind them, (3,n) float64, of On and of Off."""
+        with torch.inference_mode(False):  # normal tensors, for they are kept
+            both = [torch.tensor(side, dtype=torch.float64) for side in (self.on, self.off)]
+            slopes = [torch.nn.functional.pad(y.diff() / x.diff(), (0, 1)) for x, y in both]
+            on, off = (torch.cat([one, slope[None]]) for one, slope in zip(both, slopes, strict=True))
+            return on, off
+
+
+def _interpolated(at: torch.Tensor, table: torch.Tensor) -> torch.Tensor:
+    """Interpolate between ascending points, as ``np.interp`` does to the last bit, on any device."""
+    places, values, slopes = table.to(at.device)
+    at = at.clamp(max=places[-1])
+    left = (torch.searchsorted(places, at, right=True) - 1).clamp(min=0)
+    begin = places[left]
+    return slopes[left] * (at - begin).clamp(min=0) + values[left]
 
 
 def _learned(
