@@ -203,7 +203,7 @@ def _skops(name: str) -> tuple[Any, str]:
     try:
         import skops.io
     except ImportError:
-        raise VoccError(f"classifier {name} is an estimator: pip install skops to keep it") from None
+        raise VoccError(f"classifier {name} is an estimator: pip install 'vocc-torch[classifiers]' to keep it") from None
     import sklearn
 
     return skops.io, str(sklearn.__version__)
