@@ -31,6 +31,7 @@ def run_train(settings: config.Settings, folder: Path) -> None:
     with run_folder.resumable(settings, folder, console):
         samples.write_samples(folder, plan, ["train"])
         run_folder.write_training(settings, plan, terminal.train_shown(plan, console), folder)
+    console.print(kept(plan), highlight=False, soft_wrap=True)
     run_folder.print_places(console, folder, [("receiver", "receiver.pt")])
 
 
@@ -83,8 +84,16 @@ def run_test(settings: config.Settings, folder: Path) -> None:
     terminal.print_table(curves.table(), console)
     for line in (*left_out(plan, curves), *compared(curves, plan.receiver.reference)):
         console.print(line, soft_wrap=True, highlight=False)
+    console.print(kept(plan), highlight=False, soft_wrap=True)
     places = {"table": "ber.csv", "pairs": "paired.csv", "figure": "ber.png", "receiver": "receiver.pt"}
     run_folder.print_places(console, folder, places.items(), settings.tensorboard)
+
+
+def kept(plan: Plan) -> str:
+    """Say which receiver is kept, and how it looks for panels."""
+    if (locator := plan.receiver.locator) == "truth":
+        return f"receiver.pt holds {plan.receiver.save} with the paper's locator: a recording tells no corners"
+    return f"receiver.pt holds {plan.receiver.save} with the locator {locator}"
 
 
 def strangers(plan: Plan) -> list[str]:
