@@ -92,7 +92,8 @@ def run_test(settings: config.Settings, folder: Path) -> None:
 def kept(plan: Plan) -> str:
     """Say which receiver is kept, and how it looks for panels."""
     if (locator := plan.receiver.locator) == "truth":
-        return f"receiver.pt holds {plan.receiver.save} with the paper's locator: a recording tells no corners"
+        told = "the locator paper, for a recording tells no corners"
+        return f"receiver.pt holds {plan.receiver.save} with {told}"
     return f"receiver.pt holds {plan.receiver.save} with the locator {locator}"
 
 
