@@ -48,7 +48,7 @@ def test_a_ledger_of_other_code_or_of_another_picture_is_refused(app, mine, tmp_
     folder = tmp_path / "runs" / "x"
     assert app(*SHORT, *mine).status == 0
     (folder / "ber.csv").rename(tmp_path / "kept.csv")
-    assert app(*SHORT, *mine).out.startswith("going on from 2 blocks")
+    assert app(*SHORT, *mine).out.startswith("resuming: 2 blocks")
     assert (folder / "ber.csv").read_bytes() == (tmp_path / "kept.csv").read_bytes()
     shutil.copytree(folder, tmp_path / "copy")
     for name, key in (("streak.py", "effects.smear"), ("street.png", "effects.street.file")):

@@ -96,6 +96,8 @@ def receiver_plan(settings: Settings, shape: PanelShape) -> plans.ReceiverPlan:
         raise VoccError.of("receiver.save", "null", rule)
     if save is None:
         save = plugged_in[0].name if len(plugged_in) == 1 else "flda_3"
+    if save not in (savable := (*bank.FLDA_FEATURES, *(one.name for one in plugged_in))):
+        raise VoccError(f"receiver.save is {save!r}: it must be one of {', '.join(savable)}")
     return plans.ReceiverPlan(
         names=(*receiver.names, *(one.name for one in plugged_in)),
         classifiers=tuple(plugged_in),

@@ -122,8 +122,6 @@ class ReceiverPlan:
         if stray := [name for name in self.locators if name in OWN_LOCATORS]:
             raise VoccError(f"locators.{stray[0]} is the name of a locator that ships: choose another")
         self.demand_locators("receiver.locator", [self.locator])
-        if self.save not in (savable := (*FLDA_FEATURES, *plugged_in)):
-            raise VoccError(f"receiver.save is {self.save!r}: it must be one of {', '.join(savable)}")
         for one in self.classifiers:
             with section(f"classifiers.{one.name}"):
                 one.inputs.demand_features(self.reader.names)

@@ -510,7 +510,7 @@ def test_models_that_are_too_heavy_or_no_files_are_not_read(tmp_path):
     ("changes", "says"),
     [
         ({"rows": 0}, "panel.rows is 0"),
-        ({"rows": "8"}, "damaged"),
+        ({"rows": "8"}, "panel.rows is '8'"),
         ({"rows": 8.0}, "panel.rows is 8.0"),
         ({"rows": 10**7}, "panel.rows is 10000000"),
         ({"samples_per_led": 8.5}, "samples_per_led is 8.5"),

@@ -150,7 +150,7 @@ def test_a_killed_run_of_two_workers_goes_on_in_one_to_the_bytes_of_an_undisturb
         place.mkdir(exist_ok=True)
         (place / "0000960.png").write_bytes(b"another")
     assert len(rows_in(folder / "ledger.sqlite")) < 16
-    assert "going on from" in app(*words_of(LONG)).out
+    assert "resuming" in app(*words_of(LONG)).out
     assert files_in(folder) == files_in(tmp_path / "runs" / "y")
     assert len(files_in(folder)) == 1000 + 16 + len(("truth.csv", "coco.json", "samples.png"))
 
