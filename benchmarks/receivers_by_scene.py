@@ -175,7 +175,7 @@ def main() -> None:
     """Train, count and write, what is not there yet."""
     parser = argparse.ArgumentParser(description="Receivers by scene and on real pictures.")
     parser.add_argument("--frames", type=int, default=2048, help="of each scene at the true corners")
-    parser.add_argument("--located", type=int, default=128, help="of each scene with each locator")
+    parser.add_argument("--located", type=int, default=256, help="of each scene with each locator")
     parser.add_argument("--models", type=Path, default=Path("runs/receivers-by-scene"))
     parser.add_argument("--results", type=Path, default=ROOT / "docs" / "results")
     given = parser.parse_args()
