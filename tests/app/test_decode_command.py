@@ -42,7 +42,7 @@ def test_a_receiver_is_trained_where_no_model_is_given(decode, photo, photo_bits
     rows = decode(photo, "budget.training_frames=16", "decode.annotate=false")
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"bits.csv", "receiver.pt", "config.yaml"}
     assert rows[0]["bits"] == photo_bits
-    assert Receiver.load(tmp_path / "out" / "receiver.pt").name == "flda_3"
+    assert Receiver.load(tmp_path / "out" / "receiver.pt").name == "tag_planes"
 
 
 def test_a_folder_with_and_without_panels(decode, model, photo, tmp_path, capsys):

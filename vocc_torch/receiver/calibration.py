@@ -94,7 +94,7 @@ def _interpolated(at: torch.Tensor, table: torch.Tensor) -> torch.Tensor:
 def _learned(
     distances: NDArray[np.float64], wrong: NDArray[np.bool_]
 ) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Give distances from 0 and the logarithm of right over wrong there, from 0 at 0 on."""
+    """Give distances from 0, both ends of each step of the regression, and log of right over wrong there."""
     order = np.argsort(distances, kind="stable")
     distances, wrong = distances[order], wrong[order]
     places, sizes = [0.0], [0.0]
@@ -102,8 +102,8 @@ def _learned(
         steps = isotonic_regression(wrong.astype(np.float64), increasing=False).blocks
         for first, last in itertools.pairwise(steps):
             errors, count = float(wrong[first:last].sum()) + 0.5, last - first + 1.0
-            places.append(float(distances[first:last].mean()))
-            sizes.append(max(sizes[-1], float(np.log((count - errors) / errors))))
+            places += [float(distances[first]), float(distances[last - 1])]
+            sizes += [max(sizes[-1], float(np.log((count - errors) / errors)))] * 2
     return tuple(places), tuple(sizes)
 
 
