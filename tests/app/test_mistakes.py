@@ -173,8 +173,9 @@ def own(file, target):
 )
 def test_a_class_that_does_not_serve(tmp_path, target, words):
     (tmp_path / "broken.py").write_text(BROKEN)
-    brief = "+classifiers.own.training={frames: 64, epochs: 1}"
-    assert words in refused(*own(tmp_path / "broken.py", target), brief)
+    of_torch = target in ("NoForward", "TwoScores", "NotANumber", "NothingToLearn")
+    brief = ["+classifiers.own.training={frames: 64, epochs: 1}"] if of_torch else []
+    assert words in refused(*own(tmp_path / "broken.py", target), *brief)
 
 
 @pytest.mark.parametrize(
@@ -226,3 +227,74 @@ def test_an_estimator_that_does_not_serve(target, part):
 @pytest.mark.parametrize("word", ["classifiers.lmmse.build.classes=0", "+classifiers.lmmse.build.colour=0"])
 def test_an_argument_that_a_class_does_not_take(word):
     assert word.partition("=")[0].rpartition(".")[2] in refused("classifier=lmmse", word)
+
+
+PARTS = """
+import torch
+from vocc_torch.types import Panels
+
+def corners(frames, size=(4, 2)):
+    return torch.zeros(len(frames), *size)
+
+def raises(frames, shape):
+    raise RuntimeError("two\\nlines")
+
+def ends(frames, shape):
+    raise SystemExit(0)
+
+def nothing(frames, shape):
+    return None
+
+def three(frames, shape):
+    return Panels.known(corners(frames, (3, 2)))
+
+def not_a_number(frames, shape):
+    return Panels.known(corners(frames) + float("nan"))
+
+def no_tensor(frames, shape):
+    return Panels(corners(frames), [True] * len(frames), torch.ones(len(frames)), torch.ones(len(frames)))
+
+def grey(patches, shape):
+    return patches
+
+def infinite(patches, shape):
+    return torch.full((len(patches), shape.rows, shape.columns), float("inf"))
+
+class Asks:
+    def __init__(self, colour):
+        pass
+
+NUMBER = 3
+"""
+BROKEN_PARTS = [
+    ("locator", "raises", "locator raises failed (RuntimeError: two lines)"),
+    ("locator", "ends", "locator ends failed (SystemExit: 0)"),
+    ("locator", "nothing", "locator nothing: its answer is None: it must be of type Panels"),
+    (
+        "locator",
+        "three",
+        "locator three gave corners_px of (64, 3, 2): it must be a finite tensor of (64, 4, 2)",
+    ),
+    ("locator", "not_a_number", "locator not_a_number gave corners_px of (64, 4, 2): it must be a finite"),
+    ("locator", "no_tensor", "locator no_tensor gave found of list: it must be a finite tensor of (64,)"),
+    ("locator", "Asks", "receiver.locator: "),
+    ("locator", "NUMBER", "NUMBER is neither a class nor a function"),
+    ("locator", "Missing", "has no Missing"),
+    ("features", "raises", "feature raises failed (RuntimeError: two lines)"),
+    ("features", "nothing", "feature nothing gave NoneType: it must give finite numbers of shape (64, 8, 8)"),
+    (
+        "features",
+        "grey",
+        "feature grey gave (64, 1, 80, 80): it must give finite numbers of shape (64, 8, 8)",
+    ),
+    ("features", "infinite", "feature infinite gave (64, 8, 8): it must give finite numbers"),
+    ("features", "Asks", "receiver.features: "),
+    ("features", "Missing", "has no Missing"),
+]
+
+
+@pytest.mark.parametrize(("kind", "target", "words"), BROKEN_PARTS)
+def test_a_locator_or_feature_that_does_not_serve(tmp_path, kind, target, words):
+    (tmp_path / "parts.py").write_text(PARTS)
+    one = f"{tmp_path / 'parts.py'}:{target}"
+    assert words in refused(*TINY, f"receiver.{kind}={one if kind == 'locator' else f'[agr,{one}]'}")

@@ -11,10 +11,7 @@ from vocc_torch.app.jobs import begin_again
 from vocc_torch.errors import VoccError
 from vocc_torch.files import locked
 
-SMALL = (
-    *("budget.frames=2", "budget.training_frames=16", "experiment.values=[4000]"),
-    *("receiver.names=[flda_3]", "tensorboard=false"),
-)
+SMALL = ("budget.training_frames=16",)
 
 
 @pytest.fixture

@@ -11,7 +11,7 @@ from hydra.core.config_store import ConfigStore
 from omegaconf import DictConfig, OmegaConf
 
 from vocc_torch.errors import VoccError
-from vocc_torch.measure.config import ARGUMENT, Settings
+from vocc_torch.measure.config import ARGUMENT, Budget, Experiment, Settings
 from vocc_torch.studies.classifiers import RivalsConfig
 from vocc_torch.studies.decode import DecodeConfig
 from vocc_torch.studies.effects import EffectsConfig
@@ -62,6 +62,42 @@ class AppConfig(Settings):
         if (self.task, self.model, self.receiver.locator) == ("decode", None, "truth"):
             rule = "paper or refined for task=decode: a recording does not tell its corners"
             raise VoccError.of("receiver.locator", "'truth'", rule)
+
+
+PARTS = ("classifiers", "locators", "features")
+"""What plugs in."""
+
+RECORDED = ("input", "model", "plug_ins")
+"""What tells of a recording, and of a receiver that is at hand."""
+
+COUNTING = tuple(f"budget.{one.name}" for one in fields(Budget) if one.name != "training_frames")
+TESTING = tuple(f"experiment.{one.name}" for one in fields(Experiment) if one.name != "training")
+ALONE = ("workers", "tensorboard", "scene.name", "receiver.names", *COUNTING)
+"""What has no part in making one receiver."""
+
+IGNORED = {
+    "train": (*RECORDED, *ALONE, *TESTING),
+    "test": RECORDED,
+    "decode": (*ALONE, "experiment"),
+    "figures": (*RECORDED, "experiment", "receiver.locator", "scene.name"),
+    "effects": (*RECORDED, "experiment", "receiver.locator", "receiver.features", *PARTS),
+    "tradeoff": (*RECORDED, "experiment", "receiver.save"),
+    "classifiers": (*RECORDED, "experiment"),
+    "export": (*RECORDED, "receiver", "budget", "tensorboard", *PARTS),
+    "collect": tuple(one.name for one in fields(AppConfig) if one.name not in ("task", "name", "input")),
+}
+"""What each task passes over, besides the sections of others: keys, and sections for all that is in them."""
+
+
+def passes_over(task: str, key: str) -> bool:
+    """Whether a task makes no use of a key, or of any key of a section or group.
+
+    Example:
+        >>> passes_over("train", "budget.frames"), passes_over("train", "budget")
+        (True, False)
+    """
+    others = [part for _, part in TASKS.values() if part not in (None, TASKS[task][1])]
+    return any(f"{key}.".startswith(f"{one}.") for one in (*IGNORED.get(task, ()), *others))
 
 
 def inside_runs(folder: str | Path) -> bool:

@@ -15,17 +15,11 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
 from yaml import MarkedYAMLError
 
-from vocc_torch.app.config import TASKS, AppConfig, keys_of, schema
+from vocc_torch.app.config import NAMES, PARTS, TASKS, AppConfig, keys_of, passes_over, schema
 from vocc_torch.errors import VoccError, section, shown
 
-OWNERS = {part: task for task, (_, part) in TASKS.items() if part is not None}
-"""The task of each section."""
-
-OF_MODEL = ("receiver", "panel", "classifier", "classifiers", "locators", "features")
-"""What a model brings itself, but for the panel's rows and columns, which must agree."""
-
-OF_RECEIVERS = ("receiver", "classifier", "classifiers", "budget", "tensorboard")
-"""What says nothing of frames, which task=export writes."""
+OF_MODEL = ("seed", "precision", "framing", "batch_frames", "scene", "camera", "panel", "receiver", "budget")
+"""What a model was made with, as :data:`PARTS`; the panel's rows and columns are given, and must agree."""
 
 GROUPS = ("task", "scene", "camera", "panel", "receiver", "experiment", "budget")
 
@@ -80,7 +74,8 @@ def refuse_ignored(settings: AppConfig, words: Sequence[str]) -> None:
 
     Raises:
         VoccError: a setting of the camera that the scene makes itself, effects set to none, several options
-            of one group, which would be mixed, a section of another task, or what a model brings itself.
+            of one group, which would be mixed, what the task passes over, what a model brings itself, or what
+            the experiment sets in the scene's stead.
 
     Example:
         >>> from vocc_torch.measure.config import Experiment
@@ -91,26 +86,37 @@ def refuse_ignored(settings: AppConfig, words: Sequence[str]) -> None:
         ...
         vocc_torch.errors.VoccError: scene.effects={} takes none away: write ~scene.effects.NAME for each
     """
+    task, experiment = settings.task, settings.experiment
     for word in words:
-        key, _, value = word.lstrip("+~").partition("=")
-        group, _, name = key.partition(".")
+        # A group may be named with where it goes: scene@rivals.scenes.night=fog.
+        key, _, value = word.lstrip("+~").rpartition("@")[2].partition("=")
+        place = "classifiers" if key == "classifier" else key
+        group, _, name = place.partition(".")
+        said = f"{key} is {value}" if value else word
         if group == "camera" and getattr(settings.scene.camera, name, None) is not None:
             raise VoccError(f"{key} is set by the scene {settings.scene.name}: give scene.{key}={value}")
         if key == "scene.effects" and value == "{}":
             raise VoccError("scene.effects={} takes none away: write ~scene.effects.NAME for each")
         if key in GROUPS and value.startswith("["):
             raise VoccError(f"{key} is {value}: it must be one option, several in a multirun (-m {key}=a,b)")
-        if (owner := OWNERS.get(group, settings.task)) != settings.task:
-            raise VoccError(f"{key} is {value}: only task={owner} uses it, and the task is {settings.task}")
-        if settings.task == "export":
-            if group in OF_RECEIVERS:
-                raise VoccError(f"{key} is {value}: task=export has no use for {group}; leave it out")
-            trains, points = name.startswith("training"), settings.export.points
-            chosen = key == "experiment" and settings.experiment.training
-            if group == "experiment" and trains != (points == "train") and not chosen:
-                raise VoccError(f"{key} is {value}: export.points={points} does not use it; leave it out")
-        if settings.model is not None and group in OF_MODEL and name not in ("rows", "columns"):
-            raise VoccError(f"{key} is {value}: the model brings its own; leave {key} or model out")
+        if passes_over(task, place) and (key, value) != ("experiment", task):
+            users = ", ".join(one for one in TASKS if not passes_over(one, place))
+            raise VoccError(f"{said}: task={task} does not use it, only {users}")
+        trains, points = name.startswith("training"), settings.export.points
+        if task == "export" and group == "experiment" and name and trains != (points == "train"):
+            raise VoccError(f"{said}: export.points={points} does not use it; leave it out")
+        if key == "plug_ins" and settings.model is None:
+            raise VoccError(f"{said}: it must be empty without a model, a new one names its parts")
+        if settings.model and group in (*OF_MODEL, *PARTS) and name not in ("rows", "columns"):
+            raise VoccError(f"{said}: the model brings its own; leave {key} or model out")
+        finder, ours = settings.receiver.locator, NAMES["Locators"].split(", ")
+        if name.startswith("location") and not passes_over(task, "receiver.locator") and finder not in ours:
+            raise VoccError(f"{said}: only {NAMES['Locators']} use it, and receiver.locator is {finder}")
+        own = name in experiment.training
+        tested = name in {*experiment.scene, experiment.axis, experiment.row_axis}
+        if group == "scene" and own and (task == "train" or (task == "test" and tested)):
+            rule = f"the experiment {experiment.name} sets its own: give experiment.training.{name}"
+            raise VoccError(f"{said}: {rule}" + f" or experiment.scene.{name}" * (task == "test"))
 
 
 def unknown_key(key: str) -> str:

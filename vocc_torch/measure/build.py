@@ -133,14 +133,34 @@ def classifier_plan(
         given = dict(config.build)
         if config.file is not None:
             given[TARGET] = f"{config.file}:{given.get(TARGET)}"
+        build = PlugIn.of(f"{key}.build", given, name)
+        refuse_unused_recipe(config, build)
         return plans.ClassifierPlan(
             name=name,
-            build=PlugIn.of(f"{key}.build", given, name),
+            build=build,
             inputs=Inputs.parse(config.inputs, features),
             training=training.TrainingRecipe(**config.training),
             frames=config.frames,
             scene=parsed_scene(config.scene),
         )
+
+
+def refuse_unused_recipe(config: ClassifierSettings, build: PlugIn) -> None:
+    """Refuse a number of frames for a torch module, which has its recipe, and a recipe for anything else.
+
+    Raises:
+        VoccError: either of them, or a class that cannot be found.
+    """
+    recipe = {word: value for word, value in config.training.items() if word != "seed"}
+    if config.frames is None and not recipe:
+        return
+    kind = build.found()
+    kind = kind if isinstance(kind, type) else type(build.build(kind, build.arguments))
+    if not issubclass(kind, torch.nn.Module):
+        for word, value in recipe.items():
+            raise VoccError.of(f"training.{word}", value, "left out: a recipe is for torch modules")
+    elif config.frames is not None:
+        raise VoccError.of("frames", config.frames, "null: a torch module trains on training.frames")
 
 
 EXTRAS = {"sklearn": "scikit-learn"}
@@ -163,4 +183,5 @@ def without_absent(receiver: plans.ReceiverPlan) -> tuple[plans.ReceiverPlan, di
                 left_out[one.name] = f"{name} is not installed; pip install {name} adds it"
     kept = tuple(one for one in receiver.classifiers if one.name not in left_out)
     names = tuple(name for name in receiver.names if name not in left_out)
-    return replace(receiver, names=names, classifiers=kept), left_out
+    save = "flda_3" if receiver.save in left_out else receiver.save
+    return replace(receiver, names=names, classifiers=kept, save=save), left_out

@@ -175,7 +175,8 @@ def train_plans(
     wanted: list[list[str]] = []
     parts: dict[str, tuple[Plan, tuple[Locator, ...]]] = {}
     for plan, named in zip(plans, locators, strict=True):
-        receiver, own = plan.receiver, []
+        # A part need not have the receiver that is kept.
+        receiver, own = replace(plan.receiver, save="flda_3"), list[str]()
         alone = [replace(receiver, names=tuple(FLDA_FEATURES), classifiers=())]
         alone += [replace(receiver, names=(one.name,), classifiers=(one,)) for one in receiver.classifiers]
         for part in (replace(plan, receiver=one) for one in alone):

@@ -246,7 +246,7 @@ class OutsideLocator:
         """Find panels as :class:`PanelLocator` says.
 
         Raises:
-            VoccError: it fails, or gives anything else than panels with finite corners, one a frame.
+            VoccError: it fails, or gives anything else than panels, finite and one a frame.
         """
         name, frames = f"locator {self.plug_in.name}", Frames.of(frames)
         try:
@@ -256,10 +256,15 @@ class OutsideLocator:
         except (Exception, SystemExit) as error:
             raise VoccError(f"{name} failed ({one_line(error)})") from error
         demand_kind(f"{name}: its answer", panels, Panels)
-        if panels.corners_px.shape != (len(frames), 4, 2) or not bool(panels.corners_px.isfinite().all()):
-            given = tuple(panels.corners_px.shape)
-            raise VoccError(f"{name} gave corners of {given}: they must be finite, {(len(frames), 4, 2)}")
-        return panels
+        kinds = {"found": torch.bool, "score": torch.float64, "candidates": torch.int64}
+        for part in Panels.__slots__:
+            given, size = getattr(panels, part), (len(frames), *(() if part in kinds else (4, 2)))
+            if not isinstance(given, Tensor) or given.shape != size or not bool(given.isfinite().all()):
+                got = tuple(given.shape) if isinstance(given, Tensor) else type(given).__name__
+                raise VoccError(f"{name} gave {part} of {got}: it must be a finite tensor of {size}")
+        return Panels(
+            *(getattr(panels, part).to(kinds.get(part, torch.float64)) for part in Panels.__slots__)
+        )
 
 
 def locator_named(name: str, paper: PaperLocator) -> PaperLocator | RefinedLocator:

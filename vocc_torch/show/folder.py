@@ -36,21 +36,6 @@ LEDGERS = "ledgers"
 """Folder of the ledgers of a run with many."""
 
 
-USERS = {"input": "task=decode and task=collect use", "model": "task=decode uses"}
-USERS |= {"plug_ins": "task=decode with a model uses"}
-"""Keys that few tasks use."""
-
-
-def refuse_unused(settings: config.Settings, used: tuple[str, ...] = ()) -> None:
-    """Refuse keys that are set and that the task would pass over."""
-    for name, users in USERS.items():
-        value = getattr(settings, name)
-        if name not in used and value:
-            empty = "empty" if isinstance(value, list) else "null"
-            said = f"{name} is {value!r}: it must be {empty} for task={settings.task}"
-            raise VoccError(f"{said}; only {users} it")
-
-
 def refuse_results(folder: Path, ledgers: str | None = None) -> None:
     """Refuse a folder that holds results, before any work is done.
 

@@ -32,7 +32,17 @@ class Style:
 LOOKS: Any = yaml.safe_load(files(__package__).joinpath("styles.yaml").read_text("utf-8"))
 """The tables of ``styles.yaml``."""
 _KNOWN = {name: Style(*look) for name, look in LOOKS["receivers"].items()}
-LOCATED: dict[str, str] = LOOKS["located"]
+
+
+class Words(dict[str, str]):
+    """Words by a part's name; a part from outside, which has none, keeps its name."""
+
+    def __missing__(self, name: str) -> str:
+        """Give the name as words."""
+        return name.replace("_", " ")
+
+
+LOCATED = Words(LOOKS["located"])
 """Where the panel's corners come from, in words."""
 
 

@@ -62,7 +62,6 @@ def run_collect(settings: config.Settings, folder: Path) -> None:
     Raises:
         VoccError: no input, or an input without a job.
     """
-    run_folder.refuse_unused(settings, ("input",))
     if settings.input is None:
         raise VoccError("input is null: task=collect needs input=runs/NAME, a folder that a multirun wrote")
     source, console = Path(settings.input), Console()

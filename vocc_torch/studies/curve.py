@@ -20,7 +20,6 @@ from vocc_torch.simulation.scene import SCENE_FIELDS
 
 def begun(settings: config.Settings, folder: Path, kept: str | None = None) -> tuple[Plan, terminal.Console]:
     """Give a run's plan and console, or refuse it before any work is done; ``kept`` may be in the folder."""
-    run_folder.refuse_unused(settings)
     run_folder.refuse_results(folder, kept)
     return build.build_plan(settings, folder), terminal.Console()
 

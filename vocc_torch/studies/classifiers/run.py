@@ -23,7 +23,6 @@ def run_classifiers(settings: config.Settings, rivals: RivalsConfig, folder: Pat
     Raises:
         VoccError: an unknown name, a value outside its range, or whatever a stage refuses.
     """
-    run_folder.refuse_unused(settings)
     run_folder.refuse_results(folder, run_folder.LEDGERS)
     study, console = build_classifier_study(settings, rivals, folder), terminal.Console()
     with run_folder.resumable(settings, folder, console), ExitStack() as held:

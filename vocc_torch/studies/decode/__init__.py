@@ -32,3 +32,5 @@ class DecodeConfig:
             raise VoccError.of("decode.channel", repr(self.channel), f"one of {', '.join(CHANNELS)}")
         if not 1 <= self.scale <= MOST_SCALE:
             raise VoccError.of("decode.scale", self.scale, f"from 1 to {MOST_SCALE}")
+        if self.scale > 1 and not self.annotate:
+            raise VoccError.of("decode.scale", self.scale, "1 where decode.annotate is false")

@@ -101,8 +101,6 @@ def run_decode(settings: Settings, config: DecodeConfig, folder: Path) -> None:
     run_folder.refuse_results(folder)
     if settings.input is None:
         raise VoccError("input is null: task=decode needs input=PICTURE, a folder of pictures or a video")
-    if settings.plug_ins and settings.model is None:
-        raise VoccError.of("plug_ins", settings.plug_ins, "empty without a model: a new one names its parts")
     source, console = Path(settings.input), Console()
     failures: list[str] = []
     recording = readable(read_recording(source, config.channel), failures)

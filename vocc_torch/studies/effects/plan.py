@@ -281,6 +281,9 @@ def build_effect_study(settings: Settings, config: EffectsConfig, folder: Path) 
         VoccError: a value outside its range, named by its key.
     """
     plan = build_plan(settings, folder)
+    if (shown := settings.receiver.save) not in (None, *settings.receiver.names):
+        rule = "null or of receiver.names: task=effects shows it"
+        raise VoccError.of("receiver.save", repr(shown), rule)
     for name, part in config.parts.items():
         key = f"effects.parts.{name}"
         if not isinstance(part, dict):

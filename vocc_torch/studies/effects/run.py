@@ -48,7 +48,6 @@ def run_effects_task(settings: config.Settings, own: EffectsConfig, folder: Path
     Raises:
         VoccError: an unknown effect, a value outside its range, or whatever a stage refuses.
     """
-    run_folder.refuse_unused(settings)
     run_folder.refuse_results(folder)
     study, console = build_effect_study(settings, own, folder), terminal.Console()
     pool, watch = workers.Workers(settings.workers), terminal.Stopwatch(console)

@@ -32,7 +32,6 @@ def run_export(settings: Settings, config: ExportConfig, folder: Path) -> None:
     Raises:
         VoccError: frames that are not of 8 bits, or whatever a stage refuses.
     """
-    run_folder.refuse_unused(settings)
     run_folder.refuse_results(folder, run_folder.LEDGER)
     plan, console = build.build_plan(settings, folder), terminal.Console()
     simulator = plan.world.simulator()

@@ -114,6 +114,8 @@ def paper_plan(config: FiguresConfig, plan: Plan) -> PaperPlan:
         if not given or len(set(given)) != len(given):
             raise VoccError(f"figures.{name} is {list(given)}: it must hold at least one, each once")
     plan.receiver.demand_locators("figures.locators", config.locators)
+    # The one whose receiver is kept.
+    plan = replace(plan, receiver=replace(plan.receiver, locator=config.locators[0]))
     figures, built = wanted_figures(config.names), {}
     wanted = {name for name, figure in RATE_FIGURES.items() if figure in figures} | {*figures} & {DIMMING}
     for name, one in config.experiments.items():

@@ -35,7 +35,6 @@ def run_figures(settings: configs.Settings, config: FiguresConfig, folder: Path)
     Raises:
         VoccError: an unknown figure, focal length or locator, or whatever a stage refuses.
     """
-    run_folder.refuse_unused(settings)
     run_folder.refuse_results(folder, run_folder.LEDGERS)
     if (folder / "report.html").exists():
         there, named = configs.read_flat(folder / run_folder.CONFIG), figures.wanted_figures

@@ -1,5 +1,6 @@
 """``tradeoff.png``: every receiver a dot, time a frame against bit error rate; and the paper's Fig. 25."""
 
+import itertools
 import math
 import textwrap
 from collections.abc import Mapping, Sequence
@@ -153,7 +154,7 @@ def tradeoff_figure(prices: PriceList, scenes: str, device: str, frames: str) ->
     y = {point.setting: rows[place % ROWS] for place, point in enumerate(free)}
     styles = receiver_styles(setting.receiver for setting in prices.settings)
     locators = dict.fromkeys(setting.locator for setting in prices.settings)
-    faces = dict(zip(locators, FACES, strict=False))
+    faces = dict(zip(locators, itertools.cycle(FACES), strict=False))
     told, dots = _told(prices, scenes, device, frames), []
     for point in points:
         setting = point.setting

@@ -164,13 +164,14 @@ class TradeoffStudy:
             section("tradeoff.samples_per_led has", before="receiver.samples_per_led is"),
             section("tradeoff.gradients has", before="receiver.gradient is"),
         ):
-            return Reader(self.plan.world.panel.shape, setting.samples_per_led, setting.gradient)
+            own = self.plan.receiver.reader
+            return replace(own, samples_per_led=setting.samples_per_led, gradient=setting.gradient)
 
     def training(self, setting: Setting) -> Plan:
         """The plan by which a setting's receiver is trained; precision has no part in it."""
         own = tuple(one for one in self.plan.receiver.classifiers if one.name == setting.receiver)
         names, reader = (setting.receiver,), self.reader(setting)
-        receiver = replace(self.plan.receiver, names=names, classifiers=own, reader=reader)
+        receiver = replace(self.plan.receiver, names=names, classifiers=own, reader=reader, save="flda_3")
         return replace(self.plan, receiver=replace(receiver, locator=setting.locator))
 
     def model(self, scenes: str) -> SceneModel:

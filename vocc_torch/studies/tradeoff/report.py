@@ -14,7 +14,7 @@ from vocc_torch.show.folder import write_rows
 from vocc_torch.studies.tradeoff.plan import Setting
 from vocc_torch.studies.tradeoff.prices import Place, PriceList, most_accurate
 
-LOCATED_BY = {"truth": "true corners", "paper": "paper's locator", "refined": "refined locator"}
+LOCATED_BY = styles.Words(truth="true corners", paper="paper's locator", refined="refined locator")
 
 Line = dict[str, str | int | float | None]
 """Cells by their columns."""

@@ -33,7 +33,6 @@ def run_tradeoff(settings: Settings, config: TradeoffConfig, folder: Path) -> No
     Raises:
         VoccError: an unknown name, a value outside its range, or whatever a stage refuses.
     """
-    run_folder.refuse_unused(settings)
     run_folder.refuse_results(folder)
     study = plan.build_tradeoff_study(settings, config, folder)
     console = terminal.Console()

@@ -1,0 +1,38 @@
+"""A locator of your own: the panel is the box around what is at least half as bright as the brightest pixel.
+
+vocc-torch receiver.locator=examples/locators/brightest.py:Brightest
+"""
+
+import torch
+
+from vocc_torch.types import Panels
+
+
+class Brightest:
+    """Find the panel in frames that show no other light and no turned panel."""
+
+    def __init__(self, share=0.5):
+        self.share = share
+
+    def __call__(self, frames, shape):
+        """Give the corners of the grid of LED cells, clockwise from the top left, on the sensor."""
+        grey = frames.grey[:, 0].double()
+        # A crop may say what grey is around it.
+        known = frames.surround is not None
+        background = frames.surround.double() if known else grey.flatten(1).median(dim=1).values
+        rise = (grey.flatten(1).amax(dim=1) - background)[:, None, None]
+        bright = (grey - background[:, None, None] >= self.share * rise) & (rise > 0)
+        left, right = ends(bright.any(dim=1), shape.columns)
+        top, bottom = ends(bright.any(dim=2), shape.rows)
+        found = bright.flatten(1).any(dim=1)
+        x, y = torch.stack([left, right, right, left], dim=1), torch.stack([top, top, bottom, bottom], dim=1)
+        corners = (torch.stack([x, y], dim=2) + frames.origin_px[:, None]) * found[:, None, None]
+        return Panels(corners, found, found.double(), found.long())
+
+
+def ends(bright, leds):
+    """Give where brightness (B,N) begins and ends, half a gap wider; gaps are as wide as LEDs."""
+    first = bright.int().argmax(dim=1).double()
+    last = bright.shape[1] - bright.flip(1).int().argmax(dim=1).double()
+    gap = (last - first) / (2 * leds - 1)
+    return first - gap / 2, last + gap / 2

@@ -1,0 +1,218 @@
+"""Every key of every task: a command line that sets it is refused by its name, or something comes of it."""
+
+import inspect
+from contextlib import suppress
+from dataclasses import is_dataclass, replace
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+from composing import NOWHERE, built, composed
+
+from vocc_torch.app.config import TASKS, AppConfig, keys_of
+from vocc_torch.app.resolve import refuse_ignored
+from vocc_torch.errors import VoccError
+from vocc_torch.measure.build import build_plan
+from vocc_torch.measure.config import ClassifierSettings, Experiment
+from vocc_torch.measure.plan import identity
+from vocc_torch.measure.sweep import Study
+from vocc_torch.studies.effects import Severity
+
+ROOT = Path(__file__).parents[2]
+LMMSE = ClassifierSettings({"_target_": "vocc_torch.receiver.classifiers.LmmseEqualizer"})
+PART = {"_target_": "mine.Part"}
+FAR = Experiment("far", "distance_m", (60.0, 70.0))
+DIM = Experiment("dim", "ambient_lx", (1000.0, 2000.0))
+GRID = Experiment("dim", "ambient_lx", (2000.0,), row_axis="led_luminance_cd_m2", rows=(1000.0,))
+CAMERA = {
+    **{"focal_length_mm": 18.0, "sensor_width_mm": 12.0, "width_px": 1280, "height_px": 720, "f_number": 8.0},
+    **{"exposure_time_s": 1e-3, "gamma": 1.8, "iso_limits": (100.0, 64000.0)},
+}
+SECTIONS = {
+    "scene": {
+        **{"name": "other", "ambient_lx": 5000.0, "led_luminance_cd_m2": 2500.0, "distance_m": 45.0},
+        **{
+            "background_grey": 90.0,
+            "offset_x_m": 0.5,
+            "offset_y_m": 0.2,
+            "effects": {"saturation": {}, "quantization": {"bits": 7}},
+        },
+    },
+    "scene.camera": CAMERA,
+    "camera": {**CAMERA, "calibration_constant": 14.0},
+    "panel": {
+        **{"rows": 6, "columns": 4, "led_diameter_m": 0.02, "led_gap_m": 0.04, "led_reflectance": 0.3},
+        **{"background_reflectance": 0.2, "board_reflectance": 0.1},
+    },
+    "receiver": {
+        **{"names": ["flda_2", "flda_3"], "locator": "refined", "features": ["agr", "gri"]},
+        **{"samples_per_led": 16, "gradient": "central", "save": "flda_2"},
+    },
+    "receiver.location": {
+        **{"closing_px": 13, "min_area_px": 50, "min_rectangularity": 0.6, "min_compactness": 0.8},
+        "quadrilateral": "upright",
+    },
+    "experiment": {
+        **{"name": "other", "axis": "led_luminance_cd_m2", "values": (2000.0,), "row_axis": "distance_m"},
+        **{"scene": {"distance_m": 45.0}, "training": {"distance_m": 45.0}, "rows": (40.0, 50.0)},
+    },
+    "budget": {
+        **{"frames": 700, "training_frames": 600, "target_frame_errors": 50, "precision": 0.2},
+        "least_ber": 0.01,
+    },
+    "figures": {
+        **{"names": ["fig22"], "focal_lengths_mm": [18.0], "locators": ["truth"]},
+        "experiments": {"ambient": replace(FAR, name="ambient")},
+    },
+    "effects": {
+        **{"names": ["defocus"], "located_frames": 1, "severity_frames": 1, "repeats": 1},
+        "parts": {"defocus": {"defocus": {"focus_distance_m": 9}}},
+        "severity": {"defocus": Severity("defocus.focus_distance_m", [12.0, 8.0])},
+    },
+    "tradeoff": {
+        **{"locators": ["truth"], "samples_per_led": [16], "gradients": ["central"], "dtypes": ["float64"]},
+        **{"varied": ["flda_2"], "combine": "all", "batch_sizes": [2], "frames": ["crops"], "repeats": 1},
+        **{"threads": 2, "frames_a_preamble": 2, "genie_frames": 1, "scenes": {"far": {"distance_m": 70}}},
+        "devices": ["cpu", "cuda"],
+    },
+    "rivals": {
+        **{"reference": "flda_2", "points": {"ambient": 2000}, "genie_frames": 1, "scenes": {}},
+        **{"scene_frames": 1, "scene_training_frames": 2, "experiments": {"ambient": DIM, "distance": FAR}},
+    },
+    "decode": {"channel": "max", "annotate": False, "scale": 2},
+    "export": {"points": "test", "frames": 64, "shard_frames": 64},
+}
+OTHER = {
+    **{f"{place}.{name}": value for place, keys in SECTIONS.items() for name, value in keys.items()},
+    **{"name": "other", "seed": 1, "precision": "float64", "framing": "full", "batch_frames": 32},
+    **{"classifiers": {"own": LMMSE}, "locators": {"own": PART}, "features": {"own": PART}},
+    **{"device": "cpu", "workers": 3, "tensorboard": False},
+    **{"input": "photo.png", "model": "receiver.pt", "plug_ins": ["mine.py"]},
+}
+"""Of every key another value than the default."""
+
+
+ALSO = {
+    "experiment.row_axis": {"experiment": GRID},
+    "experiment.rows": {"experiment": GRID},
+    "budget.least_ber": {"budget.precision": 0.2},
+    "receiver.save": {"receiver.names": ["flda_2", "flda_3"]},
+    "plug_ins": {"model": "receiver.pt"},
+}
+"""What must be said beside a key that makes no sense alone."""
+
+LATER = {
+    "name": "tests/app/test_run_folder.py::test_only_folders_below_runs_are_given",
+    "workers": "tests/measure/test_workers.py::test_two_processes_measure_what_one_measures",
+    "tensorboard": "tests/app/test_cli.py::test_default_run_writes_everything",
+    "input": "tests/app/test_decode_command.py::test_a_folder_with_and_without_panels",
+    "model": "tests/app/test_decode_command.py::test_models_that_do_not_fit",
+    "plug_ins": "tests/app/test_kept_receivers.py::test_code_from_outside_runs_only_where_it_is_named_and_un",
+    "decode.channel": "tests/studies/decode/test_decode.py::test_channels_see_their_colour",
+    "decode.annotate": "tests/app/test_decode_command.py::test_a_receiver_is_trained_where_no_model_is_given",
+    "decode.scale": "tests/app/test_decode_command.py::test_a_folder_with_and_without_panels",
+    "scene.name": "tests/studies/collect/test_collect.py::test_keys_of_an_experiment_that_follow",
+}
+"""Keys that act after a study is built, and the test that sees them act."""
+
+FROM_OTHERS = {"tradeoff": ("receiver.locator", "receiver.samples_per_led", "receiver.gradient", "device")}
+"""Keys that reach a task's own section as interpolations, which Hydra resolves."""
+
+
+def of(task):
+    """A task's settings; of the effects some alone, because a study builds each."""
+    settings = composed(f"task={task}")
+    own = settings.effects
+    for part in (own.parts, own.severity):
+        for name in set(part) - {"defocus"}:
+            del part[name]
+    return settings
+
+
+def changed(settings, key, value):
+    """The settings with one key changed."""
+    first, _, rest = key.partition(".")
+    return replace(settings, **{first: changed(getattr(settings, first), rest, value) if rest else value})
+
+
+def learned(plan):
+    """What a trained receiver comes from."""
+    told = identity(plan, [plan.receiver.locator])
+    told["experiment"] = told["experiment"]["training"]
+    return told | {"save": plan.receiver.save, "batches": (plan.world.device, plan.batch_frames)}
+
+
+def counted(study):
+    """What the counts of a study come from, and how far they go."""
+    trained = learned(study.plan)
+    return trained, study.identity, study.plan.budget, study.plan.experiment.values, study.locators
+
+
+def spent(settings):
+    """What a task's results come from, as the package itself names it, and the settings of its own."""
+    task, study = settings.task, built(settings)
+    plan = build_plan(settings, NOWHERE)
+    if task == "train":
+        return learned(replace(plan, receiver=replace(plan.receiver, names=("flda_3",))))
+    if task == "decode":
+        return learned(replace(plan, experiment=replace(plan.experiment, training={})))
+    if task == "test":
+        grid = plan.experiment.row_axis, plan.experiment.rows
+        return grid, [counted(Study("", row, (row.receiver.locator,))) for row in plan.rows().values()]
+    if task == "figures":
+        return study.figures, [counted(one) for one in study.studies()], learned(plan)["world"]
+    if task == "effects":
+        scene, names = learned(study.plan_of(study.scene, "paper")), (study.shown, study.scene_name)
+        return scene, names, study.pairs, study.severities, study.config, study.plan.budget
+    if task == "tradeoff":
+        told = [learned(study.training(one)) for one in study.settings[:1]]
+        return study.settings, told, study.config, study.missing, study.scene_name, study.plan.budget
+    if task == "classifiers":
+        scenes = {name: identity(one, ["truth"]) for name, one in study.scene_plans.items()}
+        return [counted(one) for one in study.studies], scenes, study.config, study.home
+    return None
+
+
+def test_every_key_is_here():
+    keys = {key for key, kind in keys_of(AppConfig).items() if not is_dataclass(kind)}
+    assert set(OTHER) | {"task"} == keys
+    for key, test in LATER.items():
+        path, _, name = test.partition("::")
+        assert f"def {name}" in (ROOT / path).read_text(), key
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_every_key_is_refused_by_its_name_or_has_an_effect(task):
+    base = of(task)
+    place = import_module(f"vocc_torch.studies.{TASKS[task][0].partition(':')[0]}")
+    usual, source, silent, refused = spent(base), inspect.getsource(place), [], []
+    for key, value in OTHER.items():
+        settings, alone, word = base, usual, f"{key}={value}"
+        for name, also in ALSO.get(key, {}).items():
+            with suppress(VoccError):  # the task may refuse that too
+                alone, settings = spent(changed(base, name, also)), changed(base, name, also)
+        try:
+            refuse_ignored(settings, [word])
+            if key in LATER:  # the study reads it, or its section
+                done = any(f"{of}.{key.rpartition('.')[2]}" in source for of in ("settings", "config"))
+                done = done or key in ("name", "scene.name")
+            elif key in FROM_OTHERS.get(task, ()):
+                done = spent(composed(f"task={task}", word)) != usual
+            else:
+                done = spent(changed(settings, key, value)) != alone
+        except VoccError as error:
+            done = key in str(error)
+            refused.append(key)
+        silent += [] if done else [key]
+    assert not silent
+    assert len(refused) >= 20 - 14 * (task == "test")
+
+
+def test_with_a_model_what_it_was_made_with_is_refused():
+    base, used = replace(of("decode"), model="r.pt"), {"name", "device", "input", "model", "plug_ins"}
+    for key, value in OTHER.items():
+        if key in used or key.startswith("decode.") or key in ("panel.rows", "panel.columns"):
+            refuse_ignored(base, [f"{key}={value}"])
+        else:
+            with pytest.raises(VoccError, match=f"^{key} is .*(the model brings|does not use)"):
+                refuse_ignored(base, [f"{key}={value}"])
