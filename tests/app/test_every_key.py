@@ -17,6 +17,7 @@ from vocc_torch.measure.config import ClassifierSettings, Experiment
 from vocc_torch.measure.plan import identity
 from vocc_torch.measure.sweep import Study
 from vocc_torch.studies.effects import Severity
+from vocc_torch.studies.export.run import identity_of
 
 ROOT = Path(__file__).parents[2]
 LMMSE = ClassifierSettings({"_target_": "vocc_torch.receiver.classifiers.LmmseEqualizer"})
@@ -159,6 +160,8 @@ def spent(settings):
     if task == "test":
         grid = plan.experiment.row_axis, plan.experiment.rows
         return grid, [counted(Study("", row, (row.receiver.locator,))) for row in plan.rows().values()]
+    if task == "export":
+        return identity_of(plan, settings.export), plan.world.device, plan.batch_frames
     if task == "figures":
         return study.figures, [counted(one) for one in study.studies()], learned(plan)["world"]
     if task == "effects":
@@ -186,7 +189,7 @@ def test_every_key_is_refused_by_its_name_or_has_an_effect(task):
     base = of(task)
     place = import_module(f"vocc_torch.studies.{TASKS[task][0].partition(':')[0]}")
     usual, source, silent, refused = spent(base), inspect.getsource(place), [], []
-    for key, value in OTHER.items():
+    for key, value in (OTHER | ({"receiver.locator": "paper"} if task == "decode" else {})).items():
         settings, alone, word = base, usual, f"{key}={value}"
         for name, also in ALSO.get(key, {}).items():
             with suppress(VoccError):  # the task may refuse that too

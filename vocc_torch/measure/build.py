@@ -93,6 +93,7 @@ def receiver_plan(settings: Settings, shape: PanelShape) -> plans.ReceiverPlan:
     save = receiver.save
     if save is None and len(plugged_in) > 1 and settings.task in ("train", "decode"):
         rule = f"one of {', '.join(one.name for one in plugged_in)}, the receiver that is kept"
+        rule += "; receiver.features made flda" * (plugged_in[-1].name == "flda")
         raise VoccError.of("receiver.save", "null", rule)
     if save is None:
         save = plugged_in[0].name if len(plugged_in) == 1 else "flda_3"
