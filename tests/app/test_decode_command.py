@@ -42,7 +42,7 @@ def decode(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("name", ["led-panel-8x8-photo.png", "led-array-4x4-bench.jpg"])
 def test_the_recommended_receiver_is_trained_where_no_model_is_given(decode, photo, name, tmp_path):
-    """And reads real pictures: a close-up, and a small panel in the dark, which the paper's locator misses."""
+    """And reads real pictures: a close-up, and a small panel that the paper's locator misses."""
     truth = json.loads((photo.parent / "pictures.json").read_text())[name]
     shape = [f"panel.{side}={truth[side]}" for side in ("rows", "columns")]
     rows = decode(photo.parent / name, *shape, "budget.training_frames=16", "decode.annotate=false")
