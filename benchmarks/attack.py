@@ -174,7 +174,7 @@ class Attacks:
         for name, arguments in {
             "run": RUN,
             "learned": LEARNED,
-            "model": ("task=train", *RUN[:4], "name=x"),
+            "model": ("task=train", TINY[1], "device=cpu", "name=x"),
         }.items():
             place.mkdir(exist_ok=True)
             if (ran := run(arguments, place / name)).status:
@@ -547,7 +547,7 @@ class Attacks:
             yield Attempt(f"{key}={value[:30]}", (*RUN[:-1], "budget.frames=2", "name=x", f"{key}={value}"))
         for task in TASKS:
             yield Attempt(
-                f"task={task} of nothing", (f"task={task}", *TINY, "input=nothing", "model=nothing", "name=x")
+                f"task={task} of nothing", (f"task={task}", "input=nothing", "model=nothing", "name=x")
             )
 
     def collections(self) -> Iterator[Attempt]:

@@ -26,15 +26,13 @@ def test_the_classifier_of_the_page_plugs_in(tmp_path, monkeypatch):
     """With the command that stands below it, on fewer frames."""
     text = (README.parent / "docs" / "plug-ins.md").read_text()
     (tmp_path / "mine.py").write_text(re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL)[0])
-    (command,) = re.findall(
-        r"^vocc-torch (classifier=own classifiers\.own\.file=mine\.py .*)$", text, flags=re.M
-    )
+    (command,) = re.findall(r"^vocc-torch (\+classifiers\.mean\S+)$", text, flags=re.M)
     quick = ["budget.frames=32", "budget.training_frames=64", "experiment.values=[4000]", "tensorboard=false"]
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("sys.argv", ["vocc-torch", *command.split(), "name=own", *quick])
     assert run() == 0
     with (tmp_path / "runs/own/ber.csv").open(newline="") as file:
-        (row,) = (row for row in csv.DictReader(file) if row["receiver"] == "own")
+        (row,) = (row for row in csv.DictReader(file) if row["receiver"] == "mean")
     assert float(row["ber"]) < 0.05
 
 

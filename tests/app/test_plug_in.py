@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from composing import study_of
 from PIL import Image
 
 from vocc_torch import Receiver, Scene, Simulator
@@ -62,6 +63,7 @@ RANDOM = """
 import random
 import numpy as np
 import torch
+from composing import study_of
 from PIL import Image
 
 from vocc_torch import Receiver, Scene, Simulator
@@ -156,7 +158,9 @@ def test_parts_from_outside_in_a_sweep_resumed_after_a_kill_and_kept(app, comman
 
 
 def test_a_grid_takes_a_classifier_and_a_locator_by_name(app, tmp_path):
-    """Its parts are trained apart, and the pictures tell of each locator."""
+    """Its parts are trained apart, and the pictures tell of each locator; so does a price list."""
+    plan = study_of("task=tradeoff", f"receiver.locator={LOCATOR}", f"receiver.features=[agr,{FEATURE}]")
+    assert [one.locator for one in plan.settings[:1]] == ["Brightest"]
     small = ("experiment.values=[500]", "experiment.rows=[2000]", *TINY[1:4], "device=cpu")
     ran = app("experiment=dimming", *small, "classifier=lmmse", f"receiver.locator={LOCATOR}", "name=x")
     assert ran.status == 0, ran.err

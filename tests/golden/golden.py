@@ -41,7 +41,7 @@ def arguments_of(name):
     for line in table["commands"][name]:
         words = shlex.split(line.format(root=root, **table["words"]))
         tail = [] if "name=" in line and f"name={name}/" in line else [f"name={name}"]
-        yield [*words, *([] if "task=collect" in words else tail), "device=cpu"]
+        yield words if "task=collect" in words else [*words, *tail, "device=cpu"]
 
 
 def call(arguments, folder):

@@ -207,6 +207,9 @@ def build_tradeoff_study(settings: Settings, config: TradeoffConfig, folder: Pat
     # All frames are of the study's own scenes: no experiment narrows them.
     experiment = Experiment("tradeoff", "distance_m", (plan.world.scene.nearest_m,))
     once: dict[str, Any] = {name: list(dict.fromkeys(getattr(config, name))) for name in LISTS}
+    # What ${receiver.locator} brought goes by its name.
+    own = {settings.receiver.locator: plan.receiver.locator}
+    once["locators"] = [own.get(name, name) for name in once["locators"]]
     devices: list[str] = []
     missing: dict[str, str] = {}
     for name in once["devices"]:
