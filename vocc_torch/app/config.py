@@ -27,6 +27,7 @@ TASKS = {
     "tradeoff": ("tradeoff.run:run_tradeoff", "tradeoff"),
     "classifiers": ("classifiers.run:run_classifiers", "rivals"),
     "collect": ("collect:run_collect", None),
+    "export_receiver": ("export_receiver:run_export_receiver", None),
 }
 """What runs each task, below ``vocc_torch.studies``, and the section that is its own."""
 

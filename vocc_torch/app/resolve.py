@@ -101,6 +101,11 @@ def refuse_ignored(settings: AppConfig, words: Sequence[str]) -> None:
             raise VoccError(f"{key} is {value}: only task={owner} uses it, and the task is {settings.task}")
         if settings.model is not None and group in OF_MODEL and name not in ("rows", "columns"):
             raise VoccError(f"{key} is {value}: the model brings its own; leave {key} or model out")
+        if settings.task == "export_receiver":
+            trained = settings.model is None and name == "training_frames"
+            of_budget = group == "budget" and name not in ("", "frames") and not trained
+            if of_budget or group in ("experiment", "tensorboard", "workers"):
+                raise VoccError(f"{key} is {value}: task=export_receiver has no use for it; leave it out")
 
 
 def unknown_key(key: str) -> str:

@@ -11,7 +11,7 @@ from vocc_torch.errors import VoccError, demand_kind, finite_number, shown
 from vocc_torch.plugins import TARGET, PlugIn, one_line
 from vocc_torch.receiver import foreground, lattice_fit, lattice_model, rectification
 from vocc_torch.receiver.location import Choice, PaperLocator, exact_frames
-from vocc_torch.types import Frames, Images, Panels, PanelShape
+from vocc_torch.types import Frames, Images, Panels, PanelShape, holds
 
 # Most LEDs in a row or a column that are searched for; larger panels are left to the paper's locator.
 _MOST_LEDS = 16
@@ -256,9 +256,10 @@ class OutsideLocator:
         except (Exception, SystemExit) as error:
             raise VoccError(f"{name} failed ({one_line(error)})") from error
         demand_kind(f"{name}: its answer", panels, Panels)
-        if panels.corners_px.shape != (len(frames), 4, 2) or not bool(panels.corners_px.isfinite().all()):
+        size = (frames.grey.shape[0], 4, 2)
+        if panels.corners_px.shape != size or not holds(panels.corners_px.isfinite()):
             given = tuple(panels.corners_px.shape)
-            raise VoccError(f"{name} gave corners of {given}: they must be finite, {(len(frames), 4, 2)}")
+            raise VoccError(f"{name} gave corners of {given}: they must be finite, {size}")
         return panels
 
 

@@ -33,8 +33,8 @@ LEDGERS = "ledgers"
 """Folder of the ledgers of a run with many."""
 
 
-USERS = {"input": "task=decode and task=collect use", "model": "task=decode uses"}
-USERS |= {"plug_ins": "task=decode with a model uses"}
+USERS = {"input": "task=decode and task=collect use", "model": "task=decode and task=export_receiver use"}
+USERS |= {"plug_ins": "task=decode and task=export_receiver with a model use"}
 """Keys that few tasks use."""
 
 
