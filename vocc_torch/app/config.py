@@ -29,6 +29,7 @@ TASKS = {
     "classifiers": ("classifiers.run:run_classifiers", "rivals"),
     "collect": ("collect:run_collect", None),
     "export": ("export.run:run_export", "export"),
+    "export_receiver": ("export_receiver:run_export_receiver", None),
 }
 """What runs each task, below ``vocc_torch.studies``, and the section that is its own."""
 
@@ -83,6 +84,10 @@ IGNORED = {
     "effects": (*RECORDED, "experiment", "receiver.locator", "receiver.features", *PARTS),
     "tradeoff": (*RECORDED, "experiment", "receiver.save"),
     "classifiers": (*RECORDED, "experiment"),
+    "export_receiver": (
+        *("input", "experiment", "workers", "tensorboard", "scene.name", "receiver.names"),
+        *(one for one in COUNTING if one != "budget.frames"),
+    ),
     "export": (*RECORDED, "receiver", "budget", "tensorboard", *PARTS),
     "collect": tuple(one.name for one in fields(AppConfig) if one.name not in ("task", "name", "input")),
 }

@@ -88,7 +88,8 @@ def _interpolated(at: torch.Tensor, table: torch.Tensor) -> torch.Tensor:
     at = at.clamp(max=places[-1])
     left = (torch.searchsorted(places, at, right=True) - 1).clamp(min=0)
     begin = places[left]
-    return slopes[left] * (at - begin).clamp(min=0) + values[left]
+    found: torch.Tensor = slopes[left] * (at - begin).clamp(min=0) + values[left]
+    return found
 
 
 def _learned(

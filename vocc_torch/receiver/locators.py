@@ -11,7 +11,7 @@ from vocc_torch.errors import VoccError, demand_kind, finite_number, shown
 from vocc_torch.plugins import TARGET, PlugIn, one_line
 from vocc_torch.receiver import foreground, lattice_fit, lattice_model, rectification
 from vocc_torch.receiver.location import Choice, PaperLocator, exact_frames
-from vocc_torch.types import Frames, Images, Panels, PanelShape
+from vocc_torch.types import Frames, Images, Panels, PanelShape, holds
 
 # Most LEDs in a row or a column that are searched for; larger panels are left to the paper's locator.
 _MOST_LEDS = 16
@@ -258,8 +258,8 @@ class OutsideLocator:
         demand_kind(f"{name}: its answer", panels, Panels)
         kinds = {"found": torch.bool, "score": torch.float64, "candidates": torch.int64}
         for part in Panels.__slots__:
-            given, size = getattr(panels, part), (len(frames), *(() if part in kinds else (4, 2)))
-            if not isinstance(given, Tensor) or given.shape != size or not bool(given.isfinite().all()):
+            given, size = getattr(panels, part), (frames.grey.shape[0], *(() if part in kinds else (4, 2)))
+            if not isinstance(given, Tensor) or given.shape != size or not holds(given.isfinite()):
                 got = tuple(given.shape) if isinstance(given, Tensor) else type(given).__name__
                 raise VoccError(f"{name} gave {part} of {got}: it must be a finite tensor of {size}")
         return Panels(

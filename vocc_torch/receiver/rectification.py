@@ -6,7 +6,7 @@ The projective maps between cells and pixels are those of Heckbert (1989).
 import math
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor, nn
@@ -194,15 +194,16 @@ def _rectified_in_graph(
     Every sample is the mean of as many readings as the largest of the factors (B,) asks for; those that a
     frame's own factor has none of weigh nothing.
     """
-    most, own = factors.amax(0).item(), factors[:, None, None]
+    most: Any = factors.amax(0).item()  # in a graph no number yet
     torch._check(most >= 1)
-    within, axes = torch.arange(most), []
+    own, within = factors[:, None, None], torch.arange(most)
+    axes = []
     for cells in (shape.columns, shape.rows):
         samples = torch.arange((cells + 2) * side)[:, None] * own + torch.minimum(within, own - 1)
-        axes.append(((samples + 0.5) / (side * own) - 1).flatten(1)[:, None])
+        axes.append(((samples.double() + 0.5) / (side * own) - 1).flatten(1)[:, None])
     height, width = frames.grey.shape[-2:]
     ends = torch.stack([homography.new_full((), side) for side in (width, height)])
-    begin, _, whole, share = _spots(torch.zeros_like(ends), ends, homography, *axes, dtype)
+    begin, _, whole, share = _spots(torch.zeros_like(ends), ends, homography, axes[0], axes[1], dtype)
     left, top = (whole.long() + begin.long().view(-1, 2, 1, 1)).unbind(1)
     rows, columns = (
         [(one + by).clamp(0, size - 1) for by in (0, 1)] for one, size in ((top, height), (left, width))
