@@ -70,6 +70,14 @@ def test_what_a_model_must_agree_with_may_be_said():
     assert composed("task=decode", "model=r.pt", "panel.rows=4", "decode.scale=2").panel.rows == 4
 
 
+def test_what_looks_like_a_key_that_is_passed_over_is_none():
+    assert composed("task=collect", "input=me@seed").input == "me@seed"
+    part = "+locators.location={_target_: mine.py:Finder}"
+    assert composed(part, "receiver.locator=location").receiver.locator == "location"
+    assert composed("experiment=classifiers").task == "classifiers"
+    assert composed("task=tradeoff", part, "receiver.locator=location", "receiver.location.closing_px=5")
+
+
 def test_the_scene_changes_the_camera_and_the_experiment_the_scene():
     plan = study_of("scene=dashcam", "camera.gamma=2", "experiment.scene.distance_m=33")
     assert plan.world.camera.gamma == 2

@@ -23,6 +23,9 @@ OF_MODEL = ("seed", "precision", "framing", "batch_frames", "scene", "camera", "
 
 GROUPS = ("task", "scene", "camera", "panel", "receiver", "experiment", "budget")
 
+ONE_LOCATOR = ("train", "test", "decode", "classifiers")
+"""Tasks that find the panel with receiver.locator and no other."""
+
 LOST_WORKER = (
     "a worker process was ended from outside, perhaps for lack of memory: the jobs that had ended keep their "
     "results; run the others with a smaller hydra.launcher.n_jobs or batch_frames"
@@ -88,8 +91,8 @@ def refuse_ignored(settings: AppConfig, words: Sequence[str]) -> None:
     """
     task, experiment = settings.task, settings.experiment
     for word in words:
-        # A group may be named with where it goes: scene@rivals.scenes.night=fog.
-        key, _, value = word.lstrip("+~").rpartition("@")[2].partition("=")
+        key, _, value = word.lstrip("+~").partition("=")
+        key = key.rpartition("@")[2]  # where a group goes: scene@rivals.scenes.night=fog
         place = "classifiers" if key == "classifier" else key
         group, _, name = place.partition(".")
         said = f"{key} is {value}" if value else word
@@ -111,7 +114,7 @@ def refuse_ignored(settings: AppConfig, words: Sequence[str]) -> None:
         if settings.model and {group, key} & {*own_parts, *PARTS} and name not in ("rows", "columns"):
             raise VoccError(f"{said}: the model brings its own; leave {key} or model out")
         finder, ours = settings.receiver.locator, NAMES["Locators"].split(", ")
-        if name.startswith("location") and not passes_over(task, "receiver.locator") and finder not in ours:
+        if place.startswith("receiver.location") and task in ONE_LOCATOR and finder not in ours:
             raise VoccError(f"{said}: only {NAMES['Locators']} use it, and receiver.locator is {finder}")
         own = name in experiment.training
         tested = name in {*experiment.scene, experiment.axis, experiment.row_axis}
