@@ -58,8 +58,8 @@ class BrightBox:
 @lru_cache(maxsize=16)
 def receiver_of(name):
     """A calibrated receiver of a classifier that ships, or of FLDA."""
-    words = [] if name.startswith("flda_3") else [f"classifier={name}"]
-    words += [f"++classifiers.{name}.training={{frames: 64, epochs: 1}}"] if name in NETWORKS else []
+    words = [] if name == "flda_3" else [f"classifier={name}"]
+    words += [f"++classifiers.{name}.training={{frames: 600, epochs: 6}}"] if name in NETWORKS else []
     plan = study_of("task=train", f"receiver.save={name}", "receiver.locator=truth", *BRIEF, *words)
     return calibrated_receiver(plan, train(replace(plan, experiment=replace(plan.experiment, training={}))))
 
@@ -95,8 +95,12 @@ def test_onnxruntime_decides_as_torch_does(exported):
     found = compared(onnx_graph.TensorReceiver(receiver), run, crops(study, 151))
     assert (found.bits, found.bits_apart) == (151 * 64, 0)
     assert 0 < found.most < 1e-4  # the last digits of float32
-    _, scores, ratios = run(*next(crops(study, 50)))
+    frames, corners = next(crops(study, 50))
+    bits, scores, ratios = run(frames, corners)
     torch.testing.assert_close(receiver.calibration(scores), ratios, rtol=0, atol=0)
+    corners[0] = torch.nan  # which nothing refuses there, and which touches no other frame
+    assert torch.equal(run(frames, corners)[0][1:], bits[1:])
+    assert run(frames[:1], corners[:1])[0].shape == (1, 8, 8)
 
 
 def test_a_whole_frame_is_read_in_a_graph_by_a_locator_of_tensors_alone(exported):

@@ -298,7 +298,7 @@ def rectify_takes(
     cells = (shape.rows + 2) * (shape.columns + 2)
     most = min(64, max(1, math.isqrt(MOST_READINGS // cells) // samples_per_led))
     cell_px = torch.maximum(*cell_size_px(panels.corners_px, shape))
-    factors = torch.round(cell_px / samples_per_led).clamp(1, most).long()
+    factors = torch.round(cell_px / samples_per_led).long().clamp(1, most)
     if is_exporting():
         return [_rectified_in_graph(one, homography, factors, shape, samples_per_led, dtype) for one in takes]
     patches = [torch.empty(size, dtype=dtype, device=grey.device) for _ in takes]
