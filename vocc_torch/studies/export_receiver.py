@@ -18,7 +18,7 @@ GRAPHS = ("receiver.onnx", "receiver_whole.onnx")
 """The graph that is told the corners, and the one that looks for them."""
 
 
-class Apart(NamedTuple):
+class GraphDifference(NamedTuple):
     """How far a graph is from torch.
 
     Args:
@@ -85,7 +85,7 @@ def compared(
     receiver: Callable[..., Sequence[Tensor]],
     graph: Callable[..., Sequence[Tensor]],
     batches: Iterable[tuple[Tensor, ...]],
-) -> Apart:
+) -> GraphDifference:
     """Count where a graph and torch differ.
 
     Args:
@@ -93,11 +93,11 @@ def compared(
         graph: likewise.
         batches: what both are given.
     """
-    apart = Apart()
+    apart = GraphDifference()
     for given in batches:
         with torch.inference_mode():
             (bits, scores), (own, near) = receiver(*given)[:2], graph(*given)[:2]
         off, wrong = int((scores != near).sum()), int((bits != own).sum())
         most = max(apart.most, float((scores - near).abs().max()))
-        apart = Apart(apart.bits + bits.numel(), apart.bits_apart + wrong, apart.scores_apart + off, most)
+        apart = GraphDifference(apart.bits + bits.numel(), apart.bits_apart + wrong, apart.scores_apart + off, most)
     return apart
