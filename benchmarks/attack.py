@@ -616,10 +616,13 @@ def main() -> int:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("families", nargs="*", default=FAMILIES, choices=FAMILIES)
+    parser.add_argument("families", nargs="*", help=f"of {', '.join(FAMILIES)}; all by default")
     parser.add_argument("--share", type=float, default=1.0, help="of the attempts of each family")
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
+    if stray := set(options.families) - set(FAMILIES):
+        parser.error(f"no such family: {', '.join(stray)}")
+    families = options.families or FAMILIES
     torch.set_num_threads(1)
     counts: dict[str, Counter[str]] = {}
     with tempfile.TemporaryDirectory() as folder:
@@ -627,7 +630,7 @@ def main() -> int:
         place.mkdir()
         attacks = Attacks(options.seed, Path(folder) / "undisturbed")
         draw = random.Random(options.seed)
-        for family in options.families:
+        for family in families:
             counts[family] = Counter()
             for attempt in getattr(attacks, family)():
                 if draw.random() >= options.share:

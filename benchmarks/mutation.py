@@ -43,6 +43,8 @@ TESTS = {
         "tests/simulation/test_light_and_background.py",
         "tests/simulation/test_optics_effects.py",
         "tests/simulation/test_simulator.py",
+        "tests/simulation/test_surroundings.py",
+        "tests/numerics/test_simulation_hard_cases.py",
     ),
     "vocc_torch/receiver/features.py": (
         "tests/receiver/test_features.py",
@@ -62,8 +64,8 @@ SURVIVED = (0, 5, 33, None)
 
 OUT_OF_TIME = (-24, 24, 36, 152, 255)
 
-LEFT_OUT = '"-k", "not hundred_million and not points_at_its_caller"'
-"""Tests that take too long, or that need to be called by nobody in between."""
+LEFT_OUT = '"-k", "not points_at_its_caller"'
+"""A test that needs to be called by nobody in between."""
 
 SETTINGS = """\
 [tool.pytest.ini_options]

@@ -116,7 +116,7 @@ def genie(results: Path) -> str:
         best = f"{shown_names}: {row['best_bit_errors']}"
         own = [row["bit_errors"], shown, row["proven"], number(str(1000 * float(row["seconds_a_frame"])))]
         lines.append([f"{row['axis']} = {float(row['value']):g}", row["frames"], *own, best])
-    heads = ["point", "frames", "wrong bits", "BER", "proven frames", "CPU ms a frame"]
+    heads = ["point", "frames", "wrong bits", "BER", "frames proven likeliest", "CPU ms a frame"]
     return table([*heads, "best receivers on these frames: wrong bits"], lines)
 
 

@@ -10,6 +10,7 @@ import pytest
 import torch
 from hydra.core.global_hydra import GlobalHydra
 from hypothesis import settings
+from matplotlib.text import Text
 
 from vocc_torch.app import cli
 from vocc_torch.measure.plan import Budget, Experiment, Plan, ReceiverPlan, World
@@ -77,6 +78,19 @@ def command(*arguments, cwd, code=None, environment=None):
         check=False,
     )
     return Ran(done.returncode, done.stdout, done.stderr)
+
+
+@pytest.fixture(scope="session")
+def shown_texts():
+    """Everything written on a figure, tick labels apart: those beyond an axis's ends are not drawn."""
+
+    def listed(figure):
+        every = [axis for axes in figure.axes for axis in (axes.xaxis, axes.yaxis)]
+        ticks = {label for axis in every for label in axis.get_ticklabels(which="both")}
+        found = (text for text in figure.findobj(Text) if text.get_visible() and text.get_text().strip())
+        return [text for text in found if text not in ticks]
+
+    return listed
 
 
 @pytest.fixture(name="command")

@@ -1,7 +1,6 @@
 """Watches what is rendered, what receivers are taught and what they are asked, and says what leaked."""
 
 import hashlib
-from contextlib import contextmanager
 from pathlib import Path
 
 import torch
@@ -9,6 +8,7 @@ import torch
 from vocc_torch.measure import train as train_module
 from vocc_torch.receiver.classifiers.protocol import Guarded
 from vocc_torch.receiver.flda import FLDA
+from vocc_torch.show import samples
 from vocc_torch.simulation import Simulator
 from vocc_torch.studies.classifiers import study as study_module
 
@@ -54,25 +54,27 @@ class Watch:
     """Puts itself between the simulator and the receivers of this process.
 
     Training is what happens within the three functions that train; all else that is rendered is for tests.
-    Were there a fourth that trains, its frames would count as test frames that were taught.
+    Were there a fourth that trains, its frames would count as test frames that were taught. Frames on which a
+    receiver learns what its scores are worth are a phase of their own, and those of samples.png another.
     """
 
     def __init__(self, monkeypatch):
         self.phase = "test"
-        self.keys = {"train": set(), "test": set()}
-        self.frames = {"train": set(), "test": set()}
-        self.bits = {"train": set(), "test": set()}
+        phases = ("train", "test", "calibrate", "show")
+        self.keys, self.frames, self.bits = ({phase: set() for phase in phases} for _ in range(3))
         self.taught, self.asked, self.labels = set(), set(), set()
         self.pupils, self.examined = set(), set()
         self._on_simulator(monkeypatch)
         self._on_receivers(monkeypatch)
         training = (
-            (train_module, "train_each"),
-            (train_module, "train_classifiers"),
-            (study_module, "train_or_say_why"),
+            (train_module, "train_each", "train"),
+            (train_module, "train_classifiers", "train"),
+            (study_module, "train_or_say_why", "train"),
+            (train_module, "calibrated_receiver", "calibrate"),
+            (samples, "write_samples", "show"),
         )
-        for module, name in training:
-            monkeypatch.setattr(module, name, self._as_training(getattr(module, name)))
+        for module, name, phase in training:
+            monkeypatch.setattr(module, name, self._within(phase, getattr(module, name)))
 
     def leaks(self):
         """Kinds of things that training and tests have in common; there must be none."""
@@ -84,6 +86,9 @@ class Watch:
             "labels of no training frame": self.labels - self.bits["train"],
             "what is seen of a panel": self.taught & self.asked,
         }
+        for other in ("train", "test"):
+            for kind in (self.keys, self.frames, self.bits):
+                common.setdefault("frames of calibration", set()).update(kind["calibrate"] & kind[other])
         return {kind for kind, shared in common.items() if shared}
 
     def _on_simulator(self, monkeypatch):
@@ -141,20 +146,15 @@ class Watch:
         self.taught |= columns(x)
         self.labels |= {digest(one) for one in bits}
 
-    def _as_training(self, function):
+    def _within(self, phase, function):
         def watched(*arguments, **rest):
-            with self._training_phase():
+            before, self.phase = self.phase, phase
+            try:
                 return function(*arguments, **rest)
+            finally:
+                self.phase = before
 
         return watched
-
-    @contextmanager
-    def _training_phase(self):
-        before, self.phase = self.phase, "train"
-        try:
-            yield
-        finally:
-            self.phase = before
 
 
 def _name(pupil):

@@ -32,7 +32,7 @@ def rows(made, name):
         return list(csv.DictReader(file))
 
 
-@pytest.mark.parametrize("page", ["effects", "numerics", "rivals", "mutation"])
+@pytest.mark.parametrize("page", ["effects", "numerics", "rivals", "receivers", "mutation"])
 def test_the_page_is_up_to_date(page):
     """Else run ``python docs/update_PAGE.py``, or ``python benchmarks/mutation.py --page``."""
     made = script("benchmarks/mutation.py" if page == "mutation" else f"docs/update_{page}.py")

@@ -53,14 +53,20 @@ def load_scene(scene: str | Path | Mapping[str, object] = "paper", *overrides: s
         ((40.0, 40.0), 4, ['saturation'])
     """
     if isinstance(scene, str) and not scene.endswith((".yaml", ".yml")):
-        return build_plan(_composed([f"scene={scene}", *overrides]), NOWHERE).world
+        return _checked(build_plan(_composed([f"scene={scene}", *overrides]), NOWHERE).world)
     if isinstance(scene, str | Path):
         try:
             scene = yaml.safe_load(Path(scene).read_text(encoding="utf-8"))
         except (OSError, ValueError, yaml.YAMLError) as error:
             raise VoccError(f"scene {scene} cannot be read: {' '.join(str(error).split())}") from None
     demand_kind("scene", scene, Mapping)
-    return build_plan(_composed(overrides, scene), NOWHERE).world  # type: ignore[arg-type]  # a mapping by now
+    return _checked(build_plan(_composed(overrides, scene), NOWHERE).world)  # type: ignore[arg-type]  # a mapping by now
+
+
+def _checked(world: World) -> World:
+    """Build the world's effects once, so that a wrong one is refused now."""
+    world.simulator()
+    return world
 
 
 def _composed(words: Sequence[str], scene: Mapping[str, object] | None = None) -> AppConfig:
@@ -205,7 +211,7 @@ class Table:
 
     def __str__(self) -> str:
         """Write the table as text."""
-        console = terminal.Console(width=110, file=io.StringIO())
+        console = terminal.Console(width=110, file=io.StringIO(), force_jupyter=False, force_terminal=False)
         terminal.print_table(self.curves.table(), console)
         return str(console.file.getvalue()).rstrip()  # type: ignore[attr-defined]  # the StringIO above
 
@@ -244,7 +250,12 @@ def measure(
         [(30.0, 64), (50.0, 64)]
     """
     world = load_scene(scene) if isinstance(scene, str) else scene
+    demand_kind("receivers", receivers, Receiver, Mapping)
     named = {receivers.name: receivers} if isinstance(receivers, Receiver) else dict(receivers)
+    if not named:
+        raise VoccError.of("receivers", "{}", "a receiver, or several by name")
+    for name, receiver in named.items():
+        demand_kind(f"receivers.{name}", receiver, Receiver)
     one, simulator = Experiment(experiment, axis, tuple(map(float, values))), world.simulator()
     counts: dict[tuple[str, float], Counts] = {}
     pairs: dict[tuple[str, str, float], PairedCounts] = {}

@@ -37,10 +37,7 @@ def atomic_file(path: str | Path) -> Iterator[Path]:
         ['a.txt']
     """
     target = Path(path)
-    mine = f".{target.stem}.{os.getpid()}"
-    names = (target.with_name(f"{mine}-{number}.tmp{target.suffix}") for number in itertools.count())
-    # Whatever has such a name already, a folder or a link, is not ours.
-    temporary = next(path for path in names if not os.path.lexists(path))
+    temporary = _temporary(target)
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         yield temporary
@@ -52,6 +49,51 @@ def atomic_file(path: str | Path) -> Iterator[Path]:
     finally:
         with suppress(OSError):  # that it cannot be deleted is not the error to tell of
             temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def atomic_folder(path: str | Path) -> Iterator[Path]:
+    """Lend a temporary folder that takes the place of ``path`` when the block ends well.
+
+    After an error inside the block the temporary folder is gone.
+
+    Args:
+        path: the folder to write; what is there is replaced.
+
+    Yields:
+        The temporary folder, beside ``path``.
+
+    Raises:
+        VoccError: it cannot be written, with the system's reason.
+
+    Example:
+        >>> import tempfile
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     with atomic_folder(Path(folder) / "a") as temporary:
+        ...         _ = (temporary / "b.txt").write_text("whole")
+        ...     [str(path.relative_to(folder)) for path in Path(folder).rglob("*")]
+        ['a', 'a/b.txt']
+    """
+    target = Path(path)
+    temporary = _temporary(target)
+    try:
+        temporary.mkdir(parents=True)
+        yield temporary
+        if target.exists():
+            shutil.rmtree(target)
+        temporary.replace(target)
+    except OSError as error:
+        raise VoccError(f"cannot write {target}: {error.strerror or error}") from error
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+
+
+def _temporary(target: Path) -> Path:
+    """Name a path beside a target that is free, and that :func:`sweep` knows when this process is gone."""
+    mine = f".{target.stem}.{os.getpid()}"
+    names = (target.with_name(f"{mine}-{number}.tmp{target.suffix}") for number in itertools.count())
+    # Whatever has such a name already, a folder or a link, is not ours.
+    return next(path for path in names if not os.path.lexists(path))
 
 
 def write_atomically(path: str | Path, content: bytes) -> None:

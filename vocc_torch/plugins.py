@@ -286,6 +286,14 @@ class PlugIn:
         """Hash what tells it from most others; arguments may be lists."""
         return hash((self.name, self.target))
 
+    @property
+    def files(self) -> dict[str, str]:
+        """What tells the files that its arguments name from others, by argument."""
+        named = {
+            key: one for key, one in self.arguments.items() if isinstance(one, str) and Path(one).is_file()
+        }
+        return {key: ModuleFile(path).digest for key, path in named.items()}
+
     def __reduce__(self) -> tuple[type[Self], tuple[object, ...]]:
         """Pickle the settings alone: another process builds its own."""
         return type(self), (self.key, self.name, self.target, dict(self.arguments))

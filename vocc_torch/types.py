@@ -165,6 +165,21 @@ def tensor_of(name: str, value: object) -> Tensor:
     raise VoccError.of(name, shown(value), "a tensor or a NumPy array of numbers")
 
 
+def is_exporting() -> bool:
+    """Whether torch.export is drawing a graph now, for which numbers have no values yet."""
+    return bool(getattr(torch.compiler, "is_exporting", bool)())  # torch 2.5 does not have it
+
+
+def holds(facts: Tensor) -> bool:
+    """Whether every one of some facts is true; a graph that is being drawn takes them to be.
+
+    Example:
+        >>> holds(torch.tensor([True, False]))
+        False
+    """
+    return is_exporting() or bool(facts.all())
+
+
 @dataclass(frozen=True, slots=True)
 class Frames:
     """Camera frames, or crops of them.
@@ -199,7 +214,7 @@ class Frames:
         if planes.ndim != 4 or planes.shape[1] != 1:
             raise VoccError(f"grey has shape {tuple(grey.shape)}: it must be (H,W), (B,H,W) or (B,1,H,W)")
         origin = torch.zeros(planes.shape[0], 2, dtype=torch.int64, device=planes.device)
-        return cls(planes, origin, (int(planes.shape[-2]), int(planes.shape[-1])))
+        return cls(planes, origin, (planes.shape[-2], planes.shape[-1]))
 
     @classmethod
     def of(cls, images: "Images", name: str = "frames") -> "Frames":

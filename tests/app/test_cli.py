@@ -53,7 +53,7 @@ def test_default_run_writes_everything(app, tmp_path):
     assert (ran.status, ran.err) == (0, "")
     (folder,) = (tmp_path / "runs" / "test" / "ambient").iterdir()
     written = {path.name for path in folder.iterdir()}
-    pictures = {"ber.png", "features.png"}
+    pictures = {"ber.png", "features.png", "samples.png"}
     tables = {"ber.csv", "paired.csv", "ledger.sqlite"}
     assert written == pictures | tables | {"receiver.pt", "config.yaml", "tensorboard"}
     with (folder / "ber.csv").open(newline="") as file:
@@ -202,9 +202,13 @@ def test_runs_is_a_file(app, tmp_path):
     assert files_in(tmp_path) == {Path("runs"): b"mine"}
 
 
-@pytest.mark.parametrize(("limit", "failing"), [(500, "ledger.sqlite"), (20_000, "ber.png")])
-def test_full_disk(app, tmp_path, limit, failing):
+@pytest.mark.parametrize(
+    ("limit", "failing"), [(500, "ledger.sqlite"), (20_000, "samples.png"), (20_000, "ber.png")]
+)
+def test_full_disk(app, tmp_path, monkeypatch, limit, failing):
     """What was whole before stays; nothing is left half-written. A limit on files stands in for the disk."""
+    if failing == "ber.png":
+        monkeypatch.setattr("vocc_torch.show.samples.write_samples", lambda *_, **__: None)
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (limit, before[1]))
     try:
@@ -279,7 +283,7 @@ def test_reader_that_leaves_early(tmp_path):
         err = run.stderr.read()
     assert (run.returncode, err) == (1, "")
     left = {path.name for path in tmp_path.rglob("*") if path.is_file()}
-    assert left <= {"ledger.sqlite", "config.yaml"}
+    assert left <= {"ledger.sqlite", "config.yaml", "samples.png"}
 
 
 def test_a_terminal_of_ascii_gets_escapes(app, monkeypatch):

@@ -1,6 +1,7 @@
 """``task=decode`` from settings to files: what is written, and what is refused before anything is."""
 
 import csv
+import json
 import os
 
 import numpy as np
@@ -12,6 +13,7 @@ from skimage import data
 
 from vocc_torch.app.cli import run_task
 from vocc_torch.errors import VoccError
+from vocc_torch.receiver.locators import RefinedLocator
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.studies.decode.run import DOUBTFUL_SCORE
 
@@ -38,11 +40,24 @@ def decode(tmp_path, monkeypatch):
     return run
 
 
-def test_a_receiver_is_trained_where_no_model_is_given(decode, photo, photo_bits, tmp_path):
-    rows = decode(photo, "budget.training_frames=16", "decode.annotate=false")
+@pytest.mark.parametrize("name", ["led-panel-8x8-photo.png", "led-array-4x4-bench.jpg"])
+def test_the_recommended_receiver_is_trained_where_no_model_is_given(decode, photo, name, tmp_path):
+    """And reads real pictures: a close-up, and a small panel that the paper's locator misses."""
+    truth = json.loads((photo.parent / "pictures.json").read_text())[name]
+    shape = [f"panel.{side}={truth[side]}" for side in ("rows", "columns")]
+    rows = decode(photo.parent / name, *shape, "budget.training_frames=16", "decode.annotate=false")
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"bits.csv", "receiver.pt", "config.yaml"}
-    assert rows[0]["bits"] == photo_bits
-    assert Receiver.load(tmp_path / "out" / "receiver.pt").name == "flda_3"
+    assert rows[0]["bits"] == "".join(truth["bits"])
+    kept = Receiver.load(tmp_path / "out" / "receiver.pt")
+    assert (kept.name, type(kept.locator)) == ("tag_planes", RefinedLocator)
+
+
+def test_a_receiver_that_is_named_is_taken_instead():
+    paper, learned = (
+        composed("task=decode", "name=x", word) for word in ("receiver=paper", "classifier=svm")
+    )
+    assert (paper.receiver.locator, [*paper.classifiers]) == ("paper", [])
+    assert (learned.receiver.locator, [*learned.classifiers]) == ("refined", ["svm"])
 
 
 def test_a_folder_with_and_without_panels(decode, model, photo, tmp_path, capsys):

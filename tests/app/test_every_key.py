@@ -17,6 +17,7 @@ from vocc_torch.measure.config import ClassifierSettings, Experiment
 from vocc_torch.measure.plan import identity
 from vocc_torch.measure.sweep import Study
 from vocc_torch.studies.effects import Severity
+from vocc_torch.studies.export.run import identity_of
 
 ROOT = Path(__file__).parents[2]
 LMMSE = ClassifierSettings({"_target_": "vocc_torch.receiver.classifiers.LmmseEqualizer"})
@@ -80,6 +81,7 @@ SECTIONS = {
         **{"scene_frames": 1, "scene_training_frames": 2, "experiments": {"ambient": DIM, "distance": FAR}},
     },
     "decode": {"channel": "max", "annotate": False, "scale": 2},
+    "export": {"points": "test", "frames": 64, "shard_frames": 64},
 }
 OTHER = {
     **{f"{place}.{name}": value for place, keys in SECTIONS.items() for name, value in keys.items()},
@@ -108,7 +110,7 @@ LATER = {
     "model": "tests/app/test_decode_command.py::test_models_that_do_not_fit",
     "plug_ins": "tests/app/test_kept_receivers.py::test_code_from_outside_runs_only_where_it_is_named_and_un",
     "decode.channel": "tests/studies/decode/test_decode.py::test_channels_see_their_colour",
-    "decode.annotate": "tests/app/test_decode_command.py::test_a_receiver_is_trained_where_no_model_is_given",
+    "decode.annotate": "tests/app/test_decode_command.py::test_the_recommended_receiver_is_trained",
     "decode.scale": "tests/app/test_decode_command.py::test_a_folder_with_and_without_panels",
     "scene.name": "tests/studies/collect/test_collect.py::test_keys_of_an_experiment_that_follow",
 }
@@ -151,13 +153,16 @@ def spent(settings):
     """What a task's results come from, as the package itself names it, and the settings of its own."""
     task, study = settings.task, built(settings)
     plan = build_plan(settings, NOWHERE)
-    if task in ("train", "decode"):  # which name no receivers, and decode narrows no scenes
+    if task in ("train", "decode", "export_receiver"):  # which name no receivers; train alone narrows scenes
         scenes = plan.experiment.training if task == "train" else {}
         one, experiment = replace(plan.receiver, names=("flda_3",)), replace(plan.experiment, training=scenes)
-        return learned(replace(plan, receiver=one, experiment=experiment))
+        held = plan.budget.frames if task == "export_receiver" else 0
+        return held, learned(replace(plan, receiver=one, experiment=experiment))
     if task == "test":
         grid = plan.experiment.row_axis, plan.experiment.rows
         return grid, [counted(Study("", row, (row.receiver.locator,))) for row in plan.rows().values()]
+    if task == "export":
+        return identity_of(plan, settings.export), plan.world.device, plan.batch_frames
     if task == "figures":
         return study.figures, [counted(one) for one in study.studies()], learned(plan)["world"]
     if task == "effects":
@@ -187,7 +192,7 @@ def test_every_key_is_refused_by_its_name_or_has_an_effect(task):
     place = import_module(f"vocc_torch.studies.{module}")
     source = inspect.getsource(getattr(place, run) if module == "curve" else place)  # which is of two tasks
     usual, silent, refused = spent(base), [], []
-    for key, value in OTHER.items():
+    for key, value in (OTHER | ({"receiver.locator": "paper"} if task == "decode" else {})).items():
         settings, alone, word = base, usual, f"{key}={value}"
         for name, also in ALSO.get(key, {}).items():
             with suppress(VoccError):  # the task may refuse that too

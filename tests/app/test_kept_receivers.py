@@ -105,7 +105,9 @@ def test_another_process_reads_the_same_bits(kept, mine):
     for name, path in zip(read, paths, strict=True):
         again = torch.load(f"{path}.read", weights_only=True)
         wanted = (read[name].bits, read[name].scores, read[name].llr, read[name].corners_px)
-        assert all(torch.equal(one, other) for one, other in zip(wanted, again, strict=True)), name
+        assert torch.equal(wanted[0], again[0]), name
+        for one, other in zip(wanted, again, strict=True):  # a solver may round by where its numbers lie
+            torch.testing.assert_close(one, other, rtol=1e-9, atol=1e-9)
         assert read[name].found.all(), name
 
 
@@ -222,6 +224,7 @@ def test_ratios_are_those_of_two_gaussians_whatever_the_scale(scale):
 
 
 def test_a_ratio_is_no_larger_than_the_panels_can_tell():
-    """Of n right decisions and no wrong one, at most half an error in n + 1."""
+    """Of n right decisions and no wrong one, half an error in n + 1, from the least distance seen on."""
     scores, bits = torch.linspace(-1, 1, 201), torch.linspace(-1, 1, 201) >= 0
-    assert float(Calibration.of(scores, bits)(torch.tensor(9.0))) == pytest.approx(np.log(101.5 / 0.5))
+    learned = Calibration.of(scores, bits)(torch.tensor([0.02, 9.0, -0.02, -9.0])).abs()
+    assert learned.numpy() == pytest.approx(np.log([203, 203, 201, 201]))

@@ -89,7 +89,7 @@ def test_a_fault_in_a_worker_is_seen_and_loses_nothing(command, stand_in):
 INTERRUPTIBLE = """
 import signal
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs ignore it
-from vocc_torch.app.cli import main
+from vocc_torch.__main__ import main
 main()
 """
 

@@ -30,7 +30,8 @@ def of_halves(halves, bits=BITS):
 def test_clopper_pearson_is_scipys(successes, trials, confidence):
     ours = clopper_pearson(successes, trials, confidence)
     scipys = binomtest(successes, trials).proportion_ci(confidence, method="exact")
-    assert (ours.low, ours.high) == pytest.approx((scipys.low, scipys.high), rel=1e-9)
+    expected = (scipys.low, successes / trials, scipys.high)
+    assert (ours.low, ours.value, ours.high) == pytest.approx(expected, rel=1e-9)
 
 
 # Coverage. Each case draws the halves of (studies, frames) and has the bit error rate it was made for.
@@ -180,10 +181,12 @@ def test_clustered_errors_have_korn_and_graubards_interval(halves, freedom, conf
 
 
 def test_the_t_correction_is_the_squared_ratio_of_quantiles():
-    for bits, freedom, confidence in ((1e6, 4.0, 0.95), (100, 7.5, 0.5), (10, 3.0, 0.999)):
+    """At most 1, and of two bits, one degree of freedom, the one of a single frame."""
+    sizes = ((1e6, 4.0, 0.95), (100, 7.5, 0.5), (10, 3.0, 0.999), (2, 1.0, 0.9), (10, 50.0, 0.95))
+    for bits, freedom, confidence in sizes:
         upper = (1 + confidence) / 2
         ratio = stats.t.ppf(upper, bits - 1) / stats.t.ppf(upper, freedom)
-        assert t_correction(bits, freedom, confidence) == pytest.approx(ratio**2, rel=1e-9)
+        assert t_correction(bits, freedom, confidence) == pytest.approx(min(1.0, ratio**2), rel=1e-9)
 
 
 @pytest.mark.parametrize("confidence", [1e-300, 1e-17, 1e-12, 1e-6])
@@ -193,5 +196,5 @@ def test_the_t_correction_at_no_confidence_is_the_ratio_of_the_densities(confide
 
 
 def test_frames_that_differ_less_than_chance_have_no_design_effect_below_1():
-    assert design_effect(of_halves([2] * 100)) == 1.0
-    assert design_effect(of_halves([2, 4] * 50)) == 1.0
+    for halves in ([2] * 100, [2, 4] * 50, [0] * 9, [2 * BITS] * 9):
+        assert design_effect(of_halves(halves)) == 1.0

@@ -117,7 +117,7 @@ def assert_as(folder, undisturbed):
 INTERRUPTIBLE = """
 import signal
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs ignore it
-from vocc_torch.app.cli import main
+from vocc_torch.__main__ import main
 if __name__ == "__main__":
     main()
 """
@@ -175,7 +175,7 @@ def test_workers_end_with_a_killed_parent_and_an_interrupted_run_says_how_to_go_
     assert interrupted["out"].endswith("interrupted: the same command with name=x goes on from there\n")
     known = len(killed["rows"])
     where = lives["cwd"] / "runs" / "x" / "ledger.sqlite"
-    assert f"going on from {known} blocks in {where}\n" in interrupted["out"]
+    assert f"resuming: {known} blocks of frames are already counted in {where}\n" in interrupted["out"]
 
 
 @pytest.mark.slow
@@ -199,7 +199,7 @@ def test_what_was_counted_is_not_counted_again(app, ended_after, folder, undistu
     known = rows_in(folder / "ledger.sqlite")
     ran = app(*RUN)
     assert (ran.status, ran.err) == (0, "")
-    assert ran.out.startswith(f"going on from 3 blocks in {folder}/ledger.sqlite\n")
+    assert ran.out.startswith(f"resuming: 3 blocks of frames are already counted in {folder}/ledger.sqlite\n")
     assert_as(folder, undisturbed)
     assert not set(asked) & set(known)
     assert (len(known), len(asked)) == (3, BLOCKS - 3)

@@ -46,15 +46,14 @@ class HardCases:
         self.floor = floor
         self.cases = []
 
-    def __call__(self, name, answer="", broken_by=None):
-        """Take a function without arguments as the check of a case; the file tells what is left out here."""
+    def __call__(self, name):
+        """Take a function without arguments as the check of the case of this name."""
         assert name not in [case.name for case in self.cases], f"two cases are named {name!r}"
-        if broken_by is None:
-            (told,) = (one for one in TOLD[self.floor] if one["name"] == name)
-            answer, broken_by = told["answer"], Breakage(told["file"], told["old"], told["new"])
+        (told,) = (one for one in TOLD[self.floor] if one["name"] == name)
+        broken_by = Breakage(told["file"], told["old"], told["new"])
 
         def take(check):
-            self.cases.append(HardCase(name, answer, broken_by, check))
+            self.cases.append(HardCase(name, told["answer"], broken_by, check))
             return check
 
         return take

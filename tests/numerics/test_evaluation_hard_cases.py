@@ -7,7 +7,7 @@ import mpmath
 import numpy as np
 import pytest
 import torch
-from hard_cases import Breakage, HardCases
+from hard_cases import HardCases
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from made_up_dimming import grid_of
@@ -30,7 +30,6 @@ from vocc_torch.measure.paired import (
 hard = HardCases("Evaluation")
 
 CONFIDENCES = (1e-17, 1e-12, 1e-6, 0.5, 0.95, 0.999, 1 - 1e-9, 1 - 2.0**-53)
-FOLDER = "vocc_torch/measure"
 
 
 def wrong_frames(frames, leds, sizes):
@@ -77,14 +76,7 @@ def binomial_tail(successes, trials, share, upper):
 # Counts
 
 
-@hard(
-    "squared errors that 64 bits do not hold",
-    "refused by name where frames are counted as 64-bit integers: a frame of 2^30 bits and eight of them "
-    "would wrap around",
-    Breakage(
-        f"{FOLDER}/frame_errors.py", "if frames * (2 * int(self.leds)) ** 2 >", "if 2 * int(self.leds) >"
-    ),
-)
+@hard("squared errors that 64 bits do not hold")
 def squared_errors_that_64_bits_do_not_hold():
     bits = 2**30
     fits = np.full((1, 1), 2 * bits)
@@ -97,14 +89,7 @@ def squared_errors_that_64_bits_do_not_hold():
 # Intervals
 
 
-@hard(
-    "1000 errors in 1e9 bits",
-    "the tails are met to a thousandth: the inverse of SciPy 1.17 is out by factors there, which shows in "
-    "its own integral, and the end is then sought in that",
-    Breakage(
-        f"{FOLDER}/intervals.py", "if abs(integral(a, b, x) - tail) <= _TAIL_TOLERANCE * tail:", "if x >= 0:"
-    ),
-)
+@hard("1000 errors in 1e9 bits")
 def a_thousand_errors_in_1e9_bits():
     for successes, trials in ((1000, 10**9), (1000, 10**12), (999, 10**12), (1000, 3 * 10**7)):
         interval = clopper_pearson(successes, trials)
@@ -113,16 +98,7 @@ def a_thousand_errors_in_1e9_bits():
             assert binomial_tail(successes, trials, end, upper) == pytest.approx(0.025, rel=1e-3)
 
 
-@hard(
-    "intervals near 0 and 1",
-    "the tails are met to a thousandth from 1e-2 to 1e13 trials, down to one success and up to one failure:"
-    " checked by quadrature with 25 digits",
-    Breakage(
-        f"{FOLDER}/intervals.py",
-        "_inverse(betaincc, betainccinv, successes + 1, trials - successes, tail)",
-        "1 - _inverse(betainc, betaincinv, trials - successes, successes + 1, tail)",
-    ),
-)
+@hard("intervals near 0 and 1")
 def intervals_near_0_and_1():
     for trials in (20, 10**6, 10**12, 10**13):
         for successes in (1, trials // 1000, trials // 3, trials - 3):
@@ -143,12 +119,7 @@ def intervals_near_0_and_1():
     assert clopper_pearson(1, 10**12).high == pytest.approx(5.571643390938898e-12, rel=1e-10, abs=0)
 
 
-@hard(
-    "confidence near 0 and 1",
-    "ordered and finite for every number between: the tails are taken from below, where a number near 0 has"
-    " all its digits; next to 1 the interval approaches that of one trial, 0 to 1",
-    Breakage(f"{FOLDER}/intervals.py", "min((1 - confidence) / 2, 0.5 - 5e-7)", "(1 - confidence) / 2"),
-)
+@hard("confidence near 0 and 1")
 def confidence_near_0_and_1():
     some = wrong_frames(2000, 64, {2: 30, 16: 5})
     a, b, paired = compared(2000, 64, {2: 30, 16: 5}, {2: 9})
@@ -177,12 +148,7 @@ def confidence_near_0_and_1():
             clopper_pearson(3, 50, confidence)
 
 
-@hard(
-    "1e12 bits",
-    "as any other: the interval of independent errors is the binomial's, 2e-6 of the rate wide, and its "
-    "tails are met to a thousandth",
-    Breakage(f"{FOLDER}/intervals.py", "MOST_TRIALS = 1e13", "MOST_TRIALS = 1e11"),
-)
+@hard("1e12 bits")
 def a_million_million_bits():
     frames, leds = 10**12 // 64, 64
     # Independent bits, one in ten wrong: so many frames with so many wrong bits, to the nearest frame.
@@ -196,22 +162,14 @@ def a_million_million_bits():
         assert (counts.ber - end.low, end.high - counts.ber) == pytest.approx(
             (half_width, half_width), rel=1e-3
         )
-    rare = ber_interval(wrong_frames(frames, leds, {2: 5}))
+    rare = ber_interval(wrong_frames(10 * frames, leds, {2: 50}))  # the most bits that there may be
     assert rare.low < 5e-12 < rare.high < 2e-11
     paired = paired_interval(compared(frames, leds, {2: 10**6}, {2: 10**6 - 5000})[2])
     assert paired.real
     assert paired.value == 5000 / counts.bits
 
 
-@hard(
-    "more than 1e13 bits",
-    "an interval of rare errors is refused by name, since SciPy's beta integral loses its digits there (it "
-    "hangs or gives NaN at 1e17); the rate, the design effect and the limit of error-free frames are exact "
-    "for any number",
-    Breakage(
-        f"{FOLDER}/intervals.py", "    if counts.bits > MOST_TRIALS:\n", "    if counts.bits > math.inf:\n"
-    ),
-)
+@hard("more than 1e13 bits")
 def more_than_1e13_bits():
     huge = wrong_frames(2**62, 2, {2: 2**40})
     assert ber_interval(Counts(2**62, 2**63)).high > 0
@@ -225,15 +183,7 @@ def more_than_1e13_bits():
         sign_test(compared(2**62, 2, {2: 2**60}, {2: 2**59})[2])
 
 
-@hard(
-    "a design effect at a rate next to 1",
-    "exact: it is a ratio of integers, so that 1 minus a rate that rounds to 1 is not 0",
-    Breakage(
-        f"{FOLDER}/intervals.py",
-        "return max(1.0, counts.spread * counts.bits / ((counts.frames - 1) * halves * right))",
-        "return max(1.0, counts.spread / counts.frames / 4 / counts.bits / counts.ber / (1 - counts.ber))",
-    ),
-)
+@hard("a design effect at a rate next to 1")
 def a_design_effect_at_a_rate_next_to_1():
     for frames, leds, sizes in (
         (10**18, 64, {128: 10**18 - 1, 126: 1}),
@@ -247,16 +197,7 @@ def a_design_effect_at_a_rate_next_to_1():
         assert design_effect(counts) == max(1.0, float(exact))
 
 
-@hard(
-    "every panel missed",
-    "the rate is one half, as for a coin toss, and its interval lies around it; the frames do not differ, "
-    "so the design effect is 1",
-    Breakage(
-        f"{FOLDER}/intervals.py",
-        "return max(1.0, counts.spread * counts.bits",
-        "return (counts.spread * counts.bits",
-    ),
-)
+@hard("every panel missed")
 def every_panel_missed():
     bits = torch.rand(50, 8, 8) < 0.5
     counts = Counts.of(bits, bits, torch.zeros(50, dtype=torch.bool))
@@ -264,6 +205,9 @@ def every_panel_missed():
     assert design_effect(counts) == 1.0
     interval = ber_interval(counts)
     assert 0.46 < interval.low < 0.5 < interval.high < 0.54
+    # A missed panel of a single LED is half a wrong bit, the least that a wrong frame can have.
+    low = ber_interval(wrong_frames(1000, 1, {1: 1000})).low
+    assert low == pytest.approx(clopper_pearson(1000, 1000).low / 2, rel=1e-12)
     row = BerTable([Point("d", "distance_m", 70.0, "x", "paper", counts, "frames")]).rows[0]
     assert ordered(row.ber_low, row.ber, row.ber_high)
     assert not row.error_free
@@ -275,16 +219,7 @@ def every_panel_missed():
     assert ordered(difference.low, 0.5, difference.high)
 
 
-@hard(
-    "an error-free point beside larger panels",
-    "a wrong frame is taken to have at most its own bits wrong, however many the receiver's wrong frames "
-    "have where the panels are larger",
-    Breakage(
-        f"{FOLDER}/curve.py",
-        "size = min(errors_per_frame_error, counts.bits / max(1, counts.frames))",
-        "size = errors_per_frame_error",
-    ),
-)
+@hard("an error-free point beside larger panels")
 def an_error_free_point_beside_larger_panels():
     points = [
         Point("panel", "leds", leds, "x", "paper", counts, "frames")
@@ -292,20 +227,12 @@ def an_error_free_point_beside_larger_panels():
     ]
     small = BerTable(points).rows[0]
     assert small.ber_high == pytest.approx(-math.expm1(math.log(0.05) / 1000))
-    with pytest.raises(VoccError, match=r"^errors_per_frame_error is 5\.0: "):
+    rule = "it must be above 0 and at most the bits of a frame, 4"
+    with pytest.raises(VoccError, match=rf"^errors_per_frame_error is 5\.0: {rule}$"):
         ber_interval(Counts(1000, 4000), errors_per_frame_error=5.0)
 
 
-@hard(
-    "any counts at all",
-    "every interval is finite, in order and holds its estimate: rates within 0 to 1, differences within -1 "
-    "to 1, gains at most 1",
-    Breakage(
-        f"{FOLDER}/intervals.py",
-        "return Estimate(rate, min(low, rate), max(min(clustered.high, frame_error.high), rate))",
-        "return Estimate(rate, low, min(clustered.high, frame_error.high))",
-    ),
-)
+@hard("any counts at all")
 def any_counts_at_all():
     sizes = st.dictionaries(st.integers(1, 8), st.integers(0, 10**10), max_size=3)
 
@@ -341,16 +268,7 @@ def any_counts_at_all():
 # Two receivers
 
 
-@hard(
-    "a gain over a rate that is hardly known",
-    "finite: the low end of the gain is far below -1 where the rate's low end is next to 0, and is no "
-    "division by a difference of squares that has rounded to 0",
-    Breakage(
-        f"{FOLDER}/paired.py",
-        "a, c = near * (rate + aside), low * (value + below)",
-        "a, c = rate**2 - aside**2, value**2 - below**2",
-    ),
-)
+@hard("a gain over a rate that is hardly known")
 def a_gain_over_a_rate_that_is_hardly_known():
     confidence = 1 - 2.0**-53
     counts = wrong_frames(10**6, 64, {128: 1})
@@ -371,16 +289,7 @@ def a_gain_over_a_rate_that_is_hardly_known():
     assert gain.low == pytest.approx(float(closed), rel=1e-9), below
 
 
-@hard(
-    "a sign test of 1e12 frames",
-    "exact and at once: twice the smaller tail of a fair coin's binomial, which SciPy's search for it takes"
-    " minutes to find at 2^62 and its `bdtr` gives wrongly from 2^31 on; at most 1",
-    Breakage(
-        f"{FOLDER}/paired.py",
-        "float(betainc(more, fewer + 1, 0.5))",
-        "float(betainc(more + 1, fewer + 1, 0.5))",
-    ),
-)
+@hard("a sign test of 1e12 frames")
 def a_sign_test_of_1e12_frames():
     for a_worse, b_worse in ((0, 1), (0, 6), (5, 5), (3, 12), (499_000, 501_000)):
         paired = compared(10**7, 4, {2: a_worse}, {2: b_worse})[2]
@@ -393,16 +302,7 @@ def a_sign_test_of_1e12_frames():
     assert sign_test(compared(frames, 4, {2: frames // 2}, {2: frames // 2})[2]) == 1.0
 
 
-@hard(
-    "every frame against every frame",
-    "finite: where one receiver was the worse in half the frames and the other in the rest, both by all "
-    "bits, their excesses exclude each other completely, and the correlation is -1 and not below",
-    Breakage(
-        f"{FOLDER}/paired.py",
-        "max(-1.0, -product / math.sqrt(sides[0].spread) / math.sqrt(sides[1].spread))",
-        "-product / math.sqrt(sides[0].spread - product)",
-    ),
-)
+@hard("every frame against every frame")
 def every_frame_against_every_frame():
     for frames in (2, 10, 1000, 10**10):
         for leds in (1, 64):
@@ -419,15 +319,7 @@ def every_frame_against_every_frame():
 # Curves and grids
 
 
-@hard(
-    "luminances at the ends of the floating point range",
-    "finite: no product of two luminances overflows; values that share a logarithm are refused by name",
-    Breakage(
-        f"{FOLDER}/grid.py",
-        "math.sqrt(self.least_cd_m2[0]) * math.sqrt(self.least_cd_m2[-1])",
-        "math.sqrt(self.least_cd_m2[0] * self.least_cd_m2[-1])",
-    ),
-)
+@hard("luminances at the ends of the floating point range")
 def luminances_at_the_ends_of_the_range():
     for columns, middle in (((1e-300, 1.0, 1e300), 1.0), ((1e200, 1e300), 1e250)):
         cells = grid_of({"x": [[Counts(1000, 64_000)] * len(columns)]}, (2000.0,), columns)

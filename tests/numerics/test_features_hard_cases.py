@@ -26,9 +26,11 @@ from vocc_torch.receiver.rectification import centre_greys
 from vocc_torch.types import Frames, Panels, PanelShape
 
 hard = HardCases("Features and decision")
-FILES = "vocc_torch/receiver/"
 CPU = torch.device("cpu")
 NAN, INF = math.nan, math.inf
+NO_GRI = "patches or cell sizes give a GRI that is not finite: both must be finite"
+NO_LEVEL = "preambles hold grey values that are not finite: each must be finite"
+NO_SCORE = "grey values or thresholds give a score that is not finite: both must be finite"
 
 
 def square_panel(left, top, width, height=None, *, turn_deg=0.0):
@@ -200,11 +202,11 @@ def means_that_are_no_grey_values():
             with pytest.raises(VoccError, match=r"^cell means holds .*: grey values must be finite"):
                 cell_means(patches, shape)
         if not math.isfinite(value):
-            with pytest.raises(VoccError, match=r"give a GRI that is not finite: both must be finite"):
+            with pytest.raises(VoccError, match=f"^{NO_GRI}$"):
                 gri(patches, shape, 3.0)
         with pytest.raises(VoccError, match=r"^frames.grey at the LEDs' centres holds"):
             centre_greys(Frames.whole(torch.full((1, 9, 9), value)), square_panel(1, 1, 5), shape)
-    with pytest.raises(VoccError, match=r"give a GRI that is not finite"):
+    with pytest.raises(VoccError, match=f"^{NO_GRI}$"):
         gri(torch.rand(1, 1, 16, 16), shape, NAN)
 
 
@@ -262,6 +264,7 @@ def preambles_equal_to_one_another():
         threshold = preamble_threshold(greys, greys)
         assert torch.equal(threshold, levels.double())
         assert not greyscale_scores(greys, threshold).any()
+        assert greyscale_scores(greys, levels).dtype == torch.float64
         darker = torch.nextafter(greys, torch.tensor(-1.0))
         assert (greyscale_scores(darker, threshold) < 0).all()
 
@@ -273,9 +276,9 @@ def a_preamble_that_is_nan():
         broken = good.clone()
         broken[1, 2, 0] = value
         for on, off in ((broken, good), (good, broken), (broken, broken)):
-            with pytest.raises(VoccError, match=r"preambles hold grey values that are not finite"):
+            with pytest.raises(VoccError, match=f"^{NO_LEVEL}$"):
                 preamble_threshold(on, off)
-        with pytest.raises(VoccError, match=r"give a score that is not finite"):
+        with pytest.raises(VoccError, match=f"^{NO_SCORE}$"):
             greyscale_scores(broken, preamble_threshold(good, good))
     assert torch.equal(preamble_threshold(good[:0], good[:0]), torch.empty(0, 1, 1, dtype=torch.float64))
 

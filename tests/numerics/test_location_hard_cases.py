@@ -26,7 +26,6 @@ hard = HardCases("Location")
 SHAPE = PanelShape(8, 8)
 PAPER, REFINED = PaperLocator(), RefinedLocator()
 ANYTHING = PaperLocator(min_area_px=1, min_rectangularity=0.0, min_compactness=0.0)
-FILES = "vocc_torch/receiver/"
 # Corners of the panel in `scene`, its pitch 5 px.
 TRUTH = torch.tensor([[60.0, 60.0], [100.0, 60.0], [100.0, 100.0], [60.0, 100.0]], dtype=torch.float64)
 ALL_ON = np.ones((8, 8), bool)

@@ -7,7 +7,7 @@ import mpmath
 import numpy as np
 import pytest
 import torch
-from hard_cases import Breakage, HardCases
+from hard_cases import HardCases
 from scipy import ndimage, stats
 
 from vocc_torch.errors import VoccError
@@ -24,16 +24,6 @@ from vocc_torch.types import PanelShape, Scene
 
 hard = HardCases("Simulation")
 
-PHOTOMETRY = "vocc_torch/simulation/photometry.py"
-HARDWARE = "vocc_torch/hardware.py"
-RASTER = "vocc_torch/simulation/raster.py"
-PAINTER = "vocc_torch/simulation/painter.py"
-SIMULATOR = "vocc_torch/simulation/simulator.py"
-FRAMING = "vocc_torch/simulation/framing.py"
-DRAWS = "vocc_torch/simulation/scene.py"
-ERRORS = "vocc_torch/errors.py"
-TYPES = "vocc_torch/types.py"
-OPTICS = "vocc_torch/simulation/effects/optics.py"
 
 LINEAR = {"gamma": 1.0}
 """A camera whose grey values are proportional to the light, so that light can be summed up."""
@@ -74,12 +64,7 @@ def excess(frames, background):
 # Photometry
 
 
-@hard(
-    "gamma 1",
-    "the grey value is proportional to the light, to the last bit, and its gradient `118 S / 10` holds at"
-    " exposure 0 too, where nothing is infinite",
-    Breakage(PHOTOMETRY, "    if exponent == 1:", "    if exponent == 1 and not base.requires_grad:"),
-)
+@hard("gamma 1")
 def gamma_one():
     exposure, speed = number([0.0, 1e-320, 1e-30, 0.25]), number([100.0] * 4)
     grey = grey_value(exposure, speed, gamma=1.0)
@@ -88,12 +73,7 @@ def gamma_one():
     assert exposure.grad.tolist() == [1180] * 4
 
 
-@hard(
-    "gamma 0.1 and gamma 10",
-    "right to 12 digits against 50-digit arithmetic over 60 decades of light, in float32 to 6; the ends"
-    " of the range, because beyond them light from any scene overflows or is lost; the rest is refused",
-    Breakage(HARDWARE, '"gamma": (0.1, 10.0)}', '"gamma": (1e-6, 1e6)}'),
-)
+@hard("gamma 0.1 and gamma 10")
 def gamma_extreme():
     for gamma in (0.1, 10.0):
         light = np.logspace(-30, 30, 61) if gamma > 1 else np.logspace(-3, 3, 61)
@@ -111,16 +91,7 @@ def gamma_extreme():
         assert refusal(Camera, gamma=gamma) == line
 
 
-@hard(
-    "a pixel among others",
-    "its grey value is the same to the last bit wherever it stands in a batch: the power of float32"
-    " numbers is not, so it is computed by logarithm in float64, which takes as long",
-    Breakage(
-        PHOTOMETRY,
-        "given[part].to(torch.float64, copy=True).log_().mul_(exponent).exp_()",
-        "given[part] ** exponent",
-    ),
-)
+@hard("a pixel among others")
 def pixel_among_others():
     light = torch.rand(4099, generator=torch.Generator().manual_seed(5))
     together = grey_value(light, torch.tensor(100.0), gamma=2.2)
@@ -129,12 +100,7 @@ def pixel_among_others():
         assert torch.equal(torch.cat(parts), together)
 
 
-@hard(
-    "air that nothing shines through",
-    "transmission 1 over no distance, and 0 from 191 visibility distances on, where it is below the least"
-    " float64; LEDs behind such air are seen as Off",
-    Breakage(PHOTOMETRY, "distance_m * (-3.91 / visibility_m)", "distance_m * (3.91 / -visibility_m) + 1e-9"),
-)
+@hard("air that nothing shines through")
 def opaque_air():
     shares = transmission(torch.tensor([0.0, 1.0, 100.0, 180.0, 191.0, 1e9], dtype=torch.float64), 1.0)
     assert shares[0] == 1
@@ -149,12 +115,7 @@ def opaque_air():
 # Light and auto-ISO
 
 
-@hard(
-    "no ambient light, and auto-ISO without limits",
-    "no ISO speed gives a black background its grey: refused before a frame is made, also where it is one"
-    " scene of many, and the line names `scene.ambient_lx` and `camera.iso_limits`",
-    Breakage(PHOTOMETRY, "if not bool(held.all()):", "if not bool(held.any()):"),
-)
+@hard("no ambient light, and auto-ISO without limits")
 def night_without_limits():
     scene = Scene.cat([Scene.of(), Scene.of(ambient_lx=0.0)])
     for effects in (PAPER_EFFECTS, {}):
@@ -163,20 +124,13 @@ def night_without_limits():
             lambda s=simulator: s.render(scene, all_on(scene)),
             lambda s=simulator: s.contrast(scene),
         ):
-            line = refusal(ask)
-            assert line.startswith("scene.ambient_lx is 0: it must be above 0, or give camera.iso_limits")
+            rule = (
+                "it must be above 0, or give camera.iso_limits, for auto-ISO without limits meters this light"
+            )
+            assert refusal(ask) == f"scene.ambient_lx is 0: {rule}"
 
 
-@hard(
-    "no ambient light, and auto-ISO with limits",
-    "the camera takes its highest speed: the night around is black, and an On LED has the grey value of its"
-    " own light alone, by Eqs 1 and 3",
-    Breakage(
-        TYPES,
-        'ABOVE_LOWEST = frozenset({"distance_m", "background_grey"})',
-        'ABOVE_LOWEST = frozenset({"ambient_lx", "distance_m", "background_grey"})',
-    ),
-)
+@hard("no ambient light, and auto-ISO with limits")
 def night_with_limits():
     model = SceneModel(ambient_lx=Distribution("constant", (0.0,)))
     assert not model.draw(BlockKey(0, "night", 0), PanelShape())[0].ambient_lx.any()
@@ -193,12 +147,7 @@ def night_with_limits():
     assert blind.grey.unique().tolist() == blind.surround.tolist() == [0]
 
 
-@hard(
-    "ambient light of 1e-30, 1e-12, 1e12 and 1e30 lx",
-    "from 1e-12 to 1e12 lx the background has its grey and the LEDs theirs by Eqs 1 to 3; beyond, the ISO"
-    " speed or the light is past what float32 arithmetic holds, and the line names the value",
-    Breakage(PHOTOMETRY, " & (iso <= ISO_RANGE[1])", ""),
-)
+@hard("ambient light of 1e-30, 1e-12, 1e12 and 1e30 lx")
 def extreme_ambient():
     for lux in (1e-12, 1e12):
         scene = Scene.of(ambient_lx=lux, distance_m=2.0)
@@ -207,8 +156,9 @@ def extreme_ambient():
         on = off * (1 + math.pi * 3000 / (0.4 * lux)) ** (1 / 2.2)
         assert float(grey.min()) == pytest.approx(102, rel=1e-5)
         assert float(grey.max()) == pytest.approx(min(on, 255), rel=1e-5)
+    rule = "it must lead to an ISO speed from 1e-30 to 1e+20, and this is {} (or give camera.iso_limits)"
     for lux, start in (
-        (1e-30, "scene.ambient_lx is 1e-30 and"),
+        (1e-30, f"scene.ambient_lx is 1e-30 and scene.background_grey is 102: {rule.format('3.79996e+36')}"),
         (1e30, "scene.ambient_lx is 1e+30: it must"),
     ):
         for led in (0.0, 3000.0):
@@ -218,12 +168,7 @@ def extreme_ambient():
             assert line.startswith(start)
 
 
-@hard(
-    "light that nothing clips",
-    "without saturation grey values above 1e9 are refused by the LED's luminance, and with it above 1e30:"
-    " float32 would come to infinity, and sums of it to NaN",
-    Breakage(PHOTOMETRY, "(brightest * iso / 10 <= most)", "(brightest * iso / 10 <= math.inf)"),
-)
+@hard("light that nothing clips")
 def unclipped_light():
     scene = Scene.of(ambient_lx=1e-3, led_luminance_cd_m2=1e12)
     for gamma, effects in ((1.0, {}), (0.1, {}), (0.1, {"saturation": {}})):
@@ -233,11 +178,7 @@ def unclipped_light():
     assert float(seen.max()) == 255
 
 
-@hard(
-    "everything saturated",
-    "255 in every pixel, also once it is a `uint8`, and contrast 0",
-    Breakage("vocc_torch/simulation/effects/coding.py", "value.clamp(max=255.0)", "value.clamp(max=256.0)"),
-)
+@hard("everything saturated")
 def everything_saturated():
     camera, scene = Camera(iso_limits=(1e9, 1e9)), Scene.of(ambient_lx=32000.0)
     seen = Simulator(camera).render(scene, all_on(scene))
@@ -246,12 +187,7 @@ def everything_saturated():
     assert float(Simulator(camera).contrast(scene)) == 0
 
 
-@hard(
-    "exposure settings at the ends of their ranges",
-    "auto-ISO takes every combination of f-number, time and K out again, in float32 too; beyond the ends"
-    " (1e-200, 1e200: their squares are 0 and infinite) each is refused by name",
-    Breakage(HARDWARE, '"f_number": (0.1, 1e3)}', '"f_number": (1e-300, 1e300)}'),
-)
+@hard("exposure settings at the ends of their ranges")
 def exposure_settings():
     ranges = {"f_number": (0.1, 1e3), "exposure_time_s": (1e-9, 1e4), "calibration_constant": (0.1, 1e3)}
     scene = Scene.of(2)
@@ -268,15 +204,7 @@ def exposure_settings():
         assert refusal(Camera, **{name: 0.0}) == f"camera.{name} is 0: it must be above 0"
 
 
-@hard(
-    "the gradient through a dark renderer",
-    "finite everywhere, 0 where a pixel sees no light, and the closed form on the LEDs",
-    Breakage(
-        PHOTOMETRY,
-        "return torch.where(lit, smooth, _power(_dual(base.detach())[0], exponent))",
-        "return base**exponent",
-    ),
-)
+@hard("the gradient through a dark renderer")
 def gradient_through_the_renderer():
     camera = Camera(iso_limits=(3200.0, 3200.0))
     scene = Scene.of(ambient_lx=0.0, distance_m=3.0)
@@ -297,12 +225,7 @@ def gradient_through_the_renderer():
 # Panels near and far
 
 
-@hard(
-    "a panel that touches the lens",
-    "within one LED's image, up to 100,000 px wide, every pixel is that LED; nearer than that is refused by"
-    " `scene.distance_m`, because areas would no longer be exact",
-    Breakage(FRAMING, "LARGEST_LED_PX = 100_000\n", "LARGEST_LED_PX = 100_000_000\n"),
-)
+@hard("a panel that touches the lens")
 def touching_panel():
     camera = sensor(64, 48, **LINEAR)
     panel = LedPanel(PanelShape(1, 1))
@@ -321,12 +244,7 @@ def touching_panel():
             assert line.startswith(f"scene.distance_m is {distance:g}: it must ")
 
 
-@hard(
-    "a panel at 10 km and at 1e9 m",
-    "an LED is then under a hundredth of a pixel, several share one, and their light adds up: area by"
-    " luminance within 1e-9 of the closed form, until it is 1e-12 of the background",
-    Breakage(RASTER, "index_add_(0, index.view(-1), patches", "index_copy_(0, index.view(-1), patches"),
-)
+@hard("a panel at 10 km and at 1e9 m")
 def far_panel():
     camera = Camera(**LINEAR)
     for distance in (500.0, 1e4, 1e5):
@@ -340,15 +258,7 @@ def far_panel():
     torch.testing.assert_close(grey, torch.full_like(grey, 102.0), rtol=1e-11, atol=0)
 
 
-@hard(
-    "a near and a far panel in one batch",
-    "each is drawn as it is alone, to the last bit, and each once: LEDs of like size are drawn together",
-    Breakage(
-        PAINTER,
-        "for frame in single if patches[frame] == patch",
-        "for frame in single if patches[frame] <= patch",
-    ),
-)
+@hard("a near and a far panel in one batch")
 def near_and_far():
     camera = sensor(96, 64)
     scene = Scene.cat([Scene.of(distance_m=d, offset_y_m=0.01) for d in (0.5, 3000.0, 8.0, 60.0, 0.2)])
@@ -360,12 +270,7 @@ def near_and_far():
         assert torch.equal(together, torch.cat(alone))
 
 
-@hard(
-    "a panel on the border, partly and wholly outside the sensor",
-    "cut there: the pixels are those of a larger sensor that has all of it; wholly outside leaves background,"
-    " and the true corners say where it is",
-    Breakage(RASTER, "torch.floor(begin).clamp(0, max(full - size, 0))", "torch.floor(begin).clamp(0, full)"),
-)
+@hard("a panel on the border, partly and wholly outside the sensor")
 def panel_across_the_border():
     small, large = sensor(96, 64), sensor(288, 192)
     metres = 6.0 / small.focal_length_px
@@ -381,12 +286,7 @@ def panel_across_the_border():
     assert float(Simulator(small).true_panels(far).corners_px[..., 0].min()) > 96
 
 
-@hard(
-    "offsets and distances at the ends of their ranges",
-    "a panel 1e9 m aside leaves background, and the crop lies at the sensor's edge on its side; an image"
-    " farther than 1e12 px, and any value beyond 1e9 m, refused by name",
-    Breakage(FRAMING, "(centred - centred % grid_px).clamp(min=0)", "(centred - centred % grid_px)"),
-)
+@hard("offsets and distances at the ends of their ranges")
 def extreme_offsets():
     camera = Camera()
     telescope, small = Camera(focal_length_mm=1e6), LedPanel(led_diameter_m=1e-6, led_gap_m=0.0)
@@ -408,14 +308,7 @@ def extreme_offsets():
         assert refusal(Scene.of, **{name: value}).startswith(f"scene.{name} is {value:g}: it must be at ")
 
 
-@hard(
-    "sensors of 1 x 1, 5 x 5 and odd sizes",
-    "every framing gives the same pixels; what a pixel sees is the mean over its part of the picture. A"
-    " sensor of one pixel behind the paper's lens is drawn and not refused",
-    Breakage(
-        FRAMING, "min(math.ceil(min(side, full)) + margin, full)", "math.ceil(min(side, full)) + margin"
-    ),
-)
+@hard("sensors of 1 x 1, 5 x 5 and odd sizes")
 def small_sensors():
     for width, height in ((1, 1), (5, 5), (7, 3), (3, 11), (61, 59)):
         for camera in (sensor(width, height), Camera(width_px=width, height_px=height)):
@@ -432,12 +325,7 @@ def small_sensors():
 # Blooming
 
 
-@hard(
-    "blooming of 0 and of 1e-6 px",
-    "0 is refused by name (leave the effect out); 1e-6, and as little as float64 has, changes no bit, for the"
-    " kernel's neighbours are below the least number",
-    Breakage(OPTICS, "0, MOST_SIGMA_PX, above=True", "0, MOST_SIGMA_PX"),
-)
+@hard("blooming of 0 and of 1e-6 px")
 def no_blooming():
     value = torch.rand(2, 1, 9, 7, generator=torch.Generator().manual_seed(1), dtype=torch.float64)
     context = Context(Scene.of(2), Camera())
@@ -449,15 +337,7 @@ def no_blooming():
         )
 
 
-@hard(
-    "blooming wider than the crop and than the sensor",
-    "up to 32 px, and beyond refused; the crop grows with it up to the sensor, so no light is lost there: the"
-    " panel's light after it is that before within 1e-9; at the sensor's border light is taken to go on as it"
-    " is there, as SciPy's `nearest` has it, and a uniform frame stays uniform",
-    Breakage(
-        OPTICS, '(reach_px, reach_px, 0, 0), mode="replicate"', '(reach_px, reach_px, 0, 0), mode="circular"'
-    ),
-)
+@hard("blooming wider than the crop and than the sensor")
 def wide_blooming():
     generator = torch.Generator().manual_seed(2)
     for height, width in ((1, 1), (40, 33)):
@@ -476,16 +356,7 @@ def wide_blooming():
     assert excess(bloomed, 102.0) == pytest.approx(excess(plain, 102.0), rel=1e-9)
 
 
-@hard(
-    "a wide kernel on a wide frame",
-    "cut into strips of rows and of columns, so that memory stays bounded, and the sum is still SciPy's to 13"
-    " digits, to the frame's corners",
-    Breakage(
-        OPTICS,
-        "for left in range(0, plane.shape[1], columns)",
-        "for left in range(columns, plane.shape[1], columns)",
-    ),
-)
+@hard("a wide kernel on a wide frame")
 def wide_kernel():
     generator = np.random.default_rng(3)
     quarter = torch.from_numpy(generator.random((9, 9)))
@@ -501,12 +372,7 @@ def wide_kernel():
         np.testing.assert_allclose(found.numpy(), wanted, rtol=1e-13)
 
 
-@hard(
-    "means of no electron and of 1e30",
-    "no electron gives none; up to 1e6 the count is SciPy's quantile, at 7 standard deviations too; from"
-    " 2^53 on it is the mean and its root's multiple, to rounding",
-    Breakage("vocc_torch/simulation/effects/sensor.py", "MOST_OF_FEW = 32", "MOST_OF_FEW = 3"),
-)
+@hard("means of no electron and of 1e30")
 def extreme_counts():
     normal = np.array([-7.0, -2.5, -0.3, 0.0, 1.1, 3.0, 7.0])
     assert not poisson_quantile(np.zeros(7), normal).any()
@@ -522,12 +388,7 @@ def extreme_counts():
 # What is given to the renderer
 
 
-@hard(
-    "scenes, cameras and panels of no numbers",
-    '`"50"`, true, null, NaN and `10**400` are refused from Python too, by the argument\'s name in one short'
-    " line, for true as 1 m would be a silent mistake; NumPy's numbers are numbers",
-    Breakage(ERRORS, "isinstance(value, Real) and not isinstance(value, bool)", "isinstance(value, Real)"),
-)
+@hard("scenes, cameras and panels of no numbers")
 def plain_arguments():
     made = {
         Scene.of: ("scene", Scene.__slots__, 50.0),
@@ -553,11 +414,7 @@ def plain_arguments():
     assert type(Camera(width_px=np.int64(640)).width_px) is int
 
 
-@hard(
-    "bits of another type or shape",
-    "refused in one line that says what they must be: 0.5 or 2 would be another luminance",
-    Breakage(SIMULATOR, "if bits.dtype != torch.bool:", "if bits.is_floating_point():"),
-)
+@hard("bits of another type or shape")
 def wrong_bits():
     scene = Scene.of(2)
     for dtype in (torch.uint8, torch.int64, torch.float32):
@@ -569,11 +426,7 @@ def wrong_bits():
         assert refusal(Simulator().render, scene, bits) == f"bits has shape {shape}: it must be (2, 8, 8)"
 
 
-@hard(
-    "a batch of no scenes",
-    "refused by name, as by `Scene.of`: frames of no scene have no size",
-    Breakage(SIMULATOR, "if not len(scene):", "if len(scene) < 0:"),
-)
+@hard("a batch of no scenes")
 def no_scenes():
     empty = Scene.of()[:0]
     line = "scene holds no frames: it must hold at least 1"
@@ -582,11 +435,7 @@ def no_scenes():
     assert len(Simulator().true_panels(empty).found) == len(Simulator().contrast(empty)) == 0
 
 
-@hard(
-    "scene values that are not finite",
-    "NaN, infinity and minus infinity in one frame of many: refused by the field's name",
-    Breakage(TYPES, "if not (math.isfinite(low) and math.isfinite(high)):", "if math.isnan(low):"),
-)
+@hard("scene values that are not finite")
 def not_finite():
     for name, value in itertools.product(Scene.__slots__, (math.nan, math.inf, -math.inf)):
         scene = Scene.of(5)
@@ -600,11 +449,7 @@ def not_finite():
             assert refusal(ask, scene) == line
 
 
-@hard(
-    "scene fields of different lengths",
-    "refused by the first field that does not fit, before anything is broadcast",
-    Breakage(TYPES, "if value.ndim != 1 or value.shape != values[0].shape:", "if value.ndim != 1:"),
-)
+@hard("scene fields of different lengths")
 def ragged_scene():
     scene = Scene.of(3)
     for wrong in (torch.ones(1).double(), torch.ones(()).double(), torch.ones(3, 1).double()):
@@ -613,11 +458,7 @@ def ragged_scene():
         assert refusal(ragged.checked) == line
 
 
-@hard(
-    "a nearest distance of 0 or below",
-    "refused by name, as one beyond the nearest scene is: it would ask for a crop without end",
-    Breakage(FRAMING, 'if not finite_number("nearest_m", nearest_m) > 0:', "if nearest_m < 0:"),
-)
+@hard("a nearest distance of 0 or below")
 def no_nearest_distance():
     scene = Scene.of()
     for nearest in (0.0, -1.0, math.nan):
@@ -630,12 +471,7 @@ def no_nearest_distance():
     assert Simulator().crop_px(0.002) == (1080, 1920)
 
 
-@hard(
-    "frames of more pixels than memory holds",
-    "above 2^26, up to 7 GB while one is drawn, refused by the camera's width and height; a camera of 50"
-    " million pixels and a crop of any sensor are drawn",
-    Breakage(SIMULATOR, "demand_pixels(sensor if whole else size)", "demand_pixels(size)"),
-)
+@hard("frames of more pixels than memory holds")
 def too_many_pixels():
     camera, scene = Camera(width_px=8192, height_px=8193), Scene.of()
     for framing in ("filled", "full"):
@@ -656,11 +492,7 @@ def too_many_pixels():
 # Draws
 
 
-@hard(
-    "a distribution whose bounds are equal",
-    "that value, to the last bit, also where it is drawn by its logarithm; as is a choice of one",
-    Breakage(DRAWS, "return drawn.clip(low, high)", "return drawn"),
-)
+@hard("a distribution whose bounds are equal")
 def equal_bounds():
     for value in (5e-324, 1e-9, 0.1, 47.3, 1e12, 1.7e308):
         for kind in ("uniform", "log_uniform"):
@@ -669,11 +501,7 @@ def equal_bounds():
         assert set(Distribution("choice", (value,)).draw(np.random.default_rng(0), 9)) == {value}
 
 
-@hard(
-    "a uniform wider than the largest number",
-    "refused: low and high must not lie farther apart than float64 holds, or every draw would be infinite",
-    Breakage(DRAWS, "self.values[1] - self.values[0] > LARGEST", "self.values[1] > LARGEST"),
-)
+@hard("a uniform wider than the largest number")
 def too_wide():
     line = refusal(Distribution, "uniform", (-1e308, 1e308))
     assert line.endswith("high must not exceed low by more than 1.79769e+308")

@@ -76,7 +76,6 @@ def test_a_black_panel_sees_ones():
     ("settings_given", "words"),
     [
         ({"features": ["agr", "agr"]}, ["inputs.features", "agr"]),
-        ({"features": ["hue"]}, ["inputs.features", "hue"]),
         ({"features": []}, ["must see something"]),
         ({"features": "agr"}, ["inputs.features", "list"]),
         ({"patch": 3}, ["inputs.patch", "mapping"]),

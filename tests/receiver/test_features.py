@@ -18,6 +18,7 @@ from vocc_torch.receiver.features import (
     checked_greys,
     gradient_radial_inwardness,
     image_gradient,
+    led_features,
     neighbour_greyscale_ratio,
     preamble_threshold,
     radial_inward_field,
@@ -30,9 +31,9 @@ def random_patches(seed, shape, samples, batch=1, dtype=torch.float64):
     return torch.from_numpy(np.random.default_rng(seed).random(size) * 255).to(dtype)
 
 
-def gri(patches, shape, cell_px, kernel="sobel"):
+def gri(patches, shape, cell_px, *kernel):
     size = torch.full((len(patches),), float(cell_px), dtype=torch.float64)
-    return gradient_radial_inwardness(patches, shape, size, size, kernel)
+    return gradient_radial_inwardness(patches, shape, size, size, *kernel)
 
 
 # By hand
@@ -87,15 +88,15 @@ def test_cell_means_are_numpys():
 
 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
-def test_sobel_is_opencvs_normalised_by_8(dtype):
+def test_sobel_is_opencvs_normalised_by_8_and_central_is_its_bare_difference(dtype):
     image = random_patches(2, PanelShape(2, 3), 7, dtype=dtype)
-    ours = image_gradient(image, "sobel")[0].numpy()
-    for axis, (dx, dy) in enumerate([(1, 0), (0, 1)]):
-        expected = cv2.Sobel(image[0, 0].double().numpy(), cv2.CV_64F, dx, dy, ksize=3, scale=1 / 8,
-                             borderType=cv2.BORDER_REPLICATE)  # fmt: skip
-        np.testing.assert_allclose(
-            ours[axis], expected, rtol=0, atol=1e-12 if dtype == torch.float64 else 5e-5
-        )
+    atol = 1e-12 if dtype == torch.float64 else 5e-5
+    for kernel, size, scale in (("sobel", 3, 1 / 8), ("central", 1, 1)):
+        ours = image_gradient(image, kernel)[0].numpy()
+        for axis, (dx, dy) in enumerate([(1, 0), (0, 1)]):
+            expected = cv2.Sobel(image[0, 0].double().numpy(), cv2.CV_64F, dx, dy, ksize=size, scale=scale,
+                                 borderType=cv2.BORDER_REPLICATE)  # fmt: skip
+            np.testing.assert_allclose(ours[axis], expected, rtol=0, atol=atol)
 
 
 def test_an_unknown_gradient_is_refused_by_name():
@@ -116,6 +117,8 @@ def test_radial_vectors_are_eq_8(samples):
             expected = away / np.hypot(*away) if away.any() else away
             np.testing.assert_allclose(field[:, y, x], expected, rtol=0, atol=1e-15)
     assert (np.hypot(*field) == 0).sum() == samples % 2
+    meta = torch.device("meta")
+    assert radial_inward_field(samples, torch.float64, meta).device == meta
 
 
 @pytest.mark.parametrize("kernel", ["sobel", "central"])
@@ -124,8 +127,8 @@ def test_radial_vectors_are_eq_8(samples):
 )
 def test_gri_is_eq_7_sample_by_sample(kernel, shape, samples):
     """Eqs 5, 7 and 8 in a plain loop over every LED's samples, the gradient from OpenCV; cells 7 by 9 px."""
-    patch = random_patches(4, shape, samples)
-    image = patch[0, 0].numpy()
+    patch = random_patches(4, shape, samples, batch=2)
+    image = patch[1, 0].numpy()
     if kernel == "sobel":
         dx, dy = (cv2.Sobel(image, cv2.CV_64F, *d, ksize=3, scale=1 / 8) for d in ((1, 0), (0, 1)))
     else:
@@ -134,8 +137,9 @@ def test_gri_is_eq_7_sample_by_sample(kernel, shape, samples):
             for k in ([[-1, 0, 1]], [[-1], [0], [1]])
             for k in [np.float64(k)]
         )
-    size = (torch.tensor([7.0], dtype=torch.float64), torch.tensor([9.0], dtype=torch.float64))
-    ours = gradient_radial_inwardness(patch, shape, *size, kernel)[0].numpy()
+    size = (torch.tensor([5.0, 7.0], dtype=torch.float64), torch.tensor([4.0, 9.0], dtype=torch.float64))
+    ours = gradient_radial_inwardness(patch, shape, *size, kernel)[1].numpy()
+    assert gradient_radial_inwardness(patch.float(), shape, *size, kernel).dtype == torch.float32
     for row in range(shape.rows):
         for column in range(shape.columns):
             total = 0.0
@@ -172,25 +176,39 @@ def test_agr_and_ngr_do_not_see_the_gain_and_gri_is_proportional_to_it(seed, gai
 # Edges
 
 
-def test_the_greatest_grey_value_is_taken_and_the_next_is_not():
-    most = torch.tensor([0.0, MOST_GREY], dtype=torch.float64)
-    assert torch.equal(checked_greys(most, "greys"), most)
-    with pytest.raises(VoccError, match=r"^greys holds values from "):
-        checked_greys(torch.nextafter(most, torch.tensor(math.inf, dtype=torch.float64)), "greys")
+SHAPE, PATCHES = PanelShape(2, 3), random_patches(5, PanelShape(2, 3), 4)
+
+
+def greys_of(*values, dtype=torch.float64):
+    return checked_greys(torch.tensor(values, dtype=dtype), "greys")
 
 
 @pytest.mark.parametrize(
-    ("values", "held"),
+    ("call", "says"),
     [
-        ([0.0, math.nan], "NaN"),
-        ([math.inf, math.inf], "values from inf to inf"),
-        ([-3.0, 7.0], "values from -3 to 7"),
-        ([1.0, 2e9], "values from 1 to 2e+09"),
+        (lambda: greys_of(0.0, math.nan), "greys holds NaN"),
+        (lambda: greys_of(math.inf, math.inf), "greys holds values from inf to inf"),
+        (lambda: greys_of(-3.0, 7.0), "greys holds values from -3 to 7"),
+        (lambda: greys_of(1.0, math.nextafter(MOST_GREY, math.inf)), "greys holds values from 1 to 1e+09"),
+        (lambda: greys_of(7, dtype=torch.uint8), "greys has dtype torch.uint8: it must be floating"),
+        (lambda: cell_means(PATCHES.int(), SHAPE), "patches has dtype torch.int32: it must be floating"),
     ],
 )
-def test_a_refusal_says_what_was_there(values, held):
-    with pytest.raises(VoccError, match=rf"^greys holds {re.escape(held)}: .*0 to 1e\+09$"):
-        checked_greys(torch.tensor(values), "greys")
+def test_a_refusal_says_what_was_there_and_what_may_be(call, says):
+    rule = ": grey values must be finite, 0 to 1e+09" if " holds " in says else ""
+    assert greys_of(0.0, MOST_GREY).tolist() == [0.0, MOST_GREY]
+    with pytest.raises(VoccError, match=f"^{re.escape(says + rule)}$"):
+        call()
+
+
+@pytest.mark.parametrize("needed", ["agr", "gri", "ngr"])
+def test_features_that_are_not_needed_are_zero_and_the_others_what_they_are_alone(needed):
+    means, size = cell_means(PATCHES, SHAPE), torch.tensor([3.0])
+    inward = gradient_radial_inwardness(PATCHES, SHAPE, size, size, "central")
+    alone = {"agr": average_greyscale_ratio(means), "gri": inward, "ngr": neighbour_greyscale_ratio(means)}
+    features = led_features(PATCHES, means, SHAPE, size, size, "central", [needed])
+    for column, (name, value) in enumerate(alone.items()):
+        assert torch.equal(features[..., column], value * (name == needed))
 
 
 @pytest.mark.parametrize("feature", [average_greyscale_ratio, neighbour_greyscale_ratio])

@@ -47,7 +47,7 @@ def class_pairs():
         for a, b in itertools.combinations(np.unique(y), 2):
             rows = (y == a) | (y == b)
             pairs.append(pytest.param(x[rows], y[rows] == b, id=f"{name}-{a}{b}"))
-    return pairs
+    return [*pairs, pytest.param(*(part.numpy() for part in clouds(0, samples=3000)), id="clouds")]
 
 
 def same(actual, expected, rtol=1e-12):
@@ -81,6 +81,15 @@ def test_hand_worked_example():
     assert flda.threshold.item() == pytest.approx(40 / 3, rel=1e-14)
     assert flda(torch.tensor([7.0, 3.0])).item() == pytest.approx((8 * 7 + 4 * 3 - 40) / 3, rel=1e-14)
     assert flda.predict(HAND_X).tolist() == HAND_Y.tolist()
+    assert repr(flda) == "FLDA(n_features=2, off=4, on=4)"
+
+
+def test_a_class_mean_is_the_exact_one_to_a_unit_in_the_last_place():
+    x = np.random.default_rng(0).random((1001, 20))
+    x[0] = 0
+    exact = np.array([math.fsum(column) / 1001 for column in x.T])
+    ours = ClassScatter.of(torch.from_numpy(x), torch.zeros(1001), 20).mean[0].numpy()
+    assert (np.abs(ours - exact) <= np.spacing(exact)).all()
 
 
 def test_merge_leaves_the_other_alone_and_statistics_handed_out_never_change():
@@ -190,6 +199,12 @@ def test_the_warning_comes_once_per_change_of_the_statistics():
     assert len(caught) == 1
 
 
+def test_a_warning_points_at_its_caller():
+    with pytest.warns(FLDAWarning) as caught:
+        _ = discriminant(*alike(0.0, 1.0)), FLDA(2).fit(*alike(0.0, 1.0))
+    assert [one.filename for one in caught] == [__file__] * 2
+
+
 def test_mismatched_features_are_refused():
     flda = FLDA(2).fit(HAND_X, HAND_Y)
     for use in (flda, flda.predict, flda.decision_function):
@@ -197,8 +212,18 @@ def test_mismatched_features_are_refused():
             VoccError, match=r"features has shape \(5, 3\): the last dimension must be n_features = 2"
         ):
             use(torch.zeros(5, 3))
-    with pytest.raises(VoccError, match="other has n_features = 3"):
-        flda.merge(FLDA(3))
+    for chosen in ([], [0, 0], [0, 2], [-1]):
+        wanted = f"features is {chosen}: it must name distinct features from 0 to 1"
+        with pytest.raises(VoccError, match=f"^{re.escape(wanted)}$"):
+            flda.select(chosen)
+    assert torch.equal(flda.select([True, False]).mean, flda.select([1, 0]).mean)  # Python's numbers, no mask
+    for use, wrong, says in (
+        (flda.select, 5, "features is 5: it must be of type Iterable"),
+        (flda.merge, 5, "other is 5: it must be of type FLDA"),
+        (flda.merge, FLDA(3), "other has n_features = 3: it must be 2"),
+    ):
+        with pytest.raises(VoccError, match=f"^{re.escape(says)}$"):
+            use(wrong)
     for wrong in (0, -1, 2.0, "3", True):
         with pytest.raises(VoccError, match=f"n_features is {wrong}: it must be a whole number"):
             FLDA(wrong)
@@ -210,7 +235,11 @@ BAD_PIECES = {
     "complex": (torch.zeros(4, 2, dtype=torch.complex64), torch.zeros(4), "must be real"),
     "text array": (np.full((4, 2), "a"), torch.zeros(4), "features is array([['a', 'a'],"),
     "bits list": (torch.zeros(4, 2), [0, 0, 0, 0], "bits is [0, 0, 0, 0]: it must be a tensor or a NumPy"),
-    "too few bits": (torch.zeros(4, 2), torch.zeros(3), "bits has shape (3,): it must be (4,)"),
+    "too few bits": (
+        torch.zeros(2, 4, 2),
+        torch.zeros(8),
+        "bits has shape (8,): it must be (2, 4), that of features without its last dimension",
+    ),
     "column of bits": (torch.zeros(4, 2), torch.zeros(4, 1), "bits has shape (4, 1)"),
 }
 
@@ -263,18 +292,23 @@ def alike(share, gap):
     return torch.stack([spread + bits * gap, second], dim=-1), bits
 
 
-@pytest.mark.parametrize("gap", [2.0**-7, 1.0, 2.0**10])
-@pytest.mark.parametrize("part", [0.25, 4.0])
-def test_a_step_across_collinear_features_separates_from_a_share_of_the_difference_on(part, gap):
-    rows, bits = alike(part * GAP_LIMIT, gap)
-    with pytest.warns(FLDAWarning) as caught:
-        rule = discriminant(rows, bits)
-    outcome = "the classes separate without variance, scores are huge" if part > 1 else "least-norm solution"
-    assert str(caught[0].message).endswith(outcome)
-    # The least-norm solution weighs two features that are one alike.
-    assert bool((rule.direction[0] - rule.direction[1]).abs() < 1e-3 * rule.direction.abs().max()) == (
-        part < 1
-    )
+def test_a_step_across_collinear_features_separates_from_a_share_of_the_difference_on():
+    """In each set of a batch for itself: beside small gaps and large, a constant, and a far offset."""
+    cases = [(part, gap) for part in (0.25, 4.0) for gap in (2.0**-7, 1.0, 2.0**10)]
+    rows, bits = map(torch.stack, zip(*(alike(part * GAP_LIMIT, gap) for part, gap in cases), strict=True))
+    rows = torch.cat([rows, torch.ones(6, 4, 1)], dim=-1)
+    rows[-1] += 1e10
+    with pytest.warns(FLDAWarning):
+        together = discriminant(rows, bits).direction
+    for (part, _), x, y, direction in zip(cases, rows, bits, together, strict=True):
+        with pytest.warns(FLDAWarning) as caught:
+            torch.testing.assert_close(discriminant(x, y).direction, direction, rtol=1e-9, atol=0)
+        outcome = (
+            "the classes separate without variance, scores are huge" if part > 1 else "least-norm solution"
+        )
+        assert str(caught[0].message).endswith(outcome)
+        # The least-norm solution weighs two features that are one alike.
+        assert bool((direction[0] - direction[1]).abs() < 1e-3 * direction.abs().max()) == (part < 1)
 
 
 def test_statistics_gathered_in_inference_mode_are_ordinary_tensors():
@@ -312,7 +346,7 @@ def test_statistics_stay_on_the_device_of_the_module():
     assert {part.device for part in parts(there).values()} == {META}
     assert {part.device for part in parts(there.merged(here)).values()} == {META}
     assert {part.device for part in parts(there.select([0, 2])).values()} == {META}
-    module = FLDA(3).to(META)
+    module = FLDA(3).to(META, torch.float16)
     assert {buffer.device for buffer in module.select([1]).buffers()} == {META}
 
 
@@ -388,7 +422,10 @@ def test_classes_apart_without_variance_have_a_finite_gradient():
 
 def test_second_derivatives_stay_finite_where_all_is_singular():
     x = torch.ones(6, 3, dtype=torch.float64, requires_grad=True)
-    with pytest.warns(FLDAWarning, match="class means coincide"):
+    says = (
+        r"^discriminant: the class means coincide, .*; the within-class scatter is .*: least-norm solution$"
+    )
+    with pytest.warns(FLDAWarning, match=says):
         rule = discriminant(x, torch.arange(6) % 2)
     (first,) = torch.autograd.grad(rule.scores(x).square().sum(), x, create_graph=True)
     assert first.isfinite().all()
@@ -409,17 +446,20 @@ def test_the_warning_names_the_set():
 @pytest.mark.parametrize(
     ("x", "bits", "says"),
     [
-        (torch.zeros(3), torch.zeros(3), r"features is \(3,\): it must be a tensor of shape"),
-        (torch.zeros(3, 0), torch.zeros(3), r"features is \(3, 0\): it must be a tensor of shape"),
-        (torch.zeros(0, 4, 3), torch.zeros(0, 4), r"features is \(0, 4, 3\): it must be a tensor of shape"),
-        ([[1.0]], torch.zeros(1), r"features is \[\[1.0\]\]: it must be a tensor of shape"),
+        (torch.zeros(3), torch.zeros(3), "features is (3,)"),
+        (torch.zeros(2, 4, 0), torch.zeros(2, 4), "features is (2, 4, 0)"),
+        (torch.zeros(0, 4, 3), torch.zeros(0, 4), "features is (0, 4, 3)"),
+        ([[1.0]], torch.zeros(1), "features is [[1.0]]"),
+        (torch.zeros(0, 3), torch.zeros(0), "bits has no Off (bit 0) sample"),
         (
-            torch.zeros(2, 4, 2),
-            torch.tensor([[0, 1, 0, 1], [1, 1, 1, 1]]),
-            r"no Off \(bit 0\) sample in set 1",
+            torch.zeros(1, 2, 2, 2),
+            torch.tensor([[[0, 1], [1, 1]]]),
+            "bits has no Off (bit 0) sample in set 0, 1",
         ),
     ],
 )
 def test_what_cannot_be_learned_from_is_refused(x, bits, says):
-    with pytest.raises(VoccError, match=says):
+    needs = "a discriminant needs both"
+    rule = needs if "no Off" in says else "it must be a tensor of shape (..., samples, features)"
+    with pytest.raises(VoccError, match=f"^{re.escape(f'{says}: {rule}')}$"):
         discriminant(x, bits)

@@ -10,7 +10,7 @@ from made_up_dimming import AMBIENT, BITS, LUMINANCE, PAPER_LIKE, grid_of, paper
 from matplotlib.collections import LineCollection, QuadMesh
 from matplotlib.colors import to_hex
 from matplotlib.patches import Rectangle
-from matplotlib.text import Annotation, Text
+from matplotlib.text import Annotation
 
 from vocc_torch.errors import VoccError
 from vocc_torch.hardware import Camera
@@ -64,16 +64,6 @@ def panels(figure):
     return [axes for axes in figure.axes if any(isinstance(c, QuadMesh) for c in axes.collections)][
         : len(FOUR)
     ]
-
-
-def shown_texts(figure):
-    ticks = {
-        label
-        for axes in figure.axes
-        for label in (*axes.get_xticklabels(which="both"), *axes.get_yticklabels(which="both"))
-    }
-    found = (text for text in figure.findobj(Text) if text.get_visible() and text.get_text().strip())
-    return [text for text in found if text not in ticks]
 
 
 # The heat maps.
@@ -175,7 +165,7 @@ def test_a_grid_without_any_errors_is_drawn():
 
 @pytest.mark.parametrize("draw", [dimming_figure, best_luminance_figure])
 @pytest.mark.parametrize("count", [1, 3, 8])
-def test_one_to_eight_receivers_have_room(draw, count):
+def test_one_to_eight_receivers_have_room(draw, shown_texts, count):
     grid = paper_like_grid(
         tuple(PAPER_LIKE)[-count:], frames=128, luminance=LUMINANCE[1:5], ambient=AMBIENT[:3]
     )

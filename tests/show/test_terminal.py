@@ -47,7 +47,7 @@ def test_the_finished_table_is_plain_and_says_how_to_read_it(table):
     screen, text = console()
     print_table(table, screen)
     assert "\x1b" not in text()
-    for part in ("2000 frames a point", "locator: truth", "95 %", "< 4.7e-5", "no errors"):
+    for part in ("2000 frames a point", "locator: truth", "95 %", "< 4.7e-5", "no error"):
         assert part in " ".join(text().split())
 
 

@@ -1,5 +1,8 @@
 """Eqs 1, 2, 3 and 20 against numbers that the paper prints and numbers worked out by hand."""
 
+import math
+import re
+
 import mpmath
 import pytest
 import torch
@@ -7,15 +10,21 @@ from hypothesis import given
 from hypothesis import strategies as st
 from torch.autograd import forward_ad
 
+from vocc_torch.errors import VoccError
 from vocc_torch.hardware import Camera
+from vocc_torch.simulation.effects.base import Context
+from vocc_torch.simulation.effects.coding import Saturation
 from vocc_torch.simulation.photometry import (
     BLOCK_VALUES,
+    auto_iso,
     auto_iso_speed,
+    demand_greys,
     grey_value,
     reflected_luminance_cd_m2,
     through_lens,
     transmission,
 )
+from vocc_torch.types import Scene
 
 PAPER_CAMERA = Camera(exposure_time_s=1 / 1500, f_number=4.0, calibration_constant=12.5)
 exposures = st.floats(1e-6, 1e3)
@@ -147,6 +156,56 @@ def test_forward_mode_has_the_slopes_and_greys_of_reverse_mode(gamma, dtype):
     bend = torch.func.hessian(lambda value: grey(value).sum())(values).diagonal()
     assert bend[:2].tolist() == [0, 0]
     torch.testing.assert_close(bend[2:], (slope * (1 / gamma - 1) / values)[2:])
+
+
+# Light and speeds at the ends of what auto-ISO takes
+
+LIGHT = "it must lead to grey values of at most 1e+09, or 1e+30 where saturation is named"
+
+
+def speed_of(ambient_lx, led_cd_m2, *effects, speed=10.0, gamma=1.0):
+    """The camera's one speed, where 1 cd/m2 exposes to 1 lx s."""
+    camera = Camera(
+        exposure_time_s=1, calibration_constant=10, f_number=1, gamma=gamma, iso_limits=(speed,) * 2
+    )
+    lux, led, rest = number([0.0, ambient_lx]), number([0.0, led_cd_m2]), number([100.0, 100.0])
+    scene = Scene(lux, led, rest, rest, rest, rest)
+    return float(auto_iso(Context(scene, camera, effects=effects))[1])
+
+
+@pytest.mark.parametrize(
+    ("gamma", "effects", "most"),
+    [
+        (1.0, (), 1e9 / 118),
+        (2.0, (), (1e9 / 118) ** 2),
+        (2.0, (Saturation(),), 1e30),
+        (0.5, (Saturation(),), 1e15),
+    ],
+)
+def test_the_most_light_is_taken_and_more_is_not(gamma, effects, most):
+    """Of the LEDs and of the day, a matt white surface under it, together."""
+    assert speed_of(0.0, most, *effects, gamma=gamma) == speed_of(3 * most, 0.0, *effects, gamma=gamma) == 10
+    for lux, led, speed in (
+        (0.0, math.nextafter(most, math.inf), 10.0),
+        (3 * most, 0.1 * most, 10.0),
+        (3.0, 20 * most / 1e20, 1e20),
+        (0.0, 20 * most / 1e-30, 1e-30),
+    ):
+        given = f"scene.led_luminance_cd_m2 is {led:g}, with scene.ambient_lx is {lux:g} and ISO {speed:g}"
+        with pytest.raises(VoccError, match=f"^{re.escape(f'{given}: {LIGHT}')}$"):
+            speed_of(lux, led, *effects, speed=speed, gamma=gamma)
+
+
+def test_the_ends_of_the_speeds_are_taken_and_greys_are_up_to_1e9():
+    for speed in (1e-30, 1e20):
+        assert speed_of(0.0, 0.0, speed=speed) == speed
+    most = number([0.0, 1e9])
+    demand_greys(most)
+    for grey, held in ((most * 2, "2e+09"), (most * math.nan, "nan")):
+        rule = "it must have scene.effects.saturation, or less light: at most 1e+09"
+        wanted = f"scene.effects is without saturation, and grey values reach {held}: {rule}"
+        with pytest.raises(VoccError, match=f"^{re.escape(wanted)}$"):
+            demand_greys(grey)
 
 
 def test_a_picture_of_any_layout_and_of_more_than_a_block_is_its_pixels():

@@ -16,7 +16,6 @@ from hydra.core.hydra_config import HydraConfig
 from hydra.types import RunMode
 from omegaconf import DictConfig
 
-from vocc_torch.__main__ import main as main  # where scripts that were installed earlier look for it
 from vocc_torch.app.config import TASKS, AppConfig, inside_runs, register_schema
 from vocc_torch.app.jobs import Jobs, begin_again, beside_others, write_down
 from vocc_torch.app.resolve import refusal, resolved
@@ -167,6 +166,9 @@ def run_jobs(jobs: Jobs) -> int:
     finally:
         for folder in jobs.folders():
             discard_if_empty(folder)
+    measured = [folder for folder in jobs.folders() if (folder / "ber.csv").exists()]
+    if len(measured) > 1:
+        print(f"all jobs in one table: vocc-torch task=collect input={os.path.relpath(measured[0].parent)}")
     failures = jobs.told("failed")
     if failures and jobs.parallel:
         numbers, count = ", ".join(str(one["job"]) for one in failures), len(jobs.folders())

@@ -15,6 +15,7 @@ from vocc_torch.measure.config import ARGUMENT, Budget, Experiment, Settings
 from vocc_torch.studies.classifiers import RivalsConfig
 from vocc_torch.studies.decode import DecodeConfig
 from vocc_torch.studies.effects import EffectsConfig
+from vocc_torch.studies.export import ExportConfig
 from vocc_torch.studies.paper import FiguresConfig
 from vocc_torch.studies.tradeoff import TradeoffConfig
 
@@ -27,6 +28,8 @@ TASKS = {
     "tradeoff": ("tradeoff.run:run_tradeoff", "tradeoff"),
     "classifiers": ("classifiers.run:run_classifiers", "rivals"),
     "collect": ("collect:run_collect", None),
+    "export": ("export.run:run_export", "export"),
+    "export_receiver": ("export_receiver:run_export_receiver", None),
 }
 """What runs each task, below ``vocc_torch.studies``, and the section that is its own."""
 
@@ -41,6 +44,7 @@ class AppConfig(Settings):
         effects: what task=effects looks at.
         tradeoff: what task=tradeoff prices.
         rivals: what task=classifiers compares.
+        export: what task=export writes.
     """
 
     decode: DecodeConfig = field(default_factory=DecodeConfig)
@@ -48,6 +52,7 @@ class AppConfig(Settings):
     effects: EffectsConfig = field(default_factory=EffectsConfig)
     tradeoff: TradeoffConfig = field(default_factory=TradeoffConfig)
     rivals: RivalsConfig = field(default_factory=RivalsConfig)
+    export: ExportConfig = field(default_factory=ExportConfig)
 
     def __post_init__(self) -> None:
         """Check what no section can check alone."""
@@ -79,6 +84,11 @@ IGNORED = {
     "effects": (*RECORDED, "experiment", "receiver.locator", "receiver.features", *PARTS),
     "tradeoff": (*RECORDED, "experiment", "receiver.save"),
     "classifiers": (*RECORDED, "experiment"),
+    "export_receiver": (
+        *("input", "experiment", "workers", "tensorboard", "scene.name", "receiver.names"),
+        *(one for one in COUNTING if one != "budget.frames"),
+    ),
+    "export": (*RECORDED, "receiver", "budget", "tensorboard", "scene.name", *PARTS),
     "collect": tuple(one.name for one in fields(AppConfig) if one.name not in ("task", "name", "input")),
 }
 """What each task passes over, besides the sections of others: keys, and sections for all that is in them."""

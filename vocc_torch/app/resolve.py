@@ -105,9 +105,13 @@ def refuse_ignored(settings: AppConfig, words: Sequence[str]) -> None:
         if passes_over(task, place) and (key, value) != ("experiment", task):
             users = ", ".join(one for one in TASKS if not passes_over(one, place))
             raise VoccError(f"{said}: task={task} does not use it, only {users}")
+        trains, points = name.startswith("training"), settings.export.points
+        if task == "export" and group == "experiment" and name and trains != (points == "train"):
+            raise VoccError(f"{said}: export.points={points} does not use it; leave it out")
         if key == "plug_ins" and settings.model is None:
             raise VoccError(f"{said}: it must be empty without a model, a new one names its parts")
-        if settings.model and group in (*OF_MODEL, *PARTS) and name not in ("rows", "columns"):
+        own_parts = OF_MODEL if task == "decode" else ("panel", "receiver", "budget.training_frames")
+        if settings.model and {group, key} & {*own_parts, *PARTS} and name not in ("rows", "columns"):
             raise VoccError(f"{said}: the model brings its own; leave {key} or model out")
         finder, ours = settings.receiver.locator, NAMES["Locators"].split(", ")
         if place.startswith("receiver.location") and task in ONE_LOCATOR and finder not in ours:

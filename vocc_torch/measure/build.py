@@ -15,7 +15,7 @@ from vocc_torch.plugins import TARGET, PlugIn, is_target
 from vocc_torch.receiver import bank, location, reader
 from vocc_torch.receiver.classifiers import Inputs, training
 from vocc_torch.receiver.features import FEATURE_NAMES
-from vocc_torch.simulation import SceneModel
+from vocc_torch.simulation.scene import SCENE_FIELDS, SceneModel, parsed_scene
 from vocc_torch.types import resolve_device
 
 PRECISIONS = {"float32": torch.float32, "float64": torch.float64}
@@ -49,7 +49,7 @@ def build_plan(settings: Settings, folder: Path) -> plans.Plan:
     world = plans.World(
         camera=camera,
         panel=LedPanel(shape=shape, **panel),
-        scene=SceneModel(**plans.parsed_scene({name: getattr(scene, name) for name in plans.SCENE_FIELDS})),
+        scene=SceneModel(**parsed_scene({name: getattr(scene, name) for name in SCENE_FIELDS})),
         effects=effect_settings(scene.effects),
         framing=settings.framing,  # type: ignore[arg-type]  # checked by name in Simulator
         device=settings.device,
@@ -93,9 +93,12 @@ def receiver_plan(settings: Settings, shape: PanelShape) -> plans.ReceiverPlan:
     save = receiver.save
     if save is None and len(plugged_in) > 1 and settings.task in ("train", "decode"):
         rule = f"one of {', '.join(one.name for one in plugged_in)}, the receiver that is kept"
+        rule += "; receiver.features made flda" * (plugged_in[-1].name == "flda")
         raise VoccError.of("receiver.save", "null", rule)
     if save is None:
         save = plugged_in[0].name if len(plugged_in) == 1 else "flda_3"
+    if save not in (savable := (*bank.FLDA_FEATURES, *(one.name for one in plugged_in))):
+        raise VoccError(f"receiver.save is {save!r}: it must be one of {', '.join(savable)}")
     return plans.ReceiverPlan(
         names=(*receiver.names, *(one.name for one in plugged_in)),
         classifiers=tuple(plugged_in),
@@ -139,7 +142,7 @@ def classifier_plan(
             inputs=Inputs.parse(config.inputs, features),
             training=training.TrainingRecipe(**config.training),
             frames=config.frames,
-            scene=plans.parsed_scene(config.scene),
+            scene=parsed_scene(config.scene),
         )
 
 

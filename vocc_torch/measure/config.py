@@ -106,7 +106,7 @@ class Experiment:
 
     def __post_init__(self) -> None:
         """Check the distributions, the axes and their values."""
-        from vocc_torch.measure.plan import SCENE_FIELDS, parsed_scene  # which needs torch
+        from vocc_torch.simulation.scene import SCENE_FIELDS, parsed_scene  # which needs torch
 
         self.values, self.rows = tuple(self.values), tuple(self.rows)
         for part in ("scene", "training"):
@@ -142,7 +142,7 @@ class Experiment:
 
     def model_at(self, world: "World", value: float) -> "SceneModel":
         """The scenes of one point of the axis."""
-        from vocc_torch.measure.plan import narrowed
+        from vocc_torch.simulation.scene import narrowed
 
         model = narrowed(world.scene, self.scene)
         if self.axis == "contrast":
@@ -154,7 +154,7 @@ class Experiment:
 
     def training_model(self, world: "World") -> "SceneModel":
         """The scenes that a receiver trains on."""
-        from vocc_torch.measure.plan import narrowed
+        from vocc_torch.simulation.scene import narrowed
 
         return narrowed(world.scene, self.training, "experiment.training")
 

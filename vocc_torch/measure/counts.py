@@ -151,9 +151,9 @@ def half_errors(decided: Tensor, sent: Tensor, found: Tensor) -> Tensor:
         [18, 9]
     """
     leds = sent.shape[1:].numel()
-    shapes = {"sent": sent.shape if sent.ndim == 3 and leds else "(B,R,C) with at least one LED"}
-    shapes |= {"decided": sent.shape, "found": sent.shape[:1]}
-    for (name, shape), bits in zip(shapes.items(), (sent, decided, found), strict=True):
+    own = sent.shape if sent.ndim == 3 and leds else "(B,R,C) with at least one LED"
+    demands = ("sent", sent, own), ("decided", decided, sent.shape), ("found", found, sent.shape[:1])
+    for name, bits, shape in demands:
         if bits.dtype != torch.bool or bits.shape != shape:
             rule = f"torch.bool of shape {tuple(shape) if isinstance(shape, torch.Size) else shape}"
             raise VoccError.of(name, f"{bits.dtype} of shape {tuple(bits.shape)}", rule)

@@ -11,7 +11,7 @@ import torch
 from vocc_torch.errors import VoccError, section
 from vocc_torch.measure.config import Budget as Budget
 from vocc_torch.measure.config import Experiment as Experiment
-from vocc_torch.plugins import PlugIn
+from vocc_torch.plugins import TARGET, PlugIn
 from vocc_torch.receiver.bank import FLDA_FEATURES, check_receivers
 from vocc_torch.receiver.classifiers import Inputs
 from vocc_torch.receiver.classifiers.training import TrainingRecipe
@@ -19,54 +19,14 @@ from vocc_torch.receiver.location import PaperLocator
 from vocc_torch.receiver.locators import LOCATORS, OutsideLocator, PanelLocator, locator_named
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.simulation import Camera, Distribution, LedPanel, SceneModel, Simulator
-from vocc_torch.simulation.effects import Parameters, build_effects
+from vocc_torch.simulation.effects import AFTER, Parameters, build_effects, plug_ins
+from vocc_torch.simulation.scene import parsed_scene
 from vocc_torch.simulation.simulator import PAPER_EFFECTS, Framing
 from vocc_torch.types import resolve_device as resolve_device
 
 Locator = str
 """A locator's name; ``truth`` takes the simulator's own corners."""
 OWN_LOCATORS = ("truth", *LOCATORS)
-SCENE_FIELDS = tuple(f.name for f in fields(SceneModel))
-
-
-def narrowed(model: SceneModel, changes: Mapping[str, Any], key: str = "experiment.scene") -> SceneModel:
-    """Give the scene model with some of its distributions replaced.
-
-    Args:
-        model: the scenes.
-        changes: distributions by the name of a value of a scene.
-        key: the key under which a refusal names them.
-
-    Raises:
-        VoccError: an unknown name, or a value outside its physical range.
-
-    Example:
-        >>> narrowed(SceneModel(), {"distance_m": 50}).nearest_m
-        50.0
-    """
-    read = parsed_scene(changes, key)
-    with section(key, before="scene"):
-        return replace(model, **read)
-
-
-def parsed_scene(specs: Mapping[str, Any], key: str = "scene") -> dict[str, Distribution]:
-    """Read distributions by name, as a configuration writes them; ``key`` is theirs in a refusal.
-
-    Raises:
-        VoccError: an unknown name or a specification that cannot be read.
-
-    Example:
-        >>> parsed_scene({"distance_m": ["uniform", 40, 60]})["distance_m"].bounds
-        (40.0, 60.0)
-    """
-    for name in specs:
-        if name not in SCENE_FIELDS:
-            raise VoccError(f"{key}.{name} is not a value of a scene: known are {', '.join(SCENE_FIELDS)}")
-    with section(key, before="scene"):
-        return {
-            name: spec if isinstance(spec, Distribution) else Distribution.parse(spec, name)
-            for name, spec in specs.items()
-        }
 
 
 @dataclass(frozen=True)
@@ -162,8 +122,6 @@ class ReceiverPlan:
         if stray := [name for name in self.locators if name in OWN_LOCATORS]:
             raise VoccError(f"locators.{stray[0]} is the name of a locator that ships: choose another")
         self.demand_locators("receiver.locator", [self.locator])
-        if self.save not in (savable := (*FLDA_FEATURES, *plugged_in)):
-            raise VoccError(f"receiver.save is {self.save!r}: it must be one of {', '.join(savable)}")
         for one in self.classifiers:
             with section(f"classifiers.{one.name}"):
                 one.inputs.demand_features(self.reader.names)
@@ -294,6 +252,11 @@ def identity(plan: Plan, locators: Sequence[Locator]) -> dict[str, Any]:
     for one in told["receiver"]["classifiers"]:
         one["training"]["checkpoints"] = None  # where they are changes no weight
     effects = {one.name: _plain(one) for one in build_effects(plan.world.effects)}
+    outside = plug_ins(plan.world.effects)
+    for name, one in outside.items():
+        effects[name] |= {
+            key: one.target if key == TARGET else one.arguments.get(key) for key in (TARGET, AFTER)
+        }
     return {
         "seed": plan.seed,
         "world": {**told["world"], "effects": effects},
@@ -313,6 +276,12 @@ def identity(plan: Plan, locators: Sequence[Locator]) -> dict[str, Any]:
             **{f"classifiers.{one.name}": one.build.maker for one in plan.receiver.classifiers},
             **{f"locators.{one.name}": one.maker for one in plan.receiver.locators.values()},
             **{f"features.{one.name}": one.maker for one in plan.receiver.reader.more},
+            **{f"effects.{name}": one.maker for name, one in outside.items()},
+            **{
+                f"effects.{name}.{key}": digest
+                for name, one in outside.items()
+                for key, digest in one.files.items()
+            },
         },
     }
 

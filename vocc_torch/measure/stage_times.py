@@ -170,10 +170,10 @@ def time_stages(
     return StageTimings(times, median_of(ratios).value if ratios else 1.0, wall, processor)
 
 
-Made: TypeAlias = dict[Hashable, Any]
+Intermediates: TypeAlias = dict[Hashable, Any]
 """What the stages have made of a batch, by key; a key names what receivers share."""
 
-Stage: TypeAlias = Callable[[Made], object]
+Stage: TypeAlias = Callable[[Intermediates], object]
 """Makes what follows from a batch's parts."""
 
 
@@ -200,16 +200,16 @@ class Chain:
         self.stages["features"] = measured, lambda m: one.measure(m["read",], m[self.where], m.get(patches))
         self.stages["classify"] = ("classify", name), lambda m: _bits(one.decide(m[measured], m[self.known]))
 
-    def whole(self, made: Made) -> object:
+    def whole(self, made: Intermediates) -> object:
         """Do all stages in one go."""
         panels = made[self.where] if self.one.locator is None else None
         return _bits(self.one(read(made["host"], self.device), panels, made[self.known]))
 
 
-def prepared(chains: Iterable[Chain], exposure: Exposure, rows: slice, device: torch.device) -> Made:
+def prepared(chains: Iterable[Chain], exposure: Exposure, rows: slice, device: torch.device) -> Intermediates:
     """Make what each stage starts from, of some of the frames."""
     truth = (getattr(exposure.truth, one.name)[rows].to(device) for one in fields(Panels))
-    made: Made = {"host": exposure.frames[rows], ("locate", None): Panels(*truth)}
+    made: Intermediates = {"host": exposure.frames[rows], ("locate", None): Panels(*truth)}
     on_off = [_on(take[rows], device) for take in exposure.preambles]
     for chain in chains:
         for key, stage in chain.stages.values():

@@ -7,6 +7,7 @@ import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Literal
 
 import numpy as np
 import torch
@@ -20,6 +21,7 @@ from vocc_torch.measure.plan import Experiment, Locator, Plan, identity
 from vocc_torch.measure.workers import Outcome, Part, PointWork, Workers, run_points, worker_losses_told
 from vocc_torch.receiver.bank import ReceiverBank
 from vocc_torch.rng import BLOCK_FRAMES
+from vocc_torch.simulation import SceneModel
 
 
 @dataclass(frozen=True)
@@ -206,6 +208,26 @@ def point_name(experiment: Experiment, value: float) -> str:
     # Six digits may stand for two values, which would then share their draws.
     digits = f"{value:g}" if float(f"{value:g}") == value else repr(value)
     return f"{experiment.name}/{experiment.axis}={digits}"
+
+
+Kind = Literal["train", "test"]
+
+
+def scenes_of(plan: Plan, kind: Kind) -> dict[str, SceneModel]:
+    """Give the scenes of training, or of each point of a curve or grid, by the name that keys their draws.
+
+    Example:
+        >>> from pathlib import Path
+        >>> from vocc_torch.measure.plan import Budget, ReceiverPlan, World
+        >>> near = Experiment("near", "distance_m", (5.0, 10.0))
+        >>> plan = Plan(World(), ReceiverPlan(), near, Budget(), Path("runs"))
+        >>> list(scenes_of(plan, "train")), list(scenes_of(plan, "test"))
+        (['train'], ['near/distance_m=5', 'near/distance_m=10'])
+    """
+    if kind == "train":
+        return {"train": plan.experiment.training_model(plan.world)}
+    points = ((row.experiment, value) for row in plan.rows().values() for value in monte_carlo_values(row))
+    return {point_name(one, value): one.model_at(plan.world, value) for one, value in points}
 
 
 def points_of(

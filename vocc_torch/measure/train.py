@@ -6,6 +6,7 @@ import pickle
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 import torch
 from torch import Tensor
@@ -13,7 +14,7 @@ from torch import Tensor
 from vocc_torch.errors import VoccError
 from vocc_torch.measure import timing
 from vocc_torch.measure.link import Link, block_keys
-from vocc_torch.measure.plan import Locator, Plan, identity, narrowed
+from vocc_torch.measure.plan import Locator, Plan, identity, resolve_device
 from vocc_torch.measure.workers import Workers, worker_losses_told
 from vocc_torch.receiver import discriminant, reader
 from vocc_torch.receiver.bank import FLDA_FEATURES, ReceiverBank, feature_indices
@@ -23,7 +24,7 @@ from vocc_torch.receiver.flda import FLDA
 from vocc_torch.receiver.locators import PanelLocator
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.rng import BLOCK_FRAMES, BlockKey
-from vocc_torch.simulation import SceneModel
+from vocc_torch.simulation.scene import SceneModel, narrowed
 
 CALIBRATION_FRAMES = 512
 """Frames on which a receiver that is kept learns what its scores are worth."""
@@ -248,6 +249,24 @@ def calibrated_receiver(plan: Plan, training: Training) -> Receiver:
     if len(look := torch.cat(looks)):
         receiver.calibration = Calibration.of(torch.cat(scores), torch.cat(bits))
         receiver.trained_on = ranges_of(look)
+    return receiver
+
+
+def receiver_for(plan: Plan, model: Path | None, plug_ins: Sequence[str] = ()) -> Receiver:
+    """Load the receiver, or train one on the plan's scenes where no model is given.
+
+    Raises:
+        VoccError: a model that cannot be read or is for another panel.
+    """
+    if model is None:
+        untouched = replace(plan.experiment, training={})
+        return calibrated_receiver(plan, train(replace(plan, experiment=untouched)))
+    receiver = Receiver.load(model, plug_ins).to(resolve_device(plan.world.device))
+    wanted, has = plan.receiver.reader.shape, receiver.shape
+    if wanted != has:
+        given = f"model {model} reads a panel of {has.rows} x {has.columns} LEDs"
+        other = f"panel.rows x panel.columns is {wanted.rows} x {wanted.columns}"
+        raise VoccError(f"{given}, and {other}: make them agree")
     return receiver
 
 

@@ -1,7 +1,9 @@
 """What a receiver's scores are worth, and on what panels it learned that."""
 
 import itertools
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Self
 
 import numpy as np
@@ -58,17 +60,42 @@ class Calibration:
         on = given >= 0
         return cls(_learned(-given[~on], sent[~on]), _learned(given[on], ~sent[on]))
 
+    @classmethod
+    def read(cls, settings: Mapping[str, Sequence[Sequence[float]]]) -> Self:
+        """Read back what a model file keeps of its fields."""
+        (off, on) = ((tuple(settings[side][0]), tuple(settings[side][1])) for side in ("off", "on"))
+        return cls(off, on)
+
     def __call__(self, scores: torch.Tensor) -> torch.Tensor:
         """Turn scores into log-likelihood ratios, float64, of the scores' shape."""
-        given = scores.detach().cpu().double().numpy()
-        ratios = np.where(given >= 0, np.interp(given, *self.on), -np.interp(-given, *self.off))
-        return torch.from_numpy(ratios).to(scores.device)
+        given = scores.detach().double()
+        on, off = self._tables
+        return torch.where(given >= 0, _interpolated(given, on), -_interpolated(-given, off))
+
+    @cached_property
+    def _tables(self) -> tuple[torch.Tensor, torch.Tensor]:
+        """Distances, sizes and the slopes behind them, (3,n) float64, of On and of Off."""
+        with torch.inference_mode(False):  # normal tensors, for they are kept
+            both = [torch.tensor(side, dtype=torch.float64) for side in (self.on, self.off)]
+            slopes = [torch.nn.functional.pad(y.diff() / x.diff(), (0, 1)) for x, y in both]
+            on, off = (torch.cat([one, slope[None]]) for one, slope in zip(both, slopes, strict=True))
+            return on, off
+
+
+def _interpolated(at: torch.Tensor, table: torch.Tensor) -> torch.Tensor:
+    """Interpolate between ascending points, as ``np.interp`` does to the last bit, on any device."""
+    places, values, slopes = table.to(at.device)
+    at = at.clamp(max=places[-1])
+    left = (torch.searchsorted(places, at, right=True) - 1).clamp(min=0)
+    begin = places[left]
+    found: torch.Tensor = slopes[left] * (at - begin).clamp(min=0) + values[left]
+    return found
 
 
 def _learned(
     distances: NDArray[np.float64], wrong: NDArray[np.bool_]
 ) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Give distances from 0 and the logarithm of right over wrong there, from 0 at 0 on."""
+    """Give distances from 0, both ends of each step of the regression, and log of right over wrong there."""
     order = np.argsort(distances, kind="stable")
     distances, wrong = distances[order], wrong[order]
     places, sizes = [0.0], [0.0]
@@ -76,8 +103,8 @@ def _learned(
         steps = isotonic_regression(wrong.astype(np.float64), increasing=False).blocks
         for first, last in itertools.pairwise(steps):
             errors, count = float(wrong[first:last].sum()) + 0.5, last - first + 1.0
-            places.append(float(distances[first:last].mean()))
-            sizes.append(max(sizes[-1], float(np.log((count - errors) / errors))))
+            places += [float(distances[first]), float(distances[last - 1])]
+            sizes += [max(sizes[-1], float(np.log((count - errors) / errors)))] * 2
     return tuple(places), tuple(sizes)
 
 
@@ -117,8 +144,12 @@ Ranges = dict[str, tuple[float, float]]
 
 
 def ranges_of(seen: torch.Tensor) -> Ranges:
-    """Give the ranges of what :func:`appearance` measured of at least one panel."""
-    ends = zip(seen.amin(dim=0).tolist(), seen.amax(dim=0).tolist(), strict=True)
+    """Give the ranges of what :func:`appearance` measured of at least one panel.
+
+    They reach a twentieth further at either end: the scenes' own ends are hardly ever drawn.
+    """
+    low, high = seen.amin(dim=0), seen.amax(dim=0)
+    ends = zip((low - (high - low) / 20).tolist(), (high + (high - low) / 20).tolist(), strict=True)
     return dict(zip(APPEARANCE, ends, strict=True))
 
 

@@ -1,5 +1,6 @@
 """Fisher's linear discriminant in closed form: statistics of training sets that add, and their solution."""
 
+import itertools
 import warnings
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -135,8 +136,9 @@ class ClassScatter(Batched):
     @classmethod
     def of_rows(cls, rows: Tensor, on: Tensor) -> Self:
         """Sum up samples (N,F) with their bits (N,), as of :func:`checked_samples`; differentiable."""
-        means, scatters = zip(*(_moments(rows[chosen]) for chosen in (~on, on)), strict=True)
-        return cls(torch.stack([(~on).sum(), on.sum()]), torch.stack(means), torch.stack(scatters))
+        (off_mean, off_scatter), (on_mean, on_scatter) = _moments(rows[~on]), _moments(rows[on])
+        means, scatters = torch.stack([off_mean, on_mean]), torch.stack([off_scatter, on_scatter])
+        return cls(torch.stack([(~on).sum(), on.sum()]), means, scatters)
 
     @classmethod
     def stacked(cls, sets: Sequence[Self], batch: Sequence[int]) -> Self:
@@ -162,9 +164,9 @@ class ClassScatter(Batched):
         """
         theirs = other.to(self.mean.device)
         count = self.count + theirs.count
-        share = (theirs.count / count.clamp(min=1).to(torch.float64)).unsqueeze(-1)
+        share = (theirs.count / count.clamp(min=1).to(torch.float64))[..., None]
         step = theirs.mean - self.mean
-        spread = step.unsqueeze(-1) * step.unsqueeze(-2) * (self.count.unsqueeze(-1) * share).unsqueeze(-1)
+        spread = step[..., None] * step[..., None, :] * (self.count[..., None] * share)[..., None]
         return type(self)(count, self.mean + step * share, self.scatter + theirs.scatter + spread)
 
     def select(self, features: Sequence[int]) -> Self:
@@ -178,9 +180,9 @@ class ClassScatter(Batched):
         """
         demand_kind("features", features, Iterable)
         chosen, known = list(features), self.mean.shape[-1]
-        if not chosen or len(set(chosen)) != len(chosen) or not set(chosen) <= set(range(known)):
+        if not chosen or len(set(chosen) & set(range(known))) != len(chosen):
             raise VoccError(f"features is {chosen}: it must name distinct features from 0 to {known - 1}")
-        index = torch.tensor(chosen, dtype=torch.int64, device=self.mean.device)
+        index = torch.tensor(chosen, dtype=torch.int64)
         scatter = self.scatter[..., index, :][..., index]
         return type(self)(self.count.clone(), self.mean[..., index], scatter)
 
@@ -351,8 +353,8 @@ def discriminant(features: Tensor, bits: Tensor) -> Discriminant:
         if missing := (~there.any(dim=-1)).nonzero().tolist():
             place = f" in set {', '.join(map(str, missing[0]))}" if missing[0] else ""
             raise VoccError(f"bits has no {name} sample{place}: a discriminant needs both")
-    sets = zip(rows.reshape(-1, *rows.shape[-2:]), on.reshape(-1, on.shape[-1]), strict=True)
-    seen = ClassScatter.stacked([ClassScatter.of_rows(*one) for one in sets], on.shape[:-1])
+    places = itertools.product(*map(range, shape[:-2]))
+    seen = ClassScatter.stacked([ClassScatter.of_rows(rows[at], on[at]) for at in places], shape[:-2])
     rule, complaint = Discriminant.of(seen.checked())
     if complaint:
         warnings.warn(f"discriminant: {complaint}", FLDAWarning, stacklevel=2)

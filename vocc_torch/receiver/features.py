@@ -9,7 +9,7 @@ import kornia.filters
 import torch
 
 from vocc_torch.errors import VoccError
-from vocc_torch.types import PanelShape
+from vocc_torch.types import PanelShape, holds, is_exporting
 
 FEATURE_NAMES = ("agr", "gri", "ngr")
 """The order of the features' last dimension."""
@@ -45,7 +45,7 @@ def checked_greys(greys: torch.Tensor, name: str) -> torch.Tensor:
     """
     if not greys.is_floating_point():
         raise VoccError(f"{name} has dtype {greys.dtype}: it must be floating")
-    if greys.numel():
+    if not is_exporting() and greys.numel():
         low, high = (float(end) for end in greys.detach().aminmax())
         if not (low >= 0 and high <= MOST_GREY):
             held = "NaN" if math.isnan(low + high) else f"values from {low:g} to {high:g}"
@@ -216,7 +216,7 @@ def gradient_radial_inwardness(
     towards = torch.nn.functional.avg_pool2d(gradient * field, samples)
     per_pixel = samples / torch.stack([cell_width_px, cell_height_px], dim=1).clamp(min=1e-6)
     inward = (towards * per_pixel.to(patches.dtype).view(-1, 2, 1, 1)).sum(dim=1)
-    if not bool(inward.isfinite().all()):
+    if not holds(inward.isfinite()):
         raise VoccError("patches or cell sizes give a GRI that is not finite: both must be finite")
     return inward
 
@@ -227,8 +227,8 @@ def led_features(
     shape: PanelShape,
     cell_width_px: torch.Tensor,
     cell_height_px: torch.Tensor,
-    kernel: Gradient = "sobel",
-    needed: Collection[str] = FEATURE_NAMES,
+    kernel: Gradient,
+    needed: Collection[str],
 ) -> torch.Tensor:
     """Features of each LED, in the order of ``FEATURE_NAMES``; zeros for those that are not needed.
 
@@ -250,10 +250,10 @@ def led_features(
     Example:
         >>> patches, size = torch.full((1, 1, 6, 6), 7.0), torch.tensor([3.0])
         >>> means = cell_means(patches, PanelShape(1, 1))
-        >>> led_features(patches, means, PanelShape(1, 1), size, size)[0, 0, 0].tolist()
-        [1.0, 0.0, 1.0]
+        >>> led_features(patches, means, PanelShape(1, 1), size, size, "sobel", ["agr", "ngr"]).tolist()
+        [[[[1.0, 0.0, 1.0]]]]
     """
-    agr = gri = ngr = patches.new_zeros(len(patches), shape.rows, shape.columns)
+    agr = gri = ngr = patches.new_zeros(patches.shape[0], shape.rows, shape.columns)
     if "gri" in needed:
         gri = gradient_radial_inwardness(patches, shape, cell_width_px, cell_height_px, kernel)
     if means is not None:

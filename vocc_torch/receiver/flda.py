@@ -9,6 +9,7 @@ import torch
 from vocc_torch.errors import VoccError, demand_kind
 from vocc_torch.receiver.discriminant import ClassScatter, Discriminant, checked_features
 from vocc_torch.receiver.discriminant import FLDAWarning as FLDAWarning
+from vocc_torch.types import holds
 
 _PARTS = ("count", "mean", "scatter")
 """The statistics' buffers, in the order of the fields of :class:`ClassScatter`."""
@@ -157,7 +158,8 @@ class FLDA(torch.nn.Module):
         points = checked_features(features, self.n_features)
         rule = self._solved()
         scores: torch.Tensor = ((points - rule.centre) * rule.direction).sum(dim=-1)
-        if (stray := scores[~scores.isfinite()]).numel():
+        if not holds(scores.isfinite()):
+            stray = scores[~scores.isfinite()]
             given = "features holds a value that is not finite, or too far from the training set"
             raise VoccError(f"{given}: its score is {stray[0].item():g}, neither On nor Off")
         return scores
@@ -196,14 +198,14 @@ class FLDA(torch.nn.Module):
                 _require_both(seen)
                 solution, complaint = Discriminant.of(seen)
             if complaint:
-                warnings.warn(f"FLDA: {complaint}", FLDAWarning, stacklevel=4)
+                warnings.warn(f"FLDA: {complaint}", FLDAWarning, stacklevel=3)
             self._solution = Discriminant(*(value.to(self.mean.device) for value in solution))
         return self._solution
 
     def _apply(self, fn: Callable[[torch.Tensor], torch.Tensor], recurse: bool = True) -> Self:
         """Follow moves between devices, but not changes of dtype: the statistics stay float64 and int64."""
-        kept = self.statistics
-        super()._apply(fn, recurse)  # type: ignore[no-untyped-call]  # torch has no hints here
+        kept = self.statistics  # `recurse` is about modules within, of which there are none
+        super()._apply(fn)  # type: ignore[no-untyped-call]  # torch has no hints here
         if (self.count.dtype, self.mean.dtype) != (kept.count.dtype, kept.mean.dtype):
             self._store(kept)
         self._solution = None

@@ -11,7 +11,7 @@ from vocc_torch.errors import VoccError, demand_kind, finite_number, shown
 from vocc_torch.plugins import TARGET, PlugIn, one_line
 from vocc_torch.receiver import foreground, lattice_fit, lattice_model, rectification
 from vocc_torch.receiver.location import Choice, PaperLocator, exact_frames
-from vocc_torch.types import Frames, Images, Panels, PanelShape
+from vocc_torch.types import Frames, Images, Panels, PanelShape, holds
 
 # Most LEDs in a row or a column that are searched for; larger panels are left to the paper's locator.
 _MOST_LEDS = 16
@@ -106,18 +106,18 @@ class RefinedLocator:
         regions = foreground.bright_regions(frames.grey)
         found = Choice.none(len(regions.frame), frames.grey.device)
         background, noise = torch.zeros(2, len(regions.frame), device=frames.grey.device)
-        for side, rows in _alike(regions.side_px):
+        for side, rows in _by_side(regions.side_px):
             windows = foreground.cut_windows(frames, regions, rows, side)
             background[rows], noise[rows] = foreground.ring_statistics(windows.grey)
             found.put(rows, self._chosen(windows, background[rows], noise[rows], shape))
         likeness, poor = found.score.clone(), torch.zeros_like(found.found)
         # Small windows are fitted together: what lies between the panel and the border does not matter.
-        for side, rows in _alike(regions.side_px.clamp(min=_FIT_PX)):
+        for side, rows in _by_side(regions.side_px.clamp(min=_FIT_PX)):
             seen = rows[found.found[rows]]
             if len(seen):
                 windows = foreground.cut_windows(frames, regions, seen, side)
                 poor[self._refit(found, seen, windows, background, noise, shape)] = True
-        for side, rows in _alike(regions.side_px):
+        for side, rows in _by_side(regions.side_px):
             rest = rows[poor[rows]]
             windows = replace(foreground.cut_windows(frames, regions, rest, side), surround=background[rest])
             self._left_to_paper(found, rest, windows, shape)
@@ -204,7 +204,7 @@ def _upright(corners_px: Tensor, shape: PanelShape) -> Tensor:
     return corners_px.gather(1, index[..., None].expand(-1, -1, 2))
 
 
-def _alike(side_px: Tensor) -> list[tuple[int, Tensor]]:
+def _by_side(side_px: Tensor) -> list[tuple[int, Tensor]]:
     """Group windows by their sides (W,): each side, px, and the indices of its windows."""
     return [(side, (side_px == side).nonzero()[:, 0]) for side in sorted(set(side_px.tolist()))]
 
@@ -258,8 +258,8 @@ class OutsideLocator:
         demand_kind(f"{name}: its answer", panels, Panels)
         kinds = {"found": torch.bool, "score": torch.float64, "candidates": torch.int64}
         for part in Panels.__slots__:
-            given, size = getattr(panels, part), (len(frames), *(() if part in kinds else (4, 2)))
-            if not isinstance(given, Tensor) or given.shape != size or not bool(given.isfinite().all()):
+            given, size = getattr(panels, part), (frames.grey.shape[0], *(() if part in kinds else (4, 2)))
+            if not isinstance(given, Tensor) or given.shape != size or not holds(given.isfinite()):
                 got = tuple(given.shape) if isinstance(given, Tensor) else type(given).__name__
                 raise VoccError(f"{name} gave {part} of {got}: it must be a finite tensor of {size}")
         return Panels(

@@ -11,7 +11,7 @@ from vocc_torch.errors import VoccError, demand_kind
 from vocc_torch.plugins import PlugIn, one_line
 from vocc_torch.receiver.features import FEATURE_NAMES, Gradient, cell_means, checked_greys, led_features
 from vocc_torch.receiver.rectification import cell_size_px, centre_greys, rectify_takes
-from vocc_torch.types import Frames, Panels, PanelShape
+from vocc_torch.types import Frames, Panels, PanelShape, holds
 
 _GREYS = ("average", "centre")
 MEASURED = (*FEATURE_NAMES, *_GREYS)
@@ -167,7 +167,8 @@ class Reader:
         needed = {*MEASURED, *self.names} if needed is None else needed
         shape, sizes = self.shape, cell_size_px(panels.corners_px, self.shape)
         with torch.autocast(frames.grey.device.type, enabled=False):
-            features = average = centre = sizes[0].new_zeros(len(frames), shape.rows, shape.columns)
+            count = frames.grey.shape[0]
+            features = average = centre = sizes[0].new_zeros(count, shape.rows, shape.columns)
             if "centre" in needed:
                 centre = centre_greys(frames, panels, shape)
             if patches is None:
@@ -183,14 +184,14 @@ class Reader:
 
     def _outside(self, feature: PlugIn, patches: Tensor, wanted: bool) -> Tensor:
         """Measure a feature from outside, (B,R,C,1) float64; zeros where it is not wanted."""
-        size = (len(patches), self.shape.rows, self.shape.columns)
+        size = (patches.shape[0], self.shape.rows, self.shape.columns)
         if not wanted:
             return patches.new_zeros(*size, 1, dtype=torch.float64)
         try:
             given = feature.made(patches, self.shape)
         except (Exception, SystemExit) as error:
             raise VoccError(f"feature {feature.name} failed ({one_line(error)})") from error
-        if not isinstance(given, Tensor) or given.shape != size or not bool(given.isfinite().all()):
+        if not isinstance(given, Tensor) or given.shape != size or not holds(given.isfinite()):
             got = tuple(given.shape) if isinstance(given, Tensor) else type(given).__name__
             raise VoccError(f"feature {feature.name} gave {got}: it must give finite numbers of shape {size}")
         return given.to(torch.float64).unsqueeze(-1)

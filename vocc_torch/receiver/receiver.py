@@ -276,7 +276,7 @@ class Receiver(torch.nn.Module):
             reader = Reader(shape, settings["samples_per_led"], settings["gradient"], tuple(more))
             locator, name = locator_from(settings["locator"], plug_ins), settings["name"]
             worth, ranges = settings.get("calibration"), settings.get("trained_on") or {}
-            calibration = None if worth is None else Calibration(**worth)
+            calibration = None if worth is None else Calibration.read(worth)
             trained_on = {one: (float(ranges[one][0]), float(ranges[one][1])) for one in APPEARANCE if ranges}
             if (own := settings.get("classifier")) is not None:
                 patch = own["inputs"]["patch"]

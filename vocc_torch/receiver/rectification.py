@@ -6,13 +6,14 @@ The projective maps between cells and pixels are those of Heckbert (1989).
 import math
 from collections.abc import Sequence
 from functools import lru_cache
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor, nn
 
 from vocc_torch.errors import VoccError
 from vocc_torch.receiver.features import checked_greys
-from vocc_torch.types import Frames, Panels, PanelShape
+from vocc_torch.types import Frames, Panels, PanelShape, holds, is_exporting
 
 MOST_PX = 1e15
 """Corners farther than this from the sensor's corner are no corners."""
@@ -46,7 +47,7 @@ def cell_homography(corners_px: Tensor, shape: PanelShape) -> Tensor:
         [[1.0, 0.0, 2.0], [0.0, 1.0, 3.0], [0.0, 0.0, 1.0]]
     """
     corners = corners_px.to(torch.float64)
-    if not bool((corners.abs() <= MOST_PX).all()):
+    if not holds(corners.abs() <= MOST_PX):
         most = float(corners.abs().amax())
         raise VoccError(f"corners_px reaches {most:g} px: corners must be finite and within {MOST_PX:g} px")
     side = corners.roll(-1, 1) - corners
@@ -97,63 +98,123 @@ def map_points(corners_px: Tensor, cells: Tensor, shape: PanelShape) -> Tensor:
 
 
 def _map_grid(homography: Tensor, x: Tensor, y: Tensor) -> Tensor:
-    """Map the grid of cell coordinates x (w,) by y (h,) to pixels, (B,2,h,w).
+    """Map the grid of cell coordinates x (w,) by y (h,), or each (B,1,w) and (B,1,h), to pixels, (B,2,h,w).
 
     From the horizon on, where there is no image, it is as far away as just before it, and finite or infinite.
     """
     across = homography[:, :, 0, None] * x + homography[:, :, 2, None]
     mapped = across[:, :, None, :] + (homography[:, :, 1, None] * y)[..., None]
-    if bool((homography[:, 2, :2] == 0).all()):
+    if not is_exporting() and holds(homography[:, 2, :2] == 0):
         return mapped[:, :2]
     return mapped[:, :2] / mapped[:, 2:].clamp(min=torch.finfo(mapped.dtype).tiny)
 
 
-def _sample(
-    takes: Sequence[Frames], chosen: Tensor, homography: Tensor, x: Tensor, y: Tensor, dtype: torch.dtype
-) -> list[Tensor]:
-    """Read n chosen frames bilinearly at cell coordinates x (w,) by y (h,), giving (n,h,w) for each take.
+class _Spots(NamedTuple):
+    """Where n frames are read.
 
+    Args:
+        begin: (n,2) float64, on the sensor, the first pixel of a window that holds all that is read.
+        last: (n,2,1,1) the last pixel, from the window's first.
+        whole: (n,2,h,w) pixels to the left and above, from the window's first.
+        share: (n,2,h,w) of the pixels to the right and below.
+    """
+
+    begin: Tensor
+    last: Tensor
+    whole: Tensor
+    share: Tensor
+
+
+def _spots(
+    least: Tensor, most: Tensor, homography: Tensor, x: Tensor, y: Tensor, dtype: torch.dtype
+) -> _Spots:
+    """Find where n frames are read at cell coordinates, as :func:`_map_grid` has them.
+
+    On the sensor that is between ``least`` and ``most``, (n,2) float64 or broadcast to it.
     Positions count from a whole sensor pixel beside the panel, so a crop and the full frame give the same
     values to the last bit; ``grid_sample`` normalises by the image's size and does not. Samples beyond the
     horizon are pixels on the border.
     """
-    place = takes[0].origin_px[chosen]
-    extent = place.new_tensor(takes[0].grey.shape[:1:-1])
-    sensor = place.new_tensor(takes[0].sensor_px[::-1])
-    # On the sensor, to a crop's size around it: farther out the border pixels go on, so a wild quadrilateral
-    # of a false panel needs no larger window.
-    least = (place - extent).clamp(min=0).double()
-    most = torch.minimum(place + 2 * extent, sensor).double()
-    ends = _map_grid(homography, x[[0, -1]], y[[0, -1]]).flatten(2)
+    x_ends, y_ends = x[..., [0, -1]], y[..., [0, -1]]
+    ends = _map_grid(homography, x_ends, y_ends).flatten(2)
     low, high = (torch.minimum(torch.maximum(end, least), most) for end in (ends.amin(2), ends.amax(2)))
     # Between the grid's corners and the horizon is no image, or all of it: its corners bound nothing.
-    slopes = homography[:, 2, :2, None] * torch.stack([x[[0, -1]], y[[0, -1]]])
+    slopes = torch.cat([homography[:, 2:, :1] * x_ends, homography[:, 2:, 1:2] * y_ends], 1)
     endless = slopes.amin(2).sum(1, keepdim=True) <= -homography[:, 2, 2:]
     low, high = torch.where(endless, least, low), torch.where(endless, most, high)
     begin = torch.floor(low - 0.5)
     corner = torch.minimum(torch.maximum(torch.floor(homography[:, :2, 2]), begin), high.floor())
     # The whole pixel from which positions count, and of these the window's first and the last that is read.
     origin = torch.where(endless, corner, begin)
-    first, last = begin - origin, torch.ceil(high - origin)
-    wide, tall = (int(side) + 2 for side in (last - first).amax(0).tolist())
-    first, last = (end.to(dtype).view(-1, 2, 1, 1) for end in (first, last))
+    first, last = (end.to(dtype).view(-1, 2, 1, 1) for end in (begin - origin, torch.ceil(high - origin)))
     # Half a pixel off, so that whole numbers are pixel centres.
     moved = homography[:, :2] - (origin + 0.5)[..., None] * homography[:, 2:]
     moved = torch.cat([moved, homography[:, 2:]], 1).to(dtype)
     at = _map_grid(moved, x.to(dtype), y.to(dtype))
     at = torch.minimum(torch.maximum(at, first), last)
     whole = torch.floor(at)
-    right_share, lower_share = at.sub_(whole).flatten(2).unbind(1)
-    left, top = whole.sub_(first).long().flatten(2).unbind(1)
-    index = left.add_(top, alpha=wide)
+    share = at.sub_(whole)
+    return _Spots(begin, last.sub_(first), whole.sub_(first), share)
+
+
+def _blend(near: Sequence[Tensor], share: Tensor) -> Tensor:
+    """Mix four neighbours, (n,h,w) each, by the shares (n,2,h,w) of those to the right and below."""
+    right_share, lower_share = share.unbind(1)
+    upper, lower = (torch.lerp(near[row], near[row + 1], right_share) for row in (0, 2))
+    return torch.lerp(upper, lower, lower_share)
+
+
+def _sample(
+    takes: Sequence[Frames], chosen: Tensor, homography: Tensor, x: Tensor, y: Tensor, dtype: torch.dtype
+) -> list[Tensor]:
+    """Read n chosen frames bilinearly at cell coordinates x (w,) by y (h,), giving (n,h,w) for each take."""
+    place = takes[0].origin_px[chosen]
+    extent = place.new_tensor(takes[0].grey.shape[:1:-1])
+    sensor = place.new_tensor(takes[0].sensor_px[::-1])
+    # On the sensor, to a crop's size around it: farther out the border pixels go on, so a wild quadrilateral
+    # of a false panel needs no larger window.
+    least, most = (place - extent).clamp(min=0), torch.minimum(place + 2 * extent, sensor)
+    begin, last, whole, share = _spots(least.double(), most.double(), homography, x, y, dtype)
+    wide, tall = (int(side) + 2 for side in last.flatten(1).amax(0).tolist())
+    left, top = whole.long().unbind(1)
+    index = left.add_(top, alpha=wide).flatten(1)
     read = []
     for take in takes:
         grey = _cut(take, chosen, begin.long() - place, (tall, wide)).to(dtype).flatten(1)
-        near = [grey[:, by:].gather(1, index) for by in (0, 1, wide, wide + 1)]
-        upper = torch.lerp(near[0], near[1], right_share)
-        lower = torch.lerp(near[2], near[3], right_share)
-        read.append(torch.lerp(upper, lower, lower_share).view(len(chosen), len(y), len(x)))
+        near = [grey[:, by:].gather(1, index).view_as(left) for by in (0, 1, wide, wide + 1)]
+        read.append(_blend(near, share))
     return read
+
+
+def _rectified_in_graph(
+    frames: Frames, homography: Tensor, factors: Tensor, shape: PanelShape, side: int, dtype: torch.dtype
+) -> Tensor:
+    """Do what :func:`rectify_takes` does with whole frames, without a loop over what the panels need.
+
+    Every sample is the mean of as many readings as the largest of the factors (B,) asks for; those that a
+    frame's own factor has none of weigh nothing.
+    """
+    most: Any = factors.amax(0).item()  # in a graph no number yet
+    torch._check(most >= 1)
+    own, within = factors[:, None, None], torch.arange(most)
+    axes = []
+    for cells in (shape.columns, shape.rows):
+        samples = torch.arange((cells + 2) * side)[:, None] * own + torch.minimum(within, own - 1)
+        axes.append(((samples.double() + 0.5) / (side * own) - 1).flatten(1)[:, None])
+    height, width = frames.grey.shape[-2:]
+    ends = torch.stack([homography.new_full((), side) for side in (width, height)])
+    begin, _, whole, share = _spots(torch.zeros_like(ends), ends, homography, axes[0], axes[1], dtype)
+    left, top = (whole.long() + begin.long().view(-1, 2, 1, 1)).unbind(1)
+    rows, columns = (
+        [(one + by).clamp(0, size - 1) for by in (0, 1)] for one, size in ((top, height), (left, width))
+    )
+    pixels = frames.grey.flatten(1)
+    near = [pixels.gather(1, (row * width + column).flatten(1)) for row in rows for column in columns]
+    read = _blend([one.to(dtype).view_as(left) for one in near], share)
+    weight = (within < own).to(dtype)
+    read = read.view(-1, (shape.rows + 2) * side, most, (shape.columns + 2) * side, most)
+    summed = (read * weight[:, :, :, None, None] * weight[:, :, None, None, :]).sum((2, 4))
+    return (summed / own.square())[:, None]
 
 
 def _cut(frames: Frames, chosen: Tensor, place: Tensor, size: tuple[int, int]) -> Tensor:
@@ -230,15 +291,17 @@ def rectify_takes(
     """
     _check_takes(takes, panels)
     grey, homography = takes[0].grey, cell_homography(panels.corners_px, shape)
-    size = (len(grey), 1, (shape.rows + 2) * samples_per_led, (shape.columns + 2) * samples_per_led)
+    size = (grey.shape[0], 1, (shape.rows + 2) * samples_per_led, (shape.columns + 2) * samples_per_led)
     dtype = dtype or (torch.float64 if grey.dtype == torch.float64 else torch.float32)
-    patches = [torch.empty(size, dtype=dtype, device=grey.device) for _ in takes]
     # Image pixels that a sample stands for along an axis, rounded; a frame has at most MOST_READINGS, which
     # for 8 x 8 LEDs and K = 8 are cells of 200 px.
     cells = (shape.rows + 2) * (shape.columns + 2)
     most = min(64, max(1, math.isqrt(MOST_READINGS // cells) // samples_per_led))
     cell_px = torch.maximum(*cell_size_px(panels.corners_px, shape))
-    factors = torch.round(cell_px / samples_per_led).clamp(1, most).long()
+    factors = torch.round(cell_px / samples_per_led).long().clamp(1, most)
+    if is_exporting():
+        return [_rectified_in_graph(one, homography, factors, shape, samples_per_led, dtype) for one in takes]
+    patches = [torch.empty(size, dtype=dtype, device=grey.device) for _ in takes]
     for factor in sorted(set(factors.tolist())):
         x, y = _grid(shape, samples_per_led * factor, grey.device)
         for rows in (factors == factor).nonzero()[:, 0].split(max(1, MOST_READINGS // (len(x) * len(y)))):

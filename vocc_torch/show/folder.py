@@ -26,6 +26,9 @@ Cells: TypeAlias = Sequence[str | int | float | None]
 CONFIG = "config.yaml"
 """The resolved configuration."""
 
+SAMPLES = "samples.png"
+"""What the scenes look like, written before anything is counted."""
+
 LEDGER = f"ledger{SUFFIX}"
 """The ledger of a run with one experiment."""
 
@@ -57,7 +60,7 @@ def open_ledger(path: Path, settings: Mapping[str, object], console: Console) ->
         raise VoccError(re.sub("choose another (ledger|file)", "give another name=", str(error))) from None
     with ledger:
         if known := len(ledger):
-            text = f"going on from {known} blocks in {path}"
+            text = f"resuming: {known} blocks of frames are already counted in {path}"
             console.print(text, soft_wrap=True, markup=False, highlight=False)
         try:
             yield ledger
@@ -80,7 +83,8 @@ def resumable(settings: config.Settings, folder: Path, console: Console) -> Iter
                 text = f"interrupted: the same command with name={settings.name} goes on from there"
                 console.print(text, soft_wrap=True, markup=False, highlight=False)
         else:
-            (folder / CONFIG).unlink(missing_ok=True)
+            for name in (CONFIG, SAMPLES):
+                (folder / name).unlink(missing_ok=True)
         raise
 
 
@@ -106,13 +110,8 @@ def print_places(
     """Say where results are, each by what it is and its name in the folder, and how the board is opened."""
     said = [(what, str(folder / name)) for what, name in places]
     for what, where in [*said, *([("board", board_hint(folder / "tensorboard"))] if board else [])]:
-        print_place(console, what, where)
-
-
-def print_place(console: Console, what: str, where: object) -> None:
-    """Say where a result is."""
-    text = f"{what:<9} {printable(str(where))}"
-    console.print(text, soft_wrap=True, markup=False, highlight=False)
+        text = f"{what:<9} {printable(where)}"
+        console.print(text, soft_wrap=True, markup=False, highlight=False)
 
 
 def board_hint(folder: str | Path) -> str:

@@ -150,11 +150,11 @@ def interval_note(rows: Iterable[Row]) -> str:
 
     Example:
         >>> interval_note([])
-        'Bars: 95 % intervals, frames as the independent units'
+        'Bars: 95 % intervals over frames'
     """
-    note = "Bars: 95 % intervals, frames as the independent units"
+    note = "Bars: 95 % intervals over frames"
     if any(row.error_free for row in rows):
-        note += " \N{MIDDLE DOT} arrows: no errors; one-sided 95 % limit, wrong frames as at the other points"
+        note += " \N{MIDDLE DOT} arrows: no error seen, the rate is below this (95 %)"
     return note
 
 

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Container, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from typing import Any, Self
 
 from rich import box, progress
@@ -31,6 +31,16 @@ def plain_table(*heads: str, **look: Any) -> Table:
     for head in heads:
         table.add_column(Text(head), **{"justify": "right", "no_wrap": True, **look})
     return table
+
+
+def receiver_heading(name: str) -> str:
+    """Break a receiver's name over lines, after each word of a long one, to head a narrow column.
+
+    Example:
+        >>> receiver_heading("flda_2"), receiver_heading("center_greyscale").split()
+        ('flda_2', ['center_', 'greyscale'])
+    """
+    return name if len(name) < 9 else name.replace("_", "_\n")
 
 
 def ber_table(
@@ -82,7 +92,7 @@ def ber_table(
     joints = ((" to ", 2), (" to\n", 3), (None, 1))
     fitting = [joint for joint, each in joints if lines is None or each * len(values) <= lines]
     for joint in fitting or [None]:
-        made = plain_table(heading, *(receiver.replace("_", "\n") for receiver in receivers))
+        made = plain_table(heading, *map(receiver_heading, receivers))
         for value in values:
             made.add_row(value_text(value), *(cell(value, receiver, joint) for receiver in receivers))
         if console.measure(made, options=console.options.update(width=10_000)).maximum <= console.width:
@@ -133,9 +143,9 @@ def print_table(table: BerTable, console: Console | None = None) -> None:
     ends = sorted({row.frames for row in table})
     count = " to ".join(map(str, dict.fromkeys([ends[0], ends[-1]])))
     where = f"locator: {', '.join(table.locators)}"
-    text = f"{count} frames a point; {where}; 95 % intervals, frames as the units"
+    text = f"{count} frames a point; {where}; 95 % intervals over frames, not bits"
     if any(row.error_free for row in table):
-        text += "; <: no errors, one-sided 95 % limit, wrong frames as at the other points"
+        text += "; <: no error seen, rate below this (95 %) if wrong frames are as bad as at other points"
     console.print(Text(text, style="dim"))
 
 
@@ -288,8 +298,15 @@ def train_shown(study: plan.Plan, console: Console) -> train.Training:
     return training
 
 
+Stage = Callable[[str], AbstractContextManager[object]]
+"""Entered with the name of a stage as it begins, left when it is done."""
+
+
 class Stopwatch:
     """Adds up wall-clock seconds by stage.
+
+    Args:
+        console: where each stage is told of once it is done, or None.
 
     Example:
         >>> watch = Stopwatch()
@@ -299,8 +316,9 @@ class Stopwatch:
         ['nothing']
     """
 
-    def __init__(self) -> None:
+    def __init__(self, console: Console | None = None) -> None:
         self.seconds: dict[str, float] = {}
+        self._console = console
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
@@ -310,6 +328,8 @@ class Stopwatch:
             yield
         finally:
             self.lap(name, begun)
+        if self._console is not None:
+            self._console.print(f"{name:<20} {self.seconds[name]:6.1f} s", highlight=False)
 
     def lap(self, name: str, begun: float) -> float:
         """Count the time since ``begun`` (of ``time.perf_counter``) and give the time now."""

@@ -8,7 +8,7 @@ from typing import Self
 import torch
 from torch import Tensor
 
-from vocc_torch.errors import VoccError, finite_number
+from vocc_torch.errors import VoccError, finite_number, whole_number
 from vocc_torch.hardware import Camera, LedPanel
 from vocc_torch.simulation import photometry
 from vocc_torch.simulation.effects import Context, Effect, view
@@ -145,10 +145,13 @@ def crop_size_px(
     pitch_px = panel.pitch_m * camera.focal_length_px / nearest_m
     rows, columns = (leds + 2 * margin_cells for leds in (panel.shape.rows, panel.shape.columns))
     size = rows * pitch_px, columns * pitch_px
+    reach = 2
     for effect in effects:
-        size = effect.size_in_px(size, camera, nearest_m)
-    margin = 2 * (sum(effect.reach_in_px(camera, nearest_m) for effect in effects) + 2)
-    sides = zip(size, camera.sensor_px, strict=True)
+        with effect.blamed():
+            size = effect.size_in_px(size, camera, nearest_m)
+            own = effect.reach_in_px(camera, nearest_m)
+        reach += whole_number(f"scene.effects.{effect.name}.reach_in_px", own, 0, MOST_PIXELS)
+    margin, sides = 2 * reach, zip(size, camera.sensor_px, strict=True)
     height, width = (min(math.ceil(min(side, full)) + margin, full) for side, full in sides)
     return height, width
 
@@ -216,6 +219,27 @@ def read_surround(value: Tensor, centre_px: Tensor, origin_px: Tensor) -> Tensor
     column = torch.where(x < width / 2, width - 1, 0)
     row = torch.where(y < height / 2, height - 1, 0)
     return value[torch.arange(len(value), device=value.device), 0, row, column]
+
+
+def demand_even_border(value: Tensor, batch: "Batch") -> None:
+    """Refuse by name effects from outside whose light reaches a crop's border, or that change with place.
+
+    Raises:
+        VoccError: a side within the sensor that is not one value, but for a hundred-thousandth of the most.
+    """
+    if not (names := [f"scene.effects.{one.name}" for one in batch.context.effects if one.target]):
+        return
+    (x, y), (height, width), plane = batch.context.first_px.unbind(-1), batch.size, value[:, 0].double()
+    camera, corner = batch.context.camera, read_surround(value, batch.centre_px, batch.context.first_px)
+    rows = (plane[:, 0], y > 0), (plane[:, -1], y + height < camera.height_px)
+    columns = (plane[..., 0], x > 0), (plane[..., -1], x + width < camera.width_px)
+    for side, inside in (*rows, *columns):
+        uneven = (side - corner.unsqueeze(-1)).abs().amax(-1) > 1e-5 * plane.amax((1, 2))
+        if bool((uneven & inside).any()):
+            said = f"{' or '.join(names)} changes the border of a crop of {width} x {height} px"
+            raise VoccError(
+                f"{said}: reach_in_px must say how far it carries light, or leave that and fills_sensor out"
+            )
 
 
 def lay_on_sensor(value: Tensor, surround: Tensor, origin_px: Tensor, sensor_px: tuple[int, int]) -> Tensor:

@@ -51,7 +51,7 @@ def paint(
     background, surface, board = lit
     canvas = background.view(-1, 1, 1).expand(len(scene), *size).contiguous()
     for effect in behind:
-        canvas = effect(canvas.unsqueeze(1), context).squeeze(1)
+        canvas = effect.applied(canvas.unsqueeze(1), context).squeeze(1)
     if panel.board_reflectance is None:
         board = background
     else:
@@ -67,7 +67,7 @@ def paint(
         hidden = canvas if panel.board_reflectance is None else board.view(-1, 1, 1)
         canvas = canvas + covered * (surface.view(-1, 1, 1) - hidden)
         for effect in before:
-            canvas = effect(canvas.unsqueeze(1), context).squeeze(1).contiguous()
+            canvas = effect.applied(canvas.unsqueeze(1), context).squeeze(1).contiguous()
         added = torch.zeros_like(surface)
     for cover, left, top, led in stamps:
         frame = led // leds
@@ -146,7 +146,7 @@ def led_stamps(context: Context, size: framing.Size) -> Iterator[Stamp]:
     drawn = torch.zeros(len(sides), dtype=torch.bool, device=origin.device)
     drawn[single] = True
     centre, half, spread = (each.flatten(0, 1) for each in (centre, half, spread))
-    for which, side in raster.alike(centre - half, centre + half, size, drawn.repeat_interleave(leds)):
+    for which, side in raster.by_size(centre - half, centre + half, size, drawn.repeat_interleave(leds)):
         # A view, where a batch's LEDs are all in sight and alike, spares their copies.
         whole = slice(None) if len(which) == len(centre) else which
         yield *raster.ellipse_cover(centre[whole], spread[whole], side, canvas_px=size), which

@@ -91,14 +91,10 @@ def _power(base: Tensor, exponent: float) -> Tensor:
     if exponent == 1:
         return base
     if not base.requires_grad and _dual(base)[1] is None:
-        if base.device.type != "cpu":
-            return base.to(torch.float64, copy=True).log_().mul_(exponent).exp_().to(base.dtype)
-        power = torch.empty_like(base, memory_format=torch.contiguous_format)
-        given, taken = base.reshape(-1), power.view(-1)
-        for start in range(0, given.numel(), BLOCK_VALUES):
-            part = slice(start, start + BLOCK_VALUES)
-            taken[part] = given[part].to(torch.float64, copy=True).log_().mul_(exponent).exp_()
-        return power
+        flat = base.reshape(-1)
+        parts = torch.split(flat, BLOCK_VALUES) if base.is_cpu else [flat]
+        powers = [part.to(torch.float64).log().mul_(exponent).exp_().to(base.dtype) for part in parts]
+        return torch.cat(powers).view(base.shape)
     lit = base >= torch.finfo(base.dtype).tiny
     smooth = torch.exp(torch.log(torch.where(lit, base, 1.0).to(torch.float64)) * exponent).to(base.dtype)
     # A detached tensor has its tangent still.
@@ -160,14 +156,14 @@ def as_seen(surface_cd_m2: Tensor, context: Context, own_cd_m2: Tensor | None = 
     Returns:
         (B,) cd/m2.
     """
-    seen = surface_cd_m2.view(-1, 1, 1, 1)
+    seen = surface_cd_m2[:, None, None, None]
     for quantity in (Quantity.UNLIT, Quantity.LUMINANCE):
         if quantity == Quantity.LUMINANCE and own_cd_m2 is not None:
-            seen = seen + own_cd_m2.view(-1, 1, 1, 1)
+            seen = seen + own_cd_m2[:, None, None, None]
         for effect in context.effects:
             if effect.takes == quantity and effect.metered:
-                seen = effect(seen, context)
-    return seen.view(-1)
+                seen = effect.applied(seen, context)
+    return seen.flatten()
 
 
 BRIGHTEST = 1e30

@@ -79,7 +79,7 @@ def _patch(begin: Tensor, size: int, full: int) -> tuple[Tensor, int]:
     return torch.floor(begin).clamp(0, max(full - size, 0)), min(size, full)
 
 
-def alike(
+def by_size(
     low_px: Tensor, high_px: Tensor, canvas_px: tuple[int, int], chosen: Tensor
 ) -> Iterator[tuple[Tensor, int]]:
     """Group shapes of about one size, so that each group's patches fit into the processor's memory.
@@ -97,7 +97,7 @@ def alike(
 
     Example:
         >>> low, side = torch.tensor([[1.0, 1], [2, 2], [99, 0]]), torch.tensor([[3.0], [30], [3]])
-        >>> [(rows.tolist(), side) for rows, side in alike(low, low + side, (40, 40), torch.ones(3).bool())]
+        >>> [(rows.tolist(), side) for rows, side in by_size(low, low + side, (40, 40), torch.ones(3).bool())]
         [([0], 4), ([1], 31)]
     """
     canvas = low_px.new_tensor(canvas_px[::-1])

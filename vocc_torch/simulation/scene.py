@@ -1,15 +1,15 @@
 """Scenes drawn from distributions, each value from a keyed stream of its own name."""
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, fields
-from typing import Literal, Self, get_args
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any, Literal, Self, get_args
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from vocc_torch.errors import VoccError
+from vocc_torch.errors import VoccError, section
 from vocc_torch.rng import BLOCK_FRAMES, BlockKey
 from vocc_torch.types import PanelShape, Scene, demand_in_range
 
@@ -136,3 +136,46 @@ class SceneModel:
         size = (BLOCK_FRAMES, shape.rows, shape.columns)
         bits = torch.from_numpy(key.generator("bits").integers(2, size=size, dtype=np.uint8))
         return Scene(*values), bits.bool()
+
+
+SCENE_FIELDS = tuple(one.name for one in fields(SceneModel))
+
+
+def narrowed(model: SceneModel, changes: Mapping[str, Any], key: str = "experiment.scene") -> SceneModel:
+    """Give the scene model with some of its distributions replaced.
+
+    Args:
+        model: the scenes.
+        changes: distributions by the name of a value of a scene.
+        key: the key under which a refusal names them.
+
+    Raises:
+        VoccError: an unknown name, or a value outside its physical range.
+
+    Example:
+        >>> narrowed(SceneModel(), {"distance_m": 50}).nearest_m
+        50.0
+    """
+    read = parsed_scene(changes, key)
+    with section(key, before="scene"):
+        return replace(model, **read)
+
+
+def parsed_scene(specs: Mapping[str, Any], key: str = "scene") -> dict[str, Distribution]:
+    """Read distributions by name, as a configuration writes them; ``key`` is theirs in a refusal.
+
+    Raises:
+        VoccError: an unknown name or a specification that cannot be read.
+
+    Example:
+        >>> parsed_scene({"distance_m": ["uniform", 40, 60]})["distance_m"].bounds
+        (40.0, 60.0)
+    """
+    for name in specs:
+        if name not in SCENE_FIELDS:
+            raise VoccError(f"{key}.{name} is not a value of a scene: known are {', '.join(SCENE_FIELDS)}")
+    with section(key, before="scene"):
+        return {
+            name: spec if isinstance(spec, Distribution) else Distribution.parse(spec, name)
+            for name, spec in specs.items()
+        }

@@ -12,7 +12,7 @@ from vocc_torch.hardware import Camera, LedPanel
 from vocc_torch.rng import FrameKey
 from vocc_torch.simulation import effects as chain
 from vocc_torch.simulation import framing, painter, photometry
-from vocc_torch.simulation.effects import Context, Effect, Parameters, Quantity, light, view
+from vocc_torch.simulation.effects import Context, Effect, Effects, Quantity, light, view
 from vocc_torch.types import Frames, Panels, Scene, resolve_device, tensor_of
 
 PAPER_EFFECTS: dict[str, Mapping[str, float]] = {"attenuation": {"visibility_m": 40_000.0}}
@@ -34,11 +34,12 @@ class Simulator:
     Args:
         camera: the camera; by default the paper's.
         panel: the LED panel; by default the paper's.
-        effects: effect name to parameters; by default the paper's. What is not named is never built.
+        effects: effect name to parameters, or effects that are built; by default the paper's. What is not
+            named is never built.
         framing: ``crop`` renders the panel's surroundings only and states the uniform rest as a grey value;
             ``filled`` lays that crop into a full frame of that grey value; ``full`` renders the whole sensor.
             All three give the same pixels, once quantised to the last bit; an effect that fills the sensor
-            makes every framing ``full``.
+            makes every framing ``full``, and one that may reach anywhere every window, too.
         device: where the tensors live.
         dtype: working precision, ``torch.float32`` or ``torch.float64``.
 
@@ -57,7 +58,7 @@ class Simulator:
         self,
         camera: Camera | None = None,
         panel: LedPanel | None = None,
-        effects: Mapping[str, Parameters] | None = None,
+        effects: Effects | None = None,
         *,
         framing: Framing = "crop",
         device: torch.device | str = "cpu",
@@ -96,7 +97,7 @@ class Simulator:
         scene = self._checked(scene)
         context, own = self._context(scene), scene.led_luminance_cd_m2.view(-1, 1, 1)
         for effect in painter.taking(self.effects, Quantity.LED_LUMINANCE):
-            own = own if effect.sampled else effect(own, context)
+            own = own if effect.sampled else effect.applied(own, context)
         off = photometry.reflected_luminance_cd_m2(scene.ambient_lx, self.panel.led_reflectance)
         iso, dark = photometry.auto_iso(context), torch.zeros_like(off)
         seen = (photometry.as_seen(off, context, shining) for shining in (own.view(-1), dark))
@@ -151,7 +152,8 @@ class Simulator:
         bits, nearest, sensor = bits.to(self.device), float(scene.distance_m.min()), self.camera.sensor_px
         if nearest_m is not None and finite_number("nearest_m", nearest_m) > nearest * (1 + 1e-9):
             raise VoccError(f"nearest_m is {nearest_m:g}: it must be at most the nearest scene's {nearest:g}")
-        window = panel_only and self._filling is not None
+        unbounded = any(effect.unbounded for effect in self.effects)
+        window = panel_only and self._filling is not None and not unbounded
         drawn_full = self._filling is not None and self._filling.takes in DRAWN
         whole = self.framing != "crop" or (self._filling is not None and not window)
         size = sensor
@@ -198,17 +200,21 @@ class Simulator:
         seen = self.paint(batch), Quantity.LUMINANCE
         after = [effect for effect in self.effects if effect.takes not in DRAWN]
         if self._filling not in after or window or batch.size == sensor:
-            return self._run(seen, after, context, to_end=True)[0]
+            pictures = self._run(seen, after, context, to_end=True)[0]
+            if self._filling is None and batch.size != sensor:
+                framing.demand_even_border(pictures, batch)
+            return pictures
         filling = after.index(self._filling)
         value, current = self._run(seen, after[:filling], context)
+        framing.demand_even_border(value, batch)
         surround = framing.read_surround(value, batch.centre_px, context.first_px)
-        pictures = []
+        frames = []
         for i, (crop, rest) in enumerate(zip(value.unsqueeze(1), surround, strict=True)):
             part = batch.taken([i], batch.size).context
             frame = framing.lay_on_sensor(crop, rest, part.first_px, sensor)
             part = replace(part, origin_px=torch.zeros_like(part.first_px))
-            pictures.append(self._run((frame, current), after[filling:], part, to_end=True)[0])
-        return torch.cat(pictures)
+            frames.append(self._run((frame, current), after[filling:], part, to_end=True)[0])
+        return torch.cat(frames)
 
     def paint(self, batch: framing.Batch) -> torch.Tensor:
         """Draw the picture that the lens sees, (B,1,H,W) cd/m2."""
@@ -220,7 +226,7 @@ class Simulator:
                 shares = effect.row_shares(context, batch.size[0])
         leds = symbols * context.scene.led_luminance_cd_m2.view(-1, 1, 1, 1)
         for effect in painter.taking(self.effects, Quantity.LED_LUMINANCE):
-            leds = torch.stack([effect(one, context) for one in leds.unbind(1)], dim=1)
+            leds = torch.stack([effect.applied(one, context) for one in leds.unbind(1)], dim=1)
         return painter.paint(leds, shares, context, batch.size, self.dtype)
 
     def _run(self, seen: Seen, effects: Sequence[Effect], context: Context, *, to_end: bool = False) -> Seen:
@@ -234,5 +240,5 @@ class Simulator:
                     iso = photometry.auto_iso(context).to(self.dtype).view(-1, 1, 1, 1)
                     value, current = photometry.grey_value(value, iso, gamma=self.camera.gamma), Quantity.GREY
             if effect is not None:
-                value, current = effect(value, context), effect.gives
+                value, current = effect.applied(value, context), effect.gives
         return value, current

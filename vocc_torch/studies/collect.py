@@ -15,7 +15,7 @@ from vocc_torch.show import folder as run_folder
 from vocc_torch.show import styles
 from vocc_torch.show.canvas import Figure, save_figure
 from vocc_torch.show.plots import facet_figure, interval_note
-from vocc_torch.show.terminal import Console, Text, plain_table
+from vocc_torch.show.terminal import Console, Text, plain_table, receiver_heading
 
 INTO_INPUT = "collect"
 """The name under which results go into the input folder, as conf/task/collect.yaml has it."""
@@ -154,7 +154,7 @@ def read_jobs(place: Path, name: str) -> list[Job]:
             return [Job(name, "unreadable", f"{place / TABLE} has no point in it", None, settings)]
     else:
         status = "unfinished"
-        complaint = f"no {TABLE} yet: the command that began this job goes on with it"
+        complaint = f"no {TABLE} yet: the same command, run again, finishes this job"
     if (place / FAILED).exists():
         status, complaint = "failed", f"{FAILED} cannot be read"
         with suppress(OSError, UnicodeDecodeError):
@@ -334,7 +334,7 @@ def print_jobs(jobs: Sequence[Job], keys: Sequence[str], console: Console) -> No
     receivers = list(dict.fromkeys(name for table in tables for name in table.receivers))
     named = ["job", *(job.name for job in jobs)], ["status", *(job.status for job in jobs)]
     taken = sum(max(map(len, column)) + _GAP for column in named)
-    taken += sum(max(_RATE, *map(len, name.split("_"))) + _GAP for name in receivers)
+    taken += sum(max(_RATE, *map(len, receiver_heading(name).split("\n"))) + _GAP for name in receivers)
     # Terminals too narrow for a column a receiver get a line for each job and receiver.
     wide = taken + _LEAST_LABEL <= console.width
     shown = plain_table()
@@ -342,7 +342,7 @@ def print_jobs(jobs: Sequence[Job], keys: Sequence[str], console: Console) -> No
     shown.add_column("what differs", overflow="fold", max_width=_MOST_LABEL)
     for head in receivers if wide else ("receiver", "lowest", "highest"):
         side: Literal["left", "right"] = "left" if head == "receiver" else "right"
-        shown.add_column(Text(head.replace("_", "\n")), justify=side, no_wrap=True)
+        shown.add_column(Text(receiver_heading(head)), justify=side, no_wrap=True)
     shown.add_column("status", no_wrap=True)
     for job in jobs:
         ranges = {}
@@ -360,4 +360,4 @@ def print_jobs(jobs: Sequence[Job], keys: Sequence[str], console: Console) -> No
     if receivers:
         key = "BER: each job's lowest and highest point"
         free = any(row.error_free for table in tables for row in table)
-        console.print(Text(key + ("; <: no errors, one-sided 95 % limit" if free else ""), style="dim"))
+        console.print(Text(key + "; <: no error seen, rate below this (95 %)" * free, style="dim"))

@@ -10,12 +10,12 @@ import numpy as np
 from vocc_torch.errors import VoccError
 from vocc_torch.measure import build, config, curve, grid, ledger, paired, sweep, train, workers
 from vocc_torch.measure.link import Link, block_keys
-from vocc_torch.measure.plan import SCENE_FIELDS, Plan
+from vocc_torch.measure.plan import Plan
 from vocc_torch.receiver.features import FEATURE_NAMES
 from vocc_torch.receiver.receiver import Receiver
-from vocc_torch.show import canvas, heatmap, plots, styles, tensorboard, terminal
+from vocc_torch.show import canvas, heatmap, plots, samples, styles, tensorboard, terminal
 from vocc_torch.show import folder as run_folder
-from vocc_torch.simulation.framing import crop_origins_px, panel_centre_px
+from vocc_torch.simulation.scene import SCENE_FIELDS
 
 
 def begun(settings: config.Settings, folder: Path, kept: str | None = None) -> tuple[Plan, terminal.Console]:
@@ -27,8 +27,11 @@ def begun(settings: config.Settings, folder: Path, kept: str | None = None) -> t
 def run_train(settings: config.Settings, folder: Path) -> None:
     """Train FLDA and write the receiver."""
     plan, console = begun(settings, folder)
-    run_folder.write_training(settings, plan, terminal.train_shown(plan, console), folder)
-    run_folder.print_place(console, "receiver", folder / "receiver.pt")
+    with run_folder.resumable(settings, folder, console):
+        samples.write_samples(folder, plan, ["train"])
+        run_folder.write_training(settings, plan, terminal.train_shown(plan, console), folder)
+    console.print(kept(plan), highlight=False, soft_wrap=True)
+    run_folder.print_places(console, folder, [("receiver", "receiver.pt")])
 
 
 def run_test(settings: config.Settings, folder: Path) -> None:
@@ -57,6 +60,7 @@ def run_test(settings: config.Settings, folder: Path) -> None:
         run_folder.open_ledger(folder / run_folder.LEDGER, study.identity, console) as opened,
     ):
         run_folder.write_config(settings, folder)
+        samples.write_samples(folder, plan)
         training = terminal.train_shown(plan, console)
         banks, outcomes = {study.key: {locator: training.bank(names)}}, {}
         view = terminal.StudyView(experiment.axis, values, names, plan.frames_in_point, console, runs)
@@ -79,8 +83,17 @@ def run_test(settings: config.Settings, folder: Path) -> None:
     terminal.print_table(curves.table(), console)
     for line in (*left_out(plan, curves), *compared(curves, plan.receiver.reference)):
         console.print(line, soft_wrap=True, highlight=False)
+    console.print(kept(plan), highlight=False, soft_wrap=True)
     places = {"table": "ber.csv", "pairs": "paired.csv", "figure": "ber.png", "receiver": "receiver.pt"}
     run_folder.print_places(console, folder, places.items(), settings.tensorboard)
+
+
+def kept(plan: Plan) -> str:
+    """Say which receiver is kept, and how it looks for panels."""
+    if (locator := plan.receiver.locator) == "truth":
+        told = "the locator paper, for a recording tells no corners"
+        return f"receiver.pt holds {plan.receiver.save} with {told}"
+    return f"receiver.pt holds {plan.receiver.save} with the locator {locator}"
 
 
 def strangers(plan: Plan) -> list[str]:
@@ -155,31 +168,27 @@ def sample_frames(plan: Plan, receiver: Receiver) -> dict[str, canvas.Pixels]:
     # Whole frames enlarged would be pictures of gigabytes; the decisions on crops are the same.
     plan = replace(plan, world=replace(plan.world, framing="crop"), batch_frames=most)
     link, pictures = Link.of(plan), {}
-    receiver, camera = receiver.to(link.simulator.device), link.simulator.camera
+    receiver = receiver.to(link.simulator.device)
     for value in sweep.monte_carlo_values(plan):
         name, model = sweep.point_name(plan.experiment, value), plan.experiment.model_at(plan.world, value)
         seen = next(link.observe(model, block_keys(plan.seed, name, most), preambles=False))
-        read, frames = receiver(seen.frames, seen.panels), seen.frames.grey[:, 0]
-        origins, (height, width) = seen.frames.origin_px, frames.shape[1:]
-        if (height, width) == camera.sensor_px:  # a scene that needs the whole sensor
-            height, width = shown = link.simulator.crop_px(model.nearest_m)
-            origins = crop_origins_px(panel_centre_px(seen.scene, camera), shown, camera.sensor_px)
-        # A panel is some 30 pixels wide; a crop of a near one is large enough as it is.
-        scale, rows = max(1, min(6, 1200 // width)), []
-        for i, (left, top) in enumerate((origins - seen.frames.origin_px).tolist()):
-            grey = frames[i, top : top + height, left : left + width].round().clamp(0, 255).byte().cpu()
-            colour = np.repeat(grey.numpy()[..., None], 3, axis=2)
-            plain = drawn = np.asarray(canvas.enlarged(colour, scale))
+        read, columns = receiver(seen.frames, seen.panels), []
+        for i, crop in enumerate(
+            samples.crops(link.simulator, plan.seed, name, model, most, model.nearest_m)
+        ):
+            # A panel is some 30 pixels wide; a crop of a near one is large enough as it is.
+            scale = max(1, min(6, 1200 // crop.pixels.shape[1]))
+            plain = drawn = np.asarray(canvas.enlarged(crop.pixels, scale))
             if read.found[i]:
-                corners = (read.corners_px[i].cpu() - origins[i].cpu()).numpy()
-                drawn = np.asarray(canvas.annotated(colour, corners, read.bits[i].cpu().numpy(), scale))
-            rows.append(np.concatenate([plain, drawn]))
-        pictures[name] = np.concatenate(rows, axis=1)
+                corners = (read.corners_px[i].cpu() - crop.origin_px).numpy()
+                drawn = np.asarray(canvas.annotated(crop.pixels, corners, read.bits[i].cpu().numpy(), scale))
+            columns.append(np.concatenate([plain, drawn]))
+        pictures[name] = np.concatenate(columns, axis=1)
     return pictures
 
 
 def compared(curves: curve.Curves, reference: str) -> list[str]:
-    """Say in a line for each other receiver where it differs from a reference for certain, below a heading.
+    """Say in a line for each other receiver where it surely differs from a reference, below a heading.
 
     Args:
         curves: an experiment.
@@ -189,17 +198,17 @@ def compared(curves: curve.Curves, reference: str) -> list[str]:
         >>> compared(curve.Curves("d", "distance_m", "truth", ("flda_3",), (), {}, {}, {}), "flda_3")
         []
     """
-    looks, lines = styles.receiver_styles([*curves.receivers, reference]), []
+    lines = []
     others = [name for name in curves.receivers if name != reference]
     for name in others if reference in curves.receivers else ():
-        places: dict[str, list[str]] = {"worse": [], "better": []}
+        places: dict[str, list[str]] = {"more errors": [], "fewer errors": []}
         for value in curves.values:
             found = paired.paired_interval(curves.pair(name, reference, value))
             if found.real:
-                places["worse" if found.value > 0 else "better"].append(styles.value_text(value))
+                places["more errors" if found.value > 0 else "fewer errors"].append(styles.value_text(value))
         parts = [f"{word} at {', '.join(values)}" for word, values in places.items() if values]
-        lines.append(f"  {looks[name].label}: {'; '.join(parts) or 'no difference shown'}")
-    heading = f"\nOn the same frames, against {looks[reference].label} (95 %, paired):"
+        lines.append(f"  {name}: {'; '.join(parts) or 'no difference shown'}")
+    heading = f"\nCompared with {reference} on the same frames (95 %), by {curves.axis}:"
     return [heading, *lines] if lines else []
 
 
@@ -220,12 +229,16 @@ def run_grid(settings: config.Settings, folder: Path) -> None:
             path = folder / run_folder.LEDGERS / f"{study.key}.sqlite"
             return held.enter_context(run_folder.open_ledger(path, study.identity, console))
 
+        def trained() -> None:
+            run_folder.write_config(settings, folder)
+            samples.write_samples(folder, plan)
+
         with workers.Workers(settings.workers) as pool, terminal.ProgressView(frames, console) as view:
             campaign = sweep.run_campaign(
                 studies,
                 pool,
                 opened,
-                trained=lambda: run_folder.write_config(settings, folder),
+                trained=trained,
                 advance=lambda study, more: view.advance(study.plan.experiment.name, more),
                 finished=lambda study, _: view.say(f"{study.plan.experiment.name} is measured"),
             )

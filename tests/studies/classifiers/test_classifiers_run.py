@@ -82,7 +82,7 @@ def test_a_run_goes_on_where_it_was_interrupted(place, whole):
     (again / "ledgers" / "distance.sqlite").unlink()
     ran = run_in(place, *BASE, "name=again", *QUICK, "rivals.genie_frames=0", "rivals.scene_frames=0")
     assert (ran.status, ran.err) == (0, "")
-    assert "going on from 2 blocks" in " ".join(ran.out.split())
+    assert "resuming: 2 blocks" in " ".join(ran.out.split())
     assert not {"genie.csv", "robustness.csv", "robustness.png"} & files_in(again)
     assert rows_of(again / "paired.csv") == rows_of(whole[0] / "paired.csv")
     theirs = [row for row in rows_of(whole[0] / "ber.csv") if row["receiver"] != "genie"]

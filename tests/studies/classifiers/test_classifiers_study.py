@@ -18,6 +18,7 @@ from vocc_torch.plugins import PlugIn
 from vocc_torch.receiver.classifiers.inputs import Inputs, Patch
 from vocc_torch.receiver.classifiers.training import TrainingRecipe
 from vocc_torch.rng import BlockKey
+from vocc_torch.show.terminal import ProgressView
 from vocc_torch.simulation import Distribution
 from vocc_torch.studies.classifiers import RivalsConfig
 from vocc_torch.studies.classifiers import study as study_module
@@ -86,7 +87,7 @@ def compared(study, folder):
             name: held.enter_context(Ledger.open(folder / f"{name}.sqlite", identity(one, (study.locator,))))
             for name, one in study.plans.items()
         }
-        return compare_classifiers(study, ledgers, alone, nullcontext, lambda what, frames: None)
+        return compare_classifiers(study, ledgers, alone, nullcontext, ProgressView(0))
 
 
 @pytest.fixture(scope="module")

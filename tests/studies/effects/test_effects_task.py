@@ -14,11 +14,16 @@ from vocc_torch.app.resolve import resolved
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.intervals import ber_interval
 from vocc_torch.measure.workers import Workers
+from vocc_torch.plugins import PlugIn
 from vocc_torch.show.page import html
 from vocc_torch.studies.effects import figures, run
 from vocc_torch.studies.effects.plan import build_effect_study
 from vocc_torch.studies.effects.results import READINGS, measure_costs, run_effects
 
+STREAK = f"{Path(__file__).parents[3]}/examples/effects/streak.py:Streak"
+Far = type(
+    "Far", (PlugIn("streak", "streak", STREAK).found(),), {"__call__": lambda self, value, _: value * 1}
+)
 TINY = (
     *("camera.width_px=480", "camera.height_px=272", "camera.sensor_width_mm=3.3"),
     *("scene.offset_x_m=0", "scene.offset_y_m=0", "budget.frames=24", "budget.training_frames=24"),
@@ -121,6 +126,29 @@ def test_pictures_draw_what_was_measured(results):
     assert [one.get_title() for one in pictures.axes] == ["the scene itself", *names]
 
 
+def test_effects_from_outside_are_priced_and_shown_in_their_places():
+    """One in crops and one that is rendered whole, among ours; the first over its severity."""
+    streak = f"{{_target_: {STREAK}, share: 0.2, half_px: 9}}"
+    study = study_of(
+        *TINY,
+        "effects.names=[blooming,smear,far]",
+        f"+effects.parts.smear={{smear: {streak}}}",
+        f"+effects.parts.far={{far: {{_target_: {__name__}.Far, share: 0.1, after: motion_blur}}}}",
+        "+effects.severity.smear={parameter: smear.share, values: [0.1, 0.9]}",
+    )
+    with Workers(1) as workers:
+        results = run_effects(study, measure_costs(study), workers)
+    rows = [(row.label, row.group, row.fills_sensor) for row in results.rows]
+    assert rows == [("far", "optics", True), ("blooming", "optics", False), ("smear", "optics", False)]
+    assert results.together.pair.own == ("far", "smear")
+    assert "half_px=9" in results.rows[2].settings
+    mild, harsh = (results.severities["smear"][at, "true_corners", "flda_3"] for at in (0.1, 0.9))
+    assert mild.bit_errors < harsh.bit_errors
+    pictures = figures.gallery_pictures(study)
+    assert not np.array_equal(pictures["smear"], pictures["the scene itself"])
+    assert "| `smear` | optics | " in run.report(results)
+
+
 def test_ratios_are_of_medians(results):
     if results.ratios is not None:  # a machine so busy that a sum cannot be told from nothing has none
         both, alone = results.together.costs["near"], results.sums["near"]
@@ -132,6 +160,9 @@ def test_units_are_in_brackets():
 
 
 MISTAKES = {
+    "+effects.parts.mine={mine: {_target_: no.py:Mine}}": "effects.parts.mine.mine: file no.py cannot be",
+    "+effects.severity.mine={values: [1]}": "effects.severity.mine is {'values': [1]}: it must be a mapping",
+    "+effects.parts.mine={mine: {share: 1}}": "effects.parts has 'mine'",
     "effects.parts.jpeg=3": "effects.parts.jpeg is 3: it must be a mapping of effects",
     "effects.parts.jpeg.jpeg=3": "effects.parts.jpeg.jpeg is 3",
     "effects.parts.jpeg.jpeg=null": "effects.parts.jpeg.jpeg is null",

@@ -31,7 +31,14 @@ def grid(place):
 def test_everything_is_written(grid):
     folder, out = grid
     assert files_in(folder) == {
-        *("config.yaml", "receiver.pt", "paired.csv", "ledgers/1000.sqlite", "ledgers/32000.sqlite"),
+        *(
+            "config.yaml",
+            "samples.png",
+            "receiver.pt",
+            "paired.csv",
+            "ledgers/1000.sqlite",
+            "ledgers/32000.sqlite",
+        ),
         *(f"ber{end}.csv" for end in ("", "_best")),
         *(f"dimming_{name}.png" for name in ("paper", "best")),
     }
@@ -66,7 +73,7 @@ def test_a_finished_grid_counts_nothing_again(grid, place, monkeypatch):
     monkeypatch.setattr("vocc_torch.measure.sweep.count_parts", lambda *_: pytest.fail("counted again"))
     ran = run_in(place, *GRID, "name=grid")
     assert (ran.status, ran.err) == (0, "")
-    assert "going on from 3 blocks" in ran.out
+    assert "resuming: 3 blocks" in ran.out
     assert contents_of(folder, ".csv", ".sqlite", ".yaml") == before
 
 

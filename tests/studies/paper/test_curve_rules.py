@@ -229,8 +229,8 @@ def test_a_trend(arguments, verdict):
         ((4e-3, 4e-3, 4e-3), "cannot say", "no value is told apart"),
         ((0.0, 0.0, 0.0), "cannot say", "no value is told apart"),
         ((8e-3, 0.0, 0.0), "cannot say", "no error was seen at 2 of the 2 candidates"),
-        ((8e-3, 1e-5, 0.0), "agree", ""),
-        ((8e-3, 1.1e-3, 1e-3), "agree", ""),
+        ((8e-3, 1e-5, 0.0, 8e-3), "agree", ""),
+        ((8e-3, 1.1e-3, 1e-3), "cannot say", "2 of the 3 values may be the lowest"),
     ],
 )
 def test_where_a_curve_is_lowest(rates, verdict, why):
@@ -240,7 +240,7 @@ def test_where_a_curve_is_lowest(rates, verdict, why):
 
 
 def test_a_candidate_that_is_not_next_to_the_lowest_rate_is_not_confirmed():
-    reading = curve(1.15e-3, 1.1e-3, 1.05e-3, 1e-3, 8e-3)
+    reading = curve(1.15e-3, 1.1e-3, 1.05e-3, 1e-3, *[8e-3] * 4)
     found = [lowest(reading, float(value)) for value in range(1, 6)]
     assert [one.verdict for one in found] == ["cannot say"] * 2 + ["agree"] * 2 + ["differ"]
     assert found[1].reason == "2 m is a candidate, but not next to the lowest rate measured"

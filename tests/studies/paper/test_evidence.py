@@ -12,7 +12,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from matplotlib.colors import to_hex
 from matplotlib.quiver import Quiver
-from matplotlib.text import Text
 from scipy import ndimage
 from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
 from sklearn.metrics import roc_auc_score
@@ -305,17 +304,6 @@ def test_rows_have_a_head_and_its_width(data, name):
     assert np.isfinite([*numbers, *data[name].findings.values()]).all()
 
 
-def written(figure):
-    """Everything written, tick labels apart: those beyond an axis's ends are not drawn."""
-    ticks = {
-        label
-        for axes in figure.axes
-        for label in (*axes.get_xticklabels(which="both"), *axes.get_yticklabels(which="both"))
-    }
-    found = (text for text in figure.findobj(Text) if text.get_visible() and text.get_text().strip())
-    return [text for text in found if text not in ticks]
-
-
 def steps(axes, colour):
     """The outlined stairs of a colour."""
     stairs = (patch for patch in axes.patches if hasattr(patch, "get_data") and not patch.get_fill())
@@ -324,7 +312,7 @@ def steps(axes, colour):
 
 
 @pytest.mark.parametrize("name", PICTURED)
-def test_words_fit_are_large_enough_and_leave_the_title_clear(figures, name):
+def test_words_fit_are_large_enough_and_leave_the_title_clear(figures, shown_texts, name):
     figure = figures[name]
     width, height = figure.canvas.get_width_height()
     assert width == 1200
@@ -332,7 +320,7 @@ def test_words_fit_are_large_enough_and_leave_the_title_clear(figures, name):
     assert min(box.x0, box.y0) >= 0
     assert box.x1 <= width / figure.dpi
     assert box.y1 <= height / figure.dpi
-    texts = written(figure)
+    texts = shown_texts(figure)
     assert min(text.get_fontsize() for text in texts) >= 8.5
     assert not any("{" in text.get_text() for text in texts)
     (title,) = (text for text in texts if text.get_text() == words.FIGURES[name]["title"])
@@ -378,7 +366,7 @@ def test_clouds_hold_every_led_in_its_colour(figures, data, name, axes, x, y):
         np.testing.assert_array_equal(got[np.lexsort(got.T)], wanted[np.lexsort(wanted.T)])
 
 
-def test_fig09_draws_both_fields_and_states_gri(figures, data):
+def test_fig09_draws_both_fields_and_states_gri(figures, shown_texts, data):
     shown, axes = data["fig09"], figures["fig09"].axes
     gradient, inward, both = (
         [part for part in one.collections if isinstance(part, Quiver)] for one in axes[:3]
@@ -390,7 +378,7 @@ def test_fig09_draws_both_fields_and_states_gri(figures, data):
     assert len(both) == 2
     # The picture's rows run down, so an arrow with a positive second part must point down.
     assert np.diff(axes[0].get_ylim()) < 0
-    said = "\n".join(text.get_text() for text in written(figures["fig09"])).replace("\N{MINUS SIGN}", "-")
+    said = "\n".join(text.get_text() for text in shown_texts(figures["fig09"])).replace("\N{MINUS SIGN}", "-")
     assert all(f"GRI {shown.findings[f'gri_{status}']:+.1f}" in said for status in ("on", "off"))
 
 

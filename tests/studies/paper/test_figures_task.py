@@ -138,7 +138,7 @@ def test_a_finished_run_counts_nothing_again(grid, place, monkeypatch):
     ran = run_in(place, *GRID)
     assert (ran.status, ran.err) == (0, "")
     assert contents_of(grid, ".csv", ".sqlite") == before
-    assert "going on from 2 blocks" in ran.out
+    assert "resuming: 2 blocks" in ran.out
     again = (grid / "report.md").read_text(encoding="utf-8")
     told = "going on from what an earlier run had counted"
     assert (told in first, told in again) == (False, True)

@@ -15,6 +15,7 @@ from vocc_torch.measure.workers import Workers
 from vocc_torch.plugins import PlugIn
 from vocc_torch.receiver.classifiers import Inputs, Patch
 from vocc_torch.receiver.classifiers.training import TrainingRecipe
+from vocc_torch.show.terminal import Stopwatch
 from vocc_torch.simulation import Camera, Distribution, SceneModel
 from vocc_torch.studies.tradeoff import TradeoffConfig, run
 from vocc_torch.studies.tradeoff.plan import TradeoffStudy
@@ -182,10 +183,10 @@ def test_a_receiver_moved_elsewhere_decides_the_same(study, trained):
 
 
 def test_a_whole_price_list_with_what_is_possible_on_the_very_frames(make_study):
-    told = []
+    watch = Stopwatch()
     study = make_study(names=("flda_3", "otsu"), test_frames=20, locators=["truth"], genie_frames=64)
-    prices = run.price_receivers(study, Workers(1), told.append)
-    assert told == ["training", "bit errors", "what is possible", "times"]
+    prices = run.price_receivers(study, Workers(1), watch.stage)
+    assert list(watch.seconds) == ["training", "bit errors", "what is possible", "times"]
     assert (prices.timed_scenes, prices.in_one_go, prices.threads) == ("mixture", "flda_3", 1)
     for batch in (1, 16):
         for one in prices.points("mixture", "cpu", "crops", batch):

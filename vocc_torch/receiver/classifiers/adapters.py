@@ -134,7 +134,7 @@ class TorchClassifier:
             raise
         except Exception as error:
             raise VoccError(f"forward failed on {tuple(rows.shape)} ({one_line(error)})") from error
-        if not isinstance(scores, torch.Tensor) or scores.numel() != len(rows):
+        if not isinstance(scores, torch.Tensor) or scores.numel() != rows.shape[0]:
             given = tuple(scores.shape) if isinstance(scores, torch.Tensor) else type(scores).__name__
             raise VoccError(f"the module gave {given} for {len(rows)} LEDs: it must give one score each")
         return scores.reshape(-1)

@@ -203,7 +203,8 @@ def _skops(name: str) -> tuple[Any, str]:
     try:
         import skops.io
     except ImportError:
-        raise VoccError(f"classifier {name} is an estimator: pip install skops to keep it") from None
+        extra = "pip install 'vocc-torch[classifiers]' to keep it"
+        raise VoccError(f"classifier {name} is an estimator: {extra}") from None
     import sklearn
 
     return skops.io, str(sklearn.__version__)

@@ -11,6 +11,7 @@ from torch import Tensor
 from vocc_torch.errors import VoccError
 from vocc_torch.plugins import PlugIn, one_line
 from vocc_torch.receiver.classifiers.inputs import Inputs
+from vocc_torch.types import holds
 
 R = TypeVar("R")
 
@@ -122,7 +123,7 @@ class Guarded:
         # Bits for scores would all be On: none is below 0.
         if scores.layout != torch.strided or scores.dtype == torch.bool or scores.is_complex():
             raise VoccError(f"{given} {scores.dtype}, {scores.layout}, it must give dense real numbers")
-        if not bool(torch.isfinite(scores).all()):
+        if not holds(torch.isfinite(scores)):
             raise VoccError(f"{given} scores that are not finite")
         return scores.detach().to(torch.float64)
 

@@ -157,7 +157,7 @@ class LmmseEqualizer(_Scored):
 
     def _split(self, x: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Split inputs into light and a constant 1, (B,R,C,F) float64, and the panels' cell sizes (B,)."""
-        light, size = (x[..., :-1], x[:, 0, 0, -1]) if self.classes > 1 else (x, x.new_zeros(len(x)))
+        light, size = (x[..., :-1], x[:, 0, 0, -1]) if self.classes > 1 else (x, x.new_zeros(x.shape[0]))
         return torch.cat([light, torch.ones_like(x[..., :1])], dim=-1).double(), size
 
 
@@ -280,7 +280,15 @@ def _plane(values: torch.Tensor, chosen: torch.Tensor) -> torch.Tensor:
     # A slope costs as much as one cell's misfit, so that three cells in a row do not tilt it.
     gram = gram + torch.diag(values.new_tensor([1e-9, 1.0, 1.0]))
     right = torch.einsum("bn,bn,ni->bi", weight, values.flatten(1), terms)
-    level = (torch.linalg.solve(gram, right) @ terms.mT).view_as(values)
+    # By Cramer's rule, in closed form.
+    first, second, third = gram.unbind(1)
+    columns = (
+        torch.linalg.cross(second, third),
+        torch.linalg.cross(third, first),
+        torch.linalg.cross(first, second),
+    )
+    slopes = torch.einsum("bi,bij->bj", right, torch.stack(columns, 1))
+    level = (slopes / (first * columns[0]).sum(1, keepdim=True) @ terms.mT).view_as(values)
     # A class without cells has no level of its own: the panel's mean stands in for it.
     lacking = (weight.sum(dim=1) == 0).view(-1, 1, 1)
     return torch.where(lacking, values.mean(dim=(1, 2), keepdim=True), level)

@@ -1,17 +1,22 @@
 """The effects by their place in the chain: what a scene names is built and run, the rest costs nothing."""
 
 import difflib
+import functools
 import inspect
+import itertools
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import fields
+from typing import Any
 
-from vocc_torch.errors import VoccError, demand_kind
+from vocc_torch.errors import VoccError, demand_kind, shown
+from vocc_torch.plugins import TARGET, PlugIn
 from vocc_torch.simulation.effects import background, coding, light, optics, sensor, view
-from vocc_torch.simulation.effects.base import Context, Effect, Quantity
+from vocc_torch.simulation.effects.base import Backdrop, Context, Effect, PointEffect, Quantity, within
 from vocc_torch.simulation.scene import LARGEST, Distribution
 
-__all__ = ["CAMERA_STEPS", "PHYSICAL_ORDER", "Context", "Effect", "Parameters", "Quantity"]
-__all__ += ["build_effects", "check_chain"]
+__all__ = ["CAMERA_STEPS", "PHYSICAL_ORDER", "Backdrop", "Context", "Effect", "Effects", "Parameters"]
+__all__ += ["Quantity", "build_effects", "check_chain", "kinds_of", "plug_ins", "within"]
 
 PHYSICAL_ORDER: tuple[type[Effect], ...] = (*view.EFFECTS, *light.AT_THE_LEDS, *background.EFFECTS)
 PHYSICAL_ORDER += (*light.ON_THE_WAY, *optics.EFFECTS, *sensor.EFFECTS, *coding.EFFECTS)
@@ -22,7 +27,89 @@ CAMERA_STEPS: tuple[Quantity, ...] = tuple(step for step in Quantity if step not
 """The quantities that every camera passes through by itself: projection, lens, gamma encoding."""
 
 Parameters = Mapping[str, float | Sequence[object]]
-"""What a configuration gives an effect: numbers, and distributions such as ``[uniform, -10, 10]``."""
+"""What a configuration gives an effect: numbers, and distributions such as ``[uniform, -10, 10]``.
+
+One from outside has its ``_target_`` too, may say its place with ``after``, and may take words.
+"""
+
+Effects = Mapping[str, Parameters] | Sequence[Effect]
+"""What a scene names: effects by name with their parameters, or effects that are built."""
+
+SEEN = list(Quantity)[list(Quantity).index(Quantity.LUMINANCE) :]
+CHANGES = {*itertools.combinations(SEEN, 2), (Quantity.ELECTRONS, Quantity.EXPOSURE)}
+"""What an effect may make of what: what the lens sees becomes what comes later, or electrons are read out."""
+
+OF_POINTS_AND_SYMBOLS = {Quantity.IMAGE_POINTS: PointEffect, Quantity.SYMBOLS: light.RollingShutter}
+"""What an effect on these must be, for the renderer asks it for more than its call gives."""
+
+AFTER = "after"
+"""The key of the effect that one from outside follows."""
+
+
+@functools.cache
+def _named(kind: type[Effect], **stated: str | None) -> type[Effect]:
+    """Make the kind of effect from outside that a configuration names: the same settings, the same kind."""
+    made = type(kind.__name__, (kind,), {"__doc__": kind.__doc__, "__module__": kind.__module__, **stated})
+    assert issubclass(made, Effect)
+    return made
+
+
+def plug_ins(named: Mapping[str, object]) -> dict[str, PlugIn]:
+    """Give the effects from outside, by name, as their settings describe them."""
+    described = {name: one for name, one in named.items() if isinstance(one, Mapping) and TARGET in one}
+    return {name: PlugIn.of(f"scene.effects.{name}", one, str(name)) for name, one in described.items()}
+
+
+def _found(plug_in: PlugIn) -> type[Effect]:
+    """Import the class of an effect from outside, and give it the name and place of its settings."""
+    kind = plug_in.found()
+    if not (isinstance(kind, type) and issubclass(kind, Effect)):
+        raise VoccError.of(f"{plug_in.key}.{TARGET}", shown(plug_in.target), "a class of vocc_torch's Effect")
+    after = plug_in.arguments.get(AFTER, kind.after)
+    return _named(kind, name=plug_in.name, target=plug_in.target, after=None if after is None else str(after))
+
+
+def kinds_of(named: Mapping[str, object]) -> dict[str, type[Effect]]:
+    """List all effects by name in physical order: ours, and those from outside that are named.
+
+    One from outside follows the effect that its ``after`` names, or is the last of those that act on its
+    quantity at its first place in the chain. Several in one place are in the order of their names.
+
+    Args:
+        named: effects by name, each with its parameters or built.
+
+    Raises:
+        VoccError: a class that cannot be imported or is no effect, one of ours by another class, or a place
+            that there is not.
+
+    Example:
+        >>> list(kinds_of({}))[:2]
+        ['pose', 'lens_distortion']
+    """
+    ours = {kind.name: kind for kind in PHYSICAL_ORDER}
+    places, kinds = {name: (index, "") for index, name in enumerate(ours)}, dict(ours)
+    outside = plug_ins(named)
+    for name, given in named.items():
+        kind = _found(outside[name]) if name in outside else type(given)
+        if not issubclass(kind, Effect) or kind is ours.get(name):
+            continue
+        key = f"scene.effects.{name}"
+        if name in ours:
+            raise VoccError(f"{key} is an effect of the package: give yours another name")
+        if {*inspect.signature(kind).parameters} != {one.name for one in fields(kind) if one.init}:
+            raise VoccError(f"{key}: {kind.__name__} must be a dataclass, its parameters being its fields")
+        after = _last_of(kind.takes) if kind.after is None else kind.after
+        if after not in ours:
+            raise VoccError(f"{key}.{AFTER} is {shown(after)}: {_known(after, list(ours))}")
+        kinds[name], places[name] = kind, (places[after][0], name)
+    return {name: kinds[name] for name in sorted(kinds, key=places.__getitem__)}
+
+
+def _last_of(quantity: Quantity) -> str:
+    """Name the effect of ours that one from outside follows by itself."""
+    kinds = [kind for kind in PHYSICAL_ORDER if kind.takes == quantity]
+    keeping = [kind for kind in kinds if kind.gives == quantity and kind.__module__ == kinds[0].__module__]
+    return (keeping[-1] if keeping else PHYSICAL_ORDER[PHYSICAL_ORDER.index(kinds[0]) - 1]).name
 
 
 def _known(given: str, known: list[str]) -> str:
@@ -31,60 +118,82 @@ def _known(given: str, known: list[str]) -> str:
     return (f"did you mean {near[0]}? " if near else "") + f"known: {', '.join(known) or 'none'}"
 
 
-def build_effects(named: Mapping[str, Parameters]) -> tuple[Effect, ...]:
+def build_effects(named: Effects) -> tuple[Effect, ...]:
     """Construct the named effects, and only those, in physical order.
 
     Args:
-        named: effect name to its parameters, in any order.
+        named: effect name to its parameters, or effects, in any order.
 
     Returns:
         The effects, ready to run.
 
     Raises:
-        VoccError: an unknown effect or parameter, a missing or refused value, or a chain that does not fit.
+        VoccError: an unknown effect or parameter, a missing or refused value, two effects of one name, a
+            class from outside that is no effect, or a chain that does not fit.
 
     Example:
         >>> [effect.name for effect in build_effects({"saturation": {}, "blooming": {"sigma_px": 1.5}})]
         ['blooming', 'saturation']
     """
-    kinds = {kind.name: kind for kind in PHYSICAL_ORDER}
-    demand_kind("scene.effects", named, Mapping)
-    for name in named:
+    given: dict[str, Any] = {}
+    if isinstance(named, Mapping):
+        given = dict(named)
+    elif isinstance(named, list | tuple) and all(isinstance(one, Effect) for one in named):
+        given = {one.name: one for one in named}
+        if len(given) < len(named):
+            raise VoccError.of("scene.effects", [one.name for one in named], "effects of different names")
+    else:
+        raise VoccError.of("scene.effects", shown(named), "effects by name, or a list of effects")
+    kinds = kinds_of(given)
+    for name in given:
         if name not in kinds:
             raise VoccError(f"scene.effects.{name} is not a known effect; {_known(name, list(kinds))}")
-    effects = []
-    for name in sorted(named, key=list(kinds).index):
-        key, given = f"scene.effects.{name}", named[name]
-        read: dict[str, object] = {}
-        if given is None:
-            raise VoccError(f"{key} is null: give its parameters, {{}} for none, or remove it with ~{key}")
-        demand_kind(key, given, Mapping)
-        signature = inspect.signature(kinds[name]).parameters
-        for parameter, own in given.items():
-            if parameter not in signature:
-                known = _known(parameter, list(signature))
-                raise VoccError(f"{key}.{parameter} is not a known parameter; {known}")
-            if "Distribution" in str(signature[parameter].annotation):
-                read[parameter] = Distribution.parse(own, f"effects.{name}.{parameter}")
-            elif isinstance(own, bool) or not isinstance(own, int | float) or LARGEST < abs(own) < math.inf:
-                raise VoccError.of(f"{key}.{parameter}", repr(own), "a number")
-            else:
-                read[parameter] = own
-        for parameter, declared in signature.items():
-            if declared.default is inspect.Parameter.empty and parameter not in given:
-                raise VoccError(f"{key}.{parameter} is missing: the effect needs it")
-        effects.append(kinds[name](**read))
+    ordered = [name for name in kinds if name in given]
+    effects = [
+        one if isinstance(one := given[name], Effect) else _built(kinds[name], one) for name in ordered
+    ]
     check_chain(effects)
     return tuple(effects)
+
+
+def _built(kind: type[Effect], given: object) -> Effect:
+    """Construct an effect from what a configuration gives it."""
+    key = f"scene.effects.{kind.name}"
+    read: dict[str, Any] = {}
+    if given is None:
+        raise VoccError(f"{key} is null: give its parameters, {{}} for none, or remove it with ~{key}")
+    demand_kind(key, given, Mapping)
+    assert isinstance(given, Mapping)
+    signature = inspect.signature(kind).parameters
+    for parameter, own in given.items():
+        if kind.target and parameter in (TARGET, AFTER):
+            continue
+        if parameter not in signature:
+            known = _known(parameter, list(signature))
+            raise VoccError(f"{key}.{parameter} is not a known parameter; {known}")
+        kept = str(signature[parameter].annotation)
+        if "Distribution" in kept:
+            read[parameter] = Distribution.parse(own, f"effects.{kind.name}.{parameter}")
+        elif isinstance(own, str) and "str" in kept:
+            read[parameter] = own
+        elif isinstance(own, bool) or not isinstance(own, int | float) or LARGEST < abs(own) < math.inf:
+            raise VoccError.of(f"{key}.{parameter}", repr(own), "a number")
+        else:
+            read[parameter] = own
+    for parameter, declared in signature.items():
+        if declared.default is inspect.Parameter.empty and parameter not in given:
+            raise VoccError(f"{key}.{parameter} is missing: the effect needs it")
+    with kind.blamed():
+        return kind(**read)
 
 
 def check_chain(effects: Sequence[Effect]) -> Quantity:
     """Walk the chain and return the quantity that comes out.
 
     Raises:
-        VoccError: an effect takes a quantity that neither the camera nor an earlier effect gives, the chain
-            ends at electrons, fog without the LEDs' attenuation in the same air, or JPEG of pictures that are
-            not 8 bits deep.
+        VoccError: an effect takes a quantity that neither the camera nor an earlier effect gives, or gives
+            one that comes before it, the chain ends at electrons, fog without the LEDs' attenuation in the
+            same air, or JPEG of pictures that are not 8 bits deep.
 
     Example:
         >>> check_chain(build_effects({"saturation": {}})).value
@@ -95,7 +204,15 @@ def check_chain(effects: Sequence[Effect]) -> Quantity:
         ahead = CAMERA_STEPS[CAMERA_STEPS.index(current) :] if current in CAMERA_STEPS else (current,)
         if effect.takes not in ahead:
             wanted = f"scene.effects.{effect.name} needs {effect.takes.value}"
+            if effect.takes in CAMERA_STEPS and current != Quantity.ELECTRONS:
+                raise VoccError(f"{wanted}, which is gone at its place: give another {AFTER}")
             raise VoccError(f"{wanted}, which {_leads('makes', effect.takes, current)}")
+        kind = OF_POINTS_AND_SYMBOLS.get(effect.takes, Effect)
+        acts = f"scene.effects.{effect.name} acts on {effect.takes.value}"
+        if not isinstance(effect, kind):
+            raise VoccError(f"{acts}: it must be a {kind.__name__}")
+        if effect.takes != effect.gives and (effect.takes, effect.gives) not in CHANGES:
+            raise VoccError(f"{acts}: it must not make {effect.gives.value} of it")
         current = effect.gives
     if current == Quantity.ELECTRONS:
         ends = _leads("reads out", Quantity.EXPOSURE, current)

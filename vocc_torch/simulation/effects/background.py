@@ -257,7 +257,7 @@ def led_patches(leds_m: Tensor, canvas: Tensor, context: Context) -> Patches:
     centre, spread = seen.discs_px(torch.where(has_image.unsqueeze(-1), leds_m, 0.0), radius_m)
     centre, spread = (centre - context.first_px.unsqueeze(1)).flatten(0, 1), spread.flatten(0, 1)
     reach = spread.diagonal(dim1=-2, dim2=-1).sqrt()
-    for which, side in raster.alike(centre - reach, centre + reach, (height, width), has_image.flatten()):
+    for which, side in raster.by_size(centre - reach, centre + reach, (height, width), has_image.flatten()):
         yield which, *raster.ellipse_cover(centre[which], spread[which], side, canvas_px=(height, width))
 
 
@@ -270,7 +270,7 @@ def cell_patches(leds_m: Tensor, canvas: Tensor, context: Context) -> Patches:
     corners = seen.points_px(torch.where(has_image.unsqueeze(-1), cells_m, 0.0))
     corners = (corners - context.first_px.unsqueeze(1)).view(-1, 4, 2)
     low, high = corners.amin(dim=1), corners.amax(dim=1)
-    for which, side in raster.alike(low, high, (height, width), has_image.view(-1, 4).all(dim=1)):
+    for which, side in raster.by_size(low, high, (height, width), has_image.view(-1, 4).all(dim=1)):
         down, across = min(side, height), min(side, width)
         last = low.new_tensor([width - across, height - down])
         begin = torch.minimum(torch.floor(low[which]).clamp(min=0), last)

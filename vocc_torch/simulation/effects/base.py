@@ -3,7 +3,8 @@
 import math
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import MISSING, dataclass, field, fields
 from enum import StrEnum
 from typing import Any, ClassVar
@@ -13,6 +14,7 @@ import torch
 
 from vocc_torch.errors import VoccError, whole_number
 from vocc_torch.hardware import Camera, LedPanel
+from vocc_torch.plugins import one_line
 from vocc_torch.rng import FrameKey
 from vocc_torch.simulation.scene import Distribution
 from vocc_torch.types import Scene
@@ -115,6 +117,11 @@ def within(low: float, high: float = math.inf, *, default: object = MISSING, **m
     return field(default=default, metadata=rule)
 
 
+def _is_ours(kind: type) -> bool:
+    """Whether a class is of the package."""
+    return kind.__module__.startswith("vocc_torch.")
+
+
 @dataclass(frozen=True)
 class Effect(ABC):
     """One physical effect: a frozen dataclass of its parameters, called on the quantity that it takes.
@@ -122,6 +129,10 @@ class Effect(ABC):
     A subclass says in its head which quantity it takes, ``class Blooming(Effect, on=Quantity.EXPOSURE)``, and
     with ``to`` which it gives where that is another. Its name in a scene is the class's, ``led_scatter`` for
     ``LedScatter``, unless it states a ``name``.
+
+    A class from outside the package says how far it carries light: by a :meth:`reach_in_px` of its own, or by
+    ``fills_sensor = False`` where no pixel depends on another, nor on its place. Of one that says neither,
+    beside its ``__call__``, any pixel may depend on any other: frames are rendered whole for it.
 
     Raises:
         VoccError: a parameter outside the range that :func:`within` declares for it.
@@ -136,6 +147,12 @@ class Effect(ABC):
     """True where the effect changes the whole picture's luminance alike, so that auto-ISO meters it."""
     sampled: ClassVar[bool] = False
     """True where the effect draws random numbers."""
+    after: ClassVar[str | None] = None
+    """Of a class from outside: the effect of ours that it follows."""
+    target: ClassVar[str] = ""
+    """What names a class from outside; empty for ours."""
+    unbounded: ClassVar[bool] = False
+    """True where a pixel may depend on any other, so that a window would not do."""
 
     def __init_subclass__(cls, on: Quantity | None = None, to: Quantity | None = None) -> None:
         """Take the name from the class where it states none, and the quantities from its head."""
@@ -143,6 +160,19 @@ class Effect(ABC):
             cls.name = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", cls.__name__).lower()
         if on is not None:
             cls.takes, cls.gives = on, to or on
+        if _is_ours(cls) or "target" in cls.__dict__:
+            return
+        cls.target = f"{cls.__module__}.{cls.__qualname__}"
+        called = next(place for place, base in enumerate(cls.__mro__) if "__call__" in vars(base))
+        if _is_ours(cls.__mro__[called]):
+            return
+        # What is stated for another __call__ need not hold for this one.
+        stated = {name for base in cls.__mro__[: called + 1] for name in vars(base)}
+        told, takes = "fills_sensor" in stated, getattr(cls, "takes", None)
+        bounded = {"reach_in_px", "size_in_px"} & stated or (told and not cls.fills_sensor)
+        cls.unbounded = takes != Quantity.LED_LUMINANCE and not bounded
+        if not told:
+            cls.fills_sensor = cls.fills_sensor or cls.unbounded or takes == Quantity.BACKGROUND
 
     def __post_init__(self) -> None:
         """Refuse by name a parameter outside its range; of a distribution, a bound that is."""
@@ -183,6 +213,46 @@ class Effect(ABC):
     def __call__(self, value: torch.Tensor, context: Context) -> torch.Tensor:
         """Apply the effect to a batch."""
 
+    def applied(self, value: torch.Tensor, context: Context) -> torch.Tensor:
+        """Apply the effect; what one from outside does wrong is refused by its name.
+
+        Raises:
+            VoccError: one from outside that raises, draws at random from elsewhere, or gives another shape
+                or numbers that mean nothing.
+        """
+        if not self.target:
+            return self(value, context)
+        drawn, said = torch.get_rng_state(), f"scene.effects.{self.name} gave"
+        with self.blamed():
+            given = self(value.clone(), context)
+        if not torch.equal(drawn, torch.get_rng_state()):
+            rule = "it must draw from context.generators(self.name), which is the same in every run"
+            raise VoccError(f"scene.effects.{self.name} drew from torch's own generator: {rule}")
+        if not isinstance(given, torch.Tensor) or given.shape != value.shape:
+            shown = tuple(given.shape) if isinstance(given, torch.Tensor) else type(given).__name__
+            raise VoccError(f"{said} {shown}: it must give a tensor of shape {tuple(value.shape)}")
+        if self.gives == self.takes:
+            given = given.to(value)
+        low, high = (float(end) for end in given.detach().aminmax()) if given.numel() else (0.0, 0.0)
+        if not math.isfinite(high - low):
+            raise VoccError(f"{said} a value that is not finite")
+        if self.gives in (Quantity.PLACEMENT, Quantity.IMAGE_POINTS, Quantity.ELECTRONS) or low >= 0:
+            return given
+        if low < -1e-6 * high:
+            raise VoccError(f"{said} {low:g}: {self.gives.value} must be at least 0")
+        return given.clamp(min=0)  # a filter's rounding
+
+    @classmethod
+    @contextmanager
+    def blamed(cls) -> Iterator[None]:
+        """Refuse by name what a class from outside raises."""
+        try:
+            yield
+        except Exception as error:
+            if not cls.target or isinstance(error, VoccError):
+                raise
+            raise VoccError(f"scene.effects.{cls.name} failed ({one_line(error)})") from error
+
 
 class PointEffect(Effect, on=Quantity.IMAGE_POINTS):
     """An effect that moves points on the sensor, (B,N,2) px, and says how it stretches their surroundings."""
@@ -190,3 +260,36 @@ class PointEffect(Effect, on=Quantity.IMAGE_POINTS):
     @abstractmethod
     def jacobian(self, value: torch.Tensor, context: Context) -> torch.Tensor:
         """Derivative of the moved points by the given ones, (B,N,2) px to (B,N,2,2)."""
+
+
+class Backdrop(Effect, on=Quantity.BACKGROUND):
+    """What stands behind the panel, told by the place on the sensor: crops and windows show their part of it.
+
+    Auto-ISO meters the plain background, so a backdrop of mean 1 leaves the exposure as it is.
+    """
+
+    fills_sensor = True
+
+    def reach_in_px(self, camera: Camera, nearest_m: float) -> int:
+        """Nothing: each pixel stands for itself."""
+        return 0
+
+    @abstractmethod
+    def shade(self, x: torch.Tensor, y: torch.Tensor, context: Context) -> torch.Tensor:
+        """Give luminance over that of the plain background, at least 0.
+
+        Args:
+            x: (B,1,1,W) int64, the sensor's columns.
+            y: (B,1,H,1) int64, the sensor's rows.
+            context: scenes and camera.
+
+        Returns:
+            (B,1,H,W), or what becomes that when it is multiplied.
+        """
+
+    def __call__(self, value: torch.Tensor, context: Context) -> torch.Tensor:
+        """Multiply (B,1,H,W) background luminance."""
+        left, top = context.first_px.unbind(dim=-1)
+        x = left.view(-1, 1, 1, 1) + torch.arange(value.shape[3], device=left.device)
+        y = top.view(-1, 1, 1, 1) + torch.arange(value.shape[2], device=left.device).unsqueeze(-1)
+        return value * self.shade(x, y, context).to(value)

@@ -260,7 +260,7 @@ def dimmed_once(light_cd_m2: torch.Tensor, context: Context) -> torch.Tensor:
     if not any(effect.takes == Quantity.UNLIT for effect in context.effects):
         for effect in context.effects:
             if isinstance(effect, Attenuation):
-                light_cd_m2 = effect(light_cd_m2, context)
+                light_cd_m2 = effect.applied(light_cd_m2, context)
     return light_cd_m2
 
 

@@ -594,10 +594,11 @@ def poisson_quantile(mean: Array, normal: Array) -> Array:
     """
     shape, mean, normal = mean.shape, mean.ravel(), normal.ravel()
     few = mean < FEW
-    if few.all() or not few.any():
-        return (_summed if few.any() else _expanded)(mean, normal).reshape(shape)
     counts = np.empty_like(mean)
-    counts[few], counts[~few] = _summed(mean[few], normal[few]), _expanded(mean[~few], normal[~few])
+    for part, quantile in ((few, _summed), (~few, _expanded)):
+        if part.all():  # no copies
+            return quantile(mean, normal).reshape(shape)
+        counts[part] = quantile(mean[part], normal[part])
     return counts.reshape(shape)
 
 

@@ -375,7 +375,7 @@ class View:
         """
         image = self._pinhole_px(self._in_camera_m(points_m))
         for effect in self.effects:
-            image = effect(image, self.context)
+            image = effect.applied(image, self.context)
         return image
 
     def discs_px(self, centres_m: torch.Tensor, radius_m: float) -> tuple[torch.Tensor, torch.Tensor]:
@@ -420,9 +420,10 @@ class View:
         spread = strength.unsqueeze(-1) * (across @ across.mT) + shift.unsqueeze(-1) * shift.unsqueeze(-2)
         centre = self._pinhole_px(points) + shift
         for effect in self.effects:
-            jacobian = effect.jacobian(centre, self.context)
+            with effect.blamed():
+                jacobian = effect.jacobian(centre, self.context)
             spread = jacobian @ spread @ jacobian.mT
-            centre = effect(centre, self.context)
+            centre = effect.applied(centre, self.context)
         return centre, spread
 
     def has_image(self, points_m: torch.Tensor, radius_m: float) -> torch.Tensor:
@@ -479,7 +480,7 @@ def view_of(context: Context) -> View:
     placement = placement_m(context.scene)
     for effect in context.effects:
         if effect.takes == Quantity.PLACEMENT:
-            placement = effect(placement, context)
+            placement = effect.applied(placement, context)
     across, down, centre = placement.unbind(dim=-1)
     # The camera's distance from the panel's plane, before or behind it: the same for all points of the panel.
     before_m = (torch.linalg.cross(across, down) * centre).sum(dim=-1)

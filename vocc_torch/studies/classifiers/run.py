@@ -1,8 +1,7 @@
 """``task=classifiers``: many receivers on the same frames, with what they cost, and across scenes."""
 
-import time
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from pathlib import Path
 
 from vocc_torch.files import write_atomically
@@ -35,15 +34,8 @@ def run_classifiers(settings: config.Settings, rivals: RivalsConfig, folder: Pat
         frames = sum(one.frames for one in study.studies)
         view = held.enter_context(terminal.ProgressView(frames, console))
         pool = held.enter_context(workers.Workers(settings.workers))
-
-        @contextmanager
-        def stage(name: str) -> Iterator[None]:
-            view.advance(name, 0)
-            begun = time.perf_counter()
-            yield
-            view.say(f"{name:<20} {time.perf_counter() - begun:6.1f} s")
-
-        comparison, training = compare_classifiers(study, ledgers, pool, stage, view.advance)
+        stage = terminal.Stopwatch(console).stage
+        comparison, training = compare_classifiers(study, ledgers, pool, stage, view)
     run_folder.write_training(settings, study.base, training, folder)
     write_tables(folder, comparison)
     words = summary(comparison)

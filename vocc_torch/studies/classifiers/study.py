@@ -1,7 +1,6 @@
 """What ``task=classifiers`` compares, checked before any work is done, and all that it measures, in order."""
 
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
 from itertools import product
 from pathlib import Path
@@ -18,6 +17,7 @@ from vocc_torch.receiver.bank import FLDA_FEATURES, ReceiverBank, needs_preamble
 from vocc_torch.receiver.classifiers import plugged
 from vocc_torch.receiver.receiver import StagedReceiver
 from vocc_torch.rng import BLOCK_FRAMES, BlockKey
+from vocc_torch.show.terminal import ProgressView, Stage
 from vocc_torch.simulation import SceneModel
 from vocc_torch.studies.classifiers import RivalsConfig
 from vocc_torch.studies.classifiers.results import Comparison, GeniePoint, Transfer
@@ -25,8 +25,6 @@ from vocc_torch.studies.classifiers.results import Comparison, GeniePoint, Trans
 Ledgers = Mapping[str, ledger.Ledger]
 """By experiment."""
 
-Stage = Callable[[str], AbstractContextManager[object]]
-"""Entered with the name of a stage as it begins, left when it is done."""
 
 Advance = Callable[[str, int], None]
 """Called with what is under way and the frames added to it since the last call."""
@@ -142,7 +140,7 @@ def build_classifier_study(settings: config.Settings, rivals: RivalsConfig, fold
 
 
 def compare_classifiers(
-    study: ClassifierStudy, ledgers: Ledgers, pool: workers.Workers, stage: Stage, advance: Advance
+    study: ClassifierStudy, ledgers: Ledgers, pool: workers.Workers, stage: Stage, view: ProgressView
 ) -> tuple[Comparison, Training]:
     """Train all receivers, measure them along every axis, and what they cost and can do at best.
 
@@ -151,7 +149,7 @@ def compare_classifiers(
         ledgers: by experiment.
         pool: the processes that do it.
         stage: hears which stage begins and ends.
-        advance: hears how far it is.
+        view: shows how far it is.
 
     Returns:
         What was measured, and the first experiment's training.
@@ -175,17 +173,18 @@ def compare_classifiers(
         here = {name: {at: bank} for name, bank in banks.items()}
 
         def told(one: sweep.Study, value: float, frames: int, _: object) -> None:
-            advance(f"{one.key} {value:g}", frames)
+            view.advance(f"{one.key} {value:g}", frames)
 
         for experiment, value, outcome in sweep.run_studies(study.studies, here, ledgers, pool, told):
             outcomes[experiment.key][value] = outcome
+            view.say(f"{experiment.key} {value:g} is measured")
         curves = {one.key: sweep.measured(one, outcomes[one.key]).curves[at] for one in study.studies}
     if study.config.genie_frames:
         with stage("the genie"):
-            found["genie"], found["no_genie"] = genie_points(study, banks, pool, advance)
+            found["genie"], found["no_genie"] = genie_points(study, banks, pool, view.advance)
     if scene_plans := study.scene_plans:
         with stage("other scenes"):
-            found["transfers"], found["lost_scenes"] = across_scenes(scene_plans, pool, advance)
+            found["transfers"], found["lost_scenes"] = across_scenes(scene_plans, pool, view.advance)
     with stage("times"):
         found["decision_ms"] = decision_times(study.base, trained[0])
     found["costs"] = {name: trained[0].making(name) for name in names}

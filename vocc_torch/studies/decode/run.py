@@ -2,8 +2,8 @@
 
 import shutil
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from itertools import chain, groupby, islice
 from pathlib import Path
 
@@ -15,8 +15,7 @@ from vocc_torch.errors import VoccError
 from vocc_torch.files import atomic_file
 from vocc_torch.measure.build import build_plan
 from vocc_torch.measure.config import Settings
-from vocc_torch.measure.plan import Plan, resolve_device
-from vocc_torch.measure.train import calibrated_receiver, train
+from vocc_torch.measure.train import receiver_for
 from vocc_torch.receiver.calibration import APPEARANCE, outside
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.show import folder as run_folder
@@ -145,9 +144,14 @@ def run_decode(settings: Settings, config: DecodeConfig, folder: Path) -> None:
     for bits in best.bits:
         console.print("  " + " ".join(on if bit else off for bit in bits), highlight=False)
     found = sum(bool(row[COLUMNS.index("bits")]) for row in rows)
-    for text in (best.text, f"{best.judged}; {found} of {len(rows)} frames show a panel"):
+    for text in (
+        f"  {on} On, {off} Off",
+        best.text,
+        f"{best.judged}; {found} of {len(rows)} frames show a panel",
+    ):
         console.print(text, soft_wrap=True, markup=False, highlight=False)
-    run_folder.print_place(console, "bits", folder / "bits.csv")
+    places = [("bits", "bits.csv")] + [("pictures", "annotated")] * bool(names)
+    run_folder.print_places(console, folder, places + [("receiver", "receiver.pt")] * (model is None))
     if doubtful:
         look = "look where it was found, at panel_score and at margin before you believe the bits"
         warnings.warn(f"{doubtful} of {found} frames may show no panel: {look}", stacklevel=2)
@@ -166,24 +170,6 @@ def readable(recording: Iterator[RecordedFrame], failures: list[str]) -> Iterato
         yield from recording
     except VoccError as error:
         failures.append(str(error))
-
-
-def receiver_for(plan: Plan, model: Path | None, plug_ins: Sequence[str] = ()) -> Receiver:
-    """Load the receiver, or train one on the plan's scenes where no model is given.
-
-    Raises:
-        VoccError: a model that cannot be read or is for another panel.
-    """
-    if model is None:
-        untouched = replace(plan.experiment, training={})
-        return calibrated_receiver(plan, train(replace(plan, experiment=untouched)))
-    receiver = Receiver.load(model, plug_ins).to(resolve_device(plan.world.device))
-    wanted, has = plan.receiver.reader.shape, receiver.shape
-    if wanted != has:
-        given = f"model {model} reads a panel of {has.rows} x {has.columns} LEDs"
-        other = f"panel.rows x panel.columns is {wanted.rows} x {wanted.columns}"
-        raise VoccError(f"{given}, and {other}: make them agree")
-    return receiver
 
 
 def decode(receiver: Receiver, recording: Iterator[RecordedFrame]) -> Iterator[Reading]:

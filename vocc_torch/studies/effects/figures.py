@@ -28,6 +28,8 @@ _LINEAR = 1e-3
 _FACETS_A_ROW, _TILES_A_ROW, _TILE_IN = 5, 6, 1.67
 _SHOWN_SHARE = 1.5
 """Side of a picture of the gallery in sides of the panel."""
+_LEAST_SEEN, _FAINT = 3.0, 1.5
+"""Grey values: least spread of a picture with a panel in it, and least mean change that the eye sees."""
 
 _COSTS = {
     "near": (Style("near the panel", "#009E73", "o", "-"), -0.16),
@@ -242,15 +244,15 @@ def gallery_figure(study: EffectStudy) -> Figure:
     """Show the grey pictures of :func:`gallery_pictures` in rows, each with its name, pixels as squares."""
     pictures = gallery_pictures(study)
     columns = min(_TILES_A_ROW, len(pictures))
-    gap_in = (0.08, 0.38)
+    gap_in = (0.08, 0.5)
     # The title needs five inches.
-    margins_in = (0.18, max(0.2, 4.9 - columns * (_TILE_IN + 0.08)), 0.86, 0.48)
+    margins_in = (0.18, max(0.2, 4.9 - columns * (_TILE_IN + 0.08)), 0.98, 0.48)
     figure, grid = canvas.new_grid(len(pictures), columns, (_TILE_IN, _TILE_IN), gap_in, margins_in)
     for axes, (name, picture) in zip(grid, pictures.items(), strict=True):
         axes.imshow(picture, cmap="gray", vmin=0, vmax=255, interpolation="nearest")
         axes.set_title(name, fontsize=9.5, color=INK, pad=3)
         axes.set_axis_off()
-    about = f"{study.model.nearest_m:g} m; the middle of the scene's ambient light and LED luminance"
+    about = f"{study.model.nearest_m:g} m, middle of the scene's light; difference: from the scene, enlarged"
     canvas.write_title(figure, "One panel under each effect, at its harshest", about)
     return figure
 
@@ -259,15 +261,13 @@ def gallery_pictures(study: EffectStudy) -> dict[str, NDArray[np.uint8]]:
     """Render the study's scene and its bits once, and with each effect at its harshest.
 
     The panel is at the nearest distance; ambient light and LED luminance are those in the middle of the
-    scene's ranges, on a logarithmic scale.
+    scene's ranges, on a logarithmic scale. A severity that leaves no panel to see gives way to a milder one.
+    What hardly changes the panel is shown over the whole frame where it shows there, else as its difference
+    from the scene itself, enlarged, on middle grey.
 
     Returns:
-        By name, the square about the panel's place, (H,W) uint8; grey values beyond 255 are white.
+        By what they show, the square about the panel's place, (H,W) uint8; grey values beyond 255 are white.
     """
-    cases: dict[str, Effects] = {"the scene itself": study.scene}
-    for one in study.pairs:
-        severity = study.config.severity.get(one.name)
-        cases[one.name] = study.at(one.name, severity.values[-1]) if severity else one.present
     world, model = study.plan.world, study.model
     light = ("ambient_lx", "led_luminance_cd_m2")
     middle: dict[str, Any] = {name: math.sqrt(math.prod(getattr(model, name).bounds)) for name in light}
@@ -278,10 +278,28 @@ def gallery_pictures(study: EffectStudy) -> dict[str, NDArray[np.uint8]]:
     corners = panel_corners_px(scene, world.camera, world.panel)[0]
     side = round(_SHOWN_SHARE * float((corners.amax(0) - corners.amin(0)).max()))
     left, top = (int(c) for c in (corners.mean(0) - side / 2).round().tolist())
-    pictures = {}
-    for name, effects in cases.items():
+    place = np.s_[max(0, top) : top + side, max(0, left) : left + side]
+
+    def rendered(effects: Effects) -> NDArray[np.uint8]:
         simulator = replace(world, effects=effects, framing="full").simulator()
         frame = simulator.render(scene, bits, keys=[key]).grey[0, 0]
-        shown = frame[max(0, top) : top + side, max(0, left) : left + side]
-        pictures[name] = shown.double().clamp(0, 255).round().byte().cpu().numpy()
+        return frame.double().clamp(0, 255).round().byte().cpu().numpy()
+
+    plain = rendered(study.scene)
+    pictures = {"the scene itself": plain[place]}
+    for one in study.pairs:
+        severity, name = study.config.severity.get(one.name), " + ".join(one.own)
+        cases = [study.at(one.name, value) for value in severity.values] if severity else [one.present]
+        while (frame := rendered(cases.pop()))[place].std() < _LEAST_SEEN and cases:
+            pass
+        apart, shown = frame.astype(int) - plain, frame[place]
+        near, anywhere = np.abs(apart[place]), np.abs(apart).mean()
+        if near.mean() < _FAINT <= anywhere:
+            name, shown = f"{name}\nwhole frame", frame
+        elif not near.any():
+            name = f"{name}\nno visible change"
+        elif near.mean() < _FAINT:
+            times = 100 // near.max()
+            name, shown = f"{name}\ndifference x {times}", (128 + times * apart[place]).astype(np.uint8)
+        pictures[name] = shown
     return pictures

@@ -1,19 +1,20 @@
 """Which scenes are compared: with and without each effect, one at a time, all together, and over severity."""
 
 import difflib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
-from vocc_torch.errors import VoccError, finite_number, section
+from vocc_torch.errors import VoccError, finite_number, section, shown
 from vocc_torch.measure.build import build_plan
 from vocc_torch.measure.config import Settings, effect_settings
 from vocc_torch.measure.plan import Experiment, Locator, Plan
+from vocc_torch.plugins import TARGET
 from vocc_torch.receiver.bank import check_receivers
 from vocc_torch.simulation import SceneModel
 from vocc_torch.simulation import effects as chain
-from vocc_torch.studies.effects import EffectsConfig
+from vocc_torch.studies.effects import EffectsConfig, Severity
 
 Effects = Mapping[str, chain.Parameters]
 """Effect name to parameters, as a scene names them."""
@@ -34,14 +35,14 @@ _FIRST |= {"sensor": "bayer", "encoding": "saturation"}
 """The first effect of each part of the chain."""
 
 
-def group_of(name: str) -> str:
-    """Name the part of the chain that an effect belongs to.
+def group_of(name: str, order: Sequence[str] = ORDER) -> str:
+    """Name the part of the chain that an effect belongs to, of those in physical order.
 
     Example:
         >>> group_of("defocus"), group_of("bayer"), group_of("jpeg")
         ('optics', 'sensor', 'encoding')
     """
-    return [group for group, first in _FIRST.items() if ORDER.index(first) <= ORDER.index(name)][-1]
+    return [group for group, first in _FIRST.items() if order.index(first) <= order.index(name)][-1]
 
 
 def fills(effects: Key) -> bool:
@@ -70,7 +71,12 @@ class ScenePair:
     @property
     def own(self) -> tuple[str, ...]:
         """Names of the effects in which the two differ."""
-        return tuple(name for name in ORDER if name in self.present and name not in self.absent)
+        return tuple(name for name in self.order if name in self.present and name not in self.absent)
+
+    @property
+    def order(self) -> tuple[str, ...]:
+        """Names of all effects in physical order, those from outside too."""
+        return tuple(chain.kinds_of(self.present))
 
 
 @dataclass(frozen=True)
@@ -120,11 +126,12 @@ class EffectStudy:
         check_receivers(self.plan.receiver.names)
         chain.build_effects(self.scene)
         for name, part in parts.items():
-            _check_name(name, ORDER, "effects.parts has")
+            if TARGET not in (part.get(name) or ()):
+                _check_name(name, ORDER, "effects.parts has")
             if name not in part:
                 raise VoccError(f"effects.parts.{name} has no {name}: it must name the effect itself")
             self._check(self._with_part(name), f"effects.parts.{name}")
-        known = tuple(name for name in ORDER if name in self.scene or name in parts)
+        known = self._known
         for name in config.names:
             _check_name(name, known, "effects.names has")
         if len(set(config.names)) != len(config.names):
@@ -162,8 +169,13 @@ class EffectStudy:
     @cached_property
     def pairs(self) -> tuple[ScenePair, ...]:
         """The scenes with and without each effect to look at, in physical order."""
-        chosen = [name for name in ORDER if name in self.scene or name in self.config.parts]
-        return tuple(self.pair(name) for name in chosen if name in (self.config.names or chosen))
+        return tuple(self.pair(name) for name in self._known if name in (self.config.names or self._known))
+
+    @cached_property
+    def _known(self) -> tuple[str, ...]:
+        """Names of the effects of the scene and of the parts, in physical order."""
+        given = {**{name: part[name] for name, part in self.config.parts.items()}, **self.scene}
+        return tuple(name for name in chain.kinds_of(given) if name in given)
 
     def pair(self, name: str) -> ScenePair:
         """Return the scenes with and without one effect.
@@ -176,7 +188,9 @@ class EffectStudy:
         absent = {key: value for key, value in scene.items() if key not in taken}
         alone = {key: value for key, value in scene.items() if key == name or key not in taken}
         present = alone if _buildable(alone) else scene
-        companions = tuple(key for key in ORDER if key in present and key not in self.scene and key != name)
+        companions = tuple(
+            key for key in chain.kinds_of(present) if key in present and key not in (*self.scene, name)
+        )
         return ScenePair(name, present, absent, name in self.scene, companions)
 
     @cached_property
@@ -194,7 +208,7 @@ class EffectStudy:
                     both = f"{dict(parameters)}: another part has {dict(scene[name])}"
                     raise VoccError(f"effects.parts.{one.name}.{name} is {both}, and all together need one")
         own = {name for one in added for name in one.own}
-        present = {name: scene[name] for name in ORDER if name in scene}
+        present = {name: scene[name] for name in chain.kinds_of(scene) if name in scene}
         absent = {name: parameters for name, parameters in present.items() if name not in own}
         with section("effects.parts", before="scene.effects"):
             chain.build_effects(present)
@@ -275,9 +289,19 @@ def build_effect_study(settings: Settings, config: EffectsConfig, folder: Path) 
         if not isinstance(part, dict):
             raise VoccError.of(key, repr(part), "a mapping of effects, each with its parameters")
         effect_settings(part, key)
+    severities = {name: _severity(f"effects.severity.{name}", one) for name, one in config.severity.items()}
+    config = replace(config, severity=severities)
     # All frames are of the scene itself: no experiment narrows them.
     experiment = Experiment("effects", "distance_m", (plan.world.scene.nearest_m,))
     return EffectStudy(replace(plan, experiment=experiment), config, settings.scene.name)
+
+
+def _severity(key: str, given: object) -> Severity:
+    """Read one severity of a configuration."""
+    match given:
+        case {"parameter": str(parameter), "values": list(values), **rest} if not rest:
+            return Severity(parameter, values)
+    raise VoccError.of(key, shown(given), "a mapping of parameter, a text, and values, a list")
 
 
 def _check_name(name: str, known: tuple[str, ...], complaint: str) -> None:
@@ -299,7 +323,7 @@ def _buildable(effects: Effects) -> bool:
 
 def needing(scene: Effects, name: str) -> set[str]:
     """Name an effect and those of the scene that cannot stand without it."""
-    kinds = [kind for kind in chain.PHYSICAL_ORDER if kind.name in scene]
+    kinds = [kind for name, kind in chain.kinds_of(scene).items() if name in scene]
     taken = {name}
     while True:
         rest = [kind for kind in kinds if kind.name not in taken]

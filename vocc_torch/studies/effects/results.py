@@ -4,6 +4,7 @@ import functools
 import itertools
 import time
 from collections.abc import Callable, Mapping
+from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
@@ -18,6 +19,7 @@ from vocc_torch.measure.plan import Locator, Plan
 from vocc_torch.measure.workers import Workers, worker_losses_told
 from vocc_torch.receiver import bank, flda
 from vocc_torch.rng import BLOCK_FRAMES, FrameKey
+from vocc_torch.show.terminal import Stage
 from vocc_torch.simulation.effects import build_effects
 from vocc_torch.simulation.simulator import Framing
 from vocc_torch.studies.effects.plan import POINT, Effects, EffectStudy, Key, ScenePair, fills, group_of
@@ -33,7 +35,7 @@ READINGS: dict[str, Locator] = {"true_corners": "truth", "retrained": "truth", "
 """How the bits are read, and the locator: at the true corners by a receiver that never met the effect; the
 same by one that trained with it; and by the first where the paper's locator finds the panel."""
 
-Progress = Callable[[str, int], None]
+Tell = Callable[[str, int], None]
 """Called with what is under way and the frames done since the last call."""
 
 Rounds = NDArray[np.float64]
@@ -93,7 +95,7 @@ class EffectRow:
     @property
     def group(self) -> str:
         """What it belongs to, such as optics; empty for many together."""
-        return group_of(self.pair.name) if self.pair.name in self.pair.own else ""
+        return group_of(self.pair.name, self.pair.order) if self.pair.name in self.pair.own else ""
 
     @property
     def label(self) -> str:
@@ -290,15 +292,16 @@ def trained_flda(plan: Plan) -> flda.FLDA:
 
 
 def run_effects(
-    study: EffectStudy, costs: Costs, workers: Workers, told: Progress = lambda what, frames: None
+    study: EffectStudy, costs: Costs, pool: Workers, tell: Tell = lambda *_: None, stage: Stage = nullcontext
 ) -> EffectResults:
     """Train on every scene, read every scene's test frames, and compare.
 
     Args:
         study: the study.
         costs: the times, measured before, while no worker was at work.
-        workers: who does it.
-        told: hears of frames as they are done.
+        pool: who does it.
+        tell: hears of frames as they are done.
+        stage: hears which stage begins and ends.
 
     Raises:
         VoccError: no panel in any training frame, or a worker that was ended from outside.
@@ -310,20 +313,22 @@ def run_effects(
         (key, locator), _ = training
         return float(np.median(costs.times["near" if locator == "truth" else "located", key]))
 
-    reading = functools.partial(told, "reading")
+    reading = functools.partial(tell, "reading")
     calls, parts = {}, {}
     with worker_losses_told():
-        # The longest training begins first.
-        for place, effects in sorted(_trainings(wanted).items(), key=cost_ms, reverse=True):
-            calls[place] = workers.submit(trained_flda, study.plan_of(effects, place[1]))
-            calls[place].add_done_callback(lambda _: told("training", study.plan.budget.training_frames))
-        fldas = {place: call.result() for place, call in calls.items()}
-        for (key, at), one in wanted.items():
-            banks = Banks([(at, bank.ReceiverBank(names, fldas[scene, at])) for scene in one.trained_on])
-            plan = study.plan_of(one.effects, at)
-            job = FrameJob(plan, study.model, POINT, (at,), banks, banks.needs_preambles)
-            parts[key, at] = job.handed_out(one.frames, workers, at_once=step, told=reading)
-        read = {place: FrameErrors.joined(call.result() for call in some) for place, some in parts.items()}
+        with stage("training"):
+            # The longest training begins first.
+            for place, effects in sorted(_trainings(wanted).items(), key=cost_ms, reverse=True):
+                calls[place] = pool.submit(trained_flda, study.plan_of(effects, place[1]))
+                calls[place].add_done_callback(lambda _: tell("training", study.plan.budget.training_frames))
+            fldas = {place: call.result() for place, call in calls.items()}
+        with stage("bit errors"):
+            for (key, at), one in wanted.items():
+                banks = Banks([(at, bank.ReceiverBank(names, fldas[scene, at])) for scene in one.trained_on])
+                plan = study.plan_of(one.effects, at)
+                job = FrameJob(plan, study.model, POINT, (at,), banks, banks.needs_preambles)
+                parts[key, at] = job.handed_out(one.frames, pool, at_once=step, told=reading)
+            read = {place: FrameErrors.joined(one.result() for one in some) for place, some in parts.items()}
 
     def errors(scene: Effects, locator: Locator, trained_on: Effects, frames: int) -> FrameErrors:
         """Give the errors in the first frames, a row a receiver."""

@@ -50,18 +50,16 @@ def run_effects_task(settings: config.Settings, own: EffectsConfig, folder: Path
     """
     run_folder.refuse_results(folder)
     study, console = build_effect_study(settings, own, folder), terminal.Console()
-    pool, watch = workers.Workers(settings.workers), terminal.Stopwatch()
-    with watch.stage("times"), console.status("timing every scene"):
-        costs = results.measure_costs(study)
+    pool, watch = workers.Workers(settings.workers), terminal.Stopwatch(console)
     view = terminal.ProgressView(results.frames_to_do(study), console)
-    with watch.stage("bit errors"), view, pool:
-        found = results.run_effects(study, costs, pool, view.advance)
-    for stage, seconds in watch.seconds.items():
-        console.print(f"{stage:<12} {seconds:6.1f} s", highlight=False)
-    run_folder.write_config(settings, folder)
+    with run_folder.resumable(settings, folder, console):
+        run_folder.write_config(settings, folder)
+        with watch.stage("times"), console.status("timing every scene"):
+            costs = results.measure_costs(study)
+        with view, pool:
+            found = results.run_effects(study, costs, pool, view.advance, watch.stage)
     write_effects(folder / "effects.csv", found)
-    places = {"table": "effects.csv", "figure": "effects.png"}
-    places |= {"report": "effects.md", "pictures": "gallery.png"}
+    places = dict(table="effects.csv", figure="effects.png", report="effects.md", pictures="gallery.png")
     drawn = {"effects": figures.effects_figure(found)}
     if found.severities:
         write_severities(folder / "severity.csv", found)

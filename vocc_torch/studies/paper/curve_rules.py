@@ -6,8 +6,9 @@ half of them support it beyond doubt; else *cannot say*, with the counts.
 
 **minimum** at x. The values that no other value is surely below form a set that holds the true lowest one in
 95 % of studies. *Differ* where x is not in it. *Cannot say* where the set is the whole axis, or where x is in
-it and two or more of its values saw no error, because then the lowest was not resolved. *Agree* where x, in
-the set, is the lowest value measured or next to it on the axis; else *cannot say*. **minimum** inside, a
+it and two or more of its values saw no error, because then the lowest was not resolved, or where the set
+holds more than half of the axis. *Agree* where x, in the set, is the lowest value measured or next to it on
+the axis; else *cannot say*. **minimum** inside, a
 valley: *agree* where some value inside the axis has surely more errors on both sides; *differ* where an end
 of the axis is surely below everything between the ends; else *cannot say*.
 
@@ -145,6 +146,8 @@ def minimum(
         reason = f"no error was seen at {silent} of the {len(candidates)} candidates"
     elif not set(seen) & set(values[max(0, here - 1) : here + 2]):
         reason = f"{place(curves.axis, at)} is a candidate, but not next to the lowest rate measured"
+    elif 2 * len(candidates) > len(values):
+        reason = f"{len(candidates)} of the {len(values)} values may be the lowest"
     return Judgement("cannot say" if reason else "agree", measured, reason, *ends)
 
 

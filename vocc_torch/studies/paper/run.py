@@ -1,11 +1,14 @@
 """``task=figures``: the paper's figures and claims, measured, drawn, scored and written as one report."""
 
+import shlex
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+
+from hydra.core.hydra_config import HydraConfig
 
 import vocc_torch
 from vocc_torch.errors import VoccError
@@ -38,9 +41,9 @@ def run_figures(settings: configs.Settings, config: FiguresConfig, folder: Path)
         names = there.get("figures.names")
         if not isinstance(names, list) or named(names) != named(config.names):
             raise VoccError(f"name: {folder} holds a report of other figures: give another name=")
-    plan, console, watch = build.build_plan(settings, folder), terminal.Console(), terminal.Stopwatch()
+    plan, console = build.build_plan(settings, folder), terminal.Console()
     wanted, resumed = figures.paper_plan(config, plan), (folder / run_folder.LEDGERS).is_dir()
-    report = Report(folder, wanted)
+    report, watch = Report(folder, wanted), terminal.Stopwatch(console)
     # The ledgers are held to the end: a second run would write over the same report.
     with run_folder.resumable(settings, folder, console), ExitStack() as ledgers:
         if wanted.experiments:
@@ -62,8 +65,6 @@ def run_figures(settings: configs.Settings, config: FiguresConfig, folder: Path)
                     board = folder / "tensorboard"
                     tensorboard.write_boards(board, report.tables(), report.drawn, texts=texts)
             report.write(settings, dict(watch.seconds), resumed)
-    for stage, seconds in watch.seconds.items():
-        console.print(f"{stage:<20} {seconds:6.1f} s", highlight=False)
     places = [("report", "report.html"), ("", "report.md")]
     run_folder.print_places(console, folder, places, settings.tensorboard)
 
@@ -213,6 +214,8 @@ class Report:
         contrast = self.plan.experiments.get("contrast", {}).get(0.0)
         told = {"title": TITLE, "settings": settings, "seconds": seconds, "resumed": resumed}
         told |= {"configuration": configs.as_yaml(settings), "version": vocc_torch.__version__}
+        given = HydraConfig.get().overrides.task if HydraConfig.initialized() else ["task=figures"]
+        told |= {"overrides": shlex.join(word for word in given if not word.startswith("name="))}
         told |= {"machine": timing.describe_machine(resolve_device(settings.device))}
         told |= {"contrast_frames": contrast.frames_in_point if contrast else 0}
         told |= {"rate_names": list(figures.RATE_FIGURES.values()), "best_luminance": grid.best_luminance}

@@ -13,11 +13,11 @@ class TradeoffConfig:
 
     Args:
         locators: what finds the panel.
-        samples_per_led: K.
+        samples_per_led: samples along an LED cell's side.
         gradients: kernels of the gradient.
         dtypes: working precisions of rectification and features.
-        varied: receivers that are measured at further values; None for those of ``VARIED`` that are compared.
-        combine: ``one_at_a_time`` varies one of K, gradient and precision, ``all`` takes every combination.
+        varied: receivers that are measured at further values too; null for flda_3 and lmmse.
+        combine: ``one_at_a_time`` varies samples, gradient and precision by itself, ``all`` combines them.
         devices: where times are taken.
         batch_sizes: frames at a time.
         frames: what is handed to the receiver: ``whole`` frames, ``crops``.

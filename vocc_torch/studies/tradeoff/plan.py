@@ -10,11 +10,11 @@ from typing import Any
 from vocc_torch.errors import VoccError, section
 from vocc_torch.measure.build import PRECISIONS, build_plan, without_absent
 from vocc_torch.measure.config import Settings
-from vocc_torch.measure.plan import OWN_LOCATORS, Experiment, Locator, Plan, narrowed, resolve_device
+from vocc_torch.measure.plan import OWN_LOCATORS, Experiment, Locator, Plan, resolve_device
 from vocc_torch.receiver.bank import FLDA_FEATURES
 from vocc_torch.receiver.features import Gradient
 from vocc_torch.receiver.reader import Reader
-from vocc_torch.simulation import SceneModel
+from vocc_torch.simulation.scene import SceneModel, narrowed
 from vocc_torch.simulation.simulator import Framing
 from vocc_torch.studies.tradeoff import TradeoffConfig
 

@@ -1,7 +1,8 @@
 """``task=tradeoff``: receivers trained, counted on the same frames, timed when nothing else runs."""
 
 import itertools
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -34,10 +35,10 @@ def run_tradeoff(settings: Settings, config: TradeoffConfig, folder: Path) -> No
     """
     run_folder.refuse_results(folder)
     study = plan.build_tradeoff_study(settings, config, folder)
-    console, watch = terminal.Console(), terminal.Stopwatch()
-    with console.status("starting") as status, watch.stage("receivers"):
-        prices = price_receivers(study, Workers(settings.workers), status.update)
-    console.print(f"receivers    {watch.seconds['receivers']:6.1f} s", highlight=False)
+    console = terminal.Console()
+    with run_folder.resumable(settings, folder, console), console.status("training, counting, timing"):
+        run_folder.write_config(settings, folder)
+        prices = price_receivers(study, Workers(settings.workers), terminal.Stopwatch(console).stage)
     words = report.recommendation(prices)
     figures: dict[str, Figure] = {}
     for scenes, (device, frames) in itertools.product(prices.errors, prices.kinds):
@@ -46,7 +47,6 @@ def run_tradeoff(settings: Settings, config: TradeoffConfig, folder: Path) -> No
         figures[name] = figure.tradeoff_figure(prices, scenes, device, frames)
     if (shares := figure.shares_figure(prices)) is not None:
         figures["fig25"] = shares
-    run_folder.write_config(settings, folder)
     report.write_prices(folder / "tradeoff.csv", prices)
     for name, drawn in figures.items():
         save_figure(drawn, folder / f"{name}.png")
@@ -62,27 +62,28 @@ def run_tradeoff(settings: Settings, config: TradeoffConfig, folder: Path) -> No
 
 
 def price_receivers(
-    study: plan.TradeoffStudy, workers: Workers, told: Callable[[str], None] = lambda stage: None
+    study: plan.TradeoffStudy, workers: Workers, stage: terminal.Stage = nullcontext
 ) -> PriceList:
     """Train every receiver, count errors, and take times once the workers have ended.
 
     Args:
         study: the study.
         workers: who trains and counts.
-        told: hears what is begun.
+        stage: hears which stage begins and ends.
 
     Raises:
         VoccError: what training refuses, or a worker that was ended from outside.
     """
     with worker_losses_told(), workers:
-        told("training")
-        receivers, costs = train_receivers(study, workers)
-        told("bit errors")
-        errors = count_receivers(study, receivers, workers)
-        told("what is possible")
-        references, no_references = measure_references(study, workers)
-    told("times")
-    return PriceList(study, costs, errors, references, no_references, **measure_times(study, receivers))
+        with stage("training"):
+            receivers, costs = train_receivers(study, workers)
+        with stage("bit errors"):
+            errors = count_receivers(study, receivers, workers)
+        with stage("what is possible"):
+            references, no_references = measure_references(study, workers)
+    with stage("times"):
+        times = measure_times(study, receivers)
+    return PriceList(study, costs, errors, references, no_references, **times)
 
 
 def train_receivers(

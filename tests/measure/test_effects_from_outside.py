@@ -1,0 +1,99 @@
+"""Effects and backdrops from outside in whole runs: workers, jobs, a kill between, and code that changed."""
+
+import ast
+import os
+import re
+import shutil
+import signal
+from pathlib import Path
+
+import pytest
+from test_resume import RUN, assert_as, life, without_pictures
+
+ROOT = Path(__file__).parents[2]
+EXAMPLES = ("examples/effects/streak.py", "examples/backdrops/photograph.py")
+SHORT = (
+    "budget.frames=128",
+    "budget.training_frames=64",
+    "receiver.names=[flda_3]",
+    "receiver.locator=truth",
+)
+SHORT += ("experiment.values=[1000]", "experiment.scene.distance_m=66", "tensorboard=false", "name=x")
+
+
+pytestmark = pytest.mark.usefixtures(without_pictures.__name__)
+
+
+@pytest.fixture
+def mine(tmp_path):
+    """The examples as a user's own files, and the words that name them."""
+    for path in EXAMPLES:
+        shutil.copy(ROOT / path, tmp_path)
+    shutil.copy(ROOT / "tests/data/led-panel-8x8-photo.png", tmp_path / "street.png")
+    streak = ("+scene.effects.smear._target_=streak.py:Streak", "+scene.effects.smear.share=0.4")
+    street = (
+        "+scene.effects.street._target_=photograph.py:Photograph",
+        "+scene.effects.street.file=street.png",
+    )
+    return (*streak, *street)
+
+
+def test_jobs_and_workers_count_the_same(app, mine, tmp_path):
+    assert app("-m", *SHORT, *mine, "workers=1,2").status == 0
+    one, two = ((tmp_path / "runs" / "x" / job / "ber.csv").read_bytes() for job in "01")
+    assert one == two
+
+
+def test_a_ledger_of_other_code_or_of_another_picture_is_refused(app, mine, tmp_path):
+    folder = tmp_path / "runs" / "x"
+    assert app(*SHORT, *mine).status == 0
+    (folder / "ber.csv").rename(tmp_path / "kept.csv")
+    assert app(*SHORT, *mine).out.startswith("resuming: 2 blocks")
+    assert (folder / "ber.csv").read_bytes() == (tmp_path / "kept.csv").read_bytes()
+    shutil.copytree(folder, tmp_path / "copy")
+    for name, key in (("streak.py", "effects.smear"), ("street.png", "effects.street.file")):
+        before = (tmp_path / name).read_bytes()
+        (tmp_path / name).write_bytes(before + b"\n")
+        said = app(*SHORT, *mine).complaint
+        assert f"ledger.sqlite: {key} was " in said
+        assert "go back, or give another name=" in said
+        (tmp_path / name).write_bytes(before)
+    said = app(*SHORT, *mine, "+scene.effects.smear.after=blooming").complaint
+    assert "effects.smear.after was null, is blooming" in said
+
+
+@pytest.mark.parametrize(
+    ("word", "said"),
+    [
+        ("smear._target_=streak.py:Smear", "scene.effects.smear: file streak.py has no Smear"),
+        ("smear._target_=no_such.Streak", "scene.effects.smear: no_such.Streak cannot be imported"),
+        ("smear.share=2", "scene.effects.smear.share is 2: it must be above 0 and at most 1"),
+        ("street.file=no.png", "scene.effects.street failed (FileNotFoundError: "),
+    ],
+)
+def test_what_is_broken_is_refused_in_one_line(app, mine, word, said):
+    assert app(*SHORT, *mine, f"scene.effects.{word}").complaint.startswith(said)
+
+
+def test_the_page_shows_the_examples_but_for_their_docstrings():
+    page = (ROOT / "docs" / "plug-ins.md").read_text(encoding="utf-8").partition("## An effect")[2]
+    blocks = re.findall(r"```python\n(.*?)```", page, flags=re.DOTALL)
+    for block, path in zip(blocks, EXAMPLES, strict=True):
+        code = ast.parse((ROOT / path).read_text(encoding="utf-8"))
+        assert len((ROOT / path).read_text(encoding="utf-8").splitlines()) <= 40
+        for part in ast.walk(code):
+            if isinstance(part, ast.Module | ast.ClassDef | ast.FunctionDef):
+                assert ast.get_docstring(part)
+                part.body = part.body[1:]
+        assert ast.dump(code) == ast.dump(ast.parse(block))
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(os.name != "posix", reason="sends signals to groups of processes")
+def test_a_run_with_workers_that_is_killed_goes_on_to_the_same_end(app, mine, tmp_path, monkeypatch):
+    words = (*mine, "budget.frames=256", "receiver.locator=truth")
+    killed = life(tmp_path, 2, lambda pid: os.kill(pid, signal.SIGKILL), *words, "workers=2")
+    assert 2 <= len(killed["rows"]) < 8
+    assert app(*RUN, *words).status == 0
+    assert app(*RUN, *words, "name=y").status == 0
+    assert_as(tmp_path / "runs" / "x", tmp_path / "runs" / "y")

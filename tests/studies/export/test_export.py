@@ -1,0 +1,233 @@
+"""``task=export``: the package's own frames, with their truth, whatever ends the run or shares it out."""
+
+import csv
+import json
+import re
+import signal
+import sqlite3
+import subprocess
+import sys
+import time
+import tracemalloc
+from contextlib import closing
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from pycocotools.coco import COCO
+
+from vocc_torch.hardware import PanelShape
+from vocc_torch.rng import BlockKey, FrameKey
+from vocc_torch.studies.export import run as export
+from vocc_torch.studies.export import truth
+from vocc_torch.types import Scene
+
+SMALL = ("camera.width_px=480", "camera.height_px=272", "camera.sensor_width_mm=3.3")
+CENTRED = ("scene.offset_x_m=[uniform,-0.1,0.1]", "scene.offset_y_m=0")
+KINDS = {
+    "crops": ("export.frames=130",),
+    "noisy crops": ("scene=night", "export.frames=70", "batch_frames=7"),
+    "points": ("export.points=test", "experiment=distance", "experiment.values=[30,50]", "export.frames=10"),
+    "whole": (
+        *SMALL,
+        *CENTRED,
+        "+scene.effects.pose={yaw_deg:20,roll_deg:10}",
+        "framing=full",
+        "export.frames=5",
+    ),
+    "filled": (*SMALL, *CENTRED, "framing=filled", "export.frames=5"),
+}
+
+
+def words_of(*words, name="x"):
+    return ("task=export", "device=cpu", "export.shard_frames=64", f"name={name}", *words)
+
+
+def rows_of(path):
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def files_in(folder):
+    """Every file but the ledger and the configuration, which say what ran and by how many workers."""
+    every = (path for path in folder.rglob("*") if path.is_file())
+    own = ("ledger.sqlite", "config.yaml")
+    return {str(path.relative_to(folder)): path.read_bytes() for path in every if path.name not in own}
+
+
+def corners_of(row):
+    return np.array([[float(row[f"{axis}_{corner}"]) for axis in "xy"] for corner in truth.KEYPOINTS])
+
+
+@pytest.mark.parametrize("words", KINDS.values(), ids=KINDS)
+def test_pictures_are_the_simulators_and_the_truth_is_that_of_its_scenes(app, tmp_path, monkeypatch, words):
+    """Bit by bit, drawn block by block by the same keys; OpenCV and COCO's own reader read them."""
+    plans, build_plan = [], export.build.build_plan
+    monkeypatch.setattr(
+        export.build, "build_plan", lambda *given: plans.append(build_plan(*given)) or plans[0]
+    )
+    assert app(*words_of(*words)).err == ""
+    folder = tmp_path / "runs" / "x"
+    (plan,), rows = plans, iter(rows_of(folder / "truth.csv"))
+    coco, simulator = COCO(str(folder / "coco.json")), plan.world.simulator()
+    images, crop, frames = coco.loadImgs(coco.getImgIds()), plan.world.framing == "crop", 0
+    points = "test" if "export.points=test" in words else "train"
+    count = int(next(word for word in words if "export.frames" in word).partition("=")[2])
+    for point, model in export.sweep.scenes_of(plan, points).items():
+        for block in range(-(-count // 64)):
+            key, most = BlockKey(plan.seed, point, block), min(64, count - 64 * block)
+            scene, bits = (one[:most] for one in model.draw(key, plan.world.panel.shape))
+            keys = [FrameKey(key, frame) for frame in range(most)]
+            seen = simulator.render(scene, bits, nearest_m=model.nearest_m, keys=keys, panel_only=crop)
+            corners = simulator.true_panels(scene, keys).corners_px - seen.origin_px[:, None]
+            for frame in range(most):
+                row, image = next(rows), images[frames]
+                picture = cv2.imread(str(folder / row["file"]), cv2.IMREAD_UNCHANGED)
+                assert np.array_equal(picture, seen.grey[frame, 0].numpy())
+                assert (row["seed"], row["point"], row["block"], row["frame"]) == (
+                    "0",
+                    point,
+                    str(block),
+                    str(frame),
+                )
+                assert [row["origin_x_px"], row["origin_y_px"]] == [
+                    str(at) for at in seen.origin_px[frame].tolist()
+                ]
+                assert row["bits"] == "".join(str(int(bit)) for bit in bits[frame].flatten())
+                assert np.array_equal(corners_of(row), corners[frame].numpy())
+                values = {name: float(getattr(scene, name)[frame]) for name in Scene.__dataclass_fields__}
+                assert {name: float(row[name]) for name in values} == values
+                (annotation,) = coco.loadAnns(coco.getAnnIds(imgIds=[image["id"]]))
+                assert image["file_name"] == row["file"]
+                assert (image["height"], image["width"]) == picture.shape
+                assert {name: image[name] for name in values} == values
+                keypoints = np.array(annotation["keypoints"]).reshape(4, 3)
+                assert np.array_equal(keypoints[:, :2], corners_of(row))
+                assert (keypoints[:, 2] == 2).all()
+                assert annotation["bits"] == row["bits"]
+                frames += 1
+    assert next(rows, None) is None
+    assert len(images) == frames
+    assert coco.loadCats(coco.getCatIds())[0]["keypoints"] == list(truth.KEYPOINTS)
+
+
+def test_the_outline_is_the_panel_and_the_bits_are_its_leds_row_by_row(app, tmp_path):
+    """By pycocotools' masks, and by the pictures alone: near and in the dark an On LED is the brighter."""
+    scene = ("scene.distance_m=30", "scene.ambient_lx=1000", "+scene.effects.pose={roll_deg:8}")
+    assert app(*words_of(*scene, "export.frames=3")).status == 0
+    coco = COCO(str(tmp_path / "runs/x/coco.json"))
+    for one in coco.loadAnns(coco.getAnnIds()):
+        (image,) = coco.loadImgs(one["image_id"])
+        grey = cv2.imread(str(tmp_path / "runs/x" / image["file_name"]), cv2.IMREAD_UNCHANGED)
+        assert coco.annToMask(one).sum() == pytest.approx(one["area"], rel=0.05)
+        assert one["bbox"] == pytest.approx(cv2.boundingRect(coco.annToMask(one)), abs=1.5)
+        corners = np.array(one["keypoints"]).reshape(4, 3)[:, :2].astype(np.float32)
+        square = np.array([(0, 0), (8, 0), (8, 8), (0, 8)], dtype=np.float32)
+        centres = np.stack(np.meshgrid(np.arange(8) + 0.5, np.arange(8) + 0.5), axis=-1).reshape(-1, 1, 2)
+        at = cv2.perspectiveTransform(centres, cv2.getPerspectiveTransform(square, corners))[:, 0]
+        greys = np.array([grey[int(y), int(x)] for x, y in at])
+        on = np.array([bit == "1" for bit in one["bits"]])
+        assert greys[on].min() > greys[~on].max()
+
+
+LONG = "export.frames=1000"
+
+
+def test_a_killed_run_of_two_workers_goes_on_in_one_to_the_bytes_of_an_undisturbed_one(app, tmp_path):
+    """Also a shard that was written and not recorded is written again."""
+    assert app(*words_of(LONG, name="y")).status == 0
+    begin = [sys.executable, "-m", "vocc_torch", *words_of(LONG, "workers=2")]
+    process = subprocess.Popen(begin, cwd=tmp_path, stdout=subprocess.DEVNULL)
+    folder = tmp_path / "runs" / "x"
+    while len(rows_in(folder / "ledger.sqlite")) < 1 and process.poll() is None:
+        time.sleep(0.005)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    assert not (folder / "truth.csv").exists()
+    unrecorded, half = folder / "frames/train/0000960", folder / "frames/train/.0000896.999999999-0.tmp"
+    for place in (unrecorded, half):  # the second as a worker leaves it
+        place.mkdir(exist_ok=True)
+        (place / "0000960.png").write_bytes(b"another")
+    assert len(rows_in(folder / "ledger.sqlite")) < 16
+    assert "resuming" in app(*words_of(LONG)).out
+    assert files_in(folder) == files_in(tmp_path / "runs" / "y")
+    assert len(files_in(folder)) == 1000 + 16 + len(("truth.csv", "coco.json", "samples.png"))
+
+
+def rows_in(ledger):
+    """The blocks that a ledger holds; none where it is not there yet, or locked."""
+    try:
+        with closing(sqlite3.connect(f"file:{ledger}?mode=ro&immutable=1", uri=True)) as connection:
+            return connection.execute("SELECT block FROM blocks").fetchall()
+    except sqlite3.Error:
+        return []
+
+
+def test_another_run_in_the_same_folder_is_refused_in_one_line_and_changes_nothing(app, tmp_path):
+    assert app(*words_of("export.frames=3")).status == 0
+    before = files_in(tmp_path)
+    for words, why in (
+        (("export.frames=4",), "export.frames was 3, is 4"),
+        (("export.frames=3", "seed=1"), "seed was 0, is 1"),
+        (("export.frames=3", "framing=filled"), "framing was crop, is filled"),
+        (("export.frames=3", "+experiment.training.distance_m=40"), "experiment.training.distance_m"),
+        (("export.frames=3", "export.points=test"), "experiment."),
+    ):
+        said = app(*words_of(*words)).complaint
+        assert why in said
+        assert "give another name=" in said
+    assert "give another name=" in app("name=x").complaint  # a ledger of another kind
+    assert app(*words_of("export.frames=3", "batch_frames=2", "workers=2")).status == 0
+    assert files_in(tmp_path) == before
+
+
+def test_a_run_that_could_write_nothing_leaves_nothing(app, tmp_path, monkeypatch):
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(export.Image, "fromarray", full)
+    monkeypatch.setattr(export.samples, "write_samples", lambda *_: None)
+    assert app(*words_of()).complaint.endswith("frames/train/0000000: No space left on device")
+    assert not (tmp_path / "runs" / "x").exists()
+
+
+@pytest.mark.parametrize("change", ["~scene.effects.quantization", "scene.effects.quantization.bits=10"])
+def test_frames_of_other_than_8_bits_are_refused(app, tmp_path, change):
+    assert "scene.effects.quantization must be {bits: 8}" in app(*words_of(change)).complaint
+    assert not (tmp_path / "runs").exists() or not list((tmp_path / "runs").iterdir())
+
+
+def test_a_corner_outside_the_picture_is_not_labelled_and_a_panel_outside_not_at_all():
+    row = {"file": "a.png", "width_px": 100, "height_px": 50, "bits": "1"}
+    cut = row | dict(zip(truth.CORNERS, (-10, 10, 30, 10, 30, 40, -10, 40), strict=True))
+    told = truth.annotation_of(7, cut)
+    assert told["keypoints"] == [0, 0, 0, 30, 10, 2, 30, 40, 2, 0, 0, 0]
+    assert (told["num_keypoints"], told["bbox"], told["area"]) == (2, [0, 10, 30, 30], 900)
+    assert told["segmentation"] == [[0, 10, 30, 10, 30, 40, 0, 40]]
+    beside = row | dict(zip(truth.CORNERS, (-40, 10, -10, 10, -10, 40, -40, 40), strict=True))
+    assert truth.annotation_of(8, beside) is None
+
+
+def test_the_memory_of_joining_does_not_grow_with_the_frames(app, tmp_path):
+    """Of ten times as many shards, a row at a time."""
+    assert app(*words_of("export.frames=16")).status == 0
+    (part,) = (tmp_path / "runs/x/frames/train").glob("*/truth.csv")
+    peaks = []
+    for shards in (8, 80):
+        tracemalloc.start()
+        truth.write_truth(tmp_path / "truth.csv", [part] * shards)
+        truth.write_coco(tmp_path / "coco.json", [part] * shards, PanelShape(8, 8))
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    told = json.loads((tmp_path / "coco.json").read_text())
+    assert len(told["annotations"]) == len(rows_of(tmp_path / "truth.csv")) == 80 * 16
+    assert peaks[1] < 1.2 * peaks[0]
+
+
+def test_every_column_stands_in_the_glossary_and_every_extra_of_the_image():
+    page = (Path(__file__).parents[3] / "docs" / "glossary.md").read_text().partition("## truth.csv")[2]
+    told = re.findall(r"`(\w+)`", page.partition("\n## ")[0])
+    assert {*truth.COLUMNS} <= {*told}
+    row = dict.fromkeys(truth.COLUMNS, 0)
+    assert {*truth.image_of(1, row)} <= {"id", *told}

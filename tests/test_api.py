@@ -1,0 +1,76 @@
+"""The public functions: what they give is what the command line gives."""
+
+import csv
+
+import pytest
+import torch
+
+import vocc_torch as vt
+from vocc_torch.receiver.location import PaperLocator
+from vocc_torch.receiver.reader import Reader
+
+
+def test_what_is_public():
+    assert {"load_scene", "train", "measure", "simulate", "Receiver"} <= set(dir(vt))
+    assert all(getattr(vt, name).__doc__ for name in dir(vt) if name != "__version__")
+
+
+def test_measure_counts_what_the_command_line_counts(app, tmp_path):
+    words = ("experiment=scenes", "experiment.values=[50,70]", "scene.distance_m=60", "seed=3", "name=x")
+    words += ("classifier=lmmse", "receiver.names=[flda_3]", "tensorboard=false", "device=cpu")
+    ran = app(*words, "budget.frames=64", "budget.training_frames=64")
+    assert ran.status == 0, ran.err
+    with (tmp_path / "runs" / "x" / "ber.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    wanted = {(row["receiver"], float(row["value"])): float(row["bit_errors"]) for row in rows}
+    scene, seen = vt.load_scene("paper", "scene.distance_m=60", "device=cpu"), []
+    receivers = {name: vt.train(scene, classifier=name, frames=64, seed=3) for name in ("flda_3", "lmmse")}
+    table = vt.measure(receivers, scene, "distance_m", [50, 70], 64, seed=3, progress=seen.append)
+    assert {(row.receiver, row.value): row.bit_errors for row in table.rows} == wanted
+    assert sum(wanted.values()) > 0
+    assert sum(seen) == 128
+    kept = vt.Receiver.load(tmp_path / "runs" / "x" / "receiver.pt")  # the classifier, not FLDA
+    own = receivers["lmmse"]
+    assert (kept.name, kept.calibration, kept.trained_on) == (own.name, own.calibration, own.trained_on)
+    table.to_csv(tmp_path / "ber.csv")
+    with (tmp_path / "ber.csv").open(newline="") as file:
+        assert sorted(float(row["ber"]) for row in csv.DictReader(file)) == sorted(r.ber for r in table.rows)
+    assert table.plot(tmp_path / "ber.png").axes
+    assert "95 %" in str(table)
+
+
+def test_simulated_frames_do_not_depend_on_the_batch():
+    whole, parts = (list(vt.simulate("paper", 40, seed=1, batch=size)) for size in (64, 16))
+    for name in ("bits", "corners_px"):
+        assert torch.equal(getattr(whole[0], name), torch.cat([getattr(one, name) for one in parts]))
+    assert torch.equal(whole[0].frames.grey, torch.cat([one.frames.grey for one in parts]))
+
+
+FRESH = vt.Receiver("flda_3", PaperLocator(), Reader(), vt.FLDA(3))
+
+
+@pytest.mark.parametrize(
+    ("call", "says"),
+    [
+        (lambda: vt.load_scene("nihgt"), "scene"),
+        (lambda: vt.load_scene("nowhere.yaml"), "scene nowhere.yaml cannot be read"),
+        (lambda: vt.load_scene({"distance_m": -3}), "scene.distance_m"),
+        (lambda: vt.load_scene({"colour": 1}), "scene.colour is not a known key"),
+        (lambda: vt.load_scene({"effects": {"rain": {}}}), "scene.effects.rain is not a known effect"),
+        (lambda: vt.load_scene(3), "scene is 3"),
+        (lambda: vt.train(3), "scene is 3"),
+        (lambda: vt.train("paper", classifier="mpl"), "receiver.save is 'mpl'"),
+        (lambda: vt.train("paper", locator="refind"), "receiver.locator is 'refind'"),
+        (lambda: vt.train("paper", features=["agr", "colour"]), "receiver.features"),
+        (lambda: next(vt.simulate("paper", 0)), "frames is 0"),
+        (lambda: next(vt.simulate("paper", 8, batch=0)), "batch is 0"),
+        (lambda: vt.measure(FRESH, "paper", "colour", [1]), "experiment.axis is 'colour'"),
+        (lambda: vt.measure({}, "paper", "distance_m", [50]), "receivers is {}"),
+        (lambda: vt.measure({"a": 3}, "paper", "distance_m", [50]), "receivers.a is 3"),
+    ],
+)
+def test_mistakes_are_one_line_that_names_the_argument(call, says):
+    with pytest.raises(vt.VoccError) as error:
+        call()
+    assert "\n" not in str(error.value)
+    assert says in str(error.value)

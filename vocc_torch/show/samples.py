@@ -1,0 +1,134 @@
+"""``samples.png``: what a run's scenes look like, before its numbers."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import torch
+from matplotlib import get_data_path
+from PIL import Image, ImageDraw, ImageFont
+
+from vocc_torch.files import atomic_file
+from vocc_torch.measure.plan import Plan
+from vocc_torch.measure.sweep import Kind, scenes_of
+from vocc_torch.rng import BlockKey, FrameKey
+from vocc_torch.show.canvas import INK, QUIET, Pixels, enlarged
+from vocc_torch.show.folder import SAMPLES
+from vocc_torch.show.styles import axis_label, count_text
+from vocc_torch.simulation import SceneModel, Simulator
+from vocc_torch.types import Scene
+
+COLUMNS, MOST = 6, 12
+CELL_PX, GAP_PX, MARGIN_PX, HEAD_PX, CAPTION_PX = 216, 20, 28, 40, 62
+
+
+@dataclass(frozen=True, eq=False)
+class Crop:
+    """The panel's surroundings in one frame.
+
+    Args:
+        scene: of the one frame.
+        pixels: (H,W,3) uint8, grey.
+        origin_px: (2,) int64, sensor coordinates (x, y) of its top left pixel.
+    """
+
+    scene: Scene
+    pixels: Pixels
+    origin_px: torch.Tensor
+
+
+def crops(
+    simulator: Simulator,
+    seed: int,
+    point: str,
+    model: SceneModel,
+    frames: int,
+    nearest_m: float | None = None,
+) -> Iterator[Crop]:
+    """Render the panel's surroundings in the first frames of a point, one by one.
+
+    Args:
+        simulator: one that frames by ``crop``.
+        seed: root seed.
+        point: name that keys the random draws.
+        model: the scenes.
+        frames: how many, 1 to 64.
+        nearest_m: distance of the panel that has room in every crop; by default each is as tight as it can.
+    """
+    key = BlockKey(seed, point, 0)
+    scenes, bits = model.draw(key, simulator.panel.shape)
+    for frame in range(frames):
+        row, keys = slice(frame, frame + 1), [FrameKey(key, frame)]
+        with torch.autocast(simulator.device.type, enabled=False):
+            seen = simulator.render(scenes[row], bits[row], nearest_m=nearest_m, keys=keys, panel_only=True)
+        grey = seen.grey[0, 0].round().clamp(0, 255).byte().cpu().numpy()
+        yield Crop(scenes[row], np.repeat(grey[..., None], 3, axis=2), seen.origin_px[0].cpu())
+
+
+def write_samples(folder: Path, plan: Plan, kinds: Sequence[Kind] = ("train", "test")) -> None:
+    """Draw a dozen scenes, each panel enlarged to one size, with its values below.
+
+    Args:
+        folder: the run's.
+        plan: the study.
+        kinds: those that a receiver trains on, those of the experiment's points, or both.
+
+    Raises:
+        VoccError: the file cannot be written.
+    """
+    heads = {"train": "What a receiver trains on", "test": f"What is tested: {plan.experiment.name}"}
+    simulator, most = replace(plan.world, framing="crop").simulator(), MOST // len(kinds)
+    drawn: dict[str, list[tuple[str, Crop]]] = {heads[kind]: [] for kind in kinds}
+    for kind in kinds:
+        points = list(scenes_of(plan, kind).items())
+        places = np.unique(np.linspace(0, len(points) - 1, most).round().astype(int)).tolist()
+        for name, model in (points[place] for place in places):
+            axis, _, value = name.rpartition("/")[2].partition("=")
+            label = f"{axis_label(axis)}: {value}" if value else ""
+            shown = crops(simulator, plan.seed, name, model, most // len(places))
+            drawn[heads[kind]] += [(label, crop) for crop in shown]
+    with atomic_file(folder / SAMPLES) as temporary:
+        picture_of(drawn).save(temporary, format="PNG")
+
+
+def picture_of(groups: Mapping[str, Sequence[tuple[str, Crop]]]) -> Image.Image:
+    """Lay crops out in rows below the name of their group, each with its label and its scene's values."""
+    step, rows = CELL_PX + GAP_PX, {head: -(-len(some) // COLUMNS) for head, some in groups.items()}
+    height = sum(HEAD_PX + count * (CELL_PX + CAPTION_PX) for count in rows.values()) + 2 * MARGIN_PX - GAP_PX
+    page = Image.new("RGB", (COLUMNS * step - GAP_PX + 2 * MARGIN_PX, height), "white")
+    draw, top = ImageDraw.Draw(page), MARGIN_PX
+    for head, some in groups.items():
+        draw.text((MARGIN_PX, top), head, INK, font(20, bold=True))
+        top += HEAD_PX
+        for at, (label, crop) in enumerate(some):
+            x, y = MARGIN_PX + at % COLUMNS * step, top + at // COLUMNS * (CELL_PX + CAPTION_PX)
+            # Whole squares a pixel first, so that the pixels can be seen.
+            shown = enlarged(crop.pixels, max(1, -(-2 * CELL_PX // max(crop.pixels.shape))))
+            shown.thumbnail((CELL_PX, CELL_PX), Image.Resampling.BOX)
+            page.paste(shown, (x, y + CELL_PX - shown.height))
+            for line, text in enumerate(filter(None, (label, *captions(crop.scene)))):
+                look = (INK, font(12, bold=True)) if text == label else (QUIET, font(12))
+                draw.text((x, y + CELL_PX + 6 + 17 * line), text, *look)
+        top += rows[head] * (CELL_PX + CAPTION_PX)
+    return page
+
+
+def captions(scene: Scene) -> tuple[str, str]:
+    """Say a scene's values in two lines.
+
+    Example:
+        >>> captions(Scene.of(distance_m=50.0))[0]
+        '50 m, ambient 8\u2009000 lx'
+    """
+    lights = float(scene.ambient_lx[0]), float(scene.led_luminance_cd_m2[0])
+    ambient, led = (count_text(round(value)) if value >= 100 else f"{value:.3g}" for value in lights)
+    own = f"LED {led} cd/m\N{SUPERSCRIPT TWO}, background {float(scene.background_grey[0]):.0f}"
+    return f"{float(scene.distance_m[0]):.3g} m, ambient {ambient} lx", own
+
+
+@cache
+def font(size_px: int, bold: bool = False) -> ImageFont.FreeTypeFont:
+    """The typeface of all pictures, which Matplotlib brings."""
+    return ImageFont.truetype(Path(get_data_path(), f"fonts/ttf/DejaVuSans{'-Bold' * bold}.ttf"), size_px)

@@ -1,0 +1,38 @@
+"""``task=export``, frames for others: its section of the configuration; nothing here needs torch."""
+
+from dataclasses import dataclass
+
+from vocc_torch.errors import VoccError
+
+POINTS = ("train", "test")
+BLOCK, MOST_SHARD, MOST_FRAMES = 64, 8192, 10_000_000
+
+
+@dataclass
+class ExportConfig:
+    """What ``task=export`` writes.
+
+    Args:
+        points: ``train`` writes the scenes that a receiver trains on, ``test`` those of each value of the
+            experiment.
+        frames: how many of each point, 1 to 10000000.
+        shard_frames: frames in a folder, a multiple of 64 from 64 to 8192; a killed run begins those that
+            were under way again.
+
+    Raises:
+        VoccError: a value out of its range.
+    """
+
+    points: str = "train"
+    frames: int = 1000
+    shard_frames: int = 1024
+
+    def __post_init__(self) -> None:
+        """Check every range."""
+        if self.points not in POINTS:
+            raise VoccError.of("export.points", repr(self.points), " or ".join(POINTS))
+        if not 1 <= self.frames <= MOST_FRAMES:
+            raise VoccError.of("export.frames", self.frames, f"from 1 to {MOST_FRAMES}")
+        if self.shard_frames % BLOCK or not BLOCK <= self.shard_frames <= MOST_SHARD:
+            rule = f"a multiple of {BLOCK} from {BLOCK} to {MOST_SHARD}"
+            raise VoccError.of("export.shard_frames", self.shard_frames, rule)

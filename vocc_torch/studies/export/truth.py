@@ -1,0 +1,123 @@
+"""What is known of exported frames: a row each in CSV files, and all of them in one COCO file."""
+
+import csv
+import json
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from torch import Tensor
+
+from vocc_torch.files import atomic_file
+from vocc_torch.hardware import PanelShape
+from vocc_torch.rng import FrameKey
+from vocc_torch.show.folder import Cells, write_rows
+from vocc_torch.simulation.scene import SCENE_FIELDS
+from vocc_torch.types import Frames, Panels, Scene
+
+NAME = "truth.csv"
+KEYPOINTS = ("top_left", "top_right", "bottom_right", "bottom_left")
+CORNERS = tuple(f"{axis}_{corner}" for corner in KEYPOINTS for axis in "xy")
+WORDS = ("file", "point", "bits")
+COLUMNS = (
+    *("file", "seed", "point", "block", "frame", "width_px", "height_px", "origin_x_px", "origin_y_px"),
+    *("surround_grey", *CORNERS, "bits", *SCENE_FIELDS),
+)
+"""Columns of ``truth.csv``."""
+
+
+def rows_of(
+    scene: Scene, bits: Tensor, names: Sequence[FrameKey], seen: Frames, panels: Panels
+) -> Iterator[Cells]:
+    """Give the cells after ``file`` of each frame of a batch.
+
+    Args:
+        scene: B scenes.
+        bits: (B,R,C) bool.
+        names: the frames' keys.
+        seen: the frames.
+        panels: the true corners.
+    """
+    height, width = seen.grey.shape[-2:]
+    heads = ((one.block.seed, one.block.point, one.block.block, one.frame, width, height) for one in names)
+    corners = (panels.corners_px - seen.origin_px[:, None]).flatten(1).tolist()
+    surround = [None] * len(scene) if seen.surround is None else seen.surround.tolist()
+    sent = ("".join("01"[bit] for bit in one) for one in bits.flatten(1).tolist())
+    values = zip(*(getattr(scene, name).tolist() for name in SCENE_FIELDS), strict=True)
+    every = zip(heads, seen.origin_px.tolist(), surround, corners, sent, values, strict=True)
+    for head, origin, rest, at, text, scenes in every:
+        yield (*head, *origin, rest, *at, text, *scenes)
+
+
+def read_truth(files: Sequence[Path]) -> Iterator[dict[str, Any]]:
+    """Read the rows of some tables one after the other, as numbers but for :data:`WORDS`."""
+    for path in files:
+        with path.open(newline="", encoding="utf-8") as file:
+            for row in csv.DictReader(file):
+                numbers = {name: json.loads(row[name] or "null") for name in COLUMNS if name not in WORDS}
+                yield row | numbers
+
+
+def write_truth(path: Path, files: Sequence[Path]) -> None:
+    """Join tables, a row in memory at a time."""
+
+    def lines() -> Iterator[Sequence[str]]:
+        yield COLUMNS
+        for one in files:
+            with one.open(newline="", encoding="utf-8") as file:
+                yield from list(csv.reader(file))[1:]
+
+    write_rows(path, lines())
+
+
+def write_coco(path: Path, files: Sequence[Path], shape: PanelShape) -> None:
+    """Write all frames as one COCO file with keypoints, a frame in memory at a time.
+
+    A corner outside the picture has visibility 0; boxes and outlines end where the picture does.
+
+    Args:
+        path: the file, replaced whole.
+        files: the shards' tables.
+        shape: rows and columns of the panel.
+    """
+    category = {"id": 1, "name": "led_panel", "rows": shape.rows, "columns": shape.columns}
+    category |= {"keypoints": KEYPOINTS, "skeleton": [[1, 2], [2, 3], [3, 4], [4, 1]]}
+    head = {"info": {"description": "simulated by vocc_torch"}, "categories": [category]}
+    with atomic_file(path) as temporary, temporary.open("w", encoding="utf-8") as file:
+        file.write(json.dumps(head).removesuffix("}"))
+        for name, made in (("images", image_of), ("annotations", annotation_of)):
+            file.write(f',\n"{name}": [')
+            every = (made(number, row) for number, row in enumerate(read_truth(files), 1))
+            for index, one in enumerate(one for one in every if one is not None):
+                file.write(f"{',' * (index > 0)}\n{json.dumps(one)}")
+            file.write("]")
+        file.write("}\n")
+
+
+def image_of(number: int, row: dict[str, Any]) -> dict[str, Any]:
+    """Describe a picture: what COCO asks for, and everything of the row that is not the panel's."""
+    known = {"id": number, "file_name": row["file"], "width": row["width_px"], "height": row["height_px"]}
+    own = {"file", "width_px", "height_px", "bits", *CORNERS}
+    return known | {name: value for name, value in row.items() if name not in own}
+
+
+def annotation_of(number: int, row: dict[str, Any]) -> dict[str, Any] | None:
+    """Describe a picture's panel; None where it lies outside."""
+    corners = np.array([row[name] for name in CORNERS]).reshape(4, 2)
+    inside = corners.clip(0, (row["width_px"], row["height_px"]))
+    (left, top), (right, bottom) = inside.min(axis=0).tolist(), inside.max(axis=0).tolist()
+    if left == right or top == bottom:
+        return None
+    x, y = inside.T
+    seen = (inside == corners).all(axis=1)
+    keypoints = np.column_stack([corners, np.full(4, 2.0)]) * seen[:, None]
+    return {
+        **{"id": number, "image_id": number, "category_id": 1, "iscrowd": 0},
+        "bbox": [left, top, right - left, bottom - top],
+        "area": float(abs(x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2),
+        "segmentation": [inside.flatten().tolist()],
+        "keypoints": keypoints.flatten().tolist(),
+        "num_keypoints": int(seen.sum()),
+        "bits": row["bits"],
+    }

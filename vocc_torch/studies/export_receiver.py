@@ -1,0 +1,105 @@
+"""``task=export_receiver``: a receiver as an ONNX graph, held against torch on simulated frames."""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from vocc_torch.measure import build, config, plan, train
+from vocc_torch.measure.link import block_keys, rendered
+from vocc_torch.receiver import onnx_graph
+from vocc_torch.show import folder as run_folder
+from vocc_torch.show import terminal
+
+GRAPHS = ("receiver.onnx", "receiver_whole.onnx")
+"""The graph that is told the corners, and the one that looks for them."""
+
+
+class GraphDifference(NamedTuple):
+    """How far a graph is from torch.
+
+    Args:
+        bits: how many were compared.
+        bits_apart: how many of them differ.
+        scores_apart: how many of their scores differ at all.
+        most: by which a score differs.
+    """
+
+    bits: int = 0
+    bits_apart: int = 0
+    scores_apart: int = 0
+    most: float = 0.0
+
+    def __str__(self) -> str:
+        """Say it in a line."""
+        scores = f"{self.scores_apart} scores differ, by at most {self.most:.2g}"
+        return f"{self.bits_apart} of {self.bits} bits differ from torch's; {scores}"
+
+
+def run_export_receiver(settings: config.Settings, folder: Path) -> None:
+    """Write ``receiver.onnx``, and ``receiver_whole.onnx`` where the locator can be in a graph.
+
+    Raises:
+        VoccError: the extra is not installed, or a receiver that no graph can hold.
+    """
+    run_folder.refuse_results(folder)
+    onnx_graph.demand_extra()
+    study, console = build.build_plan(settings, folder), terminal.Console()
+    study = replace(study, experiment=replace(study.experiment, training={}))
+    model = None if settings.model is None else Path(settings.model)
+    receiver = train.receiver_for(study, model, settings.plug_ins).cpu()
+    finds = onnx_graph.is_exportable(receiver.locator)
+    if not finds:
+        console.print("the graph is told the corners: this locator cannot be in one", highlight=False)
+    for inputs, name in zip((2, 1), GRAPHS if finds else GRAPHS[:1], strict=False):
+        drawn = next(crops(study, 2))[:inputs]
+        onnx_graph.write_graph(receiver, folder / name, *drawn)
+        seen = (one[:inputs] for one in crops(study, study.budget.frames))
+        apart = compared(onnx_graph.TensorReceiver(receiver), onnx_graph.read_graph(folder / name), seen)
+        console.print(f"{name}: {apart}", highlight=False, soft_wrap=True)
+        run_folder.print_places(console, folder, [("graph", name)])
+    run_folder.write_config(settings, folder)
+    if model is None:
+        receiver.save(folder / "receiver.pt")
+        run_folder.print_places(console, folder, [("receiver", "receiver.pt")])
+
+
+def crops(study: plan.Plan, frames: int) -> Iterator[tuple[Tensor, Tensor]]:
+    """Simulate frames of a study's scenes as a graph takes them.
+
+    Yields:
+        Batches (B,H,W) uint8 and their panels' corners (B,4,2), from each crop's first pixel on.
+    """
+    simulator, keys = study.world.simulator(), block_keys(study.seed, "export", frames)
+    batches = range(0, frames, study.batch_frames)
+    for scene, _, names, takes in rendered(simulator, study.world.scene, keys, batches, preambles=False):
+        corners = simulator.true_panels(scene, names, rendered=True).corners_px
+        grey = takes[0].grey[:, 0].round().clamp(0, 255).to(torch.uint8)
+        yield grey.cpu().contiguous(), (corners - takes[0].origin_px[:, None]).cpu()
+
+
+def compared(
+    receiver: Callable[..., Sequence[Tensor]],
+    graph: Callable[..., Sequence[Tensor]],
+    batches: Iterable[tuple[Tensor, ...]],
+) -> GraphDifference:
+    """Count where a graph and torch differ.
+
+    Args:
+        receiver: gives bits and scores first, of a batch.
+        graph: likewise.
+        batches: what both are given.
+    """
+    apart = GraphDifference()
+    for given in batches:
+        with torch.inference_mode():
+            (bits, scores), (own, near) = receiver(*given)[:2], graph(*given)[:2]
+        off, wrong = int((scores != near).sum()), int((bits != own).sum())
+        most = max(apart.most, float((scores - near).abs().max()))
+        apart = GraphDifference(
+            apart.bits + bits.numel(), apart.bits_apart + wrong, apart.scores_apart + off, most
+        )
+    return apart
