@@ -88,8 +88,7 @@ def count(receivers: Receivers, scene: str, corners: list[str], frames: int) -> 
     """Give the rows of a scene, and those of its reliability, all receivers on the same frames."""
     world, tables = vt.load_scene(scene), ([], [])
     link = Link(world.simulator(), None, Reader(world.panel.shape))
-    sent: list[torch.Tensor] = []
-    found = {at: [] for at in corners}
+    sent, found = [], {at: [] for at in corners}
     scores = {(at, name): [] for at in corners for name in receivers}
     keys, finders = block_keys(0, f"receivers {scene}", frames), {at: CORNERS[at] for at in corners}
     with torch.inference_mode():
