@@ -127,7 +127,7 @@ def test_parts_from_outside_in_a_sweep_resumed_after_a_kill_and_kept(app, comman
     )
     ran = app(*ALL[:-1], f"receiver.locator={LOCATOR}", "name=x")
     assert ran.status == 0, ran.err
-    assert "going on from " in ran.out
+    assert "already counted in " in ran.out
     folder = tmp_path / "runs" / "x"
     assert drawn == [["AGR", "GRI", "NGR", "cell_deviation"]]
     found = receivers(folder)
