@@ -4,6 +4,8 @@ import csv
 import re
 from pathlib import Path
 
+from hydra.core.global_hydra import GlobalHydra
+
 from vocc_torch.app.cli import run
 
 README = Path(__file__).parents[1] / "README.md"
@@ -30,6 +32,7 @@ def test_the_classifier_of_the_page_plugs_in(tmp_path, monkeypatch):
     quick = ["budget.frames=32", "budget.training_frames=64", "experiment.values=[4000]", "tensorboard=false"]
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("sys.argv", ["vocc-torch", *command.split(), "name=own", *quick])
+    GlobalHydra.instance().clear()  # what another test has left
     assert run() == 0
     with (tmp_path / "runs/own/ber.csv").open(newline="") as file:
         (row,) = (row for row in csv.DictReader(file) if row["receiver"] == "mean")

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import torch
 import yaml
 from hydra import compose, initialize_config_module
+from hydra.core.global_hydra import GlobalHydra
 from hydra.errors import HydraException
 from omegaconf.errors import OmegaConfBaseException
 
@@ -75,6 +76,8 @@ def _composed(words: Sequence[str], scene: Mapping[str, object] | None = None) -
     Raises:
         VoccError: what the command line refuses.
     """
+    held = GlobalHydra.instance().hydra  # of a user's own application, which calls this
+    GlobalHydra.instance().clear()
     try:
         register_schema()
         with initialize_config_module("vocc_torch.conf", version_base="1.3"):
@@ -84,6 +87,8 @@ def _composed(words: Sequence[str], scene: Mapping[str, object] | None = None) -
         return resolved(config, words)
     except (HydraException, OmegaConfBaseException) as error:
         raise VoccError(one_line(error, words)) from None
+    finally:
+        GlobalHydra.instance().hydra = held
 
 
 def train(
