@@ -127,7 +127,7 @@ def test_parts_from_outside_in_a_sweep_resumed_after_a_kill_and_kept(app, comman
     )
     ran = app(*ALL[:-1], f"receiver.locator={LOCATOR}", "name=x")
     assert ran.status == 0, ran.err
-    assert "going on from " in ran.out
+    assert "already counted in " in ran.out
     folder = tmp_path / "runs" / "x"
     assert drawn == [["AGR", "GRI", "NGR", "cell_deviation"]]
     found = receivers(folder)
@@ -175,8 +175,8 @@ def test_the_classifier_that_is_asked_for_is_kept_and_decodes(app, photo, tmp_pa
     assert Receiver.load(tmp_path / "runs" / "mlp" / "receiver.pt").name == "mlp"
     margins = []
     for name, kept in (("paper", "flda_3"), ("lmmse", "lmmse")):
-        chosen = () if name == "paper" else ("classifier=lmmse",)
-        assert app("task=decode", f"input={photo}", *chosen, few, f"name={name}").status == 0
+        chosen = "receiver=paper" if name == "paper" else "classifier=lmmse"
+        assert app("task=decode", f"input={photo}", chosen, few, f"name={name}").status == 0
         assert Receiver.load(tmp_path / "runs" / name / "receiver.pt").name == kept
         with (tmp_path / "runs" / name / "bits.csv").open(newline="") as file:
             margins += [row["margin"] for row in csv.DictReader(file)]

@@ -88,7 +88,7 @@ IGNORED = {
         *("input", "experiment", "workers", "tensorboard", "scene.name", "receiver.names"),
         *(one for one in COUNTING if one != "budget.frames"),
     ),
-    "export": (*RECORDED, "receiver", "budget", "tensorboard", *PARTS),
+    "export": (*RECORDED, "receiver", "budget", "tensorboard", "scene.name", *PARTS),
     "collect": tuple(one.name for one in fields(AppConfig) if one.name not in ("task", "name", "input")),
 }
 """What each task passes over, besides the sections of others: keys, and sections for all that is in them."""

@@ -106,7 +106,8 @@ def refuse_ignored(settings: AppConfig, words: Sequence[str]) -> None:
             users = ", ".join(one for one in TASKS if not passes_over(one, place))
             raise VoccError(f"{said}: task={task} does not use it, only {users}")
         trains, points = name.startswith("training"), settings.export.points
-        if task == "export" and group == "experiment" and name and trains != (points == "train"):
+        chosen = key == "experiment" and experiment.training
+        if task == "export" and group == "experiment" and trains != (points == "train") and not chosen:
             raise VoccError(f"{said}: export.points={points} does not use it; leave it out")
         if key == "plug_ins" and settings.model is None:
             raise VoccError(f"{said}: it must be empty without a model, a new one names its parts")

@@ -99,5 +99,7 @@ def compared(
             (bits, scores), (own, near) = receiver(*given)[:2], graph(*given)[:2]
         off, wrong = int((scores != near).sum()), int((bits != own).sum())
         most = max(apart.most, float((scores - near).abs().max()))
-        apart = GraphDifference(apart.bits + bits.numel(), apart.bits_apart + wrong, apart.scores_apart + off, most)
+        apart = GraphDifference(
+            apart.bits + bits.numel(), apart.bits_apart + wrong, apart.scores_apart + off, most
+        )
     return apart
