@@ -6,6 +6,7 @@ import re
 from pathlib import Path
 
 import numpy as np
+import pytest
 import torch
 from composing import study_of
 from PIL import Image
@@ -119,6 +120,7 @@ main()
 """
 
 
+@pytest.mark.slow
 def test_parts_from_outside_in_a_sweep_resumed_after_a_kill_and_kept(app, command, tmp_path, monkeypatch):
     assert command(*ALL, f"receiver.locator={LOCATOR}", "name=x", cwd=tmp_path, code=KILLED).status == -9
     drawn, histograms = [], plots.feature_histograms

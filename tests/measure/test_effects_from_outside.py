@@ -38,6 +38,7 @@ def mine(tmp_path):
     return (*streak, *street)
 
 
+@pytest.mark.slow
 def test_jobs_and_workers_count_the_same(app, mine, tmp_path):
     assert app("-m", *SHORT, *mine, "workers=1,2").status == 0
     one, two = ((tmp_path / "runs" / "x" / job / "ber.csv").read_bytes() for job in "01")

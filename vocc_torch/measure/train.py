@@ -27,7 +27,7 @@ from vocc_torch.rng import BLOCK_FRAMES, BlockKey
 from vocc_torch.simulation.scene import SceneModel, narrowed
 
 CALIBRATION_FRAMES = 512
-"""Frames on which a receiver that is kept learns what its scores are worth."""
+"""Most frames on which a receiver that is kept learns what its scores are worth; at most as many train it."""
 
 FIGURE_SAMPLES = 20_000
 """LEDs kept for the feature histograms."""
@@ -237,7 +237,11 @@ def calibrated_receiver(plan: Plan, training: Training) -> Receiver:
 
     These frames are neither trained on nor tested.
     """
-    receiver, link, frames = trained_receiver(plan, training), Link.of(plan), CALIBRATION_FRAMES
+    receiver, link, frames = (
+        trained_receiver(plan, training),
+        Link.of(plan),
+        min(CALIBRATION_FRAMES, plan.budget.training_frames),
+    )
     model, keys = plan.experiment.training_model(plan.world), block_keys(plan.seed, "calibrate", frames)
     receiver = receiver.to(link.simulator.device)
     scores, bits, looks = [], [], []

@@ -134,6 +134,7 @@ def test_the_outline_is_the_panel_and_the_bits_are_its_leds_row_by_row(app, tmp_
 LONG = "export.frames=1000"
 
 
+@pytest.mark.slow
 def test_a_killed_run_of_two_workers_goes_on_in_one_to_the_bytes_of_an_undisturbed_one(app, tmp_path):
     """Also a shard that was written and not recorded is written again."""
     assert app(*words_of(LONG, name="y")).status == 0
