@@ -25,6 +25,7 @@ def plan_of(*overrides):
     """The study that a command describes."""
     GlobalHydra.instance().clear()
     register_schema()
+    GlobalHydra.instance().clear()  # another module may have left its own
     with initialize_config_module("vocc_torch.conf", version_base="1.3"):
         settings = resolved(compose("config", overrides=["device=cpu", *overrides]))
     return build_plan(settings, Path("runs/none"))

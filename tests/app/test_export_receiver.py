@@ -64,7 +64,7 @@ def receiver_of(name):
     return calibrated_receiver(plan, train(replace(plan, experiment=replace(plan.experiment, training={}))))
 
 
-@pytest.fixture(scope="module", params=["paper", pytest.param("BrightBox", marks=pytest.mark.slow)])
+@pytest.fixture(scope="module", params=["paper", "BrightBox"])
 def exported(tmp_path_factory, request):
     """What the task leaves and says of lmmse with a locator, ours or from outside, and the receiver."""
     folder, said = tmp_path_factory.mktemp("exported"), io.StringIO()
@@ -78,6 +78,7 @@ def exported(tmp_path_factory, request):
     return folder, Receiver.load(folder / "receiver.pt", [str(mine)]), said.getvalue()
 
 
+@pytest.mark.slow
 def test_both_graphs_are_written_and_held_against_torch(exported):
     folder, _, said = exported
     left = sorted(path.name for path in folder.iterdir())
@@ -91,6 +92,7 @@ def test_both_graphs_are_written_and_held_against_torch(exported):
     assert names == [["frames", "corners", *read], ["frames", *read, "corners", "found"]][: len(made)]
 
 
+@pytest.mark.slow
 def test_onnxruntime_decides_as_torch_does(exported):
     """On crops of other sizes, large panels and small ones, and a single one at the end."""
     folder, receiver, _ = exported
@@ -106,7 +108,8 @@ def test_onnxruntime_decides_as_torch_does(exported):
     assert run(frames[:1], corners[:1])[0].shape == (1, 8, 8)
 
 
-@pytest.mark.parametrize("exported", [pytest.param("BrightBox", marks=pytest.mark.slow)], indirect=True)
+@pytest.mark.slow
+@pytest.mark.parametrize("exported", ["BrightBox"], indirect=True)
 def test_a_whole_frame_is_read_in_a_graph_by_a_locator_of_tensors_alone(exported):
     """In one of the frames is nothing to find."""
     folder, receiver, _ = exported

@@ -62,6 +62,7 @@ def _paper_words():
     """The configuration as the command line composes it when nothing is overridden, as plain values."""
     GlobalHydra.instance().clear()
     register_schema()
+    GlobalHydra.instance().clear()  # another module may have left its own
     with initialize_config_module("vocc_torch.conf", version_base="1.3"):
         return OmegaConf.to_container(compose("config", overrides=list(BASE)), resolve=True)
 
@@ -235,6 +236,7 @@ def _complaint(words):
     """Do what the command does with its words, up to the plan."""
     GlobalHydra.instance().clear()
     register_schema()
+    GlobalHydra.instance().clear()  # another module may have left its own
     with initialize_config_module("vocc_torch.conf", version_base="1.3"):
         try:
             settings = resolved(compose("config", overrides=list(words)), words)

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from hydra import compose, initialize_config_module
+from hydra.core.global_hydra import GlobalHydra
 from rich.console import Console
 
 from vocc_torch.app.config import register_schema
@@ -35,6 +36,7 @@ TINY = (
 
 def study_of(*overrides):
     register_schema()
+    GlobalHydra.instance().clear()  # another module may have left its own
     with initialize_config_module("vocc_torch.conf", version_base="1.3"):
         settings = resolved(compose("config", ["task=effects", *overrides]))
     return build_effect_study(settings, settings.effects, Path("runs"))

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 from hydra import compose, initialize_config_module
+from hydra.core.global_hydra import GlobalHydra
 
 from vocc_torch.app.config import register_schema
 from vocc_torch.app.resolve import resolved
@@ -16,6 +17,7 @@ def plan_of(*overrides):
     """The plan of task=figures with some settings changed."""
     register_schema()
     words = ("task=figures", "device=cpu", *overrides)
+    GlobalHydra.instance().clear()  # another module may have left its own
     with initialize_config_module("vocc_torch.conf", version_base="1.3"):
         settings = resolved(compose("config", list(words)), words)
     return paper_plan(settings.figures, build_plan(settings, Path("unused")))
