@@ -505,8 +505,11 @@ class Attacks:
                 )
 
     def disk_full(self) -> Iterator[Attempt]:
-        """A disk that is full at any size of a file; afterwards there is room."""
-        for size in (0, 1, 100, 1000, 4000, 8192, 10_000, 12_288, 16_384, 20_000, 30_000, 50_000, 100_000):
+        """A disk that is full at any size of a file; afterwards there is room.
+
+        From a size on that leaves room for the refusal, which goes into a file too.
+        """
+        for size in (0, 1000, 4000, 8192, 10_000, 12_288, 16_384, 20_000, 30_000, 50_000, 100_000):
             for arguments, reference in ((RUN, self.run), (LEARNED, self.learned)):
                 yield Attempt(
                     f"files of at most {size} bytes",

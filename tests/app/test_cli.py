@@ -122,6 +122,7 @@ def test_multirun_keeps_every_job_apart_and_goes_on_after_a_failing_one(app, tmp
         ("input=photo.png", ["input is photo.png", "only decode, collect"]),
         ("model=receiver.pt", ["model is receiver.pt", "only decode"]),
         ("task=decode", ["input is null", "input=PICTURE"]),
+        ("seed=${seed}", ["Recursive interpolation", "seed"]),
         (
             "experiment.axis=offset_x_m experiment.values=[0.1,0.1002] tensorboard=true",
             ["experiment.values", "tensorboard=false"],

@@ -10,11 +10,12 @@ import warnings
 from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import hydra
 from hydra.core.hydra_config import HydraConfig
 from hydra.types import RunMode
-from omegaconf import DictConfig
+from omegaconf import DictConfig, OmegaConf
 
 from vocc_torch.app.config import TASKS, AppConfig, inside_runs, register_schema
 from vocc_torch.app.jobs import Jobs, begin_again, beside_others, write_down
@@ -99,11 +100,14 @@ def complaint_of(error: Exception, folder: Path) -> str | None:
 def run_job(config: DictConfig, jobs: Jobs) -> None:
     """Run one job; what ends it is a result too, because raising would end a multirun with it."""
     about = HydraConfig.get()
+    # As they were typed: what a word interpolates is not resolved here.
+    typed: Any = OmegaConf.to_container(about.overrides.task, resolve=False)
+    words = list(map(str, typed))
     one_of_many = about.mode == RunMode.MULTIRUN
     number, folder = int(about.job.num) if one_of_many else 0, Path(about.runtime.output_dir)
     jobs.begun(number, folder)
     if one_of_many:
-        heading = " ".join(about.overrides.task)
+        heading = " ".join(words)
         print(heading if jobs.elsewhere else f"\njob {number}: {heading}", flush=True)
     trace, mine = "", False
     try:
@@ -111,7 +115,7 @@ def run_job(config: DictConfig, jobs: Jobs) -> None:
             if inside_runs(folder):
                 sweep(folder.rglob(".*.tmp*"))
             mine = begin_again(folder) and one_of_many
-            run_task(resolved(config, about.overrides.task), folder)
+            run_task(resolved(config, words), folder)
         return
     except BrokenPipeError:
         raise
