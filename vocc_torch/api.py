@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import torch
 import yaml
@@ -42,7 +42,8 @@ def load_scene(scene: str | Path | Mapping[str, object] = "paper", *overrides: s
 
     Args:
         scene: the name of one that ships, such as ``night``; a YAML file as those in ``conf/scene``; or a
-            mapping like one. These say what differs from ``paper``; ``effects`` are all that is named.
+            mapping like one. These say what differs from ``paper``; ``effects`` are all that is named. An
+            effect from outside (``_target_``) runs its code: read a stranger's file first.
         overrides: as on the command line, such as ``camera.focal_length_mm=25`` and ``panel.rows=16``.
 
     Raises:
@@ -55,13 +56,14 @@ def load_scene(scene: str | Path | Mapping[str, object] = "paper", *overrides: s
     """
     if isinstance(scene, str) and not scene.endswith((".yaml", ".yml")):
         return _checked(build_plan(_composed([f"scene={scene}", *overrides]), NOWHERE).world)
+    given: Any = scene
     if isinstance(scene, str | Path):
         try:
-            scene = yaml.safe_load(Path(scene).read_text(encoding="utf-8"))
+            given = yaml.safe_load(Path(scene).read_text(encoding="utf-8"))
         except (OSError, ValueError, yaml.YAMLError) as error:
             raise VoccError(f"scene {scene} cannot be read: {' '.join(str(error).split())}") from None
-    demand_kind("scene", scene, Mapping)
-    return _checked(build_plan(_composed(overrides, scene), NOWHERE).world)  # type: ignore[arg-type]  # a mapping by now
+    demand_kind("scene", given, Mapping)
+    return _checked(build_plan(_composed(overrides, given), NOWHERE).world)
 
 
 def _checked(world: World) -> World:

@@ -24,7 +24,8 @@ class Calibration:
 
     On either side of 0 the share of wrong decisions falls with the score's distance from 0, as isotonic
     regression finds it on panels that the receiver did not learn from. Each step of that holds half an error
-    more than was counted, so that no ratio is larger than the panels can tell.
+    more than was counted, so that every ratio is finite. The last step begins behind the last error that was
+    seen, which states too little where errors come in bursts (docs/receivers.md has measured how much).
 
     Args:
         off: scores below 0 by their distance from it, and the ratios' sizes, both ascending.
