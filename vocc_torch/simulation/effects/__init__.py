@@ -18,8 +18,8 @@ from vocc_torch.simulation.scene import LARGEST, Distribution
 __all__ = ["CAMERA_STEPS", "PHYSICAL_ORDER", "Backdrop", "Context", "Effect", "Effects", "Parameters"]
 __all__ += ["Quantity", "build_effects", "check_chain", "kinds_of", "plug_ins", "within"]
 
-PHYSICAL_ORDER: tuple[type[Effect], ...] = (*view.EFFECTS, *light.AT_THE_LEDS, *housing.EFFECTS)
-PHYSICAL_ORDER += (background.BackgroundTexture, *street.EFFECTS, background.Lamps, background.SecondPanel)
+PHYSICAL_ORDER: tuple[type[Effect], ...] = (*view.EFFECTS, *light.AT_THE_LEDS, *housing.AT_THE_LEDS)
+PHYSICAL_ORDER += (background.BackgroundTexture, *street.EFFECTS, background.Lamps, background.SecondPanel, *housing.AROUND)
 PHYSICAL_ORDER += (*light.ON_THE_WAY, *optics.EFFECTS, *sensor.EFFECTS, *coding.EFFECTS)
 """Light at the LED, air, optics, sensor, encoding: the order of effects, whatever order names them."""
 
