@@ -94,7 +94,7 @@ class LedLook(Effect, on=Quantity.LED_LUMINANCE):
 
     def __post_init__(self) -> None:
         """Make distributions of numbers, and check the ranges."""
-        as_distributions(self, "fill", "reflectance")
+        street.as_distributions(self, "fill", "reflectance")
         Effect.__post_init__(self)
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
@@ -145,7 +145,7 @@ class Multiplexing(Effect, on=Quantity.LED_LUMINANCE):
 
     def __post_init__(self) -> None:
         """Make distributions of numbers, and check the ranges."""
-        as_distributions(self, "refresh_hz")
+        street.as_distributions(self, "refresh_hz")
         Effect.__post_init__(self)
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
@@ -200,7 +200,7 @@ class Housing(Effect, on=Quantity.BACKGROUND):
 
     def __post_init__(self) -> None:
         """Make distributions of numbers, and check the ranges."""
-        as_distributions(self, "board", "rim", "rim_reflectance", "cables")
+        street.as_distributions(self, "board", "rim", "rim_reflectance", "cables")
         Effect.__post_init__(self)
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
@@ -239,14 +239,6 @@ class Housing(Effect, on=Quantity.BACKGROUND):
         if not bare:
             made.box(-x, -y, x, y, max(white * drawn["board"], 1e-6))
         return made
-
-
-def as_distributions(effect: Effect, *names: str) -> None:
-    """Make a distribution of a parameter that is a number."""
-    for name in names:
-        if not isinstance(given := getattr(effect, name), Distribution):
-            made = Distribution.parse(given, f"effects.{effect.name}.{name}")
-            object.__setattr__(effect, name, made)
 
 
 def look(context: Context) -> Look | None:

@@ -154,8 +154,7 @@ class Clutter(Effect, on=Quantity.BACKGROUND):
 
     def __post_init__(self) -> None:
         """Make the number a distribution, and check the ranges."""
-        if not isinstance(self.things, Distribution):
-            object.__setattr__(self, "things", Distribution.parse(self.things, "effects.clutter.things"))
+        as_distributions(self, "things")
         Effect.__post_init__(self)
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
@@ -270,6 +269,14 @@ def laid_before(value: Tensor, planes: list[tuple[Plane, Plane]]) -> Tensor:
     """Lay each frame's planes before (B,1,H,W) luminance."""
     keep, added = (torch.from_numpy(np.stack(each)).unsqueeze(1) for each in zip(*planes, strict=True))
     return value * keep.to(value) + added.to(value)
+
+
+def as_distributions(effect: Effect, *names: str) -> None:
+    """Make a distribution of a parameter that is a number."""
+    for name in names:
+        if not isinstance(given := getattr(effect, name), Distribution):
+            made = Distribution.parse(given, f"effects.{effect.name}.{name}")
+            object.__setattr__(effect, name, made)
 
 
 def plane_onto(
