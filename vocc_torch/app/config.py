@@ -146,7 +146,7 @@ NAMES = {
     "multiplexing, panel_absent, background_texture, scenery, backdrop, leaves, clutter, lamps, "
     "second_panel, housing, airlight, occlusion, veiling_glare, motion_blur, defocus, "
     "diffraction, blooming, vignetting, bayer, photoelectrons, prnu, dark_current, hot_pixels, shot_noise, "
-    "full_well, dsnu, row_noise, read_noise, gain, demosaicing, saturation, quantization, jpeg",
+    "full_well, dsnu, row_noise, read_noise, gain, demosaicing, saturation, letterbox, quantization, jpeg",
     "Receivers": "center_greyscale, average_greyscale, flda_agr, flda_gri, flda_ngr, flda_agr_ngr, flda_2, "
     "flda_3",
     "Locators": "truth, paper, refined",

@@ -17,7 +17,7 @@ from vocc_torch.files import PICTURE_FORMATS, PICTURE_SUFFIXES
 from vocc_torch.simulation.effects import street
 from vocc_torch.simulation.effects.base import Backdrop, Context, Effect, Quantity, within
 from vocc_torch.simulation.roadside import spread
-from vocc_torch.simulation.scene import Distribution
+from vocc_torch.simulation.scene import Distribution, as_distributions
 from vocc_torch.simulation.sketch import Array, Sketch
 
 Generator = np.random.Generator
@@ -58,7 +58,7 @@ class Photographs(Backdrop):
 
     def __post_init__(self) -> None:
         """Check the ranges, and that there are pictures."""
-        street.as_distributions(self, "level")
+        as_distributions(self, "level")
         Effect.__post_init__(self)
         pictures_of(self.folder)
 

@@ -14,7 +14,7 @@ from vocc_torch.hardware import Camera
 from vocc_torch.simulation import roadside, sketch
 from vocc_torch.simulation.effects import view
 from vocc_torch.simulation.effects.base import Context, Effect, Quantity, within
-from vocc_torch.simulation.scene import Distribution
+from vocc_torch.simulation.scene import Distribution, as_distributions
 
 Generator = np.random.Generator
 Plane = NDArray[np.float32]
@@ -272,14 +272,6 @@ def laid_before(value: Tensor, planes: list[tuple[Plane, Plane]]) -> Tensor:
     """Lay each frame's planes before (B,1,H,W) luminance."""
     keep, added = (torch.from_numpy(np.stack(each)).unsqueeze(1) for each in zip(*planes, strict=True))
     return value * keep.to(value) + added.to(value)
-
-
-def as_distributions(effect: Effect, *names: str) -> None:
-    """Make a distribution of a parameter that is a number."""
-    for name in names:
-        if not isinstance(given := getattr(effect, name), Distribution):
-            made = Distribution.parse(given, f"effects.{effect.name}.{name}")
-            object.__setattr__(effect, name, made)
 
 
 def plane_onto(
