@@ -183,6 +183,10 @@ class Clutter(Effect, on=Quantity.BACKGROUND):
                 mirrored = [(points * (1, -1), luminance) for points, luminance in parts]
                 lay_all(mirrored, place, keep, added, seen.context, wet)
             lay_all(parts, place, keep, added, seen.context)
+        # No surface is of one shade: dirt, and what it mirrors.
+        nodes = noise_nodes(generator, seen.context.camera.sensor_px)
+        x, y = left + np.arange(width) + 0.5, top + np.arange(height) + 0.5
+        added *= np.maximum(1 + np.float32(0.12) * between(nodes, x / NODE_PX, y / NODE_PX), 0)
 
     def placed(self, generator: Generator, seen: view.View) -> Iterator[Placed]:
         """Place a frame's things, the farthest first."""
