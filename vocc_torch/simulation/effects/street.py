@@ -235,7 +235,9 @@ def on_vehicle(seen: view.View, at: sketch.Array, points: sketch.Array) -> sketc
 
 
 def onto(seen: view.View, points: sketch.Array) -> sketch.Array:
-    """Map points (M,2) of one frame's panel, m, onto the sensor, px."""
+    """Map points (M,2) of one frame's panel, m, onto the sensor, px; NaN where some of them have no image."""
+    if not bool(seen.has_image(torch.from_numpy(points), 0.0).all()):
+        return np.full_like(points, np.nan)
     image: sketch.Array = seen.points_px(torch.from_numpy(points))[0].cpu().numpy()
     return image
 
