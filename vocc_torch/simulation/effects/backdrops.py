@@ -17,7 +17,7 @@ from vocc_torch.files import PICTURE_FORMATS, PICTURE_SUFFIXES
 from vocc_torch.simulation.effects import street
 from vocc_torch.simulation.effects.base import Backdrop, Context, Effect, Quantity, within
 from vocc_torch.simulation.roadside import spread
-from vocc_torch.simulation.scene import Distribution
+from vocc_torch.simulation.scene import Distribution, as_distributions
 from vocc_torch.simulation.sketch import Array, Sketch
 
 Generator = np.random.Generator
@@ -58,21 +58,24 @@ class Photographs(Backdrop):
 
     def __post_init__(self) -> None:
         """Check the ranges, and that there are pictures."""
-        street.as_distributions(self, "level")
+        as_distributions(self, "level")
         Effect.__post_init__(self)
-        pictures_of(self.folder)
+        pictures_of(self.folder, Path.cwd())
 
     @property
     def digest(self) -> str:
         """What tells these pictures from others: their names and sizes."""
-        told = "".join(f"{path.name}/{size}/" for path, size in pictures_of(self.folder))
+        told = "".join(f"{path.name}/{size}/" for path, size in pictures_of(self.folder, Path.cwd()))
         return hashlib.sha256(told.encode()).hexdigest()
 
     def shade(self, x: Tensor, y: Tensor, context: Context) -> Tensor:
         """Look up each frame's photograph at the sensor's columns and rows, (B,1,H,W)."""
         (height, width), shades = context.camera.sensor_px, []
+        pictures = pictures_of(self.folder, Path.cwd())
         for i, generator in enumerate(context.generators(self.name, of_scene=True)):
-            path, _ = (pictures := pictures_of(self.folder))[int(generator.integers(len(pictures)))]
+            path, _ = (pictures := pictures_of(self.folder, Path.cwd()))[
+                int(generator.integers(len(pictures)))
+            ]
             light = light_of(path, self.gamma, 2 * max(height, width))
             sides = light.shape[0] - 1, light.shape[1] - 1
             scale = min(max(height / sides[0], width / sides[1]), 1.0) * 2 ** generator.random()
@@ -90,13 +93,13 @@ class Photographs(Backdrop):
 
 
 @functools.cache
-def pictures_of(folder: str) -> tuple[tuple[Path, int], ...]:
-    """List the pictures of a folder and their sizes in bytes, in the order of their names.
+def pictures_of(folder: str, here: Path) -> tuple[tuple[Path, int], ...]:
+    """List the pictures of a folder, as seen from here, by name, and their sizes in bytes.
 
     Raises:
         VoccError: no folder, or none with a picture that can be read.
     """
-    key, path = "scene.effects.backdrop.folder", Path(folder)
+    key, path = "scene.effects.backdrop.folder", here / folder
     if not path.is_dir():
         package, _, inside = folder.partition("/")
         spec = importlib.util.find_spec(package) if package.isidentifier() else None
