@@ -307,26 +307,48 @@ class Sightings(Batched):
     score: Tensor
     false_alarms: Tensor
 
-    def best(self, frames: int, most_false_alarms: float) -> StatedPanels:
-        """Take the best of each of B frames, found where no more false alarms are expected than that.
+    def panels(self, frames: int, most_false_alarms: float, most: int = 1) -> tuple[Tensor, StatedPanels]:
+        """Take up to ``most`` panels of each of B frames, where no more false alarms are expected than that.
+
+        Returns:
+            The frame of each panel (M,), in order; a frame without one has one that was not found, with the
+            false alarms of the best that was seen. And the panels.
 
         Example:
             >>> one = torch.tensor([0.5], dtype=torch.float64)
             >>> seen = Sightings(torch.tensor([1]), torch.ones(1, 4, 2).double(), one, one / 1000)
-            >>> seen.best(2, 1e-3).found.tolist()
-            [False, True]
+            >>> frame, panels = seen.panels(2, 1e-3)
+            >>> frame.tolist(), panels.found.tolist()
+            ([0, 1], [False, True])
         """
-        number = torch.bincount(self.frame, weights=(self.false_alarms <= most_false_alarms).double(), minlength=frames)
-        none = torch.zeros(frames, 4, 2, dtype=torch.float64, device=self.frame.device)
-        found = torch.zeros(frames, dtype=torch.bool, device=self.frame.device)
-        panels = StatedPanels(none, found, none[:, 0, 0].clone(), number.long(), none[:, 0, 0] + 1)
-        for row in range(len(self.frame) - 1, -1, -1):
-            frame = self.frame[row]
-            sure = self.false_alarms[row] <= most_false_alarms
-            panels.found[frame], panels.false_alarms[frame] = sure, self.false_alarms[row]
-            panels.score[frame] = torch.where(sure, self.score[row], 0.0)
-            panels.corners_px[frame] = torch.where(sure, self.corners_px[row], 0.0)
-        return panels
+        rows: list[tuple[int, int]] = []
+        sure = (self.false_alarms <= most_false_alarms).tolist()
+        whose = self.frame.tolist()
+        for number in range(frames):
+            seen = [row for row, frame in enumerate(whose) if frame == number]
+            taken = [row for row in seen if sure[row]][:most]
+            rows += [(number, row) for row in taken or seen[:1] or [-1]]
+        frame, row = (
+            (
+                torch.tensor(one, dtype=torch.int64, device=self.frame.device)
+                for one in zip(*rows, strict=True)
+            )
+            if rows
+            else (self.frame[:0],) * 2
+        )
+        none = Sightings(
+            *(
+                torch.cat([one, one.new_zeros(1, *one.shape[1:])])
+                for one in (self.frame, self.corners_px, self.score)
+            ),
+            torch.cat([self.false_alarms, self.false_alarms.new_full((1,), torch.inf)]),
+        )
+        chosen = none[row]
+        found = chosen.false_alarms <= most_false_alarms
+        found &= row >= 0
+        number = torch.bincount(self.frame[self.false_alarms <= most_false_alarms], minlength=frames)[frame]
+        corners = chosen.corners_px * found[:, None, None]
+        return frame, StatedPanels(corners, found, chosen.score * found, number, chosen.false_alarms)
 
 
 def resolve_device(name: str) -> torch.device:

@@ -1,10 +1,11 @@
 """A panel's picture as cells that each show On or Off: the places where that explains most, and how much.
 
-What a cell shows is a pattern of its own bit, whatever it looks like, with light of its neighbours on the near
-sides; patterns are alike from left and right, and from above and below. Nothing is said of what lies around the
-panel, nor which of both is the brighter.
+What a cell shows is a pattern of its own bit, whatever it looks like, with light of its neighbours on the
+near sides; patterns are alike from left and right, and from above and below. Nothing is said of what lies
+around the panel, nor which of both is the brighter.
 """
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -20,7 +21,10 @@ from vocc_torch.types import Batched, PanelShape
 _COARSE, _FINE = 2, 4
 # Of the variance of a picture, what noise of rounding explains.
 _ROUNDING_DN2 = 1.0
-# How much light that is unlike any LED counts against that of On LEDs, where the lattice's edge is looked for.
+# What the six kinds of pairs of random bits tell by chance, nats; and the fit, a logarithm, beyond which a
+# better one says no more.
+_MOST_USUAL, _BEST_FIT = 3.0, 4.0
+# How much light that is unlike any LED counts against that of On LEDs, at the lattice's edge.
 _UNLIKE_WEIGHT = 3.0
 # Expected standard deviations, cells, of the fields 1, u, v and uv of a step in x and in y.
 _EXPECTED = (0.5, 0.4, 0.4, 0.1)
@@ -61,28 +65,29 @@ def read_cells(pyramid: Pyramid, cells: Cells, shape: PanelShape, samples: int, 
 
 
 def randomness(bits: Tensor) -> Tensor:
-    """How random bits look, (...,R,C) to (...) logarithms: about 0 for random ones, low where there is a rule.
+    """How random bits look, (...,R,C) to (...) logarithms: about 0 for random ones, low where a rule is.
 
-    - Pairs of LEDs beside, below, on both diagonals and two apart: half of random ones differ.
-    - Lines: a row or a column of random bits is like no other line, nor like its opposite, nor constant. In a
-      grating, in lettering and in lamps in rows they are.
+    - Pairs of LEDs beside, below, on both diagonals and two apart: half of random ones differ, and what is
+      told by their share is half a nat on the average. Strokes of letters differ less from what is beside.
+    - Lines: a row or a column of random bits is like no other line, nor like its opposite, nor constant. In
+      a grating, in lettering and in lamps in rows they are.
     """
-    shares = []
+    rule = bits.new_zeros(bits.shape[:-2], dtype=torch.float32)
     for down, right in ((0, 1), (1, 0), (1, 1), (1, -1), (0, 2), (2, 0)):
         rows, columns = bits.shape[-2] - down, bits.shape[-1] - abs(right)
         one = bits[..., down:, max(right, 0) : max(right, 0) + columns]
         other = bits[..., :rows, max(-right, 0) : max(-right, 0) + columns]
-        differ = (one != other).flatten(-2).sum(-1)
-        shares.append((differ + 1) / (rows * columns + 2))
-    share = torch.stack(shares)
+        share = ((one != other).flatten(-2).float().mean(-1)).clamp(1e-6, 1 - 1e-6)
+        bits_told = math.log(2) + share * share.log() + (1 - share) * (1 - share).log()
+        rule = rule + rows * columns * bits_told
     own = [_unlikeness(bits), _unlikeness(bits.mT)]
     usual = _usual_unlikeness(bits.shape[-2], bits.shape[-1])
     unlike = [((one + 1) / (mean + 1)).clamp(max=1) for one, mean in zip(own, usual, strict=True)]
-    return (4 * share * (1 - share)).log().sum(0) + 2 * (unlike[0] * unlike[1]).log()
+    return (_MOST_USUAL - rule) / 2 + 2 * (unlike[0] * unlike[1]).log()
 
 
 def _unlikeness(bits: Tensor) -> Tensor:
-    """Sum over rows of the LEDs in which each differs from the likest other row, its opposite, or a constant one."""
+    """Sum over rows of the LEDs in which each differs from the likest other row, its opposite, or none."""
     rows, columns = bits.shape[-2:]
     sign = 2 * bits.float() - 1
     alike = (sign @ sign.mT).abs() - 2 * columns * torch.eye(rows, device=bits.device)
@@ -92,18 +97,23 @@ def _unlikeness(bits: Tensor) -> Tensor:
 
 @lru_cache(maxsize=64)
 def _usual_unlikeness(rows: int, columns: int) -> tuple[float, float]:
-    """Mean of what :func:`_unlikeness` gives for rows and for columns of random bits, from 256 draws of one key."""
+    """Mean of :func:`_unlikeness` for rows and for columns of random bits, from 256 draws of one key."""
     draws = torch.rand(256, rows, columns, generator=torch.Generator().manual_seed(0)) < 0.5
     return float(_unlikeness(draws).mean()), float(_unlikeness(draws.mT).mean())
 
 
 def best_places(
-    pyramid: Pyramid, start: Cells, shape: PanelShape, reach: int, samples: int = _COARSE, by_light: bool = False
+    pyramid: Pyramid,
+    start: Cells,
+    shape: PanelShape,
+    reach: int,
+    samples: int = _COARSE,
+    by_light: bool = False,
 ) -> Cells:
-    """Move panels by up to ``reach`` whole cells to where two patterns explain most, with their bits and scores.
+    """Move panels by up to ``reach`` whole cells to where two patterns explain most; set bits and scores.
 
-    A lattice goes on beyond the panel's edge. ``by_light`` takes the place with most light of On LEDs, less what
-    is unlike any LED, for a panel that is known to be one, and bits that look random elsewhere do not count.
+    A lattice goes on beyond the panel's edge. ``by_light`` takes the place with most light of On LEDs, less
+    what is unlike any LED: how random bits look elsewhere does not count.
     """
     high, wide = shape.rows, shape.columns
     picture = read_cells(pyramid, start, shape, samples, reach)
@@ -136,7 +146,7 @@ def best_places(
         if by_light:
             merit = energy - _UNLIKE_WEIGHT * left
         else:
-            merit = ((energy + noise) / (left + noise)).log() + randomness(on)
+            merit = ((energy + noise) / (left + noise)).log().clamp(max=_BEST_FIT) + randomness(on)
         merit, place = merit.max(1)
         bits = on.gather(1, place[:, None, None, None].expand(-1, 1, high, wide))[:, 0] > 0
         best.append((merit, place - reach, torch.full_like(place, down - reach), bits))
@@ -154,7 +164,9 @@ def best_places(
 @torch.inference_mode(False)
 def _fields(shape: PanelShape, device: torch.device) -> tuple[Tensor, Tensor]:
     """Fields 1, u, v and uv, -1 to 1 over the panel, at its samples (4,RK,CK), and at its corners (4,4)."""
-    axes = [(torch.arange(leds * _FINE) + 0.5) * 2 / (leds * _FINE) - 1 for leds in (shape.columns, shape.rows)]
+    axes = [
+        (torch.arange(leds * _FINE) + 0.5) * 2 / (leds * _FINE) - 1 for leds in (shape.columns, shape.rows)
+    ]
     u, v = axes[0].expand(len(axes[1]), -1), axes[1][:, None].expand(-1, len(axes[0]))
     corner = 2 * corner_cells(shape) / torch.tensor([shape.columns, shape.rows]) - 1
     cu, cv = corner.unbind(1)
@@ -163,7 +175,7 @@ def _fields(shape: PanelShape, device: torch.device) -> tuple[Tensor, Tensor]:
 
 
 def _quadrants(plane: Tensor) -> Tensor:
-    """Fold (n,...,RK,CK) samples: (n,...,4,R,C,K/2*K/2), from each quadrant of a cell outwards from its middle."""
+    """Fold (n,...,RK,CK) samples: (n,...,4,R,C,K/2*K/2), of each quadrant of a cell from its middle."""
     lead, half = plane.shape[:-2], _FINE // 2
     rows, columns = plane.shape[-2] // _FINE, plane.shape[-1] // _FINE
     cells = plane.reshape(*lead, rows, _FINE, columns, _FINE).transpose(-3, -2)
@@ -173,7 +185,7 @@ def _quadrants(plane: Tensor) -> Tensor:
 
 
 def _regressors(bits: Tensor) -> Tensor:
-    """What a sample's light may depend on, (n,4,R,C,7): 1, its bit, the near ones, and whether they are outside."""
+    """What a sample's light depends on, (n,4,R,C,7): 1, its bit, the near ones, whether they are outside."""
     own = nn.functional.pad(bits.float(), (1, 1, 1, 1))
     inside = nn.functional.pad(torch.ones_like(bits, dtype=torch.float32), (1, 1, 1, 1))
     rows, columns = bits.shape[1:]
@@ -200,8 +212,12 @@ def fit_cells(pyramid: Pyramid, start: Cells, shape: PanelShape, steps: int = 6)
     best, now = start, start
     for number in range(steps + 1):
         picture = read_cells(pyramid, now, shape, _FINE, 1)
-        slope_u = (picture[:, _FINE:-_FINE, _FINE + 1 : 1 - _FINE] - picture[:, _FINE:-_FINE, _FINE - 1 : -1 - _FINE]) * (_FINE / 2)
-        slope_v = (picture[:, _FINE + 1 : 1 - _FINE, _FINE:-_FINE] - picture[:, _FINE - 1 : -1 - _FINE, _FINE:-_FINE]) * (_FINE / 2)
+        slope_u = (
+            picture[:, _FINE:-_FINE, _FINE + 1 : 1 - _FINE] - picture[:, _FINE:-_FINE, _FINE - 1 : -1 - _FINE]
+        ) * (_FINE / 2)
+        slope_v = (
+            picture[:, _FINE + 1 : 1 - _FINE, _FINE:-_FINE] - picture[:, _FINE - 1 : -1 - _FINE, _FINE:-_FINE]
+        ) * (_FINE / 2)
         grey = picture[:, _FINE:-_FINE, _FINE:-_FINE]
         n = len(grey)
         planes = torch.cat([grey[:, None], slope_u[:, None] * inside, slope_v[:, None] * inside], 1)
@@ -218,7 +234,9 @@ def fit_cells(pyramid: Pyramid, start: Cells, shape: PanelShape, steps: int = 6)
             # A bit is turned where its own cell is then explained better.
             gain = weights[:, 1:2, :quarter]
             sign = (1 - 2 * a[..., 1:2]) * gain
-            change = ((own - sign).square() - own.square()).sum(2).view(n, 4, shape.rows, shape.columns).sum(1)
+            change = (
+                ((own - sign).square() - own.square()).sum(2).view(n, 4, shape.rows, shape.columns).sum(1)
+            )
             bits = bits ^ (change < 0)
         a = _regressors(bits).reshape(n, -1, 7)
         gram = a.mT @ a + torch.eye(7, device=a.device) * 1e-3 * shape.leds
@@ -231,7 +249,8 @@ def fit_cells(pyramid: Pyramid, start: Cells, shape: PanelShape, steps: int = 6)
         noise = _ROUNDING_DN2 * left.shape[1]
         # What the On LEDs add to a panel of Off ones; a line of the dark around it in its place adds nothing.
         light = (weights[:, 1, :quarter].square().sum(1)) * 4 * bits.sum((1, 2))
-        score = (torch.minimum(light, 2 * spread) + noise).log() - (energy + noise).log() + randomness(bits)
+        fit = (torch.minimum(light, 2 * spread) + noise).log() - (energy + noise).log()
+        score = fit.clamp(max=_BEST_FIT) + randomness(bits)
         now = Cells(now.frame, now.level, now.corners_px, bits, score)
         if number == 0:
             best = now[torch.arange(n, device=score.device)]
@@ -245,7 +264,9 @@ def fit_cells(pyramid: Pyramid, start: Cells, shape: PanelShape, steps: int = 6)
         expected = torch.tensor(_EXPECTED * 2, device=curve.device)
         curve = curve + torch.diag_embed(variance / expected**2)
         step = -torch.linalg.solve(curve, (slopes @ left[..., None])[..., 0])
-        step = step.nan_to_num() * (_MOST_STEP_CELLS / step.abs().amax(1, keepdim=True).clamp(min=_MOST_STEP_CELLS))
+        step = step.nan_to_num() * (
+            _MOST_STEP_CELLS / step.abs().amax(1, keepdim=True).clamp(min=_MOST_STEP_CELLS)
+        )
         moves = torch.stack([step[:, :4] @ corner.float(), step[:, 4:] @ corner.float()], 2).to(torch.float64)
         corners = map_points(now.corners_px, corner_cells(shape).to(moves.device) + moves, shape)
         now = Cells(now.frame, now.level, corners, bits, score)

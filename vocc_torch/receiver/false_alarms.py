@@ -22,7 +22,7 @@ _TAIL, _LEAST_FRAMES = 0.15, 50
 
 @dataclass(frozen=True, slots=True)
 class FalseAlarms:
-    """Greatest scores of panel-free frames: how often they pass a floor, and how quickly they fall off above it.
+    """Greatest scores of panel-free frames: how often they pass a floor, and how they fall off above it.
 
     Above the floor the excess is taken for exponential, as it is far out for any sum of many small chances
     (peaks over a threshold, Pickands 1975); so scores are to be logarithms of likelihoods, or like them.
@@ -89,7 +89,9 @@ def write_table(path: Path, rows: Sequence[FalseAlarms]) -> None:
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(names)
-        writer.writerows([[f"{v:.6g}" if isinstance(v := getattr(row, n), float) else v for n in names] for row in rows])
+        writer.writerows(
+            [[f"{v:.6g}" if isinstance(v := getattr(row, n), float) else v for n in names] for row in rows]
+        )
 
 
 @lru_cache(maxsize=4)
@@ -106,5 +108,7 @@ def calibrated(locator: str, shape: PanelShape, path: Path = TABLE) -> FalseAlar
 
     Smaller panels give more false alarms at a score, so what it states is too high rather than too low.
     """
-    rows = [one for one in read_table(path) if one.locator == locator and one.rows * one.columns <= shape.leds]
+    rows = [
+        one for one in read_table(path) if one.locator == locator and one.rows * one.columns <= shape.leds
+    ]
     return max(rows, key=lambda one: one.rows * one.columns) if rows else None

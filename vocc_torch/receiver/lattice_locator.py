@@ -16,10 +16,10 @@ from vocc_torch.receiver.location import exact_frames
 from vocc_torch.types import Frames, Images, PanelShape, Sightings, StatedPanels
 
 # Candidates that are fitted, in cells of both models, and how alike in place and size two are one.
-_FITTED, _SAME_PLACE, _SAME_SIZE = 12, 0.05, 0.1
+_FITTED, _SAME_PLACE, _SAME_SIZE = 20, 0.05, 0.1
 # A step to a neighbouring place may lose as much of what bits explain, a logarithm.
 _MOST_LOST = 0.5
-# The fit of spots is believed from this share on and within so many cells of the start; for small panels only.
+# The fit of spots is believed from this share on, and within so many cells of the start; of small panels.
 _MIN_SHARE, _FARTHEST_CELLS, _MOST_LEDS, _BLUR_CELLS = 0.97, 0.6, 16, 0.3
 _PARTS_PER_PX = 1024.0
 _OVERLAP = 0.5
@@ -56,13 +56,16 @@ class LatticeLocator:
 
     def __post_init__(self) -> None:
         """Refuse a rate that is none."""
-        if self.false_alarms != float("inf") and finite_number("location.false_alarms", self.false_alarms) <= 0:
+        if (
+            self.false_alarms != float("inf")
+            and finite_number("location.false_alarms", self.false_alarms) <= 0
+        ):
             raise VoccError.of("location.false_alarms", self.false_alarms, "above 0")
 
     def __call__(self, frames: Images, shape: PanelShape) -> StatedPanels:
         """Locate the panel of ``shape`` in each frame; zero corners and score where there is none."""
         frames = Frames.of(frames)
-        return self.sightings(frames, shape).best(len(frames), self.false_alarms)
+        return self.sightings(frames, shape).panels(len(frames), self.false_alarms)[1]
 
     def sightings(self, frames: Images, shape: PanelShape) -> Sightings:
         """See every panel of ``shape``, those too that are likely false; the best of each frame first.
@@ -78,7 +81,9 @@ class LatticeLocator:
             # Frame by frame, so that a batch changes nothing.
             for number in range(len(exact) if exact.grey.numel() else 0):
                 seen.append(self._in_one(exact[number : number + 1], shape, number))
-        parts = zip(*([getattr(one, name) for name in Sightings.__dataclass_fields__] for one in seen), strict=True)
+        parts = zip(
+            *([getattr(one, name) for name in Sightings.__dataclass_fields__] for one in seen), strict=True
+        )
         return Sightings(*(torch.cat(part).clone() for part in parts))
 
     def _in_one(self, frame: Frames, shape: PanelShape, number: int) -> Sightings:
@@ -105,6 +110,10 @@ def _candidates(grey: Tensor, shape: PanelShape) -> Cells:
     """Fit the likeliest panels of one frame (1,1,H,W)."""
     pyramid = Pyramid.of(grey, 3 * max(shape.rows, shape.columns) // 2)
     guess = lattice_hypotheses(pyramid, 1, shape)
+    if not len(guess.frame):
+        none = guess.centre_px.new_zeros(0, 4, 2, dtype=torch.float64)
+        bits = guess.frame.new_zeros(0, shape.rows, shape.columns, dtype=torch.bool)
+        return Cells(guess.frame, guess.level, none, bits, guess.strength)
     most = max(shape.rows, shape.columns)
     cell = corner_cells(shape).to(guess.centre_px) - (
         torch.tensor([shape.columns // 2, shape.rows // 2], device=grey.device) + 0.5

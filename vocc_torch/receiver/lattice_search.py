@@ -1,4 +1,4 @@
-"""Where a lattice of LEDs may lie, however bright: texture finds places, the spectrum there finds the lattice.
+"""Where a lattice of LEDs may lie, however bright: texture finds places, their spectrum the lattice.
 
 A panel of random bits has much fine texture along both of its axes, for its contrast. In a window about such
 a place the lattice is a peak in two spectra: of the grey values, for LEDs with gaps between them, and of the
@@ -21,7 +21,7 @@ PITCHES_PX = (2.9, 6.3)
 # A shear or turn of the lattice's lines up to this, as a tangent; LEDs along a side whose light is summed.
 _SHEAR, _MOST_CELLS = 0.36, 16
 # Proposals of each level, windows of most periodic light in a frame, and peaks of an axis in each.
-_PROPOSALS, _WINDOWS, _PEAKS = 28, 32, 2
+_PROPOSALS, _WINDOWS, _PEAKS = 28, 72, 1
 # Side of the blocks whose texture is summed, px; texture below this deviation is noise of rounding, DN.
 _BLOCK_PX, _LEAST_DN = 4, 4.0
 _MID_PITCH_PX = 4.0
@@ -150,7 +150,9 @@ class _Bank(NamedTuple):
     wave: Tensor
 
     @classmethod
-    def of(cls, low: float, high: float, step: float, side: int, taper: Tensor, device: torch.device) -> "_Bank":
+    def of(
+        cls, low: float, high: float, step: float, side: int, taper: Tensor, device: torch.device
+    ) -> "_Bank":
         count = round((high - low) / step) + 1
         frequency = torch.linspace(low, high, count, dtype=torch.float64)
         place = torch.arange(side, dtype=torch.float64) + 0.5 - side / 2
@@ -161,7 +163,9 @@ class _Bank(NamedTuple):
 
 @lru_cache(maxsize=16)
 @torch.inference_mode(False)
-def _banks(leds: tuple[int, int], device: torch.device) -> tuple[int, Tensor, tuple[_Bank, _Bank], tuple[_Bank, _Bank]]:
+def _banks(
+    leds: tuple[int, int], device: torch.device
+) -> tuple[int, Tensor, tuple[_Bank, _Bank], tuple[_Bank, _Bank]]:
     """Side of a window, its taper, and for each axis the waves along it and across it."""
     cells = [min(one, _MOST_CELLS) for one in leds]
     side = 2 * round(max(cells) * _MID_PITCH_PX * 0.75) + 2
@@ -187,7 +191,9 @@ def _waves(windows: Tensor, taper: Tensor, banks: tuple[_Bank, _Bank], axis: int
 
     Windows are (n,S,S), of which ``axis`` 0 is searched along x, 1 along y, with Fx the axis's own frequency.
     """
-    local = nn.functional.avg_pool2d(nn.functional.pad(windows[:, None], (3,) * 4, mode="replicate"), 7, 1)[:, 0]
+    local = nn.functional.avg_pool2d(nn.functional.pad(windows[:, None], (3,) * 4, mode="replicate"), 7, 1)[
+        :, 0
+    ]
     change = torch.zeros_like(windows)
     if axis == 0:
         change[:, :, 1:-1] = (windows[:, :, 2:] - windows[:, :, :-2]).abs()
@@ -232,7 +238,11 @@ def lattice_hypotheses(pyramid: Pyramid, frames: int, shape: PanelShape) -> Hypo
         for other_peak in range(_PEAKS):
             waves_2 = torch.stack([frequency[0][:, one], frequency[1][:, other_peak]], 1)
             pair_strength = torch.minimum(strength[0][:, one], strength[1][:, other_peak])
-            phases = [torch.stack([offset[0][a, :, one], offset[1][b, :, other_peak]], 1) for a in (0, 1) for b in (0, 1)]
+            phases = [
+                torch.stack([offset[0][a, :, one], offset[1][b, :, other_peak]], 1)
+                for a in (0, 1)
+                for b in (0, 1)
+            ]
             found.append((rows, waves_2, pair_strength, torch.stack(phases, 1)))
     rows, waves_2, power_2, phases_2 = (torch.cat(part) for part in zip(*found, strict=True))
     keep = _strongest(power_2, frame[rows], frames, _WINDOWS)

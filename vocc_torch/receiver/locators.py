@@ -10,8 +10,9 @@ from torch import Tensor
 from vocc_torch.errors import VoccError, demand_kind, finite_number, shown
 from vocc_torch.plugins import TARGET, PlugIn, one_line
 from vocc_torch.receiver import foreground, lattice_fit, lattice_model, rectification
+from vocc_torch.receiver.lattice_locator import LatticeLocator
 from vocc_torch.receiver.location import Choice, PaperLocator, exact_frames
-from vocc_torch.types import Frames, Images, Panels, PanelShape, holds
+from vocc_torch.types import Frames, Images, Panels, PanelShape, StatedPanels, holds
 
 # Most LEDs in a row or a column that are searched for; larger panels are left to the paper's locator.
 _MOST_LEDS = 16
@@ -209,7 +210,7 @@ def _by_side(side_px: Tensor) -> list[tuple[int, Tensor]]:
     return [(side, (side_px == side).nonzero()[:, 0]) for side in sorted(set(side_px.tolist()))]
 
 
-LOCATORS = ("paper", "refined")
+LOCATORS = ("paper", "refined", "lattice")
 """The locators that ship, by name."""
 
 
@@ -262,13 +263,12 @@ class OutsideLocator:
             if not isinstance(given, Tensor) or given.shape != size or not holds(given.isfinite()):
                 got = tuple(given.shape) if isinstance(given, Tensor) else type(given).__name__
                 raise VoccError(f"{name} gave {part} of {got}: it must be a finite tensor of {size}")
-        return Panels(
-            *(getattr(panels, part).to(kinds.get(part, torch.float64)) for part in Panels.__slots__)
-        )
+        held = [getattr(panels, part).to(kinds.get(part, torch.float64)) for part in Panels.__slots__]
+        return StatedPanels(*held, panels.false_alarms) if isinstance(panels, StatedPanels) else Panels(*held)
 
 
-def locator_named(name: str, paper: PaperLocator) -> PaperLocator | RefinedLocator:
-    """Return the locator of a name, with the settings of the paper's, which both use.
+def locator_named(name: str, paper: PaperLocator) -> PaperLocator | RefinedLocator | LatticeLocator:
+    """Return the locator of a name, with the settings of the paper's, which ``refined`` uses too.
 
     Raises:
         VoccError: an unknown name.
@@ -279,6 +279,8 @@ def locator_named(name: str, paper: PaperLocator) -> PaperLocator | RefinedLocat
     """
     if name not in LOCATORS:
         raise VoccError.of("receiver.locator", repr(name), " or ".join(LOCATORS))
+    if name == "lattice":
+        return LatticeLocator()
     return RefinedLocator(paper) if name == "refined" else paper
 
 
@@ -294,8 +296,10 @@ def locator_settings(locator: PanelLocator) -> dict[str, object]:
     """
     if isinstance(locator, OutsideLocator):
         return locator.plug_in.settings
+    if isinstance(locator, LatticeLocator):
+        return {"name": "lattice", **asdict(locator)}
     if not isinstance(locator, PaperLocator | RefinedLocator):
-        rule = "paper, refined, or one named by FILE.py:NAME or PACKAGE.MODULE.NAME, to be saved"
+        rule = "paper, refined, lattice, or one named by FILE.py:NAME or PACKAGE.MODULE.NAME, to be saved"
         raise VoccError.of("receiver.locator", shown(locator), rule)
     return {**({} if isinstance(locator, PaperLocator) else {"name": "refined"}), **asdict(locator)}
 
@@ -322,5 +326,7 @@ def locator_from(settings: Mapping[str, Any], admitted: Sequence[str] = ()) -> P
     name = rest.pop("name", "paper")
     if name not in LOCATORS:
         raise ValueError(f"its locator is {name!r}")
+    if name == "lattice":
+        return LatticeLocator(**rest)
     paper = PaperLocator(**(rest if name == "paper" else rest.pop("paper")))
     return paper if name == "paper" else RefinedLocator(paper, **rest)
