@@ -322,33 +322,22 @@ class Sightings(Batched):
             ([0, 1], [False, True])
         """
         rows: list[tuple[int, int]] = []
-        sure = (self.false_alarms <= most_false_alarms).tolist()
-        whose = self.frame.tolist()
+        sure, whose = (self.false_alarms <= most_false_alarms), self.frame.tolist()
+        told = sure.tolist()
         for number in range(frames):
             seen = [row for row, frame in enumerate(whose) if frame == number]
-            taken = [row for row in seen if sure[row]][:most]
-            rows += [(number, row) for row in taken or seen[:1] or [-1]]
-        frame, row = (
-            (
-                torch.tensor(one, dtype=torch.int64, device=self.frame.device)
-                for one in zip(*rows, strict=True)
-            )
-            if rows
-            else (self.frame[:0],) * 2
+            rows += [(number, row) for row in [row for row in seen if told[row]][:most] or seen[:1] or [-1]]
+        pairs = torch.tensor(rows, dtype=torch.int64, device=self.frame.device).view(-1, 2)
+        frame, row = pairs.unbind(1)
+        # The last row stands for nothing seen.
+        corners, score = (
+            torch.cat([one, one.new_zeros(1, *one.shape[1:])])[row] for one in (self.corners_px, self.score)
         )
-        none = Sightings(
-            *(
-                torch.cat([one, one.new_zeros(1, *one.shape[1:])])
-                for one in (self.frame, self.corners_px, self.score)
-            ),
-            torch.cat([self.false_alarms, self.false_alarms.new_full((1,), torch.inf)]),
-        )
-        chosen = none[row]
-        found = chosen.false_alarms <= most_false_alarms
-        found &= row >= 0
-        number = torch.bincount(self.frame[self.false_alarms <= most_false_alarms], minlength=frames)[frame]
-        corners = chosen.corners_px * found[:, None, None]
-        return frame, StatedPanels(corners, found, chosen.score * found, number, chosen.false_alarms)
+        alarms = torch.cat([self.false_alarms, self.false_alarms.new_full((1,), torch.inf)])[row]
+        found = (alarms <= most_false_alarms) & (row >= 0)
+        count = torch.bincount(self.frame[sure], minlength=frames)[frame]
+        corners = corners * found[:, None, None]
+        return frame, StatedPanels(corners, found, score * found, count, alarms)
 
 
 def resolve_device(name: str) -> torch.device:

@@ -14,9 +14,14 @@ from vocc_torch.errors import VoccError
 from vocc_torch.receiver import false_alarms
 from vocc_torch.receiver.cell_model import randomness
 from vocc_torch.receiver.false_alarms import FalseAlarms
+from vocc_torch.receiver.flda import FLDA
 from vocc_torch.receiver.lattice_locator import LatticeLocator
 from vocc_torch.receiver.location import PaperLocator
 from vocc_torch.receiver.locators import locator_from, locator_named, locator_settings
+from vocc_torch.receiver.reader import Reader
+from vocc_torch.receiver.receiver import Receiver
+from vocc_torch.studies.decode.recording import RecordedFrame
+from vocc_torch.studies.decode.run import COLUMNS, decode
 
 SHAPE, ANY = PanelShape(8, 8), LatticeLocator(math.inf)
 BITS = torch.rand(8, 8, generator=torch.Generator().manual_seed(3)) < 0.5
@@ -125,3 +130,18 @@ def test_it_is_kept_by_its_settings():
     assert locator_named("lattice", PaperLocator()) == LatticeLocator()
     with pytest.raises(VoccError, match=r"location\.false_alarms"):
         LatticeLocator(0.0)
+
+
+def test_two_panels_are_two_rows(two):
+    draw = torch.rand(64, 3, generator=torch.Generator().manual_seed(6))
+    flda = FLDA(3).fit(draw + (torch.arange(64) % 2)[:, None], torch.arange(64) % 2)
+    receiver = Receiver("flda_3", ANY, Reader(SHAPE), flda)
+    colour = two.numpy()[..., None].repeat(3, 2)
+    frame = RecordedFrame("two.png", 0, None, colour, two.numpy())
+    read = list(decode(receiver, iter([frame]), 2))
+    assert [one.panel for one in read] == [0, 1]
+    assert all(len(one.row()) == len(COLUMNS) for one in read)
+    left = sorted(float(one.corners_px[0, 0]) for one in read)
+    assert left == pytest.approx([50, 200], abs=2)
+    with pytest.raises(VoccError, match=r"decode\.most is 2"):
+        list(decode(Receiver("flda_3", PaperLocator(), Reader(SHAPE), flda), iter([frame]), 2))

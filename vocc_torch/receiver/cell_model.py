@@ -24,6 +24,8 @@ _ROUNDING_DN2 = 1.0
 # What the six kinds of pairs of random bits tell by chance, nats; and the fit, a logarithm, beyond which a
 # better one says no more.
 _MOST_USUAL, _BEST_FIT = 3.0, 4.0
+# Changes along the line of cells around a panel that cost nothing, and what each more costs.
+_FREE_CHANGES, _CHANGE_COST = 2, 0.5
 # How much light that is unlike any LED counts against that of On LEDs, at the lattice's edge.
 _UNLIKE_WEIGHT = 3.0
 # Expected standard deviations, cells, of the fields 1, u, v and uv of a step in x and in y.
@@ -151,13 +153,34 @@ def best_places(
         bits = on.gather(1, place[:, None, None, None].expand(-1, 1, high, wide))[:, 0] > 0
         best.append((merit, place - reach, torch.full_like(place, down - reach), bits))
     merits = torch.stack([one[0] for one in best], 1)
-    merit, down = merits.max(1)
+    merit, line = merits.max(1)
     rows = torch.arange(n, device=merit.device)
-    shift = torch.stack([torch.stack([one[axis] for one in best], 1)[rows, down] for axis in (1, 2)], 1)
-    bits = torch.stack([one[3] for one in best], 1)[rows, down]
+    shift = torch.stack([torch.stack([one[axis] for one in best], 1)[rows, line] for axis in (1, 2)], 1)
+    bits = torch.stack([one[3] for one in best], 1)[rows, line]
     cells = corner_cells(shape).to(shift.device) + shift[:, None]
     corners = map_points(start.corners_px, cells, shape)
     return Cells(start.frame, start.level, corners, bits, merit)
+
+
+def edge_changes(pyramid: Pyramid, cells: Cells, picture: Tensor) -> Tensor:
+    """Count changes of On and Off along the line of cells around panels, (n,), seen as (n,(R+2)K,(C+2)K).
+
+    A panel ends there: what is around it is of one level along a side, or of few. Letters and other
+    lattices go on. Cells outside the picture do not count.
+    """
+    high, wide = cells.bits.shape[1:]
+    middle = nn.functional.avg_pool2d(picture[:, None], _FINE)[:, 0]
+    inner, on = middle[:, 1:-1, 1:-1], cells.bits.float()
+    bright = (inner * on).sum((1, 2)) / on.sum((1, 2)).clamp(min=1)
+    dark = (inner * (1 - on)).sum((1, 2)) / (1 - on).sum((1, 2)).clamp(min=1)
+    row, column = torch.arange(high + 2, device=on.device), torch.arange(wide + 2, device=on.device)
+    y = torch.cat([0 * column, row[1:], 0 * column[1:] + high + 1, row[1:-1].flip(0)])
+    x = torch.cat([column, 0 * row[1:] + wide + 1, column[:-1].flip(0), 0 * row[1:-1]])
+    lit = middle[:, y, x] > ((bright + dark) / 2)[:, None]
+    places = torch.stack([x, y], 1).to(torch.float64).expand(len(on), -1, 2) - 0.5
+    at = map_points(cells.corners_px, places, PanelShape(high, wide))
+    inside = ((at >= 0) & (at <= pyramid.size[cells.level].flip(1)[:, None])).all(2)
+    return ((lit != lit.roll(1, 1)) & inside & inside.roll(1, 1)).sum(1)
 
 
 @lru_cache(maxsize=16)
@@ -250,7 +273,9 @@ def fit_cells(pyramid: Pyramid, start: Cells, shape: PanelShape, steps: int = 6)
         # What the On LEDs add to a panel of Off ones; a line of the dark around it in its place adds nothing.
         light = (weights[:, 1, :quarter].square().sum(1)) * 4 * bits.sum((1, 2))
         fit = (torch.minimum(light, 2 * spread) + noise).log() - (energy + noise).log()
-        score = fit.clamp(max=_BEST_FIT) + randomness(bits)
+        now = Cells(now.frame, now.level, now.corners_px, bits, fit)
+        beyond = (edge_changes(pyramid, now, picture) - _FREE_CHANGES).clamp(min=0)
+        score = fit.clamp(max=_BEST_FIT) + randomness(bits) - _CHANGE_COST * beyond
         now = Cells(now.frame, now.level, now.corners_px, bits, score)
         if number == 0:
             best = now[torch.arange(n, device=score.device)]

@@ -263,8 +263,10 @@ class OutsideLocator:
             if not isinstance(given, Tensor) or given.shape != size or not holds(given.isfinite()):
                 got = tuple(given.shape) if isinstance(given, Tensor) else type(given).__name__
                 raise VoccError(f"{name} gave {part} of {got}: it must be a finite tensor of {size}")
-        held = [getattr(panels, part).to(kinds.get(part, torch.float64)) for part in Panels.__slots__]
-        return StatedPanels(*held, panels.false_alarms) if isinstance(panels, StatedPanels) else Panels(*held)
+        held = {part: getattr(panels, part).to(kinds.get(part, torch.float64)) for part in Panels.__slots__}
+        if isinstance(panels, StatedPanels):
+            return StatedPanels(**held, false_alarms=panels.false_alarms)
+        return Panels(**held)
 
 
 def locator_named(name: str, paper: PaperLocator) -> PaperLocator | RefinedLocator | LatticeLocator:

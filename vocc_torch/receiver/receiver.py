@@ -32,7 +32,7 @@ class Decoded(NamedTuple):
         llr: (B,R,C) float64 log-likelihood ratios, log P(On) / P(Off), of the decisions' signs; the scores
             where the receiver was never calibrated; zeros where no panel was found.
         appearance: (B,3) float64 pitch (px), level and contrast; see :mod:`vocc_torch.receiver.calibration`.
-        false_alarms: (B,) float64, false alarms expected in a panel-free frame at this score or better; else NaN.
+        false_alarms: (B,) float64, false alarms expected in a panel-free frame at this score; else NaN.
     """
 
     bits: torch.Tensor

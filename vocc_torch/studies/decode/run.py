@@ -4,7 +4,7 @@ import math
 import shutil
 import warnings
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain, groupby, islice
 from pathlib import Path
 
@@ -232,4 +232,4 @@ def decode(receiver: Receiver, recording: Iterator[RecordedFrame], most: int = 1
                 before = place
                 names = [name for name, far in beyond.items() if far[i] and found]
                 unlike = {name: float(looks[i, APPEARANCE.index(name)]) for name in names}
-                yield Reading(frame, found, corners[i], bits[i], unlike, *judged, panel=number)
+                yield replace(Reading(frame, found, corners[i], bits[i], unlike, *judged), panel=number)
