@@ -47,7 +47,7 @@ class LatticeLocator:
         >>> bits = torch.rand(8, 8, generator=torch.Generator().manual_seed(1)) < 0.5
         >>> grey = torch.full((200, 240), 180.0)
         >>> grey[60:140, 90:170] = 20 + 70 * torch.kron(bits.float(), torch.ones(10, 10))
-        >>> panels = LatticeLocator()(Frames.whole(grey.to(torch.uint8)), PanelShape(8, 8))
+        >>> panels = LatticeLocator(float("inf"))(Frames.whole(grey.to(torch.uint8)), PanelShape(8, 8))
         >>> panels.found.tolist(), panels.corners_px[0, [0, 2]].round().tolist()
         ([True], [[90.0, 60.0], [170.0, 140.0]])
     """
