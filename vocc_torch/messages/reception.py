@@ -1,0 +1,179 @@
+"""From soft values of camera frames to packets: frames of a symbol add up, blocks are decoded and checked."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import expit
+
+from vocc_torch.messages.clock import SymbolClock, Ticks
+from vocc_torch.messages.codes import Code, code_of
+from vocc_torch.messages.layout import Layout
+from vocc_torch.messages.packets import Packet, packed, unpacked
+from vocc_torch.messages.signalling import MessagePlan
+
+MIXED_SHARE = 0.3
+"""A band whose clock cell agrees less than this share of what is usual shows two symbols, and is left out."""
+
+UNSEEN = 0.02
+"""Share of a packet's bits without any frame that is told as the reason of a loss."""
+
+COLUMNS = (
+    *("block", "packet", "time_s", "frames", "unseen", "sequence", "arrived"),
+    *("corrected", "expected_errors", "why"),
+)
+"""Columns of ``report.csv``."""
+
+
+@dataclass(frozen=True)
+class Received:
+    """What happened to one packet.
+
+    Args:
+        block: number of its block since the recording's begin.
+        place: its number in the block.
+        time_s: when the block's first frame was taken, or None.
+        frames: frames that each of its bits was read from, on average.
+        unseen: share of its bits that no frame showed.
+        packet: what it holds, or None.
+        corrected: wrong bits before the code, counted where the packet arrived.
+        expected_errors: wrong bits before the code that the soft values let expect.
+        why: why it was lost; empty where it arrived.
+    """
+
+    block: int
+    place: int
+    time_s: float | None
+    frames: float
+    unseen: float
+    packet: Packet | None
+    corrected: int | None
+    expected_errors: float
+    why: str
+
+    def row(self) -> list[str | int | float | None]:
+        """The packet's row of ``report.csv``."""
+        time_s = None if self.time_s is None else f"{self.time_s:.4f}"
+        sequence = None if self.packet is None else self.packet.sequence
+        told = f"{self.frames:.2f}", f"{self.unseen:.4f}", sequence, int(self.packet is not None)
+        return [
+            *(self.block, self.place, time_s, *told),
+            *(self.corrected, f"{self.expected_errors:.1f}", self.why),
+        ]
+
+
+def film_of(message: bytes, plan: MessagePlan) -> NDArray[np.bool_]:
+    """Write a message as the symbols of a panel.
+
+    Args:
+        message: at least 1 byte.
+        plan: how.
+
+    Returns:
+        (N,R,C) bool, whole blocks; what is left of the last one repeats the first packets.
+
+    Example:
+        >>> from vocc_torch.messages.signalling import PanelShape, Signalling
+        >>> film_of(b"hello", MessagePlan(PanelShape(8, 8), Signalling(code="none"))).shape
+        (128, 8, 8)
+    """
+    layout = Layout(plan)
+    code = code_of(layout)
+    infos = list(packed(message, code.info_bytes, plan.signalling.scramble))
+    infos += [infos[n % len(infos)] for n in range(-len(infos) % layout.packets)]
+    words = code.encode(np.stack([np.frombuffer(info, np.uint8) for info in infos]))
+    blocks = words.reshape(-1, layout.packets, layout.word_bits)
+    return np.concatenate([layout.write(block) for block in blocks])
+
+
+class Reception:
+    """Receives a message from soft values, as they come; what it holds does not grow with the recording.
+
+    Args:
+        plan: how the message was written.
+
+    Example:
+        >>> from vocc_torch.messages.signalling import PanelShape, Signalling
+        >>> plan = MessagePlan(PanelShape(8, 8), Signalling(code="none"))
+        >>> seen = film_of(b"hello", plan).repeat(2, axis=0) * 12.0 - 6.0
+        >>> reception = Reception(plan)
+        >>> got = [*reception.push(seen, [None] * len(seen)), *reception.finish()]
+        >>> [one.packet.payload for one in got if one.packet][0]
+        b'hello'
+    """
+
+    def __init__(self, plan: MessagePlan) -> None:
+        self.plan, self.layout = plan, Layout(plan)
+        self.code: Code = code_of(self.layout)
+        self.clock = SymbolClock(self.layout)
+        self.used = self.passed_over = 0
+        self._waiting: list[tuple[NDArray[np.float32], float | None]] = []
+        self._sums: dict[int, NDArray[np.float32]] = {}
+        self._counts: dict[int, NDArray[np.int32]] = {}
+        self._begun: dict[int, float | None] = {}
+
+    def push(self, llr: NDArray[np.float32], times_s: list[float | None]) -> Iterator[Received]:
+        """Take frames in and give the packets of blocks that are over.
+
+        Args:
+            llr: (F,R,C) log-likelihood ratios, log P(On) / P(Off); zeros for a frame that shows no panel.
+            times_s: when each was taken, s, or None.
+        """
+        # A copy: a batch's array would be kept for a frame of it.
+        self._waiting += zip(np.array(llr, dtype=np.float32), times_s, strict=True)
+        yield from self._combined(self.clock.push(llr, times_s))
+
+    def finish(self) -> Iterator[Received]:
+        """Give the packets of what is left."""
+        yield from self._combined(self.clock.finish())
+        for block in sorted(self._sums):
+            yield from self._decoded(block)
+
+    def _combined(self, ticks: Ticks | None) -> Iterator[Received]:
+        """Add settled frames to their symbols."""
+        if ticks is None:
+            return
+        count, symbols = len(ticks.symbol), self.layout.symbols
+        taken, self._waiting = self._waiting[:count], self._waiting[count:]
+        llr = np.stack([one for one, _ in taken])
+        usual = np.median(np.abs(ticks.agreement[ticks.agreement != 0])) if ticks.agreement.any() else 0.0
+        good = ticks.agreement > MIXED_SHARE * usual
+        self.used += int(good.sum())
+        self.passed_over += int((~good).sum())
+        blocks = ticks.symbol // symbols
+        for block in np.unique(blocks):
+            if block not in self._sums:
+                self._sums[block] = np.zeros((symbols, *self.layout.kind.shape), dtype=np.float32)
+                self._counts[block] = np.zeros((symbols, self.layout.bands), dtype=np.int32)
+                self._begun[block] = taken[int((blocks == block).any(axis=1).argmax())][1]
+            for band in range(self.layout.bands):
+                rows = self.layout.band_of_row == band
+                frames = np.flatnonzero((blocks[:, band] == block) & good[:, band])
+                index = ticks.symbol[frames, band] % symbols
+                np.add.at(self._counts[block][:, band], index, 1)
+                where = np.ix_(frames, rows)
+                part = np.zeros((symbols, int(rows.sum()), llr.shape[2]), dtype=np.float32)
+                np.add.at(part, index, llr[where])
+                self._sums[block][:, rows] += part
+        for block in sorted(one for one in self._sums if one < blocks[-1].min()):
+            yield from self._decoded(block)
+
+    def _decoded(self, block: int) -> Iterator[Received]:
+        """Decode a block and forget it."""
+        sums, counts, begun = self._sums.pop(block), self._counts.pop(block), self._begun.pop(block)
+        words = self.layout.read(sums)
+        frames = self.layout.read(counts[:, self.layout.band_of_row, None].repeat(sums.shape[2], axis=2))
+        for place, (info, word, seen) in enumerate(zip(self.code.decode(words), words, frames, strict=True)):
+            packet = None if info is None else unpacked(info, self.plan.signalling.scramble)
+            unseen, expected = float((seen == 0).mean()), float(expit(-np.abs(word)).sum())
+            corrected, why = None, ""
+            if packet is not None and info is not None:
+                sent = self.code.encode(np.frombuffer(info, np.uint8)[None])[0]
+                corrected = int(((word >= 0) != sent.astype(bool))[: len(sent)].sum())
+            elif unseen > UNSEEN:
+                why = f"{unseen:.0%} of its bits were in no frame"
+            else:
+                why = "too many wrong bits" if info is None else "its checksum does not fit"
+            mean = float(seen.mean())
+            yield Received(int(block), place, begun, mean, unseen, packet, corrected, expected, why)
