@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
 from scipy.special import expit
 
 from vocc_torch.messages.clock import SymbolClock, Ticks
@@ -15,6 +16,12 @@ from vocc_torch.messages.signalling import MessagePlan
 
 MIXED_SHARE = 0.3
 """A band whose clock cell agrees less than this share of what is usual shows two symbols, and is left out."""
+
+DEAF_SHARE, NEARBY = 0.3, 32
+"""A clock cell whose agreement is less than this on average over so many frames is hidden or dead."""
+
+STUCK_SYMBOLS = 16
+"""A cell that decides alike in so many symbols in a row carries no scrambled data: it is hidden or dead."""
 
 UNSEEN = 0.02
 """Share of a packet's bits without any frame that is told as the reason of a loss."""
@@ -87,6 +94,26 @@ def film_of(message: bytes, plan: MessagePlan) -> NDArray[np.bool_]:
     return np.concatenate([layout.write(block) for block in blocks])
 
 
+def judged(agreement: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """Say which bands of which frames show the one symbol that they are taken for, (F,B).
+
+    Where a band's clock cell is hidden or dead, the frame's other bands speak for it.
+
+    Example:
+        >>> agreement = np.full((64, 2), 5.0, dtype=np.float32)
+        >>> agreement[8, 0], agreement[:, 1] = 0.5, 0.0  # a mixed frame, and a dead clock cell
+        >>> judged(agreement)[7:9].tolist()
+        [[True, True], [False, False]]
+    """
+    if not agreement.any():
+        return np.zeros(agreement.shape, dtype=bool)
+    share = np.clip(agreement / np.median(np.abs(agreement[agreement != 0])), -1, 1)
+    good: NDArray[np.bool_] = share > MIXED_SHARE
+    heard = uniform_filter1d(share, NEARBY, axis=0, mode="nearest") > DEAF_SHARE
+    others = (good & heard).sum(axis=1) > heard.sum(axis=1) / 2
+    return np.where(heard, good, others[:, None])
+
+
 class Reception:
     """Receives a message from soft values, as they come; what it holds does not grow with the recording.
 
@@ -137,8 +164,7 @@ class Reception:
         count, symbols = len(ticks.symbol), self.layout.symbols
         taken, self._waiting = self._waiting[:count], self._waiting[count:]
         llr = np.stack([one for one, _ in taken])
-        usual = np.median(np.abs(ticks.agreement[ticks.agreement != 0])) if ticks.agreement.any() else 0.0
-        good = ticks.agreement > MIXED_SHARE * usual
+        good = judged(ticks.agreement)
         self.used += int(good.sum())
         self.passed_over += int((~good).sum())
         blocks = ticks.symbol // symbols
@@ -162,6 +188,10 @@ class Reception:
     def _decoded(self, block: int) -> Iterator[Received]:
         """Decode a block and forget it."""
         sums, counts, begun = self._sums.pop(block), self._counts.pop(block), self._begun.pop(block)
+        if self.plan.signalling.scramble:
+            on = (sums >= 0).reshape(-1, STUCK_SYMBOLS, *sums.shape[1:])
+            stuck = (on == on[:, :1]).all(axis=1) & (self.layout.kind == "data")
+            sums[stuck.repeat(STUCK_SYMBOLS, axis=0)] = 0
         words = self.layout.read(sums)
         frames = self.layout.read(counts[:, self.layout.band_of_row, None].repeat(sums.shape[2], axis=2))
         for place, (info, word, seen) in enumerate(zip(self.code.decode(words), words, frames, strict=True)):

@@ -62,6 +62,10 @@ class Signalling:
         whole_number("transmit.sync_cells", self.sync_cells, 1, 1024)
 
 
+FIELDS = tuple(one.name for one in fields(Signalling))
+"""The options by name."""
+
+
 @dataclass(frozen=True)
 class MessagePlan:
     """What a receiver must know: the panel's shape and how the message is written on it.
@@ -82,7 +86,7 @@ class MessagePlan:
     @property
     def text(self) -> str:
         """The plan as YAML."""
-        named = {one.name: getattr(self.signalling, one.name) for one in fields(Signalling)}
+        named = {name: getattr(self.signalling, name) for name in FIELDS}
         return yaml.safe_dump({**asdict(self.shape), **named}, sort_keys=False)
 
     @classmethod
@@ -92,7 +96,7 @@ class MessagePlan:
         Raises:
             VoccError: keys that are missing or unknown, or values out of their range.
         """
-        known = {"rows", "columns", *(one.name for one in fields(Signalling))}
+        known = {"rows", "columns", *FIELDS}
         if not isinstance(given, dict) or {*given} != known:
             raise VoccError(f"{source} is no plan of task=transmit: it must have {', '.join(sorted(known))}")
         try:
