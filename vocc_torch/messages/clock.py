@@ -11,14 +11,17 @@ from vocc_torch.messages.layout import Layout
 SURE = 6.0
 """Most that one known cell's log-likelihood ratio counts."""
 
-MIXED_COST = 1.5
+MIXED_COST = 4.0
 """What it costs to take a frame for one between two symbols."""
 
-STEP_COST = 4.0
+STEP_COST = 8.0
 """What each symbol costs by which a frame is farther from the last one than the clock lets expect."""
 
 MOST_STEPS = 3
 """Symbols farther than that are no step but a jump."""
+
+EVEN = 0.02
+"""Chance left to a symbol more, or less, where the time between two frames speaks against it."""
 
 JUMP_COST = 40.0
 """What a jump to any place costs."""
@@ -123,7 +126,10 @@ class SymbolClock:
         least = max(0, (low - MOST_STEPS) * bands)
         steps = np.arange(least, (high + MOST_STEPS) * bands + bands)
         short, far = low * bands - (bands - 1) - steps, steps - (high * bands + bands - 1)
-        cost = STEP_COST / bands * np.maximum(0, np.maximum(short, far)).astype(np.float32)
+        cost = STEP_COST / bands * np.maximum(0, np.maximum(short, far))
+        # By how uniform phases fall: one symbol more is as likely as what is expected of it.
+        odds = np.array([low + 1 - ahead, ahead - low]) + EVEN
+        cost = (cost + np.interp(steps / bands, [low, low + 1], -np.log(odds))).astype(np.float32)
         origin = (np.arange(n) - steps[:, None]) % n
         reached = old[origin] - cost[:, None]
         best = reached.argmax(axis=0)

@@ -16,8 +16,8 @@ REMEMBERED = 5
 FADED_SHARE = 0.25
 """A frame whose contrast is less than this share of what is usual shows no panel."""
 
-SOFT = ("calibrated", "scores", "hard")
-"""What the soft values are: log-likelihood ratios, the receiver's own scores, or bits."""
+TYPICAL = 4.0
+"""Size given to decided bits, and to the median of scores that nobody calibrated."""
 
 
 class Front:
@@ -27,7 +27,8 @@ class Front:
         receiver: decides the bits; its locator finds the panel.
         locate_every: look for the panel in each so manieth frame, and take the median of the last places in
             those between; at least 1.
-        soft: ``calibrated``, ``scores`` or ``hard``.
+        soft: ``calibrated`` (log-likelihood ratios), ``scores`` (the receiver's own, to a common scale) or
+            ``hard`` (bits).
 
     Attributes:
         found: frames in which the panel was looked for and found.
@@ -39,7 +40,7 @@ class Front:
         self.found = self.looked = self.frames = 0
         self.corners_px: torch.Tensor | None = None
         self._places: deque[torch.Tensor] = deque(maxlen=REMEMBERED)
-        self._contrast = 0.0
+        self._contrast = self._size = 0.0
 
     def __call__(self, greys: NDArray[np.uint8]) -> NDArray[np.float32]:
         """Read B frames of one size, (B,H,W): log-likelihood ratios (B,R,C), zeros where no panel shows."""
@@ -54,9 +55,11 @@ class Front:
             there &= contrast >= FADED_SHARE * self._contrast
             if bool(there.any()):
                 self._contrast = 0.5 * self._contrast + 0.5 * float(contrast[there].median())
-            llr = decoded.llr if self.soft == "calibrated" else decoded.scores
-            if self.soft == "hard":
-                llr = torch.where(decoded.bits, 1.0, -1.0)
+            llr = torch.where(decoded.bits, TYPICAL, -TYPICAL) if self.soft == "hard" else decoded.llr
+            if self.soft != "hard" and (self.soft == "scores" or self.receiver.calibration is None):
+                size = float(decoded.scores[there].abs().median()) if bool(there.any()) else 0.0
+                self._size = self._size or size
+                llr = decoded.scores * (TYPICAL / (self._size or 1.0))
             given: NDArray[np.float32] = (llr * there.view(-1, 1, 1)).float().cpu().numpy()
         return given
 

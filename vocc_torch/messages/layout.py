@@ -66,6 +66,7 @@ class Layout:
     def __init__(self, plan: MessagePlan) -> None:
         options, (rows, columns) = plan.signalling, (plan.shape.rows, plan.shape.columns)
         self.plan, self.symbols, self.bands = plan, options.block_symbols, options.bands
+        self._scrambles = options.scramble
         if self.bands > rows:
             raise VoccError.of("transmit.bands", self.bands, f"at most the panel's rows, {rows}")
         self.band_of_row = np.arange(rows) * self.bands // rows
@@ -111,16 +112,28 @@ class Layout:
         places: NDArray[np.int64] = groups[:used].reshape(self.packets, self.word_bits)
         return places
 
+    @cached_property
+    def _stream(self) -> NDArray[np.uint8]:
+        """A random bit for each place, (P data cells,)."""
+        count = self.symbols * len(self.data)
+        return np.unpackbits(stream("scramble", -(-count // 8)))[:count]
+
     def write(self, words: NDArray[np.uint8]) -> NDArray[np.bool_]:
         """Write a block's words (packets, word_bits) of 0 and 1 on its symbols, (P,R,C); the rest is random."""
-        carried = np.unpackbits(stream("filling", -(-self.symbols * len(self.data) // 8)))
-        carried = carried[: self.symbols * len(self.data)].copy()
-        carried[self.places] = words
+        carried = self._stream.copy()
+        carried[self.places] = words ^ self._stream[self.places] if self._scrambles else words
         film: NDArray[np.bool_] = self.known.reshape(self.symbols, -1) > 0
         film[:, self.data] = carried.reshape(self.symbols, -1)
         return film.reshape(self.known.shape)
 
     def read(self, cells: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Take the words' values (packets, word_bits) from those of a block's cells, (P,R,C)."""
+        """Take the words' bits, as :meth:`write` wrote them, from soft values of a block's cells, (P,R,C)."""
+        found = self.take(cells)
+        if self._scrambles:
+            found = np.where(self._stream[self.places] == 1, -found, found)
+        return found
+
+    def take(self, cells: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Take what belongs to the words' bits (packets, word_bits) from a block's cells, (P,R,C)."""
         found: NDArray[np.float32] = cells.reshape(self.symbols, -1)[:, self.data].reshape(-1)[self.places]
         return found

@@ -5,10 +5,7 @@ import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
-import numpy as np
-
 from vocc_torch.errors import VoccError
-from vocc_torch.messages.layout import stream
 
 HEADER = struct.Struct(">III")
 """Sequence number, bytes of the whole message, CRC-32 of the whole message."""
@@ -45,38 +42,34 @@ def payload_bytes(info_bytes: int) -> int:
     return info_bytes - OVERHEAD_BYTES
 
 
-def packed(message: bytes, info_bytes: int, scramble: bool) -> Iterator[bytes]:
+def packed(message: bytes, info_bytes: int) -> Iterator[bytes]:
     """Cut a message into packets of ``info_bytes`` each, the last one filled up with zeros.
 
     Args:
         message: at least 1 byte.
         info_bytes: of each packet.
-        scramble: whether to add the scrambler's stream.
 
     Example:
-        >>> sent = list(packed(b"a message", 20, scramble=True))
-        >>> [unpacked(one, scramble=True).payload for one in sent]
+        >>> sent = list(packed(b"a message", 20))
+        >>> [unpacked(one).payload for one in sent]
         [b'a me', b'ssag', b'e']
     """
     if not 0 < len(message) <= MOST_BYTES:
         raise VoccError.of("input", f"of {len(message)} bytes", f"of 1 to {MOST_BYTES}")
-    size, mask = payload_bytes(info_bytes), stream("scramble", info_bytes)
+    size = payload_bytes(info_bytes)
     for sequence, begin in enumerate(range(0, len(message), size)):
         head = HEADER.pack(sequence, len(message), zlib.crc32(message))
         body = head + message[begin : begin + size].ljust(size, b"\0")
-        whole = body + zlib.crc32(body).to_bytes(CHECK_BYTES, "big")
-        yield (np.frombuffer(whole, np.uint8) ^ mask).tobytes() if scramble else whole
+        yield body + zlib.crc32(body).to_bytes(CHECK_BYTES, "big")
 
 
-def unpacked(info: bytes, scramble: bool) -> Packet | None:
+def unpacked(info: bytes) -> Packet | None:
     """Read a packet; None where its checksum, its number or its filling do not fit.
 
     Example:
-        >>> unpacked(bytes(20), scramble=False) is None
+        >>> unpacked(bytes(20)) is None
         True
     """
-    if scramble:
-        info = (np.frombuffer(info, np.uint8) ^ stream("scramble", len(info))).tobytes()
     body, check = info[:-CHECK_BYTES], info[-CHECK_BYTES:]
     if zlib.crc32(body).to_bytes(CHECK_BYTES, "big") != check:
         return None

@@ -15,7 +15,7 @@ from vocc_torch.messages.packets import Packet, packed, unpacked
 from vocc_torch.messages.signalling import MessagePlan
 
 MIXED_SHARE = 0.3
-"""A band whose clock cell agrees less than this share of what is usual shows two symbols, and is left out."""
+"""A band whose clock cell agrees less than this share of what is usual is taken to show two symbols."""
 
 DEAF_SHARE, NEARBY = 0.3, 32
 """A clock cell whose agreement is less than this on average over so many frames is hidden or dead."""
@@ -23,7 +23,10 @@ DEAF_SHARE, NEARBY = 0.3, 32
 STUCK_SYMBOLS = 16
 """A cell that decides alike in so many symbols in a row carries no scrambled data: it is hidden or dead."""
 
-UNSEEN = 0.02
+WEAK = 0.1
+"""What a band counts whose clock cell does not agree, in a frame that does."""
+
+UNSEEN = 0.1
 """Share of a packet's bits without any frame that is told as the reason of a loss."""
 
 COLUMNS = (
@@ -87,31 +90,36 @@ def film_of(message: bytes, plan: MessagePlan) -> NDArray[np.bool_]:
     """
     layout = Layout(plan)
     code = code_of(layout)
-    infos = list(packed(message, code.info_bytes, plan.signalling.scramble))
+    infos = list(packed(message, code.info_bytes))
     infos += [infos[n % len(infos)] for n in range(-len(infos) % layout.packets)]
     words = code.encode(np.stack([np.frombuffer(info, np.uint8) for info in infos]))
     blocks = words.reshape(-1, layout.packets, layout.word_bits)
     return np.concatenate([layout.write(block) for block in blocks])
 
 
-def judged(agreement: NDArray[np.float32]) -> NDArray[np.bool_]:
-    """Say which bands of which frames show the one symbol that they are taken for, (F,B).
+def judged(agreement: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Weigh the bands of frames by whether they show the one symbol that they are taken for, (F,B).
 
-    Where a band's clock cell is hidden or dead, the frame's other bands speak for it.
+    A band whose clock cell does not agree counts little, which matters only where no other frame shows its
+    symbol, and nothing where most of the frame's other bands do not agree either. Where a band's clock cell is
+    hidden or dead, the other bands speak for it.
 
     Example:
-        >>> agreement = np.full((64, 2), 5.0, dtype=np.float32)
-        >>> agreement[8, 0], agreement[:, 1] = 0.5, 0.0  # a mixed frame, and a dead clock cell
-        >>> judged(agreement)[7:9].tolist()
-        [[True, True], [False, False]]
+        >>> agreement = np.full((64, 3), 5.0, dtype=np.float32)
+        >>> agreement[8, :2], agreement[9, 0], agreement[:, 2] = 0.5, 0.5, 0.0  # and a dead clock cell
+        >>> judged(agreement)[7:10].tolist()
+        [[1.0, 1.0, 1.0], [0.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
     """
+    weights = np.zeros(agreement.shape, dtype=np.float32)
     if not agreement.any():
-        return np.zeros(agreement.shape, dtype=bool)
+        return weights
     share = np.clip(agreement / np.median(np.abs(agreement[agreement != 0])), -1, 1)
-    good: NDArray[np.bool_] = share > MIXED_SHARE
+    good = share > MIXED_SHARE
     heard = uniform_filter1d(share, NEARBY, axis=0, mode="nearest") > DEAF_SHARE
-    others = (good & heard).sum(axis=1) > heard.sum(axis=1) / 2
-    return np.where(heard, good, others[:, None])
+    others = ((good & heard).sum(axis=1) > heard.sum(axis=1) / 2)[:, None]
+    weights[np.broadcast_to(others, good.shape)] = WEAK
+    weights[np.where(heard, good, others)] = 1.0
+    return weights
 
 
 class Reception:
@@ -164,9 +172,9 @@ class Reception:
         count, symbols = len(ticks.symbol), self.layout.symbols
         taken, self._waiting = self._waiting[:count], self._waiting[count:]
         llr = np.stack([one for one, _ in taken])
-        good = judged(ticks.agreement)
-        self.used += int(good.sum())
-        self.passed_over += int((~good).sum())
+        weights = judged(ticks.agreement)
+        self.used += int((weights == 1).sum())
+        self.passed_over += int((weights < 1).sum())
         blocks = ticks.symbol // symbols
         for block in np.unique(blocks):
             if block not in self._sums:
@@ -175,12 +183,12 @@ class Reception:
                 self._begun[block] = taken[int((blocks == block).any(axis=1).argmax())][1]
             for band in range(self.layout.bands):
                 rows = self.layout.band_of_row == band
-                frames = np.flatnonzero((blocks[:, band] == block) & good[:, band])
+                frames = np.flatnonzero((blocks[:, band] == block) & (weights[:, band] > 0))
                 index = ticks.symbol[frames, band] % symbols
                 np.add.at(self._counts[block][:, band], index, 1)
                 where = np.ix_(frames, rows)
                 part = np.zeros((symbols, int(rows.sum()), llr.shape[2]), dtype=np.float32)
-                np.add.at(part, index, llr[where])
+                np.add.at(part, index, llr[where] * weights[frames, band, None, None])
                 self._sums[block][:, rows] += part
         for block in sorted(one for one in self._sums if one < blocks[-1].min()):
             yield from self._decoded(block)
@@ -193,9 +201,9 @@ class Reception:
             stuck = (on == on[:, :1]).all(axis=1) & (self.layout.kind == "data")
             sums[stuck.repeat(STUCK_SYMBOLS, axis=0)] = 0
         words = self.layout.read(sums)
-        frames = self.layout.read(counts[:, self.layout.band_of_row, None].repeat(sums.shape[2], axis=2))
+        frames = self.layout.take(counts[:, self.layout.band_of_row, None].repeat(sums.shape[2], axis=2))
         for place, (info, word, seen) in enumerate(zip(self.code.decode(words), words, frames, strict=True)):
-            packet = None if info is None else unpacked(info, self.plan.signalling.scramble)
+            packet = None if info is None else unpacked(info)
             unseen, expected = float((seen == 0).mean()), float(expit(-np.abs(word)).sum())
             corrected, why = None, ""
             if packet is not None and info is not None:
