@@ -14,7 +14,7 @@ from vocc_torch.receiver.reader import Reader
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.receiver.recording import read_recording
 
-TEXT = "A message of some bytes that two commands carry. ".encode() * 12
+TEXT = b"A message of some bytes that two commands carry. " * 12
 
 
 @pytest.fixture(scope="module")

@@ -100,7 +100,12 @@ def test_of_a_recording_that_was_cut_every_whole_block_arrives_and_the_rest_is_n
 def test_black_frames_cost_what_they_hide_and_nothing_else():
     llr, _, stamps = seen(FILM, 2.4, np.random.default_rng(6), faults=black, begin=0.0)
     assembly, _, reception = received(llr, stamps)
-    assert set(assembly.missing(reception.code.info_bytes)) <= {4, 5, 6, 7}  # forty frames of the second block
+    assert set(assembly.missing(reception.code.info_bytes)) <= {
+        4,
+        5,
+        6,
+        7,
+    }  # forty frames of the second block
 
 
 @pytest.mark.parametrize("dead", [(slice(2, 3), slice(None)), (slice(0, 2), slice(0, 2)), "clock"])

@@ -144,19 +144,16 @@ def test_soft_values_carry_what_hard_ones_lose():
     assert right[1] < 2
 
 
-@pytest.mark.parametrize("code", CODES[:2])
-def test_noise_is_no_packet(code, words=50):
+@pytest.mark.parametrize(
+    ("code", "words"),
+    [("rs", 50), ("none", 50), *(pytest.param(code, 10_000, marks=pytest.mark.slow) for code in CODES)],
+)
+def test_noise_is_no_packet(code, words):
     own, coder = coded(code)
     draws = np.random.default_rng(2)
     llr = (3 * draws.standard_normal((words, own.word_bits))).astype(np.float32)
     infos = [info for info in coder.decode(llr) if info is not None]
     assert [info for info in infos if unpacked(info)] == []
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("code", CODES)
-def test_ten_thousand_packets_of_noise_are_no_packet(code):
-    test_noise_is_no_packet(code, words=10_000)
 
 
 @pytest.mark.parametrize(

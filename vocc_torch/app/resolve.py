@@ -111,7 +111,9 @@ def refuse_ignored(settings: AppConfig, words: Sequence[str]) -> None:
             raise VoccError(f"{said}: export.points={points} does not use it; leave it out")
         if key == "plug_ins" and settings.model is None:
             raise VoccError(f"{said}: it must be empty without a model, a new one names its parts")
-        own_parts = OF_MODEL if task in ("decode", "receive") else ("panel", "receiver", "budget.training_frames")
+        own_parts = (
+            OF_MODEL if task in ("decode", "receive") else ("panel", "receiver", "budget.training_frames")
+        )
         if settings.model and {group, key} & {*own_parts, *PARTS} and name not in ("rows", "columns"):
             raise VoccError(f"{said}: the model brings its own; leave {key} or model out")
         finder, ours = settings.receiver.locator, NAMES["Locators"].split(", ")

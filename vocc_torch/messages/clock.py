@@ -1,6 +1,7 @@
 """The symbol clock: which symbol each camera frame shows, in each band of rows, from known cells alone."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -84,7 +85,7 @@ class SymbolClock:
         self._last: float | None = None
         self._settled, self._place, self._symbols = 0, -1, 0
 
-    def push(self, llr: NDArray[np.float32], times_s: list[float | None]) -> Ticks | None:
+    def push(self, llr: NDArray[np.float32], times_s: Sequence[float | None]) -> Ticks | None:
         """Take frames in.
 
         Args:

@@ -21,10 +21,12 @@ ERASED = (0.0, 0.4, 0.8)
 class Code(Protocol):
     """A code whose words have a fixed length.
 
-    ``decode`` gives what it believes, or None where it knows that it failed; only a packet's checksum vouches.
+    ``decode`` gives what it believes, or None where it knows that it failed; a packet's checksum vouches.
     """
 
-    info_bytes: int
+    @property
+    def info_bytes(self) -> int:
+        """Bytes of information in a word."""
 
     def encode(self, info: Bytes) -> Bytes:
         """Turn information (N,info_bytes) uint8 into words of bits (N,n), 0 and 1."""

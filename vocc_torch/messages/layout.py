@@ -119,7 +119,7 @@ class Layout:
         return np.unpackbits(stream("scramble", -(-count // 8)))[:count]
 
     def write(self, words: NDArray[np.uint8]) -> NDArray[np.bool_]:
-        """Write a block's words (packets, word_bits) of 0 and 1 on its symbols, (P,R,C); the rest is random."""
+        """Write a block's words of bits (packets, word_bits) on its symbols, (P,R,C); the rest is random."""
         carried = self._stream.copy()
         carried[self.places] = words ^ self._stream[self.places] if self._scrambles else words
         film: NDArray[np.bool_] = self.known.reshape(self.symbols, -1) > 0

@@ -1,6 +1,6 @@
 """From soft values of camera frames to packets: frames of a symbol add up, blocks are decoded and checked."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -101,8 +101,8 @@ def judged(agreement: NDArray[np.float32]) -> NDArray[np.float32]:
     """Weigh the bands of frames by whether they show the one symbol that they are taken for, (F,B).
 
     A band whose clock cell does not agree counts little, which matters only where no other frame shows its
-    symbol, and nothing where most of the frame's other bands do not agree either. Where a band's clock cell is
-    hidden or dead, the other bands speak for it.
+    symbol, and nothing where most of the frame's other bands do not agree either. Where a band's clock cell
+    is hidden or dead, the other bands speak for it.
 
     Example:
         >>> agreement = np.full((64, 3), 5.0, dtype=np.float32)
@@ -148,7 +148,7 @@ class Reception:
         self._counts: dict[int, NDArray[np.int32]] = {}
         self._begun: dict[int, float | None] = {}
 
-    def push(self, llr: NDArray[np.float32], times_s: list[float | None]) -> Iterator[Received]:
+    def push(self, llr: NDArray[np.float32], times_s: Sequence[float | None]) -> Iterator[Received]:
         """Take frames in and give the packets of blocks that are over.
 
         Args:
@@ -201,7 +201,8 @@ class Reception:
             stuck = (on == on[:, :1]).all(axis=1) & (self.layout.kind == "data")
             sums[stuck.repeat(STUCK_SYMBOLS, axis=0)] = 0
         words = self.layout.read(sums)
-        frames = self.layout.take(counts[:, self.layout.band_of_row, None].repeat(sums.shape[2], axis=2))
+        each = counts[:, self.layout.band_of_row, None].repeat(sums.shape[2], axis=2)
+        frames = self.layout.take(each.astype(np.float32))
         for place, (info, word, seen) in enumerate(zip(self.code.decode(words), words, frames, strict=True)):
             packet = None if info is None else unpacked(info)
             unseen, expected = float((seen == 0).mean()), float(expit(-np.abs(word)).sum())

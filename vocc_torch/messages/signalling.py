@@ -87,7 +87,7 @@ class MessagePlan:
     def text(self) -> str:
         """The plan as YAML."""
         named = {name: getattr(self.signalling, name) for name in FIELDS}
-        return yaml.safe_dump({**asdict(self.shape), **named}, sort_keys=False)
+        return str(yaml.safe_dump({**asdict(self.shape), **named}, sort_keys=False))
 
     @classmethod
     def parsed(cls, given: Any, source: str = "plan") -> "MessagePlan":

@@ -45,7 +45,7 @@ class Shutter:
         """
         times = self.start_s + np.arange(max(1, math.ceil((length_s - self.start_s) * self.fps))) / self.fps
         fate = draws.random((3, len(times)))
-        for i in np.flatnonzero(fate[1] < self.repeated):
+        for i in np.flatnonzero(fate[1] < self.repeated).tolist():
             times[i] = times[max(0, i - 1)]
         times[fate[2] < self.black] = np.nan
         kept: NDArray[np.float64] = times[fate[0] >= self.dropped]
@@ -109,7 +109,7 @@ def record(
     taken = shutter.taken_s(len(film) * symbol_s, key.generator("shutter"))
     takes = [repr(time) for time in taken.tolist()]
     middles = dict(zip(takes, np.nan_to_num(taken).tolist(), strict=True))
-    playback = Playback(shutter.readout_s, symbol_s, film, middles)
+    playback = Playback(shutter.readout_s, symbol_s, film=film, middles_s=middles)
     effects = [one for one in simulator.effects if not isinstance(one, RollingShutter)]
     own = {"framing": simulator.framing, "device": simulator.device, "dtype": simulator.dtype}
     camera = Simulator(simulator.camera, simulator.panel, [*effects, playback], **own)  # type: ignore[arg-type]

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -152,12 +152,12 @@ class Playback(RollingShutter):
 
     Example:
         >>> film = torch.ones(2, 1, 1, dtype=torch.bool)
-        >>> Playback(1e-3, 0.01, film, {"0": 0.012, "1": 0.025}).symbol_at("0")
+        >>> Playback(1e-3, 0.01, film=film, middles_s={"0": 0.012, "1": 0.025}).symbol_at("0")
         1
     """
 
-    film: torch.Tensor
-    middles_s: Mapping[str, float]
+    film: torch.Tensor = field(kw_only=True)
+    middles_s: Mapping[str, float] = field(kw_only=True)
 
     def symbol_at(self, take: str) -> int:
         """Give the number of the symbol that shows in the middle of a take; it may be beyond the film."""

@@ -51,8 +51,9 @@ def receive(
     for shape, run in groupby(recording, key=lambda frame: frame.grey.shape):
         size = max(1, min(BATCH_FRAMES, BATCH_PIXELS // (shape[0] * shape[1])))
         while batch := list(islice(run, size)):
-            own = [frame.time_s for frame in batch]
-            times = own if fps is None else [(number + i) / fps for i in range(len(batch))]
+            times = [frame.time_s for frame in batch]
+            if fps is not None:
+                times = [(number + i) / fps for i in range(len(batch))]
             number += len(batch)
             yield from reception.push(front(np.stack([frame.grey for frame in batch])), times)
     yield from reception.finish()

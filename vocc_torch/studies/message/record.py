@@ -1,8 +1,9 @@
 """``task=record``: a panel's film in, the recording of a simulated camera out, with its truth."""
 
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -28,8 +29,8 @@ COLUMNS = ("frame", "taken_s", "symbol", "distance_m", *CORNERS)
 
 def with_panel_of(settings: Settings, plan: MessagePlan) -> Settings:
     """Give the settings with the plan's panel."""
-    rows = {"rows": plan.shape.rows, "columns": plan.shape.columns}
-    return replace(settings, panel=replace(settings.panel, **rows))
+    sides: Any = asdict(plan.shape)  # the section has both, beside what LedPanel has
+    return replace(settings, panel=replace(settings.panel, **sides))
 
 
 def run_record(settings: Settings, config: RecordConfig, folder: Path) -> None:
@@ -62,8 +63,15 @@ def run_record(settings: Settings, config: RecordConfig, folder: Path) -> None:
     faults = config.dropped, config.repeated, config.black
     shutter = Shutter(config.fps, start_s, config.readout_s, *faults)
     parts = record(
-        *(simulator, scene, torch.from_numpy(film), symbol_s, shutter, key),
-        **{"speed_m_s": config.speed_m_s, "window": window, "batch": study.batch_frames},
+        simulator,
+        scene,
+        torch.from_numpy(film),
+        symbol_s,
+        shutter,
+        key,
+        speed_m_s=config.speed_m_s,
+        window=window,
+        batch=study.batch_frames,
     )
     rows: list[run_folder.Cells] = [COLUMNS]
 
@@ -77,13 +85,16 @@ def run_record(settings: Settings, config: RecordConfig, folder: Path) -> None:
                 cells = [*told[:2], f"{away:.3f}", *(f"{c:.3f}" for c in where)]
                 rows.append((len(rows) - 1, *cells))
             kept = part.frames.grey[:, 0].cpu().numpy()
-            raw.append(kept)
+            if not held:
+                shape = (count, *kept.shape[1:])
+                held.append(np.lib.format.open_memmap(temporary, "w+", np.uint8, shape))
+            held[0][len(rows) - 1 - len(kept) : len(rows) - 1] = kept
             yield from kept
 
-    raw: list[NDArray[np.uint8]] = []
-    write_video(folder / "recording.mp4", greys(), config.fps, config.quality)
+    held: list[NDArray[np.uint8]] = []  # in a file: whole frames would fill the memory
+    count = len(shutter.taken_s(len(film) * symbol_s, key.generator("shutter")))
     with atomic_file(folder / "recording.npy") as temporary:
-        np.save(temporary, np.concatenate(raw))
+        write_video(folder / "recording.mp4", greys(), config.fps, config.quality)
     run_folder.write_rows(folder / "truth.csv", rows)
     write_atomically(folder / PLAN, plan.text.encode())
     run_folder.write_config(settings, folder)
