@@ -6,6 +6,7 @@ messages_clock.csv; parts are links, options, noise and clock.
 
 import csv
 import sys
+import tempfile
 import time
 from itertools import product
 from pathlib import Path
@@ -24,7 +25,9 @@ from vocc_torch.messages.packets import Assembly, unpacked
 from vocc_torch.messages.reception import Reception, film_of
 from vocc_torch.messages.signalling import MessagePlan, Signalling
 from vocc_torch.receiver.locators import RefinedLocator
+from vocc_torch.receiver.recording import read_recording
 from vocc_torch.rng import BlockKey
+from vocc_torch.show.video import write_video
 from vocc_torch.simulation.recording import Shutter, record
 from vocc_torch.simulation.scene import narrowed
 
@@ -101,8 +104,9 @@ def rows_of(part, receivers, scene, distance, fps, options, softs, dropped=0.0):
 def links():
     """Scenes, distances and camera rates, both codes."""
     receivers = {}
-    for scene, distance, fps in product(("night", "dashcam"), (30, 50, 70, 90, 110), (240, 150)):
-        for code in ("ldpc", "rs"):
+    slow, fast = product((150,), (30, 50, 70, 90, 110)), product((240,), (30, 50, 70))
+    for scene, (fps, distance) in product(("night", "dashcam"), (*slow, *fast)):
+        for code in ("ldpc", "rs") if fps == 150 else ("ldpc",):
             softs = ("calibrated", "scores", "hard") if code == "ldpc" else ("calibrated",)
             yield from rows_of("links", receivers, scene, distance, fps, Signalling(code=code), softs)
 
@@ -120,7 +124,7 @@ def noise():
     draws = np.random.default_rng(16)
     for code in ("ldpc", "rs", "none"):
         layout = Layout(MessagePlan(SHAPE, Signalling(code=code)))
-        coder, accepted, words = code_of(layout), 0, 10_000
+        coder, accepted, words = code_of(layout), 0, 3_000 if code == "rs" else 10_000
         for _ in range(words // 100):
             llr = (3 * draws.standard_normal((100, layout.word_bits))).astype(np.float32)
             infos = [one for one in coder.decode(llr) if one is not None]
@@ -135,7 +139,7 @@ def clock():
     shown = np.tile(np.where(layout.known == 0, 1, layout.known), (blocks, 1, 1)).astype(np.float32)
     for ratio, drift in product((1.5, 1.7, 2.0, 2.4, 3.0, 4.0, 6.0), (-0.01, 0.0, 0.01)):
         found = twice = total = right = frames = 0
-        for _ in range(10):
+        for _ in range(4):
             times = draws.random() + np.arange(int(len(shown) * ratio)) / ratio * (1 + drift)
             times = times[times < len(shown) - 1]
             light, first = mixed(shown, times)
@@ -156,7 +160,7 @@ def clock():
             total += len(shows)
             # A symbol taken for two, or two for one, moves the count.
             twice += int(abs((said[-1] - said[0]) - (middle[-1] - middle[0])) > 1)
-        yield ratio, drift, 10, total, f"{found / total:.5f}", f"{right / frames:.5f}", twice
+        yield ratio, drift, 4, total, f"{found / total:.5f}", f"{right / frames:.5f}", twice
 
 
 def mixed(shown, times, exposure=0.07, readout=0.03):
@@ -170,9 +174,95 @@ def mixed(shown, times, exposure=0.07, readout=0.03):
     return light, first[:, 0]
 
 
+def picture():
+    """docs/images/messages.png: a symbol, what the camera saw about it, its soft values, the text again."""
+    from matplotlib import pyplot
+
+    text = Path(__file__).parents[1].joinpath("LICENSE").read_bytes()[:600]
+    plan = MessagePlan(SHAPE, Signalling())
+    film, world = film_of(text, plan), load_scene("night")
+    receiver = train("night", locator="truth", classifier="flda_3", frames=128)
+    receiver.locator = RefinedLocator()
+    key, front, reception, seen = BlockKey(2, "messages", 0), Front(receiver), Reception(plan), []
+    scene = narrowed(world.scene, {"distance_m": 40}).draw(key, SHAPE)[0][:1]
+    shutter, got, values = Shutter(240.0, 0.0011, 0.03), [], []
+    for part in record(world.simulator(), scene, torch.from_numpy(film), SYMBOL_S, shutter, key):
+        seen += list(part.frames.grey[:, 0].numpy())
+        values += list(front(part.frames.grey[:, 0].numpy()))
+        got += reception.push(np.stack(values[-len(part.symbols) :]), (part.taken_s).tolist())
+    got += reception.finish()
+    assembly = Assembly()
+    for one in got:
+        if one.packet:
+            assembly.add(one.packet)
+    assert assembly.whole(reception.code.info_bytes) == text
+    figure, axes = pyplot.subplots(2, 6, figsize=(12, 4.6), layout="constrained")
+    for axis in axes.flat:
+        axis.set_axis_off()
+    pitch = (front.corners_px[1] - front.corners_px[0]).norm() / 8
+    left, top = (front.corners_px[0] - pitch).round().int().tolist()
+    side = int(10 * pitch)
+    for at, number in enumerate((20, 21)):
+        axes[0, at].imshow(film[number], cmap="gray")
+        axes[0, at].set_title(f"symbol {number}")
+    first = int(20 * 2.4)
+    for at, frame in enumerate(range(first, first + 4)):
+        axes[0, 2 + at].imshow(seen[frame][top : top + side, left : left + side], cmap="gray")
+        axes[0, 2 + at].set_title(f"frame {frame}")
+        axes[1, 2 + at].imshow(values[frame], cmap="RdBu_r", vmin=-12, vmax=12)
+        axes[1, 2 + at].set_title("soft values")
+    kinds = ["data", "anchor", "clock", "sync"]
+    axes[1, 0].imshow(np.vectorize(kinds.index)(Layout(plan).kind), cmap="Set2", vmax=7)
+    axes[1, 0].set_title("data, anchors,\nclock, sync cells")
+    words = text.decode().split()
+    told = f"{len(text)} bytes again:\n“{' '.join(words[:2])}\n{' '.join(words[2:6])} ...”"
+    axes[1, 1].text(0.5, 0.5, told, ha="center", va="center")
+    figure.savefig(RESULTS.parent / "images" / "messages.png", dpi=80)
+    return []
+
+
+def load():
+    """Processor time a frame of a full-HD recording, and memory over 100,000 frames."""
+    world, receiver = load_scene("night", "framing=full"), train("night", locator="truth", frames=128)
+    receiver.locator = RefinedLocator()
+    plan = MessagePlan(SHAPE, Signalling())
+    film = film_of(MESSAGE, plan)[:64]
+    key = BlockKey(3, "messages", 0)
+    scene = narrowed(world.scene, {"distance_m": 50}).draw(key, SHAPE)[0][:1]
+    told = scene, torch.from_numpy(film), SYMBOL_S, Shutter(100.0, 0.0011, 0.004), key
+    parts = record(world.simulator(), *told, window=None, batch=16)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "whole.mp4"
+        write_video(path, (grey for part in parts for grey in part.frames.grey[:, 0].numpy()), 100.0)
+        begun = time.process_time()
+        greys = np.stack([one.grey for one in read_recording(path, "luma", grey_only=True)])
+        spent = {"read": time.process_time() - begun}
+    front, begun = Front(receiver), time.process_time()
+    llr = np.concatenate([front(greys[at : at + 30]) for at in range(0, len(greys), 30)])
+    spent["front"] = time.process_time() - begun
+    front, begun = Front(receiver), time.process_time()
+    front(greys[:30])  # each of them is searched, for no panel is known yet
+    spent["front"] = (spent["front"] - (time.process_time() - begun)) * len(greys) / (len(greys) - 30)
+    reception, begun = Reception(plan), time.process_time()
+    list(reception.push(llr, [i / 100 for i in range(len(llr))]))
+    spent["clock"] = time.process_time() - begun
+    for name, seconds in spent.items():
+        yield f"{name}, ms a frame", f"{1e3 * seconds / len(greys):.2f}"
+    reception, shown = Reception(plan), 8.0 * film_of(MESSAGE, plan).repeat(2, axis=0) - 4.0
+    for turn in range(100_000 // len(shown) + 1):
+        times = [(turn * len(shown) + i) / 200 for i in range(len(shown))]
+        for at in range(0, len(shown), 64):
+            list(reception.push(shown[at : at + 64], times[at : at + 64]))
+        if turn in (10, 100_000 // len(shown)):
+            pages = int(Path("/proc/self/statm").read_text().split()[1])
+            yield f"MB after {(turn + 1) * len(shown)} frames", f"{pages * 4096 / 1e6:.0f}"
+
+
 PARTS = {
     "links": (links, "messages.csv", COLUMNS),
     "options": (options, "messages_options.csv", COLUMNS),
+    "picture": (picture, None, ()),
+    "load": (load, "messages_load.csv", ("what", "value")),
     "noise": (noise, "messages_noise.csv", ("code", "packets", "accepted")),
     "clock": (
         clock,
@@ -186,6 +276,9 @@ if __name__ == "__main__":
     torch.set_num_threads(1)
     for name in sys.argv[1:] or PARTS:
         rows, file, head = PARTS[name]
+        if file is None:
+            rows()
+            continue
         with (RESULTS / file).open("w", newline="", encoding="utf-8") as out:
             writer = csv.writer(out, lineterminator="\n")
             writer.writerow(head)
