@@ -26,6 +26,9 @@ STUCK_SYMBOLS = 16
 WEAK = 0.1
 """What a band counts whose clock cell does not agree, in a frame that does."""
 
+HARDLY = 0.9
+"""Share of a block without any frame from which on it is no block, but the begin or end of a recording."""
+
 UNSEEN = 0.1
 """Share of a packet's bits without any frame that is told as the reason of a loss."""
 
@@ -196,6 +199,8 @@ class Reception:
     def _decoded(self, block: int) -> Iterator[Received]:
         """Decode a block and forget it."""
         sums, counts, begun = self._sums.pop(block), self._counts.pop(block), self._begun.pop(block)
+        if (counts == 0).mean() > HARDLY:
+            return
         if self.plan.signalling.scramble:
             on = (sums >= 0).reshape(-1, STUCK_SYMBOLS, *sums.shape[1:])
             stuck = (on == on[:, :1]).all(axis=1) & (self.layout.kind == "data")

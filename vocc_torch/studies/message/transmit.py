@@ -43,11 +43,11 @@ def run_transmit(settings: Settings, config: TransmitConfig, folder: Path) -> No
         raise VoccError(f"input {settings.input} cannot be read: {error.strerror or error}") from None
     plan, console = plan_of(settings, config), Console()
     film = np.tile(film_of(message, plan), (config.repeats, 1, 1))
-    with atomic_file(folder / FRAMES) as temporary:
-        np.save(temporary, film)
     pictures = (np.where(one, LIT, DARK).astype(np.uint8) for one in film)
     large = (np.kron(one, np.ones((config.cell_px, config.cell_px), np.uint8)) for one in pictures)
     write_video(folder / "film.mp4", large, config.symbol_rate_hz)
+    with atomic_file(folder / FRAMES) as temporary:
+        np.save(temporary, film)
     write_atomically(folder / PLAN, plan.text.encode())
     run_folder.write_config(settings, folder)
     for line in costs(plan):
