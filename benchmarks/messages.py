@@ -77,7 +77,7 @@ def received(receiver, scores, fps, options, soft):
     return assembly, reception.code.info_bytes, time.process_time() - begun
 
 
-def rows_of(part, receivers, scene, distance, fps, options, softs, dropped=0.0):
+def rows_of(part, receivers, scene, distance, fps, options, softs, dropped=0.0, hidden=0):
     """Rows of one recording."""
     if scene not in receivers:
         learned = train(scene, locator="truth", classifier="flda_3", frames=256)
@@ -85,6 +85,8 @@ def rows_of(part, receivers, scene, distance, fps, options, softs, dropped=0.0):
         receivers[scene] = learned, load_scene(scene)
     receiver, world = receivers[scene]
     scores, ber, spent, seconds = recorded(receiver, world, distance, fps, options, dropped)
+    shown = (np.arange(len(scores)) / fps / SYMBOL_S).astype(int) % 128
+    scores[(shown >= 60) & (shown < 60 + hidden)] = 0  # as the front gives black frames
     for soft in softs:
         assembly, info, more = received(receiver, scores, fps, options, soft)
         whole = assembly.whole(info)
@@ -104,7 +106,7 @@ def rows_of(part, receivers, scene, distance, fps, options, softs, dropped=0.0):
 def links():
     """Scenes, distances and camera rates, both codes."""
     receivers = {}
-    slow, fast = product((150,), (30, 50, 70, 90, 110)), product((240,), (30, 50, 70))
+    slow, fast = product((150,), (30, 50, 70, 110)), product((240,), (50,))
     for scene, (fps, distance) in product(("night", "dashcam"), (*slow, *fast)):
         for code in ("ldpc", "rs") if fps == 150 else ("ldpc",):
             softs = ("calibrated", "scores", "hard") if code == "ldpc" else ("calibrated",)
@@ -112,11 +114,26 @@ def links():
 
 
 def options():
-    """With and without interleaving where every fifth frame is lost."""
+    """With and without interleaving, where frames are lost here and there, and where ten symbols are hidden."""
     receivers = {}
-    for code, interleave, distance in product(("ldpc", "rs"), (True, False), (70, 90)):
-        own = Signalling(code=code, interleave=interleave)
-        yield from rows_of("options", receivers, "night", distance, 150, own, ("calibrated",), 0.2)
+    for dropped, hidden in ((0.2, 0), (0.0, 10)):
+        for code, interleave in product(("ldpc", "rs"), (True, False)):
+            own = Signalling(code=code, interleave=interleave)
+            told = "night", 70, 150, own, ("calibrated",), dropped, hidden
+            yield from rows_of(f"options, {hidden} symbols of 128 hidden", receivers, *told)
+
+
+def soft():
+    """Soft against hard where packets begin to be lost, by what distances the receiver learned."""
+    for learned in ((30, 70), (60, 100)):
+        world = load_scene("night", f"scene.distance_m=[uniform,{learned[0]},{learned[1]}]")
+        receiver = train(world, locator="truth", classifier="flda_3", frames=512)
+        receiver.locator = RefinedLocator()
+        kept = {"night": (receiver, world)}
+        for distance in (80, 84, 88, 92):
+            name, own = f"soft, learned {learned[0]} to {learned[1]} m", Signalling(code="ldpc")
+            softs = ("calibrated", "scores", "hard")
+            yield from rows_of(name, kept, "night", distance, 150, own, softs)
 
 
 def noise():
@@ -261,6 +278,7 @@ def load():
 PARTS = {
     "links": (links, "messages.csv", COLUMNS),
     "options": (options, "messages_options.csv", COLUMNS),
+    "soft": (soft, "messages_soft.csv", COLUMNS),
     "picture": (picture, None, ()),
     "load": (load, "messages_load.csv", ("what", "value")),
     "noise": (noise, "messages_noise.csv", ("code", "packets", "accepted")),

@@ -15,7 +15,7 @@ SURE = 6.0
 MIXED_COST = 4.0
 """What it costs to take a frame for one between two symbols."""
 
-STEP_COST = 8.0
+STEP_COST = 5.0
 """What each symbol costs by which a frame is farther from the last one than the clock lets expect."""
 
 MOST_STEPS = 3

@@ -45,7 +45,9 @@ class Layout:
     - Anchors: the corners, always On. A receiver finds the panel's extent by them.
     - Clock: a cell in each band of rows that is the other in each symbol. Where a camera's exposure caught
       two symbols, or its shutter passes from one to the next, the bands say so.
-    - Sync: cells with a sequence that is told by a few of its bits: where in its block a symbol stands.
+    - Sync: where in its block a symbol stands: cells with a sequence that is told by a few of its bits, and
+      each second one with the symbol's number modulo 4 beside the clock, so that a symbol that no frame shows
+      is missed at once.
     - The rest carries packets: ``packets`` words of ``word_bits`` each, spread over all of the block where
       they are interleaved. The eight bits of a byte keep to one cell in eight symbols that follow each other
       where the code corrects bytes: a dead cell then hits no more bytes than it must.
@@ -97,7 +99,9 @@ class Layout:
         shown = np.zeros((self.symbols, *self.kind.shape), dtype=np.int8)
         shown[:, self.kind == "anchor"] = 1
         shown[:, self.kind == "clock"] = (2 * (index % 2) - 1)[:, None]
-        shown[:, self.kind == "sync"] = 2 * sync_bits(ORDERS[self.symbols])[:, None].astype(np.int8) - 1
+        places, quarters = sync_bits(ORDERS[self.symbols]), index // 2 % 2
+        for number, (row, column) in enumerate(np.argwhere(self.kind == "sync")):
+            shown[:, row, column] = 2 * (quarters if number % 2 else places) - 1
         return shown
 
     @cached_property
