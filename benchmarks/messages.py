@@ -114,7 +114,7 @@ def links():
 
 
 def options():
-    """With and without interleaving, where frames are lost here and there, and where ten symbols are hidden."""
+    """With and without interleaving: frames lost here and there, and ten symbols hidden in a row."""
     receivers = {}
     for dropped, hidden in ((0.2, 0), (0.0, 10)):
         for code, interleave in product(("ldpc", "rs"), (True, False)):

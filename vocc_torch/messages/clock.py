@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import lfilter
 
 from vocc_torch.messages.layout import Layout
 
@@ -26,6 +27,9 @@ EVEN = 0.02
 
 JUMP_COST = 40.0
 """What a jump to any place costs."""
+
+STUCK, MEMORY = 0.75, 64
+"""A cell that shows the same in more than this share of the last so many frames is hidden or dead."""
 
 DELAY = 256
 """Frames that are looked ahead before a frame's symbol is settled."""
@@ -78,6 +82,8 @@ class SymbolClock:
         self._cells = [np.flatnonzero((rows == band) & (kind != "data")) for band in range(layout.bands)]
         self._shown = [shown[:, cells].T for cells in self._cells]
         self._clocks = [np.flatnonzero((rows == band) & (kind == "clock")) for band in range(layout.bands)]
+        self._anchors = kind == "anchor"
+        self._lit = np.zeros((1, kind.size))
         self._value = np.zeros(self.states, dtype=np.float32)
         self._back: list[NDArray[np.int32]] = []
         self._steps: list[float] = []
@@ -96,7 +102,11 @@ class SymbolClock:
             Frames that are settled by now, or None.
         """
         flat = llr.reshape(len(llr), -1).astype(np.float32)
-        seen = self._likelihood(np.clip(flat, -SURE, SURE))
+        if not self._llr and not self._settled:  # a cell that is hidden from the begin on
+            self._lit = (1 - 1 / MEMORY) * np.sign(flat).mean(axis=0, keepdims=True)
+        alive, self._lit = lfilter([1 / MEMORY], [1, 1 / MEMORY - 1], np.sign(flat), axis=0, zi=self._lit)
+        alive = (np.abs(alive) < STUCK) | self._anchors
+        seen = self._likelihood(np.clip(flat, -SURE, SURE) * alive.astype(np.float32))
         for own, values, time_s in zip(flat, seen, times_s, strict=True):
             # Without a clock of its own the camera is taken to be faster than the panel.
             known = time_s is not None and self._last is not None

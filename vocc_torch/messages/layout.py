@@ -46,8 +46,8 @@ class Layout:
     - Clock: a cell in each band of rows that is the other in each symbol. Where a camera's exposure caught
       two symbols, or its shutter passes from one to the next, the bands say so.
     - Sync: where in its block a symbol stands: cells with a sequence that is told by a few of its bits, and
-      each second one with the symbol's number modulo 4 beside the clock, so that a symbol that no frame shows
-      is missed at once.
+      each second one with that turned over in two symbols of four, so that a symbol that no frame shows is
+      missed at once. Either alone will do.
     - The rest carries packets: ``packets`` words of ``word_bits`` each, spread over all of the block where
       they are interleaved. The eight bits of a byte keep to one cell in eight symbols that follow each other
       where the code corrects bytes: a dead cell then hits no more bytes than it must.
@@ -99,9 +99,10 @@ class Layout:
         shown = np.zeros((self.symbols, *self.kind.shape), dtype=np.int8)
         shown[:, self.kind == "anchor"] = 1
         shown[:, self.kind == "clock"] = (2 * (index % 2) - 1)[:, None]
-        places, quarters = sync_bits(ORDERS[self.symbols]), index // 2 % 2
+        places = sync_bits(ORDERS[self.symbols]).astype(np.int8)
+        both = places, places ^ (index // 2 % 2)
         for number, (row, column) in enumerate(np.argwhere(self.kind == "sync")):
-            shown[:, row, column] = 2 * (quarters if number % 2 else places) - 1
+            shown[:, row, column] = 2 * both[number % 2] - 1
         return shown
 
     @cached_property
