@@ -287,6 +287,11 @@ class Curves:
             return self.paired[b, a, value].swapped()
         raise VoccError(f"{a} and {b} were not compared at {self.axis}={value:g}")
 
+    def tested(self, receiver: str, value: float) -> Counts:
+        """Give a receiver's errors: those of all trainings together, where there are several."""
+        of = self.trained.get((receiver, value))
+        return self.counts[receiver, value] if of is None else of.pooled
+
     def trained_pair(self, a: str, b: str, value: float, confidence: float = CONFIDENCE) -> Estimate | None:
         """Give the algorithms' difference, a less b, at one value; None after a single training."""
         if (a, value) not in self.trained or (b, value) not in self.trained:

@@ -81,7 +81,12 @@ class Trained:
 
 
 def widened(
-    frames: Estimate, each: Sequence[float], confidence: float = CONFIDENCE, *, logarithmic: bool = False
+    frames: Estimate,
+    each: Sequence[float],
+    confidence: float = CONFIDENCE,
+    *,
+    logarithmic: bool = False,
+    against_one: bool = False,
 ) -> Estimate:
     """Join an interval over frames with the scatter from one training to the next.
 
@@ -90,8 +95,9 @@ def widened(
         each: the number of each training, at least two.
         confidence: above 0, below 1.
         logarithmic: whether the scatter is by factors, as that of rates is; the mean is then above 0.
+        against_one: whether this is the difference from somebody's single training, which scatters as well.
     """
-    reach = t_reach(each, confidence)
+    reach = t_reach(each, confidence) * math.sqrt(1 + len(each) * against_one)
     below = above = reach
     if logarithmic:
         # A factor that overflows is no knowledge at all.
@@ -99,7 +105,7 @@ def widened(
         below, above = frames.value * (1 - 1 / factor), frames.value * (factor - 1)
     low = frames.value - math.hypot(frames.value - frames.low, below)
     high = frames.value + math.hypot(frames.high - frames.value, above)
-    return Estimate(frames.value, max(0.0 if logarithmic else -1.0, low), min(1.0, high))
+    return Estimate(frames.value, max(0.0, low) if logarithmic else low, min(1.0, high))
 
 
 def t_reach(each: Sequence[float], confidence: float = CONFIDENCE) -> float:
@@ -132,4 +138,5 @@ def mean_difference(a: Trained, b: Trained, pooled: PairedCounts, confidence: fl
     # Where no frame differs, all trainings are taken to differ alike in the frame that was not seen.
     size = float(len(a.each)) if pooled.bits >= len(a.each) * pooled.frames else 1.0
     frames = paired_interval(pooled, confidence, size)
-    return widened(frames, np.subtract(a.rates, b.rates).tolist(), confidence)
+    found = widened(frames, np.subtract(a.rates, b.rates).tolist(), confidence)
+    return Estimate(found.value, max(-1.0, found.low), found.high)

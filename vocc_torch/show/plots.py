@@ -127,11 +127,12 @@ def draw_receiver(axes: Axes, x: Sequence[float], rows: Sequence[Row], style: St
     rate = [math.nan if row.error_free else row.ber for row in rows]
     ends = [[row.ber - row.ber_low for row in rows], [row.ber_high - row.ber for row in rows]]
     bar, colour = 1.3 * size, style.colour
-    for at, found in ((at, row.algorithm) for at, row in zip(x, rows, strict=True)):
-        if found is not None and found.value:
+    for at, row in zip(x, rows, strict=True):
+        # What learns nothing has one interval.
+        if (found := row.algorithm) is not None and row.ber_sd:
             # A low end of 0 is beyond a logarithmic axis.
-            ends = [max(found.low, axes.get_ylim()[0]), found.high]
-            pale = Line2D([at, at], ends, color=colour, alpha=0.25, linewidth=7 * size, zorder=1.5)
+            reach = [max(found.low, axes.get_ylim()[0]), found.high]
+            pale = Line2D([at, at], reach, color=colour, alpha=0.25, linewidth=7 * size, zorder=1.5)
             pale.set(label="_algorithm", solid_capstyle="butt")
             axes.add_line(pale)
             mean = Line2D([at], [found.value], marker="_", markersize=9 * size, color=colour, zorder=3.5)
@@ -169,7 +170,7 @@ def interval_note(rows: Iterable[Row]) -> str:
     """
     rows, note = list(rows), "Bars: 95 % intervals over frames"
     if trainings := max((row.trainings for row in rows), default=1) - 1:
-        note += f" of the first training \N{MIDDLE DOT} pale, with the mean: {trainings + 1} trainings and frames"
+        note += f" of the first training \N{MIDDLE DOT} pale, with the mean: over {trainings + 1} trainings"
     if any(row.error_free for row in rows):
         long = " \N{MIDDLE DOT} arrows: no error seen, the rate is below this (95 %)"
         note += " \N{MIDDLE DOT} arrows: no error, below this" if trainings else long
