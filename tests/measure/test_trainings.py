@@ -177,7 +177,7 @@ def test_what_cannot_be_of_the_same_trainings_is_refused():
 def test_the_algorithms_interval_covers(scatter, trainings):
     """On made-up trainings with known truth; benchmarks/trainings.py does it on real ones.
 
-    A log-normal scatter of 60 % is more skewed than that of FLDA with 125 frames, and costs two or three points.
+    A log-normal scatter of 60 % is more skewed than that of FLDA with 125 frames, and costs two points.
     """
     rng, studies = np.random.default_rng(0), 600
     truth = 2e-3 * (0.1 * 10 * 0.5 + 0.5)
