@@ -122,7 +122,7 @@ class Experiment:
         axes = (*SCENE_FIELDS, "contrast")
         if self.axis not in axes:
             raise VoccError.of("experiment.axis", repr(self.axis), f"one of {', '.join(axes)}")
-        if self.name in ("", "train"):
+        if self.name.partition("/")[0] in ("", "train"):
             raise VoccError.of("experiment.name", repr(self.name), "a name, and train is training's own")
         binned, is_grid = self.axis == "contrast", self.row_axis is not None or bool(self.rows)
         known = [name for name in SCENE_FIELDS if name != self.axis]
