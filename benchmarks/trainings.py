@@ -2,7 +2,7 @@
 
     python benchmarks/trainings.py
 
-About six minutes of one core. Writes docs/results/trainings.csv, docs/images/trainings.png and the tables of
+About four minutes of one core. Writes docs/results/trainings.csv, docs/images/trainings.png and the tables of
 docs/statistics.md between this script's markers. Training frames are simulated once: FLDA's statistics add,
 so a training of any size is a sum over pieces of 125 frames. Coverage is that of studies drawn, with
 repetition, from many trainings and many test frames whose mean is then the truth.
