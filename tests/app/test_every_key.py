@@ -74,7 +74,7 @@ SECTIONS = {
         **{"locators": ["truth"], "samples_per_led": [16], "gradients": ["central"], "dtypes": ["float64"]},
         **{"varied": ["flda_2"], "combine": "all", "batch_sizes": [2], "frames": ["crops"], "repeats": 1},
         **{"threads": 2, "frames_a_preamble": 2, "genie_frames": 1, "scenes": {"far": {"distance_m": 70}}},
-        "devices": ["cpu", "cuda"],
+        **{"devices": ["cpu", "cuda"], "onnx": True},
     },
     "rivals": {
         **{"reference": "flda_2", "points": {"ambient": 2000}, "genie_frames": 1, "scenes": {}},

@@ -81,8 +81,8 @@ def refuse_ignored(settings: AppConfig, words: Sequence[str]) -> None:
 
     Raises:
         VoccError: a setting of the camera that the scene makes itself, effects set to none, several options
-            of one group, which would be mixed, what the task passes over or a video, what a model brings itself,
-            or what the experiment sets in the scene's stead.
+            of one group, which would be mixed, what the task or its input passes over, what a model brings
+            itself, or what the experiment sets in the scene's stead.
 
     Example:
         >>> from vocc_torch.measure.config import Experiment

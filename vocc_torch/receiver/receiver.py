@@ -289,7 +289,7 @@ class Receiver(torch.nn.Module):
             if not bool(classifier.direction.isfinite().all()):
                 raise VoccError("its statistics are not finite")
             return cls(name, locator, reader, classifier, calibration, trained_on)
-        except (KeyError, TypeError, ValueError, RuntimeError, AttributeError) as error:
+        except (LookupError, TypeError, ValueError, RuntimeError, AttributeError) as error:
             if isinstance(error, VoccError):
                 raise VoccError(f"model {path}: {error}") from None
             reason = str(error).splitlines()[0] if str(error) else type(error).__name__
