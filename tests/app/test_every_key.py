@@ -121,11 +121,14 @@ FROM_OTHERS = {"tradeoff": ("receiver.locator", "receiver.samples_per_led", "rec
 
 
 def of(task):
-    """A task's settings; of the effects some alone, because a study builds each."""
+    """A task's settings; of effects, scenes and classifiers some alone, because a study builds each."""
     settings = composed(f"task={task}")
     own = settings.effects
-    for part in (own.parts, own.severity):
-        for name in set(part) - {"defocus"}:
+    rivals, figures = settings.rivals, settings.figures
+    kept = {"defocus", "night", "ambient", "distance", "dimming", "lmmse"}
+    several = (own.parts, own.severity, rivals.scenes, figures.experiments, settings.classifiers)
+    for part in several[: None if task in ("classifiers", "tradeoff") else -1]:
+        for name in set(part) - kept:
             del part[name]
     return settings
 
