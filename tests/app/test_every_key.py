@@ -116,8 +116,13 @@ LATER = {
 }
 """Keys that act after a study is built, and the test that sees them act."""
 
-FROM_OTHERS = {"tradeoff": ("receiver.locator", "receiver.samples_per_led", "receiver.gradient", "device")}
-"""Keys that reach a task's own section as interpolations, which Hydra resolves."""
+FROM_OTHERS = {
+    "tradeoff": {
+        **{"receiver.locator": "locators", "receiver.samples_per_led": "samples_per_led"},
+        **{"receiver.gradient": "gradients", "device": "devices"},
+    }
+}
+"""Keys that reach a task's own section as interpolations, which Hydra resolves, and where."""
 
 
 def of(task):
@@ -195,6 +200,8 @@ def test_every_key_is_refused_by_its_name_or_has_an_effect(task):
     place = import_module(f"vocc_torch.studies.{module}")
     source = inspect.getsource(getattr(place, run) if module == "curve" else place)  # which is of two tasks
     usual, silent, refused = spent(base), [], []
+    brought = FROM_OTHERS.get(task, {})
+    others = composed(f"task={task}", *(f"{key}={OTHER[key]}" for key in brought)) if brought else None
     for key, value in (OTHER | ({"receiver.locator": "paper"} if task == "decode" else {})).items():
         settings, alone, word = base, usual, f"{key}={value}"
         for name, also in ALSO.get(key, {}).items():
@@ -205,8 +212,9 @@ def test_every_key_is_refused_by_its_name_or_has_an_effect(task):
             if key in LATER and (key != "scene.name" or task == "test"):  # the study reads it, or its section
                 done = any(f"{of}.{key.rpartition('.')[2]}" in source for of in ("settings", "config"))
                 done = done or key in ("name", "scene.name")
-            elif key in FROM_OTHERS.get(task, ()):
-                done = spent(composed(f"task={task}", word)) != usual
+            elif key in brought:
+                own = [getattr(one.tradeoff, brought[key]) for one in (base, others)]
+                done = own[0][0] != own[1][0] and own[1][0] == value
             else:
                 done = spent(changed(settings, key, value)) != alone
         except VoccError as error:
