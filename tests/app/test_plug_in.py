@@ -5,6 +5,7 @@ import pickle
 import random
 import re
 import sys
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -13,8 +14,10 @@ import torch
 from composing import composed, study_of
 from PIL import Image
 
-from vocc_torch import Receiver, Scene, Simulator
+from vocc_torch import Receiver, Scene, Simulator, plugins
 from vocc_torch.app.cli import run_task
+from vocc_torch.errors import VoccError
+from vocc_torch.measure import workers
 from vocc_torch.measure.train import train
 from vocc_torch.show import plots
 
@@ -167,6 +170,23 @@ def test_parts_from_outside_in_a_sweep_resumed_after_a_kill_and_kept(app, comman
     with (tmp_path / "runs" / "y" / "bits.csv").open(newline="") as file:
         read = [row["bits"] for row in csv.DictReader(file)]
     assert read == ["".join(map(str, one.flatten().int().tolist())) for one in bits]
+
+
+def test_a_worker_refuses_a_file_that_changed_since_its_run_began(tmp_path, monkeypatch):
+    """Or one ledger would count the frames of two texts as those of one."""
+    path, given = tmp_path / "mine.py", []
+    path.write_text("ANSWER = 42")
+    assert plugins.ModuleFile(str(path)).named("ANSWER") == 42
+    monkeypatch.setattr(
+        workers.futures, "ProcessPoolExecutor", lambda *_, initargs, **__: given.extend(initargs) or None
+    )
+    with suppress(AttributeError):  # there is no pool
+        workers.Workers(2).submit(len, "")
+    monkeypatch.setattr(plugins, "EXPECTED", given[0])
+    assert plugins.ModuleFile(str(path)).named("ANSWER") == 42
+    path.write_text("ANSWER = 43")
+    with pytest.raises(VoccError, match=r"mine.py has changed since this run began: begin it again"):
+        plugins.ModuleFile(str(path)).named("ANSWER")
 
 
 def test_a_grid_takes_a_classifier_and_a_locator_by_name(app, tmp_path):

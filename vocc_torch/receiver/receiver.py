@@ -237,6 +237,8 @@ class Receiver(torch.nn.Module):
             VoccError: no path, a part that cannot be kept, or the file cannot be written.
         """
         demand_kind("path", path, str, Path)
+        if not Path(path).name:
+            raise VoccError.of("path", shown(str(path)), "that of a file")
         settings: Settings = {"name": self.name, "rows": self.shape.rows, "columns": self.shape.columns}
         settings |= {"samples_per_led": self.reader.samples_per_led, "gradient": self.reader.gradient}
         seen = [one.settings for one in self.reader.more if one.name in self.inputs.features]
