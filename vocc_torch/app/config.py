@@ -4,6 +4,7 @@ import inspect
 import os
 import re
 from dataclasses import dataclass, field, fields, is_dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any, get_type_hints
 
@@ -176,6 +177,7 @@ def described(root: DictConfig, schema: type) -> str:
     return "\n".join([*lines, "", *lists]).replace("$", "$$")
 
 
+@cache
 def keys_of(schema: type, prefix: str = "") -> dict[str, Any]:
     """List every key of a schema, with dots, and its type.
 
@@ -224,8 +226,9 @@ class Composed(AppConfig):
     classifiers: dict[str, Any] = field(default_factory=dict)
 
 
+@cache
 def schema(kind: type[AppConfig] = AppConfig) -> DictConfig:
-    """Make the schema; its sections take values although some are built as frozen dataclasses."""
+    """Make the schema once; its sections take values although some are built as frozen dataclasses."""
     made: DictConfig = OmegaConf.structured(kind)
     for frozen in (made.camera, made.receiver.location):
         OmegaConf.set_readonly(frozen, None)
