@@ -42,7 +42,7 @@ class Calibration:
         >>> scores = torch.tensor([-2.0, -1.0, -0.5, 0.5, 1.0, 2.0])
         >>> learned = Calibration.of(scores, torch.tensor([0, 0, 1, 0, 1, 1]) == 1)
         >>> learned(torch.tensor([-3.0, 0.0, 0.25, 3.0])).round(decimals=2).tolist()
-        [-1.61, 0.0, 0.0, 1.61]
+        [-0.69, 0.0, 0.0, 0.69]
     """
 
     off: tuple[tuple[float, ...], tuple[float, ...]]
