@@ -200,6 +200,8 @@ def test_columns_are_written_read_back_and_may_be_missing(curves, tmp_path):
     folder.write_rows(tmp_path / "ber.csv", folder.ber_rows(table))
     (read,) = folder.read_tables(tmp_path / "ber.csv").values()
     assert {(row.receiver, row) for row in read} == {(row.receiver, row) for row in table}
+    grey = next(row for row in table if row.receiver == "center_greyscale")
+    assert (grey.ber_sd, grey.algorithm_low, grey.algorithm_high) == (0, grey.ber_low, grey.ber_high)
     row = next(row for row in table if row.receiver == "flda_2")
     rates = curves.trained["flda_2", 66.0].rates
     assert (row.trainings, row.ber_best, row.ber_worst) == (K, min(rates), max(rates))
