@@ -82,8 +82,8 @@ IGNORED = {
     "test": RECORDED,
     "decode": (*ALONE, "experiment"),
     "figures": (*RECORDED, "experiment", "receiver.locator", "scene.name"),
-    "effects": (*RECORDED, "experiment", "receiver.locator", "receiver.features", *PARTS),
-    "tradeoff": (*RECORDED, "experiment", "receiver.save"),
+    "effects": (*RECORDED, "experiment", "receiver.locator", "receiver.features", "budget.trainings", *PARTS),
+    "tradeoff": (*RECORDED, "experiment", "receiver.save", "budget.trainings"),
     "classifiers": (*RECORDED, "experiment"),
     "export_receiver": (
         *("input", "experiment", "workers", "tensorboard", "scene.name", "receiver.names"),
