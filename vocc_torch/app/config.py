@@ -4,6 +4,7 @@ import inspect
 import os
 import re
 from dataclasses import dataclass, field, fields, is_dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any, get_type_hints
 
@@ -93,8 +94,8 @@ IGNORED = {
     "test": RECORDED,
     "decode": (*ALONE, "experiment"),
     "figures": (*RECORDED, "experiment", "receiver.locator", "scene.name"),
-    "effects": (*RECORDED, "experiment", "receiver.locator", "receiver.features", *PARTS),
-    "tradeoff": (*RECORDED, "experiment", "receiver.save"),
+    "effects": (*RECORDED, "experiment", "receiver.locator", "receiver.features", "budget.trainings", *PARTS),
+    "tradeoff": (*RECORDED, "experiment", "receiver.save", "budget.trainings"),
     "classifiers": (*RECORDED, "experiment"),
     "export_receiver": (
         *("input", "experiment", "workers", "tensorboard", "scene.name", "receiver.names"),
@@ -164,10 +165,11 @@ def job_folder(name: str, job: int) -> str:
 
 
 NAMES = {
-    "Effects": "pose, lens_distortion, rolling_shutter, stuck_leds, led_scatter, attenuation, "
-    "background_texture, lamps, second_panel, airlight, occlusion, veiling_glare, motion_blur, defocus, "
+    "Effects": "pose, lens_distortion, rolling_shutter, stuck_leds, led_scatter, attenuation, led_look, "
+    "multiplexing, panel_absent, background_texture, scenery, backdrop, leaves, clutter, lamps, "
+    "second_panel, housing, airlight, occlusion, veiling_glare, motion_blur, defocus, "
     "diffraction, blooming, vignetting, bayer, photoelectrons, prnu, dark_current, hot_pixels, shot_noise, "
-    "full_well, dsnu, row_noise, read_noise, gain, demosaicing, saturation, quantization, jpeg",
+    "full_well, dsnu, row_noise, read_noise, gain, demosaicing, saturation, letterbox, quantization, jpeg",
     "Receivers": "center_greyscale, average_greyscale, flda_agr, flda_gri, flda_ngr, flda_agr_ngr, flda_2, "
     "flda_3",
     "Locators": "truth, paper, refined",
@@ -198,6 +200,7 @@ def described(root: DictConfig, schema: type) -> str:
     return "\n".join([*lines, "", *lists]).replace("$", "$$")
 
 
+@cache
 def keys_of(schema: type, prefix: str = "") -> dict[str, Any]:
     """List every key of a schema, with dots, and its type.
 
@@ -246,8 +249,9 @@ class Composed(AppConfig):
     classifiers: dict[str, Any] = field(default_factory=dict)
 
 
+@cache
 def schema(kind: type[AppConfig] = AppConfig) -> DictConfig:
-    """Make the schema; its sections take values although some are built as frozen dataclasses."""
+    """Make the schema once; its sections take values although some are built as frozen dataclasses."""
     made: DictConfig = OmegaConf.structured(kind)
     for frozen in (made.camera, made.receiver.location):
         OmegaConf.set_readonly(frozen, None)

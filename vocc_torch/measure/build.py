@@ -55,8 +55,15 @@ def build_plan(settings: Settings, folder: Path) -> plans.Plan:
         device=settings.device,
         dtype=PRECISIONS[settings.precision],
     )
-    experiment, seed, batch = settings.experiment, settings.seed, settings.batch_frames
-    return plans.Plan(world, receiver_plan(settings, shape), experiment, settings.budget, folder, seed, batch)
+    experiment, seed, batch, budget = (
+        settings.experiment,
+        settings.seed,
+        settings.batch_frames,
+        settings.budget,
+    )
+    if settings.task not in plans.TRAINS_OFTEN:
+        budget = replace(budget, trainings=1)  # of a named budget; where it is typed it is refused
+    return plans.Plan(world, receiver_plan(settings, shape), experiment, budget, folder, seed, batch)
 
 
 def receiver_plan(settings: Settings, shape: PanelShape) -> plans.ReceiverPlan:

@@ -11,13 +11,10 @@ from numpy.typing import NDArray
 from PIL import Image, ImageOps, UnidentifiedImageError
 
 from vocc_torch.errors import VoccError, printable
+from vocc_torch.files import PICTURE_FORMATS, PICTURE_SUFFIXES, VIDEO_SUFFIXES
 
 GREYS = ".npy"
 """An array (N,H,W) uint8 of greys, as NumPy writes it."""
-PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".gif", ".pgm", ".ppm")
-PICTURE_FORMATS = ("PNG", "JPEG", "BMP", "TIFF", "WEBP", "GIF", "PPM")
-"""What a picture may be, whatever its name says: others of Pillow's readers run programs."""
-VIDEO_SUFFIXES = (".mp4", ".mkv", ".avi", ".mov", ".webm", ".m4v", ".mpg", ".mpeg", ".mjpeg")
 
 
 @dataclass(frozen=True, slots=True)
