@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
+from scipy.optimize import minimize_scalar
 from scipy.special import expit
 
 from vocc_torch.messages.clock import SymbolClock, Ticks
@@ -22,6 +23,9 @@ DEAF_SHARE, NEARBY = 0.3, 32
 
 STUCK_SYMBOLS = 16
 """A cell that decides alike in so many symbols in a row carries no scrambled data: it is hidden or dead."""
+
+LEAST_WORTH = 0.01
+"""Least that ratios are multiplied by."""
 
 WEAK = 0.1
 """What a band counts whose clock cell does not agree, in a frame that does."""
@@ -196,6 +200,22 @@ class Reception:
         for block in sorted(one for one in self._sums if one < blocks[-1].min()):
             yield from self._decoded(block)
 
+    def _worth(self, sums: NDArray[np.float32]) -> float:
+        """Say by what a block's ratios are to be multiplied, at most 1, to make its known cells likeliest.
+
+        Far from what a receiver learned, and where frames of a symbol err together, ratios are too sure.
+        """
+        known = self.layout.known
+        stuck = ((sums > 0).all(axis=0) | (sums < 0).all(axis=0)) & (self.layout.kind != "anchor")
+        agreement = (known * sums)[(known != 0) & (sums != 0) & ~stuck]
+        if not len(agreement):
+            return 1.0
+
+        def unlikely(scale: float) -> float:
+            return float(np.logaddexp(0.0, -scale * agreement.astype(np.float64)).sum())
+
+        return float(minimize_scalar(unlikely, bounds=(LEAST_WORTH, 1.0), method="bounded").x)
+
     def _decoded(self, block: int) -> Iterator[Received]:
         """Decode a block and forget it."""
         sums, counts, begun = self._sums.pop(block), self._counts.pop(block), self._begun.pop(block)
@@ -205,7 +225,7 @@ class Reception:
             on = (sums >= 0).reshape(-1, STUCK_SYMBOLS, *sums.shape[1:])
             stuck = (on == on[:, :1]).all(axis=1) & (self.layout.kind == "data")
             sums[stuck.repeat(STUCK_SYMBOLS, axis=0)] = 0
-        words = self.layout.read(sums)
+        words = self.layout.read(sums * self._worth(sums))
         each = counts[:, self.layout.band_of_row, None].repeat(sums.shape[2], axis=2)
         frames = self.layout.take(each.astype(np.float32))
         for place, (info, word, seen) in enumerate(zip(self.code.decode(words), words, frames, strict=True)):
