@@ -34,6 +34,7 @@ from vocc_torch.simulation.scene import narrowed
 RESULTS = Path(__file__).parents[1] / "docs" / "results"
 SHAPE = PanelShape(8, 8)
 MESSAGE = np.random.default_rng(16).bytes(2000)
+NOISE = {"ldpc": 2_000, "rs": 1_000, "none": 10_000}
 SYMBOL_S, DRIFT = 0.01, 0.005
 COLUMNS = ("part", "scene", "distance_m", "fps", "dropped", "code", "interleave", "soft", "frames")
 COLUMNS += ("raw_ber", "sent", "arrived", "equal", "kbit_s", "process_s", "lost")
@@ -139,9 +140,9 @@ def soft():
 def noise():
     """Packets of noise: words of random soft values, and bits of the checksum."""
     draws = np.random.default_rng(16)
-    for code in ("ldpc", "rs", "none"):
+    for code in NOISE:
         layout = Layout(MessagePlan(SHAPE, Signalling(code=code)))
-        coder, accepted, words = code_of(layout), 0, 3_000 if code == "rs" else 10_000
+        coder, accepted, words = code_of(layout), 0, NOISE[code]
         for _ in range(words // 100):
             llr = (3 * draws.standard_normal((100, layout.word_bits))).astype(np.float32)
             infos = [one for one in coder.decode(llr) if one is not None]
