@@ -98,7 +98,7 @@ def receiver_plan(settings: Settings, shape: PanelShape) -> plans.ReceiverPlan:
         flda = PlugIn("receiver.features", "flda", "vocc_torch.receiver.classifiers.FldaClassifier")
         plugged_in.append(plans.ClassifierPlan("flda", flda, Inputs((*chosen,))))
     save = receiver.save
-    if save is None and len(plugged_in) > 1 and settings.task in ("train", "decode"):
+    if save is None and len(plugged_in) > 1 and settings.task in ("train", "decode", "receive"):
         rule = f"one of {', '.join(one.name for one in plugged_in)}, the receiver that is kept"
         rule += "; receiver.features made flda" * (plugged_in[-1].name == "flda")
         raise VoccError.of("receiver.save", "null", rule)

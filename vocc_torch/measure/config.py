@@ -276,8 +276,9 @@ class Settings:
         batch_frames: frames computed at a time; changes speed and memory, never results.
         workers: processes of one thread each; 0 takes one a core; changes speed, never results.
         tensorboard: whether boards are written.
-        input: for task=decode a picture, a folder of pictures or a video; for task=collect a sweep's folder.
-        model: a receiver.pt for task=decode; null trains one.
+        input: for task=decode and task=receive a picture, a folder of pictures, a video or an array; for
+            task=transmit a file; for task=record the folder of that; for task=collect a sweep's folder.
+        model: a receiver.pt for task=decode and task=receive; null trains one.
         plug_ins: Python files and packages whose code a model may run, such as [mine.py].
         scene: what is simulated.
         camera: the camera.

@@ -18,11 +18,11 @@ from vocc_torch.measure.config import Settings
 from vocc_torch.measure.train import receiver_for
 from vocc_torch.receiver.calibration import APPEARANCE, outside
 from vocc_torch.receiver.receiver import Receiver
+from vocc_torch.receiver.recording import RecordedFrame, read_recording
 from vocc_torch.show import folder as run_folder
 from vocc_torch.show.canvas import annotated
 from vocc_torch.show.terminal import Console
 from vocc_torch.studies.decode import DecodeConfig
-from vocc_torch.studies.decode.recording import RecordedFrame, read_recording
 
 DOUBTFUL_SCORE = 0.6
 """Noise that fills a 4:3 picture scores 0.56; of the paper's scenes one in fifty scores less than this."""
@@ -187,7 +187,7 @@ def decode(receiver: Receiver, recording: Iterator[RecordedFrame]) -> Iterator[R
 
     Args:
         receiver: a trained receiver.
-        recording: its frames, as :func:`~vocc_torch.studies.decode.recording.read_recording` gives them.
+        recording: its frames, as :func:`~vocc_torch.receiver.recording.read_recording` gives them.
 
     Raises:
         VoccError: a frame that cannot be read.
