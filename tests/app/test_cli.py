@@ -374,6 +374,8 @@ def test_commands_in_the_pages_compose(page, tmp_path, monkeypatch):
     )
     (tmp_path / "mine.py").write_text("\n".join(code))
     (tmp_path / "examples").symlink_to(ROOT / "examples")
+    (tmp_path / "my").mkdir()
+    (tmp_path / "my" / "photographs").symlink_to(ROOT / "tests" / "data")
     monkeypatch.chdir(tmp_path)
     for words in (words for words, where in SHOWN.items() if where == page):
         built(composed(*words))
