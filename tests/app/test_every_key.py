@@ -18,6 +18,7 @@ from vocc_torch.measure.plan import identity
 from vocc_torch.measure.sweep import Study
 from vocc_torch.studies.effects import Severity
 from vocc_torch.studies.export.run import identity_of
+from vocc_torch.studies.message.transmit import plan_of
 
 ROOT = Path(__file__).parents[2]
 LMMSE = ClassifierSettings({"_target_": "vocc_torch.receiver.classifiers.LmmseEqualizer"})
@@ -59,7 +60,7 @@ SECTIONS = {
     },
     "budget": {
         **{"frames": 700, "training_frames": 600, "target_frame_errors": 50, "precision": 0.2},
-        "least_ber": 0.01,
+        **{"least_ber": 0.01, "trainings": 2},
     },
     "figures": {
         **{"names": ["fig22"], "focal_lengths_mm": [18.0], "locators": ["truth"]},
@@ -74,7 +75,7 @@ SECTIONS = {
         **{"locators": ["truth"], "samples_per_led": [16], "gradients": ["central"], "dtypes": ["float64"]},
         **{"varied": ["flda_2"], "combine": "all", "batch_sizes": [2], "frames": ["crops"], "repeats": 1},
         **{"threads": 2, "frames_a_preamble": 2, "genie_frames": 1, "scenes": {"far": {"distance_m": 70}}},
-        "devices": ["cpu", "cuda"],
+        **{"devices": ["cpu", "cuda"], "onnx": True},
     },
     "rivals": {
         **{"reference": "flda_2", "points": {"ambient": 2000}, "genie_frames": 1, "scenes": {}},
@@ -82,6 +83,16 @@ SECTIONS = {
     },
     "decode": {"channel": "max", "annotate": False, "scale": 2, "most": 2},
     "export": {"points": "test", "frames": 64, "shard_frames": 64},
+    "transmit": {
+        **{"symbol_rate_hz": 50.0, "code": "none", "code_rate": 0.5, "block_symbols": 64, "bands": 2},
+        **{"sync_cells": 1, "anchors": False, "interleave": False, "scramble": False},
+        **{"repeats": 2, "cell_px": 16},
+    },
+    "record": {
+        **{"fps": 150.0, "drift": 0.01, "start_s": 0.1, "readout_s": 0.01, "dropped": 0.1, "repeated": 0.1},
+        **{"black": 0.1, "speed_m_s": 1.0, "margin": 2.0, "quality": 20},
+    },
+    "receive": {"plan": "p.yaml", "fps": 100.0, "locate_every": 1, "channel": "max", "soft": "hard"},
 }
 OTHER = {
     **{f"{place}.{name}": value for place, keys in SECTIONS.items() for name, value in keys.items()},
@@ -117,16 +128,24 @@ LATER = {
 }
 """Keys that act after a study is built, and the test that sees them act."""
 
-FROM_OTHERS = {"tradeoff": ("receiver.locator", "receiver.samples_per_led", "receiver.gradient", "device")}
-"""Keys that reach a task's own section as interpolations, which Hydra resolves."""
+FROM_OTHERS = {
+    "tradeoff": {
+        **{"receiver.locator": "locators", "receiver.samples_per_led": "samples_per_led"},
+        **{"receiver.gradient": "gradients", "device": "devices"},
+    }
+}
+"""Keys that reach a task's own section as interpolations, which Hydra resolves, and where."""
 
 
 def of(task):
-    """A task's settings; of the effects some alone, because a study builds each."""
+    """A task's settings; of effects, scenes and classifiers some alone, because a study builds each."""
     settings = composed(f"task={task}")
     own = settings.effects
-    for part in (own.parts, own.severity):
-        for name in set(part) - {"defocus"}:
+    rivals, figures = settings.rivals, settings.figures
+    kept = {"defocus", "night", "ambient", "distance", "dimming", "lmmse"}
+    several = (own.parts, own.severity, rivals.scenes, figures.experiments, settings.classifiers)
+    for part in several[: None if task in ("classifiers", "tradeoff") else -1]:
+        for name in set(part) - kept:
             del part[name]
     return settings
 
@@ -159,6 +178,13 @@ def spent(settings):
         one, experiment = replace(plan.receiver, names=("flda_3",)), replace(plan.experiment, training=scenes)
         held = plan.budget.frames if task == "export_receiver" else 0
         return held, learned(replace(plan, receiver=one, experiment=experiment))
+    if task == "transmit":
+        return plan_of(settings, settings.transmit), settings.transmit
+    if task in ("record", "receive"):
+        one = replace(plan, receiver=replace(plan.receiver, names=("flda_3",)))
+        one = replace(one, experiment=replace(plan.experiment, training={}))
+        told = learned(one) if task == "receive" else (learned(one)["world"], learned(one)["batches"])
+        return told, plan.seed, settings.record, settings.receive, settings.framing
     if task == "test":
         grid = plan.experiment.row_axis, plan.experiment.rows
         return grid, [counted(Study("", row, (row.receiver.locator,))) for row in plan.rows().values()]
@@ -193,7 +219,11 @@ def test_every_key_is_refused_by_its_name_or_has_an_effect(task):
     place = import_module(f"vocc_torch.studies.{module}")
     source = inspect.getsource(getattr(place, run) if module == "curve" else place)  # which is of two tasks
     usual, silent, refused = spent(base), [], []
-    for key, value in (OTHER | ({"receiver.locator": "paper"} if task == "decode" else {})).items():
+    brought = FROM_OTHERS.get(task, {})
+    others = composed(f"task={task}", *(f"{key}={OTHER[key]}" for key in brought)) if brought else None
+    for key, value in (
+        OTHER | ({"receiver.locator": "paper"} if task in ("decode", "receive") else {})
+    ).items():
         settings, alone, word = base, usual, f"{key}={value}"
         for name, also in ALSO.get(key, {}).items():
             with suppress(VoccError):  # the task may refuse that too
@@ -203,8 +233,9 @@ def test_every_key_is_refused_by_its_name_or_has_an_effect(task):
             if key in LATER and (key != "scene.name" or task == "test"):  # the study reads it, or its section
                 done = any(f"{of}.{key.rpartition('.')[2]}" in source for of in ("settings", "config"))
                 done = done or key in ("name", "scene.name")
-            elif key in FROM_OTHERS.get(task, ()):
-                done = spent(composed(f"task={task}", word)) != usual
+            elif key in brought:
+                own = [getattr(one.tradeoff, brought[key]) for one in (base, others)]
+                done = own[0][0] != own[1][0] and own[1][0] == value
             else:
                 done = spent(changed(settings, key, value)) != alone
         except VoccError as error:

@@ -20,7 +20,7 @@ from vocc_torch.receiver.location import PaperLocator
 from vocc_torch.receiver.locators import locator_from, locator_named, locator_settings
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.receiver.receiver import Receiver
-from vocc_torch.studies.decode.recording import RecordedFrame
+from vocc_torch.receiver.recording import RecordedFrame
 from vocc_torch.studies.decode.run import COLUMNS, decode
 
 SHAPE, ANY = PanelShape(8, 8), LatticeLocator(math.inf)

@@ -20,11 +20,13 @@ from typing import NamedTuple, Self, TypeAlias, TypeVar, cast
 
 import torch
 
+from vocc_torch import plugins
 from vocc_torch.errors import VoccError
 from vocc_torch.measure import intervals, timing
 from vocc_torch.measure.config import Budget
 from vocc_torch.measure.counts import Counts, Tally
 from vocc_torch.measure.ledger import Label, Ledger
+from vocc_torch.measure.trainings import TRAININGS
 from vocc_torch.rng import BLOCK_FRAMES
 
 A = TypeVar("A")
@@ -78,7 +80,8 @@ class Workers:
         if self._pool is None:
             # Forking a process in which torch has started threads can hang the child.
             context = multiprocessing.get_context("spawn")
-            self._pool = futures.ProcessPoolExecutor(self.count, context, initializer=_begin)
+            given = (plugins.files_read(),)
+            self._pool = futures.ProcessPoolExecutor(self.count, context, initializer=_begin, initargs=given)
         before = None
         if hasattr(signal, "pthread_sigmask"):  # not on Windows
             # A process begun meanwhile never hears of Ctrl-C, not even while it starts.
@@ -143,8 +146,9 @@ class _Whole:
         return _Whole(call(argument))
 
 
-def _begin() -> None:
-    """Set a worker process up."""
+def _begin(files: dict[str, str]) -> None:
+    """Set a worker process up; ``files`` are the user's, as the run began with them."""
+    plugins.EXPECTED.update(files)
     # One thread each: the processes together use the cores.
     torch.set_num_threads(1)
     timing.settle_memory()
@@ -188,7 +192,7 @@ def stop_reason(rule: Budget, tallies: Mapping[Label, Tally], blocks: int) -> st
 
     Args:
         rule: when a point has enough. A rule that can never hold is none: the frames end the point.
-        tallies: what was counted so far; comparisons do not matter here.
+        tallies: what was counted so far; comparisons and further trainings do not matter here.
         blocks: blocks counted so far, at least 1. The precision is looked at after 16, 32, ... blocks and
             later at steps of about a sixteenth: each look is a chance to stop by luck.
 
@@ -196,7 +200,10 @@ def stop_reason(rule: Budget, tallies: Mapping[Label, Tally], blocks: int) -> st
         >>> stop_reason(Budget(6400, target_frame_errors=2), {("a", 0): Counts(64, 64, 6, 12, 3)}, 1)
         'frame_errors'
     """
-    counts = {label: one for label, one in tallies.items() if isinstance(one, Counts)}
+    # A receiver gets the frames that it would get alone, so its numbers do not depend on other trainings.
+    counts = {
+        label: one for label, one in tallies.items() if isinstance(one, Counts) and TRAININGS not in label
+    }
     if counts and rule.target_frame_errors is not None:
         errors: dict[Label, int] = {}
         for label, one in counts.items():

@@ -160,7 +160,7 @@ class Leaves(Effect, on=Quantity.BACKGROUND):
     Args:
         count: shapes a frame, a whole number, 1 to 2000.
         contrast: standard deviation of the logarithm of their luminances, 0 to 3.
-        lamps: share of the shapes that shine, 0 to 1.
+        lamps: share of the smaller shapes that shine, 0 to 1.
         patterned: share of the shapes that carry a pattern, 0 to 1.
 
     Raises:
@@ -197,13 +197,15 @@ class Leaves(Effect, on=Quantity.BACKGROUND):
                 axes = np.array([[math.cos(turn), math.sin(turn)], [-math.sin(turn), math.cos(turn)]])
                 axes = axes * np.array([[1.0], [squeeze]]) * radii[leaf]
                 place = functools.partial(_moved, axes, middles[leaf])
-                street.lay_all(self.leaf(own, plain).parts, place, keep, added, seen.context)
+                street.lay_all(
+                    self.leaf(own, plain, bool(radii[leaf] < 6 * low)).parts, place, keep, added, seen.context
+                )
             planes.append((keep, added))
         return street.laid_before(value, planes)
 
-    def leaf(self, g: Generator, plain: float) -> Sketch:
-        """Draw one shape, about 1 in size."""
-        made, lamp = Sketch(), bool(g.random() < self.lamps)
+    def leaf(self, g: Generator, plain: float, small: bool) -> Sketch:
+        """Draw one shape, about 1 in size; those that shine are small."""
+        made, lamp = Sketch(), bool(g.random() < self.lamps) and small
         shade, ink = (max(plain * math.exp(self.contrast * g.standard_normal()), 1e-6) for _ in range(2))
         shade = spread(g, 300, 1e5) if lamp else shade
         corners = int(g.choice([3, 4, 4, 5, 16]))

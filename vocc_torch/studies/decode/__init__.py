@@ -16,7 +16,7 @@ class DecodeConfig:
     Args:
         channel: how colour becomes grey: ``luma`` (Rec. 601), ``max`` (brightest channel), ``red``, ``green``
             or ``blue``.
-        annotate: whether each picture is written with the panel and the bits drawn in.
+        annotate: whether each picture is written with the panel and the bits drawn in; of a video none is.
         scale: enlarge annotated pictures by this whole number, 1 to 16.
         most: panels that are read in a frame, at most, 1 to 64; more than one only with the lattice locator.
 
