@@ -280,6 +280,66 @@ class Panels(Batched):
         return cls(corners_px.to(torch.float64), ones.bool(), ones.double(), ones.long())
 
 
+@dataclass(frozen=True, slots=True)
+class StatedPanels(Panels):
+    """Panels of a locator that states how sure it is.
+
+    Args:
+        false_alarms: (B,) float64, false alarms expected in a panel-free frame at this score or better.
+    """
+
+    false_alarms: Tensor
+
+
+@dataclass(frozen=True, slots=True)
+class Sightings(Batched):
+    """Every panel that a locator saw in some frames, N in all, in the frames' order, the best of each first.
+
+    Args:
+        frame: (N,) int64, index of the frame.
+        corners_px: (N,4,2) float64, as in :class:`Panels`.
+        score: (N,) float64, how panel-like it is.
+        false_alarms: (N,) float64, false alarms expected in a panel-free frame at this score or better.
+    """
+
+    frame: Tensor
+    corners_px: Tensor
+    score: Tensor
+    false_alarms: Tensor
+
+    def panels(self, frames: int, most_false_alarms: float, most: int = 1) -> tuple[Tensor, StatedPanels]:
+        """Take up to ``most`` panels of each of B frames, where no more false alarms are expected than that.
+
+        Returns:
+            The frame of each panel (M,), in order; a frame without one has one that was not found, with the
+            false alarms of the best that was seen. And the panels.
+
+        Example:
+            >>> one = torch.tensor([0.5], dtype=torch.float64)
+            >>> seen = Sightings(torch.tensor([1]), torch.ones(1, 4, 2).double(), one, one / 1000)
+            >>> frame, panels = seen.panels(2, 1e-3)
+            >>> frame.tolist(), panels.found.tolist()
+            ([0, 1], [False, True])
+        """
+        rows: list[tuple[int, int]] = []
+        sure, whose = (self.false_alarms <= most_false_alarms), self.frame.tolist()
+        told = sure.tolist()
+        for number in range(frames):
+            seen = [row for row, frame in enumerate(whose) if frame == number]
+            rows += [(number, row) for row in [row for row in seen if told[row]][:most] or seen[:1] or [-1]]
+        pairs = torch.tensor(rows, dtype=torch.int64, device=self.frame.device).view(-1, 2)
+        frame, row = pairs.unbind(1)
+        # The last row stands for nothing seen.
+        corners, score = (
+            torch.cat([one, one.new_zeros(1, *one.shape[1:])])[row] for one in (self.corners_px, self.score)
+        )
+        alarms = torch.cat([self.false_alarms, self.false_alarms.new_full((1,), torch.inf)])[row]
+        found = (alarms <= most_false_alarms) & (row >= 0)
+        count = torch.bincount(self.frame[sure], minlength=frames)[frame]
+        corners = corners * found[:, None, None]
+        return frame, StatedPanels(corners, found, score * found, count, alarms)
+
+
 def resolve_device(name: str) -> torch.device:
     """Turn a device's name into a device that is there.
 

@@ -10,8 +10,9 @@ from torch import Tensor
 from vocc_torch.errors import VoccError, demand_kind, finite_number, shown
 from vocc_torch.plugins import TARGET, PlugIn, one_line
 from vocc_torch.receiver import foreground, lattice_fit, lattice_model, rectification
+from vocc_torch.receiver.lattice_locator import LatticeLocator
 from vocc_torch.receiver.location import Choice, PaperLocator, exact_frames
-from vocc_torch.types import Frames, Images, Panels, PanelShape, holds
+from vocc_torch.types import Frames, Images, Panels, PanelShape, StatedPanels, holds
 
 # Most LEDs in a row or a column that are searched for; larger panels are left to the paper's locator.
 _MOST_LEDS = 16
@@ -209,7 +210,7 @@ def _by_side(side_px: Tensor) -> list[tuple[int, Tensor]]:
     return [(side, (side_px == side).nonzero()[:, 0]) for side in sorted(set(side_px.tolist()))]
 
 
-LOCATORS = ("paper", "refined")
+LOCATORS = ("paper", "refined", "lattice")
 """The locators that ship, by name."""
 
 
@@ -268,13 +269,14 @@ class OutsideLocator:
         if not holds((doubled > 0) | ~panels.found.bool()):
             rule = "clockwise from the top left, or the panel not found"
             raise VoccError(f"{name} gave corners that enclose nothing: they must be {rule}")
-        return Panels(
-            *(getattr(panels, part).to(kinds.get(part, torch.float64)) for part in Panels.__slots__)
-        )
+        held = {part: getattr(panels, part).to(kinds.get(part, torch.float64)) for part in Panels.__slots__}
+        if isinstance(panels, StatedPanels):
+            return StatedPanels(**held, false_alarms=panels.false_alarms)
+        return Panels(**held)
 
 
-def locator_named(name: str, paper: PaperLocator) -> PaperLocator | RefinedLocator:
-    """Return the locator of a name, with the settings of the paper's, which both use.
+def locator_named(name: str, paper: PaperLocator) -> PaperLocator | RefinedLocator | LatticeLocator:
+    """Return the locator of a name, with the settings of the paper's, which ``refined`` uses too.
 
     Raises:
         VoccError: an unknown name.
@@ -285,6 +287,8 @@ def locator_named(name: str, paper: PaperLocator) -> PaperLocator | RefinedLocat
     """
     if name not in LOCATORS:
         raise VoccError.of("receiver.locator", repr(name), " or ".join(LOCATORS))
+    if name == "lattice":
+        return LatticeLocator()
     return RefinedLocator(paper) if name == "refined" else paper
 
 
@@ -300,8 +304,10 @@ def locator_settings(locator: PanelLocator) -> dict[str, object]:
     """
     if isinstance(locator, OutsideLocator):
         return locator.plug_in.settings
+    if isinstance(locator, LatticeLocator):
+        return {"name": "lattice", **asdict(locator)}
     if not isinstance(locator, PaperLocator | RefinedLocator):
-        rule = "paper, refined, or one named by FILE.py:NAME or PACKAGE.MODULE.NAME, to be saved"
+        rule = "paper, refined, lattice, or one named by FILE.py:NAME or PACKAGE.MODULE.NAME, to be saved"
         raise VoccError.of("receiver.locator", shown(locator), rule)
     return {**({} if isinstance(locator, PaperLocator) else {"name": "refined"}), **asdict(locator)}
 
@@ -328,5 +334,7 @@ def locator_from(settings: Mapping[str, Any], admitted: Sequence[str] = ()) -> P
     name = rest.pop("name", "paper")
     if name not in LOCATORS:
         raise ValueError(f"its locator is {name!r}")
+    if name == "lattice":
+        return LatticeLocator(**rest)
     paper = PaperLocator(**(rest if name == "paper" else rest.pop("paper")))
     return paper if name == "paper" else RefinedLocator(paper, **rest)

@@ -16,7 +16,7 @@ from vocc_torch.receiver.flda import FLDA
 from vocc_torch.receiver.locators import PanelLocator, locator_from, locator_settings
 from vocc_torch.receiver.model_file import Settings, read_model, write_model
 from vocc_torch.receiver.reader import Reader, Readings
-from vocc_torch.types import Frames, Images, Panels, PanelShape
+from vocc_torch.types import Frames, Images, Panels, PanelShape, StatedPanels
 
 
 class Decoded(NamedTuple):
@@ -32,6 +32,7 @@ class Decoded(NamedTuple):
         llr: (B,R,C) float64 log-likelihood ratios, log P(On) / P(Off), of the decisions' signs; the scores
             where the receiver was never calibrated; zeros where no panel was found.
         appearance: (B,3) float64 pitch (px), level and contrast; see :mod:`vocc_torch.receiver.calibration`.
+        false_alarms: (B,) float64, false alarms expected in a panel-free frame at this score; else NaN.
     """
 
     bits: torch.Tensor
@@ -42,6 +43,7 @@ class Decoded(NamedTuple):
     candidates: torch.Tensor
     llr: torch.Tensor
     appearance: torch.Tensor
+    false_alarms: torch.Tensor
 
 
 @dataclass(frozen=True, slots=True)
@@ -194,6 +196,21 @@ class Receiver(torch.nn.Module):
         # Copies, for tensors made in inference mode take no part in autograd.
         return Decoded(*(one.clone() for one in decoded))
 
+    def decode_several(self, images: Images, most: int) -> tuple[list[int], Decoded]:
+        """Read up to ``most`` panels of each image: the image of each panel, and what was read of it.
+
+        Raises:
+            VoccError: as :meth:`decode`, or a locator that sees one panel alone.
+        """
+        frames, sightings = Frames.of(images, "images"), getattr(self.locator, "sightings", None)
+        if sightings is None:
+            raise VoccError("this receiver's locator sees one panel in a frame: several need locator lattice")
+        with torch.inference_mode():
+            limit = getattr(self.locator, "false_alarms", 1e-3)
+            whose, panels = sightings(frames, self.shape).panels(len(frames), limit, most)
+            decoded = self.forward(frames[whose], panels)
+        return whose.tolist(), Decoded(*(one.clone() for one in decoded))
+
     def forward(self, frames: Images, panels: Panels | None = None) -> Decoded:
         """Read the bits of frames or crops, at known panels where they are given; score 0 is On (Eq. 18).
 
@@ -213,7 +230,10 @@ class Receiver(torch.nn.Module):
         bits = (scores >= 0) & found
         judged = where.corners_px, where.found, where.score, where.candidates
         llr = scores if self.calibration is None else self.calibration(scores)
-        return Decoded(bits, scores, *judged, llr * found, appearance(readings))
+        stated = (
+            where.false_alarms if isinstance(where, StatedPanels) else torch.full_like(where.score, torch.nan)
+        )
+        return Decoded(bits, scores, *judged, llr * found, appearance(readings), stated)
 
     def score(self, readings: Readings) -> torch.Tensor:
         """Score every LED of located panels, (B,R,C) float64; at least 0 is On."""

@@ -6,6 +6,7 @@ from vocc_torch.errors import VoccError
 
 CHANNELS = ("luma", "max", "red", "green", "blue")
 MOST_SCALE = 16
+MOST_PANELS = 64
 
 
 @dataclass
@@ -17,20 +18,24 @@ class DecodeConfig:
             or ``blue``.
         annotate: whether each picture is written with the panel and the bits drawn in; of a video none is.
         scale: enlarge annotated pictures by this whole number, 1 to 16.
+        most: panels that are read in a frame, at most, 1 to 64; more than one only with the lattice locator.
 
     Raises:
-        VoccError: an unknown channel, or a scale out of its range.
+        VoccError: an unknown channel, or a number out of its range.
     """
 
     channel: str = "luma"
     annotate: bool = True
     scale: int = 1
+    most: int = 1
 
     def __post_init__(self) -> None:
-        """Check the channel and the scale."""
+        """Check the channel and the numbers."""
         if self.channel not in CHANNELS:
             raise VoccError.of("decode.channel", repr(self.channel), f"one of {', '.join(CHANNELS)}")
         if not 1 <= self.scale <= MOST_SCALE:
             raise VoccError.of("decode.scale", self.scale, f"from 1 to {MOST_SCALE}")
         if self.scale > 1 and not self.annotate:
             raise VoccError.of("decode.scale", self.scale, "1 where decode.annotate is false")
+        if not 1 <= self.most <= MOST_PANELS:
+            raise VoccError.of("decode.most", self.most, f"from 1 to {MOST_PANELS}")

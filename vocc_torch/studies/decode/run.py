@@ -1,15 +1,17 @@
 """``task=decode``: images or a video in, bits out."""
 
+import math
 import shutil
 import warnings
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain, groupby, islice
 from pathlib import Path
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from PIL import Image
 
 from vocc_torch.errors import VoccError
 from vocc_torch.files import atomic_file
@@ -35,7 +37,7 @@ with 1 to 63 of 64 LEDs On 53, 45 of them with wrong bits."""
 COLUMNS = (
     *("source", "frame", "time_s", "found", "x_top_left", "y_top_left", "x_top_right", "y_top_right"),
     *("x_bottom_right", "y_bottom_right", "x_bottom_left", "y_bottom_left", "bits", "margin", "panel_score"),
-    *("candidates", "expected_errors"),
+    *("candidates", "expected_errors", "panel", "false_alarms"),
 )
 """Columns of ``bits.csv``."""
 BATCH_PIXELS = 32_000_000
@@ -58,6 +60,8 @@ class Reading:
         is_doubtful: whether it may be no panel: a low score, or an LED that is neither On nor Off.
         expected_errors: wrong bits that the log-likelihood ratios let expect.
         one_level: whether all LEDs look alike, so that all may be On, or all Off.
+        false_alarms: those expected in a frame without a panel at this score; NaN where none is stated.
+        panel: its number in the frame, from 0, the likeliest first.
     """
 
     frame: RecordedFrame
@@ -71,6 +75,8 @@ class Reading:
     is_doubtful: bool
     expected_errors: float
     one_level: bool
+    false_alarms: float = math.nan
+    panel: int = 0
 
     @property
     def text(self) -> str:
@@ -84,6 +90,8 @@ class Reading:
         doubt = ", which may be no panel" if self.is_doubtful else ""
         doubt += ", of one level of light" * self.one_level
         others = f"; {self.candidates} blobs could have been the panel" if self.candidates > 1 else ""
+        if not math.isnan(self.false_alarms):
+            others = f"; {self.false_alarms:.2g} false alarms expected in a frame without a panel"
         return f"{where}: least margin {self.margin:.3g}, panel score {self.panel_score:.2f}{doubt}{others}"
 
     def row(self) -> list[str]:
@@ -94,7 +102,8 @@ class Reading:
         judged = [f"{self.margin:.4g}", f"{self.panel_score:.3f}"] if self.found else ["", ""]
         head = [frame.source, str(frame.index), time_s, str(int(self.found))]
         expected = f"{self.expected_errors:.3g}" if self.found else ""
-        return [*head, *corners, self.text, *judged, str(self.candidates), expected]
+        stated = "" if math.isnan(self.false_alarms) else f"{self.false_alarms:.3g}"
+        return [*head, *corners, self.text, *judged, str(self.candidates), expected, str(self.panel), stated]
 
 
 def run_decode(settings: Settings, config: DecodeConfig, folder: Path) -> None:
@@ -117,7 +126,8 @@ def run_decode(settings: Settings, config: DecodeConfig, folder: Path) -> None:
     rows, best, doubtful, strange, alike, names = [], None, 0, 0, 0, set[str]()
     unlike: dict[str, float] = {}
     try:
-        for reading in decode(receiver, chain(first, recording)):
+        drawn: Image.Image | None = None
+        for reading in decode(receiver, chain(first, recording), config.most):
             rows.append(reading.row())
             if not reading.found:
                 continue
@@ -126,12 +136,17 @@ def run_decode(settings: Settings, config: DecodeConfig, folder: Path) -> None:
             alike += reading.one_level
             unlike |= reading.unlike
             if config.annotate and reading.frame.time_s is None:
-                drawn = annotated(reading.frame.colour, reading.corners_px, reading.bits, config.scale)
-                # With room for the rest of a name of 255 bytes.
-                name = Path(reading.frame.source).stem.encode()[:200].decode(errors="ignore")
-                while name.casefold() in names:
-                    name += f"-{len(rows)}"
-                names.add(name.casefold())
+                # Panels after the first are drawn into its picture.
+                first_one = reading.panel == 0 or drawn is None
+                under = reading.frame.colour if first_one else np.asarray(drawn)
+                scale = 1 if first_one else config.scale
+                drawn = annotated(under, reading.corners_px * scale, reading.bits, config.scale // scale)
+                if first_one:
+                    # With room for the rest of a name of 255 bytes.
+                    name = Path(reading.frame.source).stem.encode()[:200].decode(errors="ignore")
+                    while name.casefold() in names:
+                        name += f"-{len(rows)}"
+                    names.add(name.casefold())
                 with atomic_file(folder / "annotated" / f"{name}.png") as temporary:
                     drawn.save(temporary, format="PNG")
             best = reading if best is None or reading.margin > best.margin else best
@@ -182,21 +197,28 @@ def readable(recording: Iterator[RecordedFrame], failures: list[str]) -> Iterato
         failures.append(str(error))
 
 
-def decode(receiver: Receiver, recording: Iterator[RecordedFrame]) -> Iterator[Reading]:
+def decode(receiver: Receiver, recording: Iterator[RecordedFrame], most: int = 1) -> Iterator[Reading]:
     """Decode a recording frame by frame, in batches of equal size.
 
     Args:
         receiver: a trained receiver.
         recording: its frames, as :func:`~vocc_torch.receiver.recording.read_recording` gives them.
+        most: panels that are read in a frame, at most.
 
     Raises:
-        VoccError: a frame that cannot be read.
+        VoccError: a frame that cannot be read, or several panels asked of a locator that sees one.
     """
+    if most > 1 and not hasattr(receiver.locator, "sightings"):
+        raise VoccError.of("decode.most", most, "1, but with receiver.locator=lattice: others see one panel")
     for shape, run in groupby(recording, key=lambda frame: frame.grey.shape):
         size = max(1, min(64, BATCH_PIXELS // (shape[0] * shape[1])))
         while batch := list(islice(run, size)):
-            greys = torch.from_numpy(np.stack([frame.grey for frame in batch]))
-            read = receiver.decode(greys.to(receiver.device))
+            greys = torch.from_numpy(np.stack([frame.grey for frame in batch])).to(receiver.device)
+            whose, read = (
+                receiver.decode_several(greys, most)
+                if most > 1
+                else (range(len(batch)), receiver.decode(greys))
+            )
             sure = read.scores.abs()
             least = sure.amin(dim=(1, 2))
             clear = least >= DOUBTFUL_MARGIN * sure.mean(dim=(1, 2))
@@ -208,16 +230,20 @@ def decode(receiver: Receiver, recording: Iterator[RecordedFrame]) -> Iterator[R
                 least,
                 read.panel_score,
                 read.candidates,
-                ~clear | (read.panel_score < DOUBTFUL_SCORE),
+                ~clear | ((read.panel_score < DOUBTFUL_SCORE) & read.false_alarms.isnan()),
                 expected,
                 parted(read.scores, read.bits) < LEAST_PARTED,
+                read.false_alarms,
             )
-            for i, (frame, found, *judged) in enumerate(
-                zip(batch, *(one.tolist() for one in given), strict=True)
+            number, before = 0, None
+            for i, (place, found, *judged) in enumerate(
+                zip(whose, *(one.tolist() for one in given), strict=True)
             ):
+                frame, number = batch[place], number + 1 if place == before else 0
+                before = place
                 names = [name for name, far in beyond.items() if far[i] and found]
                 unlike = {name: float(looks[i, APPEARANCE.index(name)]) for name in names}
-                yield Reading(frame, found, corners[i], bits[i], unlike, *judged)
+                yield replace(Reading(frame, found, corners[i], bits[i], unlike, *judged), panel=number)
 
 
 def parted(scores: torch.Tensor, bits: torch.Tensor) -> torch.Tensor:

@@ -1,0 +1,91 @@
+"""Panels in streets that nothing was tuned on: share located, bits right, and false alarms, by locator.
+
+    python benchmarks/streets.py --frames 40 --absent 60
+
+Scenes ``street_held_out`` and ``street_held_out_night``; a panel is located where each corner is within 0.25
+pitches of the truth. Writes docs/results/streets.csv.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import time
+from collections import Counter
+from pathlib import Path
+
+import torch
+
+import vocc_torch as vt
+from vocc_torch.measure.intervals import clopper_pearson
+from vocc_torch.receiver.lattice_locator import LatticeLocator
+from vocc_torch.receiver.location import PaperLocator
+from vocc_torch.receiver.locators import RefinedLocator
+from vocc_torch.types import Panels
+
+RESULTS = Path(__file__).resolve().parents[1] / "docs" / "results" / "streets.csv"
+SCENES = ("street_held_out", "street_held_out_night")
+PITCHES_PX = (2.0, 3.0, 4.0, 6.0, 12.0, 100.0)
+NEAR = 0.25
+
+
+def pitch_of(corners: torch.Tensor, leds: int) -> torch.Tensor:
+    """Give the pitch (B,), px, of corners (B,4,2)."""
+    across, down = corners[:, 1] - corners[:, 0], corners[:, 3] - corners[:, 0]
+    return ((across[:, 0] * down[:, 1] - across[:, 1] * down[:, 0]).abs() / leds).sqrt()
+
+
+def main() -> None:
+    """Measure and write."""
+    parser = argparse.ArgumentParser(description="Locators on held-out streets.")
+    parser.add_argument("--frames", type=int, default=40, help="a scene, with a panel")
+    parser.add_argument("--absent", type=int, default=60, help="a scene, without one")
+    given = parser.parse_args()
+    torch.set_num_threads(1)
+    locators = {"paper": PaperLocator(), "refined": RefinedLocator(), "lattice": LatticeLocator()}
+    receiver = vt.train("paper", classifier="tag_planes", frames=64)
+    tally: Counter[tuple[str, str, str, str]] = Counter()
+    seconds: Counter[str] = Counter()
+    for scene in SCENES:
+        for kind, count in (("panel", given.frames), ("absent", given.absent)):
+            words = ["+scene.effects.panel_absent={}"] if kind == "absent" else []
+            world = vt.load_scene(scene, *words)
+            for batch in vt.simulate(world, count, point=f"streets {kind}"):
+                truth = batch.corners_px.double()
+                pitch = pitch_of(truth, world.panel.shape.leds)
+                for name, locator in locators.items():
+                    began = time.process_time()
+                    panels: Panels = locator(batch.frames, world.panel.shape)
+                    seconds[name] += time.process_time() - began
+                    turned = torch.stack([truth.roll(k, 1) for k in range(4)])
+                    apart = (turned - panels.corners_px).abs().amax((2, 3)).amin(0) / pitch.clamp(min=1e-9)
+                    near = panels.found & (apart < NEAR)
+                    read = receiver.forward(batch.frames, panels)
+                    right = near & (read.bits == batch.bits).flatten(1).all(1)
+                    for row in range(len(batch.frames)):
+                        bins = [f"{limit:g}" for limit in PITCHES_PX if float(pitch[row]) < limit]
+                        for size in ("all", bins[0]) if kind == "panel" else ("absent",):
+                            key = (scene, name, size)
+                            tally[(*key, "frames")] += 1
+                            tally[(*key, "found")] += int(panels.found[row])
+                            tally[(*key, "located")] += int(near[row]) if kind == "panel" else 0
+                            tally[(*key, "right")] += int(right[row]) if kind == "panel" else 0
+    head = ("scene", "locator", "pitch_below_px", "frames", "found", "located", "located_low", "located_high")
+    with RESULTS.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow((*head, "bits_right", "found_low", "found_high"))
+        for scene, name, size in sorted({key[:3] for key in tally}):
+            n, found, near, right = (
+                tally[scene, name, size, what] for what in ("frames", "found", "located", "right")
+            )
+            ends = [clopper_pearson(hits, n) for hits in (near, found)]
+            bounds = [f"{end:.3g}" for one in ends for end in (one.low, one.high)]
+            writer.writerow((scene, name, size, n, found, near, *bounds[:2], right, *bounds[2:]))
+            if size in ("all", "absent"):
+                print(scene, name, size, n, "found", found, "located", near, "bits right", right, flush=True)
+    frames = len(SCENES) * (given.frames + given.absent)
+    print({name: f"{one / frames * 1e3:.0f} ms of processor a frame" for name, one in seconds.items()})
+
+
+if __name__ == "__main__":
+    main()
