@@ -1,0 +1,243 @@
+"""A small learned locator: one network finds places coarse to fine, another finds corners, a lattice is fitted."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from importlib import resources
+from pathlib import Path
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from vocc_torch.errors import VoccError, demand_kind, finite_number
+from vocc_torch.receiver import lattice_fit, lattice_model, rectification
+from vocc_torch.receiver.learned_nets import (
+    CORNER_CELLS,
+    PITCH_PX,
+    CornerNet,
+    Finder,
+    corner_frames,
+    corner_patches,
+    places_px,
+    pyramid,
+)
+from vocc_torch.receiver.location import exact_frames
+from vocc_torch.receiver.model_file import read_model, write_model
+from vocc_torch.types import Frames, Images, Panels, PanelShape
+
+SHIPPED = "learned_locator.json"
+"""The weights that ship, beside this file; ``benchmarks/train_locator.py`` made them."""
+
+_KIND = "learned_locator"
+# Places that are looked at closely, and steps of their corners at least.
+_PLACES, _STEPS = 6, 3
+# A pitch that the finder says is off by at most this factor, as a logarithm; places nearer than this share of
+# the panel's diagonal are one.
+_MOST_LOG, _APART = 0.6, 0.25
+# A lattice is kept that explains this share of the picture, and whose corners moved by less than this, cells.
+_LEAST_SHARE, _FARTHEST_CELLS, _BLUR, _MOST_LEDS = 0.9, 0.6, 0.26, 16
+_PARTS_PER_PX = 1024.0
+
+
+class Nets(NamedTuple):
+    """Both networks of a file."""
+
+    finder: Finder
+    corners: CornerNet
+
+
+def save_weights(path: Path, finder: Finder, corners: CornerNet) -> None:
+    """Write both networks' weights, in the format of receivers: text, a checksum, and no code.
+
+    Raises:
+        VoccError: the file cannot be written.
+    """
+    state = {f"finder.{name}": value for name, value in finder.state_dict().items()}
+    state |= {f"corners.{name}": value for name, value in corners.state_dict().items()}
+    write_model(path, {"kind": _KIND}, state)
+
+
+@lru_cache(maxsize=8)
+def load_weights(path: Path, device: torch.device) -> Nets:
+    """Read what :func:`save_weights` wrote; nothing in the file is executed.
+
+    Raises:
+        VoccError: a file that is missing, damaged or of another kind.
+    """
+    settings, state = read_model(path)
+    with torch.inference_mode(False):
+        nets = Nets(Finder(), CornerNet())
+        try:
+            if settings["kind"] != _KIND or not all(bool(one.isfinite().all()) for one in state.values()):
+                raise ValueError
+            for name, net in zip(Nets._fields, nets, strict=True):
+                own = {k.removeprefix(f"{name}."): v for k, v in state.items() if k.startswith(f"{name}.")}
+                net.load_state_dict(own)
+        except (KeyError, RuntimeError, ValueError):
+            raise VoccError(f"model {path} holds no learned locator: train it again") from None
+        return Nets(*(net.eval().requires_grad_(False).to(device) for net in nets))
+
+
+@dataclass(frozen=True, slots=True)
+class LearnedLocator:
+    """Find panels by networks that have seen simulated frames only, then fit the lattice of LEDs.
+
+    - Finder: at each scale of a pyramid, judge every 8th pixel: is the middle of a panel of R x C cells of
+      1.5 to 3 px here, how large, how turned? The six likeliest places are looked at closely.
+    - Corners: a second network sees 8 x 8 cells about each corner of a guess, lattice and edge, and says
+      where the corner lies; large panels begin with coarser patches. It also says how like corners they are.
+    - Lattice: of up to 16 x 16 LEDs, where a fit explains the picture and stays near, it has the last word.
+
+    ``Panels.score`` is 1 / (1 + exp(-s)), s being what both networks say for the place.
+
+    Args:
+        weights: a file of ``benchmarks/train_locator.py``; None takes the one that ships.
+        min_score: least score of a panel, 0 to 1.
+
+    Raises:
+        VoccError: a score out of its range; when called, weights that are missing or damaged.
+    """
+
+    weights: str | None = None
+    min_score: float = 0.5
+
+    def __post_init__(self) -> None:
+        """Refuse a score out of its range."""
+        if not 0 <= finite_number("location.min_score", self.min_score) <= 1:
+            raise VoccError.of("location.min_score", self.min_score, "0 to 1")
+
+    def nets(self, device: torch.device) -> Nets:
+        """Give the networks on a device."""
+        if self.weights is not None:
+            return load_weights(Path(self.weights), device)
+        with resources.as_file(resources.files("vocc_torch.receiver") / SHIPPED) as path:
+            return load_weights(path, device)
+
+    def __call__(self, frames: Images, shape: PanelShape) -> Panels:
+        """Locate the panel of ``shape`` in each frame; zero corners and score where there is none.
+
+        Raises:
+            VoccError: what :func:`vocc_torch.receiver.location.exact_frames` refuses, or damaged weights.
+        """
+        demand_kind("shape", shape, PanelShape)
+        exact = exact_frames(frames)
+        device = exact.grey.device
+        with torch.inference_mode(), torch.autocast(device.type, enabled=False):
+            corners = torch.zeros(len(exact), 4, 2, dtype=torch.float64, device=device)
+            score, candidates = corners.new_zeros(len(exact)), corners.new_zeros(len(exact)).long()
+            nets = self.nets(device)
+            # Frame by frame: what is found must not depend on how many are computed together.
+            for i in range(len(exact) if exact.grey.numel() else 0):
+                quads, merit = sighted(nets, exact.grey[i : i + 1], shape)
+                candidates[i] = (merit >= self.min_score).sum()
+                if len(merit) and float(merit[0]) >= self.min_score:
+                    corners[i], score[i] = quads[0] + exact.origin_px[i], merit[0]
+            found = score > 0
+            rows = found.nonzero()[:, 0]
+            if len(rows) and max(shape.rows, shape.columns) <= _MOST_LEDS:
+                corners[rows] = fitted(exact[rows], corners[rows], shape)
+            corners = (corners * _PARTS_PER_PX).round() / _PARTS_PER_PX
+        return Panels(corners.clone(), found.clone(), score.clone(), candidates.clone())
+
+
+def found_places(
+    finder: Finder, scales: Sequence[Tensor], shape: PanelShape, many: int
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Give the likeliest places of panels on a pyramid of one picture, the likeliest first.
+
+    Returns:
+        (n,4,2) corners, px of the largest scale; (n,) logits; (n,) the scale.
+    """
+    parts, half = [], math.sqrt(shape.leds) * PITCH_PX / 2
+    for level, picture in enumerate(scales):
+        judged = finder(picture, shape)[0]
+        logit = judged[0]
+        peak = logit == torch.nn.functional.max_pool2d(logit[None], 3, 1, 1)[0]
+        best = logit.masked_fill(~peak, -torch.inf).flatten().topk(min(2 * many, logit.numel())).indices
+        best = best[peak.flatten()[best]]
+        at = places_px((logit.shape[0], logit.shape[1])).to(logit.device).flatten(1)[:, best]
+        chosen = judged.flatten(1)[:, best]
+        centre = (at + chosen[1:3].clamp(-2, 2) * half) * 2**level
+        pitch = chosen[3].clamp(-_MOST_LOG, _MOST_LOG).exp() * PITCH_PX * 2**level
+        parts.append(torch.cat([chosen[:1], centre, pitch[None], chosen[4:5], torch.full_like(pitch[None], level)]))
+    together = torch.cat(parts, 1)
+    together = together[:, together[0].argsort(descending=True, stable=True)]
+    kept: list[int] = []
+    apart = _APART * math.hypot(shape.rows, shape.columns)
+    x, y, size = together[1:4].tolist()
+    for i in range(len(x)):
+        if all(math.hypot(x[i] - x[k], y[i] - y[k]) > apart * max(size[i], size[k]) for k in kept):
+            kept.append(i)
+        if len(kept) == many:
+            break
+    logit, cx, cy, pitch, turn, level_of = together[:, kept]
+    corners = lattice_model.corner_cells(shape).to(pitch) - pitch.new_tensor([shape.columns, shape.rows]) / 2
+    cosine, sine = turn.cos()[:, None], turn.sin()[:, None]
+    across = corners[:, 0] * cosine - corners[:, 1] * sine
+    down = corners[:, 0] * sine + corners[:, 1] * cosine
+    quads = torch.stack([across, down], 2) * pitch[:, None, None] + torch.stack([cx, cy], 1)[:, None]
+    return quads, logit, level_of.long()
+
+
+def zooms(shape: PanelShape) -> list[int]:
+    """How far a corner's patches reach, step by step, in units of four cells.
+
+    Example:
+        >>> zooms(PanelShape(8, 8)), zooms(PanelShape(16, 64))
+        ([1, 1, 1], [8, 4, 2, 1, 1])
+    """
+    first = max(0, int(math.log2(max(shape.rows, shape.columns) / 8))) if max(shape.rows, shape.columns) > 8 else 0
+    steps = [2**n for n in range(first, -1, -1)]
+    return steps + [1] * max(1, _STEPS - len(steps))
+
+
+def corner_step(
+    nets: Nets, scales: Sequence[Tensor], quads: Tensor, shape: PanelShape, zoom: int
+) -> tuple[Tensor, Tensor]:
+    """Judge the corners of quadrilaterals (n,4,2) of one picture: where they are, and logits (n,4)."""
+    pitch = torch.stack(rectification.cell_size_px(quads, shape)).prod(0).sqrt().clamp(min=1e-3)
+    level = ((pitch * zoom / PITCH_PX).log2().round() - 1).clamp(0, len(scales) - 1).long()
+    frame, reach = torch.zeros_like(level), torch.full_like(pitch, zoom)
+    told = quads.new_tensor([math.log2(shape.rows), math.log2(shape.columns), math.log2(zoom)])
+    patches = corner_patches(scales, frame, level, quads, shape, reach)
+    judged = nets.corners(patches, told.expand(len(patches), 3)).view(-1, 4, 3)
+    axes = corner_frames(quads, shape) * (zoom * CORNER_CELLS)
+    moves = (judged[..., :2].clamp(-1, 1)[..., None] * axes).sum(2)
+    return moves, judged[..., 2]
+
+
+def sighted(nets: Nets, grey: Tensor, shape: PanelShape, places: int = _PLACES) -> tuple[Tensor, Tensor]:
+    """Give the panels that one picture (1,1,H,W) may show, the likeliest first, and their scores.
+
+    Returns:
+        (n,4,2) float64 corners, px of the picture; (n,) float64 scores, 0 to 1.
+    """
+    scales = pyramid(grey)
+    quads, logit, _ = found_places(nets.finder, scales, shape, places)
+    steps = zooms(shape)
+    sign = quads.new_tensor([1.0, -1.0, 1.0, -1.0]).view(1, 4, 1)
+    for number, zoom in enumerate(steps):
+        moves, _ = corner_step(nets, scales, quads, shape, zoom)
+        if number < len(steps) - 1:  # a parallelogram stays one until the last
+            moves = moves - sign * (moves * sign).mean(1, keepdim=True)
+        quads = quads + moves
+    _, sure = corner_step(nets, scales, quads, shape, 1)
+    score = (sure.mean(1) + logit / 2).to(torch.float64).sigmoid()
+    order = score.argsort(descending=True, stable=True)
+    return quads[order].to(torch.float64), score[order]
+
+
+def fitted(frames: Frames, corners_px: Tensor, shape: PanelShape) -> Tensor:
+    """Fit lattices from good corners (B,4,2), and keep those that explain the picture and stay near."""
+    around = lattice_model.read_patches(frames, corners_px, shape, lattice_model.MARGIN)
+    side = lattice_model.SAMPLES
+    around[:, side:-side, side:-side] = torch.nan
+    background = around.flatten(1).nanmedian(1).values.to(torch.float64)
+    blur = torch.full_like(background, _BLUR)
+    lattice = lattice_fit.fit_lattice(frames, lattice_model.Lattice.at(corners_px, blur, background, shape))
+    cell = torch.maximum(*rectification.cell_size_px(corners_px, shape))
+    moved = (lattice.corners_px - corners_px).norm(dim=2).amax(1) / cell.clamp(min=1e-6)
+    good = (lattice.share >= _LEAST_SHARE) & (moved <= _FARTHEST_CELLS)
+    return torch.where(good[:, None, None], lattice.corners_px, corners_px)
