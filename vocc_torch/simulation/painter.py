@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from vocc_torch.simulation import framing, photometry, raster
-from vocc_torch.simulation.effects import Context, Effect, Quantity, view
+from vocc_torch.simulation.effects import Context, Effect, Quantity, housing, view
 
 SMALL_PATCH_PX = 8
 """Patches up to this side are one group; larger ones are grouped by powers of two."""
@@ -49,6 +49,7 @@ def paint(
     reflectances = (panel.background_reflectance, panel.led_reflectance, panel.board_reflectance or 0.0)
     lit = (photometry.reflected_luminance_cd_m2(scene.ambient_lx, share) for share in reflectances)
     background, surface, board = lit
+    there = housing.present(context.effects, context)
     canvas = background.view(-1, 1, 1).expand(len(scene), *size).contiguous()
     for effect in behind:
         canvas = effect.applied(canvas.unsqueeze(1), context).squeeze(1)
@@ -56,8 +57,13 @@ def paint(
         board = background
     else:
         under = canvas if behind else background.view(-1, 1, 1)
-        canvas = canvas + board_cover(context, size) * (board.view(-1, 1, 1) - under)
+        boards = board_cover(context, size)
+        boards = boards if there is None else boards * there.view(-1, 1, 1)
+        canvas = canvas + boards * (board.view(-1, 1, 1) - under)
     stamps = list(led_stamps(context, size))
+    if there is not None:
+        seen = [there[stamp[-1] // leds] for stamp in stamps]
+        stamps = [(a[k], b[k], c[k], d[k]) for (a, b, c, d), k in zip(stamps, seen, strict=True)]
     added = surface - board
     if behind or before:
         covered = torch.zeros_like(canvas)

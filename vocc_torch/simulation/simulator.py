@@ -12,7 +12,7 @@ from vocc_torch.hardware import Camera, LedPanel
 from vocc_torch.rng import FrameKey
 from vocc_torch.simulation import effects as chain
 from vocc_torch.simulation import framing, painter, photometry
-from vocc_torch.simulation.effects import Context, Effect, Effects, Quantity, light, view
+from vocc_torch.simulation.effects import Context, Effect, Effects, Quantity, housing, light, view
 from vocc_torch.types import Frames, Panels, Scene, resolve_device, tensor_of
 
 PAPER_EFFECTS: dict[str, Mapping[str, float]] = {"attenuation": {"visibility_m": 40_000.0}}
@@ -83,10 +83,16 @@ class Simulator:
     def true_panels(self, scene: Scene, keys: Sequence[FrameKey] = (), *, rendered: bool = False) -> Panels:
         """Where panels truly are, for evaluation; ``keys`` as for render, which checked if ``rendered``."""
         scene = scene.to(self.device) if rendered else self._checked(scene)
-        if not view.in_perspective(self.effects):
-            return Panels.known(framing.panel_corners_px(scene, self.camera, self.panel))
-        seen = view.view_of(self._context(scene, keys))
-        return Panels.known(seen.points_px(view.panel_corners_m(self.panel)))
+        context = self._context(scene, keys)
+        if view.in_perspective(self.effects):
+            panels = Panels.known(view.view_of(context).points_px(view.panel_corners_m(self.panel)))
+        else:
+            panels = Panels.known(framing.panel_corners_px(scene, self.camera, self.panel))
+        there = housing.present(self.effects, context)
+        if there is None:
+            return panels
+        corners, each = panels.corners_px * there.view(-1, 1, 1), there.double()
+        return Panels(corners, there, panels.score * each, panels.candidates * there)
 
     def contrast(self, scene: Scene) -> torch.Tensor:
         """Contrast ``(G_on - G_off) / 255`` of the LEDs before any blur (section IV-D-1), (B,) float64.

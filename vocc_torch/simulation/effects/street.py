@@ -1,0 +1,258 @@
+"""A street around the panel: photographs or a drawn scenery behind, and what stands before it."""
+
+import functools
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from PIL import Image
+from torch import Tensor
+
+from vocc_torch.errors import VoccError
+from vocc_torch.simulation import roadside, sketch
+from vocc_torch.simulation.effects import view
+from vocc_torch.simulation.effects.base import Backdrop, Context, Effect, Quantity, within
+from vocc_torch.simulation.scene import Distribution
+
+Generator = np.random.Generator
+Plane = NDArray[np.float32]
+
+NODE_PX = 8
+"""Distance of the nodes between which drawn textures run evenly, px."""
+
+
+def noise_nodes(generator: np.random.Generator, sensor_px: tuple[int, int]) -> Plane:
+    """Draw noise of seven octaves of one variance each, as natural scenes have about, on nodes 8 px apart."""
+    height, width = (-(-side // NODE_PX) + 2 for side in sensor_px)
+    nodes = np.zeros((height, width), dtype=np.float32)
+    for octave in range(7):
+        step = 1 << octave
+        coarse = generator.standard_normal((height // step + 3, width // step + 3), dtype=np.float32)
+        x, y = np.arange(width) / step, np.arange(height) / step
+        nodes += between(coarse, x, y)
+    return nodes / np.float32(math.sqrt(7))
+
+
+def between(nodes: Plane, x: NDArray[np.float64], y: NDArray[np.float64]) -> Plane:
+    """Interpolate nodes (h,w) bilinearly at columns x (W,) and rows y (H,), to (H,W)."""
+    column, row = x.astype(int), y.astype(int)
+    u, v = (x - column).astype(np.float32), (y - row).astype(np.float32)[:, None]
+    across = nodes[:, column] * (1 - u) + nodes[:, column + 1] * u
+    low: Plane = across[row]
+    return low + (across[row + 1] - low) * v
+
+
+@dataclass(frozen=True, slots=True)
+class Scenery(Effect, on=Quantity.BACKGROUND):
+    """A sky, a far skyline and a ground, each with a texture, in place of a plain background.
+
+    The horizon lies near the sensor's middle. The sky has 2 to 7 times the plain background's luminance, the
+    skyline 0.15 to 1.5, the ground 0.3 to 2; each has a texture of equal contrast in every octave. Auto-ISO
+    meters the plain background, as an incident meter does. A frame and its preambles share it. Sampled: the
+    scenery is a constant to automatic differentiation, and the light keeps its gradient.
+
+    Source: value noise, whose octaves of one variance have the power spectrum ``1 / f^2`` of natural images
+    (D. J. Field, J. Opt. Soc. Am. A 4, 1987); luminances by the reflectances of asphalt (0.05 to 0.2), grass
+    and walls (0.1 to 0.3), and a sky that lights a level plane.
+
+    Args:
+        contrast: of the skyline's texture, standard deviation of the logarithm, 0 to 1; sky and ground have
+            less.
+
+    Raises:
+        VoccError: a value outside its range.
+
+    Example:
+        >>> Scenery().contrast
+        0.35
+    """
+
+    contrast: float = within(0, 1, default=0.35)
+    sampled = fills_sensor = True
+
+    def __call__(self, value: Tensor, context: Context) -> Tensor:
+        """Multiply (B,1,H,W) background luminance by each frame's scenery."""
+        size, shades = value.shape[-2:], []
+        generators = context.generators(self.name, of_scene=True)
+        for generator, origin in zip(generators, context.first_px.tolist(), strict=True):
+            shades.append(torch.from_numpy(self.shade(generator, context.camera.sensor_px, origin, size)))
+        return value * torch.stack(shades).unsqueeze(1).to(value)
+
+    def shade(
+        self, generator: np.random.Generator, sensor_px: tuple[int, int], origin: list[int], size: torch.Size
+    ) -> Plane:
+        """Luminance of a part of one frame over that of the plain background."""
+        sky, far, ground = (
+            roadside.spread(generator, low, high) for low, high in ((2, 7), (0.15, 1.5), (0.3, 2))
+        )
+        horizon = sensor_px[0] * generator.uniform(0.42, 0.55)
+        skyline = noise_nodes(generator, (1, sensor_px[1]))[:1] * generator.uniform(0.02, 0.12)
+        nodes = noise_nodes(generator, sensor_px)
+        left, top = origin
+        x = (left + np.arange(size[1]) + 0.5) / NODE_PX
+        rows = top + np.arange(size[0]) + 0.5
+        height = np.maximum(between(np.repeat(skyline, 2, axis=0), x, np.zeros(1)) + np.float32(0.05), 0)
+        edge = horizon - height * sensor_px[0]
+        above = np.clip(edge - rows[:, None].astype(np.float32) + 0.5, 0, 1)
+        below = np.clip(rows - horizon + 0.5, 0, 1).astype(np.float32)[:, None]
+        # Brighter towards the horizon, and the ground darker towards the camera.
+        lift = (1 + 0.4 * (rows / sensor_px[0] - 0.5)).astype(np.float32)[:, None]
+        middle = 1 - above - below
+        base = above * (sky * lift) + middle * np.float32(far) + below * (ground / lift)
+        depth = np.float32(self.contrast) * (0.4 * above + middle + 0.5 * below)
+        wave = between(nodes, x, rows / NODE_PX) * depth
+        # The exponential's first terms: the same numbers wherever a pixel lies in its array.
+        shade: Plane = (base * (1 + wave + wave * wave * np.float32(0.5))).astype(np.float32)
+        return shade
+
+
+Placed = tuple[float, roadside.Thing, Callable[[sketch.Array], sketch.Array], int, tuple[float, float], float]
+"""Distance m, what is drawn, how it lies on the sensor, its seed, its middle on the sensor, its reach, px."""
+
+
+@dataclass(frozen=True, slots=True)
+class Clutter(Effect, on=Quantity.BACKGROUND):
+    """Vehicles, houses, signs with lettering, displays of dots, fences, lamps and trees behind the panel.
+
+    Each is a flat drawing of random proportions on a plane of its own, seen through the pinhole camera from
+    1.3 m above a road, the far ones behind the near ones. Surfaces are matt and lie in the scene's daylight;
+    lamps and displays have a luminance of their own: the same street is a day's and a night's. What is nearer
+    than the panel does not cover it. In ``carried`` of the frames the panel is on the back or the front of a
+    vehicle, which has its pose. No display shows random dots: no thing here is a panel.
+
+    Lamps shine at their luminance whatever the distance; the scene's ``airlight`` dims all of the background
+    as at the panel's distance. Straight edges stay straight: ``lens_distortion`` bends the panel and the
+    vehicle that carries it. A frame and its preambles share it. Sampled: not differentiable in places nor in
+    shapes; the light behind keeps its gradient.
+
+    Source: matt surfaces as in Eqs 2 and 3, the pinhole camera; reflectances, luminances and sizes are those
+    of everyday things in broad strokes.
+
+    Args:
+        things: how many a frame, a number or a distribution, 0 to 200.
+        lit: share of vehicles, windows and lamps that are lit, 0 to 1.
+        carried: share of frames whose panel is on a vehicle, 0 to 1.
+        wet: share of frames whose ground mirrors what stands on it, 0 to 1.
+
+    Raises:
+        VoccError: a value outside its range.
+
+    Example:
+        >>> Clutter(things=8).lit
+        0.3
+    """
+
+    things: Distribution | float = within(0, 200, default=Distribution("uniform", (6.0, 20.0)))
+    lit: float = within(0, 1, default=0.3)
+    carried: float = within(0, 1, default=0.6)
+    wet: float = within(0, 1, default=0.2)
+    sampled = fills_sensor = True
+
+    def __post_init__(self) -> None:
+        """Make the number a distribution, and check the ranges."""
+        if not isinstance(self.things, Distribution):
+            object.__setattr__(self, "things", Distribution.parse(self.things, "effects.clutter.things"))
+        Effect.__post_init__(self)
+
+    def __call__(self, value: Tensor, context: Context) -> Tensor:
+        """Draw the things before each frame's (B,1,H,W) background luminance."""
+        size, planes, scene = (int(value.shape[-2]), int(value.shape[-1])), [], context.scene
+        whites, leds = (scene.ambient_lx / math.pi).tolist(), scene.led_luminance_cd_m2.tolist()
+        seen, origins = view.view_of(context), context.first_px.tolist()
+        for frame, generator in enumerate(context.generators(self.name, of_scene=True)):
+            light, row = roadside.Light(whites[frame], leds[frame], self.lit), slice(frame, frame + 1)
+            own = replace(context, scene=scene[row], keys=context.keys[row], origin_px=context.first_px[row])
+            alone = view.View(seen.placement[row], own, seen.effects)
+            planes.append(self.picture(generator, light, alone, (*origins[frame], *size)))
+        keep, added = (torch.from_numpy(np.stack(one)).unsqueeze(1) for one in zip(*planes, strict=True))
+        return value * keep.to(value) + added.to(value)
+
+    def picture(
+        self, generator: Generator, light: roadside.Light, seen: view.View, part: tuple[int, int, int, int]
+    ) -> tuple[Plane, Plane]:
+        """Draw one frame's things: the share of what is behind that stays, and their light."""
+        left, top, height, width = part
+        keep, added = np.ones((height, width), dtype=np.float32), np.zeros((height, width), dtype=np.float32)
+        window = left, top, left + width, top + height
+        wet = np.float32((generator.random() < self.wet) * generator.uniform(0.1, 0.5))
+        for _, thing, place, seed, (x, y), reach in self.placed(generator, seen):
+            if max(x - window[2], left - x, y - window[3], top - y) > reach:
+                continue
+            parts = thing(np.random.Generator(np.random.SFC64(seed)), light).parts
+            if wet and thing is not roadside.marks:
+                mirrored = [(points * (1, -1), luminance) for points, luminance in parts]
+                for *corner, cover, shine in sketch.patches(mirrored, place, window):
+                    sketch.lay(keep, added, (*corner, cover * wet, shine * wet), (left, top))
+            for patch in sketch.patches(parts, place, window):
+                sketch.lay(keep, added, patch, (left, top))
+        return keep, added
+
+    def placed(self, generator: Generator, seen: view.View) -> Iterator[Placed]:
+        """Place a frame's things, the farthest first."""
+        camera, panel = seen.context.camera, seen.context.panel
+        focal, (height, width) = camera.focal_length_px, camera.sensor_px
+        panel_m = float(seen.context.scene.distance_m[0])
+        assert isinstance(self.things, Distribution)
+        count = round(float(self.things.draw(generator, 1)[0]))
+        kinds = generator.integers(len(roadside.BESIDE), size=count).tolist()
+        depths = np.exp(generator.uniform(math.log(8), math.log(150), count)).tolist()
+        columns, turns = generator.uniform(0, width, count).tolist(), generator.standard_normal((count, 2))
+        along, seeds = generator.random(count) < 0.5, generator.integers(1 << 62, size=count + 2).tolist()
+        slope, carried = generator.uniform(-0.03, 0.03), bool(generator.random() < self.carried)
+        at = generator.uniform((-0.25, 0.3), (0.25, 0.75))
+        corners = seen.points_px(view.panel_corners_m(panel))[0].cpu().numpy()
+        centre = corners.mean(axis=0)
+        extent = float(np.abs(corners - centre).max())
+        road = plane_onto(camera, (1, 0, 0), (0, slope, 1), (0, 1.3, 0))
+        things: list[Placed] = [(1e9, roadside.marks, road, seeds[-1], (width / 2, height / 2), math.inf)]
+        for i, (kind, depth, column) in enumerate(zip(kinds, depths, columns, strict=True)):
+            thing, reach = roadside.BESIDE[kind], roadside.REACH_M[roadside.BESIDE[kind]]
+            yaw, roll = 0.15 * float(turns[i, 0]), 0.03 * float(turns[i, 1])
+            if along[i] and thing is roadside.house:
+                yaw += math.copysign(0.9, width / 2 - column)
+            across = (math.cos(yaw) * math.cos(roll), math.sin(roll), -math.sin(yaw) * math.cos(roll))
+            foot = (column - width / 2) / focal * depth, 1.3 + slope * depth, depth
+            place = plane_onto(camera, across, (-math.sin(roll), math.cos(roll), 0), foot)
+            middle = column, height / 2 + foot[1] / depth * focal
+            reach *= focal / max(depth - reach * abs(math.sin(yaw)), 2.0)
+            before = max(abs(middle[0] - centre[0]), abs(middle[1] - centre[1])) < reach + extent
+            if depth > panel_m or not before:
+                things.append((depth, thing, place, seeds[i], middle, reach))
+        if carried:
+            least = panel.pitch_m * max(panel.shape.rows, panel.shape.columns)
+            host = functools.partial(roadside.vehicle, least_m=least)
+            reach = 12 * max(1.0, least) * focal / panel_m
+            behind = functools.partial(on_vehicle, seen, at)
+            things.append((panel_m, host, behind, seeds[-2], (centre[0], centre[1]), reach))
+        return iter(sorted(things, key=lambda one: -one[0]))
+
+
+def on_vehicle(seen: view.View, at: sketch.Array, points: sketch.Array) -> sketch.Array:
+    """Map points of a vehicle onto the sensor, px: the panel's middle is at shares of its width and height."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    moved = torch.from_numpy(points - (at[0] * (high - low)[0], at[1] * min(low[1], -high[1])))
+    onto: sketch.Array = seen.points_px(moved)[0].cpu().numpy()
+    return onto
+
+
+def plane_onto(
+    camera: view.Camera, across: tuple[float, ...], down: tuple[float, ...], origin: tuple[float, ...]
+) -> Callable[[sketch.Array], sketch.Array]:
+    """Give the pinhole's map of points (M,2) on a plane, m, onto the sensor, px."""
+    axes, foot = np.array([across, down]), np.array(origin, dtype=np.float64)
+    middle = np.array([camera.width_px / 2, camera.height_px / 2])
+
+    def place(points: sketch.Array) -> sketch.Array:
+        seen = points @ axes + foot
+        onto: sketch.Array = middle + camera.focal_length_px * seen[:, :2] / np.maximum(seen[:, 2:], 0.5)
+        return onto
+
+    return place
+
+
+EFFECTS = (Scenery, Clutter)
+"""In physical order."""

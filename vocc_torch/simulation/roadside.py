@@ -1,0 +1,345 @@
+"""What stands in a street: vehicles, houses, signs, displays, fences, lamps and trees, each a sketch.
+
+Sizes in m, x right and y down from the middle of a thing's foot. Reflectances, luminances and proportions are
+those of everyday things in broad strokes; every one is drawn at random.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from vocc_torch.simulation.sketch import Sketch, words_of
+
+Generator = np.random.Generator
+
+
+@dataclass(frozen=True, slots=True)
+class Light:
+    """The light that things stand in, and that they make.
+
+    Args:
+        daylight_cd_m2: luminance of a white surface, ``E / pi``.
+        led_cd_m2: of an On LED of our panel, which displays are about as bright as.
+        lit: share of vehicles and lamps that are lit.
+    """
+
+    daylight_cd_m2: float
+    led_cd_m2: float
+    lit: float
+
+    def of(self, reflectance: float) -> float:
+        """Luminance of a matt surface; black is not quite black."""
+        return max(self.daylight_cd_m2 * reflectance, 1e-6)
+
+    def lamp(self, generator: Generator, low: float, high: float, *, lit: bool = True) -> float:
+        """Luminance of a lamp, log-uniform cd/m2, or of its glass where it is off."""
+        return spread(generator, low, high) if lit else self.of(generator.uniform(0.08, 0.3))
+
+
+def spread(generator: Generator, low: float, high: float) -> float:
+    """Draw log-uniformly."""
+    return math.exp(generator.uniform(math.log(low), math.log(high)))
+
+
+def vehicle(generator: Generator, light: Light, least_m: float = 0.0) -> Sketch:
+    """Draw the back or the front of a car, a van or a lorry, at least ``least_m`` wide and high."""
+    g, sketch = generator, Sketch()
+    boxy = bool(g.random() < 0.35)
+    wide = g.uniform(2.0, 2.5) if boxy else g.uniform(1.6, 1.95)
+    high = g.uniform(2.1, 3.6) if boxy else g.uniform(1.35, 1.75)
+    wide, high = max(wide, 1.3 * least_m), max(high, 1.5 * least_m)
+    half, floor, rear = wide / 2, -0.28, bool(g.random() < 0.7)
+    paint = float(g.choice([0.04, 0.08, 0.15, 0.3, 0.5, 0.75])) * g.uniform(0.7, 1.1)
+    belt = -high if boxy else -high * g.uniform(0.52, 0.66)
+    sketch.box(-half * 1.05, -0.1, half * 1.05, 0.08, light.of(0.03))  # its shadow
+    sketch.box(-half * 0.96, -0.35, half * 0.96, -0.12, light.of(0.02))
+    for side in (-1, 1):
+        left, right = sorted((side * half * 0.95, side * half * 0.7))
+        sketch.box(left, -0.35, right, 0, light.of(0.03))
+    inset = half * g.uniform(0.75, 0.92)
+    if not boxy:
+        sketch.polygon([(-inset, -high), (inset, -high), (half, belt), (-half, belt)], light.of(paint))
+    strips = int(g.integers(3, 9))
+    edges = np.linspace(belt, floor, strips + 1)
+    for top, bottom, gloss in zip(edges[:-1], edges[1:], g.uniform(0.7, 1.3, strips), strict=True):
+        sketch.box(-half, top, half, bottom, light.of(paint * gloss))
+    if not boxy or g.random() < 0.4:
+        top, bottom = (-high * 0.95, belt * 1.04) if not boxy else (-high * 0.92, -high * 0.6)
+        slope = inset * 0.92 if not boxy else half * 0.85
+        sketch.polygon(
+            [(-slope, top), (slope, top), (half * 0.88, bottom), (-half * 0.88, bottom)], light.of(0.03)
+        )
+        sky, cut = light.of(g.uniform(0.1, 1.2)), g.uniform(-0.6, 0.4, 2) * slope
+        sketch.polygon([(cut[0], top), (slope, top), (half * 0.88, bottom), (cut[1], bottom)], sky)
+    if boxy and g.random() < 0.5:  # ribs, or a livery
+        count = int(g.integers(6, 30))
+        sketch.grid(
+            -half,
+            -high * 0.95,
+            half,
+            -high * 0.25,
+            1,
+            count,
+            g.uniform(0.2, 0.6),
+            light.of(paint * g.uniform(0.4, 1.6)),
+        )
+    if boxy and g.random() < 0.6:
+        size = g.uniform(0.12, 0.4)
+        sketch.text(
+            words_of(g, int(g.integers(4, 9))),
+            -half * 0.8,
+            -high * g.uniform(0.5, 0.9),
+            size,
+            light.of(g.uniform(0, 0.9)),
+        )
+    if g.random() < 0.5:  # a grille
+        rows, columns = int(g.integers(3, 10)), int(g.choice([1, 1, 8, 16]))
+        top = belt * g.uniform(0.55, 0.8)
+        sketch.box(-half * 0.55, top, half * 0.55, top + 0.25, light.of(0.02))
+        sketch.grid(
+            -half * 0.55,
+            top,
+            half * 0.55,
+            top + 0.25,
+            rows,
+            columns,
+            g.uniform(0.3, 0.7),
+            light.of(g.uniform(0.05, 0.8)),
+        )
+    _vehicle_lamps(g, light, sketch, half, max(belt, -1.1), rear)
+    plate = -g.uniform(0.42, 0.8)
+    sketch.box(-0.27, plate, 0.27, plate + 0.12, light.of(g.uniform(0.5, 0.8)) + g.uniform(0, 30) * light.lit)
+    sketch.text(words_of(g, 8), -0.24, plate + 0.02, 0.08, light.of(0.03))
+    sketch.box(-half, -0.34, half, floor, light.of(g.uniform(0.03, 0.3)))
+    if g.random() < 0.4 and light.daylight_cd_m2 > 0:  # the sun in the chrome
+        at = g.uniform((-half, belt), (half, floor), (int(g.integers(1, 4)), 2))
+        sketch.dots(at, g.uniform(0.01, 0.05), light.of(spread(g, 3, 60)), round=True)
+    return sketch
+
+
+def _vehicle_lamps(g: Generator, light: Light, sketch: Sketch, half: float, belt: float, rear: bool) -> None:
+    """Draw lamps on both sides: glasses, discs or lattices of LEDs, and a third lamp of brakes."""
+    lit, tall = bool(g.random() < light.lit), g.uniform(0.1, 0.35)
+    range_cd = (800.0, 20_000.0) if rear else (2e4, 1e6)
+    own, glass = light.lamp(g, *range_cd, lit=lit), light.lamp(g, 1, 2, lit=False)
+    wide, top, kind = g.uniform(0.12, 0.4), belt * g.uniform(0.75, 0.95), int(g.integers(3))
+    rows, columns = (int(n) for n in g.integers((1, 3), (5, 9)))
+    for side in (-1, 1):
+        left, right = sorted((side * half * 0.97, side * (half * 0.97 - wide)))
+        sketch.box(left, top, right, top + tall, glass)
+        if kind == 0:
+            sketch.box(left + 0.02, top + 0.02, right - 0.02, top + tall / 2, own)
+        elif kind == 1:
+            centre = np.array([[(left + right) / 2, top + tall / 2]])
+            sketch.dots(centre, min(wide, tall) * 0.4, own, round=True)
+        else:
+            sketch.grid(left, top, right, top + tall, rows, columns, g.uniform(0.4, 0.8), own, round=True)
+    if rear and g.random() < 0.4:
+        braking = light.lamp(g, 2000, 15_000, lit=lit and bool(g.random() < 0.5))
+        sketch.grid(
+            -0.25, belt * 1.15, 0.25, belt * 1.15 + 0.03, 1, int(g.integers(6, 20)), 0.7, braking, round=True
+        )
+
+
+def house(generator: Generator, light: Light) -> Sketch:
+    """Draw a front of windows, some of them lit, with a shop and its sign or without."""
+    g, sketch = generator, Sketch()
+    wide, high = g.uniform(6, 30), g.uniform(5, 22)
+    sketch.box(-wide / 2, -high, wide / 2, 0, light.of(g.uniform(0.08, 0.6)))
+    rows, columns = max(1, round(high / g.uniform(2.6, 3.5))), max(2, round(wide / g.uniform(1.2, 4)))
+    state = g.random(rows * columns)
+    glass = light.daylight_cd_m2 * np.where(state < 0.5, 0.04, g.uniform(0.05, 1.0, len(state)))
+    inside = np.where(
+        g.random(len(state)) < light.lit * g.uniform(0.1, 0.7), np.exp(g.uniform(2.5, 6.5, len(state))), 0
+    )
+    inner = g.uniform(0.35, 0.8)
+    if g.random() < 0.6:
+        sketch.grid(
+            -wide / 2,
+            -high,
+            wide / 2,
+            -1.2,
+            rows,
+            columns,
+            min(inner * 1.15, 0.95),
+            light.of(g.uniform(0.2, 0.8)),
+        )
+    sketch.grid(-wide / 2, -high, wide / 2, -1.2, rows, columns, inner, np.maximum(glass + inside, 1e-6))
+    if g.random() < 0.5:
+        lit = bool(g.random() < light.lit)
+        ground, ink = (light.lamp(g, 30, 2000, lit=lit) for _ in range(2))
+        sketch.box(-wide / 3, -3.2, wide / 3, -2.4, ground)
+        sketch.text(words_of(g, int(g.integers(4, 12))), -wide / 3.3, -3.1, 0.6, ink)
+    return sketch
+
+
+def sign(generator: Generator, light: Light) -> Sketch:
+    """Draw a traffic sign, a direction sign or a poster with lettering, on a pole."""
+    g, sketch = generator, Sketch()
+    wide, high, up = g.uniform(0.6, 3.5), g.uniform(0.5, 1.6), g.uniform(1.5, 5)
+    sketch.box(-0.05, -up, 0.05, 0, light.of(g.uniform(0.1, 0.5)))
+    ground, ink = (g.uniform(0.03, 0.15), g.uniform(0.6, 0.85))
+    if g.random() < 0.5:
+        ground, ink = ink, ground
+    if g.random() < 0.4:
+        centre = np.array([[0.0, -up]])
+        for share, shade in ((1.0, 0.12), (0.8, ink)):
+            sketch.dots(centre, high / 2 * share, light.of(shade), round=True)
+        sketch.text(
+            str(int(g.integers(2, 13)) * 10), -high * 0.25, -up - high * 0.2, high * 0.4, light.of(0.03)
+        )
+        return sketch
+    sketch.box(-wide / 2, -up - high, wide / 2, -up, light.of(ground))
+    lines = int(g.integers(1, 5))
+    for line in range(lines):
+        step = high / lines
+        length = max(1, int(g.uniform(0.4, 0.9) * wide / (step * 0.5)))
+        sketch.text(
+            words_of(g, min(length, 16)),
+            -wide * 0.45,
+            -up - high + step * (line + 0.15),
+            step * 0.7,
+            light.of(ink),
+        )
+    return sketch
+
+
+def display(generator: Generator, light: Light) -> Sketch:
+    """Draw a dot matrix that shows words or an arrow: over a road, on a bus, in a shop."""
+    g, sketch = generator, Sketch()
+    lines, length, dot = int(g.integers(1, 4)), int(g.integers(2, 11)), spread(g, 0.01, 0.06)
+    up, rim, fill = g.uniform(1.5, 5.5), g.uniform(1, 4) * dot, g.uniform(0.4, 0.95)
+    wide, high = (6 * length + 1) * dot, 12 * lines * dot
+    sketch.box(-wide / 2 - rim, -up - rim, wide / 2 + rim, -up + high + rim, light.of(g.uniform(0.02, 0.2)))
+    lamp = light.led_cd_m2 * spread(g, 0.2, 3) + light.of(0.2)
+    if g.random() < 0.3 and lines * length < 9:
+        sketch.grid(
+            -wide / 2,
+            -up,
+            wide / 2,
+            -up + high,
+            12 * lines,
+            6 * length + 1,
+            fill,
+            light.of(g.uniform(0.02, 0.3)),
+            round=True,
+        )
+    for line in range(lines):
+        sketch.text(words_of(g, length), -wide / 2 + dot, -up + dot * (12 * line + 1.5), 8 * dot, lamp, fill)
+    return sketch
+
+
+def fence(generator: Generator, light: Light) -> Sketch:
+    """Draw a fence, a shutter, bricks, a grating or a mesh: bars or cells of one pitch."""
+    g, sketch = generator, Sketch()
+    wide, high = g.uniform(1.5, 10), g.uniform(0.8, 3)
+    pitch = spread(g, 0.04, 0.4)
+    rows, columns = (max(2, min(24, round(side / pitch))) for side in (high, wide))
+    rows, columns = ((1, columns), (rows, 1), (rows, columns))[int(g.integers(3))]
+    if g.random() < 0.7:
+        sketch.box(-wide / 2, -high, wide / 2, 0, light.of(g.uniform(0.03, 0.7)))
+    shade = g.uniform(0.03, 0.8) * np.exp(g.normal(0, g.uniform(0, 0.25), rows * columns))
+    sketch.grid(
+        -wide / 2,
+        -high,
+        wide / 2,
+        0,
+        rows,
+        columns,
+        g.uniform(0.25, 0.9),
+        np.maximum(light.daylight_cd_m2 * shade, 1e-6),
+        round=bool(g.random() < 0.2),
+    )
+    return sketch
+
+
+def lamp_post(generator: Generator, light: Light) -> Sketch:
+    """Draw a street lamp, traffic lights, a chain of lamps or a field of floodlights."""
+    g, sketch = generator, Sketch()
+    up, kind, lit = g.uniform(2.5, 8), int(g.integers(4)), bool(g.random() < light.lit)
+    own = light.lamp(g, 2e3, 1e5, lit=lit)
+    sketch.box(-0.07, -up, 0.07, 0, light.of(g.uniform(0.03, 0.3)))
+    if kind == 0:
+        sketch.dots(
+            np.array([[g.uniform(-1, 1), -up]]),
+            np.array([g.uniform(0.15, 0.5), g.uniform(0.06, 0.25)]),
+            own,
+            round=True,
+        )
+    elif kind == 1:
+        sketch.box(-0.18, -up, 0.18, -up + 1.0, light.of(0.03))
+        states = np.full(3, light.of(0.06))
+        states[int(g.integers(3))] = light.lamp(g, 2e3, 2e4)
+        sketch.grid(-0.18, -up + 0.02, 0.18, -up + 0.98, 3, 1, 0.7, states, round=True)
+    else:
+        rows, columns = (
+            (1, int(g.integers(4, 25))) if kind == 2 else (int(g.integers(2, 6)), int(g.integers(2, 7)))
+        )
+        wide = columns * g.uniform(0.15, 0.6)
+        bright = own * np.exp(g.normal(0, 0.15, rows * columns))
+        sketch.grid(
+            -wide / 2,
+            -up,
+            wide / 2,
+            -up + rows * wide / columns,
+            rows,
+            columns,
+            g.uniform(0.3, 0.8),
+            bright,
+            round=True,
+        )
+    return sketch
+
+
+def tree(generator: Generator, light: Light) -> Sketch:
+    """Draw a trunk and a crown of leaves in sun and shade."""
+    g, sketch = generator, Sketch()
+    up, wide = g.uniform(2.5, 8), g.uniform(1, 3.5)
+    sketch.box(-0.15, -up, 0.15, 0, light.of(0.07))
+    leaves = int(g.integers(40, 120))
+    at = g.normal((0, -up), (wide / 2, wide / 2.2), (leaves, 2))
+    shade = light.daylight_cd_m2 * np.exp(g.uniform(math.log(0.02), math.log(0.3), leaves))
+    sketch.dots(at, g.uniform(0.1, 0.6, (leaves, 1)), np.maximum(shade, 1e-6), round=bool(g.random() < 0.5))
+    return sketch
+
+
+def marks(generator: Generator, light: Light) -> Sketch:
+    """Draw lane marks and a crossing on the ground: x right and y ahead of the camera."""
+    g, sketch = generator, Sketch()
+    paint, dash, lane = light.of(g.uniform(0.3, 0.7)), g.uniform(2, 6), g.uniform(2.8, 3.8)
+    start, first = g.uniform(3, 9), g.uniform(-2.5, -1)
+    for line in range(-1, 3):
+        x = first + line * lane
+        sketch.grid(
+            x - 0.08,
+            start,
+            x + 0.08,
+            start + 20 * dash,
+            20 if line in (0, 1) else 1,
+            1,
+            0.5 if line in (0, 1) else 1,
+            paint,
+        )
+    if g.random() < 0.3:
+        ahead = g.uniform(8, 40)
+        sketch.grid(first - lane, ahead, first + 2 * lane, ahead + 4, 1, int(g.integers(8, 16)), 0.5, paint)
+    return sketch
+
+
+Thing = Callable[[Generator, Light], Sketch]
+
+BESIDE: tuple[Thing, ...] = (vehicle, vehicle, house, sign, display, fence, lamp_post, tree)
+"""What a street is drawn from, each entry with the same chance."""
+
+REACH_M: dict[Thing, float] = {
+    vehicle: 4.0,
+    house: 27.0,
+    sign: 7.0,
+    display: 8.0,
+    fence: 6.0,
+    lamp_post: 17.0,
+    tree: 18.0,
+}
+"""How far each thing reaches from the middle of its foot at most, m."""
