@@ -44,26 +44,26 @@ PITCHES_PX = (1.5, 24.0)
 
 
 class World(NamedTuple):
-    """Frames (B,1,H,W) uint8 of one panel's shape, and its corners (B,4,2) px; no corners without a panel."""
+    """Frames (B,1,H,W) of one panel's shape, its corners (B,4,2) px, zeros where there is no panel."""
 
     grey: Tensor
-    corners_px: Tensor | None
+    corners_px: Tensor
     shape: PanelShape
 
 
 @dataclass(frozen=True)
-class Clutter(Backdrop):
+class Drawn(Backdrop):
     """Rectangles, discs, bars, gratings, letters and dots of light, drawn anew behind each panel."""
 
     def shade(self, x: Tensor, y: Tensor, context) -> Tensor:
         """Draw each frame's."""
-        drawn = [clutter(one, context.camera.sensor_px) for one in context.generators(self.name, of_scene=True)]
+        drawn = [drawing(one, context.camera.sensor_px) for one in context.generators(self.name, of_scene=True)]
         planes = torch.from_numpy(np.stack(drawn))[:, None]
         rows = torch.arange(len(planes)).view(-1, 1, 1, 1)
         return planes[rows, 0, y, x]
 
 
-def clutter(draw: np.random.Generator, size: tuple[int, int]) -> np.ndarray:
+def drawing(draw: np.random.Generator, size: tuple[int, int]) -> np.ndarray:
     """Draw a street's worth of shapes: light over the background's, (H,W)."""
     high, wide = size
     light = np.full(size, draw.uniform(0.3, 1.5))
@@ -99,7 +99,7 @@ def clutter(draw: np.random.Generator, size: tuple[int, int]) -> np.ndarray:
     return light.astype(np.float32)
 
 
-def world(seed: int, block: int, *, panels: bool = True, cluttered: bool = True) -> World:
+def world(seed: int, block: int, *, cluttered: bool = True) -> World:
     """Render a block of frames of one shape, camera, board and set of effects."""
     key = BlockKey(seed, "train_locator", block)
     draw = key.generator("world")
@@ -108,7 +108,8 @@ def world(seed: int, block: int, *, panels: bool = True, cluttered: bool = True)
     board = [None, None, 0.02, 0.05, 0.1, 0.3, 0.8][draw.integers(7)]
     surfaces = {"led_reflectance": draw.uniform(0.03, 0.8), "background_reflectance": draw.uniform(0.1, 0.6)}
     panel = LedPanel(shape, diameter, 0.06 - diameter, board_reflectance=board, **surfaces)
-    camera = Camera(width_px=SIDE_PX, height_px=SIDE_PX, sensor_width_mm=SIDE_PX * 13.2 / 1920)
+    focal_mm = float(draw.uniform(10, 25))
+    camera = Camera(focal_mm, width_px=SIDE_PX, height_px=SIDE_PX, sensor_width_mm=SIDE_PX * 13.2 / 1920)
     most = min(PITCHES_PX[1], 0.8 * SIDE_PX / max(shape.rows, shape.columns))
     pitch = np.exp(draw.uniform(math.log(PITCHES_PX[0]), math.log(most), BLOCK))
     distance = camera.focal_length_px * 0.06 / pitch
@@ -143,21 +144,20 @@ def world(seed: int, block: int, *, panels: bool = True, cluttered: bool = True)
         "saturation": {},
         "quantization": {"bits": 8},
     }
-    if draw.random() < 0.6:
+    kind = draw.random() if cluttered else 1.0
+    if kind < 0.6:
+        effects |= {"scenery": {}, "clutter": {"lit": float(draw.random()), "wet": 0.3}, "panel_absent": {"share": 0.2}}
+    elif kind < 0.9:
         effects["background_texture"] = {"contrast": float(draw.uniform(0.1, 0.8)), "beta": float(draw.uniform(1, 3))}
-    if draw.random() < 0.3:
-        lamps = {"count": int(draw.integers(1, 12)), "luminance_cd_m2": float(np.exp(draw.uniform(4, 10)))}
-        effects["lamps"] = {**lamps, "diameter_m": float(draw.uniform(0.05, 0.4))}
     if draw.random() < 0.4:
         effects["jpeg"] = {"quality": int(draw.integers(40, 96))}
     keys = [FrameKey(key, one) for one in range(BLOCK)]
     built = list(Simulator(camera, panel, effects).effects)
-    if cluttered and draw.random() < 0.85:
-        built.append(Clutter())
+    if cluttered and draw.random() < 0.5:
+        built.append(Drawn())
     simulator = Simulator(camera, panel, built)
-    grey = simulator.render(scene, bits, keys=keys).grey
-    corners = simulator.true_panels(scene, keys).corners_px.float()
-    return World(grey, corners if panels else None, shape)
+    grey, truth = simulator.render(scene, bits, keys=keys).grey, simulator.true_panels(scene, keys)
+    return World(grey, truth.corners_px.float() * truth.found.view(-1, 1, 1), shape)
 
 
 def shaken(one: World, draw: np.random.Generator) -> World:
@@ -165,11 +165,10 @@ def shaken(one: World, draw: np.random.Generator) -> World:
     grey, corners = one.grey.float(), one.corners_px
     for axis in (0, 1):
         if draw.random() < 0.5:
-            grey = grey.flip(3 - axis)
-            if corners is not None:
-                corners = corners.clone()
-                corners[..., axis] = grey.shape[3 - axis] - corners[..., axis]
-                corners = corners[:, [[1, 0, 3, 2], [3, 2, 1, 0]][axis]]
+            grey, there = grey.flip(3 - axis), (corners != 0).any(2, keepdim=True).any(1, keepdim=True)
+            corners = corners.clone()
+            corners[..., axis] = grey.shape[3 - axis] - corners[..., axis]
+            corners = corners[:, [[1, 0, 3, 2], [3, 2, 1, 0]][axis]] * there
     gain = torch.from_numpy(draw.uniform(0.25, 1.0, len(grey)) * draw.choice([1, -1], len(grey))).float()
     gain = gain.view(-1, 1, 1, 1)
     grey = torch.where(gain < 0, 255 + grey * gain, grey * gain + (1 - gain) * float(draw.uniform(0, 200)))
@@ -179,38 +178,29 @@ def shaken(one: World, draw: np.random.Generator) -> World:
 def finder_loss(finder: Finder, one: World) -> Tensor:
     """Focal loss of the places, and how far off the panel is said to be where there is one."""
     total = torch.zeros(())
-    if one.corners_px is not None:
-        centre = one.corners_px.mean(1)
-        pitch = torch.stack(cell_size_px(one.corners_px, one.shape)).prod(0).sqrt()
-        along = one.corners_px[:, 1] - one.corners_px[:, 0] + one.corners_px[:, 2] - one.corners_px[:, 3]
-        turn = torch.atan2(along[:, 1], along[:, 0])
-        if one.shape.rows == one.shape.columns:
-            turn = turn - (turn / (math.pi / 2)).round() * (math.pi / 2)
-    every = torch.arange(len(one.grey))
+    centre = one.corners_px.mean(1)
+    pitch = torch.stack(cell_size_px(one.corners_px, one.shape)).prod(0).sqrt()
+    along = one.corners_px[:, 1] - one.corners_px[:, 0] + one.corners_px[:, 2] - one.corners_px[:, 3]
+    turn = torch.atan2(along[:, 1], along[:, 0])
+    if one.shape.rows == one.shape.columns:
+        turn = turn - (turn / (math.pi / 2)).round() * (math.pi / 2)
+    half, every = math.sqrt(one.shape.leds) * PITCH_PX / 2, torch.arange(len(one.grey))
     for level, picture in enumerate(pyramid(one.grey)):
         # The finest scale costs most, and few panels are as small: a third of the frames, small panels first.
-        rows = every if level or one.corners_px is None else pitch.argsort()[: -(-len(every) // 3)]
+        rows = every if level else pitch.argsort()[: -(-len(every) // 3)]
         judged = finder(picture[rows], one.shape)
         logit = judged[:, 0]
-        if one.corners_px is None:
-            target, weight = torch.zeros_like(logit), torch.ones_like(logit)
-        else:
-            half = math.sqrt(one.shape.leds) * PITCH_PX / 2
-            places = places_px(judged.shape[-2:])
-            off = (centre[rows, :, None, None] / 2**level - places) / half
-            ratio = (pitch[rows] / 2**level / PITCH_PX).log()
-            near = off.norm(dim=1)
-            fits, maybe = ratio.abs() < 0.40, ratio.abs() < 0.75
-            reach = max(0.35, 4.5 / half)
-            target = ((near < reach) & fits[:, None, None]).float()
-            unsure = (near < max(0.9, 9 / half)) & maybe[:, None, None] & (target == 0)
-            weight = 1.0 - unsure.float()
-            there = target > 0
-            if there.any():
-                wanted = torch.stack([off[:, 0], off[:, 1], *(v[:, None, None].expand_as(near) for v in (ratio, turn[rows]))])
-                given = judged[:, 1:].movedim(1, 0)[:, there]
-                apart = (given - wanted[:, there]) * torch.tensor([2.0, 2.0, 3.0, 2.0])[:, None]
-                total = total + nn.functional.smooth_l1_loss(apart, torch.zeros_like(apart), reduction="sum") / 8
+        off = (centre[rows, :, None, None] / 2**level - places_px(logit.shape[1:])) / half
+        ratio, near = (pitch[rows] / 2**level / PITCH_PX).log(), off.norm(dim=1)
+        fits, maybe = ((ratio.abs() < most)[:, None, None] for most in (0.40, 0.75))
+        target = ((near < max(0.35, 4.5 / half)) & fits).float()
+        weight = 1.0 - ((near < max(0.9, 9 / half)) & maybe & (target == 0)).float()
+        there = target > 0
+        if there.any():
+            wanted = [off[:, 0], off[:, 1], *(v[:, None, None].expand_as(near) for v in (ratio, turn[rows]))]
+            given = judged[:, 1:].movedim(1, 0)[:, there]
+            apart = (given - torch.stack(wanted)[:, there]) * torch.tensor([2.0, 2.0, 3.0, 2.0])[:, None]
+            total = total + nn.functional.smooth_l1_loss(apart, torch.zeros_like(apart), reduction="sum") / 8
         cost = nn.functional.binary_cross_entropy_with_logits(logit, target, reduction="none")
         wrong = (logit.sigmoid() - target).abs()
         total = total + (cost * wrong**2 * weight * (1 + 3 * target)).sum()
@@ -226,12 +216,11 @@ def corner_loss(net: CornerNet, one: World, draw: np.random.Generator, wrong: Te
         draw: of the guesses.
         wrong: (n,5,2) quadrilaterals of the finder that are no panels, after their frame's number; or None.
     """
-    assert one.corners_px is not None
-    count = len(one.grey)
-    size = torch.stack(cell_size_px(one.corners_px, one.shape)).prod(0).sqrt()
+    present = (one.corners_px != 0).flatten(1).any(1).nonzero()[:, 0]
+    truth, count = one.corners_px[present], len(present)
+    size = torch.stack(cell_size_px(truth, one.shape)).prod(0).sqrt()
     zooms = [2**n for n in range(1 + int(math.log2(max(1, max(one.shape.rows, one.shape.columns) / 8))))]
     zoom = torch.from_numpy(draw.choice(zooms, count)).float()
-    truth = one.corners_px
     middle = truth.mean(1, keepdim=True)
     # A guess of the finder's, and later ones: scale, turn, place, and each corner by itself.
     rough = torch.from_numpy(draw.choice([0.08, 0.5, 1.0], count)).float().view(-1, 1, 1)
@@ -248,7 +237,7 @@ def corner_loss(net: CornerNet, one: World, draw: np.random.Generator, wrong: Te
     level = ((size * zoom / PITCH_PX).log2().round() - 1).clamp(0, len(scales) - 1).long()
     told = torch.tensor([math.log2(one.shape.rows), math.log2(one.shape.columns)])
     told = torch.cat([told.expand(count, 2), zoom.log2()[:, None]], 1).repeat_interleave(4, 0)
-    judged = net(corner_patches(scales, torch.arange(count), level, guess, one.shape, zoom), told)
+    judged = net(corner_patches(scales, present, level, guess, one.shape, zoom), told)
     # The truth in the guess's own axes, in half patches.
     axes = corner_frames(guess, one.shape) * zoom.view(-1, 1, 1, 1) * CORNER_CELLS
     wanted = torch.linalg.solve(axes.mT.flatten(0, 1), (truth - guess).flatten(0, 1)[..., None])[..., 0]
@@ -271,15 +260,14 @@ def corner_loss(net: CornerNet, one: World, draw: np.random.Generator, wrong: Te
     return loss
 
 
-def wrong_claims(finder: Finder, one: World, many: int = 2) -> Tensor:
+def wrong_claims(finder: Finder, one: World, many: int = 3) -> Tensor:
     """Give the finder's best claims that are no panels, (n,5,2): the frame's number, and the corners."""
     claims = []
     with torch.inference_mode():
-        for i in range(len(one.grey)):
+        for i in range(0, len(one.grey), 3):
             quads, _, _ = found_places(finder, pyramid(one.grey[i : i + 1]), one.shape, many + 1)
-            if one.corners_px is not None:
-                centre, pitch = one.corners_px[i].mean(0), (one.corners_px[i, 0] - one.corners_px[i, 2]).norm()
-                quads = quads[(quads.mean(1) - centre).norm(dim=1) > 0.35 * pitch]
+            centre, across = one.corners_px[i].mean(0), (one.corners_px[i, 0] - one.corners_px[i, 2]).norm()
+            quads = quads[(quads.mean(1) - centre).norm(dim=1) > 0.35 * across]
             claims.append(torch.cat([torch.full((len(quads), 1, 2), float(i)), quads.float()], 1)[:many])
     return torch.cat(claims).clone()
 
@@ -323,6 +311,7 @@ def main() -> None:
     finder, corners = Finder(), CornerNet()
     trained(finder, given.minutes, (finder_loss(finder, any_world()) for _ in iter(int, 1)))
     finder.eval()
+    save_weights(given.out, finder, corners)
 
     def corner_losses() -> Iterator[Tensor]:
         while True:

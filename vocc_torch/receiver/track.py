@@ -26,10 +26,15 @@ _SAMPLES, _WINDOW, _PANELS = 4, 64, 2.0
 _STEPS, _MOST_CELLS, _BLURS = 3, 0.35, (0.2, 0.4)
 # A panel is followed where a lattice explains this share of what it did when it was found.
 _LEAST_SHARE = 0.6
+# Below this share of it neighbouring lattices are tried, this often.
+_GOOD_SHARE, _LINES = 0.95, 2
+_NEIGHBOURS = [(x, y) for x in (-1, 0, 1) for y in (-1, 0, 1) if x or y]
 # The corners' signs in the fields 1, u, v and uv.
 _SIGNS = np.array([[1, -1, -1, 1], [1, 1, -1, -1], [1, 1, 1, 1], [1, -1, 1, -1]])
 # How much of a new motion is believed.
 _GAIN = 0.5
+# What is remembered of a window: over so many frames bits are a grey mean, while lattice and surroundings stay.
+_MEMORY = np.float32(0.1)
 # Light of a grey value, of which 255 is white: spots of light add, grey values do not.
 _LIGHT = (255 * (np.arange(256, dtype=np.float32) / 255) ** np.float32(lattice_model.GAMMA)).astype(np.float32)
 
@@ -87,7 +92,9 @@ def _two_levels(lit: Plane) -> Plane:
     return np.where(on, np.float32(high), np.float32(low))
 
 
-def fit(grey: NDArray[np.uint8], corners: Corners, shape: PanelShape, blur: float) -> tuple[Corners, float, float]:
+def fit(
+    grey: NDArray[np.uint8], corners: Corners, shape: PanelShape, blur: float, steps: int = _STEPS
+) -> tuple[Corners, float, float]:
     """Move corners by a few Gauss-Newton steps to where a lattice of two levels explains a picture best.
 
     One frame at a time: NumPy's calls cost a few microseconds, so that all of it takes about a millisecond.
@@ -97,6 +104,7 @@ def fit(grey: NDArray[np.uint8], corners: Corners, shape: PanelShape, blur: floa
         corners: (4,2) px, within a third of a cell of the truth.
         shape: rows and columns.
         blur: a spot's standard deviation, cells.
+        steps: how many.
 
     Returns:
         The corners, the spots' standard deviation, and the share of the picture's variation that is explained.
@@ -106,7 +114,7 @@ def fit(grey: NDArray[np.uint8], corners: Corners, shape: PanelShape, blur: floa
     u, v = 2 * across / shape.columns - 1, 2 * down / shape.rows - 1
     fields = [np.ones(size, np.float32), np.broadcast_to(u, size), np.broadcast_to(v[:, None], size), np.outer(v, u)]
     share = 0.0
-    for step in range(_STEPS + 1):
+    for step in range(steps + 1):
         rows, row_slope, row_blur, from_rows = _spots(shape.rows, blur)
         columns, column_slope, column_blur, from_columns = _spots(shape.columns, blur)
         patch = _read(grey, corners, weights).reshape(size)
@@ -115,7 +123,7 @@ def fit(grey: NDArray[np.uint8], corners: Corners, shape: PanelShape, blur: floa
         half = rows @ lit
         rest = patch - half @ columns.T
         share = 1 - float((rest**2).sum()) / max(float((patch**2).sum()), 1e-6)
-        if step == _STEPS:
+        if step == steps:
             break
         by_x, by_y = half @ column_slope.T, row_slope @ lit @ columns.T
         wider = half @ column_blur.T + row_blur @ lit @ columns.T
@@ -133,20 +141,23 @@ def fit(grey: NDArray[np.uint8], corners: Corners, shape: PanelShape, blur: floa
 
 _U = ((np.arange(_WINDOW, dtype=np.float32) + 0.5) / _WINDOW - 0.5) * _PANELS + 0.5
 _WIDE = _weights(_U, _U)
+_INSIDE = (slice(_WINDOW // 4, -_WINDOW // 4), slice(_WINDOW // 4, -_WINDOW // 4))
 _TAPER = np.outer(np.hanning(_WINDOW), np.hanning(_WINDOW)).astype(np.float32)
 
 
-def _spectrum(grey: NDArray[np.uint8], corners: Corners) -> NDArray[np.complex64]:
-    """Fourier transform of the panel's window, twice as wide as it is, without its mean."""
+def _spectrum(grey: NDArray[np.uint8], corners: Corners, plain: bool = False) -> NDArray[np.complex64]:
+    """Fourier transform of the panel's window, twice as wide as it is; ``plain`` with the panel's mean inside."""
     patch = _read(grey, corners, _WIDE).reshape(_WINDOW, _WINDOW)
+    if plain:
+        patch[_INSIDE] = patch[_INSIDE].mean()
     patch = (patch - patch.mean()) * _TAPER
     return np.fft.rfft2(patch).astype(np.complex64)
 
 
 def shift(grey: NDArray[np.uint8], corners: Corners, before: NDArray[np.complex64]) -> Corners:
-    """Move corners by how far the window's content has moved since ``before``, to an eighth of a panel or so.
+    """Move corners by how far the window's content lies from what is remembered of it, ``before``.
 
-    The bits change, but half of them stay, and so do the board, its edges and the vehicle around it.
+    The bits change; the lattice, the board, its edges and the vehicle around it stay.
     """
     both = np.fft.irfft2(_spectrum(grey, corners) * before.conj(), s=(_WINDOW, _WINDOW))
     y, x = divmod(int(both.argmax()), _WINDOW)
@@ -184,6 +195,18 @@ class Track:
         """Look where the motion leads, and say whether the panel is there."""
         expected = self.corners + self.motion * (1 + self.misses)
         corners, blur, share = fit(grey, shift(grey, expected, self.seen), shape, self.blur)
+        # Bits change, so that a shift may be off by a line of LEDs: then lattices a line away explain more.
+        for _ in range(_LINES):
+            if share >= _GOOD_SHARE * self.share:
+                break
+            sides = (corners[1] - corners[0]) / shape.columns, (corners[3] - corners[0]) / shape.rows
+            starts = [corners + x * sides[0] + y * sides[1] for x, y in _NEIGHBOURS]
+            tried = [fit(grey, start, shape, self.blur, 1) for start in (expected, *starts)]
+            best = max(tried, key=lambda one: one[2])
+            again = fit(grey, best[0], shape, self.blur)
+            if again[2] <= share:
+                break
+            corners, blur, share = again
         cell = math.sqrt(abs(_area(corners)) / shape.leds)
         before = math.sqrt(abs(_area(self.corners)) / shape.leds)
         sane = bool(np.isfinite(corners).all()) and 0.8 < cell / before < 1.25
@@ -191,7 +214,9 @@ class Track:
             self.misses += 1
             return False
         self.motion = self.motion + _GAIN * ((corners - self.corners) / (1 + self.misses) - self.motion)
-        self.corners, self.blur, self.misses, self.seen = corners, blur, 0, _spectrum(grey, corners)
+        self.corners, self.blur, self.misses = corners, blur, 0
+        self.share += _MEMORY * (share - self.share)
+        self.seen += _MEMORY * (_spectrum(grey, corners) - self.seen)
         return True
 
 
@@ -279,8 +304,8 @@ class Tracker:
                 track.corners, track.score, track.misses = corners, score, 0
                 break
         else:
-            track = Track(self._number, corners, score, blur, share, _spectrum(plane, corners))
+            track = Track(self._number, corners, score, blur, share, _spectrum(plane, corners, True))
             self._number += 1
             self.tracks.append(track)
-        track.blur, track.share, track.seen = blur, share, _spectrum(plane, corners)
+        track.blur, track.share = blur, share
         return track
