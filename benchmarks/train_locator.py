@@ -2,8 +2,8 @@
 
     python benchmarks/train_locator.py --out learned.json
 
-Nothing but simulated frames is learned from: panels of 4 x 4 to 16 x 64 LEDs of 1.5 to 24 px, turned and aslant,
-with boards or without, lighter and darker than what is around them, before drawn clutter.
+Nothing but simulated frames is learned from: panels of 4 x 4 to 16 x 64 LEDs of 1.5 to 24 px, turned and
+aslant, with boards or without, lighter and darker than what is around them, in streets and before drawn clutter.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from torch import Tensor, nn
 
 from vocc_torch import Camera, PanelShape, Scene, Simulator
 from vocc_torch.hardware import LedPanel
-from vocc_torch.receiver.learned import LearnedLocator, found_places, save_weights
+from vocc_torch.receiver.learned import found_places, save_weights
 from vocc_torch.receiver.learned_nets import (
     CORNER_CELLS,
     PITCH_PX,
@@ -57,7 +57,9 @@ class Drawn(Backdrop):
 
     def shade(self, x: Tensor, y: Tensor, context) -> Tensor:
         """Draw each frame's."""
-        drawn = [drawing(one, context.camera.sensor_px) for one in context.generators(self.name, of_scene=True)]
+        drawn = [
+            drawing(one, context.camera.sensor_px) for one in context.generators(self.name, of_scene=True)
+        ]
         planes = torch.from_numpy(np.stack(drawn))[:, None]
         rows = torch.arange(len(planes)).view(-1, 1, 1, 1)
         return planes[rows, 0, y, x]
@@ -94,7 +96,9 @@ def drawing(draw: np.random.Generator, size: tuple[int, int]) -> np.ndarray:
                     right = left + step * (0.6 if kind != 5 else 8)
                     if kind == 7 and draw.random() < 0.15:
                         continue
-                    (pen.ellipse if kind == 6 else pen.rectangle)([left, top, right, top + 0.5 * step], fill=shade)
+                    (pen.ellipse if kind == 6 else pen.rectangle)(
+                        [left, top, right, top + 0.5 * step], fill=shade
+                    )
     light = light * (0.05 + np.asarray(plane, np.float64) / 128)
     return light.astype(np.float32)
 
@@ -115,13 +119,22 @@ def world(seed: int, block: int, *, cluttered: bool = True) -> World:
     distance = camera.focal_length_px * 0.06 / pitch
     ambient = np.exp(draw.uniform(math.log(100), math.log(32000), BLOCK))
     turn = draw.choice([5.0, 20.0, 44.0])
-    reach = np.clip(1.0 - pitch * max(shape.rows, shape.columns) / SIDE_PX, 0.05, 0.9) * SIDE_PX / 2 / pitch * 0.06
+    reach = (
+        np.clip(1.0 - pitch * max(shape.rows, shape.columns) / SIDE_PX, 0.05, 0.9)
+        * SIDE_PX
+        / 2
+        / pitch
+        * 0.06
+    )
     scene = Scene(
         *(
             torch.from_numpy(np.asarray(values, np.float64).repeat(BLOCK) if np.ndim(values) == 0 else values)
             for values in (
                 ambient,
-                ambient * surfaces["background_reflectance"] / math.pi * np.exp(draw.uniform(-1.2, 2.5, BLOCK)),
+                ambient
+                * surfaces["background_reflectance"]
+                / math.pi
+                * np.exp(draw.uniform(-1.2, 2.5, BLOCK)),
                 distance,
                 draw.uniform(30, 160, BLOCK),
                 draw.uniform(-1, 1, BLOCK) * reach,
@@ -129,7 +142,9 @@ def world(seed: int, block: int, *, cluttered: bool = True) -> World:
             )
         )
     )
-    bits = torch.from_numpy(draw.random((BLOCK, shape.rows, shape.columns)) < draw.uniform(0.3, 0.7, (BLOCK, 1, 1)))
+    bits = torch.from_numpy(
+        draw.random((BLOCK, shape.rows, shape.columns)) < draw.uniform(0.3, 0.7, (BLOCK, 1, 1))
+    )
     effects: dict[str, object] = {
         "pose": {
             "yaw_deg": ["uniform", -30, 30],
@@ -146,9 +161,16 @@ def world(seed: int, block: int, *, cluttered: bool = True) -> World:
     }
     kind = draw.random() if cluttered else 1.0
     if kind < 0.6:
-        effects |= {"scenery": {}, "clutter": {"lit": float(draw.random()), "wet": 0.3}, "panel_absent": {"share": 0.2}}
+        effects |= {
+            "scenery": {},
+            "clutter": {"lit": float(draw.random()), "wet": 0.3},
+            "panel_absent": {"share": 0.2},
+        }
     elif kind < 0.9:
-        effects["background_texture"] = {"contrast": float(draw.uniform(0.1, 0.8)), "beta": float(draw.uniform(1, 3))}
+        effects["background_texture"] = {
+            "contrast": float(draw.uniform(0.1, 0.8)),
+            "beta": float(draw.uniform(1, 3)),
+        }
     if draw.random() < 0.4:
         effects["jpeg"] = {"quality": int(draw.integers(40, 96))}
     keys = [FrameKey(key, one) for one in range(BLOCK)]
@@ -244,7 +266,9 @@ def corner_loss(net: CornerNet, one: World, draw: np.random.Generator, wrong: Te
     distance = wanted.norm(dim=1) * CORNER_CELLS
     near = (distance < 3.5).float()
     apart = (judged[:, :2] - wanted) * CORNER_CELLS
-    place = (nn.functional.smooth_l1_loss(apart, torch.zeros_like(apart), reduction="none", beta=0.2).sum(1) * near).mean()
+    place = (
+        nn.functional.smooth_l1_loss(apart, torch.zeros_like(apart), reduction="none", beta=0.2).sum(1) * near
+    ).mean()
     hit = (distance < 0.4).float()
     sure = ((distance < 0.4) | (distance > 0.8)).float()
     cost = nn.functional.binary_cross_entropy_with_logits(judged[:, 2], hit, reduction="none")
@@ -321,7 +345,8 @@ def main() -> None:
 
     trained(corners, given.minutes, corner_losses(), 2e-3)
     save_weights(given.out, finder, corners)
-    print(f"{given.out}: {given.out.stat().st_size / 1e6:.2f} MB, {LearnedLocator(str(given.out)).parameters} parameters")
+    weights = sum(one.numel() for net in (finder, corners) for one in net.parameters())
+    print(f"{given.out}: {given.out.stat().st_size / 1e6:.2f} MB, {weights} weights")
 
 
 if __name__ == "__main__":

@@ -61,7 +61,7 @@ class AppConfig(Settings):
         if self.task not in TASKS:
             raise VoccError.of("task", repr(self.task), f"one of {', '.join(TASKS)}")
         if (self.task, self.model, self.receiver.locator) == ("decode", None, "truth"):
-            rule = "paper or refined for task=decode: a recording does not tell its corners"
+            rule = "paper, refined or learned for task=decode: a recording does not tell its corners"
             raise VoccError.of("receiver.locator", "'truth'", rule)
 
 
@@ -148,7 +148,7 @@ NAMES = {
     "full_well, dsnu, row_noise, read_noise, gain, demosaicing, saturation, quantization, jpeg",
     "Receivers": "center_greyscale, average_greyscale, flda_agr, flda_gri, flda_ngr, flda_agr_ngr, flda_2, "
     "flda_3",
-    "Locators": "truth, paper, refined",
+    "Locators": "truth, paper, refined, learned",
 }
 """What the help lists by name: it does not wait for torch, which what defines them needs."""
 

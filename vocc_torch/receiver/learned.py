@@ -1,4 +1,4 @@
-"""A small learned locator: one network finds places coarse to fine, another finds corners, a lattice is fitted."""
+"""A small learned locator: one network finds places, another their corners, and a lattice is fitted."""
 
 import math
 from collections.abc import Sequence
@@ -77,7 +77,9 @@ def load_weights(path: Path, device: torch.device) -> Nets:
                 net.load_state_dict(own)
         except (KeyError, RuntimeError, ValueError):
             raise VoccError(f"model {path} holds no learned locator: train it again") from None
-        return Nets(*(net.eval().requires_grad_(False).to(device) for net in nets))
+        for net in nets:
+            net.eval().requires_grad_(False).to(device)
+        return nets
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,7 +163,9 @@ def found_places(
         chosen = judged.flatten(1)[:, best]
         centre = (at + chosen[1:3].clamp(-2, 2) * half) * 2**level
         pitch = chosen[3].clamp(-_MOST_LOG, _MOST_LOG).exp() * PITCH_PX * 2**level
-        parts.append(torch.cat([chosen[:1], centre, pitch[None], chosen[4:5], torch.full_like(pitch[None], level)]))
+        parts.append(
+            torch.cat([chosen[:1], centre, pitch[None], chosen[4:5], torch.full_like(pitch[None], level)])
+        )
     together = torch.cat(parts, 1)
     together = together[:, together[0].argsort(descending=True, stable=True)]
     kept: list[int] = []
@@ -188,7 +192,7 @@ def zooms(shape: PanelShape) -> list[int]:
         >>> zooms(PanelShape(8, 8)), zooms(PanelShape(16, 64))
         ([1, 1, 1], [8, 4, 2, 1, 1])
     """
-    first = max(0, int(math.log2(max(shape.rows, shape.columns) / 8))) if max(shape.rows, shape.columns) > 8 else 0
+    first = int(math.log2(max(shape.rows, shape.columns, 8) / 8))
     steps = [2**n for n in range(first, -1, -1)]
     return steps + [1] * max(1, _STEPS - len(steps))
 

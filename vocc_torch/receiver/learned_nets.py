@@ -27,8 +27,8 @@ class Finder(nn.Module):
     """Where a panel of R x C cells of about 1.5 to 3 px may lie, at every 8th pixel.
 
     Absolute values of filters of mean 0, over the local contrast: neither the light's level nor its sign, a
-    panel darker than its surroundings, changes what it sees. What is told of R and C: means over boxes of the panel's
-    extent and of twice that, and their logarithms. Fully convolutional, for any size of picture.
+    panel darker than its surroundings, changes what it sees. What is told of R and C: means over boxes of
+    the panel's extent and of twice that, and their logarithms. Fully convolutional: any size of picture.
 
     Example:
         >>> Finder()(torch.zeros(1, 1, 64, 96), PanelShape(8, 8)).shape
@@ -42,7 +42,8 @@ class Finder(nn.Module):
         self.wide = nn.Conv2d(first, n, 3, 2, 1, bias=False)
         self.lift = nn.Parameter(torch.zeros(n, 1, 1))
         self.spread = nn.ModuleList(
-            nn.Sequential(nn.Conv2d(n, n, 3, 1, d, d, groups=n), nn.Conv2d(n, n, 1), nn.ReLU()) for d in (1, 1, 2)
+            nn.Sequential(nn.Conv2d(n, n, 3, 1, d, d, groups=n), nn.Conv2d(n, n, 1), nn.ReLU())
+            for d in (1, 1, 2)
         )
         self.narrow = nn.Conv2d(n, _POOLED, 1)
         self.hidden = nn.Conv2d(n + 2 * _POOLED, n, 1)
@@ -117,7 +118,7 @@ class CornerNet(nn.Module):
 
 
 def pyramid(grey: Tensor, most: int = 6) -> list[Tensor]:
-    """Halve grey values (B,1,H,W) again and again, as long as 16 px are left: float32 pictures, largest first.
+    """Halve grey values (B,1,H,W) again and again while 16 px are left: float32 pictures, largest first.
 
     Example:
         >>> [tuple(one.shape[2:]) for one in pyramid(torch.zeros(1, 1, 64, 80))]
@@ -130,13 +131,18 @@ def pyramid(grey: Tensor, most: int = 6) -> list[Tensor]:
 
 
 def corner_frames(corners_px: Tensor, shape: PanelShape) -> Tensor:
-    """Give each corner's two unit vectors, (n,4,2,2), one cell along the row and the column, to the inside."""
+    """Give each corner's two vectors, (n,4,2,2), one cell along the row and the column, to the inside."""
     across, down = (corners_px[:, [1, 0, 3, 2]] - corners_px), (corners_px[:, [3, 2, 1, 0]] - corners_px)
     return torch.stack([across / shape.columns, down / shape.rows], 2)
 
 
 def corner_patches(
-    scales: Sequence[Tensor], frame: Tensor, level: Tensor, corners_px: Tensor, shape: PanelShape, zoom: Tensor
+    scales: Sequence[Tensor],
+    frame: Tensor,
+    level: Tensor,
+    corners_px: Tensor,
+    shape: PanelShape,
+    zoom: Tensor,
 ) -> Tensor:
     """Read the patches about the corners of n quadrilaterals, (4n,1,32,32).
 
@@ -153,7 +159,7 @@ def corner_patches(
     x = axes[:, :, 0, None, None, :] * steps[:, None]
     points = corners_px[:, :, None, None] + x + axes[:, :, 1, None, None, :] * steps[:, None, None]
     patches = points.new_empty(len(frame), 4 * PATCH * PATCH)
-    for one in level.unique().tolist():
+    for one in sorted(set(level.tolist())):
         rows = (level == one).nonzero()[:, 0]
         at = points[rows].flatten(1, 3) / 2**one - 0.5
         plane = scales[one][:, 0]
@@ -170,9 +176,8 @@ def _bilinear(planes: Tensor, frame: Tensor, at: Tensor) -> Tensor:
     begin = frame[:, None] * (height * width)
     flat, rows = planes.flatten(), (top, (top + 1).clamp(max=height - 1))
     columns = (left, (left + 1).clamp(max=width - 1))
-    upper, lower = (
-        torch.lerp(*(flat[begin + row * width + column] for column in columns), share[..., 0]) for row in rows
-    )
+    near = [flat[begin + row * width + column] for row in rows for column in columns]
+    upper, lower = (torch.lerp(near[i], near[i + 1], share[..., 0]) for i in (0, 2))
     return torch.lerp(upper, lower, share[..., 1])
 
 

@@ -1,4 +1,4 @@
-"""The locators by name: the paper's, and ours, which fits the lattice of LEDs to sub-pixels and in noise."""
+"""The locators by name: the paper's, ours, which fits the lattice of LEDs, and a learned one."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
@@ -10,6 +10,7 @@ from torch import Tensor
 from vocc_torch.errors import VoccError, demand_kind, finite_number, shown
 from vocc_torch.plugins import TARGET, PlugIn, one_line
 from vocc_torch.receiver import foreground, lattice_fit, lattice_model, rectification
+from vocc_torch.receiver.learned import LearnedLocator
 from vocc_torch.receiver.location import Choice, PaperLocator, exact_frames
 from vocc_torch.types import Frames, Images, Panels, PanelShape, holds
 
@@ -209,7 +210,7 @@ def _by_side(side_px: Tensor) -> list[tuple[int, Tensor]]:
     return [(side, (side_px == side).nonzero()[:, 0]) for side in sorted(set(side_px.tolist()))]
 
 
-LOCATORS = ("paper", "refined")
+LOCATORS = ("paper", "refined", "learned")
 """The locators that ship, by name."""
 
 
@@ -267,8 +268,8 @@ class OutsideLocator:
         )
 
 
-def locator_named(name: str, paper: PaperLocator) -> PaperLocator | RefinedLocator:
-    """Return the locator of a name, with the settings of the paper's, which both use.
+def locator_named(name: str, paper: PaperLocator) -> PaperLocator | RefinedLocator | LearnedLocator:
+    """Return the locator of a name, with the settings of the paper's, which the refined one uses too.
 
     Raises:
         VoccError: an unknown name.
@@ -278,7 +279,9 @@ def locator_named(name: str, paper: PaperLocator) -> PaperLocator | RefinedLocat
         9
     """
     if name not in LOCATORS:
-        raise VoccError.of("receiver.locator", repr(name), " or ".join(LOCATORS))
+        raise VoccError.of("receiver.locator", repr(name), ", ".join(LOCATORS))
+    if name == "learned":
+        return LearnedLocator()
     return RefinedLocator(paper) if name == "refined" else paper
 
 
@@ -294,10 +297,11 @@ def locator_settings(locator: PanelLocator) -> dict[str, object]:
     """
     if isinstance(locator, OutsideLocator):
         return locator.plug_in.settings
-    if not isinstance(locator, PaperLocator | RefinedLocator):
-        rule = "paper, refined, or one named by FILE.py:NAME or PACKAGE.MODULE.NAME, to be saved"
+    if not isinstance(locator, PaperLocator | RefinedLocator | LearnedLocator):
+        rule = "paper, refined, learned, or one named by FILE.py:NAME or PACKAGE.MODULE.NAME, to be saved"
         raise VoccError.of("receiver.locator", shown(locator), rule)
-    return {**({} if isinstance(locator, PaperLocator) else {"name": "refined"}), **asdict(locator)}
+    names = {RefinedLocator: "refined", LearnedLocator: "learned"}
+    return {**({"name": names[type(locator)]} if type(locator) in names else {}), **asdict(locator)}
 
 
 def locator_from(settings: Mapping[str, Any], admitted: Sequence[str] = ()) -> PanelLocator:
@@ -322,5 +326,7 @@ def locator_from(settings: Mapping[str, Any], admitted: Sequence[str] = ()) -> P
     name = rest.pop("name", "paper")
     if name not in LOCATORS:
         raise ValueError(f"its locator is {name!r}")
+    if name == "learned":
+        return LearnedLocator(**rest)
     paper = PaperLocator(**(rest if name == "paper" else rest.pop("paper")))
     return paper if name == "paper" else RefinedLocator(paper, **rest)

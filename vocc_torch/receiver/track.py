@@ -1,9 +1,10 @@
-"""Following panels through a recording: the last frame says where to look, a full search only now and then."""
+"""Following panels in a recording: the last frame says where to look, a full search comes now and then."""
 
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 import torch
@@ -16,7 +17,7 @@ from vocc_torch.receiver.locators import PanelLocator
 from vocc_torch.receiver.rectification import cell_size_px
 from vocc_torch.types import Frames, Panels, PanelShape
 
-Plane = NDArray[np.float32]
+Plane = NDArray[np.floating[Any]]
 Corners = NDArray[np.float64]
 
 # Samples along a cell's side of the fit; along the window that is compared with the last frame's, and the
@@ -33,15 +34,17 @@ _NEIGHBOURS = [(x, y) for x in (-1, 0, 1) for y in (-1, 0, 1) if x or y]
 _SIGNS = np.array([[1, -1, -1, 1], [1, 1, -1, -1], [1, 1, 1, 1], [1, -1, 1, -1]])
 # How much of a new motion is believed.
 _GAIN = 0.5
-# What is remembered of a window: over so many frames bits are a grey mean, while lattice and surroundings stay.
-_MEMORY = np.float32(0.1)
+# How much of a window is remembered anew: over many frames bits become a grey mean; all else stays.
+_MEMORY = 0.1
 # Light of a grey value, of which 255 is white: spots of light add, grey values do not.
-_LIGHT = (255 * (np.arange(256, dtype=np.float32) / 255) ** np.float32(lattice_model.GAMMA)).astype(np.float32)
+_LIGHT = (255 * (np.arange(256, dtype=np.float32) / 255) ** np.float32(lattice_model.GAMMA)).astype(
+    np.float32
+)
 
 
 @lru_cache(maxsize=32)
 def _grid(rows: int, columns: int) -> tuple[Plane, Plane, Plane]:
-    """Samples of a panel with a cell of margin: weights (4,P) of the corners, and (N,) cells down and across."""
+    """Samples of a panel with a cell of margin: weights (4,P) of the corners, cells (N,) down and across."""
     down, across = (
         (np.arange((n + 2) * _SAMPLES, dtype=np.float32) + 0.5) / _SAMPLES - 1 for n in (rows, columns)
     )
@@ -49,7 +52,7 @@ def _grid(rows: int, columns: int) -> tuple[Plane, Plane, Plane]:
 
 
 def _weights(u: Plane, v: Plane) -> Plane:
-    """Weights (4,P) of corners, clockwise from the top left, at the raster of u (w,) by v (h,), 0 to 1 inside."""
+    """Weights (4,P) of corners, clockwise from the top left, at u (w,) by v (h,), 0 to 1 inside."""
     u, v = u[None, :], v[:, None]
     parts = [(1 - u) * (1 - v), u * (1 - v), u * v, (1 - u) * v]
     return np.stack([part.ravel() for part in parts])
@@ -107,12 +110,17 @@ def fit(
         steps: how many.
 
     Returns:
-        The corners, the spots' standard deviation, and the share of the picture's variation that is explained.
+        The corners, the spots' standard deviation, and the share of the picture's variation explained.
     """
     weights, down, across = _grid(shape.rows, shape.columns)
     size = len(down), len(across)
     u, v = 2 * across / shape.columns - 1, 2 * down / shape.rows - 1
-    fields = [np.ones(size, np.float32), np.broadcast_to(u, size), np.broadcast_to(v[:, None], size), np.outer(v, u)]
+    fields: list[Plane] = [
+        np.ones(size, np.float32),
+        np.broadcast_to(u, size),
+        np.broadcast_to(v[:, None], size),
+        np.outer(v, u),
+    ]
     share = 0.0
     for step in range(steps + 1):
         rows, row_slope, row_blur, from_rows = _spots(shape.rows, blur)
@@ -146,7 +154,7 @@ _TAPER = np.outer(np.hanning(_WINDOW), np.hanning(_WINDOW)).astype(np.float32)
 
 
 def _spectrum(grey: NDArray[np.uint8], corners: Corners, plain: bool = False) -> NDArray[np.complex64]:
-    """Fourier transform of the panel's window, twice as wide as it is; ``plain`` with the panel's mean inside."""
+    """Fourier transform of a window twice the panel's size; ``plain`` with the panel's mean inside."""
     patch = _read(grey, corners, _WIDE).reshape(_WINDOW, _WINDOW)
     if plain:
         patch[_INSIDE] = patch[_INSIDE].mean()
@@ -259,9 +267,8 @@ class Tracker:
             if type(value := getattr(self, name)) is not int or value < 1:
                 raise VoccError.of(f"follow.{name}", value, "a whole number of at least 1")
 
-    def __call__(self, grey: NDArray[np.uint8] | Tensor) -> list[Track]:
-        """Take the recording's next frame (H,W) uint8, and give the panels that are seen in it."""
-        plane = grey.cpu().numpy() if isinstance(grey, Tensor) else np.ascontiguousarray(grey)
+    def __call__(self, plane: NDArray[np.uint8]) -> list[Track]:
+        """Take the recording's next frame (H,W), and give the panels that are seen in it."""
         seen = [track for track in self.tracks if track.follow(plane, self.shape)]
         self.tracks = [track for track in self.tracks if track.misses <= self.patience]
         self._since += 1
@@ -274,14 +281,16 @@ class Tracker:
                 seen += [track] if all(track is not one for one in seen) else []
         return sorted(seen, key=lambda track: track.number)
 
-    def panels(self, grey: NDArray[np.uint8] | Tensor) -> Panels:
-        """Take the next frame, and give the panel seen longest as a locator would."""
-        seen = self(grey)
-        corners = torch.zeros(1, 4, 2, dtype=torch.float64)
-        score, candidates = torch.zeros(1, dtype=torch.float64), torch.tensor([len(seen)])
-        if seen:
-            corners[0], score[0] = torch.from_numpy(seen[0].corners), seen[0].score
-        return Panels(corners, candidates > 0, score, candidates)
+    def panels(self, greys: Tensor) -> Panels:
+        """Take the next frames (B,H,W) uint8 in order, and give the panel followed longest in each."""
+        panels = Panels.known(torch.zeros(len(greys), 4, 2))
+        for i, plane in enumerate(greys.cpu().numpy()):
+            seen = self(plane)
+            panels.found[i], panels.candidates[i] = bool(seen), len(seen)
+            panels.score[i] = seen[0].score if seen else 0.0
+            if seen:
+                panels.corners_px[i] = torch.from_numpy(seen[0].corners)
+        return panels
 
     def _found(self, plane: NDArray[np.uint8]) -> Iterator[tuple[Corners, float]]:
         """Search the whole frame."""
@@ -289,7 +298,9 @@ class Tracker:
         sightings = getattr(self.locator, "sightings", None)
         found = self.locator(frames, self.shape) if sightings is None else sightings(frames, self.shape)
         kept = found.found.tolist() if isinstance(found, Panels) else [True] * len(found.score)
-        for corners, score, good in zip(found.corners_px.cpu().numpy(), found.score.tolist(), kept, strict=True):
+        for corners, score, good in zip(
+            found.corners_px.cpu().numpy(), found.score.tolist(), kept, strict=True
+        ):
             cell = min(float(one) for one in cell_size_px(torch.from_numpy(corners)[None], self.shape))
             if good and cell >= 1:
                 yield corners, score

@@ -18,11 +18,13 @@ from vocc_torch.measure.config import Settings
 from vocc_torch.measure.train import receiver_for
 from vocc_torch.receiver.calibration import APPEARANCE, outside
 from vocc_torch.receiver.receiver import Receiver
+from vocc_torch.receiver.track import Tracker
 from vocc_torch.show import folder as run_folder
 from vocc_torch.show.canvas import annotated
 from vocc_torch.show.terminal import Console
 from vocc_torch.studies.decode import DecodeConfig
 from vocc_torch.studies.decode.recording import RecordedFrame, read_recording
+from vocc_torch.types import Frames
 
 DOUBTFUL_SCORE = 0.6
 """Noise that fills a 4:3 picture scores 0.56; of the paper's scenes one in fifty scores less than this."""
@@ -111,7 +113,7 @@ def run_decode(settings: Settings, config: DecodeConfig, folder: Path) -> None:
     rows, best, doubtful, strange, names = [], None, 0, 0, set[str]()
     unlike: dict[str, float] = {}
     try:
-        for reading in decode(receiver, chain(first, recording)):
+        for reading in decode(receiver, chain(first, recording), config.follow):
             rows.append(reading.row())
             if not reading.found:
                 continue
@@ -172,21 +174,30 @@ def readable(recording: Iterator[RecordedFrame], failures: list[str]) -> Iterato
         failures.append(str(error))
 
 
-def decode(receiver: Receiver, recording: Iterator[RecordedFrame]) -> Iterator[Reading]:
+def decode(
+    receiver: Receiver, recording: Iterator[RecordedFrame], follow: str = "false"
+) -> Iterator[Reading]:
     """Decode a recording frame by frame, in batches of equal size.
 
     Args:
         receiver: a trained receiver.
         recording: its frames, as :func:`~vocc_torch.studies.decode.recording.read_recording` gives them.
+        follow: ``true`` where they are in order and the panel is followed, ``auto`` for videos, ``false``.
 
     Raises:
         VoccError: a frame that cannot be read.
     """
     for shape, run in groupby(recording, key=lambda frame: frame.grey.shape):
+        tracker = Tracker(receiver.locator, receiver.shape)
         size = max(1, min(64, BATCH_PIXELS // (shape[0] * shape[1])))
         while batch := list(islice(run, size)):
             greys = torch.from_numpy(np.stack([frame.grey for frame in batch]))
-            read = receiver.decode(greys.to(receiver.device))
+            images = Frames.whole(greys.to(receiver.device))
+            if follow == "true" or (follow == "auto" and batch[0].time_s is not None):
+                with torch.inference_mode():
+                    read = receiver(images, tracker.panels(greys).to(receiver.device))
+            else:
+                read = receiver.decode(images)
             sure = read.scores.abs()
             least = sure.amin(dim=(1, 2))
             clear = least >= DOUBTFUL_MARGIN * sure.mean(dim=(1, 2))
