@@ -11,6 +11,10 @@ from pathlib import Path
 
 from vocc_torch.errors import VoccError
 
+PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".gif", ".pgm", ".ppm")
+PICTURE_FORMATS = ("PNG", "JPEG", "BMP", "TIFF", "WEBP", "GIF", "PPM")
+"""What a picture may be, whatever its name says: others of Pillow's readers run programs."""
+
 
 @contextmanager
 def atomic_file(path: str | Path) -> Iterator[Path]:

@@ -20,6 +20,7 @@ from vocc_torch.receiver.locators import LOCATORS, OutsideLocator, PanelLocator,
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.simulation import Camera, Distribution, LedPanel, SceneModel, Simulator
 from vocc_torch.simulation.effects import AFTER, Parameters, build_effects, plug_ins
+from vocc_torch.simulation.effects.backdrops import Photographs
 from vocc_torch.simulation.scene import parsed_scene
 from vocc_torch.simulation.simulator import PAPER_EFFECTS, Framing
 from vocc_torch.types import resolve_device as resolve_device
@@ -251,7 +252,8 @@ def identity(plan: Plan, locators: Sequence[Locator]) -> dict[str, Any]:
     del told["world"]["device"], told["receiver"]["save"]
     for one in told["receiver"]["classifiers"]:
         one["training"]["checkpoints"] = None  # where they are changes no weight
-    effects = {one.name: _plain(one) for one in build_effects(plan.world.effects)}
+    built = build_effects(plan.world.effects)
+    effects = {one.name: _plain(one) for one in built}
     outside = plug_ins(plan.world.effects)
     for name, one in outside.items():
         effects[name] |= {
@@ -276,6 +278,7 @@ def identity(plan: Plan, locators: Sequence[Locator]) -> dict[str, Any]:
             **{f"classifiers.{one.name}": one.build.maker for one in plan.receiver.classifiers},
             **{f"locators.{one.name}": one.maker for one in plan.receiver.locators.values()},
             **{f"features.{one.name}": one.maker for one in plan.receiver.reader.more},
+            **{f"effects.{one.name}": one.digest for one in built if isinstance(one, Photographs)},
             **{f"effects.{name}": one.maker for name, one in outside.items()},
             **{
                 f"effects.{name}.{key}": digest

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from vocc_torch.simulation import framing, photometry, raster
-from vocc_torch.simulation.effects import Context, Effect, Quantity, housing, view
+from vocc_torch.simulation.effects import Context, Effect, Quantity, background, housing, view
 
 SMALL_PATCH_PX = 8
 """Patches up to this side are one group; larger ones are grouped by powers of two."""
@@ -49,7 +49,9 @@ def paint(
     reflectances = (panel.background_reflectance, panel.led_reflectance, panel.board_reflectance or 0.0)
     lit = (photometry.reflected_luminance_cd_m2(scene.ambient_lx, share) for share in reflectances)
     background, surface, board = lit
-    there = housing.present(context.effects, context)
+    there, look = housing.present(context), housing.look(context)
+    if look is not None:
+        surface = photometry.reflected_luminance_cd_m2(scene.ambient_lx, 1.0) * look.reflectance
     canvas = background.view(-1, 1, 1).expand(len(scene), *size).contiguous()
     for effect in behind:
         canvas = effect.applied(canvas.unsqueeze(1), context).squeeze(1)
@@ -60,18 +62,19 @@ def paint(
         boards = board_cover(context, size)
         boards = boards if there is None else boards * there.view(-1, 1, 1)
         canvas = canvas + boards * (board.view(-1, 1, 1) - under)
-    stamps = list(led_stamps(context, size))
+    stamps = list(led_stamps(context, size, look))
     if there is not None:
-        seen = [there[stamp[-1] // leds] for stamp in stamps]
-        stamps = [(a[k], b[k], c[k], d[k]) for (a, b, c, d), k in zip(stamps, seen, strict=True)]
-    added = surface - board
+        kept = [there[stamp[-1] // leds] for stamp in stamps]
+        stamps = [(a[k], b[k], c[k], d[k]) for (a, b, c, d), k in zip(stamps, kept, strict=True)]
+    added = surface - board if look is None else (surface - board) * look.visible
     if behind or before:
         covered = torch.zeros_like(canvas)
         for cover, left, top, led in stamps:
             raster.add_patches(covered, cover, led // leds, left, top)
         # An LED hides what lies behind it: the board, wherever there is one.
         hidden = canvas if panel.board_reflectance is None else board.view(-1, 1, 1)
-        canvas = canvas + covered * (surface.view(-1, 1, 1) - hidden)
+        seen = covered if look is None else covered * look.visible.view(-1, 1, 1)
+        canvas = canvas + seen * (surface.view(-1, 1, 1) - hidden)
         for effect in before:
             canvas = effect.applied(canvas.unsqueeze(1), context).squeeze(1).contiguous()
         added = torch.zeros_like(surface)
@@ -104,12 +107,15 @@ def board_cover(context: Context, size: framing.Size) -> Tensor:
     return raster.polygon_cover(view.view_of(context).points_px(outline.view(-1, 2)) - origin, *size)
 
 
-def led_stamps(context: Context, size: framing.Size) -> Iterator[Stamp]:
+def led_stamps(
+    context: Context, size: framing.Size, look: housing.Look | None = None
+) -> Iterator[Stamp]:
     """Cover the LEDs of each frame, those of a frame in an order that its batch does not change.
 
     Args:
         context: scenes, camera, panel and, in perspective, the effects that place and move points.
         size: height and width of the frames, which begin at the context's ``origin_px``.
+        look: each frame's LEDs, where they are not all the panel's.
 
     Raises:
         VoccError: an LED whose image is wider than 100000 px.
@@ -119,20 +125,28 @@ def led_stamps(context: Context, size: framing.Size) -> Iterator[Stamp]:
     if upright:
         columns, rows = framing.led_centres_px(scene, context.camera, panel)
         columns, rows = columns - origin[:, :1], rows - origin[:, 1:]
-        radius = panel.led_diameter_m / 2 * context.camera.pixels_per_metre(scene.distance_m)
+        own = panel.led_diameter_m / 2 if look is None else look.radius_m
+        radius = own * context.camera.pixels_per_metre(scene.distance_m)
         widest = 2 * radius
     else:
         at = view.led_centres_m(panel).to(scene.distance_m)
-        centre, spread = view.view_of(context).discs_px(at, panel.led_diameter_m / 2)
+        own = panel.led_diameter_m / 2 if look is None else look.radius_m.view(-1, 1, 1)
+        centre, spread = view.view_of(context).discs_px(at, own)
         centre, half = centre - origin.unsqueeze(1), spread.diagonal(dim1=-2, dim2=-1).sqrt()
         widest = 2 * half.amax(dim=(1, 2))
     sides = widest.ceil().tolist()
     framing.demand_led_px(max(sides), float(scene.distance_m[sides.index(max(sides))]))
     single = list(range(len(sides)))
+    if look is not None and bool(look.square.any()):
+        single = (~look.square).nonzero().flatten().tolist()
+        at, half_m = view.led_centres_m(panel).to(scene.distance_m), look.radius_m.view(-1, 1, 1, 1)
+        for led, cover, left, top in background.cell_patches(at, half_m, size, context, look.square):
+            yield cover, left, top, led
     if upright:
         # By powers of two, so that a near panel does not make all patches large.
         patches = [max(SMALL_PATCH_PX, 1 << int(side).bit_length()) for side in sides]
-        for patch in sorted({patch for patch in patches if leds * patch**2 <= raster.GROUP_VALUES}):
+        groups = {patches[frame] for frame in single}
+        for patch in sorted(patch for patch in groups if leds * patch**2 <= raster.GROUP_VALUES):
             like = [frame for frame in single if patches[frame] == patch]
             side = int(max(sides[frame] for frame in like)) + 1
             most = max(1, raster.GROUP_VALUES // (leds * side**2))

@@ -88,7 +88,7 @@ class Simulator:
             panels = Panels.known(view.view_of(context).points_px(view.panel_corners_m(self.panel)))
         else:
             panels = Panels.known(framing.panel_corners_px(scene, self.camera, self.panel))
-        there = housing.present(self.effects, context)
+        there = housing.present(context)
         if there is None:
             return panels
         corners, each = panels.corners_px * there.view(-1, 1, 1), there.double()

@@ -223,7 +223,8 @@ class SecondPanel(Effect, on=Quantity.BACKGROUND):
         if panel.board_reflectance is not None:
             board = photometry.reflected_luminance_cd_m2(scene.ambient_lx, panel.board_reflectance)
             boards = board.repeat_interleave(panel.shape.leds)
-            covered, added = laid(canvas, boards, cell_patches(leds_m, canvas, context))
+            cells = cell_patches(leds_m, panel.pitch_m / 2, canvas.shape[1:], context)
+            covered, added = laid(canvas, boards, cells)
             # What an LED covers is board, also in a pixel that the board's edge crosses.
             canvas, shining = canvas * (1 - covered) + added, shining - board.view(-1, 1, 1)
         covered, added = laid(canvas, shining.flatten(), led_patches(leds_m, canvas, context))
@@ -261,22 +262,25 @@ def led_patches(leds_m: Tensor, canvas: Tensor, context: Context) -> Patches:
         yield which, *raster.ellipse_cover(centre[which], spread[which], side, canvas_px=(height, width))
 
 
-def cell_patches(leds_m: Tensor, canvas: Tensor, context: Context) -> Patches:
-    """Cover the cells of LEDs (N,2) that each frame shows, the board's parts: its edges may be curved."""
-    seen, (height, width) = view.view_of(context), canvas.shape[1:]
-    arms_m = leds_m.new_tensor(view.CLOCKWISE) * (context.panel.pitch_m / 2)
-    cells_m = (leds_m.unsqueeze(1) + arms_m).flatten(0, 1)
-    has_image = seen.has_image(cells_m, 0.0)
-    corners = seen.points_px(torch.where(has_image.unsqueeze(-1), cells_m, 0.0))
+def cell_patches(
+    leds_m: Tensor, half_m: float | Tensor, size: tuple[int, int], context: Context, drawn: Tensor | None = None
+) -> Patches:
+    """Cover squares about LEDs (N,2) of half a side, one or (B,1,1,1): cells are a board's parts.
+
+    Their edges may be curved. ``drawn`` (B,) says which frames have them.
+    """
+    seen, (height, width) = view.view_of(context), size
+    arms_m = leds_m.new_tensor(view.CLOCKWISE) * half_m
+    squares_m = (leds_m.unsqueeze(1) + arms_m).flatten(-3, -2)
+    has_image = seen.has_image(squares_m, 0.0)
+    corners = seen.points_px(torch.where(has_image.unsqueeze(-1), squares_m, 0.0))
     corners = (corners - context.first_px.unsqueeze(1)).view(-1, 4, 2)
-    low, high = corners.amin(dim=1), corners.amax(dim=1)
-    for which, side in raster.by_size(low, high, (height, width), has_image.view(-1, 4).all(dim=1)):
+    low, high, chosen = corners.amin(dim=1), corners.amax(dim=1), has_image.view(-1, 4).all(dim=1)
+    if drawn is not None:
+        chosen = chosen & drawn.repeat_interleave(len(leds_m))
+    for which, side in raster.by_size(low, high, (height, width), chosen):
         down, across = min(side, height), min(side, width)
         last = low.new_tensor([width - across, height - down])
         begin = torch.minimum(torch.floor(low[which]).clamp(min=0), last)
         left, top = begin.long().unbind(dim=-1)
         yield which, raster.polygon_cover(corners[which] - begin.unsqueeze(1), down, across), left, top
-
-
-EFFECTS = (BackgroundTexture, Lamps, SecondPanel)
-"""In physical order."""

@@ -1,13 +1,17 @@
 """Panels as they are: what they are built into, how their LEDs look and are driven, and frames without one."""
 
-from collections.abc import Sequence
+import functools
+import math
 from dataclasses import dataclass
 
 import numpy as np
 import torch
 from torch import Tensor
 
+from vocc_torch.simulation.effects import street
 from vocc_torch.simulation.effects.base import Context, Effect, Quantity, within
+from vocc_torch.simulation.scene import Distribution
+from vocc_torch.simulation.sketch import Sketch
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,10 +51,206 @@ class PanelAbsent(Effect, on=Quantity.LED_LUMINANCE):
         return there.to(context.scene.distance_m.device)
 
 
-def present(effects: Sequence[Effect], context: Context) -> Tensor | None:
+@dataclass(frozen=True, slots=True)
+class Look:
+    """How each frame's LEDs look: radius (B,) m, which are square (B,) bool, reflectance (B,), or the board's."""
+
+    radius_m: Tensor
+    square: Tensor
+    reflectance: Tensor
+    visible: Tensor
+
+
+@dataclass(frozen=True, slots=True)
+class LedLook(Effect, on=Quantity.LED_LUMINANCE):
+    """Another make of LED in every frame, on the panel's pitch: wide, pointlike, square, grey, white, unseen.
+
+    What the panel itself says of its LEDs' size and surface is replaced. A square LED has the width that a
+    round one has as its diameter. Off LEDs that are not visible look like what is behind them. A frame and its
+    preambles show one panel. Sampled: not differentiable in the looks; the light keeps its gradient.
+
+    Source: the makes of LED on sale: bare dies and lenses of a twentieth of the pitch, 3 and 5 mm LEDs and
+    squares of 0.3 to 0.95 of it, diffusers that touch.
+
+    Args:
+        fill: an LED's width over the pitch, a number or a distribution, 0.02 to 1.
+        square: share of frames whose LEDs are square, 0 to 1.
+        reflectance: of Off LEDs, a number or a distribution, 0 to 1.
+        invisible: share of frames whose Off LEDs are not seen, 0 to 1.
+
+    Raises:
+        VoccError: a value outside its range.
+
+    Example:
+        >>> LedLook(fill=0.8).square
+        0.3
+    """
+
+    fill: Distribution | float = within(0.02, 1, default=Distribution("uniform", (0.15, 0.95)))
+    square: float = within(0, 1, default=0.3)
+    reflectance: Distribution | float = within(0, 1, default=Distribution("uniform", (0.05, 0.7)))
+    invisible: float = within(0, 1, default=0.25)
+    sampled = True
+
+    def __post_init__(self) -> None:
+        """Make distributions of numbers, and check the ranges."""
+        street.as_distributions(self, "fill", "reflectance")
+        Effect.__post_init__(self)
+
+    def __call__(self, value: Tensor, context: Context) -> Tensor:
+        """Leave (B,R,C) LED luminance as it is: the painter asks for the look."""
+        context.generators(self.name, of_scene=True)
+        return value
+
+    def look(self, context: Context) -> Look:
+        """Draw each frame's look."""
+        assert isinstance(self.fill, Distribution) and isinstance(self.reflectance, Distribution)
+        drawn = [
+            (self.fill.draw(g, 1)[0], self.reflectance.draw(g, 1)[0], *g.random(2))
+            for g in context.generators(self.name, of_scene=True)
+        ]
+        fill, reflectance, shape, seen = torch.tensor(drawn, dtype=torch.float64).to(context.first_px.device).T
+        radius = fill * (context.panel.pitch_m / 2)
+        return Look(radius, shape < self.square, reflectance, seen >= self.invisible)
+
+
+@dataclass(frozen=True, slots=True)
+class Multiplexing(Effect, on=Quantity.LED_LUMINANCE):
+    """Rows that are driven in turn: a short exposure sees some of them bright and others dark.
+
+    Row i is in group ``i mod groups``; each group is lit for its share of a period of ``1 / refresh_hz``, at
+    ``groups`` times the mean luminance. A row's light is what the exposure catches of that, from a phase that
+    is uniform; of a long exposure all rows are alike. The whole panel is taken to be exposed at once. Each
+    picture has a phase of its own. Sampled: not differentiable in the timing; the light keeps its gradient.
+
+    Source: the exact overlap of an exposure with a periodic train of pulses.
+
+    Args:
+        groups: a whole number, 2 to 64; matrices on sale have 4 to 32.
+        refresh_hz: periods a second, a number or a distribution, 1 to 1e6; panels on sale have 60 to 4000.
+        share: of the frames, above 0 and at most 1; the others' rows are lit all the time.
+
+    Raises:
+        VoccError: a value outside its range.
+
+    Example:
+        >>> Multiplexing(groups=8, refresh_hz=400.0).share
+        1.0
+    """
+
+    groups: int = within(2, 64, whole=True)
+    refresh_hz: Distribution | float = within(1, 1e6)
+    share: float = within(0, 1, default=1.0, above=True, hint="leave the effect out for rows that are all lit")
+    sampled = True
+
+    def __post_init__(self) -> None:
+        """Make distributions of numbers, and check the ranges."""
+        street.as_distributions(self, "refresh_hz")
+        Effect.__post_init__(self)
+
+    def __call__(self, value: Tensor, context: Context) -> Tensor:
+        """Multiply each row's (B,R,C) luminance by what the exposure catches of its pulses."""
+        assert isinstance(self.refresh_hz, Distribution)
+        drawn = [(self.refresh_hz.draw(g, 1)[0], *g.random(2)) for g in context.generators(self.name)]
+        rate, phase, chosen = torch.tensor(drawn, dtype=torch.float64).to(value.device).unsqueeze(-1).unbind(1)
+        length = rate * context.camera.exposure_time_s
+        begin = torch.arange(value.shape[1], device=value.device) % self.groups / self.groups
+        caught = self._lit(phase + length, begin) - self._lit(phase, begin)
+        factor = torch.where(chosen < self.share, caught * self.groups / length, 1.0)
+        return value * factor.to(value).unsqueeze(-1)
+
+    def _lit(self, until: Tensor, begin: Tensor) -> Tensor:
+        """For how much of the first ``until`` periods (B,1) the rows that begin at ``begin`` (R,) are lit."""
+        whole = torch.floor(until)
+        return whole / self.groups + (until - whole - begin).clamp(0, 1 / self.groups)
+
+
+@dataclass(frozen=True, slots=True)
+class Housing(Effect, on=Quantity.BACKGROUND):
+    """What a panel is built into: a board behind its LEDs, dark or light or none, a rim, and cables.
+
+    All lie in the panel's plane and are matt, in the scene's daylight. The board covers the LEDs' cells and
+    the rim surrounds it; either may be left out. Cables run off from the rim in bent strips. A board of the
+    panel's own covers the one here. A frame and its preambles share it. Sampled: not differentiable in the
+    sizes; the light behind keeps its gradient.
+
+    Source: matt surfaces as in Eqs 2 and 3; sizes and reflectances of panels on sale in broad strokes.
+
+    Args:
+        board: its reflectance, a number or a distribution, 0 to 1.
+        boardless: share of frames without one, 0 to 1.
+        rim: width in LED cells, a number or a distribution, 0 to 10; 0 is none.
+        rim_reflectance: a number or a distribution, 0 to 1.
+        cables: how many, a number or a distribution, 0 to 20.
+
+    Raises:
+        VoccError: a value outside its range.
+
+    Example:
+        >>> Housing(boardless=0.5).fills_sensor
+        True
+    """
+
+    board: Distribution | float = within(0, 1, default=Distribution("log_uniform", (0.02, 0.6)))
+    boardless: float = within(0, 1, default=0.25)
+    rim: Distribution | float = within(0, 10, default=Distribution("choice", (0.0, 0.1, 0.3, 0.6, 1.5)))
+    rim_reflectance: Distribution | float = within(0, 1, default=Distribution("log_uniform", (0.02, 0.8)))
+    cables: Distribution | float = within(0, 20, default=Distribution("choice", (0.0, 0.0, 1.0, 3.0)))
+    sampled = fills_sensor = True
+
+    def __post_init__(self) -> None:
+        """Make distributions of numbers, and check the ranges."""
+        street.as_distributions(self, "board", "rim", "rim_reflectance", "cables")
+        Effect.__post_init__(self)
+
+    def __call__(self, value: Tensor, context: Context) -> Tensor:
+        """Draw board, rim and cables before each frame's (B,1,H,W) background luminance."""
+        there, planes = present(context), []
+        for frame, (seen, generator) in enumerate(street.each_view(context, self.name)):
+            keep, added = street.empty(value)
+            parts = self.sketch(generator, seen.context).parts
+            if parts and (there is None or bool(there[frame])):
+                street.lay_all(parts, functools.partial(street.onto, seen), keep, added, seen.context)
+            planes.append((keep, added))
+        return street.laid_before(value, planes)
+
+    def sketch(self, generator: np.random.Generator, context: Context) -> Sketch:
+        """Draw one frame's parts, m from the panel's middle."""
+        drawn, panel, made = {}, context.panel, Sketch()
+        for name in ("board", "rim", "rim_reflectance", "cables"):
+            own = getattr(self, name)
+            assert isinstance(own, Distribution)
+            drawn[name] = float(own.draw(generator, 1)[0])
+        white = float(context.scene.ambient_lx[0]) / math.pi
+        x, y = (n * panel.pitch_m / 2 for n in (panel.shape.columns, panel.shape.rows))
+        rim, shade = drawn["rim"] * panel.pitch_m, max(white * drawn["rim_reflectance"], 1e-6)
+        bare = bool(generator.random() < self.boardless)
+        for _ in range(round(drawn["cables"])):
+            thick, steps = generator.uniform(0.1, 0.8) * panel.pitch_m, np.arange(9) / 8 * generator.uniform(0.5, 3)
+            bend = np.cumsum(generator.normal(0, 0.3, 9)) + generator.uniform(-1, 1)
+            line = np.stack([bend * x, y * (0.9 + steps)], axis=-1) * generator.choice([-1, 1])
+            side = thick / 2 * np.array([1.0, 0.0])
+            made.polygon([*(line - side), *(line + side)[::-1]], max(white * generator.uniform(0.02, 0.7), 1e-6))
+        if rim and not bare:
+            made.box(-x - rim, -y - rim, x + rim, y + rim, shade)
+        elif rim:
+            for left, top, right, bottom in ((-x, -y, x, -y), (-x, y, x, y), (-x, -y, -x, y), (x, -y, x, y)):
+                made.box(left - rim, top - rim, right + rim, bottom + rim, shade)
+        if not bare:
+            made.box(-x, -y, x, y, max(white * drawn["board"], 1e-6))
+        return made
+
+
+def look(context: Context) -> Look | None:
+    """How each frame's LEDs look, or None where all are as the panel says."""
+    return next((one.look(context) for one in context.effects if isinstance(one, LedLook)), None)
+
+
+def present(context: Context) -> Tensor | None:
     """Which frames have a panel, (B,) bool, or None where all have."""
-    return next((effect.present(context) for effect in effects if isinstance(effect, PanelAbsent)), None)
+    return next((effect.present(context) for effect in context.effects if isinstance(effect, PanelAbsent)), None)
 
 
-EFFECTS = (PanelAbsent,)
-"""In physical order."""
+AT_THE_LEDS = (LedLook, Multiplexing, PanelAbsent)
+AROUND = (Housing,)
+"""In physical order; what stands in the background comes between the two."""

@@ -154,42 +154,32 @@ class Clutter(Effect, on=Quantity.BACKGROUND):
 
     def __post_init__(self) -> None:
         """Make the number a distribution, and check the ranges."""
-        if not isinstance(self.things, Distribution):
-            object.__setattr__(self, "things", Distribution.parse(self.things, "effects.clutter.things"))
+        as_distributions(self, "things")
         Effect.__post_init__(self)
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Draw the things before each frame's (B,1,H,W) background luminance."""
-        size, planes, scene = (int(value.shape[-2]), int(value.shape[-1])), [], context.scene
-        whites, leds = (scene.ambient_lx / math.pi).tolist(), scene.led_luminance_cd_m2.tolist()
-        seen, origins = view.view_of(context), context.first_px.tolist()
-        for frame, generator in enumerate(context.generators(self.name, of_scene=True)):
-            light, row = roadside.Light(whites[frame], leds[frame], self.lit), slice(frame, frame + 1)
-            own = replace(context, scene=scene[row], keys=context.keys[row], origin_px=context.first_px[row])
-            alone = view.View(seen.placement[row], own, seen.effects)
-            planes.append(self.picture(generator, light, alone, (*origins[frame], *size)))
-        keep, added = (torch.from_numpy(np.stack(one)).unsqueeze(1) for one in zip(*planes, strict=True))
-        return value * keep.to(value) + added.to(value)
+        planes = []
+        for seen, generator in each_view(context, self.name):
+            keep, added = empty(value)
+            self.draw(generator, seen, keep, added)
+            planes.append((keep, added))
+        return laid_before(value, planes)
 
-    def picture(
-        self, generator: Generator, light: roadside.Light, seen: view.View, part: tuple[int, int, int, int]
-    ) -> tuple[Plane, Plane]:
+    def draw(self, generator: Generator, seen: view.View, keep: Plane, added: Plane) -> None:
         """Draw one frame's things: the share of what is behind that stays, and their light."""
-        left, top, height, width = part
-        keep, added = np.ones((height, width), dtype=np.float32), np.zeros((height, width), dtype=np.float32)
-        window = left, top, left + width, top + height
-        wet = np.float32((generator.random() < self.wet) * generator.uniform(0.1, 0.5))
+        scene, (left, top), (height, width) = seen.context.scene, seen.context.first_px[0].tolist(), keep.shape
+        white, led = float(scene.ambient_lx[0]) / math.pi, float(scene.led_luminance_cd_m2[0])
+        light = roadside.Light(white, led, self.lit)
+        wet = (generator.random() < self.wet) * generator.uniform(0.1, 0.5)
         for _, thing, place, seed, (x, y), reach in self.placed(generator, seen):
-            if max(x - window[2], left - x, y - window[3], top - y) > reach:
+            if max(x - left - width, left - x, y - top - height, top - y) > reach:
                 continue
             parts = thing(np.random.Generator(np.random.SFC64(seed)), light).parts
             if wet and thing is not roadside.marks:
                 mirrored = [(points * (1, -1), luminance) for points, luminance in parts]
-                for *corner, cover, shine in sketch.patches(mirrored, place, window):
-                    sketch.lay(keep, added, (*corner, cover * wet, shine * wet), (left, top))
-            for patch in sketch.patches(parts, place, window):
-                sketch.lay(keep, added, patch, (left, top))
-        return keep, added
+                lay_all(mirrored, place, keep, added, seen.context, wet)
+            lay_all(parts, place, keep, added, seen.context)
 
     def placed(self, generator: Generator, seen: view.View) -> Iterator[Placed]:
         """Place a frame's things, the farthest first."""
@@ -232,11 +222,61 @@ class Clutter(Effect, on=Quantity.BACKGROUND):
 
 
 def on_vehicle(seen: view.View, at: sketch.Array, points: sketch.Array) -> sketch.Array:
-    """Map points of a vehicle onto the sensor, px: the panel's middle is at shares of its width and height."""
+    """Map points of a vehicle onto the sensor, px: the panel is at shares of its width and height."""
     low, high = points.min(axis=0), points.max(axis=0)
-    moved = torch.from_numpy(points - (at[0] * (high - low)[0], at[1] * min(low[1], -high[1])))
-    onto: sketch.Array = seen.points_px(moved)[0].cpu().numpy()
-    return onto
+    return onto(seen, points - (at[0] * (high - low)[0], at[1] * min(low[1], -high[1])))
+
+
+def onto(seen: view.View, points: sketch.Array) -> sketch.Array:
+    """Map points (M,2) of one frame's panel, m, onto the sensor, px."""
+    image: sketch.Array = seen.points_px(torch.from_numpy(points))[0].cpu().numpy()
+    return image
+
+
+def each_view(context: Context, stream: str) -> Iterator[tuple[view.View, Generator]]:
+    """Give each frame alone as its camera sees the panel, and its random stream."""
+    seen = view.view_of(context)
+    for frame, generator in enumerate(context.generators(stream, of_scene=True)):
+        row = slice(frame, frame + 1)
+        keys, origin = context.keys[row], context.first_px[row]
+        alone = replace(context, scene=context.scene[row], keys=keys, origin_px=origin)
+        yield view.View(seen.placement[row], alone, seen.effects), generator
+
+
+def empty(value: Tensor) -> tuple[Plane, Plane]:
+    """Give planes for a frame of (B,1,H,W): all of what is behind stays, and no light is added."""
+    size = tuple(value.shape[-2:])
+    return np.ones(size, dtype=np.float32), np.zeros(size, dtype=np.float32)
+
+
+def lay_all(
+    parts: list[sketch.Part],
+    place: Callable[[sketch.Array], sketch.Array],
+    keep: Plane,
+    added: Plane,
+    context: Context,
+    share: float = 1.0,
+) -> None:
+    """Lay a sketch before one frame's planes in place; a mirror shows a ``share`` of it."""
+    (left, top), (height, width) = context.first_px[0].tolist(), keep.shape
+    for x, y, cover, light in sketch.patches(parts, place, (left, top, left + width, top + height)):
+        if share < 1:
+            cover, light = cover * np.float32(share), light * np.float32(share)
+        sketch.lay(keep, added, (x, y, cover, light), (left, top))
+
+
+def laid_before(value: Tensor, planes: list[tuple[Plane, Plane]]) -> Tensor:
+    """Lay each frame's planes before (B,1,H,W) luminance."""
+    keep, added = (torch.from_numpy(np.stack(each)).unsqueeze(1) for each in zip(*planes, strict=True))
+    return value * keep.to(value) + added.to(value)
+
+
+def as_distributions(effect: Effect, *names: str) -> None:
+    """Make a distribution of a parameter that is a number."""
+    for name in names:
+        if not isinstance(given := getattr(effect, name), Distribution):
+            made = Distribution.parse(given, f"effects.{effect.name}.{name}")
+            object.__setattr__(effect, name, made)
 
 
 def plane_onto(

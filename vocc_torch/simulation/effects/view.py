@@ -378,7 +378,9 @@ class View:
             image = effect.applied(image, self.context)
         return image
 
-    def discs_px(self, centres_m: torch.Tensor, radius_m: float) -> tuple[torch.Tensor, torch.Tensor]:
+    def discs_px(
+        self, centres_m: torch.Tensor, radius_m: float | torch.Tensor
+    ) -> tuple[torch.Tensor, torch.Tensor]:
         """Image the discs of the panel's plane, each an ellipse.
 
         With the disc's centre moved to the origin of the image, the columns of the plane's homography are
@@ -395,7 +397,7 @@ class View:
 
         Args:
             centres_m: (N,2) or (B,N,2), as in :meth:`points_px`.
-            radius_m: of each disc, m, above 0.
+            radius_m: of each disc, m, above 0; one, or (B,1,1).
 
         Returns:
             centre (B,N,2) in px and spread (B,N,2,2) in px^2, float64, of the ellipses

@@ -1,0 +1,246 @@
+"""What fills the picture behind all else: photographs of the user's, and shapes that cover one another."""
+
+import functools
+import hashlib
+import importlib.util
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from PIL import Image, ImageOps
+from torch import Tensor
+
+from vocc_torch.errors import VoccError
+from vocc_torch.files import PICTURE_FORMATS, PICTURE_SUFFIXES
+from vocc_torch.simulation.effects import street
+from vocc_torch.simulation.effects.base import Backdrop, Context, Effect, Quantity, within
+from vocc_torch.simulation.roadside import spread
+from vocc_torch.simulation.scene import Distribution
+from vocc_torch.simulation.sketch import Array, Sketch
+
+Generator = np.random.Generator
+
+
+@dataclass(frozen=True, slots=True)
+class Photographs(Backdrop):
+    """Photographs of a folder behind the panel: one a frame, at a random place, scale and level, or mirrored.
+
+    Grey values become light by undoing the gamma, and each photograph has a mean of 1 before its level. It
+    covers the sensor, magnified up to twice more than that needs; one of fewer pixels than the sensor is
+    shown at 1 to 2 pixels a pixel, and goes on mirrored beyond its borders. A photograph of a panel is a panel:
+    keep such out. A frame and its preambles share it. Sampled: the photograph is a constant to automatic
+    differentiation, and the light keeps its gradient.
+
+    Source: the inverse of Eq. 1; light that was clipped at white stays clipped.
+
+    Args:
+        folder: of pictures that Pillow reads; or a package's, by its name: ``sklearn.datasets.images`` has
+            two photographs by danielbuechele under CC BY 2.0, ``skimage.data`` what its README names.
+        gamma: of the pictures, 0.1 to 10.
+        level: luminance over that of the plain background, a number or a distribution, above 0 to 100.
+
+    Raises:
+        VoccError: a folder that is not there or holds no picture, or a picture that cannot be read.
+
+    Example:
+        >>> Photographs(folder="sklearn.datasets.images").gamma
+        2.2
+    """
+
+    name = "backdrop"
+    folder: str
+    gamma: float = within(0.1, 10, default=2.2)
+    level: Distribution | float = within(0, 100, above=True, default=Distribution("log_uniform", (0.5, 2.0)))
+    sampled = True
+
+    def __post_init__(self) -> None:
+        """Check the ranges, and that there are pictures."""
+        street.as_distributions(self, "level")
+        Effect.__post_init__(self)
+        pictures_of(self.folder)
+
+    @property
+    def digest(self) -> str:
+        """What tells these pictures from others: their names and sizes."""
+        told = "".join(f"{path.name}/{size}/" for path, size in pictures_of(self.folder))
+        return hashlib.sha256(told.encode()).hexdigest()
+
+    def shade(self, x: Tensor, y: Tensor, context: Context) -> Tensor:
+        """Look up each frame's photograph at the sensor's columns and rows, (B,1,H,W)."""
+        (height, width), shades = context.camera.sensor_px, []
+        for i, generator in enumerate(context.generators(self.name, of_scene=True)):
+            path, _ = (pictures := pictures_of(self.folder))[int(generator.integers(len(pictures)))]
+            light = light_of(path, self.gamma, 2 * max(height, width))
+            sides = light.shape[0] - 1, light.shape[1] - 1
+            scale = min(max(height / sides[0], width / sides[1]), 1.0) * 2 ** generator.random()
+            starts, mirrored = generator.random(2), bool(generator.random() < 0.5)
+            places = []
+            for at, full, side, start in zip((y[i], x[i]), (height, width), sides, starts, strict=True):
+                along = (at.flatten().cpu().numpy() + 0.5) / scale + start * max(side - full / scale, 0)
+                along = np.abs(along - 2 * side * np.floor(along / (2 * side) + 0.5))
+                places.append((along - 0.5).clip(0, side - 1))
+            places[1] = sides[1] - 1 - places[1] if mirrored else places[1]
+            assert isinstance(self.level, Distribution)
+            level = np.float32(self.level.draw(generator, 1)[0])
+            shades.append(torch.from_numpy(street.between(light, places[1], places[0]) * level))
+        return torch.stack(shades).unsqueeze(1)
+
+
+@functools.cache
+def pictures_of(folder: str) -> tuple[tuple[Path, int], ...]:
+    """List the pictures of a folder and their sizes in bytes, in the order of their names.
+
+    Raises:
+        VoccError: no folder, no picture, or one that cannot be read.
+    """
+    key, path = "scene.effects.backdrop.folder", Path(folder)
+    if not path.is_dir():
+        try:
+            spec = importlib.util.find_spec(folder)
+        except (ImportError, ValueError):
+            spec = None
+        if spec is None or not spec.submodule_search_locations:
+            rule = "a folder of pictures, or an installed package's, such as sklearn.datasets.images"
+            raise VoccError.of(key, repr(folder), rule)
+        path = Path(spec.submodule_search_locations[0])
+    found = sorted(one for one in path.iterdir() if one.suffix.lower() in PICTURE_SUFFIXES)
+    if not found:
+        raise VoccError.of(key, repr(folder), f"a folder of pictures, {' '.join(PICTURE_SUFFIXES)}")
+    for one in found:
+        try:
+            with Image.open(one, formats=PICTURE_FORMATS):
+                pass
+        except (OSError, ValueError, Image.DecompressionBombError) as error:
+            raise _unreadable(one, error) from None
+    return tuple((one, one.stat().st_size) for one in found)
+
+
+def _unreadable(path: Path, error: Exception) -> VoccError:
+    """The error that names a picture."""
+    return VoccError(f"scene.effects.backdrop.folder holds {path.name}, which cannot be read ({error})")
+
+
+@functools.lru_cache(maxsize=32)
+def light_of(path: Path, gamma: float, most_px: int) -> street.Plane:
+    """Read a picture's light, (H+1,W+1) of mean 1, its last row and column repeated; larger ones shrink.
+
+    Raises:
+        VoccError: a picture that cannot be read.
+    """
+    try:
+        with Image.open(path, formats=PICTURE_FORMATS) as picture:
+            shown = ImageOps.exif_transpose(picture.convert("L"))
+            shown.thumbnail((most_px, most_px))
+            grey = np.asarray(shown, dtype=np.float32)
+    except (OSError, ValueError, Image.DecompressionBombError) as error:
+        raise _unreadable(path, error) from None
+    light = (grey / np.float32(255)) ** np.float32(gamma)
+    scaled: street.Plane = np.pad(light / max(float(light.mean()), 1e-9), (0, 1), mode="edge")
+    return scaled.astype(np.float32)
+
+
+@dataclass(frozen=True, slots=True)
+class Leaves(Effect, on=Quantity.BACKGROUND):
+    """Shapes of all sizes that cover one another, plain or patterned, some of them lamps: no street, and busy.
+
+    Discs, rectangles, triangles and stars lie at random places and turns, those of the background first. Their
+    radii have the density ``r^-3``, with which dead leaves have the statistics of natural images at every
+    scale. Some carry rings, spokes, stripes, scribbles, or a lattice of dots or squares in which all rows or
+    all columns are alike: lattices with two levels, and no panel. Luminances are log-normal about that of the
+    plain background; lamps have their own. A frame and its preambles share them. Sampled: not
+    differentiable in the shapes; the light behind keeps its gradient.
+
+    Source: A. B. Lee, D. Mumford and J. Huang, "Occlusion models for natural images", Int. J. Comput. Vis.
+    41, 2001.
+
+    Args:
+        count: shapes a frame, a whole number, 1 to 2000.
+        contrast: standard deviation of the logarithm of their luminances, 0 to 3.
+        lamps: share of the shapes that shine, 0 to 1.
+        patterned: share of the shapes that carry a pattern, 0 to 1.
+
+    Raises:
+        VoccError: a value outside its range.
+
+    Example:
+        >>> Leaves(count=100).contrast
+        0.7
+    """
+
+    count: int = within(1, 2000, whole=True, default=150)
+    contrast: float = within(0, 3, default=0.7)
+    lamps: float = within(0, 1, default=0.05)
+    patterned: float = within(0, 1, default=0.4)
+    sampled = fills_sensor = True
+
+    def __call__(self, value: Tensor, context: Context) -> Tensor:
+        """Lay each frame's shapes before its (B,1,H,W) background luminance."""
+        planes, sensor_px = [], context.camera.sensor_px
+        for seen, generator in street.each_view(context, self.name):
+            keep, added = street.empty(value)
+            (left, top), (height, width) = seen.context.first_px[0].tolist(), keep.shape
+            plain = float(seen.context.scene.ambient_lx[0]) * context.panel.background_reflectance / math.pi
+            low, high = max(sensor_px) / 120, max(sensor_px) / 2.5
+            drawn = generator.random((self.count, 3))
+            radii = low / np.sqrt(1 - drawn[:, 0] * (1 - (low / high) ** 2))
+            radii[: self.count // 10] = high * (0.3 + 0.7 * drawn[: self.count // 10, 0])
+            middles = drawn[:, 1:] * sensor_px[::-1]
+            seeds = generator.integers(1 << 62, size=self.count)
+            far = np.maximum((left, top) - middles, middles - (left + width, top + height)).max(axis=1)
+            for leaf in np.flatnonzero(far < 2 * radii):
+                own = np.random.Generator(np.random.SFC64(int(seeds[leaf])))
+                turn, squeeze = own.uniform(0, 2 * math.pi), own.uniform(0.4, 1.0)
+                axes = np.array([[math.cos(turn), math.sin(turn)], [-math.sin(turn), math.cos(turn)]])
+                axes = axes * np.array([[1.0], [squeeze]]) * radii[leaf]
+                place = functools.partial(_moved, axes, middles[leaf])
+                street.lay_all(self.leaf(own, plain).parts, place, keep, added, seen.context)
+            planes.append((keep, added))
+        return street.laid_before(value, planes)
+
+    def leaf(self, g: Generator, plain: float) -> Sketch:
+        """Draw one shape, about 1 in size."""
+        made, lamp = Sketch(), bool(g.random() < self.lamps)
+        shade, ink = (max(plain * math.exp(self.contrast * g.standard_normal()), 1e-6) for _ in range(2))
+        shade = spread(g, 300, 1e5) if lamp else shade
+        corners = int(g.choice([3, 4, 4, 5, 16]))
+        angles = np.arange(2 * corners) * (math.pi / corners)
+        dent = g.uniform(0.3, 0.9) if g.random() < 0.2 else math.cos(math.pi / corners)
+        reach = np.where(np.arange(2 * corners) % 2, dent, 1.0)[:, None]
+        made.polygon(np.stack([np.cos(angles), np.sin(angles)], axis=-1) * reach, shade)
+        if g.random() >= self.patterned:
+            return made
+        rows, columns = (int(n) for n in g.integers(2, 14, 2))
+        fill, round = g.uniform(0.3, 0.95), bool(g.random() < 0.5)
+        match int(g.integers(5)):
+            case 0:
+                for ring in np.linspace(0.9, 0.1, 2 * int(g.integers(1, 5))):
+                    shade, ink = ink, shade
+                    made.dots(np.zeros((1, 2)), ring * 0.7, shade, round=round)
+            case 1:
+                for angle in np.arange(rows) * (2 * math.pi / rows):
+                    ends = np.array([[angle - 0.4 / rows], [angle + 0.4 / rows]])
+                    made.polygon([(0, 0), *np.hstack([np.cos(ends), np.sin(ends)])], ink)
+            case 2:
+                made.grid(-0.7, -0.7, 0.7, 0.7, 1, columns, fill, ink)
+            case 3:
+                for line in np.linspace(-0.6, 0.6, rows):
+                    pen = np.cumsum(g.normal(0.08, 0.12, (12, 2)), axis=0) * (1, 0.3) + (-0.7, line)
+                    made.polygon([*pen, *(pen + (0.02, 0.04))[::-1]], ink)
+            case _:
+                lit = np.broadcast_to(g.random(columns) < 0.6, (rows, columns))
+                lit = lit ^ (np.arange(rows)[:, None] % 2 > 0) if g.random() < 0.3 else lit
+                bright = np.where(lit, ink * g.uniform(1, 8), ink)
+                made.grid(-0.7, -0.7, 0.7, 0.7, rows, columns, fill, bright.ravel(), round=round)
+        return made
+
+
+def _moved(axes: Array, middle: Array, points: Array) -> Array:
+    """Turn, scale and move points (M,2)."""
+    moved: Array = points @ axes + middle
+    return moved
+
+
+EFFECTS = (Photographs, Leaves)
+"""In physical order."""
