@@ -27,6 +27,10 @@ _SAMPLES, _WINDOW, _PANELS = 4, 64, 2.0
 _STEPS, _MOST_CELLS, _BLURS = 3, 0.35, (0.2, 0.4)
 # A panel is followed where a lattice explains this share of what it did when it was found.
 _LEAST_SHARE = 0.6
+# A panel that a full search claims is begun with where a lattice explains this share; of noise it does not.
+_LEAST_TO_BEGIN = 0.5
+# A panel that so many full searches pass over for others is none.
+_MOST_DOUBTS = 2
 # Below this share of it neighbouring lattices are tried, this often.
 _GOOD_SHARE, _LINES = 0.95, 2
 _NEIGHBOURS = [(x, y) for x in (-1, 0, 1) for y in (-1, 0, 1) if x or y]
@@ -188,6 +192,7 @@ class Track:
         seen: the window's spectrum when it was seen last.
         motion: (4,2) px a frame.
         misses: frames since it was seen.
+        doubts: full searches since one met it that found others.
     """
 
     number: int
@@ -198,6 +203,7 @@ class Track:
     seen: NDArray[np.complex64]
     motion: Corners = field(default_factory=lambda: np.zeros((4, 2)))
     misses: int = 0
+    doubts: int = 0
 
     def follow(self, grey: NDArray[np.uint8], shape: PanelShape) -> bool:
         """Look where the motion leads, and say whether the panel is there."""
@@ -276,9 +282,11 @@ class Tracker:
         missed = len(seen) < len(self.tracks)
         if not seen or self._since >= self.every or (missed and self._since >= 3):
             self._since, self.searches = 0, self.searches + 1
-            for corners, score in self._found(plane):
-                track = self._anchored(plane, corners, score)
-                seen += [track] if all(track is not one for one in seen) else []
+            met = [self._anchored(plane, *one) for one in self._found(plane)]
+            for track in self.tracks:
+                track.doubts = 0 if not any(met) or any(track is one for one in met) else track.doubts + 1
+            self.tracks = [track for track in self.tracks if track.doubts <= _MOST_DOUBTS]
+            seen = [one for one in self.tracks if any(one is other for other in (*seen, *met))]
         return sorted(seen, key=lambda track: track.number)
 
     def panels(self, greys: Tensor) -> Panels:
@@ -305,10 +313,12 @@ class Tracker:
             if good and cell >= 1:
                 yield corners, score
 
-    def _anchored(self, plane: NDArray[np.uint8], corners: Corners, score: float) -> Track:
-        """Correct the track that a full search met, or begin one."""
+    def _anchored(self, plane: NDArray[np.uint8], corners: Corners, score: float) -> Track | None:
+        """Correct the track that a full search met, or begin one, where a lattice explains what is there."""
         share, blur = max(fit(plane, corners, self.shape, blur)[:0:-1] for blur in _BLURS)
         middle, reach = corners.mean(0), math.sqrt(abs(_area(corners))) / 2
+        if share < _LEAST_TO_BEGIN:
+            return None
         for track in self.tracks:
             there = track.corners + track.motion * track.misses
             if float(np.linalg.norm(there.mean(0) - middle)) < reach:
