@@ -1,4 +1,4 @@
-"""Following a panel through a simulated recording: 70 m to 20 m with shake, a change of lane, half a second hidden.
+"""Following a panel through a simulated recording: 70 m to 20 m, shake, a lane change, half a second hidden.
 
     python benchmarks/follow.py --scenes paper street --locators refined learned
 
@@ -62,7 +62,7 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=2)
     given = parser.parse_args()
     torch.set_num_threads(1)
-    heads = "scene | locator | followed within 0.25 pitch | wrong | found again after | searches | followed, ms | search, ms"
+    heads = "scene | locator | within 0.25 pitch | wrong | found after | searches | ms followed | ms search"
     print(f"| {heads} |\n{'|---' * 8}|")
     shape = vt.PanelShape(8, 8)
     for scene in given.scenes:

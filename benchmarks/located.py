@@ -2,8 +2,8 @@
 
     python benchmarks/located.py --scenes paper street --frames 64
 
-Located: found, and every corner within a quarter of the pitch. Only panels that lie whole on the sensor count.
-The sensor is a quarter of Full HD, with the scene's own pixels, so that many frames take minutes.
+Located: found, and every corner within a quarter of the pitch. Only panels whole on the sensor count.
+The sensor is a quarter of Full HD, with the scene's own pixels, so that it takes minutes.
 """
 
 from __future__ import annotations
@@ -30,7 +30,9 @@ def locator_of(name: str) -> PanelLocator:
     """Give a locator by its name, by FILE.py:NAME, or the learned one with the weights of a file."""
     if name.endswith(".json"):
         return LearnedLocator(name)
-    return OutsideLocator(PlugIn.of("locator", name)) if is_target(name) else locator_named(name, PaperLocator())
+    return (
+        OutsideLocator(PlugIn.of("locator", name)) if is_target(name) else locator_named(name, PaperLocator())
+    )
 
 
 def row(scene: str, locators: dict[str, PanelLocator], frames: int, seed: int, absent: bool) -> None:
@@ -43,7 +45,9 @@ def row(scene: str, locators: dict[str, PanelLocator], frames: int, seed: int, a
     hits = {name: [] for name in locators}
     errors, scores, spent = ({name: [] for name in locators} for _ in range(3))
     for batch in vt.simulate(world, frames, seed, batch=8, point="located"):
-        inside = ((batch.corners_px >= 0) & (batch.corners_px <= torch.tensor([960.0, 540.0]))).flatten(1).all(1)
+        inside = (
+            ((batch.corners_px >= 0) & (batch.corners_px <= torch.tensor([960.0, 540.0]))).flatten(1).all(1)
+        )
         pitch = torch.stack(cell_size_px(batch.corners_px, world.panel.shape)).amin(0)
         for i in range(len(batch.bits)):
             if not (absent or inside[i]):
@@ -64,21 +68,28 @@ def row(scene: str, locators: dict[str, PanelLocator], frames: int, seed: int, a
         right = [score for score, good in scores[name] if good]
         wrong = [score for score, good in scores[name] if not good]
         range_of = f"{min(right, default=0):.3f} | {max(wrong, default=0):.3f}"
-        share = f"{sum(hit)} of {len(hit)} | {100 * sum(hit) / len(hit):.1f} [{100 * sure.low:.1f}, {100 * sure.high:.1f}]"
-        print(f"| {scene} | {name} | {share} | {off} | {range_of} | {np.median(spent[name]):.1f} |", flush=True)
+        share, low, high = (100 * one for one in (sure.value, sure.low, sure.high))
+        share = f"{sum(hit)} of {len(hit)} | {share:.1f} [{low:.1f}, {high:.1f}]"
+        print(
+            f"| {scene} | {name} | {share} | {off} | {range_of} | {np.median(spent[name]):.1f} |", flush=True
+        )
 
 
 def main() -> None:
     """Read the command line, and print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--scenes", nargs="+", default=["paper", "dashcam", "night", "street", "street_night"])
+    parser.add_argument(
+        "--scenes", nargs="+", default=["paper", "dashcam", "night", "street", "street_night"]
+    )
     parser.add_argument("--locators", nargs="+", default=list(LOCATORS))
     parser.add_argument("--frames", type=int, default=64)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--absent", action="store_true", help="frames without a panel: located is a false alarm")
+    parser.add_argument(
+        "--absent", action="store_true", help="frames without a panel: located is a false alarm"
+    )
     given = parser.parse_args()
     torch.set_num_threads(1)
-    head = "scene | locator | located | % | median error, pitches | least score right | greatest wrong | ms a frame"
+    head = "scene | locator | located | % | median error, pitches | least right | greatest wrong | ms"
     print(f"| {head} |\n{'|---' * 8}|")
     for scene in given.scenes:
         row(scene, {one: locator_of(one) for one in given.locators}, given.frames, given.seed, given.absent)

@@ -3,7 +3,7 @@
     python benchmarks/train_locator.py --out learned.json
 
 Nothing but simulated frames is learned from: panels of 4 x 4 to 16 x 64 LEDs of 1.5 to 24 px, turned and
-aslant, with boards or without, lighter and darker than what is around them, in streets and before drawn clutter.
+aslant, with boards or without, lighter and darker than what is around them, in streets, before drawn clutter.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from torch import Tensor, nn
 
 from vocc_torch import Camera, PanelShape, Scene, Simulator
 from vocc_torch.hardware import LedPanel
-from vocc_torch.receiver.learned import found_places, save_weights
+from vocc_torch.receiver.learned import found_places, load_weights, save_weights
 from vocc_torch.receiver.learned_nets import (
     CORNER_CELLS,
     PITCH_PX,
@@ -215,8 +215,8 @@ def finder_loss(finder: Finder, one: World) -> Tensor:
         off = (centre[rows, :, None, None] / 2**level - places_px(logit.shape[1:])) / half
         ratio, near = (pitch[rows] / 2**level / PITCH_PX).log(), off.norm(dim=1)
         fits, maybe = ((ratio.abs() < most)[:, None, None] for most in (0.40, 0.75))
-        target = ((near < max(0.35, 4.5 / half)) & fits).float()
-        weight = 1.0 - ((near < max(0.9, 9 / half)) & maybe & (target == 0)).float()
+        target = ((near < max(0.35, 6 / half)) & fits).float()
+        weight = 1.0 - ((near < max(0.9, 12 / half)) & maybe & (target == 0)).float()
         there = target > 0
         if there.any():
             wanted = [off[:, 0], off[:, 1], *(v[:, None, None].expand_as(near) for v in (ratio, turn[rows]))]
@@ -300,7 +300,7 @@ def trained(net: nn.Module, minutes: float, losses: Iterator, rate: float = 3e-3
     """Train for so many minutes of this process's own time, at a rate that falls to nothing."""
     optimiser = torch.optim.AdamW(net.parameters(), rate, weight_decay=1e-3)
     begun, steps, mean = time.process_time(), 0, 0.0
-    while (done := (time.process_time() - begun) / (60 * minutes)) < 1:
+    while (done := (time.process_time() - begun) / max(60 * minutes, 1e-9)) < 1:
         for group in optimiser.param_groups:
             group["lr"] = rate * min(1.0, (steps + 1) / 100) * (1 + math.cos(math.pi * done)) / 2
         loss = next(losses)
@@ -318,7 +318,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--blocks", type=int, default=240, help=f"blocks of {BLOCK} frames with panels")
-    parser.add_argument("--minutes", type=float, default=6.0, help="processor time of each network")
+    parser.add_argument(
+        "--minutes", type=float, nargs=2, default=(6.0, 6.0), help="processor time of finder and corners"
+    )
+    parser.add_argument("--start", type=Path, help="weights to go on from")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--plain", action="store_true", help="no clutter: what robustness costs")
     given = parser.parse_args()
@@ -333,7 +336,12 @@ def main() -> None:
         return shaken(worlds[draw.integers(len(worlds))], draw)
 
     finder, corners = Finder(), CornerNet()
-    trained(finder, given.minutes, (finder_loss(finder, any_world()) for _ in iter(int, 1)))
+    if given.start:
+        for net, begun_with in zip(
+            (finder, corners), load_weights(given.start, torch.device("cpu")), strict=True
+        ):
+            net.load_state_dict(begun_with.state_dict())
+    trained(finder, given.minutes[0], (finder_loss(finder, any_world()) for _ in iter(int, 1)))
     finder.eval()
     save_weights(given.out, finder, corners)
 
@@ -343,7 +351,7 @@ def main() -> None:
             wrong = wrong_claims(finder, one) if draw.random() < 0.4 else None
             yield corner_loss(corners, one, draw, wrong)
 
-    trained(corners, given.minutes, corner_losses(), 2e-3)
+    trained(corners, given.minutes[1], corner_losses(), 2e-3)
     save_weights(given.out, finder, corners)
     weights = sum(one.numel() for net in (finder, corners) for one in net.parameters())
     print(f"{given.out}: {given.out.stat().st_size / 1e6:.2f} MB, {weights} weights")
