@@ -24,6 +24,9 @@ for _name, _own in {
     "lamps": {"count": 3, "luminance_cd_m2": 1e4},
     "second_panel": {"offset_x_m": 0.6},
     "hot_pixels": {"share": 0.05},
+    "panel_absent": {"share": 0.7},
+    "led_look": {"fill": ["uniform", 0.1, 0.4]},
+    "leaves": {"count": 30},
 }.items():
     PARTS[_name][_name] |= _own
 PARAMETERS = {name: own for part in (PAPER_EFFECTS, *PARTS.values()) for name, own in part.items()}
@@ -122,7 +125,7 @@ def test_preambles_share_the_scenes_draws_and_frames_blocks_and_seeds_have_their
         keys = [FrameKey(key, start + frame, take) for frame in range(2)]
         return effect(value, replace(context_of(chain), keys=keys))
 
-    anew = ("shot_noise", "read_noise", "row_noise", "second_panel", "rolling_shutter")
+    anew = ("shot_noise", "read_noise", "row_noise", "second_panel", "rolling_shutter", "multiplexing")
     assert same(seen(), seen("on")) == (name not in anew)
     for other in ({"start": 2}, {"block": 1}, {"point": "other"}):
         assert (not same(seen(), seen(**other))) != of_sensor

@@ -24,6 +24,14 @@ stuck_leds.on_share is -0.1: it must be at least 0 and at most 1
 stuck_leds.off_share + on_share is 1.1: it must be at most 1
 led_scatter.coefficient_of_variation is 0: it must be above 0 and at most 2 (leave the effect out for no
 attenuation.visibility_m is 0: it must be above 0
+led_look.fill is 0: it must be at least 0.02 and at most 1
+multiplexing.groups is 1: it must be a whole number, at least 2 and at most 64
+panel_absent.share is 0: it must be above 0 and at most 1 (leave the effect out for a panel in every frame)
+scenery.contrast is 1.5: it must be at least 0 and at most 1
+backdrop.level is 0: it must be above 0 and at most 100
+leaves.count is 0: it must be a whole number, at least 1 and at most 2000
+clutter.things is 201: it must be at least 0 and at most 200
+housing.cables is -1: it must be at least 0 and at most 20
 background_texture.contrast is 1.1: it must be above 0 and at most 1
 background_texture.beta is 4.5: it must be at least 0 and at most 4
 lamps.count is 0: it must be a whole number, at least 1 and at most 1000

@@ -142,8 +142,9 @@ def job_folder(name: str, job: int) -> str:
 
 
 NAMES = {
-    "Effects": "pose, lens_distortion, rolling_shutter, stuck_leds, led_scatter, attenuation, "
-    "background_texture, lamps, second_panel, airlight, occlusion, veiling_glare, motion_blur, defocus, "
+    "Effects": "pose, lens_distortion, rolling_shutter, stuck_leds, led_scatter, attenuation, led_look, "
+    "multiplexing, panel_absent, background_texture, scenery, backdrop, leaves, clutter, lamps, "
+    "second_panel, housing, airlight, occlusion, veiling_glare, motion_blur, defocus, "
     "diffraction, blooming, vignetting, bayer, photoelectrons, prnu, dark_current, hot_pixels, shot_noise, "
     "full_well, dsnu, row_noise, read_noise, gain, demosaicing, saturation, quantization, jpeg",
     "Receivers": "center_greyscale, average_greyscale, flda_agr, flda_gri, flda_ngr, flda_agr_ngr, flda_2, "

@@ -107,9 +107,7 @@ def board_cover(context: Context, size: framing.Size) -> Tensor:
     return raster.polygon_cover(view.view_of(context).points_px(outline.view(-1, 2)) - origin, *size)
 
 
-def led_stamps(
-    context: Context, size: framing.Size, look: housing.Look | None = None
-) -> Iterator[Stamp]:
+def led_stamps(context: Context, size: framing.Size, look: housing.Look | None = None) -> Iterator[Stamp]:
     """Cover the LEDs of each frame, those of a frame in an order that its batch does not change.
 
     Args:

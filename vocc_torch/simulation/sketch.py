@@ -1,11 +1,12 @@
 """Flat things made of polygons, drawn far to near onto the sensor's pixels; each is drawn once, whole.
 
-A thing is drawn in patches that are cut along fixed tiles of the sensor, whichever part of the sensor is asked
-for: so a window has the whole frame's very pixels. A patch is drawn some times finer than the pixels and
-averaged, which leaves the share of each pixel that is covered and the mean light there.
+A thing is drawn in patches that are cut along fixed tiles of the sensor, whichever part of the sensor is
+asked for: so a window has the whole frame's very pixels. A patch is drawn some times finer than the pixels
+and averaged, which leaves the share of each pixel that is covered and the mean light there.
 """
 
 import functools
+import itertools
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 
@@ -18,7 +19,7 @@ Plane = NDArray[np.float32]
 
 Part = tuple[Array, Array]
 
-TILE_PX = 256
+TILE_PX = 128
 """Side of the squares of the sensor that are drawn by themselves."""
 
 FINENESS = ((15_000, 4), (60_000, 3))
@@ -84,13 +85,13 @@ class Sketch:
     def text(
         self, words: str, left: float, top: float, height: float, luminance: float, fill: float = 0.0
     ) -> float:
-        """Write words in capitals, of strokes, or with a ``fill`` of the dots of a matrix; give their width."""
+        """Write words, of strokes, or with a ``fill`` of a matrix's dots; give their width."""
         mask = letters_mask(words)
         cell = height / len(mask)
         row, column = np.nonzero(mask)
         centres = np.stack([left + cell * (column + 0.5), top + cell * (row + 0.5)], axis=-1)
         self.dots(centres, cell * (fill or 1.0) / 2, luminance, round=fill > 0)
-        return cell * mask.shape[1]
+        return float(cell * mask.shape[1])
 
 
 def letters_mask(words: str) -> NDArray[np.bool_]:
@@ -137,36 +138,35 @@ def patches(parts: Iterable[Part], place: Callable[[Array], Array], window: Wind
     parts = list(parts)
     flat = place(np.concatenate([points.reshape(-1, 2) for points, _ in parts])).clip(-1e6, 1e6)
     low, high = np.floor(flat.min(axis=0)).astype(int), np.ceil(flat.max(axis=0)).astype(int)
-    fine = next((finer for pixels, finer in FINENESS if np.prod(high - low) <= pixels), 2)
-    # The darkest is 255 or more, so that in 8 bits what is covered is white.
-    scale = 255 / min(float(luminance.min()) for _, luminance in parts)
     first, last = np.maximum(low, window[:2]), np.minimum(high, window[2:])
     if (first >= last).any():
         return
-    groups, start = [], 0
-    for points, luminance in parts:
-        stop = start + points.shape[0] * points.shape[1]
-        corners = flat[start:stop].reshape(points.shape)
-        groups.append((corners, corners.min(axis=1), corners.max(axis=1), luminance * scale))
-        start = stop
-    for row in range(first[1] // TILE_PX, -(-last[1] // TILE_PX)):
-        for column in range(first[0] // TILE_PX, -(-last[0] // TILE_PX)):
-            begin = np.maximum(low, (column * TILE_PX, row * TILE_PX))
-            end = np.minimum(high, ((column + 1) * TILE_PX, (row + 1) * TILE_PX))
-            width, height = (end - begin).tolist()
-            image = Image.new("F", (width * fine, height * fine))
-            pen = ImageDraw.Draw(image)
-            for corners, least, most, luminance in groups:
-                seen = ((least < end) & (most > begin)).all(axis=1)
-                at = (corners[seen] - begin) * fine - 0.5
-                # Pillow fills to both ends: half a step inwards, so that as many are filled as there are.
-                at += 0.5 * np.sign(at.mean(axis=1, keepdims=True) - at)
-                whole = np.rint(at.clip(-30_000, 30_000)).reshape(len(at), corners.shape[1] * 2)
-                for outline, light in zip(whole.tolist(), luminance[seen].tolist(), strict=True):
-                    pen.polygon(outline, fill=light)
-            cover = np.asarray(image.convert("L").reduce(fine), dtype=np.float32) / np.float32(255)
-            light_there = np.asarray(image.reduce(fine), dtype=np.float32) / np.float32(scale)
-            yield int(begin[0]), int(begin[1]), cover, light_there
+    fine = next((finer for pixels, finer in FINENESS if np.prod(high - low) <= pixels), 2)
+    sides = np.concatenate([np.full(len(points), points.shape[1]) for points, _ in parts])
+    ends = np.cumsum(sides)
+    starts = ends - sides
+    least, most = np.minimum.reduceat(flat, starts), np.maximum.reduceat(flat, starts)
+    # Pillow fills to both ends: half a step inwards, so that as many steps are filled as there are.
+    inwards = np.sign((np.add.reduceat(flat, starts) / sides[:, None]).repeat(sides, axis=0) - flat)
+    whole = np.rint(flat * fine - 0.5 + 0.5 * inwards).astype(int)
+    luminance = np.concatenate([each for _, each in parts])
+    # The darkest is 255 or more, so that in 8 bits what is covered is white.
+    scale = 255 / float(luminance.min())
+    tiles = (range(begin // TILE_PX, -(-end // TILE_PX)) for begin, end in zip(first, last, strict=True))
+    for column, row in itertools.product(*tiles):
+        begin = np.maximum(low, (column * TILE_PX, row * TILE_PX))
+        end = np.minimum(high, ((column + 1) * TILE_PX, (row + 1) * TILE_PX))
+        seen = ((least < end) & (most > begin)).all(axis=1).nonzero()[0]
+        if not len(seen):
+            continue
+        image = Image.new("F", tuple(((end - begin) * fine).tolist()))
+        pen, at = ImageDraw.Draw(image), (whole - begin * fine).clip(-30_000, 30_000).ravel().tolist()
+        shown = zip(2 * starts[seen], 2 * ends[seen], (luminance[seen] * scale).tolist(), strict=True)
+        for start, stop, light in shown:
+            pen.polygon(at[start:stop], fill=light)
+        cover = np.asarray(image.convert("L").reduce(fine), dtype=np.float32) / np.float32(255)
+        lit = np.asarray(image.reduce(fine), dtype=np.float32) / np.float32(scale)
+        yield int(begin[0]), int(begin[1]), cover, lit
 
 
 def lay(keep: Plane, added: Plane, patch: Patch, origin_px: tuple[int, int]) -> None:

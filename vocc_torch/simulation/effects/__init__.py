@@ -11,16 +11,29 @@ from typing import Any
 
 from vocc_torch.errors import VoccError, demand_kind, shown
 from vocc_torch.plugins import TARGET, PlugIn
-from vocc_torch.simulation.effects import background, backdrops, coding, housing, light, optics, sensor, street, view
+from vocc_torch.simulation.effects import (
+    backdrops,
+    background,
+    coding,
+    housing,
+    light,
+    optics,
+    sensor,
+    street,
+    view,
+)
 from vocc_torch.simulation.effects.base import Backdrop, Context, Effect, PointEffect, Quantity, within
 from vocc_torch.simulation.scene import LARGEST, Distribution
 
 __all__ = ["CAMERA_STEPS", "PHYSICAL_ORDER", "Backdrop", "Context", "Effect", "Effects", "Parameters"]
 __all__ += ["Quantity", "build_effects", "check_chain", "kinds_of", "plug_ins", "within"]
 
+SURROUNDINGS: tuple[type[Effect], ...] = (background.BackgroundTexture, street.Scenery, *backdrops.EFFECTS)
+SURROUNDINGS += (street.Clutter, background.Lamps, background.SecondPanel, *housing.AROUND)
+"""What stands behind the panel, the farthest first."""
+
 PHYSICAL_ORDER: tuple[type[Effect], ...] = (*view.EFFECTS, *light.AT_THE_LEDS, *housing.AT_THE_LEDS)
-PHYSICAL_ORDER += (background.BackgroundTexture, street.Scenery, *backdrops.EFFECTS, street.Clutter, background.Lamps, background.SecondPanel, *housing.AROUND)
-PHYSICAL_ORDER += (*light.ON_THE_WAY, *optics.EFFECTS, *sensor.EFFECTS, *coding.EFFECTS)
+PHYSICAL_ORDER += (*SURROUNDINGS, *light.ON_THE_WAY, *optics.EFFECTS, *sensor.EFFECTS, *coding.EFFECTS)
 """Light at the LED, air, optics, sensor, encoding: the order of effects, whatever order names them."""
 
 BY_EFFECTS = (Quantity.ELECTRONS, Quantity.BOUNDED_GREY, Quantity.DIGITAL)

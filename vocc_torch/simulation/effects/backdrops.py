@@ -29,15 +29,16 @@ class Photographs(Backdrop):
 
     Grey values become light by undoing the gamma, and each photograph has a mean of 1 before its level. It
     covers the sensor, magnified up to twice more than that needs; one of fewer pixels than the sensor is
-    shown at 1 to 2 pixels a pixel, and goes on mirrored beyond its borders. A photograph of a panel is a panel:
-    keep such out. A frame and its preambles share it. Sampled: the photograph is a constant to automatic
-    differentiation, and the light keeps its gradient.
+    shown at 1 to 2 pixels a pixel, and goes on mirrored beyond its borders. A photograph of a panel is a
+    panel: keep such out. A frame and its preambles share it. Sampled: the photograph is a constant to
+    automatic differentiation, and the light keeps its gradient.
 
     Source: the inverse of Eq. 1; light that was clipped at white stays clipped.
 
     Args:
-        folder: of pictures that Pillow reads; or a package's, by its name: ``sklearn.datasets.images`` has
-            two photographs by danielbuechele under CC BY 2.0, ``skimage.data`` what its README names.
+        folder: of pictures, those that Pillow reads; or one inside an installed package, as PACKAGE/FOLDER:
+            ``matplotlib/mpl-data/sample_data`` comes along, ``sklearn/datasets/images`` has two photographs
+            under CC BY 2.0, ``skimage/data`` those that its README names with their licences.
         gamma: of the pictures, 0.1 to 10.
         level: luminance over that of the plain background, a number or a distribution, above 0 to 100.
 
@@ -45,7 +46,7 @@ class Photographs(Backdrop):
         VoccError: a folder that is not there or holds no picture, or a picture that cannot be read.
 
     Example:
-        >>> Photographs(folder="sklearn.datasets.images").gamma
+        >>> Photographs(folder="matplotlib/mpl-data/sample_data").gamma
         2.2
     """
 
@@ -93,33 +94,30 @@ def pictures_of(folder: str) -> tuple[tuple[Path, int], ...]:
     """List the pictures of a folder and their sizes in bytes, in the order of their names.
 
     Raises:
-        VoccError: no folder, no picture, or one that cannot be read.
+        VoccError: no folder, or none with a picture that can be read.
     """
     key, path = "scene.effects.backdrop.folder", Path(folder)
     if not path.is_dir():
-        try:
-            spec = importlib.util.find_spec(folder)
-        except (ImportError, ValueError):
-            spec = None
-        if spec is None or not spec.submodule_search_locations:
-            rule = "a folder of pictures, or an installed package's, such as sklearn.datasets.images"
-            raise VoccError.of(key, repr(folder), rule)
-        path = Path(spec.submodule_search_locations[0])
-    found = sorted(one for one in path.iterdir() if one.suffix.lower() in PICTURE_SUFFIXES)
+        package, _, inside = folder.partition("/")
+        spec = importlib.util.find_spec(package) if package.isidentifier() else None
+        path = Path(((spec and spec.submodule_search_locations) or [folder])[0]) / inside
+    if not path.is_dir():
+        rule = "a folder of pictures, or one in an installed package, such as skimage/data"
+        raise VoccError.of(key, repr(folder), rule)
+    found = [one for one in path.iterdir() if one.suffix.lower() in PICTURE_SUFFIXES and _opens(one)]
     if not found:
-        raise VoccError.of(key, repr(folder), f"a folder of pictures, {' '.join(PICTURE_SUFFIXES)}")
-    for one in found:
-        try:
-            with Image.open(one, formats=PICTURE_FORMATS):
-                pass
-        except (OSError, ValueError, Image.DecompressionBombError) as error:
-            raise _unreadable(one, error) from None
-    return tuple((one, one.stat().st_size) for one in found)
+        rule = f"a folder with a picture that can be read, {' '.join(PICTURE_SUFFIXES)}"
+        raise VoccError.of(key, repr(folder), rule)
+    return tuple((one, one.stat().st_size) for one in sorted(found))
 
 
-def _unreadable(path: Path, error: Exception) -> VoccError:
-    """The error that names a picture."""
-    return VoccError(f"scene.effects.backdrop.folder holds {path.name}, which cannot be read ({error})")
+def _opens(path: Path) -> bool:
+    """Whether a file is a picture."""
+    try:
+        with Image.open(path, formats=PICTURE_FORMATS):
+            return True
+    except (OSError, ValueError, Image.DecompressionBombError):
+        return False
 
 
 @functools.lru_cache(maxsize=32)
@@ -135,7 +133,8 @@ def light_of(path: Path, gamma: float, most_px: int) -> street.Plane:
             shown.thumbnail((most_px, most_px))
             grey = np.asarray(shown, dtype=np.float32)
     except (OSError, ValueError, Image.DecompressionBombError) as error:
-        raise _unreadable(path, error) from None
+        rule = f"holds {path.name}, which cannot be read ({error})"
+        raise VoccError(f"scene.effects.backdrop.folder {rule}") from None
     light = (grey / np.float32(255)) ** np.float32(gamma)
     scaled: street.Plane = np.pad(light / max(float(light.mean()), 1e-9), (0, 1), mode="edge")
     return scaled.astype(np.float32)
@@ -143,12 +142,12 @@ def light_of(path: Path, gamma: float, most_px: int) -> street.Plane:
 
 @dataclass(frozen=True, slots=True)
 class Leaves(Effect, on=Quantity.BACKGROUND):
-    """Shapes of all sizes that cover one another, plain or patterned, some of them lamps: no street, and busy.
+    """Shapes of all sizes that cover one another, plain or patterned, some of them lamps.
 
-    Discs, rectangles, triangles and stars lie at random places and turns, those of the background first. Their
-    radii have the density ``r^-3``, with which dead leaves have the statistics of natural images at every
-    scale. Some carry rings, spokes, stripes, scribbles, or a lattice of dots or squares in which all rows or
-    all columns are alike: lattices with two levels, and no panel. Luminances are log-normal about that of the
+    Discs, rectangles, triangles and stars lie at random places and turns, the largest behind. Their radii
+    have the density ``r^-3``, with which dead leaves have the statistics of natural images at every scale.
+    Some carry rings, spokes, stripes, scribbles, or a lattice of dots or squares in which all rows or all
+    columns are alike: lattices with two levels, and no panel. Luminances are log-normal about that of the
     plain background; lamps have their own. A frame and its preambles share them. Sampled: not
     differentiable in the shapes; the light behind keeps its gradient.
 
@@ -185,7 +184,7 @@ class Leaves(Effect, on=Quantity.BACKGROUND):
             low, high = max(sensor_px) / 120, max(sensor_px) / 2.5
             drawn = generator.random((self.count, 3))
             radii = low / np.sqrt(1 - drawn[:, 0] * (1 - (low / high) ** 2))
-            radii[: self.count // 10] = high * (0.3 + 0.7 * drawn[: self.count // 10, 0])
+            radii[: self.count // 20] = high * (0.3 + 0.7 * drawn[: self.count // 20, 0])
             middles = drawn[:, 1:] * sensor_px[::-1]
             seeds = generator.integers(1 << 62, size=self.count)
             far = np.maximum((left, top) - middles, middles - (left + width, top + height)).max(axis=1)
@@ -226,8 +225,9 @@ class Leaves(Effect, on=Quantity.BACKGROUND):
                 made.grid(-0.7, -0.7, 0.7, 0.7, 1, columns, fill, ink)
             case 3:
                 for line in np.linspace(-0.6, 0.6, rows):
-                    pen = np.cumsum(g.normal(0.08, 0.12, (12, 2)), axis=0) * (1, 0.3) + (-0.7, line)
-                    made.polygon([*pen, *(pen + (0.02, 0.04))[::-1]], ink)
+                    pen = np.cumsum(g.normal(0.08, 0.12, (12, 2)), axis=0) * (1, 0.3)
+                    pen += np.array([-0.7, line])
+                    made.polygon([*pen, *(pen + np.array([0.02, 0.04]))[::-1]], ink)
             case _:
                 lit = np.broadcast_to(g.random(columns) < 0.6, (rows, columns))
                 lit = lit ^ (np.arange(rows)[:, None] % 2 > 0) if g.random() < 0.3 else lit

@@ -1,4 +1,4 @@
-"""Panels as they are: what they are built into, how their LEDs look and are driven, and frames without one."""
+"""Panels as they are: what they are built into, how their LEDs look and are driven, and none at all."""
 
 import functools
 import math
@@ -53,7 +53,7 @@ class PanelAbsent(Effect, on=Quantity.LED_LUMINANCE):
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """How each frame's LEDs look: radius (B,) m, which are square (B,) bool, reflectance (B,), or the board's."""
+    """How each frame's LEDs look, each (B,): m, bool, 0 to 1, and bool: whether Off LEDs can be seen."""
 
     radius_m: Tensor
     square: Tensor
@@ -66,8 +66,10 @@ class LedLook(Effect, on=Quantity.LED_LUMINANCE):
     """Another make of LED in every frame, on the panel's pitch: wide, pointlike, square, grey, white, unseen.
 
     What the panel itself says of its LEDs' size and surface is replaced. A square LED has the width that a
-    round one has as its diameter. Off LEDs that are not visible look like what is behind them. A frame and its
-    preambles show one panel. Sampled: not differentiable in the looks; the light keeps its gradient.
+    round one has as its diameter. One that is smaller than the panel's sends the same light from its smaller
+    area; a wider one has the panel's luminance. Off LEDs that are not visible look like what is behind them.
+    A frame and its preambles show one panel. Sampled: not differentiable in the looks; the light keeps its
+    gradient.
 
     Source: the makes of LED on sale: bare dies and lenses of a twentieth of the pitch, 3 and 5 mm LEDs and
     squares of 0.3 to 0.95 of it, diffusers that touch.
@@ -98,18 +100,21 @@ class LedLook(Effect, on=Quantity.LED_LUMINANCE):
         Effect.__post_init__(self)
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
-        """Leave (B,R,C) LED luminance as it is: the painter asks for the look."""
-        context.generators(self.name, of_scene=True)
-        return value
+        """Send the (B,R,C) light of an LED from the area that it has; the painter asks for the look."""
+        nominal = context.panel.led_diameter_m / (2 * self.look(context).radius_m)
+        return value * nominal.square().clamp(min=1).to(value).view(-1, 1, 1)
 
     def look(self, context: Context) -> Look:
         """Draw each frame's look."""
-        assert isinstance(self.fill, Distribution) and isinstance(self.reflectance, Distribution)
+        assert isinstance(self.fill, Distribution)
+        assert isinstance(self.reflectance, Distribution)
         drawn = [
             (self.fill.draw(g, 1)[0], self.reflectance.draw(g, 1)[0], *g.random(2))
             for g in context.generators(self.name, of_scene=True)
         ]
-        fill, reflectance, shape, seen = torch.tensor(drawn, dtype=torch.float64).to(context.first_px.device).T
+        fill, reflectance, shape, seen = (
+            torch.tensor(drawn, dtype=torch.float64).to(context.first_px.device).T
+        )
         radius = fill * (context.panel.pitch_m / 2)
         return Look(radius, shape < self.square, reflectance, seen >= self.invisible)
 
@@ -140,7 +145,7 @@ class Multiplexing(Effect, on=Quantity.LED_LUMINANCE):
 
     groups: int = within(2, 64, whole=True)
     refresh_hz: Distribution | float = within(1, 1e6)
-    share: float = within(0, 1, default=1.0, above=True, hint="leave the effect out for rows that are all lit")
+    share: float = within(0, 1, default=1.0, above=True, hint="leave the effect out for none")
     sampled = True
 
     def __post_init__(self) -> None:
@@ -152,7 +157,9 @@ class Multiplexing(Effect, on=Quantity.LED_LUMINANCE):
         """Multiply each row's (B,R,C) luminance by what the exposure catches of its pulses."""
         assert isinstance(self.refresh_hz, Distribution)
         drawn = [(self.refresh_hz.draw(g, 1)[0], *g.random(2)) for g in context.generators(self.name)]
-        rate, phase, chosen = torch.tensor(drawn, dtype=torch.float64).to(value.device).unsqueeze(-1).unbind(1)
+        rate, phase, chosen = (
+            torch.tensor(drawn, dtype=torch.float64).to(value.device).unsqueeze(-1).unbind(1)
+        )
         length = rate * context.camera.exposure_time_s
         begin = torch.arange(value.shape[1], device=value.device) % self.groups / self.groups
         caught = self._lit(phase + length, begin) - self._lit(phase, begin)
@@ -226,11 +233,16 @@ class Housing(Effect, on=Quantity.BACKGROUND):
         rim, shade = drawn["rim"] * panel.pitch_m, max(white * drawn["rim_reflectance"], 1e-6)
         bare = bool(generator.random() < self.boardless)
         for _ in range(round(drawn["cables"])):
-            thick, steps = generator.uniform(0.1, 0.8) * panel.pitch_m, np.arange(9) / 8 * generator.uniform(0.5, 3)
+            thick, steps = (
+                generator.uniform(0.1, 0.8) * panel.pitch_m,
+                np.arange(9) / 8 * generator.uniform(0.5, 3),
+            )
             bend = np.cumsum(generator.normal(0, 0.3, 9)) + generator.uniform(-1, 1)
             line = np.stack([bend * x, y * (0.9 + steps)], axis=-1) * generator.choice([-1, 1])
             side = thick / 2 * np.array([1.0, 0.0])
-            made.polygon([*(line - side), *(line + side)[::-1]], max(white * generator.uniform(0.02, 0.7), 1e-6))
+            made.polygon(
+                [*(line - side), *(line + side)[::-1]], max(white * generator.uniform(0.02, 0.7), 1e-6)
+            )
         if rim and not bare:
             made.box(-x - rim, -y - rim, x + rim, y + rim, shade)
         elif rim:
@@ -248,7 +260,9 @@ def look(context: Context) -> Look | None:
 
 def present(context: Context) -> Tensor | None:
     """Which frames have a panel, (B,) bool, or None where all have."""
-    return next((effect.present(context) for effect in context.effects if isinstance(effect, PanelAbsent)), None)
+    return next(
+        (effect.present(context) for effect in context.effects if isinstance(effect, PanelAbsent)), None
+    )
 
 
 AT_THE_LEDS = (LedLook, Multiplexing, PanelAbsent)

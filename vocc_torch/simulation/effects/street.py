@@ -4,18 +4,16 @@ import functools
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from PIL import Image
 from torch import Tensor
 
-from vocc_torch.errors import VoccError
+from vocc_torch.hardware import Camera
 from vocc_torch.simulation import roadside, sketch
 from vocc_torch.simulation.effects import view
-from vocc_torch.simulation.effects.base import Backdrop, Context, Effect, Quantity, within
+from vocc_torch.simulation.effects.base import Context, Effect, Quantity, within
 from vocc_torch.simulation.scene import Distribution
 
 Generator = np.random.Generator
@@ -43,7 +41,8 @@ def between(nodes: Plane, x: NDArray[np.float64], y: NDArray[np.float64]) -> Pla
     u, v = (x - column).astype(np.float32), (y - row).astype(np.float32)[:, None]
     across = nodes[:, column] * (1 - u) + nodes[:, column + 1] * u
     low: Plane = across[row]
-    return low + (across[row + 1] - low) * v
+    filled: Plane = low + (across[row + 1] - low) * v
+    return filled
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,7 +167,11 @@ class Clutter(Effect, on=Quantity.BACKGROUND):
 
     def draw(self, generator: Generator, seen: view.View, keep: Plane, added: Plane) -> None:
         """Draw one frame's things: the share of what is behind that stays, and their light."""
-        scene, (left, top), (height, width) = seen.context.scene, seen.context.first_px[0].tolist(), keep.shape
+        scene, (left, top), (height, width) = (
+            seen.context.scene,
+            seen.context.first_px[0].tolist(),
+            keep.shape,
+        )
         white, led = float(scene.ambient_lx[0]) / math.pi, float(scene.led_luminance_cd_m2[0])
         light = roadside.Light(white, led, self.lit)
         wet = (generator.random() < self.wet) * generator.uniform(0.1, 0.5)
@@ -280,7 +283,7 @@ def as_distributions(effect: Effect, *names: str) -> None:
 
 
 def plane_onto(
-    camera: view.Camera, across: tuple[float, ...], down: tuple[float, ...], origin: tuple[float, ...]
+    camera: Camera, across: tuple[float, ...], down: tuple[float, ...], origin: tuple[float, ...]
 ) -> Callable[[sketch.Array], sketch.Array]:
     """Give the pinhole's map of points (M,2) on a plane, m, onto the sensor, px."""
     axes, foot = np.array([across, down]), np.array(origin, dtype=np.float64)

@@ -1,0 +1,190 @@
+"""Streets: drawings against exact areas, looks of panels and their light, photographs, no panel at all."""
+
+import math
+
+import numpy as np
+import pytest
+import torch
+from PIL import Image
+
+from vocc_torch.errors import VoccError
+from vocc_torch.rng import BlockKey, FrameKey
+from vocc_torch.simulation import Camera, LedPanel, Simulator, raster, roadside, sketch
+from vocc_torch.simulation.effects import Context, build_effects
+from vocc_torch.types import Scene
+
+LINEAR = Camera(width_px=320, height_px=200, sensor_width_mm=13.2 / 6, gamma=1.0)
+NEAR = Scene.of(2, distance_m=10.0, ambient_lx=5000.0, led_luminance_cd_m2=900.0)
+BARE = {"fill": 0.5, "square": 0, "invisible": 1}
+PLAIN = {"board": 0.3, "boardless": 0, "rim": 0, "cables": 0}
+
+
+def keys(frames, seed=0):
+    return [FrameKey(BlockKey(seed, "street", 0), frame) for frame in range(frames)]
+
+
+def shot(effects, bits=None, scene=NEAR, panel_only=False, seed=0, camera=LINEAR):
+    """Grey values in proportion to the light, 102 for the plain background."""
+    simulator = Simulator(effects=effects, camera=camera, dtype=torch.float64, framing="full")
+    bits = torch.ones(len(scene), 8, 8, dtype=torch.bool) if bits is None else bits
+    return simulator.render(scene, bits, keys=keys(len(scene), seed), panel_only=panel_only)
+
+
+def test_a_drawing_covers_the_polygons_exact_area():
+    """Within the fineness of a quarter of a pixel, and without a bias over many polygons."""
+    generator, gaps, wide = np.random.default_rng(0), [], []
+    for _ in range(40):
+        angle, reach = generator.uniform(0, 7), generator.uniform(3, 20)
+        corners = np.array([[np.cos(angle + k * 2.1), np.sin(angle + k * 2.1)] for k in range(3)])
+        corners = corners * reach + generator.uniform(25, 35, 2)
+        exact = raster.polygon_cover(torch.from_numpy(corners)[None], 64, 64)[0].numpy()
+        made = sketch.Sketch()
+        made.polygon(corners, 7.0)
+        drawn = np.zeros((64, 64))
+        for left, top, cover, light in sketch.patches(made.parts, lambda points: points, (0, 0, 64, 64)):
+            drawn[top : top + len(cover), left : left + cover.shape[1]] = cover
+            assert light == pytest.approx(7 * cover, abs=0.03)
+        wide.append(abs(drawn - exact).max())
+        gaps.append((drawn.sum() - exact.sum()) / math.sqrt(exact.sum()))
+    assert max(wide) < 0.55
+    assert abs(np.mean(gaps)) < 0.15
+
+
+@pytest.mark.parametrize("thing", sorted({*roadside.BESIDE, roadside.marks}, key=lambda one: one.__name__))
+def test_windows_of_a_thing_are_parts_of_the_whole_and_nothing_leaves_its_reach(thing):
+    light = roadside.Light(2000.0, 3000.0, 0.5)
+    for seed in range(6):
+        made = thing(np.random.default_rng(seed), light)
+        points = np.concatenate([points.reshape(-1, 2) for points, _ in made.parts])
+        assert np.isfinite(points).all()
+        assert all((luminance > 0).all() for _, luminance in made.parts)
+        if thing in roadside.REACH_M:
+            assert np.hypot(*points.T).max() < roadside.REACH_M[thing] * 1.05
+    planes = []
+    for left, top, right, bottom in ((0, 0, 300, 200), (37, 51, 180, 140)):
+        keep = np.ones((bottom - top, right - left), dtype=np.float32)
+        added = np.zeros_like(keep)
+        for patch in sketch.patches(made.parts, lambda at: at * 31.7 + 150.3, (left, top, right, bottom)):
+            sketch.lay(keep, added, patch, (left, top))
+        planes.append((keep, added))
+    for whole, part in zip(*planes, strict=True):
+        assert np.array_equal(whole[51:140, 37:180], part)
+
+
+def test_a_board_and_unseen_leds_have_the_grey_of_their_reflectance():
+    """Eq. 1 with gamma 1: grey is in proportion to reflectance, 102 at 0.18."""
+    off = torch.zeros(2, 8, 8, dtype=torch.bool)
+    frames = shot({"led_look": BARE, "housing": PLAIN}, off)
+    inside = frames.grey[:, 0, 80:120, 140:180]
+    assert inside.numpy() == pytest.approx(102 * 0.3 / 0.18, rel=1e-3)
+    seen = shot({"led_look": BARE | {"invisible": 0, "reflectance": 0.6}, "housing": PLAIN}, off).grey
+    assert float(seen.max()) == pytest.approx(102 * 0.6 / 0.18, rel=1e-3)
+
+
+@pytest.mark.parametrize("pose", [{}, {"pose": {"roll_deg": 5}}])
+@pytest.mark.parametrize(("square", "share"), [(0, math.pi / 4), (1, 1.0)])
+def test_leds_have_the_area_and_the_light_that_their_look_says(square, share, pose):
+    """The light of 64 LEDs, in pixels of an LED's own brightness; a smaller LED sends no less."""
+    pitch_px = 0.06 * LINEAR.focal_length_px / 10
+    sums = {}
+    for fill in (0.25, 0.5, 0.9):
+        frames = shot({"led_look": BARE | {"fill": fill, "square": square}} | pose)
+        sums[fill] = float((frames.grey[0, 0] - 102).sum())
+    own = 102 * 900 / (5000 * 0.18 / math.pi)
+    assert sums[0.5] == pytest.approx(64 * share * (0.5 * pitch_px) ** 2 * own, rel=1e-6)
+    assert sums[0.25] == pytest.approx(sums[0.5], rel=1e-6)
+    assert sums[0.9] == pytest.approx(sums[0.5] * (0.9 / 0.5) ** 2, rel=1e-6)
+
+
+def test_rows_in_turn_give_what_an_exposure_catches_of_their_pulses():
+    """Against a pulse train sampled 4000 times in the exposure, whose phase the first rows tell."""
+    camera = Camera(exposure_time_s=1 / 1500)
+    (effect,) = build_effects({"multiplexing": {"groups": 4, "refresh_hz": 900}})
+    scene = Scene.of(40, distance_m=40.0)
+    value = torch.ones(40, 8, 8, dtype=torch.float64)
+    rows = effect(value, Context(scene, camera, keys(40)))[:, :, 0].numpy()
+    time = (np.arange(4000) + 0.5) / 4000 * 900 / 1500
+    phases = (np.arange(200) + 0.5)[:, None] / 200
+    lit = np.stack([(((phases + time) % 1) // 0.25 == group).mean(axis=1) * 4 for group in range(4)], axis=1)
+    nearest = np.abs(rows[:, None, :4] - lit).max(axis=2).min(axis=1)
+    assert nearest.max() < 0.04
+    assert np.array_equal(rows[:, :4], rows[:, 4:])
+    assert rows.sum(axis=1) == pytest.approx(np.full(40, 8.0))
+    assert rows.std() > 0.3
+
+
+def test_without_a_panel_the_street_is_the_same():
+    """All but the panel's surroundings is alike, and the truth says that there is none."""
+    street = {"scenery": {}, "clutter": {"things": 12}, "led_look": {}, "housing": {"cables": 0}}
+    scene = Scene.of(3, distance_m=40.0, led_luminance_cd_m2=30_000.0)
+    there, gone = (shot(street | more, scene=scene).grey for more in ({}, {"panel_absent": {}}))
+    changed = (there - gone).abs().amax((0, 1)) > 1e-9
+    rows, columns = changed.nonzero().T
+    assert 4 < int(rows.max() - rows.min()) < 80
+    assert 4 < int(columns.max() - columns.min()) < 80
+    simulator = Simulator(effects={"panel_absent": {"share": 0.5}}, camera=LINEAR)
+    panels = simulator.true_panels(Scene.of(40), keys(40))
+    assert 5 < int(panels.found.sum()) < 35
+    assert not bool(panels.corners_px[~panels.found].any())
+    frames = shot({"panel_absent": {"share": 0.5}}, scene=Scene.of(40))
+    assert torch.equal(frames.grey.amax((1, 2, 3)) > 103, panels.found)
+
+
+def pictures(folder, **named):
+    folder.mkdir()
+    for name, grey in named.items():
+        Image.fromarray(np.array(grey, dtype=np.uint8)).save(folder / f"{name}.png")
+    return str(folder)
+
+
+def test_a_photograph_stands_behind_in_the_light_that_it_shows(tmp_path):
+    """Two greys with gamma 2.2 undone; one of the folder a frame, and the mean is the level."""
+    halves = np.full((60, 90), 64)
+    halves[:, 45:] = 192
+    folder = pictures(tmp_path / "own", a=halves, b=np.full((400, 600), 50))
+    scene = Scene.of(12)
+    grey = shot({"backdrop": {"folder": folder, "level": 0.5}, "panel_absent": {}}, scene=scene).grey[:, 0]
+    plain = grey.amax((1, 2)) - grey.amin((1, 2)) < 1e-3
+    assert 0 < int(plain.sum()) < 12
+    assert grey[plain].numpy() == pytest.approx(51, rel=1e-5)
+    low, high = grey[~plain].amin((1, 2)), grey[~plain].amax((1, 2))
+    assert (high / low).numpy() == pytest.approx(3**2.2, rel=1e-5)
+    assert ((low + high) / 2).numpy() == pytest.approx(51, rel=1e-5)
+    assert len({round(float(one.mean()), 3) for one in grey[~plain]}) > 1  # crops of their own
+
+
+def test_folders_without_pictures_are_refused(tmp_path):
+    empty, broken = tmp_path / "empty", tmp_path / "broken"
+    empty.mkdir()
+    broken.mkdir()
+    (broken / "a.png").write_text("no picture")
+    for folder, rule in ((empty, "a picture that can be read"), (broken, "a picture that can be read")):
+        with pytest.raises(VoccError, match=rule):
+            build_effects({"backdrop": {"folder": str(folder)}})
+    with pytest.raises(VoccError, match=r"folder is 'nowhere/street': it must be a folder"):
+        build_effects({"backdrop": {"folder": "nowhere/street"}})
+    assert build_effects({"backdrop": {"folder": "skimage/data"}})
+
+
+def test_windows_of_photographs_and_leaves_are_parts_of_the_whole():
+    camera = Camera(width_px=640, height_px=360, sensor_width_mm=13.2 / 3)
+    scene = Scene.of(2, distance_m=60.0, offset_x_m=1.0)
+    behind = {"backdrop": {"folder": "matplotlib/mpl-data/sample_data"}, "leaves": {"count": 60}}
+    whole, window = (shot(behind, scene=scene, panel_only=only, camera=camera) for only in (False, True))
+    height, width = window.grey.shape[-2:]
+    assert height < 200
+    for i, (x, y) in enumerate(window.origin_px.tolist()):
+        part = whole.grey[i, 0, y : y + height, x : x + width]
+        assert torch.equal(part, window.grey[i, 0])
+    assert float(whole.grey.std()) > 10
+
+
+def test_panels_of_another_pitch_stand_in_their_housing():
+    """A rim of half a cell around 4 x 4 LEDs is what the frame shows beyond the board."""
+    panel, scene = LedPanel(led_gap_m=0.09), Scene.of(1, distance_m=30.0)
+    made = {"housing": PLAIN | {"rim": 0.5, "rim_reflectance": 0.9}, "led_look": BARE}
+    simulator = Simulator(LINEAR, panel, made, dtype=torch.float64)
+    frame = simulator.render(scene, torch.zeros(1, 8, 8, dtype=torch.bool), keys=keys(1)).grey[0, 0]
+    bright = float((frame > 1.5 * 102 * 0.3 / 0.18).sum())
+    side_px = 0.12 * LINEAR.focal_length_px / 30
+    assert bright == pytest.approx(side_px**2 * (9**2 - 8**2), rel=0.1)
