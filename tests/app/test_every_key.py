@@ -80,7 +80,7 @@ SECTIONS = {
         **{"reference": "flda_2", "points": {"ambient": 2000}, "genie_frames": 1, "scenes": {}},
         **{"scene_frames": 1, "scene_training_frames": 2, "experiments": {"ambient": DIM, "distance": FAR}},
     },
-    "decode": {"channel": "max", "annotate": False, "scale": 2},
+    "decode": {"channel": "max", "annotate": False, "scale": 2, "follow": "true"},
     "export": {"points": "test", "frames": 64, "shard_frames": 64},
 }
 OTHER = {
