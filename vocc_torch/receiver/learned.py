@@ -18,6 +18,8 @@ from vocc_torch.receiver.learned_nets import (
     PITCH_PX,
     CornerNet,
     Finder,
+    Judge,
+    cell_looks,
     corner_frames,
     corner_patches,
     places_px,
@@ -32,30 +34,32 @@ SHIPPED = "learned_locator.json"
 
 _KIND = "learned_locator"
 # Places that are looked at closely, and steps of their corners at least.
-_PLACES, _STEPS = 6, 3
+_PLACES, _STEPS = 10, 3
 # A pitch that the finder says is off by at most this factor, as a logarithm; places nearer than this share of
 # the panel's diagonal are one.
 _MOST_LOG, _APART = 0.6, 0.25
-# A lattice is kept that explains this share of the picture, and whose corners moved by less than this, cells.
-_LEAST_SHARE, _FARTHEST_CELLS, _BLUR, _MOST_LEDS = 0.9, 0.6, 0.26, 16
+# A lattice is kept that explains the first share of the picture, and none is looked for beyond the second;
+# cells that corners may move by, from a first start and from a search.
+_LEAST_SHARE, _GOOD_SHARE, _NEAR_CELLS, _FAR_CELLS, _BLUR, _MOST_LEDS = 0.75, 0.96, 0.8, 1.0, 0.3, 16
 _PARTS_PER_PX = 1024.0
 
 
 class Nets(NamedTuple):
-    """Both networks of a file."""
+    """The networks of a file."""
 
     finder: Finder
     corners: CornerNet
+    judge: Judge
 
 
-def save_weights(path: Path, finder: Finder, corners: CornerNet) -> None:
-    """Write both networks' weights, in the format of receivers: text, a checksum, and no code.
+def save_weights(path: Path, nets: Nets) -> None:
+    """Write the networks' weights, in the format of receivers: text, a checksum, and no code.
 
     Raises:
         VoccError: the file cannot be written.
     """
-    state = {f"finder.{name}": value for name, value in finder.state_dict().items()}
-    state |= {f"corners.{name}": value for name, value in corners.state_dict().items()}
+    parts = zip(Nets._fields, nets, strict=True)
+    state = {f"{name}.{key}": value for name, net in parts for key, value in net.state_dict().items()}
     write_model(path, {"kind": _KIND}, state)
 
 
@@ -68,7 +72,7 @@ def load_weights(path: Path, device: torch.device) -> Nets:
     """
     settings, state = read_model(path)
     with torch.inference_mode(False):
-        nets = Nets(Finder(), CornerNet())
+        nets = Nets(Finder(), CornerNet(), Judge())
         try:
             if settings["kind"] != _KIND or not all(bool(one.isfinite().all()) for one in state.values()):
                 raise ValueError
@@ -132,10 +136,11 @@ class LearnedLocator:
             nets = self.nets(device)
             # Frame by frame: what is found must not depend on how many are computed together.
             for i in range(len(exact) if exact.grey.numel() else 0):
-                quads, merit = sighted(nets, exact.grey[i : i + 1], shape)
+                quads, looks = sighted(nets, exact[i : i + 1], shape)
+                merit, order = nets.judge(looks).double().sigmoid().sort(descending=True, stable=True)
                 candidates[i] = (merit >= self.min_score).sum()
                 if len(merit) and float(merit[0]) >= self.min_score:
-                    corners[i], score[i] = quads[0] + exact.origin_px[i], merit[0]
+                    corners[i], score[i] = quads[order[0]], merit[0]
             found = score > 0
             rows = found.nonzero()[:, 0]
             if len(rows) and max(shape.rows, shape.columns) <= _MOST_LEDS:
@@ -212,13 +217,13 @@ def corner_step(
     return moves, judged[..., 2]
 
 
-def sighted(nets: Nets, grey: Tensor, shape: PanelShape, places: int = _PLACES) -> tuple[Tensor, Tensor]:
-    """Give the panels that one picture (1,1,H,W) may show, the likeliest first, and their scores.
+def sighted(nets: Nets, frame: Frames, shape: PanelShape, places: int = _PLACES) -> tuple[Tensor, Tensor]:
+    """Give the panels that one frame may show, and what speaks for each.
 
     Returns:
-        (n,4,2) float64 corners, px of the picture; (n,) float64 scores, 0 to 1.
+        (n,4,2) float64 corners on the sensor; (n,8) what :class:`Judge` weighs.
     """
-    scales = pyramid(grey)
+    scales = pyramid(frame.grey)
     quads, logit, _ = found_places(nets.finder, scales, shape, places)
     steps = zooms(shape)
     sign = quads.new_tensor([1.0, -1.0, 1.0, -1.0]).view(1, 4, 1)
@@ -228,20 +233,37 @@ def sighted(nets: Nets, grey: Tensor, shape: PanelShape, places: int = _PLACES) 
             moves = moves - sign * (moves * sign).mean(1, keepdim=True)
         quads = quads + moves
     _, sure = corner_step(nets, scales, quads, shape, 1)
-    score = (sure.mean(1) + logit / 2).to(torch.float64).sigmoid()
-    order = score.argsort(descending=True, stable=True)
-    return quads[order].to(torch.float64), score[order]
+    corners = quads.to(torch.float64) + frame.origin_px
+    same = frame[torch.zeros(len(corners), dtype=torch.int64, device=corners.device)]
+    looks = cell_looks(lattice_model.read_patches(same, corners, shape, lattice_model.MARGIN), shape)
+    return corners, torch.cat([torch.stack([logit, sure.mean(1), sure.amin(1)], 1), looks], 1)
 
 
 def fitted(frames: Frames, corners_px: Tensor, shape: PanelShape) -> Tensor:
-    """Fit lattices from good corners (B,4,2), and keep those that explain the picture and stay near."""
-    around = lattice_model.read_patches(frames, corners_px, shape, lattice_model.MARGIN)
+    """Fit lattices from good corners (B,4,2), and keep those that explain the picture and stay near.
+
+    They begin at the corners; where that explains too little, with the panel's own dark cells for background
+    and where a search over pitch and place leads.
+    """
+    patches = lattice_model.read_patches(frames, corners_px, shape, lattice_model.MARGIN)
     side = lattice_model.SAMPLES
-    around[:, side:-side, side:-side] = torch.nan
-    background = around.flatten(1).nanmedian(1).values.to(torch.float64)
-    blur = torch.full_like(background, _BLUR)
-    lattice = lattice_fit.fit_lattice(frames, lattice_model.Lattice.at(corners_px, blur, background, shape))
-    cell = torch.maximum(*rectification.cell_size_px(corners_px, shape))
-    moved = (lattice.corners_px - corners_px).norm(dim=2).amax(1) / cell.clamp(min=1e-6)
-    good = (lattice.share >= _LEAST_SHARE) & (moved <= _FARTHEST_CELLS)
-    return torch.where(good[:, None, None], lattice.corners_px, corners_px)
+    dark = patches[:, side:-side, side:-side].flatten(1).quantile(0.1, dim=1).to(torch.float64)
+    patches[:, side:-side, side:-side] = torch.nan
+    ring = patches.flatten(1).nanmedian(1).values.to(torch.float64)
+    cell = torch.maximum(*rectification.cell_size_px(corners_px, shape)).clamp(min=1e-6)
+    best, share = corners_px.clone(), torch.full_like(ring, _LEAST_SHARE)
+    for number, (level, farthest) in enumerate(
+        ((ring, _NEAR_CELLS), (dark, _NEAR_CELLS), (ring, _FAR_CELLS))
+    ):
+        rows = (share < _GOOD_SHARE).nonzero()[:, 0]
+        if not len(rows):
+            break
+        start, blur = corners_px[rows], torch.full_like(ring[rows], _BLUR)
+        if number == 2:
+            start, blur = lattice_model.search_lattice(frames[rows], start, level[rows], shape)
+        begun = lattice_model.Lattice.at(start, blur, level[rows], shape)
+        lattice = lattice_fit.fit_lattice(frames[rows], begun)
+        moved = (lattice.corners_px - corners_px[rows]).norm(dim=2).amax(1) / cell[rows]
+        better = (lattice.share > share[rows]) & (moved <= farthest)
+        best[rows[better]], share[rows[better]] = lattice.corners_px[better], lattice.share[better]
+    return best
