@@ -7,7 +7,14 @@ import torch
 
 from vocc_torch.errors import VoccError
 from vocc_torch.receiver.learned import SHIPPED, LearnedLocator, save_weights
-from vocc_torch.receiver.learned_nets import CornerNet, Finder, corner_frames, corner_patches, places_px, pyramid
+from vocc_torch.receiver.learned_nets import (
+    CornerNet,
+    Finder,
+    corner_frames,
+    corner_patches,
+    places_px,
+    pyramid,
+)
 from vocc_torch.receiver.locators import locator_from, locator_named, locator_settings
 from vocc_torch.receiver.location import PaperLocator
 from vocc_torch.rng import BlockKey, FrameKey
@@ -25,8 +32,14 @@ def noisy():
     draw, count = np.random.default_rng(3), 8
     given = {"distance_m": np.linspace(30, 65, count), "offset_x_m": draw.uniform(-1, 1, count)}
     scene = Scene.of(count, ambient_lx=4000.0)
-    parts = [torch.from_numpy(given[n]) if n in given else getattr(scene, n) for n in scene.__dataclass_fields__]
-    noise = {"photoelectrons": {"quantum_efficiency": 0.6}, "shot_noise": {}, "read_noise": {"electrons": 3.0}}
+    parts = [
+        torch.from_numpy(given[n]) if n in given else getattr(scene, n) for n in scene.__dataclass_fields__
+    ]
+    noise = {
+        "photoelectrons": {"quantum_efficiency": 0.6},
+        "shot_noise": {},
+        "read_noise": {"electrons": 3.0},
+    }
     simulator = Simulator(SMALL, effects={**PAPER_EFFECTS, **noise, "gain": {}}, framing="full")
     keys = [FrameKey(BlockKey(0, "learned", 0), i) for i in range(count)]
     bits = torch.from_numpy(draw.random((count, 8, 8)) < 0.5)

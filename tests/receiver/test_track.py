@@ -25,7 +25,9 @@ def approach():
     shake = draw.normal(0, 1.5, (2, FRAMES)).cumsum(1) * distance / CAMERA.focal_length_px
     scene = Scene.of(FRAMES)
     place = {"distance_m": distance, "offset_x_m": 0.3 + shake[0], "offset_y_m": shake[1]}
-    scene = Scene(*(torch.from_numpy(place[n]) if n in place else getattr(scene, n) for n in scene.__dataclass_fields__))
+    scene = Scene(
+        *(torch.from_numpy(place[n]) if n in place else getattr(scene, n) for n in scene.__dataclass_fields__)
+    )
     simulator = Simulator(CAMERA, effects={**PAPER_EFFECTS, **NOISE, "gain": {}}, framing="full")
     keys = [FrameKey(BlockKey(0, "approach", 0), i) for i in range(FRAMES)]
     bits = torch.from_numpy(draw.random((FRAMES, 8, 8)) < 0.5)
@@ -85,7 +87,10 @@ def test_a_second_panel_is_seen_at_the_next_full_search(approach):
     class Two(Told):
         def sightings(self, frames, shape):
             known = [self.corners[self.frame]] + [second[self.frame]] * (self.frame >= 8)
-            return SimpleNamespace(corners_px=torch.from_numpy(np.stack(known)), score=torch.ones(len(known)))
+            sure = torch.ones(len(known))
+            return SimpleNamespace(
+                corners_px=torch.from_numpy(np.stack(known)), score=sure, false_alarms=sure * 1e-4
+            )
 
     locator = Two(corners)
     tracker, seen = Tracker(locator, SHAPE, every=6), []

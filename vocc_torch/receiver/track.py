@@ -29,6 +29,8 @@ _STEPS, _MOST_CELLS, _BLURS = 3, 0.35, (0.2, 0.4)
 _LEAST_SHARE = 0.6
 # A panel that a full search claims is begun with where a lattice explains this share; of noise it does not.
 _LEAST_TO_BEGIN = 0.5
+# A sighting begins a track where no more false alarms a frame are expected.
+_MOST_FALSE_ALARMS = 1e-3
 # A panel that so many full searches pass over for others is none.
 _MOST_DOUBTS = 2
 # Below this share of it neighbouring lattices are tried, this often.
@@ -305,9 +307,9 @@ class Tracker:
         frames = Frames.whole(torch.from_numpy(plane))
         sightings = getattr(self.locator, "sightings", None)
         found = self.locator(frames, self.shape) if sightings is None else sightings(frames, self.shape)
-        kept = found.found.tolist() if isinstance(found, Panels) else [True] * len(found.score)
+        kept = found.found if isinstance(found, Panels) else found.false_alarms <= _MOST_FALSE_ALARMS
         for corners, score, good in zip(
-            found.corners_px.cpu().numpy(), found.score.tolist(), kept, strict=True
+            found.corners_px.cpu().numpy(), found.score.tolist(), kept.tolist(), strict=True
         ):
             cell = min(float(one) for one in cell_size_px(torch.from_numpy(corners)[None], self.shape))
             if good and cell >= 1:
