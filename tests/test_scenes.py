@@ -15,9 +15,12 @@ from vocc_torch.measure.build import build_plan
 from vocc_torch.measure.link import Link, block_keys
 from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.simulation.effects import PHYSICAL_ORDER
+from vocc_torch.studies.curve import strangers
 from vocc_torch.types import PanelShape
 
 SCENES = sorted(path.stem for path in (Path(__file__).parents[1] / "conf" / "scene").glob("*.yaml"))
+BUSY = [one for one in SCENES if one.startswith("street")]
+"""Scenes whose frames take long: default runs look at some of them only."""
 KEYS = [FrameKey(BlockKey(0, "scenes", 0), frame) for frame in range(3)]
 
 
@@ -53,7 +56,13 @@ def alarm(method):
     return touched
 
 
-@pytest.mark.parametrize("scene", SCENES)
+def some(*kept):
+    """All scenes, the busy ones but for some as slow tests."""
+    slow = pytest.mark.slow
+    return [pytest.param(one, marks=slow if one in BUSY and one not in kept else ()) for one in SCENES]
+
+
+@pytest.mark.parametrize("scene", some())
 def test_a_scene_touches_only_the_effects_that_it_names(scene, monkeypatch):
     """With every method of every unnamed effect made to raise, the whole link still runs."""
     plan = plan_of(f"scene={scene}")
@@ -76,7 +85,7 @@ def test_a_scene_touches_only_the_effects_that_it_names(scene, monkeypatch):
         spare()
 
 
-@pytest.mark.parametrize("scene", SCENES)
+@pytest.mark.parametrize("scene", some("street"))
 def test_a_window_has_the_whole_frames_pixels(scene):
     """In the panel's cells and a cell about them; a blur that meets a border differs at the very edge."""
     plan = plan_of(f"scene={scene}")
@@ -131,9 +140,8 @@ def test_an_own_scene_is_a_yaml_of_ten_lines(app, tmp_path):
     assert written["scene"]["effects"]["pose"] == {"yaw_deg": ["uniform", -10, 10]}
 
 
-def test_a_test_beyond_the_scene_is_said(app):
-    small = ("budget.frames=64", "budget.training_frames=64", "tensorboard=false", "receiver.locator=truth")
-    ran = app("scene=night", "experiment.values=[4000]", "name=a", *small)
-    assert "note: this tests ambient_lx from 4000 to 4000, and the receiver trains on 1 to 50" in ran.out
-    ran = app("scene=night", "experiment=scenes", "experiment.values=[40]", "name=b", *small)
-    assert "note:" not in ran.out
+def test_a_test_beyond_the_scene_is_said():
+    (said, *_) = strangers(plan_of("scene=night", "experiment.values=[4000]"))
+    wanted = "note: this tests ambient_lx from 4000 to 4000, and the receiver trains on 1 to 50;"
+    assert said.startswith(wanted)
+    assert strangers(plan_of("scene=night", "experiment=scenes", "experiment.values=[40]")) == []

@@ -23,6 +23,13 @@ TARGET = "_target_"
 """The key that names a class or function."""
 
 
+PREFIX = "vocc_torch_file_"
+"""What the names of modules begin with that are files of the user's."""
+
+EXPECTED: dict[str, str] = {}
+"""In a worker: what :func:`files_read` gave in the process that began it."""
+
+
 @dataclass(frozen=True, slots=True)
 class ModuleFile:
     """A file of Python, read once in each process.
@@ -70,15 +77,17 @@ class ModuleFile:
     @property
     def module_name(self) -> str:
         """The name of the module that it is read as."""
-        return f"vocc_torch_file_{Path(self.path).stem}_{self.digest}"
+        return f"{PREFIX}{Path(self.path).stem}_{self.digest}"
 
     def module(self) -> object:
         """Run the file as a module; what it raises is told in one line.
 
         Raises:
-            VoccError: the file cannot be read or run.
+            VoccError: the file cannot be read or run, or a worker meets another text than its run began with.
         """
         name = self.module_name
+        if not name.endswith(EXPECTED.get(str(Path(self.path).absolute()), "")):
+            raise VoccError(f"file {self.path} has changed since this run began: begin it again")
         if name in sys.modules:
             return sys.modules[name]
         spec = importlib.util.spec_from_file_location(name, self.path)
@@ -105,6 +114,12 @@ class ModuleFile:
         if found is None:
             raise VoccError(f"file {self.path} has no {name}")
         return found
+
+
+def files_read() -> dict[str, str]:
+    """Tell each file that this process has run, by its whole path, from others: its last digest."""
+    read = [one for name, one in sys.modules.items() if name.startswith(PREFIX)]
+    return {str(Path(str(one.__file__)).absolute()): one.__name__.rpartition("_")[2] for one in read}
 
 
 def one_line(error: BaseException) -> str:

@@ -11,11 +11,13 @@ from composing import composed
 from PIL import Image
 from skimage import data
 
+from vocc_torch import Scene, Simulator, train
 from vocc_torch.app.cli import run_task
 from vocc_torch.errors import VoccError
+from vocc_torch.hardware import Camera
 from vocc_torch.receiver.locators import RefinedLocator
 from vocc_torch.receiver.receiver import Receiver
-from vocc_torch.studies.decode.run import DOUBTFUL_SCORE
+from vocc_torch.studies.decode.run import DOUBTFUL_SCORE, LEAST_PARTED, parted
 
 
 @pytest.fixture(scope="module")
@@ -101,6 +103,24 @@ def test_what_is_no_panel_is_called_doubtful(decode, model, tmp_path, capsys):
     low, *high = (float(row["panel_score"]) for row in rows)
     assert low < DOUBTFUL_SCORE < min(high)
     assert "may be no panel" in capsys.readouterr().out
+
+
+def test_leds_that_look_alike_are_told(decode, model, tmp_path, capsys):
+    """All On, and beside it random bits; the receiver that is recommended splits what is alike."""
+    scene = Scene.of(frames=3, ambient_lx=2000, led_luminance_cd_m2=3000, distance_m=40)
+    bits = torch.rand(3, 8, 8, generator=torch.Generator().manual_seed(1)) < 0.5
+    bits[1], bits[2] = True, False
+    camera = Camera(width_px=480, height_px=272, sensor_width_mm=3.3)
+    seen = Simulator(camera, framing="full").render(scene, bits)
+    (tmp_path / "pictures").mkdir()
+    for number, grey in enumerate(seen.grey[:, 0].numpy()):
+        Image.fromarray(grey).save(tmp_path / "pictures" / f"{number}.png")
+    with pytest.warns(UserWarning, match="LEDs look alike in 2 of 3 frames"):
+        decode(tmp_path / "pictures", f"model={model}")
+    split = train("paper", classifier="tag_planes", frames=2)
+    read = split(seen, Simulator(camera).true_panels(scene))
+    assert (parted(read.scores, read.bits) < LEAST_PARTED).tolist() == [False, True, True]
+    assert (read.bits[1:] != bits[1:]).float().mean() > 0.2
 
 
 def test_one_bad_picture_is_named_and_the_others_are_kept(decode, model, photo, photo_bits, tmp_path):

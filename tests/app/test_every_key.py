@@ -74,7 +74,7 @@ SECTIONS = {
         **{"locators": ["truth"], "samples_per_led": [16], "gradients": ["central"], "dtypes": ["float64"]},
         **{"varied": ["flda_2"], "combine": "all", "batch_sizes": [2], "frames": ["crops"], "repeats": 1},
         **{"threads": 2, "frames_a_preamble": 2, "genie_frames": 1, "scenes": {"far": {"distance_m": 70}}},
-        "devices": ["cpu", "cuda"],
+        **{"devices": ["cpu", "cuda"], "onnx": True},
     },
     "rivals": {
         **{"reference": "flda_2", "points": {"ambient": 2000}, "genie_frames": 1, "scenes": {}},
@@ -117,16 +117,24 @@ LATER = {
 }
 """Keys that act after a study is built, and the test that sees them act."""
 
-FROM_OTHERS = {"tradeoff": ("receiver.locator", "receiver.samples_per_led", "receiver.gradient", "device")}
-"""Keys that reach a task's own section as interpolations, which Hydra resolves."""
+FROM_OTHERS = {
+    "tradeoff": {
+        **{"receiver.locator": "locators", "receiver.samples_per_led": "samples_per_led"},
+        **{"receiver.gradient": "gradients", "device": "devices"},
+    }
+}
+"""Keys that reach a task's own section as interpolations, which Hydra resolves, and where."""
 
 
 def of(task):
-    """A task's settings; of the effects some alone, because a study builds each."""
+    """A task's settings; of effects, scenes and classifiers some alone, because a study builds each."""
     settings = composed(f"task={task}")
     own = settings.effects
-    for part in (own.parts, own.severity):
-        for name in set(part) - {"defocus"}:
+    rivals, figures = settings.rivals, settings.figures
+    kept = {"defocus", "night", "ambient", "distance", "dimming", "lmmse"}
+    several = (own.parts, own.severity, rivals.scenes, figures.experiments, settings.classifiers)
+    for part in several[: None if task in ("classifiers", "tradeoff") else -1]:
+        for name in set(part) - kept:
             del part[name]
     return settings
 
@@ -193,6 +201,8 @@ def test_every_key_is_refused_by_its_name_or_has_an_effect(task):
     place = import_module(f"vocc_torch.studies.{module}")
     source = inspect.getsource(getattr(place, run) if module == "curve" else place)  # which is of two tasks
     usual, silent, refused = spent(base), [], []
+    brought = FROM_OTHERS.get(task, {})
+    others = composed(f"task={task}", *(f"{key}={OTHER[key]}" for key in brought)) if brought else None
     for key, value in (OTHER | ({"receiver.locator": "paper"} if task == "decode" else {})).items():
         settings, alone, word = base, usual, f"{key}={value}"
         for name, also in ALSO.get(key, {}).items():
@@ -203,8 +213,9 @@ def test_every_key_is_refused_by_its_name_or_has_an_effect(task):
             if key in LATER and (key != "scene.name" or task == "test"):  # the study reads it, or its section
                 done = any(f"{of}.{key.rpartition('.')[2]}" in source for of in ("settings", "config"))
                 done = done or key in ("name", "scene.name")
-            elif key in FROM_OTHERS.get(task, ()):
-                done = spent(composed(f"task={task}", word)) != usual
+            elif key in brought:
+                own = [getattr(one.tradeoff, brought[key]) for one in (base, others)]
+                done = own[0][0] != own[1][0] and own[1][0] == value
             else:
                 done = spent(changed(settings, key, value)) != alone
         except VoccError as error:

@@ -262,6 +262,12 @@ def not_a_number(frames, shape):
 def no_tensor(frames, shape):
     return Panels(corners(frames), [True] * len(frames), torch.ones(len(frames)), torch.ones(len(frames)))
 
+def point(frames, shape):
+    return Panels.known(corners(frames) + 3)
+
+def mirrored(frames, shape):
+    return Panels.known(torch.tensor([[8.0, 0], [0, 0], [0, 8], [8, 8]]).expand(len(frames), 4, 2))
+
 def grey(patches, shape):
     return patches
 
@@ -285,6 +291,8 @@ BROKEN_PARTS = [
     ),
     ("locator", "not_a_number", "locator not_a_number gave corners_px of (64, 4, 2): it must be a finite"),
     ("locator", "no_tensor", "locator no_tensor gave found of list: it must be a finite tensor of (64,)"),
+    ("locator", "point", "locator point gave corners that enclose nothing: they must be clockwise"),
+    ("locator", "mirrored", "locator mirrored gave corners that enclose nothing"),
     ("locator", "Asks", "receiver.locator: "),
     ("locator", "NUMBER", "NUMBER is neither a class nor a function"),
     ("locator", "Missing", "has no Missing"),

@@ -1,17 +1,24 @@
 """Classifiers that plug in through the command line, with classes of others and of the user."""
 
 import csv
+import pickle
 import random
 import re
+import sys
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
-from composing import study_of
+from composing import composed, study_of
 from PIL import Image
 
-from vocc_torch import Receiver, Scene, Simulator
+from vocc_torch import Receiver, Scene, Simulator, plugins
+from vocc_torch.app.cli import run_task
+from vocc_torch.errors import VoccError
+from vocc_torch.measure import workers
+from vocc_torch.measure.train import train
 from vocc_torch.show import plots
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -38,26 +45,33 @@ def own(path, target):
     return ("classifier=own", f"classifiers.own.file={path}", f"classifiers.own.build._target_={target}")
 
 
-def test_a_torch_module_in_a_file_of_the_users_own(app, tmp_path):
-    patch = "+classifiers.own.inputs.patch={cells: 3, samples: 1}"
-    training = "+classifiers.own.training={frames: 192, epochs: 12}"
-    ran = app(*TINY, *own(EXAMPLES / "attention_net.py", "NeighbourNet"), patch, training, "name=x")
-    assert ran.status == 0, ran.err
-    assert float(receivers(tmp_path / "runs" / "x")["own"]["ber"]) < 0.1
-
-
-def test_workers_know_a_class_from_a_file(app, tmp_path):
-    """The pickled classifier takes its file along."""
-    ran = app(*TINY, *own(EXAMPLES / "nearest_mean.py", "NearestMean"), "workers=2", "name=x")
-    assert ran.status == 0, ran.err
-    assert float(receivers(tmp_path / "runs" / "x")["own"]["ber"]) < 0.1
-
-
-def test_the_example_of_a_shell_line_runs(app, tmp_path):
+def test_classes_of_others_and_of_the_user_are_measured(app, tmp_path):
+    """A torch module and a class from files, and the estimator that the example of a shell line names."""
     script = (EXAMPLES / "sklearn_on_the_command_line.sh").read_text()
     (words,) = re.findall(r"^vocc-torch (.*) \"\$@\"$", script, flags=re.MULTILINE)
-    assert app(*words.split(), *TINY, "name=x").status == 0
-    assert float(receivers(tmp_path / "runs" / "x")["sklearn"]["ber"]) < 0.05
+    module = own(EXAMPLES / "attention_net.py", "NeighbourNet")[1:]
+    patch = "+classifiers.own.inputs.patch={cells: 3, samples: 1}"
+    training = "+classifiers.own.training={frames: 192, epochs: 12}"
+    mean = f"+classifiers.mean.build._target_={CLASSIFIER}"
+    shell = [word.replace("classifier=sklearn", "classifier=[sklearn,own]") for word in words.split()]
+    ran = app(*TINY, *shell, *module, patch, training, mean, "name=x")
+    assert ran.status == 0, ran.err
+    found = receivers(tmp_path / "runs" / "x")
+    assert {name: float(row["ber"]) < 0.1 for name, row in found.items()} == dict.fromkeys(
+        ("flda_3", "sklearn", "own", "mean"), True
+    )
+    assert float(found["sklearn"]["ber"]) < 0.05
+
+
+def test_workers_know_a_class_from_a_file(monkeypatch):
+    """The pickled classifier takes its file along, which a worker has not read yet."""
+    plan = study_of("task=train", "budget.training_frames=16", *own(FILES[2], "NearestMean"))
+    packed, x = pickle.dumps(train(plan).classifiers["own"]), torch.rand(2, 8, 8, 3)
+    before = pickle.loads(packed).decision_function(x)
+    for name in [one for one in sys.modules if one.startswith("vocc_torch_file_nearest_mean")]:
+        monkeypatch.delitem(sys.modules, name)
+    assert torch.equal(pickle.loads(packed).decision_function(x), before)
+    assert float(before.std()) > 0
 
 
 RANDOM = """
@@ -80,23 +94,22 @@ class Drawn:
 """
 
 
-def test_a_classifier_that_draws_at_random_is_the_same_each_time(app, tmp_path):
+def test_a_classifier_that_draws_at_random_is_the_same_each_time(tmp_path):
     """Whatever it draws from, or a run that is resumed would count errors of two classifiers as one's."""
     (tmp_path / "drawn.py").write_text(RANDOM)
     build = "classifiers.sklearn.build"
     forest = (f"{build}._target_=sklearn.ensemble.RandomForestClassifier", f"+{build}.n_estimators=1")
-    hard = ("experiment.scene.distance_m=70", "budget.training_frames=20", "experiment.values=[1000]")
     chosen = ("classifier=[sklearn,own]", *forest, *own(tmp_path / "drawn.py", "Drawn")[1:])
-    rows = []
-    for name, seed in (("one", 1), ("two", 2)):
+    plan, x, scores = study_of(*TINY, *chosen, "budget.training_frames=20"), torch.rand(2, 8, 8, 3), []
+    for seed in (1, 2):
         random.seed(seed)
         np.random.seed(seed)  # noqa: NPY002
         torch.manual_seed(seed)
-        ran = app(*TINY, *hard, *chosen, f"name={name}")
-        assert ran.status == 0, ran.err
-        rows.append(receivers(tmp_path / "runs" / name))
-    assert rows[0] == rows[1]
-    assert int(rows[0]["sklearn"]["bit_errors"]) > 20
+        learned = train(plan).classifiers
+        scores.append([learned[name].decision_function(x) for name in ("sklearn", "own")])
+    for one, other in zip(*scores, strict=True):
+        assert torch.equal(one, other)
+        assert float(one.std()) > 0
 
 
 # A locator, a feature and a classifier at once
@@ -159,6 +172,23 @@ def test_parts_from_outside_in_a_sweep_resumed_after_a_kill_and_kept(app, comman
     assert read == ["".join(map(str, one.flatten().int().tolist())) for one in bits]
 
 
+def test_a_worker_refuses_a_file_that_changed_since_its_run_began(tmp_path, monkeypatch):
+    """Or one ledger would count the frames of two texts as those of one."""
+    path, given = tmp_path / "mine.py", []
+    path.write_text("ANSWER = 42")
+    assert plugins.ModuleFile(str(path)).named("ANSWER") == 42
+    monkeypatch.setattr(
+        workers.futures, "ProcessPoolExecutor", lambda *_, initargs, **__: given.extend(initargs) or None
+    )
+    with suppress(AttributeError):  # there is no pool
+        workers.Workers(2).submit(len, "")
+    monkeypatch.setattr(plugins, "EXPECTED", given[0])
+    assert plugins.ModuleFile(str(path)).named("ANSWER") == 42
+    path.write_text("ANSWER = 43")
+    with pytest.raises(VoccError, match=r"mine.py has changed since this run began: begin it again"):
+        plugins.ModuleFile(str(path)).named("ANSWER")
+
+
 def test_a_grid_takes_a_classifier_and_a_locator_by_name(app, tmp_path):
     """Its parts are trained apart, and the pictures tell of each locator; so does a price list."""
     plan = study_of("task=tradeoff", f"receiver.locator={LOCATOR}", f"receiver.features=[agr,{FEATURE}]")
@@ -170,16 +200,19 @@ def test_a_grid_takes_a_classifier_and_a_locator_by_name(app, tmp_path):
     assert Receiver.load(tmp_path / "runs" / "x" / "receiver.pt", [str(FILES[0])]).name == "lmmse"
 
 
-def test_the_classifier_that_is_asked_for_is_kept_and_decodes(app, photo, tmp_path):
-    brief = "++classifiers.mlp.training={frames: 64, epochs: 1}"
-    few = "budget.training_frames=64"
-    assert app("task=train", "classifier=mlp", brief, few, "name=mlp").status == 0
-    assert Receiver.load(tmp_path / "runs" / "mlp" / "receiver.pt").name == "mlp"
-    margins = []
-    for name, kept in (("paper", "flda_3"), ("lmmse", "lmmse")):
-        chosen = "receiver=paper" if name == "paper" else "classifier=lmmse"
-        assert app("task=decode", f"input={photo}", chosen, few, f"name={name}").status == 0
-        assert Receiver.load(tmp_path / "runs" / name / "receiver.pt").name == kept
-        with (tmp_path / "runs" / name / "bits.csv").open(newline="") as file:
-            margins += [row["margin"] for row in csv.DictReader(file)]
-    assert margins[0] != margins[1]
+def test_the_classifier_that_is_asked_for_is_kept_and_decodes(photo, tmp_path):
+    brief = "++classifiers.mlp.training={frames: 32, epochs: 1}"
+    few, margins = ("budget.training_frames=32", "name=x"), []
+    kinds = {"mlp": ("task=train", "classifier=mlp", brief)}
+    kinds |= {
+        name: ("task=decode", f"input='{photo}'", name) for name in ("receiver=paper", "classifier=lmmse")
+    }
+    for place, (name, words) in enumerate(kinds.items()):
+        folder = tmp_path / str(place)
+        run_task(composed(*words, *few), folder)
+        wanted = "flda_3" if name == "receiver=paper" else name.rpartition("=")[2]
+        assert Receiver.load(folder / "receiver.pt").name == wanted
+        if words[0] == "task=decode":
+            with (folder / "bits.csv").open(newline="") as file:
+                margins += [row["margin"] for row in csv.DictReader(file)]
+    assert len(set(margins)) == 2

@@ -68,6 +68,7 @@ REFUSED: dict[str, tuple[Callable[[], object], str]] = {
     "receiver's classifier": (lambda: Receiver("flda_3", PaperLocator(), Reader(), 3), "classifier is 3: it"),
     "bank's classifier": (lambda: ReceiverBank(["flda_3"], "flda"), "flda is 'flda'"),
     "load a number": (lambda: Receiver.load(5), "path is 5: it must be of type str or Path"),
+    "save at the root": (lambda: RECEIVER.save("/"), "path is '/': it must be that of a file"),
     "save nowhere": (lambda: RECEIVER.save(None), "path is None: it must be of type str or Path"),
     "render no scene": (lambda: SIMULATOR.render(None, BITS), "scene is None: it must be of type Scene"),
     "render no bits": (lambda: SIMULATOR.render(SCENE, None), "bits is None: it must be a tensor or a NumPy"),

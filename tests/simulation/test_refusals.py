@@ -64,6 +64,7 @@ full_well.electrons is 0: it must be at least 1 and at most 1e+09
 dsnu.electrons is nan: it must be above 0 and at most 100000
 read_noise.electrons is -3: it must be above 0 and at most 100000
 quantization.bits is 17: it must be a whole number, at least 1 and at most 16
+letterbox.bar is 0.6: it must be at least 0 and at most 0.5
 jpeg.quality is 75.5: it must be a whole number, at least 1 and at most 100
 """
 

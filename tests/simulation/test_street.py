@@ -8,6 +8,7 @@ import torch
 from PIL import Image
 
 from vocc_torch.errors import VoccError
+from vocc_torch.measure.plan import Budget, Experiment, Plan, ReceiverPlan, World, identity
 from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.simulation import Camera, LedPanel, Simulator, raster, roadside, sketch
 from vocc_torch.simulation.effects import Context, build_effects
@@ -188,3 +189,31 @@ def test_panels_of_another_pitch_stand_in_their_housing():
     bright = float((frame > 1.5 * 102 * 0.3 / 0.18).sum())
     side_px = 0.12 * LINEAR.focal_length_px / 30
     assert bright == pytest.approx(side_px**2 * (9**2 - 8**2), rel=0.1)
+
+
+def test_a_ledger_belongs_to_the_pictures(tmp_path, monkeypatch):
+    """The same word in the configuration, and other pictures in the folder."""
+    told = []
+    for grey, size in ((50, 20), (50, 40)):
+        place = tmp_path / str(size)
+        place.mkdir()
+        pictures(place / "own", a=np.full((size, size), grey))
+        monkeypatch.chdir(place)
+        world = World(effects={"backdrop": {"folder": "own"}})
+        plan = Plan(world, ReceiverPlan(), Experiment("d", "distance_m", (50.0,)), Budget(64), tmp_path)
+        told.append(identity(plan, ["truth"]))
+    assert told[0]["world"] == told[1]["world"]
+    assert told[0] != told[1]
+
+
+def test_what_a_lens_has_no_image_of_is_left_out():
+    """A wide lens that turns back near its corner, and a vehicle about the panel that reaches beyond."""
+    camera = Camera(focal_length_mm=1.75, sensor_width_mm=2.2, width_px=320, height_px=200, gamma=1.0)
+    wide = {
+        "lens_distortion": {"k1": -0.25},
+        "clutter": {"things": 0, "carried": 1},
+        "housing": {"cables": 9},
+    }
+    scene = Scene.of(4, distance_m=1.5, offset_x_m=0.9, led_luminance_cd_m2=900.0)
+    frames = shot(wide, torch.ones(4, 8, 8, dtype=torch.bool), scene=scene, camera=camera)
+    assert bool(torch.isfinite(frames.grey).all())

@@ -4,6 +4,7 @@ import inspect
 import os
 import re
 from dataclasses import dataclass, field, fields, is_dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any, get_type_hints
 
@@ -146,7 +147,7 @@ NAMES = {
     "multiplexing, panel_absent, background_texture, scenery, backdrop, leaves, clutter, lamps, "
     "second_panel, housing, airlight, occlusion, veiling_glare, motion_blur, defocus, "
     "diffraction, blooming, vignetting, bayer, photoelectrons, prnu, dark_current, hot_pixels, shot_noise, "
-    "full_well, dsnu, row_noise, read_noise, gain, demosaicing, saturation, quantization, jpeg",
+    "full_well, dsnu, row_noise, read_noise, gain, demosaicing, saturation, letterbox, quantization, jpeg",
     "Receivers": "center_greyscale, average_greyscale, flda_agr, flda_gri, flda_ngr, flda_agr_ngr, flda_2, "
     "flda_3",
     "Locators": "truth, paper, refined, learned",
@@ -177,6 +178,7 @@ def described(root: DictConfig, schema: type) -> str:
     return "\n".join([*lines, "", *lists]).replace("$", "$$")
 
 
+@cache
 def keys_of(schema: type, prefix: str = "") -> dict[str, Any]:
     """List every key of a schema, with dots, and its type.
 
@@ -225,8 +227,9 @@ class Composed(AppConfig):
     classifiers: dict[str, Any] = field(default_factory=dict)
 
 
+@cache
 def schema(kind: type[AppConfig] = AppConfig) -> DictConfig:
-    """Make the schema; its sections take values although some are built as frozen dataclasses."""
+    """Make the schema once; its sections take values although some are built as frozen dataclasses."""
     made: DictConfig = OmegaConf.structured(kind)
     for frozen in (made.camera, made.receiver.location):
         OmegaConf.set_readonly(frozen, None)

@@ -17,11 +17,15 @@ from yaml import MarkedYAMLError
 
 from vocc_torch.app.config import NAMES, PARTS, TASKS, AppConfig, keys_of, passes_over, schema
 from vocc_torch.errors import VoccError, section, shown
+from vocc_torch.studies.decode import VIDEO_SUFFIXES
 
 OF_MODEL = ("seed", "precision", "framing", "batch_frames", "scene", "camera", "panel", "receiver", "budget")
 """What a model was made with, as :data:`PARTS`; the panel's rows and columns are given, and must agree."""
 
 GROUPS = ("task", "scene", "camera", "panel", "receiver", "experiment", "budget")
+
+COMPARED = ("every", "rivals")
+"""Options of the group receiver that name receivers to compare."""
 
 ONE_LOCATOR = ("train", "test", "decode", "classifiers")
 """Tasks that find the panel with receiver.locator and no other."""
@@ -77,8 +81,8 @@ def refuse_ignored(settings: AppConfig, words: Sequence[str]) -> None:
 
     Raises:
         VoccError: a setting of the camera that the scene makes itself, effects set to none, several options
-            of one group, which would be mixed, what the task passes over, what a model brings itself, or what
-            the experiment sets in the scene's stead.
+            of one group, which would be mixed, what the task or its input passes over, what a model brings
+            itself, or what the experiment sets in the scene's stead.
 
     Example:
         >>> from vocc_torch.measure.config import Experiment
@@ -105,6 +109,12 @@ def refuse_ignored(settings: AppConfig, words: Sequence[str]) -> None:
         if passes_over(task, place) and (key, value) != ("experiment", task):
             users = ", ".join(one for one in TASKS if not passes_over(one, place))
             raise VoccError(f"{said}: task={task} does not use it, only {users}")
+        if key == "receiver" and value in COMPARED and passes_over(task, "receiver.names"):
+            rule = f"task={task} keeps one, which receiver.save or classifier names"
+            raise VoccError(f"{said}: these are receivers to compare, and {rule}")
+        film = str(settings.input).lower().endswith(VIDEO_SUFFIXES) and task == "decode"
+        if film and key in ("decode.scale", "decode.annotate") and value not in ("1", "false"):
+            raise VoccError(f"{said}: pictures are annotated, and input {settings.input} is a video")
         trains, points = name.startswith("training"), settings.export.points
         chosen = key == "experiment" and experiment.training
         if task == "export" and group == "experiment" and trains != (points == "train") and not chosen:

@@ -5,6 +5,7 @@ import itertools
 import time
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
+from functools import partial
 from typing import Any, Self, TypeAlias
 
 import numpy as np
@@ -29,6 +30,9 @@ _MEASURING = ("read", "rectify", "features")
 """What a frame of known bits goes through."""
 
 median_of = timing.median_of
+
+Graph: TypeAlias = Callable[[torch.Tensor, torch.Tensor], object]
+"""Reads frames at corners."""
 
 
 @dataclass(frozen=True)
@@ -112,12 +116,14 @@ class StageTimings:
         in_one_go: time of a receiver in one go over the sum of its stages, the median over the rounds.
         wall_s: how long it took, s.
         processor_s: how long it had the processor, s.
+        graphs: time a frame in each graph, ms, by its name.
     """
 
     by_receiver: Mapping[str, StageTimes]
     in_one_go: float
     wall_s: float
     processor_s: float
+    graphs: Mapping[str, estimate.Estimate]
 
 
 def time_stages(
@@ -129,6 +135,7 @@ def time_stages(
     *,
     frames_a_preamble: int = 1,
     in_one_go: Sequence[str] = (),
+    graphs: Mapping[str, Graph] | None = None,
 ) -> StageTimings:
     """Time every stage of every receiver on frames that lie one array each in the host's memory.
 
@@ -145,7 +152,9 @@ def time_stages(
         device: where receivers work; they are copied there.
         frames_a_preamble: frames of data that a pair of frames of known bits serves.
         in_one_go: names of receivers that are timed in one go too.
+        graphs: what reads (B,H,W) frames at (B,4,2) true corners in the same rounds, on the CPU, by name.
     """
+    graphs = graphs or {}
     chains = {name: Chain(name, on_device(one, device), device) for name, one in receivers.items()}
     starts = range(0, len(exposure.frames) - batch + 1, batch)
     batches = [prepared(chains.values(), exposure, slice(start, start + batch), device) for start in starts]
@@ -153,6 +162,7 @@ def time_stages(
     turns = [one for pair in zip(batches[-1:] + batches[:-1], batches, strict=True) for one in pair]
     stages = {key: stage for chain in chains.values() for key, stage in chain.stages.values()}
     stages |= {("whole", name): chains[name].whole for name in in_one_go}
+    stages |= {("graph", name): partial(_graphed, graph) for name, graph in graphs.items()}
     calls = {str(key): map(one, itertools.cycle(turns)).__next__ for key, one in stages.items()}
     wall, processor = time.perf_counter(), time.thread_time()
     timed = timing.interleaved(calls, repeats, device, warm_up=1, primed=True)
@@ -167,7 +177,8 @@ def time_stages(
         spent["preambles"] = more * np.sum([spent[stage] for stage in _MEASURING if stage in spent], axis=0)
         rounds = {stage: 1e3 / batch * spent.get(stage, np.zeros(repeats)) for stage in STAGES}
         times[name] = StageTimes({stage: tuple(each.tolist()) for stage, each in rounds.items()})
-    return StageTimings(times, median_of(ratios).value if ratios else 1.0, wall, processor)
+    drawn = {name: median_of(1e3 / batch * seconds["graph", name]) for name in graphs}
+    return StageTimings(times, median_of(ratios).value if ratios else 1.0, wall, processor, drawn)
 
 
 Intermediates: TypeAlias = dict[Hashable, Any]
@@ -219,6 +230,12 @@ def prepared(chains: Iterable[Chain], exposure: Exposure, rows: slice, device: t
             if key not in made:
                 made[key] = stage(made)
     return made
+
+
+def _graphed(graph: Graph, made: Intermediates) -> object:
+    """Let a graph read a batch at its true corners, from the first pixel of each frame on."""
+    frames, panels = made["read",], made["locate", None]
+    return graph(frames.grey[:, 0], panels.corners_px - frames.origin_px[:, None])
 
 
 def _bits(scores: Mapping[str, torch.Tensor]) -> list[torch.Tensor]:

@@ -20,6 +20,7 @@ from typing import NamedTuple, Self, TypeAlias, TypeVar, cast
 
 import torch
 
+from vocc_torch import plugins
 from vocc_torch.errors import VoccError
 from vocc_torch.measure import intervals, timing
 from vocc_torch.measure.config import Budget
@@ -78,7 +79,8 @@ class Workers:
         if self._pool is None:
             # Forking a process in which torch has started threads can hang the child.
             context = multiprocessing.get_context("spawn")
-            self._pool = futures.ProcessPoolExecutor(self.count, context, initializer=_begin)
+            given = (plugins.files_read(),)
+            self._pool = futures.ProcessPoolExecutor(self.count, context, initializer=_begin, initargs=given)
         before = None
         if hasattr(signal, "pthread_sigmask"):  # not on Windows
             # A process begun meanwhile never hears of Ctrl-C, not even while it starts.
@@ -143,8 +145,9 @@ class _Whole:
         return _Whole(call(argument))
 
 
-def _begin() -> None:
-    """Set a worker process up."""
+def _begin(files: dict[str, str]) -> None:
+    """Set a worker process up; ``files`` are the user's, as the run began with them."""
+    plugins.EXPECTED.update(files)
     # One thread each: the processes together use the cores.
     torch.set_num_threads(1)
     timing.settle_memory()

@@ -25,7 +25,8 @@ class Calibration:
     On either side of 0 the share of wrong decisions falls with the score's distance from 0, as isotonic
     regression finds it on panels that the receiver did not learn from. Each step of that holds half an error
     more than was counted, so that every ratio is finite. The last step begins behind the last error that was
-    seen, which states too little where errors come in bursts (docs/receivers.md has measured how much).
+    seen, and so holds none. What it would hold of as many other frames is told by leaving out one at a time:
+    of the frame with the last error, the errors that lie beyond those of all others.
 
     Args:
         off: scores below 0 by their distance from it, and the ratios' sizes, both ascending.
@@ -41,7 +42,7 @@ class Calibration:
         >>> scores = torch.tensor([-2.0, -1.0, -0.5, 0.5, 1.0, 2.0])
         >>> learned = Calibration.of(scores, torch.tensor([0, 0, 1, 0, 1, 1]) == 1)
         >>> learned(torch.tensor([-3.0, 0.0, 0.25, 3.0])).round(decimals=2).tolist()
-        [-1.61, 0.0, 0.0, 1.61]
+        [-0.69, 0.0, 0.0, 0.69]
     """
 
     off: tuple[tuple[float, ...], tuple[float, ...]]
@@ -56,10 +57,11 @@ class Calibration:
 
     @classmethod
     def of(cls, scores: torch.Tensor, bits: torch.Tensor) -> Self:
-        """Learn from scores and the bits that were sent, of any equal shape."""
+        """Learn from scores and the bits that were sent, (B,...) of B frames."""
+        frame = np.arange(len(scores)).repeat(scores[0].numel()) if len(scores) else np.arange(0)
         given, sent = scores.flatten().cpu().double().numpy(), bits.flatten().cpu().numpy()
         on = given >= 0
-        return cls(_learned(-given[~on], sent[~on]), _learned(given[on], ~sent[on]))
+        return cls(_learned(-given[~on], sent[~on], frame[~on]), _learned(given[on], ~sent[on], frame[on]))
 
     @classmethod
     def read(cls, settings: Mapping[str, Sequence[Sequence[float]]]) -> Self:
@@ -94,19 +96,37 @@ def _interpolated(at: torch.Tensor, table: torch.Tensor) -> torch.Tensor:
 
 
 def _learned(
-    distances: NDArray[np.float64], wrong: NDArray[np.bool_]
+    distances: NDArray[np.float64], wrong: NDArray[np.bool_], frame: NDArray[np.int64]
 ) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Give distances from 0, both ends of each step of the regression, and log of right over wrong there."""
     order = np.argsort(distances, kind="stable")
-    distances, wrong = distances[order], wrong[order]
+    distances, wrong, frame = distances[order], wrong[order], frame[order]
     places, sizes = [0.0], [0.0]
     if len(wrong):
-        steps = isotonic_regression(wrong.astype(np.float64), increasing=False).blocks
-        for first, last in itertools.pairwise(steps):
-            errors, count = float(wrong[first:last].sum()) + 0.5, last - first + 1.0
+        ends = isotonic_regression(wrong.astype(np.float64), increasing=False).blocks.tolist()
+        held = [float(wrong[first:last].sum()) + 0.5 for first, last in itertools.pairwise(ends)]
+        held[-1] = max(held[-1], float(beyond_others(frame[wrong])))
+        # Steps that are no longer less often wrong than the one before are one with it.
+        while len(held) > 1 and held[-1] * (ends[-2] - ends[-3]) > held[-2] * (ends[-1] - ends[-2]):
+            held[-2:], ends[-2:] = [held[-2] + held[-1] - 0.5], ends[-1:]
+        for (first, last), errors in zip(itertools.pairwise(ends), held, strict=True):
             places += [float(distances[first]), float(distances[last - 1])]
-            sizes += [max(sizes[-1], float(np.log((count - errors) / errors)))] * 2
+            sizes += [max(sizes[-1], float(np.log(max(last - first + 1.0 - errors, 0.5) / errors)))] * 2
     return tuple(places), tuple(sizes)
+
+
+def beyond_others(frames: NDArray[np.int64]) -> int:
+    """Count the errors at the end of a list that are of one frame.
+
+    Args:
+        frames: of each error its frame, in the order of the errors' distances from 0.
+
+    Example:
+        >>> beyond_others(np.array([3, 1, 2, 2])), beyond_others(np.array([], dtype=int))
+        (2, 0)
+    """
+    others = np.flatnonzero(frames != frames[-1:])
+    return len(frames) - (int(others[-1]) + 1 if len(others) else 0)
 
 
 def calibration_error(ratios: torch.Tensor, bits: torch.Tensor, bins: int = 20) -> float:

@@ -247,7 +247,8 @@ class OutsideLocator:
         """Find panels as :class:`PanelLocator` says.
 
         Raises:
-            VoccError: it fails, or gives anything else than panels, finite and one a frame.
+            VoccError: it fails, or gives anything else than panels, finite and one a frame, or of those that
+                it found corners that are not clockwise about an area.
         """
         name, frames = f"locator {self.plug_in.name}", Frames.of(frames)
         try:
@@ -263,6 +264,11 @@ class OutsideLocator:
             if not isinstance(given, Tensor) or given.shape != size or not holds(given.isfinite()):
                 got = tuple(given.shape) if isinstance(given, Tensor) else type(given).__name__
                 raise VoccError(f"{name} gave {part} of {got}: it must be a finite tensor of {size}")
+        x, y = panels.corners_px.double().unbind(2)
+        doubled = (x * y.roll(-1, 1) - x.roll(-1, 1) * y).sum(dim=1)
+        if not holds((doubled > 0) | ~panels.found.bool()):
+            rule = "clockwise from the top left, or the panel not found"
+            raise VoccError(f"{name} gave corners that enclose nothing: they must be {rule}")
         return Panels(
             *(getattr(panels, part).to(kinds.get(part, torch.float64)) for part in Panels.__slots__)
         )

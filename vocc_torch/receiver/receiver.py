@@ -237,6 +237,8 @@ class Receiver(torch.nn.Module):
             VoccError: no path, a part that cannot be kept, or the file cannot be written.
         """
         demand_kind("path", path, str, Path)
+        if not Path(path).name:
+            raise VoccError.of("path", shown(str(path)), "that of a file")
         settings: Settings = {"name": self.name, "rows": self.shape.rows, "columns": self.shape.columns}
         settings |= {"samples_per_led": self.reader.samples_per_led, "gradient": self.reader.gradient}
         seen = [one.settings for one in self.reader.more if one.name in self.inputs.features]
@@ -289,7 +291,7 @@ class Receiver(torch.nn.Module):
             if not bool(classifier.direction.isfinite().all()):
                 raise VoccError("its statistics are not finite")
             return cls(name, locator, reader, classifier, calibration, trained_on)
-        except (KeyError, TypeError, ValueError, RuntimeError, AttributeError) as error:
+        except (LookupError, TypeError, ValueError, RuntimeError, AttributeError) as error:
             if isinstance(error, VoccError):
                 raise VoccError(f"model {path}: {error}") from None
             reason = str(error).splitlines()[0] if str(error) else type(error).__name__

@@ -7,6 +7,7 @@ and averaged, which leaves the share of each pixel that is covered and the mean 
 
 import functools
 import itertools
+import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 
@@ -24,6 +25,11 @@ TILE_PX = 128
 
 FINENESS = ((15_000, 4), (60_000, 3))
 """Up to so many pixels of a thing, how many times finer each side is drawn; 2 beyond."""
+
+WHOLE = 144
+"""What a covered pixel counts: 2 x 2, 3 x 3 and 4 x 4 of them have whole means."""
+
+WHOLE_OF_WHITE = [0] * 255 + [WHOLE]
 
 LETTERS = np.array(list("ABCDEFGHIJKLMNOPRSTUVWXYZ0123456789"))
 
@@ -125,7 +131,7 @@ def patches(parts: Iterable[Part], place: Callable[[Array], Array], window: Wind
 
     Args:
         parts: polygons (N,V,2) and their luminance (N,), as of a sketch.
-        place: takes points (M,2) on the plane to the sensor, px.
+        place: takes points (M,2) on the plane to the sensor, px; where it gives NaN nothing is drawn.
         window: within the sensor.
 
     Example:
@@ -137,6 +143,8 @@ def patches(parts: Iterable[Part], place: Callable[[Array], Array], window: Wind
     """
     parts = list(parts)
     flat = place(np.concatenate([points.reshape(-1, 2) for points, _ in parts])).clip(-1e6, 1e6)
+    if not np.isfinite(flat).all():
+        return
     low, high = np.floor(flat.min(axis=0)).astype(int), np.ceil(flat.max(axis=0)).astype(int)
     first, last = np.maximum(low, window[:2]), np.minimum(high, window[2:])
     if (first >= last).any():
@@ -150,8 +158,8 @@ def patches(parts: Iterable[Part], place: Callable[[Array], Array], window: Wind
     inwards = np.sign((np.add.reduceat(flat, starts) / sides[:, None]).repeat(sides, axis=0) - flat)
     whole = np.rint(flat * fine - 0.5 + 0.5 * inwards).astype(int)
     luminance = np.concatenate([each for _, each in parts])
-    # The darkest is 255 or more, so that in 8 bits what is covered is white.
-    scale = 255 / float(luminance.min())
+    # The darkest is above 255, so that in 8 bits what is covered is white; a power of two rounds nothing.
+    scale = 2.0 ** math.ceil(math.log2(256 / float(luminance.min())))
     tiles = (range(begin // TILE_PX, -(-end // TILE_PX)) for begin, end in zip(first, last, strict=True))
     for column, row in itertools.product(*tiles):
         begin = np.maximum(low, (column * TILE_PX, row * TILE_PX))
@@ -164,7 +172,8 @@ def patches(parts: Iterable[Part], place: Callable[[Array], Array], window: Wind
         shown = zip(2 * starts[seen], 2 * ends[seen], (luminance[seen] * scale).tolist(), strict=True)
         for start, stop, light in shown:
             pen.polygon(at[start:stop], fill=light)
-        cover = np.asarray(image.convert("L").reduce(fine), dtype=np.float32) / np.float32(255)
+        solid = image.convert("L").point(WHOLE_OF_WHITE).reduce(fine)
+        cover = np.asarray(solid, dtype=np.float32) / np.float32(WHOLE)
         lit = np.asarray(image.reduce(fine), dtype=np.float32) / np.float32(scale)
         yield int(begin[0]), int(begin[1]), cover, lit
 

@@ -179,7 +179,7 @@ def test_another_run_in_the_same_folder_is_refused_in_one_line_and_changes_nothi
         assert why in said
         assert "give another name=" in said
     assert "give another name=" in app("name=x").complaint  # a ledger of another kind
-    assert app(*words_of("export.frames=3", "batch_frames=2", "workers=2")).status == 0
+    assert app(*words_of("export.frames=3", "batch_frames=2")).status == 0
     assert files_in(tmp_path) == before
 
 
@@ -212,7 +212,7 @@ def test_a_corner_outside_the_picture_is_not_labelled_and_a_panel_outside_not_at
 
 def test_the_memory_of_joining_does_not_grow_with_the_frames(app, tmp_path):
     """Of ten times as many shards, a row at a time."""
-    assert app(*words_of("export.frames=16")).status == 0
+    assert app(*words_of("export.frames=4")).status == 0
     (part,) = (tmp_path / "runs/x/frames/train").glob("*/truth.csv")
     peaks = []
     for shards in (8, 80):
@@ -222,7 +222,7 @@ def test_the_memory_of_joining_does_not_grow_with_the_frames(app, tmp_path):
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
     told = json.loads((tmp_path / "coco.json").read_text())
-    assert len(told["annotations"]) == len(rows_of(tmp_path / "truth.csv")) == 80 * 16
+    assert len(told["annotations"]) == len(rows_of(tmp_path / "truth.csv")) == 80 * 4
     assert peaks[1] < 1.2 * peaks[0]
 
 

@@ -11,8 +11,11 @@ from rich.console import Console
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from vocc_torch.measure.counts import Counts
+from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.frame_errors import FrameErrors
 from vocc_torch.measure.genie import GenieReference
+from vocc_torch.show.timing_figure import number_text
+from vocc_torch.studies.tradeoff.prices import Place
 from vocc_torch.studies.tradeoff.report import print_prices, recommendation, write_price_board, write_prices
 
 
@@ -93,6 +96,25 @@ def test_words_name_what_the_data_say(prices):
     ):
         assert plain(part) in said, part
     assert max(map(len, recommendation(prices).splitlines())) <= 110
+
+
+def test_graphs_stand_beside_torch_where_they_were_asked_for(prices, tmp_path):
+    """Of what is as at the first of all lists, at every locator; the others have none."""
+    place = Place("cpu", "crops", 1)
+    graphs, why = {("flda_3", place): Estimate(0.4, 0.3, 0.5)}, "it needs frames of known bits"
+    asked = made_up_prices(graphs=graphs, no_graphs={"average_greyscale": why})
+    assert not {"onnx_ms"} & {*lines(prices, tmp_path)[0]}
+    rows = lines(asked, tmp_path)
+    found = [row for row in rows if row["onnx_ms"]]
+    assert {(row["receiver"], row["frames"], row["batch"]) for row in found} == {("flda_3", "crops", "1")}
+    assert {row["samples_per_led"] for row in found} == {"8"}
+    assert len({row["locator"] for row in found}) == len(found) == 2
+    assert [found[0][f"onnx{end}_ms"] for end in ("", "_low", "_high")] == ["0.4", "0.3", "0.5"]
+    own = sum(float(found[0][f"{stage}_ms"]) for stage in ("rectify", "features", "classify"))
+    said = plain(recommendation(asked))
+    assert f"1 frame at a time: flda_3 0.400 ({number_text(own)})." in said
+    assert f"None: {why}." in said
+    assert "ONNXRUNTIME" not in recommendation(prices)
 
 
 def test_frames_that_cannot_be_cut_are_called_so():

@@ -19,6 +19,7 @@ from vocc_torch.show.terminal import Stopwatch
 from vocc_torch.simulation import Camera, Distribution, SceneModel
 from vocc_torch.studies.tradeoff import TradeoffConfig, run
 from vocc_torch.studies.tradeoff.plan import TradeoffStudy
+from vocc_torch.types import Frames, Panels
 
 HERE = "vocc_torch.receiver.classifiers"
 NAMES = ("center_greyscale", "average_greyscale", "flda_ngr", "flda_2", "flda_3")
@@ -103,6 +104,27 @@ def test_what_is_varied_is_as_it_is_asked_for(make_study):
     more = ((8, "sobel", "float64"), (4, "sobel", "float32"))
     others = [(name, *values) for name in names[1:] for values in more]
     assert found == [*((name, 8, "sobel", "float32") for name in names), *others]
+
+
+def test_a_graph_is_drawn_of_the_very_receiver_and_timed_at_true_corners(make_study, monkeypatch):
+    """What is timed beside a graph decides as the receiver that it is drawn of."""
+    drawn, seen = {}, []
+    monkeypatch.setattr(run.onnx_graph, "write_graph", lambda one, path, *given: drawn.update({path: one}))
+    monkeypatch.setattr(run.onnx_graph, "read_graph", lambda path, _: lambda *given: seen.append(given))
+    names = ("average_greyscale", "flda_ngr", "patch")
+    study = make_study(names, locators=["truth"], batch_sizes=[48], onnx=True)
+    receivers, _ = run.train_receivers(study, Workers(1))
+    times = run.measure_times(study, receivers)
+    assert {*times["no_graphs"]} == {"average_greyscale"}
+    assert {name for name, _ in times["graphs"]} == {path.stem for path in drawn} == {"flda_ngr", "patch"}
+    assert all(0 < one.low <= one.value <= one.high for one in times["graphs"].values())
+    frames, corners = seen[-1]
+    assert (frames.dtype, frames.dim(), corners.shape) == (torch.uint8, 3, (48, 4, 2))
+    of, panels = {setting.receiver: one for setting, one in receivers.items()}, Panels.known(corners)
+    for path, one in drawn.items():
+        (scores,) = of[path.stem](Frames.whole(frames), panels).values()
+        assert torch.equal(one(Frames.whole(frames), panels).scores, scores)
+        assert float(scores.std()) > 0
 
 
 def test_errors_are_those_of_the_sweep(study, trained, counted):

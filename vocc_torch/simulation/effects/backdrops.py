@@ -17,7 +17,7 @@ from vocc_torch.files import PICTURE_FORMATS, PICTURE_SUFFIXES
 from vocc_torch.simulation.effects import street
 from vocc_torch.simulation.effects.base import Backdrop, Context, Effect, Quantity, within
 from vocc_torch.simulation.roadside import spread
-from vocc_torch.simulation.scene import Distribution
+from vocc_torch.simulation.scene import Distribution, as_distributions
 from vocc_torch.simulation.sketch import Array, Sketch
 
 Generator = np.random.Generator
@@ -58,21 +58,24 @@ class Photographs(Backdrop):
 
     def __post_init__(self) -> None:
         """Check the ranges, and that there are pictures."""
-        street.as_distributions(self, "level")
+        as_distributions(self, "level")
         Effect.__post_init__(self)
-        pictures_of(self.folder)
+        pictures_of(self.folder, Path.cwd())
 
     @property
     def digest(self) -> str:
         """What tells these pictures from others: their names and sizes."""
-        told = "".join(f"{path.name}/{size}/" for path, size in pictures_of(self.folder))
+        told = "".join(f"{path.name}/{size}/" for path, size in pictures_of(self.folder, Path.cwd()))
         return hashlib.sha256(told.encode()).hexdigest()
 
     def shade(self, x: Tensor, y: Tensor, context: Context) -> Tensor:
         """Look up each frame's photograph at the sensor's columns and rows, (B,1,H,W)."""
         (height, width), shades = context.camera.sensor_px, []
+        pictures = pictures_of(self.folder, Path.cwd())
         for i, generator in enumerate(context.generators(self.name, of_scene=True)):
-            path, _ = (pictures := pictures_of(self.folder))[int(generator.integers(len(pictures)))]
+            path, _ = (pictures := pictures_of(self.folder, Path.cwd()))[
+                int(generator.integers(len(pictures)))
+            ]
             light = light_of(path, self.gamma, 2 * max(height, width))
             sides = light.shape[0] - 1, light.shape[1] - 1
             scale = min(max(height / sides[0], width / sides[1]), 1.0) * 2 ** generator.random()
@@ -90,13 +93,13 @@ class Photographs(Backdrop):
 
 
 @functools.cache
-def pictures_of(folder: str) -> tuple[tuple[Path, int], ...]:
-    """List the pictures of a folder and their sizes in bytes, in the order of their names.
+def pictures_of(folder: str, here: Path) -> tuple[tuple[Path, int], ...]:
+    """List the pictures of a folder, as seen from here, by name, and their sizes in bytes.
 
     Raises:
         VoccError: no folder, or none with a picture that can be read.
     """
-    key, path = "scene.effects.backdrop.folder", Path(folder)
+    key, path = "scene.effects.backdrop.folder", here / folder
     if not path.is_dir():
         package, _, inside = folder.partition("/")
         spec = importlib.util.find_spec(package) if package.isidentifier() else None
@@ -157,7 +160,7 @@ class Leaves(Effect, on=Quantity.BACKGROUND):
     Args:
         count: shapes a frame, a whole number, 1 to 2000.
         contrast: standard deviation of the logarithm of their luminances, 0 to 3.
-        lamps: share of the shapes that shine, 0 to 1.
+        lamps: share of the smaller shapes that shine, 0 to 1.
         patterned: share of the shapes that carry a pattern, 0 to 1.
 
     Raises:
@@ -194,13 +197,15 @@ class Leaves(Effect, on=Quantity.BACKGROUND):
                 axes = np.array([[math.cos(turn), math.sin(turn)], [-math.sin(turn), math.cos(turn)]])
                 axes = axes * np.array([[1.0], [squeeze]]) * radii[leaf]
                 place = functools.partial(_moved, axes, middles[leaf])
-                street.lay_all(self.leaf(own, plain).parts, place, keep, added, seen.context)
+                street.lay_all(
+                    self.leaf(own, plain, bool(radii[leaf] < 6 * low)).parts, place, keep, added, seen.context
+                )
             planes.append((keep, added))
         return street.laid_before(value, planes)
 
-    def leaf(self, g: Generator, plain: float) -> Sketch:
-        """Draw one shape, about 1 in size."""
-        made, lamp = Sketch(), bool(g.random() < self.lamps)
+    def leaf(self, g: Generator, plain: float, small: bool) -> Sketch:
+        """Draw one shape, about 1 in size; those that shine are small."""
+        made, lamp = Sketch(), bool(g.random() < self.lamps) and small
         shade, ink = (max(plain * math.exp(self.contrast * g.standard_normal()), 1e-6) for _ in range(2))
         shade = spread(g, 300, 1e5) if lamp else shade
         corners = int(g.choice([3, 4, 4, 5, 16]))

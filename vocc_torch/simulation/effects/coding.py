@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+import numpy as np
 import torch
 from kornia.color import CFA, raw_to_rgb, rgb_to_grayscale, ycbcr_to_rgb
 from kornia.enhance import jpeg_codec_differentiable
@@ -11,6 +12,8 @@ from vocc_torch.errors import VoccError
 from vocc_torch.hardware import Camera
 from vocc_torch.simulation.effects.base import Context, Effect, Quantity, within
 from vocc_torch.simulation.effects.sensor import Bayer
+from vocc_torch.simulation.scene import Distribution, as_distributions
+from vocc_torch.simulation.sketch import letters_mask, words_of
 
 PATTERNS = {(0, 0): CFA.BG, (1, 0): CFA.GB, (0, 1): CFA.GR, (1, 1): CFA.RG}
 """Kornia's names of how a frame's pattern begins, by the parity of its origin: red lies at even and even."""
@@ -112,6 +115,70 @@ class Saturation(Effect, on=Quantity.GREY, to=Quantity.BOUNDED_GREY):
 
 
 @dataclass(frozen=True, slots=True)
+class Letterbox(Effect, on=Quantity.BOUNDED_GREY):
+    """What a recorder writes over a picture: black bars above and below, or aside, and a line of lettering.
+
+    Neither lens nor sensor sees it, so its edges are sharp and free of noise. Of the bars' frames half have
+    them aside. Letters are those of a fixed bitmap, a whole number of times enlarged, white or black, near
+    the upper or the lower border. It may cover the panel. A frame and its preambles share it. Sampled: not
+    differentiable in the sizes; what is covered carries no gradient.
+
+    Source: pictures of another shape than the screen's, and the stamps of dashboard cameras.
+
+    Args:
+        bar: of the picture's height, or of its width, a number or a distribution, 0 to 0.5.
+        share: of frames with bars, 0 to 1.
+        lettering: share of frames with lettering, 0 to 1.
+
+    Raises:
+        VoccError: a value outside its range.
+
+    Example:
+        >>> Letterbox(bar=0.1, share=1.0).lettering
+        0.0
+    """
+
+    bar: Distribution | float = within(0, 0.5, default=Distribution("uniform", (0.02, 0.15)))
+    share: float = within(0, 1, default=0.2)
+    lettering: float = within(0, 1, default=0.0)
+    sampled = fills_sensor = True
+
+    def __post_init__(self) -> None:
+        """Make the bar a distribution, and check the ranges."""
+        as_distributions(self, "bar")
+        Effect.__post_init__(self)
+
+    def reach_in_px(self, camera: Camera, nearest_m: float) -> int:
+        """Nothing: each pixel stands for itself."""
+        return 0
+
+    def __call__(self, value: Tensor, context: Context) -> Tensor:
+        """Cover a part of each frame's (B,1,H,W) grey values."""
+        frames, (height, width) = [], context.camera.sensor_px
+        generators = context.generators(self.name, of_scene=True)
+        for plane, generator, (left, top) in zip(value, generators, context.first_px.tolist(), strict=True):
+            written = np.full(plane.shape[1:], np.nan)
+            rows, columns = top + np.arange(plane.shape[1])[:, None], left + np.arange(plane.shape[2])
+            assert isinstance(self.bar, Distribution)
+            bar = float(self.bar.draw(generator, 1)[0]) * (generator.random() < self.share)
+            along, full = ((rows, height), (columns, width))[int(generator.random() < 0.5)]
+            written[((along < bar * full) | (along >= (1 - bar) * full)) & (rows >= 0) & (columns >= 0)] = 0
+            mask = letters_mask(words_of(generator, int(generator.integers(8, 24))))
+            times = max(1, round(height * generator.uniform(0.01, 0.04) / len(mask)))
+            x, y, white = *generator.random(2), 255.0 * (generator.random() < 0.8)
+            y = (0.01 if y < 0.5 else 0.98) * (height - times * len(mask))
+            column = (columns - round(x * width * 0.5)) // times
+            row = (rows - round(y)) // times
+            inside = (row >= 0) & (row < len(mask)) & (column >= 0) & (column < mask.shape[1])
+            if generator.random() < self.lettering:
+                lit = mask[row.clip(0, len(mask) - 1), column.clip(0, mask.shape[1] - 1)]
+                written[inside & lit] = white
+            over = torch.from_numpy(written).to(plane)
+            frames.append(torch.where(over.isnan(), plane, over))
+        return torch.stack(frames)
+
+
+@dataclass(frozen=True, slots=True)
 class Quantization(Effect, on=Quantity.BOUNDED_GREY, to=Quantity.DIGITAL):
     """Round grey values of 0 to 255 to ``2^bits`` levels, the nearest, ties to even.
 
@@ -206,5 +273,5 @@ class Jpeg(Effect, on=Quantity.DIGITAL):
         return coded
 
 
-EFFECTS = (Demosaicing, Saturation, Quantization, Jpeg)
+EFFECTS = (Demosaicing, Saturation, Letterbox, Quantization, Jpeg)
 """In physical order."""

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from vocc_torch.simulation.effects import street
 from vocc_torch.simulation.effects.base import Context, Effect, Quantity, within
-from vocc_torch.simulation.scene import Distribution
+from vocc_torch.simulation.scene import Distribution, as_distributions
 from vocc_torch.simulation.sketch import Sketch
 
 
@@ -96,7 +96,7 @@ class LedLook(Effect, on=Quantity.LED_LUMINANCE):
 
     def __post_init__(self) -> None:
         """Make distributions of numbers, and check the ranges."""
-        street.as_distributions(self, "fill", "reflectance")
+        as_distributions(self, "fill", "reflectance")
         Effect.__post_init__(self)
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
@@ -150,7 +150,7 @@ class Multiplexing(Effect, on=Quantity.LED_LUMINANCE):
 
     def __post_init__(self) -> None:
         """Make distributions of numbers, and check the ranges."""
-        street.as_distributions(self, "refresh_hz")
+        as_distributions(self, "refresh_hz")
         Effect.__post_init__(self)
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
@@ -207,7 +207,7 @@ class Housing(Effect, on=Quantity.BACKGROUND):
 
     def __post_init__(self) -> None:
         """Make distributions of numbers, and check the ranges."""
-        street.as_distributions(self, "board", "rim", "rim_reflectance", "cables")
+        as_distributions(self, "board", "rim", "rim_reflectance", "cables")
         Effect.__post_init__(self)
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:

@@ -14,7 +14,7 @@ from vocc_torch.hardware import Camera
 from vocc_torch.simulation import roadside, sketch
 from vocc_torch.simulation.effects import view
 from vocc_torch.simulation.effects.base import Context, Effect, Quantity, within
-from vocc_torch.simulation.scene import Distribution
+from vocc_torch.simulation.scene import Distribution, as_distributions
 
 Generator = np.random.Generator
 Plane = NDArray[np.float32]
@@ -183,6 +183,10 @@ class Clutter(Effect, on=Quantity.BACKGROUND):
                 mirrored = [(points * (1, -1), luminance) for points, luminance in parts]
                 lay_all(mirrored, place, keep, added, seen.context, wet)
             lay_all(parts, place, keep, added, seen.context)
+        # No surface is of one shade: dirt, and what it mirrors.
+        nodes = noise_nodes(generator, seen.context.camera.sensor_px)
+        x, y = left + np.arange(width) + 0.5, top + np.arange(height) + 0.5
+        added *= np.maximum(1 + np.float32(0.12) * between(nodes, x / NODE_PX, y / NODE_PX), 0)
 
     def placed(self, generator: Generator, seen: view.View) -> Iterator[Placed]:
         """Place a frame's things, the farthest first."""
@@ -231,7 +235,9 @@ def on_vehicle(seen: view.View, at: sketch.Array, points: sketch.Array) -> sketc
 
 
 def onto(seen: view.View, points: sketch.Array) -> sketch.Array:
-    """Map points (M,2) of one frame's panel, m, onto the sensor, px."""
+    """Map points (M,2) of one frame's panel, m, onto the sensor, px; NaN where some of them have no image."""
+    if not bool(seen.has_image(torch.from_numpy(points), 0.0).all()):
+        return np.full_like(points, np.nan)
     image: sketch.Array = seen.points_px(torch.from_numpy(points))[0].cpu().numpy()
     return image
 
@@ -272,14 +278,6 @@ def laid_before(value: Tensor, planes: list[tuple[Plane, Plane]]) -> Tensor:
     """Lay each frame's planes before (B,1,H,W) luminance."""
     keep, added = (torch.from_numpy(np.stack(each)).unsqueeze(1) for each in zip(*planes, strict=True))
     return value * keep.to(value) + added.to(value)
-
-
-def as_distributions(effect: Effect, *names: str) -> None:
-    """Make a distribution of a parameter that is a number."""
-    for name in names:
-        if not isinstance(given := getattr(effect, name), Distribution):
-            made = Distribution.parse(given, f"effects.{effect.name}.{name}")
-            object.__setattr__(effect, name, made)
 
 
 def plane_onto(

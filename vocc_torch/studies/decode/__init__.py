@@ -7,6 +7,7 @@ from vocc_torch.errors import VoccError
 CHANNELS = ("luma", "max", "red", "green", "blue")
 FOLLOWS = ("true", "false", "auto")
 MOST_SCALE = 16
+VIDEO_SUFFIXES = (".mp4", ".mkv", ".avi", ".mov", ".webm", ".m4v", ".mpg", ".mpeg", ".mjpeg")
 
 
 @dataclass
@@ -16,7 +17,7 @@ class DecodeConfig:
     Args:
         channel: how colour becomes grey: ``luma`` (Rec. 601), ``max`` (brightest channel), ``red``, ``green``
             or ``blue``.
-        annotate: whether each picture is written with the panel and the bits drawn in.
+        annotate: whether each picture is written with the panel and the bits drawn in; of a video none is.
         scale: enlarge annotated pictures by this whole number, 1 to 16.
         follow: whether the panel is followed from frame to frame, with a full search only now and then:
             ``true`` for a recording in order, ``auto`` for videos alone, ``false`` where each frame stands

@@ -12,8 +12,7 @@ from PIL import Image, ImageOps, UnidentifiedImageError
 
 from vocc_torch.errors import VoccError, printable
 from vocc_torch.files import PICTURE_FORMATS, PICTURE_SUFFIXES
-
-VIDEO_SUFFIXES = (".mp4", ".mkv", ".avi", ".mov", ".webm", ".m4v", ".mpg", ".mpeg", ".mjpeg")
+from vocc_torch.studies.decode import VIDEO_SUFFIXES
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,6 +27,7 @@ class TradeoffConfig:
             counted with a pair for each.
         genie_frames: frames of each kind of scenes for a decoder that knows the scene; 0 for none.
         scenes: kinds of scenes by name: what they narrow.
+        onnx: whether reading located panels in onnxruntime is timed too, on the CPU; an extra.
     """
 
     locators: list[str] = field(default_factory=list)
@@ -43,3 +44,4 @@ class TradeoffConfig:
     frames_a_preamble: int = 1
     genie_frames: int = 0
     scenes: dict[str, Any] = field(default_factory=dict)
+    onnx: bool = False

@@ -11,6 +11,7 @@ from vocc_torch.errors import VoccError, section
 from vocc_torch.measure.build import PRECISIONS, build_plan, without_absent
 from vocc_torch.measure.config import Settings
 from vocc_torch.measure.plan import OWN_LOCATORS, Experiment, Locator, Plan, resolve_device
+from vocc_torch.receiver import onnx_graph
 from vocc_torch.receiver.bank import FLDA_FEATURES
 from vocc_torch.receiver.features import Gradient
 from vocc_torch.receiver.reader import Reader
@@ -87,6 +88,9 @@ class TradeoffStudy:
     def __post_init__(self) -> None:
         """Check every list and every number, before any work is done."""
         config, budget = self.config, self.plan.budget
+        if config.onnx:
+            with section("tradeoff.onnx is true:", before="an ONNX graph"):
+                onnx_graph.demand_extra()
         for name in (*LISTS, "scenes"):
             if not getattr(config, name):
                 raise VoccError(f"tradeoff.{name} is empty: it must hold at least one value")

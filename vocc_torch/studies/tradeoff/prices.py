@@ -1,7 +1,7 @@
 """What each receiver costs in time and makes in errors on the same frames, and which to take."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import astuple, dataclass, field, replace
 from typing import Literal, NamedTuple
 
 from vocc_torch.measure import estimate, frame_errors, genie, intervals, stage_times, train
@@ -165,6 +165,8 @@ class PriceList:
         threads: threads that torch used within an operation.
         waited_share: share of the time in which other work had the processor, 0 to 1.
         crop_px: height and width of a crop, of the first kind of scenes.
+        graphs: time a frame of a receiver's ONNX graph, ms, by receiver and place.
+        no_graphs: receivers that no graph holds, and why.
     """
 
     study: TradeoffStudy
@@ -179,6 +181,8 @@ class PriceList:
     threads: int
     waited_share: float
     crop_px: tuple[int, int]
+    graphs: Mapping[tuple[str, Place], estimate.Estimate] = field(default_factory=dict)
+    no_graphs: Mapping[str, str] = field(default_factory=dict)
     _points: dict[tuple[str, str, str, int | None], list[OperatingPoint]] = field(
         default_factory=dict, init=False, repr=False, compare=False
     )
@@ -202,6 +206,16 @@ class PriceList:
     def kinds(self) -> tuple[tuple[str, str], ...]:
         """Devices with kinds of frames, in order."""
         return tuple(dict.fromkeys((place.device, place.frames) for place in self.places))
+
+    def graph_of(self, setting: Setting, place: Place) -> estimate.Estimate | None:
+        """Give the time of a setting's ONNX graph, ms a frame; None where it has none."""
+        base, known = self.settings[0], self.graphs.get((setting.receiver, place))
+        return known if (*astuple(setting)[2:],) == (*astuple(base)[2:],) else None
+
+    def torch_of(self, receiver: str, place: Place) -> estimate.Estimate:
+        """Give the time of the same work in torch, from corners to bits, of a receiver's first setting."""
+        first = next(one for one in self.settings if one.receiver == receiver)
+        return stage_times.median_of(self.times[first, place].summed(stage_times.BIT_DETECTION))
 
     @property
     def counted_frames(self) -> int:

@@ -110,6 +110,8 @@ def price_rows(prices: PriceList) -> Iterator[Line]:
     ``possible_ber`` is the rate of a decoder that knows the scene on the first ``possible_test_frames`` of
     the same frames, and ``ber_on_possible_frames`` the line's own rate on these: compare the two. In
     ``possible_proven_frames`` of them no bits can be likelier than those that the decoder gave.
+    ``onnx_ms``, where it was asked for, is the time of the receiver's ONNX graph in onnxruntime, in the same
+    rounds and at the true corners: what ``rectify_ms``, ``features_ms`` and ``classify_ms`` do together.
     ``end_to_end`` is the time of ``end_to_end_of`` in one go over the sum of its stages.
     """
     error_device = str(plan.resolve_device(prices.study.plan.world.device))
@@ -144,7 +146,10 @@ def price_rows(prices: PriceList) -> Iterator[Line]:
             line |= {"timed_scenes": prices.timed_scenes, "error_device": error_device}
             line |= {"end_to_end": prices.end_to_end[place], "end_to_end_of": prices.in_one_go}
             line |= {"threads": prices.threads, "waited_share": round(prices.waited_share, 4)}
-            yield line | {"machine": prices.machines[place.device]}
+            line |= {"machine": prices.machines[place.device]}
+            if prices.graphs or prices.no_graphs:
+                line |= _ends("onnx{}_ms", prices.graph_of(setting, place))
+            yield line
     for device in prices.study.missing:
         for place in dict.fromkeys(place._replace(device=device) for place in prices.places):
             for setting in prices.settings:

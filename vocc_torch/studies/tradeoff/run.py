@@ -1,6 +1,8 @@
 """``task=tradeoff``: receivers trained, counted on the same frames, timed when nothing else runs."""
 
+import copy
 import itertools
+import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
@@ -10,12 +12,15 @@ from typing import Any
 
 import torch
 
+from vocc_torch.errors import VoccError
 from vocc_torch.files import write_atomically
 from vocc_torch.measure import build, frame_errors, genie, likelihood, link, stage_times, timing, train
 from vocc_torch.measure.config import Settings
 from vocc_torch.measure.workers import Workers, worker_losses_told
+from vocc_torch.receiver import onnx_graph
 from vocc_torch.receiver.bank import needs_preambles
-from vocc_torch.receiver.receiver import StagedReceiver
+from vocc_torch.receiver.location import PaperLocator
+from vocc_torch.receiver.receiver import Receiver, StagedReceiver
 from vocc_torch.show import folder as run_folder
 from vocc_torch.show import tensorboard, terminal
 from vocc_torch.show.canvas import Figure, save_figure
@@ -168,7 +173,9 @@ def measure_times(
     end_to_end: dict[Place, float] = {}
     crop_px = study.plan.world.camera.sensor_px
     wall = processor = 0.0
-    with timing.threads(config.threads):
+    graphs: dict[tuple[str, Place], Any] = {}
+    with timing.threads(config.threads), tempfile.TemporaryDirectory() as folder:
+        drawn, no_graphs = draw_graphs(study, receivers, Path(folder)) if config.onnx else ({}, {})
         machines = {name: timing.describe_machine(device) for name, device in devices.items()}
         for kind in config.frames:
             world = replace(study.plan.world, framing=plan.FRAMINGS[kind])
@@ -178,7 +185,11 @@ def measure_times(
             for place in (Place(name, kind, size) for name in devices for size in config.batch_sizes):
                 served, rounds = config.frames_a_preamble, study.rounds(place.batch)
                 given = names, seen, place.batch, rounds, devices[place.device]
-                timed = stage_times.time_stages(*given, frames_a_preamble=served, in_one_go=in_one_go)
+                own = drawn if devices[place.device].type == "cpu" else {}
+                timed = stage_times.time_stages(
+                    *given, frames_a_preamble=served, in_one_go=in_one_go, graphs=own
+                )
+                graphs |= {(one, place): spent for one, spent in timed.graphs.items()}
                 times |= {(one, place): timed.by_receiver[one.name] for one in receivers}
                 end_to_end[place] = timed.in_one_go
                 wall, processor = wall + timed.wall_s, processor + timed.processor_s
@@ -188,7 +199,51 @@ def measure_times(
     waited = max(0.0, 1 - processor / wall) if cpu_alone else 0.0
     first = next(iter(checked.values())).receiver
     told = {"machines": machines, "threads": used, "waited_share": waited, "crop_px": crop_px}
+    told |= {"graphs": graphs, "no_graphs": no_graphs}
     return {"times": times, "end_to_end": end_to_end, "in_one_go": first, **told}
+
+
+def draw_graphs(
+    study: plan.TradeoffStudy, receivers: Mapping[plan.Setting, StagedReceiver], folder: Path
+) -> tuple[dict[str, stage_times.Graph], dict[str, str]]:
+    """Draw each receiver's ONNX graph, at the first of all lists, ready to be run.
+
+    Args:
+        study: the study.
+        receivers: trained.
+        folder: for the graphs' files.
+
+    Returns:
+        The graphs by receiver, and why each other receiver has none.
+    """
+    drawn, refused = dict[str, stage_times.Graph](), dict[str, str]()
+    simulator, keys = study.plan.world.simulator(), link.block_keys(study.plan.seed, "graph", 2)
+    model = study.model(next(iter(study.config.scenes)))
+    ((scene, _, names, (seen,)),) = link.rendered(simulator, model, keys, range(0, 2, 2), False)
+    corners = simulator.true_panels(scene, names).corners_px - seen.origin_px[:, None]
+    given = seen.grey[:, 0].round().clamp(0, 255).to(torch.uint8).cpu(), corners.cpu()
+    for setting, one in receivers.items():
+        name = setting.receiver
+        if name in {*drawn, *refused}:
+            continue
+        try:
+            onnx_graph.write_graph(whole_receiver(name, one), folder / f"{name}.onnx", *given)
+            drawn[name] = onnx_graph.read_graph(folder / f"{name}.onnx", study.config.threads)
+        except VoccError as error:
+            refused[name] = str(error)
+    return drawn, refused
+
+
+def whole_receiver(name: str, one: StagedReceiver) -> Receiver:
+    """Put the receiver of a bank together as it is kept in a file, on the CPU.
+
+    Raises:
+        VoccError: one that decides by frames of known bits.
+    """
+    if needs_preambles([name]):
+        raise VoccError(f"receiver {name} needs frames of known bits: no ONNX graph has these")
+    classifier = one.bank.plugged_in.get(name) or copy.deepcopy(one.bank.classifiers[name])
+    return Receiver(name, one.locator or PaperLocator(), one.reader, classifier).cpu()
 
 
 def measure_references(
