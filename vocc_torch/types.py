@@ -280,6 +280,55 @@ class Panels(Batched):
         return cls(corners_px.to(torch.float64), ones.bool(), ones.double(), ones.long())
 
 
+@dataclass(frozen=True, slots=True)
+class StatedPanels(Panels):
+    """Panels of a locator that states how sure it is.
+
+    Args:
+        false_alarms: (B,) float64, false alarms expected in a panel-free frame at this score or better.
+    """
+
+    false_alarms: Tensor
+
+
+@dataclass(frozen=True, slots=True)
+class Sightings(Batched):
+    """Every panel that a locator saw in some frames, N in all, in the frames' order, the best of each first.
+
+    Args:
+        frame: (N,) int64, index of the frame.
+        corners_px: (N,4,2) float64, as in :class:`Panels`.
+        score: (N,) float64, how panel-like it is.
+        false_alarms: (N,) float64, false alarms expected in a panel-free frame at this score or better.
+    """
+
+    frame: Tensor
+    corners_px: Tensor
+    score: Tensor
+    false_alarms: Tensor
+
+    def best(self, frames: int, most_false_alarms: float) -> StatedPanels:
+        """Take the best of each of B frames, found where no more false alarms are expected than that.
+
+        Example:
+            >>> one = torch.tensor([0.5], dtype=torch.float64)
+            >>> seen = Sightings(torch.tensor([1]), torch.ones(1, 4, 2).double(), one, one / 1000)
+            >>> seen.best(2, 1e-3).found.tolist()
+            [False, True]
+        """
+        number = torch.bincount(self.frame, weights=(self.false_alarms <= most_false_alarms).double(), minlength=frames)
+        none = torch.zeros(frames, 4, 2, dtype=torch.float64, device=self.frame.device)
+        found = torch.zeros(frames, dtype=torch.bool, device=self.frame.device)
+        panels = StatedPanels(none, found, none[:, 0, 0].clone(), number.long(), none[:, 0, 0] + 1)
+        for row in range(len(self.frame) - 1, -1, -1):
+            frame = self.frame[row]
+            sure = self.false_alarms[row] <= most_false_alarms
+            panels.found[frame], panels.false_alarms[frame] = sure, self.false_alarms[row]
+            panels.score[frame] = torch.where(sure, self.score[row], 0.0)
+            panels.corners_px[frame] = torch.where(sure, self.corners_px[row], 0.0)
+        return panels
+
+
 def resolve_device(name: str) -> torch.device:
     """Turn a device's name into a device that is there.
 
