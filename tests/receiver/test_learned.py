@@ -6,17 +6,19 @@ import pytest
 import torch
 
 from vocc_torch.errors import VoccError
-from vocc_torch.receiver.learned import SHIPPED, LearnedLocator, save_weights
+from vocc_torch.receiver.learned import SHIPPED, LearnedLocator, Nets, save_weights
 from vocc_torch.receiver.learned_nets import (
     CornerNet,
     Finder,
+    Judge,
+    cell_looks,
     corner_frames,
     corner_patches,
     places_px,
     pyramid,
 )
-from vocc_torch.receiver.locators import locator_from, locator_named, locator_settings
 from vocc_torch.receiver.location import PaperLocator
+from vocc_torch.receiver.locators import locator_from, locator_named, locator_settings
 from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.simulation import Camera, Simulator
 from vocc_torch.simulation.simulator import PAPER_EFFECTS
@@ -106,8 +108,22 @@ def test_patches_are_read_where_corners_are():
     assert corner_frames(quad, shape)[0, 0].tolist() == [[2.0, 0.0], [0.0, 2.0]]
 
 
+def test_random_bits_look_like_a_panel_and_fences_do_not():
+    draw, shape = np.random.default_rng(0), PanelShape(8, 8)
+    bits = draw.random((20, 8, 8)) < 0.5
+    fence = np.broadcast_to(np.arange(8) % 2 == 0, (1, 8, 8))
+    half = np.broadcast_to(np.arange(8)[:, None] < 4, (1, 8, 8))
+    cells = np.pad(np.concatenate([bits, fence, half]), ((0, 0), (1, 1), (1, 1)))
+    patches = torch.from_numpy(100.0 * cells.repeat(4, 1).repeat(4, 2)).float()
+    looks = cell_looks(patches, shape)
+    assert looks[:20, :2].abs().mean() < 1.2
+    assert looks[20, 0] > 4 > -4 > looks[20, 1]  # every neighbour along a row differs, none along a column
+    assert (looks[21, :2] < -3).all()
+    assert torch.allclose(looks[:, 3], torch.full((22,), 4.0))  # two levels explain all
+
+
 def test_settings_are_kept():
-    locator = LearnedLocator(min_score=0.7)
+    locator = LearnedLocator(false_alarms=0.01)
     assert locator_from(locator_settings(locator)) == locator
     assert locator_named("learned", PaperLocator()) == LearnedLocator()
 
@@ -140,17 +156,17 @@ def test_damaged_weights_are_refused(tmp_path):
 
 
 def test_weights_of_another_kind_are_refused(tmp_path):
-    finder, corners = Finder(), CornerNet()
+    finder, *others = Finder(), CornerNet(), Judge()
     with torch.no_grad():
         finder.lift[0] = torch.nan
-    save_weights(tmp_path / "nan.json", finder, corners)
+    save_weights(tmp_path / "nan.json", Nets(finder, *others))
     for path in (tmp_path / "nan.json", tmp_path / "missing.json"):
         with pytest.raises(VoccError, match=r"model .*(damaged|does not exist)"):
             LearnedLocator(str(path))(torch.zeros(1, 64, 64, dtype=torch.uint8), SHAPE)
-    with pytest.raises(VoccError, match="min_score is 2: it must be 0 to 1"):
-        LearnedLocator(min_score=2)
+    with pytest.raises(VoccError, match="false_alarms is 0: it must be above 0"):
+        LearnedLocator(false_alarms=0)
 
 
 def test_the_weights_are_small():
     assert (resources.files("vocc_torch.receiver") / SHIPPED).stat().st_size < 2_000_000
-    assert sum(one.numel() for net in (Finder(), CornerNet()) for one in net.parameters()) < 300_000
+    assert sum(one.numel() for net in (Finder(), CornerNet(), Judge()) for one in net.parameters()) < 300_000

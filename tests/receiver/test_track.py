@@ -82,7 +82,7 @@ def test_full_searches_come_every_so_often(approach):
 
 def test_a_second_panel_is_seen_at_the_next_full_search(approach):
     grey, corners = approach
-    both, second = np.concatenate([grey, grey], 2)[:16], corners + [240, 0]
+    both, second = np.concatenate([grey, grey], 2)[:16], corners + np.array([240, 0])
 
     class Two(Told):
         def sightings(self, frames, shape):

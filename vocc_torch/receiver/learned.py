@@ -13,6 +13,7 @@ from torch import Tensor
 
 from vocc_torch.errors import VoccError, demand_kind, finite_number
 from vocc_torch.receiver import lattice_fit, lattice_model, rectification
+from vocc_torch.receiver.false_alarms import calibrated
 from vocc_torch.receiver.learned_nets import (
     CORNER_CELLS,
     PITCH_PX,
@@ -27,7 +28,7 @@ from vocc_torch.receiver.learned_nets import (
 )
 from vocc_torch.receiver.location import exact_frames
 from vocc_torch.receiver.model_file import read_model, write_model
-from vocc_torch.types import Frames, Images, Panels, PanelShape
+from vocc_torch.types import Frames, Images, PanelShape, Sightings, StatedPanels
 
 SHIPPED = "learned_locator.json"
 """The weights that ship, beside this file; ``benchmarks/train_locator.py`` made them."""
@@ -96,23 +97,25 @@ class LearnedLocator:
       where the corner lies; large panels begin with coarser patches. It also says how like corners they are.
     - Lattice: of up to 16 x 16 LEDs, where a fit explains the picture and stays near, it has the last word.
 
-    ``Panels.score`` is 1 / (1 + exp(-s)), s being what both networks say for the place.
+    The judge's logit says how many false alarms a frame without a panel is expected to give, by a table of
+    such frames (:mod:`vocc_torch.receiver.false_alarms`); ``Panels.score`` is 1 / (1 + exp(-logit)). Of
+    weights of one's own there is no table: a panel is found where the score is at least 0.5.
 
     Args:
         weights: a file of ``benchmarks/train_locator.py``; None takes the one that ships.
-        min_score: least score of a panel, 0 to 1.
+        false_alarms: a panel is found where at most as many are expected in a frame without one, above 0.
 
     Raises:
-        VoccError: a score out of its range; when called, weights that are missing or damaged.
+        VoccError: a number out of its range; when called, weights that are missing or damaged.
     """
 
     weights: str | None = None
-    min_score: float = 0.5
+    false_alarms: float = 1e-3
 
     def __post_init__(self) -> None:
-        """Refuse a score out of its range."""
-        if not 0 <= finite_number("location.min_score", self.min_score) <= 1:
-            raise VoccError.of("location.min_score", self.min_score, "0 to 1")
+        """Refuse a number out of its range."""
+        if finite_number("location.false_alarms", self.false_alarms) <= 0:
+            raise VoccError.of("location.false_alarms", self.false_alarms, "above 0")
 
     def nets(self, device: torch.device) -> Nets:
         """Give the networks on a device."""
@@ -121,32 +124,60 @@ class LearnedLocator:
         with resources.as_file(resources.files("vocc_torch.receiver") / SHIPPED) as path:
             return load_weights(path, device)
 
-    def __call__(self, frames: Images, shape: PanelShape) -> Panels:
+    def __call__(self, frames: Images, shape: PanelShape) -> StatedPanels:
         """Locate the panel of ``shape`` in each frame; zero corners and score where there is none.
+
+        Raises:
+            VoccError: what :meth:`sightings` refuses.
+        """
+        seen = self.sightings(frames, shape)
+        count, device = len(Frames.of(frames)), seen.score.device
+        corners = torch.zeros(count, 4, 2, dtype=torch.float64, device=device)
+        score, number = corners[:, 0, 0].clone(), torch.bincount(seen.frame, minlength=count)
+        panels = StatedPanels(corners, number > 0, score, number, score + 1)
+        for row in range(len(seen.frame) - 1, -1, -1):
+            frame = seen.frame[row]
+            panels.corners_px[frame], panels.score[frame] = seen.corners_px[row], seen.score[row]
+            panels.false_alarms[frame] = seen.false_alarms[row]
+        return panels
+
+    def sightings(self, frames: Images, shape: PanelShape) -> Sightings:
+        """Find every panel of ``shape`` in each frame.
 
         Raises:
             VoccError: what :func:`vocc_torch.receiver.location.exact_frames` refuses, or damaged weights.
         """
         demand_kind("shape", shape, PanelShape)
         exact = exact_frames(frames)
-        device = exact.grey.device
+        device, table = exact.grey.device, None if self.weights else calibrated("learned", shape)
+        nets = self.nets(device)
         with torch.inference_mode(), torch.autocast(device.type, enabled=False):
-            corners = torch.zeros(len(exact), 4, 2, dtype=torch.float64, device=device)
-            score, candidates = corners.new_zeros(len(exact)), corners.new_zeros(len(exact)).long()
-            nets = self.nets(device)
+            corners = torch.zeros(0, 4, 2, dtype=torch.float64, device=device)
+            none = corners[:, 0, 0]
+            seen = [Sightings(none.long(), corners, none, none)]
             # Frame by frame: what is found must not depend on how many are computed together.
             for i in range(len(exact) if exact.grey.numel() else 0):
                 quads, looks = sighted(nets, exact[i : i + 1], shape)
-                merit, order = nets.judge(looks).double().sigmoid().sort(descending=True, stable=True)
-                candidates[i] = (merit >= self.min_score).sum()
-                if len(merit) and float(merit[0]) >= self.min_score:
-                    corners[i], score[i] = quads[order[0]], merit[0]
-            found = score > 0
-            rows = found.nonzero()[:, 0]
-            if len(rows) and max(shape.rows, shape.columns) <= _MOST_LEDS:
-                corners[rows] = fitted(exact[rows], corners[rows], shape)
-            corners = (corners * _PARTS_PER_PX).round() / _PARTS_PER_PX
-        return Panels(corners.clone(), found.clone(), score.clone(), candidates.clone())
+                logit, order = nets.judge(looks).double().sort(descending=True, stable=True)
+                alarms = torch.full_like(logit, torch.inf) if table is None else table.expected(logit)
+                sure = (
+                    alarms <= self.false_alarms
+                    if table
+                    else logit >= 0
+                    if self.weights
+                    else logit > torch.inf
+                )
+                rows = torch.full_like(order[sure], i)
+                seen.append(Sightings(rows, quads[order][sure], logit[sure].sigmoid(), alarms[sure]))
+            parts = zip(
+                *([getattr(one, name) for name in Sightings.__dataclass_fields__] for one in seen),
+                strict=True,
+            )
+            found = Sightings(*(torch.cat(part) for part in parts))
+            if len(found.frame) and max(shape.rows, shape.columns) <= _MOST_LEDS:
+                found.corners_px[:] = fitted(exact[found.frame], found.corners_px, shape)
+            found.corners_px[:] = (found.corners_px * _PARTS_PER_PX).round() / _PARTS_PER_PX
+        return Sightings(*(getattr(found, name).clone() for name in Sightings.__dataclass_fields__))
 
 
 def found_places(
