@@ -41,7 +41,7 @@ _PLACES, _STEPS = 10, 3
 _MOST_LOG, _APART = 0.6, 0.25
 # A lattice is kept that explains the first share of the picture, and none is looked for beyond the second;
 # cells that corners may move by, from a first start and from a search.
-_LEAST_SHARE, _GOOD_SHARE, _NEAR_CELLS, _FAR_CELLS, _BLUR, _MOST_LEDS = 0.75, 0.96, 0.8, 1.0, 0.3, 16
+_LEAST_SHARE, _GOOD_SHARE, _NEAR_CELLS, _FAR_CELLS, _BLUR, _MOST_LEDS = 0.82, 0.96, 0.8, 1.0, 0.3, 16
 _PARTS_PER_PX = 1024.0
 
 

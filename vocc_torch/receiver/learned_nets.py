@@ -150,7 +150,8 @@ def cell_looks(patches: Tensor, shape: PanelShape) -> Tensor:
         the two levels explain; logarithm of the variance between cells over that within them.
     """
     side = patches.shape[-1] // (shape.columns + 2)
-    cells = patches[:, side:-side, side:-side].unflatten(1, (shape.rows, side)).unflatten(3, (-1, side))
+    inside = patches[:, side:-side, side:-side]
+    cells = inside.reshape(len(patches), shape.rows, side, shape.columns, side)
     quarter = side // 4
     middles = cells[:, :, quarter : side - quarter, :, quarter : side - quarter].movedim(2, 3).flatten(3)
     means, within = middles.mean(3), middles.var(3, unbiased=False).mean((1, 2))
