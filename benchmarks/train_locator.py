@@ -386,7 +386,8 @@ def main() -> None:
             yield corner_loss(corners, one, draw, wrong)
 
     trained(corners, given.minutes[1], corner_losses(), 2e-3)
-    judge_trained(nets, (shaken(one, draw) for one in worlds[: given.blocks // 2]))
+    for _ in range(2):  # which places are fitted is the judge's choice
+        judge_trained(nets, [shaken(one, draw) for one in worlds[: given.blocks // 2]])
     save_weights(given.out, nets)
     weights = sum(one.numel() for net in nets for one in net.parameters())
     print(f"{given.out}: {given.out.stat().st_size / 1e6:.2f} MB, {weights} weights")

@@ -34,14 +34,14 @@ SHIPPED = "learned_locator.json"
 """The weights that ship, beside this file; ``benchmarks/train_locator.py`` made them."""
 
 _KIND = "learned_locator"
-# Places that are looked at closely, and steps of their corners at least.
-_PLACES, _STEPS = 10, 3
+# Places that are looked at closely, steps of their corners at least, and those that are fitted.
+_PLACES, _STEPS, _FITTED = 10, 3, 2
 # A pitch that the finder says is off by at most this factor, as a logarithm; places nearer than this share of
 # the panel's diagonal are one.
 _MOST_LOG, _APART = 0.6, 0.25
 # A lattice is kept that explains the first share of the picture, and none is looked for beyond the second;
 # cells that corners may move by, from a first start and from a search.
-_LEAST_SHARE, _GOOD_SHARE, _NEAR_CELLS, _FAR_CELLS, _BLUR, _MOST_LEDS = 0.82, 0.96, 0.8, 1.0, 0.3, 16
+_LEAST_SHARE, _GOOD_SHARE, _NEAR_CELLS, _FAR_CELLS, _BLUR, _MOST_LEDS = 0.75, 0.96, 1.8, 2.5, 0.3, 16
 _PARTS_PER_PX = 1024.0
 
 
@@ -95,7 +95,8 @@ class LearnedLocator:
       1.5 to 3 px here, how large, how turned? The six likeliest places are looked at closely.
     - Corners: a second network sees 8 x 8 cells about each corner of a guess, lattice and edge, and says
       where the corner lies; large panels begin with coarser patches. It also says how like corners they are.
-    - Lattice: of up to 16 x 16 LEDs, where a fit explains the picture and stays near, it has the last word.
+    - Judge: weighs what both say with how the cells look: two levels, random bits, even within a cell.
+    - Lattice: of up to 16 x 16 LEDs the two likeliest places are fitted, and stay so where the judge agrees.
 
     The judge's logit says how many false alarms a frame without a panel is expected to give, by a table of
     such frames (:mod:`vocc_torch.receiver.false_alarms`); ``Panels.score`` is 1 / (1 + exp(-logit)). Of
@@ -174,8 +175,6 @@ class LearnedLocator:
                 strict=True,
             )
             found = Sightings(*(torch.cat(part) for part in parts))
-            if len(found.frame) and max(shape.rows, shape.columns) <= _MOST_LEDS:
-                found.corners_px[:] = fitted(exact[found.frame], found.corners_px, shape)
             found.corners_px[:] = (found.corners_px * _PARTS_PER_PX).round() / _PARTS_PER_PX
         return Sightings(*(getattr(found, name).clone() for name in Sightings.__dataclass_fields__))
 
@@ -263,11 +262,35 @@ def sighted(nets: Nets, frame: Frames, shape: PanelShape, places: int = _PLACES)
         if number < len(steps) - 1:  # a parallelogram stays one until the last
             moves = moves - sign * (moves * sign).mean(1, keepdim=True)
         quads = quads + moves
-    _, sure = corner_step(nets, scales, quads, shape, 1)
     corners = quads.to(torch.float64) + frame.origin_px
-    same = frame[torch.zeros(len(corners), dtype=torch.int64, device=corners.device)]
-    looks = cell_looks(lattice_model.read_patches(same, corners, shape, lattice_model.MARGIN), shape)
-    return corners, torch.cat([torch.stack([logit, sure.mean(1), sure.amin(1)], 1), looks], 1)
+    looks = seen_at(nets, scales, frame, corners, logit, shape)
+    if max(shape.rows, shape.columns) <= _MOST_LEDS:
+        # The likeliest are fitted, and stay so where that makes them likelier.
+        before = nets.judge(looks)
+        best = before.argsort(descending=True, stable=True)[:_FITTED]
+        again = fitted(_repeated(frame, len(best)), corners[best], shape)
+        seen = seen_at(nets, scales, frame, again, logit[best], shape)
+        better = nets.judge(seen) > before[best]
+        corners[best[better]], looks[best[better]] = again[better], seen[better]
+    return corners, looks
+
+
+def seen_at(
+    nets: Nets, scales: Sequence[Tensor], frame: Frames, corners_px: Tensor, logit: Tensor, shape: PanelShape
+) -> Tensor:
+    """Give what :class:`Judge` weighs, (n,8), at places (n,4,2) of a frame with the finder's logits (n,)."""
+    quads = (corners_px - frame.origin_px).to(torch.float32)
+    _, sure = corner_step(nets, scales, quads, shape, 1)
+    same = _repeated(frame, len(corners_px))
+    looks = cell_looks(lattice_model.read_patches(same, corners_px, shape, lattice_model.MARGIN), shape)
+    return torch.cat([torch.stack([logit, sure.mean(1), sure.amin(1)], 1), looks], 1)
+
+
+def _repeated(frame: Frames, times: int) -> Frames:
+    """Give one frame as several, without a copy."""
+    surround = None if frame.surround is None else frame.surround.expand(times)
+    grey, origin = frame.grey.expand(times, -1, -1, -1), frame.origin_px.expand(times, -1)
+    return Frames(grey, origin, frame.sensor_px, surround)
 
 
 def fitted(frames: Frames, corners_px: Tensor, shape: PanelShape) -> Tensor:
