@@ -285,7 +285,7 @@ def locator_named(name: str, paper: PaperLocator) -> PaperLocator | RefinedLocat
         9
     """
     if name not in LOCATORS:
-        raise VoccError.of("receiver.locator", repr(name), ", ".join(LOCATORS))
+        raise VoccError.of("receiver.locator", repr(name), " or ".join(LOCATORS))
     if name == "learned":
         return LearnedLocator()
     return RefinedLocator(paper) if name == "refined" else paper
