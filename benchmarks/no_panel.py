@@ -17,7 +17,7 @@ from skimage import color, data
 from sklearn.datasets import load_sample_images
 
 import vocc_torch as vt
-from vocc_torch.studies.decode.recording import RecordedFrame
+from vocc_torch.receiver.recording import RecordedFrame
 from vocc_torch.studies.decode.run import DOUBTFUL_SCORE, decode
 
 SHIPPED = (

@@ -28,8 +28,8 @@ from vocc_torch.receiver.location import PaperLocator
 from vocc_torch.receiver.locators import RefinedLocator
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.receiver.receiver import Receiver
+from vocc_torch.receiver.recording import read_recording
 from vocc_torch.rng import FrameKey
-from vocc_torch.studies.decode.recording import read_recording
 from vocc_torch.types import Frames, Panels, PanelShape
 
 ROOT = Path(__file__).resolve().parent.parent

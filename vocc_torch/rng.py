@@ -12,6 +12,18 @@ BLOCK_FRAMES = 64
 """Frames in a block, the unit of random draws and of Monte Carlo bookkeeping."""
 
 
+def training_point(number: int) -> str:
+    """Name the point of a training's frames; the first is the training of a receiver that is trained once.
+
+    No test point is called so: an experiment's name has no slash, and is not ``train``.
+
+    Example:
+        >>> training_point(0), training_point(3)
+        ('train', 'train/3')
+    """
+    return f"train/{number}" if number else "train"
+
+
 def _words(text: str) -> list[int]:
     """Hash a name to four 32-bit words that do not depend on Python's hash seed."""
     return [int(word) for word in np.frombuffer(hashlib.sha256(text.encode()).digest(), "<u4", 4)]

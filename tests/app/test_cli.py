@@ -27,6 +27,7 @@ ROOT = Path(__file__).parents[2]
 COLUMNS = [
     *("experiment", "axis", "value", "receiver", "locator", "frames", "bits", "bit_errors"),
     *("ber", "ber_low", "ber_high", "frame_errors", "panels_missed", "stopped_by"),
+    *("trainings", "ber_mean", "ber_sd", "ber_best", "ber_worst", "algorithm_low", "algorithm_high"),
 ]
 TINY = ("budget.frames=2", "budget.training_frames=16")
 QUICK = (*TINY, "experiment.values=[4000]", "receiver.names=[flda_3]", "tensorboard=false")
@@ -71,7 +72,7 @@ def test_default_run_writes_everything(app, tmp_path):
     assert Receiver.load(folder / "receiver.pt").name == "flda_3"
     settings = yaml.safe_load((folder / "config.yaml").read_text())
     spent = {"frames": 2, "training_frames": 16, "target_frame_errors": None}
-    assert settings["budget"] == spent | {"precision": None, "least_ber": 0.0}
+    assert settings["budget"] == spent | {"precision": None, "least_ber": 0.0, "trainings": 1}
     runs = {run.name for run in (folder / "tensorboard").iterdir()}
     assert runs == {"_summary", *names}
     assert all(list((folder / "tensorboard" / run).glob("events.out.tfevents.*")) for run in runs)
@@ -373,6 +374,8 @@ def test_commands_in_the_pages_compose(page, tmp_path, monkeypatch):
     )
     (tmp_path / "mine.py").write_text("\n".join(code))
     (tmp_path / "examples").symlink_to(ROOT / "examples")
+    (tmp_path / "my").mkdir()
+    (tmp_path / "my" / "photographs").symlink_to(ROOT / "tests" / "data")
     monkeypatch.chdir(tmp_path)
     for words in (words for words, where in SHOWN.items() if where == page):
         built(composed(*words))

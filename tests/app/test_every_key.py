@@ -18,6 +18,7 @@ from vocc_torch.measure.plan import identity
 from vocc_torch.measure.sweep import Study
 from vocc_torch.studies.effects import Severity
 from vocc_torch.studies.export.run import identity_of
+from vocc_torch.studies.message.transmit import plan_of
 
 ROOT = Path(__file__).parents[2]
 LMMSE = ClassifierSettings({"_target_": "vocc_torch.receiver.classifiers.LmmseEqualizer"})
@@ -59,7 +60,7 @@ SECTIONS = {
     },
     "budget": {
         **{"frames": 700, "training_frames": 600, "target_frame_errors": 50, "precision": 0.2},
-        "least_ber": 0.01,
+        **{"least_ber": 0.01, "trainings": 2},
     },
     "figures": {
         **{"names": ["fig22"], "focal_lengths_mm": [18.0], "locators": ["truth"]},
@@ -82,6 +83,16 @@ SECTIONS = {
     },
     "decode": {"channel": "max", "annotate": False, "scale": 2, "follow": "true"},
     "export": {"points": "test", "frames": 64, "shard_frames": 64},
+    "transmit": {
+        **{"symbol_rate_hz": 50.0, "code": "none", "code_rate": 0.5, "block_symbols": 64, "bands": 2},
+        **{"sync_cells": 1, "anchors": False, "interleave": False, "scramble": False},
+        **{"repeats": 2, "cell_px": 16},
+    },
+    "record": {
+        **{"fps": 150.0, "drift": 0.01, "start_s": 0.1, "readout_s": 0.01, "dropped": 0.1, "repeated": 0.1},
+        **{"black": 0.1, "speed_m_s": 1.0, "margin": 2.0, "quality": 20},
+    },
+    "receive": {"plan": "p.yaml", "fps": 100.0, "locate_every": 1, "channel": "max", "soft": "hard"},
 }
 OTHER = {
     **{f"{place}.{name}": value for place, keys in SECTIONS.items() for name, value in keys.items()},
@@ -167,6 +178,13 @@ def spent(settings):
         one, experiment = replace(plan.receiver, names=("flda_3",)), replace(plan.experiment, training=scenes)
         held = plan.budget.frames if task == "export_receiver" else 0
         return held, learned(replace(plan, receiver=one, experiment=experiment))
+    if task == "transmit":
+        return plan_of(settings, settings.transmit), settings.transmit
+    if task in ("record", "receive"):
+        one = replace(plan, receiver=replace(plan.receiver, names=("flda_3",)))
+        one = replace(one, experiment=replace(plan.experiment, training={}))
+        told = learned(one) if task == "receive" else (learned(one)["world"], learned(one)["batches"])
+        return told, plan.seed, settings.record, settings.receive, settings.framing
     if task == "test":
         grid = plan.experiment.row_axis, plan.experiment.rows
         return grid, [counted(Study("", row, (row.receiver.locator,))) for row in plan.rows().values()]
@@ -203,7 +221,9 @@ def test_every_key_is_refused_by_its_name_or_has_an_effect(task):
     usual, silent, refused = spent(base), [], []
     brought = FROM_OTHERS.get(task, {})
     others = composed(f"task={task}", *(f"{key}={OTHER[key]}" for key in brought)) if brought else None
-    for key, value in (OTHER | ({"receiver.locator": "paper"} if task == "decode" else {})).items():
+    for key, value in (
+        OTHER | ({"receiver.locator": "paper"} if task in ("decode", "receive") else {})
+    ).items():
         settings, alone, word = base, usual, f"{key}={value}"
         for name, also in ALSO.get(key, {}).items():
             with suppress(VoccError):  # the task may refuse that too

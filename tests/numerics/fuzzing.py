@@ -13,6 +13,7 @@ import numpy as np
 import yaml
 
 from vocc_torch.rng import BlockKey
+from vocc_torch.simulation import Distribution
 from vocc_torch.simulation.effects import PHYSICAL_ORDER, Quantity
 from vocc_torch.simulation.simulator import PAPER_EFFECTS
 
@@ -111,6 +112,8 @@ def _range(field, typical):
         return _OWN_RANGES[field.name]
     if isinstance(typical, list):
         usual = tuple(typical[1:])
+    elif isinstance(typical, Distribution):
+        usual = typical.bounds
     elif typical:
         usual = tuple(sorted((typical / 4, typical * 4)))
     else:
@@ -128,8 +131,9 @@ EFFECTS = {
         if field.init
     }
     for kind in PHYSICAL_ORDER
+    if kind.name != "backdrop"  # its folder is no number
 }
-"""Every parameter of every effect."""
+"""Every parameter of every effect that takes numbers only."""
 
 LOCATION = {
     "closing_px": Range((1, 21), 1, whole=True),

@@ -102,7 +102,7 @@ def test_training_shows_its_progress_and_says_how_many_frames_it_saw(monkeypatch
         return SimpleNamespace(frames=500, missed=3, made=made)
 
     monkeypatch.setattr("vocc_torch.measure.train.train", trained)
-    budget, receiver = SimpleNamespace(training_frames=500), SimpleNamespace(classifiers=())
+    budget, receiver = SimpleNamespace(training_frames=500, trainings=1), SimpleNamespace(classifiers=())
     screen, text = console(terminal=terminal)
     train_shown(SimpleNamespace(budget=budget, receiver=receiver), screen)
     last = "trained on 500 frames, 3 without a located panel left out\ntrained svm on 497 frames in 12 s\n"

@@ -12,11 +12,13 @@ from hydra.core.config_store import ConfigStore
 from omegaconf import DictConfig, OmegaConf
 
 from vocc_torch.errors import VoccError
+from vocc_torch.hardware import LedPanel
 from vocc_torch.measure.config import ARGUMENT, Budget, Experiment, Settings
 from vocc_torch.studies.classifiers import RivalsConfig
 from vocc_torch.studies.decode import DecodeConfig
 from vocc_torch.studies.effects import EffectsConfig
 from vocc_torch.studies.export import ExportConfig
+from vocc_torch.studies.message import ReceiveConfig, RecordConfig, TransmitConfig
 from vocc_torch.studies.paper import FiguresConfig
 from vocc_torch.studies.tradeoff import TradeoffConfig
 
@@ -31,6 +33,9 @@ TASKS = {
     "collect": ("collect:run_collect", None),
     "export": ("export.run:run_export", "export"),
     "export_receiver": ("export_receiver:run_export_receiver", None),
+    "transmit": ("message.transmit:run_transmit", "transmit"),
+    "record": ("message.record:run_record", "record"),
+    "receive": ("message.receive:run_receive", "receive"),
 }
 """What runs each task, below ``vocc_torch.studies``, and the section that is its own."""
 
@@ -46,6 +51,9 @@ class AppConfig(Settings):
         tradeoff: what task=tradeoff prices.
         rivals: what task=classifiers compares.
         export: what task=export writes.
+        transmit: how task=transmit writes a message.
+        record: the camera's time in task=record.
+        receive: how task=receive reads a recording.
     """
 
     decode: DecodeConfig = field(default_factory=DecodeConfig)
@@ -54,6 +62,9 @@ class AppConfig(Settings):
     tradeoff: TradeoffConfig = field(default_factory=TradeoffConfig)
     rivals: RivalsConfig = field(default_factory=RivalsConfig)
     export: ExportConfig = field(default_factory=ExportConfig)
+    transmit: TransmitConfig = field(default_factory=TransmitConfig)
+    record: RecordConfig = field(default_factory=RecordConfig)
+    receive: ReceiveConfig = field(default_factory=ReceiveConfig)
 
     def __post_init__(self) -> None:
         """Check what no section can check alone."""
@@ -61,8 +72,9 @@ class AppConfig(Settings):
         run_folder(self.name)
         if self.task not in TASKS:
             raise VoccError.of("task", repr(self.task), f"one of {', '.join(TASKS)}")
-        if (self.task, self.model, self.receiver.locator) == ("decode", None, "truth"):
-            rule = "paper, refined or learned for task=decode: a recording does not tell its corners"
+        finds = self.task in ("decode", "receive") and self.model is None
+        if finds and self.receiver.locator == "truth":
+            rule = f"paper, refined or learned for task={self.task}: a recording does not tell its corners"
             raise VoccError.of("receiver.locator", "'truth'", rule)
 
 
@@ -82,14 +94,24 @@ IGNORED = {
     "test": RECORDED,
     "decode": (*ALONE, "experiment"),
     "figures": (*RECORDED, "experiment", "receiver.locator", "scene.name"),
-    "effects": (*RECORDED, "experiment", "receiver.locator", "receiver.features", *PARTS),
-    "tradeoff": (*RECORDED, "experiment", "receiver.save"),
+    "effects": (*RECORDED, "experiment", "receiver.locator", "receiver.features", "budget.trainings", *PARTS),
+    "tradeoff": (*RECORDED, "experiment", "receiver.save", "budget.trainings"),
     "classifiers": (*RECORDED, "experiment"),
     "export_receiver": (
         *("input", "experiment", "workers", "tensorboard", "scene.name", "receiver.names"),
         *(one for one in COUNTING if one != "budget.frames"),
     ),
     "export": (*RECORDED, "receiver", "budget", "tensorboard", "scene.name", *PARTS),
+    "transmit": (
+        *("model", "plug_ins", "seed", "device", "precision", "framing", "batch_frames", "workers"),
+        *("tensorboard", "scene", "camera", "receiver", "experiment", "budget", *PARTS),
+        *(f"panel.{one.name}" for one in fields(LedPanel) if one.name != "shape"),
+    ),
+    "record": (
+        *("model", "plug_ins", "workers", "tensorboard", "scene.name", "receiver", "experiment", "budget"),
+        *("panel.rows", "panel.columns", *PARTS),
+    ),
+    "receive": (*ALONE, "experiment", "panel.rows", "panel.columns"),
     "collect": tuple(one.name for one in fields(AppConfig) if one.name not in ("task", "name", "input")),
 }
 """What each task passes over, besides the sections of others: keys, and sections for all that is in them."""

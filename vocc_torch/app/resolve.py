@@ -17,7 +17,7 @@ from yaml import MarkedYAMLError
 
 from vocc_torch.app.config import NAMES, PARTS, TASKS, AppConfig, keys_of, passes_over, schema
 from vocc_torch.errors import VoccError, section, shown
-from vocc_torch.studies.decode import VIDEO_SUFFIXES
+from vocc_torch.files import VIDEO_SUFFIXES
 
 OF_MODEL = ("seed", "precision", "framing", "batch_frames", "scene", "camera", "panel", "receiver", "budget")
 """What a model was made with, as :data:`PARTS`; the panel's rows and columns are given, and must agree."""
@@ -27,7 +27,7 @@ GROUPS = ("task", "scene", "camera", "panel", "receiver", "experiment", "budget"
 COMPARED = ("every", "rivals")
 """Options of the group receiver that name receivers to compare."""
 
-ONE_LOCATOR = ("train", "test", "decode", "classifiers")
+ONE_LOCATOR = ("train", "test", "decode", "receive", "classifiers")
 """Tasks that find the panel with receiver.locator and no other."""
 
 LOST_WORKER = (
@@ -121,7 +121,9 @@ def refuse_ignored(settings: AppConfig, words: Sequence[str]) -> None:
             raise VoccError(f"{said}: export.points={points} does not use it; leave it out")
         if key == "plug_ins" and settings.model is None:
             raise VoccError(f"{said}: it must be empty without a model, a new one names its parts")
-        own_parts = OF_MODEL if task == "decode" else ("panel", "receiver", "budget.training_frames")
+        own_parts = (
+            OF_MODEL if task in ("decode", "receive") else ("panel", "receiver", "budget.training_frames")
+        )
         if settings.model and {group, key} & {*own_parts, *PARTS} and name not in ("rows", "columns"):
             raise VoccError(f"{said}: the model brings its own; leave {key} or model out")
         finder, ours = settings.receiver.locator, NAMES["Locators"].split(", ")

@@ -55,8 +55,15 @@ def build_plan(settings: Settings, folder: Path) -> plans.Plan:
         device=settings.device,
         dtype=PRECISIONS[settings.precision],
     )
-    experiment, seed, batch = settings.experiment, settings.seed, settings.batch_frames
-    return plans.Plan(world, receiver_plan(settings, shape), experiment, settings.budget, folder, seed, batch)
+    experiment, seed, batch, budget = (
+        settings.experiment,
+        settings.seed,
+        settings.batch_frames,
+        settings.budget,
+    )
+    if settings.task not in plans.TRAINS_OFTEN:
+        budget = replace(budget, trainings=1)  # of a named budget; where it is typed it is refused
+    return plans.Plan(world, receiver_plan(settings, shape), experiment, budget, folder, seed, batch)
 
 
 def receiver_plan(settings: Settings, shape: PanelShape) -> plans.ReceiverPlan:
@@ -91,7 +98,7 @@ def receiver_plan(settings: Settings, shape: PanelShape) -> plans.ReceiverPlan:
         flda = PlugIn("receiver.features", "flda", "vocc_torch.receiver.classifiers.FldaClassifier")
         plugged_in.append(plans.ClassifierPlan("flda", flda, Inputs((*chosen,))))
     save = receiver.save
-    if save is None and len(plugged_in) > 1 and settings.task in ("train", "decode"):
+    if save is None and len(plugged_in) > 1 and settings.task in ("train", "decode", "receive"):
         rule = f"one of {', '.join(one.name for one in plugged_in)}, the receiver that is kept"
         rule += "; receiver.features made flda" * (plugged_in[-1].name == "flda")
         raise VoccError.of("receiver.save", "null", rule)

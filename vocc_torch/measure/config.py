@@ -22,6 +22,9 @@ if TYPE_CHECKING:
     from vocc_torch.measure.plan import World
     from vocc_torch.simulation import SceneModel
 
+MOST_TRAININGS = 1000
+"""Most trainings of one receiver: each keeps counts of its own in the ledger."""
+
 ARGUMENT = r"^ {4}\w+: .+(?:\n {8}.+)*"
 """An argument in a docstring, which the help shows."""
 
@@ -46,6 +49,8 @@ class Budget:
     Args:
         frames: test frames a point at most, at least 1.
         training_frames: frames that a receiver trains on, at least 2.
+        trainings: how often every receiver is trained, each time on frames of its own, 1 to 1000; all are
+            tested on the same frames, and the first is kept. 1 tells nothing of what hangs on one training.
         target_frame_errors: stop a point once every receiver has this many frames in error; null spends all.
         precision: stop a point once every receiver's 95 % interval reaches at most this share of its bit
             error rate to either side, above 0 and below 1; null spends all.
@@ -61,12 +66,15 @@ class Budget:
     target_frame_errors: int | None = None
     precision: float | None = None
     least_ber: float = 0.0
+    trainings: int = 1
 
     def __post_init__(self) -> None:
         """Check every range."""
         for name, least in (("frames", 1), ("training_frames", 2), ("target_frame_errors", 1)):
             if (value := getattr(self, name)) is not None and value < least:
                 raise VoccError.of(f"budget.{name}", value, f"at least {least}")
+        if not 1 <= self.trainings <= MOST_TRAININGS:
+            raise VoccError.of("budget.trainings", self.trainings, f"1 to {MOST_TRAININGS}")
         share, target = self.precision, self.target_frame_errors
         if share is not None and not 0 < share < 1:
             raise VoccError.of("budget.precision", share, "above 0 and below 1, or null")
@@ -114,7 +122,7 @@ class Experiment:
         axes = (*SCENE_FIELDS, "contrast")
         if self.axis not in axes:
             raise VoccError.of("experiment.axis", repr(self.axis), f"one of {', '.join(axes)}")
-        if self.name in ("", "train"):
+        if self.name.partition("/")[0] in ("", "train"):
             raise VoccError.of("experiment.name", repr(self.name), "a name, and train is training's own")
         binned, is_grid = self.axis == "contrast", self.row_axis is not None or bool(self.rows)
         known = [name for name in SCENE_FIELDS if name != self.axis]
@@ -268,8 +276,9 @@ class Settings:
         batch_frames: frames computed at a time; changes speed and memory, never results.
         workers: processes of one thread each; 0 takes one a core; changes speed, never results.
         tensorboard: whether boards are written.
-        input: for task=decode a picture, a folder of pictures or a video; for task=collect a sweep's folder.
-        model: a receiver.pt for task=decode; null trains one.
+        input: for task=decode and task=receive a picture, a folder of pictures, a video or an array; for
+            task=transmit a file; for task=record the folder of that; for task=collect a sweep's folder.
+        model: a receiver.pt for task=decode and task=receive; null trains one.
         plug_ins: Python files and packages whose code a model may run, such as [mine.py].
         scene: what is simulated.
         camera: the camera.

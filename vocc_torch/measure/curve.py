@@ -3,12 +3,14 @@
 import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields, replace
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.counts import Counts
+from vocc_torch.measure.estimate import CONFIDENCE, Estimate
 from vocc_torch.measure.intervals import ber_interval
 from vocc_torch.measure.paired import PairedCounts
+from vocc_torch.measure.trainings import Trained, mean_difference
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,6 +46,14 @@ class Row(PointKey):
         frame_errors: frames with a wrong bit.
         panels_missed: frames whose panel was not found.
         stopped_by: why no more frames were run.
+        trainings: how often the receiver was trained; all before this is of the first training, which is the
+            one that is kept.
+        ber_mean: mean rate of all trainings; None, as all that follows, after a single one.
+        ber_sd: standard deviation of the rate from one training to the next, on these frames.
+        ber_best: the lowest rate of a training.
+        ber_worst: the highest.
+        algorithm_low: lower end of the 95 % interval of the algorithm's rate, over trainings and frames.
+        algorithm_high: upper end; where no training made an error, the one-sided 95 % limit.
 
     Raises:
         VoccError: a value that is not finite, or rates out of order.
@@ -63,6 +73,13 @@ class Row(PointKey):
     frame_errors: int
     panels_missed: int
     stopped_by: str
+    trainings: int = 1
+    ber_mean: float | None = None
+    ber_sd: float | None = None
+    ber_best: float | None = None
+    ber_worst: float | None = None
+    algorithm_low: float | None = None
+    algorithm_high: float | None = None
 
     def __post_init__(self) -> None:
         """Refuse what cannot be placed on an axis."""
@@ -77,6 +94,13 @@ class Row(PointKey):
         """Whether ``ber_high`` is a limit and there is no rate to draw."""
         return self.bit_errors == 0
 
+    @property
+    def algorithm(self) -> Estimate | None:
+        """The algorithm's rate with its interval, after several trainings."""
+        if self.ber_mean is None or self.algorithm_low is None or self.algorithm_high is None:
+            return None
+        return Estimate(self.ber_mean, self.algorithm_low, self.algorithm_high)
+
 
 COLUMNS = tuple(field.name for field in fields(Row))
 """Columns of ``ber.csv``."""
@@ -89,6 +113,7 @@ class Point(PointKey):
     Args:
         counts: errors, at least one frame.
         stopped_by: why no more frames were run.
+        trained: errors of all trainings, where there are several; the first are ``counts``.
 
     Example:
         >>> counts = Counts(frames=64, bits=4096, half_errors=4, half_errors_squared=8, frame_errors=2)
@@ -99,6 +124,7 @@ class Point(PointKey):
 
     counts: Counts
     stopped_by: str
+    trained: Trained | None = None
 
     def stated(self, errors_per_frame_error: float = 1.0) -> Row:
         """Give the point with its bit error rate and the 95 % interval.
@@ -117,7 +143,12 @@ class Point(PointKey):
         named = (self.experiment, self.axis, float(self.value), self.receiver, self.locator)
         rates = (counts.bit_errors, interval.value, interval.low, interval.high)
         ends = (counts.frame_errors, counts.panels_missed, self.stopped_by)
-        return Row(*named, counts.frames, counts.bits, *rates, *ends)
+        row = Row(*named, counts.frames, counts.bits, *rates, *ends)
+        if (of := self.trained) is None:
+            return row
+        found, least, most = of.interval(errors_per_frame_error=size), min(of.rates), max(of.rates)
+        row = replace(row, trainings=len(of.each), ber_sd=of.deviation, ber_best=least, ber_worst=most)
+        return replace(row, ber_mean=found.value, algorithm_low=found.low, algorithm_high=found.high)
 
 
 class BerTable:
@@ -201,6 +232,8 @@ class Curves:
         counts: errors by (receiver, value).
         paired: comparisons by (a, b, value), where a stands before b in ``receivers``.
         stopped_by: why each value got no more frames.
+        trained: errors of all trainings by (receiver, value), where there are several.
+        trained_pairs: comparisons of all trainings together by (a, b, value), likewise.
 
     Example:
         >>> counts = {("flda_2", 50.0): Counts(64, 4096, 4, 8, 2), ("flda_3", 50.0): Counts(64, 4096)}
@@ -219,14 +252,17 @@ class Curves:
     counts: Mapping[tuple[str, float], Counts]
     paired: Mapping[tuple[str, str, float], PairedCounts]
     stopped_by: Mapping[float, str]
+    trained: Mapping[tuple[str, float], Trained] = field(default_factory=dict)
+    trained_pairs: Mapping[tuple[str, str, float], PairedCounts] = field(default_factory=dict)
 
     def points(self) -> list[Point]:
         """Give the points by value, then by receiver."""
+        place = self.experiment, self.axis
         return [
-            Point(self.experiment, self.axis, value, receiver, self.locator, counts, self.stopped_by[value])
+            Point(*place, value, receiver, self.locator, counts, self.stopped_by[value], self.trained.get(at))
             for value in self.values
             for receiver in self.receivers
-            if (counts := self.counts.get((receiver, value))) is not None
+            if (counts := self.counts.get(at := (receiver, value))) is not None
         ]
 
     def table(self) -> BerTable:
@@ -250,6 +286,18 @@ class Curves:
         if (b, a, value) in self.paired:
             return self.paired[b, a, value].swapped()
         raise VoccError(f"{a} and {b} were not compared at {self.axis}={value:g}")
+
+    def tested(self, receiver: str, value: float) -> Counts:
+        """Give a receiver's errors: those of all trainings together, where there are several."""
+        of = self.trained.get((receiver, value))
+        return self.counts[receiver, value] if of is None else of.pooled
+
+    def trained_pair(self, a: str, b: str, value: float, confidence: float = CONFIDENCE) -> Estimate | None:
+        """Give the algorithms' difference, a less b, at one value; None after a single training."""
+        if (a, value) not in self.trained or (b, value) not in self.trained:
+            return None
+        pair = self.trained_pairs.get((a, b, value)) or self.trained_pairs[b, a, value].swapped()
+        return mean_difference(self.trained[a, value], self.trained[b, value], pair, confidence)
 
 
 @dataclass(frozen=True)

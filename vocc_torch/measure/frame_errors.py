@@ -81,6 +81,16 @@ class FrameErrors:
         halves, found = self.half_errors[receivers][:, frames], self.found[receivers][:, frames]
         return type(self)(halves, found, self.leds, None if self.groups is None else self.groups[frames])
 
+    def together(self, trainings: Sequence[Sequence[int]]) -> Self:
+        """Give the errors of several trainings together: a frame holds the bits of all of them.
+
+        Args:
+            trainings: the places of the same receivers in each training.
+        """
+        halves = np.sum([self.half_errors[list(places)] for places in trainings], axis=0)
+        found = np.all([self.found[list(places)] for places in trainings], axis=0)
+        return type(self)(halves, found, self.leds * len(trainings), self.groups)
+
     @cached_property
     def counts(self) -> list[Counts]:
         """Errors of each receiver, as :meth:`Counts.of` counts them."""

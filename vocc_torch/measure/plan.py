@@ -28,6 +28,8 @@ from vocc_torch.types import resolve_device as resolve_device
 Locator = str
 """A locator's name; ``truth`` takes the simulator's own corners."""
 OWN_LOCATORS = ("truth", *LOCATORS)
+TRAINS_OFTEN = ("test", "figures", "classifiers")
+"""The tasks that train a receiver as often as ``budget.trainings`` says; the others train it once."""
 
 
 @dataclass(frozen=True)
@@ -271,6 +273,8 @@ def identity(plan: Plan, locators: Sequence[Locator]) -> dict[str, Any]:
             "training": _plain(parsed_scene(experiment.training)),
         },
         "training_frames": plan.budget.training_frames,
+        # A ledger of one training is what it was before there were several.
+        **({"trainings": plan.budget.trainings} if plan.budget.trainings > 1 else {}),
         "made_with": {
             "device": resolve_device(plan.world.device).type,
             "torch": ".".join(torch.__version__.split(".")[:2]),

@@ -18,6 +18,7 @@ from vocc_torch.measure.ledger import Label, Ledger, Tally
 from vocc_torch.measure.link import Link, Observation
 from vocc_torch.measure.paired import PairedCounts
 from vocc_torch.measure.plan import Experiment, Locator, Plan, identity
+from vocc_torch.measure.trainings import TRAININGS, Trained
 from vocc_torch.measure.workers import Outcome, Part, PointWork, Workers, run_points, worker_losses_told
 from vocc_torch.receiver.bank import ReceiverBank
 from vocc_torch.rng import BLOCK_FRAMES
@@ -148,7 +149,10 @@ def count_parts(
     """Count the errors of every receiver on blocks of one point, and compare every two of them.
 
     Errors are labelled (locator, receiver, group), comparisons of two receivers (locator, a, b, group), and
-    with the locators ``paper`` and ``truth`` each receiver is compared with itself: (receiver, group).
+    with the locators ``paper`` and ``truth`` each receiver is compared with itself: (receiver, group). Those
+    are of the first training. With several, the errors of the others are labelled (locator, receiver, "*",
+    number, group), those of all together, a frame holding the bits of all, have the number 0, and so do
+    comparisons, (locator, a, b, "*", 0, group).
 
     Args:
         plan: the study.
@@ -158,25 +162,40 @@ def count_parts(
     """
     # Blocks known already may be missing between others, but only a budget's last one is used in part.
     assert all(part.frames == BLOCK_FRAMES for part in parts[:-1]), parts
-    receivers, names = frame_errors.Banks(list(banks.items())), plan.receiver.names
+    every = [(locator, one) for locator, bank in banks.items() for one in (bank, *bank.more)]
+    receivers, names = frame_errors.Banks(every), plan.receiver.names
     model, point = plan.experiment.model_at(plan.world, value), point_name(plan.experiment, value)
     sorter, preambles = partial(group_of, plan.experiment), receivers.needs_preambles
     job = frame_errors.FrameJob(plan, model, point, tuple(banks), receivers, preambles, sorter)
     errors = job.count([part.block for part in parts], sum(part.frames for part in parts))
-    rows = {name: range(first * len(names), (first + 1) * len(names)) for first, name in enumerate(banks)}
-    counted = []
+    rows, counted, next_row = dict[str, list[list[int]]](), [], 0
+    for locator, bank in every:
+        own = {name: next_row + at for at, name in enumerate(bank.names)}
+        next_row += len(own)
+        # What learns nothing is the same in all trainings.
+        first = dict(zip(names, rows[locator][0], strict=True)) if locator in rows else own
+        rows.setdefault(locator, []).append([own.get(name, first[name]) for name in names])
     for start in range(0, len(parts) * BLOCK_FRAMES, BLOCK_FRAMES):
         block = errors.of(frames=slice(start, start + BLOCK_FRAMES))
         counts: dict[Label, Tally] = {}
         assert block.groups is not None
         for group in np.unique(block.groups[block.groups >= 0]).tolist():
             here = block.of(frames=block.groups == group)
-            for locator, places in rows.items():
-                own = here.of(places)
-                counts |= {(locator, name, group): one for name, one in zip(names, own.counts, strict=True)}
-                counts |= {(locator, names[a], names[b], group): pair for (a, b), pair in own.pairs.items()}
+            for locator, trainings in rows.items():
+                whole: list[tuple[Label, frame_errors.FrameErrors]] = [((), here.of(trainings[0]))]
+                if len(trainings) > 1:
+                    whole.append(((TRAININGS, 0), here.together(trainings)))
+                for mark, of in whole:
+                    counts |= {
+                        (locator, n, *mark, group): one for n, one in zip(names, of.counts, strict=True)
+                    }
+                    for (a, b), pair in of.pairs.items():
+                        counts[locator, names[a], names[b], *mark, group] = pair
+                for number, places in enumerate(trainings[1:], 1):
+                    for name, alone in zip(names, here.of(places).counts, strict=True):
+                        counts[locator, name, TRAININGS, number, group] = alone
             if "paper" in rows and "truth" in rows:
-                for name, *both in zip(names, rows["paper"], rows["truth"], strict=True):
+                for name, *both in zip(names, rows["paper"][0], rows["truth"][0], strict=True):
                     counts[name, group] = here.of(both).pairs[0, 1]
         counted.append(counts)
     return counted
@@ -250,6 +269,10 @@ def measured(study: Study, outcomes: Mapping[float, Outcome]) -> curve.Measured:
     counts: dict[str, dict[tuple[str, float], Counts]] = {name: {} for name in study.locators}
     pairs: dict[str, dict[tuple[str, str, float], PairedCounts]] = {name: {} for name in study.locators}
     location: dict[tuple[str, float], PairedCounts] = {}
+    more: dict[str, dict[tuple[str, float], dict[int, Counts]]] = {name: {} for name in study.locators}
+    trained_pairs: dict[str, dict[tuple[str, str, float], PairedCounts]] = {
+        name: {} for name in study.locators
+    }
     stopped: dict[float, str] = {}
     for value, outcome in outcomes.items():
         for (*label, group), tally in outcome.counts.items():
@@ -257,7 +280,12 @@ def measured(study: Study, outcomes: Mapping[float, Outcome]) -> curve.Measured:
             at = values[int(group)] if experiment.axis == "contrast" else value
             stopped[at] = outcome.stopped_by
             parts = [str(part) for part in label]
-            if isinstance(tally, Counts):
+            if TRAININGS in parts:
+                if isinstance(tally, Counts):
+                    more[parts[0]].setdefault((parts[1], at), {})[int(parts[3])] = tally
+                elif isinstance(tally, PairedCounts):
+                    trained_pairs[parts[0]][parts[1], parts[2], at] = tally
+            elif isinstance(tally, Counts):
                 counts[parts[0]][parts[1], at] = tally
             elif isinstance(tally, PairedCounts) and len(parts) == 1:
                 location[parts[0], at] = tally
@@ -265,7 +293,11 @@ def measured(study: Study, outcomes: Mapping[float, Outcome]) -> curve.Measured:
                 pairs[parts[0]][parts[1], parts[2], at] = tally
     held, curves = tuple(at for at in values if at in stopped), {}
     for name in study.locators:
-        own = counts[name], pairs[name], stopped
+        trained = {}
+        for place, of in more[name].items():
+            others = (of[number] for number in range(1, len(of)))
+            trained[place] = Trained((counts[name][place], *others), of[0])
+        own = counts[name], pairs[name], stopped, trained, trained_pairs[name]
         curves[str(name)] = curve.Curves(experiment.name, experiment.axis, name, names, held, *own)
     return curve.Measured(curves, location)
 

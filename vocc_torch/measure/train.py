@@ -1,6 +1,5 @@
 """Train receivers on simulated frames: FLDA and the classifiers that plug in, with what each took."""
 
-import itertools
 import json
 import pickle
 import time
@@ -23,7 +22,7 @@ from vocc_torch.receiver.classifiers import Guarded, Inputs, plugged
 from vocc_torch.receiver.flda import FLDA
 from vocc_torch.receiver.locators import PanelLocator
 from vocc_torch.receiver.receiver import Receiver
-from vocc_torch.rng import BLOCK_FRAMES, BlockKey
+from vocc_torch.rng import BLOCK_FRAMES, BlockKey, training_point
 from vocc_torch.simulation.scene import SceneModel, narrowed
 
 CALIBRATION_FRAMES = 512
@@ -68,6 +67,7 @@ class Training:
         seconds: wall time of FLDA's training, the simulation of its frames included.
         classifiers: those that plug in, trained, by name.
         made: what each of these took, by name.
+        more: the same of each further training, on frames of its own.
     """
 
     flda: FLDA = field(default_factory=lambda: FLDA(_N_FEATURES))
@@ -78,10 +78,23 @@ class Training:
     seconds: float = 0.0
     classifiers: Mapping[str, Guarded] = field(default_factory=dict)
     made: Mapping[str, Making] = field(default_factory=dict)
+    more: "tuple[Training, ...]" = ()
 
     def bank(self, names: Sequence[str]) -> ReceiverBank:
         """Give the named receivers, ready to decide."""
-        return ReceiverBank(names, self.flda, self.classifiers)
+        learners = [name for name in names if name in FLDA_FEATURES or self.made.get(name, Making()).frames]
+        more = [one.bank(learners) for one in self.more] if learners else []
+        return ReceiverBank(names, self.flda, self.classifiers, more)
+
+    @classmethod
+    def joined(cls, parts: "Sequence[Training]") -> "Training":
+        """Put trainings of different classifiers on the same frames together; FLDA is that of the first."""
+        first = parts[0]
+        classifiers, made = dict(first.classifiers), dict(first.made)
+        for one in parts[1:]:
+            classifiers, made = {**classifiers, **one.classifiers}, {**made, **one.made}
+        more = tuple(cls.joined(column) for column in zip(*(one.more for one in parts), strict=True))
+        return replace(first, classifiers=classifiers, made=made, more=more)
 
     def making(self, name: str) -> Making:
         """Say what it took to make a receiver; one that learns nothing has no parameters."""
@@ -103,9 +116,11 @@ def train(plan: Plan, progress: Told | None = None, *, keep: bool = False) -> Tr
 def train_each(
     plan: Plan, locators: Sequence[Locator], progress: Told | None = None, *, keep: bool = False
 ) -> dict[Locator, Training]:
-    """Train on the plan's training scenes once with each of several locators, all on the same frames.
+    """Train on the plan's training scenes with each of several locators, all on the same frames.
 
-    Frames without a located panel teach nothing and are left out.
+    It is done as often as the budget says, each time on frames of its own; the first training is the one that
+    is kept, and does not depend on how many follow. Frames without a located panel teach nothing and are left
+    out.
 
     Args:
         plan: the study.
@@ -117,12 +132,29 @@ def train_each(
     Raises:
         VoccError: no panel was found in any training frame, or a classifier that cannot be built or trained.
     """
+    numbers = range(plan.budget.trainings)
+    return several([train_once(plan, locators, progress, keep=keep, number=number) for number in numbers])
+
+
+def several(trainings: Sequence[Mapping[Locator, Training]]) -> dict[Locator, Training]:
+    """Give the first of some trainings with the others in it, by locator."""
+    first, *more = trainings
+    return {name: replace(one, more=tuple(other[name] for other in more)) for name, one in first.items()}
+
+
+def train_once(
+    plan: Plan, locators: Sequence[Locator], progress: Told | None, *, keep: bool, number: int
+) -> dict[Locator, Training]:
+    """Do one training, by its number, from 0 on, as :func:`train_each`."""
     begun, link, frames = time.perf_counter(), Link.of(plan), plan.budget.training_frames
     finders = plan.receiver.finders(locators)
     fldas = {name: FLDA(_N_FEATURES).to(link.simulator.device) for name in locators}
     kept: dict[str, list[tuple[Tensor, Tensor]]] = {name: [] for name in locators}
     missed = dict.fromkeys(locators, 0)
-    model, keys = plan.experiment.training_model(plan.world), block_keys(plan.seed, "train", frames)
+    model, keys = (
+        plan.experiment.training_model(plan.world),
+        block_keys(plan.seed, training_point(number), frames),
+    )
     views = link.observe_each(finders, model, keys, preambles=False, frames=frames)
     seen = (
         tuple(part for one in of.values() for part in (one.readings.features, one.panels.found, one.bits))
@@ -150,7 +182,7 @@ def train_each(
                 raise VoccError(f"budget.training_frames is {frames}: {told}: {rule}")
         x, bits = (torch.cat(parts)[:FIGURE_SAMPLES] for parts in zip(*kept[name], strict=True))
         own = Training(flda, frames, missed[name], x, bits, time.perf_counter() - begun)
-        trained[name] = train_classifiers(plan, link, finders[name], own, keep=keep)
+        trained[name] = train_classifiers(plan, link, finders[name], own, keep=keep, number=number)
     return trained
 
 
@@ -195,14 +227,10 @@ def train_plans(
         longest = sorted(parts, key=panels, reverse=True)
         calls = {key: workers.submit(train_part, parts[key]) for key in longest}
         trained = {key: call.result() for key, call in calls.items()}
-    together = []
-    for keys, named in zip(wanted, locators, strict=True):
-        together.append({name: trained[keys[0]][name] for name in named})
-        for name, key in itertools.product(named, keys[1:]):
-            one, more = together[-1][name], trained[key][name]
-            classifiers, made = {**one.classifiers, **more.classifiers}, {**one.made, **more.made}
-            together[-1][name] = replace(one, classifiers=classifiers, made=made)
-    return together
+    return [
+        {name: Training.joined([trained[key][name] for key in keys]) for name in named}
+        for keys, named in zip(wanted, locators, strict=True)
+    ]
 
 
 def train_alone(plans: Sequence[Plan], workers: Workers) -> list[Training]:
@@ -218,8 +246,16 @@ def train_part(part: tuple[Plan, Sequence[Locator]]) -> dict[Locator, Training]:
     with timing.threads(1):
         if not plan.receiver.classifiers:
             return train_each(plan, locators)
-        link, finders = Link.of(plan), plan.receiver.finders(locators)
-        return {name: train_classifiers(plan, link, finders[name], Training()) for name in locators}
+        link, finders, numbers = Link.of(plan), plan.receiver.finders(locators), range(plan.budget.trainings)
+        return several(
+            [
+                {
+                    name: train_classifiers(plan, link, finders[name], Training(), number=number)
+                    for name in locators
+                }
+                for number in numbers
+            ]
+        )
 
 
 def trained_receiver(plan: Plan, training: Training) -> Receiver:
@@ -313,6 +349,7 @@ class PanelStream:
         seed: root seed.
         inputs: what the classifier sees.
         kept: what was read of each block; None to keep nothing.
+        point: name that keys the frames.
         frames: panels that it was shown so far.
         seconds: wall time that went into them so far.
     """
@@ -323,6 +360,7 @@ class PanelStream:
     seed: int
     inputs: Inputs
     kept: dict[int, list[Read]] | None = None
+    point: str = "train"
     frames: int = 0
     seconds: float = 0.0
 
@@ -344,7 +382,7 @@ class PanelStream:
 
     def _seen(self, first: int, count: int) -> Iterator[tuple[Tensor, ...]]:
         """Yield what the classifier sees, bits, and whether the panel was found, batch by batch."""
-        keys = block_keys(self.seed, "train", first + count)[first // BLOCK_FRAMES :]
+        keys = block_keys(self.seed, self.point, first + count)[first // BLOCK_FRAMES :]
         parts = [self._simulated(keys, count)] if self.kept is None else map(self._known, keys)
         for readings, bits, found in (read for part in parts for read in part):
             used = min(len(bits), count)
@@ -368,7 +406,13 @@ class PanelStream:
 
 
 def train_classifiers(
-    plan: Plan, link: Link, locator: PanelLocator | None, training: Training, *, keep: bool = False
+    plan: Plan,
+    link: Link,
+    locator: PanelLocator | None,
+    training: Training,
+    *,
+    keep: bool = False,
+    number: int = 0,
 ) -> Training:
     """Train a plan's classifiers one after the other.
 
@@ -380,6 +424,7 @@ def train_classifiers(
         locator: what finds the panel, or None for the simulator's true corners.
         training: what is trained already.
         keep: whether to keep simulated frames in memory for the next classifier.
+        number: of the training, from 0 on; each has frames and first weights of its own.
 
     Returns:
         The training with the classifiers too, and what each took.
@@ -392,9 +437,10 @@ def train_classifiers(
     for one in plan.receiver.classifiers:
         model = narrowed(scenes, one.scene, f"classifiers.{one.name}.scene")
         shared = kept.setdefault(model, {}) if keep else None
-        stream = PanelStream(link, locator, model, plan.seed, one.inputs, shared)
-        guarded, begun = plugged.classifier_of(one.build, one.inputs, one.training), time.perf_counter()
-        with plugged.seeded(one.training.seed):
+        stream = PanelStream(link, locator, model, plan.seed, one.inputs, shared, training_point(number))
+        recipe = replace(one.training, seed=one.training.seed + number)
+        guarded, begun = plugged.classifier_of(one.build, one.inputs, recipe), time.perf_counter()
+        with plugged.seeded(recipe.seed):
             guarded.fit_stream(stream, one.frames or plan.budget.training_frames)
         # An interrupted training that went on has a price too.
         seconds = time.perf_counter() - begun + float(getattr(guarded.classifier, "earlier_s", 0.0))

@@ -26,6 +26,7 @@ from vocc_torch.measure import intervals, timing
 from vocc_torch.measure.config import Budget
 from vocc_torch.measure.counts import Counts, Tally
 from vocc_torch.measure.ledger import Label, Ledger
+from vocc_torch.measure.trainings import TRAININGS
 from vocc_torch.rng import BLOCK_FRAMES
 
 A = TypeVar("A")
@@ -191,7 +192,7 @@ def stop_reason(rule: Budget, tallies: Mapping[Label, Tally], blocks: int) -> st
 
     Args:
         rule: when a point has enough. A rule that can never hold is none: the frames end the point.
-        tallies: what was counted so far; comparisons do not matter here.
+        tallies: what was counted so far; comparisons and further trainings do not matter here.
         blocks: blocks counted so far, at least 1. The precision is looked at after 16, 32, ... blocks and
             later at steps of about a sixteenth: each look is a chance to stop by luck.
 
@@ -199,7 +200,10 @@ def stop_reason(rule: Budget, tallies: Mapping[Label, Tally], blocks: int) -> st
         >>> stop_reason(Budget(6400, target_frame_errors=2), {("a", 0): Counts(64, 64, 6, 12, 3)}, 1)
         'frame_errors'
     """
-    counts = {label: one for label, one in tallies.items() if isinstance(one, Counts)}
+    # A receiver gets the frames that it would get alone, so its numbers do not depend on other trainings.
+    counts = {
+        label: one for label, one in tallies.items() if isinstance(one, Counts) and TRAININGS not in label
+    }
     if counts and rule.target_frame_errors is not None:
         errors: dict[Label, int] = {}
         for label, one in counts.items():

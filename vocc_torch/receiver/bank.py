@@ -86,16 +86,21 @@ class ReceiverBank:
         names: receivers to run, in the order of the results.
         flda: fitted on all three features; the receivers on fewer features follow from the same statistics.
         plugged_in: trained classifiers by name.
+        more: those of them that learn, from each further training.
 
     Raises:
         VoccError: an unknown name.
     """
 
     def __init__(
-        self, names: Sequence[str], flda: FLDA, plugged_in: Mapping[str, Guarded] | None = None
+        self,
+        names: Sequence[str],
+        flda: FLDA,
+        plugged_in: Mapping[str, Guarded] | None = None,
+        more: "Sequence[ReceiverBank]" = (),
     ) -> None:
         demand_kind("flda", flda, FLDA)
-        self.plugged_in = dict(plugged_in or {})
+        self.plugged_in, self.more = dict(plugged_in or {}), tuple(more)
         self.names = check_receivers(names, tuple(self.plugged_in))
         chosen = [name for name in self.names if name in FLDA_FEATURES]
         self.classifiers = {name: flda.select(feature_indices(name)) for name in chosen}

@@ -5,10 +5,10 @@ import re
 import shlex
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import astuple, replace
+from dataclasses import MISSING, astuple, fields, replace
 from itertools import combinations
 from pathlib import Path
-from typing import TypeAlias, get_type_hints
+from typing import Any, TypeAlias, get_type_hints
 
 from rich.console import Console
 
@@ -168,7 +168,8 @@ def cells(row: curve.Row) -> list[str]:
         >>> cells(row)[2:8]
         ['0.1', 'flda_3', 'truth', '1', '64', '0']
     """
-    return [cell_text(getattr(row, name)) for name in curve.COLUMNS]
+    given = (getattr(row, name) for name in curve.COLUMNS)
+    return ["" if one is None else cell_text(one) for one in given]
 
 
 def ber_rows(table: curve.BerTable) -> list[Sequence[str]]:
@@ -184,7 +185,7 @@ def ber_rows(table: curve.BerTable) -> list[Sequence[str]]:
 def read_tables(path: str | Path) -> dict[tuple[str, str], curve.BerTable]:
     """Read ``ber.csv``, or that of a grid of two quantities, which has the second one in its first column.
 
-    Further columns are passed over.
+    Further columns are passed over; those of trainings may be missing, as before there were several.
 
     Args:
         path: the file.
@@ -208,14 +209,19 @@ def read_tables(path: str | Path) -> dict[tuple[str, str], curve.BerTable]:
         with Path(path).open(newline="", encoding="utf-8") as file:
             reader = csv.DictReader(file)
             names = list(reader.fieldnames or ())
-            if missing := [name for name in curve.COLUMNS if name not in names]:
+            wanted = [one.name for one in fields(curve.Row) if one.default is MISSING or one.name in names]
+            if missing := [name for name in wanted if name not in names]:
                 raise VoccError(f"{path} has no column {missing[0]}: it needs {', '.join(curve.COLUMNS)}")
             grid = "" if names[0] == curve.COLUMNS[0] else names[0]
             for line in reader:
-                cells, parsed = {"": "", **line}, {}
-                for name in curve.COLUMNS:
+                cells, parsed = {"": "", **line}, dict[str, Any]()
+                for name in wanted:
+                    text, kind = printable(cells[name] or ""), kinds[name]
                     try:
-                        parsed[name] = kinds[name](printable(cells[name] or ""))
+                        # What an optional column has is a number.
+                        parsed[name] = (
+                            (float(text) if text else None) if kind not in (str, int, float) else kind(text)
+                        )
                     except ValueError:
                         wrong = f"{name} is {cells[name]!r}: it must be a number"
                         raise VoccError(f"{path}, line {reader.line_num}: {wrong}") from None
@@ -230,9 +236,11 @@ def read_tables(path: str | Path) -> dict[tuple[str, str], curve.BerTable]:
 PAIRED_COLUMNS = (
     *("experiment", "axis", "value", "locator", "a", "b", "frames"),
     *("difference", "difference_low", "difference_high", "real", "a_worse", "b_worse", "sign_test_p"),
+    *("trainings", "algorithm_difference", "algorithm_low", "algorithm_high", "algorithm_real"),
 )
 """Columns of ``paired.csv``: ``difference`` is the bit error rate of a less that of b; ``real`` says whether
-its 95 % interval leaves out 0; ``a_worse`` and ``b_worse`` count frames."""
+its 95 % interval leaves out 0; ``a_worse`` and ``b_worse`` count frames. The last four are of all trainings,
+paired by test frame and by training, and empty after a single one."""
 
 
 def write_paired(path: str | Path, all_curves: Iterable[curve.Curves]) -> None:
@@ -260,7 +268,12 @@ def write_paired(path: str | Path, all_curves: Iterable[curve.Curves]) -> None:
                     found, worse = paired_interval(paired), (paired.a_worse, paired.b_worse)
                     place = (curves.experiment, curves.axis, value, curves.locator, a, b, paired.frames)
                     given = (found.value, found.low, found.high, int(found.real), *worse, sign_test(paired))
-                    lines.append([cell_text(cell) for cell in (*place, *given)])
+                    told: Cells = (1, None, None, None, None)
+                    if (of := curves.trained_pair(a, b, value)) is not None:
+                        count = len(curves.trained[a, value].each)
+                        told = (count, of.value, of.low, of.high, int(of.real))
+                    cells = (*place, *given, *told)
+                    lines.append(["" if cell is None else cell_text(cell) for cell in cells])
     write_rows(path, lines)
 
 

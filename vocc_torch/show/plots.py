@@ -100,8 +100,11 @@ def set_rates(axes: Axes, rows: Sequence[Row]) -> None:
     # A limit's arrow needs about two thirds of a decade below it.
     lowest = min(row.ber_high if row.error_free else row.ber for row in rows)
     bottom = min(row.ber_high / 5 if row.error_free else max(row.ber_low, lowest / 10) / 1.3 for row in rows)
+    several = [one for row in rows if (one := row.algorithm) is not None and one.value]
+    bottom = min([bottom, *(max(one.low, one.value / 10) / 1.3 for one in several)])
+    highest = max(*(row.ber_high for row in rows), *(one.high for one in several), 0.0)
     axes.set_yscale("log")
-    axes.set_ylim(bottom, max(min(1.0, max(row.ber_high for row in rows) * 1.6), bottom * 20))
+    axes.set_ylim(bottom, max(min(1.0, highest * 1.6), bottom * 20))
     axes.yaxis.set_major_locator(ticker.LogLocator(10, numticks=30))
     axes.yaxis.set_minor_locator(ticker.LogLocator(10, subs=tuple(range(2, 10)), numticks=300))
     # Where hardly more than a decade is shown, values within it are named too.
@@ -110,6 +113,8 @@ def set_rates(axes: Axes, rows: Sequence[Row]) -> None:
 
 def draw_receiver(axes: Axes, x: Sequence[float], rows: Sequence[Row], style: Style, size: float) -> None:
     """Draw one receiver: line, markers and intervals, and an arrow down from each limit without errors.
+
+    After several trainings a pale bar behind is the interval of the algorithm, with a stroke at its rate.
 
     Args:
         axes: where to draw.
@@ -122,6 +127,17 @@ def draw_receiver(axes: Axes, x: Sequence[float], rows: Sequence[Row], style: St
     rate = [math.nan if row.error_free else row.ber for row in rows]
     ends = [[row.ber - row.ber_low for row in rows], [row.ber_high - row.ber for row in rows]]
     bar, colour = 1.3 * size, style.colour
+    for at, row in zip(x, rows, strict=True):
+        # What learns nothing has one interval.
+        if (found := row.algorithm) is not None and row.ber_sd:
+            # A low end of 0 is beyond a logarithmic axis.
+            reach = [max(found.low, axes.get_ylim()[0]), found.high]
+            pale = Line2D([at, at], reach, color=colour, alpha=0.25, linewidth=7 * size, zorder=1.5)
+            pale.set(label="_algorithm", solid_capstyle="butt")
+            axes.add_line(pale)
+            mean = Line2D([at], [found.value], marker="_", markersize=9 * size, color=colour, zorder=3.5)
+            mean.set(label="_mean", linestyle="none", markeredgewidth=2 * size)
+            axes.add_line(mean)
     axes.errorbar(x, rate, ends, fmt="none", ecolor=colour, elinewidth=bar, capsize=2 * bar, capthick=bar)
     axes.add_line(receiver_line(style, x, rate, size))
     # The arrow runs from its text, below it, to the limit: its head is at the start.
@@ -152,9 +168,12 @@ def interval_note(rows: Iterable[Row]) -> str:
         >>> interval_note([])
         'Bars: 95 % intervals over frames'
     """
-    note = "Bars: 95 % intervals over frames"
+    rows, note = list(rows), "Bars: 95 % intervals over frames"
+    if trainings := max((row.trainings for row in rows), default=1) - 1:
+        note += f" of the first training \N{MIDDLE DOT} pale, with the mean: over {trainings + 1} trainings"
     if any(row.error_free for row in rows):
-        note += " \N{MIDDLE DOT} arrows: no error seen, the rate is below this (95 %)"
+        long = " \N{MIDDLE DOT} arrows: no error seen, the rate is below this (95 %)"
+        note += " \N{MIDDLE DOT} arrows: no error, below this" if trainings else long
     return note
 
 

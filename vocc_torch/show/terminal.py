@@ -147,6 +147,29 @@ def print_table(table: BerTable, console: Console | None = None) -> None:
     if any(row.error_free for row in table):
         text += "; <: no error seen, rate below this (95 %) if wrong frames are as bad as at other points"
     console.print(Text(text, style="dim"))
+    for line in trainings_told(table):
+        console.print(line, soft_wrap=True, highlight=False, markup=False)
+
+
+def trainings_told(table: BerTable) -> list[str]:
+    """Say in a line for each receiver how its rate scatters over the trainings; nothing after a single one.
+
+    Example:
+        >>> trainings_told(BerTable())
+        []
+    """
+    lines = []
+    for receiver in table.receivers:
+        rows = [(row, row.algorithm) for row in table.of(receiver) if row.ber_sd]
+        points = [
+            f"{rate_text(of.value)} [{rate_text(of.low)}, {rate_text(of.high)}] at {value_text(row.value)}"
+            for row, of in rows
+            if of is not None
+        ]
+        lines += [f"  {receiver}: {'; '.join(points)}"] if points else []
+    count = max((row.trainings for row in table), default=1)
+    heading = f"\nThe algorithms, over {count} trainings and frames (95 %), by {table.axis}:"
+    return [heading, *lines] if lines else []
 
 
 class ProgressView:
@@ -281,17 +304,18 @@ class StudyView(ProgressView):
 
 def train_shown(study: plan.Plan, console: Console) -> train.Training:
     """Train under a progress bar, and say what was learnt from."""
-    frames = study.budget.training_frames
-    with ProgressView(frames, console, f"training on {frames} frames") as view:
+    frames, often = study.budget.training_frames, study.budget.trainings
+    with ProgressView(frames * often, console, f"training on {frames} frames") as view:
 
         def learnt(more: int) -> None:
             # The classifiers learn once FLDA has seen its frames.
-            last = view.done + more >= frames and study.receiver.classifiers
+            last = (view.done + more) % frames == 0 and study.receiver.classifiers
             view.advance("training classifiers" if last else f"training on {frames} frames", more)
 
         training = train.train(study, learnt)
     missed = f", {training.missed} without a located panel left out" if training.missed else ""
-    view.say(f"trained on {training.frames} frames{missed}")
+    more = f", and {often - 1} more times on as many of their own" if often > 1 else ""
+    view.say(f"trained on {training.frames} frames{missed}{more}")
     for name, one in training.made.items():
         if one.frames:
             view.say(f"trained {name} on {one.frames} frames in {one.training_s:.0f} s")

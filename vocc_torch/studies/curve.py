@@ -203,12 +203,15 @@ def compared(curves: curve.Curves, reference: str) -> list[str]:
     for name in others if reference in curves.receivers else ():
         places: dict[str, list[str]] = {"more errors": [], "fewer errors": []}
         for value in curves.values:
-            found = paired.paired_interval(curves.pair(name, reference, value))
+            # Of the algorithms where there are several trainings.
+            found = curves.trained_pair(name, reference, value)
+            found = found or paired.paired_interval(curves.pair(name, reference, value))
             if found.real:
                 places["more errors" if found.value > 0 else "fewer errors"].append(styles.value_text(value))
         parts = [f"{word} at {', '.join(values)}" for word, values in places.items() if values]
         lines.append(f"  {name}: {'; '.join(parts) or 'no difference shown'}")
-    heading = f"\nCompared with {reference} on the same frames (95 %), by {curves.axis}:"
+    same = "the same frames, training by training" if curves.trained else "the same frames"
+    heading = f"\nCompared with {reference} on {same} (95 %), by {curves.axis}:"
     return [heading, *lines] if lines else []
 
 

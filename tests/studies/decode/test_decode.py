@@ -18,10 +18,10 @@ from PIL import Image
 
 from vocc_torch.errors import VoccError
 from vocc_torch.receiver.receiver import Receiver
+from vocc_torch.receiver.recording import read_recording, to_grey
 from vocc_torch.rng import BlockKey
 from vocc_torch.show.canvas import annotated
 from vocc_torch.simulation import Distribution, SceneModel, Simulator
-from vocc_torch.studies.decode.recording import read_recording, to_grey
 from vocc_torch.studies.decode.run import COLUMNS, decode, receiver_for
 from vocc_torch.types import PanelShape
 

@@ -10,7 +10,13 @@ from vocc_torch.studies.paper.judgement import VERDICTS
 from vocc_torch.studies.paper.scorecard import CLAIMS
 from vocc_torch.studies.paper.scorecard import COLUMNS as SCORE_COLUMNS
 
-TINY = ("budget.frames=8", "budget.training_frames=64", "workers=1", "tensorboard=false")
+TINY = (
+    "budget.frames=8",
+    "budget.training_frames=64",
+    "budget.trainings=2",
+    "workers=1",
+    "tensorboard=false",
+)
 VALUES = {"contrast": "[0,0.3,0.36,0.6]", "ambient": "[4000,8000]", "luminance": "[500,4000]"}
 VALUES |= {"distance": "[30,60,70]"}
 BASE = (

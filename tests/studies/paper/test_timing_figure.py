@@ -98,7 +98,7 @@ def test_the_papers_receivers_are_timed_on_whole_frames_and_crops(plan, monkeypa
         asked.append((framing, batch, repeats))
         assert {name: one.bank.names for name, one in receivers.items()} == {n: (n,) for n in RECEIVERS}
         assert {one.locator for one in receivers.values()} == {plan.receiver.location}
-        return StageTimings(made_up().by_place[PLACES[0]], 1.0, wall_s=10.0, processor_s=4.0)
+        return StageTimings(made_up().by_place[PLACES[0]], 1.0, wall_s=10.0, processor_s=4.0, graphs={})
 
     monkeypatch.setattr(stage_times, "time_stages", timed)
     monkeypatch.setattr(stage_times.Exposure, "of", lambda world, model, keys, preambles: world.framing)

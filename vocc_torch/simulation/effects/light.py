@@ -1,7 +1,9 @@
 """The LEDs' own light and what lies on its way: symbols, faults, scatter, air, obstacles and glare."""
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import torch
@@ -99,12 +101,12 @@ class RollingShutter(Effect, on=Quantity.SYMBOLS):
         camera = context.camera
         return rows * (self.readout_s / max(camera.height_px - 1, 1)) - camera.exposure_time_s / 2
 
-    def _timing(self, context: Context) -> tuple[torch.Tensor, torch.Tensor, list[np.random.Generator]]:
+    def _timing(self, context: Context) -> tuple[torch.Tensor, torch.Tensor, Sequence[Any]]:
         """Draw each frame's phase, and find the symbols that show during the readout of its panel.
 
         Returns:
             (B,K+1) where one symbol follows the other, s from the middle of the centre row's exposure; (B,)
-            the sensor's row that the panel's centre lies in; each frame's stream, its phase drawn.
+            the sensor's row that the panel's centre lies in; what tells each frame's neighbours.
         """
         scene, camera, leds = context.scene, context.camera, view.led_centres_m(context.panel)
         if self.symbol_s < camera.exposure_time_s:
@@ -115,9 +117,8 @@ class RollingShutter(Effect, on=Quantity.SYMBOLS):
         # The panel with a cell around it.
         rows = torch.stack([y.amin(dim=1) - cell, y[:, 0], y.amax(dim=1) + cell])
         top, centre, bottom = torch.floor(rows).clamp(0, camera.height_px - 1)
-        generators = context.generators(self.name)
-        draws = torch.tensor([g.random() for g in generators], dtype=torch.float64, device=top.device)
-        truth_s = -draws * self.symbol_s
+        shown_s, told = self._shown_s(context)
+        truth_s = -torch.tensor(shown_s, dtype=torch.float64, device=top.device)
         begins, ends = self._begins_s(top - centre, context), self._begins_s(bottom - centre, context)
         first = torch.floor((begins - truth_s) / self.symbol_s)
         last = torch.ceil((ends + camera.exposure_time_s - truth_s) / self.symbol_s) - 1
@@ -129,7 +130,57 @@ class RollingShutter(Effect, on=Quantity.SYMBOLS):
         edges = truth_s.unsqueeze(-1) + steps * self.symbol_s
         # A frame's own symbols end its timeline, not the batch's: so the batch cannot change a frame.
         edges = edges.masked_fill(steps <= first.unsqueeze(-1), -torch.inf)
-        return edges.masked_fill(steps > last.unsqueeze(-1), torch.inf), centre, generators
+        return edges.masked_fill(steps > last.unsqueeze(-1), torch.inf), centre, told
+
+    def _shown_s(self, context: Context) -> tuple[Sequence[float], Sequence[Any]]:
+        """Draw for how long each frame's truth has shown, s, and give the streams of its neighbours."""
+        generators = context.generators(self.name)
+        return [generator.random() * self.symbol_s for generator in generators], generators
+
+
+@dataclass(frozen=True, slots=True)
+class Playback(RollingShutter):
+    """A rolling shutter before a panel that plays a film: phase and neighbours are those of each moment.
+
+    Before and after the film the panel is dark. It stands in a list of built effects, never in a scene's
+    file; :func:`vocc_torch.simulation.recording.record` makes one.
+
+    Args:
+        film: (N,R,C) bool, the symbols in order.
+        middles_s: the moment, s from the film's begin, in which the middle of each frame's exposure of the
+            panel's centre lies, by what the frame's key calls its take.
+
+    Example:
+        >>> film = torch.ones(2, 1, 1, dtype=torch.bool)
+        >>> Playback(1e-3, 0.01, film=film, middles_s={"0": 0.012, "1": 0.025}).symbol_at("0")
+        1
+    """
+
+    film: torch.Tensor = field(kw_only=True)
+    middles_s: Mapping[str, float] = field(kw_only=True)
+
+    def symbol_at(self, take: str) -> int:
+        """Give the number of the symbol that shows in the middle of a take; it may be beyond the film."""
+        return math.floor(self.middles_s[take] / self.symbol_s)
+
+    def symbols(self, numbers: torch.Tensor) -> torch.Tensor:
+        """Give symbols by number, of any shape, (...,R,C) bool; dark where there is none."""
+        there = (numbers >= 0) & (numbers < len(self.film))
+        return self.film[numbers.clamp(0, len(self.film) - 1)] & there[..., None, None]
+
+    def __call__(self, value: torch.Tensor, context: Context) -> torch.Tensor:
+        """Put each frame's (B,R,C) bits amid their neighbours in the film, (B,K,R,C)."""
+        edges_s, _, truths = self._timing(context)
+        around = edges_s.shape[1] // 2 - 1
+        numbers = torch.tensor(truths)[:, None] + torch.arange(-around, around + 1)
+        return self.symbols(numbers).to(value.device)
+
+    def _shown_s(self, context: Context) -> tuple[Sequence[float], Sequence[Any]]:
+        """Say for how long each frame's truth has shown, s, and its number."""
+        takes = [key.take for key in context.keys_for(self.name)]
+        numbers = [self.symbol_at(take) for take in takes]
+        pairs = zip(takes, numbers, strict=True)
+        return [self.middles_s[take] - number * self.symbol_s for take, number in pairs], numbers
 
 
 @dataclass(frozen=True, slots=True)

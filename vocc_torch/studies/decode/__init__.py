@@ -7,7 +7,6 @@ from vocc_torch.errors import VoccError
 CHANNELS = ("luma", "max", "red", "green", "blue")
 FOLLOWS = ("true", "false", "auto")
 MOST_SCALE = 16
-VIDEO_SUFFIXES = (".mp4", ".mkv", ".avi", ".mov", ".webm", ".m4v", ".mpg", ".mpeg", ".mjpeg")
 
 
 @dataclass

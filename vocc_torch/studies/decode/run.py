@@ -18,12 +18,12 @@ from vocc_torch.measure.config import Settings
 from vocc_torch.measure.train import receiver_for
 from vocc_torch.receiver.calibration import APPEARANCE, outside
 from vocc_torch.receiver.receiver import Receiver
+from vocc_torch.receiver.recording import RecordedFrame, read_recording
 from vocc_torch.receiver.track import Tracker
 from vocc_torch.show import folder as run_folder
 from vocc_torch.show.canvas import annotated
 from vocc_torch.show.terminal import Console
 from vocc_torch.studies.decode import DecodeConfig
-from vocc_torch.studies.decode.recording import RecordedFrame, read_recording
 from vocc_torch.types import Frames
 
 DOUBTFUL_SCORE = 0.6
@@ -191,7 +191,7 @@ def decode(
 
     Args:
         receiver: a trained receiver.
-        recording: its frames, as :func:`~vocc_torch.studies.decode.recording.read_recording` gives them.
+        recording: its frames, as :func:`~vocc_torch.receiver.recording.read_recording` gives them.
         follow: ``true`` where they are in order and the panel is followed, ``auto`` for videos, ``false``.
 
     Raises:

@@ -28,7 +28,9 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from typing import Literal
 
-from vocc_torch.measure import curve, estimate, paired
+import numpy as np
+
+from vocc_torch.measure import curve, estimate, paired, trainings
 from vocc_torch.measure.counts import Counts
 from vocc_torch.show.styles import rate_text
 from vocc_torch.studies.paper import words
@@ -123,7 +125,7 @@ def minimum(
     def compared(a: float, b: float) -> RateComparison:
         return RateComparison(curves, (receiver, a), (receiver, b))
 
-    rates = {value: curves.counts[receiver, value].ber for value in values}
+    rates = {value: curves.tested(receiver, value).ber for value in values}
     seen = [value for value, ber in rates.items() if ber == min(rates.values())]
     places = estimate.may_be_least(
         len(values), lambda a, b, confidence: compared(values[a], values[b]).difference(confidence)
@@ -272,7 +274,13 @@ def quoted_ber(reading: PaperReading, experiment: str, at: float, receiver: str,
     """
     row, both = reading.row(experiment, receiver, at), paper_counts(reading, experiment, at, receiver, ber)
     judged = Judgement("cannot say", words.point(row), "", row.ber_low, row.ber_high)
-    if paired.difference_independent(*both).real:
+    apart = paired.difference_independent(*both)
+    if (of := reading.curves(experiment).trained.get((receiver, at))) is not None:
+        ours = of.pooled if of.pooled.half_errors else both[0]
+        apart = paired.difference_independent(ours, both[1])
+        # The paper's rate is that of one training, which scatters as each of ours does.
+        apart = trainings.widened(apart, of.rates, against_one=True)
+    if apart.real:
         gap = f"{row.ber / ber:.2g} times the quoted rate"
         if row.error_free:
             gap = f"the limit is {ber / row.ber_high:.2g} times below the quoted rate"
@@ -308,7 +316,11 @@ def quoted_gain(reading: PaperReading, experiment: str, gain: float, at: float |
     # The paper's interval is ours, scaled by the numbers of frames.
     scale = math.sqrt(two.frames / paper_frames(curves, at))
     below, above, apart = found.value - found.low, found.high - found.value, found.value - gain
-    low, high = apart - math.hypot(below, scale * above), apart + math.hypot(above, scale * below)
+    # Its two receivers come of one training, ours are a mean over several where there are.
+    gains = gain_by_training(curves, at)
+    alone = trainings.t_reach(gains) * math.sqrt(len(gains)) if gains else 0.0
+    low = apart - math.hypot(below, scale * above, alone)
+    high = apart + math.hypot(above, scale * below, alone)
     if low <= 0 <= high:
         reason = "the interval is wider than 100 percentage points" if wide else ""
         return Judgement("cannot say" if wide else "agree", measured, reason, *ends)
@@ -377,8 +389,27 @@ def clustered_like(like: Counts, ber: float, frames: float) -> Counts:
 
 def two_and_three(curves: curve.Curves, at: float | None) -> tuple[Counts, Counts, paired.PairedCounts]:
     """What the gain of three features over two is computed from, at one value or over all together."""
-    two, three = (curves.total(n) if at is None else curves.counts[n, at] for n in ("flda_2", "flda_3"))
-    return two, three, curves.pair("flda_2", "flda_3", at)
+    values = curves.values if at is None else (at,)
+    two, three = (sum((curves.tested(n, value) for value in values), Counts()) for n in ("flda_2", "flda_3"))
+    if not curves.trained:
+        return two, three, curves.pair("flda_2", "flda_3", at)
+    pairs = (curves.trained_pairs["flda_2", "flda_3", value] for value in values)
+    return two, three, sum(pairs, paired.PairedCounts())
+
+
+def gain_by_training(curves: curve.Curves, at: float | None) -> list[float]:
+    """How far each training's gain of three features over two is from that of all; empty after a single one.
+
+    A ratio of rates is taken as linear in them, so that a training without errors is no gap.
+    """
+    apart = []
+    for value in (curves.values if at is None else (at,)) if curves.trained else ():
+        two, three = (curves.trained[name, value] for name in ("flda_2", "flda_3"))
+        if base := two.pooled.ber:
+            expected = np.multiply(three.pooled.ber / base, two.rates)
+            apart.append(np.subtract(expected, three.rates) / base)
+    each: list[float] = np.mean(apart, axis=0).tolist() if apart else []
+    return each
 
 
 def gains_of(
@@ -392,9 +423,14 @@ def gains_of(
         NotMeasuredError: the experiment, the value, or two or three features are missing.
     """
     curves = reading.curves(experiment, ("flda_2", "flda_3"), *(() if at is None else (at,)))
+    found: estimate.Estimate | None
     if at is not None:
-        return curves, paired.relative_gain(*two_and_three(curves, at))
-    return curves, paired.mean_gain(two_and_three(curves, value) for value in curves.values)
+        found = paired.relative_gain(*two_and_three(curves, at))
+    else:
+        found = paired.mean_gain(two_and_three(curves, value) for value in curves.values)
+    if found is not None and (each := gain_by_training(curves, at)):
+        found = trainings.widened(found, each)
+    return curves, found
 
 
 def with_location(

@@ -181,7 +181,9 @@ def draw_rates(
     ]
     if (readings := sum(map(len, rows))) > 1:
         footnote = f"{_INTERVALS} arrows: no errors; one-sided 95 % limit \N{MIDDLE DOT} "
-        footnote += "the same bits and scenes in every facet"
+        trainings = max(row.trainings for row in table)
+        pale = f"pale: over {trainings} trainings"
+        footnote += pale if trainings > 1 else "the same bits and scenes in every facet"
         drawn[f"{stem}_readings"] = plots.facet_figure(rows, f"{title}, {readings} readings", footnote)
     return drawn
 

@@ -9,10 +9,12 @@ into *differ* only at that rate.
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias
 
-from vocc_torch.measure import curve, estimate, grid, paired
+import numpy as np
+
+from vocc_torch.measure import curve, estimate, grid, paired, trainings
 from vocc_torch.measure.counts import Counts
 from vocc_torch.show.styles import rate_text
 from vocc_torch.studies.paper.words import place
@@ -47,14 +49,19 @@ class RateComparison:
     @property
     def counts(self) -> tuple[Counts, Counts]:
         """The errors of both."""
-        return self.curves.counts[self.above], self.curves.counts[self.below]
+        return self.curves.tested(*self.above), self.curves.tested(*self.below)
 
     def difference(self, confidence: float) -> estimate.Estimate:
         """The first rate less the second one."""
-        (first, at), (second, other) = self.above, self.below
+        (first, at), (second, other), curves = self.above, self.below, self.curves
         if at == other:
-            return paired.paired_interval(self.curves.pair(first, second, at), confidence)
-        return paired.difference_independent(*self.counts, confidence)
+            found = curves.trained_pair(first, second, at, confidence)
+            return found or paired.paired_interval(curves.pair(first, second, at), confidence)
+        apart = paired.difference_independent(*self.counts, confidence)
+        if not curves.trained:
+            return apart
+        high, low = (curves.trained[one].rates for one in (self.above, self.below))
+        return trainings.widened(apart, np.subtract(high, low).tolist(), confidence)
 
     def text(self) -> str:
         """The two rates and where they were measured."""
@@ -106,6 +113,7 @@ class PaperReading:
         numbers: of the figures that are no error rates; they do not depend on the reading.
         dimming: ambient light by LED luminance, with this locator and the report's own focal length; None
             where it was not measured.
+        of_algorithms: whether all trainings are looked at, where there are several, not the first alone.
 
     Example:
         >>> reading = PaperReading(25.0, "paper", {}, {"fig20": {"contrast_paper_scene_6": 0.031}})
@@ -118,6 +126,7 @@ class PaperReading:
     experiments: Mapping[str, curve.Measured]
     numbers: Numbers
     dimming: grid.Grid | None = None
+    of_algorithms: bool = False
 
     @property
     def name(self) -> str:
@@ -138,6 +147,7 @@ class PaperReading:
         if experiment not in self.experiments:
             raise NotMeasuredError(f"experiment {experiment}")
         curves = self.experiments[experiment].curves[self.locator]
+        curves = curves if self.of_algorithms else replace(curves, trained={}, trained_pairs={})
         missing = [f"receiver {name}" for name in receivers if name not in curves.receivers]
         missing += [place(curves.axis, value) for value in values if value not in curves.values]
         if missing:
@@ -145,7 +155,7 @@ class PaperReading:
         return curves
 
     def row(self, experiment: str, receiver: str, value: float) -> curve.Row:
-        """A point with its interval.
+        """A point with its interval, that of the algorithm where this is of algorithms.
 
         Raises:
             NotMeasuredError: there is no such point.
@@ -153,7 +163,11 @@ class PaperReading:
         curves = self.curves(experiment, (receiver,), value)
         # The limit of a point without errors looks at the receiver's other points.
         table = curve.BerTable(point for point in curves.points() if point.receiver == receiver)
-        return next(row for row in table if row.value == value)
+        row = next(row for row in table if row.value == value)
+        if (of := row.algorithm) is None:
+            return row
+        errors = curves.tested(receiver, value).bit_errors
+        return replace(row, bit_errors=errors, ber=of.value, ber_low=of.low, ber_high=of.high)
 
     def number(self, name: str) -> float:
         """A figure's number, such as ``fig12.auc_ngr``.

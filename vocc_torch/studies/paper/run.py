@@ -65,6 +65,9 @@ def run_figures(settings: configs.Settings, config: FiguresConfig, folder: Path)
                     board = folder / "tensorboard"
                     tensorboard.write_boards(board, report.tables(), report.drawn, texts=texts)
             report.write(settings, dict(watch.seconds), resumed)
+        for claim, first, of in report.card.changed() if report.card else ():
+            text = f"over {plan.budget.trainings} trainings: {claim.claim}: {first.verdict} -> {of.verdict}"
+            console.print(f"{text} ({of.measured})", soft_wrap=True, highlight=False, markup=False)
     places = [("report", "report.html"), ("", "report.md")]
     run_folder.print_places(console, folder, places, settings.tensorboard)
 
@@ -182,7 +185,7 @@ class Report:
         if set(figures.RATE_FIGURES) <= set(self.measured.get(self.plan.own[0], {})):
             numbers = {name: one["findings"] for name, one in self.shown.items()}
             readings = scorecard.readings_of(self.measured, numbers, self.plan.locators, self.grids)
-            self.card = scorecard.score(readings, self.plan.own)
+            self.card = scorecard.score_all(readings, self.plan.own)
             fits = [scorecard.FIT_COLUMNS, *(fit.row() for fit in scorecard.fits(self.card))]
             write_short(self.folder / "scorecard.csv", self.card.rows())
             write_short(self.folder / "fits.csv", fits)

@@ -5,7 +5,7 @@ import math
 import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from typing import Any, Literal, TypeAlias
 
@@ -133,8 +133,9 @@ Judged: TypeAlias = tuple[Claim, Judgement]
 COLUMNS = (
     *("claim", "where", "text", "paper", "focal_length_mm", "locator"),
     *("measured", "low", "high", "verdict", "reason", "basis"),
+    *("algorithm_verdict", "algorithm_measured"),
 )
-"""Columns of ``scorecard.csv``."""
+"""Columns of ``scorecard.csv``; the last are of all trainings, and empty after a single one."""
 FIT_COLUMNS = ("reading", *VERDICTS, "distance to quoted rates", "distance to quoted gains")
 """Columns of ``fits.csv``."""
 DEFAULT = (25.0, "paper")
@@ -150,12 +151,23 @@ class Scorecard:
         readings: with names of their own.
         own: the reading that is reported in full.
         judgements: by the names of claim and reading.
+        algorithms: the same of the algorithms, where receivers were trained several times.
     """
 
     claims: tuple[Claim, ...]
     readings: tuple[PaperReading, ...]
     own: PaperReading
     judgements: Mapping[tuple[str, str], Judgement]
+    algorithms: Mapping[tuple[str, str], Judgement] = field(default_factory=dict)
+
+    def changed(self) -> list[tuple[Claim, Judgement, Judgement]]:
+        """The claims whose verdict is another one for the algorithms, under the own reading, with both."""
+        found = []
+        for claim, first in self.judged():
+            every = self.algorithms.get((claim.claim, self.own.name))
+            if every is not None and every.verdict != first.verdict and claim.basis == "curves":
+                found.append((claim, first, every))
+        return found
 
     def judged(self, group: ClaimGroup | None = None, reading: PaperReading | None = None) -> list[Judged]:
         """The claims of a group, by default all, as judged under a reading, by default the own one."""
@@ -194,7 +206,9 @@ class Scorecard:
                 one = self.judgements[claim.claim, (reading or self.own).name]
                 where = (reading.focal_length_mm, reading.locator) if reading else (None, None)
                 what = (claim.claim, claim.where, claim.text, claim.paper, *where)
-                lines.append((*what, one.measured, one.low, one.high, one.verdict, one.reason, claim.basis))
+                told = (one.measured, one.low, one.high, one.verdict, one.reason, claim.basis)
+                of = self.algorithms.get((claim.claim, reading.name)) if reading else None
+                lines.append((*what, *told, *((of.verdict, of.measured) if of else (None, None))))
         return lines
 
 
@@ -301,6 +315,16 @@ def score(
             judged = claim.judge(one if claim.basis == "curves" else chosen, at_truth)
             judgements[claim.claim, one.name] = judged
     return Scorecard(tuple(claims), tuple(readings), chosen, judgements)
+
+
+def score_all(readings: Sequence[PaperReading], own: tuple[float, str] = DEFAULT) -> Scorecard:
+    """Judge the receivers of the first training, and where there are several trainings the algorithms too."""
+    card = score(readings, own)
+    every = [curves for one in readings for of in one.experiments.values() for curves in of.curves.values()]
+    if not any(curves.trained for curves in every):
+        return card
+    algorithms = score([replace(one, of_algorithms=True) for one in readings], own)
+    return replace(card, algorithms=algorithms.judgements)
 
 
 @dataclass(frozen=True, slots=True)

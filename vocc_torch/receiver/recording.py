@@ -11,8 +11,10 @@ from numpy.typing import NDArray
 from PIL import Image, ImageOps, UnidentifiedImageError
 
 from vocc_torch.errors import VoccError, printable
-from vocc_torch.files import PICTURE_FORMATS, PICTURE_SUFFIXES
-from vocc_torch.studies.decode import VIDEO_SUFFIXES
+from vocc_torch.files import PICTURE_FORMATS, PICTURE_SUFFIXES, VIDEO_SUFFIXES
+
+GREYS = ".npy"
+"""An array (N,H,W) uint8 of greys, as NumPy writes it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,14 +51,16 @@ def to_grey(colour: NDArray[np.uint8], channel: str) -> NDArray[np.uint8]:
     return np.ascontiguousarray(colour[..., ("red", "green", "blue").index(channel)])
 
 
-def read_recording(path: Path, channel: str) -> Iterator[RecordedFrame]:
+def read_recording(path: Path, channel: str, *, grey_only: bool = False) -> Iterator[RecordedFrame]:
     """Read frames one by one, pictures of a folder in the order of their names.
 
     What cannot be read is passed over and refused at the end, after all the frames that could be.
 
     Args:
-        path: a picture, which may have several frames or pages, a folder of pictures or a video.
+        path: a picture, which may have several frames or pages, a folder of pictures, a video or an array.
         channel: how colour becomes grey.
+        grey_only: leave out the colour, which takes a video most of its time; the grey is then the video's
+            own, up to a grey value from that of ``luma``.
 
     Raises:
         VoccError: an input that is missing or empty, at once; at the end, what could not be read.
@@ -72,7 +76,9 @@ def read_recording(path: Path, channel: str) -> Iterator[RecordedFrame]:
     if not path.is_file():
         raise VoccError(f"input {path} is a pipe or a device: {wanted}")
     if path.suffix.lower() in VIDEO_SUFFIXES:
-        return read_video(path, channel)
+        return read_video(path, channel, grey_only=grey_only and channel == "luma")
+    if path.suffix.lower() == GREYS:
+        return read_greys(path)
     return read_picture(path, channel)
 
 
@@ -142,7 +148,26 @@ def to_colour(image: Image.Image) -> NDArray[np.uint8]:
     return np.asarray(shown.convert("RGB"), dtype=np.uint8)
 
 
-def read_video(path: Path, channel: str) -> Iterator[RecordedFrame]:
+def read_greys(path: Path) -> Iterator[RecordedFrame]:
+    """Read an array of greys frame by frame; the file is not read into memory.
+
+    Raises:
+        VoccError: another file, or an array of another kind.
+    """
+    try:
+        greys = np.load(path, mmap_mode="r", allow_pickle=False)
+    except (OSError, ValueError) as error:
+        raise VoccError(f"input {path} cannot be read as an array ({' '.join(str(error).split())})") from None
+    if greys.dtype != np.uint8 or greys.ndim != 3 or not greys.size:
+        given = f"{greys.dtype} of shape {greys.shape}"
+        raise VoccError(f"input {path} holds {given}: it must be uint8 of shape (N,H,W), not empty")
+    for index, one in enumerate(greys):
+        grey = np.array(one)
+        colour = np.broadcast_to(grey[..., None], (*grey.shape, 3))
+        yield RecordedFrame(printable(path.name), index, None, colour, grey)
+
+
+def read_video(path: Path, channel: str, *, grey_only: bool = False) -> Iterator[RecordedFrame]:
     """Read a video's frames through PyAV; a warning tells of damaged frames and of missing ones.
 
     Raises:
@@ -168,8 +193,12 @@ def read_video(path: Path, channel: str) -> Iterator[RecordedFrame]:
                 except av.error.FFmpegError as error:  # others of its frames may be whole
                     frames, reason = [], str(error)
                 for frame in frames:
-                    colour = np.asarray(frame.to_ndarray(format="rgb24"), dtype=np.uint8)
-                    grey = to_grey(colour, channel)
+                    form = "gray" if grey_only else "rgb24"
+                    colour = np.asarray(frame.to_ndarray(format=form), dtype=np.uint8)
+                    if grey_only:
+                        grey, colour = colour, np.broadcast_to(colour[..., None], (*colour.shape, 3))
+                    else:
+                        grey = to_grey(colour, channel)
                     yield RecordedFrame(printable(path.name), done, frame.time, colour, grey)
                     done, damaged = done + 1, damaged + frame.is_corrupt
     except (av.error.FFmpegError, IndexError, ValueError) as error:

@@ -1,0 +1,127 @@
+"""``task=transmit``, ``task=record`` and ``task=receive`` from a file to the same file."""
+
+import csv
+
+import numpy as np
+import pytest
+import yaml
+from composing import complaint_of, composed
+
+from vocc_torch.app.cli import run_task
+from vocc_torch.errors import VoccError
+from vocc_torch.receiver.locators import RefinedLocator
+from vocc_torch.receiver.reader import Reader
+from vocc_torch.receiver.receiver import Receiver
+from vocc_torch.receiver.recording import read_recording
+
+TEXT = b"A message of some bytes that two commands carry. " * 12
+
+
+@pytest.fixture(scope="module")
+def sent(tmp_path_factory):
+    """The folder of task=transmit."""
+    folder = tmp_path_factory.mktemp("sent")
+    (folder / "text.txt").write_bytes(TEXT)
+    words = f"input='{folder / 'text.txt'}'", "name=x", "transmit.cell_px=8"
+    run_task(composed("task=transmit", *words), folder / "out")
+    return folder / "out"
+
+
+@pytest.fixture(scope="module")
+def seen(sent, tmp_path_factory):
+    """The folder of task=record."""
+    folder = tmp_path_factory.mktemp("seen") / "out"
+    words = "scene.distance_m=40", "scene.ambient_lx=8000", "record.fps=170", "record.margin=2"
+    run_task(composed("task=record", f"input='{sent}'", "name=x", *words), folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def model(trained, tmp_path_factory):
+    """A receiver's file."""
+    path = tmp_path_factory.mktemp("model") / "receiver.pt"
+    Receiver("flda_3", RefinedLocator(), Reader(), trained).save(path)
+    return path
+
+
+def rows_of(path):
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def receive(input_, folder, model, *words):
+    """Run the task; its rows and its complaint."""
+    settings = composed("task=receive", f"input='{input_}'", "name=x", f"model='{model}'", *words)
+    said = ""
+    try:
+        run_task(settings, folder)
+    except VoccError as error:
+        said = str(error)
+    return rows_of(folder / "report.csv"), said
+
+
+def test_the_film_is_the_frames_enlarged(sent):
+    film, plan = np.load(sent / "frames.npy"), yaml.safe_load((sent / "plan.yaml").read_text())
+    shown = [frame.grey[4::8, 4::8] > 127 for frame in read_recording(sent / "film.mp4", "luma")]
+    assert (np.stack(shown) == film).all()
+    assert film.shape[1:] == (plan["rows"], plan["columns"]) == (8, 8)
+    assert {path.name for path in sent.iterdir()} == {"frames.npy", "film.mp4", "plan.yaml", "config.yaml"}
+
+
+def test_a_file_comes_back_from_the_video(seen, model, tmp_path):
+    rows, said = receive(seen / "recording.mp4", tmp_path / "out", model)
+    assert (tmp_path / "out" / "message.bin").read_bytes() == TEXT
+    assert not said
+    assert [row["sequence"] for row in rows if row["arrived"] == "1"][:5] == ["0", "1", "2", "3", "4"]
+    truth = rows_of(seen / "truth.csv")
+    assert len(truth) == len(np.load(seen / "recording.npy", mmap_mode="r"))
+    assert truth[-1]["symbol"] == "255"
+
+
+def test_what_is_missing_of_a_recording_that_was_cut_is_named_and_not_made_up(seen, model, tmp_path):
+    greys = np.load(seen / "recording.npy")
+    np.save(tmp_path / "cut.npy", greys[: len(greys) // 2 + 20])
+    plan = f"receive.plan='{seen / 'plan.yaml'}'"
+    rows, said = receive(tmp_path / "cut.npy", tmp_path / "out", model, plan, "receive.fps=170")
+    assert "of 5 packets of the message 1 are missing (4): message.partial has zeros in their place" in said
+    part = (tmp_path / "out" / "message.partial").read_bytes()
+    assert not (tmp_path / "out" / "message.bin").exists()
+    missing = rows_of(tmp_path / "out" / "missing.csv")
+    first = int(missing[0]["first_byte"])
+    assert part[:first] == TEXT[:first]
+    assert part[first:] == bytes(len(TEXT) - first)
+    assert all(row["why"] for row in rows if row["arrived"] == "0")
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ("task=transmit transmit.code_rate=1.5", "transmit.code_rate is 1.5: it must be above 0 and below 1"),
+        ("task=transmit scene.distance_m=50", "scene.distance_m is 50: task=transmit does not use it"),
+        ("task=record record.fps=0", "record.fps is 0: it must be above 0"),
+        ("task=record panel.rows=4", "panel.rows is 4: task=record does not use it"),
+        ("task=receive receive.soft=very", "receive.soft is 'very': it must be one of calibrated, scores"),
+        ("task=receive receiver.locator=truth", "receiver.locator is 'truth': it must be paper or refined"),
+        ("task=receive model=r.pt scene=night", "scene is night: the model brings its own"),
+    ],
+)
+def test_what_is_refused_is_named(words, said):
+    assert complaint_of(*words.split()).startswith(said)
+
+
+@pytest.mark.parametrize(
+    ("task", "place", "said"),
+    [
+        ("transmit", "none", "cannot be read"),
+        ("transmit", "empty", "input is of 0 bytes"),
+        ("record", "", "frames.npy cannot be read"),
+        ("receive", "none.npy", "does not exist"),
+        ("receive", None, "input is null: task=receive needs"),
+    ],
+)
+def test_inputs_that_are_not_there(tmp_path, sent, task, place, said):
+    (tmp_path / "empty").touch()
+    (tmp_path / "plan.yaml").write_text((sent / "plan.yaml").read_text())
+    words = () if place is None else (f"input='{tmp_path / place}'",)
+    with pytest.raises(VoccError, match=said):
+        run_task(composed(f"task={task}", "name=x", *words), tmp_path / "out")

@@ -1,0 +1,239 @@
+"""Several trainings of one receiver: what each is, what their counts are, and what intervals say of them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from made_up_tallies import tallies
+from scipy import stats
+
+from vocc_torch.errors import VoccError
+from vocc_torch.measure import sweep
+from vocc_torch.measure.config import Budget
+from vocc_torch.measure.counts import Counts
+from vocc_torch.measure.curve import BerTable, Point
+from vocc_torch.measure.estimate import Estimate
+from vocc_torch.measure.intervals import ber_interval
+from vocc_torch.measure.link import Link
+from vocc_torch.measure.paired import PairedCounts, paired_interval
+from vocc_torch.measure.plan import ClassifierPlan, identity
+from vocc_torch.measure.train import train, train_alone
+from vocc_torch.measure.trainings import TRAININGS, Trained, mean_difference, t_reach, widened
+from vocc_torch.measure.workers import Outcome, Part, Workers, stop_reason
+from vocc_torch.plugins import PlugIn
+from vocc_torch.receiver.flda import FLDA
+from vocc_torch.rng import BlockKey
+from vocc_torch.show import folder, plots
+
+K, FRAMES = 3, 64
+PARTS = [Part(0, FRAMES), Part(1, 10)]
+
+
+@pytest.fixture(scope="module")
+def plan(make_plan):
+    one = make_plan(training_frames=40, names=("center_greyscale", "flda_2", "flda_3"))
+    return replace(one, budget=replace(one.budget, trainings=K))
+
+
+@pytest.fixture(scope="module")
+def training(plan):
+    return train(plan)
+
+
+@pytest.fixture(scope="module")
+def counted(plan, training):
+    return sweep.count_parts(plan, {"truth": training.bank(plan.receiver.names)}, 66.0, PARTS)
+
+
+@pytest.fixture(scope="module")
+def curves(plan, counted):
+    tallies = {label: sum((block[label] for block in counted[1:]), counted[0][label]) for label in counted[0]}
+    study = sweep.Study("", plan, ("truth",))
+    return sweep.measured(study, {66.0: Outcome(tallies, "frames")}).curves["truth"]
+
+
+def test_the_first_training_is_what_it_is_alone(plan, training, counted):
+    once = replace(plan, budget=replace(plan.budget, trainings=1))
+    alone = train(once)
+    for name in ("count", "mean", "scatter"):
+        assert torch.equal(getattr(alone.flda, name), getattr(training.flda, name))
+    assert alone.more == ()
+    before = sweep.count_parts(once, {"truth": alone.bank(plan.receiver.names)}, 66.0, PARTS)
+    first = [{label: one for label, one in block.items() if TRAININGS not in label} for block in counted]
+    assert first == before
+    assert identity(once, ["truth"]).get("trainings") is None
+    assert identity(plan, ["truth"]) == identity(once, ["truth"]) | {"trainings": K}
+
+
+def test_every_training_has_frames_of_its_own(plan, training):
+    """The third one is what FLDA learns from the frames of its point, trained here by hand."""
+    link, model = Link.of(plan), plan.experiment.training_model(plan.world)
+    sent = []
+    for number, point in enumerate(("train", "train/1", "train/2")):
+        keys = [BlockKey(plan.seed, point, 0)]
+        (seen,) = link.observe(model, keys, preambles=False, frames=plan.budget.training_frames)
+        sent.append(seen.bits)
+        flda = FLDA(3).fit(seen.readings.features, seen.bits)
+        own = training if not number else training.more[number - 1]
+        assert torch.equal(own.flda.mean, flda.mean)
+    for one in range(K):
+        assert all(0.4 < float((sent[one] == other).float().mean()) < 0.6 for other in sent[:one])
+
+
+def test_counts_of_all_trainings_add_up_and_those_that_learn_nothing_are_equal(
+    plan, training, counted, curves
+):
+    for block in counted:
+        for name in plan.receiver.names:
+            each = [block["truth", name, 0]] + [block["truth", name, TRAININGS, k, 0] for k in (1, 2)]
+            together = block["truth", name, TRAININGS, 0, 0]
+            assert together.half_errors == sum(one.half_errors for one in each)
+            assert (together.frames, together.bits) == (each[0].frames, K * each[0].bits)
+            assert max(one.frame_errors for one in each) <= together.frame_errors
+            if name == "center_greyscale":
+                assert each[0] == each[1] == each[2]
+                assert together.half_errors_squared == K**2 * each[0].half_errors_squared
+    # The second training by itself decides as it does among three.
+    other = training.more[0].bank(["flda_2", "flda_3"])
+    two = replace(plan, receiver=replace(plan.receiver, names=("flda_2", "flda_3")))
+    alone = sweep.count_parts(two, {"truth": other}, 66.0, PARTS)
+    for name in ("flda_2", "flda_3"):
+        assert alone[0]["truth", name, 0] == counted[0]["truth", name, TRAININGS, 1, 0]
+    pair = curves.trained_pairs["flda_2", "flda_3", 66.0]
+    rates = [curves.trained[name, 66.0].pooled.ber for name in ("flda_2", "flda_3")]
+    assert pair.difference == pytest.approx(rates[0] - rates[1], abs=1e-15)
+
+
+def test_further_trainings_do_not_stop_a_point():
+    few, many = Counts(64, 4096, 2, 4, 1), Counts(64, 4096, 200, 800, 60)
+    rule = Budget(6400, target_frame_errors=2)
+    assert stop_reason(rule, {("truth", "a", 0): few, ("truth", "a", TRAININGS, 1, 0): many}, 1) is None
+    told = {("truth", "a", 0): many, ("truth", "a", TRAININGS, 1, 0): few}
+    assert stop_reason(rule, told, 1) == "frame_errors"
+
+
+def test_classifiers_learn_anew_each_time(plan):
+    lmmse = ClassifierPlan("lmmse", PlugIn("", "lmmse", "vocc_torch.receiver.classifiers.LmmseEqualizer"))
+    receiver = replace(plan.receiver, names=("flda_2", "lmmse"), classifiers=(lmmse,))
+    with Workers(1) as workers:
+        (found,) = train_alone([replace(plan, receiver=receiver)], workers)
+    every = [found, *found.more]
+    assert len(every) == K
+    states = [str(vars(one.classifiers["lmmse"].classifier)) for one in every]
+    assert len(set(states)) == K
+    assert [bank.names for bank in found.bank(["center_greyscale", "lmmse"]).more] == [("lmmse",)] * 2
+
+
+# Intervals
+
+
+def made_up(rng, scatter, trainings, frames=2000, ber=2e-3, shared=0.5):
+    """Trainings whose rates scatter log-normally, on frames of which few are hard for all of them."""
+    factors = np.exp(scatter * rng.standard_normal(trainings) - scatter**2 / 2)
+    hard = np.where(rng.random(frames) < 0.1, 10 * shared, 0) + (1 - shared)
+    wrong = rng.binomial(64, np.minimum(ber * factors[:, None] * hard, 1))
+    each, _ = tallies(2 * wrong, 64, np.ones(wrong.shape, dtype=bool))
+    (pooled,), _ = tallies(2 * wrong.sum(0)[None], 64 * trainings, np.ones((1, frames), dtype=bool))
+    return Trained(tuple(each), pooled)
+
+
+def test_the_scatter_is_students_and_joins_the_frames_interval():
+    numbers = [1.0, 2.5, 2.0, 4.0]
+    ends = stats.ttest_1samp(numbers, 0).confidence_interval(0.9)
+    assert t_reach(numbers, 0.9) == pytest.approx((ends.high - ends.low) / 2, rel=1e-9)
+    frames = Estimate(0.2, 0.17, 0.24)
+    found = widened(frames, [0.1, 0.3])
+    reach = t_reach([0.1, 0.3])
+    assert found.low == pytest.approx(0.2 - np.hypot(0.03, reach))
+    # Trainings that are all alike add nothing.
+    assert widened(frames, [0.2] * 5, logarithmic=True) == pytest.approx(frames)
+    one = widened(Estimate(0.2, 0.2, 0.2), [0.19, 0.2, 0.21], against_one=True)
+    assert 0.2 - one.low == pytest.approx(2 * t_reach([0.19, 0.2, 0.21]))
+
+
+def test_without_errors_the_limit_is_that_of_one_receiver():
+    clean = Counts(2000, 128_000)
+    both = Trained((clean, clean), Counts(2000, 256_000))
+    for size in (1.0, 20.0):
+        one = ber_interval(clean, errors_per_frame_error=size)
+        assert both.interval(errors_per_frame_error=size).high == pytest.approx(one.high, rel=1e-12)
+    paired = mean_difference(both, both, PairedCounts(2000, 256_000))
+    assert paired.high == pytest.approx(paired_interval(PairedCounts(2000, 128_000)).high, rel=1e-12)
+
+
+def test_what_cannot_be_of_the_same_trainings_is_refused():
+    one = Counts(64, 4096, 4, 8, 2)
+    for each, pooled in (((one,), one), ((one, one), one)):
+        with pytest.raises(VoccError, match=r"trained\.pooled"):
+            Trained(each, pooled)
+    for number in (0, 1001):
+        with pytest.raises(VoccError, match=rf"budget\.trainings is {number}: it must be 1 to 1000"):
+            Budget(trainings=number)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("scatter", "trainings"), [(0.2, 2), (0.2, 8), (0.6, 3), (0.6, 8), (0.0, 5)])
+def test_the_algorithms_interval_covers(scatter, trainings):
+    """On made-up trainings with known truth; benchmarks/trainings.py does it on real ones.
+
+    A log-normal scatter of 60 % is more skewed than that of FLDA with 125 frames, and costs two points.
+    """
+    rng, studies = np.random.default_rng(0), 600
+    truth = 2e-3 * (0.1 * 10 * 0.5 + 0.5)
+    held, own = 0, 0
+    for _ in range(studies):
+        of = made_up(rng, scatter, trainings)
+        ends, one = of.interval(), ber_interval(of.each[0])
+        held += ends.low <= truth <= ends.high
+        own += one.low <= truth <= one.high
+    assert held / studies >= (0.93 if scatter < 0.5 else 0.91)
+    if scatter:
+        assert own / studies < 0.85
+
+
+# Files and pictures
+
+
+def test_columns_are_written_read_back_and_may_be_missing(curves, tmp_path):
+    table = curves.table()
+    folder.write_rows(tmp_path / "ber.csv", folder.ber_rows(table))
+    (read,) = folder.read_tables(tmp_path / "ber.csv").values()
+    assert {(row.receiver, row) for row in read} == {(row.receiver, row) for row in table}
+    grey = next(row for row in table if row.receiver == "center_greyscale")
+    assert (grey.ber_sd, grey.algorithm_low, grey.algorithm_high) == (0, grey.ber_low, grey.ber_high)
+    row = next(row for row in table if row.receiver == "flda_2")
+    rates = curves.trained["flda_2", 66.0].rates
+    assert (row.trainings, row.ber_best, row.ber_worst) == (K, min(rates), max(rates))
+    assert row.ber_sd == pytest.approx(np.std(rates, ddof=1))
+    assert row.ber_mean == pytest.approx(np.mean(rates))
+    assert row.algorithm_low < row.ber_mean < row.algorithm_high
+    old = [line.split(",")[:14] for line in (tmp_path / "ber.csv").read_text().splitlines()]
+    folder.write_rows(tmp_path / "old.csv", old)
+    (read,) = folder.read_tables(tmp_path / "old.csv").values()
+    assert [one.algorithm for one in read] == [None] * 3
+    folder.write_paired(tmp_path / "paired.csv", [curves])
+    lines = [line.split(",") for line in (tmp_path / "paired.csv").read_text().splitlines()]
+    place = lines[0].index("algorithm_difference")
+    (pair,) = [line for line in lines if line[4:6] == ["flda_2", "flda_3"]]
+    found = curves.trained_pair("flda_2", "flda_3", 66.0)
+    assert [float(cell) for cell in pair[place : place + 3]] == [found.value, found.low, found.high]
+
+
+def test_a_single_training_says_nothing_of_the_algorithm():
+    row = Point("d", "distance_m", 50.0, "flda_3", "truth", Counts(64, 4096, 4, 8, 2), "frames").stated()
+    assert folder.cells(row)[14:] == ["1", *[""] * 6]
+
+
+def test_pictures_show_the_algorithms_interval_of_what_learns(curves):
+    table = curves.table()
+    figure = plots.ber_figure(table, "Distance (m)", "title")
+    bands = [line for line in figure.axes[0].lines if line.get_label() == "_algorithm"]
+    learned = [row for row in table if row.ber_sd]
+    assert len(bands) == len(learned) == 2
+    for band, row in zip(bands, learned, strict=True):
+        low, high = band.get_ydata()
+        assert (low, high) == (max(row.algorithm_low, figure.axes[0].get_ylim()[0]), row.algorithm_high)
+    assert f"{K} trainings" in plots.interval_note(table)
+    single = BerTable(replace(row, trainings=1, ber_mean=None) for row in table)
+    assert "trainings" not in plots.interval_note(single)

@@ -1,0 +1,185 @@
+"""What is written where, what a checksum lets pass, and what the codes correct."""
+
+import zlib
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from vocc_torch.errors import VoccError
+from vocc_torch.hardware import PanelShape
+from vocc_torch.messages.codes import ReedSolomon, code_of
+from vocc_torch.messages.layout import Layout, sync_bits
+from vocc_torch.messages.packets import Assembly, packed, unpacked
+from vocc_torch.messages.reception import film_of
+from vocc_torch.messages.signalling import MessagePlan, Signalling
+
+CODES = ["rs", "none", "ldpc"]
+
+
+def plan(rows=8, columns=8, **options):
+    return MessagePlan(PanelShape(rows, columns), Signalling(**options))
+
+
+def layout(*args, **options):
+    return Layout(plan(*args, **options))
+
+
+@pytest.mark.parametrize("order", [5, 6, 7, 8])
+def test_a_few_sync_bits_tell_their_place(order):
+    bits = sync_bits(order)
+    windows = {tuple(np.roll(bits, -at)[:order]) for at in range(len(bits))}
+    assert len(bits) == len(windows) == 2**order
+
+
+@pytest.mark.parametrize(("rows", "columns", "bands"), [(8, 8, 4), (16, 16, 4), (4, 4, 2), (5, 9, 5)])
+@pytest.mark.parametrize("code", ["rs", "none"])
+def test_every_bit_has_a_cell_of_its_own(rows, columns, bands, code):
+    own = layout(rows, columns, bands=bands, code=code)
+    cells, places = own.symbols * (own.kind == "data").sum(), own.places.ravel()
+    assert len(set(places)) == len(places) == own.packets * own.word_bits
+    assert cells - len(places) < 8 * own.packets + 8 * own.unit
+    assert own.word_bits % 8 == 0
+    assert own.word_bits <= 8 * 255
+    words = np.random.default_rng(0).integers(2, size=(own.packets, own.word_bits), dtype=np.uint8)
+    film = own.write(words)
+    assert ((own.read(2 * film.astype(np.float32) - 1) > 0) == words).all()
+    corners = film[:, [0, 0, -1, -1], [0, -1, 0, -1]]
+    assert corners.all()
+    clocks = film[:, own.kind == "clock"]
+    assert clocks.shape[1] == bands
+    assert (np.roll(clocks, 1, axis=0) != clocks).all()  # each symbol, round the block
+
+
+def test_a_dead_row_or_corner_takes_no_more_of_any_word_than_its_share():
+    own = layout(code="rs")
+    for rows, columns in ((slice(3, 4), slice(None)), (slice(0, 3), slice(0, 3))):
+        dead = np.zeros((own.symbols, 8, 8), dtype=np.float32)
+        dead[:, rows, columns] = 1
+        by_byte = own.take(dead).reshape(own.packets, -1, 8)
+        assert (by_byte.any(axis=2) == by_byte.all(axis=2)).all()  # a byte keeps to its cell
+        share = dead[0][own.kind == "data"].mean()
+        assert by_byte.mean(axis=(1, 2)).max() < share + 0.08
+    plain = layout(code="rs", interleave=False)
+    early = np.zeros((plain.symbols, 8, 8), dtype=np.float32)
+    early[:16] = 1  # two of sixteen times eight symbols
+    assert plain.take(early).mean(axis=1).max() > 0.45
+    assert own.take(early).mean(axis=1).max() < 0.2
+
+
+def test_any_message_has_random_transitions_once_it_is_scrambled():
+    """Of a file of zeros all cells that carry data are Off without it."""
+    for scramble in (True, False):
+        film = film_of(bytes(1800), plan(code="none", scramble=scramble))
+        share = film.mean(axis=0)[layout().kind == "data"]
+        assert (0.3 < share.min() < share.max() < 0.7) if scramble else share.max() < 0.2
+
+
+@given(message=st.binary(min_size=1, max_size=400), size=st.integers(17, 200))
+def test_packets_in_any_order_are_the_message_again(message, size):
+    infos, assembly = list(packed(message, size)), Assembly()
+    for info in reversed(infos):
+        assert assembly.whole(size) is None
+        assembly.add(unpacked(info))
+    assert assembly.whole(size) == message
+    assert all(len(info) == size for info in infos)
+
+
+def test_any_wrong_bit_is_refused_by_the_checksum():
+    (info,) = packed(b"vouched for", 40)
+    for bit in range(8 * len(info)):
+        wrong = bytearray(info)
+        wrong[bit // 8] ^= 1 << bit % 8
+        assert unpacked(bytes(wrong)) is None
+
+
+def test_a_packet_whose_number_or_filling_does_not_fit_is_refused():
+    for sequence, payload in ((9, b"abcd"), (1, b"b\0\0\1")):
+        body = b"".join(n.to_bytes(4, "big") for n in (sequence, 5, zlib.crc32(b"abcdb"))) + payload
+        assert unpacked(body + zlib.crc32(body).to_bytes(4, "big")) is None
+
+
+def test_a_partial_message_says_what_it_lacks():
+    assembly, infos = Assembly(), list(packed(bytes(range(1, 101)), 36))
+    for number in (0, 2, 4):
+        assembly.add(unpacked(infos[number]))
+    assert (assembly.missing(36), assembly.whole(36)) == ([1, 3], None)
+    held = np.frombuffer(assembly.partial(36), np.uint8).reshape(5, 20)
+    assert (held.any(axis=1) == [True, False, True, False, True]).all()
+
+
+def coded(code):
+    if code == "ldpc":
+        pytest.importorskip("sionna")
+    own = layout(code=code)
+    return own, code_of(own)
+
+
+def test_reed_solomon_corrects_half_as_many_bytes_as_it_adds_and_all_that_are_known_to_be_lost():
+    code, draws = ReedSolomon(216, 150), np.random.default_rng(0)
+    info = draws.integers(256, size=(1, 150), dtype=np.uint8)
+    sure = 8.0 * code.encode(info).astype(np.float32) - 4
+    for wrong, unsure, right in ((33, False, True), (34, False, False), (58, True, True)):
+        given = sure.copy().reshape(216, 8)
+        at = draws.permutation(216)[:wrong]
+        given[at] *= -0.01 if unsure else -1
+        decoded = code.decode(given.reshape(1, -1))[0]
+        assert (decoded == info.tobytes()) == right
+
+
+@pytest.mark.slow
+def test_soft_values_carry_what_hard_ones_lose():
+    """At 5 % of wrong bits and rate 0.7: all words by soft values, and hardly one by their signs."""
+    own, code = coded("ldpc")
+    draws = np.random.default_rng(1)
+    info = draws.integers(256, size=(16, code.info_bytes), dtype=np.uint8)
+    sigma = 1 / 1.645
+    y = 2.0 * code.encode(info) - 1 + sigma * draws.standard_normal((16, own.word_bits))
+    soft, hard = (2 * y / sigma**2).astype(np.float32), (2.9 * np.sign(y)).astype(np.float32)
+    right = [
+        sum(a == b.tobytes() for a, b in zip(code.decode(llr), info, strict=True)) for llr in (soft, hard)
+    ]
+    assert right[0] == 16
+    assert right[1] < 2
+
+
+@pytest.mark.parametrize(
+    ("code", "words"),
+    [("rs", 10), ("none", 50), *(pytest.param(code, 10_000, marks=pytest.mark.slow) for code in CODES)],
+)
+def test_noise_is_no_packet(code, words):
+    own, coder = coded(code)
+    draws = np.random.default_rng(2)
+    llr = (3 * draws.standard_normal((words, own.word_bits))).astype(np.float32)
+    infos = [info for info in coder.decode(llr) if info is not None]
+    assert [info for info in infos if unpacked(info)] == []
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"code": "turbo"}, "transmit.code is 'turbo': it must be one of rs, ldpc, none"),
+        ({"code_rate": 1.0}, "transmit.code_rate is 1: it must be above 0 and below 1"),
+        ({"symbol_rate_hz": 0}, "transmit.symbol_rate_hz is 0: it must be above 0"),
+        ({"block_symbols": 100}, "transmit.block_symbols is 100: it must be 32, 64, 128 or 256"),
+        ({"bands": 9}, "transmit.bands is 9: it must be at most the panel's rows, 8"),
+        ({"rows": 1, "columns": 4, "bands": 1}, "panel of 1 x 4 LEDs is too small"),
+        ({"code_rate": 0.05}, "a packet of 10 bytes has no room beside 16"),
+    ],
+)
+def test_plans_that_cannot_be(options, said):
+    with pytest.raises(VoccError) as refused:
+        film_of(b"x", plan(**options))
+    assert str(refused.value).startswith(said)
+
+
+def test_a_plan_reads_back_and_a_strange_one_is_refused(tmp_path):
+    path = tmp_path / "plan.yaml"
+    path.write_text((own := plan(code="ldpc", bands=2)).text)
+    assert MessagePlan.read(path) == own
+    path.write_text("rows: 8")
+    with pytest.raises(VoccError, match="is no plan of task=transmit"):
+        MessagePlan.read(path)
+    with pytest.raises(VoccError, match="cannot be read"):
+        MessagePlan.read(tmp_path / "none.yaml")

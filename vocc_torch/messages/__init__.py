@@ -1,0 +1,1 @@
+"""Files as symbols of an LED panel in time, and back: framing, codes, the symbol clock, reception."""

@@ -1,0 +1,181 @@
+"""The symbol clock: which symbol each camera frame shows, in each band of rows, from known cells alone."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import lfilter
+
+from vocc_torch.messages.layout import Layout
+
+SURE = 6.0
+"""Most that one known cell's log-likelihood ratio counts."""
+
+MIXED_COST = 4.0
+"""What it costs to take a frame for one between two symbols."""
+
+STEP_COST = 5.0
+"""What each symbol costs by which a frame is farther from the last one than the clock lets expect."""
+
+MOST_STEPS = 3
+"""Symbols farther than that are no step but a jump."""
+
+EVEN = 0.02
+"""Chance left to a symbol more, or less, where the time between two frames speaks against it."""
+
+JUMP_COST = 40.0
+"""What a jump to any place costs."""
+
+STUCK, MEMORY = 0.75, 64
+"""A cell that shows the same in more than this share of the last so many frames is hidden or dead."""
+
+DELAY = 256
+"""Frames that are looked ahead before a frame's symbol is settled."""
+
+
+@dataclass(frozen=True)
+class Ticks:
+    """Settled frames.
+
+    Args:
+        first: number of the first one among all frames.
+        symbol: (F,B) int64, the symbol that each band of rows shows, counted from the first block's begin.
+        agreement: (F,B) float32, how well the band's clock cell agrees with that; 0 or less: not at all.
+    """
+
+    first: int
+    symbol: NDArray[np.int64]
+    agreement: NDArray[np.float32]
+
+
+class SymbolClock:
+    """Follows the symbols through a recording by dynamic programming over a block's places.
+
+    A state is a symbol of the block and how many bands show the next one already: rows lower in the picture
+    are exposed later. Each frame adds the log-likelihood of its known cells; between frames the state goes on
+    by what the time between them lets expect, give or take a symbol, so phase, ratio and drift need not be
+    known, and a dropped or repeated frame costs a penalty. Nothing is settled until later frames agree.
+
+    Source: A. J. Viterbi, "Error bounds for convolutional codes and an asymptotically optimum decoding
+    algorithm", IEEE Trans. Inf. Theory 13(2), 1967.
+
+    Args:
+        layout: where the known cells are, and what they show.
+
+    Example:
+        >>> from vocc_torch.messages.signalling import MessagePlan, PanelShape, Signalling
+        >>> clock = SymbolClock(layout := Layout(MessagePlan(PanelShape(8, 8), Signalling())))
+        >>> frames = 5.0 * layout.known.repeat(2, axis=0)  # two frames a symbol
+        >>> clock.push(frames[7:99], [None] * 92) is None
+        True
+        >>> clock.finish().symbol[:4, 0].tolist()
+        [3, 4, 4, 5]
+    """
+
+    def __init__(self, layout: Layout) -> None:
+        self.layout, self.rate_hz = layout, layout.plan.signalling.symbol_rate_hz
+        self.states = layout.symbols * layout.bands
+        kind, rows = layout.kind.ravel(), layout.band_of_row.repeat(layout.kind.shape[1])
+        shown = layout.known.reshape(layout.symbols, -1).astype(np.float32)
+        self._cells = [np.flatnonzero((rows == band) & (kind != "data")) for band in range(layout.bands)]
+        self._shown = [shown[:, cells].T for cells in self._cells]
+        self._clocks = [np.flatnonzero((rows == band) & (kind == "clock")) for band in range(layout.bands)]
+        self._anchors = kind == "anchor"
+        self._lit = np.zeros((1, kind.size))
+        self._value = np.zeros(self.states, dtype=np.float32)
+        self._back: list[NDArray[np.int32]] = []
+        self._steps: list[float] = []
+        self._llr: list[NDArray[np.float32]] = []
+        self._last: float | None = None
+        self._settled, self._place, self._symbols = 0, -1, 0
+
+    def push(self, llr: NDArray[np.float32], times_s: Sequence[float | None]) -> Ticks | None:
+        """Take frames in.
+
+        Args:
+            llr: (F,R,C) log-likelihood ratios, zeros for a frame that shows nothing.
+            times_s: when each was taken, s, or None where nobody knows.
+
+        Returns:
+            Frames that are settled by now, or None.
+        """
+        flat = llr.reshape(len(llr), -1).astype(np.float32)
+        if not self._llr and not self._settled:  # a cell that is hidden from the begin on
+            self._lit = (1 - 1 / MEMORY) * np.sign(flat).mean(axis=0, keepdims=True)
+        alive, self._lit = lfilter([1 / MEMORY], [1, 1 / MEMORY - 1], np.sign(flat), axis=0, zi=self._lit)
+        alive = (np.abs(alive) < STUCK) | self._anchors
+        seen = self._likelihood(np.clip(flat, -SURE, SURE) * alive.astype(np.float32))
+        for own, values, time_s in zip(flat, seen, times_s, strict=True):
+            # Without a clock of its own the camera is taken to be faster than the panel.
+            known = time_s is not None and self._last is not None
+            ahead = max(0.0, (time_s - self._last) * self.rate_hz) if known else 0.5  # type: ignore[operator]
+            self._last = time_s
+            self._advance(values, ahead)
+            self._llr.append(own)
+        return self._settle(len(self._back) - DELAY) if len(self._back) >= 2 * DELAY else None
+
+    def finish(self) -> Ticks | None:
+        """Settle what is left."""
+        return self._settle(len(self._back)) if self._back else None
+
+    def _likelihood(self, llr: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Give the log-likelihood of every state (F,P*B) from known cells."""
+        bands = self.layout.bands
+        each = np.stack([llr[:, c] @ shown / 2 for c, shown in zip(self._cells, self._shown, strict=True)])
+        states = np.empty((len(llr), self.layout.symbols, bands), dtype=np.float32)
+        for after in range(bands):  # bands at the bottom that show the next symbol
+            following = np.roll(each[bands - after :].sum(axis=0), -1, axis=-1)
+            states[:, :, after] = each[: bands - after].sum(axis=0) + following - MIXED_COST * (after > 0)
+        return states.reshape(len(llr), -1)
+
+    def _advance(self, seen: NDArray[np.float32], ahead: float) -> None:
+        """Go on by one frame that is expected so many symbols ahead."""
+        bands, n, old = self.layout.bands, self.states, self._value
+        low, high = math.floor(ahead), math.ceil(ahead)
+        least = max(0, (low - MOST_STEPS) * bands)
+        steps = np.arange(least, (high + MOST_STEPS) * bands + bands)
+        short, far = low * bands - (bands - 1) - steps, steps - (high * bands + bands - 1)
+        cost = STEP_COST / bands * np.maximum(0, np.maximum(short, far))
+        # By how uniform phases fall: one symbol more is as likely as what is expected of it.
+        odds = np.array([low + 1 - ahead, ahead - low]) + EVEN
+        cost = (cost + np.interp(steps / bands, [low, low + 1], -np.log(odds))).astype(np.float32)
+        origin = (np.arange(n) - steps[:, None]) % n
+        reached = old[origin] - cost[:, None]
+        best = reached.argmax(axis=0)
+        value, back = reached[best, np.arange(n)], origin[best, np.arange(n)]
+        top = int(old.argmax())
+        jumps = value < old[top] - JUMP_COST
+        value[jumps], back[jumps] = old[top] - JUMP_COST, top
+        self._value = value + seen
+        self._value -= self._value.max()
+        self._back.append(back.astype(np.int32))
+        self._steps.append(ahead * bands)
+
+    def _settle(self, count: int) -> Ticks:
+        """Trace back from the likeliest state and settle the oldest frames."""
+        place, path = int(self._value.argmax()), []
+        for back in reversed(self._back):
+            path.append(place)
+            place = int(back[place])
+        path.reverse()
+        bands, n = self.layout.bands, self.states
+        units = np.empty(count, dtype=np.int64)
+        for i in range(count):
+            if self._place < 0:
+                self._symbols = path[i]
+            else:
+                step = (path[i] - self._place) % n
+                # A gap may be longer than a block.
+                self._symbols += step + n * max(0, round((self._steps[i] - step) / n))
+            self._place, units[i] = path[i], self._symbols
+        llr = np.stack(self._llr[:count])
+        del self._back[:count], self._steps[:count], self._llr[:count]
+        own = np.arange(bands)[None] >= bands - (units % bands)[:, None]
+        symbol = (units // bands)[:, None] + own
+        odd = 2 * (symbol % 2) - 1
+        clocks = np.stack([llr[:, cells].sum(axis=1) for cells in self._clocks], axis=1)
+        ticks = Ticks(self._settled, symbol, (clocks * odd).astype(np.float32))
+        self._settled += count
+        return ticks

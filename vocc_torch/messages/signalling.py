@@ -1,0 +1,121 @@
+"""How bytes become symbols: what sender and receiver must agree on; nothing here needs torch."""
+
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from vocc_torch.errors import VoccError, finite_number, whole_number
+from vocc_torch.hardware import PanelShape
+
+CODES = ("rs", "ldpc", "none")
+ORDERS = {32: 5, 64: 6, 128: 7, 256: 8}
+"""Symbols of a block, and how many sync bits in a row tell where in the block they stand."""
+
+FASTEST_HZ = 1e6
+
+
+@dataclass
+class Signalling:
+    """How a message is written on the panel, symbol by symbol.
+
+    Args:
+        symbol_rate_hz: symbols a second, above 0 to 1e6.
+        code: ``rs`` (Reed-Solomon, by reedsolo), ``ldpc`` (5G LDPC, by sionna-no-rt, which takes soft values)
+            or ``none``.
+        code_rate: share of a packet's code word that is information, above 0 and below 1; with ``none`` it
+            has no effect.
+        block_symbols: symbols in a block, over which packets are interleaved: 32, 64, 128 or 256.
+        bands: bands of rows with a clock cell each, at least 1 and at most the panel's rows.
+        sync_cells: cells that say where in its block a symbol stands, at least 1.
+        anchors: whether the four corner LEDs are always On, for location.
+        interleave: whether a packet is spread over its whole block in time and over the whole panel.
+        scramble: whether packets are made to look random, so that any text has random transitions.
+
+    Raises:
+        VoccError: a value out of its range.
+    """
+
+    symbol_rate_hz: float = 100.0
+    code: str = "rs"
+    code_rate: float = 0.7
+    block_symbols: int = 128
+    bands: int = 4
+    sync_cells: int = 2
+    anchors: bool = True
+    interleave: bool = True
+    scramble: bool = True
+
+    def __post_init__(self) -> None:
+        """Check what can be checked without the panel's shape."""
+        for name, least, most in (("symbol_rate_hz", 0.0, FASTEST_HZ), ("code_rate", 0.0, 1.0)):
+            value = finite_number(f"transmit.{name}", getattr(self, name))
+            if not least < value <= most or (name, value) == ("code_rate", 1.0):
+                rule = "above 0 and below 1" if name == "code_rate" else f"above 0 and at most {most:g}"
+                raise VoccError.of(f"transmit.{name}", f"{value:g}", rule)
+        if self.code not in CODES:
+            raise VoccError.of("transmit.code", repr(self.code), f"one of {', '.join(CODES)}")
+        if self.block_symbols not in ORDERS:
+            raise VoccError.of("transmit.block_symbols", self.block_symbols, "32, 64, 128 or 256")
+        whole_number("transmit.bands", self.bands, 1, 1024)
+        whole_number("transmit.sync_cells", self.sync_cells, 1, 1024)
+
+
+FIELDS = tuple(one.name for one in fields(Signalling))
+"""The options by name."""
+
+
+@dataclass(frozen=True)
+class MessagePlan:
+    """What a receiver must know: the panel's shape and how the message is written on it.
+
+    Args:
+        shape: rows and columns of the panel.
+        signalling: the rest.
+
+    Example:
+        >>> plan = MessagePlan(PanelShape(8, 8), Signalling())
+        >>> MessagePlan.parsed(yaml.safe_load(plan.text)) == plan
+        True
+    """
+
+    shape: PanelShape
+    signalling: Signalling
+
+    @property
+    def text(self) -> str:
+        """The plan as YAML."""
+        named = {name: getattr(self.signalling, name) for name in FIELDS}
+        return str(yaml.safe_dump({**asdict(self.shape), **named}, sort_keys=False))
+
+    @classmethod
+    def parsed(cls, given: Any, source: str = "plan") -> "MessagePlan":
+        """Read what :attr:`text` wrote.
+
+        Raises:
+            VoccError: keys that are missing or unknown, or values out of their range.
+        """
+        known = {"rows", "columns", *FIELDS}
+        if not isinstance(given, dict) or {*given} != known:
+            raise VoccError(f"{source} is no plan of task=transmit: it must have {', '.join(sorted(known))}")
+        try:
+            rest = dict(given)
+            shape = PanelShape(rest.pop("rows"), rest.pop("columns"))
+            return cls(shape, Signalling(**rest))
+        except (VoccError, TypeError) as error:
+            raise VoccError(f"{source}: {error}") from None
+
+    @classmethod
+    def read(cls, path: Path) -> "MessagePlan":
+        """Read the plan of a file.
+
+        Raises:
+            VoccError: no such file, or no plan.
+        """
+        try:
+            given = yaml.safe_load(path.read_text(encoding="utf-8"))
+        except (OSError, ValueError, yaml.YAMLError) as error:
+            reason = " ".join(str(getattr(error, "strerror", None) or error).split())
+            raise VoccError(f"plan {path} cannot be read: {reason}") from None
+        return cls.parsed(given, f"plan {path}")

@@ -1,0 +1,51 @@
+"""Grey frames as a video."""
+
+from collections.abc import Iterable
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vocc_torch.errors import VoccError
+from vocc_torch.files import atomic_file
+
+SLOWEST_PARTS = 1001
+"""Frame rates are written as fractions with at most this below."""
+
+
+def write_video(path: Path, frames: Iterable[NDArray[np.uint8]], fps: float, quality: int = 12) -> int:
+    """Write frames as H.264 in MP4; an odd last row or column is left out, as players ask for.
+
+    Args:
+        path: the file, replaced whole.
+        frames: (H,W) uint8 greys of one size, one by one.
+        fps: frames a second.
+        quality: x264's constant rate factor, 0 (lossless) to 51.
+
+    Returns:
+        How many frames were written.
+
+    Raises:
+        VoccError: PyAV is not installed, there are no frames, or the file cannot be written.
+    """
+    try:
+        import av
+    except ImportError:
+        extra = "install the extra with pip install 'vocc-torch[video]'"
+        raise VoccError(f"{path} is a video: {extra}") from None
+    count = 0
+    with atomic_file(path) as temporary, av.open(str(temporary), "w") as container:
+        rate = Fraction(fps).limit_denominator(SLOWEST_PARTS)
+        stream = container.add_stream("libx264", rate=rate, options={"crf": str(quality), "preset": "fast"})
+        stream.pix_fmt = "yuv420p"
+        for grey in frames:
+            even = np.ascontiguousarray(grey[: len(grey) // 2 * 2, : grey.shape[1] // 2 * 2])
+            if not count:
+                stream.height, stream.width = even.shape
+            picture = av.VideoFrame.from_ndarray(even, format="gray")
+            picture.pts = count
+            container.mux(stream.encode(picture))
+            count += 1
+        container.mux(stream.encode())
+    return count

@@ -1,0 +1,110 @@
+"""``task=transmit``, ``task=record``, ``task=receive``: their sections; nothing here needs torch."""
+
+from dataclasses import dataclass
+
+from vocc_torch.errors import VoccError, finite_number, whole_number
+from vocc_torch.messages.signalling import Signalling
+
+CHANNELS = ("luma", "max", "red", "green", "blue")
+SOFT = ("calibrated", "scores", "hard")
+PLAN, FRAMES = "plan.yaml", "frames.npy"
+"""What a receiver must know, and the film as an array, in the folder of ``task=transmit``."""
+
+
+@dataclass
+class TransmitConfig(Signalling):
+    """How ``task=transmit`` writes a message, and the film that it makes.
+
+    Args:
+        repeats: how often the message is shown, 1 to 1000.
+        cell_px: side of an LED's cell in the film, px, 1 to 256.
+    """
+
+    repeats: int = 1
+    cell_px: int = 32
+
+    def __post_init__(self) -> None:
+        """Check every range."""
+        super().__post_init__()
+        whole_number("transmit.repeats", self.repeats, 1, 1000)
+        whole_number("transmit.cell_px", self.cell_px, 1, 256)
+
+
+@dataclass
+class RecordConfig:
+    """The camera's time in ``task=record``.
+
+    Args:
+        fps: frames a second, above 0 to 1e6.
+        drift: share by which the panel's clock is slower than it says, -0.1 to 0.1.
+        start_s: when the first frame is taken, s from the film's begin, at least 0; null draws it within a
+            symbol.
+        readout_s: from the first row's exposure to the last row's, s, above 0 to 1.
+        dropped: chance that a frame is lost, 0 to below 1.
+        repeated: chance that a frame is the one before it once more, 0 to below 1.
+        black: chance that a frame is black, 0 to below 1.
+        speed_m_s: by which the distance grows, m/s.
+        margin: with framing=crop, how many times the panel's surroundings are recorded, 1 to 100.
+        quality: of the film, x264's rate factor from 0 (lossless) to 51.
+
+    Raises:
+        VoccError: a value out of its range.
+    """
+
+    fps: float = 240.0
+    drift: float = 0.0
+    start_s: float | None = None
+    readout_s: float = 0.004
+    dropped: float = 0.0
+    repeated: float = 0.0
+    black: float = 0.0
+    speed_m_s: float = 0.0
+    margin: float = 1.5
+    quality: int = 12
+
+    def __post_init__(self) -> None:
+        """Check every range."""
+        ranges = {"fps": (0, 1e6), "readout_s": (0, 1), "drift": (-0.1, 0.1), "margin": (1, 100)}
+        ranges |= dict.fromkeys(("dropped", "repeated", "black"), (0, 0.999))
+        ranges |= {"speed_m_s": (-1000, 1000), "start_s": (0, 1e6)}
+        for name, (low, high) in ranges.items():
+            value = getattr(self, name)
+            if name == "start_s" and value is None:
+                continue
+            number = finite_number(f"record.{name}", value)
+            if not low <= number <= high or (number == 0 and name in ("fps", "readout_s")):
+                least = "above 0" if name in ("fps", "readout_s") else f"at least {low:g}"
+                raise VoccError.of(f"record.{name}", f"{number:g}", f"{least} and at most {high:g}")
+        whole_number("record.quality", self.quality, 0, 51)
+
+
+@dataclass
+class ReceiveConfig:
+    """How ``task=receive`` reads a recording.
+
+    Args:
+        plan: the plan that task=transmit wrote; null takes the plan.yaml beside the input.
+        fps: frames a second; null takes the video's times, and without them the camera is taken to be faster
+            than the panel.
+        locate_every: look for the panel in each so manieth frame, 1 to 10000.
+        channel: how colour becomes grey: ``luma``, ``max``, ``red``, ``green`` or ``blue``.
+        soft: soft values: ``calibrated`` (log-likelihood ratios), ``scores`` or ``hard``.
+
+    Raises:
+        VoccError: a value out of its range.
+    """
+
+    plan: str | None = None
+    fps: float | None = None
+    locate_every: int = 8
+    channel: str = "luma"
+    soft: str = "calibrated"
+
+    def __post_init__(self) -> None:
+        """Check every range."""
+        for name, known in (("channel", CHANNELS), ("soft", SOFT)):
+            if getattr(self, name) not in known:
+                raise VoccError.of(f"receive.{name}", repr(getattr(self, name)), f"one of {', '.join(known)}")
+        whole_number("receive.locate_every", self.locate_every, 1, 10000)
+        if self.fps is not None and not 0 < finite_number("receive.fps", self.fps) <= 1e6:
+            raise VoccError.of("receive.fps", f"{self.fps:g}", "above 0 and at most 1e6, or null")

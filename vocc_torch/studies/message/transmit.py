@@ -1,0 +1,85 @@
+"""``task=transmit``: a file in, a panel's film out."""
+
+from pathlib import Path
+
+import numpy as np
+
+from vocc_torch.errors import VoccError
+from vocc_torch.files import atomic_file, write_atomically
+from vocc_torch.hardware import PanelShape
+from vocc_torch.measure.config import Settings
+from vocc_torch.messages.codes import code_of
+from vocc_torch.messages.layout import Layout
+from vocc_torch.messages.packets import OVERHEAD_BYTES, payload_bytes
+from vocc_torch.messages.reception import film_of
+from vocc_torch.messages.signalling import FIELDS, MessagePlan, Signalling
+from vocc_torch.show import folder as run_folder
+from vocc_torch.show.terminal import Console
+from vocc_torch.show.video import write_video
+from vocc_torch.studies.message import FRAMES, PLAN, TransmitConfig
+
+LIT = 255
+DARK = 0
+
+
+def plan_of(settings: Settings, config: TransmitConfig) -> MessagePlan:
+    """Give the plan that a configuration describes."""
+    shape = PanelShape(settings.panel.rows, settings.panel.columns)  # type: ignore[attr-defined]  # of the schema
+    return MessagePlan(shape, Signalling(**{name: getattr(config, name) for name in FIELDS}))
+
+
+def run_transmit(settings: Settings, config: TransmitConfig, folder: Path) -> None:
+    """Write the film of a file, as an array and as a video, and what a receiver must know.
+
+    Raises:
+        VoccError: no input, one that cannot be read or is empty, or a plan that leaves no room.
+    """
+    run_folder.refuse_results(folder)
+    if settings.input is None:
+        raise VoccError("input is null: task=transmit needs input=FILE, the message")
+    try:
+        message = Path(settings.input).read_bytes()
+    except OSError as error:
+        raise VoccError(f"input {settings.input} cannot be read: {error.strerror or error}") from None
+    plan, console = plan_of(settings, config), Console()
+    film = np.tile(film_of(message, plan), (config.repeats, 1, 1))
+    pictures = (np.where(one, LIT, DARK).astype(np.uint8) for one in film)
+    large = (np.kron(one, np.ones((config.cell_px, config.cell_px), np.uint8)) for one in pictures)
+    write_video(folder / "film.mp4", large, config.symbol_rate_hz)
+    with atomic_file(folder / FRAMES) as temporary:
+        np.save(temporary, film)
+    write_atomically(folder / PLAN, plan.text.encode())
+    run_folder.write_config(settings, folder)
+    for line in costs(plan):
+        console.print(line, soft_wrap=True, markup=False, highlight=False)
+    seconds = len(film) / config.symbol_rate_hz
+    told = f"{len(message)} bytes in {len(film)} symbols, {seconds:.1f} s: "
+    console.print(f"{told}{8e-3 * len(message) * config.repeats / seconds:.2f} kbit/s", highlight=False)
+    places = {"film": "film.mp4", "frames": FRAMES, "plan": PLAN}
+    run_folder.print_places(console, folder, places.items())
+
+
+def costs(plan: MessagePlan) -> list[str]:
+    """Say what each option takes of the panel's bits.
+
+    Example:
+        >>> print(costs(MessagePlan(PanelShape(8, 8), Signalling(code="none")))[-1])
+        left for the message: 77.9 %
+    """
+    layout, options = Layout(plan), plan.signalling
+    code, words = code_of(layout), layout.packets * layout.word_bits
+    cells = layout.symbols * plan.shape.leds
+    info = 8 * layout.packets * code.info_bytes
+    shares = {
+        "anchors": layout.shares["anchor"],
+        f"clock cells of {options.bands} bands": layout.shares["clock"],
+        "sync cells": layout.shares["sync"],
+        "rest of a block": layout.shares["data"] - words / cells,
+        f"code {options.code}": (words - info) / cells,
+        f"headers and checksums, {OVERHEAD_BYTES} bytes a packet": 8
+        * layout.packets
+        * OVERHEAD_BYTES
+        / cells,
+        "left for the message": 8 * layout.packets * payload_bytes(code.info_bytes) / cells,
+    }
+    return [f"{name}: {100 * share:.1f} %" for name, share in shares.items() if share]
