@@ -81,7 +81,7 @@ SECTIONS = {
         **{"reference": "flda_2", "points": {"ambient": 2000}, "genie_frames": 1, "scenes": {}},
         **{"scene_frames": 1, "scene_training_frames": 2, "experiments": {"ambient": DIM, "distance": FAR}},
     },
-    "decode": {"channel": "max", "annotate": False, "scale": 2, "most": 2},
+    "decode": {"channel": "max", "annotate": False, "scale": 2, "most": 2, "follow": "true"},
     "export": {"points": "test", "frames": 64, "shard_frames": 64},
     "transmit": {
         **{"symbol_rate_hz": 50.0, "code": "none", "code_rate": 0.5, "block_symbols": 64, "bands": 2},
@@ -122,6 +122,7 @@ LATER = {
     "plug_ins": "tests/app/test_kept_receivers.py::test_code_from_outside_runs_only_where_it_is_named_and_un",
     "decode.channel": "tests/studies/decode/test_decode.py::test_channels_see_their_colour",
     "decode.annotate": "tests/app/test_decode_command.py::test_the_recommended_receiver_is_trained",
+    "decode.follow": "tests/studies/decode/test_decode.py::test_a_panel_is_followed_in_a_video",
     "decode.scale": "tests/app/test_decode_command.py::test_a_folder_with_and_without_panels",
     "decode.most": "tests/receiver/test_lattice_locator.py::test_two_panels_are_two_rows",
     "scene.name": "tests/studies/collect/test_collect.py::test_keys_of_an_experiment_that_follow",

@@ -74,7 +74,8 @@ class AppConfig(Settings):
             raise VoccError.of("task", repr(self.task), f"one of {', '.join(TASKS)}")
         finds = self.task in ("decode", "receive") and self.model is None
         if finds and self.receiver.locator == "truth":
-            rule = f"paper, refined or lattice for task={self.task}: a recording does not tell its corners"
+            finders = "paper, refined, lattice or learned"
+            rule = f"{finders} for task={self.task}: a recording does not tell its corners"
             raise VoccError.of("receiver.locator", "'truth'", rule)
 
 
@@ -172,7 +173,7 @@ NAMES = {
     "full_well, dsnu, row_noise, read_noise, gain, demosaicing, saturation, letterbox, quantization, jpeg",
     "Receivers": "center_greyscale, average_greyscale, flda_agr, flda_gri, flda_ngr, flda_agr_ngr, flda_2, "
     "flda_3",
-    "Locators": "truth, paper, refined, lattice",
+    "Locators": "truth, paper, refined, lattice, learned",
 }
 """What the help lists by name: it does not wait for torch, which what defines them needs."""
 

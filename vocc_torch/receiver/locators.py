@@ -1,4 +1,4 @@
-"""The locators by name: the paper's, and ours, which fits the lattice of LEDs to sub-pixels and in noise."""
+"""The locators by name: the paper's, ours, which fits the lattice of LEDs, and a learned one."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
@@ -11,6 +11,7 @@ from vocc_torch.errors import VoccError, demand_kind, finite_number, shown
 from vocc_torch.plugins import TARGET, PlugIn, one_line
 from vocc_torch.receiver import foreground, lattice_fit, lattice_model, rectification
 from vocc_torch.receiver.lattice_locator import LatticeLocator
+from vocc_torch.receiver.learned import LearnedLocator
 from vocc_torch.receiver.location import Choice, PaperLocator, exact_frames
 from vocc_torch.types import Frames, Images, Panels, PanelShape, StatedPanels, holds
 
@@ -210,7 +211,7 @@ def _by_side(side_px: Tensor) -> list[tuple[int, Tensor]]:
     return [(side, (side_px == side).nonzero()[:, 0]) for side in sorted(set(side_px.tolist()))]
 
 
-LOCATORS = ("paper", "refined", "lattice")
+LOCATORS = ("paper", "refined", "lattice", "learned")
 """The locators that ship, by name."""
 
 
@@ -275,7 +276,9 @@ class OutsideLocator:
         return Panels(**held)
 
 
-def locator_named(name: str, paper: PaperLocator) -> PaperLocator | RefinedLocator | LatticeLocator:
+def locator_named(
+    name: str, paper: PaperLocator
+) -> PaperLocator | RefinedLocator | LatticeLocator | LearnedLocator:
     """Return the locator of a name, with the settings of the paper's, which ``refined`` uses too.
 
     Raises:
@@ -289,6 +292,8 @@ def locator_named(name: str, paper: PaperLocator) -> PaperLocator | RefinedLocat
         raise VoccError.of("receiver.locator", repr(name), " or ".join(LOCATORS))
     if name == "lattice":
         return LatticeLocator()
+    if name == "learned":
+        return LearnedLocator()
     return RefinedLocator(paper) if name == "refined" else paper
 
 
@@ -304,12 +309,12 @@ def locator_settings(locator: PanelLocator) -> dict[str, object]:
     """
     if isinstance(locator, OutsideLocator):
         return locator.plug_in.settings
-    if isinstance(locator, LatticeLocator):
-        return {"name": "lattice", **asdict(locator)}
-    if not isinstance(locator, PaperLocator | RefinedLocator):
-        rule = "paper, refined, lattice, or one named by FILE.py:NAME or PACKAGE.MODULE.NAME, to be saved"
+    names = {RefinedLocator: "refined", LatticeLocator: "lattice", LearnedLocator: "learned"}
+    if not isinstance(locator, PaperLocator | RefinedLocator | LatticeLocator | LearnedLocator):
+        ours = ", ".join(LOCATORS)
+        rule = f"{ours}, or one named by FILE.py:NAME or PACKAGE.MODULE.NAME, to be saved"
         raise VoccError.of("receiver.locator", shown(locator), rule)
-    return {**({} if isinstance(locator, PaperLocator) else {"name": "refined"}), **asdict(locator)}
+    return {**({"name": names[type(locator)]} if type(locator) in names else {}), **asdict(locator)}
 
 
 def locator_from(settings: Mapping[str, Any], admitted: Sequence[str] = ()) -> PanelLocator:
@@ -336,5 +341,7 @@ def locator_from(settings: Mapping[str, Any], admitted: Sequence[str] = ()) -> P
         raise ValueError(f"its locator is {name!r}")
     if name == "lattice":
         return LatticeLocator(**rest)
+    if name == "learned":
+        return LearnedLocator(**rest)
     paper = PaperLocator(**(rest if name == "paper" else rest.pop("paper")))
     return paper if name == "paper" else RefinedLocator(paper, **rest)

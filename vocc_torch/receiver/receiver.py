@@ -204,7 +204,9 @@ class Receiver(torch.nn.Module):
         """
         frames, sightings = Frames.of(images, "images"), getattr(self.locator, "sightings", None)
         if sightings is None:
-            raise VoccError("this receiver's locator sees one panel in a frame: several need locator lattice")
+            raise VoccError(
+                "this receiver's locator sees one panel in a frame: several need lattice or learned"
+            )
         with torch.inference_mode():
             limit = getattr(self.locator, "false_alarms", 1e-3)
             whose, panels = sightings(frames, self.shape).panels(len(frames), limit, most)

@@ -309,6 +309,19 @@ def test_video_frame_by_frame(receiver, near, tmp_path, name):
     assert times == pytest.approx([index / 25 for index in range(8)], abs=1e-3)
 
 
+@pytest.mark.parametrize(("follow", "searches"), [("false", None), ("true", 1), ("auto", 1)])
+def test_a_panel_is_followed_in_a_video(receiver, near, tmp_path, monkeypatch, follow, searches):
+    """One full search of eight frames where it is followed; the bits are the same."""
+    grey, bits = near
+    searched, locator = [], type(receiver.locator)
+    plain = locator.__call__
+    monkeypatch.setattr(locator, "__call__", lambda self, *given: searched.append(1) or plain(self, *given))
+    path = write_video(tmp_path / "film.mp4", grey)
+    read = list(decode(receiver, read_recording(path, "luma"), follow))
+    assert [reading.text for reading in read] == [text_of(one) for one in bits]
+    assert searches is None or len(searched) == searches
+
+
 def test_video_longer_than_a_batch(receiver, near, tmp_path, monkeypatch):
     monkeypatch.setattr("vocc_torch.studies.decode.run.BATCH_PIXELS", 3 * near[0][0].size)
     frames, bits = near

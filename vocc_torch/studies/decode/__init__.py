@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from vocc_torch.errors import VoccError
 
 CHANNELS = ("luma", "max", "red", "green", "blue")
+FOLLOWS = ("true", "false", "auto")
 MOST_SCALE = 16
 MOST_PANELS = 64
 
@@ -18,24 +19,34 @@ class DecodeConfig:
             or ``blue``.
         annotate: whether each picture is written with the panel and the bits drawn in; of a video none is.
         scale: enlarge annotated pictures by this whole number, 1 to 16.
-        most: panels that are read in a frame, at most, 1 to 64; more than one only with the lattice locator.
+        most: panels that are read in a frame, at most, 1 to 64; more than one only with the lattice or the
+            learned locator, and where none is followed.
+        follow: whether the panel is followed from frame to frame, with a full search only now and then:
+            ``true`` for a recording in order, ``auto`` for videos alone, ``false`` where each frame stands
+            for itself.
 
     Raises:
-        VoccError: an unknown channel, or a number out of its range.
+        VoccError: an unknown channel, a number out of its range, or another word for ``follow``.
     """
 
     channel: str = "luma"
     annotate: bool = True
     scale: int = 1
     most: int = 1
+    follow: str = "false"
 
     def __post_init__(self) -> None:
-        """Check the channel and the numbers."""
+        """Check the channel, the numbers and the word."""
         if self.channel not in CHANNELS:
             raise VoccError.of("decode.channel", repr(self.channel), f"one of {', '.join(CHANNELS)}")
         if not 1 <= self.scale <= MOST_SCALE:
             raise VoccError.of("decode.scale", self.scale, f"from 1 to {MOST_SCALE}")
+        self.follow = self.follow.lower()  # true and false are written by YAML too
+        if self.follow not in FOLLOWS:
+            raise VoccError.of("decode.follow", repr(self.follow), "true, false or auto")
         if self.scale > 1 and not self.annotate:
             raise VoccError.of("decode.scale", self.scale, "1 where decode.annotate is false")
         if not 1 <= self.most <= MOST_PANELS:
             raise VoccError.of("decode.most", self.most, f"from 1 to {MOST_PANELS}")
+        if self.most > 1 and self.follow != "false":
+            raise VoccError.of("decode.most", self.most, "1 where decode.follow is not false")

@@ -21,10 +21,12 @@ from vocc_torch.measure.train import receiver_for
 from vocc_torch.receiver.calibration import APPEARANCE, outside
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.receiver.recording import RecordedFrame, read_recording
+from vocc_torch.receiver.track import Tracker
 from vocc_torch.show import folder as run_folder
 from vocc_torch.show.canvas import annotated
 from vocc_torch.show.terminal import Console
 from vocc_torch.studies.decode import DecodeConfig
+from vocc_torch.types import Frames
 
 DOUBTFUL_SCORE = 0.6
 """Noise that fills a 4:3 picture scores 0.56; of the paper's scenes one in fifty scores less than this."""
@@ -127,7 +129,7 @@ def run_decode(settings: Settings, config: DecodeConfig, folder: Path) -> None:
     unlike: dict[str, float] = {}
     try:
         drawn: Image.Image | None = None
-        for reading in decode(receiver, chain(first, recording), config.most):
+        for reading in decode(receiver, chain(first, recording), config.most, config.follow):
             rows.append(reading.row())
             if not reading.found:
                 continue
@@ -197,28 +199,35 @@ def readable(recording: Iterator[RecordedFrame], failures: list[str]) -> Iterato
         failures.append(str(error))
 
 
-def decode(receiver: Receiver, recording: Iterator[RecordedFrame], most: int = 1) -> Iterator[Reading]:
+def decode(
+    receiver: Receiver, recording: Iterator[RecordedFrame], most: int = 1, follow: str = "false"
+) -> Iterator[Reading]:
     """Decode a recording frame by frame, in batches of equal size.
 
     Args:
         receiver: a trained receiver.
         recording: its frames, as :func:`~vocc_torch.receiver.recording.read_recording` gives them.
         most: panels that are read in a frame, at most.
+        follow: ``true`` where they are in order and the panel is followed, ``auto`` for videos, ``false``.
 
     Raises:
         VoccError: a frame that cannot be read, or several panels asked of a locator that sees one.
     """
     if most > 1 and not hasattr(receiver.locator, "sightings"):
-        raise VoccError.of("decode.most", most, "1, but with receiver.locator=lattice: others see one panel")
+        raise VoccError.of("decode.most", most, "1 where receiver.locator is not lattice or learned")
     for shape, run in groupby(recording, key=lambda frame: frame.grey.shape):
+        tracker = Tracker(receiver.locator, receiver.shape)
         size = max(1, min(64, BATCH_PIXELS // (shape[0] * shape[1])))
         while batch := list(islice(run, size)):
-            greys = torch.from_numpy(np.stack([frame.grey for frame in batch])).to(receiver.device)
-            whose, read = (
-                receiver.decode_several(greys, most)
-                if most > 1
-                else (range(len(batch)), receiver.decode(greys))
-            )
+            greys = torch.from_numpy(np.stack([frame.grey for frame in batch]))
+            images, whose = Frames.whole(greys.to(receiver.device)), [*range(len(batch))]
+            if follow == "true" or (follow == "auto" and batch[0].time_s is not None):
+                with torch.inference_mode():
+                    read = receiver(images, tracker.panels(greys).to(receiver.device))
+            elif most > 1:
+                whose, read = receiver.decode_several(images.grey, most)
+            else:
+                read = receiver.decode(images)
             sure = read.scores.abs()
             least = sure.amin(dim=(1, 2))
             clear = least >= DOUBTFUL_MARGIN * sure.mean(dim=(1, 2))

@@ -1,0 +1,177 @@
+import json
+from importlib import resources
+
+import numpy as np
+import pytest
+import torch
+
+from vocc_torch.errors import VoccError
+from vocc_torch.receiver.learned import SHIPPED, LearnedLocator, Nets, save_weights
+from vocc_torch.receiver.learned_nets import (
+    CornerNet,
+    Finder,
+    Judge,
+    cell_looks,
+    corner_frames,
+    corner_patches,
+    places_px,
+    pyramid,
+)
+from vocc_torch.receiver.location import PaperLocator
+from vocc_torch.receiver.locators import locator_from, locator_named, locator_settings
+from vocc_torch.rng import BlockKey, FrameKey
+from vocc_torch.simulation import Camera, Simulator
+from vocc_torch.simulation.simulator import PAPER_EFFECTS
+from vocc_torch.types import Frames, PanelShape, Scene
+
+SHAPE = PanelShape(8, 8)
+SMALL = Camera(width_px=320, height_px=240, sensor_width_mm=320 * 13.2 / 1920)
+
+
+@pytest.fixture(scope="module")
+def noisy():
+    """Eight noisy frames of the paper's panel at 30 to 65 m, and the true corners."""
+    draw, count = np.random.default_rng(3), 8
+    given = {"distance_m": np.linspace(30, 65, count), "offset_x_m": draw.uniform(-1, 1, count)}
+    scene = Scene.of(count, ambient_lx=4000.0)
+    parts = [
+        torch.from_numpy(given[n]) if n in given else getattr(scene, n) for n in scene.__dataclass_fields__
+    ]
+    noise = {
+        "photoelectrons": {"quantum_efficiency": 0.6},
+        "shot_noise": {},
+        "read_noise": {"electrons": 3.0},
+    }
+    simulator = Simulator(SMALL, effects={**PAPER_EFFECTS, **noise, "gain": {}}, framing="full")
+    keys = [FrameKey(BlockKey(0, "learned", 0), i) for i in range(count)]
+    bits = torch.from_numpy(draw.random((count, 8, 8)) < 0.5)
+    return simulator.render(Scene(*parts), bits, keys=keys), simulator.true_panels(Scene(*parts))
+
+
+def test_the_shipped_weights_find_most_panels_in_noise(noisy):
+    """With one false alarm in a thousand frames at most; what is found is where the panel is."""
+    frames, truth = noisy
+    panels = LearnedLocator()(frames, SHAPE)
+    assert panels.found.sum() >= 6
+    assert (panels.false_alarms[panels.found] <= 1e-3).all()
+    pitch = (truth.corners_px[:, 1] - truth.corners_px[:, 0]).norm(dim=1) / 8
+    off = (panels.corners_px - truth.corners_px).norm(dim=2).amax(1) / pitch
+    assert (off[panels.found] < 0.25).all()
+
+
+def test_what_is_found_does_not_depend_on_the_batch(noisy):
+    frames, _ = noisy
+    locator = LearnedLocator()
+    together = locator(frames, SHAPE)
+    for i in (0, 5):
+        alone = locator(frames[i : i + 1], SHAPE)
+        assert alone.found[0] == together.found[i]
+        assert alone.score[0] == together.score[i]
+        assert (alone.corners_px[0] - together.corners_px[i]).abs().max() < 1e-2
+
+
+@pytest.mark.parametrize("level", [0, 90, 255])
+def test_nothing_is_found_where_nothing_is(level):
+    panels = LearnedLocator()(torch.full((2, 96, 128), level, dtype=torch.uint8), SHAPE)
+    assert not panels.found.any()
+    assert not panels.corners_px.any()
+
+
+def test_a_negative_looks_alike_from_afar():
+    grey = torch.randint(0, 256, (1, 1, 256, 256), generator=torch.Generator().manual_seed(0)).float()
+    finder = Finder().eval()
+    with torch.inference_mode():
+        seen, negative = (finder(one, SHAPE)[..., 13:19, 13:19] for one in (grey, 255 - grey))
+    assert torch.allclose(seen, negative, atol=1e-4)
+    assert seen.std() > 1e-3
+
+
+def test_places_lie_where_filters_look():
+    """What a lone bright pixel changes lies about it, by the places as they are said to lie."""
+    torch.manual_seed(0)
+    finder, dark = Finder().eval(), torch.full((1, 1, 256, 256), 100.0)
+    for x, y in ((130, 122), (90, 150)):
+        lit = dark.clone()
+        lit[0, 0, y, x] = 200
+        with torch.inference_mode():
+            change = (finder(lit, SHAPE) - finder(dark, SHAPE)).abs().sum(1)[0]
+        middle = (places_px((32, 32)) * change).sum((1, 2)) / change.sum()
+        assert (middle - torch.tensor([x + 0.5, y + 0.5])).abs().max() < 4
+
+
+def test_patches_are_read_where_corners_are():
+    """On a ramp the patch of each corner holds its own coordinates, its first samples outside the panel."""
+    rows, columns = torch.meshgrid(torch.arange(80.0), torch.arange(120.0), indexing="ij")
+    quad = torch.tensor([[[40.0, 30.0], [72.0, 30.0], [72.0, 46.0], [40.0, 46.0]]])
+    shape, zero = PanelShape(8, 16), torch.zeros(1, dtype=torch.int64)
+    for axis, plane in enumerate((columns, rows)):
+        scales = pyramid(plane[None, None])
+        patches = corner_patches(scales, zero, zero, quad, shape, torch.ones(1)).view(4, 32, 32)
+        assert torch.allclose(patches.mean((1, 2)), quad[0, :, axis] - 0.5, atol=1e-3)
+        inside = patches[:, -1, -1] - patches[:, 0, 0]
+        assert inside.sign().tolist() == ([1, -1, -1, 1] if axis == 0 else [1, 1, -1, -1])
+    assert corner_frames(quad, shape)[0, 0].tolist() == [[2.0, 0.0], [0.0, 2.0]]
+
+
+def test_random_bits_look_like_a_panel_and_fences_do_not():
+    draw, shape = np.random.default_rng(0), PanelShape(8, 8)
+    bits = draw.random((20, 8, 8)) < 0.5
+    fence = np.broadcast_to(np.arange(8) % 2 == 0, (1, 8, 8))
+    half = np.broadcast_to(np.arange(8)[:, None] < 4, (1, 8, 8))
+    cells = np.pad(np.concatenate([bits, fence, half]), ((0, 0), (1, 1), (1, 1)))
+    patches = torch.from_numpy(100.0 * cells.repeat(4, 1).repeat(4, 2)).float()
+    looks = cell_looks(patches, shape)
+    assert looks[:20, :2].abs().mean() < 1.2
+    assert looks[20, 0] > 4 > -4 > looks[20, 1]  # every neighbour along a row differs, none along a column
+    assert (looks[21, :2] < -3).all()
+    assert torch.allclose(looks[:, 3], torch.full((22,), 4.0))  # two levels explain all
+
+
+def test_settings_are_kept():
+    locator = LearnedLocator(false_alarms=0.01)
+    assert locator_from(locator_settings(locator)) == locator
+    assert locator_named("learned", PaperLocator()) == LearnedLocator()
+
+
+def test_a_crop_gives_sensor_coordinates(noisy):
+    frames, _ = noisy
+    window = Frames(frames.grey[:1, :, 16:, 32:], torch.tensor([[32, 16]]), frames.sensor_px)
+    whole, cut = (LearnedLocator()(one, SHAPE).corners_px for one in (frames[:1], window))
+    assert (whole - cut).abs().max() < 0.3
+
+
+def damaged(text):
+    """Ways in which a file of weights may be wrong, and what is said."""
+    content = json.loads(text)
+    name = next(iter(content["classifier"]))
+    yield text.replace('"finder.', '"other.'), "its checksum does not fit"
+    yield text[: len(text) // 2], "damaged or of another kind"
+    yield json.dumps({**content, "version": 99}), "format version 99"
+    content["classifier"][name]["shape"] = [1]
+    yield json.dumps(content), "checksum"
+
+
+def test_damaged_weights_are_refused(tmp_path):
+    text = (resources.files("vocc_torch.receiver") / SHIPPED).read_text()
+    for number, (wrong, said) in enumerate(damaged(text)):
+        path = tmp_path / f"{number}.json"
+        path.write_text(wrong)
+        with pytest.raises(VoccError, match=said):
+            LearnedLocator(str(path))(torch.zeros(1, 64, 64, dtype=torch.uint8), SHAPE)
+
+
+def test_weights_of_another_kind_are_refused(tmp_path):
+    finder, *others = Finder(), CornerNet(), Judge()
+    with torch.no_grad():
+        finder.lift[0] = torch.nan
+    save_weights(tmp_path / "nan.json", Nets(finder, *others))
+    for path in (tmp_path / "nan.json", tmp_path / "missing.json"):
+        with pytest.raises(VoccError, match=r"model .*(damaged|does not exist)"):
+            LearnedLocator(str(path))(torch.zeros(1, 64, 64, dtype=torch.uint8), SHAPE)
+    with pytest.raises(VoccError, match="false_alarms is 0: it must be above 0"):
+        LearnedLocator(false_alarms=0)
+
+
+def test_the_weights_are_small():
+    assert (resources.files("vocc_torch.receiver") / SHIPPED).stat().st_size < 2_000_000
+    assert sum(one.numel() for net in (Finder(), CornerNet(), Judge()) for one in net.parameters()) < 300_000

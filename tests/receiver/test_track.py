@@ -1,0 +1,126 @@
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import torch
+
+from vocc_torch.errors import VoccError
+from vocc_torch.receiver.track import Tracker, fit
+from vocc_torch.rng import BlockKey, FrameKey
+from vocc_torch.simulation import Camera, Simulator
+from vocc_torch.simulation.simulator import PAPER_EFFECTS
+from vocc_torch.types import Panels, PanelShape, Scene
+
+SHAPE = PanelShape(8, 8)
+CAMERA = Camera(width_px=240, height_px=200, sensor_width_mm=240 * 13.2 / 1920)
+FRAMES, HIDDEN = 48, slice(20, 26)
+NOISE = {"photoelectrons": {"quantum_efficiency": 0.6}, "shot_noise": {}, "read_noise": {"electrons": 3.0}}
+
+
+@pytest.fixture(scope="module")
+def approach():
+    """From 60 m to 30 m with shake of 1.5 px a frame; frames (N,H,W) and corners (N,4,2)."""
+    draw = np.random.default_rng(5)
+    distance = np.linspace(60, 30, FRAMES)
+    shake = draw.normal(0, 1.5, (2, FRAMES)).cumsum(1) * distance / CAMERA.focal_length_px
+    scene = Scene.of(FRAMES)
+    place = {"distance_m": distance, "offset_x_m": 0.3 + shake[0], "offset_y_m": shake[1]}
+    scene = Scene(
+        *(torch.from_numpy(place[n]) if n in place else getattr(scene, n) for n in scene.__dataclass_fields__)
+    )
+    simulator = Simulator(CAMERA, effects={**PAPER_EFFECTS, **NOISE, "gain": {}}, framing="full")
+    keys = [FrameKey(BlockKey(0, "approach", 0), i) for i in range(FRAMES)]
+    bits = torch.from_numpy(draw.random((FRAMES, 8, 8)) < 0.5)
+    grey = simulator.render(scene, bits, keys=keys).grey[:, 0].numpy().copy()
+    grey[HIDDEN] = draw.normal(100, 3, grey[HIDDEN].shape).round()
+    return grey, simulator.true_panels(scene).corners_px.numpy()
+
+
+class Told:
+    """A locator that is told where panels are, and counts how often it is asked."""
+
+    def __init__(self, corners, first=None):
+        self.corners, self.frame, self.asked, self.first = corners, 0, 0, first
+
+    def __call__(self, frames, shape):
+        self.asked += 1
+        panels = Panels.known(torch.from_numpy(self.corners[self.frame])[None])
+        panels.found[:] = not HIDDEN.start <= self.frame < HIDDEN.stop
+        return panels
+
+
+def errors_cells(tracker, locator, grey, corners):
+    """The farthest corner of the nearest panel in each frame, cells; infinite where none is seen."""
+    errors = []
+    for locator.frame, plane in enumerate(grey):
+        cell = np.linalg.norm(corners[locator.frame, 1] - corners[locator.frame, 0]) / SHAPE.columns
+        seen = [np.abs(one.corners - corners[locator.frame]).max() / cell for one in tracker(plane)]
+        errors.append(min(seen, default=np.inf))
+    return np.array(errors)
+
+
+def test_a_shaking_panel_is_followed_and_found_again(approach):
+    grey, corners = approach
+    locator = Told(corners)
+    tracker = Tracker(locator, SHAPE, every=100)
+    errors = errors_cells(tracker, locator, grey, corners)
+    visible = np.ones(FRAMES, bool)
+    visible[HIDDEN] = False
+    assert (errors[visible] < 0.25).mean() >= 0.95
+    assert np.isinf(errors[~visible]).all()
+    assert errors[HIDDEN.stop] < 0.25
+    # Once at the beginning, once a hidden frame, and once again; all else is followed.
+    assert tracker.searches == locator.asked <= 2 + len(grey[HIDDEN]) + 2
+
+
+def test_full_searches_come_every_so_often(approach):
+    grey, corners = approach
+    locator = Told(corners)
+    errors_cells(Tracker(locator, SHAPE, every=5), locator, grey[:16], corners[:16])
+    assert locator.asked == 1 + 3
+
+
+def test_a_second_panel_is_seen_at_the_next_full_search(approach):
+    grey, corners = approach
+    both, second = np.concatenate([grey, grey], 2)[:16], corners + np.array([240, 0])
+
+    class Two(Told):
+        def sightings(self, frames, shape):
+            known = [self.corners[self.frame]] + [second[self.frame]] * (self.frame >= 8)
+            sure = torch.ones(len(known))
+            return SimpleNamespace(
+                corners_px=torch.from_numpy(np.stack(known)), score=sure, false_alarms=sure * 1e-4
+            )
+
+    locator = Two(corners)
+    tracker, seen = Tracker(locator, SHAPE, every=6), []
+    for locator.frame, plane in enumerate(both):
+        seen.append([one.number for one in tracker(np.ascontiguousarray(plane))])
+    assert seen[7] == [0]
+    assert seen[15] == [0, 1]
+
+
+def test_corners_are_fitted_from_a_third_of_a_cell_away(approach):
+    grey, corners = approach
+    cell = np.linalg.norm(corners[-1, 1] - corners[-1, 0]) / 8
+    found, _, share = fit(grey[-1], corners[-1] + 0.3 * cell, SHAPE, 0.3)
+    assert np.abs(found - corners[-1]).max() < 0.15 * cell
+    assert share > 0.9
+
+
+def test_panels_are_given_as_a_locator_gives_them(approach):
+    grey, corners = approach
+    panels = Tracker(Told(corners), SHAPE).panels(torch.from_numpy(grey[:3]))
+    assert panels.found.tolist() == [True] * 3
+    assert np.abs(panels.corners_px.numpy() - corners[:3]).max() < 1
+    empty = Tracker(Told(corners), SHAPE, every=1)
+    empty.locator.frame = HIDDEN.start
+    none = empty.panels(torch.from_numpy(grey[:1]))
+    assert none.found.tolist() == [False]
+    assert not none.corners_px.any()
+
+
+@pytest.mark.parametrize("wrong", [{"every": 0}, {"patience": 0}, {"every": 2.5}])
+def test_numbers_out_of_range_are_refused(wrong):
+    with pytest.raises(VoccError, match=r"follow\.\w+ is .*: it must be a whole number of at least 1"):
+        Tracker(Told(None), SHAPE, **wrong)

@@ -1,0 +1,323 @@
+"""A small learned locator: one network finds places, another their corners, and a lattice is fitted."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from importlib import resources
+from pathlib import Path
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from vocc_torch.errors import VoccError, demand_kind, finite_number
+from vocc_torch.receiver import lattice_fit, lattice_model, rectification
+from vocc_torch.receiver.false_alarms import calibrated
+from vocc_torch.receiver.learned_nets import (
+    CORNER_CELLS,
+    PITCH_PX,
+    CornerNet,
+    Finder,
+    Judge,
+    cell_looks,
+    corner_frames,
+    corner_patches,
+    places_px,
+    pyramid,
+)
+from vocc_torch.receiver.location import exact_frames
+from vocc_torch.receiver.model_file import read_model, write_model
+from vocc_torch.types import Frames, Images, PanelShape, Sightings, StatedPanels
+
+SHIPPED = "learned_locator.json"
+"""The weights that ship, beside this file; ``benchmarks/train_locator.py`` made them."""
+
+_KIND = "learned_locator"
+# Places that are looked at closely, steps of their corners at least, and those that are fitted.
+_PLACES, _STEPS, _FITTED = 10, 3, 2
+# A pitch that the finder says is off by at most this factor, as a logarithm; places nearer than this share of
+# the panel's diagonal are one.
+_MOST_LOG, _APART = 0.6, 0.25
+# A lattice is kept that explains the first share of the picture, and none is looked for beyond the second;
+# cells that corners may move by, from a first start and from a search.
+_LEAST_SHARE, _GOOD_SHARE, _NEAR_CELLS, _FAR_CELLS, _BLUR, _MOST_LEDS = 0.75, 0.96, 1.8, 2.5, 0.3, 16
+_PARTS_PER_PX = 1024.0
+
+
+class Nets(NamedTuple):
+    """The networks of a file."""
+
+    finder: Finder
+    corners: CornerNet
+    judge: Judge
+
+
+def save_weights(path: Path, nets: Nets) -> None:
+    """Write the networks' weights, in the format of receivers: text, a checksum, and no code.
+
+    Raises:
+        VoccError: the file cannot be written.
+    """
+    parts = zip(Nets._fields, nets, strict=True)
+    state = {f"{name}.{key}": value for name, net in parts for key, value in net.state_dict().items()}
+    write_model(path, {"kind": _KIND}, state)
+
+
+@lru_cache(maxsize=8)
+def load_weights(path: Path, device: torch.device) -> Nets:
+    """Read what :func:`save_weights` wrote; nothing in the file is executed.
+
+    Raises:
+        VoccError: a file that is missing, damaged or of another kind.
+    """
+    settings, state = read_model(path)
+    with torch.inference_mode(False):
+        nets = Nets(Finder(), CornerNet(), Judge())
+        try:
+            if settings["kind"] != _KIND or not all(bool(one.isfinite().all()) for one in state.values()):
+                raise ValueError
+            for name, net in zip(Nets._fields, nets, strict=True):
+                own = {k.removeprefix(f"{name}."): v for k, v in state.items() if k.startswith(f"{name}.")}
+                net.load_state_dict(own)
+        except (KeyError, RuntimeError, ValueError):
+            raise VoccError(f"model {path} holds no learned locator: train it again") from None
+        for net in nets:
+            net.eval().requires_grad_(False).to(device)
+        return nets
+
+
+@dataclass(frozen=True, slots=True)
+class LearnedLocator:
+    """Find panels by networks that have seen simulated frames only, then fit the lattice of LEDs.
+
+    - Finder: at each scale of a pyramid, judge every 8th pixel: is the middle of a panel of R x C cells of
+      1.5 to 3 px here, how large, how turned? The six likeliest places are looked at closely.
+    - Corners: a second network sees 8 x 8 cells about each corner of a guess, lattice and edge, and says
+      where the corner lies; large panels begin with coarser patches. It also says how like corners they are.
+    - Judge: weighs what both say with how the cells look: two levels, random bits, even within a cell.
+    - Lattice: of up to 16 x 16 LEDs the two likeliest places are fitted, and stay so where the judge agrees.
+
+    The judge's logit says how many false alarms a frame without a panel is expected to give, by a table of
+    such frames (:mod:`vocc_torch.receiver.false_alarms`); ``Panels.score`` is 1 / (1 + exp(-logit)). Of
+    weights of one's own there is no table: a panel is found where the score is at least 0.5.
+
+    Args:
+        weights: a file of ``benchmarks/train_locator.py``; None takes the one that ships.
+        false_alarms: a panel is found where at most as many are expected in a frame without one, above 0.
+
+    Raises:
+        VoccError: a number out of its range; when called, weights that are missing or damaged.
+    """
+
+    weights: str | None = None
+    false_alarms: float = 1e-3
+
+    def __post_init__(self) -> None:
+        """Refuse a number out of its range."""
+        if finite_number("location.false_alarms", self.false_alarms) <= 0:
+            raise VoccError.of("location.false_alarms", self.false_alarms, "above 0")
+
+    def nets(self, device: torch.device) -> Nets:
+        """Give the networks on a device."""
+        if self.weights is not None:
+            return load_weights(Path(self.weights), device)
+        with resources.as_file(resources.files("vocc_torch.receiver") / SHIPPED) as path:
+            return load_weights(path, device)
+
+    def __call__(self, frames: Images, shape: PanelShape) -> StatedPanels:
+        """Locate the panel of ``shape`` in each frame; zero corners and score where there is none.
+
+        Raises:
+            VoccError: what :meth:`sightings` refuses.
+        """
+        seen = self.sightings(frames, shape)
+        count, device = len(Frames.of(frames)), seen.score.device
+        corners = torch.zeros(count, 4, 2, dtype=torch.float64, device=device)
+        score, number = corners[:, 0, 0].clone(), torch.bincount(seen.frame, minlength=count)
+        panels = StatedPanels(corners, number > 0, score, number, score + 1)
+        for row in range(len(seen.frame) - 1, -1, -1):
+            frame = seen.frame[row]
+            panels.corners_px[frame], panels.score[frame] = seen.corners_px[row], seen.score[row]
+            panels.false_alarms[frame] = seen.false_alarms[row]
+        return panels
+
+    def sightings(self, frames: Images, shape: PanelShape) -> Sightings:
+        """Find every panel of ``shape`` in each frame.
+
+        Raises:
+            VoccError: what :func:`vocc_torch.receiver.location.exact_frames` refuses, or damaged weights.
+        """
+        demand_kind("shape", shape, PanelShape)
+        exact = exact_frames(frames)
+        device, table = exact.grey.device, None if self.weights else calibrated("learned", shape)
+        nets = self.nets(device)
+        with torch.inference_mode(), torch.autocast(device.type, enabled=False):
+            corners = torch.zeros(0, 4, 2, dtype=torch.float64, device=device)
+            none = corners[:, 0, 0]
+            seen = [Sightings(none.long(), corners, none, none)]
+            # Frame by frame: what is found must not depend on how many are computed together.
+            for i in range(len(exact) if exact.grey.numel() else 0):
+                quads, looks = sighted(nets, exact[i : i + 1], shape)
+                logit, order = nets.judge(looks).double().sort(descending=True, stable=True)
+                alarms = torch.full_like(logit, torch.inf) if table is None else table.expected(logit)
+                sure = (
+                    alarms <= self.false_alarms
+                    if table
+                    else logit >= 0
+                    if self.weights
+                    else logit > torch.inf
+                )
+                rows = torch.full_like(order[sure], i)
+                seen.append(Sightings(rows, quads[order][sure], logit[sure].sigmoid(), alarms[sure]))
+            parts = zip(
+                *([getattr(one, name) for name in Sightings.__dataclass_fields__] for one in seen),
+                strict=True,
+            )
+            found = Sightings(*(torch.cat(part) for part in parts))
+            found.corners_px[:] = (found.corners_px * _PARTS_PER_PX).round() / _PARTS_PER_PX
+        return Sightings(*(getattr(found, name).clone() for name in Sightings.__dataclass_fields__))
+
+
+def found_places(
+    finder: Finder, scales: Sequence[Tensor], shape: PanelShape, many: int
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Give the likeliest places of panels on a pyramid of one picture, the likeliest first.
+
+    Returns:
+        (n,4,2) corners, px of the largest scale; (n,) logits; (n,) the scale.
+    """
+    parts, half = [], math.sqrt(shape.leds) * PITCH_PX / 2
+    for level, picture in enumerate(scales):
+        judged = finder(picture, shape)[0]
+        logit = judged[0]
+        peak = logit == torch.nn.functional.max_pool2d(logit[None], 3, 1, 1)[0]
+        best = logit.masked_fill(~peak, -torch.inf).flatten().topk(min(2 * many, logit.numel())).indices
+        best = best[peak.flatten()[best]]
+        at = places_px((logit.shape[0], logit.shape[1])).to(logit.device).flatten(1)[:, best]
+        chosen = judged.flatten(1)[:, best]
+        centre = (at + chosen[1:3].clamp(-2, 2) * half) * 2**level
+        pitch = chosen[3].clamp(-_MOST_LOG, _MOST_LOG).exp() * PITCH_PX * 2**level
+        parts.append(
+            torch.cat([chosen[:1], centre, pitch[None], chosen[4:5], torch.full_like(pitch[None], level)])
+        )
+    together = torch.cat(parts, 1)
+    together = together[:, together[0].argsort(descending=True, stable=True)]
+    kept: list[int] = []
+    apart = _APART * math.hypot(shape.rows, shape.columns)
+    x, y, size = together[1:4].tolist()
+    for i in range(len(x)):
+        if all(math.hypot(x[i] - x[k], y[i] - y[k]) > apart * max(size[i], size[k]) for k in kept):
+            kept.append(i)
+        if len(kept) == many:
+            break
+    logit, cx, cy, pitch, turn, level_of = together[:, kept]
+    corners = lattice_model.corner_cells(shape).to(pitch) - pitch.new_tensor([shape.columns, shape.rows]) / 2
+    cosine, sine = turn.cos()[:, None], turn.sin()[:, None]
+    across = corners[:, 0] * cosine - corners[:, 1] * sine
+    down = corners[:, 0] * sine + corners[:, 1] * cosine
+    quads = torch.stack([across, down], 2) * pitch[:, None, None] + torch.stack([cx, cy], 1)[:, None]
+    return quads, logit, level_of.long()
+
+
+def zooms(shape: PanelShape) -> list[int]:
+    """How far a corner's patches reach, step by step, in units of four cells.
+
+    Example:
+        >>> zooms(PanelShape(8, 8)), zooms(PanelShape(16, 64))
+        ([1, 1, 1], [8, 4, 2, 1, 1])
+    """
+    first = int(math.log2(max(shape.rows, shape.columns, 8) / 8))
+    steps = [2**n for n in range(first, -1, -1)]
+    return steps + [1] * max(1, _STEPS - len(steps))
+
+
+def corner_step(
+    nets: Nets, scales: Sequence[Tensor], quads: Tensor, shape: PanelShape, zoom: int
+) -> tuple[Tensor, Tensor]:
+    """Judge the corners of quadrilaterals (n,4,2) of one picture: where they are, and logits (n,4)."""
+    pitch = torch.stack(rectification.cell_size_px(quads, shape)).prod(0).sqrt().clamp(min=1e-3)
+    level = ((pitch * zoom / PITCH_PX).log2().round() - 1).clamp(0, len(scales) - 1).long()
+    frame, reach = torch.zeros_like(level), torch.full_like(pitch, zoom)
+    told = quads.new_tensor([math.log2(shape.rows), math.log2(shape.columns), math.log2(zoom)])
+    patches = corner_patches(scales, frame, level, quads, shape, reach)
+    judged = nets.corners(patches, told.expand(len(patches), 3)).view(-1, 4, 3)
+    axes = corner_frames(quads, shape) * (zoom * CORNER_CELLS)
+    moves = (judged[..., :2].clamp(-1, 1)[..., None] * axes).sum(2)
+    return moves, judged[..., 2]
+
+
+def sighted(nets: Nets, frame: Frames, shape: PanelShape, places: int = _PLACES) -> tuple[Tensor, Tensor]:
+    """Give the panels that one frame may show, and what speaks for each.
+
+    Returns:
+        (n,4,2) float64 corners on the sensor; (n,8) what :class:`Judge` weighs.
+    """
+    scales = pyramid(frame.grey)
+    quads, logit, _ = found_places(nets.finder, scales, shape, places)
+    steps = zooms(shape)
+    sign = quads.new_tensor([1.0, -1.0, 1.0, -1.0]).view(1, 4, 1)
+    for number, zoom in enumerate(steps):
+        moves, _ = corner_step(nets, scales, quads, shape, zoom)
+        if number < len(steps) - 1:  # a parallelogram stays one until the last
+            moves = moves - sign * (moves * sign).mean(1, keepdim=True)
+        quads = quads + moves
+    corners = quads.to(torch.float64) + frame.origin_px
+    looks = seen_at(nets, scales, frame, corners, logit, shape)
+    if max(shape.rows, shape.columns) <= _MOST_LEDS:
+        # The likeliest are fitted, and stay so where that makes them likelier.
+        before = nets.judge(looks)
+        best = before.argsort(descending=True, stable=True)[:_FITTED]
+        again = fitted(_repeated(frame, len(best)), corners[best], shape)
+        seen = seen_at(nets, scales, frame, again, logit[best], shape)
+        better = nets.judge(seen) > before[best]
+        corners[best[better]], looks[best[better]] = again[better], seen[better]
+    return corners, looks
+
+
+def seen_at(
+    nets: Nets, scales: Sequence[Tensor], frame: Frames, corners_px: Tensor, logit: Tensor, shape: PanelShape
+) -> Tensor:
+    """Give what :class:`Judge` weighs, (n,8), at places (n,4,2) of a frame with the finder's logits (n,)."""
+    quads = (corners_px - frame.origin_px).to(torch.float32)
+    _, sure = corner_step(nets, scales, quads, shape, 1)
+    same = _repeated(frame, len(corners_px))
+    looks = cell_looks(lattice_model.read_patches(same, corners_px, shape, lattice_model.MARGIN), shape)
+    return torch.cat([torch.stack([logit, sure.mean(1), sure.amin(1)], 1), looks], 1)
+
+
+def _repeated(frame: Frames, times: int) -> Frames:
+    """Give one frame as several, without a copy."""
+    surround = None if frame.surround is None else frame.surround.expand(times)
+    grey, origin = frame.grey.expand(times, -1, -1, -1), frame.origin_px.expand(times, -1)
+    return Frames(grey, origin, frame.sensor_px, surround)
+
+
+def fitted(frames: Frames, corners_px: Tensor, shape: PanelShape) -> Tensor:
+    """Fit lattices from good corners (B,4,2), and keep those that explain the picture and stay near.
+
+    They begin at the corners; where that explains too little, with the panel's own dark cells for background
+    and where a search over pitch and place leads.
+    """
+    patches = lattice_model.read_patches(frames, corners_px, shape, lattice_model.MARGIN)
+    side = lattice_model.SAMPLES
+    dark = patches[:, side:-side, side:-side].flatten(1).quantile(0.1, dim=1).to(torch.float64)
+    patches[:, side:-side, side:-side] = torch.nan
+    ring = patches.flatten(1).nanmedian(1).values.to(torch.float64)
+    cell = torch.maximum(*rectification.cell_size_px(corners_px, shape)).clamp(min=1e-6)
+    best, share = corners_px.clone(), torch.full_like(ring, _LEAST_SHARE)
+    for number, (level, farthest) in enumerate(
+        ((ring, _NEAR_CELLS), (dark, _NEAR_CELLS), (ring, _FAR_CELLS))
+    ):
+        rows = (share < _GOOD_SHARE).nonzero()[:, 0]
+        if not len(rows):
+            break
+        start, blur = corners_px[rows], torch.full_like(ring[rows], _BLUR)
+        if number == 2:
+            start, blur = lattice_model.search_lattice(frames[rows], start, level[rows], shape)
+        begun = lattice_model.Lattice.at(start, blur, level[rows], shape)
+        lattice = lattice_fit.fit_lattice(frames[rows], begun)
+        moved = (lattice.corners_px - corners_px[rows]).norm(dim=2).amax(1) / cell[rows]
+        better = (lattice.share > share[rows]) & (moved <= farthest)
+        best[rows[better]], share[rows[better]] = lattice.corners_px[better], lattice.share[better]
+    return best
