@@ -101,7 +101,10 @@ def test_what_is_missing_of_a_recording_that_was_cut_is_named_and_not_made_up(se
         ("task=record record.fps=0", "record.fps is 0: it must be above 0"),
         ("task=record panel.rows=4", "panel.rows is 4: task=record does not use it"),
         ("task=receive receive.soft=very", "receive.soft is 'very': it must be one of calibrated, scores"),
-        ("task=receive receiver.locator=truth", "receiver.locator is 'truth': it must be paper or refined"),
+        (
+            "task=receive receiver.locator=truth",
+            "receiver.locator is 'truth': it must be paper, refined, lattice or learned",
+        ),
         ("task=receive model=r.pt scene=night", "scene is night: the model brings its own"),
     ],
 )

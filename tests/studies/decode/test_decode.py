@@ -317,7 +317,7 @@ def test_a_panel_is_followed_in_a_video(receiver, near, tmp_path, monkeypatch, f
     plain = locator.__call__
     monkeypatch.setattr(locator, "__call__", lambda self, *given: searched.append(1) or plain(self, *given))
     path = write_video(tmp_path / "film.mp4", grey)
-    read = list(decode(receiver, read_recording(path, "luma"), follow))
+    read = list(decode(receiver, read_recording(path, "luma"), follow=follow))
     assert [reading.text for reading in read] == [text_of(one) for one in bits]
     assert searches is None or len(searched) == searches
 

@@ -29,7 +29,7 @@ MISTAKES = {
     "figures.focal_lengths_mm=[]": "figures.focal_lengths_mm is []: it must hold at least one, each once",
     "figures.locators=[]": "figures.locators is []: it must hold at least one, each once",
     "figures.locators=[truth,truth]": "figures.locators is ['truth', 'truth']: it must hold at least one",
-    "figures.locators=[gps]": "figures.locators is 'gps': it must be truth or paper or refined or lattice or learned",
+    "figures.locators=[gps]": "figures.locators is 'gps': it must be truth or paper or refined",
     "figures.experiments.dimming.rows=[2000,1000]": "figures.experiments.dimming.rows is [2000.0, 1000.0]:",
     "receiver.names=[flda_agr]": "receiver.names is ['flda_agr']: figures of bit error rates need one of "
     f"{', '.join(PAPER_RECEIVERS)}",

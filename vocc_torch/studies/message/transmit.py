@@ -64,7 +64,7 @@ def costs(plan: MessagePlan) -> list[str]:
 
     Example:
         >>> print(costs(MessagePlan(PanelShape(8, 8), Signalling(code="none")))[-1])
-        left for the message: 77.9 %
+        left for the message: 78.1 %
     """
     layout, options = Layout(plan), plan.signalling
     code, words = code_of(layout), layout.packets * layout.word_bits
