@@ -30,10 +30,11 @@ NETWORKS = ("cnn", "mlp", "mlp_features")
 FRAMES = """
 import sys, torch
 from vocc_torch import Receiver, Scene, Simulator
-scene = Scene.of(frames=16, ambient_lx=2000, led_luminance_cd_m2=3000, distance_m=60)
-bits = torch.rand(16, 8, 8, generator=torch.Generator().manual_seed(5)) < 0.5
+count = int(sys.argv[2])
+scene = Scene.of(frames=count, ambient_lx=2000, led_luminance_cd_m2=3000, distance_m=60)
+bits = torch.rand(count, 8, 8, generator=torch.Generator().manual_seed(5)) < 0.5
 frames = Simulator().render(scene, bits)
-for path in sys.argv[2:]:
+for path in sys.argv[3:]:
     read = Receiver.load(path, [sys.argv[1]])(frames)
     torch.save([read.bits, read.scores, read.llr, read.corners_px], path + ".read")
 """
@@ -74,7 +75,7 @@ def mine(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def kept(mine, tmp_path_factory):
-    """Every classifier that ships, and one from outside, each with what it reads of the same frames."""
+    """Every classifier that ships, and a classifier and a locator from outside, and their files."""
     brief = [f"++classifiers.{name}.training={{frames: 32, epochs: 1}}" for name in NETWORKS]
     own = (
         f"+classifiers.level.build._target_={mine}:Level",
@@ -84,31 +85,37 @@ def kept(mine, tmp_path_factory):
     plan = study_of(*words, "receiver.locator=truth", "budget.training_frames=32")
     training, folder = train(plan, keep=True), tmp_path_factory.mktemp("kept")
     locators = {"level": f"{mine}:Finder", "lmmse": "refined"}
-    scene = Scene.of(frames=16, ambient_lx=2000, led_luminance_cd_m2=3000, distance_m=60)
-    bits = torch.rand(16, 8, 8, generator=torch.Generator().manual_seed(5)) < 0.5
-    frames, read = Simulator().render(scene, bits), {}
+    (bits, frames), made = sent(16), {}
     for name in (*SHIPPED, "level", "flda", "flda_2"):
         found = study_of("task=train", f"receiver.locator={locators.get(name, 'paper')}").receiver
         one = replace(plan.receiver, save=name, locator=found.locator, locators=found.locators)
         receiver = trained_receiver(replace(plan, receiver=one), training)
         receiver.calibration = Calibration.of(receiver(frames).scores, bits)
         receiver.save(folder / f"{name}.pt")
-        read[name] = receiver(frames)
-    return folder, read
+        made[name] = receiver
+    return folder, made
 
 
-@pytest.mark.parametrize("where", ["here", pytest.param("another process", marks=pytest.mark.slow)])
-def test_whoever_loads_it_reads_the_same_bits(kept, mine, monkeypatch, where):
-    """Here too nothing is known of the user's file any more."""
-    folder, read = kept
+def sent(count):
+    """Bits and frames of a far panel in low light."""
+    scene = Scene.of(frames=count, ambient_lx=2000, led_luminance_cd_m2=3000, distance_m=60)
+    bits = torch.rand(count, 8, 8, generator=torch.Generator().manual_seed(5)) < 0.5
+    return bits, Simulator().render(scene, bits)
+
+
+@pytest.mark.parametrize("count", [16, pytest.param(1000, marks=pytest.mark.slow)])
+def test_whoever_loads_it_reads_the_same_bits(kept, mine, monkeypatch, count):
+    """Of many frames in another process; here too nothing is known of the user's file any more."""
+    folder, made = kept
+    read = {name: receiver(sent(count)[1]) for name, receiver in made.items()}
     paths = [str(folder / f"{name}.pt") for name in read]
-    if where == "here":
+    if count == 16:
         for name in [one for one in sys.modules if one.startswith("vocc_torch_file_")]:
             monkeypatch.delitem(sys.modules, name)
-        monkeypatch.setattr(sys, "argv", ["-c", str(mine), *paths])
+        monkeypatch.setattr(sys, "argv", ["-c", str(mine), str(count), *paths])
         exec(FRAMES, {})
     else:
-        subprocess.run([sys.executable, "-c", FRAMES, str(mine), *paths], check=True)
+        subprocess.run([sys.executable, "-c", FRAMES, str(mine), str(count), *paths], check=True)
     assert set(SHIPPED) < set(read)
     for name, path in zip(read, paths, strict=True):
         again = torch.load(f"{path}.read", weights_only=True)
