@@ -68,8 +68,8 @@ def channel_of(receiver: Receiver, colours: Sequence[NDArray[np.uint8]]) -> tupl
     Every plane of :data:`FIXED` is located and decoded. At the panels of the best one, mixes by
     :func:`fisher_mix` are made and decoded too. The planes are compared by frames whose panel is no doubtful
     one, then by the mean of :func:`~vocc_torch.studies.decode.judge.parted`. Luma stays where no other is
-    clearly better, where the others part On from Off no farther than one level of light is by chance, and where the
-    frames are grey.
+    clearly better, where the others part On from Off no farther than one level of light is by chance, and
+    where the frames are grey.
 
     Args:
         receiver: locates and decides.
