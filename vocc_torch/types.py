@@ -299,7 +299,8 @@ class Sightings(Batched):
         frame: (N,) int64, index of the frame.
         corners_px: (N,4,2) float64, as in :class:`Panels`.
         score: (N,) float64, how panel-like it is.
-        false_alarms: (N,) float64, false alarms expected in a panel-free frame at this score or better.
+        false_alarms: (N,) float64, false alarms expected in a panel-free frame at this score or better; NaN
+            where nothing is stated, and the locator gives only what it is sure of.
     """
 
     frame: Tensor
@@ -322,7 +323,7 @@ class Sightings(Batched):
             ([0, 1], [False, True])
         """
         rows: list[tuple[int, int]] = []
-        sure, whose = (self.false_alarms <= most_false_alarms), self.frame.tolist()
+        sure, whose = ~(self.false_alarms > most_false_alarms), self.frame.tolist()
         told = sure.tolist()
         for number in range(frames):
             seen = [row for row, frame in enumerate(whose) if frame == number]
@@ -334,7 +335,7 @@ class Sightings(Batched):
             torch.cat([one, one.new_zeros(1, *one.shape[1:])])[row] for one in (self.corners_px, self.score)
         )
         alarms = torch.cat([self.false_alarms, self.false_alarms.new_full((1,), torch.inf)])[row]
-        found = (alarms <= most_false_alarms) & (row >= 0)
+        found = ~(alarms > most_false_alarms) & (row >= 0)
         count = torch.bincount(self.frame[sure], minlength=frames)[frame]
         corners = corners * found[:, None, None]
         return frame, StatedPanels(corners, found, score * found, count, alarms)

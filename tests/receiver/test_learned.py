@@ -19,6 +19,7 @@ from vocc_torch.receiver.learned_nets import (
 )
 from vocc_torch.receiver.location import PaperLocator
 from vocc_torch.receiver.locators import locator_from, locator_named, locator_settings
+from vocc_torch.receiver.track import Tracker
 from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.simulation import Camera, Simulator
 from vocc_torch.simulation.simulator import PAPER_EFFECTS
@@ -57,6 +58,19 @@ def test_the_shipped_weights_find_most_panels_in_noise(noisy):
     pitch = (truth.corners_px[:, 1] - truth.corners_px[:, 0]).norm(dim=1) / 8
     off = (panels.corners_px - truth.corners_px).norm(dim=2).amax(1) / pitch
     assert (off[panels.found] < 0.25).all()
+
+
+def test_weights_of_ones_own_are_followed_and_state_no_false_alarms(noisy, tmp_path):
+    """Found is then what the judge calls likelier than not."""
+    mine = tmp_path / "mine.json"
+    mine.write_bytes(resources.files("vocc_torch.receiver").joinpath(SHIPPED).read_bytes())
+    locator, frame = LearnedLocator(weights=str(mine)), noisy[0][:1]
+    seen = locator.sightings(frame, SHAPE)
+    assert (seen.score >= 0.5).all()
+    assert seen.false_alarms.isnan().all()
+    assert seen.panels(1, 1e-3)[1].found.tolist() == [True]
+    followed, *_ = Tracker(locator, SHAPE)(frame.grey[0, 0].numpy())
+    assert np.abs(followed.corners - seen.corners_px[0].numpy()).max() < 1
 
 
 def test_what_is_found_does_not_depend_on_the_batch(noisy):

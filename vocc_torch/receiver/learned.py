@@ -160,14 +160,11 @@ class LearnedLocator:
             for i in range(len(exact) if exact.grey.numel() else 0):
                 quads, looks = sighted(nets, exact[i : i + 1], shape)
                 logit, order = nets.judge(looks).double().sort(descending=True, stable=True)
-                alarms = torch.full_like(logit, torch.inf) if table is None else table.expected(logit)
-                sure = (
-                    alarms <= self.false_alarms
-                    if table
-                    else logit >= 0
-                    if self.weights
-                    else logit > torch.inf
-                )
+                if self.weights:
+                    alarms, sure = torch.full_like(logit, torch.nan), logit >= 0
+                else:
+                    alarms = torch.full_like(logit, torch.inf) if table is None else table.expected(logit)
+                    sure = alarms <= self.false_alarms
                 rows = torch.full_like(order[sure], i)
                 seen.append(Sightings(rows, quads[order][sure], logit[sure].sigmoid(), alarms[sure]))
             parts = zip(

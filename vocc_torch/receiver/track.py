@@ -29,7 +29,7 @@ _STEPS, _MOST_CELLS, _BLURS = 3, 0.35, (0.2, 0.4)
 _LEAST_SHARE = 0.6
 # A panel that a full search claims is begun with where a lattice explains this share; of noise it does not.
 _LEAST_TO_BEGIN = 0.5
-# A sighting begins a track where no more false alarms a frame are expected.
+# A sighting begins a track where no more false alarms a frame are expected, of a locator that says no limit.
 _MOST_FALSE_ALARMS = 1e-3
 # A panel that so many full searches pass over for others is none.
 _MOST_DOUBTS = 2
@@ -307,7 +307,8 @@ class Tracker:
         frames = Frames.whole(torch.from_numpy(plane))
         sightings = getattr(self.locator, "sightings", None)
         found = self.locator(frames, self.shape) if sightings is None else sightings(frames, self.shape)
-        kept = found.found if isinstance(found, Panels) else found.false_alarms <= _MOST_FALSE_ALARMS
+        most = getattr(self.locator, "false_alarms", _MOST_FALSE_ALARMS)
+        kept = found.found if isinstance(found, Panels) else ~(found.false_alarms > most)
         for corners, score, good in zip(
             found.corners_px.cpu().numpy(), found.score.tolist(), kept.tolist(), strict=True
         ):
