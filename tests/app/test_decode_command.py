@@ -17,7 +17,7 @@ from vocc_torch.errors import VoccError
 from vocc_torch.hardware import Camera
 from vocc_torch.receiver.locators import RefinedLocator
 from vocc_torch.receiver.receiver import Receiver
-from vocc_torch.studies.decode.run import DOUBTFUL_SCORE, LEAST_PARTED, parted
+from vocc_torch.studies.decode.judge import DOUBTFUL_SCORE, LEAST_PARTED, parted
 
 
 @pytest.fixture(scope="module")

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from vocc_torch.errors import VoccError
 
-CHANNELS = ("luma", "max", "red", "green", "blue")
+CHANNELS = ("luma", "max", "red", "green", "blue", "auto")
 FOLLOWS = ("true", "false", "auto")
 MOST_SCALE = 16
 MOST_PANELS = 64
@@ -15,8 +15,8 @@ class DecodeConfig:
     """What ``task=decode`` writes besides the bits.
 
     Args:
-        channel: how colour becomes grey: ``luma`` (Rec. 601), ``max`` (brightest channel), ``red``, ``green``
-            or ``blue``.
+        channel: how colour becomes grey: ``luma`` (Rec. 601), ``max`` (brightest channel), ``red``,
+            ``green``, ``blue``, or ``auto``: the channel or mix that the first frames are read best in.
         annotate: whether each picture is written with the panel and the bits drawn in; of a video none is.
         scale: enlarge annotated pictures by this whole number, 1 to 16.
         most: panels that are read in a frame, at most, 1 to 64; more than one only with the lattice or the

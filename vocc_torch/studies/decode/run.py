@@ -26,15 +26,9 @@ from vocc_torch.show import folder as run_folder
 from vocc_torch.show.canvas import annotated
 from vocc_torch.show.terminal import Console
 from vocc_torch.studies.decode import DecodeConfig
+from vocc_torch.studies.decode.colour import SEEN_FRAMES, channel_of
+from vocc_torch.studies.decode.judge import LEAST_PARTED, is_doubtful, parted
 from vocc_torch.types import Frames
-
-DOUBTFUL_SCORE = 0.6
-"""Noise that fills a 4:3 picture scores 0.56; of the paper's scenes one in fifty scores less than this."""
-DOUBTFUL_MARGIN = 0.1
-"""Of the mean margin: two grey levels of LEDs leave a gap between them, what is no panel hardly ever does."""
-LEAST_PARTED = 6.0
-"""By :func:`parted`: read by ``tag_planes``, of 896 panels that were all On or all Off 889 are below, of 2240
-with 1 to 63 of 64 LEDs On 53, 45 of them with wrong bits."""
 
 COLUMNS = (
     *("source", "frame", "time_s", "found", "x_top_left", "y_top_left", "x_top_right", "y_top_right"),
@@ -119,17 +113,22 @@ def run_decode(settings: Settings, config: DecodeConfig, folder: Path) -> None:
         raise VoccError("input is null: task=decode needs input=PICTURE, a folder of pictures or a video")
     source, console = Path(settings.input), Console()
     failures: list[str] = []
-    recording = readable(read_recording(source, config.channel), failures)
+    channel = "luma" if config.channel == "auto" else config.channel  # until the receiver has chosen
+    recording = readable(read_recording(source, channel), failures)
     first = list(islice(recording, 1))  # before a receiver is trained
     if not first:
         raise VoccError(failures[0])
     model = None if settings.model is None else Path(settings.model)
     receiver = receiver_for(build_plan(settings, folder), model, settings.plug_ins)
+    recording = chain(first, recording)
+    if config.channel == "auto":
+        recording, told = in_best_channel(receiver, recording)
+        console.print(told, soft_wrap=True, markup=False, highlight=False)
     rows, best, doubtful, strange, alike, names = [], None, 0, 0, 0, set[str]()
     unlike: dict[str, float] = {}
     try:
         drawn: Image.Image | None = None
-        for reading in decode(receiver, chain(first, recording), config.most, config.follow):
+        for reading in decode(receiver, recording, config.most, config.follow):
             rows.append(reading.row())
             if not reading.found:
                 continue
@@ -199,6 +198,25 @@ def readable(recording: Iterator[RecordedFrame], failures: list[str]) -> Iterato
         failures.append(str(error))
 
 
+def in_best_channel(
+    receiver: Receiver, recording: Iterator[RecordedFrame]
+) -> tuple[Iterator[RecordedFrame], str]:
+    """Give a recording the grey plane that its first frames are read best in, and say which."""
+    first = list(islice(recording, SEEN_FRAMES))
+    shown = [one.colour for one in first if one.colour.shape == first[0].colour.shape]
+    mix, far, sure = channel_of(receiver, shown)
+    rest = chain(first, recording)
+    frames = rest if mix.name == "luma" else (replace(one, grey=mix(one.colour)) for one in rest)
+    if math.isnan(far):
+        why = f"the first {len(shown)} frames are grey"
+    elif not far:
+        why = f"no panel was found in the first {len(shown)} frames"
+    else:
+        why = f"On and Off lie {far:.3g} standard deviations apart in the first {len(shown)} frames"
+        why += f", {sure} of them without doubt"
+    return frames, f"decode.channel=auto: {mix}, for {why}"
+
+
 def decode(
     receiver: Receiver, recording: Iterator[RecordedFrame], most: int = 1, follow: str = "false"
 ) -> Iterator[Reading]:
@@ -230,7 +248,6 @@ def decode(
                 read = receiver.decode(images)
             sure = read.scores.abs()
             least = sure.amin(dim=(1, 2))
-            clear = least >= DOUBTFUL_MARGIN * sure.mean(dim=(1, 2))
             corners, bits = read.corners_px.cpu().numpy(), read.bits.cpu().numpy()
             looks, beyond = read.appearance.cpu(), outside(read.appearance, receiver.trained_on)
             expected = torch.sigmoid(-read.llr.abs()).sum(dim=(1, 2))
@@ -239,7 +256,7 @@ def decode(
                 least,
                 read.panel_score,
                 read.candidates,
-                ~clear | ((read.panel_score < DOUBTFUL_SCORE) & read.false_alarms.isnan()),
+                is_doubtful(read),
                 expected,
                 parted(read.scores, read.bits) < LEAST_PARTED,
                 read.false_alarms,
@@ -253,23 +270,3 @@ def decode(
                 names = [name for name, far in beyond.items() if far[i] and found]
                 unlike = {name: float(looks[i, APPEARANCE.index(name)]) for name in names}
                 yield replace(Reading(frame, found, corners[i], bits[i], unlike, *judged), panel=number)
-
-
-def parted(scores: torch.Tensor, bits: torch.Tensor) -> torch.Tensor:
-    """Say how far apart the scores of On and of Off lie, (B,), over their spread; 0 where all are alike.
-
-    One level that is split in its middle gives about 2.7 where greys are normal, 3.5 where they are uniform.
-
-    Args:
-        scores: (B,R,C).
-        bits: (B,R,C) bool.
-
-    Example:
-        >>> bits = torch.tensor([[[True, False], [True, False]], [[True, True], [True, True]]])
-        >>> parted(torch.tensor([[[2.0, -2.0], [1.0, -1.0]], [[1.0, 2.0], [1.0, 2.0]]]), bits).tolist()
-        [6.0, 0.0]
-    """
-    both = [(scores * one).sum(dim=(1, 2)) / one.sum(dim=(1, 2)) for one in (bits, ~bits)]
-    on, off = (one[:, None, None] for one in both)
-    spread = (scores - torch.where(bits, on, off)).square().mean(dim=(1, 2)).sqrt()
-    return ((both[0] - both[1]) / spread).nan_to_num(nan=0.0)

@@ -1,0 +1,105 @@
+"""``decode.channel=auto``: the plane that parts On from Off is found, and luma stays where none is better."""
+
+import numpy as np
+import pytest
+import torch
+from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
+
+from vocc_torch.measure.train import receiver_for
+from vocc_torch.receiver.features import cell_means
+from vocc_torch.receiver.recording import RecordedFrame
+from vocc_torch.receiver.rectification import rectify_takes
+from vocc_torch.studies.decode.colour import FIXED, channel_of, fisher_mix
+from vocc_torch.studies.decode.run import decode, in_best_channel
+from vocc_torch.types import Frames, Panels, PanelShape
+
+SHAPE = PanelShape(8, 8)
+
+
+@pytest.fixture(scope="module")
+def receiver(make_plan):
+    return receiver_for(make_plan(locator="paper", training_frames=64), None)
+
+
+def red_on_white(noise=3.0, frames=1):
+    """A dark board with red LEDs before a white wall, (N,H,W,3) uint8, and its bits (N,8,8)."""
+    rng = np.random.default_rng(4)
+    bits = rng.random((frames, 8, 8)) < 0.5
+    picture = np.full((frames, 140, 150, 3), 210.0)
+    picture[:, 22:118, 27:123] = 20.0
+    spot = np.exp(-((np.arange(12) - 5.5) ** 2) / 18)
+    lit = np.kron(bits, np.outer(spot, spot)[None])
+    picture[:, 22:118, 27:123] += lit[..., None] * np.array([180.0, 8.0, 4.0])
+    return (picture + rng.normal(0, noise, picture.shape)).round().clip(0, 255).astype(np.uint8), bits
+
+
+def recorded(colours):
+    for index, colour in enumerate(colours):
+        yield RecordedFrame("film.png", index, None, colour, FIXED[0](colour))
+
+
+def test_a_red_panel_on_white_is_read_in_its_colour(receiver):
+    """White is brighter than red LEDs by luma; in the plane that is found no bit of six frames is wrong."""
+    colours, bits = red_on_white(frames=6)
+    by_luma = list(decode(receiver, recorded(colours)))
+    assert all((one.bits != bit).mean() > 0.1 for one, bit in zip(by_luma, bits, strict=True))
+    frames, told = in_best_channel(receiver, recorded(colours))
+    read = list(decode(receiver, frames))
+    assert len(read) == 6
+    assert np.array_equal([one.bits for one in read], bits)
+    assert "red" in told
+    assert "in the first 4 frames" in told
+    assert np.array_equal(read[5].frame.colour, colours[5])
+
+
+def test_grey_pictures_are_luma_to_the_byte(receiver):
+    colours, _ = red_on_white(frames=2)
+    greys = colours[..., :1].repeat(3, axis=-1)
+    frames, told = in_best_channel(receiver, recorded(greys))
+    assert all(np.array_equal(one.grey, greys[one.index, ..., 0]) for one in frames)
+    assert told == "decode.channel=auto: luma, for the first 2 frames are grey"
+
+
+def test_noise_in_colour_stays_luma(receiver):
+    """What lies no farther apart than chance lets it is no reason for another plane."""
+    noise = np.random.default_rng(0).integers(0, 256, (2, 60, 80, 3)).astype(np.uint8)
+    assert [channel_of(receiver, [one])[0].name for one in noise] == ["luma"] * 2
+
+
+def corners(left, top, right, bottom):
+    return torch.tensor([[[left, top], [right, top], [right, bottom], [left, bottom]]], dtype=torch.float64)
+
+
+@pytest.mark.parametrize("margin", [False, True])
+def test_the_mix_is_the_discriminant_of_scikit_learn(margin):
+    """Their directions agree to 1e-6, On is brighter, and the cells take the middle half of the greys."""
+    (colour,), (bits,) = red_on_white(noise=12.0)
+    takes = [Frames.whole(torch.from_numpy(np.ascontiguousarray(colour[..., i]))) for i in range(3)]
+    panels = Panels.known(corners(27.0, 22.0, 123.0, 118.0))
+    weights, offset = fisher_mix(takes, panels, torch.from_numpy(bits)[None], SHAPE, margin)
+    inside = slice(None) if margin else slice(1, -1)
+    cells = [
+        cell_means(one, SHAPE)[0, inside, inside].double() for one in rectify_takes(takes, panels, SHAPE, 8)
+    ]
+    rows = torch.stack(cells, dim=-1).reshape(-1, 3).numpy()
+    on = (np.pad(bits, 1) if margin else bits).ravel()
+    (theirs,) = LinearDiscriminantAnalysis(solver="eigen").fit(rows, on).coef_
+    cosine = np.dot(theirs, weights) / np.linalg.norm(theirs) / np.linalg.norm(weights)
+    assert cosine == pytest.approx(1, abs=1e-6)
+    mixed = rows @ np.array(weights) + offset
+    assert mixed[on].mean() > mixed[~on].mean()
+    assert (mixed.min(), mixed.max()) == pytest.approx((63.75, 191.25))
+
+
+def test_a_singular_scatter_has_a_finite_mix_and_one_group_none():
+    """Two channels that are equal in all cells, and no noise: the scatter has rank 1 at most."""
+    (colour,), (bits,) = red_on_white(noise=0.0)
+    colour[22:118, 27:123] = np.kron(bits, np.ones((12, 12)))[..., None] * np.array([90, 9, 9]) + 20
+    takes = [Frames.whole(torch.from_numpy(np.ascontiguousarray(colour[..., i]))) for i in range(3)]
+    panels, truth = Panels.known(corners(27.0, 22.0, 123.0, 118.0)), torch.from_numpy(bits)[None]
+    weights, offset = fisher_mix(takes, panels, truth, SHAPE, margin=False)
+    plane = colour[22:118:12, 27:123:12] @ np.array(weights) + offset
+    assert plane[bits] == pytest.approx(191.25, abs=3)
+    assert plane[~bits] == pytest.approx(63.75, abs=3)
+    for one in (torch.zeros_like(truth), torch.ones_like(truth)):
+        assert fisher_mix(takes, panels, one, SHAPE, margin=False) is None

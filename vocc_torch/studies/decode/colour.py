@@ -1,0 +1,158 @@
+"""``decode.channel=auto``: find the channel or the linear mix of channels that parts On from Off."""
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from vocc_torch.receiver.discriminant import ClassScatter, Discriminant
+from vocc_torch.receiver.features import cell_means
+from vocc_torch.receiver.receiver import Receiver
+from vocc_torch.receiver.recording import to_grey
+from vocc_torch.receiver.rectification import cell_size_px, rectify_takes
+from vocc_torch.studies.decode import CHANNELS
+from vocc_torch.studies.decode.judge import LEAST_PARTED, is_doubtful, parted
+from vocc_torch.types import Frames, Panels, PanelShape
+
+SEEN_FRAMES = 4
+"""Frames of a recording that decide for all of it."""
+CLEARLY, ELSEWHERE = 1.2, 2.0
+"""A plane is taken instead of luma where it parts On from Off this many times as far, at its panel or not."""
+
+
+class Mix(NamedTuple):
+    """One grey plane of a colour picture.
+
+    Args:
+        name: a channel of :func:`~vocc_torch.receiver.recording.to_grey`, or of the mix.
+        weights: of red, green and blue; none for a channel.
+        offset: grey value of a black pixel.
+
+    Example:
+        >>> Mix("red - green", (1.0, -1.0, 0.0))(np.array([[[200, 90, 7]]], dtype=np.uint8)).item()
+        110
+    """
+
+    name: str
+    weights: tuple[float, ...] = ()
+    offset: float = 0.0
+
+    def __call__(self, colour: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """Turn (H,W,3) uint8 into (H,W) uint8; what is beyond 0 to 255 is clipped."""
+        if not self.weights:
+            return to_grey(colour, self.name)
+        mixed = np.float32(self.offset) + colour @ np.array(self.weights, dtype=np.float32)
+        return mixed.round().clip(0, 255).astype(np.uint8)
+
+    def __str__(self) -> str:
+        """Name it, with its weights."""
+        parts = [f"{w:+.3g} {name}" for w, name in zip(self.weights, CHANNELS[2:5], strict=False)]
+        return self.name + f" ({' '.join([*parts, f'{self.offset:+.3g}'])})" * bool(parts)
+
+
+FIXED = (
+    *(Mix(name) for name in ("luma", "max", "red", "green", "blue")),
+    # How much more of one colour than of the others: nothing that is white, grey or black has any.
+    Mix("red beyond the others", (1.0, -0.5, -0.5)),
+    Mix("green beyond the others", (-0.5, 1.0, -0.5)),
+    Mix("blue beyond the others", (-0.5, -0.5, 1.0)),
+)
+"""What is tried before any panel is known."""
+
+
+def channel_of(receiver: Receiver, colours: Sequence[NDArray[np.uint8]]) -> tuple[Mix, float, int]:
+    """Find the plane in which a receiver parts On from Off best, how far, and in how many frames surely.
+
+    Every plane of :data:`FIXED` is located and decoded. At the panels of the best one, mixes by
+    :func:`fisher_mix` are made and decoded too. The planes are compared by frames whose panel is no doubtful
+    one, then by the mean of :func:`~vocc_torch.studies.decode.judge.parted`. Luma stays where no other is
+    clearly better, where the others part On from Off no farther than one level of light is by chance, and
+    where the frames are grey.
+
+    Args:
+        receiver: locates and decides.
+        colours: frames (H,W,3) uint8 of one size.
+    """
+    luma = FIXED[0]
+    if all((one == one[..., :1]).all() for one in colours):
+        return luma, float("nan"), 0
+    judged = {mix: _judged(receiver, [mix(one) for one in colours]) for mix in FIXED}
+    best = _best(judged, receiver.shape)
+    _, _, panels, bits = judged[best]
+    planes = torch.from_numpy(np.stack(colours)).permute(3, 0, 1, 2).to(receiver.device)
+    takes = [Frames.whole(plane.contiguous()) for plane in planes]
+    for name, margin in (("On against Off", False), ("On against Off and surround", True)):
+        if (found := fisher_mix(takes, panels, bits, receiver.shape, margin)) is not None:
+            mix = Mix(name, *found)
+            judged[mix] = _judged(receiver, [mix(one) for one in colours])
+    best = _best(judged, receiver.shape)
+    return best, judged[best].apart, judged[best].sure
+
+
+class _Judged(NamedTuple):
+    """Sure panels of a plane, how far On and Off are apart in the mean, the panels and their bits."""
+
+    sure: int
+    apart: float
+    panels: Panels
+    bits: torch.Tensor
+
+
+def _best(judged: Mapping[Mix, _Judged], shape: PanelShape) -> Mix:
+    """Choose the plane that parts best of those clearly better than luma and beyond chance; else luma."""
+    luma, best = judged[FIXED[0]], FIXED[0]
+    for mix, one in judged.items():
+        off = (one.panels.corners_px - luma.panels.corners_px).norm(dim=-1).amax(dim=-1)
+        near = off <= torch.maximum(*cell_size_px(luma.panels.corners_px, shape))
+        same = bool(near[one.panels.found].all())
+        clearly = 0 if one.sure > luma.sure else luma.apart * (CLEARLY if same else ELSEWHERE)
+        if one.sure >= luma.sure and one.apart >= max(LEAST_PARTED, clearly):
+            best = max(best, mix, key=lambda two: (judged[two].sure, judged[two].apart))
+    return best
+
+
+def _judged(receiver: Receiver, greys: Sequence[NDArray[np.uint8]]) -> _Judged:
+    """Decode grey planes of one size."""
+    read = receiver.decode(torch.from_numpy(np.stack(greys)).to(receiver.device))
+    apart = torch.where(read.found, parted(read.scores, read.bits), 0.0)
+    sure = int((read.found & ~is_doubtful(read)).sum())
+    panels = Panels(read.corners_px, read.found, read.panel_score, read.candidates)
+    return _Judged(sure, float(apart.mean()), panels, read.bits)
+
+
+def fisher_mix(
+    channels: Sequence[Frames], panels: Panels, bits: torch.Tensor, shape: PanelShape, margin: bool
+) -> tuple[tuple[float, ...], float] | None:
+    """Weigh channels by Fisher's discriminant of the colours of On cells and of Off ones, in float64.
+
+    A singular scatter, as of a colour that does not vary, is solved as :meth:`Discriminant.of` states: by the
+    least norm, and where the means differ along a direction without scatter, mostly along that.
+
+    Args:
+        channels: three takes of the same B frames, red, green and blue.
+        panels: where the panels are in them.
+        bits: (B,R,C) bool, the two groups.
+        shape: rows and columns.
+        margin: whether the cells around the panel count as Off.
+
+    Returns:
+        Weights and offset, On brighter than Off, so that the cells take the middle half of 0 to 255; None
+        where there are no two groups.
+    """
+    patches = rectify_takes(channels, panels, shape, 8)
+    cells = torch.stack([cell_means(one, shape).double() for one in patches], dim=-1)[panels.found]
+    on = torch.nn.functional.pad(bits[panels.found], (1, 1, 1, 1))
+    if not margin:
+        cells, on = cells[:, 1:-1, 1:-1], on[:, 1:-1, 1:-1]
+    rows, on = cells.reshape(-1, 3), on.reshape(-1)
+    if not 0 < int(on.sum()) < len(on):
+        return None
+    direction = Discriminant.of(ClassScatter.of_rows(rows, on))[0].direction
+    along = rows @ direction
+    low, high = float(along.min()), float(along.max())
+    if not high > low:
+        return None
+    gain = 127.5 / (high - low)
+    return tuple((direction * gain).tolist()), 63.75 - low * gain
