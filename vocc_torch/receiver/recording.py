@@ -210,3 +210,11 @@ def read_video(path: Path, channel: str, *, grey_only: bool = False) -> Iterator
         raise VoccError(f"input {path} cannot be read as a video after {done} frames ({reason})")
     if done == 0:
         raise VoccError(f"input {path} is a video without frames")
+
+
+def readable(recording: Iterator[RecordedFrame], failures: list[str]) -> Iterator[RecordedFrame]:
+    """Pass on what can be read of a recording, and note what cannot."""
+    try:
+        yield from recording
+    except VoccError as error:
+        failures.append(str(error))

@@ -20,7 +20,7 @@ from vocc_torch.measure.config import Settings
 from vocc_torch.measure.train import receiver_for
 from vocc_torch.receiver.calibration import APPEARANCE, outside
 from vocc_torch.receiver.receiver import Receiver
-from vocc_torch.receiver.recording import RecordedFrame, read_recording
+from vocc_torch.receiver.recording import RecordedFrame, read_recording, readable
 from vocc_torch.receiver.track import Tracker
 from vocc_torch.show import folder as run_folder
 from vocc_torch.show.canvas import annotated
@@ -188,14 +188,6 @@ def run_decode(settings: Settings, config: DecodeConfig, folder: Path) -> None:
         warnings.warn(f"{far} ({'; '.join(parts)}): expected_errors may be too low", stacklevel=2)
     if failures:
         raise VoccError(f"{failures[0]}; bits.csv has the {len(rows)} frames that could be read")
-
-
-def readable(recording: Iterator[RecordedFrame], failures: list[str]) -> Iterator[RecordedFrame]:
-    """Pass on what can be read of a recording, and note what cannot."""
-    try:
-        yield from recording
-    except VoccError as error:
-        failures.append(str(error))
 
 
 def in_best_channel(

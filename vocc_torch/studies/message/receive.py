@@ -18,7 +18,7 @@ from vocc_torch.messages.packets import Assembly, payload_bytes
 from vocc_torch.messages.reception import COLUMNS, Received, Reception
 from vocc_torch.messages.signalling import MessagePlan
 from vocc_torch.receiver.receiver import Receiver
-from vocc_torch.receiver.recording import RecordedFrame, read_recording
+from vocc_torch.receiver.recording import RecordedFrame, read_recording, readable
 from vocc_torch.show import folder as run_folder
 from vocc_torch.show.terminal import Console
 from vocc_torch.studies.message import PLAN, ReceiveConfig
@@ -121,14 +121,6 @@ def at_true_corners(plan: Plan) -> Plan:
     simulated where whole frames are not.
     """
     return replace(plan, receiver=replace(plan.receiver, locator="truth"))
-
-
-def readable(recording: Iterator[RecordedFrame], failures: list[str]) -> Iterator[RecordedFrame]:
-    """Pass on what can be read of a recording, and note what cannot."""
-    try:
-        yield from recording
-    except VoccError as error:
-        failures.append(str(error))
 
 
 def write_missing(path: Path, missing: list[int], length: int, info_bytes: int) -> None:
