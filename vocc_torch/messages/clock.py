@@ -109,8 +109,10 @@ class SymbolClock:
         seen = self._likelihood(np.clip(flat, -SURE, SURE) * alive.astype(np.float32))
         for own, values, time_s in zip(flat, seen, times_s, strict=True):
             # Without a clock of its own the camera is taken to be faster than the panel.
-            known = time_s is not None and self._last is not None
-            ahead = max(0.0, (time_s - self._last) * self.rate_hz) if known else 0.5  # type: ignore[operator]
+            if time_s is None or self._last is None:
+                ahead = 0.5
+            else:
+                ahead = max(0.0, (time_s - self._last) * self.rate_hz)
             self._last = time_s
             self._advance(values, ahead)
             self._llr.append(own)
