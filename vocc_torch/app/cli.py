@@ -7,7 +7,7 @@ import sys
 import tempfile
 import traceback
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -182,10 +182,25 @@ def run_jobs(jobs: Jobs) -> int:
     return 2 if failures else 0
 
 
+def own_scenes(words: Sequence[str]) -> list[str]:
+    """Give the search path for scenes that task=calibrate wrote into runs' folders, as a word of Hydra's.
+
+    A run NAME keeps its scene as ``runs/NAME/scene/NAME.yaml``, so that ``scene=NAME`` is found below the run.
+    """
+    chosen = [word.removeprefix("scene=") for word in words if word.startswith("scene=")]
+    names = [name for one in chosen for name in one.split(",")]
+    found = [Path("runs", name) for name in names if Path("runs", name, "scene", f"{name}.yaml").is_file()]
+    if not found or any(word.startswith("hydra.searchpath=") for word in words):
+        return []
+    paths = ",".join("'file://{}'".format(str(path).replace("'", r"\'")) for path in dict.fromkeys(found))
+    return [f"hydra.searchpath=[{paths}]"]
+
+
 def run() -> int:
     """Run the application on the process's arguments and give its exit status."""
     # argparse takes keys on one side of a flag only, and users write them on both.
     sys.argv[1:] = sorted(sys.argv[1:], key=lambda word: word not in MULTIRUN)
+    sys.argv[1:] += own_scenes(sys.argv[1:])
     # Hydra prints errors over several lines and exits unless it is told to let them through.
     os.environ["HYDRA_FULL_ERROR"] = "1"
     register_schema()

@@ -14,6 +14,7 @@ from omegaconf import DictConfig, OmegaConf
 from vocc_torch.errors import VoccError
 from vocc_torch.hardware import LedPanel
 from vocc_torch.measure.config import ARGUMENT, Budget, Experiment, Settings
+from vocc_torch.studies.calibrate import CalibrateConfig
 from vocc_torch.studies.classifiers import RivalsConfig
 from vocc_torch.studies.decode import DecodeConfig
 from vocc_torch.studies.effects import EffectsConfig
@@ -36,6 +37,7 @@ TASKS = {
     "transmit": ("message.transmit:run_transmit", "transmit"),
     "record": ("message.record:run_record", "record"),
     "receive": ("message.receive:run_receive", "receive"),
+    "calibrate": ("calibrate.run:run_calibrate", "calibrate"),
 }
 """What runs each task, below ``vocc_torch.studies``, and the section that is its own."""
 
@@ -54,6 +56,7 @@ class AppConfig(Settings):
         transmit: how task=transmit writes a message.
         record: the camera's time in task=record.
         receive: how task=receive reads a recording.
+        calibrate: what task=calibrate looks at.
     """
 
     decode: DecodeConfig = field(default_factory=DecodeConfig)
@@ -65,6 +68,7 @@ class AppConfig(Settings):
     transmit: TransmitConfig = field(default_factory=TransmitConfig)
     record: RecordConfig = field(default_factory=RecordConfig)
     receive: ReceiveConfig = field(default_factory=ReceiveConfig)
+    calibrate: CalibrateConfig = field(default_factory=CalibrateConfig)
 
     def __post_init__(self) -> None:
         """Check what no section can check alone."""
@@ -72,7 +76,7 @@ class AppConfig(Settings):
         run_folder(self.name)
         if self.task not in TASKS:
             raise VoccError.of("task", repr(self.task), f"one of {', '.join(TASKS)}")
-        finds = self.task in ("decode", "receive") and self.model is None
+        finds = self.task == "calibrate" or (self.task in ("decode", "receive") and self.model is None)
         if finds and self.receiver.locator == "truth":
             finders = "paper, refined, lattice or learned"
             rule = f"{finders} for task={self.task}: a recording does not tell its corners"
@@ -113,6 +117,11 @@ IGNORED = {
         *("panel.rows", "panel.columns", *PARTS),
     ),
     "receive": (*ALONE, "experiment", "panel.rows", "panel.columns"),
+    "calibrate": (
+        *("model", "plug_ins", "seed", "device", "precision", "framing", "batch_frames", "workers"),
+        *("tensorboard", "scene", "experiment", "budget", "classifiers", "features", "receiver.names"),
+        *("receiver.features", "receiver.samples_per_led", "receiver.gradient", "receiver.save"),
+    ),
     "collect": tuple(one.name for one in fields(AppConfig) if one.name not in ("task", "name", "input")),
 }
 """What each task passes over, besides the sections of others: keys, and sections for all that is in them."""

@@ -15,13 +15,22 @@ from collections.abc import Iterator
 
 import torch
 from torch import Tensor
+from torch.autograd.forward_ad import unpack_dual
 
 GROUP_VALUES = 1_000_000
 """Numbers in a working array."""
 
 
 def _half_segment(u: Tensor) -> Tensor:
-    """Half of the area between the vertical diameter and the chord at u of the unit disc, odd in u."""
+    """Half of the area between the vertical diameter and the chord at u of the unit disc, odd in u.
+
+    At its ends, where root and arc sine have no slope but their sum has, a derivative is asked for apart.
+    """
+    if u.requires_grad or unpack_dual(u).tangent is not None:  # type: ignore[no-untyped-call]  # torch has no types there
+        within = u.abs() < 1
+        inner = torch.where(within, u, 0.0)
+        half = 0.5 * (inner * torch.sqrt((1 - inner) * (1 + inner)) + torch.asin(inner))
+        return torch.where(within, half, u.sign() * (math.pi / 4))
     return 0.5 * (u * torch.sqrt((1 - u) * (1 + u)) + torch.asin(u))
 
 

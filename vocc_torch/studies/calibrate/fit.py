@@ -1,0 +1,341 @@
+"""Maximum likelihood by damped Gauss-Newton steps: values of each frame beside values of all frames."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import torch
+from torch import Tensor
+
+from vocc_torch.receiver.rectification import cell_homography
+from vocc_torch.studies.calibrate import model
+from vocc_torch.studies.calibrate.model import LEVELS, OF_ALL, OF_FRAME, PLACED, TURNED, Noise, Windows
+
+CLEAR_SIGMAS = 4.0
+"""A pixel farther off than this counts less (Huber): reflections and passers-by are not in the model."""
+STEPS = 25
+SETTLED = 1e-5
+"""Share of the misfit that a step must take away, or it is the last."""
+RANGES = {"gamma": (0.4, 4.0), "blur_xx": (1e-3, 900.0), "blur_yy": (1e-3, 900.0), "k1": (-3.0, 3.0)}
+"""Bounds of what all frames share."""
+STEEPEST = 1.3
+BRIGHTEST = 5000.0
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Values that explain a recording, and how well.
+
+    Args:
+        windows: what is known of the frames.
+        grey: (B,H,W) measured.
+        of_frame: (B,10).
+        of_all: (5,).
+        lit: (B,R*C) share of On's light of each LED.
+        noise: of the light.
+        free: names of the values that were fitted.
+        misfit: weighted sum of squared residuals, in units of the noise.
+        scale: variance of the residuals over that of the noise.
+        shared: (M,M) covariance of the fitted values that all share.
+        each: (B,N,N) covariance of each frame's fitted values.
+    """
+
+    windows: Windows
+    grey: Tensor
+    of_frame: Tensor
+    of_all: Tensor
+    lit: Tensor
+    noise: Noise = field(default_factory=Noise)
+    free: tuple[str, ...] = ()
+    misfit: float = math.inf
+    scale: float = 1.0
+    shared: Tensor = field(default_factory=lambda: torch.zeros(0, 0))
+    each: Tensor = field(default_factory=lambda: torch.zeros(0, 0, 0))
+
+    @property
+    def bits(self) -> Tensor:
+        """Which LEDs are On, (B,R*C)."""
+        return self.lit > 0
+
+    @property
+    def values(self) -> int:
+        """How many values were fitted."""
+        own = sum(name in OF_FRAME for name in self.free)
+        return own * len(self.grey) + len(self.free) - own
+
+    @property
+    def bic(self) -> float:
+        """Schwarz's criterion, but for a constant: misfit plus log(pixels) for each fitted value."""
+        return self.misfit / self.scale + self.values * math.log(self.grey.numel())
+
+    def deviation(self, name: str) -> Tensor:
+        """Standard deviation of a fitted value: of each frame's (B,), or of one that all share."""
+        names = [one for one in self.free if (one in OF_FRAME) == (name in OF_FRAME)]
+        at = names.index(name)
+        variance = self.each[:, at, at] if name in OF_FRAME else self.shared[at, at]
+        return (variance * self.scale).clamp(min=0).sqrt()
+
+    def value(self, name: str) -> Tensor:
+        """A value: of each frame (B,), or of all."""
+        if name in OF_FRAME:
+            return self.of_frame[:, OF_FRAME.index(name)]
+        return self.of_all[OF_ALL.index("blur_xx" if name == "blur" else name)]
+
+    def light(self) -> Tensor:
+        """Linear light of the fitted frames, (B,H,W)."""
+        return model.light(self.windows, self.of_frame, self.of_all, self.lit)
+
+    def predicted(self) -> tuple[Tensor, Tensor]:
+        """Mean and variance of the grey values, (B,H,W) each."""
+        return model.expected(self.light(), self.of_all[0], self.noise)
+
+
+def start(windows: Windows, grey: Tensor, corners_px: Tensor, bits: Tensor | None, gamma: float) -> Fit:
+    """Begin from the corners that the locator found.
+
+    Args:
+        windows: what is known.
+        grey: (B,H,W) windows of the frames.
+        corners_px: (B,4,2) on the sensor.
+        bits: (B,R,C) known bits, or None to decide them from the grey values at the LEDs' centres.
+        gamma: the camera's.
+    """
+    shape, at = windows.shape, model.grid(windows.shape)
+    homography = cell_homography(corners_px, shape)
+    middle = torch.tensor([shape.columns / 2, shape.rows / 2]).double()
+    cells = torch.cat([torch.cat([at + middle, middle[None]]), torch.ones(len(at) + 1, 1).double()], 1)
+    mapped = cells @ homography.mT
+    points = mapped[..., :2] / mapped[..., 2:]
+    side = corners_px.roll(-1, 1) - corners_px
+    right, down = side[:, 0] - side[:, 2], side[:, 1] - side[:, 3]
+    pitch = (right.norm(dim=1) / shape.columns + down.norm(dim=1) / shape.rows) / 4
+    roll = torch.atan2(right[:, 1], right[:, 0])
+    inside = (points[:, :-1] - windows.origin_px.double()[:, None]).floor().long()
+    x, y = (inside[..., i].clamp(1, windows.size_px[1 - i] - 2) for i in (0, 1))
+    frames = torch.arange(len(grey))[:, None]
+    centres = sum(grey[frames, y + i, x + j] for i in (-1, 0, 1) for j in (-1, 0, 1)) / 9
+    lit = two_levels(centres) if bits is None else bits.flatten(1)
+    on, off = (
+        (centres * one).sum(1) / one.sum(1).clamp(min=1) if bool(one.any()) else centres.amax(1)
+        for one in (lit, ~lit)
+    )
+    behind = torch.cat([grey[:, :2].flatten(1), grey[:, -2:].flatten(1)], 1).median(1).values
+    on = torch.where(lit.any(1), on, centres.amax(1) + 20)
+    off = torch.where((~lit).any(1), off, behind)
+    values = [points[:, -1, 0], points[:, -1, 1], pitch.log(), *(0 * roll, 0 * roll, roll)]
+    values += [behind.clamp(min=1), off.clamp(min=1), 1.3 * on.clamp(min=2), off.clamp(min=1)]
+    of_all = torch.tensor([gamma, 1.0, 1.0, 0.0, 0.0]).double()
+    begun = Fit(windows, grey, torch.stack(values, 1), of_all, lit.double())
+    tried = []
+    for share in (0.12, 0.25, 0.45, 0.7):
+        moment = float(pitch.median() * share) ** 2
+        blurred = replace(begun, of_all=of_all.clone().index_fill_(0, torch.tensor([1, 2]), moment))
+        tried.append(settled(blurred, (*LEVELS[:3], "blur"), steps=4, robust=False))
+    return min(tried, key=lambda one: one.misfit)
+
+
+def two_levels(greys: Tensor) -> Tensor:
+    """Part each frame's grey values (B,N) where the variance between the parts is greatest (Otsu)."""
+    ordered = greys.sort(1).values
+    count = torch.arange(1, greys.shape[1], dtype=greys.dtype)
+    total = ordered.cumsum(1)
+    low, high = total[:, :-1] / count, (total[:, -1:] - total[:, :-1]) / (greys.shape[1] - count)
+    best = (count * (greys.shape[1] - count) * (high - low).square()).argmax(1, keepdim=True)
+    return greys > ordered.gather(1, best)
+
+
+def settled(fit: Fit, free: Sequence[str], steps: int = STEPS, *, robust: bool = True) -> Fit:
+    """Take damped Gauss-Newton steps until the misfit settles (Levenberg and Marquardt).
+
+    The frames' own values are eliminated first, so that the work grows with the number of frames only.
+
+    Args:
+        fit: where to begin.
+        free: names of the values to fit; ``blur`` is both axes alike.
+        steps: most steps.
+        robust: whether far residuals count less.
+    """
+    own, all_ = ([name for name in free if (name in OF_FRAME) == is_own] for is_own in (True, False))
+    along = [model.direction(name) for name in (*own, *all_)]
+    frame_turns = torch.stack([frame for _, frame, _ in along[: len(own)]])
+    shared_turns = (
+        torch.stack([shared for _, _, shared in along[len(own) :]]) if all_ else torch.zeros(0, len(OF_ALL))
+    ).double()
+
+    def rendered(of_frame: Tensor, of_all: Tensor) -> Tensor:
+        return model.expected(
+            model.light(fit.windows, of_frame, of_all, fit.lit), of_all[0], fit.noise
+        )[0]
+
+    variance = fit.predicted()[1].detach()
+    damping, current, weights = 1e-3, (fit.of_frame, fit.of_all), 1 / variance
+    mean, slopes = model.slopes(rendered, *current, along)
+    residual = fit.grey - mean
+    if robust:
+        weights = weights * calmed(residual, variance)
+    cost = (weights * residual.square()).sum(dim=(1, 2))
+    for _ in range(steps):
+        blocks = normal(slopes, residual, weights, len(own))
+        while True:
+            own_step, all_step = arrow_step(*blocks, damping)
+            of_frame = bounded(current[0] + own_step @ frame_turns)
+            of_all = bounded_all(current[1] + all_step @ shared_turns)
+            tried = fit.grey - rendered(of_frame, of_all)
+            new = (weights * tried.square()).sum(dim=(1, 2))
+            if float(new.sum()) <= float(cost.sum()) or damping > 1e6:
+                break
+            damping *= 8
+        gained = 1 - float(new.sum()) / max(float(cost.sum()), 1e-300)
+        if gained < 0:
+            break
+        current, damping, cost = (of_frame, of_all), max(damping / 6, 1e-9), new
+        mean, slopes = model.slopes(rendered, *current, along)
+        residual = fit.grey - mean
+        if robust:
+            weights = calmed(residual, variance) / variance
+            cost = (weights * residual.square()).sum(dim=(1, 2))
+        if gained < SETTLED:
+            break
+    misfit = float(cost.sum())
+    counted = max(fit.grey.numel() - len(own) * len(fit.grey) - len(all_), 1)
+    each, shared = covariances(*normal(slopes, residual, weights, len(own))[:3])
+    made = replace(fit, of_frame=current[0], of_all=current[1], free=(*own, *all_), misfit=misfit)
+    return replace(made, scale=max(misfit / counted, 1e-12), shared=shared, each=each)
+
+
+def calmed(residual: Tensor, variance: Tensor) -> Tensor:
+    """Weigh residuals: 1 up to four standard deviations of the bulk, and less beyond."""
+    off = residual.abs() / variance.sqrt()
+    bulk = off.flatten(1).quantile(0.68, dim=1) if off[0].numel() < 1 << 22 else off.flatten(1).mean(1)
+    return (CLEAR_SIGMAS * bulk.clamp(min=0.5).view(-1, 1, 1) / off.clamp(min=1e-9)).clamp(max=1)
+
+
+Blocks = tuple[Tensor, Tensor, Tensor, Tensor, Tensor]
+"""The normal equations' blocks: own (B,N,N), mixed (B,N,M), shared (M,M), and right sides (B,N), (M,)."""
+
+
+def normal(slopes: Tensor, residual: Tensor, weights: Tensor, own: int) -> Blocks:
+    """Make the normal equations of derivatives (D,B,H,W), the first ``own`` of which are a frame's."""
+    flat, weighed = slopes.flatten(2), (slopes * weights).flatten(2)
+    whole = torch.einsum("ibp,jbp->bij", weighed, flat)
+    right = torch.einsum("ibp,bp->bi", weighed, residual.flatten(1))
+    mixed, shared = whole[:, :own, own:], whole[:, own:, own:].sum(0)
+    return whole[:, :own, :own], mixed, shared, right[:, :own], right[:, own:].sum(0)
+
+
+def arrow_step(
+    own: Tensor, mixed: Tensor, shared: Tensor, right_own: Tensor, right_all: Tensor, damping: float
+) -> tuple[Tensor, Tensor]:
+    """Solve the damped normal equations: steps of each frame's values (B,N) and of those of all (M,)."""
+    inverse = torch.linalg.inv(damped(own, damping))
+    lead = mixed.mT @ inverse
+    whole = damped(shared, damping) - (lead @ mixed).sum(0)
+    all_step = torch.linalg.lstsq(whole, right_all - (lead @ right_own.unsqueeze(-1)).sum(0)[:, 0]).solution
+    rest = right_own - (mixed @ all_step)
+    return (inverse @ rest.unsqueeze(-1))[..., 0], all_step
+
+
+def damped(matrix: Tensor, damping: float) -> Tensor:
+    """Raise the diagonal by a share of itself."""
+    diagonal = matrix.diagonal(dim1=-2, dim2=-1)
+    least = 1e-9 * diagonal.amax(-1, keepdim=True).clamp(min=1e-12) if matrix.numel() else diagonal
+    return matrix + torch.diag_embed(damping * diagonal + least)
+
+
+def covariances(own: Tensor, mixed: Tensor, shared: Tensor) -> tuple[Tensor, Tensor]:
+    """Invert the normal equations: covariances of each frame's values and of those of all."""
+    inverse = torch.linalg.inv(damped(own, 0.0))
+    lead = inverse @ mixed
+    of_all = torch.linalg.pinv(shared - (mixed.mT @ lead).sum(0), hermitian=True)
+    return inverse + lead @ of_all @ lead.mT, of_all
+
+
+def bounded(of_frame: Tensor) -> Tensor:
+    """Hold frames' values where they mean something."""
+    made = of_frame.clone()
+    made[:, 3:5] = made[:, 3:5].clamp(-STEEPEST, STEEPEST)
+    made[:, 6:] = made[:, 6:].clamp(1e-2, BRIGHTEST)
+    return made
+
+
+def bounded_all(of_all: Tensor) -> Tensor:
+    """Hold what all share where it means something."""
+    made = of_all.clone()
+    for name, (low, high) in RANGES.items():
+        made[OF_ALL.index(name)] = made[OF_ALL.index(name)].clamp(low, high)
+    most = 0.95 * (made[1] * made[2]).sqrt()
+    made[3] = made[3].clamp(-most, most)
+    return made
+
+
+def amplitudes(fit: Fit) -> tuple[Tensor, Tensor]:
+    """Solve for each LED's own light by linear least squares, all else being as fitted.
+
+    Returns:
+        (B,R*C) light over that of On, and its standard deviation.
+    """
+    values, errors = [], []
+    for frame in range(len(fit.grey)):
+        one = replace(fit, windows=fit.windows.taken(frame), grey=fit.grey[frame : frame + 1])
+        one = replace(one, of_frame=fit.of_frame[frame : frame + 1], lit=fit.lit[frame : frame + 1])
+        x = one.light()
+        mean, variance = model.expected(x, one.of_all[0], one.noise)
+        steep = torch.where(mean < model.WHITE - 0.5, mean / (one.of_all[0] * x), 0.0)
+        patches, left, top = model.stamped(
+            one.windows, *model.seen(one.windows, one.of_frame, one.of_all, model.grid(one.windows.shape))
+        )
+        leds = fit.lit.shape[1]
+        canvas = torch.zeros(leds, *one.windows.size_px).double()
+        model.raster.add_patches(canvas, patches, torch.arange(leds), left, top)
+        alone = replace(one.windows, gain=None if one.windows.gain is None else one.windows.gain)
+        spots = model.through_camera(alone, canvas, one.of_all) * steep
+        level = {name: (one.value(name) / model.MIDDLE_GREY) ** one.of_all[0] for name in ("on", "off")}
+        spots = (spots * (level["on"] - level["off"])).flatten(1)
+        weights = (1 / variance).flatten()
+        matrix = (spots * weights) @ spots.T
+        matrix = matrix + torch.eye(leds).double() * (1e-6 * matrix.diagonal().mean() + 1e-12)
+        inverse = torch.linalg.inv(matrix)
+        step = inverse @ (spots @ (weights * (one.grey - mean).flatten()))
+        values.append(fit.lit[frame] + step)
+        errors.append((inverse.diagonal() * fit.scale).sqrt())
+    return torch.stack(values), torch.stack(errors)
+
+
+def decided(fit: Fit, free: Sequence[str], rounds: int = 4) -> tuple[Fit, Tensor, Tensor]:
+    """Fit and decide the bits in turns until none changes: the likeliest bits of the likeliest values.
+
+    Returns:
+        the fit, and each LED's light over On's with its standard deviation, (B,R*C) each.
+    """
+    fit = settled(fit, free)
+    own, error = amplitudes(fit)
+    for _ in range(rounds):
+        bits = own > 0.5
+        if bool((bits == fit.bits).all()):
+            break
+        fit = settled(replace(fit, lit=bits.double()), free)
+        own, error = amplitudes(fit)
+    return fit, own, error
+
+
+def mirrored(fit: Fit, free: Sequence[str]) -> tuple[Fit, Tensor]:
+    """Turn each panel the other way where that explains its frame better: from afar both look alike.
+
+    Returns:
+        the better fit, and by how much the misfit of each frame tells the two ways apart, (B,).
+    """
+    turns = fit.of_frame.clone()
+    turns[:, 3:5] = -turns[:, 3:5]
+    other = settled(replace(fit, of_frame=turns), free, steps=8)
+    costs = [
+        ((one.grey - one.predicted()[0]).square() / one.predicted()[1]).sum(dim=(1, 2)) for one in (fit, other)
+    ]
+    better = (costs[1] < costs[0]).unsqueeze(1)
+    apart = (costs[1] - costs[0]).abs() / fit.scale
+    if not bool(better.any()):
+        return fit, apart
+    return settled(replace(fit, of_frame=torch.where(better, other.of_frame, fit.of_frame)), free), apart
+
+
+BASE = (*PLACED, *LEVELS[:3], "gamma", "blur")
+POSED = (*PLACED, *TURNED, *LEVELS[:3], "gamma", "blur")

@@ -1,0 +1,279 @@
+"""The simulator's renderer, differentiable in what a recording is fitted by.
+
+LEDs are drawn by the simulator's own exact areas; all is float64. A picture is made in linear light ``x``, in
+units of the light that Eq. 1 encodes as the grey value 118: ``G = 118 x^(1/gamma)``.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import torch
+from numpy.polynomial.hermite_e import hermegauss
+from torch import Tensor, nn
+from torch.autograd import forward_ad
+
+from vocc_torch.hardware import PanelShape
+from vocc_torch.simulation import raster
+from vocc_torch.simulation.effects import coding
+from vocc_torch.simulation.effects.optics import LEAST_SIGMA_PX, TRUNCATION_SIGMAS
+from vocc_torch.simulation.effects.view import CLOCKWISE
+from vocc_torch.simulation.photometry import MIDDLE_GREY
+
+PLACED = ("x_px", "y_px", "log_pitch_px")
+TURNED = ("yaw", "pitch", "roll")
+LEVELS = ("background", "off", "on", "board")
+OF_FRAME = (*PLACED, *TURNED, *LEVELS)
+"""What each frame has of its own: the panel's centre on the sensor (px, before the lens bends it), the
+logarithm of the image of a pitch (px), angles (rad) as of ``pose``, and grey values, not clipped, of the
+background, of wide Off and On LEDs and of the board."""
+
+OF_ALL = ("gamma", "blur_xx", "blur_yy", "blur_xy", "k1")
+"""What all frames share: the encoding, the blur's second moments (px^2) and the lens."""
+
+WHITE = 255.0
+LEAST_LIGHT = 1e-9
+ROUNDING = 1 / 12
+"""Variance of the rounding to whole grey values."""
+
+NODES = 12
+"""Points at which a dark pixel's noise is averaged over (Gauss and Hermite)."""
+DARK_SIGMAS = 5.0
+"""Light below so many of its standard deviations is dark: the encoding is no straight line there."""
+
+
+@dataclass(frozen=True)
+class Noise:
+    """The variance of linear light, ``slope x + floor``: a photon transfer curve.
+
+    Args:
+        slope: of light, one over the electrons that make the grey value 118.
+        floor: variance in the dark.
+    """
+
+    slope: float = 0.0
+    floor: float = 0.0
+
+
+@dataclass(frozen=True)
+class Windows:
+    """What is known of the frames before anything is fitted.
+
+    Args:
+        shape: rows and columns of LEDs.
+        radius: of an LED, in pitches.
+        focal_px: focal length.
+        sensor_px: height and width of the sensor, px.
+        origin_px: (B,2) first pixel of each window, x and y.
+        size_px: height and width of the windows, px.
+        gain: (B,H,W) what the lens lets through; None for all.
+        mosaic: whether colours are interpolated, Bayer's cells beginning at the sensor's first pixel.
+        has_board: whether a board stands behind the LEDs.
+    """
+
+    shape: PanelShape
+    radius: float
+    focal_px: float
+    sensor_px: tuple[int, int]
+    origin_px: Tensor
+    size_px: tuple[int, int]
+    gain: Tensor | None = None
+    mosaic: bool = False
+    has_board: bool = False
+
+    def taken(self, frame: int) -> "Windows":
+        """Take one frame's."""
+        rows = slice(frame, frame + 1)
+        gain = None if self.gain is None else self.gain[rows]
+        kept = (self.shape, self.radius, self.focal_px, self.sensor_px)
+        return Windows(*kept, self.origin_px[rows], self.size_px, gain, self.mosaic, self.has_board)
+
+
+def columns(values: Tensor) -> dict[str, Tensor]:
+    """Name the columns of frames' values (B,10)."""
+    return dict(zip(OF_FRAME, values.unbind(-1), strict=True))
+
+
+def turned(yaw: Tensor, pitch: Tensor, roll: Tensor) -> Tensor:
+    """Give the panel's two axes in the camera's coordinates, (B,3,2), as the effect ``pose`` turns them."""
+    (cy, cp, cr), (sy, sp, sr) = ((f(yaw), f(pitch), f(roll)) for f in (torch.cos, torch.sin))
+    right = cy * cr + sy * sp * sr, cp * sr, sy * cr - cy * sp * sr
+    down = sy * sp * cr - cy * sr, cp * cr, -sy * sr - cy * sp * cr
+    return torch.stack([torch.stack(right, -1), torch.stack(down, -1)], -1)
+
+
+def seen(windows: Windows, of_frame: Tensor, of_all: Tensor, at: Tensor) -> tuple[Tensor, Tensor]:
+    """Place discs of the panel's plane in the windows.
+
+    The formulas are those of :class:`vocc_torch.simulation.effects.view.View`, with the pitch as the unit of
+    length and derivatives by angles and lens too.
+
+    Args:
+        windows: what is known.
+        of_frame: (B,10).
+        of_all: (5,).
+        at: (N,2) the discs' centres, in pitches from the panel's.
+
+    Returns:
+        centres (B,N,2) px and spreads (B,N,2,2) px^2 of their images.
+    """
+    own, k1 = columns(of_frame), of_all[OF_ALL.index("k1")]
+    focal, (height, width) = windows.focal_px, windows.sensor_px
+    middle = of_frame.new_tensor([width / 2, height / 2])
+    axes = turned(own["yaw"], own["pitch"], own["roll"])
+    away = focal * torch.exp(-own["log_pitch_px"])
+    place = (torch.stack([own["x_px"], own["y_px"]], -1) - middle) * (away / focal).unsqueeze(-1)
+    points = at.to(of_frame) @ axes.mT + torch.cat([place, away.unsqueeze(-1)], -1).unsqueeze(1)
+    depth, rise = points[..., 2:], axes[:, 2]
+    across = focal * (axes[:, None, :2] - (points[..., :2] / depth).unsqueeze(-1) * rise[:, None, None])
+    square = windows.radius**2
+    strength = square / (depth.square() - square * rise.square().sum(-1).view(-1, 1, 1))
+    shift = -strength * (across * rise[:, None, None]).sum(-1)
+    spread = strength.unsqueeze(-1) * (across @ across.mT) + shift.unsqueeze(-1) * shift.unsqueeze(-2)
+    arm = points[..., :2] / depth + shift / focal
+    radial = arm.square().sum(-1, keepdim=True) * k1
+    bend = torch.diag_embed((1 + radial).expand_as(arm)) + 2 * k1 * arm.unsqueeze(-1) * arm.unsqueeze(-2)
+    return middle + focal * arm * (1 + radial), bend @ spread @ bend.mT
+
+
+def grid(shape: PanelShape) -> Tensor:
+    """Give the LEDs' centres, (R*C,2) in pitches from the panel's, in raster order."""
+    sides = (torch.arange(n, dtype=torch.float64) - (n - 1) / 2 for n in (shape.rows, shape.columns))
+    down, across = torch.meshgrid(*sides, indexing="ij")
+    return torch.stack([across, down], -1).view(-1, 2)
+
+
+def stamped(windows: Windows, centre: Tensor, spread: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """Cover the pixels of the windows by ellipses (B,N): patches (B*N,h,w), left columns and top rows."""
+    centre = centre - windows.origin_px.to(centre).unsqueeze(1)
+    widest = spread.detach().diagonal(dim1=-2, dim2=-1).max().sqrt()
+    side = min(math.ceil(2 * float(widest)) + 2, *windows.size_px)
+    return raster.ellipse_cover(centre.flatten(0, 1), spread.flatten(0, 1), side, canvas_px=windows.size_px)
+
+
+def light(windows: Windows, of_frame: Tensor, of_all: Tensor, lit: Tensor) -> Tensor:
+    """Render the frames in linear light.
+
+    Args:
+        windows: what is known.
+        of_frame: (B,10) as :data:`OF_FRAME`.
+        of_all: (5,) as :data:`OF_ALL`.
+        lit: (B,R*C) share of On's own light that each LED shows: bits, or an LED's own factor where it is On.
+
+    Returns:
+        (B,H,W) light, at least 0.
+    """
+    own, gamma = columns(of_frame), of_all[0]
+    level = {name: (own[name].clamp(min=1e-3) / MIDDLE_GREY) ** gamma for name in LEVELS}
+    behind = level["board"] if windows.has_board else level["background"]
+    frames = len(of_frame)
+    canvas = level["background"].view(-1, 1, 1) * of_frame.new_ones(frames, *windows.size_px)
+    if windows.has_board:
+        corners = of_frame.new_tensor(CLOCKWISE) * of_frame.new_tensor(
+            [windows.shape.columns / 2, windows.shape.rows / 2]
+        )
+        corners_px = seen(windows, of_frame, of_all, corners)[0] - windows.origin_px.to(of_frame)[:, None]
+        cover = raster.polygon_cover(corners_px, *windows.size_px)
+        canvas = canvas + cover * (behind - level["background"]).view(-1, 1, 1)
+    patches, left, top = stamped(windows, *seen(windows, of_frame, of_all, grid(windows.shape)))
+    shown = (level["off"] - behind).unsqueeze(-1) + lit * (level["on"] - level["off"]).unsqueeze(-1)
+    which = torch.arange(frames).repeat_interleave(lit.shape[1])
+    canvas = canvas.contiguous()
+    raster.add_patches(canvas, patches * shown.reshape(-1, 1, 1), which, left, top)
+    return through_camera(windows, canvas, of_all)
+
+
+def through_camera(windows: Windows, canvas: Tensor, of_all: Tensor) -> Tensor:
+    """Blur, dim and interpolate (B,H,W) light as lens and sensor do."""
+    blurred = spread_out(canvas, of_all[1:4])
+    if windows.gain is not None:
+        blurred = blurred * windows.gain
+    if windows.mosaic:  # windows lie on a grid of whole cells
+        blurred = coding.luma_of(blurred.unsqueeze(1), coding.PATTERNS[0, 0]).squeeze(1)
+    return blurred.clamp(min=LEAST_LIGHT)
+
+
+def spread_out(canvas: Tensor, moments: Tensor) -> Tensor:
+    """Blur (B,H,W) by a Gaussian of second moments xx, yy and xy (px^2), sampled at pixels as Kornia's is."""
+    least = LEAST_SIGMA_PX**2
+    across, down, slant = moments[0].clamp(min=least), moments[1].clamp(min=least), moments[2]
+    reach = max(1, math.ceil(TRUNCATION_SIGMAS * math.sqrt(max(float(across), float(down)))))
+    steps = torch.arange(-reach, reach + 1, dtype=canvas.dtype)
+    padded = nn.functional.pad(canvas.unsqueeze(1), (reach,) * 4, mode="replicate")
+    tangent = forward_ad.unpack_dual(moments).tangent  # type: ignore[no-untyped-call]
+    if float(slant) == 0 and (not moments.requires_grad) and (tangent is None or float(tangent[2]) == 0):
+        kernels = (torch.exp(-steps.square() / (2 * moment)) for moment in (across, down))
+        x, y = (kernel / kernel.sum() for kernel in kernels)
+        return nn.functional.conv2d(nn.functional.conv2d(padded, x.view(1, 1, 1, -1)), y.view(1, 1, -1, 1))[
+            :, 0
+        ]
+    dx, dy = steps, steps.unsqueeze(-1)
+    whole = (across * down - slant.square()).clamp(min=least**2)
+    kernel = torch.exp(-(down * dx.square() - 2 * slant * dx * dy + across * dy.square()) / (2 * whole))
+    return nn.functional.conv2d(padded, (kernel / kernel.sum())[None, None])[:, 0]
+
+
+def encoded(x: Tensor, gamma: Tensor) -> Tensor:
+    """Encode light as grey values, clipped at white (Eq. 1)."""
+    return (MIDDLE_GREY * x.clamp(min=LEAST_LIGHT) ** (1 / gamma)).clamp(max=WHITE)
+
+
+def expected(x: Tensor, gamma: Tensor, noise: Noise) -> tuple[Tensor, Tensor]:
+    """Give the mean and the variance of the grey values that noisy light is written as.
+
+    Where light is far above its noise, by the encoding's derivatives; where it is dark, or clipped at white,
+    by an average over the noise, because clipping at black and the encoding's steep start move the mean.
+    """
+    if not (noise.slope or noise.floor):
+        return encoded(x, gamma), torch.full_like(x, ROUNDING)
+    grey, variance = encoded(x, gamma), noise.slope * x + noise.floor
+    steep = torch.where(grey < WHITE, grey / (gamma * x), 0.0)
+    mean = grey + steep * (1 / gamma - 1) / x * variance / 2
+    spread = steep.square() * variance
+    near = x < DARK_SIGMAS * variance.sqrt()
+    near = near | ((grey - WHITE).abs() < DARK_SIGMAS * spread.sqrt().clamp(min=0.3))
+    if not bool(near.any()):
+        return mean, spread + ROUNDING
+    z, w = (torch.from_numpy(part).to(x) for part in hermegauss(NODES))
+    w = w / w.sum()
+    some, sigma = x[near], variance[near].sqrt()
+    greys = encoded(some.unsqueeze(-1) + sigma.unsqueeze(-1) * z, gamma)
+    first = (greys * w).sum(-1)
+    second = ((greys - first.unsqueeze(-1)).square() * w).sum(-1)
+    place = near.nonzero(as_tuple=True)
+    return mean.index_put(place, first), spread.index_put(place, second) + ROUNDING
+
+
+Direction = tuple[str, Tensor, Tensor]
+"""A way to change the values: its name, the change of a frame's (10,) and of what all share (5,)."""
+
+
+def direction(name: str) -> Direction:
+    """Give the change by one unit of a value; ``blur`` changes both axes of the blur alike."""
+    frame, shared = torch.zeros(len(OF_FRAME)).double(), torch.zeros(len(OF_ALL)).double()
+    if name in OF_FRAME:
+        frame[OF_FRAME.index(name)] = 1
+    elif name == "blur":
+        shared[1:3] = 1
+    else:
+        shared[OF_ALL.index(name)] = 1
+    return name, frame, shared
+
+
+def slopes(
+    rendered: Callable[[Tensor, Tensor], Tensor], of_frame: Tensor, of_all: Tensor, along: list[Direction]
+) -> tuple[Tensor, Tensor]:
+    """Render, and differentiate forward along each direction; frames do not depend on one another.
+
+    Returns:
+        what is rendered, (B,...), and its derivatives (D,B,...).
+    """
+    made, values = [], None
+    for _, frame, shared in along:
+        with forward_ad.dual_level():
+            one = forward_ad.make_dual(of_frame, frame.expand_as(of_frame).contiguous())
+            all_ = forward_ad.make_dual(of_all, shared)
+            values, tangent = forward_ad.unpack_dual(rendered(one, all_))
+            made.append(torch.zeros_like(values) if tangent is None else tangent)
+    assert values is not None
+    return values, torch.stack(made)

@@ -1,0 +1,116 @@
+"""A recording read as a stream: some of its frames are kept, and the panel is found in those."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from vocc_torch.errors import VoccError
+from vocc_torch.receiver.locators import PanelLocator
+from vocc_torch.receiver.recording import RecordedFrame, read_recording, readable
+from vocc_torch.types import Frames, Panels, PanelShape
+
+BATCH = 8
+"""Frames located at a time."""
+
+
+@dataclass(frozen=True)
+class Footage:
+    """What is kept of a recording: frames spread evenly over it, in which the panel was found.
+
+    Args:
+        greys: (B,H,W) uint8.
+        numbers: (B,) each frame's number in the recording.
+        times_s: (B,) when it was taken; no number where that is not known.
+        corners_px: (B,4,2) of the panel, clockwise from the top left.
+        read: frames that were read.
+        looked: frames in which the panel was looked for.
+        failures: what could not be read.
+    """
+
+    greys: NDArray[np.uint8]
+    numbers: NDArray[np.int64]
+    times_s: NDArray[np.float64]
+    corners_px: Tensor
+    read: int
+    looked: int
+    failures: list[str]
+
+    def __len__(self) -> int:
+        """Count the frames."""
+        return len(self.greys)
+
+
+def thinned(recording: Iterator[RecordedFrame], most: int) -> tuple[list[RecordedFrame], int]:
+    """Keep frames at equal steps, ``most`` to twice as many, however long the recording is; count all.
+
+    Raises:
+        VoccError: frames of several sizes.
+
+    Example:
+        >>> one = np.zeros((2, 2), np.uint8)
+        >>> many = (RecordedFrame("a", i, None, one, one) for i in range(1000))
+        >>> kept, read = thinned(many, 4)
+        >>> [frame.index for frame in kept], read
+        ([0, 256, 512, 768], 1000)
+    """
+    kept: list[RecordedFrame] = []
+    step, number = 1, 0
+    for number, frame in enumerate(recording, 1):  # noqa: B007 - the count is told
+        if kept and frame.grey.shape != kept[0].grey.shape:
+            (h, w), (height, width) = frame.grey.shape, kept[0].grey.shape
+            shown = f"{frame.source} is {w} x {h} px and {kept[0].source} is {width} x {height}"
+            raise VoccError(f"input: {shown}: all frames must be of one camera and one size")
+        if (number - 1) % step == 0:
+            kept.append(frame)
+        if len(kept) >= 2 * most:
+            kept, step = kept[::2], 2 * step
+    return kept, number
+
+
+def read_footage(source: Path, channel: str, locator: PanelLocator, shape: PanelShape, most: int) -> Footage:
+    """Read a recording and find the panel.
+
+    Args:
+        source: a picture, a folder of pictures, a video or an array.
+        channel: how colour becomes grey.
+        locator: what finds the panel.
+        shape: rows and columns.
+        most: frames to keep, at most twice as many.
+
+    Raises:
+        VoccError: nothing to read, no panel, or a picture that is white throughout.
+    """
+    failures: list[str] = []
+    kept, read = thinned(readable(read_recording(source, channel, grey_only=True), failures), most)
+    if not kept:
+        raise VoccError(failures[0])
+    greys = np.stack([frame.grey for frame in kept])
+    white = float((greys >= 255).mean())
+    if white > 0.9:
+        rule = "expose less, so that the panel is seen"
+        raise VoccError(f"input {source} is white in {white:.0%} of its pixels: {rule}")
+    corners, found = [], []
+    for first in range(0, len(greys), BATCH):
+        part: Panels = locator(Frames.whole(torch.from_numpy(greys[first : first + BATCH])), shape)
+        corners.append(part.corners_px.double().cpu())
+        found.append(part.found.cpu())
+    seen = torch.cat(found)
+    if not bool(seen.any()):
+        hint = "give panel.rows and panel.columns, another receiver.locator, or calibrate.channel"
+        raise VoccError(f"input {source} shows no panel in {len(kept)} of {len(kept)} frames: {hint}")
+    rows = seen.nonzero()[:, 0]
+    times = np.array([np.nan if one.time_s is None else one.time_s for one in kept])
+    # A folder's pictures are numbered from 0 each; a step between kept frames counts the frames read.
+    step = 1
+    while len(kept) * step < read:
+        step *= 2
+    numbers = np.arange(len(kept)) * step
+    chosen = rows.numpy()
+    return Footage(
+        greys[chosen], numbers[chosen], times[chosen], torch.cat(corners)[rows], read, len(kept), failures
+    )

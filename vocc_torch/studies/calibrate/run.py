@@ -1,0 +1,102 @@
+"""``task=calibrate``: a recording in, a scene and a page out."""
+
+import shlex
+import warnings
+from dataclasses import asdict, fields
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vocc_torch.errors import VoccError
+from vocc_torch.files import write_atomically
+from vocc_torch.hardware import LedPanel, PanelShape
+from vocc_torch.measure.build import build_plan
+from vocc_torch.measure.config import Settings
+from vocc_torch.receiver.locators import LOCATORS, OutsideLocator, locator_named
+from vocc_torch.show import folder as run_folder
+from vocc_torch.show.terminal import Console
+from vocc_torch.studies.calibrate import CalibrateConfig
+from vocc_torch.studies.calibrate import scene as scenes
+from vocc_torch.studies.calibrate.reading import read_footage
+from vocc_torch.studies.calibrate.study import calibrate
+
+
+def run_calibrate(settings: Settings, config: CalibrateConfig, folder: Path) -> None:
+    """Write a recording's scene and its page.
+
+    Raises:
+        VoccError: no input, or one that cannot be calibrated from.
+    """
+    run_folder.refuse_results(folder)
+    if settings.input is None:
+        raise VoccError("input is null: task=calibrate needs input=VIDEO, a folder of pictures or a picture")
+    plan, console = build_plan(settings, folder), Console()
+    receiver, panel, source = plan.receiver, plan.world.panel, Path(settings.input)
+    finder = receiver.locator
+    locator = (
+        locator_named(finder, receiver.location)
+        if finder in LOCATORS
+        else OutsideLocator(receiver.locators[finder])
+    )
+    bits = None if config.bits is None else known_bits(Path(config.bits), panel.shape)
+    footage = read_footage(source, config.channel, locator, panel.shape, config.frames)
+    camera, taken = scenes.of_size(plan.world.camera, *footage.greys.shape[1:])
+    if taken:
+        warnings.warn(taken, stacklevel=2)
+    if len(footage) < 4:
+        told = f"{len(footage)} frame{'s' * (len(footage) > 1)} of {source} show the panel"
+        warnings.warn(f"{told}: noise and what moves cannot be told; give a recording", stacklevel=2)
+    if len(footage) < footage.looked / 2:
+        told = f"the panel was found in {len(footage)} of {footage.looked} frames"
+        warnings.warn(f"{told}: the scene describes these only", stacklevel=2)
+    study = calibrate(
+        footage,
+        camera,
+        panel,
+        most=config.frames,
+        bits=bits,
+        ambient_lx=config.ambient_lx,
+        quantum_efficiency=config.quantum_efficiency,
+    )
+    path = folder / "scene" / f"{settings.name}.yaml"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    word = Path(settings.name).name
+    write_atomically(path, study.scene.text(word, source.name).encode())
+    run_folder.write_config(settings, folder)
+    for one in study.scene.unknown:
+        console.print(f"not told: {one}", soft_wrap=True, markup=False, highlight=False)
+    console.print(next_command(settings.name, panel, study.scene.panel), soft_wrap=True, markup=False, highlight=False)
+    run_folder.print_places(console, folder, [("scene", str(path.relative_to(folder)))])
+    if footage.failures:
+        raise VoccError(f"{footage.failures[0]}; the scene is of the frames that could be read")
+
+
+def known_bits(path: Path, shape: PanelShape) -> NDArray[np.bool_]:
+    """Read what the panel showed.
+
+    Raises:
+        VoccError: another file, or bits of another panel.
+    """
+    try:
+        bits = np.load(path, allow_pickle=False)
+    except (OSError, ValueError) as error:
+        raise VoccError(f"calibrate.bits {path} cannot be read ({' '.join(str(error).split())})") from None
+    if bits.dtype != np.bool_ or bits.ndim != 3 or bits.shape[1:] != (shape.rows, shape.columns) or not len(bits):
+        wanted = f"bool of shape (N,{shape.rows},{shape.columns})"
+        raise VoccError(f"calibrate.bits {path} holds {bits.dtype} of shape {bits.shape}: it must be {wanted}")
+    known: NDArray[np.bool_] = bits
+    return known
+
+
+def next_command(name: str, given: LedPanel, fitted: LedPanel) -> str:
+    """Give the command that trains for the scene: the panel's keys are said, because no scene has them."""
+    usual, words = LedPanel(), [f"scene={name}"]
+    for field in fields(LedPanel):
+        if field.name == "shape":
+            for side, own in asdict(fitted.shape).items():
+                if own != getattr(usual.shape, side):
+                    words.append(f"panel.{side}={own}")
+        elif (own := getattr(fitted, field.name)) != getattr(usual, field.name):
+            words.append(f"panel.{field.name}={'null' if own is None else own}")
+    return shlex.join(["vocc-torch", *words, "task=train"])

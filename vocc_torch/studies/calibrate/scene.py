@@ -1,0 +1,250 @@
+"""From fitted values to a scene: what the simulator calls them, how sure they are, and what nobody can tell."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+import torch
+import yaml
+from torch import Tensor
+
+from vocc_torch.hardware import Camera, LedPanel
+from vocc_torch.simulation.effects.sensor import Photoelectrons
+from vocc_torch.studies.calibrate.fit import Fit
+from vocc_torch.studies.calibrate.model import MIDDLE_GREY
+
+SURE = 1.96
+"""Standard deviations to either side of a 95 % interval."""
+UNKNOWN_LX = 8000.0
+"""Illuminance where nothing tells it: an overcast day. Only ratios of light matter then."""
+
+
+@dataclass(frozen=True)
+class Value:
+    """A value of the scene, as the recording tells it.
+
+    Args:
+        key: below ``scene``, such as ``effects.blooming.sigma_px``.
+        given: a number, or a distribution over the recording.
+        deviation: standard deviation of the number, or of the distribution's middle; NaN where it is taken
+            from the configuration.
+        note: what it explains, or where it is from.
+    """
+
+    key: str
+    given: float | Sequence[object]
+    deviation: float = math.nan
+    note: str = ""
+
+    @property
+    def middle(self) -> float:
+        """The number, or the middle of the distribution."""
+        if isinstance(self.given, Sequence):
+            return float(np.mean([v for v in self.given if isinstance(v, int | float)]))
+        return self.given
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Ends of the 95 % interval."""
+        return self.middle - SURE * self.deviation, self.middle + SURE * self.deviation
+
+
+@dataclass(frozen=True)
+class Named:
+    """An effect that was tried, and whether the recording asks for it.
+
+    Args:
+        effect: its name.
+        asked: whether it is in the scene.
+        criterion: what was compared, in words.
+        gain: by how much the criterion favours the effect.
+        needed: the gain from which it is named.
+        explains: what it explains.
+        parameters: of the effect, for the scene.
+    """
+
+    effect: str
+    asked: bool
+    criterion: str
+    gain: float
+    needed: float
+    explains: str = ""
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Calibrated:
+    """A scene from a recording.
+
+    Args:
+        values: of the scene and its effects, each with what it explains.
+        effects: all that were tried.
+        camera: whose picture it is.
+        panel: whose LEDs they are.
+        unknown: what the recording does not tell, in sentences.
+        doubts: what the model does not explain, in sentences.
+    """
+
+    values: tuple[Value, ...]
+    effects: tuple[Named, ...]
+    camera: Camera
+    panel: LedPanel
+    unknown: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
+
+    def value(self, key: str) -> Value:
+        """Find a value by its key."""
+        return next(one for one in self.values if one.key == key)
+
+    def settings(self, name: str) -> dict[str, Any]:
+        """Give the scene as a mapping, as those in ``conf/scene``."""
+        made: dict[str, Any] = {"name": name}
+        camera = self.camera
+        for one in self.values:
+            if not one.key.startswith("effects."):
+                made[one.key] = one.given
+        kept = ("focal_length_mm", "sensor_width_mm", "width_px", "height_px", "exposure_time_s", "f_number")
+        made["camera"] = {key: getattr(camera, key) for key in (*kept, "gamma")}
+        made["effects"] = {}
+        for effect in self.effects:
+            if effect.asked:
+                made["effects"][effect.effect] = dict(effect.parameters)
+        for one in self.values:
+            if one.key.startswith("effects."):
+                _, effect_name, parameter = one.key.split(".")
+                made["effects"][effect_name][parameter] = one.given
+        return made
+
+    def text(self, name: str, source: str) -> str:
+        """Write the scene as YAML, each value beside what it explains and how sure it is."""
+        told = {one.key: one for one in self.values}
+        lines = [f"# Calibrated from {source} by task=calibrate; its page says how.", ""]
+        for key, given in self.settings(name).items():
+            if not isinstance(given, Mapping):
+                lines += [*noted(told.get(key), ""), f"{key}: {inline(given)}"]
+                continue
+            lines += ["", f"{key}:"]
+            for part, inner in given.items():
+                if not isinstance(inner, Mapping):
+                    lines.append(f"  {part}: {inline(inner)}")
+                    continue
+                lines += [f"  # {one.explains}" for one in self.effects if one.effect == part and one.explains]
+                lines.append(f"  {part}:" + " {}" * (not inner))
+                for parameter, value in inner.items():
+                    lines += [*noted(told.get(f"effects.{part}.{parameter}"), "    ")]
+                    lines.append(f"    {parameter}: {inline(value)}")
+        return "\n".join(lines) + "\n"
+
+
+def noted(value: Value | None, indent: str) -> list[str]:
+    """Write the comment that stands above a value."""
+    if value is None or not (value.note or math.isfinite(value.deviation)):
+        return []
+    sure = f"+- {SURE * value.deviation:.2g} (95 %)" if math.isfinite(value.deviation) else ""
+    return [f"{indent}# " + "; ".join(part for part in (value.note, sure) if part)]
+
+
+def inline(value: object) -> str:
+    """Write a value on one line of YAML; seven digits are more than a recording tells."""
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return "[" + ", ".join(map(inline, value)) + "]"
+    if isinstance(value, float):
+        value = float(f"{value:.7g}")
+    text: str = yaml.safe_dump(value, default_flow_style=True)
+    return text.removesuffix("...\n").strip()
+
+
+def spread(key: str, each: Tensor, deviation: Tensor, note: str, least: float = -math.inf) -> Value:
+    """Describe a value of every frame: a number where it stays, and where it moves what it ranges over.
+
+    It moves where its scatter exceeds what its uncertainty allows by chi-squared's 99.9 %.
+
+    Args:
+        key: of the value.
+        each: (B,) of the frames.
+        deviation: (B,) of each.
+        note: what it is.
+        least: the lowest value allowed.
+    """
+    known = torch.isfinite(each) & torch.isfinite(deviation) & (deviation > 0)
+    each, deviation = each[known], deviation[known]
+    weights = 1 / deviation.square()
+    middle = float((weights * each).sum() / weights.sum())
+    count = len(each)
+    misfit = float((weights * (each - middle).square()).sum())
+    most = count + 3.1 * math.sqrt(2 * count) + 4
+    if count < 2 or misfit <= most:
+        wide = max(1.0, misfit / max(count - 1, 1))
+        return Value(key, max(middle, least), math.sqrt(wide / float(weights.sum())), note)
+    low, high = float(each.min()), float(each.max())
+    moves = float(each.std())
+    ends = ["uniform", max(low, least), max(high, least)]
+    return Value(key, ends, moves / math.sqrt(count), f"{note}; it ranges over the recording")
+
+
+@dataclass(frozen=True)
+class Lighting:
+    """Levels of light, and what they say together with the configuration.
+
+    Args:
+        background_cd_m2: luminance that the background has with any veil before it.
+        veil_cd_m2: of a veil over the whole picture; 0 for none.
+        ambient_lx: illuminance.
+        led_cd_m2: an On LED's own light.
+        reflectance: of the LEDs, where the configuration's cannot be.
+    """
+
+    background_cd_m2: float
+    veil_cd_m2: float
+    ambient_lx: float
+    led_cd_m2: float
+    reflectance: float | None = None
+
+
+def linear(fit: Fit, name: str) -> Tensor:
+    """Give a fitted level as light, (B,)."""
+    return (fit.value(name) / MIDDLE_GREY) ** fit.of_all[0]
+
+
+def lighting(fit: Fit, camera: Camera, panel: LedPanel, ambient_lx: float, *, veiled: bool) -> Lighting:
+    """Turn levels of light into luminances in an illuminance, by the panel's reflectances.
+
+    Off LEDs and background reflect the same daylight: where their ratio is nearer to 1 than that of their
+    reflectances, a veil lies over both.
+    """
+    behind, off, on = (float(linear(fit, name).median()) for name in ("background", "off", "on"))
+    ratio, share = off / behind, panel.background_reflectance
+    own = ambient_lx * share / math.pi
+    veil, reflectance = 0.0, None
+    if veiled and 1 < ratio:
+        veil = max(0.0, ambient_lx / math.pi * (panel.led_reflectance - ratio * share) / (ratio - 1))
+    if veil == 0:
+        reflectance = min(1.0, ratio * share)
+    whole = own + veil
+    return Lighting(whole, veil, ambient_lx, max(0.0, (on - off) / behind * whole), reflectance)
+
+
+def illuminance(fit: Fit, camera: Camera, panel: LedPanel, efficiency: float, *, veiled: bool) -> float:
+    """Say which illuminance gives the electrons that the photon transfer curve counts, lx."""
+    unit = lighting(fit, camera, panel, 1.0, veiled=veiled)
+    exposure = 10 * unit.background_cd_m2 * camera.exposure_time_s
+    exposure /= camera.calibration_constant * camera.f_number**2
+    counted = float(linear(fit, "background").median()) / fit.noise.slope
+    return counted / (Photoelectrons(efficiency).electrons_per_lx_s(camera) * exposure)
+
+
+def of_size(camera: Camera, height: int, width: int) -> tuple[Camera, str]:
+    """Give the camera whose whole picture has the recording's size, and say what was taken.
+
+    A recording of the same shape is the whole sensor, scaled; another one is a part of it about the middle.
+    """
+    if (camera.height_px, camera.width_px) == (height, width):
+        return camera, ""
+    told = f"the frames are {width} x {height} px and camera= says {camera.width_px} x {camera.height_px}: "
+    if camera.height_px * width == camera.width_px * height:
+        return replace(camera, width_px=width, height_px=height), told + "taken for the whole sensor, scaled"
+    wide = camera.sensor_width_mm * width / camera.width_px
+    made = replace(camera, width_px=width, height_px=height, sensor_width_mm=wide)
+    return made, told + "taken for the middle of it, with pixels of the same size"
