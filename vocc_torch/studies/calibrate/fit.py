@@ -1,7 +1,7 @@
 """Maximum likelihood by damped Gauss-Newton steps: values of each frame beside values of all frames."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import torch
@@ -14,6 +14,8 @@ from vocc_torch.studies.calibrate.model import LEVELS, OF_ALL, OF_FRAME, PLACED,
 CLEAR_SIGMAS = 4.0
 """A pixel farther off than this counts less (Huber): reflections and passers-by are not in the model."""
 STEPS = 25
+BEGUN_WITH = 3
+"""Frames by which the blur's size is searched for."""
 SETTLED = 1e-5
 """Share of the misfit that a step must take away, or it is the last."""
 RANGES = {"gamma": (0.4, 4.0), "blur_xx": (1e-3, 900.0), "blur_yy": (1e-3, 900.0), "k1": (-3.0, 3.0)}
@@ -37,7 +39,8 @@ class Fit:
         misfit: weighted sum of squared residuals, in units of the noise.
         scale: variance of the residuals over that of the noise.
         shared: (M,M) covariance of the fitted values that all share.
-        each: (B,N,N) covariance of each frame's fitted values.
+        alone: (B,N,N) covariance of each frame's fitted values, were those that all share known.
+        lead: (B,N,M) by how much a frame's values follow those that all share.
     """
 
     windows: Windows
@@ -50,7 +53,8 @@ class Fit:
     misfit: float = math.inf
     scale: float = 1.0
     shared: Tensor = field(default_factory=lambda: torch.zeros(0, 0))
-    each: Tensor = field(default_factory=lambda: torch.zeros(0, 0, 0))
+    alone: Tensor = field(default_factory=lambda: torch.zeros(0, 0, 0))
+    lead: Tensor = field(default_factory=lambda: torch.zeros(0, 0, 0))
 
     @property
     def bits(self) -> Tensor:
@@ -68,18 +72,47 @@ class Fit:
         """Schwarz's criterion, but for a constant: misfit plus log(pixels) for each fitted value."""
         return self.misfit / self.scale + self.values * math.log(self.grey.numel())
 
-    def deviation(self, name: str) -> Tensor:
-        """Standard deviation of a fitted value: of each frame's (B,), or of one that all share."""
-        names = [one for one in self.free if (one in OF_FRAME) == (name in OF_FRAME)]
-        at = names.index(name)
-        variance = self.each[:, at, at] if name in OF_FRAME else self.shared[at, at]
-        return (variance * self.scale).clamp(min=0).sqrt()
+    def deviation(self, name: str) -> float:
+        """Standard deviation of a fitted value that all share."""
+        at = [one for one in self.free if one not in OF_FRAME].index(name)
+        return math.sqrt(max(0.0, float(self.shared[at, at]) * self.scale))
+
+    def derived(self, of: Callable[[Mapping[str, Tensor], Tensor], Tensor]) -> tuple[Tensor, Tensor, float]:
+        """Derive a value of every frame from the fitted ones, and how sure it is.
+
+        Args:
+            of: makes (B,) of what frames have by name, (B,) each, and of what all share, (B,5).
+
+        Returns:
+            the values (B,), their standard deviations (B,) were that known which all share, and the standard
+            deviation that this adds to their mean.
+        """
+        own = self.of_frame.clone().requires_grad_()
+        all_ = self.of_all.expand(len(own), -1).clone().requires_grad_()
+        made = of(model.columns(own), all_)
+        own_slope, all_slope = torch.autograd.grad(made.sum(), (own, all_), allow_unused=True)
+        turns = [model.direction(name) for name in self.free]
+        parts = (own_slope, all_slope)
+        along = [torch.zeros(len(own)).double() if p is None else p for p in parts]
+        mine = [along[0] @ t for name, t, _ in turns if name in OF_FRAME]
+        common = [along[1] @ t if along[1].ndim > 1 else along[1] for name, _, t in turns if name not in OF_FRAME]
+        a, b = torch.stack(mine, 1), torch.stack(common, 1)
+        variance = torch.einsum("bi,bij,bj->b", a, self.alone, a) * self.scale
+        pulled = (b - torch.einsum("bi,bij->bj", a, self.lead)).mean(0)
+        added = float(pulled @ self.shared @ pulled) * self.scale
+        return made.detach(), variance.clamp(min=0).sqrt(), math.sqrt(max(0.0, added))
 
     def value(self, name: str) -> Tensor:
         """A value: of each frame (B,), or of all."""
         if name in OF_FRAME:
             return self.of_frame[:, OF_FRAME.index(name)]
         return self.of_all[OF_ALL.index("blur_xx" if name == "blur" else name)]
+
+    def first(self, frames: int) -> "Fit":
+        """Take the first frames."""
+        rows = slice(0, frames)
+        parts = {name: getattr(self, name)[rows] for name in ("grey", "of_frame", "lit")}
+        return replace(self, windows=self.windows.taken(rows), **parts)
 
     def light(self) -> Tensor:
         """Linear light of the fitted frames, (B,H,W)."""
@@ -126,12 +159,13 @@ def start(windows: Windows, grey: Tensor, corners_px: Tensor, bits: Tensor | Non
     values += [behind.clamp(min=1), off.clamp(min=1), 1.3 * on.clamp(min=2), off.clamp(min=1)]
     of_all = torch.tensor([gamma, 1.0, 1.0, 0.0, 0.0]).double()
     begun = Fit(windows, grey, torch.stack(values, 1), of_all, lit.double())
-    tried = []
+    few, tried = begun.first(BEGUN_WITH), []
     for share in (0.12, 0.25, 0.45, 0.7):
         moment = float(pitch.median() * share) ** 2
-        blurred = replace(begun, of_all=of_all.clone().index_fill_(0, torch.tensor([1, 2]), moment))
+        blurred = replace(few, of_all=of_all.clone().index_fill_(0, torch.tensor([1, 2]), moment))
         tried.append(settled(blurred, (*LEVELS[:3], "blur"), steps=4, robust=False))
-    return min(tried, key=lambda one: one.misfit)
+    best = min(tried, key=lambda one: one.misfit)
+    return settled(replace(begun, of_all=best.of_all), LEVELS[:3], steps=3, robust=False)
 
 
 def two_levels(greys: Tensor) -> Tensor:
@@ -198,9 +232,9 @@ def settled(fit: Fit, free: Sequence[str], steps: int = STEPS, *, robust: bool =
             break
     misfit = float(cost.sum())
     counted = max(fit.grey.numel() - len(own) * len(fit.grey) - len(all_), 1)
-    each, shared = covariances(*normal(slopes, residual, weights, len(own))[:3])
+    alone, lead, shared = covariances(*normal(slopes, residual, weights, len(own))[:3])
     made = replace(fit, of_frame=current[0], of_all=current[1], free=(*own, *all_), misfit=misfit)
-    return replace(made, scale=max(misfit / counted, 1e-12), shared=shared, each=each)
+    return replace(made, scale=max(misfit / counted, 1e-12), shared=shared, alone=alone, lead=lead)
 
 
 def calmed(residual: Tensor, variance: Tensor) -> Tensor:
@@ -242,12 +276,11 @@ def damped(matrix: Tensor, damping: float) -> Tensor:
     return matrix + torch.diag_embed(damping * diagonal + least)
 
 
-def covariances(own: Tensor, mixed: Tensor, shared: Tensor) -> tuple[Tensor, Tensor]:
-    """Invert the normal equations: covariances of each frame's values and of those of all."""
+def covariances(own: Tensor, mixed: Tensor, shared: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """Invert the normal equations; see :class:`Fit` for the parts."""
     inverse = torch.linalg.inv(damped(own, 0.0))
     lead = inverse @ mixed
-    of_all = torch.linalg.pinv(shared - (mixed.mT @ lead).sum(0), hermitian=True)
-    return inverse + lead @ of_all @ lead.mT, of_all
+    return inverse, lead, torch.linalg.pinv(shared - (mixed.mT @ lead).sum(0), hermitian=True)
 
 
 def bounded(of_frame: Tensor) -> Tensor:
@@ -276,7 +309,7 @@ def amplitudes(fit: Fit) -> tuple[Tensor, Tensor]:
     """
     values, errors = [], []
     for frame in range(len(fit.grey)):
-        one = replace(fit, windows=fit.windows.taken(frame), grey=fit.grey[frame : frame + 1])
+        one = replace(fit, windows=fit.windows.taken(slice(frame, frame + 1)), grey=fit.grey[frame : frame + 1])
         one = replace(one, of_frame=fit.of_frame[frame : frame + 1], lit=fit.lit[frame : frame + 1])
         x = one.light()
         mean, variance = model.expected(x, one.of_all[0], one.noise)
@@ -287,8 +320,7 @@ def amplitudes(fit: Fit) -> tuple[Tensor, Tensor]:
         leds = fit.lit.shape[1]
         canvas = torch.zeros(leds, *one.windows.size_px).double()
         model.raster.add_patches(canvas, patches, torch.arange(leds), left, top)
-        alone = replace(one.windows, gain=None if one.windows.gain is None else one.windows.gain)
-        spots = model.through_camera(alone, canvas, one.of_all) * steep
+        spots = model.through_camera(one.windows, canvas, one.of_all) * steep
         level = {name: (one.value(name) / model.MIDDLE_GREY) ** one.of_all[0] for name in ("on", "off")}
         spots = (spots * (level["on"] - level["off"])).flatten(1)
         weights = (1 / variance).flatten()

@@ -81,9 +81,8 @@ class Windows:
     mosaic: bool = False
     has_board: bool = False
 
-    def taken(self, frame: int) -> "Windows":
-        """Take one frame's."""
-        rows = slice(frame, frame + 1)
+    def taken(self, rows: slice) -> "Windows":
+        """Take some frames'."""
         gain = None if self.gain is None else self.gain[rows]
         kept = (self.shape, self.radius, self.focal_px, self.sensor_px)
         return Windows(*kept, self.origin_px[rows], self.size_px, gain, self.mosaic, self.has_board)

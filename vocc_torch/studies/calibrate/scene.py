@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import torch
 import yaml
+from scipy import stats
 from torch import Tensor
 
 from vocc_torch.hardware import Camera, LedPanel
@@ -17,6 +18,8 @@ from vocc_torch.studies.calibrate.model import MIDDLE_GREY
 
 SURE = 1.96
 """Standard deviations to either side of a 95 % interval."""
+Derived = tuple[Tensor, Tensor, float]
+"""A value of every frame (B,), its own standard deviation (B,), and what that adds which all share."""
 UNKNOWN_LX = 8000.0
 """Illuminance where nothing tells it: an overcast day. Only ratios of light matter then."""
 
@@ -156,32 +159,26 @@ def inline(value: object) -> str:
     return text.removesuffix("...\n").strip()
 
 
-def spread(key: str, each: Tensor, deviation: Tensor, note: str, least: float = -math.inf) -> Value:
+def spread(key: str, derived: Derived, note: str, least: float = -math.inf) -> Value:
     """Describe a value of every frame: a number where it stays, and where it moves what it ranges over.
 
     It moves where its scatter exceeds what its uncertainty allows by chi-squared's 99.9 %.
 
     Args:
         key: of the value.
-        each: (B,) of the frames.
-        deviation: (B,) of each.
+        derived: as :meth:`vocc_torch.studies.calibrate.fit.Fit.derived` gives it.
         note: what it is.
         least: the lowest value allowed.
     """
-    known = torch.isfinite(each) & torch.isfinite(deviation) & (deviation > 0)
-    each, deviation = each[known], deviation[known]
-    weights = 1 / deviation.square()
-    middle = float((weights * each).sum() / weights.sum())
-    count = len(each)
+    each, deviation, common = derived
+    weights = 1 / deviation.clamp(min=1e-12).square()
+    middle, count = float((weights * each).sum() / weights.sum()), len(each)
     misfit = float((weights * (each - middle).square()).sum())
-    most = count + 3.1 * math.sqrt(2 * count) + 4
-    if count < 2 or misfit <= most:
-        wide = max(1.0, misfit / max(count - 1, 1))
-        return Value(key, max(middle, least), math.sqrt(wide / float(weights.sum())), note)
-    low, high = float(each.min()), float(each.max())
-    moves = float(each.std())
-    ends = ["uniform", max(low, least), max(high, least)]
-    return Value(key, ends, moves / math.sqrt(count), f"{note}; it ranges over the recording")
+    if count < 2 or misfit <= stats.chi2.ppf(0.999, count - 1):
+        return Value(key, max(middle, least), math.hypot(float(weights.sum()) ** -0.5, common), note)
+    ends = ["uniform", max(float(each.min()), least), max(float(each.max()), least)]
+    alone = float(each.std()) / math.sqrt(count)
+    return Value(key, ends, math.hypot(alone, common), f"{note}, over the recording")
 
 
 @dataclass(frozen=True)

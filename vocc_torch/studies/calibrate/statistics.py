@@ -161,6 +161,59 @@ def least(loss: Callable[[Array], float], begin: tuple[float, ...]) -> tuple[Arr
 
 
 @dataclass(frozen=True)
+class Scatter:
+    """How the LEDs' light differs.
+
+    Args:
+        share: its coefficient of variation.
+        deviation: standard deviation of that.
+        gain: twice the log-likelihood ratio over LEDs that are alike.
+        factors: (R*C,) each LED's own light over the mean.
+    """
+
+    share: float
+    deviation: float
+    gain: float
+    factors: Tensor
+
+
+def scatter(own: Tensor, error: Tensor, bits: Tensor) -> Scatter:
+    """Compare the LEDs' light in the frames in which they are On.
+
+    What frames add to an LED's scatter about its own mean beyond the pixels' noise counts as noise.
+
+    Args:
+        own: (B,N) each LED's light over On's.
+        error: (B,N) its standard deviation.
+        bits: (B,N) which are On.
+    """
+    weights = bits / error.square()
+    total = weights.sum(0)
+    mean = (weights * own).sum(0) / total.clamp(min=1e-12)
+    lit = total > 0
+    around = (weights * (own - mean).square()).sum(0)[lit]
+    freedom = (bits.sum(0)[lit] - 1).clamp(min=0).sum()
+    noise = max(1.0, float(around.sum() / freedom.clamp(min=1))) / total[lit]
+    seen, count = mean[lit], int(lit.sum())
+    middle = float(seen.mean()) if count else 1.0
+    factors = torch.where(lit, (mean / middle).clamp(min=0.05), 1.0)
+    if count < 4:
+        return Scatter(0.0, math.nan, 0.0, factors)
+
+    def loss(log_share: float) -> float:
+        spread = noise + (math.exp(log_share) * middle) ** 2
+        centre = (seen / spread).sum() / (1 / spread).sum()
+        return float((spread.log() + (seen - centre).square() / spread).sum())
+
+    found = optimize.minimize_scalar(loss, bounds=(math.log(1e-5), math.log(2.0)), method="bounded")
+    share = math.exp(float(found.x))
+    # Of a variance that is the sum of the LEDs' own and the noise's.
+    whole = share**2 + float(noise.mean()) / middle**2
+    deviation = whole / max(share, 1e-9) / math.sqrt(2 * count)
+    return Scatter(share, deviation, loss(math.log(1e-6)) - float(found.fun), factors)
+
+
+@dataclass(frozen=True)
 class Surround:
     """The picture around the panel, in all kept frames.
 

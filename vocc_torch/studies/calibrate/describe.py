@@ -1,0 +1,310 @@
+"""What was fitted in the simulator's words, how sure it is, and what the recording does not tell."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import torch
+from torch import Tensor
+
+from vocc_torch.hardware import Camera, LedPanel
+from vocc_torch.studies.calibrate import statistics
+from vocc_torch.studies.calibrate import scene as scenes
+from vocc_torch.studies.calibrate.fit import Fit
+from vocc_torch.studies.calibrate.model import MIDDLE_GREY
+from vocc_torch.studies.calibrate.scene import Calibrated, Named, Value
+from vocc_torch.studies.calibrate.statistics import Curve, Scatter
+
+LIKELIHOOD = 10.8
+"""Twice the log-likelihood ratio that one value reaches by chance once in a thousand times (chi-squared)."""
+CODED = 12.0
+"""Standard deviations from which coefficients lie on multiples of their steps."""
+BLIND_BLUR_PX = 0.15
+"""A narrower blur is none."""
+RESPONSE = 0.05
+"""Sensors whose pixels differ by a larger share of the background's light differ in their offsets."""
+BIC = "gain of likelihood, twice its logarithm, less log(pixels) a value (BIC)"
+RATIO = "twice the log-likelihood ratio"
+
+
+@dataclass
+class Findings:
+    """What is found on the way.
+
+    Args:
+        camera: whose picture it is.
+        panel: the panel.
+        around: the picture around it.
+        fall: how light falls off there.
+        named: effects that were tried.
+        values: of the scene.
+        unknown: what the recording does not tell.
+        doubts: what the model does not explain.
+    """
+
+    camera: Camera
+    panel: LedPanel
+    around: statistics.Surround
+    fall: statistics.Falloff
+    named: list[Named] = field(default_factory=list)
+    values: list[Value] = field(default_factory=list)
+    unknown: list[str] = field(default_factory=list)
+    doubts: list[str] = field(default_factory=list)
+
+    def tried(self, effect: str, gain: float, needed: float, criterion: str, explains: str = "") -> bool:
+        """Note an effect, and say whether the recording asks for it."""
+        self.named.append(Named(effect, gain > needed, criterion, gain, needed, explains))
+        return gain > needed
+
+    def judge(self, effect: str, simple: Fit, rich: Fit, explains: str) -> Fit:
+        """Keep the richer of two fits where Schwarz's criterion favours it, in units of its own noise."""
+        added = (rich.values - simple.values) * math.log(rich.grey.numel())
+        gain = (simple.misfit - rich.misfit) / rich.scale - added
+        return rich if self.tried(effect, gain, 0.0, BIC, explains) else simple
+
+    def tell(self, key: str, given: float, deviation: float = math.nan, note: str = "") -> None:
+        """Note a value."""
+        self.values.append(Value(key, given, deviation, note))
+
+    def asked(self, effect: str) -> bool:
+        """Say whether the recording asks for an effect."""
+        return any(one.effect == effect and one.asked for one in self.named)
+
+
+def level(name: str, own: Mapping[str, Tensor], of_all: Tensor) -> Tensor:
+    """Give a level as light, (B,)."""
+    return (own[name] / MIDDLE_GREY) ** of_all[:, 0]
+
+
+def describe(
+    fit: Fit,
+    curve: Curve | None,
+    scatter: Scatter,
+    apart: Tensor,
+    found: Findings,
+    *,
+    ambient_lx: float | None,
+    efficiency: float,
+) -> Calibrated:
+    """Make a scene of a fit.
+
+    Args:
+        fit: the last.
+        curve: the photon transfer curve, or None for too few frames.
+        scatter: of the LEDs.
+        apart: (B,) by how much frames tell a pose from its mirror image.
+        found: so far.
+        ambient_lx: where it is known.
+        efficiency: the quantum efficiency that is assumed where it is not.
+    """
+    found.camera = replace(found.camera, gamma=round(float(fit.of_all[0]), 5))
+    where(fit, apart, found)
+    quality, sure = statistics.compression(found.around.greys)
+    coded = found.tried("jpeg", sure, CODED, "standard deviations off chance", "pictures are coded")
+    if coded:
+        found.tell("effects.jpeg.quality", quality, 1.0, "by the steps of the coefficients")
+    counts = curve is not None and curve.noise.slope > 0 and not coded
+    efficiency = how_bright(fit, curve if counts else None, found, ambient_lx, efficiency)
+    through_the_lens(fit, found)
+    explains = "LEDs differ in brightness"
+    if found.tried("led_scatter", scatter.gain, LIKELIHOOD, RATIO, explains):
+        key = "effects.led_scatter.coefficient_of_variation"
+        found.tell(key, min(scatter.share, 2.0), scatter.deviation, "of this panel")
+    if curve is None or coded:
+        why = "coding takes most of it away" if coded else "fewer than 4 frames show none"
+        found.unknown.append(f"the sensor's noise: {why}; the scene has none")
+    else:
+        how_noisy(fit, curve, found, efficiency)
+    beside(fit, found)
+    for effect in ("saturation", "quantization"):
+        found.named.append(Named(effect, True, "always: 8-bit pictures", 0.0, 0.0))
+    found.tell("effects.quantization.bits", 8)
+    if fit.scale > 2:
+        times = math.sqrt(fit.scale)
+        found.doubts.append(f"residuals are {times:.1f} times what noise and rounding explain: look at their picture")
+    kept = tuple(one for one in found.named if "." not in one.effect)
+    return Calibrated(
+        tuple(found.values), kept, found.camera, found.panel, tuple(found.unknown), tuple(found.doubts)
+    )
+
+
+def where(fit: Fit, apart: Tensor, found: Findings) -> None:
+    """Describe place and pose."""
+    camera = found.camera
+    whole = camera.focal_length_px * found.panel.pitch_m
+    away = fit.derived(lambda own, _: whole * torch.exp(-own["log_pitch_px"]))
+    found.values.append(scenes.spread("distance_m", away, "by the image of a pitch"))
+    for name, side in (("x", camera.width_px), ("y", camera.height_px)):
+        def offset(own: Mapping[str, Tensor], _: Tensor, name: str = name, side: int = side) -> Tensor:
+            return (own[f"{name}_px"] - side / 2) * found.panel.pitch_m * torch.exp(-own["log_pitch_px"])
+
+        found.values.append(scenes.spread(f"offset_{name}_m", fit.derived(offset), "by the panel's place"))
+    found.unknown.append(
+        "distance, focal length and pitch: only their ratio is seen; camera.focal_length_mm, "
+        "panel.led_diameter_m and panel.led_gap_m are taken from the configuration"
+    )
+    if not found.asked("pose"):
+        return
+    for name in ("yaw", "pitch", "roll"):
+        degrees = fit.derived(lambda own, _, name=name: torch.rad2deg(own[name]))  # type: ignore[misc]
+        found.values.append(scenes.spread(f"effects.pose.{name}_deg", degrees, "of the panel"))
+    if float(apart.median()) < 9:
+        found.unknown.append("the signs of yaw and pitch: from so far the panel looks alike turned the other way")
+
+
+def how_bright(
+    fit: Fit, curve: Curve | None, found: Findings, ambient_lx: float | None, efficiency: float
+) -> float:
+    """Describe the light, and give the quantum efficiency that fits to it."""
+    camera, panel = found.camera, found.panel
+    grey = fit.derived(lambda own, _: own["background"])
+    found.values.append(scenes.spread("background_grey", grey, "as seen", 1.0))
+    ratio = fit.derived(lambda own, all_: level("off", own, all_) / level("background", own, all_))
+    middle = float(ratio[0].median())
+    error = math.hypot(float(ratio[1].median()) / math.sqrt(len(ratio[0])), ratio[2])
+    shares = panel.led_reflectance / panel.background_reflectance
+    off = ((shares - middle) / max(error, 1e-9)) ** 2 if 1 < middle < shares else 0.0
+    explains = "Off LEDs and background are more alike than their reflectances: fog or glare lies over them"
+    veiled = found.tried("veiling_glare", off, LIKELIHOOD, RATIO, explains)
+    lux, lux_error, note = ambient_lx or scenes.UNKNOWN_LX, math.nan, "as configured" if ambient_lx else ""
+    if curve is not None:
+        counted = scenes.illuminance(fit, camera, panel, efficiency, veiled=veiled)
+        if ambient_lx is None:
+            shaky = curve.deviation[0] / curve.noise.slope, 2 * fit.deviation("gamma") / float(fit.of_all[0])
+            lux, lux_error, note = counted, counted * math.hypot(*shaky), "by the photons counted"
+            found.unknown.append(
+                "illuminance and quantum efficiency: the photons tell their product; "
+                "calibrate.quantum_efficiency is taken from the configuration (or give calibrate.ambient_lx)"
+            )
+        else:
+            efficiency *= counted / ambient_lx
+    elif ambient_lx is None:
+        found.unknown.append(
+            f"the illuminance: auto-exposure takes it away. {lux:g} lx stands in its place, and luminances are "
+            "relative to it (or give calibrate.ambient_lx)"
+        )
+    found.tell("ambient_lx", lux, lux_error, note)
+    seen = scenes.lighting(fit, camera, panel, lux, veiled=veiled)
+    own_light = fit.derived(
+        lambda own, all_: (level("on", own, all_) - level("off", own, all_))
+        / level("background", own, all_)
+        * seen.background_cd_m2
+    )
+    found.values.append(scenes.spread("led_luminance_cd_m2", own_light, "relative to ambient_lx", 0.0))
+    found.unknown.append("the air: what attenuation takes from the LEDs is missing in led_luminance_cd_m2")
+    if veiled:
+        slope = 1 / (shares - middle) + 1 / (middle - 1)
+        found.tell("effects.veiling_glare.luminance_cd_m2", seen.veil_cd_m2, seen.veil_cd_m2 * error * slope)
+        found.unknown.append(
+            "fog or glare: either lays a veil over the picture. It is written as veiling_glare; for fog name "
+            "airlight and attenuation instead"
+        )
+    elif abs(middle - shares) > 3 * error and seen.reflectance is not None:
+        found.panel = replace(panel, led_reflectance=round(seen.reflectance, 4))
+        found.unknown.append(
+            "the LEDs' reflectance: Off LEDs say it relative to panel.background_reflectance, "
+            "which is taken from the configuration"
+        )
+    if found.asked("panel.board_reflectance"):
+        share = float((scenes.linear(fit, "board") / scenes.linear(fit, "background")).median())
+        board = min(max(share * panel.background_reflectance, 0.0), 1.0)
+        found.panel = replace(found.panel, board_reflectance=round(board, 4))
+    return efficiency
+
+
+def through_the_lens(fit: Fit, found: Findings) -> None:
+    """Describe blur, motion, distortion and vignetting."""
+    camera, fall = found.camera, found.fall
+    across, down, slant = (float(moment) for moment in fit.of_all[1:4])
+    moments, axes = torch.linalg.eigh(torch.tensor([[across, slant], [slant, down]]))
+    moved = found.asked("motion_blur")
+    blur = math.sqrt(max(float(moments[0]) if moved else across, 0.0))
+    explains = "light spreads over neighbours"
+    if found.tried("blooming", blur, BLIND_BLUR_PX, "standard deviation, px", explains):
+        error = fit.deviation("blur_xx" if moved else "blur") / (2 * max(blur, 1e-3))
+        found.tell("effects.blooming.sigma_px", min(blur, 32.0), error, "a Gaussian's")
+        found.unknown.append("what blurs: defocus, diffraction and blooming look alike; a Gaussian is written")
+    if moved:
+        length = math.sqrt(12 * max(float(moments[1] - moments[0]), 0.0))
+        away = found.panel.pitch_m * camera.focal_length_px * torch.exp(-fit.value("log_pitch_px")).median()
+        speed = length * float(away) / camera.focal_length_px / camera.exposure_time_s
+        error = 6 * math.hypot(fit.deviation("blur_xx"), fit.deviation("blur_yy")) / length**2 * speed
+        for name, part in zip("xy", axes[:, 1].tolist(), strict=True):
+            velocity = max(-200.0, min(200.0, part * speed))
+            found.tell(f"effects.motion_blur.velocity_{name}_m_s", velocity, error, "either way")
+    if found.asked("lens_distortion"):
+        found.tell("effects.lens_distortion.k1", float(fit.of_all[4]), fit.deviation("k1"))
+    else:
+        found.unknown.append("the lens's distortion: within its uncertainty there is none where the panel is")
+    criterion = "gain of likelihood over the background's blocks, twice its logarithm, less log(blocks)"
+    if found.tried("vignetting", fall.natural_gain, 0.0, criterion, "it is darker towards the corners"):
+        barrel = fall.barrel_gain > 0 and 0 < fall.corner_loss < 1
+        found.tell(
+            "effects.vignetting.corner_loss",
+            fall.corner_loss if barrel else 0.0,
+            fall.deviation if barrel else math.nan,
+            "beside cos^4",
+        )
+
+
+def how_noisy(fit: Fit, curve: Curve, found: Findings, efficiency: float) -> None:
+    """Describe the sensor's noise, in electrons, which shot noise counts."""
+    criterion = "gain of likelihood of the residuals' variances, twice its logarithm, less log(pixels)"
+    shot = found.tried("shot_noise", curve.gains[0], 0.0, criterion, "variance grows with light")
+    if not shot:
+        if curve.gains[1] > 0:
+            found.unknown.append("noise that does not grow with light: no photons tell its unit; it is left out")
+        return
+    read = found.tried("read_noise", curve.gains[1], 0.0, criterion, "variance in the dark")
+    for effect in ("photoelectrons", "gain"):
+        found.named.append(Named(effect, True, "needed by the noise", 0.0, 0.0))
+    key = "effects.photoelectrons.quantum_efficiency"
+    found.tell(key, min(1.0, efficiency), math.nan, "as configured, or by calibrate.ambient_lx")
+    if efficiency > 1:
+        found.doubts.append(
+            f"calibrate.ambient_lx leads to {efficiency:.2g} electrons a photon, and at most 1 is possible: "
+            "see camera.exposure_time_s and camera.f_number"
+        )
+    electrons, slope_error = 1 / curve.noise.slope, curve.deviation[0] / curve.noise.slope
+    pattern = statistics.patterns(found.around)
+    x, gamma = float(scenes.linear(fit, "background").median()), fit.of_all[0]
+    steep = statistics.middle_slope(x, gamma, curve.noise)
+    if read:
+        sigma = math.sqrt(curve.noise.floor) * electrons
+        relative = math.hypot(curve.deviation[1] / (2 * curve.noise.floor), slope_error)
+        found.tell("effects.read_noise.electrons", sigma, sigma * relative, "in the dark")
+    share = pattern.fixed / steep / x
+    kind, other = ("prnu", "dsnu") if share < RESPONSE else ("dsnu", "prnu")
+    criterion = f"{RATIO}, of variances in the background"
+    if found.tried(kind, pattern.fixed_gain, LIKELIHOOD, criterion, "pixels differ, always alike"):
+        relative = math.hypot(pattern.fixed_deviation / pattern.fixed, slope_error if kind == "dsnu" else 0.0)
+        given = share if kind == "prnu" else share * x * electrons
+        key = "effects.prnu.share" if kind == "prnu" else "effects.dsnu.electrons"
+        found.tell(key, given, given * relative, "of each pixel")
+        found.unknown.append(
+            f"whether pixels differ in response (prnu) or offset (dsnu): by one level of light, {kind} is the "
+            f"likelier, for pixels differ by {share:.2g} of it"
+        )
+    found.tried(other, 0.0, LIKELIHOOD, f"not told from {kind}")
+    if found.tried("row_noise", pattern.row_gain, LIKELIHOOD, criterion, "rows differ, anew in each frame"):
+        amount = pattern.row / steep * electrons
+        relative = math.hypot(pattern.row_deviation / pattern.row, slope_error)
+        found.tell("effects.row_noise.electrons", amount, amount * relative, "of each row")
+
+
+def beside(fit: Fit, found: Findings) -> None:
+    """Describe lamps beside the panel."""
+    count, wide, grey = statistics.lamps(found.around)
+    explains = "round bright things stand beside the panel"
+    if not found.tried("lamps", count, 0.5, "how many a frame", explains):
+        return
+    panel, gamma = found.panel, float(fit.of_all[0])
+    metre = torch.exp(fit.value("log_pitch_px")).median() / panel.pitch_m
+    background = next(one for one in found.values if one.key == "ambient_lx").middle
+    background *= panel.background_reflectance / math.pi
+    light = (grey / MIDDLE_GREY) ** gamma / float(scenes.linear(fit, "background").median())
+    found.tell("effects.lamps.count", max(1, round(count)), math.nan, "a frame")
+    found.tell("effects.lamps.luminance_cd_m2", light * background, math.nan, "as seen")
+    found.tell("effects.lamps.diameter_m", min(10.0, wide / float(metre)), math.nan, "at the panel's distance")
+    if grey >= 254:
+        found.unknown.append("the lamps' luminance: they are white, and may be brighter than the scene says")
