@@ -58,7 +58,7 @@ class Findings:
 
     def judge(self, effect: str, simple: Fit, rich: Fit, explains: str) -> Fit:
         """Keep the richer of two fits where Schwarz's criterion favours it, in units of its own noise."""
-        added = (rich.values - simple.values) * math.log(rich.grey.numel())
+        added = (rich.values - simple.values) * math.log(rich.pixels)
         gain = (simple.misfit - rich.misfit) / rich.scale - added
         return rich if self.tried(effect, gain, 0.0, BIC, explains) else simple
 

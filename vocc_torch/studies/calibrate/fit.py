@@ -14,6 +14,8 @@ from vocc_torch.studies.calibrate.model import LEVELS, OF_ALL, OF_FRAME, PLACED,
 CLEAR_SIGMAS = 4.0
 """A pixel farther off than this counts less (Huber): reflections and passers-by are not in the model."""
 STEPS = 25
+UNDITHERED = 0.1
+"""Variance of noise, in grey values, below which pixels of one light are rounded alike."""
 BEGUN_WITH = 3
 """Frames by which the blur's size is searched for."""
 SETTLED = 1e-5
@@ -35,6 +37,7 @@ class Fit:
         of_all: (5,).
         lit: (B,R*C) share of On's light of each LED.
         noise: of the light.
+        trust: (B,H,W) how much each pixel counts, as :func:`trusted` says; all alike where it is one number.
         free: names of the values that were fitted.
         misfit: weighted sum of squared residuals, in units of the noise.
         scale: variance of the residuals over that of the noise.
@@ -49,6 +52,7 @@ class Fit:
     of_all: Tensor
     lit: Tensor
     noise: Noise = field(default_factory=Noise)
+    trust: Tensor = field(default_factory=lambda: torch.ones(1, 1, 1).double())
     free: tuple[str, ...] = ()
     misfit: float = math.inf
     scale: float = 1.0
@@ -68,9 +72,9 @@ class Fit:
         return own * len(self.grey) + len(self.free) - own
 
     @property
-    def bic(self) -> float:
-        """Schwarz's criterion, but for a constant: misfit plus log(pixels) for each fitted value."""
-        return self.misfit / self.scale + self.values * math.log(self.grey.numel())
+    def pixels(self) -> float:
+        """How many pixels count."""
+        return float(self.trust.expand_as(self.grey).sum())
 
     def deviation(self, name: str) -> float:
         """Standard deviation of a fitted value that all share."""
@@ -112,6 +116,7 @@ class Fit:
         """Take the first frames."""
         rows = slice(0, frames)
         parts = {name: getattr(self, name)[rows] for name in ("grey", "of_frame", "lit")}
+        parts["trust"] = self.trust if len(self.trust) == 1 else self.trust[rows]
         return replace(self, windows=self.windows.taken(rows), **parts)
 
     def light(self) -> Tensor:
@@ -201,12 +206,12 @@ def settled(fit: Fit, free: Sequence[str], steps: int = STEPS, *, robust: bool =
             model.light(fit.windows, of_frame, of_all, fit.lit), of_all[0], fit.noise
         )[0]
 
-    variance = fit.predicted()[1].detach()
+    variance = fit.predicted()[1] / fit.trust
     damping, current, weights = 1e-3, (fit.of_frame, fit.of_all), 1 / variance
     mean, slopes = model.slopes(rendered, *current, along)
     residual = fit.grey - mean
     if robust:
-        weights = weights * calmed(residual, variance)
+        weights = weights * calmed(residual, variance * fit.trust)
     cost = (weights * residual.square()).sum(dim=(1, 2))
     for _ in range(steps):
         blocks = normal(slopes, residual, weights, len(own))
@@ -226,15 +231,31 @@ def settled(fit: Fit, free: Sequence[str], steps: int = STEPS, *, robust: bool =
         mean, slopes = model.slopes(rendered, *current, along)
         residual = fit.grey - mean
         if robust:
-            weights = calmed(residual, variance) / variance
+            weights = calmed(residual, variance * fit.trust) / variance
             cost = (weights * residual.square()).sum(dim=(1, 2))
         if gained < SETTLED:
             break
     misfit = float(cost.sum())
-    counted = max(fit.grey.numel() - len(own) * len(fit.grey) - len(all_), 1)
+    counted = max(fit.pixels - len(own) * len(fit.grey) - len(all_), 1.0)
     alone, lead, shared = covariances(*normal(slopes, residual, weights, len(own))[:3])
     made = replace(fit, of_frame=current[0], of_all=current[1], free=(*own, *all_), misfit=misfit)
     return replace(made, scale=max(misfit / counted, 1e-12), shared=shared, alone=alone, lead=lead)
+
+
+def trusted(fit: Fit) -> Fit:
+    """Let a flat area without noise count as one pixel of the recording: it is rounded alike everywhere.
+
+    A flat area is what differs from its neighbours by a grey value at most. Noise of a third of a grey value
+    rounds each pixel by itself, and then all count.
+    """
+    mean, variance = fit.predicted()
+    if float((variance - model.ROUNDING).median()) > UNDITHERED:
+        return replace(fit, trust=torch.ones(1, 1, 1).double())
+    padded = torch.nn.functional.pad(mean.unsqueeze(1), (1, 1, 1, 1), mode="replicate")
+    high, low = (torch.nn.functional.max_pool2d(sign * padded, 3, 1)[:, 0] for sign in (1, -1))
+    flat = high + low < 1.0
+    share = 1 / flat.sum().clamp(min=1)
+    return replace(fit, trust=torch.where(flat, share.double(), 1.0))
 
 
 def calmed(residual: Tensor, variance: Tensor) -> Tensor:
@@ -309,8 +330,9 @@ def amplitudes(fit: Fit) -> tuple[Tensor, Tensor]:
     """
     values, errors = [], []
     for frame in range(len(fit.grey)):
-        one = replace(fit, windows=fit.windows.taken(slice(frame, frame + 1)), grey=fit.grey[frame : frame + 1])
-        one = replace(one, of_frame=fit.of_frame[frame : frame + 1], lit=fit.lit[frame : frame + 1])
+        rows = slice(frame, frame + 1)
+        one = replace(fit, windows=fit.windows.taken(rows), grey=fit.grey[rows], lit=fit.lit[rows])
+        one = replace(one, of_frame=fit.of_frame[rows])
         x = one.light()
         mean, variance = model.expected(x, one.of_all[0], one.noise)
         steep = torch.where(mean < model.WHITE - 0.5, mean / (one.of_all[0] * x), 0.0)
@@ -323,7 +345,8 @@ def amplitudes(fit: Fit) -> tuple[Tensor, Tensor]:
         spots = model.through_camera(one.windows, canvas, one.of_all) * steep
         level = {name: (one.value(name) / model.MIDDLE_GREY) ** one.of_all[0] for name in ("on", "off")}
         spots = (spots * (level["on"] - level["off"])).flatten(1)
-        weights = (1 / variance).flatten()
+        trust = fit.trust.expand_as(fit.grey)[frame]
+        weights = (trust / variance).flatten()
         matrix = (spots * weights) @ spots.T
         matrix = matrix + torch.eye(leds).double() * (1e-6 * matrix.diagonal().mean() + 1e-12)
         inverse = torch.linalg.inv(matrix)

@@ -6,12 +6,11 @@ units of the light that Eq. 1 encodes as the grey value 118: ``G = 118 x^(1/gamm
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from numpy.polynomial.hermite_e import hermegauss
 from torch import Tensor, nn
-from torch.autograd import forward_ad
 
 from vocc_torch.hardware import PanelShape
 from vocc_torch.simulation import raster
@@ -69,6 +68,7 @@ class Windows:
         gain: (B,H,W) what the lens lets through; None for all.
         mosaic: whether colours are interpolated, Bayer's cells beginning at the sensor's first pixel.
         has_board: whether a board stands behind the LEDs.
+        slanted: whether the blur may lie aslant, which costs more.
     """
 
     shape: PanelShape
@@ -80,12 +80,12 @@ class Windows:
     gain: Tensor | None = None
     mosaic: bool = False
     has_board: bool = False
+    slanted: bool = False
 
     def taken(self, rows: slice) -> "Windows":
         """Take some frames'."""
         gain = None if self.gain is None else self.gain[rows]
-        kept = (self.shape, self.radius, self.focal_px, self.sensor_px)
-        return Windows(*kept, self.origin_px[rows], self.size_px, gain, self.mosaic, self.has_board)
+        return replace(self, origin_px=self.origin_px[rows], gain=gain)
 
 
 def columns(values: Tensor) -> dict[str, Tensor]:
@@ -184,7 +184,7 @@ def light(windows: Windows, of_frame: Tensor, of_all: Tensor, lit: Tensor) -> Te
 
 def through_camera(windows: Windows, canvas: Tensor, of_all: Tensor) -> Tensor:
     """Blur, dim and interpolate (B,H,W) light as lens and sensor do."""
-    blurred = spread_out(canvas, of_all[1:4])
+    blurred = spread_out(canvas, of_all[1:4], slanted=windows.slanted)
     if windows.gain is not None:
         blurred = blurred * windows.gain
     if windows.mosaic:  # windows lie on a grid of whole cells
@@ -192,20 +192,18 @@ def through_camera(windows: Windows, canvas: Tensor, of_all: Tensor) -> Tensor:
     return blurred.clamp(min=LEAST_LIGHT)
 
 
-def spread_out(canvas: Tensor, moments: Tensor) -> Tensor:
+def spread_out(canvas: Tensor, moments: Tensor, *, slanted: bool = False) -> Tensor:
     """Blur (B,H,W) by a Gaussian of second moments xx, yy and xy (px^2), sampled at pixels as Kornia's is."""
     least = LEAST_SIGMA_PX**2
     across, down, slant = moments[0].clamp(min=least), moments[1].clamp(min=least), moments[2]
     reach = max(1, math.ceil(TRUNCATION_SIGMAS * math.sqrt(max(float(across), float(down)))))
     steps = torch.arange(-reach, reach + 1, dtype=canvas.dtype)
     padded = nn.functional.pad(canvas.unsqueeze(1), (reach,) * 4, mode="replicate")
-    tangent = forward_ad.unpack_dual(moments).tangent  # type: ignore[no-untyped-call]
-    if float(slant) == 0 and (not moments.requires_grad) and (tangent is None or float(tangent[2]) == 0):
+    if not slanted:
         kernels = (torch.exp(-steps.square() / (2 * moment)) for moment in (across, down))
         x, y = (kernel / kernel.sum() for kernel in kernels)
-        return nn.functional.conv2d(nn.functional.conv2d(padded, x.view(1, 1, 1, -1)), y.view(1, 1, -1, 1))[
-            :, 0
-        ]
+        rows = nn.functional.conv2d(padded, x.view(1, 1, 1, -1))
+        return nn.functional.conv2d(rows, y.view(1, 1, -1, 1))[:, 0]
     dx, dy = steps, steps.unsqueeze(-1)
     whole = (across * down - slant.square()).clamp(min=least**2)
     kernel = torch.exp(-(down * dx.square() - 2 * slant * dx * dy + across * dy.square()) / (2 * whole))
@@ -267,12 +265,11 @@ def slopes(
     Returns:
         what is rendered, (B,...), and its derivatives (D,B,...).
     """
-    made, values = [], None
-    for _, frame, shared in along:
-        with forward_ad.dual_level():
-            one = forward_ad.make_dual(of_frame, frame.expand_as(of_frame).contiguous())
-            all_ = forward_ad.make_dual(of_all, shared)
-            values, tangent = forward_ad.unpack_dual(rendered(one, all_))
-            made.append(torch.zeros_like(values) if tangent is None else tangent)
-    assert values is not None
-    return values, torch.stack(made)
+    own, all_ = (torch.stack([turn[i] for turn in along]) for i in (1, 2))
+
+    def moved(step: Tensor) -> tuple[Tensor, Tensor]:
+        values = rendered(of_frame + step @ own, of_all + step @ all_)
+        return values, values
+
+    derivatives, values = torch.func.jacfwd(moved, has_aux=True)(torch.zeros(len(along)).double())
+    return values, derivatives.movedim(-1, 0)

@@ -11,7 +11,7 @@ from scipy import fft, ndimage, optimize
 from torch import Tensor
 
 from vocc_torch.studies.calibrate import model
-from vocc_torch.studies.calibrate.fit import Fit
+from vocc_torch.studies.calibrate.fit import UNDITHERED, Fit
 from vocc_torch.studies.calibrate.model import MIDDLE_GREY, Noise
 
 Array = NDArray[np.float64]
@@ -245,6 +245,12 @@ class Surround:
         bottom = min(height, int(edges[:, 1].max()) + wide)
         return cls(greys, (top, bottom, left, min(width, int(edges[:, 3].max()) + wide)), outside)
 
+    def noise(self) -> float:
+        """Variance of the background from pixel to pixel next to it, in grey values; 0 where all is panel."""
+        apart = np.diff(self.greys.astype(np.float64), axis=2)
+        both = self.outside[:, 1:] & self.outside[:, :-1]
+        return float((apart[:, both] ** 2).mean()) / 2 if both.any() else 0.0
+
     def ring(self) -> tuple[Array, NDArray[np.bool_]]:
         """Give the greys around the panel (B,h,w), each frame less its own median, and which are outside."""
         top, bottom, left, right = self.box
@@ -379,10 +385,15 @@ def falloff(around: Surround, focal_px: float, gamma: float) -> Falloff:
         return Falloff()
     y, shade, out = light[free], shade[free], out[free]
 
+    # Without noise all of a block is rounded alike.
+    pixels = 1.0 if around.noise() < UNDITHERED else float(len(around.greys) * CELL_PX**2)
+    typical = float(np.median(around.greys[:, around.outside]))
+    rounding = count * (gamma / max(typical, 1.0)) ** 2 / 12 / pixels
+
     def explained(*parts: Array) -> tuple[float, Array, Array]:
         design = np.stack(parts, 1)
         solution, *_ = np.linalg.lstsq(design, y, rcond=None)
-        misfit = float(((y - design @ solution) ** 2).sum())
+        misfit = float(((y - design @ solution) ** 2).sum()) + rounding
         return misfit, solution, np.linalg.pinv(design.T @ design) * misfit / max(count - len(parts), 1)
 
     flat, cosine, barrel = explained(np.ones(count)), explained(shade), explained(shade, shade * out)
@@ -428,7 +439,7 @@ def compression(greys: NDArray[np.uint8]) -> tuple[int, float]:
         table = quantisation_table(quality)
         coarse = np.broadcast_to(table >= 4, coefficients.shape)
         steps = coefficients / table
-        used = steps[coarse & (np.abs(steps) > 0.6)]
+        used = steps[coarse & (np.abs(steps) > 0.5)]
         if len(used) < 100:
             continue
         score = float(np.cos(2 * np.pi * used).mean()) * math.sqrt(2 * len(used))

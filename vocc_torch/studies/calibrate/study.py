@@ -13,7 +13,7 @@ from vocc_torch.errors import VoccError
 from vocc_torch.hardware import Camera, LedPanel
 from vocc_torch.studies.calibrate import model, statistics
 from vocc_torch.studies.calibrate.describe import BIC, LIKELIHOOD, Findings, describe
-from vocc_torch.studies.calibrate.fit import BASE, POSED, Fit, amplitudes, decided, mirrored, settled, start
+from vocc_torch.studies.calibrate.fit import BASE, POSED, UNDITHERED, Fit, amplitudes, decided, mirrored, settled, start, trusted
 from vocc_torch.studies.calibrate.model import OF_FRAME, Windows
 from vocc_torch.studies.calibrate.reading import Footage
 from vocc_torch.studies.calibrate.scene import Calibrated
@@ -123,12 +123,12 @@ def calibrate(
     begun = start(shaded(known, camera, fall), grey, footage.corners_px, told, camera.gamma)
     demand_contrast(begun, footage)
     found = Findings(camera, panel, around, fall)
-    fit, free, apart = placed(begun, found)
+    quiet = around.noise() < UNDITHERED
+    fit, free, apart = placed(trusted(begun) if quiet else begun, found)
     curve = None
-    if len(grey) >= LEAST_FRAMES:
-        for _ in range(2):
-            curve = statistics.transfer(fit)
-            fit = settled(replace(fit, noise=curve.noise), free, steps=8)
+    for _ in range(2):
+        curve = statistics.transfer(fit) if len(grey) >= LEAST_FRAMES else None
+        fit = settled(trusted(fit if curve is None else replace(fit, noise=curve.noise)), free, steps=8)
     fit, free = sensor_and_lens(fit, free, found)
     own, error = amplitudes(fit)
     if bits is None and bool(((own > 0.5) != fit.bits).any()):
@@ -190,11 +190,11 @@ def sensor_and_lens(fit: Fit, free: Sequence[str], found: Findings) -> tuple[Fit
     if not bool((fit.windows.origin_px % 2).any()):
         tried = settled(mosaic, free, steps=6)
         # No value more: the likelier of the two, by what one value would cost.
-        gained = (fit.misfit - tried.misfit) / tried.scale - math.log(fit.grey.numel())
+        gained = (fit.misfit - tried.misfit) / tried.scale - math.log(fit.pixels)
         found.tried("demosaicing", gained, 0.0, BIC, "colours are guessed from neighbours")
         fit = tried if gained > 0 else fit
     moving = tuple(name for name in free if name != "blur") + ("blur_xx", "blur_yy", "blur_xy")
-    rich = settled(fit, moving, steps=3)
+    rich = settled(replace(fit, windows=replace(fit.windows, slanted=True)), moving, steps=3)
     kept = found.judge("motion_blur", fit, rich, "light is spread farther in one direction")
     free = moving if kept is rich else free
     fit = kept
