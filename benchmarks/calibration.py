@@ -90,7 +90,11 @@ def recorded(world: World, seed: int) -> tuple[Footage, torch.Tensor, object]:
     scene, bits = world.scene.draw(key, world.panel.shape)
     scene, bits = scene[:FRAMES], bits[:FRAMES]
     keys = [FrameKey(key, frame) for frame in range(FRAMES)]
-    greys = Simulator(world.camera, world.panel, world.effects, framing="full").render(scene, bits, keys=keys).grey
+    greys = (
+        Simulator(world.camera, world.panel, world.effects, framing="full")
+        .render(scene, bits, keys=keys)
+        .grey
+    )
     panels = locator_named("refined", PaperLocator())(Frames.whole(greys[:, 0]), world.panel.shape)
     rows = panels.found.nonzero()[:, 0]
     none = np.full(len(rows), np.nan)
@@ -105,8 +109,12 @@ def off_by(study: Study, world: World, scene: object) -> dict[str, list[float]]:
     fit, told = study.fit, {one.key: one for one in study.scene.values}
     camera, panel = world.camera, LedPanel()
     off: dict[str, list[float]] = defaultdict(list)
-    away = fit.derived(lambda own, _: camera.focal_length_px * panel.pitch_m * torch.exp(-own["log_pitch_px"]))
-    off["distance_m (a frame)"] = ((away[0] - scene.distance_m) / away[1].hypot(torch.tensor(away[2]))).tolist()
+    away = fit.derived(
+        lambda own, _: camera.focal_length_px * panel.pitch_m * torch.exp(-own["log_pitch_px"])
+    )
+    off["distance_m (a frame)"] = (
+        (away[0] - scene.distance_m) / away[1].hypot(torch.tensor(away[2]))
+    ).tolist()
     off["gamma"] = [(float(fit.of_all[0]) - camera.gamma) / fit.deviation("gamma")]
     lux, lum = float(scene.ambient_lx[0]), float(scene.led_luminance_cd_m2[0])
     effects = world.effects
@@ -119,7 +127,12 @@ def off_by(study: Study, world: World, scene: object) -> dict[str, list[float]]:
     iso = camera.iso_limits
     if iso:
         del truth["background_grey"]
-    for effect, key in (("prnu", "share"), ("dsnu", "electrons"), ("vignetting", "corner_loss"), ("read_noise", "electrons")):
+    for effect, key in (
+        ("prnu", "share"),
+        ("dsnu", "electrons"),
+        ("vignetting", "corner_loss"),
+        ("read_noise", "electrons"),
+    ):
         if effect in effects:
             truth[f"effects.{effect}.{key}"] = effects[effect][key]
     if "airlight" not in effects and "shot_noise" in effects and "ambient_lx" in told:
@@ -130,10 +143,14 @@ def off_by(study: Study, world: World, scene: object) -> dict[str, list[float]]:
     if "led_luminance_cd_m2" in told and told["led_luminance_cd_m2"].deviation > 0:
         one, ambient = told["led_luminance_cd_m2"], told["ambient_lx"].middle
         if "airlight" not in effects:
-            off["luminance over ambient"].append((one.middle / ambient - lum * kept / lux) / (one.deviation / ambient))
+            off["luminance over ambient"].append(
+                (one.middle / ambient - lum * kept / lux) / (one.deviation / ambient)
+            )
     if "veiling_glare" in effects and "effects.veiling_glare.luminance_cd_m2" in told:
         one, ambient = told["effects.veiling_glare.luminance_cd_m2"], told["ambient_lx"].middle
-        veil = 10 * effects["veiling_glare"]["glare_illuminance_lx"] / effects["veiling_glare"]["angle_deg"] ** 2
+        veil = (
+            10 * effects["veiling_glare"]["glare_illuminance_lx"] / effects["veiling_glare"]["angle_deg"] ** 2
+        )
         off["veil over ambient"].append((one.middle / ambient - veil / lux) / (one.deviation / ambient))
     return off
 

@@ -8,8 +8,8 @@ import torch
 from torch import Tensor
 
 from vocc_torch.hardware import Camera, LedPanel
-from vocc_torch.studies.calibrate import statistics
 from vocc_torch.studies.calibrate import scene as scenes
+from vocc_torch.studies.calibrate import statistics
 from vocc_torch.studies.calibrate.fit import Fit
 from vocc_torch.studies.calibrate.model import MIDDLE_GREY
 from vocc_torch.studies.calibrate.scene import Calibrated, Named, Value
@@ -121,7 +121,9 @@ def describe(
     found.tell("effects.quantization.bits", 8)
     if fit.scale > 2:
         times = math.sqrt(fit.scale)
-        found.doubts.append(f"residuals are {times:.1f} times what noise and rounding explain: look at their picture")
+        found.doubts.append(
+            f"residuals are {times:.1f} times what noise and rounding explain: look at their picture"
+        )
     kept = tuple(one for one in found.named if "." not in one.effect)
     return Calibrated(
         tuple(found.values), kept, found.camera, found.panel, tuple(found.unknown), tuple(found.doubts)
@@ -135,6 +137,7 @@ def where(fit: Fit, apart: Tensor, found: Findings) -> None:
     away = fit.derived(lambda own, _: whole * torch.exp(-own["log_pitch_px"]))
     found.values.append(scenes.spread("distance_m", away, "by the image of a pitch"))
     for name, side in (("x", camera.width_px), ("y", camera.height_px)):
+
         def offset(own: Mapping[str, Tensor], _: Tensor, name: str = name, side: int = side) -> Tensor:
             return (own[f"{name}_px"] - side / 2) * found.panel.pitch_m * torch.exp(-own["log_pitch_px"])
 
@@ -149,7 +152,9 @@ def where(fit: Fit, apart: Tensor, found: Findings) -> None:
         degrees = fit.derived(lambda own, _, name=name: torch.rad2deg(own[name]))  # type: ignore[misc]
         found.values.append(scenes.spread(f"effects.pose.{name}_deg", degrees, "of the panel"))
     if float(apart.median()) < 9:
-        found.unknown.append("the signs of yaw and pitch: from so far the panel looks alike turned the other way")
+        found.unknown.append(
+            "the signs of yaw and pitch: from so far the panel looks alike turned the other way"
+        )
 
 
 def how_bright(
@@ -186,9 +191,11 @@ def how_bright(
     found.tell("ambient_lx", lux, lux_error, note)
     seen = scenes.lighting(fit, camera, panel, lux, veiled=veiled)
     own_light = fit.derived(
-        lambda own, all_: (level("on", own, all_) - level("off", own, all_))
-        / level("background", own, all_)
-        * seen.background_cd_m2
+        lambda own, all_: (
+            (level("on", own, all_) - level("off", own, all_))
+            / level("background", own, all_)
+            * seen.background_cd_m2
+        )
     )
     found.values.append(scenes.spread("led_luminance_cd_m2", own_light, "relative to ambient_lx", 0.0))
     found.unknown.append("the air: what attenuation takes from the LEDs is missing in led_luminance_cd_m2")
@@ -223,7 +230,9 @@ def through_the_lens(fit: Fit, found: Findings) -> None:
     if found.tried("blooming", blur, BLIND_BLUR_PX, "standard deviation, px", explains):
         error = fit.deviation("blur_xx" if moved else "blur") / (2 * max(blur, 1e-3))
         found.tell("effects.blooming.sigma_px", min(blur, 32.0), error, "a Gaussian's")
-        found.unknown.append("what blurs: defocus, diffraction and blooming look alike; a Gaussian is written")
+        found.unknown.append(
+            "what blurs: defocus, diffraction and blooming look alike; a Gaussian is written"
+        )
     if moved:
         length = math.sqrt(12 * max(float(moments[1] - moments[0]), 0.0))
         away = found.panel.pitch_m * camera.focal_length_px * torch.exp(-fit.value("log_pitch_px")).median()
@@ -253,7 +262,9 @@ def how_noisy(fit: Fit, curve: Curve, found: Findings, efficiency: float) -> Non
     shot = found.tried("shot_noise", curve.gains[0], 0.0, criterion, "variance grows with light")
     if not shot:
         if curve.gains[1] > 0:
-            found.unknown.append("noise that does not grow with light: no photons tell its unit; it is left out")
+            found.unknown.append(
+                "noise that does not grow with light: no photons tell its unit; it is left out"
+            )
         return
     read = found.tried("read_noise", curve.gains[1], 0.0, criterion, "variance in the dark")
     for effect in ("photoelectrons", "gain"):
@@ -269,11 +280,14 @@ def how_noisy(fit: Fit, curve: Curve, found: Findings, efficiency: float) -> Non
     pattern = statistics.patterns(found.around)
     x, gamma = float(scenes.linear(fit, "background").median()), fit.of_all[0]
     steep = statistics.middle_slope(x, gamma, curve.noise)
-    if read:
-        sigma = math.sqrt(curve.noise.floor) * electrons
-        relative = math.hypot(curve.deviation[1] / (2 * curve.noise.floor), slope_error)
-        found.tell("effects.read_noise.electrons", sigma, sigma * relative, "in the dark")
     share = pattern.fixed / steep / x
+    if read:
+        # Where the panel moves over the pixels, what differs from pixel to pixel is in the floor too.
+        stays = share > RESPONSE and pattern.fixed_gain > LIKELIHOOD and not curve.still
+        floor = max(curve.noise.floor - (share * x) ** 2 * stays, 0.01 * curve.noise.floor)
+        sigma = math.sqrt(floor) * electrons
+        relative = math.hypot(curve.deviation[1] / (2 * floor), slope_error)
+        found.tell("effects.read_noise.electrons", sigma, sigma * relative, "in the dark")
     kind, other = ("prnu", "dsnu") if share < RESPONSE else ("dsnu", "prnu")
     criterion = f"{RATIO}, of variances in the background"
     if found.tried(kind, pattern.fixed_gain, LIKELIHOOD, criterion, "pixels differ, always alike"):
@@ -305,6 +319,8 @@ def beside(fit: Fit, found: Findings) -> None:
     light = (grey / MIDDLE_GREY) ** gamma / float(scenes.linear(fit, "background").median())
     found.tell("effects.lamps.count", max(1, round(count)), math.nan, "a frame")
     found.tell("effects.lamps.luminance_cd_m2", light * background, math.nan, "as seen")
-    found.tell("effects.lamps.diameter_m", min(10.0, wide / float(metre)), math.nan, "at the panel's distance")
+    found.tell(
+        "effects.lamps.diameter_m", min(10.0, wide / float(metre)), math.nan, "at the panel's distance"
+    )
     if grey >= 254:
         found.unknown.append("the lamps' luminance: they are white, and may be brighter than the scene says")

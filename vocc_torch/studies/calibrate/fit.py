@@ -13,7 +13,11 @@ from vocc_torch.studies.calibrate.model import LEVELS, OF_ALL, OF_FRAME, PLACED,
 
 CLEAR_SIGMAS = 4.0
 """A pixel farther off than this counts less (Huber): reflections and passers-by are not in the model."""
-STEPS = 25
+STEPS = 15
+OWN_ROUNDING = 4.0
+"""Grey values between a pixel's neighbours from which on its rounding tells nothing of theirs."""
+FIRST_DAMPING, LOOSE = 1e-4, 1e-7
+"""Share of the diagonal that the first step adds, and from which on a step is held back no more."""
 UNDITHERED = 0.1
 """Variance of noise, in grey values, below which pixels of one light are rounded alike."""
 BEGUN_WITH = 3
@@ -99,7 +103,9 @@ class Fit:
         parts = (own_slope, all_slope)
         along = [torch.zeros(len(own)).double() if p is None else p for p in parts]
         mine = [along[0] @ t for name, t, _ in turns if name in OF_FRAME]
-        common = [along[1] @ t if along[1].ndim > 1 else along[1] for name, _, t in turns if name not in OF_FRAME]
+        common = [
+            along[1] @ t if along[1].ndim > 1 else along[1] for name, _, t in turns if name not in OF_FRAME
+        ]
         a, b = torch.stack(mine, 1), torch.stack(common, 1)
         variance = torch.einsum("bi,bij,bj->b", a, self.alone, a) * self.scale
         pulled = (b - torch.einsum("bi,bij->bj", a, self.lead)).mean(0)
@@ -202,12 +208,10 @@ def settled(fit: Fit, free: Sequence[str], steps: int = STEPS, *, robust: bool =
     ).double()
 
     def rendered(of_frame: Tensor, of_all: Tensor) -> Tensor:
-        return model.expected(
-            model.light(fit.windows, of_frame, of_all, fit.lit), of_all[0], fit.noise
-        )[0]
+        return model.expected(model.light(fit.windows, of_frame, of_all, fit.lit), of_all[0], fit.noise)[0]
 
     variance = fit.predicted()[1] / fit.trust
-    damping, current, weights = 1e-3, (fit.of_frame, fit.of_all), 1 / variance
+    damping, current, weights = FIRST_DAMPING, (fit.of_frame, fit.of_all), 1 / variance
     mean, slopes = model.slopes(rendered, *current, along)
     residual = fit.grey - mean
     if robust:
@@ -227,13 +231,13 @@ def settled(fit: Fit, free: Sequence[str], steps: int = STEPS, *, robust: bool =
         gained = 1 - float(new.sum()) / max(float(cost.sum()), 1e-300)
         if gained < 0:
             break
-        current, damping, cost = (of_frame, of_all), max(damping / 6, 1e-9), new
+        current, damping, cost = (of_frame, of_all), max(damping / 10, 1e-10), new
         mean, slopes = model.slopes(rendered, *current, along)
         residual = fit.grey - mean
         if robust:
             weights = calmed(residual, variance * fit.trust) / variance
             cost = (weights * residual.square()).sum(dim=(1, 2))
-        if gained < SETTLED:
+        if gained < SETTLED and damping <= LOOSE:  # else the damping holds it back
             break
     misfit = float(cost.sum())
     counted = max(fit.pixels - len(own) * len(fit.grey) - len(all_), 1.0)
@@ -243,19 +247,19 @@ def settled(fit: Fit, free: Sequence[str], steps: int = STEPS, *, robust: bool =
 
 
 def trusted(fit: Fit) -> Fit:
-    """Let a flat area without noise count as one pixel of the recording: it is rounded alike everywhere.
+    """Let pixels without noise count less the flatter the picture is about them: neighbours are rounded alike.
 
-    A flat area is what differs from its neighbours by a grey value at most. Noise of a third of a grey value
-    rounds each pixel by itself, and then all count.
+    Where the picture rises by two grey values a pixel, each pixel's rounding is its own; a flat area of the
+    recording, where all are rounded alike, counts as one pixel. Noise of a third of a grey value rounds each
+    pixel by itself, and then all count.
     """
     mean, variance = fit.predicted()
     if float((variance - model.ROUNDING).median()) > UNDITHERED:
         return replace(fit, trust=torch.ones(1, 1, 1).double())
     padded = torch.nn.functional.pad(mean.unsqueeze(1), (1, 1, 1, 1), mode="replicate")
     high, low = (torch.nn.functional.max_pool2d(sign * padded, 3, 1)[:, 0] for sign in (1, -1))
-    flat = high + low < 1.0
-    share = 1 / flat.sum().clamp(min=1)
-    return replace(fit, trust=torch.where(flat, share.double(), 1.0))
+    rise = (high + low) / OWN_ROUNDING
+    return replace(fit, trust=rise.square().clamp(min=1 / mean.numel(), max=1.0))
 
 
 def calmed(residual: Tensor, variance: Tensor) -> Tensor:
@@ -383,7 +387,8 @@ def mirrored(fit: Fit, free: Sequence[str]) -> tuple[Fit, Tensor]:
     turns[:, 3:5] = -turns[:, 3:5]
     other = settled(replace(fit, of_frame=turns), free, steps=8)
     costs = [
-        ((one.grey - one.predicted()[0]).square() / one.predicted()[1]).sum(dim=(1, 2)) for one in (fit, other)
+        ((one.grey - one.predicted()[0]).square() / one.predicted()[1]).sum(dim=(1, 2))
+        for one in (fit, other)
     ]
     better = (costs[1] < costs[0]).unsqueeze(1)
     apart = (costs[1] - costs[0]).abs() / fit.scale

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -23,7 +24,7 @@ class Footage:
     """What is kept of a recording: frames spread evenly over it, in which the panel was found.
 
     Args:
-        greys: (B,H,W) uint8.
+        greys: (B,H,W), grey values.
         numbers: (B,) each frame's number in the recording.
         times_s: (B,) when it was taken; no number where that is not known.
         corners_px: (B,4,2) of the panel, clockwise from the top left.
@@ -32,7 +33,7 @@ class Footage:
         failures: what could not be read.
     """
 
-    greys: NDArray[np.uint8]
+    greys: NDArray[Any]
     numbers: NDArray[np.int64]
     times_s: NDArray[np.float64]
     corners_px: Tensor
@@ -60,7 +61,7 @@ def thinned(recording: Iterator[RecordedFrame], most: int) -> tuple[list[Recorde
     """
     kept: list[RecordedFrame] = []
     step, number = 1, 0
-    for number, frame in enumerate(recording, 1):  # noqa: B007 - the count is told
+    for number, frame in enumerate(recording, 1):
         if kept and frame.grey.shape != kept[0].grey.shape:
             (h, w), (height, width) = frame.grey.shape, kept[0].grey.shape
             shown = f"{frame.source} is {w} x {h} px and {kept[0].source} is {width} x {height}"

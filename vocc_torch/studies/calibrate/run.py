@@ -19,6 +19,7 @@ from vocc_torch.show.terminal import Console
 from vocc_torch.studies.calibrate import CalibrateConfig
 from vocc_torch.studies.calibrate import scene as scenes
 from vocc_torch.studies.calibrate.reading import read_footage
+from vocc_torch.studies.calibrate.report import write_page
 from vocc_torch.studies.calibrate.study import calibrate
 
 
@@ -66,8 +67,16 @@ def run_calibrate(settings: Settings, config: CalibrateConfig, folder: Path) -> 
     run_folder.write_config(settings, folder)
     for one in study.scene.unknown:
         console.print(f"not told: {one}", soft_wrap=True, markup=False, highlight=False)
-    console.print(next_command(settings.name, panel, study.scene.panel), soft_wrap=True, markup=False, highlight=False)
-    run_folder.print_places(console, folder, [("scene", str(path.relative_to(folder)))])
+    for doubt in study.scene.doubts:
+        warnings.warn(doubt, stacklevel=2)
+    command = next_command(settings.name, study.scene.panel)
+    write_page(study, source.name, command, folder)
+    named = [one.effect for one in study.scene.effects if one.asked]
+    for text in (f"effects: {', '.join(named)}", f"train: {command}"):
+        console.print(text, soft_wrap=True, markup=False, highlight=False)
+    run_folder.print_places(
+        console, folder, [("scene", str(path.relative_to(folder))), ("page", "page.html")]
+    )
     if footage.failures:
         raise VoccError(f"{footage.failures[0]}; the scene is of the frames that could be read")
 
@@ -82,14 +91,21 @@ def known_bits(path: Path, shape: PanelShape) -> NDArray[np.bool_]:
         bits = np.load(path, allow_pickle=False)
     except (OSError, ValueError) as error:
         raise VoccError(f"calibrate.bits {path} cannot be read ({' '.join(str(error).split())})") from None
-    if bits.dtype != np.bool_ or bits.ndim != 3 or bits.shape[1:] != (shape.rows, shape.columns) or not len(bits):
+    if (
+        bits.dtype != np.bool_
+        or bits.ndim != 3
+        or bits.shape[1:] != (shape.rows, shape.columns)
+        or not len(bits)
+    ):
         wanted = f"bool of shape (N,{shape.rows},{shape.columns})"
-        raise VoccError(f"calibrate.bits {path} holds {bits.dtype} of shape {bits.shape}: it must be {wanted}")
+        raise VoccError(
+            f"calibrate.bits {path} holds {bits.dtype} of shape {bits.shape}: it must be {wanted}"
+        )
     known: NDArray[np.bool_] = bits
     return known
 
 
-def next_command(name: str, given: LedPanel, fitted: LedPanel) -> str:
+def next_command(name: str, fitted: LedPanel) -> str:
     """Give the command that trains for the scene: the panel's keys are said, because no scene has them."""
     usual, words = LedPanel(), [f"scene={name}"]
     for field in fields(LedPanel):

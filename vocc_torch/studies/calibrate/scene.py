@@ -6,7 +6,6 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-import torch
 import yaml
 from scipy import stats
 from torch import Tensor
@@ -133,7 +132,9 @@ class Calibrated:
                 if not isinstance(inner, Mapping):
                     lines.append(f"  {part}: {inline(inner)}")
                     continue
-                lines += [f"  # {one.explains}" for one in self.effects if one.effect == part and one.explains]
+                lines += [
+                    f"  # {one.explains}" for one in self.effects if one.effect == part and one.explains
+                ]
                 lines.append(f"  {part}:" + " {}" * (not inner))
                 for parameter, value in inner.items():
                     lines += [*noted(told.get(f"effects.{part}.{parameter}"), "    ")]
@@ -215,7 +216,7 @@ def lighting(fit: Fit, camera: Camera, panel: LedPanel, ambient_lx: float, *, ve
     ratio, share = off / behind, panel.background_reflectance
     own = ambient_lx * share / math.pi
     veil, reflectance = 0.0, None
-    if veiled and 1 < ratio:
+    if veiled and ratio > 1:
         veil = max(0.0, ambient_lx / math.pi * (panel.led_reflectance - ratio * share) / (ratio - 1))
     if veil == 0:
         reflectance = min(1.0, ratio * share)

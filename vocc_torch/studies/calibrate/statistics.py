@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
@@ -156,7 +157,9 @@ def transfer(fit: Fit) -> Curve:
 
 def least(loss: Callable[[Array], float], begin: tuple[float, ...]) -> tuple[Array, float]:
     """Find the least of a function of a few numbers (Nelder and Mead)."""
-    found = optimize.minimize(loss, np.array(begin), method="Nelder-Mead", options={"xatol": 1e-5, "fatol": 1e-6})
+    found = optimize.minimize(
+        loss, np.array(begin), method="Nelder-Mead", options={"xatol": 1e-5, "fatol": 1e-6}
+    )
     return np.asarray(found.x, dtype=np.float64), float(found.fun)
 
 
@@ -223,12 +226,12 @@ class Surround:
         outside: (H,W) bool, where no frame has the panel.
     """
 
-    greys: NDArray[np.uint8]
+    greys: NDArray[Any]
     box: tuple[int, int, int, int]
     outside: NDArray[np.bool_]
 
     @classmethod
-    def of(cls, greys: NDArray[np.uint8], corners_px: Tensor, shape_cells: int) -> "Surround":
+    def of(cls, greys: NDArray[Any], corners_px: Tensor, shape_cells: int) -> "Surround":
         """Leave the panel out, with two cells and 8 px around it, in every frame."""
         height, width = greys.shape[1:]
         outside = np.ones((height, width), dtype=bool)
@@ -249,7 +252,7 @@ class Surround:
         """Variance of the background from pixel to pixel next to it, in grey values; 0 where all is panel."""
         apart = np.diff(self.greys.astype(np.float64), axis=2)
         both = self.outside[:, 1:] & self.outside[:, :-1]
-        return float((apart[:, both] ** 2).mean()) / 2 if both.any() else 0.0
+        return float((apart[:, both] ** 2).mean()) / 2 if both.any() else math.inf
 
     def ring(self) -> tuple[Array, NDArray[np.bool_]]:
         """Give the greys around the panel (B,h,w), each frame less its own median, and which are outside."""
@@ -362,12 +365,17 @@ def falloff(around: Surround, focal_px: float, gamma: float) -> Falloff:
     """Compare the background's blocks with even light, with cos^4 and with a lens barrel's loss."""
     height, width = around.greys.shape[1:]
     rows, columns = height // CELL_PX, width // CELL_PX
-    if rows * columns < 40:
+    if rows * columns < 40 or not around.outside.any():
         return Falloff()
     inside = np.s_[: rows * CELL_PX, : columns * CELL_PX]
 
     def blocks(plane: Array) -> Array:
-        return plane[inside].reshape(rows, CELL_PX, columns, CELL_PX).transpose(0, 2, 1, 3).reshape(rows, columns, -1)
+        return (
+            plane[inside]
+            .reshape(rows, CELL_PX, columns, CELL_PX)
+            .transpose(0, 2, 1, 3)
+            .reshape(rows, columns, -1)
+        )
 
     light = np.zeros((rows, columns))
     for frame in around.greys:
@@ -399,7 +407,9 @@ def falloff(around: Surround, focal_px: float, gamma: float) -> Falloff:
     flat, cosine, barrel = explained(np.ones(count)), explained(shade), explained(shade, shade * out)
     cost = math.log(count)
     barrel_gain = count * math.log(cosine[0] / barrel[0]) - cost
-    natural_gain = count * math.log(flat[0] / min(cosine[0], barrel[0] if barrel_gain > 0 else cosine[0])) - cost
+    natural_gain = (
+        count * math.log(flat[0] / min(cosine[0], barrel[0] if barrel_gain > 0 else cosine[0])) - cost
+    )
     loss = -barrel[1][1] / barrel[1][0]
     turn = np.array([loss, 1.0]) / barrel[1][0]
     deviation = math.sqrt(max(0.0, float(turn @ barrel[2] @ turn)))
@@ -413,7 +423,7 @@ def quantisation_table(quality: int) -> Array:
     return table.clip(1, 255).reshape(8, 8)
 
 
-def compression(greys: NDArray[np.uint8]) -> tuple[int, float]:
+def compression(greys: NDArray[Any]) -> tuple[int, float]:
     """Say at which JPEG quality frames were coded, and how sure that is.
 
     Cosine coefficients of coded blocks lie on multiples of their steps: the mean of ``cos(2 pi c / step)`` over
@@ -430,7 +440,9 @@ def compression(greys: NDArray[np.uint8]) -> tuple[int, float]:
     if not height or not width:
         return 0, 0.0
     frames = greys[:: max(1, len(greys) // 8), :height, :width].astype(np.float64) - 128
-    blocks = frames.reshape(len(frames), height // 8, 8, width // 8, 8).transpose(0, 1, 3, 2, 4).reshape(-1, 8, 8)
+    blocks = (
+        frames.reshape(len(frames), height // 8, 8, width // 8, 8).transpose(0, 1, 3, 2, 4).reshape(-1, 8, 8)
+    )
     blocks = blocks[:: max(1, len(blocks) // 20_000)]
     coefficients = fft.dctn(blocks, axes=(1, 2), norm="ortho")
     coefficients[:, 0, 0] = 0
@@ -452,7 +464,7 @@ def lamps(around: Surround) -> tuple[float, float, float]:
     """Count round bright things beyond the panel: how many a frame, their median diameter (px) and grey."""
     counts, wide, greys = [], [], []
     for frame in around.greys[:: max(1, len(around.greys) // 8)]:
-        middle = float(np.median(frame))
+        middle = float(np.median(frame[around.outside])) if around.outside.any() else 255.0
         marked, _ = ndimage.label((frame > middle + 0.6 * (255 - middle)) & around.outside)
         found = 0
         for number, place in enumerate(ndimage.find_objects(marked), 1):

@@ -10,10 +10,22 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from vocc_torch.errors import VoccError
-from vocc_torch.hardware import Camera, LedPanel
+from vocc_torch.hardware import Camera, LedPanel, PanelShape
+from vocc_torch.receiver.rectification import cell_size_px
 from vocc_torch.studies.calibrate import model, statistics
 from vocc_torch.studies.calibrate.describe import BIC, LIKELIHOOD, Findings, describe
-from vocc_torch.studies.calibrate.fit import BASE, POSED, UNDITHERED, Fit, amplitudes, decided, mirrored, settled, start, trusted
+from vocc_torch.studies.calibrate.fit import (
+    BASE,
+    POSED,
+    UNDITHERED,
+    Fit,
+    amplitudes,
+    decided,
+    mirrored,
+    settled,
+    start,
+    trusted,
+)
 from vocc_torch.studies.calibrate.model import OF_FRAME, Windows
 from vocc_torch.studies.calibrate.reading import Footage
 from vocc_torch.studies.calibrate.scene import Calibrated
@@ -22,6 +34,8 @@ GRID_PX = 8
 """Windows begin on multiples of it, as JPEG's blocks and Bayer's cells do."""
 LEAST_CONTRAST = 6.0
 """Grey values between Off and On, as seen, below which LEDs are alike."""
+FINEST_PITCH_PX = 12
+"""Pixels from LED to LED that are enough; of more, several are averaged into one."""
 LEAST_FRAMES = 4
 """Fewer show no noise."""
 
@@ -116,8 +130,11 @@ def calibrate(
     Raises:
         VoccError: LEDs that all look alike in all frames, or a fit that explains nothing.
     """
-    known, grey, footage = windows_of(footage, camera, panel, most)
-    around = statistics.Surround.of(footage.greys, footage.corners_px, max(panel.shape.rows, panel.shape.columns))
+    whole, times = camera, coarseness(footage.corners_px, panel.shape)
+    camera = coarser(camera, times)
+    known, grey, footage = windows_of(binned(footage, times), camera, panel, most)
+    cells = max(panel.shape.rows, panel.shape.columns)
+    around = statistics.Surround.of(footage.greys, footage.corners_px, cells)
     fall = statistics.falloff(around, camera.focal_length_px, camera.gamma)
     told = None if bits is None else torch.from_numpy(bits[footage.numbers.clip(max=len(bits) - 1)])
     begun = start(shaded(known, camera, fall), grey, footage.corners_px, told, camera.gamma)
@@ -140,7 +157,43 @@ def calibrate(
         curve = statistics.transfer(fit)
         fit = settled(replace(fit, noise=curve.noise), free, steps=4)
     scene = describe(fit, curve, scatter, apart, found, ambient_lx=ambient_lx, efficiency=quantum_efficiency)
-    return Study(scene, fit, curve, own, footage)
+    return Study(finer(scene, whole, times), fit, curve, own, footage)
+
+
+def coarseness(corners_px: Tensor, shape: PanelShape) -> int:
+    """Say how many pixels are one: near panels hold more of them than a fit needs."""
+    across, down = cell_size_px(corners_px, shape)
+    return max(1, int(float(torch.minimum(across, down).median()) / FINEST_PITCH_PX))
+
+
+def coarser(camera: Camera, times: int) -> Camera:
+    """Give the camera whose pixels are so many times as wide; what is left over at the edges is cut."""
+    width, height = camera.width_px // times, camera.height_px // times
+    wide = camera.sensor_width_mm * width * times / camera.width_px
+    return replace(camera, width_px=width, height_px=height, sensor_width_mm=wide)
+
+
+def binned(footage: Footage, times: int) -> Footage:
+    """Average so many by so many pixels into one."""
+    if times == 1:
+        return footage
+    frames, height, width = footage.greys.shape
+    rows, columns = height // times, width // times
+    cut = footage.greys[:, : rows * times, : columns * times].reshape(frames, rows, times, columns, times)
+    return replace(footage, greys=cut.mean((2, 4)), corners_px=footage.corners_px / times)
+
+
+def finer(scene: Calibrated, camera: Camera, times: int) -> Calibrated:
+    """Say of single pixels what was found of many in one."""
+    powers = {"effects.blooming.sigma_px": 1, "effects.read_noise.electrons": -1}
+    scales = {key: float(times) ** power for key, power in powers.items()}
+    values = [
+        replace(one, given=one.middle * scales[one.key], deviation=one.deviation * scales[one.key])
+        if one.key in scales
+        else one
+        for one in scene.values
+    ]
+    return replace(scene, values=tuple(values), camera=replace(camera, gamma=scene.camera.gamma))
 
 
 def placed(begun: Fit, found: Findings) -> tuple[Fit, tuple[str, ...], Tensor]:
@@ -205,5 +258,7 @@ def sensor_and_lens(fit: Fit, free: Sequence[str], found: Findings) -> tuple[Fit
     boards = replace(fit, windows=replace(fit.windows, has_board=True))
     boards.of_frame[:, OF_FRAME.index("board")] = fit.value("off").clamp(max=300)
     rich = settled(boards, (*free, "board"), steps=6)
-    kept = found.judge("panel.board_reflectance", fit, rich, "between the LEDs it is not as bright as around them")
+    kept = found.judge(
+        "panel.board_reflectance", fit, rich, "between the LEDs it is not as bright as around them"
+    )
     return kept, (*free, "board") if kept is rich else free

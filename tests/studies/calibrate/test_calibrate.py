@@ -1,0 +1,381 @@
+"""Calibration: the renderer against the simulator and finite differences, the fit and the statistics against truth."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+import yaml
+
+from vocc_torch import Scene, Simulator
+from vocc_torch.api import load_scene
+from vocc_torch.errors import VoccError
+from vocc_torch.hardware import Camera, LedPanel, PanelShape
+from vocc_torch.receiver.location import PaperLocator
+from vocc_torch.receiver.locators import locator_named
+from vocc_torch.receiver.recording import RecordedFrame
+from vocc_torch.rng import BlockKey, FrameKey
+from vocc_torch.studies.calibrate import model, statistics
+from vocc_torch.studies.calibrate.fit import BASE, Fit, amplitudes, decided, settled, start, two_levels
+from vocc_torch.studies.calibrate.model import OF_FRAME, Noise, Windows
+from vocc_torch.studies.calibrate.reading import Footage, read_footage, thinned
+from vocc_torch.studies.calibrate.run import known_bits, next_command
+from vocc_torch.studies.calibrate.scene import Calibrated, Named, Value, of_size, spread
+from vocc_torch.studies.calibrate.study import calibrate
+
+CAMERA = Camera(width_px=160, height_px=128, sensor_width_mm=13.2 * 160 / 1920)
+SMALL = LedPanel(shape=PanelShape(3, 4))
+AT = {"distance_m": 45.0, "offset_x_m": 0.11, "offset_y_m": -0.07}
+LIGHT = {"ambient_lx": 8000.0, "led_luminance_cd_m2": 3000.0, "background_grey": 100.0}
+
+
+def values_of(scene: Scene, camera: Camera, panel: LedPanel, angles=(0.0, 0.0, 0.0), gamma=2.2):
+    """What the renderer calls a scene's values, by Eqs 1 to 3."""
+    focal, away = camera.focal_length_px, scene.distance_m
+    behind = scene.ambient_lx * panel.background_reflectance / math.pi
+    off = scene.ambient_lx * panel.led_reflectance / math.pi
+    greys = [
+        scene.background_grey * (light / behind) ** (1 / gamma)
+        for light in (behind, off, off + scene.led_luminance_cd_m2)
+    ]
+    place = [scene.offset_x_m, scene.offset_y_m]
+    middle = camera.width_px / 2, camera.height_px / 2
+    columns = [half + focal * offset / away for half, offset in zip(middle, place, strict=True)]
+    columns += [
+        (focal * panel.pitch_m / away).log(),
+        *(torch.full_like(away, math.radians(one)) for one in angles),
+    ]
+    return torch.stack([*columns, *greys, greys[0]], 1)
+
+
+def whole(camera: Camera, panel: LedPanel, frames: int) -> Windows:
+    """Windows that are whole frames."""
+    origin = torch.zeros(frames, 2, dtype=torch.int64)
+    radius = panel.led_diameter_m / panel.pitch_m / 2
+    return Windows(panel.shape, radius, camera.focal_length_px, camera.sensor_px, origin, camera.sensor_px)
+
+
+@pytest.mark.parametrize(
+    ("effects", "angles", "k1", "sigma"),
+    [
+        ({}, (0.0, 0.0, 0.0), 0.0, 1.4),
+        ({"pose": {"yaw_deg": 35.0, "pitch_deg": -12.0, "roll_deg": 7.0}}, (35.0, -12.0, 7.0), 0.0, 0.8),
+        ({"lens_distortion": {"k1": -0.3}, "demosaicing": {}}, (0.0, 0.0, 0.0), -0.3, 2.1),
+    ],
+)
+def test_the_renderer_draws_what_the_simulator_draws(effects, angles, k1, sigma):
+    named = {"blooming": {"sigma_px": sigma}, "saturation": {}, **effects}
+    simulator = Simulator(CAMERA, SMALL, named, framing="full", dtype=torch.float64)
+    scene = Scene.of(2, **AT, **LIGHT)
+    bits = torch.rand(2, 3, 4, generator=torch.Generator().manual_seed(1)) > 0.5
+    drawn = simulator.render(scene, bits).grey[:, 0]
+    known = replace(whole(CAMERA, SMALL, 2), mosaic="demosaicing" in effects)
+    of_all = torch.tensor([2.2, sigma**2, sigma**2, 0.0, k1], dtype=torch.float64)
+    light = model.light(known, values_of(scene, CAMERA, SMALL, angles), of_all, bits.flatten(1).double())
+    assert float((model.encoded(light, of_all[0]) - drawn).abs().max()) < 1e-3
+    assert float(drawn.max() - drawn.min()) > 30
+
+
+@pytest.mark.parametrize("noise", [Noise(), Noise(2e-4, 1e-5)])
+@pytest.mark.parametrize("slanted", [False, True])
+def test_derivatives_of_every_fitted_value_are_right(noise, slanted):
+    camera = Camera(width_px=40, height_px=36, sensor_width_mm=13.2 * 40 / 1920)
+    panel = LedPanel(shape=PanelShape(2, 2))
+    scene = Scene.of(1, distance_m=60.0, offset_x_m=0.013, offset_y_m=-0.021, **LIGHT)
+    own = values_of(scene, camera, panel, (9.0, -6.0, 4.0)) + torch.linspace(0, 0.01, len(OF_FRAME))
+    of_all = torch.tensor([2.1, 1.3, 1.7, 0.2 * slanted, -0.4], dtype=torch.float64)
+    known = replace(whole(camera, panel, 1), has_board=True, slanted=slanted)
+    lit = torch.tensor([[1.0, 0.0, 0.8, 1.0]], dtype=torch.float64)
+
+    def rendered(of_frame, shared):
+        return model.expected(model.light(known, of_frame, shared, lit), shared[0], noise)[0]
+
+    names = [*OF_FRAME, "gamma", "blur_xx", "blur_yy", "k1"] + ["blur_xy"] * slanted
+    turns = [model.direction(name) for name in names]
+    forward = model.slopes(rendered, own, of_all, turns)[1]
+    for (name, frame, shared), slope in zip(turns, forward, strict=True):
+        step = 1e-5
+        ends = [rendered(own + sign * step * frame, of_all + sign * step * shared) for sign in (1, -1)]
+        numeric = (ends[0] - ends[1]) / (2 * step)
+        assert float(slope.abs().max()) > 1e-3, name
+        assert float((slope - numeric).abs().max()) < 2e-4 * float(slope.abs().max()), name
+    inputs = own.requires_grad_(), of_all.requires_grad_()
+    few = known.size_px[0] // 2
+
+    def part(of_frame, shared):
+        return rendered(of_frame, shared)[:, few : few + 2, few - 2 : few + 2]
+
+    if not slanted:  # their moments' kernel is cut where it ends
+        inputs = (
+            inputs[0],
+            torch.cat([of_all[:3].detach(), torch.zeros(1).double(), of_all[4:].detach()]).requires_grad_(),
+        )
+    assert torch.autograd.gradcheck(part, inputs, eps=1e-6, atol=2e-3, rtol=2e-4)
+
+
+def test_the_mean_of_noisy_greys_is_what_clipped_normal_numbers_have():
+    generator = torch.Generator().manual_seed(0)
+    noise, gamma = Noise(3e-3, 4e-4), torch.tensor(2.2).double()
+    for light in (1e-4, 0.01, 0.5, 5.4):
+        x = torch.full((400_000,), light).double()
+        seen = x + (noise.slope * x + noise.floor).sqrt() * torch.randn(x.shape, generator=generator).double()
+        greys = (118 * seen.clamp(min=0) ** (1 / 2.2)).clamp(max=255).round()
+        mean, variance = model.expected(x[:1], gamma, noise)
+        assert float(mean[0]) == pytest.approx(float(greys.mean()), abs=0.4)
+        assert float(variance[0]) == pytest.approx(float(greys.var()), rel=0.12)
+
+
+EFFECTS = {
+    "blooming": {"sigma_px": 1.3},
+    "photoelectrons": {"quantum_efficiency": 0.6},
+    "shot_noise": {},
+    "read_noise": {"electrons": 40.0},
+    "gain": {},
+    "saturation": {},
+    "quantization": {"bits": 8},
+}
+
+
+@pytest.fixture(scope="module")
+def recording():
+    """A recording of a panel that stands, with noise; its scene, bits and frames."""
+    panel, key = LedPanel(shape=PanelShape(4, 4)), BlockKey(3, "recording", 0)
+    scene = Scene.of(6, distance_m=50.0, offset_x_m=0.2, offset_y_m=-0.1, **(LIGHT | {"ambient_lx": 2000.0}))
+    scene = replace(scene, offset_x_m=scene.offset_x_m + torch.linspace(0, 0.05, 6))
+    bits = torch.rand(6, 4, 4, generator=torch.Generator().manual_seed(2)) > 0.5
+    keys = [FrameKey(key, frame) for frame in range(6)]
+    simulator = Simulator(CAMERA, panel, EFFECTS, framing="full")
+    greys = simulator.render(scene, bits, keys=keys).grey[:, 0].numpy()
+    corners = simulator.true_panels(scene, keys).corners_px
+    return panel, scene, bits, Footage(greys, np.arange(6), np.full(6, np.nan), corners, 6, 6, [])
+
+
+@pytest.fixture(scope="module")
+def study(recording):
+    """What is found in it, from corners that are half a pixel off."""
+    panel, _, _, footage = recording
+    off = torch.randn(6, 4, 2, generator=torch.Generator().manual_seed(5)).double() * 0.3
+    return calibrate(replace(footage, corners_px=footage.corners_px + off), CAMERA, panel, most=6)
+
+
+def test_a_scene_is_found_again_within_its_uncertainty(recording, study):
+    _, scene, bits, _ = recording
+    assert torch.equal(study.fit.bits, bits.flatten(1))
+    found = {one.key: one for one in study.scene.values}
+    truth = {"effects.blooming.sigma_px": 1.3, "ambient_lx": 2000.0, "background_grey": 100.0}
+    truth |= {"effects.read_noise.electrons": 40.0, "led_luminance_cd_m2": 3000.0}
+    for key, value in truth.items():
+        one = found[key]
+        assert abs(one.middle - value) < 4 * one.deviation, (key, one)
+        assert one.deviation < 0.2 * value, (key, one)
+    away, own, common = study.fit.derived(
+        lambda v, _: CAMERA.focal_length_px * 0.06 * torch.exp(-v["log_pitch_px"])
+    )
+    assert bool(((away - scene.distance_m).abs() < 4 * torch.hypot(own, torch.tensor(common))).all())
+    assert abs(float(study.fit.of_all[0]) - 2.2) < 4 * study.fit.deviation("gamma")
+
+
+def test_effects_that_were_there_are_named_and_no_others(study):
+    named = {one.effect for one in study.scene.effects if one.asked}
+    assert named == set(EFFECTS)
+
+
+def test_the_scene_can_be_simulated_and_trained_for(study, tmp_path):
+    text = study.scene.text("mine", "x.npy")
+    settings = yaml.safe_load(text)
+    assert settings["effects"]["quantization"] == {"bits": 8}
+    path = tmp_path / "mine.yaml"
+    path.write_text(text)
+    world = load_scene(path, "panel.rows=4", "panel.columns=4")
+    assert world.camera.gamma == pytest.approx(float(study.fit.of_all[0]), abs=1e-4)
+    assert world.scene.distance_m.bounds[0] == pytest.approx(50.0, abs=1.0)
+    scene, bits = world.scene.draw(BlockKey(0, "x", 0), world.panel.shape)
+    frames = world.simulator().render(scene[:1], bits[:1], keys=[FrameKey(BlockKey(0, "x", 0), 0)])
+    assert frames.grey.dtype == torch.uint8
+
+
+def test_bits_are_decided_again_where_the_first_guess_is_wrong(recording):
+    panel, _, bits, footage = recording
+    known = whole(CAMERA, panel, 6)
+    grey = torch.from_numpy(footage.greys).double()
+    wrong = bits.clone()
+    wrong[:, 1, 2] ^= True
+    begun = start(known, grey, footage.corners_px, wrong, 2.2)
+    assert int((begun.bits != bits.flatten(1)).sum()) == 6
+    fit, own, _ = decided(begun, BASE)
+    assert torch.equal(fit.bits, bits.flatten(1))
+    assert float(own[bits.flatten(1)].min()) > 0.5 > float(own[~bits.flatten(1)].max())
+
+
+def test_leds_that_differ_are_told_from_noise():
+    draws = np.random.default_rng(0)
+    bits = torch.from_numpy(draws.random((20, 64)) > 0.5)
+    error = torch.full((20, 64), 0.05).double()
+    noise = torch.from_numpy(draws.normal(0, 0.05, (20, 64)))
+    alike = statistics.scatter(bits + noise, error, bits)
+    factors = torch.from_numpy(np.exp(draws.normal(0, 0.08, 64)))
+    apart = statistics.scatter(bits * factors + noise, error, bits)
+    assert alike.gain < 10.8 < apart.gain
+    assert abs(apart.share - 0.08) < 4 * apart.deviation
+
+
+@pytest.mark.parametrize("quality", [60, 85])
+def test_the_quality_of_coded_pictures_is_found(quality):
+    import io
+
+    from PIL import Image
+
+    draws = np.random.default_rng(1)
+    plane = np.clip(120 + 30 * draws.standard_normal((160, 160)), 0, 255).astype(np.uint8)
+    file = io.BytesIO()
+    Image.fromarray(plane).save(file, "JPEG", quality=quality)
+    coded = np.array(Image.open(file))
+    found, sure = statistics.compression(coded[None])
+    assert abs(found - quality) <= 1
+    assert sure > 12 > statistics.compression(plane[None])[1]
+
+
+def test_patterns_and_rows_are_told_from_noise():
+    draws = np.random.default_rng(2)
+    fixed, rows = draws.normal(0, 1.0, (1, 90, 90)), draws.normal(0, 0.8, (12, 90, 1))
+    noise = draws.normal(0, 2.0, (12, 90, 90))
+    corners = torch.tensor([[[40.0, 40], [50, 40], [50, 50], [40, 50]]]).expand(12, 4, 2).double()
+    around = statistics.Surround.of(100 + fixed + rows + noise, corners, 8)
+    found = statistics.patterns(around)
+    assert found.fixed == pytest.approx(1.0, abs=4 * found.fixed_deviation)
+    assert found.row == pytest.approx(0.8, abs=4 * found.row_deviation)
+    none = statistics.patterns(statistics.Surround.of(100 + noise, corners, 8))
+    assert max(none.fixed_gain, none.row_gain) < 10.8 < min(found.fixed_gain, found.row_gain)
+
+
+def test_light_that_falls_off_is_told_from_even_light():
+    draws = np.random.default_rng(3)
+    shade, out = statistics.natural(240, 320, 400.0)
+    corners = torch.tensor([[[140.0, 100], [180, 100], [180, 140], [140, 140]]]).expand(4, 4, 2).double()
+    light = shade * (1 - 0.2 * out)
+    for plane, named in ((light, True), (np.ones_like(light), False)):
+        greys = 110 * plane ** (1 / 2.2) + draws.normal(0, 2, (4, 240, 320))
+        found = statistics.falloff(statistics.Surround.of(greys.round(), corners, 8), 400.0, 2.2)
+        assert (found.natural_gain > 0) is named
+        if named:
+            assert found.corner_loss == pytest.approx(0.2, abs=4 * found.deviation)
+
+
+def test_memory_stays_flat_however_long_the_recording_is():
+    one = np.zeros((4, 4), np.uint8)
+
+    def many():
+        for index in range(10_000):
+            yield RecordedFrame("a", index, None, one, one)
+
+    kept, read = thinned(many(), 16)
+    assert read == 10_000
+    assert 16 <= len(kept) <= 32
+    steps = np.diff([frame.index for frame in kept])
+    assert (steps == steps[0]).all()
+
+
+@pytest.mark.parametrize(
+    ("frames", "said"),
+    [
+        (np.full((3, 64, 64), 255, np.uint8), "white in 100%"),
+        (np.full((3, 64, 64), 90, np.uint8), "shows no panel in 3 of 3 frames"),
+    ],
+)
+def test_what_shows_nothing_is_refused(frames, said, tmp_path):
+    np.save(tmp_path / "x.npy", frames)
+    locator = locator_named("refined", PaperLocator())
+    with pytest.raises(VoccError, match=said):
+        read_footage(tmp_path / "x.npy", "luma", locator, PanelShape(8, 8), 16)
+
+
+def test_leds_that_are_all_alike_are_refused(recording):
+    panel, scene, bits, footage = recording
+    effects = {"blooming": {"sigma_px": 1.3}, "saturation": {}, "quantization": {}}
+    frames = Simulator(CAMERA, panel, effects, framing="full").render(scene, torch.ones_like(bits))
+    same = replace(footage, greys=frames.grey[:, 0].numpy())
+    with pytest.raises(VoccError, match="all LEDs look alike in all 6 frames"):
+        calibrate(same, CAMERA, panel, most=6)
+
+
+def test_a_value_that_moves_is_a_distribution_and_one_that_stays_a_number():
+    draws = torch.randn(30, generator=torch.Generator().manual_seed(0)).double()
+    error = torch.full((30,), 0.1).double()
+    stays, moves = (spread("distance_m", (50 + width * draws, error, 0.0), "x") for width in (0.1, 2.0))
+    assert isinstance(stays.given, float)
+    assert stays.deviation == pytest.approx(0.1 / math.sqrt(30))
+    assert moves.given == [
+        "uniform",
+        pytest.approx(50 + 2 * float(draws.min())),
+        pytest.approx(50 + 2 * float(draws.max())),
+    ]
+
+
+def test_two_levels_are_parted_as_otsu_parts_them():
+    from skimage.filters import threshold_otsu
+
+    greys = np.random.default_rng(4).integers(0, 200, (5, 64)).astype(np.float64)
+    for row, lit in zip(greys, two_levels(torch.from_numpy(greys)).numpy(), strict=True):
+        assert (lit == (row > threshold_otsu(row, nbins=200))).mean() > 0.95
+
+
+def test_cameras_of_another_size_are_scaled_or_cut():
+    camera = Camera()
+    half, told = of_size(camera, 540, 960)
+    assert half.sensor_width_mm == camera.sensor_width_mm
+    assert "scaled" in told
+    part, told = of_size(camera, 300, 300)
+    assert part.focal_length_px == pytest.approx(camera.focal_length_px)
+    assert "same size" in told
+    assert of_size(camera, 1080, 1920) == (camera, "")
+
+
+def test_the_next_command_says_the_panel():
+    assert next_command("mine", LedPanel()) == "vocc-torch scene=mine task=train"
+    other = LedPanel(shape=PanelShape(4, 8), led_reflectance=0.2, board_reflectance=0.1)
+    words = next_command("mine", other).split()
+    assert {"panel.rows=4", "panel.led_reflectance=0.2", "panel.board_reflectance=0.1"} <= set(words)
+
+
+def test_bits_of_another_panel_are_refused(tmp_path):
+    np.save(tmp_path / "b.npy", np.zeros((3, 4, 4), dtype=bool))
+    assert known_bits(tmp_path / "b.npy", PanelShape(4, 4)).shape == (3, 4, 4)
+    with pytest.raises(VoccError, match=r"must be bool of shape \(N,8,8\)"):
+        known_bits(tmp_path / "b.npy", PanelShape(8, 8))
+    with pytest.raises(VoccError, match="cannot be read"):
+        known_bits(tmp_path / "none.npy", PanelShape(8, 8))
+
+
+def test_yaml_says_what_each_value_explains():
+    values = (
+        Value("distance_m", ["uniform", 30.0, 31.0], 0.1, "by the pitch"),
+        Value("effects.blooming.sigma_px", 1.5, 0.01),
+    )
+    scene = Calibrated(
+        values,
+        (Named("blooming", True, "x", 2.0, 1.0, "light spreads"), Named("jpeg", False, "x", 0.0, 1.0)),
+        Camera(),
+        LedPanel(),
+    )
+    text = scene.text("mine", "film.mp4")
+    read = yaml.safe_load(text)
+    assert read["effects"] == {"blooming": {"sigma_px": 1.5}}
+    assert read["distance_m"] == ["uniform", 30.0, 31.0]
+    assert "# by the pitch; +- 0.2 (95 %)" in text
+    assert "  # light spreads\n  blooming:" in text
+
+
+def test_amplitudes_are_those_that_were_drawn():
+    panel = LedPanel(shape=PanelShape(2, 3))
+    scene = Scene.of(1, **AT, **LIGHT)
+    known = whole(CAMERA, panel, 1)
+    lit = torch.tensor([[1.0, 0.0, 1.1, 0.9, 0.0, 1.0]], dtype=torch.float64)
+    own, of_all = values_of(scene, CAMERA, panel), torch.tensor([2.2, 1.7, 1.7, 0.0, 0.0]).double()
+    grey = model.encoded(model.light(known, own, of_all, lit), of_all[0])
+    fit = Fit(known, grey, own, of_all, (lit > 0).double())
+    again = amplitudes(replace(fit, lit=lit))[0]
+    assert torch.allclose(again, lit, atol=1e-6)
+    near = amplitudes(fit)[0]
+    assert torch.allclose(near, lit, atol=0.02)
+    assert settled(replace(fit, lit=lit), BASE, steps=2).misfit < 1e-9

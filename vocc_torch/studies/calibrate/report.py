@@ -1,0 +1,107 @@
+"""The page of a calibration: measured beside expected, what is left, and every value with its uncertainty."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from vocc_torch.files import write_atomically
+from vocc_torch.show import canvas, page
+from vocc_torch.studies.calibrate import model
+from vocc_torch.studies.calibrate.statistics import Curve
+from vocc_torch.studies.calibrate.study import Study
+
+FARTHEST = 5.0
+"""Standard deviations at which the colours of residuals end."""
+SHOWN = 3
+"""Frames in the picture."""
+
+
+def write_page(study: Study, source: str, command: str, folder: Path) -> None:
+    """Write ``page.md``, ``page.html`` and their pictures.
+
+    Args:
+        study: the calibration.
+        source: the recording's name.
+        command: what trains for the scene.
+        folder: the run's.
+    """
+    fit, curve = study.fit, study.curve
+    write_frames(study, folder / "frames.png")
+    has_curve = curve is not None and len(curve.light) > 1
+    if curve is not None and has_curve:
+        write_transfer(study, curve, folder / "transfer.png")
+    left = fit.grey - fit.predicted()[0]
+    text = page.render(
+        __package__,
+        "page.md.j2",
+        source=source,
+        footage=study.footage,
+        fitted=len(fit.grey),
+        pixels=fit.grey.numel(),
+        rms=float(left.square().mean().sqrt()),
+        command=command,
+        scene=study.scene,
+        has_curve=has_curve,
+        still=curve is not None and curve.still,
+        gamma=(float(fit.of_all[0]), fit.deviation("gamma")),
+        shown=shown,
+    )
+    write_atomically(folder / "page.md", text.encode())
+    write_atomically(folder / "page.html", page.html(text, f"A scene from {source}", folder).encode())
+
+
+def shown(given: float | Sequence[object]) -> str:
+    """Write a value as the page shows it.
+
+    Example:
+        >>> shown(["uniform", 1.23456, 2.0]), shown(3)
+        ('[1.235, 2]', '3')
+    """
+    if isinstance(given, Sequence):
+        return "[" + ", ".join(f"{one:.4g}" for one in given if isinstance(one, int | float)) + "]"
+    return f"{given:.5g}"
+
+
+def write_frames(study: Study, path: Path) -> None:
+    """Draw frames as measured, as expected, and what is left of them."""
+    fit = study.fit
+    mean, variance = fit.predicted()
+    off = (fit.grey - mean) / variance.sqrt()
+    order = off.square().mean(dim=(1, 2)).argsort().tolist()
+    frames = list(dict.fromkeys([0, order[len(order) // 2], order[-1]]))[:SHOWN]
+    height, width = fit.windows.size_px
+    cell = (3.2, 3.2 * height / width)
+    figure, axes = canvas.new_grid(3 * len(frames), 3, cell, (0.15, 0.35), (0.2, 0.2, 0.5, 0.2))
+    for row, frame in enumerate(frames):
+        number = int(study.footage.numbers[frame])
+        heads = f"frame {number}: measured", "expected", f"difference, to {FARTHEST:g} standard deviations"
+        for column, (head, plane) in enumerate(zip(heads, (fit.grey, mean, off), strict=True)):
+            one = axes[3 * row + column]
+            ends = (-FARTHEST, FARTHEST) if column == 2 else (0, model.WHITE)
+            colours = "RdBu_r" if column == 2 else "gray"
+            one.imshow(
+                plane[frame].numpy(), cmap=colours, vmin=ends[0], vmax=ends[1], interpolation="nearest"
+            )
+            one.set_title(head, fontsize=9)
+            one.set_axis_off()
+    canvas.save_figure(figure, path)
+
+
+def write_transfer(study: Study, curve: Curve, path: Path) -> None:
+    """Draw the photon transfer curve."""
+    figure, (axes,) = canvas.new_grid(1, 1, (5.0, 3.2), (0, 0), (0.8, 0.3, 0.3, 0.7))
+    light = np.geomspace(curve.light.min(), curve.light.max(), 100)
+    gamma = study.fit.of_all[0]
+    fitted = model.expected(torch.from_numpy(light), gamma, curve.noise)[1]
+    rounding = np.full_like(light, model.ROUNDING)
+    axes.plot(curve.light, curve.variance, "o", color=canvas.INK, label="measured")
+    axes.plot(light, fitted.numpy(), "-", color="#0072B2", label="photon transfer and rounding")
+    axes.plot(light, rounding, ":", color=canvas.QUIET, label="rounding alone")
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    axes.set_xlabel("light, of that which is encoded as 118")
+    axes.set_ylabel("variance, grey values squared")
+    axes.legend(fontsize=8, frameon=False)
+    canvas.save_figure(figure, path)
