@@ -12,6 +12,7 @@ import yaml
 from hydra import compose, initialize_config_module
 from hydra.core.global_hydra import GlobalHydra
 from hydra.errors import HydraException
+from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from vocc_torch.app.config import AppConfig, register_schema
@@ -85,7 +86,7 @@ def _composed(words: Sequence[str], scene: Mapping[str, object] | None = None) -
         with initialize_config_module("vocc_torch.conf", version_base="1.3"):
             config = compose("config", overrides=list(words))
         for name, value in {"name": "own", **scene}.items() if scene else ():
-            config.scene[name] = value
+            OmegaConf.update(config, f"scene.{name}", value, merge=name == "camera")
         return resolved(config, words)
     except (HydraException, OmegaConfBaseException) as error:
         raise VoccError(one_line(error, words)) from None

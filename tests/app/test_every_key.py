@@ -92,6 +92,10 @@ SECTIONS = {
         **{"fps": 150.0, "drift": 0.01, "start_s": 0.1, "readout_s": 0.01, "dropped": 0.1, "repeated": 0.1},
         **{"black": 0.1, "speed_m_s": 1.0, "margin": 2.0, "quality": 20},
     },
+    "calibrate": {
+        **{"channel": "max", "frames": 8, "bits": "bits.npy", "ambient_lx": 900.0},
+        "quantum_efficiency": 0.5,
+    },
     "receive": {"plan": "p.yaml", "fps": 100.0, "locate_every": 1, "channel": "max", "soft": "hard"},
 }
 OTHER = {
@@ -186,6 +190,10 @@ def spent(settings):
         one = replace(one, experiment=replace(plan.experiment, training={}))
         told = learned(one) if task == "receive" else (learned(one)["world"], learned(one)["batches"])
         return told, plan.seed, settings.record, settings.receive, settings.framing
+    if task == "calibrate":
+        one, world = plan.receiver, plan.world
+        found = one.locator, one.locators, one.location, world.camera, world.panel
+        return found, settings.calibrate
     if task == "test":
         grid = plan.experiment.row_axis, plan.experiment.rows
         return grid, [counted(Study("", row, (row.receiver.locator,))) for row in plan.rows().values()]

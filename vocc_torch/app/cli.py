@@ -185,7 +185,7 @@ def run_jobs(jobs: Jobs) -> int:
 def own_scenes(words: Sequence[str]) -> list[str]:
     """Give the search path for scenes that task=calibrate wrote into runs' folders, as a word of Hydra's.
 
-    A run NAME keeps its scene as ``runs/NAME/scene/NAME.yaml``, so that ``scene=NAME`` is found below the run.
+    A run NAME keeps its scene as ``runs/NAME/scene/NAME.yaml``, so that ``scene=NAME`` is found there.
     """
     chosen = [word.removeprefix("scene=") for word in words if word.startswith("scene=")]
     names = [name for one in chosen for name in one.split(",")]

@@ -1,4 +1,4 @@
-"""Calibration: the renderer against the simulator and finite differences, the fit and the statistics against truth."""
+"""Calibration: the renderer against the simulator and finite differences, fits against the truth."""
 
 import math
 from dataclasses import replace
@@ -80,9 +80,9 @@ def test_the_renderer_draws_what_the_simulator_draws(effects, angles, k1, sigma)
 @pytest.mark.parametrize("noise", [Noise(), Noise(2e-4, 1e-5)])
 @pytest.mark.parametrize("slanted", [False, True])
 def test_derivatives_of_every_fitted_value_are_right(noise, slanted):
-    camera = Camera(width_px=40, height_px=36, sensor_width_mm=13.2 * 40 / 1920)
+    camera = Camera(width_px=40, height_px=36, sensor_width_mm=13.2 * 40 / 1920, focal_length_mm=1.0)
     panel = LedPanel(shape=PanelShape(2, 2))
-    scene = Scene.of(1, distance_m=60.0, offset_x_m=0.013, offset_y_m=-0.021, **LIGHT)
+    scene = Scene.of(1, distance_m=2.4, offset_x_m=0.033, offset_y_m=-0.021, **LIGHT)
     own = values_of(scene, camera, panel, (9.0, -6.0, 4.0)) + torch.linspace(0, 0.01, len(OF_FRAME))
     of_all = torch.tensor([2.1, 1.3, 1.7, 0.2 * slanted, -0.4], dtype=torch.float64)
     known = replace(whole(camera, panel, 1), has_board=True, slanted=slanted)

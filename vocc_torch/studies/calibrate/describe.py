@@ -8,10 +8,10 @@ import torch
 from torch import Tensor
 
 from vocc_torch.hardware import Camera, LedPanel
+from vocc_torch.simulation.photometry import MIDDLE_GREY
 from vocc_torch.studies.calibrate import scene as scenes
 from vocc_torch.studies.calibrate import statistics
 from vocc_torch.studies.calibrate.fit import Fit
-from vocc_torch.studies.calibrate.model import MIDDLE_GREY
 from vocc_torch.studies.calibrate.scene import Calibrated, Named, Value
 from vocc_torch.studies.calibrate.statistics import Curve, Scatter
 
@@ -19,6 +19,8 @@ LIKELIHOOD = 10.8
 """Twice the log-likelihood ratio that one value reaches by chance once in a thousand times (chi-squared)."""
 CODED = 12.0
 """Standard deviations from which coefficients lie on multiples of their steps."""
+CODED_GAIN = 30.0
+"""Gain that an effect needs in coded pictures."""
 BLIND_BLUR_PX = 0.15
 """A narrower blur is none."""
 RESPONSE = 0.05
@@ -36,6 +38,7 @@ class Findings:
         panel: the panel.
         around: the picture around it.
         fall: how light falls off there.
+        coded: the likeliest JPEG quality, and how sure it is.
         named: effects that were tried.
         values: of the scene.
         unknown: what the recording does not tell.
@@ -46,6 +49,7 @@ class Findings:
     panel: LedPanel
     around: statistics.Surround
     fall: statistics.Falloff
+    coded: tuple[int, float] = (0, 0.0)
     named: list[Named] = field(default_factory=list)
     values: list[Value] = field(default_factory=list)
     unknown: list[str] = field(default_factory=list)
@@ -60,7 +64,12 @@ class Findings:
         """Keep the richer of two fits where Schwarz's criterion favours it, in units of its own noise."""
         added = (rich.values - simple.values) * math.log(rich.pixels)
         gain = (simple.misfit - rich.misfit) / rich.scale - added
-        return rich if self.tried(effect, gain, 0.0, BIC, explains) else simple
+        return rich if self.tried(effect, gain, self.needed, BIC, explains) else simple
+
+    @property
+    def needed(self) -> float:
+        """The gain from which an effect is named: what coding leaves hangs together over its blocks."""
+        return CODED_GAIN if self.coded[1] > CODED else 0.0
 
     def tell(self, key: str, given: float, deviation: float = math.nan, note: str = "") -> None:
         """Note a value."""
@@ -99,9 +108,12 @@ def describe(
     """
     found.camera = replace(found.camera, gamma=round(float(fit.of_all[0]), 5))
     where(fit, apart, found)
-    quality, sure = statistics.compression(found.around.greys)
+    quality, sure = found.coded
     coded = found.tried("jpeg", sure, CODED, "standard deviations off chance", "pictures are coded")
     if coded:
+        found.unknown.append(
+            "the sensor's colours: coding takes away by what demosaicing is told; its blur is in blooming"
+        )
         found.tell("effects.jpeg.quality", quality, 1.0, "by the steps of the coefficients")
     counts = curve is not None and curve.noise.slope > 0 and not coded
     efficiency = how_bright(fit, curve if counts else None, found, ambient_lx, efficiency)
@@ -185,8 +197,8 @@ def how_bright(
             efficiency *= counted / ambient_lx
     elif ambient_lx is None:
         found.unknown.append(
-            f"the illuminance: auto-exposure takes it away. {lux:g} lx stands in its place, and luminances are "
-            "relative to it (or give calibrate.ambient_lx)"
+            f"the illuminance: auto-exposure takes it away. {lux:g} lx stands in its place, and luminances "
+            "are relative to it (or give calibrate.ambient_lx)"
         )
     found.tell("ambient_lx", lux, lux_error, note)
     seen = scenes.lighting(fit, camera, panel, lux, veiled=veiled)
@@ -296,8 +308,8 @@ def how_noisy(fit: Fit, curve: Curve, found: Findings, efficiency: float) -> Non
         key = "effects.prnu.share" if kind == "prnu" else "effects.dsnu.electrons"
         found.tell(key, given, given * relative, "of each pixel")
         found.unknown.append(
-            f"whether pixels differ in response (prnu) or offset (dsnu): by one level of light, {kind} is the "
-            f"likelier, for pixels differ by {share:.2g} of it"
+            f"whether pixels differ in response (prnu) or offset (dsnu): by one level of light, {kind} is "
+            f"the likelier, for pixels differ by {share:.2g} of it"
         )
     found.tried(other, 0.0, LIKELIHOOD, f"not told from {kind}")
     if found.tried("row_noise", pattern.row_gain, LIKELIHOOD, criterion, "rows differ, anew in each frame"):

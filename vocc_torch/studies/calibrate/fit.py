@@ -8,6 +8,8 @@ import torch
 from torch import Tensor
 
 from vocc_torch.receiver.rectification import cell_homography
+from vocc_torch.simulation import raster
+from vocc_torch.simulation.photometry import MIDDLE_GREY
 from vocc_torch.studies.calibrate import model
 from vocc_torch.studies.calibrate.model import LEVELS, OF_ALL, OF_FRAME, PLACED, TURNED, Noise, Windows
 
@@ -157,7 +159,8 @@ def start(windows: Windows, grey: Tensor, corners_px: Tensor, bits: Tensor | Non
     inside = (points[:, :-1] - windows.origin_px.double()[:, None]).floor().long()
     x, y = (inside[..., i].clamp(1, windows.size_px[1 - i] - 2) for i in (0, 1))
     frames = torch.arange(len(grey))[:, None]
-    centres = sum(grey[frames, y + i, x + j] for i in (-1, 0, 1) for j in (-1, 0, 1)) / 9
+    near = [grey[frames, y + i, x + j] for i in (-1, 0, 1) for j in (-1, 0, 1)]
+    centres = torch.stack(near).mean(0)
     lit = two_levels(centres) if bits is None else bits.flatten(1)
     on, off = (
         (centres * one).sum(1) / one.sum(1).clamp(min=1) if bool(one.any()) else centres.amax(1)
@@ -247,7 +250,7 @@ def settled(fit: Fit, free: Sequence[str], steps: int = STEPS, *, robust: bool =
 
 
 def trusted(fit: Fit) -> Fit:
-    """Let pixels without noise count less the flatter the picture is about them: neighbours are rounded alike.
+    """Let pixels without noise count less the flatter the picture is there: neighbours are rounded alike.
 
     Where the picture rises by two grey values a pixel, each pixel's rounding is its own; a flat area of the
     recording, where all are rounded alike, counts as one pixel. Noise of a third of a grey value rounds each
@@ -345,9 +348,9 @@ def amplitudes(fit: Fit) -> tuple[Tensor, Tensor]:
         )
         leds = fit.lit.shape[1]
         canvas = torch.zeros(leds, *one.windows.size_px).double()
-        model.raster.add_patches(canvas, patches, torch.arange(leds), left, top)
+        raster.add_patches(canvas, patches, torch.arange(leds), left, top)
         spots = model.through_camera(one.windows, canvas, one.of_all) * steep
-        level = {name: (one.value(name) / model.MIDDLE_GREY) ** one.of_all[0] for name in ("on", "off")}
+        level = {name: (one.value(name) / MIDDLE_GREY) ** one.of_all[0] for name in ("on", "off")}
         spots = (spots * (level["on"] - level["off"])).flatten(1)
         trust = fit.trust.expand_as(fit.grey)[frame]
         weights = (trust / variance).flatten()

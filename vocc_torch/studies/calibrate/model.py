@@ -265,7 +265,7 @@ def slopes(
     Returns:
         what is rendered, (B,...), and its derivatives (D,B,...).
     """
-    own, all_ = (torch.stack([turn[i] for turn in along]) for i in (1, 2))
+    own, all_ = torch.stack([turn[1] for turn in along]), torch.stack([turn[2] for turn in along])
 
     def moved(step: Tensor) -> tuple[Tensor, Tensor]:
         values = rendered(of_frame + step @ own, of_all + step @ all_)

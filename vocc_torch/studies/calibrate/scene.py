@@ -1,4 +1,4 @@
-"""From fitted values to a scene: what the simulator calls them, how sure they are, and what nobody can tell."""
+"""A scene as it is written: values and effects, how sure they are, and the light that they stand for."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -12,8 +12,8 @@ from torch import Tensor
 
 from vocc_torch.hardware import Camera, LedPanel
 from vocc_torch.simulation.effects.sensor import Photoelectrons
+from vocc_torch.simulation.photometry import MIDDLE_GREY
 from vocc_torch.studies.calibrate.fit import Fit
-from vocc_torch.studies.calibrate.model import MIDDLE_GREY
 
 SURE = 1.96
 """Standard deviations to either side of a 95 % interval."""

@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from scipy import fft, ndimage, optimize
 from torch import Tensor
 
+from vocc_torch.simulation.photometry import MIDDLE_GREY
 from vocc_torch.studies.calibrate import model
 from vocc_torch.studies.calibrate.fit import UNDITHERED, Fit
-from vocc_torch.studies.calibrate.model import MIDDLE_GREY, Noise
+from vocc_torch.studies.calibrate.model import Noise
 
 Array = NDArray[np.float64]
 
@@ -426,9 +427,9 @@ def quantisation_table(quality: int) -> Array:
 def compression(greys: NDArray[Any]) -> tuple[int, float]:
     """Say at which JPEG quality frames were coded, and how sure that is.
 
-    Cosine coefficients of coded blocks lie on multiples of their steps: the mean of ``cos(2 pi c / step)`` over
-    coefficients beyond half a step is then near 1, and near 0 where nothing was coded. The sum over a standard
-    deviation of that is the criterion.
+    Cosine coefficients of coded blocks lie on multiples of their steps: the mean of ``cos(2 pi c / step)``
+    over coefficients beyond half a step is then near 1, and near 0 where nothing was coded. That over its
+    standard deviation by chance is the criterion.
 
     Args:
         greys: (B,H,W), the blocks' grid beginning at the first pixel.

@@ -130,7 +130,7 @@ def calibrate(
     Raises:
         VoccError: LEDs that all look alike in all frames, or a fit that explains nothing.
     """
-    whole, times = camera, coarseness(footage.corners_px, panel.shape)
+    uncut, whole, times = footage, camera, coarseness(footage.corners_px, panel.shape)
     camera = coarser(camera, times)
     known, grey, footage = windows_of(binned(footage, times), camera, panel, most)
     cells = max(panel.shape.rows, panel.shape.columns)
@@ -139,7 +139,7 @@ def calibrate(
     told = None if bits is None else torch.from_numpy(bits[footage.numbers.clip(max=len(bits) - 1)])
     begun = start(shaded(known, camera, fall), grey, footage.corners_px, told, camera.gamma)
     demand_contrast(begun, footage)
-    found = Findings(camera, panel, around, fall)
+    found = Findings(camera, panel, around, fall, statistics.compression(uncut.greys))
     quiet = around.noise() < UNDITHERED
     fit, free, apart = placed(trusted(begun) if quiet else begun, found)
     curve = None
@@ -239,19 +239,20 @@ def demand_contrast(fit: Fit, footage: Footage) -> None:
 def sensor_and_lens(fit: Fit, free: Sequence[str], found: Findings) -> tuple[Fit, tuple[str, ...]]:
     """Try demosaicing, motion, the lens and a board, one after the other."""
     free = tuple(free)
-    mosaic = replace(fit, windows=replace(fit.windows, mosaic=True))
-    if not bool((fit.windows.origin_px % 2).any()):
-        tried = settled(mosaic, free, steps=6)
+    if not found.needed and not bool((fit.windows.origin_px % 2).any()):
+        tried = settled(replace(fit, windows=replace(fit.windows, mosaic=True)), free, steps=6)
         # No value more: the likelier of the two, by what one value would cost.
         gained = (fit.misfit - tried.misfit) / tried.scale - math.log(fit.pixels)
-        found.tried("demosaicing", gained, 0.0, BIC, "colours are guessed from neighbours")
-        fit = tried if gained > 0 else fit
-    moving = tuple(name for name in free if name != "blur") + ("blur_xx", "blur_yy", "blur_xy")
+        explains = "colours are guessed from neighbours"
+        fit = tried if found.tried("demosaicing", gained, 0.0, BIC, explains) else fit
+    moving = (*(name for name in free if name != "blur"), "blur_xx", "blur_yy", "blur_xy")
     rich = settled(replace(fit, windows=replace(fit.windows, slanted=True)), moving, steps=3)
     kept = found.judge("motion_blur", fit, rich, "light is spread farther in one direction")
     free = moving if kept is rich else free
     fit = kept
     rich = settled(fit, (*free, "k1"), steps=6)
+    if abs(float(rich.of_all[4])) < 3 * rich.deviation("k1"):  # no gain that its own uncertainty allows
+        rich = replace(rich, misfit=fit.misfit)
     kept = found.judge("lens_distortion", fit, rich, "the lattice of LEDs is bent about the sensor's middle")
     free = (*free, "k1") if kept is rich else free
     fit = kept if kept is rich else fit
