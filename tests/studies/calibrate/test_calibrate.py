@@ -111,7 +111,8 @@ def test_derivatives_of_every_fitted_value_are_right(noise, slanted):
             inputs[0],
             torch.cat([of_all[:3].detach(), torch.zeros(1).double(), of_all[4:].detach()]).requires_grad_(),
         )
-    assert torch.autograd.gradcheck(part, inputs, eps=1e-6, atol=2e-3, rtol=2e-4)
+    modes = {"check_forward_ad": True, "check_backward_ad": False}
+    assert torch.autograd.gradcheck(part, inputs, eps=1e-6, atol=2e-3, rtol=2e-4, **modes)
 
 
 def test_the_mean_of_noisy_greys_is_what_clipped_normal_numbers_have():
