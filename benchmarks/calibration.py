@@ -3,7 +3,7 @@
     python benchmarks/calibration.py [RECORDINGS A SCENE] [SCENE ...]
 
 Each recording is of a scene that ships, with values drawn at random: those of the scene, and blur, gamma,
-read noise, and where the scene has them pattern noise and vignetting. The camera's sensor is a part of 320 x 240
+read noise, and where the scene has them pattern noise and vignetting. The sensor is a part of 320 x 240
 px, with pixels of the scene's own size. Two tables: how often the truth lies in the stated 95 % interval, and
 by how many standard deviations it is off in the middle; and which effects were there and which were named.
 """

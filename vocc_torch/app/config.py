@@ -119,7 +119,16 @@ IGNORED = {
     "receive": (*ALONE, "experiment", "panel.rows", "panel.columns"),
     "calibrate": (
         *("model", "plug_ins", "seed", "device", "precision", "framing", "batch_frames", "workers"),
-        *("tensorboard", "camera.iso_limits", "scene", "experiment", "budget", "classifiers", "features", "receiver.names"),
+        *(
+            "tensorboard",
+            "camera.iso_limits",
+            "scene",
+            "experiment",
+            "budget",
+            "classifiers",
+            "features",
+            "receiver.names",
+        ),
         *("receiver.features", "receiver.samples_per_led", "receiver.gradient", "receiver.save"),
     ),
     "collect": tuple(one.name for one in fields(AppConfig) if one.name not in ("task", "name", "input")),

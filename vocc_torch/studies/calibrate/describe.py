@@ -11,7 +11,7 @@ from vocc_torch.hardware import Camera, LedPanel
 from vocc_torch.simulation.photometry import MIDDLE_GREY
 from vocc_torch.studies.calibrate import scene as scenes
 from vocc_torch.studies.calibrate import statistics
-from vocc_torch.studies.calibrate.fit import Fit
+from vocc_torch.studies.calibrate.fit import RANGES, Fit
 from vocc_torch.studies.calibrate.scene import Calibrated, Named, Value
 from vocc_torch.studies.calibrate.statistics import Curve, Scatter
 
@@ -106,7 +106,13 @@ def describe(
         ambient_lx: where it is known.
         efficiency: the quantum efficiency that is assumed where it is not.
     """
-    found.camera = replace(found.camera, gamma=round(float(fit.of_all[0]), 5))
+    gamma = float(fit.of_all[0])
+    if min(abs(gamma - end) for end in RANGES["gamma"]) > 1e-6:
+        found.camera = replace(found.camera, gamma=round(gamma, 5))
+    else:
+        found.doubts.append(
+            f"gamma runs to its bound, {gamma:g}: the camera's, {found.camera.gamma:g}, is taken"
+        )
     where(fit, apart, found)
     quality, sure = found.coded
     coded = found.tried("jpeg", sure, CODED, "standard deviations off chance", "pictures are coded")

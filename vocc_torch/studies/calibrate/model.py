@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import torch
-from numpy.polynomial.hermite_e import hermegauss
+from numpy.polynomial.legendre import leggauss
 from torch import Tensor, nn
 
 from vocc_torch.hardware import PanelShape
@@ -35,8 +35,10 @@ LEAST_LIGHT = 1e-9
 ROUNDING = 1 / 12
 """Variance of the rounding to whole grey values."""
 
-NODES = 12
-"""Points at which a dark pixel's noise is averaged over (Gauss and Hermite)."""
+NODES = 24
+"""Points at which a dark pixel's noise is averaged over (Gauss and Legendre)."""
+WIDEST = 6.0
+"""Standard deviations of noise that are averaged over, either way."""
 DARK_SIGMAS = 5.0
 """Light below so many of its standard deviations is dark: the encoding is no straight line there."""
 
@@ -231,12 +233,18 @@ def expected(x: Tensor, gamma: Tensor, noise: Noise) -> tuple[Tensor, Tensor]:
     near = near | ((grey - WHITE).abs() < DARK_SIGMAS * spread.sqrt().clamp(min=0.3))
     if not bool(near.any()):
         return mean, spread + ROUNDING
-    z, w = (torch.from_numpy(part).to(x) for part in hermegauss(NODES))
-    w = w / w.sum()
+    # In the root of the light above black, in which the encoding's start is smooth.
+    t, w = (torch.from_numpy(part).to(x) for part in leggauss(NODES))
     some, sigma = x[near], variance[near].sqrt()
-    greys = encoded(some.unsqueeze(-1) + sigma.unsqueeze(-1) * z, gamma)
-    first = (greys * w).sum(-1)
-    second = ((greys - first.unsqueeze(-1)).square() * w).sum(-1)
+    level = (some / sigma).unsqueeze(-1)
+    clear = level > WIDEST
+    low = torch.where(clear, torch.where(clear, level - WIDEST, 1.0).sqrt(), 0.0)
+    half = ((level + WIDEST).sqrt() - low) / 2
+    root = low + half * (t + 1)
+    share = half * w * 2 * root * torch.exp(-(root.square() - level).square() / 2) / math.sqrt(2 * math.pi)
+    greys = encoded(sigma.unsqueeze(-1) * root.square(), gamma)
+    first = (greys * share).sum(-1)
+    second = (greys.square() * share).sum(-1) - first.square()
     place = near.nonzero(as_tuple=True)
     return mean.index_put(place, first), spread.index_put(place, second) + ROUNDING
 
