@@ -231,7 +231,7 @@ def test_every_key_is_refused_by_its_name_or_has_an_effect(task):
     brought = FROM_OTHERS.get(task, {})
     others = composed(f"task={task}", *(f"{key}={OTHER[key]}" for key in brought)) if brought else None
     for key, value in (
-        OTHER | ({"receiver.locator": "paper"} if task in ("decode", "receive") else {})
+        OTHER | ({"receiver.locator": "paper"} if task in ("decode", "receive", "calibrate") else {})
     ).items():
         settings, alone, word = base, usual, f"{key}={value}"
         for name, also in ALSO.get(key, {}).items():
