@@ -160,6 +160,7 @@ def study(recording):
     return calibrate(replace(footage, corners_px=footage.corners_px + off), CAMERA, panel, most=6)
 
 
+@pytest.mark.slow
 def test_a_scene_is_found_again_within_its_uncertainty(recording, study):
     _, scene, bits, _ = recording
     assert torch.equal(study.fit.bits, bits.flatten(1))
@@ -177,11 +178,13 @@ def test_a_scene_is_found_again_within_its_uncertainty(recording, study):
     assert abs(float(study.fit.of_all[0]) - 2.2) < 4 * study.fit.deviation("gamma")
 
 
+@pytest.mark.slow
 def test_effects_that_were_there_are_named_and_no_others(study):
     named = {one.effect for one in study.scene.effects if one.asked}
     assert named == set(EFFECTS)
 
 
+@pytest.mark.slow
 def test_the_scene_can_be_simulated_and_trained_for(study, tmp_path):
     text = study.scene.text("mine", "x.npy")
     settings = yaml.safe_load(text)
@@ -196,6 +199,7 @@ def test_the_scene_can_be_simulated_and_trained_for(study, tmp_path):
     assert frames.grey.dtype == torch.uint8
 
 
+@pytest.mark.slow
 def test_bits_are_decided_again_where_the_first_guess_is_wrong(recording):
     panel, _, bits, footage = recording
     known = whole(CAMERA, panel, 6)
@@ -291,6 +295,7 @@ def test_what_shows_nothing_is_refused(frames, said, tmp_path):
         read_footage(tmp_path / "x.npy", "luma", locator, PanelShape(8, 8), 16)
 
 
+@pytest.mark.slow
 def test_leds_that_are_all_alike_are_refused(recording):
     panel, scene, bits, footage = recording
     effects = {"blooming": {"sigma_px": 1.3}, "saturation": {}, "quantization": {}}
