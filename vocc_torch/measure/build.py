@@ -84,6 +84,8 @@ def receiver_plan(settings: Settings, shape: PanelShape) -> plans.ReceiverPlan:
         one = PlugIn.of("receiver.locator", locator)
         locator, locators[one.name] = one.name, one
     for name in receiver.features:
+        if not isinstance(name, str):
+            raise VoccError.of("receiver.features", list(receiver.features), "a list of words", "has")
         if is_target(name):
             one = PlugIn.of("receiver.features", name)
             outside[one.name] = one
