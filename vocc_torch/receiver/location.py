@@ -1,11 +1,12 @@
 """Where the panel is in each frame: the paper's locator (section IV-B-2, Fig. 18) at every scale."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple, Self
 
 import numpy as np
 import scipy.ndimage
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from vocc_torch.errors import VoccError, demand_kind
@@ -26,6 +27,7 @@ _MERGE_RATIO, _WHOLE_SHARE = 0.75, 0.99
 # LED pitches: from these on a closing spans one Off LED between two On ones, or has filled all but the widest
 # gaps, and no blob will look more like a panel later.
 _REACH_PITCHES, _LAST_PITCHES = 1.4, 3.0
+_TOUCHING = np.ones((3, 3), dtype=bool)
 
 
 class Stages(NamedTuple):
@@ -172,21 +174,29 @@ class PaperLocator(LocatorLimits):
         Returns:
             The choice, with corners on the sensor.
         """
-        boxes = _foreground_boxes(frames.grey, threshold)
-        corner = boxes[:, :2] + frames.origin_px.to(boxes)
-        choice = Choice.none(len(frames), frames.grey.device)
-        if boxes.device.type == "cpu" and len(boxes) <= _MOST_ALONE:
-            small = boxes[:, 2] * boxes[:, 3] <= _SMALL_MASK_PX
-            for rows, width, height in _passes(boxes * small[:, None]):
-                mask = _cut(frames.grey, threshold, boxes, rows, width, height)
-                made, part = choose_single(mask, shape, self)
-                choice.put(rows[made], part)
-            boxes = boxes.index_fill(0, choice.found.nonzero()[:, 0], 0)
-        for rows, width, height in _passes(boxes):
-            mask = _cut(frames.grey, threshold, boxes, rows, width, height)
-            choice.put(rows, climb(mask, shape, self))
-        corners = torch.where(choice.found[:, None, None], choice.corners_px + corner[:, None], 0.0)
-        return replace(choice, corners_px=corners)
+        boxes, grey = _foreground_boxes(frames.grey, threshold), frames.grey
+        corner = torch.from_numpy(boxes[:, :2].copy()).to(grey.device) + frames.origin_px
+        alone: dict[int, Choice] = {}
+        if grey.device.type == "cpu" and len(boxes) <= _MOST_ALONE:
+            planes, limits = grey[:, 0].numpy(), threshold.tolist()
+            for row, (left, top, width, height) in enumerate(boxes.tolist()):
+                if 0 < width * height <= _SMALL_MASK_PX:
+                    box = planes[row, top : top + height, left : left + width]
+                    if (one := choose_single(box > limits[row], shape, self)) is not None:
+                        alone[row] = one
+        if len(alone) == 1 == len(boxes):
+            choice = alone[0]
+        else:
+            choice = Choice.none(len(boxes), grey.device)
+            for row, one in alone.items():
+                choice.put(torch.tensor([row]), one)
+            boxes[list(alone)] = 0
+            for some, width, height in _passes(boxes):
+                rows = torch.from_numpy(some).to(grey.device)
+                mask = _cut(grey, threshold, torch.from_numpy(boxes).to(grey.device), rows, width, height)
+                choice.put(rows, climb(mask, shape, self))
+        choice.corners_px.add_((corner * choice.found[:, None])[:, None])
+        return choice
 
 
 def exact_frames(frames: Images) -> Frames:
@@ -226,27 +236,25 @@ def _on_sensor(crop: Frames) -> Frames:
     return Frames.whole(grey)
 
 
-def _foreground_boxes(grey: Tensor, threshold: Tensor) -> Tensor:
+def _foreground_boxes(grey: Tensor, threshold: Tensor) -> NDArray[np.int64]:
     """Bound the pixels above the thresholds: (B,4) left, top, width, height; zeros where there are none."""
-    if not grey.numel():
-        return torch.zeros(grey.shape[0], 4, dtype=torch.int64, device=grey.device)
-    ends = []
-    for axis in (-2, -1):
+    boxes = np.zeros((len(grey), 4), dtype=np.int64)
+    for place, axis in enumerate((-2, -1) if grey.numel() else ()):
         # Maxima of bytes first: comparing them all would write a mask as large as the frames.
-        lit = (grey.amax(axis)[:, 0] > threshold[:, None]).to(torch.uint8)
-        first, length = lit.argmax(1), lit.shape[1]
-        ends.append((first, (length - lit.flip(1).argmax(1) - first) * lit.amax(1)))
-    (left, width), (top, height) = ends
-    return torch.stack([left, top, width, height], 1)
+        lit = (grey.amax(axis)[:, 0] > threshold[:, None]).cpu().numpy()
+        first = lit.argmax(1)
+        boxes[:, place] = first
+        boxes[:, place + 2] = (lit.shape[1] - lit[:, ::-1].argmax(1) - first) * lit.any(1)
+    return boxes
 
 
-def _passes(boxes: Tensor) -> list[tuple[Tensor, int, int]]:
+def _passes(boxes: NDArray[np.int64]) -> list[tuple[NDArray[np.int64], int, int]]:
     """Group frames by the size of their box of foreground: indices, common width and height of each pass."""
     area = boxes[:, 2] * boxes[:, 3]
-    order = area.argsort(stable=True)
+    order = area.argsort(kind="stable")
     order = order[area[order] > 0]
     sizes = boxes[order, 2:].tolist()
-    passes: list[tuple[Tensor, int, int]] = []
+    passes: list[tuple[NDArray[np.int64], int, int]] = []
     begin = width = height = own = 0
     for index, (wide, high) in enumerate(sizes):
         padded = (index + 1 - begin) * max(width, wide) * max(height, high)
@@ -348,40 +356,35 @@ def _level_choice(
     return choice, torch.cat([pitch_px, pitch_px.new_zeros(1)])[likely], label
 
 
-def choose_single(mask: Tensor, shape: PanelShape, search: LocatorLimits) -> tuple[Tensor, Choice]:
+def choose_single(mask: NDArray[np.bool_], shape: PanelShape, search: LocatorLimits) -> Choice | None:
     """Choose as :func:`climb` does where one closing makes a mask a single blob, the most common case.
 
     In the CPU's memory a call on a tensor costs more than the arithmetic of a small mask; SciPy labels there.
 
     Args:
-        mask: (B,H,W) bool in the CPU's memory, each mask's foreground starting in its first row and column.
+        mask: (H,W) bool, its foreground starting in the first row and the first column.
         shape: the panel looked for.
         search: limits and settings.
 
     Returns:
-        The indices (n,) of the masks whose choice is made, and the choice; the ladder is left those whose
-        closed mask has several blobs, whose blob is outside the limits, and those that it would climb for.
+        The choice, of length 1; None is left to the ladder: a closed mask of several blobs, a blob outside
+        the limits, and one that it would climb for.
 
     Example:
-        >>> mask = torch.ones(1, 20, 20, dtype=torch.bool)
-        >>> mask[0, 5, 5] = False
-        >>> chosen, choice = choose_single(mask, PanelShape(8, 8), LocatorLimits())
-        >>> chosen.tolist(), choice.corners_px[0, 2].tolist()
-        ([0], [20.0, 20.0])
+        >>> mask = np.ones((20, 20), dtype=bool)
+        >>> mask[5, 5] = False
+        >>> choose_single(mask, PanelShape(8, 8), LocatorLimits()).corners_px[0, 2].tolist()
+        [20.0, 20.0]
     """
-    closed = components.close_mask(mask[:, None], search.closing_px)[:, 0].numpy()
-    single = [row for row, one in enumerate(closed) if scipy.ndimage.label(one, np.ones((3, 3)))[1] == 1]
-    single = [row for row in single if np.count_nonzero(closed[row]) >= search.min_area_px]
-    if not single:
-        return torch.zeros(0, dtype=torch.int64), Choice.none(0, mask.device)
-    lit, area_px = mask.numpy()[single], closed[single].sum((1, 2))
-    some = lit.any(2)
-    first = np.where(some, lit.argmax(2), 0)
-    last = np.where(some, lit.shape[2] - 1 - lit[..., ::-1].argmax(2), -1)
-    one, seed = np.ones_like(area_px), np.stack([first[:, 0], 0 * area_px], 1)
-    measures = measure_blobs(first, last, area_px, 0 * seed, shape, search)
-    sure = measures.within & (search.closing_px >= _REACH_PITCHES * measures.pitch_px)
-    score = measures.score
-    parts = (measures.corners_px, score > 0, score, one, seed, lit.sum((1, 2)))
-    choice = Choice(*(torch.from_numpy(part[sure]) for part in parts))
-    return torch.from_numpy(np.array(single)[sure]), choice
+    closed = components.close_mask(torch.from_numpy(mask)[None, None], search.closing_px)[0, 0].numpy()
+    area_px = np.count_nonzero(closed)
+    if area_px < search.min_area_px or scipy.ndimage.label(closed, _TOUCHING)[1] != 1:
+        return None
+    first, last = mask.argmax(1), mask.shape[1] - 1 - mask[:, ::-1].argmax(1)
+    last[~mask.any(1)] = -1
+    area, seed = np.array([area_px]), np.array([[first[0], 0]])
+    measures = measure_blobs(first[None], last[None], area, 0 * seed, shape, search)
+    if not measures.within[0] or search.closing_px < _REACH_PITCHES * measures.pitch_px[0]:
+        return None
+    parts = (measures.corners_px, measures.score > 0, measures.score, np.ones_like(area), seed)
+    return Choice(*map(torch.from_numpy, (*parts, np.array([np.count_nonzero(mask)]))))
