@@ -1,10 +1,10 @@
 """HEAD against another commit, in one run: did a change slow it down?
 
-Each side is a process of its own that imports its own sources. Without ``--command`` it does the same work of
-the paper's scenes whenever it is told to: it renders 64 scenes, or reads 32 full-HD frames that it rendered
-before, or does the whole link on 256 crops; a sum of the pixels or bits is compared too. With ``--command`` it
-is a whole command in an empty folder. The sides take turns, every other round the other way about, so that a
-busy spell hits both. The ratio of each round is taken before the median.
+Each side is a process of its own that imports its own sources. Without ``--command`` it does the same work
+of the paper's scenes whenever it is told to: it renders 64 scenes, or reads 32 full-HD frames that it
+rendered before, or does the whole link on 256 crops; a sum of the pixels or bits is compared too. With
+``--command`` it is a whole command in an empty folder. The sides take turns, every other round the other way
+about, so that a busy spell hits both. The ratio of each round is taken before the median.
 
     python benchmarks/against_commit.py HEAD~5 --rounds 60
     python benchmarks/against_commit.py HEAD~5 --work receiver --batch 1 --processor-time
