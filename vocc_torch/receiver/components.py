@@ -11,6 +11,7 @@ import torch
 from kornia.morphology import dilation, erosion
 
 from vocc_torch.errors import VoccError
+from vocc_torch.types import without_autocast
 
 _FEW_PX = 1 << 12
 
@@ -49,12 +50,13 @@ def close_mask(mask: torch.Tensor, size_px: int) -> torch.Tensor:
     # precision, which holds 0 and 1, moves half the memory.
     few = mask.numel() <= _FEW_PX
     engine, dtype = ("unfold", torch.float32) if few else ("auto", torch.float16)
-    with torch.inference_mode(), torch.autocast(mask.device.type, enabled=False):
+    with torch.inference_mode(), without_autocast(mask.device):
         # What the strokes do wrong at the outer edge of the margin is cut off with it.
-        plane = torch.nn.functional.pad(mask, [reach] * 4).to(dtype)
-        row = plane.new_ones(1, size_px)
-        for stroke, axis in ((dilation, row), (dilation, row.T), (erosion, row), (erosion, row.T)):
-            plane = stroke(plane, axis, engine=engine)
+        plane = torch.nn.functional.pad(mask.to(dtype), [reach] * 4)
+        # A column's windows are read along the rows; for rows the plane lies on its side.
+        column = plane.new_ones(size_px, 1)
+        plane = dilation(dilation(plane, column, engine=engine).mT, column, engine=engine)
+        plane = erosion(erosion(plane, column, engine=engine).mT, column, engine=engine)
     return plane[..., reach:-reach, reach:-reach] > 0
 
 

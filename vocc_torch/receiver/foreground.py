@@ -15,8 +15,8 @@ from vocc_torch.receiver.components import close_mask, label_components, largest
 from vocc_torch.types import Frames
 
 _LEVELS = 256
-# In smaller frames looking for what is uneven costs more than it saves, and so does counting one by one.
-_LARGE_FRAME_PX = 1 << 16
+# In smaller frames looking for what is uneven costs more than it saves; so does counting one by one.
+_LARGE_FRAME_PX, _COUNTED_PX = 1 << 16, 1 << 12
 # Up to so many pixels whole numbers of 64 bits hold every difference, and variances are right to 1e-15.
 _MOST_EXACT_PX, _TIE_SHARE = 1 << 28, 1e-12
 
@@ -50,8 +50,8 @@ def trimmed(frames: Frames) -> Frames:
     whole = frames.surround is None and frames.sensor_px == (height, width)
     if not whole or not len(frames) or grey.device.type != "cpu" or height * width < _LARGE_FRAME_PX:
         return frames
-    boxes = []
-    for plane in grey[:, 0].numpy():
+    boxes, planes = [], grey[:, 0].numpy()
+    for plane in planes:
         if (plane[0] != plane[0, 0]).any():
             return frames
         # The eight bytes that a block has of a row are compared at once, where they lie in words.
@@ -68,18 +68,13 @@ def trimmed(frames: Frames) -> Frames:
             return frames
         boxes.append((left, top, right - left, low - top))
     wide, high = (max(sides) for sides in list(zip(*boxes, strict=True))[2:])
-    size = high * _BLOCK_PX, wide * _BLOCK_PX
-    places = [
-        (
-            min(x * _BLOCK_PX, width // _BLOCK_PX * _BLOCK_PX - size[1]),
-            min(y * _BLOCK_PX, height // _BLOCK_PX * _BLOCK_PX - size[0]),
-        )
-        for x, y, _, _ in boxes
-    ]
-    parts = [one[:, y : y + size[0], x : x + size[1]] for one, (x, y) in zip(grey, places, strict=True)]
-    return Frames(
-        torch.stack(parts), frames.origin_px + torch.tensor(places), frames.sensor_px, grey[:, 0, 0, 0]
-    )
+    room = (width // _BLOCK_PX - wide, height // _BLOCK_PX - high)
+    origin = np.minimum([(left, top) for left, top, _, _ in boxes], room) * _BLOCK_PX
+    down, across = high * _BLOCK_PX, wide * _BLOCK_PX
+    places = zip(planes, origin.tolist(), strict=True)
+    parts = np.stack([plane[None, y : y + down, x : x + across] for plane, (x, y) in places])
+    cut, level = torch.from_numpy(parts), torch.from_numpy(planes[:, 0, 0].copy())
+    return Frames(cut, frames.origin_px + torch.from_numpy(origin), frames.sensor_px, level)
 
 
 def histogram256(grey: Tensor) -> Tensor:
@@ -104,8 +99,8 @@ def histogram256(grey: Tensor) -> Tensor:
     if not grey.numel():
         return torch.zeros(frames, _LEVELS, dtype=torch.int64, device=grey.device)
     pixels = grey.reshape(frames, -1)
-    # Counting each large frame's bytes beats widening the whole batch to int64 for one offset count.
-    if pixels.shape[1] >= _LARGE_FRAME_PX:
+    # Counting each frame's bytes beats widening the whole batch to int64 for one offset count.
+    if pixels.shape[1] >= _COUNTED_PX or frames == 1:
         return torch.stack([torch.bincount(one, minlength=_LEVELS) for one in pixels])
     offset = torch.arange(frames, device=grey.device)[:, None] * _LEVELS
     return torch.bincount((pixels + offset).flatten(), minlength=frames * _LEVELS).view(frames, _LEVELS)

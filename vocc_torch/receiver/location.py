@@ -1,7 +1,7 @@
 """Where the panel is in each frame: the paper's locator (section IV-B-2, Fig. 18) at every scale."""
 
 from dataclasses import dataclass
-from typing import NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 import scipy.ndimage
@@ -159,14 +159,12 @@ class PaperLocator(LocatorLimits):
         demand_kind("shape", shape, PanelShape)
         exact = foreground.trimmed(exact_frames(frames))
         threshold = foreground.otsu_threshold(foreground.sensor_histogram(exact))
-        if exact.surround is None:
-            choice = self.choose(exact, threshold, shape)
-        else:
-            lit = exact.surround.round() > threshold
-            choice = self.choose(exact, threshold.masked_fill(lit, 255), shape)
-            for row in lit.nonzero():
-                choice.put(row, self.choose(_on_sensor(exact[row]), threshold[row], shape))
-        return Panels(*(getattr(choice, name) for name in Panels.__slots__))
+        lit = torch.zeros_like(threshold) if exact.surround is None else exact.surround.round() > threshold
+        bright = lit.nonzero()
+        choice = self.choose(exact, threshold.masked_fill(lit, 255) if len(bright) else threshold, shape)
+        for row in bright:
+            choice.put(row, self.choose(_on_sensor(exact[row]), threshold[row], shape))
+        return Panels(choice.corners_px, choice.found, choice.score, choice.candidates)
 
     def choose(self, frames: Frames, threshold: Tensor, shape: PanelShape) -> Choice:
         """Choose the blobs above thresholds (B,) in uint8 frames whose surround is background.
@@ -175,27 +173,26 @@ class PaperLocator(LocatorLimits):
             The choice, with corners on the sensor.
         """
         boxes, grey = _foreground_boxes(frames.grey, threshold), frames.grey
-        corner = torch.from_numpy(boxes[:, :2].copy()).to(grey.device) + frames.origin_px
-        alone: dict[int, Choice] = {}
+        place, alone = boxes[:, :2] + frames.origin_px.cpu().numpy(), {}
         if grey.device.type == "cpu" and len(boxes) <= _MOST_ALONE:
             planes, limits = grey[:, 0].numpy(), threshold.tolist()
             for row, (left, top, width, height) in enumerate(boxes.tolist()):
                 if 0 < width * height <= _SMALL_MASK_PX:
-                    box = planes[row, top : top + height, left : left + width]
-                    if (one := choose_single(box > limits[row], shape, self)) is not None:
-                        alone[row] = one
-        if len(alone) == 1 == len(boxes):
-            choice = alone[0]
-        else:
-            choice = Choice.none(len(boxes), grey.device)
-            for row, one in alone.items():
+                    mask = planes[row, top : top + height, left : left + width] > limits[row]
+                    alone[row] = choose_single(mask, place[row : row + 1], shape, self)
+            if len(boxes) == 1 and (only := alone.get(0)):
+                return only
+        choice = Choice.none(len(boxes), grey.device)
+        for row, one in alone.items():
+            if one is not None:
                 choice.put(torch.tensor([row]), one)
-            boxes[list(alone)] = 0
-            for some, width, height in _passes(boxes):
-                rows = torch.from_numpy(some).to(grey.device)
-                mask = _cut(grey, threshold, torch.from_numpy(boxes).to(grey.device), rows, width, height)
-                choice.put(rows, climb(mask, shape, self))
-        choice.corners_px.add_((corner * choice.found[:, None])[:, None])
+                boxes[row] = 0
+        for some, width, height in _passes(boxes):
+            rows, at = (torch.from_numpy(one).to(grey.device) for one in (some, place[some]))
+            mask = _cut(grey, threshold, torch.from_numpy(boxes).to(grey.device), rows, width, height)
+            part = climb(mask, shape, self)
+            part.corners_px.add_((at * part.found[:, None])[:, None])
+            choice.put(rows, part)
         return choice
 
 
@@ -239,9 +236,13 @@ def _on_sensor(crop: Frames) -> Frames:
 def _foreground_boxes(grey: Tensor, threshold: Tensor) -> NDArray[np.int64]:
     """Bound the pixels above the thresholds: (B,4) left, top, width, height; zeros where there are none."""
     boxes = np.zeros((len(grey), 4), dtype=np.int64)
-    for place, axis in enumerate((-2, -1) if grey.numel() else ()):
+    on_host = grey.device.type == "cpu"
+    planes: Any = grey[:, 0].numpy() if on_host else grey[:, 0]
+    limit = threshold.cpu().numpy()[:, None]
+    for place, axis in enumerate((1, 2) if grey.numel() else ()):
         # Maxima of bytes first: comparing them all would write a mask as large as the frames.
-        lit = (grey.amax(axis)[:, 0] > threshold[:, None]).cpu().numpy()
+        most = np.amax(planes, axis) if on_host else torch.amax(planes, axis).cpu().numpy()
+        lit = most > limit
         first = lit.argmax(1)
         boxes[:, place] = first
         boxes[:, place + 2] = (lit.shape[1] - lit[:, ::-1].argmax(1) - first) * lit.any(1)
@@ -356,34 +357,47 @@ def _level_choice(
     return choice, torch.cat([pitch_px, pitch_px.new_zeros(1)])[likely], label
 
 
-def choose_single(mask: NDArray[np.bool_], shape: PanelShape, search: LocatorLimits) -> Choice | None:
+def _row_ends(mask: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """First and last foreground column of each row (H,) of a mask (H,W); 0 and -1 where there is none."""
+    first, last = mask.argmax(1), mask.shape[1] - 1 - mask[:, ::-1].argmax(1)
+    last[~mask[np.arange(len(mask)), first]] = -1
+    return first, last
+
+
+def choose_single(
+    mask: NDArray[np.bool_], place_px: NDArray[np.int64], shape: PanelShape, search: LocatorLimits
+) -> Choice | None:
     """Choose as :func:`climb` does where one closing makes a mask a single blob, the most common case.
 
     In the CPU's memory a call on a tensor costs more than the arithmetic of a small mask; SciPy labels there.
 
     Args:
         mask: (H,W) bool, its foreground starting in the first row and the first column.
+        place_px: (1,2) where the mask's first pixel is, (x, y).
         shape: the panel looked for.
         search: limits and settings.
 
     Returns:
-        The choice, of length 1; None is left to the ladder: a closed mask of several blobs, a blob outside
-        the limits, and one that it would climb for.
+        The choice, of length 1, with corners counted as ``place_px`` is; None is left to the ladder: a closed
+        mask of several blobs, a blob outside the limits, and one that it would climb for.
 
     Example:
         >>> mask = np.ones((20, 20), dtype=bool)
         >>> mask[5, 5] = False
-        >>> choose_single(mask, PanelShape(8, 8), LocatorLimits()).corners_px[0, 2].tolist()
-        [20.0, 20.0]
+        >>> place = np.array([[30, 0]])
+        >>> choose_single(mask, place, PanelShape(8, 8), LocatorLimits()).corners_px[0, 2].tolist()
+        [50.0, 20.0]
     """
     closed = components.close_mask(torch.from_numpy(mask)[None, None], search.closing_px)[0, 0].numpy()
-    area_px = np.count_nonzero(closed)
-    if area_px < search.min_area_px or scipy.ndimage.label(closed, _TOUCHING)[1] != 1:
+    area_px, (first, last) = np.count_nonzero(closed), _row_ends(closed)
+    # One run in every row, and each touches the next: a blob, without looking any further.
+    touching = (first[1:] <= last[:-1] + 1) & (first[:-1] <= last[1:] + 1)
+    plain = int((last - first).sum()) + len(closed) == area_px and touching.all()
+    if area_px < search.min_area_px or not (plain or scipy.ndimage.label(closed, _TOUCHING)[1] == 1):
         return None
-    first, last = mask.argmax(1), mask.shape[1] - 1 - mask[:, ::-1].argmax(1)
-    last[~mask.any(1)] = -1
+    first, last = _row_ends(mask)
     area, seed = np.array([area_px]), np.array([[first[0], 0]])
-    measures = measure_blobs(first[None], last[None], area, 0 * seed, shape, search)
+    measures = measure_blobs(first[None], last[None], area, place_px, shape, search)
     if not measures.within[0] or search.closing_px < _REACH_PITCHES * measures.pitch_px[0]:
         return None
     parts = (measures.corners_px, measures.score > 0, measures.score, np.ones_like(area), seed)

@@ -137,11 +137,12 @@ def _map_grid(xp: Any, homography: Any, x: Any, y: Any) -> Any:
 
     From the horizon on, where there is no image, it is as far away as just before it, and finite or infinite.
     """
-    flat = not is_exporting() and not bool((homography[:, 2, :2] != 0).any())
-    used = homography[:, :2] if flat else homography
-    across = used[:, :, :1] * x + used[:, :, 2:]
-    mapped = across[:, :, None, :] + (used[:, :, 1:2] * y)[..., None]
-    return mapped if flat else mapped[:, :2] / mapped[:, 2:].clip(xp.finfo(mapped.dtype).tiny)
+    across = homography[:, :, :1] * x + homography[:, :, 2:]
+    mapped = across[:, :, None, :] + (homography[:, :, 1:2] * y)[..., None]
+    # Of a map without a horizon, two rows long, the third would be ones.
+    if homography.shape[1] == 2:
+        return mapped
+    return mapped[:, :2] / mapped[:, 2:].clip(xp.finfo(mapped.dtype).tiny)
 
 
 class _Window(NamedTuple):
@@ -151,7 +152,8 @@ class _Window(NamedTuple):
         begin: (n,2) float64, on the sensor, the first pixel of a window that holds all that is read.
         first: (n,2) where that pixel is, counted from a whole sensor pixel beside the panel.
         last: (n,2) where the last pixel is, likewise.
-        moved: (n,3,3) from cells to places counted likewise, in which whole numbers are pixel centres.
+        moved: (n,3,3) from cells to places counted likewise, in which whole numbers are pixel centres; of maps
+            without a horizon only two rows, (n,2,3).
     """
 
     begin: Any
@@ -180,7 +182,8 @@ def _window(xp: Any, least: Any, most: Any, homography: Any, x_ends: Any, y_ends
     origin = xp.where(endless, corner, begin)
     # Half a pixel off, so that whole numbers are pixel centres.
     moved = homography[:, :2] - (origin + 0.5)[..., None] * homography[:, 2:]
-    moved = xp.concatenate([moved, homography[:, 2:]], 1)
+    if is_exporting() or bool((homography[:, 2, :2] != 0).any()):
+        moved = xp.concatenate([moved, homography[:, 2:]], 1)
     return _Window(begin, begin - origin, xp.ceil(high - origin), moved)
 
 
@@ -191,9 +194,8 @@ def _places(window: _Window, x: Tensor, y: Tensor, dtype: torch.dtype) -> tuple[
         (n,2,h,w) whole pixels to the left and above, from the window's first, and the share of the pixels to
         the right and below.
     """
-    first, last = (end.to(dtype).view(-1, 2, 1, 1) for end in (window.first, window.last))
-    at = _map_grid(torch, window.moved.to(dtype), x.to(dtype), y.to(dtype))
-    at = torch.minimum(torch.maximum(at, first), last)
+    first, last = (end[..., None, None] for end in (window.first.to(dtype), window.last.to(dtype)))
+    at = _map_grid(torch, window.moved.to(dtype), x, y).clamp(first, last)
     whole = torch.floor(at)
     share = at.sub_(whole)
     return whole.sub_(first), share
@@ -207,21 +209,28 @@ def _blend(near: Sequence[Tensor], share: Tensor) -> Tensor:
 
 
 def _sample(
-    takes: Sequence[Frames], chosen: list[int], window: _Window, x: Tensor, y: Tensor, dtype: torch.dtype
+    takes: Sequence[Frames],
+    chosen: list[int],
+    size: tuple[int, int],
+    window: _Window,
+    x: Tensor,
+    y: Tensor,
+    dtype: torch.dtype,
 ) -> list[Tensor]:
     """Read n chosen frames bilinearly at cell coordinates x (w,) by y (h,), giving (n,h,w) for each take.
 
     Args:
         takes: see :func:`rectify_takes`.
         chosen: n frames.
+        size: height and width, px, of a window that holds what is read of each.
         window: that of each, of tensors, which begins in the takes' own pixels.
         x: columns.
         y: rows.
         dtype: working precision.
     """
-    wide, tall = (int(side) + 2 for side in (window.last - window.first).amax(0).tolist())
     whole, share = _places(window, x, y, dtype)
     left, top = whole.long().unbind(1)
+    tall, wide = size
     index = left.add_(top, alpha=wide).flatten(1)
     read = []
     for take in takes:
@@ -250,7 +259,7 @@ def _rectified_in_graph(
     ends = torch.stack([homography.new_full((), side) for side in (width, height)])
     x_ends, y_ends = (axis[..., [0, -1]] for axis in axes)
     window = _window(torch, torch.zeros_like(ends), ends, homography, x_ends, y_ends)
-    whole, share = _places(window, axes[0], axes[1], dtype)
+    whole, share = _places(window, *(axis.to(dtype) for axis in axes), dtype)
     left, top = (whole.long() + window.begin.long().view(-1, 2, 1, 1)).unbind(1)
     rows, columns = (
         [(one + by).clamp(0, size - 1) for by in (0, 1)] for one, size in ((top, height), (left, width))
@@ -363,31 +372,36 @@ def rectify_takes(
     least, farthest = (place - extent).clip(0), xp.minimum(place + 2 * extent, sensor)
     with np.errstate(over="ignore", invalid="ignore"):
         window = _window(xp, least, farthest, homography, x_ends, y_ends)
+    reach, each = window.last - window.first, factors.tolist()
     window = _Window(*(_tensor(one, device) for one in (window.begin - place, *window[1:])))
-    each, patches = factors.tolist(), [torch.empty(size, dtype=dtype, device=device) for _ in takes]
+    patches: list[Tensor] = []
     for factor in sorted(set(each)):
-        x, y = _grid(shape, samples_per_led * int(factor), device)
-        rows, step = (
-            [row for row, one in enumerate(each) if one == factor],
-            max(1, MOST_READINGS // (len(x) * len(y))),
-        )
+        x, y = _grid(shape, samples_per_led * int(factor), dtype, device)
+        rows = [row for row, one in enumerate(each) if one == factor]
+        step = max(1, MOST_READINGS // (len(x) * len(y)))
         for some in (rows[begin : begin + step] for begin in range(0, len(rows), step)):
             at = slice(None) if len(some) == len(each) else some
-            reads = _sample(takes, some, _Window(*(one[at] for one in window)), x, y, dtype)
+            wide, tall = (int(side) + 2 for side in xp.amax(reach[at], 0).tolist())
+            part = _Window(*(one[at] for one in window))
+            reads = [one.unsqueeze(1) for one in _sample(takes, some, (tall, wide), part, x, y, dtype)]
+            if factor > 1:
+                reads = [nn.functional.avg_pool2d(one, int(factor)) for one in reads]
+            if len(some) == len(each):
+                return reads
+            patches = patches or [torch.empty(size, dtype=dtype, device=device) for _ in takes]
             for patch, read in zip(patches, reads, strict=True):
-                whole = read.unsqueeze(1)
-                patch[at] = nn.functional.avg_pool2d(whole, int(factor)) if factor > 1 else whole
+                patch[at] = read
     return patches
 
 
 @lru_cache(maxsize=64)
-def _grid(shape: PanelShape, fine: int, device: torch.device) -> tuple[Tensor, Tensor]:
-    """Cell coordinates of ``fine`` samples a cell's side, margin included: (w,) and (h,) float64."""
+def _grid(shape: PanelShape, fine: int, dtype: torch.dtype, device: torch.device) -> tuple[Tensor, Tensor]:
+    """Cell coordinates of ``fine`` samples a cell's side, margin included: (w,) and (h,)."""
     # Normal tensors even inside inference_mode, for they are kept.
     with torch.inference_mode(False):
         ends = ((cells + 2) * fine for cells in (shape.columns, shape.rows))
-        x, y = (((torch.arange(end, dtype=torch.float64) + 0.5) / fine - 1).to(device) for end in ends)
-        return x, y
+        x, y = ((torch.arange(end, dtype=torch.float64) + 0.5) / fine - 1 for end in ends)
+        return x.to(device, dtype), y.to(device, dtype)
 
 
 def _check_takes(takes: Sequence[Frames], panels: Panels) -> None:
