@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from vocc_torch.receiver.limits import LocatorLimits
 from vocc_torch.types import PanelShape
 
-Floats = NDArray[np.float64]
+Floats, Points = NDArray[np.float64], NDArray[np.complex128]
 Whole = NDArray[np.int64]
 
 # Lengths are added as integers of this fraction of a pixel: an exact sum has no order.
@@ -125,28 +125,28 @@ def hull_area_and_perimeter(hull: Floats) -> tuple[Floats, Floats]:
     return twice / 2 + extent.sum(1) + 1, around + 4
 
 
-def _extents(hull: Floats, x: Floats, y: Floats) -> tuple[Floats, Floats]:
+def _extents(hull: Floats, direction: Points) -> tuple[Floats, Floats]:
     """Find where vertices (M,V,2) begin and end along and across directions (M,E), scaled by their lengths.
 
     Returns:
-        Two (M,2,E); whole numbers are exact, whatever the order in which products are added.
+        Two (M,E,2); of whole numbers they are exact.
     """
-    axes = np.stack([np.stack([x, y], 2), np.stack([-y, x], 2)], 1)
-    places = axes @ hull.swapaxes(1, 2)[:, None]
-    return places.min(3), places.max(3)
+    # The real part of a product with a conjugate is the inner product, the imaginary one the outer.
+    places = direction.conj()[:, :, None] * hull.view(np.complex128)[:, None, :, 0]
+    ends = places.view(np.float64).reshape(*places.shape, 2)
+    return ends.min(2), ends.max(2)
 
 
-def _around(x: Floats, y: Floats, low: Floats, high: Floats, expand_px: float) -> Rectangles:
+def _around(direction: Points, low: Floats, high: Floats, expand_px: float) -> Rectangles:
     """Return the rectangles with sides along directions (M,), between the ends (M,2) of :func:`_extents`."""
-    length = np.sqrt(x * x + y * y)[:, None]
+    length = np.abs(direction)[:, None]
     low, high = low / length - expand_px, high / length + expand_px
-    turned = np.stack([x, y], 1) / length
-    x, y = turned[:, :1], turned[:, 1:]
     ends = np.stack([low, high], 1)
-    u, v = ends[:, [0, 1, 1, 0], 0], ends[:, [0, 0, 1, 1], 1]
-    corners = np.stack([u * x - v * y, u * y + v * x], 2) + 0.5
+    corners = np.empty((len(ends), 4, 2))
+    corners[..., 0], corners[..., 1] = ends[:, [0, 1, 1, 0], 0], ends[:, [0, 0, 1, 1], 1]
+    turned = corners.view(np.complex128) * (direction[:, None] / length)[..., None]
     size = high - low
-    return Rectangles(corners, size[:, 0], size[:, 1])
+    return Rectangles(turned.view(np.float64) + 0.5, size[:, 0], size[:, 1])
 
 
 def minimum_area_rectangle(hull: Floats, expand_px: float = 0.5) -> Rectangles:
@@ -170,24 +170,22 @@ def minimum_area_rectangle(hull: Floats, expand_px: float = 0.5) -> Rectangles:
         [[0.0, 0.0], [3.0, 0.0], [3.0, 2.0], [0.0, 2.0]]
     """
     # The upright rectangle is always tried.
-    edge = np.zeros((len(hull), hull.shape[1] + 1, 2))
-    edge[:, :-2], edge[:, -2], edge[:, -1, 0] = hull[:, 1:] - hull[:, :-1], hull[:, 0] - hull[:, -1], 1.0
-    whole = edge.astype(np.int64)
-    edge /= np.gcd(whole[..., 0], whole[..., 1]).clip(min=1)[..., None]
-    x, y = edge[..., 0], edge[..., 1]
+    vertices = hull.view(np.complex128)[..., 0]
+    edge = np.ones((len(hull), hull.shape[1] + 1), dtype=np.complex128)
+    edge[:, :-2], edge[:, -2] = vertices[:, 1:] - vertices[:, :-1], vertices[:, 0] - vertices[:, -1]
     # By quarter turns into (-45, 45] degrees.
-    steep = np.abs(y) > np.abs(x)
-    x, y = np.where(steep, y, x), np.where(steep, -x, y)
-    x, y = np.abs(x), np.where(x < 0, -y, y)
-    y = np.where(y == -x, x, y)
-    low, high = _extents(hull, x, y)
-    square, spans = x * x + y * y, (high - low).prod(1)
+    edge = np.where(np.abs(edge.imag) > np.abs(edge.real), edge * -1j, edge)
+    edge = np.where(edge.real < 0, -edge, edge)
+    edge = np.where(edge.imag == -edge.real, edge * 1j, edge)
+    low, high = _extents(hull, edge)
+    x, y = edge.real, edge.imag
+    square, spans = x * x + y * y, (high - low).prod(2)
     area = np.where(square > 0, spans / square.clip(min=1.0), np.inf)
     turn = y / x.clip(min=1.0)
     preference = np.where(turn < 0, _TIE - turn, turn)
     preference[area > area.min(1, keepdims=True) * (1 + _TIE)] = np.inf
-    blob, chosen = np.arange(len(hull)), preference.argmin(1)
-    return _around(x[blob, chosen], y[blob, chosen], low[blob, :, chosen], high[blob, :, chosen], expand_px)
+    chosen = np.arange(len(hull)), preference.argmin(1)
+    return _around(edge[chosen], low[chosen], high[chosen], expand_px)
 
 
 def upright_rectangle(hull: Floats, expand_px: float = 0.5) -> Rectangles:
@@ -198,8 +196,7 @@ def upright_rectangle(hull: Floats, expand_px: float = 0.5) -> Rectangles:
         >>> upright_rectangle(hull).corners_px[0].tolist()
         [[0.0, 0.0], [2.0, 0.0], [2.0, 2.0], [0.0, 2.0]]
     """
-    x, y = np.ones(len(hull)), np.zeros(len(hull))
-    return _around(x, y, hull.min(1), hull.max(1), expand_px)
+    return _around(np.ones(len(hull), dtype=np.complex128), hull.min(1), hull.max(1), expand_px)
 
 
 def compactness(area: Floats, perimeter: Floats, shape: PanelShape) -> Floats:

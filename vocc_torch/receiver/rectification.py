@@ -151,9 +151,9 @@ class _Window(NamedTuple):
     Args:
         begin: (n,2) float64, on the sensor, the first pixel of a window that holds all that is read.
         first: (n,2) where that pixel is, counted from a whole sensor pixel beside the panel.
-        last: (n,2) where the last pixel is, likewise.
-        moved: (n,3,3) from cells to places counted likewise, in which whole numbers are pixel centres; of maps
-            without a horizon only two rows, (n,2,3).
+        last: (n,2) where the last pixel that is read is, likewise.
+        moved: (n,3,3) from cells to places counted likewise, in which whole numbers are pixel centres; only
+            two rows, (n,2,3), where no map has a horizon.
     """
 
     begin: Any
@@ -170,19 +170,23 @@ def _window(xp: Any, least: Any, most: Any, homography: Any, x_ends: Any, y_ends
     values to the last bit; ``grid_sample`` normalises by the image's size and does not. Samples beyond the
     horizon are pixels on the border.
     """
-    ends = _map_grid(xp, homography, x_ends, y_ends).reshape(len(homography), 2, -1)
+    flat = not is_exporting() and not bool((homography[:, 2, :2] != 0).any())
+    maps = homography[:, :2] if flat else homography
+    ends = _map_grid(xp, maps, x_ends, y_ends).reshape(len(homography), 2, -1)
     low, high = (xp.minimum(xp.maximum(end, least), most) for end in (xp.amin(ends, 2), xp.amax(ends, 2)))
-    # Between the grid's corners and the horizon is no image, or all of it: its corners bound nothing.
-    slopes = xp.concatenate([homography[:, 2:, :1] * x_ends, homography[:, 2:, 1:2] * y_ends], 1)
-    endless = xp.amin(slopes, 2).sum(1)[:, None] <= -homography[:, 2, 2:]
-    low, high = xp.where(endless, least, low), xp.where(endless, most, high)
-    begin = xp.floor(low - 0.5)
-    corner = xp.minimum(xp.maximum(xp.floor(homography[:, :2, 2]), begin), xp.floor(high))
-    # The whole pixel from which positions count, and of these the window's first and the last that is read.
-    origin = xp.where(endless, corner, begin)
+    # The whole pixel from which positions count.
+    origin = begin = xp.floor(low - 0.5)
+    if not flat:
+        # Between the grid's corners and the horizon is no image, or all of it: its corners bound nothing.
+        slopes = xp.concatenate([homography[:, 2:, :1] * x_ends, homography[:, 2:, 1:2] * y_ends], 1)
+        endless = xp.amin(slopes, 2).sum(1)[:, None] <= -homography[:, 2, 2:]
+        low, high = xp.where(endless, least, low), xp.where(endless, most, high)
+        begin = xp.floor(low - 0.5)
+        corner = xp.minimum(xp.maximum(xp.floor(homography[:, :2, 2]), begin), xp.floor(high))
+        origin = xp.where(endless, corner, begin)
     # Half a pixel off, so that whole numbers are pixel centres.
     moved = homography[:, :2] - (origin + 0.5)[..., None] * homography[:, 2:]
-    if is_exporting() or bool((homography[:, 2, :2] != 0).any()):
+    if not flat:
         moved = xp.concatenate([moved, homography[:, 2:]], 1)
     return _Window(begin, begin - origin, xp.ceil(high - origin), moved)
 
