@@ -270,10 +270,14 @@ def _passes(boxes: NDArray[np.int64]) -> list[tuple[NDArray[np.int64], int, int]
 
 def _cut(grey: Tensor, threshold: Tensor, boxes: Tensor, rows: Tensor, width: int, height: int) -> Tensor:
     """Threshold the boxes of some frames into masks of a common size (b,height,width), background beyond."""
-    if len(rows) == 1:
-        left, top = boxes[int(rows), :2].tolist()
-        whole = grey[rows, 0, top : top + height, left : left + width]
-        return whole > threshold[rows, None, None]
+    if grey.device.type == "cpu":
+        planes, limits = grey[:, 0].numpy(), threshold.tolist()
+        masks = np.zeros((len(rows), height, width), dtype=bool)
+        for mask, row, (left, top, wide, high) in zip(
+            masks, rows.tolist(), boxes[rows].tolist(), strict=True
+        ):
+            mask[:high, :wide] = planes[row, top : top + high, left : left + wide] > limits[row]
+        return torch.from_numpy(masks)
     down = torch.arange(height, device=grey.device)
     right = torch.arange(width, device=grey.device)
     y, x = boxes[rows, 1, None] + down, boxes[rows, 0, None] + right

@@ -23,8 +23,9 @@ Whole = NDArray[np.int64]
 _LENGTH_UNIT = 2.0**-32
 # Areas of rectangles that differ by less than this share are equal.
 _TIE = 1e-9
-# Rows in a part of a tall blob, and most pairs of rows or of vertices in one step, to bound the memory.
-_PART_ROWS, _STEP_PAIRS = 32, 1 << 21
+# Rows in a part of a tall blob, and most pairs of rows or of vertices in one step, to bound the memory; fewer
+# pairs are not worth parting.
+_PART_ROWS, _STEP_PAIRS, _FEW_PAIRS = 8, 1 << 21, 1 << 13
 
 
 class Rectangles(NamedTuple):
@@ -45,7 +46,7 @@ class Rectangles(NamedTuple):
 def _chain(side: Floats) -> NDArray[np.bool_]:
     """Mark the rows where ``side``, (N,H) columns with inf in empty rows, has a vertex of its lower chain."""
     blobs, height = side.shape
-    if height <= 2 * _PART_ROWS:
+    if blobs * height**2 <= _FEW_PAIRS:
         return _vertices(side, np.arange(height)[None])
     # A vertex of the whole is one of its part: most rows fall away before all that are left are paired.
     parts = np.pad(side, ((0, 0), (0, -height % _PART_ROWS)), constant_values=np.inf)

@@ -215,7 +215,7 @@ def _blend(near: Sequence[Tensor], share: Tensor) -> Tensor:
 def _sample(
     takes: Sequence[Frames],
     chosen: list[int],
-    size: tuple[int, int],
+    sides: list[list[float]],
     window: _Window,
     x: Tensor,
     y: Tensor,
@@ -226,7 +226,7 @@ def _sample(
     Args:
         takes: see :func:`rectify_takes`.
         chosen: n frames.
-        size: height and width, px, of a window that holds what is read of each.
+        sides: width and height, px, of a window that holds what is read of each.
         window: that of each, of tensors, which begins in the takes' own pixels.
         x: columns.
         y: rows.
@@ -234,11 +234,11 @@ def _sample(
     """
     whole, share = _places(window, x, y, dtype)
     left, top = whole.long().unbind(1)
-    tall, wide = size
+    wide = int(max(side for side, _ in sides))
     index = left.add_(top, alpha=wide).flatten(1)
     read = []
     for take in takes:
-        grey = _cut(take, chosen, window.begin.long(), (tall, wide)).to(dtype).flatten(1)
+        grey = _cut(take, chosen, window.begin.long(), sides).to(dtype).flatten(1)
         near = [grey[:, by:].gather(1, index).view_as(left) for by in (0, 1, wide, wide + 1)]
         read.append(_blend(near, share))
     return read
@@ -277,14 +277,27 @@ def _rectified_in_graph(
     return (summed / own.square())[:, None]
 
 
-def _cut(frames: Frames, chosen: list[int], place: Tensor, size: tuple[int, int]) -> Tensor:
-    """Cut windows out of n frames, from whose first pixels their places (n,2) count; border pixels go on."""
-    (high, wide), (height, width) = size, frames.grey.shape[-2:]
-    if len(chosen) == 1 and place.device.type == "cpu":
-        left, top = place[0].tolist()
-        if min(left, top) >= 0 and left + wide <= width and top + high <= height:
-            return frames.grey[chosen[0], :, top : top + high, left : left + wide]
-    rows = (place[:, 1:] + torch.arange(high, device=place.device)).clamp(0, height - 1)
+def _cut(frames: Frames, chosen: list[int], place: Tensor, sides: list[list[float]]) -> Tensor:
+    """Cut windows out of n frames, in a common size; border pixels go on.
+
+    Args:
+        frames: whole or crops.
+        chosen: n of them.
+        place: (n,2) int64, from a frame's first pixel to its window's.
+        sides: width and height of each window, px; what lies beyond it is never read.
+    """
+    (wide, tall), (height, width) = map(int, map(max, zip(*sides, strict=True))), frames.grey.shape[-2:]
+    if frames.grey.device.type == "cpu" and frames.grey.dtype == torch.uint8:
+        planes, cut = frames.grey[:, 0].numpy(), np.zeros((len(chosen), tall, wide), dtype=np.uint8)
+        for part, row, (x, y), (own, high) in zip(cut, chosen, place.tolist(), sides, strict=True):
+            w, h = int(own), int(high)
+            if 0 <= x <= width - w and 0 <= y <= height - h:
+                part[:h, :w] = planes[row, y : y + h, x : x + w]
+            else:
+                down, right = np.arange(y, y + h).clip(0, height - 1), np.arange(x, x + w).clip(0, width - 1)
+                part[:h, :w] = planes[row, down[:, None], right]
+        return torch.from_numpy(cut)
+    rows = (place[:, 1:] + torch.arange(tall, device=place.device)).clamp(0, height - 1)
     columns = (place[:, :1] + torch.arange(wide, device=place.device)).clamp(0, width - 1)
     taken = torch.tensor(chosen, device=place.device).view(-1, 1, 1)
     return frames.grey[taken, 0, rows[:, :, None], columns[:, None]]
@@ -385,9 +398,8 @@ def rectify_takes(
         step = max(1, MOST_READINGS // (len(x) * len(y)))
         for some in (rows[begin : begin + step] for begin in range(0, len(rows), step)):
             at = slice(None) if len(some) == len(each) else some
-            wide, tall = (int(side) + 2 for side in xp.amax(reach[at], 0).tolist())
-            part = _Window(*(one[at] for one in window))
-            reads = [one.unsqueeze(1) for one in _sample(takes, some, (tall, wide), part, x, y, dtype)]
+            part, sides = _Window(*(one[at] for one in window)), (reach[at] + 2).tolist()
+            reads = [one.unsqueeze(1) for one in _sample(takes, some, sides, part, x, y, dtype)]
             if factor > 1:
                 reads = [nn.functional.avg_pool2d(one, int(factor)) for one in reads]
             if len(some) == len(each):
