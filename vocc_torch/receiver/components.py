@@ -51,13 +51,14 @@ def close_mask(mask: torch.Tensor, size_px: int) -> torch.Tensor:
     few = mask.numel() <= _FEW_PX
     engine, dtype = ("unfold", torch.float32) if few else ("auto", torch.float16)
     with torch.inference_mode(), without_autocast(mask.device):
-        # What the strokes do wrong at the outer edge of the margin is cut off with it.
-        plane = torch.nn.functional.pad(mask.to(dtype), [reach] * 4)
-        # A column's windows are read along the rows; for rows the plane lies on its side.
+        plane = torch.nn.functional.pad(mask.to(dtype), [0, 0, reach, reach])
+        # A column's windows are read along the rows; for rows the plane lies on its side. What the strokes do
+        # wrong at the outer edge of a margin is cut off with it.
         column = plane.new_ones(size_px, 1)
-        plane = dilation(dilation(plane, column, engine=engine).mT, column, engine=engine)
-        plane = erosion(erosion(plane, column, engine=engine).mT, column, engine=engine)
-    return plane[..., reach:-reach, reach:-reach] > 0
+        plane = torch.nn.functional.pad(dilation(plane, column, engine=engine), [reach, reach]).mT
+        plane = erosion(dilation(plane, column, engine=engine), column, engine=engine)
+        plane = erosion(plane[..., reach:-reach, :].mT, column, engine=engine)
+    return plane[..., reach:-reach, :] > 0
 
 
 def halve_mask(mask: torch.Tensor) -> torch.Tensor:

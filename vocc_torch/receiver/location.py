@@ -17,8 +17,8 @@ from vocc_torch.types import Frames, Images, Panels, PanelShape
 
 # Most pixels in one pass, to bound the memory; passes below the small size are not worth parting further.
 _PASS_PX, _SMALL_PASS_PX = 1 << 21, 1 << 18
-# Up to this size masks are tried one by one before they are laid in passes; more frames are quicker together.
-_SMALL_MASK_PX, _MOST_ALONE = 1 << 15, 4
+# Up to this size masks are tried without the ladder.
+_SMALL_MASK_PX = 1 << 15
 # Columns of a blob are counted in 16 bits.
 _MOST_SIDE_PX = 1 << 15
 # A merged blob replaces one of its parts from the first share of the best score so far on, for it explains
@@ -173,27 +173,23 @@ class PaperLocator(LocatorLimits):
             The choice, with corners on the sensor.
         """
         boxes, grey = _foreground_boxes(frames.grey, threshold), frames.grey
-        place, alone = boxes[:, :2] + frames.origin_px.cpu().numpy(), {}
-        if grey.device.type == "cpu" and len(boxes) <= _MOST_ALONE:
-            planes, limits = grey[:, 0].numpy(), threshold.tolist()
-            for row, (left, top, width, height) in enumerate(boxes.tolist()):
-                if 0 < width * height <= _SMALL_MASK_PX:
-                    mask = planes[row, top : top + height, left : left + width] > limits[row]
-                    alone[row] = choose_single(mask, place[row : row + 1], shape, self)
-            if len(boxes) == 1 and (only := alone.get(0)):
-                return only
-        choice = Choice.none(len(boxes), grey.device)
-        for row, one in alone.items():
-            if one is not None:
-                choice.put(torch.tensor([row]), one)
-                boxes[row] = 0
+        place, choice = boxes[:, :2] + frames.origin_px.cpu().numpy(), None
         for some, width, height in _passes(boxes):
-            rows, at = (torch.from_numpy(one).to(grey.device) for one in (some, place[some]))
-            mask = _cut(grey, threshold, torch.from_numpy(boxes).to(grey.device), rows, width, height)
-            part = climb(mask, shape, self)
-            part.corners_px.add_((at * part.found[:, None])[:, None])
-            choice.put(rows, part)
-        return choice
+            mask = _cut(grey, threshold, boxes, some, width, height)
+            if grey.device.type == "cpu" and width * height <= _SMALL_MASK_PX:
+                made, part = choose_single(mask.numpy(), place[some], shape, self)
+                if len(made) == len(boxes) == 1:
+                    return part
+                choice = choice or Choice.none(len(boxes), grey.device)
+                choice.put(torch.from_numpy(some[made]), part)
+                mask, some = mask[np.delete(np.arange(len(some)), made)], np.delete(some, made)
+            if len(some):
+                rows, at = (torch.from_numpy(one).to(grey.device) for one in (some, place[some]))
+                part = climb(mask, shape, self)
+                part.corners_px.add_((at * part.found[:, None])[:, None])
+                choice = choice or Choice.none(len(boxes), grey.device)
+                choice.put(rows, part)
+        return choice or Choice.none(len(boxes), grey.device)
 
 
 def exact_frames(frames: Images) -> Frames:
@@ -268,19 +264,27 @@ def _passes(boxes: NDArray[np.int64]) -> list[tuple[NDArray[np.int64], int, int]
     return passes
 
 
-def _cut(grey: Tensor, threshold: Tensor, boxes: Tensor, rows: Tensor, width: int, height: int) -> Tensor:
+def _cut(
+    grey: Tensor,
+    threshold: Tensor,
+    boxes: NDArray[np.int64],
+    some: NDArray[np.int64],
+    width: int,
+    height: int,
+) -> Tensor:
     """Threshold the boxes of some frames into masks of a common size (b,height,width), background beyond."""
     if grey.device.type == "cpu":
         planes, limits = grey[:, 0].numpy(), threshold.tolist()
-        masks = np.zeros((len(rows), height, width), dtype=bool)
+        masks = np.zeros((len(some), height, width), dtype=bool)
         for mask, row, (left, top, wide, high) in zip(
-            masks, rows.tolist(), boxes[rows].tolist(), strict=True
+            masks, some.tolist(), boxes[some].tolist(), strict=True
         ):
             mask[:high, :wide] = planes[row, top : top + high, left : left + wide] > limits[row]
         return torch.from_numpy(masks)
+    rows, box = (torch.from_numpy(one).to(grey.device) for one in (some, boxes[some]))
     down = torch.arange(height, device=grey.device)
     right = torch.arange(width, device=grey.device)
-    y, x = boxes[rows, 1, None] + down, boxes[rows, 0, None] + right
+    y, x = box[:, 1, None] + down, box[:, 0, None] + right
     inside_y, inside_x = y < grey.shape[-2], x < grey.shape[-1]
     y, x = y.clamp(max=grey.shape[-2] - 1), x.clamp(max=grey.shape[-1] - 1)
     values = grey[rows[:, None, None], 0, y[:, :, None], x[:, None, :]]
@@ -362,47 +366,48 @@ def _level_choice(
 
 
 def _row_ends(mask: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """First and last foreground column of each row (H,) of a mask (H,W); 0 and -1 where there is none."""
-    first, last = mask.argmax(1), mask.shape[1] - 1 - mask[:, ::-1].argmax(1)
-    last[~mask[np.arange(len(mask)), first]] = -1
+    """First and last foreground column of each row (B,H) of masks (B,H,W); 0 and -1 where there is none."""
+    first, last = mask.argmax(2), mask.shape[2] - 1 - mask[..., ::-1].argmax(2)
+    last[~mask.any(2)] = -1
     return first, last
 
 
 def choose_single(
     mask: NDArray[np.bool_], place_px: NDArray[np.int64], shape: PanelShape, search: LocatorLimits
-) -> Choice | None:
+) -> tuple[NDArray[np.int64], Choice]:
     """Choose as :func:`climb` does where one closing makes a mask a single blob, the most common case.
 
-    In the CPU's memory a call on a tensor costs more than the arithmetic of a small mask; SciPy labels there.
-
     Args:
-        mask: (H,W) bool, its foreground starting in the first row and the first column.
-        place_px: (1,2) where the mask's first pixel is, (x, y).
+        mask: (B,H,W) bool, each mask's foreground starting in its first row and its first column.
+        place_px: (B,2) where the masks' first pixels are, (x, y).
         shape: the panel looked for.
         search: limits and settings.
 
     Returns:
-        The choice, of length 1, with corners counted as ``place_px`` is; None is left to the ladder: a closed
-        mask of several blobs, a blob outside the limits, and one that it would climb for.
+        The indices (n,) of the masks whose choice is made, and the choice, with corners counted as
+        ``place_px`` is; the ladder is left those whose closed mask has several blobs, whose blob is outside
+        the limits, and those that it would climb for.
 
     Example:
-        >>> mask = np.ones((20, 20), dtype=bool)
-        >>> mask[5, 5] = False
-        >>> place = np.array([[30, 0]])
-        >>> choose_single(mask, place, PanelShape(8, 8), LocatorLimits()).corners_px[0, 2].tolist()
-        [50.0, 20.0]
+        >>> mask, place = np.ones((1, 20, 20), dtype=bool), np.array([[30, 0]])
+        >>> mask[0, 5, 5] = False
+        >>> chosen, choice = choose_single(mask, place, PanelShape(8, 8), LocatorLimits())
+        >>> chosen.tolist(), choice.corners_px[0, 2].tolist()
+        ([0], [50.0, 20.0])
     """
-    closed = components.close_mask(torch.from_numpy(mask)[None, None], search.closing_px)[0, 0].numpy()
-    area_px, (first, last) = np.count_nonzero(closed), _row_ends(closed)
-    # One run in every row, and each touches the next: a blob, without looking any further.
-    touching = (first[1:] <= last[:-1] + 1) & (first[:-1] <= last[1:] + 1)
-    plain = int((last - first).sum()) + len(closed) == area_px and touching.all()
-    if area_px < search.min_area_px or not (plain or scipy.ndimage.label(closed, _TOUCHING)[1] == 1):
-        return None
-    first, last = _row_ends(mask)
-    area, seed = np.array([area_px]), np.array([[first[0], 0]])
-    measures = measure_blobs(first[None], last[None], area, place_px, shape, search)
-    if not measures.within[0] or search.closing_px < _REACH_PITCHES * measures.pitch_px[0]:
-        return None
-    parts = (measures.corners_px, measures.score > 0, measures.score, np.ones_like(area), seed)
-    return Choice(*map(torch.from_numpy, (*parts, np.array([np.count_nonzero(mask)]))))
+    closed = components.close_mask(torch.from_numpy(mask)[:, None], search.closing_px)[:, 0].numpy()
+    (first, last), area_px = _row_ends(closed), closed.sum((1, 2))
+    # With one run in every row, each of which touches the next, it is a blob and need not be labelled.
+    touching = (first[:, 1:] <= last[:, :-1] + 1) & (first[:, :-1] <= last[:, 1:] + 1) & (last[:, :-1] >= 0)
+    plain = ((last - first + 1).sum(1) == area_px) & (touching | (last[:, 1:] < 0)).all(1)
+    for row in (~plain).nonzero()[0]:
+        plain[row] = scipy.ndimage.label(closed[row], _TOUCHING)[1] == 1
+    single = (plain & (area_px >= search.min_area_px)).nonzero()[0]
+    lit = mask[single]
+    first, last = _row_ends(lit)
+    measures = measure_blobs(first, last, area_px[single], place_px[single], shape, search)
+    sure = measures.within & (search.closing_px >= _REACH_PITCHES * measures.pitch_px)
+    score, ones = measures.score, np.ones_like(single)
+    seed = np.stack([first[:, 0], 0 * single], 1)
+    parts = (measures.corners_px, score > 0, score, ones, seed, lit.sum((1, 2)))
+    return single[sure], Choice(*(torch.from_numpy(part[sure]) for part in parts))

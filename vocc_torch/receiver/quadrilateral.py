@@ -60,11 +60,12 @@ def _chain(side: Floats) -> NDArray[np.bool_]:
 
 def _vertices(side: Floats, rows: Whole) -> NDArray[np.bool_]:
     """Mark the vertices of the lower chain of points in distinct ``rows`` (N,P), by all pairs."""
+    # The second point of a pair comes first: a maximum over the first axis is quick.
     with np.errstate(divide="ignore", invalid="ignore"):
-        step = rows[:, None, :] - rows[:, :, None]
-        slope = (side[:, None, :] - side[:, :, None]) / step
-        steepest_before = np.where(step < 0, slope, -np.inf).max(2, initial=-np.inf)
-        flattest_after = np.where(step > 0, slope, np.inf).min(2, initial=np.inf)
+        step = rows.T[:, :, None] - rows
+        slope = (side.T[:, :, None] - side) / step
+        steepest_before = np.where(step < 0, slope, -np.inf).max(0, initial=-np.inf)
+        flattest_after = np.where(step > 0, slope, np.inf).min(0, initial=np.inf)
         found: NDArray[np.bool_] = np.isfinite(side) & (steepest_before < flattest_after)
     return found
 
