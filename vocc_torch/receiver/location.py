@@ -372,14 +372,6 @@ def _row_ends(mask: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.in
     return first, last
 
 
-def _is_one_run_a_row(mask: NDArray[np.bool_], area_px: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Say which masks (B,H,W) have one run in each row from the first to the last, and all in touch: a blob."""
-    first, last = _row_ends(mask)
-    touching = (first[:, 1:] <= last[:, :-1] + 1) & (first[:, :-1] <= last[:, 1:] + 1) & (last[:, :-1] >= 0)
-    whole: NDArray[np.bool_] = ((last - first + 1).sum(1) == area_px) & (touching | (last[:, 1:] < 0)).all(1)
-    return whole
-
-
 def choose_single(
     mask: NDArray[np.bool_], place_px: NDArray[np.int64], shape: PanelShape, search: LocatorLimits
 ) -> tuple[NDArray[np.int64], Choice]:
@@ -404,10 +396,11 @@ def choose_single(
         ([0], [50.0, 20.0])
     """
     closed = components.close_mask(torch.from_numpy(mask)[:, None], search.closing_px)[:, 0].numpy()
-    area_px, left = closed.sum((1, 2)), np.arange(len(closed))
-    for part in (closed, closed.swapaxes(1, 2)):
-        left = left[~_is_one_run_a_row(part[left], area_px[left])]
-    several = [row for row in left if scipy.ndimage.label(closed[row], _TOUCHING)[1] != 1]
+    (first, last), area_px = _row_ends(closed), closed.sum((1, 2))
+    # With one run in every row, each of which touches the next, it is a blob and need not be labelled.
+    touching = (first[:, 1:] <= last[:, :-1] + 1) & (first[:, :-1] <= last[:, 1:] + 1) & (last[:, :-1] >= 0)
+    plain = ((last - first + 1).sum(1) == area_px) & (touching | (last[:, 1:] < 0)).all(1)
+    several = [r for r in (~plain).nonzero()[0] if scipy.ndimage.label(closed[r], _TOUCHING)[1] != 1]
     area_px[several] = 0
     single = (area_px >= search.min_area_px).nonzero()[0]
     lit = mask[single]

@@ -134,9 +134,9 @@ def _extents(hull: Floats, direction: Points) -> tuple[Floats, Floats]:
         Two (M,E,2); of whole numbers they are exact.
     """
     # The real part of a product with a conjugate is the inner product, the imaginary one the outer.
-    places = direction.conj()[:, :, None] * hull.view(np.complex128)[:, None, :, 0]
-    ends = places.view(np.float64).reshape(*places.shape, 2)
-    return ends.min(2), ends.max(2)
+    places = (hull.view(np.complex128) * direction.conj()[:, None]).view(np.float64)
+    low, high = (ends.reshape(*direction.shape, 2) for ends in (places.min(1), places.max(1)))
+    return low, high
 
 
 def _around(direction: Points, low: Floats, high: Floats, expand_px: float) -> Rectangles:

@@ -233,9 +233,10 @@ def _sample(
         dtype: working precision.
     """
     whole, share = _places(window, x, y, dtype)
-    left, top = whole.long().unbind(1)
-    wide = int(max(side for side, _ in sides))
-    index = left.add_(top, alpha=wide).flatten(1)
+    wide, tall = (int(max(each)) for each in zip(*sides, strict=True))
+    # Up to 2^24 float32 holds whole numbers exactly.
+    left, top = (whole if wide * tall <= 1 << 24 else whole.double()).unbind(1)
+    index = left.add(top, alpha=wide).long().flatten(1)
     read = []
     for take in takes:
         grey = _cut(take, chosen, window.begin.long(), sides).to(dtype).flatten(1)
