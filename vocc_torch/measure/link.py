@@ -1,7 +1,7 @@
 """The whole link on blocks of frames: simulate, locate, read; one observation for every receiver."""
 
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Self, TypeVar, cast
 
@@ -189,7 +189,7 @@ def rendered(
         if preambles:
             shown |= {"on": torch.ones_like(bits), "off": torch.zeros_like(bits)}
         for some in [list(shown)] if small else [[take] for take in shown]:
-            own = [replace(name, take=take) for take in some for name in names[rows]]
+            own = [FrameKey(name.block, name.frame, take) for take in some for name in names[rows]]
             lit, many = torch.cat([shown[take] for take in some]), Scene.cat([scene] * len(some))
             with torch.autocast(device.type, enabled=False):
                 seen = simulator.render(many, lit, nearest_m=model.nearest_m, keys=own, panel_only=panel_only)
