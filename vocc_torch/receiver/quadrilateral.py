@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from vocc_torch.receiver.limits import LocatorLimits
 from vocc_torch.types import PanelShape
 
-Floats, Points = NDArray[np.float64], NDArray[np.complex128]
+Floats = NDArray[np.float64]
+Points = NDArray[np.complex128]
 Whole = NDArray[np.int64]
 
 # Lengths are added as integers of this fraction of a pixel: an exact sum has no order.

@@ -264,7 +264,7 @@ def _rectified_in_graph(
     ends = torch.stack([homography.new_full((), side) for side in (width, height)])
     x_ends, y_ends = (axis[..., [0, -1]] for axis in axes)
     window = _window(torch, torch.zeros_like(ends), ends, homography, x_ends, y_ends)
-    whole, share = _places(window, *(axis.to(dtype) for axis in axes), dtype)
+    whole, share = _places(window, axes[0].to(dtype), axes[1].to(dtype), dtype)
     left, top = (whole.long() + window.begin.long().view(-1, 2, 1, 1)).unbind(1)
     rows, columns = (
         [(one + by).clamp(0, size - 1) for by in (0, 1)] for one, size in ((top, height), (left, width))
