@@ -172,7 +172,8 @@ def _window(xp: Any, least: Any, most: Any, homography: Any, x_ends: Any, y_ends
     """
     flat = not is_exporting() and not bool((homography[:, 2, :2] != 0).any())
     maps = homography[:, :2] if flat else homography
-    ends = _map_grid(xp, maps, x_ends, y_ends).reshape(len(homography), 2, -1)
+    ends = _map_grid(xp, maps, x_ends, y_ends)
+    ends = ends.reshape(*ends.shape[:2], -1)
     low, high = (xp.minimum(xp.maximum(end, least), most) for end in (xp.amin(ends, 2), xp.amax(ends, 2)))
     # The whole pixel from which positions count.
     origin = begin = xp.floor(low - 0.5)
