@@ -138,7 +138,8 @@ def run_studies(
         works.append(PointWork(name, count, rule, ledgers.get(study.key), told))
     blocks = max(1, max((study.plan.batch_frames for study in studies), default=1) // BLOCK_FRAMES)
     with worker_losses_told():
-        outcomes = run_points(works, workers.submit, window=workers.window, blocks_at_once=blocks)
+        window, remote = lambda: workers.window, workers.remote
+        outcomes = run_points(works, workers.submit, window=window, blocks_at_once=blocks, remote=remote)
         for point, outcome in zip(points, outcomes, strict=True):
             yield *point, outcome
 
