@@ -127,6 +127,8 @@ class RayEngine(Engine):
             self._ray.init(address, log_to_driver=False, logging_level="ERROR", **own)
         except Exception as error:
             raise _no_cluster("Ray", address, error) from error
+        # It would print the last lines of a lost node's log; the run says in one line that a node was lost.
+        import_module("ray._private.worker").print_to_stdstream = lambda *_, **__: None
         self._task = self._ray.remote(num_cpus=1, max_retries=0)(called)
         gone = ("WorkerCrashedError", "NodeDiedError", "OutOfMemoryError", "ObjectLostError", "RaySystemError")
         self.lost = tuple(getattr(self._ray.exceptions, name) for name in (*gone, "LocalRayletDiedError"))

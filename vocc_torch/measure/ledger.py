@@ -12,7 +12,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import astuple
 from pathlib import Path
-from typing import Self, TypeAlias
+from typing import Any, Self, TypeAlias
 
 from vocc_torch import __version__
 from vocc_torch.errors import VoccError, whole_number
@@ -34,6 +34,8 @@ _SCHEMA = (
     "CREATE TABLE blocks (point TEXT, block INTEGER, frames INTEGER, counts TEXT, digest TEXT, "
     "PRIMARY KEY (point, block, frames)) WITHOUT ROWID",
 )
+_TRAINED = "CREATE TABLE trained (key TEXT PRIMARY KEY, content TEXT, digest TEXT) WITHOUT ROWID"
+"""Made once there are trained receivers to keep."""
 _KINDS: dict[str, type[Tally]] = {"counts": Counts, "paired": PairedCounts}
 _ANOTHER = "choose another ledger"
 _STRANGER = f"is no ledger of vocc-torch: {_ANOTHER}"
@@ -140,7 +142,7 @@ class Ledger(AbstractContextManager["Ledger"]):
         if self._run("PRAGMA application_id").fetchone() != (_APPLICATION,):
             raise self._refusal("is no ledger of vocc-torch", _ANOTHER)
         release = f"continue it with the release that began it, or {_ANOTHER}"
-        if schema != _SCHEMA:
+        if schema not in (_SCHEMA, (*_SCHEMA, _TRAINED)):
             raise self._refusal("has another format than that of this release", release)
         ((there, package),) = self._run("SELECT settings, package FROM identity").fetchall()
         if package != __version__:
@@ -154,6 +156,9 @@ class Ledger(AbstractContextManager["Ledger"]):
             if _digest(self._settings, *row) != digest:
                 raise self._refusal(*_DAMAGED)
             _read(*row)
+        for *row, digest in self._run("SELECT * FROM trained") if _TRAINED in schema else ():
+            if _digest(self._settings, *row) != digest:
+                raise self._refusal(*_DAMAGED)
 
     def _refusal(self, told: str, help_: str) -> VoccError:
         """Word a refusal in one line that is not too long."""
@@ -175,6 +180,26 @@ class Ledger(AbstractContextManager["Ledger"]):
             where = "WHERE point=? AND block=? AND frames=?"
             row = self._run(f"SELECT counts FROM blocks {where}", (point, block, frames)).fetchone()
             return None if row is None else _read(point, block, frames, row[0])
+
+    def kept(self, key: str) -> dict[str, Any] | None:
+        """Give what :meth:`keep` wrote under a key, or None."""
+        with _told(self.path):
+            there = self._run("SELECT 1 FROM sqlite_master WHERE name='trained'").fetchone()
+            row = self._run("SELECT content FROM trained WHERE key=?", (key,)).fetchone() if there else None
+            return None if row is None else dict(json.loads(row[0]))
+
+    def keep(self, key: str, content: str) -> None:
+        """Write trained receivers, JSON text, under a key; what stood there is replaced.
+
+        Raises:
+            VoccError: as :meth:`append`.
+        """
+        with _told(self.path):
+            self._run("BEGIN")
+            self._run(_TRAINED.replace("TABLE", "TABLE IF NOT EXISTS"))
+            row = key, content, _digest(self._settings, key, content)
+            self._run("INSERT OR REPLACE INTO trained VALUES (?, ?, ?)", row)
+            self._run("COMMIT")
 
     def append(self, point: str, block: int, frames: int, counts: Mapping[Label, Tally]) -> None:
         """Add a row; one that is already there is not written twice.

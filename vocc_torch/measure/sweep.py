@@ -14,6 +14,7 @@ import torch
 
 from vocc_torch.measure import curve, frame_errors, train
 from vocc_torch.measure.counts import Counts
+from vocc_torch.measure.kept_training import KeptTrainings
 from vocc_torch.measure.ledger import Label, Ledger, Tally
 from vocc_torch.measure.link import Link, Observation
 from vocc_torch.measure.paired import PairedCounts
@@ -87,7 +88,8 @@ def run_campaign(
             from outside.
     """
     ledgers = {study.key: open_ledger(study) for study in studies}
-    every = train.train_plans([one.plan for one in studies], [one.locators for one in studies], workers)
+    kept, locators = KeptTrainings(ledgers.values()), [one.locators for one in studies]
+    every = train.train_plans([one.plan for one in studies], locators, workers, kept)
     trainings = {study.key: one for study, one in zip(studies, every, strict=True)}
     trained()
     banks, results = {}, {}

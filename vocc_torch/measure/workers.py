@@ -9,6 +9,7 @@ import itertools
 import math
 import pickle
 import time
+import warnings
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent import futures
@@ -62,7 +63,6 @@ class Workers:
         kind: ``here``, ``processes``, ``ray``, ``dask``; ``auto`` is this process for one worker, else
             processes.
         address: of the cluster.
-        opened: opens what does calls elsewhere, in place of ``engine_of``.
 
     Raises:
         VoccError: a number outside its range, or an executor that nobody knows.
@@ -73,13 +73,7 @@ class Workers:
         3
     """
 
-    def __init__(
-        self,
-        count: int | None = 1,
-        kind: str = "auto",
-        address: str = "auto",
-        opened: Callable[[str, int, str], Engine] = engine_of,
-    ) -> None:
+    def __init__(self, count: int | None = 1, kind: str = "auto", address: str = "auto") -> None:
         if count is not None and not 0 <= count <= MOST_WORKERS:
             raise VoccError(f"workers is {count}: it must be from 0 (one a core) to {MOST_WORKERS}")
         if kind not in KINDS:
@@ -89,7 +83,7 @@ class Workers:
         cores = timing.usable_cores()
         self.count = min(cores, MOST_UNASKED) if count is None else count or cores
         self._most = count or None
-        self._kind, self._address, self._opened = kind, address, opened
+        self._kind, self._address = kind, address
         self._here = kind == "here" or (kind == "auto" and (self.count == 1 or count is None))
         # Where nobody said otherwise, processes begin once they surely pay.
         self._patience_s = PATIENCE_S if kind == "auto" and count is None and self.count > 1 else math.inf
@@ -156,7 +150,7 @@ class Workers:
     def _open(self) -> Engine:
         if self._engine is None:
             kind = "processes" if self._kind == "auto" else self._kind
-            self._engine = self._opened(kind, self.count, self._address)
+            self._engine = engine_of(kind, self.count, self._address)
         return self._engine
 
     def _packed(self, engine: Engine, call: object) -> tuple[object, object]:
@@ -219,6 +213,7 @@ class Handed(futures.Future[R]):
                 well, value = pickle.loads(inner.result())
             except self._engine.lost as error:
                 if self._tries < MOST_TRIES:
+                    warnings.warn("a worker or node was lost: what it did is handed out again", stacklevel=1)
                     self.hand_out()
                     return
                 raise _lost(error, self._tries) from error

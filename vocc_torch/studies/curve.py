@@ -9,6 +9,7 @@ import numpy as np
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure import build, config, curve, grid, ledger, paired, sweep, timing, train, workers
+from vocc_torch.measure.kept_training import KeptTrainings
 from vocc_torch.measure.link import Link, block_keys
 from vocc_torch.measure.plan import Plan
 from vocc_torch.receiver.features import FEATURE_NAMES
@@ -63,7 +64,12 @@ def run_test(settings: config.Settings, folder: Path) -> None:
     ):
         run_folder.write_config(settings, folder)
         samples.write_samples(folder, plan)
-        training = terminal.train_shown(plan, console)
+        trained, known = KeptTrainings([opened]).or_trained(
+            plan, [locator], lambda: {locator: terminal.train_shown(plan, console)}
+        )
+        training = trained[locator]
+        if known:
+            console.print("resuming: the receivers are trained already", highlight=False)
         banks, outcomes = {study.key: {locator: training.bank(names)}}, {}
         view = terminal.StudyView(experiment.axis, values, names, plan.frames_in_point, console, runs)
         with view:
