@@ -195,12 +195,15 @@ def test_a_run_killed_and_interrupted_ends_as_an_undisturbed_one(app, lives, und
 # As killed runs leave it
 
 
-def test_what_was_counted_is_not_counted_again(app, ended_after, folder, undisturbed, asked):
+def test_what_was_counted_is_not_counted_again(app, ended_after, folder, undisturbed, asked, monkeypatch):
+    """And what was trained is not trained again."""
     ended_after(3)
+    monkeypatch.setattr(testing.terminal, "train_shown", lambda *_: pytest.fail("trained again"))
     known = rows_in(folder / "ledger.sqlite")
     ran = app(*RUN)
     assert (ran.status, ran.err) == (0, "")
-    assert ran.out.startswith(f"resuming: 3 blocks of frames are already counted in {folder}/ledger.sqlite\n")
+    told = f"resuming: 3 blocks of frames are already counted in {folder}/ledger.sqlite\n"
+    assert ran.out.startswith(f"{told}resuming: the receivers are trained already\n")
     assert_as(folder, undisturbed)
     assert not set(asked) & set(known)
     assert (len(known), len(asked)) == (3, BLOCKS - 3)
