@@ -9,7 +9,7 @@ from vocc_torch.measure import workers
 from vocc_torch.measure.executors import Engine
 
 
-class Gone(Exception):
+class GoneError(Exception):
     """What an engine says of a node that it lost."""
 
 
@@ -21,7 +21,7 @@ class Unreliable(Engine):
             next call has been done, by when it may have been handed out again.
     """
 
-    lost, cancels = (Gone,), False
+    lost, cancels = (GoneError,), False
 
     def __init__(self, fates, rng=None):
         self.fates, self.rng = itertools.cycle(fates), rng or random.Random(0)
@@ -47,7 +47,7 @@ class Unreliable(Engine):
             todo, self.waiting[:] = [*self.waiting, *late], []
             for future, call, given, fate in todo:
                 if fate == "lost":
-                    future.set_exception(Gone("a node"))
+                    future.set_exception(GoneError("a node"))
                 else:
                     future.set_result(call(*given))
 

@@ -17,7 +17,7 @@ from vocc_torch.measure import executors, workers
 from vocc_torch.measure.config import Budget
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.executors import about_run, called, demand_answer
-from vocc_torch.measure.workers import PointWork, Workers, run_points
+from vocc_torch.measure.workers import PointWork, Workers
 
 
 def counted(parts, frames=64):
@@ -28,8 +28,7 @@ def run(engine, monkeypatch, blocks=6):
     on(monkeypatch, engine)
     with Workers(2, "ray") as pool:
         works = [PointWork("p", partial(counted, frames=64), Budget(64 * blocks))]
-        options = {"window": lambda: pool.window, "remote": pool.remote}
-        (outcome,) = run_points(works, pool.submit, **options)
+        (outcome,) = pool.run(works)
     return outcome.counts["a", 0].frames
 
 
@@ -37,7 +36,10 @@ def run(engine, monkeypatch, blocks=6):
 @pytest.mark.parametrize(
     ("fates", "told"),
     [
-        (("lost",), r"^a task was lost with its worker or node, 3 times in all \(Gone\): start again to go on$"),
+        (
+            ("lost",),
+            r"^a task was lost with its worker or node, 3 times in all \(GoneError\): start again to go on$",
+        ),
         (("silent",), r"^block \d of p was handed out 3 times and never came back: start again to go on$"),
     ],
 )
@@ -61,7 +63,9 @@ def test_a_node_of_another_release_is_refused_by_its_name():
     other = pickle.dumps(({**wanted, "torch": "1.0"}, files))
     well, error = pickle.loads(called(other, pickle.dumps(abs), pickle.dumps(-3)))
     here = ".".join(torch.__version__.split(".")[:2])
-    told = f"node {socket.gethostname()} has torch {here}, and this run 1.0: give every node the same releases"
+    told = (
+        f"node {socket.gethostname()} has torch {here}, and this run 1.0: give every node the same releases"
+    )
     assert (well, type(error), str(error)) == (False, VoccError, told)
 
 
@@ -75,7 +79,7 @@ def test_the_code_of_the_package_tells_nodes_apart(monkeypatch, tmp_path):
     assert found[0] == found[1] != found[2]
 
 
-class Stubborn(Exception):
+class StubbornError(Exception):
     """An error that no other process can read."""
 
     def __reduce__(self):
@@ -88,7 +92,11 @@ def fail(kind):
 
 @pytest.mark.parametrize(
     ("kind", "came", "text"),
-    [(VoccError, VoccError, "why"), (MemoryError, MemoryError, "why"), (Stubborn, RuntimeError, "Stubborn: why")],
+    [
+        (VoccError, VoccError, "why"),
+        (MemoryError, MemoryError, "why"),
+        (StubbornError, RuntimeError, "StubbornError: why"),
+    ],
 )
 def test_an_error_of_a_call_comes_back_as_a_value(kind, came, text):
     well, error = pickle.loads(called(about_run("ray"), pickle.dumps(fail), pickle.dumps(kind)))
@@ -136,7 +144,9 @@ def test_silence_at_an_address_is_told_in_seconds(deaf, monkeypatch):
     monkeypatch.setattr(executors, "CONNECT_S", 0.3)
     begun = time.monotonic()
     for address, why in ((deaf, "timed out"), ("127.0.0.1:1", "Connection refused")):
-        with pytest.raises(VoccError, match=rf"^executor.address is {address}: nothing answers there \({why}\)$"):
+        with pytest.raises(
+            VoccError, match=rf"^executor.address is {address}: nothing answers there \({why}\)$"
+        ):
             demand_answer(address)
     assert time.monotonic() - begun < 5
 
@@ -150,8 +160,14 @@ def test_what_is_no_address_is_refused(address):
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        (("executor=ray", "task=export"), "executor.kind is ray: it must be auto, here or processes for task=exp"),
-        (("executor.kind=rya",), "executor.kind is 'rya': it must be one of auto, here, processes, ray, dask"),
+        (
+            ("executor=ray", "task=export"),
+            "executor.kind is ray: it must be auto, here or processes for task=exp",
+        ),
+        (
+            ("executor.kind=rya",),
+            "executor.kind is 'rya': it must be one of auto, here, processes, ray, dask",
+        ),
         (("executor.address=a:1",), "executor.address is a:1: it has no meaning for executor=auto"),
         (
             ("executor=ray", "classifier=cnn", "+classifiers.cnn.training.checkpoints=c"),
@@ -169,14 +185,16 @@ def test_what_cannot_be_elsewhere_is_refused(words, told):
 def test_an_engine_that_is_not_installed_is_named(kind, monkeypatch):
     monkeypatch.setitem(sys.modules, "ray", None)
     monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(VoccError, match=rf"^executor.kind is {kind}, which is not installed: pip install 'vocc-"):
+    with pytest.raises(
+        VoccError, match=rf"^executor.kind is {kind}, which is not installed: pip install 'vocc-"
+    ):
         executors.engine_of(kind, 1, "127.0.0.1:1")
 
 
 # Where it begins when nobody says
 
 
-def test_unasked_it_begins_here_and_takes_processes_once_they_pay(monkeypatch):
+def test_unasked_it_begins_here_and_takes_processes(monkeypatch):
     opened = []
 
     def opening(kind, count, address):

@@ -1,4 +1,4 @@
-"""A Ray cluster of local nodes with one CPU each: the bytes of one process, and what goes wrong in one line."""
+"""A Ray cluster of local nodes of one CPU: the bytes of one process, and what goes wrong in one line."""
 
 import os
 import shutil

@@ -52,6 +52,10 @@ class Engine(futures.Executor):
         """How many calls are worked on at the same time; nodes may come and go."""
         raise NotImplementedError
 
+    def call(self, *given: Any) -> futures.Future[bytes]:
+        """Hand out :func:`called`."""
+        return self.submit(called, *given)
+
     def kept(self, content: bytes) -> object:
         """Give what stands for bytes that go with many calls; the bytes arrive all the same."""
         return content
@@ -128,9 +132,15 @@ class RayEngine(Engine):
         except Exception as error:
             raise _no_cluster("Ray", address, error) from error
         # It would print the last lines of a lost node's log; the run says in one line that a node was lost.
-        import_module("ray._private.worker").print_to_stdstream = lambda *_, **__: None
+        vars(import_module("ray._private.worker"))["print_to_stdstream"] = lambda *_, **__: None
         self._task = self._ray.remote(num_cpus=1, max_retries=0)(called)
-        gone = ("WorkerCrashedError", "NodeDiedError", "OutOfMemoryError", "ObjectLostError", "RaySystemError")
+        gone = (
+            "WorkerCrashedError",
+            "NodeDiedError",
+            "OutOfMemoryError",
+            "ObjectLostError",
+            "RaySystemError",
+        )
         self.lost = tuple(getattr(self._ray.exceptions, name) for name in (*gone, "LocalRayletDiedError"))
 
     def slots(self) -> int:
@@ -237,7 +247,7 @@ def demand_answer(address: str, hello: bytes = _PREFACE) -> None:
         >>> demand_answer("127.0.0.1:1")
         Traceback (most recent call last):
         ...
-        vocc_torch.errors.VoccError: executor.address is 127.0.0.1:1: nothing answers there (Connection refused)
+        vocc_torch.errors.VoccError: executor.address is 127.0.0.1:1: nothing answers there (Connection ...)
     """
     host, _, port = address.rpartition("://")[2].rpartition(":")
     if not host or not port.isdecimal() or not 0 < int(port) < 1 << 16:
@@ -273,7 +283,9 @@ def about_run(kind: str) -> bytes:
     files = plugins.carried() if kind in ELSEWHERE else {}
     if files and kind == "dask":  # whose workers outlive the run, and its files' modules with them
         rule = "ray, or one on this machine"
-        raise VoccError(f"executor.kind is dask, and {next(iter(files))} cannot go with it: it must be {rule}")
+        raise VoccError(
+            f"executor.kind is dask, and {next(iter(files))} cannot go with it: it must be {rule}"
+        )
     return pickle.dumps((releases(), files))
 
 

@@ -6,7 +6,7 @@ executed: a classifier is built from the plan of the run that goes on, and takes
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any
 
 import torch
@@ -19,7 +19,7 @@ from vocc_torch.receiver.classifiers import plugged
 from vocc_torch.receiver.flda import FLDA
 from vocc_torch.receiver.model_file import MOST_BYTES, array_of, arrays_as_json
 
-
+_NUMBERS = ("frames", "missed", "seconds")
 _NOT_KEPT = (VoccError, LookupError, TypeError, ValueError, RuntimeError, AttributeError)
 """What a classifier raises that cannot say what it learned, or cannot take it up."""
 
@@ -74,7 +74,7 @@ class KeptTrainings:
 
 
 def _alike(one: Training, other: Training, plan: Plan) -> bool:
-    """Whether the classifiers of two trainings score alike to the last bit: one may take up less than it gave."""
+    """Whether classifiers score alike to the last bit: one may take up less than it gave."""
     shape, drawn = plan.world.panel.shape, torch.Generator().manual_seed(0)
     for name, learned in one.classifiers.items():
         size = shape.rows, shape.columns, learned.inputs.size
@@ -92,7 +92,7 @@ def _packed(training: Training) -> dict[str, Any]:
         values, state = plugged.state_of(one)
         learned[name] = {"values": values, "arrays": arrays_as_json(state)}
     return {
-        **{key: getattr(training, key) for key in ("frames", "missed", "seconds")},
+        **{key: getattr(training, key) for key in _NUMBERS},
         "arrays": arrays_as_json(arrays),
         "classifiers": learned,
         "made": {name: asdict(one) for name, one in training.made.items()},
@@ -104,7 +104,8 @@ def _unpacked(content: Mapping[str, Any], plan: Plan) -> Training:
     """Put a training together."""
     plans: dict[str, ClassifierPlan] = {one.name: one for one in plan.receiver.classifiers}
     arrays = {name: array_of(one) for name, one in content["arrays"].items()}
-    device, kept = resolve_device(plan.world.device), (arrays.pop("features"), arrays.pop("bits"))
+    device = resolve_device(plan.world.device)
+    kept: dict[str, Any] = {key: arrays.pop(key) for key in ("features", "bits")}
     flda = FLDA(arrays["mean"].shape[-1])
     flda.load_state_dict(arrays)
     learned = {}
@@ -112,7 +113,7 @@ def _unpacked(content: Mapping[str, Any], plan: Plan) -> Training:
         state = {key: array_of(array) for key, array in one["arrays"].items()}
         guarded = plugged.restored(plans[name].build, plans[name].inputs, one["values"], state)
         learned[name] = guarded if device.type == "cpu" else guarded.to(device)
-    counted = (content[key] for key in ("frames", "missed"))
     made = {name: Making(**one) for name, one in content["made"].items()}
     more = tuple(_unpacked(one, plan) for one in content["more"])
-    return Training(flda.to(device), *counted, *kept, content["seconds"], learned, made, more)
+    numbers: dict[str, Any] = {key: content[key] for key in _NUMBERS}
+    return replace(Training(flda.to(device), classifiers=learned, made=made, more=more), **numbers, **kept)

@@ -20,7 +20,7 @@ from vocc_torch.measure.link import Link, Observation
 from vocc_torch.measure.paired import PairedCounts
 from vocc_torch.measure.plan import Experiment, Locator, Plan, identity
 from vocc_torch.measure.trainings import TRAININGS, Trained
-from vocc_torch.measure.workers import Outcome, Part, PointWork, Workers, run_points, worker_losses_told
+from vocc_torch.measure.workers import Outcome, Part, PointWork, Workers, worker_losses_told
 from vocc_torch.receiver.bank import ReceiverBank
 from vocc_torch.rng import BLOCK_FRAMES
 from vocc_torch.simulation import SceneModel
@@ -140,9 +140,7 @@ def run_studies(
         works.append(PointWork(name, count, rule, ledgers.get(study.key), told))
     blocks = max(1, max((study.plan.batch_frames for study in studies), default=1) // BLOCK_FRAMES)
     with worker_losses_told():
-        window, remote = lambda: workers.window, workers.remote
-        outcomes = run_points(works, workers.submit, window=window, blocks_at_once=blocks, remote=remote)
-        for point, outcome in zip(points, outcomes, strict=True):
+        for point, outcome in zip(points, workers.run(works, blocks), strict=True):
             yield *point, outcome
 
 

@@ -15,14 +15,15 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent import futures
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
+from functools import partial
 from typing import NamedTuple, Self, TypeAlias, TypeVar
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure import intervals, timing
 from vocc_torch.measure.config import Budget, Settings
 from vocc_torch.measure.counts import Counts, Tally
+from vocc_torch.measure.executors import ELSEWHERE, KINDS, Engine, ProcessEngine, about_run, engine_of
 from vocc_torch.measure.ledger import Label, Ledger
-from vocc_torch.measure.executors import ELSEWHERE, KINDS, Engine, ProcessEngine, about_run, called, engine_of
 from vocc_torch.measure.trainings import TRAININGS
 from vocc_torch.rng import BLOCK_FRAMES
 from vocc_torch.types import resolve_device
@@ -122,11 +123,6 @@ class Workers:
         slots = self.count if self._engine is None else self._engine.slots()
         return 2 * (min(slots, self._most) if self._most else slots)
 
-    @property
-    def remote(self) -> bool:
-        """Whether a call may be lost without a word."""
-        return self._kind in ELSEWHERE
-
     def submit(self, call: Callable[[A], R], argument: A, /) -> futures.Future[R]:
         """Hand out a call; in this process it is made at once, and its error raised here.
 
@@ -147,6 +143,11 @@ class Workers:
             handed.hand_out()
         return handed
 
+    def run(self, works: "Iterable[PointWork]", blocks_at_once: int = 1) -> "Iterator[Outcome]":
+        """Count points, as :func:`run_points`."""
+        remote, window = self._kind in ELSEWHERE, partial(getattr, self, "window")
+        return run_points(works, self.submit, window=window, blocks_at_once=blocks_at_once, remote=remote)
+
     def _open(self) -> Engine:
         if self._engine is None:
             kind = "processes" if self._kind == "auto" else self._kind
@@ -166,7 +167,7 @@ class Workers:
         """Join the cluster, if there is one; no process of this machine is started yet."""
         if self._here:
             timing.settle_memory()
-        if self.remote:
+        if self._kind in ELSEWHERE:
             self._open()
         return self
 
@@ -184,7 +185,7 @@ class Handed(futures.Future[R]):
 
     Args:
         engine: who does it.
-        work: what :func:`called` is given.
+        work: what :func:`vocc_torch.measure.executors.called` is given.
     """
 
     def __init__(self, engine: Engine, work: Sequence[object]) -> None:
@@ -195,7 +196,7 @@ class Handed(futures.Future[R]):
     def hand_out(self) -> None:
         """Hand the call out, once more if it was before."""
         self._tries += 1
-        self._inner = self._engine.submit(called, *self._work)
+        self._inner = self._engine.call(*self._work)
         self._inner.add_done_callback(self._came)
 
     def cancel(self) -> bool:

@@ -1,6 +1,7 @@
 """``task=export``: simulated frames as PNG, with their truth as CSV and COCO JSON."""
 
 import shutil
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -77,8 +78,7 @@ def render(
 
         works = [workers.PointWork(one.point, one, rule, ledger, told) for one in shards]
         with workers.worker_losses_told():
-            for _ in workers.run_points(works, pool.submit, window=lambda: pool.window, blocks_at_once=at_once):
-                pass
+            deque(pool.run(works, at_once), maxlen=0)
 
 
 def identity_of(plan: Plan, config: ExportConfig) -> dict[str, Any]:
