@@ -13,7 +13,7 @@ import warnings
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent import futures
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import partial
 from typing import NamedTuple, Self, TypeAlias, TypeVar
@@ -43,6 +43,9 @@ MOST_TRIES = 3
 
 MOST_KEPT = 32
 """Most calls that are kept packed, for as many points under way."""
+
+BEAT_S = 0.05
+"""Least time between two looks at what a cluster has done, s."""
 
 OVERDUE, OVERDUE_S = 20, 60.0
 """A call that takes this many times as long as the longest before, and so many seconds at least, is lost."""
@@ -456,6 +459,7 @@ def run_points(
         [64, 100]
     """
     upcoming, points, longest_s = iter(works), deque[PointWork](), 0.0
+    looked = beat = time.monotonic()
     under_way: UnderWay = {}
     try:
         while True:
@@ -470,25 +474,35 @@ def run_points(
                 if missing := point.take(blocks_at_once):
                     under_way[submit(point.count, missing)] = Call(point, missing, time.monotonic())
                 point.add_known()
-                _call_off(under_way)
+                if point.stopped_by:
+                    _call_off(under_way)
             if points and points[0].stopped_by:
                 first = points.popleft()
                 yield Outcome(first.counts, first.stopped_by)
             elif under_way:
                 # What came back is recorded before the error of another call is raised.
                 patience_s = max(OVERDUE_S, OVERDUE * longest_s) if remote else None
+                if remote:  # many at a time, for each time the disk is waited for
+                    time.sleep(max(0.0, beat + BEAT_S - time.monotonic()))
                 done, _ = futures.wait(under_way, patience_s, return_when=futures.FIRST_COMPLETED)
+                beat = time.monotonic()
                 calls = [(future, under_way.pop(future)) for future in done]
-                for future, call in sorted(calls, key=lambda one: _failed(one[0])):
-                    call.point.record(call.parts, future.result())
-                    longest_s = max(longest_s, time.monotonic() - call.since)
-                    for other in [one for one, of in under_way.items() if of.parts is call.parts]:
-                        del under_way[other]
-                if patience_s is not None:
-                    _hand_out_again(under_way, submit, time.monotonic() - patience_s)
+                with ExitStack() as together:
+                    for ledger in {call.point.ledger for _, call in calls if call.point.ledger}:
+                        together.enter_context(ledger.together())
+                    for future, call in sorted(calls, key=lambda one: _failed(one[0])):
+                        call.point.record(call.parts, future.result())
+                        longest_s = max(longest_s, time.monotonic() - call.since)
+                        if call.copies > 1:
+                            for other in [one for one, of in under_way.items() if of.parts is call.parts]:
+                                del under_way[other]
+                if patience_s is not None and time.monotonic() > looked + patience_s / 4:
+                    looked = time.monotonic()
+                    _hand_out_again(under_way, submit, looked - patience_s)
                 for point in points:
                     point.add_known()
-                _call_off(under_way)
+                if any(point.stopped_by for point in points):
+                    _call_off(under_way)
             else:
                 return
     finally:
