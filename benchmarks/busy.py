@@ -48,7 +48,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     alone = statistics.median(wall for wall, _ in spent[0])
     for busy, times in spent.items():
         wall, processor = (statistics.median(column) for column in zip(*times, strict=True))
-        print(f"{busy} busy: {wall:.1f} s, {processor:.1f} s of processor time, {wall / alone:.2f} times alone")
+        print(
+            f"{busy} busy: {wall:.1f} s, {processor:.1f} s of processor time, {wall / alone:.2f} times alone"
+        )
 
 
 if __name__ == "__main__":
