@@ -47,7 +47,7 @@ MOST_KEPT = 32
 BEAT_S = 0.05
 """Least time between two looks at what a cluster has done, s."""
 
-OVERDUE, OVERDUE_S = 20, 60.0
+OVERDUE, OVERDUE_S = 20, 600.0
 """A call that takes this many times as long as the longest before, and so many seconds at least, is lost."""
 
 FIRST_CHECK = 16
