@@ -99,6 +99,7 @@ OTHER = {
     **{"name": "other", "seed": 1, "precision": "float64", "framing": "full", "batch_frames": 32},
     **{"classifiers": {"own": LMMSE}, "locators": {"own": PART}, "features": {"own": PART}},
     **{"device": "cpu", "workers": 3, "tensorboard": False},
+    **{"executor.kind": "here", "executor.address": "local"},
     **{"input": "photo.png", "model": "receiver.pt", "plug_ins": ["mine.py"]},
 }
 """Of every key another value than the default."""
@@ -116,6 +117,8 @@ ALSO = {
 LATER = {
     "name": "tests/app/test_run_folder.py::test_only_folders_below_runs_are_given",
     "workers": "tests/measure/test_workers.py::test_two_processes_measure_what_one_measures",
+    "executor.kind": "tests/app/test_executors.py::test_unasked_it_begins_here_and_takes_processes",
+    "executor.address": "tests/app/test_executors.py::test_what_cannot_be_elsewhere_is_refused",
     "tensorboard": "tests/app/test_cli.py::test_default_run_writes_everything",
     "input": "tests/app/test_decode_command.py::test_a_folder_with_and_without_panels",
     "model": "tests/app/test_decode_command.py::test_models_that_do_not_fit",
@@ -128,6 +131,9 @@ LATER = {
     "scene.name": "tests/studies/collect/test_collect.py::test_keys_of_an_experiment_that_follow",
 }
 """Keys that act after a study is built, and the test that sees them act."""
+
+WHO = ("workers", "executor")
+"""Who counts, which a study leaves to ``Workers.of``."""
 
 FROM_OTHERS = {
     "tradeoff": {
@@ -234,6 +240,7 @@ def test_every_key_is_refused_by_its_name_or_has_an_effect(task):
             if key in LATER and (key != "scene.name" or task == "test"):  # the study reads it, or its section
                 done = any(f"{of}.{key.rpartition('.')[2]}" in source for of in ("settings", "config"))
                 done = done or key in ("name", "scene.name")
+                done = done or (key.partition(".")[0] in WHO and "Workers.of(settings)" in source)
             elif key in brought:
                 own = [getattr(one.tradeoff, brought[key]) for one in (base, others)]
                 done = own[0][0] != own[1][0] and own[1][0] == value

@@ -87,7 +87,7 @@ RECORDED = ("input", "model", "plug_ins")
 
 COUNTING = tuple(f"budget.{one.name}" for one in fields(Budget) if one.name != "training_frames")
 TESTING = tuple(f"experiment.{one.name}" for one in fields(Experiment) if one.name != "training")
-ALONE = ("workers", "tensorboard", "scene.name", "receiver.names", *COUNTING)
+ALONE = ("workers", "executor", "tensorboard", "scene.name", "receiver.names", *COUNTING)
 """What has no part in making one receiver."""
 
 IGNORED = {
@@ -99,18 +99,18 @@ IGNORED = {
     "tradeoff": (*RECORDED, "experiment", "receiver.save"),
     "classifiers": (*RECORDED, "experiment"),
     "export_receiver": (
-        *("input", "experiment", "workers", "tensorboard", "scene.name", "receiver.names"),
+        *("input", "experiment", "workers", "executor", "tensorboard", "scene.name", "receiver.names"),
         *(one for one in COUNTING if one != "budget.frames"),
     ),
     "export": (*RECORDED, "receiver", "budget", "tensorboard", "scene.name", *PARTS),
     "transmit": (
         *("model", "plug_ins", "seed", "device", "precision", "framing", "batch_frames", "workers"),
-        *("tensorboard", "scene", "camera", "receiver", "experiment", "budget", *PARTS),
+        *("executor", "tensorboard", "scene", "camera", "receiver", "experiment", "budget", *PARTS),
         *(f"panel.{one.name}" for one in fields(LedPanel) if one.name != "shape"),
     ),
     "record": (
-        *("model", "plug_ins", "workers", "tensorboard", "scene.name", "receiver", "experiment", "budget"),
-        *("panel.rows", "panel.columns", *PARTS),
+        *("model", "plug_ins", "workers", "executor", "tensorboard", "scene.name", "receiver", "experiment"),
+        *("budget", "panel.rows", "panel.columns", *PARTS),
     ),
     "receive": (*ALONE, "experiment", "panel.rows", "panel.columns"),
     "collect": tuple(one.name for one in fields(AppConfig) if one.name not in ("task", "name", "input")),

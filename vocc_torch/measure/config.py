@@ -262,6 +262,21 @@ class ClassifierSettings:
 
 
 @dataclass
+class ExecutorSettings:
+    """Who counts; see :class:`vocc_torch.measure.workers.Workers`.
+
+    Args:
+        kind: ``here`` is this process, ``processes`` are others of this machine, ``ray`` and ``dask``
+            clusters; ``auto`` takes the first two as ``workers`` says. It changes speed, never results.
+        address: of the cluster, HOST:PORT; ``auto`` is the Ray cluster that runs on this machine, ``local``
+            starts one.
+    """
+
+    kind: str = MISSING
+    address: str = MISSING
+
+
+@dataclass
 class Settings:
     """What every task is told; a study adds a section of its own.
 
@@ -274,7 +289,9 @@ class Settings:
         framing: ``crop`` renders the panel's surroundings, ``filled`` lays them into a full frame, ``full``
             renders the whole sensor; the decisions are the same.
         batch_frames: frames computed at a time; changes speed and memory, never results.
-        workers: processes of one thread each; 0 takes one a core; changes speed, never results.
+        workers: processes of one thread each; 0 takes one a core, null begins in this process and goes on in
+            one a core, at most 8, once that is quicker; changes speed, never results.
+        executor: who counts.
         tensorboard: whether boards are written.
         input: for task=decode and task=receive a picture, a folder of pictures, a video or an array; for
             task=transmit a file; for task=record the folder of that; for task=collect a sweep's folder.
@@ -298,7 +315,8 @@ class Settings:
     precision: str = MISSING
     framing: str = MISSING
     batch_frames: int = MISSING
-    workers: int = MISSING
+    workers: int | None = None
+    executor: ExecutorSettings = field(default_factory=ExecutorSettings)
     tensorboard: bool = MISSING
     input: str | None = None
     model: str | None = None
