@@ -16,7 +16,7 @@ from typing import Self, TypeAlias
 
 from vocc_torch import __version__
 from vocc_torch.errors import VoccError, whole_number
-from vocc_torch.measure.counts import Counts
+from vocc_torch.measure.counts import Counts, WeightedCounts
 from vocc_torch.measure.counts import Tally as Tally
 from vocc_torch.measure.paired import PairedCounts
 from vocc_torch.rng import BLOCK_FRAMES
@@ -34,7 +34,7 @@ _SCHEMA = (
     "CREATE TABLE blocks (point TEXT, block INTEGER, frames INTEGER, counts TEXT, digest TEXT, "
     "PRIMARY KEY (point, block, frames)) WITHOUT ROWID",
 )
-_KINDS: dict[str, type[Tally]] = {"counts": Counts, "paired": PairedCounts}
+_KINDS: dict[str, type[Tally]] = {"counts": Counts, "paired": PairedCounts, "weighted": WeightedCounts}
 _ANOTHER = "choose another ledger"
 _STRANGER = f"is no ledger of vocc-torch: {_ANOTHER}"
 _DAMAGED = ("is damaged", "bring back a copy, or delete it to count everything again")
