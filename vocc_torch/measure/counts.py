@@ -197,10 +197,14 @@ class WeightedCounts(Counts):
             nominal: share of the frames, in 64ths, that come from the scenes that are meant.
         """
         frames, wrong = len(halves), np.flatnonzero(halves)
-        pairs = [(round(w / WEIGHT_UNIT), h) for w, h in zip(weights[wrong], halves[wrong].tolist(), strict=True)]
+        pairs = [
+            (round(w / WEIGHT_UNIT), h) for w, h in zip(weights[wrong], halves[wrong].tolist(), strict=True)
+        ]
         plain = sum(h for _, h in pairs), sum(h * h for _, h in pairs), len(wrong), int((~found).sum())
         sums = (sum(w * h**power for w, h in pairs) for power in (1, 2))
-        return cls(frames, frames * leds, *plain, frames * nominal, *sums, sum((w * h) ** 2 for w, h in pairs))
+        return cls(
+            frames, frames * leds, *plain, frames * nominal, *sums, sum((w * h) ** 2 for w, h in pairs)
+        )
 
     @property
     def ber(self) -> float:

@@ -282,7 +282,9 @@ class Curves:
 
     def total(self, receiver: str) -> Counts:
         """Give one receiver's counts over all values."""
-        return sum((self.counts[receiver, value] for value in self.values[1:]), self.counts[receiver, self.values[0]])
+        return sum(
+            (self.counts[receiver, value] for value in self.values[1:]), self.counts[receiver, self.values[0]]
+        )
 
     def pair(self, a: str, b: str, value: float | None = None) -> PairedCounts:
         """Compare receiver a with receiver b, at one value or over all of them.

@@ -203,12 +203,11 @@ def clustered_interval(
 def weighted_interval(counts: WeightedCounts, confidence: float = 0.95) -> Estimate:
     """Give the interval of a rate from weighted frames, which are the independent units.
 
-    The weighted errors of a frame are a sum of rare things of unequal size, for which Fay and Feuer
-    (Statistics in Medicine 16, 1997) take the gamma distribution with the sum's mean and variance, exact where
-    all weights are equal. Its shape is the effective number of wrong frames, ``(sum y)^2 / sum y^2`` of
-    the frames' weighted errors y less what a sum over a fixed number of frames varies less, and fewer by the ratio of t
-    quantiles that pays for a variance which is itself an estimate. The upper end allows for one more wrong
-    frame, of the largest size that so few may have missed: see ``benchmarks/rare_coverage.py``.
+    Their sum is one of rare things of unequal sizes, for which Fay and Feuer (Statistics in Medicine 16,
+    1997) take the gamma distribution with the sum's mean and variance, exact where all weights are equal. Its
+    shape is the effective number of wrong frames, ``(sum y)^2 / sum y^2`` over the frames' weighted errors y,
+    corrected for a number of frames that is fixed, times the ratio of t quantiles that pays for a variance
+    which is itself an estimate. The upper end allows for one more effective wrong frame.
 
     Args:
         counts: at least one wrong frame of a weight above 0.

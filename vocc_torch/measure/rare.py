@@ -2,8 +2,8 @@
 
 A pilot, which is not counted, looks where every receiver's scores come nearest to a wrong bit, and makes of
 it a proposal: scenes as they are meant, patterns that locators may fail at, and for each receiver the
-neighbourhoods and scenes of its weakest LEDs (the cross-entropy method: Rubinstein, Methodology and Computing in
-Applied Probability 1, 1999). The proposal is then frozen, and all receivers are counted on its frames.
+neighbourhoods and scenes of its weakest LEDs (the cross-entropy method: Rubinstein, Methodology and Computing
+in Applied Probability 1, 1999). The proposal is then frozen, and all receivers are counted on its frames.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -31,7 +31,7 @@ from vocc_torch.types import PanelShape
 
 Banks = Mapping[Locator, ReceiverBank]
 
-NOMINAL, PATTERNS = 16, 8
+NOMINAL, PATTERNS = 16, 16
 """Frames of a block that are drawn as they are meant, and with patterns that locators may fail at."""
 LEVEL_BLOCKS = (32, 32, 32, 32, 32, 64)
 """Blocks of each of the pilot's looks."""
@@ -118,16 +118,21 @@ def proposal(plan: Plan, banks: Banks, model: SceneModel, point: str, submit: Su
     shape = plan.world.panel.shape
     guess = first_guess(shape, locates=any(one != "truth" for one in banks))
     scenes = TiltedScenes.of(model, guess)
+    looks: list[Look] = []
     for level, blocks in enumerate(LEVEL_BLOCKS):
         call = partial(look, plan, banks, scenes, f"{point}/pilot/{level}")
-        seen = joined([one.result() for one in [submit(call, block) for block in range(blocks)]])
-        scenes = TiltedScenes.of(model, learned(scenes, seen, shape))
+        looks.append(joined([one.result() for one in [submit(call, block) for block in range(blocks)]]))
+        scenes = TiltedScenes.of(model, learned(scenes, looks, shape))
     return scenes
 
 
 def look(plan: Plan, banks: Banks, scenes: TiltedScenes, point: str, block: int) -> Look:
     """Look at one block of a pilot."""
-    plan, key, shape = replace(plan, batch_frames=BLOCK_FRAMES), BlockKey(plan.seed, point, block), plan.world.panel.shape
+    plan, key, shape = (
+        replace(plan, batch_frames=BLOCK_FRAMES),
+        BlockKey(plan.seed, point, block),
+        plan.world.panel.shape,
+    )
     names = [FrameKey(key, frame) for frame in range(BLOCK_FRAMES)]
     with threads(1), torch.inference_mode():
         link, finders = Link.of(plan), plan.receiver.finders(tuple(banks))
@@ -160,7 +165,7 @@ def joined(looks: Sequence[Look]) -> Look:
 
 def first_guess(shape: PanelShape, *, locates: bool) -> list[Component]:
     """Give the components that the pilot begins with: weak LEDs with equal neighbours, and patterns."""
-    components = [Component.nominal(NOMINAL, shape), patterns(shape, PATTERNS if locates else PATTERNS // 2)]
+    components = [Component.nominal(NOMINAL, shape), patterns(shape, PATTERNS if locates else PATTERNS // 4)]
     rest, side = BLOCK_FRAMES - sum(one.frames for one in components), 2 * REACH + 1
     for number, (own, near) in enumerate([(0.05, 0.85), (0.95, 0.15), (0.95, 0.85), (0.05, 0.15)]):
         template = np.full((side, side), 0.5)
@@ -178,7 +183,7 @@ def patterns(shape: PanelShape, frames: int) -> Component:
         for width in range(1, min(4, lines)):
             for first in range(lines - width + 1):
                 one = np.full((shape.rows, shape.columns), 0.5)
-                one[(slice(None),) * axis + (slice(first, first + width),)] = 0.1
+                one[(slice(None),) * axis + (slice(first, first + width),)] = 0.05
                 maps.append(one)
     maps += [np.full((shape.rows, shape.columns), share) for share in (0.1, 0.25, 0.75, 0.9)]
     return Component(frames, np.stack(maps), np.full(len(maps), 1 / len(maps)))
@@ -218,12 +223,12 @@ def sides(shape: PanelShape) -> NDArray[np.int64]:
     return rows[:, None] + columns
 
 
-def learned(scenes: TiltedScenes, seen: Look, shape: PanelShape) -> list[Component]:
-    """Make the next proposal of what was seen of the last one."""
-    nominal, dark = scenes.components[:2]
-    components = [nominal, relearned(dark, seen)]
-    looks = zip(seen.margins, seen.failed, strict=True)
-    weak = [one for margins, failed in looks for one in weakest(margins, failed, seen)]
+def learned(scenes: TiltedScenes, looks: Sequence[Look], shape: PanelShape) -> list[Component]:
+    """Make the next proposal of what was seen with the last one; of failed locations, with all before."""
+    (nominal, dark), seen = scenes.components[:2], looks[-1]
+    components = [nominal, relearned(dark, joined(looks))]
+    of_each = zip(seen.margins, seen.failed, strict=True)
+    weak = [one for margins, failed in of_each for one in weakest(margins, failed, seen)]
     rest = BLOCK_FRAMES - sum(one.frames for one in components)
     weak = sorted(weak, key=lambda one: -len(one[0]))[:rest]
     for number, (leds, weights) in enumerate(weak):
@@ -254,8 +259,7 @@ def weakest(
         order = np.argsort(own, axis=None, kind="stable")[:count]
         places = np.stack(np.unravel_index(order[np.isfinite(own.ravel()[order])], own.shape), axis=1)
         if len(places):
-            powers = (seen.weights[places[:, 0]] ** power for power in (1.0, 0.75, 0.5, 0.25, 0.0))
-            yield places, next(one for one in powers if effective(one) >= min(ENOUGH, len(places) * 0.99))
+            yield places, evened(seen.weights[places[:, 0]])
 
 
 def of_leds(
@@ -275,7 +279,9 @@ def of_leds(
     count = effective(weights)
     prior = 2 * weights.sum() / count
     template = ((lit + len(turned) * prior / 2) / (there + len(turned) * prior)).clip(0.05, 0.95)
-    beyond = (weights @ (every - near) + others.mean() * prior / 2) / (weights @ others + others.mean() * prior)
+    beyond = (weights @ (every - near) + others.mean() * prior / 2) / (
+        weights @ others + others.mean() * prior
+    )
     which, every_led = sides(shape)[row, column], sides(shape)
     share = {one: weights[which == one].sum() / weights.sum() for one in CLASSES}
     share = {one: share[one] + 0.1 * float(np.mean(every_led == one)) for one in CLASSES}
@@ -283,17 +289,31 @@ def of_leds(
 
 
 def relearned(component: Component, seen: Look) -> Component:
-    """Learn the patterns' shares and scenes from the frames whose panel was not found where it is."""
+    """Learn the patterns, their shares and scenes from the frames whose panel was not found where it is."""
     frame = np.flatnonzero(seen.failed.any(axis=0))
-    weights = seen.weights[frame]
     if len(frame) < 4:
         return component
-    ratios = component.log_ratios(seen.bits[frame])
-    belongs = np.exp(ratios - np.logaddexp.reduce(ratios, axis=1)[:, None])
-    count, flat = effective(weights), np.full(len(component.places), 1 / len(component.places))
-    share = (belongs * weights[:, None]).sum(axis=0) / weights.sum()
-    places = (count * share + 8 * flat) / (count + 8)
-    return replace(component, places=places, tilts=tilts(seen, frame, weights))
+    one = seen.bits[frame]
+    # As likely from either side.
+    bits = np.concatenate([one, one[:, ::-1], one[:, :, ::-1], one[:, ::-1, ::-1]])
+    weights = np.tile(evened(seen.weights[frame]) / 4, 4)
+    ratios = component.log_ratios(bits)
+    # How likely each frame came of each pattern.
+    belongs = np.exp(ratios - np.logaddexp.reduce(ratios, axis=1)[:, None]) * weights[:, None]
+    count = effective(weights) / 4
+    own = belongs.sum(axis=0) / weights.sum()
+    lit = np.einsum("np,nrc->prc", belongs, bits.astype(np.float64)) / weights.sum()
+    places = (count * own + 8 / len(own)) / (count + 8)
+    maps = (count * lit + 8 * component.maps) / (count * own + 8)[:, None, None]
+    return Component(
+        component.frames, maps.clip(0.03, 0.97), places, tilts(seen, frame, weights[: len(frame)])
+    )
+
+
+def evened(weights: Floats) -> Floats:
+    """Give a root of weights, where a few of them are most of their sum: it tells of more than these."""
+    powers, enough = (1.0, 0.75, 0.5, 0.25, 0.0), min(ENOUGH, 0.99 * len(weights))
+    return next(one for one in (weights**power for power in powers) if effective(one) >= enough)
 
 
 def tilts(seen: Look, frame: NDArray[np.int64], weights: Floats) -> dict[str, Floats]:

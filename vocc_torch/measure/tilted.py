@@ -1,4 +1,4 @@
-"""Scenes drawn where errors are expected, each with the weight that makes rates those of the scenes that are meant.
+"""Scenes drawn where errors are expected, each with the weight that gives the rates of the scenes meant.
 
 A proposal is a mixture: each of its components draws the values of a scene from a tilted distribution, and
 the bits On with a probability of each LED's own, from one of several maps. One component is the scenes as
@@ -55,7 +55,7 @@ class Component:
         return cls(frames, np.full((1, shape.rows, shape.columns), 0.5), np.ones(1))
 
     def log_ratios(self, bits: NDArray[np.bool_]) -> Floats:
-        """Give the logarithm of each map's share and probability of some bits, over that of equally likely ones.
+        """Give the logarithm of each map's share and probability of bits, over that of equally likely ones.
 
         Args:
             bits: (N,R,C).
