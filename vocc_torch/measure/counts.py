@@ -196,14 +196,19 @@ class WeightedCounts(Counts):
             weights: (N,) each frame's weight, at least 0.
             nominal: share of the frames, in 64ths, that come from the scenes that are meant.
         """
-        frames, wrong = len(halves), np.flatnonzero(halves)
-        pairs = [
-            (round(w / WEIGHT_UNIT), h) for w, h in zip(weights[wrong], halves[wrong].tolist(), strict=True)
-        ]
-        plain = sum(h for _, h in pairs), sum(h * h for _, h in pairs), len(wrong), int((~found).sum())
-        sums = (sum(w * h**power for w, h in pairs) for power in (1, 2))
+        wrong = np.flatnonzero(halves).tolist()
+        pairs = [(round(float(weights[i]) / WEIGHT_UNIT), int(halves[i])) for i in wrong]
         return cls(
-            frames, frames * leds, *plain, frames * nominal, *sums, sum((w * h) ** 2 for w, h in pairs)
+            frames=len(halves),
+            bits=len(halves) * leds,
+            half_errors=sum(h for _, h in pairs),
+            half_errors_squared=sum(h * h for _, h in pairs),
+            frame_errors=len(wrong),
+            panels_missed=int((~found).sum()),
+            nominal=len(halves) * nominal,
+            weighted=sum(w * h for w, h in pairs),
+            weighted_squares=sum(w * h * h for w, h in pairs),
+            squares=sum((w * h) ** 2 for w, h in pairs),
         )
 
     @property

@@ -84,8 +84,8 @@ def count_parts(
     receivers, shape = frame_errors.Banks(list(banks.items())), plan.world.panel.shape
     job = frame_errors.FrameJob(plan, scenes, point, tuple(banks), receivers, receivers.needs_preambles)
     errors = job.count([part.block for part in parts], sum(part.frames for part in parts))
-    labels = [(locator, name, 0) for locator, bank in banks.items() for name in bank.names]
-    counted = []
+    labels: list[Label] = [(locator, name, 0) for locator, bank in banks.items() for name in bank.names]
+    counted: list[dict[Label, Tally]] = []
     for number, part in enumerate(parts):
         weights = scenes.weights(BlockKey(plan.seed, point, part.block), shape)[: part.frames]
         one = errors.of(frames=slice(number * BLOCK_FRAMES, number * BLOCK_FRAMES + part.frames))

@@ -66,7 +66,8 @@ class Component:
         on, off = np.log(2 * self.maps), np.log(2 * (1 - self.maps))
         # Not as a product of matrices, whose last digits hang on the machine's library.
         lit = np.einsum("nrc,prc->np", bits.astype(np.float64), on - off)
-        return lit + off.sum(axis=(1, 2)) + np.log(self.places)
+        found: Floats = lit + off.sum(axis=(1, 2)) + np.log(self.places)
+        return found
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,7 +104,8 @@ class TiltedScenes(SceneModel):
     @classmethod
     def of(cls, model: SceneModel, components: Sequence[Component]) -> "TiltedScenes":
         """Tilt a scene model."""
-        return cls(*(getattr(model, name) for name in SCENE_FIELDS), tuple(components))
+        values = {name: getattr(model, name) for name in SCENE_FIELDS}
+        return cls(**values, components=tuple(components))
 
     @property
     def nominal(self) -> int:
@@ -119,7 +121,8 @@ class TiltedScenes(SceneModel):
     def weights(self, key: BlockKey, shape: PanelShape) -> Floats:
         """Give the weight of each frame of a block, (64,)."""
         uniform, bits = self._drawn(key, shape)
-        return np.exp(-np.logaddexp.reduce(self.log_ratios(uniform, bits), axis=0))
+        found: Floats = np.exp(-np.logaddexp.reduce(self.log_ratios(uniform, bits), axis=0))
+        return found
 
     def log_ratios(self, uniform: Mapping[str, Floats], bits: NDArray[np.bool_]) -> Floats:
         """Give the logarithm of each component's share and density over the density that is meant, (K,N)."""
@@ -169,4 +172,5 @@ def _value_at(one: Distribution, uniform: Floats) -> Floats:
         return values[np.floor(uniform * len(values)).astype(np.int64)]
     low, high = np.log(values) if one.kind == "log_uniform" else values
     drawn = low + (high - low) * uniform
-    return (np.exp(drawn) if one.kind == "log_uniform" else drawn).clip(*one.bounds)
+    found: Floats = (np.exp(drawn) if one.kind == "log_uniform" else drawn).clip(*one.bounds)
+    return found
