@@ -85,10 +85,14 @@ COLUMNS = (
 HEAD = f"| {' | '.join((*COLUMNS, 'CPU s'))} |\n{'|---' * (len(COLUMNS) + 1)}|"
 
 
+LAWS = (0.1, 48, 4), (0.1, 48, 16), (0.03, 48, 16), (0.1, 4, 16)
+"""The last share of three values in which LEDs are wrong, frames of 64 that seek it, blocks of a study."""
+
+
 def coverage(studies: int) -> None:
     """Simulate studies of a receiver whose rate is known."""
     print(HEAD)
-    for share, frames, blocks in ((0.1, 48, 4), (0.1, 48, 16), (0.03, 48, 16), (0.03, 48, 64), (0.1, 4, 16)):
+    for share, frames, blocks in LAWS:
         begin, counts, scenes = time.process_time(), [], toy_scenes(frames)
         truth = 36 / 64 / 32 * share**3
         for study in range(studies):

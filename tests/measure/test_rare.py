@@ -215,6 +215,17 @@ def test_the_pilot_learns_what_weak_leds_have_in_common():
     assert last.places[14] > 5 * last.places[0]
 
 
+def test_what_lies_outside_the_panel_is_neither_on_nor_off():
+    bits = np.ones((300, 4, 4), bool)
+    margins = np.ones(bits.shape)
+    margins[:, 0, 0] = -1.0
+    guess = TiltedScenes.of(SceneModel(), rare.first_guess(PanelShape(4, 4), locates=False))
+    *_, corners = rare.learned(guess, [seen_of(bits, margins, np.ones(300))], PanelShape(4, 4))
+    middle = corners.maps[5]
+    assert middle.min() > 0.9
+    assert corners.places[[0, 3, 12, 15]].sum() > 0.8
+
+
 def test_failed_locations_teach_patterns_and_no_leds():
     shape, bits = PanelShape(6, 6), np.random.default_rng(2).random((400, 6, 6)) < 0.5
     bits[::10, :2] = False

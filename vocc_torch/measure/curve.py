@@ -102,6 +102,11 @@ class Row(PointKey):
         return self.bit_errors == 0
 
     @property
+    def wrong_bits(self) -> float:
+        """Wrong bits that go with the rate: those counted, or as many as the weights say."""
+        return self.bit_errors if self.method == "counting" else self.ber * self.bits
+
+    @property
     def algorithm(self) -> Estimate | None:
         """The algorithm's rate with its interval, after several trainings."""
         if self.ber_mean is None or self.algorithm_low is None or self.algorithm_high is None:
