@@ -158,6 +158,9 @@ def picture(plan: Plan, value: float, path: Path) -> None:
             for i in torch.nonzero(wrong.flatten(1).any(1) | ~seen.panels.found).flatten().tolist():
                 kept.append((weights[first + i] * max(1, int(wrong[i].sum())), seen, i, wrong[i]))
             first += len(seen.bits)
+    if not kept:
+        print("no wrong frame of 4096")
+        return
     share = np.array([one[0] for one in kept]) / sum(one[0] for one in kept)
     drawn = np.random.default_rng(0).choice(len(kept), size=min(12, len(kept)), replace=False, p=share)
     figure = Figure(figsize=(12, 7.4), dpi=110)

@@ -190,7 +190,7 @@ def seen_of(bits, margins, weights, failed=None):
     """What a pilot saw, of scenes all alike."""
     failed = np.zeros((1, len(bits)), bool) if failed is None else failed
     placed = {"distance_m": np.linspace(0, 1, len(bits), endpoint=False)}
-    return rare.Look(placed, bits, np.asarray(weights, float), margins[None], failed)
+    return rare.PilotFrames(placed, bits, np.asarray(weights, float), margins[None], failed)
 
 
 def test_the_pilot_learns_what_weak_leds_have_in_common():

@@ -48,7 +48,7 @@ CLASSES = (0, 1, 2)
 
 
 @dataclass(frozen=True, eq=False)
-class Look:
+class PilotFrames:
     """What a pilot saw of N frames.
 
     Args:
@@ -99,7 +99,7 @@ def count_parts(
     return counted
 
 
-Submit = Callable[[Callable[[int], Look], int], Future[Look]]
+Submit = Callable[[Callable[[int], PilotFrames], int], Future[PilotFrames]]
 
 
 def proposal(plan: Plan, banks: Banks, model: SceneModel, point: str, submit: Submit) -> TiltedScenes:
@@ -118,7 +118,7 @@ def proposal(plan: Plan, banks: Banks, model: SceneModel, point: str, submit: Su
     shape = plan.world.panel.shape
     guess = first_guess(shape, locates=any(one != "truth" for one in banks))
     scenes = TiltedScenes.of(model, guess)
-    looks: list[Look] = []
+    looks: list[PilotFrames] = []
     for level, blocks in enumerate(LEVEL_BLOCKS):
         call = partial(look, plan, banks, scenes, f"{point}/pilot/{level}")
         looks.append(joined([one.result() for one in [submit(call, block) for block in range(blocks)]]))
@@ -126,7 +126,7 @@ def proposal(plan: Plan, banks: Banks, model: SceneModel, point: str, submit: Su
     return scenes
 
 
-def look(plan: Plan, banks: Banks, scenes: TiltedScenes, point: str, block: int) -> Look:
+def look(plan: Plan, banks: Banks, scenes: TiltedScenes, point: str, block: int) -> PilotFrames:
     """Look at one block of a pilot."""
     plan, key, shape = (
         replace(plan, batch_frames=BLOCK_FRAMES),
@@ -148,19 +148,19 @@ def look(plan: Plan, banks: Banks, scenes: TiltedScenes, point: str, block: int)
                 margins.append((scores * (2.0 * seen.bits - 1)).cpu().double().numpy())
                 failed.append((off | ~seen.panels.found).cpu().numpy())
     bits = next(iter(views.values())).bits.cpu().numpy()
-    return Look(
+    return PilotFrames(
         scenes.placed(key, shape), bits, scenes.weights(key, shape), np.stack(margins), np.stack(failed)
     )
 
 
-def joined(looks: Sequence[Look]) -> Look:
+def joined(looks: Sequence[PilotFrames]) -> PilotFrames:
     """Join what was seen of several blocks."""
     placed = {name: np.concatenate([one.placed[name] for one in looks]) for name in looks[0].placed}
     bits, weights = (np.concatenate([getattr(one, name) for one in looks]) for name in ("bits", "weights"))
     margins, failed = (
         np.concatenate([getattr(one, name) for one in looks], axis=1) for name in ("margins", "failed")
     )
-    return Look(placed, bits, weights, margins, failed)
+    return PilotFrames(placed, bits, weights, margins, failed)
 
 
 def first_guess(shape: PanelShape, *, locates: bool) -> list[Component]:
@@ -223,7 +223,7 @@ def sides(shape: PanelShape) -> NDArray[np.int64]:
     return rows[:, None] + columns
 
 
-def learned(scenes: TiltedScenes, looks: Sequence[Look], shape: PanelShape) -> list[Component]:
+def learned(scenes: TiltedScenes, looks: Sequence[PilotFrames], shape: PanelShape) -> list[Component]:
     """Make the next proposal of what was seen with the last one; of failed locations, with all before."""
     (nominal, dark), seen = scenes.components[:2], looks[-1]
     components = [nominal, relearned(dark, joined(looks))]
@@ -238,7 +238,7 @@ def learned(scenes: TiltedScenes, looks: Sequence[Look], shape: PanelShape) -> l
 
 
 def weakest(
-    margins: Floats, failed: NDArray[np.bool_], seen: Look
+    margins: Floats, failed: NDArray[np.bool_], seen: PilotFrames
 ) -> Iterator[tuple[NDArray[np.int64], Floats]]:
     """Give the weakest LEDs of a receiver, those that are Off and those that are On, and their weights.
 
@@ -263,7 +263,7 @@ def weakest(
 
 
 def of_leds(
-    shape: PanelShape, frames: int, leds: NDArray[np.int64], weights: Floats, seen: Look
+    shape: PanelShape, frames: int, leds: NDArray[np.int64], weights: Floats, seen: PilotFrames
 ) -> Component:
     """Make a component of weak LEDs: their neighbourhoods, where they lie, and their scenes."""
     (frame, row, column), side = leds.T, 2 * REACH + 1
@@ -288,7 +288,7 @@ def of_leds(
     return around_leds(shape, frames, template, float(beyond), share, tilts(seen, frame, weights))
 
 
-def relearned(component: Component, seen: Look) -> Component:
+def relearned(component: Component, seen: PilotFrames) -> Component:
     """Learn the patterns, their shares and scenes from the frames whose panel was not found where it is."""
     frame = np.flatnonzero(seen.failed.any(axis=0))
     if len(frame) < 4:
@@ -316,7 +316,7 @@ def evened(weights: Floats) -> Floats:
     return next(one for one in (weights**power for power in powers) if effective(one) >= enough)
 
 
-def tilts(seen: Look, frame: NDArray[np.int64], weights: Floats) -> dict[str, Floats]:
+def tilts(seen: PilotFrames, frame: NDArray[np.int64], weights: Floats) -> dict[str, Floats]:
     """Give the share of each part of the values of chosen scenes, where these are not as all others."""
     count, found = effective(weights), {}
     for name, placed in seen.placed.items():
