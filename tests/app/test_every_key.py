@@ -60,7 +60,7 @@ SECTIONS = {
     },
     "budget": {
         **{"frames": 700, "training_frames": 600, "target_frame_errors": 50, "precision": 0.2},
-        **{"least_ber": 0.01, "trainings": 2},
+        **{"least_ber": 0.01, "trainings": 2, "rare": True},
     },
     "figures": {
         **{"names": ["fig22"], "focal_lengths_mm": [18.0], "locators": ["truth"]},

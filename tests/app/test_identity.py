@@ -50,7 +50,7 @@ DEPENDS = {
     **under("receiver", classifiers=(ClassifierPlan("own", PlugIn("c", "own", "mine.Own")),)),
     **under("experiment", name="another", axis="led_luminance_cd_m2", scene={"distance_m": NEAR}),
     **under("experiment", training={"distance_m": NEAR}),
-    **under("budget", training_frames=999, trainings=2),
+    **under("budget", training_frames=999, trainings=2, rare=True),
 }
 """What the numbers of a ledger's rows depend on, and another value of each."""
 

@@ -61,6 +61,8 @@ def build_plan(settings: Settings, folder: Path) -> plans.Plan:
         settings.batch_frames,
         settings.budget,
     )
+    if budget.rare and settings.task != "test":
+        raise VoccError.of("budget.rare", "true", f"false for task={settings.task}: only task=test uses it")
     if settings.task not in plans.TRAINS_OFTEN:
         budget = replace(budget, trainings=1)  # of a named budget; where it is typed it is refused
     return plans.Plan(world, receiver_plan(settings, shape), experiment, budget, folder, seed, batch)

@@ -15,7 +15,7 @@ from typing import Any, Self, TypeAlias
 
 from vocc_torch import __version__
 from vocc_torch.errors import VoccError, whole_number
-from vocc_torch.measure.counts import Counts
+from vocc_torch.measure.counts import Counts, WeightedCounts
 from vocc_torch.measure.counts import Tally as Tally
 from vocc_torch.measure.paired import PairedCounts
 from vocc_torch.rng import BLOCK_FRAMES
@@ -35,7 +35,7 @@ _SCHEMA = (
 )
 _TRAINED = "CREATE TABLE trained (key TEXT PRIMARY KEY, content TEXT, digest TEXT) WITHOUT ROWID"
 """Made once there are trained receivers to keep."""
-_KINDS: dict[str, type[Tally]] = {"counts": Counts, "paired": PairedCounts}
+_KINDS: dict[str, type[Tally]] = {"counts": Counts, "paired": PairedCounts, "weighted": WeightedCounts}
 _ANOTHER = "choose another ledger"
 _STRANGER = f"is no ledger of vocc-torch: {_ANOTHER}"
 _DAMAGED = ("is damaged", "bring back a copy, or delete it to count everything again")

@@ -197,6 +197,9 @@ class Plan:
             raise VoccError.of(
                 "budget.target_frame_errors", target, f"at most the {frames} frames of a point"
             )
+        if self.budget.rare and (self.experiment.axis == "contrast" or self.experiment.rows):
+            named, what = ("axis", "contrast") if self.experiment.axis == "contrast" else ("rows", "a grid")
+            raise VoccError.of("budget.rare", "true", f"false where experiment.{named} makes {what}")
         for name, least in (("seed", 0), ("batch_frames", 1)):
             if (value := getattr(self, name)) < least:
                 raise VoccError.of(name, value, f"at least {least}")
@@ -275,6 +278,7 @@ def identity(plan: Plan, locators: Sequence[Locator]) -> dict[str, Any]:
         "training_frames": plan.budget.training_frames,
         # A ledger of one training is what it was before there were several.
         **({"trainings": plan.budget.trainings} if plan.budget.trainings > 1 else {}),
+        **({"rare": True} if plan.budget.rare else {}),
         "made_with": {
             "device": resolve_device(plan.world.device).type,
             "torch": ".".join(torch.__version__.split(".")[:2]),

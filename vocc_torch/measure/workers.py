@@ -21,7 +21,7 @@ from typing import NamedTuple, Self, TypeAlias, TypeVar
 from vocc_torch.errors import VoccError
 from vocc_torch.measure import intervals, timing
 from vocc_torch.measure.config import Budget, Settings
-from vocc_torch.measure.counts import Counts, Tally
+from vocc_torch.measure.counts import Counts, Tally, WeightedCounts
 from vocc_torch.measure.executors import ELSEWHERE, KINDS, Engine, ProcessEngine, about_run, engine_of
 from vocc_torch.measure.ledger import Label, Ledger
 from vocc_torch.measure.trainings import TRAININGS
@@ -52,6 +52,9 @@ OVERDUE, OVERDUE_S = 20, 600.0
 
 FIRST_CHECK = 16
 """Blocks between looks at the precision, at first; later a sixteenth of the blocks so far."""
+
+FIRST_RARE_CHECK = 128
+"""Blocks before the first look where frames are weighed: few of them may have most of the weight."""
 
 
 class Workers:
@@ -312,7 +315,7 @@ def stop_reason(rule: Budget, tallies: Mapping[Label, Tally], blocks: int) -> st
     if not counts or rule.precision is None or blocks % max(FIRST_CHECK, power_of_two // 16):
         return None
     for one in counts.values():
-        if not one.frames:
+        if not one.frames or (isinstance(one, WeightedCounts) and blocks < FIRST_RARE_CHECK):
             return None
         # Without errors nothing tells how many bits a wrong frame would have: half, as in a lost panel.
         interval = intervals.ber_interval(one, errors_per_frame_error=one.bits / one.frames / 2)

@@ -208,7 +208,7 @@ def compared(curves: curve.Curves, reference: str) -> list[str]:
     """
     lines = []
     others = [name for name in curves.receivers if name != reference]
-    for name in others if reference in curves.receivers else ():
+    for name in others if reference in curves.receivers and curves.paired else ():
         places: dict[str, list[str]] = {"more errors": [], "fewer errors": []}
         for value in curves.values:
             # Of the algorithms where there are several trainings.
