@@ -26,14 +26,14 @@ from vocc_torch.show import folder as run_folder
 from vocc_torch.show.canvas import annotated
 from vocc_torch.show.terminal import Console
 from vocc_torch.studies.decode import DecodeConfig
-from vocc_torch.studies.decode.colour import SEEN_FRAMES, channel_of
+from vocc_torch.studies.decode.colour import SEEN_FRAMES, channel_of, unmixed
 from vocc_torch.studies.decode.judge import LEAST_PARTED, is_doubtful, parted
 from vocc_torch.types import Frames
 
 COLUMNS = (
     *("source", "frame", "time_s", "found", "x_top_left", "y_top_left", "x_top_right", "y_top_right"),
     *("x_bottom_right", "y_bottom_right", "x_bottom_left", "y_bottom_left", "bits", "margin", "panel_score"),
-    *("candidates", "expected_errors", "panel", "false_alarms"),
+    *("candidates", "expected_errors", "panel", "false_alarms", "light"),
 )
 """Columns of ``bits.csv``."""
 BATCH_PIXELS = 32_000_000
@@ -99,7 +99,8 @@ class Reading:
         head = [frame.source, str(frame.index), time_s, str(int(self.found))]
         expected = f"{self.expected_errors:.3g}" if self.found else ""
         stated = "" if math.isnan(self.false_alarms) else f"{self.false_alarms:.3g}"
-        return [*head, *corners, self.text, *judged, str(self.candidates), expected, str(self.panel), stated]
+        rest = [str(self.candidates), expected, str(self.panel), stated, frame.light]
+        return [*head, *corners, self.text, *judged, *rest]
 
 
 def run_decode(settings: Settings, config: DecodeConfig, folder: Path) -> None:
@@ -113,7 +114,8 @@ def run_decode(settings: Settings, config: DecodeConfig, folder: Path) -> None:
         raise VoccError("input is null: task=decode needs input=PICTURE, a folder of pictures or a video")
     source, console = Path(settings.input), Console()
     failures: list[str] = []
-    channel = "luma" if config.channel == "auto" else config.channel  # until the receiver has chosen
+    # Until the receiver has chosen.
+    channel = "luma" if config.channel in ("auto", "unmix") else config.channel
     recording = readable(read_recording(source, channel), failures)
     first = list(islice(recording, 1))  # before a receiver is trained
     if not first:
@@ -121,8 +123,9 @@ def run_decode(settings: Settings, config: DecodeConfig, folder: Path) -> None:
     model = None if settings.model is None else Path(settings.model)
     receiver = receiver_for(build_plan(settings, folder), model, settings.plug_ins)
     recording = chain(first, recording)
-    if config.channel == "auto":
-        recording, told = in_best_channel(receiver, recording)
+    if config.channel in ("auto", "unmix"):
+        choose = in_best_channel if config.channel == "auto" else in_each_colour
+        recording, told = choose(receiver, recording)
         console.print(told, soft_wrap=True, markup=False, highlight=False)
     rows, best, doubtful, strange, alike, names = [], None, 0, 0, 0, set[str]()
     unlike: dict[str, float] = {}
@@ -207,6 +210,28 @@ def in_best_channel(
         why = f"On and Off lie {far:.3g} standard deviations apart in the first {len(shown)} frames"
         why += f", {sure} of them without doubt"
     return frames, f"decode.channel=auto: {mix}, for {why}"
+
+
+def in_each_colour(
+    receiver: Receiver, recording: Iterator[RecordedFrame]
+) -> tuple[Iterator[RecordedFrame], str]:
+    """Give each frame of a recording three times, with the light of each colour of LEDs as its grey plane.
+
+    Raises:
+        VoccError: the first frames show no panel on which three colours send different bits.
+    """
+    first = list(islice(recording, SEEN_FRAMES))
+    shown = [one.colour for one in first if one.colour.shape == first[0].colour.shape]
+    mixes = unmixed(receiver, shown)
+    if not mixes:
+        rule = (
+            f"auto, or one channel: the first {len(shown)} frames show no panel on which three colours differ"
+        )
+        raise VoccError.of("decode.channel", "unmix", rule)
+    frames = (
+        replace(one, grey=mix(one.colour), light=mix.name) for one in chain(first, recording) for mix in mixes
+    )
+    return frames, f"decode.channel=unmix: {'; '.join(map(str, mixes))}, of linear light"
 
 
 def decode(
