@@ -23,7 +23,7 @@ CLEARLY, ELSEWHERE = 1.2, 2.0
 """A plane is taken instead of luma where it parts On from Off this many times as far, at its panel or not."""
 
 
-_LIGHT = np.float32(255 * (np.arange(256) / 255) ** GAMMA)
+_LIGHT = (255 * (np.arange(256) / 255) ** GAMMA).astype(np.float32)
 
 
 # Rounds of unmixing at most; least singular value of bits of colours that differ, over the root of the rows.
