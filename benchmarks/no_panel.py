@@ -24,7 +24,7 @@ from vocc_torch.receiver.location import PaperLocator
 from vocc_torch.receiver.locators import locator_named
 from vocc_torch.receiver.recording import RecordedFrame
 from vocc_torch.studies.decode.judge import DOUBTFUL_SCORE
-from vocc_torch.studies.decode.run import decode
+from vocc_torch.studies.decode.reading import decode
 
 SHIPPED = (
     "astronaut",
