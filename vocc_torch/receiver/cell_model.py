@@ -158,9 +158,7 @@ def best_places(
         if by_light:
             merit = energy - _UNLIKE_WEIGHT * left
         else:
-            merit = ((energy + noise) / (left + noise)).log().clamp(max=_BEST_FIT) + randomness(on).clamp(
-                max=0
-            )
+            merit = ((energy + noise) / (left + noise)).log().clamp(max=_BEST_FIT) + randomness(on)
         merit, place = merit.max(1)
         bits = on.gather(1, place[:, None, None, None].expand(-1, 1, high, wide))[:, 0] > 0
         best.append((merit, place - reach, torch.full_like(place, down - reach), bits))
@@ -237,8 +235,12 @@ def _regressors(bits: Tensor) -> Tensor:
     return torch.stack(parts, 1)
 
 
-def fit_cells(pyramid: Pyramid, start: Cells, shape: PanelShape, steps: int = 6) -> Cells:
+def fit_cells(
+    pyramid: Pyramid, start: Cells, shape: PanelShape, steps: int = 6, most_random: float = math.inf
+) -> Cells:
     """Move corners freely, by Gauss-Newton steps, to where the bits explain most, and score the best of them.
+
+    ``most_random`` is the most that random bits speak for a place: they can draw the fit to another.
 
     The patterns are eliminated from each step (variable projection, Golub and Pereyra 1973), and bits are
     decided anew before it.
@@ -287,7 +289,7 @@ def fit_cells(pyramid: Pyramid, start: Cells, shape: PanelShape, steps: int = 6)
         fit = (torch.minimum(light, 2 * spread) + noise).log() - (energy + noise).log()
         now = Cells(now.frame, now.level, now.corners_px, bits, fit)
         beyond = (edge_changes(pyramid, now, picture) - _FREE_CHANGES).clamp(min=0)
-        score = fit.clamp(max=_BEST_FIT) + randomness(bits).clamp(max=0) - _CHANGE_COST * beyond
+        score = fit.clamp(max=_BEST_FIT) + randomness(bits).clamp(max=most_random) - _CHANGE_COST * beyond
         now = Cells(now.frame, now.level, now.corners_px, bits, score)
         if number == 0:
             best = now[torch.arange(n, device=score.device)]

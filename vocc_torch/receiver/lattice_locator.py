@@ -1,9 +1,9 @@
 """Panels found by their lattice of two levels, however bright, with a stated rate of false alarms."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
 from vocc_torch.errors import VoccError, demand_kind, finite_number
 from vocc_torch.receiver import lattice_fit, lattice_model, rectification
@@ -13,13 +13,12 @@ from vocc_torch.receiver.foreground import ring_statistics
 from vocc_torch.receiver.lattice_model import corner_cells
 from vocc_torch.receiver.lattice_search import Pyramid, lattice_hypotheses
 from vocc_torch.receiver.location import exact_frames
-from vocc_torch.receiver.rectification import map_points
 from vocc_torch.types import Frames, Images, PanelShape, Sightings, StatedPanels
 
 # Candidates that are fitted, in cells of both models, and how alike in place and size two are one.
 _FITTED, _SAME_PLACE, _SAME_SIZE = 20, 0.05, 0.1
-# Candidates whose neighbouring places are fitted, how often, and what each On LED counts there.
-_EDGES, _EDGE_ROUNDS, _LIT = 5, 2, 0.1
+# A step to a neighbouring place may lose as much of what bits explain, a logarithm.
+_MOST_LOST = 0.5
 # The fit of spots is believed from this share on, and within so many cells of the start; of small panels.
 _MIN_SHARE, _FARTHEST_CELLS, _MOST_LEDS, _BLUR_CELLS = 0.97, 0.6, 16, 0.3
 _PARTS_PER_PX = 1024.0
@@ -134,30 +133,13 @@ def _candidates(grey: Tensor, shape: PanelShape) -> Cells:
         if len(kept) == _FITTED:
             break
     fitted = fit_cells(pyramid, cells[torch.tensor(kept, dtype=torch.int64, device=grey.device)], shape)
-    # The lattice's edge: of the likeliest, neighbouring places are fitted, and a line of Off LEDs in the dark
-    # around a panel explains as much as one that is lost: the more LEDs are On, the likelier.
-    for _ in range(_EDGE_ROUNDS):
-        best = fitted.score.argsort(descending=True, stable=True)[:_EDGES]
-        near = fit_cells(pyramid, _neighbours(fitted[best], shape), shape, 1)
-        merit = (near.score + _LIT * near.bits.sum((1, 2))).view(len(best), 9).nan_to_num(-torch.inf)
-        fitted.put(best, near[torch.arange(len(best), device=best.device) * 9 + merit.argmax(1)])
-    # How random bits look draws no placing to another, but speaks for a panel at last.
-    return replace(fitted, score=fitted.score + randomness(fitted.bits).clamp(min=0))
-
-
-def _neighbours(cells: Cells, shape: PanelShape) -> Cells:
-    """Shift each panel by up to one cell either way: nine of each (9n), with the bits that it then has."""
-    shifts = torch.cartesian_prod(*[torch.arange(-1, 2, device=cells.frame.device)] * 2)
-    many = cells[torch.arange(len(cells.frame), device=shifts.device).repeat_interleave(9)]
-    shift = shifts.repeat(len(cells.frame), 1)
-    places = corner_cells(shape).to(shift.device) + shift.flip(1)[:, None]
-    wide = nn.functional.pad(many.bits.float(), (1, 1, 1, 1)) > 0.5
-    rows = torch.arange(shape.rows, device=shift.device) + 1 + shift[:, :1]
-    columns = torch.arange(shape.columns, device=shift.device) + 1 + shift[:, 1:]
-    each = torch.arange(len(wide), device=shift.device)[:, None, None]
-    bits = wide[each, rows[:, :, None], columns[:, None, :]]
-    corners = map_points(many.corners_px, places, shape)
-    return Cells(many.frame, many.level, corners, bits, many.score)
+    # The lattice's edge: a neighbouring place may have more light of On LEDs.
+    for _ in range(2):
+        moved = fit_cells(pyramid, best_places(pyramid, fitted, shape, 1, 4, by_light=True), shape, 3)
+        explained = [one.score - randomness(one.bits) for one in (fitted, moved)]
+        better = explained[1] > explained[0] - _MOST_LOST
+        fitted.put(better, moved[better])
+    return fitted
 
 
 def _sharpened(frame: Frames, corners_px: Tensor, shape: PanelShape) -> Tensor:
