@@ -259,7 +259,7 @@ def sighted(nets: Nets, frame: Frames, shape: PanelShape) -> tuple[Tensor, Tenso
     # Two fits, kept where the panel is as likely then: of two patterns to whole cells, and of round spots.
     cells = Cells.at(scales, quads, shape)
     again = (
-        fit_cells(scales, best_places(scales, cells, shape, 0), shape).corners_px
+        fit_cells(scales, best_places(scales, cells, shape, 0), shape, most_random=0.0).corners_px
         * 2.0 ** cells.level.double()[:, None, None]
     )
     quads, logit = _likelier(nets, scales, (quads, logit), again, shape)
