@@ -48,7 +48,7 @@ SECTIONS = {
     },
     "receiver": {
         **{"names": ["flda_2", "flda_3"], "locator": "refined", "features": ["agr", "gri"]},
-        **{"samples_per_led": 16, "gradient": "central", "save": "flda_2"},
+        **{"samples_per_led": 16, "gradient": "central", "save": "flda_2", "false_alarms": 0.01},
     },
     "receiver.location": {
         **{"closing_px": 13, "min_area_px": 50, "min_rectangularity": 0.6, "min_compactness": 0.8},

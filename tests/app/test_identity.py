@@ -45,6 +45,7 @@ DEPENDS = {
     **under("receiver.location", closing_px=13, min_area_px=50, min_rectangularity=0.6, min_compactness=0.8),
     **under("receiver.location", quadrilateral="upright"),
     **under("receiver.reader", shape=SMALL, samples_per_led=6, gradient="central"),
+    **under("receiver", false_alarms=0.01),
     **under("receiver", locators={"own": PlugIn("c", "own", "mine.Own")}),
     **under("receiver.reader", more=(PlugIn("c", "own", "mine.Own"),)),
     **under("receiver", classifiers=(ClassifierPlan("own", PlugIn("c", "own", "mine.Own")),)),

@@ -94,8 +94,11 @@ IGNORED = {
     "train": (*RECORDED, *ALONE, *TESTING),
     "test": RECORDED,
     "decode": (*ALONE, "experiment"),
-    "figures": (*RECORDED, "experiment", "receiver.locator", "scene.name"),
-    "effects": (*RECORDED, "experiment", "receiver.locator", "receiver.features", "budget.trainings", *PARTS),
+    "figures": (*RECORDED, "experiment", "receiver.locator", "receiver.false_alarms", "scene.name"),
+    "effects": (
+        *(*RECORDED, "experiment", "receiver.locator", "receiver.false_alarms", "receiver.features"),
+        *("budget.trainings", *PARTS),
+    ),
     "tradeoff": (*RECORDED, "experiment", "receiver.save"),
     "classifiers": (*RECORDED, "experiment"),
     "export_receiver": (

@@ -118,6 +118,7 @@ def receiver_plan(settings: Settings, shape: PanelShape) -> plans.ReceiverPlan:
         reader=own,
         save=save,
         locators=locators,
+        false_alarms=receiver.false_alarms,
     )
 
 

@@ -235,7 +235,9 @@ class ReceiverSettings:
         gradient: ``sobel`` (Kornia's) or ``central`` (Eq. 6).
         save: the receiver that is saved and decodes recordings; null takes the classifier where there is one,
             ``flda`` where there are features of your own, else ``flda_3``.
-        location: limits of the locator.
+        location: limits of the paper's locator.
+        false_alarms: a panel is found where at most as many false alarms are expected in a frame without one,
+            above 0; of ``lattice`` and ``learned``.
     """
 
     names: list[str] = MISSING
@@ -245,6 +247,7 @@ class ReceiverSettings:
     gradient: str = MISSING
     save: str | None = None
     location: LocatorLimits = field(default_factory=LocatorLimits)
+    false_alarms: float = 1e-3
 
 
 @dataclass

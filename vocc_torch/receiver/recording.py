@@ -27,6 +27,7 @@ class RecordedFrame:
         time_s: when the frame was taken, for a video; else None.
         colour: (H,W,3) uint8, for drawing on.
         grey: (H,W) uint8, for decoding.
+        light: the colour of light that ``grey`` holds, where several are sent at once; else empty.
     """
 
     source: str
@@ -34,6 +35,7 @@ class RecordedFrame:
     time_s: float | None
     colour: NDArray[np.uint8]
     grey: NDArray[np.uint8]
+    light: str = ""
 
 
 def to_grey(colour: NDArray[np.uint8], channel: str) -> NDArray[np.uint8]:
