@@ -6,7 +6,8 @@ from vocc_torch.errors import VoccError, finite_number, whole_number
 from vocc_torch.messages.signalling import Signalling
 
 CHANNELS = ("luma", "max", "red", "green", "blue")
-SOFT = ("calibrated", "scores", "hard")
+SOFT = ("scores", "calibrated", "hard")
+FOLLOWS = ("auto", "true", "false")
 PLAN, FRAMES = "plan.yaml", "frames.npy"
 """What a receiver must know, and the film as an array, in the folder of ``task=transmit``."""
 
@@ -87,8 +88,11 @@ class ReceiveConfig:
         fps: frames a second; null takes the video's times, and without them the camera is taken to be faster
             than the panel.
         locate_every: look for the panel in each so manieth frame, 1 to 10000.
+        follow: ``auto``: the panel is followed from frame to frame from where it is seen to move; ``true``:
+            always; ``false``: it is looked for now and then alone.
         channel: how colour becomes grey: ``luma``, ``max``, ``red``, ``green`` or ``blue``.
-        soft: soft values: ``calibrated`` (log-likelihood ratios), ``scores`` or ``hard``.
+        soft: soft values: ``scores`` (the receiver's own), ``calibrated`` (log-likelihood ratios) or
+            ``hard``.
 
     Raises:
         VoccError: a value out of its range.
@@ -97,14 +101,19 @@ class ReceiveConfig:
     plan: str | None = None
     fps: float | None = None
     locate_every: int = 8
+    follow: str = "auto"
     channel: str = "luma"
-    soft: str = "calibrated"
+    soft: str = "scores"
 
     def __post_init__(self) -> None:
         """Check every range."""
-        for name, known in (("channel", CHANNELS), ("soft", SOFT)):
+        self.follow = self.follow.lower()  # true and false are written by YAML too
+        for name, known in (("channel", CHANNELS), ("soft", SOFT), ("follow", FOLLOWS)):
             if getattr(self, name) not in known:
-                raise VoccError.of(f"receive.{name}", repr(getattr(self, name)), f"one of {', '.join(known)}")
+                rule = f"one of {', '.join(known)}"
+                if getattr(self, name) == "auto":
+                    rule += "; task=decode decode.channel=auto says which of them suits the recording"
+                raise VoccError.of(f"receive.{name}", repr(getattr(self, name)), rule)
         whole_number("receive.locate_every", self.locate_every, 1, 10000)
         if self.fps is not None and not 0 < finite_number("receive.fps", self.fps) <= 1e6:
             raise VoccError.of("receive.fps", f"{self.fps:g}", "above 0 and at most 1e6, or null")

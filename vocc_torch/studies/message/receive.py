@@ -81,7 +81,7 @@ def run_receive(settings: Settings, config: ReceiveConfig, folder: Path) -> None
     receiver = receiver_for(study if model else at_true_corners(study), model, settings.plug_ins)
     if model is None:
         (receiver.locator,) = study.receiver.finders([study.receiver.locator]).values()  # type: ignore[assignment]  # not truth
-    front = Front(receiver, config.locate_every, config.soft)
+    front = Front(receiver, config.locate_every, config.soft, config.follow)
     rows: list[run_folder.Cells] = [COLUMNS]
     for one in receive(receiver, reception, front, chain(first, recording), config.fps):
         rows.append(one.row())
@@ -95,6 +95,8 @@ def run_receive(settings: Settings, config: ReceiveConfig, folder: Path) -> None
         receiver.save(folder / "receiver.pt")
     shown = f"the panel was found in {front.found} of {front.looked} frames that were searched"
     told = f"{len(rows) - 1} packets in {front.frames} frames; {shown}"
+    if front.tracker is not None:
+        told += "; it was followed" + ", for it moves" * front.auto
     console.print(told, soft_wrap=True, highlight=False)
     places = [("packets", "report.csv")]
     if whole is not None:
