@@ -15,8 +15,8 @@ REMEMBERED = 5
 """Places of the panel of which the middle one is taken."""
 
 MOVED_CELLS, STRAIGHT, CORNERS = 0.2, 0.4, 3
-"""A panel moves of which so many corners are farther than that from where they were in the first of the
-remembered looks, and have gone there on a way of which so much is straight: errors of location go to and fro."""
+"""A panel moves of which so many corners are farther than that from where the first of the remembered looks
+saw them, and have gone there on a way of which so much is straight: errors of location go to and fro."""
 
 FADED_SHARE = 0.25
 """A frame whose contrast is less than this share of what is usual shows no panel."""
