@@ -1,6 +1,7 @@
 """From camera frames to soft values: the panel is followed, and read in every frame."""
 
 from collections import deque
+from collections.abc import Sequence
 
 import numpy as np
 import torch
@@ -17,6 +18,9 @@ REMEMBERED = 5
 MOVED_CELLS, STRAIGHT, CORNERS = 0.2, 0.4, 3
 """A panel moves of which so many corners are farther than that from where the first of the remembered looks
 saw them, and have gone there on a way of which so much is straight: errors of location go to and fro."""
+
+AROUND, LEAST_AROUND_PX = 0.5, 16
+"""Share of the panel's extent, and px beside, that are read around it."""
 
 FADED_SHARE = 0.25
 """A frame whose contrast is less than this share of what is usual shows no panel."""
@@ -58,8 +62,8 @@ class Front:
         self._looks: deque[torch.Tensor] = deque(maxlen=REMEMBERED)
         self._contrast = self._size = 0.0
 
-    def __call__(self, greys: NDArray[np.uint8]) -> NDArray[np.float32]:
-        """Read B frames of one size, (B,H,W): log-likelihood ratios (B,R,C), zeros where no panel shows."""
+    def __call__(self, greys: Sequence[NDArray[np.uint8]]) -> NDArray[np.float32]:
+        """Read B frames (H,W) of one size: log-likelihood ratios (B,R,C), zeros where no panel shows."""
         with torch.inference_mode():
             return self.values(*self.read(*self.locate(greys)), self.soft)
 
@@ -87,37 +91,64 @@ class Front:
         given: NDArray[np.float32] = (llr * there.view(-1, 1, 1)).float().cpu().numpy()
         return given
 
-    def locate(self, greys: NDArray[np.uint8]) -> tuple[Frames, torch.Tensor]:
-        """Give frames, and the corners (B,4,2) in each; no numbers where the panel is not known."""
-        frames = Frames.of(torch.from_numpy(greys).to(self.receiver.device))
-        first, self.frames = self.frames, self.frames + len(frames)
+    def locate(self, greys: Sequence[NDArray[np.uint8]]) -> tuple[Frames, torch.Tensor]:
+        """Give frames cropped to where the panel is, and its corners (B,4,2); no numbers where unknown."""
+        first, self.frames, corners = self.frames, self.frames + len(greys), None
         if self.tracker is None:
-            corners = self._looked_up(frames, first)
-            if not (self.auto and self._moves()):
-                return frames, corners
-            self.tracker = Tracker(self.receiver.locator, self.receiver.shape)
-        searches, panels = self.tracker.searches, self.tracker.panels(frames.grey[:, 0])
-        self.looked += self.tracker.searches - searches
-        self.found += min(self.tracker.searches - searches, int(panels.found.sum()))
-        lost = ~panels.found.view(-1, 1, 1)
-        return frames, panels.corners_px.to(frames.grey.device).double().masked_fill(lost, torch.nan)
+            corners = self._looked_up(greys, first)
+            if self.auto and self._moves():
+                self.tracker, corners = Tracker(self.receiver.locator, self.receiver.shape), None
+        if corners is None:
+            corners = self._tracked(greys)
+        return self._cropped(greys, corners), corners.to(self.receiver.device)
 
-    def _looked_up(self, frames: Frames, first: int) -> torch.Tensor:
+    def _cropped(self, greys: Sequence[NDArray[np.uint8]], corners: torch.Tensor) -> Frames:
+        """Crop frames to one window that holds the panel in all of them: the rest is never copied."""
+        height, width = greys[0].shape
+        seen = corners[~corners.isnan().any(dim=2).any(dim=1)].flatten(0, 1)
+        if not len(seen):
+            seen = torch.zeros(1, 2, dtype=torch.float64)
+        low, high = seen.amin(dim=0), seen.amax(dim=0)
+        room = AROUND * (high - low).max() + LEAST_AROUND_PX
+        left, top = (low - room).floor().int().clamp(min=0).tolist()
+        right, bottom = (high + room).ceil().int().tolist()
+        left, top = min(left, width - 1), min(top, height - 1)
+        right, bottom = min(max(right, left + 1), width), min(max(bottom, top + 1), height)
+        grey = torch.from_numpy(np.stack([one[top:bottom, left:right] for one in greys]))
+        origin = torch.tensor([[left, top]]).expand(len(greys), 2)
+        device = self.receiver.device
+        return Frames(grey[:, None].to(device), origin.to(device), (height, width))
+
+    def _tracked(self, greys: Sequence[NDArray[np.uint8]]) -> torch.Tensor:
+        """Follow the panel from frame to frame."""
+        assert self.tracker is not None
+        corners = torch.full((len(greys), 4, 2), torch.nan, dtype=torch.float64)
+        for row, plane in enumerate(greys):
+            searches, seen = self.tracker.searches, self.tracker(plane)
+            if seen:
+                corners[row] = torch.from_numpy(seen[0].corners)
+            self.looked += self.tracker.searches - searches
+            self.found += bool(seen) and self.tracker.searches > searches
+        return corners
+
+    def _looked_up(self, greys: Sequence[NDArray[np.uint8]], first: int) -> torch.Tensor:
         """Look for the panel now and then, and take the median place between."""
-        looked = torch.arange(first, first + len(frames)) % self.locate_every == 0
-        due = looked.clone()
-        corners = torch.full((len(frames), 4, 2), torch.nan, dtype=torch.float64, device=frames.grey.device)
-        if not self._places:
-            looked |= True
-        rows = looked.nonzero()[:, 0]
-        panels = self.receiver.locator(frames[rows], self.receiver.shape)
+        due = [(first + row) % self.locate_every == 0 for row in range(len(greys))]
+        rows = [row for row in range(len(greys)) if due[row] or not self._places]
+        corners = torch.full((len(greys), 4, 2), torch.nan, dtype=torch.float64)
+        found: dict[int, torch.Tensor] = {}
+        if rows:
+            frames = Frames.of(torch.from_numpy(np.stack([greys[row] for row in rows])))
+            frames = Frames.whole(frames.grey.to(self.receiver.device))
+            panels = self.receiver.locator(frames, self.receiver.shape)
+            places = zip(rows, panels.corners_px.cpu(), panels.found.tolist(), strict=True)
+            found = {row: place.double() for row, place, there in places if there}
         self.looked += len(rows)
-        self.found += int(panels.found.sum())
-        at = dict(zip(rows.tolist(), range(len(rows)), strict=True))
-        for row in range(len(frames)):
-            if row in at and bool(panels.found[at[row]]):
-                self._places.append(panels.corners_px[at[row]])
-                self._looks += [self._places[-1]] * bool(due[row])
+        self.found += len(found)
+        for row in range(len(greys)):
+            if row in found:
+                self._places.append(found[row])
+                self._looks += [found[row]] * due[row]
                 self.corners_px = torch.stack([*self._places]).median(dim=0).values
             if self.corners_px is not None:
                 corners[row] = self.corners_px

@@ -55,7 +55,7 @@ def receive(
             if fps is not None:
                 times = [(number + i) / fps for i in range(len(batch))]
             number += len(batch)
-            yield from reception.push(front(np.stack([frame.grey for frame in batch])), times)
+            yield from reception.push(front([frame.grey for frame in batch]), times)
     yield from reception.finish()
 
 

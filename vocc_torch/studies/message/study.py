@@ -161,7 +161,7 @@ def recorded(job: Job) -> Outcome:
         truth = film[np.clip([number or 0 for number in part.symbols], 0, len(film) - 1)]
         with torch.inference_mode():
             begun = time.process_time()
-            frames, corners = leader.locate(part.frames.grey[:, 0].cpu().numpy())
+            frames, corners = leader.locate([*part.frames.grey[:, 0].cpu().numpy()])
             located_s = time.process_time() - begun
             for name, front in fronts.items():
                 begun = time.process_time()
