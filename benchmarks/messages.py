@@ -1,13 +1,14 @@
-"""How far messages carry: packets of recordings over scenes, distances and camera rates, soft against hard.
+"""Long messages and hard recordings: bytes that arrive, faults, noise, the clock, time and memory.
 
-``python benchmarks/messages.py [PART ...]`` writes docs/results/messages.csv, messages_noise.csv and
-messages_clock.csv; parts are links, options, noise and clock.
+``python benchmarks/messages.py [PART ...]`` writes docs/results/messages*.csv; parts are long, faults, noise,
+clock, load and picture. ``vocc-torch experiment=messages`` has packets lost over distance, light and ratio.
 """
 
 import csv
 import sys
 import tempfile
 import time
+from functools import cache
 from itertools import product
 from pathlib import Path
 
@@ -19,7 +20,7 @@ from vocc_torch.api import train
 from vocc_torch.hardware import PanelShape
 from vocc_torch.messages.clock import SymbolClock
 from vocc_torch.messages.codes import code_of
-from vocc_torch.messages.front import TYPICAL, Front
+from vocc_torch.messages.front import Front
 from vocc_torch.messages.layout import Layout
 from vocc_torch.messages.packets import Assembly, unpacked
 from vocc_torch.messages.reception import Reception, film_of
@@ -36,105 +37,84 @@ SHAPE = PanelShape(8, 8)
 MESSAGE = np.random.default_rng(16).bytes(2000)
 NOISE = {"ldpc": 2_000, "rs": 1_000, "none": 10_000}
 SYMBOL_S, DRIFT = 0.01, 0.005
-COLUMNS = ("part", "scene", "distance_m", "fps", "dropped", "code", "interleave", "soft", "frames")
-COLUMNS += ("raw_ber", "sent", "arrived", "equal", "kbit_s", "process_s", "lost")
+COLUMNS = ("scene", "distance_m", "fps", "fault", "bytes", "seconds", "frames", "raw_ber", "sent", "arrived")
+COLUMNS += ("equal", "false", "kbit_s", "process_s", "lost")
 
 
-def recorded(receiver, world, distance, fps, options, dropped=0.0):
-    """Scores (F,R,C) of a recording, as the receiver's front reads them, and its raw bit error rate."""
-    film = film_of(MESSAGE, MessagePlan(SHAPE, options))
-    key, front = BlockKey(16, "messages", 0), Front(receiver, soft="scores")
-    front._size = TYPICAL  # the scores as they are
-    scene = narrowed(world.scene, {"distance_m": distance}).draw(key, SHAPE)[0][:1]
-    shutter = Shutter(fps, 0.0037, 0.004, dropped=dropped)
-    scores, wrong, bits, spent = [], 0, 0, 0.0
-    simulator = world.simulator()
-    for part in record(simulator, scene, torch.from_numpy(film), SYMBOL_S * (1 + DRIFT), shutter, key):
+@cache
+def learned(scene):
+    """A receiver of a scene as task=receive trains one, but on fewer frames."""
+    receiver = train(scene, locator="truth", classifier="flda_3", frames=256)
+    receiver.locator = RefinedLocator()
+    return receiver
+
+
+def carried(scene, distance, fps, message, fault="", effects=(), cut=None, **faults):
+    """A row: a message through a recording that is received as it is rendered."""
+    options, world, key = Signalling(), load_scene(scene, *effects), BlockKey(16, "messages", 0)
+    plan = MessagePlan(SHAPE, options)
+    film = film_of(message, plan)
+    drawn = narrowed(world.scene, {"distance_m": distance}).draw(key, SHAPE)[0][:1]
+    front, reception, assembly = Front(learned(scene)), Reception(plan), Assembly()
+    shutter = Shutter(fps, 0.0037, 0.004, **faults)
+    parts = record(world.simulator(), drawn, torch.from_numpy(film), SYMBOL_S * (1 + DRIFT), shutter, key)
+    wrong = frames = begun = spent = false = 0
+
+    def took(packets):
+        for one in packets:
+            if one.packet:
+                assembly.add(one.packet)
+
+    for part in parts:
+        greys = [*part.frames.grey[:, 0].numpy()]
+        kept = slice(*[max(0, at - frames) for at in cut or (0, 1 << 40)])
+        greys, symbols = greys[kept], part.symbols[kept]
+        stamps = [(frames + i) / fps for i in range(len(part.symbols))][kept]
+        frames += len(part.symbols)
+        if not greys:
+            continue
         begun = time.process_time()
-        one = front(part.frames.grey[:, 0].numpy())
+        values = front(greys)
+        took(reception.push(values, stamps))
         spent += time.process_time() - begun
-        truth = film[np.clip(part.symbols, 0, len(film) - 1)]
-        wrong, bits = wrong + int(((one >= 0) != truth).sum()), bits + truth.size
-        scores.append(one)
-    return np.concatenate(scores), wrong / bits, spent, len(film) * SYMBOL_S
+        shown = film[[min(one or 0, len(film) - 1) for one in symbols]]
+        wrong += int(((values >= 0) != shown).sum())
+    took(reception.finish())
+    size = reception.code.info_bytes
+    count, whole = -(-len(message) // (size - 16)), assembly.whole(size)
+    missing = assembly.missing(size) if assembly.message else range(count)
+    sent = {n: message[n * (size - 16) : (n + 1) * (size - 16)] for n in range(count)}
+    false = sum(sent.get(n) != part for parts in assembly.parts.values() for n, part in parts.items())
+    seconds = len(film) * SYMBOL_S
+    arrived = count - len(missing)
+    return (
+        *(scene, distance, fps, fault, len(message), f"{seconds:.1f}", frames),
+        *(f"{wrong / max(1, frames) / SHAPE.leds:.3g}", count, arrived, int(whole == message), false),
+        *(f"{8e-3 * len(message) * arrived / count / seconds:.2f}", f"{spent:.1f}"),
+        " ".join(map(str, missing)) if len(missing) < 40 else f"{len(missing)} packets",
+    )
 
 
-def received(receiver, scores, fps, options, soft):
-    """What arrives of soft values, and the time that takes."""
-    llr = scores * (TYPICAL / np.median(np.abs(scores)))
-    if soft == "calibrated":
-        llr = receiver.calibration(torch.from_numpy(scores)).float().numpy()
-    elif soft == "hard":
-        llr = TYPICAL * np.sign(scores)
-    reception, assembly = Reception(MessagePlan(SHAPE, options)), Assembly()
-    begun, got = time.process_time(), []
-    times = [i / fps for i in range(len(llr))]
-    for first in range(0, len(llr), 64):
-        got += reception.push(llr[first : first + 64], times[first : first + 64])
-    got += reception.finish()
-    for one in got:
-        if one.packet:
-            assembly.add(one.packet)
-    return assembly, reception.code.info_bytes, time.process_time() - begun
+def long():
+    """Kilobytes through both scenes; at 30 to 70 m and where it must fail."""
+    text = np.random.default_rng(16).bytes(10_000)
+    for scene, fps, distance in product(("night", "dashcam"), (150, 240), (70, 50, 30)):
+        yield carried(scene, distance, fps, text)
+    for scene in ("night", "dashcam"):
+        yield carried(scene, 130, 150, text[:2000])
+    yield carried("night", 70, 150, np.random.default_rng(17).bytes(100_000))
 
 
-def rows_of(part, receivers, scene, distance, fps, options, softs, dropped=0.0, hidden=0):
-    """Rows of one recording."""
-    if scene not in receivers:
-        learned = train(scene, locator="truth", classifier="flda_3", frames=256)
-        learned.locator = RefinedLocator()
-        receivers[scene] = learned, load_scene(scene)
-    receiver, world = receivers[scene]
-    scores, ber, spent, seconds = recorded(receiver, world, distance, fps, options, dropped)
-    shown = (np.arange(len(scores)) / fps / SYMBOL_S).astype(int) % 128
-    scores[(shown >= 60) & (shown < 60 + hidden)] = 0  # as the front gives black frames
-    for soft in softs:
-        assembly, info, more = received(receiver, scores, fps, options, soft)
-        whole = assembly.whole(info)
-        count = -(-len(MESSAGE) // (info - 16))
-        arrived = count - len(assembly.missing(info)) if assembly.message else 0
-        if whole is not None and whole != MESSAGE:
-            raise AssertionError("a message that is not the one that was sent was vouched for")
-        missing = assembly.missing(info) if assembly.message else range(count)
-        kbit = 8e-3 * len(MESSAGE) * arrived / count / seconds
-        yield (
-            *(part, scene, distance, fps, dropped, options.code, int(options.interleave), soft, len(scores)),
-            *(f"{ber:.3g}", count, arrived, int(whole == MESSAGE), f"{kbit:.2f}", f"{spent + more:.1f}"),
-            " ".join(map(str, missing)),
-        )
-
-
-def links():
-    """Scenes, distances and camera rates, both codes."""
-    receivers = {}
-    slow, fast = product((150,), (30, 50, 70, 110)), product((240,), (50,))
-    for scene, (fps, distance) in product(("night", "dashcam"), (*slow, *fast)):
-        for code in ("ldpc", "rs") if fps == 150 else ("ldpc",):
-            softs = ("calibrated", "scores", "hard") if code == "ldpc" else ("calibrated",)
-            yield from rows_of("links", receivers, scene, distance, fps, Signalling(code=code), softs)
-
-
-def options():
-    """With and without interleaving: frames lost here and there, and ten symbols hidden in a row."""
-    receivers = {}
-    for dropped, hidden in ((0.2, 0), (0.0, 10)):
-        for code, interleave in product(("ldpc", "rs"), (True, False)):
-            own = Signalling(code=code, interleave=interleave)
-            told = "night", 70, 150, own, ("calibrated",), dropped, hidden
-            yield from rows_of(f"options, {hidden} symbols of 128 hidden", receivers, *told)
-
-
-def soft():
-    """Soft against hard where packets begin to be lost, by what distances the receiver learned."""
-    for learned in ((30, 70), (60, 100)):
-        world = load_scene("night", f"scene.distance_m=[uniform,{learned[0]},{learned[1]}]")
-        receiver = train(world, locator="truth", classifier="flda_3", frames=512)
-        receiver.locator = RefinedLocator()
-        kept = {"night": (receiver, world)}
-        for distance in (80, 84, 88, 92):
-            name, own = f"soft, learned {learned[0]} to {learned[1]} m", Signalling(code="ldpc")
-            softs = ("calibrated", "scores", "hard")
-            yield from rows_of(name, kept, "night", distance, 150, own, softs)
+def faults():
+    """What recordings suffer, at night at 50 m, 240 frames a second."""
+    scene, distance, fps = "night", 50, 240
+    for name, chance in product(("dropped", "repeated", "black"), (0.1, 0.3)):
+        yield carried(scene, distance, fps, MESSAGE, f"{name} {chance:.0%}", **{name: chance})
+    for width in (0.1, 0.2, 0.4, 0.8):
+        effects = (f"+scene.effects.occlusion={{width_share: {width}, height_share: 2.0}}",)
+        yield carried(scene, distance, fps, MESSAGE, f"a post over {width:.0%} of the panel", effects)
+    for cut in ((0, 700), (333, 5000), (100, 400), (1000, 1001)):
+        yield carried(scene, distance, fps, MESSAGE, f"only frames {cut[0]} to {cut[1]}", cut=cut)
 
 
 def noise():
@@ -277,9 +257,8 @@ def load():
 
 
 PARTS = {
-    "links": (links, "messages.csv", COLUMNS),
-    "options": (options, "messages_options.csv", COLUMNS),
-    "soft": (soft, "messages_soft.csv", COLUMNS),
+    "long": (long, "messages_long.csv", COLUMNS),
+    "faults": (faults, "messages_faults.csv", COLUMNS),
     "picture": (picture, None, ()),
     "load": (load, "messages_load.csv", ("what", "value")),
     "noise": (noise, "messages_noise.csv", ("code", "packets", "accepted")),
