@@ -48,7 +48,7 @@ def frames_of(speed_m_s):
     return [grey for greys, _ in both for grey in greys], [n for _, symbols in both for n in symbols]
 
 
-@pytest.mark.parametrize(("speed_m_s", "moves"), [(0.0, False), (-30.0, True)])
+@pytest.mark.parametrize(("speed_m_s", "moves"), [(0.0, False), (-60.0, True)])
 def test_a_panel_that_moves_is_followed_and_one_that_stands_is_not(receiver, speed_m_s, moves):
     greys, symbols = frames_of(speed_m_s)
     wrong = {}
