@@ -93,6 +93,38 @@ def test_what_is_missing_of_a_recording_that_was_cut_is_named_and_not_made_up(se
     assert all(row["why"] for row in rows if row["arrived"] == "0")
 
 
+@pytest.mark.parametrize("share", [0.3, 0.8])
+def test_a_video_that_was_cut_gives_what_it_has(seen, model, tmp_path, share):
+    whole = (seen / "recording.mp4").read_bytes()
+    (tmp_path / "cut.mp4").write_bytes(whole[: int(share * len(whole))])
+    with pytest.warns(UserWarning, match="its header speaks of"):
+        rows, said = receive(
+            tmp_path / "cut.mp4", tmp_path / "out", model, f"receive.plan='{seen / 'plan.yaml'}'"
+        )
+    arrived = [row for row in rows if row["arrived"] == "1"]
+    assert bool(arrived) == (share > 0.5)
+    assert "packet" in said
+    assert not (tmp_path / "out" / "message.bin").exists()
+    if arrived:
+        part = (tmp_path / "out" / "message.partial").read_bytes()
+        assert part[:100] == TEXT[:100]
+        assert all(byte in (0, sent) for byte, sent in zip(part, TEXT, strict=True))
+
+
+def test_receiving_that_is_interrupted_writes_what_it_has(seen, model, tmp_path, monkeypatch):
+    def until_half(*given, **named):
+        for one in read_recording(*given, **named):
+            if one.index == 300:
+                raise KeyboardInterrupt
+            yield one
+
+    monkeypatch.setattr("vocc_torch.studies.message.receive.read_recording", until_half)
+    rows, said = receive(seen / "recording.mp4", tmp_path / "out", model)
+    assert "interrupted after 256 frames" in said
+    assert [row["sequence"] for row in rows if row["arrived"] == "1"] == ["0", "1", "2", "3"]
+    assert (tmp_path / "out" / "message.partial").read_bytes()[:400] == TEXT[:400]
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [

@@ -83,10 +83,18 @@ def run_receive(settings: Settings, config: ReceiveConfig, folder: Path) -> None
         (receiver.locator,) = study.receiver.finders([study.receiver.locator]).values()  # type: ignore[assignment]  # not truth
     front = Front(receiver, config.locate_every, config.soft, config.follow)
     rows: list[run_folder.Cells] = [COLUMNS]
-    for one in receive(receiver, reception, front, chain(first, recording), config.fps):
-        rows.append(one.row())
-        if one.packet is not None:
-            assembly.add(one.packet)
+
+    def take(packets: Iterable[Received]) -> None:
+        for one in packets:
+            rows.append(one.row())
+            if one.packet is not None:
+                assembly.add(one.packet)
+
+    try:
+        take(receive(receiver, reception, front, chain(first, recording), config.fps))
+    except KeyboardInterrupt:  # what arrived until then is written
+        failures.append(f"interrupted after {front.frames} frames")
+        take(reception.finish())
     info_bytes = reception.code.info_bytes
     whole, missing = assembly.whole(info_bytes), assembly.missing(info_bytes)
     run_folder.write_rows(folder / "report.csv", rows)
