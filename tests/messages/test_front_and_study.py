@@ -26,7 +26,7 @@ from vocc_torch.show.video import write_video
 from vocc_torch.simulation.recording import Shutter, record
 from vocc_torch.simulation.simulator import Simulator
 from vocc_torch.studies.message.run import reach
-from vocc_torch.studies.message.study import Carried, Place, Variant, counted, pairs
+from vocc_torch.studies.message.study import Carried, SweepPoint, Variant, counted, pairs
 from vocc_torch.types import Frames, Panels, Scene
 
 FILM = np.random.default_rng(5).integers(2, size=(30, 8, 8)).astype(bool)
@@ -108,7 +108,9 @@ def test_any_film_is_that_of_any_code(code, interleave):
 def result(receiver, distance, each, code="ldpc-0.5", packets=4):
     lost = counted(each, packets)
     variant = Variant(receiver, "scores", True, code)
-    return Carried(Place("distance_m", distance), variant, lost, lost, tuple(each), 800, 4.0, 9, 1.0, 1.0, 0)
+    return Carried(
+        SweepPoint("distance_m", distance), variant, lost, lost, tuple(each), 800, 4.0, 9, 1.0, 1.0, 0
+    )
 
 
 def test_packets_are_counted_by_recording_and_compared_on_the_same():

@@ -10,6 +10,9 @@ from vocc_torch.measure.config import Settings
 from vocc_torch.measure.curve import BerTable, Point
 from vocc_torch.measure.intervals import ber_interval
 from vocc_torch.measure.paired import paired_interval, sign_test
+from vocc_torch.messages.codes import code_of
+from vocc_torch.messages.layout import Layout
+from vocc_torch.messages.signalling import MessagePlan
 from vocc_torch.show import canvas, plots, terminal
 from vocc_torch.show import folder as run_folder
 from vocc_torch.show.styles import axis_label, rate_text, receiver_styles, value_text
@@ -17,7 +20,7 @@ from vocc_torch.studies.message import MessagesConfig
 from vocc_torch.studies.message.receive import at_true_corners
 from vocc_torch.studies.message.study import (
     Carried,
-    Place,
+    SweepPoint,
     Variant,
     carried,
     jobs_of,
@@ -59,7 +62,9 @@ def run_messages(settings: Settings, config: MessagesConfig, folder: Path) -> No
     """
     run_folder.refuse_results(folder)
     plan, console = at_true_corners(build_plan(settings, folder)), terminal.Console()
-    variants_of(plan, config)  # refused before anything is trained
+    variants_of(plan, config)  # refused, as a code that is not installed, before anything is trained
+    for code in config.codes:
+        code_of(Layout(MessagePlan(plan.world.panel.shape, config.options(code))))
     receivers = receivers_of(build_plan(settings, folder), terminal.train_shown(plan, console))
     jobs = jobs_of(plan, config, receivers)
     results: list[Carried] = []
@@ -88,7 +93,7 @@ def run_messages(settings: Settings, config: MessagesConfig, folder: Path) -> No
 
 def best(results: Sequence[Carried]) -> set[int]:
     """Say by their number which results have the highest goodput of their place and receiver, if any."""
-    chosen: dict[tuple[Place, str], int] = {}
+    chosen: dict[tuple[SweepPoint, str], int] = {}
     for number, one in enumerate(results):
         key = one.place, one.variant.receiver
         if one.goodput.value > (results[chosen[key]].goodput.value if key in chosen else 0.0):

@@ -44,7 +44,7 @@ class Variant(NamedTuple):
     code: str
 
 
-class Place(NamedTuple):
+class SweepPoint(NamedTuple):
     """A point: what is varied, and its value there."""
 
     axis: str
@@ -52,7 +52,7 @@ class Place(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Job:
+class RecordingJob:
     """One recording; picklable, so that workers do it.
 
     Args:
@@ -65,7 +65,7 @@ class Job:
 
     plan: Plan
     config: MessagesConfig
-    place: Place
+    place: SweepPoint
     number: int
     receivers: Mapping[str, Receiver]
 
@@ -84,7 +84,7 @@ class Job:
 
 
 @dataclass
-class Outcome:
+class RecordingResult:
     """What came of one recording.
 
     Args:
@@ -118,10 +118,12 @@ def variants_of(plan: Plan, config: MessagesConfig) -> list[Variant]:
     return [Variant(*one) for one in names]
 
 
-def jobs_of(plan: Plan, config: MessagesConfig, receivers: Mapping[str, Receiver]) -> list[Job]:
+def jobs_of(plan: Plan, config: MessagesConfig, receivers: Mapping[str, Receiver]) -> list[RecordingJob]:
     """List all recordings."""
-    places = [Place(axis, value) for axis in AXES for value in getattr(config, axis)]
-    return [Job(plan, config, place, n, receivers) for place in places for n in range(config.recordings)]
+    places = [SweepPoint(axis, value) for axis in AXES for value in getattr(config, axis)]
+    return [
+        RecordingJob(plan, config, place, n, receivers) for place in places for n in range(config.recordings)
+    ]
 
 
 def receivers_of(plan: Plan, training: Training) -> dict[str, Receiver]:
@@ -136,7 +138,7 @@ def receivers_of(plan: Plan, training: Training) -> dict[str, Receiver]:
     return made
 
 
-def recorded(job: Job) -> Outcome:
+def recorded(job: RecordingJob) -> RecordingResult:
     """Take a recording, read it with every receiver and decode it as every code.
 
     One random block is shown over and over. For each code the scrambling is the one by which that block holds
@@ -149,7 +151,7 @@ def recorded(job: Job) -> Outcome:
     random = key.generator("bits").integers(2, size=(base.packets, base.word_bits), dtype=np.uint8)
     shown = base.write(random)
     film = np.tile(shown, (config.blocks, 1, 1))
-    done = Outcome(seconds=len(film) / rate_hz)
+    done = RecordingResult(seconds=len(film) / rate_hz)
     fronts = {name: Front(receiver) for name, receiver in job.receivers.items()}
     leader, variants = next(iter(fronts.values())), variants_of(plan, config)
     combiners = {(one.receiver, one.soft): Combiner(base) for one in variants}
@@ -181,7 +183,7 @@ def recorded(job: Job) -> Outcome:
     return done
 
 
-def filmed(job: Job, film: NDArray[np.bool_], key: BlockKey) -> Iterator[Recorded]:
+def filmed(job: RecordingJob, film: NDArray[np.bool_], key: BlockKey) -> Iterator[Recorded]:
     """Let the camera of a job take a film."""
     config, own = job.config, job.config.record
     symbol_s = (1 + own.drift) / config.signalling.symbol_rate_hz
@@ -203,7 +205,12 @@ def filmed(job: Job, film: NDArray[np.bool_], key: BlockKey) -> Iterator[Recorde
 
 
 def decode(
-    done: Outcome, of: Variant, blocks: Sequence[Block], job: Job, shown: NDArray[np.bool_], key: BlockKey
+    done: RecordingResult,
+    of: Variant,
+    blocks: Sequence[Block],
+    job: RecordingJob,
+    shown: NDArray[np.bool_],
+    key: BlockKey,
 ) -> None:
     """Note which packets of a code arrive where every block shows ``shown``."""
     layout = Layout(MessagePlan(job.plan.world.panel.shape, job.config.options(of.code, of.interleave)))
@@ -244,7 +251,7 @@ class Carried:
         false: packets that were vouched for and never sent.
     """
 
-    place: Place
+    place: SweepPoint
     variant: Variant
     lost: Counts
     raw: Counts
@@ -281,7 +288,7 @@ def counted(wrong: Sequence[int], of: int) -> Counts:
 
 
 def carried(
-    plan: Plan, config: MessagesConfig, place: Place, outcomes: Sequence[Outcome]
+    plan: Plan, config: MessagesConfig, place: SweepPoint, outcomes: Sequence[RecordingResult]
 ) -> Iterator[Carried]:
     """Put the recordings of a point together."""
     frames = sum(one.frames for one in outcomes)
