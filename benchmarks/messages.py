@@ -59,7 +59,7 @@ def carried(scene, distance, fps, message, fault="", effects=(), cut=None, **fau
     front, reception, assembly = Front(learned(scene)), Reception(plan), Assembly()
     shutter = Shutter(fps, 0.0037, 0.004, **faults)
     parts = record(world.simulator(), drawn, torch.from_numpy(film), SYMBOL_S * (1 + DRIFT), shutter, key)
-    wrong = frames = read = spent = 0
+    wrong = frames = spent = 0
 
     def took(packets):
         for one in packets:
@@ -78,7 +78,6 @@ def carried(scene, distance, fps, message, fault="", effects=(), cut=None, **fau
         values = front(greys)
         took(reception.push(values, stamps))
         spent += time.process_time() - begun
-        read += len(greys)
         shown = film[[min(one or 0, len(film) - 1) for one in symbols]]
         wrong += int(((values >= 0) != shown).sum())
     took(reception.finish())
@@ -91,7 +90,13 @@ def carried(scene, distance, fps, message, fault="", effects=(), cut=None, **fau
     arrived = count - len(missing)
     return (
         *(scene, distance, fps, fault, len(message), f"{seconds:.1f}", frames),
-        *(f"{wrong / max(1, read) / SHAPE.leds:.3g}", count, arrived, int(whole == message), false),
+        *(
+            "" if cut else f"{wrong / max(1, frames) / SHAPE.leds:.3g}",
+            count,
+            arrived,
+            int(whole == message),
+            false,
+        ),
         *(f"{8e-3 * len(message) * arrived / count / seconds:.2f}", f"{spent:.1f}"),
         " ".join(map(str, missing)) if len(missing) < 40 else f"{len(missing)} packets",
     )
