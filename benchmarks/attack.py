@@ -1,11 +1,11 @@
 """Attack the command line: each attempt is answered or refused in one line, and the rest of the disk stays.
 
-    python benchmarks/attack.py                           # every family, about half an hour
+    python benchmarks/attack.py                           # every family, an hour or two
     python benchmarks/attack.py pictures names --share 0.1  # a tenth of two of them
 
 An attempt is wrong where it ends in a traceback, takes more than a minute or 6 GB, ends well with other
 numbers than an undisturbed run, leaves temporary files, or touches a file outside ``runs/``. The counts go
-to ``docs/results/attack.csv``.
+to ``docs/results/attack.csv``, those of whole families.
 """
 
 import argparse
@@ -32,7 +32,7 @@ import numpy as np
 import torch
 from PIL import Image
 
-from vocc_torch.app import cli
+from vocc_torch.__main__ import main as main_of_command
 from vocc_torch.app.config import TASKS, AppConfig, keys_of
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -89,13 +89,13 @@ def start(arguments: tuple[str, ...], folder: Path, most_file_bytes: int | None 
     sys.argv = ["vocc-torch", *arguments]
     status = 1
     try:
-        status = cli.run()
+        main_of_command()
+    except SystemExit as end:
+        status = end.code if isinstance(end.code, int) else 1
     except BaseException:
         traceback.print_exc()
-    finally:
-        for stream in (sys.stdout, sys.stderr):
-            stream.flush()
-        os._exit(status)
+        sys.stderr.flush()
+    os._exit(status)
 
 
 def finish(process: int, folder: Path) -> Ran:
@@ -505,10 +505,7 @@ class Attacks:
                 )
 
     def disk_full(self) -> Iterator[Attempt]:
-        """A disk that is full at any size of a file; afterwards there is room.
-
-        From a size on that leaves room for the refusal, which goes into a file too.
-        """
+        """A disk full at any size of a file, also of that of the refusal; afterwards there is room."""
         for size in (0, 1000, 4000, 8192, 10_000, 12_288, 16_384, 20_000, 30_000, 50_000, 100_000):
             for arguments, reference in ((RUN, self.run), (LEARNED, self.learned)):
                 yield Attempt(
@@ -614,6 +611,20 @@ FAMILIES = (
 )
 
 
+def keep(counts: dict[str, Counter[str]]) -> None:
+    """Write the counts of whole families in their places among those of earlier runs."""
+    path, ends = ROOT / "docs" / "results" / "attack.csv", ("answered", "refused", "wrong")
+    rows = {}
+    if path.exists():
+        with path.open(newline="") as file:
+            rows = {row[0]: row for row in csv.reader(file)}
+    for family, count in counts.items():
+        rows[family] = [family, str(sum(count.values())), *(str(count[end]) for end in ends)]
+    with path.open("w", newline="") as file:
+        lines = [["family", "tried", *ends], *(rows[family] for family in FAMILIES if family in rows)]
+        csv.writer(file, lineterminator="\n").writerows(lines)
+
+
 def main() -> int:
     """Attack, print what is wrong and write the counts; status 1 where anything is wrong."""
     parser = argparse.ArgumentParser(
@@ -643,11 +654,8 @@ def main() -> int:
                 if end == "wrong":
                     print(f"wrong: {family}, {attempt.name}: {why}", flush=True)
             print(family, dict(counts[family]), flush=True)
-    ends = ("answered", "refused", "wrong")
-    rows = [[family, sum(count.values()), *(count[end] for end in ends)] for family, count in counts.items()]
-    if options.share == 1 and len(rows) == len(FAMILIES):
-        with (ROOT / "docs" / "results" / "attack.csv").open("w", newline="") as file:
-            csv.writer(file, lineterminator="\n").writerows([["family", "tried", *ends], *rows])
+    if options.share == 1:
+        keep(counts)
     return int(any(count["wrong"] for count in counts.values()))
 
 

@@ -19,7 +19,7 @@ from sklearn.datasets import load_sample_images
 import vocc_torch as vt
 from vocc_torch.receiver.recording import RecordedFrame
 from vocc_torch.studies.decode.judge import DOUBTFUL_SCORE
-from vocc_torch.studies.decode.run import decode
+from vocc_torch.studies.decode.reading import decode
 
 SHIPPED = (
     "astronaut",

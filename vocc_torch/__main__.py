@@ -27,6 +27,13 @@ def main() -> None:
     except KeyboardInterrupt:
         stop()
     signal.signal(signal.SIGINT, loading)
+    for stream in (sys.stdout, sys.stderr):
+        try:
+            stream.flush()
+        except OSError:
+            # A full disk, or a reader that has gone: Python would try once more and say so loudly.
+            os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+            status = status or 2
     sys.exit(status)
 
 

@@ -288,6 +288,13 @@ def test_reader_that_leaves_early(tmp_path):
     assert left <= {"ledger.sqlite", "config.yaml", "samples.png"}
 
 
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a disk that is always full")
+def test_a_mistake_that_nobody_can_be_told_is_a_mistake_still(tmp_path):
+    with Path("/dev/full").open("w") as full:
+        command = [sys.executable, "-m", "vocc_torch", "seed=x"]
+        assert subprocess.run(command, cwd=tmp_path, stdout=full, stderr=full).returncode == 2
+
+
 def test_a_terminal_of_ascii_gets_escapes(app, monkeypatch):
     terminal = io.TextIOWrapper(io.BytesIO(), "ascii")
     monkeypatch.setattr(cli, "run_task", lambda settings, folder: print(folder))

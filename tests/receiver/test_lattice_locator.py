@@ -21,7 +21,7 @@ from vocc_torch.receiver.locators import locator_from, locator_named, locator_se
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.receiver.recording import RecordedFrame
-from vocc_torch.studies.decode.run import COLUMNS, decode
+from vocc_torch.studies.decode.reading import COLUMNS, decode
 
 SHAPE, ANY = PanelShape(8, 8), LatticeLocator(math.inf)
 BITS = torch.rand(8, 8, generator=torch.Generator().manual_seed(3)) < 0.5

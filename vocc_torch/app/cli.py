@@ -35,8 +35,10 @@ OUT_OF_MEMORY = (
 
 def complain(message: str) -> None:
     """Print a user's mistake in one line."""
-    # In one piece, for jobs that complain at the same time.
-    sys.stderr.write(f"vocc-torch: error: {printable(' '.join(message.splitlines()))}\n")
+    # On a full disk nobody can be told, but by the exit status.
+    with contextlib.suppress(OSError):
+        # In one piece, for jobs that complain at the same time.
+        sys.stderr.write(f"vocc-torch: error: {printable(' '.join(message.splitlines()))}\n")
 
 
 @contextlib.contextmanager
@@ -153,9 +155,7 @@ def run_jobs(jobs: Jobs) -> int:
             job()
             sys.stdout.flush()
     except BrokenPipeError:
-        # Whoever read the output has gone, which is no mistake; nothing is flushed to them at the end.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 1
+        return 1  # whoever read the output has gone, which is no mistake
     except KeyboardInterrupt:
         if (name := jobs.to_go_on()) is not None:
             print(f"interrupted: the same command with name={name} goes on from there")

@@ -99,7 +99,7 @@ IGNORED = {
     "decode": (*ALONE, "experiment"),
     "figures": (*RECORDED, "experiment", "receiver.locator", "scene.name"),
     "effects": (*RECORDED, "experiment", "receiver.locator", "receiver.features", "budget.trainings", *PARTS),
-    "tradeoff": (*RECORDED, "experiment", "receiver.save", "budget.trainings"),
+    "tradeoff": (*RECORDED, "experiment", "receiver.save"),
     "classifiers": (*RECORDED, "experiment"),
     "export_receiver": (
         *("input", "experiment", "workers", "tensorboard", "scene.name", "receiver.names"),

@@ -81,15 +81,17 @@ class FrameErrors:
         halves, found = self.half_errors[receivers][:, frames], self.found[receivers][:, frames]
         return type(self)(halves, found, self.leds, None if self.groups is None else self.groups[frames])
 
-    def together(self, trainings: Sequence[Sequence[int]]) -> Self:
+    @classmethod
+    def pooled(cls, trainings: Sequence[Self]) -> Self:
         """Give the errors of several trainings together: a frame holds the bits of all of them.
 
         Args:
-            trainings: the places of the same receivers in each training.
+            trainings: of the same receivers on the same frames.
         """
-        halves = np.sum([self.half_errors[list(places)] for places in trainings], axis=0)
-        found = np.all([self.found[list(places)] for places in trainings], axis=0)
-        return type(self)(halves, found, self.leds * len(trainings), self.groups)
+        first = trainings[0]
+        halves = np.sum([one.half_errors for one in trainings], axis=0)
+        found = np.all([one.found for one in trainings], axis=0)
+        return cls(halves, found, first.leds * len(trainings), first.groups)
 
     @cached_property
     def counts(self) -> list[Counts]:

@@ -182,17 +182,18 @@ def count_parts(
         for group in np.unique(block.groups[block.groups >= 0]).tolist():
             here = block.of(frames=block.groups == group)
             for locator, trainings in rows.items():
-                whole: list[tuple[Label, frame_errors.FrameErrors]] = [((), here.of(trainings[0]))]
-                if len(trainings) > 1:
-                    whole.append(((TRAININGS, 0), here.together(trainings)))
+                each = [here.of(places) for places in trainings]
+                whole: list[tuple[Label, frame_errors.FrameErrors]] = [((), each[0])]
+                if len(each) > 1:
+                    whole.append(((TRAININGS, 0), frame_errors.FrameErrors.pooled(each)))
                 for mark, of in whole:
                     counts |= {
                         (locator, n, *mark, group): one for n, one in zip(names, of.counts, strict=True)
                     }
                     for (a, b), pair in of.pairs.items():
                         counts[locator, names[a], names[b], *mark, group] = pair
-                for number, places in enumerate(trainings[1:], 1):
-                    for name, alone in zip(names, here.of(places).counts, strict=True):
+                for number, further in enumerate(each[1:], 1):
+                    for name, alone in zip(names, further.counts, strict=True):
                         counts[locator, name, TRAININGS, number, group] = alone
             if "paper" in rows and "truth" in rows:
                 for name, *both in zip(names, rows["paper"][0], rows["truth"][0], strict=True):

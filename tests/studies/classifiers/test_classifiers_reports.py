@@ -5,6 +5,7 @@ import io
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from rich.console import Console
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
@@ -12,9 +13,11 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.curve import Curves
 from vocc_torch.measure.estimate import Estimate
+from vocc_torch.measure.frame_errors import FrameErrors
 from vocc_torch.measure.genie import GenieReference
 from vocc_torch.measure.paired import PairedCounts
 from vocc_torch.measure.train import Making
+from vocc_torch.measure.trainings import Trained
 from vocc_torch.studies.classifiers.figures import curves_figure, scenes_figure
 from vocc_torch.studies.classifiers.results import (
     GENIE,
@@ -147,6 +150,35 @@ def test_the_tables_state_what_was_counted(made_up, tmp_path):
     assert float(scenes["night", "paper", "flda_3"]["ratio"]) == pytest.approx(4.5)
     (first, _) = lines_of(tmp_path / "genie.csv")
     assert (first["best_receivers"], first["best_bit_errors"], first["proven"]) == ("net", "0", "64")
+
+
+def test_after_several_trainings_the_algorithms_are_compared(made_up, tmp_path):
+    """The net's second training was bad, and so its ratio is another one, in a wider interval."""
+    worse = WRONG | {"net": (50, 40)}
+
+    def trained(name, i):
+        """As counts() shares wrong bits out, frame by frame."""
+        each, frames = [], np.arange(FRAMES)
+        for of in (WRONG, worse):
+            whole, more = divmod(of[name][i], FRAMES)
+            each.append(FrameErrors(2 * (whole + (frames < more))[None], frames[None] >= 0, 64))
+        return Trained(tuple(one.counts[0] for one in each), FrameErrors.pooled(each).counts[0])
+
+    of = {(name, value): trained(name, i) for name in WRONG for i, value in enumerate((30.0, 70.0))}
+    twice = replace(made_up, curves={"distance": replace(curves(), trained=of)})
+    ratio, first = (one.ratio("distance", "net", 70.0) for one in (twice, made_up))
+    assert (ratio.value, first.value) == (pytest.approx(20 / 200), 0)
+    # 0 and 40 wrong bits scatter by a factor that two trainings hardly bound.
+    assert ratio.low < 0.02 < ratio.high
+    assert ratio.high > 1
+    assert twice.first_ratio("distance", "net", 70.0) == first
+    assert "means over 2 trainings" in words_of(twice)
+    assert "means over" not in words_of(made_up)
+    write_tables(tmp_path, twice)
+    (row,) = (row for row in lines_of(tmp_path / "classifiers.csv") if row["receiver"] == "net")
+    assert [row[f"distance_70_{name}"] for name in ("ber", "ratio")] == ["0", "0"]
+    assert float(row["distance_70_algorithm_ratio"]) == pytest.approx(0.1)
+    assert row["trainings"] == "2"
 
 
 @pytest.mark.parametrize("width", [80, 120])

@@ -10,7 +10,8 @@ from vocc_torch.receiver.features import cell_means
 from vocc_torch.receiver.recording import RecordedFrame
 from vocc_torch.receiver.rectification import rectify_takes
 from vocc_torch.studies.decode.colour import FIXED, channel_of, fisher_mix
-from vocc_torch.studies.decode.run import decode, in_best_channel
+from vocc_torch.studies.decode.reading import decode
+from vocc_torch.studies.decode.run import in_best_channel
 from vocc_torch.types import Frames, Panels, PanelShape
 
 SHAPE = PanelShape(8, 8)

@@ -17,12 +17,13 @@ import torch
 from PIL import Image
 
 from vocc_torch.errors import VoccError
+from vocc_torch.measure.train import receiver_for
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.receiver.recording import read_recording, to_grey
 from vocc_torch.rng import BlockKey
 from vocc_torch.show.canvas import annotated
 from vocc_torch.simulation import Distribution, SceneModel, Simulator
-from vocc_torch.studies.decode.run import COLUMNS, decode, receiver_for
+from vocc_torch.studies.decode.reading import COLUMNS, decode
 from vocc_torch.types import PanelShape
 
 
@@ -323,7 +324,7 @@ def test_a_panel_is_followed_in_a_video(receiver, near, tmp_path, monkeypatch, f
 
 
 def test_video_longer_than_a_batch(receiver, near, tmp_path, monkeypatch):
-    monkeypatch.setattr("vocc_torch.studies.decode.run.BATCH_PIXELS", 3 * near[0][0].size)
+    monkeypatch.setattr("vocc_torch.studies.decode.reading.BATCH_PIXELS", 3 * near[0][0].size)
     frames, bits = near
     readings = list(decode(receiver, read_recording(write_video(tmp_path / "long.mp4", frames), "luma")))
     assert [reading.text for reading in readings] == [text_of(frame) for frame in bits]

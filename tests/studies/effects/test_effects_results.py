@@ -23,10 +23,9 @@ from vocc_torch.rng import BlockKey
 from vocc_torch.simulation import Camera, Distribution, SceneModel, Simulator
 from vocc_torch.simulation.effects import PHYSICAL_ORDER, build_effects
 from vocc_torch.simulation.simulator import PAPER_EFFECTS
-from vocc_torch.studies.effects import EffectsConfig, Severity
-from vocc_torch.studies.effects import results as results_module
+from vocc_torch.studies.effects import EffectsConfig, Severity, measured
+from vocc_torch.studies.effects.measured import frames_to_do, measure_costs, run_effects
 from vocc_torch.studies.effects.plan import ORDER, EffectStudy, group_of
-from vocc_torch.studies.effects.results import frames_to_do, measure_costs, run_effects
 
 CONF = Path(__file__).parents[3] / "conf"
 SHIPPED = OmegaConf.to_container(OmegaConf.load(CONF / "task" / "effects.yaml").effects, resolve=True)
@@ -350,7 +349,7 @@ def test_costs_are_differences_within_a_round(monkeypatch):
             for name in calls
         }
 
-    monkeypatch.setattr(results_module.timing, "interleaved", timed)
+    monkeypatch.setattr(measured.timing, "interleaved", timed)
     study = study_of(names=("defocus", "shot_noise"), frames=(4, 24, 3))
     costs = measure_costs(study)
     for one in study.pairs:

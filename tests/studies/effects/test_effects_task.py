@@ -18,8 +18,9 @@ from vocc_torch.measure.workers import Workers
 from vocc_torch.plugins import PlugIn
 from vocc_torch.show.page import html
 from vocc_torch.studies.effects import figures, run
+from vocc_torch.studies.effects.measured import measure_costs, run_effects
 from vocc_torch.studies.effects.plan import build_effect_study
-from vocc_torch.studies.effects.results import READINGS, measure_costs, run_effects
+from vocc_torch.studies.effects.results import READINGS
 
 STREAK = f"{Path(__file__).parents[3]}/examples/effects/streak.py:Streak"
 Far = type(

@@ -4,14 +4,33 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from made_up_prices import ALONE_MS, BASE, FRAMES, LEDS, REFERENCES, SETTINGS, made_up_prices
+from made_up_prices import (
+    ALONE_MS,
+    BASE,
+    BIT_ERRORS,
+    FRAMES,
+    LEDS,
+    REFERENCES,
+    SETTINGS,
+    errors,
+    made_up_prices,
+)
+from scipy import stats
 
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.intervals import ber_interval
 from vocc_torch.measure.stage_times import STAGES, StageTimes
 from vocc_torch.studies.tradeoff.plan import Setting
-from vocc_torch.studies.tradeoff.prices import FRAMES_PER_S, RATES, OperatingPoint, Place, answers, ranked
+from vocc_torch.studies.tradeoff.prices import (
+    FRAMES_PER_S,
+    RATES,
+    Algorithms,
+    OperatingPoint,
+    Place,
+    answers,
+    ranked,
+)
 
 HERE = Place("cpu", "whole", 32)
 
@@ -147,3 +166,25 @@ def test_quicker_ones_that_frames_do_not_tell_apart_are_other_answers():
     prices = made_up_prices(SETTINGS[:4], (302, 300, 400, 900), (2, 8, 3, 4))
     first = next(one for one in prices.answers("mixture", "cpu", "whole") if one.taken)
     assert (first.taken.setting, first.other.setting) == (SETTINGS[1], SETTINGS[0])
+
+
+def test_after_several_trainings_rates_and_ranks_are_the_algorithms():
+    """The first training alone has the net best; two others say that this was chance."""
+    wrong = [BIT_ERRORS, (*BIT_ERRORS[:5], 400, *BIT_ERRORS[6:])] * 2
+    several = {"mixture": Algorithms([errors(own) for own in wrong])}
+    prices = made_up_prices(algorithms=several)
+    where = "mixture", "cpu", "whole", 32
+    net = SETTINGS.index(Setting("mlp", "refined", **BASE))
+    first, every = prices.of_first_training.points(*where), prices.points(*where)
+    assert first[net].error_free
+    assert first == made_up_prices().points(*where)
+    assert every[net].ber.value == 200 / FRAMES / LEDS
+    scatter = stats.t.interval(0.95, 3, 200, np.std([0, 400, 0, 400], ddof=1) / 2)[1] / FRAMES / LEDS
+    assert every[net].ber.high > scatter > first[net].ber.high
+    changed = {
+        (one.setting, one.rank, other.rank) for one, other in prices.changed("mixture", "cpu", "whole")
+    }
+    assert (SETTINGS[net], "frontier", "perhaps") in changed
+    # What learned the same every time is compared as before.
+    assert [one.ber for one in every[:5]] == [one.ber for one in first[:5]]
+    assert not made_up_prices().changed("mixture", "cpu", "whole")

@@ -197,7 +197,7 @@ def test_the_table_fits_and_shows_every_receiver(prices, width):
     print_prices(prices, recommendation(prices), console)
     said = console.export_text()
     lines = said.splitlines()
-    assert ("training" in said) == (width > 112)
+    assert ("weights" in said) == (width > 112)
     if width >= 80:
         assert sum("flda_3" in line for line in lines[:15]) == 4
         assert "< 4.7e-5" in said

@@ -74,7 +74,8 @@ def trained(study):
 
 @pytest.fixture(scope="module")
 def counted(study, trained):
-    return run.count_receivers(study, trained[0], Workers(1))
+    (errors,) = run.count_receivers(study, trained[0], Workers(1))
+    return errors
 
 
 def test_every_receiver_is_measured_with_every_locator_and_the_varied_ones_at_more(study):
@@ -147,6 +148,26 @@ def test_errors_are_those_of_the_sweep(study, trained, counted):
     assert 0 < min(rates) < 0.05
 
 
+def test_every_training_is_counted_on_the_same_frames(make_study):
+    """The first is as it is alone, the second as trained by itself; what learns nothing stays the same."""
+    names = ("average_greyscale", "flda_3", "net")
+    study = make_study(names, 64, locators=["truth"])
+    budget = dataclasses.replace(study.plan.budget, trainings=2)
+    twice = dataclasses.replace(study, plan=dataclasses.replace(study.plan, budget=budget))
+    (alone,) = run.count_receivers(study, run.train_receivers(study, Workers(1))[0], Workers(1))
+    receivers, _ = run.train_receivers(twice, Workers(1))
+    first, second = run.count_receivers(twice, receivers, Workers(1))
+    assert np.array_equal(first["mixture"].half_errors, alone["mixture"].half_errors)
+    assert np.array_equal(first["mixture"].half_errors[0], second["mixture"].half_errors[0])
+    own = dataclasses.replace(twice.plan.receiver, locator="truth")
+    (further,) = train(dataclasses.replace(twice.plan, receiver=own)).more
+    deciding = frame_errors.Banks([("truth", further.bank(["flda_3"]))])
+    job = frame_errors.FrameJob(
+        study.plan, study.model("mixture"), study.point("mixture"), ("truth",), deciding
+    )
+    assert job(range(64)).counts[0] == second["mixture"].counts[1] != first["mixture"].counts[1]
+
+
 def test_the_kinds_of_scenes_are_scenes_of_their_own(study, counted):
     assert list(counted) == ["far", "near"]
     assert not np.array_equal(counted["far"].half_errors, counted["near"].half_errors)
@@ -159,7 +180,7 @@ def test_neither_batches_nor_rivals_change_a_count(study, trained, counted):
     other = dataclasses.replace(study, plan=dataclasses.replace(study.plan, batch_frames=24))
     # Every third is enough: all kinds are among them, and neither do the others change a count.
     some = dict(list(trained[0].items())[::3])
-    again = run.count_receivers(other, some, Workers(1))
+    (again,) = run.count_receivers(other, some, Workers(1))
     for name, errors in counted.items():
         assert np.array_equal(errors.half_errors[::3], again[name].half_errors)
         assert np.array_equal(errors.found[::3], again[name].found)

@@ -9,7 +9,7 @@ from statistics import median_high
 from vocc_torch.measure import curve, estimate, train
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.genie import GenieReference
-from vocc_torch.measure.paired import PairedCounts, paired_interval, rate_ratio
+from vocc_torch.measure.paired import PairedCounts, mover_ratio, paired_interval, rate_ratio
 from vocc_torch.show import page, styles
 
 GENIE = "genie"
@@ -125,8 +125,33 @@ class Comparison:
         """Find a point."""
         return next((row for row in self.tables[experiment].of(receiver) if row.value == value), None)
 
+    @property
+    def trainings(self) -> int:
+        """How often every receiver was trained."""
+        return max((row.trainings for table in self.tables.values() for row in table), default=1)
+
+    def rate(self, experiment: str, receiver: str, value: float) -> estimate.Estimate | None:
+        """Give a receiver's rate at a point: the algorithm's where it was trained several times."""
+        row = self.row(experiment, receiver, value)
+        if row is None:
+            return None
+        return row.algorithm or estimate.Estimate(row.ber, row.ber_low, row.ber_high)
+
     def ratio(self, experiment: str, receiver: str, value: float) -> estimate.Estimate | None:
-        """Give a receiver's rate over the reference's at a point; None where that one made no error."""
+        """Give a receiver's rate over the reference's at a point; None where that one made no error.
+
+        After several trainings it is that of the algorithms, by the intervals of both, which takes no credit
+        for their frames being the same.
+        """
+        if receiver in (self.reference, GENIE):
+            return None
+        if self.trainings > 1:
+            own, reference = (self.rate(experiment, name, value) for name in (receiver, self.reference))
+            return mover_ratio(own, reference) if own and reference and reference.value else None
+        return self.first_ratio(experiment, receiver, value)
+
+    def first_ratio(self, experiment: str, receiver: str, value: float) -> estimate.Estimate | None:
+        """Give the same of the first training alone."""
         if receiver in (self.reference, GENIE):
             return None
         curves = self.curves[experiment]
@@ -135,9 +160,17 @@ class Comparison:
 
     @cached_property
     def half_errors(self) -> dict[str, int]:
-        """Wrong bits over all points of all experiments, times two, by receiver, the fewest first."""
+        """Wrong bits over all points of all experiments, times two, by receiver, the fewest first.
+
+        After several trainings they are those of all of them.
+        """
         names = next(iter(self.curves.values())).receivers
-        total = {name: sum(one.total(name).half_errors for one in self.curves.values()) for name in names}
+        total = {
+            name: sum(
+                one.tested(name, value).half_errors for one in self.curves.values() for value in one.values
+            )
+            for name in names
+        }
         return dict(sorted(total.items(), key=lambda one: one[1]))
 
     @property

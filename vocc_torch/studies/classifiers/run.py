@@ -14,6 +14,7 @@ from vocc_torch.studies.classifiers.study import build_classifier_study, compare
 
 _ENDS = ("ber", "ber_low", "ber_high")
 _COUNTED = ("frames", "bits", "bit_errors", *_ENDS)
+_ALGORITHM = ("ber_mean", "algorithm_low", "algorithm_high")
 _RATIO = ("ratio", "ratio_low", "ratio_high")
 
 
@@ -110,11 +111,17 @@ def _counted(made: counts.Counts) -> run_folder.Cells:
 def classifier_lines(comparison: Comparison) -> Iterator[run_folder.Cells]:
     """Give head and lines of ``classifiers.csv``: what each receiver costs, its rates, the best first.
 
-    ``bits_ms`` is the time from the rectified panel to a frame's bits. Rates are at the summary's points.
+    ``bits_ms`` is the time from the rectified panel to a frame's bits. Rates are at the summary's points,
+    after the first training; those of the algorithms stand at the end where there are several.
     """
     costs = ("training_s", "simulated_s", "training_frames", "parameters", "size_bytes", "bits_ms")
     points = [f"{name}_{at:g}_{what}" for name, at in comparison.points.items() for what in (*_ENDS, *_RATIO)]
-    yield ("receiver", *costs, *points)
+    several = ["trainings"] if comparison.trainings > 1 else []
+    for name, at in comparison.points.items() if several else ():
+        several += [
+            f"{name}_{at:g}_{what}" for what in (*_ALGORITHM, *(f"algorithm_{one}" for one in _RATIO))
+        ]
+    yield ("receiver", *costs, *points, *several)
     for receiver in comparison.ranked:
         made = comparison.costs[receiver]
         took = (made.training_s, made.simulated_s, made.frames, made.parameters, made.size_bytes)
@@ -122,6 +129,10 @@ def classifier_lines(comparison: Comparison) -> Iterator[run_folder.Cells]:
         for experiment, value in comparison.points.items():
             row = comparison.row(experiment, receiver, value)
             line += [getattr(row, what) for what in _ENDS]
+            line += _ends(comparison.first_ratio(experiment, receiver, value))
+        line += [comparison.trainings] if several else []
+        for experiment, value in comparison.points.items() if several else ():
+            line += [getattr(comparison.row(experiment, receiver, value), what) for what in _ALGORITHM]
             line += _ends(comparison.ratio(experiment, receiver, value))
         yield line
 
@@ -173,8 +184,8 @@ def write_board(
         told: dict[str, float | None] = {"bits_ms": comparison.decision_ms.get(receiver)}
         for experiment, value in comparison.points.items():
             point = f"{experiment}_{styles.value_text(value)}"
-            if row := comparison.row(experiment, receiver, value):
-                told[f"BER/{point}"] = row.ber
+            if rate := comparison.rate(experiment, receiver, value):
+                told[f"BER/{point}"] = rate.value
             if ratio := comparison.ratio(experiment, receiver, value):
                 told[f"of_{comparison.reference}/{point}"] = ratio.value
         if made := comparison.costs.get(receiver):
@@ -203,10 +214,13 @@ def print_table(comparison: Comparison, console: terminal.Console) -> None:
         line = [KNOWS if receiver == GENIE else receiver]
         for name, value in comparison.points.items():
             row, ratio = comparison.row(name, receiver, value), comparison.ratio(name, receiver, value)
-            text = "" if row is None else styles.point_text(row)
-            if row is not None and not row.error_free:
-                text += f"\n{styles.ends_text(row.ber_low, row.ber_high)}"
-            elif row is not None and receiver == GENIE:
+            rate = comparison.rate(name, receiver, value)
+            text = "" if rate is None else styles.rate_text(rate.value or rate.high)
+            if rate is not None and rate.value:
+                text += f"\n{styles.ends_text(rate.low, rate.high)}"
+            elif rate is not None:
+                text = f"< {text}"
+            if row is not None and row.error_free and receiver == GENIE:
                 # A limit would tell of the genie's few frames alone.
                 text = f"0 of\n{row.bits} bits"
             line += [text, "" if ratio is None else ratio_text(ratio)]

@@ -9,7 +9,7 @@ from vocc_torch.measure import config, estimate, intervals, workers
 from vocc_torch.measure.stage_times import median_of
 from vocc_torch.show import canvas, tensorboard, terminal
 from vocc_torch.show import folder as run_folder
-from vocc_torch.studies.effects import EffectsConfig, figures, results
+from vocc_torch.studies.effects import EffectsConfig, figures, measured
 from vocc_torch.studies.effects.plan import build_effect_study
 from vocc_torch.studies.effects.results import KINDS, READINGS, EffectResults, EffectRow, Rounds
 
@@ -51,13 +51,13 @@ def run_effects_task(settings: config.Settings, own: EffectsConfig, folder: Path
     run_folder.refuse_results(folder)
     study, console = build_effect_study(settings, own, folder), terminal.Console()
     pool, watch = workers.Workers(settings.workers), terminal.Stopwatch(console)
-    view = terminal.ProgressView(results.frames_to_do(study), console)
+    view = terminal.ProgressView(measured.frames_to_do(study), console)
     with run_folder.resumable(settings, folder, console):
         run_folder.write_config(settings, folder)
         with watch.stage("times"), console.status("timing every scene"):
-            costs = results.measure_costs(study)
+            costs = measured.measure_costs(study)
         with view, pool:
-            found = results.run_effects(study, costs, pool, view.advance, watch.stage)
+            found = measured.run_effects(study, costs, pool, view.advance, watch.stage)
     write_effects(folder / "effects.csv", found)
     places = dict(table="effects.csv", figure="effects.png", report="effects.md", pictures="gallery.png")
     drawn = {"effects": figures.effects_figure(found)}

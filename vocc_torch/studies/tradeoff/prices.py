@@ -2,9 +2,10 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import astuple, dataclass, field, replace
+from functools import cached_property
 from typing import Literal, NamedTuple
 
-from vocc_torch.measure import estimate, frame_errors, genie, intervals, stage_times, train
+from vocc_torch.measure import estimate, frame_errors, genie, intervals, stage_times, train, trainings
 from vocc_torch.measure.counts import Counts
 from vocc_torch.studies.tradeoff.plan import Setting, TradeoffStudy
 
@@ -37,8 +38,9 @@ class OperatingPoint:
         setting: the receiver.
         place: where it was timed.
         time_ms: median time a frame with its quartiles, ms, above 0.
-        ber: bit error rate with its 95 % interval; without errors its upper end is a limit.
-        counts: its errors.
+        ber: bit error rate with its 95 % interval; without errors its upper end is a limit. After several
+            trainings it is the algorithm's: the mean of them all, over trainings and frames.
+        counts: its errors, of the first training.
         referenced: its errors on the frames that a decoder that knows the scene had too, where it had any.
         beaten_by: the most accurate one that beats it, one that does so surely before others; or None.
         surely: whether that one's rate is lower beyond chance.
@@ -147,6 +149,36 @@ def answers(points: Sequence[OperatingPoint], alike: Callable[[int, int], bool])
     return list(found.values())
 
 
+@dataclass(frozen=True, eq=False)
+class Algorithms:
+    """What the same receivers got wrong after each of several trainings, on the same frames.
+
+    Args:
+        each: errors by frame, the first training's first; at least two.
+    """
+
+    each: Sequence[frame_errors.FrameErrors]
+
+    @cached_property
+    def pooled(self) -> frame_errors.FrameErrors:
+        """Errors of all trainings together: a frame holds the bits of all of them."""
+        return frame_errors.FrameErrors.pooled(self.each)
+
+    def trained(self, row: int) -> trainings.Trained:
+        """One receiver's errors after each training."""
+        return trainings.Trained(tuple(one.counts[row] for one in self.each), self.pooled.counts[row])
+
+    def compared(self, a: int, b: int, confidence: float = estimate.CONFIDENCE) -> estimate.Estimate:
+        """Estimate the rate of receiver a less that of b, by their rows, over trainings and frames."""
+        rows = self.trained(a), self.trained(b)
+        return trainings.mean_difference(*rows, self.pooled.paired(a, b), confidence)
+
+    def surely_worse(self, a: int, b: int) -> bool:
+        """Whether a's rate is above b's by intervals of all pairs that hold together at 95 %."""
+        together = estimate.joint_confidence(estimate.all_pairs(len(self.pooled.half_errors)))
+        return self.compared(a, b, together).low > 0
+
+
 @dataclass(frozen=True)
 class PriceList:
     """All that was measured.
@@ -154,7 +186,7 @@ class PriceList:
     Args:
         study: what was compared.
         costs: what it took to train each setting.
-        errors: by kind of scenes, in the order of the settings.
+        errors: by kind of scenes, in the order of the settings; of the first training.
         references: what a decoder that knows the scene does on the first of the same frames, by kind of
             scenes; empty where it was not measured.
         no_references: why not, by kind of scenes.
@@ -167,6 +199,7 @@ class PriceList:
         crop_px: height and width of a crop, of the first kind of scenes.
         graphs: time a frame of a receiver's ONNX graph, ms, by receiver and place.
         no_graphs: receivers that no graph holds, and why.
+        algorithms: errors after each of several trainings, by kind of scenes; empty after a single one.
     """
 
     study: TradeoffStudy
@@ -183,6 +216,7 @@ class PriceList:
     crop_px: tuple[int, int]
     graphs: Mapping[tuple[str, Place], estimate.Estimate] = field(default_factory=dict)
     no_graphs: Mapping[str, str] = field(default_factory=dict)
+    algorithms: Mapping[str, Algorithms] = field(default_factory=dict)
     _points: dict[tuple[str, str, str, int | None], list[OperatingPoint]] = field(
         default_factory=dict, init=False, repr=False, compare=False
     )
@@ -231,7 +265,8 @@ class PriceList:
 
         Without errors, a wrong frame is taken to have as many wrong bits as in the other kinds of scenes.
         Times, all taken in the same rounds, are compared by their medians; rates on the same frames, by
-        intervals of all pairs that hold together at 95 % (Bonferroni).
+        intervals of all pairs that hold together at 95 % (Bonferroni). After several trainings rates are the
+        algorithms'.
         """
         key = scenes, device, frames, batch
         if key in self._points:  # a comparison of all pairs
@@ -244,14 +279,35 @@ class PriceList:
             places = [Place(device, frames, size) for size in sizes]
             timed = [(self.times[setting, place].total, place) for place in places]
             time_ms, best = min(timed, key=lambda one: one[0].value)
-            rate = _rate(errors.counts[row], [one.counts[row] for one in self.errors.values()])
+            rate = self.rate(scenes, row)
             points.append(OperatingPoint(setting, best, time_ms, rate, errors.counts[row], same))
-        self._points[key] = ranked(points, errors.surely_worse)
+        self._points[key] = ranked(points, self.algorithms.get(scenes, errors).surely_worse)
         return self._points[key]
+
+    def rate(self, scenes: str, row: int) -> estimate.Estimate:
+        """Give a setting's rate with its interval: the algorithm's after several trainings."""
+        first = self.errors[scenes].counts[row], [one.counts[row] for one in self.errors.values()]
+        if scenes not in self.algorithms:
+            return _rate(*first)
+        return self.algorithms[scenes].trained(row).interval(errors_per_frame_error=_typical(first[1]))
+
+    @property
+    def of_first_training(self) -> "PriceList":
+        """The same as the first training alone shows it."""
+        return replace(self, algorithms={})
+
+    def changed(self, scenes: str, device: str, frames: str) -> list[tuple[OperatingPoint, OperatingPoint]]:
+        """List the settings whose rank further trainings change: as the first has it, and as all have it."""
+        if not self.algorithms:
+            return []
+        first = self.of_first_training.points(scenes, device, frames)
+        both = zip(first, self.points(scenes, device, frames), strict=True)
+        return [(one, other) for one, other in both if one.rank != other.rank]
 
     def answers(self, scenes: str, device: str, frames: str, batch: int | None = None) -> list[Answer]:
         """Say which receiver to take, as :func:`answers`, for points as :meth:`points` gives them."""
-        points, errors = self.points(scenes, device, frames, batch), self.errors[scenes]
+        points = self.points(scenes, device, frames, batch)
+        errors = self.algorithms.get(scenes, self.errors[scenes])
         return answers(points, lambda a, b: not errors.compared(a, b).real)
 
     def reference(self, scenes: str) -> estimate.Estimate | None:
@@ -263,6 +319,10 @@ class PriceList:
 
 def _rate(counts: Counts, every: Sequence[Counts]) -> estimate.Estimate:
     """Estimate a rate; ``every`` says how many wrong bits a wrong frame has."""
+    return intervals.ber_interval(counts, errors_per_frame_error=_typical(every))
+
+
+def _typical(every: Sequence[Counts]) -> float:
+    """Say how many wrong bits a wrong frame has, at least 1."""
     total = sum(every, Counts())
-    typical = max(1.0, total.bit_errors / max(1, total.frame_errors))
-    return intervals.ber_interval(counts, errors_per_frame_error=typical)
+    return max(1.0, total.bit_errors / max(1, total.frame_errors))

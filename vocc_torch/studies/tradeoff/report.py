@@ -16,6 +16,8 @@ from vocc_torch.studies.tradeoff.prices import Place, PriceList, most_accurate
 
 LOCATED_BY = styles.Words(truth="true corners", paper="paper's locator", refined="refined locator")
 
+RANKS = {"frontier": "on the frontier", "perhaps": "beaten, perhaps by chance", "beaten": "surely beaten"}
+
 Line = dict[str, str | int | float | None]
 """Cells by their columns."""
 
@@ -46,7 +48,7 @@ def written(template: str, prices: PriceList, **values: object) -> str:
 def recommendation(prices: PriceList) -> str:
     """Write what to take: in short, then what it rests on, then for each kind of scenes and frames."""
     texts = {"receiver_text": receiver_text, "varied_text": varied_text, "ms": timing_figure.number_text}
-    given: dict[str, object] = {"located_by": LOCATED_BY, "most_accurate": most_accurate}
+    given: dict[str, object] = {"located_by": LOCATED_BY, "most_accurate": most_accurate, "ranks": RANKS}
     given["apart"] = max(abs(ratio - 1) for ratio in prices.end_to_end.values())
     given["pairs"] = estimate.all_pairs(len(prices.settings))
     lines = []
@@ -112,7 +114,9 @@ def price_rows(prices: PriceList) -> Iterator[Line]:
     ``possible_proven_frames`` of them no bits can be likelier than those that the decoder gave.
     ``onnx_ms``, where it was asked for, is the time of the receiver's ONNX graph in onnxruntime, in the same
     rounds and at the true corners: what ``rectify_ms``, ``features_ms`` and ``classify_ms`` do together.
-    ``end_to_end`` is the time of ``end_to_end_of`` in one go over the sum of its stages.
+    ``end_to_end`` is the time of ``end_to_end_of`` in one go over the sum of its stages. After several
+    trainings counts and ``ber`` are the first one's, what beats what is judged over all of them, and the last
+    columns have the algorithm's rate.
     """
     error_device = str(plan.resolve_device(prices.study.plan.world.device))
     for place in prices.places:
@@ -140,6 +144,8 @@ def price_rows(prices: PriceList) -> Iterator[Line]:
                 cells |= zip(names, known, strict=True)
                 cells |= _ends("possible_ber{}", prices.reference(scenes))
                 cells["ber_on_possible_frames"] = same.ber if same else None
+                # The first training's, as everywhere in a table; the algorithm's stand at the end.
+                cells |= _ends("ber{}", prices.of_first_training.rate(scenes, row))
                 line |= {f"{scenes}_{name}": cell for name, cell in cells.items()}
             made = ("training_s", "training_simulated_s", "training_frames", "parameters", "size_bytes")
             line |= zip(made, astuple(prices.costs[setting]), strict=True)
@@ -149,6 +155,13 @@ def price_rows(prices: PriceList) -> Iterator[Line]:
             line |= {"machine": prices.machines[place.device]}
             if prices.graphs or prices.no_graphs:
                 line |= _ends("onnx{}_ms", prices.graph_of(setting, place))
+            if prices.algorithms:
+                line["trainings"] = prices.study.plan.budget.trainings
+                for scenes, of in prices.algorithms.items():
+                    rate, spread = prices.rate(scenes, row), of.trained(row).deviation
+                    ends = {"ber_mean": rate.value, "ber_sd": spread}
+                    ends |= {"algorithm_low": rate.low, "algorithm_high": rate.high}
+                    line |= {f"{scenes}_{name}": value for name, value in ends.items()}
             yield line
     for device in prices.study.missing:
         for place in dict.fromkeys(place._replace(device=device) for place in prices.places):

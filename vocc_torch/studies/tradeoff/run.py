@@ -25,7 +25,7 @@ from vocc_torch.show import folder as run_folder
 from vocc_torch.show import tensorboard, terminal
 from vocc_torch.show.canvas import Figure, save_figure
 from vocc_torch.studies.tradeoff import TradeoffConfig, figure, plan, report
-from vocc_torch.studies.tradeoff.prices import Place, PriceList
+from vocc_torch.studies.tradeoff.prices import Algorithms, Place, PriceList
 from vocc_torch.types import resolve_device
 
 END_TO_END = "flda_3"
@@ -83,11 +83,14 @@ def price_receivers(
         with stage("training"):
             receivers, costs = train_receivers(study, workers)
         with stage("bit errors"):
-            errors = count_receivers(study, receivers, workers)
+            errors, *further = count_receivers(study, receivers, workers)
         with stage("what is possible"):
             references, no_references = measure_references(study, workers)
     with stage("times"):
         times = measure_times(study, receivers)
+    if further:
+        names = study.config.scenes
+        times["algorithms"] = {name: Algorithms([one[name] for one in (errors, *further)]) for name in names}
     return PriceList(study, costs, errors, references, no_references, **times)
 
 
@@ -136,9 +139,13 @@ class Apart:
 
 def count_receivers(
     study: plan.TradeoffStudy, receivers: Mapping[plan.Setting, StagedReceiver], workers: Workers
-) -> dict[str, frame_errors.FrameErrors]:
-    """Count every receiver's errors on the budget's frames of each kind of scenes."""
-    apart = Apart([(setting.locator, one) for setting, one in receivers.items()])
+) -> list[dict[str, frame_errors.FrameErrors]]:
+    """Count every receiver's errors on the budget's frames of each kind of scenes, after each training."""
+    trained = {
+        setting: [replace(one, bank=bank) for bank in (one.bank, *one.bank.more)]
+        for setting, one in receivers.items()
+    }
+    apart = Apart([(setting.locator, one) for setting, every in trained.items() for one in every])
     preambles = needs_preambles([setting.receiver for setting in receivers])
     locators = tuple(dict.fromkeys(setting.locator for setting in receivers))
     calls = {}
@@ -147,7 +154,12 @@ def count_receivers(
         job = frame_errors.FrameJob(*kind, locators, apart, preambles)
         calls[name] = job.handed_out(study.plan.budget.frames, workers)
     joined = frame_errors.FrameErrors.joined
-    return {name: joined(call.result() for call in some) for name, some in calls.items()}
+    errors = {name: joined(call.result() for call in some) for name, some in calls.items()}
+    places = itertools.count()
+    rows = [[next(places) for _ in every] for every in trained.values()]
+    # What learns nothing is the same in all trainings.
+    numbered = [[own[min(number, len(own) - 1)] for own in rows] for number in range(max(map(len, rows)))]
+    return [{name: one.of(own) for name, one in errors.items()} for own in numbered]
 
 
 def measure_times(

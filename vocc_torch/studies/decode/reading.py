@@ -1,0 +1,144 @@
+"""Frames of a recording to what was read from each."""
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from itertools import groupby, islice
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from vocc_torch.errors import VoccError
+from vocc_torch.receiver.calibration import APPEARANCE, outside
+from vocc_torch.receiver.receiver import Receiver
+from vocc_torch.receiver.recording import RecordedFrame
+from vocc_torch.receiver.track import Tracker
+from vocc_torch.studies.decode.judge import LEAST_PARTED, is_doubtful, parted
+from vocc_torch.types import Frames
+
+COLUMNS = (
+    *("source", "frame", "time_s", "found", "x_top_left", "y_top_left", "x_top_right", "y_top_right"),
+    *("x_bottom_right", "y_bottom_right", "x_bottom_left", "y_bottom_left", "bits", "margin", "panel_score"),
+    *("candidates", "expected_errors", "panel", "false_alarms"),
+)
+"""Columns of ``bits.csv``."""
+BATCH_PIXELS = 32_000_000
+"""Pixels decoded at a time."""
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """What was read from one recorded frame.
+
+    Args:
+        frame: where it came from; its pictures are dropped once drawn.
+        found: whether a panel was found.
+        corners_px: (4,2) corners, clockwise from the top left.
+        bits: (R,C) bool.
+        unlike: what the receiver did not learn from, by name: a pitch, level or contrast.
+        margin: the smallest distance of a score from the threshold.
+        panel_score: how panel-like the chosen blob is, 0 to 1.
+        candidates: how many blobs could have been the panel.
+        is_doubtful: whether it may be no panel: a low score, or an LED that is neither On nor Off.
+        expected_errors: wrong bits that the log-likelihood ratios let expect.
+        one_level: whether all LEDs look alike, so that all may be On, or all Off.
+        false_alarms: those expected in a frame without a panel at this score; NaN where none is stated.
+        panel: its number in the frame, from 0, the likeliest first.
+    """
+
+    frame: RecordedFrame
+    found: bool
+    corners_px: NDArray[np.float64]
+    bits: NDArray[np.bool_]
+    unlike: Mapping[str, float]
+    margin: float
+    panel_score: float
+    candidates: int
+    is_doubtful: bool
+    expected_errors: float
+    one_level: bool
+    false_alarms: float = math.nan
+    panel: int = 0
+
+    @property
+    def text(self) -> str:
+        """The bits as 0 and 1 in raster order; empty where no panel was found."""
+        return "".join("1" if bit else "0" for bit in self.bits.ravel()) if self.found else ""
+
+    @property
+    def judged(self) -> str:
+        """How sure the reading is, in words."""
+        where = self.frame.source + (f", frame {self.frame.index}" if self.frame.index else "")
+        doubt = ", which may be no panel" if self.is_doubtful else ""
+        doubt += ", of one level of light" * self.one_level
+        others = f"; {self.candidates} blobs could have been the panel" if self.candidates > 1 else ""
+        if not math.isnan(self.false_alarms):
+            others = f"; {self.false_alarms:.2g} false alarms expected in a frame without a panel"
+        return f"{where}: least margin {self.margin:.3g}, panel score {self.panel_score:.2f}{doubt}{others}"
+
+    def row(self) -> list[str]:
+        """The frame's row of ``bits.csv``."""
+        frame = self.frame
+        time_s = "" if frame.time_s is None else f"{frame.time_s:.6f}"
+        corners = [f"{c:.2f}" if self.found else "" for c in self.corners_px.ravel()]
+        judged = [f"{self.margin:.4g}", f"{self.panel_score:.3f}"] if self.found else ["", ""]
+        head = [frame.source, str(frame.index), time_s, str(int(self.found))]
+        expected = f"{self.expected_errors:.3g}" if self.found else ""
+        stated = "" if math.isnan(self.false_alarms) else f"{self.false_alarms:.3g}"
+        return [*head, *corners, self.text, *judged, str(self.candidates), expected, str(self.panel), stated]
+
+
+def decode(
+    receiver: Receiver, recording: Iterator[RecordedFrame], most: int = 1, follow: str = "false"
+) -> Iterator[Reading]:
+    """Decode a recording frame by frame, in batches of equal size.
+
+    Args:
+        receiver: a trained receiver.
+        recording: its frames, as :func:`~vocc_torch.receiver.recording.read_recording` gives them.
+        most: panels that are read in a frame, at most.
+        follow: ``true`` where they are in order and the panel is followed, ``auto`` for videos, ``false``.
+
+    Raises:
+        VoccError: a frame that cannot be read, or several panels asked of a locator that sees one.
+    """
+    if most > 1 and not hasattr(receiver.locator, "sightings"):
+        raise VoccError.of("decode.most", most, "1 where receiver.locator is not lattice or learned")
+    for shape, run in groupby(recording, key=lambda frame: frame.grey.shape):
+        tracker = Tracker(receiver.locator, receiver.shape)
+        size = max(1, min(64, BATCH_PIXELS // (shape[0] * shape[1])))
+        while batch := list(islice(run, size)):
+            greys = torch.from_numpy(np.stack([frame.grey for frame in batch]))
+            images, whose = Frames.whole(greys.to(receiver.device)), [*range(len(batch))]
+            if follow == "true" or (follow == "auto" and batch[0].time_s is not None):
+                with torch.inference_mode():
+                    read = receiver(images, tracker.panels(greys).to(receiver.device))
+            elif most > 1:
+                whose, read = receiver.decode_several(images.grey, most)
+            else:
+                read = receiver.decode(images)
+            sure = read.scores.abs()
+            least = sure.amin(dim=(1, 2))
+            corners, bits = read.corners_px.cpu().numpy(), read.bits.cpu().numpy()
+            looks, beyond = read.appearance.cpu(), outside(read.appearance, receiver.trained_on)
+            expected = torch.sigmoid(-read.llr.abs()).sum(dim=(1, 2))
+            given = (
+                read.found,
+                least,
+                read.panel_score,
+                read.candidates,
+                is_doubtful(read),
+                expected,
+                parted(read.scores, read.bits) < LEAST_PARTED,
+                read.false_alarms,
+            )
+            number, before = 0, None
+            for i, (place, found, *judged) in enumerate(
+                zip(whose, *(one.tolist() for one in given), strict=True)
+            ):
+                frame, number = batch[place], number + 1 if place == before else 0
+                before = place
+                names = [name for name, far in beyond.items() if far[i] and found]
+                unlike = {name: float(looks[i, APPEARANCE.index(name)]) for name in names}
+                yield replace(Reading(frame, found, corners[i], bits[i], unlike, *judged), panel=number)
