@@ -93,7 +93,7 @@ def test_what_is_missing_of_a_recording_that_was_cut_is_named_and_not_made_up(se
     assert all(row["why"] for row in rows if row["arrived"] == "0")
 
 
-@pytest.mark.parametrize("share", [0.3, 0.8])
+@pytest.mark.parametrize("share", [pytest.param(0.3, marks=pytest.mark.slow), 0.8])
 def test_a_video_that_was_cut_gives_what_it_has(seen, model, tmp_path, share):
     whole = (seen / "recording.mp4").read_bytes()
     (tmp_path / "cut.mp4").write_bytes(whole[: int(share * len(whole))])
