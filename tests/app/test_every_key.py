@@ -92,8 +92,19 @@ SECTIONS = {
         **{"fps": 150.0, "drift": 0.01, "start_s": 0.1, "readout_s": 0.01, "dropped": 0.1, "repeated": 0.1},
         **{"black": 0.1, "speed_m_s": 1.0, "margin": 2.0, "quality": 20},
     },
-    "receive": {"plan": "p.yaml", "fps": 100.0, "locate_every": 1, "channel": "max", "soft": "hard"},
+    "receive": {
+        **{"plan": "p.yaml", "fps": 100.0, "locate_every": 1, "channel": "max", "soft": "hard"},
+        "follow": "true",
+    },
+    "messages": {
+        **{"distance_m": [40.0], "ambient_lx": [3.0], "ratio": [3.0], "at_distance_m": 70.0, "at_ratio": 3.0},
+        **{"codes": ["none"], "soft": ["hard"], "interleave": [False], "recordings": 2, "blocks": 2},
+    },
 }
+SECTIONS["messages.signalling"] = {
+    name: value for name, value in SECTIONS["transmit"].items() if name not in ("repeats", "cell_px")
+}
+SECTIONS["messages.record"] = SECTIONS["record"]
 OTHER = {
     **{f"{place}.{name}": value for place, keys in SECTIONS.items() for name, value in keys.items()},
     **{"name": "other", "seed": 1, "precision": "float64", "framing": "full", "batch_frames": 32},
@@ -192,6 +203,9 @@ def spent(settings):
         one = replace(one, experiment=replace(plan.experiment, training={}))
         told = learned(one) if task == "receive" else (learned(one)["world"], learned(one)["batches"])
         return told, plan.seed, settings.record, settings.receive, settings.framing
+    if task == "messages":
+        told = identity(plan, [plan.receiver.locator])["experiment"]["scene"]
+        return learned(replace(plan, receiver=replace(plan.receiver, save="flda_3"))), told, settings.messages
     if task == "test":
         grid = plan.experiment.row_axis, plan.experiment.rows
         return grid, [counted(Study("", row, (row.receiver.locator,))) for row in plan.rows().values()]
@@ -229,7 +243,9 @@ def test_every_key_is_refused_by_its_name_or_has_an_effect(task):
     brought = FROM_OTHERS.get(task, {})
     others = composed(f"task={task}", *(f"{key}={OTHER[key]}" for key in brought)) if brought else None
     for key, value in (
-        OTHER | ({"receiver.locator": "paper"} if task in ("decode", "receive") else {})
+        OTHER
+        | ({"receiver.locator": "paper"} if task in ("decode", "receive", "messages") else {})
+        | ({"receiver.names": ["flda_3"]} if task == "messages" else {})
     ).items():
         settings, alone, word = base, usual, f"{key}={value}"
         for name, also in ALSO.get(key, {}).items():

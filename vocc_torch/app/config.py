@@ -18,7 +18,7 @@ from vocc_torch.studies.classifiers import RivalsConfig
 from vocc_torch.studies.decode import DecodeConfig
 from vocc_torch.studies.effects import EffectsConfig
 from vocc_torch.studies.export import ExportConfig
-from vocc_torch.studies.message import ReceiveConfig, RecordConfig, TransmitConfig
+from vocc_torch.studies.message import MessagesConfig, ReceiveConfig, RecordConfig, TransmitConfig
 from vocc_torch.studies.paper import FiguresConfig
 from vocc_torch.studies.tradeoff import TradeoffConfig
 
@@ -36,6 +36,7 @@ TASKS = {
     "transmit": ("message.transmit:run_transmit", "transmit"),
     "record": ("message.record:run_record", "record"),
     "receive": ("message.receive:run_receive", "receive"),
+    "messages": ("message.run:run_messages", "messages"),
 }
 """What runs each task, below ``vocc_torch.studies``, and the section that is its own."""
 
@@ -54,6 +55,7 @@ class AppConfig(Settings):
         transmit: how task=transmit writes a message.
         record: the camera's time in task=record.
         receive: how task=receive reads a recording.
+        messages: what task=messages varies and sends.
     """
 
     decode: DecodeConfig = field(default_factory=DecodeConfig)
@@ -65,6 +67,7 @@ class AppConfig(Settings):
     transmit: TransmitConfig = field(default_factory=TransmitConfig)
     record: RecordConfig = field(default_factory=RecordConfig)
     receive: ReceiveConfig = field(default_factory=ReceiveConfig)
+    messages: MessagesConfig = field(default_factory=MessagesConfig)
 
     def __post_init__(self) -> None:
         """Check what no section can check alone."""
@@ -116,6 +119,12 @@ IGNORED = {
         *("budget", "panel.rows", "panel.columns", *PARTS),
     ),
     "receive": (*ALONE, "experiment", "panel.rows", "panel.columns"),
+    "messages": (
+        *(*RECORDED, "tensorboard", "scene.name", "receiver.save", *COUNTING),
+        *(one for one in TESTING if one != "experiment.scene"),
+        *(f"messages.signalling.{one}" for one in ("code", "code_rate", "interleave", "scramble")),
+        *(f"messages.record.{one}" for one in ("fps", "start_s", "quality")),
+    ),
     "collect": tuple(one.name for one in fields(AppConfig) if one.name not in ("task", "name", "input")),
 }
 """What each task passes over, besides the sections of others: keys, and sections for all that is in them."""
